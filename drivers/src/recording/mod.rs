@@ -1,0 +1,59 @@
+//! Recordings: sequence files and the device that replays them.
+
+use std::path::PathBuf;
+
+use crate::{Device, Driver, Error, Listing, OpenSettings};
+
+/// Opens sequence files.
+#[derive(Debug)]
+pub struct SequenceDriver;
+
+/// What to open, and how much of it.
+#[derive(Debug, Clone)]
+pub struct SequenceSettings {
+    /// The file.
+    pub path: PathBuf,
+    /// Whether to deliver pixels. Without them, only the header is read.
+    pub images: bool,
+    /// What the file may ask for at most.
+    pub limits: Limits,
+}
+
+impl SequenceSettings {
+    /// All of `path`, with default limits.
+    pub fn new(path: impl Into<PathBuf>) -> Self {
+        Self { path: path.into(), images: true, limits: Limits::default() }
+    }
+}
+
+/// Upper bounds that keep a damaged or hostile file from taking the machine down.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Limits {
+    /// Bytes of header.
+    pub header_bytes: u64,
+    /// Bytes of one frame, decompressed.
+    pub frame_bytes: u64,
+    /// Frames (or tracker samples).
+    pub items: u64,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self { header_bytes: 256 << 20, frame_bytes: 256 << 20, items: 1 << 24 }
+    }
+}
+
+impl Driver for SequenceDriver {
+    fn name(&self) -> &'static str {
+        "sequence"
+    }
+
+    fn list(&self) -> Vec<Listing> {
+        Vec::new()
+    }
+
+    fn open(&self, settings: &OpenSettings) -> Result<Box<dyn Device>, Error> {
+        let OpenSettings::Sequence(settings) = settings;
+        Err(Error::Misuse(format!("{}: no reader for this container", settings.path.display())))
+    }
+}

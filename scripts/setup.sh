@@ -1,0 +1,27 @@
+#!/bin/sh
+# Installs what building and testing need and the machine lacks. Rust is expected (https://rustup.rs); the rest are Debian packages.
+set -eu
+
+command -v cargo >/dev/null 2>&1 || {
+    echo "setup: cargo was not found. Install Rust (rustup, or Debian's rustup package), then run make again." >&2
+    exit 1
+}
+
+missing=""
+# Package by package: the file that shows it is there.
+need() { [ -e "$2" ] || missing="$missing $1"; }
+command -v cc >/dev/null 2>&1 || missing="$missing gcc"
+need libc6-dev /usr/include/stdlib.h
+
+[ -n "$missing" ] || exit 0
+as_root=""
+if [ "$(id -u)" -ne 0 ]; then
+    command -v sudo >/dev/null 2>&1 || {
+        echo "setup: these Debian packages are missing and need root to install:$missing" >&2
+        exit 1
+    }
+    as_root="sudo"
+fi
+echo "setup: installing Debian packages:$missing${as_root:+ (with sudo)}"
+$as_root apt-get update -qq
+DEBIAN_FRONTEND=noninteractive $as_root apt-get install -y -qq --no-install-recommends $missing

@@ -1,0 +1,9 @@
+//! sonoweave turns an ordinary 2D ultrasound scanner into a 3D one: tracked slices are woven into a regular volume as they arrive.
+//!
+//! The way of a slice, module by module:
+//!
+//! - [`slice`](mod@slice): a picture, when it was taken and where it lies: what the stages hand on.
+//! - [`volume`]: the lattice, and the sparse bricks that hold the volume.
+
+pub mod slice;
+pub mod volume;

@@ -1,0 +1,3 @@
+//! The `sonoweave` command.
+
+fn main() {}

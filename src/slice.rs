@@ -1,0 +1,89 @@
+//! A posed slice: a picture in MF orientation, its time, and where its plane lies in the world.
+
+use std::sync::Arc;
+
+use calibration::frames::{Image as ImageFrame, Transform, World};
+
+/// A grey picture in MF orientation: u right, v down, u fastest; pixel (0, 0) is the first, its position is its centre.
+#[derive(Debug, Clone)]
+pub struct Image {
+    width: u32,
+    height: u32,
+    pixels: Pixels,
+}
+
+/// Grey values. What is neither 8 nor 16 bit unsigned arrives as f32.
+#[derive(Debug, Clone)]
+pub enum Pixels {
+    /// 8-bit unsigned.
+    U8(Arc<[u8]>),
+    /// 16-bit unsigned.
+    U16(Arc<[u16]>),
+    /// Single precision.
+    F32(Arc<[f32]>),
+}
+
+impl Pixels {
+    /// Number of pixels.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::U8(p) => p.len(),
+            Self::U16(p) => p.len(),
+            Self::F32(p) => p.len(),
+        }
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Same type and same bits.
+    pub fn same_bits(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::U8(a), Self::U8(b)) => Arc::ptr_eq(a, b) || a == b,
+            (Self::U16(a), Self::U16(b)) => Arc::ptr_eq(a, b) || a == b,
+            (Self::F32(a), Self::F32(b)) => {
+                Arc::ptr_eq(a, b) || a.iter().map(|x| x.to_bits()).eq(b.iter().map(|x| x.to_bits()))
+            }
+            _ => false,
+        }
+    }
+}
+
+impl Image {
+    /// A picture of `width`×`height` pixels.
+    ///
+    /// # Panics
+    /// When `pixels` does not hold exactly that many: the caller has just made both.
+    pub fn new(width: u32, height: u32, pixels: Pixels) -> Self {
+        assert_eq!(pixels.len(), width as usize * height as usize, "pixels do not fill the picture");
+        Self { width, height, pixels }
+    }
+
+    /// Pixels along u.
+    pub fn width(&self) -> u32 {
+        self.width
+    }
+
+    /// Pixels along v.
+    pub fn height(&self) -> u32 {
+        self.height
+    }
+
+    /// The grey values, u fastest.
+    pub fn pixels(&self) -> &Pixels {
+        &self.pixels
+    }
+}
+
+/// A picture with its time and its place in the world.
+#[derive(Debug, Clone)]
+pub struct Slice {
+    /// The picture.
+    pub image: Image,
+    /// Measurement time, nanoseconds on the stream's one clock.
+    pub time_ns: i64,
+    /// Maps pixels (u, v, 0) to world mm. Its third column is the direction of increasing plane distance; only its direction matters.
+    pub world_from_image: Transform<World, ImageFrame>,
+}
