@@ -5,5 +5,6 @@
 //! - [`slice`](mod@slice): a picture, when it was taken and where it lies: what the stages hand on.
 //! - [`volume`]: the lattice, and the sparse bricks that hold the volume.
 
+pub mod reconstruct;
 pub mod slice;
 pub mod volume;

@@ -1,7 +1,13 @@
 //! The volume: its lattice and the bricks that hold it.
 //!
 //! - [`grid`]: lattice, spacing, direction; index ↔ world.
+//! - [`brick`]: 8³ voxels that live together.
+//! - [`sparse`]: the bricks that exist, wherever they lie.
 
+pub mod brick;
 pub mod grid;
+pub mod sparse;
 
+pub use brick::Brick;
 pub use grid::Grid;
+pub use sparse::BrickVolume;

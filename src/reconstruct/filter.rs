@@ -1,0 +1,435 @@
+//! In-plane filtering: a slice's pixels become spline coefficients on the nodes of a coarser lattice, once per slice.
+//!
+//! What is no data (outside the scanner's picture) has certainty 0. Numerator Σ k·c·b and certainty Σ k·c are filtered alike
+//! (normalised convolution; Knutsson & Westin 1993); the certainty depends on the mask alone, so it is filtered once and kept.
+//! Masked pixels are never read: the plane holds zeros there from the beginning, and only the spans of the mask are rewritten.
+#![allow(unsafe_code, reason = "the inner loops run on `Lanes`, by pointer")]
+
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use super::simd::{LANES, Lanes, Simd, dispatch};
+use super::spline::{PhaseTaps, Step, Taps};
+use crate::slice::{Image, Pixels};
+
+/// Rows of nodes that one task filters.
+const ROWS_PER_TASK: usize = 8;
+
+/// Values on the nodes: `data[row·stride + column]`; column c is node `first[0] + c` along u, row r node `first[1] + r` along v.
+#[derive(Debug, Clone)]
+pub(crate) struct Nodes {
+    pub(crate) first: [i64; 2],
+    pub(crate) columns: usize,
+    pub(crate) rows: usize,
+    pub(crate) stride: usize,
+    pub(crate) data: Vec<f32>,
+}
+
+/// What the filter did for one slice.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct FilterWork {
+    /// Pixels read.
+    pub pixels: u64,
+    /// Nodes computed.
+    pub nodes: u64,
+    /// Products summed, both passes, in whole vectors.
+    pub taps: u64,
+}
+
+/// One node row's share of the work, fixed with the mask.
+#[derive(Debug, Clone)]
+struct NodeRow {
+    phase: usize,
+    /// First tap used and the plane's row that it meets.
+    first_tap: usize,
+    plane_row: usize,
+    taps: usize,
+    /// Columns of the plane that are not all masked, widened to whole vectors.
+    columns: Range<usize>,
+    /// Nodes that those columns reach, widened to whole vectors (by phase group when there are several nodes to the pixel).
+    nodes: Range<usize>,
+}
+
+/// Memory of one task.
+#[derive(Debug, Clone)]
+struct Scratch {
+    /// The filtered row, with the margin of the taps on both sides.
+    row: Vec<f32>,
+    /// The row's samples by residue modulo the step, or the nodes by phase.
+    split: Vec<Vec<f32>>,
+}
+
+/// The filter for slices of one size, mask and pixel size.
+pub(crate) struct SliceFilter {
+    simd: Simd,
+    taps: [Taps; 2],
+    size: [u32; 2],
+    /// Data in each row of the picture.
+    spans: Vec<Vec<Range<u32>>>,
+    /// First column and row of the box around the data.
+    corner: [usize; 2],
+    plane_rows: usize,
+    plane_stride: usize,
+    plane: Vec<f32>,
+    /// Where column 0 of the plane lies in [`Scratch::row`].
+    margin: usize,
+    node_rows: Vec<NodeRow>,
+    scratch: Vec<Scratch>,
+    pub(crate) value: Nodes,
+    pub(crate) certainty: Nodes,
+    /// What filtering one slice costs.
+    pub(crate) work: FilterWork,
+}
+
+fn round_up(n: usize) -> usize {
+    n.next_multiple_of(LANES)
+}
+
+impl SliceFilter {
+    /// Prepares for pictures of `size`, with data where `spans` says (row by row), and filters the certainty.
+    ///
+    /// `margin_px`: how far beyond the data voxels may lie that still take part, per axis. `None` when there is no data at all.
+    pub(crate) fn new(
+        simd: Simd,
+        taps: [Taps; 2],
+        size: [u32; 2],
+        spans: Vec<Vec<Range<u32>>>,
+        margin_px: [f64; 2],
+        pool: Option<&rayon::ThreadPool>,
+    ) -> Option<Self> {
+        let v_low = spans.iter().position(|row| !row.is_empty())?;
+        let v_high = spans.iter().rposition(|row| !row.is_empty())?;
+        let u_low = spans.iter().flatten().map(|s| s.start).min()? as usize;
+        let u_high = spans.iter().flatten().map(|s| s.end).max()? as usize - 1;
+        let plane_rows = v_high - v_low + 1;
+        let plane_columns = u_high - u_low + 1;
+        // One vector more than needed: loads may begin at any column.
+        let plane_stride = round_up(plane_columns) + LANES;
+
+        // Nodes: the data's box, widened by the margin and by the spline's reach of two nodes.
+        let nodes_of = |taps: &Taps, low: usize, high: usize, margin: f64| {
+            let h = taps.step.pixels();
+            let mut first = ((low as f64 - margin) / h).floor() as i64 - 2;
+            if let Step::Up(r) = taps.step {
+                // Begin with phase 0.
+                first = first.div_euclid(i64::from(r)) * i64::from(r);
+            }
+            let last = ((high as f64 + margin) / h).ceil() as i64 + 3;
+            (first, (last - first + 1) as usize)
+        };
+        let (first_u, columns) = nodes_of(&taps[0], u_low, u_high, margin_px[0]);
+        let (first_v, rows) = nodes_of(&taps[1], v_low, v_high, margin_px[1]);
+        let group = match taps[0].step {
+            Step::Down(_) => 1,
+            Step::Up(r) => r as usize,
+        };
+        let stride = round_up(columns.div_ceil(group)) * group + LANES;
+
+        let (_, anchor) = taps[0].anchor(first_u);
+        let first_tap = taps[0].phases.iter().map(|p| i64::from(p.first)).min().unwrap_or(0);
+        // Plane column 0 is pixel u_low; scratch index 0 is the first pixel that node 0 reads.
+        let margin = usize::try_from(u_low as i64 - (anchor + first_tap)).unwrap_or(0);
+
+        let mut filter = Self {
+            simd,
+            size,
+            corner: [u_low, v_low],
+            plane_rows,
+            plane_stride,
+            plane: vec![0.0; plane_rows * plane_stride],
+            margin,
+            node_rows: Vec::new(),
+            scratch: Vec::new(),
+            value: Nodes { first: [first_u, first_v], columns, rows, stride, data: vec![0.0; rows * stride] },
+            certainty: Nodes { first: [first_u, first_v], columns, rows, stride, data: Vec::new() },
+            work: FilterWork::default(),
+            taps,
+            spans,
+        };
+        filter.node_rows = (0..rows).map(|row| filter.plan(row, plane_columns)).collect();
+        filter.scratch = vec![filter.make_scratch(); rows.div_ceil(ROWS_PER_TASK)];
+        filter.work = filter.count();
+
+        filter.fill(|_, _, to| to.fill(1.0), pool);
+        filter.run(pool);
+        filter.certainty.data = filter.value.data.clone();
+        Some(filter)
+    }
+
+    /// Deviation of the sampled picture from the exact sum, both axes, as a fraction of the picture's range.
+    pub(crate) fn deviation(&self) -> f64 {
+        let [u, v] = [self.taps[0].deviation, self.taps[1].deviation];
+        u + v + u * v
+    }
+
+    /// Node spacing in pixels along u and v.
+    pub(crate) fn step_px(&self) -> [f64; 2] {
+        [self.taps[0].step.pixels(), self.taps[1].step.pixels()]
+    }
+
+    fn plan(&self, row: usize, plane_columns: usize) -> NodeRow {
+        let (phase, anchor) = self.taps[1].anchor(self.value.first[1] + row as i64);
+        let taps = &self.taps[1].phases[phase];
+        // Row of the plane under the first tap; taps above and below the data meet nothing.
+        let top = anchor + i64::from(taps.first) - self.corner[1] as i64;
+        let first_tap = usize::try_from(-top).unwrap_or(0).min(taps.weights.len());
+        let plane_row = usize::try_from(top).unwrap_or(0);
+        let count = (taps.weights.len() - first_tap).min(self.plane_rows.saturating_sub(plane_row));
+        let spans = || self.spans[self.corner[1]..][plane_row.min(self.plane_rows)..][..count].iter().flatten();
+        let low = spans().map(|s| s.start as usize).min().map_or(0, |u| u - self.corner[0]);
+        let high = spans().map(|s| s.end as usize).max().map_or(0, |u| u - self.corner[0]);
+        let low = low / LANES * LANES;
+        let columns = low..(low + round_up(high - low)).min(round_up(plane_columns));
+        let nodes = self.reached(&columns);
+        NodeRow { phase, first_tap, plane_row, taps: count, columns, nodes }
+    }
+
+    /// Nodes (or groups of nodes) whose taps touch the plane's `columns`, in whole vectors.
+    fn reached(&self, columns: &Range<usize>) -> Range<usize> {
+        if columns.is_empty() {
+            return 0..0;
+        }
+        let longest = self.taps[0].phases.iter().map(|p| p.weights.len()).max().unwrap_or(0) + self.spread();
+        let step = self.pixel_step();
+        // Node (or group) i reads scratch indices step·i .. step·i + longest.
+        let low = (columns.start + self.margin + 1).saturating_sub(longest).div_ceil(step) / LANES * LANES;
+        let high = (columns.end + self.margin - 1) / step + 1;
+        let most = match self.taps[0].step {
+            Step::Down(_) => self.value.columns,
+            Step::Up(r) => self.value.columns.div_ceil(r as usize),
+        };
+        low..(low + round_up(high.min(most) - low.min(high.min(most))))
+    }
+
+    /// Pixels from node to node, or from group to group.
+    fn pixel_step(&self) -> usize {
+        match self.taps[0].step {
+            Step::Down(k) => k as usize,
+            Step::Up(_) => 1,
+        }
+    }
+
+    /// How much later the last phase's first tap comes than the first's.
+    fn spread(&self) -> usize {
+        let firsts = || self.taps[0].phases.iter().map(|p| p.first);
+        (firsts().max().unwrap_or(0) - firsts().min().unwrap_or(0)) as usize
+    }
+
+    fn make_scratch(&self) -> Scratch {
+        let longest = self.taps[0].phases.iter().map(|p| p.weights.len()).max().unwrap_or(0) + self.spread();
+        let step = self.pixel_step();
+        // Vectors may run past the last node; what they read there must exist.
+        let outputs = round_up(self.value.columns) + LANES;
+        let length = (step * outputs + longest + LANES).max(self.margin + self.plane_stride + LANES);
+        let split = match self.taps[0].step {
+            Step::Down(1) => Vec::new(),
+            Step::Down(k) => vec![vec![0.0; outputs + longest / k as usize + 1 + LANES]; k as usize],
+            Step::Up(r) => vec![vec![0.0; outputs]; r as usize],
+        };
+        Scratch { row: vec![0.0; length], split }
+    }
+
+    fn count(&self) -> FilterWork {
+        let pixels = self.spans.iter().flatten().map(|s| u64::from(s.end - s.start)).sum();
+        let mut work = FilterWork { pixels, ..FilterWork::default() };
+        for row in &self.node_rows {
+            work.taps += (row.taps * row.columns.len()) as u64;
+            for phase in &self.taps[0].phases {
+                work.nodes += row.nodes.len() as u64;
+                work.taps += (row.nodes.len() * phase.weights.len()) as u64;
+            }
+        }
+        work
+    }
+
+    /// Filters a picture; the result is in [`Self::value`].
+    pub(crate) fn filter(&mut self, image: &Image, pool: Option<&rayon::ThreadPool>) {
+        assert_eq!([image.width(), image.height()], self.size, "the caller refuses pictures of another size");
+        let width = image.width() as usize;
+        match image.pixels() {
+            Pixels::U8(p) => self.fill(|u, v, to| convert(&p[v * width + u..], to, |x| f32::from(*x)), pool),
+            Pixels::U16(p) => self.fill(|u, v, to| convert(&p[v * width + u..], to, |x| f32::from(*x)), pool),
+            Pixels::F32(p) => self.fill(|u, v, to| convert(&p[v * width + u..], to, |x| *x), pool),
+        }
+        self.run(pool);
+    }
+
+    /// Writes each span of the plane: `source(u, v, to)` fills `to` with the pixels from (u, v) on.
+    fn fill(&mut self, source: impl Fn(usize, usize, &mut [f32]) + Sync, pool: Option<&rayon::ThreadPool>) {
+        let [u0, v0] = self.corner;
+        let spans = &self.spans;
+        let line = |(row, plane): (usize, &mut [f32])| {
+            for span in &spans[v0 + row] {
+                let (start, end) = (span.start as usize, span.end as usize);
+                source(start, v0 + row, &mut plane[start - u0..end - u0]);
+            }
+        };
+        match pool {
+            None => self.plane.chunks_mut(self.plane_stride).enumerate().for_each(line),
+            Some(pool) => pool.install(|| {
+                self.plane.par_chunks_mut(self.plane_stride).with_min_len(64).enumerate().for_each(line);
+            }),
+        }
+    }
+
+    fn run(&mut self, pool: Option<&rayon::ThreadPool>) {
+        let stride = self.value.stride;
+        let mut data = std::mem::take(&mut self.value.data);
+        let mut scratch = std::mem::take(&mut self.scratch);
+        let this = &*self;
+        let task = |(index, (rows, scratch)): (usize, (&mut [f32], &mut Scratch))| {
+            filter_rows(this.simd, this, index * ROWS_PER_TASK, rows, scratch);
+        };
+        match pool {
+            None => data.chunks_mut(stride * ROWS_PER_TASK).zip(&mut scratch).enumerate().for_each(task),
+            Some(pool) => pool.install(|| {
+                data.par_chunks_mut(stride * ROWS_PER_TASK).zip(&mut scratch).enumerate().for_each(task);
+            }),
+        }
+        self.value.data = data;
+        self.scratch = scratch;
+    }
+}
+
+fn convert<T>(from: &[T], to: &mut [f32], value: impl Fn(&T) -> f32) {
+    for (to, from) in to.iter_mut().zip(from) {
+        *to = value(from);
+    }
+}
+
+dispatch!(
+    /// Filters the node rows from `first` on into `rows`.
+    fn filter_rows => filter_rows_lanes(filter: &SliceFilter, first: usize, rows: &mut [f32], scratch: &mut Scratch)
+);
+
+/// # Safety
+/// The instruction set of `L` must be available.
+#[inline(always)]
+unsafe fn filter_rows_lanes<L: Lanes>(filter: &SliceFilter, first: usize, rows: &mut [f32], scratch: &mut Scratch) {
+    for (row, out) in (first..).zip(rows.chunks_mut(filter.value.stride)) {
+        let plan = &filter.node_rows[row];
+        if plan.columns.is_empty() || plan.taps == 0 {
+            continue;
+        }
+        // Down the columns.
+        let weights = &filter.taps[1].phases[plan.phase].weights[plan.first_tap..][..plan.taps];
+        let plane = &filter.plane[plan.plane_row * filter.plane_stride..];
+        let at = filter.margin + plan.columns.start;
+        let to = filter.margin + plan.columns.end;
+        scratch.row[..at].fill(0.0);
+        scratch.row[to..].fill(0.0);
+        // SAFETY: the instruction set as for this function.
+        unsafe { down::<L>(plane, filter.plane_stride, plan.columns.clone(), weights, &mut scratch.row[at..to]) };
+        // Along the row.
+        match filter.taps[0].step {
+            Step::Down(k) => {
+                let taps = &filter.taps[0].phases[0];
+                let k = k as usize;
+                if k > 1 {
+                    let reach = plan.nodes.end + taps.weights.len() / k + 1;
+                    for (residue, split) in scratch.split.iter_mut().enumerate() {
+                        let samples = scratch.row[residue..].iter().step_by(k);
+                        for (to, from) in split[..reach].iter_mut().zip(samples) {
+                            *to = *from;
+                        }
+                    }
+                }
+                let samples: &[Vec<f32>] = if k > 1 { &scratch.split } else { std::slice::from_ref(&scratch.row) };
+                // SAFETY: the instruction set as for this function.
+                unsafe { along::<L>(samples, 0, taps, plan.nodes.clone(), out) };
+            }
+            Step::Up(r) => {
+                let earliest = filter.taps[0].phases.iter().map(|p| p.first).min().unwrap_or(0);
+                for (phase, taps) in filter.taps[0].phases.iter().enumerate() {
+                    let shift = (taps.first - earliest) as usize;
+                    let samples = std::slice::from_ref(&scratch.row);
+                    // SAFETY: the instruction set as for this function.
+                    unsafe { along::<L>(samples, shift, taps, plan.nodes.clone(), &mut scratch.split[phase]) };
+                }
+                for (phase, split) in scratch.split.iter().enumerate() {
+                    for group in plan.nodes.clone() {
+                        out[group * r as usize + phase] = split[group];
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// `out[c] = Σ weights[t]·plane[t·stride + columns.start + c]`, in the order of t.
+///
+/// # Safety
+/// The instruction set of `L` must be available.
+#[inline(always)]
+unsafe fn down<L: Lanes>(plane: &[f32], stride: usize, columns: Range<usize>, weights: &[f32], out: &mut [f32]) {
+    assert!(columns.len() == out.len() && columns.len().is_multiple_of(LANES) && columns.end <= stride);
+    assert!(plane.len() >= weights.len() * stride);
+    // SAFETY: the assertions keep every load (row t < weights.len(), column < stride) inside `plane` and every store inside `out`.
+    unsafe {
+        let from = plane.as_ptr().add(columns.start);
+        let mut column = 0;
+        // Four vectors at a time hide the latency of the multiply-adds.
+        while column + 4 * LANES <= columns.len() {
+            let mut sum = [L::splat(0.0); 4];
+            for (t, weight) in weights.iter().enumerate() {
+                let weight = L::splat(*weight);
+                let row = from.add(t * stride + column);
+                for (i, sum) in sum.iter_mut().enumerate() {
+                    *sum = L::load(row.add(i * LANES)).mul_add(weight, *sum);
+                }
+            }
+            for (i, sum) in sum.iter().enumerate() {
+                sum.store(out.as_mut_ptr().add(column + i * LANES));
+            }
+            column += 4 * LANES;
+        }
+        while column < columns.len() {
+            let mut sum = L::splat(0.0);
+            for (t, weight) in weights.iter().enumerate() {
+                sum = L::load(from.add(t * stride + column)).mul_add(L::splat(*weight), sum);
+            }
+            sum.store(out.as_mut_ptr().add(column));
+            column += LANES;
+        }
+    }
+}
+
+/// `out[i] = Σ weights[t]·samples[t mod k][shift + i + t div k]` for the nodes i, k = samples.len(), in the order of t.
+///
+/// # Safety
+/// The instruction set of `L` must be available.
+#[inline(always)]
+unsafe fn along<L: Lanes>(samples: &[Vec<f32>], shift: usize, taps: &PhaseTaps, nodes: Range<usize>, out: &mut [f32]) {
+    let k = samples.len();
+    let longest = taps.weights.len().div_ceil(k);
+    assert!(nodes.len().is_multiple_of(LANES) && nodes.end <= out.len());
+    assert!(samples.iter().all(|s| s.len() >= shift + nodes.end + longest));
+    // SAFETY: the assertions keep every load (index < shift + nodes.end + longest) and store (index < nodes.end) inside its slice.
+    unsafe {
+        let mut node = nodes.start;
+        while node + 2 * LANES <= nodes.end {
+            let mut sum = [L::splat(0.0); 2];
+            for (t, weight) in taps.weights.iter().enumerate() {
+                let weight = L::splat(*weight);
+                let from = samples[t % k].as_ptr().add(shift + node + t / k);
+                sum[0] = L::load(from).mul_add(weight, sum[0]);
+                sum[1] = L::load(from.add(LANES)).mul_add(weight, sum[1]);
+            }
+            sum[0].store(out.as_mut_ptr().add(node));
+            sum[1].store(out.as_mut_ptr().add(node + LANES));
+            node += 2 * LANES;
+        }
+        while node < nodes.end {
+            let mut sum = L::splat(0.0);
+            for (t, weight) in taps.weights.iter().enumerate() {
+                sum = L::load(samples[t % k].as_ptr().add(shift + node + t / k)).mul_add(L::splat(*weight), sum);
+            }
+            sum.store(out.as_mut_ptr().add(node));
+            node += LANES;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

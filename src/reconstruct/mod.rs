@@ -1,0 +1,25 @@
+//! Reconstruction: slices into the volume, as they arrive.
+//!
+//! In the order of the data:
+//!
+//! - [`kernel`]: the weight of a sample at a distance, and where it ends.
+//! - [`spline`]: the in-plane kernel as taps of a filter, with its deviation known in advance.
+//! - [`filter`]: a slice's pixels and certainty become spline coefficients, once.
+//! - [`slab`]: which bricks a slice meets.
+//! - [`weave`]: one slice into one brick, the hot loop.
+//! - [`simd`]: the sixteen lanes that both hot loops run on.
+//! - [`reconstructor`]: all of it behind `insert`.
+//! - [`reference`]: the same sums, pixel by pixel in f64, against which the fast path is tested.
+
+pub(crate) mod filter;
+pub mod kernel;
+pub mod reconstructor;
+pub mod reference;
+pub mod simd;
+pub(crate) mod slab;
+pub mod spline;
+pub(crate) mod weave;
+
+pub use filter::FilterWork;
+pub use reconstructor::{Reconstructor, Refused, Settings, SettingsError, Touched, Work};
+pub use simd::Simd;

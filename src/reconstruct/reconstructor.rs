@@ -1,0 +1,493 @@
+//! The incremental reconstructor: `insert(slice)` → the bricks it touched. The volume is valid after every insert.
+
+use std::ops::Range;
+
+use calibration::frames::{Image as ImageFrame, Transform, Volume, World};
+use glam::{DAffine3, DMat3, DVec3};
+use rayon::prelude::*;
+
+use super::filter::{FilterWork, SliceFilter};
+use super::kernel::{AxisKernel, KernelError, Method, Support};
+use super::simd::Simd;
+use super::slab::{MaskSummary, Sight, SlabGeometry};
+use super::spline::{SplineError, Taps};
+use super::weave::{Scratch, Task, View, touches, weave};
+use crate::slice::{Image, Slice};
+use crate::volume::BrickVolume;
+use crate::volume::brick::{Brick, BrickIndex};
+
+/// Kernel's share outside its support in the plane, where taps are cheap: the end of the support vanishes and a spline fits it well.
+pub const IN_PLANE_SUPPORT: Support = Support::Energy(1e-4);
+/// Kernel's share outside its support across the plane, where the support is what an insert costs.
+pub const OFF_PLANE_SUPPORT: Support = Support::Energy(0.01);
+/// In-plane σ as a multiple of the larger of voxel spacing and pixel size: below 0.75 voxel a sampled Gaussian stops behaving like one.
+pub const IN_PLANE_SIGMA: f64 = 0.75;
+/// Off-plane σ when nothing is known of the scanner's resolution, mm.
+pub const OFF_PLANE_SIGMA_MM: f64 = 1.0;
+/// Largest weight of a voxel as a multiple of the kernel's peak: from there on the mean moves instead of freezing.
+pub const MOST_WEIGHT: f64 = 256.0;
+/// Pixel sizes this close, relatively, use the same filter.
+const SAME_PIXEL: f64 = 1e-3;
+/// Bricks that one task of a thread weaves.
+const BRICKS_PER_TASK: usize = 16;
+/// f32 counts nodes exactly up to here.
+const MOST_NODES: usize = 1 << 24;
+
+/// What to reconstruct with.
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// Voxel spacing, mm.
+    pub spacing_mm: DVec3,
+    /// World position of the centre of the lattice's voxel (0, 0, 0), mm.
+    pub lattice_origin_mm: DVec3,
+    /// Kernel's shape.
+    pub method: Method,
+    /// Nominal σ along u, v and the slice's normal, mm; `None` for the default of each.
+    pub sigma_mm: [Option<f64>; 3],
+    /// Where the kernel ends, all axes; `None` for [`IN_PLANE_SUPPORT`] and [`OFF_PLANE_SUPPORT`].
+    pub support: Option<Support>,
+    /// Largest weight; `None` for [`MOST_WEIGHT`] times the kernel's peak.
+    pub most_weight: Option<f32>,
+    /// Threads that filter and weave.
+    pub threads: usize,
+    /// Instruction set of the hot loops.
+    pub simd: Simd,
+    /// Bricks may take this many bytes.
+    pub memory_bytes: u64,
+}
+
+impl Settings {
+    /// Defaults at a voxel spacing: one thread, the best instruction set, at most 8 GiB.
+    pub fn new(spacing_mm: DVec3) -> Self {
+        Self {
+            spacing_mm,
+            lattice_origin_mm: DVec3::ZERO,
+            method: Method::default(),
+            sigma_mm: [None; 3],
+            support: None,
+            most_weight: None,
+            threads: 1,
+            simd: Simd::detect(),
+            memory_bytes: 8 << 30,
+        }
+    }
+}
+
+/// Why the reconstructor cannot be used with these settings.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SettingsError {
+    /// No volume has this spacing.
+    #[error("the voxel spacing must be positive numbers of mm, not {0}")]
+    Spacing(DVec3),
+    /// No kernel.
+    #[error(transparent)]
+    Kernel(#[from] KernelError),
+    /// No filter.
+    #[error("along image axis {axis}: {source}")]
+    Spline {
+        /// `u` or `v`.
+        axis: char,
+        /// Why.
+        #[source]
+        source: SplineError,
+    },
+    /// Nothing in the picture is data.
+    #[error("the mask leaves no pixel of the picture: check the clip rectangle, the fan and the picture's size")]
+    EmptyMask,
+    /// A picture too fine for its kernel.
+    #[error(
+        "the filtered picture would have {0} nodes, more than the 16777216 that it may have: give a larger --sigma or a smaller --clip"
+    )]
+    Nodes(usize),
+    /// The weight's bound is no weight.
+    #[error("the largest weight must be a number above 1, not {0}")]
+    MostWeight(f32),
+    /// This machine lacks the instruction set.
+    #[error("this machine has no {0}: choose --simd auto")]
+    Simd(&'static str),
+    /// Threads could not be started.
+    #[error("{0} threads could not be started: {1}")]
+    Threads(usize, String),
+}
+
+/// Why a slice was not inserted. The volume is as before.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Refused {
+    /// The same picture at the same pose as the slice before: it says nothing new.
+    #[error("the picture and its pose are those of the slice before")]
+    Repeated,
+    /// Another picture size than the mask was made for.
+    #[error("the picture has {found:?} pixels; this reconstruction began with {expected:?}")]
+    Size {
+        /// Pixels along u and v.
+        found: [u32; 2],
+        /// Pixels along u and v that the reconstruction began with.
+        expected: [u32; 2],
+    },
+    /// A pose that is no plane: not finite, or with image axes of no length or the same direction.
+    #[error("the pose places no plane in the world")]
+    Degenerate,
+    /// A pose so far away that voxel indices would not fit.
+    #[error("the slice lies beyond the lattice's 32-bit brick indices: check the poses' unit, or the voxel spacing")]
+    OutOfRange,
+    /// The volume would take more memory than allowed.
+    #[error(
+        "the volume would need {needed} more bricks of 4 KiB than the limit of {limit_bytes} bytes allows: choose a coarser --spacing, crop the picture, or raise the limit"
+    )]
+    Memory {
+        /// Bricks beyond the limit; at least this many.
+        needed: u64,
+        /// The limit.
+        limit_bytes: u64,
+    },
+    /// The settings do not fit the slice's pixel size.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
+}
+
+/// What an insert changed.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Touched {
+    /// Bricks in which at least one voxel gained weight, in the lattice's order.
+    pub bricks: Vec<BrickIndex>,
+    /// Voxels that gained weight.
+    pub voxels: u64,
+}
+
+/// Work done so far, for proving what was skipped.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Work {
+    /// Slices inserted.
+    pub slices: u64,
+    /// In-plane filtering.
+    pub filter: FilterWork,
+    /// Bricks that intervals could not exclude.
+    pub bricks_considered: u64,
+    /// Bricks in which a voxel gained weight, summed over slices.
+    pub bricks_touched: u64,
+    /// Voxels sampled, in whole vectors.
+    pub voxels_sampled: u64,
+    /// Voxels that gained weight, summed over slices.
+    pub voxels_updated: u64,
+    /// Voxels whose weight was clamped, summed over slices.
+    pub weights_clamped: u64,
+}
+
+/// What depends on the pixel size.
+struct Prepared {
+    pixel_mm: [f64; 2],
+    kernels: [AxisKernel; 3],
+    filter: SliceFilter,
+    mask: MaskSummary,
+}
+
+/// Weaves slices into a sparse volume. One per volume; not shared between threads, it makes its own.
+pub struct Reconstructor {
+    settings: Settings,
+    size: [u32; 2],
+    spans: Vec<Vec<Range<u32>>>,
+    pool: Option<rayon::ThreadPool>,
+    prepared: Option<Prepared>,
+    volume: BrickVolume,
+    last: Option<(Image, Transform<World, ImageFrame>)>,
+    tasks: Vec<Task>,
+    absent: Vec<(BrickIndex, Task)>,
+    chunks: Vec<BrickChunk>,
+    work: Work,
+}
+
+/// A chunk of the arena, shared between threads that take different bricks of it.
+#[derive(Clone, Copy)]
+struct BrickChunk(*mut Brick);
+#[allow(unsafe_code, reason = "bricks are handed to threads one by one")]
+// SAFETY: the pointer is used only in `weave_all`, where no two tasks have the same brick.
+unsafe impl Send for BrickChunk {}
+#[allow(unsafe_code, reason = "bricks are handed to threads one by one")]
+// SAFETY: as above.
+unsafe impl Sync for BrickChunk {}
+
+impl Reconstructor {
+    /// For pictures of `size` with data where `spans` says: for each image row the ranges of columns that are data, ascending.
+    ///
+    /// # Errors
+    /// [`SettingsError`] when the settings cannot work for any slice.
+    pub fn new(settings: Settings, size: [u32; 2], spans: Vec<Vec<Range<u32>>>) -> Result<Self, SettingsError> {
+        let spacing = settings.spacing_mm;
+        if !(spacing.is_finite() && spacing.min_element() > 0.0) {
+            return Err(SettingsError::Spacing(spacing));
+        }
+        if !settings.simd.is_available() {
+            return Err(SettingsError::Simd(settings.simd.name()));
+        }
+        if let Some(most) = settings.most_weight
+            && !(most > 1.0 && most.is_finite())
+        {
+            return Err(SettingsError::MostWeight(most));
+        }
+        let inside = |row: &Vec<Range<u32>>| row.iter().all(|s| s.start < s.end && s.end <= size[0]);
+        if spans.len() != size[1] as usize || !spans.iter().all(inside) || spans.iter().all(Vec::is_empty) {
+            return Err(SettingsError::EmptyMask);
+        }
+        let pool = match settings.threads {
+            0 | 1 => None,
+            n => Some(
+                rayon::ThreadPoolBuilder::new()
+                    .num_threads(n)
+                    .thread_name(|i| format!("weave-{i}"))
+                    .build()
+                    .map_err(|e| SettingsError::Threads(n, e.to_string()))?,
+            ),
+        };
+        Ok(Self {
+            settings,
+            size,
+            spans,
+            pool,
+            prepared: None,
+            volume: BrickVolume::new(),
+            last: None,
+            tasks: Vec::new(),
+            absent: Vec::new(),
+            chunks: Vec::new(),
+            work: Work::default(),
+        })
+    }
+
+    /// The volume so far.
+    pub fn volume(&self) -> &BrickVolume {
+        &self.volume
+    }
+
+    /// The lattice: voxel indices to world mm.
+    pub fn world_from_lattice(&self) -> Transform<World, Volume> {
+        Transform::from_affine(DAffine3 {
+            matrix3: DMat3::from_diagonal(self.settings.spacing_mm),
+            translation: self.settings.lattice_origin_mm,
+        })
+    }
+
+    /// What it works with.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// Kernels along u, v and the normal, once the first slice has told the pixel size.
+    pub fn kernels(&self) -> Option<&[AxisKernel; 3]> {
+        self.prepared.as_ref().map(|p| &p.kernels)
+    }
+
+    /// Pixel size along u and v in mm, once known.
+    pub fn pixel_mm(&self) -> Option<[f64; 2]> {
+        self.prepared.as_ref().map(|p| p.pixel_mm)
+    }
+
+    /// Node spacing of the filtered picture in pixels, and how far its samples may be from the exact in-plane sum as a fraction of the
+    /// picture's range; once the first slice was seen.
+    pub fn decimation(&self) -> Option<([f64; 2], f64)> {
+        self.prepared.as_ref().map(|p| (p.filter.step_px(), p.filter.deviation()))
+    }
+
+    /// Work done so far.
+    pub fn work(&self) -> Work {
+        self.work
+    }
+
+    /// Weaves a slice into the volume.
+    ///
+    /// # Errors
+    /// [`Refused`] with the reason; nothing has changed then.
+    pub fn insert(&mut self, slice: &Slice) -> Result<Touched, Refused> {
+        let found = [slice.image.width(), slice.image.height()];
+        if found != self.size {
+            return Err(Refused::Size { found, expected: self.size });
+        }
+        if let Some((image, pose)) = &self.last
+            && *pose == slice.world_from_image
+            && image.pixels().same_bits(slice.image.pixels())
+        {
+            return Err(Refused::Repeated);
+        }
+        let plane = Plane::new(slice.world_from_image).ok_or(Refused::Degenerate)?;
+        self.prepare(plane.pixel_mm)?;
+        let Some(prepared) = &mut self.prepared else { return Err(SettingsError::EmptyMask.into()) };
+
+        let normal = prepared.kernels[2];
+        let image_from_lattice = plane.image_from_world
+            * DAffine3 {
+                matrix3: DMat3::from_diagonal(self.settings.spacing_mm),
+                translation: self.settings.lattice_origin_mm,
+            };
+        let filter = &mut prepared.filter;
+        let geometry = SlabGeometry::new(
+            image_from_lattice,
+            &filter.certainty,
+            filter.step_px(),
+            normal.sigma_mm,
+            normal.support_mm,
+        );
+        let bricks = geometry.brick_box().ok_or(Refused::OutOfRange)?;
+        let most_weight = self.settings.most_weight.unwrap_or((MOST_WEIGHT * normal.peak()) as f32);
+        let view = View::new(filter, &normal, most_weight);
+
+        // The walk finds the bricks; whether one that does not exist is worth making is asked of its voxels, before anything is changed.
+        let most_bricks = self.settings.memory_bytes / size_of::<Brick>() as u64;
+        let room = most_bricks.saturating_sub(self.volume.len() as u64);
+        let rows: u64 = bricks[1..].iter().map(|r| u64::from(r.end().abs_diff(*r.start())) + 1).product();
+        // A slab of n bricks spans at most about n rows; far more rows than the memory holds bricks is a slab that cannot fit.
+        if rows / 64 > most_bricks {
+            return Err(Refused::Memory { needed: rows - most_bricks, limit_bytes: self.settings.memory_bytes });
+        }
+        self.tasks.clear();
+        self.absent.clear();
+        let mut considered = 0;
+        let mut scratch = Scratch::new();
+        let (mut volume, simd) = (self.volume.finder(), self.settings.simd);
+        let (tasks, absent) = (&mut self.tasks, &mut self.absent);
+        geometry.walk(&bricks, &prepared.mask, |index, sight| {
+            considered += 1;
+            let found = volume.find(index);
+            let task = Task::new(found.unwrap_or_default(), sight, geometry.in_brick(index));
+            match found {
+                Some(_) => tasks.push(task),
+                None if touches(simd, &task, &view, &mut scratch) => absent.push((index, task)),
+                None => {}
+            }
+            absent.len() as u64 <= room
+        });
+        if self.absent.len() as u64 > room {
+            let needed = self.absent.len() as u64 - room;
+            return Err(Refused::Memory { needed, limit_bytes: self.settings.memory_bytes });
+        }
+
+        if self.volume.reserve(self.absent.len()).is_err() {
+            let needed = self.absent.len() as u64;
+            return Err(Refused::Memory { needed, limit_bytes: self.volume.bytes() });
+        }
+
+        filter.filter(&slice.image, self.pool.as_ref());
+        for (index, mut task) in self.absent.drain(..) {
+            task.slot = self.volume.find_or_insert(index).0;
+            self.tasks.push(task);
+        }
+        let view = View::new(filter, &normal, most_weight);
+        weave_all(&mut self.volume, &mut self.chunks, &mut self.tasks, &view, simd, self.pool.as_ref());
+
+        let mut touched = Touched::default();
+        for task in self.tasks.iter().filter(|t| t.updated > 0) {
+            touched.bricks.push(self.volume.place(task.slot));
+            touched.voxels += u64::from(task.updated);
+        }
+        // Two ascending runs, bricks that were there and new ones: a stable sort merges them.
+        touched.bricks.sort_by_key(|[x, y, z]| [*z, *y, *x]);
+        let sum = |f: fn(&Task) -> u32| self.tasks.iter().map(|t| u64::from(f(t))).sum::<u64>();
+        self.work.slices += 1;
+        self.work.filter.pixels += filter.work.pixels;
+        self.work.filter.nodes += filter.work.nodes;
+        self.work.filter.taps += filter.work.taps;
+        self.work.bricks_considered += considered;
+        self.work.bricks_touched += touched.bricks.len() as u64;
+        self.work.voxels_sampled += sum(|t| t.vectors) * super::simd::LANES as u64;
+        self.work.voxels_updated += touched.voxels;
+        self.work.weights_clamped += sum(|t| t.clamped);
+        self.last = Some((slice.image.clone(), slice.world_from_image));
+        Ok(touched)
+    }
+
+    /// Makes kernels and filter for a pixel size, unless those at hand fit.
+    fn prepare(&mut self, pixel_mm: [f64; 2]) -> Result<(), SettingsError> {
+        let same = |p: &Prepared| (0..2).all(|a| (p.pixel_mm[a] / pixel_mm[a] - 1.0).abs() <= SAME_PIXEL);
+        if self.prepared.as_ref().is_some_and(same) {
+            return Ok(());
+        }
+        let settings = &self.settings;
+        let spacing = settings.spacing_mm.max_element();
+        let default = |axis: usize| match axis {
+            2 => OFF_PLANE_SIGMA_MM,
+            _ => IN_PLANE_SIGMA * spacing.max(pixel_mm[axis]),
+        };
+        let kernel = |axis: usize| {
+            let usual = if axis == 2 { OFF_PLANE_SUPPORT } else { IN_PLANE_SUPPORT };
+            let sigma = settings.sigma_mm[axis].unwrap_or_else(|| default(axis));
+            AxisKernel::new(settings.method, sigma, settings.support.unwrap_or(usual))
+        };
+        let kernels = [kernel(0)?, kernel(1)?, kernel(2)?];
+        let design = |axis: usize, name: char| {
+            Taps::design(&kernels[axis], pixel_mm[axis]).map_err(|source| SettingsError::Spline { axis: name, source })
+        };
+        let taps = [design(0, 'u')?, design(1, 'v')?];
+        let nodes: f64 = (0..2).map(|a| f64::from(self.size[a]) / taps[a].step.pixels() + 16.0).product();
+        if nodes > MOST_NODES as f64 / 2.0 {
+            return Err(SettingsError::Nodes(nodes as usize));
+        }
+        // Half a pixel to the border of the data, and one σ on: from 0.84 σ on too little of the kernel lies on data.
+        let margin = [0, 1].map(|a| (kernels[a].sigma_mm / pixel_mm[a]).min(kernels[a].support_mm / pixel_mm[a]) + 0.5);
+        let filter = SliceFilter::new(settings.simd, taps, self.size, self.spans.clone(), margin, self.pool.as_ref())
+            .ok_or(SettingsError::EmptyMask)?;
+        let mask = MaskSummary::new(&filter.certainty);
+        self.prepared = Some(Prepared { pixel_mm, kernels, filter, mask });
+        Ok(())
+    }
+}
+
+/// A slice's plane, orthogonalised: pixel sizes along u and v, and the map from the world to (u px, v px, plane distance mm).
+pub(super) struct Plane {
+    pub(super) pixel_mm: [f64; 2],
+    pub(super) image_from_world: DAffine3,
+}
+
+impl Plane {
+    /// `None` when the pose is not finite or spans no plane. The plane's distance grows along u × v, whatever the pose's third column.
+    pub(super) fn new(world_from_image: Transform<World, ImageFrame>) -> Option<Self> {
+        let affine = world_from_image.affine();
+        let [u, v] = [affine.matrix3.x_axis, affine.matrix3.y_axis];
+        let normal = u.cross(v);
+        if !affine.is_finite() || normal.length() <= 1e-9 * u.length() * v.length() || normal.length() < 1e-30 {
+            return None;
+        }
+        let world_from_slab =
+            DAffine3 { matrix3: DMat3::from_cols(u, v, normal.normalize()), translation: affine.translation };
+        let image_from_world = world_from_slab.inverse();
+        image_from_world.is_finite().then_some(Self { pixel_mm: [u.length(), v.length()], image_from_world })
+    }
+}
+
+/// Weaves all tasks, each brick by one thread.
+#[allow(unsafe_code, reason = "hands bricks of the arena to threads")]
+fn weave_all(
+    volume: &mut BrickVolume,
+    chunks: &mut Vec<BrickChunk>,
+    tasks: &mut [Task],
+    view: &View<'_>,
+    simd: Simd,
+    pool: Option<&rayon::ThreadPool>,
+) {
+    chunks.clear();
+    chunks.extend(volume.chunk_pointers().map(BrickChunk));
+    let chunks = chunks.as_slice();
+    let run = |scratch: &mut Scratch, task: &mut Task| {
+        let (chunk, place) = BrickVolume::locate(task.slot);
+        let chunk: BrickChunk = chunks[chunk];
+        // SAFETY: `chunks` holds the base of each chunk of the volume, which is borrowed mutably meanwhile, and `locate` gives a place
+        // inside its chunk for every slot that the volume has handed out. Each brick of the lattice is visited once in a walk and has
+        // a slot of its own, so no two tasks reach the same brick.
+        let brick = unsafe { &mut *chunk.0.add(place) };
+        weave(simd, brick, task, view, scratch);
+    };
+    match pool {
+        None => {
+            let mut scratch = Scratch::new();
+            tasks.iter_mut().for_each(|task| run(&mut scratch, task));
+        }
+        Some(pool) => pool.install(|| {
+            tasks.par_chunks_mut(BRICKS_PER_TASK).for_each_init(Scratch::new, |scratch, tasks| {
+                tasks.iter_mut().for_each(|task| run(scratch, task));
+            });
+        }),
+    }
+}
+
+impl Task {
+    fn new(slot: crate::volume::sparse::Slot, sight: Sight, functions: [[f32; 4]; 3]) -> Self {
+        Self { slot, sight, functions, updated: 0, clamped: 0, vectors: 0 }
+    }
+}

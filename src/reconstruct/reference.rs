@@ -1,0 +1,110 @@
+//! The reconstruction as the equations have it: every voxel, every pixel, f64, no skipping. Slow, and the measure of the fast path.
+//!
+//! For each voxel with |plane distance| ≤ d the numerator gains f(n)·Σ k(u−uⱼ)k(v−vⱼ)cⱼbⱼ and the weight f(n)·Σ k(u−uⱼ)k(v−vⱼ)cⱼ, with the
+//! in-plane kernel scaled so that its sum over the infinite pixel lattice is 1 at every position (Ohbuchi, Chen & Fuchs 1992,
+//! section 4, as normalised convolution).
+
+use std::ops::Range;
+
+use glam::{DAffine3, DVec3};
+use rayon::prelude::*;
+
+use super::kernel::AxisKernel;
+use super::reconstructor::Plane;
+use super::slab::LEAST_CERTAINTY;
+use crate::slice::{Pixels, Slice};
+use crate::volume::Grid;
+
+/// Sums at the voxels of a grid.
+#[derive(Debug, Clone)]
+pub struct Reference {
+    /// Where the voxels lie.
+    pub grid: Grid,
+    /// Σ weight·value, x fastest.
+    pub r: Vec<f64>,
+    /// Σ weight.
+    pub w: Vec<f64>,
+}
+
+impl Reference {
+    /// Nothing seen on a grid.
+    ///
+    /// # Panics
+    /// When the grid has more voxels than memory can address.
+    pub fn new(grid: Grid) -> Self {
+        let voxels = grid.voxels().and_then(|n| usize::try_from(n).ok()).expect("a grid that fits memory");
+        Self { grid, r: vec![0.0; voxels], w: vec![0.0; voxels] }
+    }
+
+    /// Adds a slice with data where `spans` says. A slice whose pose spans no plane adds nothing.
+    pub fn insert(&mut self, slice: &Slice, spans: &[Vec<Range<u32>>], kernels: &[AxisKernel; 3]) {
+        let Some(plane) = Plane::new(slice.world_from_image) else { return };
+        let image_from_voxel: DAffine3 = plane.image_from_world * self.grid.world_from_volume().affine();
+        let [nx, ny, _] = self.grid.size.map(|n| n as usize);
+        let voxels = self.r.par_chunks_mut(nx * ny).zip(self.w.par_chunks_mut(nx * ny)).enumerate();
+        voxels.for_each(|(z, (r, w))| {
+            for i in 0..nx * ny {
+                let voxel = DVec3::new((i % nx) as f64, (i / nx) as f64, z as f64);
+                let at = image_from_voxel.transform_point3(voxel);
+                if at.z.abs() > kernels[2].support_mm {
+                    continue;
+                }
+                let (value, certainty) = in_plane(slice, spans, kernels, plane.pixel_mm, [at.x, at.y]);
+                if certainty >= f64::from(LEAST_CERTAINTY) {
+                    let f = kernels[2].weight(at.z);
+                    r[i] += f * value;
+                    w[i] += f * certainty;
+                }
+            }
+        });
+    }
+
+    /// The weighted mean at a voxel, if it was seen.
+    pub fn value(&self, voxel: usize) -> Option<f64> {
+        (self.w[voxel] > f64::from(crate::volume::sparse::SEEN)).then(|| self.r[voxel] / self.w[voxel])
+    }
+}
+
+/// Σ k·c·b and Σ k·c around a position in pixels.
+pub fn in_plane(
+    slice: &Slice,
+    spans: &[Vec<Range<u32>>],
+    kernels: &[AxisKernel; 3],
+    pixel_mm: [f64; 2],
+    at: [f64; 2],
+) -> (f64, f64) {
+    let image = &slice.image;
+    let pixel = |u: usize, v: usize| -> f64 {
+        let i = v * image.width() as usize + u;
+        match image.pixels() {
+            Pixels::U8(p) => f64::from(p[i]),
+            Pixels::U16(p) => f64::from(p[i]),
+            Pixels::F32(p) => f64::from(p[i]),
+        }
+    };
+    // Weights of the pixels from `first` on, scaled to sum 1 whether or not they lie in the picture.
+    let axis = |a: usize| {
+        let reach = kernels[a].support_mm / pixel_mm[a];
+        let first = (at[a] - reach).ceil() as i64;
+        let last = (at[a] + reach).floor() as i64;
+        let weights: Vec<f64> = (first..=last).map(|j| kernels[a].weight((at[a] - j as f64) * pixel_mm[a])).collect();
+        let total: f64 = weights.iter().sum();
+        (first, weights.into_iter().map(|w| w / total).collect::<Vec<_>>())
+    };
+    let (first_u, along_u) = axis(0);
+    let (first_v, along_v) = axis(1);
+    let (mut value, mut certainty) = (0.0, 0.0);
+    for (v, wv) in (first_v..).zip(&along_v) {
+        let Some(row) = usize::try_from(v).ok().and_then(|v| spans.get(v)) else { continue };
+        for span in row {
+            let from = i64::from(span.start).max(first_u);
+            let to = i64::from(span.end).min(first_u + along_u.len() as i64);
+            for u in from..to {
+                let weight = along_u[(u - first_u) as usize] * wv;
+                value += weight * pixel(u as usize, v as usize);
+                certainty += weight;
+            }
+        }
+    }
+    (value, certainty)
+}

@@ -1,0 +1,204 @@
+//! Lanes as two AVX2 registers.
+#![allow(unsafe_code, reason = "intrinsics of an instruction set that the caller has detected")]
+
+use std::arch::x86_64::*;
+
+use super::Lanes;
+
+/// Sixteen f32 in two registers: lanes 0–7 and 8–15.
+#[derive(Clone, Copy)]
+pub(crate) struct Avx2([__m256; 2]);
+
+/// Applies an intrinsic of two operands to both registers.
+macro_rules! both {
+    ($intrinsic:expr, $a:expr, $b:expr) => {
+        [$intrinsic($a[0], $b[0]), $intrinsic($a[1], $b[1])]
+    };
+}
+
+/// Two patches' rows side by side, each `down` elements after its pointer.
+#[inline(always)]
+unsafe fn side_by_side(at: [*const f32; 2], down: usize) -> __m256 {
+    // SAFETY: the caller vouches for four readable elements at each pointer and for AVX2.
+    unsafe {
+        _mm256_insertf128_ps::<1>(_mm256_castps128_ps256(_mm_loadu_ps(at[0].add(down))), _mm_loadu_ps(at[1].add(down)))
+    }
+}
+
+/// Transposes the two 4×4 blocks that four registers hold side by side.
+#[inline(always)]
+unsafe fn transpose_blocks(rows: [__m256; 4]) -> [__m256; 4] {
+    // SAFETY: the caller vouches for AVX2.
+    unsafe {
+        let low01 = _mm256_castps_pd(_mm256_unpacklo_ps(rows[0], rows[1]));
+        let high01 = _mm256_castps_pd(_mm256_unpackhi_ps(rows[0], rows[1]));
+        let low23 = _mm256_castps_pd(_mm256_unpacklo_ps(rows[2], rows[3]));
+        let high23 = _mm256_castps_pd(_mm256_unpackhi_ps(rows[2], rows[3]));
+        [
+            _mm256_castpd_ps(_mm256_unpacklo_pd(low01, low23)),
+            _mm256_castpd_ps(_mm256_unpackhi_pd(low01, low23)),
+            _mm256_castpd_ps(_mm256_unpacklo_pd(high01, high23)),
+            _mm256_castpd_ps(_mm256_unpackhi_pd(high01, high23)),
+        ]
+    }
+}
+
+// SAFETY: every method needs AVX2 and FMA, which the trait demands of the caller, and uses pointers within the bounds that it demands.
+unsafe impl Lanes for Avx2 {
+    type Mask = [__m256; 2];
+
+    #[inline(always)]
+    unsafe fn splat(x: f32) -> Self {
+        // SAFETY: as for the trait.
+        Self([unsafe { _mm256_set1_ps(x) }; 2])
+    }
+    #[inline(always)]
+    unsafe fn load(from: *const f32) -> Self {
+        // SAFETY: as for the trait.
+        unsafe { Self([_mm256_loadu_ps(from), _mm256_loadu_ps(from.add(8))]) }
+    }
+    #[inline(always)]
+    unsafe fn store(self, to: *mut f32) {
+        // SAFETY: as for the trait.
+        unsafe {
+            _mm256_storeu_ps(to, self.0[0]);
+            _mm256_storeu_ps(to.add(8), self.0[1]);
+        }
+    }
+    #[inline(always)]
+    unsafe fn add(self, other: Self) -> Self {
+        // SAFETY: as for the trait.
+        Self(unsafe { both!(_mm256_add_ps, self.0, other.0) })
+    }
+    #[inline(always)]
+    unsafe fn sub(self, other: Self) -> Self {
+        // SAFETY: as for the trait.
+        Self(unsafe { both!(_mm256_sub_ps, self.0, other.0) })
+    }
+    #[inline(always)]
+    unsafe fn mul(self, other: Self) -> Self {
+        // SAFETY: as for the trait.
+        Self(unsafe { both!(_mm256_mul_ps, self.0, other.0) })
+    }
+    #[inline(always)]
+    unsafe fn div(self, other: Self) -> Self {
+        // SAFETY: as for the trait.
+        Self(unsafe { both!(_mm256_div_ps, self.0, other.0) })
+    }
+    #[inline(always)]
+    unsafe fn mul_add(self, a: Self, b: Self) -> Self {
+        // SAFETY: as for the trait.
+        unsafe { Self([_mm256_fmadd_ps(self.0[0], a.0[0], b.0[0]), _mm256_fmadd_ps(self.0[1], a.0[1], b.0[1])]) }
+    }
+    #[inline(always)]
+    unsafe fn min(self, other: Self) -> Self {
+        // SAFETY: as for the trait.
+        Self(unsafe { both!(_mm256_min_ps, self.0, other.0) })
+    }
+    #[inline(always)]
+    unsafe fn max(self, other: Self) -> Self {
+        // SAFETY: as for the trait.
+        Self(unsafe { both!(_mm256_max_ps, self.0, other.0) })
+    }
+    #[inline(always)]
+    unsafe fn floor(self) -> Self {
+        // SAFETY: as for the trait.
+        Self(unsafe { [_mm256_floor_ps(self.0[0]), _mm256_floor_ps(self.0[1])] })
+    }
+    #[inline(always)]
+    unsafe fn round_ties_even(self) -> Self {
+        // SAFETY: as for the trait.
+        unsafe {
+            const NEAREST: i32 = _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC;
+            Self([_mm256_round_ps::<NEAREST>(self.0[0]), _mm256_round_ps::<NEAREST>(self.0[1])])
+        }
+    }
+    #[inline(always)]
+    unsafe fn scale_by_power_of_two(self, n: Self) -> Self {
+        // SAFETY: as for the trait.
+        unsafe {
+            let mut scaled = self.0;
+            for (x, n) in scaled.iter_mut().zip(n.0) {
+                let exponent = _mm256_slli_epi32::<23>(_mm256_cvttps_epi32(n));
+                *x = _mm256_castsi256_ps(_mm256_add_epi32(_mm256_castps_si256(*x), exponent));
+            }
+            Self(scaled)
+        }
+    }
+    #[inline(always)]
+    unsafe fn le(self, other: Self) -> [__m256; 2] {
+        // SAFETY: as for the trait.
+        unsafe { both!(_mm256_cmp_ps::<_CMP_LE_OQ>, self.0, other.0) }
+    }
+    #[inline(always)]
+    unsafe fn and(a: [__m256; 2], b: [__m256; 2]) -> [__m256; 2] {
+        // SAFETY: as for the trait.
+        unsafe { both!(_mm256_and_ps, a, b) }
+    }
+    #[inline(always)]
+    unsafe fn bits(mask: [__m256; 2]) -> u16 {
+        // SAFETY: as for the trait.
+        unsafe { (_mm256_movemask_ps(mask[0]) | _mm256_movemask_ps(mask[1]) << 8) as u16 }
+    }
+    #[inline(always)]
+    unsafe fn select(mask: [__m256; 2], a: Self, b: Self) -> Self {
+        // SAFETY: as for the trait.
+        unsafe { Self([_mm256_blendv_ps(b.0[0], a.0[0], mask[0]), _mm256_blendv_ps(b.0[1], a.0[1], mask[1])]) }
+    }
+    #[inline(always)]
+    unsafe fn store_integers(self, to: *mut u32) {
+        // SAFETY: as for the trait.
+        unsafe {
+            _mm256_storeu_si256(to.cast(), _mm256_cvttps_epi32(self.0[0]));
+            _mm256_storeu_si256(to.add(8).cast(), _mm256_cvttps_epi32(self.0[1]));
+        }
+    }
+    #[inline(always)]
+    unsafe fn prefetch(at: *const f32) {
+        // SAFETY: a prefetch reads nothing.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(at.cast()) }
+    }
+    #[inline(always)]
+    unsafe fn patch(at: *const f32, stride: usize, offset: *const u32, row: [Self; 4], column: [Self; 4]) -> Self {
+        // SAFETY: AVX2 and FMA as for the trait; the caller vouches that each lane's patch lies inside `at`.
+        unsafe {
+            let mut value = [_mm256_setzero_ps(); 2];
+            for half in 0..2 {
+                // Group g takes lanes g and g+4 of this half, so that the transposition leaves the lanes in their natural order.
+                let mut sums = [_mm256_setzero_ps(); 4];
+                macro_rules! group {
+                    ($g:literal, $spread:literal) => {
+                        let p = [
+                            at.add(*offset.add(8 * half + $g) as usize),
+                            at.add(*offset.add(8 * half + $g + 4) as usize),
+                        ];
+                        let mut sum = _mm256_mul_ps(side_by_side(p, 0), _mm256_permute_ps::<$spread>(row[0].0[half]));
+                        sum =
+                            _mm256_fmadd_ps(side_by_side(p, stride), _mm256_permute_ps::<$spread>(row[1].0[half]), sum);
+                        sum = _mm256_fmadd_ps(
+                            side_by_side(p, 2 * stride),
+                            _mm256_permute_ps::<$spread>(row[2].0[half]),
+                            sum,
+                        );
+                        sum = _mm256_fmadd_ps(
+                            side_by_side(p, 3 * stride),
+                            _mm256_permute_ps::<$spread>(row[3].0[half]),
+                            sum,
+                        );
+                        sums[$g] = sum;
+                    };
+                }
+                group!(0, 0x00);
+                group!(1, 0x55);
+                group!(2, 0xAA);
+                group!(3, 0xFF);
+                let sums = transpose_blocks(sums);
+                let mut v = _mm256_mul_ps(sums[0], column[0].0[half]);
+                v = _mm256_fmadd_ps(sums[1], column[1].0[half], v);
+                v = _mm256_fmadd_ps(sums[2], column[2].0[half], v);
+                value[half] = _mm256_fmadd_ps(sums[3], column[3].0[half], v);
+            }
+            Self(value)
+        }
+    }
+}

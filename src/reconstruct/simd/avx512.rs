@@ -1,0 +1,175 @@
+//! Lanes as one AVX-512 register.
+#![allow(unsafe_code, reason = "intrinsics of an instruction set that the caller has detected")]
+
+use std::arch::x86_64::*;
+
+use super::Lanes;
+
+/// Sixteen f32 in a register.
+#[derive(Clone, Copy)]
+pub(crate) struct Avx512(__m512);
+
+/// Four patches' rows side by side, each `down` elements after its pointer: lanes 0–3 from the first, 4–7 from the second, and so on.
+#[inline(always)]
+unsafe fn side_by_side(at: [*const f32; 4], down: usize) -> __m512 {
+    // SAFETY: the caller vouches for four readable elements at each pointer and for AVX-512 F.
+    unsafe {
+        let x = _mm512_castps128_ps512(_mm_loadu_ps(at[0].add(down)));
+        let x = _mm512_insertf32x4::<1>(x, _mm_loadu_ps(at[1].add(down)));
+        let x = _mm512_insertf32x4::<2>(x, _mm_loadu_ps(at[2].add(down)));
+        _mm512_insertf32x4::<3>(x, _mm_loadu_ps(at[3].add(down)))
+    }
+}
+
+/// Transposes the four 4×4 blocks that four registers hold side by side.
+#[inline(always)]
+unsafe fn transpose_blocks(rows: [__m512; 4]) -> [__m512; 4] {
+    // SAFETY: the caller vouches for AVX-512 F.
+    unsafe {
+        let low01 = _mm512_castps_pd(_mm512_unpacklo_ps(rows[0], rows[1]));
+        let high01 = _mm512_castps_pd(_mm512_unpackhi_ps(rows[0], rows[1]));
+        let low23 = _mm512_castps_pd(_mm512_unpacklo_ps(rows[2], rows[3]));
+        let high23 = _mm512_castps_pd(_mm512_unpackhi_ps(rows[2], rows[3]));
+        [
+            _mm512_castpd_ps(_mm512_unpacklo_pd(low01, low23)),
+            _mm512_castpd_ps(_mm512_unpackhi_pd(low01, low23)),
+            _mm512_castpd_ps(_mm512_unpacklo_pd(high01, high23)),
+            _mm512_castpd_ps(_mm512_unpackhi_pd(high01, high23)),
+        ]
+    }
+}
+
+// SAFETY: every method needs AVX-512 F, which the trait demands of the caller, and uses pointers within the bounds that it demands.
+unsafe impl Lanes for Avx512 {
+    type Mask = __mmask16;
+
+    #[inline(always)]
+    unsafe fn splat(x: f32) -> Self {
+        // SAFETY: as for the trait.
+        Self(unsafe { _mm512_set1_ps(x) })
+    }
+    #[inline(always)]
+    unsafe fn load(from: *const f32) -> Self {
+        // SAFETY: as for the trait.
+        Self(unsafe { _mm512_loadu_ps(from) })
+    }
+    #[inline(always)]
+    unsafe fn store(self, to: *mut f32) {
+        // SAFETY: as for the trait.
+        unsafe { _mm512_storeu_ps(to, self.0) }
+    }
+    #[inline(always)]
+    unsafe fn add(self, other: Self) -> Self {
+        // SAFETY: as for the trait.
+        Self(unsafe { _mm512_add_ps(self.0, other.0) })
+    }
+    #[inline(always)]
+    unsafe fn sub(self, other: Self) -> Self {
+        // SAFETY: as for the trait.
+        Self(unsafe { _mm512_sub_ps(self.0, other.0) })
+    }
+    #[inline(always)]
+    unsafe fn mul(self, other: Self) -> Self {
+        // SAFETY: as for the trait.
+        Self(unsafe { _mm512_mul_ps(self.0, other.0) })
+    }
+    #[inline(always)]
+    unsafe fn div(self, other: Self) -> Self {
+        // SAFETY: as for the trait.
+        Self(unsafe { _mm512_div_ps(self.0, other.0) })
+    }
+    #[inline(always)]
+    unsafe fn mul_add(self, a: Self, b: Self) -> Self {
+        // SAFETY: as for the trait.
+        Self(unsafe { _mm512_fmadd_ps(self.0, a.0, b.0) })
+    }
+    #[inline(always)]
+    unsafe fn min(self, other: Self) -> Self {
+        // SAFETY: as for the trait.
+        Self(unsafe { _mm512_min_ps(self.0, other.0) })
+    }
+    #[inline(always)]
+    unsafe fn max(self, other: Self) -> Self {
+        // SAFETY: as for the trait.
+        Self(unsafe { _mm512_max_ps(self.0, other.0) })
+    }
+    #[inline(always)]
+    unsafe fn floor(self) -> Self {
+        // SAFETY: as for the trait.
+        Self(unsafe { _mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(self.0) })
+    }
+    #[inline(always)]
+    unsafe fn round_ties_even(self) -> Self {
+        // SAFETY: as for the trait.
+        Self(unsafe { _mm512_roundscale_ps::<{ _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC }>(self.0) })
+    }
+    #[inline(always)]
+    unsafe fn scale_by_power_of_two(self, n: Self) -> Self {
+        // SAFETY: as for the trait.
+        unsafe {
+            let exponent = _mm512_slli_epi32::<23>(_mm512_cvttps_epi32(n.0));
+            Self(_mm512_castsi512_ps(_mm512_add_epi32(_mm512_castps_si512(self.0), exponent)))
+        }
+    }
+    #[inline(always)]
+    unsafe fn le(self, other: Self) -> __mmask16 {
+        // SAFETY: as for the trait.
+        unsafe { _mm512_cmp_ps_mask::<_CMP_LE_OQ>(self.0, other.0) }
+    }
+    #[inline(always)]
+    unsafe fn and(a: __mmask16, b: __mmask16) -> __mmask16 {
+        a & b
+    }
+    #[inline(always)]
+    unsafe fn bits(mask: __mmask16) -> u16 {
+        mask
+    }
+    #[inline(always)]
+    unsafe fn select(mask: __mmask16, a: Self, b: Self) -> Self {
+        // SAFETY: as for the trait.
+        Self(unsafe { _mm512_mask_blend_ps(mask, b.0, a.0) })
+    }
+    #[inline(always)]
+    unsafe fn store_integers(self, to: *mut u32) {
+        // SAFETY: as for the trait.
+        unsafe { _mm512_storeu_si512(to.cast(), _mm512_cvttps_epi32(self.0)) }
+    }
+    #[inline(always)]
+    unsafe fn prefetch(at: *const f32) {
+        // SAFETY: a prefetch reads nothing.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(at.cast()) }
+    }
+    #[inline(always)]
+    unsafe fn patch(at: *const f32, stride: usize, offset: *const u32, row: [Self; 4], column: [Self; 4]) -> Self {
+        // SAFETY: AVX-512 F as for the trait; the caller vouches that each lane's patch lies inside `at`.
+        unsafe {
+            // Group g takes lanes g, g+4, g+8, g+12: after the transposition of 4×4 blocks the lanes are in their natural order. A gather
+            // instruction would fetch each of the 256 elements for itself; here four come with each load.
+            let mut sums = [_mm512_setzero_ps(); 4];
+            macro_rules! group {
+                ($g:literal, $spread:literal) => {
+                    let p = [
+                        at.add(*offset.add($g) as usize),
+                        at.add(*offset.add($g + 4) as usize),
+                        at.add(*offset.add($g + 8) as usize),
+                        at.add(*offset.add($g + 12) as usize),
+                    ];
+                    let mut sum = _mm512_mul_ps(side_by_side(p, 0), _mm512_permute_ps::<$spread>(row[0].0));
+                    sum = _mm512_fmadd_ps(side_by_side(p, stride), _mm512_permute_ps::<$spread>(row[1].0), sum);
+                    sum = _mm512_fmadd_ps(side_by_side(p, 2 * stride), _mm512_permute_ps::<$spread>(row[2].0), sum);
+                    sum = _mm512_fmadd_ps(side_by_side(p, 3 * stride), _mm512_permute_ps::<$spread>(row[3].0), sum);
+                    sums[$g] = sum;
+                };
+            }
+            group!(0, 0x00);
+            group!(1, 0x55);
+            group!(2, 0xAA);
+            group!(3, 0xFF);
+            let sums = transpose_blocks(sums);
+            let mut value = _mm512_mul_ps(sums[0], column[0].0);
+            value = _mm512_fmadd_ps(sums[1], column[1].0, value);
+            value = _mm512_fmadd_ps(sums[2], column[2].0, value);
+            Self(_mm512_fmadd_ps(sums[3], column[3].0, value))
+        }
+    }
+}

@@ -1,0 +1,141 @@
+//! Sixteen f32 lanes, the same operations in the same order on every instruction set.
+//!
+//! The hot loops are written once over [`Lanes`]. Each implementation fuses multiply-add where the trait says so, rounds as IEEE 754 says, and uses no
+//! reciprocal estimates: AVX-512, AVX2 and portable give the same bits.
+//!
+//! Code over lanes is `#[inline(always)]` and free of closures: a closure is a function of its own without the caller's instruction set, and
+//! where the compiler does not inline it, every vector in it goes through memory.
+
+#[cfg(target_arch = "x86_64")]
+pub(crate) mod avx2;
+#[cfg(target_arch = "x86_64")]
+pub(crate) mod avx512;
+pub(crate) mod portable;
+
+/// Lanes in a vector.
+pub(crate) const LANES: usize = 16;
+
+/// Instruction set of the hot loops.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Simd {
+    /// AVX-512 F, one register of 16 lanes.
+    Avx512,
+    /// AVX2 and FMA, two registers of 8 lanes.
+    Avx2,
+    /// Scalar code with fused multiply-add.
+    Portable,
+}
+
+impl Simd {
+    /// All, best first.
+    pub const ALL: [Self; 3] = [Self::Avx512, Self::Avx2, Self::Portable];
+
+    /// The best this machine has.
+    pub fn detect() -> Self {
+        Self::ALL.into_iter().find(|s| s.is_available()).unwrap_or(Self::Portable)
+    }
+
+    /// Whether this machine has it.
+    pub fn is_available(self) -> bool {
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => std::arch::is_x86_feature_detected!("avx512f"),
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma"),
+            Self::Portable => true,
+            #[cfg(not(target_arch = "x86_64"))]
+            _ => false,
+        }
+    }
+
+    /// The name on the command line and in statistics.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Avx512 => "avx512",
+            Self::Avx2 => "avx2",
+            Self::Portable => "portable",
+        }
+    }
+}
+
+/// Sixteen f32.
+///
+/// # Safety
+/// Methods may only be called where the implementation's instruction set is available; the entry points that [`dispatch`] makes see to it. Pointers
+/// must be valid for the sixteen (or stated) elements from them on.
+#[allow(unsafe_code, reason = "the methods are intrinsics of an instruction set that the caller has detected")]
+pub(crate) unsafe trait Lanes: Copy {
+    /// A bit a lane, in the form the instruction set likes.
+    type Mask: Copy;
+
+    unsafe fn splat(x: f32) -> Self;
+    unsafe fn load(from: *const f32) -> Self;
+    unsafe fn store(self, to: *mut f32);
+    unsafe fn add(self, other: Self) -> Self;
+    unsafe fn sub(self, other: Self) -> Self;
+    unsafe fn mul(self, other: Self) -> Self;
+    unsafe fn div(self, other: Self) -> Self;
+    /// self·a + b, rounded once.
+    unsafe fn mul_add(self, a: Self, b: Self) -> Self;
+    /// The smaller; `other` where either is NaN.
+    unsafe fn min(self, other: Self) -> Self;
+    /// The larger; `other` where either is NaN.
+    unsafe fn max(self, other: Self) -> Self;
+    unsafe fn floor(self) -> Self;
+    unsafe fn round_ties_even(self) -> Self;
+    /// self·2ⁿ for integral n with |n| ≤ 126 and a normal result, by adding to the exponent.
+    unsafe fn scale_by_power_of_two(self, n: Self) -> Self;
+    /// Lanes where self ≤ other; false where either is NaN.
+    unsafe fn le(self, other: Self) -> Self::Mask;
+    unsafe fn and(a: Self::Mask, b: Self::Mask) -> Self::Mask;
+    /// Lane k in bit k.
+    unsafe fn bits(mask: Self::Mask) -> u16;
+    /// `a` where the mask is set, else `b`.
+    unsafe fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
+    /// Writes the lanes, which are integral and not negative, as integers.
+    unsafe fn store_integers(self, to: *mut u32);
+    /// Lane k: Σᵢ column[i][k]·(Σⱼ row[j][k]·at[offset[k] + j·stride + i]), each sum begun with a product and continued in order by fused
+    /// multiply-adds. There are sixteen offsets; all sixteen elements of each lane's 4×4 patch must lie inside `at`.
+    unsafe fn patch(at: *const f32, stride: usize, offset: *const u32, row: [Self; 4], column: [Self; 4]) -> Self;
+    /// Asks for the cache line at an address; nothing is read.
+    unsafe fn prefetch(at: *const f32);
+}
+
+/// Makes `$name`, which runs `$generic::<L>` compiled for the instruction set that a [`Simd`] names.
+macro_rules! dispatch {
+    ($(#[$doc:meta])* $vis:vis fn $name:ident => $generic:ident($($arg:ident: $ty:ty),* $(,)?) $(-> $ret:ty)?) => {
+        $(#[$doc])*
+        #[allow(unsafe_code, reason = "calls code compiled for an instruction set after checking that the machine has it")]
+        #[allow(clippy::too_many_arguments, reason = "the inner loop's inputs, one by one")]
+        $vis fn $name(simd: $crate::reconstruct::simd::Simd, $($arg: $ty),*) $(-> $ret)? {
+            use $crate::reconstruct::simd::{self, Simd};
+            #[cfg(target_arch = "x86_64")]
+            #[target_feature(enable = "avx512f,avx2,fma")]
+            fn avx512($($arg: $ty),*) $(-> $ret)? {
+                // SAFETY: compiled with the features that `Avx512` needs.
+                unsafe { $generic::<simd::avx512::Avx512>($($arg),*) }
+            }
+            #[cfg(target_arch = "x86_64")]
+            #[target_feature(enable = "avx2,fma")]
+            fn avx2($($arg: $ty),*) $(-> $ret)? {
+                // SAFETY: compiled with the features that `Avx2` needs.
+                unsafe { $generic::<simd::avx2::Avx2>($($arg),*) }
+            }
+            assert!(simd.is_available(), "{} is not available on this machine", simd.name());
+            match simd {
+                #[cfg(target_arch = "x86_64")]
+                // SAFETY: the assertion above detected the features (AVX-512 F implies AVX2 and FMA on every processor that has it).
+                Simd::Avx512 => unsafe { avx512($($arg),*) },
+                #[cfg(target_arch = "x86_64")]
+                // SAFETY: the assertion above detected the features.
+                Simd::Avx2 => unsafe { avx2($($arg),*) },
+                // SAFETY: portable lanes need no feature.
+                _ => unsafe { $generic::<simd::portable::Portable>($($arg),*) },
+            }
+        }
+    };
+}
+pub(crate) use dispatch;
+
+#[cfg(test)]
+mod tests;

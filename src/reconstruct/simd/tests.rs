@@ -1,0 +1,107 @@
+//! Every operation of every instruction set against plain scalar code, bit for bit.
+#![allow(unsafe_code, reason = "the operations under test are unsafe to call without their instruction set")]
+
+use super::{LANES, Lanes, Simd, dispatch};
+
+type Row = [f32; LANES];
+
+/// All operations on three rows and a small table, results in the order of the trait.
+#[inline(always)]
+unsafe fn everything<L: Lanes>(a: &Row, b: &Row, c: &Row, table: &[f32]) -> Vec<Row> {
+    // SAFETY: rows hold sixteen elements; offsets are made to fit the table; the caller has the instruction set.
+    unsafe {
+        let (x, y, z) = (L::load(a.as_ptr()), L::load(b.as_ptr()), L::load(c.as_ptr()));
+        let mut out = Vec::new();
+        let mut keep = |v: L| {
+            let mut row = [0.0; LANES];
+            v.store(row.as_mut_ptr());
+            out.push(row);
+        };
+        keep(x.add(y));
+        keep(x.sub(y));
+        keep(x.mul(y));
+        keep(x.div(y));
+        keep(x.mul_add(y, z));
+        keep(x.min(y));
+        keep(x.max(y));
+        keep(x.floor());
+        keep(x.round_ties_even());
+        keep(L::splat(1.25).scale_by_power_of_two(x.round_ties_even().min(L::splat(100.0)).max(L::splat(-100.0))));
+        let mask = L::and(x.le(y), y.le(z));
+        keep(L::select(mask, x, z));
+        keep(L::splat(f32::from(L::bits(mask))));
+        let offset = x.floor().min(L::splat(40.0)).max(L::splat(0.0));
+        let mut offsets = [0_u32; LANES];
+        offset.store_integers(offsets.as_mut_ptr());
+        L::prefetch(table.as_ptr());
+        keep(L::patch(table.as_ptr(), 9, offsets.as_ptr(), [x, y, z, x], [z, y, x, y]));
+        out
+    }
+}
+
+dispatch!(fn run => everything(a: &Row, b: &Row, c: &Row, table: &[f32]) -> Vec<Row>);
+
+fn scalar(a: &Row, b: &Row, c: &Row, table: &[f32]) -> Vec<Row> {
+    let lanes = |f: &dyn Fn(usize) -> f32| -> Row { std::array::from_fn(f) };
+    let mask = |k: usize| a[k] <= b[k] && b[k] <= c[k];
+    let bits = (0..LANES).map(|k| u16::from(mask(k)) << k).sum::<u16>();
+    vec![
+        lanes(&|k| a[k] + b[k]),
+        lanes(&|k| a[k] - b[k]),
+        lanes(&|k| a[k] * b[k]),
+        lanes(&|k| a[k] / b[k]),
+        lanes(&|k| a[k].mul_add(b[k], c[k])),
+        lanes(&|k| if a[k] < b[k] { a[k] } else { b[k] }),
+        lanes(&|k| if a[k] > b[k] { a[k] } else { b[k] }),
+        lanes(&|k| a[k].floor()),
+        lanes(&|k| a[k].round_ties_even()),
+        lanes(&|k| 1.25 * 2.0_f32.powi(a[k].round_ties_even().clamp(-100.0, 100.0) as i32)),
+        lanes(&|k| if mask(k) { a[k] } else { c[k] }),
+        [f32::from(bits); LANES],
+        lanes(&|k| {
+            let base = a[k].floor().clamp(0.0, 40.0) as usize;
+            let row = [a[k], b[k], c[k], a[k]];
+            let column = [c[k], b[k], a[k], b[k]];
+            let sum = |i: usize| {
+                let at = |j: usize| table[base + 9 * j + i];
+                at(3).mul_add(row[3], at(2).mul_add(row[2], at(1).mul_add(row[1], at(0) * row[0])))
+            };
+            sum(3).mul_add(column[3], sum(2).mul_add(column[2], sum(1).mul_add(column[1], sum(0) * column[0])))
+        }),
+    ]
+}
+
+#[test]
+fn every_operation_gives_the_bits_of_scalar_code() {
+    let table: Vec<f32> = (0..80_u8).map(|i| (f32::from(i) * 0.37).sin() * 50.0).collect();
+    let mut available = 0;
+    for simd in Simd::ALL.into_iter().filter(|s| s.is_available()) {
+        available += 1;
+        for seed in 0..50_u16 {
+            let row = |salt: u16| -> Row {
+                std::array::from_fn(|k| {
+                    let x = (f32::from(seed * 31 + salt * 7 + k as u16) * 1.618).sin();
+                    // Ties, negative zero and equal lanes are the cases in which implementations differ.
+                    match (seed + k as u16) % 7 {
+                        0 => (x * 8.0).round() + 0.5,
+                        1 => -0.0,
+                        2 => f32::from(seed) * 0.5,
+                        _ => x * 40.0,
+                    }
+                })
+            };
+            let (a, b, c) = (row(1), row(2), row(3));
+            for (operation, (got, want)) in
+                run(simd, &a, &b, &c, &table).iter().zip(scalar(&a, &b, &c, &table)).enumerate()
+            {
+                assert_eq!(
+                    got.map(f32::to_bits),
+                    want.map(f32::to_bits),
+                    "{} operation {operation}, seed {seed}",
+                    simd.name()
+                );
+            }
+        }
+    }
+    assert!(available >= 1);
+}

@@ -1,0 +1,222 @@
+//! Which bricks a slice's slab meets, and how: the walk over bricks that weaving then fills.
+//!
+//! The slab is the set of points whose plane distance is within the kernel's support and whose foot lies in the picture. Rows of bricks
+//! are clipped against its three pairs of faces (Kay & Kajiya 1986), each brick is then tested by interval arithmetic, and the mask's
+//! summed areas tell in a few look-ups whether a brick sees data only, some data, or none.
+
+use std::ops::RangeInclusive;
+
+use glam::{DAffine3, DVec3};
+
+use super::filter::Nodes;
+use crate::volume::brick::{BrickIndex, EDGE};
+
+/// A voxel takes part when at least this share of its in-plane kernel lies on data: beyond a straight border it is reached 0.84 σ outside,
+/// in a right-angled corner (a quarter) the whole of the data's side is kept.
+pub(crate) const LEAST_CERTAINTY: f32 = 0.2;
+
+/// Half a brick, from its centre to the centre of its outermost voxels.
+const HALF: f64 = (EDGE as f64 - 1.0) / 2.0;
+/// Widening of interval tests against rounding, in units of nodes and of σ.
+const SLACK: f64 = 1e-3;
+
+/// An affine function of voxel indices: value at voxel (0, 0, 0) of the lattice, and steps per voxel.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Affine {
+    pub(crate) base: f64,
+    pub(crate) step: DVec3,
+}
+
+impl Affine {
+    fn at(&self, voxel: DVec3) -> f64 {
+        self.base + self.step.dot(voxel)
+    }
+
+    /// Largest distance from the value at a brick's centre.
+    fn radius(&self) -> f64 {
+        HALF * (self.step.x.abs() + self.step.y.abs() + self.step.z.abs())
+    }
+}
+
+/// Where a slice lies, seen from the lattice.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct SlabGeometry {
+    /// Node column, node row, and plane distance in σ.
+    pub(crate) coordinates: [Affine; 3],
+    /// Least and largest value of each that can take part.
+    pub(crate) limits: [[f64; 2]; 3],
+}
+
+/// What a brick sees of the slice.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Sight {
+    /// Its whole footprint is data.
+    Full,
+    /// Its footprint is data in part.
+    Partial,
+}
+
+/// Counts of nodes with a property over any rectangle, by four look-ups.
+#[derive(Debug, Clone)]
+struct SummedArea {
+    stride: usize,
+    sums: Vec<u32>,
+}
+
+impl SummedArea {
+    fn new(nodes: &Nodes, has: impl Fn(f32) -> bool) -> Self {
+        let stride = nodes.columns + 1;
+        let mut sums = vec![0_u32; stride * (nodes.rows + 1)];
+        for row in 0..nodes.rows {
+            let mut line = 0;
+            for column in 0..nodes.columns {
+                line += u32::from(has(nodes.data[row * nodes.stride + column]));
+                sums[(row + 1) * stride + column + 1] = sums[row * stride + column + 1] + line;
+            }
+        }
+        Self { stride, sums }
+    }
+
+    fn count(&self, columns: [usize; 2], rows: [usize; 2]) -> u32 {
+        let at = |row: usize, column: usize| self.sums[row * self.stride + column];
+        at(rows[1], columns[1]) + at(rows[0], columns[0]) - at(rows[0], columns[1]) - at(rows[1], columns[0])
+    }
+}
+
+/// The mask as the walk needs it.
+#[derive(Debug, Clone)]
+pub(crate) struct MaskSummary {
+    columns: usize,
+    rows: usize,
+    uncertain: SummedArea,
+    live: SummedArea,
+}
+
+impl MaskSummary {
+    pub(crate) fn new(certainty: &Nodes) -> Self {
+        Self {
+            columns: certainty.columns,
+            rows: certainty.rows,
+            uncertain: SummedArea::new(certainty, |c| c != 1.0),
+            live: SummedArea::new(certainty, |c| c >= LEAST_CERTAINTY),
+        }
+    }
+
+    /// What a footprint around node (u, v), given by its half widths, sees; `None` when no voxel there can take part.
+    fn sight(&self, u: f64, v: f64, radius: [f64; 2]) -> Option<Sight> {
+        // Nodes whose splines reach into the footprint. Truncation is rounding down where it matters: what begins before node 1 is cut
+        // to the border and not wholly inside, whatever its fraction.
+        let (low_u, low_v) = (u - radius[0] - SLACK, v - radius[1] - SLACK);
+        let (high_u, high_v) = ((u + radius[0] + SLACK) as i64 + 3, (v + radius[1] + SLACK) as i64 + 3);
+        let (most_u, most_v) = (self.columns as i64, self.rows as i64);
+        let inside = low_u >= 1.0 && low_v >= 1.0 && high_u <= most_u && high_v <= most_v;
+        let clip = |x: i64, most: i64| x.clamp(0, most) as usize;
+        let columns = [clip(low_u as i64 - 1, most_u), clip(high_u, most_u)];
+        let rows = [clip(low_v as i64 - 1, most_v), clip(high_v, most_v)];
+        if self.live.count(columns, rows) == 0 {
+            None
+        } else if inside && self.uncertain.count(columns, rows) == 0 {
+            Some(Sight::Full)
+        } else {
+            Some(Sight::Partial)
+        }
+    }
+}
+
+impl SlabGeometry {
+    /// Geometry of a slice. `image_from_voxel` maps voxel indices to (u px, v px, plane distance mm).
+    pub(crate) fn new(
+        image_from_voxel: DAffine3,
+        certainty: &Nodes,
+        step_px: [f64; 2],
+        sigma_mm: f64,
+        support_mm: f64,
+    ) -> Self {
+        let row = |axis: usize, scale: f64, shift: f64| Affine {
+            base: image_from_voxel.translation[axis] * scale - shift,
+            step: image_from_voxel.matrix3.row(axis) * scale,
+        };
+        let reach = support_mm / sigma_mm;
+        Self {
+            coordinates: [
+                row(0, 1.0 / step_px[0], certainty.first[0] as f64),
+                row(1, 1.0 / step_px[1], certainty.first[1] as f64),
+                row(2, 1.0 / sigma_mm, 0.0),
+            ],
+            limits: [[1.0, certainty.columns as f64 - 3.0], [1.0, certainty.rows as f64 - 3.0], [-reach, reach]],
+        }
+    }
+
+    /// Bricks of the box around the slab, per axis; `None` when an index leaves the range of a brick's coordinates.
+    pub(crate) fn brick_box(&self) -> Option<[RangeInclusive<i32>; 3]> {
+        let [u, v, q] = self.coordinates.map(|c| c.step);
+        let matrix = glam::DMat3::from_cols(u, v, q).transpose();
+        let voxel_from_slab = matrix.inverse();
+        let base = DVec3::new(self.coordinates[0].base, self.coordinates[1].base, self.coordinates[2].base);
+        let mut low = DVec3::INFINITY;
+        let mut high = DVec3::NEG_INFINITY;
+        for corner in 0..8_usize {
+            let at = |axis: usize| self.limits[axis][corner >> axis & 1];
+            let voxel = voxel_from_slab * (DVec3::new(at(0), at(1), at(2)) - base);
+            low = low.min(voxel);
+            high = high.max(voxel);
+        }
+        let brick = |x: f64, widen: f64| {
+            let index = ((x + widen) / EDGE as f64).floor();
+            (index.abs() < f64::from(i32::MAX / EDGE as i32)).then_some(index as i32)
+        };
+        let axis = |a: usize| Some(brick(low[a], -1.0)?..=brick(high[a], 1.0)?);
+        Some([axis(0)?, axis(1)?, axis(2)?])
+    }
+
+    /// Calls `visit` for each brick that voxels of the slab may lie in, in the order of the lattice, until it returns false.
+    pub(crate) fn walk(
+        &self,
+        bricks: &[RangeInclusive<i32>; 3],
+        mask: &MaskSummary,
+        mut visit: impl FnMut(BrickIndex, Sight) -> bool,
+    ) {
+        let edge = EDGE as f64;
+        let radius = self.coordinates.map(|c| c.radius());
+        let [xs, ys, zs] = bricks;
+        for z in zs.clone() {
+            for y in ys.clone() {
+                let row_start = DVec3::new(HALF, f64::from(y) * edge + HALF, f64::from(z) * edge + HALF);
+                let starts = self.coordinates.map(|c| c.at(row_start));
+                let (mut first, mut last) = (f64::from(*xs.start()), f64::from(*xs.end()));
+                for axis in 0..3 {
+                    let step = self.coordinates[axis].step.x * edge;
+                    let low = self.limits[axis][0] - radius[axis] - SLACK - starts[axis];
+                    let high = self.limits[axis][1] + radius[axis] + SLACK - starts[axis];
+                    if step.abs() < 1e-12 {
+                        if low > 0.0 || high < 0.0 {
+                            last = f64::NEG_INFINITY;
+                        }
+                    } else {
+                        let (a, b) = (low / step, high / step);
+                        first = first.max(a.min(b).ceil());
+                        last = last.min(a.max(b).floor());
+                    }
+                }
+                if first > last {
+                    continue;
+                }
+                for x in first as i32..=last as i32 {
+                    let along = f64::from(x) * edge;
+                    let [u, v] = [0, 1].map(|axis| starts[axis] + self.coordinates[axis].step.x * along);
+                    if let Some(sight) = mask.sight(u, v, [radius[0], radius[1]])
+                        && !visit([x, y, z], sight)
+                    {
+                        return;
+                    }
+                }
+            }
+        }
+    }
+
+    /// The three functions within one brick: value at its first voxel and steps, in f32 from a base computed in f64.
+    pub(crate) fn in_brick(&self, brick: BrickIndex) -> [[f32; 4]; 3] {
+        let origin = DVec3::from_array(brick.map(|b| f64::from(b) * EDGE as f64));
+        self.coordinates.map(|c| [c.at(origin) as f32, c.step.x as f32, c.step.y as f32, c.step.z as f32])
+    }
+}
