@@ -4,6 +4,8 @@
 //!
 //! - [`slice`](mod@slice): a picture, when it was taken and where it lies: what the stages hand on.
 //! - [`volume`]: the lattice, and the sparse bricks that hold the volume.
+//! - [`phantom`]: scans of scenes whose truth is known, for demonstration, tests and benches.
 
+pub mod phantom;
 pub mod slice;
 pub mod volume;
