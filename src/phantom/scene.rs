@@ -105,10 +105,7 @@ impl Scene {
         match self {
             Self::Constant(value) => *value,
             Self::Ramp(ramp) => ramp.value(world),
-            Self::Blobs(blobs) => {
-                let bumps: f64 = blobs.blobs.iter().map(|b| b.value(world)).sum();
-                blobs.background + bumps + blobs.sphere.map_or(0.0, |s| s.value(world))
-            }
+            Self::Blobs(blobs) => blobs.value(world),
             Self::Sphere(sphere) => sphere.value(world),
             Self::Plane(plane) => plane.blurred(world, &DMat3::ZERO),
         }
@@ -201,7 +198,7 @@ impl Blobs {
             for _ in 0..16 {
                 let blob = Blob { centre, sigma, amplitude: draws.uniform(-70.0, 110.0) };
                 scene.blobs.push(blob);
-                if scene.blobs.iter().all(|b| RANGE.contains(&scene.at(b.centre))) {
+                if scene.blobs.iter().all(|b| RANGE.contains(&scene.value(b.centre))) {
                     break;
                 }
                 scene.blobs.pop();
@@ -210,7 +207,7 @@ impl Blobs {
         scene
     }
 
-    fn at(&self, world: DVec3) -> f64 {
+    fn value(&self, world: DVec3) -> f64 {
         let bumps: f64 = self.blobs.iter().map(|b| b.value(world)).sum();
         self.background + bumps + self.sphere.map_or(0.0, |s| s.value(world))
     }
