@@ -1,0 +1,104 @@
+//! Labels in pictures: a 5×7 bitmap of the few characters that they use, so that no font has to be carried or rasterised.
+
+use image::{Rgb, RgbImage};
+
+/// From one character to the next, in dots: five of the glyph and one between.
+const ADVANCE: u32 = 6;
+
+/// Dots from the top of a capital to the base line.
+const HEIGHT: u32 = 7;
+
+/// Rows of a glyph from the top, the leftmost dot in bit 4; `None` for a character that is not drawn.
+fn glyph(character: char) -> Option<[u8; 7]> {
+    Some(match character {
+        '0' => [0b01110, 0b10001, 0b10011, 0b10101, 0b11001, 0b10001, 0b01110],
+        '1' => [0b00100, 0b01100, 0b00100, 0b00100, 0b00100, 0b00100, 0b01110],
+        '2' => [0b01110, 0b10001, 0b00001, 0b00110, 0b01000, 0b10000, 0b11111],
+        '3' => [0b01110, 0b10001, 0b00001, 0b00110, 0b00001, 0b10001, 0b01110],
+        '4' => [0b00010, 0b00110, 0b01010, 0b10010, 0b11111, 0b00010, 0b00010],
+        '5' => [0b11111, 0b10000, 0b11110, 0b00001, 0b00001, 0b10001, 0b01110],
+        '6' => [0b00110, 0b01000, 0b10000, 0b11110, 0b10001, 0b10001, 0b01110],
+        '7' => [0b11111, 0b00001, 0b00010, 0b00100, 0b01000, 0b01000, 0b01000],
+        '8' => [0b01110, 0b10001, 0b10001, 0b01110, 0b10001, 0b10001, 0b01110],
+        '9' => [0b01110, 0b10001, 0b10001, 0b01111, 0b00001, 0b00010, 0b01100],
+        '.' => [0, 0, 0, 0, 0, 0b01100, 0b01100],
+        '-' => [0, 0, 0, 0b11111, 0, 0, 0],
+        '=' => [0, 0, 0b11111, 0, 0b11111, 0, 0],
+        'a' => [0, 0, 0b01110, 0b00001, 0b01111, 0b10001, 0b01111],
+        'c' => [0, 0, 0b01110, 0b10000, 0b10000, 0b10001, 0b01110],
+        'e' => [0, 0, 0b01110, 0b10001, 0b11111, 0b10000, 0b01110],
+        'f' => [0b00110, 0b01001, 0b01000, 0b11100, 0b01000, 0b01000, 0b01000],
+        'i' => [0b00100, 0, 0b01100, 0b00100, 0b00100, 0b00100, 0b01110],
+        'k' => [0b10000, 0b10000, 0b10010, 0b10100, 0b11000, 0b10100, 0b10010],
+        'l' => [0b01100, 0b00100, 0b00100, 0b00100, 0b00100, 0b00100, 0b01110],
+        'm' => [0, 0, 0b11010, 0b10101, 0b10101, 0b10001, 0b10001],
+        'n' => [0, 0, 0b10110, 0b11001, 0b10001, 0b10001, 0b10001],
+        'o' => [0, 0, 0b01110, 0b10001, 0b10001, 0b10001, 0b01110],
+        's' => [0, 0, 0b01110, 0b10000, 0b01110, 0b00001, 0b11110],
+        't' => [0b01000, 0b01000, 0b11100, 0b01000, 0b01000, 0b01001, 0b00110],
+        'u' => [0, 0, 0b10001, 0b10001, 0b10001, 0b10011, 0b01101],
+        'v' => [0, 0, 0b10001, 0b10001, 0b10001, 0b01010, 0b00100],
+        'x' => [0, 0, 0b10001, 0b01010, 0b00100, 0b01010, 0b10001],
+        'y' => [0, 0, 0b10001, 0b10001, 0b01111, 0b00001, 0b01110],
+        'z' => [0, 0, 0b11111, 0b00010, 0b00100, 0b01000, 0b11111],
+        _ => return None,
+    })
+}
+
+/// Width of a text in pixels, each dot being `dot` pixels wide.
+pub(super) fn width(text: &str, dot: u32) -> u32 {
+    (text.chars().count() as u32 * ADVANCE).saturating_sub(1) * dot
+}
+
+/// Height of a line in pixels.
+pub(super) fn height(dot: u32) -> u32 {
+    HEIGHT * dot
+}
+
+/// Writes a text with its top left corner at (x, y); what falls outside the picture is left out, and a character without a glyph is a gap.
+pub(super) fn write(picture: &mut RgbImage, x: u32, y: u32, dot: u32, colour: Rgb<u8>, text: &str) {
+    for (n, character) in (0..).zip(text.chars()) {
+        let Some(rows) = glyph(character) else { continue };
+        for (row, bits) in (0..).zip(rows) {
+            for column in (0..5).filter(|column| bits >> (4 - column) & 1 == 1) {
+                let (left, top) = (x + (n * ADVANCE + column) * dot, y + row * dot);
+                fill(picture, [left, top], [dot, dot], colour);
+            }
+        }
+    }
+}
+
+/// Fills a rectangle; what falls outside the picture is left out.
+pub(super) fn fill(picture: &mut RgbImage, [left, top]: [u32; 2], [width, height]: [u32; 2], colour: Rgb<u8>) {
+    for y in top..top + height {
+        for x in left..left + width {
+            if let Some(pixel) = picture.get_pixel_mut_checked(x, y) {
+                *pixel = colour;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_character_of_the_labels_has_a_glyph_of_its_own() {
+        let used = "0123456789.-=xyzatmmkunseenvoxelofslice";
+        let mut glyphs: Vec<_> = used.chars().map(|c| (glyph(c).unwrap(), c)).collect();
+        glyphs.sort_unstable();
+        glyphs.dedup();
+        assert!(glyphs.windows(2).all(|w| w[0].0 != w[1].0));
+    }
+
+    #[test]
+    fn a_text_fills_its_width_and_stops_at_the_picture() {
+        let mut picture = RgbImage::new(40, 20);
+        write(&mut picture, 3, 2, 2, Rgb([255; 3]), "-x");
+        let lit: Vec<_> = picture.enumerate_pixels().filter(|(.., p)| p.0[0] == 255).map(|(x, y, _)| (x, y)).collect();
+        let (right, bottom) = (lit.iter().map(|p| p.0).max().unwrap(), lit.iter().map(|p| p.1).max().unwrap());
+        assert_eq!((right + 1, bottom + 1), (3 + width("-x", 2), 2 + height(2)));
+        write(&mut picture, 35, 15, 3, Rgb([255; 3]), "888");
+    }
+}

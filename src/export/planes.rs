@@ -1,0 +1,461 @@
+//! A picture of a volume's three middle planes, side by side in equal millimetres per pixel.
+//!
+//! Left to right the planes xy, xz and yz of the volume's index axes; of each plane the first axis runs right, the second down. Below them a scale bar, the
+//! grey levels' range and the colour of voxels that no slice reached: unseen is not black.
+
+use std::io::Cursor;
+use std::path::{Path, PathBuf};
+
+use image::{ImageFormat, Rgb, RgbImage};
+
+use super::legend::{self, Legend, short};
+use super::lettering::{self, fill};
+use crate::volume::Grid;
+
+/// Colour of unseen voxels: a muted blue, which no grey level is.
+pub const UNSEEN: Rgb<u8> = Rgb([46, 64, 96]);
+
+const PAPER: Rgb<u8> = Rgb([20, 20, 22]);
+pub(super) const INK: Rgb<u8> = Rgb([214, 214, 214]);
+pub(super) const BORDER: Rgb<u8> = Rgb([120, 120, 124]);
+
+/// Pixels a dot of the lettering.
+pub(super) const DOT: u32 = 2;
+/// Around everything and between planes, pixels.
+pub(super) const GAP: u32 = 16;
+/// Left of a plane, for its downward axis, and below it, for its rightward axis, pixels.
+const GUTTER: u32 = 24;
+/// Length of an axis' arrow, pixels.
+const ARROW: u32 = 28;
+/// No plane is drawn larger than this, pixels.
+const LARGEST: u32 = 1600;
+
+const AXES: [char; 3] = ['x', 'y', 'z'];
+/// Rightward axis, downward axis, axis that the plane cuts.
+const PLANES: [[usize; 3]; 3] = [[0, 1, 2], [0, 2, 1], [1, 2, 0]];
+
+/// Which values are black and white.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Window {
+    /// From the 1st to the 99.5th percentile of what is seen in the three planes.
+    Percentiles,
+    /// From `low`, black, to `high`, white.
+    Range {
+        /// Black.
+        low: f32,
+        /// White.
+        high: f32,
+    },
+}
+
+/// What the picture shows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlanesOptions {
+    /// Black and white.
+    pub window: Window,
+    /// The voxel through which the planes pass; `None` is the middle.
+    pub through: Option<[u64; 3]>,
+    /// Length of the volume's longest edge in the picture, pixels (at most 1600); raised to one pixel a voxel where that fits.
+    pub edge_px: u32,
+}
+
+impl Default for PlanesOptions {
+    fn default() -> Self {
+        Self { window: Window::Percentiles, through: None, edge_px: 400 }
+    }
+}
+
+/// Why there is no picture.
+#[derive(Debug, thiserror::Error)]
+pub enum PlanesError {
+    /// An axis without voxels, or a spacing that is no length.
+    #[error("a volume of {size:?} voxels with a spacing of {spacing:?} mm cannot be drawn")]
+    Grid {
+        /// Voxels along x, y, z.
+        size: [u64; 3],
+        /// mm.
+        spacing: [f64; 3],
+    },
+    /// A window that has no width.
+    #[error("the window from {low} to {high} has no grey levels in it; the second number must be larger")]
+    Window {
+        /// As given.
+        low: f32,
+        /// As given.
+        high: f32,
+    },
+    /// Planes beside the volume.
+    #[error("the planes cannot pass through voxel {through:?}: the volume has {size:?} voxels")]
+    Outside {
+        /// As given.
+        through: [u64; 3],
+        /// Voxels along x, y, z.
+        size: [u64; 3],
+    },
+    /// The encoder's complaint.
+    #[error("the picture cannot be encoded")]
+    Encode(#[source] image::ImageError),
+    /// The file system's complaint; nothing was left at the place.
+    #[error("the picture cannot be written to {}", path.display())]
+    Write {
+        /// Where it should have gone.
+        path: PathBuf,
+        /// Why not.
+        source: std::io::Error,
+    },
+}
+
+/// Where a plane lies in the picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Panel {
+    /// Index axes (0 = x) that run right and down, and the one that the plane cuts.
+    pub axes: [usize; 3],
+    /// Voxel index along the axis that the plane cuts.
+    pub at: u64,
+    /// The plane's first pixel, right and down from the picture's corner.
+    pub corner: [u32; 2],
+    /// The plane's pixels, right and down.
+    pub size: [u32; 2],
+    voxels: [u64; 2],
+}
+
+impl Panel {
+    /// The pixel at the centre of a voxel that lies in the plane, by its indices along the rightward and the downward axis.
+    pub fn pixel_of(&self, voxel: [u64; 2]) -> [u32; 2] {
+        std::array::from_fn(|k| {
+            let at = (voxel[k] as f64 + 0.5) / self.voxels[k] as f64 * f64::from(self.size[k]);
+            self.corner[k] + (at as u32).min(self.size[k] - 1)
+        })
+    }
+
+    /// Grey levels of the plane's pixels, `None` where the nearest voxel is unseen. Between seen voxels the values are interpolated; unseen ones have no say.
+    fn sample(&self, voxel: &impl Fn([u64; 3]) -> Option<f32>) -> Vec<Option<f32>> {
+        let [right, down, cut] = self.axes;
+        let value = |u: u64, v: u64| {
+            let mut index = [0; 3];
+            (index[right], index[down], index[cut]) = (u, v, self.at);
+            voxel(index).filter(|x| x.is_finite())
+        };
+        let along = |k: usize| -> Vec<Between> {
+            (0..self.size[k]).map(|pixel| Between::of(pixel, self.size[k], self.voxels[k])).collect()
+        };
+        let (columns, rows) = (along(0), along(1));
+        let mut plane = Vec::with_capacity(columns.len() * rows.len());
+        for row in &rows {
+            for column in &columns {
+                let seen = value(column.nearest, row.nearest).map(|_| {
+                    let (mut sum, mut weights) = (0.0, 0.0);
+                    for (u, wu) in column.ends {
+                        for (v, wv) in row.ends {
+                            if let Some(x) = value(u, v) {
+                                sum += wu * wv * f64::from(x);
+                                weights += wu * wv;
+                            }
+                        }
+                    }
+                    // The nearest voxel is seen and has a quarter of the weight at least.
+                    (sum / weights) as f32
+                });
+                plane.push(seen);
+            }
+        }
+        plane
+    }
+}
+
+/// A pixel's place between two voxels of an axis.
+struct Between {
+    nearest: u64,
+    /// The voxels on both sides and their weights; the same one twice at the volume's faces.
+    ends: [(u64, f64); 2],
+}
+
+impl Between {
+    fn of(pixel: u32, pixels: u32, voxels: u64) -> Self {
+        let at = (f64::from(pixel) + 0.5) / f64::from(pixels) * voxels as f64 - 0.5;
+        let low = at.floor();
+        let part = at - low;
+        let clamp = |index: f64| (index.max(0.0) as u64).min(voxels - 1);
+        let ends = [(clamp(low), 1.0 - part), (clamp(low + 1.0), part)];
+        Self { nearest: ends[usize::from(part >= 0.5)].0, ends }
+    }
+}
+
+/// The picture, and where the planes lie in it.
+#[derive(Debug, Clone)]
+pub struct PlanesPicture {
+    /// What to show.
+    pub picture: RgbImage,
+    /// xy, xz, yz.
+    pub panels: [Panel; 3],
+    /// The values drawn black and white.
+    pub window: [f32; 2],
+}
+
+impl PlanesPicture {
+    /// The picture as a PNG file's bytes.
+    ///
+    /// # Errors
+    /// [`PlanesError::Encode`].
+    pub fn to_png(&self) -> Result<Vec<u8>, PlanesError> {
+        let mut bytes = Cursor::new(Vec::new());
+        self.picture.write_to(&mut bytes, ImageFormat::Png).map_err(PlanesError::Encode)?;
+        Ok(bytes.into_inner())
+    }
+
+    /// Writes a PNG file, whole or not at all; an older file at the place is replaced.
+    ///
+    /// # Errors
+    /// [`PlanesError::Write`] with the file system's reason.
+    pub fn write_png(&self, path: &Path) -> Result<(), PlanesError> {
+        use std::io::Write;
+        use std::os::unix::fs::PermissionsExt;
+
+        let bytes = self.to_png()?;
+        let failed = |source| PlanesError::Write { path: path.to_owned(), source };
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        // A temporary file is its owner's alone by default; a picture is as readable as the user's other files.
+        let everyone = std::fs::Permissions::from_mode(0o666);
+        let mut file = tempfile::Builder::new().permissions(everyone).tempfile_in(folder).map_err(failed)?;
+        file.write_all(&bytes).map_err(failed)?;
+        file.persist(path).map_err(|e| failed(e.error))?;
+        Ok(())
+    }
+}
+
+/// Draws the three planes of a volume.
+///
+/// `voxel` gives the grey level of a voxel, or `None` when no slice reached it; values that are not finite count as unseen.
+///
+/// # Errors
+/// [`PlanesError`] when the volume is empty, the window has no width or the planes lie outside.
+pub fn planes(
+    grid: &Grid,
+    voxel: impl Fn([u64; 3]) -> Option<f32>,
+    options: &PlanesOptions,
+) -> Result<PlanesPicture, PlanesError> {
+    let spacing = grid.spacing.to_array();
+    if grid.size.contains(&0) || !spacing.iter().all(|s| s.is_finite() && *s > 0.0) {
+        return Err(PlanesError::Grid { size: grid.size, spacing });
+    }
+    let through = options.through.unwrap_or(grid.size.map(|n| n / 2));
+    if through.iter().zip(grid.size).any(|(at, n)| *at >= n) {
+        return Err(PlanesError::Outside { through, size: grid.size });
+    }
+    let px_per_mm = scale(grid, options.edge_px);
+    let pixels: [u32; 3] =
+        std::array::from_fn(|k| ((grid.size[k] as f64 * spacing[k] * px_per_mm).round() as u32).max(1));
+
+    let titles = PLANES.map(|axes| title(grid, axes, through[axes[2]]));
+    let top = GAP + lettering::height(DOT) + GAP / 2;
+    let mut left = GAP;
+    let panels: [Panel; 3] = std::array::from_fn(|n| {
+        let axes = PLANES[n];
+        let panel = Panel {
+            axes,
+            at: through[axes[2]],
+            corner: [left + GUTTER, top],
+            size: [pixels[axes[0]], pixels[axes[1]]],
+            voxels: [grid.size[axes[0]], grid.size[axes[1]]],
+        };
+        left += GUTTER + panel.size[0].max(lettering::width(&titles[n], DOT)) + GAP;
+        panel
+    });
+    let values = panels.map(|panel| panel.sample(&voxel));
+    let window = resolve(options.window, &values)?;
+
+    let legend = Legend::new(px_per_mm, window);
+    let tallest = panels.iter().map(|p| p.size[1]).max().unwrap_or(1);
+    let legend_top = top + tallest + GUTTER + GAP;
+    let size = [left.max(legend.width() + 2 * GAP + GUTTER), legend_top + legend::HEIGHT + GAP];
+    let mut picture = RgbImage::from_pixel(size[0], size[1], PAPER);
+    for ((panel, values), title) in panels.iter().zip(&values).zip(&titles) {
+        draw_panel(&mut picture, panel, values, window, title);
+    }
+    legend.draw(&mut picture, GAP + GUTTER, legend_top);
+    Ok(PlanesPicture { picture, panels, window })
+}
+
+/// Pixels per mm, the same for all planes and axes.
+fn scale(grid: &Grid, edge_px: u32) -> f64 {
+    let spacing = grid.spacing.to_array();
+    let edge_mm = (0..3).map(|k| grid.size[k] as f64 * spacing[k]).fold(0.0, f64::max);
+    let finest = spacing.into_iter().fold(f64::INFINITY, f64::min);
+    // A pixel wider than a voxel would skip voxels.
+    let per_voxel = (edge_mm / finest).min(f64::from(LARGEST));
+    f64::from(edge_px.clamp(16, LARGEST)).max(per_voxel) / edge_mm
+}
+
+/// "xy at z = −3.5 mm"; the voxel's index where the volume's axes are not the world's.
+fn title(grid: &Grid, axes: [usize; 3], at: u64) -> String {
+    let [right, down, cut] = axes.map(|k| AXES[k]);
+    if grid.direction == glam::DMat3::IDENTITY {
+        let k = axes[2];
+        let mm = grid.origin[k] + grid.spacing[k] * at as f64;
+        format!("{right}{down} at {cut} = {} mm", short(mm))
+    } else {
+        format!("{right}{down} at {cut} voxel {at}")
+    }
+}
+
+fn resolve(window: Window, values: &[Vec<Option<f32>>; 3]) -> Result<[f32; 2], PlanesError> {
+    if let Window::Range { low, high } = window {
+        let good = low.is_finite() && high.is_finite() && low < high;
+        return if good { Ok([low, high]) } else { Err(PlanesError::Window { low, high }) };
+    }
+    let mut seen: Vec<f32> = values.iter().flatten().flatten().copied().collect();
+    if seen.is_empty() {
+        return Ok([0.0, 1.0]);
+    }
+    seen.sort_unstable_by(f32::total_cmp);
+    let percentile = |p: f64| seen[((seen.len() - 1) as f64 * p / 100.0).round() as usize];
+    let (low, high) = (percentile(1.0), percentile(99.5));
+    // All of one grey level is drawn as the middle of the range.
+    Ok(if low < high { [low, high] } else { [low - 1.0, high + 1.0] })
+}
+
+fn draw_panel(picture: &mut RgbImage, panel: &Panel, values: &[Option<f32>], [low, high]: [f32; 2], title: &str) {
+    let [left, top] = panel.corner;
+    let [width, height] = panel.size;
+    fill(picture, [left - 1, top - 1], [width + 2, height + 2], BORDER);
+    for (pixel, value) in (0_u32..).zip(values) {
+        let colour = value.map_or(UNSEEN, |x| {
+            // From 0 to 255 by the clamp; the cast cannot wrap.
+            let grey = ((x - low) / (high - low) * 255.0).round().clamp(0.0, 255.0) as u8;
+            Rgb([grey; 3])
+        });
+        picture.put_pixel(left + pixel % width, top + pixel / width, colour);
+    }
+    lettering::write(picture, left, GAP, DOT, INK, title);
+
+    // The axes' arrows start at the first voxel's corner, outside the plane.
+    let [right, down, _] = panel.axes.map(|k| AXES[k].to_string());
+    let letter = lettering::height(DOT);
+    let below = top + height + 8;
+    fill(picture, [left, below], [ARROW, DOT], INK);
+    let beside = left - 10;
+    fill(picture, [beside, top], [DOT, ARROW], INK);
+    for step in 0..4 {
+        // Heads: two strokes that open backwards from the tip.
+        for (y, x) in [(below - step, beside - step), (below + step, beside + step)] {
+            fill(picture, [left + ARROW - 1 - step, y], [DOT, DOT], INK);
+            fill(picture, [x, top + ARROW - 1 - step], [DOT, DOT], INK);
+        }
+    }
+    lettering::write(picture, left + ARROW + 6, below + 1 - letter / 2, DOT, INK, &right);
+    lettering::write(picture, beside - 4, top + ARROW + 4, DOT, INK, &down);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{DMat3, DVec3};
+
+    fn grid(size: [u64; 3], spacing: [f64; 3]) -> Grid {
+        Grid { origin: DVec3::ZERO, spacing: DVec3::from_array(spacing), direction: DMat3::IDENTITY, size }
+    }
+
+    fn pixel(drawn: &PlanesPicture, panel: usize, voxel: [u64; 2]) -> [u8; 3] {
+        let [x, y] = drawn.panels[panel].pixel_of(voxel);
+        drawn.picture.get_pixel(x, y).0
+    }
+
+    const RANGE: PlanesOptions =
+        PlanesOptions { window: Window::Range { low: 0.0, high: 255.0 }, through: None, edge_px: 400 };
+
+    #[test]
+    fn a_voxel_appears_where_its_indices_say_in_each_plane() {
+        // Middle: [6, 4, 3].
+        let grid = grid([12, 8, 6], [1.0, 2.0, 3.0]);
+        for (panel, lit, at) in [(0, [9, 2, 3], [9, 2]), (1, [1, 4, 5], [1, 5]), (2, [6, 7, 0], [7, 0])] {
+            let drawn = planes(&grid, |v| Some(if v == lit { 255.0 } else { 20.0 }), &RANGE).unwrap();
+            let [nx, ny] = drawn.panels[panel].voxels;
+            for voxel in (0..ny).flat_map(|v| (0..nx).map(move |u| [u, v])) {
+                let grey = pixel(&drawn, panel, voxel)[0];
+                assert_eq!(grey > 200, voxel == at, "panel {panel}, voxel {voxel:?}: {grey}");
+            }
+        }
+    }
+
+    #[test]
+    fn planes_share_millimetres_per_pixel_and_leave_room_for_each_other() {
+        let drawn = planes(&grid([40, 10, 30], [0.5, 1.0, 3.0]), |_| Some(1.0), &RANGE).unwrap();
+        // 20 × 10 × 90 mm; 90 mm are 400 pixels, and a voxel's 0.5 mm at least one.
+        assert_eq!(drawn.panels.map(|p| p.size), [[89, 44], [89, 400], [44, 400]]);
+        for pair in drawn.panels.windows(2) {
+            assert!(pair[0].corner[0] + pair[0].size[0] < pair[1].corner[0]);
+        }
+        let last = drawn.panels[2];
+        assert!(last.corner[0] + last.size[0] < drawn.picture.width());
+        let fine = planes(&grid([900, 10, 10], [0.1; 3]), |_| Some(1.0), &RANGE).unwrap();
+        assert_eq!(fine.panels[0].size, [900, 10]);
+    }
+
+    #[test]
+    fn unseen_is_neither_black_nor_any_grey_and_does_not_darken_its_neighbours() {
+        let drawn =
+            planes(&grid([8, 8, 8], [1.0; 3]), |[x, ..]| (x >= 4).then_some(if x == 7 { 0.0 } else { 200.0 }), &RANGE);
+        let drawn = drawn.unwrap();
+        assert_eq!(pixel(&drawn, 0, [2, 3]), UNSEEN.0);
+        assert_eq!(pixel(&drawn, 0, [7, 3]), [0; 3]);
+        let panel = drawn.panels[0];
+        let row = panel.corner[1] + 200;
+        for x in 0..400 {
+            let colour = drawn.picture.get_pixel(panel.corner[0] + x, row).0;
+            let voxel = f64::from(x) / 50.0;
+            if voxel < 4.0 {
+                assert_eq!(colour, UNSEEN.0, "pixel {x}");
+            } else if voxel < 6.5 {
+                assert_eq!(colour, [200; 3], "pixel {x}");
+            }
+        }
+        assert!(UNSEEN.0[0] != UNSEEN.0[2]);
+        let poisoned = planes(&grid([4; 3], [1.0; 3]), |_| Some(f32::NAN), &PlanesOptions::default()).unwrap();
+        assert_eq!(pixel(&poisoned, 2, [1, 1]), UNSEEN.0);
+    }
+
+    #[test]
+    fn percentiles_ignore_outliers_and_the_unseen() {
+        let options = PlanesOptions::default();
+        let voxel = |[x, y, z]: [u64; 3]| match (x, y, z) {
+            (0, 0, 10) => Some(1e6),
+            (_, y, _) if y < 5 => None,
+            (x, ..) => Some(100.0 + x as f32),
+        };
+        let drawn = planes(&grid([20; 3], [1.0; 3]), voxel, &options).unwrap();
+        let [low, high] = drawn.window;
+        assert!((100.0..101.0).contains(&low) && (118.0..=119.0).contains(&high), "{low} {high}");
+        let flat = planes(&grid([4; 3], [1.0; 3]), |_| Some(7.0), &options).unwrap();
+        assert_eq!(pixel(&flat, 0, [1, 1]), [128; 3]);
+    }
+
+    #[test]
+    fn titles_say_which_plane_and_where() {
+        let mut grid = grid([11, 11, 11], [0.5; 3]);
+        grid.origin = DVec3::new(-2.5, -2.6, 1.0);
+        assert_eq!(title(&grid, PLANES[0], 5), "xy at z = 3.5 mm");
+        assert_eq!(title(&grid, PLANES[2], 5), "yz at x = 0 mm");
+        grid.direction = DMat3::from_cols(DVec3::Y, DVec3::NEG_X, DVec3::Z);
+        assert_eq!(title(&grid, PLANES[1], 5), "xz at y voxel 5");
+    }
+
+    #[test]
+    fn what_cannot_be_drawn_is_refused_and_files_are_whole() {
+        let voxel = |_| Some(1.0);
+        let good = grid([4; 3], [1.0; 3]);
+        assert!(matches!(planes(&grid([4, 0, 4], [1.0; 3]), voxel, &RANGE), Err(PlanesError::Grid { .. })));
+        let empty = PlanesOptions { window: Window::Range { low: 3.0, high: 3.0 }, ..RANGE };
+        assert!(matches!(planes(&good, voxel, &empty), Err(PlanesError::Window { .. })));
+        let beside = PlanesOptions { through: Some([1, 4, 1]), ..RANGE };
+        assert!(matches!(planes(&good, voxel, &beside), Err(PlanesError::Outside { .. })));
+
+        let folder = tempfile::tempdir().unwrap();
+        let drawn = planes(&good, voxel, &RANGE).unwrap();
+        let path = folder.path().join("planes.png");
+        drawn.write_png(&path).unwrap();
+        assert_eq!(image::open(&path).unwrap().to_rgb8(), drawn.picture);
+        let error = drawn.write_png(&folder.path().join("missing/planes.png")).unwrap_err();
+        assert!(error.to_string().contains("missing/planes.png"));
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+}

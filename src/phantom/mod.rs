@@ -1,0 +1,102 @@
+//! Phantoms: scans of scenes whose truth is known, for demonstration, tests and benches.
+//!
+//! A [`Scene`] gives a grey level to every point of the world, a [`Trajectory`] moves the picture through it, a [`Scan`] paints what the scanner would
+//! show at each frame, with noise and a fan, and [`truth`] says what a perfect reconstruction would hold.
+//!
+//! - [`scene`]: what is there, with closed forms under Gaussian blur.
+//! - [`trajectory`]: where the picture lies at each frame.
+//! - [`paint`]: a scene's grey levels over a flat lattice, fast.
+//! - [`scan`]: the pieces composed into posed slices and into what a tracked sequence records.
+//! - [`truth`]: the scene on a volume's lattice, and which voxels a scan can know.
+//! - [`error`]: how far a volume is from it.
+//!
+//! One seed determines every bit, on every machine and for any number of threads: random numbers are counted per purpose and frame, and the
+//! elementary functions are our own, because the platform's differ in the last bit.
+
+mod elementary;
+pub mod error;
+pub mod paint;
+mod random;
+pub mod scan;
+pub mod scene;
+pub mod trajectory;
+pub mod truth;
+
+pub use error::Errors;
+pub use scan::{Scan, ScanSettings};
+pub use scene::Scene;
+pub use trajectory::{Motion, Trajectory};
+
+/// Why a phantom cannot be made.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum PhantomError {
+    /// None, or absurdly many.
+    #[error("a scan of {frames} frames cannot be made; ask for 1 to {limit}")]
+    Frames {
+        /// As asked.
+        frames: u32,
+        /// The most there may be.
+        limit: u32,
+    },
+    /// Zero, negative, infinite or not a number.
+    #[error("{what} is {mm} mm; it must be a positive, finite length")]
+    Length {
+        /// Which length.
+        what: &'static str,
+        /// As given.
+        mm: f64,
+    },
+    /// A picture without pixels, or more of them than memory holds.
+    #[error(
+        "a picture of {width}×{height} pixels cannot be painted; both sides must be at least 1 and the product at most {limit}"
+    )]
+    PictureSize {
+        /// Pixels along u.
+        width: u32,
+        /// Pixels along v.
+        height: u32,
+        /// The most pixels there may be.
+        limit: u64,
+    },
+    /// Negative or not a number.
+    #[error("the noise has a standard deviation of {sd} grey levels; it must be zero or more, and finite")]
+    Noise {
+        /// As given.
+        sd: f64,
+    },
+    /// The sweep would come round to the other side.
+    #[error(
+        "the fan would turn by {degrees:.0}°, more than half a turn; ask for fewer frames, a smaller gap or a farther axis"
+    )]
+    FanTurnsOver {
+        /// From the first to the last frame.
+        degrees: f64,
+    },
+    /// Radii or angles in the wrong order.
+    #[error(
+        "the fan mask's {what} run from {from} to {to}; the second must be larger, by less than half a turn for angles"
+    )]
+    FanMask {
+        /// Radii or angles.
+        what: &'static str,
+        /// As given, mm or rad.
+        from: f64,
+        /// As given, mm or rad.
+        to: f64,
+    },
+    /// More voxels than a truth volume may have.
+    #[error("a truth volume of {size:?} voxels is larger than the limit of {limit} voxels; choose a coarser spacing")]
+    VolumeSize {
+        /// Voxels along x, y, z.
+        size: [u64; 3],
+        /// The most voxels there may be.
+        limit: u64,
+    },
+}
+
+impl PhantomError {
+    /// Refuses what is no positive, finite length.
+    fn check_length(what: &'static str, mm: f64) -> Result<(), Self> {
+        if mm.is_finite() && mm > 0.0 { Ok(()) } else { Err(Self::Length { what, mm }) }
+    }
+}
