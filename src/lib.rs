@@ -2,8 +2,15 @@
 //!
 //! The way of a slice, module by module:
 //!
+//! - [`config`]: the file as written → validated settings.
+//! - [`mask`]: which pixels of the picture are data.
+//! - [`ledger`], [`refusal`]: what became of every frame, and the reasons.
 //! - [`slice`](mod@slice): a picture, when it was taken and where it lies: what the stages hand on.
 //! - [`volume`]: the lattice, and the sparse bricks that hold the volume.
 
+pub mod config;
+pub mod ledger;
+pub mod mask;
+pub mod refusal;
 pub mod slice;
 pub mod volume;

@@ -31,6 +31,7 @@
 //! `format` and `version` are required, all else is optional; keys that are not listed here are refused.
 
 use std::fmt::Write as _;
+use std::io::Read as _;
 use std::path::Path;
 
 use crate::frames::{Image, Probe, Transform};
@@ -71,13 +72,7 @@ impl CalibrationFile {
     /// # Errors
     /// [`FileError`]: unreadable, larger than [`MAX_BYTES`], not TOML, or a key that is unknown, missing or out of range.
     pub fn read(path: &Path) -> Result<Self, FileError> {
-        let io = |source| FileError::Io { path: path.to_owned(), doing: "reading", source };
-        let bytes = std::fs::metadata(path).map_err(io)?.len();
-        if bytes > MAX_BYTES {
-            let source = std::io::Error::other(format!("{bytes} bytes are too many for a calibration ({MAX_BYTES})"));
-            return Err(io(source));
-        }
-        Self::parse(path, &std::fs::read_to_string(path).map_err(io)?)
+        Self::parse(path, &read_text(path, MAX_BYTES)?)
     }
 
     /// Reads a file's text; `path` is for sentences only.
@@ -190,6 +185,21 @@ impl CalibrationFile {
         let calibration = self.probe_from_image.as_ref().map(StaticTransform::image_to_probe);
         calibration.into_iter().chain(self.transforms.iter().cloned()).collect()
     }
+}
+
+/// The text of a file of at most `limit` bytes.
+///
+/// # Errors
+/// [`FileError`]: unreadable, not UTF-8, or larger; no more than `limit` bytes are then held.
+pub fn read_text(path: &Path, limit: u64) -> Result<String, FileError> {
+    let io = |source| FileError::Io { path: path.to_owned(), doing: "reading", source };
+    let mut text = String::new();
+    // The limit is on what is read: the size that a pipe or a device states is none.
+    std::fs::File::open(path).map_err(io)?.take(limit + 1).read_to_string(&mut text).map_err(io)?;
+    if text.len() as u64 > limit {
+        return Err(FileError::TooLarge { path: path.to_owned(), limit });
+    }
+    Ok(text)
 }
 
 fn check_version(root: &Table<'_>) -> Result<(), FileError> {

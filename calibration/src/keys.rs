@@ -20,6 +20,14 @@ pub enum FileError {
         #[source]
         source: std::io::Error,
     },
+    /// Larger than any file of its kind.
+    #[error("{path}: holds more than {limit} bytes, too many for its kind; is this the right file?", path = path.display())]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// What it may hold at most, bytes.
+        limit: u64,
+    },
     /// The text is not TOML.
     #[error("{path}: line {line}: {problem}", path = path.display())]
     Syntax {

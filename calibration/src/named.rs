@@ -1,11 +1,14 @@
 //! Transforms whose frames are known by name only, as files hold them.
 
 use glam::{DAffine3, DMat4};
+use serde::Serialize;
 
 use crate::frames::{BadMatrix, Image, Probe, Transform, affine_from_rows};
 
-/// A constant transform between two named frames; mm, or pixels on an image's side.
-#[derive(Debug, Clone, PartialEq)]
+/// A constant transform between two named frames; mm, or pixels on an image's side. Serialised as `from`, `to` and the 16 numbers of
+/// `matrix`, row major.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(into = "Written")]
 pub struct StaticTransform {
     /// Name of the frame that points come from.
     pub from: String,
@@ -48,6 +51,20 @@ impl StaticTransform {
     /// Whether both relate the same two frames, in either direction.
     pub fn relates_same_frames(&self, other: &Self) -> bool {
         (self.from == other.from && self.to == other.to) || (self.from == other.to && self.to == other.from)
+    }
+}
+
+/// The serialised form.
+#[derive(Serialize)]
+struct Written {
+    from: String,
+    to: String,
+    matrix: [f64; 16],
+}
+
+impl From<StaticTransform> for Written {
+    fn from(transform: StaticTransform) -> Self {
+        Self { matrix: transform.rows(), from: transform.from, to: transform.to }
     }
 }
 
