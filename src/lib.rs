@@ -2,6 +2,8 @@
 //!
 //! The way of a slice, module by module:
 //!
+//! - [`ingest`]: readings → samples: the one place where units, frames and clocks change.
+//! - [`sync`]: pictures and their transforms → posed slices.
 //! - [`config`]: the file as written → validated settings.
 //! - [`mask`]: which pixels of the picture are data.
 //! - [`ledger`], [`refusal`]: what became of every frame, and the reasons.
@@ -9,8 +11,10 @@
 //! - [`volume`]: the lattice, and the sparse bricks that hold the volume.
 
 pub mod config;
+pub mod ingest;
 pub mod ledger;
 pub mod mask;
 pub mod refusal;
 pub mod slice;
+pub mod sync;
 pub mod volume;
