@@ -26,7 +26,7 @@ pub enum Clip {
     /// The picture is found in the first frames; but a fan, where given, says it all.
     #[default]
     Auto,
-    /// Nothing.
+    /// Nothing; a fan, where given, still applies.
     None,
     /// A rectangle.
     Rect(ClipRect),
