@@ -2,14 +2,25 @@
 //!
 //! The way of a slice, module by module:
 //!
+//! - [`config`]: the file as written → validated settings.
+//! - [`ingest`]: readings → samples: the one place where units, frames and clocks change.
+//! - [`sync`]: pictures and their transforms → posed slices.
 //! - [`slice`](mod@slice): a picture, when it was taken and where it lies: what the stages hand on.
+//! - [`mask`]: which pixels of the picture are data.
 //! - [`reconstruct`]: slices into the volume.
 //! - [`volume`]: the lattice, and the sparse bricks that hold the volume.
 //! - [`export`]: volumes and pictures to files.
+//! - [`ledger`], [`refusal`]: what became of every frame, and the reasons.
 //! - [`phantom`]: scans of scenes whose truth is known, for demonstration, tests and benches.
 
+pub mod config;
 pub mod export;
+pub mod ingest;
+pub mod ledger;
+pub mod mask;
 pub mod phantom;
 pub mod reconstruct;
+pub mod refusal;
 pub mod slice;
+pub mod sync;
 pub mod volume;

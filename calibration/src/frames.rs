@@ -66,26 +66,9 @@ impl<To, From> Transform<To, From> {
     /// From 16 numbers, row major, column vectors (the order of MetaImage sequences and PLUS files).
     ///
     /// # Errors
-    /// [`BadMatrix`] when a number is not finite, the last row is not 0 0 0 1 (±1e-6), or the matrix cannot be inverted.
+    /// See [`affine_from_rows`].
     pub fn from_rows(rows: &[f64; 16]) -> Result<Self, BadMatrix> {
-        if let Some(index) = rows.iter().position(|x| !x.is_finite()) {
-            return Err(BadMatrix::NotFinite { index });
-        }
-        let last = [rows[12], rows[13], rows[14], rows[15] - 1.0];
-        if last.iter().any(|x| x.abs() > 1e-6) {
-            return Err(BadMatrix::LastRow { row: [rows[12], rows[13], rows[14], rows[15]] });
-        }
-        let affine = DAffine3::from_mat4(DMat4::from_cols_array(rows).transpose());
-        let scale = [affine.matrix3.x_axis, affine.matrix3.y_axis, affine.matrix3.z_axis]
-            .iter()
-            .map(|axis| axis.length())
-            .product::<f64>();
-        let determinant = affine.matrix3.determinant();
-        // Relative to the axes' lengths, so that µm or km scales are judged alike.
-        if !(scale > 0.0 && determinant.abs() > 1e-9 * scale) {
-            return Err(BadMatrix::Singular { determinant });
-        }
-        Ok(Self::from_affine(affine))
+        affine_from_rows(rows).map(Self::from_affine)
     }
 
     /// The 16 numbers, row major, as files hold them.
@@ -113,36 +96,69 @@ impl<To, From> Transform<To, From> {
         Transform::from_affine(self.affine.inverse())
     }
 
-    /// The nearest rigid transform, and how far this one was from it: max |RᵀR − I| of the elements.
-    ///
-    /// Printed digits and drifting trackers leave rotations a little off. Up to `tolerance` the rotation is replaced by the nearest one in the
-    /// Frobenius norm (polar factor; Higham, SIAM J. Sci. Stat. Comput. 7, 1986, Newton's iteration), the translation is kept.
+    /// The nearest rigid transform, and how far this one was from it: see [`nearest_rigid`].
     ///
     /// # Errors
-    /// [`NotRigid`] when the deviation is larger, or the transform mirrors.
+    /// [`NotRigid`] when the deviation is larger than `tolerance`, or the transform mirrors.
     pub fn nearest_rigid(&self, tolerance: f64) -> Result<(Self, f64), NotRigid> {
-        let m = self.affine.matrix3;
-        let deviation = orthogonality_error(&m);
-        let determinant = m.determinant();
-        if determinant.is_nan() || determinant <= 0.0 {
-            return Err(NotRigid::Mirrored { determinant });
-        }
-        if deviation.is_nan() || deviation > tolerance {
-            return Err(NotRigid::Distorted { deviation, tolerance });
-        }
-        let mut rotation = m;
-        // Converges quadratically from below 1e-2: three steps reach rounding, the others are safety.
-        for _ in 0..8 {
-            let next = (rotation + rotation.inverse().transpose()) * 0.5;
-            let step = (next - rotation).to_cols_array().iter().fold(0.0_f64, |a, x| a.max(x.abs()));
-            rotation = next;
-            if step < 1e-15 {
-                break;
-            }
-        }
-        let rigid = DAffine3 { matrix3: rotation, translation: self.affine.translation };
-        Ok((Self::from_affine(rigid), deviation))
+        nearest_rigid(&self.affine, tolerance).map(|(affine, deviation)| (Self::from_affine(affine), deviation))
     }
+}
+
+/// The affine map of 16 numbers, row major, column vectors: for transforms whose frames are known by name only.
+///
+/// # Errors
+/// [`BadMatrix`] when a number is not finite, the last row is not 0 0 0 1 (±1e-6), or the matrix cannot be inverted.
+pub fn affine_from_rows(rows: &[f64; 16]) -> Result<DAffine3, BadMatrix> {
+    if let Some(index) = rows.iter().position(|x| !x.is_finite()) {
+        return Err(BadMatrix::NotFinite { index });
+    }
+    let last = [rows[12], rows[13], rows[14], rows[15] - 1.0];
+    if last.iter().any(|x| x.abs() > 1e-6) {
+        return Err(BadMatrix::LastRow { row: [rows[12], rows[13], rows[14], rows[15]] });
+    }
+    let affine = DAffine3::from_mat4(DMat4::from_cols_array(rows).transpose());
+    let scale = [affine.matrix3.x_axis, affine.matrix3.y_axis, affine.matrix3.z_axis]
+        .iter()
+        .map(|axis| axis.length())
+        .product::<f64>();
+    let determinant = affine.matrix3.determinant();
+    // Relative to the axes' lengths, so that µm or km scales are judged alike. The inverse is tried too: lengths near the ends of
+    // f64's range overflow on the way.
+    if !(scale > 0.0 && determinant.abs() > 1e-9 * scale && affine.inverse().is_finite()) {
+        return Err(BadMatrix::Singular { determinant });
+    }
+    Ok(affine)
+}
+
+/// The nearest rigid map, and how far `affine` was from it: max |RᵀR − I| of the elements.
+///
+/// Printed digits and drifting trackers leave rotations a little off. Up to `tolerance` the rotation is replaced by the nearest one in the
+/// Frobenius norm (polar factor; Higham, SIAM J. Sci. Stat. Comput. 7, 1986, Newton's iteration), the translation is kept.
+///
+/// # Errors
+/// [`NotRigid`] when the deviation is larger, or the map mirrors.
+pub fn nearest_rigid(affine: &DAffine3, tolerance: f64) -> Result<(DAffine3, f64), NotRigid> {
+    let m = affine.matrix3;
+    let deviation = orthogonality_error(&m);
+    let determinant = m.determinant();
+    if determinant.is_nan() || determinant <= 0.0 {
+        return Err(NotRigid::Mirrored { determinant });
+    }
+    if deviation.is_nan() || deviation > tolerance {
+        return Err(NotRigid::Distorted { deviation, tolerance });
+    }
+    let mut rotation = m;
+    // Converges quadratically from below 1e-2: three steps reach rounding, the others are safety.
+    for _ in 0..8 {
+        let next = (rotation + rotation.inverse().transpose()) * 0.5;
+        let step = (next - rotation).to_cols_array().iter().fold(0.0_f64, |a, x| a.max(x.abs()));
+        rotation = next;
+        if step < 1e-15 {
+            break;
+        }
+    }
+    Ok((DAffine3 { matrix3: rotation, translation: affine.translation }, deviation))
 }
 
 /// max |MᵀM − I| over the elements: 0 for a rotation or a mirror.

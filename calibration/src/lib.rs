@@ -1,5 +1,12 @@
 //! Geometry and least squares. Knows nothing of devices or volumes.
 //!
 //! - [`frames`]: transforms that carry the names of the frames they map between; mismatched frames do not compile.
+//! - [`named`]: constant transforms between frames that are known by name, as files hold them.
+//! - [`region`]: the part of a picture that is data: rectangle and fan.
+//! - [`file`](mod@file): the versioned calibration file.
 
+pub mod file;
 pub mod frames;
+mod keys;
+pub mod named;
+pub mod region;

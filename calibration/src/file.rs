@@ -1,0 +1,254 @@
+//! The versioned calibration file: where the image plane is, what of the picture is data, how fine it resolves.
+//!
+//! ```toml
+//! format = "sonoweave-calibration"
+//! version = 1
+//! provenance = "N-wire phantom, 140 frames, 2024-05-02"
+//!
+//! [image_to_probe]                  # pixels of the picture in MF orientation → mm at the probe's sensor
+//! matrix = [ 16 numbers, row major, column vectors ]
+//!
+//! [image]                           # what of the picture is data; both optional
+//! clip_px = { x = 192, y = 16, width = 420, height = 580 }
+//!
+//! [image.fan]                       # degrees from straight down, positive to the right
+//! origin_px = [380.0, 20.0]
+//! radii_px = [120.0, 360.0]
+//! angles_deg = [-45.0, 45.0]
+//!
+//! [resolution]
+//! hwhm_mm = [0.3, 0.2, 1.1]         # half width at half maximum along u, v and the plane's normal
+//!
+//! [volume]
+//! spacing_mm = [0.5, 0.5, 0.5]
+//!
+//! [[transform]]                     # further constant transforms, as many as there are
+//! from = "Phantom"
+//! to = "Reference"
+//! matrix = [ 16 numbers ]
+//! ```
+//!
+//! `format` and `version` are required, all else is optional; keys that are not listed here are refused.
+
+use std::fmt::Write as _;
+use std::io::Read as _;
+use std::path::Path;
+
+use crate::frames::{Image, Probe, Transform};
+pub use crate::keys::FileError;
+use crate::keys::{Entry, Source, Table};
+use crate::named::StaticTransform;
+use crate::region::{ClipRect, Fan};
+
+/// The value of `format`.
+pub const FORMAT: &str = "sonoweave-calibration";
+/// The version that is written, and the newest that is read.
+pub const VERSION: u32 = 1;
+/// Larger files are refused unread, bytes.
+pub const MAX_BYTES: u64 = 4 << 20;
+
+/// What a calibration file holds.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct CalibrationFile {
+    /// Where the numbers come from, for people.
+    pub provenance: String,
+    /// Pixels to mm at the probe's sensor; may carry scale and skew.
+    pub probe_from_image: Option<Transform<Probe, Image>>,
+    /// The part of the picture that is data.
+    pub clip: Option<ClipRect>,
+    /// The sector of the picture that is data.
+    pub fan: Option<Fan>,
+    /// Half width at half maximum along u, v and the plane's normal, mm.
+    pub hwhm_mm: Option<[f64; 3]>,
+    /// Distance between voxels along x, y, z, mm.
+    pub spacing_mm: Option<[f64; 3]>,
+    /// Further constant transforms.
+    pub transforms: Vec<StaticTransform>,
+}
+
+impl CalibrationFile {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// [`FileError`]: unreadable, larger than [`MAX_BYTES`], not TOML, or a key that is unknown, missing or out of range.
+    pub fn read(path: &Path) -> Result<Self, FileError> {
+        Self::parse(path, &read_text(path, MAX_BYTES)?)
+    }
+
+    /// Reads a file's text; `path` is for sentences only.
+    ///
+    /// # Errors
+    /// [`FileError`]: not TOML, or a key that is unknown, missing or out of range.
+    pub fn parse(path: &Path, text: &str) -> Result<Self, FileError> {
+        let source = Source { path, text };
+        let parsed = source.parse()?;
+        let known = ["format", "version", "provenance", "image_to_probe", "image", "resolution", "volume", "transform"];
+        let root = Table::root(source, &parsed, &known)?;
+        check_version(&root)?;
+
+        let mut file = Self::default();
+        if let Some(entry) = root.get("provenance") {
+            file.provenance = entry.text()?.to_owned();
+        }
+        if let Some(entry) = root.get("image_to_probe") {
+            let matrix = entry.table(&["matrix"])?.need("matrix")?;
+            let transform = Transform::from_rows(&matrix.numbers()?).map_err(|e| matrix.error(e.to_string()))?;
+            file.probe_from_image = Some(transform);
+        }
+        if let Some(entry) = root.get("image") {
+            let image = entry.table(&["clip_px", "fan"])?;
+            file.clip = image.get("clip_px").map(|entry| clip(&entry)).transpose()?;
+            file.fan = image.get("fan").map(|entry| fan(&entry)).transpose()?;
+        }
+        if let Some(entry) = root.get("resolution") {
+            file.hwhm_mm = Some(entry.table(&["hwhm_mm"])?.need("hwhm_mm")?.positive()?);
+        }
+        if let Some(entry) = root.get("volume") {
+            file.spacing_mm = Some(entry.table(&["spacing_mm"])?.need("spacing_mm")?.positive()?);
+        }
+        if let Some(entry) = root.get("transform") {
+            for item in entry.items("a list of tables, each headed [[transform]]")? {
+                let transform = static_transform(&item)?;
+                let calibration = file.probe_from_image.as_ref().map(StaticTransform::image_to_probe);
+                if file.transforms.iter().chain(&calibration).any(|other| other.relates_same_frames(&transform)) {
+                    return Err(item.error(format!(
+                        "{} and {} are already related by an earlier transform; keep one of the two",
+                        transform.from, transform.to
+                    )));
+                }
+                file.transforms.push(transform);
+            }
+        }
+        Ok(file)
+    }
+
+    /// The file's text. Numbers are written with the digits that give them back bit for bit.
+    pub fn to_text(&self) -> String {
+        let mut text = format!("format = \"{FORMAT}\"\nversion = {VERSION}\n");
+        if !self.provenance.is_empty() {
+            line(&mut text, format_args!("provenance = {}", toml::Value::String(self.provenance.clone())));
+        }
+        if let Some(transform) = &self.probe_from_image {
+            line(&mut text, format_args!("\n[image_to_probe]\nmatrix = {}", matrix_text(&transform.to_rows())));
+        }
+        if let Some(ClipRect { x, y, width, height }) = self.clip {
+            line(
+                &mut text,
+                format_args!("\n[image]\nclip_px = {{ x = {x}, y = {y}, width = {width}, height = {height} }}"),
+            );
+        }
+        if let Some(fan) = &self.fan {
+            line(
+                &mut text,
+                format_args!(
+                    "\n[image.fan]\norigin_px = {:?}\nradii_px = {:?}\nangles_deg = {:?}",
+                    fan.origin_px(),
+                    fan.radii_px(),
+                    fan.angles_deg()
+                ),
+            );
+        }
+        if let Some(hwhm) = &self.hwhm_mm {
+            line(&mut text, format_args!("\n[resolution]\nhwhm_mm = {hwhm:?}"));
+        }
+        if let Some(spacing) = &self.spacing_mm {
+            line(&mut text, format_args!("\n[volume]\nspacing_mm = {spacing:?}"));
+        }
+        for transform in &self.transforms {
+            let [from, to] = [&transform.from, &transform.to].map(|name| toml::Value::String(name.clone()));
+            let matrix = matrix_text(&transform.rows());
+            line(&mut text, format_args!("\n[[transform]]\nfrom = {from}\nto = {to}\nmatrix = {matrix}"));
+        }
+        text
+    }
+
+    /// Writes the file whole or not at all.
+    ///
+    /// # Errors
+    /// [`FileError::Io`]; a file that was there before is then unharmed.
+    pub fn write(&self, path: &Path) -> Result<(), FileError> {
+        let io = |source| FileError::Io { path: path.to_owned(), doing: "writing", source };
+        // Beside the target, so that the rename stays within one file system.
+        let mut name = path.file_name().unwrap_or_default().to_owned();
+        name.push(".part");
+        let part = path.with_file_name(name);
+        let written = std::fs::write(&part, self.to_text()).and_then(|()| std::fs::rename(&part, path));
+        written.map_err(|error| {
+            // The first error is the one to report; a part that cannot be removed was most likely never made.
+            let _ = std::fs::remove_file(&part);
+            io(error)
+        })
+    }
+
+    /// All its constant transforms, the probe's calibration first, under the names that sequences use.
+    pub fn named_transforms(&self) -> Vec<StaticTransform> {
+        let calibration = self.probe_from_image.as_ref().map(StaticTransform::image_to_probe);
+        calibration.into_iter().chain(self.transforms.iter().cloned()).collect()
+    }
+}
+
+/// The text of a file of at most `limit` bytes.
+///
+/// # Errors
+/// [`FileError`]: unreadable, not UTF-8, or larger; no more than `limit` bytes are then held.
+pub fn read_text(path: &Path, limit: u64) -> Result<String, FileError> {
+    let io = |source| FileError::Io { path: path.to_owned(), doing: "reading", source };
+    let mut text = String::new();
+    // The limit is on what is read: the size that a pipe or a device states is none.
+    std::fs::File::open(path).map_err(io)?.take(limit + 1).read_to_string(&mut text).map_err(io)?;
+    if text.len() as u64 > limit {
+        return Err(FileError::TooLarge { path: path.to_owned(), limit });
+    }
+    Ok(text)
+}
+
+fn check_version(root: &Table<'_>) -> Result<(), FileError> {
+    let format = root.need("format")?;
+    if format.text()? != FORMAT {
+        return Err(format.error(format!("must be \"{FORMAT}\" for a calibration file")));
+    }
+    let version = root.need("version")?;
+    match version.whole()? {
+        VERSION => Ok(()),
+        newer if newer > VERSION => Err(version.error(format!(
+            "version {newer} is newer than this program reads ({VERSION}); use the program that wrote it"
+        ))),
+        _ => Err(version.error(format!("the first version is {VERSION}"))),
+    }
+}
+
+fn clip(entry: &Entry<'_>) -> Result<ClipRect, FileError> {
+    let table = entry.table(&["x", "y", "width", "height"])?;
+    let whole = |key| table.need(key)?.whole();
+    ClipRect::new(whole("x")?, whole("y")?, whole("width")?, whole("height")?).map_err(|e| entry.error(e.to_string()))
+}
+
+fn fan(entry: &Entry<'_>) -> Result<Fan, FileError> {
+    let table = entry.table(&["origin_px", "radii_px", "angles_deg"])?;
+    let pair = |key| table.need(key)?.numbers();
+    Fan::new(pair("origin_px")?, pair("radii_px")?, pair("angles_deg")?).map_err(|e| entry.error(e.to_string()))
+}
+
+fn static_transform(entry: &Entry<'_>) -> Result<StaticTransform, FileError> {
+    let table = entry.table(&["from", "to", "matrix"])?;
+    let (from, to) = (table.need("from")?.text()?, table.need("to")?.text()?);
+    let matrix = table.need("matrix")?;
+    StaticTransform::new(from, to, &matrix.numbers()?).map_err(|e| matrix.error(e.to_string()))
+}
+
+fn matrix_text(rows: &[f64; 16]) -> String {
+    let mut text = String::from("[\n");
+    for row in rows.chunks_exact(4) {
+        line(&mut text, format_args!("    {:?}, {:?}, {:?}, {:?},", row[0], row[1], row[2], row[3]));
+    }
+    text.push(']');
+    text
+}
+
+fn line(text: &mut String, content: std::fmt::Arguments<'_>) {
+    // Writing to a String cannot fail.
+    let _ = writeln!(text, "{content}");
+}
+
+#[cfg(test)]
+mod tests;

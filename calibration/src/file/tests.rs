@@ -1,0 +1,170 @@
+use proptest::prelude::*;
+
+use super::*;
+
+fn parse(text: &str) -> Result<CalibrationFile, String> {
+    CalibrationFile::parse(Path::new("probe.toml"), text).map_err(|e| e.to_string())
+}
+
+const HEAD: &str = "format = \"sonoweave-calibration\"\nversion = 1\n";
+
+fn refusal(rest: &str) -> String {
+    parse(&format!("{HEAD}{rest}")).expect_err("a bad file")
+}
+
+fn full() -> CalibrationFile {
+    let rows = [-0.001, 0.078, -0.008, 15.4, -0.084, 0.0037, 0.015, 49.6, 0.016, 0.007, 0.08, -8.6, 0.0, 0.0, 0.0, 1.0];
+    CalibrationFile {
+        provenance: "N-wire \"phantom\",\n140 frames".into(),
+        probe_from_image: Some(Transform::from_rows(&rows).unwrap()),
+        clip: Some(ClipRect::new(192, 16, 420, 580).unwrap()),
+        fan: Some(Fan::new([380.0, 20.0], [120.0, 360.0], [-45.0, 45.0]).unwrap()),
+        hwhm_mm: Some([0.3, 0.2, 1.1]),
+        spacing_mm: Some([0.5, 0.5, 0.25]),
+        transforms: vec![StaticTransform::new("Phantom \"1\"", "Reference", &rows).unwrap()],
+    }
+}
+
+#[test]
+fn everything_written_is_read_back() {
+    assert_eq!(parse(&full().to_text()).unwrap(), full());
+    assert_eq!(parse(HEAD).unwrap(), CalibrationFile::default());
+}
+
+#[test]
+fn the_documented_example_reads() {
+    let identity = "[1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]";
+    let text = format!(
+        "{HEAD}[image_to_probe]\nmatrix = {identity}\n[image]\nclip_px = {{ x = 192, y = 16, width = 420, height = 580 }}\n\
+         [image.fan]\norigin_px = [380, 20.0]\nradii_px = [120.0, 360.0]\nangles_deg = [-45.0, 45.0]\n\
+         [[transform]]\nfrom = \"Phantom\"\nto = \"Reference\"\nmatrix = {identity}\n"
+    );
+    let file = parse(&text).unwrap();
+    assert_eq!(file.fan.unwrap().origin_px(), [380.0, 20.0]);
+    let names: Vec<_> = file.named_transforms().iter().map(StaticTransform::name).collect();
+    assert_eq!(names, ["ImageToProbe", "PhantomToReference"]);
+}
+
+#[test]
+fn files_are_written_whole_and_read_from_disk() {
+    let folder = std::env::temp_dir().join(format!("sonoweave-calibration-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let path = folder.join("probe.toml");
+    full().write(&path).unwrap();
+    assert_eq!(CalibrationFile::read(&path).unwrap(), full());
+    let names: Vec<_> = std::fs::read_dir(&folder).unwrap().map(|e| e.unwrap().file_name()).collect();
+    assert_eq!(names, ["probe.toml"]);
+    std::fs::remove_dir_all(&folder).unwrap();
+    let error = CalibrationFile::read(&path).unwrap_err().to_string();
+    assert!(error.contains("probe.toml") && error.contains("reading failed"), "{error}");
+}
+
+#[test]
+fn unknown_keys_are_refused_with_line_and_nearest_name() {
+    assert_eq!(
+        refusal("[image_to_probe]\nmatirx = []\n"),
+        "probe.toml: image_to_probe.matirx (line 4): unknown key; did you mean matrix?"
+    );
+    assert_eq!(
+        refusal("[imge_to_probe]\n"),
+        "probe.toml: imge_to_probe (line 3): unknown key; did you mean image_to_probe?"
+    );
+    assert_eq!(
+        refusal("[image]\nclip_px = { x = 1, y = 2, wdth = 3, height = 4 }\n"),
+        "probe.toml: image.clip_px.wdth (line 4): unknown key; did you mean width?"
+    );
+    assert!(refusal("[volume]\ncolour = 1\n").ends_with("known here: spacing_mm"));
+}
+
+#[test]
+fn wrong_counts_and_values_name_key_and_line() {
+    let fifteen = "[1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0]";
+    let cases = [
+        (
+            format!("[image_to_probe]\nmatrix = {fifteen}\n"),
+            "image_to_probe.matrix (line 4): must hold 16 numbers, not 15",
+        ),
+        (
+            "[image_to_probe]\nmatrix = [1,0,0,0,\n 0,nan,0,0, 0,0,1,0, 0,0,0,1]\n".into(),
+            "image_to_probe.matrix[5] (line 5): is not a finite number",
+        ),
+        (
+            "[image_to_probe]\nmatrix = [1,0,0,0, 0,\"x\",0,0, 0,0,1,0, 0,0,0,1]\n".into(),
+            "image_to_probe.matrix[5] (line 4): must be a number, not a text",
+        ),
+        (
+            "[image_to_probe]\nmatrix = [1,0,0,0, 0,1,0,0, 0,0,0,0, 0,0,0,1]\n".into(),
+            "image_to_probe.matrix (line 4): the matrix cannot be inverted",
+        ),
+        ("[image_to_probe]\n".into(), "image_to_probe.matrix (line 3): is missing"),
+        (
+            "[volume]\nspacing_mm = [0.5, 0, 0.5]\n".into(),
+            "volume.spacing_mm (line 4): must hold numbers above 0, not 0",
+        ),
+        (
+            "[volume]\nspacing_mm = 0.5\n".into(),
+            "volume.spacing_mm (line 4): must be a list of 3 numbers, not a number",
+        ),
+        (
+            "[resolution]\nhwhm_mm = [1, 1, -1]\n".into(),
+            "resolution.hwhm_mm (line 4): must hold numbers above 0, not -1",
+        ),
+        (
+            "[image]\nclip_px = { x = -1, y = 2, width = 3, height = 4 }\n".into(),
+            "image.clip_px.x (line 4): must be a whole number from 0",
+        ),
+        (
+            "[image]\nclip_px = { x = 1, y = 2, width = 0, height = 4 }\n".into(),
+            "image.clip_px (line 4): a clip rectangle of 0×4 pixels holds none",
+        ),
+        (
+            "[image.fan]\norigin_px = [0, 0]\nradii_px = [9, 3]\nangles_deg = [-1, 1]\n".into(),
+            "image.fan (line 3): a fan's radii must grow",
+        ),
+        ("[image.fan]\norigin_px = [0, 0]\nradii_px = [0, 3]\n".into(), "image.fan.angles_deg (line 3): is missing"),
+        ("provenance = 3\n".into(), "provenance (line 3): must be a text, not a whole number"),
+        ("transform = 3\n".into(), "transform (line 3): must be a list of tables"),
+        ("image = [\n".into(), "probe.toml: line "),
+    ];
+    for (text, expected) in cases {
+        let error = refusal(&text);
+        assert!(error.starts_with("probe.toml: ") && error.contains(expected), "{text}\n{error}");
+    }
+}
+
+#[test]
+fn two_transforms_between_the_same_frames_are_refused() {
+    let identity = "[1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]";
+    let error = refusal(&format!(
+        "[image_to_probe]\nmatrix = {identity}\n[[transform]]\nfrom = \"Probe\"\nto = \"Image\"\nmatrix = {identity}\n"
+    ));
+    assert!(error.contains("transform[0] (line 5): Probe and Image are already related"), "{error}");
+}
+
+#[test]
+fn other_formats_and_newer_versions_are_refused() {
+    let error = parse("format = \"something\"\nversion = 1\n").unwrap_err();
+    assert_eq!(error, "probe.toml: format (line 1): must be \"sonoweave-calibration\" for a calibration file");
+    let error = parse("format = \"sonoweave-calibration\"\nversion = 2\n").unwrap_err();
+    assert!(error.contains("version (line 2): version 2 is newer than this program reads (1)"), "{error}");
+    assert!(parse("version = 1\n").unwrap_err().contains("format (line 1): is missing"));
+    assert!(parse("").unwrap_err().contains("format"));
+}
+
+proptest! {
+    #[test]
+    fn numbers_come_back_bit_for_bit(m in prop::array::uniform9(-1e6..1e6_f64), t in prop::array::uniform3(-1e9..1e9_f64)) {
+        let rows = [m[0], m[1], m[2], t[0], m[3], m[4], m[5], t[1], m[6], m[7], m[8], t[2], 0.0, 0.0, 0.0, 1.0];
+        let Ok(transform) = Transform::from_rows(&rows) else { return Ok(()) };
+        let file = CalibrationFile { probe_from_image: Some(transform), ..Default::default() };
+        prop_assert_eq!(parse(&file.to_text()).unwrap(), file);
+    }
+
+    #[test]
+    fn no_text_makes_the_reader_panic(text in "\\PC{0,80}", cut in 0_usize..700) {
+        let _ = parse(&text);
+        let whole = full().to_text();
+        let cut = (0..=cut.min(whole.len())).rev().find(|&at| whole.is_char_boundary(at)).unwrap();
+        let _ = parse(&whole[..cut]);
+    }
+}

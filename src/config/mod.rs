@@ -1,0 +1,193 @@
+//! The file as written → validated settings.
+//!
+//! A `--config` file is either our own TOML ([`calibration::file`]) or a PLUS XML ([`plus`]); its content tells which.
+//!
+//! - [`plus`]: PLUS configuration and calibration result files.
+
+pub mod plus;
+mod xml_limits;
+
+use std::path::{Path, PathBuf};
+
+use calibration::file::{CalibrationFile, FileError};
+use calibration::named::StaticTransform;
+use calibration::region::{ClipRect, Fan};
+use serde::Serialize;
+
+use crate::mask::{Clip, MaskSettings};
+
+/// Larger files are refused unread, bytes. PLUS's calibration results hold every frame's points: about 1 MB.
+pub const MAX_BYTES: u64 = 16 << 20;
+
+/// What kind of file settings came from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SourceKind {
+    /// No file: defaults.
+    #[default]
+    Defaults,
+    /// Our own calibration file.
+    Sonoweave,
+    /// A PLUS configuration or calibration result.
+    Plus,
+}
+
+/// What a configuration says about the input. Everything is optional; the command line overrides it.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Settings {
+    /// What kind of file it was.
+    pub source: SourceKind,
+    /// The file.
+    pub path: Option<PathBuf>,
+    /// Constant transforms; `Image` to `Probe` is the probe's calibration.
+    pub transforms: Vec<StaticTransform>,
+    /// Name of the picture's frame, if not `Image`.
+    pub image_frame: Option<String>,
+    /// Name of the frame where the volume shall live.
+    pub world: Option<String>,
+    /// The rectangle of the picture that is data.
+    pub clip: Option<ClipRect>,
+    /// The sector of the picture that is data.
+    pub fan: Option<Fan>,
+    /// Distance between voxels along x, y, z, mm.
+    pub spacing_mm: Option<[f64; 3]>,
+    /// Half width at half maximum along u, v and the plane's normal, mm.
+    pub hwhm_mm: Option<[f64; 3]>,
+    /// What the user should know: sentences.
+    pub notes: Vec<String>,
+}
+
+impl Settings {
+    /// Reads a file of either kind.
+    ///
+    /// # Errors
+    /// [`ConfigError`] naming file, line and key or element.
+    pub fn read(path: &Path) -> Result<Self, ConfigError> {
+        Self::parse(path, &calibration::file::read_text(path, MAX_BYTES)?)
+    }
+
+    /// Reads a file's text; `path` is for sentences only.
+    ///
+    /// # Errors
+    /// [`ConfigError`] naming file, line and key or element.
+    pub fn parse(path: &Path, text: &str) -> Result<Self, ConfigError> {
+        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+        // TOML cannot begin with '<', XML can begin with nothing else.
+        if text.trim_start().starts_with('<') {
+            return plus::parse(path, text);
+        }
+        let file = CalibrationFile::parse(path, text)?;
+        Ok(Self {
+            source: SourceKind::Sonoweave,
+            path: Some(path.to_owned()),
+            transforms: file.named_transforms(),
+            clip: file.clip,
+            fan: file.fan,
+            spacing_mm: file.spacing_mm,
+            hwhm_mm: file.hwhm_mm,
+            ..Self::default()
+        })
+    }
+
+    /// Puts a probe calibration given on the command line (16 numbers, row major, pixels → mm) in the place of the file's.
+    ///
+    /// # Errors
+    /// A sentence without a beginning, for the caller to head with the option's name: not 16 numbers, or no invertible affine matrix.
+    pub fn set_image_to_probe(&mut self, text: &str) -> Result<(), String> {
+        let rows = numbers::<16>(text)?;
+        let image = self.image_frame.as_deref().unwrap_or("Image");
+        let given = StaticTransform::new(image, "Probe", &rows).map_err(|e| e.to_string())?;
+        self.transforms.retain(|other| !other.relates_same_frames(&given));
+        self.transforms.push(given);
+        Ok(())
+    }
+
+    /// What of the picture is data, as far as the file says.
+    pub fn mask(&self) -> MaskSettings {
+        let clip = match (self.clip, self.source) {
+            (None, _) => Clip::Auto,
+            (Some(rect), SourceKind::Plus) => Clip::RectOrAuto(rect),
+            (Some(rect), _) => Clip::Rect(rect),
+        };
+        MaskSettings { clip, fan: self.fan }
+    }
+}
+
+/// N finite numbers separated by white space, commas or both.
+///
+/// # Errors
+/// A sentence without a beginning: another count, or a word that is no finite number.
+pub fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+    let words = || text.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty());
+    let mut numbers = [0.0; N];
+    let mut count = 0;
+    for word in words() {
+        let number = word.parse::<f64>().map_err(|_| format!("\"{}\" is not a number", shortened(word)))?;
+        if !number.is_finite() {
+            return Err(format!("number {} is {word}, which is not finite", count + 1));
+        }
+        if let Some(slot) = numbers.get_mut(count) {
+            *slot = number;
+        }
+        count += 1;
+    }
+    if count == N {
+        Ok(numbers)
+    } else {
+        let (plural, count) = (if N == 1 { "" } else { "s" }, count);
+        Err(format!("must hold {N} number{plural}, not {count}"))
+    }
+}
+
+fn shortened(word: &str) -> String {
+    let mut short: String = word.chars().take(40).collect();
+    if short.len() < word.len() {
+        short.push('…');
+    }
+    short
+}
+
+/// Why a configuration is refused. The display is a sentence that says what, where and what to do.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// Our own file, or reading either kind.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// The text is not XML, or beyond the limits on it.
+    #[error("{path}: line {line}: not readable as XML: {problem}", path = path.display())]
+    Xml {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: u32,
+        /// What is wrong.
+        problem: String,
+    },
+    /// An attribute is missing or holds what it should not.
+    #[error("{path}: {element} {attribute} (line {line}): {problem}", path = path.display())]
+    Attribute {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1; of the element where the attribute is missing.
+        line: u32,
+        /// The element's name.
+        element: String,
+        /// The attribute's name.
+        attribute: String,
+        /// What is wrong.
+        problem: String,
+    },
+    /// XML, but of something else.
+    #[error(
+        "{path}: holds no CoordinateDefinitions, CalibrationResults or VolumeReconstruction element; a PLUS configuration or \
+         calibration result, or a sonoweave calibration file, is expected",
+        path = path.display()
+    )]
+    NothingInside {
+        /// The file.
+        path: PathBuf,
+    },
+}
+
+#[cfg(test)]
+mod tests;

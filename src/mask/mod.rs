@@ -1,0 +1,182 @@
+//! The certainty mask: which pixels of the picture are data.
+//!
+//! What lies outside the scanner's picture (beyond the clip rectangle or the fan, in the dead border of the frame) is not data, and must
+//! not reach the volume as black. Inside, black is a value.
+//!
+//! - [`Mask`]: the pixels, as spans a row.
+//! - [`MaskSettings`]: what the user or the configuration says, and the mask that follows from it, at once or after some frames.
+//! - [`auto`]: the picture found in the frames themselves.
+
+pub mod auto;
+mod shape;
+mod spans;
+
+use std::str::FromStr;
+
+use calibration::region::{BadRegion, ClipRect, Fan};
+use serde::Serialize;
+
+pub use auto::{AutoMask, Found};
+pub use spans::{Mask, Span};
+
+/// What clips the picture, besides a fan.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Clip {
+    /// The picture is found in the first frames; but a fan, where given, says it all.
+    #[default]
+    Auto,
+    /// Nothing; a fan, where given, still applies.
+    None,
+    /// A rectangle.
+    Rect(ClipRect),
+    /// A rectangle of a PLUS configuration. There a clip rectangle must always be written, and one that holds the whole frame says that
+    /// nobody chose one: it counts as [`Clip::Auto`].
+    RectOrAuto(ClipRect),
+}
+
+/// What is known of the picture's borders before the first frame.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct MaskSettings {
+    /// Rectangle, none, or automatic.
+    pub clip: Clip,
+    /// The sector that is data; applies in addition to a rectangle.
+    pub fan: Option<Fan>,
+}
+
+/// How the mask comes about.
+#[derive(Debug)]
+pub enum MaskPlan {
+    /// It is known.
+    Fixed(Mask),
+    /// It is looked for in the first frames.
+    Auto(AutoMask),
+}
+
+impl MaskSettings {
+    /// The mask of `width`×`height` pictures, or the search for it.
+    ///
+    /// # Errors
+    /// [`BadRegion`] when rectangle and fan leave no pixel.
+    pub fn plan(&self, width: u32, height: u32) -> Result<MaskPlan, BadRegion> {
+        let rect = match self.clip {
+            Clip::Auto => None,
+            Clip::RectOrAuto(rect) if rect.covers(width, height) => None,
+            Clip::None => Some(Mask::full(width, height)),
+            Clip::Rect(rect) | Clip::RectOrAuto(rect) => Some(Mask::rect(width, height, rect)),
+        };
+        let mask = match (rect, self.fan) {
+            (None, None) => return Ok(MaskPlan::Auto(AutoMask::new(width, height))),
+            (Some(rect), None) => rect,
+            (None, Some(fan)) => Mask::fan(width, height, &fan),
+            (Some(rect), Some(fan)) => rect.intersect(&Mask::fan(width, height, &fan)),
+        };
+        if mask.area() == 0 {
+            return Err(BadRegion(format!(
+                "the clip region leaves nothing of the {width}×{height} picture: {}{}",
+                match self.clip {
+                    Clip::Rect(r) | Clip::RectOrAuto(r) =>
+                        format!("rectangle {},{} of {}×{} pixels", r.x, r.y, r.width, r.height),
+                    Clip::Auto | Clip::None => "no rectangle".into(),
+                },
+                self.fan.map_or(String::new(), |fan| format!(
+                    ", fan about {:?}, radii {:?} px, angles {:?}°",
+                    fan.origin_px(),
+                    fan.radii_px(),
+                    fan.angles_deg()
+                )),
+            )));
+        }
+        Ok(MaskPlan::Fixed(mask))
+    }
+}
+
+/// `auto`, `none`, or `X,Y,W,H` in pixels.
+impl FromStr for Clip {
+    type Err = BadRegion;
+
+    fn from_str(text: &str) -> Result<Self, BadRegion> {
+        match text.trim() {
+            "auto" => return Ok(Self::Auto),
+            "none" => return Ok(Self::None),
+            _ => {}
+        }
+        let parts: Vec<u32> =
+            text.split(',').map(|part| part.trim().parse()).collect::<Result<_, _>>().map_err(|_| {
+                BadRegion(format!("\"{text}\" is neither auto, none, nor four whole numbers of pixels X,Y,W,H"))
+            })?;
+        let [x, y, width, height] = parts[..] else {
+            return Err(BadRegion(format!("X,Y,W,H are 4 numbers, not {}", parts.len())));
+        };
+        ClipRect::new(x, y, width, height).map(Self::Rect)
+    }
+}
+
+/// A fan from `X,Y,R0,R1,A0,A1`: apex (px), radii (px), angles (degrees from down, positive to the right).
+///
+/// # Errors
+/// [`BadRegion`] when they are not six numbers, or contradict each other.
+pub fn parse_fan(text: &str) -> Result<Fan, BadRegion> {
+    let [x, y, r0, r1, a0, a1] =
+        crate::config::numbers::<6>(text).map_err(|problem| BadRegion(format!("X,Y,R0,R1,A0,A1: {problem}")))?;
+    Fan::new([x, y], [r0, r1], [a0, a1])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fixed(settings: MaskSettings) -> Mask {
+        match settings.plan(820, 616).unwrap() {
+            MaskPlan::Fixed(mask) => mask,
+            MaskPlan::Auto(_) => panic!("no search was due"),
+        }
+    }
+
+    #[test]
+    fn a_whole_frame_rectangle_of_a_plus_file_leaves_the_automatic_mask_in_force() {
+        let whole = ClipRect::new(0, 0, 820, 616).unwrap();
+        let part = ClipRect::new(192, 16, 420, 580).unwrap();
+        let plan = |clip| MaskSettings { clip, fan: None }.plan(820, 616).unwrap();
+        assert!(matches!(plan(Clip::RectOrAuto(whole)), MaskPlan::Auto(_)));
+        assert!(matches!(plan(Clip::Auto), MaskPlan::Auto(_)));
+        assert!(matches!(plan(Clip::Rect(whole)), MaskPlan::Fixed(m) if m.is_full()));
+        assert!(matches!(plan(Clip::None), MaskPlan::Fixed(m) if m.is_full()));
+        assert!(matches!(plan(Clip::RectOrAuto(part)), MaskPlan::Fixed(m) if m.area() == 420 * 580));
+    }
+
+    #[test]
+    fn rectangle_and_fan_apply_both() {
+        let fan = Fan::new([380.0, 20.0], [120.0, 360.0], [-45.0, 45.0]).unwrap();
+        let clip = Clip::Rect(ClipRect::new(192, 16, 420, 580).unwrap());
+        let both = fixed(MaskSettings { clip, fan: Some(fan) });
+        let alone = fixed(MaskSettings { clip: Clip::Auto, fan: Some(fan) });
+        assert!(both.area() < alone.area());
+        assert!(!both.contains(191, 240) && alone.contains(191, 240), "left of the rectangle, inside the fan");
+        assert!(both.contains(380, 380) && !both.contains(380, 381), "the far radius");
+        // A quarter of a ring, less what the border pixels make of it.
+        let ring = std::f64::consts::PI / 4.0 * (360.0_f64.powi(2) - 120.0_f64.powi(2));
+        #[allow(clippy::cast_precision_loss, reason = "below a million")]
+        let area = alone.area() as f64;
+        assert!((area - ring).abs() < 0.005 * ring, "{area} {ring}");
+    }
+
+    #[test]
+    fn regions_without_a_pixel_are_refused_with_their_numbers() {
+        let clip = Clip::Rect(ClipRect::new(900, 0, 10, 10).unwrap());
+        let error = MaskSettings { clip, fan: None }.plan(820, 616).unwrap_err().to_string();
+        assert!(error.contains("nothing of the 820×616 picture") && error.contains("900,0 of 10×10"), "{error}");
+    }
+
+    #[test]
+    fn options_are_read_and_mistakes_named() {
+        assert_eq!("auto".parse::<Clip>().unwrap(), Clip::Auto);
+        assert_eq!("none".parse::<Clip>().unwrap(), Clip::None);
+        assert_eq!("1, 2,3,4".parse::<Clip>().unwrap(), Clip::Rect(ClipRect::new(1, 2, 3, 4).unwrap()));
+        assert!("1,2,3".parse::<Clip>().unwrap_err().0.contains("4 numbers, not 3"));
+        assert!("some".parse::<Clip>().unwrap_err().0.contains("neither auto, none"));
+        assert!("1,2,0,4".parse::<Clip>().is_err());
+        assert_eq!(parse_fan("380,20,120,360,-45,45").unwrap().radii_px(), [120.0, 360.0]);
+        assert!(parse_fan("380,20,120,360,-45").unwrap_err().0.contains("6 numbers, not 5"));
+    }
+}

@@ -1,0 +1,13 @@
+//! Which transforms belong to which picture, and where the picture therefore lies.
+//!
+//! - [`graph`]: the way from the image to the world through transforms that are known by name.
+//! - [`pairing`]: pictures and transforms of one stamp → posed slices.
+//! - [`mod@survey`]: a walk over a recording's transforms before its pictures are looked at.
+
+pub mod graph;
+pub mod pairing;
+pub mod survey;
+
+pub use graph::{NoPath, Route};
+pub use pairing::{Paired, Pairing, PairingOptions};
+pub use survey::{FramePose, Survey, survey};
