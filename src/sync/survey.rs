@@ -199,6 +199,22 @@ mod tests {
     }
 
     #[test]
+    fn projected_poses_and_untimed_frames_are_counted() {
+        let mut probe = transform(0, "Probe", "Tracker", 1.0);
+        let mut picture = frame(0);
+        if let (Reading::NamedTransform(t), Reading::Frame(f)) = (&mut probe, &mut picture) {
+            t.matrix[0] = 1.001;
+            (t.stamp.source_s, f.stamp.source_s) = (None, None);
+        }
+        let rows = [0.1, 0.0, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+        let statics = vec![calibration::named::StaticTransform::new("Image", "Probe", &rows).unwrap()];
+        let options = PairingOptions { statics, ..PairingOptions::default() };
+        let ledger = survey(&mut device(vec![probe, picture]), &options).unwrap().ledger;
+        assert_eq!((ledger.frames.used, ledger.poses_projected, ledger.untimed), (1, 1, 1));
+        assert!((ledger.worst_projection - 2.001e-3).abs() < 1e-9);
+    }
+
+    #[test]
     fn a_recording_without_a_way_is_refused_before_any_picture() {
         let mut device = device(vec![transform(0, "Probe", "Tracker", 1.0), frame(0)]);
         let error = survey(&mut device, &PairingOptions::default()).unwrap_err().to_string();

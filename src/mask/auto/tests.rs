@@ -166,3 +166,26 @@ fn wide_pixels_count_as_narrow_ones_and_other_sizes_are_not_looked_at() {
         assert_eq!(auto.finish().mask.area(), 400);
     }
 }
+
+#[test]
+fn two_pictures_side_by_side_are_not_taken_for_one() {
+    // The smaller holds a quarter of what is live: cutting it away would lose it.
+    let found = found(8, |_| {
+        image(W, H, |u, v| u8::from((50..550).contains(&v) && ((20..500).contains(&u) || (600..760).contains(&u))) * 90)
+    });
+    assert!(!found.recognised);
+    assert!(found.mask.contains(700, 300) && found.mask.contains(100, 300));
+}
+
+#[test]
+fn a_hollow_outline_is_no_picture() {
+    // Connected and large, but hardly filled: a graticule, or the wall of a vessel in black water.
+    let found = found(8, |_| {
+        image(W, H, |u, v| {
+            let radius = (f64::from(u) - 400.0).hypot(f64::from(v) - 300.0);
+            u8::from((200.0..204.0).contains(&radius)) * 90
+        })
+    });
+    assert!(!found.recognised);
+    assert!(found.mask.is_full());
+}

@@ -272,3 +272,15 @@ proptest! {
         prop_assert!(slice.world_from_image.affine().abs_diff_eq(expected, 1e-9));
     }
 }
+
+#[test]
+fn the_world_stays_where_the_first_slice_put_it() {
+    let mut pairing = Pairing::new(options());
+    pairing.transform(named(0, "ProbeToTracker", IDENTITY));
+    let first = pairing.frame(picture(0)).unwrap();
+    pairing.transform(named(1, "ProbeToTracker", IDENTITY));
+    pairing.transform(named(1, "ReferenceToTracker", rows(rigid(-0.9, 40.0))));
+    let second = pairing.frame(picture(1)).unwrap();
+    assert_eq!(pairing.route().unwrap().world(), "Tracker");
+    assert_eq!(first.slice.world_from_image, second.slice.world_from_image);
+}
