@@ -11,6 +11,7 @@ use rayon::prelude::*;
 
 use super::simd::{LANES, Lanes, Simd, dispatch};
 use super::spline::{PhaseTaps, Step, Taps};
+use crate::mask::{Mask, Span};
 use crate::slice::{Image, Pixels};
 
 /// Rows of nodes that one task filters.
@@ -64,9 +65,7 @@ struct Scratch {
 pub(crate) struct SliceFilter {
     simd: Simd,
     taps: [Taps; 2],
-    size: [u32; 2],
-    /// Data in each row of the picture.
-    spans: Vec<Vec<Range<u32>>>,
+    mask: Mask,
     /// First column and row of the box around the data.
     corner: [usize; 2],
     plane_rows: usize,
@@ -76,8 +75,13 @@ pub(crate) struct SliceFilter {
     margin: usize,
     node_rows: Vec<NodeRow>,
     scratch: Vec<Scratch>,
+    /// Σ k·c·(b − level).
     pub(crate) value: Nodes,
+    /// Σ k·c.
     pub(crate) certainty: Nodes,
+    /// Grey level that the values are relative to: the picture's first pixel that is data. Rounding is then relative to contrast and not to
+    /// brightness, and a constant picture is exactly constant after any filter.
+    pub(crate) level: f32,
     /// What filtering one slice costs.
     pub(crate) work: FilterWork,
 }
@@ -87,21 +91,19 @@ fn round_up(n: usize) -> usize {
 }
 
 impl SliceFilter {
-    /// Prepares for pictures of `size`, with data where `spans` says (row by row), and filters the certainty.
+    /// Prepares for pictures of the mask's size and filters the certainty.
     ///
     /// `margin_px`: how far beyond the data voxels may lie that still take part, per axis. `None` when there is no data at all.
     pub(crate) fn new(
         simd: Simd,
         taps: [Taps; 2],
-        size: [u32; 2],
-        spans: Vec<Vec<Range<u32>>>,
+        mask: Mask,
         margin_px: [f64; 2],
         pool: Option<&rayon::ThreadPool>,
     ) -> Option<Self> {
-        let v_low = spans.iter().position(|row| !row.is_empty())?;
-        let v_high = spans.iter().rposition(|row| !row.is_empty())?;
-        let u_low = spans.iter().flatten().map(|s| s.start).min()? as usize;
-        let u_high = spans.iter().flatten().map(|s| s.end).max()? as usize - 1;
+        let bounds = mask.bounds()?;
+        let [u_low, v_low] = [bounds.x as usize, bounds.y as usize];
+        let [u_high, v_high] = [u_low + bounds.width as usize - 1, v_low + bounds.height as usize - 1];
         let plane_rows = v_high - v_low + 1;
         let plane_columns = u_high - u_low + 1;
         // One vector more than needed: loads may begin at any column.
@@ -133,7 +135,7 @@ impl SliceFilter {
 
         let mut filter = Self {
             simd,
-            size,
+            mask,
             corner: [u_low, v_low],
             plane_rows,
             plane_stride,
@@ -143,9 +145,9 @@ impl SliceFilter {
             scratch: Vec::new(),
             value: Nodes { first: [first_u, first_v], columns, rows, stride, data: vec![0.0; rows * stride] },
             certainty: Nodes { first: [first_u, first_v], columns, rows, stride, data: Vec::new() },
+            level: 0.0,
             work: FilterWork::default(),
             taps,
-            spans,
         };
         filter.node_rows = (0..rows).map(|row| filter.plan(row, plane_columns)).collect();
         filter.scratch = vec![filter.make_scratch(); rows.div_ceil(ROWS_PER_TASK)];
@@ -176,13 +178,18 @@ impl SliceFilter {
         let first_tap = usize::try_from(-top).unwrap_or(0).min(taps.weights.len());
         let plane_row = usize::try_from(top).unwrap_or(0);
         let count = (taps.weights.len() - first_tap).min(self.plane_rows.saturating_sub(plane_row));
-        let spans = || self.spans[self.corner[1]..][plane_row.min(self.plane_rows)..][..count].iter().flatten();
+        let spans = || (plane_row..plane_row + count).flat_map(|row| self.spans(row));
         let low = spans().map(|s| s.start as usize).min().map_or(0, |u| u - self.corner[0]);
         let high = spans().map(|s| s.end as usize).max().map_or(0, |u| u - self.corner[0]);
         let low = low / LANES * LANES;
         let columns = low..(low + round_up(high - low)).min(round_up(plane_columns));
         let nodes = self.reached(&columns);
         NodeRow { phase, first_tap, plane_row, taps: count, columns, nodes }
+    }
+
+    /// The data in a row of the plane, in columns of the picture.
+    fn spans(&self, plane_row: usize) -> &[Span] {
+        self.mask.row((self.corner[1] + plane_row) as u32)
     }
 
     /// Nodes (or groups of nodes) whose taps touch the plane's `columns`, in whole vectors.
@@ -231,8 +238,7 @@ impl SliceFilter {
     }
 
     fn count(&self) -> FilterWork {
-        let pixels = self.spans.iter().flatten().map(|s| u64::from(s.end - s.start)).sum();
-        let mut work = FilterWork { pixels, ..FilterWork::default() };
+        let mut work = FilterWork { pixels: self.mask.area(), ..FilterWork::default() };
         for row in &self.node_rows {
             work.taps += (row.taps * row.columns.len()) as u64;
             for phase in &self.taps[0].phases {
@@ -245,22 +251,43 @@ impl SliceFilter {
 
     /// Filters a picture; the result is in [`Self::value`].
     pub(crate) fn filter(&mut self, image: &Image, pool: Option<&rayon::ThreadPool>) {
-        assert_eq!([image.width(), image.height()], self.size, "the caller refuses pictures of another size");
-        let width = image.width() as usize;
+        let size = [self.mask.width(), self.mask.height()];
+        assert_eq!([image.width(), image.height()], size, "the caller refuses pictures of another size");
         match image.pixels() {
-            Pixels::U8(p) => self.fill(|u, v, to| convert(&p[v * width + u..], to, |x| f32::from(*x)), pool),
-            Pixels::U16(p) => self.fill(|u, v, to| convert(&p[v * width + u..], to, |x| f32::from(*x)), pool),
-            Pixels::F32(p) => self.fill(|u, v, to| convert(&p[v * width + u..], to, |x| *x), pool),
+            Pixels::U8(p) => self.fill_relative(p, |x| f32::from(*x), pool),
+            Pixels::U16(p) => self.fill_relative(p, |x| f32::from(*x), pool),
+            Pixels::F32(p) => self.fill_relative(p, |x| *x, pool),
         }
         self.run(pool);
+    }
+
+    /// Fills the plane with the data of a picture, relative to its first pixel that is data.
+    fn fill_relative<T: Sync>(
+        &mut self,
+        pixels: &[T],
+        grey: impl Fn(&T) -> f32 + Sync,
+        pool: Option<&rayon::ThreadPool>,
+    ) {
+        let width = self.mask.width() as usize;
+        let first = self.spans(0).first().map_or(0, |span| span.start as usize);
+        let level = grey(&pixels[self.corner[1] * width + first]);
+        self.level = level;
+        self.fill(
+            |u, v, to| {
+                for (to, from) in to.iter_mut().zip(&pixels[v * width + u..]) {
+                    *to = grey(from) - level;
+                }
+            },
+            pool,
+        );
     }
 
     /// Writes each span of the plane: `source(u, v, to)` fills `to` with the pixels from (u, v) on.
     fn fill(&mut self, source: impl Fn(usize, usize, &mut [f32]) + Sync, pool: Option<&rayon::ThreadPool>) {
         let [u0, v0] = self.corner;
-        let spans = &self.spans;
+        let mask = &self.mask;
         let line = |(row, plane): (usize, &mut [f32])| {
-            for span in &spans[v0 + row] {
+            for span in mask.row((v0 + row) as u32) {
                 let (start, end) = (span.start as usize, span.end as usize);
                 source(start, v0 + row, &mut plane[start - u0..end - u0]);
             }
@@ -289,12 +316,6 @@ impl SliceFilter {
         }
         self.value.data = data;
         self.scratch = scratch;
-    }
-}
-
-fn convert<T>(from: &[T], to: &mut [f32], value: impl Fn(&T) -> f32) {
-    for (to, from) in to.iter_mut().zip(from) {
-        *to = value(from);
     }
 }
 

@@ -4,12 +4,12 @@
 //!
 //! - [`kernel`]: the weight of a sample at a distance, and where it ends.
 //! - [`spline`]: the in-plane kernel as taps of a filter, with its deviation known in advance.
-//! - [`filter`]: a slice's pixels and certainty become spline coefficients, once.
-//! - [`slab`]: which bricks a slice meets.
-//! - [`weave`]: one slice into one brick, the hot loop.
+//! - `filter`: a slice's pixels and certainty become spline coefficients, once.
+//! - `slab`: which bricks a slice meets.
+//! - `weave`: one slice into one brick, the hot loop.
 //! - [`simd`]: the sixteen lanes that both hot loops run on.
 //! - [`reconstructor`]: all of it behind `insert`.
-//! - [`reference`]: the same sums, pixel by pixel in f64, against which the fast path is tested.
+//! - [`reference`](mod@reference): the same sums, pixel by pixel in f64, against which the fast path is tested.
 
 pub(crate) mod filter;
 pub mod kernel;
@@ -19,6 +19,9 @@ pub mod simd;
 pub(crate) mod slab;
 pub mod spline;
 pub(crate) mod weave;
+
+#[cfg(test)]
+mod tests;
 
 pub use filter::FilterWork;
 pub use reconstructor::{Reconstructor, Refused, Settings, SettingsError, Touched, Work};

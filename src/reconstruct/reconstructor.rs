@@ -1,7 +1,5 @@
 //! The incremental reconstructor: `insert(slice)` → the bricks it touched. The volume is valid after every insert.
 
-use std::ops::Range;
-
 use calibration::frames::{Image as ImageFrame, Transform, Volume, World};
 use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
@@ -12,6 +10,7 @@ use super::simd::Simd;
 use super::slab::{MaskSummary, Sight, SlabGeometry};
 use super::spline::{SplineError, Taps};
 use super::weave::{Scratch, Task, View, touches, weave};
+use crate::mask::Mask;
 use crate::slice::{Image, Slice};
 use crate::volume::BrickVolume;
 use crate::volume::brick::{Brick, BrickIndex};
@@ -184,8 +183,7 @@ struct Prepared {
 /// Weaves slices into a sparse volume. One per volume; not shared between threads, it makes its own.
 pub struct Reconstructor {
     settings: Settings,
-    size: [u32; 2],
-    spans: Vec<Vec<Range<u32>>>,
+    mask: Mask,
     pool: Option<rayon::ThreadPool>,
     prepared: Option<Prepared>,
     volume: BrickVolume,
@@ -207,11 +205,11 @@ unsafe impl Send for BrickChunk {}
 unsafe impl Sync for BrickChunk {}
 
 impl Reconstructor {
-    /// For pictures of `size` with data where `spans` says: for each image row the ranges of columns that are data, ascending.
+    /// For pictures of the mask's size, with data where the mask says.
     ///
     /// # Errors
     /// [`SettingsError`] when the settings cannot work for any slice.
-    pub fn new(settings: Settings, size: [u32; 2], spans: Vec<Vec<Range<u32>>>) -> Result<Self, SettingsError> {
+    pub fn new(settings: Settings, mask: Mask) -> Result<Self, SettingsError> {
         let spacing = settings.spacing_mm;
         if !(spacing.is_finite() && spacing.min_element() > 0.0) {
             return Err(SettingsError::Spacing(spacing));
@@ -224,8 +222,7 @@ impl Reconstructor {
         {
             return Err(SettingsError::MostWeight(most));
         }
-        let inside = |row: &Vec<Range<u32>>| row.iter().all(|s| s.start < s.end && s.end <= size[0]);
-        if spans.len() != size[1] as usize || !spans.iter().all(inside) || spans.iter().all(Vec::is_empty) {
+        if mask.area() == 0 {
             return Err(SettingsError::EmptyMask);
         }
         let pool = match settings.threads {
@@ -240,8 +237,7 @@ impl Reconstructor {
         };
         Ok(Self {
             settings,
-            size,
-            spans,
+            mask,
             pool,
             prepared: None,
             volume: BrickVolume::new(),
@@ -298,8 +294,9 @@ impl Reconstructor {
     /// [`Refused`] with the reason; nothing has changed then.
     pub fn insert(&mut self, slice: &Slice) -> Result<Touched, Refused> {
         let found = [slice.image.width(), slice.image.height()];
-        if found != self.size {
-            return Err(Refused::Size { found, expected: self.size });
+        let expected = [self.mask.width(), self.mask.height()];
+        if found != expected {
+            return Err(Refused::Size { found, expected });
         }
         if let Some((image, pose)) = &self.last
             && *pose == slice.world_from_image
@@ -415,13 +412,17 @@ impl Reconstructor {
             Taps::design(&kernels[axis], pixel_mm[axis]).map_err(|source| SettingsError::Spline { axis: name, source })
         };
         let taps = [design(0, 'u')?, design(1, 'v')?];
-        let nodes: f64 = (0..2).map(|a| f64::from(self.size[a]) / taps[a].step.pixels() + 16.0).product();
+        let nodes: f64 = [self.mask.width(), self.mask.height()]
+            .iter()
+            .zip(&taps)
+            .map(|(n, taps)| f64::from(*n) / taps.step.pixels() + 16.0)
+            .product();
         if nodes > MOST_NODES as f64 / 2.0 {
             return Err(SettingsError::Nodes(nodes as usize));
         }
         // Half a pixel to the border of the data, and one σ on: from 0.84 σ on too little of the kernel lies on data.
         let margin = [0, 1].map(|a| (kernels[a].sigma_mm / pixel_mm[a]).min(kernels[a].support_mm / pixel_mm[a]) + 0.5);
-        let filter = SliceFilter::new(settings.simd, taps, self.size, self.spans.clone(), margin, self.pool.as_ref())
+        let filter = SliceFilter::new(settings.simd, taps, self.mask.clone(), margin, self.pool.as_ref())
             .ok_or(SettingsError::EmptyMask)?;
         let mask = MaskSummary::new(&filter.certainty);
         self.prepared = Some(Prepared { pixel_mm, kernels, filter, mask });

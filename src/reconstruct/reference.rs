@@ -4,14 +4,13 @@
 //! in-plane kernel scaled so that its sum over the infinite pixel lattice is 1 at every position (Ohbuchi, Chen & Fuchs 1992,
 //! section 4, as normalised convolution).
 
-use std::ops::Range;
-
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 
 use super::kernel::AxisKernel;
 use super::reconstructor::Plane;
 use super::slab::LEAST_CERTAINTY;
+use crate::mask::Mask;
 use crate::slice::{Pixels, Slice};
 use crate::volume::Grid;
 
@@ -36,8 +35,8 @@ impl Reference {
         Self { grid, r: vec![0.0; voxels], w: vec![0.0; voxels] }
     }
 
-    /// Adds a slice with data where `spans` says. A slice whose pose spans no plane adds nothing.
-    pub fn insert(&mut self, slice: &Slice, spans: &[Vec<Range<u32>>], kernels: &[AxisKernel; 3]) {
+    /// Adds a slice with data where the mask says. A slice whose pose spans no plane adds nothing.
+    pub fn insert(&mut self, slice: &Slice, mask: &Mask, kernels: &[AxisKernel; 3]) {
         let Some(plane) = Plane::new(slice.world_from_image) else { return };
         let image_from_voxel: DAffine3 = plane.image_from_world * self.grid.world_from_volume().affine();
         let [nx, ny, _] = self.grid.size.map(|n| n as usize);
@@ -49,7 +48,7 @@ impl Reference {
                 if at.z.abs() > kernels[2].support_mm {
                     continue;
                 }
-                let (value, certainty) = in_plane(slice, spans, kernels, plane.pixel_mm, [at.x, at.y]);
+                let (value, certainty) = in_plane(slice, mask, kernels, plane.pixel_mm, [at.x, at.y]);
                 if certainty >= f64::from(LEAST_CERTAINTY) {
                     let f = kernels[2].weight(at.z);
                     r[i] += f * value;
@@ -66,13 +65,7 @@ impl Reference {
 }
 
 /// Σ k·c·b and Σ k·c around a position in pixels.
-pub fn in_plane(
-    slice: &Slice,
-    spans: &[Vec<Range<u32>>],
-    kernels: &[AxisKernel; 3],
-    pixel_mm: [f64; 2],
-    at: [f64; 2],
-) -> (f64, f64) {
+pub fn in_plane(slice: &Slice, mask: &Mask, kernels: &[AxisKernel; 3], pixel_mm: [f64; 2], at: [f64; 2]) -> (f64, f64) {
     let image = &slice.image;
     let pixel = |u: usize, v: usize| -> f64 {
         let i = v * image.width() as usize + u;
@@ -95,8 +88,8 @@ pub fn in_plane(
     let (first_v, along_v) = axis(1);
     let (mut value, mut certainty) = (0.0, 0.0);
     for (v, wv) in (first_v..).zip(&along_v) {
-        let Some(row) = usize::try_from(v).ok().and_then(|v| spans.get(v)) else { continue };
-        for span in row {
+        let Some(row) = u32::try_from(v).ok().filter(|v| *v < mask.height()) else { continue };
+        for span in mask.row(row) {
             let from = i64::from(span.start).max(first_u);
             let to = i64::from(span.end).min(first_u + along_u.len() as i64);
             for u in from..to {

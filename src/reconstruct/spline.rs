@@ -168,7 +168,7 @@ impl Taps {
 
     fn worst_deviation(&self, kernel: &AxisKernel, pixel_mm: f64) -> f64 {
         let period = self.step.pixels().max(1.0);
-        let points = (CHECK_POINTS as f64 * period.max(f64::from(self.step.phases()))) as u32;
+        let points = (f64::from(CHECK_POINTS) * period.max(f64::from(self.step.phases()))) as u32;
         let reach = (kernel.support_mm / pixel_mm + 3.0 * self.step.pixels()).ceil() as i64 + 1;
         let mut worst = 0.0_f64;
         for i in 0..points {
@@ -195,7 +195,7 @@ fn cubic_b_spline(x: f64) -> f64 {
     }
 }
 
-/// Coefficients α[i] of B₃(x − i) that fit the kernel centred at `centre` (in knots, 0 ≤ centre < 1) best in the least-squares sense;
+/// Coefficients αᵢ of B₃(x − i) that fit the kernel centred at `centre` (in knots, 0 ≤ centre < 1) best in the least-squares sense;
 /// returns the first i and α.
 fn fit_spline(kernel: &AxisKernel, knot_mm: f64, centre: f64) -> (i64, Vec<f64>) {
     let support = kernel.support_mm / knot_mm;

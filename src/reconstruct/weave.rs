@@ -35,6 +35,8 @@ pub(crate) struct Task {
 pub(crate) struct View<'a> {
     pub(crate) value: &'a Nodes,
     pub(crate) certainty: &'a Nodes,
+    /// What the values are relative to.
+    pub(crate) level: f32,
     /// Half width of the support, in σ.
     pub(crate) reach: f32,
     /// Subtracted from the Gaussian.
@@ -49,6 +51,7 @@ impl<'a> View<'a> {
         Self {
             value: &filter.value,
             certainty: &filter.certainty,
+            level: filter.level,
             reach: (normal.support_mm / normal.sigma_mm) as f32,
             pedestal: normal.pedestal as f32,
             most_weight,
@@ -266,6 +269,22 @@ unsafe fn locate<L: Lanes>(brick: Option<&Brick>, task: &Task, view: &View<'_>, 
     }
 }
 
+/// What [`Lanes::patch`] gives, to the bit, where every node is 1: the weights' own sum.
+///
+/// It is 1 but for rounding; entered as certainty, the rounding of the weights cancels in numerator over weight, and a constant stays one.
+///
+/// # Safety
+/// The instruction set of `L` must be available.
+#[inline(always)]
+unsafe fn patch_of_ones<L: Lanes>(row: [L; 4], column: [L; 4]) -> L {
+    // SAFETY: as for this function.
+    unsafe {
+        // A product with 1 is exact, so fused and plain additions are the same.
+        let sum = row[3].add(row[2].add(row[1].add(row[0])));
+        sum.mul_add(column[3], sum.mul_add(column[2], sum.mul_add(column[1], sum.mul(column[0]))))
+    }
+}
+
 /// # Safety
 /// The instruction set of `L` must be available.
 #[inline(always)]
@@ -277,6 +296,7 @@ unsafe fn weave_lanes<L: Lanes>(brick: &mut Brick, task: &mut Task, view: &View<
         let count = locate::<L>(Some(brick), task, view, scratch);
         task.vectors = count as u32;
         let most = L::splat(view.most_weight);
+        let level = L::splat(view.level);
         let stride = view.value.stride;
         for i in 0..count {
             let vector = usize::from(scratch.vector[i]);
@@ -285,21 +305,22 @@ unsafe fn weave_lanes<L: Lanes>(brick: &mut Brick, task: &mut Task, view: &View<
             let offset = scratch.offset[i].as_ptr();
             let row = spline_weights(L::load(scratch.along_v[i].as_ptr()));
             let column = spline_weights(L::load(scratch.along_u[i].as_ptr()));
-            // Value and certainty enter with the kernel's weight; where all is data the certainty is 1.
-            let mut certain_weight = weight;
-            if task.sight == Sight::Partial {
+            let certainty = if task.sight == Sight::Partial {
                 let certainty = L::patch(view.certainty.data.as_ptr(), stride, offset, row, column);
                 mask = L::and(mask, L::splat(LEAST_CERTAINTY).le(certainty));
                 if L::bits(mask) == 0 {
                     continue;
                 }
-                certain_weight = weight.mul(certainty);
-            }
-            let sum = L::patch(view.value.data.as_ptr(), stride, offset, row, column);
+                certainty
+            } else {
+                patch_of_ones(row, column)
+            };
+            let contrast = L::patch(view.value.data.as_ptr(), stride, offset, row, column);
+            let sum = certainty.mul_add(level, contrast);
             let r = L::load(brick.r.as_ptr().add(vector * LANES));
             let w = L::load(brick.w.as_ptr().add(vector * LANES));
             let mut new_r = sum.mul_add(weight, r);
-            let mut new_w = w.add(certain_weight);
+            let mut new_w = certainty.mul_add(weight, w);
             let bits = L::bits(mask);
             task.updated += bits.count_ones();
             let fits = new_w.le(most);

@@ -58,10 +58,10 @@ mod tests {
     #[test]
     fn every_voxel_has_a_place_of_its_own_and_a_tile_lies_together() {
         let mut seen = [false; VOXELS];
-        for place in 0..VOXELS {
+        for (place, seen) in seen.iter_mut().enumerate() {
             let [x, y, z] = voxel_at(place);
             assert_eq!(offset(x, y, z), place);
-            seen[place] = x < EDGE && y < EDGE && z < EDGE;
+            *seen = x < EDGE && y < EDGE && z < EDGE;
         }
         assert!(seen.iter().all(|s| *s));
         assert_eq!([offset(1, 0, 0), offset(0, 1, 0), offset(0, 0, 1), offset(4, 0, 0)], [1, 4, 8, 16]);

@@ -163,6 +163,7 @@ unsafe impl Lanes for Avx2 {
         // SAFETY: AVX2 and FMA as for the trait; the caller vouches that each lane's patch lies inside `at`.
         unsafe {
             let mut value = [_mm256_setzero_ps(); 2];
+            #[allow(clippy::needless_range_loop, reason = "the half selects from many arrays at once")]
             for half in 0..2 {
                 // Group g takes lanes g and g+4 of this half, so that the transposition leaves the lanes in their natural order.
                 let mut sums = [_mm256_setzero_ps(); 4];

@@ -1,6 +1,6 @@
 //! Sixteen f32 lanes, the same operations in the same order on every instruction set.
 //!
-//! The hot loops are written once over [`Lanes`]. Each implementation fuses multiply-add where the trait says so, rounds as IEEE 754 says, and uses no
+//! The hot loops are written once over `Lanes`. Each implementation fuses multiply-add where the trait says so, rounds as IEEE 754 says, and uses no
 //! reciprocal estimates: AVX-512, AVX2 and portable give the same bits.
 //!
 //! Code over lanes is `#[inline(always)]` and free of closures: a closure is a function of its own without the caller's instruction set, and
@@ -94,7 +94,7 @@ pub(crate) unsafe trait Lanes: Copy {
     unsafe fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
     /// Writes the lanes, which are integral and not negative, as integers.
     unsafe fn store_integers(self, to: *mut u32);
-    /// Lane k: Σᵢ column[i][k]·(Σⱼ row[j][k]·at[offset[k] + j·stride + i]), each sum begun with a product and continued in order by fused
+    /// Lane k: `Σᵢ column[i][k]·(Σⱼ row[j][k]·at[offset[k] + j·stride + i])`, each sum begun with a product and continued in order by fused
     /// multiply-adds. There are sixteen offsets; all sixteen elements of each lane's 4×4 patch must lie inside `at`.
     unsafe fn patch(at: *const f32, stride: usize, offset: *const u32, row: [Self; 4], column: [Self; 4]) -> Self;
     /// Asks for the cache line at an address; nothing is read.

@@ -1,7 +1,7 @@
 //! Every operation of every instruction set against plain scalar code, bit for bit.
 #![allow(unsafe_code, reason = "the operations under test are unsafe to call without their instruction set")]
 
-use super::{LANES, Lanes, Simd, dispatch};
+use super::{LANES, Lanes, Simd};
 
 type Row = [f32; LANES];
 
