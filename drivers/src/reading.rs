@@ -125,7 +125,7 @@ pub struct NamedTransform {
     pub stamp: Stamp,
     /// Name of the frame that points come from.
     pub from: String,
-    /// Name of the frame that points go to.
+    /// Name of the frame that points go to; empty if the source does not say (early sequence files call a transform `Stylus`).
     pub to: String,
     /// 4×4, row major, column vectors, mm (pixels on the image's side). May hold anything that parsed as numbers, NaN included.
     pub matrix: [f64; 16],

@@ -1,5 +1,10 @@
 //! Recordings: sequence files and the device that replays them.
 
+pub mod metaimage;
+mod replay;
+
+pub use replay::Replay;
+
 use std::path::PathBuf;
 
 use crate::{Device, Driver, Error, Listing, OpenSettings};
@@ -13,7 +18,8 @@ pub struct SequenceDriver;
 pub struct SequenceSettings {
     /// The file.
     pub path: PathBuf,
-    /// Whether to deliver pixels. Without them, only the header is read.
+    /// Whether to deliver pixels. Without them, only the header is read: transforms and frames come all the same, the frames' pixels
+    /// are empty.
     pub images: bool,
     /// What the file may ask for at most.
     pub limits: Limits,
@@ -29,11 +35,11 @@ impl SequenceSettings {
 /// Upper bounds that keep a damaged or hostile file from taking the machine down.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
-    /// Bytes of header.
+    /// Bytes of header. Interpreted, it takes up to five times as much memory.
     pub header_bytes: u64,
     /// Bytes of one frame, decompressed.
     pub frame_bytes: u64,
-    /// Frames (or tracker samples).
+    /// Frames (or tracker samples, or a volume's slices).
     pub items: u64,
 }
 
@@ -54,6 +60,6 @@ impl Driver for SequenceDriver {
 
     fn open(&self, settings: &OpenSettings) -> Result<Box<dyn Device>, Error> {
         let OpenSettings::Sequence(settings) = settings;
-        Err(Error::Misuse(format!("{}: no reader for this container", settings.path.display())))
+        Ok(Box::new(Replay::open(settings)?))
     }
 }

@@ -1,0 +1,386 @@
+//! What the per-frame fields of a sequence mean: times, numbers, transforms and whether the source vouches for them.
+
+use super::header::{Fault, FrameField, Header, number, numbers, whole};
+use super::layout::Layout;
+use crate::reading::Status;
+
+/// The header of a sequence, interpreted. Memory is proportional to the header's length, whatever it claims.
+#[derive(Debug)]
+pub(crate) struct Sequence {
+    /// Fields of the whole file, in file order.
+    pub(crate) fields: Vec<(String, String)>,
+    /// As written, empty if not given.
+    pub(crate) orientation: String,
+    /// As written, empty if not given.
+    pub(crate) image_type: String,
+    /// Frames that the transforms map between, by [`ItemTransform::name`]: from, to.
+    pub(crate) transforms: Vec<(String, String)>,
+    /// Names of further per-frame fields, by the index in [`Item::fields`].
+    pub(crate) names: Vec<Box<str>>,
+    /// One each frame, or none at all if the file has no per-frame fields.
+    items: Vec<Item>,
+    bare: Item,
+}
+
+/// What the header says of one frame.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Item {
+    pub(crate) source_s: Option<f64>,
+    pub(crate) unfiltered_s: Option<f64>,
+    pub(crate) frame_number: Option<u64>,
+    pub(crate) image: Status,
+    /// In file order.
+    pub(crate) transforms: Vec<ItemTransform>,
+    /// What has no meaning here, in file order.
+    pub(crate) fields: Vec<(u32, Box<str>)>,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct ItemTransform {
+    pub(crate) name: u32,
+    pub(crate) matrix: [f64; 16],
+    pub(crate) status: Status,
+}
+
+impl Item {
+    const fn bare() -> Self {
+        Self {
+            source_s: None,
+            unfiltered_s: None,
+            frame_number: None,
+            image: Status::Ok,
+            transforms: Vec::new(),
+            fields: Vec::new(),
+        }
+    }
+}
+
+/// What a per-frame field's name means.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Role {
+    Timestamp,
+    UnfilteredTimestamp,
+    FrameNumber,
+    ImageStatus,
+    Transform(u32),
+    TransformStatus(u32),
+    Other,
+}
+
+impl Sequence {
+    /// Interprets all per-frame fields, so that a bad one is refused before the first frame is delivered.
+    pub(crate) fn new(header: Header, layout: &Layout) -> Result<Self, Fault> {
+        let (roles, bases) = roles(&header);
+        if header.frames.is_empty() && !layout.has_images() {
+            let dims = header.required("DimSize")?;
+            return Err(
+                dims.fault("promises no images, and no field Seq_Frame… holds a reading; the recording is empty")
+            );
+        }
+        let mut items = Vec::new();
+        for fields in header.frames.chunk_by(|a, b| a.frame == b.frame) {
+            check_order(&header, &fields[0], items.len() as u64, layout.layers)?;
+            items.push(item(&header, fields, &roles)?);
+        }
+        if !items.is_empty() && (items.len() as u64) < layout.layers {
+            return Err(header.required("DimSize")?.fault(format!(
+                "promises {} frames, but fields Seq_Frame… are given for the first {} only; correct it or record again",
+                layout.layers,
+                items.len()
+            )));
+        }
+        let text = |name: &str| header.get(name).map_or_else(String::new, |field| field.value.to_string());
+        Ok(Self {
+            orientation: text("UltrasoundImageOrientation"),
+            image_type: text("UltrasoundImageType"),
+            transforms: bases.iter().map(|base| split_transform_name(base)).collect(),
+            fields: header.global.into_iter().map(|field| (field.name.into(), field.value.into())).collect(),
+            names: header.names,
+            items,
+            bare: Item::bare(),
+        })
+    }
+
+    /// What is known of a frame.
+    pub(crate) fn item(&self, index: u64) -> &Item {
+        usize::try_from(index).ok().and_then(|index| self.items.get(index)).unwrap_or(&self.bare)
+    }
+}
+
+/// Frames must be numbered 0, 1, 2, … without gaps: with one missing, nobody knows to which images the rest belong.
+fn check_order(header: &Header, field: &FrameField, expected: u64, frames: u64) -> Result<(), Fault> {
+    if field.frame >= frames {
+        let problem =
+            format!("belongs to frame {}, but DimSize promises only {frames}; correct one of them", field.frame);
+        return Err(header.frame_fault(field, problem));
+    }
+    if field.frame != expected {
+        let problem = format!(
+            "belongs to frame {}, but frame {expected} has no field at all; frames are numbered from 0 without gaps",
+            field.frame
+        );
+        return Err(header.frame_fault(field, problem));
+    }
+    Ok(())
+}
+
+/// The meaning of each name, and the transforms' names without the word `Transform`.
+///
+/// A name is a transform's if it ends in `Transform`, or (as early files have it) if it reads like one (`ProbeToTracker`) and holds 16 numbers in
+/// some frame, or if it is a bare word whose 16 numbers end in the row 0 0 0 1. It must then hold 16 numbers in every frame that has it.
+fn roles(header: &Header) -> (Vec<Role>, Vec<String>) {
+    let mut old_style = vec![false; header.names.len()];
+    for field in &header.frames {
+        let known = &mut old_style[field.name as usize];
+        if !*known && let Ok(matrix) = numbers::<16>(&field.value) {
+            let splits = !split_transform_name(&header.names[field.name as usize]).1.is_empty();
+            *known = splits || matrix[12..] == [0.0, 0.0, 0.0, 1.0];
+        }
+    }
+    let mut bases: Vec<String> = Vec::new();
+    let mut roles = vec![Role::Other; header.names.len()];
+    for (id, name) in header.names.iter().enumerate() {
+        let base = match name.strip_suffix("Transform") {
+            Some(base) => base,
+            None if old_style[id] => name,
+            None => continue,
+        };
+        let index = bases.iter().position(|known| known == base).unwrap_or_else(|| {
+            bases.push(base.to_owned());
+            bases.len() - 1
+        });
+        roles[id] = Role::Transform(u32::try_from(index).unwrap_or(u32::MAX));
+    }
+    for (id, name) in header.names.iter().enumerate() {
+        roles[id] = match &**name {
+            "Timestamp" => Role::Timestamp,
+            "UnfilteredTimestamp" => Role::UnfilteredTimestamp,
+            "FrameNumber" => Role::FrameNumber,
+            // `Status` alone is how some writers call the image's.
+            "ImageStatus" | "Status" => Role::ImageStatus,
+            name => {
+                let of = name.strip_suffix("Status").map(|of| of.strip_suffix("Transform").unwrap_or(of));
+                let index = of.and_then(|of| bases.iter().position(|base| base == of));
+                index.map_or(roles[id], |index| Role::TransformStatus(u32::try_from(index).unwrap_or(u32::MAX)))
+            }
+        };
+    }
+    (roles, bases)
+}
+
+fn item(header: &Header, fields: &[FrameField], roles: &[Role]) -> Result<Item, Fault> {
+    let mut item = Item::bare();
+    let mut statuses: Vec<(u32, &FrameField)> = Vec::new();
+    for field in fields {
+        let refused = |problem: String| header.frame_fault(field, problem);
+        match roles[field.name as usize] {
+            Role::Timestamp => item.source_s = Some(seconds(&field.value).map_err(refused)?),
+            Role::UnfilteredTimestamp => item.unfiltered_s = Some(seconds(&field.value).map_err(refused)?),
+            Role::FrameNumber => item.frame_number = Some(whole(&field.value).map_err(refused)?),
+            Role::ImageStatus => worsen(&mut item.image, &field.value),
+            Role::Transform(name) => {
+                if item.transforms.iter().any(|transform| transform.name == name) {
+                    return Err(refused(
+                        "gives a transform that this frame already has under its other spelling".into(),
+                    ));
+                }
+                let matrix = numbers::<16>(&field.value).map_err(refused)?;
+                item.transforms.push(ItemTransform { name, matrix, status: Status::Ok });
+            }
+            Role::TransformStatus(name) => statuses.push((name, field)),
+            Role::Other => item.fields.push((field.name, field.value.clone())),
+        }
+    }
+    for (name, field) in statuses {
+        match item.transforms.iter_mut().find(|transform| transform.name == name) {
+            Some(transform) => worsen(&mut transform.status, &field.value),
+            None => item.fields.push((field.name, field.value.clone())),
+        }
+    }
+    Ok(item)
+}
+
+/// Of several words on one datum, the one that does not vouch for it counts.
+fn worsen(status: &mut Status, word: &str) {
+    if *status == Status::Ok && !word.eq_ignore_ascii_case("OK") {
+        *status = Status::Other(word.to_owned());
+    }
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    match number(text) {
+        Some(seconds) if seconds.is_finite() => Ok(seconds),
+        Some(_) => Err(format!("is {text}, which is no time; it must be a finite number of seconds")),
+        None => Err(format!("is {text:?}, which is not a number; it must be a number of seconds")),
+    }
+}
+
+/// Splits `ProbeToTracker` into `Probe` and `Tracker`: at the first `To` that has something before it and an upper-case letter or a digit behind it,
+/// so that `To` within a word (`TorsoToTracker`, `ToolToTracker`, `StylusToTool`) does not count. A name without such a `To` is the frame
+/// that points come from, and the frame they go to is empty: the source does not say it.
+pub(crate) fn split_transform_name(base: &str) -> (String, String) {
+    let at = base.match_indices("To").map(|(at, _)| at).find(|&at| {
+        let next = base[at + 2..].chars().next();
+        at > 0 && next.is_some_and(|next| next.is_uppercase() || next.is_ascii_digit())
+    });
+    match at {
+        Some(at) => (base[..at].to_owned(), base[at + 2..].to_owned()),
+        None => (base.to_owned(), String::new()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::header::Parser;
+    use super::*;
+    use crate::recording::Limits;
+
+    const EYE: &str = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1";
+
+    /// A sequence of `frames` without images.
+    fn sequence(frames: u64, lines: &str) -> Result<Sequence, Fault> {
+        let mut parser = Parser::new(Limits::default());
+        let head = format!("NDims = 3\nDimSize = 0 0 {frames}\nElementType = MET_OTHER\nKinds = domain domain list\n");
+        for line in head.split_inclusive('\n').chain(lines.split_inclusive('\n')) {
+            parser.line(line.as_bytes())?;
+        }
+        parser.line(b"ElementDataFile = LOCAL\n")?;
+        let header = parser.finish()?;
+        let layout = Layout::new(&header, header.end, &Limits::default())?;
+        Sequence::new(header, &layout)
+    }
+
+    fn problem(frames: u64, lines: &str) -> (String, u64, String) {
+        match sequence(frames, lines).unwrap_err() {
+            Fault::Field { field, offset, problem } => (field, offset, problem),
+            limit @ Fault::Limit { .. } => panic!("{limit:?}"),
+        }
+    }
+
+    #[test]
+    fn names_are_split_at_the_to_between_two_frames() {
+        let cases = [
+            ("ProbeToTracker", "Probe", "Tracker"),
+            ("ToolToTracker", "Tool", "Tracker"),
+            ("TorsoToTracker", "Torso", "Tracker"),
+            ("ImageToCroppedImage", "Image", "CroppedImage"),
+            ("StylusToTool", "Stylus", "Tool"),
+            ("AToB", "A", "B"),
+            ("ProbeTo2", "Probe", "2"),
+            ("TopToToe", "Top", "Toe"),
+            ("HeadToToeToTracker", "Head", "ToeToTracker"),
+            ("Stylus", "Stylus", ""),
+            ("AutoTool", "AutoTool", ""),
+            ("ToTracker", "ToTracker", ""),
+            ("ProbeTo", "ProbeTo", ""),
+            ("ÉcranToÎle", "Écran", "Île"),
+        ];
+        for (name, from, to) in cases {
+            assert_eq!(split_transform_name(name), (from.to_owned(), to.to_owned()), "{name}");
+        }
+    }
+
+    #[test]
+    fn a_frame_s_fields_find_their_place() {
+        let matrix = "1 2 3 4 5 6 7 8 9 10 11 12 0 0 0 1";
+        let got = sequence(
+            2,
+            &format!(
+                "Seq_Frame0000_Later = b\nSeq_Frame0000_ProbeToTrackerTransformStatus = INVALID\nSeq_Frame0000_ProbeToTrackerTransform = {matrix} \n\
+                 Seq_Frame0000_NeedleToProbe = {EYE}\nSeq_Frame0000_NeedleToProbeStatus = MISSING\nSeq_Frame0000_Timestamp = 1.5\n\
+                 Seq_Frame0000_UnfilteredTimestamp = 1.25\nSeq_Frame0000_FrameNumber = 77\nSeq_Frame0000_ImageStatus = BAD\n\
+                 Seq_Frame0000_FooStatus = x\nSeq_Frame0000_Earlier = a\nSeq_Frame0000_Row = 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16\n\
+                 Seq_Frame0001_ProbeToTrackerTransform = {EYE}\nSeq_Frame0001_ProbeToTrackerTransformStatus = ok\nSeq_Frame0001_Stylus = {EYE}\n\
+                 Seq_Frame0001_Status = OK\n"
+            ),
+        )
+        .unwrap();
+        assert_eq!(
+            got.transforms,
+            [("Probe", "Tracker"), ("Needle", "Probe"), ("Stylus", "")].map(|(a, b)| (a.to_owned(), b.to_owned()))
+        );
+        let first = got.item(0);
+        assert_eq!((first.source_s, first.unfiltered_s, first.frame_number), (Some(1.5), Some(1.25), Some(77)));
+        assert_eq!(first.image, Status::Other("BAD".into()));
+        let transforms: Vec<_> = first.transforms.iter().map(|t| (t.name, t.matrix[1], t.status.clone())).collect();
+        assert_eq!(
+            transforms,
+            [(0, 2.0, Status::Other("INVALID".into())), (1, 0.0, Status::Other("MISSING".into()))],
+            "row major, each with its own status, in file order"
+        );
+        let fields: Vec<_> = first.fields.iter().map(|(name, text)| (&*got.names[*name as usize], &**text)).collect();
+        assert_eq!(fields[..3], [("Later", "b"), ("FooStatus", "x"), ("Earlier", "a")]);
+        assert_eq!(fields[3].0, "Row", "16 numbers alone make no transform");
+        let second = got.item(1);
+        assert_eq!((second.source_s, &second.image), (None, &Status::Ok));
+        assert_eq!(
+            second.transforms.iter().map(|t| (t.name, &t.status)).collect::<Vec<_>>(),
+            [(0, &Status::Ok), (2, &Status::Ok)]
+        );
+    }
+
+    #[test]
+    fn not_a_number_in_a_matrix_is_delivered_and_elsewhere_refused() {
+        let nan = EYE.replacen("1", "nan", 1).replacen("0", "inf", 1);
+        let got = sequence(1, &format!("Seq_Frame0000_AToBTransform = {nan}\n")).unwrap();
+        let matrix = got.item(0).transforms[0].matrix;
+        assert!(matrix[0].is_nan() && matrix[1] == f64::INFINITY);
+        for (value, says) in [("nan", "finite"), ("inf", "finite"), ("noon", "not a number"), ("", "not a number")] {
+            for name in ["Timestamp", "UnfilteredTimestamp"] {
+                let (field, offset, problem) = problem(1, &format!("Seq_Frame0000_{name} = {value}\n"));
+                assert_eq!((field, offset), (format!("Seq_Frame0000_{name}"), 77));
+                assert!(problem.contains(says), "{problem}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_contradicts_itself_is_refused_by_field_and_offset() {
+        let t = |frame: u32| format!("Seq_Frame{frame:04}_AToBTransform = {EYE}\n");
+        let line = t(0).len() as u64;
+        let fifteen = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0";
+        let cases = [
+            (
+                1,
+                format!("Seq_Frame0000_AToBTransform = {fifteen}\n"),
+                "Seq_Frame0000_AToBTransform",
+                77,
+                "holds 15 numbers",
+            ),
+            (
+                2,
+                format!("{}Seq_Frame0001_AToBTransform = {EYE} 5\n", t(0)),
+                "Seq_Frame0001_AToBTransform",
+                77 + line,
+                "holds 17",
+            ),
+            (
+                1,
+                "Seq_Frame0000_AToBTransform = a b\n".into(),
+                "Seq_Frame0000_AToBTransform",
+                77,
+                "\"a\", number 1 of 16",
+            ),
+            (
+                2,
+                format!("Seq_Frame0000_AToB = {EYE}\nSeq_Frame0001_AToB = {fifteen}\n"),
+                "Seq_Frame0001_AToB",
+                130,
+                "holds 15",
+            ),
+            (1, format!("Seq_Frame0000_AToB = {EYE}\n{}", t(0)), "Seq_Frame0000_AToBTransform", 130, "other spelling"),
+            (3, t(0) + &t(2), "Seq_Frame0002_AToBTransform", 77 + line, "frame 1 has no field at all"),
+            (2, t(1), "Seq_Frame0001_AToBTransform", 77, "frame 0 has no field at all"),
+            (1, t(0) + &t(1), "Seq_Frame0001_AToBTransform", 77 + line, "DimSize promises only 1"),
+            (3, t(0) + &t(1), "DimSize", 10, "promises 3 frames, but fields Seq_Frame… are given for the first 2"),
+            (3, String::new(), "DimSize", 10, "the recording is empty"),
+            (1, "Seq_Frame0000_FrameNumber = -1\n".into(), "Seq_Frame0000_FrameNumber", 77, "negative"),
+            (1, "Seq_Frame0000_FrameNumber = one\n".into(), "Seq_Frame0000_FrameNumber", 77, "not a whole number"),
+        ];
+        for (frames, lines, field, offset, says) in cases {
+            let (f, o, p) = problem(frames, &lines);
+            assert_eq!((f.as_str(), o), (field, offset), "{p}");
+            assert!(p.contains(says), "{p:?} does not say {says:?}");
+        }
+    }
+}

@@ -1,0 +1,196 @@
+//! A volume: its place in space, and its voxels slice by slice.
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+
+use super::header::{Fault, Header, numbers};
+use super::layout::{Content, Layout};
+use super::stream::PixelStream;
+use crate::Error;
+use crate::reading::PixelType;
+use crate::recording::Limits;
+
+/// Fields that say how the voxels are stored and where they lie; [`VolumeHeader`] holds their meaning.
+pub(super) const STRUCTURE: [&str; 23] = [
+    "ObjectType",
+    "NDims",
+    "BinaryData",
+    "BinaryDataByteOrderMSB",
+    "ElementByteOrderMSB",
+    "CompressedData",
+    "CompressedDataSize",
+    "CompressionLevel",
+    "HeaderSize",
+    "TransformMatrix",
+    "Rotation",
+    "Orientation",
+    "Offset",
+    "Position",
+    "Origin",
+    "CenterOfRotation",
+    "ElementSpacing",
+    "ElementSize",
+    "DimSize",
+    "Kinds",
+    "ElementNumberOfChannels",
+    "ElementType",
+    "ElementDataFile",
+];
+
+/// What a volume file says of itself, without the voxels. The same struct is read and written.
+#[derive(Debug, Clone, PartialEq)]
+pub struct VolumeHeader {
+    /// Voxels along each index axis, the fastest first.
+    pub size: [u32; 3],
+    /// Distance between the centres of neighbouring voxels along each index axis, mm. Positive.
+    pub spacing: [f64; 3],
+    /// Position of the centre of voxel (0, 0, 0), mm (`Offset`).
+    pub origin: [f64; 3],
+    /// For each index axis its direction in space: `axes[i]` is column `i` of ITK's direction matrix, and the `i`-th triple of
+    /// `TransformMatrix`.
+    pub axes: [[f64; 3]; 3],
+    /// Scalar type.
+    pub pixel: PixelType,
+    /// Channels per voxel, interleaved, 1 to 4.
+    pub channels: u32,
+    /// Whether the file holds the voxels compressed with zlib.
+    pub compressed: bool,
+    /// Further fields of the file, in file order, names as in the file. Per-frame fields, which have no place in a volume, are left out.
+    pub fields: Vec<(String, String)>,
+}
+
+impl VolumeHeader {
+    /// A raw volume of that size and type: spacing 1 mm, origin 0, axes along x, y, z.
+    pub fn new(size: [u32; 3], pixel: PixelType) -> Self {
+        Self {
+            size,
+            spacing: [1.0; 3],
+            origin: [0.0; 3],
+            axes: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+            pixel,
+            channels: 1,
+            compressed: false,
+            fields: Vec::new(),
+        }
+    }
+
+    /// Bytes of one slice, `None` beyond 64 bits.
+    pub fn slice_bytes(&self) -> Option<u64> {
+        let pixel = self.pixel.bytes() as u64 * u64::from(self.channels);
+        (u64::from(self.size[0]) * u64::from(self.size[1])).checked_mul(pixel)
+    }
+
+    fn new_from(header: Header, layout: &Layout) -> Result<Self, Fault> {
+        let dims = header.required("DimSize")?;
+        if &*header.required("NDims")?.value != "3" {
+            return Err(header.required("NDims")?.fault("is 2: this is a single image; a volume has 3 axes"));
+        }
+        if layout.content == Content::Sequence {
+            let why = header.get("Kinds").unwrap_or(dims);
+            return Err(why.fault("makes this a sequence of frames, not a volume; reconstruct it first"));
+        }
+        if !layout.has_images() {
+            return Err(dims.fault("promises no voxels; the volume is empty"));
+        }
+        let spacing = placement(&header, &["ElementSpacing", "ElementSize"])?.unwrap_or([1.0; 3]);
+        if let Some(field) = header.get("ElementSpacing").or_else(|| header.get("ElementSize"))
+            && spacing.iter().any(|&mm| mm <= 0.0)
+        {
+            return Err(field.fault(format!("is {:?}; a spacing must be positive", &*field.value)));
+        }
+        let matrix = placement(&header, &["TransformMatrix", "Rotation", "Orientation"])?;
+        let axes = matrix.map(|m: [f64; 9]| [[m[0], m[1], m[2]], [m[3], m[4], m[5]], [m[6], m[7], m[8]]]);
+        let origin = placement(&header, &["Offset", "Position", "Origin"])?.unwrap_or([0.0; 3]);
+        let slices = u32::try_from(layout.layers).map_err(|_| dims.fault("has more than 2³² slices"))?;
+        let others = header.global.into_iter().filter(|field| !STRUCTURE.contains(&&*field.name));
+        let plain = Self::new([layout.size[0], layout.size[1], slices], layout.pixel);
+        Ok(Self {
+            spacing,
+            origin,
+            axes: axes.unwrap_or(plain.axes),
+            channels: layout.channels,
+            compressed: layout.zlib,
+            fields: others.map(|field| (field.name.into(), field.value.into())).collect(),
+            ..plain
+        })
+    }
+}
+
+/// The first of the fields that mean the same, as finite numbers.
+fn placement<const N: usize>(header: &Header, names: &[&str]) -> Result<Option<[f64; N]>, Fault> {
+    let Some(field) = names.iter().find_map(|name| header.get(name)) else { return Ok(None) };
+    let values = numbers::<N>(&field.value).map_err(|problem| field.fault(problem))?;
+    if values.iter().any(|value| !value.is_finite()) {
+        return Err(field.fault(format!("is {:?}; its numbers must be finite", &*field.value)));
+    }
+    Ok(Some(values))
+}
+
+/// Reads a volume slice by slice. Memory: the header and one slice.
+///
+/// ```no_run
+/// # fn main() -> Result<(), drivers::Error> {
+/// use drivers::recording::{Limits, metaimage::VolumeReader};
+/// let mut volume = VolumeReader::open("volume.mha".as_ref(), &Limits::default())?;
+/// while let Some(slice) = volume.next_slice()? {
+///     // size[0]·size[1]·channels scalars, x fastest
+///     let _ = slice.len();
+/// }
+/// # Ok(())
+/// # }
+/// ```
+pub struct VolumeReader {
+    path: PathBuf,
+    header: VolumeHeader,
+    stream: PixelStream<BufReader<File>>,
+    left: u32,
+    slice: Vec<u8>,
+    bytes: usize,
+}
+
+impl VolumeReader {
+    /// Opens a MetaImage volume (3 axes, not a list of frames) and reads its header. `limits.frame_bytes` bounds a slice, `limits.items` their
+    /// number.
+    ///
+    /// # Errors
+    /// [`Error`] when the file cannot be read, is no such volume, or its header cannot be true.
+    pub fn open(path: &Path, limits: &Limits) -> Result<Self, Error> {
+        let opened = super::open(path, limits)?;
+        let header = VolumeHeader::new_from(opened.header, &opened.layout).map_err(|fault| fault.at(path))?;
+        Ok(Self {
+            path: path.to_owned(),
+            left: header.size[2],
+            header,
+            stream: PixelStream::new(opened.reader, &opened.layout),
+            slice: Vec::new(),
+            bytes: opened.layout.layer_bytes,
+        })
+    }
+
+    /// What the file says of the volume.
+    pub fn header(&self) -> &VolumeHeader {
+        &self.header
+    }
+
+    /// The next slice along the third index axis: `size[0]·size[1]·channels` scalars in native byte order, x fastest. `None` after
+    /// the last.
+    ///
+    /// # Errors
+    /// [`Error::Data`] when the voxels are not what the header promises, [`Error::Io`] when the file cannot be read. There are no
+    /// further slices then.
+    pub fn next_slice(&mut self) -> Result<Option<&[u8]>, Error> {
+        if self.left == 0 {
+            return Ok(None);
+        }
+        self.left -= 1;
+        self.slice.resize(self.bytes, 0);
+        match self.stream.read(&mut self.slice) {
+            Ok(()) => Ok(Some(&self.slice)),
+            Err(trouble) => {
+                self.left = 0;
+                Err(super::trouble_at(trouble, &self.path))
+            }
+        }
+    }
+}

@@ -1,0 +1,177 @@
+//! The device that replays a sequence file: for each item its transforms, then its frame, all with the same stamp.
+
+use std::fs::File;
+use std::io::{BufReader, Seek, SeekFrom};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+use super::SequenceSettings;
+use super::metaimage::layout::Layout;
+use super::metaimage::sequence::{Item, Sequence};
+use super::metaimage::stream::{PixelStream, Pool};
+use super::metaimage::{self, Content};
+use crate::reading::{Frame, NamedTransform, Reading, Stamp};
+use crate::{Description, Device, Error, Next};
+
+/// A sequence file as a device. Delivers on demand: `next` never waits and never says [`Next::Pending`].
+///
+/// Memory: the header, and a frame for each that the consumer holds (at least one).
+pub struct Replay {
+    path: PathBuf,
+    images: bool,
+    /// Kept open, so that a file replaced meanwhile does not give its pixels to the old header.
+    file: File,
+    layout: Layout,
+    sequence: Sequence,
+    description: Description,
+    pool: Pool,
+    state: State,
+}
+
+enum State {
+    Stopped,
+    Running {
+        item: u64,
+        /// Transforms of the item that were delivered.
+        given: usize,
+        /// `None` when pixels are not wanted or there are none.
+        stream: Option<Box<PixelStream<BufReader<File>>>>,
+    },
+    Ended,
+    Failed,
+}
+
+impl Replay {
+    /// Opens the file and reads its whole header: what is wrong with it is said here, before the first reading.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when the file cannot be read, [`Error::Header`] when it is no MetaImage sequence or its header cannot be true,
+    /// [`Error::Limit`] when it asks for more than the settings allow.
+    pub fn open(settings: &SequenceSettings) -> Result<Self, Error> {
+        let path = settings.path.clone();
+        let opened = metaimage::open(&path, &settings.limits)?;
+        let layout = opened.layout;
+        if layout.content == Content::Volume {
+            let field = opened.header.get("Kinds").or_else(|| opened.header.get("DimSize"));
+            return Err(Error::Header {
+                path,
+                field: field.map_or_else(|| "Kinds".into(), |field| field.name.to_string()),
+                offset: field.map_or(0, |field| field.offset),
+                problem: "makes this a volume, not a sequence of frames (whose last axis is of kind list, or which has Seq_Frame… fields); give a sequence".into(),
+            });
+        }
+        let sequence = Sequence::new(opened.header, &layout).map_err(|fault| fault.at(&path))?;
+        let description = Description {
+            name: path.display().to_string(),
+            items: Some(layout.layers),
+            image_size: layout.has_images().then_some(layout.size),
+            pixel: layout.has_images().then_some((layout.pixel, layout.channels)),
+            fields: sequence.fields.clone(),
+        };
+        Ok(Self {
+            path,
+            images: settings.images,
+            file: opened.reader.into_inner(),
+            pool: Pool::new(layout.layer_bytes),
+            layout,
+            sequence,
+            description,
+            state: State::Stopped,
+        })
+    }
+
+    fn begin(&mut self) -> Result<(), Error> {
+        let stream = if self.images && self.layout.has_images() {
+            let failed = |source| Error::Io { path: self.path.clone(), doing: "going to the first frame", source };
+            let mut file = self.file.try_clone().map_err(failed)?;
+            file.seek(SeekFrom::Start(self.layout.data_at)).map_err(failed)?;
+            Some(Box::new(PixelStream::new(BufReader::with_capacity(metaimage::BUFFER, file), &self.layout)))
+        } else {
+            None
+        };
+        self.state = State::Running { item: 0, given: 0, stream };
+        Ok(())
+    }
+
+    fn advance(&mut self) -> Result<Next, Error> {
+        let State::Running { item: index, given, stream } = &mut self.state else {
+            return match self.state {
+                State::Ended => Ok(Next::End),
+                State::Failed => Err(Error::Misuse(format!(
+                    "{}: no reading follows an error; start the replay again to read from the beginning",
+                    self.path.display()
+                ))),
+                _ => Err(Error::Misuse(format!("{}: the replay is stopped; start it first", self.path.display()))),
+            };
+        };
+        if *index == self.layout.layers {
+            self.state = State::Ended;
+            return Ok(Next::End);
+        }
+        let item = self.sequence.item(*index);
+        let stamp = Stamp { item: *index, host_ns: None, source_s: item.source_s, unfiltered_s: item.unfiltered_s };
+        if let Some(transform) = item.transforms.get(*given) {
+            *given += 1;
+            let (from, to) = &self.sequence.transforms[transform.name as usize];
+            return Ok(Next::Reading(Reading::NamedTransform(NamedTransform {
+                stamp,
+                from: from.clone(),
+                to: to.clone(),
+                matrix: transform.matrix,
+                status: transform.status.clone(),
+            })));
+        }
+        let pixels = match stream {
+            Some(stream) => self
+                .pool
+                .fill(|pixels| stream.read(pixels))
+                .map_err(|trouble| metaimage::trouble_at(trouble, &self.path))?,
+            None => Arc::default(),
+        };
+        (*index, *given) = (*index + 1, 0);
+        Ok(Next::Reading(Reading::Frame(frame(&self.sequence, &self.layout, item, stamp, pixels))))
+    }
+}
+
+fn frame(sequence: &Sequence, layout: &Layout, item: &Item, stamp: Stamp, pixels: Arc<[u8]>) -> Frame {
+    let named = |(name, text): &(u32, Box<str>)| (sequence.names[*name as usize].to_string(), text.to_string());
+    Frame {
+        stamp,
+        frame_number: item.frame_number,
+        status: item.image.clone(),
+        size: layout.size,
+        channels: layout.channels,
+        pixel: layout.pixel,
+        orientation: sequence.orientation.clone(),
+        image_type: sequence.image_type.clone(),
+        pixels,
+        fields: item.fields.iter().map(named).collect(),
+    }
+}
+
+impl Device for Replay {
+    fn start(&mut self) -> Result<(), Error> {
+        if matches!(self.state, State::Running { .. }) {
+            return Err(Error::Misuse(format!("{}: the replay runs already; stop it first", self.path.display())));
+        }
+        self.begin()
+    }
+
+    fn next(&mut self, _deadline: Instant) -> Result<Next, Error> {
+        let next = self.advance();
+        if next.is_err() && matches!(self.state, State::Running { .. }) {
+            self.state = State::Failed;
+        }
+        next
+    }
+
+    fn stop(&mut self) -> Result<(), Error> {
+        self.state = State::Stopped;
+        Ok(())
+    }
+
+    fn describe(&self) -> &Description {
+        &self.description
+    }
+}

@@ -1,0 +1,349 @@
+//! Damaged, hostile and contradictory files: a sentence that names file, field and offset; never a panic, never memory beyond the
+//! limits. And writers that fail leave nothing behind.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
+
+use std::fs;
+use std::io::Write as _;
+use std::path::Path;
+use std::time::Instant;
+
+use drivers::reading::{NamedTransform, PixelType, Reading, Stamp, Status};
+use drivers::recording::metaimage::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
+use drivers::recording::metaimage::{VolumeHeader, VolumeReader};
+use drivers::recording::{Limits, Replay, SequenceSettings};
+use drivers::{Device, Error, Next};
+use flate2::Compression;
+use flate2::write::ZlibEncoder;
+use proptest::prelude::*;
+
+const EYE: &str = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1";
+const SMALL: Limits = Limits { header_bytes: 4096, frame_bytes: 4096, items: 64 };
+
+/// A recording of three frames of 4×2, with all the fields that mean something.
+fn recording(compressed: bool) -> Vec<u8> {
+    let mut text = format!(
+        "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nCompressedData = {}\nDimSize = 4 2 3\n\
+         Kinds = domain domain list\nElementNumberOfChannels = 1\nElementType = MET_USHORT\nUltrasoundImageOrientation = MFA\n",
+        if compressed { "True" } else { "False" }
+    );
+    for frame in 0..3 {
+        for (name, value) in [
+            ("ProbeToTrackerTransform", EYE),
+            ("ProbeToTrackerTransformStatus", "OK"),
+            ("Timestamp", "1.5"),
+            ("FrameNumber", "7"),
+        ] {
+            text += &format!("Seq_Frame{frame:04}_{name} = {value}\n");
+        }
+    }
+    let pixels: Vec<u8> = (0..48).collect();
+    let data = if compressed { deflated(&pixels) } else { pixels };
+    if compressed {
+        text += &format!("CompressedDataSize = {}\n", data.len());
+    }
+    text += "ElementDataFile = LOCAL\n";
+    [text.as_bytes(), &data].concat()
+}
+
+fn deflated(pixels: &[u8]) -> Vec<u8> {
+    let mut encoder = ZlibEncoder::new(Vec::new(), Compression::best());
+    encoder.write_all(pixels).unwrap();
+    encoder.finish().unwrap()
+}
+
+/// Reads all there is: the frames' pixels until the end or the first error.
+fn read(path: &Path, limits: Limits) -> (Vec<Vec<u8>>, Result<(), Error>) {
+    let mut frames = Vec::new();
+    let mut device = match Replay::open(&SequenceSettings { limits, ..SequenceSettings::new(path) }) {
+        Ok(device) => device,
+        Err(error) => return (frames, Err(error)),
+    };
+    if let Err(error) = device.start() {
+        return (frames, Err(error));
+    }
+    loop {
+        match device.next(Instant::now()) {
+            Ok(Next::Reading(Reading::Frame(frame))) => frames.push(frame.pixels.to_vec()),
+            Ok(Next::Reading(_)) => {}
+            Ok(Next::Pending) => panic!("a file never waits"),
+            Ok(Next::End) => return (frames, Ok(())),
+            Err(error) => {
+                let after = device.next(Instant::now());
+                assert!(matches!(after, Err(Error::Misuse(_))), "no reading follows an error: {after:?}");
+                return (frames, Err(error));
+            }
+        }
+    }
+}
+
+fn in_file<T>(bytes: &[u8], then: impl FnOnce(&Path) -> T) -> T {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bad.igs.mha");
+    fs::write(&path, bytes).unwrap();
+    then(&path)
+}
+
+fn sentence(bytes: &[u8], limits: Limits) -> String {
+    in_file(bytes, |path| {
+        let text = read(path, limits).1.expect_err("the file is damaged").to_string();
+        assert!(text.starts_with(&path.display().to_string()), "{text}");
+        text
+    })
+}
+
+fn replaced(compressed: bool, from: &str, to: &str) -> Vec<u8> {
+    let whole = recording(compressed);
+    let at = whole.windows(from.len()).position(|window| window == from.as_bytes()).unwrap();
+    [&whole[..at], to.as_bytes(), &whole[at + from.len()..]].concat()
+}
+
+fn offset(compressed: bool, field: &str) -> usize {
+    let whole = recording(compressed);
+    whole.windows(field.len()).position(|window| window == field.as_bytes()).unwrap()
+}
+
+#[test]
+fn refusals_name_file_field_and_offset_and_say_what_to_do() {
+    let cases = [
+        (EYE, "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0", "Seq_Frame0000_ProbeToTrackerTransform", "holds 15 numbers"),
+        (EYE, "1 0 0 0 0 one 0 0 0 0 1 0 0 0 0 1", "Seq_Frame0000_ProbeToTrackerTransform", "\"one\", number 6 of 16"),
+        ("= 1.5", "= nan", "Seq_Frame0000_Timestamp", "finite"),
+        ("= 1.5", "= noon", "Seq_Frame0000_Timestamp", "not a number"),
+        ("DimSize = 4 2 3", "DimSize = 4 2 0", "DimSize", "no frames"),
+        ("DimSize = 4 2 3", "DimSize = 4 2 -3", "DimSize", "negative"),
+        ("DimSize = 4 2 3", "DimSize = 4 2 2", "DimSize", "data after the last frame"),
+        ("DimSize = 4 2 3", "DimSize = 4 2 4", "DimSize", "cut short"),
+        ("NDims = 3", "NDims = 4", "NDims", "sequence of volumes"),
+        ("domain domain list", "list domain domain", "Kinds", "must be the last"),
+        ("UltrasoundImageOrientation = MFA", "NDims = 3", "NDims", "repetition"),
+        ("ElementDataFile = LOCAL", "ElementDataFile = a.raw", "ElementDataFile", "file of its own"),
+        ("Seq_Frame0001_Tim", "Seq_Frame0000_Tim", "Seq_Frame0000_Timestamp", "repetition"),
+    ];
+    for (from, to, field, says) in cases {
+        let text = sentence(&replaced(false, from, to), SMALL);
+        assert!(text.contains(&format!(": field {field} (byte ")) && text.contains(says), "{text}");
+    }
+    let fifteen = sentence(&replaced(false, EYE, "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0"), SMALL);
+    assert!(fifteen.contains(&format!("(byte {})", offset(false, "Seq_Frame0000_Probe"))), "{fifteen}");
+    let volume = sentence(&replaced(false, "domain domain list", "domain domain domain"), SMALL);
+    assert!(volume.contains(&format!("field Kinds (byte {})", offset(false, "Kinds"))), "{volume}");
+}
+
+#[test]
+fn claims_beyond_the_limits_are_refused_before_anything_is_allocated() {
+    let cases = [
+        ("DimSize = 100000 100000 10", "size of one frame in bytes is 20000000000, more than the limit of 4096"),
+        ("DimSize = 4 2 1000000000000000", "number of frames is 1000000000000000, more than the limit of 64"),
+        ("DimSize = 4294967296 4294967296 1", "size of one frame in bytes"),
+    ];
+    for (to, says) in cases {
+        let text = sentence(&replaced(true, "DimSize = 4 2 3", to), SMALL);
+        assert!(
+            text.contains(&format!("field DimSize (byte {})", offset(true, "DimSize"))) && text.contains(says),
+            "{text}"
+        );
+    }
+    let header = Limits { header_bytes: 100, ..SMALL };
+    assert!(
+        sentence(&recording(false), header).contains("the header's size in bytes is 101, more than the limit of 100")
+    );
+    // Within the default limits, but a gigabyte cannot be in a few bytes.
+    let text = sentence(&replaced(true, "DimSize = 4 2 3", "DimSize = 8192 8192 8"), Limits::default());
+    assert!(text.contains("compressed bytes in the file can hold"), "{text}");
+}
+
+#[test]
+fn a_decompression_bomb_is_not_inflated() {
+    let mut encoder = ZlibEncoder::new(Vec::new(), Compression::best());
+    for _ in 0..256 {
+        encoder.write_all(&vec![0; 1 << 20]).unwrap();
+    }
+    let bomb = encoder.finish().unwrap();
+    let text = "NDims = 3\nDimSize = 4 2 3\nKinds = domain domain list\nElementType = MET_UCHAR\nCompressedData = True\n\
+                ElementDataFile = LOCAL\n";
+    in_file(&[text.as_bytes(), &bomb].concat(), |path| {
+        let (frames, outcome) = read(path, SMALL);
+        assert_eq!(
+            frames,
+            [vec![0; 8], vec![0; 8]],
+            "the last frame is not delivered: the stream is not what was promised"
+        );
+        let error = outcome.unwrap_err();
+        assert!(error.to_string().contains("more pixels follow the last frame"), "{error}");
+        let Error::Data { frame: 2, offset, .. } = error else { panic!("{error}") };
+        let consumed = offset - text.len() as u64;
+        assert!(consumed < 1 << 16, "{consumed} bytes of the bomb were inflated");
+    });
+}
+
+#[test]
+fn a_file_cut_anywhere_is_an_error_and_what_came_before_is_right() {
+    for compressed in [false, true] {
+        let whole = recording(compressed);
+        let pixels: Vec<u8> = (0..48).collect();
+        for cut in 0..whole.len() {
+            in_file(&whole[..cut], |path| {
+                let (frames, outcome) = read(path, SMALL);
+                assert!(outcome.is_err(), "cut at {cut}");
+                assert!(pixels.starts_with(&frames.concat()), "cut at {cut}");
+            });
+        }
+        in_file(&whole, |path| assert!(read(path, SMALL).1.is_ok()));
+    }
+}
+
+#[test]
+fn a_compressed_stream_damaged_under_an_honest_header_is_refused_with_its_frame() {
+    let mut whole = recording(true);
+    let last = whole.len() - 1;
+    whole[last] ^= 0x40;
+    let text = sentence(&whole, SMALL);
+    assert!(text.contains("pixel data of frame 2 (byte ") && text.contains("damaged"), "{text}");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn flipped_bits_never_panic_nor_exceed_the_limits(
+        compressed: bool,
+        flips in prop::collection::vec((any::<prop::sample::Index>(), 0..8_u32), 1..6),
+    ) {
+        let mut bytes = recording(compressed);
+        for (at, bit) in flips {
+            let at = at.index(bytes.len());
+            bytes[at] ^= 1 << bit;
+        }
+        in_file(&bytes, |path| {
+            let (frames, outcome) = read(path, SMALL);
+            assert!(frames.len() as u64 <= SMALL.items);
+            assert!(frames.iter().all(|frame| frame.len() as u64 <= SMALL.frame_bytes));
+            if let Err(error) = outcome {
+                assert!(error.to_string().contains("bad.igs.mha"), "{error}");
+            }
+            let _ = VolumeReader::open(path, &SMALL).map(|mut volume| while let Ok(Some(_)) = volume.next_slice() {});
+        });
+    }
+
+    #[test]
+    fn arbitrary_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..300)) {
+        in_file(&bytes, |path| assert!(read(path, SMALL).1.is_err()));
+    }
+}
+
+fn one_frame(path: &Path) -> (SequenceHeader, Result<SequenceWriter, Error>) {
+    let header = SequenceHeader {
+        size: [4, 2],
+        pixel: PixelType::U8,
+        channels: 1,
+        orientation: "MFA".into(),
+        image_type: String::new(),
+        compressed: true,
+        fields: Vec::new(),
+        items: vec![SequenceItem {
+            stamp: Stamp::default(),
+            frame_number: None,
+            status: Status::Ok,
+            transforms: Vec::new(),
+            fields: Vec::new(),
+        }],
+    };
+    let writer = SequenceWriter::create(path, &header);
+    (header, writer)
+}
+
+#[test]
+fn an_unfinished_file_leaves_nothing_and_what_was_there_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("s.mha");
+    fs::write(&path, "before").unwrap();
+    let entries = || fs::read_dir(folder.path()).unwrap().count();
+    let unchanged = || entries() == 1 && fs::read(&path).unwrap() == b"before";
+
+    let mut dropped = one_frame(&path).1.unwrap();
+    dropped.write_frame(&[0; 8]).unwrap();
+    assert_eq!(entries(), 2, "the pixels go to a file of their own");
+    drop(dropped);
+    assert!(unchanged());
+
+    let error = one_frame(&path).1.unwrap().finish().unwrap_err();
+    assert!(error.to_string().contains("0 of 8 bytes of pixels were written"), "{error}");
+    assert!(unchanged());
+
+    let mut long = one_frame(&path).1.unwrap();
+    assert!(long.write_frame(&[0; 7]).unwrap_err().to_string().contains("a frame of 7 bytes was given"));
+    long.write_frame(&[0; 8]).unwrap();
+    let error = long.write_frame(&[0; 8]).unwrap_err();
+    assert!(
+        matches!(&error, Error::Io { source, .. } if source.to_string().contains("more than the 8 bytes")),
+        "{error}"
+    );
+    drop(long);
+    assert!(unchanged());
+
+    let mut volume = VolumeWriter::create(&path, &VolumeHeader::new([2, 2, 2], PixelType::U8)).unwrap();
+    volume.write_all(&[0; 7]).unwrap();
+    assert!(volume.write_all(&[0; 2]).is_err());
+    assert!(volume.finish().is_err());
+    assert!(unchanged());
+
+    let none = folder.path().join("none").join("s.mha");
+    assert!(matches!(one_frame(&none).1, Err(Error::Io { .. })));
+}
+
+#[cfg(unix)]
+#[test]
+fn a_written_file_has_the_rights_of_any_new_file() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("s.mha");
+    let mut writer = one_frame(&path).1.unwrap();
+    writer.write_frame(&[0; 8]).unwrap();
+    writer.finish().unwrap();
+    let ordinary = folder.path().join("ordinary");
+    fs::write(&ordinary, "").unwrap();
+    let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode();
+    assert_eq!(mode(&path), mode(&ordinary));
+}
+
+#[test]
+fn what_would_not_read_back_the_same_is_not_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("s.mha");
+    let refused = |change: &dyn Fn(&mut SequenceHeader), says: &str| {
+        let mut header = one_frame(&path).0;
+        change(&mut header);
+        match SequenceWriter::create(&path, &header) {
+            Err(Error::Misuse(text)) => assert!(text.contains(says), "{text}"),
+            Err(other) => panic!("{other}"),
+            Ok(_) => panic!("written, though {says}"),
+        }
+    };
+    let field = |name: &str, value: &str| (name.to_owned(), value.to_owned());
+    let transform = |from: &str, to: &str, status| NamedTransform {
+        stamp: Stamp::default(),
+        from: from.into(),
+        to: to.into(),
+        matrix: [0.0; 16],
+        status,
+    };
+    refused(&|h| h.items.clear(), "at least one item");
+    refused(&|h| h.size = [4, 0], "two axes that are not empty");
+    refused(&|h| h.channels = 5, "1 to 4");
+    refused(&|h| h.orientation = "M\nElementDataFile = x".into(), "must not hold line ends");
+    refused(&|h| h.fields.push(field("A", "x\ny")), "must not hold line ends");
+    refused(&|h| h.fields.push(field("A=B", "x")), "no name of a field");
+    refused(&|h| h.fields.push(field("", "x")), "no name of a field");
+    refused(&|h| h.fields.push(field("DimSize", "1 1 1")), "the writer sets itself");
+    refused(&|h| h.fields.push(field("UltrasoundImageOrientation", "UN")), "given twice");
+    refused(&|h| h.fields.extend([field("A", "1"), field("A", "2")]), "given twice");
+    refused(&|h| h.items[0].fields.push(field("ImageStatus", "OK")), "given twice for frame 0");
+    refused(&|h| h.items[0].stamp.source_s = Some(f64::NAN), "must be finite");
+    refused(&|h| h.items[0].status = Status::Other("ok".into()), "would read back as valid");
+    refused(&|h| h.items[0].transforms.push(transform("Probe", "tracker", Status::Ok)), "could not be told apart");
+    refused(&|h| h.items[0].transforms.push(transform("HeadToToe", "Tracker", Status::Ok)), "could not be told apart");
+    let bad = VolumeHeader { spacing: [1.0, 0.0, 1.0], ..VolumeHeader::new([1, 1, 1], PixelType::U8) };
+    assert!(matches!(VolumeWriter::create(&path, &bad), Err(Error::Misuse(text)) if text.contains("spacing")));
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+}

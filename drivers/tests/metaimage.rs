@@ -1,0 +1,342 @@
+//! MetaImage through the public interface: what is written reads back the same, what is odd but right is read, and the replay device keeps
+//! its contract.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
+
+use std::fs;
+use std::io::Write as _;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+
+use drivers::reading::{Frame, NamedTransform, PixelType, Reading, Stamp, Status};
+use drivers::recording::metaimage::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
+use drivers::recording::metaimage::{Content, VolumeHeader, VolumeReader, content};
+use drivers::recording::{Limits, Replay, SequenceDriver, SequenceSettings};
+use drivers::{Device, Driver, Error, Next, OpenSettings};
+
+const TYPES: [PixelType; 10] = [
+    PixelType::U8,
+    PixelType::I8,
+    PixelType::U16,
+    PixelType::I16,
+    PixelType::U32,
+    PixelType::I32,
+    PixelType::U64,
+    PixelType::I64,
+    PixelType::F32,
+    PixelType::F64,
+];
+const EYE: [f64; 16] = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+const EYE_TEXT: &str = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1";
+
+fn now() -> Instant {
+    Instant::now()
+}
+
+/// All readings of a device, which must be started.
+fn drain(device: &mut dyn Device) -> Result<Vec<Reading>, Error> {
+    let mut readings = Vec::new();
+    loop {
+        match device.next(now())? {
+            Next::Reading(reading) => readings.push(reading),
+            Next::End => return Ok(readings),
+            Next::Pending => panic!("a file never waits"),
+        }
+    }
+}
+
+fn replay(path: &Path) -> Result<Vec<Reading>, Error> {
+    let mut device = SequenceDriver.open(&OpenSettings::sequence(path))?;
+    device.start()?;
+    drain(&mut *device)
+}
+
+fn frames(readings: &[Reading]) -> Vec<&Frame> {
+    readings.iter().filter_map(|r| if let Reading::Frame(frame) = r { Some(frame) } else { None }).collect()
+}
+
+fn transforms(readings: &[Reading]) -> Vec<&NamedTransform> {
+    readings.iter().filter_map(|r| if let Reading::NamedTransform(t) = r { Some(t) } else { None }).collect()
+}
+
+fn noise(bytes: usize) -> Vec<u8> {
+    let mut state = 12_345_u32;
+    let mut next = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 24) as u8
+    };
+    (0..bytes).map(|_| next()).collect()
+}
+
+/// Two frames of 5×3, the second with odd numbers everywhere.
+fn sample(pixel: PixelType, channels: u32, compressed: bool) -> SequenceHeader {
+    let transform = |from: &str, to: &str, matrix, status| NamedTransform {
+        stamp: Stamp::default(),
+        from: from.into(),
+        to: to.into(),
+        matrix,
+        status,
+    };
+    let mut odd = EYE;
+    odd[3] = -1.0e-300;
+    odd[7] = 0.1 + 0.2;
+    odd[11] = 1.0e17;
+    odd[5] = f64::NAN;
+    odd[6] = f64::NEG_INFINITY;
+    let item = |number, source_s, transforms, status| SequenceItem {
+        stamp: Stamp { source_s, unfiltered_s: source_s.map(|s: f64| s - 0.01), ..Stamp::default() },
+        frame_number: number,
+        status,
+        transforms,
+        fields: vec![("Note".into(), "left = right".into())],
+    };
+    SequenceHeader {
+        size: [5, 3],
+        pixel,
+        channels,
+        orientation: "UN".into(),
+        image_type: "BRIGHTNESS".into(),
+        compressed,
+        fields: vec![("Operator".into(), "B. März".into()), ("Site".into(), String::new())],
+        items: vec![
+            item(Some(41), Some(215.102_186), vec![transform("Torso", "Tracker", EYE, Status::Ok)], Status::Ok),
+            item(
+                None,
+                Some(215.2),
+                vec![
+                    transform("Probe", "Tracker", odd, Status::Other("MISSING".into())),
+                    transform("Stylus", "", EYE, Status::Ok),
+                ],
+                Status::Other("INVALID".into()),
+            ),
+        ],
+    }
+}
+
+fn bits(matrix: &[f64; 16]) -> [u64; 16] {
+    matrix.map(|v| if v.is_nan() { f64::NAN.to_bits() } else { v.to_bits() })
+}
+
+fn write(path: &Path, header: &SequenceHeader, pixels: &[u8]) {
+    let mut writer = SequenceWriter::create(path, header).unwrap();
+    for frame in pixels.chunks(pixels.len() / header.items.len()) {
+        writer.write_frame(frame).unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+#[test]
+fn a_sequence_reads_back_the_same_for_every_type_and_packing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("s.igs.mha");
+    for pixel in TYPES {
+        for (channels, compressed) in [(1, false), (3, true)] {
+            let header = sample(pixel, channels, compressed);
+            let pixels = noise(2 * 5 * 3 * pixel.bytes() * channels as usize);
+            write(&path, &header, &pixels);
+            let readings = replay(&path).unwrap();
+            let order: Vec<_> = readings.iter().map(|r| matches!(r, Reading::Frame(_))).collect();
+            assert_eq!(order, [false, true, false, false, true], "each item: transforms, then the frame");
+            let mut items = header.items.iter().flat_map(|item| item.transforms.iter().map(move |t| (item, t)));
+            for got in transforms(&readings) {
+                let (item, put) = items.next().unwrap();
+                assert_eq!((&got.from, &got.to, &got.status), (&put.from, &put.to, &put.status));
+                assert_eq!(bits(&got.matrix), bits(&put.matrix));
+                assert_eq!(got.stamp.source_s, item.stamp.source_s);
+            }
+            let frame_bytes = pixels.len() / 2;
+            for (n, got) in frames(&readings).into_iter().enumerate() {
+                let put = &header.items[n];
+                assert_eq!(got.stamp, Stamp { item: n as u64, ..put.stamp });
+                assert_eq!((got.frame_number, &got.status, &got.fields), (put.frame_number, &put.status, &put.fields));
+                assert_eq!((got.size, got.channels, got.pixel), ([5, 3], channels, pixel));
+                assert_eq!((&*got.orientation, &*got.image_type), ("UN", "BRIGHTNESS"));
+                assert_eq!(&*got.pixels, &pixels[n * frame_bytes..(n + 1) * frame_bytes], "{pixel:?} {compressed}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_sequence_without_images_reads_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("t.mha");
+    let header = SequenceHeader { size: [0, 0], compressed: true, ..sample(PixelType::U8, 1, true) };
+    SequenceWriter::create(&path, &header).unwrap().finish().unwrap();
+    let mut device = Replay::open(&SequenceSettings::new(&path)).unwrap();
+    assert_eq!((device.describe().items, device.describe().image_size, device.describe().pixel), (Some(2), None, None));
+    device.start().unwrap();
+    let readings = drain(&mut device).unwrap();
+    assert_eq!((transforms(&readings).len(), frames(&readings).len()), (3, 2));
+    assert!(frames(&readings).iter().all(|frame| frame.pixels.is_empty() && frame.size == [0, 0]));
+}
+
+#[test]
+fn the_description_names_everything_the_header_says_of_the_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("s.mha");
+    write(&path, &sample(PixelType::U16, 2, false), &noise(120));
+    let device = Replay::open(&SequenceSettings::new(&path)).unwrap();
+    let about = device.describe();
+    assert_eq!((about.items, about.image_size, about.pixel), (Some(2), Some([5, 3]), Some((PixelType::U16, 2))));
+    let field = |name: &str| about.fields.iter().find(|(n, _)| n == name).map(|(_, v)| &**v);
+    assert_eq!(field("UltrasoundImageOrientation"), Some("UN"));
+    assert_eq!(field("UltrasoundImageType"), Some("BRIGHTNESS"));
+    assert_eq!(field("Operator"), Some("B. März"));
+    assert_eq!(field("Site"), Some(""));
+    assert_eq!(about.fields.first().map(|(n, _)| &**n), Some("ObjectType"), "in file order");
+    assert_eq!(content(&path, &Limits::default()).unwrap(), Content::Sequence);
+}
+
+#[test]
+fn a_replay_begins_anew_and_keeps_its_states_apart() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("s.mha");
+    let pixels = noise(30);
+    write(&path, &sample(PixelType::U8, 1, true), &pixels);
+    let mut device = Replay::open(&SequenceSettings::new(&path)).unwrap();
+    assert!(matches!(device.next(now()), Err(Error::Misuse(text)) if text.contains("start it first")));
+    device.start().unwrap();
+    assert!(matches!(device.start(), Err(Error::Misuse(text)) if text.contains("stop it first")));
+    for _ in 0..3 {
+        assert!(matches!(device.next(now()).unwrap(), Next::Reading(_)));
+    }
+    device.stop().unwrap();
+    assert!(matches!(device.next(now()), Err(Error::Misuse(_))));
+    for _ in 0..2 {
+        device.start().unwrap();
+        let readings = drain(&mut device).unwrap();
+        let got: Vec<u8> = frames(&readings).iter().flat_map(|frame| frame.pixels.to_vec()).collect();
+        assert_eq!(got, pixels);
+        assert!(matches!(device.next(now()).unwrap(), Next::End), "the end stays the end");
+        device.stop().unwrap();
+    }
+}
+
+#[test]
+fn frames_that_are_dropped_give_their_memory_to_the_next() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("s.mha");
+    let mut header = sample(PixelType::U8, 1, true);
+    header.items = vec![header.items[0].clone(); 50];
+    write(&path, &header, &noise(50 * 15));
+    let mut device = Replay::open(&SequenceSettings::new(&path)).unwrap();
+    device.start().unwrap();
+    let mut addresses = std::collections::HashSet::new();
+    let mut held: Option<Arc<[u8]>> = None;
+    while let Next::Reading(reading) = device.next(now()).unwrap() {
+        if let Reading::Frame(frame) = reading {
+            addresses.insert(frame.pixels.as_ptr());
+            held = Some(frame.pixels);
+        }
+    }
+    assert!(held.is_some());
+    assert_eq!(addresses.len(), 2, "one frame held at a time needs two buffers, however many frames there are");
+}
+
+#[test]
+fn without_images_no_pixel_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("s.mha");
+    write(&path, &sample(PixelType::U8, 1, true), &noise(30));
+    let mut bytes = fs::read(&path).unwrap();
+    let header = bytes.windows(6).position(|w| w == b"LOCAL\n").unwrap() + 6;
+    bytes[header..].fill(0xff);
+    fs::write(&path, bytes).unwrap();
+    let error = replay(&path).unwrap_err();
+    assert!(matches!(error, Error::Data { frame: 0, .. }), "{error}");
+    let mut device = Replay::open(&SequenceSettings { images: false, ..SequenceSettings::new(&path) }).unwrap();
+    device.start().unwrap();
+    let readings = drain(&mut device).unwrap();
+    assert_eq!((transforms(&readings).len(), frames(&readings).len()), (3, 2));
+    let frame = frames(&readings)[0];
+    assert!(frame.pixels.is_empty() && frame.size == [5, 3] && frame.stamp.source_s == Some(215.102_186));
+}
+
+#[test]
+fn odd_but_right_headers_are_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("s.mha");
+    let crlf = format!(
+        "ObjectType=Image\r\n NDims =  3\r\nDimSize =  2                        1   2  \r\nElementByteOrderMSB = True\r\n\
+         ElementType = MET_USHORT\r\nSeq_Frame0000_ProbeToTracker = {EYE_TEXT} \r\nSeq_Frame0000_Status = OK\r\n\
+         Seq_Frame0001_Status = BAD\r\nElementDataFile = Local\r\n"
+    );
+    fs::write(&path, [crlf.as_bytes(), &[1, 2, 3, 4, 5, 6, 7, 8]].concat()).unwrap();
+    let readings = replay(&path).unwrap();
+    assert_eq!(transforms(&readings)[0].to, "Tracker");
+    let native = |words: [u16; 2]| words.map(u16::to_ne_bytes).as_flattened().to_vec();
+    assert_eq!(&*frames(&readings)[0].pixels, native([0x0102, 0x0304]));
+    assert_eq!(&*frames(&readings)[1].pixels, native([0x0506, 0x0708]));
+    assert_eq!(frames(&readings)[1].status, Status::Other("BAD".into()));
+
+    let single = "NDims = 2\nDimSize = 3 1\nElementType = MET_CHAR\nKinds = domain domain\nElementDataFile = LOCAL\n";
+    fs::write(&path, [single.as_bytes(), &[1, 2, 3]].concat()).unwrap();
+    let readings = replay(&path).unwrap();
+    assert_eq!((readings.len(), &*frames(&readings)[0].pixels), (1, &[1, 2, 3][..]));
+    assert_eq!(frames(&readings)[0].stamp, Stamp::default());
+}
+
+#[test]
+fn a_volume_reads_back_the_same_raw_and_compressed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("v.mha");
+    for pixel in TYPES {
+        for compressed in [false, true] {
+            let header = VolumeHeader {
+                spacing: [0.5, 0.1 + 0.2, 2.0],
+                origin: [-74.5217, 165.573, 1.0e-9],
+                axes: [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
+                channels: 2,
+                compressed,
+                fields: vec![("AnatomicalOrientation".into(), "RAI".into()), ("Kernel".into(), "gaussian".into())],
+                ..VolumeHeader::new([4, 3, 6], pixel)
+            };
+            let voxels = noise(4 * 3 * 6 * 2 * pixel.bytes());
+            let mut writer = VolumeWriter::create(&path, &header).unwrap();
+            for piece in voxels.chunks(7) {
+                writer.write_all(piece).unwrap();
+            }
+            writer.finish().unwrap();
+            let mut volume = VolumeReader::open(&path, &Limits::default()).unwrap();
+            assert_eq!(volume.header(), &header);
+            let mut got = Vec::new();
+            while let Some(slice) = volume.next_slice().unwrap() {
+                assert_eq!(slice.len() as u64, header.slice_bytes().unwrap());
+                got.extend_from_slice(slice);
+            }
+            assert_eq!(got, voxels);
+            assert!(volume.next_slice().unwrap().is_none());
+        }
+    }
+    assert_eq!(content(&path, &Limits::default()).unwrap(), Content::Volume);
+    let text = String::from_utf8_lossy(&fs::read(&path).unwrap()).into_owned();
+    assert!(
+        text.contains("\nTransformMatrix = 0 1 0 -1 0 0 0 0 1\n"),
+        "the first triple is the first axis's direction"
+    );
+    let error = replay(&path).unwrap_err().to_string();
+    assert!(error.contains("field Kinds (byte ") && error.contains("makes this a volume"), "{error}");
+}
+
+#[test]
+fn volumes_are_refused_where_they_are_none() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("v.mha");
+    let refused = |text: &str, says: &str| {
+        fs::write(&path, [text.as_bytes(), &[0; 8]].concat()).unwrap();
+        let error = VolumeReader::open(&path, &Limits::default()).err().unwrap().to_string();
+        assert!(error.contains(says) && error.contains("(byte "), "{error}");
+    };
+    let head = "NDims = 3\nDimSize = 2 2 2\nElementType = MET_UCHAR\n";
+    let end = "ElementDataFile = LOCAL\n";
+    refused(&format!("{head}Kinds = domain domain list\n{end}"), "field Kinds (byte 50): makes this a sequence");
+    refused(&format!("NDims = 2\nDimSize = 4 2\nElementType = MET_UCHAR\n{end}"), "field NDims (byte 0): is 2");
+    refused(&format!("{head}ElementSpacing = 1 0 1\n{end}"), "field ElementSpacing (byte 50): is \"1 0 1\"; a spacing");
+    refused(
+        &format!("{head}Offset = 1 nan 1\n{end}"),
+        "field Offset (byte 50): is \"1 nan 1\"; its numbers must be finite",
+    );
+    refused(&format!("{head}TransformMatrix = 1 0 0 1\n{end}"), "must hold exactly 9");
+}
