@@ -1,5 +1,6 @@
 //! Volumes and pictures to files.
 //!
+//! - [`volume`]: values and weights to MetaImage.
 //! - [`planes`]: a volume's three middle planes side by side, for a first look.
 //! - `legend`: what a picture's colours and lengths mean.
 //! - `lettering`: the few letters that pictures need.
@@ -7,3 +8,4 @@
 mod legend;
 mod lettering;
 pub mod planes;
+pub mod volume;
