@@ -10,9 +10,9 @@ cargo build --release --locked
 sonoweave() { cargo run --release --locked --quiet -- "$@"; }
 
 echo
-echo "== a sweep by hand over a phantom of 60 blobs and a sphere: 120 pictures of 512×480 pixels"
+echo "== a sweep by hand over a phantom of 60 blobs and a sphere: 120 pictures of a convex probe, 512×480 pixels"
 sonoweave phantom -o "$folder/sweep.igs.mha" --truth "$folder/truth.mha" \
-    --scene blobs --trajectory freehand --spacing 0.5 --noise 6 --seed 1
+    --scene blobs --trajectory freehand --fan --spacing 0.5 --noise 6 --seed 3
 echo
 echo "== the volume, woven slice by slice"
 sonoweave reconstruct "$folder/sweep.igs.mha" -o "$folder/volume.mha" --spacing 0.5 --sigma auto \

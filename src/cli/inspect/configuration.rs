@@ -79,9 +79,9 @@ impl ConfigurationReport {
     }
 }
 
-/// The rows of a transform's matrix, the columns aligned.
+/// The rows of a transform's matrix, the columns aligned; the JSON form has all digits.
 fn matrix(transform: &StaticTransform) -> Vec<String> {
-    let cells = transform.rows().map(|v| v.to_string());
+    let cells = transform.rows().map(|v| if v.fract() == 0.0 { v.to_string() } else { format!("{v:.8}") });
     let width = |column: usize| (0..4).map(|row| cells[4 * row + column].len()).max().unwrap_or(0);
     let widths = [0, 1, 2, 3].map(width);
     let row =

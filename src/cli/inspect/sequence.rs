@@ -14,8 +14,10 @@ use super::super::Failure;
 use super::text::{Text, bytes, count, short, times};
 use super::volume::scalar_name;
 use crate::config::Settings as Config;
+use crate::ingest::{Head, Ingest};
 use crate::ledger::Ledger;
 use crate::pipeline::{gaps, open};
+use crate::refusal::{Reason, Refusal};
 use crate::sync::survey::SurveyError;
 use crate::sync::{PairingOptions, Survey, survey};
 
@@ -162,7 +164,7 @@ struct Placement {
     bounds_mm: Option<[[f64; 3]; 2]>,
     /// What would become of the frames, as far as the header tells.
     #[serde(flatten)]
-    ledger: Option<Ledger>,
+    ledger: Ledger,
     /// What the configuration's reader says.
     notes: Vec<String>,
 }
@@ -187,7 +189,7 @@ impl SequenceReport {
         let options = PairingOptions::new(&config, world);
         let placement = match survey(device.as_mut(), &options) {
             Ok(survey) => Placement::of(&survey, config.notes),
-            Err(SurveyError::NoPath(problem)) => Placement::none(problem.to_string(), config.notes),
+            Err(SurveyError::NoPath(problem)) => Placement::none(problem.to_string(), walk.ledger, config.notes),
             Err(SurveyError::Device(error)) => return Err(error.into()),
         };
         let field = |name: &str| description.fields.iter().find(|(n, _)| n == name).map(|(_, value)| value.as_str());
@@ -265,11 +267,18 @@ struct Walk {
     numbers: Option<FrameNumbers>,
     transforms: Vec<TransformCount>,
     fields: BTreeMap<String, u64>,
+    ingest: Ingest,
+    /// What would become of the pictures if none had a place.
+    ledger: Ledger,
 }
 
 impl Walk {
     fn frame(&mut self, frame: Frame) {
         self.frames += 1;
+        self.ledger.arrived();
+        let nowhere =
+            |head: Head| Refusal::new(head.stamp.item, Reason::NoPath, "the picture has no place in the world");
+        self.ledger.refused(&self.ingest.head(&frame).map_or_else(|unfit| unfit, nowhere));
         *self.image_status.entry(word(&frame.status)).or_default() += 1;
         self.times.extend(frame.stamp.source_s);
         self.unfiltered += u64::from(frame.stamp.unfiltered_s.is_some());
@@ -338,7 +347,7 @@ impl Times {
 }
 
 impl Placement {
-    fn none(problem: String, notes: Vec<String>) -> Self {
+    fn none(problem: String, ledger: Ledger, notes: Vec<String>) -> Self {
         Self {
             route: None,
             world: None,
@@ -347,7 +356,7 @@ impl Placement {
             sweep_mm: None,
             gap_mm: None,
             bounds_mm: None,
-            ledger: None,
+            ledger,
             notes,
         }
     }
@@ -377,7 +386,7 @@ impl Placement {
             sweep_mm: first.map(|_| centres.windows(2).map(|pair| pair[0].distance(pair[1])).sum()),
             gap_mm: Spread::of(gaps(poses)),
             bounds_mm: first.map(|_| [low.to_array(), high.to_array()]),
-            ledger: Some(survey.ledger.clone()),
+            ledger: survey.ledger.clone(),
             notes,
         }
     }
@@ -405,15 +414,13 @@ impl Placement {
             let [mean, p90, max] = [mean, p90, max].map(short);
             text.row("gaps", format!("{mean} mm between slices on average; 90 % up to {p90}, the largest {max}"));
         }
-        if let Some(ledger) = &self.ledger {
-            text.row("reconstruct", ledger.to_string());
-            if ledger.poses_projected > 0 {
-                let (n, worst) = (ledger.poses_projected, short(ledger.worst_projection));
-                text.row(
-                    "",
-                    format!("{} off a rotation by up to {worst}, to be projected to the nearest", count(n, "pose")),
-                );
-            }
+        text.row("reconstruct", self.ledger.to_string());
+        if self.ledger.poses_projected > 0 {
+            let (n, worst) = (self.ledger.poses_projected, short(self.ledger.worst_projection));
+            text.row(
+                "",
+                format!("{} off a rotation by up to {worst}, to be projected to the nearest", count(n, "pose")),
+            );
         }
         text.rows("notes", &self.notes);
     }
