@@ -1,6 +1,5 @@
 //! What a run did, in numbers: the content of `--stats`.
 
-use std::io::Write;
 use std::path::Path;
 use std::time::Duration;
 
@@ -8,6 +7,7 @@ use serde::Serialize;
 
 use crate::config::Settings as Config;
 use crate::export::volume::DenseBox;
+use crate::export::whole::write_whole;
 use crate::ledger::Ledger;
 use crate::mask::MaskSettings;
 use crate::pipeline::Outcome;
@@ -203,19 +203,11 @@ impl Statistics {
         }
         let version = env!("CARGO_PKG_VERSION");
         let file = File { version, input, input_sha256, statistics: self, frame_range: frames, mask, config };
-        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let mut temporary = tempfile::Builder::new().permissions(permissions()).tempfile_in(folder)?;
-        serde_json::to_writer_pretty(&mut temporary, &file)?;
-        temporary.write_all(b"\n")?;
-        temporary.persist(path)?;
-        Ok(())
+        write_whole(path, |to| {
+            serde_json::to_writer_pretty(&mut *to, &file)?;
+            to.write_all(b"\n")
+        })
     }
-}
-
-/// As for any new file; the umask then takes its part away. Temporary files are otherwise their owner's alone.
-fn permissions() -> std::fs::Permissions {
-    use std::os::unix::fs::PermissionsExt;
-    std::fs::Permissions::from_mode(0o666)
 }
 
 #[cfg(test)]

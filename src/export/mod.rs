@@ -2,6 +2,7 @@
 //!
 //! - [`volume`]: values and weights to MetaImage.
 //! - [`planes`]: a volume's three middle planes side by side, for a first look.
+//! - [`whole`]: files that are whole or not there.
 //! - `legend`: what a picture's colours and lengths mean.
 //! - `lettering`: the few letters that pictures need.
 
@@ -9,3 +10,4 @@ mod legend;
 mod lettering;
 pub mod planes;
 pub mod volume;
+pub mod whole;

@@ -11,7 +11,8 @@
 //! - [`error`]: how far a volume is from it.
 //!
 //! One seed determines every bit, on every machine and for any number of threads: random numbers are counted per purpose and frame, and the
-//! elementary functions are our own, because the platform's differ in the last bit.
+//! elementary functions are our own, because the platform's differ in the last bit. The fan's edges alone are the platform's; their slack of 1e-9 pixel
+//! is far wider than what platforms differ by.
 
 mod elementary;
 pub mod error;
@@ -72,17 +73,15 @@ pub enum PhantomError {
         /// From the first to the last frame.
         degrees: f64,
     },
-    /// Radii or angles in the wrong order.
+    /// A fan beside the picture.
     #[error(
-        "the fan mask's {what} run from {from} to {to}; the second must be larger, by less than half a turn for angles"
+        "the fan leaves no pixel of a picture of {width}×{height} pixels; its numbers are in pixels of that picture"
     )]
-    FanMask {
-        /// Radii or angles.
-        what: &'static str,
-        /// As given, mm or rad.
-        from: f64,
-        /// As given, mm or rad.
-        to: f64,
+    EmptyFan {
+        /// Pixels along u.
+        width: u32,
+        /// Pixels along v.
+        height: u32,
     },
     /// More voxels than a truth volume may have.
     #[error("a truth volume of {size:?} voxels is larger than the limit of {limit} voxels; choose a coarser spacing")]

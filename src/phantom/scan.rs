@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use calibration::frames::{Image as ImageFrame, Probe, Tracker, Transform, World};
+use calibration::region::{BadRegion, Fan};
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
@@ -12,6 +13,7 @@ use super::random::{Draws, Purpose};
 use super::scene::{Blobs, Scene};
 use super::trajectory::{Motion, PictureMm, Trajectory};
 use super::{PhantomError, truth};
+use crate::mask::Mask;
 use crate::slice::{Image, Pixels, Slice};
 use crate::volume::Grid;
 
@@ -30,56 +32,14 @@ pub enum Depth {
     F32,
 }
 
-/// The sector that a curved scanner shows; the other pixels are 0 and are no data.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Fan {
-    /// Where the beams meet, pixels (u, v); usually above the picture.
-    pub apex_px: [f64; 2],
-    /// Nearest and farthest distance from the apex, mm.
-    pub radii_mm: [f64; 2],
-    /// First and last beam, rad from straight down (+v), positive towards +u; they span less than π.
-    pub angles: [f64; 2],
-}
-
-impl Fan {
-    /// A convex probe's sector of ±35° that fills a picture of the given size (pixels) and pixel (mm).
-    pub fn convex(image_size: [u32; 2], pixel_mm: [f64; 2]) -> Self {
-        let [width, height] = image_size.map(f64::from);
-        let rise = 0.2 * height;
-        Self {
-            apex_px: [0.5 * (width - 1.0), -rise],
-            radii_mm: [1.3 * rise * pixel_mm[1], (height - 1.0 + rise) * pixel_mm[1]],
-            angles: [-35.0_f64.to_radians(), 35.0_f64.to_radians()],
-        }
-    }
-
-    fn check(&self) -> Result<(), PhantomError> {
-        let [r0, r1] = self.radii_mm;
-        if !(r0 >= 0.0 && r1 > r0 && r1.is_finite()) {
-            return Err(PhantomError::FanMask { what: "radii (mm)", from: r0, to: r1 });
-        }
-        let [a0, a1] = self.angles;
-        let span = a1 - a0;
-        let turn = std::f64::consts::TAU;
-        if !(span > 0.0 && span < std::f64::consts::PI && a0.abs() <= turn && a1.abs() <= turn) {
-            return Err(PhantomError::FanMask { what: "angles (rad)", from: a0, to: a1 });
-        }
-        Ok(())
-    }
-
-    /// Which pixels of a picture lie in the sector by their centres, u fastest.
-    fn mask(&self, image_size: [u32; 2], pixel_mm: [f64; 2]) -> Vec<bool> {
-        let [first, last] = self.angles.map(sin_cos);
-        let [r0, r1] = self.radii_mm;
-        let inside = |i: u32, j: u32| {
-            let x = (f64::from(i) - self.apex_px[0]) * pixel_mm[0];
-            let y = (f64::from(j) - self.apex_px[1]) * pixel_mm[1];
-            let squared = x * x + y * y;
-            // Beam (sin a, cos a): to its right if x cos a ≥ y sin a.
-            (r0 * r0..=r1 * r1).contains(&squared) && x * first.1 >= y * first.0 && x * last.1 <= y * last.0
-        };
-        (0..image_size[1]).flat_map(|j| (0..image_size[0]).map(move |i| (i, j))).map(|(i, j)| inside(i, j)).collect()
-    }
+/// The sector of ±35° that a convex probe shows in a picture of the given size (pixels); the apex lies above the picture.
+///
+/// # Errors
+/// [`BadRegion`] when the picture is too low for an arc.
+pub fn convex_fan(image_size: [u32; 2]) -> Result<Fan, BadRegion> {
+    let [width, height] = image_size.map(f64::from);
+    let rise = 0.2 * height;
+    Fan::new([0.5 * (width - 1.0), -rise], [1.3 * rise, height - 1.0 + rise], [-35.0, 35.0])
 }
 
 /// What determines a scan, to the bit.
@@ -101,7 +61,7 @@ pub struct ScanSettings {
     pub noise_sd: f64,
     /// What pixels are stored as.
     pub depth: Depth,
-    /// The scanner's sector; `None` when the whole picture is data.
+    /// The scanner's sector: the other pixels are 0 and are no data. `None` when the whole picture is data.
     pub fan: Option<Fan>,
     /// Seed of the hand's walk and the noise.
     pub seed: u64,
@@ -138,7 +98,7 @@ pub struct Scan {
     settings: ScanSettings,
     trajectory: Trajectory,
     painter: Painter,
-    mask: Option<Vec<bool>>,
+    mask: Mask,
 }
 
 /// What a tracked sequence records of one frame besides the pixels: names as in the field's files, 16 numbers row major, mm.
@@ -170,12 +130,12 @@ impl Scan {
         if !(settings.noise_sd >= 0.0 && settings.noise_sd.is_finite()) {
             return Err(PhantomError::Noise { sd: settings.noise_sd });
         }
-        if let Some(fan) = &settings.fan {
-            fan.check()?;
+        let mask = settings.fan.map_or_else(|| Mask::full(width, height), |fan| Mask::fan(width, height, &fan));
+        if mask.area() == 0 {
+            return Err(PhantomError::EmptyFan { width, height });
         }
         let trajectory = Trajectory::new(settings.motion, settings.frames, settings.gap_mm, settings.seed)?;
         let painter = Painter::new(settings.scene.clone());
-        let mask = settings.fan.map(|fan| fan.mask(settings.image_size, settings.pixel_mm));
         Ok(Self { settings, trajectory, painter, mask })
     }
 
@@ -202,9 +162,9 @@ impl Scan {
         self.trajectory.world_from_picture(frame) * self.picture_from_image()
     }
 
-    /// Which pixels are data, u fastest; `None` when all are.
-    pub fn mask(&self) -> Option<&[bool]> {
-        self.mask.as_deref()
+    /// Which pixels are data.
+    pub fn mask(&self) -> &Mask {
+        &self.mask
     }
 
     /// A frame's grey levels without noise, rounding or fan, u fastest.
@@ -238,10 +198,14 @@ impl Scan {
                 *value += self.settings.noise_sd * draws.normal();
             }
         }
-        if let Some(mask) = &self.mask {
-            for (value, data) in grey.iter_mut().zip(mask) {
-                *value = if *data { *value } else { 0.0 };
+        // The noise is drawn for all pixels, so that a fan does not move it.
+        for (row, v) in grey.chunks_exact_mut(self.settings.image_size[0] as usize).zip(0..) {
+            let mut dark = 0;
+            for span in self.mask.row(v) {
+                row[dark..span.start as usize].fill(0.0);
+                dark = span.end as usize;
             }
+            row[dark..].fill(0.0);
         }
         let pixels = match self.settings.depth {
             // Half a level up, then down: rounds to nearest; the cast clips.
@@ -416,9 +380,10 @@ mod tests {
     #[test]
     fn the_bits_of_the_standard_scan_stay_what_they_are() {
         // A digest of one small frame: a change of the draws or of an elementary function shows here, on any machine.
+        use sha2::Digest;
         let Pixels::U8(pixels) = small(|_| ()).slice(5).image.pixels().clone() else { panic!("8 bits") };
-        let digest = blake3::hash(&pixels).to_hex();
-        assert_eq!(&digest[..16], "c8792f2847fd26d9");
+        let digest: String = sha2::Sha256::digest(&pixels).iter().map(|byte| format!("{byte:02x}")).collect();
+        assert_eq!(&digest[..16], "07a487165329c465");
     }
 
     #[test]
@@ -446,18 +411,20 @@ mod tests {
 
     #[test]
     fn a_fan_leaves_its_sector_and_does_not_move_the_noise() {
-        let fan = Fan::convex([90, 70], [0.5, 0.6]);
+        let fan = convex_fan([90, 70]).unwrap();
         let (masked, whole) = (small(|s| s.fan = Some(fan)), small(|_| ()));
-        let mask = masked.mask().unwrap();
+        let mask = masked.mask();
+        assert!(whole.mask().is_full());
         let (a, b) = (values(&masked.slice(2)), values(&whole.slice(2)));
         for k in 0..a.len() {
-            assert_eq!(a[k], if mask[k] { b[k] } else { 0.0 });
-            let x = ((k % 90) as f64 - 44.5) * 0.5;
-            let y = ((k / 90) as f64 + 14.0) * 0.6;
-            let expected = x.atan2(y).to_degrees().abs() <= 35.0 && (10.92..=49.8).contains(&x.hypot(y));
-            assert_eq!(mask[k], expected, "pixel {k}");
+            let data = mask.contains((k % 90) as u32, (k / 90) as u32);
+            assert_eq!(a[k], if data { b[k] } else { 0.0 });
+            let x = (k % 90) as f64 - 44.5;
+            let y = (k / 90) as f64 + 14.0;
+            let expected = x.atan2(y).to_degrees().abs() <= 35.0 && (18.2..=83.0).contains(&x.hypot(y));
+            assert_eq!(data, expected, "pixel {k}");
         }
-        let share = mask.iter().filter(|m| **m).count() as f64 / mask.len() as f64;
+        let share = mask.area() as f64 / a.len() as f64;
         assert!((0.3..0.9).contains(&share), "{share}");
     }
 
@@ -474,10 +441,10 @@ mod tests {
             refuse(|s| s.pixel_mm = [0.1, f64::INFINITY]),
             refuse(|s| s.noise_sd = -1.0),
             refuse(|s| s.frames = 0),
-            refuse(|s| s.fan = Some(Fan { apex_px: [0.0; 2], radii_mm: [9.0, 3.0], angles: [-0.5, 0.5] })),
-            refuse(|s| s.fan = Some(Fan { apex_px: [0.0; 2], radii_mm: [3.0, 9.0], angles: [0.5, f64::NAN] })),
+            refuse(|s| s.fan = Some(Fan::new([0.0, -900.0], [3.0, 9.0], [-30.0, 30.0]).unwrap())),
         ] {
             assert!(error.len() > 30, "{error}");
         }
+        assert!(convex_fan([9, 1]).is_err(), "a line has no room for an arc");
     }
 }

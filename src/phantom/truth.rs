@@ -111,12 +111,7 @@ pub fn near_slices(scan: &Scan, grid: &Grid, reach_mm: f64) -> Result<Vec<bool>,
         (0..scan.frames()).map(|f| scan.world_from_image(f).inverse() * world_from_volume).collect();
     let [nx, ny, _] = grid.size.map(|n| n as f64);
     let last = [width, height].map(|n| f64::from(n - 1));
-    let is_data = |u: f64, v: f64| {
-        scan.mask().is_none_or(|mask| {
-            // Inside the picture, so that rounding stays inside too.
-            mask[(v + 0.5).floor() as usize * width as usize + (u + 0.5).floor() as usize]
-        })
-    };
+    let is_data = |u: f64, v: f64| scan.mask().contains((u + 0.5).floor() as u32, (v + 0.5).floor() as u32);
     by_layer(grid, |z, layer: &mut [bool]| {
         for to_image in &image_from_volume {
             // The plane distance is linear: a layer whose corners all lie beyond one side is out of reach.
@@ -236,8 +231,8 @@ mod tests {
 
     #[test]
     fn voxels_near_slices_are_those_within_reach_inside_the_picture_and_fan() {
-        use crate::phantom::scan::Fan;
-        for (motion, fan) in [(Motion::Parallel, None), (Motion::Freehand, Some(Fan::convex([41, 31], [0.5; 2])))] {
+        use crate::phantom::scan::convex_fan;
+        for (motion, fan) in [(Motion::Parallel, None), (Motion::Freehand, Some(convex_fan([41, 31]).unwrap()))] {
             let settings = ScanSettings {
                 motion,
                 fan,
@@ -255,7 +250,7 @@ mod tests {
                 let expected = (0..5).any(|f| {
                     let q = scan.world_from_image(f).inverse().point(p);
                     let inside = q.z.abs() <= 0.26 && (0.0..=40.0).contains(&q.x) && (0.0..=30.0).contains(&q.y);
-                    inside && scan.mask().is_none_or(|m| m[q.y.round() as usize * 41 + q.x.round() as usize])
+                    inside && scan.mask().contains(q.x.round() as u32, q.y.round() as u32)
                 });
                 assert_eq!(*near, expected, "voxel {k}");
             }
