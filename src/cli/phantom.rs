@@ -11,7 +11,7 @@ use drivers::recording::metaimage::write::{SequenceHeader, SequenceItem, Sequenc
 use glam::DVec3;
 
 use super::{Failure, input, values};
-use crate::phantom::scan::{Depth, Fan};
+use crate::phantom::scan::{Depth, convex_fan};
 use crate::phantom::scene::Blobs;
 use crate::phantom::{Motion, Scan, ScanSettings, Scene, truth};
 use crate::slice::Pixels;
@@ -148,6 +148,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         let file = CalibrationFile {
             provenance,
             probe_from_image: Some(scan.probe_from_image()),
+            fan: scan.settings().fan,
             ..CalibrationFile::default()
         };
         file.write(path)?;
@@ -185,7 +186,11 @@ impl Arguments {
                 ScalarName::U8 => Depth::U8,
                 ScalarName::F32 => Depth::F32,
             },
-            fan: self.fan.then(|| Fan::convex(self.image_size, [self.pixel; 2])),
+            fan: if self.fan {
+                Some(convex_fan(self.image_size).map_err(|e| Failure(format!("--fan: {e}")))?)
+            } else {
+                None
+            },
             seed: self.seed,
             first_ns: 0,
             interval_ns: (1e9 / self.rate).round() as i64,
