@@ -42,7 +42,7 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value_t)]
     scene: SceneName,
     /// Grey level of --scene constant
-    #[arg(long, value_name = "GREY", default_value_t = 100.0)]
+    #[arg(long, value_name = "GREY", default_value_t = 100.0, allow_hyphen_values = true)]
     grey: f64,
     /// How the probe moves
     #[arg(long, value_enum, default_value_t)]

@@ -1,0 +1,206 @@
+//! `inspect`: every kind of file is told by its content, in words and as JSON.
+
+use std::process::{Command, Stdio};
+
+use serde_json::{Value, json};
+
+use super::place::Place;
+use super::sequence::{Sequence, pose};
+
+fn report(place: &Place, words: &str) -> Value {
+    serde_json::from_str(&place.does(&format!("inspect --json {words}"))).unwrap()
+}
+
+#[test]
+fn a_sequence_is_described() {
+    let place = Place::new();
+    let sequence = Sequence {
+        zlib: true,
+        status: |frame| if frame < 2 { "INVALID" } else { "OK" },
+        lines: "UltrasoundImageOrientation = FM\nUltrasoundImageType = BRIGHTNESS\nWard = 7\n".into(),
+        ..Sequence::default()
+    };
+    // A name says nothing.
+    place.put("anything.dat", sequence.bytes());
+    let r = report(&place, "anything.dat");
+    assert_eq!((&r["kind"], &r["items"]), (&json!("sequence"), &json!(6)));
+    assert_eq!(
+        r["picture"],
+        json!({ "size": [40, 30], "scalar": "u8", "channels": 1, "compressed": true, "big_endian": false })
+    );
+    assert_eq!((&r["orientation"], &r["image_type"]), (&json!("FM"), &json!("BRIGHTNESS")));
+    assert_eq!(r["transforms"], json!([{ "name": "ImageToReference", "status": { "INVALID": 2, "OK": 4 } }]));
+    assert_eq!(r["image_status"], json!({ "OK": 6 }));
+    assert_eq!((&r["time"]["first_s"], &r["time"]["last_s"]), (&json!(0.0), &json!(0.5)));
+    assert!((r["time"]["rate_hz"].as_f64().unwrap() - 10.0).abs() < 1e-9);
+    assert!((r["time"]["interval_s"]["median"].as_f64().unwrap() - 0.1).abs() < 1e-9);
+    assert_eq!(r["header_fields"], json!([["Ward", "7"]]));
+    let p = &r["placement"];
+    assert_eq!(
+        (&p["route"], &p["world"], &p["problem"]),
+        (&json!("Image → Reference"), &json!("Reference"), &Value::Null)
+    );
+    assert_eq!(p["pixel_mm"], json!([0.5, 0.5]));
+    assert_eq!((&p["sweep_mm"], &p["gap_mm"]["max"]), (&json!(3.0), &json!(1.0)));
+    // FM: the first stored axis is depth.
+    assert_eq!(p["bounds_mm"], json!([[0.0, 0.0, 2.0], [14.5, 19.5, 5.0]]));
+    assert_eq!(p["frames"], json!({ "total": 6, "used": 4, "waiting": 0, "refused": { "pose_invalid": 2 } }));
+
+    let text = place.does("inspect anything.dat");
+    for line in [
+        "anything.dat: tracked sequence, ",
+        "  frames          6\n",
+        "  picture         40×30 pixels, u8, 1 channel, compressed (zlib)\n",
+        "  transforms      ImageToReference  4 OK, 2 INVALID\n",
+        "  gaps            1.000 mm between slices on average; 90 % up to 1.000, the largest 1.000\n",
+        "2 × pose_invalid, first frame 0: ",
+    ] {
+        assert!(text.contains(line), "{text} lacks {line:?}");
+    }
+}
+
+#[test]
+fn a_sequence_without_a_place_says_why_and_what_is_unfit_all_the_same() {
+    let place = Place::new();
+    place.put("s.mha", Sequence { transform: "ProbeToTracker", ..Sequence::default() }.bytes());
+    let p = &report(&place, "s.mha")["placement"];
+    assert!(p["problem"].as_str().unwrap().contains("give --config FILE with ImageToProbe"), "{p}");
+    assert_eq!(p["frames"]["refused"], json!({ "no_path": 6 }));
+    let rf = Sequence {
+        transform: "ProbeToTracker",
+        lines: "UltrasoundImageType = RF_REAL\n".into(),
+        ..Sequence::default()
+    };
+    place.put("s.mha", rf.bytes());
+    assert_eq!(report(&place, "s.mha")["placement"]["frames"]["refused"], json!({ "image_type": 6 }));
+    // A calibration places it, in another world if one is named.
+    place.put("s.mha", Sequence { transform: "ProbeToTracker", ..Sequence::default() }.bytes());
+    place.put(
+        "c.toml",
+        "format = \"sonoweave-calibration\"\nversion = 1\n[image_to_probe]\nmatrix = [0.1,0,0,0, 0,0.1,0,0, 0,0,0.1,0, 0,0,0,1]\n\
+         [[transform]]\nfrom = \"Tracker\"\nto = \"Table\"\nmatrix = [1,0,0,5, 0,1,0,0, 0,0,1,0, 0,0,0,1]\n",
+    );
+    let p = &report(&place, "s.mha --config c.toml --world Table")["placement"];
+    assert_eq!(p["route"], "Image → Probe → Tracker → Table");
+}
+
+#[test]
+fn a_volume_is_described_with_its_values_and_its_making() {
+    let place = Place::new();
+    place.put("s.mha", Sequence { pixel: |_, _, f| vec![50 + f as u8], ..Sequence::default() }.bytes());
+    place.does("reconstruct s.mha -o v.mha --type f32 --spacing 0.5,0.5,1 --sigma 0.5,0.5,0.3 --clip none");
+    let r = report(&place, "v.mha");
+    let volume = place.volume("v.mha");
+    assert_eq!(r["kind"], "volume");
+    assert_eq!((&r["size"], &r["origin"]), (&json!(volume.header.size), &json!(volume.header.origin)));
+    assert_eq!((&r["spacing"], &r["scalar"]), (&json!([0.5, 0.5, 1.0]), &json!("f32")));
+    let mean = volume.values.iter().map(|v| f64::from(*v)).sum::<f64>() / volume.values.len() as f64;
+    assert!((r["values"]["mean"].as_f64().unwrap() - mean).abs() < 1e-9);
+    let zeros = volume.values.iter().filter(|v| **v == 0.0).count();
+    assert_eq!(r["values"]["zero"], json!(zeros));
+    assert_eq!(r["values"]["max"].as_f64().unwrap() as f32, volume.values.iter().copied().fold(0.0, f32::max));
+    let text = place.does("inspect v.mha");
+    assert!(text.contains("SonoweaveRoute = Image → Reference"), "{text}");
+}
+
+#[test]
+fn volumes_are_compared_where_both_were_seen() {
+    let place = Place::new();
+    let at = |grey: fn(u32, u32, u32) -> Vec<u8>, z: fn(u32) -> String, flags: &str, name: &str| {
+        place.put("s.mha", Sequence { pixel: grey, pose: z, ..Sequence::default() }.bytes());
+        place.does(&format!("reconstruct s.mha -o {name} --weights w_{name} --clip none --spacing 0.5 {flags}"));
+    };
+    at(|_, _, _| vec![103], |f| pose(f64::from(f)), "", "a.mha");
+    at(|_, _, _| vec![100], |f| pose(f64::from(f) + 2.0), "", "b.mha");
+    let c = &report(&place, "a.mha --against b.mha")["comparison"];
+    assert_eq!((&c["rmse"], &c["bias"], &c["max"]), (&json!(3.0), &json!(3.0), &json!(3.0)));
+    assert!(c["voxels"].as_u64().unwrap() > 1000 && c["voxels"].as_u64() <= c["overlap"].as_u64(), "{c}");
+    // Half of this picture is black: with the weights, black is a value.
+    at(|u, _, _| vec![if u < 20 { 0 } else { 103 }], |f| pose(f64::from(f)), "", "h.mha");
+    let c = &report(&place, "h.mha --against a.mha")["comparison"];
+    assert!(c["bias"].as_f64().unwrap() > -15.0, "{c}");
+    let c = &report(&place, "h.mha --against a.mha --weights w_h.mha")["comparison"];
+    assert!((c["bias"].as_f64().unwrap() + 51.5).abs() < 3.0 && c["max"] == json!(103.0), "{c}");
+
+    at(|_, _, _| vec![100], |f| pose(f64::from(f)), "--origin 0.2,0,0", "c.mha");
+    place.refuses(
+        "inspect a.mha --against c.mha",
+        &["a.mha and c.mha cannot be compared", "of a voxel apart along axis 0"],
+    );
+    place.refuses("inspect a.mha --against none.mha", &["none.mha: "]);
+    place.refuses("inspect a.mha --against b.mha --weights w_b.mha", &["not those of this volume"]);
+    place.refuses("inspect s.mha --against a.mha", &["s.mha: is no volume"]);
+}
+
+#[test]
+fn configurations_are_described() {
+    let place = Place::new();
+    place.put(
+        "plus",
+        "<PlusConfiguration><CoordinateDefinitions><Transform From=\"Image\" To=\"Probe\" \
+         Matrix=\"0 0.2 0 1 0.1 0 0 2 0 0 1 3 0 0 0 1\"/></CoordinateDefinitions>\
+         <VolumeReconstruction OutputSpacing=\"1 1 2\" ClipRectangleOrigin=\"5 6\" ClipRectangleSize=\"7 8\" FillHoles=\"ON\"/></PlusConfiguration>",
+    );
+    let r = report(&place, "plus");
+    assert_eq!((&r["kind"], &r["source"]), (&json!("configuration"), &json!("plus")));
+    assert_eq!(r["pixel_mm"], json!([0.1, 0.2]));
+    assert_eq!(r["clip"], json!({ "x": 5, "y": 6, "width": 7, "height": 8 }));
+    assert_eq!(r["transforms"][0]["from"], "Image");
+    let text = place.does("inspect plus");
+    assert!(text.starts_with("plus: PLUS configuration\n") && text.contains("FillHoles=\"ON\""), "{text}");
+    assert!(text.contains("\nImageToProbe\n") && text.contains("7×8 pixels from column 5, row 6"), "{text}");
+
+    place.does("phantom -o s.mha --frames 2 --image-size 64x48 --fan --calibration c.toml");
+    let r = report(&place, "c.toml");
+    assert_eq!((&r["kind"], &r["source"]), (&json!("configuration"), &json!("sonoweave")));
+    assert!(r["provenance"].as_str().unwrap().starts_with("simulated: scene blobs"), "{r}");
+    assert!(r["fan"]["radii_px"].is_array(), "{r}");
+}
+
+#[test]
+fn what_is_nothing_known_is_refused() {
+    let place = Place::new();
+    place.put("empty", "");
+    place.put("text", "Dear diary,\n");
+    place.put("bytes", [0xff, 0xd8, 0xff, 0xe0, 0, 16]);
+    place.put("n.nrrd", "NRRD0004\ntype: uchar\n");
+    place.put("broken.xml", "<CoordinateDefinitions>");
+    place.put("short.mha", "ObjectType = Image\nNDims = 3\n");
+    for name in ["empty", "text", "bytes"] {
+        place.refuses(&format!("inspect {name}"), &[&format!("{name}: is neither a MetaImage sequence or volume")]);
+    }
+    place.refuses("inspect n.nrrd", &["n.nrrd: ", "NRRD"]);
+    place.refuses("inspect broken.xml", &["broken.xml: line 1"]);
+    place.refuses("inspect short.mha", &["short.mha: field ElementDataFile (byte 29)"]);
+    place.refuses("inspect none", &["none: reading failed: No such file"]);
+    place.refuses("inspect .", &[".: is a folder"]);
+    place.put("s.mha", Sequence::default().bytes());
+    place.refuses("inspect s.mha --config none.xml", &["none.xml: "]);
+}
+
+#[test]
+fn a_sequence_s_pixels_are_not_read() {
+    let place = Place::new();
+    let mut bytes = Sequence { zlib: true, ..Sequence::default() }.bytes();
+    let length = bytes.len();
+    // Damage that every reader of pixels would meet.
+    bytes[length - 40..].fill(0xff);
+    place.put("s.mha", bytes);
+    assert_eq!(report(&place, "s.mha")["items"], 6);
+}
+
+#[test]
+fn a_reader_that_reads_no_further_is_no_failure() {
+    let place = Place::new();
+    place.put("s.mha", Sequence::default().bytes());
+    let mut child = Command::new(env!("CARGO_BIN_EXE_sonoweave"))
+        .args(["inspect", "s.mha"])
+        .current_dir(place.path("."))
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}

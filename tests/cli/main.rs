@@ -1,0 +1,10 @@
+//! The program as its users run it: the built binary, its files, its words and its exit codes.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
+
+mod inspect;
+mod phantom;
+mod place;
+mod refusals;
+mod results;
+mod sequence;

@@ -1,0 +1,131 @@
+//! A folder of its own for a test, and the program run in it.
+
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+use std::process::{Command, Output, Stdio};
+
+use drivers::reading::PixelType;
+use drivers::recording::Limits;
+use drivers::recording::metaimage::{VolumeHeader, VolumeReader};
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// An empty folder in which the program runs; gone when dropped.
+pub(crate) struct Place(TempDir);
+
+/// What a run left behind.
+pub(crate) struct Run {
+    pub(crate) code: i32,
+    pub(crate) stdout: String,
+    pub(crate) stderr: String,
+}
+
+impl Place {
+    pub(crate) fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    pub(crate) fn put(&self, name: &str, content: impl AsRef<[u8]>) {
+        std::fs::write(self.path(name), content).unwrap();
+    }
+
+    pub(crate) fn get(&self, name: &str) -> Vec<u8> {
+        std::fs::read(self.path(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
+    }
+
+    pub(crate) fn json(&self, name: &str) -> Value {
+        serde_json::from_slice(&self.get(name)).unwrap()
+    }
+
+    /// Names of all files, hidden ones too.
+    pub(crate) fn names(&self) -> BTreeSet<String> {
+        let entries = std::fs::read_dir(self.0.path()).unwrap();
+        entries.map(|e| e.unwrap().file_name().to_string_lossy().into_owned()).collect()
+    }
+
+    /// Runs the program with words separated by spaces, without a terminal.
+    pub(crate) fn run(&self, words: &str) -> Run {
+        self.output(Command::new(env!("CARGO_BIN_EXE_sonoweave")).args(words.split_whitespace()))
+    }
+
+    /// The same with at most so many kilobytes of address space.
+    pub(crate) fn run_within(&self, kilobytes: u64, words: &str) -> Run {
+        let script = format!("ulimit -v {kilobytes}; exec \"$0\" {words}");
+        self.output(Command::new("sh").args(["-c", &script, env!("CARGO_BIN_EXE_sonoweave")]))
+    }
+
+    pub(crate) fn output(&self, command: &mut Command) -> Run {
+        let Output { status, stdout, stderr } =
+            command.current_dir(self.0.path()).stdin(Stdio::null()).output().expect("the program starts");
+        let text = |bytes| String::from_utf8(bytes).unwrap();
+        Run { code: status.code().expect("the program was not killed"), stdout: text(stdout), stderr: text(stderr) }
+    }
+
+    /// Runs the program, which must do it and have nothing to complain about.
+    pub(crate) fn does(&self, words: &str) -> String {
+        let run = self.run(words);
+        assert_eq!((run.code, run.stderr.as_str()), (0, ""), "{words}");
+        run.stdout
+    }
+
+    /// Runs the program, which must refuse with one sentence that says all of `says`, and leave the folder as it was.
+    pub(crate) fn refuses(&self, words: &str, says: &[&str]) {
+        let before: Vec<_> = self.names().into_iter().map(|name| (self.get(&name), name)).collect();
+        let run = self.run(words);
+        self.check_refusal(&run, words, says);
+        let after: Vec<_> = self.names().into_iter().map(|name| (self.get(&name), name)).collect();
+        assert!(before == after, "{words}: the folder has changed, it holds {:?}", self.names());
+    }
+
+    pub(crate) fn check_refusal(&self, run: &Run, words: &str, says: &[&str]) {
+        assert_eq!(run.code, 1, "{words}: {}{}", run.stdout, run.stderr);
+        assert_eq!(run.stdout, "", "{words}");
+        let sentence = run.stderr.strip_prefix("sonoweave: ").unwrap_or_else(|| panic!("{words}: {}", run.stderr));
+        for part in says {
+            assert!(sentence.contains(part), "{words}: {sentence:?} does not say {part:?}");
+        }
+        assert!(!sentence.contains("panicked"), "{sentence}");
+    }
+
+    /// A volume that the program wrote.
+    pub(crate) fn volume(&self, name: &str) -> Volume {
+        let mut reader = VolumeReader::open(&self.path(name), &Limits::default()).unwrap();
+        let header = reader.header().clone();
+        let mut values = Vec::new();
+        while let Some(slice) = reader.next_slice().unwrap() {
+            match header.pixel {
+                PixelType::U8 => values.extend(slice.iter().map(|v| f32::from(*v))),
+                PixelType::U16 => {
+                    values.extend(slice.as_chunks().0.iter().map(|v| f32::from(u16::from_ne_bytes(*v))));
+                }
+                PixelType::F32 => values.extend(slice.as_chunks().0.iter().map(|v| f32::from_ne_bytes(*v))),
+                other => panic!("{name} has voxels of {other:?}"),
+            }
+        }
+        Volume { header, values }
+    }
+}
+
+/// A volume as read back.
+pub(crate) struct Volume {
+    pub(crate) header: VolumeHeader,
+    pub(crate) values: Vec<f32>,
+}
+
+impl Volume {
+    /// Value at a voxel, `None` outside.
+    pub(crate) fn at(&self, voxel: [i64; 3]) -> Option<f32> {
+        let size = self.header.size.map(i64::from);
+        let inside = (0..3).all(|a| (0..size[a]).contains(&voxel[a]));
+        inside.then(|| self.values[((voxel[2] * size[1] + voxel[1]) * size[0] + voxel[0]) as usize])
+    }
+
+    pub(crate) fn field(&self, name: &str) -> &str {
+        let field = self.header.fields.iter().find(|(n, _)| n == name);
+        field.map_or_else(|| panic!("no field {name} in {:?}", self.header.fields), |(_, value)| value)
+    }
+}

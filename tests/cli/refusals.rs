@@ -1,0 +1,317 @@
+//! Bad input: a sentence naming file, field and offset, exit code 1, nothing left behind, bounded memory.
+
+use super::place::Place;
+use super::sequence::{Sequence, deflated, pose};
+
+const WEAVE: &str = "reconstruct s.mha -o v.mha --weights w.mha --planes p.png --stats s.json";
+
+/// Address space that is enough for every refusal here, kB.
+const MODEST: u64 = 400_000;
+
+fn refused(bytes: impl AsRef<[u8]>, says: &[&str]) {
+    let place = Place::new();
+    place.put("s.mha", bytes);
+    place.refuses(WEAVE, says);
+}
+
+fn with(change: impl FnOnce(&mut Sequence)) -> Sequence {
+    let mut sequence = Sequence::default();
+    change(&mut sequence);
+    sequence
+}
+
+fn position(bytes: &[u8], text: &str) -> usize {
+    bytes.windows(text.len()).position(|w| w == text.as_bytes()).unwrap()
+}
+
+/// A field and where its line begins, as sentences have it.
+fn offset(bytes: &[u8], field: &str) -> String {
+    format!("field {field} (byte {})", position(bytes, &format!("{field} =")))
+}
+
+#[test]
+fn the_sequence_that_the_others_damage_is_good() {
+    let place = Place::new();
+    for (zlib, big_endian) in [(false, false), (true, false)] {
+        place.put("s.mha", with(|s| (s.zlib, s.big_endian) = (zlib, big_endian)).bytes());
+        let said = place.run("reconstruct s.mha -o v.mha");
+        assert_eq!(said.code, 0, "{}", said.stderr);
+    }
+}
+
+#[test]
+fn a_header_that_ends_too_early() {
+    let bytes = Sequence::default().bytes();
+    let says = |at: usize| {
+        format!("s.mha: field ElementDataFile (byte {at}): was not reached: the file ends inside its header")
+    };
+    let line = position(&bytes, "Seq_Frame0002_Timestamp");
+    refused(&bytes[..line], &[&says(line)]);
+    refused([], &[&says(0)]);
+    refused(&bytes[..line + 10], &[&format!("s.mha: field line 20 (byte {line}): has no `=`")]);
+}
+
+#[test]
+fn pixels_that_end_too_early() {
+    let bytes = Sequence::default().bytes();
+    let cut = &bytes[..bytes.len() - 1];
+    refused(cut, &["s.mha: ", &offset(cut, "DimSize"), "promises 7200 bytes of pixels, but the file holds 7199"]);
+    let bytes = with(|s| s.zlib = true).bytes();
+    let cut = &bytes[..bytes.len() - 9];
+    refused(cut, &["s.mha: ", &offset(cut, "CompressedDataSize"), "cut short"]);
+    // The size is not stated: it shows when the frame is reached.
+    let sequence = with(|s| s.zlib = true);
+    let stream = deflated(&sequence.pixels());
+    let header = sequence.header(Some(0)).replace("CompressedDataSize = 0\n", "");
+    let cut = &stream[..stream.len() - 9];
+    refused([header.as_bytes(), cut].concat(), &["s.mha: pixel data of frame 5 (byte "]);
+}
+
+#[test]
+fn pixels_that_do_not_inflate() {
+    let sequence = with(|s| s.zlib = true);
+    let mut stream = deflated(&sequence.pixels());
+    let middle = stream.len() / 2;
+    for byte in &mut stream[middle..middle + 8] {
+        *byte ^= 0xff;
+    }
+    let bytes = [sequence.header(Some(stream.len())).as_bytes(), &stream].concat();
+    refused(bytes, &["s.mha: pixel data of frame ", "(byte "]);
+}
+
+#[test]
+fn fields_that_contradict_each_other() {
+    let bytes = with(|s| s.lines += "ElementByteOrderMSB = True\n").bytes();
+    refused(&bytes, &["s.mha: ", &offset(&bytes, "ElementByteOrderMSB"), "contradicts BinaryDataByteOrderMSB"]);
+    let text = String::from_utf8(Sequence::default().header(None).into_bytes()).unwrap();
+    let fewer = text.replace("DimSize = 40 30 6", "DimSize = 40 30 4");
+    let file = [fewer.as_bytes(), &[1; 40 * 30 * 4]].concat();
+    refused(&file, &["s.mha: field Seq_Frame0004_", "belongs to frame 4, but DimSize promises only 4"]);
+    let none = text.replace("DimSize = 40 30 6", "DimSize = 40 30 0");
+    refused(&none, &["s.mha: ", &offset(none.as_bytes(), "DimSize"), "no frames"]);
+    let twice = text.replace("Kinds =", "DimSize = 1 2 3\nKinds =");
+    refused(twice, &["s.mha: field DimSize (byte "]);
+}
+
+#[test]
+fn fifteen_numbers() {
+    fn fifteen(frame: u32) -> String {
+        if frame == 2 { "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0".into() } else { pose(f64::from(frame)) }
+    }
+    let bytes = with(|s| s.pose = fifteen).bytes();
+    refused(
+        &bytes,
+        &[
+            "s.mha: ",
+            &offset(&bytes, "Seq_Frame0002_ImageToReferenceTransform"),
+            "holds 15 numbers, but must hold exactly 16",
+        ],
+    );
+    let place = Place::new();
+    place.put("s.mha", with(|s| s.transform = "ProbeToTracker").bytes());
+    let run = place.output(std::process::Command::new(env!("CARGO_BIN_EXE_sonoweave")).args([
+        "reconstruct",
+        "s.mha",
+        "-o",
+        "v.mha",
+        "--image-to-probe",
+        "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0",
+    ]));
+    place.check_refusal(&run, "--image-to-probe", &["--image-to-probe", "must hold 16 numbers, not 15"]);
+}
+
+#[test]
+fn a_pose_that_is_no_number_costs_its_frame_only() {
+    let place = Place::new();
+    let nan: fn(u32) -> String =
+        |frame| if frame == 2 { pose(2.0).replacen("0.5", "nan", 1) } else { pose(f64::from(frame)) };
+    place.put("s.mha", with(|s| s.pose = nan).bytes());
+    let run = place.run("reconstruct s.mha -o v.mha --stats s.json");
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    assert!(run.stderr.contains("1 × pose_not_finite, first frame 2: "), "{}", run.stderr);
+    let frames = &place.json("s.json")["frames"];
+    assert_eq!((&frames["total"], &frames["used"]), (&6.into(), &5.into()));
+    assert_eq!(frames["refused"], serde_json::json!({ "pose_not_finite": 1 }));
+}
+
+#[test]
+fn claims_of_impossible_size_take_no_memory() {
+    let text = Sequence::default().header(None);
+    for (dims, says) in [
+        ("100000 100000 100000", "the size of one frame"),
+        ("40 30 1000000000000", "the number of frames"),
+        ("18446744073709551615 18446744073709551615 6", "the size of one frame"),
+        ("99999999999999999999 1 6", "64 bits"),
+        ("16000 16000 6", "promises 1536000000 bytes of pixels, but the file holds 7"),
+    ] {
+        let place = Place::new();
+        place.put("s.mha", text.replace("DimSize = 40 30 6", &format!("DimSize = {dims}")) + "pixels\n");
+        let before = place.names();
+        let run = place.run_within(MODEST, WEAVE);
+        place.check_refusal(&run, dims, &["s.mha: field DimSize (byte ", says]);
+        assert_eq!(place.names(), before, "{dims}");
+    }
+}
+
+#[test]
+fn a_decompression_bomb_takes_no_memory() {
+    // A gigabyte of zeros in a megabyte, where the header promises 7200 bytes.
+    let bomb = deflated(&vec![0; 1 << 30]);
+    let place = Place::new();
+    let sequence = with(|s| s.zlib = true);
+    place.put("s.mha", [sequence.header(Some(bomb.len())).as_bytes(), &bomb].concat());
+    let before = place.names();
+    let run = place.run_within(MODEST, WEAVE);
+    place.check_refusal(&run, "a bomb behind the frames", &["s.mha: pixel data of frame "]);
+    assert_eq!(place.names(), before);
+    // The same where the header promises more than any stream of that length can hold.
+    let text = sequence.header(Some(bomb.len())).replace("DimSize = 40 30 6", "DimSize = 16384 16384 60");
+    place.put("s.mha", [text.as_bytes(), &bomb].concat());
+    let run = place.run_within(MODEST, WEAVE);
+    place.check_refusal(
+        &run,
+        "a bomb of frames",
+        &["s.mha: field DimSize (byte ", "compressed bytes in the file can hold"],
+    );
+    assert_eq!(place.names(), before);
+}
+
+#[test]
+fn pictures_that_are_not_grey() {
+    let colour = with(|s| (s.channels, s.lines) = (3, "UltrasoundImageOrientation = MFA\n".into()));
+    refused(colour.bytes(), &["no frame could be used", "6 × colour", "first frame 0: 3 channels a pixel"]);
+    for kind in ["RF_REAL", "RF_IQ_LINE", "RF_I_LINE_Q_LINE"] {
+        let lines = format!("UltrasoundImageOrientation = FM\nUltrasoundImageType = {kind}\n");
+        let rf = with(|s| (s.element, s.pixel, s.lines) = ("MET_SHORT", |u, _, _| vec![u as u8, 0], lines));
+        refused(rf.bytes(), &["no frame could be used", "6 × image_type", kind, "not BRIGHTNESS"]);
+    }
+}
+
+#[test]
+fn poses_that_the_tracker_does_not_vouch_for() {
+    refused(
+        with(|s| s.status = |_| "INVALID").bytes(),
+        &["no frame could be used", "6 × pose_invalid", "first frame 0"],
+    );
+    refused(with(|s| s.pose = |_| pose(0.0).replacen("0.5", "inf", 1)).bytes(), &["6 × pose_not_finite"]);
+}
+
+#[test]
+fn frames_that_are_not_there() {
+    let place = Place::new();
+    place.put("s.mha", Sequence::default().bytes());
+    place.refuses("reconstruct s.mha -o v.mha --frames 6..9", &["no frame could be used"]);
+    place.refuses("reconstruct s.mha -o v.mha --frames 1000..", &["no frame could be used"]);
+}
+
+#[test]
+fn poses_so_far_apart_that_no_file_holds_the_box() {
+    let far: fn(u32) -> String = |frame| pose(f64::from(frame) * 1e8);
+    refused(with(|s| s.pose = far).bytes(), &["stray poses", "--size"]);
+}
+
+#[test]
+fn volumes_beyond_the_memory_they_may_take() {
+    let place = Place::new();
+    place.put("s.mha", Sequence::default().bytes());
+    place.refuses("reconstruct s.mha -o v.mha --spacing 0.05 --max-memory 0.001", &["frame 0: "]);
+    place.refuses("reconstruct s.mha -o v.mha --size 100000,100000,100000", &["100000"]);
+}
+
+#[test]
+fn configurations_of_something_else() {
+    let place = Place::new();
+    place.put("s.mha", with(|s| s.transform = "ProbeToTracker").bytes());
+    let cases = [
+        (
+            "<PlusConfiguration version=\"2.3\"><Nothing/></PlusConfiguration>",
+            vec!["c: ", "holds no CoordinateDefinitions"],
+        ),
+        ("<CoordinateDefinitions>\n<Transform From=\"Image\"", vec!["c: line ", "not readable as XML"]),
+        (
+            "<CoordinateDefinitions>\n<Transform From=\"Image\" To=\"Probe\" Matrix=\"1 2 3\"/></CoordinateDefinitions>",
+            vec!["c: Transform Matrix (line 2): ", "16 numbers"],
+        ),
+        ("format = \"sonoweave-calibration\"\nversion = 1\n[image_to_prob]\n", vec!["c: ", "image_to_prob"]),
+        ("format = \"sonoweave-calibration\"\nversion = 2\n", vec!["c: ", "version 2 is newer"]),
+        ("\u{0}\u{1}", vec!["c: "]),
+    ];
+    for (text, says) in cases {
+        place.put("c", text);
+        place.refuses("reconstruct s.mha -o v.mha --config c", &says);
+    }
+    place.refuses("reconstruct s.mha -o v.mha --config s.mha", &["s.mha: "]);
+    place.refuses("reconstruct s.mha -o v.mha --config none.xml", &["none.xml: "]);
+    place
+        .refuses("reconstruct s.mha -o v.mha", &["no way from Image to Tracker", "ProbeToTracker", "--image-to-probe"]);
+    place.refuses("reconstruct s.mha -o v.mha --world Moon", &["no way from Image to Moon"]);
+}
+
+#[test]
+fn files_that_are_not_there_and_outputs_that_cannot_be() {
+    let place = Place::new();
+    place.put("s.mha", Sequence::default().bytes());
+    place.refuses("reconstruct none.mha -o v.mha", &["none.mha: ", "No such file"]);
+    place.refuses("reconstruct . -o v.mha", &[".: "]);
+    place.refuses("reconstruct s.mha -o none/v.mha", &["none/v.mha: the folder none does not exist"]);
+    place.refuses("reconstruct s.mha -o v.mha --stats none/s.json", &["none/s.json: the folder none does not exist"]);
+    place.refuses("reconstruct s.mha -o s.mha", &["s.mha: is the input"]);
+    place.refuses("reconstruct s.mha -o ./s.mha", &["./s.mha: is the input"]);
+    place.refuses("reconstruct s.mha -o v.mha --stats s.mha", &["s.mha: is the input"]);
+    place.refuses("reconstruct s.mha -o v.nii", &["v.nii: volumes are written as .mha"]);
+}
+
+#[test]
+fn an_output_of_an_earlier_run_survives_a_failure() {
+    let place = Place::new();
+    place.put("v.mha", "precious");
+    place.put("s.mha", with(|s| s.status = |_| "INVALID").bytes());
+    place.refuses(WEAVE, &["no frame could be used"]);
+    assert_eq!(place.get("v.mha"), b"precious");
+}
+
+#[test]
+fn values_that_the_volume_cannot_hold() {
+    let place = Place::new();
+    let float: fn(u32, u32, u32) -> Vec<u8> = |u, _, _| (u as f32).to_le_bytes().to_vec();
+    place.put("s.mha", with(|s| (s.element, s.pixel) = ("MET_FLOAT", float)).bytes());
+    place.refuses("reconstruct s.mha -o v.mha --type u8", &["--type u8: the input is f32", "--window LO,HI"]);
+    place.refuses("reconstruct s.mha -o v.mha --type u16", &["--type u16", "--window LO,HI"]);
+    place.refuses(
+        "reconstruct s.mha -o v.mha --type u8 --window 0,1 --unseen 300",
+        &["--unseen 300: is no value of type u8"],
+    );
+    place.refuses("reconstruct s.mha -o v.mha --sigma 0.00001,0.00001,0.00001", &[]);
+    place.refuses("reconstruct s.mha -o v.mha --clip 100,100,5,5", &["leaves nothing of the 40×30 picture"]);
+}
+
+#[test]
+fn words_that_are_no_command_are_usage() {
+    let place = Place::new();
+    place.put("s.mha", Sequence::default().bytes());
+    for words in [
+        "",
+        "weave",
+        "reconstruct s.mha",
+        "reconstruct s.mha -o v.mha --spacing 0",
+        "reconstruct s.mha -o v.mha --size 1,2",
+        "reconstruct s.mha -o v.mha --frames 5..5",
+        "reconstruct s.mha -o v.mha --threads 0",
+        "reconstruct s.mha -o v.mha --simd mmx",
+        "reconstruct s.mha -o v.mha --window 5,5",
+        "reconstruct s.mha -o v.mha --sigma 1,1,1 --resolution 1,1,1",
+        "phantom",
+        "phantom -o p.mha --scene moon",
+        "phantom -o p.mha --image-size 0x5",
+        "inspect",
+        "inspect s.mha --weights w.mha",
+    ] {
+        let run = place.run(words);
+        assert_eq!((run.code, run.stdout.as_str()), (2, ""), "{words}: {}", run.stderr);
+        assert!(run.stderr.contains("--help") || run.stderr.contains("Usage"), "{words}: {}", run.stderr);
+    }
+    assert_eq!(place.names().len(), 1);
+    for words in ["--help", "--version", "reconstruct --help", "inspect --help", "phantom --help"] {
+        assert!(place.does(words).len() > 10, "{words}");
+    }
+}
