@@ -104,6 +104,9 @@ pub enum SettingsError {
     /// This machine lacks the instruction set.
     #[error("this machine has no {0}: choose --simd auto")]
     Simd(&'static str),
+    /// Not even an empty volume has room.
+    #[error("no memory for the volume: {0}")]
+    Memory(String),
     /// Threads could not be started.
     #[error("{0} threads could not be started: {1}")]
     Threads(usize, String),
@@ -233,12 +236,14 @@ impl Reconstructor {
                     .map_err(|e| SettingsError::Threads(n, e.to_string()))?,
             ),
         };
+        let mut volume = BrickVolume::new();
+        volume.reserve(1).map_err(|e| SettingsError::Memory(e.to_string()))?;
         Ok(Self {
             settings,
             mask,
             pool,
             prepared: None,
-            volume: BrickVolume::new(),
+            volume,
             last: None,
             tasks: Vec::new(),
             absent: Vec::new(),
