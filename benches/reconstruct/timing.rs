@@ -93,25 +93,23 @@ pub(crate) fn ours<'a>(settings: &'a Settings, mask: &'a Mask, slices: &'a [Slic
     })
 }
 
-/// Plain arithmetic on one or two threads at once, a few milliseconds each: how much of a second core there is to be had just now.
+/// Plain arithmetic on all threads of a pool at once, a few milliseconds each, as often as a scan has slices: how much of a second core there is to
+/// be had just now, for threads that sleep and wake like the reconstructor's.
 pub(crate) fn arithmetic<'a>(threads: usize) -> Contestant<'a> {
-    fn spin() {
-        let mut x = black_box(1.0_f64);
-        for _ in 0..1_000_000 {
-            x = x * 0.999 + 0.001;
-        }
-        black_box(x);
-    }
     Box::new(move || {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
         let time = |_| {
             let start = Instant::now();
-            std::thread::scope(|scope| {
-                (1..threads).for_each(|_| drop(scope.spawn(spin)));
-                spin();
+            pool.broadcast(|_| {
+                let mut x = black_box(1.0_f64);
+                for _ in 0..1_000_000 {
+                    x = x * 0.999 + 0.001;
+                }
+                black_box(x);
             });
             start.elapsed().as_secs_f64() * 1e3
         };
-        Ok((0..5).map(time).collect())
+        Ok((0..20).map(time).collect())
     })
 }
 
