@@ -10,17 +10,23 @@
 //! - [`reconstruct`]: slices into the volume.
 //! - [`volume`]: the lattice, and the sparse bricks that hold the volume.
 //! - [`export`]: volumes and pictures to files.
+//! - [`pipeline`]: the stages in flow order.
 //! - [`ledger`], [`refusal`]: what became of every frame, and the reasons.
+//! - [`statistics`]: what a run did, in numbers.
+//! - [`cli`]: the commands.
 //! - [`phantom`]: scans of scenes whose truth is known, for demonstration, tests and benches.
 
+pub mod cli;
 pub mod config;
 pub mod export;
 pub mod ingest;
 pub mod ledger;
 pub mod mask;
 pub mod phantom;
+pub mod pipeline;
 pub mod reconstruct;
 pub mod refusal;
 pub mod slice;
+pub mod statistics;
 pub mod sync;
 pub mod volume;

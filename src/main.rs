@@ -1,3 +1,17 @@
-//! The `sonoweave` command.
+//! The `sonoweave` command: parse, call, exit code.
 
-fn main() {}
+use std::process::ExitCode;
+
+use clap::Parser;
+use sonoweave::cli;
+
+#[allow(clippy::print_stderr, reason = "the one place where a command's failure is said")]
+fn main() -> ExitCode {
+    match cli::run(&cli::Arguments::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(cli::Failure(sentence)) => {
+            eprintln!("sonoweave: {sentence}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -42,11 +42,13 @@ pub enum Reason {
     Repeated,
     /// The slice lies too far out for the lattice.
     OutOfRange,
+    /// The pose scales pixels to a size for which the kernel makes no filter.
+    PixelSize,
 }
 
 impl Reason {
     /// All reasons, in the order of the stages that find them.
-    pub const ALL: [Self; 17] = [
+    pub const ALL: [Self; 18] = [
         Self::ImageStatus,
         Self::ImageMissing,
         Self::ImageOrientation,
@@ -64,6 +66,7 @@ impl Reason {
         Self::SizeChanged,
         Self::Repeated,
         Self::OutOfRange,
+        Self::PixelSize,
     ];
 
     /// The name in statistics; the serialised form is the same.
@@ -86,6 +89,7 @@ impl Reason {
             Self::SizeChanged => "size_changed",
             Self::Repeated => "repeated",
             Self::OutOfRange => "out_of_range",
+            Self::PixelSize => "pixel_size",
         }
     }
 }

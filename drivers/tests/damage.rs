@@ -338,7 +338,12 @@ fn what_would_not_read_back_the_same_is_not_written() {
     refused(&|h| h.fields.push(field("DimSize", "1 1 1")), "the writer sets itself");
     refused(&|h| h.fields.push(field("UltrasoundImageOrientation", "UN")), "given twice");
     refused(&|h| h.fields.extend([field("A", "1"), field("A", "2")]), "given twice");
-    refused(&|h| h.items[0].fields.push(field("ImageStatus", "OK")), "given twice for frame 0");
+    refused(&|h| h.items[0].fields.push(field("ImageStatus", "OK")), "repetition");
+    refused(&|h| h.items[0].fields.extend([field("A", "1"), field("A", "2")]), "repetition");
+    refused(&|h| h.items[0].fields.push(field("Timestamp", "soon")), "field Seq_Frame0000_Timestamp: is \"soon\"");
+    refused(&|h| h.items[0].fields.push(field("Timestamp", "1")), "would not read back as given");
+    refused(&|h| h.items[0].fields.push(field("AToB", &["1"; 16].join(" "))), "would not read back as given");
+    refused(&|h| h.items[0].fields.push(field("Note", &"x".repeat(2 << 20))), "is longer than");
     refused(&|h| h.items[0].stamp.source_s = Some(f64::NAN), "must be finite");
     refused(&|h| h.items[0].status = Status::Other("ok".into()), "would read back as valid");
     refused(&|h| h.items[0].transforms.push(transform("Probe", "tracker", Status::Ok)), "could not be told apart");

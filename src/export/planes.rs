@@ -10,6 +10,7 @@ use image::{ImageFormat, Rgb, RgbImage};
 
 use super::legend::{self, Legend, short};
 use super::lettering::{self, fill};
+use super::whole::write_whole;
 use crate::volume::Grid;
 
 /// Colour of unseen voxels: a muted blue, which no grey level is.
@@ -208,18 +209,9 @@ impl PlanesPicture {
     /// # Errors
     /// [`PlanesError::Write`] with the file system's reason.
     pub fn write_png(&self, path: &Path) -> Result<(), PlanesError> {
-        use std::io::Write;
-        use std::os::unix::fs::PermissionsExt;
-
         let bytes = self.to_png()?;
-        let failed = |source| PlanesError::Write { path: path.to_owned(), source };
-        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        // A temporary file is its owner's alone by default; a picture is as readable as the user's other files.
-        let everyone = std::fs::Permissions::from_mode(0o666);
-        let mut file = tempfile::Builder::new().permissions(everyone).tempfile_in(folder).map_err(failed)?;
-        file.write_all(&bytes).map_err(failed)?;
-        file.persist(path).map_err(|e| failed(e.error))?;
-        Ok(())
+        write_whole(path, |to| to.write_all(&bytes))
+            .map_err(|source| PlanesError::Write { path: path.to_owned(), source })
     }
 }
 

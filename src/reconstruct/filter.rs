@@ -429,22 +429,30 @@ unsafe fn along<L: Lanes>(samples: &[Vec<f32>], shift: usize, taps: &PhaseTaps, 
     // SAFETY: the assertions keep every load (index < shift + nodes.end + longest) and store (index < nodes.end) inside its slice.
     unsafe {
         let mut node = nodes.start;
-        while node + 2 * LANES <= nodes.end {
-            let mut sum = [L::splat(0.0); 2];
-            for (t, weight) in taps.weights.iter().enumerate() {
-                let weight = L::splat(*weight);
-                let from = samples[t % k].as_ptr().add(shift + node + t / k);
-                sum[0] = L::load(from).mul_add(weight, sum[0]);
-                sum[1] = L::load(from.add(LANES)).mul_add(weight, sum[1]);
+        // Four vectors at a time hide the latency of the multiply-adds.
+        while node + 4 * LANES <= nodes.end {
+            let mut sum = [L::splat(0.0); 4];
+            for (quotient, weights) in taps.weights.chunks(k).enumerate() {
+                for (samples, weight) in samples.iter().zip(weights) {
+                    let weight = L::splat(*weight);
+                    let from = samples.as_ptr().add(shift + node + quotient);
+                    for (i, sum) in sum.iter_mut().enumerate() {
+                        *sum = L::load(from.add(i * LANES)).mul_add(weight, *sum);
+                    }
+                }
             }
-            sum[0].store(out.as_mut_ptr().add(node));
-            sum[1].store(out.as_mut_ptr().add(node + LANES));
-            node += 2 * LANES;
+            for (i, sum) in sum.iter().enumerate() {
+                sum.store(out.as_mut_ptr().add(node + i * LANES));
+            }
+            node += 4 * LANES;
         }
         while node < nodes.end {
             let mut sum = L::splat(0.0);
-            for (t, weight) in taps.weights.iter().enumerate() {
-                sum = L::load(samples[t % k].as_ptr().add(shift + node + t / k)).mul_add(L::splat(*weight), sum);
+            for (quotient, weights) in taps.weights.chunks(k).enumerate() {
+                for (samples, weight) in samples.iter().zip(weights) {
+                    let from = samples.as_ptr().add(shift + node + quotient);
+                    sum = L::load(from).mul_add(L::splat(*weight), sum);
+                }
             }
             sum.store(out.as_mut_ptr().add(node));
             node += LANES;

@@ -23,8 +23,8 @@ pub const OFF_PLANE_SUPPORT: Support = Support::Energy(0.01);
 pub const IN_PLANE_SIGMA: f64 = 0.75;
 /// Off-plane σ when nothing is known of the scanner's resolution, mm.
 pub const OFF_PLANE_SIGMA_MM: f64 = 1.0;
-/// Largest weight of a voxel as a multiple of the kernel's peak: from there on the mean moves instead of freezing.
-pub const MOST_WEIGHT: f64 = 256.0;
+/// Default of [`Settings::max_weight`].
+pub const MAX_WEIGHT: f64 = 256.0;
 /// Pixel sizes this close, relatively, use the same filter.
 const SAME_PIXEL: f64 = 1e-3;
 /// Bricks that one task of a thread weaves.
@@ -45,8 +45,8 @@ pub struct Settings {
     pub sigma_mm: [Option<f64>; 3],
     /// Where the kernel ends, all axes; `None` for [`IN_PLANE_SUPPORT`] and [`OFF_PLANE_SUPPORT`].
     pub support: Option<Support>,
-    /// Largest weight; `None` for [`MOST_WEIGHT`] times the kernel's peak.
-    pub most_weight: Option<f32>,
+    /// Largest weight of a voxel, as a multiple of the kernel's peak: from there on the mean moves instead of freezing.
+    pub max_weight: f64,
     /// Threads that filter and weave.
     pub threads: usize,
     /// Instruction set of the hot loops.
@@ -64,7 +64,7 @@ impl Settings {
             method: Method::default(),
             sigma_mm: [None; 3],
             support: None,
-            most_weight: None,
+            max_weight: MAX_WEIGHT,
             threads: 1,
             simd: Simd::detect(),
             memory_bytes: 8 << 30,
@@ -99,8 +99,8 @@ pub enum SettingsError {
     )]
     Nodes(usize),
     /// The weight's bound is no weight.
-    #[error("the largest weight must be a number above 1, not {0}")]
-    MostWeight(f32),
+    #[error("the largest weight must lie between 1 and 1e9 slices, not at {0}")]
+    MaxWeight(f64),
     /// This machine lacks the instruction set.
     #[error("this machine has no {0}: choose --simd auto")]
     Simd(&'static str),
@@ -217,10 +217,8 @@ impl Reconstructor {
         if !settings.simd.is_available() {
             return Err(SettingsError::Simd(settings.simd.name()));
         }
-        if let Some(most) = settings.most_weight
-            && !(most > 1.0 && most.is_finite())
-        {
-            return Err(SettingsError::MostWeight(most));
+        if !(settings.max_weight >= 1.0 && settings.max_weight <= 1e9) {
+            return Err(SettingsError::MaxWeight(settings.max_weight));
         }
         if mask.area() == 0 {
             return Err(SettingsError::EmptyMask);
@@ -323,7 +321,7 @@ impl Reconstructor {
             normal.support_mm,
         );
         let bricks = geometry.brick_box().ok_or(Refused::OutOfRange)?;
-        let most_weight = self.settings.most_weight.unwrap_or((MOST_WEIGHT * normal.peak()) as f32);
+        let most_weight = (self.settings.max_weight * normal.peak()) as f32;
         let view = View::new(filter, &normal, most_weight);
 
         // The walk finds the bricks; whether one that does not exist is worth making is asked of its voxels, before anything is changed.

@@ -56,50 +56,39 @@ pub(crate) enum Sight {
     Partial,
 }
 
-/// Counts of nodes with a property over any rectangle, by four look-ups.
-#[derive(Debug, Clone)]
-struct SummedArea {
-    stride: usize,
-    sums: Vec<u32>,
-}
+/// Nodes along the edge of a square that the mask's summary tells apart. Small enough to follow a fan's border, large enough for the summary to
+/// stay in the nearest cache while bricks are looked up.
+const SQUARE: usize = 4;
 
-impl SummedArea {
-    fn new(nodes: &Nodes, has: impl Fn(f32) -> bool) -> Self {
-        let stride = nodes.columns + 1;
-        let mut sums = vec![0_u32; stride * (nodes.rows + 1)];
-        for row in 0..nodes.rows {
-            let mut line = 0;
-            for column in 0..nodes.columns {
-                line += u32::from(has(nodes.data[row * nodes.stride + column]));
-                sums[(row + 1) * stride + column + 1] = sums[row * stride + column + 1] + line;
-            }
-        }
-        Self { stride, sums }
-    }
-
-    fn count(&self, columns: [usize; 2], rows: [usize; 2]) -> u32 {
-        let at = |row: usize, column: usize| self.sums[row * self.stride + column];
-        at(rows[1], columns[1]) + at(rows[0], columns[0]) - at(rows[0], columns[1]) - at(rows[1], columns[0])
-    }
-}
-
-/// The mask as the walk needs it.
+/// The mask as the walk needs it: for any rectangle of squares of nodes, how many hold an uncertain node and how many a live one, by four
+/// look-ups in a table of sums.
 #[derive(Debug, Clone)]
 pub(crate) struct MaskSummary {
-    columns: usize,
-    rows: usize,
-    uncertain: SummedArea,
-    live: SummedArea,
+    columns: i64,
+    rows: i64,
+    stride: usize,
+    /// At (row, column): squares above and left of it with a node that is not wholly certain, and with one whose certainty suffices.
+    sums: Vec<[u32; 2]>,
 }
 
 impl MaskSummary {
     pub(crate) fn new(certainty: &Nodes) -> Self {
-        Self {
-            columns: certainty.columns,
-            rows: certainty.rows,
-            uncertain: SummedArea::new(certainty, |c| c != 1.0),
-            live: SummedArea::new(certainty, |c| c >= LEAST_CERTAINTY),
+        let squares = [certainty.columns, certainty.rows].map(|n| n.div_ceil(SQUARE));
+        let stride = squares[0] + 1;
+        let mut sums = vec![[0_u32; 2]; stride * (squares[1] + 1)];
+        for row in 0..squares[1] {
+            let mut line = [0, 0];
+            for column in 0..squares[0] {
+                let rows = row * SQUARE..((row + 1) * SQUARE).min(certainty.rows);
+                let columns = column * SQUARE..((column + 1) * SQUARE).min(certainty.columns);
+                let nodes = || rows.clone().flat_map(|r| &certainty.data[r * certainty.stride..][columns.clone()]);
+                line[0] += u32::from(nodes().any(|c| *c != 1.0));
+                line[1] += u32::from(nodes().any(|c| *c >= LEAST_CERTAINTY));
+                let above = sums[row * stride + column + 1];
+                sums[(row + 1) * stride + column + 1] = [above[0] + line[0], above[1] + line[1]];
+            }
         }
+        Self { columns: certainty.columns as i64, rows: certainty.rows as i64, stride, sums }
     }
 
     /// What a footprint around node (u, v), given by its half widths, sees; `None` when no voxel there can take part.
@@ -108,14 +97,19 @@ impl MaskSummary {
         // to the border and not wholly inside, whatever its fraction.
         let (low_u, low_v) = (u - radius[0] - SLACK, v - radius[1] - SLACK);
         let (high_u, high_v) = ((u + radius[0] + SLACK) as i64 + 3, (v + radius[1] + SLACK) as i64 + 3);
-        let (most_u, most_v) = (self.columns as i64, self.rows as i64);
-        let inside = low_u >= 1.0 && low_v >= 1.0 && high_u <= most_u && high_v <= most_v;
-        let clip = |x: i64, most: i64| x.clamp(0, most) as usize;
-        let columns = [clip(low_u as i64 - 1, most_u), clip(high_u, most_u)];
-        let rows = [clip(low_v as i64 - 1, most_v), clip(high_v, most_v)];
-        if self.live.count(columns, rows) == 0 {
+        let inside = low_u >= 1.0 && low_v >= 1.0 && high_u <= self.columns && high_v <= self.rows;
+        let squares = |low: f64, high: i64, most: i64| {
+            let first = (low as i64 - 1).clamp(0, most) as usize / SQUARE;
+            (first, (high.clamp(0, most) as usize).div_ceil(SQUARE).max(first))
+        };
+        let (left, right) = squares(low_u, high_u, self.columns);
+        let (top, bottom) = squares(low_v, high_v, self.rows);
+        let at = |row: usize, column: usize| self.sums[row * self.stride + column];
+        let corners = [at(bottom, right), at(top, left), at(top, right), at(bottom, left)];
+        let count = |which: usize| corners[0][which] + corners[1][which] - corners[2][which] - corners[3][which];
+        if count(1) == 0 {
             None
-        } else if inside && self.uncertain.count(columns, rows) == 0 {
+        } else if inside && count(0) == 0 {
             Some(Sight::Full)
         } else {
             Some(Sight::Partial)

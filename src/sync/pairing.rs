@@ -10,7 +10,7 @@ use glam::DAffine3;
 use super::graph::{Edge, Names, NoPath, Route, find};
 use crate::ingest::{Head, Picture};
 use crate::refusal::{Reason, Refusal};
-use crate::slice::{Image, Slice};
+use crate::slice::Slice;
 
 /// How far a tracker's rotation may be off one (max |RᵀR − I|) to be replaced by the nearest; beyond, it is refused.
 pub const RIGID_TOLERANCE: f64 = 1e-2;
@@ -90,7 +90,6 @@ pub struct Pairing {
     names_changed: bool,
     /// The first slice's size; all must have it.
     size: Option<[u32; 2]>,
-    last: Option<(DAffine3, Image)>,
     notes: Vec<String>,
 }
 
@@ -98,7 +97,7 @@ impl Pairing {
     /// A stage that learns the source's transforms as they come. Until a way to the world is known, frames are refused; see
     /// [`Self::finish`].
     pub fn new(options: PairingOptions) -> Self {
-        Self { options, held: Vec::new(), route: None, names_changed: true, size: None, last: None, notes: Vec::new() }
+        Self { options, held: Vec::new(), route: None, names_changed: true, size: None, notes: Vec::new() }
     }
 
     /// A stage that knows the names of the source's transforms beforehand (see [`super::survey()`]), so that the choice of the world does
@@ -157,8 +156,8 @@ impl Pairing {
     /// Places a picture.
     ///
     /// # Errors
-    /// A [`Refusal`] as of [`Self::pose`], for a size other than the first slice's, or for the same picture at the same pose again. A
-    /// refused frame is forgotten: what follows is judged as if it had not come.
+    /// A [`Refusal`] as of [`Self::pose`], or for a size other than the first slice's. A refused frame is forgotten: what follows is
+    /// judged as if it had not come.
     pub fn frame(&mut self, picture: Picture) -> Result<Paired, Refusal> {
         let item = picture.head.stamp.item;
         let pose = self.pose(&picture.head)?;
@@ -169,15 +168,7 @@ impl Pairing {
             let detail = format!("{}×{} pixels after frames of {}×{}", size[0], size[1], first[0], first[1]);
             return Err(Refusal::new(item, Reason::SizeChanged, detail));
         }
-        let affine = pose.world_from_image.affine();
-        if let Some((last, image)) = &self.last
-            && *last == affine
-            && image.pixels().same_bits(picture.image.pixels())
-        {
-            return Err(Refusal::new(item, Reason::Repeated, "same picture and pose as the frame before"));
-        }
         self.size = Some(size);
-        self.last = Some((affine, picture.image.clone()));
         let slice =
             Slice { image: picture.image, time_ns: picture.head.time_ns, world_from_image: pose.world_from_image };
         Ok(Paired { slice, pose })

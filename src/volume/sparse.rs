@@ -16,7 +16,7 @@ const CHUNK: usize = 4096;
 /// Slot of a brick that does not exist.
 const ABSENT: u32 = u32::MAX;
 
-/// A weight below this fraction of the kernel's peak does not make a voxel seen: it is the far end of a kernel's tail.
+/// A voxel of no more weight than this was not seen: a sample at the kernel's peak weighs about 1, this is the far end of its tail.
 pub const SEEN: f32 = 1e-3;
 
 /// Place of a brick in the arena; valid as long as the volume.
@@ -166,6 +166,42 @@ impl BrickVolume {
         (brick.r[place], brick.w[place])
     }
 
+    /// Numerators and weights of the voxels from `start` on along x, as many as `r` and `w` hold; zeros where no brick is.
+    ///
+    /// # Panics
+    /// When `r` and `w` differ in length.
+    pub fn row(&self, start: [i64; 3], r: &mut [f32], w: &mut [f32]) {
+        assert_eq!(r.len(), w.len());
+        let edge = EDGE as i64;
+        let [y, z] = [start[1], start[2]].map(|v| v.rem_euclid(edge) as usize);
+        let mut finder = self.finder();
+        let mut done = 0;
+        while done < r.len() {
+            let x = start[0] + done as i64;
+            let inside = x.rem_euclid(edge) as usize;
+            let count = (EDGE - inside).min(r.len() - done);
+            let index = [x, start[1], start[2]].map(|v| i32::try_from(v.div_euclid(edge)).ok());
+            let slot = match index {
+                [Some(x), Some(y), Some(z)] => finder.find([x, y, z]),
+                _ => None,
+            };
+            let (r, w) = (&mut r[done..done + count], &mut w[done..done + count]);
+            match slot.map(|slot| self.brick(slot)) {
+                Some(brick) => {
+                    for (i, (r, w)) in r.iter_mut().zip(w).enumerate() {
+                        let place = offset(inside + i, y, z);
+                        (*r, *w) = (brick.r[place], brick.w[place]);
+                    }
+                }
+                None => {
+                    r.fill(0.0);
+                    w.fill(0.0);
+                }
+            }
+            done += count;
+        }
+    }
+
     /// Smallest and largest lattice index of the voxels that were seen, both inclusive; `None` when nothing was.
     pub fn seen_bounds(&self) -> Option<([i64; 3], [i64; 3])> {
         let mut lowest = [i64::MAX; 3];
@@ -255,5 +291,10 @@ mod tests {
         assert_eq!(volume.voxel([-1, 3, 2]), (0.0, 1.0));
         assert_eq!(volume.voxel([-1, 3, 3]), (0.0, 0.0));
         assert_eq!(volume.voxel([i64::MAX, 0, 0]), (0.0, 0.0));
+        let (mut r, mut w) = ([9.0; 30], [9.0; 30]);
+        volume.row([-11, 3, 2], &mut r, &mut w);
+        assert_eq!((r, w), ([0.0; 30], std::array::from_fn(|i| if i == 10 { 1.0 } else { 0.0 })));
+        volume.row([0, 8, 5], &mut r, &mut w);
+        assert_eq!(w.iter().position(|w| *w == 1.0), Some(16));
     }
 }

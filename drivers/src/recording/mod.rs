@@ -35,7 +35,7 @@ impl SequenceSettings {
 /// Upper bounds that keep a damaged or hostile file from taking the machine down.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
-    /// Bytes of header. Interpreted, it takes up to five times as much memory.
+    /// Bytes of header. Interpreted, it takes about twice as much memory, and ten times at worst (millions of frames with one short field each).
     pub header_bytes: u64,
     /// Bytes of one frame, decompressed.
     pub frame_bytes: u64,
@@ -45,7 +45,7 @@ pub struct Limits {
 
 impl Default for Limits {
     fn default() -> Self {
-        Self { header_bytes: 256 << 20, frame_bytes: 256 << 20, items: 1 << 24 }
+        Self { header_bytes: 128 << 20, frame_bytes: 256 << 20, items: 1 << 24 }
     }
 }
 

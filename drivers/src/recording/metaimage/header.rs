@@ -32,6 +32,14 @@ impl Fault {
         Self::Field { field: field.into(), offset, problem: problem.into() }
     }
 
+    /// What is wrong, for who knows the file.
+    pub(crate) fn sentence(self) -> String {
+        match self {
+            Self::Field { field, problem, .. } => format!("field {field}: {problem}"),
+            Self::Limit { what, value, limit, advice } => format!("{what} is {value}, more than {limit}: {advice}"),
+        }
+    }
+
     /// Names the file.
     pub(crate) fn at(self, path: &Path) -> Error {
         let path = path.to_owned();
@@ -124,14 +132,14 @@ impl Parser {
         Self { limits, lines: 0, header: Header::default(), ids: HashMap::new() }
     }
 
-    /// Bytes that the next line may have, its end included.
+    /// Bytes that the next line may have, its end included. Who reads lines need not hold more than one byte beyond it.
     pub(crate) fn room(&self) -> usize {
         let left = self.limits.header_bytes.saturating_sub(self.header.end);
         usize::try_from(left).unwrap_or(usize::MAX).min(LINE_BYTES)
     }
 
     /// The fault of a line longer than [`Parser::room`].
-    pub(crate) fn overflow(&self) -> Fault {
+    fn overflow(&self) -> Fault {
         if self.room() == LINE_BYTES {
             self.unnamed(format!(
                 "is longer than {LINE_BYTES} bytes; this is no MetaImage header, or it is damaged: check that the file is what its name says"
@@ -159,8 +167,11 @@ impl Parser {
         Fault::field(format!("line {}", self.lines + 1), self.header.end, problem)
     }
 
-    /// Takes the next line, line end included; true when it was the last.
+    /// Takes the next line, line end included and not longer than [`Parser::room`]; true when it was the last.
     pub(crate) fn line(&mut self, line: &[u8]) -> Result<bool, Fault> {
+        if line.len() > self.room() {
+            return Err(self.overflow());
+        }
         let offset = self.header.end;
         let text = text(line);
         let text = text.trim();

@@ -56,9 +56,6 @@ fn read_header(reader: &mut impl BufRead, path: &Path, limits: &Limits) -> Resul
         let room = parser.room();
         let read = reader.by_ref().take(room as u64 + 1).read_until(b'\n', &mut line);
         read.map_err(|source| Error::Io { path: path.to_owned(), doing: "reading the header", source })?;
-        if line.len() > room {
-            return Err(parser.overflow().at(path));
-        }
         if line.is_empty() {
             return Err(parser.truncated().at(path));
         }

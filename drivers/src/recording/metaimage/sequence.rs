@@ -170,33 +170,39 @@ fn roles(header: &Header) -> (Vec<Role>, Vec<String>) {
 
 fn item(header: &Header, fields: &[FrameField], roles: &[Role]) -> Result<Item, Fault> {
     let mut item = Item::bare();
-    let mut statuses: Vec<(u32, &FrameField)> = Vec::new();
+    // Transforms first: a status may stand before the transform that it belongs to.
+    for field in fields {
+        let Role::Transform(name) = roles[field.name as usize] else { continue };
+        let refused = |problem: String| header.frame_fault(field, problem);
+        if item.transforms.iter().any(|transform| transform.name == name) {
+            return Err(refused(
+                "gives a transform that this frame already has under its other spelling; remove one of them".into(),
+            ));
+        }
+        let matrix = numbers::<16>(&field.value).map_err(refused)?;
+        item.transforms.push(ItemTransform { name, matrix, status: Status::Ok });
+    }
     for field in fields {
         let refused = |problem: String| header.frame_fault(field, problem);
         match roles[field.name as usize] {
+            Role::Transform(_) => {}
             Role::Timestamp => item.source_s = Some(seconds(&field.value).map_err(refused)?),
             Role::UnfilteredTimestamp => item.unfiltered_s = Some(seconds(&field.value).map_err(refused)?),
             Role::FrameNumber => item.frame_number = Some(whole(&field.value).map_err(refused)?),
             Role::ImageStatus => worsen(&mut item.image, &field.value),
-            Role::Transform(name) => {
-                if item.transforms.iter().any(|transform| transform.name == name) {
-                    return Err(refused(
-                        "gives a transform that this frame already has under its other spelling".into(),
-                    ));
+            Role::TransformStatus(name) => {
+                match item.transforms.iter_mut().find(|transform| transform.name == name) {
+                    Some(transform) => worsen(&mut transform.status, &field.value),
+                    // Its transform is absent from this frame: kept, since it may say why.
+                    None => item.fields.push((field.name, field.value.clone())),
                 }
-                let matrix = numbers::<16>(&field.value).map_err(refused)?;
-                item.transforms.push(ItemTransform { name, matrix, status: Status::Ok });
             }
-            Role::TransformStatus(name) => statuses.push((name, field)),
             Role::Other => item.fields.push((field.name, field.value.clone())),
         }
     }
-    for (name, field) in statuses {
-        match item.transforms.iter_mut().find(|transform| transform.name == name) {
-            Some(transform) => worsen(&mut transform.status, &field.value),
-            None => item.fields.push((field.name, field.value.clone())),
-        }
-    }
+    // A hostile header has millions of frames with a field each: room for more would cost more than the fields.
+    item.transforms.shrink_to_fit();
+    item.fields.shrink_to_fit();
     Ok(item)
 }
 
@@ -291,7 +297,7 @@ mod tests {
                  Seq_Frame0000_UnfilteredTimestamp = 1.25\nSeq_Frame0000_FrameNumber = 77\nSeq_Frame0000_ImageStatus = BAD\n\
                  Seq_Frame0000_FooStatus = x\nSeq_Frame0000_Earlier = a\nSeq_Frame0000_Row = 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16\n\
                  Seq_Frame0001_ProbeToTrackerTransform = {EYE}\nSeq_Frame0001_ProbeToTrackerTransformStatus = ok\nSeq_Frame0001_Stylus = {EYE}\n\
-                 Seq_Frame0001_Status = OK\n"
+                 Seq_Frame0001_NeedleToProbeStatus = LOST\nSeq_Frame0001_Later = c\nSeq_Frame0001_Status = OK\n"
             ),
         )
         .unwrap();
@@ -312,6 +318,8 @@ mod tests {
         assert_eq!(fields[..3], [("Later", "b"), ("FooStatus", "x"), ("Earlier", "a")]);
         assert_eq!(fields[3].0, "Row", "16 numbers alone make no transform");
         let second = got.item(1);
+        let fields: Vec<_> = second.fields.iter().map(|(name, text)| (&*got.names[*name as usize], &**text)).collect();
+        assert_eq!(fields, [("NeedleToProbeStatus", "LOST"), ("Later", "c")]);
         assert_eq!((second.source_s, &second.image), (None, &Status::Ok));
         assert_eq!(
             second.transforms.iter().map(|t| (t.name, &t.status)).collect::<Vec<_>>(),

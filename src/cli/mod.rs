@@ -1,0 +1,75 @@
+//! The command line: one file a subcommand, with its flags, help and tests.
+
+pub mod input;
+pub mod inspect;
+pub mod phantom;
+pub mod reconstruct;
+pub mod values;
+
+use clap::{Parser, Subcommand};
+
+/// Freehand 3D ultrasound: tracked slices woven into a volume as they arrive.
+#[derive(Debug, Parser)]
+#[command(name = "sonoweave", version, propagate_version = true, max_term_width = 110)]
+pub struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+    /// What to log to stderr: error, warn, info, debug, or a tracing filter
+    #[arg(long, global = true, value_name = "FILTER", default_value = "warn")]
+    log: String,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Weave a recorded sweep into a volume
+    Reconstruct(Box<reconstruct::Arguments>),
+    /// Say what is in a sequence, volume or calibration file
+    Inspect(inspect::Arguments),
+    /// Make a synthetic sweep whose truth is known
+    Phantom(phantom::Arguments),
+}
+
+/// Why a command failed: a sentence for stderr, exit code 1.
+#[derive(Debug)]
+pub struct Failure(pub String);
+
+impl<E: std::error::Error> From<E> for Failure {
+    fn from(error: E) -> Self {
+        Self(error.to_string())
+    }
+}
+
+/// Runs what the command line asks for.
+///
+/// # Errors
+/// [`Failure`] when the command did not do it.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let filter = tracing_subscriber::EnvFilter::try_new(&arguments.log)
+        .map_err(|e| Failure(format!("--log {}: {e}", arguments.log)))?;
+    // A second subscriber in one process (tests) is no failure.
+    let _ = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).try_init();
+    match &arguments.command {
+        Command::Reconstruct(arguments) => reconstruct::run(arguments),
+        Command::Inspect(arguments) => inspect::run(arguments),
+        Command::Phantom(arguments) => phantom::run(arguments),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_definitions_are_consistent_and_every_command_explains_itself() {
+        let mut command = Arguments::command();
+        command.clone().debug_assert();
+        for sub in command.get_subcommands_mut() {
+            assert!(sub.get_about().is_some(), "{}", sub.get_name());
+            let name = sub.get_name().to_owned();
+            for arg in sub.get_arguments().filter(|a| !a.is_global_set()) {
+                assert!(arg.get_help().is_some(), "{name} {}", arg.get_id());
+            }
+        }
+    }
+}

@@ -1,0 +1,132 @@
+//! Values of flags that hold several numbers or a criterion.
+
+use std::ops::Range;
+
+use glam::DVec3;
+
+use crate::config::numbers;
+use crate::reconstruct::kernel::Support;
+
+/// One positive length for all axes, or three.
+pub fn spacing(text: &str) -> Result<DVec3, String> {
+    let spacing =
+        if text.contains(',') { DVec3::from_array(numbers::<3>(text)?) } else { DVec3::splat(numbers::<1>(text)?[0]) };
+    if spacing.min_element() > 0.0 { Ok(spacing) } else { Err("must be positive, in mm".into()) }
+}
+
+/// A point X,Y,Z.
+pub fn point(text: &str) -> Result<DVec3, String> {
+    Ok(DVec3::from_array(numbers::<3>(text)?))
+}
+
+/// Three positive whole numbers.
+pub fn size(text: &str) -> Result<[u64; 3], String> {
+    let parts: Vec<&str> = text.split(',').map(str::trim).collect();
+    let size: Vec<u64> = parts.iter().filter_map(|p| p.parse().ok()).collect();
+    match <[u64; 3]>::try_from(size) {
+        Ok(size) if parts.len() == 3 && !size.contains(&0) => Ok(size),
+        _ => Err("must hold 3 positive whole numbers NX,NY,NZ".into()),
+    }
+}
+
+/// Width x height of a picture, in pixels.
+pub fn picture_size(text: &str) -> Result<[u32; 2], String> {
+    let parts: Option<(u32, u32)> =
+        text.split_once(['x', '×']).and_then(|(w, h)| Some((w.trim().parse().ok()?, h.trim().parse().ok()?)));
+    match parts {
+        Some((w, h)) if w > 0 && h > 0 => Ok([w, h]),
+        _ => Err("must be WxH, two positive whole numbers".into()),
+    }
+}
+
+/// Three positive lengths, or `auto` (`None`).
+pub fn sigma(text: &str) -> Result<Option<[f64; 3]>, String> {
+    if text.trim() == "auto" { Ok(None) } else { lengths(text).map(Some) }
+}
+
+/// Three positive lengths.
+pub fn lengths(text: &str) -> Result<[f64; 3], String> {
+    let lengths = numbers::<3>(text)?;
+    if lengths.iter().all(|l| *l > 0.0) { Ok(lengths) } else { Err("must be positive, in mm".into()) }
+}
+
+/// LO,HI with LO below HI.
+pub fn window(text: &str) -> Result<[f32; 2], String> {
+    let [low, high] = numbers::<2>(text)?.map(|v| v as f32);
+    if low < high { Ok([low, high]) } else { Err("LO must lie below HI".into()) }
+}
+
+/// A share between 0 and 1, both excluded.
+pub fn share(text: &str) -> Result<f64, String> {
+    let [share] = numbers::<1>(text)?;
+    if share > 0.0 && share < 1.0 { Ok(share) } else { Err("must lie between 0 and 1".into()) }
+}
+
+/// `energy=E`, `amplitude=E`, `gradient=E` or `peak=E`.
+pub fn support(text: &str) -> Result<Support, String> {
+    let names = "must be energy=E, amplitude=E, gradient=E or peak=E";
+    let (name, value) = text.split_once('=').ok_or(names)?;
+    let [value] = numbers::<1>(value)?;
+    let support = match name.trim() {
+        "energy" => Support::Energy(value),
+        "amplitude" => Support::Amplitude(value),
+        "gradient" => Support::Gradient(value),
+        "peak" => Support::Peak(value),
+        _ => return Err(names.into()),
+    };
+    // Whether E is in range is the criterion's own business; any σ tells.
+    match support.half_width_mm(1e-3) {
+        Err(e @ crate::reconstruct::kernel::KernelError::Criterion(_)) => Err(e.to_string()),
+        _ => Ok(support),
+    }
+}
+
+/// Frames A..B: from A up to but not including B; either may be left out.
+pub fn frames(text: &str) -> Result<Range<u64>, String> {
+    let help = "must be A..B: from frame A up to, but not including, frame B";
+    let (from, to) = text.split_once("..").ok_or(help)?;
+    let bound = |text: &str, open: u64| match text.trim() {
+        "" => Ok(open),
+        number => number.parse().map_err(|_| help.to_owned()),
+    };
+    let range = bound(from, 0)?..bound(to, u64::MAX)?;
+    if range.is_empty() { Err("holds no frame".into()) } else { Ok(range) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_are_read_as_documented() {
+        assert_eq!(spacing("0.5"), Ok(DVec3::splat(0.5)));
+        assert_eq!(spacing("1,2,3"), Ok(DVec3::new(1.0, 2.0, 3.0)));
+        assert_eq!(size("10, 20,30"), Ok([10, 20, 30]));
+        assert_eq!(picture_size("640x480"), Ok([640, 480]));
+        assert_eq!(sigma("auto"), Ok(None));
+        assert_eq!(sigma("0.3,0.3,1"), Ok(Some([0.3, 0.3, 1.0])));
+        assert_eq!(window("-10,250"), Ok([-10.0, 250.0]));
+        assert_eq!(support("peak=0.01"), Ok(Support::Peak(0.01)));
+        assert_eq!((frames("2..5"), frames("..7"), frames("3..")), (Ok(2..5), Ok(0..7), Ok(3..u64::MAX)));
+    }
+
+    #[test]
+    fn values_without_meaning_are_refused_with_a_reason() {
+        for bad in ["0", "-1", "1,2", "nan", "x", ""] {
+            assert!(spacing(bad).is_err(), "{bad}");
+        }
+        for bad in ["1,2", "0,1,1", "1,2,3,4", "a,b,c", "1,2,3,x", "-1,2,3"] {
+            assert!(size(bad).is_err(), "{bad}");
+        }
+        for bad in ["energy", "energy=0", "energy=1", "width=3", "peak=-1", "gradient=nan"] {
+            assert!(support(bad).is_err(), "{bad}");
+        }
+        for bad in ["5", "5..5", "6..5", "a..b"] {
+            assert!(frames(bad).is_err(), "{bad}");
+        }
+        assert!(
+            window("5,5").is_err() && share("1").is_err() && lengths("1,0,1").is_err() && picture_size("3").is_err()
+        );
+        assert!(spacing("1,2,x").unwrap_err().contains("\"x\" is not a number"));
+    }
+}

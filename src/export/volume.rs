@@ -1,0 +1,224 @@
+//! A volume to a MetaImage file: values, and weights beside them if asked for.
+
+use std::io::Write;
+use std::path::Path;
+
+use drivers::reading::PixelType;
+use drivers::recording::metaimage::VolumeHeader;
+use drivers::recording::metaimage::write::VolumeWriter;
+
+use crate::volume::sparse::SEEN;
+use crate::volume::{BrickVolume, Grid};
+
+/// Voxels that a dense file may have: a stray pose must not fill the disk.
+pub const MOST_VOXELS: u64 = 1 << 34;
+
+/// Scalar type of the written values.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scalar {
+    /// 8 bit unsigned.
+    U8,
+    /// 16 bit unsigned.
+    U16,
+    /// Single precision.
+    F32,
+}
+
+impl Scalar {
+    /// The name on the command line and in statistics.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::U8 => "u8",
+            Self::U16 => "u16",
+            Self::F32 => "f32",
+        }
+    }
+
+    fn pixel(self) -> PixelType {
+        match self {
+            Self::U8 => PixelType::U8,
+            Self::U16 => PixelType::U16,
+            Self::F32 => PixelType::F32,
+        }
+    }
+
+    /// Largest value, of the integer types.
+    fn most(self) -> Option<f32> {
+        match self {
+            Self::U8 => Some(255.0),
+            Self::U16 => Some(65535.0),
+            Self::F32 => None,
+        }
+    }
+}
+
+/// How values are written.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Encoding {
+    /// Scalar type.
+    pub scalar: Scalar,
+    /// Grey values that become 0 and the type's largest value (of f32: 0 and 1); `None` writes them as they are.
+    pub window: Option<[f32; 2]>,
+    /// Written where nothing was seen.
+    pub unseen: f32,
+}
+
+impl Encoding {
+    /// A seen voxel's value as it is written, still as a number.
+    fn value(&self, value: f32) -> f32 {
+        let top = self.scalar.most().unwrap_or(1.0);
+        let scaled = self.window.map_or(value, |[low, high]| (value - low) / (high - low) * top);
+        match self.scalar.most() {
+            Some(most) => scaled.round_ties_even().clamp(0.0, most),
+            None => scaled,
+        }
+    }
+
+    fn push(&self, value: f32, bytes: &mut Vec<u8>) {
+        match self.scalar {
+            Scalar::U8 => bytes.push(value as u8),
+            Scalar::U16 => bytes.extend((value as u16).to_ne_bytes()),
+            Scalar::F32 => bytes.extend(value.to_ne_bytes()),
+        }
+    }
+}
+
+/// Where a dense box of voxels lies: on the lattice, and in the world.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DenseBox {
+    /// Lattice index of its first voxel.
+    pub first: [i64; 3],
+    /// The same box in the world.
+    pub grid: Grid,
+}
+
+/// Why a volume cannot be written.
+#[derive(Debug, thiserror::Error)]
+pub enum ExportError {
+    /// More voxels than a file should have.
+    #[error(
+        "the volume would have {size:?} voxels, more than {MOST_VOXELS}: stray poses spread it; crop it with --origin and --size, or \
+         choose a coarser --spacing"
+    )]
+    TooLarge {
+        /// Voxels along x, y, z.
+        size: [u64; 3],
+    },
+    /// The file.
+    #[error(transparent)]
+    File(#[from] drivers::Error),
+    /// The file, while voxels are written.
+    #[error("{path}: writing the volume failed: {source}", path = path.display())]
+    Io {
+        /// The file.
+        path: std::path::PathBuf,
+        /// The system's reason.
+        #[source]
+        source: std::io::Error,
+    },
+}
+
+fn header(space: &DenseBox, pixel: PixelType, fields: &[(String, String)]) -> Result<VolumeHeader, ExportError> {
+    let grid = &space.grid;
+    let too_large = || ExportError::TooLarge { size: grid.size };
+    if grid.voxels().is_none_or(|n| n > MOST_VOXELS) {
+        return Err(too_large());
+    }
+    let mut size = [0; 3];
+    for (to, from) in size.iter_mut().zip(grid.size) {
+        *to = u32::try_from(from).map_err(|_| too_large())?;
+    }
+    Ok(VolumeHeader {
+        spacing: grid.spacing.to_array(),
+        origin: grid.origin.to_array(),
+        axes: [grid.direction.x_axis, grid.direction.y_axis, grid.direction.z_axis].map(|a| a.to_array()),
+        fields: fields.to_vec(),
+        ..VolumeHeader::new(size, pixel)
+    })
+}
+
+/// Writes rows of a box, made by `row(numerators, weights, bytes)`.
+fn write_rows(
+    volume: &BrickVolume,
+    space: &DenseBox,
+    path: &Path,
+    header: &VolumeHeader,
+    mut row: impl FnMut(&[f32], &[f32], &mut Vec<u8>),
+) -> Result<(), ExportError> {
+    let mut file = VolumeWriter::create(path, header)?;
+    let [nx, ny, nz] = header.size.map(|n| n as usize);
+    let (mut r, mut w) = (vec![0.0; nx], vec![0.0; nx]);
+    let mut bytes = Vec::new();
+    for z in 0..nz {
+        bytes.clear();
+        for y in 0..ny {
+            let [x0, y0, z0] = space.first;
+            volume.row([x0, y0 + y as i64, z0 + z as i64], &mut r, &mut w);
+            row(&r, &w, &mut bytes);
+        }
+        file.write_all(&bytes).map_err(|source| ExportError::Io { path: path.to_owned(), source })?;
+    }
+    Ok(file.finish()?)
+}
+
+/// Writes the values of a box of voxels, whole or not at all. `fields` go into the header.
+///
+/// # Errors
+/// [`ExportError`] when the box is too large or the file cannot be written; no file is left then.
+pub fn write_values(
+    volume: &BrickVolume,
+    space: &DenseBox,
+    path: &Path,
+    encoding: &Encoding,
+    fields: &[(String, String)],
+) -> Result<(), ExportError> {
+    let header = header(space, encoding.scalar.pixel(), fields)?;
+    write_rows(volume, space, path, &header, |r, w, bytes| {
+        for (r, w) in r.iter().zip(w) {
+            encoding.push(if *w > SEEN { encoding.value(r / w) } else { encoding.unseen }, bytes);
+        }
+    })
+}
+
+/// Writes the weights of a box of voxels as f32: 0 where nothing was seen.
+///
+/// # Errors
+/// As [`write_values`].
+pub fn write_weights(
+    volume: &BrickVolume,
+    space: &DenseBox,
+    path: &Path,
+    fields: &[(String, String)],
+) -> Result<(), ExportError> {
+    let header = header(space, PixelType::F32, fields)?;
+    write_rows(volume, space, path, &header, |_, w, bytes| {
+        for w in w {
+            bytes.extend(if *w > SEEN { *w } else { 0.0 }.to_ne_bytes());
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn encoding(scalar: Scalar, window: Option<[f32; 2]>) -> Encoding {
+        Encoding { scalar, window, unseen: 0.0 }
+    }
+
+    #[test]
+    fn integers_are_rounded_not_cut_and_stay_in_range() {
+        let plain = encoding(Scalar::U8, None);
+        assert_eq!([99.4, 99.6, -0.2, 255.4].map(|v| plain.value(v)), [99.0, 100.0, 0.0, 255.0]);
+    }
+
+    #[test]
+    fn a_window_maps_its_ends_to_the_ends_of_the_type() {
+        for (scalar, top) in [(Scalar::U8, 255.0), (Scalar::U16, 65535.0), (Scalar::F32, 1.0)] {
+            let e = encoding(scalar, Some([-100.0, 300.0]));
+            assert_eq!([-100.0, 300.0].map(|v| e.value(v)), [0.0, top], "{scalar:?}");
+        }
+        let e = encoding(Scalar::U16, Some([0.0, 2.0]));
+        assert_eq!([-5.0, 1.0, 7.0].map(|v| e.value(v)), [0.0, 32768.0, 65535.0]);
+    }
+}

@@ -1,0 +1,378 @@
+//! The stages in flow order: device → ingest → pairing → mask → reconstruction.
+//!
+//! A recording runs through them synchronously, on one thread but for the reconstructor's own.
+
+use std::ops::Range;
+use std::time::{Duration, Instant};
+
+use drivers::{DRIVERS, Device, Next, OpenSettings};
+use glam::DVec3;
+
+use crate::config::Settings as Config;
+use crate::ingest::{Ingest, Sample};
+use crate::ledger::Ledger;
+use crate::mask::{Found, Mask, MaskPlan, MaskSettings};
+use crate::reconstruct::{Reconstructor, Refused, Settings, SettingsError};
+use crate::refusal::{Reason, Refusal};
+use crate::slice::{Pixels, Slice};
+use crate::sync::survey::SurveyError;
+use crate::sync::{FramePose, NoPath, Pairing, PairingOptions, Survey, survey};
+
+/// How long a device may take for a reading; one that reads a file never waits.
+const PATIENCE: Duration = Duration::from_secs(1);
+/// Part of the gaps between neighbouring slices that the automatic σ covers with its full width.
+const GAP_QUANTILE: f64 = 0.9;
+
+/// Off-plane σ.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum OffPlane {
+    /// As the settings have it.
+    Settings,
+    /// Half the 90th-percentile gap between neighbouring slices, from all poses of the recording.
+    Auto,
+}
+
+/// What to reconstruct, and how.
+#[derive(Debug, Clone)]
+pub struct Job {
+    /// The recording.
+    pub input: OpenSettings,
+    /// The same, without pixels, for the survey.
+    pub survey: OpenSettings,
+    /// Constant transforms and the picture's frame.
+    pub config: Config,
+    /// Name of the frame where the volume shall live, before the configuration's.
+    pub world: Option<String>,
+    /// What of the picture is data.
+    pub mask: MaskSettings,
+    /// The reconstructor's settings.
+    pub settings: Settings,
+    /// Off-plane σ.
+    pub off_plane: OffPlane,
+    /// Frames to use, by their number in the recording.
+    pub frames: Range<u64>,
+}
+
+/// What a run did.
+pub struct Outcome {
+    /// The volume and how it was made.
+    pub reconstructor: Reconstructor,
+    /// What became of every frame.
+    pub ledger: Ledger,
+    /// Name of the frame where the volume lives, and the transforms that lead there.
+    pub world: String,
+    /// The transforms from the image to the world, in words.
+    pub route: String,
+    /// What of the picture was data.
+    pub mask: Mask,
+    /// Milliseconds that each slice took to enter the volume, in-plane filtering included.
+    pub insert_ms: Vec<f64>,
+    /// Voxels that gained weight, summed over slices.
+    pub voxels_updated: u64,
+    /// Whether the pictures were of 8 bits, of 16, or of floating point.
+    pub pixels: PixelKind,
+    /// What the user should know: sentences.
+    pub notes: Vec<String>,
+}
+
+/// Scalar type of the pictures as they reach the reconstructor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PixelKind {
+    /// 8 bit unsigned.
+    U8,
+    /// 16 bit unsigned.
+    U16,
+    /// Single precision.
+    F32,
+}
+
+/// Why a run failed as a whole.
+#[derive(Debug, thiserror::Error)]
+pub enum PipelineError {
+    /// The device.
+    #[error(transparent)]
+    Device(#[from] drivers::Error),
+    /// The image cannot be placed in the world.
+    #[error(transparent)]
+    NoPath(#[from] NoPath),
+    /// The mask leaves nothing.
+    #[error(transparent)]
+    Mask(#[from] calibration::region::BadRegion),
+    /// The reconstructor's settings do not fit the pictures.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
+    /// The volume does not fit the memory it may take.
+    #[error("frame {item}: {source}")]
+    Memory {
+        /// Number of the frame in the recording.
+        item: u64,
+        /// How much is missing.
+        #[source]
+        source: Refused,
+    },
+    /// No frame was used.
+    #[error("no frame could be used: {0}")]
+    NothingUsed(Box<Ledger>),
+    /// There are too few slices to tell the gap between them.
+    #[error("--sigma auto needs at least two slices with poses in different places; give --sigma or --resolution")]
+    NoGap,
+}
+
+impl From<SurveyError> for PipelineError {
+    fn from(error: SurveyError) -> Self {
+        match error {
+            SurveyError::Device(e) => Self::Device(e),
+            SurveyError::NoPath(e) => Self::NoPath(e),
+        }
+    }
+}
+
+/// How far a run has come.
+#[derive(Debug, Clone, Copy)]
+pub struct Progress {
+    /// Frames behind.
+    pub done: u64,
+    /// Frames in all.
+    pub total: u64,
+}
+
+/// Opens what the settings name with the driver that knows it.
+///
+/// # Errors
+/// The driver's.
+pub fn open(settings: &OpenSettings) -> Result<Box<dyn Device>, drivers::Error> {
+    let OpenSettings::Sequence(_) = settings;
+    let driver = DRIVERS.iter().find(|d| d.name() == "sequence");
+    let Some(driver) = driver else {
+        return Err(drivers::Error::Misuse("this build has no driver for sequences".into()));
+    };
+    driver.open(settings)
+}
+
+/// Runs a recording through all stages.
+///
+/// # Errors
+/// [`PipelineError`] when the run as a whole cannot give a volume. Single frames that cannot be used are in the ledger instead.
+pub fn reconstruct(mut job: Job, mut progress: impl FnMut(Progress)) -> Result<Outcome, PipelineError> {
+    let options = PairingOptions::new(&job.config, job.world.as_deref());
+    let survey = survey(open(&job.survey)?.as_mut(), &options)?;
+    let used: Vec<FramePose> = survey.poses.iter().filter(|p| job.frames.contains(&p.item)).copied().collect();
+    let Some(first) = used.first() else {
+        return Err(PipelineError::NothingUsed(Box::new(survey.ledger)));
+    };
+    let [width, height] = first.size;
+    let plan = job.mask.plan(width, height)?;
+    job.settings.sigma_mm[2] = match job.off_plane {
+        OffPlane::Settings => job.settings.sigma_mm[2],
+        OffPlane::Auto => Some(0.5 * gap(&used).ok_or(PipelineError::NoGap)?),
+    };
+    let mut run = Run::new(&job, plan, &survey, options)?;
+
+    let mut device = open(&job.input)?;
+    let total = device.describe().items.unwrap_or(0);
+    device.start()?;
+    loop {
+        match device.next(Instant::now() + PATIENCE)? {
+            Next::Reading(reading) => {
+                let sample = run.ingest.take(reading);
+                run.take(sample)?;
+                progress(Progress { done: run.seen, total });
+            }
+            Next::Pending => {}
+            Next::End => break,
+        }
+    }
+    device.stop()?;
+    run.finish()
+}
+
+/// The slices' distance from their neighbours: the 90th percentile, over pairs of consecutive slices and five points of the picture (centre
+/// and corners), of the distance between the planes, mm. `None` when there is no distance.
+pub fn gap(poses: &[FramePose]) -> Option<f64> {
+    let mut gaps = Vec::new();
+    for pair in poses.windows(2) {
+        let [a, b] = [&pair[0], &pair[1]];
+        let to = a.world_from_image;
+        let normal = to.vector(DVec3::X).cross(to.vector(DVec3::Y)).normalize_or_zero();
+        let [right, bottom] = a.size.map(|n| f64::from(n) - 1.0);
+        for [u, v] in [[0.5 * right, 0.5 * bottom], [0.0, 0.0], [right, 0.0], [0.0, bottom], [right, bottom]] {
+            let point = DVec3::new(u, v, 0.0);
+            let distance = normal.dot(b.world_from_image.point(point) - to.point(point)).abs();
+            gaps.push(distance);
+        }
+    }
+    gaps.sort_by(f64::total_cmp);
+    let at = (GAP_QUANTILE * (gaps.len() as f64 - 1.0)).round();
+    gaps.get(at as usize).copied().filter(|g| *g > 0.0 && g.is_finite())
+}
+
+/// The mask stage: slices wait until the picture's border is known.
+enum Masking {
+    Searching { search: crate::mask::AutoMask, waiting: Vec<(u64, Slice)> },
+    Known(Box<Reconstructor>),
+}
+
+/// A run under way.
+struct Run {
+    ingest: Ingest,
+    pairing: Pairing,
+    ledger: Ledger,
+    settings: Settings,
+    frames: Range<u64>,
+    stage: Masking,
+    mask: Option<Mask>,
+    notes: Vec<String>,
+    insert_ms: Vec<f64>,
+    pixels: PixelKind,
+    seen: u64,
+}
+
+impl Run {
+    fn new(job: &Job, plan: MaskPlan, survey: &Survey, options: PairingOptions) -> Result<Self, PipelineError> {
+        let mut run = Self {
+            ingest: Ingest::new(),
+            pairing: Pairing::with_names(options, &survey.names)?,
+            ledger: Ledger::default(),
+            settings: job.settings.clone(),
+            frames: job.frames.clone(),
+            stage: Masking::Searching { search: crate::mask::AutoMask::new(0, 0), waiting: Vec::new() },
+            mask: None,
+            notes: Vec::new(),
+            insert_ms: Vec::new(),
+            pixels: PixelKind::U8,
+            seen: 0,
+        };
+        match plan {
+            MaskPlan::Auto(search) => run.stage = Masking::Searching { search, waiting: Vec::new() },
+            MaskPlan::Fixed(mask) => run.begin(mask)?,
+        }
+        Ok(run)
+    }
+
+    fn begin(&mut self, mask: Mask) -> Result<(), PipelineError> {
+        let reconstructor = Reconstructor::new(self.settings.clone(), mask.clone())?;
+        self.mask = Some(mask);
+        self.stage = Masking::Known(Box::new(reconstructor));
+        Ok(())
+    }
+
+    /// The border was found: what has waited for it goes on.
+    fn found(&mut self, found: Found) -> Result<(), PipelineError> {
+        self.notes.extend(found.notes);
+        let before = std::mem::replace(
+            &mut self.stage,
+            Masking::Searching { search: crate::mask::AutoMask::new(0, 0), waiting: Vec::new() },
+        );
+        self.begin(found.mask)?;
+        if let Masking::Searching { waiting, .. } = before {
+            for (item, slice) in waiting {
+                self.insert(item, &slice)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn take(&mut self, sample: Sample) -> Result<(), PipelineError> {
+        match sample {
+            Sample::Transform(transform) => self.pairing.transform(transform),
+            Sample::Unused(kind) => self.ledger.unused(kind),
+            Sample::Refused(refusal) => {
+                self.seen += 1;
+                if self.frames.contains(&refusal.item) {
+                    self.ledger.arrived();
+                    self.ledger.refused(&refusal);
+                }
+            }
+            Sample::Picture(picture) => {
+                self.seen += 1;
+                let head = picture.head;
+                let item = head.stamp.item;
+                if !self.frames.contains(&item) {
+                    return Ok(());
+                }
+                self.ledger.arrived();
+                self.ledger.untimed += u64::from(head.untimed);
+                match self.pairing.frame(picture) {
+                    Ok(paired) => {
+                        self.ledger.projected(paired.pose.projected, paired.pose.deviation);
+                        self.slice(item, paired.slice)?;
+                    }
+                    Err(refusal) => self.ledger.refused(&refusal),
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn slice(&mut self, item: u64, slice: Slice) -> Result<(), PipelineError> {
+        let found = match &mut self.stage {
+            Masking::Known(_) => return self.insert(item, &slice),
+            Masking::Searching { search, waiting } => {
+                let found = search.push(&slice.image);
+                waiting.push((item, slice));
+                found
+            }
+        };
+        found.map_or(Ok(()), |found| self.found(found))
+    }
+
+    fn insert(&mut self, item: u64, slice: &Slice) -> Result<(), PipelineError> {
+        let Masking::Known(reconstructor) = &mut self.stage else { return Ok(()) };
+        let began = Instant::now();
+        let result = reconstructor.insert(slice);
+        let took = began.elapsed();
+        let reason = match result {
+            Ok(_) => {
+                self.ledger.used();
+                self.insert_ms.push(took.as_secs_f64() * 1e3);
+                self.pixels = match slice.image.pixels() {
+                    Pixels::U8(_) => PixelKind::U8,
+                    Pixels::U16(_) => PixelKind::U16,
+                    Pixels::F32(_) => PixelKind::F32,
+                };
+                return Ok(());
+            }
+            Err(source @ Refused::Memory { .. }) => return Err(PipelineError::Memory { item, source }),
+            // Before the first slice the settings are at fault, later the pose.
+            Err(Refused::Settings(error)) if self.ledger.frames.used == 0 => return Err(error.into()),
+            Err(Refused::Settings(error)) => (Reason::PixelSize, error.to_string()),
+            Err(e @ Refused::Repeated) => (Reason::Repeated, e.to_string()),
+            Err(e @ Refused::Size { .. }) => (Reason::SizeChanged, e.to_string()),
+            Err(e @ Refused::Degenerate) => (Reason::PoseSingular, e.to_string()),
+            Err(e @ Refused::OutOfRange) => (Reason::OutOfRange, e.to_string()),
+        };
+        self.ledger.refused(&Refusal::new(item, reason.0, reason.1));
+        Ok(())
+    }
+
+    fn finish(mut self) -> Result<Outcome, PipelineError> {
+        let found = match &mut self.stage {
+            Masking::Searching { search, .. } => Some(search.finish()),
+            Masking::Known(_) => None,
+        };
+        if let Some(found) = found {
+            self.found(found)?;
+        }
+        let (Masking::Known(reconstructor), Some(mask)) = (self.stage, self.mask) else {
+            return Err(PipelineError::NothingUsed(Box::new(self.ledger)));
+        };
+        if self.ledger.frames.used == 0 {
+            return Err(PipelineError::NothingUsed(Box::new(self.ledger)));
+        }
+        let route = self.pairing.route();
+        let mut notes = self.ingest.notes().to_vec();
+        notes.extend_from_slice(self.pairing.notes());
+        notes.append(&mut self.notes);
+        Ok(Outcome {
+            world: route.map(|r| r.world().to_owned()).unwrap_or_default(),
+            route: route.map(|r| r.describe()).unwrap_or_default(),
+            voxels_updated: reconstructor.work().voxels_updated,
+            reconstructor: *reconstructor,
+            ledger: self.ledger,
+            mask,
+            insert_ms: self.insert_ms,
+            pixels: self.pixels,
+            notes,
+        })
+    }
+}
