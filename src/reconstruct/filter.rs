@@ -9,6 +9,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
+use super::nodes::Nodes;
 use super::simd::{LANES, Lanes, Simd, dispatch};
 use super::spline::{PhaseTaps, Step, Taps};
 use crate::mask::{Mask, Span};
@@ -16,16 +17,6 @@ use crate::slice::{Image, Pixels};
 
 /// Rows of nodes that one task filters.
 const ROWS_PER_TASK: usize = 8;
-
-/// Values on the nodes: `data[row·stride + column]`; column c is node `first[0] + c` along u, row r node `first[1] + r` along v.
-#[derive(Debug, Clone)]
-pub(crate) struct Nodes {
-    pub(crate) first: [i64; 2],
-    pub(crate) columns: usize,
-    pub(crate) rows: usize,
-    pub(crate) stride: usize,
-    pub(crate) data: Vec<f32>,
-}
 
 /// What the filter did for one slice.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -143,8 +134,8 @@ impl SliceFilter {
             margin,
             node_rows: Vec::new(),
             scratch: Vec::new(),
-            value: Nodes { first: [first_u, first_v], columns, rows, stride, data: vec![0.0; rows * stride] },
-            certainty: Nodes { first: [first_u, first_v], columns, rows, stride, data: Vec::new() },
+            value: Nodes::new([first_u, first_v], columns, rows, stride),
+            certainty: Nodes::new([first_u, first_v], columns, rows, stride),
             level: 0.0,
             work: FilterWork::default(),
             taps,
@@ -154,15 +145,22 @@ impl SliceFilter {
         filter.work = filter.count();
 
         filter.fill(|_, _, to| to.fill(1.0), pool);
-        filter.run(pool);
-        filter.certainty.data = filter.value.data.clone();
+        filter.run(1.0, pool);
+        filter.certainty = filter.value.clone();
         Some(filter)
     }
 
     /// Deviation of the sampled picture from the exact sum, both axes, as a fraction of the picture's range.
     pub(crate) fn deviation(&self) -> f64 {
         let [u, v] = [self.taps[0].deviation, self.taps[1].deviation];
-        u + v + u * v
+        u + v + u * v + self.rounding()
+    }
+
+    /// The part of it that is rounding: half a unit of each node, of which there are at least 16384 to the range, and up to three halves of
+    /// 2⁻¹⁵ over the four row weights on either side of their sum.
+    fn rounding(&self) -> f64 {
+        let gain: f32 = self.taps.iter().map(Taps::gain).product();
+        f64::from(gain) * (0.5 / 16384.0 + 3.0 / 32768.0)
     }
 
     /// Node spacing in pixels along u and v.
@@ -253,12 +251,26 @@ impl SliceFilter {
     pub(crate) fn filter(&mut self, image: &Image, pool: Option<&rayon::ThreadPool>) {
         let size = [self.mask.width(), self.mask.height()];
         assert_eq!([image.width(), image.height()], size, "the caller refuses pictures of another size");
-        match image.pixels() {
-            Pixels::U8(p) => self.fill_relative(p, |x| f32::from(*x), pool),
-            Pixels::U16(p) => self.fill_relative(p, |x| f32::from(*x), pool),
-            Pixels::F32(p) => self.fill_relative(p, |x| *x, pool),
-        }
-        self.run(pool);
+        let range = match image.pixels() {
+            Pixels::U8(p) => {
+                self.fill_relative(p, |x| f32::from(*x), pool);
+                255.0
+            }
+            Pixels::U16(p) => {
+                self.fill_relative(p, |x| f32::from(*x), pool);
+                self.range()
+            }
+            Pixels::F32(p) => {
+                self.fill_relative(p, |x| *x, pool);
+                self.range()
+            }
+        };
+        self.run(range, pool);
+    }
+
+    /// Largest magnitude in the plane.
+    fn range(&self) -> f32 {
+        self.plane.iter().fold(0.0, |most, x| x.abs().max(most))
     }
 
     /// Fills the plane with the data of a picture, relative to its first pixel that is data.
@@ -300,7 +312,8 @@ impl SliceFilter {
         }
     }
 
-    fn run(&mut self, pool: Option<&rayon::ThreadPool>) {
+    /// Filters the plane, whose magnitudes are at most `range`.
+    fn run(&mut self, range: f32, pool: Option<&rayon::ThreadPool>) {
         let stride = self.value.stride;
         let mut data = std::mem::take(&mut self.value.data);
         let mut scratch = std::mem::take(&mut self.scratch);
@@ -308,14 +321,16 @@ impl SliceFilter {
         let task = |(index, (rows, scratch)): (usize, (&mut [f32], &mut Scratch))| {
             filter_rows(this.simd, this, index * ROWS_PER_TASK, rows, scratch);
         };
+        let rows = stride * ROWS_PER_TASK;
         match pool {
-            None => data.chunks_mut(stride * ROWS_PER_TASK).zip(&mut scratch).enumerate().for_each(task),
-            Some(pool) => pool.install(|| {
-                data.par_chunks_mut(stride * ROWS_PER_TASK).zip(&mut scratch).enumerate().for_each(task);
-            }),
+            None => data.chunks_mut(rows).zip(&mut scratch).enumerate().for_each(task),
+            Some(pool) => pool.install(|| data.par_chunks_mut(rows).zip(&mut scratch).enumerate().for_each(task)),
         }
         self.value.data = data;
         self.scratch = scratch;
+        // Taps of either sign can carry a node beyond the pixels' range, by their sum of magnitudes at most.
+        let gain: f32 = self.taps.iter().map(Taps::gain).product();
+        self.value.pack(self.simd, range * gain, pool);
     }
 }
 

@@ -5,6 +5,7 @@
 //! - [`kernel`]: the weight of a sample at a distance, and where it ends.
 //! - [`spline`]: the in-plane kernel as taps of a filter, with its deviation known in advance.
 //! - `filter`: a slice's pixels and certainty become spline coefficients, once.
+//! - `nodes`: the filtered picture, in f32 as computed and in 16 bits as sampled.
 //! - `slab`: which bricks a slice meets.
 //! - `weave`: one slice into one brick, the hot loop.
 //! - [`simd`]: the sixteen lanes that both hot loops run on.
@@ -13,6 +14,7 @@
 
 pub(crate) mod filter;
 pub mod kernel;
+pub(crate) mod nodes;
 pub mod reconstructor;
 pub mod reference;
 pub mod simd;

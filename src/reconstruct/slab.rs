@@ -8,7 +8,7 @@ use std::ops::RangeInclusive;
 
 use glam::{DAffine3, DVec3};
 
-use super::filter::Nodes;
+use super::nodes::Nodes;
 use crate::volume::brick::{BrickIndex, EDGE};
 
 /// A voxel takes part when at least this share of its in-plane kernel lies on data: beyond a straight border it is reached 0.84 σ outside,

@@ -5,8 +5,9 @@
 //! that test loses none). What remains costs one 4×4 spline sum, one Gaussian and two multiply-adds per voxel.
 #![allow(unsafe_code, reason = "the inner loop runs on `Lanes`, by pointer")]
 
-use super::filter::{Nodes, SliceFilter};
+use super::filter::SliceFilter;
 use super::kernel::AxisKernel;
+use super::nodes::Nodes;
 use super::simd::{LANES, Lanes, dispatch};
 use super::slab::{LEAST_CERTAINTY, Sight};
 use crate::volume::brick::{Brick, TILE, VOXELS, voxel_at};
@@ -37,6 +38,8 @@ pub(crate) struct View<'a> {
     pub(crate) certainty: &'a Nodes,
     /// What the values are relative to.
     pub(crate) level: f32,
+    /// Turn what a patch of values, or of certainties, sums to into grey levels and shares: powers of two.
+    unit: [f32; 2],
     /// Half width of the support, in σ.
     pub(crate) reach: f32,
     /// Subtracted from the Gaussian.
@@ -52,6 +55,7 @@ impl<'a> View<'a> {
             value: &filter.value,
             certainty: &filter.certainty,
             level: filter.level,
+            unit: [&filter.value, &filter.certainty].map(|nodes| 2.0_f32.powi(-nodes.scale - 15)),
             reach: (normal.support_mm / normal.sigma_mm) as f32,
             pedestal: normal.pedestal as f32,
             most_weight,
@@ -269,20 +273,16 @@ unsafe fn locate<L: Lanes>(brick: Option<&Brick>, task: &Task, view: &View<'_>, 
     }
 }
 
-/// What [`Lanes::patch`] gives, to the bit, where every node is 1: the weights' own sum.
+/// What [`Lanes::patch`] gives, to the bit, where every node is 1: the sum of the column weights (those of the rows sum to 1 exactly).
 ///
 /// It is 1 but for rounding; entered as certainty, the rounding of the weights cancels in numerator over weight, and a constant stays one.
 ///
 /// # Safety
 /// The instruction set of `L` must be available.
 #[inline(always)]
-unsafe fn patch_of_ones<L: Lanes>(row: [L; 4], column: [L; 4]) -> L {
+unsafe fn patch_of_ones<L: Lanes>(column: [L; 4]) -> L {
     // SAFETY: as for this function.
-    unsafe {
-        // A product with 1 is exact, so fused and plain additions are the same.
-        let sum = row[3].add(row[2].add(row[1].add(row[0])));
-        sum.mul_add(column[3], sum.mul_add(column[2], sum.mul_add(column[1], sum.mul(column[0]))))
-    }
+    unsafe { column[3].add(column[2].add(column[1].add(column[0]))) }
 }
 
 /// # Safety
@@ -297,6 +297,7 @@ unsafe fn weave_lanes<L: Lanes>(brick: &mut Brick, task: &mut Task, view: &View<
         task.vectors = count as u32;
         let most = L::splat(view.most_weight);
         let level = L::splat(view.level);
+        let unit = L::splat(view.unit[0]);
         let stride = view.value.stride;
         for i in 0..count {
             let vector = usize::from(scratch.vector[i]);
@@ -306,17 +307,18 @@ unsafe fn weave_lanes<L: Lanes>(brick: &mut Brick, task: &mut Task, view: &View<
             let row = spline_weights(L::load(scratch.along_v[i].as_ptr()));
             let column = spline_weights(L::load(scratch.along_u[i].as_ptr()));
             let certainty = if task.sight == Sight::Partial {
-                let certainty = L::patch(view.certainty.data.as_ptr(), stride, offset, row, column);
+                let certainty =
+                    L::patch(view.certainty.pairs.as_ptr(), stride, offset, row, column).mul(L::splat(view.unit[1]));
                 mask = L::and(mask, L::splat(LEAST_CERTAINTY).le(certainty));
                 if L::bits(mask) == 0 {
                     continue;
                 }
                 certainty
             } else {
-                patch_of_ones(row, column)
+                patch_of_ones(column)
             };
-            let contrast = L::patch(view.value.data.as_ptr(), stride, offset, row, column);
-            let sum = certainty.mul_add(level, contrast);
+            let contrast = L::patch(view.value.pairs.as_ptr(), stride, offset, row, column);
+            let sum = contrast.mul_add(unit, certainty.mul(level));
             let r = L::load(brick.r.as_ptr().add(vector * LANES));
             let w = L::load(brick.w.as_ptr().add(vector * LANES));
             let mut new_r = sum.mul_add(weight, r);
@@ -351,7 +353,9 @@ unsafe fn touches_lanes<L: Lanes>(task: &Task, view: &View<'_>, scratch: &mut Sc
             let row = spline_weights(L::load(scratch.along_v[i].as_ptr()));
             let column = spline_weights(L::load(scratch.along_u[i].as_ptr()));
             let nodes = view.certainty;
-            let certainty = L::patch(nodes.data.as_ptr(), nodes.stride, scratch.offset[i].as_ptr(), row, column);
+            let offset = scratch.offset[i].as_ptr();
+            let certainty =
+                L::patch(nodes.pairs.as_ptr(), nodes.stride, offset, row, column).mul(L::splat(view.unit[1]));
             let reached = L::splat(0.0).le(L::load(scratch.weight[i].as_ptr()));
             if L::bits(L::and(reached, L::splat(LEAST_CERTAINTY).le(certainty))) != 0 {
                 return true;

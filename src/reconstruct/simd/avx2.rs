@@ -18,10 +18,11 @@ macro_rules! both {
 
 /// Two patches' rows side by side, each `down` elements after its pointer.
 #[inline(always)]
-unsafe fn side_by_side(at: [*const f32; 2], down: usize) -> __m256 {
-    // SAFETY: the caller vouches for four readable elements at each pointer and for AVX2.
+unsafe fn side_by_side(at: [*const u32; 2], down: usize) -> __m256i {
+    // SAFETY: the caller vouches for four readable elements at each place and for AVX2.
     unsafe {
-        _mm256_insertf128_ps::<1>(_mm256_castps128_ps256(_mm_loadu_ps(at[0].add(down))), _mm_loadu_ps(at[1].add(down)))
+        let x = _mm256_castsi128_si256(_mm_loadu_si128(at[0].add(down).cast()));
+        _mm256_inserti128_si256::<1>(x, _mm_loadu_si128(at[1].add(down).cast()))
     }
 }
 
@@ -159,12 +160,30 @@ unsafe impl Lanes for Avx2 {
         unsafe { _mm_prefetch::<_MM_HINT_T0>(at.cast()) }
     }
     #[inline(always)]
-    unsafe fn patch(at: *const f32, stride: usize, offset: *const u32, row: [Self; 4], column: [Self; 4]) -> Self {
+    unsafe fn store_pairs(low: Self, high: Self, to: *mut u32) {
+        // SAFETY: as for the trait.
+        unsafe {
+            for half in 0..2 {
+                let low = _mm256_and_si256(_mm256_cvtps_epi32(low.0[half]), _mm256_set1_epi32(0xFFFF));
+                let high = _mm256_slli_epi32::<16>(_mm256_cvtps_epi32(high.0[half]));
+                _mm256_storeu_si256(to.add(8 * half).cast(), _mm256_or_si256(low, high));
+            }
+        }
+    }
+    #[inline(always)]
+    unsafe fn patch(at: *const u32, stride: usize, offset: *const u32, row: [Self; 4], column: [Self; 4]) -> Self {
         // SAFETY: AVX2 and FMA as for the trait; the caller vouches that each lane's patch lies inside `at`.
         unsafe {
+            let unit = _mm256_set1_ps(32768.0);
             let mut value = [_mm256_setzero_ps(); 2];
             #[allow(clippy::needless_range_loop, reason = "the half selects from many arrays at once")]
             for half in 0..2 {
+                let q0 = _mm256_cvtps_epi32(_mm256_mul_ps(row[0].0[half], unit));
+                let q1 = _mm256_cvtps_epi32(_mm256_mul_ps(row[1].0[half], unit));
+                let q3 = _mm256_cvtps_epi32(_mm256_mul_ps(row[3].0[half], unit));
+                let q2 = _mm256_sub_epi32(_mm256_set1_epi32(32768), _mm256_add_epi32(_mm256_add_epi32(q0, q1), q3));
+                let upper = _mm256_or_si256(q0, _mm256_slli_epi32::<16>(q1));
+                let lower = _mm256_or_si256(q2, _mm256_slli_epi32::<16>(q3));
                 // Group g takes lanes g and g+4 of this half, so that the transposition leaves the lanes in their natural order.
                 let mut sums = [_mm256_setzero_ps(); 4];
                 macro_rules! group {
@@ -173,20 +192,10 @@ unsafe impl Lanes for Avx2 {
                             at.add(*offset.add(8 * half + $g) as usize),
                             at.add(*offset.add(8 * half + $g + 4) as usize),
                         ];
-                        let mut sum = _mm256_mul_ps(side_by_side(p, 0), _mm256_permute_ps::<$spread>(row[0].0[half]));
-                        sum =
-                            _mm256_fmadd_ps(side_by_side(p, stride), _mm256_permute_ps::<$spread>(row[1].0[half]), sum);
-                        sum = _mm256_fmadd_ps(
-                            side_by_side(p, 2 * stride),
-                            _mm256_permute_ps::<$spread>(row[2].0[half]),
-                            sum,
-                        );
-                        sum = _mm256_fmadd_ps(
-                            side_by_side(p, 3 * stride),
-                            _mm256_permute_ps::<$spread>(row[3].0[half]),
-                            sum,
-                        );
-                        sums[$g] = sum;
+                        let above = _mm256_madd_epi16(side_by_side(p, 0), _mm256_shuffle_epi32::<$spread>(upper));
+                        let below =
+                            _mm256_madd_epi16(side_by_side(p, 2 * stride), _mm256_shuffle_epi32::<$spread>(lower));
+                        sums[$g] = _mm256_cvtepi32_ps(_mm256_add_epi32(above, below));
                     };
                 }
                 group!(0, 0x00);

@@ -11,13 +11,13 @@ pub(crate) struct Avx512(__m512);
 
 /// Four patches' rows side by side, each `down` elements after its pointer: lanes 0–3 from the first, 4–7 from the second, and so on.
 #[inline(always)]
-unsafe fn side_by_side(at: [*const f32; 4], down: usize) -> __m512 {
-    // SAFETY: the caller vouches for four readable elements at each pointer and for AVX-512 F.
+unsafe fn side_by_side(at: [*const u32; 4], down: usize) -> __m512i {
+    // SAFETY: the caller vouches for four readable elements at each place and for AVX-512 F.
     unsafe {
-        let x = _mm512_castps128_ps512(_mm_loadu_ps(at[0].add(down)));
-        let x = _mm512_insertf32x4::<1>(x, _mm_loadu_ps(at[1].add(down)));
-        let x = _mm512_insertf32x4::<2>(x, _mm_loadu_ps(at[2].add(down)));
-        _mm512_insertf32x4::<3>(x, _mm_loadu_ps(at[3].add(down)))
+        let x = _mm512_castsi128_si512(_mm_loadu_si128(at[0].add(down).cast()));
+        let x = _mm512_inserti32x4::<1>(x, _mm_loadu_si128(at[1].add(down).cast()));
+        let x = _mm512_inserti32x4::<2>(x, _mm_loadu_si128(at[2].add(down).cast()));
+        _mm512_inserti32x4::<3>(x, _mm_loadu_si128(at[3].add(down).cast()))
     }
 }
 
@@ -39,7 +39,7 @@ unsafe fn transpose_blocks(rows: [__m512; 4]) -> [__m512; 4] {
     }
 }
 
-// SAFETY: every method needs AVX-512 F, which the trait demands of the caller, and uses pointers within the bounds that it demands.
+// SAFETY: every method needs AVX-512 F and BW, which the trait demands of the caller, and uses pointers within the bounds that it demands.
 unsafe impl Lanes for Avx512 {
     type Mask = __mmask16;
 
@@ -140,31 +140,45 @@ unsafe impl Lanes for Avx512 {
         unsafe { _mm_prefetch::<_MM_HINT_T0>(at.cast()) }
     }
     #[inline(always)]
-    unsafe fn patch(at: *const f32, stride: usize, offset: *const u32, row: [Self; 4], column: [Self; 4]) -> Self {
-        // SAFETY: AVX-512 F as for the trait; the caller vouches that each lane's patch lies inside `at`.
+    unsafe fn store_pairs(low: Self, high: Self, to: *mut u32) {
+        // SAFETY: as for the trait.
         unsafe {
+            let low = _mm512_and_si512(_mm512_cvtps_epi32(low.0), _mm512_set1_epi32(0xFFFF));
+            let high = _mm512_slli_epi32::<16>(_mm512_cvtps_epi32(high.0));
+            _mm512_storeu_si512(to.cast(), _mm512_or_si512(low, high));
+        }
+    }
+    #[inline(always)]
+    unsafe fn patch(at: *const u32, stride: usize, offset: *const u32, row: [Self; 4], column: [Self; 4]) -> Self {
+        // SAFETY: AVX-512 F and BW as for the trait; the caller vouches that each lane's patch lies inside `at`.
+        unsafe {
+            let unit = _mm512_set1_ps(32768.0);
+            let q0 = _mm512_cvtps_epi32(_mm512_mul_ps(row[0].0, unit));
+            let q1 = _mm512_cvtps_epi32(_mm512_mul_ps(row[1].0, unit));
+            let q3 = _mm512_cvtps_epi32(_mm512_mul_ps(row[3].0, unit));
+            let q2 = _mm512_sub_epi32(_mm512_set1_epi32(32768), _mm512_add_epi32(_mm512_add_epi32(q0, q1), q3));
+            let upper = _mm512_or_si512(q0, _mm512_slli_epi32::<16>(q1));
+            let lower = _mm512_or_si512(q2, _mm512_slli_epi32::<16>(q3));
             // Group g takes lanes g, g+4, g+8, g+12: after the transposition of 4×4 blocks the lanes are in their natural order. A gather
-            // instruction would fetch each of the 256 elements for itself; here four come with each load.
+            // instruction would fetch each of the 128 elements for itself; here four come with each load.
             let mut sums = [_mm512_setzero_ps(); 4];
             macro_rules! group {
-                ($g:literal, $spread:literal) => {
+                ($g:literal, $spread:ident) => {
                     let p = [
                         at.add(*offset.add($g) as usize),
                         at.add(*offset.add($g + 4) as usize),
                         at.add(*offset.add($g + 8) as usize),
                         at.add(*offset.add($g + 12) as usize),
                     ];
-                    let mut sum = _mm512_mul_ps(side_by_side(p, 0), _mm512_permute_ps::<$spread>(row[0].0));
-                    sum = _mm512_fmadd_ps(side_by_side(p, stride), _mm512_permute_ps::<$spread>(row[1].0), sum);
-                    sum = _mm512_fmadd_ps(side_by_side(p, 2 * stride), _mm512_permute_ps::<$spread>(row[2].0), sum);
-                    sum = _mm512_fmadd_ps(side_by_side(p, 3 * stride), _mm512_permute_ps::<$spread>(row[3].0), sum);
-                    sums[$g] = sum;
+                    let above = _mm512_madd_epi16(side_by_side(p, 0), _mm512_shuffle_epi32::<$spread>(upper));
+                    let below = _mm512_madd_epi16(side_by_side(p, 2 * stride), _mm512_shuffle_epi32::<$spread>(lower));
+                    sums[$g] = _mm512_cvtepi32_ps(_mm512_add_epi32(above, below));
                 };
             }
-            group!(0, 0x00);
-            group!(1, 0x55);
-            group!(2, 0xAA);
-            group!(3, 0xFF);
+            group!(0, _MM_PERM_AAAA);
+            group!(1, _MM_PERM_BBBB);
+            group!(2, _MM_PERM_CCCC);
+            group!(3, _MM_PERM_DDDD);
             let sums = transpose_blocks(sums);
             let mut value = _mm512_mul_ps(sums[0], column[0].0);
             value = _mm512_fmadd_ps(sums[1], column[1].0, value);

@@ -18,7 +18,7 @@ pub(crate) const LANES: usize = 16;
 /// Instruction set of the hot loops.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Simd {
-    /// AVX-512 F, one register of 16 lanes.
+    /// AVX-512 F and BW, one register of 16 lanes.
     Avx512,
     /// AVX2 and FMA, two registers of 8 lanes.
     Avx2,
@@ -39,7 +39,9 @@ impl Simd {
     pub fn is_available(self) -> bool {
         match self {
             #[cfg(target_arch = "x86_64")]
-            Self::Avx512 => std::arch::is_x86_feature_detected!("avx512f"),
+            Self::Avx512 => {
+                std::arch::is_x86_feature_detected!("avx512f") && std::arch::is_x86_feature_detected!("avx512bw")
+            }
             #[cfg(target_arch = "x86_64")]
             Self::Avx2 => std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma"),
             Self::Portable => true,
@@ -94,9 +96,16 @@ pub(crate) unsafe trait Lanes: Copy {
     unsafe fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
     /// Writes the lanes, which are integral and not negative, as integers.
     unsafe fn store_integers(self, to: *mut u32);
-    /// Lane k: `Σᵢ column[i][k]·(Σⱼ row[j][k]·at[offset[k] + j·stride + i])`, each sum begun with a product and continued in order by fused
-    /// multiply-adds. There are sixteen offsets; all sixteen elements of each lane's 4×4 patch must lie inside `at`.
-    unsafe fn patch(at: *const f32, stride: usize, offset: *const u32, row: [Self; 4], column: [Self; 4]) -> Self;
+    /// Writes the lanes of two vectors, rounded to the nearest integer (ties to even) and each within i16: `low` in the low half of each
+    /// element, `high` in its high half.
+    unsafe fn store_pairs(low: Self, high: Self, to: *mut u32);
+    /// Lane k: `Σᵢ column[i][k]·(Σⱼ qⱼ[k]·node(offset[k] + j·stride + i))`, where qⱼ are the row weights in units of 2⁻¹⁵, rounded so that the four
+    /// sum to 2¹⁵. The inner sums are of integers and exact; the outer begins with a product and continues in order by fused multiply-adds.
+    ///
+    /// An element of `at` holds a node in its low half and the node of the next row in its high half (as [`Self::store_pairs`] writes them).
+    /// There are sixteen offsets; the elements (i, j), i < 4, j ∈ {0, 2}, of each lane's patch must lie inside `at`. Row weights must
+    /// lie in 0..=1 and sum to about 1.
+    unsafe fn patch(at: *const u32, stride: usize, offset: *const u32, row: [Self; 4], column: [Self; 4]) -> Self;
     /// Asks for the cache line at an address; nothing is read.
     unsafe fn prefetch(at: *const f32);
 }
@@ -110,7 +119,7 @@ macro_rules! dispatch {
         $vis fn $name(simd: $crate::reconstruct::simd::Simd, $($arg: $ty),*) $(-> $ret)? {
             use $crate::reconstruct::simd::{self, Simd};
             #[cfg(target_arch = "x86_64")]
-            #[target_feature(enable = "avx512f,avx2,fma")]
+            #[target_feature(enable = "avx512f,avx512bw,avx2,fma")]
             fn avx512($($arg: $ty),*) $(-> $ret)? {
                 // SAFETY: compiled with the features that `Avx512` needs.
                 unsafe { $generic::<simd::avx512::Avx512>($($arg),*) }

@@ -94,12 +94,26 @@ unsafe impl Lanes for Portable {
         unsafe { to.cast::<[u32; LANES]>().write_unaligned(self.0.map(|x| x as u32)) }
     }
     #[inline(always)]
-    unsafe fn patch(at: *const f32, stride: usize, offset: *const u32, row: [Self; 4], column: [Self; 4]) -> Self {
+    unsafe fn store_pairs(low: Self, high: Self, to: *mut u32) {
+        let half = |x: f32| u32::from((x.round_ties_even() as i16).cast_unsigned());
+        let pairs: [u32; LANES] = std::array::from_fn(|k| half(low.0[k]) | half(high.0[k]) << 16);
+        // SAFETY: the caller vouches for sixteen writable elements.
+        unsafe { to.cast::<[u32; LANES]>().write_unaligned(pairs) }
+    }
+    #[inline(always)]
+    unsafe fn patch(at: *const u32, stride: usize, offset: *const u32, row: [Self; 4], column: [Self; 4]) -> Self {
         Self(std::array::from_fn(|k| {
-            // SAFETY: the caller vouches for sixteen offsets and that each lane's 4×4 patch lies inside `at`.
-            let value = |i: usize, j: usize| unsafe { *at.add(*offset.add(k) as usize + j * stride + i) };
+            let units = |j: usize| (row[j].0[k] * 32768.0).round_ties_even() as i32;
+            let (q0, q1, q3) = (units(0), units(1), units(3));
+            let q = [q0, q1, 32768 - (q0 + q1 + q3), q3];
             let sums: [f32; 4] = std::array::from_fn(|i| {
-                (1..4).fold(value(i, 0) * row[0].0[k], |sum, j| value(i, j).mul_add(row[j].0[k], sum))
+                let pair = |j: usize| {
+                    // SAFETY: the caller vouches for sixteen offsets and that each lane's patch lies inside `at`.
+                    let pair = unsafe { *at.add(*offset.add(k) as usize + j * stride + i) };
+                    [(pair as u16).cast_signed(), ((pair >> 16) as u16).cast_signed()].map(i32::from)
+                };
+                let ([a, b], [c, d]) = (pair(0), pair(2));
+                (a * q[0] + b * q[1] + (c * q[2] + d * q[3])) as f32
             });
             (1..4).fold(sums[0] * column[0].0[k], |sum, i| sums[i].mul_add(column[i].0[k], sum))
         }))

@@ -7,7 +7,7 @@ type Row = [f32; LANES];
 
 /// All operations on three rows and a small table, results in the order of the trait.
 #[inline(always)]
-unsafe fn everything<L: Lanes>(a: &Row, b: &Row, c: &Row, table: &[f32]) -> Vec<Row> {
+unsafe fn everything<L: Lanes>(a: &Row, b: &Row, c: &Row, table: &[u32]) -> Vec<Row> {
     // SAFETY: rows hold sixteen elements; offsets are made to fit the table; the caller has the instruction set.
     unsafe {
         let (x, y, z) = (L::load(a.as_ptr()), L::load(b.as_ptr()), L::load(c.as_ptr()));
@@ -33,15 +33,22 @@ unsafe fn everything<L: Lanes>(a: &Row, b: &Row, c: &Row, table: &[f32]) -> Vec<
         let offset = x.floor().min(L::splat(40.0)).max(L::splat(0.0));
         let mut offsets = [0_u32; LANES];
         offset.store_integers(offsets.as_mut_ptr());
-        L::prefetch(table.as_ptr());
-        keep(L::patch(table.as_ptr(), 9, offsets.as_ptr(), [x, y, z, x], [z, y, x, y]));
+        L::prefetch(table.as_ptr().cast());
+        // Row weights like a spline's: not negative, sum about 1.
+        let t = x.sub(x.floor());
+        let s = L::splat(1.0).sub(t);
+        let row = [s.mul(L::splat(0.2)), s.mul(L::splat(0.8)), t.mul(L::splat(0.7)), t.mul(L::splat(0.3))];
+        keep(L::patch(table.as_ptr(), 9, offsets.as_ptr(), row, [z, y, x, y]));
+        let mut pairs = [0_u32; LANES];
+        L::store_pairs(x, y, pairs.as_mut_ptr());
+        out.push(pairs.map(f32::from_bits));
         out
     }
 }
 
-dispatch!(fn run => everything(a: &Row, b: &Row, c: &Row, table: &[f32]) -> Vec<Row>);
+dispatch!(fn run => everything(a: &Row, b: &Row, c: &Row, table: &[u32]) -> Vec<Row>);
 
-fn scalar(a: &Row, b: &Row, c: &Row, table: &[f32]) -> Vec<Row> {
+fn scalar(a: &Row, b: &Row, c: &Row, table: &[u32]) -> Vec<Row> {
     let lanes = |f: &dyn Fn(usize) -> f32| -> Row { std::array::from_fn(f) };
     let mask = |k: usize| a[k] <= b[k] && b[k] <= c[k];
     let bits = (0..LANES).map(|k| u16::from(mask(k)) << k).sum::<u16>();
@@ -60,20 +67,31 @@ fn scalar(a: &Row, b: &Row, c: &Row, table: &[f32]) -> Vec<Row> {
         [f32::from(bits); LANES],
         lanes(&|k| {
             let base = a[k].floor().clamp(0.0, 40.0) as usize;
-            let row = [a[k], b[k], c[k], a[k]];
+            let t = a[k] - a[k].floor();
+            let row = [(1.0 - t) * 0.2, (1.0 - t) * 0.8, t * 0.7, t * 0.3];
             let column = [c[k], b[k], a[k], b[k]];
+            let mut units = row.map(|w| (w * 32768.0).round_ties_even() as i64);
+            units[2] = 32768 - units[0] - units[1] - units[3];
             let sum = |i: usize| {
-                let at = |j: usize| table[base + 9 * j + i];
-                at(3).mul_add(row[3], at(2).mul_add(row[2], at(1).mul_add(row[1], at(0) * row[0])))
+                let node = |j: usize| {
+                    let pair = table[base + 9 * (j / 2 * 2) + i];
+                    i64::from((pair >> (16 * (j % 2))) as u16 as i16)
+                };
+                (0..4).map(|j| node(j) * units[j]).sum::<i64>() as f32
             };
             sum(3).mul_add(column[3], sum(2).mul_add(column[2], sum(1).mul_add(column[1], sum(0) * column[0])))
+        }),
+        lanes(&|k| {
+            let half = |x: f32| u32::from((x.round_ties_even() as i16).cast_unsigned());
+            f32::from_bits(half(a[k]) | half(b[k]) << 16)
         }),
     ]
 }
 
 #[test]
 fn every_operation_gives_the_bits_of_scalar_code() {
-    let table: Vec<f32> = (0..80_u8).map(|i| (f32::from(i) * 0.37).sin() * 50.0).collect();
+    // All sixteen bits of both halves are in use.
+    let table: Vec<u32> = (0..80_u32).map(|i| i.wrapping_mul(2_654_435_761)).collect();
     let mut available = 0;
     for simd in Simd::ALL.into_iter().filter(|s| s.is_available()) {
         available += 1;
