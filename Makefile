@@ -13,4 +13,4 @@ check: setup
 	.ci/run
 
 bench: setup
-	cargo bench --locked
+	cargo bench --locked --bench reconstruct
