@@ -6,6 +6,10 @@ all: test
 setup:
 	@scripts/setup.sh
 
+# A synthetic sweep, reconstructed; says where the volume and a picture of it are.
+demo: setup
+	scripts/demo.sh
+
 test: setup
 	cargo test --workspace --locked
 
@@ -14,3 +18,7 @@ check: setup
 
 bench: setup
 	cargo bench --locked --bench reconstruct
+
+# Proves, as root and on a bare Debian 12 in a folder, that demo and test need no more than git, make, curl and Rust.
+fresh-machine:
+	scripts/fresh-machine.sh

@@ -14,6 +14,10 @@ command -v cc >/dev/null 2>&1 || missing="$missing gcc"
 need libc6-dev /usr/include/stdlib.h
 
 [ -n "$missing" ] || exit 0
+command -v apt-get >/dev/null 2>&1 || {
+    echo "setup: a C compiler and linker and the C library's headers are needed (on Debian:$missing); install them, then run make again." >&2
+    exit 1
+}
 as_root=""
 if [ "$(id -u)" -ne 0 ]; then
     command -v sudo >/dev/null 2>&1 || {
@@ -23,5 +27,6 @@ if [ "$(id -u)" -ne 0 ]; then
     as_root="sudo"
 fi
 echo "setup: installing Debian packages:$missing${as_root:+ (with sudo)}"
-$as_root apt-get update -qq
-DEBIAN_FRONTEND=noninteractive $as_root apt-get install -y -qq --no-install-recommends $missing
+# sudo keeps no variables of the caller's: they are set behind it.
+$as_root env DEBIAN_FRONTEND=noninteractive apt-get update -qq
+$as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $missing

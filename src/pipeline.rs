@@ -186,9 +186,16 @@ pub fn reconstruct(mut job: Job, mut progress: impl FnMut(Progress)) -> Result<O
     run.finish()
 }
 
-/// The slices' distance from their neighbours: the 90th percentile, over pairs of consecutive slices and five points of the picture (centre
-/// and corners), of the distance between the planes, mm. `None` when there is no distance.
+/// The slices' distance from their neighbours: the 90th percentile of [`gaps`], mm. `None` when there is no distance.
 pub fn gap(poses: &[FramePose]) -> Option<f64> {
+    let gaps = gaps(poses);
+    let at = (GAP_QUANTILE * (gaps.len() as f64 - 1.0)).round();
+    gaps.get(at as usize).copied().filter(|g| *g > 0.0 && g.is_finite())
+}
+
+/// Distances between neighbouring slices, mm, in ascending order: over pairs of consecutive slices and five points of the picture (centre and
+/// corners), of the second slice's point from the first slice's plane.
+pub fn gaps(poses: &[FramePose]) -> Vec<f64> {
     let mut gaps = Vec::new();
     for pair in poses.windows(2) {
         let [a, b] = [&pair[0], &pair[1]];
@@ -202,8 +209,7 @@ pub fn gap(poses: &[FramePose]) -> Option<f64> {
         }
     }
     gaps.sort_by(f64::total_cmp);
-    let at = (GAP_QUANTILE * (gaps.len() as f64 - 1.0)).round();
-    gaps.get(at as usize).copied().filter(|g| *g > 0.0 && g.is_finite())
+    gaps
 }
 
 /// The mask stage: slices wait until the picture's border is known.

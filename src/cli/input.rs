@@ -34,6 +34,21 @@ pub fn hash(path: &Path) -> Result<String, Failure> {
     Ok(text)
 }
 
+/// A file can be written there: said before the work, not after it.
+///
+/// # Errors
+/// [`Failure`] when its folder does not exist, or something that is no file has its name.
+pub fn check_output(path: &Path) -> Result<(), Failure> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(".".as_ref());
+    if !folder.is_dir() {
+        return Err(Failure(format!("{}: the folder {} does not exist", path.display(), folder.display())));
+    }
+    if path.exists() && !path.is_file() {
+        return Err(Failure(format!("{}: is there already and is no file; give another name", path.display())));
+    }
+    Ok(())
+}
+
 /// A progress bar on a terminal, nothing in a pipe.
 pub fn progress(doing: &'static str, total: u64) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::stderr());

@@ -1,8 +1,154 @@
-//! x
-/// x
-#[derive(Debug, clap::Args)]
-pub struct Arguments {}
-/// x
-pub fn run(_: &Arguments) -> Result<(), super::Failure> {
-    Ok(())
+//! `sonoweave inspect`: what is in a sequence, volume or calibration file.
+
+mod configuration;
+mod sequence;
+mod text;
+mod volume;
+
+use std::fs::File;
+use std::io::{ErrorKind, Read as _, Write as _};
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use drivers::recording::Limits;
+use drivers::recording::metaimage::{Content, content};
+use serde::Serialize;
+
+use super::Failure;
+use configuration::ConfigurationReport;
+use sequence::SequenceReport;
+use text::Text;
+use volume::VolumeReport;
+
+/// Enough of a file to tell what it is.
+const HEAD_BYTES: u64 = 4096;
+
+/// Flags of `inspect`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+The content tells what a file is, not its name. Of a sequence only the header is read.
+
+Example: sonoweave inspect sweep.igs.mha --config PlusConfiguration.xml")]
+pub struct Arguments {
+    /// A tracked sequence or a volume (.igs.mha, .mha), our calibration TOML or a PLUS XML
+    file: PathBuf,
+    /// Write JSON, for programs
+    #[arg(long)]
+    json: bool,
+    /// Place a sequence's pictures with this calibration: our TOML or a PLUS XML
+    #[arg(short, long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Frame in which to place them [default: Reference if the sequence has one, else Tracker]
+    #[arg(long, value_name = "NAME")]
+    world: Option<String>,
+    /// Compare a volume, voxel by voxel, with this one on the same lattice; voxels of value 0 in either do not count
+    #[arg(long, value_name = "VOL.mha")]
+    against: Option<PathBuf>,
+    /// The volume's weights, as `reconstruct --weights` wrote them: where they are 0 was nothing seen, and 0 is then a value like any other
+    #[arg(long, value_name = "FILE.mha", requires = "against")]
+    weights: Option<PathBuf>,
+}
+
+/// What was found. The JSON form is this, with `kind` telling which.
+#[derive(Debug, Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+enum Report {
+    Sequence(Box<SequenceReport>),
+    Volume(Box<VolumeReport>),
+    Configuration(Box<ConfigurationReport>),
+}
+
+/// What kind of file it is.
+enum Kind {
+    Sequence,
+    Volume,
+    Configuration,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// [`Failure`] when the file cannot be read or is nothing that is known.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let report = arguments.report()?;
+    let mut out = if arguments.json {
+        serde_json::to_string_pretty(&report)?
+    } else {
+        let mut text = Text::default();
+        match &report {
+            Report::Sequence(report) => report.write(&mut text),
+            Report::Volume(report) => report.write(&mut text),
+            Report::Configuration(report) => report.write(&mut text),
+        }
+        text.finish()
+    };
+    if !out.ends_with('\n') {
+        out.push('\n');
+    }
+    match std::io::stdout().write_all(out.as_bytes()) {
+        // Who reads no further (`| head`) has read enough.
+        Err(e) if e.kind() == ErrorKind::BrokenPipe => Ok(()),
+        Err(e) => Err(Failure(format!("writing to stdout failed: {e}"))),
+        Ok(()) => Ok(()),
+    }
+}
+
+impl Arguments {
+    fn report(&self) -> Result<Report, Failure> {
+        let path = &self.file;
+        let kind = kind(path)?;
+        if !matches!(kind, Kind::Sequence) && (self.config.is_some() || self.world.is_some()) {
+            return Err(Failure(format!(
+                "{}: is no sequence; --config and --world place sequences only",
+                path.display()
+            )));
+        }
+        if !matches!(kind, Kind::Volume) && self.against.is_some() {
+            return Err(Failure(format!("{}: is no volume; --against compares volumes only", path.display())));
+        }
+        Ok(match kind {
+            Kind::Sequence => {
+                let report = SequenceReport::read(path, self.config.as_deref(), self.world.as_deref())?;
+                Report::Sequence(Box::new(report))
+            }
+            Kind::Volume => {
+                let against = self.against.as_deref().map(|other| (other, self.weights.as_deref()));
+                Report::Volume(Box::new(VolumeReport::read(path, against)?))
+            }
+            Kind::Configuration => Report::Configuration(Box::new(ConfigurationReport::read(path)?)),
+        })
+    }
+}
+
+/// Tells a file by its content.
+fn kind(path: &Path) -> Result<Kind, Failure> {
+    let failed = |e: std::io::Error| Failure(format!("{}: reading failed: {e}", path.display()));
+    if std::fs::metadata(path).map_err(failed)?.is_dir() {
+        return Err(Failure(format!("{}: is a folder; give a file", path.display())));
+    }
+    let mut head = Vec::new();
+    File::open(path).map_err(failed)?.take(HEAD_BYTES).read_to_end(&mut head).map_err(failed)?;
+    let text = String::from_utf8_lossy(&head);
+    let text = text.trim_start_matches('\u{feff}').trim_start();
+    let begins = |line: &str, key: &str| line.strip_prefix(key).is_some_and(|rest| rest.trim_start().starts_with('='));
+    if text.starts_with('<') {
+        return Ok(Kind::Configuration);
+    }
+    // The grammars of a MetaImage header and of our TOML's first lines overlap; the keys do not.
+    let has = |keys: &[&str]| text.lines().map(str::trim).any(|line| keys.iter().any(|key| begins(line, key)));
+    if text.starts_with("NRRD") || has(&["ObjectType", "NDims", "DimSize", "ElementType"]) {
+        return Ok(match content(path, &Limits::default())? {
+            Content::Sequence => Kind::Sequence,
+            Content::Volume => Kind::Volume,
+        });
+    }
+    if has(&["format", "version"]) {
+        return Ok(Kind::Configuration);
+    }
+    Err(Failure(format!(
+        "{}: is neither a MetaImage sequence or volume (no ObjectType, NDims or DimSize in its first {} bytes), nor a sonoweave \
+         calibration file, nor XML",
+        path.display(),
+        head.len()
+    )))
 }

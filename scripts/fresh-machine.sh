@@ -1,0 +1,116 @@
+#!/usr/bin/env bash
+# Proves that a bare Debian 12 with only git, make, curl and Rust can `make demo` and `make test`: a machine without a compiler is made in a
+# folder, the last commit is cloned into it, and both are run there, once as root and once as an unprivileged user with sudo.
+#
+#   scripts/fresh-machine.sh [root|user]...     which of the two to be; both by default
+#
+# Needs root (chroot, mounts), network as this machine has it, some 4 GB of disk and half an hour. The folder is target/fresh-machine, or the one
+# that SONOWEAVE_FRESH_MACHINE names; it is removed at the end. SONOWEAVE_DEBIAN_MIRROR names a mirror other than debootstrap's own choice.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+say() { echo "fresh-machine: $*"; }
+fail() {
+    say "$*" >&2
+    exit 1
+}
+
+[ "$(id -u)" -eq 0 ] || fail "needs root for chroot and mounts; run it with sudo -E"
+who=("$@")
+[ ${#who[@]} -gt 0 ] || who=(root user)
+for name in "${who[@]}"; do
+    [ "$name" = root ] || [ "$name" = user ] || fail "$name: must be root or user"
+done
+command -v debootstrap >/dev/null || {
+    say "installing debootstrap"
+    apt-get update -qq
+    DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends debootstrap
+}
+
+place=${SONOWEAVE_FRESH_MACHINE:-$PWD/target/fresh-machine}
+mkdir -p "$place"
+place=$(cd "$place" && pwd)
+# All mounts are made in a namespace of their own and end with it, so that nothing here can reach through one.
+clean() {
+    if grep -qF " $place/" /proc/self/mountinfo; then
+        say "$place holds a mount that this script did not make; it is left as it is" >&2
+        return
+    fi
+    rm -rf --one-file-system "$place/base" "$place/machine" "$place/clone"
+}
+trap clean EXIT
+trap 'exit 1' INT TERM
+clean
+
+say "a bare Debian 12 in $place"
+debootstrap --variant=minbase --include=git,make,curl,ca-certificates bookworm "$place/base" ${SONOWEAVE_DEBIAN_MIRROR:-} \
+    >"$place/debootstrap.log" 2>&1 || {
+    tail -5 "$place/debootstrap.log" >&2
+    fail "debootstrap failed; its log is $place/debootstrap.log"
+}
+
+say "this machine's Rust, and its way to the network"
+toolchain=$(rustc --print sysroot)
+mkdir -p "$place/base/opt/rust"
+tar -C "$toolchain" --exclude=./share/doc --exclude=./lib/rustlib/src -cf - . | tar -C "$place/base/opt/rust" -xf -
+# Names, certificates, proxies and apt's manner of fetching are this machine's; what it installs, and from where, is its own.
+cp -L /etc/resolv.conf /etc/hosts "$place/base/etc/"
+for bundle in /etc/ssl/certs/ca-certificates.crt "${SSL_CERT_FILE:-}"; do
+    [ ! -f "$bundle" ] || install -D -m 644 "$bundle" "$place/base$bundle"
+done
+apt-config dump | grep -E '^Acquire::' >"$place/base/etc/apt/apt.conf.d/99this-machine" || true
+carried=(PATH=/opt/rust/bin:/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin LANG=C.UTF-8)
+while IFS='=' read -r name value; do
+    case $name in
+    http_proxy | https_proxy | no_proxy | HTTP_PROXY | HTTPS_PROXY | NO_PROXY | SSL_CERT_FILE | SSL_CERT_DIR | CARGO_HTTP_* | CARGO_NET_*)
+        carried+=("$name=$value")
+        ;;
+    esac
+done < <(env)
+cargo_config=${CARGO_HOME:-$HOME/.cargo}/config.toml
+
+say "the last commit, $(git rev-parse --short HEAD)"
+git clone -q --no-hardlinks "$PWD" "$place/clone"
+
+run_as() {
+    local name=$1 home began root=$place/machine
+    rm -rf --one-file-system "$root"
+    cp -a "$place/base" "$root"
+    if [ -e "$root/usr/bin/cc" ] || [ -e "$root/usr/bin/gcc" ]; then fail "the machine is not bare: it has a compiler"; fi
+    home=/root
+    if [ "$name" = user ]; then
+        home=/home/maker
+        chroot "$root" useradd --create-home --shell /bin/bash maker
+        chroot "$root" env DEBIAN_FRONTEND=noninteractive sh -c 'apt-get update -qq && apt-get install -y -qq --no-install-recommends sudo' \
+            >"$place/sudo.log" 2>&1 || fail "sudo could not be installed; the log is $place/sudo.log"
+        echo 'maker ALL=(ALL) NOPASSWD: ALL' >"$root/etc/sudoers.d/maker"
+        # Nothing of this machine's package lists is left for the setup step to live on.
+        rm -rf "$root/var/lib/apt/lists"
+    fi
+    cp -a "$place/clone" "$root$home/sonoweave"
+    [ ! -f "$cargo_config" ] || install -D -m 644 "$cargo_config" "$root$home/.cargo/config.toml"
+    [ "$name" = root ] || chroot "$root" chown -R maker: "$home"
+    for target in demo test; do
+        began=$SECONDS
+        say "== $name: make $target"
+        unshare --mount --pid --fork --kill-child --propagation private bash -euc '
+            root=$1 name=$2 target=$3 home=$4
+            shift 4
+            mount -t proc proc "$root/proc"
+            mount --rbind /dev "$root/dev"
+            set -- env -i HOME="$home" "$@" make -C "$home/sonoweave" --no-print-directory "$target"
+            if [ "$name" = user ]; then
+                exec chroot --userspec=maker:maker "$root" "$@"
+            fi
+            exec chroot "$root" "$@"
+        ' fresh-machine "$root" "$name" "$target" "$home" "${carried[@]}"
+        say "== $name: make $target passed in $((SECONDS - began)) s"
+    done
+    # The proof that something was missing and came by the setup step.
+    [ -e "$root/usr/bin/cc" ] || fail "make $target passed without a compiler; what did it build?"
+}
+
+for name in "${who[@]}"; do
+    run_as "$name"
+done
+say "passed as ${who[*]}"

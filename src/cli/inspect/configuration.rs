@@ -1,0 +1,90 @@
+//! What a calibration or configuration file says.
+
+use std::path::Path;
+
+use calibration::file::CalibrationFile;
+use calibration::named::StaticTransform;
+use glam::DVec3;
+use serde::Serialize;
+
+use super::super::Failure;
+use super::text::{Text, point, short, times};
+use crate::config::{Settings, SourceKind};
+
+/// A configuration's content.
+#[derive(Debug, Serialize)]
+pub(super) struct ConfigurationReport {
+    #[serde(flatten)]
+    settings: Settings,
+    /// Where the numbers come from; our own files say it.
+    provenance: Option<String>,
+    /// Pixel size along u and v by the probe's calibration, mm.
+    pixel_mm: Option<[f64; 2]>,
+}
+
+impl ConfigurationReport {
+    pub(super) fn read(path: &Path) -> Result<Self, Failure> {
+        let settings = Settings::read(path)?;
+        let provenance = match settings.source {
+            SourceKind::Sonoweave => Some(CalibrationFile::read(path)?.provenance).filter(|text| !text.is_empty()),
+            SourceKind::Plus | SourceKind::Defaults => None,
+        };
+        let image = settings.image_frame.as_deref().unwrap_or("Image");
+        let pixel_mm = settings.transforms.iter().find(|t| t.from == image && t.to == "Probe").map(|t| {
+            let [u, v] = [DVec3::X, DVec3::Y].map(|axis| t.affine.transform_vector3(axis).length());
+            [u, v]
+        });
+        Ok(Self { settings, provenance, pixel_mm })
+    }
+
+    pub(super) fn write(&self, text: &mut Text) {
+        let settings = &self.settings;
+        let path = settings.path.as_deref().unwrap_or(Path::new(""));
+        let kind = match settings.source {
+            SourceKind::Plus => "PLUS configuration",
+            SourceKind::Sonoweave | SourceKind::Defaults => "sonoweave calibration file",
+        };
+        text.heading(&format!("{}: {kind}", path.display()));
+        if let Some(provenance) = &self.provenance {
+            text.row("provenance", provenance);
+        }
+        if let Some(name) = &settings.image_frame {
+            text.row("image frame", name);
+        }
+        if let Some(name) = &settings.world {
+            text.row("world", name);
+        }
+        if let Some(pixel) = self.pixel_mm {
+            text.row("pixel", format!("{} mm", times(pixel.map(short))));
+        }
+        if let Some(clip) = settings.clip {
+            let (x, y, width, height) = (clip.x, clip.y, clip.width, clip.height);
+            text.row("clip", format!("{width}×{height} pixels from column {x}, row {y}"));
+        }
+        if let Some(fan) = settings.fan {
+            let ([u, v], [near, far], [first, last]) = (fan.origin_px(), fan.radii_px(), fan.angles_deg());
+            text.row("fan", format!("apex {u}, {v}; radii {near} to {far} pixels; {first}° to {last}°"));
+        }
+        if let Some(spacing) = settings.spacing_mm {
+            text.row("spacing", format!("{} mm", times(spacing)));
+        }
+        if let Some(hwhm) = settings.hwhm_mm {
+            text.row("resolution", format!("{} mm half width at half maximum along u, v, n", point(hwhm)));
+        }
+        text.rows("notes", &settings.notes);
+        for transform in &settings.transforms {
+            text.heading(&transform.name());
+            text.rows("", matrix(transform));
+        }
+    }
+}
+
+/// The rows of a transform's matrix, the columns aligned; the JSON form has all digits.
+fn matrix(transform: &StaticTransform) -> Vec<String> {
+    let cells = transform.rows().map(|v| if v.fract() == 0.0 { v.to_string() } else { format!("{v:.8}") });
+    let width = |column: usize| (0..4).map(|row| cells[4 * row + column].len()).max().unwrap_or(0);
+    let widths = [0, 1, 2, 3].map(width);
+    let row =
+        |row: usize| (0..4).map(|c| format!("{:>1$}", cells[4 * row + c], widths[c])).collect::<Vec<_>>().join("  ");
+    (0..4).map(row).collect()
+}

@@ -1,0 +1,469 @@
+//! What a tracked sequence holds, and where its pictures lie in the world.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use drivers::reading::{Frame, NamedTransform, Status};
+use drivers::recording::SequenceSettings;
+use drivers::{Next, OpenSettings, Reading};
+use glam::DVec3;
+use serde::Serialize;
+
+use super::super::Failure;
+use super::text::{Text, bytes, count, short, times};
+use super::volume::scalar_name;
+use crate::config::Settings as Config;
+use crate::ingest::{Head, Ingest};
+use crate::ledger::Ledger;
+use crate::pipeline::{gaps, open};
+use crate::refusal::{Reason, Refusal};
+use crate::sync::survey::SurveyError;
+use crate::sync::{PairingOptions, Survey, survey};
+
+/// How long a device may take for a reading; one that reads a file never waits.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// Fields of the whole file whose meaning is shown by other words.
+const KNOWN: [&str; 26] = [
+    "ObjectType",
+    "NDims",
+    "AnatomicalOrientation",
+    "BinaryData",
+    "BinaryDataByteOrderMSB",
+    "ElementByteOrderMSB",
+    "CompressedData",
+    "CompressedDataSize",
+    "CompressionLevel",
+    "HeaderSize",
+    "TransformMatrix",
+    "Rotation",
+    "Orientation",
+    "Offset",
+    "Position",
+    "Origin",
+    "CenterOfRotation",
+    "ElementSpacing",
+    "ElementSize",
+    "DimSize",
+    "Kinds",
+    "ElementNumberOfChannels",
+    "ElementType",
+    "ElementDataFile",
+    "UltrasoundImageOrientation",
+    "UltrasoundImageType",
+];
+
+/// A sequence's content.
+#[derive(Debug, Serialize)]
+pub(super) struct SequenceReport {
+    path: PathBuf,
+    bytes: u64,
+    /// Frames, or tracker samples.
+    items: u64,
+    /// `None` when the file has no pictures.
+    picture: Option<Picture>,
+    /// As written; empty if not given.
+    orientation: String,
+    image_type: String,
+    /// Pictures by their status.
+    image_status: BTreeMap<String, u64>,
+    /// `None` when no frame has a time.
+    time: Option<Times>,
+    frame_numbers: Option<FrameNumbers>,
+    transforms: Vec<TransformCount>,
+    /// Further fields of frames: how many frames have them.
+    frame_fields: BTreeMap<String, u64>,
+    /// Further fields of the file.
+    header_fields: Vec<(String, String)>,
+    placement: Placement,
+}
+
+#[derive(Debug, Serialize)]
+struct Picture {
+    /// Pixels as stored: first axis, second axis.
+    size: [u32; 2],
+    scalar: String,
+    channels: u32,
+    compressed: bool,
+    big_endian: bool,
+}
+
+/// The source's times, s.
+#[derive(Debug, Serialize)]
+struct Times {
+    first_s: f64,
+    last_s: f64,
+    duration_s: f64,
+    /// Intervals over duration; `None` without a duration.
+    rate_hz: Option<f64>,
+    interval_s: Option<Spread>,
+    /// Frames whose time is not after that of the frame before.
+    not_ascending: u64,
+    /// Frames without a time.
+    untimed: u64,
+    /// Frames that have the time before the source's filtering, too.
+    unfiltered: u64,
+}
+
+/// How numbers are spread.
+#[derive(Debug, Serialize)]
+struct Spread {
+    min: f64,
+    median: f64,
+    mean: f64,
+    p90: f64,
+    max: f64,
+    sd: f64,
+}
+
+impl Spread {
+    /// `None` without samples.
+    fn of(mut samples: Vec<f64>) -> Option<Self> {
+        samples.sort_by(f64::total_cmp);
+        let n = samples.len() as f64;
+        let rank = |q: f64| samples.get((q * (n - 1.0)).round() as usize).copied();
+        let mean = samples.iter().sum::<f64>() / n;
+        let variance = samples.iter().map(|s| (s - mean) * (s - mean)).sum::<f64>() / n;
+        Some(Self { min: rank(0.0)?, median: rank(0.5)?, mean, p90: rank(0.9)?, max: rank(1.0)?, sd: variance.sqrt() })
+    }
+}
+
+/// The source's running numbers.
+#[derive(Debug, Serialize)]
+struct FrameNumbers {
+    first: u64,
+    last: u64,
+    /// Numbers between neighbouring frames that no frame has.
+    skipped: u64,
+}
+
+/// A transform, and how often the source vouches for it.
+#[derive(Debug, Serialize)]
+struct TransformCount {
+    name: String,
+    /// Frames by status.
+    status: BTreeMap<String, u64>,
+}
+
+/// Where the pictures lie, as `reconstruct` would have it.
+#[derive(Debug, Serialize)]
+struct Placement {
+    /// The transforms from the picture to the world.
+    route: Option<String>,
+    world: Option<String>,
+    /// Why there is none.
+    problem: Option<String>,
+    /// Pixel size along u and v, mm.
+    pixel_mm: Option<[f64; 2]>,
+    /// Way of the picture's centre from frame to frame, mm.
+    sweep_mm: Option<f64>,
+    /// Distance of neighbouring slices, mm: see [`gaps`].
+    gap_mm: Option<Spread>,
+    /// Corners of the box around all pictures, world mm.
+    bounds_mm: Option<[[f64; 3]; 2]>,
+    /// What would become of the frames, as far as the header tells.
+    #[serde(flatten)]
+    ledger: Ledger,
+    /// What the configuration's reader says.
+    notes: Vec<String>,
+}
+
+impl SequenceReport {
+    pub(super) fn read(path: &Path, config: Option<&Path>, world: Option<&str>) -> Result<Self, Failure> {
+        let config = config.map(Config::read).transpose()?.unwrap_or_default();
+        let settings = OpenSettings::Sequence(SequenceSettings { images: false, ..SequenceSettings::new(path) });
+        let mut device = open(&settings)?;
+        let description = device.describe().clone();
+        let mut walk = Walk::default();
+        device.start()?;
+        loop {
+            match device.next(Instant::now() + PATIENCE)? {
+                Next::Reading(Reading::Frame(frame)) => walk.frame(frame),
+                Next::Reading(Reading::NamedTransform(transform)) => walk.transform(&transform),
+                Next::Reading(_) | Next::Pending => {}
+                Next::End => break,
+            }
+        }
+        device.stop()?;
+        let options = PairingOptions::new(&config, world);
+        let placement = match survey(device.as_mut(), &options) {
+            Ok(survey) => Placement::of(&survey, config.notes),
+            Err(SurveyError::NoPath(problem)) => Placement::none(problem.to_string(), walk.ledger, config.notes),
+            Err(SurveyError::Device(error)) => return Err(error.into()),
+        };
+        let field = |name: &str| description.fields.iter().find(|(n, _)| n == name).map(|(_, value)| value.as_str());
+        let truth = |name: &str| field(name).is_some_and(|v| v.eq_ignore_ascii_case("true") || v == "1");
+        let picture = description.image_size.zip(description.pixel).map(|(size, (pixel, channels))| Picture {
+            size,
+            scalar: scalar_name(pixel),
+            channels,
+            compressed: truth("CompressedData"),
+            big_endian: truth("BinaryDataByteOrderMSB") || truth("ElementByteOrderMSB"),
+        });
+        Ok(Self {
+            path: path.to_owned(),
+            bytes: std::fs::metadata(path)?.len(),
+            items: description.items.unwrap_or(walk.frames),
+            picture,
+            orientation: walk.orientation,
+            image_type: walk.image_type,
+            image_status: walk.image_status,
+            time: Times::of(&walk.times, walk.frames, walk.unfiltered),
+            frame_numbers: walk.numbers,
+            transforms: walk.transforms,
+            frame_fields: walk.fields,
+            header_fields: description.fields.into_iter().filter(|(name, _)| !KNOWN.contains(&name.as_str())).collect(),
+            placement,
+        })
+    }
+
+    pub(super) fn write(&self, text: &mut Text) {
+        text.heading(&format!("{}: tracked sequence, {}", self.path.display(), bytes(self.bytes)));
+        text.row("frames", self.items.to_string());
+        match &self.picture {
+            Some(Picture { size, scalar, channels, compressed, big_endian }) => {
+                let packing = if *compressed { "compressed (zlib)" } else { "not compressed" };
+                let order = if *big_endian { ", big-endian" } else { "" };
+                let channels = count(u64::from(*channels), "channel");
+                text.row("picture", format!("{} pixels, {scalar}, {channels}, {packing}{order}", times(*size)));
+                let or_not = |text: &str| if text.is_empty() { "not given".to_owned() } else { text.to_owned() };
+                text.row("orientation", or_not(&self.orientation));
+                text.row("image type", or_not(&self.image_type));
+            }
+            None => text.row("picture", "none: tracker samples only"),
+        }
+        text.row("image status", counts(&self.image_status));
+        match &self.time {
+            Some(time) => time.write(text),
+            None => text.row("time", "not given"),
+        }
+        if let Some(FrameNumbers { first, last, skipped }) = self.frame_numbers {
+            text.row("frame numbers", format!("{first} to {last}, {skipped} skipped"));
+        }
+        let widest = self.transforms.iter().map(|t| t.name.chars().count()).max().unwrap_or(0);
+        text.rows("transforms", self.transforms.iter().map(|t| format!("{:widest$}  {}", t.name, counts(&t.status))));
+        if self.transforms.is_empty() {
+            text.row("transforms", "none");
+        }
+        text.rows(
+            "frame fields",
+            self.frame_fields.iter().map(|(name, n)| format!("{name} in {}", count(*n, "frame"))),
+        );
+        text.rows("header fields", self.header_fields.iter().map(|(name, value)| format!("{name} = {value}")));
+        self.placement.write(text);
+    }
+}
+
+/// What a walk over the header's readings has found.
+#[derive(Debug, Default)]
+struct Walk {
+    frames: u64,
+    orientation: String,
+    image_type: String,
+    image_status: BTreeMap<String, u64>,
+    times: Vec<f64>,
+    unfiltered: u64,
+    numbers: Option<FrameNumbers>,
+    transforms: Vec<TransformCount>,
+    fields: BTreeMap<String, u64>,
+    ingest: Ingest,
+    /// What would become of the pictures if none had a place.
+    ledger: Ledger,
+}
+
+impl Walk {
+    fn frame(&mut self, frame: Frame) {
+        self.frames += 1;
+        self.ledger.arrived();
+        let nowhere =
+            |head: Head| Refusal::new(head.stamp.item, Reason::NoPath, "the picture has no place in the world");
+        self.ledger.refused(&self.ingest.head(&frame).map_or_else(|unfit| unfit, nowhere));
+        *self.image_status.entry(word(&frame.status)).or_default() += 1;
+        self.times.extend(frame.stamp.source_s);
+        self.unfiltered += u64::from(frame.stamp.unfiltered_s.is_some());
+        if let Some(number) = frame.frame_number {
+            let numbers = self.numbers.get_or_insert(FrameNumbers { first: number, last: number, skipped: 0 });
+            // Numbers that repeat or go back skip nothing.
+            numbers.skipped = numbers.skipped.saturating_add(number.saturating_sub(numbers.last).saturating_sub(1));
+            numbers.last = number;
+        }
+        for (name, _) in frame.fields {
+            *self.fields.entry(name).or_default() += 1;
+        }
+        self.orientation = frame.orientation;
+        self.image_type = frame.image_type;
+    }
+
+    fn transform(&mut self, transform: &NamedTransform) {
+        let name = if transform.to.is_empty() {
+            transform.from.clone()
+        } else {
+            format!("{}To{}", transform.from, transform.to)
+        };
+        let at = self.transforms.iter().position(|known| known.name == name).unwrap_or_else(|| {
+            self.transforms.push(TransformCount { name, status: BTreeMap::new() });
+            self.transforms.len() - 1
+        });
+        *self.transforms[at].status.entry(word(&transform.status)).or_default() += 1;
+    }
+}
+
+impl Times {
+    fn of(times: &[f64], frames: u64, unfiltered: u64) -> Option<Self> {
+        let (first, last) = (*times.first()?, *times.last()?);
+        let intervals: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        let duration = last - first;
+        Some(Self {
+            first_s: first,
+            last_s: last,
+            duration_s: duration,
+            rate_hz: (duration > 0.0).then(|| intervals.len() as f64 / duration),
+            not_ascending: intervals.iter().filter(|i| **i <= 0.0).count() as u64,
+            interval_s: Spread::of(intervals),
+            untimed: frames - times.len() as u64,
+            unfiltered,
+        })
+    }
+
+    fn write(&self, text: &mut Text) {
+        let rate = self.rate_hz.map_or(String::new(), |hz| format!(": {} frames a second", short(hz)));
+        let (first, last) = (self.first_s, self.last_s);
+        text.row("time", format!("{first} s to {last} s, {} s{rate}", short(self.duration_s)));
+        if let Some(Spread { min, median, max, sd, .. }) = self.interval_s {
+            let [min, median, max, sd] = [min, median, max, sd].map(|s| format!("{:.1}", 1e3 * s));
+            text.row("intervals", format!("median {median} ms, from {min} to {max}, standard deviation {sd}"));
+        }
+        if self.not_ascending > 0 {
+            text.row("", format!("{} not later than the frame before", count(self.not_ascending, "frame")));
+        }
+        if self.untimed > 0 {
+            text.row("", format!("{} without a time", count(self.untimed, "frame")));
+        }
+        if self.unfiltered > 0 {
+            text.row("", format!("{} with the time before filtering, too", count(self.unfiltered, "frame")));
+        }
+    }
+}
+
+impl Placement {
+    fn none(problem: String, ledger: Ledger, notes: Vec<String>) -> Self {
+        Self {
+            route: None,
+            world: None,
+            problem: Some(problem),
+            pixel_mm: None,
+            sweep_mm: None,
+            gap_mm: None,
+            bounds_mm: None,
+            ledger,
+            notes,
+        }
+    }
+
+    fn of(survey: &Survey, notes: Vec<String>) -> Self {
+        let poses = &survey.poses;
+        let corners = |size: [u32; 2]| {
+            let [right, bottom] = size.map(|n| f64::from(n) - 1.0);
+            [[0.0, 0.0], [right, 0.0], [0.0, bottom], [right, bottom]].map(|[u, v]| DVec3::new(u, v, 0.0))
+        };
+        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for pose in poses {
+            for corner in corners(pose.size).map(|c| pose.world_from_image.point(c)) {
+                (low, high) = (low.min(corner), high.max(corner));
+            }
+        }
+        let centres: Vec<DVec3> = poses
+            .iter()
+            .map(|p| p.world_from_image.point(0.5 * DVec3::from_array(corners(p.size)[3].to_array())))
+            .collect();
+        let first = poses.first();
+        Self {
+            route: Some(survey.route.describe()),
+            world: Some(survey.route.world().to_owned()),
+            problem: None,
+            pixel_mm: first.map(|p| [DVec3::X, DVec3::Y].map(|axis| p.world_from_image.vector(axis).length())),
+            sweep_mm: first.map(|_| centres.windows(2).map(|pair| pair[0].distance(pair[1])).sum()),
+            gap_mm: Spread::of(gaps(poses)),
+            bounds_mm: first.map(|_| [low.to_array(), high.to_array()]),
+            ledger: survey.ledger.clone(),
+            notes,
+        }
+    }
+
+    fn write(&self, text: &mut Text) {
+        text.heading("in the world");
+        if let Some(problem) = &self.problem {
+            text.row("nowhere", problem);
+        }
+        if let Some(route) = &self.route {
+            text.row("route", route);
+        }
+        if let Some(pixel) = self.pixel_mm {
+            text.row("pixel", format!("{} mm", times(pixel.map(short))));
+        }
+        if let Some([low, high]) = self.bounds_mm {
+            let size = [0, 1, 2].map(|a| short(high[a] - low[a]));
+            let from = low.map(short).join(", ");
+            text.row("box", format!("{} mm from {from} mm", times(size)));
+        }
+        if let Some(sweep) = self.sweep_mm {
+            text.row("sweep", format!("{} mm along the picture's centre", short(sweep)));
+        }
+        if let Some(Spread { mean, p90, max, .. }) = self.gap_mm {
+            let [mean, p90, max] = [mean, p90, max].map(short);
+            text.row("gaps", format!("{mean} mm between slices on average; 90 % up to {p90}, the largest {max}"));
+        }
+        text.row("reconstruct", self.ledger.to_string());
+        if self.ledger.poses_projected > 0 {
+            let (n, worst) = (self.ledger.poses_projected, short(self.ledger.worst_projection));
+            text.row(
+                "",
+                format!("{} off a rotation by up to {worst}, to be projected to the nearest", count(n, "pose")),
+            );
+        }
+        text.rows("notes", &self.notes);
+    }
+}
+
+fn word(status: &Status) -> String {
+    match status {
+        Status::Ok => "OK".into(),
+        Status::Other(word) => word.clone(),
+    }
+}
+
+/// `94 OK, 3 INVALID`.
+fn counts(status: &BTreeMap<String, u64>) -> String {
+    let ok = status.get_key_value("OK").into_iter();
+    let others = status.iter().filter(|(word, _)| *word != "OK");
+    ok.chain(others).map(|(word, n)| format!("{n} {word}")).collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spreads_of_known_numbers() {
+        let spread = Spread::of((1..=11).rev().map(f64::from).collect()).unwrap();
+        assert_eq!((spread.min, spread.median, spread.mean, spread.p90, spread.max), (1.0, 6.0, 6.0, 10.0, 11.0));
+        assert!((spread.sd - 10.0_f64.sqrt()).abs() < 1e-12);
+        assert!(Spread::of(Vec::new()).is_none());
+    }
+
+    #[test]
+    fn times_that_go_back_are_counted_and_give_no_false_rate() {
+        let times = Times::of(&[2.0, 2.5, 2.5, 2.0], 5, 0).unwrap();
+        assert_eq!((times.not_ascending, times.untimed, times.rate_hz), (2, 1, None));
+        let even = Times::of(&[1.0, 1.5, 2.0], 3, 0).unwrap();
+        assert_eq!((even.rate_hz, even.duration_s), (Some(2.0), 1.0));
+        assert!(Times::of(&[], 3, 0).is_none());
+    }
+
+    #[test]
+    fn statuses_are_listed_with_the_good_ones_first() {
+        let status = BTreeMap::from([("INVALID".to_owned(), 3), ("OK".to_owned(), 94), ("A".to_owned(), 1)]);
+        assert_eq!(counts(&status), "94 OK, 1 A, 3 INVALID");
+    }
+}

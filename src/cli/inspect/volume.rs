@@ -1,0 +1,393 @@
+//! What a volume holds, and how far it is from another.
+
+use std::path::{Path, PathBuf};
+
+use drivers::reading::PixelType;
+use drivers::recording::Limits;
+use drivers::recording::metaimage::{VolumeHeader, VolumeReader};
+use serde::Serialize;
+
+use super::super::{Failure, input};
+use super::text::{Text, bytes, point, short, times};
+
+/// Two lattices are one when they are nowhere farther apart than this, voxels.
+const SAME_LATTICE: f64 = 1e-3;
+
+/// A volume's content.
+#[derive(Debug, Serialize)]
+pub(super) struct VolumeReport {
+    path: PathBuf,
+    bytes: u64,
+    /// Voxels along each index axis.
+    size: [u32; 3],
+    /// mm.
+    spacing: [f64; 3],
+    /// World position of the centre of voxel (0, 0, 0), mm.
+    origin: [f64; 3],
+    /// Direction of each index axis in the world.
+    direction: [[f64; 3]; 3],
+    /// From the first voxel's centre to the last one's along each index axis, mm.
+    extent_mm: [f64; 3],
+    scalar: String,
+    channels: u32,
+    compressed: bool,
+    values: Values,
+    /// Further fields of the header: what `reconstruct` says of the volume's making, and others.
+    fields: Vec<(String, String)>,
+    comparison: Option<Comparison>,
+}
+
+/// The voxels' values.
+#[derive(Debug, Default, Serialize)]
+struct Values {
+    /// Smallest, largest and mean of the finite values.
+    min: Option<f64>,
+    max: Option<f64>,
+    mean: Option<f64>,
+    /// Values that are exactly 0.
+    zero: u64,
+    /// Values that are NaN or infinite.
+    not_finite: u64,
+}
+
+/// The volume less another.
+#[derive(Debug, Serialize)]
+struct Comparison {
+    against: PathBuf,
+    weights: Option<PathBuf>,
+    /// Voxels that were compared.
+    voxels: u64,
+    /// Voxels in both volumes.
+    overlap: u64,
+    /// Root of the mean squared difference.
+    rmse: f64,
+    /// Largest absolute difference.
+    max: f64,
+    /// Mean difference.
+    bias: f64,
+    /// Pearson's.
+    correlation: Option<f64>,
+}
+
+impl VolumeReport {
+    /// Reads a volume whole, a slice at a time, and compares it if asked to: with a volume, and by the weights where something was seen.
+    pub(super) fn read(path: &Path, against: Option<(&Path, Option<&Path>)>) -> Result<Self, Failure> {
+        // Before the voxels: what cannot be compared is said at once.
+        let comparison = match against {
+            Some((other, weights)) => Some(compare(path, other, weights)?),
+            None => None,
+        };
+        let mut layers = Layers::open(path)?;
+        let bar = input::progress("reading", u64::from(layers.reader.header().size[2]));
+        let mut values = Values::default();
+        let (mut sum, mut finite) = (0.0, 0_u64);
+        while let Some(layer) = layers.next()? {
+            for &value in layer {
+                if !value.is_finite() {
+                    values.not_finite += 1;
+                    continue;
+                }
+                values.zero += u64::from(value == 0.0);
+                values.min = Some(values.min.map_or(value, |m| m.min(value)));
+                values.max = Some(values.max.map_or(value, |m| m.max(value)));
+                sum += value;
+                finite += 1;
+            }
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        values.mean = (finite > 0).then(|| sum / finite as f64);
+        let header = layers.reader.header().clone();
+        Ok(Self {
+            path: path.to_owned(),
+            bytes: std::fs::metadata(path)?.len(),
+            size: header.size,
+            spacing: header.spacing,
+            origin: header.origin,
+            direction: header.axes,
+            extent_mm: [0, 1, 2].map(|a| f64::from(header.size[a] - 1) * header.spacing[a]),
+            scalar: scalar_name(header.pixel),
+            channels: header.channels,
+            compressed: header.compressed,
+            values,
+            fields: header.fields,
+            comparison,
+        })
+    }
+
+    pub(super) fn write(&self, text: &mut Text) {
+        text.heading(&format!("{}: volume, {}", self.path.display(), bytes(self.bytes)));
+        let channels = if self.channels == 1 { String::new() } else { format!(", {} channels", self.channels) };
+        let packing = if self.compressed { ", compressed (zlib)" } else { "" };
+        text.row("size", format!("{} voxels of {}{channels}{packing}", times(self.size), self.scalar));
+        text.row("spacing", format!("{} mm", times(self.spacing)));
+        text.row("extent", format!("{} mm between the outermost voxels' centres", times(self.extent_mm.map(short))));
+        text.row("origin", format!("{} mm", point(self.origin)));
+        let axes = ["x", "y", "z"];
+        if self.direction == [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]] {
+            text.row("direction", "index axes along the world's");
+        } else {
+            text.rows("direction", (0..3).map(|a| format!("{} along {}", axes[a], point(self.direction[a]))));
+        }
+        let values = &self.values;
+        if let (Some(min), Some(max), Some(mean)) = (values.min, values.max, values.mean) {
+            text.row("values", format!("{min} to {max}, mean {}", short(mean)));
+        }
+        let all = self.size.map(u64::from).iter().product::<u64>() * u64::from(self.channels);
+        text.row("zeros", format!("{} of {all} ({:.1} %)", values.zero, 100.0 * values.zero as f64 / all as f64));
+        if values.not_finite > 0 {
+            text.row("not finite", format!("{} values are NaN or infinite", values.not_finite));
+        }
+        text.rows("header fields", self.fields.iter().map(|(name, value)| format!("{name} = {value}")));
+        if let Some(comparison) = &self.comparison {
+            comparison.write(text);
+        }
+    }
+}
+
+impl Comparison {
+    fn write(&self, text: &mut Text) {
+        text.heading(&format!("against {}", self.against.display()));
+        let which = if self.weights.is_some() { "with a weight" } else { "not 0 in either" };
+        text.row("compared", format!("{} of {} voxels in both volumes: those {which}", self.voxels, self.overlap));
+        text.row("RMSE", short(self.rmse));
+        text.row("bias", short(self.bias));
+        text.row("largest", short(self.max));
+        if let Some(correlation) = self.correlation {
+            text.row("correlation", format!("{correlation:.4}"));
+        }
+    }
+}
+
+/// A volume's layers as f64.
+struct Layers {
+    reader: VolumeReader,
+    values: Vec<f64>,
+}
+
+impl Layers {
+    fn open(path: &Path) -> Result<Self, Failure> {
+        Ok(Self { reader: VolumeReader::open(path, &Limits::default())?, values: Vec::new() })
+    }
+
+    fn next(&mut self) -> Result<Option<&[f64]>, Failure> {
+        let pixel = self.reader.header().pixel;
+        let Some(bytes) = self.reader.next_slice()? else { return Ok(None) };
+        self.values.clear();
+        read_values(bytes, pixel, &mut self.values);
+        Ok(Some(&self.values))
+    }
+
+    fn skip(&mut self, layers: u32) -> Result<(), Failure> {
+        for _ in 0..layers {
+            self.reader.next_slice()?;
+        }
+        Ok(())
+    }
+}
+
+/// Where two lattices that are one overlap.
+struct Overlap {
+    /// First voxel in either volume.
+    first: [[u32; 3]; 2],
+    size: [u32; 3],
+}
+
+impl Overlap {
+    /// # Errors
+    /// A sentence: what differs.
+    fn of(a: &VolumeHeader, b: &VolumeHeader) -> Result<Self, String> {
+        if a.channels != 1 || b.channels != 1 {
+            return Err("volumes of several channels are not compared".into());
+        }
+        let mut this = Self { first: [[0; 3]; 2], size: [0; 3] };
+        for axis in 0..3 {
+            let (along, spacing) = (a.axes[axis], a.spacing[axis]);
+            let longest = f64::from(a.size[axis].max(b.size[axis]));
+            if (b.spacing[axis] / spacing - 1.0).abs() * longest > SAME_LATTICE {
+                return Err(format!("their spacings differ, {} and {} mm", times(a.spacing), times(b.spacing)));
+            }
+            let turned = (0..3).map(|k| (along[k] - b.axes[axis][k]).abs()).fold(0.0, f64::max);
+            if turned * longest > SAME_LATTICE {
+                return Err("their axes have different directions".into());
+            }
+            let shift = (0..3).map(|k| (b.origin[k] - a.origin[k]) * along[k]).sum::<f64>() / spacing;
+            if (shift - shift.round()).abs() > SAME_LATTICE || shift.abs() > 1e9 {
+                return Err(format!(
+                    "their lattices are {} of a voxel apart along axis {axis}; reconstruct with --origin of the other",
+                    short(shift - shift.round())
+                ));
+            }
+            let shift = shift.round() as i64;
+            let first = shift.max(0);
+            let last = i64::from(a.size[axis]).min(shift + i64::from(b.size[axis]));
+            let whole = |n: i64| u32::try_from(n).map_err(|_| "they do not overlap".to_owned());
+            this.first[0][axis] = whole(first)?;
+            this.first[1][axis] = whole(first - shift)?;
+            this.size[axis] = whole(last - first)?;
+        }
+        if this.size.contains(&0) { Err("they do not overlap".into()) } else { Ok(this) }
+    }
+}
+
+/// Sums over pairs of values.
+#[derive(Default)]
+struct Sums {
+    n: u64,
+    a: f64,
+    b: f64,
+    aa: f64,
+    bb: f64,
+    ab: f64,
+    squares: f64,
+    max: f64,
+}
+
+impl Sums {
+    fn add(&mut self, a: f64, b: f64) {
+        let difference = a - b;
+        self.n += 1;
+        self.a += a;
+        self.b += b;
+        self.aa += a * a;
+        self.bb += b * b;
+        self.ab += a * b;
+        self.squares += difference * difference;
+        // `f64::max` would drop a NaN.
+        self.max = if difference.is_nan() { f64::NAN } else { self.max.max(difference.abs()) };
+    }
+
+    fn correlation(&self) -> Option<f64> {
+        let n = self.n as f64;
+        let variances = (self.aa - self.a * self.a / n) * (self.bb - self.b * self.b / n);
+        let correlation = (self.ab - self.a * self.b / n) / variances.sqrt();
+        correlation.is_finite().then_some(correlation)
+    }
+}
+
+fn compare(path: &Path, other: &Path, weights: Option<&Path>) -> Result<Comparison, Failure> {
+    let (mut a, mut b) = (Layers::open(path)?, Layers::open(other)?);
+    let refused = |other: &Path, why: String| {
+        Failure(format!("{} and {} cannot be compared: {why}", path.display(), other.display()))
+    };
+    let overlap = Overlap::of(a.reader.header(), b.reader.header()).map_err(|why| refused(other, why))?;
+    let mut w = weights.map(Layers::open).transpose()?;
+    if let (Some(w), Some(weights)) = (&w, weights) {
+        let same = Overlap::of(a.reader.header(), w.reader.header()).map_err(|why| refused(weights, why))?;
+        if same.size != a.reader.header().size || same.size != w.reader.header().size {
+            return Err(refused(weights, "the weights are not those of this volume".into()));
+        }
+    }
+    a.skip(overlap.first[0][2])?;
+    b.skip(overlap.first[1][2])?;
+    if let Some(w) = &mut w {
+        w.skip(overlap.first[0][2])?;
+    }
+    let width = [a.reader.header(), b.reader.header()].map(|header| header.size[0] as usize);
+    let mut sums = Sums::default();
+    for _ in 0..overlap.size[2] {
+        let (Some(a), Some(b)) = (a.next()?, b.next()?) else { break };
+        let w = match &mut w {
+            Some(w) => w.next()?,
+            None => None,
+        };
+        for y in 0..overlap.size[1] {
+            let start = |side: usize| {
+                let [x, first, _] = overlap.first[side];
+                (first + y) as usize * width[side] + x as usize
+            };
+            for x in 0..overlap.size[0] as usize {
+                let (at, value, reference) = (start(0) + x, a[start(0) + x], b[start(1) + x]);
+                if w.map_or(value != 0.0 && reference != 0.0, |w| w[at] > 0.0) {
+                    sums.add(value, reference);
+                }
+            }
+        }
+    }
+    if sums.n == 0 {
+        return Err(refused(other, "no voxel was seen in both".into()));
+    }
+    let n = sums.n as f64;
+    Ok(Comparison {
+        against: other.to_owned(),
+        weights: weights.map(Path::to_owned),
+        voxels: sums.n,
+        overlap: overlap.size.map(u64::from).iter().product(),
+        rmse: (sums.squares / n).sqrt(),
+        max: if sums.squares.is_nan() { f64::NAN } else { sums.max },
+        bias: (sums.a - sums.b) / n,
+        correlation: sums.correlation(),
+    })
+}
+
+/// The name on the command line.
+pub(super) fn scalar_name(pixel: PixelType) -> String {
+    format!("{pixel:?}").to_lowercase()
+}
+
+fn read_values(bytes: &[u8], pixel: PixelType, values: &mut Vec<f64>) {
+    fn each<const N: usize>(bytes: &[u8], values: &mut Vec<f64>, read: impl Fn([u8; N]) -> f64) {
+        values.extend(bytes.as_chunks::<N>().0.iter().map(|word| read(*word)));
+    }
+    match pixel {
+        PixelType::U8 => each(bytes, values, |b| f64::from(u8::from_ne_bytes(b))),
+        PixelType::I8 => each(bytes, values, |b| f64::from(i8::from_ne_bytes(b))),
+        PixelType::U16 => each(bytes, values, |b| f64::from(u16::from_ne_bytes(b))),
+        PixelType::I16 => each(bytes, values, |b| f64::from(i16::from_ne_bytes(b))),
+        PixelType::U32 => each(bytes, values, |b| f64::from(u32::from_ne_bytes(b))),
+        PixelType::I32 => each(bytes, values, |b| f64::from(i32::from_ne_bytes(b))),
+        PixelType::U64 => each(bytes, values, |b| u64::from_ne_bytes(b) as f64),
+        PixelType::I64 => each(bytes, values, |b| i64::from_ne_bytes(b) as f64),
+        PixelType::F32 => each(bytes, values, |b| f64::from(f32::from_ne_bytes(b))),
+        PixelType::F64 => each(bytes, values, f64::from_ne_bytes),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn header(size: [u32; 3], origin: [f64; 3]) -> VolumeHeader {
+        VolumeHeader { origin, spacing: [0.5; 3], ..VolumeHeader::new(size, PixelType::U8) }
+    }
+
+    #[test]
+    fn lattices_overlap_by_whole_voxels_or_are_refused() {
+        let a = header([10, 10, 10], [0.0; 3]);
+        let overlap = Overlap::of(&a, &header([10, 4, 20], [1.0, -1.0, -2.5])).unwrap();
+        assert_eq!((overlap.first, overlap.size), ([[2, 0, 0], [0, 2, 5]], [8, 2, 10]));
+        let fails = |b: &VolumeHeader, says: &str| {
+            let why = Overlap::of(&a, b).err().unwrap();
+            assert!(why.contains(says), "{why}");
+        };
+        fails(&header([10, 10, 10], [0.1, 0.0, 0.0]), "0.200 of a voxel apart along axis 0");
+        fails(&header([10, 10, 10], [5.0, 0.0, 0.0]), "do not overlap");
+        fails(&header([10, 10, 10], [-50.0, 0.0, 0.0]), "do not overlap");
+        fails(&VolumeHeader { spacing: [0.5, 0.5, 0.6], ..a.clone() }, "spacings differ");
+        fails(&VolumeHeader { axes: [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], ..a.clone() }, "directions");
+        fails(&VolumeHeader { channels: 3, ..a.clone() }, "several channels");
+    }
+
+    #[test]
+    fn sums_of_known_numbers() {
+        let mut sums = Sums::default();
+        for (a, b) in [(1.0, 2.0), (2.0, 4.0), (3.0, 6.0)] {
+            sums.add(a, b);
+        }
+        assert_eq!((sums.n, sums.squares, sums.max, sums.a - sums.b), (3, 14.0, 3.0, -6.0));
+        assert!((sums.correlation().unwrap() - 1.0).abs() < 1e-12);
+        sums.add(f64::NAN, 1.0);
+        sums.add(1.0, 1.0);
+        assert!(sums.squares.is_nan() && sums.correlation().is_none());
+    }
+
+    #[test]
+    fn every_type_is_read_as_numbers() {
+        let mut values = Vec::new();
+        read_values(&(-2.5_f64).to_ne_bytes(), PixelType::F64, &mut values);
+        read_values(&(-3_i64).to_ne_bytes(), PixelType::I64, &mut values);
+        read_values(&65_535_u16.to_ne_bytes(), PixelType::U16, &mut values);
+        read_values(&[255, 1], PixelType::I8, &mut values);
+        assert_eq!(values, [-2.5, -3.0, 65535.0, -1.0, 1.0]);
+    }
+}
