@@ -17,7 +17,7 @@ check: setup
 	.ci/run
 
 bench: setup
-	cargo bench --locked
+	cargo bench --locked --bench reconstruct
 
 # Proves, as root and on a bare Debian 12 in a folder, that demo and test need no more than git, make, curl and Rust.
 fresh-machine:

@@ -113,6 +113,17 @@ pub enum PipelineError {
     /// No frame was used.
     #[error("no frame could be used: {0}")]
     NothingUsed(Box<Ledger>),
+    /// The frames asked for are not in the recording, or none of them has a usable pose.
+    #[error(
+        "--frames {start}..{end} holds no frame that can be used: the recording has frames 0 to {last}",
+        start = frames.start, end = frames.end, last = total.saturating_sub(1)
+    )]
+    NoSuchFrames {
+        /// The frames asked for.
+        frames: Range<u64>,
+        /// Frames of the recording.
+        total: u64,
+    },
     /// There are too few slices to tell the gap between them.
     #[error("--sigma auto needs at least two slices with poses in different places; give --sigma or --resolution")]
     NoGap,
@@ -158,7 +169,10 @@ pub fn reconstruct(mut job: Job, mut progress: impl FnMut(Progress)) -> Result<O
     let survey = survey(open(&job.survey)?.as_mut(), &options)?;
     let used: Vec<FramePose> = survey.poses.iter().filter(|p| job.frames.contains(&p.item)).copied().collect();
     let Some(first) = used.first() else {
-        return Err(PipelineError::NothingUsed(Box::new(survey.ledger)));
+        return Err(match survey.poses.is_empty() {
+            true => PipelineError::NothingUsed(Box::new(survey.ledger)),
+            false => PipelineError::NoSuchFrames { frames: job.frames, total: survey.ledger.frames.total },
+        });
     };
     let [width, height] = first.size;
     let plan = job.mask.plan(width, height)?;

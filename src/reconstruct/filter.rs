@@ -7,9 +7,8 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
-
 use super::nodes::Nodes;
+use super::sharing::Sharing;
 use super::simd::{LANES, Lanes, Simd, dispatch};
 use super::spline::{PhaseTaps, Step, Taps};
 use crate::mask::{Mask, Span};
@@ -68,8 +67,6 @@ pub(crate) struct SliceFilter {
     scratch: Vec<Scratch>,
     /// Σ k·c·(b − level).
     pub(crate) value: Nodes,
-    /// Σ k·c.
-    pub(crate) certainty: Nodes,
     /// Grey level that the values are relative to: the picture's first pixel that is data. Rounding is then relative to contrast and not to
     /// brightness, and a constant picture is exactly constant after any filter.
     pub(crate) level: f32,
@@ -82,16 +79,10 @@ fn round_up(n: usize) -> usize {
 }
 
 impl SliceFilter {
-    /// Prepares for pictures of the mask's size and filters the certainty.
+    /// Prepares for pictures of the mask's size.
     ///
     /// `margin_px`: how far beyond the data voxels may lie that still take part, per axis. `None` when there is no data at all.
-    pub(crate) fn new(
-        simd: Simd,
-        taps: [Taps; 2],
-        mask: Mask,
-        margin_px: [f64; 2],
-        pool: Option<&rayon::ThreadPool>,
-    ) -> Option<Self> {
+    pub(crate) fn new(simd: Simd, taps: [Taps; 2], mask: Mask, margin_px: [f64; 2]) -> Option<Self> {
         let bounds = mask.bounds()?;
         let [u_low, v_low] = [bounds.x as usize, bounds.y as usize];
         let [u_high, v_high] = [u_low + bounds.width as usize - 1, v_low + bounds.height as usize - 1];
@@ -135,7 +126,6 @@ impl SliceFilter {
             node_rows: Vec::new(),
             scratch: Vec::new(),
             value: Nodes::new([first_u, first_v], columns, rows, stride),
-            certainty: Nodes::new([first_u, first_v], columns, rows, stride),
             level: 0.0,
             work: FilterWork::default(),
             taps,
@@ -144,10 +134,14 @@ impl SliceFilter {
         filter.scratch = vec![filter.make_scratch(); rows.div_ceil(ROWS_PER_TASK)];
         filter.work = filter.count();
 
-        filter.fill(|_, _, to| to.fill(1.0), pool);
-        filter.run(1.0, pool);
-        filter.certainty = filter.value.clone();
         Some(filter)
+    }
+
+    /// Σ k·c on the nodes: the filter of a picture of ones.
+    pub(crate) fn certainty(&mut self, sharing: Sharing) -> Nodes {
+        self.fill(|_, _, to| to.fill(1.0), sharing);
+        self.run(1.0, sharing);
+        self.value.clone()
     }
 
     /// Deviation of the sampled picture from the exact sum, both axes, as a fraction of the picture's range.
@@ -248,24 +242,24 @@ impl SliceFilter {
     }
 
     /// Filters a picture; the result is in [`Self::value`].
-    pub(crate) fn filter(&mut self, image: &Image, pool: Option<&rayon::ThreadPool>) {
+    pub(crate) fn filter(&mut self, image: &Image, sharing: Sharing) {
         let size = [self.mask.width(), self.mask.height()];
         assert_eq!([image.width(), image.height()], size, "the caller refuses pictures of another size");
         let range = match image.pixels() {
             Pixels::U8(p) => {
-                self.fill_relative(p, |x| f32::from(*x), pool);
+                self.fill_relative(p, |x| f32::from(*x), sharing);
                 255.0
             }
             Pixels::U16(p) => {
-                self.fill_relative(p, |x| f32::from(*x), pool);
+                self.fill_relative(p, |x| f32::from(*x), sharing);
                 self.range()
             }
             Pixels::F32(p) => {
-                self.fill_relative(p, |x| *x, pool);
+                self.fill_relative(p, |x| *x, sharing);
                 self.range()
             }
         };
-        self.run(range, pool);
+        self.run(range, sharing);
     }
 
     /// Largest magnitude in the plane.
@@ -274,12 +268,7 @@ impl SliceFilter {
     }
 
     /// Fills the plane with the data of a picture, relative to its first pixel that is data.
-    fn fill_relative<T: Sync>(
-        &mut self,
-        pixels: &[T],
-        grey: impl Fn(&T) -> f32 + Sync,
-        pool: Option<&rayon::ThreadPool>,
-    ) {
+    fn fill_relative<T: Sync>(&mut self, pixels: &[T], grey: impl Fn(&T) -> f32 + Sync, sharing: Sharing) {
         let width = self.mask.width() as usize;
         let first = self.spans(0).first().map_or(0, |span| span.start as usize);
         let level = grey(&pixels[self.corner[1] * width + first]);
@@ -290,47 +279,39 @@ impl SliceFilter {
                     *to = grey(from) - level;
                 }
             },
-            pool,
+            sharing,
         );
     }
 
     /// Writes each span of the plane: `source(u, v, to)` fills `to` with the pixels from (u, v) on.
-    fn fill(&mut self, source: impl Fn(usize, usize, &mut [f32]) + Sync, pool: Option<&rayon::ThreadPool>) {
+    fn fill(&mut self, source: impl Fn(usize, usize, &mut [f32]) + Sync, sharing: Sharing) {
         let [u0, v0] = self.corner;
         let mask = &self.mask;
-        let line = |(row, plane): (usize, &mut [f32])| {
-            for span in mask.row((v0 + row) as u32) {
-                let (start, end) = (span.start as usize, span.end as usize);
-                source(start, v0 + row, &mut plane[start - u0..end - u0]);
+        // Sixty-four rows to a task: filling is little more than a copy.
+        let rows = 64;
+        sharing.chunks(&mut self.plane, self.plane_stride * rows, |index, lines| {
+            for (row, plane) in (index * rows..).zip(lines.chunks_mut(self.plane_stride)) {
+                for span in mask.row((v0 + row) as u32) {
+                    let (start, end) = (span.start as usize, span.end as usize);
+                    source(start, v0 + row, &mut plane[start - u0..end - u0]);
+                }
             }
-        };
-        match pool {
-            None => self.plane.chunks_mut(self.plane_stride).enumerate().for_each(line),
-            Some(pool) => pool.install(|| {
-                self.plane.par_chunks_mut(self.plane_stride).with_min_len(64).enumerate().for_each(line);
-            }),
-        }
+        });
     }
 
     /// Filters the plane, whose magnitudes are at most `range`.
-    fn run(&mut self, range: f32, pool: Option<&rayon::ThreadPool>) {
-        let stride = self.value.stride;
+    fn run(&mut self, range: f32, sharing: Sharing) {
         let mut data = std::mem::take(&mut self.value.data);
         let mut scratch = std::mem::take(&mut self.scratch);
         let this = &*self;
-        let task = |(index, (rows, scratch)): (usize, (&mut [f32], &mut Scratch))| {
+        sharing.chunks_beside(&mut data, this.value.stride * ROWS_PER_TASK, &mut scratch, |scratch, index, rows| {
             filter_rows(this.simd, this, index * ROWS_PER_TASK, rows, scratch);
-        };
-        let rows = stride * ROWS_PER_TASK;
-        match pool {
-            None => data.chunks_mut(rows).zip(&mut scratch).enumerate().for_each(task),
-            Some(pool) => pool.install(|| data.par_chunks_mut(rows).zip(&mut scratch).enumerate().for_each(task)),
-        }
+        });
         self.value.data = data;
         self.scratch = scratch;
         // Taps of either sign can carry a node beyond the pixels' range, by their sum of magnitudes at most.
         let gain: f32 = self.taps.iter().map(Taps::gain).product();
-        self.value.pack(self.simd, range * gain, pool);
+        self.value.pack(self.simd, range * gain, sharing);
     }
 }
 

@@ -7,16 +7,20 @@
 //! - `filter`: a slice's pixels and certainty become spline coefficients, once.
 //! - `nodes`: the filtered picture, in f32 as computed and in 16 bits as sampled.
 //! - `slab`: which bricks a slice meets.
+//! - `plan`: the bricks that a slice will change, found before anything is changed.
 //! - `weave`: one slice into one brick, the hot loop.
 //! - [`simd`]: the sixteen lanes that both hot loops run on.
+//! - `sharing`: loops that run alone or shared among threads.
 //! - [`reconstructor`]: all of it behind `insert`.
 //! - [`reference`](mod@reference): the same sums, pixel by pixel in f64, against which the fast path is tested.
 
 pub(crate) mod filter;
 pub mod kernel;
 pub(crate) mod nodes;
+pub(crate) mod plan;
 pub mod reconstructor;
 pub mod reference;
+pub(crate) mod sharing;
 pub mod simd;
 pub(crate) mod slab;
 pub mod spline;

@@ -1,8 +1,7 @@
 //! The filtered picture: spline coefficients on nodes, in f32 as computed and in 16 bits as sampled.
 #![allow(unsafe_code, reason = "packing runs on `Lanes`, by pointer")]
 
-use rayon::prelude::*;
-
+use super::sharing::Sharing;
 use super::simd::{LANES, Lanes, Simd, dispatch};
 
 /// Nodes that one task packs.
@@ -31,18 +30,14 @@ impl Nodes {
     }
 
     /// Makes the pairs, of data whose magnitudes are at most `most`.
-    pub(crate) fn pack(&mut self, simd: Simd, most: f32, pool: Option<&rayon::ThreadPool>) {
+    pub(crate) fn pack(&mut self, simd: Simd, most: f32, sharing: Sharing) {
         // A power of two, so that scaling rounds nothing.
         self.scale = if most > 0.0 { (32767.0 / most).log2().floor().clamp(-60.0, 60.0) as i32 } else { 0 };
         let factor = 2.0_f32.powi(self.scale);
         let (data, stride) = (&self.data, self.stride);
-        let task = |(index, pairs): (usize, &mut [u32])| {
+        sharing.chunks(&mut self.pairs, NODES_PER_TASK, |index, pairs| {
             pack(simd, &data[index * NODES_PER_TASK..], stride, factor, pairs);
-        };
-        match pool {
-            None => self.pairs.chunks_mut(NODES_PER_TASK).enumerate().for_each(task),
-            Some(pool) => pool.install(|| self.pairs.par_chunks_mut(NODES_PER_TASK).enumerate().for_each(task)),
-        }
+        });
     }
 }
 
@@ -82,7 +77,7 @@ mod tests {
         for (i, x) in nodes.data.iter_mut().enumerate() {
             *x = ((i * 37) % 511) as f32 - 255.0;
         }
-        nodes.pack(Simd::detect(), 255.0, None);
+        nodes.pack(Simd::detect(), 255.0, Sharing::Alone);
         assert_eq!(nodes.scale, 7, "255·2⁷ fits 16 bits, 255·2⁸ does not");
         for (i, pair) in nodes.pairs.iter().enumerate() {
             let halves = [*pair as u16, (*pair >> 16) as u16].map(|half| f32::from(half.cast_signed()) / 128.0);
@@ -92,7 +87,7 @@ mod tests {
         let one = nodes.pairs.clone();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
         for simd in Simd::ALL.into_iter().filter(|s| s.is_available()) {
-            nodes.pack(simd, 255.0, Some(&pool));
+            pool.install(|| nodes.pack(simd, 255.0, Sharing::Pool));
             assert!(nodes.pairs == one, "{}", simd.name());
         }
     }

@@ -1,19 +1,23 @@
 //! The incremental reconstructor: `insert(slice)` → the bricks it touched. The volume is valid after every insert.
 
+use std::sync::Arc;
+
 use calibration::frames::{Image as ImageFrame, Transform, Volume, World};
 use glam::{DAffine3, DMat3, DVec3};
-use rayon::prelude::*;
 
 use super::filter::{FilterWork, SliceFilter};
 use super::kernel::{AxisKernel, KernelError, Method, Support};
+use super::nodes::Nodes;
+use super::plan::{BrickChunk, Plan, weave_all};
+use super::sharing::Sharing;
 use super::simd::Simd;
-use super::slab::{MaskSummary, Sight, SlabGeometry};
+use super::slab::{MaskSummary, SlabGeometry};
 use super::spline::{SplineError, Taps};
-use super::weave::{Scratch, Task, View, touches, weave};
+use super::weave::{Task, View};
 use crate::mask::Mask;
 use crate::slice::{Image, Slice};
 use crate::volume::BrickVolume;
-use crate::volume::brick::{Brick, BrickIndex};
+use crate::volume::brick::BrickIndex;
 
 /// Kernel's share outside its support in the plane, where taps are cheap: the end of the support vanishes and a spline fits it well.
 pub const IN_PLANE_SUPPORT: Support = Support::Energy(1e-4);
@@ -27,8 +31,6 @@ pub const OFF_PLANE_SIGMA_MM: f64 = 1.0;
 pub const MAX_WEIGHT: f64 = 256.0;
 /// Pixel sizes this close, relatively, use the same filter.
 const SAME_PIXEL: f64 = 1e-3;
-/// Bricks that one task of a thread weaves.
-const BRICKS_PER_TASK: usize = 16;
 /// f32 counts nodes exactly up to here.
 const MOST_NODES: usize = 1 << 24;
 
@@ -104,6 +106,9 @@ pub enum SettingsError {
     /// This machine lacks the instruction set.
     #[error("this machine has no {0}: choose --simd auto")]
     Simd(&'static str),
+    /// Not even an empty volume has room.
+    #[error("no memory for the volume: {0}")]
+    Memory(String),
     /// Threads could not be started.
     #[error("{0} threads could not be started: {1}")]
     Threads(usize, String),
@@ -177,6 +182,7 @@ struct Prepared {
     pixel_mm: [f64; 2],
     kernels: [AxisKernel; 3],
     filter: SliceFilter,
+    certainty: Nodes,
     mask: MaskSummary,
 }
 
@@ -184,25 +190,14 @@ struct Prepared {
 pub struct Reconstructor {
     settings: Settings,
     mask: Mask,
-    pool: Option<rayon::ThreadPool>,
+    pool: Option<Arc<rayon::ThreadPool>>,
     prepared: Option<Prepared>,
     volume: BrickVolume,
     last: Option<(Image, Transform<World, ImageFrame>)>,
-    tasks: Vec<Task>,
-    absent: Vec<(BrickIndex, Task)>,
+    plan: Plan,
     chunks: Vec<BrickChunk>,
     work: Work,
 }
-
-/// A chunk of the arena, shared between threads that take different bricks of it.
-#[derive(Clone, Copy)]
-struct BrickChunk(*mut Brick);
-#[allow(unsafe_code, reason = "bricks are handed to threads one by one")]
-// SAFETY: the pointer is used only in `weave_all`, where no two tasks have the same brick.
-unsafe impl Send for BrickChunk {}
-#[allow(unsafe_code, reason = "bricks are handed to threads one by one")]
-// SAFETY: as above.
-unsafe impl Sync for BrickChunk {}
 
 impl Reconstructor {
     /// For pictures of the mask's size, with data where the mask says.
@@ -230,18 +225,20 @@ impl Reconstructor {
                     .num_threads(n)
                     .thread_name(|i| format!("weave-{i}"))
                     .build()
+                    .map(Arc::new)
                     .map_err(|e| SettingsError::Threads(n, e.to_string()))?,
             ),
         };
+        let mut volume = BrickVolume::new();
+        volume.reserve(1).map_err(|e| SettingsError::Memory(e.to_string()))?;
         Ok(Self {
             settings,
             mask,
             pool,
             prepared: None,
-            volume: BrickVolume::new(),
+            volume,
             last: None,
-            tasks: Vec::new(),
-            absent: Vec::new(),
+            plan: Plan::default(),
             chunks: Vec::new(),
             work: Work::default(),
         })
@@ -291,6 +288,13 @@ impl Reconstructor {
     /// # Errors
     /// [`Refused`] with the reason; nothing has changed then.
     pub fn insert(&mut self, slice: &Slice) -> Result<Touched, Refused> {
+        match self.pool.clone() {
+            None => self.insert_with(slice, Sharing::Alone),
+            Some(pool) => pool.install(|| self.insert_with(slice, Sharing::Pool)),
+        }
+    }
+
+    fn insert_with(&mut self, slice: &Slice, sharing: Sharing) -> Result<Touched, Refused> {
         let found = [slice.image.width(), slice.image.height()];
         let expected = [self.mask.width(), self.mask.height()];
         if found != expected {
@@ -303,7 +307,7 @@ impl Reconstructor {
             return Err(Refused::Repeated);
         }
         let plane = Plane::new(slice.world_from_image).ok_or(Refused::Degenerate)?;
-        self.prepare(plane.pixel_mm)?;
+        self.prepare(plane.pixel_mm, sharing)?;
         let Some(prepared) = &mut self.prepared else { return Err(SettingsError::EmptyMask.into()) };
 
         let normal = prepared.kernels[2];
@@ -312,74 +316,49 @@ impl Reconstructor {
                 matrix3: DMat3::from_diagonal(self.settings.spacing_mm),
                 translation: self.settings.lattice_origin_mm,
             };
-        let filter = &mut prepared.filter;
-        let geometry = SlabGeometry::new(
-            image_from_lattice,
-            &filter.certainty,
-            filter.step_px(),
-            normal.sigma_mm,
-            normal.support_mm,
-        );
-        let bricks = geometry.brick_box().ok_or(Refused::OutOfRange)?;
+        let (filter, certainty, mask) = (&mut prepared.filter, &prepared.certainty, &prepared.mask);
+        let step = filter.step_px();
+        let geometry = SlabGeometry::new(image_from_lattice, certainty, step, normal.sigma_mm, normal.support_mm);
+        let simd = self.settings.simd;
         let most_weight = (self.settings.max_weight * normal.peak()) as f32;
-        let view = View::new(filter, &normal, most_weight);
 
-        // The walk finds the bricks; whether one that does not exist is worth making is asked of its voxels, before anything is changed.
-        let most_bricks = self.settings.memory_bytes / size_of::<Brick>() as u64;
-        let room = most_bricks.saturating_sub(self.volume.len() as u64);
-        let rows: u64 = bricks[1..].iter().map(|r| u64::from(r.end().abs_diff(*r.start())) + 1).product();
-        // A slab of n bricks spans at most about n rows; far more rows than the memory holds bricks is a slab that cannot fit.
-        if rows / 64 > most_bricks {
-            return Err(Refused::Memory { needed: rows - most_bricks, limit_bytes: self.settings.memory_bytes });
-        }
-        self.tasks.clear();
-        self.absent.clear();
-        let mut considered = 0;
-        let mut scratch = Scratch::new();
-        let (mut volume, simd) = (self.volume.finder(), self.settings.simd);
-        let (tasks, absent) = (&mut self.tasks, &mut self.absent);
-        geometry.walk(&bricks, &prepared.mask, |index, sight| {
-            considered += 1;
-            let found = volume.find(index);
-            let task = Task::new(found.unwrap_or_default(), sight, geometry.in_brick(index));
-            match found {
-                Some(_) => tasks.push(task),
-                None if touches(simd, &task, &view, &mut scratch) => absent.push((index, task)),
-                None => {}
-            }
-            absent.len() as u64 <= room
-        });
-        if self.absent.len() as u64 > room {
-            let needed = self.absent.len() as u64 - room;
-            return Err(Refused::Memory { needed, limit_bytes: self.settings.memory_bytes });
+        // Which bricks, and what the picture is at its nodes: neither needs the other.
+        let (plan, volume) = (&mut self.plan, &self.volume);
+        let limit_bytes = self.settings.memory_bytes;
+        let (planned, ()) = sharing.both(
+            || {
+                let view = View::new(certainty, 0.0, certainty, &normal, most_weight);
+                plan.find(&geometry, mask, volume, &view, simd, limit_bytes)
+            },
+            || filter.filter(&slice.image, sharing),
+        );
+        planned?;
+        let new = self.plan.absent.len();
+        if self.volume.reserve(new).is_err() {
+            return Err(Refused::Memory { needed: new as u64, limit_bytes: self.volume.bytes() });
         }
 
-        if self.volume.reserve(self.absent.len()).is_err() {
-            let needed = self.absent.len() as u64;
-            return Err(Refused::Memory { needed, limit_bytes: self.volume.bytes() });
-        }
-
-        filter.filter(&slice.image, self.pool.as_ref());
-        for (index, mut task) in self.absent.drain(..) {
+        for (index, mut task) in self.plan.absent.drain(..) {
             task.slot = self.volume.find_or_insert(index).0;
-            self.tasks.push(task);
+            self.plan.tasks.push(task);
         }
-        let view = View::new(filter, &normal, most_weight);
-        weave_all(&mut self.volume, &mut self.chunks, &mut self.tasks, &view, simd, self.pool.as_ref());
+        let view = View::new(&filter.value, filter.level, certainty, &normal, most_weight);
+        let tasks = &mut self.plan.tasks;
+        weave_all(&mut self.volume, &mut self.chunks, tasks, &view, simd, sharing);
 
         let mut touched = Touched::default();
-        for task in self.tasks.iter().filter(|t| t.updated > 0) {
+        for task in tasks.iter().filter(|t| t.updated > 0) {
             touched.bricks.push(self.volume.place(task.slot));
             touched.voxels += u64::from(task.updated);
         }
         // Two ascending runs, bricks that were there and new ones: a stable sort merges them.
         touched.bricks.sort_by_key(|[x, y, z]| [*z, *y, *x]);
-        let sum = |f: fn(&Task) -> u32| self.tasks.iter().map(|t| u64::from(f(t))).sum::<u64>();
+        let sum = |f: fn(&Task) -> u32| tasks.iter().map(|t| u64::from(f(t))).sum::<u64>();
         self.work.slices += 1;
         self.work.filter.pixels += filter.work.pixels;
         self.work.filter.nodes += filter.work.nodes;
         self.work.filter.taps += filter.work.taps;
-        self.work.bricks_considered += considered;
+        self.work.bricks_considered += self.plan.considered;
         self.work.bricks_touched += touched.bricks.len() as u64;
         self.work.voxels_sampled += sum(|t| t.vectors) * super::simd::LANES as u64;
         self.work.voxels_updated += touched.voxels;
@@ -389,7 +368,7 @@ impl Reconstructor {
     }
 
     /// Makes kernels and filter for a pixel size, unless those at hand fit.
-    fn prepare(&mut self, pixel_mm: [f64; 2]) -> Result<(), SettingsError> {
+    fn prepare(&mut self, pixel_mm: [f64; 2], sharing: Sharing) -> Result<(), SettingsError> {
         let same = |p: &Prepared| (0..2).all(|a| (p.pixel_mm[a] / pixel_mm[a] - 1.0).abs() <= SAME_PIXEL);
         if self.prepared.as_ref().is_some_and(same) {
             return Ok(());
@@ -420,10 +399,11 @@ impl Reconstructor {
         }
         // Half a pixel to the border of the data, and one σ on: from 0.84 σ on too little of the kernel lies on data.
         let margin = [0, 1].map(|a| (kernels[a].sigma_mm / pixel_mm[a]).min(kernels[a].support_mm / pixel_mm[a]) + 0.5);
-        let filter = SliceFilter::new(settings.simd, taps, self.mask.clone(), margin, self.pool.as_ref())
-            .ok_or(SettingsError::EmptyMask)?;
-        let mask = MaskSummary::new(&filter.certainty);
-        self.prepared = Some(Prepared { pixel_mm, kernels, filter, mask });
+        let mut filter =
+            SliceFilter::new(settings.simd, taps, self.mask.clone(), margin).ok_or(SettingsError::EmptyMask)?;
+        let certainty = filter.certainty(sharing);
+        let mask = MaskSummary::new(&certainty);
+        self.prepared = Some(Prepared { pixel_mm, kernels, filter, certainty, mask });
         Ok(())
     }
 }
@@ -447,46 +427,5 @@ impl Plane {
             DAffine3 { matrix3: DMat3::from_cols(u, v, normal.normalize()), translation: affine.translation };
         let image_from_world = world_from_slab.inverse();
         image_from_world.is_finite().then_some(Self { pixel_mm: [u.length(), v.length()], image_from_world })
-    }
-}
-
-/// Weaves all tasks, each brick by one thread.
-#[allow(unsafe_code, reason = "hands bricks of the arena to threads")]
-fn weave_all(
-    volume: &mut BrickVolume,
-    chunks: &mut Vec<BrickChunk>,
-    tasks: &mut [Task],
-    view: &View<'_>,
-    simd: Simd,
-    pool: Option<&rayon::ThreadPool>,
-) {
-    chunks.clear();
-    chunks.extend(volume.chunk_pointers().map(BrickChunk));
-    let chunks = chunks.as_slice();
-    let run = |scratch: &mut Scratch, task: &mut Task| {
-        let (chunk, place) = BrickVolume::locate(task.slot);
-        let chunk: BrickChunk = chunks[chunk];
-        // SAFETY: `chunks` holds the base of each chunk of the volume, which is borrowed mutably meanwhile, and `locate` gives a place
-        // inside its chunk for every slot that the volume has handed out. Each brick of the lattice is visited once in a walk and has
-        // a slot of its own, so no two tasks reach the same brick.
-        let brick = unsafe { &mut *chunk.0.add(place) };
-        weave(simd, brick, task, view, scratch);
-    };
-    match pool {
-        None => {
-            let mut scratch = Scratch::new();
-            tasks.iter_mut().for_each(|task| run(&mut scratch, task));
-        }
-        Some(pool) => pool.install(|| {
-            tasks.par_chunks_mut(BRICKS_PER_TASK).for_each_init(Scratch::new, |scratch, tasks| {
-                tasks.iter_mut().for_each(|task| run(scratch, task));
-            });
-        }),
-    }
-}
-
-impl Task {
-    fn new(slot: crate::volume::sparse::Slot, sight: Sight, functions: [[f32; 4]; 3]) -> Self {
-        Self { slot, sight, functions, updated: 0, clamped: 0, vectors: 0 }
     }
 }

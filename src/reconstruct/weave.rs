@@ -5,7 +5,6 @@
 //! that test loses none). What remains costs one 4×4 spline sum, one Gaussian and two multiply-adds per voxel.
 #![allow(unsafe_code, reason = "the inner loop runs on `Lanes`, by pointer")]
 
-use super::filter::SliceFilter;
 use super::kernel::AxisKernel;
 use super::nodes::Nodes;
 use super::simd::{LANES, Lanes, dispatch};
@@ -49,13 +48,19 @@ pub(crate) struct View<'a> {
 }
 
 impl<'a> View<'a> {
-    /// The picture that the filter holds, seen through the off-plane kernel.
-    pub(crate) fn new(filter: &'a SliceFilter, normal: &AxisKernel, most_weight: f32) -> Self {
+    /// A picture and its certainty, seen through the off-plane kernel.
+    pub(crate) fn new(
+        value: &'a Nodes,
+        level: f32,
+        certainty: &'a Nodes,
+        normal: &AxisKernel,
+        most_weight: f32,
+    ) -> Self {
         Self {
-            value: &filter.value,
-            certainty: &filter.certainty,
-            level: filter.level,
-            unit: [&filter.value, &filter.certainty].map(|nodes| 2.0_f32.powi(-nodes.scale - 15)),
+            value,
+            certainty,
+            level,
+            unit: [value, certainty].map(|nodes| 2.0_f32.powi(-nodes.scale - 15)),
             reach: (normal.support_mm / normal.sigma_mm) as f32,
             pedestal: normal.pedestal as f32,
             most_weight,

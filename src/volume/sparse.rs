@@ -4,6 +4,9 @@
 //! Finding the bricks of a row costs one hash per 64 voxels, growing never copies a brick, and memory follows what was scanned
 //! wherever in the world that is.
 
+use std::io;
+use std::thread::JoinHandle;
+
 use memmap2::{Advice, MmapMut};
 use rustc_hash::FxHashMap;
 
@@ -30,14 +33,17 @@ impl Slot {
     }
 }
 
-/// Reserves memory for a chunk of empty bricks: fresh pages are zero, and zeros are an empty brick.
+/// Memory for a chunk of empty bricks: fresh pages are zero, and zeros are an empty brick.
 ///
 /// A sweep fills hundreds of new bricks a slice, and a page fault for each costs more than weaving them (measured at 256³: 1.5 ms a slice);
-/// huge pages make it one fault in 512. Where the system has none to give, single pages come instead.
-fn reserve() -> std::io::Result<MmapMut> {
+/// so the pages are huge where the system has such, and there before they are needed. A system that knows neither advice gives single
+/// pages when they are first written.
+fn allocate() -> io::Result<MmapMut> {
     let chunk = MmapMut::map_anon(CHUNK * size_of::<Brick>())?;
-    if let Err(error) = chunk.advise(Advice::HugePage) {
-        tracing::debug!(%error, "no huge pages for the volume");
+    for advice in [Advice::HugePage, Advice::PopulateWrite] {
+        if let Err(error) = chunk.advise(advice) {
+            tracing::debug!(%error, ?advice, "memory for the volume is not prepared");
+        }
     }
     Ok(chunk)
 }
@@ -47,6 +53,8 @@ fn reserve() -> std::io::Result<MmapMut> {
 pub struct BrickVolume {
     blocks: FxHashMap<BrickIndex, Box<[u32; 512]>>,
     chunks: Vec<MmapMut>,
+    /// The next chunk, being prepared beside the work.
+    next: Option<JoinHandle<io::Result<MmapMut>>>,
     /// Where each slot's brick lies; its length is the number of bricks.
     places: Vec<BrickIndex>,
 }
@@ -73,7 +81,7 @@ impl BrickVolume {
         self.places.is_empty()
     }
 
-    /// Bytes held: bricks, tables and places.
+    /// Bytes held: bricks, tables and places. What is prepared for more comes on top, 32 MiB at most.
     pub fn bytes(&self) -> u64 {
         let bricks = self.places.len() * size_of::<Brick>();
         let tables = self.blocks.len() * (512 * 4 + size_of::<(BrickIndex, usize)>());
@@ -96,13 +104,18 @@ impl BrickVolume {
     ///
     /// # Errors
     /// When the system has no memory to give, or beyond 2³²−1 bricks; nothing has changed then.
-    pub fn reserve(&mut self, more: usize) -> std::io::Result<()> {
+    pub fn reserve(&mut self, more: usize) -> io::Result<()> {
         let bricks = self.places.len() + more;
         if u32::try_from(bricks).is_err() {
-            return Err(std::io::ErrorKind::OutOfMemory.into());
+            return Err(io::ErrorKind::OutOfMemory.into());
         }
         while bricks > self.chunks.len() * CHUNK {
-            self.chunks.push(reserve()?);
+            let prepared = self.next.take().and_then(|thread| thread.join().ok());
+            self.chunks.push(prepared.unwrap_or_else(allocate)?);
+        }
+        if self.next.is_none() && bricks + CHUNK / 2 > self.chunks.len() * CHUNK {
+            // Without a thread the chunk is made when it is needed.
+            self.next = std::thread::Builder::new().name("volume-memory".into()).spawn(allocate).ok();
         }
         Ok(())
     }

@@ -31,7 +31,7 @@ fn picture(width: u32, height: u32) -> Image {
 }
 
 fn filter(simd: Simd, sigma: [f64; 2], mask: Mask) -> SliceFilter {
-    SliceFilter::new(simd, taps(sigma), mask, sigma.map(|s| s + 0.5), None).unwrap()
+    SliceFilter::new(simd, taps(sigma), mask, sigma.map(|s| s + 0.5)).unwrap()
 }
 
 /// Value of the spline that the nodes hold, at a pixel position, in f64.
@@ -80,7 +80,8 @@ fn nodes_hold_the_exact_sums_within_the_stated_deviation() {
         let image = picture(width, height);
         let mask = horns(width, height);
         let mut filter = filter(Simd::detect(), sigma, mask.clone());
-        filter.filter(&image, None);
+        let sure = filter.certainty(Sharing::Alone);
+        filter.filter(&image, Sharing::Alone);
         assert!(filter.deviation() <= crate::reconstruct::spline::DEVIATION_LIMIT, "{sigma:?}: {}", filter.deviation());
         let limit = filter.deviation() * 255.0 + 1e-3;
         let mut worst = 0.0_f64;
@@ -92,7 +93,7 @@ fn nodes_hold_the_exact_sums_within_the_stated_deviation() {
             let error = (relative + level * certainty - value).abs();
             worst = worst.max(error);
             assert!(error <= limit, "{sigma:?} at {at:?}: {error} > {limit}");
-            let error = (sample(&filter.certainty, filter.step_px(), at) - certainty).abs();
+            let error = (sample(&sure, filter.step_px(), at) - certainty).abs();
             assert!(error <= filter.deviation() * 1.01 + 1e-5, "certainty {sigma:?} at {at:?}: {error}");
         }
         assert!(worst > 0.0);
@@ -104,15 +105,15 @@ fn every_instruction_set_and_thread_count_gives_the_same_bits() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
     for sigma in [[4.6, 4.6], [1.5, 0.8]] {
         let image = picture(150, 99);
-        let run = |simd, pool: Option<&rayon::ThreadPool>| {
+        let run = |simd, sharing| {
             let mut filter = filter(simd, sigma, horns(150, 99));
-            filter.filter(&image, pool);
+            filter.filter(&image, sharing);
             filter.value.data.iter().map(|x| x.to_bits()).collect::<Vec<_>>()
         };
-        let reference = run(Simd::Portable, None);
+        let reference = run(Simd::Portable, Sharing::Alone);
         for simd in Simd::ALL.into_iter().filter(|s| s.is_available()) {
-            assert!(run(simd, None) == reference, "{}", simd.name());
-            assert!(run(simd, Some(&pool)) == reference, "{} on three threads", simd.name());
+            assert!(run(simd, Sharing::Alone) == reference, "{}", simd.name());
+            assert!(pool.install(|| run(simd, Sharing::Pool)) == reference, "{} on three threads", simd.name());
         }
     }
 }
@@ -132,9 +133,9 @@ fn masked_pixels_are_never_read_and_cost_nothing() {
             if (50..90).contains(&u) && (40..80).contains(&v) { *p } else { p ^ 0xFF }
         })
         .collect();
-    boxed.filter(&clean, None);
+    boxed.filter(&clean, Sharing::Alone);
     let first = boxed.value.data.clone();
-    boxed.filter(&Image::new(width, height, Pixels::U8(Arc::from(dirty))), None);
+    boxed.filter(&Image::new(width, height, Pixels::U8(Arc::from(dirty))), Sharing::Alone);
     assert_eq!(first, boxed.value.data);
 
     assert_eq!(boxed.work.pixels, 40 * 40);
@@ -149,9 +150,10 @@ fn the_interior_of_the_mask_is_certain_to_the_bit_and_a_constant_stays() {
     let mask = horns(width, height);
     for sigma in [[4.6, 4.6], [0.8, 1.4]] {
         let mut filter = filter(Simd::detect(), sigma, mask.clone());
+        let sure = filter.certainty(Sharing::Alone);
         filter.filter(
             &Image::new(width, height, Pixels::F32(Arc::from(vec![77.3_f32; (width * height) as usize]))),
-            None,
+            Sharing::Alone,
         );
         let at = |u: f64, v: f64| {
             let column = ((u / filter.step_px()[0]).round() as i64 - filter.value.first[0]) as usize;
@@ -159,7 +161,7 @@ fn the_interior_of_the_mask_is_certain_to_the_bit_and_a_constant_stays() {
             row * filter.value.stride + column
         };
         let centre = at(75.0, 70.0);
-        assert_eq!(filter.certainty.data[centre], 1.0);
+        assert_eq!(sure.data[centre], 1.0);
         assert_eq!(filter.level, 77.3);
         assert!(filter.value.data.iter().all(|v| *v == 0.0), "a constant has no contrast");
     }
@@ -168,7 +170,7 @@ fn the_interior_of_the_mask_is_certain_to_the_bit_and_a_constant_stays() {
 #[test]
 fn a_mask_without_data_has_no_filter() {
     assert!(
-        SliceFilter::new(Simd::Portable, taps([2.0, 2.0]), Mask::from_fn(9, 9, |_, _| false), [1.0, 1.0], None)
+        SliceFilter::new(Simd::Portable, taps([2.0, 2.0]), Mask::from_fn(9, 9, |_, _| false), [1.0, 1.0])
             .is_none()
     );
 }

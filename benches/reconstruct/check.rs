@@ -1,0 +1,126 @@
+//! Whether what is timed is the right answer: against the equations in f64 at a sample of voxels.
+
+use std::error::Error;
+
+use glam::{DMat3, DVec3};
+use sonoweave::mask::Mask;
+use sonoweave::reconstruct::Reconstructor;
+use sonoweave::reconstruct::reference::Reference;
+use sonoweave::slice::Slice;
+use sonoweave::volume::Grid;
+use sonoweave::volume::brick::{EDGE, VOXELS};
+use sonoweave::volume::sparse::SEEN;
+
+use crate::report::Report;
+
+/// Cubes of voxels that are compared, and their edge.
+const CUBES: usize = 40;
+const CUBE: i64 = 4;
+/// Voxels with less weight lie at the end of the support or of the data, where a rounding error decides what is seen.
+const FIRM: f64 = 0.05;
+/// Voxels that only one of the two sees, as a part of those that both see.
+const ONE_SIDED: f64 = 0.02;
+
+/// How far values are from those they should be, grey levels.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Deviation {
+    pub(crate) voxels: u64,
+    pub(crate) one_sided: u64,
+    pub(crate) rms: f64,
+    pub(crate) max: f64,
+    /// The largest deviation that is right, root mean square and of any one voxel.
+    pub(crate) bounds: [f64; 2],
+}
+
+impl Deviation {
+    /// Over pairs of a value and what it should be.
+    pub(crate) fn over(pairs: impl Iterator<Item = (Option<f64>, Option<f64>)>, bounds: [f64; 2]) -> Self {
+        let mut deviation = Self { bounds, ..Self::default() };
+        let mut squares = 0.0;
+        for pair in pairs {
+            match pair {
+                (Some(value), Some(expected)) => {
+                    let error = (value - expected).abs();
+                    deviation.voxels += 1;
+                    squares += error * error;
+                    // `f64::max` would drop a NaN.
+                    deviation.max = if error <= deviation.max { deviation.max } else { error };
+                }
+                (None, None) => {}
+                _ => deviation.one_sided += 1,
+            }
+        }
+        deviation.rms = (squares / deviation.voxels as f64).sqrt();
+        deviation
+    }
+
+    fn is_right(&self) -> bool {
+        // Without a voxel compared, and with a NaN, this is false.
+        self.rms <= self.bounds[0]
+            && self.max <= self.bounds[1]
+            && self.one_sided as f64 <= ONE_SIDED * self.voxels as f64
+    }
+
+    /// Remembers a wrong answer.
+    pub(crate) fn note(&self, what: &str, report: &mut Report) {
+        if !self.is_right() {
+            report.wrong(format!("{what}: {self:?}"));
+        }
+    }
+}
+
+/// Compares a volume with the equations on cubes spread evenly over its bricks.
+///
+/// At any one voxel the bound is what the in-plane filter promises of its samples, for a picture of 8 bits, times ten: numerator and weight may both
+/// deviate, and where only a fifth of the kernel lies on data (less does not count as seen) the quotient deviates five times as far. Such a bound
+/// alone would let a slip of a tenth of a pixel pass; but deviations are rarely near the promise and fall on both sides, so that their root mean
+/// square stays below a tenth of it.
+///
+/// # Errors
+/// When nothing was inserted.
+pub(crate) fn against_equations(
+    reconstructor: &Reconstructor,
+    slices: &[Slice],
+    mask: &Mask,
+) -> Result<Deviation, Box<dyn Error>> {
+    let nothing = "nothing was inserted";
+    let kernels = reconstructor.kernels().ok_or(nothing)?;
+    let (_, promised) = reconstructor.decimation().ok_or(nothing)?;
+    let volume = reconstructor.volume();
+    let world_from_lattice = reconstructor.world_from_lattice();
+    let mut pairs = Vec::new();
+    for (place, _) in volume.iter().step_by((volume.len() / CUBES).max(1)) {
+        let first = place.map(|b| i64::from(b) * EDGE as i64 + (EDGE as i64 - CUBE) / 2);
+        let grid = Grid {
+            origin: world_from_lattice.point(DVec3::from_array(first.map(|x| x as f64))),
+            spacing: reconstructor.settings().spacing_mm,
+            direction: DMat3::IDENTITY,
+            size: [CUBE as u64; 3],
+        };
+        let mut reference = Reference::new(grid);
+        for slice in slices {
+            reference.insert(slice, mask, kernels);
+        }
+        for (i, expected) in reference.w.iter().enumerate() {
+            let at = i as i64;
+            let (x, y, z) = (at % CUBE, at / CUBE % CUBE, at / (CUBE * CUBE));
+            let (r, w) = volume.voxel([first[0] + x, first[1] + y, first[2] + z]);
+            let value = (w > SEEN).then(|| f64::from(r) / f64::from(w));
+            // Where neither is firm, neither is compared.
+            if f64::from(w).max(*expected) > FIRM {
+                pairs.push((value, reference.value(i)));
+            }
+        }
+    }
+    Ok(Deviation::over(pairs.into_iter(), [0.1, 10.0].map(|part| part * promised * 255.0)))
+}
+
+/// Same bricks with the same bits.
+pub(crate) fn same_bits(a: &Reconstructor, b: &Reconstructor) -> bool {
+    let bits = |x: &[f32; VOXELS], y: &[f32; VOXELS]| x.iter().zip(y).all(|(x, y)| x.to_bits() == y.to_bits());
+    a.volume().len() == b.volume().len()
+        && a.volume()
+            .iter()
+            .zip(b.volume().iter())
+            .all(|((p, x), (q, y))| p == q && bits(&x.r, &y.r) && bits(&x.w, &y.w))
+}

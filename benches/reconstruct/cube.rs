@@ -1,0 +1,199 @@
+//! Large slices in every orientation: 512×512 pixels of 0.25 mm, 128 mm square, into voxels of 0.5 mm, as for a volume of 256³.
+//!
+//! A slice is the same work whatever its orientation, so that times differ by what orientation does to memory, vectors and skipping.
+
+use std::error::Error;
+
+use glam::{DAffine3, DMat3, DVec3};
+use sonoweave::mask::Mask;
+use sonoweave::phantom::scan::convex_fan;
+use sonoweave::phantom::{Motion, Scan, ScanSettings};
+use sonoweave::reconstruct::{Settings, Simd};
+use sonoweave::slice::Slice;
+
+use calibration::frames::{Transform, World};
+
+use crate::Effort;
+use crate::check::{against_equations, same_bits};
+use crate::report::{Cell, Goal, Report, Table};
+use crate::timing::{Contestant, Times, arithmetic, interleaved, ours, reconstructed};
+
+const SPACING_MM: f64 = 0.5;
+const SIGMA_N_MM: f64 = 1.0;
+const PIXELS: [u32; 2] = [512, 512];
+const PIXEL_MM: f64 = 0.25;
+const GAP_MM: f64 = 0.5;
+/// No plane of pixels meets a plane of voxels: a favour that no hand does.
+const OFFSET_MM: DVec3 = DVec3::new(0.13, 0.21, 0.17);
+
+/// Slice normals, and the picture's turn about them in degrees.
+const ORIENTATIONS: [(&str, DVec3, f64); 9] = [
+    ("x", DVec3::X, 0.0),
+    ("y", DVec3::Y, 0.0),
+    ("z", DVec3::Z, 0.0),
+    ("z, turned by 30°", DVec3::Z, 30.0),
+    ("(1,1,0)", DVec3::new(1.0, 1.0, 0.0), 0.0),
+    ("(1,0,1)", DVec3::new(1.0, 0.0, 1.0), 0.0),
+    ("(0,1,1)", DVec3::new(0.0, 1.0, 1.0), 0.0),
+    ("(1,1,1)", DVec3::new(1.0, 1.0, 1.0), 0.0),
+    ("(3,-2,1), turned by 20°", DVec3::new(3.0, -2.0, 1.0), 20.0),
+];
+/// The one on which instruction sets and threads are compared.
+const DIAGONAL: usize = 7;
+
+pub(crate) fn bench(effort: Effort, report: &mut Report) -> Result<(), Box<dyn Error>> {
+    let scan = Scan::new(ScanSettings {
+        motion: Motion::Parallel,
+        frames: effort.cube_slices,
+        gap_mm: GAP_MM,
+        image_size: PIXELS,
+        pixel_mm: [PIXEL_MM; 2],
+        ..ScanSettings::default()
+    })?;
+    let level = scan.slices(0..scan.frames());
+    let sweeps: Vec<Vec<Slice>> = ORIENTATIONS.iter().map(|(_, normal, turn)| turned(&level, *normal, *turn)).collect();
+    let settings = Settings { sigma_mm: [None, None, Some(SIGMA_N_MM)], ..Settings::new(DVec3::splat(SPACING_MM)) };
+    let masks =
+        [("full", Mask::full(PIXELS[0], PIXELS[1])), ("fan", Mask::fan(PIXELS[0], PIXELS[1], &convex_fan(PIXELS)?))];
+    orientations(effort, &settings, &masks, &sweeps, report)?;
+    instruction_sets(effort, &settings, &masks[0].1, &sweeps[DIAGONAL], report)?;
+    threads(effort, &settings, &masks, &sweeps[DIAGONAL], report)
+}
+
+/// The sweep with its slices' normal, z, laid along another, after a turn about it.
+fn turned(level: &[Slice], normal: DVec3, turn_degrees: f64) -> Vec<Slice> {
+    let n = normal.normalize();
+    let (u, v) = n.any_orthonormal_pair();
+    // The pair may be left-handed; a mirrored sweep is still a sweep of planes, but no scanner makes one.
+    let v = if u.cross(v).dot(n) < 0.0 { -v } else { v };
+    let turn = DAffine3 { matrix3: DMat3::from_cols(u, v, n), translation: OFFSET_MM }
+        * DAffine3::from_axis_angle(DVec3::Z, turn_degrees.to_radians());
+    let turn = Transform::<World, World>::from_affine(turn);
+    let place = |slice: &Slice| Slice { world_from_image: turn * slice.world_from_image, ..slice.clone() };
+    level.iter().map(place).collect()
+}
+
+fn orientations(
+    effort: Effort,
+    settings: &Settings,
+    masks: &[(&'static str, Mask); 2],
+    sweeps: &[Vec<Slice>],
+    report: &mut Report,
+) -> Result<(), Box<dyn Error>> {
+    let title = format!(
+        "256³: {} slices of {}×{} pixels of {PIXEL_MM} mm, {GAP_MM} mm apart; voxels of {SPACING_MM} mm, σ_n {SIGMA_N_MM} mm; 1 thread, {}; ms a slice",
+        effort.cube_slices,
+        PIXELS[0],
+        PIXELS[1],
+        settings.simd.name()
+    );
+    let columns = [
+        "normal", "mask", "median", "p25", "p75", "p95", "voxels", "ns/voxel", "rms dev", "max dev", "goal", "verdict",
+    ];
+    let mut table = Table::new("cube-orientations", title, &columns);
+    let mut contestants: Vec<Contestant<'_>> = Vec::new();
+    let mut checks = Vec::new();
+    for (mask_name, mask) in masks {
+        for (sweep, (name, ..)) in sweeps.iter().zip(ORIENTATIONS) {
+            let reconstructor = reconstructed(settings, mask, sweep)?;
+            let deviation = against_equations(&reconstructor, sweep, mask)?;
+            deviation.note(&format!("256³, normal {name}, {mask_name}"), report);
+            let voxels = reconstructor.work().voxels_updated as f64 / sweep.len() as f64;
+            checks.push((name, *mask_name, voxels, deviation));
+            contestants.push(ours(settings, mask, sweep));
+        }
+    }
+    let times = interleaved(effort.rounds, &mut contestants)?;
+    for ((name, mask, voxels, deviation), t) in checks.iter().zip(&times) {
+        let limit = if *mask == "full" { 2.0 } else { 2.8 };
+        let met = t.median() <= limit;
+        let mut row = vec![Cell::text(*name), Cell::text(*mask), Cell::Number(t.median(), 3)];
+        row.extend([0.25, 0.75, 0.95].map(|q| Cell::Number(t.quantile(q), 3)));
+        row.extend([Cell::Number(*voxels, 0), Cell::Number(t.median() * 1e6 / voxels, 2)]);
+        row.extend([Cell::Number(deviation.rms, 4), Cell::Number(deviation.max, 3)]);
+        row.extend([Cell::Text(format!("≤ {limit}")), Cell::text(if met { "met" } else { "not met" })]);
+        table.row(row);
+    }
+    table.note("Deviations, grey levels, are from the equations in f64 at sampled voxels; voxels are those that a slice updates on average.");
+    report.add(table);
+
+    for ((mask, _), times) in masks.iter().zip(times.chunks(sweeps.len())) {
+        let medians: Vec<f64> = times.iter().map(Times::median).collect();
+        let worst = medians.iter().copied().fold(f64::NAN, f64::max);
+        let best = medians.iter().copied().fold(f64::NAN, f64::min);
+        println!("  {mask}: worst {worst:.3} ms, best {best:.3} ms, worst/best {:.2}", worst / best);
+        if *mask == "full" {
+            report.judge("256³, full mask, worst orientation: ms a slice", Goal::AtMost(2.0), worst);
+            report.judge("256³, full mask, worst orientation, stretch: ms a slice", Goal::AtMost(1.5), worst);
+        } else {
+            report.judge("256³, fan, worst orientation: ms a slice", Goal::AtMost(2.8), worst);
+        }
+        report.judge(format!("256³, {mask}: worst over best orientation"), Goal::AtMost(1.6), worst / best);
+    }
+    Ok(())
+}
+
+fn instruction_sets(
+    effort: Effort,
+    settings: &Settings,
+    mask: &Mask,
+    sweep: &[Slice],
+    report: &mut Report,
+) -> Result<(), Box<dyn Error>> {
+    // Without instructions for fused multiply-add, portable code is some fifty times slower: few slices must do.
+    let sweep = &sweep[..sweep.len().min(6)];
+    let available: Vec<Settings> = Simd::ALL
+        .into_iter()
+        .filter(|simd| simd.is_available())
+        .map(|simd| Settings { simd, ..settings.clone() })
+        .collect();
+    let first = reconstructed(&available[0], mask, sweep)?;
+    let mut checks = Vec::new();
+    for settings in &available {
+        let reconstructor = reconstructed(settings, mask, sweep)?;
+        let deviation = against_equations(&reconstructor, sweep, mask)?;
+        let (name, same) = (settings.simd.name(), same_bits(&first, &reconstructor));
+        deviation.note(&format!("256³, {name}"), report);
+        if !same {
+            report.wrong(format!("256³, {name}: other bits than {}", available[0].simd.name()));
+        }
+        checks.push((name, same, deviation));
+    }
+    let mut contestants: Vec<Contestant<'_>> = available.iter().map(|settings| ours(settings, mask, sweep)).collect();
+    let times = interleaved(effort.rounds, &mut contestants)?;
+    let title = format!("256³: instruction sets, normal {}, full mask, 1 thread; ms a slice", ORIENTATIONS[DIAGONAL].0);
+    let columns = ["set", "median", "p25", "p75", "× of best", "same bits", "rms dev", "max dev"];
+    let mut table = Table::new("cube-simd", title, &columns);
+    for ((name, same, deviation), t) in checks.iter().zip(&times) {
+        let mut row = vec![Cell::text(*name), Cell::Number(t.median(), 3)];
+        row.extend([0.25, 0.75].map(|q| Cell::Number(t.quantile(q), 3)));
+        row.extend([Cell::Number(t.over(&times[0])[1], 2), Cell::text(if *same { "yes" } else { "NO" })]);
+        row.extend([Cell::Number(deviation.rms, 4), Cell::Number(deviation.max, 3)]);
+        table.row(row);
+    }
+    report.add(table);
+    Ok(())
+}
+
+fn threads(
+    effort: Effort,
+    settings: &Settings,
+    masks: &[(&'static str, Mask); 2],
+    sweep: &[Slice],
+    report: &mut Report,
+) -> Result<(), Box<dyn Error>> {
+    let two = Settings { threads: 2, ..settings.clone() };
+    for (name, mask) in masks {
+        let (a, b) = (reconstructed(settings, mask, sweep)?, reconstructed(&two, mask, sweep)?);
+        if !same_bits(&a, &b) {
+            report.wrong(format!("256³, {name}: other bits with 2 threads than with 1"));
+        }
+        let deviation = against_equations(&b, sweep, mask)?;
+        deviation.note(&format!("256³, {name}, 2 threads"), report);
+        drop((a, b));
+        let mut contestants = [ours(settings, mask, sweep), ours(&two, mask, sweep), arithmetic(1), arithmetic(2)];
+        let times = interleaved(effort.rounds, &mut contestants)?;
+        report.threads(&format!("256³, {name}"), [&times[0], &times[1]], [&times[2], &times[3]]);
+    }
+    Ok(())
+}

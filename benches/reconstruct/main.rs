@@ -1,0 +1,114 @@
+//! Run time against error of the reconstruction: `make bench`, or `cargo bench --bench reconstruct -- [--quick]`.
+//!
+//! Every timed answer is also checked, against the equations in f64 or against the phantom's truth, and a wrong one fails the run; a goal that is not
+//! met is printed and fails nothing, because machines differ. Tables are printed as they are finished and written to `out/bench` (a quick
+//! run's, which is a smoke test with too few repeats to measure anything, to `out/bench/quick`).
+//!
+//! - [`recording`]: a real freehand recording, beside IGSIO and our own nearest and trilinear baselines.
+//! - [`blobs`]: the comparison scan with known truth: speed and accuracy, with the same baselines.
+//! - [`cube`]: large slices in all orientations, full and fan, instruction sets, threads.
+//! - [`memory`]: bytes a voxel.
+//! - [`baselines`], [`check`], [`timing`], [`report`]: what they share.
+#![allow(clippy::print_stdout, clippy::print_stderr, reason = "a bench speaks to its user")]
+
+mod baselines;
+mod blobs;
+mod check;
+mod cube;
+mod memory;
+mod recording;
+mod report;
+mod timing;
+
+use std::error::Error;
+use std::path::Path;
+use std::process::ExitCode;
+use std::time::Instant;
+
+use serde_json::{Value, json};
+use sonoweave::reconstruct::Simd;
+
+/// How much of it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Effort {
+    /// Runs of each contestant.
+    pub(crate) rounds: usize,
+    /// Frames of the scan with known truth.
+    pub(crate) blob_frames: u32,
+    /// Slices of a sweep through the cube.
+    pub(crate) cube_slices: u32,
+    /// Slices of the sweep whose memory is measured.
+    pub(crate) memory_slices: u32,
+}
+
+const WHOLE: Effort = Effort { rounds: 10, blob_frames: 120, cube_slices: 40, memory_slices: 200 };
+const QUICK: Effort = Effort { rounds: 2, blob_frames: 24, cube_slices: 12, memory_slices: 24 };
+
+fn main() -> ExitCode {
+    let mut effort = WHOLE;
+    let mut folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("out/bench");
+    for argument in std::env::args().skip(1) {
+        match argument.as_str() {
+            // What cargo passes to every bench.
+            "--bench" => {}
+            "--quick" => {
+                effort = QUICK;
+                folder = folder.join("quick");
+            }
+            other => {
+                eprintln!("unknown argument {other}; this bench takes --quick or nothing");
+                return ExitCode::from(2);
+            }
+        }
+    }
+    match run(effort, &folder) {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) => {
+            eprintln!("the bench broke off: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(effort: Effort, folder: &Path) -> Result<bool, Box<dyn Error>> {
+    let start = Instant::now();
+    let load_before = first_line("/proc/loadavg");
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let model = std::fs::read_to_string("/proc/cpuinfo")
+        .ok()
+        .and_then(|text| Some(text.lines().find(|l| l.starts_with("model name"))?.split_once(':')?.1.trim().to_owned()))
+        .unwrap_or_else(|| "unknown".into());
+    let simd = Simd::detect().name();
+    println!("CPU             {model}, {cores} cores available, widest instruction set {simd}");
+    println!("load average    {load_before} (anything above 0 slows what is measured, two threads most)");
+    println!(
+        "runs            {} of each contestant, taking turns; ms are per frame, over all frames of all runs",
+        effort.rounds
+    );
+
+    let mut report = report::Report::new();
+    // First, while the process is small.
+    let memory = memory::measure(effort)?;
+    recording::bench(effort, &mut report)?;
+    blobs::bench(effort, &mut report)?;
+    cube::bench(effort, &mut report)?;
+    memory::tell(&memory, &mut report);
+
+    let machine: Value = json!({
+        "cpu": model, "cores": cores, "simd": simd,
+        "load_average_before": load_before, "load_average_after": first_line("/proc/loadavg"),
+        "rounds": effort.rounds, "version": env!("CARGO_PKG_VERSION"),
+    });
+    let right = report.finish(machine, folder)?;
+    println!("load average    {load_before} before, {} after", first_line("/proc/loadavg"));
+    println!("whole run       {:.0} s; tables in {}", start.elapsed().as_secs_f64(), folder.display());
+    Ok(right)
+}
+
+/// The figures of a one-line file of the kernel's, or "unknown" where there is none.
+fn first_line(path: &str) -> String {
+    let text = std::fs::read_to_string(path).unwrap_or_default();
+    let figures: Vec<&str> = text.split_whitespace().take(3).collect();
+    if figures.is_empty() { "unknown".into() } else { figures.join(" ") }
+}

@@ -1,0 +1,167 @@
+//! A real freehand recording: PLUS's spine phantom, 21 frames of 820×616, at 0.5 mm with no setting but its configuration.
+
+use std::error::Error;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use drivers::recording::{SequenceDriver, SequenceSettings};
+use drivers::{Device, Driver, Next, OpenSettings};
+use glam::DVec3;
+use sonoweave::config;
+use sonoweave::ingest::{Ingest, Sample};
+use sonoweave::mask::{AutoMask, Mask, MaskPlan};
+use sonoweave::phantom::truth::covering_grid;
+use sonoweave::reconstruct::Settings;
+use sonoweave::slice::Slice;
+use sonoweave::sync::{Pairing, PairingOptions, survey};
+
+use crate::Effort;
+use crate::baselines::{Drop, Splat, plain};
+use crate::check::{Deviation, against_equations};
+use crate::report::{Cell, Goal, Report, Table};
+use crate::timing::{Contestant, Times, arithmetic, each, interleaved, ours, reconstructed};
+
+const SEQUENCE: &str = "freehand/SpinePhantomFreehand.igs.mha";
+const CONFIG: &str = "freehand/PlusDeviceSet_VolumeReconstructionOnly_SpinePhantom_NN_MEAN.xml";
+const SPACING_MM: f64 = 0.5;
+const GOAL: (&str, Goal) = ("spine recording, 0.5 mm, defaults, 1 thread: ms a frame", Goal::AtMost(1.0));
+
+/// Sums in f32 keep seven digits, and trilinear weights are exact to 1e-7: voxels with less weight than this would show little else.
+const BASELINE_WEIGHT: f32 = 0.05;
+const BASELINE_BOUNDS: [f64; 2] = [0.001, 0.01];
+
+pub(crate) fn bench(effort: Effort, report: &mut Report) -> Result<(), Box<dyn Error>> {
+    let folder = std::env::var_os("SONOWEAVE_TEST_DATA")
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
+    let (sequence, config) = (folder.join(SEQUENCE), folder.join(CONFIG));
+    if !(sequence.is_file() && config.is_file()) {
+        println!(
+            "\nSpine recording: skipped, because {SEQUENCE} or its configuration is not in the folder of recordings \
+             (../shared/data, or the one that SONOWEAVE_TEST_DATA names)"
+        );
+        report.skipped(GOAL.0, GOAL.1);
+        report.skipped("spine recording: 2 threads over 1", Goal::AtLeast(1.7));
+        return Ok(());
+    }
+    let (slices, mask) = load(&sequence, &config)?;
+
+    let one = Settings::new(DVec3::splat(SPACING_MM));
+    let two = Settings { threads: 2, ..one.clone() };
+    let size = [mask.width(), mask.height()];
+    let grid = covering_grid(slices.iter().map(|s| (s.world_from_image, size)), one.spacing_mm, 2.0)?;
+    let drops = [Drop::Nearest, Drop::Trilinear];
+    let mut contestants: Vec<Contestant<'_>> = vec![ours(&one, &mask, &slices), ours(&two, &mask, &slices)];
+    for drop in drops {
+        let (grid, mask, slices) = (&grid, &mask, &slices);
+        contestants.push(Box::new(move || {
+            let mut splat = Splat::new(drop, grid)?;
+            each(slices, |slice| splat.insert(slice, mask))
+        }));
+    }
+
+    let mut deviations = Vec::new();
+    for settings in [&one, &two] {
+        deviations.push(against_equations(&reconstructed(settings, &mask, &slices)?, &slices, &mask)?);
+    }
+    for drop in drops {
+        let mut splat = Splat::new(drop, &grid)?;
+        for slice in &slices {
+            splat.insert(slice, &mask)?;
+        }
+        let expected = plain(drop, &grid, &slices, &mask)?;
+        let pairs = expected.iter().enumerate().map(|(i, [sum, weight])| {
+            let firm = *weight > f64::from(BASELINE_WEIGHT);
+            (splat.value(i, BASELINE_WEIGHT).map(f64::from), firm.then(|| sum / weight))
+        });
+        deviations.push(Deviation::over(pairs, BASELINE_BOUNDS));
+    }
+    contestants.extend([arithmetic(1), arithmetic(2)]);
+    let times = interleaved(effort.rounds, &mut contestants)?;
+
+    let mut table = Table::new(
+        "spine",
+        format!(
+            "Spine recording: {} frames of {}×{}, of which {} pixels are data (automatic mask); 0.5 mm, defaults; ms a frame",
+            slices.len(),
+            size[0],
+            size[1],
+            mask.area()
+        ),
+        &[
+            "method",
+            "threads",
+            "median",
+            "p25",
+            "p75",
+            "p95",
+            "min",
+            "first",
+            "× of ours",
+            "IGSIO median",
+            "rms dev",
+            "max dev",
+            "goal",
+            "verdict",
+        ],
+    );
+    let names = ["sonoweave", "sonoweave", drops[0].name(), drops[1].name()];
+    let peers = [None, None, Some(3.88), Some(35.2)];
+    for (c, name) in names.into_iter().enumerate() {
+        let (t, deviation): (&Times, &Deviation) = (&times[c], &deviations[c]);
+        deviation.note(&format!("spine recording, {name}"), report);
+        let verdict = if c == 0 { report.judge(GOAL.0, GOAL.1, t.median()) } else { Report::no_goal() };
+        let mut row = vec![Cell::text(name), Cell::count(if c == 1 { 2 } else { 1 }), Cell::Number(t.median(), 3)];
+        row.extend([0.25, 0.75, 0.95, 0.0].map(|q| Cell::Number(t.quantile(q), 3)));
+        row.push(Cell::Number(t.first(), 3));
+        row.push(Cell::Number(t.over(&times[0])[1], 2));
+        row.push(peers[c].map_or(Cell::Empty, |ms| Cell::Number(ms, 2)));
+        row.extend([Cell::Number(deviation.rms, 4), Cell::Number(deviation.max, 3)]);
+        row.extend(verdict);
+        table.row(row);
+    }
+    table.note("All in: in-plane filtering, new bricks, weaving; file reading excluded. \"first\" is the first frame of a run,");
+    table.note("which also designs the filter. IGSIO (commit 9caba694, -O3 -march=native, 1 thread) was measured on 2 cores of a Xeon at");
+    table.note("3.0 GHz with AVX-512, and pastes all 820×616 pixels. Deviations, grey levels: ours from the equations in f64 at sampled");
+    table.note("voxels, the baselines' from each pixel by itself in f64 at all voxels.");
+    report.add(table);
+    report.threads("spine recording", [&times[0], &times[1]], [&times[4], &times[5]]);
+    Ok(())
+}
+
+/// The recording through the stages that every source goes through: device, ingest, pairing, automatic mask.
+fn load(sequence: &Path, config: &Path) -> Result<(Vec<Slice>, Mask), Box<dyn Error>> {
+    let config = config::Settings::read(config)?;
+    let options = PairingOptions::new(&config, None);
+    let open = |images| {
+        SequenceDriver.open(&OpenSettings::Sequence(SequenceSettings { images, ..SequenceSettings::new(sequence) }))
+    };
+    let survey = survey(open(false)?.as_mut(), &options)?;
+    let mut pairing = Pairing::with_names(options, &survey.names)?;
+    let mut ingest = Ingest::new();
+    let mut slices = Vec::new();
+    let mut device: Box<dyn Device> = open(true)?;
+    device.start()?;
+    loop {
+        match device.next(Instant::now() + Duration::from_secs(1))? {
+            Next::Reading(reading) => match ingest.take(reading) {
+                Sample::Picture(picture) => slices.push(pairing.frame(picture).map_err(|r| r.to_string())?.slice),
+                Sample::Transform(transform) => pairing.transform(transform),
+                Sample::Refused(refusal) => return Err(refusal.to_string().into()),
+                Sample::Unused(_) => {}
+            },
+            Next::Pending => {}
+            Next::End => break,
+        }
+    }
+    device.stop()?;
+    let first = slices.first().ok_or("the recording holds no frame")?;
+    let mask = match config.mask().plan(first.image.width(), first.image.height())? {
+        MaskPlan::Fixed(mask) => mask,
+        MaskPlan::Auto(mut auto) => find(&mut auto, &slices),
+    };
+    Ok((slices, mask))
+}
+
+fn find(auto: &mut AutoMask, slices: &[Slice]) -> Mask {
+    slices.iter().find_map(|slice| auto.push(&slice.image)).unwrap_or_else(|| auto.finish()).mask
+}

@@ -1,0 +1,238 @@
+//! Tables: printed aligned, and written with all digits as CSV (one file a table) and JSON (all of them).
+
+use std::error::Error;
+use std::fs;
+use std::path::Path;
+
+use serde_json::{Value, json};
+
+use crate::timing::Times;
+
+/// One entry of a table.
+#[derive(Debug, Clone)]
+pub(crate) enum Cell {
+    /// Words.
+    Text(String),
+    /// A number, printed with so many decimals and written with all.
+    Number(f64, usize),
+    /// Nothing to say.
+    Empty,
+}
+
+impl Cell {
+    pub(crate) fn text(text: impl Into<String>) -> Self {
+        Self::Text(text.into())
+    }
+
+    pub(crate) fn count(n: u64) -> Self {
+        Self::Number(n as f64, 0)
+    }
+
+    fn shown(&self) -> String {
+        match self {
+            Self::Text(text) => text.clone(),
+            Self::Number(value, decimals) => format!("{value:.decimals$}"),
+            Self::Empty => "–".into(),
+        }
+    }
+
+    fn json(&self) -> Value {
+        match self {
+            Self::Text(text) => json!(text),
+            // JSON has no NaN; null says that there is no number.
+            Self::Number(value, _) => json!(value),
+            Self::Empty => Value::Null,
+        }
+    }
+
+    fn csv(&self) -> String {
+        match self {
+            Self::Text(text) if text.contains([',', '"']) => format!("\"{}\"", text.replace('"', "\"\"")),
+            Self::Text(text) => text.clone(),
+            Self::Number(value, _) => value.to_string(),
+            Self::Empty => String::new(),
+        }
+    }
+}
+
+/// A number to reach.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Goal {
+    AtMost(f64),
+    AtLeast(f64),
+}
+
+impl Goal {
+    fn is_met(self, measured: f64) -> bool {
+        match self {
+            Self::AtMost(limit) => measured <= limit,
+            Self::AtLeast(limit) => measured >= limit,
+        }
+    }
+
+    fn shown(self) -> String {
+        match self {
+            Self::AtMost(limit) => format!("≤ {limit}"),
+            Self::AtLeast(limit) => format!("≥ {limit}"),
+        }
+    }
+}
+
+/// Columns with names, rows of cells.
+#[derive(Debug)]
+pub(crate) struct Table {
+    id: &'static str,
+    title: String,
+    notes: Vec<String>,
+    columns: Vec<&'static str>,
+    rows: Vec<Vec<Cell>>,
+}
+
+impl Table {
+    /// `id` names the CSV file.
+    pub(crate) fn new(id: &'static str, title: impl Into<String>, columns: &[&'static str]) -> Self {
+        Self { id, title: title.into(), notes: Vec::new(), columns: columns.to_vec(), rows: Vec::new() }
+    }
+
+    pub(crate) fn note(&mut self, note: impl Into<String>) {
+        self.notes.push(note.into());
+    }
+
+    /// # Panics
+    /// When the row has not one cell a column: the caller has both before it.
+    pub(crate) fn row(&mut self, cells: Vec<Cell>) {
+        assert_eq!(cells.len(), self.columns.len(), "{}: a cell a column", self.title);
+        self.rows.push(cells);
+    }
+
+    fn print(&self) {
+        let shown: Vec<Vec<String>> = self.rows.iter().map(|row| row.iter().map(Cell::shown).collect()).collect();
+        let width = |c: usize| {
+            let cells = shown.iter().map(|row| row[c].chars().count()).max().unwrap_or(0);
+            cells.max(self.columns[c].chars().count())
+        };
+        let widths: Vec<usize> = (0..self.columns.len()).map(width).collect();
+        // A column of numbers is aligned right, with its gaps; words are aligned left.
+        let is_text = |c: usize| self.rows.iter().any(|row| matches!(row[c], Cell::Text(_)));
+        let line = |cells: &[String]| {
+            let padded = cells.iter().enumerate().map(|(c, cell)| {
+                let pad = " ".repeat(widths[c] - cell.chars().count());
+                if is_text(c) { format!("{cell}{pad}") } else { format!("{pad}{cell}") }
+            });
+            println!("  {}", padded.collect::<Vec<_>>().join("  ").trim_end());
+        };
+        println!("\n{}", self.title);
+        line(&self.columns.iter().map(ToString::to_string).collect::<Vec<_>>());
+        println!("  {}", "─".repeat(widths.iter().sum::<usize>() + 2 * (widths.len() - 1)));
+        shown.iter().for_each(|row| line(row));
+        self.notes.iter().for_each(|note| println!("  {note}"));
+    }
+
+    fn csv(&self) -> String {
+        let mut text = self.columns.join(",") + "\n";
+        for row in &self.rows {
+            text += &row.iter().map(Cell::csv).collect::<Vec<_>>().join(",");
+            text.push('\n');
+        }
+        text
+    }
+
+    fn json(&self) -> Value {
+        let row = |row: &Vec<Cell>| -> Value {
+            let fields = self.columns.iter().zip(row).map(|(name, cell)| ((*name).to_owned(), cell.json()));
+            Value::Object(fields.collect())
+        };
+        let rows: Vec<Value> = self.rows.iter().map(row).collect();
+        json!({ "id": self.id, "title": self.title, "notes": self.notes, "rows": rows })
+    }
+}
+
+/// All that a run says.
+pub(crate) struct Report {
+    tables: Vec<Table>,
+    threads: Table,
+    goals: Table,
+    wrong: Vec<String>,
+    missed: usize,
+}
+
+impl Report {
+    pub(crate) fn new() -> Self {
+        let columns = ["what", "goal", "measured", "verdict"];
+        let goals = Table::new("goals", "Goals, number by number", &columns);
+        let columns = ["what", "1 thread", "2 threads", "ratio", "p25", "p75", "arithmetic", "goal", "verdict"];
+        let threads = Table::new("threads", "Two threads against one, taking turns; ms a frame", &columns);
+        Self { tables: Vec::new(), threads, goals, wrong: Vec::new(), missed: 0 }
+    }
+
+    /// Measures a number against its goal: the two cells "goal" and "verdict", and a line of the last table.
+    pub(crate) fn judge(&mut self, what: impl Into<String>, goal: Goal, measured: f64) -> [Cell; 2] {
+        let met = goal.is_met(measured);
+        self.missed += usize::from(!met);
+        let verdict = Cell::text(if met { "met" } else { "not met" });
+        self.goals.row(vec![
+            Cell::Text(what.into()),
+            Cell::Text(goal.shown()),
+            Cell::Number(measured, 3),
+            verdict.clone(),
+        ]);
+        [Cell::Text(goal.shown()), verdict]
+    }
+
+    /// The two cells where nothing was asked.
+    pub(crate) fn no_goal() -> [Cell; 2] {
+        [Cell::Empty, Cell::Empty]
+    }
+
+    /// Compares the times of one thread with those of two, and with what [plain arithmetic](crate::timing::arithmetic) gained meanwhile.
+    pub(crate) fn threads(&mut self, what: &str, [one, two]: [&Times; 2], [alone, both]: [&Times; 2]) {
+        let [low, ratio, high] = one.over(two);
+        let mut row = vec![Cell::text(what), Cell::Number(one.median(), 3), Cell::Number(two.median(), 3)];
+        row.extend([ratio, low, high, 2.0 * alone.over(both)[1]].map(|x| Cell::Number(x, 2)));
+        row.extend(self.judge(format!("{what}: 2 threads over 1"), Goal::AtLeast(1.7), ratio));
+        self.threads.row(row);
+    }
+
+    /// A goal that could not be measured.
+    pub(crate) fn skipped(&mut self, what: impl Into<String>, goal: Goal) {
+        let row = vec![Cell::Text(what.into()), Cell::Text(goal.shown()), Cell::Empty, Cell::text("skipped")];
+        self.goals.row(row);
+    }
+
+    /// A timed answer that is not the right one. The run goes on, and fails in the end.
+    pub(crate) fn wrong(&mut self, what: impl Into<String>) {
+        self.wrong.push(what.into());
+    }
+
+    /// Prints a finished table at once: a run takes minutes.
+    pub(crate) fn add(&mut self, table: Table) {
+        table.print();
+        self.tables.push(table);
+    }
+
+    /// Prints the goals, writes the files, and says whether every timed answer was right.
+    ///
+    /// # Errors
+    /// When a file cannot be written.
+    pub(crate) fn finish(mut self, machine: Value, folder: &Path) -> Result<bool, Box<dyn Error>> {
+        let empty = || Table::new("", "", &[]);
+        let mut threads = std::mem::replace(&mut self.threads, empty());
+        threads.note("Ratios are medians over rounds. \"arithmetic\" is what two threads of plain arithmetic gained in the same rounds:");
+        threads.note("2 when the second core was free.");
+        self.add(threads);
+        let goals = std::mem::replace(&mut self.goals, empty());
+        self.add(goals);
+        println!("  {} not met", self.missed);
+        fs::create_dir_all(folder)?;
+        for table in &self.tables {
+            fs::write(folder.join(format!("{}.csv", table.id)), table.csv())?;
+        }
+        let tables: Vec<Value> = self.tables.iter().map(Table::json).collect();
+        let all = json!({ "machine": machine, "tables": tables, "wrong": self.wrong });
+        fs::write(folder.join("reconstruct.json"), serde_json::to_string_pretty(&all)? + "\n")?;
+        for what in &self.wrong {
+            println!("\nWRONG ANSWER: {what}");
+        }
+        Ok(self.wrong.is_empty())
+    }
+}

@@ -1,0 +1,127 @@
+//! Times of inserts: contestants take turns, so that what else the machine does falls on all of them.
+
+use std::error::Error;
+use std::hint::black_box;
+use std::time::Instant;
+
+use sonoweave::mask::Mask;
+use sonoweave::reconstruct::{Reconstructor, Settings};
+use sonoweave::slice::Slice;
+
+/// The value below which the fraction `q` of the samples lies, between neighbours by line; NaN of none.
+pub(crate) fn quantile(samples: &[f64], q: f64) -> f64 {
+    let mut sorted = samples.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let Some(last) = sorted.len().checked_sub(1) else { return f64::NAN };
+    let at = q * last as f64;
+    let low = at.floor() as usize;
+    sorted[low] + (sorted[(low + 1).min(last)] - sorted[low]) * at.fract()
+}
+
+/// Milliseconds an insert, run by run.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Times {
+    runs: Vec<Vec<f64>>,
+}
+
+impl Times {
+    fn all(&self) -> Vec<f64> {
+        self.runs.concat()
+    }
+
+    /// Over all inserts of all runs.
+    pub(crate) fn quantile(&self, q: f64) -> f64 {
+        quantile(&self.all(), q)
+    }
+
+    pub(crate) fn median(&self) -> f64 {
+        self.quantile(0.5)
+    }
+
+    /// The median of the first inserts, which pay for what depends on the pixel size and for most of the first bricks.
+    pub(crate) fn first(&self) -> f64 {
+        let firsts: Vec<f64> = self.runs.iter().filter_map(|run| run.first().copied()).collect();
+        quantile(&firsts, 0.5)
+    }
+
+    /// How many times slower this is than `other`: quartiles over rounds of the ratio of the two runs' medians.
+    pub(crate) fn over(&self, other: &Self) -> [f64; 3] {
+        let ratios: Vec<f64> =
+            self.runs.iter().zip(&other.runs).map(|(a, b)| quantile(a, 0.5) / quantile(b, 0.5)).collect();
+        [0.25, 0.5, 0.75].map(|q| quantile(&ratios, q))
+    }
+}
+
+/// Gives the milliseconds of each insert of one run.
+pub(crate) type Contestant<'a> = Box<dyn FnMut() -> Result<Vec<f64>, Box<dyn Error>> + 'a>;
+
+/// Runs all contestants in every round, to and fro.
+pub(crate) fn interleaved(rounds: usize, contestants: &mut [Contestant<'_>]) -> Result<Vec<Times>, Box<dyn Error>> {
+    let mut times = vec![Times::default(); contestants.len()];
+    for round in 0..rounds {
+        let mut order: Vec<usize> = (0..contestants.len()).collect();
+        if round % 2 == 1 {
+            order.reverse();
+        }
+        for c in order {
+            times[c].runs.push(contestants[c]()?);
+        }
+    }
+    Ok(times)
+}
+
+/// Times one call for each slice.
+pub(crate) fn each<E: Into<Box<dyn Error>>>(
+    slices: &[Slice],
+    mut insert: impl FnMut(&Slice) -> Result<(), E>,
+) -> Result<Vec<f64>, Box<dyn Error>> {
+    slices
+        .iter()
+        .map(|slice| {
+            let start = Instant::now();
+            insert(slice).map_err(Into::into)?;
+            Ok(start.elapsed().as_secs_f64() * 1e3)
+        })
+        .collect()
+}
+
+/// A new reconstructor for every run: its memory, its filter and its threads' start are part of what a scan costs. Making it is not timed.
+pub(crate) fn ours<'a>(settings: &'a Settings, mask: &'a Mask, slices: &'a [Slice]) -> Contestant<'a> {
+    Box::new(move || {
+        let mut reconstructor = Reconstructor::new(settings.clone(), mask.clone())?;
+        each(slices, |slice| reconstructor.insert(slice).map(drop))
+    })
+}
+
+/// Plain arithmetic on all threads of a pool at once, a few milliseconds each, as often as a scan has slices: how much of a second core there is to
+/// be had just now, for threads that sleep and wake like the reconstructor's.
+pub(crate) fn arithmetic<'a>(threads: usize) -> Contestant<'a> {
+    Box::new(move || {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+        let time = |_| {
+            let start = Instant::now();
+            pool.broadcast(|_| {
+                let mut x = black_box(1.0_f64);
+                for _ in 0..1_000_000 {
+                    x = x * 0.999 + 0.001;
+                }
+                black_box(x);
+            });
+            start.elapsed().as_secs_f64() * 1e3
+        };
+        Ok((0..20).map(time).collect())
+    })
+}
+
+/// All slices in a new reconstructor, untimed: warms up, and its volume is what is checked.
+pub(crate) fn reconstructed(
+    settings: &Settings,
+    mask: &Mask,
+    slices: &[Slice],
+) -> Result<Reconstructor, Box<dyn Error>> {
+    let mut reconstructor = Reconstructor::new(settings.clone(), mask.clone())?;
+    for slice in slices {
+        reconstructor.insert(slice)?;
+    }
+    Ok(reconstructor)
+}

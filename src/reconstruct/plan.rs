@@ -1,0 +1,112 @@
+//! A slice's work list: the bricks it will change, found before anything is changed, and their weaving.
+
+use super::reconstructor::Refused;
+use super::sharing::Sharing;
+use super::simd::Simd;
+use super::slab::{MaskSummary, Sight, SlabGeometry};
+use super::weave::{Scratch, Task, View, touches, weave};
+use crate::volume::BrickVolume;
+use crate::volume::brick::{Brick, BrickIndex};
+use crate::volume::sparse::Slot;
+
+/// Bricks that one task of a thread weaves.
+const BRICKS_PER_TASK: usize = 16;
+
+/// The bricks of one slice. Kept from slice to slice for its memory.
+#[derive(Default)]
+pub(super) struct Plan {
+    /// Bricks that exist and may change, in the lattice's order; then those that have been made.
+    pub(super) tasks: Vec<Task>,
+    /// Bricks that do not exist and will change, in the lattice's order.
+    pub(super) absent: Vec<(BrickIndex, Task)>,
+    /// Bricks that intervals could not exclude.
+    pub(super) considered: u64,
+}
+
+impl Plan {
+    /// Finds a slice's bricks. Whether one that does not exist is worth making is asked of its voxels.
+    ///
+    /// # Errors
+    /// [`Refused::OutOfRange`] and [`Refused::Memory`].
+    pub(super) fn find(
+        &mut self,
+        geometry: &SlabGeometry,
+        mask: &MaskSummary,
+        volume: &BrickVolume,
+        view: &View<'_>,
+        simd: Simd,
+        limit_bytes: u64,
+    ) -> Result<(), Refused> {
+        self.tasks.clear();
+        self.absent.clear();
+        self.considered = 0;
+        let bricks = geometry.brick_box().ok_or(Refused::OutOfRange)?;
+        let most = limit_bytes / size_of::<Brick>() as u64;
+        let room = most.saturating_sub(volume.len() as u64);
+        let rows: u64 = bricks[1..].iter().map(|r| u64::from(r.end().abs_diff(*r.start())) + 1).product();
+        // A slab of n bricks spans at most about n rows; far more rows than the memory holds bricks is a slab that cannot fit.
+        if rows / 64 > most {
+            return Err(Refused::Memory { needed: rows - most, limit_bytes });
+        }
+        let mut scratch = Scratch::new();
+        let mut finder = volume.finder();
+        geometry.walk(&bricks, mask, |index, sight| {
+            self.considered += 1;
+            let found = finder.find(index);
+            let task = Task::new(found.unwrap_or_default(), sight, geometry.in_brick(index));
+            match found {
+                Some(_) => self.tasks.push(task),
+                None if touches(simd, &task, view, &mut scratch) => self.absent.push((index, task)),
+                None => {}
+            }
+            self.absent.len() as u64 <= room
+        });
+        match (self.absent.len() as u64).saturating_sub(room) {
+            0 => Ok(()),
+            needed => Err(Refused::Memory { needed, limit_bytes }),
+        }
+    }
+}
+
+/// A chunk of the arena, shared between threads that take different bricks of it.
+#[derive(Clone, Copy)]
+pub(super) struct BrickChunk(*mut Brick);
+#[allow(unsafe_code, reason = "bricks are handed to threads one by one")]
+// SAFETY: the pointer is used only in `weave_all`, where no two tasks have the same brick.
+unsafe impl Send for BrickChunk {}
+#[allow(unsafe_code, reason = "bricks are handed to threads one by one")]
+// SAFETY: as above.
+unsafe impl Sync for BrickChunk {}
+
+/// Weaves all tasks, each brick by one thread.
+#[allow(unsafe_code, reason = "hands bricks of the arena to threads")]
+pub(super) fn weave_all(
+    volume: &mut BrickVolume,
+    chunks: &mut Vec<BrickChunk>,
+    tasks: &mut [Task],
+    view: &View<'_>,
+    simd: Simd,
+    sharing: Sharing,
+) {
+    chunks.clear();
+    chunks.extend(volume.chunk_pointers().map(BrickChunk));
+    let chunks = chunks.as_slice();
+    let run = |scratch: &mut Scratch, task: &mut Task| {
+        let (chunk, place) = BrickVolume::locate(task.slot);
+        let chunk: BrickChunk = chunks[chunk];
+        // SAFETY: `chunks` holds the base of each chunk of the volume, which is borrowed mutably meanwhile, and `locate` gives a place
+        // inside its chunk for every slot that the volume has handed out. Each brick of the lattice is visited once in a walk and has
+        // a slot of its own, so no two tasks reach the same brick.
+        let brick = unsafe { &mut *chunk.0.add(place) };
+        weave(simd, brick, task, view, scratch);
+    };
+    sharing.chunks_with(tasks, BRICKS_PER_TASK, Scratch::new, |scratch, _, tasks| {
+        tasks.iter_mut().for_each(|task| run(scratch, task));
+    });
+}
+
+impl Task {
+    fn new(slot: Slot, sight: Sight, functions: [[f32; 4]; 3]) -> Self {
+        Self { slot, sight, functions, updated: 0, clamped: 0, vectors: 0 }
+    }
+}
