@@ -200,8 +200,11 @@ fn poses_that_the_tracker_does_not_vouch_for() {
 fn frames_that_are_not_there() {
     let place = Place::new();
     place.put("s.mha", Sequence::default().bytes());
-    place.refuses("reconstruct s.mha -o v.mha --frames 6..9", &["no frame could be used"]);
-    place.refuses("reconstruct s.mha -o v.mha --frames 1000..", &["no frame could be used"]);
+    let says =
+        |range: &str| format!("--frames {range} holds no frame that can be used: the recording has frames 0 to 5");
+    place.refuses("reconstruct s.mha -o v.mha --frames 6..9", &[&says("6..9")]);
+    place
+        .refuses("reconstruct s.mha -o v.mha --frames 1000..", &["--frames 1000..", "the recording has frames 0 to 5"]);
 }
 
 #[test]

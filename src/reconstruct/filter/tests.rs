@@ -170,7 +170,6 @@ fn the_interior_of_the_mask_is_certain_to_the_bit_and_a_constant_stays() {
 #[test]
 fn a_mask_without_data_has_no_filter() {
     assert!(
-        SliceFilter::new(Simd::Portable, taps([2.0, 2.0]), Mask::from_fn(9, 9, |_, _| false), [1.0, 1.0])
-            .is_none()
+        SliceFilter::new(Simd::Portable, taps([2.0, 2.0]), Mask::from_fn(9, 9, |_, _| false), [1.0, 1.0]).is_none()
     );
 }
