@@ -11,7 +11,7 @@ use glam::DVec3;
 use crate::config::Settings as Config;
 use crate::ingest::{Ingest, Sample};
 use crate::ledger::Ledger;
-use crate::mask::{Found, Mask, MaskPlan, MaskSettings};
+use crate::mask::{AutoMask, Found, Mask, MaskPlan, MaskSettings};
 use crate::reconstruct::{Reconstructor, Refused, Settings, SettingsError};
 use crate::refusal::{Reason, Refusal};
 use crate::slice::{Pixels, Slice};
@@ -20,6 +20,8 @@ use crate::sync::{FramePose, NoPath, Pairing, PairingOptions, Survey, survey};
 
 /// How long a device may take for a reading; one that reads a file never waits.
 const PATIENCE: Duration = Duration::from_secs(1);
+/// Pictures that wait for the mask may hold this much; of larger ones, fewer are looked at.
+const MOST_WAITING_BYTES: usize = 64 << 20;
 /// Part of the gaps between neighbouring slices that the automatic σ covers with its full width.
 const GAP_QUANTILE: f64 = 0.9;
 
@@ -116,7 +118,9 @@ pub enum PipelineError {
     /// The frames asked for are not in the recording, or none of them has a usable pose.
     #[error(
         "--frames {start}..{end} holds no frame that can be used: the recording has frames 0 to {last}",
-        start = frames.start, end = frames.end, last = total.saturating_sub(1)
+        start = frames.start,
+        end = if frames.end == u64::MAX { String::new() } else { frames.end.to_string() },
+        last = total.saturating_sub(1)
     )]
     NoSuchFrames {
         /// The frames asked for.
@@ -228,8 +232,14 @@ pub fn gaps(poses: &[FramePose]) -> Vec<f64> {
 
 /// The mask stage: slices wait until the picture's border is known.
 enum Masking {
-    Searching { search: crate::mask::AutoMask, waiting: Vec<(u64, Slice)> },
+    Searching { search: AutoMask, waiting: Vec<(u64, Slice)>, bytes: usize },
     Known(Box<Reconstructor>),
+}
+
+impl Masking {
+    fn known(settings: &Settings, mask: &Mask) -> Result<Self, SettingsError> {
+        Ok(Self::Known(Box::new(Reconstructor::new(settings.clone(), mask.clone())?)))
+    }
 }
 
 /// A run under way.
@@ -249,42 +259,32 @@ struct Run {
 
 impl Run {
     fn new(job: &Job, plan: MaskPlan, survey: &Survey, options: PairingOptions) -> Result<Self, PipelineError> {
-        let mut run = Self {
+        let pairing = Pairing::with_names(options, &survey.names)?;
+        let (stage, mask) = match plan {
+            MaskPlan::Auto(search) => (Masking::Searching { search, waiting: Vec::new(), bytes: 0 }, None),
+            MaskPlan::Fixed(mask) => (Masking::known(&job.settings, &mask)?, Some(mask)),
+        };
+        Ok(Self {
             ingest: Ingest::new(),
-            pairing: Pairing::with_names(options, &survey.names)?,
+            pairing,
             ledger: Ledger::default(),
             settings: job.settings.clone(),
             frames: job.frames.clone(),
-            stage: Masking::Searching { search: crate::mask::AutoMask::new(0, 0), waiting: Vec::new() },
-            mask: None,
+            stage,
+            mask,
             notes: Vec::new(),
             insert_ms: Vec::new(),
             pixels: PixelKind::U8,
             seen: 0,
-        };
-        match plan {
-            MaskPlan::Auto(search) => run.stage = Masking::Searching { search, waiting: Vec::new() },
-            MaskPlan::Fixed(mask) => run.begin(mask)?,
-        }
-        Ok(run)
-    }
-
-    fn begin(&mut self, mask: Mask) -> Result<(), PipelineError> {
-        let reconstructor = Reconstructor::new(self.settings.clone(), mask.clone())?;
-        self.mask = Some(mask);
-        self.stage = Masking::Known(Box::new(reconstructor));
-        Ok(())
+        })
     }
 
     /// The border was found: what has waited for it goes on.
     fn found(&mut self, found: Found) -> Result<(), PipelineError> {
         self.notes.extend(found.notes);
-        let before = std::mem::replace(
-            &mut self.stage,
-            Masking::Searching { search: crate::mask::AutoMask::new(0, 0), waiting: Vec::new() },
-        );
-        self.begin(found.mask)?;
-        if let Masking::Searching { waiting, .. } = before {
+        let known = Masking::known(&self.settings, &found.mask)?;
+        self.mask = Some(found.mask);
+        if let Masking::Searching { waiting, .. } = std::mem::replace(&mut self.stage, known) {
             for (item, slice) in waiting {
                 self.insert(item, &slice)?;
             }
@@ -327,10 +327,11 @@ impl Run {
     fn slice(&mut self, item: u64, slice: Slice) -> Result<(), PipelineError> {
         let found = match &mut self.stage {
             Masking::Known(_) => return self.insert(item, &slice),
-            Masking::Searching { search, waiting } => {
+            Masking::Searching { search, waiting, bytes } => {
                 let found = search.push(&slice.image);
+                *bytes += slice.image.pixels().bytes();
                 waiting.push((item, slice));
-                found
+                found.or_else(|| (*bytes > MOST_WAITING_BYTES).then(|| search.finish()))
             }
         };
         found.map_or(Ok(()), |found| self.found(found))

@@ -33,6 +33,15 @@ impl Pixels {
         }
     }
 
+    /// Memory that they take.
+    pub fn bytes(&self) -> usize {
+        match self {
+            Self::U8(p) => size_of_val(&**p),
+            Self::U16(p) => size_of_val(&**p),
+            Self::F32(p) => size_of_val(&**p),
+        }
+    }
+
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.len() == 0

@@ -133,6 +133,18 @@ pub struct NamedTransform {
     pub status: Status,
 }
 
+impl NamedTransform {
+    /// The transform's name as files have it, less the word Transform.
+    pub fn name(&self) -> String {
+        transform_name(&self.from, &self.to)
+    }
+}
+
+/// `FromToTo`, or the first name alone where a source gives no second.
+pub fn transform_name(from: &str, to: &str) -> String {
+    if to.is_empty() { from.to_owned() } else { format!("{from}To{to}") }
+}
+
 /// A decision or setting of an earlier run, as recorded.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Recorded {

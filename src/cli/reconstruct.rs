@@ -358,6 +358,7 @@ fn provenance(arguments: &Arguments, outcome: &Outcome, hash: &str) -> Result<Ve
         fields.push(line("SigmaMm", sigma));
         fields.push(line("SupportMm", support));
     }
+    fields.push(line("Unseen", format!("{}", arguments.unseen)));
     fields.push(line("Frames", format!("{} of {}", outcome.ledger.frames.used, outcome.ledger.frames.total)));
     Ok(fields)
 }

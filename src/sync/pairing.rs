@@ -4,7 +4,7 @@ use calibration::frames::{
     BadMatrix, Image as ImageFrame, NotRigid, Transform, World, affine_from_rows, nearest_rigid,
 };
 use calibration::named::StaticTransform;
-use drivers::reading::{NamedTransform, Stamp, Status};
+use drivers::reading::{NamedTransform, Stamp, Status, transform_name};
 use glam::DAffine3;
 
 use super::graph::{Edge, Names, NoPath, Route, find};
@@ -273,7 +273,7 @@ impl Pairing {
 
 impl Held {
     fn name(&self) -> String {
-        format!("{}To{}", self.names.0, self.names.1)
+        transform_name(&self.names.0, &self.names.1)
     }
 
     /// The transform of a stamp, fit for use, and how far it was off a rigid one.

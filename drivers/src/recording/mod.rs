@@ -45,7 +45,7 @@ pub struct Limits {
 
 impl Default for Limits {
     fn default() -> Self {
-        Self { header_bytes: 128 << 20, frame_bytes: 256 << 20, items: 1 << 24 }
+        Self { header_bytes: 128 << 20, frame_bytes: 64 << 20, items: 1 << 24 }
     }
 }
 

@@ -296,11 +296,7 @@ impl Walk {
     }
 
     fn transform(&mut self, transform: &NamedTransform) {
-        let name = if transform.to.is_empty() {
-            transform.from.clone()
-        } else {
-            format!("{}To{}", transform.from, transform.to)
-        };
+        let name = transform.name();
         let at = self.transforms.iter().position(|known| known.name == name).unwrap_or_else(|| {
             self.transforms.push(TransformCount { name, status: BTreeMap::new() });
             self.transforms.len() - 1
