@@ -15,10 +15,10 @@ const BRICKS_PER_TASK: usize = 16;
 /// The bricks of one slice. Kept from slice to slice for its memory.
 #[derive(Default)]
 pub(super) struct Plan {
-    /// Bricks that exist and may change, in the lattice's order; then those that have been made.
+    /// Bricks that may change, in the lattice's order.
     pub(super) tasks: Vec<Task>,
-    /// Bricks that do not exist and will change, in the lattice's order.
-    pub(super) absent: Vec<(BrickIndex, Task)>,
+    /// Those of them that do not exist and will change: which task, and where. Their slots are not known until they are made.
+    pub(super) absent: Vec<(usize, BrickIndex)>,
     /// Bricks that intervals could not exclude.
     pub(super) considered: u64,
 }
@@ -54,10 +54,11 @@ impl Plan {
             self.considered += 1;
             let found = finder.find(index);
             let task = Task::new(found.unwrap_or_default(), sight, geometry.in_brick(index));
-            match found {
-                Some(_) => self.tasks.push(task),
-                None if touches(simd, &task, view, &mut scratch) => self.absent.push((index, task)),
-                None => {}
+            if found.is_some() {
+                self.tasks.push(task);
+            } else if touches(simd, &task, view, &mut scratch) {
+                self.absent.push((self.tasks.len(), index));
+                self.tasks.push(task);
             }
             self.absent.len() as u64 <= room
         });

@@ -338,9 +338,8 @@ impl Reconstructor {
             return Err(Refused::Memory { needed: new as u64, limit_bytes: self.volume.bytes() });
         }
 
-        for (index, mut task) in self.plan.absent.drain(..) {
-            task.slot = self.volume.find_or_insert(index).0;
-            self.plan.tasks.push(task);
+        for (task, index) in &self.plan.absent {
+            self.plan.tasks[*task].slot = self.volume.find_or_insert(*index).0;
         }
         let view = View::new(&filter.value, filter.level, certainty, &normal, most_weight);
         let tasks = &mut self.plan.tasks;
@@ -351,8 +350,6 @@ impl Reconstructor {
             touched.bricks.push(self.volume.place(task.slot));
             touched.voxels += u64::from(task.updated);
         }
-        // Two ascending runs, bricks that were there and new ones: a stable sort merges them.
-        touched.bricks.sort_by_key(|[x, y, z]| [*z, *y, *x]);
         let sum = |f: fn(&Task) -> u32| tasks.iter().map(|t| u64::from(f(t))).sum::<u64>();
         self.work.slices += 1;
         self.work.filter.pixels += filter.work.pixels;
