@@ -149,7 +149,7 @@ fn claims_beyond_the_limits_are_refused_before_anything_is_allocated() {
         sentence(&recording(false), header).contains("the header's size in bytes is 101, more than the limit of 100")
     );
     // Within the default limits, but a gigabyte cannot be in a few bytes.
-    let text = sentence(&replaced(true, "DimSize = 4 2 3", "DimSize = 8192 8192 8"), Limits::default());
+    let text = sentence(&replaced(true, "DimSize = 4 2 3", "DimSize = 4096 8192 16"), Limits::default());
     assert!(text.contains("compressed bytes in the file can hold"), "{text}");
 }
 
