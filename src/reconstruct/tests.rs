@@ -178,13 +178,13 @@ fn many_slices_of_a_constant_stay_within_the_rounding_of_their_sums() {
     assert!(relative <= 4.0 * (n as f32).sqrt() * 2.0_f32.powi(-24), "{relative}");
 }
 
-/// Parallel f32 slices across the scene, 0.3 mm apart.
-fn parallel(scene: Scene, spacing: f64, sigma: [f64; 3]) -> Reconstructor {
+/// 24 mm of parallel f32 slices across the scene, in voxels of 0.5 mm.
+fn parallel(scene: Scene, gap_mm: f64, sigma: [f64; 3], support: Option<Support>) -> Reconstructor {
     let scan = Scan::new(ScanSettings {
         scene,
         motion: Motion::Parallel,
-        frames: 80,
-        gap_mm: 0.3,
+        frames: (24.0 / gap_mm) as u32,
+        gap_mm,
         image_size: [120, 120],
         pixel_mm: [0.2, 0.2],
         noise_sd: 0.0,
@@ -193,7 +193,7 @@ fn parallel(scene: Scene, spacing: f64, sigma: [f64; 3]) -> Reconstructor {
         ..ScanSettings::default()
     })
     .unwrap();
-    let settings = Settings { sigma_mm: sigma.map(Some), ..Settings::new(DVec3::splat(spacing)) };
+    let settings = Settings { sigma_mm: sigma.map(Some), support, ..settings() };
     let mut r = Reconstructor::new(settings, Mask::full(120, 120)).unwrap();
     for i in 0..scan.frames() {
         r.insert(&scan.slice(i)).unwrap();
@@ -216,7 +216,7 @@ fn values(r: &Reconstructor, within: impl Fn(DVec3) -> bool) -> Vec<(DVec3, f64)
 #[test]
 fn a_ramp_is_reproduced_without_a_shift() {
     let scene = Scene::standard_ramp();
-    let r = parallel(scene.clone(), 0.5, [0.4, 0.4, 0.5]);
+    let r = parallel(scene.clone(), 0.3, [0.4, 0.4, 0.5], None);
     let inside = values(&r, |p| p.abs().max_element() < 8.0);
     assert!(inside.len() > 20_000);
     let bias = inside.iter().map(|(p, value)| value - scene.value(*p)).sum::<f64>() / inside.len() as f64;
@@ -233,7 +233,7 @@ fn blobs_come_out_blurred_by_the_effective_kernel() {
     let mut blobs = crate::phantom::scene::Blobs::draw(5);
     blobs.sphere = None;
     let scene = Scene::Blobs(blobs);
-    let r = parallel(scene.clone(), 0.5, [0.5, 0.7, 0.9]);
+    let r = parallel(scene.clone(), 0.3, [0.5, 0.7, 0.9], None);
     let kernels = r.kernels().unwrap();
     let frame = Scan::new(ScanSettings { motion: Motion::Parallel, frames: 3, ..ScanSettings::default() }).unwrap();
     let axes = frame.world_from_image(1).affine().matrix3;
@@ -257,32 +257,7 @@ fn a_sphere_keeps_its_closed_form_under_an_isotropic_kernel() {
     let Scene::Sphere(sphere) = Scene::standard_sphere() else { unreachable!() };
     let scene = Scene::Sphere(Sphere { centre: DVec3::new(0.3, -0.2, 0.1), radius: 6.0, edge_sigma: 0.3, ..sphere });
     // Supports differ in and off the plane; the energy criterion for all makes them alike.
-    let scan = |sigma: f64| {
-        let scan = Scan::new(ScanSettings {
-            scene: scene.clone(),
-            motion: Motion::Parallel,
-            frames: 120,
-            gap_mm: 0.2,
-            image_size: [120, 120],
-            pixel_mm: [0.2, 0.2],
-            noise_sd: 0.0,
-            depth: Depth::F32,
-            fan: None,
-            ..ScanSettings::default()
-        })
-        .unwrap();
-        let settings = Settings {
-            sigma_mm: [Some(sigma); 3],
-            support: Some(Support::Energy(1e-4)),
-            ..Settings::new(DVec3::splat(0.5))
-        };
-        let mut r = Reconstructor::new(settings, Mask::full(120, 120)).unwrap();
-        for i in 0..scan.frames() {
-            r.insert(&scan.slice(i)).unwrap();
-        }
-        r
-    };
-    let r = scan(0.8);
+    let r = parallel(scene.clone(), 0.2, [0.8; 3], Some(Support::Energy(1e-4)));
     let sigma = r.kernels().unwrap()[0].sigma_effective_mm();
     let covariance = DMat3::from_diagonal(DVec3::splat(sigma * sigma));
     let step = (scene.value(DVec3::ZERO) - scene.value(DVec3::splat(11.0))).abs();

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use drivers::reading::{Frame, NamedTransform, Status};
 use drivers::recording::SequenceSettings;
+use drivers::recording::metaimage::STRUCTURE;
 use drivers::{Next, OpenSettings, Reading};
 use glam::DVec3;
 use serde::Serialize;
@@ -24,35 +25,12 @@ use crate::sync::{PairingOptions, Survey, survey};
 /// How long a device may take for a reading; one that reads a file never waits.
 const PATIENCE: Duration = Duration::from_secs(1);
 
-/// Fields of the whole file whose meaning is shown by other words.
-const KNOWN: [&str; 26] = [
-    "ObjectType",
-    "NDims",
-    "AnatomicalOrientation",
-    "BinaryData",
-    "BinaryDataByteOrderMSB",
-    "ElementByteOrderMSB",
-    "CompressedData",
-    "CompressedDataSize",
-    "CompressionLevel",
-    "HeaderSize",
-    "TransformMatrix",
-    "Rotation",
-    "Orientation",
-    "Offset",
-    "Position",
-    "Origin",
-    "CenterOfRotation",
-    "ElementSpacing",
-    "ElementSize",
-    "DimSize",
-    "Kinds",
-    "ElementNumberOfChannels",
-    "ElementType",
-    "ElementDataFile",
-    "UltrasoundImageOrientation",
-    "UltrasoundImageType",
-];
+/// Fields of the whole file whose meaning is shown by other words, beside those of its structure.
+const KNOWN: [&str; 3] = ["AnatomicalOrientation", "UltrasoundImageOrientation", "UltrasoundImageType"];
+
+fn is_known(field: &str) -> bool {
+    KNOWN.contains(&field) || STRUCTURE.contains(&field)
+}
 
 /// A sequence's content.
 #[derive(Debug, Serialize)]
@@ -213,7 +191,7 @@ impl SequenceReport {
             frame_numbers: walk.numbers,
             transforms: walk.transforms,
             frame_fields: walk.fields,
-            header_fields: description.fields.into_iter().filter(|(name, _)| !KNOWN.contains(&name.as_str())).collect(),
+            header_fields: description.fields.into_iter().filter(|(name, _)| !is_known(name)).collect(),
             placement,
         })
     }

@@ -19,7 +19,7 @@ use header::{Header, Parser};
 pub use layout::Content;
 use layout::Layout;
 use stream::Trouble;
-pub use volume::{VolumeHeader, VolumeReader};
+pub use volume::{STRUCTURE, VolumeHeader, VolumeReader};
 
 use super::Limits;
 use crate::Error;

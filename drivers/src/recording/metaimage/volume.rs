@@ -11,8 +11,8 @@ use crate::Error;
 use crate::reading::PixelType;
 use crate::recording::Limits;
 
-/// Fields that say how the voxels are stored and where they lie; [`VolumeHeader`] holds their meaning.
-pub(super) const STRUCTURE: [&str; 23] = [
+/// Fields that say how the pixels are stored and where they lie; the readers give their meaning in other words.
+pub const STRUCTURE: [&str; 23] = [
     "ObjectType",
     "NDims",
     "BinaryData",
