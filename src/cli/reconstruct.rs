@@ -161,7 +161,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let frames = job.frames.clone();
     // Fails before the work, not after it, where the output cannot be.
     arguments.check_outputs()?;
-    let bar = input::progress("weaving", 0);
+    let bar = input::progress("weaving", 1);
     let result = pipeline::reconstruct(job, |p| {
         bar.set_length(p.total);
         bar.set_position(p.done);

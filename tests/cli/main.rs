@@ -8,3 +8,4 @@ mod place;
 mod refusals;
 mod results;
 mod sequence;
+mod settings;

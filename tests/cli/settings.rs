@@ -1,0 +1,108 @@
+//! Where a reconstruction's settings come from, and that each flag reaches what it names.
+
+use std::collections::BTreeSet;
+
+use serde_json::{Value, json};
+
+use super::place::Place;
+
+/// Statistics of a reconstruction of a small sweep (pixels of 0.5 mm, so that the in-plane σ defaults to 0.375 mm).
+fn statistics(place: &Place, flags: &str) -> Value {
+    place.does(&format!("reconstruct s.mha -o v.mha --stats s.json {flags}"));
+    place.json("s.json")
+}
+
+fn sweep(flags: &str) -> Place {
+    let place = Place::new();
+    place.does(&format!("phantom -o s.mha --image-size 40x36 --pixel 0.5 --frames 9 --gap 0.5 {flags}"));
+    place
+}
+
+fn numbers(value: &Value) -> [f64; 3] {
+    std::array::from_fn(|axis| value[axis].as_f64().unwrap())
+}
+
+fn close(value: &Value, expected: [f64; 3]) {
+    for (found, expected) in numbers(value).into_iter().zip(expected) {
+        assert!((found / expected - 1.0).abs() < 1e-4, "{value} against {expected}");
+    }
+}
+
+/// A configuration with a resolution and a spacing; the sweep brings its own way to the world.
+const CONFIG: &str = "format = \"sonoweave-calibration\"\nversion = 1\n[resolution]\nhwhm_mm = [0.4, 0.4, 2.0]\n\
+                      [volume]\nspacing_mm = [0.8, 0.8, 0.8]\n[image]\nclip_px = { x = 4, y = 5, width = 20, height = 10 }\n";
+
+#[test]
+fn defaults_follow_spacing_pixel_and_the_configurations_resolution() {
+    let place = sweep("");
+    let s = statistics(&place, "--clip none");
+    close(&s["sigma_mm"], [0.375, 0.375, 1.0]);
+    close(&s["support_mm"], [0.375 * 3.890_592, 0.375 * 3.890_592, 2.575_829]);
+    assert_eq!((&s["method"], &s["grid"]["spacing"]), (&json!("gaussian"), &json!([0.5, 0.5, 0.5])));
+    assert!(s["decimation_deviation"].as_f64().unwrap() <= 0.002, "{s}");
+
+    place.put("c.toml", CONFIG);
+    let s = statistics(&place, "--config c.toml");
+    // Off the plane σ is the resolution's, h/√(ln 4); in the plane it follows the voxels.
+    close(&s["sigma_mm"], [0.6, 0.6, 2.0 * 0.849_321_8]);
+    assert_eq!(s["grid"]["spacing"], json!([0.8, 0.8, 0.8]));
+    assert_eq!(s["data_rectangle"], json!([4, 5, 20, 10]));
+    // The command line comes first.
+    let s = statistics(&place, "--config c.toml --spacing 0.5 --clip 0,0,8,8 --sigma 0.5,0.6,0.7");
+    close(&s["sigma_mm"], [0.5, 0.6, 0.7]);
+    assert_eq!((&s["grid"]["spacing"], &s["data_pixels"]), (&json!([0.5, 0.5, 0.5]), &json!(64)));
+}
+
+#[test]
+fn kernel_flags_reach_the_kernel() {
+    let place = sweep("");
+    let plain = "--clip none --sigma 1,1,1";
+    let cases = [
+        ("--resolution 1,2,3", [0.849_321_8, 1.698_643_6, 2.547_965_4], None),
+        ("--sigma 1,1,1 --leakage 0.001", [1.0; 3], Some(3.290_527)),
+        ("--sigma 1,1,1 --support energy=0.1", [1.0; 3], Some(1.644_854)),
+        ("--sigma 1,1,1 --support amplitude=0.01", [1.0; 3], Some(2.715_2)),
+        ("--sigma 1,1,1 --support gradient=0.01", [1.0; 3], Some(3.104_5)),
+        ("--sigma 1,1,1 --support peak=0.135335283", [1.0; 3], Some(2.0)),
+    ];
+    for (flags, sigma, support) in cases {
+        let s = statistics(&place, &format!("--clip none {flags}"));
+        close(&s["sigma_mm"], sigma);
+        if let Some(support) = support {
+            close(&s["support_mm"], [support; 3]);
+        }
+    }
+    let lowered = statistics(&place, plain);
+    let cut = statistics(&place, &format!("{plain} --method gaussian-truncated"));
+    assert_eq!(cut["method"], "gaussian-truncated");
+    assert!(numbers(&cut["sigma_effective_mm"])[2] > numbers(&lowered["sigma_effective_mm"])[2] + 0.04);
+    // Half the 90th-percentile gap of a parallel sweep is half its gap.
+    let place = sweep("--trajectory parallel");
+    close(&statistics(&place, "--clip none --sigma auto")["sigma_mm"], [0.375, 0.375, 0.25]);
+    place.refuses("reconstruct s.mha -o w.mha --sigma 5,5,5 --support gradient=0.01", &["gradient of 0.01"]);
+}
+
+#[test]
+fn region_and_weight_flags_reach_what_they_name() {
+    let place = sweep("");
+    let s = statistics(&place, "--clip none --fan 20,-10,15,40,-20,20");
+    let pixels = (0..36).flat_map(|v| (0..40).map(move |u| (f64::from(u) - 20.0, f64::from(v) + 10.0)));
+    let inside = pixels.filter(|(x, y)| (15.0..=40.0).contains(&x.hypot(*y)) && x.atan2(*y).to_degrees().abs() <= 20.0);
+    assert_eq!(s["data_pixels"], inside.count());
+    assert_eq!(statistics(&place, "--clip none")["w_clamped"], 0);
+    let clamped = statistics(&place, "--clip none --max-weight 1")["w_clamped"].as_u64().unwrap();
+    assert!(clamped > 1000, "slices 0.5 mm apart overlap: {clamped}");
+    place.refuses("reconstruct s.mha -o w.mha --clip none --max-memory 0.0001", &["more bricks", "raise the limit"]);
+    let names = place.names();
+    assert_eq!(names, BTreeSet::from(["s.json", "s.mha", "v.mha"].map(str::to_owned)));
+}
+
+#[test]
+fn a_volume_can_live_in_any_frame_that_the_transforms_reach() {
+    let place = sweep("--calibration c.toml");
+    for (flags, world) in [("", "Reference"), ("--world Tracker", "Tracker"), ("--world Probe", "Probe")] {
+        let s = statistics(&place, &format!("--config c.toml --clip none {flags}"));
+        assert_eq!(s["world"], world);
+        assert!(place.volume("v.mha").field("SonoweaveFrame").starts_with(world), "{flags}");
+    }
+}
