@@ -41,10 +41,10 @@ pub struct Arguments {
     /// Frame in which to place them [default: Reference if the sequence has one, else Tracker]
     #[arg(long, value_name = "NAME")]
     world: Option<String>,
-    /// Compare a volume, voxel by voxel, with this one on the same lattice; voxels of value 0 in either do not count
+    /// Compare a volume, voxel by voxel, with this one on the same lattice; voxels of either's unseen value (0 if it notes none) do not count
     #[arg(long, value_name = "VOL.mha")]
     against: Option<PathBuf>,
-    /// The volume's weights, as `reconstruct --weights` wrote them: where they are 0 was nothing seen, and 0 is then a value like any other
+    /// The volume's weights, as `reconstruct --weights` wrote them: where they are 0 was nothing seen, and every value counts elsewhere
     #[arg(long, value_name = "FILE.mha", requires = "against")]
     weights: Option<PathBuf>,
 }

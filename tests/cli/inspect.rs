@@ -122,6 +122,12 @@ fn volumes_are_compared_where_both_were_seen() {
     let c = &report(&place, "h.mha --against a.mha --weights w_h.mha")["comparison"];
     assert!((c["bias"].as_f64().unwrap() + 51.5).abs() < 3.0 && c["max"] == json!(103.0), "{c}");
 
+    // With another unseen value, which the header notes, black is a value without weights too.
+    at(|u, _, _| vec![if u < 20 { 0 } else { 103 }], |f| pose(f64::from(f)), "--unseen 255", "u.mha");
+    at(|_, _, _| vec![103], |f| pose(f64::from(f)), "--unseen 255", "v.mha");
+    let c = &report(&place, "u.mha --against v.mha")["comparison"];
+    assert!((c["bias"].as_f64().unwrap() + 51.5).abs() < 3.0 && c["max"] == json!(103.0), "{c}");
+
     at(|_, _, _| vec![100], |f| pose(f64::from(f)), "--origin 0.2,0,0", "c.mha");
     place.refuses(
         "inspect a.mha --against c.mha",

@@ -265,6 +265,17 @@ impl Sums {
     }
 }
 
+/// What a volume holds where nothing was seen: what `reconstruct` noted, else 0.
+fn unseen_value(header: &VolumeHeader) -> f64 {
+    let noted = header.fields.iter().find(|(name, _)| name == "SonoweaveUnseen");
+    noted.and_then(|(_, value)| value.parse().ok()).unwrap_or(0.0)
+}
+
+/// Equal, or both no number.
+fn same(a: f64, b: f64) -> bool {
+    a == b || (a.is_nan() && b.is_nan())
+}
+
 fn compare(path: &Path, other: &Path, weights: Option<&Path>) -> Result<Comparison, Failure> {
     let (mut a, mut b) = (Layers::open(path)?, Layers::open(other)?);
     let refused = |other: &Path, why: String| {
@@ -284,6 +295,7 @@ fn compare(path: &Path, other: &Path, weights: Option<&Path>) -> Result<Comparis
         w.skip(overlap.first[0][2])?;
     }
     let width = [a.reader.header(), b.reader.header()].map(|header| header.size[0] as usize);
+    let unseen = [a.reader.header(), b.reader.header()].map(unseen_value);
     let mut sums = Sums::default();
     for _ in 0..overlap.size[2] {
         let (Some(a), Some(b)) = (a.next()?, b.next()?) else { break };
@@ -298,7 +310,8 @@ fn compare(path: &Path, other: &Path, weights: Option<&Path>) -> Result<Comparis
             };
             for x in 0..overlap.size[0] as usize {
                 let (at, value, reference) = (start(0) + x, a[start(0) + x], b[start(1) + x]);
-                if w.map_or(value != 0.0 && reference != 0.0, |w| w[at] > 0.0) {
+                let seen = || !same(value, unseen[0]) && !same(reference, unseen[1]);
+                if w.map_or_else(seen, |w| w[at] > 0.0) {
                     sums.add(value, reference);
                 }
             }
