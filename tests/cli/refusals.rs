@@ -3,7 +3,8 @@
 use super::place::Place;
 use super::sequence::{Sequence, deflated, pose};
 
-const WEAVE: &str = "reconstruct s.mha -o v.mha --weights w.mha --planes p.png --stats s.json";
+/// One thread: each further one reserves address space, which is what the limit below is of.
+const WEAVE: &str = "reconstruct s.mha -o v.mha --weights w.mha --planes p.png --stats s.json --threads 1";
 
 /// Address space that is enough for every refusal here, kB.
 const MODEST: u64 = 400_000;
