@@ -8,12 +8,15 @@
 use std::ops::Range;
 
 use super::nodes::Nodes;
+use super::reconstructor::SettingsError;
 use super::sharing::Sharing;
 use super::simd::{LANES, Lanes, Simd, dispatch};
 use super::spline::{PhaseTaps, Step, Taps};
 use crate::mask::{Mask, Span};
 use crate::slice::{Image, Pixels};
 
+/// Nodes that a filtered picture may have, its rows' padding included: up to here f32 counts them exactly, as the hot loop does.
+pub(crate) const MOST_NODES: usize = 1 << 24;
 /// Rows of nodes that one task filters.
 const ROWS_PER_TASK: usize = 8;
 
@@ -81,9 +84,12 @@ fn round_up(n: usize) -> usize {
 impl SliceFilter {
     /// Prepares for pictures of the mask's size.
     ///
-    /// `margin_px`: how far beyond the data voxels may lie that still take part, per axis. `None` when there is no data at all.
-    pub(crate) fn new(simd: Simd, taps: [Taps; 2], mask: Mask, margin_px: [f64; 2]) -> Option<Self> {
-        let bounds = mask.bounds()?;
+    /// `margin_px`: how far beyond the data voxels may lie that still take part, per axis.
+    ///
+    /// # Errors
+    /// [`SettingsError::EmptyMask`] and [`SettingsError::Nodes`].
+    pub(crate) fn new(simd: Simd, taps: [Taps; 2], mask: Mask, margin_px: [f64; 2]) -> Result<Self, SettingsError> {
+        let bounds = mask.bounds().ok_or(SettingsError::EmptyMask)?;
         let [u_low, v_low] = [bounds.x as usize, bounds.y as usize];
         let [u_high, v_high] = [u_low + bounds.width as usize - 1, v_low + bounds.height as usize - 1];
         let plane_rows = v_high - v_low + 1;
@@ -109,6 +115,10 @@ impl SliceFilter {
             Step::Up(r) => r as usize,
         };
         let stride = round_up(columns.div_ceil(group)) * group + LANES;
+        match rows.checked_mul(stride) {
+            Some(nodes) if nodes <= MOST_NODES => {}
+            nodes => return Err(SettingsError::Nodes(nodes.unwrap_or(usize::MAX))),
+        }
 
         let (_, anchor) = taps[0].anchor(first_u);
         let first_tap = taps[0].phases.iter().map(|p| i64::from(p.first)).min().unwrap_or(0);
@@ -134,7 +144,7 @@ impl SliceFilter {
         filter.scratch = vec![filter.make_scratch(); rows.div_ceil(ROWS_PER_TASK)];
         filter.work = filter.count();
 
-        Some(filter)
+        Ok(filter)
     }
 
     /// Σ k·c on the nodes: the filter of a picture of ones.

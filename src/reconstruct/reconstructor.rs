@@ -5,7 +5,7 @@ use std::sync::Arc;
 use calibration::frames::{Image as ImageFrame, Transform, Volume, World};
 use glam::{DAffine3, DMat3, DVec3};
 
-use super::filter::{FilterWork, SliceFilter};
+use super::filter::{FilterWork, MOST_NODES, SliceFilter};
 use super::kernel::{AxisKernel, KernelError, Method, Support};
 use super::nodes::Nodes;
 use super::plan::{BrickChunk, Plan, weave_all};
@@ -31,8 +31,6 @@ pub const OFF_PLANE_SIGMA_MM: f64 = 1.0;
 pub const MAX_WEIGHT: f64 = 256.0;
 /// Pixel sizes this close, relatively, use the same filter.
 const SAME_PIXEL: f64 = 1e-3;
-/// f32 counts nodes exactly up to here.
-const MOST_NODES: usize = 1 << 24;
 
 /// What to reconstruct with.
 #[derive(Debug, Clone)]
@@ -97,7 +95,8 @@ pub enum SettingsError {
     EmptyMask,
     /// A picture too fine for its kernel.
     #[error(
-        "the filtered picture would have {0} nodes, more than the 16777216 that it may have: give a larger --sigma or a smaller --clip"
+        "the filtered picture would have {0} nodes, more than the {most} that it may have: give a larger --sigma or a smaller --clip",
+        most = MOST_NODES
     )]
     Nodes(usize),
     /// The weight's bound is no weight.
@@ -386,18 +385,9 @@ impl Reconstructor {
             Taps::design(&kernels[axis], pixel_mm[axis]).map_err(|source| SettingsError::Spline { axis: name, source })
         };
         let taps = [design(0, 'u')?, design(1, 'v')?];
-        let nodes: f64 = [self.mask.width(), self.mask.height()]
-            .iter()
-            .zip(&taps)
-            .map(|(n, taps)| f64::from(*n) / taps.step.pixels() + 16.0)
-            .product();
-        if nodes > MOST_NODES as f64 / 2.0 {
-            return Err(SettingsError::Nodes(nodes as usize));
-        }
         // Half a pixel to the border of the data, and one σ on: from 0.84 σ on too little of the kernel lies on data.
         let margin = [0, 1].map(|a| (kernels[a].sigma_mm / pixel_mm[a]).min(kernels[a].support_mm / pixel_mm[a]) + 0.5);
-        let mut filter =
-            SliceFilter::new(settings.simd, taps, self.mask.clone(), margin).ok_or(SettingsError::EmptyMask)?;
+        let mut filter = SliceFilter::new(settings.simd, taps, self.mask.clone(), margin)?;
         let certainty = filter.certainty(sharing);
         let mask = MaskSummary::new(&certainty);
         self.prepared = Some(Prepared { pixel_mm, kernels, filter, certainty, mask });

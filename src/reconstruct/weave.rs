@@ -69,16 +69,16 @@ impl<'a> View<'a> {
 }
 
 /// Position of each lane's voxel in its tile, along x, y, z.
-const LANE: [[f32; LANES]; 3] = positions(0);
+const LANE: [[f32; LANES]; 3] = positions(1);
 /// Position of each tile's first voxel in the brick, along x, y, z.
 const START: [[f32; VECTORS]; 3] = positions(LANES);
 
-/// Along each axis, the positions of the first `N` voxels (`stride` 0), or of every `stride`-th.
+/// Along each axis, the positions of every `stride`-th voxel of a brick.
 const fn positions<const N: usize>(stride: usize) -> [[f32; N]; 3] {
     let mut table = [[0.0; N]; 3];
     let mut i = 0;
     while i < N {
-        let voxel = voxel_at(if stride == 0 { i } else { i * stride });
+        let voxel = voxel_at(i * stride);
         let mut axis = 0;
         while axis < 3 {
             table[axis][i] = voxel[axis] as f32;
@@ -265,7 +265,7 @@ unsafe fn locate<L: Lanes>(brick: Option<&Brick>, task: &Task, view: &View<'_>, 
             let v = v.max(one).min(last_v);
             let (column, row) = (u.floor(), v.floor());
             scratch.vector[count] = vector as u8;
-            // Exact: the number of nodes is below 2²⁴.
+            // Exact: `SliceFilter::new` keeps the number of nodes within 2²⁴.
             row.mul_add(stride, column.add(back)).store_integers(scratch.offset[count].as_mut_ptr());
             u.sub(column).store(scratch.along_u[count].as_mut_ptr());
             v.sub(row).store(scratch.along_v[count].as_mut_ptr());

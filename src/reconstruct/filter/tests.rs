@@ -168,8 +168,10 @@ fn the_interior_of_the_mask_is_certain_to_the_bit_and_a_constant_stays() {
 }
 
 #[test]
-fn a_mask_without_data_has_no_filter() {
-    assert!(
-        SliceFilter::new(Simd::Portable, taps([2.0, 2.0]), Mask::from_fn(9, 9, |_, _| false), [1.0, 1.0]).is_none()
-    );
+fn a_mask_without_data_or_with_more_nodes_than_can_be_counted_has_no_filter() {
+    let filter = |mask| SliceFilter::new(Simd::Portable, taps([0.8, 0.8]), mask, [1.0, 1.0]);
+    assert_eq!(filter(Mask::from_fn(9, 9, |_, _| false)).err(), Some(SettingsError::EmptyMask));
+    // Narrow pictures are mostly padding: it counts.
+    assert!(matches!(filter(Mask::full(4, 400_000)).err(), Some(SettingsError::Nodes(n)) if n > MOST_NODES));
+    assert!(filter(Mask::full(4, 10_000)).is_ok());
 }
