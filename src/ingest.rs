@@ -241,7 +241,6 @@ fn nanoseconds(seconds: f64) -> Option<i64> {
     if !(seconds.is_finite() && whole.abs() < 9.2e9) {
         return None;
     }
-    #[allow(clippy::cast_possible_truncation, reason = "below 9.2e9 and 1e9")]
     let (whole, rest) = (whole as i64, ((seconds - whole) * 1e9).round() as i64);
     whole.checked_mul(1_000_000_000)?.checked_add(rest)
 }
@@ -258,11 +257,6 @@ fn scalars<T, const N: usize>(bytes: &[u8], read: fn([u8; N]) -> T) -> Vec<T> {
 }
 
 /// Any scalar as f32.
-#[allow(
-    clippy::cast_precision_loss,
-    clippy::cast_possible_truncation,
-    reason = "single precision is what is asked for; noted once"
-)]
 fn floats(bytes: &[u8], kind: PixelType) -> Vec<f32> {
     match kind {
         PixelType::U8 => scalars(bytes, |b| f32::from(u8::from_ne_bytes(b))),

@@ -5,8 +5,7 @@
 use std::ops::Range;
 use std::time::{Duration, Instant};
 
-use drivers::{DRIVERS, Device, Next, OpenSettings};
-use glam::DVec3;
+use drivers::{Next, OpenSettings, open};
 
 use crate::config::Settings as Config;
 use crate::ingest::{Ingest, Sample};
@@ -15,15 +14,13 @@ use crate::mask::{AutoMask, Found, Mask, MaskPlan, MaskSettings};
 use crate::reconstruct::{Reconstructor, Refused, Settings, SettingsError};
 use crate::refusal::{Reason, Refusal};
 use crate::slice::{Pixels, Slice};
-use crate::sync::survey::SurveyError;
+use crate::sync::survey::{SurveyError, gap};
 use crate::sync::{FramePose, NoPath, Pairing, PairingOptions, Survey, survey};
 
 /// How long a device may take for a reading; one that reads a file never waits.
 const PATIENCE: Duration = Duration::from_secs(1);
 /// Pictures that wait for the mask may hold this much; of larger ones, fewer are looked at.
 const MOST_WAITING_BYTES: usize = 64 << 20;
-/// Part of the gaps between neighbouring slices that the automatic σ covers with its full width.
-const GAP_QUANTILE: f64 = 0.9;
 
 /// Off-plane σ.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -151,19 +148,6 @@ pub struct Progress {
     pub total: u64,
 }
 
-/// Opens what the settings name with the driver that knows it.
-///
-/// # Errors
-/// The driver's.
-pub fn open(settings: &OpenSettings) -> Result<Box<dyn Device>, drivers::Error> {
-    let OpenSettings::Sequence(_) = settings;
-    let driver = DRIVERS.iter().find(|d| d.name() == "sequence");
-    let Some(driver) = driver else {
-        return Err(drivers::Error::Misuse("this build has no driver for sequences".into()));
-    };
-    driver.open(settings)
-}
-
 /// Runs a recording through all stages.
 ///
 /// # Errors
@@ -202,32 +186,6 @@ pub fn reconstruct(mut job: Job, mut progress: impl FnMut(Progress)) -> Result<O
     }
     device.stop()?;
     run.finish()
-}
-
-/// The slices' distance from their neighbours: the 90th percentile of [`gaps`], mm. `None` when there is no distance.
-pub fn gap(poses: &[FramePose]) -> Option<f64> {
-    let gaps = gaps(poses);
-    let at = (GAP_QUANTILE * (gaps.len() as f64 - 1.0)).round();
-    gaps.get(at as usize).copied().filter(|g| *g > 0.0 && g.is_finite())
-}
-
-/// Distances between neighbouring slices, mm, in ascending order: over pairs of consecutive slices and five points of the picture (centre and
-/// corners), of the second slice's point from the first slice's plane.
-pub fn gaps(poses: &[FramePose]) -> Vec<f64> {
-    let mut gaps = Vec::new();
-    for pair in poses.windows(2) {
-        let [a, b] = [&pair[0], &pair[1]];
-        let to = a.world_from_image;
-        let normal = to.vector(DVec3::X).cross(to.vector(DVec3::Y)).normalize_or_zero();
-        let [right, bottom] = a.size.map(|n| f64::from(n) - 1.0);
-        for [u, v] in [[0.5 * right, 0.5 * bottom], [0.0, 0.0], [right, 0.0], [0.0, bottom], [right, bottom]] {
-            let point = DVec3::new(u, v, 0.0);
-            let distance = normal.dot(b.world_from_image.point(point) - to.point(point)).abs();
-            gaps.push(distance);
-        }
-    }
-    gaps.sort_by(f64::total_cmp);
-    gaps
 }
 
 /// The mask stage: slices wait until the picture's border is known.

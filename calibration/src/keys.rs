@@ -165,7 +165,6 @@ impl<'a> Entry<'a> {
     fn number(&self) -> Result<f64, FileError> {
         let x = match self.value {
             DeValue::Float(x) => x.as_str().parse::<f64>().ok(),
-            #[allow(clippy::cast_precision_loss, reason = "lengths and angles far below 2^53")]
             DeValue::Integer(x) => i64::from_str_radix(x.as_str(), x.radix()).ok().map(|x| x as f64),
             _ => return Err(self.wrong("a number")),
         };

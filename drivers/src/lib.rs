@@ -24,6 +24,16 @@ pub use reading::Reading;
 /// Every driver that this build knows.
 pub static DRIVERS: &[&dyn Driver] = &[&recording::SequenceDriver];
 
+/// Opens what the settings name with the driver that knows it.
+///
+/// # Errors
+/// The driver's.
+pub fn open(settings: &OpenSettings) -> Result<Box<dyn Device>, Error> {
+    match settings {
+        OpenSettings::Sequence(_) => recording::SequenceDriver.open(settings),
+    }
+}
+
 /// One kind of device: lists what it could open and opens it.
 pub trait Driver: Sync {
     /// Short, stable name, as used in configuration files and logs.

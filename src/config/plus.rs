@@ -178,7 +178,6 @@ impl Reader<'_> {
             if numbers.iter().any(|x| x.fract() != 0.0 || x.abs() > 1e9) {
                 return Err(self.error(element, name, format!("must hold whole numbers of pixels, not {numbers:?}")));
             }
-            #[allow(clippy::cast_possible_truncation, reason = "whole and below 1e9, checked above")]
             Ok(Some(numbers.map(|x| x as i64)))
         };
         let origin = whole(ORIGIN)?.unwrap_or_default();

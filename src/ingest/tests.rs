@@ -193,14 +193,12 @@ fn transforms_pass_and_other_readings_are_counted_by_kind() {
 proptest! {
     #[test]
     fn nanoseconds_are_the_nearest_to_the_seconds(ns in -9_000_000_000_000_000_000_i64..9_000_000_000_000_000_000) {
-        #[allow(clippy::cast_precision_loss, reason = "the rounding is what is tested")]
         let seconds = ns as f64 / 1e9;
         let back = nanoseconds(seconds).unwrap();
         // f64 at |s| < 2^34 has steps of 2^-18 s at most.
         prop_assert!(back.abs_diff(ns) <= 4_000, "{}", back.abs_diff(ns));
         // The same f64 in exact arithmetic: whole seconds, and the rest in units of 2^-52.
         let whole = seconds.trunc();
-        #[allow(clippy::cast_possible_truncation, reason = "below 2^34 and 2^52")]
         let exact = i128::from(whole as i64) * 1_000_000_000 * (1 << 52)
             + i128::from(((seconds - whole) * 4_503_599_627_370_496.0) as i64) * 1_000_000_000;
         let error = (i128::from(back) * (1 << 52) - exact).abs();

@@ -211,7 +211,6 @@ fn inside(mask: &Mask, all: &[Run]) -> usize {
         .sum()
 }
 
-#[allow(clippy::cast_precision_loss, reason = "pixel counts far below 2^53")]
 fn fraction(part: usize, whole: usize) -> f64 {
     if whole == 0 { 0.0 } else { part as f64 / whole as f64 }
 }

@@ -156,7 +156,6 @@ mod tests {
         assert!(both.contains(380, 380) && !both.contains(380, 381), "the far radius");
         // A quarter of a ring, less what the border pixels make of it.
         let ring = std::f64::consts::PI / 4.0 * (360.0_f64.powi(2) - 120.0_f64.powi(2));
-        #[allow(clippy::cast_precision_loss, reason = "below a million")]
         let area = alone.area() as f64;
         assert!((area - ring).abs() < 0.005 * ring, "{area} {ring}");
     }

@@ -123,7 +123,8 @@ impl SliceFilter {
         let (_, anchor) = taps[0].anchor(first_u);
         let first_tap = taps[0].phases.iter().map(|p| i64::from(p.first)).min().unwrap_or(0);
         // Plane column 0 is pixel u_low; scratch index 0 is the first pixel that node 0 reads.
-        let margin = usize::try_from(u_low as i64 - (anchor + first_tap)).unwrap_or(0);
+        let margin = usize::try_from(u_low as i64 - (anchor + first_tap))
+            .expect("node 0 lies two nodes and more left of the data, and its first tap not right of it");
 
         let mut filter = Self {
             simd,

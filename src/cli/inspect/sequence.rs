@@ -17,9 +17,8 @@ use super::volume::scalar_name;
 use crate::config::Settings as Config;
 use crate::ingest::{Head, Ingest};
 use crate::ledger::Ledger;
-use crate::pipeline::{gaps, open};
 use crate::refusal::{Reason, Refusal};
-use crate::sync::survey::SurveyError;
+use crate::sync::survey::{SurveyError, gaps};
 use crate::sync::{PairingOptions, Survey, survey};
 
 /// How long a device may take for a reading; one that reads a file never waits.
@@ -151,7 +150,7 @@ impl SequenceReport {
     pub(super) fn read(path: &Path, config: Option<&Path>, world: Option<&str>) -> Result<Self, Failure> {
         let config = config.map(Config::read).transpose()?.unwrap_or_default();
         let settings = OpenSettings::Sequence(SequenceSettings { images: false, ..SequenceSettings::new(path) });
-        let mut device = open(&settings)?;
+        let mut device = drivers::open(&settings)?;
         let description = device.describe().clone();
         let mut walk = Walk::default();
         device.start()?;

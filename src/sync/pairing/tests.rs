@@ -17,7 +17,6 @@ fn rigid(angle: f64, x: f64) -> DAffine3 {
 }
 
 fn stamp(item: u64) -> Stamp {
-    #[allow(clippy::cast_precision_loss, reason = "small numbers")]
     Stamp { item, source_s: Some(item as f64 * 0.1), ..Stamp::default() }
 }
 
@@ -68,7 +67,6 @@ fn running() -> Pairing {
 }
 
 fn deliver(pairing: &mut Pairing, item: u64) {
-    #[allow(clippy::cast_precision_loss, reason = "small numbers")]
     let x = item as f64;
     pairing.transform(named(item, "ProbeToTracker", rows(rigid(0.3 + 0.01 * x, x))));
     pairing.transform(named(item, "ReferenceToTracker", rows(rigid(-0.9, 40.0))));

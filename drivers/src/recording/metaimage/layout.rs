@@ -77,7 +77,7 @@ impl Layout {
             what: format!("field DimSize (byte {}): the size of one frame in bytes", dims.offset),
             value: layer,
             limit: u128::from(limits.frame_bytes),
-            advice: "raise the limit of bytes a frame if the file is trusted",
+            advice: "check that DimSize and ElementType are what they should be, or crop the frames",
         };
         if layer > u128::from(limits.frame_bytes) {
             return Err(too_large());
