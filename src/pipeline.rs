@@ -318,6 +318,7 @@ impl Run {
             Err(e @ Refused::Repeated) => (Reason::Repeated, e.to_string()),
             Err(e @ Refused::Size { .. }) => (Reason::SizeChanged, e.to_string()),
             Err(e @ Refused::Degenerate) => (Reason::PoseSingular, e.to_string()),
+            Err(e @ Refused::OutOfTime) => (Reason::OutOfTime, e.to_string()),
             Err(e @ Refused::OutOfRange) => (Reason::OutOfRange, e.to_string()),
         };
         self.ledger.refused(&Refusal::new(item, reason.0, reason.1));

@@ -42,13 +42,15 @@ pub enum Reason {
     Repeated,
     /// The slice lies too far out for the lattice.
     OutOfRange,
+    /// The time lies too far from the first frame's to be ordered.
+    OutOfTime,
     /// The pose scales pixels to a size for which the kernel makes no filter.
     PixelSize,
 }
 
 impl Reason {
     /// All reasons, in the order of the stages that find them.
-    pub const ALL: [Self; 18] = [
+    pub const ALL: [Self; 19] = [
         Self::ImageStatus,
         Self::ImageMissing,
         Self::ImageOrientation,
@@ -66,6 +68,7 @@ impl Reason {
         Self::SizeChanged,
         Self::Repeated,
         Self::OutOfRange,
+        Self::OutOfTime,
         Self::PixelSize,
     ];
 
@@ -89,6 +92,7 @@ impl Reason {
             Self::SizeChanged => "size_changed",
             Self::Repeated => "repeated",
             Self::OutOfRange => "out_of_range",
+            Self::OutOfTime => "out_of_time",
             Self::PixelSize => "pixel_size",
         }
     }

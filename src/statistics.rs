@@ -101,8 +101,10 @@ pub struct Statistics {
     pub route: String,
     /// Scalar type of the file.
     pub scalar: &'static str,
-    /// Kernel's shape.
+    /// The kernel's kind.
     pub method: &'static str,
+    /// How slices that reach the same voxel make its value.
+    pub compounding: &'static str,
     /// Nominal σ along u, v, n, mm.
     pub sigma_mm: [f64; 3],
     /// σ of the kernel as cut and lowered, mm.
@@ -156,6 +158,7 @@ impl Statistics {
             route: outcome.route.clone(),
             scalar,
             method: settings.method.name(),
+            compounding: settings.compounding.name(),
             sigma_mm: per_axis(|k| k.sigma_mm),
             sigma_effective_mm: per_axis(|k| k.sigma_effective_mm()),
             support_mm: per_axis(|k| k.support_mm),

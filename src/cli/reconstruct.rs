@@ -1,5 +1,7 @@
 //! `sonoweave reconstruct`: a recorded sweep becomes a volume.
 
+mod weighing;
+
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -13,12 +15,12 @@ use crate::config::Settings as Config;
 use crate::export::planes::{PlanesOptions, Window, planes};
 use crate::export::volume::{DenseBox, Encoding, Scalar, write_values, write_weights};
 use crate::mask::{Clip, parse_fan};
-use crate::pipeline::{self, Job, OffPlane, Outcome, PixelKind};
-use crate::reconstruct::kernel::{Method, Support, sigma_from_hwhm};
+use crate::pipeline::{self, Job, Outcome, PixelKind};
 use crate::reconstruct::{Settings, Simd};
 use crate::statistics::Statistics;
 use crate::volume::Grid;
 use crate::volume::sparse::SEEN;
+use weighing::Weighing;
 
 /// Voxel spacing when neither the command line nor the configuration has one, mm.
 const SPACING_MM: f64 = 0.5;
@@ -55,25 +57,6 @@ pub struct Arguments {
     /// Voxels of the volume: cropped or padded exactly so [default: all that was touched]
     #[arg(long, value_name = "NX,NY,NZ", value_parser = values::size)]
     size: Option<[u64; 3]>,
-    /// Shape of the kernel
-    #[arg(long, value_enum, default_value_t)]
-    method: MethodName,
-    /// Kernel σ along u, v and the slice's normal, mm; or auto: σ across the plane from the gaps between slices [default: 0.75 × the
-    /// larger of spacing and pixel in the plane, 1.0 across]
-    #[arg(long, value_name = "SU,SV,SN|auto", value_parser = values::sigma, conflicts_with = "resolution")]
-    sigma: Option<SigmaChoice>,
-    /// The same as half widths at half maximum, mm
-    #[arg(long, value_name = "HU,HV,HN", value_parser = values::lengths)]
-    resolution: Option<[f64; 3]>,
-    /// Where the kernel ends [default: energy=0.01 across the plane, energy=0.0001 in it]
-    #[arg(long, value_name = "CRITERION=E", value_parser = values::support)]
-    support: Option<Support>,
-    /// Short for --support energy=E
-    #[arg(long, value_name = "E", value_parser = values::share, conflicts_with = "support")]
-    leakage: Option<f64>,
-    /// Largest weight of a voxel, in slices at their peak; from there on the mean moves
-    #[arg(long, value_name = "SLICES", default_value_t = 256.0)]
-    max_weight: f64,
     /// What of the picture is data: a rectangle in pixels, all, or found in the first frames [default: the configuration's, else auto]
     #[arg(long, value_name = "X,Y,W,H|auto|none")]
     clip: Option<Clip>,
@@ -110,21 +93,13 @@ pub struct Arguments {
     /// Write what was done, as JSON
     #[arg(long, value_name = "FILE.json")]
     stats: Option<PathBuf>,
+    #[command(flatten)]
+    weighing: Weighing,
 }
 
-// clap takes an `Option<Option<…>>` or an array for its own notation of repeated values; named types are single values to it.
-type SigmaChoice = Option<[f64; 3]>;
+// clap takes an array for its own notation of repeated values; named types are single values to it.
 type WindowValue = [f32; 2];
 type FrameRange = std::ops::Range<u64>;
-
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
-enum MethodName {
-    /// Less its value at the end of the support, so that it ends without a step
-    #[default]
-    Gaussian,
-    /// Cut at the end of the support (Ohbuchi, Chen & Fuchs 1992)
-    GaussianTruncated,
-}
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
 enum SimdName {
@@ -167,7 +142,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         bar.set_position(p.done);
     });
     bar.finish_and_clear();
-    let outcome = result?;
+    let mut outcome = result?;
+    outcome.notes.extend(arguments.weighing.note());
     let encoding = arguments.encoding(outcome.pixels)?;
     let space = arguments.dense_box(&outcome)?;
 
@@ -211,17 +187,7 @@ impl Arguments {
         let spacing = self.spacing.or(config.spacing_mm.map(DVec3::from_array)).unwrap_or(DVec3::splat(SPACING_MM));
         let mut settings = Settings::new(spacing);
         settings.lattice_origin_mm = self.origin.unwrap_or(DVec3::ZERO);
-        settings.method = self.method();
-        settings.support = self.support.or(self.leakage.map(Support::Energy));
-        settings.sigma_mm[2] = config.hwhm_mm.map(|hwhm| sigma_from_hwhm(hwhm[2]));
-        let mut off_plane = OffPlane::Settings;
-        match (self.sigma, self.resolution) {
-            (Some(Some(sigma)), _) => settings.sigma_mm = sigma.map(Some),
-            (Some(None), _) => off_plane = OffPlane::Auto,
-            (None, Some(hwhm)) => settings.sigma_mm = hwhm.map(|h| Some(sigma_from_hwhm(h))),
-            (None, None) => {}
-        }
-        settings.max_weight = self.max_weight;
+        let off_plane = self.weighing.apply(&config, &mut settings)?;
         settings.threads = match self.threads {
             Some(n) => usize::from(n),
             None => std::thread::available_parallelism().map_or(1, usize::from),
@@ -248,13 +214,6 @@ impl Arguments {
             off_plane,
             frames: self.frames.clone().unwrap_or(0..u64::MAX),
         })
-    }
-
-    fn method(&self) -> Method {
-        match self.method {
-            MethodName::Gaussian => Method::Gaussian,
-            MethodName::GaussianTruncated => Method::GaussianTruncated,
-        }
     }
 
     /// The folders of all outputs exist, and none is the input.
@@ -352,7 +311,8 @@ fn provenance(arguments: &Arguments, outcome: &Outcome, hash: &str) -> Result<Ve
         line("Input", format!("{} sha256 {hash}", name.to_string_lossy())),
         line("Calibration", calibration),
         line("Route", outcome.route.clone()),
-        line("Method", arguments.method().name().into()),
+        line("Method", arguments.weighing.method().name().into()),
+        line("Compounding", outcome.reconstructor.settings().compounding.name().into()),
     ];
     if let (Some(sigma), Some(support)) = (per_axis(|k| k.sigma_mm), per_axis(|k| k.support_mm)) {
         fields.push(line("SigmaMm", sigma));

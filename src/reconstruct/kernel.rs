@@ -103,54 +103,154 @@ fn inverse_erfc(e: f64) -> f64 {
     falling_root(|x| libm::erfc(x) - e, 0.0)
 }
 
-/// Shape of the kernel within its support.
+/// What one slice says about a point beside its pixels: the kernel in the plane and across it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Method {
     /// Gaussian less its value at the end of the support: no step there, at the cost of one subtraction.
     #[default]
     Gaussian,
-    /// Gaussian, cut (the paper's): at 1 % energy it ends with a step of 3.6 % of its peak.
+    /// Gaussian, cut (the paper's for 3 degrees of freedom): at 1 % energy it ends with a step of 3.6 % of its peak.
     GaussianTruncated,
+    /// Cubic B-spline of the same σ, along all axes: twice differentiable to its end at 3.46 σ.
+    BSpline3,
+    /// Bilinear between pixels, and [`Method::Gaussian`] across the plane (the paper's for 6 degrees of freedom).
+    Linear,
+    /// The nearest pixel, and the same weight as far as √3 σ across the plane.
+    Nearest,
 }
 
 impl Method {
+    /// All methods.
+    pub const ALL: [Self; 5] = [Self::Gaussian, Self::GaussianTruncated, Self::BSpline3, Self::Linear, Self::Nearest];
+
     /// The name on the command line and in files.
     pub fn name(self) -> &'static str {
         match self {
             Self::Gaussian => "gaussian",
             Self::GaussianTruncated => "gaussian-truncated",
+            Self::BSpline3 => "bspline3",
+            Self::Linear => "linear",
+            Self::Nearest => "nearest",
         }
+    }
+
+    /// Whether the kernel in the plane is that of the pixels, whatever σ is asked for.
+    pub fn interpolates(self) -> bool {
+        matches!(self, Self::Linear | Self::Nearest)
+    }
+
+    /// Whether a [`Support`] says where the kernel ends; the others end of themselves.
+    pub fn takes_support(self) -> bool {
+        matches!(self, Self::Gaussian | Self::GaussianTruncated | Self::Linear)
+    }
+
+    /// The kernel along u or v, where pixels are `pixel_mm` apart.
+    ///
+    /// # Errors
+    /// As [`AxisKernel::new`].
+    pub fn in_plane(self, sigma_mm: f64, support: Support, pixel_mm: f64) -> Result<AxisKernel, KernelError> {
+        match self {
+            Self::Linear => AxisKernel::of_shape(Shape::Tent, pixel_mm / Shape::Tent.half_width(), support),
+            Self::Nearest => AxisKernel::of_shape(Shape::Box, 0.5 * pixel_mm / Shape::Box.half_width(), support),
+            _ => AxisKernel::new(self, sigma_mm, support),
+        }
+    }
+}
+
+/// Course of a kernel within its support.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Shape {
+    /// exp(−x²/2σ²), less a pedestal.
+    Gaussian,
+    /// B₃ with knots √3 σ apart.
+    CubicBSpline,
+    /// Falls linearly to 0 at √6 σ.
+    Tent,
+    /// 1 as far as √3 σ.
+    Box,
+}
+
+impl Shape {
+    /// Half width of the support in σ; infinite for the Gaussian, which a [`Support`] ends. In all shapes σ is the standard deviation.
+    fn half_width(self) -> f64 {
+        match self {
+            Self::Gaussian => f64::INFINITY,
+            Self::CubicBSpline => 2.0 * 3.0_f64.sqrt(),
+            Self::Tent => 6.0_f64.sqrt(),
+            Self::Box => 3.0_f64.sqrt(),
+        }
+    }
+
+    /// Value at `z` σ ≥ 0 from the middle, 1 in the middle; the end of the support is the caller's.
+    fn at(self, z: f64) -> f64 {
+        match self {
+            Self::Gaussian => (-0.5 * z * z).exp(),
+            Self::CubicBSpline => 1.5 * cubic_b_spline(z / 3.0_f64.sqrt()),
+            Self::Tent => (1.0 - z / self.half_width()).max(0.0),
+            Self::Box => 1.0,
+        }
+    }
+}
+
+/// B₃(x): cubic B-spline on unit knots, support [−2, 2].
+pub(crate) fn cubic_b_spline(x: f64) -> f64 {
+    let x = x.abs();
+    if x < 1.0 {
+        2.0 / 3.0 - x * x + 0.5 * x * x * x
+    } else if x < 2.0 {
+        (2.0 - x).powi(3) / 6.0
+    } else {
+        0.0
     }
 }
 
 /// The kernel along one image axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AxisKernel {
+    /// Its course.
+    pub shape: Shape,
     /// Nominal σ, mm.
     pub sigma_mm: f64,
     /// Half width of the support, mm.
     pub support_mm: f64,
-    /// Subtracted from the Gaussian of peak 1.
+    /// Subtracted from the shape, whose peak is 1.
     pub pedestal: f64,
 }
 
 impl AxisKernel {
+    /// A method's kernel across the plane, and in it where the method does not follow the pixels ([`Method::in_plane`]). `support` ends a
+    /// Gaussian; other shapes end of themselves.
+    ///
     /// # Errors
     /// [`KernelError`] as [`Support::half_width_mm`].
     pub fn new(method: Method, sigma_mm: f64, support: Support) -> Result<Self, KernelError> {
-        let support_mm = support.half_width_mm(sigma_mm)?;
-        let z = support_mm / sigma_mm;
-        let pedestal = match method {
-            Method::Gaussian => (-0.5 * z * z).exp(),
-            Method::GaussianTruncated => 0.0,
+        let kernel = match method {
+            Method::BSpline3 => Self::of_shape(Shape::CubicBSpline, sigma_mm, support)?,
+            Method::Nearest => Self::of_shape(Shape::Box, sigma_mm, support)?,
+            Method::Gaussian | Method::GaussianTruncated | Method::Linear => {
+                Self::of_shape(Shape::Gaussian, sigma_mm, support)?
+            }
         };
-        Ok(Self { sigma_mm, support_mm, pedestal })
+        let pedestal = match method {
+            Method::Gaussian | Method::Linear => kernel.shape.at(kernel.support_mm / sigma_mm),
+            _ => 0.0,
+        };
+        Ok(Self { pedestal, ..kernel })
+    }
+
+    fn of_shape(shape: Shape, sigma_mm: f64, support: Support) -> Result<Self, KernelError> {
+        let support_mm = match shape {
+            Shape::Gaussian => support.half_width_mm(sigma_mm)?,
+            _ if sigma_mm > 0.0 && sigma_mm.is_finite() => sigma_mm * shape.half_width(),
+            _ => return Err(KernelError::Sigma(sigma_mm)),
+        };
+        Ok(Self { shape, sigma_mm, support_mm, pedestal: 0.0 })
     }
 
     /// Weight of a sample at distance `x_mm`; [`Self::peak`] at 0, 0 beyond the support.
     pub fn weight(&self, x_mm: f64) -> f64 {
-        let z = x_mm / self.sigma_mm;
-        if x_mm.abs() <= self.support_mm { (-0.5 * z * z).exp() - self.pedestal } else { 0.0 }
+        let x = x_mm.abs();
+        if x <= self.support_mm { self.shape.at(x / self.sigma_mm) - self.pedestal } else { 0.0 }
     }
 
     /// Weight at distance 0.
@@ -158,9 +258,25 @@ impl AxisKernel {
         1.0 - self.pedestal
     }
 
-    /// Standard deviation of the kernel as it is, cut and lowered, in mm: with z = d/σ and φ the normal density, σ² times
-    /// (erf(z/√2) − 2zφ(z) − ⅔z³p) / (erf(z/√2) − 2zp), p = φ(z) with pedestal and 0 without.
+    /// Half width at half maximum of the shape, in σ.
+    pub fn hwhm(&self) -> f64 {
+        match self.shape {
+            Shape::Gaussian => (2.0 * std::f64::consts::LN_2).sqrt(),
+            Shape::CubicBSpline => 3.0_f64.sqrt() * falling_root(|x| cubic_b_spline(x) - 1.0 / 3.0, 0.0),
+            Shape::Tent => 0.5 * self.shape.half_width(),
+            Shape::Box => self.shape.half_width(),
+        }
+    }
+
+    /// Standard deviation of the kernel as it is, in mm. Of a Gaussian cut at z = d/σ and lowered by its pedestal, with φ the normal density:
+    /// σ² times (erf(z/√2) − 2zφ(z) − ⅔z³p) / (erf(z/√2) − 2zp), p = φ(z) with pedestal and 0 without.
     pub fn sigma_effective_mm(&self) -> f64 {
+        match self.shape {
+            Shape::Gaussian => {}
+            // A box may be given another width than its σ's.
+            Shape::Box => return self.support_mm / self.shape.half_width(),
+            Shape::CubicBSpline | Shape::Tent => return self.sigma_mm,
+        }
         let z = self.support_mm / self.sigma_mm;
         let density = 1.0 / (2.0 * PI).sqrt();
         let end = density * (-0.5 * z * z).exp();
@@ -233,11 +349,18 @@ mod tests {
 
     #[test]
     fn effective_widths_match_the_brief_and_brute_force() {
-        for (method, expected) in [(Method::GaussianTruncated, 0.9617), (Method::Gaussian, 0.9056)] {
+        let expected = [
+            (Method::GaussianTruncated, 0.9617),
+            (Method::Gaussian, 0.9056),
+            (Method::Linear, 0.9056),
+            (Method::BSpline3, 1.0),
+            (Method::Nearest, 1.0),
+        ];
+        for (method, expected) in expected {
             let kernel = AxisKernel::new(method, 1.0, Support::Energy(0.01)).unwrap();
             assert!((kernel.sigma_effective_mm() - expected).abs() < 6e-5, "{method:?}");
             let (mut mass, mut moment) = (0.0, 0.0);
-            for i in -300_000..=300_000 {
+            for i in -350_000..=350_000 {
                 let x = f64::from(i) * 1e-5;
                 mass += kernel.weight(x);
                 moment += kernel.weight(x) * x * x;
@@ -253,5 +376,32 @@ mod tests {
         let lowered = AxisKernel::new(Method::Gaussian, 1.0, Support::Energy(0.01)).unwrap();
         assert!(lowered.weight(lowered.support_mm).abs() < 1e-15);
         assert_eq!(lowered.weight(lowered.support_mm * 1.0001), 0.0);
+    }
+
+    #[test]
+    fn every_shape_has_its_half_maximum_where_it_says_and_ends_where_it_says() {
+        for method in Method::ALL {
+            for kernel in [
+                AxisKernel::new(method, 0.8, Support::Energy(0.01)).unwrap(),
+                method.in_plane(0.8, Support::Energy(0.01), 0.3).unwrap(),
+            ] {
+                // Of the shape; a pedestal is subtracted afterwards.
+                let half = kernel.weight(kernel.hwhm() * kernel.sigma_mm * (1.0 - 1e-12)) + kernel.pedestal;
+                let expected = if kernel.shape == Shape::Box { 1.0 } else { 0.5 };
+                assert!((half - expected).abs() < 1e-9, "{method:?}: {half}");
+                assert!((kernel.weight(0.0) - kernel.peak()).abs() < 1e-15);
+                assert_eq!(kernel.weight(kernel.support_mm * 1.0001), 0.0);
+            }
+        }
+    }
+
+    #[test]
+    fn interpolating_methods_follow_the_pixels() {
+        for sigma in [0.1, 5.0] {
+            let tent = Method::Linear.in_plane(sigma, Support::Energy(0.01), 0.3).unwrap();
+            assert!((tent.weight(0.1) - 2.0 / 3.0).abs() < 1e-12 && (tent.support_mm - 0.3).abs() < 1e-12);
+            let cell = Method::Nearest.in_plane(sigma, Support::Energy(0.01), 0.3).unwrap();
+            assert!((cell.support_mm - 0.15).abs() < 1e-12);
+        }
     }
 }

@@ -4,9 +4,9 @@ use super::reconstructor::Refused;
 use super::sharing::Sharing;
 use super::simd::Simd;
 use super::slab::{MaskSummary, Sight, SlabGeometry};
-use super::weave::{Scratch, Task, View, touches, weave};
+use super::weave::{Place, Scratch, Task, View, touches, weave};
 use crate::volume::BrickVolume;
-use crate::volume::brick::{Brick, BrickIndex};
+use crate::volume::brick::{Brick, BrickIndex, Stamps};
 use crate::volume::sparse::Slot;
 
 /// Bricks that one task of a thread weaves.
@@ -41,7 +41,7 @@ impl Plan {
         self.absent.clear();
         self.considered = 0;
         let bricks = geometry.brick_box().ok_or(Refused::OutOfRange)?;
-        let most = limit_bytes / size_of::<Brick>() as u64;
+        let most = limit_bytes / volume.brick_bytes();
         let room = most.saturating_sub(volume.len() as u64);
         let rows: u64 = bricks[1..].iter().map(|r| u64::from(r.end().abs_diff(*r.start())) + 1).product();
         // A slab of n bricks spans at most about n rows; far more rows than the memory holds bricks is a slab that cannot fit.
@@ -69,9 +69,12 @@ impl Plan {
     }
 }
 
-/// A chunk of the arena, shared between threads that take different bricks of it.
+/// A chunk of bricks, and of what is kept beside them (null if nothing is), shared between threads that take different bricks of it.
 #[derive(Clone, Copy)]
-pub(super) struct BrickChunk(*mut Brick);
+pub(super) struct BrickChunk {
+    bricks: *mut Brick,
+    stamps: *mut Stamps,
+}
 #[allow(unsafe_code, reason = "bricks are handed to threads one by one")]
 // SAFETY: the pointer is used only in `weave_all`, where no two tasks have the same brick.
 unsafe impl Send for BrickChunk {}
@@ -90,16 +93,22 @@ pub(super) fn weave_all(
     sharing: Sharing,
 ) {
     chunks.clear();
-    chunks.extend(volume.chunk_pointers().map(BrickChunk));
+    chunks.extend(volume.chunk_pointers().map(|bricks| BrickChunk { bricks, stamps: std::ptr::null_mut() }));
+    for (chunk, stamps) in chunks.iter_mut().zip(volume.stamp_pointers()) {
+        chunk.stamps = stamps;
+    }
     let chunks = chunks.as_slice();
     let run = |scratch: &mut Scratch, task: &mut Task| {
         let (chunk, place) = BrickVolume::locate(task.slot);
         let chunk: BrickChunk = chunks[chunk];
         // SAFETY: `chunks` holds the base of each chunk of the volume, which is borrowed mutably meanwhile, and `locate` gives a place
         // inside its chunk for every slot that the volume has handed out. Each brick of the lattice is visited once in a walk and has
-        // a slot of its own, so no two tasks reach the same brick.
-        let brick = unsafe { &mut *chunk.0.add(place) };
-        weave(simd, brick, task, view, scratch);
+        // a slot of its own, so no two tasks reach the same brick. Stamps lie as bricks do, or their base is null.
+        let mut place = unsafe {
+            let stamps = (!chunk.stamps.is_null()).then(|| &mut *chunk.stamps.add(place));
+            Place { brick: &mut *chunk.bricks.add(place), stamps }
+        };
+        weave(simd, &mut place, task, view, scratch);
     };
     sharing.chunks_with(tasks, BRICKS_PER_TASK, Scratch::new, |scratch, _, tasks| {
         tasks.iter_mut().for_each(|task| run(scratch, task));

@@ -5,15 +5,18 @@ use std::sync::Arc;
 use calibration::frames::{Image as ImageFrame, Transform, Volume, World};
 use glam::{DAffine3, DMat3, DVec3};
 
+use super::compounding::{Compounding, StampClock};
+use super::falloff::Falloff;
 use super::filter::{FilterWork, MOST_NODES, SliceFilter};
-use super::kernel::{AxisKernel, KernelError, Method, Support};
+use super::kernel::{AxisKernel, KernelError, Method, Shape, Support};
 use super::nodes::Nodes;
 use super::plan::{BrickChunk, Plan, weave_all};
+use super::sampling::Sampling;
 use super::sharing::Sharing;
 use super::simd::Simd;
 use super::slab::{MaskSummary, SlabGeometry};
 use super::spline::{SplineError, Taps};
-use super::weave::{Task, View};
+use super::weave::{Rule, Task, View};
 use crate::mask::Mask;
 use crate::slice::{Image, Slice};
 use crate::volume::BrickVolume;
@@ -39,11 +42,14 @@ pub struct Settings {
     pub spacing_mm: DVec3,
     /// World position of the centre of the lattice's voxel (0, 0, 0), mm.
     pub lattice_origin_mm: DVec3,
-    /// Kernel's shape.
+    /// The kernel's kind.
     pub method: Method,
-    /// Nominal σ along u, v and the slice's normal, mm; `None` for the default of each.
+    /// How slices that reach the same voxel make its value.
+    pub compounding: Compounding,
+    /// Nominal σ along u, v and the slice's normal, mm; `None` for the default of each. A method that interpolates between pixels takes only
+    /// the last.
     pub sigma_mm: [Option<f64>; 3],
-    /// Where the kernel ends, all axes; `None` for [`IN_PLANE_SUPPORT`] and [`OFF_PLANE_SUPPORT`].
+    /// Where a Gaussian ends, all axes; `None` for [`IN_PLANE_SUPPORT`] and [`OFF_PLANE_SUPPORT`].
     pub support: Option<Support>,
     /// Largest weight of a voxel, as a multiple of the kernel's peak: from there on the mean moves instead of freezing.
     pub max_weight: f64,
@@ -62,6 +68,7 @@ impl Settings {
             spacing_mm,
             lattice_origin_mm: DVec3::ZERO,
             method: Method::default(),
+            compounding: Compounding::default(),
             sigma_mm: [None; 3],
             support: None,
             max_weight: MAX_WEIGHT,
@@ -133,9 +140,12 @@ pub enum Refused {
     /// A pose so far away that voxel indices would not fit.
     #[error("the slice lies beyond the lattice's 32-bit brick indices: check the poses' unit, or the voxel spacing")]
     OutOfRange,
+    /// A time so far from the first slice's that the order of slices cannot be kept.
+    #[error("the slice's time lies more than 59 hours from the first slice's: check the recording's time stamps")]
+    OutOfTime,
     /// The volume would take more memory than allowed.
     #[error(
-        "the volume would need {needed} more bricks of 4 KiB than the limit of {limit_bytes} bytes allows: choose a coarser --spacing, crop the picture, or raise --max-memory"
+        "the volume would need {needed} more bricks of 8×8×8 voxels than the limit of {limit_bytes} bytes allows: choose a coarser --spacing, crop the picture, or raise --max-memory"
     )]
     Memory {
         /// Bricks beyond the limit; at least this many.
@@ -183,6 +193,7 @@ struct Prepared {
     filter: SliceFilter,
     certainty: Nodes,
     mask: MaskSummary,
+    rule: Rule,
 }
 
 /// Weaves slices into a sparse volume. One per volume; not shared between threads, it makes its own.
@@ -193,6 +204,7 @@ pub struct Reconstructor {
     prepared: Option<Prepared>,
     volume: BrickVolume,
     last: Option<(Image, Transform<World, ImageFrame>)>,
+    clock: StampClock,
     plan: Plan,
     chunks: Vec<BrickChunk>,
     work: Work,
@@ -228,7 +240,10 @@ impl Reconstructor {
                     .map_err(|e| SettingsError::Threads(n, e.to_string()))?,
             ),
         };
-        let mut volume = BrickVolume::new();
+        let mut volume = match settings.compounding {
+            Compounding::Latest => BrickVolume::with_stamps(),
+            Compounding::Mean | Compounding::Maximum => BrickVolume::new(),
+        };
         volume.reserve(1).map_err(|e| SettingsError::Memory(e.to_string()))?;
         Ok(Self {
             settings,
@@ -237,6 +252,7 @@ impl Reconstructor {
             prepared: None,
             volume,
             last: None,
+            clock: StampClock::default(),
             plan: Plan::default(),
             chunks: Vec::new(),
             work: Work::default(),
@@ -306,6 +322,10 @@ impl Reconstructor {
             return Err(Refused::Repeated);
         }
         let plane = Plane::new(slice.world_from_image).ok_or(Refused::Degenerate)?;
+        let stamp = match self.settings.compounding {
+            Compounding::Latest => self.clock.stamp(slice.time_ns).ok_or(Refused::OutOfTime)?,
+            Compounding::Mean | Compounding::Maximum => 0,
+        };
         self.prepare(plane.pixel_mm, sharing)?;
         let Some(prepared) = &mut self.prepared else { return Err(SettingsError::EmptyMask.into()) };
 
@@ -319,14 +339,14 @@ impl Reconstructor {
         let step = filter.step_px();
         let geometry = SlabGeometry::new(image_from_lattice, certainty, step, normal.sigma_mm, normal.support_mm);
         let simd = self.settings.simd;
-        let most_weight = (self.settings.max_weight * normal.peak()) as f32;
+        let rule = prepared.rule;
 
         // Which bricks, and what the picture is at its nodes: neither needs the other.
         let (plan, volume) = (&mut self.plan, &self.volume);
         let limit_bytes = self.settings.memory_bytes;
         let (planned, ()) = sharing.both(
             || {
-                let view = View::new(certainty, 0.0, certainty, &normal, most_weight);
+                let view = View::new(certainty, 0.0, certainty, stamp, rule);
                 plan.find(&geometry, mask, volume, &view, simd, limit_bytes)
             },
             || filter.filter(&slice.image, sharing),
@@ -340,7 +360,7 @@ impl Reconstructor {
         for (task, index) in &self.plan.absent {
             self.plan.tasks[*task].slot = self.volume.find_or_insert(*index).0;
         }
-        let view = View::new(&filter.value, filter.level, certainty, &normal, most_weight);
+        let view = View::new(&filter.value, filter.level, certainty, stamp, rule);
         let tasks = &mut self.plan.tasks;
         weave_all(&mut self.volume, &mut self.chunks, tasks, &view, simd, sharing);
 
@@ -360,6 +380,7 @@ impl Reconstructor {
         self.work.voxels_updated += touched.voxels;
         self.work.weights_clamped += sum(|t| t.clamped);
         self.last = Some((slice.image.clone(), slice.world_from_image));
+        self.clock.start(slice.time_ns);
         Ok(touched)
     }
 
@@ -375,22 +396,41 @@ impl Reconstructor {
             2 => OFF_PLANE_SIGMA_MM,
             _ => IN_PLANE_SIGMA * spacing.max(pixel_mm[axis]),
         };
+        let (method, selects) = (settings.method, settings.compounding.selects());
         let kernel = |axis: usize| {
             let usual = if axis == 2 { OFF_PLANE_SUPPORT } else { IN_PLANE_SUPPORT };
             let sigma = settings.sigma_mm[axis].unwrap_or_else(|| default(axis));
-            AxisKernel::new(settings.method, sigma, settings.support.unwrap_or(usual))
+            let support = settings.support.unwrap_or(usual);
+            match axis {
+                2 => AxisKernel::new(method, sigma, support),
+                _ => method.in_plane(sigma, support, pixel_mm[axis]),
+            }
         };
-        let kernels = [kernel(0)?, kernel(1)?, kernel(2)?];
+        let mut kernels = [kernel(0)?, kernel(1)?, kernel(2)?];
+        if selects {
+            let [.., normal] = &mut kernels;
+            let support_mm = (0.5 * spacing).max(normal.hwhm() * normal.sigma_mm);
+            *normal = AxisKernel { shape: Shape::Box, support_mm, pedestal: 0.0, ..*normal };
+        }
         let design = |axis: usize, name: char| {
+            if method.interpolates() {
+                return Ok(Taps::identity());
+            }
             Taps::design(&kernels[axis], pixel_mm[axis]).map_err(|source| SettingsError::Spline { axis: name, source })
         };
         let taps = [design(0, 'u')?, design(1, 'v')?];
+        let rule = Rule {
+            sampling: Sampling::of(method),
+            falloff: Falloff::new(&kernels[2]),
+            compounding: settings.compounding,
+            most_weight: (settings.max_weight * kernels[2].peak()) as f32,
+        };
         // Half a pixel to the border of the data, and one σ on: from 0.84 σ on too little of the kernel lies on data.
         let margin = [0, 1].map(|a| (kernels[a].sigma_mm / pixel_mm[a]).min(kernels[a].support_mm / pixel_mm[a]) + 0.5);
         let mut filter = SliceFilter::new(settings.simd, taps, self.mask.clone(), margin)?;
         let certainty = filter.certainty(sharing);
         let mask = MaskSummary::new(&certainty);
-        self.prepared = Some(Prepared { pixel_mm, kernels, filter, certainty, mask });
+        self.prepared = Some(Prepared { pixel_mm, kernels, filter, certainty, mask, rule });
         Ok(())
     }
 }

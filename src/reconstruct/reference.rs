@@ -2,11 +2,12 @@
 //!
 //! For each voxel with |plane distance| ≤ d the numerator gains f(n)·Σ k(u−uⱼ)k(v−vⱼ)cⱼbⱼ and the weight f(n)·Σ k(u−uⱼ)k(v−vⱼ)cⱼ, with the
 //! in-plane kernel scaled so that its sum over the infinite pixel lattice is 1 at every position (Ohbuchi, Chen & Fuchs 1992,
-//! section 4, as normalised convolution).
+//! section 4, as normalised convolution). Where slices are selected and not averaged, the voxel keeps the value and weight of one.
 
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 
+use super::compounding::Compounding;
 use super::kernel::AxisKernel;
 use super::reconstructor::Plane;
 use super::slab::LEAST_CERTAINTY;
@@ -23,6 +24,9 @@ pub struct Reference {
     pub r: Vec<f64>,
     /// Σ weight.
     pub w: Vec<f64>,
+    /// Time of the slice that each voxel keeps, ns; of no meaning for a mean.
+    latest_ns: Vec<i64>,
+    compounding: Compounding,
 }
 
 impl Reference {
@@ -31,8 +35,16 @@ impl Reference {
     /// # Panics
     /// When the grid has more voxels than memory can address.
     pub fn new(grid: Grid) -> Self {
+        Self::compounding(grid, Compounding::Mean)
+    }
+
+    /// Nothing seen on a grid, slices to be compounded in the given way.
+    ///
+    /// # Panics
+    /// As [`Self::new`].
+    pub fn compounding(grid: Grid, compounding: Compounding) -> Self {
         let voxels = grid.voxels().and_then(|n| usize::try_from(n).ok()).expect("a grid that fits memory");
-        Self { grid, r: vec![0.0; voxels], w: vec![0.0; voxels] }
+        Self { grid, r: vec![0.0; voxels], w: vec![0.0; voxels], latest_ns: vec![i64::MIN; voxels], compounding }
     }
 
     /// Adds a slice with data where the mask says. A slice whose pose spans no plane adds nothing.
@@ -40,8 +52,10 @@ impl Reference {
         let Some(plane) = Plane::new(slice.world_from_image) else { return };
         let image_from_voxel: DAffine3 = plane.image_from_world * self.grid.world_from_volume().affine();
         let [nx, ny, _] = self.grid.size.map(|n| n as usize);
-        let voxels = self.r.par_chunks_mut(nx * ny).zip(self.w.par_chunks_mut(nx * ny)).enumerate();
-        voxels.for_each(|(z, (r, w))| {
+        let compounding = self.compounding;
+        let layers = self.r.par_chunks_mut(nx * ny).zip(self.w.par_chunks_mut(nx * ny));
+        let layers = layers.zip(self.latest_ns.par_chunks_mut(nx * ny)).enumerate();
+        layers.for_each(|(z, ((r, w), latest_ns))| {
             for i in 0..nx * ny {
                 let voxel = DVec3::new((i % nx) as f64, (i / nx) as f64, z as f64);
                 let at = image_from_voxel.transform_point3(voxel);
@@ -49,10 +63,22 @@ impl Reference {
                     continue;
                 }
                 let (value, certainty) = in_plane(slice, mask, kernels, plane.pixel_mm, [at.x, at.y]);
-                if certainty >= f64::from(LEAST_CERTAINTY) {
-                    let f = kernels[2].weight(at.z);
-                    r[i] += f * value;
-                    w[i] += f * certainty;
+                if certainty < f64::from(LEAST_CERTAINTY) {
+                    continue;
+                }
+                let mean = value / certainty;
+                let selected = match compounding {
+                    Compounding::Mean => {
+                        let f = kernels[2].weight(at.z);
+                        r[i] += f * value;
+                        w[i] += f * certainty;
+                        false
+                    }
+                    Compounding::Maximum => w[i] == 0.0 || mean > r[i],
+                    Compounding::Latest => slice.time_ns >= latest_ns[i],
+                };
+                if selected {
+                    (r[i], w[i], latest_ns[i]) = (mean, 1.0, slice.time_ns);
                 }
             }
         });

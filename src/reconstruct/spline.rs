@@ -8,7 +8,7 @@
 //!
 //! (A linear spline, fitted likewise, deviates 30 times as much at h = σ/2.)
 
-use super::kernel::AxisKernel;
+use super::kernel::{AxisKernel, cubic_b_spline};
 
 /// How far the sampled picture may deviate from the exact sum, as a fraction of the picture's range, for the worst possible picture,
 /// both axes together.
@@ -130,6 +130,11 @@ impl Taps {
         Ok(best.unwrap_or_else(|| Self::fit(kernel, pixel_mm, Step::Up(FINEST))))
     }
 
+    /// A node at each pixel, whose value it has: what interpolation between pixels starts from.
+    pub fn identity() -> Self {
+        Self { step: Step::Down(1), phases: vec![PhaseTaps { first: 0, weights: vec![1.0] }], deviation: 0.0 }
+    }
+
     /// Fits the taps for a given step.
     pub fn fit(kernel: &AxisKernel, pixel_mm: f64, step: Step) -> Self {
         let knot_mm = pixel_mm * step.pixels();
@@ -187,18 +192,6 @@ impl Taps {
             worst = worst.max(0.5 * difference);
         }
         worst
-    }
-}
-
-/// B₃(x): cubic B-spline on unit knots, support [−2, 2].
-fn cubic_b_spline(x: f64) -> f64 {
-    let x = x.abs();
-    if x < 1.0 {
-        2.0 / 3.0 - x * x + 0.5 * x * x * x
-    } else if x < 2.0 {
-        (2.0 - x).powi(3) / 6.0
-    } else {
-        0.0
     }
 }
 

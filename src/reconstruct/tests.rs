@@ -1,5 +1,7 @@
 //! The fast path against the equations, closed forms and itself.
 
+mod compounding;
+
 use std::sync::Arc;
 
 use calibration::frames::Transform;
@@ -8,7 +10,7 @@ use glam::{DAffine3, DMat3, DQuat, DVec3, EulerRot};
 
 use super::kernel::{Method, Support};
 use super::reference::Reference;
-use super::{Reconstructor, Refused, Settings, Simd};
+use super::{Compounding, Reconstructor, Refused, Settings, Simd};
 use crate::mask::Mask;
 use crate::phantom::{Motion, Scan, ScanSettings, Scene, scan::Depth, scene::Sphere};
 use crate::slice::{Image, Pixels, Slice};
@@ -75,6 +77,11 @@ fn the_fast_path_is_the_equations_within_the_stated_deviation() {
         (Method::GaussianTruncated, 0.25, [1.0; 2]),
         (Method::Gaussian, 0.08, [3.0; 2]),
         (Method::Gaussian, 0.7, [1.0 / 3.0; 2]),
+        (Method::BSpline3, 0.25, [0.5; 2]),
+        (Method::BSpline3, 0.08, [2.0; 2]),
+        (Method::Linear, 0.25, [1.0; 2]),
+        (Method::Linear, 0.7, [1.0; 2]),
+        (Method::Nearest, 0.25, [1.0; 2]),
     ];
     for (method, pixel_mm, step) in cases {
         let blobs = Scene::Blobs(crate::phantom::scene::Blobs::draw(3));
@@ -89,7 +96,7 @@ fn the_fast_path_is_the_equations_within_the_stated_deviation() {
             slow.insert(&scan.slice(i), &fan(), fast.kernels().unwrap());
         }
         let (steps, deviation) = fast.decimation().unwrap();
-        assert!(deviation <= 0.002 && steps == step, "{steps:?} {deviation}");
+        assert!(deviation <= 0.002 && steps == step, "{method:?} {pixel_mm}: {steps:?} {deviation}");
         let (mut seen, mut differ) = (0, 0);
         for (i, voxel) in voxels(&grid, low) {
             let (r, w) = fast.volume().voxel(voxel);
@@ -115,16 +122,29 @@ fn the_fast_path_is_the_equations_within_the_stated_deviation() {
 #[test]
 fn every_instruction_set_and_thread_count_gives_the_same_bits() {
     let scan = scan(Scene::Blobs(crate::phantom::scene::Blobs::draw(1)), 8, 6.0, Depth::U8);
-    let run = |simd, threads| {
-        let mut r = Reconstructor::new(Settings { simd, threads, max_weight: 1.5, ..settings() }, fan()).unwrap();
-        let touched: Vec<_> = (0..scan.frames()).map(|i| r.insert(&scan.slice(i)).unwrap()).collect();
-        (touched, bits(r.volume()), r.work())
-    };
-    let reference = run(Simd::Portable, 1);
-    assert!(reference.2.weights_clamped > 0, "the clamp is part of what must agree");
-    for simd in Simd::ALL.into_iter().filter(|s| s.is_available()) {
-        for threads in [1, 2, 7] {
-            assert!(run(simd, threads) == reference, "{} with {threads} threads", simd.name());
+    let ways = [
+        (Method::Gaussian, Compounding::Mean),
+        (Method::BSpline3, Compounding::Mean),
+        (Method::Linear, Compounding::Mean),
+        (Method::Nearest, Compounding::Mean),
+        (Method::Gaussian, Compounding::Maximum),
+        (Method::Linear, Compounding::Latest),
+    ];
+    for (method, compounding) in ways {
+        let run = |simd, threads| {
+            let settings = Settings { method, compounding, simd, threads, max_weight: 1.5, ..settings() };
+            let mut r = Reconstructor::new(settings, fan()).unwrap();
+            let touched: Vec<_> = (0..scan.frames()).map(|i| r.insert(&scan.slice(i)).unwrap()).collect();
+            (touched, bits(r.volume()), r.work())
+        };
+        let reference = run(Simd::Portable, 1);
+        let clamps = compounding == Compounding::Mean;
+        assert_eq!(reference.2.weights_clamped > 0, clamps, "the clamp is part of what must agree");
+        for simd in Simd::ALL.into_iter().filter(|s| s.is_available()) {
+            for threads in [1, 2, 7] {
+                let same = run(simd, threads) == reference;
+                assert!(same, "{method:?}, {compounding:?}: {} with {threads} threads", simd.name());
+            }
         }
     }
 }

@@ -5,11 +5,13 @@
 //! that test loses none). What remains costs one 4×4 spline sum, one Gaussian and two multiply-adds per voxel.
 #![allow(unsafe_code, reason = "the inner loop runs on `Lanes`, by pointer")]
 
-use super::kernel::AxisKernel;
+use super::compounding::Compounding;
+use super::falloff::Falloff;
 use super::nodes::Nodes;
+use super::sampling::{Linear, Nearest, Sampler, Sampling, Spline};
 use super::simd::{LANES, Lanes, dispatch};
 use super::slab::{LEAST_CERTAINTY, Sight};
-use crate::volume::brick::{Brick, TILE, VOXELS, voxel_at};
+use crate::volume::brick::{Brick, Stamps, TILE, VOXELS, voxel_at};
 use crate::volume::sparse::Slot;
 
 /// Vectors in a brick.
@@ -30,42 +32,42 @@ pub(crate) struct Task {
     pub(crate) vectors: u32,
 }
 
-/// The slice, filtered, and the off-plane kernel.
+/// What is the same for all slices: how a picture is read, weighed and entered.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Rule {
+    pub(crate) sampling: Sampling,
+    pub(crate) falloff: Falloff,
+    pub(crate) compounding: Compounding,
+    /// Largest weight a voxel keeps.
+    pub(crate) most_weight: f32,
+}
+
+/// The slice, filtered, and how it enters the volume.
 #[derive(Clone, Copy)]
 pub(crate) struct View<'a> {
     pub(crate) value: &'a Nodes,
     pub(crate) certainty: &'a Nodes,
     /// What the values are relative to.
     pub(crate) level: f32,
+    /// The slice's time in ticks of [`Stamps`].
+    pub(crate) stamp: u32,
+    pub(crate) rule: Rule,
     /// Turn what a patch of values, or of certainties, sums to into grey levels and shares: powers of two.
     unit: [f32; 2],
-    /// Half width of the support, in σ.
-    pub(crate) reach: f32,
-    /// Subtracted from the Gaussian.
-    pub(crate) pedestal: f32,
-    /// Largest weight a voxel keeps.
-    pub(crate) most_weight: f32,
 }
 
 impl<'a> View<'a> {
-    /// A picture and its certainty, seen through the off-plane kernel.
-    pub(crate) fn new(
-        value: &'a Nodes,
-        level: f32,
-        certainty: &'a Nodes,
-        normal: &AxisKernel,
-        most_weight: f32,
-    ) -> Self {
-        Self {
-            value,
-            certainty,
-            level,
-            unit: [value, certainty].map(|nodes| 2.0_f32.powi(-nodes.scale - 15)),
-            reach: (normal.support_mm / normal.sigma_mm) as f32,
-            pedestal: normal.pedestal as f32,
-            most_weight,
-        }
+    /// A picture and its certainty.
+    pub(crate) fn new(value: &'a Nodes, level: f32, certainty: &'a Nodes, stamp: u32, rule: Rule) -> Self {
+        let unit = [value, certainty].map(|nodes| 2.0_f32.powi(-nodes.scale - rule.sampling.weight_bits()));
+        Self { value, certainty, level, stamp, rule, unit }
     }
+}
+
+/// A brick and what is kept beside it.
+pub(crate) struct Place<'a> {
+    pub(crate) brick: &'a mut Brick,
+    pub(crate) stamps: Option<&'a mut Stamps>,
 }
 
 /// Position of each lane's voxel in its tile, along x, y, z.
@@ -152,46 +154,6 @@ unsafe fn met<L: Lanes>(q: &Spread<L>, [_, x, y, z]: [f32; 4], reach: f32) -> u3
     }
 }
 
-/// Weights of the four cubic B-splines that reach a point t ∈ [0, 1) past the second of their knots.
-///
-/// # Safety
-/// The instruction set of `L` must be available.
-#[inline(always)]
-unsafe fn spline_weights<L: Lanes>(t: L) -> [L; 4] {
-    // SAFETY: as for this function.
-    unsafe {
-        let sixth = L::splat(1.0 / 6.0);
-        let s = L::splat(1.0).sub(t);
-        let t2 = t.mul(t);
-        let first = s.mul(s).mul(s.mul(sixth));
-        let last = t2.mul(t.mul(sixth));
-        let second = t.mul_add(L::splat(0.5), L::splat(-1.0)).mul_add(t2, L::splat(2.0 / 3.0));
-        // What is left of 1: a constant picture stays constant.
-        let third = L::splat(1.0).sub(first).sub(last).sub(second);
-        [first, second, third, last]
-    }
-}
-
-/// exp(−q²/2) for |q| ≤ 13: 2ⁿ·2ᶠ with a polynomial for 2ᶠ, |f| ≤ ½ (degree 7: rounding is all that remains).
-///
-/// # Safety
-/// The instruction set of `L` must be available.
-#[inline(always)]
-unsafe fn gaussian<L: Lanes>(q: L) -> L {
-    // SAFETY: as for this function.
-    unsafe {
-        let exponent = q.mul(q).mul(L::splat(-0.5 * std::f32::consts::LOG2_E)).max(L::splat(-125.0));
-        let n = exponent.round_ties_even();
-        let f = exponent.sub(n);
-        // Taylor coefficients (ln 2)ᵏ/k!: at |f| ≤ ½ the first term left out is below 6e-9.
-        let mut sum = L::splat(1.525_273e-5);
-        for c in [1.540_353e-4, 1.333_355_8e-3, 9.618_129e-3, 5.550_411e-2, 2.402_265e-1, std::f32::consts::LN_2, 1.0] {
-            sum = sum.mul_add(f, L::splat(c));
-        }
-        sum.scale_by_power_of_two(n)
-    }
-}
-
 /// What the first pass over a brick finds out and the second uses, for each tile that the slab meets.
 ///
 /// Two passes, because the second spends its time waiting for loads whose addresses come at the end of the first's chain of operations: apart,
@@ -231,15 +193,16 @@ unsafe fn locate<L: Lanes>(brick: Option<&Brick>, task: &Task, view: &View<'_>, 
     // SAFETY: the scratch arrays hold whole vectors; prefetches read nothing; the instruction set as for this function.
     unsafe {
         let [u, v, q] = task.functions;
-        let mut vectors = met(&Spread::<L>::new(q), q, view.reach);
+        let falloff = &view.rule.falloff;
+        let mut vectors = met(&Spread::<L>::new(q), q, falloff.reach);
         let (u, v, q) = (Spread::<L>::new(u), Spread::<L>::new(v), Spread::<L>::new(q));
         let nodes = view.value;
         let (last_u, last_v) = (L::splat((nodes.columns - 3) as f32), L::splat((nodes.rows - 3) as f32));
         let one = L::splat(1.0);
         let stride = L::splat(nodes.stride as f32);
-        let back = L::splat(-(nodes.stride as f32) - 1.0);
-        let reach = L::splat(view.reach);
-        let minus_reach = L::splat(-view.reach);
+        let back = L::splat(-((nodes.stride + 1) as f32) * view.rule.sampling.back() as f32);
+        let reach = L::splat(falloff.reach);
+        let minus_reach = L::splat(-falloff.reach);
         let partial = task.sight == Sight::Partial;
         let mut count = 0;
         while vectors != 0 {
@@ -269,78 +232,153 @@ unsafe fn locate<L: Lanes>(brick: Option<&Brick>, task: &Task, view: &View<'_>, 
             row.mul_add(stride, column.add(back)).store_integers(scratch.offset[count].as_mut_ptr());
             u.sub(column).store(scratch.along_u[count].as_mut_ptr());
             v.sub(row).store(scratch.along_v[count].as_mut_ptr());
-            // The pedestal's rounding can leave −1e−9 at the very end of the support.
-            let weight = gaussian(q).sub(L::splat(view.pedestal)).max(L::splat(0.0));
-            L::select(mask, weight, L::splat(-1.0)).store(scratch.weight[count].as_mut_ptr());
+            L::select(mask, falloff.at(q), L::splat(-1.0)).store(scratch.weight[count].as_mut_ptr());
             count += 1;
         }
         count
     }
 }
 
-/// What [`Lanes::patch`] gives, to the bit, where every node is 1: the sum of the column weights (those of the rows sum to 1 exactly).
-///
-/// It is 1 but for rounding; entered as certainty, the rounding of the weights cancels in numerator over weight, and a constant stays one.
-///
 /// # Safety
 /// The instruction set of `L` must be available.
 #[inline(always)]
-unsafe fn patch_of_ones<L: Lanes>(column: [L; 4]) -> L {
+unsafe fn weave_lanes<L: Lanes>(place: &mut Place<'_>, task: &mut Task, view: &View<'_>, scratch: &mut Scratch) {
     // SAFETY: as for this function.
-    unsafe { column[3].add(column[2].add(column[1].add(column[0]))) }
+    unsafe {
+        match view.rule.sampling {
+            Sampling::Spline => weave_sampled::<L, Spline>(place, task, view, scratch),
+            Sampling::Linear => weave_sampled::<L, Linear>(place, task, view, scratch),
+            Sampling::Nearest => weave_sampled::<L, Nearest>(place, task, view, scratch),
+        }
+    }
 }
 
 /// # Safety
 /// The instruction set of `L` must be available.
 #[inline(always)]
-unsafe fn weave_lanes<L: Lanes>(brick: &mut Brick, task: &mut Task, view: &View<'_>, scratch: &mut Scratch) {
+unsafe fn weave_sampled<L: Lanes, S: Sampler>(
+    place: &mut Place<'_>,
+    task: &mut Task,
+    view: &View<'_>,
+    scratch: &mut Scratch,
+) {
     // SAFETY: vector k covers elements 16k..16k+16 of the brick's arrays of 512. `locate` keeps columns in 1..=columns−3 and rows in
     // 1..=rows−3, so patches span columns 0..=columns−1 and rows 0..=rows−1 at most; value and certainty have one shape (they come
     // from one filter). The instruction set as for this function.
     unsafe {
-        let count = locate::<L>(Some(brick), task, view, scratch);
+        let count = locate::<L>(Some(place.brick), task, view, scratch);
         task.vectors = count as u32;
-        let most = L::splat(view.most_weight);
         let level = L::splat(view.level);
         let unit = L::splat(view.unit[0]);
-        let stride = view.value.stride;
         for i in 0..count {
             let vector = usize::from(scratch.vector[i]);
             let weight = L::load(scratch.weight[i].as_ptr());
             let mut mask = L::splat(0.0).le(weight);
             let offset = scratch.offset[i].as_ptr();
-            let row = spline_weights(L::load(scratch.along_v[i].as_ptr()));
-            let column = spline_weights(L::load(scratch.along_u[i].as_ptr()));
+            let row = S::weights(L::load(scratch.along_v[i].as_ptr()));
+            let column = S::weights(L::load(scratch.along_u[i].as_ptr()));
             let certainty = if task.sight == Sight::Partial {
-                let certainty =
-                    L::patch(view.certainty.pairs.as_ptr(), stride, offset, row, column).mul(L::splat(view.unit[1]));
+                let certainty = S::patch::<L>(view.certainty, offset, row, column).mul(L::splat(view.unit[1]));
                 mask = L::and(mask, L::splat(LEAST_CERTAINTY).le(certainty));
                 if L::bits(mask) == 0 {
                     continue;
                 }
                 certainty
             } else {
-                patch_of_ones(column)
+                S::ones(column)
             };
-            let contrast = L::patch(view.value.pairs.as_ptr(), stride, offset, row, column);
-            let sum = contrast.mul_add(unit, certainty.mul(level));
-            let r = L::load(brick.r.as_ptr().add(vector * LANES));
-            let w = L::load(brick.w.as_ptr().add(vector * LANES));
-            let mut new_r = sum.mul_add(weight, r);
-            let mut new_w = certainty.mul_add(weight, w);
-            let bits = L::bits(mask);
-            task.updated += bits.count_ones();
-            let fits = new_w.le(most);
-            let above = bits & !L::bits(fits);
-            if above != 0 {
-                let scale = L::select(fits, L::splat(1.0), most.div(new_w));
-                new_r = new_r.mul(scale);
-                new_w = L::select(fits, new_w, most);
-                task.clamped += above.count_ones();
+            let contrast = S::patch::<L>(view.value, offset, row, column);
+            let at = vector * LANES;
+            match view.rule.compounding {
+                Compounding::Mean => {
+                    let sum = contrast.mul_add(unit, certainty.mul(level));
+                    add(place.brick, at, mask, [weight, sum, certainty], view.rule.most_weight, task);
+                }
+                Compounding::Maximum => {
+                    let value = contrast.mul(unit).div(certainty).add(level);
+                    raise(place.brick, at, mask, value, task);
+                }
+                Compounding::Latest => {
+                    let value = contrast.mul(unit).div(certainty).add(level);
+                    replace(place, at, mask, value, view.stamp, task);
+                }
             }
-            L::select(mask, new_r, r).store(brick.r.as_mut_ptr().add(vector * LANES));
-            L::select(mask, new_w, w).store(brick.w.as_mut_ptr().add(vector * LANES));
         }
+    }
+}
+
+/// Adds to the sums of a vector at `at`, where `mask` says, and keeps the weights within `most`.
+///
+/// # Safety
+/// The instruction set of `L` must be available; `at` begins a vector of the brick.
+#[inline(always)]
+unsafe fn add<L: Lanes>(
+    brick: &mut Brick,
+    at: usize,
+    mask: L::Mask,
+    [weight, sum, certainty]: [L; 3],
+    most: f32,
+    task: &mut Task,
+) {
+    // SAFETY: as for this function.
+    unsafe {
+        let most = L::splat(most);
+        let r = L::load(brick.r.as_ptr().add(at));
+        let w = L::load(brick.w.as_ptr().add(at));
+        let mut new_r = sum.mul_add(weight, r);
+        let mut new_w = certainty.mul_add(weight, w);
+        let bits = L::bits(mask);
+        task.updated += bits.count_ones();
+        let fits = new_w.le(most);
+        let above = bits & !L::bits(fits);
+        if above != 0 {
+            let scale = L::select(fits, L::splat(1.0), most.div(new_w));
+            new_r = new_r.mul(scale);
+            new_w = L::select(fits, new_w, most);
+            task.clamped += above.count_ones();
+        }
+        L::select(mask, new_r, r).store(brick.r.as_mut_ptr().add(at));
+        L::select(mask, new_w, w).store(brick.w.as_mut_ptr().add(at));
+    }
+}
+
+/// Raises values to those of the slice where these are larger; what was not seen takes them. A seen voxel has weight 1.
+///
+/// # Safety
+/// As for [`add`].
+#[inline(always)]
+unsafe fn raise<L: Lanes>(brick: &mut Brick, at: usize, mask: L::Mask, value: L, task: &mut Task) {
+    // SAFETY: as for this function.
+    unsafe {
+        let r = L::load(brick.r.as_ptr().add(at));
+        let w = L::load(brick.w.as_ptr().add(at));
+        let unseen = w.le(L::splat(0.0));
+        task.updated += (L::bits(mask) & (L::bits(unseen) | !L::bits(value.le(r)))).count_ones();
+        let raised = L::select(unseen, value, value.max(r));
+        L::select(mask, raised, r).store(brick.r.as_mut_ptr().add(at));
+        L::select(mask, L::splat(1.0), w).store(brick.w.as_mut_ptr().add(at));
+    }
+}
+
+/// Replaces values that are not newer than the slice. A seen voxel has weight 1.
+///
+/// # Safety
+/// As for [`add`].
+#[inline(always)]
+unsafe fn replace<L: Lanes>(place: &mut Place<'_>, at: usize, mask: L::Mask, value: L, stamp: u32, task: &mut Task) {
+    let Some(stamps) = &mut place.stamps else { return };
+    // SAFETY: as for this function; the stamps have the brick's shape.
+    unsafe {
+        let stamps = stamps.0.as_mut_ptr().add(at);
+        // An unseen voxel's stamp is 0, older than any.
+        let mask = L::and(mask, L::not_above(stamps, stamp));
+        task.updated += L::bits(mask).count_ones();
+        L::replace_where(mask, stamps, stamp);
+        let brick = &mut place.brick;
+        let r = L::load(brick.r.as_ptr().add(at));
+        let w = L::load(brick.w.as_ptr().add(at));
+        L::select(mask, value, r).store(brick.r.as_mut_ptr().add(at));
+        L::select(mask, L::splat(1.0), w).store(brick.w.as_mut_ptr().add(at));
     }
 }
 
@@ -348,19 +386,33 @@ unsafe fn weave_lanes<L: Lanes>(brick: &mut Brick, task: &mut Task, view: &View<
 /// The instruction set of `L` must be available.
 #[inline(always)]
 unsafe fn touches_lanes<L: Lanes>(task: &Task, view: &View<'_>, scratch: &mut Scratch) -> bool {
-    // SAFETY: as for `weave_lanes`.
+    // SAFETY: as for this function.
     unsafe {
         let count = locate::<L>(None, task, view, scratch);
         if task.sight == Sight::Full {
             return count > 0;
         }
+        match view.rule.sampling {
+            Sampling::Spline => sees::<L, Spline>(count, view, scratch),
+            Sampling::Linear => sees::<L, Linear>(count, view, scratch),
+            Sampling::Nearest => sees::<L, Nearest>(count, view, scratch),
+        }
+    }
+}
+
+/// Whether one of the located voxels lies on data.
+///
+/// # Safety
+/// The instruction set of `L` must be available; the first `count` places of `scratch` were located.
+#[inline(always)]
+unsafe fn sees<L: Lanes, S: Sampler>(count: usize, view: &View<'_>, scratch: &Scratch) -> bool {
+    // SAFETY: as for `weave_sampled`.
+    unsafe {
         for i in 0..count {
-            let row = spline_weights(L::load(scratch.along_v[i].as_ptr()));
-            let column = spline_weights(L::load(scratch.along_u[i].as_ptr()));
-            let nodes = view.certainty;
+            let row = S::weights(L::load(scratch.along_v[i].as_ptr()));
+            let column = S::weights(L::load(scratch.along_u[i].as_ptr()));
             let offset = scratch.offset[i].as_ptr();
-            let certainty =
-                L::patch(nodes.pairs.as_ptr(), nodes.stride, offset, row, column).mul(L::splat(view.unit[1]));
+            let certainty = S::patch::<L>(view.certainty, offset, row, column).mul(L::splat(view.unit[1]));
             let reached = L::splat(0.0).le(L::load(scratch.weight[i].as_ptr()));
             if L::bits(L::and(reached, L::splat(LEAST_CERTAINTY).le(certainty))) != 0 {
                 return true;
@@ -372,7 +424,7 @@ unsafe fn touches_lanes<L: Lanes>(task: &Task, view: &View<'_>, scratch: &mut Sc
 
 dispatch!(
     /// Weaves a slice into a brick and counts in the task what that changed.
-    pub(crate) fn weave => weave_lanes(brick: &mut Brick, task: &mut Task, view: &View<'_>, scratch: &mut Scratch)
+    pub(crate) fn weave => weave_lanes(place: &mut Place<'_>, task: &mut Task, view: &View<'_>, scratch: &mut Scratch)
 );
 
 dispatch!(

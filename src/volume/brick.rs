@@ -27,6 +27,11 @@ pub struct Brick {
     pub w: [f32; VOXELS],
 }
 
+/// When each voxel of a brick was last written, in ticks of the writer's; 0 before. Placed by [`offset`].
+#[derive(Clone, Copy, bytemuck::Zeroable, bytemuck::Pod)]
+#[repr(C, align(64))]
+pub struct Stamps(pub [u32; VOXELS]);
+
 /// Place of a voxel in its brick: tiles x fastest, and x fastest in a tile.
 pub const fn offset(x: usize, y: usize, z: usize) -> usize {
     let [tx, ty, tz] = TILE;

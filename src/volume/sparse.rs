@@ -5,17 +5,14 @@
 //! wherever in the world that is.
 
 use std::io;
-use std::thread::JoinHandle;
 
-use memmap2::{Advice, MmapMut};
 use rustc_hash::FxHashMap;
 
-use super::brick::{Brick, BrickIndex, EDGE, VOXELS, offset, voxel_at};
+use super::arena::{Arena, CHUNK};
+use super::brick::{Brick, BrickIndex, EDGE, Stamps, VOXELS, offset, voxel_at};
 
 /// Bricks along a block's edge.
 const BLOCK: i32 = 8;
-/// Bricks whose addresses are reserved together, 16 MiB. Memory is taken only as they are filled.
-const CHUNK: usize = 4096;
 /// Slot of a brick that does not exist.
 const ABSENT: u32 = u32::MAX;
 
@@ -33,28 +30,13 @@ impl Slot {
     }
 }
 
-/// Memory for a chunk of empty bricks: fresh pages are zero, and zeros are an empty brick.
-///
-/// A sweep fills hundreds of new bricks a slice, and a page fault for each costs more than weaving them (measured at 256³: 1.5 ms a slice);
-/// so the pages are huge where the system has such, and there before they are needed. A system that knows neither advice gives single
-/// pages when they are first written.
-fn allocate() -> io::Result<MmapMut> {
-    let chunk = MmapMut::map_anon(CHUNK * size_of::<Brick>())?;
-    for advice in [Advice::HugePage, Advice::PopulateWrite] {
-        if let Err(error) = chunk.advise(advice) {
-            tracing::debug!(%error, ?advice, "memory for the volume is not prepared");
-        }
-    }
-    Ok(chunk)
-}
-
 /// The sparse volume.
 #[derive(Default)]
 pub struct BrickVolume {
     blocks: FxHashMap<BrickIndex, Box<[u32; 512]>>,
-    chunks: Vec<MmapMut>,
-    /// The next chunk, being prepared beside the work.
-    next: Option<JoinHandle<io::Result<MmapMut>>>,
+    bricks: Arena<Brick>,
+    /// The time of each voxel, where a volume is asked to keep it.
+    stamps: Option<Arena<Stamps>>,
     /// Where each slot's brick lies; its length is the number of bricks.
     places: Vec<BrickIndex>,
 }
@@ -71,6 +53,16 @@ impl BrickVolume {
         Self::default()
     }
 
+    /// A volume that keeps the time of each voxel.
+    pub(crate) fn with_stamps() -> Self {
+        Self { stamps: Some(Arena::default()), ..Self::default() }
+    }
+
+    /// Bytes that one more brick takes, tables apart.
+    pub(crate) fn brick_bytes(&self) -> u64 {
+        (size_of::<Brick>() + if self.stamps.is_some() { size_of::<Stamps>() } else { 0 }) as u64
+    }
+
     /// Number of bricks.
     pub fn len(&self) -> usize {
         self.places.len()
@@ -83,7 +75,7 @@ impl BrickVolume {
 
     /// Bytes held: bricks, tables and places. What is prepared for more comes on top, 32 MiB at most.
     pub fn bytes(&self) -> u64 {
-        let bricks = self.places.len() * size_of::<Brick>();
+        let bricks = self.places.len() * self.brick_bytes() as usize;
         let tables = self.blocks.len() * (512 * 4 + size_of::<(BrickIndex, usize)>());
         (bricks + tables + self.places.capacity() * size_of::<BrickIndex>()) as u64
     }
@@ -109,15 +101,8 @@ impl BrickVolume {
         if u32::try_from(bricks).is_err() {
             return Err(io::ErrorKind::OutOfMemory.into());
         }
-        while bricks > self.chunks.len() * CHUNK {
-            let prepared = self.next.take().and_then(|thread| thread.join().ok());
-            self.chunks.push(prepared.unwrap_or_else(allocate)?);
-        }
-        if self.next.is_none() && bricks + CHUNK / 2 > self.chunks.len() * CHUNK {
-            // Without a thread the chunk is made when it is needed.
-            self.next = std::thread::Builder::new().name("volume-memory".into()).spawn(allocate).ok();
-        }
-        Ok(())
+        self.bricks.reserve(bricks)?;
+        self.stamps.as_mut().map_or(Ok(()), |stamps| stamps.reserve(bricks))
     }
 
     /// The slot of a brick, which is made if it does not exist, and whether it was made.
@@ -131,7 +116,7 @@ impl BrickVolume {
             return (Slot(*entry), false);
         }
         let slot = self.places.len();
-        assert!(slot < self.chunks.len() * CHUNK, "bricks are made in reserved room");
+        assert!(slot < self.bricks.room(), "bricks are made in reserved room");
         *entry = slot as u32;
         self.places.push(index);
         (Slot(slot as u32), true)
@@ -139,8 +124,7 @@ impl BrickVolume {
 
     /// A brick.
     pub fn brick(&self, slot: Slot) -> &Brick {
-        let chunk: &[Brick] = bytemuck::cast_slice(&self.chunks[slot.index() / CHUNK]);
-        &chunk[slot.index() % CHUNK]
+        self.bricks.get(slot.index())
     }
 
     /// Where a brick lies.
@@ -155,7 +139,12 @@ impl BrickVolume {
 
     /// Base address of each chunk, for the weaver that hands every brick to exactly one thread.
     pub(crate) fn chunk_pointers(&mut self) -> impl Iterator<Item = *mut Brick> {
-        self.chunks.iter_mut().map(|chunk| bytemuck::cast_slice_mut(chunk).as_mut_ptr())
+        self.bricks.pointers()
+    }
+
+    /// The same of the voxels' times, if they are kept.
+    pub(crate) fn stamp_pointers(&mut self) -> impl Iterator<Item = *mut Stamps> {
+        self.stamps.iter_mut().flat_map(Arena::pointers)
     }
 
     /// Chunk and place in the chunk of a slot, to be used with [`Self::chunk_pointers`].
@@ -297,8 +286,7 @@ mod tests {
         volume.reserve(2).unwrap();
         for (place, voxel) in [([-1, 0, 0], offset(7, 3, 2)), ([2, 1, 0], offset(0, 0, 5))] {
             let (slot, _) = volume.find_or_insert(place);
-            let (chunk, at) = BrickVolume::locate(slot);
-            bytemuck::cast_slice_mut::<u8, Brick>(&mut volume.chunks[chunk])[at].w[voxel] = 1.0;
+            volume.bricks.get_mut(slot.index()).w[voxel] = 1.0;
         }
         assert_eq!(volume.seen_bounds(), Some(([-1, 3, 2], [16, 8, 5])));
         assert_eq!(volume.voxel([-1, 3, 2]), (0.0, 1.0));

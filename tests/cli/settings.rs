@@ -83,6 +83,37 @@ fn kernel_flags_reach_the_kernel() {
 }
 
 #[test]
+fn every_method_and_compounding_reaches_the_volume_and_its_header() {
+    let place = sweep("--scene ramp --noise 0 --type f32 --trajectory parallel");
+    // In the plane the interpolating methods have the pixels' own widths, whatever is asked for.
+    let cases = [
+        ("bspline3", [0.8, 0.9, 1.0], [2.0 * 3.0_f64.sqrt(); 3].map(|z| z * 0.8)),
+        ("linear", [0.5 / 6.0_f64.sqrt(), 0.5 / 6.0_f64.sqrt(), 1.0], [0.5, 0.5, 2.575_829]),
+        ("nearest", [0.5 / 12.0_f64.sqrt(), 0.5 / 12.0_f64.sqrt(), 1.0], [0.25, 0.25, 3.0_f64.sqrt()]),
+    ];
+    for (method, sigma, support) in cases {
+        let said = place
+            .run(&format!("reconstruct s.mha -o v.mha --stats s.json --clip none --sigma 0.8,0.9,1 --method {method}"));
+        assert_eq!(said.code, 0, "{}", said.stderr);
+        let s = place.json("s.json");
+        close(&s["sigma_mm"], sigma);
+        assert!((numbers(&s["support_mm"])[0] / support[0] - 1.0).abs() < 1e-6, "{s}");
+        assert_eq!((&s["method"], &s["compounding"]), (&json!(method), &json!("mean")));
+        let notes = s["notes"].to_string();
+        assert_eq!(notes.contains("only the last of the three widths"), method != "bspline3", "{notes}");
+        assert_eq!(place.volume("v.mha").field("SonoweaveMethod"), method);
+    }
+    for compound in ["maximum", "latest"] {
+        let s = statistics(&place, &format!("--clip none --compound {compound}"));
+        assert_eq!(s["compounding"], compound);
+        assert!((numbers(&s["support_mm"])[2] - 1.177_41).abs() < 1e-5, "the kernel's half width at half maximum: {s}");
+        assert_eq!(place.volume("v.mha").field("SonoweaveCompounding"), compound);
+    }
+    let says = &["--support, --leakage: the kernel bspline3 ends of itself", "choose --method gaussian"];
+    place.refuses("reconstruct s.mha -o w.mha --method bspline3 --leakage 0.01", says);
+}
+
+#[test]
 fn region_and_weight_flags_reach_what_they_name() {
     let place = sweep("");
     let s = statistics(&place, "--clip none --fan 20,-10,15,40,-20,20");

@@ -211,4 +211,46 @@ unsafe impl Lanes for Avx2 {
             Self(value)
         }
     }
+    #[inline(always)]
+    unsafe fn patch_of_two(at: *const u32, offset: *const u32, row: [Self; 2], column: [Self; 2]) -> Self {
+        // SAFETY: AVX2 and FMA as for the trait; the caller vouches that each lane's patch lies inside `at`.
+        unsafe {
+            let mut value = [_mm256_setzero_ps(); 2];
+            for (half, value) in value.iter_mut().enumerate() {
+                let q0 = _mm256_cvtps_epi32(_mm256_mul_ps(row[0].0[half], _mm256_set1_ps(16384.0)));
+                let q1 = _mm256_sub_epi32(_mm256_set1_epi32(16384), q0);
+                let q = _mm256_or_si256(q0, _mm256_slli_epi32::<16>(q1));
+                let offset = _mm256_loadu_si256(offset.add(8 * half).cast());
+                let left = _mm256_i32gather_epi32::<4>(at.cast(), offset);
+                let right = _mm256_i32gather_epi32::<4>(at.add(1).cast(), offset);
+                let left = _mm256_cvtepi32_ps(_mm256_madd_epi16(left, q));
+                let right = _mm256_cvtepi32_ps(_mm256_madd_epi16(right, q));
+                *value = _mm256_fmadd_ps(right, column[1].0[half], _mm256_mul_ps(left, column[0].0[half]));
+            }
+            Self(value)
+        }
+    }
+    #[inline(always)]
+    unsafe fn not_above(at: *const u32, most: u32) -> [__m256; 2] {
+        // SAFETY: as for the trait.
+        unsafe {
+            let most = _mm256_set1_epi32(most.cast_signed());
+            let mut mask = [_mm256_setzero_ps(); 2];
+            for (half, mask) in mask.iter_mut().enumerate() {
+                let x = _mm256_loadu_si256(at.add(8 * half).cast());
+                *mask = _mm256_castsi256_ps(_mm256_cmpeq_epi32(_mm256_max_epu32(x, most), most));
+            }
+            mask
+        }
+    }
+    #[inline(always)]
+    unsafe fn replace_where(mask: [__m256; 2], at: *mut u32, with: u32) {
+        // SAFETY: as for the trait.
+        unsafe {
+            let with = _mm256_set1_epi32(with.cast_signed());
+            for (half, mask) in mask.into_iter().enumerate() {
+                _mm256_maskstore_epi32(at.add(8 * half).cast(), _mm256_castps_si256(mask), with);
+            }
+        }
+    }
 }

@@ -186,4 +186,32 @@ unsafe impl Lanes for Avx512 {
             Self(_mm512_fmadd_ps(sums[3], column[3].0, value))
         }
     }
+    #[inline(always)]
+    unsafe fn patch_of_two(at: *const u32, offset: *const u32, row: [Self; 2], column: [Self; 2]) -> Self {
+        // SAFETY: AVX-512 F and BW as for the trait; a gathered element is two neighbouring nodes, which the caller vouches for.
+        unsafe {
+            let q0 = _mm512_cvtps_epi32(_mm512_mul_ps(row[0].0, _mm512_set1_ps(16384.0)));
+            let q1 = _mm512_sub_epi32(_mm512_set1_epi32(16384), q0);
+            let q = _mm512_or_si512(q0, _mm512_slli_epi32::<16>(q1));
+            let low = _mm512_i32gather_epi64::<4>(_mm256_loadu_si256(offset.cast()), at.cast());
+            let high = _mm512_i32gather_epi64::<4>(_mm256_loadu_si256(offset.add(8).cast()), at.cast());
+            let even = _mm512_setr_epi32(0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30);
+            let odd = _mm512_add_epi32(even, _mm512_set1_epi32(1));
+            let left = _mm512_permutex2var_epi32(low, even, high);
+            let right = _mm512_permutex2var_epi32(low, odd, high);
+            let left = _mm512_cvtepi32_ps(_mm512_madd_epi16(left, q));
+            let right = _mm512_cvtepi32_ps(_mm512_madd_epi16(right, q));
+            Self(_mm512_fmadd_ps(right, column[1].0, _mm512_mul_ps(left, column[0].0)))
+        }
+    }
+    #[inline(always)]
+    unsafe fn not_above(at: *const u32, most: u32) -> __mmask16 {
+        // SAFETY: as for the trait.
+        unsafe { _mm512_cmple_epu32_mask(_mm512_loadu_si512(at.cast()), _mm512_set1_epi32(most.cast_signed())) }
+    }
+    #[inline(always)]
+    unsafe fn replace_where(mask: __mmask16, at: *mut u32, with: u32) {
+        // SAFETY: as for the trait.
+        unsafe { _mm512_mask_storeu_epi32(at.cast(), mask, _mm512_set1_epi32(with.cast_signed())) }
+    }
 }

@@ -106,6 +106,13 @@ pub(crate) unsafe trait Lanes: Copy {
     /// There are sixteen offsets; the elements (i, j), i < 4, j ∈ {0, 2}, of each lane's patch must lie inside `at`. Row weights must
     /// lie in 0..=1 and sum to about 1.
     unsafe fn patch(at: *const u32, stride: usize, offset: *const u32, row: [Self; 4], column: [Self; 4]) -> Self;
+    /// Lane k: `Σᵢ column[i][k]·(Σⱼ qⱼ[k]·node(offset[k] + j·stride + i))` over i, j < 2, where q₀ is the first row weight in units of 2⁻¹⁴, rounded, and q₁
+    /// the rest of 2¹⁴. Nodes, offsets and order as for [`Self::patch`]; elements (0, 0) and (1, 0) of each lane's patch must lie inside `at`.
+    unsafe fn patch_of_two(at: *const u32, offset: *const u32, row: [Self; 2], column: [Self; 2]) -> Self;
+    /// Lanes whose integer in memory is at most `most`.
+    unsafe fn not_above(at: *const u32, most: u32) -> Self::Mask;
+    /// Writes an integer where the mask is set.
+    unsafe fn replace_where(mask: Self::Mask, at: *mut u32, with: u32);
     /// Asks for the cache line at an address; nothing is read.
     unsafe fn prefetch(at: *const f32);
 }

@@ -119,5 +119,30 @@ unsafe impl Lanes for Portable {
         }))
     }
     #[inline(always)]
+    unsafe fn patch_of_two(at: *const u32, offset: *const u32, row: [Self; 2], column: [Self; 2]) -> Self {
+        Self(std::array::from_fn(|k| {
+            let q = (row[0].0[k] * 16384.0).round_ties_even() as i32;
+            let sums: [f32; 2] = std::array::from_fn(|i| {
+                // SAFETY: the caller vouches for sixteen offsets and that each lane's patch lies inside `at`.
+                let pair = unsafe { *at.add(*offset.add(k) as usize + i) };
+                let [a, b] = [pair as u16, (pair >> 16) as u16].map(|half| i32::from(half.cast_signed()));
+                (a * q + b * (16384 - q)) as f32
+            });
+            sums[1].mul_add(column[1].0[k], sums[0] * column[0].0[k])
+        }))
+    }
+    #[inline(always)]
+    unsafe fn not_above(at: *const u32, most: u32) -> u16 {
+        // SAFETY: the caller vouches for sixteen readable elements.
+        (0..LANES).fold(0, |mask, k| mask | (u16::from(unsafe { *at.add(k) } <= most) << k))
+    }
+    #[inline(always)]
+    unsafe fn replace_where(mask: u16, at: *mut u32, with: u32) {
+        for k in (0..LANES).filter(|k| mask >> k & 1 == 1) {
+            // SAFETY: the caller vouches for sixteen writable elements.
+            unsafe { *at.add(k) = with }
+        }
+    }
+    #[inline(always)]
     unsafe fn prefetch(_at: *const f32) {}
 }

@@ -39,9 +39,15 @@ unsafe fn everything<L: Lanes>(a: &Row, b: &Row, c: &Row, table: &[u32]) -> Vec<
         let s = L::splat(1.0).sub(t);
         let row = [s.mul(L::splat(0.2)), s.mul(L::splat(0.8)), t.mul(L::splat(0.7)), t.mul(L::splat(0.3))];
         keep(L::patch(table.as_ptr(), 9, offsets.as_ptr(), row, [z, y, x, y]));
+        keep(L::patch_of_two(table.as_ptr(), offsets.as_ptr(), [s, t], [z, y]));
+        let mut stamps: [u32; LANES] = std::array::from_fn(|k| table[k]);
+        let old = L::not_above(stamps.as_ptr(), 1 << 31);
+        keep(L::splat(f32::from(L::bits(old))));
+        L::replace_where(L::and(old, mask), stamps.as_mut_ptr(), 0xFFFF_FFFE);
         let mut pairs = [0_u32; LANES];
         L::store_pairs(x, y, pairs.as_mut_ptr());
         out.push(pairs.map(f32::from_bits));
+        out.push(stamps.map(f32::from_bits));
         out
     }
 }
@@ -82,9 +88,21 @@ fn scalar(a: &Row, b: &Row, c: &Row, table: &[u32]) -> Vec<Row> {
             sum(3).mul_add(column[3], sum(2).mul_add(column[2], sum(1).mul_add(column[1], sum(0) * column[0])))
         }),
         lanes(&|k| {
+            let base = a[k].floor().clamp(0.0, 40.0) as usize;
+            let units = ((1.0 - (a[k] - a[k].floor())) * 16384.0).round_ties_even() as i64;
+            let sum = |i: usize| {
+                let [above, below] =
+                    [table[base + i] as u16, (table[base + i] >> 16) as u16].map(|h| i64::from(h as i16));
+                (above * units + below * (16384 - units)) as f32
+            };
+            sum(1).mul_add(b[k], sum(0) * c[k])
+        }),
+        [f32::from((0..LANES).map(|k| u16::from(table[k] <= 1 << 31) << k).sum::<u16>()); LANES],
+        lanes(&|k| {
             let half = |x: f32| u32::from((x.round_ties_even() as i16).cast_unsigned());
             f32::from_bits(half(a[k]) | half(b[k]) << 16)
         }),
+        lanes(&|k| f32::from_bits(if table[k] <= 1 << 31 && mask(k) { 0xFFFF_FFFE } else { table[k] })),
     ]
 }
 

@@ -1,0 +1,107 @@
+//! The weight of a voxel at a distance from the slice's plane, sixteen voxels at a time.
+#![allow(unsafe_code, reason = "runs on `Lanes`")]
+
+use super::kernel::{AxisKernel, Shape};
+use super::simd::Lanes;
+
+/// The kernel across the plane, in units of σ.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Falloff {
+    shape: Shape,
+    /// Half width of the support.
+    pub(crate) reach: f32,
+    /// Subtracted from the shape.
+    pedestal: f32,
+}
+
+impl Falloff {
+    pub(crate) fn new(normal: &AxisKernel) -> Self {
+        Self {
+            shape: normal.shape,
+            reach: (normal.support_mm / normal.sigma_mm) as f32,
+            pedestal: normal.pedestal as f32,
+        }
+    }
+
+    /// Weight at `q` σ from the plane, |q| ≤ [`Self::reach`]; never negative.
+    ///
+    /// # Safety
+    /// The instruction set of `L` must be available.
+    #[inline(always)]
+    pub(crate) unsafe fn at<L: Lanes>(&self, q: L) -> L {
+        // SAFETY: as for this function.
+        unsafe {
+            let zero = L::splat(0.0);
+            match self.shape {
+                Shape::Gaussian => {
+                    let exponent = q.mul(q).mul(L::splat(-0.5 * std::f32::consts::LOG2_E));
+                    // The pedestal's rounding can leave −1e−9 at the very end of the support.
+                    power_of_two(exponent).sub(L::splat(self.pedestal)).max(zero)
+                }
+                Shape::CubicBSpline => {
+                    // ¼(2−x)³ − (1−x)³ where the brackets are positive, x = |q|/√3: 3/2 of B₃.
+                    let x = q.max(zero.sub(q)).mul(L::splat(1.0 / SQRT_3));
+                    let outer = L::splat(2.0).sub(x).max(zero);
+                    let inner = L::splat(1.0).sub(x).max(zero);
+                    let cube = inner.mul(inner).mul(inner);
+                    outer.mul(outer).mul(outer.mul(L::splat(0.25))).sub(cube).max(zero)
+                }
+                Shape::Tent => {
+                    let x = q.max(zero.sub(q)).mul(L::splat(1.0 / SQRT_6));
+                    L::splat(1.0).sub(x).max(zero)
+                }
+                Shape::Box => L::splat(1.0),
+            }
+        }
+    }
+}
+
+const SQRT_3: f32 = 1.732_050_8;
+const SQRT_6: f32 = 2.449_489_7;
+
+/// 2ˣ for x ≤ 0, at least 2⁻¹²⁵: 2ⁿ·2ᶠ with a polynomial for 2ᶠ, |f| ≤ ½ (degree 7: rounding is all that remains).
+///
+/// # Safety
+/// The instruction set of `L` must be available.
+#[inline(always)]
+pub(crate) unsafe fn power_of_two<L: Lanes>(exponent: L) -> L {
+    // SAFETY: as for this function.
+    unsafe {
+        let exponent = exponent.max(L::splat(-125.0));
+        let n = exponent.round_ties_even();
+        let f = exponent.sub(n);
+        // Taylor coefficients (ln 2)ᵏ/k!: at |f| ≤ ½ the first term left out is below 6e-9.
+        let mut sum = L::splat(1.525_273e-5);
+        for c in [1.540_353e-4, 1.333_355_8e-3, 9.618_129e-3, 5.550_411e-2, 2.402_265e-1, std::f32::consts::LN_2, 1.0] {
+            sum = sum.mul_add(f, L::splat(c));
+        }
+        sum.scale_by_power_of_two(n)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::kernel::{Method, Support};
+    use super::super::simd::portable::Portable;
+    use super::*;
+
+    #[test]
+    fn weights_are_those_of_the_kernel() {
+        for method in Method::ALL {
+            for kernel in [
+                AxisKernel::new(method, 0.7, Support::Energy(1e-4)).unwrap(),
+                Method::Linear.in_plane(0.7, Support::Energy(0.1), 0.5).unwrap(),
+            ] {
+                let falloff = Falloff::new(&kernel);
+                for step in 0..=1000_u16 {
+                    let q = falloff.reach * (f32::from(step) / 500.0 - 1.0);
+                    let mut weights = [0.0; 16];
+                    // SAFETY: portable lanes need no instruction set; the array holds sixteen.
+                    unsafe { falloff.at(Portable::splat(q)).store(weights.as_mut_ptr()) };
+                    let expected = kernel.weight(f64::from(q) * kernel.sigma_mm * (1.0 - 1e-7));
+                    assert!((f64::from(weights[3]) - expected).abs() < 1e-6, "{method:?} at {q}: {weights:?}");
+                }
+            }
+        }
+    }
+}
