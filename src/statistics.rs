@@ -11,6 +11,7 @@ use crate::export::whole::write_whole;
 use crate::ledger::Ledger;
 use crate::mask::MaskSettings;
 use crate::pipeline::Outcome;
+use crate::reconstruct::{Compounding, Work};
 
 /// Spread of the time that slices took, ms.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -73,6 +74,34 @@ pub struct WorkNumbers {
     pub voxels_sampled: u64,
 }
 
+/// A decay, and what it made of the frames' times.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct DecayNumbers {
+    /// Its course.
+    pub mode: &'static str,
+    /// How fast the past fades, 1/s.
+    pub rate_per_s: f64,
+    /// For how long it does not, s.
+    pub wait_s: f64,
+    /// Slices whose time was earlier than the newest before them: they count as of that time.
+    pub times_backwards: u64,
+    /// Slices whose time lay a day after the newest before them, or ten seconds before it: a clock was set.
+    pub times_absurd: u64,
+}
+
+impl DecayNumbers {
+    fn of(compounding: Compounding, work: Work) -> Option<Self> {
+        let Compounding::Decay(decay) = compounding else { return None };
+        Some(Self {
+            mode: decay.name(),
+            rate_per_s: decay.rate_per_s(),
+            wait_s: decay.wait_s(),
+            times_backwards: work.times_backwards,
+            times_absurd: work.times_absurd,
+        })
+    }
+}
+
 /// The numbers of a reconstruction.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Statistics {
@@ -105,6 +134,8 @@ pub struct Statistics {
     pub method: &'static str,
     /// How slices that reach the same voxel make its value.
     pub compounding: &'static str,
+    /// How the past fades, if it does.
+    pub decay: Option<DecayNumbers>,
     /// Nominal σ along u, v, n, mm.
     pub sigma_mm: [f64; 3],
     /// σ of the kernel as cut and lowered, mm.
@@ -159,6 +190,7 @@ impl Statistics {
             scalar,
             method: settings.method.name(),
             compounding: settings.compounding.name(),
+            decay: DecayNumbers::of(settings.compounding, work),
             sigma_mm: per_axis(|k| k.sigma_mm),
             sigma_effective_mm: per_axis(|k| k.sigma_effective_mm()),
             support_mm: per_axis(|k| k.support_mm),

@@ -312,7 +312,7 @@ fn provenance(arguments: &Arguments, outcome: &Outcome, hash: &str) -> Result<Ve
         line("Calibration", calibration),
         line("Route", outcome.route.clone()),
         line("Method", arguments.weighing.method().name().into()),
-        line("Compounding", outcome.reconstructor.settings().compounding.name().into()),
+        line("Compounding", outcome.reconstructor.settings().compounding.to_string()),
     ];
     if let (Some(sigma), Some(support)) = (per_axis(|k| k.sigma_mm), per_axis(|k| k.support_mm)) {
         fields.push(line("SigmaMm", sigma));

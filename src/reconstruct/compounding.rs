@@ -1,5 +1,7 @@
 //! What becomes of the slices that reach the same voxel.
 
+use super::decay::Decay;
+
 /// How the slices that reach a voxel make its value.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Compounding {
@@ -11,6 +13,8 @@ pub enum Compounding {
     /// The in-plane filtered value of the slice with the latest time; of slices at one time, to a ten-thousandth of a second, that of the one
     /// inserted last.
     Latest,
+    /// The mean, in which the past fades.
+    Decay(Decay),
 }
 
 impl Compounding {
@@ -20,6 +24,7 @@ impl Compounding {
             Self::Mean => "mean",
             Self::Maximum => "maximum",
             Self::Latest => "latest",
+            Self::Decay(_) => "decay",
         }
     }
 
@@ -27,6 +32,17 @@ impl Compounding {
     /// whichever is more, and all of them alike.
     pub fn selects(self) -> bool {
         matches!(self, Self::Maximum | Self::Latest)
+    }
+}
+
+impl std::fmt::Display for Compounding {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Decay(decay) => {
+                write!(f, "decay {} {:?} 1/s after {:?} s", decay.name(), decay.rate_per_s(), decay.wait_s())
+            }
+            _ => f.write_str(self.name()),
+        }
     }
 }
 

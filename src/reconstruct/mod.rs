@@ -5,18 +5,21 @@
 //! - [`kernel`]: the weight of a sample at a distance, and where it ends.
 //! - [`spline`]: the in-plane kernel as taps of a filter, with its deviation known in advance.
 //! - [`compounding`]: what becomes of the slices that reach the same voxel.
+//! - [`decay`]: how the past fades.
 //! - `filter`: a slice's pixels and certainty become spline coefficients, once.
 //! - `nodes`: the filtered picture, in f32 as computed and in 16 bits as sampled.
 //! - `slab`: which bricks a slice meets.
 //! - `plan`: the bricks that a slice will change, found before anything is changed.
 //! - `sampling`: the filtered picture between its nodes; `falloff`: the weight across the plane.
-//! - `weave`: one slice into one brick, the hot loop.
+//! - `weave`: one slice into one brick, the hot loop; `entry`: how its values enter the voxels.
 //! - [`simd`]: the sixteen lanes that both hot loops run on.
 //! - `sharing`: loops that run alone or shared among threads.
 //! - [`reconstructor`]: all of it behind `insert`.
 //! - [`reference`](mod@reference): the same sums, pixel by pixel in f64, against which the fast path is tested.
 
 pub mod compounding;
+pub mod decay;
+pub(crate) mod entry;
 pub(crate) mod falloff;
 pub(crate) mod filter;
 pub mod kernel;
@@ -35,6 +38,7 @@ pub(crate) mod weave;
 mod tests;
 
 pub use compounding::Compounding;
+pub use decay::Decay;
 pub use filter::FilterWork;
 pub use reconstructor::{Reconstructor, Refused, Settings, SettingsError, Touched, Work};
 pub use simd::Simd;

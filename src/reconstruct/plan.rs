@@ -1,12 +1,14 @@
 //! A slice's work list: the bricks it will change, found before anything is changed, and their weaving.
 
+use super::decay::Turn;
+use super::entry::Place;
 use super::reconstructor::Refused;
 use super::sharing::Sharing;
 use super::simd::Simd;
 use super::slab::{MaskSummary, Sight, SlabGeometry};
-use super::weave::{Place, Scratch, Task, View, touches, weave};
+use super::weave::{Scratch, Task, View, touches, weave};
 use crate::volume::BrickVolume;
-use crate::volume::brick::{Brick, BrickIndex, Stamps};
+use crate::volume::brick::{Ages, Brick, BrickIndex, Stamps};
 use crate::volume::sparse::Slot;
 
 /// Bricks that one task of a thread weaves.
@@ -74,6 +76,7 @@ impl Plan {
 pub(super) struct BrickChunk {
     bricks: *mut Brick,
     stamps: *mut Stamps,
+    ages: *mut Ages,
 }
 #[allow(unsafe_code, reason = "bricks are handed to threads one by one")]
 // SAFETY: the pointer is used only in `weave_all`, where no two tasks have the same brick.
@@ -93,9 +96,13 @@ pub(super) fn weave_all(
     sharing: Sharing,
 ) {
     chunks.clear();
-    chunks.extend(volume.chunk_pointers().map(|bricks| BrickChunk { bricks, stamps: std::ptr::null_mut() }));
+    let (stamps, ages) = (std::ptr::null_mut(), std::ptr::null_mut());
+    chunks.extend(volume.chunk_pointers().map(|bricks| BrickChunk { bricks, stamps, ages }));
     for (chunk, stamps) in chunks.iter_mut().zip(volume.stamp_pointers()) {
         chunk.stamps = stamps;
+    }
+    for (chunk, ages) in chunks.iter_mut().zip(volume.age_pointers()) {
+        chunk.ages = ages;
     }
     let chunks = chunks.as_slice();
     let run = |scratch: &mut Scratch, task: &mut Task| {
@@ -103,10 +110,11 @@ pub(super) fn weave_all(
         let chunk: BrickChunk = chunks[chunk];
         // SAFETY: `chunks` holds the base of each chunk of the volume, which is borrowed mutably meanwhile, and `locate` gives a place
         // inside its chunk for every slot that the volume has handed out. Each brick of the lattice is visited once in a walk and has
-        // a slot of its own, so no two tasks reach the same brick. Stamps lie as bricks do, or their base is null.
+        // a slot of its own, so no two tasks reach the same brick. Stamps and ages lie as bricks do, or their base is null.
         let mut place = unsafe {
             let stamps = (!chunk.stamps.is_null()).then(|| &mut *chunk.stamps.add(place));
-            Place { brick: &mut *chunk.bricks.add(place), stamps }
+            let ages = (!chunk.ages.is_null()).then(|| &mut *chunk.ages.add(place));
+            Place { brick: &mut *chunk.bricks.add(place), stamps, ages }
         };
         weave(simd, &mut place, task, view, scratch);
     };
@@ -117,6 +125,6 @@ pub(super) fn weave_all(
 
 impl Task {
     fn new(slot: Slot, sight: Sight, functions: [[f32; 4]; 3]) -> Self {
-        Self { slot, sight, functions, updated: 0, clamped: 0, vectors: 0 }
+        Self { slot, sight, functions, turn: Turn::NONE, updated: 0, clamped: 0, vectors: 0 }
     }
 }

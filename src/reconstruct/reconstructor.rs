@@ -6,6 +6,8 @@ use calibration::frames::{Image as ImageFrame, Transform, Volume, World};
 use glam::{DAffine3, DMat3, DVec3};
 
 use super::compounding::{Compounding, StampClock};
+use super::decay::{DecayClock, DecayError};
+use super::entry::Entry;
 use super::falloff::Falloff;
 use super::filter::{FilterWork, MOST_NODES, SliceFilter};
 use super::kernel::{AxisKernel, KernelError, Method, Shape, Support};
@@ -21,6 +23,7 @@ use crate::mask::Mask;
 use crate::slice::{Image, Slice};
 use crate::volume::BrickVolume;
 use crate::volume::brick::BrickIndex;
+use crate::volume::sparse::{Epoch, Memory};
 
 /// Kernel's share outside its support in the plane, where taps are cheap: the end of the support vanishes and a spline fits it well.
 pub const IN_PLANE_SUPPORT: Support = Support::Energy(1e-4);
@@ -106,6 +109,9 @@ pub enum SettingsError {
         most = MOST_NODES
     )]
     Nodes(usize),
+    /// No decay.
+    #[error(transparent)]
+    Decay(#[from] DecayError),
     /// The weight's bound is no weight.
     #[error("the largest weight must lie between 1 and 1e9 slices, not at {0}")]
     MaxWeight(f64),
@@ -184,6 +190,10 @@ pub struct Work {
     pub voxels_updated: u64,
     /// Voxels whose weight was clamped, summed over slices.
     pub weights_clamped: u64,
+    /// Slices whose time was earlier than the newest before them.
+    pub times_backwards: u64,
+    /// Slices whose time was a day and more after the newest before them, or ten seconds and more before it.
+    pub times_absurd: u64,
 }
 
 /// What depends on the pixel size.
@@ -204,7 +214,8 @@ pub struct Reconstructor {
     prepared: Option<Prepared>,
     volume: BrickVolume,
     last: Option<(Image, Transform<World, ImageFrame>)>,
-    clock: StampClock,
+    stamps: StampClock,
+    clock: DecayClock,
     plan: Plan,
     chunks: Vec<BrickChunk>,
     work: Work,
@@ -240,10 +251,13 @@ impl Reconstructor {
                     .map_err(|e| SettingsError::Threads(n, e.to_string()))?,
             ),
         };
-        let mut volume = match settings.compounding {
-            Compounding::Latest => BrickVolume::with_stamps(),
-            Compounding::Mean | Compounding::Maximum => BrickVolume::new(),
-        };
+        let entry = Entry::of(settings.compounding)?;
+        let mut volume = BrickVolume::remembering(match entry {
+            Entry::Mean | Entry::Maximum => Memory::Sums,
+            Entry::Latest => Memory::Stamps,
+            Entry::Decay(fading) if fading.keeps_ages() => Memory::Ages,
+            Entry::Decay(fading) => Memory::Epochs { rate_per_s: fading.decay.rate_per_s() },
+        });
         volume.reserve(1).map_err(|e| SettingsError::Memory(e.to_string()))?;
         Ok(Self {
             settings,
@@ -252,7 +266,8 @@ impl Reconstructor {
             prepared: None,
             volume,
             last: None,
-            clock: StampClock::default(),
+            stamps: StampClock::default(),
+            clock: DecayClock::default(),
             plan: Plan::default(),
             chunks: Vec::new(),
             work: Work::default(),
@@ -323,9 +338,10 @@ impl Reconstructor {
         }
         let plane = Plane::new(slice.world_from_image).ok_or(Refused::Degenerate)?;
         let stamp = match self.settings.compounding {
-            Compounding::Latest => self.clock.stamp(slice.time_ns).ok_or(Refused::OutOfTime)?,
-            Compounding::Mean | Compounding::Maximum => 0,
+            Compounding::Latest => self.stamps.stamp(slice.time_ns).ok_or(Refused::OutOfTime)?,
+            _ => 0,
         };
+        let clock = self.clock.after(slice.time_ns);
         self.prepare(plane.pixel_mm, sharing)?;
         let Some(prepared) = &mut self.prepared else { return Err(SettingsError::EmptyMask.into()) };
 
@@ -362,9 +378,22 @@ impl Reconstructor {
         }
         let view = View::new(&filter.value, filter.level, certainty, stamp, rule);
         let tasks = &mut self.plan.tasks;
+        if let Entry::Decay(fading) = rule.entry {
+            for (task, _) in &self.plan.absent {
+                self.volume.set_epoch(tasks[*task].slot, Epoch::at(clock.elapsed_ns()));
+            }
+            for task in tasks.iter_mut() {
+                task.turn = fading.turn(self.volume.epoch(task.slot), clock.elapsed_ns());
+            }
+        }
         weave_all(&mut self.volume, &mut self.chunks, tasks, &view, simd, sharing);
 
         let mut touched = Touched::default();
+        if let Entry::Decay(_) = rule.entry {
+            for task in tasks.iter().filter(|t| t.updated > 0 || t.turn.moves()) {
+                self.volume.set_epoch(task.slot, task.turn.epoch);
+            }
+        }
         for task in tasks.iter().filter(|t| t.updated > 0) {
             touched.bricks.push(self.volume.place(task.slot));
             touched.voxels += u64::from(task.updated);
@@ -380,7 +409,9 @@ impl Reconstructor {
         self.work.voxels_updated += touched.voxels;
         self.work.weights_clamped += sum(|t| t.clamped);
         self.last = Some((slice.image.clone(), slice.world_from_image));
-        self.clock.start(slice.time_ns);
+        self.stamps.start(slice.time_ns);
+        self.clock = clock;
+        (self.work.times_backwards, self.work.times_absurd) = (clock.backwards, clock.absurd);
         Ok(touched)
     }
 
@@ -422,7 +453,7 @@ impl Reconstructor {
         let rule = Rule {
             sampling: Sampling::of(method),
             falloff: Falloff::new(&kernels[2]),
-            compounding: settings.compounding,
+            entry: Entry::of(settings.compounding)?,
             most_weight: (settings.max_weight * kernels[2].peak()) as f32,
         };
         // Half a pixel to the border of the data, and one σ on: from 0.84 σ on too little of the kernel lies on data.

@@ -2,12 +2,13 @@
 //!
 //! For each voxel with |plane distance| ≤ d the numerator gains f(n)·Σ k(u−uⱼ)k(v−vⱼ)cⱼbⱼ and the weight f(n)·Σ k(u−uⱼ)k(v−vⱼ)cⱼ, with the
 //! in-plane kernel scaled so that its sum over the infinite pixel lattice is 1 at every position (Ohbuchi, Chen & Fuchs 1992,
-//! section 4, as normalised convolution). Where slices are selected and not averaged, the voxel keeps the value and weight of one.
+//! section 4, as normalised convolution), after what is there has decayed if it is to. Where slices are selected and not averaged, the voxel keeps the value and weight of one.
 
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 
 use super::compounding::Compounding;
+use super::decay::{Decay, DecayClock, LEAST_TOUCH};
 use super::kernel::AxisKernel;
 use super::reconstructor::Plane;
 use super::slab::LEAST_CERTAINTY;
@@ -24,9 +25,10 @@ pub struct Reference {
     pub r: Vec<f64>,
     /// Σ weight.
     pub w: Vec<f64>,
-    /// Time of the slice that each voxel keeps, ns; of no meaning for a mean.
+    /// When each voxel was last written, ns: the slice's time where one is selected, the clock's where the past decays.
     latest_ns: Vec<i64>,
     compounding: Compounding,
+    clock: DecayClock,
 }
 
 impl Reference {
@@ -44,7 +46,8 @@ impl Reference {
     /// As [`Self::new`].
     pub fn compounding(grid: Grid, compounding: Compounding) -> Self {
         let voxels = grid.voxels().and_then(|n| usize::try_from(n).ok()).expect("a grid that fits memory");
-        Self { grid, r: vec![0.0; voxels], w: vec![0.0; voxels], latest_ns: vec![i64::MIN; voxels], compounding }
+        let (zeros, clock) = (vec![0.0; voxels], DecayClock::default());
+        Self { grid, r: zeros.clone(), w: zeros, latest_ns: vec![i64::MIN; voxels], compounding, clock }
     }
 
     /// Adds a slice with data where the mask says. A slice whose pose spans no plane adds nothing.
@@ -53,6 +56,8 @@ impl Reference {
         let image_from_voxel: DAffine3 = plane.image_from_world * self.grid.world_from_volume().affine();
         let [nx, ny, _] = self.grid.size.map(|n| n as usize);
         let compounding = self.compounding;
+        self.clock = self.clock.after(slice.time_ns);
+        let now_ns = self.clock.elapsed_ns();
         let layers = self.r.par_chunks_mut(nx * ny).zip(self.w.par_chunks_mut(nx * ny));
         let layers = layers.zip(self.latest_ns.par_chunks_mut(nx * ny)).enumerate();
         layers.for_each(|(z, ((r, w), latest_ns))| {
@@ -72,6 +77,18 @@ impl Reference {
                         let f = kernels[2].weight(at.z);
                         r[i] += f * value;
                         w[i] += f * certainty;
+                        false
+                    }
+                    Compounding::Decay(decay) => {
+                        let f = kernels[2].weight(at.z);
+                        if f * certainty >= f64::from(LEAST_TOUCH) {
+                            let passed_s = now_ns.saturating_sub(latest_ns[i]) as f64 * 1e-9;
+                            let d = if w[i] == 0.0 { 0.0 } else { decay.factor(passed_s) };
+                            let f = if matches!(decay, Decay::PaperLiteral { .. }) { (1.0 - d) * f } else { f };
+                            r[i] = d * r[i] + f * value;
+                            w[i] = d * w[i] + f * certainty;
+                            latest_ns[i] = now_ns;
+                        }
                         false
                     }
                     Compounding::Maximum => w[i] == 0.0 || mean > r[i],

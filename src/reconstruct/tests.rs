@@ -1,6 +1,7 @@
 //! The fast path against the equations, closed forms and itself.
 
 mod compounding;
+mod decay;
 
 use std::sync::Arc;
 

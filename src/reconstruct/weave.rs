@@ -5,13 +5,14 @@
 //! that test loses none). What remains costs one 4×4 spline sum, one Gaussian and two multiply-adds per voxel.
 #![allow(unsafe_code, reason = "the inner loop runs on `Lanes`, by pointer")]
 
-use super::compounding::Compounding;
+use super::decay::{LEAST_TOUCH, Turn, rebase, shift};
+use super::entry::{Entry, Place, Sample, enter};
 use super::falloff::Falloff;
 use super::nodes::Nodes;
 use super::sampling::{Linear, Nearest, Sampler, Sampling, Spline};
 use super::simd::{LANES, Lanes, dispatch};
 use super::slab::{LEAST_CERTAINTY, Sight};
-use crate::volume::brick::{Brick, Stamps, TILE, VOXELS, voxel_at};
+use crate::volume::brick::{Brick, TILE, VOXELS, voxel_at};
 use crate::volume::sparse::Slot;
 
 /// Vectors in a brick.
@@ -24,6 +25,8 @@ pub(crate) struct Task {
     pub(crate) sight: Sight,
     /// Node column, node row, plane distance in σ: value at the brick's first voxel, steps per voxel along x, y, z.
     pub(crate) functions: [[f32; 4]; 3],
+    /// What the slice means for the brick's memory of time.
+    pub(crate) turn: Turn,
     /// Voxels that gained weight.
     pub(crate) updated: u32,
     /// Voxels whose weight was clamped.
@@ -37,7 +40,7 @@ pub(crate) struct Task {
 pub(crate) struct Rule {
     pub(crate) sampling: Sampling,
     pub(crate) falloff: Falloff,
-    pub(crate) compounding: Compounding,
+    pub(crate) entry: Entry,
     /// Largest weight a voxel keeps.
     pub(crate) most_weight: f32,
 }
@@ -62,12 +65,6 @@ impl<'a> View<'a> {
         let unit = [value, certainty].map(|nodes| 2.0_f32.powi(-nodes.scale - rule.sampling.weight_bits()));
         Self { value, certainty, level, stamp, rule, unit }
     }
-}
-
-/// A brick and what is kept beside it.
-pub(crate) struct Place<'a> {
-    pub(crate) brick: &'a mut Brick,
-    pub(crate) stamps: Option<&'a mut Stamps>,
 }
 
 /// Position of each lane's voxel in its tile, along x, y, z.
@@ -268,6 +265,14 @@ unsafe fn weave_sampled<L: Lanes, S: Sampler>(
     unsafe {
         let count = locate::<L>(Some(place.brick), task, view, scratch);
         task.vectors = count as u32;
+        if task.turn.rebase != 1.0 {
+            rebase(&mut place.brick.r, &mut place.brick.w, task.turn.rebase);
+        }
+        if task.turn.shift > 0
+            && let Some(ages) = &mut place.ages
+        {
+            shift(&mut ages.0, task.turn.shift);
+        }
         let level = L::splat(view.level);
         let unit = L::splat(view.unit[0]);
         for i in 0..count {
@@ -288,97 +293,9 @@ unsafe fn weave_sampled<L: Lanes, S: Sampler>(
                 S::ones(column)
             };
             let contrast = S::patch::<L>(view.value, offset, row, column);
-            let at = vector * LANES;
-            match view.rule.compounding {
-                Compounding::Mean => {
-                    let sum = contrast.mul_add(unit, certainty.mul(level));
-                    add(place.brick, at, mask, [weight, sum, certainty], view.rule.most_weight, task);
-                }
-                Compounding::Maximum => {
-                    let value = contrast.mul(unit).div(certainty).add(level);
-                    raise(place.brick, at, mask, value, task);
-                }
-                Compounding::Latest => {
-                    let value = contrast.mul(unit).div(certainty).add(level);
-                    replace(place, at, mask, value, view.stamp, task);
-                }
-            }
+            let sample = Sample { weight, contrast: contrast.mul(unit), certainty, level };
+            enter(place, vector * LANES, mask, &sample, view, task);
         }
-    }
-}
-
-/// Adds to the sums of a vector at `at`, where `mask` says, and keeps the weights within `most`.
-///
-/// # Safety
-/// The instruction set of `L` must be available; `at` begins a vector of the brick.
-#[inline(always)]
-unsafe fn add<L: Lanes>(
-    brick: &mut Brick,
-    at: usize,
-    mask: L::Mask,
-    [weight, sum, certainty]: [L; 3],
-    most: f32,
-    task: &mut Task,
-) {
-    // SAFETY: as for this function.
-    unsafe {
-        let most = L::splat(most);
-        let r = L::load(brick.r.as_ptr().add(at));
-        let w = L::load(brick.w.as_ptr().add(at));
-        let mut new_r = sum.mul_add(weight, r);
-        let mut new_w = certainty.mul_add(weight, w);
-        let bits = L::bits(mask);
-        task.updated += bits.count_ones();
-        let fits = new_w.le(most);
-        let above = bits & !L::bits(fits);
-        if above != 0 {
-            let scale = L::select(fits, L::splat(1.0), most.div(new_w));
-            new_r = new_r.mul(scale);
-            new_w = L::select(fits, new_w, most);
-            task.clamped += above.count_ones();
-        }
-        L::select(mask, new_r, r).store(brick.r.as_mut_ptr().add(at));
-        L::select(mask, new_w, w).store(brick.w.as_mut_ptr().add(at));
-    }
-}
-
-/// Raises values to those of the slice where these are larger; what was not seen takes them. A seen voxel has weight 1.
-///
-/// # Safety
-/// As for [`add`].
-#[inline(always)]
-unsafe fn raise<L: Lanes>(brick: &mut Brick, at: usize, mask: L::Mask, value: L, task: &mut Task) {
-    // SAFETY: as for this function.
-    unsafe {
-        let r = L::load(brick.r.as_ptr().add(at));
-        let w = L::load(brick.w.as_ptr().add(at));
-        let unseen = w.le(L::splat(0.0));
-        task.updated += (L::bits(mask) & (L::bits(unseen) | !L::bits(value.le(r)))).count_ones();
-        let raised = L::select(unseen, value, value.max(r));
-        L::select(mask, raised, r).store(brick.r.as_mut_ptr().add(at));
-        L::select(mask, L::splat(1.0), w).store(brick.w.as_mut_ptr().add(at));
-    }
-}
-
-/// Replaces values that are not newer than the slice. A seen voxel has weight 1.
-///
-/// # Safety
-/// As for [`add`].
-#[inline(always)]
-unsafe fn replace<L: Lanes>(place: &mut Place<'_>, at: usize, mask: L::Mask, value: L, stamp: u32, task: &mut Task) {
-    let Some(stamps) = &mut place.stamps else { return };
-    // SAFETY: as for this function; the stamps have the brick's shape.
-    unsafe {
-        let stamps = stamps.0.as_mut_ptr().add(at);
-        // An unseen voxel's stamp is 0, older than any.
-        let mask = L::and(mask, L::not_above(stamps, stamp));
-        task.updated += L::bits(mask).count_ones();
-        L::replace_where(mask, stamps, stamp);
-        let brick = &mut place.brick;
-        let r = L::load(brick.r.as_ptr().add(at));
-        let w = L::load(brick.w.as_ptr().add(at));
-        L::select(mask, value, r).store(brick.r.as_mut_ptr().add(at));
-        L::select(mask, L::splat(1.0), w).store(brick.w.as_mut_ptr().add(at));
     }
 }
 
@@ -389,31 +306,37 @@ unsafe fn touches_lanes<L: Lanes>(task: &Task, view: &View<'_>, scratch: &mut Sc
     // SAFETY: as for this function.
     unsafe {
         let count = locate::<L>(None, task, view, scratch);
-        if task.sight == Sight::Full {
+        if task.sight == Sight::Full && !matches!(view.rule.entry, Entry::Decay(_)) {
             return count > 0;
         }
         match view.rule.sampling {
-            Sampling::Spline => sees::<L, Spline>(count, view, scratch),
-            Sampling::Linear => sees::<L, Linear>(count, view, scratch),
-            Sampling::Nearest => sees::<L, Nearest>(count, view, scratch),
+            Sampling::Spline => sees::<L, Spline>(count, task, view, scratch),
+            Sampling::Linear => sees::<L, Linear>(count, task, view, scratch),
+            Sampling::Nearest => sees::<L, Nearest>(count, task, view, scratch),
         }
     }
 }
 
-/// Whether one of the located voxels lies on data.
+/// Whether one of the located voxels lies on data, and weighs enough.
 ///
 /// # Safety
 /// The instruction set of `L` must be available; the first `count` places of `scratch` were located.
 #[inline(always)]
-unsafe fn sees<L: Lanes, S: Sampler>(count: usize, view: &View<'_>, scratch: &Scratch) -> bool {
+unsafe fn sees<L: Lanes, S: Sampler>(count: usize, task: &Task, view: &View<'_>, scratch: &Scratch) -> bool {
     // SAFETY: as for `weave_sampled`.
     unsafe {
+        let least = if matches!(view.rule.entry, Entry::Decay(_)) { LEAST_TOUCH } else { 0.0 };
         for i in 0..count {
-            let row = S::weights(L::load(scratch.along_v[i].as_ptr()));
             let column = S::weights(L::load(scratch.along_u[i].as_ptr()));
-            let offset = scratch.offset[i].as_ptr();
-            let certainty = S::patch::<L>(view.certainty, offset, row, column).mul(L::splat(view.unit[1]));
-            let reached = L::splat(0.0).le(L::load(scratch.weight[i].as_ptr()));
+            let certainty = if task.sight == Sight::Partial {
+                let row = S::weights(L::load(scratch.along_v[i].as_ptr()));
+                let offset = scratch.offset[i].as_ptr();
+                S::patch::<L>(view.certainty, offset, row, column).mul(L::splat(view.unit[1]))
+            } else {
+                S::ones(column)
+            };
+            let weight = L::load(scratch.weight[i].as_ptr());
+            let reached = L::and(L::splat(0.0).le(weight), L::splat(least).le(certainty.mul(weight)));
             if L::bits(L::and(reached, L::splat(LEAST_CERTAINTY).le(certainty))) != 0 {
                 return true;
             }

@@ -32,6 +32,11 @@ pub struct Brick {
 #[repr(C, align(64))]
 pub struct Stamps(pub [u32; VOXELS]);
 
+/// When each voxel of a brick was last written, in the 16-bit ticks of a decay since its brick's [`Epoch`](super::sparse::Epoch). Placed by [`offset`].
+#[derive(Clone, Copy, bytemuck::Zeroable, bytemuck::Pod)]
+#[repr(C, align(64))]
+pub struct Ages(pub [u16; VOXELS]);
+
 /// Place of a voxel in its brick: tiles x fastest, and x fastest in a tile.
 pub const fn offset(x: usize, y: usize, z: usize) -> usize {
     let [tx, ty, tz] = TILE;

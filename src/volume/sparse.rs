@@ -9,7 +9,7 @@ use std::io;
 use rustc_hash::FxHashMap;
 
 use super::arena::{Arena, CHUNK};
-use super::brick::{Brick, BrickIndex, EDGE, Stamps, VOXELS, offset, voxel_at};
+use super::brick::{Ages, Brick, BrickIndex, EDGE, Stamps, VOXELS, offset, voxel_at};
 
 /// Bricks along a block's edge.
 const BLOCK: i32 = 8;
@@ -30,13 +30,56 @@ impl Slot {
     }
 }
 
+/// From when a brick under decay counts time, and when it was last touched; ns since the first slice.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Epoch {
+    /// Where its ticks, or its forward decay, begin.
+    pub base_ns: i64,
+    /// The last slice that changed it.
+    pub touched_ns: i64,
+}
+
+impl Epoch {
+    /// Of a brick that begins now.
+    pub(crate) fn at(elapsed_ns: i64) -> Self {
+        Self { base_ns: elapsed_ns, touched_ns: elapsed_ns }
+    }
+}
+
+/// What a volume keeps besides sums.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) enum Memory {
+    /// Nothing.
+    #[default]
+    Sums,
+    /// The time of each voxel.
+    Stamps,
+    /// The age of each voxel, counted from an epoch of its brick.
+    Ages,
+    /// An epoch of each brick; weights are kept forward of it and fade at this rate, 1/s.
+    Epochs {
+        /// a, 1/s.
+        rate_per_s: f64,
+    },
+}
+
+/// What of a brick's stored weights is left at the time it was last touched, under forward decay.
+fn remaining(rate_per_s: f64, epoch: Epoch) -> f32 {
+    libm::exp(-rate_per_s * (epoch.touched_ns - epoch.base_ns) as f64 * 1e-9) as f32
+}
+
 /// The sparse volume.
 #[derive(Default)]
 pub struct BrickVolume {
     blocks: FxHashMap<BrickIndex, Box<[u32; 512]>>,
     bricks: Arena<Brick>,
-    /// The time of each voxel, where a volume is asked to keep it.
-    stamps: Option<Arena<Stamps>>,
+    memory: Memory,
+    /// With [`Memory::Stamps`].
+    stamps: Arena<Stamps>,
+    /// With [`Memory::Ages`].
+    ages: Arena<Ages>,
+    /// By slot, with [`Memory::Ages`] and [`Memory::Epochs`].
+    epochs: Vec<Epoch>,
     /// Where each slot's brick lies; its length is the number of bricks.
     places: Vec<BrickIndex>,
 }
@@ -53,14 +96,36 @@ impl BrickVolume {
         Self::default()
     }
 
-    /// A volume that keeps the time of each voxel.
-    pub(crate) fn with_stamps() -> Self {
-        Self { stamps: Some(Arena::default()), ..Self::default() }
+    /// A volume that keeps more than sums.
+    pub(crate) fn remembering(memory: Memory) -> Self {
+        Self { memory, ..Self::default() }
     }
 
     /// Bytes that one more brick takes, tables apart.
     pub(crate) fn brick_bytes(&self) -> u64 {
-        (size_of::<Brick>() + if self.stamps.is_some() { size_of::<Stamps>() } else { 0 }) as u64
+        let beside = match self.memory {
+            Memory::Sums => 0,
+            Memory::Stamps => size_of::<Stamps>(),
+            Memory::Ages => size_of::<Ages>() + size_of::<Epoch>(),
+            Memory::Epochs { .. } => size_of::<Epoch>(),
+        };
+        (size_of::<Brick>() + beside) as u64
+    }
+
+    /// A brick's epoch.
+    ///
+    /// # Panics
+    /// When the volume keeps none.
+    pub(crate) fn epoch(&self, slot: Slot) -> Epoch {
+        self.epochs[slot.index()]
+    }
+
+    /// Sets a brick's epoch.
+    ///
+    /// # Panics
+    /// When the volume keeps none.
+    pub(crate) fn set_epoch(&mut self, slot: Slot, epoch: Epoch) {
+        self.epochs[slot.index()] = epoch;
     }
 
     /// Number of bricks.
@@ -102,7 +167,11 @@ impl BrickVolume {
             return Err(io::ErrorKind::OutOfMemory.into());
         }
         self.bricks.reserve(bricks)?;
-        self.stamps.as_mut().map_or(Ok(()), |stamps| stamps.reserve(bricks))
+        match self.memory {
+            Memory::Stamps => self.stamps.reserve(bricks),
+            Memory::Ages => self.ages.reserve(bricks),
+            Memory::Sums | Memory::Epochs { .. } => Ok(()),
+        }
     }
 
     /// The slot of a brick, which is made if it does not exist, and whether it was made.
@@ -119,6 +188,9 @@ impl BrickVolume {
         assert!(slot < self.bricks.room(), "bricks are made in reserved room");
         *entry = slot as u32;
         self.places.push(index);
+        if matches!(self.memory, Memory::Ages | Memory::Epochs { .. }) {
+            self.epochs.push(Epoch::at(0));
+        }
         (Slot(slot as u32), true)
     }
 
@@ -144,12 +216,32 @@ impl BrickVolume {
 
     /// The same of the voxels' times, if they are kept.
     pub(crate) fn stamp_pointers(&mut self) -> impl Iterator<Item = *mut Stamps> {
-        self.stamps.iter_mut().flat_map(Arena::pointers)
+        self.stamps.pointers()
+    }
+
+    /// The same of the voxels' ages, if they are kept.
+    pub(crate) fn age_pointers(&mut self) -> impl Iterator<Item = *mut Ages> {
+        self.ages.pointers()
     }
 
     /// Chunk and place in the chunk of a slot, to be used with [`Self::chunk_pointers`].
     pub(crate) fn locate(slot: Slot) -> (usize, usize) {
         (slot.index() / CHUNK, slot.index() % CHUNK)
+    }
+
+    /// Sums as they are read: those of forward decay as they were when their brick was last touched, and what was seen still seen.
+    fn reading(&self, slot: Slot) -> impl Fn(f32, f32) -> (f32, f32) + use<> {
+        let remaining = match self.memory {
+            Memory::Epochs { rate_per_s } => Some(remaining(rate_per_s, self.epoch(slot))),
+            _ => None,
+        };
+        move |r, w| match remaining {
+            Some(remaining) if w > 0.0 => {
+                let scale = remaining.max(2.0 * SEEN / w);
+                (r * scale, w * scale)
+            }
+            _ => (r, w),
+        }
     }
 
     /// Numerator and weight of one voxel of the lattice; zeros where no brick is.
@@ -165,7 +257,7 @@ impl BrickVolume {
         let [x, y, z] = voxel.map(|v| v.rem_euclid(EDGE as i64) as usize);
         let brick = self.brick(slot);
         let place = offset(x, y, z);
-        (brick.r[place], brick.w[place])
+        self.reading(slot)(brick.r[place], brick.w[place])
     }
 
     /// Numerators and weights of the voxels from `start` on along x, as many as `r` and `w` hold; zeros where no brick is.
@@ -188,11 +280,12 @@ impl BrickVolume {
                 _ => None,
             };
             let (r, w) = (&mut r[done..done + count], &mut w[done..done + count]);
-            match slot.map(|slot| self.brick(slot)) {
-                Some(brick) => {
+            match slot {
+                Some(slot) => {
+                    let (brick, reading) = (self.brick(slot), self.reading(slot));
                     for (i, (r, w)) in r.iter_mut().zip(w).enumerate() {
                         let place = offset(inside + i, y, z);
-                        (*r, *w) = (brick.r[place], brick.w[place]);
+                        (*r, *w) = reading(brick.r[place], brick.w[place]);
                     }
                 }
                 None => {
@@ -214,8 +307,10 @@ impl BrickVolume {
             if (0..3).all(|a| base[a] >= lowest[a] && base[a] + (EDGE as i64) - 1 <= highest[a]) {
                 continue;
             }
+            // Forward decay keeps weights on another scale; there any weight was seen.
+            let least = if matches!(self.memory, Memory::Epochs { .. }) { 0.0 } else { SEEN };
             for voxel in 0..VOXELS {
-                if brick.w[voxel] > SEEN {
+                if brick.w[voxel] > least {
                     let at = voxel_at(voxel);
                     for a in 0..3 {
                         lowest[a] = lowest[a].min(base[a] + at[a] as i64);

@@ -114,6 +114,39 @@ fn every_method_and_compounding_reaches_the_volume_and_its_header() {
 }
 
 #[test]
+fn decay_flags_reach_the_volume() {
+    let place = sweep("");
+    let mean = statistics(&place, "--clip none");
+    assert_eq!(mean["decay"], Value::Null);
+    let plain = place.get("v.mha");
+    let s = statistics(&place, "--clip none --compound decay");
+    assert_eq!(s["decay"]["mode"], "dead-time");
+    assert_eq!((&s["decay"]["rate_per_s"], &s["decay"]["wait_s"]), (&json!(1.0), &json!(2.0)));
+    // 2 bytes of age a voxel, and times that ran forwards.
+    assert!(s["bytes"].as_u64().unwrap() > mean["bytes"].as_u64().unwrap() * 6 / 5);
+    assert_eq!((&s["decay"]["times_backwards"], &s["decay"]["times_absurd"]), (&json!(0), &json!(0)));
+    let modes = [("exp --decay-rate 9", "exp"), ("paper-literal --decay-rate 9 --decay-wait 0.1", "paper-literal")];
+    for (flags, mode) in modes {
+        let s = statistics(&place, &format!("--clip none --compound decay --decay {flags}"));
+        assert_eq!((&s["decay"]["mode"], &s["decay"]["rate_per_s"]), (&json!(mode), &json!(9.0)));
+        let says = format!("decay {mode} 9.0 1/s after {} s", s["decay"]["wait_s"]);
+        assert_eq!(place.volume("v.mha").field("SonoweaveCompounding"), says);
+    }
+    statistics(&place, "--clip none --compound decay --decay none");
+    assert_eq!(place.volume("v.mha").field("SonoweaveCompounding"), "mean");
+    assert!(place.get("v.mha") == plain, "no decay is the mean");
+    for (flags, says) in [
+        ("--decay exp", "--decay: nothing decays; add --compound decay"),
+        ("--compound mean --decay-rate 2", "--decay-rate: nothing decays"),
+        ("--compound decay --decay exp --decay-wait 2", "--decay-wait: means nothing"),
+        ("--compound decay --decay-rate 0", "the decay's rate must lie between 1e-6 and 1e6 per second, not at 0"),
+        ("--compound decay --decay-wait=-1", "the decay's wait must lie between 0 and 1e6 seconds, not at -1"),
+    ] {
+        place.refuses(&format!("reconstruct s.mha -o w.mha --clip none {flags}"), &[says]);
+    }
+}
+
+#[test]
 fn region_and_weight_flags_reach_what_they_name() {
     let place = sweep("");
     let s = statistics(&place, "--clip none --fan 20,-10,15,40,-20,20");

@@ -7,7 +7,7 @@ use crate::cli::values;
 use crate::config::Settings as Config;
 use crate::pipeline::OffPlane;
 use crate::reconstruct::kernel::{Method, Support, sigma_from_hwhm};
-use crate::reconstruct::{Compounding, Settings};
+use crate::reconstruct::{Compounding, Decay, Settings};
 
 /// Kernel and compounding.
 #[derive(Debug, Args)]
@@ -35,7 +35,21 @@ pub(super) struct Weighing {
     /// What becomes of slices that reach the same voxel
     #[arg(long, value_enum, default_value_t)]
     compound: CompoundName,
+    /// How the past fades under --compound decay [default: dead-time]
+    #[arg(long, value_enum, value_name = "MODE")]
+    decay: Option<DecayName>,
+    /// How fast it fades, 1/s [default: 1]
+    #[arg(long, value_name = "PER_S")]
+    decay_rate: Option<f64>,
+    /// For how long it does not fade, s: longer than a sweep takes to pass over a voxel [default: 2]
+    #[arg(long, value_name = "S")]
+    decay_wait: Option<f64>,
 }
+
+/// Default rate of decay, 1/s.
+const DECAY_RATE: f64 = 1.0;
+/// Default wait, s: at 5 mm/s, a slow sweep, the default support of 2.6 mm to either side passes in half of it.
+const DECAY_WAIT: f64 = 2.0;
 
 // clap takes an `Option<Option<…>>` for its own notation of optional values; a named type is a single value to it.
 type SigmaChoice = Option<[f64; 3]>;
@@ -64,6 +78,21 @@ enum CompoundName {
     Maximum,
     /// The latest of those, by the frames' times
     Latest,
+    /// The mean, in which what was seen earlier counts less: see --decay
+    Decay,
+}
+
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+enum DecayName {
+    /// Not at all: the plain mean
+    None,
+    /// Exponentially from the first moment on
+    Exp,
+    /// Not for a while, then exponentially: a sweep is averaged as without decay
+    #[default]
+    DeadTime,
+    /// By the formula as printed in Ohbuchi, Chen & Fuchs (1992), which keeps what came first; for experiments
+    PaperLiteral,
 }
 
 impl Weighing {
@@ -93,8 +122,40 @@ impl Weighing {
             CompoundName::Mean => Compounding::Mean,
             CompoundName::Maximum => Compounding::Maximum,
             CompoundName::Latest => Compounding::Latest,
+            CompoundName::Decay => self.decay()?,
         };
+        if self.compound != CompoundName::Decay {
+            let unused = [
+                (self.decay.is_some(), "--decay"),
+                (self.decay_rate.is_some(), "--decay-rate"),
+                (self.decay_wait.is_some(), "--decay-wait"),
+            ];
+            if let Some((_, flag)) = unused.iter().find(|(given, _)| *given) {
+                return Err(Failure(format!("{flag}: nothing decays; add --compound decay, or leave the flag out")));
+            }
+        }
         Ok(off_plane)
+    }
+
+    fn decay(&self) -> Result<Compounding, Failure> {
+        let rate_per_s = self.decay_rate.unwrap_or(DECAY_RATE);
+        let wait_s = self.decay_wait.unwrap_or(DECAY_WAIT);
+        let mode = self.decay.unwrap_or_default();
+        let unused = match mode {
+            DecayName::None => self.decay_rate.or(self.decay_wait),
+            DecayName::Exp => self.decay_wait,
+            DecayName::DeadTime | DecayName::PaperLiteral => None,
+        };
+        if unused.is_some() {
+            let flag = if mode == DecayName::Exp { "--decay-wait" } else { "--decay-rate, --decay-wait" };
+            return Err(Failure(format!("{flag}: means nothing to this --decay; leave it out, or choose dead-time")));
+        }
+        Ok(Compounding::Decay(match mode {
+            DecayName::None => return Ok(Compounding::Mean),
+            DecayName::Exp => Decay::Exponential { rate_per_s },
+            DecayName::DeadTime => Decay::DeadTime { rate_per_s, wait_s },
+            DecayName::PaperLiteral => Decay::PaperLiteral { rate_per_s, wait_s },
+        }))
     }
 
     /// The kernel's kind.

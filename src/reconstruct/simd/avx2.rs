@@ -253,4 +253,25 @@ unsafe impl Lanes for Avx2 {
             }
         }
     }
+    #[inline(always)]
+    unsafe fn load_halves(from: *const u16) -> Self {
+        // SAFETY: as for the trait.
+        unsafe {
+            let low = _mm256_cvtepu16_epi32(_mm_loadu_si128(from.cast()));
+            let high = _mm256_cvtepu16_epi32(_mm_loadu_si128(from.add(8).cast()));
+            Self([_mm256_cvtepi32_ps(low), _mm256_cvtepi32_ps(high)])
+        }
+    }
+    #[inline(always)]
+    unsafe fn replace_halves_where(mask: [__m256; 2], at: *mut u16, with: u16) {
+        // SAFETY: as for the trait.
+        unsafe {
+            // Packing interleaves the registers' halves; the permutation puts them in order.
+            let packed = _mm256_packs_epi32(_mm256_castps_si256(mask[0]), _mm256_castps_si256(mask[1]));
+            let mask = _mm256_permute4x64_epi64::<0b11_01_10_00>(packed);
+            let old = _mm256_loadu_si256(at.cast());
+            let new = _mm256_blendv_epi8(old, _mm256_set1_epi16(with.cast_signed()), mask);
+            _mm256_storeu_si256(at.cast(), new);
+        }
+    }
 }

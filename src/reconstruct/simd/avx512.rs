@@ -214,4 +214,16 @@ unsafe impl Lanes for Avx512 {
         // SAFETY: as for the trait.
         unsafe { _mm512_mask_storeu_epi32(at.cast(), mask, _mm512_set1_epi32(with.cast_signed())) }
     }
+    #[inline(always)]
+    unsafe fn load_halves(from: *const u16) -> Self {
+        // SAFETY: as for the trait.
+        unsafe { Self(_mm512_cvtepi32_ps(_mm512_cvtepu16_epi32(_mm256_loadu_si256(from.cast())))) }
+    }
+    #[inline(always)]
+    unsafe fn replace_halves_where(mask: __mmask16, at: *mut u16, with: u16) {
+        // SAFETY: AVX-512 BW as for the trait; only the first sixteen elements can be in the mask.
+        unsafe {
+            _mm512_mask_storeu_epi16(at.cast(), __mmask32::from(mask), _mm512_set1_epi16(with.cast_signed()));
+        }
+    }
 }

@@ -109,6 +109,10 @@ pub(crate) unsafe trait Lanes: Copy {
     /// Lane k: `Σᵢ column[i][k]·(Σⱼ qⱼ[k]·node(offset[k] + j·stride + i))` over i, j < 2, where q₀ is the first row weight in units of 2⁻¹⁴, rounded, and q₁
     /// the rest of 2¹⁴. Nodes, offsets and order as for [`Self::patch`]; elements (0, 0) and (1, 0) of each lane's patch must lie inside `at`.
     unsafe fn patch_of_two(at: *const u32, offset: *const u32, row: [Self; 2], column: [Self; 2]) -> Self;
+    /// Sixteen 16-bit integers in memory, as numbers.
+    unsafe fn load_halves(from: *const u16) -> Self;
+    /// Writes a 16-bit integer where the mask is set.
+    unsafe fn replace_halves_where(mask: Self::Mask, at: *mut u16, with: u16);
     /// Lanes whose integer in memory is at most `most`.
     unsafe fn not_above(at: *const u32, most: u32) -> Self::Mask;
     /// Writes an integer where the mask is set.

@@ -144,5 +144,17 @@ unsafe impl Lanes for Portable {
         }
     }
     #[inline(always)]
+    unsafe fn load_halves(from: *const u16) -> Self {
+        // SAFETY: the caller vouches for sixteen readable elements.
+        Self(unsafe { from.cast::<[u16; LANES]>().read_unaligned() }.map(f32::from))
+    }
+    #[inline(always)]
+    unsafe fn replace_halves_where(mask: u16, at: *mut u16, with: u16) {
+        for k in (0..LANES).filter(|k| mask >> k & 1 == 1) {
+            // SAFETY: the caller vouches for sixteen writable elements.
+            unsafe { *at.add(k) = with }
+        }
+    }
+    #[inline(always)]
     unsafe fn prefetch(_at: *const f32) {}
 }

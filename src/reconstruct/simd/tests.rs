@@ -44,10 +44,14 @@ unsafe fn everything<L: Lanes>(a: &Row, b: &Row, c: &Row, table: &[u32]) -> Vec<
         let old = L::not_above(stamps.as_ptr(), 1 << 31);
         keep(L::splat(f32::from(L::bits(old))));
         L::replace_where(L::and(old, mask), stamps.as_mut_ptr(), 0xFFFF_FFFE);
+        let mut halves: [u16; LANES] = std::array::from_fn(|k| table[k] as u16);
+        keep(L::load_halves(halves.as_ptr()));
+        L::replace_halves_where(mask, halves.as_mut_ptr(), 0xFFFE);
         let mut pairs = [0_u32; LANES];
         L::store_pairs(x, y, pairs.as_mut_ptr());
         out.push(pairs.map(f32::from_bits));
         out.push(stamps.map(f32::from_bits));
+        out.push(halves.map(f32::from));
         out
     }
 }
@@ -98,11 +102,13 @@ fn scalar(a: &Row, b: &Row, c: &Row, table: &[u32]) -> Vec<Row> {
             sum(1).mul_add(b[k], sum(0) * c[k])
         }),
         [f32::from((0..LANES).map(|k| u16::from(table[k] <= 1 << 31) << k).sum::<u16>()); LANES],
+        lanes(&|k| f32::from(table[k] as u16)),
         lanes(&|k| {
             let half = |x: f32| u32::from((x.round_ties_even() as i16).cast_unsigned());
             f32::from_bits(half(a[k]) | half(b[k]) << 16)
         }),
         lanes(&|k| f32::from_bits(if table[k] <= 1 << 31 && mask(k) { 0xFFFF_FFFE } else { table[k] })),
+        lanes(&|k| f32::from(if mask(k) { 0xFFFE } else { table[k] as u16 })),
     ]
 }
 

@@ -1,0 +1,242 @@
+//! Decay: what was seen long ago counts less when something newer is seen at the same place.
+//!
+//! A voxel's sums are multiplied by d before a slice is added, r ← d·r + S and w ← d·w + W, where d falls from 1 with the time since the voxel was last
+//! written. What no slice touches keeps its value: nothing is swept over the volume, and nothing is drawn anew.
+//!
+//! - [`Decay::DeadTime`]: d = 1 for a while, then e^(−a·(dt − T)). While a sweep passes over a voxel, which takes the support's width over the
+//!   probe's speed, its slices are averaged as without decay; only later visits fade the past. Each voxel keeps its age, 16 bits.
+//! - [`Decay::Exponential`]: d = e^(−a·dt). Within one sweep this favours the later slices: each voxel shows what lies about a·σ²/v further on in
+//!   a sweep of speed v. Kept as forward decay (Cormode et al. 2009): instead of the past being divided, the present is multiplied by
+//!   e^(a·(t − t₀)), with one t₀ a brick.
+//! - [`Decay::PaperLiteral`]: r ← d·r + (1 − d)·S as Ohbuchi, Chen & Fuchs (1992) print it. A slice that follows at once has weight 0, and a voxel
+//!   keeps the first sample that touched it. For experiments.
+//!
+//! A slice that gives a voxel less than [`LEAST_TOUCH`] of a slice's weight leaves it alone: were such a touch to refresh the age, it would stop the
+//! fading of what is there; were it not to, it would fade the past anew each time.
+
+use crate::volume::brick::VOXELS;
+use crate::volume::sparse::{Epoch, SEEN};
+
+/// How the past fades.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Decay {
+    /// At once, at `rate_per_s`.
+    Exponential {
+        /// a, 1/s.
+        rate_per_s: f64,
+    },
+    /// After `wait_s`, at `rate_per_s`.
+    DeadTime {
+        /// a, 1/s.
+        rate_per_s: f64,
+        /// T, s.
+        wait_s: f64,
+    },
+    /// The paper's printed formula, with the factor of [`Decay::DeadTime`].
+    PaperLiteral {
+        /// a, 1/s.
+        rate_per_s: f64,
+        /// T, s.
+        wait_s: f64,
+    },
+}
+
+/// Why a decay cannot be used.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum DecayError {
+    /// Not positive, or so fast or slow that time cannot be counted for it.
+    #[error("the decay's rate must lie between 1e-6 and 1e6 per second, not at {0}")]
+    Rate(f64),
+    /// Negative or too long.
+    #[error("the decay's wait must lie between 0 and 1e6 seconds, not at {0}")]
+    Wait(f64),
+}
+
+/// Least weight, of a slice's at its peak, that changes a voxel under decay.
+pub const LEAST_TOUCH: f32 = 2.0 * SEEN;
+
+/// Weight that forward decay leaves of a voxel however old it is: nothing beside what newly arrives, but its value remains.
+const LEAST_MEMORY: f32 = 1e-15;
+
+/// Forward decay moves a brick's t₀ when a·(t − t₀) exceeds this: e⁴⁰ is far from the end of f32.
+const MOST_EXPONENT: f64 = 40.0;
+
+/// Steps of time beyond this are a clock being set, not a pause.
+const MOST_STEP_NS: i128 = 86_400_000_000_000;
+/// A time this much earlier than the newest is a clock being set back, not a slice out of order.
+const MOST_LATENESS_NS: i128 = 10_000_000_000;
+
+impl Decay {
+    /// The name on the command line and in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Exponential { .. } => "exp",
+            Self::DeadTime { .. } => "dead-time",
+            Self::PaperLiteral { .. } => "paper-literal",
+        }
+    }
+
+    /// a, 1/s.
+    pub fn rate_per_s(self) -> f64 {
+        let (Self::Exponential { rate_per_s }
+        | Self::DeadTime { rate_per_s, .. }
+        | Self::PaperLiteral { rate_per_s, .. }) = self;
+        rate_per_s
+    }
+
+    /// T, s.
+    pub fn wait_s(self) -> f64 {
+        match self {
+            Self::Exponential { .. } => 0.0,
+            Self::DeadTime { wait_s, .. } | Self::PaperLiteral { wait_s, .. } => wait_s,
+        }
+    }
+
+    /// d after `seconds`.
+    pub fn factor(self, seconds: f64) -> f64 {
+        (-self.rate_per_s() * (seconds - self.wait_s()).max(0.0)).exp()
+    }
+
+    /// # Errors
+    /// [`DecayError`] when a number is out of range.
+    pub fn check(self) -> Result<(), DecayError> {
+        if !(1e-6..=1e6).contains(&self.rate_per_s()) {
+            return Err(DecayError::Rate(self.rate_per_s()));
+        }
+        if !(0.0..=1e6).contains(&self.wait_s()) {
+            return Err(DecayError::Wait(self.wait_s()));
+        }
+        Ok(())
+    }
+}
+
+/// Time that has passed since the first slice, whatever the stamps do. It never runs backwards: a slice that comes out of order counts as one of
+/// the newest time, and a clock that was set counts as a step of a day at most.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct DecayClock {
+    newest_ns: Option<i64>,
+    elapsed_ns: i64,
+    /// Slices whose time was earlier than the newest before them.
+    pub backwards: u64,
+    /// Slices whose time was a day and more after the newest before them, or ten seconds and more before it.
+    pub absurd: u64,
+}
+
+impl DecayClock {
+    /// The clock after a slice of the given time.
+    #[must_use]
+    pub fn after(mut self, time_ns: i64) -> Self {
+        let step = i128::from(time_ns) - i128::from(self.newest_ns.unwrap_or(time_ns));
+        self.backwards += u64::from(step < 0);
+        self.absurd += u64::from(!(-MOST_LATENESS_NS..=MOST_STEP_NS).contains(&step));
+        // A slice out of order leaves the newest time as it is.
+        if !(-MOST_LATENESS_NS..0).contains(&step) {
+            self.newest_ns = Some(time_ns);
+            // At most a day: it fits, and a hundred thousand days of it do.
+            self.elapsed_ns = self.elapsed_ns.saturating_add(step.clamp(0, MOST_STEP_NS) as i64);
+        }
+        self
+    }
+
+    /// Time since the first slice, ns.
+    pub fn elapsed_ns(&self) -> i64 {
+        self.elapsed_ns
+    }
+}
+
+/// A decay in the units of the hot loop.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Fading {
+    pub(crate) decay: Decay,
+    /// Length of a tick of a voxel's age, ns.
+    tick_ns: i64,
+    /// T in ticks.
+    pub(crate) wait: f32,
+    /// log₂ d of one tick more.
+    pub(crate) per_tick: f32,
+}
+
+/// What one slice means for the memory of one brick.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Turn {
+    /// The brick's new epoch.
+    pub(crate) epoch: Epoch,
+    /// What the slice's weights are multiplied by (forward decay).
+    pub(crate) gain: f32,
+    /// What the brick's sums are to be multiplied by first (forward decay), if not 1.
+    pub(crate) rebase: f32,
+    /// The slice's time, in ticks since the epoch's base.
+    pub(crate) now: u16,
+    /// Ticks that the voxels' ages are to be moved by first.
+    pub(crate) shift: u16,
+}
+
+impl Turn {
+    /// Without decay.
+    pub(crate) const NONE: Self =
+        Self { epoch: Epoch { base_ns: 0, touched_ns: 0 }, gain: 1.0, rebase: 1.0, now: 0, shift: 0 };
+
+    /// Whether the brick's base moves, and what is counted from it.
+    pub(crate) fn moves(&self) -> bool {
+        self.rebase != 1.0 || self.shift > 0
+    }
+}
+
+impl Fading {
+    pub(crate) fn new(decay: Decay) -> Self {
+        // Fine beside 1/a, so that rounding a time to ticks changes d by 1/2000 at most; and coarse enough that half the range of 16 bits outlasts both the
+        // wait and 16/a.
+        let tick_s = (1.0 / (2048.0 * decay.rate_per_s())).max(decay.wait_s() / 16384.0);
+        let tick_ns = ((tick_s * 1e9) as i64).max(1);
+        let tick_s = tick_ns as f64 * 1e-9;
+        Self {
+            decay,
+            tick_ns,
+            wait: (decay.wait_s() / tick_s) as f32,
+            per_tick: (-decay.rate_per_s() * tick_s * std::f64::consts::LOG2_E) as f32,
+        }
+    }
+
+    /// Whether voxels keep ages, and not only bricks.
+    pub(crate) fn keeps_ages(&self) -> bool {
+        !matches!(self.decay, Decay::Exponential { .. })
+    }
+
+    /// A slice at `elapsed_ns` comes to a brick of the given epoch.
+    pub(crate) fn turn(&self, mut epoch: Epoch, elapsed_ns: i64) -> Turn {
+        let since_ns = elapsed_ns - epoch.base_ns;
+        epoch.touched_ns = elapsed_ns;
+        if self.keeps_ages() {
+            let ticks = since_ns / self.tick_ns;
+            let most = i64::from(u16::MAX);
+            let shift = if ticks > most { ticks - (most + 1) / 2 } else { 0 };
+            epoch.base_ns += shift * self.tick_ns;
+            // Older than all of the range is as old as the range: by then d is below 1e-7.
+            let saturated = u16::try_from(shift).unwrap_or(u16::MAX);
+            return Turn { epoch, now: (ticks - shift) as u16, shift: saturated, ..Turn::NONE };
+        }
+        let exponent = self.decay.rate_per_s() * since_ns as f64 * 1e-9;
+        if exponent <= MOST_EXPONENT {
+            Turn { epoch, gain: libm::exp(exponent) as f32, ..Turn::NONE }
+        } else {
+            epoch.base_ns = elapsed_ns;
+            Turn { epoch, rebase: libm::exp(-exponent) as f32, ..Turn::NONE }
+        }
+    }
+}
+
+/// Multiplies a brick's sums by `factor`, and keeps their ratio where the weight would vanish.
+pub(crate) fn rebase(r: &mut [f32; VOXELS], w: &mut [f32; VOXELS], factor: f32) {
+    for (r, w) in r.iter_mut().zip(w).filter(|(_, w)| **w > 0.0) {
+        let factor = factor.max(LEAST_MEMORY / *w);
+        *r *= factor;
+        *w *= factor;
+    }
+}
+
+/// Moves ages back.
+pub(crate) fn shift(ages: &mut [u16; VOXELS], by: u16) {
+    for age in ages {
+        *age = age.saturating_sub(by);
+    }
+}
