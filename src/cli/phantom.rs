@@ -4,14 +4,17 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use calibration::file::CalibrationFile;
-use clap::{ArgGroup, Args, ValueEnum};
+use clap::{ArgGroup, Args, ValueEnum as _};
 use drivers::reading::{NamedTransform, PixelType, Stamp, Status};
 use drivers::recording::metaimage::VolumeHeader;
 use drivers::recording::metaimage::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
 use glam::DVec3;
 
+mod choices;
+
+use choices::{ScalarName, SceneName, TrajectoryName, direction, frequency, tracker_noise};
+
 use super::{Failure, input, values};
-use crate::config::numbers;
 use crate::phantom::scan::{Depth, convex_fan};
 use crate::phantom::scene::{Blobs, MarschnerLobb, Plane, Pulsating, Speckle, ThinSheet, Waves, Wires, ZonePlate};
 use crate::phantom::{EffectiveKernel, Motion, Scan, ScanSettings, Scene, TrackerNoise, blur, truth};
@@ -124,85 +127,6 @@ pub struct Arguments {
 
 // A named type is a single value to clap.
 type PictureSize = [u32; 2];
-
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
-enum SceneName {
-    /// The same grey level everywhere
-    Constant,
-    /// Linear along every axis
-    Ramp,
-    /// 60 Gaussian blobs and a soft sphere
-    #[default]
-    Blobs,
-    /// A hard sphere of 10 mm radius in the middle
-    Sphere,
-    /// A hard edge through the middle, across --normal
-    Plane,
-    /// Shells that become finer from the middle outwards
-    ZonePlate,
-    /// Plane waves: see --frequency
-    Sinusoid,
-    /// Seven wires of 0.5 mm in seven directions
-    Wires,
-    /// A sheet of 0.5 mm through the middle, across --normal
-    Sheet,
-    /// The test function of Marschner and Lobb, 20 mm for its unit
-    MarschnerLobb,
-    /// Fully developed speckle: see --grain
-    Speckle,
-    /// A sphere whose radius swings between 8 and 12 mm once a second
-    Pulsating,
-}
-
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
-enum TrajectoryName {
-    /// Equal steps along the plane's normal
-    Parallel,
-    /// Uneven steps along the plane's normal, from 2/3 to 4/3 of the gap
-    Jittered,
-    /// Equal tilts about an axis above the picture
-    Fan,
-    /// Equal turns about the picture's own middle line along u
-    Rotation,
-    /// By an arm: wandering in a plane and turning about u, nothing else
-    Arm,
-    /// By hand: wandering, tilting, at uneven speed
-    #[default]
-    Freehand,
-    /// Two parallel sweeps that cross at a right angle, half of the pictures each
-    Crossing,
-    /// A parallel sweep that stands still in its middle: see --dwell
-    Dwell,
-    /// A parallel sweep and the same way back
-    OutAndBack,
-}
-
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
-enum ScalarName {
-    /// 8 bit unsigned
-    #[default]
-    U8,
-    /// Single precision
-    F32,
-}
-
-/// A direction, of length 1.
-fn direction(text: &str) -> Result<DVec3, String> {
-    values::point(text)?.try_normalize().ok_or_else(|| "must not be zero".into())
-}
-
-/// Cycles per mm along three axes.
-fn frequency(text: &str) -> Result<DVec3, String> {
-    let frequency = values::point(text)?;
-    // Finer than any pixel, and little enough for phases to be exact.
-    if frequency.abs().max_element() <= 100.0 { Ok(frequency) } else { Err("must be at most 100 cycles per mm".into()) }
-}
-
-/// MM,DEG.
-fn tracker_noise(text: &str) -> Result<TrackerNoise, String> {
-    let [position_mm, rotation_degrees] = numbers::<2>(text)?;
-    Ok(TrackerNoise { position_mm, rotation_degrees })
-}
 
 /// Runs the command.
 ///

@@ -8,6 +8,9 @@
 //! them: a voxel's covariance is then the mean of those of the slices near it, weighted by the kernel at their plane's distance. This is
 //! the continuous ideal, without the density of sampling and without the ends of the sweep.
 //!
+//! The ideal is a Gaussian. A kernel that is cut has its variance but lighter tails: inside a well sampled sweep the default one was found to
+//! differ from it by up to 4 % of the height of a hard edge and 3 % of the amplitude of a zone plate's shells.
+//!
 //! - closed forms wherever the scene has one (see [`Scene::blurred`]),
 //! - `sphere`: spheres under a kernel that is not the same in all directions, to 1e-5 of their edge's height,
 //! - `lattice`: all else, summed over a lattice finer than kernel and scene.

@@ -157,7 +157,7 @@ fn a_phantom_that_cannot_be_is_refused_and_nothing_is_written() {
         ("-o s.mha --trajectory rotation --radius 1", "the picture would turn by"),
         ("-o s.mha --trajectory rotation --radius 0", "the radius of the rotation is 0 mm"),
         ("-o s.mha --trajectory dwell --dwell 120", "a dwell of 120 frames leaves nothing of 120 frames"),
-        ("-o s.mha --tracker-noise -1,0", "the tracker's noise is -1 mm and 0°"),
+        ("-o s.mha --tracker-noise 11,0", "the tracker's noise is 11 mm and 0°"),
         ("-o s.mha --truth t.mha --truth-time 1e12", "--truth-time 1000000000000: must be a time"),
         (
             "-o s.mha --truth-blurred b.mha --scene marschner-lobb --sigma 0.001,1,1 --image-size 60x50 --pixel 0.5",
