@@ -154,9 +154,10 @@ impl Lattice {
                 let scale = self.step * pxx.sqrt() * table.per_sigma;
                 let row = &values[(z * ny + y) * nx..][..nx];
                 let (mut row_sum, mut row_weights) = (0.0, 0.0);
-                for x in span {
-                    let weight = table.at((x as f64 - middle_x).abs() * scale);
-                    row_sum += weight * f64::from(row[x]);
+                let first = span.start as f64 - middle_x;
+                for (n, value) in (0_u32..).zip(&row[span]) {
+                    let weight = table.at((first + f64::from(n)).abs() * scale);
+                    row_sum += weight * f64::from(*value);
                     row_weights += weight;
                 }
                 let outer = table.at(tz.abs() * table.per_sigma) * table.at(ty.abs() * table.per_sigma);
@@ -176,28 +177,31 @@ impl Lattice {
     }
 }
 
-/// e^{−t²/2} up to the kernel's end.
+/// e^{−t²/2} up to the kernel's end: at each step the value and the change to the next.
 struct GaussTable {
-    values: Vec<f64>,
+    entries: Box<[[f64; 2]; TABLE_STEPS + 1]>,
     per_sigma: f64,
 }
 
 impl GaussTable {
     fn new() -> Self {
         let per_sigma = TABLE_STEPS as f64 / REACH;
-        // One more, for the last interval's far end.
-        let values = (0..=TABLE_STEPS + 1)
-            .map(|k| {
-                let t = k as f64 / per_sigma;
-                exp(-0.5 * t * t)
-            })
-            .collect();
-        Self { values, per_sigma }
+        let value = |k: usize| {
+            let t = k as f64 / per_sigma;
+            exp(-0.5 * t * t)
+        };
+        let mut entries = Box::new([[0.0; 2]; TABLE_STEPS + 1]);
+        for (k, entry) in entries.iter_mut().enumerate() {
+            *entry = [value(k), value(k + 1) - value(k)];
+        }
+        Self { entries, per_sigma }
     }
 
     /// At a distance in steps of the table.
+    #[inline(always)]
     fn at(&self, steps: f64) -> f64 {
-        let k = (steps as usize).min(TABLE_STEPS);
-        self.values[k] + (steps - k as f64) * (self.values[k + 1] - self.values[k])
+        let k = (steps as u32).min(TABLE_STEPS as u32);
+        let [value, change] = self.entries[k as usize];
+        value + (steps - f64::from(k)) * change
     }
 }

@@ -21,7 +21,7 @@ pub struct Plane {
 }
 
 impl Plane {
-    /// A hard edge through the origin between 60 and 180, with a normal along the given direction.
+    /// A hard edge through the origin between 60 and 180, with a normal along the given direction (not zero).
     pub fn standard(direction: DVec3) -> Self {
         Self { normal: direction.normalize(), offset: 0.0, below: 60.0, above: 180.0, edge_sigma: 0.0 }
     }

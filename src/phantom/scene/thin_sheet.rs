@@ -20,7 +20,7 @@ pub struct ThinSheet {
 }
 
 impl ThinSheet {
-    /// Through the origin with a normal along the given direction, 190 in 40, with a full width at half maximum of 0.5 mm.
+    /// Through the origin with a normal along the given direction (not zero), 190 in 40, with a full width at half maximum of 0.5 mm.
     pub fn standard(direction: DVec3) -> Self {
         let sigma = 0.5 / (8.0 * std::f64::consts::LN_2).sqrt();
         Self { normal: direction.normalize(), offset: 0.0, sigma, amplitude: 150.0, background: 40.0 }
