@@ -26,7 +26,7 @@ enum Command {
     /// Say what is in a sequence, volume or calibration file
     Inspect(inspect::Arguments),
     /// Make a synthetic sweep whose truth is known
-    Phantom(phantom::Arguments),
+    Phantom(Box<phantom::Arguments>),
 }
 
 /// Why a command failed: a sentence for stderr, exit code 1.

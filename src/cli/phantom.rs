@@ -4,28 +4,40 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use calibration::file::CalibrationFile;
-use clap::{Args, ValueEnum};
+use clap::{ArgGroup, Args, ValueEnum as _};
 use drivers::reading::{NamedTransform, PixelType, Stamp, Status};
 use drivers::recording::metaimage::VolumeHeader;
 use drivers::recording::metaimage::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
 use glam::DVec3;
 
+mod choices;
+
+use choices::{ScalarName, SceneName, TrajectoryName, direction, frequency, tracker_noise};
+
 use super::{Failure, input, values};
 use crate::phantom::scan::{Depth, convex_fan};
-use crate::phantom::scene::Blobs;
-use crate::phantom::{Motion, Scan, ScanSettings, Scene, truth};
+use crate::phantom::scene::{Blobs, MarschnerLobb, Plane, Pulsating, Speckle, ThinSheet, Waves, Wires, ZonePlate};
+use crate::phantom::{EffectiveKernel, Motion, Scan, ScanSettings, Scene, TrackerNoise, blur, truth};
 use crate::slice::Pixels;
 use crate::volume::Grid;
+
+/// Default of `--axis-distance`, mm.
+const AXIS_DISTANCE_MM: f64 = 60.0;
 
 /// Frames painted at once: enough for all cores, little enough for memory.
 const BATCH: u32 = 8;
 
 /// Flags of `phantom`.
 #[derive(Debug, Args)]
-#[command(after_help = "\
+#[command(group(ArgGroup::new("truths").multiple(true)), after_help = "\
 The sequence holds ImageToReference, so that `sonoweave reconstruct SEQ -o VOL` needs no calibration. With --calibration it holds what a \
 tracker records instead, ProbeToTracker and ReferenceToTracker, and the probe's calibration is written to a file of its own. The same flags \
 give the same bits on every machine.
+
+A reconstruction is the scene under its kernel, so that even a perfect one differs from --truth: a kernel as wide as the scanner's own blur \
+widens the result by √2. --truth-blurred is the scene under the kernel that `reconstruct --spacing` uses, turned with the pictures, or under \
+that of --sigma: what then remains is the reconstruction's own error. A sweep is undersampled twice or three times by two or three times the \
+--gap and as many fewer --frames.
 
 Example: sonoweave phantom -o sweep.igs.mha --truth truth.mha --scene blobs --trajectory freehand --spacing 0.5")]
 pub struct Arguments {
@@ -33,9 +45,19 @@ pub struct Arguments {
     #[arg(short, long, value_name = "SEQ.igs.mha")]
     output: PathBuf,
     /// Write the scene on the lattice that `reconstruct --spacing` uses, over the box that holds all pictures
-    #[arg(long, value_name = "VOL.mha")]
+    #[arg(long, value_name = "VOL.mha", group = "truths")]
     truth: Option<PathBuf>,
-    /// Distance between the truth's voxels, mm
+    /// Write the scene under the reconstruction's kernel on the same lattice
+    #[arg(long, value_name = "VOL.mha", group = "truths")]
+    truth_blurred: Option<PathBuf>,
+    /// σ that the kernel of --truth-blurred really has along u, v and the picture's normal, mm [default: those of `reconstruct` at this
+    /// --spacing and --pixel; its statistics tell others]
+    #[arg(long, value_name = "SU,SV,SN", value_parser = values::lengths, requires = "truth_blurred")]
+    sigma: Option<[f64; 3]>,
+    /// When the truths are taken of a scene that moves, s [default: the last picture's time]
+    #[arg(long, value_name = "S", requires = "truths", allow_hyphen_values = true)]
+    truth_time: Option<f64>,
+    /// Distance between the truths' voxels, mm
     #[arg(long, value_name = "MM[,MM,MM]", value_parser = values::spacing, default_value = "0.5")]
     spacing: DVec3,
     /// What lies in the world
@@ -44,16 +66,34 @@ pub struct Arguments {
     /// Grey level of --scene constant
     #[arg(long, value_name = "GREY", default_value_t = 100.0, allow_hyphen_values = true)]
     grey: f64,
+    /// Normal of --scene plane and sheet, of any length
+    #[arg(long, value_name = "X,Y,Z", value_parser = direction, default_value = "1,2,3", allow_hyphen_values = true)]
+    normal: DVec3,
+    /// One wave for --scene sinusoid, cycles per mm along x, y and z [default: one of 0.25 along each axis]
+    #[arg(long, value_name = "FX,FY,FZ", value_parser = frequency, allow_hyphen_values = true)]
+    frequency: Option<DVec3>,
+    /// Where the correlation of --scene speckle has fallen to a half, mm
+    #[arg(long, value_name = "MM", default_value_t = Speckle::STANDARD_PITCH_MM)]
+    grain: f64,
     /// How the probe moves
     #[arg(long, value_enum, default_value_t)]
     trajectory: TrajectoryName,
     /// Distance of the axis of --trajectory fan from the picture's middle, mm
-    #[arg(long, value_name = "MM", default_value_t = 60.0)]
+    #[arg(long, value_name = "MM", default_value_t = AXIS_DISTANCE_MM)]
     axis_distance: f64,
+    /// Distance from the axis of --trajectory rotation at which neighbouring pictures lie the gap apart, mm
+    #[arg(long, value_name = "MM", default_value_t = 24.0)]
+    radius: f64,
+    /// Pictures of the stand of --trajectory dwell
+    #[arg(long, value_name = "N", default_value_t = 30)]
+    dwell: u32,
+    /// Standard deviations of the recorded poses' errors: position along each axis, mm, and rotation about each, degrees
+    #[arg(long, value_name = "MM,DEG", value_parser = tracker_noise, default_value = "0,0")]
+    tracker_noise: TrackerNoise,
     /// Number of pictures
     #[arg(long, value_name = "N", default_value_t = 120)]
     frames: u32,
-    /// Mean distance between neighbouring pictures, mm
+    /// Mean distance between neighbouring pictures that move, mm
     #[arg(long, value_name = "MM", default_value_t = 0.35)]
     gap: f64,
     /// Pictures a second
@@ -71,7 +111,7 @@ pub struct Arguments {
     /// Standard deviation of the noise, grey levels
     #[arg(long, value_name = "SD", default_value_t = 6.0)]
     noise: f64,
-    /// Seed of the blobs, the hand's walk and the noise
+    /// Seed of the blobs, the speckle, the probe's walk and all noise
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
     /// Scalar type of the pictures
@@ -88,39 +128,6 @@ pub struct Arguments {
 // A named type is a single value to clap.
 type PictureSize = [u32; 2];
 
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
-enum SceneName {
-    /// The same grey level everywhere
-    Constant,
-    /// Linear along every axis
-    Ramp,
-    /// 60 Gaussian blobs and a soft sphere
-    #[default]
-    Blobs,
-    /// A hard sphere of 10 mm radius in the middle
-    Sphere,
-}
-
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
-enum TrajectoryName {
-    /// Equal steps along the plane's normal
-    Parallel,
-    /// Equal tilts about an axis above the picture
-    Fan,
-    /// By hand: wandering, tilting, at uneven speed
-    #[default]
-    Freehand,
-}
-
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
-enum ScalarName {
-    /// 8 bit unsigned
-    #[default]
-    U8,
-    /// Single precision
-    F32,
-}
-
 /// Runs the command.
 ///
 /// # Errors
@@ -128,19 +135,26 @@ enum ScalarName {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.check_outputs()?;
     let scan = Scan::new(arguments.settings()?)?;
-    // The grid may be refused: before the painting, not after it.
-    let grid = match &arguments.truth {
-        Some(_) => Some(scan.grid(arguments.spacing, 0.0)?),
-        None => None,
+    let time_ns = arguments.truth_time_ns(&scan)?;
+    // The grid and the kernel may be refused: before the painting, not after it.
+    let grid = match (&arguments.truth, &arguments.truth_blurred) {
+        (None, None) => None,
+        _ => Some(scan.grid(arguments.spacing, 0.0)?),
     };
+    let kernel = arguments.kernel()?;
     let sequence = arguments.write_pictures(&scan)?;
-    let volume = match (&arguments.truth, &grid) {
-        (Some(path), Some(grid)) => Some(arguments.write_truth(&scan, grid, path)?),
-        _ => None,
-    };
+    let mut volumes = Vec::new();
+    if let (Some(path), Some(grid)) = (&arguments.truth, &grid) {
+        let voxels = truth::sample(&scan.settings().scene.at_time(time_ns), grid)?;
+        volumes.push(arguments.write_truth(&scan, time_ns, None, &voxels, grid, path)?);
+    }
+    if let (Some(path), Some(grid)) = (&arguments.truth_blurred, &grid) {
+        let voxels = blur::sample_under(&scan, &kernel, grid, time_ns)?;
+        volumes.push(arguments.write_truth(&scan, time_ns, Some(&kernel), &voxels, grid, path)?);
+    }
     // All that can take long or fail for lack of room is behind: the files take their names together.
     sequence.finish()?;
-    if let Some(volume) = volume {
+    for volume in volumes {
         volume.finish()?;
     }
     if let Some(path) = &arguments.calibration {
@@ -153,7 +167,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         };
         file.write(path)?;
     }
-    report(arguments, grid.as_ref());
+    report(arguments, grid.as_ref(), &kernel);
     Ok(())
 }
 
@@ -165,17 +179,34 @@ impl Arguments {
         if !self.grey.is_finite() {
             return Err(Failure(format!("--grey {}: must be finite", self.grey)));
         }
+        if !(self.grain.is_finite() && self.grain > 0.0) {
+            return Err(Failure(format!("--grain {}: must be a positive, finite length in mm", self.grain)));
+        }
         Ok(ScanSettings {
             scene: match self.scene {
                 SceneName::Constant => Scene::Constant(self.grey),
                 SceneName::Ramp => Scene::standard_ramp(),
                 SceneName::Blobs => Scene::Blobs(Blobs::draw(self.seed)),
                 SceneName::Sphere => Scene::standard_sphere(),
+                SceneName::Plane => Scene::Plane(Plane::standard(self.normal)),
+                SceneName::ZonePlate => Scene::ZonePlate(ZonePlate::standard()),
+                SceneName::Sinusoid => Scene::Waves(self.frequency.map_or_else(Waves::standard, Waves::single)),
+                SceneName::Wires => Scene::Wires(Wires::standard()),
+                SceneName::Sheet => Scene::ThinSheet(ThinSheet::standard(self.normal)),
+                SceneName::MarschnerLobb => Scene::MarschnerLobb(MarschnerLobb::standard()),
+                SceneName::Speckle => Scene::Speckle(Speckle::draw(self.seed, self.grain)),
+                SceneName::Pulsating => Scene::Pulsating(Pulsating::standard()),
             },
             motion: match self.trajectory {
                 TrajectoryName::Parallel => Motion::Parallel,
                 TrajectoryName::Fan => Motion::Fan { axis_distance_mm: self.axis_distance },
                 TrajectoryName::Freehand => Motion::Freehand,
+                TrajectoryName::Jittered => Motion::Jittered,
+                TrajectoryName::Rotation => Motion::Rotation { radius_mm: self.radius },
+                TrajectoryName::Arm => Motion::Arm,
+                TrajectoryName::Crossing => Motion::Crossing,
+                TrajectoryName::Dwell => Motion::Dwell { frames: self.dwell },
+                TrajectoryName::OutAndBack => Motion::OutAndBack,
             },
             frames: self.frames,
             gap_mm: self.gap,
@@ -191,23 +222,46 @@ impl Arguments {
             } else {
                 None
             },
+            tracker_noise: self.tracker_noise,
             seed: self.seed,
             first_ns: 0,
             interval_ns: (1e9 / self.rate).round() as i64,
         })
     }
 
+    /// When the truths are taken, ns.
+    fn truth_time_ns(&self, scan: &Scan) -> Result<i64, Failure> {
+        match self.truth_time {
+            None => Ok(scan.time_ns(scan.frames() - 1)),
+            // Thirty years either way: whole nanoseconds that fit.
+            Some(s) if s.abs() <= 1e9 => Ok((s * 1e9).round() as i64),
+            Some(s) => Err(Failure(format!("--truth-time {s}: must be a time in seconds between -1e9 and 1e9"))),
+        }
+    }
+
+    /// The kernel of the blurred truth.
+    fn kernel(&self) -> Result<EffectiveKernel, Failure> {
+        Ok(match self.sigma {
+            Some(sigma) => EffectiveKernel::new(sigma)?,
+            None => EffectiveKernel::of_defaults(self.spacing, [self.pixel; 2])?,
+        })
+    }
+
     /// All outputs can be written, their names tell MetaImage files, and no two are the same.
     fn check_outputs(&self) -> Result<(), Failure> {
         let outputs: Vec<&PathBuf> =
-            [Some(&self.output), self.truth.as_ref(), self.calibration.as_ref()].into_iter().flatten().collect();
+            [Some(&self.output), self.truth.as_ref(), self.truth_blurred.as_ref(), self.calibration.as_ref()]
+                .into_iter()
+                .flatten()
+                .collect();
         for (n, path) in outputs.iter().enumerate() {
             input::check_output(path)?;
             if outputs[..n].contains(path) {
                 return Err(Failure(format!("{}: is named for two outputs; give another name", path.display())));
             }
         }
-        for (path, what) in [(Some(&self.output), "sequences"), (self.truth.as_ref(), "volumes")] {
+        let volumes = [&self.truth, &self.truth_blurred].map(|path| (path.as_ref(), "volumes"));
+        for (path, what) in [(Some(&self.output), "sequences")].into_iter().chain(volumes) {
             if let Some(path) = path
                 && path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("mha"))
             {
@@ -219,13 +273,32 @@ impl Arguments {
 
     /// What determines the bits, for people.
     fn describe(&self) -> String {
-        let name =
-            |value: Option<clap::builder::PossibleValue>| value.map_or(String::new(), |v| v.get_name().to_owned());
-        let scene = name(self.scene.to_possible_value());
+        let scene = self.scene.to_possible_value().map_or(String::new(), |v| v.get_name().to_owned());
+        let trajectory = self.trajectory.to_possible_value().map_or(String::new(), |v| v.get_name().to_owned());
+        let vector = |v: DVec3| format!("{},{},{}", v.x, v.y, v.z);
+        let scene = match (self.scene, self.frequency) {
+            (SceneName::Constant, _) => format!("{scene} {}", self.grey),
+            (SceneName::Plane | SceneName::Sheet, _) => format!("{scene} across {}", vector(self.normal)),
+            (SceneName::Sinusoid, Some(frequency)) => format!("{scene} of {} cycles per mm", vector(frequency)),
+            (SceneName::Speckle, _) => format!("{scene} of {} mm", self.grain),
+            _ => scene,
+        };
+        let trajectory = match self.trajectory {
+            TrajectoryName::Fan if self.axis_distance != AXIS_DISTANCE_MM => {
+                format!("{trajectory} about an axis {} mm away", self.axis_distance)
+            }
+            TrajectoryName::Rotation => format!("{trajectory}, gap at {} mm", self.radius),
+            TrajectoryName::Dwell => format!("{trajectory} of {} frames", self.dwell),
+            _ => trajectory,
+        };
+        let TrackerNoise { position_mm, rotation_degrees } = self.tracker_noise;
+        let tracker = if self.tracker_noise == TrackerNoise::default() {
+            String::new()
+        } else {
+            format!(", tracker noise {position_mm} mm {rotation_degrees} deg")
+        };
         format!(
-            "scene {}, trajectory {}, {} frames, gap {} mm, {}x{} pixels of {} mm{}, noise {}, seed {}",
-            if self.scene == SceneName::Constant { format!("{scene} {}", self.grey) } else { scene },
-            name(self.trajectory.to_possible_value()),
+            "scene {scene}, trajectory {trajectory}, {} frames, gap {} mm, {}x{} pixels of {} mm{}, noise {}{tracker}, seed {}",
             self.frames,
             self.gap,
             self.image_size[0],
@@ -290,15 +363,29 @@ impl Arguments {
         SequenceItem { stamp, frame_number: Some(u64::from(frame)), status: Status::Ok, transforms, fields: Vec::new() }
     }
 
-    /// Writes the scene's voxels; the file has its name only when the writer is finished.
-    fn write_truth(&self, scan: &Scan, grid: &Grid, path: &Path) -> Result<VolumeWriter, Failure> {
-        let voxels = truth::sample(&scan.settings().scene, grid)?;
+    /// Writes a truth's voxels; the file has its name only when the writer is finished.
+    fn write_truth(
+        &self,
+        scan: &Scan,
+        time_ns: i64,
+        kernel: Option<&EffectiveKernel>,
+        voxels: &[f32],
+        grid: &Grid,
+        path: &Path,
+    ) -> Result<VolumeWriter, Failure> {
         let mut size = [0; 3];
         for (to, from) in size.iter_mut().zip(grid.size) {
             *to = u32::try_from(from)?;
         }
         let mut fields = self.provenance();
         fields.push(("SonoweaveFrame".into(), "Reference (mm, not anatomical)".into()));
+        if let Some(kernel) = kernel {
+            let [u, v, n] = kernel.sigma_mm();
+            fields.push(("SonoweaveTruthKernel".into(), format!("Gaussian, sigma u {u:.6} v {v:.6} n {n:.6} mm")));
+        }
+        if scan.settings().scene.moves() {
+            fields.push(("SonoweaveTruthTime".into(), format!("{} s", time_ns as f64 / 1e9)));
+        }
         let header = VolumeHeader {
             spacing: grid.spacing.to_array(),
             origin: grid.origin.to_array(),
@@ -307,7 +394,7 @@ impl Arguments {
         };
         let mut writer = VolumeWriter::create(path, &header)?;
         writer
-            .write_all(bytemuck::cast_slice(&voxels))
+            .write_all(bytemuck::cast_slice(voxels))
             .map_err(|e| Failure(format!("{}: writing the truth failed: {e}", path.display())))?;
         Ok(writer)
     }
@@ -322,12 +409,19 @@ impl Arguments {
 
 /// What was made, on stdout.
 #[allow(clippy::print_stdout, reason = "the command's output")]
-fn report(arguments: &Arguments, grid: Option<&Grid>) {
+fn report(arguments: &Arguments, grid: Option<&Grid>, kernel: &EffectiveKernel) {
     println!("{}: {}", arguments.output.display(), arguments.describe());
     if let (Some(path), Some(grid)) = (&arguments.truth, grid) {
         let [nx, ny, nz] = grid.size;
         let [sx, sy, sz] = grid.spacing.to_array();
         println!("{}: its truth, {nx}×{ny}×{nz} voxels of {sx}×{sy}×{sz} mm", path.display());
+    }
+    if let Some(path) = &arguments.truth_blurred {
+        let [u, v, n] = kernel.sigma_mm();
+        println!(
+            "{}: its truth under a kernel of σ {u:.3}, {v:.3} and {n:.3} mm along u, v and the normal",
+            path.display()
+        );
     }
     if let Some(path) = &arguments.calibration {
         println!("{}: the probe's calibration; give it to `reconstruct` with --config", path.display());

@@ -75,6 +75,21 @@ pub(super) fn sin_cos(angle: f64) -> (f64, f64) {
     (s / length, c / length)
 }
 
+/// Sine and cosine of an angle in radians, |angle| ≤ 3e6.
+///
+/// Whole turns are taken off by 2π in three parts of 33 bits (Cody and Waite; the parts are four times those of π/2 in fdlibm's
+/// `e_rem_pio2.c`), so that what remains keeps its low bits.
+pub(super) fn sin_cos_of_any(angle: f64) -> (f64, f64) {
+    debug_assert!(angle.abs() <= 3e6, "an angle of {angle}");
+    const TURN: [f64; 3] = [
+        4.0 * 1.570_796_326_734_125_614_17,
+        4.0 * 6.077_100_506_303_965_976_60e-11,
+        4.0 * 2.022_266_248_795_950_631_54e-21,
+    ];
+    let turns = (angle / std::f64::consts::TAU + 0.5).floor();
+    sin_cos(((angle - turns * TURN[0]) - turns * TURN[1]) - turns * TURN[2])
+}
+
 /// The error function, to 1e-15 absolute.
 pub(super) fn erf(x: f64) -> f64 {
     let a = x.abs();
@@ -148,6 +163,18 @@ mod tests {
         }
         assert_eq!(exp(-1000.0), 0.0);
         assert_eq!(exp(0.0), 1.0);
+    }
+
+    #[test]
+    fn many_turns_are_taken_off_without_loss() {
+        for k in -60_000..=60_000 {
+            // Small angles, large ones, and ones next to whole turns.
+            let k = f64::from(k);
+            for angle in [k * 1e-3, k * 49.7, k * std::f64::consts::TAU] {
+                let (s, c) = sin_cos_of_any(angle);
+                assert!((s - angle.sin()).abs() < 4e-15 && (c - angle.cos()).abs() < 4e-15, "{angle}");
+            }
+        }
     }
 
     #[test]

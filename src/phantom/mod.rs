@@ -8,12 +8,15 @@
 //! - [`paint`]: a scene's grey levels over a flat lattice, fast.
 //! - [`scan`]: the pieces composed into posed slices and into what a tracked sequence records.
 //! - [`truth`]: the scene on a volume's lattice, and which voxels a scan can know.
+//! - [`blur`]: the same under a reconstruction's kernel.
 //! - [`error`]: how far a volume is from it.
 //!
 //! One seed determines every bit, on every machine and for any number of threads: random numbers are counted per purpose and frame, and the
 //! elementary functions are our own, because the platform's differ in the last bit. The fan's edges alone are the platform's; their slack of 1e-9 pixel
 //! is far wider than what platforms differ by.
 
+pub mod blur;
+mod complex;
 mod elementary;
 pub mod error;
 pub mod paint;
@@ -23,8 +26,9 @@ pub mod scene;
 pub mod trajectory;
 pub mod truth;
 
+pub use blur::EffectiveKernel;
 pub use error::Errors;
-pub use scan::{Scan, ScanSettings};
+pub use scan::{Scan, ScanSettings, TrackerNoise};
 pub use scene::Scene;
 pub use trajectory::{Motion, Trajectory};
 
@@ -64,6 +68,44 @@ pub enum PhantomError {
     Noise {
         /// As given.
         sd: f64,
+    },
+    /// Negative or not a number.
+    #[error("the tracker's noise is {mm} mm and {degrees}°; both must be zero or more, finite, and at most {limit}")]
+    TrackerNoise {
+        /// As given, mm.
+        mm: f64,
+        /// As given, degrees.
+        degrees: f64,
+        /// The most that either may be.
+        limit: f64,
+    },
+    /// Nothing left to move with.
+    #[error(
+        "a dwell of {dwell} frames leaves nothing of {frames} frames to move with; give more frames or a shorter dwell"
+    )]
+    Dwell {
+        /// Frames of the dwell.
+        dwell: u32,
+        /// Frames in all.
+        frames: u32,
+    },
+    /// The picture would come round to where it began.
+    #[error(
+        "the picture would turn by {degrees:.0}°, more than a whole turn; ask for fewer frames, a smaller gap or a larger radius"
+    )]
+    TurnsOver {
+        /// From the first to the last frame.
+        degrees: f64,
+    },
+    /// A blur that would take too much memory.
+    #[error(
+        "so thin a kernel, or so fine a scene, needs {points:.1e} points at once for the blurred truth, more than {limit}; give a larger smallest σ or a smaller scan"
+    )]
+    KernelTooThin {
+        /// Points of the lattice for one layer of voxels.
+        points: f64,
+        /// The most there may be.
+        limit: u64,
     },
     /// The sweep would come round to the other side.
     #[error(

@@ -1,19 +1,24 @@
 //! Painting: a scene's grey levels over a flat lattice of points, a picture's pixels or one layer of a volume.
 //!
 //! On two perpendicular axes an isotropic Gaussian is the product of one Gaussian along each, so a blob costs one product and one sum a pixel instead of an
-//! exponential; blobs out of reach cost nothing. The soft sphere's edge is read from a table of its radial profile. What is left out or interpolated
-//! stays below 1e-4 grey levels for scenes of the size of [`Blobs::draw`].
+//! exponential; blobs out of reach cost nothing. A wave and a zone plate are products of complex factors in the same way. What depends on a
+//! distance alone, the soft sphere's edge and the rings of Marschner and Lobb, is read from a table of its radial profile. Wires and thin sheets
+//! are evaluated near themselves only. What is left out or interpolated stays below 1e-4 grey levels for the standard scenes.
 
 use glam::DVec3;
 
-use super::elementary::exp;
-use super::scene::{Blob, Blobs, EDGE_REACH, Scene, Sphere};
+mod oscillation;
+mod profile;
+mod ridge;
+mod shadow;
 
-/// Blobs end this many σ from their centres, where they are below 1e-9 of their amplitude.
-const BLOB_REACH: f64 = 6.5;
+use oscillation::Oscillation;
+use profile::Rings;
+pub(super) use profile::SphereProfile;
+use ridge::Ridge;
+use shadow::Shadow;
 
-/// Steps of the soft edge's table: over 16.6 σ, linear interpolation errs by less than 1e-6 of the edge's height.
-const PROFILE_STEPS: usize = 8192;
+use super::scene::{Blobs, Scene, Waves, ZonePlate};
 
 /// A flat lattice of points: point (i, j) lies at `origin + i·step_u + j·step_v`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -42,22 +47,33 @@ impl Sheet {
     }
 }
 
-/// A scene prepared for painting.
+/// A scene prepared for painting. A moving scene is painted as it is at time 0; see [`Scene::at_time`].
 #[derive(Debug, Clone)]
 pub struct Painter {
     scene: Scene,
-    sphere: Option<SphereProfile>,
+    tables: Tables,
+}
+
+/// What is computed once for all sheets.
+#[derive(Debug, Clone)]
+enum Tables {
+    None,
+    Sphere(SphereProfile),
+    Rings(Rings),
 }
 
 impl Painter {
     /// Prepares a scene.
     pub fn new(scene: Scene) -> Self {
-        let sphere = match &scene {
-            Scene::Blobs(Blobs { sphere, .. }) => sphere.map(SphereProfile::new),
-            Scene::Sphere(sphere) => Some(SphereProfile::new(*sphere)),
-            Scene::Constant(_) | Scene::Ramp(_) | Scene::Plane(_) => None,
+        let scene = scene.at_time(0);
+        let tables = match &scene {
+            Scene::Blobs(Blobs { sphere: Some(sphere), .. }) | Scene::Sphere(sphere) => {
+                Tables::Sphere(SphereProfile::new(*sphere))
+            }
+            Scene::MarschnerLobb(function) => Tables::Rings(Rings::new(*function)),
+            _ => Tables::None,
         };
-        Self { scene, sphere }
+        Self { scene, tables }
     }
 
     /// The scene.
@@ -71,20 +87,21 @@ impl Painter {
     /// When `grey` does not hold as many values as the sheet has points.
     pub fn paint(&self, sheet: &Sheet, grey: &mut [f64]) {
         assert_eq!(grey.len(), sheet.width * sheet.height, "the values do not fill the sheet");
-        match &self.scene {
-            Scene::Constant(value) => grey.fill(*value),
-            Scene::Blobs(blobs) if sheet.is_rectangular() => self.paint_blobs(blobs, sheet, grey),
-            scene => {
-                for (j, row) in rows(sheet, grey) {
-                    for (i, value) in row.iter_mut().enumerate() {
-                        let point = sheet.point(i, j);
-                        *value = match &self.sphere {
-                            Some(sphere) if matches!(scene, Scene::Sphere(_)) => sphere.value(point),
-                            _ => scene.value(point),
-                        };
-                    }
-                }
+        match (&self.scene, &self.tables) {
+            (Scene::Constant(value), _) => grey.fill(*value),
+            (Scene::Blobs(blobs), _) if sheet.is_rectangular() => self.paint_blobs(blobs, sheet, grey),
+            (Scene::Sphere(_), Tables::Sphere(sphere)) => each_point(sheet, grey, |point| sphere.value(point)),
+            (Scene::MarschnerLobb(_), Tables::Rings(rings)) => rings.paint(sheet, grey),
+            (Scene::ZonePlate(plate), _) if sheet.is_rectangular() => paint_zone_plate(plate, sheet, grey),
+            (Scene::Waves(waves), _) => paint_waves(waves, sheet, grey),
+            (Scene::Wires(wires), _) => {
+                let ridges = wires.wires.iter().map(|wire| Ridge::of_wire(wire, sheet));
+                paint_ridges(wires.background, ridges, sheet, grey);
             }
+            (Scene::ThinSheet(thin), _) => {
+                paint_ridges(thin.background, [Ridge::of_thin_sheet(thin, sheet)], sheet, grey);
+            }
+            (scene, _) => each_point(sheet, grey, |point| scene.value(point)),
         }
     }
 
@@ -95,58 +112,50 @@ impl Painter {
             for shadow in &shadows {
                 shadow.add_to(j, row);
             }
-            if let Some(sphere) = &self.sphere {
+            if let Tables::Sphere(sphere) = &self.tables {
                 sphere.add_to(sheet, j, row);
             }
         }
     }
 }
 
+fn paint_zone_plate(plate: &ZonePlate, sheet: &Sheet, grey: &mut [f64]) {
+    let oscillation = Oscillation::of_zone_plate(plate, sheet);
+    for (j, row) in rows(sheet, grey) {
+        row.fill(plate.mean);
+        oscillation.add_to(j, row);
+    }
+}
+
+fn paint_waves(waves: &Waves, sheet: &Sheet, grey: &mut [f64]) {
+    let oscillations: Vec<_> = waves.waves.iter().map(|wave| Oscillation::of_wave(wave, sheet)).collect();
+    for (j, row) in rows(sheet, grey) {
+        row.fill(waves.mean);
+        for oscillation in &oscillations {
+            oscillation.add_to(j, row);
+        }
+    }
+}
+
+fn paint_ridges(background: f64, ridges: impl IntoIterator<Item = Ridge>, sheet: &Sheet, grey: &mut [f64]) {
+    grey.fill(background);
+    for ridge in ridges {
+        for (j, row) in rows(sheet, grey) {
+            ridge.add_to(j, row);
+        }
+    }
+}
+
+fn each_point(sheet: &Sheet, grey: &mut [f64], value: impl Fn(DVec3) -> f64) {
+    for (j, row) in rows(sheet, grey) {
+        for (i, grey) in row.iter_mut().enumerate() {
+            *grey = value(sheet.point(i, j));
+        }
+    }
+}
+
 fn rows<'a>(sheet: &Sheet, grey: &'a mut [f64]) -> impl Iterator<Item = (usize, &'a mut [f64])> + use<'a> {
     grey.chunks_exact_mut(sheet.width.max(1)).enumerate()
-}
-
-/// What a blob leaves on a sheet: the product of a Gaussian along u and one along v.
-struct Shadow {
-    first_u: usize,
-    along_u: Vec<f64>,
-    first_v: usize,
-    /// With the amplitude and the attenuation by the blob's distance from the plane.
-    along_v: Vec<f64>,
-}
-
-impl Shadow {
-    /// `None` when the blob is out of the sheet's reach.
-    fn cast(blob: &Blob, sheet: &Sheet) -> Option<Self> {
-        let reach = BLOB_REACH * blob.sigma;
-        let offset = blob.centre - sheet.origin;
-        let (pitch_u, pitch_v) = (sheet.step_u.length(), sheet.step_v.length());
-        let (u, v) = (offset.dot(sheet.step_u) / pitch_u, offset.dot(sheet.step_v) / pitch_v);
-        let normal = sheet.step_u.cross(sheet.step_v) / (pitch_u * pitch_v);
-        let distance = offset.dot(normal);
-        let left = reach * reach - distance * distance;
-        if left <= 0.0 {
-            return None;
-        }
-        let in_plane = left.sqrt();
-        let span_u = indices_within(u, in_plane, pitch_u, sheet.width)?;
-        let span_v = indices_within(v, in_plane, pitch_v, sheet.height)?;
-        let falloff = |mm: f64| exp(-mm * mm / (2.0 * blob.sigma * blob.sigma));
-        let height = blob.amplitude * falloff(distance);
-        Some(Self {
-            first_u: span_u.start,
-            along_u: span_u.map(|i| falloff(i as f64 * pitch_u - u)).collect(),
-            first_v: span_v.start,
-            along_v: span_v.map(|j| height * falloff(j as f64 * pitch_v - v)).collect(),
-        })
-    }
-
-    fn add_to(&self, j: usize, row: &mut [f64]) {
-        let Some(scale) = j.checked_sub(self.first_v).and_then(|j| self.along_v.get(j)) else { return };
-        for (value, u) in row[self.first_u..].iter_mut().zip(&self.along_u) {
-            *value += scale * u;
-        }
-    }
 }
 
 /// The indices whose points lie within `reach` of `middle` on an axis of `count` points `pitch` apart; `None` when there are none.
@@ -156,71 +165,9 @@ fn indices_within(middle: f64, reach: f64, pitch: f64, count: usize) -> Option<s
     (first < end).then_some(first as usize..end as usize)
 }
 
-/// A sphere's grey level by distance from its centre, tabulated over the soft edge.
-#[derive(Debug, Clone)]
-struct SphereProfile {
-    sphere: Sphere,
-    /// Distance of the first table entry, mm; up to there the sphere has its inner grey level.
-    inner: f64,
-    /// Beyond it the sphere has its outer grey level, mm.
-    outer: f64,
-    /// Table entries per mm; 0 for a hard edge.
-    per_mm: f64,
-    table: Vec<f64>,
-}
-
-impl SphereProfile {
-    fn new(sphere: Sphere) -> Self {
-        if sphere.edge_sigma == 0.0 {
-            return Self { sphere, inner: sphere.radius, outer: sphere.radius, per_mm: 0.0, table: Vec::new() };
-        }
-        let reach = EDGE_REACH * sphere.edge_sigma;
-        let (inner, outer) = ((sphere.radius - reach).max(0.0), sphere.radius + reach);
-        let step = (outer - inner) / PROFILE_STEPS as f64;
-        let table = (0..=PROFILE_STEPS).map(|k| sphere.at_distance(inner + k as f64 * step)).collect();
-        Self { sphere, inner, outer, per_mm: step.recip(), table }
-    }
-
-    fn value(&self, world: DVec3) -> f64 {
-        self.at_squared_distance(world.distance_squared(self.sphere.centre))
-    }
-
-    fn at_squared_distance(&self, squared: f64) -> f64 {
-        let r = squared.sqrt();
-        if r > self.outer {
-            return self.sphere.outside;
-        }
-        if self.table.is_empty() || (r < self.inner) {
-            return self.sphere.inside;
-        }
-        let at = (r - self.inner) * self.per_mm;
-        let k = (at as usize).min(PROFILE_STEPS - 1);
-        self.table[k] + (at - k as f64) * (self.table[k + 1] - self.table[k])
-    }
-
-    /// Adds the sphere to row j; outside its reach only if it is not black there.
-    fn add_to(&self, sheet: &Sheet, j: usize, row: &mut [f64]) {
-        let start = sheet.point(0, j) - self.sphere.centre;
-        let pitch = sheet.step_u.length();
-        let along = -start.dot(sheet.step_u) / pitch;
-        let beside = (start + sheet.step_u * (along / pitch)).length_squared();
-        let reach = self.outer * self.outer - beside;
-        let span = if self.sphere.outside != 0.0 {
-            0..row.len()
-        } else if reach > 0.0 {
-            indices_within(along, reach.sqrt(), pitch, row.len()).unwrap_or(0..0)
-        } else {
-            0..0
-        };
-        for i in span {
-            let mm = i as f64 * pitch - along;
-            row[i] += self.at_squared_distance(beside + mm * mm);
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::scene::{Blob, MarschnerLobb, Plane, Pulsating, Speckle, Sphere, ThinSheet, Wire, Wires};
     use super::*;
     use glam::{DMat3, DQuat};
 
@@ -255,10 +202,49 @@ mod tests {
             assert!(worst < 1e-4, "{worst}");
         }
         assert!(worst(Scene::standard_sphere(), &sheet) < 1e-9);
-        assert!(worst(Scene::standard_sphere().softened(0.8), &sheet) < 1e-3);
-        assert!(worst(Scene::standard_sphere().softened(6.0), &sheet) < 1e-3);
+        assert!(worst(Scene::standard_sphere().softened(0.8).unwrap(), &sheet) < 1e-3);
+        assert!(worst(Scene::standard_sphere().softened(6.0).unwrap(), &sheet) < 1e-3);
         assert_eq!(worst(Scene::standard_ramp(), &sheet), 0.0);
         assert_eq!(worst(Scene::Constant(7.0), &sheet), 0.0);
+    }
+
+    #[test]
+    fn oscillations_ridges_and_rings_are_painted_as_they_are() {
+        let direction = DVec3::new(1.0, -2.0, 3.0);
+        let mut skewed = oblique(130, 120, [0.4, 0.46]);
+        skewed.step_v += 0.3 * skewed.step_u;
+        let level =
+            Sheet { origin: DVec3::new(-25.0, -20.0, 1.3), step_u: 0.4 * DVec3::X, step_v: 0.3 * DVec3::Y, ..skewed };
+        for sheet in [oblique(260, 240, [0.2, 0.23]), skewed, level] {
+            for scene in [
+                Scene::ZonePlate(ZonePlate::standard()),
+                Scene::ZonePlate(ZonePlate::standard()).softened(0.7).unwrap(),
+                Scene::Waves(Waves::standard()),
+                Scene::Waves(Waves::single(DVec3::new(0.3, -0.5, 0.2))),
+                Scene::Wires(Wires::standard()),
+                Scene::Wires(Wires::standard()).softened(0.9).unwrap(),
+                Scene::ThinSheet(ThinSheet::standard(direction)),
+                Scene::ThinSheet(ThinSheet::standard(DVec3::Y)),
+                Scene::Plane(Plane::standard(direction)),
+                Scene::MarschnerLobb(MarschnerLobb::standard()),
+                Scene::Pulsating(Pulsating::standard()),
+            ] {
+                let off = worst(scene.clone(), &sheet);
+                assert!(off < 1e-4, "{scene:?}: {off}");
+            }
+        }
+        assert_eq!(worst(Scene::Speckle(Speckle::draw(1, 0.6)), &skewed), 0.0);
+    }
+
+    #[test]
+    fn a_ridge_along_the_rows_is_painted_whole() {
+        let sheet = Sheet { origin: DVec3::ZERO, step_u: DVec3::X, step_v: 0.25 * DVec3::Y, width: 50, height: 40 };
+        let wires = Wires {
+            background: 10.0,
+            wires: vec![Wire { point: DVec3::new(0.0, 5.0, 0.5), direction: DVec3::X, sigma: 0.4, amplitude: 100.0 }],
+        };
+        assert!(worst(Scene::Wires(wires), &sheet) < 1e-6);
+        assert!(worst(Scene::ThinSheet(ThinSheet::standard(DVec3::Z)), &sheet) < 1e-6);
     }
 
     #[test]

@@ -16,6 +16,10 @@ pub(super) enum Purpose {
     Trajectory = 2,
     /// Grey noise; the stream is the frame's index.
     Noise = 3,
+    /// Errors of the tracker; the stream is the frame's index.
+    Tracker = 4,
+    /// Scatterers of the speckle.
+    Speckle = 5,
 }
 
 /// A stream of draws.

@@ -11,11 +11,14 @@ use super::elementary::sin_cos;
 use super::paint::{Painter, Sheet};
 use super::random::{Draws, Purpose};
 use super::scene::{Blobs, Scene};
-use super::trajectory::{Motion, PictureMm, Trajectory};
+use super::trajectory::{Motion, PictureMm, Trajectory, small_turn};
 use super::{PhantomError, truth};
 use crate::mask::Mask;
 use crate::slice::{Image, Pixels, Slice};
 use crate::volume::Grid;
+
+#[cfg(test)]
+mod tests;
 
 /// A quarter of a gigapixel: 2 GiB of work space a frame.
 const MAX_PIXELS: u64 = 1 << 28;
@@ -42,6 +45,20 @@ pub fn convex_fan(image_size: [u32; 2]) -> Result<Fan, BadRegion> {
     Fan::new([0.5 * (width - 1.0), -rise], [1.3 * rise, height - 1.0 + rise], [-35.0, 35.0])
 }
 
+/// A tracker's errors: white and Gaussian, drawn for each frame, the same along each axis; none by default.
+///
+/// They are errors of the picture's pose about its middle, wherever the sensor sits: the position's shift the picture, the rotation's turn it about its middle.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct TrackerNoise {
+    /// Standard deviation of the position along each axis, mm.
+    pub position_mm: f64,
+    /// Standard deviation of the rotation about each axis, degrees; small.
+    pub rotation_degrees: f64,
+}
+
+/// More than any tracker errs, and little enough for small angles, in mm and in degrees.
+const MOST_TRACKER_NOISE: f64 = 10.0;
+
 /// What determines a scan, to the bit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScanSettings {
@@ -63,7 +80,9 @@ pub struct ScanSettings {
     pub depth: Depth,
     /// The scanner's sector: the other pixels are 0 and are no data. `None` when the whole picture is data.
     pub fan: Option<Fan>,
-    /// Seed of the hand's walk and the noise.
+    /// How much the recorded poses differ from where the pictures were painted.
+    pub tracker_noise: TrackerNoise,
+    /// Seed of the hand's walk and of all noise.
     pub seed: u64,
     /// Measurement time of the first frame, ns.
     pub first_ns: i64,
@@ -85,6 +104,7 @@ impl Default for ScanSettings {
             noise_sd: 6.0,
             depth: Depth::U8,
             fan: None,
+            tracker_noise: TrackerNoise::default(),
             seed: 1,
             first_ns: 0,
             interval_ns: 33_333_333,
@@ -130,6 +150,10 @@ impl Scan {
         if !(settings.noise_sd >= 0.0 && settings.noise_sd.is_finite()) {
             return Err(PhantomError::Noise { sd: settings.noise_sd });
         }
+        let TrackerNoise { position_mm: mm, rotation_degrees: degrees } = settings.tracker_noise;
+        if ![mm, degrees].iter().all(|sd| (0.0..=MOST_TRACKER_NOISE).contains(sd)) {
+            return Err(PhantomError::TrackerNoise { mm, degrees, limit: MOST_TRACKER_NOISE });
+        }
         let mask = settings.fan.map_or_else(|| Mask::full(width, height), |fan| Mask::fan(width, height, &fan));
         if mask.area() == 0 {
             return Err(PhantomError::EmptyFan { width, height });
@@ -154,12 +178,35 @@ impl Scan {
         self.settings.first_ns.saturating_add(self.settings.interval_ns.saturating_mul(i64::from(frame)))
     }
 
-    /// Maps pixels of a frame to world mm; the third column is the unit normal.
+    /// Maps pixels of a frame to world mm, as the tracker recorded it: with its noise. The third column is the unit normal.
     ///
     /// # Panics
     /// When there is no such frame.
     pub fn world_from_image(&self, frame: u32) -> Transform<World, ImageFrame> {
+        self.recorded_world_from_picture(frame) * self.picture_from_image()
+    }
+
+    /// Maps pixels of a frame to world mm, where the picture was painted: without the tracker's noise.
+    ///
+    /// # Panics
+    /// When there is no such frame.
+    pub fn true_world_from_image(&self, frame: u32) -> Transform<World, ImageFrame> {
         self.trajectory.world_from_picture(frame) * self.picture_from_image()
+    }
+
+    fn recorded_world_from_picture(&self, frame: u32) -> Transform<World, PictureMm> {
+        let pose = self.trajectory.world_from_picture(frame);
+        let TrackerNoise { position_mm, rotation_degrees } = self.settings.tracker_noise;
+        if position_mm == 0.0 && rotation_degrees == 0.0 {
+            return pose;
+        }
+        let mut draws = Draws::new(self.settings.seed, Purpose::Tracker, u64::from(frame));
+        let [x, y, z, pitch, yaw, roll] = std::array::from_fn(|_| draws.normal());
+        let affine = pose.affine();
+        Transform::from_affine(DAffine3 {
+            matrix3: affine.matrix3 * small_turn(DVec3::new(pitch, yaw, roll) * (0.5 * rotation_degrees.to_radians())),
+            translation: affine.translation + DVec3::new(x, y, z) * position_mm,
+        })
     }
 
     /// Which pixels are data.
@@ -167,12 +214,12 @@ impl Scan {
         &self.mask
     }
 
-    /// A frame's grey levels without noise, rounding or fan, u fastest.
+    /// A frame's grey levels without noise, rounding or fan, u fastest: the scene at the frame's time and true place.
     ///
     /// # Panics
     /// When there is no such frame.
     pub fn clean(&self, frame: u32) -> Vec<f64> {
-        let affine = self.world_from_image(frame).affine();
+        let affine = self.true_world_from_image(frame).affine();
         let [width, height] = self.settings.image_size.map(|n| n as usize);
         let sheet = Sheet {
             origin: affine.translation,
@@ -182,11 +229,15 @@ impl Scan {
             height,
         };
         let mut grey = vec![0.0; width * height];
-        self.painter.paint(&sheet, &mut grey);
+        if self.settings.scene.moves() {
+            Painter::new(self.settings.scene.at_time(self.time_ns(frame))).paint(&sheet, &mut grey);
+        } else {
+            self.painter.paint(&sheet, &mut grey);
+        }
         grey
     }
 
-    /// A frame as the scanner shows it.
+    /// A frame as the scanner shows it, with the pose that the tracker recorded.
     ///
     /// # Panics
     /// When there is no such frame.
@@ -241,7 +292,7 @@ impl Scan {
         let time_ns = self.time_ns(frame);
         let tracker_from_reference = tracker_from_reference(time_ns);
         let tracker_from_probe =
-            tracker_from_reference * self.trajectory.world_from_picture(frame) * probe_from_picture().inverse();
+            tracker_from_reference * self.recorded_world_from_picture(frame) * probe_from_picture().inverse();
         TrackedPose {
             timestamp_s: time_ns as f64 / 1e9,
             image_to_reference: self.world_from_image(frame).to_rows(),
@@ -250,13 +301,13 @@ impl Scan {
         }
     }
 
-    /// The grid of all lattice points within `margin_mm` of the box that holds every slice; see [`truth::covering_grid`].
+    /// The grid of all lattice points within `margin_mm` of the box that holds every slice where it was painted; see [`truth::covering_grid`].
     ///
     /// # Errors
     /// As [`truth::covering_grid`].
     pub fn grid(&self, spacing: DVec3, margin_mm: f64) -> Result<Grid, PhantomError> {
         truth::covering_grid(
-            (0..self.frames()).map(|frame| (self.world_from_image(frame), self.settings.image_size)),
+            (0..self.frames()).map(|frame| (self.true_world_from_image(frame), self.settings.image_size)),
             spacing,
             margin_mm,
         )
@@ -289,162 +340,4 @@ fn tracker_from_reference(time_ns: i64) -> Transform<Tracker, World> {
         matrix3: DMat3::from_quat(DQuat::from_xyzw(-0.3, 0.1, 0.4, 0.8).normalize()),
         translation: DVec3::new(180.0, -60.0, 240.0) + breath,
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn small(change: impl FnOnce(&mut ScanSettings)) -> Scan {
-        let mut settings =
-            ScanSettings { frames: 12, image_size: [90, 70], pixel_mm: [0.5, 0.6], ..ScanSettings::default() };
-        change(&mut settings);
-        Scan::new(settings).unwrap()
-    }
-
-    fn values(slice: &Slice) -> Vec<f64> {
-        match slice.image.pixels() {
-            Pixels::U8(p) => p.iter().map(|x| f64::from(*x)).collect(),
-            Pixels::U16(p) => p.iter().map(|x| f64::from(*x)).collect(),
-            Pixels::F32(p) => p.iter().map(|x| f64::from(*x)).collect(),
-        }
-    }
-
-    #[test]
-    fn a_ramps_pixel_holds_the_scene_at_its_centre() {
-        let scan = small(|s| (s.scene, s.noise_sd, s.depth) = (Scene::standard_ramp(), 0.0, Depth::F32));
-        let Scene::Ramp(ramp) = scan.settings().scene else { panic!("a ramp") };
-        for frame in [0, 7] {
-            let slice = scan.slice(frame);
-            let grey = values(&slice);
-            for (i, j) in [(0, 0), (89, 0), (0, 69), (41, 23)] {
-                // The middle of the picture is pixel (44.5, 34.5); its pose is the trajectory's.
-                let mm = DVec3::new((i as f64 - 44.5) * 0.5, (j as f64 - 34.5) * 0.6, 0.0);
-                let world = scan.trajectory.world_from_picture(frame).point(mm);
-                let expected = ramp.at_origin + ramp.gradient.dot(world);
-                assert!((grey[j * 90 + i] - expected).abs() < 1e-5);
-                let posed = slice.world_from_image.point(DVec3::new(i as f64, j as f64, 0.0));
-                assert!(posed.distance(world) < 1e-12);
-            }
-        }
-    }
-
-    #[test]
-    fn noise_has_its_deviation_and_no_correlation() {
-        let scan = small(|s| {
-            (s.scene, s.noise_sd, s.depth) = (Scene::Constant(100.0), 6.0, Depth::F32);
-            (s.image_size, s.frames) = ([400, 300], 2);
-        });
-        let [a, b] = [0, 1].map(|f| values(&scan.slice(f)).iter().map(|x| x - 100.0).collect::<Vec<_>>());
-        let mean_product = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(x, y)| x * y).sum::<f64>() / x.len() as f64;
-        // 120 000 samples: a correlation's standard error is 0.0029, a deviation's 0.2 %.
-        assert!((mean_product(&a, &a).sqrt() / 6.0 - 1.0).abs() < 0.01);
-        assert!(a.iter().sum::<f64>().abs() / 120_000.0 < 0.09);
-        for (what, product) in [
-            ("neighbours in u", mean_product(&a[..119_999], &a[1..])),
-            ("neighbours in v", mean_product(&a[..119_600], &a[400..])),
-            ("frames", mean_product(&a, &b)),
-        ] {
-            assert!((product / 36.0).abs() < 0.0145, "{what}: {product}");
-        }
-    }
-
-    #[test]
-    fn rounding_is_to_nearest_and_clips() {
-        for (grey, expected) in [(99.5, 100.0), (99.49, 99.0), (-3.0, 0.0), (300.0, 255.0)] {
-            let scan = small(|s| (s.scene, s.noise_sd) = (Scene::Constant(grey), 0.0));
-            assert!(values(&scan.slice(0)).iter().all(|x| *x == expected), "{grey}");
-        }
-    }
-
-    #[test]
-    fn same_bits_for_any_order_and_number_of_threads_and_others_for_another_seed() {
-        let scan = small(|_| ());
-        let reference: Vec<Slice> = (0..12).map(|f| scan.slice(f)).collect();
-        let backwards: Vec<Slice> = (0..12).rev().map(|f| scan.slice(f)).collect();
-        for threads in [1, 3] {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            let all = pool.install(|| scan.slices(0..12));
-            for (frame, slice) in all.iter().enumerate() {
-                assert!(slice.image.pixels().same_bits(reference[frame].image.pixels()));
-                assert!(slice.image.pixels().same_bits(backwards[11 - frame].image.pixels()));
-                assert_eq!(slice.world_from_image, reference[frame].world_from_image);
-            }
-        }
-        let other = small(|s| s.seed = 2);
-        assert!(!other.slice(3).image.pixels().same_bits(reference[3].image.pixels()));
-        assert_ne!(other.world_from_image(3), scan.world_from_image(3));
-        assert_ne!(Blobs::draw(1), Blobs::draw(2));
-    }
-
-    #[test]
-    fn the_bits_of_the_standard_scan_stay_what_they_are() {
-        // A digest of one small frame: a change of the draws or of an elementary function shows here, on any machine.
-        use sha2::Digest;
-        let Pixels::U8(pixels) = small(|_| ()).slice(5).image.pixels().clone() else { panic!("8 bits") };
-        let digest: String = sha2::Sha256::digest(&pixels).iter().map(|byte| format!("{byte:02x}")).collect();
-        assert_eq!(&digest[..16], "07a487165329c465");
-    }
-
-    #[test]
-    fn recorded_transforms_combine_to_the_slices_pose() {
-        let scan = small(|s| (s.first_ns, s.interval_ns) = (5_000_000_000, 50_000_000));
-        let mut references = Vec::new();
-        for frame in 0..12 {
-            let tracked = scan.tracked(frame);
-            let tracker_from_probe = Transform::<Tracker, Probe>::from_rows(&tracked.probe_to_tracker).unwrap();
-            let tracker_from_world = Transform::<Tracker, World>::from_rows(&tracked.reference_to_tracker).unwrap();
-            let combined = tracker_from_world.inverse() * tracker_from_probe * scan.probe_from_image();
-            for (a, b) in combined.to_rows().iter().zip(tracked.image_to_reference) {
-                assert!((a - b).abs() < 1e-10, "{a} {b}");
-            }
-            for rigid in [tracker_from_probe.affine().matrix3, tracker_from_world.affine().matrix3] {
-                let gram = rigid.transpose() * rigid - DMat3::IDENTITY;
-                assert!(gram.to_cols_array().iter().all(|x| x.abs() < 1e-13));
-            }
-            assert_eq!(tracked.image_to_reference, scan.slice(frame).world_from_image.to_rows());
-            assert!((tracked.timestamp_s - (5.0 + 0.05 * f64::from(frame))).abs() < 1e-9);
-            references.push(tracked.reference_to_tracker);
-        }
-        assert_ne!(references[0], references[11], "the patient breathes");
-    }
-
-    #[test]
-    fn a_fan_leaves_its_sector_and_does_not_move_the_noise() {
-        let fan = convex_fan([90, 70]).unwrap();
-        let (masked, whole) = (small(|s| s.fan = Some(fan)), small(|_| ()));
-        let mask = masked.mask();
-        assert!(whole.mask().is_full());
-        let (a, b) = (values(&masked.slice(2)), values(&whole.slice(2)));
-        for k in 0..a.len() {
-            let data = mask.contains((k % 90) as u32, (k / 90) as u32);
-            assert_eq!(a[k], if data { b[k] } else { 0.0 });
-            let x = (k % 90) as f64 - 44.5;
-            let y = (k / 90) as f64 + 14.0;
-            let expected = x.atan2(y).to_degrees().abs() <= 35.0 && (18.2..=83.0).contains(&x.hypot(y));
-            assert_eq!(data, expected, "pixel {k}");
-        }
-        let share = mask.area() as f64 / a.len() as f64;
-        assert!((0.3..0.9).contains(&share), "{share}");
-    }
-
-    #[test]
-    fn settings_that_make_no_scan_are_refused_with_a_sentence() {
-        let refuse = |change: fn(&mut ScanSettings)| {
-            let mut settings = ScanSettings::default();
-            change(&mut settings);
-            Scan::new(settings).unwrap_err().to_string()
-        };
-        for error in [
-            refuse(|s| s.image_size = [0, 10]),
-            refuse(|s| s.image_size = [u32::MAX, u32::MAX]),
-            refuse(|s| s.pixel_mm = [0.1, f64::INFINITY]),
-            refuse(|s| s.noise_sd = -1.0),
-            refuse(|s| s.frames = 0),
-            refuse(|s| s.fan = Some(Fan::new([0.0, -900.0], [3.0, 9.0], [-30.0, 30.0]).unwrap())),
-        ] {
-            assert!(error.len() > 30, "{error}");
-        }
-        assert!(convex_fan([9, 1]).is_err(), "a line has no room for an arc");
-    }
 }

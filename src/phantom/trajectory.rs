@@ -3,24 +3,21 @@
 //! All are centred, so that the middle of the sweep and of the picture lies near the world's origin. At rest u runs along world x, v along world y and
 //! the sweep along world z.
 
+use std::f64::consts::{PI, TAU};
+
 use calibration::frames::{Transform, World};
-use glam::{DAffine3, DMat3, DQuat, DVec3};
+use glam::{DAffine3, DMat3, DVec3};
+
+mod hand;
+
+pub(super) use hand::small_turn;
 
 use super::PhantomError;
-use super::elementary::{exp, sin_cos};
+use super::elementary::sin_cos;
 use super::random::{Draws, Purpose};
 
 /// More frames than a day at 30 Hz holds need no phantom.
 const MAX_FRAMES: u32 = 3_000_000;
-
-/// Length along the sweep over which the hand forgets its deviation, mm (σ of the smoothing).
-const HAND_MEMORY_MM: f64 = 4.2;
-/// Standard deviation of the hand's sideways wobble along world x and y, mm.
-const HAND_WOBBLE_MM: f64 = 0.8;
-/// Standard deviation of the hand's tilt about each world axis, rad (3°).
-const HAND_TILT: f64 = 0.052;
-/// Relative standard deviation of the hand's speed.
-const HAND_SPEED: f64 = 0.35;
 
 /// The picture's plane, in mm: the origin at the picture's middle, x along u, y along v, z the direction of increasing plane distance.
 ///
@@ -37,13 +34,35 @@ impl calibration::frames::Frame for PictureMm {
 pub enum Motion {
     /// Equal steps along the plane's normal.
     Parallel,
+    /// Steps along the plane's normal, each the mean gap times a number drawn evenly from [2/3, 4/3): the uneven sampling of Ohbuchi, Chen & Fuchs, gaps of
+    /// σ(1 + U)/2, with a mean gap of 0.75 σ.
+    Jittered,
     /// Equal tilts about an axis parallel to u, which lies the given distance (mm) above the picture's middle.
     Fan {
         /// From the axis to the picture's middle, mm.
         axis_distance_mm: f64,
     },
+    /// Equal turns about the picture's own middle line along u, as far as neighbouring pictures lie the gap apart at the given distance (mm) from that line.
+    /// Planar: every plane contains the direction of u.
+    Rotation {
+        /// From the axis to where the gap is measured, mm; half of the picture's height for its edge.
+        radius_mm: f64,
+    },
+    /// By an arm of three joints that all turn about u: a sweep along the normal that wanders along v and turns about u, with uneven speed; nothing
+    /// moves along u, nothing tilts otherwise.
+    Arm,
     /// By hand: a smoothed random walk of position and tilt, with uneven speed.
     Freehand,
+    /// Two parallel sweeps through the same place, the first along world z, the second along world x with u along −z: half of the frames each,
+    /// the first with the odd one.
+    Crossing,
+    /// A parallel sweep that stands still in its middle for the given number of frames, and moves on.
+    Dwell {
+        /// Frames of the stand, besides the one that arrives there.
+        frames: u32,
+    },
+    /// A parallel sweep and the same way back: the last frame lies where the first did.
+    OutAndBack,
 }
 
 /// One pose a frame.
@@ -55,10 +74,12 @@ pub struct Trajectory {
 impl Trajectory {
     /// `frames` poses of a motion whose neighbouring slices lie `gap_mm` apart on average (fan: along the arc through the picture's middle).
     ///
-    /// The seed matters to [`Motion::Freehand`] only.
+    /// The gap is that of the frames that move: a dwell's are not counted, and each sweep of two has its own. The seed matters to
+    /// [`Motion::Jittered`], [`Motion::Arm`] and [`Motion::Freehand`] only.
     ///
     /// # Errors
-    /// [`PhantomError`] without frames or with more than three million, when a length is not positive and finite, and when a fan would turn by more than π.
+    /// [`PhantomError`] without frames or with more than three million, when a length is not positive and finite, when a fan would turn by more than π
+    /// or a rotation by more than 2π, and when a dwell leaves no frame to move with.
     pub fn new(motion: Motion, frames: u32, gap_mm: f64, seed: u64) -> Result<Self, PhantomError> {
         if frames == 0 || frames > MAX_FRAMES {
             return Err(PhantomError::Frames { frames, limit: MAX_FRAMES });
@@ -66,19 +87,54 @@ impl Trajectory {
         PhantomError::check_length("the gap between slices", gap_mm)?;
         let from_middle = |frame: u32| f64::from(frame) - 0.5 * f64::from(frames - 1);
         let poses = match motion {
-            Motion::Parallel => (0..frames)
-                .map(|frame| DAffine3::from_translation(DVec3::new(0.0, 0.0, from_middle(frame) * gap_mm)))
-                .collect(),
+            Motion::Parallel => parallel(frames, gap_mm),
+            Motion::Jittered => jittered(frames, gap_mm, seed),
             Motion::Fan { axis_distance_mm } => {
                 PhantomError::check_length("the distance of the fan's axis", axis_distance_mm)?;
                 let step = gap_mm / axis_distance_mm;
                 let opening = step * f64::from(frames - 1);
-                if opening > std::f64::consts::PI {
+                if opening > PI {
                     return Err(PhantomError::FanTurnsOver { degrees: opening.to_degrees() });
                 }
                 (0..frames).map(|frame| fan_pose(from_middle(frame) * step, axis_distance_mm)).collect()
             }
-            Motion::Freehand => freehand(frames, gap_mm, seed),
+            Motion::Rotation { radius_mm } => {
+                PhantomError::check_length("the radius of the rotation", radius_mm)?;
+                let step = gap_mm / radius_mm;
+                let opening = step * f64::from(frames - 1);
+                if opening > TAU {
+                    return Err(PhantomError::TurnsOver { degrees: opening.to_degrees() });
+                }
+                (0..frames).map(|frame| DAffine3::from_mat3(turn_about_u(from_middle(frame) * step))).collect()
+            }
+            Motion::Arm => hand::arm(frames, gap_mm, seed),
+            Motion::Freehand => hand::freehand(frames, gap_mm, seed),
+            Motion::Crossing => {
+                let second = frames / 2;
+                let across = DMat3::from_cols(DVec3::NEG_Z, DVec3::Y, DVec3::X);
+                let mut poses = parallel(frames - second, gap_mm);
+                // A quarter turn about v is exact: z becomes x.
+                let turned = |pose: DAffine3| DAffine3 { matrix3: across, translation: across * pose.translation };
+                poses.extend(parallel(second, gap_mm).into_iter().map(turned));
+                poses
+            }
+            Motion::Dwell { frames: dwell } => {
+                if dwell >= frames {
+                    return Err(PhantomError::Dwell { dwell, frames });
+                }
+                let mut poses = parallel(frames - dwell, gap_mm);
+                let middle = poses.len() / 2;
+                let stand = std::iter::repeat_n(poses[middle], dwell as usize);
+                poses.splice(middle..middle, stand);
+                poses
+            }
+            Motion::OutAndBack => {
+                let mut poses = parallel(frames.div_ceil(2), gap_mm);
+                // The turning point twice when the number of frames is even.
+                let back: Vec<DAffine3> = poses.iter().rev().skip(frames as usize % 2).copied().collect();
+                poses.extend(back);
+                poses
+            }
         };
         Ok(Self { poses: poses.into_iter().map(Transform::from_affine).collect() })
     }
@@ -98,64 +154,38 @@ impl Trajectory {
     }
 }
 
+/// Equal steps along z.
+fn parallel(frames: u32, gap_mm: f64) -> Vec<DAffine3> {
+    let from_middle = |frame: u32| f64::from(frame) - 0.5 * (f64::from(frames) - 1.0);
+    (0..frames).map(|frame| DAffine3::from_translation(DVec3::new(0.0, 0.0, from_middle(frame) * gap_mm))).collect()
+}
+
+/// Steps along z of the gap times a number drawn from [2/3, 4/3).
+fn jittered(frames: u32, gap_mm: f64, seed: u64) -> Vec<DAffine3> {
+    let mut draws = Draws::new(seed, Purpose::Trajectory, 0);
+    let mut at = vec![0.0];
+    for frame in 1..frames as usize {
+        at.push(at[frame - 1] + gap_mm * draws.uniform(2.0 / 3.0, 4.0 / 3.0));
+    }
+    let middle = 0.5 * at[at.len() - 1];
+    at.into_iter().map(|z| DAffine3::from_translation(DVec3::new(0.0, 0.0, z - middle))).collect()
+}
+
+/// About x; a positive angle turns y towards z.
+fn turn_about_u(angle: f64) -> DMat3 {
+    let (sin, cos) = sin_cos(angle);
+    DMat3::from_cols(DVec3::X, DVec3::new(0.0, cos, sin), DVec3::new(0.0, -sin, cos))
+}
+
 /// Tilted by `angle` (rad) about an axis along x through y = −distance; a positive angle sweeps towards +z.
 fn fan_pose(angle: f64, distance: f64) -> DAffine3 {
     let (sin, cos) = sin_cos(angle);
-    DAffine3 {
-        matrix3: DMat3::from_cols(DVec3::X, DVec3::new(0.0, cos, sin), DVec3::new(0.0, -sin, cos)),
-        translation: DVec3::new(0.0, distance * (cos - 1.0), distance * sin),
-    }
-}
-
-/// A hand's sweep along z: its mean speed is exact, wobble, tilt and speed wander smoothly about their means.
-fn freehand(frames: u32, gap_mm: f64, seed: u64) -> Vec<DAffine3> {
-    let mut draws = Draws::new(seed, Purpose::Trajectory, 0);
-    let count = frames as usize;
-    let [x, y, pitch, yaw, roll, speed] =
-        std::array::from_fn(|_| smooth_noise(&mut draws, count, HAND_MEMORY_MM / gap_mm));
-    // The hand never stops or turns back: that is another trajectory.
-    let steps: Vec<f64> = speed.iter().skip(1).map(|s| (1.0 + HAND_SPEED * s).max(0.2)).collect();
-    let length = gap_mm * f64::from(frames - 1);
-    let scale = if steps.is_empty() { 0.0 } else { length / steps.iter().sum::<f64>() };
-    let mut travelled = 0.0;
-    (0..count)
-        .map(|i| {
-            if i > 0 {
-                travelled += steps[i - 1] * scale;
-            }
-            // (1, v/2) normalised turns by 2 atan(|v|/2): a rotation by square roots alone, the same bits everywhere.
-            let half = DVec3::new(pitch[i], yaw[i], roll[i]) * (0.5 * HAND_TILT);
-            let norm = (1.0 + half.length_squared()).sqrt();
-            let turn = DQuat::from_xyzw(half.x / norm, half.y / norm, half.z / norm, 1.0 / norm);
-            DAffine3 {
-                matrix3: DMat3::from_quat(turn),
-                translation: DVec3::new(HAND_WOBBLE_MM * x[i], HAND_WOBBLE_MM * y[i], travelled - 0.5 * length),
-            }
-        })
-        .collect()
-}
-
-/// White noise smoothed by a Gaussian of `memory` samples, of variance 1 at every sample.
-fn smooth_noise(draws: &mut Draws, count: usize, memory: f64) -> Vec<f64> {
-    // Very fine sweeps would smooth over thousands of samples to no visible end.
-    let memory = memory.clamp(0.25, 400.0);
-    let reach = (4.0 * memory).ceil() as usize;
-    let weights: Vec<f64> = (0..=2 * reach)
-        .map(|k| {
-            let distance = (k as f64 - reach as f64) / memory;
-            exp(-0.5 * distance * distance)
-        })
-        .collect();
-    let norm = weights.iter().map(|w| w * w).sum::<f64>().sqrt();
-    let white: Vec<f64> = (0..count + 2 * reach).map(|_| draws.normal()).collect();
-    white
-        .windows(weights.len())
-        .map(|window| window.iter().zip(&weights).map(|(x, w)| x * w).sum::<f64>() / norm)
-        .collect()
+    DAffine3 { matrix3: turn_about_u(angle), translation: DVec3::new(0.0, distance * (cos - 1.0), distance * sin) }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::hand::HAND_TILT;
     use super::*;
 
     fn all(motion: Motion, frames: u32, gap: f64, seed: u64) -> Vec<DAffine3> {
@@ -164,7 +194,9 @@ mod tests {
         (0..frames).map(|i| trajectory.world_from_picture(i).affine()).collect()
     }
 
-    const MOTIONS: [Motion; 3] = [Motion::Parallel, Motion::Fan { axis_distance_mm: 40.0 }, Motion::Freehand];
+    /// Those that sweep along z from one end to the other.
+    const MOTIONS: [Motion; 5] =
+        [Motion::Parallel, Motion::Jittered, Motion::Fan { axis_distance_mm: 40.0 }, Motion::Arm, Motion::Freehand];
 
     #[test]
     fn mean_gap_is_as_asked_and_slices_advance_along_their_normal() {
@@ -175,7 +207,9 @@ mod tests {
                 let gaps: Vec<f64> =
                     poses.windows(2).map(|w| (w[1].translation - w[0].translation).dot(w[0].matrix3.z_axis)).collect();
                 let mean = gaps.iter().sum::<f64>() / gaps.len() as f64;
-                assert!((mean / gap - 1.0).abs() < 0.03, "{motion:?} {frames} {gap}: {mean}");
+                // The jitter's mean over 29 gaps has a standard error of 3.6 %.
+                let slack = if motion == Motion::Jittered { 0.11 } else { 0.03 };
+                assert!((mean / gap - 1.0).abs() < slack, "{motion:?} {frames} {gap}: {mean}");
                 assert!(gaps.iter().all(|g| *g > 0.0), "{motion:?}");
             }
         }
@@ -183,7 +217,9 @@ mod tests {
 
     #[test]
     fn rotations_are_orthonormal_and_right_handed() {
-        for motion in MOTIONS {
+        let others =
+            [Motion::Rotation { radius_mm: 20.0 }, Motion::Crossing, Motion::Dwell { frames: 30 }, Motion::OutAndBack];
+        for motion in MOTIONS.into_iter().chain(others) {
             for pose in all(motion, 200, 0.3, 9) {
                 let gram = pose.matrix3.transpose() * pose.matrix3 - DMat3::IDENTITY;
                 assert!(gram.to_cols_array().iter().all(|x| x.abs() < 1e-14), "{motion:?}");
@@ -200,7 +236,9 @@ mod tests {
                 let half = 0.5 * 119.0 * 0.35;
                 assert!((poses[0].translation.z + poses[119].translation.z).abs() < 1e-9, "{motion:?}");
                 for pose in poses {
-                    assert!(pose.translation.z.abs() <= half + 1e-9, "{motion:?}");
+                    // The jitter's length varies: five standard deviations.
+                    let slack = if motion == Motion::Jittered { 0.5 * 5.0 * 0.19 * 0.35 * 11.0 } else { 1e-9 };
+                    assert!(pose.translation.z.abs() <= half + slack, "{motion:?}");
                     // Five standard deviations of wobble; the fan's arc falls by its sagitta at most.
                     assert!(pose.translation.x.abs() < 4.0 && pose.translation.y.abs() < 6.0, "{motion:?}");
                 }
@@ -240,10 +278,85 @@ mod tests {
             (Motion::Freehand, 10, 0.0),
             (Motion::Freehand, 10, f64::NAN),
             (Motion::Fan { axis_distance_mm: -1.0 }, 10, 1.0),
+            (Motion::Rotation { radius_mm: 0.0 }, 10, 1.0),
+            (Motion::Rotation { radius_mm: 10.0 }, 65, 1.0),
+            (Motion::Dwell { frames: 10 }, 10, 1.0),
             (Motion::Fan { axis_distance_mm: 10.0 }, 100, 1.0),
         ] {
             let error = Trajectory::new(motion, frames, gap, 0).unwrap_err().to_string();
             assert!(error.len() > 30, "{error}");
+        }
+    }
+
+    #[test]
+    fn jittered_gaps_spread_evenly_over_their_range() {
+        let poses = all(Motion::Jittered, 3001, 0.3, 4);
+        let gaps: Vec<f64> = poses.windows(2).map(|w| (w[1].translation.z - w[0].translation.z) / 0.3).collect();
+        assert!(gaps.iter().all(|g| (2.0 / 3.0 - 1e-9..4.0 / 3.0 + 1e-9).contains(g)));
+        let mean = gaps.iter().sum::<f64>() / 3000.0;
+        let variance = gaps.iter().map(|g| (g - mean).powi(2)).sum::<f64>() / 3000.0;
+        // (2/3)²/12 for even numbers; standard errors 0.0035 and 1.6 %.
+        assert!((mean - 1.0).abs() < 0.015 && (variance * 27.0 - 1.0).abs() < 0.08, "{mean} {variance}");
+        assert_ne!(all(Motion::Jittered, 50, 0.3, 4), all(Motion::Jittered, 50, 0.3, 5));
+    }
+
+    #[test]
+    fn the_arm_and_the_rotation_are_planar() {
+        for seed in 0..5 {
+            for motion in [Motion::Arm, Motion::Rotation { radius_mm: 24.0 }] {
+                for pose in all(motion, 300, 0.35, seed) {
+                    assert!((pose.matrix3.x_axis - DVec3::X).length() < 1e-12 && pose.translation.x.abs() < 1e-12);
+                    assert!(pose.matrix3.y_axis.x.abs() < 1e-12 && pose.matrix3.z_axis.x.abs() < 1e-12);
+                }
+            }
+        }
+        // The arm does turn and does wander, and its seed says how.
+        let arm = all(Motion::Arm, 2000, 0.35, 1);
+        let spread = |f: fn(&DAffine3) -> f64| (arm.iter().map(|p| f(p).powi(2)).sum::<f64>() / 2000.0).sqrt();
+        assert!((0.06..0.15).contains(&spread(|p| p.matrix3.z_axis.y)) && spread(|p| p.translation.y) > 0.4);
+        assert_ne!(all(Motion::Arm, 50, 0.35, 1), all(Motion::Arm, 50, 0.35, 2));
+    }
+
+    #[test]
+    fn a_rotation_turns_about_the_pictures_middle_by_the_gap_at_its_radius() {
+        let poses = all(Motion::Rotation { radius_mm: 24.0 }, 120, 0.35, 0);
+        for pair in poses.windows(2) {
+            let [a, b] = [&pair[0], &pair[1]].map(|p| p.transform_point3(DVec3::new(1.0, 24.0, 0.0)));
+            assert!((a.distance(b) - 0.35).abs() < 1e-5 && pair[0].translation == DVec3::ZERO);
+        }
+        let opening = poses[0].matrix3.z_axis.angle_between(poses[119].matrix3.z_axis);
+        assert!((opening - 119.0 * 0.35 / 24.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn crossing_sweeps_cross_at_a_right_angle_in_the_origin() {
+        for frames in [1, 2, 41, 60] {
+            let poses = all(Motion::Crossing, frames, 0.5, 0);
+            let (first, second) = poses.split_at(poses.len().div_ceil(2));
+            assert_eq!(first, all(Motion::Parallel, first.len() as u32, 0.5, 0));
+            for (k, pose) in second.iter().enumerate() {
+                assert_eq!(pose.matrix3.z_axis, DVec3::X);
+                let x = (k as f64 - 0.5 * (second.len() as f64 - 1.0)) * 0.5;
+                assert_eq!(pose.translation, DVec3::new(x, 0.0, 0.0));
+            }
+        }
+    }
+
+    #[test]
+    fn a_dwell_stands_for_its_frames_and_the_way_back_is_the_way_out() {
+        for (frames, dwell) in [(50, 20), (31, 1), (2, 1), (40, 0)] {
+            let poses = all(Motion::Dwell { frames: dwell }, frames, 0.4, 0);
+            let still = poses.windows(2).filter(|w| w[0] == w[1]).count();
+            assert_eq!(still, dwell as usize);
+            let mut moving = poses.clone();
+            moving.dedup();
+            assert_eq!(moving, all(Motion::Parallel, frames - dwell, 0.4, 0));
+        }
+        for frames in [1, 2, 30, 31] {
+            let poses = all(Motion::OutAndBack, frames, 0.4, 0);
+            assert!(poses.iter().eq(poses.iter().rev()));
+            let out = frames.div_ceil(2);
+            assert_eq!(poses[..out as usize], all(Motion::Parallel, out, 0.4, 0));
         }
     }
 }

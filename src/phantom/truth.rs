@@ -50,7 +50,7 @@ pub fn covering_grid(
     Ok(grid)
 }
 
-/// The scene at the voxel centres of a grid, grey levels, x fastest.
+/// The scene at the voxel centres of a grid, grey levels, x fastest. A moving scene is sampled as it is at time 0; see [`Scene::at_time`].
 ///
 /// # Errors
 /// [`PhantomError::VolumeSize`] beyond 2³⁰ voxels.
@@ -80,7 +80,7 @@ pub fn sample(scene: &Scene, grid: &Grid) -> Result<Vec<f32>, PhantomError> {
 /// [`PhantomError::VolumeSize`] beyond 2³⁰ voxels.
 pub fn sample_blurred(scene: &Scene, grid: &Grid, covariance: &DMat3) -> Result<Option<Vec<f32>>, PhantomError> {
     if let Some(variance) = isotropic_variance(covariance) {
-        return sample(&scene.softened(variance.max(0.0).sqrt()), grid).map(Some);
+        return scene.softened(variance.max(0.0).sqrt()).map(|scene| sample(&scene, grid)).transpose();
     }
     if scene.blurred(grid.origin, covariance).is_none() {
         return Ok(None);
@@ -99,7 +99,7 @@ pub fn sample_blurred(scene: &Scene, grid: &Grid, covariance: &DMat3) -> Result<
 }
 
 /// Which voxels of a grid a scan can know, x fastest: those whose centre lies within `reach_mm` of some slice's plane and, projected onto it,
-/// inside its picture (between the outermost pixels' centres, at a pixel of the fan).
+/// inside its picture (between the outermost pixels' centres, at a pixel of the fan). The slices lie where they were painted.
 ///
 /// # Errors
 /// [`PhantomError`] beyond 2³⁰ voxels, and when the reach is not positive.
@@ -108,7 +108,7 @@ pub fn near_slices(scan: &Scan, grid: &Grid, reach_mm: f64) -> Result<Vec<bool>,
     let [width, height] = scan.settings().image_size;
     let world_from_volume = grid.world_from_volume();
     let image_from_volume: Vec<_> =
-        (0..scan.frames()).map(|f| scan.world_from_image(f).inverse() * world_from_volume).collect();
+        (0..scan.frames()).map(|f| scan.true_world_from_image(f).inverse() * world_from_volume).collect();
     let [nx, ny, _] = grid.size.map(|n| n as f64);
     let last = [width, height].map(|n| f64::from(n - 1));
     let is_data = |u: f64, v: f64| scan.mask().contains((u + 0.5).floor() as u32, (v + 0.5).floor() as u32);
@@ -134,7 +134,7 @@ pub fn near_slices(scan: &Scan, grid: &Grid, reach_mm: f64) -> Result<Vec<bool>,
 }
 
 /// A volume filled layer by layer in parallel; each layer is one task's own, so that threads cannot change the result.
-fn by_layer<T: Default + Clone + Send>(
+pub(super) fn by_layer<T: Default + Clone + Send>(
     grid: &Grid,
     fill: impl Fn(usize, &mut [T]) + Sync,
 ) -> Result<Vec<T>, PhantomError> {
@@ -144,7 +144,7 @@ fn by_layer<T: Default + Clone + Send>(
     Ok(volume)
 }
 
-fn voxels(grid: &Grid) -> Result<usize, PhantomError> {
+pub(super) fn voxels(grid: &Grid) -> Result<usize, PhantomError> {
     match grid.voxels() {
         Some(n) if n <= MAX_VOXELS => Ok(n as usize),
         _ => Err(PhantomError::VolumeSize { size: grid.size, limit: MAX_VOXELS }),

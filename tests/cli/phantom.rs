@@ -46,23 +46,101 @@ fn a_tracker_s_poses_and_the_calibration_lead_to_the_same_volume() {
     }
 }
 
+const SCENES: [&str; 12] = [
+    "constant",
+    "ramp",
+    "blobs",
+    "sphere",
+    "plane",
+    "zone-plate",
+    "sinusoid",
+    "wires",
+    "sheet",
+    "marschner-lobb",
+    "speckle",
+    "pulsating",
+];
+
+const TRAJECTORIES: [&str; 9] =
+    ["parallel", "jittered", "fan", "rotation", "arm", "freehand", "crossing", "dwell", "out-and-back"];
+
 #[test]
 fn every_scene_and_trajectory_is_made() {
     let place = Place::new();
-    for scene in ["constant", "ramp", "blobs", "sphere"] {
-        for trajectory in ["parallel", "fan", "freehand"] {
+    // Every scene and every trajectory with several of the others.
+    for (k, scene) in SCENES.iter().enumerate() {
+        for trajectory in TRAJECTORIES.iter().skip(k % 3).step_by(3) {
             let said = place.does(&format!(
-                "phantom -o s.mha --truth t.mha --image-size 20x16 --pixel 1.5 --frames 5 --gap 2 --spacing 2 --scene {scene} --trajectory {trajectory}"
+                "phantom -o s.mha --truth t.mha --truth-blurred b.mha --image-size 20x16 --pixel 1.5 --frames 5 --gap 2 --dwell 2 --noise 2 --spacing 2 --scene {scene} --trajectory {trajectory}"
             ));
             assert!(
                 said.contains(&format!("scene {scene}")) && said.contains(&format!("trajectory {trajectory}")),
                 "{said}"
             );
             place.does("reconstruct s.mha -o v.mha --spacing 2 --clip none");
+            let [sharp, blurred] = ["t.mha", "b.mha"].map(|name| place.volume(name));
+            assert_eq!(sharp.header.size, blurred.header.size);
+            assert!(blurred.values.iter().all(|v| (0.0..=255.0).contains(v)), "{scene}");
+            assert_eq!(sharp.values == blurred.values, ["constant", "ramp"].contains(scene), "{scene}");
+            let provenance = blurred.field("SonoweavePhantom");
+            assert!(provenance.starts_with(&format!("scene {scene}")), "{provenance}");
+            assert!(blurred.field("SonoweaveTruthKernel").starts_with("Gaussian, sigma u 1.4"));
         }
     }
-    let truth = place.volume("t.mha");
-    assert!(truth.field("SonoweavePhantom").starts_with("scene sphere, trajectory freehand, 5 frames"));
+}
+
+#[test]
+fn the_blurred_truth_is_what_remains_of_the_scene_in_a_reconstruction() {
+    let place = Place::new();
+    let rmse = |truth: &str| {
+        let report = place.does(&format!("inspect v.mha --against {truth} --json"));
+        let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+        report["comparison"]["rmse"].as_f64().unwrap()
+    };
+    for scene in ["blobs", "sphere", "marschner-lobb", "sinusoid"] {
+        place.does(&format!(
+            "phantom -o s.mha --truth t.mha --truth-blurred b.mha --image-size 100x90 --pixel 0.25 --frames 61 --gap 0.4 --noise 0 --type f32 --scene {scene} --trajectory parallel"
+        ));
+        place.does("reconstruct s.mha -o v.mha --clip none");
+        let (sharp, blurred) = (rmse("t.mha"), rmse("b.mha"));
+        // What is left is the ends of the sweep, where the data are one-sided.
+        assert!(blurred < 0.35 * sharp, "{scene}: {blurred} against {sharp}");
+    }
+    // Another kernel is another truth.
+    let default = place.get("b.mha");
+    place.does(&format!("{SMALL} -o s.mha --truth-blurred b.mha --sigma 0.3,0.3,0.3 --scene sinusoid"));
+    assert!(place.get("b.mha") != default);
+    assert_eq!(
+        place.volume("b.mha").field("SonoweaveTruthKernel"),
+        "Gaussian, sigma u 0.300000 v 0.300000 n 0.300000 mm"
+    );
+}
+
+#[test]
+fn a_moving_scenes_truth_is_taken_when_asked() {
+    let place = Place::new();
+    let bright = |flags: &str| {
+        place.does(&format!("{SMALL} --scene pulsating -o s.mha --truth t.mha {flags}"));
+        place.volume("t.mha").values.iter().filter(|v| **v > 120.0).count()
+    };
+    let (wide, narrow) = (bright("--truth-time 0.25"), bright("--truth-time 0.75"));
+    assert!(wide > narrow, "{wide} {narrow}");
+    assert_eq!(place.volume("t.mha").field("SonoweaveTruthTime"), "0.75 s");
+    // Twenty pictures at 4 Hz: the last one is taken after 4.75 s.
+    assert_eq!(bright("--rate 4"), narrow);
+}
+
+#[test]
+fn the_trackers_noise_moves_poses_and_nothing_else() {
+    let place = Place::new();
+    place.does(&format!("{SMALL} -o a.mha --truth ta.mha"));
+    let said = place.does(&format!("{SMALL} -o b.mha --truth tb.mha --tracker-noise 0.5,0.1"));
+    assert!(said.contains("tracker noise 0.5 mm 0.1 deg"), "{said}");
+    assert!(place.get("a.mha") != place.get("b.mha"));
+    assert!(place.volume("ta.mha").values == place.volume("tb.mha").values);
+    let pixels = 60 * 50 * 20;
+    let ends = ["a.mha", "b.mha"].map(|name| place.get(name).split_off(place.get(name).len() - pixels));
+    assert!(ends[0] == ends[1], "the pictures are the same");
 }
 
 #[test]
@@ -75,6 +153,18 @@ fn a_phantom_that_cannot_be_is_refused_and_nothing_is_written() {
         ("-o s.mha --noise nan", "the noise has a standard deviation of NaN"),
         ("-o s.mha --grey inf --scene constant", "--grey inf: must be finite"),
         ("-o s.mha --rate 0", "--rate 0: must lie between"),
+        ("-o s.mha --scene speckle --grain 0", "--grain 0: must be a positive, finite length"),
+        ("-o s.mha --trajectory rotation --radius 1", "the picture would turn by"),
+        ("-o s.mha --trajectory rotation --radius 0", "the radius of the rotation is 0 mm"),
+        ("-o s.mha --trajectory dwell --dwell 120", "a dwell of 120 frames leaves nothing of 120 frames"),
+        ("-o s.mha --tracker-noise 11,0", "the tracker's noise is 11 mm and 0°"),
+        ("-o s.mha --truth t.mha --truth-time 1e12", "--truth-time 1000000000000: must be a time"),
+        (
+            "-o s.mha --truth-blurred b.mha --scene marschner-lobb --sigma 0.001,1,1 --image-size 60x50 --pixel 0.5",
+            "larger smallest σ",
+        ),
+        ("-o s.mha --truth t.mha --truth-blurred t.mha", "t.mha: is named for two outputs"),
+        ("-o s.mha --truth-blurred b.nii", "b.nii: volumes are written as .mha"),
         ("-o s.mha --trajectory fan --axis-distance 1", "the fan would turn by"),
         ("-o s.mha --image-size 100000x100000", "cannot be painted"),
         ("-o s.mha --image-size 9x1 --fan", "--fan: "),
