@@ -319,6 +319,7 @@ impl Run {
             Err(e @ Refused::Size { .. }) => (Reason::SizeChanged, e.to_string()),
             Err(e @ Refused::Degenerate) => (Reason::PoseSingular, e.to_string()),
             Err(e @ Refused::OutOfRange) => (Reason::OutOfRange, e.to_string()),
+            Err(e @ Refused::Departure(_)) => (Reason::OutOfPlane, e.to_string()),
         };
         self.ledger.refused(&Refusal::new(item, reason.0, reason.1));
         Ok(())

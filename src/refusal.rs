@@ -42,13 +42,15 @@ pub enum Reason {
     Repeated,
     /// The slice lies too far out for the lattice.
     OutOfRange,
+    /// The slice leaves the plane of a scan that is reconstructed as planar.
+    OutOfPlane,
     /// The pose scales pixels to a size for which the kernel makes no filter.
     PixelSize,
 }
 
 impl Reason {
     /// All reasons, in the order of the stages that find them.
-    pub const ALL: [Self; 18] = [
+    pub const ALL: [Self; 19] = [
         Self::ImageStatus,
         Self::ImageMissing,
         Self::ImageOrientation,
@@ -66,6 +68,7 @@ impl Reason {
         Self::SizeChanged,
         Self::Repeated,
         Self::OutOfRange,
+        Self::OutOfPlane,
         Self::PixelSize,
     ];
 
@@ -89,6 +92,7 @@ impl Reason {
             Self::SizeChanged => "size_changed",
             Self::Repeated => "repeated",
             Self::OutOfRange => "out_of_range",
+            Self::OutOfPlane => "out_of_plane",
             Self::PixelSize => "pixel_size",
         }
     }

@@ -12,12 +12,16 @@
 //! - [`simd`]: the sixteen lanes that both hot loops run on.
 //! - `sharing`: loops that run alone or shared among threads.
 //! - [`reconstructor`]: all of it behind `insert`.
+//! - [`planar`]: the same for slices that stay perpendicular to a plane, in a fraction of the time.
+//! - [`path`]: one or the other, and from the second to the first when a slice leaves the plane.
 //! - [`reference`](mod@reference): the same sums, pixel by pixel in f64, against which the fast path is tested.
 
 pub(crate) mod filter;
 pub mod kernel;
 pub(crate) mod nodes;
+pub mod path;
 pub(crate) mod plan;
+pub mod planar;
 pub mod reconstructor;
 pub mod reference;
 pub(crate) mod sharing;
@@ -30,5 +34,6 @@ pub(crate) mod weave;
 mod tests;
 
 pub use filter::FilterWork;
+pub use path::{Path, Weaver};
 pub use reconstructor::{Reconstructor, Refused, Settings, SettingsError, Touched, Work};
 pub use simd::Simd;

@@ -1,7 +1,7 @@
 //! A slice's work list: the bricks it will change, found before anything is changed, and their weaving.
 
 use super::reconstructor::Refused;
-use super::sharing::Sharing;
+use super::sharing::{Handed, Sharing};
 use super::simd::Simd;
 use super::slab::{MaskSummary, Sight, SlabGeometry};
 use super::weave::{Scratch, Task, View, touches, weave};
@@ -69,32 +69,22 @@ impl Plan {
     }
 }
 
-/// A chunk of the arena, shared between threads that take different bricks of it.
-#[derive(Clone, Copy)]
-pub(super) struct BrickChunk(*mut Brick);
-#[allow(unsafe_code, reason = "bricks are handed to threads one by one")]
-// SAFETY: the pointer is used only in `weave_all`, where no two tasks have the same brick.
-unsafe impl Send for BrickChunk {}
-#[allow(unsafe_code, reason = "bricks are handed to threads one by one")]
-// SAFETY: as above.
-unsafe impl Sync for BrickChunk {}
-
 /// Weaves all tasks, each brick by one thread.
 #[allow(unsafe_code, reason = "hands bricks of the arena to threads")]
 pub(super) fn weave_all(
     volume: &mut BrickVolume,
-    chunks: &mut Vec<BrickChunk>,
+    chunks: &mut Vec<Handed<Brick>>,
     tasks: &mut [Task],
     view: &View<'_>,
     simd: Simd,
     sharing: Sharing,
 ) {
     chunks.clear();
-    chunks.extend(volume.chunk_pointers().map(BrickChunk));
-    let chunks = chunks.as_slice();
+    chunks.extend(volume.chunk_pointers().map(Handed));
+    let (chunks, volume) = (chunks.as_slice(), &*volume);
     let run = |scratch: &mut Scratch, task: &mut Task| {
-        let (chunk, place) = BrickVolume::locate(task.slot);
-        let chunk: BrickChunk = chunks[chunk];
+        let (chunk, place) = volume.locate(task.slot);
+        let chunk: Handed<Brick> = chunks[chunk];
         // SAFETY: `chunks` holds the base of each chunk of the volume, which is borrowed mutably meanwhile, and `locate` gives a place
         // inside its chunk for every slot that the volume has handed out. Each brick of the lattice is visited once in a walk and has
         // a slot of its own, so no two tasks reach the same brick.

@@ -8,8 +8,9 @@ use glam::{DAffine3, DMat3, DVec3};
 use super::filter::{FilterWork, MOST_NODES, SliceFilter};
 use super::kernel::{AxisKernel, KernelError, Method, Support};
 use super::nodes::Nodes;
-use super::plan::{BrickChunk, Plan, weave_all};
-use super::sharing::Sharing;
+use super::plan::{Plan, weave_all};
+use super::planar::Departure;
+use super::sharing::{Handed, Sharing};
 use super::simd::Simd;
 use super::slab::{MaskSummary, SlabGeometry};
 use super::spline::{SplineError, Taps};
@@ -17,7 +18,7 @@ use super::weave::{Task, View};
 use crate::mask::Mask;
 use crate::slice::{Image, Slice};
 use crate::volume::BrickVolume;
-use crate::volume::brick::BrickIndex;
+use crate::volume::brick::{Brick, BrickIndex};
 
 /// Kernel's share outside its support in the plane, where taps are cheap: the end of the support vanishes and a spline fits it well.
 pub const IN_PLANE_SUPPORT: Support = Support::Energy(1e-4);
@@ -30,7 +31,7 @@ pub const OFF_PLANE_SIGMA_MM: f64 = 1.0;
 /// Default of [`Settings::max_weight`].
 pub const MAX_WEIGHT: f64 = 256.0;
 /// Pixel sizes this close, relatively, use the same filter.
-const SAME_PIXEL: f64 = 1e-3;
+pub(super) const SAME_PIXEL: f64 = 1e-3;
 
 /// What to reconstruct with.
 #[derive(Debug, Clone)]
@@ -39,6 +40,8 @@ pub struct Settings {
     pub spacing_mm: DVec3,
     /// World position of the centre of the lattice's voxel (0, 0, 0), mm.
     pub lattice_origin_mm: DVec3,
+    /// Columns are the directions of the lattice's axes in the world: orthonormal.
+    pub lattice_direction: DMat3,
     /// Kernel's shape.
     pub method: Method,
     /// Nominal σ along u, v and the slice's normal, mm; `None` for the default of each.
@@ -61,6 +64,7 @@ impl Settings {
         Self {
             spacing_mm,
             lattice_origin_mm: DVec3::ZERO,
+            lattice_direction: DMat3::IDENTITY,
             method: Method::default(),
             sigma_mm: [None; 3],
             support: None,
@@ -68,6 +72,67 @@ impl Settings {
             threads: 1,
             simd: Simd::detect(),
             memory_bytes: 8 << 30,
+        }
+    }
+
+    /// # Errors
+    /// [`SettingsError`] when they cannot work for any slice.
+    pub(super) fn check(&self, mask: &Mask) -> Result<(), SettingsError> {
+        let spacing = self.spacing_mm;
+        if !(spacing.is_finite() && spacing.min_element() > 0.0) {
+            return Err(SettingsError::Spacing(spacing));
+        }
+        let direction = self.lattice_direction;
+        // A NaN is not below the limit.
+        let skew = (direction.transpose() * direction - DMat3::IDENTITY).to_cols_array().map(f64::abs);
+        if !skew.iter().all(|x| *x < 1e-9) {
+            return Err(SettingsError::Direction(direction));
+        }
+        if !self.simd.is_available() {
+            return Err(SettingsError::Simd(self.simd.name()));
+        }
+        if !(self.max_weight >= 1.0 && self.max_weight <= 1e9) {
+            return Err(SettingsError::MaxWeight(self.max_weight));
+        }
+        if mask.area() == 0 {
+            return Err(SettingsError::EmptyMask);
+        }
+        Ok(())
+    }
+
+    /// The threads asked for; `None` where the caller's suffices.
+    pub(super) fn pool(&self) -> Result<Option<Arc<rayon::ThreadPool>>, SettingsError> {
+        match self.threads {
+            0 | 1 => Ok(None),
+            n => rayon::ThreadPoolBuilder::new()
+                .num_threads(n)
+                .thread_name(|i| format!("weave-{i}"))
+                .build()
+                .map(|pool| Some(Arc::new(pool)))
+                .map_err(|e| SettingsError::Threads(n, e.to_string())),
+        }
+    }
+
+    /// Kernels along u, v and the normal for a pixel size.
+    pub(super) fn kernels(&self, pixel_mm: [f64; 2]) -> Result<[AxisKernel; 3], KernelError> {
+        let spacing = self.spacing_mm.max_element();
+        let default = |axis: usize| match axis {
+            2 => OFF_PLANE_SIGMA_MM,
+            _ => IN_PLANE_SIGMA * spacing.max(pixel_mm[axis]),
+        };
+        let kernel = |axis: usize| {
+            let usual = if axis == 2 { OFF_PLANE_SUPPORT } else { IN_PLANE_SUPPORT };
+            let sigma = self.sigma_mm[axis].unwrap_or_else(|| default(axis));
+            AxisKernel::new(self.method, sigma, self.support.unwrap_or(usual))
+        };
+        Ok([kernel(0)?, kernel(1)?, kernel(2)?])
+    }
+
+    /// The lattice: voxel indices to world mm.
+    pub(super) fn world_from_lattice(&self) -> DAffine3 {
+        DAffine3 {
+            matrix3: self.lattice_direction * DMat3::from_diagonal(self.spacing_mm),
+            translation: self.lattice_origin_mm,
         }
     }
 }
@@ -78,6 +143,15 @@ pub enum SettingsError {
     /// No volume has this spacing.
     #[error("the voxel spacing must be positive numbers of mm, not {0}")]
     Spacing(DVec3),
+    /// The lattice's axes are not perpendicular, or not of length 1.
+    #[error("the lattice's axes must be perpendicular and of length 1, not {0}")]
+    Direction(DMat3),
+    /// The planar path's tolerance is no length.
+    #[error("the tolerance about the scan's plane must be a number of voxels, 0 or more, not {0}")]
+    Tolerance(f64),
+    /// The planar path cannot hold what the mask says.
+    #[error(transparent)]
+    Planar(#[from] Departure),
     /// No kernel.
     #[error(transparent)]
     Kernel(#[from] KernelError),
@@ -143,9 +217,19 @@ pub enum Refused {
         /// The limit.
         limit_bytes: u64,
     },
+    /// The slice is none that the planar path can hold.
+    #[error(transparent)]
+    Departure(#[from] Departure),
     /// The settings do not fit the slice's pixel size.
     #[error(transparent)]
     Settings(#[from] SettingsError),
+}
+
+impl Refused {
+    /// [`Refused::Memory`] for so many bytes beyond the limit, or more.
+    pub(super) fn memory(bytes: u64, limit_bytes: u64) -> Self {
+        Self::Memory { needed: bytes.div_ceil(size_of::<Brick>() as u64), limit_bytes }
+    }
 }
 
 /// What an insert changed.
@@ -168,6 +252,10 @@ pub struct Work {
     pub bricks_considered: u64,
     /// Bricks in which a voxel gained weight, summed over slices.
     pub bricks_touched: u64,
+    /// Columns of those bricks, on the planar path.
+    pub columns_considered: u64,
+    /// Columns that gained weight, summed over slices, on the planar path.
+    pub columns_touched: u64,
     /// Voxels sampled, in whole vectors.
     pub voxels_sampled: u64,
     /// Voxels that gained weight, summed over slices.
@@ -194,7 +282,7 @@ pub struct Reconstructor {
     volume: BrickVolume,
     last: Option<(Image, Transform<World, ImageFrame>)>,
     plan: Plan,
-    chunks: Vec<BrickChunk>,
+    chunks: Vec<Handed<Brick>>,
     work: Work,
 }
 
@@ -204,30 +292,8 @@ impl Reconstructor {
     /// # Errors
     /// [`SettingsError`] when the settings cannot work for any slice.
     pub fn new(settings: Settings, mask: Mask) -> Result<Self, SettingsError> {
-        let spacing = settings.spacing_mm;
-        if !(spacing.is_finite() && spacing.min_element() > 0.0) {
-            return Err(SettingsError::Spacing(spacing));
-        }
-        if !settings.simd.is_available() {
-            return Err(SettingsError::Simd(settings.simd.name()));
-        }
-        if !(settings.max_weight >= 1.0 && settings.max_weight <= 1e9) {
-            return Err(SettingsError::MaxWeight(settings.max_weight));
-        }
-        if mask.area() == 0 {
-            return Err(SettingsError::EmptyMask);
-        }
-        let pool = match settings.threads {
-            0 | 1 => None,
-            n => Some(
-                rayon::ThreadPoolBuilder::new()
-                    .num_threads(n)
-                    .thread_name(|i| format!("weave-{i}"))
-                    .build()
-                    .map(Arc::new)
-                    .map_err(|e| SettingsError::Threads(n, e.to_string()))?,
-            ),
-        };
+        settings.check(&mask)?;
+        let pool = settings.pool()?;
         let mut volume = BrickVolume::new();
         volume.reserve(1).map_err(|e| SettingsError::Memory(e.to_string()))?;
         Ok(Self {
@@ -243,6 +309,17 @@ impl Reconstructor {
         })
     }
 
+    /// As [`Self::new`], going on with what another path has woven on the same lattice: the volume, the slice that it ended with, and the work done.
+    pub(super) fn taking_over(
+        settings: Settings,
+        mask: Mask,
+        volume: BrickVolume,
+        last: Option<(Image, Transform<World, ImageFrame>)>,
+        work: Work,
+    ) -> Result<Self, SettingsError> {
+        Ok(Self { volume, last, work, ..Self::new(settings, mask)? })
+    }
+
     /// The volume so far.
     pub fn volume(&self) -> &BrickVolume {
         &self.volume
@@ -250,10 +327,7 @@ impl Reconstructor {
 
     /// The lattice: voxel indices to world mm.
     pub fn world_from_lattice(&self) -> Transform<World, Volume> {
-        Transform::from_affine(DAffine3 {
-            matrix3: DMat3::from_diagonal(self.settings.spacing_mm),
-            translation: self.settings.lattice_origin_mm,
-        })
+        Transform::from_affine(self.settings.world_from_lattice())
     }
 
     /// What it works with.
@@ -310,11 +384,7 @@ impl Reconstructor {
         let Some(prepared) = &mut self.prepared else { return Err(SettingsError::EmptyMask.into()) };
 
         let normal = prepared.kernels[2];
-        let image_from_lattice = plane.image_from_world
-            * DAffine3 {
-                matrix3: DMat3::from_diagonal(self.settings.spacing_mm),
-                translation: self.settings.lattice_origin_mm,
-            };
+        let image_from_lattice = plane.image_from_world * self.settings.world_from_lattice();
         let (filter, certainty, mask) = (&mut prepared.filter, &prepared.certainty, &prepared.mask);
         let step = filter.step_px();
         let geometry = SlabGeometry::new(image_from_lattice, certainty, step, normal.sigma_mm, normal.support_mm);
@@ -369,25 +439,14 @@ impl Reconstructor {
         if self.prepared.as_ref().is_some_and(same) {
             return Ok(());
         }
-        let settings = &self.settings;
-        let spacing = settings.spacing_mm.max_element();
-        let default = |axis: usize| match axis {
-            2 => OFF_PLANE_SIGMA_MM,
-            _ => IN_PLANE_SIGMA * spacing.max(pixel_mm[axis]),
-        };
-        let kernel = |axis: usize| {
-            let usual = if axis == 2 { OFF_PLANE_SUPPORT } else { IN_PLANE_SUPPORT };
-            let sigma = settings.sigma_mm[axis].unwrap_or_else(|| default(axis));
-            AxisKernel::new(settings.method, sigma, settings.support.unwrap_or(usual))
-        };
-        let kernels = [kernel(0)?, kernel(1)?, kernel(2)?];
+        let kernels = self.settings.kernels(pixel_mm)?;
         let design = |axis: usize, name: char| {
             Taps::design(&kernels[axis], pixel_mm[axis]).map_err(|source| SettingsError::Spline { axis: name, source })
         };
         let taps = [design(0, 'u')?, design(1, 'v')?];
         // Half a pixel to the border of the data, and one σ on: from 0.84 σ on too little of the kernel lies on data.
         let margin = [0, 1].map(|a| (kernels[a].sigma_mm / pixel_mm[a]).min(kernels[a].support_mm / pixel_mm[a]) + 0.5);
-        let mut filter = SliceFilter::new(settings.simd, taps, self.mask.clone(), margin)?;
+        let mut filter = SliceFilter::new(self.settings.simd, taps, self.mask.clone(), margin)?;
         let certainty = filter.certainty(sharing);
         let mask = MaskSummary::new(&certainty);
         self.prepared = Some(Prepared { pixel_mm, kernels, filter, certainty, mask });

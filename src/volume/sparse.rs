@@ -5,17 +5,15 @@
 //! wherever in the world that is.
 
 use std::io;
-use std::thread::JoinHandle;
 
-use memmap2::{Advice, MmapMut};
 use rustc_hash::FxHashMap;
 
+use super::arena::Arena;
 use super::brick::{Brick, BrickIndex, EDGE, VOXELS, offset, voxel_at};
+use super::read::Voxels;
 
 /// Bricks along a block's edge.
 const BLOCK: i32 = 8;
-/// Bricks whose addresses are reserved together, 16 MiB. Memory is taken only as they are filled.
-const CHUNK: usize = 4096;
 /// Slot of a brick that does not exist.
 const ABSENT: u32 = u32::MAX;
 
@@ -33,28 +31,11 @@ impl Slot {
     }
 }
 
-/// Memory for a chunk of empty bricks: fresh pages are zero, and zeros are an empty brick.
-///
-/// A sweep fills hundreds of new bricks a slice, and a page fault for each costs more than weaving them (measured at 256³: 1.5 ms a slice);
-/// so the pages are huge where the system has such, and there before they are needed. A system that knows neither advice gives single
-/// pages when they are first written.
-fn allocate() -> io::Result<MmapMut> {
-    let chunk = MmapMut::map_anon(CHUNK * size_of::<Brick>())?;
-    for advice in [Advice::HugePage, Advice::PopulateWrite] {
-        if let Err(error) = chunk.advise(advice) {
-            tracing::debug!(%error, ?advice, "memory for the volume is not prepared");
-        }
-    }
-    Ok(chunk)
-}
-
 /// The sparse volume.
-#[derive(Default)]
 pub struct BrickVolume {
     blocks: FxHashMap<BrickIndex, Box<[u32; 512]>>,
-    chunks: Vec<MmapMut>,
-    /// The next chunk, being prepared beside the work.
-    next: Option<JoinHandle<io::Result<MmapMut>>>,
+    /// Fresh memory is zero, and zeros are an empty brick.
+    arena: Arena,
     /// Where each slot's brick lies; its length is the number of bricks.
     places: Vec<BrickIndex>,
 }
@@ -63,6 +44,12 @@ fn block_of(brick: BrickIndex) -> (BrickIndex, usize) {
     let block = brick.map(|b| b.div_euclid(BLOCK));
     let [x, y, z] = brick.map(|b| b.rem_euclid(BLOCK) as usize);
     (block, (z * 8 + y) * 8 + x)
+}
+
+impl Default for BrickVolume {
+    fn default() -> Self {
+        Self { blocks: FxHashMap::default(), arena: Arena::new(size_of::<Brick>()), places: Vec::new() }
+    }
 }
 
 impl BrickVolume {
@@ -109,15 +96,7 @@ impl BrickVolume {
         if u32::try_from(bricks).is_err() {
             return Err(io::ErrorKind::OutOfMemory.into());
         }
-        while bricks > self.chunks.len() * CHUNK {
-            let prepared = self.next.take().and_then(|thread| thread.join().ok());
-            self.chunks.push(prepared.unwrap_or_else(allocate)?);
-        }
-        if self.next.is_none() && bricks + CHUNK / 2 > self.chunks.len() * CHUNK {
-            // Without a thread the chunk is made when it is needed.
-            self.next = std::thread::Builder::new().name("volume-memory".into()).spawn(allocate).ok();
-        }
-        Ok(())
+        self.arena.reserve(bricks)
     }
 
     /// The slot of a brick, which is made if it does not exist, and whether it was made.
@@ -131,7 +110,7 @@ impl BrickVolume {
             return (Slot(*entry), false);
         }
         let slot = self.places.len();
-        assert!(slot < self.chunks.len() * CHUNK, "bricks are made in reserved room");
+        assert!(slot < self.arena.capacity(), "bricks are made in reserved room");
         *entry = slot as u32;
         self.places.push(index);
         (Slot(slot as u32), true)
@@ -139,8 +118,12 @@ impl BrickVolume {
 
     /// A brick.
     pub fn brick(&self, slot: Slot) -> &Brick {
-        let chunk: &[Brick] = bytemuck::cast_slice(&self.chunks[slot.index() / CHUNK]);
-        &chunk[slot.index() % CHUNK]
+        bytemuck::from_bytes(self.arena.piece(slot.index()))
+    }
+
+    /// A brick, to be changed.
+    pub(crate) fn brick_mut(&mut self, slot: Slot) -> &mut Brick {
+        bytemuck::from_bytes_mut(self.arena.piece_mut(slot.index()))
     }
 
     /// Where a brick lies.
@@ -155,12 +138,12 @@ impl BrickVolume {
 
     /// Base address of each chunk, for the weaver that hands every brick to exactly one thread.
     pub(crate) fn chunk_pointers(&mut self) -> impl Iterator<Item = *mut Brick> {
-        self.chunks.iter_mut().map(|chunk| bytemuck::cast_slice_mut(chunk).as_mut_ptr())
+        self.arena.chunks_mut().map(|chunk| bytemuck::cast_slice_mut(chunk).as_mut_ptr())
     }
 
     /// Chunk and place in the chunk of a slot, to be used with [`Self::chunk_pointers`].
-    pub(crate) fn locate(slot: Slot) -> (usize, usize) {
-        (slot.index() / CHUNK, slot.index() % CHUNK)
+    pub(crate) fn locate(&self, slot: Slot) -> (usize, usize) {
+        self.arena.locate(slot.index())
     }
 
     /// Numerator and weight of one voxel of the lattice; zeros where no brick is.
@@ -239,6 +222,28 @@ impl BrickVolume {
     }
 }
 
+impl Voxels for BrickVolume {
+    fn voxel(&self, voxel: [i64; 3]) -> (f32, f32) {
+        Self::voxel(self, voxel)
+    }
+
+    fn row(&self, start: [i64; 3], r: &mut [f32], w: &mut [f32]) {
+        Self::row(self, start, r, w);
+    }
+
+    fn seen_bounds(&self) -> Option<([i64; 3], [i64; 3])> {
+        Self::seen_bounds(self)
+    }
+
+    fn blocks(&self) -> Box<dyn Iterator<Item = BrickIndex> + '_> {
+        Box::new(self.places.iter().copied())
+    }
+
+    fn bytes(&self) -> u64 {
+        Self::bytes(self)
+    }
+}
+
 /// Looks bricks up and remembers the block of the last one: along a row of bricks the hash is computed once in eight.
 pub(crate) struct Finder<'a> {
     volume: &'a BrickVolume,
@@ -297,8 +302,7 @@ mod tests {
         volume.reserve(2).unwrap();
         for (place, voxel) in [([-1, 0, 0], offset(7, 3, 2)), ([2, 1, 0], offset(0, 0, 5))] {
             let (slot, _) = volume.find_or_insert(place);
-            let (chunk, at) = BrickVolume::locate(slot);
-            bytemuck::cast_slice_mut::<u8, Brick>(&mut volume.chunks[chunk])[at].w[voxel] = 1.0;
+            volume.brick_mut(slot).w[voxel] = 1.0;
         }
         assert_eq!(volume.seen_bounds(), Some(([-1, 3, 2], [16, 8, 5])));
         assert_eq!(volume.voxel([-1, 3, 2]), (0.0, 1.0));
