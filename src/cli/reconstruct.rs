@@ -279,8 +279,7 @@ impl Arguments {
             settings,
             off_plane,
             path: match self.path {
-                // A box in the world needs a lattice along the world's axes.
-                PathName::Auto if self.origin.is_some() || self.size.is_some() => PathChoice::General,
+                PathName::Auto if self.origin.is_some() || self.size.is_some() => PathChoice::WorldBox,
                 PathName::Auto => PathChoice::Auto,
                 PathName::General => PathChoice::General,
                 PathName::Planar => PathChoice::Planar,

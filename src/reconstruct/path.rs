@@ -37,6 +37,8 @@ pub enum PathChoice {
     Auto,
     /// The general path whatever they are.
     General,
+    /// The general path, for a box along the world's axes is asked for.
+    WorldBox,
     /// The planar path; what it cannot hold is a [`Departure`].
     Planar,
 }
@@ -76,8 +78,10 @@ impl Chosen {
         planar: &PlanarSettings,
         poses: &[FramePose],
     ) -> Result<Self, NotPlanar> {
-        if choice == PathChoice::General {
-            return Ok(Self::general("it was asked for"));
+        match choice {
+            PathChoice::General => return Ok(Self::general("it was asked for")),
+            PathChoice::WorldBox => return Ok(Self::general("a box along the world's axes was asked for")),
+            PathChoice::Auto | PathChoice::Planar => {}
         }
         let tolerance_voxels = planar.tolerance_voxels;
         let worst = departures(settings, planar, poses);

@@ -78,7 +78,7 @@ fn kernel_flags_reach_the_kernel() {
     assert!(numbers(&cut["sigma_effective_mm"])[2] > numbers(&lowered["sigma_effective_mm"])[2] + 0.04);
     // Half the 90th-percentile gap of a parallel sweep is half its gap.
     let place = sweep("--trajectory parallel");
-    close(&statistics(&place, "--clip none --sigma auto")["sigma_mm"], [0.375, 0.375, 0.25]);
+    close(&statistics(&place, "--clip none --sigma auto --path general")["sigma_mm"], [0.375, 0.375, 0.25]);
     place.refuses("reconstruct s.mha -o w.mha --sigma 5,5,5 --support gradient=0.01", &["gradient of 0.01"]);
 }
 
@@ -101,7 +101,7 @@ fn region_and_weight_flags_reach_what_they_name() {
 fn a_volume_can_live_in_any_frame_that_the_transforms_reach() {
     let place = sweep("--calibration c.toml");
     for (flags, world) in [("", "Reference"), ("--world Tracker", "Tracker"), ("--world Probe", "Probe")] {
-        let s = statistics(&place, &format!("--config c.toml --clip none {flags}"));
+        let s = statistics(&place, &format!("--config c.toml --clip none --path general {flags}"));
         assert_eq!(s["world"], world);
         assert!(place.volume("v.mha").field("SonoweaveFrame").starts_with(world), "{flags}");
     }
