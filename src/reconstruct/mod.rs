@@ -34,6 +34,6 @@ pub(crate) mod weave;
 mod tests;
 
 pub use filter::FilterWork;
-pub use path::{Chosen, Path, PathChoice, Weaver};
+pub use path::{Path, Weaver};
 pub use reconstructor::{Reconstructor, Refused, Settings, SettingsError, Touched, Work};
 pub use simd::Simd;

@@ -29,5 +29,5 @@ mod upgrade;
 #[cfg(test)]
 mod tests;
 
-pub use plane::{Departure, OnDeparture, PlanarSettings, departures};
+pub use plane::{Departure, OnDeparture, PlanarSettings, worst_departure};
 pub use reconstructor::PlanarReconstructor;

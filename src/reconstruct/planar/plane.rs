@@ -6,7 +6,7 @@ use glam::{DAffine3, DMat3, DVec2, DVec3};
 
 use crate::mask::Mask;
 use crate::reconstruct::Settings;
-use crate::sync::FramePose;
+use crate::reconstruct::reconstructor::Plane;
 
 /// Default tolerance.
 pub(super) const TOLERANCE_VOXELS: f64 = 0.25;
@@ -171,15 +171,18 @@ impl ScanPlane {
     }
 }
 
-/// The worst of some poses: how far it leaves the plane of the first one, in voxels, and which it is. The whole picture's corners count. `None`
-/// without poses, or where the first spans no plane.
-pub fn departures(settings: &Settings, planar: &PlanarSettings, poses: &[FramePose]) -> Option<(f64, FramePose)> {
-    let first = poses.first()?;
-    let usable = |pose: &FramePose| crate::reconstruct::reconstructor::Plane::new(pose.world_from_image).is_some();
-    let [width, height] = first.size;
-    let data = ClipRect::new(0, 0, width, height).ok().filter(|_| usable(first))?;
-    let plane = ScanPlane::new(settings, planar.direction, data, first.world_from_image);
+/// The worst of some slices' poses: which it is, and how far it leaves the plane of the first one, in voxels at the corners of pictures of `size`
+/// pixels. `None` without poses, or where the first spans no plane.
+pub fn worst_departure(
+    settings: &Settings,
+    planar: &PlanarSettings,
+    size: [u32; 2],
+    poses: impl IntoIterator<Item = Transform<World, ImageFrame>>,
+) -> Option<(usize, f64)> {
     // Poses that span no plane are refused whatever the path.
-    let departures = poses.iter().filter(|p| usable(p)).map(|p| (plane.meet(p.world_from_image).1, *p));
-    departures.max_by(|a, b| a.0.total_cmp(&b.0))
+    let mut poses = poses.into_iter().enumerate().filter(|(i, pose)| *i == 0 || Plane::new(*pose).is_some()).peekable();
+    let (_, first) = *poses.peek()?;
+    let data = ClipRect::new(0, 0, size[0], size[1]).ok().filter(|_| Plane::new(first).is_some())?;
+    let plane = ScanPlane::new(settings, planar.direction, data, first);
+    poses.map(|(i, pose)| (i, plane.meet(pose).1)).max_by(|a, b| a.1.total_cmp(&b.1))
 }

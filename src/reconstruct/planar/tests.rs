@@ -9,7 +9,7 @@ use glam::{DAffine3, DMat3, DQuat, DVec3, EulerRot};
 
 use super::reference;
 use super::strip::{Sum, add};
-use super::{Departure, OnDeparture, PlanarReconstructor, PlanarSettings};
+use super::{Departure, OnDeparture, PlanarReconstructor, PlanarSettings, worst_departure};
 use crate::mask::Mask;
 use crate::reconstruct::kernel::{Method, Support};
 use crate::reconstruct::reference::Reference;
@@ -156,7 +156,6 @@ fn the_planar_path_is_the_separable_sum_in_f64() {
         let slices = sweep(base, turn, 9);
         let r = woven(&settings, planar, &mask, &slices);
         let ([numerator, weight, value], [differ, seen]) = against_equations(&r, &mask, &slices);
-        println!("case {i}: r {numerator:.1e}, w {weight:.1e}, r/w {value:.1e}; {seen} voxels, {differ} at an end");
         assert!(numerator <= 1e-5 && weight <= 1e-5 && value <= 1e-5, "case {i}: {numerator} {weight} {value}");
         assert!(seen > 10_000 && differ * 1000 < seen, "case {i}: {differ} of {seen}");
     }
@@ -275,7 +274,6 @@ fn two_dimensional_weights_are_the_general_path_s_and_values_agree_within_its_st
     let (_, deviation) = general.decimation().unwrap();
     assert!(deviation <= 0.002);
     let (same, differ, value) = compared(planar.volume(), general.volume(), planar.settings(), deviation);
-    println!("{same} voxels, {differ} in corners and at ends; worst {value:.3}, stated {:.3}", deviation * 255.0);
     assert!(same > 15_000 && differ * 50 < same, "{differ} of {same}");
     // Numerator and weight may both deviate, and the weight at a border is a fifth.
     assert!(value <= 5.0 * 2.0 * deviation * 255.0, "{value}");
@@ -470,18 +468,15 @@ fn a_mask_for_the_general_path_is_refused_or_woven_by_it() {
 #[test]
 fn the_worst_pose_of_a_recording_is_named() {
     let slices = sweep(DQuat::from_rotation_y(0.4), 0.0, 6);
-    let mut poses: Vec<crate::sync::FramePose> = slices
-        .iter()
-        .zip(10..)
-        .map(|(s, item)| crate::sync::FramePose { item, time_ns: 0, size: SIZE, world_from_image: s.world_from_image })
-        .collect();
-    let planar = PlanarSettings::default();
-    let (voxels, _) = super::departures(&settings(), &planar, &poses).unwrap();
+    let mut poses: Vec<_> = slices.iter().map(|s| s.world_from_image).collect();
+    let worst = |poses: &[Transform<_, _>]| {
+        worst_departure(&settings(), &PlanarSettings::default(), SIZE, poses.iter().copied())
+    };
+    let (_, voxels) = worst(&poses).unwrap();
     assert!(voxels < 1e-9, "{voxels}");
-    let u = poses[3].world_from_image.vector(DVec3::X).normalize();
-    let shift = DAffine3::from_translation(u * 0.3);
-    poses[3].world_from_image = Transform::from_affine(shift * poses[3].world_from_image.affine());
-    let (voxels, pose) = super::departures(&settings(), &planar, &poses).unwrap();
-    assert!((voxels - 0.6).abs() < 1e-9 && pose.item == 13, "{voxels}");
-    assert!(super::departures(&settings(), &planar, &[]).is_none());
+    let u = poses[3].vector(DVec3::X).normalize();
+    poses[3] = Transform::from_affine(DAffine3::from_translation(u * 0.3) * poses[3].affine());
+    let (which, voxels) = worst(&poses).unwrap();
+    assert!((voxels - 0.6).abs() < 1e-9 && which == 3, "{voxels}");
+    assert!(worst(&[]).is_none());
 }
