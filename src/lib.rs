@@ -7,6 +7,7 @@
 //! - [`sync`]: pictures and their transforms → posed slices.
 //! - [`slice`](mod@slice): a picture, when it was taken and where it lies: what the stages hand on.
 //! - [`mask`]: which pixels of the picture are data.
+//! - [`path`]: which of its two ways slices go.
 //! - [`reconstruct`]: slices into the volume.
 //! - [`volume`]: the lattice, and the sparse bricks that hold the volume.
 //! - [`export`]: volumes and pictures to files.
@@ -22,6 +23,7 @@ pub mod export;
 pub mod ingest;
 pub mod ledger;
 pub mod mask;
+pub mod path;
 pub mod phantom;
 pub mod pipeline;
 pub mod reconstruct;

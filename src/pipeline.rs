@@ -11,7 +11,9 @@ use crate::config::Settings as Config;
 use crate::ingest::{Ingest, Sample};
 use crate::ledger::Ledger;
 use crate::mask::{AutoMask, Found, Mask, MaskPlan, MaskSettings};
-use crate::reconstruct::{Reconstructor, Refused, Settings, SettingsError};
+use crate::path::{Chosen, NotPlanar, PathChoice};
+use crate::reconstruct::planar::PlanarSettings;
+use crate::reconstruct::{Path, Refused, Settings, SettingsError, Weaver};
 use crate::refusal::{Reason, Refusal};
 use crate::slice::{Pixels, Slice};
 use crate::sync::survey::{SurveyError, gap};
@@ -48,6 +50,10 @@ pub struct Job {
     pub settings: Settings,
     /// Off-plane σ.
     pub off_plane: OffPlane,
+    /// Who says which path slices go.
+    pub path: PathChoice,
+    /// The planar path's settings.
+    pub planar: PlanarSettings,
     /// Frames to use, by their number in the recording.
     pub frames: Range<u64>,
 }
@@ -55,7 +61,9 @@ pub struct Job {
 /// What a run did.
 pub struct Outcome {
     /// The volume and how it was made.
-    pub reconstructor: Reconstructor,
+    pub reconstructor: Weaver,
+    /// The path that was chosen, and why; [`Weaver::path`] is where it ended.
+    pub chosen: Chosen,
     /// What became of every frame.
     pub ledger: Ledger,
     /// Name of the frame where the volume lives, and the transforms that lead there.
@@ -100,6 +108,9 @@ pub enum PipelineError {
     /// The reconstructor's settings do not fit the pictures.
     #[error(transparent)]
     Settings(#[from] SettingsError),
+    /// The planar path was asked for, and the poses are none for it.
+    #[error("--path planar: {0}")]
+    NotPlanar(#[from] NotPlanar),
     /// The volume does not fit the memory it may take.
     #[error("frame {item}: {source}")]
     Memory {
@@ -168,7 +179,8 @@ pub fn reconstruct(mut job: Job, mut progress: impl FnMut(Progress)) -> Result<O
         OffPlane::Settings => job.settings.sigma_mm[2],
         OffPlane::Auto => Some(0.5 * gap(&used).ok_or(PipelineError::NoGap)?),
     };
-    let mut run = Run::new(&job, plan, &survey, options)?;
+    let chosen = Chosen::by_poses(job.path, &job.settings, &job.planar, &used)?;
+    let mut run = Run::new(&job, chosen, plan, &survey, options)?;
 
     let mut device = open(&job.input)?;
     let total = device.describe().items.unwrap_or(0);
@@ -191,12 +203,32 @@ pub fn reconstruct(mut job: Job, mut progress: impl FnMut(Progress)) -> Result<O
 /// The mask stage: slices wait until the picture's border is known.
 enum Masking {
     Searching { search: AutoMask, waiting: Vec<(u64, Slice)>, bytes: usize },
-    Known(Box<Reconstructor>),
+    Known(Box<Weaver>),
 }
 
-impl Masking {
-    fn known(settings: &Settings, mask: &Mask) -> Result<Self, SettingsError> {
-        Ok(Self::Known(Box::new(Reconstructor::new(settings.clone(), mask.clone())?)))
+/// What it takes to weave, but for the mask.
+struct Weaving {
+    choice: PathChoice,
+    settings: Settings,
+    planar: PlanarSettings,
+    chosen: Chosen,
+}
+
+impl Weaving {
+    /// The mask is known, and with it the path.
+    fn begin(&mut self, mask: &Mask, notes: &mut Vec<String>) -> Result<Masking, SettingsError> {
+        let weaver = self.chosen.weaver(self.choice, &self.settings, &self.planar, mask)?;
+        tracing::info!(path = weaver.path().name(), why = self.chosen.why, "slices go this path");
+        if self.choice == PathChoice::Auto && weaver.path() == Path::Planar {
+            notes.push(format!(
+                "woven by the planar path, for {}: the volume's axes are the scan's, as its header says; --path general keeps to the world's",
+                self.chosen.why
+            ));
+        }
+        if let Some(departure) = weaver.upgraded() {
+            notes.push(format!("{departure}; the general path weaves all frames"));
+        }
+        Ok(Masking::Known(Box::new(weaver)))
     }
 }
 
@@ -205,7 +237,7 @@ struct Run {
     ingest: Ingest,
     pairing: Pairing,
     ledger: Ledger,
-    settings: Settings,
+    weaving: Weaving,
     frames: Range<u64>,
     stage: Masking,
     mask: Option<Mask>,
@@ -216,21 +248,29 @@ struct Run {
 }
 
 impl Run {
-    fn new(job: &Job, plan: MaskPlan, survey: &Survey, options: PairingOptions) -> Result<Self, PipelineError> {
+    fn new(
+        job: &Job,
+        chosen: Chosen,
+        plan: MaskPlan,
+        survey: &Survey,
+        options: PairingOptions,
+    ) -> Result<Self, PipelineError> {
         let pairing = Pairing::with_names(options, &survey.names)?;
+        let mut weaving = Weaving { choice: job.path, settings: job.settings.clone(), planar: job.planar, chosen };
+        let mut notes = Vec::new();
         let (stage, mask) = match plan {
             MaskPlan::Auto(search) => (Masking::Searching { search, waiting: Vec::new(), bytes: 0 }, None),
-            MaskPlan::Fixed(mask) => (Masking::known(&job.settings, &mask)?, Some(mask)),
+            MaskPlan::Fixed(mask) => (weaving.begin(&mask, &mut notes)?, Some(mask)),
         };
         Ok(Self {
             ingest: Ingest::new(),
             pairing,
             ledger: Ledger::default(),
-            settings: job.settings.clone(),
+            weaving,
             frames: job.frames.clone(),
             stage,
             mask,
-            notes: Vec::new(),
+            notes,
             insert_ms: Vec::new(),
             pixels: PixelKind::U8,
             seen: 0,
@@ -240,7 +280,7 @@ impl Run {
     /// The border was found: what has waited for it goes on.
     fn found(&mut self, found: Found) -> Result<(), PipelineError> {
         self.notes.extend(found.notes);
-        let known = Masking::known(&self.settings, &found.mask)?;
+        let known = self.weaving.begin(&found.mask, &mut self.notes)?;
         self.mask = Some(found.mask);
         if let Masking::Searching { waiting, .. } = std::mem::replace(&mut self.stage, known) {
             for (item, slice) in waiting {
@@ -296,10 +336,18 @@ impl Run {
     }
 
     fn insert(&mut self, item: u64, slice: &Slice) -> Result<(), PipelineError> {
-        let Masking::Known(reconstructor) = &mut self.stage else { return Ok(()) };
-        let began = Instant::now();
-        let result = reconstructor.insert(slice);
+        let Masking::Known(weaver) = &mut self.stage else { return Ok(()) };
+        let (began, before) = (Instant::now(), weaver.path());
+        let result = weaver.insert(slice);
         let took = began.elapsed();
+        if weaver.path() != before
+            && let Some(departure) = weaver.upgraded()
+        {
+            tracing::warn!(item, %departure, "the general path takes over");
+            self.notes.push(format!(
+                "frame {item}: {departure}; the general path has taken over from there, on the same lattice"
+            ));
+        }
         let reason = match result {
             Ok(_) => {
                 self.ledger.used();
@@ -320,6 +368,7 @@ impl Run {
             Err(e @ Refused::Degenerate) => (Reason::PoseSingular, e.to_string()),
             Err(e @ Refused::OutOfTime) => (Reason::OutOfTime, e.to_string()),
             Err(e @ Refused::OutOfRange) => (Reason::OutOfRange, e.to_string()),
+            Err(e @ Refused::Departure(_)) => (Reason::OutOfPlane, e.to_string()),
         };
         self.ledger.refused(&Refusal::new(item, reason.0, reason.1));
         Ok(())
@@ -333,7 +382,7 @@ impl Run {
         if let Some(found) = found {
             self.found(found)?;
         }
-        let (Masking::Known(reconstructor), Some(mask)) = (self.stage, self.mask) else {
+        let (Masking::Known(weaver), Some(mask)) = (self.stage, self.mask) else {
             return Err(PipelineError::NothingUsed(Box::new(self.ledger)));
         };
         if self.ledger.frames.used == 0 {
@@ -346,8 +395,9 @@ impl Run {
         Ok(Outcome {
             world: route.map(|r| r.world().to_owned()).unwrap_or_default(),
             route: route.map(|r| r.describe()).unwrap_or_default(),
-            voxels_updated: reconstructor.work().voxels_updated,
-            reconstructor: *reconstructor,
+            voxels_updated: weaver.work().voxels_updated,
+            reconstructor: *weaver,
+            chosen: self.weaving.chosen,
             ledger: self.ledger,
             mask,
             insert_ms: self.insert_ms,

@@ -44,13 +44,15 @@ pub enum Reason {
     OutOfRange,
     /// The time lies too far from the first frame's to be ordered.
     OutOfTime,
+    /// The slice leaves the plane of a scan that is reconstructed as planar.
+    OutOfPlane,
     /// The pose scales pixels to a size for which the kernel makes no filter.
     PixelSize,
 }
 
 impl Reason {
     /// All reasons, in the order of the stages that find them.
-    pub const ALL: [Self; 19] = [
+    pub const ALL: [Self; 20] = [
         Self::ImageStatus,
         Self::ImageMissing,
         Self::ImageOrientation,
@@ -69,6 +71,7 @@ impl Reason {
         Self::Repeated,
         Self::OutOfRange,
         Self::OutOfTime,
+        Self::OutOfPlane,
         Self::PixelSize,
     ];
 
@@ -93,6 +96,7 @@ impl Reason {
             Self::Repeated => "repeated",
             Self::OutOfRange => "out_of_range",
             Self::OutOfTime => "out_of_time",
+            Self::OutOfPlane => "out_of_plane",
             Self::PixelSize => "pixel_size",
         }
     }

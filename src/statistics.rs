@@ -68,6 +68,10 @@ pub struct WorkNumbers {
     pub taps: u64,
     /// Bricks that intervals could not exclude, summed over slices.
     pub bricks_considered: u64,
+    /// Columns that intervals could not exclude, summed over slices, on the planar path.
+    pub columns_considered: u64,
+    /// Columns that changed, summed over slices, on the planar path.
+    pub columns_touched: u64,
     /// Bricks that changed, summed over slices.
     pub bricks_touched: u64,
     /// Voxels sampled, in whole vectors.
@@ -114,7 +118,11 @@ pub struct Statistics {
     pub wall_s: f64,
     /// Voxels that gained weight, summed over slices.
     pub voxels_updated: u64,
-    /// Bricks that exist.
+    /// The path that slices went: `general`, `planar`, or `planar, then general`.
+    pub path: String,
+    /// Why that path, and if it was left, why.
+    pub path_reason: String,
+    /// Blocks of 8³ voxels that are held.
     pub bricks: u64,
     /// Memory of the volume, bytes.
     pub bytes: u64,
@@ -169,13 +177,23 @@ impl Statistics {
         let per_axis =
             |f: fn(&crate::reconstruct::kernel::AxisKernel) -> f64| kernels.map_or([0.0; 3], |k| k.each_ref().map(f));
         let grid = &space.grid;
+        let chosen = &outcome.chosen;
+        let (path, path_reason) = match reconstructor.upgraded() {
+            None => (chosen.path.name().to_owned(), chosen.why.clone()),
+            Some(departure) => {
+                let ways = format!("{}, then {}", chosen.path.name(), reconstructor.path().name());
+                (ways, format!("{}; {departure}", chosen.why))
+            }
+        };
         let (decimation, decimation_deviation) = reconstructor.decimation().unwrap_or_default();
         Self {
             ledger: outcome.ledger.clone(),
             insert_ms: Milliseconds::of(&outcome.insert_ms),
             wall_s: wall.as_secs_f64(),
             voxels_updated: outcome.voxels_updated,
-            bricks: reconstructor.volume().len() as u64,
+            path,
+            path_reason,
+            bricks: reconstructor.volume().blocks().count() as u64,
             bytes: reconstructor.volume().bytes(),
             threads: settings.threads,
             simd: settings.simd.name(),
@@ -205,6 +223,8 @@ impl Statistics {
                 nodes: work.filter.nodes,
                 taps: work.filter.taps,
                 bricks_considered: work.bricks_considered,
+                columns_considered: work.columns_considered,
+                columns_touched: work.columns_touched,
                 bricks_touched: work.bricks_touched,
                 voxels_sampled: work.voxels_sampled,
             },

@@ -2,14 +2,15 @@
 
 use std::error::Error;
 
-use glam::{DMat3, DVec3};
+use calibration::frames::{Transform, Volume, World};
+use glam::DVec3;
 use sonoweave::mask::Mask;
-use sonoweave::reconstruct::Reconstructor;
 use sonoweave::reconstruct::reference::Reference;
+use sonoweave::reconstruct::{Reconstructor, Settings};
 use sonoweave::slice::Slice;
-use sonoweave::volume::Grid;
 use sonoweave::volume::brick::{EDGE, VOXELS};
 use sonoweave::volume::sparse::SEEN;
+use sonoweave::volume::{Grid, Voxels};
 
 use crate::report::Report;
 
@@ -86,21 +87,32 @@ pub(crate) fn against_equations(
     let nothing = "nothing was inserted";
     let kernels = reconstructor.kernels().ok_or(nothing)?;
     let (_, promised) = reconstructor.decimation().ok_or(nothing)?;
-    let volume = reconstructor.volume();
-    let world_from_lattice = reconstructor.world_from_lattice();
+    let settings = reconstructor.settings();
+    let pairs = against_sums(reconstructor.volume(), settings, reconstructor.world_from_lattice(), |reference| {
+        slices.iter().for_each(|slice| reference.insert(slice, mask, kernels));
+    });
+    Ok(Deviation::over(pairs, [0.1, 10.0].map(|part| part * promised * 255.0)))
+}
+
+/// Values of a volume on cubes spread evenly over its blocks, with those that `weave` puts into a reference there.
+pub(crate) fn against_sums(
+    volume: &dyn Voxels,
+    settings: &Settings,
+    world_from_lattice: Transform<World, Volume>,
+    weave: impl Fn(&mut Reference),
+) -> impl Iterator<Item = (Option<f64>, Option<f64>)> {
     let mut pairs = Vec::new();
-    for (place, _) in volume.iter().step_by((volume.len() / CUBES).max(1)) {
+    let blocks = volume.blocks().count();
+    for place in volume.blocks().step_by((blocks / CUBES).max(1)) {
         let first = place.map(|b| i64::from(b) * EDGE as i64 + (EDGE as i64 - CUBE) / 2);
         let grid = Grid {
             origin: world_from_lattice.point(DVec3::from_array(first.map(|x| x as f64))),
-            spacing: reconstructor.settings().spacing_mm,
-            direction: DMat3::IDENTITY,
+            spacing: settings.spacing_mm,
+            direction: settings.lattice_direction,
             size: [CUBE as u64; 3],
         };
         let mut reference = Reference::new(grid);
-        for slice in slices {
-            reference.insert(slice, mask, kernels);
-        }
+        weave(&mut reference);
         for (i, expected) in reference.w.iter().enumerate() {
             let at = i as i64;
             let (x, y, z) = (at % CUBE, at / CUBE % CUBE, at / (CUBE * CUBE));
@@ -112,7 +124,7 @@ pub(crate) fn against_equations(
             }
         }
     }
-    Ok(Deviation::over(pairs.into_iter(), [0.1, 10.0].map(|part| part * promised * 255.0)))
+    pairs.into_iter()
 }
 
 /// Same bricks with the same bits.

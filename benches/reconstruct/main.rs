@@ -1,4 +1,4 @@
-//! Run time against error of the reconstruction: `make bench`, or `cargo bench --bench reconstruct -- [--quick]`.
+//! Run time against error of the reconstruction: `make bench`, or `cargo bench --bench reconstruct -- [--quick] [--only SECTION]`.
 //!
 //! Every timed answer is also checked, against the equations in f64 or against the phantom's truth, and a wrong one fails the run; a goal that is not
 //! met is printed and fails nothing, because machines differ. Tables are printed as they are finished and written to `out/bench` (a quick
@@ -7,6 +7,7 @@
 //! - [`recording`]: a real freehand recording, beside IGSIO and our own nearest and trilinear baselines.
 //! - [`blobs`]: the comparison scan with known truth: speed and accuracy, with the same baselines.
 //! - [`cube`]: large slices in all orientations, full and fan, instruction sets, threads.
+//! - [`planar`]: a 3-DOF arm's scan by the general path and by the planar one.
 //! - [`memory`]: bytes a voxel.
 //! - [`baselines`], [`check`], [`timing`], [`report`]: what they share.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a bench speaks to its user")]
@@ -16,6 +17,7 @@ mod blobs;
 mod check;
 mod cube;
 mod memory;
+mod planar;
 mod recording;
 mod report;
 mod timing;
@@ -44,11 +46,17 @@ pub(crate) struct Effort {
 const WHOLE: Effort = Effort { rounds: 10, blob_frames: 120, cube_slices: 40, memory_slices: 200 };
 const QUICK: Effort = Effort { rounds: 2, blob_frames: 24, cube_slices: 12, memory_slices: 24 };
 
+/// What `--only` knows, in order.
+const SECTIONS: [&str; 5] = ["recording", "blobs", "cube", "planar", "memory"];
+
 fn main() -> ExitCode {
     let mut effort = WHOLE;
     let mut folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("out/bench");
-    for argument in std::env::args().skip(1) {
+    let mut only = None;
+    let mut arguments = std::env::args().skip(1);
+    while let Some(argument) = arguments.next() {
         match argument.as_str() {
+            "--only" => only = Some(arguments.next().unwrap_or_default()),
             // What cargo passes to every bench.
             "--bench" => {}
             "--quick" => {
@@ -56,12 +64,19 @@ fn main() -> ExitCode {
                 folder = folder.join("quick");
             }
             other => {
-                eprintln!("unknown argument {other}; this bench takes --quick or nothing");
+                eprintln!("unknown argument {other}; this bench takes --quick and --only SECTION");
                 return ExitCode::from(2);
             }
         }
     }
-    match run(effort, &folder) {
+    if let Some(only) = &only {
+        if !SECTIONS.contains(&only.as_str()) {
+            eprintln!("--only {only}: the sections are {}", SECTIONS.join(", "));
+            return ExitCode::from(2);
+        }
+        folder = folder.join(only);
+    }
+    match run(effort, only.as_deref(), &folder) {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,
         Err(error) => {
@@ -71,7 +86,7 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(effort: Effort, folder: &Path) -> Result<bool, Box<dyn Error>> {
+fn run(effort: Effort, only: Option<&str>, folder: &Path) -> Result<bool, Box<dyn Error>> {
     let start = Instant::now();
     let load_before = first_line("/proc/loadavg");
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
@@ -89,11 +104,17 @@ fn run(effort: Effort, folder: &Path) -> Result<bool, Box<dyn Error>> {
 
     let mut report = report::Report::new();
     // First, while the process is small.
-    let memory = memory::measure(effort)?;
-    recording::bench(effort, &mut report)?;
-    blobs::bench(effort, &mut report)?;
-    cube::bench(effort, &mut report)?;
-    memory::tell(&memory, &mut report);
+    let wanted = |section: &str| only.is_none_or(|only| only == section);
+    let memory = if wanted("memory") { Some(memory::measure(effort)?) } else { None };
+    let sections = [recording::bench, blobs::bench, cube::bench, planar::bench];
+    for (name, bench) in SECTIONS.into_iter().zip(sections) {
+        if wanted(name) {
+            bench(effort, &mut report)?;
+        }
+    }
+    if let Some(memory) = memory {
+        memory::tell(&memory, &mut report);
+    }
 
     let machine: Value = json!({
         "cpu": model, "cores": cores, "simd": simd,

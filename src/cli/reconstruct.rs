@@ -8,15 +8,17 @@ use std::time::Instant;
 use clap::{Args, ValueEnum};
 use drivers::OpenSettings;
 use drivers::recording::SequenceSettings;
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
 use super::{Failure, input, values};
 use crate::config::Settings as Config;
 use crate::export::planes::{PlanesOptions, Window, planes};
 use crate::export::volume::{DenseBox, Encoding, Scalar, write_values, write_weights};
 use crate::mask::{Clip, parse_fan};
+use crate::path::PathChoice;
 use crate::pipeline::{self, Job, Outcome, PixelKind};
-use crate::reconstruct::{Settings, Simd};
+use crate::reconstruct::planar::{OnDeparture, PlanarSettings};
+use crate::reconstruct::{Path, Settings, Simd};
 use crate::statistics::Statistics;
 use crate::volume::Grid;
 use crate::volume::sparse::SEEN;
@@ -57,6 +59,17 @@ pub struct Arguments {
     /// Voxels of the volume: cropped or padded exactly so [default: all that was touched]
     #[arg(long, value_name = "NX,NY,NZ", value_parser = values::size)]
     size: Option<[u64; 3]>,
+    /// Which path slices go. Planar is for scans whose slices stay perpendicular to one plane, with image axis u along its normal, and whose data is a
+    /// rectangle: several times faster on half the memory, with the volume's axes along the scan's. Auto takes it when all poses and the mask allow
+    /// it, one spacing is given, and neither --origin nor --size speaks of the world's axes
+    #[arg(long, value_enum, default_value_t, value_name = "PATH")]
+    path: PathName,
+    /// What the planar path does with a frame that leaves the plane: refuse it, or upgrade to the general path with all there is
+    #[arg(long, value_enum, default_value_t, value_name = "WHAT")]
+    departure: DepartureName,
+    /// How far the picture's corners may lie off the plane on the planar path, voxels
+    #[arg(long, value_name = "VOXELS", default_value_t = 0.25)]
+    planar_tolerance: f64,
     /// What of the picture is data: a rectangle in pixels, all, or found in the first frames [default: the configuration's, else auto]
     #[arg(long, value_name = "X,Y,W,H|auto|none")]
     clip: Option<Clip>,
@@ -100,6 +113,26 @@ pub struct Arguments {
 // clap takes an array for its own notation of repeated values; named types are single values to it.
 type WindowValue = [f32; 2];
 type FrameRange = std::ops::Range<u64>;
+
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+enum PathName {
+    /// By the poses and the mask
+    #[default]
+    Auto,
+    /// Any pose and any mask; the volume's axes are the world's
+    General,
+    /// Slices perpendicular to one plane; the volume's axes are the scan's, along which --spacing and --size count then
+    Planar,
+}
+
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+enum DepartureName {
+    /// The general path takes over
+    #[default]
+    Upgrade,
+    /// The frame is refused
+    Refuse,
+}
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
 enum SimdName {
@@ -212,6 +245,20 @@ impl Arguments {
             mask,
             settings,
             off_plane,
+            path: match self.path {
+                PathName::Auto if self.origin.is_some() || self.size.is_some() => PathChoice::WorldBox,
+                PathName::Auto => PathChoice::Auto,
+                PathName::General => PathChoice::General,
+                PathName::Planar => PathChoice::Planar,
+            },
+            planar: PlanarSettings {
+                tolerance_voxels: self.planar_tolerance,
+                on_departure: match self.departure {
+                    DepartureName::Upgrade => OnDeparture::Upgrade,
+                    DepartureName::Refuse => OnDeparture::Refuse,
+                },
+                ..PlanarSettings::default()
+            },
             frames: self.frames.clone().unwrap_or(0..u64::MAX),
         })
     }
@@ -285,7 +332,7 @@ impl Arguments {
             (_, None) => (low, [0, 1, 2].map(|a| (high[a] - low[a] + 1) as u64)),
         };
         let origin = reconstructor.world_from_lattice().point(DVec3::from_array(first.map(|x| x as f64)));
-        let grid = Grid { origin, spacing: settings.spacing_mm, direction: DMat3::IDENTITY, size };
+        let grid = Grid { origin, spacing: settings.spacing_mm, direction: settings.lattice_direction, size };
         Ok(DenseBox { first, grid })
     }
 }
@@ -313,6 +360,7 @@ fn provenance(arguments: &Arguments, outcome: &Outcome, hash: &str) -> Result<Ve
         line("Route", outcome.route.clone()),
         line("Method", arguments.weighing.method().name().into()),
         line("Compounding", outcome.reconstructor.settings().compounding.to_string()),
+        line("Path", outcome.reconstructor.path().name().into()),
     ];
     if let (Some(sigma), Some(support)) = (per_axis(|k| k.sigma_mm), per_axis(|k| k.support_mm)) {
         fields.push(line("SigmaMm", sigma));
@@ -360,11 +408,16 @@ fn report(arguments: &Arguments, outcome: &Outcome, statistics: &Statistics, pic
     );
     if let Some(ms) = &statistics.insert_ms {
         println!(
-            "{:.2} ms a slice (median; p99 {:.2}), {} voxels updated, {:.0} MB of bricks, {} thread{}, {}",
+            "{:.2} ms a slice (median; p99 {:.2}) by the {} path, {} voxels updated, {:.0} MB of {}, {} thread{}, {}",
             ms.median,
             ms.p99,
+            statistics.path,
             statistics.voxels_updated,
             statistics.bytes as f64 / 1e6,
+            match outcome.reconstructor.path() {
+                Path::General => "bricks",
+                Path::Planar => "columns",
+            },
             statistics.threads,
             if statistics.threads == 1 { "" } else { "s" },
             statistics.simd,

@@ -8,7 +8,7 @@ use drivers::recording::metaimage::VolumeHeader;
 use drivers::recording::metaimage::write::VolumeWriter;
 
 use crate::volume::sparse::SEEN;
-use crate::volume::{BrickVolume, Grid};
+use crate::volume::{Grid, Voxels};
 
 /// Voxels that a dense file may have: a stray pose must not fill the disk.
 pub const MOST_VOXELS: u64 = 1 << 34;
@@ -139,7 +139,7 @@ fn header(space: &DenseBox, pixel: PixelType, fields: &[(String, String)]) -> Re
 
 /// Writes rows of a box, made by `row(numerators, weights, bytes)`.
 fn write_rows(
-    volume: &BrickVolume,
+    volume: &dyn Voxels,
     space: &DenseBox,
     path: &Path,
     header: &VolumeHeader,
@@ -166,7 +166,7 @@ fn write_rows(
 /// # Errors
 /// [`ExportError`] when the box is too large or the file cannot be written; no file is left then.
 pub fn write_values(
-    volume: &BrickVolume,
+    volume: &dyn Voxels,
     space: &DenseBox,
     path: &Path,
     encoding: &Encoding,
@@ -185,7 +185,7 @@ pub fn write_values(
 /// # Errors
 /// As [`write_values`].
 pub fn write_weights(
-    volume: &BrickVolume,
+    volume: &dyn Voxels,
     space: &DenseBox,
     path: &Path,
     fields: &[(String, String)],

@@ -15,6 +15,8 @@
 //! - [`simd`]: the sixteen lanes that both hot loops run on.
 //! - `sharing`: loops that run alone or shared among threads.
 //! - [`reconstructor`]: all of it behind `insert`.
+//! - [`planar`]: the same for slices that stay perpendicular to a plane, in a fraction of the time.
+//! - [`path`]: one or the other, and from the second to the first when a slice leaves the plane.
 //! - [`reference`](mod@reference): the same sums, pixel by pixel in f64, against which the fast path is tested.
 
 pub mod compounding;
@@ -24,7 +26,9 @@ pub(crate) mod falloff;
 pub(crate) mod filter;
 pub mod kernel;
 pub(crate) mod nodes;
+pub mod path;
 pub(crate) mod plan;
+pub mod planar;
 pub mod reconstructor;
 pub mod reference;
 pub(crate) mod sampling;
@@ -40,5 +44,6 @@ mod tests;
 pub use compounding::Compounding;
 pub use decay::Decay;
 pub use filter::FilterWork;
+pub use path::{Path, Weaver};
 pub use reconstructor::{Reconstructor, Refused, Settings, SettingsError, Touched, Work};
 pub use simd::Simd;

@@ -3,7 +3,7 @@
 use super::decay::Turn;
 use super::entry::Place;
 use super::reconstructor::Refused;
-use super::sharing::Sharing;
+use super::sharing::{Handed, Sharing};
 use super::simd::Simd;
 use super::slab::{MaskSummary, Sight, SlabGeometry};
 use super::weave::{Scratch, Task, View, touches, weave};
@@ -71,19 +71,13 @@ impl Plan {
     }
 }
 
-/// A chunk of bricks, and of what is kept beside them (null if nothing is), shared between threads that take different bricks of it.
+/// A chunk of bricks, and of what is kept beside them, shared between threads that take different bricks of it.
 #[derive(Clone, Copy)]
 pub(super) struct BrickChunk {
-    bricks: *mut Brick,
-    stamps: *mut Stamps,
-    ages: *mut Ages,
+    bricks: Handed<Brick>,
+    stamps: Option<Handed<Stamps>>,
+    ages: Option<Handed<Ages>>,
 }
-#[allow(unsafe_code, reason = "bricks are handed to threads one by one")]
-// SAFETY: the pointer is used only in `weave_all`, where no two tasks have the same brick.
-unsafe impl Send for BrickChunk {}
-#[allow(unsafe_code, reason = "bricks are handed to threads one by one")]
-// SAFETY: as above.
-unsafe impl Sync for BrickChunk {}
 
 /// Weaves all tasks, each brick by one thread.
 #[allow(unsafe_code, reason = "hands bricks of the arena to threads")]
@@ -96,25 +90,28 @@ pub(super) fn weave_all(
     sharing: Sharing,
 ) {
     chunks.clear();
-    let (stamps, ages) = (std::ptr::null_mut(), std::ptr::null_mut());
-    chunks.extend(volume.chunk_pointers().map(|bricks| BrickChunk { bricks, stamps, ages }));
+    chunks.extend(volume.chunk_pointers().map(|bricks| BrickChunk {
+        bricks: Handed(bricks),
+        stamps: None,
+        ages: None,
+    }));
     for (chunk, stamps) in chunks.iter_mut().zip(volume.stamp_pointers()) {
-        chunk.stamps = stamps;
+        chunk.stamps = Some(Handed(stamps));
     }
     for (chunk, ages) in chunks.iter_mut().zip(volume.age_pointers()) {
-        chunk.ages = ages;
+        chunk.ages = Some(Handed(ages));
     }
-    let chunks = chunks.as_slice();
+    let (chunks, volume) = (chunks.as_slice(), &*volume);
     let run = |scratch: &mut Scratch, task: &mut Task| {
-        let (chunk, place) = BrickVolume::locate(task.slot);
+        let (chunk, place) = volume.locate(task.slot);
         let chunk: BrickChunk = chunks[chunk];
         // SAFETY: `chunks` holds the base of each chunk of the volume, which is borrowed mutably meanwhile, and `locate` gives a place
         // inside its chunk for every slot that the volume has handed out. Each brick of the lattice is visited once in a walk and has
-        // a slot of its own, so no two tasks reach the same brick. Stamps and ages lie as bricks do, or their base is null.
+        // a slot of its own, so no two tasks reach the same brick. Stamps and ages, where there are any, lie as bricks do.
         let mut place = unsafe {
-            let stamps = (!chunk.stamps.is_null()).then(|| &mut *chunk.stamps.add(place));
-            let ages = (!chunk.ages.is_null()).then(|| &mut *chunk.ages.add(place));
-            Place { brick: &mut *chunk.bricks.add(place), stamps, ages }
+            let stamps = chunk.stamps.map(|stamps| &mut *stamps.0.add(place));
+            let ages = chunk.ages.map(|ages| &mut *ages.0.add(place));
+            Place { brick: &mut *chunk.bricks.0.add(place), stamps, ages }
         };
         weave(simd, &mut place, task, view, scratch);
     };

@@ -13,6 +13,7 @@ use super::filter::{FilterWork, MOST_NODES, SliceFilter};
 use super::kernel::{AxisKernel, KernelError, Method, Shape, Support};
 use super::nodes::Nodes;
 use super::plan::{BrickChunk, Plan, weave_all};
+use super::planar::Departure;
 use super::sampling::Sampling;
 use super::sharing::Sharing;
 use super::simd::Simd;
@@ -22,7 +23,7 @@ use super::weave::{Rule, Task, View};
 use crate::mask::Mask;
 use crate::slice::{Image, Slice};
 use crate::volume::BrickVolume;
-use crate::volume::brick::BrickIndex;
+use crate::volume::brick::{Brick, BrickIndex};
 use crate::volume::sparse::{Epoch, Memory};
 
 /// Kernel's share outside its support in the plane, where taps are cheap: the end of the support vanishes and a spline fits it well.
@@ -36,7 +37,7 @@ pub const OFF_PLANE_SIGMA_MM: f64 = 1.0;
 /// Default of [`Settings::max_weight`].
 pub const MAX_WEIGHT: f64 = 256.0;
 /// Pixel sizes this close, relatively, use the same filter.
-const SAME_PIXEL: f64 = 1e-3;
+pub(super) const SAME_PIXEL: f64 = 1e-3;
 
 /// What to reconstruct with.
 #[derive(Debug, Clone)]
@@ -45,6 +46,8 @@ pub struct Settings {
     pub spacing_mm: DVec3,
     /// World position of the centre of the lattice's voxel (0, 0, 0), mm.
     pub lattice_origin_mm: DVec3,
+    /// Columns are the directions of the lattice's axes in the world: orthonormal.
+    pub lattice_direction: DMat3,
     /// The kernel's kind.
     pub method: Method,
     /// How slices that reach the same voxel make its value.
@@ -70,6 +73,7 @@ impl Settings {
         Self {
             spacing_mm,
             lattice_origin_mm: DVec3::ZERO,
+            lattice_direction: DMat3::IDENTITY,
             method: Method::default(),
             compounding: Compounding::default(),
             sigma_mm: [None; 3],
@@ -80,6 +84,88 @@ impl Settings {
             memory_bytes: 8 << 30,
         }
     }
+
+    /// # Errors
+    /// [`SettingsError`] when they cannot work for any slice.
+    pub(super) fn check(&self, mask: &Mask) -> Result<(), SettingsError> {
+        let spacing = self.spacing_mm;
+        if !(spacing.is_finite() && spacing.min_element() > 0.0) {
+            return Err(SettingsError::Spacing(spacing));
+        }
+        let direction = self.lattice_direction;
+        // A NaN is not below the limit.
+        let skew = (direction.transpose() * direction - DMat3::IDENTITY).to_cols_array().map(f64::abs);
+        if !skew.iter().all(|x| *x < 1e-9) {
+            return Err(SettingsError::Direction(direction));
+        }
+        if !self.simd.is_available() {
+            return Err(SettingsError::Simd(self.simd.name()));
+        }
+        if !(self.max_weight >= 1.0 && self.max_weight <= 1e9) {
+            return Err(SettingsError::MaxWeight(self.max_weight));
+        }
+        if mask.area() == 0 {
+            return Err(SettingsError::EmptyMask);
+        }
+        Ok(())
+    }
+
+    /// What of the settings the planar path cannot do.
+    pub fn beyond_planar(&self) -> Option<String> {
+        if self.method.interpolates() {
+            Some(format!("the kernel {}", self.method.name()))
+        } else if self.compounding.selects() {
+            Some(format!("the compounding {}", self.compounding.name()))
+        } else {
+            None
+        }
+    }
+
+    /// The threads asked for; `None` where the caller's suffices.
+    pub(super) fn pool(&self) -> Result<Option<Arc<rayon::ThreadPool>>, SettingsError> {
+        match self.threads {
+            0 | 1 => Ok(None),
+            n => rayon::ThreadPoolBuilder::new()
+                .num_threads(n)
+                .thread_name(|i| format!("weave-{i}"))
+                .build()
+                .map(|pool| Some(Arc::new(pool)))
+                .map_err(|e| SettingsError::Threads(n, e.to_string())),
+        }
+    }
+
+    /// Kernels along u, v and the normal for a pixel size.
+    pub(super) fn kernels(&self, pixel_mm: [f64; 2]) -> Result<[AxisKernel; 3], KernelError> {
+        let spacing = self.spacing_mm.max_element();
+        let default = |axis: usize| match axis {
+            2 => OFF_PLANE_SIGMA_MM,
+            _ => IN_PLANE_SIGMA * spacing.max(pixel_mm[axis]),
+        };
+        let kernel = |axis: usize| {
+            let usual = if axis == 2 { OFF_PLANE_SUPPORT } else { IN_PLANE_SUPPORT };
+            let sigma = self.sigma_mm[axis].unwrap_or_else(|| default(axis));
+            let support = self.support.unwrap_or(usual);
+            match axis {
+                2 => AxisKernel::new(self.method, sigma, support),
+                _ => self.method.in_plane(sigma, support, pixel_mm[axis]),
+            }
+        };
+        let mut kernels = [kernel(0)?, kernel(1)?, kernel(2)?];
+        if self.compounding.selects() {
+            let [.., normal] = &mut kernels;
+            let support_mm = (0.5 * spacing).max(normal.hwhm() * normal.sigma_mm);
+            *normal = AxisKernel { shape: Shape::Box, support_mm, pedestal: 0.0, ..*normal };
+        }
+        Ok(kernels)
+    }
+
+    /// The lattice: voxel indices to world mm.
+    pub(super) fn world_from_lattice(&self) -> DAffine3 {
+        DAffine3 {
+            matrix3: self.lattice_direction * DMat3::from_diagonal(self.spacing_mm),
+            translation: self.lattice_origin_mm,
+        }
+    }
 }
 
 /// Why the reconstructor cannot be used with these settings.
@@ -88,6 +174,18 @@ pub enum SettingsError {
     /// No volume has this spacing.
     #[error("the voxel spacing must be positive numbers of mm, not {0}")]
     Spacing(DVec3),
+    /// The lattice's axes are not perpendicular, or not of length 1.
+    #[error("the lattice's axes must be perpendicular and of length 1, not {0}")]
+    Direction(DMat3),
+    /// The planar path's tolerance is no length.
+    #[error("the tolerance about the scan's plane must be a number of voxels, 0 or more, not {0}")]
+    Tolerance(f64),
+    /// The planar path lacks what is asked for.
+    #[error("the planar path has no way for {0}: choose --path general")]
+    BeyondPlanar(String),
+    /// The planar path cannot hold what the mask says.
+    #[error(transparent)]
+    Planar(#[from] Departure),
     /// No kernel.
     #[error(transparent)]
     Kernel(#[from] KernelError),
@@ -159,9 +257,19 @@ pub enum Refused {
         /// The limit.
         limit_bytes: u64,
     },
+    /// The slice is none that the planar path can hold.
+    #[error(transparent)]
+    Departure(#[from] Departure),
     /// The settings do not fit the slice's pixel size.
     #[error(transparent)]
     Settings(#[from] SettingsError),
+}
+
+impl Refused {
+    /// [`Refused::Memory`] for so many bytes beyond the limit, or more.
+    pub(super) fn memory(bytes: u64, limit_bytes: u64) -> Self {
+        Self::Memory { needed: bytes.div_ceil(size_of::<Brick>() as u64), limit_bytes }
+    }
 }
 
 /// What an insert changed.
@@ -184,6 +292,10 @@ pub struct Work {
     pub bricks_considered: u64,
     /// Bricks in which a voxel gained weight, summed over slices.
     pub bricks_touched: u64,
+    /// Columns of those bricks, on the planar path.
+    pub columns_considered: u64,
+    /// Columns that gained weight, summed over slices, on the planar path.
+    pub columns_touched: u64,
     /// Voxels sampled, in whole vectors.
     pub voxels_sampled: u64,
     /// Voxels that gained weight, summed over slices.
@@ -227,32 +339,9 @@ impl Reconstructor {
     /// # Errors
     /// [`SettingsError`] when the settings cannot work for any slice.
     pub fn new(settings: Settings, mask: Mask) -> Result<Self, SettingsError> {
-        let spacing = settings.spacing_mm;
-        if !(spacing.is_finite() && spacing.min_element() > 0.0) {
-            return Err(SettingsError::Spacing(spacing));
-        }
-        if !settings.simd.is_available() {
-            return Err(SettingsError::Simd(settings.simd.name()));
-        }
-        if !(settings.max_weight >= 1.0 && settings.max_weight <= 1e9) {
-            return Err(SettingsError::MaxWeight(settings.max_weight));
-        }
-        if mask.area() == 0 {
-            return Err(SettingsError::EmptyMask);
-        }
-        let pool = match settings.threads {
-            0 | 1 => None,
-            n => Some(
-                rayon::ThreadPoolBuilder::new()
-                    .num_threads(n)
-                    .thread_name(|i| format!("weave-{i}"))
-                    .build()
-                    .map(Arc::new)
-                    .map_err(|e| SettingsError::Threads(n, e.to_string()))?,
-            ),
-        };
-        let entry = Entry::of(settings.compounding)?;
-        let mut volume = BrickVolume::remembering(match entry {
+        settings.check(&mask)?;
+        let pool = settings.pool()?;
+        let mut volume = BrickVolume::remembering(match Entry::of(settings.compounding)? {
             Entry::Mean | Entry::Maximum => Memory::Sums,
             Entry::Latest => Memory::Stamps,
             Entry::Decay(fading) if fading.keeps_ages() => Memory::Ages,
@@ -274,6 +363,17 @@ impl Reconstructor {
         })
     }
 
+    /// As [`Self::new`], going on with what another path has woven on the same lattice: the volume, the slice that it ended with, and the work done.
+    pub(super) fn taking_over(
+        settings: Settings,
+        mask: Mask,
+        volume: BrickVolume,
+        last: Option<(Image, Transform<World, ImageFrame>)>,
+        work: Work,
+    ) -> Result<Self, SettingsError> {
+        Ok(Self { volume, last, work, ..Self::new(settings, mask)? })
+    }
+
     /// The volume so far.
     pub fn volume(&self) -> &BrickVolume {
         &self.volume
@@ -281,10 +381,7 @@ impl Reconstructor {
 
     /// The lattice: voxel indices to world mm.
     pub fn world_from_lattice(&self) -> Transform<World, Volume> {
-        Transform::from_affine(DAffine3 {
-            matrix3: DMat3::from_diagonal(self.settings.spacing_mm),
-            translation: self.settings.lattice_origin_mm,
-        })
+        Transform::from_affine(self.settings.world_from_lattice())
     }
 
     /// What it works with.
@@ -346,11 +443,7 @@ impl Reconstructor {
         let Some(prepared) = &mut self.prepared else { return Err(SettingsError::EmptyMask.into()) };
 
         let normal = prepared.kernels[2];
-        let image_from_lattice = plane.image_from_world
-            * DAffine3 {
-                matrix3: DMat3::from_diagonal(self.settings.spacing_mm),
-                translation: self.settings.lattice_origin_mm,
-            };
+        let image_from_lattice = plane.image_from_world * self.settings.world_from_lattice();
         let (filter, certainty, mask) = (&mut prepared.filter, &prepared.certainty, &prepared.mask);
         let step = filter.step_px();
         let geometry = SlabGeometry::new(image_from_lattice, certainty, step, normal.sigma_mm, normal.support_mm);
@@ -421,28 +514,8 @@ impl Reconstructor {
         if self.prepared.as_ref().is_some_and(same) {
             return Ok(());
         }
-        let settings = &self.settings;
-        let spacing = settings.spacing_mm.max_element();
-        let default = |axis: usize| match axis {
-            2 => OFF_PLANE_SIGMA_MM,
-            _ => IN_PLANE_SIGMA * spacing.max(pixel_mm[axis]),
-        };
-        let (method, selects) = (settings.method, settings.compounding.selects());
-        let kernel = |axis: usize| {
-            let usual = if axis == 2 { OFF_PLANE_SUPPORT } else { IN_PLANE_SUPPORT };
-            let sigma = settings.sigma_mm[axis].unwrap_or_else(|| default(axis));
-            let support = settings.support.unwrap_or(usual);
-            match axis {
-                2 => AxisKernel::new(method, sigma, support),
-                _ => method.in_plane(sigma, support, pixel_mm[axis]),
-            }
-        };
-        let mut kernels = [kernel(0)?, kernel(1)?, kernel(2)?];
-        if selects {
-            let [.., normal] = &mut kernels;
-            let support_mm = (0.5 * spacing).max(normal.hwhm() * normal.sigma_mm);
-            *normal = AxisKernel { shape: Shape::Box, support_mm, pedestal: 0.0, ..*normal };
-        }
+        let (settings, kernels) = (&self.settings, self.settings.kernels(pixel_mm)?);
+        let method = settings.method;
         let design = |axis: usize, name: char| {
             if method.interpolates() {
                 return Ok(Taps::identity());

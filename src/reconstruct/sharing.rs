@@ -2,7 +2,17 @@
 //!
 //! The caller enters the pool once per slice (`ThreadPool::install`); whatever it shares then goes to threads that are awake.
 
+#![allow(unsafe_code, reason = "the volume's memory is handed to threads piece by piece")]
+
 use rayon::prelude::*;
+
+/// The base of a chunk of an arena, seen by threads that take different pieces of it. Whoever dereferences it argues that no two threads take the same.
+#[derive(Clone, Copy)]
+pub(crate) struct Handed<T>(pub(crate) *mut T);
+// SAFETY: handing over an address touches no memory; each dereference is an unsafe block of its own that argues that its piece is one thread's only.
+unsafe impl<T: Send> Send for Handed<T> {}
+// SAFETY: as above.
+unsafe impl<T: Send> Sync for Handed<T> {}
 
 /// Whether work is shared with the other threads of the pool that the caller runs in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -98,7 +98,24 @@ pub enum SplineError {
 }
 
 const LEAST_SIGMA_PX: f64 = 0.5;
-const MOST_SUPPORT_PX: f64 = 512.0;
+/// Pixels that a kernel may reach over to each side.
+pub(super) const MOST_SUPPORT_PX: f64 = 512.0;
+
+impl SplineError {
+    /// # Errors
+    /// When the kernel is narrower than half a pixel or absurdly wide: then no path filters pictures with it.
+    pub(super) fn check(kernel: &AxisKernel, pixel_mm: f64) -> Result<(), Self> {
+        let sigma_px = kernel.sigma_mm / pixel_mm;
+        let support_px = kernel.support_mm / pixel_mm;
+        if sigma_px.is_nan() || sigma_px < LEAST_SIGMA_PX {
+            return Err(Self::TooNarrow { sigma_px, least: LEAST_SIGMA_PX });
+        }
+        if support_px > MOST_SUPPORT_PX {
+            return Err(Self::TooWide { support_px, most: MOST_SUPPORT_PX });
+        }
+        Ok(())
+    }
+}
 
 impl Taps {
     /// The coarsest filter whose deviation is within this axis' share of [`DEVIATION_LIMIT`], or the finest there is.
@@ -106,14 +123,8 @@ impl Taps {
     /// # Errors
     /// [`SplineError`] when the kernel is narrower than half a pixel or absurdly wide.
     pub fn design(kernel: &AxisKernel, pixel_mm: f64) -> Result<Self, SplineError> {
+        SplineError::check(kernel, pixel_mm)?;
         let sigma_px = kernel.sigma_mm / pixel_mm;
-        let support_px = kernel.support_mm / pixel_mm;
-        if sigma_px.is_nan() || sigma_px < LEAST_SIGMA_PX {
-            return Err(SplineError::TooNarrow { sigma_px, least: LEAST_SIGMA_PX });
-        }
-        if support_px > MOST_SUPPORT_PX {
-            return Err(SplineError::TooWide { support_px, most: MOST_SUPPORT_PX });
-        }
         // Beyond 0.8 σ no cubic spline comes near a Gaussian; starting there saves the fits that cannot pass.
         let coarsest = ((0.8 * sigma_px) as u32).clamp(1, COARSEST);
         let steps = (1..=coarsest).rev().map(Step::Down).chain((2..=FINEST).map(Step::Up));

@@ -1,16 +1,24 @@
-//! Storage that grows by chunks and never moves: one element for each brick.
+//! Memory in equal pieces, in chunks that never move: growing copies nothing.
 
 use std::io;
-use std::marker::PhantomData;
 use std::thread::JoinHandle;
 
-use bytemuck::Pod;
 use memmap2::{Advice, MmapMut};
 
-/// Elements whose addresses are reserved together; of bricks, 16 MiB. Memory is taken only as they are filled.
-pub(crate) const CHUNK: usize = 4096;
+/// Addresses that are reserved together, about. Memory is taken only as it is filled.
+const CHUNK_BYTES: usize = 16 << 20;
 
-/// Memory for a chunk of elements, all zero.
+/// Pieces of zeros, numbered as they are taken.
+pub(crate) struct Arena {
+    piece_bytes: usize,
+    /// Pieces in a chunk.
+    per_chunk: usize,
+    chunks: Vec<MmapMut>,
+    /// The next chunk, being prepared beside the work.
+    next: Option<JoinHandle<io::Result<MmapMut>>>,
+}
+
+/// Memory for a chunk: fresh pages are zero.
 ///
 /// A sweep fills hundreds of new bricks a slice, and a page fault for each costs more than weaving them (measured at 256³: 1.5 ms a slice);
 /// so the pages are huge where the system has such, and there before they are needed. A system that knows neither advice gives single
@@ -25,59 +33,58 @@ fn allocate(bytes: usize) -> io::Result<MmapMut> {
     Ok(chunk)
 }
 
-/// Elements of a plain type, zero until written.
-pub(crate) struct Arena<T> {
-    chunks: Vec<MmapMut>,
-    /// The next chunk, being prepared beside the work.
-    next: Option<JoinHandle<io::Result<MmapMut>>>,
-    element: PhantomData<T>,
-}
-
-impl<T> Default for Arena<T> {
-    fn default() -> Self {
-        Self { chunks: Vec::new(), next: None, element: PhantomData }
-    }
-}
-
-impl<T: Pod> Arena<T> {
-    /// Elements that there is room for.
-    pub(crate) fn room(&self) -> usize {
-        self.chunks.len() * CHUNK
+impl Arena {
+    /// Of pieces of this many bytes; none is there yet.
+    pub(crate) fn new(piece_bytes: usize) -> Self {
+        Self::in_chunks(piece_bytes, (CHUNK_BYTES / piece_bytes.max(1)).max(1))
     }
 
-    /// Makes room for `count` elements in all.
+    /// The same, `per_chunk` pieces to a chunk.
+    pub(crate) fn in_chunks(piece_bytes: usize, per_chunk: usize) -> Self {
+        Self { piece_bytes, per_chunk, chunks: Vec::new(), next: None }
+    }
+
+    /// Pieces that there is room for.
+    pub(crate) fn capacity(&self) -> usize {
+        self.chunks.len() * self.per_chunk
+    }
+
+    /// Sees to it that there are `pieces`.
     ///
     /// # Errors
-    /// When the system has no memory to give.
-    pub(crate) fn reserve(&mut self, count: usize) -> io::Result<()> {
-        let bytes = CHUNK * size_of::<T>();
-        while count > self.room() {
+    /// When the system has no memory to give; nothing has changed then but for what was prepared.
+    pub(crate) fn reserve(&mut self, pieces: usize) -> io::Result<()> {
+        let bytes = self.per_chunk * self.piece_bytes;
+        while pieces > self.capacity() {
             let prepared = self.next.take().and_then(|thread| thread.join().ok());
             self.chunks.push(prepared.unwrap_or_else(|| allocate(bytes))?);
         }
-        if self.next.is_none() && count + CHUNK / 2 > self.room() {
+        if self.next.is_none() && pieces + self.per_chunk / 2 > self.capacity() {
             // Without a thread the chunk is made when it is needed.
-            let thread = std::thread::Builder::new().name("volume-memory".into());
-            self.next = thread.spawn(move || allocate(bytes)).ok();
+            self.next = std::thread::Builder::new().name("volume-memory".into()).spawn(move || allocate(bytes)).ok();
         }
         Ok(())
     }
 
-    /// An element there is room for.
-    pub(crate) fn get(&self, index: usize) -> &T {
-        let chunk: &[T] = bytemuck::cast_slice(&self.chunks[index / CHUNK]);
-        &chunk[index % CHUNK]
+    /// A piece.
+    pub(crate) fn piece(&self, index: usize) -> &[u8] {
+        let (chunk, place) = self.locate(index);
+        &self.chunks[chunk][place * self.piece_bytes..][..self.piece_bytes]
     }
 
-    /// An element there is room for.
-    #[cfg(test)]
-    pub(crate) fn get_mut(&mut self, index: usize) -> &mut T {
-        let chunk: &mut [T] = bytemuck::cast_slice_mut(&mut self.chunks[index / CHUNK]);
-        &mut chunk[index % CHUNK]
+    /// A piece, to be changed.
+    pub(crate) fn piece_mut(&mut self, index: usize) -> &mut [u8] {
+        let (chunk, place) = self.locate(index);
+        &mut self.chunks[chunk][place * self.piece_bytes..][..self.piece_bytes]
     }
 
-    /// Base address of each chunk of [`CHUNK`] elements.
-    pub(crate) fn pointers(&mut self) -> impl Iterator<Item = *mut T> {
-        self.chunks.iter_mut().map(|chunk| bytemuck::cast_slice_mut(chunk).as_mut_ptr())
+    /// All of each chunk, for weavers that hand every piece to exactly one thread.
+    pub(crate) fn chunks_mut(&mut self) -> impl Iterator<Item = &mut [u8]> {
+        self.chunks.iter_mut().map(|chunk| &mut chunk[..])
+    }
+
+    /// Chunk and place in the chunk of a piece.
+    pub(crate) fn locate(&self, index: usize) -> (usize, usize) {
+        (index / self.per_chunk, index % self.per_chunk)
     }
 }

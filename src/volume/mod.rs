@@ -2,14 +2,20 @@
 //!
 //! - [`grid`]: lattice, spacing, direction; index ↔ world.
 //! - [`brick`]: 8³ voxels that live together.
-//! - `arena`: storage that grows by chunks and never moves.
 //! - [`sparse`]: the bricks that exist, wherever they lie.
+//! - [`columns`]: voxels in columns, for slices that stay perpendicular to a plane.
+//! - [`read`]: what both have in common for those who only look.
+//! - `arena`: the memory of both.
 
-mod arena;
+pub(crate) mod arena;
 pub mod brick;
+pub mod columns;
 pub mod grid;
+pub mod read;
 pub mod sparse;
 
 pub use brick::Brick;
+pub use columns::ColumnVolume;
 pub use grid::Grid;
+pub use read::Voxels;
 pub use sparse::BrickVolume;

@@ -8,11 +8,14 @@ use std::io;
 
 use rustc_hash::FxHashMap;
 
-use super::arena::{Arena, CHUNK};
+use super::arena::Arena;
 use super::brick::{Ages, Brick, BrickIndex, EDGE, Stamps, VOXELS, offset, voxel_at};
+use super::read::Voxels;
 
 /// Bricks along a block's edge.
 const BLOCK: i32 = 8;
+/// Bricks whose memory is reserved together, 16 MiB.
+const CHUNK: usize = 4096;
 /// Slot of a brick that does not exist.
 const ABSENT: u32 = u32::MAX;
 
@@ -69,15 +72,15 @@ fn remaining(rate_per_s: f64, epoch: Epoch) -> f32 {
 }
 
 /// The sparse volume.
-#[derive(Default)]
 pub struct BrickVolume {
     blocks: FxHashMap<BrickIndex, Box<[u32; 512]>>,
-    bricks: Arena<Brick>,
+    /// Fresh memory is zero, and zeros are an empty brick.
+    bricks: Arena,
     memory: Memory,
     /// With [`Memory::Stamps`].
-    stamps: Arena<Stamps>,
+    stamps: Arena,
     /// With [`Memory::Ages`].
-    ages: Arena<Ages>,
+    ages: Arena,
     /// By slot, with [`Memory::Ages`] and [`Memory::Epochs`].
     epochs: Vec<Epoch>,
     /// Where each slot's brick lies; its length is the number of bricks.
@@ -90,6 +93,12 @@ fn block_of(brick: BrickIndex) -> (BrickIndex, usize) {
     (block, (z * 8 + y) * 8 + x)
 }
 
+impl Default for BrickVolume {
+    fn default() -> Self {
+        Self::remembering(Memory::Sums)
+    }
+}
+
 impl BrickVolume {
     /// A volume in which nothing was seen.
     pub fn new() -> Self {
@@ -98,7 +107,17 @@ impl BrickVolume {
 
     /// A volume that keeps more than sums.
     pub(crate) fn remembering(memory: Memory) -> Self {
-        Self { memory, ..Self::default() }
+        // In chunks of as many pieces each, so that a slot's place is the same in all.
+        let arena = |bytes| Arena::in_chunks(bytes, CHUNK);
+        Self {
+            blocks: FxHashMap::default(),
+            bricks: arena(size_of::<Brick>()),
+            memory,
+            stamps: arena(size_of::<Stamps>()),
+            ages: arena(size_of::<Ages>()),
+            epochs: Vec::new(),
+            places: Vec::new(),
+        }
     }
 
     /// Bytes that one more brick takes, tables apart.
@@ -185,7 +204,7 @@ impl BrickVolume {
             return (Slot(*entry), false);
         }
         let slot = self.places.len();
-        assert!(slot < self.bricks.room(), "bricks are made in reserved room");
+        assert!(slot < self.bricks.capacity(), "bricks are made in reserved room");
         *entry = slot as u32;
         self.places.push(index);
         if matches!(self.memory, Memory::Ages | Memory::Epochs { .. }) {
@@ -196,7 +215,12 @@ impl BrickVolume {
 
     /// A brick.
     pub fn brick(&self, slot: Slot) -> &Brick {
-        self.bricks.get(slot.index())
+        bytemuck::from_bytes(self.bricks.piece(slot.index()))
+    }
+
+    /// A brick, to be changed.
+    pub(crate) fn brick_mut(&mut self, slot: Slot) -> &mut Brick {
+        bytemuck::from_bytes_mut(self.bricks.piece_mut(slot.index()))
     }
 
     /// Where a brick lies.
@@ -211,22 +235,22 @@ impl BrickVolume {
 
     /// Base address of each chunk, for the weaver that hands every brick to exactly one thread.
     pub(crate) fn chunk_pointers(&mut self) -> impl Iterator<Item = *mut Brick> {
-        self.bricks.pointers()
+        self.bricks.chunks_mut().map(|chunk| bytemuck::cast_slice_mut(chunk).as_mut_ptr())
     }
 
     /// The same of the voxels' times, if they are kept.
     pub(crate) fn stamp_pointers(&mut self) -> impl Iterator<Item = *mut Stamps> {
-        self.stamps.pointers()
+        self.stamps.chunks_mut().map(|chunk| bytemuck::cast_slice_mut(chunk).as_mut_ptr())
     }
 
     /// The same of the voxels' ages, if they are kept.
     pub(crate) fn age_pointers(&mut self) -> impl Iterator<Item = *mut Ages> {
-        self.ages.pointers()
+        self.ages.chunks_mut().map(|chunk| bytemuck::cast_slice_mut(chunk).as_mut_ptr())
     }
 
     /// Chunk and place in the chunk of a slot, to be used with [`Self::chunk_pointers`].
-    pub(crate) fn locate(slot: Slot) -> (usize, usize) {
-        (slot.index() / CHUNK, slot.index() % CHUNK)
+    pub(crate) fn locate(&self, slot: Slot) -> (usize, usize) {
+        self.bricks.locate(slot.index())
     }
 
     /// Sums as they are read: those of forward decay as they were when their brick was last touched, and what was seen still seen.
@@ -323,6 +347,28 @@ impl BrickVolume {
     }
 }
 
+impl Voxels for BrickVolume {
+    fn voxel(&self, voxel: [i64; 3]) -> (f32, f32) {
+        Self::voxel(self, voxel)
+    }
+
+    fn row(&self, start: [i64; 3], r: &mut [f32], w: &mut [f32]) {
+        Self::row(self, start, r, w);
+    }
+
+    fn seen_bounds(&self) -> Option<([i64; 3], [i64; 3])> {
+        Self::seen_bounds(self)
+    }
+
+    fn blocks(&self) -> Box<dyn Iterator<Item = BrickIndex> + '_> {
+        Box::new(self.places.iter().copied())
+    }
+
+    fn bytes(&self) -> u64 {
+        Self::bytes(self)
+    }
+}
+
 /// Looks bricks up and remembers the block of the last one: along a row of bricks the hash is computed once in eight.
 pub(crate) struct Finder<'a> {
     volume: &'a BrickVolume,
@@ -381,7 +427,7 @@ mod tests {
         volume.reserve(2).unwrap();
         for (place, voxel) in [([-1, 0, 0], offset(7, 3, 2)), ([2, 1, 0], offset(0, 0, 5))] {
             let (slot, _) = volume.find_or_insert(place);
-            volume.bricks.get_mut(slot.index()).w[voxel] = 1.0;
+            volume.brick_mut(slot).w[voxel] = 1.0;
         }
         assert_eq!(volume.seen_bounds(), Some(([-1, 3, 2], [16, 8, 5])));
         assert_eq!(volume.voxel([-1, 3, 2]), (0.0, 1.0));

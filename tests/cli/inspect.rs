@@ -108,7 +108,9 @@ fn volumes_are_compared_where_both_were_seen() {
     let place = Place::new();
     let at = |grey: fn(u32, u32, u32) -> Vec<u8>, z: fn(u32) -> String, flags: &str, name: &str| {
         place.put("s.mha", Sequence { pixel: grey, pose: z, ..Sequence::default() }.bytes());
-        place.does(&format!("reconstruct s.mha -o {name} --weights w_{name} --clip none --spacing 0.5 {flags}"));
+        place.does(&format!(
+            "reconstruct s.mha --path general -o {name} --weights w_{name} --clip none --spacing 0.5 {flags}"
+        ));
     };
     at(|_, _, _| vec![103], |f| pose(f64::from(f)), "", "a.mha");
     at(|_, _, _| vec![100], |f| pose(f64::from(f) + 2.0), "", "b.mha");

@@ -20,7 +20,7 @@ fn a_sweep_over_known_blobs_gives_them_back() {
     for trajectory in ["parallel", "fan", "freehand"] {
         let place = Place::new();
         place.does(&format!("{SWEEP} --trajectory {trajectory} --truth t.mha --noise 3 --spacing 0.5"));
-        place.does("reconstruct s.mha -o v.mha --weights w.mha --spacing 0.5 --sigma auto");
+        place.does("reconstruct s.mha --path general -o v.mha --weights w.mha --spacing 0.5 --sigma auto");
         let (rmse, bias) = rmse(&place, "v.mha", "t.mha");
         assert!(rmse < 1.2 && bias.abs() < 0.15, "{trajectory}: RMSE {rmse}, bias {bias}");
     }
@@ -51,7 +51,7 @@ fn pairs<'a>(values: &'a Volume, weights: &'a Volume) -> impl Iterator<Item = (f
 fn a_ramp_is_not_shifted() {
     let place = Place::new();
     place.does(&format!("{SWEEP} --scene ramp --noise 0 --type f32 --truth t.mha --trajectory parallel"));
-    place.does("reconstruct s.mha -o v.mha --weights w.mha --sigma 0.375,0.375,0.3");
+    place.does("reconstruct s.mha --path general -o v.mha --weights w.mha --sigma 0.375,0.375,0.3");
     let (volume, truth) = (place.volume("v.mha"), place.volume("t.mha"));
     // Well inside, where the kernel sees both sides of every voxel.
     let shift: [i64; 3] =
@@ -77,8 +77,10 @@ fn a_box_is_cropped_and_padded_exactly() {
     let place = Place::new();
     place.put("s.mha", Sequence::default().bytes());
     let spacing = "--spacing 0.5 --sigma 0.5,0.5,0.7";
-    place.does(&format!("reconstruct s.mha -o all.mha --weights w.mha {spacing}"));
-    place.does(&format!("reconstruct s.mha -o box.mha --unseen 7 --origin 2,3,-4 --size 50,9,14 {spacing}"));
+    place.does(&format!("reconstruct s.mha --path general -o all.mha --weights w.mha {spacing}"));
+    place.does(&format!(
+        "reconstruct s.mha --path general -o box.mha --unseen 7 --origin 2,3,-4 --size 50,9,14 {spacing}"
+    ));
     let (all, weights, cut) = (place.volume("all.mha"), place.volume("w.mha"), place.volume("box.mha"));
     assert_eq!((cut.header.size, cut.header.origin), ([50, 9, 14], [2.0, 3.0, -4.0]));
     let shift: [i64; 3] = std::array::from_fn(|a| ((cut.header.origin[a] - all.header.origin[a]) / 0.5) as i64);
@@ -100,7 +102,7 @@ fn a_box_is_cropped_and_padded_exactly() {
     }
     assert!(inside > 500 && outside > 500, "{inside} {outside}");
     // A size alone begins where the slices do.
-    place.does(&format!("reconstruct s.mha -o box.mha --size 3,4,5 {spacing}"));
+    place.does(&format!("reconstruct s.mha --path general -o box.mha --size 3,4,5 {spacing}"));
     let cut = place.volume("box.mha");
     assert_eq!((cut.header.size, cut.header.origin), ([3, 4, 5], all.header.origin));
 }
@@ -122,13 +124,15 @@ fn an_origin_off_the_lattice_moves_the_lattice() {
 fn frames_are_chosen_from_the_first_up_to_the_last() {
     let place = Place::new();
     place.put("s.mha", Sequence::default().bytes());
-    place.does("reconstruct s.mha -o v.mha --frames 2..5 --stats s.json --sigma 0.5,0.5,0.2 --spacing 0.5");
+    place.does(
+        "reconstruct s.mha --path general -o v.mha --frames 2..5 --stats s.json --sigma 0.5,0.5,0.2 --spacing 0.5",
+    );
     let statistics = place.json("s.json");
     assert_eq!(statistics["frames"]["used"], 3);
     assert_eq!(statistics["frame_range"], serde_json::json!([2, 5]));
     let header = place.volume("v.mha").header;
     assert!((header.origin[2] - 2.0).abs() <= 0.5 && header.size[2] <= 7, "{header:?}");
-    let run = place.run("reconstruct s.mha -o v.mha --frames 4..99 --stats s.json");
+    let run = place.run("reconstruct s.mha --path general -o v.mha --frames 4..99 --stats s.json");
     assert_eq!(run.code, 0, "{}", run.stderr);
     assert_eq!(place.json("s.json")["frames"]["used"], 2);
 }
@@ -137,7 +141,7 @@ fn frames_are_chosen_from_the_first_up_to_the_last() {
 fn weights_are_zero_exactly_where_nothing_was_seen() {
     let place = Place::new();
     place.put("s.mha", Sequence::default().bytes());
-    place.does("reconstruct s.mha -o v.mha --weights w.mha --unseen 255 --spacing 0.4");
+    place.does("reconstruct s.mha --path general -o v.mha --weights w.mha --unseen 255 --spacing 0.4");
     let (values, weights) = (place.volume("v.mha"), place.volume("w.mha"));
     // The pictures' brightest pixel.
     let brightest = f32::from(grey(39, 29, 5));
@@ -163,7 +167,7 @@ fn statistics_say_what_was_done() {
         Sequence { status: |frame| if frame == 3 { "INVALID" } else { "OK" }, ..Sequence::default() }.bytes(),
     );
     let run = place
-        .run("reconstruct s.mha -o v.mha --stats s.json --threads 1 --simd portable --spacing 0.5 --sigma 0.6,0.6,0.8");
+        .run("reconstruct s.mha --path general -o v.mha --stats s.json --threads 1 --simd portable --spacing 0.5 --sigma 0.6,0.6,0.8");
     assert_eq!(run.code, 0, "{}", run.stderr);
     let s = place.json("s.json");
     assert_eq!(s["frames"]["total"], 6);
@@ -199,7 +203,7 @@ fn statistics_say_what_was_done() {
 fn the_volume_says_what_it_was_made_of() {
     let place = Place::new();
     place.put("sweep.mha", Sequence::default().bytes());
-    place.does("reconstruct sweep.mha -o v.mha --stats s.json");
+    place.does("reconstruct sweep.mha --path general -o v.mha --stats s.json");
     let volume = place.volume("v.mha");
     assert_eq!(volume.field("SonoweaveVersion"), env!("CARGO_PKG_VERSION"));
     let hash = place.json("s.json")["input_sha256"].as_str().unwrap().to_owned();
@@ -240,7 +244,7 @@ fn byte_order_packing_and_orientation_do_not_change_the_volume() {
     let base = Sequence { element: "MET_USHORT", pixel: short, ..Sequence::default() };
     let voxels = |sequence: Sequence| {
         place.put("s.mha", sequence.bytes());
-        place.does("reconstruct s.mha -o v.mha --clip none");
+        place.does("reconstruct s.mha --path general -o v.mha --clip none");
         place.volume("v.mha").values
     };
     let reference = voxels(base.clone());
@@ -293,7 +297,7 @@ fn a_window_maps_grey_values_to_the_whole_type() {
         ("--type u8 --window 10,90", 255.0, 0.0),
         ("--type f32", 110.0, 1e-3),
     ] {
-        place.does(&format!("reconstruct s.mha -o v.mha --weights w.mha --clip none {flags}"));
+        place.does(&format!("reconstruct s.mha --path general -o v.mha --weights w.mha --clip none {flags}"));
         let (values, weights) = (place.volume("v.mha"), place.volume("w.mha"));
         for (value, _) in pairs(&values, &weights).filter(|(_, w)| *w > 0.0) {
             assert!((value - expected).abs() <= tolerance, "{flags}: {value}");

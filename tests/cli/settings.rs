@@ -78,13 +78,13 @@ fn kernel_flags_reach_the_kernel() {
     assert!(numbers(&cut["sigma_effective_mm"])[2] > numbers(&lowered["sigma_effective_mm"])[2] + 0.04);
     // Half the 90th-percentile gap of a parallel sweep is half its gap.
     let place = sweep("--trajectory parallel");
-    close(&statistics(&place, "--clip none --sigma auto")["sigma_mm"], [0.375, 0.375, 0.25]);
+    close(&statistics(&place, "--clip none --sigma auto --path general")["sigma_mm"], [0.375, 0.375, 0.25]);
     place.refuses("reconstruct s.mha -o w.mha --sigma 5,5,5 --support gradient=0.01", &["gradient of 0.01"]);
 }
 
 #[test]
 fn every_method_and_compounding_reaches_the_volume_and_its_header() {
-    let place = sweep("--scene ramp --noise 0 --type f32 --trajectory parallel");
+    let place = sweep("--scene ramp --noise 0 --type f32");
     // In the plane the interpolating methods have the pixels' own widths, whatever is asked for.
     let cases = [
         ("bspline3", [0.8, 0.9, 1.0], [2.0 * 3.0_f64.sqrt(); 3].map(|z| z * 0.8)),
@@ -108,6 +108,15 @@ fn every_method_and_compounding_reaches_the_volume_and_its_header() {
         assert_eq!(s["compounding"], compound);
         assert!((numbers(&s["support_mm"])[2] - 1.177_41).abs() < 1e-5, "the kernel's half width at half maximum: {s}");
         assert_eq!(place.volume("v.mha").field("SonoweaveCompounding"), compound);
+    }
+    // Of a planar scan these are the general path's.
+    place.does("phantom -o p.mha --image-size 40x36 --pixel 0.5 --frames 9 --gap 0.5 --trajectory parallel");
+    for (flags, what) in [("--method nearest", "the kernel nearest"), ("--compound maximum", "the compounding maximum")]
+    {
+        place.does(&format!("reconstruct p.mha -o v.mha --stats s.json --clip none {flags}"));
+        assert_eq!(place.json("s.json")["path"], "general");
+        let says = [format!("the planar path has no way for {what}: choose --path general")];
+        place.refuses(&format!("reconstruct p.mha -o w.mha --path planar --clip none {flags}"), &[&says[0]]);
     }
     let says = &["--support, --leakage: the kernel bspline3 ends of itself", "choose --method gaussian"];
     place.refuses("reconstruct s.mha -o w.mha --method bspline3 --leakage 0.01", says);
@@ -165,7 +174,7 @@ fn region_and_weight_flags_reach_what_they_name() {
 fn a_volume_can_live_in_any_frame_that_the_transforms_reach() {
     let place = sweep("--calibration c.toml");
     for (flags, world) in [("", "Reference"), ("--world Tracker", "Tracker"), ("--world Probe", "Probe")] {
-        let s = statistics(&place, &format!("--config c.toml --clip none {flags}"));
+        let s = statistics(&place, &format!("--config c.toml --clip none --path general {flags}"));
         assert_eq!(s["world"], world);
         assert!(place.volume("v.mha").field("SonoweaveFrame").starts_with(world), "{flags}");
     }

@@ -209,7 +209,10 @@ impl Overlap {
             }
             let turned = (0..3).map(|k| (along[k] - b.axes[axis][k]).abs()).fold(0.0, f64::max);
             if turned * longest > SAME_LATTICE {
-                return Err("their axes have different directions".into());
+                return Err(
+                    "their axes have different directions, as those of a planar scan and of the world: reconstruct both with --path general"
+                        .into(),
+                );
             }
             let shift = (0..3).map(|k| (b.origin[k] - a.origin[k]) * along[k]).sum::<f64>() / spacing;
             if (shift - shift.round()).abs() > SAME_LATTICE || shift.abs() > 1e9 {

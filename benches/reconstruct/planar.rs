@@ -1,0 +1,185 @@
+//! A 3-DOF arm's scan by both paths: 128×128 pixels into 128×128×256 voxels, u along the 256, turning as it sweeps.
+//!
+//! Both weave the same slices into the same lattice, in turns, so that times and errors compare.
+
+use std::error::Error;
+
+use glam::DVec3;
+use sonoweave::mask::Mask;
+use sonoweave::phantom::{Errors, Motion, Scan, ScanSettings, truth};
+use sonoweave::reconstruct::planar::{PlanarReconstructor, PlanarSettings, reference};
+use sonoweave::reconstruct::{Reconstructor, Settings};
+use sonoweave::slice::Slice;
+use sonoweave::volume::sparse::SEEN;
+use sonoweave::volume::{Grid, Voxels};
+
+use crate::Effort;
+use crate::check::{Deviation, against_equations, against_sums};
+use crate::report::{Cell, Goal, Report, Table};
+use crate::timing::{Contestant, arithmetic, each, interleaved, ours, reconstructed};
+
+const SPACING_MM: f64 = 0.5;
+/// Along u two voxels to the pixel but for a little, so that columns are 256 voxels with what the kernel reaches beyond; along v one.
+const PIXEL_MM: [f64; 2] = [0.988, 0.5];
+const PIXELS: [u32; 2] = [128, 128];
+/// Across: 128 voxels between the first slice's middle and the last's.
+const GAP_MM: f64 = 0.5;
+const SLICES: u32 = 128;
+/// Where the slices' planes meet: the sweep turns by 36°.
+const AXIS_DISTANCE_MM: f64 = 100.0;
+/// Of the planar path, relative to the range of grey levels: root mean square and of any one voxel.
+const ROUNDING: [f64; 2] = [2e-6, 1e-5];
+
+fn woven(settings: &Settings, mask: &Mask, slices: &[Slice]) -> Result<PlanarReconstructor, Box<dyn Error>> {
+    let mut reconstructor = PlanarReconstructor::new(settings.clone(), PlanarSettings::default(), mask.clone())?;
+    for slice in slices {
+        reconstructor.insert(slice)?;
+    }
+    Ok(reconstructor)
+}
+
+fn planar<'a>(settings: &'a Settings, mask: &'a Mask, slices: &'a [Slice]) -> Contestant<'a> {
+    Box::new(move || {
+        let mut reconstructor = PlanarReconstructor::new(settings.clone(), PlanarSettings::default(), mask.clone())?;
+        each(slices, |slice| reconstructor.insert(slice).map(drop))
+    })
+}
+
+/// What is compared: voxels that both paths have seen.
+struct Truth {
+    grid: Grid,
+    first: [i64; 3],
+    values: Vec<f32>,
+    counts: Vec<bool>,
+}
+
+impl Truth {
+    fn voxel(&self, i: usize) -> [i64; 3] {
+        let [nx, ny, _] = self.grid.size.map(|n| n as usize);
+        let at = [i % nx, i / nx % ny, i / (nx * ny)];
+        [0, 1, 2].map(|a| self.first[a] + at[a] as i64)
+    }
+
+    fn errors(&self, volume: &dyn Voxels) -> Errors {
+        let value = |i: usize| {
+            let (r, w) = volume.voxel(self.voxel(i));
+            (w > SEEN).then(|| r / w)
+        };
+        Errors::over(&self.values, value, |i| self.counts[i])
+    }
+}
+
+pub(crate) fn bench(effort: Effort, report: &mut Report) -> Result<(), Box<dyn Error>> {
+    let scan = Scan::new(ScanSettings {
+        motion: Motion::Fan { axis_distance_mm: AXIS_DISTANCE_MM },
+        frames: SLICES,
+        gap_mm: GAP_MM,
+        image_size: PIXELS,
+        pixel_mm: PIXEL_MM,
+        ..ScanSettings::default()
+    })?;
+    let slices = scan.slices(0..scan.frames());
+    let mask = &Mask::full(PIXELS[0], PIXELS[1]);
+    let columns = woven(&Settings::new(DVec3::splat(SPACING_MM)), mask, &slices)?;
+    // On the lattice that the planar path finds by itself.
+    let one = columns.settings().clone();
+    let two = Settings { threads: 2, ..one.clone() };
+    let bricks = reconstructed(&one, mask, &slices)?;
+
+    let truth = common(&scan, &columns, &bricks)?;
+    let kernels = columns.kernels().ok_or("nothing was inserted")?;
+    let world_from_lattice = columns.world_from_lattice();
+    let pairs = against_sums(columns.volume(), &one, world_from_lattice, |sums| {
+        slices.iter().for_each(|slice| reference::insert(sums, slice, mask, kernels));
+    });
+    let exact = Deviation::over(pairs, ROUNDING.map(|part| part * 255.0));
+    exact.note("planar scan, planar path", report);
+    let general = against_equations(&bricks, &slices, mask)?;
+    general.note("planar scan, general path", report);
+
+    let mut contestants = [
+        ours(&one, mask, &slices),
+        planar(&one, mask, &slices),
+        ours(&two, mask, &slices),
+        planar(&two, mask, &slices),
+        arithmetic(1),
+        arithmetic(2),
+    ];
+    let times = interleaved(effort.rounds, &mut contestants)?;
+
+    let volume = columns.volume();
+    let title = format!(
+        "Planar scan: {SLICES} slices of {}×{} pixels of {}×{} mm, {GAP_MM} mm and 0.3° apart; {} tiles of 8×8×{} voxels of {SPACING_MM} mm; {}; ms a slice",
+        PIXELS[0],
+        PIXELS[1],
+        PIXEL_MM[0],
+        PIXEL_MM[1],
+        volume.tiles(),
+        volume.depth(),
+        one.simd.name()
+    );
+    let names = [
+        "path",
+        "threads",
+        "median",
+        "p25",
+        "p75",
+        "p95",
+        "first",
+        "voxels",
+        "ns/voxel",
+        "RMSE",
+        "rms dev",
+        "max dev",
+        "bytes/voxel",
+    ];
+    let mut table = Table::new("planar", title, &names);
+    let held = [
+        bricks.volume().bytes() as f64 / (bricks.volume().len() * 512) as f64,
+        volume.bytes() as f64 / volume.voxels() as f64,
+    ];
+    let errors = [truth.errors(bricks.volume()), truth.errors(volume)];
+    let voxels = [bricks.work().voxels_updated, columns.work().voxels_updated].map(|n| n as f64 / slices.len() as f64);
+    for (i, t) in times[..4].iter().enumerate() {
+        let (path, threads, deviation) = (i % 2, 1 + i / 2, [general, exact][i % 2]);
+        let mut row =
+            vec![Cell::text(["general", "planar"][path]), Cell::count(threads as u64), Cell::Number(t.median(), 3)];
+        row.extend([0.25, 0.75, 0.95].map(|q| Cell::Number(t.quantile(q), 3)));
+        row.extend([Cell::Number(t.first(), 2), Cell::Number(voxels[path], 0)]);
+        row.extend([Cell::Number(t.median() * 1e6 / voxels[path], 3), Cell::Number(errors[path].rmse, 3)]);
+        row.extend([Cell::Number(deviation.rms, 6), Cell::Number(deviation.max, 5), Cell::Number(held[path], 3)]);
+        table.row(row);
+    }
+    table.note("RMSE, grey levels, is from the scene itself, at the voxels that both paths have seen: the kernel's blur and the pictures' noise.");
+    table.note("Deviations, grey levels, are from each path's own equations in f64 at sampled voxels.");
+    report.add(table);
+    let [low, ratio, high] = times[0].over(&times[1]);
+    println!("  general over planar, 1 thread: {ratio:.2} (quartiles over rounds {low:.2} to {high:.2})");
+    report.judge("planar scan: general over planar, 1 thread", Goal::AtLeast(4.0), ratio);
+    report.judge("planar scan, planar path: ms a slice on 1 thread", Goal::AtMost(0.25), times[1].median());
+    report.judge("planar scan, planar path: bytes a voxel", Goal::AtMost(4.2), held[1]);
+    // Some tens of microseconds are near what it costs to wake a thread: told, not judged.
+    let gained = times[1].over(&times[3])[1];
+    println!("  planar, 2 threads over 1: {gained:.2}; arithmetic {:.2}", 2.0 * times[4].over(&times[5])[1]);
+    Ok(())
+}
+
+/// The scene at the voxels that both paths have seen.
+fn common(scan: &Scan, columns: &PlanarReconstructor, bricks: &Reconstructor) -> Result<Truth, Box<dyn Error>> {
+    let (low, high) = columns.volume().seen_bounds().ok_or("nothing was seen")?;
+    let settings = columns.settings();
+    let grid = Grid {
+        origin: columns.world_from_lattice().point(DVec3::from_array(low.map(|x| x as f64))),
+        spacing: settings.spacing_mm,
+        direction: settings.lattice_direction,
+        size: [0, 1, 2].map(|a| (high[a] - low[a] + 1) as u64),
+    };
+    let values = truth::sample(&scan.settings().scene, &grid)?;
+    let mut truth = Truth { grid, first: low, values, counts: Vec::new() };
+    let seen = |i: usize| {
+        let voxel = truth.voxel(i);
+        columns.volume().voxel(voxel).1 > SEEN && bricks.volume().voxel(voxel).1 > SEEN
+    };
+    truth.counts = (0..truth.values.len()).map(seen).collect();
+    Ok(truth)
+}

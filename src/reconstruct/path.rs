@@ -1,0 +1,157 @@
+//! The two ways of a slice into a volume behind one `insert`: the general path, and the planar one for scans that stay perpendicular to a plane.
+
+use calibration::frames::{Transform, Volume, World};
+
+use super::kernel::AxisKernel;
+use super::planar::{Departure, OnDeparture, PlanarReconstructor, PlanarSettings};
+use super::{Reconstructor, Refused, Settings, SettingsError, Touched, Work};
+use crate::mask::Mask;
+use crate::slice::Slice;
+use crate::volume::Voxels;
+
+/// Which way slices go.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Path {
+    /// Any pose, any mask: bricks with a weight a voxel.
+    General,
+    /// Poses perpendicular to one plane and rectangular data: columns with a weight each.
+    Planar,
+}
+
+impl Path {
+    /// The name on the command line and in statistics.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::General => "general",
+            Self::Planar => "planar",
+        }
+    }
+}
+
+/// Weaves slices into a volume by either path, and changes from the planar to the general one when it must and may.
+pub struct Weaver {
+    way: Way,
+    upgraded: Option<Departure>,
+}
+
+enum Way {
+    General(Box<Reconstructor>),
+    Planar(Box<PlanarReconstructor>),
+}
+
+impl Weaver {
+    /// On the general path.
+    ///
+    /// # Errors
+    /// [`SettingsError`] when the settings cannot work for any slice.
+    pub fn general(settings: Settings, mask: Mask) -> Result<Self, SettingsError> {
+        Ok(Self { way: Way::General(Box::new(Reconstructor::new(settings, mask)?)), upgraded: None })
+    }
+
+    /// On the planar path; or, where the mask is none for it and the planar settings say [`OnDeparture::Upgrade`], on the general path from the
+    /// beginning.
+    ///
+    /// # Errors
+    /// [`SettingsError`] when the settings cannot work for any slice, [`SettingsError::Planar`] when the mask cannot and is not to be upgraded.
+    pub fn planar(settings: Settings, planar: PlanarSettings, mask: Mask) -> Result<Self, SettingsError> {
+        match PlanarReconstructor::new(settings.clone(), planar, mask.clone()) {
+            Ok(reconstructor) => Ok(Self { way: Way::Planar(Box::new(reconstructor)), upgraded: None }),
+            Err(SettingsError::Planar(departure)) if planar.on_departure == OnDeparture::Upgrade => {
+                Ok(Self { upgraded: Some(departure), ..Self::general(settings, mask)? })
+            }
+            Err(error) => Err(error),
+        }
+    }
+
+    /// The path that slices go now.
+    pub fn path(&self) -> Path {
+        match self.way {
+            Way::General(_) => Path::General,
+            Way::Planar(_) => Path::Planar,
+        }
+    }
+
+    /// Why the general path has taken over from the planar one, if it has.
+    pub fn upgraded(&self) -> Option<Departure> {
+        self.upgraded
+    }
+
+    /// Weaves a slice into the volume. One that leaves the plane is refused, or makes the general path take over: whatever becomes of the slice
+    /// then, all that was woven stays.
+    ///
+    /// # Errors
+    /// [`Refused`] with the reason; no voxel has changed then.
+    pub fn insert(&mut self, slice: &Slice) -> Result<Touched, Refused> {
+        let planar = match &mut self.way {
+            Way::General(reconstructor) => return reconstructor.insert(slice),
+            Way::Planar(planar) => planar,
+        };
+        match planar.insert(slice) {
+            Err(Refused::Departure(departure)) if planar.on_departure() == OnDeparture::Upgrade => {
+                let mut general = Box::new(planar.upgraded()?);
+                let result = general.insert(slice);
+                self.way = Way::General(general);
+                self.upgraded = Some(departure);
+                result
+            }
+            result => result,
+        }
+    }
+
+    /// The volume so far.
+    pub fn volume(&self) -> &dyn Voxels {
+        match &self.way {
+            Way::General(r) => r.volume(),
+            Way::Planar(r) => r.volume(),
+        }
+    }
+
+    /// The lattice: voxel indices to world mm.
+    pub fn world_from_lattice(&self) -> Transform<World, Volume> {
+        match &self.way {
+            Way::General(r) => r.world_from_lattice(),
+            Way::Planar(r) => r.world_from_lattice(),
+        }
+    }
+
+    /// What it works with; on the planar path, with the lattice's direction as found by the first slice.
+    pub fn settings(&self) -> &Settings {
+        match &self.way {
+            Way::General(r) => r.settings(),
+            Way::Planar(r) => r.settings(),
+        }
+    }
+
+    /// Kernels along u, v and the normal, once the first slice has told the pixel size.
+    pub fn kernels(&self) -> Option<&[AxisKernel; 3]> {
+        match &self.way {
+            Way::General(r) => r.kernels(),
+            Way::Planar(r) => r.kernels(),
+        }
+    }
+
+    /// Pixel size along u and v in mm, once known.
+    pub fn pixel_mm(&self) -> Option<[f64; 2]> {
+        match &self.way {
+            Way::General(r) => r.pixel_mm(),
+            Way::Planar(r) => r.pixel_mm(),
+        }
+    }
+
+    /// Node spacing of the filtered picture in pixels, and how far its samples may be from the exact in-plane sum as a fraction of the
+    /// picture's range; once the first slice was seen. The planar path samples no filtered picture: one pixel, and rounding alone.
+    pub fn decimation(&self) -> Option<([f64; 2], f64)> {
+        match &self.way {
+            Way::General(r) => r.decimation(),
+            Way::Planar(r) => r.kernels().map(|_| ([1.0; 2], 0.0)),
+        }
+    }
+
+    /// Work done so far.
+    pub fn work(&self) -> Work {
+        match &self.way {
+            Way::General(r) => r.work(),
+            Way::Planar(r) => r.work(),
+        }
+    }
+}

@@ -1,0 +1,249 @@
+//! The planar reconstructor: `insert(slice)` → what it touched, as the general one.
+
+use std::sync::Arc;
+
+use calibration::frames::{Image as ImageFrame, Transform, Volume, World};
+use calibration::region::ClipRect;
+
+use super::bands::Bands;
+use super::plane::{Departure, OnDeparture, PlanarSettings, ScanPlane};
+use super::strip::{Lines, Plan, Strip};
+use super::table::{KernelTable, RowKernel};
+use crate::mask::Mask;
+use crate::reconstruct::kernel::AxisKernel;
+use crate::reconstruct::reconstructor::{Plane, SAME_PIXEL};
+use crate::reconstruct::sharing::Sharing;
+use crate::reconstruct::spline::SplineError;
+use crate::reconstruct::{Refused, Settings, SettingsError, Touched, Work};
+use crate::slice::{Image, Slice};
+use crate::volume::ColumnVolume;
+
+/// What the first slice fixes.
+struct Scan {
+    plane: ScanPlane,
+    bands: Bands,
+    rows: Rows,
+    normal: KernelTable,
+}
+
+/// What depends on the distance of the picture's rows.
+struct Rows {
+    row_mm: f64,
+    kernels: [AxisKernel; 3],
+    kernel: RowKernel,
+}
+
+impl Rows {
+    /// For rows `row_mm` apart. The kernels along u and across the slice do not depend on it.
+    fn new(settings: &Settings, column_mm: f64, row_mm: f64, data: ClipRect) -> Result<Self, SettingsError> {
+        let pixel_mm = [column_mm, row_mm];
+        let kernels = settings.kernels(pixel_mm)?;
+        for (axis, name) in ['u', 'v'].into_iter().enumerate() {
+            SplineError::check(&kernels[axis], pixel_mm[axis])
+                .map_err(|source| SettingsError::Spline { axis: name, source })?;
+        }
+        let kernel = RowKernel::new(&kernels[1], row_mm, data.height as usize);
+        Ok(Self { row_mm, kernels, kernel })
+    }
+
+    fn fit(&self, row_mm: f64) -> bool {
+        (self.row_mm / row_mm - 1.0).abs() <= SAME_PIXEL
+    }
+}
+
+/// Weaves slices that stay perpendicular to a plane into a volume of columns. One per volume; not shared between threads, it makes its own.
+pub struct PlanarReconstructor {
+    pub(super) settings: Settings,
+    planar: PlanarSettings,
+    pub(super) mask: Mask,
+    data: ClipRect,
+    pool: Option<Arc<rayon::ThreadPool>>,
+    scan: Option<Scan>,
+    pub(super) volume: ColumnVolume,
+    pub(super) last: Option<(Image, Transform<World, ImageFrame>)>,
+    plan: Plan,
+    pub(super) work: Work,
+}
+
+impl PlanarReconstructor {
+    /// For pictures of the mask's size, with data where the mask says. Of the settings, the lattice's direction is found by the first slice
+    /// unless the planar settings have one.
+    ///
+    /// # Errors
+    /// [`SettingsError`] when the settings cannot work for any slice; [`SettingsError::Planar`] for a mask that is no rectangle.
+    pub fn new(settings: Settings, planar: PlanarSettings, mask: Mask) -> Result<Self, SettingsError> {
+        let mut settings = settings;
+        settings.lattice_direction = planar.direction.unwrap_or(settings.lattice_direction);
+        settings.check(&mask)?;
+        if let Some(what) = settings.beyond_planar() {
+            return Err(SettingsError::BeyondPlanar(what));
+        }
+        if !(planar.tolerance_voxels >= 0.0 && planar.tolerance_voxels.is_finite()) {
+            return Err(SettingsError::Tolerance(planar.tolerance_voxels));
+        }
+        let data = Departure::rectangle(&mask)?;
+        let pool = settings.pool()?;
+        let volume = ColumnVolume::new(0, Vec::new());
+        let plan = Plan::default();
+        Ok(Self { settings, planar, mask, data, pool, scan: None, volume, last: None, plan, work: Work::default() })
+    }
+
+    /// The volume so far. Its lattice is found by the first slice.
+    pub fn volume(&self) -> &ColumnVolume {
+        &self.volume
+    }
+
+    /// The lattice: voxel indices to world mm.
+    pub fn world_from_lattice(&self) -> Transform<World, Volume> {
+        Transform::from_affine(self.settings.world_from_lattice())
+    }
+
+    /// What it works with; the lattice's direction as found by the first slice.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// What is to be done when a slice leaves the plane.
+    pub fn on_departure(&self) -> OnDeparture {
+        self.planar.on_departure
+    }
+
+    /// Kernels along u, v and the normal, once the first slice has told the pixel size.
+    pub fn kernels(&self) -> Option<&[AxisKernel; 3]> {
+        self.scan.as_ref().map(|s| &s.rows.kernels)
+    }
+
+    /// Pixel size along u and v in mm, once known.
+    pub fn pixel_mm(&self) -> Option<[f64; 2]> {
+        self.scan.as_ref().map(|s| [s.plane.column_mm(), s.rows.row_mm])
+    }
+
+    /// Work done so far.
+    pub fn work(&self) -> Work {
+        self.work
+    }
+
+    /// Weaves a slice into the volume.
+    ///
+    /// # Errors
+    /// [`Refused`] with the reason; nothing has changed then. [`Refused::Departure`] when it leaves the plane.
+    pub fn insert(&mut self, slice: &Slice) -> Result<Touched, Refused> {
+        match self.pool.clone() {
+            None => self.insert_with(slice, Sharing::Alone),
+            Some(pool) => pool.install(|| self.insert_with(slice, Sharing::Pool)),
+        }
+    }
+
+    fn insert_with(&mut self, slice: &Slice, sharing: Sharing) -> Result<Touched, Refused> {
+        let found = [slice.image.width(), slice.image.height()];
+        let expected = [self.mask.width(), self.mask.height()];
+        if found != expected {
+            return Err(Refused::Size { found, expected });
+        }
+        if let Some((image, pose)) = &self.last
+            && *pose == slice.world_from_image
+            && image.pixels().same_bits(slice.image.pixels())
+        {
+            return Err(Refused::Repeated);
+        }
+        Plane::new(slice.world_from_image).ok_or(Refused::Degenerate)?;
+        let Some(mut scan) = self.scan.take() else { return self.insert_first(slice, sharing) };
+        let result = self.insert_next(&mut scan, slice, sharing);
+        self.scan = Some(scan);
+        result
+    }
+
+    /// The first slice says where the plane is; refused, it leaves nothing behind.
+    fn insert_first(&mut self, slice: &Slice, sharing: Sharing) -> Result<Touched, Refused> {
+        let plane = ScanPlane::new(&self.settings, self.planar.direction, self.data, slice.world_from_image);
+        let footing = self.footing(&plane, slice)?;
+        let rows = Rows::new(&self.settings, plane.column_mm(), footing.row_mm, self.data)?;
+        let data = self.data;
+        // A stretch that no tile of the memory allowed could hold is not counted voxel by voxel.
+        let depth = plane.z_step * f64::from(data.width);
+        let tile = depth * (crate::volume::columns::COLUMNS * size_of::<f32>()) as f64;
+        if tile > self.settings.memory_bytes as f64 {
+            return Err(Refused::memory(tile as u64, self.settings.memory_bytes));
+        }
+        let end = plane.z_first.abs() + plane.z_step * f64::from(self.mask.width() + 2048) + 16.0;
+        if end > f64::from(i32::MAX / 8) {
+            return Err(Refused::OutOfRange);
+        }
+        let corner = [data.x, data.y].map(|x| x as usize);
+        let bands = Bands::new(&plane, corner, [data.width, data.height].map(|x| x as usize), &rows.kernels[0]);
+        let normal = KernelTable::new(&rows.kernels[2]);
+        let volume = ColumnVolume::new(bands.first_z, bands.share.clone());
+        let before = std::mem::replace(&mut self.volume, volume);
+        let mut scan = Scan { plane, bands, rows, normal };
+        let result = self.insert_next(&mut scan, slice, sharing);
+        match result {
+            Ok(_) => {
+                self.settings.lattice_direction = plane.direction;
+                self.scan = Some(scan);
+            }
+            Err(_) => self.volume = before,
+        }
+        result
+    }
+
+    /// Where a slice meets the plane.
+    fn footing(&self, plane: &ScanPlane, slice: &Slice) -> Result<super::plane::Footing, Refused> {
+        let (footing, voxels) = plane.meet(slice.world_from_image);
+        let tolerance_voxels = self.planar.tolerance_voxels;
+        match voxels <= tolerance_voxels && footing.row_mm.is_normal() && plane.z_step > 0.0 {
+            true => Ok(footing),
+            false => Err(Departure::Pose { voxels, tolerance_voxels }.into()),
+        }
+    }
+
+    fn insert_next(&mut self, scan: &mut Scan, slice: &Slice, sharing: Sharing) -> Result<Touched, Refused> {
+        let footing = self.footing(&scan.plane, slice)?;
+        if !scan.rows.fit(footing.row_mm) {
+            scan.rows = Rows::new(&self.settings, scan.plane.column_mm(), footing.row_mm, self.data)?;
+        }
+        let (simd, limit_bytes) = (self.settings.simd, self.settings.memory_bytes);
+        let strip = Strip { footing, rows: &scan.rows.kernel, normal: &scan.normal };
+        let (plan, volume, bands) = (&mut self.plan, &self.volume, &mut scan.bands);
+        // Which tiles, and what the picture is along u: neither needs the other.
+        let (planned, ()) =
+            sharing.both(|| plan.find(&strip, volume, limit_bytes), || bands.sum(&slice.image, simd, sharing));
+        planned?;
+        self.plan.make(&mut self.volume)?;
+        let most_weight = (self.settings.max_weight * scan.rows.kernels[2].peak()) as f32;
+        let bands = &scan.bands;
+        let lines = Lines { values: bands.lines(), stride: bands.stride(), level: bands.level, most_weight };
+        self.plan.weave(&mut self.volume, &strip, &lines, simd, sharing);
+        let touched = self.count(bands);
+        self.last = Some((slice.image.clone(), slice.world_from_image));
+        Ok(touched)
+    }
+
+    /// What the plan has done.
+    fn count(&mut self, bands: &Bands) -> Touched {
+        let tasks = &self.plan.tasks;
+        let (depth, stride) = (self.volume.depth() as u64, self.volume.stride() as u64);
+        let layers = self.volume.blocks_along_z();
+        let mut touched = Touched::default();
+        let changed = tasks.iter().filter(|t| t.updated > 0);
+        touched.bricks.reserve_exact(changed.clone().count() * layers.clone().count());
+        for z in layers.clone() {
+            touched.bricks.extend(changed.clone().map(|task| [task.tile[0], task.tile[1], z]));
+        }
+        let sum = |f: fn(&super::strip::Task) -> u64| tasks.iter().map(f).sum::<u64>();
+        let columns = sum(|t| u64::from(t.updated));
+        touched.voxels = columns * depth;
+        let work = &mut self.work;
+        work.slices += 1;
+        work.filter.pixels += self.mask.area();
+        work.filter.nodes += u64::from(self.data.height) * stride;
+        work.filter.taps += bands.products + sum(|t| t.taps);
+        work.bricks_considered += self.plan.considered * layers.count() as u64;
+        work.bricks_touched += touched.bricks.len() as u64;
+        work.columns_considered += self.plan.considered * crate::volume::columns::COLUMNS as u64;
+        work.columns_touched += columns;
+        work.voxels_sampled += columns * stride;
+        work.voxels_updated += touched.voxels;
+        work.weights_clamped += sum(|t| u64::from(t.clamped)) * depth;
+        touched
+    }
+}

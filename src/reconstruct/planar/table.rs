@@ -1,0 +1,128 @@
+//! The kernel as columns look it up: at equal steps of the distance, between them by line.
+
+use std::ops::Range;
+
+use crate::reconstruct::kernel::AxisKernel;
+use crate::reconstruct::spline::MOST_SUPPORT_PX;
+
+/// Steps from the kernel's middle to the end of its support: a line between neighbours is within 5e-7 of a Gaussian's peak (h²/8 times its
+/// curvature, at a support of 3.9 σ).
+const STEPS: usize = 2048;
+/// Taps that a kernel may have.
+pub(super) const MOST_TAPS: usize = 2 * MOST_SUPPORT_PX as usize + 2;
+
+/// One axis' kernel over distance.
+pub(super) struct KernelTable {
+    values: Vec<f32>,
+    steps_per_mm: f64,
+    /// Half width of the support, mm.
+    pub(super) support_mm: f64,
+}
+
+impl KernelTable {
+    pub(super) fn new(kernel: &AxisKernel) -> Self {
+        let at = |i: usize| kernel.weight(kernel.support_mm * (i.min(STEPS) as f64 / STEPS as f64)) as f32;
+        // One more, so that the end of the support has a neighbour.
+        let values = (0..STEPS + 2).map(at).collect();
+        Self { values, steps_per_mm: STEPS as f64 / kernel.support_mm, support_mm: kernel.support_mm }
+    }
+
+    /// At a distance in steps, not negative; what lies beyond the end by rounding counts as the end.
+    #[inline(always)]
+    fn at(&self, steps: f32) -> f32 {
+        let i = (steps as usize).min(STEPS);
+        let (low, high) = (self.values[i], self.values[i + 1]);
+        low + (steps - i as f32).min(1.0) * (high - low)
+    }
+
+    /// At a distance within the support.
+    #[inline(always)]
+    pub(super) fn weight(&self, mm: f64) -> f32 {
+        self.at((mm.abs() * self.steps_per_mm) as f32)
+    }
+}
+
+/// The kernel across the picture's rows.
+pub(super) struct RowKernel {
+    table: KernelTable,
+    steps_per_row: f64,
+    /// Half width of the support, rows.
+    pub(super) reach: f64,
+    /// Rows that there are.
+    pub(super) rows: usize,
+}
+
+/// The rows about a place and how much each counts.
+pub(super) struct Taps {
+    /// Rows that there are.
+    pub(super) rows: Range<usize>,
+    /// Where their weights begin.
+    pub(super) first: usize,
+    /// Sum of all weights, of an endless picture's rows.
+    pub(super) total: f32,
+    /// What of it lies on rows that there are.
+    pub(super) share: f32,
+}
+
+impl RowKernel {
+    pub(super) fn new(kernel: &AxisKernel, row_mm: f64, rows: usize) -> Self {
+        let table = KernelTable::new(kernel);
+        Self { steps_per_row: table.steps_per_mm * row_mm, reach: kernel.support_mm / row_mm, table, rows }
+    }
+
+    /// The taps about row `v`, which lies within the reach of a row that there is; `weights` gets them, not yet divided by their total.
+    #[inline(always)]
+    pub(super) fn taps(&self, v: f64, weights: &mut [f32; MOST_TAPS]) -> Taps {
+        let first = (v - self.reach).ceil();
+        let count = (((v + self.reach).floor() - first) as usize + 1).min(MOST_TAPS);
+        let (start, step) = (((first - v) * self.steps_per_row) as f32, self.steps_per_row as f32);
+        let mut total = 0.0_f32;
+        for (i, weight) in weights[..count].iter_mut().enumerate() {
+            *weight = self.table.at((start + i as f32 * step).abs());
+            total += *weight;
+        }
+        let first = first as i64;
+        let low = ((-first).max(0) as usize).min(count);
+        let high = ((self.rows as i64 - first).max(0) as usize).clamp(low, count);
+        let share = match high - low == count {
+            true => 1.0,
+            false => weights[low..high].iter().sum::<f32>() / total,
+        };
+        let top = (first + low as i64) as usize;
+        Taps { rows: top..top + (high - low), first: low, total, share }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reconstruct::kernel::{Method, Support};
+
+    #[test]
+    fn the_table_is_the_kernel_to_the_end_of_its_support() {
+        for method in [Method::Gaussian, Method::GaussianTruncated] {
+            let kernel = AxisKernel::new(method, 0.7, Support::Energy(1e-4)).unwrap();
+            let table = KernelTable::new(&kernel);
+            for i in 0..=10_007 {
+                let mm = kernel.support_mm * f64::from(i) / 10_007.0;
+                let error = (f64::from(table.weight(mm)) - kernel.weight(mm)).abs();
+                assert!(error < 8e-7, "{method:?} at {mm}: {error}");
+            }
+        }
+    }
+
+    #[test]
+    fn taps_outside_the_picture_count_in_the_total_only() {
+        let kernel = AxisKernel::new(Method::Gaussian, 1.0, Support::Energy(1e-4)).unwrap();
+        let rows = RowKernel::new(&kernel, 0.8, 20);
+        let mut weights = [0.0; MOST_TAPS];
+        let inside = rows.taps(9.3, &mut weights);
+        assert_eq!((inside.rows, inside.first, inside.share), (5..15, 0, 1.0));
+        for (v, expected) in [(-0.5, 0.5), (19.5, 0.5), (-5.0, 0.0), (24.0, 0.0)] {
+            let taps = rows.taps(v, &mut weights);
+            assert!((taps.share - expected).abs() < 2e-2 && taps.rows.end <= 20, "{v}: {} {:?}", taps.share, taps.rows);
+        }
+        // Half of the kernel on either side of the border between rows.
+        assert!((rows.taps(-0.5, &mut weights).share - 0.5).abs() < 1e-6);
+    }
+}

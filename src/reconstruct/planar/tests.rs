@@ -1,0 +1,482 @@
+//! The planar path against the equations, the general path and itself.
+
+use std::f64::consts::{FRAC_PI_2, PI};
+use std::sync::Arc;
+
+use calibration::frames::Transform;
+use calibration::region::{ClipRect, Fan};
+use glam::{DAffine3, DMat3, DQuat, DVec3, EulerRot};
+
+use super::reference;
+use super::strip::{Sum, add};
+use super::{Departure, OnDeparture, PlanarReconstructor, PlanarSettings, worst_departure};
+use crate::mask::Mask;
+use crate::reconstruct::kernel::{Method, Support};
+use crate::reconstruct::reference::Reference;
+use crate::reconstruct::simd::dispatch;
+use crate::reconstruct::{Path, Reconstructor, Refused, Settings, SettingsError, Simd, Touched, Weaver};
+use crate::slice::{Image, Pixels, Slice};
+use crate::volume::brick::BrickIndex;
+use crate::volume::sparse::SEEN;
+use crate::volume::{Grid, Voxels};
+
+const SIZE: [u32; 2] = [40, 36];
+const PIXEL_MM: [f64; 2] = [0.7, 0.4];
+
+/// A picture of hashed grey levels: every pixel matters.
+fn picture(seed: u32) -> Image {
+    let grey = |i: u32| ((i + 7919 * seed).wrapping_mul(2_654_435_761) >> 24) as u8;
+    Image::new(SIZE[0], SIZE[1], Pixels::U8((0..SIZE[0] * SIZE[1]).map(grey).collect()))
+}
+
+/// An arm's slice: its picture's u along the base's z, its v at an angle to the base's x, its first pixel at a place.
+fn slice(base: DQuat, place: DVec3, angle: f64, image: Image) -> Slice {
+    let (sin, cos) = angle.sin_cos();
+    let v = DVec3::new(cos, sin, 0.0);
+    let pose = DAffine3 {
+        matrix3: DMat3::from_cols(DVec3::Z * PIXEL_MM[0], v * PIXEL_MM[1], DVec3::Z.cross(v)),
+        translation: place,
+    };
+    Slice { image, time_ns: 0, world_from_image: Transform::from_affine(DAffine3::from_quat(base) * pose) }
+}
+
+/// A sweep that shifts and turns, after a turn of all of it about the base's z.
+fn sweep(base: DQuat, turn: f64, frames: u32) -> Vec<Slice> {
+    let base = base * DQuat::from_rotation_z(turn);
+    (0..frames)
+        .map(|i| {
+            let at = f64::from(i);
+            let place = DVec3::new(3.13 + 0.61 * at, -2.71 - 0.13 * at * at / 9.0, -4.4);
+            slice(base, place, FRAC_PI_2 + 0.05 * at, picture(i))
+        })
+        .collect()
+}
+
+fn settings() -> Settings {
+    Settings { sigma_mm: [None, None, Some(0.8)], ..Settings::new(DVec3::splat(0.5)) }
+}
+
+fn refusing() -> PlanarSettings {
+    PlanarSettings { on_departure: OnDeparture::Refuse, ..PlanarSettings::default() }
+}
+
+fn woven(settings: &Settings, planar: PlanarSettings, mask: &Mask, slices: &[Slice]) -> PlanarReconstructor {
+    let mut r = PlanarReconstructor::new(settings.clone(), planar, mask.clone()).unwrap();
+    for slice in slices {
+        r.insert(slice).unwrap();
+    }
+    r
+}
+
+fn full() -> Mask {
+    Mask::full(SIZE[0], SIZE[1])
+}
+
+/// All blocks, bit by bit.
+fn bits(volume: &dyn Voxels) -> Vec<(BrickIndex, Vec<u32>)> {
+    let (mut r, mut w) = ([0.0; 8], [0.0; 8]);
+    let mut blocks: Vec<BrickIndex> = volume.blocks().collect();
+    blocks.sort_unstable();
+    let block = |index: BrickIndex| {
+        let first = index.map(|i| i64::from(i) * 8);
+        let rows = (0..64).flat_map(|i| {
+            volume.row([first[0], first[1] + i % 8, first[2] + i / 8], &mut r, &mut w);
+            r.iter().chain(&w).map(|x| x.to_bits()).collect::<Vec<_>>()
+        });
+        (index, rows.collect())
+    };
+    blocks.into_iter().map(block).collect()
+}
+
+/// The grid of all that was seen and a few voxels more, in the lattice of a reconstructor, and its first voxel.
+fn grid_around(volume: &dyn Voxels, settings: &Settings) -> (Grid, [i64; 3]) {
+    let (low, high) = volume.seen_bounds().expect("something was seen");
+    let low = low.map(|x| x - 4);
+    let size = [0, 1, 2].map(|a| (high[a] + 5 - low[a]) as u64);
+    let lattice = settings.world_from_lattice();
+    let origin = lattice.transform_point3(DVec3::from_array(low.map(|x| x as f64)));
+    (Grid { origin, spacing: settings.spacing_mm, direction: settings.lattice_direction, size }, low)
+}
+
+/// Each voxel of a grid: index, lattice index.
+fn voxels(grid: &Grid, low: [i64; 3]) -> impl Iterator<Item = (usize, [i64; 3])> {
+    let [nx, ny, nz] = grid.size.map(|n| n as usize);
+    (0..nx * ny * nz)
+        .map(move |i| (i, [low[0] + (i % nx) as i64, low[1] + (i / nx % ny) as i64, low[2] + (i / nx / ny) as i64]))
+}
+
+/// Worst deviation from the equations of numerator, of weight and of value, relative to the largest there can be; voxels that one of the two sees only,
+/// and voxels that both do.
+fn against_equations(r: &PlanarReconstructor, mask: &Mask, slices: &[Slice]) -> ([f64; 3], [usize; 2]) {
+    let (grid, low) = grid_around(r.volume(), r.settings());
+    let mut slow = Reference::new(grid);
+    for slice in slices {
+        reference::insert(&mut slow, slice, mask, r.kernels().unwrap());
+    }
+    let most = slow.w.iter().fold(0.0_f64, |most, w| most.max(*w));
+    let (mut worst, mut counts) = ([0.0_f64; 3], [0; 2]);
+    for (i, voxel) in voxels(&grid, low) {
+        let (r, w) = r.volume().voxel(voxel);
+        let errors = [(f64::from(r) - slow.r[i]).abs() / (255.0 * most), (f64::from(w) - slow.w[i]).abs() / most];
+        // A voxel at the very end of the support, or of a fifth of the kernel, may fall either way for one slice of many.
+        if errors[1] > 1e-5 {
+            counts[0] += 1;
+            continue;
+        }
+        worst = [worst[0].max(errors[0]), worst[1].max(errors[1]), worst[2]];
+        if let Some(value) = slow.value(i).filter(|_| slow.w[i] > 0.05 && w > SEEN) {
+            counts[1] += 1;
+            worst[2] = worst[2].max((f64::from(r / w) - value).abs() / 255.0);
+        }
+    }
+    (worst, counts)
+}
+
+#[test]
+fn the_planar_path_is_the_separable_sum_in_f64() {
+    let anywhere = DQuat::from_euler(EulerRot::YXZ, 0.7, -0.4, 0.3);
+    let narrow = Settings {
+        method: Method::GaussianTruncated,
+        support: Some(Support::Energy(0.01)),
+        spacing_mm: DVec3::new(0.5, 0.6, 0.45),
+        ..settings()
+    };
+    let clip = Mask::rect(SIZE[0], SIZE[1], ClipRect::new(5, 3, 30, 28).unwrap());
+    let identity = PlanarSettings { direction: Some(DMat3::IDENTITY), ..refusing() };
+    let cases = [
+        (settings(), refusing(), full(), anywhere, 0.0),
+        (narrow, refusing(), clip.clone(), anywhere, 0.0),
+        // Turned about the arm's axis, on a lattice that does not turn with it.
+        (settings(), identity, full(), DQuat::IDENTITY, 0.0),
+        (settings(), identity, full(), DQuat::IDENTITY, FRAC_PI_2),
+        (settings(), identity, clip, DQuat::IDENTITY, PI),
+        (settings(), identity, full(), DQuat::IDENTITY, 37.0_f64.to_radians()),
+    ];
+    for (i, (settings, planar, mask, base, turn)) in cases.into_iter().enumerate() {
+        let slices = sweep(base, turn, 9);
+        let r = woven(&settings, planar, &mask, &slices);
+        let ([numerator, weight, value], [differ, seen]) = against_equations(&r, &mask, &slices);
+        assert!(numerator <= 1e-5 && weight <= 1e-5 && value <= 1e-5, "case {i}: {numerator} {weight} {value}");
+        assert!(seen > 10_000 && differ * 1000 < seen, "case {i}: {differ} of {seen}");
+    }
+}
+
+#[test]
+fn a_lattice_that_turns_with_the_scan_sees_the_same() {
+    // The first slice's v is the lattice's x whatever the turn, and the lattice hangs on the world's origin, about which all turns.
+    let value = |turn: f64| {
+        let r = woven(&settings(), refusing(), &full(), &sweep(DQuat::IDENTITY, turn, 5));
+        let (low, high) = r.volume().seen_bounds().unwrap();
+        let (mut value, mut weight) = (vec![0.0; 60], vec![0.0; 60]);
+        r.volume().row([low[0], (low[1] + high[1]) / 2, (low[2] + high[2]) / 2], &mut value, &mut weight);
+        (low, high, value, weight)
+    };
+    let straight = value(0.0);
+    for turn in [FRAC_PI_2, PI, 0.6] {
+        let turned = value(turn);
+        assert_eq!((straight.0, straight.1), (turned.0, turned.1));
+        assert!(straight.3.iter().filter(|w| **w > SEEN).count() > 20);
+        for i in 0..60 {
+            assert!((straight.2[i] - turned.2[i]).abs() < 1e-2 && (straight.3[i] - turned.3[i]).abs() < 1e-5, "{i}");
+        }
+    }
+}
+
+#[test]
+fn every_instruction_set_and_thread_count_gives_the_same_bits() {
+    let slices = sweep(DQuat::from_rotation_x(0.3), 0.0, 8);
+    let run = |simd, threads| {
+        let settings = Settings { simd, threads, max_weight: 1.5, ..settings() };
+        let mut r = PlanarReconstructor::new(settings, refusing(), full()).unwrap();
+        let touched: Vec<Touched> = slices.iter().map(|s| r.insert(s).unwrap()).collect();
+        (touched, bits(r.volume()), r.work())
+    };
+    let expected = run(Simd::Portable, 1);
+    assert!(expected.2.weights_clamped > 0, "the clamp is part of what must agree");
+    for simd in Simd::ALL.into_iter().filter(|s| s.is_available()) {
+        for threads in [1, 2, 7] {
+            assert!(run(simd, threads) == expected, "{} with {threads} threads", simd.name());
+        }
+    }
+}
+
+dispatch!(fn add_to => add(column: &mut [f32], sum: &Sum<'_>));
+
+#[test]
+fn a_column_summed_in_parts_has_the_bits_of_the_whole() {
+    let (stride, taps) = (16 * 23, 7);
+    let float = |i: usize| ((i * 7919) % 1013) as f32 / 7.0 - 70.0;
+    let rows: Vec<f32> = (0..stride * taps).map(float).collect();
+    let before: Vec<f32> = (0..stride).map(|i| float(i * 31 + 5)).collect();
+    let weights: Vec<f32> = (0..taps).map(|t| float(t) / 300.0).collect();
+    let sum = |from: usize| Sum { rows: &rows[from..], stride, weights: &weights, level: 93.0, gained: 0.3, keep: 0.9 };
+    let mut whole = before.clone();
+    add_to(Simd::Portable, &mut whole, &sum(0));
+    for simd in Simd::ALL.into_iter().filter(|s| s.is_available()) {
+        for parts in [1, 2, 3, 5, 23] {
+            let mut column = before.clone();
+            let length = 16 * 23_usize.div_ceil(parts);
+            for (i, part) in column.chunks_mut(length).enumerate() {
+                add_to(simd, part, &sum(i * length));
+            }
+            assert!(column.iter().zip(&whole).all(|(a, b)| a.to_bits() == b.to_bits()), "{} in {parts}", simd.name());
+        }
+    }
+    assert!(whole != before);
+}
+
+#[test]
+fn a_constant_stays_constant_to_the_border() {
+    for constant in [77.3_f32, 0.1, 200.0] {
+        let image = Image::new(SIZE[0], SIZE[1], Pixels::F32(vec![constant; (SIZE[0] * SIZE[1]) as usize].into()));
+        let slices: Vec<Slice> = sweep(DQuat::IDENTITY, 0.2, 10);
+        let slices: Vec<Slice> = slices.into_iter().map(|s| Slice { image: image.clone(), ..s }).collect();
+        let r = woven(&settings(), refusing(), &full(), &slices);
+        let ulp = f32::from_bits(constant.to_bits() + 1) - constant;
+        let (grid, low) = grid_around(r.volume(), r.settings());
+        let (mut worst, mut seen) = (0.0_f32, 0);
+        for (_, voxel) in voxels(&grid, low) {
+            let (r, w) = r.volume().voxel(voxel);
+            if w > SEEN {
+                seen += 1;
+                worst = worst.max((r / w - constant).abs() / ulp);
+            }
+        }
+        assert!(seen > 20_000 && worst <= 4.0, "{constant}: {worst} ulp over {seen} voxels");
+    }
+}
+
+/// Voxels that got the same slices from both paths: how many, and the worst difference of their values in grey levels; and how many did not, as it
+/// happens in the pictures' corners and at the end of the support.
+fn compared(a: &dyn Voxels, b: &dyn Voxels, settings: &Settings, deviation: f64) -> (usize, usize, f64) {
+    let (grid, low) = grid_around(a, settings);
+    let (mut same, mut differ, mut value) = (0, 0, 0.0_f64);
+    for (_, voxel) in voxels(&grid, low) {
+        let ((r, w), (s, v)) = (a.voxel(voxel), b.voxel(voxel));
+        if f64::from((w - v).abs()) > 1e-3 + 2.0 * deviation * f64::from(w.max(v)) {
+            differ += 1;
+        } else if w > 0.05 {
+            same += 1;
+            value = value.max(f64::from((r / w - s / v).abs()));
+        }
+    }
+    (same, differ, value)
+}
+
+#[test]
+fn two_dimensional_weights_are_the_general_path_s_and_values_agree_within_its_stated_deviation() {
+    let slices = sweep(DQuat::from_rotation_y(0.9), 0.0, 9);
+    let planar = woven(&settings(), refusing(), &full(), &slices);
+    let mut general = Reconstructor::new(planar.settings().clone(), full()).unwrap();
+    for slice in &slices {
+        general.insert(slice).unwrap();
+    }
+    let (_, deviation) = general.decimation().unwrap();
+    assert!(deviation <= 0.002);
+    let (same, differ, value) = compared(planar.volume(), general.volume(), planar.settings(), deviation);
+    assert!(same > 15_000 && differ * 50 < same, "{differ} of {same}");
+    // Numerator and weight may both deviate, and the weight at a border is a fifth.
+    assert!(value <= 5.0 * 2.0 * deviation * 255.0, "{value}");
+}
+
+#[test]
+fn a_slice_costs_the_columns_that_it_touches() {
+    let mut r = PlanarReconstructor::new(settings(), refusing(), full()).unwrap();
+    let slices = sweep(DQuat::IDENTITY, 0.4, 3);
+    let touched = r.insert(&slices[0]).unwrap();
+    let (grid, low) = grid_around(r.volume(), r.settings());
+    let seen = voxels(&grid, low).filter(|(_, v)| r.volume().voxel(*v).1 > 0.0).count() as u64;
+    // A voxel at the very end of the support weighs nothing, and may have been counted.
+    assert!(touched.voxels >= seen && touched.voxels <= seen + 4 * r.volume().depth() as u64, "{touched:?} {seen}");
+    let work = r.work();
+    assert_eq!(work.columns_touched * r.volume().depth() as u64, touched.voxels);
+    assert_eq!(work.voxels_updated, touched.voxels);
+    // 14.4 mm of rows and 4.1 mm across in voxels of 0.5 mm, and the same with a whole tile about it.
+    let area = (14.4 * 4.1) / 0.25;
+    assert!((work.columns_touched as f64 / area - 1.0).abs() < 0.1, "{} of {area}", work.columns_touched);
+    assert!(work.columns_considered as f64 <= (14.4 + 11.0) * (4.1 + 11.0) / 0.25, "{work:?}");
+    // The blocks that changed are those that were said to have.
+    let mut expected: Vec<BrickIndex> = r.volume().blocks().collect();
+    expected.sort_by_key(|[x, y, z]| [*z, *y, *x]);
+    assert_eq!(touched.bricks, expected);
+    let before = bits(r.volume());
+    let touched = r.insert(&slices[1]).unwrap();
+    let after = bits(r.volume());
+    let mut changed: Vec<BrickIndex> = after.iter().filter(|block| !before.contains(block)).map(|b| b.0).collect();
+    changed.sort_by_key(|[x, y, z]| [*z, *y, *x]);
+    assert_eq!(touched.bricks, changed);
+    assert_eq!(r.work().slices, 2);
+}
+
+#[test]
+fn memory_is_four_bytes_a_voxel_and_a_little() {
+    // 40 pixels of 0.7 mm in voxels of 0.11 mm: 256 voxels along z. The sweep fills its tiles' rows.
+    let fine = Settings { spacing_mm: DVec3::new(0.5, 0.5, 0.11), ..settings() };
+    let r = woven(&fine, refusing(), &full(), &sweep(DQuat::IDENTITY, 0.0, 30));
+    let volume = r.volume();
+    let bytes = volume.bytes() as f64 / volume.voxels() as f64;
+    assert!(bytes <= 4.0 * volume.depth().next_multiple_of(16) as f64 / volume.depth() as f64 + 0.05, "{bytes}");
+    assert!(volume.tiles() > 15 && volume.depth() > 250, "{} of {}", volume.tiles(), volume.depth());
+}
+
+type Expected = fn(&Refused) -> bool;
+
+#[test]
+fn refused_slices_change_nothing() {
+    let slices = sweep(DQuat::from_rotation_x(1.0), 0.0, 3);
+    let mut r = woven(&settings(), refusing(), &full(), &slices[..1]);
+    let (before, work, lattice) = (bits(r.volume()), r.work(), r.settings().lattice_direction);
+    let good = &slices[1];
+    let pose = good.world_from_image.affine();
+    let posed = |affine: DAffine3| Slice { world_from_image: Transform::from_affine(affine), ..good.clone() };
+    let flat = DMat3::from_cols(pose.matrix3.x_axis, pose.matrix3.x_axis * 2.0, pose.matrix3.z_axis);
+    let small = Image::new(2, 2, Pixels::U8(Arc::from([1_u8, 2, 3, 4])));
+    let u = pose.matrix3.x_axis.normalize();
+    let departure: Expected = |e| matches!(e, Refused::Departure(Departure::Pose { .. }));
+    // A quarter of a voxel is 0.125 mm.
+    let shifted = |mm: f64| DAffine3 { translation: pose.translation + u * mm, ..pose };
+    let tilted =
+        DAffine3 { matrix3: DMat3::from_axis_angle(pose.matrix3.y_axis.normalize(), 0.012) * pose.matrix3, ..pose };
+    let rolled =
+        DAffine3 { matrix3: DMat3::from_axis_angle(pose.matrix3.z_axis.normalize(), 0.012) * pose.matrix3, ..pose };
+    let mirrored =
+        DAffine3 { matrix3: DMat3::from_cols(-pose.matrix3.x_axis, pose.matrix3.y_axis, pose.matrix3.z_axis), ..pose };
+    let wide = DAffine3 {
+        matrix3: DMat3::from_cols(pose.matrix3.x_axis * 1.02, pose.matrix3.y_axis, pose.matrix3.z_axis),
+        ..pose
+    };
+    let cases: [(Slice, Expected); 10] = [
+        (slices[0].clone(), |e| matches!(e, Refused::Repeated)),
+        (Slice { image: small, ..good.clone() }, |e| matches!(e, Refused::Size { found: [2, 2], .. })),
+        (posed(DAffine3 { translation: DVec3::splat(f64::NAN), ..pose }), |e| matches!(e, Refused::Degenerate)),
+        (posed(DAffine3 { matrix3: flat, ..pose }), |e| matches!(e, Refused::Degenerate)),
+        (posed(DAffine3 { translation: pose.translation + pose.matrix3.y_axis * 1e12, ..pose }), |e| {
+            // So far out f64 no longer tells whether it is in the plane.
+            matches!(e, Refused::OutOfRange | Refused::Departure(_))
+        }),
+        (posed(shifted(0.13)), departure),
+        (posed(tilted), departure),
+        (posed(rolled), departure),
+        (posed(mirrored), departure),
+        (posed(wide), departure),
+    ];
+    for (slice, expected) in cases {
+        let error = r.insert(&slice).unwrap_err();
+        assert!(expected(&error), "{error}");
+        assert!(bits(r.volume()) == before && r.work() == work, "{error}");
+        assert_eq!(r.settings().lattice_direction, lattice);
+    }
+    assert!(r.insert(&posed(shifted(0.12))).is_ok(), "within the tolerance");
+    assert!(r.insert(&slices[2]).is_ok(), "a good slice still enters");
+}
+
+#[test]
+fn a_refused_first_slice_leaves_no_plane_behind() {
+    let tiny = Settings { memory_bytes: 100_000, ..settings() };
+    let slices = sweep(DQuat::IDENTITY, 0.0, 2);
+    let mut r = PlanarReconstructor::new(tiny, refusing(), full()).unwrap();
+    let error = r.insert(&slices[0]).unwrap_err();
+    assert!(matches!(error, Refused::Memory { .. }) && error.to_string().contains("100000 bytes"), "{error}");
+    assert!(r.kernels().is_none() && r.volume().tiles() == 0 && r.volume().depth() == 0);
+    // A picture whose own axes are askew is no slice of any plane's.
+    let mut r = PlanarReconstructor::new(settings(), refusing(), full()).unwrap();
+    let pose = slices[0].world_from_image.affine();
+    let skew =
+        DMat3::from_cols(pose.matrix3.x_axis, pose.matrix3.y_axis + 0.1 * pose.matrix3.x_axis, pose.matrix3.z_axis);
+    let skewed =
+        Slice { world_from_image: Transform::from_affine(DAffine3 { matrix3: skew, ..pose }), ..slices[0].clone() };
+    assert!(matches!(r.insert(&skewed), Err(Refused::Departure(_))));
+    assert!(r.kernels().is_none());
+    assert!(r.insert(&slices[0]).is_ok());
+}
+
+#[test]
+fn a_mask_that_is_no_rectangle_is_refused_before_any_slice() {
+    let fan = Mask::fan(SIZE[0], SIZE[1], &Fan::new([20.0, -10.0], [12.0, 44.0], [-25.0, 25.0]).unwrap());
+    let error = PlanarReconstructor::new(settings(), refusing(), fan).err().unwrap();
+    assert!(matches!(error, SettingsError::Planar(Departure::Mask { .. })), "{error}");
+    assert!(error.to_string().contains("no rectangle") && error.to_string().contains("--path general"), "{error}");
+    // Covered in part along u: a rectangle with its corner cut off.
+    let cut = Mask::from_fn(SIZE[0], SIZE[1], |u, v| u + v > 2);
+    assert!(PlanarReconstructor::new(settings(), refusing(), cut).is_err());
+    let askew = PlanarSettings { direction: Some(DMat3::from_diagonal(DVec3::new(1.0, 1.0, 2.0))), ..refusing() };
+    assert!(matches!(PlanarReconstructor::new(settings(), askew, full()).err(), Some(SettingsError::Direction(_))));
+    let nan = PlanarSettings { tolerance_voxels: f64::NAN, ..refusing() };
+    assert!(matches!(PlanarReconstructor::new(settings(), nan, full()).err(), Some(SettingsError::Tolerance(_))));
+}
+
+#[test]
+fn the_general_path_takes_over_every_voxel_as_it_is() {
+    let slices = sweep(DQuat::from_rotation_y(0.4), 0.0, 6);
+    let planar = woven(&settings(), refusing(), &full(), &slices);
+    let general = planar.upgraded().unwrap();
+    assert!(bits(planar.volume()) == bits(general.volume()));
+    assert_eq!(general.work(), planar.work());
+    assert_eq!(general.world_from_lattice().affine(), planar.world_from_lattice().affine());
+    let mut general = general;
+    assert_eq!(general.insert(&slices[5]), Err(Refused::Repeated), "what came last is known");
+    let tight = Settings { memory_bytes: planar.volume().bytes() + 4096, ..settings() };
+    let planar = woven(&tight, refusing(), &full(), &slices);
+    assert!(matches!(planar.upgraded().err(), Some(Refused::Memory { .. })), "bricks take twice the memory");
+}
+
+#[test]
+fn a_slice_out_of_plane_is_refused_or_woven_with_all_that_was_before_it() {
+    let mut slices = sweep(DQuat::from_rotation_y(0.4), 0.0, 9);
+    let pose = slices[5].world_from_image.affine();
+    let axis = pose.matrix3.y_axis.normalize();
+    let tilted = DAffine3 { matrix3: DMat3::from_axis_angle(axis, 0.1) * pose.matrix3, ..pose };
+    slices[5].world_from_image = Transform::from_affine(tilted);
+    // Refused: nothing changes, and what follows goes on.
+    let mut refusing = Weaver::planar(settings(), refusing(), full()).unwrap();
+    let results: Vec<_> = slices.iter().map(|s| refusing.insert(s)).collect();
+    assert!(matches!(results[5], Err(Refused::Departure(_))), "{:?}", results[5]);
+    assert_eq!(results.iter().filter(|r| r.is_ok()).count(), 8);
+    assert_eq!((refusing.path(), refusing.upgraded(), refusing.work().slices), (Path::Planar, None, 8));
+    // Upgraded: every slice is in the volume, as if the general path had woven them all.
+    let mut upgrading = Weaver::planar(settings(), PlanarSettings::default(), full()).unwrap();
+    for (i, slice) in slices.iter().enumerate() {
+        assert_eq!(upgrading.path(), if i <= 5 { Path::Planar } else { Path::General });
+        let touched = upgrading.insert(slice).unwrap();
+        assert!(touched.voxels > 1000);
+    }
+    assert!(matches!(upgrading.upgraded(), Some(Departure::Pose { .. })));
+    assert_eq!(upgrading.work().slices, 9);
+    let mut general = Reconstructor::new(upgrading.settings().clone(), full()).unwrap();
+    for slice in &slices {
+        general.insert(slice).unwrap();
+    }
+    let (_, deviation) = general.decimation().unwrap();
+    let (same, differ, value) = compared(upgrading.volume(), general.volume(), upgrading.settings(), deviation);
+    assert!(same > 15_000 && differ * 50 < same, "{differ} of {same}");
+    assert!(value <= 5.0 * 2.0 * deviation * 255.0, "{value}");
+    // The other way round, nothing is missing either.
+    let (same, differ, _) = compared(general.volume(), upgrading.volume(), upgrading.settings(), deviation);
+    assert!(same > 15_000 && differ * 50 < same, "{differ} of {same}");
+}
+
+#[test]
+fn a_mask_for_the_general_path_is_refused_or_woven_by_it() {
+    let fan = Mask::fan(SIZE[0], SIZE[1], &Fan::new([20.0, -10.0], [12.0, 44.0], [-25.0, 25.0]).unwrap());
+    assert!(matches!(Weaver::planar(settings(), refusing(), fan.clone()).err(), Some(SettingsError::Planar(_))));
+    let mut weaver = Weaver::planar(settings(), PlanarSettings::default(), fan).unwrap();
+    assert_eq!(weaver.path(), Path::General);
+    assert!(matches!(weaver.upgraded(), Some(Departure::Mask { .. })));
+    assert!(weaver.insert(&sweep(DQuat::IDENTITY, 0.0, 1)[0]).is_ok());
+}
+
+#[test]
+fn the_worst_pose_of_a_recording_is_named() {
+    let slices = sweep(DQuat::from_rotation_y(0.4), 0.0, 6);
+    let mut poses: Vec<_> = slices.iter().map(|s| s.world_from_image).collect();
+    let worst = |poses: &[Transform<_, _>]| {
+        worst_departure(&settings(), &PlanarSettings::default(), SIZE, poses.iter().copied())
+    };
+    let (_, voxels) = worst(&poses).unwrap();
+    assert!(voxels < 1e-9, "{voxels}");
+    let u = poses[3].vector(DVec3::X).normalize();
+    poses[3] = Transform::from_affine(DAffine3::from_translation(u * 0.3) * poses[3].affine());
+    let (which, voxels) = worst(&poses).unwrap();
+    assert!((voxels - 0.6).abs() < 1e-9 && which == 3, "{voxels}");
+    assert!(worst(&[]).is_none());
+}
