@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use crate::figure::{Axis, Figure, Look, Panel, Series};
-use crate::lettering::{FAMILY, width, width_bold, wrap};
+use crate::lettering::{FAMILY, SUBSCRIPT, width, width_bold, wrap};
 use crate::scale::Tick;
 
 /// Width of every figure, pixels.
@@ -19,6 +19,8 @@ const TICK: f64 = 11.0;
 const CAPTION: f64 = 12.0;
 /// A line of text takes this much of its letters' size.
 const LEADING: f64 = 1.4;
+/// Ticks are no nearer than this, about.
+const TICK_DISTANCE: f64 = 42.0;
 const TEXT_INK: &str = "#222222";
 const CAPTION_INK: &str = "#444444";
 const GRID_INK: &str = "#e4e4e4";
@@ -43,7 +45,7 @@ impl Canvas {
             Anchor::Middle => "middle",
             Anchor::End => "end",
         };
-        let text = escape(text);
+        let text = subscripts(&escape(text), size);
         self.push(&format!(
             r#"<text x="{x:.2}" y="{y:.2}" font-size="{size}" text-anchor="{anchor}" {style}>{text}</text>"#
         ));
@@ -62,7 +64,23 @@ impl Canvas {
 }
 
 fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('\'', "’")
+}
+
+/// Sets what follows an underscore lower and smaller, up to the first character that is no letter or digit.
+fn subscripts(text: &str, size: f64) -> String {
+    let mut parts = text.split('_');
+    let mut set = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        let end = part.find(|c: char| !c.is_alphanumeric()).unwrap_or(part.len());
+        let (low, rest) = part.split_at(end);
+        let (small, down) = (SUBSCRIPT * size, 0.2 * size);
+        let _ = write!(set, r#"<tspan dy="{down:.1}" font-size="{small:.1}">{low}</tspan>"#);
+        if !rest.is_empty() {
+            let _ = write!(set, r#"<tspan dy="-{down:.1}">{rest}</tspan>"#);
+        }
+    }
+    set
 }
 
 /// A panel with its ranges and ticks found.
@@ -75,17 +93,18 @@ struct Prepared<'a> {
 }
 
 impl<'a> Prepared<'a> {
-    fn new(panel: &'a Panel) -> Self {
+    /// For a coordinate system of about this size.
+    fn new(panel: &'a Panel, [wide, high]: [f64; 2]) -> Self {
         let range = |axis: &Axis, c: usize| {
             let all = panel.series.iter().flat_map(|s| s.points.iter().map(move |p| p[c]));
             axis.range.unwrap_or_else(|| axis.scale.range(all))
         };
         let (x, y) = (range(&panel.x, 0), range(&panel.y, 1));
-        let ticks = |axis: &Axis, range| match axis.categories.len() {
-            0 => axis.scale.ticks(range),
+        let ticks = |axis: &Axis, range, length: f64| match axis.categories.len() {
+            0 => axis.scale.ticks(range, length / TICK_DISTANCE),
             _ => (0..).map(f64::from).zip(&axis.categories).map(|(at, t)| Tick { at, text: Some(t.clone()) }).collect(),
         };
-        Self { panel, x, y, x_ticks: ticks(&panel.x, x), y_ticks: ticks(&panel.y, y) }
+        Self { panel, x, y, x_ticks: ticks(&panel.x, x, wide), y_ticks: ticks(&panel.y, y, high) }
     }
 
     /// Room left of the coordinate system.
@@ -278,9 +297,9 @@ pub fn svg(figure: &Figure) -> String {
         y += (LEADING - 1.0) * TITLE;
     }
     y += 6.0;
-    let prepared: Vec<Prepared<'_>> = figure.panels.iter().map(Prepared::new).collect();
     let columns = figure.columns.max(1);
     let cell = (WIDTH - 2.0 * MARGIN - GAP * (columns as f64 - 1.0)) / columns as f64;
+    let prepared: Vec<Prepared<'_>> = figure.panels.iter().map(|p| Prepared::new(p, [cell, figure.height])).collect();
     // Panels above each other share their left edge.
     let gutter = |column: usize| prepared.iter().skip(column).step_by(columns).map(Prepared::gutter).fold(0.0, f64::max);
     // The last tick's text may reach beyond the axis.
@@ -288,7 +307,7 @@ pub fn svg(figure: &Figure) -> String {
     for (row, panels) in prepared.chunks(columns).enumerate() {
         let headings: Vec<Vec<String>> = panels.iter().map(|p| p.heading(cell)).collect();
         let lines = headings.iter().map(Vec::len).max().unwrap_or(0);
-        let top = y + HEADING * LEADING * lines as f64 + 4.0;
+        let top = y + HEADING * LEADING * lines as f64 + 8.0;
         let footer = panels.iter().enumerate().map(|(c, p)| p.footer(inner(c))).fold(0.0, f64::max);
         for (column, panel) in panels.iter().enumerate() {
             let left = MARGIN + column as f64 * (cell + GAP);

@@ -20,10 +20,23 @@ const USUAL: f32 = 0.6;
 /// Bold letters are wider by this.
 const BOLD: f64 = 1.12;
 
-/// Width of one line of letters of `size` pixels.
+/// Size of subscripts in parts of the letters' size.
+pub const SUBSCRIPT: f64 = 0.72;
+
+/// Width of one line of letters of `size` pixels; what follows an underscore is a subscript.
 pub fn width(text: &str, size: f64) -> f64 {
-    let advance = |c: char| *ADVANCES.get(c as usize).unwrap_or(&USUAL);
-    size * text.chars().map(|c| f64::from(advance(c))).sum::<f64>()
+    let (mut total, mut part) = (0.0, 1.0);
+    for c in text.chars() {
+        part = match c {
+            '_' => SUBSCRIPT,
+            c if c.is_alphanumeric() => part,
+            _ => 1.0,
+        };
+        if c != '_' {
+            total += part * f64::from(*ADVANCES.get(c as usize).unwrap_or(&USUAL));
+        }
+    }
+    size * total
 }
 
 /// Width of one line of bold letters, at most.
@@ -57,6 +70,7 @@ mod tests {
             assert!(font.charmap().map(c).is_some(), "{c}");
         }
         assert!(width("iiii", 12.0) < 0.5 * width("MMMM", 12.0));
+        assert!(width("σ_eff", 12.0) < width("σeff", 12.0) && width("σ_eff", 12.0) > width("σe", 12.0));
         assert!((width("ab", 20.0) - 2.0 * width("ab", 10.0)).abs() < 1e-9);
     }
 

@@ -41,7 +41,7 @@ impl Scale {
             _ if low > high => [f64::from(u8::from(self == Self::Log)), if self == Self::Log { 10.0 } else { 1.0 }],
             Self::Linear => {
                 let (low, high) = if low == high { (low - 0.5, high + 0.5) } else { (low, high) };
-                let step = step(high - low);
+                let step = step((high - low) / 5.0);
                 [(low / step + 1e-9).floor() * step, (high / step - 1e-9).ceil() * step]
             }
             Self::Log => {
@@ -52,11 +52,11 @@ impl Scale {
         }
     }
 
-    /// Ticks within a range, the low end first.
-    pub fn ticks(self, [low, high]: [f64; 2]) -> Vec<Tick> {
+    /// Ticks within a range, the low end first; about `wanted` of them are named.
+    pub fn ticks(self, [low, high]: [f64; 2], wanted: f64) -> Vec<Tick> {
         match self {
             Self::Linear => {
-                let step = step(high - low);
+                let step = step((high - low) / wanted.clamp(2.0, 8.0));
                 // Enough digits that neighbouring ticks differ, and no more.
                 let decimals = (0..9).find(|d| ((step * 10_f64.powi(*d)).round() - step * 10_f64.powi(*d)).abs() < 1e-6);
                 let decimals = usize::try_from(decimals.unwrap_or(9)).unwrap_or(9);
@@ -67,7 +67,7 @@ impl Scale {
             }
             Self::Log => {
                 let (first, last) = ((low.log10() - 1e-9).floor() as i32, (high.log10() + 1e-9).ceil() as i32);
-                let every = ((last - first) / 7 + 1).max(1);
+                let every = ((f64::from(last - first) / wanted.clamp(2.0, 8.0)).ceil() as i32).max(1);
                 let decades = first..=last;
                 let few = last - first <= 2;
                 let mut ticks = Vec::new();
@@ -86,11 +86,16 @@ impl Scale {
     }
 }
 
-/// The distance of ticks that gives four to eight of them.
-fn step(width: f64) -> f64 {
-    let decade = 10_f64.powf((width / 5.0).log10().floor());
-    let part = width / 5.0 / decade;
-    decade * if part < 1.5 { 1.0 } else if part < 3.5 { 2.0 } else { 5.0 }
+/// The round distance of ticks next to this.
+fn step(distance: f64) -> f64 {
+    let decade = 10_f64.powf(distance.log10().floor());
+    decade
+        * match distance / decade {
+            part if part < 1.5 => 1.0,
+            part if part < 3.5 => 2.0,
+            part if part < 7.5 => 5.0,
+            _ => 10.0,
+        }
 }
 
 /// A number with a minus in the place of a hyphen; what rounds to zero has no sign.
@@ -125,7 +130,7 @@ mod tests {
     use super::*;
 
     fn written(scale: Scale, range: [f64; 2]) -> Vec<String> {
-        scale.ticks(range).into_iter().filter_map(|t| t.text).collect()
+        scale.ticks(range, 6.0).into_iter().filter_map(|t| t.text).collect()
     }
 
     #[test]
@@ -133,7 +138,7 @@ mod tests {
         assert_eq!(written(Scale::Linear, [-0.5, 0.5]), ["−0.4", "−0.2", "0.0", "0.2", "0.4"]);
         assert_eq!(written(Scale::Linear, [0.0, 50.0]), ["0", "10", "20", "30", "40", "50"]);
         for width in [0.013, 0.7, 1.0, 3.3, 99.0, 12_345.0] {
-            let count = Scale::Linear.ticks([0.0, width]).len();
+            let count = Scale::Linear.ticks([0.0, width], 5.0).len();
             assert!((3..=9).contains(&count), "{count} ticks over {width}");
         }
     }

@@ -9,7 +9,9 @@ use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series};
 use crate::decay::{RATE_HZ, Rule, SPEED, Voxels, kernel, long_wait, shift, sweep};
 use crate::report::Report;
 
-const NONE: (&str, Look, Ink) = ("none", Look::Line, Ink::Grey);
+/// Rate of decay of the profiles, 1/s.
+const SHOWN_RATE: f64 = 1.0;
+const NONE: (&str, Look, Ink) = ("none", Look::Dashed, Ink::Grey);
 const EXPONENTIAL: (&str, Look, Ink) = ("exponential", Look::Line, Ink::Vermilion);
 const DEAD_TIME: (&str, Look, Ink) = ("exponential after a wait of 2d/v", Look::Line, Ink::Blue);
 const PRINTED: (&str, Look, Ink) = ("as printed, exponential", Look::Dashed, Ink::Purple);
@@ -18,9 +20,10 @@ const PRINTED_WAIT: (&str, Look, Ink) = ("as printed, after the wait", Look::Dot
 /// All rules at a rate.
 fn rules(rate: f64, wait: f64) -> [((&'static str, Look, Ink), Rule); 5] {
     [
-        (NONE, Rule::None),
         (EXPONENTIAL, Rule::Exponential { rate }),
         (DEAD_TIME, Rule::DeadTime { rate, wait }),
+        // On top of the former, which it equals as long as nothing waits longer.
+        (NONE, Rule::None),
         (PRINTED, Rule::Printed { rate, wait: 0.0 }),
         (PRINTED_WAIT, Rule::Printed { rate, wait }),
     ]
@@ -87,7 +90,7 @@ fn shifts(report: &mut Report, folder: &Path, kernel: AxisKernel) -> Result<(), 
     let still = |x: f64| blob(x, 10.0) + 0.7 * blob(x, 18.0);
     let places = || (0..=560).map(|i| f64::from(i) * 0.05);
     let mut profiles = vec![Series::new("truth", Look::Line, Ink::Black, places().map(|x| [x, still(x)]).collect())];
-    for (style, rule) in rules(10.0, wait) {
+    for (style, rule) in rules(SHOWN_RATE, wait) {
         let mut line = Voxels::new(places().collect(), kernel);
         sweep(-4.0, 32.0, 0.0, |at, _| still(at)).into_iter().for_each(|sample| line.insert(sample, rule));
         profiles.push(series(style, profile(&line)));
@@ -111,7 +114,7 @@ fn shifts(report: &mut Report, folder: &Path, kernel: AxisKernel) -> Result<(), 
                 curves,
             ),
             Panel::new(
-                "Two still objects after one sweep to the right, a = 10/s",
+                format!("Still objects after a sweep, a = {SHOWN_RATE}/s"),
                 Axis::linear("position, σ").from_to(2.0, 26.0),
                 Axis::linear("value").from_to(0.0, 1.05),
                 profiles,
@@ -139,12 +142,12 @@ fn centre(line: &Voxels) -> f64 {
 /// The probe goes to and fro; the object rests during each pass and has moved before the next.
 fn moving(report: &mut Report, folder: &Path, kernel: AxisKernel) -> Result<(), Box<dyn Error>> {
     const PASSES: u32 = 12;
-    const RATE: f64 = 3.0;
+    const RATE: f64 = 1.0;
     const PAUSE: f64 = 0.5;
     let wait = long_wait(&kernel);
     let ends = [0.0, 28.5];
     let period = (ends[1] - ends[0]) / SPEED + PAUSE;
-    let truth = |pass: u32| 14.0 + 5.0 * (f64::from(pass) * std::f64::consts::TAU / 8.0).cos();
+    let truth = |pass: u32| 14.0 + 6.0 * (f64::from(pass) * std::f64::consts::TAU / 5.0).cos();
     let mut profiles = vec![];
     let mut centres = vec![Series::new("truth", Look::Discs, Ink::Black, (0..PASSES).map(|p| [f64::from(p), truth(p)]).collect())];
     let mut lags = Vec::new();
@@ -168,7 +171,7 @@ fn moving(report: &mut Report, folder: &Path, kernel: AxisKernel) -> Result<(), 
     let before = |pass: u32| (0..=570).map(|i| f64::from(i) * 0.05).map(|x| [x, blob(x, truth(pass))]).collect();
     profiles.insert(0, Series::new("the object, second pass", Look::Line, Ink::Black, before(1)));
     profiles.insert(0, Series::new("the object, first pass", Look::Dotted, Ink::Black, before(0)));
-    let [none, exponential, dead, printed, printed_wait] = lags[..] else { return Err("five rules".into()) };
+    let [exponential, dead, none, printed, printed_wait] = lags[..] else { return Err("five rules".into()) };
     report.check(dead < 0.5 * none, format!("a wait does not follow the object: {dead} against {none} without decay"));
     let figure = Figure {
         id: "decay-motion",
@@ -183,15 +186,15 @@ fn moving(report: &mut Report, folder: &Path, kernel: AxisKernel) -> Result<(), 
         height: 290.0,
         panels: vec![
             Panel::new(
-                "After the second pass, to the left",
-                Axis::linear("position, σ").from_to(0.0, 28.0),
+                "After the second pass, which goes left",
+                Axis::linear("position, σ").from_to(4.0, 28.0),
                 Axis::linear("value").from_to(0.0, 1.05),
                 profiles,
             ),
             Panel::new(
                 "Centre of what is shown after each pass",
                 Axis::linear("pass").from_to(-0.4, 11.4),
-                Axis::linear("position, σ").from_to(6.0, 22.0),
+                Axis::linear("position, σ").from_to(4.0, 24.0),
                 centres,
             ),
         ],

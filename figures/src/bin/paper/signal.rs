@@ -12,7 +12,7 @@ pub(crate) const SLOPE_OVER: f64 = 0.05;
 
 /// Centre, height and standard deviation of the signal's parts; the shown samples lie from about 10 to 29.
 const PARTS: [[f64; 3]; 6] =
-    [[3.0, 0.6, 1.5], [11.5, 0.9, 1.5], [16.0, 0.5, 1.0], [20.5, 1.0, 1.8], [26.0, 0.7, 1.2], [33.0, 0.8, 2.0]];
+    [[3.0, 0.6, 1.0], [12.0, 0.9, 0.9], [16.0, 0.6, 0.6], [20.5, 1.0, 1.1], [25.5, 0.8, 0.7], [32.0, 0.8, 1.2]];
 
 /// The signal after blurring with a Gaussian of standard deviation `blur`.
 pub(crate) fn signal(x: f64, blur: f64) -> f64 {

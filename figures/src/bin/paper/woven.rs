@@ -58,10 +58,10 @@ fn figure_6(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
 
 fn figure_7(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
     let rows = [
-        (Method::GaussianTruncated, 0.1, "E_e = .1, cut (the paper's upper row)"),
-        (Method::GaussianTruncated, 0.01, "E_e = .01, cut (the paper's lower row)"),
+        (Method::GaussianTruncated, 0.1, "E_e = .1, cut"),
+        (Method::GaussianTruncated, 0.01, "E_e = .01, cut"),
         (Method::GaussianTruncated, 0.001, "E_e = .001, cut"),
-        (Method::Gaussian, 0.01, "E_e = .01 less its pedestal: ours"),
+        (Method::Gaussian, 0.01, "E_e = .01, ours"),
     ];
     let mut panels = Vec::new();
     for (method, energy, name) in rows {
@@ -69,23 +69,23 @@ fn figure_7(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
         let [low, high] = weave.stretch();
         let ink = if method == Method::Gaussian { Ink::Blue } else { Ink::Vermilion };
         let over = |f: &dyn Fn(f64) -> f64| -> Vec<[f64; 2]> {
-            (0..=1500).map(|i| low + (high - low) * f64::from(i) / 1500.0).map(|x| [x, f(x)]).collect()
+            (0..=800).map(|i| low + (high - low) * f64::from(i) / 800.0).map(|x| [x, f(x)]).collect()
         };
-        let x = || Axis::linear("position, σ");
+        let x = || Axis::linear("position, σ").from_to(low.floor(), high.ceil());
         let blur = weave.kernel.sigma_effective_mm();
         let errors = weave.errors();
         let slope = |x: f64| (signal(x + 0.01, blur) - signal(x - 0.01, blur)) / 0.02;
         panels.push(Panel::new(
             format!("{name}: sums"),
             x(),
-            Axis::linear("sum").from_to(0.0, 4.5),
+            Axis::linear("sum").from_to(0.0, 4.0),
             vec![
                 Series::new("Σ weight", Look::Dashed, Ink::Grey, over(&|x| weave.sums(x)[1])),
                 Series::new("Σ weight·value", Look::Line, Ink::Purple, over(&|x| weave.sums(x)[0])),
             ],
         ));
         panels.push(Panel::new(
-            format!("result (largest step {:.4})", errors.step),
+            if errors.step < 1e-12 { "result (no step)".into() } else { format!("result (largest step {:.3})", errors.step) },
             x(),
             Axis::linear("value").from_to(0.0, 1.0),
             vec![
@@ -107,7 +107,7 @@ fn figure_7(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
         id: "figure-7-woven",
         title: "Figure 7: the signal woven back, by how much energy the support leaves out".into(),
         caption: format!(
-            "Columns as in the paper: the two sums, their quotient, its slope (over {SLOPE_OVER} σ; spikes reach beyond the axis). Black is the signal under the \
+            "Columns as in the paper, whose rows are the first two: the two sums, their quotient, its slope (over {SLOPE_OVER} σ; spikes reach beyond the axis). Black is the signal under the \
              kernel's effective width. The steps of a cut kernel vanish from the sums' quotient only as its end does; subtracting the end's height from the \
              kernel removes them at the same support."
         ),
