@@ -72,7 +72,7 @@ fn subscripts(text: &str, size: f64) -> String {
     let mut parts = text.split('_');
     let mut set = parts.next().unwrap_or_default().to_owned();
     for part in parts {
-        let end = part.find(|c: char| !c.is_alphanumeric()).unwrap_or(part.len());
+        let end = part.find(|c: char| !c.is_ascii_alphanumeric()).unwrap_or(part.len());
         let (low, rest) = part.split_at(end);
         let (small, down) = (SUBSCRIPT * size, 0.2 * size);
         let _ = write!(set, r#"<tspan dy="{down:.1}" font-size="{small:.1}">{low}</tspan>"#);
@@ -301,7 +301,8 @@ pub fn svg(figure: &Figure) -> String {
     let cell = (WIDTH - 2.0 * MARGIN - GAP * (columns as f64 - 1.0)) / columns as f64;
     let prepared: Vec<Prepared<'_>> = figure.panels.iter().map(|p| Prepared::new(p, [cell, figure.height])).collect();
     // Panels above each other share their left edge.
-    let gutter = |column: usize| prepared.iter().skip(column).step_by(columns).map(Prepared::gutter).fold(0.0, f64::max);
+    let gutter =
+        |column: usize| prepared.iter().skip(column).step_by(columns).map(Prepared::gutter).fold(0.0, f64::max);
     // The last tick's text may reach beyond the axis.
     let inner = |column: usize| cell - gutter(column) - 8.0;
     for (row, panels) in prepared.chunks(columns).enumerate() {

@@ -73,7 +73,11 @@ pub fn page(title: &str, introduction: &str, figures: &[Figure]) -> String {
          vertical-align: top }}\nfigure {{ margin: 2.5rem 0 }} img {{ max-width: 100%; border: 1px solid #ddd }}\n</style>\n<h1>{title}</h1>\n{introduction}\n"
     );
     for figure in figures {
-        let alt = format!("{} {}", figure.title, figure.caption).replace('&', "&amp;").replace('"', "&quot;");
+        let alt = format!("{} {}", figure.title, figure.caption)
+            .replace('&', "&amp;")
+            .replace('"', "&quot;")
+            .replace('<', "&lt;")
+            .replace('>', "&gt;");
         let id = figure.id;
         let _ = writeln!(
             text,

@@ -29,7 +29,7 @@ pub fn width(text: &str, size: f64) -> f64 {
     for c in text.chars() {
         part = match c {
             '_' => SUBSCRIPT,
-            c if c.is_alphanumeric() => part,
+            c if c.is_ascii_alphanumeric() => part,
             _ => 1.0,
         };
         if c != '_' {

@@ -58,11 +58,15 @@ impl Scale {
             Self::Linear => {
                 let step = step((high - low) / wanted.clamp(2.0, 8.0));
                 // Enough digits that neighbouring ticks differ, and no more.
-                let decimals = (0..9).find(|d| ((step * 10_f64.powi(*d)).round() - step * 10_f64.powi(*d)).abs() < 1e-6);
+                let decimals =
+                    (0..9).find(|d| ((step * 10_f64.powi(*d)).round() - step * 10_f64.powi(*d)).abs() < 1e-6);
                 let decimals = usize::try_from(decimals.unwrap_or(9)).unwrap_or(9);
                 let (first, last) = ((low / step - 1e-9).ceil() as i64, (high / step + 1e-9).floor() as i64);
                 (first..=last)
-                    .map(|i| Tick { at: i as f64 * step, text: Some(minus(&format!("{:.decimals$}", i as f64 * step))) })
+                    .map(|i| Tick {
+                        at: i as f64 * step,
+                        text: Some(minus(&format!("{:.decimals$}", i as f64 * step))),
+                    })
                     .collect()
             }
             Self::Log => {

@@ -8,6 +8,9 @@ use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series};
 use crate::report::Report;
 use crate::weights::{Coverage, SIZE, apart, weave};
 
+const VOXEL: &str = "1D + 2D stages, a weight a voxel";
+const COLUMN: &str = "1D + 2D stages, a weight a column";
+
 pub(crate) fn draw(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
     let [full, parts, fan] = [Coverage::Full, Coverage::Parts, Coverage::Fan].map(weave);
     let woven = [full?, parts?, fan?];
@@ -16,7 +19,10 @@ pub(crate) fn draw(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Err
     let worst = stages.into_iter().fold(0.0, f64::max);
     report.check(worst < 1e-12, format!("C10: 1D and 2D stages are {worst} from three dimensions"));
     report.check(columns[0] < 1e-12, format!("C9: one weight a column is {} off under full coverage", columns[0]));
-    report.check(columns[1] > 0.01 && columns[2] > 0.01, format!("C9: partial coverage makes no difference: {columns:?}"));
+    report.check(
+        columns[1] > 0.01 && columns[2] > 0.01,
+        format!("C9: partial coverage makes no difference: {columns:?}"),
+    );
     report.claim(
         ["C9", "with 3 degrees of freedom weight and age are two-dimensional; with 6 each voxel has its own", "2D buffers"],
         format!(
@@ -38,7 +44,8 @@ pub(crate) fn draw(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Err
     let [nx, ny, nz] = SIZE;
     let fan = &woven[2];
     let off = |c: usize| apart(&fan.column[c * nz..(c + 1) * nz], &fan.direct[c * nz..(c + 1) * nz]);
-    let column = (0..nx * ny).filter(|c| c / ny == nx / 2).max_by(|a, b| off(*a).total_cmp(&off(*b))).ok_or("no column")?;
+    let column =
+        (0..nx * ny).filter(|c| c / ny == nx / 2).max_by(|a, b| off(*a).total_cmp(&off(*b))).ok_or("no column")?;
     let profile = |values: &[Option<f64>]| -> Vec<[f64; 2]> {
         (0..nz).map(|z| [z as f64, values[column * nz + z].unwrap_or(f64::NAN)]).collect()
     };
@@ -58,8 +65,8 @@ pub(crate) fn draw(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Err
                 Axis::categories("what of each slice is data", ["everything", "parts of u in turn", "a fan"]),
                 Axis::log("relative difference").from_to(1e-17, 10.0),
                 vec![
-                    Series::bars("1D + 2D stages, a weight a voxel", Ink::Blue, &bars(stages)),
-                    Series::bars("1D + 2D stages, a weight a column", Ink::Vermilion, &bars(columns)),
+                    Series::bars(VOXEL, Ink::Blue, &bars(stages)),
+                    Series::bars(COLUMN, Ink::Vermilion, &bars(columns)),
                 ],
             ),
             Panel::new(
@@ -68,8 +75,8 @@ pub(crate) fn draw(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Err
                 Axis::linear("value, grey levels").from_to(0.0, 140.0),
                 vec![
                     Series::new("three dimensions, pixel by pixel", Look::Line, Ink::Black, profile(&fan.direct)),
-                    Series::new("with a weight a voxel", Look::Discs, Ink::Blue, profile(&fan.staged)),
-                    Series::new("with a weight a column", Look::Squares, Ink::Vermilion, profile(&fan.column)),
+                    Series::new(VOXEL, Look::Discs, Ink::Blue, profile(&fan.staged)),
+                    Series::new(COLUMN, Look::Squares, Ink::Vermilion, profile(&fan.column)),
                 ],
             ),
         ],

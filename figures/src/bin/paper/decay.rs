@@ -146,7 +146,10 @@ mod tests {
         for rate in [0.01, 1.0] {
             assert!(shift(Rule::Printed { rate, wait: 0.0 }, kernel) < -0.5);
         }
-        assert!(shift(Rule::Printed { rate: 1.0, wait: long_wait(&kernel) }, kernel) < -1.9, "only the first sample stays");
+        assert!(
+            shift(Rule::Printed { rate: 1.0, wait: long_wait(&kernel) }, kernel) < -1.9,
+            "only the first sample stays"
+        );
     }
 
     #[test]

@@ -70,7 +70,10 @@ impl Report {
             let _ = writeln!(csv, "{}", fields.join(","));
         }
         fs::write(folder.join("claims.csv"), csv)?;
-        fs::write(folder.join("index.html"), files::page("The paper of 1992, and ours beside it", &self.html(run), &self.figures))?;
+        fs::write(
+            folder.join("index.html"),
+            files::page("The paper of 1992, and ours beside it", &self.html(run), &self.figures),
+        )?;
         for c in &self.claims {
             println!("{:4} {:60} {}", c.id, c.verdict, c.ours);
         }
@@ -82,7 +85,9 @@ impl Report {
     }
 
     fn markdown(&self, run: &str) -> String {
-        let mut text = format!("# The paper's claims, and ours beside them\n\n{run}\n\n| | claim | the paper | this run | verdict |\n|---|---|---|---|---|\n");
+        let mut text = format!(
+            "# The paper's claims, and ours beside them\n\n{run}\n\n| | claim | the paper | this run | verdict |\n|---|---|---|---|---|\n"
+        );
         for c in &self.claims {
             let cell = |text: &str| text.replace('|', "\\|");
             let cells = [c.id, c.claim, c.paper, &c.ours, c.verdict].map(cell);

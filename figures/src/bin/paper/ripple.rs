@@ -28,12 +28,16 @@ pub(crate) fn formula(gap: f64) -> f64 {
     2.0 * (-2.0 * PI * PI / (gap * gap)).exp()
 }
 
-pub(crate) fn draw(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
+/// `woven` are distances of slices and the ripple of the cut kernel that the reconstructor's weights show.
+pub(crate) fn draw(report: &mut Report, folder: &Path, woven: &[[f64; 2]]) -> Result<(), Box<dyn Error>> {
     let whole = kernel(Method::GaussianTruncated, None)?;
     let cut = kernel(Method::GaussianTruncated, Some(0.01))?;
     let lowered = kernel(Method::Gaussian, Some(0.01))?;
     for gap in [1.0, 1.5, 2.0, 2.5, 3.0] {
         report.near(&format!("ripple at gaps of {gap} σ"), measured(&whole, gap), formula(gap), 0.01);
+    }
+    for [gap, found] in woven {
+        report.near(&format!("the reconstructor's ripple at gaps of {gap} σ"), *found, measured(&cut, *gap), 0.1);
     }
     let gaps = || (80..=620).map(|i| f64::from(i) * 0.01);
     let over = |f: &dyn Fn(f64) -> f64| gaps().map(|g| [g, f(g)]).collect::<Vec<_>>();
@@ -63,9 +67,15 @@ pub(crate) fn draw(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Err
                 Series::new("2 exp(−2π²σ²/s²)", Look::Line, Ink::Black, over(&formula)),
                 Series::new("whole Gaussian, measured", Look::Discs, Ink::Black, marks.to_vec()),
                 Series::new("cut at E_e = .01, measured", Look::Dashed, Ink::Vermilion, over(&|g| measured(&cut, g))),
+                Series::new("cut, by the reconstructor in 3D", Look::Squares, Ink::Vermilion, woven.to_vec()),
                 Series::new("half of one sample's step", Look::Dotted, Ink::Vermilion, over(&|g| 0.5 * step(g))),
                 Series::new("less its pedestal, measured", Look::Line, Ink::Blue, over(&|g| measured(&lowered, g))),
-                Series::new("s = 2d", Look::Dotted, Ink::Grey, vec![[2.0 * cut.support_mm, 1e-9], [2.0 * cut.support_mm, 10.0]]),
+                Series::new(
+                    "s = 2d",
+                    Look::Dotted,
+                    Ink::Grey,
+                    vec![[2.0 * cut.support_mm, 1e-9], [2.0 * cut.support_mm, 10.0]],
+                ),
             ],
         )],
     };

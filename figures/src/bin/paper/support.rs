@@ -25,7 +25,11 @@ fn curve(support: Support, sigmas: impl Iterator<Item = f64>) -> Vec<[f64; 2]> {
 
 /// Highest point of a curve that has gaps.
 fn highest(points: &[[f64; 2]]) -> [f64; 2] {
-    points.iter().copied().filter(|p| p[1].is_finite()).fold([f64::NAN, f64::NEG_INFINITY], |a, b| if b[1] > a[1] { b } else { a })
+    points
+        .iter()
+        .copied()
+        .filter(|p| p[1].is_finite())
+        .fold([f64::NAN, f64::NEG_INFINITY], |a, b| if b[1] > a[1] { b } else { a })
 }
 
 /// Largest deviation from the straight line through the origin and the last point, as a part of that line's height.
@@ -42,7 +46,10 @@ fn criteria(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
     ];
     let series = |low: f64, high: f64| -> Vec<Series> {
         let sigmas = move || (0..=1200).map(move |i| low + (high - low) * f64::from(i) / 1200.0);
-        kinds.iter().map(|(name, support, look, ink)| Series::new(*name, *look, *ink, curve(*support, sigmas()))).collect()
+        kinds
+            .iter()
+            .map(|(name, support, look, ink)| Series::new(*name, *look, *ink, curve(*support, sigmas())))
+            .collect()
     };
     // Closed forms: the amplitude's support is longest where its derivative over σ vanishes; the slope's ends where the inflection is as steep.
     let root = (2.0 * PI).sqrt();
@@ -57,16 +64,25 @@ fn criteria(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
     let [energy, amplitude] = [bend(&wide[0].points), bend(&near[1].points)];
     report.check(energy < 1e-12, format!("d_e is not linear in σ: bend of {energy}"));
     report.check(amplitude > 0.05, format!("d_a is nearly linear in σ: bend of {amplitude}"));
+    // As printed, and the slope that is meant, both at x = μ + σ.
+    let (mean, x) = (5.0_f64, 6.0_f64);
+    let density = (-0.5 * (x - mean).powi(2)).exp() / root;
+    let (printed, meant) = (-(mean + x) * density, -(x - mean) * density);
+    let h = 1e-5;
+    let slope = ((-0.5 * (x + h - mean).powi(2)).exp() - (-0.5 * (x - h - mean).powi(2)).exp()) / root / (2.0 * h);
+    report.near("the slope that DGauss means", slope, meant, 1e-6);
     report.claim(
         ["C6", "E_a and E_e give a support linear in σ; E_g “is not so simple”", "“the first two become linear functions of σ”"],
         format!(
             "d_e is linear (bend {energy:.0e}); d_a bends by {:.0} % of its height up to σ = 6, is longest at σ = {found_longest:.1} and ends at {:.1}; \
-             d_g has no solution above σ = {found_last:.3}",
+             d_g has no solution above σ = {found_last:.3}; DGauss as printed, with μ + x, is {:.0} times the slope at x = μ + σ for μ = 5 σ, and has the other sign \
+             than a positive E_g",
             100.0 * amplitude,
-            falls_silent(Support::Amplitude(ERROR), 1.0, 100.0)
+            falls_silent(Support::Amplitude(ERROR), 1.0, 100.0),
+            printed / slope
         ),
         energy < 1e-12 && amplitude < 0.01,
-        ["holds", "holds for E_e only; printed DGauss has μ + x for x − μ"],
+        ["holds", "holds for E_e only; DGauss is misprinted"],
     );
     let sigma = "standard deviation σ, mm";
     let figure = Figure {
@@ -139,7 +155,12 @@ fn half_width(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> 
             vec![
                 Series::new("half of the peak", Look::Dotted, Ink::Grey, vec![[-2.0, 0.5], [2.0, 0.5]]),
                 Series::new(format!("natural logarithm, σ = {natural:.4} h"), Look::Line, Ink::Blue, points(natural)),
-                Series::new(format!("decimal logarithm, σ = {decimal:.4} h"), Look::Dashed, Ink::Vermilion, points(decimal)),
+                Series::new(
+                    format!("decimal logarithm, σ = {decimal:.4} h"),
+                    Look::Dashed,
+                    Ink::Vermilion,
+                    points(decimal),
+                ),
                 Series::new("half width at half maximum", Look::Discs, Ink::Black, vec![[-1.0, 0.5], [1.0, 0.5]]),
             ],
         )],
@@ -162,7 +183,7 @@ fn end_of_support(report: &mut Report) -> Result<(), Box<dyn Error>> {
     report.claim(
         ["C2", "the support is finite, and value and gradient are about zero at its end", "“(approximately) zero”, “must also be zero”"],
         format!(
-            "at E_e = .01 the cut kernel ends at {:.2} % of its peak with a slope of {:.2} % of peak/σ; less its pedestal it ends at {lowered_end:.0e} with \
+            "at E_e = .01 the cut kernel ends at {:.2} % of its peak with a slope of {:.2} % of peak/σ; less its pedestal it ends at {lowered_end} with \
              a slope of {:.2} %",
             100.0 * end,
             100.0 * cut_slope,
@@ -171,7 +192,8 @@ fn end_of_support(report: &mut Report) -> Result<(), Box<dyn Error>> {
         end < 0.001 && cut_slope < 0.001,
         ["holds", "does not hold for the cut kernel; the pedestal removes the step, not the slope"],
     );
-    let d: Vec<f64> = [0.1, 0.01, 0.001, 1e-4].iter().map(|e| Support::Energy(*e).half_width_mm(1.0)).collect::<Result<_, _>>()?;
+    let d: Vec<f64> =
+        [0.1, 0.01, 0.001, 1e-4].iter().map(|e| Support::Energy(*e).half_width_mm(1.0)).collect::<Result<_, _>>()?;
     for (found, expected) in d.iter().zip([1.644_854, 2.575_83, 3.290_53, 3.890_592]) {
         report.near("d/σ by leaked energy", *found, expected, 3e-6);
     }
@@ -188,12 +210,20 @@ fn end_of_support(report: &mut Report) -> Result<(), Box<dyn Error>> {
 fn effective_width(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
     // d/σ as leaked energy, so that one kernel type serves formula and integral.
     let kernel = |method: Method, z: f64| AxisKernel::new(method, 1.0, Support::Energy(libm::erfc(z / 2.0_f64.sqrt())));
-    let kinds = [(Method::GaussianTruncated, "cut", Ink::Vermilion, Look::Dashed), (Method::Gaussian, "less its pedestal", Ink::Blue, Look::Line)];
+    let kinds = [
+        (Method::GaussianTruncated, "cut", Ink::Vermilion, Look::Dashed),
+        (Method::Gaussian, "less its pedestal", Ink::Blue, Look::Line),
+    ];
     let mut series = Vec::new();
     let mut worst = 0.0_f64;
     for (method, name, ink, look) in kinds {
         let formula = (10..=450).map(|i| f64::from(i) * 0.01).map(|z| Ok([z, kernel(method, z)?.sigma_effective_mm()]));
-        series.push(Series::new(format!("{name}: formula"), look, ink, formula.collect::<Result<_, Box<dyn Error>>>()?));
+        series.push(Series::new(
+            format!("{name}: formula"),
+            look,
+            ink,
+            formula.collect::<Result<_, Box<dyn Error>>>()?,
+        ));
         let mut integrated = Vec::new();
         for z in (1..=9).map(|i| 0.5 * f64::from(i)) {
             let kernel = kernel(method, z)?;

@@ -76,7 +76,9 @@ pub(crate) fn weave(coverage: Coverage) -> Result<Woven, KernelError> {
         let picture: Vec<Vec<f64>> = us.iter().map(|u| vs.iter().map(|v| scene([*at, *v, *u])).collect()).collect();
         // First stage: a column of z for every v, of values and of certainty.
         let filter = |f: &dyn Fn(usize, usize) -> f64| -> Vec<Vec<f64>> {
-            (0..vs.len()).map(|v| band.iter().map(|row| row.iter().enumerate().map(|(u, k)| k * f(u, v)).sum()).collect()).collect()
+            (0..vs.len())
+                .map(|v| band.iter().map(|row| row.iter().enumerate().map(|(u, k)| k * f(u, v)).sum()).collect())
+                .collect()
         };
         let values = filter(&|u, v| certain(i, us[u], vs[v]) * picture[u][v]);
         let certainty = filter(&|u, v| certain(i, us[u], vs[v]));

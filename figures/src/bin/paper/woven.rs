@@ -42,14 +42,24 @@ fn figure_6(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
                 Axis::linear("value, arbitrary unit").from_to(0.0, 1.2),
                 vec![
                     Series::new("signal", Look::Line, Ink::Black, curve),
-                    Series::new("samples", Look::Discs, Ink::Blue, shown.iter().map(|x| [*x, signal(*x, 0.0)]).collect()),
+                    Series::new(
+                        "samples",
+                        Look::Discs,
+                        Ink::Blue,
+                        shown.iter().map(|x| [*x, signal(*x, 0.0)]).collect(),
+                    ),
                 ],
             ),
             Panel::new(
                 "Where the samples lie",
                 Axis::linear("number of the sample").from_to(SHOWN.start as f64, SHOWN.end as f64 + 1.0),
                 Axis::linear("position, σ"),
-                vec![Series::new("samples", Look::Discs, Ink::Blue, shown.iter().enumerate().map(|(i, x)| [number(i), *x]).collect())],
+                vec![Series::new(
+                    "samples",
+                    Look::Discs,
+                    Ink::Blue,
+                    shown.iter().enumerate().map(|(i, x)| [number(i), *x]).collect(),
+                )],
             ),
         ],
     };
@@ -85,12 +95,21 @@ fn figure_7(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
             ],
         ));
         panels.push(Panel::new(
-            if errors.step < 1e-12 { "result (no step)".into() } else { format!("result (largest step {:.3})", errors.step) },
+            if errors.step < 1e-12 {
+                "result (no step)".into()
+            } else {
+                format!("result (largest step {:.3})", errors.step)
+            },
             x(),
             Axis::linear("value").from_to(0.0, 1.0),
             vec![
                 Series::new("the blurred signal", Look::Line, Ink::Black, over(&|x| signal(x, blur))),
-                Series::new(if method == Method::Gaussian { "woven, ours" } else { "woven, cut" }, Look::Line, ink, over(&|x| weave.value(x))),
+                Series::new(
+                    if method == Method::Gaussian { "woven, ours" } else { "woven, cut" },
+                    Look::Line,
+                    ink,
+                    over(&|x| weave.value(x)),
+                ),
             ],
         ));
         panels.push(Panel::new(
@@ -98,7 +117,12 @@ fn figure_7(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
             x(),
             Axis::linear("slope, 1/σ").from_to(-1.0, 1.0),
             vec![
-                Series::new(if method == Method::Gaussian { "woven, ours" } else { "woven, cut" }, Look::Line, ink, over(&|x| weave.slope(x))),
+                Series::new(
+                    if method == Method::Gaussian { "woven, ours" } else { "woven, cut" },
+                    Look::Line,
+                    ink,
+                    over(&|x| weave.slope(x)),
+                ),
                 Series::new("the blurred signal", Look::Line, Ink::Black, over(&slope)),
             ],
         ));
@@ -141,7 +165,10 @@ fn truncation(report: &mut Report, folder: &Path, draws: u64) -> Result<(), Box<
     );
     let [a, b, c, p, full] = [tenth, hundredth, thousandth, &lowered[3], &whole].map(|d| median(d, |e| e.slope));
     let [step_a, step_b, step_c] = [tenth, hundredth, thousandth].map(|d| median(d, |e| e.step));
-    report.check(a > 5.0 * full && c < 1.5 * full, format!("C7: slope errors {a}, {c} against {full} of the whole Gaussian"));
+    report.check(
+        a > 5.0 * full && c < 1.5 * full,
+        format!("C7: slope errors {a}, {c} against {full} of the whole Gaussian"),
+    );
     report.claim(
         ["C7", "E_e = .1 is not enough, .01 and .001 look smooth", "“definitely not enough”, “look smooth”"],
         format!(
@@ -152,14 +179,20 @@ fn truncation(report: &mut Report, folder: &Path, draws: u64) -> Result<(), Box<
         ["holds", "holds for .1 and .001; .01 is smooth in value only, with the pedestal also in slope"],
     );
     let series = |of: fn(&Errors) -> f64, floor: bool| -> Vec<Series> {
-        let points = |sets: &[Vec<Errors>]| ENERGIES.iter().zip(sets).map(|(e, d)| [*e, median(d, of)]).collect::<Vec<_>>();
+        let points =
+            |sets: &[Vec<Errors>]| ENERGIES.iter().zip(sets).map(|(e, d)| [*e, median(d, of)]).collect::<Vec<_>>();
         let reference = median(&whole, of);
         let mut all = vec![Series::new("cut, as in the paper", Look::Dashed, Ink::Vermilion, points(&cut))];
         all.push(Series::new("", Look::Squares, Ink::Vermilion, points(&cut)));
         if floor {
             all.push(Series::new("less its pedestal: ours", Look::Line, Ink::Blue, points(&lowered)));
             all.push(Series::new("", Look::Discs, Ink::Blue, points(&lowered)));
-            all.push(Series::new("whole Gaussian", Look::Dotted, Ink::Black, vec![[1e-4, reference], [0.3, reference]]));
+            all.push(Series::new(
+                "whole Gaussian",
+                Look::Dotted,
+                Ink::Black,
+                vec![[1e-4, reference], [0.3, reference]],
+            ));
         }
         all
     };
