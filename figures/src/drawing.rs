@@ -170,12 +170,12 @@ impl<'a> Prepared<'a> {
         ));
         canvas.push(&format!(r#"<g clip-path="url(#{clip})">"#));
         let bars = self.panel.series.iter().filter(|s| s.look == Look::Bars).count();
-        let mut bar = 0;
+        let mut before = 0.0;
         for series in &self.panel.series {
             if series.look == Look::Bars {
                 let thick = 0.76 * wide / (self.x[1] - self.x[0]) / bars as f64;
-                let shift = (bar as f64 - 0.5 * bars as f64) * thick;
-                bar += 1;
+                let shift = (before - 0.5 * bars as f64) * thick;
+                before += 1.0;
                 for [x, y] in series.points.iter().filter(|p| self.panel.y.scale.places(p[1])) {
                     let (x, y) = (at_x(*x) + shift, at_y(*y));
                     let (upper, lower) = (y.min(bottom), y.max(bottom).min(bottom));

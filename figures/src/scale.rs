@@ -70,15 +70,20 @@ impl Scale {
                     .collect()
             }
             Self::Log => {
-                let (first, last) = ((low.log10() - 1e-9).floor() as i32, (high.log10() + 1e-9).ceil() as i32);
+                let (first, last) = ((low.log10() + 1e-9).floor() as i32, (high.log10() - 1e-9).ceil() as i32);
                 let every = ((f64::from(last - first) / wanted.clamp(2.0, 8.0)).ceil() as i32).max(1);
                 let decades = first..=last;
-                let few = last - first <= 2;
+                // Within a decade every digit is named, within two also two and five.
+                let digits: &[u8] = match last - first {
+                    _ if high <= low * 10.0 => &[2, 3, 4, 5, 6, 7, 8, 9],
+                    ..=2 => &[2, 5],
+                    _ => &[],
+                };
                 let mut ticks = Vec::new();
                 for decade in decades {
                     for digit in 1..10_u8 {
                         let at = f64::from(digit) * 10_f64.powi(decade);
-                        let named = if digit == 1 { decade % every == 0 } else { few && matches!(digit, 2 | 5) };
+                        let named = if digit == 1 { decade % every == 0 } else { digits.contains(&digit) };
                         if at >= low * (1.0 - 1e-9) && at <= high * (1.0 + 1e-9) && (digit == 1 || every == 1) {
                             ticks.push(Tick { at, text: named.then(|| power(digit, decade)) });
                         }
@@ -150,6 +155,7 @@ mod tests {
     #[test]
     fn logarithmic_ticks_name_decades_and_within_few_decades_also_two_and_five() {
         assert_eq!(written(Scale::Log, [0.1, 10.0]), ["0.1", "0.2", "0.5", "1", "2", "5", "10"]);
+        assert_eq!(written(Scale::Log, [0.3, 0.62]), ["0.3", "0.4", "0.5", "0.6"]);
         assert_eq!(written(Scale::Log, [1e-6, 1e-3]), ["10⁻⁶", "10⁻⁵", "10⁻⁴", "0.001"]);
         assert!(written(Scale::Log, [1e-16, 1.0]).len() <= 8);
         assert_eq!(Scale::Log.place(1.0, [0.01, 100.0]), 0.5);
