@@ -6,6 +6,8 @@
 //! - [`drawing`]: the picture as SVG.
 //! - [`files`]: the three files of a figure, and the page that shows several.
 //!
+//! A crate of its own, because what draws letters takes as long to build as everything else here, and nothing else needs it.
+//!
 //! The letters are of a font that is compiled in, so that a picture is the same bytes on every machine and needs no font there; an SVG's text
 //! remains text. Colours are Okabe and Ito's, which remain distinct for every kind of colour vision; series differ in dash or shape besides.
 

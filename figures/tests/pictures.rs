@@ -32,13 +32,13 @@ fn figure() -> Figure {
 /// Upright texts: left, right, baseline, size and words.
 fn texts(svg: &str) -> Vec<([f64; 4], String)> {
     let number = |line: &str, name: &str| -> f64 {
-        let from = line.split_once(&format!("{name}=\"")).unwrap().1;
-        from.split('"').next().unwrap().parse().unwrap()
+        let from = line.split_once(&format!("{name}=\"")).expect("every text has its place and size").1;
+        from.split('"').next().and_then(|digits| digits.parse().ok()).expect("a number in quotes")
     };
     svg.lines()
         .filter(|line| line.starts_with("<text") && !line.contains("rotate"))
         .map(|line| {
-            let words = line.split_once('>').unwrap().1.trim_end_matches("</text>").to_owned();
+            let words = line.split_once('>').expect("an element ends").1.trim_end_matches("</text>").to_owned();
             let (x, size) = (number(line, " x"), number(line, "font-size"));
             let width = lettering::width(&words, size);
             let left = match line {

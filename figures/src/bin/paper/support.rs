@@ -14,7 +14,7 @@ const ERROR: f64 = 0.01;
 pub(crate) fn draw(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
     criteria(report, folder)?;
     half_width(report, folder)?;
-    end_of_support(report)?;
+    end_of_support(report, folder)?;
     effective_width(report, folder)
 }
 
@@ -168,8 +168,8 @@ fn half_width(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> 
     report.figure(figure, folder)
 }
 
-/// C2 and C5: the numbers at the end of the support.
-fn end_of_support(report: &mut Report) -> Result<(), Box<dyn Error>> {
+/// C2 and C5: what is left at the end of the support.
+fn end_of_support(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
     let cut = AxisKernel::new(Method::GaussianTruncated, 1.0, Support::Energy(ERROR))?;
     let lowered = AxisKernel::new(Method::Gaussian, 1.0, Support::Energy(ERROR))?;
     let end = cut.weight(cut.support_mm) / cut.peak();
@@ -204,7 +204,35 @@ fn end_of_support(report: &mut Report) -> Result<(), Box<dyn Error>> {
         printed,
         ["holds", "does not hold"],
     );
-    Ok(())
+    let at = || (0..=640).map(|i| f64::from(i) * 0.005);
+    let over = |f: &dyn Fn(f64) -> f64| at().map(|x| [x, f(x)]).collect::<Vec<_>>();
+    // Taken from below, so that the end's step is no slope.
+    let slope = |k: &AxisKernel, x: f64| if x <= k.support_mm { (k.weight(x) - k.weight(x - h)) / h } else { 0.0 };
+    let kinds = |f: &dyn Fn(&AxisKernel, f64) -> f64| {
+        vec![
+            Series::new("cut, as in the paper", Look::Dashed, Ink::Vermilion, over(&|x| f(&cut, x) / cut.peak())),
+            Series::new("less its pedestal: ours", Look::Line, Ink::Blue, over(&|x| f(&lowered, x) / lowered.peak())),
+        ]
+    };
+    let x = || Axis::linear("distance x/σ").from_to(0.0, 3.2);
+    let figure = Figure {
+        id: "kernel-end",
+        title: "The kernel's end: neither value nor slope is zero".into(),
+        caption: format!(
+            "The paper wants both to vanish at the end of the support. At E_e = .01 (d = 2.576 σ) the cut kernel ends at {:.2} % of its peak with a slope of \
+             {:.2} % of peak/σ. Less its pedestal it ends at zero at the same support; a slope of {:.2} % remains, a kink in the place of a step.",
+            100.0 * end,
+            100.0 * cut_slope,
+            100.0 * lowered_slope
+        ),
+        columns: 2,
+        height: 220.0,
+        panels: vec![
+            Panel::new("Kernel", x(), Axis::log("value, of its peak").from_to(0.001, 1.5), kinds(&AxisKernel::weight)),
+            Panel::new("Its slope", x(), Axis::linear("slope, peak/σ").from_to(-0.7, 0.1), kinds(&slope)),
+        ],
+    };
+    report.figure(figure, folder)
 }
 
 fn effective_width(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {

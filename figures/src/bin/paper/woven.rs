@@ -210,7 +210,7 @@ fn truncation(report: &mut Report, folder: &Path, draws: u64) -> Result<(), Box<
         panels: vec![
             Panel::new("Largest step", x(), Axis::log("step of the value"), series(|e| e.step, false)),
             Panel::new("Error of the slope", x(), Axis::log("rms, 1/σ"), series(|e| e.slope, true)),
-            Panel::new("Error of the value", x(), Axis::log("rms").from_to(0.005, 0.05), series(|e| e.value, true)),
+            Panel::new("Error of the value", x(), Axis::log("rms").from_to(0.01, 0.05), series(|e| e.value, true)),
         ],
     };
     report.figure(figure, folder)
