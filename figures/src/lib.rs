@@ -8,7 +8,7 @@
 //!
 //! A crate of its own, because what draws letters takes as long to build as everything else here, and nothing else needs it.
 //!
-//! The letters are of a font that is compiled in, so that a picture is the same bytes on every machine and needs no font there; an SVG's text
+//! The letters are of a font that is compiled in, so that a picture needs none of the machine's and looks the same on every one; an SVG's text
 //! remains text. Colours are Okabe and Ito's, which remain distinct for every kind of colour vision; series differ in dash or shape besides.
 
 pub mod drawing;

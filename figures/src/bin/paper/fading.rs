@@ -176,6 +176,8 @@ fn moving(report: &mut Report, folder: &Path, kernel: AxisKernel) -> Result<(), 
     profiles.insert(0, Series::new("the object, second pass", Look::Line, Ink::Black, before(1)));
     profiles.insert(0, Series::new("the object, first pass", Look::Dotted, Ink::Black, before(0)));
     let [exponential, dead, none, printed, printed_wait] = lags[..] else { return Err("five rules".into()) };
+    // As the caption says: a wait costs some of the following, the printed formula with the wait more.
+    report.check(exponential < dead && dead < printed_wait, format!("distances from the object: {lags:?}"));
     report.check(dead < 0.5 * none, format!("a wait does not follow the object: {dead} against {none} without decay"));
     let figure = Figure {
         id: "decay-motion",

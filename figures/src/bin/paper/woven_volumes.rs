@@ -8,7 +8,7 @@ use sonoweave::mask::Mask;
 use sonoweave::phantom::scan::Depth;
 use sonoweave::phantom::scene::{Blob, Blobs};
 use sonoweave::phantom::{Errors, Motion, Scan, ScanSettings, Scene, truth};
-use sonoweave::reconstruct::kernel::Method;
+use sonoweave::reconstruct::kernel::{Method, Support};
 use sonoweave::reconstruct::reference::Reference;
 use sonoweave::reconstruct::{Reconstructor, Settings};
 use sonoweave::slice::Slice;
@@ -231,7 +231,7 @@ pub(crate) fn undersampling(report: &mut Report) -> Result<Vec<[f64; 2]>, Box<dy
     }
     let [_, twofold] = between_slices(2.0)?;
     let [_, fivefold] = between_slices(5.5)?;
-    let d = 2.575_83;
+    let d = Support::Energy(0.01).half_width_mm(1.0)?;
     report.check(twofold == 0.0, format!("C21: a part of {twofold} is unseen at gaps of 2 σ"));
     report.near("part unseen at gaps of 5.5 σ", fivefold, 1.0 - 2.0 * d / 5.5, 0.1);
     report.claim(
