@@ -5,7 +5,7 @@ use std::error::Error;
 use glam::DVec3;
 use sonoweave::mask::Mask;
 use sonoweave::phantom::{Errors, Scan, ScanSettings, truth};
-use sonoweave::reconstruct::reconstructor::IN_PLANE_SIGMA;
+use sonoweave::reconstruct::settings::IN_PLANE_SIGMA;
 use sonoweave::reconstruct::{Reconstructor, Settings};
 use sonoweave::sync::FramePose;
 use sonoweave::sync::survey::gap;

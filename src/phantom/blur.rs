@@ -33,7 +33,7 @@ use super::scan::Scan;
 use super::scene::{Blobs, Scene, isotropic_variance};
 use super::{PhantomError, truth};
 use crate::reconstruct::kernel::{AxisKernel, KernelError, Method};
-use crate::reconstruct::reconstructor::{IN_PLANE_SIGMA, IN_PLANE_SUPPORT, OFF_PLANE_SIGMA_MM, OFF_PLANE_SUPPORT};
+use crate::reconstruct::settings::{IN_PLANE_SIGMA, IN_PLANE_SUPPORT, OFF_PLANE_SIGMA_MM, OFF_PLANE_SUPPORT};
 use crate::volume::Grid;
 
 /// Slices farther than this many σ across the plane do not say how a voxel's kernel lies.

@@ -8,7 +8,7 @@
 use std::ops::Range;
 
 use super::nodes::Nodes;
-use super::reconstructor::SettingsError;
+use super::settings::SettingsError;
 use super::sharing::Sharing;
 use super::simd::{LANES, Lanes, Simd, dispatch};
 use super::spline::{PhaseTaps, Step, Taps};

@@ -2,6 +2,7 @@
 //!
 //! In the order of the data:
 //!
+//! - [`settings`]: what is asked for.
 //! - [`kernel`]: the weight of a sample at a distance, and where it ends.
 //! - [`spline`]: the in-plane kernel as taps of a filter, with its deviation known in advance.
 //! - [`compounding`]: what becomes of the slices that reach the same voxel.
@@ -32,6 +33,7 @@ pub mod planar;
 pub mod reconstructor;
 pub mod reference;
 pub(crate) mod sampling;
+pub mod settings;
 pub(crate) mod sharing;
 pub mod simd;
 pub(crate) mod slab;
@@ -45,5 +47,6 @@ pub use compounding::Compounding;
 pub use decay::Decay;
 pub use filter::FilterWork;
 pub use path::{Path, Weaver};
-pub use reconstructor::{Reconstructor, Refused, Settings, SettingsError, Touched, Work};
+pub use reconstructor::{Reconstructor, Refused, Touched, Work};
+pub use settings::{Settings, SettingsError};
 pub use simd::Simd;

@@ -6,10 +6,33 @@
 
 use std::ops::RangeInclusive;
 
-use glam::{DAffine3, DVec3};
+use calibration::frames::{Image as ImageFrame, Transform, World};
+use glam::{DAffine3, DMat3, DVec3};
 
 use super::nodes::Nodes;
 use crate::volume::brick::{BrickIndex, EDGE};
+
+/// A slice's plane, orthogonalised: pixel sizes along u and v, and the map from the world to (u px, v px, plane distance mm).
+pub(super) struct Plane {
+    pub(super) pixel_mm: [f64; 2],
+    pub(super) image_from_world: DAffine3,
+}
+
+impl Plane {
+    /// `None` when the pose is not finite or spans no plane. The plane's distance grows along u × v, whatever the pose's third column.
+    pub(super) fn new(world_from_image: Transform<World, ImageFrame>) -> Option<Self> {
+        let affine = world_from_image.affine();
+        let [u, v] = [affine.matrix3.x_axis, affine.matrix3.y_axis];
+        let normal = u.cross(v);
+        if !affine.is_finite() || normal.length() <= 1e-9 * u.length() * v.length() || normal.length() < 1e-30 {
+            return None;
+        }
+        let world_from_slab =
+            DAffine3 { matrix3: DMat3::from_cols(u, v, normal.normalize()), translation: affine.translation };
+        let image_from_world = world_from_slab.inverse();
+        image_from_world.is_finite().then_some(Self { pixel_mm: [u.length(), v.length()], image_from_world })
+    }
+}
 
 /// A voxel takes part when at least this share of its in-plane kernel lies on data: beyond a straight border it is reached 0.84 σ outside,
 /// in a right-angled corner (a quarter) the whole of the data's side is kept.
@@ -144,7 +167,7 @@ impl SlabGeometry {
     /// Bricks of the box around the slab, per axis; `None` when an index leaves the range of a brick's coordinates.
     pub(crate) fn brick_box(&self) -> Option<[RangeInclusive<i32>; 3]> {
         let [u, v, q] = self.coordinates.map(|c| c.step);
-        let matrix = glam::DMat3::from_cols(u, v, q).transpose();
+        let matrix = DMat3::from_cols(u, v, q).transpose();
         let voxel_from_slab = matrix.inverse();
         let base = DVec3::new(self.coordinates[0].base, self.coordinates[1].base, self.coordinates[2].base);
         let mut low = DVec3::INFINITY;

@@ -6,7 +6,7 @@ use glam::{DAffine3, DMat3, DVec2, DVec3};
 
 use crate::mask::Mask;
 use crate::reconstruct::Settings;
-use crate::reconstruct::reconstructor::Plane;
+use crate::reconstruct::slab::Plane;
 
 /// Default tolerance.
 pub(super) const TOLERANCE_VOXELS: f64 = 0.25;

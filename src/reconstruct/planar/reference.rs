@@ -6,9 +6,9 @@ use rayon::prelude::*;
 
 use crate::mask::Mask;
 use crate::reconstruct::kernel::AxisKernel;
-use crate::reconstruct::reconstructor::Plane;
 use crate::reconstruct::reference::{Reference, in_plane};
 use crate::reconstruct::slab::LEAST_CERTAINTY;
+use crate::reconstruct::slab::Plane;
 use crate::slice::Slice;
 
 /// Adds a slice whose data is a rectangle. A slice whose pose spans no plane, and one without data, adds nothing.
