@@ -207,7 +207,7 @@ impl PlanarReconstructor {
         let (plan, volume, bands) = (&mut self.plan, &self.volume, &mut scan.bands);
         // Which tiles, and what the picture is along u: neither needs the other.
         let (planned, ()) =
-            sharing.both(|| plan.find(&strip, volume, limit_bytes), || bands.sum(&slice.image, simd, sharing));
+            sharing.both(|| plan.find(&strip, volume, simd, limit_bytes), || bands.sum(&slice.image, simd, sharing));
         planned?;
         self.plan.make(&mut self.volume)?;
         let most_weight = (self.settings.max_weight * scan.rows.kernels[2].peak()) as f32;

@@ -70,15 +70,26 @@ impl Strip<'_> {
         row >= -self.rows.reach && row <= (self.rows.rows - 1) as f64 + self.rows.reach
     }
 
-    /// The taps of column `column` of a tile and its weight across the slice; `None` where it takes no part.
+    /// Row and distance of column `column` of a tile; `None` where the kernel does not reach.
     #[inline(always)]
-    fn column(&self, tile: TileIndex, column: usize, weights: &mut [f32; MOST_TAPS]) -> Option<(Taps, f32)> {
+    fn place(&self, tile: TileIndex, column: usize) -> Option<(f64, f64)> {
         let at = |axis: usize, inside: usize| f64::from(tile[axis]) * EDGE as f64 + inside as f64;
         let (row, distance) = self.at(at(0, column % EDGE), at(1, column / EDGE));
-        if distance.abs() > self.normal.support_mm || !self.reaches(row) {
-            return None;
-        }
-        let taps = self.rows.taps(row, weights);
+        (distance.abs() <= self.normal.support_mm && self.reaches(row)).then_some((row, distance))
+    }
+
+    /// The taps of a column at such a place and its weight across the slice; `None` where it takes no part.
+    ///
+    /// # Safety
+    /// The instruction set of `L` must be available.
+    #[inline(always)]
+    unsafe fn taps<L: Lanes>(
+        &self,
+        (row, distance): (f64, f64),
+        weights: &mut [f32; MOST_TAPS],
+    ) -> Option<(Taps, f32)> {
+        // SAFETY: as for this function.
+        let taps = unsafe { self.rows.taps::<L>(row, weights) };
         (taps.share >= LEAST_CERTAINTY).then(|| (taps, self.normal.weight(distance)))
     }
 
@@ -159,7 +170,13 @@ impl Plan {
     ///
     /// # Errors
     /// [`Refused::OutOfRange`] and [`Refused::Memory`].
-    pub(super) fn find(&mut self, strip: &Strip<'_>, volume: &ColumnVolume, limit_bytes: u64) -> Result<(), Refused> {
+    pub(super) fn find(
+        &mut self,
+        strip: &Strip<'_>,
+        volume: &ColumnVolume,
+        simd: Simd,
+        limit_bytes: u64,
+    ) -> Result<(), Refused> {
         self.tasks.clear();
         self.absent.clear();
         self.considered = 0;
@@ -177,7 +194,7 @@ impl Plan {
             self.considered += 1;
             let slot = volume.find(tile);
             if slot.is_none() {
-                if !(0..COLUMNS).any(|column| strip.column(tile, column, &mut weights).is_some()) {
+                if !touches(simd, tile, strip, &mut weights) {
                     return true;
                 }
                 self.absent.push(self.tasks.len());
@@ -261,7 +278,14 @@ unsafe fn weave_lanes<L: Lanes>(
     let stride = lines.stride;
     let (columns, column_weights) = tile.split_at_mut(COLUMNS * stride);
     for column in 0..COLUMNS {
-        let Some((taps, across)) = strip.column(task.tile, column, weights) else { continue };
+        let Some(place) = strip.place(task.tile, column) else { continue };
+        let column_values = &mut columns[column * stride..][..stride];
+        for line in column_values.chunks(LANES) {
+            // SAFETY: a prefetch reads nothing; the instruction set as for this function.
+            unsafe { L::prefetch(line.as_ptr()) };
+        }
+        // SAFETY: the instruction set as for this function.
+        let Some((taps, across)) = (unsafe { strip.taps::<L>(place, weights) }) else { continue };
         let weights = &mut weights[taps.first..][..taps.rows.len()];
         let scale = across / taps.total;
         for weight in weights.iter_mut() {
@@ -283,8 +307,28 @@ unsafe fn weave_lanes<L: Lanes>(
             keep: if fits { 1.0 } else { lines.most_weight / weight },
         };
         // SAFETY: the instruction set as for this function.
-        unsafe { add::<L>(&mut columns[column * stride..][..stride], &sum) };
+        unsafe { add::<L>(column_values, &sum) };
     }
+}
+
+dispatch!(
+    /// Whether [`weave`] would change any column: asked before a tile is made.
+    fn touches => touches_lanes(tile: TileIndex, strip: &Strip<'_>, weights: &mut [f32; MOST_TAPS]) -> bool
+);
+
+/// # Safety
+/// The instruction set of `L` must be available.
+#[inline(always)]
+unsafe fn touches_lanes<L: Lanes>(tile: TileIndex, strip: &Strip<'_>, weights: &mut [f32; MOST_TAPS]) -> bool {
+    for column in 0..COLUMNS {
+        if let Some(place) = strip.place(tile, column) {
+            // SAFETY: the instruction set as for this function.
+            if unsafe { strip.taps::<L>(place, weights) }.is_some() {
+                return true;
+            }
+        }
+    }
+    false
 }
 
 /// What a column gains.
