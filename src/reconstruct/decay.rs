@@ -55,6 +55,9 @@ pub enum DecayError {
 /// Least weight, of a slice's at its peak, that changes a voxel under decay.
 pub const LEAST_TOUCH: f32 = 2.0 * SEEN;
 
+/// A factor of decay below this is zero.
+pub(crate) const LEAST_FACTOR: f32 = 1e-20;
+
 /// Weight that forward decay leaves of a voxel however old it is: nothing beside what newly arrives, but its value remains.
 const LEAST_MEMORY: f32 = 1e-15;
 
@@ -94,7 +97,7 @@ impl Decay {
 
     /// d after `seconds`.
     pub fn factor(self, seconds: f64) -> f64 {
-        (-self.rate_per_s() * (seconds - self.wait_s()).max(0.0)).exp()
+        libm::exp(-self.rate_per_s() * (seconds - self.wait_s()).max(0.0))
     }
 
     /// # Errors
@@ -200,6 +203,18 @@ impl Fading {
     /// Whether voxels keep ages, and not only bricks.
     pub(crate) fn keeps_ages(&self) -> bool {
         !matches!(self.decay, Decay::Exponential { .. })
+    }
+
+    /// The epoch and the age, in its ticks, of a voxel that was written at `written_ns`, in a brick that is made at `elapsed_ns`.
+    pub(crate) fn dated(&self, written_ns: i64, elapsed_ns: i64) -> (Epoch, u16) {
+        let base_ns = elapsed_ns - i64::from(u16::MAX) * self.tick_ns;
+        let ticks = ((written_ns - base_ns) / self.tick_ns).clamp(0, i64::from(u16::MAX));
+        (Epoch { base_ns, touched_ns: elapsed_ns }, ticks as u16)
+    }
+
+    /// What forward decay keeps at `elapsed_ns`, as a factor, of a voxel that had weight `w` when it was written.
+    pub(crate) fn left(&self, written_ns: i64, elapsed_ns: i64, w: f32) -> f32 {
+        (self.decay.factor((elapsed_ns - written_ns) as f64 * 1e-9) as f32).max(LEAST_MEMORY / w)
     }
 
     /// A slice at `elapsed_ns` comes to a brick of the given epoch.

@@ -2,11 +2,12 @@
 #![allow(unsafe_code, reason = "runs on `Lanes`, by pointer")]
 
 use super::compounding::Compounding;
-use super::decay::{Decay, DecayError, Fading, LEAST_TOUCH};
+use super::decay::{Decay, DecayError, Fading, LEAST_FACTOR, LEAST_TOUCH};
 use super::falloff::power_of_two;
 use super::simd::Lanes;
 use super::weave::{Task, View};
 use crate::volume::brick::{Ages, Brick, Stamps};
+use crate::volume::sparse::Memory;
 
 /// How a value enters a voxel: [`super::Compounding`] as the hot loop needs it.
 #[derive(Debug, Clone, Copy)]
@@ -31,6 +32,16 @@ impl Entry {
             }
         })
     }
+
+    /// What a volume must keep for it.
+    pub(crate) fn memory(self) -> Memory {
+        match self {
+            Self::Mean | Self::Maximum => Memory::Sums,
+            Self::Latest => Memory::Stamps,
+            Self::Decay(fading) if fading.keeps_ages() => Memory::Ages,
+            Self::Decay(fading) => Memory::Epochs { rate_per_s: fading.decay.rate_per_s() },
+        }
+    }
 }
 
 /// A brick and what is kept beside it.
@@ -39,9 +50,6 @@ pub(crate) struct Place<'a> {
     pub(crate) stamps: Option<&'a mut Stamps>,
     pub(crate) ages: Option<&'a mut Ages>,
 }
-
-/// A factor of decay below this is zero.
-const LEAST_FACTOR: f32 = 1e-20;
 
 /// What a slice says at a vector of voxels.
 pub(crate) struct Sample<L> {

@@ -23,7 +23,7 @@ use crate::mask::Mask;
 use crate::slice::{Image, Slice};
 use crate::volume::BrickVolume;
 use crate::volume::brick::{Brick, BrickIndex};
-use crate::volume::sparse::{Epoch, Memory};
+use crate::volume::sparse::Epoch;
 
 /// Pixel sizes this close, relatively, use the same filter.
 pub(super) const SAME_PIXEL: f64 = 1e-3;
@@ -145,12 +145,7 @@ impl Reconstructor {
     pub fn new(settings: Settings, mask: Mask) -> Result<Self, SettingsError> {
         settings.check(&mask)?;
         let pool = settings.pool()?;
-        let mut volume = BrickVolume::remembering(match Entry::of(settings.compounding)? {
-            Entry::Mean | Entry::Maximum => Memory::Sums,
-            Entry::Latest => Memory::Stamps,
-            Entry::Decay(fading) if fading.keeps_ages() => Memory::Ages,
-            Entry::Decay(fading) => Memory::Epochs { rate_per_s: fading.decay.rate_per_s() },
-        });
+        let mut volume = BrickVolume::remembering(Entry::of(settings.compounding)?.memory());
         volume.reserve(1).map_err(|e| SettingsError::Memory(e.to_string()))?;
         Ok(Self {
             settings,
@@ -173,9 +168,10 @@ impl Reconstructor {
         mask: Mask,
         volume: BrickVolume,
         last: Option<(Image, Transform<World, ImageFrame>)>,
+        clock: DecayClock,
         work: Work,
     ) -> Result<Self, SettingsError> {
-        Ok(Self { volume, last, work, ..Self::new(settings, mask)? })
+        Ok(Self { volume, last, clock, work, ..Self::new(settings, mask)? })
     }
 
     /// The volume so far.

@@ -3,7 +3,8 @@
 //! Every slice then covers the same stretch of z with the same weights, so that the weight of a voxel is a product w(x, y, z) = share(z)·w(x, y)
 //! and one number a column is enough (Ohbuchi, Chen & Fuchs 1992, section 4.1): 4 bytes a voxel instead of 8. Columns are contiguous along
 //! z; 8×8 of them make a tile, with their weights behind them. Tiles exist only where something was scanned, and the volume grows in x and y
-//! without bound; its stretch of z is that of the picture. What else belongs to a column and not to a voxel, such as its age, goes beside the weights.
+//! without bound; its stretch of z is that of the picture. When a column was last written, where the past decays, stands behind the weights,
+//! 8 bytes a column.
 
 use std::io;
 
@@ -33,16 +34,42 @@ pub struct ColumnVolume {
     slots: FxHashMap<TileIndex, u32>,
     /// Where each slot's tile lies.
     places: Vec<TileIndex>,
-    /// A tile: Σ weight·value of 64 columns one after the other, x fastest, then Σ weight of each.
+    /// Whether columns keep the time when they were last written.
+    dated: bool,
+    /// A tile: Σ weight·value of 64 columns one after the other, x fastest, then Σ weight of each, then the time of each if they are dated.
     arena: Arena,
 }
 
+/// A tile to be changed.
+pub(crate) struct TileMut<'a> {
+    /// Σ weight·value, a column after the other.
+    pub(crate) columns: &'a mut [f32],
+    /// Σ weight of each column.
+    pub(crate) weights: &'a mut [f32],
+    /// When each column was last written, ns; empty where columns are not dated.
+    pub(crate) written_ns: &'a mut [i64],
+}
+
+impl<'a> TileMut<'a> {
+    /// The parts of a tile's floats.
+    pub(crate) fn new(tile: &'a mut [f32], stride: usize) -> Self {
+        let (columns, rest) = tile.split_at_mut(COLUMNS * stride);
+        let (weights, times) = rest.split_at_mut(COLUMNS);
+        // Tiles begin at multiples of 64 floats, so that times are aligned.
+        Self { columns, weights, written_ns: bytemuck::cast_slice_mut(times) }
+    }
+}
+
 impl ColumnVolume {
-    /// Nothing seen, of columns that begin at lattice index `first_z` and whose voxels weigh `share`, in (0, 1].
-    pub(crate) fn new(first_z: i64, share: Vec<f32>) -> Self {
+    /// Nothing seen, of columns that begin at lattice index `first_z` and whose voxels weigh `share`, in (0, 1]; with the time of each if `dated`.
+    pub(crate) fn new(first_z: i64, share: Vec<f32>, dated: bool) -> Self {
         let stride = share.len().next_multiple_of(VECTOR);
-        let arena = Arena::new((COLUMNS * stride + COLUMNS) * size_of::<f32>());
-        Self { first_z, share, stride, slots: FxHashMap::default(), places: Vec::new(), arena }
+        let arena = Arena::new(Self::floats(stride, dated) * size_of::<f32>());
+        Self { first_z, share, stride, slots: FxHashMap::default(), places: Vec::new(), dated, arena }
+    }
+
+    fn floats(stride: usize, dated: bool) -> usize {
+        COLUMNS * (stride + 1 + if dated { size_of::<i64>() / size_of::<f32>() } else { 0 })
     }
 
     /// Number of tiles.
@@ -67,7 +94,7 @@ impl ColumnVolume {
 
     /// Bytes of a tile.
     pub(crate) fn tile_bytes(&self) -> u64 {
-        ((COLUMNS * self.stride + COLUMNS) * size_of::<f32>()) as u64
+        (self.tile_len() * size_of::<f32>()) as u64
     }
 
     /// Blocks of 8 voxels along z that columns reach into: first and last.
@@ -113,12 +140,23 @@ impl ColumnVolume {
 
     /// Floats of a tile.
     pub(crate) fn tile_len(&self) -> usize {
-        COLUMNS * self.stride + COLUMNS
+        Self::floats(self.stride, self.dated)
     }
 
-    /// A tile: its columns, then their weights.
+    /// A tile: its columns, and their weights.
     fn tile(&self, slot: u32) -> (&[f32], &[f32]) {
-        bytemuck::cast_slice(self.arena.piece(slot as usize)).split_at(COLUMNS * self.stride)
+        let (columns, rest) = bytemuck::cast_slice(self.arena.piece(slot as usize)).split_at(COLUMNS * self.stride);
+        (columns, &rest[..COLUMNS])
+    }
+
+    /// When a column of the lattice was last written, ns; `None` where nothing was, or columns are not dated.
+    pub(crate) fn written_ns(&self, x: i64, y: i64) -> Option<i64> {
+        let (tile, column) = Self::tile_of(x, y)?;
+        let slot = self.find(tile)? as usize;
+        let floats: &[f32] = bytemuck::cast_slice(self.arena.piece(slot));
+        let (_, rest) = floats.split_at(COLUMNS * self.stride);
+        let (weights, times) = rest.split_at(COLUMNS);
+        (self.dated && weights[column] > 0.0).then(|| bytemuck::cast_slice(times)[column])
     }
 
     /// Base address of each chunk of tiles, for the weaver that hands every tile to exactly one thread.
@@ -215,7 +253,7 @@ mod tests {
 
     /// Two tiles on either side of the origin; column (−1, 3) weighs 2, column (9, 8) weighs 0.5.
     fn volume() -> ColumnVolume {
-        let mut volume = ColumnVolume::new(-5, vec![0.5, 1.0, 1.0, 0.001]);
+        let mut volume = ColumnVolume::new(-5, vec![0.5, 1.0, 1.0, 0.001], false);
         volume.reserve(2).unwrap();
         for (tile, column, weight) in [([-1, 0], 3 * 8 + 7, 2.0), ([1, 1], 1, 0.5)] {
             let slot = volume.insert(tile);
@@ -253,7 +291,7 @@ mod tests {
         assert_eq!(volume.blocks().collect::<Vec<_>>(), [[-1, 0, -1], [1, 1, -1]]);
         assert_eq!(volume.voxels(), 2 * 64 * 4);
         assert!(volume.bytes() < 2 * (64 * 16 * 4 + 256) + 400, "{}", volume.bytes());
-        let empty = ColumnVolume::new(0, Vec::new());
+        let empty = ColumnVolume::new(0, Vec::new(), false);
         assert_eq!((empty.seen_bounds(), empty.blocks().count()), (None, 0));
     }
 }

@@ -223,6 +223,14 @@ impl BrickVolume {
         bytemuck::from_bytes_mut(self.bricks.piece_mut(slot.index()))
     }
 
+    /// The ages of a brick's voxels, to be changed; of no meaning without [`Memory::Ages`].
+    ///
+    /// # Panics
+    /// When the volume keeps none.
+    pub(crate) fn ages_mut(&mut self, slot: Slot) -> &mut Ages {
+        bytemuck::from_bytes_mut(self.ages.piece_mut(slot.index()))
+    }
+
     /// Where a brick lies.
     pub fn place(&self, slot: Slot) -> BrickIndex {
         self.places[slot.index()]

@@ -10,12 +10,13 @@ use super::plane::{Departure, OnDeparture, PlanarSettings, ScanPlane};
 use super::strip::{Lines, Plan, Strip};
 use super::table::{KernelTable, RowKernel};
 use crate::mask::Mask;
+use crate::reconstruct::decay::{DecayClock, LEAST_TOUCH};
 use crate::reconstruct::kernel::AxisKernel;
 use crate::reconstruct::reconstructor::SAME_PIXEL;
 use crate::reconstruct::sharing::Sharing;
 use crate::reconstruct::slab::Plane;
 use crate::reconstruct::spline::SplineError;
-use crate::reconstruct::{Refused, Settings, SettingsError, Touched, Work};
+use crate::reconstruct::{Compounding, Decay, Refused, Settings, SettingsError, Touched, Work};
 use crate::slice::{Image, Slice};
 use crate::volume::ColumnVolume;
 
@@ -62,6 +63,7 @@ pub struct PlanarReconstructor {
     scan: Option<Scan>,
     pub(super) volume: ColumnVolume,
     pub(super) last: Option<(Image, Transform<World, ImageFrame>)>,
+    pub(super) clock: DecayClock,
     plan: Plan,
     pub(super) work: Work,
 }
@@ -84,9 +86,9 @@ impl PlanarReconstructor {
         }
         let data = Departure::rectangle(&mask)?;
         let pool = settings.pool()?;
-        let volume = ColumnVolume::new(0, Vec::new());
-        let plan = Plan::default();
-        Ok(Self { settings, planar, mask, data, pool, scan: None, volume, last: None, plan, work: Work::default() })
+        let volume = ColumnVolume::new(0, Vec::new(), false);
+        let (clock, plan, work) = (DecayClock::default(), Plan::default(), Work::default());
+        Ok(Self { settings, planar, mask, data, pool, scan: None, volume, last: None, clock, plan, work })
     }
 
     /// The volume so far. Its lattice is found by the first slice.
@@ -173,7 +175,7 @@ impl PlanarReconstructor {
         let corner = [data.x, data.y].map(|x| x as usize);
         let bands = Bands::new(&plane, corner, [data.width, data.height].map(|x| x as usize), &rows.kernels[0]);
         let normal = KernelTable::new(&rows.kernels[2]);
-        let volume = ColumnVolume::new(bands.first_z, bands.share.clone());
+        let volume = ColumnVolume::new(bands.first_z, bands.share.clone(), self.decay().is_some());
         let before = std::mem::replace(&mut self.volume, volume);
         let mut scan = Scan { plane, bands, rows, normal };
         let result = self.insert_next(&mut scan, slice, sharing);
@@ -185,6 +187,14 @@ impl PlanarReconstructor {
             Err(_) => self.volume = before,
         }
         result
+    }
+
+    /// How the past fades, if it does.
+    pub(super) fn decay(&self) -> Option<Decay> {
+        match self.settings.compounding {
+            Compounding::Decay(decay) => Some(decay),
+            _ => None,
+        }
     }
 
     /// Where a slice meets the plane.
@@ -203,7 +213,10 @@ impl PlanarReconstructor {
             scan.rows = Rows::new(&self.settings, scan.plane.column_mm(), footing.row_mm, self.data)?;
         }
         let (simd, limit_bytes) = (self.settings.simd, self.settings.memory_bytes);
-        let strip = Strip { footing, rows: &scan.rows.kernel, normal: &scan.normal };
+        let clock = self.clock.after(slice.time_ns);
+        let decay = self.decay().map(|decay| (decay, clock.elapsed_ns()));
+        let least = if decay.is_some() { LEAST_TOUCH } else { 0.0 };
+        let strip = Strip { footing, rows: &scan.rows.kernel, normal: &scan.normal, least };
         let (plan, volume, bands) = (&mut self.plan, &self.volume, &mut scan.bands);
         // Which tiles, and what the picture is along u: neither needs the other.
         let (planned, ()) =
@@ -212,10 +225,13 @@ impl PlanarReconstructor {
         self.plan.make(&mut self.volume)?;
         let most_weight = (self.settings.max_weight * scan.rows.kernels[2].peak()) as f32;
         let bands = &scan.bands;
-        let lines = Lines { values: bands.lines(), stride: bands.stride(), level: bands.level, most_weight };
+        let (values, stride, level) = (bands.lines(), bands.stride(), bands.level);
+        let lines = Lines { values, stride, level, most_weight, decay };
         self.plan.weave(&mut self.volume, &strip, &lines, simd, sharing);
         let touched = self.count(bands);
         self.last = Some((slice.image.clone(), slice.world_from_image));
+        self.clock = clock;
+        (self.work.times_backwards, self.work.times_absurd) = (clock.backwards, clock.absurd);
         Ok(touched)
     }
 

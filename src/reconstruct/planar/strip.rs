@@ -7,12 +7,13 @@
 use super::plane::Footing;
 use super::table::{KernelTable, MOST_TAPS, RowKernel, Taps};
 use crate::reconstruct::Refused;
+use crate::reconstruct::decay::{Decay, LEAST_FACTOR, LEAST_TOUCH};
 use crate::reconstruct::sharing::{Handed, Sharing};
 use crate::reconstruct::simd::{LANES, Lanes, Simd, dispatch};
 use crate::reconstruct::slab::LEAST_CERTAINTY;
 use crate::volume::ColumnVolume;
 use crate::volume::brick::EDGE;
-use crate::volume::columns::{COLUMNS, TileIndex};
+use crate::volume::columns::{COLUMNS, TileIndex, TileMut};
 
 /// Tiles that one task of a thread weaves.
 const TILES_PER_TASK: usize = 2;
@@ -42,6 +43,8 @@ pub(super) struct Strip<'a> {
     pub(super) footing: Footing,
     pub(super) rows: &'a RowKernel,
     pub(super) normal: &'a KernelTable,
+    /// Least weight that changes a column.
+    pub(super) least: f32,
 }
 
 /// The lines that it adds.
@@ -54,6 +57,8 @@ pub(super) struct Lines<'a> {
     pub(super) level: f32,
     /// Largest weight that a column keeps.
     pub(super) most_weight: f32,
+    /// How the past fades, if it does, and the slice's time on the decay's clock, ns.
+    pub(super) decay: Option<(Decay, i64)>,
 }
 
 impl Strip<'_> {
@@ -276,36 +281,49 @@ unsafe fn weave_lanes<L: Lanes>(
     weights: &mut [f32; MOST_TAPS],
 ) {
     let stride = lines.stride;
-    let (columns, column_weights) = tile.split_at_mut(COLUMNS * stride);
+    let tile = TileMut::new(tile, stride);
     for column in 0..COLUMNS {
         let Some(place) = strip.place(task.tile, column) else { continue };
-        let column_values = &mut columns[column * stride..][..stride];
+        let column_values = &mut tile.columns[column * stride..][..stride];
         for line in column_values.chunks(LANES) {
             // SAFETY: a prefetch reads nothing; the instruction set as for this function.
             unsafe { L::prefetch(line.as_ptr()) };
         }
         // SAFETY: the instruction set as for this function.
         let Some((taps, across)) = (unsafe { strip.taps::<L>(place, weights) }) else { continue };
+        let mut gained = across * taps.share;
+        let (mut fade, mut part) = (1.0, 1.0);
+        if let Some((decay, now_ns)) = lines.decay {
+            if gained < LEAST_TOUCH {
+                continue;
+            }
+            if tile.weights[column] > 0.0 {
+                let factor = decay.factor((now_ns - tile.written_ns[column]) as f64 * 1e-9) as f32;
+                fade = if factor < LEAST_FACTOR { 0.0 } else { factor };
+                part = if matches!(decay, Decay::PaperLiteral { .. }) { 1.0 - fade } else { 1.0 };
+            }
+            tile.written_ns[column] = now_ns;
+        }
+        gained *= part;
+        let faded = tile.weights[column] * fade;
+        let weight = faded + gained;
+        let fits = weight <= lines.most_weight;
+        // most·(r + s) / (w + g), as the step from r: see the general path's clamp.
+        let (keep, lost) = match fits {
+            true => (1.0, 0.0),
+            false => (lines.most_weight / weight, (gained + (faded - lines.most_weight)) / weight),
+        };
+        tile.weights[column] = if fits { weight } else { lines.most_weight };
         let weights = &mut weights[taps.first..][..taps.rows.len()];
-        let scale = across / taps.total;
+        let scale = across / taps.total * (part * keep);
         for weight in weights.iter_mut() {
             *weight *= scale;
         }
-        let gained = across * taps.share;
-        let weight = column_weights[column] + gained;
-        let fits = weight <= lines.most_weight;
-        column_weights[column] = if fits { weight } else { lines.most_weight };
         task.updated += 1;
         task.clamped += u32::from(!fits);
         task.taps += (weights.len() * stride) as u64;
-        let sum = Sum {
-            rows: &lines.values[taps.rows.start * stride..],
-            stride,
-            weights,
-            level: lines.level,
-            gained,
-            keep: if fits { 1.0 } else { lines.most_weight / weight },
-        };
+        let rows = &lines.values[taps.rows.start * stride..];
+        let sum = Sum { rows, stride, weights, level: lines.level, gained: gained * keep, fade, lost };
         // SAFETY: the instruction set as for this function.
         unsafe { add::<L>(column_values, &sum) };
     }
@@ -323,7 +341,8 @@ unsafe fn touches_lanes<L: Lanes>(tile: TileIndex, strip: &Strip<'_>, weights: &
     for column in 0..COLUMNS {
         if let Some(place) = strip.place(tile, column) {
             // SAFETY: the instruction set as for this function.
-            if unsafe { strip.taps::<L>(place, weights) }.is_some() {
+            let taps = unsafe { strip.taps::<L>(place, weights) };
+            if taps.is_some_and(|(taps, across)| across * taps.share >= strip.least) {
                 return true;
             }
         }
@@ -341,11 +360,13 @@ pub(super) struct Sum<'a> {
     /// What the lines are relative to, and the weight that it has.
     pub(super) level: f32,
     pub(super) gained: f32,
-    /// Factor of all that there is then: below 1 where the weight was clamped.
-    pub(super) keep: f32,
+    /// What is left of the past.
+    pub(super) fade: f32,
+    /// What of that is lost where the weight is clamped.
+    pub(super) lost: f32,
 }
 
-/// `column[z] = (column[z] + Σ weights[t]·rows[t·stride + z] + level·gained)·keep`, in the order of t.
+/// `column[z] = old + (Σ weights[t]·rows[t·stride + z] + level·gained − old·lost)` with `old = column[z]·fade`, in the order of t.
 ///
 /// # Safety
 /// The instruction set of `L` must be available.
@@ -386,10 +407,12 @@ unsafe fn add_at<L: Lanes, const N: usize>(column: *mut f32, rows: *const f32, s
             }
             row = row.wrapping_add(sum.stride);
         }
-        let (level, gained, keep) = (L::splat(sum.level), L::splat(sum.gained), L::splat(sum.keep));
+        let (level, gained) = (L::splat(sum.level), L::splat(sum.gained));
+        let (fade, lost) = (L::splat(sum.fade), L::splat(-sum.lost));
         for (i, contrast) in contrast.into_iter().enumerate() {
             let at = column.add(i * LANES);
-            level.mul_add(gained, L::load(at).add(contrast)).mul(keep).store(at);
+            let old = L::load(at).mul(fade);
+            old.add(old.mul_add(lost, level.mul_add(gained, contrast))).store(at);
         }
     }
 }

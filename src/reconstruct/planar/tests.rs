@@ -41,7 +41,7 @@ fn slice(base: DQuat, place: DVec3, angle: f64, image: Image) -> Slice {
 }
 
 /// A sweep that shifts and turns, after a turn of all of it about the base's z.
-fn sweep(base: DQuat, turn: f64, frames: u32) -> Vec<Slice> {
+pub(super) fn sweep(base: DQuat, turn: f64, frames: u32) -> Vec<Slice> {
     let base = base * DQuat::from_rotation_z(turn);
     (0..frames)
         .map(|i| {
@@ -52,15 +52,15 @@ fn sweep(base: DQuat, turn: f64, frames: u32) -> Vec<Slice> {
         .collect()
 }
 
-fn settings() -> Settings {
+pub(super) fn settings() -> Settings {
     Settings { sigma_mm: [None, None, Some(0.8)], ..Settings::new(DVec3::splat(0.5)) }
 }
 
-fn refusing() -> PlanarSettings {
+pub(super) fn refusing() -> PlanarSettings {
     PlanarSettings { on_departure: OnDeparture::Refuse, ..PlanarSettings::default() }
 }
 
-fn woven(settings: &Settings, planar: PlanarSettings, mask: &Mask, slices: &[Slice]) -> PlanarReconstructor {
+pub(super) fn woven(settings: &Settings, planar: PlanarSettings, mask: &Mask, slices: &[Slice]) -> PlanarReconstructor {
     let mut r = PlanarReconstructor::new(settings.clone(), planar, mask.clone()).unwrap();
     for slice in slices {
         r.insert(slice).unwrap();
@@ -68,12 +68,12 @@ fn woven(settings: &Settings, planar: PlanarSettings, mask: &Mask, slices: &[Sli
     r
 }
 
-fn full() -> Mask {
+pub(super) fn full() -> Mask {
     Mask::full(SIZE[0], SIZE[1])
 }
 
 /// All blocks, bit by bit.
-fn bits(volume: &dyn Voxels) -> Vec<(BrickIndex, Vec<u32>)> {
+pub(super) fn bits(volume: &dyn Voxels) -> Vec<(BrickIndex, Vec<u32>)> {
     let (mut r, mut w) = ([0.0; 8], [0.0; 8]);
     let mut blocks: Vec<BrickIndex> = volume.blocks().collect();
     blocks.sort_unstable();
@@ -89,7 +89,7 @@ fn bits(volume: &dyn Voxels) -> Vec<(BrickIndex, Vec<u32>)> {
 }
 
 /// The grid of all that was seen and a few voxels more, in the lattice of a reconstructor, and its first voxel.
-fn grid_around(volume: &dyn Voxels, settings: &Settings) -> (Grid, [i64; 3]) {
+pub(super) fn grid_around(volume: &dyn Voxels, settings: &Settings) -> (Grid, [i64; 3]) {
     let (low, high) = volume.seen_bounds().expect("something was seen");
     let low = low.map(|x| x - 4);
     let size = [0, 1, 2].map(|a| (high[a] + 5 - low[a]) as u64);
@@ -99,7 +99,7 @@ fn grid_around(volume: &dyn Voxels, settings: &Settings) -> (Grid, [i64; 3]) {
 }
 
 /// Each voxel of a grid: index, lattice index.
-fn voxels(grid: &Grid, low: [i64; 3]) -> impl Iterator<Item = (usize, [i64; 3])> {
+pub(super) fn voxels(grid: &Grid, low: [i64; 3]) -> impl Iterator<Item = (usize, [i64; 3])> {
     let [nx, ny, nz] = grid.size.map(|n| n as usize);
     (0..nx * ny * nz)
         .map(move |i| (i, [low[0] + (i % nx) as i64, low[1] + (i / nx % ny) as i64, low[2] + (i / nx / ny) as i64]))
@@ -209,7 +209,15 @@ fn a_column_summed_in_parts_has_the_bits_of_the_whole() {
     let rows: Vec<f32> = (0..stride * taps).map(float).collect();
     let before: Vec<f32> = (0..stride).map(|i| float(i * 31 + 5)).collect();
     let weights: Vec<f32> = (0..taps).map(|t| float(t) / 300.0).collect();
-    let sum = |from: usize| Sum { rows: &rows[from..], stride, weights: &weights, level: 93.0, gained: 0.3, keep: 0.9 };
+    let sum = |from: usize| Sum {
+        rows: &rows[from..],
+        stride,
+        weights: &weights,
+        level: 93.0,
+        gained: 0.3,
+        fade: 0.7,
+        lost: 0.1,
+    };
     let mut whole = before.clone();
     add_to(Simd::Portable, &mut whole, &sum(0));
     for simd in Simd::ALL.into_iter().filter(|s| s.is_available()) {

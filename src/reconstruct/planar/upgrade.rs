@@ -1,20 +1,24 @@
 //! When a slice leaves the plane: the general path takes over what there is.
 
 use super::PlanarReconstructor;
-use crate::reconstruct::{Reconstructor, Refused};
-use crate::volume::brick::{Brick, EDGE, offset};
+use crate::reconstruct::decay::Fading;
+use crate::reconstruct::entry::Entry;
+use crate::reconstruct::{Reconstructor, Refused, SettingsError};
+use crate::volume::brick::{EDGE, offset};
+use crate::volume::sparse::{Epoch, Slot};
 use crate::volume::{BrickVolume, Voxels};
 
 impl PlanarReconstructor {
     /// A general reconstructor on the same lattice with all that this one holds: numerator and weight of every voxel as they are read here, and the work
-    /// done. Columns and bricks are both in memory until this one is dropped.
+    /// done; where the past decays, with the age of each. Columns and bricks are both in memory until this one is dropped.
     ///
     /// # Errors
     /// [`Refused::Memory`] when bricks, of twice the bytes, go beyond the limit.
     pub fn upgraded(&self) -> Result<Reconstructor, Refused> {
-        let mut bricks = BrickVolume::new();
+        let entry = Entry::of(self.settings.compounding).map_err(SettingsError::from)?;
+        let mut bricks = BrickVolume::remembering(entry.memory());
         let count = self.volume.blocks().count();
-        let (bytes, limit_bytes) = ((count * size_of::<Brick>()) as u64, self.settings.memory_bytes);
+        let (bytes, limit_bytes) = (count as u64 * bricks.brick_bytes(), self.settings.memory_bytes);
         if bytes > limit_bytes {
             return Err(Refused::memory(bytes - limit_bytes, limit_bytes));
         }
@@ -33,8 +37,35 @@ impl PlanarReconstructor {
                     (brick.r[place], brick.w[place]) = (r[x], w[x]);
                 }
             }
+            if let Entry::Decay(fading) = entry {
+                self.date(&mut bricks, slot, [first[0], first[1]], &fading);
+            }
         }
-        let last = self.last.clone();
-        Ok(Reconstructor::taking_over(self.settings.clone(), self.mask.clone(), bricks, last, self.work)?)
+        let (settings, mask, last) = (self.settings.clone(), self.mask.clone(), self.last.clone());
+        Ok(Reconstructor::taking_over(settings, mask, bricks, last, self.clock, self.work)?)
+    }
+
+    /// Gives a brick, whose first column is `first`, the times of its columns.
+    fn date(&self, bricks: &mut BrickVolume, slot: Slot, first: [i64; 2], fading: &Fading) {
+        let now_ns = self.clock.elapsed_ns();
+        bricks.set_epoch(slot, Epoch::at(now_ns));
+        for (x, y) in (0..EDGE * EDGE).map(|i| (i % EDGE, i / EDGE)) {
+            let Some(written_ns) = self.volume.written_ns(first[0] + x as i64, first[1] + y as i64) else { continue };
+            let places = (0..EDGE).map(|z| offset(x, y, z));
+            if fading.keeps_ages() {
+                let (epoch, age) = fading.dated(written_ns, now_ns);
+                bricks.set_epoch(slot, epoch);
+                let ages = bricks.ages_mut(slot);
+                places.for_each(|place| ages.0[place] = age);
+            } else {
+                let brick = bricks.brick_mut(slot);
+                for place in places {
+                    if brick.w[place] > 0.0 {
+                        let left = fading.left(written_ns, now_ns, brick.w[place]);
+                        (brick.r[place], brick.w[place]) = (brick.r[place] * left, brick.w[place] * left);
+                    }
+                }
+            }
+        }
     }
 }
