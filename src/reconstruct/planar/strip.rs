@@ -280,10 +280,6 @@ unsafe fn weave_lanes<L: Lanes>(
     for column in 0..COLUMNS {
         let Some(place) = strip.place(task.tile, column) else { continue };
         let column_values = &mut columns[column * stride..][..stride];
-        for line in column_values.chunks(LANES) {
-            // SAFETY: a prefetch reads nothing; the instruction set as for this function.
-            unsafe { L::prefetch(line.as_ptr()) };
-        }
         // SAFETY: the instruction set as for this function.
         let Some((taps, across)) = (unsafe { strip.taps::<L>(place, weights) }) else { continue };
         let weights = &mut weights[taps.first..][..taps.rows.len()];
@@ -292,7 +288,8 @@ unsafe fn weave_lanes<L: Lanes>(
             *weight *= scale;
         }
         let gained = across * taps.share;
-        let weight = column_weights[column] + gained;
+        let before = column_weights[column];
+        let weight = before + gained;
         let fits = weight <= lines.most_weight;
         column_weights[column] = if fits { weight } else { lines.most_weight };
         task.updated += 1;
@@ -304,7 +301,8 @@ unsafe fn weave_lanes<L: Lanes>(
             weights,
             level: lines.level,
             gained,
-            keep: if fits { 1.0 } else { lines.most_weight / weight },
+            // At the bound already, the excess is the gain exactly.
+            clamp: (!fits).then(|| [lines.most_weight / weight, (gained + (before - lines.most_weight)) / weight]),
         };
         // SAFETY: the instruction set as for this function.
         unsafe { add::<L>(column_values, &sum) };
@@ -341,11 +339,13 @@ pub(super) struct Sum<'a> {
     /// What the lines are relative to, and the weight that it has.
     pub(super) level: f32,
     pub(super) gained: f32,
-    /// Factor of all that there is then: below 1 where the weight was clamped.
-    pub(super) keep: f32,
+    /// Where the weight would exceed its bound: what counts of the gain, and what is lost of what there was; they scale both to the bound.
+    pub(super) clamp: Option<[f32; 2]>,
 }
 
-/// `column[z] = (column[z] + Σ weights[t]·rows[t·stride + z] + level·gained)·keep`, in the order of t.
+/// `column[z] += Σ weights[t]·rows[t·stride + z] + level·gained`, in the order of t; clamped, `column[z] += gain·(…) − loss·column[z]`.
+///
+/// Scaling the sum down instead would add a rounding of its size with every slice, and a constant would drift off.
 ///
 /// # Safety
 /// The instruction set of `L` must be available.
@@ -386,10 +386,20 @@ unsafe fn add_at<L: Lanes, const N: usize>(column: *mut f32, rows: *const f32, s
             }
             row = row.wrapping_add(sum.stride);
         }
-        let (level, gained, keep) = (L::splat(sum.level), L::splat(sum.gained), L::splat(sum.keep));
-        for (i, contrast) in contrast.into_iter().enumerate() {
-            let at = column.add(i * LANES);
-            level.mul_add(gained, L::load(at).add(contrast)).mul(keep).store(at);
+        let (level, gained) = (L::splat(sum.level), L::splat(sum.gained));
+        if let Some([gain, loss]) = sum.clamp {
+            let (gain, loss) = (L::splat(gain), L::splat(-loss));
+            for (i, contrast) in contrast.into_iter().enumerate() {
+                let at = column.add(i * LANES);
+                let before = L::load(at);
+                let step = level.mul_add(gained, contrast).mul_add(gain, loss.mul(before));
+                before.add(step).store(at);
+            }
+        } else {
+            for (i, contrast) in contrast.into_iter().enumerate() {
+                let at = column.add(i * LANES);
+                level.mul_add(gained, L::load(at).add(contrast)).store(at);
+            }
         }
     }
 }
