@@ -1,6 +1,6 @@
 //! The sum along u: a slice's pixels become lines of voxels along z, one for each row of the picture.
 //!
-//! line[v][z] = Σᵤ A[z][u]·o[u][v], where the row z of A holds the kernel about voxel z at the pixels that there are, scaled to sum 1. What of the
+//! `line[v][z] = Σᵤ A[z][u]·o[u][v]`, where the row z of A holds the kernel about voxel z at the pixels that there are, scaled to sum 1. What of the
 //! kernel lies on them is the voxel's share, which enters its weight. Sixteen neighbouring voxels are summed at once over all pixels that
 //! any of them reaches: products with zero cost less than turning the picture on its side.
 #![allow(unsafe_code, reason = "the inner loop runs on `Lanes`, by pointer")]

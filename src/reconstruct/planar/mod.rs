@@ -14,7 +14,7 @@
 //! - `upgrade`: what there is, taken over by the general path when a slice leaves the plane.
 //! - [`reference`](mod@reference): the same sums voxel by voxel in f64.
 //!
-//! At the border of the data a column, and a stretch of z, takes part where [a fifth](super::slab::LEAST_CERTAINTY) of the kernel's own axis lies
+//! At the border of the data a column, and a stretch of z, takes part where a fifth of the kernel's own axis lies
 //! on data. The general path asks the same of both axes' product: along straight borders the two agree, in the picture's corners this
 //! path keeps a few voxels more.
 

@@ -285,10 +285,6 @@ unsafe fn weave_lanes<L: Lanes>(
     for column in 0..COLUMNS {
         let Some(place) = strip.place(task.tile, column) else { continue };
         let column_values = &mut tile.columns[column * stride..][..stride];
-        for line in column_values.chunks(LANES) {
-            // SAFETY: a prefetch reads nothing; the instruction set as for this function.
-            unsafe { L::prefetch(line.as_ptr()) };
-        }
         // SAFETY: the instruction set as for this function.
         let Some((taps, across)) = (unsafe { strip.taps::<L>(place, weights) }) else { continue };
         let mut gained = across * taps.share;
@@ -367,6 +363,9 @@ pub(super) struct Sum<'a> {
 }
 
 /// `column[z] = old + (Σ weights[t]·rows[t·stride + z] + level·gained − old·lost)` with `old = column[z]·fade`, in the order of t.
+///
+/// A step from what there is: scaling the sum down where the weight is clamped would add a rounding of its size with every slice, and a constant
+/// would drift off.
 ///
 /// # Safety
 /// The instruction set of `L` must be available.
