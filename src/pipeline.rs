@@ -21,6 +21,8 @@ use crate::sync::{FramePose, NoPath, Pairing, PairingOptions, Survey, survey};
 const PATIENCE: Duration = Duration::from_secs(1);
 /// Pictures that wait for the mask may hold this much; of larger ones, fewer are looked at.
 const MOST_WAITING_BYTES: usize = 64 << 20;
+/// Below this many voxels of σ a sampled Gaussian stops behaving like one (Lindeberg 2023).
+const LEAST_SIGMA_VOXELS: f64 = 0.75;
 
 /// Off-plane σ.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -188,6 +190,32 @@ pub fn reconstruct(mut job: Job, mut progress: impl FnMut(Progress)) -> Result<O
     run.finish()
 }
 
+/// What to say of kernels that are narrower than the lattice can hold: along which axes, and what to do. A σ across the plane that was taken from
+/// the slices' own gaps is as wide as it need be.
+fn narrow(reconstructor: &Reconstructor, off_plane: OffPlane) -> Option<String> {
+    let spacing = reconstructor.settings().spacing_mm.max_element();
+    // The default in the plane is this very σ; rounding must not make it narrow.
+    let least = LEAST_SIGMA_VOXELS * spacing * (1.0 - 1e-9);
+    let kernels = reconstructor.kernels()?;
+    let axes: &[&str] = match off_plane {
+        OffPlane::Settings => &["u", "v", "the normal"],
+        OffPlane::Auto => &["u", "v"],
+    };
+    let narrow: Vec<String> = axes
+        .iter()
+        .zip(kernels)
+        .filter(|(_, kernel)| kernel.sigma_mm < least)
+        .map(|(axis, kernel)| format!("{:.3} mm along {axis}", kernel.sigma_mm))
+        .collect();
+    (!narrow.is_empty()).then(|| {
+        format!(
+            "the kernel's σ is below {LEAST_SIGMA_VOXELS} voxel ({}, voxels of {spacing} mm): what lies between voxels is lost, and slices \
+             far apart leave holes; choose a finer --spacing or a larger --sigma",
+            narrow.join(", ")
+        )
+    })
+}
+
 /// The mask stage: slices wait until the picture's border is known.
 enum Masking {
     Searching { search: AutoMask, waiting: Vec<(u64, Slice)>, bytes: usize },
@@ -206,6 +234,7 @@ struct Run {
     pairing: Pairing,
     ledger: Ledger,
     settings: Settings,
+    off_plane: OffPlane,
     frames: Range<u64>,
     stage: Masking,
     mask: Option<Mask>,
@@ -227,6 +256,7 @@ impl Run {
             pairing,
             ledger: Ledger::default(),
             settings: job.settings.clone(),
+            off_plane: job.off_plane,
             frames: job.frames.clone(),
             stage,
             mask,
@@ -342,6 +372,7 @@ impl Run {
         let mut notes = self.ingest.notes().to_vec();
         notes.extend_from_slice(self.pairing.notes());
         notes.append(&mut self.notes);
+        notes.extend(narrow(&reconstructor, self.off_plane));
         Ok(Outcome {
             world: route.map(|r| r.world().to_owned()).unwrap_or_default(),
             route: route.map(|r| r.describe()).unwrap_or_default(),
