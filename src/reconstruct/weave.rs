@@ -333,8 +333,11 @@ unsafe fn weave_lanes<L: Lanes>(brick: &mut Brick, task: &mut Task, view: &View<
             let fits = new_w.le(most);
             let above = bits & !L::bits(fits);
             if above != 0 {
-                let scale = L::select(fits, L::splat(1.0), most.div(new_w));
-                new_r = new_r.mul(scale);
+                // most·(r + s·f) / (w + c·f), as the step from r: on top of the sum's rounding, scaling it down would add its own with every
+                // slice, and a constant would drift off (measured in the plane of a parked slice: 1.3e-5, this way 1.8e-6).
+                let excess = certainty.mul_add(weight, w.sub(most));
+                let step = sum.mul(weight).mul_add(most, L::splat(0.0).sub(excess.mul(r))).div(new_w);
+                new_r = L::select(fits, new_r, r.add(step));
                 new_w = L::select(fits, new_w, most);
                 task.clamped += above.count_ones();
             }
