@@ -1,5 +1,5 @@
 # Each target first installs what the machine lacks (scripts/setup.sh says what and asks sudo when not root).
-.PHONY: all demo test bench check setup fresh-machine
+.PHONY: all demo test bench stress check setup fresh-machine
 
 all: test
 
@@ -18,6 +18,12 @@ check: setup
 
 bench: setup
 	cargo bench --locked --bench reconstruct
+
+# Numerical stability: 10⁶ slices and days of stamps (STRESS=quick: seconds), and errors put into the source, which tests must notice.
+STRESS ?= full
+stress: setup
+	SONOWEAVE_STRESS=$(STRESS) cargo test --locked --test stress
+	cargo test --locked --test mutants -- --include-ignored
 
 # Proves, as root and on a bare Debian 12 in a folder, that demo and test need no more than git, make, curl and Rust.
 fresh-machine:
