@@ -1,5 +1,5 @@
 # Each target first installs what the machine lacks (scripts/setup.sh says what and asks sudo when not root).
-.PHONY: all demo test bench paper check setup fresh-machine
+.PHONY: all demo test bench stress paper check setup fresh-machine
 
 all: test
 
@@ -19,6 +19,12 @@ check: setup
 
 bench: setup
 	cargo bench --locked --bench reconstruct
+
+# Numerical stability: 10⁶ slices and days of stamps (STRESS=quick: seconds), and errors put into the source, which tests must notice.
+STRESS ?= full
+stress: setup
+	SONOWEAVE_STRESS=$(STRESS) cargo test --locked --test stress
+	cargo test --locked --test mutants -- --include-ignored
 
 # The 1992 paper's figures and claims with ours beside them: out/paper/index.html. `make paper QUICK=--quick` for a smoke test.
 paper: setup

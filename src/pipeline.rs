@@ -23,6 +23,8 @@ use crate::sync::{FramePose, NoPath, Pairing, PairingOptions, Survey, survey};
 const PATIENCE: Duration = Duration::from_secs(1);
 /// Pictures that wait for the mask may hold this much; of larger ones, fewer are looked at.
 const MOST_WAITING_BYTES: usize = 64 << 20;
+/// Below this many voxels of σ a sampled Gaussian stops behaving like one (Lindeberg 2023).
+const LEAST_SIGMA_VOXELS: f64 = 0.75;
 
 /// Off-plane σ.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -200,6 +202,32 @@ pub fn reconstruct(mut job: Job, mut progress: impl FnMut(Progress)) -> Result<O
     run.finish()
 }
 
+/// What to say of kernels that are narrower than the lattice can hold: along which axes, and what to do. A σ across the plane that was taken from
+/// the slices' own gaps is as wide as it need be, as is one that reaches half a voxel whatever its σ; and methods that go from pixel to pixel have
+/// no other width in the plane.
+fn narrow(weaver: &Weaver, off_plane: OffPlane) -> Option<String> {
+    let settings = weaver.settings();
+    let spacing = settings.spacing_mm.max_element();
+    // The default in the plane is this very σ; rounding must not make it narrow.
+    let least = LEAST_SIGMA_VOXELS * spacing * (1.0 - 1e-9);
+    let in_plane = !settings.method.interpolates();
+    let across = off_plane == OffPlane::Settings && !settings.compounding.selects();
+    let axes = [("u", in_plane), ("v", in_plane), ("the normal", across)];
+    let narrow: Vec<String> = axes
+        .iter()
+        .zip(weaver.kernels()?)
+        .filter(|((_, counts), kernel)| *counts && kernel.sigma_mm < least)
+        .map(|((axis, _), kernel)| format!("{:.3} mm along {axis}", kernel.sigma_mm))
+        .collect();
+    (!narrow.is_empty()).then(|| {
+        format!(
+            "the kernel's σ is below {LEAST_SIGMA_VOXELS} voxel ({}, voxels of {spacing} mm): what lies between voxels is lost, and slices \
+             far apart leave holes; choose a finer --spacing or a larger --sigma",
+            narrow.join(", ")
+        )
+    })
+}
+
 /// The mask stage: slices wait until the picture's border is known.
 enum Masking {
     Searching { search: AutoMask, waiting: Vec<(u64, Slice)>, bytes: usize },
@@ -238,6 +266,7 @@ struct Run {
     pairing: Pairing,
     ledger: Ledger,
     weaving: Weaving,
+    off_plane: OffPlane,
     frames: Range<u64>,
     stage: Masking,
     mask: Option<Mask>,
@@ -267,6 +296,7 @@ impl Run {
             pairing,
             ledger: Ledger::default(),
             weaving,
+            off_plane: job.off_plane,
             frames: job.frames.clone(),
             stage,
             mask,
@@ -392,6 +422,7 @@ impl Run {
         let mut notes = self.ingest.notes().to_vec();
         notes.extend_from_slice(self.pairing.notes());
         notes.append(&mut self.notes);
+        notes.extend(narrow(&weaver, self.off_plane));
         Ok(Outcome {
             world: route.map(|r| r.world().to_owned()).unwrap_or_default(),
             route: route.map(|r| r.describe()).unwrap_or_default(),

@@ -11,7 +11,7 @@ use crate::export::whole::write_whole;
 use crate::ledger::Ledger;
 use crate::mask::MaskSettings;
 use crate::pipeline::Outcome;
-use crate::reconstruct::{Compounding, Work};
+use crate::reconstruct::Compounding;
 
 /// Spread of the time that slices took, ms.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -78,7 +78,7 @@ pub struct WorkNumbers {
     pub voxels_sampled: u64,
 }
 
-/// A decay, and what it made of the frames' times.
+/// A decay.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct DecayNumbers {
     /// Its course.
@@ -87,22 +87,12 @@ pub struct DecayNumbers {
     pub rate_per_s: f64,
     /// For how long it does not, s.
     pub wait_s: f64,
-    /// Slices whose time was earlier than the newest before them: they count as of that time.
-    pub times_backwards: u64,
-    /// Slices whose time lay a day after the newest before them, or ten seconds before it: a clock was set.
-    pub times_absurd: u64,
 }
 
 impl DecayNumbers {
-    fn of(compounding: Compounding, work: Work) -> Option<Self> {
+    fn of(compounding: Compounding) -> Option<Self> {
         let Compounding::Decay(decay) = compounding else { return None };
-        Some(Self {
-            mode: decay.name(),
-            rate_per_s: decay.rate_per_s(),
-            wait_s: decay.wait_s(),
-            times_backwards: work.times_backwards,
-            times_absurd: work.times_absurd,
-        })
+        Some(Self { mode: decay.name(), rate_per_s: decay.rate_per_s(), wait_s: decay.wait_s() })
     }
 }
 
@@ -144,6 +134,10 @@ pub struct Statistics {
     pub compounding: &'static str,
     /// How the past fades, if it does.
     pub decay: Option<DecayNumbers>,
+    /// Slices whose time was earlier than the newest before them: they count as of that time.
+    pub times_backwards: u64,
+    /// Slices whose time lay a day after the newest before them, or ten seconds before it: a clock was set.
+    pub times_absurd: u64,
     /// Nominal σ along u, v, n, mm.
     pub sigma_mm: [f64; 3],
     /// σ of the kernel as cut and lowered, mm.
@@ -208,7 +202,9 @@ impl Statistics {
             scalar,
             method: settings.method.name(),
             compounding: settings.compounding.name(),
-            decay: DecayNumbers::of(settings.compounding, work),
+            decay: DecayNumbers::of(settings.compounding),
+            times_backwards: work.times_backwards,
+            times_absurd: work.times_absurd,
             sigma_mm: per_axis(|k| k.sigma_mm),
             sigma_effective_mm: per_axis(|k| k.sigma_effective_mm()),
             support_mm: per_axis(|k| k.support_mm),

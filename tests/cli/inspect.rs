@@ -88,7 +88,7 @@ fn a_sequence_without_a_place_says_why_and_what_is_unfit_all_the_same() {
 fn a_volume_is_described_with_its_values_and_its_making() {
     let place = Place::new();
     place.put("s.mha", Sequence { pixel: |_, _, f| vec![50 + f as u8], ..Sequence::default() }.bytes());
-    place.does("reconstruct s.mha -o v.mha --type f32 --spacing 0.5,0.5,1 --sigma 0.5,0.5,0.3 --clip none");
+    place.does_narrowly("reconstruct s.mha -o v.mha --type f32 --spacing 0.5,0.5,1 --sigma 0.5,0.5,0.3 --clip none");
     let r = report(&place, "v.mha");
     let volume = place.volume("v.mha");
     assert_eq!(r["kind"], "volume");

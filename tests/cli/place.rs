@@ -72,6 +72,14 @@ impl Place {
         run.stdout
     }
 
+    /// As [`Self::does`], where the program has to say that the kernel is narrow for the voxels, and nothing else.
+    pub(crate) fn does_narrowly(&self, words: &str) -> String {
+        let run = self.run(words);
+        let narrow = run.stderr.starts_with("sonoweave: note: the kernel's σ is below 0.75 voxel");
+        assert!(run.code == 0 && narrow && run.stderr.lines().count() == 1, "{words}: {} {}", run.code, run.stderr);
+        run.stdout
+    }
+
     /// Runs the program, which must refuse with one sentence that says all of `says`, and leave the folder as it was.
     pub(crate) fn refuses(&self, words: &str, says: &[&str]) {
         let before: Vec<_> = self.names().into_iter().map(|name| (self.get(&name), name)).collect();

@@ -1,0 +1,175 @@
+//! What a test expects, what it measured, and the table of all of it.
+
+use std::fmt::{Display, Write as _};
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+
+use libtest_mimic::{Arguments, Failed, Trial};
+
+/// How long the long tests are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Length {
+    /// Seconds, for every run of the tests.
+    Quick,
+    /// As the expectation says it.
+    Full,
+}
+
+impl Length {
+    pub(crate) fn from_environment() -> Self {
+        match std::env::var("SONOWEAVE_STRESS").as_deref() {
+            Ok("full") => Self::Full,
+            Ok("quick") | Err(_) => Self::Quick,
+            Ok(other) => panic!("SONOWEAVE_STRESS is full or quick, not {other:?}"),
+        }
+    }
+
+    pub(crate) fn of<T>(self, quick: T, full: T) -> T {
+        match self {
+            Self::Quick => quick,
+            Self::Full => full,
+        }
+    }
+}
+
+/// A test before it runs.
+pub(crate) struct Test {
+    name: String,
+    ignored: bool,
+    check: fn(&mut Sheet),
+}
+
+impl Test {
+    /// `number` is that of the table in `README.md`; the expectation is what the name says.
+    pub(crate) fn new(number: &str, expectation: impl Display, check: fn(&mut Sheet)) -> Self {
+        Self { name: format!("{number} {expectation}"), ignored: false, check }
+    }
+
+    /// One that runs at full length only, and says so where it does not run.
+    pub(crate) fn full_only(length: Length, number: &str, expectation: impl Display, check: fn(&mut Sheet)) -> Self {
+        match length {
+            Length::Full => Self::new(number, expectation, check),
+            Length::Quick => Self {
+                ignored: true,
+                ..Self::new(number, format!("{expectation} (runs at full length only: make stress)"), check)
+            },
+        }
+    }
+
+    pub(crate) fn trial(self, length: Length, report: &Arc<Report>) -> Trial {
+        let report = Arc::clone(report);
+        let Self { name, ignored, check } = self;
+        let title = name.clone();
+        let run = move || {
+            let mut sheet = Sheet { test: title, length, report, failures: Vec::new() };
+            check(&mut sheet);
+            if sheet.failures.is_empty() { Ok(()) } else { Err(Failed::from(sheet.failures.join("\n"))) }
+        };
+        Trial::test(name, run).with_ignored_flag(ignored)
+    }
+}
+
+/// Where a test enters what it measured. Nothing stops at the first failure: all figures are wanted.
+pub(crate) struct Sheet {
+    test: String,
+    pub(crate) length: Length,
+    report: Arc<Report>,
+    failures: Vec<String>,
+}
+
+impl Sheet {
+    fn enter(&mut self, what: &str, expected: String, measured: String, pass: bool) {
+        if !pass {
+            self.failures.push(format!("{what}: {measured}, expected {expected}"));
+        }
+        let row = Row { test: self.test.clone(), what: what.into(), expected, measured, pass };
+        self.report.0.lock().unwrap().push(row);
+    }
+
+    /// A figure that may not exceed a limit; NaN does.
+    pub(crate) fn at_most(&mut self, what: &str, measured: f64, limit: f64) {
+        self.enter(what, format!("≤ {limit:.3e}"), format!("{measured:.3e}"), measured <= limit);
+    }
+
+    /// A figure that must exceed a limit: what a test needs in order to mean something, or a defect that must show.
+    pub(crate) fn above(&mut self, what: &str, measured: f64, limit: f64) {
+        self.enter(what, format!("> {limit:.3e}"), format!("{measured:.3e}"), measured > limit);
+    }
+
+    /// A figure with its closed form and the largest distance from it.
+    pub(crate) fn near(&mut self, what: &str, measured: f64, expected: f64, within: f64) {
+        let pass = (measured - expected).abs() <= within;
+        self.enter(what, format!("{expected:.6} ± {within:.1e}"), format!("{measured:.6}"), pass);
+    }
+
+    pub(crate) fn equal<T: PartialEq + std::fmt::Debug>(&mut self, what: &str, measured: T, expected: T) {
+        let pass = measured == expected;
+        self.enter(what, format!("{expected:?}"), format!("{measured:?}"), pass);
+    }
+
+    pub(crate) fn holds(&mut self, what: &str, pass: bool) {
+        self.enter(what, "yes".into(), if pass { "yes" } else { "no" }.into(), pass);
+    }
+
+    /// A figure without an expectation.
+    pub(crate) fn record(&mut self, what: &str, measured: impl Display) {
+        self.enter(what, "recorded".into(), measured.to_string(), true);
+    }
+}
+
+struct Row {
+    test: String,
+    what: String,
+    expected: String,
+    measured: String,
+    pass: bool,
+}
+
+/// All rows of a run.
+#[derive(Default)]
+pub(crate) struct Report(Mutex<Vec<Row>>);
+
+impl Report {
+    /// Writes the table of a whole run to `out/stress`, and prints it: all of it where asked to, else what is outside its expectation.
+    pub(crate) fn finish(&self, length: Length, arguments: &Arguments) {
+        let mut rows = self.0.lock().unwrap();
+        if rows.is_empty() {
+            return;
+        }
+        // Tests ran side by side; rows of one keep their order.
+        rows.sort_by(|a, b| a.test.cmp(&b.test));
+        let failed = rows.iter().filter(|row| !row.pass).count();
+        let summary = format!("{} figures, {failed} outside their expectation", rows.len());
+        if arguments.nocapture || length == Length::Full {
+            println!("{}", table(rows.iter()));
+        } else if failed > 0 {
+            println!("{}", table(rows.iter().filter(|row| !row.pass)));
+        }
+        println!("{summary}");
+        let chosen = arguments.filter.is_some() || !arguments.skip.is_empty();
+        if !chosen {
+            let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("out/stress");
+            let file = folder.join(length.of("report-quick.txt", "report.txt"));
+            let words = length.of("short length (full: make stress)", "full length");
+            let text = format!("Numerical stress tests, {words}\n{}\n{summary}\n", table(rows.iter()));
+            std::fs::create_dir_all(&folder).unwrap();
+            std::fs::write(&file, text).unwrap();
+            println!("all of them: {}", file.display());
+        }
+    }
+}
+
+/// Rows under the name of their test: what, measured, expected.
+fn table<'a>(rows: impl Iterator<Item = &'a Row>) -> String {
+    let mut text = String::new();
+    let mut test = "";
+    for row in rows {
+        if row.test != test {
+            test = &row.test;
+            writeln!(text, "\n{test}").unwrap();
+        }
+        let mark = if row.pass { ' ' } else { '✗' };
+        writeln!(text, " {mark} {:<76} {:>24}   {}", row.what, row.measured, row.expected).unwrap();
+    }
+    text
+}

@@ -1,0 +1,58 @@
+//! Numerical stress tests: each has a number, an expectation and a measured figure.
+//!
+//! Two lengths: a short one in `cargo test`, and the full one (10⁶ slices, a day of stamps) with `SONOWEAVE_STRESS=full`, as `make stress` runs
+//! it. All figures are written to `out/stress`, and printed at full length or with `--nocapture`. `README.md` lists the numbers.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
+#![allow(clippy::print_stdout, reason = "the measured figures are the suite's output")]
+
+mod accumulation;
+mod coverage;
+mod figures;
+mod geometry;
+mod kernels;
+mod memory;
+mod order;
+mod orientation;
+#[path = "../cli/place.rs"]
+#[allow(dead_code, reason = "another suite's helper, used in part")]
+mod place;
+mod refusals;
+mod sampling;
+#[path = "../cli/sequence.rs"]
+#[allow(dead_code, reason = "another suite's helper, used in part")]
+mod sequence;
+mod support;
+mod time;
+mod weaving;
+
+use std::sync::Arc;
+
+use figures::{Length, Report, Test};
+use libtest_mimic::{Arguments, Trial};
+
+fn main() {
+    if time::is_day_alone() {
+        return time::day_alone();
+    }
+    let arguments = Arguments::from_args();
+    let length = Length::from_environment();
+    let report = Arc::new(Report::default());
+    let themes = [
+        accumulation::tests(length),
+        order::tests(length),
+        support::tests(),
+        geometry::tests(),
+        coverage::tests(),
+        refusals::tests(),
+        time::tests(length),
+        sampling::tests(),
+        orientation::tests(),
+        memory::tests(),
+        kernels::tests(),
+    ];
+    let trials: Vec<Trial> = themes.into_iter().flatten().map(|test: Test| test.trial(length, &report)).collect();
+    let conclusion = libtest_mimic::run(&arguments, trials);
+    report.finish(length, &arguments);
+    conclusion.exit();
+}

@@ -1,0 +1,108 @@
+//! Slices too far apart: the ripple of the weights, holes, and what a gap of two σ costs.
+
+use glam::{DMat3, DVec3};
+use sonoweave::phantom::Scene;
+use sonoweave::phantom::scene::Blobs;
+use sonoweave::reconstruct::kernel::Support;
+use sonoweave::reconstruct::{Reconstructor, Settings};
+use sonoweave::slice::Slice;
+
+use crate::figures::{Sheet, Test};
+use crate::weaving::{METHODS, Probe, constant, half_mm, positions, seen, weave};
+
+pub(crate) fn tests() -> Vec<Test> {
+    vec![
+        Test::new("27", "slices 1, 2 and 3 σ apart: the weights ripple by 2 exp(−2π²σ²/s²) ± 1 %", ripple),
+        Test::new("27", "slices more than two supports apart: holes exactly in the gaps", gaps),
+        Test::new("28", "slices 2 σ apart, support 2.576 σ: no holes; the error is recorded", undersampled),
+    ]
+}
+
+/// Weights along the normal through the middle of the picture, for planes of voxels within `reach` mm.
+fn weights_along(r: &Reconstructor, reach: f64) -> Vec<f64> {
+    let spacing = r.settings().spacing_mm.z;
+    let planes = (reach / spacing) as i64;
+    (-planes..=planes).map(|z| f64::from(r.volume().voxel([0, 0, z]).1)).collect()
+}
+
+fn ripple(sheet: &mut Sheet) {
+    let sigma = 1.0;
+    for method in METHODS {
+        for gap in [1.0, 2.0, 3.0] {
+            // Sixteen voxels from slice to slice, on slices and midway. The formula is that of a kernel without end.
+            let settings = Settings {
+                method,
+                sigma_mm: [None, None, Some(sigma)],
+                support: Some(Support::Energy(1e-12)),
+                ..Settings::new(DVec3::new(0.5, 0.5, gap / 16.0))
+            };
+            let probe = Probe::straight([5, 5], 0.5);
+            let picture = constant(probe.size, 100.0);
+            let slices: Vec<Slice> = positions(12.0 + 3.0 * gap, gap).map(|along| probe.put(&picture, along)).collect();
+            let r = weave(settings, &probe.mask(), &slices);
+            let weights = weights_along(&r, 2.0 * gap);
+            let (least, most) = weights.iter().fold((f64::MAX, 0.0_f64), |(l, m), w| (l.min(*w), m.max(*w)));
+            let mean = weights.iter().skip(1).sum::<f64>() / (weights.len() - 1) as f64;
+            let amplitude = 0.5 * (most - least) / mean;
+            let expected = 2.0 * (-2.0 * (std::f64::consts::PI * sigma / gap).powi(2)).exp();
+            let what = format!("{}, s = {gap} σ: ripple of the weights", method.name());
+            if expected < 1e-6 {
+                // Below what sums in f32 can show.
+                sheet.at_most(&what, amplitude, expected + 1e-6);
+            } else {
+                sheet.near(&what, amplitude, expected, 0.01 * expected);
+            }
+        }
+    }
+}
+
+fn gaps(sheet: &mut Sheet) {
+    for method in METHODS {
+        let settings = Settings { method, ..Settings::new(DVec3::new(0.5, 0.5, 0.1)) };
+        let probe = Probe::straight([9, 9], 0.5);
+        // Supports of 2.576 mm, slices 6 mm apart.
+        let slices: Vec<Slice> =
+            positions(18.0, 6.0).map(|along| probe.put(&constant(probe.size, 100.0), along)).collect();
+        let r = weave(settings, &probe.mask(), &slices);
+        let kernel = r.kernels().unwrap()[2];
+        sheet.above(&format!("{}: gap / support", method.name()), 6.0 / kernel.support_mm, 2.0);
+        let (mut wrong, mut holes) = (0, 0);
+        for (z, weight) in (-180_i64..).zip(weights_along(&r, 18.0)) {
+            let at = 0.1 * z as f64;
+            let from_slice = (at - (at / 6.0).round() * 6.0).abs();
+            wrong += u32::from((weight > 0.0) != (kernel.weight(from_slice) > 0.0));
+            holes += u32::from(weight == 0.0);
+        }
+        sheet.above(&format!("{}: planes of voxels in the gaps", method.name()), f64::from(holes), 40.0);
+        sheet.equal(&format!("{}: planes that are seen and should not be, or the reverse", method.name()), wrong, 0);
+    }
+}
+
+fn undersampled(sheet: &mut Sheet) {
+    let mut blobs = Blobs::draw(5);
+    blobs.sphere = None;
+    let scene = Scene::Blobs(blobs);
+    for method in METHODS {
+        for gap in [0.5, 1.0, 2.0] {
+            let settings = Settings { method, sigma_mm: [Some(0.5), Some(0.5), Some(1.0)], ..half_mm() };
+            let probe = Probe::straight([96, 96], 0.2);
+            let slices: Vec<Slice> = positions(12.0, gap).map(|along| probe.scan(along, |p| scene.value(p))).collect();
+            let r = weave(settings, &probe.mask(), &slices);
+            let widths = DVec3::from_array(r.kernels().unwrap().map(|k| k.sigma_effective_mm().powi(2)));
+            let blur = DMat3::from_diagonal(widths);
+            let inside: Vec<_> = seen(&r).into_iter().filter(|voxel| voxel.at.abs().max_element() <= 7.0).collect();
+            let what = format!("{}, s = {gap} σ", method.name());
+            sheet.equal(&format!("{what}: voxels of 29³ not seen"), 29_usize.pow(3) - inside.len(), 0);
+            let rms = |truth: &dyn Fn(DVec3) -> f64| {
+                let sum: f64 = inside.iter().map(|voxel| (voxel.value - truth(voxel.at)).powi(2)).sum();
+                (sum / inside.len() as f64).sqrt()
+            };
+            sheet.record(
+                &format!("{what}: rms error against the scene, grey levels"),
+                format!("{:.3}", rms(&|p| scene.value(p))),
+            );
+            let blurred = rms(&|p| scene.blurred(p, &blur).unwrap());
+            sheet.record(&format!("{what}: against the blurred scene"), format!("{blurred:.3}"));
+        }
+    }
+}
