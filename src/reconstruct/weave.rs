@@ -52,7 +52,7 @@ pub(crate) struct View<'a> {
     pub(crate) certainty: &'a Nodes,
     /// What the values are relative to.
     pub(crate) level: f32,
-    /// The slice's time in ticks of [`Stamps`].
+    /// The slice's time in ticks of [`Stamps`](crate::volume::brick::Stamps).
     pub(crate) stamp: u32,
     pub(crate) rule: Rule,
     /// Turn what a patch of values, or of certainties, sums to into grey levels and shares: powers of two.
