@@ -149,7 +149,7 @@ fn decay_flags_reach_the_volume() {
         ("--compound mean --decay-rate 2", "--decay-rate: nothing decays"),
         ("--compound decay --decay exp --decay-wait 2", "--decay-wait: means nothing"),
         ("--compound decay --decay-rate 0", "the decay's rate must lie between 1e-6 and 1e6 per second, not at 0"),
-        ("--compound decay --decay-wait=-1", "the decay's wait must lie between 0 and 1e6 seconds, not at -1"),
+        ("--compound decay --decay-wait -1", "the decay's wait must lie between 0 and 1e6 seconds, not at -1"),
     ] {
         place.refuses(&format!("reconstruct s.mha -o w.mha --clip none {flags}"), &[says]);
     }

@@ -39,10 +39,10 @@ pub(super) struct Weighing {
     #[arg(long, value_enum, value_name = "MODE")]
     decay: Option<DecayName>,
     /// How fast it fades, 1/s [default: 1]
-    #[arg(long, value_name = "PER_S")]
+    #[arg(long, value_name = "PER_S", allow_negative_numbers = true)]
     decay_rate: Option<f64>,
     /// For how long it does not fade, s: longer than a sweep takes to pass over a voxel [default: 2]
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
     decay_wait: Option<f64>,
 }
 
