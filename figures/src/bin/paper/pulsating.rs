@@ -275,6 +275,11 @@ pub(crate) fn draw(
         least.push(summaries.iter().map(|summary| summary[1]).fold(f64::INFINITY, f64::min));
     }
     let [exponential, dead, none, printed, printed_wait] = shown[..] else { return Err("five rules".into()) };
+    // What all else is measured by: a pass with no past shows the object where and as large as it was.
+    let largest_of = |values: &mut dyn Iterator<Item = f64>| values.map(f64::abs).fold(0.0, f64::max);
+    let place = largest_of(&mut alone.ahead.iter().copied());
+    let size = largest_of(&mut alone.radius.iter().zip(&object.radius).map(|(a, b)| a - b));
+    report.check(place < 0.01 && size < 0.01, format!("a pass alone shows the sphere {place} and {size} mm off"));
     let lag = SHOWN * kernel.sigma_effective_mm().powi(2) / SPEED;
     report.near("how far behind the sphere exponential decay shows it", -exponential[0], lag, 0.2);
     report.check(dead[0].abs() < 0.02, format!("a wait shows the sphere {} mm ahead", dead[0]));
