@@ -57,7 +57,7 @@ fn main() -> ExitCode {
             eprintln!("unknown argument {argument}; this takes --quick or nothing");
             return ExitCode::from(2);
         }
-        effort = Effort { draws: 20, rounds: 1, rates: &[3.0, 10.0] };
+        effort = Effort { draws: 10, rounds: 1, rates: &[3.0, 10.0] };
         folder = folder.join("quick");
     }
     match run(&effort, &folder) {
