@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use crate::figure::{Axis, Figure, Look, Panel, Series};
-use crate::lettering::{FAMILY, SUBSCRIPT, width, width_bold, wrap};
+use crate::lettering::{FAMILY, SUBSCRIPT, subscript, width, width_bold, wrap};
 use crate::scale::Tick;
 
 /// Width of every figure, pixels.
@@ -67,13 +67,12 @@ fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('\'', "’")
 }
 
-/// Sets what follows an underscore lower and smaller, up to the first character that is no letter or digit.
+/// Sets subscripts lower and smaller.
 fn subscripts(text: &str, size: f64) -> String {
     let mut parts = text.split('_');
     let mut set = parts.next().unwrap_or_default().to_owned();
     for part in parts {
-        let end = part.find(|c: char| !c.is_ascii_alphanumeric()).unwrap_or(part.len());
-        let (low, rest) = part.split_at(end);
+        let (low, rest) = subscript(part);
         let (small, down) = (SUBSCRIPT * size, 0.2 * size);
         let _ = write!(set, r#"<tspan dy="{down:.1}" font-size="{small:.1}">{low}</tspan>"#);
         if !rest.is_empty() {
@@ -252,7 +251,7 @@ fn mark(canvas: &mut Canvas, look: Look, ink: &str, [x, y]: [f64; 2]) {
 fn entries(figure: &Figure) -> Vec<&Series> {
     let mut entries: Vec<&Series> = Vec::new();
     for series in figure.panels.iter().flat_map(|p| &p.series) {
-        if !series.name.is_empty() && entries.iter().all(|e| e.name != series.name) {
+        if series.listed && !series.name.is_empty() && entries.iter().all(|e| e.name != series.name) {
             entries.push(series);
         }
     }

@@ -71,12 +71,19 @@ pub struct Series {
     pub ink: Ink,
     /// x and y; what is not finite, or not positive on a logarithmic axis, is left out.
     pub points: Vec<[f64; 2]>,
+    /// Whether the legend names it; its numbers have their name in any case.
+    pub listed: bool,
 }
 
 impl Series {
     /// Of points.
     pub fn new(name: impl Into<String>, look: Look, ink: Ink, points: Vec<[f64; 2]>) -> Self {
-        Self { name: name.into(), look, ink, points }
+        Self { name: name.into(), look, ink, points, listed: true }
+    }
+
+    /// Without an entry in the legend.
+    pub fn unlisted(self) -> Self {
+        Self { listed: false, ..self }
     }
 
     /// A bar for each category, from the first on.

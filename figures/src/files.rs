@@ -70,7 +70,7 @@ pub fn page(title: &str, introduction: &str, figures: &[Figure]) -> String {
         "<!DOCTYPE html>\n<html lang=\"en\">\n<meta charset=\"utf-8\">\n<title>{title}</title>\n<style>\n\
          body {{ font: 15px/1.5 \"DejaVu Sans\", Verdana, sans-serif; color: #222; max-width: 62rem; margin: 2rem auto; padding: 0 1rem }}\n\
          table {{ border-collapse: collapse; font-size: 13px }} td, th {{ border-bottom: 1px solid #ddd; padding: .35rem .5rem; text-align: left; \
-         vertical-align: top }}\nfigure {{ margin: 2.5rem 0 }} img {{ max-width: 100%; border: 1px solid #ddd }}\n</style>\n<h1>{title}</h1>\n{introduction}\n"
+         vertical-align: top }}\nsub {{ line-height: 0 }} figure {{ margin: 2.5rem 0 }} img {{ max-width: 100%; border: 1px solid #ddd }}\n</style>\n<h1>{title}</h1>\n{introduction}\n"
     );
     for figure in figures {
         let alt = format!("{} {}", figure.title, figure.caption)

@@ -39,6 +39,11 @@ pub fn width(text: &str, size: f64) -> f64 {
     size * total
 }
 
+/// What follows an underscore: the subscript, up to the first character that is no letter or digit, and the rest.
+pub fn subscript(after: &str) -> (&str, &str) {
+    after.split_at(after.find(|c: char| !c.is_ascii_alphanumeric()).unwrap_or(after.len()))
+}
+
 /// Width of one line of bold letters, at most.
 pub fn width_bold(text: &str, size: f64) -> f64 {
     BOLD * width(text, size)

@@ -18,3 +18,4 @@ pub mod lettering;
 pub mod scale;
 
 pub use figure::{Axis, Figure, Ink, Look, Panel, Series};
+pub use scale::order;

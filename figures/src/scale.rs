@@ -116,6 +116,17 @@ fn minus(text: &str) -> String {
     }
 }
 
+/// A small number to its first digit, as its order is told: 5·10⁻¹⁵.
+pub fn order(value: f64) -> String {
+    let decade = value.log10().floor();
+    match (value / 10_f64.powf(decade)).round() {
+        _ if value == 0.0 => "0".to_owned(),
+        // Rounded up to the next decade.
+        10.0 => power(1, decade as i32 + 1),
+        digit => power(digit as u8, decade as i32),
+    }
+}
+
 /// digit·10^decade: written out from a thousandth to ten thousand, as a power beyond.
 fn power(digit: u8, decade: i32) -> String {
     if (-3..=4).contains(&decade) {
@@ -159,6 +170,12 @@ mod tests {
         assert_eq!(written(Scale::Log, [1e-6, 1e-3]), ["10⁻⁶", "10⁻⁵", "10⁻⁴", "0.001"]);
         assert!(written(Scale::Log, [1e-16, 1.0]).len() <= 8);
         assert_eq!(Scale::Log.place(1.0, [0.01, 100.0]), 0.5);
+    }
+
+    #[test]
+    fn orders_are_told_to_one_digit() {
+        let told = [5.3e-15, 9.7e-8, 0.0, 0.0042, 1e-9].map(order);
+        assert_eq!(told, ["5·10⁻¹⁵", "10⁻⁷", "0", "0.004", "10⁻⁹"]);
     }
 
     #[test]

@@ -102,6 +102,18 @@ fn every_number_is_beside_the_picture_with_all_its_digits() {
 }
 
 #[test]
+fn what_the_legend_does_not_name_is_drawn_and_has_its_name_beside_the_picture() {
+    let mut figure = figure();
+    let hidden = Series::new("hidden", Look::Crosses, Ink::Purple, vec![[1.0, 0.5]]).unlisted();
+    let before = drawing::svg(&figure);
+    figure.panels[0].series.push(hidden);
+    let after = drawing::svg(&figure);
+    let lines = |svg: &str| svg.matches(Ink::Purple.hex()).count();
+    assert!(lines(&after) == lines(&before) + 2 && !after.contains("hidden"));
+    assert!(files::csv(&figure).contains("Lines,hidden,1,0.5"));
+}
+
+#[test]
 fn three_files_and_a_page_are_written() {
     let folder = std::env::temp_dir().join(format!("sonoweave-figures-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();

@@ -1,7 +1,7 @@
 //! Four ways to let old data fade, on a line of voxels in f64: what each shows of a moving object, and where. Lengths are in σ.
 //!
-//! A rule is applied as a slice reaches a voxel, and to no other voxel; the age of a voxel is the time since a slice last reached it. [`sweep`]
-//! is all that a figure needs: another reconstructor's answer to the same slices can be drawn beside it.
+//! A rule is applied as a slice reaches a voxel, and to no other voxel; the age of a voxel is the time since a slice last reached it. The reconstructor's
+//! answer to the same slices is in [`decay_woven`](crate::decay_woven).
 
 use sonoweave::reconstruct::kernel::{AxisKernel, KernelError, Method, Support};
 
@@ -103,17 +103,24 @@ pub(crate) fn sweep(from: f64, to: f64, start: f64, object: impl Fn(f64, f64) ->
         .collect()
 }
 
-/// How far along the sweep the things lie that voxels show, on average over the middle of a sweep: positive is later in it.
-///
-/// The object is its own position, so that what a voxel shows is the place that it shows.
-pub(crate) fn shift(rule: Rule, kernel: AxisKernel) -> f64 {
-    let voxels = (0..60).map(|i| 12.0 + GAP * (f64::from(i) + 0.5) / 10.0);
-    let mut line = Voxels::new(voxels.collect(), kernel);
-    for sample in sweep(0.0, 30.0, 0.0, |at, _| at) {
-        line.insert(sample, rule);
-    }
-    let shifts: Vec<f64> = line.values().iter().zip(&line.at).filter_map(|(v, at)| Some((*v)? - at)).collect();
+/// A sweep over an object that is its own position, so that what a voxel shows is the place that it shows: voxels in its middle, and its slices.
+pub(crate) fn ramp() -> (Vec<f64>, Vec<Sample>) {
+    let voxels = (0..60).map(|i| 12.0 + GAP * (f64::from(i) + 0.5) / 10.0).collect();
+    (voxels, sweep(0.0, 30.0, 0.0, |at, _| at))
+}
+
+/// How far along the sweep of [`ramp`] the things lie that voxels show, on average: positive is later in it.
+pub(crate) fn mean_shift(at: &[f64], values: &[Option<f64>]) -> f64 {
+    let shifts: Vec<f64> = values.iter().zip(at).filter_map(|(v, at)| Some((*v)? - at)).collect();
     shifts.iter().sum::<f64>() / shifts.len() as f64
+}
+
+/// [`mean_shift`] of a rule.
+pub(crate) fn shift(rule: Rule, kernel: AxisKernel) -> f64 {
+    let (voxels, samples) = ramp();
+    let mut line = Voxels::new(voxels, kernel);
+    samples.into_iter().for_each(|sample| line.insert(sample, rule));
+    mean_shift(&line.at, &line.values())
 }
 
 #[cfg(test)]

@@ -7,18 +7,24 @@
 //! - [`support`]: figure 5, half width and σ, the kernel's end, its effective width.
 //! - [`signal`], [`woven`]: figures 6 and 7, and what truncation costs.
 //! - [`ripple`]: slices at equal distances.
-//! - [`decay`], [`fading`]: what becomes of old data, and where it shows.
-//! - [`weights`], [`columns`]: a weight a column against a weight a voxel.
+//! - [`decay`], [`decay_woven`], [`fading`]: what becomes of old data, and where it shows, by the equations and by the reconstructor.
+//! - [`pulsating`]: the same of a sphere that moves, in three dimensions.
+//! - [`weights`], [`columns_woven`], [`columns`]: a weight a column against a weight a voxel, by the equations and by the reconstructor's two paths.
+//! - [`speed`]: the paper's test sizes against the clock.
 //! - [`woven_volumes`]: claims about volumes, on the reconstructor itself.
 //! - [`report`]: checks, claims, the page.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program that speaks to its user")]
 
 mod columns;
+mod columns_woven;
 mod decay;
+mod decay_woven;
 mod fading;
+mod pulsating;
 mod report;
 mod ripple;
 mod signal;
+mod speed;
 mod support;
 mod weights;
 mod woven;
@@ -38,10 +44,12 @@ struct Effort {
     draws: u64,
     /// Runs of each timed scan.
     rounds: u32,
+    /// Rates of decay over a moving object, 1/s.
+    rates: &'static [f64],
 }
 
 fn main() -> ExitCode {
-    let mut effort = Effort { draws: 200, rounds: 5 };
+    let mut effort = Effort { draws: 200, rounds: 5, rates: &[0.3, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 30.0, 50.0, 100.0] };
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut folder = here.parent().unwrap_or(here).join("out/paper");
     for argument in std::env::args().skip(1) {
@@ -49,7 +57,7 @@ fn main() -> ExitCode {
             eprintln!("unknown argument {argument}; this takes --quick or nothing");
             return ExitCode::from(2);
         }
-        effort = Effort { draws: 20, rounds: 1 };
+        effort = Effort { draws: 10, rounds: 1, rates: &[3.0, 10.0] };
         folder = folder.join("quick");
     }
     match run(&effort, &folder) {
@@ -66,13 +74,15 @@ fn run(effort: &Effort, folder: &Path) -> Result<bool, Box<dyn Error>> {
     let start = Instant::now();
     fs::create_dir_all(folder)?;
     let mut report = Report::default();
-    woven_volumes::speed(&mut report, effort.rounds)?;
+    let agreement = speed::doll(&mut report, effort.rounds)?;
+    speed::thigh(&mut report, effort.rounds)?;
     support::draw(&mut report, folder)?;
     woven::draw(&mut report, folder, effort.draws)?;
     let ripples = woven_volumes::undersampling(&mut report)?;
     ripple::draw(&mut report, folder, &ripples)?;
     fading::draw(&mut report, folder)?;
-    columns::draw(&mut report, folder)?;
+    let ages = pulsating::draw(&mut report, folder, decay::kernel()?, effort.rates)?;
+    columns::draw(&mut report, folder, &agreement, ages)?;
     woven_volumes::sums(&mut report)?;
     woven_volumes::widths(&mut report)?;
     woven_volumes::slab(&mut report)?;

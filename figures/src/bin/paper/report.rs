@@ -6,7 +6,7 @@ use std::fs;
 use std::path::Path;
 
 use sonoweave_figures::Figure;
-use sonoweave_figures::files;
+use sonoweave_figures::{files, lettering};
 
 /// A claim of the paper and what this run found.
 #[derive(Debug, Clone)]
@@ -97,7 +97,7 @@ impl Report {
     }
 
     fn html(&self, run: &str) -> String {
-        let safe = |text: &str| text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
+        let safe = |text: &str| subscripts(&text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;"));
         let mut text = format!(
             "<p>Ohbuchi, Chen &amp; Fuchs (1992). {}</p>\n<table>\n<tr><th></th><th>claim</th><th>the paper</th><th>this run</th><th>verdict</th></tr>\n",
             safe(run)
@@ -109,4 +109,15 @@ impl Report {
         }
         text + "</table>\n"
     }
+}
+
+/// Sets subscripts as the figures do.
+fn subscripts(text: &str) -> String {
+    let mut parts = text.split('_');
+    let mut set = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        let (low, rest) = lettering::subscript(part);
+        let _ = write!(set, "<sub>{low}</sub>{rest}");
+    }
+    set
 }

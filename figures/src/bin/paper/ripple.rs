@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use std::path::Path;
 
 use sonoweave::reconstruct::kernel::{AxisKernel, Method};
-use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series};
+use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series, order};
 
 use crate::report::Report;
 use crate::signal::kernel;
@@ -50,10 +50,10 @@ pub(crate) fn draw(report: &mut Report, folder: &Path, woven: &[[f64; 2]]) -> Re
         id: "ripple",
         title: "Slices at equal distances: the ripple of the weights".into(),
         caption: format!(
-            "Half of peak to peak of Σ weight, of its mean. The whole Gaussian follows 2 exp(−2π²σ²/s²) to a part of {:.0e} at s = 2 σ, where it is {:.2} %: twofold \
+            "Half of peak to peak of Σ weight, of its mean. The whole Gaussian follows 2 exp(−2π²σ²/s²) to a part of {} at s = 2 σ, where it is {:.2} %: twofold \
              undersampling costs little. A cut kernel never falls below half the step of one sample entering, s/σ·φ(d/σ); less its pedestal it \
              has no step but a kink, which ripples less. Beyond s = 2d = {:.2} σ there are places that no slice reaches.",
-            (measured(&whole, 2.0) / formula(2.0) - 1.0).abs(),
+            order((measured(&whole, 2.0) / formula(2.0) - 1.0).abs()),
             100.0 * measured(&whole, 2.0),
             2.0 * cut.support_mm
         ),

@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use std::path::Path;
 
 use sonoweave::reconstruct::kernel::{AxisKernel, Method, Support, sigma_from_hwhm};
-use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series};
+use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series, order};
 
 use crate::report::Report;
 
@@ -74,9 +74,10 @@ fn criteria(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
     report.claim(
         ["C6", "E_a and E_e give a support linear in σ; E_g “is not so simple”", "“the first two become linear functions of σ”"],
         format!(
-            "d_e is linear (bend {energy:.0e}); d_a bends by {:.0} % of its height up to σ = 6, is longest at σ = {found_longest:.1} and ends at {:.1}; \
+            "d_e is linear (bend {}); d_a bends by {:.0} % of its height up to σ = 6, is longest at σ = {found_longest:.1} and ends at {:.1}; \
              d_g has no solution above σ = {found_last:.3}; DGauss as printed, with μ + x, is {:.0} times the slope at x = μ + σ for μ = 5 σ, and has the other sign \
              than a positive E_g",
+            order(energy),
             100.0 * amplitude,
             falls_silent(Support::Amplitude(ERROR), 1.0, 100.0),
             printed / slope
@@ -271,8 +272,9 @@ fn effective_width(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Err
         id: "effective-width",
         title: "A kernel that ends is narrower than its σ".into(),
         caption: format!(
-            "Standard deviation of the kernel as it is, by formula and by numerical integration (they agree to a part of {worst:.0e}). At the paper's E_e = .01, \
-             d = 2.576 σ, cutting alone narrows the kernel to {cut:.4} σ and the pedestal to {lowered:.4} σ. Kernels are to be compared at equal effective width."
+            "Standard deviation of the kernel as it is, by formula and by numerical integration (they agree to a part of {}). At the paper's E_e = .01, \
+             d = 2.576 σ, cutting alone narrows the kernel to {cut:.4} σ and the pedestal to {lowered:.4} σ. Kernels are to be compared at equal effective width.",
+            order(worst)
         ),
         columns: 1,
         height: 250.0,

@@ -8,9 +8,12 @@ use sonoweave::reconstruct::kernel::{AxisKernel, KernelError, Method, Support};
 /// Voxels along x, y, z.
 pub(crate) const SIZE: [usize; 3] = [14, 14, 28];
 /// Samples a voxel along u and v.
-const FINE: usize = 2;
+pub(crate) const FINE: usize = 2;
 /// Where slices are.
-const AT: [f64; 12] = [0.2, 1.4, 2.1, 3.3, 4.6, 5.5, 6.9, 7.6, 8.8, 10.1, 11.2, 12.6];
+pub(crate) const AT: [f64; 12] = [0.2, 1.4, 2.1, 3.3, 4.6, 5.5, 6.9, 7.6, 8.8, 10.1, 11.2, 12.6];
+
+/// Of the kernel along each axis.
+pub(crate) const SIGMA: f64 = 1.2;
 
 /// Which samples of a slice are data.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,7 +27,7 @@ pub(crate) enum Coverage {
 }
 
 impl Coverage {
-    fn holds(self, slice: usize, u: f64, v: f64) -> bool {
+    pub(crate) fn holds(self, slice: usize, u: f64, v: f64) -> bool {
         let [_, ny, nz] = SIZE.map(|n| n as f64);
         match self {
             Self::Full => true,
@@ -36,7 +39,7 @@ impl Coverage {
 }
 
 /// What is scanned: bright around a place, never dark.
-fn scene([x, y, z]: [f64; 3]) -> f64 {
+pub(crate) fn scene([x, y, z]: [f64; 3]) -> f64 {
     let distance = ((x - 6.0) / 3.0).powi(2) + ((y - 8.0) / 4.0).powi(2) + ((z - 16.0) / 5.0).powi(2);
     60.0 + 120.0 * (-0.5 * distance).exp()
 }
@@ -51,9 +54,9 @@ pub(crate) struct Woven {
     pub(crate) column: Vec<Option<f64>>,
 }
 
-/// Kernel of σ 1.2 voxels, cut at E_e = .01.
+/// The paper's kernel, cut at E_e = .01.
 fn kernel() -> Result<AxisKernel, KernelError> {
-    AxisKernel::new(Method::GaussianTruncated, 1.2, Support::Energy(0.01))
+    AxisKernel::new(Method::GaussianTruncated, SIGMA, Support::Energy(0.01))
 }
 
 pub(crate) fn weave(coverage: Coverage) -> Result<Woven, KernelError> {

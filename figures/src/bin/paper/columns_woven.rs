@@ -1,0 +1,106 @@
+//! The small scan of [`weights`](crate::weights), woven by the reconstructor's own two paths. A voxel is 1 mm.
+
+use std::error::Error;
+use std::sync::Arc;
+
+use calibration::frames::Transform;
+use glam::{DAffine3, DMat3, DVec3};
+use sonoweave::mask::Mask;
+use sonoweave::reconstruct::kernel::{Method, Support};
+use sonoweave::reconstruct::planar::{OnDeparture, PlanarSettings};
+use sonoweave::reconstruct::{Settings, SettingsError, Weaver};
+use sonoweave::slice::{Image, Pixels, Slice};
+
+use crate::weights::{AT, Coverage, FINE, SIGMA, SIZE, scene};
+use crate::woven_volumes::value;
+
+/// Distance of pixels, and where the first of them lies.
+const PIXEL: f64 = 1.0 / FINE as f64;
+const FIRST: f64 = -0.5 * PIXEL;
+
+fn settings() -> Settings {
+    Settings {
+        method: Method::GaussianTruncated,
+        sigma_mm: [Some(SIGMA); 3],
+        support: Some(Support::Energy(0.01)),
+        ..Settings::new(DVec3::ONE)
+    }
+}
+
+/// Pixels along u and v.
+fn pixels() -> [u32; 2] {
+    let [_, ny, nz] = SIZE;
+    [nz, ny].map(|n| (n * FINE) as u32)
+}
+
+/// One mask for all slices: what is seen by some of them only has none.
+fn mask(coverage: Coverage) -> Mask {
+    let [width, height] = pixels();
+    let at = |pixel: u32| FIRST + PIXEL * f64::from(pixel);
+    Mask::from_fn(width, height, |u, v| coverage.holds(0, at(u), at(v)))
+}
+
+fn planar(on_departure: OnDeparture) -> PlanarSettings {
+    PlanarSettings { direction: Some(DMat3::IDENTITY), on_departure, ..PlanarSettings::default() }
+}
+
+/// By the general path.
+pub(crate) fn general(coverage: Coverage) -> Result<Weaver, Box<dyn Error>> {
+    weave(Weaver::general(settings(), mask(coverage))?)
+}
+
+/// By the planar path, or by what takes over from it.
+pub(crate) fn upgrading(coverage: Coverage) -> Result<Weaver, Box<dyn Error>> {
+    weave(Weaver::planar(settings(), planar(OnDeparture::Upgrade), mask(coverage))?)
+}
+
+/// Why the planar path refuses what is data, if it does.
+pub(crate) fn refusal(coverage: Coverage) -> Option<SettingsError> {
+    Weaver::planar(settings(), planar(OnDeparture::Refuse), mask(coverage)).err()
+}
+
+fn weave(mut weaver: Weaver) -> Result<Weaver, Box<dyn Error>> {
+    let [width, height] = pixels();
+    for at in AT {
+        let place = |i: u32| [i % width, i / width].map(|i| FIRST + PIXEL * f64::from(i));
+        let grey = (0..width * height).map(place).map(|[u, v]| scene([at, v, u]) as f32).collect::<Arc<[f32]>>();
+        weaver.insert(&Slice {
+            image: Image::new(width, height, Pixels::F32(grey)),
+            time_ns: 0,
+            world_from_image: Transform::from_affine(DAffine3 {
+                matrix3: DMat3::from_cols(DVec3::Z * PIXEL, DVec3::Y * PIXEL, DVec3::NEG_X),
+                translation: DVec3::new(at, FIRST, FIRST),
+            }),
+        })?;
+    }
+    Ok(weaver)
+}
+
+/// What voxels show, in the order of [`crate::weights::Woven`].
+pub(crate) fn values(weaver: &Weaver) -> Vec<Option<f64>> {
+    let [nx, ny, nz] = SIZE;
+    let voxel = |i: usize| [i / (ny * nz), i / nz % ny, i % nz].map(|x| x as i64);
+    (0..nx * ny * nz).map(|i| value(weaver.volume(), voxel(i))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use sonoweave::reconstruct::Path;
+
+    use super::*;
+    use crate::weights::{apart, weave};
+
+    #[test]
+    fn the_planar_path_is_the_three_dimensional_sum_and_gives_a_fan_away() {
+        let direct = weave(Coverage::Full).unwrap().direct;
+        let woven = upgrading(Coverage::Full).unwrap();
+        let off = apart(&values(&woven), &direct);
+        assert!(woven.path() == Path::Planar && off < 1e-5, "{off}");
+        let general = apart(&values(&general(Coverage::Full).unwrap()), &direct);
+        let fan = upgrading(Coverage::Fan).unwrap();
+        assert!(fan.path() == Path::General && fan.upgraded().is_some() && refusal(Coverage::Fan).is_some());
+        let off = apart(&values(&fan), &weave(Coverage::Fan).unwrap().direct);
+        assert!(values(&fan).iter().flatten().count() > 2000);
+        assert!(off < 1e-3 && general < 1e-3, "{off} {general}");
+    }
+}

@@ -1,0 +1,105 @@
+//! The slices of [`decay`](crate::decay), woven by the reconstructor: upright on a line along z, σ is 1 mm, and each picture is of one grey level.
+
+use std::error::Error;
+use std::sync::Arc;
+
+use calibration::frames::Transform;
+use glam::{DAffine3, DMat3, DVec3};
+use sonoweave::mask::Mask;
+use sonoweave::reconstruct::kernel::Method;
+use sonoweave::reconstruct::{Compounding, Decay, Reconstructor, Settings};
+use sonoweave::slice::{Image, Pixels, Slice};
+
+use crate::decay::{Rule, Sample, mean_shift, ramp};
+use crate::woven_volumes::value;
+
+/// Pixels along u and v, and their distance: enough that a kernel about the middle lies on data.
+const PIXELS: u32 = 16;
+const PIXEL_MM: f64 = 0.25;
+
+/// What the reconstructor calls a rule.
+pub(crate) fn compounding(rule: Rule) -> Compounding {
+    match rule {
+        Rule::None => Compounding::Mean,
+        Rule::Exponential { rate } => Compounding::Decay(Decay::Exponential { rate_per_s: rate }),
+        Rule::DeadTime { rate, wait } => Compounding::Decay(Decay::DeadTime { rate_per_s: rate, wait_s: wait }),
+        Rule::Printed { rate, wait } => Compounding::Decay(Decay::PaperLiteral { rate_per_s: rate, wait_s: wait }),
+    }
+}
+
+/// The reconstructor's voxels on the line through the pictures' middles.
+pub(crate) struct WovenLine {
+    reconstructor: Reconstructor,
+    count: usize,
+    inserted: u32,
+}
+
+impl WovenLine {
+    /// Voxels at equal distances, at least two.
+    pub(crate) fn new(at: &[f64], rule: Rule) -> Result<Self, Box<dyn Error>> {
+        let [first, second, ..] = at else { return Err("a line has two voxels and more".into()) };
+        let settings = Settings {
+            method: Method::GaussianTruncated,
+            compounding: compounding(rule),
+            sigma_mm: [None, None, Some(1.0)],
+            lattice_origin_mm: DVec3::new(0.0, 0.0, *first),
+            ..Settings::new(DVec3::new(0.5, 0.5, second - first))
+        };
+        let reconstructor = Reconstructor::new(settings, Mask::full(PIXELS, PIXELS))?;
+        Ok(Self { reconstructor, count: at.len(), inserted: 0 })
+    }
+
+    pub(crate) fn insert(&mut self, sample: Sample) -> Result<(), Box<dyn Error>> {
+        // By a hair, so that no two pictures are the same: of those the reconstructor takes one.
+        let hair = 1e-12 * f64::from(self.inserted);
+        self.inserted += 1;
+        let corner = -0.5 * PIXEL_MM * f64::from(PIXELS - 1);
+        let grey = vec![sample.value as f32; (PIXELS * PIXELS) as usize];
+        self.reconstructor.insert(&Slice {
+            image: Image::new(PIXELS, PIXELS, Pixels::F32(Arc::from(grey))),
+            time_ns: (sample.time * 1e9).round() as i64,
+            world_from_image: Transform::from_affine(DAffine3 {
+                matrix3: DMat3::from_diagonal(DVec3::new(PIXEL_MM, PIXEL_MM, 1.0)),
+                translation: DVec3::new(corner, corner, sample.at + hair),
+            }),
+        })?;
+        Ok(())
+    }
+
+    /// Weighted mean at each voxel; none where no weight is.
+    pub(crate) fn values(&self) -> Vec<Option<f64>> {
+        (0..self.count as i64).map(|z| value(self.reconstructor.volume(), [0, 0, z])).collect()
+    }
+}
+
+/// [`crate::decay::shift`], by the reconstructor.
+pub(crate) fn shift(rule: Rule) -> Result<f64, Box<dyn Error>> {
+    let (voxels, samples) = ramp();
+    let mut line = WovenLine::new(&voxels, rule)?;
+    for sample in samples {
+        line.insert(sample)?;
+    }
+    Ok(mean_shift(&voxels, &line.values()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::decay::{self, kernel, long_wait};
+
+    #[test]
+    fn the_reconstructor_shows_a_sweep_where_the_equations_do() {
+        let kernel = kernel().unwrap();
+        let wait = long_wait(&kernel);
+        for rule in [
+            Rule::None,
+            Rule::Exponential { rate: 3.0 },
+            Rule::DeadTime { rate: 30.0, wait },
+            Rule::Printed { rate: 3.0, wait: 0.0 },
+            Rule::Printed { rate: 3.0, wait },
+        ] {
+            let (woven, model) = (shift(rule).unwrap(), decay::shift(rule, kernel));
+            assert!((woven - model).abs() < 0.01, "{rule:?}: {woven} where the equations have {model}");
+        }
+    }
+}
