@@ -1,5 +1,5 @@
 # Each target first installs what the machine lacks (scripts/setup.sh says what and asks sudo when not root).
-.PHONY: all demo test bench check setup fresh-machine
+.PHONY: all demo test bench paper check setup fresh-machine
 
 all: test
 
@@ -10,14 +10,20 @@ setup:
 demo: setup
 	scripts/demo.sh
 
+# The pictures' own tests come with the pictures: what draws them takes as long to build as everything else here.
 test: setup
-	cargo test --workspace --locked
+	cargo test --workspace --exclude sonoweave-figures --locked
 
 check: setup
 	.ci/run
 
 bench: setup
 	cargo bench --locked --bench reconstruct
+
+# The 1992 paper's figures and claims with ours beside them: out/paper/index.html. `make paper QUICK=--quick` for a smoke test.
+paper: setup
+	cargo test --release --locked -p sonoweave-figures
+	cargo run --release --locked -p sonoweave-figures --bin paper -- $(QUICK)
 
 # Proves, as root and on a bare Debian 12 in a folder, that demo and test need no more than git, make, curl and Rust.
 fresh-machine:

@@ -1,0 +1,112 @@
+//! What a run gathers: figures, claims with ours beside them, and what did not come out as stated.
+
+use std::error::Error;
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
+
+use sonoweave_figures::Figure;
+use sonoweave_figures::files;
+
+/// A claim of the paper and what this run found.
+#[derive(Debug, Clone)]
+pub(crate) struct Claim {
+    pub(crate) id: &'static str,
+    pub(crate) claim: &'static str,
+    pub(crate) paper: &'static str,
+    pub(crate) ours: String,
+    pub(crate) verdict: &'static str,
+}
+
+#[derive(Debug, Default)]
+pub(crate) struct Report {
+    figures: Vec<Figure>,
+    claims: Vec<Claim>,
+    checks: usize,
+    wrong: Vec<String>,
+}
+
+impl Report {
+    /// Adds a picture and writes it at once.
+    pub(crate) fn figure(&mut self, figure: Figure, folder: &Path) -> Result<(), Box<dyn Error>> {
+        files::write(&figure, folder)?;
+        self.figures.push(figure);
+        Ok(())
+    }
+
+    /// A claim with the verdict for `holds` first, the other second.
+    pub(crate) fn claim(
+        &mut self,
+        [id, claim, paper]: [&'static str; 3],
+        ours: String,
+        holds: bool,
+        [yes, no]: [&'static str; 2],
+    ) {
+        self.claims.push(Claim { id, claim, paper, ours, verdict: if holds { yes } else { no } });
+    }
+
+    /// What must be so on every machine; what is not fails the run in its end.
+    pub(crate) fn check(&mut self, holds: bool, what: impl Into<String>) {
+        self.checks += 1;
+        if !holds {
+            self.wrong.push(what.into());
+        }
+    }
+
+    /// Checks that a number is what it should be, within a part of that.
+    pub(crate) fn near(&mut self, what: &str, found: f64, expected: f64, part: f64) {
+        let holds = (found - expected).abs() <= part * expected.abs();
+        self.check(holds, format!("{what}: {found} where {expected} is expected, within a part of {part}"));
+    }
+
+    /// Writes the table and the page; whether everything came out as stated.
+    pub(crate) fn finish(mut self, folder: &Path, run: &str) -> Result<bool, Box<dyn Error>> {
+        let number = |claim: &Claim| claim.id.trim_start_matches('C').parse::<u32>().unwrap_or(u32::MAX);
+        self.claims.sort_by_key(number);
+        fs::write(folder.join("claims.md"), self.markdown(run))?;
+        let mut csv = String::from("id,claim,paper,ours,verdict\n");
+        for c in &self.claims {
+            let fields = [c.id, c.claim, c.paper, &c.ours, c.verdict].map(files::field);
+            let _ = writeln!(csv, "{}", fields.join(","));
+        }
+        fs::write(folder.join("claims.csv"), csv)?;
+        fs::write(
+            folder.join("index.html"),
+            files::page("The paper of 1992, and ours beside it", &self.html(run), &self.figures),
+        )?;
+        for c in &self.claims {
+            println!("{:4} {:60} {}", c.id, c.verdict, c.ours);
+        }
+        for what in &self.wrong {
+            println!("WRONG: {what}");
+        }
+        println!("{} checks, {} wrong; {} figures", self.checks, self.wrong.len(), self.figures.len());
+        Ok(self.wrong.is_empty())
+    }
+
+    fn markdown(&self, run: &str) -> String {
+        let mut text = format!(
+            "# The paper's claims, and ours beside them\n\n{run}\n\n| | claim | the paper | this run | verdict |\n|---|---|---|---|---|\n"
+        );
+        for c in &self.claims {
+            let cell = |text: &str| text.replace('|', "\\|");
+            let cells = [c.id, c.claim, c.paper, &c.ours, c.verdict].map(cell);
+            let _ = writeln!(text, "| {} |", cells.join(" | "));
+        }
+        text
+    }
+
+    fn html(&self, run: &str) -> String {
+        let safe = |text: &str| text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
+        let mut text = format!(
+            "<p>Ohbuchi, Chen &amp; Fuchs (1992). {}</p>\n<table>\n<tr><th></th><th>claim</th><th>the paper</th><th>this run</th><th>verdict</th></tr>\n",
+            safe(run)
+        );
+        for c in &self.claims {
+            let cells: Vec<String> =
+                [c.id, c.claim, c.paper, &c.ours, c.verdict].iter().map(|t| format!("<td>{}</td>", safe(t))).collect();
+            let _ = writeln!(text, "<tr>{}</tr>", cells.concat());
+        }
+        text + "</table>\n"
+    }
+}

@@ -1,0 +1,176 @@
+//! From numbers to places along an axis, and where its ticks are.
+
+/// How numbers are spread along an axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scale {
+    /// Equal differences are equally far apart.
+    Linear,
+    /// Equal ratios are equally far apart.
+    Log,
+}
+
+/// A tick and what is written at it; without text it is a minor one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tick {
+    /// Where.
+    pub at: f64,
+    /// What.
+    pub text: Option<String>,
+}
+
+impl Scale {
+    /// Whether a number has a place.
+    pub fn places(self, value: f64) -> bool {
+        value.is_finite() && (self == Self::Linear || value > 0.0)
+    }
+
+    /// Where `value` lies between `low` (0) and `high` (1).
+    pub fn place(self, value: f64, [low, high]: [f64; 2]) -> f64 {
+        match self {
+            Self::Linear => (value - low) / (high - low),
+            Self::Log => (value / low).log10() / (high / low).log10(),
+        }
+    }
+
+    /// A range with round ends that holds all values that have a place; [0, 1], or [1, 10], when none has.
+    pub fn range(self, values: impl Iterator<Item = f64>) -> [f64; 2] {
+        let (low, high) = values
+            .filter(|v| self.places(*v))
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
+        match self {
+            _ if low > high => [f64::from(u8::from(self == Self::Log)), if self == Self::Log { 10.0 } else { 1.0 }],
+            Self::Linear => {
+                let (low, high) = if low == high { (low - 0.5, high + 0.5) } else { (low, high) };
+                let step = step((high - low) / 5.0);
+                [(low / step + 1e-9).floor() * step, (high / step - 1e-9).ceil() * step]
+            }
+            Self::Log => {
+                let low = 10_f64.powf((low.log10() + 1e-9).floor());
+                let high = 10_f64.powf((high.log10() - 1e-9).ceil());
+                [low, if high > low { high } else { low * 10.0 }]
+            }
+        }
+    }
+
+    /// Ticks within a range, the low end first; about `wanted` of them are named.
+    pub fn ticks(self, [low, high]: [f64; 2], wanted: f64) -> Vec<Tick> {
+        match self {
+            Self::Linear => {
+                let step = step((high - low) / wanted.clamp(2.0, 8.0));
+                // Enough digits that neighbouring ticks differ, and no more.
+                let decimals =
+                    (0..9).find(|d| ((step * 10_f64.powi(*d)).round() - step * 10_f64.powi(*d)).abs() < 1e-6);
+                let decimals = usize::try_from(decimals.unwrap_or(9)).unwrap_or(9);
+                let (first, last) = ((low / step - 1e-9).ceil() as i64, (high / step + 1e-9).floor() as i64);
+                (first..=last)
+                    .map(|i| Tick {
+                        at: i as f64 * step,
+                        text: Some(minus(&format!("{:.decimals$}", i as f64 * step))),
+                    })
+                    .collect()
+            }
+            Self::Log => {
+                let (first, last) = ((low.log10() + 1e-9).floor() as i32, (high.log10() - 1e-9).ceil() as i32);
+                let every = ((f64::from(last - first) / wanted.clamp(2.0, 8.0)).ceil() as i32).max(1);
+                let decades = first..=last;
+                // Within a decade every digit is named, within two also two and five.
+                let digits: &[u8] = match last - first {
+                    _ if high <= low * 10.0 => &[2, 3, 4, 5, 6, 7, 8, 9],
+                    ..=2 => &[2, 5],
+                    _ => &[],
+                };
+                let mut ticks = Vec::new();
+                for decade in decades {
+                    for digit in 1..10_u8 {
+                        let at = f64::from(digit) * 10_f64.powi(decade);
+                        let named = if digit == 1 { decade % every == 0 } else { digits.contains(&digit) };
+                        if at >= low * (1.0 - 1e-9) && at <= high * (1.0 + 1e-9) && (digit == 1 || every == 1) {
+                            ticks.push(Tick { at, text: named.then(|| power(digit, decade)) });
+                        }
+                    }
+                }
+                ticks
+            }
+        }
+    }
+}
+
+/// The round distance of ticks next to this.
+fn step(distance: f64) -> f64 {
+    let decade = 10_f64.powf(distance.log10().floor());
+    decade
+        * match distance / decade {
+            part if part < 1.5 => 1.0,
+            part if part < 3.5 => 2.0,
+            part if part < 7.5 => 5.0,
+            _ => 10.0,
+        }
+}
+
+/// A number with a minus in the place of a hyphen; what rounds to zero has no sign.
+fn minus(text: &str) -> String {
+    match text.strip_prefix('-') {
+        Some(digits) if digits.chars().all(|c| matches!(c, '0' | '.')) => digits.to_owned(),
+        Some(digits) => format!("−{digits}"),
+        None => text.to_owned(),
+    }
+}
+
+/// digit·10^decade: written out from a thousandth to ten thousand, as a power beyond.
+fn power(digit: u8, decade: i32) -> String {
+    if (-3..=4).contains(&decade) {
+        let decimals = usize::try_from(-decade).unwrap_or(0);
+        return format!("{:.decimals$}", f64::from(digit) * 10_f64.powi(decade));
+    }
+    let raised: String = decade
+        .to_string()
+        .chars()
+        .map(|c| match c {
+            '-' => '⁻',
+            digit => ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'][digit.to_digit(10).unwrap_or(0) as usize],
+        })
+        .collect();
+    let factor = if digit == 1 { String::new() } else { format!("{digit}·") };
+    format!("{factor}10{raised}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn written(scale: Scale, range: [f64; 2]) -> Vec<String> {
+        scale.ticks(range, 6.0).into_iter().filter_map(|t| t.text).collect()
+    }
+
+    #[test]
+    fn linear_ticks_are_round_within_the_range_and_have_a_proper_minus() {
+        assert_eq!(written(Scale::Linear, [-0.5, 0.5]), ["−0.4", "−0.2", "0.0", "0.2", "0.4"]);
+        assert_eq!(written(Scale::Linear, [0.0, 50.0]), ["0", "10", "20", "30", "40", "50"]);
+        for width in [0.013, 0.7, 1.0, 3.3, 99.0, 12_345.0] {
+            let count = Scale::Linear.ticks([0.0, width], 5.0).len();
+            assert!((3..=9).contains(&count), "{count} ticks over {width}");
+        }
+    }
+
+    #[test]
+    fn logarithmic_ticks_name_decades_and_within_few_decades_also_two_and_five() {
+        assert_eq!(written(Scale::Log, [0.1, 10.0]), ["0.1", "0.2", "0.5", "1", "2", "5", "10"]);
+        assert_eq!(written(Scale::Log, [0.3, 0.62]), ["0.3", "0.4", "0.5", "0.6"]);
+        assert_eq!(written(Scale::Log, [1e-6, 1e-3]), ["10⁻⁶", "10⁻⁵", "10⁻⁴", "0.001"]);
+        assert!(written(Scale::Log, [1e-16, 1.0]).len() <= 8);
+        assert_eq!(Scale::Log.place(1.0, [0.01, 100.0]), 0.5);
+    }
+
+    #[test]
+    fn ranges_hold_every_value_that_has_a_place() {
+        let [low, high] = Scale::Linear.range([0.13, f64::NAN, 7.9].into_iter());
+        assert!(low <= 0.13 && high >= 7.9 && high - low < 12.0);
+        assert_eq!(Scale::Log.range([0.02, 0.0, -3.0, 30.0].into_iter()), [0.01, 100.0]);
+        for scale in [Scale::Linear, Scale::Log] {
+            for values in [vec![], vec![5.0], vec![f64::NAN]] {
+                let [low, high] = scale.range(values.clone().into_iter());
+                assert!(low < high && scale.places(low), "{scale:?} {values:?}");
+            }
+        }
+    }
+}
