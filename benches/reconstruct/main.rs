@@ -8,13 +8,14 @@
 //! - [`blobs`]: the comparison scan with known truth: speed and accuracy, with the same baselines.
 //! - [`cube`]: large slices in all orientations, full and fan, instruction sets, threads.
 //! - [`memory`]: bytes a voxel.
-//! - [`baselines`], [`check`], [`timing`], [`report`]: what they share.
+//! - [`baselines`], [`check`], [`loading`], [`timing`], [`report`]: what they share; all but the last also with `make pareto`.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a bench speaks to its user")]
 
 mod baselines;
 mod blobs;
 mod check;
 mod cube;
+mod loading;
 mod memory;
 mod recording;
 mod report;
