@@ -1,6 +1,6 @@
 //! A result on a dense grid, whatever made it, read at places between its voxels as a renderer reads it.
 
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 use sonoweave::reconstruct::Reconstructor;
 use sonoweave::reconstruct::reference::Reference;
 use sonoweave::volume::Grid;
@@ -9,13 +9,19 @@ use sonoweave::volume::sparse::SEEN;
 use crate::baselines::Splat;
 use crate::filling::fill_holes;
 
-/// Grey levels on a grid whose axes are the world's; NaN where nothing was seen.
+/// Grey levels on a grid, x fastest; NaN where nothing was seen.
 pub(crate) struct Field {
     grid: Grid,
+    voxel_from_world: DAffine3,
     values: Vec<f32>,
 }
 
 impl Field {
+    /// Of values on a grid that may lie in any direction.
+    pub(crate) fn new(grid: Grid, values: Vec<f32>) -> Self {
+        Self { grid, voxel_from_world: grid.world_from_volume().inverse().affine(), values }
+    }
+
     /// What bricks hold of a grid that lies on their lattice.
     pub(crate) fn of_bricks(reconstructor: &Reconstructor, grid: Grid) -> Self {
         let lattice = reconstructor.world_from_lattice().inverse();
@@ -29,20 +35,20 @@ impl Field {
                 values.extend(r.iter().zip(&w).map(|(r, w)| if *w > SEEN { r / w } else { f32::NAN }));
             }
         }
-        Self { grid, values }
+        Self::new(grid, values)
     }
 
     /// Where more than `weight` was dropped.
     pub(crate) fn of_splat(splat: &Splat, grid: Grid, weight: f32) -> Self {
         let voxels = grid.size.map(|n| n as usize).iter().product();
         let values = (0..voxels).map(|i| splat.value(i, weight).unwrap_or(f32::NAN)).collect();
-        Self { grid, values }
+        Self::new(grid, values)
     }
 
     /// In f64, but for the value read.
     pub(crate) fn of_reference(reference: &Reference) -> Self {
         let values = (0..reference.w.len()).map(|i| reference.value(i).map_or(f32::NAN, |v| v as f32)).collect();
-        Self { grid: reference.grid, values }
+        Self::new(reference.grid, values)
     }
 
     /// Fills holes over up to `reach` voxels.
@@ -52,7 +58,7 @@ impl Field {
 
     /// Trilinear; `None` unless all eight voxels around were seen.
     pub(crate) fn sample(&self, world: DVec3) -> Option<f64> {
-        let at = (world - self.grid.origin) / self.grid.spacing;
+        let at = self.voxel_from_world.transform_point3(world);
         let low = at.floor();
         let part = at - low;
         let [nx, ny, nz] = self.grid.size.map(|n| n as i64);
@@ -71,7 +77,7 @@ impl Field {
         (!sum.is_nan()).then_some(sum)
     }
 
-    /// Central differences over a voxel to either side, grey levels per mm.
+    /// Central differences along the world's axes, over a voxel's spacing to either side, grey levels per mm.
     pub(crate) fn slope(&self, world: DVec3) -> Option<DVec3> {
         let along = |axis: usize| {
             let step = DVec3::AXES[axis] * self.grid.spacing[axis];
@@ -91,24 +97,25 @@ mod tests {
         let grid = Grid {
             origin: DVec3::new(-2.0, 1.0, 0.5),
             spacing: DVec3::splat(0.5),
-            direction: DMat3::IDENTITY,
+            direction: DMat3::from_rotation_z(0.3),
             size: [7, 6, 5],
         };
-        Field { grid, values: (0..210).map(|i| value([i % 7, i / 7 % 6, i / 42])).collect() }
+        Field::new(grid, (0..210).map(|i| value([i % 7, i / 7 % 6, i / 42])).collect())
     }
 
     #[test]
     fn a_linear_field_is_read_exactly_between_its_voxels_and_an_unseen_corner_hides_it() {
         let linear = |[x, y, z]: [usize; 3]| 3.0 + 2.0 * x as f32 - y as f32 + 0.5 * z as f32;
-        let place = DVec3::new(-0.7, 2.1, 1.3);
-        let index = (place - DVec3::new(-2.0, 1.0, 0.5)) / 0.5;
+        let grid = field(linear).grid;
+        let index = DVec3::new(2.6, 2.2, 1.6);
+        let place = grid.world_from_volume().point(index);
         let expected = 3.0 + 2.0 * index.x - index.y + 0.5 * index.z;
         assert!((field(linear).sample(place).unwrap() - expected).abs() < 1e-9);
         let slope = field(linear).slope(place).unwrap();
-        assert!((slope - DVec3::new(4.0, -2.0, 1.0)).length() < 1e-9);
+        assert!((slope - grid.direction * DVec3::new(4.0, -2.0, 1.0)).length() < 1e-9);
         let corner = index.floor().to_array().map(|x| x as usize);
         let holed = field(|at| if at == corner { f32::NAN } else { linear(at) });
         assert!(holed.sample(place).is_none() && holed.slope(place).is_none());
-        assert!(field(linear).sample(DVec3::new(-2.1, 2.0, 1.0)).is_none());
+        assert!(field(linear).sample(grid.world_from_volume().point(DVec3::new(-0.2, 2.0, 1.0))).is_none());
     }
 }

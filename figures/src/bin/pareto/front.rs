@@ -4,7 +4,9 @@ use crate::contestant::Match;
 use crate::measure::Row;
 
 /// Times and errors this close, relatively, are the same: runs of one program differ by as much.
-pub(crate) const SLACK: f64 = 0.05;
+pub(crate) const SLACK: f64 = 0.03;
+/// Who gains no more than this is near.
+pub(crate) const NEAR: f64 = 0.1;
 
 /// What is judged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -67,6 +69,13 @@ pub(crate) struct Rival {
     pub(crate) parts: [f64; 2],
 }
 
+impl Rival {
+    /// Whether it gains little.
+    pub(crate) fn is_near(&self) -> bool {
+        self.parts[0].min(self.parts[1]) >= 1.0 - NEAR
+    }
+}
+
 /// All that beat the default (the first row), the one with the smallest product of parts first.
 pub(crate) fn rivals(rows: &[&Row], measure: Measure) -> Vec<Rival> {
     let Some(default) = rows.iter().find(|row| row.contestant.is_default() && row.contestant.threads == 1) else {
@@ -96,7 +105,7 @@ mod tests {
     #[test]
     fn the_front_descends_and_whoever_is_off_it_is_beaten() {
         let points: Vec<[f64; 2]> =
-            (0..200).map(|i| f64::from(i)).map(|i| [(i * 0.737).fract() + 0.01, (i * 0.317).fract() + 0.01]).collect();
+            (0..200).map(f64::from).map(|i| [(i * 0.737).fract() + 0.01, (i * 0.317).fract() + 0.01]).collect();
         let front = front(&points);
         for pair in front.windows(2) {
             assert!(points[pair[0]][0] <= points[pair[1]][0] && points[pair[0]][1] > points[pair[1]][1]);
@@ -115,6 +124,6 @@ mod tests {
     #[test]
     fn a_rival_must_lose_in_nothing_and_gain_more_than_noise() {
         assert!(beats([0.9, 1.0]) && beats([1.0, 0.5]));
-        assert!(!beats([0.96, 0.97]) && !beats([0.5, 1.01]) && !beats([f64::NAN, 0.5]) && !beats([0.5, f64::NAN]));
+        assert!(!beats([0.98, 0.99]) && !beats([0.5, 1.01]) && !beats([f64::NAN, 0.5]) && !beats([0.5, f64::NAN]));
     }
 }

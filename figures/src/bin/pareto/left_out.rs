@@ -11,11 +11,12 @@ use sonoweave::reconstruct::kernel::Method;
 use sonoweave::slice::{Pixels, Slice};
 use sonoweave::volume::Grid;
 use sonoweave_figures::files::field;
-use sonoweave_figures::{Axis, Figure, Ink, Panel, Series};
+use sonoweave_figures::{Axis, Figure, Panel};
 
 use crate::baselines::Drop;
 use crate::contestant::{Contestant, DEFAULT_VOXEL_MM, Input, Path, default_kernels_across, on_lattice, widest_gap};
 use crate::loading;
+use crate::pictures::{by_family, range};
 use crate::report::{Report, digits, markdown};
 use crate::timing::quantile;
 
@@ -87,7 +88,7 @@ pub(crate) fn measure(
         let part = common.len() as f64 / pixels as f64;
         report.check(part > 0.5, format!("{name}: only {part} of the pixels are predicted by all"));
         let mut lines = Vec::new();
-        let mut bars = Vec::new();
+        let mut points = Vec::new();
         for p in &predicted {
             let own = p.errors.iter().filter(|e| !e.is_nan()).count() as f64 / pixels as f64;
             let rmse = (common.iter().map(|i| p.errors[*i]).sum::<f64>() / common.len() as f64).sqrt();
@@ -100,7 +101,7 @@ pub(crate) fn measure(
                 format!("{} %", digits(100.0 * own, 3)),
                 digits(ms, 3),
             ]);
-            bars.push((p.contestant.method(), rmse));
+            points.push((p.contestant, [ms, rmse]));
         }
         text += &format!(
             "{name}: neighbouring slices {} mm apart (90 % of gaps are no wider); σ across the plane {} mm; {} pixels, {} % of those left out, predicted by all.\n\n{}\n",
@@ -110,12 +111,13 @@ pub(crate) fn measure(
             digits(100.0 * part, 3),
             markdown(&["method", "RMSE, grey levels", "predicts", "ms a slice"], &lines)
         );
-        let heights: Vec<f64> = bars.iter().map(|(_, rmse)| *rmse).collect();
+        let [x, y] = [0, 1].map(|c| range(points.iter().map(|(_, p)| p[c])));
         panels.push(Panel::new(
             *name,
-            Axis::categories("", bars.into_iter().map(|(method, _)| method)),
-            Axis::linear("RMSE, grey levels"),
-            vec![Series::bars("", Ink::Blue, &heights)],
+            Axis::log("ms a slice").from_to(x[0], x[1]),
+            // Differences are small beside what no neighbour tells.
+            Axis::linear("RMSE, grey levels").from_to(y[0] * 1.2, y[1] / 1.2),
+            by_family(points.into_iter()),
         ));
     }
     text += "Every fourth slice is left out in turn but for the first and the last, all others are woven, and the volume is read at its pixels. What a slice shows that its \
@@ -127,10 +129,11 @@ pub(crate) fn measure(
             id: "left-out",
             title: "Recordings: slices predicted from the others".into(),
             caption: "Root mean square difference between the pixels of slices left out and the volume woven of the others, over the pixels that all predict. \
-                      Kernels have the default's effective width; what follows pixels has it across the plane only."
+                      Kernels have the default's effective width; what follows pixels has it across the plane only. The errors' axis does not begin at zero: what a slice \
+                      shows that its neighbours do not is in all of them alike."
                 .into(),
-            columns: 1,
-            height: 150.0,
+            columns: 2,
+            height: 230.0,
             panels,
         };
         report.figure(figure, folder)?;

@@ -9,7 +9,7 @@ use sonoweave_figures::files::field;
 
 use crate::baselines::Drop;
 use crate::contestant::{self, Contestant, DEFAULT_VOXEL_MM, Match};
-use crate::front::{Measure, SLACK, rivals};
+use crate::front::{Measure, NEAR, Rival, SLACK, rivals};
 use crate::measure::Row;
 use crate::report::{Report, digits, markdown};
 
@@ -60,15 +60,20 @@ pub(crate) fn tell_verdicts(rows: &[Row], report: &mut Report) {
          does after the last slice is spread over all.\n\n{}",
         beside_baselines(&scans)
     ));
-    let (table, on) = verdicts(&scans);
-    let told: Vec<String> =
-        Measure::ALL.iter().zip(on).map(|(m, on)| format!("{} {on} of {}", m.name(), scans.len())).collect();
+    let (table, counts) = verdicts(&scans);
+    let told: Vec<String> = Measure::ALL
+        .iter()
+        .zip(counts)
+        .map(|(m, [on, near])| format!("{}: on the front of {on} of {}, near it on {near} more", m.name(), scans.len()))
+        .collect();
     report.section(format!(
-        "### Whether the default configuration lies on the Pareto front\n\n{}. A rival is at least as fast and as near, and more than {} % better in one; it is named with its \
-         part of the default's time and of its error. The first three columns compare contestants of the default's effective width on all axes; pixel-following \
-         kernels (that width across the plane only), splats (the voxels' width) and `--sigma auto` (the scan's) are in the last.\n\n{table}",
-        told.join("; "),
-        100.0 * SLACK
+        "### Whether the default configuration lies on the Pareto front\n\n- {}\n\nA rival is at least as fast and as near to the truth, and more than {} % better in \
+         one of both; the best is named with its part of the default's time and of its error. The default is near the front where no rival gains more than \
+         {} %. The first three columns compare contestants of the default's effective width on all axes; pixel-following kernels (that width across the plane \
+         only), splats (the voxels' width) and `--sigma auto` (the scan's) are in the last.\n\n{table}",
+        told.join("\n- "),
+        100.0 * SLACK,
+        100.0 * NEAR
     ));
     report.section(format!("### Two threads\n\n{}", threads(rows)));
     let left_out: Vec<String> = rows
@@ -121,33 +126,32 @@ fn beside_baselines(scans: &[Vec<&Row>]) -> String {
     markdown(&columns, &lines)
 }
 
-/// A line a scan, and on how many the default is on the front of each measure.
-fn verdicts(scans: &[Vec<&Row>]) -> (String, [usize; Measure::ALL.len()]) {
-    let mut on = [0; Measure::ALL.len()];
+/// A line a scan; and on how many the default is on the front of each measure, and near it.
+fn verdicts(scans: &[Vec<&Row>]) -> (String, [[usize; 2]; Measure::ALL.len()]) {
+    let mut counts = [[0; 2]; Measure::ALL.len()];
     let mut lines = Vec::new();
     for scan in scans {
         let mut line = vec![scan[0].title.to_owned()];
-        for (measure, on) in Measure::ALL.into_iter().zip(&mut on) {
+        for (measure, [on, near]) in Measure::ALL.into_iter().zip(&mut counts) {
             let rivals = rivals(scan, measure);
+            let is_near = rivals.iter().all(Rival::is_near);
             *on += usize::from(rivals.is_empty());
+            *near += usize::from(is_near && !rivals.is_empty());
             line.push(rivals.first().map_or_else(
                 || "on the front".into(),
                 |r| {
+                    let verdict = if is_near { "near" } else { "beaten" };
                     let more =
                         if rivals.len() > 1 { format!(" (and {} more)", rivals.len() - 1) } else { String::new() };
-                    format!(
-                        "{}: {} of the time, {} of the error{more}",
-                        r.name,
-                        digits(r.parts[0], 2),
-                        digits(r.parts[1], 2)
-                    )
+                    let [time, error] = r.parts.map(|part| digits(part, 2));
+                    format!("{verdict}: {} takes {time} of the time at {error} of the error{more}", r.name)
                 },
             ));
         }
         lines.push(line);
     }
     let columns: Vec<&str> = std::iter::once("scan").chain(Measure::ALL.map(Measure::name)).collect();
-    (markdown(&columns, &lines), on)
+    (markdown(&columns, &lines), counts)
 }
 
 fn threads(rows: &[Row]) -> String {

@@ -16,9 +16,12 @@ use crate::contestant::default_kernels;
 /// 32×28 mm of pixels finer than voxels, as scanners give them.
 const PICTURE: [u32; 2] = [160, 140];
 const PIXEL_MM: f64 = 0.2;
-/// Half of σ across the plane, and the number of slices at that gap; sparser sweeps are as long.
-const GAP_MM: f64 = 0.5;
-const FRAMES: u32 = 56;
+/// Three quarters of σ across the plane, in the middle of the gaps of Ohbuchi, Chen & Fuchs (1992).
+const GAP_MM: f64 = 0.75;
+/// Twofold undersampling: two σ.
+const SPARSE_GAP_MM: f64 = 2.0;
+/// From the first to the last slice of a sweep, mm.
+const SWEEP_MM: f64 = 28.0;
 /// Inside, slices lie this far to both sides: farther than any contestant's support.
 const BOTH_SIDES_MM: f64 = 4.0;
 /// Inside, the picture reaches this much farther.
@@ -73,7 +76,7 @@ pub(crate) fn plans() -> Vec<Plan> {
         Plan { sweep: true, ..plan("sphere-jittered", "Sphere, uneven gaps", sphere, Motion::Jittered) },
         Plan {
             sweep: true,
-            gap_mm: 4.0 * GAP_MM,
+            gap_mm: SPARSE_GAP_MM,
             ..plan("zone-plate-sparse", "Zone plate, gaps of 2 σ", zone_plate, Motion::Parallel)
         },
         plan("waves-parallel", "Sinusoids, even gaps", || Scene::Waves(Waves::standard()), Motion::Parallel),
@@ -132,8 +135,8 @@ impl Stage {
     /// When a phantom cannot be made, or no place is inside.
     pub(crate) fn new(plan: Plan) -> Result<Self, Box<dyn Error>> {
         // Crossing sweeps take half of the frames each.
-        let sweeps = if plan.motion == Motion::Crossing { 2.0 } else { 1.0 };
-        let frames = (f64::from(FRAMES) * sweeps * GAP_MM / plan.gap_mm) as u32;
+        let sweeps = if plan.motion == Motion::Crossing { 2 } else { 1 };
+        let frames = sweeps * ((SWEEP_MM / plan.gap_mm) as u32 + 1);
         let scan = Scan::new(ScanSettings {
             scene: (plan.scene)(),
             motion: plan.motion,
