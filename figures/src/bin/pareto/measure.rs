@@ -93,6 +93,8 @@ pub(crate) struct Row {
     pub(crate) over_default: [f64; 3],
     /// Voxels that a slice updates on average, where the path counts them.
     pub(crate) updated: Option<f64>,
+    /// Distance of the filtered picture's nodes along u, pixels, where there are any.
+    pub(crate) node_px: Option<f64>,
     pub(crate) score: Score,
     /// From its own equations in f64: root mean square, largest.
     pub(crate) deviation: Option<[f64; 2]>,
@@ -131,9 +133,12 @@ pub(crate) fn measure(
         dear.push(times.iter().sum::<f64>() > DEAR_MS);
         let what = format!("{}, {}", stage.plan.title, contestant.name());
         let deviation = deviation(contestant, &input, &woven, &what, report)?;
-        let updated = match &woven {
-            Woven::Bricks(r) => Some(r.work().voxels_updated as f64 / r.work().slices as f64),
-            _ => None,
+        let (updated, node_px) = match &woven {
+            Woven::Bricks(r) => {
+                let updated = r.work().voxels_updated as f64 / r.work().slices as f64;
+                (Some(updated), r.decimation().map(|(step, _)| step[0]))
+            }
+            Woven::Exact(_) | Woven::Dense(_) => (None, None),
         };
         if let Woven::Bricks(bricks) = &woven
             && contestant.is_default()
@@ -161,6 +166,7 @@ pub(crate) fn measure(
             ms,
             over_default,
             updated,
+            node_px,
             score,
             deviation,
             comparable: true,

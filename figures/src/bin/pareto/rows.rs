@@ -14,7 +14,7 @@ use crate::measure::Row;
 use crate::report::{Report, digits, markdown};
 
 const COLUMNS: &str = "scan,contestant,method,voxel_mm,voxel_sigma_uv,threads,matched_width,rounds,ms_p25,ms_median,ms_p75,\
-    over_default_p25,over_default_median,over_default_p75,voxels_updated_per_slice,coverage,compared,truth_rmse,truth_max,truth_bias,\
+    over_default_p25,over_default_median,over_default_p75,voxels_updated_per_slice,node_px,coverage,compared,truth_rmse,truth_max,truth_bias,\
     blurred_rmse,blurred_max,blurred_bias,oracle_rmse,oracle_max,gradient_rmse_per_mm,boundary_rmse,boundary_max,boundary_places,\
     boundary_unseen,own_equations_rms,own_equations_max";
 
@@ -30,7 +30,7 @@ pub(crate) fn write_csv(rows: &[Row], folder: &Path) -> Result<(), Box<dyn Error
         cells.extend([c.voxel_sigmas().to_string(), c.threads.to_string(), matched(c).to_owned()]);
         cells.push(row.rounds.to_string());
         cells.extend(row.ms.iter().chain(&row.over_default).map(f64::to_string));
-        cells.push(row.updated.map_or_else(String::new, |v| v.to_string()));
+        cells.extend([row.updated, row.node_px].map(|v| v.map_or_else(String::new, |v| v.to_string())));
         cells.extend([s.coverage().to_string(), row.comparable.to_string()]);
         for errors in [&s.truth, &s.blurred] {
             cells.extend([errors.rmse, errors.max, errors.bias].map(|v| v.to_string()));
