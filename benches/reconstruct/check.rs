@@ -18,7 +18,7 @@ const CUBES: usize = 40;
 const CUBE: i64 = 4;
 /// Voxels with less weight lie at the end of the support or of the data, where a rounding error decides what is seen.
 const FIRM: f64 = 0.05;
-/// Weights further apart than this part are not of the same slices.
+/// Weights further apart than this part, or than what the filter promises, are not of the same slices.
 const SAME_WEIGHT: f64 = 0.02;
 /// Voxels that only one of the two sees, or that have other weights, as a part of those that are compared.
 const ONE_SIDED: f64 = 0.02;
@@ -113,7 +113,7 @@ pub(crate) fn against_equations(
             let (r, w) = volume.voxel([first[0] + x, first[1] + y, first[2] + z]);
             let value = (w > SEEN).then(|| f64::from(r) / f64::from(w));
             // At the border of the data rounding decides whether a slice counts: where the sums are of other slices, values are not compared.
-            let alike = (f64::from(w) - expected).abs() <= SAME_WEIGHT * expected;
+            let alike = (f64::from(w) - expected).abs() <= SAME_WEIGHT.max(promised) * expected;
             // Where neither is firm, neither is compared.
             if f64::from(w).max(*expected) > FIRM {
                 pairs.push((value, reference.value(i).filter(|_| alike)));

@@ -11,12 +11,12 @@ use sonoweave::reconstruct::kernel::Method;
 use sonoweave::slice::{Pixels, Slice};
 use sonoweave::volume::Grid;
 use sonoweave_figures::files::field;
-use sonoweave_figures::{Axis, Figure, Panel};
+use sonoweave_figures::{Figure, Panel};
 
 use crate::baselines::Drop;
 use crate::contestant::{Contestant, DEFAULT_VOXEL_MM, Input, Path, default_kernels_across, on_lattice, widest_gap};
 use crate::loading;
-use crate::pictures::{by_family, range};
+use crate::pictures::{axis, by_family, range};
 use crate::report::{Report, digits, markdown};
 use crate::timing::quantile;
 
@@ -114,9 +114,8 @@ pub(crate) fn measure(
         let [x, y] = [0, 1].map(|c| range(points.iter().map(|(_, p)| p[c])));
         panels.push(Panel::new(
             *name,
-            Axis::log("ms a slice").from_to(x[0], x[1]),
-            // Differences are small beside what no neighbour tells.
-            Axis::linear("RMSE, grey levels").from_to(y[0] * 1.2, y[1] / 1.2),
+            axis("ms a slice", x),
+            axis("RMSE, grey levels", y),
             by_family(points.into_iter()),
         ));
     }

@@ -48,7 +48,9 @@ pub(crate) fn draw(rows: &[Row], report: &mut Report, folder: &Folder) -> Result
         let figure = Figure {
             id,
             title: title.into(),
-            caption: format!("{caption} One thread; both axes logarithmic; the line is the Pareto front."),
+            caption: format!(
+                "{caption} One thread; axes are logarithmic, but for errors that differ by less than a factor of two. The line is the Pareto front."
+            ),
             columns: 3,
             height: 190.0,
             panels: scans.iter().map(|scan| panel(scan, measure)).collect(),
@@ -112,7 +114,7 @@ fn steps(points: &[[f64; 2]], [low, high]: [f64; 2], top: f64) -> Vec<[f64; 2]> 
         line.extend([[time.max(low), error], [time.max(low), next]]);
         error = next;
     }
-    line.push([high, error]);
+    line.push([2.0 * high, error]);
     line
 }
 
@@ -121,7 +123,23 @@ pub(crate) fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
     let (low, high) = values
         .filter(|v| v.is_finite() && *v > 0.0)
         .fold((f64::INFINITY, 0.0_f64), |(low, high), v| (low.min(v), high.max(v)));
-    if low < high || low == high && low > 0.0 { [low / 1.25, high * 1.25] } else { [0.1, 10.0] }
+    if high == 0.0 {
+        return [0.1, 10.0];
+    }
+    // A twelfth of what is spanned, but room for a mark where all is alike.
+    let room = (high / low).powf(1.0 / 12.0).max(1.03);
+    [low / room, high * room]
+}
+
+/// An axis over what is spanned. Over less than a factor of two a logarithm is all but a line, and has hardly a round number to show; up to three it is given
+/// room for some.
+pub(crate) fn axis(label: &str, [low, high]: [f64; 2]) -> Axis {
+    let spanned = high / low;
+    if spanned < 2.0 {
+        return Axis::linear(label).from_to(low, high);
+    }
+    let room = (3.0 / spanned).max(1.0).sqrt();
+    Axis::log(label).from_to(low / room, high * room)
 }
 
 fn panel(scan: &[&Row], measure: Measure) -> Panel {
@@ -134,15 +152,10 @@ fn panel(scan: &[&Row], measure: Measure) -> Panel {
         shown.iter().filter(|(row, _)| measure.compares(row)).map(|(_, point)| *point).collect();
     let x = range(shown.iter().map(|(_, p)| p[0]));
     let y = range(shown.iter().map(|(_, p)| p[1]));
-    let mut series = vec![Series::new("Pareto front", Look::Line, Ink::Grey, steps(&compared, x, y[1]))];
+    let mut series = vec![Series::new("Pareto front", Look::Line, Ink::Grey, steps(&compared, x, 2.0 * y[1]))];
     series.extend(by_family(shown.into_iter().map(|(row, point)| (row.contestant, point))));
     let unit = if measure == Measure::Slope { "RMSE, levels/mm" } else { "RMSE, grey levels" };
-    Panel::new(
-        scan.first().map_or("", |row| row.title),
-        Axis::log("ms a slice").from_to(x[0], x[1]),
-        Axis::log(unit).from_to(y[0], y[1]),
-        series,
-    )
+    Panel::new(scan.first().map_or("", |row| row.title), axis("ms a slice", x), axis(unit, y), series)
 }
 
 /// What supports and voxels cost and save, where everything was swept.
@@ -181,8 +194,8 @@ fn sweeps(scans: &[Vec<&Row>]) -> Option<Figure> {
             let unit = if measure == Measure::Slope { "gradient, levels/mm" } else { "RMSE, grey levels" };
             panels.push(Panel::new(
                 scan[0].title,
-                Axis::log("ms a slice").from_to(x[0], x[1]),
-                Axis::log(unit).from_to(y[0], y[1]),
+                axis("ms a slice", x),
+                axis(unit, y),
                 vec![
                     Series::new("voxels of .5 to 1.5 σ, default kernel", Look::Line, Ink::Blue, ours.clone()),
                     Series::new("", Look::Discs, Ink::Blue, ours),
@@ -237,19 +250,14 @@ fn summary(scans: &[Vec<&Row>]) -> Figure {
         }
         let points: Vec<[f64; 2]> = shown.iter().map(|(_, p)| *p).collect();
         let [x, y] = [0, 1].map(|c| range(points.iter().map(|p| p[c])));
-        let mut series = vec![Series::new("Pareto front", Look::Line, Ink::Grey, steps(&points, x, y[1]))];
+        let mut series = vec![Series::new("Pareto front", Look::Line, Ink::Grey, steps(&points, x, 2.0 * y[1]))];
         series.extend(by_family(shown.into_iter()));
         let title = match measure {
             Measure::Anyone | Measure::Truth => "Value, any width, against the truth",
             Measure::Blurred => "Value, one width, against the truth so blurred",
             Measure::Slope => "Gradient, one width, against the truth so blurred",
         };
-        panels.push(Panel::new(
-            title,
-            Axis::log("× the default’s time").from_to(x[0], x[1]),
-            Axis::log("× the default’s error").from_to(y[0], y[1]),
-            series,
-        ));
+        panels.push(Panel::new(title, axis("× the default’s time", x), axis("× the default’s error", y), series));
     }
     Figure {
         id: "summary",

@@ -75,7 +75,10 @@ pub(crate) fn tell_verdicts(rows: &[Row], report: &mut Report) {
         100.0 * SLACK,
         100.0 * NEAR
     ));
-    report.section(format!("### Two threads\n\n{}", threads(rows)));
+    report.section(format!(
+        "### Two threads\n\nThese slices are small, a tenth of a millisecond each, which leaves little to share; `make bench` shares large ones.\n\n{}",
+        threads(rows)
+    ));
     let left_out: Vec<String> = rows
         .iter()
         .filter(|row| !row.comparable)
@@ -143,7 +146,7 @@ fn verdicts(scans: &[Vec<&Row>]) -> (String, [[usize; 2]; Measure::ALL.len()]) {
                     let verdict = if is_near { "near" } else { "beaten" };
                     let more =
                         if rivals.len() > 1 { format!(" (and {} more)", rivals.len() - 1) } else { String::new() };
-                    let [time, error] = r.parts.map(|part| digits(part, 2));
+                    let [time, error] = r.parts.map(|part| digits(part, 3));
                     format!("{verdict}: {} takes {time} of the time at {error} of the error{more}", r.name)
                 },
             ));
