@@ -1,5 +1,5 @@
 # Each target first installs what the machine lacks (scripts/setup.sh says what and asks sudo when not root).
-.PHONY: all demo test bench stress paper check setup fresh-machine
+.PHONY: all demo test bench stress paper pareto check setup fresh-machine
 
 all: test
 
@@ -30,6 +30,10 @@ stress: setup
 paper: setup
 	cargo test --release --locked -p sonoweave-figures
 	cargo run --release --locked -p sonoweave-figures --bin paper -- $(QUICK)
+
+# Run time against error, over phantoms and recordings: out/pareto/index.html. `make pareto QUICK=--quick` for a smoke test.
+pareto: setup
+	cargo run --release --locked -p sonoweave-figures --bin pareto -- $(QUICK)
 
 # Proves, as root and on a bare Debian 12 in a folder, that demo and test need no more than git, make, curl and Rust.
 fresh-machine:

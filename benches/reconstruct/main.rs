@@ -9,13 +9,14 @@
 //! - [`cube`]: large slices in all orientations, full and fan, instruction sets, threads.
 //! - [`planar`]: a 3-DOF arm's scan by the general path and by the planar one.
 //! - [`memory`]: bytes a voxel.
-//! - [`baselines`], [`check`], [`timing`], [`report`]: what they share.
+//! - [`baselines`], [`check`], [`loading`], [`timing`], [`report`]: what they share; all but the last also with `make pareto`.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a bench speaks to its user")]
 
 mod baselines;
 mod blobs;
 mod check;
 mod cube;
+mod loading;
 mod memory;
 mod planar;
 mod recording;

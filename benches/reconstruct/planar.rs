@@ -106,7 +106,7 @@ fn bench_case(case: &Case, effort: Effort, report: &mut Report) -> Result<(), Bo
     let truth = common(&scan, &columns, &bricks)?;
     let kernels = columns.kernels().ok_or("nothing was inserted")?;
     let world_from_lattice = columns.world_from_lattice();
-    let pairs = against_sums(columns.volume(), &one, world_from_lattice, |sums| {
+    let pairs = against_sums(columns.volume(), &one, world_from_lattice, 0.0, |sums| {
         slices.iter().for_each(|slice| reference::insert(sums, slice, mask, kernels));
     });
     let exact = Deviation::over(pairs, ROUNDING.map(|part| part * 255.0));

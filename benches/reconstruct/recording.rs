@@ -1,23 +1,16 @@
 //! A real freehand recording: PLUS's spine phantom, 21 frames of 820×616, at 0.5 mm with no setting but its configuration.
 
 use std::error::Error;
-use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::path::Path;
 
-use drivers::recording::{SequenceDriver, SequenceSettings};
-use drivers::{Device, Driver, Next, OpenSettings};
 use glam::DVec3;
-use sonoweave::config;
-use sonoweave::ingest::{Ingest, Sample};
-use sonoweave::mask::{AutoMask, Mask, MaskPlan};
 use sonoweave::phantom::truth::covering_grid;
 use sonoweave::reconstruct::Settings;
-use sonoweave::slice::Slice;
-use sonoweave::sync::{Pairing, PairingOptions, survey};
 
 use crate::Effort;
 use crate::baselines::{Drop, Splat, plain};
 use crate::check::{Deviation, against_equations};
+use crate::loading::{folder, load};
 use crate::report::{Cell, Goal, Report, Table};
 use crate::timing::{Contestant, Times, arithmetic, each, interleaved, ours, reconstructed};
 
@@ -31,8 +24,7 @@ const BASELINE_WEIGHT: f32 = 0.05;
 const BASELINE_BOUNDS: [f64; 2] = [0.001, 0.01];
 
 pub(crate) fn bench(effort: Effort, report: &mut Report) -> Result<(), Box<dyn Error>> {
-    let folder = std::env::var_os("SONOWEAVE_TEST_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
+    let folder = folder(Path::new(env!("CARGO_MANIFEST_DIR")));
     let (sequence, config) = (folder.join(SEQUENCE), folder.join(CONFIG));
     if !(sequence.is_file() && config.is_file()) {
         println!(
@@ -126,42 +118,4 @@ pub(crate) fn bench(effort: Effort, report: &mut Report) -> Result<(), Box<dyn E
     report.add(table);
     report.threads("spine recording", [&times[0], &times[1]], [&times[4], &times[5]]);
     Ok(())
-}
-
-/// The recording through the stages that every source goes through: device, ingest, pairing, automatic mask.
-fn load(sequence: &Path, config: &Path) -> Result<(Vec<Slice>, Mask), Box<dyn Error>> {
-    let config = config::Settings::read(config)?;
-    let options = PairingOptions::new(&config, None);
-    let open = |images| {
-        SequenceDriver.open(&OpenSettings::Sequence(SequenceSettings { images, ..SequenceSettings::new(sequence) }))
-    };
-    let survey = survey(open(false)?.as_mut(), &options)?;
-    let mut pairing = Pairing::with_names(options, &survey.names)?;
-    let mut ingest = Ingest::new();
-    let mut slices = Vec::new();
-    let mut device: Box<dyn Device> = open(true)?;
-    device.start()?;
-    loop {
-        match device.next(Instant::now() + Duration::from_secs(1))? {
-            Next::Reading(reading) => match ingest.take(reading) {
-                Sample::Picture(picture) => slices.push(pairing.frame(picture).map_err(|r| r.to_string())?.slice),
-                Sample::Transform(transform) => pairing.transform(transform),
-                Sample::Refused(refusal) => return Err(refusal.to_string().into()),
-                Sample::Unused(_) => {}
-            },
-            Next::Pending => {}
-            Next::End => break,
-        }
-    }
-    device.stop()?;
-    let first = slices.first().ok_or("the recording holds no frame")?;
-    let mask = match config.mask().plan(first.image.width(), first.image.height())? {
-        MaskPlan::Fixed(mask) => mask,
-        MaskPlan::Auto(mut auto) => find(&mut auto, &slices),
-    };
-    Ok((slices, mask))
-}
-
-fn find(auto: &mut AutoMask, slices: &[Slice]) -> Mask {
-    slices.iter().find_map(|slice| auto.push(&slice.image)).unwrap_or_else(|| auto.finish()).mask
 }

@@ -1,0 +1,59 @@
+//! Recordings as posed slices: where they are looked for, and the stages that every source goes through.
+
+use std::error::Error;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use drivers::recording::{SequenceDriver, SequenceSettings};
+use drivers::{Device, Driver, Next, OpenSettings};
+use sonoweave::config;
+use sonoweave::ingest::{Ingest, Sample};
+use sonoweave::mask::{AutoMask, Mask, MaskPlan};
+use sonoweave::slice::Slice;
+use sonoweave::sync::{Pairing, PairingOptions, survey};
+
+/// The folder of recordings: the one that `SONOWEAVE_TEST_DATA` names, else `../shared/data` beside the project's folder.
+pub(crate) fn folder(project: &Path) -> PathBuf {
+    std::env::var_os("SONOWEAVE_TEST_DATA").map_or_else(|| project.join("../shared/data"), PathBuf::from)
+}
+
+/// A recording's slices, and which pixels are data: device, ingest, pairing, automatic mask.
+///
+/// # Errors
+/// When the recording or its configuration cannot be read, or a frame cannot be used.
+pub(crate) fn load(sequence: &Path, config: &Path) -> Result<(Vec<Slice>, Mask), Box<dyn Error>> {
+    let config = config::Settings::read(config)?;
+    let options = PairingOptions::new(&config, None);
+    let open = |images| {
+        SequenceDriver.open(&OpenSettings::Sequence(SequenceSettings { images, ..SequenceSettings::new(sequence) }))
+    };
+    let survey = survey(open(false)?.as_mut(), &options)?;
+    let mut pairing = Pairing::with_names(options, &survey.names)?;
+    let mut ingest = Ingest::new();
+    let mut slices = Vec::new();
+    let mut device: Box<dyn Device> = open(true)?;
+    device.start()?;
+    loop {
+        match device.next(Instant::now() + Duration::from_secs(1))? {
+            Next::Reading(reading) => match ingest.take(reading) {
+                Sample::Picture(picture) => slices.push(pairing.frame(picture).map_err(|r| r.to_string())?.slice),
+                Sample::Transform(transform) => pairing.transform(transform),
+                Sample::Refused(refusal) => return Err(refusal.to_string().into()),
+                Sample::Unused(_) => {}
+            },
+            Next::Pending => {}
+            Next::End => break,
+        }
+    }
+    device.stop()?;
+    let first = slices.first().ok_or("the recording holds no frame")?;
+    let mask = match config.mask().plan(first.image.width(), first.image.height())? {
+        MaskPlan::Fixed(mask) => mask,
+        MaskPlan::Auto(mut auto) => find(&mut auto, &slices),
+    };
+    Ok((slices, mask))
+}
+
+fn find(auto: &mut AutoMask, slices: &[Slice]) -> Mask {
+    slices.iter().find_map(|slice| auto.push(&slice.image)).unwrap_or_else(|| auto.finish()).mask
+}

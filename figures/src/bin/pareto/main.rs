@@ -1,0 +1,154 @@
+//! Run time against error: `make pareto`, or `cargo run --release -p sonoweave-figures --bin pareto -- [--quick]`.
+//!
+//! Kernels, supports, voxel sizes, storage and threads over phantoms and trajectories, all at the effective width of the default configuration, beside
+//! the equations in f64 and the field's simple methods. Every timed run's error is found too, and a wrong answer fails the run; times fail
+//! nothing. All rows, tables and pictures are in `out/pareto` (a quick run's, which is a smoke test with too few rounds to measure anything,
+//! in `out/pareto/quick`), with `index.html` to look at.
+//!
+//! - [`stage`]: what is scanned and how, and the right answers at places between the voxels.
+//! - [`contestant`]: who takes part, at matched width; a further path is one more variant of its `Path`.
+//! - [`field`]: results read as a renderer reads them; [`filling`]: holes.
+//! - [`measure`]: errors and times of contestants over a scan.
+//! - [`front`]: who beats whom.
+//! - [`rows`], [`pictures`]: what is said of it.
+//! - [`storage`]: sums in 32 and 16 bits, in a weaver of its own.
+//! - [`left_out`]: recordings, each slice predicted from the others.
+//! - [`report`]: checks, the Markdown, the page.
+#![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program that speaks to its user")]
+
+#[path = "../../../../benches/reconstruct/baselines.rs"]
+#[allow(dead_code, reason = "shared with the bench, which also shows the mean in bytes")]
+mod baselines;
+#[path = "../../../../benches/reconstruct/check.rs"]
+mod check;
+mod contestant;
+mod field;
+mod filling;
+mod front;
+mod left_out;
+#[path = "../../../../benches/reconstruct/loading.rs"]
+mod loading;
+mod measure;
+mod pictures;
+mod report;
+mod rows;
+mod stage;
+mod storage;
+#[path = "../../../../benches/reconstruct/timing.rs"]
+#[allow(dead_code, reason = "shared with the bench, which times more than this does")]
+mod timing;
+
+use std::error::Error;
+use std::fs;
+use std::path::Path;
+use std::process::ExitCode;
+use std::time::Instant;
+
+use contestant::{Contestant, DEFAULT_VOXEL_MM, full_list, short_list};
+use measure::Rounds;
+use report::{Report, digits};
+use sonoweave::reconstruct::Simd;
+
+/// How much of it.
+#[derive(Debug, Clone, Copy)]
+struct Effort {
+    rounds: Rounds,
+    /// Whether everything is swept over the first scans, and brute force runs over every scan.
+    whole: bool,
+    /// Slices over the same place, at most.
+    stored: u32,
+}
+
+fn main() -> ExitCode {
+    let mut effort = Effort { rounds: Rounds { cheap: 10, dear: 3 }, whole: true, stored: 1000 };
+    let figures = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let project = figures.parent().unwrap_or(figures);
+    let mut folder = project.join("out/pareto");
+    for argument in std::env::args().skip(1) {
+        if argument != "--quick" {
+            eprintln!("unknown argument {argument}; this takes --quick or nothing");
+            return ExitCode::from(2);
+        }
+        effort = Effort { rounds: Rounds { cheap: 2, dear: 1 }, whole: false, stored: 100 };
+        folder = folder.join("quick");
+    }
+    match run(effort, project, &folder) {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) => {
+            eprintln!("the comparison broke off: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(effort: Effort, project: &Path, folder: &Path) -> Result<bool, Box<dyn Error>> {
+    let start = Instant::now();
+    fs::create_dir_all(folder)?;
+    let mut report = Report::default();
+    let machine = machine(effort);
+    println!("{machine}");
+    let load_before = load();
+    let mut rows = Vec::new();
+    for (number, plan) in stage::plans().into_iter().enumerate() {
+        let stage = stage::Stage::new(plan)?;
+        let mut contestants = if plan.sweep && effort.whole { full_list() } else { short_list() };
+        if effort.whole || number == 0 {
+            contestants.push(Contestant::new(contestant::Path::BruteForce, DEFAULT_VOXEL_MM));
+        }
+        let measured = measure::measure(&stage, &contestants, effort.rounds, &mut report)?;
+        if let Some(default) = measured.first() {
+            let (ms, score) = (default.ms.map(|v| digits(v, 3)), default.score);
+            println!(
+                "{:32} {:3} contestants, {:5} places; default {} ms ({}–{}), RMSE {} of the truth, {} of the blurred truth; load {}; {:.0} s",
+                plan.title,
+                measured.len(),
+                stage.inside.places.len(),
+                ms[1],
+                ms[0],
+                ms[2],
+                digits(score.truth.rmse, 3),
+                digits(score.blurred.rmse, 3),
+                load(),
+                start.elapsed().as_secs_f64()
+            );
+        }
+        rows.extend(measured);
+        // A run that is broken off has left what it found.
+        rows::write_csv(&rows, folder)?;
+    }
+    rows::tell_verdicts(&rows, &mut report);
+    storage::measure(effort.stored, &mut report, folder)?;
+    left_out::measure(project, effort.whole, &mut report, folder)?;
+    pictures::draw(&rows, &mut report, folder)?;
+    report.section(format!(
+        "### The machine\n\n{machine}; load average {load_before} before, {} after (anything above 0 slows what is measured, two threads most).\n",
+        load()
+    ));
+    let right = report.finish(folder)?;
+    println!(
+        "{:.0} s; all rows, tables, pictures and index.html in {}",
+        start.elapsed().as_secs_f64(),
+        folder.display()
+    );
+    Ok(right)
+}
+
+fn machine(effort: Effort) -> String {
+    let model = fs::read_to_string("/proc/cpuinfo")
+        .ok()
+        .and_then(|text| Some(text.lines().find(|l| l.starts_with("model name"))?.split_once(':')?.1.trim().to_owned()))
+        .unwrap_or_else(|| "unknown processor".into());
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let Rounds { cheap, dear } = effort.rounds;
+    format!(
+        "{model}, {cores} cores, {}; {cheap} rounds of each contestant in turns, {dear} of those that are slow, after one that is not timed",
+        Simd::detect().name()
+    )
+}
+
+/// Of the last minute.
+fn load() -> String {
+    let text = fs::read_to_string("/proc/loadavg").unwrap_or_default();
+    text.split_whitespace().next().unwrap_or("unknown").to_owned()
+}

@@ -1,0 +1,249 @@
+//! Contestants over one scan: each woven once untimed and judged, then timed in turns.
+
+use std::error::Error;
+
+use glam::DVec3;
+use sonoweave::phantom::Errors;
+use sonoweave::reconstruct::kernel::Method;
+use sonoweave::volume::Grid;
+
+use crate::baselines::{Drop, Splat, plain};
+use crate::check::{Deviation, against_equations, same_bits};
+use crate::contestant::{Contestant, Input, Path, Woven, default_kernels, on_lattice, widest_gap};
+use crate::field::Field;
+use crate::report::Report;
+use crate::stage::{Probes, Stage};
+use crate::timing::{Contestant as Turn, Times, interleaved};
+
+/// A whole scan that takes longer than this, ms, gets fewer rounds.
+const DEAR_MS: f64 = 150.0;
+/// Coverage this much apart, of all places, is another answer.
+const SAME_COVERAGE: f64 = 0.002;
+/// Around the slices there is room for every support and for the tracker's errors, mm.
+const MARGIN_MM: f64 = 5.0;
+/// No right answer is this far from the default's equations inside, root mean square, grey levels.
+const ABSURD_RMSE: f64 = 40.0;
+/// A pixel's border decides in f32 which of two pixels is the nearest, and noise lies between the two: root mean square and at most.
+const AT_BORDERS: [f64; 2] = [1.0, 60.0];
+/// From this energy on, a kernel less its pedestal ends in a kink that splines follow less well: deviations are nearer to what is promised.
+const WITH_KINKS: f64 = 0.05;
+/// What splats in f32 may differ from splats in f64, root mean square and at most.
+const SPLAT_BOUNDS: [f64; 2] = [0.001, 0.01];
+
+/// How often things are timed.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Rounds {
+    pub(crate) cheap: usize,
+    pub(crate) dear: usize,
+}
+
+/// Errors of one result, grey levels.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Score {
+    /// Inside, against the scene.
+    pub(crate) truth: Errors,
+    /// Inside, against the scene under the default's effective width.
+    pub(crate) blurred: Errors,
+    /// Inside, against the default's equations in f64 at the very places.
+    pub(crate) oracle: Errors,
+    /// Gradient inside, root mean square of the difference's length, grey levels per mm.
+    pub(crate) slope: f64,
+    /// Where the default's weight is low, against the blurred scene.
+    pub(crate) boundary: Errors,
+}
+
+impl Score {
+    fn of(field: &Field, stage: &Stage) -> Self {
+        let against = |probes: &Probes, reference: &[f32]| {
+            Errors::over(reference, |i| field.sample(probes.places[i]).map(|v| v as f32), |_| true)
+        };
+        let inside = &stage.inside;
+        let (mut squares, mut count) = (0.0, 0.0);
+        for (place, expected) in inside.places.iter().zip(&inside.slope) {
+            if let Some(slope) = field.slope(*place) {
+                squares += (slope - *expected).length_squared();
+                count += 1.0;
+            }
+        }
+        Self {
+            truth: against(inside, &inside.truth),
+            blurred: against(inside, &inside.blurred),
+            oracle: against(inside, &inside.oracle),
+            slope: f64::sqrt(squares / count),
+            boundary: against(&stage.boundary, &stage.boundary.blurred),
+        }
+    }
+
+    /// Part of the places inside that have a value.
+    pub(crate) fn coverage(&self) -> f64 {
+        self.truth.voxels as f64 / (self.truth.voxels + self.truth.unseen) as f64
+    }
+}
+
+/// One contestant over one scan.
+#[derive(Debug, Clone)]
+pub(crate) struct Row {
+    pub(crate) stage: &'static str,
+    pub(crate) title: &'static str,
+    pub(crate) contestant: Contestant,
+    pub(crate) rounds: usize,
+    /// Quartiles of a slice's milliseconds.
+    pub(crate) ms: [f64; 3],
+    /// Quartiles, over rounds, of the ratio to the default on one thread in the same round.
+    pub(crate) over_default: [f64; 3],
+    /// Voxels that a slice updates on average, where the path counts them.
+    pub(crate) updated: Option<f64>,
+    /// Distance of the filtered picture's nodes along u, pixels, where there are any.
+    pub(crate) node_px: Option<f64>,
+    pub(crate) score: Score,
+    /// From its own equations in f64: root mean square, largest.
+    pub(crate) deviation: Option<[f64; 2]>,
+    /// Whether as much is covered as by the default.
+    pub(crate) comparable: bool,
+}
+
+/// Judges and times all; the first must be the default on one thread.
+///
+/// # Errors
+/// When a contestant refuses a slice.
+pub(crate) fn measure(
+    stage: &Stage,
+    contestants: &[Contestant],
+    rounds: Rounds,
+    report: &mut Report,
+) -> Result<Vec<Row>, Box<dyn Error>> {
+    let grid = |spacing: f64| -> Result<Grid, Box<dyn Error>> {
+        Ok(on_lattice(stage.scan.grid(DVec3::splat(spacing), MARGIN_MM)?))
+    };
+    let pixel_mm = stage.scan.settings().pixel_mm;
+    let input = Input {
+        slices: &stage.slices,
+        mask: stage.scan.mask(),
+        pixel_mm,
+        effective_mm: default_kernels(pixel_mm)?.map(|k| k.sigma_effective_mm()),
+        sigma_n_mm: None,
+        gap_mm: widest_gap(&stage.slices)?,
+        grid: &grid,
+    };
+    let mut rows = Vec::new();
+    let mut dear = Vec::new();
+    let mut default_bricks = None;
+    for contestant in contestants {
+        let (times, woven) = contestant.weave(&input)?;
+        dear.push(times.iter().sum::<f64>() > DEAR_MS);
+        let what = format!("{}, {}", stage.plan.title, contestant.name());
+        let deviation = deviation(contestant, &input, &woven, &what, report)?;
+        let (updated, node_px) = match &woven {
+            Woven::Bricks(r) => {
+                let updated = r.work().voxels_updated as f64 / r.work().slices as f64;
+                (Some(updated), r.decimation().map(|(step, _)| step[0]))
+            }
+            Woven::Exact(_) | Woven::Dense(_) => (None, None),
+        };
+        if let Woven::Bricks(bricks) = &woven
+            && contestant.is_default()
+            && contestant.threads > 1
+        {
+            let one = default_bricks.as_deref().ok_or("the default on one thread comes first")?;
+            report.check(same_bits(one, bricks), format!("{what}: other bits than on one thread"));
+        }
+        let score = match woven {
+            Woven::Bricks(bricks) if rows.is_empty() => {
+                let bricks: &_ = default_bricks.insert(bricks);
+                Score::of(&Field::of_bricks(bricks, grid(contestant.voxel_mm)?), stage)
+            }
+            woven => Score::of(&contestant.field(&input, woven)?, stage),
+        };
+        let nothing = [f64::NAN; 3];
+        let (ms, over_default) = (nothing, nothing);
+        let (stage, title) = (stage.plan.id, stage.plan.title);
+        let contestant = *contestant;
+        rows.push(Row {
+            stage,
+            title,
+            contestant,
+            rounds: 0,
+            ms,
+            over_default,
+            updated,
+            node_px,
+            score,
+            deviation,
+            comparable: true,
+        });
+    }
+    drop(default_bricks);
+    let covered = rows.first().map_or(f64::NAN, |row| row.score.coverage());
+    report.check(covered == 1.0, format!("{}: the default covers {covered} of the places inside", stage.plan.title));
+    for row in &mut rows {
+        row.comparable = (row.score.coverage() - covered).abs() <= SAME_COVERAGE;
+        // A NaN lies in no range.
+        let sane = (0.0..=ABSURD_RMSE).contains(&row.score.oracle.rmse) && row.score.slope.is_finite();
+        report.check(sane || !row.comparable, format!("{}, {}: {:?}", row.title, row.contestant.name(), row.score));
+    }
+    for (is_dear, rounds) in [(false, rounds.cheap), (true, rounds.dear)] {
+        // The default takes its turns in both, as what the others are compared with.
+        let members: Vec<usize> = (0..rows.len()).filter(|i| *i == 0 || dear[*i] == is_dear).collect();
+        let mut turns: Vec<Turn<'_>> = members
+            .iter()
+            .map(|i| {
+                let (contestant, input) = (contestants[*i], &input);
+                Box::new(move || contestant.weave(input).map(|(times, _)| times)) as Turn<'_>
+            })
+            .collect();
+        let times = interleaved(rounds, &mut turns)?;
+        for (i, t) in members.iter().zip(&times).filter(|(i, _)| dear[**i] == is_dear) {
+            let row = &mut rows[*i];
+            (row.rounds, row.ms) = (rounds, quartiles(t));
+            row.over_default = t.over(&times[0]);
+        }
+    }
+    Ok(rows)
+}
+
+fn quartiles(times: &Times) -> [f64; 3] {
+    [0.25, 0.5, 0.75].map(|q| times.quantile(q))
+}
+
+/// How far a contestant is from its own equations in f64, and a wrong answer noted.
+fn deviation(
+    contestant: &Contestant,
+    input: &Input<'_>,
+    woven: &Woven,
+    what: &str,
+    report: &mut Report,
+) -> Result<Option<[f64; 2]>, Box<dyn Error>> {
+    let deviation = match (contestant.path, woven) {
+        (path, Woven::Bricks(bricks)) => {
+            let mut deviation = against_equations(bricks, input.slices, input.mask)?;
+            match path {
+                Path::General(Method::Nearest, _) => deviation.bounds = AT_BORDERS,
+                Path::General(_, Some(energy)) if energy >= WITH_KINKS => deviation.bounds[0] *= 3.0,
+                _ => {}
+            }
+            deviation
+        }
+        (Path::Splat(how), _) => splat_deviation(how, contestant, input)?,
+        _ => return Ok(None),
+    };
+    report.counted();
+    deviation.note(what, report);
+    Ok(Some([deviation.rms, deviation.max]))
+}
+
+/// Before holes are filled.
+fn splat_deviation(how: Drop, contestant: &Contestant, input: &Input<'_>) -> Result<Deviation, Box<dyn Error>> {
+    // What falls on a voxel's border in fixed point may fall on the other side in f64; with such weights little else would show.
+    const FIRM: f64 = 0.05;
+    let grid = (input.grid)(contestant.voxel_mm)?;
+    let mut splat = Splat::new(how, &grid)?;
+    for slice in input.slices {
+        splat.insert(slice, input.mask)?;
+    }
+    let expected = plain(how, &grid, input.slices, input.mask)?;
+    let pairs = expected
+        .iter()
+        .enumerate()
+        .map(|(i, [sum, weight])| (splat.value(i, FIRM as f32).map(f64::from), (*weight > FIRM).then(|| sum / weight)));
+    Ok(Deviation::over(pairs, SPLAT_BOUNDS))
+}

@@ -1,0 +1,105 @@
+//! What a run gathers besides rows: pictures, sections of Markdown, and what is wrong.
+
+use std::error::Error;
+use std::fs;
+use std::path::Path;
+
+use sonoweave_figures::Figure;
+use sonoweave_figures::files;
+
+#[derive(Debug, Default)]
+pub(crate) struct Report {
+    figures: Vec<Figure>,
+    sections: Vec<String>,
+    checks: usize,
+    wrong: Vec<String>,
+}
+
+impl Report {
+    /// Adds a picture and writes it at once.
+    ///
+    /// # Errors
+    /// When a file cannot be written.
+    pub(crate) fn figure(&mut self, figure: Figure, folder: &Path) -> Result<(), Box<dyn Error>> {
+        files::write(&figure, folder)?;
+        self.figures.push(figure);
+        Ok(())
+    }
+
+    /// Adds Markdown to `table.md`, and prints it.
+    pub(crate) fn section(&mut self, text: String) {
+        println!("\n{}", text.trim_end());
+        self.sections.push(text);
+    }
+
+    /// What must be so on every machine; what is not fails the run in its end.
+    pub(crate) fn check(&mut self, holds: bool, what: impl Into<String>) {
+        self.checks += 1;
+        if !holds {
+            self.wrong(what);
+        }
+    }
+
+    /// A check that says itself what is wrong.
+    pub(crate) fn counted(&mut self) {
+        self.checks += 1;
+    }
+
+    /// A timed answer that is not the right one.
+    pub(crate) fn wrong(&mut self, what: impl Into<String>) {
+        self.wrong.push(what.into());
+    }
+
+    /// Writes the Markdown and the page; whether everything was right.
+    ///
+    /// # Errors
+    /// When a file cannot be written.
+    pub(crate) fn finish(self, folder: &Path) -> Result<bool, Box<dyn Error>> {
+        fs::write(folder.join("table.md"), self.sections.join("\n"))?;
+        let safe = self.sections.join("\n").replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
+        let told = format!(
+            "<p>The tables are in <a href=\"table.md\">table.md</a>, all rows in <a href=\"rows.csv\">rows.csv</a>.</p>\n<details><summary>Tables</summary><pre>{safe}</pre></details>"
+        );
+        fs::write(folder.join("index.html"), files::page("Run time against error", &told, &self.figures))?;
+        for what in &self.wrong {
+            println!("WRONG: {what}");
+        }
+        println!("\n{} checks, {} wrong; {} figures", self.checks, self.wrong.len(), self.figures.len());
+        Ok(self.wrong.is_empty())
+    }
+}
+
+/// A Markdown table.
+pub(crate) fn markdown(columns: &[&str], rows: &[Vec<String>]) -> String {
+    let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
+    let head = line(&columns.iter().map(ToString::to_string).collect::<Vec<_>>());
+    let rule = format!("|{}\n", "---|".repeat(columns.len()));
+    head + &rule + &rows.iter().map(|row| line(row)).collect::<String>()
+}
+
+/// A number with so many significant digits, without zeros at its end.
+pub(crate) fn digits(value: f64, count: i32) -> String {
+    if !value.is_finite() || value == 0.0 {
+        return if value == 0.0 { "0".into() } else { "–".into() };
+    }
+    let decimals = usize::try_from(count - 1 - value.abs().log10().floor() as i32).unwrap_or(0);
+    let text = format!("{value:.decimals$}");
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_keep_their_significant_digits_only() {
+        let shown = [0.28125, 0.5, 12.345, 1234.5, 0.0, -0.001_234_5, f64::NAN].map(|v| digits(v, 3));
+        assert_eq!(shown, ["0.281", "0.5", "12.3", "1234", "0", "-0.00123", "–"]);
+    }
+
+    #[test]
+    fn a_table_has_as_many_cells_in_each_line() {
+        let table = markdown(&["a", "b"], &[vec!["1".into(), "2".into()]]);
+        assert!(table.lines().all(|line| line.matches('|').count() == 3), "{table}");
+    }
+}
