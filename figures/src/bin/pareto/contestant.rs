@@ -6,6 +6,7 @@ use std::time::Instant;
 use glam::DVec3;
 use sonoweave::mask::Mask;
 use sonoweave::reconstruct::kernel::{AxisKernel, Method, Support};
+use sonoweave::reconstruct::planar::{OnDeparture, PlanarReconstructor, PlanarSettings};
 use sonoweave::reconstruct::reference::Reference;
 use sonoweave::reconstruct::settings::{IN_PLANE_SIGMA, IN_PLANE_SUPPORT, OFF_PLANE_SIGMA_MM, OFF_PLANE_SUPPORT};
 use sonoweave::reconstruct::{Reconstructor, Settings};
@@ -32,8 +33,8 @@ const LEAST_DROPPED: f32 = 1e-3;
 /// How slices become a volume.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Path {
-    /// The reconstructor for 6 degrees of freedom, with a kernel's kind and the energy outside its support (`None`: the defaults of each axis).
-    General(Method, Option<f64>),
+    /// The reconstructor with a kernel's kind and the energy outside its support (`None`: the defaults of each axis).
+    Kernel(Method, Option<f64>),
     /// The same with its defaults, but σ across the plane half the widest gap, as `--sigma auto` takes it: another width, the scan's own.
     AutoSigma,
     /// The default kernel's equations in f64, voxel by voxel and pixel by pixel.
@@ -60,6 +61,10 @@ pub(crate) struct Contestant {
     pub(crate) path: Path,
     pub(crate) voxel_mm: f64,
     pub(crate) threads: usize,
+    /// Whether the reconstructor is the one for scans that stay perpendicular to a plane.
+    planar: bool,
+    /// Whether it is what `sonoweave` does of itself with the scan.
+    default: bool,
 }
 
 /// What a contestant is given.
@@ -80,27 +85,48 @@ pub(crate) struct Input<'a> {
 /// What a run leaves.
 pub(crate) enum Woven {
     Bricks(Box<Reconstructor>),
+    Columns(Box<PlanarReconstructor>),
     Exact(Reference),
     Dense(Field),
 }
 
 impl Contestant {
     pub(crate) fn new(path: Path, voxel_mm: f64) -> Self {
-        Self { path, voxel_mm, threads: 1 }
+        Self { path, voxel_mm, threads: 1, planar: false, default: false }
     }
 
-    /// What `sonoweave` does when nothing is asked for.
-    pub(crate) fn default_configuration() -> Self {
-        Self::new(Path::General(Method::default(), None), DEFAULT_VOXEL_MM)
+    /// What `sonoweave` does when nothing is asked for: planar scans go the planar path.
+    pub(crate) fn default_configuration(planar: bool) -> Self {
+        Self { planar, default: true, ..Self::new(Path::Kernel(Method::default(), None), DEFAULT_VOXEL_MM) }
     }
 
     pub(crate) fn on_threads(self, threads: usize) -> Self {
         Self { threads, ..self }
     }
 
-    /// The default kernel on default voxels, on however many threads.
+    /// On the planar path, if its kernel can go it.
+    fn planar_if(self, planar: bool) -> Self {
+        let can = match self.path {
+            Path::Kernel(method, _) => !method.interpolates(),
+            Path::AutoSigma => true,
+            Path::BruteForce | Path::Splat(_) => false,
+        };
+        Self { planar: planar && can, ..self }
+    }
+
+    /// The default configuration, on however many threads.
     pub(crate) fn is_default(&self) -> bool {
-        self.on_threads(1) == Self::default_configuration()
+        self.default
+    }
+
+    /// Whether both take the same kernel and voxels, by whatever path; no default.
+    pub(crate) fn does_as(&self, other: &Self) -> bool {
+        !self.default && self.path == other.path && self.voxel_mm == other.voxel_mm && self.threads == other.threads
+    }
+
+    /// Whether both do the same, whatever they are called.
+    pub(crate) fn same(&self, other: &Self) -> bool {
+        Self { default: false, ..*self } == Self { default: false, ..*other }
     }
 
     /// Voxel spacing in the default's in-plane σ.
@@ -110,10 +136,11 @@ impl Contestant {
 
     /// What it does, without voxel and threads.
     pub(crate) fn method(&self) -> String {
+        let planar = if self.planar { ", planar" } else { "" };
         match self.path {
-            Path::General(method, None) => method.name().to_owned(),
-            Path::General(method, Some(energy)) => format!("{} E_e {energy}", method.name()),
-            Path::AutoSigma => format!("{}, auto σ", Method::default().name()),
+            Path::Kernel(method, None) => format!("{}{planar}", method.name()),
+            Path::Kernel(method, Some(energy)) => format!("{} E_e {energy}{planar}", method.name()),
+            Path::AutoSigma => format!("{}, auto σ{planar}", Method::default().name()),
             Path::BruteForce => "brute force, f64".into(),
             Path::Splat(Drop::Trilinear) => "trilinear + holes".into(),
             Path::Splat(Drop::Nearest | Drop::NearestInBytes) => "nearest voxel + holes".into(),
@@ -127,20 +154,20 @@ impl Contestant {
 
     pub(crate) fn matching(&self) -> Match {
         match self.path {
-            Path::General(method, _) if method.interpolates() => Match::AcrossPlane,
-            Path::General(..) | Path::BruteForce => Match::Whole,
+            Path::Kernel(method, _) if method.interpolates() => Match::AcrossPlane,
+            Path::Kernel(..) | Path::BruteForce => Match::Whole,
             Path::AutoSigma => Match::InPlane,
             Path::Splat(_) => Match::None,
         }
     }
 
-    /// Settings of the general path; `None` for other paths.
+    /// Settings of the reconstructor; `None` for what is another's.
     ///
     /// # Errors
     /// When no σ gives the width.
     pub(crate) fn settings(&self, input: &Input<'_>) -> Result<Option<Settings>, Box<dyn Error>> {
         let (method, energy) = match self.path {
-            Path::General(method, energy) => (method, energy),
+            Path::Kernel(method, energy) => (method, energy),
             Path::AutoSigma => (Method::default(), None),
             Path::BruteForce | Path::Splat(_) => return Ok(None),
         };
@@ -173,8 +200,14 @@ impl Contestant {
     pub(crate) fn weave(&self, input: &Input<'_>) -> Result<(Vec<f64>, Woven), Box<dyn Error>> {
         let Input { slices, mask, .. } = *input;
         match self.path {
-            Path::General(..) | Path::AutoSigma => {
-                let settings = self.settings(input)?.ok_or("the general path has settings")?;
+            Path::Kernel(..) | Path::AutoSigma => {
+                let settings = self.settings(input)?.ok_or("a reconstructor has settings")?;
+                if self.planar {
+                    let planar = PlanarSettings { on_departure: OnDeparture::Refuse, ..PlanarSettings::default() };
+                    let mut reconstructor = PlanarReconstructor::new(settings, planar, mask.clone())?;
+                    let times = each(slices, |slice| reconstructor.insert(slice).map(drop))?;
+                    return Ok((times, Woven::Columns(Box::new(reconstructor))));
+                }
                 let mut reconstructor = Reconstructor::new(settings, mask.clone())?;
                 let times = each(slices, |slice| reconstructor.insert(slice).map(drop))?;
                 Ok((times, Woven::Bricks(Box::new(reconstructor))))
@@ -206,17 +239,17 @@ impl Contestant {
             }
         }
     }
+}
 
+impl Woven {
     /// The result to be read between its voxels.
-    ///
-    /// # Errors
-    /// When no grid holds the slices.
-    pub(crate) fn field(&self, input: &Input<'_>, woven: Woven) -> Result<Field, Box<dyn Error>> {
-        Ok(match woven {
-            Woven::Bricks(reconstructor) => Field::of_bricks(&reconstructor, (input.grid)(self.voxel_mm)?),
-            Woven::Exact(reference) => Field::of_reference(&reference),
-            Woven::Dense(field) => field,
-        })
+    pub(crate) fn field(self) -> Field {
+        match self {
+            Self::Bricks(r) => Field::of_volume(r.volume(), r.world_from_lattice(), r.settings()),
+            Self::Columns(r) => Field::of_volume(r.volume(), r.world_from_lattice(), r.settings()),
+            Self::Exact(reference) => Field::of_reference(&reference),
+            Self::Dense(field) => field,
+        }
     }
 }
 
@@ -278,42 +311,47 @@ pub(crate) fn matched_sigma(
     Ok(effective_mm / kernel.sigma_effective_mm())
 }
 
-/// The few that every scan is given.
-pub(crate) fn short_list() -> Vec<Contestant> {
+/// The few that every scan is given; the default comes first.
+pub(crate) fn short_list(planar: bool) -> Vec<Contestant> {
     use Method::{BSpline3, Gaussian, GaussianTruncated, Linear, Nearest};
-    let ours = Contestant::default_configuration();
-    let kernel = |method, energy| Contestant::new(Path::General(method, energy), DEFAULT_VOXEL_MM);
-    let mut list = vec![ours, ours.on_threads(2)];
+    let ours = Contestant::default_configuration(planar);
+    let kernel = |method, energy| Contestant::new(Path::Kernel(method, energy), DEFAULT_VOXEL_MM);
+    let mut list = vec![kernel(Gaussian, None)];
     list.extend([0.1, 0.05, 0.001].map(|energy| kernel(Gaussian, Some(energy))));
     list.extend([GaussianTruncated, BSpline3, Linear, Nearest].map(|method| kernel(method, None)));
-    list.push(Contestant { path: Path::AutoSigma, ..ours });
-    list.extend([VOXELS[1], VOXELS[3]].map(|v| Contestant { voxel_mm: by_sigma(v), ..ours }));
+    list.push(Contestant::new(Path::AutoSigma, DEFAULT_VOXEL_MM));
+    list.extend([VOXELS[1], VOXELS[3]].map(|v| Contestant::new(Path::Kernel(Gaussian, None), by_sigma(v))));
     list.extend([Drop::Nearest, Drop::Trilinear].map(|drop| Contestant::new(Path::Splat(drop), DEFAULT_VOXEL_MM)));
-    list
+    with_default(ours, &[ours.on_threads(2)], list)
 }
 
 /// Every kernel with every support and every voxel, the splats with every voxel, and two threads with every kernel.
-pub(crate) fn full_list() -> Vec<Contestant> {
+pub(crate) fn full_list(planar: bool) -> Vec<Contestant> {
     let voxels: Vec<f64> = VOXELS.map(by_sigma).into_iter().chain([DEFAULT_VOXEL_MM]).collect();
-    let ours = Contestant::default_configuration();
-    let mut list = vec![ours, Contestant { path: Path::AutoSigma, ..ours }];
-    let mut add = |contestant: Contestant| {
-        if !list.contains(&contestant) {
-            list.push(contestant);
-        }
-    };
+    let mut list = vec![Contestant::new(Path::AutoSigma, DEFAULT_VOXEL_MM)];
     for voxel_mm in voxels {
         for method in Method::ALL {
             let energies = if method.takes_support() { &ENERGIES[..] } else { &[] };
             let supports = std::iter::once(None).chain(energies.iter().copied().map(Some));
-            supports.for_each(|energy| add(Contestant::new(Path::General(method, energy), voxel_mm)));
+            list.extend(supports.map(|energy| Contestant::new(Path::Kernel(method, energy), voxel_mm)));
         }
-        for drop in [Drop::Nearest, Drop::Trilinear] {
-            add(Contestant::new(Path::Splat(drop), voxel_mm));
-        }
+        list.extend([Drop::Nearest, Drop::Trilinear].map(|drop| Contestant::new(Path::Splat(drop), voxel_mm)));
     }
-    for method in Method::ALL {
-        add(Contestant::new(Path::General(method, None), DEFAULT_VOXEL_MM).on_threads(2));
+    let on_two = |method| Contestant::new(Path::Kernel(method, None), DEFAULT_VOXEL_MM).on_threads(2);
+    list.extend(Method::ALL.map(on_two));
+    let ours = Contestant::default_configuration(planar);
+    with_default(ours, &[ours.on_threads(2)], list)
+}
+
+/// The default first, and the others after it, by the default's path where they can and once by the general one. Nobody twice.
+fn with_default(default: Contestant, more: &[Contestant], others: Vec<Contestant>) -> Vec<Contestant> {
+    let general = Contestant::new(default.path, default.voxel_mm);
+    let others = others.into_iter().map(|c| c.planar_if(default.planar));
+    let mut list = vec![default];
+    for contestant in more.iter().copied().chain(others).chain([general]) {
+        if !list.iter().any(|c| c.same(&contestant)) {
+            list.push(contestant);
+        }
     }
     list
 }
@@ -329,8 +367,8 @@ mod tests {
     #[test]
     fn every_kernel_that_can_has_the_defaults_effective_width() {
         let target = default_kernels([0.2; 2]).unwrap().map(|k| k.sigma_effective_mm());
-        for contestant in full_list() {
-            let Path::General(method, energy) = contestant.path else { continue };
+        for contestant in full_list(false) {
+            let Path::Kernel(method, energy) = contestant.path else { continue };
             for (axis, target) in target.into_iter().enumerate() {
                 let sigma = matched_sigma(method, energy, axis, target).unwrap();
                 let usual = if axis == 2 { OFF_PLANE_SUPPORT } else { IN_PLANE_SUPPORT };
@@ -342,14 +380,17 @@ mod tests {
 
     #[test]
     fn lists_begin_with_the_default_and_name_nobody_twice() {
-        for list in [short_list(), full_list()] {
-            assert_eq!(list[0], Contestant::default_configuration());
+        for (list, planar) in [false, true].into_iter().flat_map(|p| [(short_list(p), p), (full_list(p), p)]) {
+            assert_eq!(list[0], Contestant::default_configuration(planar));
+            assert_eq!(list.iter().filter(|c| c.is_default()).count(), 2, "on one and on two threads");
             let mut names: Vec<String> = list.iter().map(Contestant::name).collect();
             let all = names.len();
             names.sort();
             names.dedup();
             assert_eq!(names.len(), all);
         }
-        assert_eq!(full_list().iter().filter(|c| c.voxel_mm == DEFAULT_VOXEL_MM && c.threads == 1).count(), 23);
+        let alone =
+            |planar| full_list(planar).iter().filter(|c| c.voxel_mm == DEFAULT_VOXEL_MM && c.threads == 1).count();
+        assert_eq!((alone(false), alone(true)), (23, 24), "on the planar path there is the general one besides");
     }
 }

@@ -1,10 +1,11 @@
 //! A result on a dense grid, whatever made it, read at places between its voxels as a renderer reads it.
 
+use calibration::frames::{Transform, Volume as VolumeFrame, World};
 use glam::{DAffine3, DVec3};
-use sonoweave::reconstruct::Reconstructor;
+use sonoweave::reconstruct::Settings;
 use sonoweave::reconstruct::reference::Reference;
-use sonoweave::volume::Grid;
 use sonoweave::volume::sparse::SEEN;
+use sonoweave::volume::{Grid, Voxels};
 
 use crate::baselines::Splat;
 use crate::filling::fill_holes;
@@ -22,20 +23,32 @@ impl Field {
         Self { grid, voxel_from_world: grid.world_from_volume().inverse().affine(), values }
     }
 
-    /// What bricks hold of a grid that lies on their lattice.
-    pub(crate) fn of_bricks(reconstructor: &Reconstructor, grid: Grid) -> Self {
-        let lattice = reconstructor.world_from_lattice().inverse();
-        let first = lattice.point(grid.origin).round().to_array().map(|x| x as i64);
-        let [nx, ny, nz] = grid.size.map(|n| n as usize);
+    /// What a volume holds, on its own lattice, over all that was seen.
+    pub(crate) fn of_volume(
+        volume: &dyn Voxels,
+        world_from_lattice: Transform<World, VolumeFrame>,
+        settings: &Settings,
+    ) -> Self {
+        let (low, high) = volume.seen_bounds().unwrap_or(([0; 3], [0; 3]));
+        let size = [0, 1, 2].map(|axis| (high[axis] - low[axis] + 1) as u64);
+        let origin = world_from_lattice.point(DVec3::from_array(low.map(|x| x as f64)));
+        let grid = Grid { origin, spacing: settings.spacing_mm, direction: settings.lattice_direction, size };
+        let [nx, ny, nz] = size.map(|n| n as usize);
         let (mut r, mut w) = (vec![0.0; nx], vec![0.0; nx]);
         let mut values = Vec::with_capacity(nx * ny * nz);
         for z in 0..nz as i64 {
             for y in 0..ny as i64 {
-                reconstructor.volume().row([first[0], first[1] + y, first[2] + z], &mut r, &mut w);
+                volume.row([low[0], low[1] + y, low[2] + z], &mut r, &mut w);
                 values.extend(r.iter().zip(&w).map(|(r, w)| if *w > SEEN { r / w } else { f32::NAN }));
             }
         }
         Self::new(grid, values)
+    }
+
+    /// Same grid, same bits.
+    pub(crate) fn same_bits(&self, other: &Self) -> bool {
+        let bits = |values: &[f32]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+        self.grid == other.grid && bits(&self.values) == bits(&other.values)
     }
 
     /// Where more than `weight` was dropped.

@@ -48,8 +48,8 @@ struct Predicted {
 }
 
 fn contestants() -> Vec<Contestant> {
-    let kernel = |method, energy| Contestant::new(Path::General(method, energy), DEFAULT_VOXEL_MM);
-    let mut list = vec![Contestant::default_configuration()];
+    let kernel = |method, energy| Contestant::new(Path::Kernel(method, energy), DEFAULT_VOXEL_MM);
+    let mut list = vec![Contestant::default_configuration(false)];
     list.extend([0.1, 0.001].map(|energy| kernel(Method::Gaussian, Some(energy))));
     list.extend(Method::ALL[1..].iter().map(|method| kernel(*method, None)));
     list.extend([Drop::Nearest, Drop::Trilinear].map(|drop| Contestant::new(Path::Splat(drop), DEFAULT_VOXEL_MM)));
@@ -163,7 +163,7 @@ fn predict(slices: &[Slice], mask: &Mask, gap_mm: f64) -> Result<Vec<Predicted>,
         for predicted in &mut all {
             let (ms, woven) = predicted.contestant.weave(&input)?;
             predicted.ms.extend(ms);
-            let field = predicted.contestant.field(&input, woven)?;
+            let field = woven.field();
             for (_, slice) in slices.iter().enumerate().filter(|(i, _)| is_out(*i)) {
                 let Pixels::U8(pixels) = slice.image.pixels() else {
                     return Err("slices are left out of recordings of 8 bits only".into());

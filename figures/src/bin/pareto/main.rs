@@ -20,6 +20,7 @@
 #[allow(dead_code, reason = "shared with the bench, which also shows the mean in bytes")]
 mod baselines;
 #[path = "../../../../benches/reconstruct/check.rs"]
+#[allow(dead_code, reason = "shared with the bench, which also compares bricks")]
 mod check;
 mod contestant;
 mod field;
@@ -92,7 +93,10 @@ fn run(effort: Effort, project: &Path, folder: &Path) -> Result<bool, Box<dyn Er
     let mut rows = Vec::new();
     for (number, plan) in stage::plans().into_iter().enumerate() {
         let stage = stage::Stage::new(plan)?;
-        let mut contestants = if plan.sweep && effort.whole { full_list() } else { short_list() };
+        let mut contestants = {
+            let planar = plan.is_planar();
+            if plan.sweep && effort.whole { full_list(planar) } else { short_list(planar) }
+        };
         if effort.whole || number == 0 {
             contestants.push(Contestant::new(contestant::Path::BruteForce, DEFAULT_VOXEL_MM));
         }

@@ -4,11 +4,13 @@ use std::error::Error;
 
 use glam::DVec3;
 use sonoweave::phantom::Errors;
+use sonoweave::reconstruct::Work;
 use sonoweave::reconstruct::kernel::Method;
+use sonoweave::reconstruct::planar::reference;
 use sonoweave::volume::Grid;
 
 use crate::baselines::{Drop, Splat, plain};
-use crate::check::{Deviation, against_equations, same_bits};
+use crate::check::{Deviation, against_equations, against_sums};
 use crate::contestant::{Contestant, Input, Path, Woven, default_kernels, on_lattice, widest_gap};
 use crate::field::Field;
 use crate::report::Report;
@@ -27,6 +29,8 @@ const ABSURD_RMSE: f64 = 40.0;
 const AT_BORDERS: [f64; 2] = [1.0, 60.0];
 /// From this energy on, a kernel less its pedestal ends in a kink that splines follow less well: deviations are nearer to what is promised.
 const WITH_KINKS: f64 = 0.05;
+/// What the planar path may differ from its sums in f64, of the range of grey levels: root mean square and at most.
+const COLUMNS: [f64; 2] = [2e-6, 1e-5];
 /// What splats in f32 may differ from splats in f64, root mean square and at most.
 const SPLAT_BOUNDS: [f64; 2] = [0.001, 0.01];
 
@@ -127,33 +131,25 @@ pub(crate) fn measure(
     };
     let mut rows = Vec::new();
     let mut dear = Vec::new();
-    let mut default_bricks = None;
+    let mut default: Option<Field> = None;
     for contestant in contestants {
         let (times, woven) = contestant.weave(&input)?;
         dear.push(times.iter().sum::<f64>() > DEAR_MS);
         let what = format!("{}, {}", stage.plan.title, contestant.name());
         let deviation = deviation(contestant, &input, &woven, &what, report)?;
+        let each_slice = |work: Work| Some(work.voxels_updated as f64 / work.slices as f64);
         let (updated, node_px) = match &woven {
-            Woven::Bricks(r) => {
-                let updated = r.work().voxels_updated as f64 / r.work().slices as f64;
-                (Some(updated), r.decimation().map(|(step, _)| step[0]))
-            }
+            Woven::Bricks(r) => (each_slice(r.work()), r.decimation().map(|(step, _)| step[0])),
+            Woven::Columns(r) => (each_slice(r.work()), None),
             Woven::Exact(_) | Woven::Dense(_) => (None, None),
         };
-        if let Woven::Bricks(bricks) = &woven
-            && contestant.is_default()
-            && contestant.threads > 1
-        {
-            let one = default_bricks.as_deref().ok_or("the default on one thread comes first")?;
-            report.check(same_bits(one, bricks), format!("{what}: other bits than on one thread"));
+        let field = woven.field();
+        if contestant.is_default() && contestant.threads > 1 {
+            let one = default.as_ref().ok_or("the default on one thread comes first")?;
+            report.check(one.same_bits(&field), format!("{what}: other bits than on one thread"));
         }
-        let score = match woven {
-            Woven::Bricks(bricks) if rows.is_empty() => {
-                let bricks: &_ = default_bricks.insert(bricks);
-                Score::of(&Field::of_bricks(bricks, grid(contestant.voxel_mm)?), stage)
-            }
-            woven => Score::of(&contestant.field(&input, woven)?, stage),
-        };
+        let score = Score::of(&field, stage);
+        default.get_or_insert(field);
         let nothing = [f64::NAN; 3];
         let (ms, over_default) = (nothing, nothing);
         let (stage, title) = (stage.plan.id, stage.plan.title);
@@ -172,7 +168,7 @@ pub(crate) fn measure(
             comparable: true,
         });
     }
-    drop(default_bricks);
+    drop(default);
     let covered = rows.first().map_or(f64::NAN, |row| row.score.coverage());
     report.check(covered == 1.0, format!("{}: the default covers {covered} of the places inside", stage.plan.title));
     for row in &mut rows {
@@ -217,11 +213,19 @@ fn deviation(
         (path, Woven::Bricks(bricks)) => {
             let mut deviation = against_equations(bricks, input.slices, input.mask)?;
             match path {
-                Path::General(Method::Nearest, _) => deviation.bounds = AT_BORDERS,
-                Path::General(_, Some(energy)) if energy >= WITH_KINKS => deviation.bounds[0] *= 3.0,
+                Path::Kernel(Method::Nearest, _) => deviation.bounds = AT_BORDERS,
+                Path::Kernel(_, Some(energy)) if energy >= WITH_KINKS => deviation.bounds[0] *= 3.0,
                 _ => {}
             }
             deviation
+        }
+        (_, Woven::Columns(columns)) => {
+            let kernels = columns.kernels().ok_or("nothing was inserted")?;
+            let lattice = columns.world_from_lattice();
+            let pairs = against_sums(columns.volume(), columns.settings(), lattice, 0.0, |sums| {
+                input.slices.iter().for_each(|slice| reference::insert(sums, slice, input.mask, kernels));
+            });
+            Deviation::over(pairs, COLUMNS.map(|part| part * 255.0))
         }
         (Path::Splat(how), _) => splat_deviation(how, contestant, input)?,
         _ => return Ok(None),

@@ -67,11 +67,11 @@ pub(crate) fn draw(rows: &[Row], report: &mut Report, folder: &Folder) -> Result
 fn family(contestant: &Contestant) -> (&'static str, Look, Ink) {
     match contestant.path {
         _ if contestant.is_default() => ("default configuration", Look::Triangles, Ink::Black),
-        Path::General(Method::Gaussian, _) => ("gaussian less pedestal", Look::Discs, Ink::Blue),
-        Path::General(Method::GaussianTruncated, _) => ("gaussian, cut", Look::Discs, Ink::Sky),
-        Path::General(Method::BSpline3, _) => ("B-spline", Look::Squares, Ink::Green),
-        Path::General(Method::Linear, _) => ("linear in plane", Look::Squares, Ink::Purple),
-        Path::General(Method::Nearest, _) => ("nearest pixel", Look::Triangles, Ink::Orange),
+        Path::Kernel(Method::Gaussian, _) => ("gaussian less pedestal", Look::Discs, Ink::Blue),
+        Path::Kernel(Method::GaussianTruncated, _) => ("gaussian, cut", Look::Discs, Ink::Sky),
+        Path::Kernel(Method::BSpline3, _) => ("B-spline", Look::Squares, Ink::Green),
+        Path::Kernel(Method::Linear, _) => ("linear in plane", Look::Squares, Ink::Purple),
+        Path::Kernel(Method::Nearest, _) => ("nearest pixel", Look::Triangles, Ink::Orange),
         Path::AutoSigma => ("default, auto σ", Look::Squares, Ink::Black),
         Path::Splat(_) => ("pixels dropped into voxels, holes filled", Look::Crosses, Ink::Vermilion),
         Path::BruteForce => ("brute force, f64", Look::Crosses, Ink::Grey),
@@ -161,7 +161,7 @@ fn panel(scan: &[&Row], measure: Measure) -> Panel {
 /// What supports and voxels cost and save, where everything was swept.
 fn sweeps(scans: &[Vec<&Row>]) -> Option<Figure> {
     let mut panels = Vec::new();
-    for scan in scans.iter().filter(|scan| scan.len() > 2 * short_list().len()) {
+    for scan in scans.iter().filter(|scan| scan.len() > 2 * short_list(false).len()) {
         for measure in [Measure::Blurred, Measure::Slope] {
             let place = |row: &&Row| [row.ms[1], measure.of(row)];
             let energies = |method: Method| -> Vec<[f64; 2]> {
@@ -169,7 +169,7 @@ fn sweeps(scans: &[Vec<&Row>]) -> Option<Figure> {
                     .iter()
                     .filter(|row| row.contestant.voxel_mm == DEFAULT_VOXEL_MM && row.contestant.threads == 1)
                     .filter_map(|row| match row.contestant.path {
-                        Path::General(m, Some(energy)) if m == method => Some((energy, place(row))),
+                        Path::Kernel(m, Some(energy)) if m == method => Some((energy, place(row))),
                         _ => None,
                     })
                     .collect();
@@ -179,14 +179,13 @@ fn sweeps(scans: &[Vec<&Row>]) -> Option<Figure> {
             let voxels = |method: Method| -> Vec<[f64; 2]> {
                 let mut rows: Vec<(f64, [f64; 2])> = scan
                     .iter()
-                    .filter(|row| row.contestant.path == Path::General(method, None) && row.contestant.threads == 1)
+                    .filter(|row| row.contestant.path == Path::Kernel(method, None) && row.contestant.threads == 1)
                     .map(|row| (row.contestant.voxel_mm, place(row)))
                     .collect();
                 rows.sort_by(|a, b| a.0.total_cmp(&b.0));
                 rows.into_iter().map(|(_, p)| p).collect()
             };
-            let default: Vec<[f64; 2]> =
-                scan.iter().filter(|row| row.contestant == Contestant::default_configuration()).map(place).collect();
+            let default: Vec<[f64; 2]> = scan.iter().take(1).map(place).collect();
             let [less, cut] = [energies(Method::Gaussian), energies(Method::GaussianTruncated)];
             let [ours, spline] = [voxels(Method::Gaussian), voxels(Method::BSpline3)];
             let every = || [&less, &cut, &ours, &spline].into_iter().flatten().copied();
@@ -230,7 +229,7 @@ fn summary(scans: &[Vec<&Row>]) -> Figure {
         values.sort_by(f64::total_cmp);
         values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
     };
-    let mut contestants = short_list();
+    let mut contestants = short_list(false);
     contestants.push(Contestant::new(Path::BruteForce, DEFAULT_VOXEL_MM));
     contestants.retain(|c| c.threads == 1);
     let mut panels = Vec::new();
@@ -240,7 +239,12 @@ fn summary(scans: &[Vec<&Row>]) -> Figure {
             let compared: Vec<[f64; 2]> = scans
                 .iter()
                 .filter_map(|scan| {
-                    let row = scan.iter().find(|row| row.contestant == *contestant && measure.compares(row))?;
+                    // On planar scans the same kernels go the planar path.
+                    let is = |row: &&&Row| match contestant.is_default() {
+                        true => row.contestant.is_default(),
+                        false => row.contestant.does_as(contestant),
+                    };
+                    let row = scan.iter().filter(|row| measure.compares(row)).find(is)?;
                     Some([row.over_default[1], measure.of(row) / measure.of(scan[0])])
                 })
                 .collect();

@@ -115,7 +115,7 @@ fn beside_baselines(scans: &[Vec<&Row>]) -> String {
     let lines: Vec<Vec<String>> = scans
         .iter()
         .map(|scan| {
-            let of = |path| scan.iter().find(|row| row.contestant == Contestant::new(path, DEFAULT_VOXEL_MM));
+            let of = |path| scan.iter().find(|row| row.contestant.does_as(&Contestant::new(path, DEFAULT_VOXEL_MM)));
             let mut line = vec![scan[0].title.to_owned(), cell(scan.first())];
             line.extend(paths.map(|(_, path)| cell(of(path))));
             line.push(digits(scan[0].score.blurred.rmse, 3));

@@ -45,6 +45,14 @@ pub(crate) struct Plan {
     pub(crate) sweep: bool,
 }
 
+impl Plan {
+    /// Whether all slices stay perpendicular to one plane, with u along its normal.
+    pub(crate) fn is_planar(&self) -> bool {
+        let moves = matches!(self.motion, Motion::Parallel | Motion::Jittered | Motion::Fan { .. } | Motion::Arm);
+        moves && self.tracker == STILL
+    }
+}
+
 const STILL: TrackerNoise = TrackerNoise { position_mm: 0.0, rotation_degrees: 0.0 };
 
 const fn plan(id: &'static str, title: &'static str, scene: fn() -> Scene, motion: Motion) -> Plan {
