@@ -8,6 +8,7 @@
 
 mod accumulation;
 mod coverage;
+mod decay;
 mod figures;
 mod geometry;
 mod kernels;
@@ -50,6 +51,7 @@ fn main() {
         orientation::tests(),
         memory::tests(),
         kernels::tests(),
+        decay::tests(),
     ];
     let trials: Vec<Trial> = themes.into_iter().flatten().map(|test: Test| test.trial(length, &report)).collect();
     let conclusion = libtest_mimic::run(&arguments, trials);
