@@ -18,8 +18,10 @@ mod orientation;
 #[path = "../cli/place.rs"]
 #[allow(dead_code, reason = "another suite's helper, used in part")]
 mod place;
+mod planar;
 mod refusals;
 mod sampling;
+mod selecting;
 #[path = "../cli/sequence.rs"]
 #[allow(dead_code, reason = "another suite's helper, used in part")]
 mod sequence;
@@ -52,6 +54,8 @@ fn main() {
         memory::tests(),
         kernels::tests(),
         decay::tests(),
+        planar::tests(length),
+        selecting::tests(),
     ];
     let trials: Vec<Trial> = themes.into_iter().flatten().map(|test: Test| test.trial(length, &report)).collect();
     let conclusion = libtest_mimic::run(&arguments, trials);
