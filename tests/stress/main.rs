@@ -9,6 +9,7 @@
 mod accumulation;
 mod coverage;
 mod decay;
+mod departures;
 mod figures;
 mod geometry;
 mod kernels;
@@ -55,6 +56,7 @@ fn main() {
         kernels::tests(),
         decay::tests(),
         planar::tests(length),
+        departures::tests(),
         selecting::tests(),
     ];
     let trials: Vec<Trial> = themes.into_iter().flatten().map(|test: Test| test.trial(length, &report)).collect();

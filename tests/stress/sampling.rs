@@ -55,7 +55,7 @@ fn ripple(sheet: &mut Sheet) {
             if kernel.shape == Shape::Box {
                 let at = |plane: usize| (plane as f64 / 16.0 - 2.0) * gap;
                 let slices =
-                    |z: f64| (-20..=20).filter(|k| (z - f64::from(*k) * gap).abs() <= kernel.support_mm).count();
+                    |z: f64| (-20..=20).filter(|k| (z - f64::from(*k) * gap).abs() <= 3.0_f64.sqrt() * sigma).count();
                 let off =
                     (0..).zip(&weights).map(|(plane, w)| (w - slices(at(plane)) as f64).abs()).fold(0.0, f64::max);
                 sheet.at_most(&format!("{what}: weights off the count of slices"), off, 1e-4);
@@ -108,11 +108,11 @@ fn undersampled(sheet: &mut Sheet) {
     let mut blobs = Blobs::draw(5);
     blobs.sphere = None;
     let scene = Scene::Blobs(blobs);
-    for method in METHODS {
-        for gap in [0.5, 1.0, 2.0] {
+    for gap in [0.5, 1.0, 2.0] {
+        let probe = Probe::straight([96, 96], 0.2);
+        let slices: Vec<Slice> = positions(12.0, gap).map(|along| probe.scan(along, |p| scene.value(p))).collect();
+        for method in METHODS {
             let settings = Settings { method, sigma_mm: [Some(0.5), Some(0.5), Some(1.0)], ..half_mm() };
-            let probe = Probe::straight([96, 96], 0.2);
-            let slices: Vec<Slice> = positions(12.0, gap).map(|along| probe.scan(along, |p| scene.value(p))).collect();
             let r = weave(settings, &probe.mask(), &slices);
             let widths = DVec3::from_array(r.kernels().unwrap().map(|k| k.sigma_effective_mm().powi(2)));
             let blur = DMat3::from_diagonal(widths);
@@ -120,8 +120,9 @@ fn undersampled(sheet: &mut Sheet) {
             let what = format!("{}, s = {gap} σ", method.name());
             sheet.equal(&format!("{what}: voxels of 29³ not seen"), 29_usize.pow(3) - inside.len(), 0);
             let rms = |truth: &dyn Fn(DVec3) -> f64| {
-                let sum: f64 = inside.iter().map(|voxel| (voxel.value - truth(voxel.at)).powi(2)).sum();
-                (sum / inside.len() as f64).sqrt()
+                let some = || inside.iter().step_by(5);
+                let sum: f64 = some().map(|voxel| (voxel.value - truth(voxel.at)).powi(2)).sum();
+                (sum / some().count() as f64).sqrt()
             };
             sheet.record(
                 &format!("{what}: rms error against the scene, grey levels"),
