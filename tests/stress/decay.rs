@@ -28,7 +28,7 @@ pub(crate) fn tests() -> Vec<Test> {
             "decay, both paths: times alike, backwards, 10⁹ s on, a clock set back: d as the steps say, in [0, 1]; counted",
             steps_of_time,
         ),
-        Test::new("22", "paper-literal decay, both paths: no time amplifies a weight", literal_times),
+        Test::new("22", "every decay, both paths: no time amplifies a weight or moves a constant", absurd_times),
         Test::new(
             "23",
             "exp decay over 1 to 1000 touches: one exp within 1e-5; planar within n·2⁻²³, its factor's own rounding",
@@ -123,7 +123,7 @@ fn steps_of_time(sheet: &mut Sheet) {
     }
 }
 
-fn literal_times(sheet: &mut Sheet) {
+fn absurd_times(sheet: &mut Sheet) {
     let second = SECOND as i64;
     let mut times = vec![0, 0, -second, 5, i64::MAX, i64::MIN, 0, 1_763_700_000 * second, 3, i64::MAX - 1];
     times.extend((0..20).map(|k| (k * 7919 % 13) * second / 10));
