@@ -14,6 +14,7 @@
 //! A slice that gives a voxel less than [`LEAST_TOUCH`] of a slice's weight leaves it alone: were such a touch to refresh the age, it would stop the
 //! fading of what is there; were it not to, it would fade the past anew each time.
 
+use super::entry::LEAST_SUM;
 use crate::volume::brick::VOXELS;
 use crate::volume::sparse::{Epoch, SEEN};
 
@@ -244,7 +245,8 @@ impl Fading {
 pub(crate) fn rebase(r: &mut [f32; VOXELS], w: &mut [f32; VOXELS], factor: f32) {
     for (r, w) in r.iter_mut().zip(w).filter(|(_, w)| **w > 0.0) {
         let factor = factor.max(LEAST_MEMORY / *w);
-        *r *= factor;
+        let sum = *r * factor;
+        *r = if sum.abs() <= LEAST_SUM { 0.0 } else { sum };
         *w *= factor;
     }
 }

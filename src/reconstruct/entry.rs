@@ -9,6 +9,23 @@ use super::weave::{Task, View};
 use crate::volume::brick::{Ages, Brick, Stamps};
 use crate::volume::sparse::Memory;
 
+/// A numerator smaller than this is nothing. Left to shrink it would become subnormal, under black that follows brightness and is faded or clamped for
+/// long: such numbers slow every later slice down (measured: inserts up to 2.3 times) and never become zero.
+pub(crate) const LEAST_SUM: f32 = 1e-30;
+
+/// Numerators that have shrunk, without those that are nothing.
+///
+/// # Safety
+/// The instruction set of `L` must be available.
+#[inline(always)]
+pub(crate) unsafe fn shrunk<L: Lanes>(sum: L) -> L {
+    // SAFETY: as for this function.
+    unsafe {
+        let zero = L::splat(0.0);
+        L::select(sum.max(zero.sub(sum)).le(L::splat(LEAST_SUM)), zero, sum)
+    }
+}
+
 /// How a value enters a voxel: [`super::Compounding`] as the hot loop needs it.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Entry {
@@ -147,7 +164,7 @@ unsafe fn add<L: Lanes>(
             // slice, and a constant would drift off (measured: 2.6e-4 where this leaves 1e-6).
             let excess = certainty.mul_add(weight, w.sub(most));
             let step = sum.mul(weight).mul_add(most, L::splat(0.0).sub(excess.mul(r))).div(new_w);
-            new_r = L::select(fits, new_r, r.add(step));
+            new_r = L::select(fits, new_r, shrunk(r.add(step)));
             new_w = L::select(fits, new_w, most);
             task.clamped += above.count_ones();
         }
@@ -227,7 +244,7 @@ unsafe fn fade<L: Lanes>(
             Decay::PaperLiteral { .. } => sample.weight.mul(L::splat(1.0).sub(factor)),
             Decay::Exponential { .. } | Decay::DeadTime { .. } => sample.weight,
         };
-        L::select(mask, r.mul(factor), r).store(place.brick.r.as_mut_ptr().add(at));
+        L::select(mask, shrunk(r.mul(factor)), r).store(place.brick.r.as_mut_ptr().add(at));
         L::select(mask, w.mul(factor), w).store(place.brick.w.as_mut_ptr().add(at));
         L::replace_halves_where(mask, ages, task.turn.now);
         add(place.brick, at, mask, [weight, sample.sum(), sample.certainty], most, task);

@@ -23,6 +23,9 @@ pub const IN_PLANE_SIGMA: f64 = 0.75;
 pub const OFF_PLANE_SIGMA_MM: f64 = 1.0;
 /// Default of [`Settings::max_weight`].
 pub const MAX_WEIGHT: f64 = 256.0;
+/// Largest [`Settings::max_weight`]: there the mean of slices that are all alike may be off by 3 %, the rounding of so long a sum in f32, and in
+/// proportion below. At ten and more times as much, a constant is no longer one at all.
+pub const MOST_WEIGHT: f64 = 1e6;
 
 /// What to reconstruct with.
 #[derive(Debug, Clone)]
@@ -42,7 +45,7 @@ pub struct Settings {
     pub sigma_mm: [Option<f64>; 3],
     /// Where a Gaussian ends, all axes; `None` for [`IN_PLANE_SUPPORT`] and [`OFF_PLANE_SUPPORT`].
     pub support: Option<Support>,
-    /// Largest weight of a voxel, as a multiple of the kernel's peak: from there on the mean moves instead of freezing.
+    /// Largest weight of a voxel, as a multiple of the kernel's peak, from 1 to [`MOST_WEIGHT`]: from there on the mean moves instead of freezing.
     pub max_weight: f64,
     /// Threads that filter and weave.
     pub threads: usize,
@@ -86,7 +89,7 @@ impl Settings {
         if !self.simd.is_available() {
             return Err(SettingsError::Simd(self.simd.name()));
         }
-        if !(self.max_weight >= 1.0 && self.max_weight <= 1e9) {
+        if !(self.max_weight >= 1.0 && self.max_weight <= MOST_WEIGHT) {
             return Err(SettingsError::MaxWeight(self.max_weight));
         }
         if mask.area() == 0 {
@@ -196,7 +199,10 @@ pub enum SettingsError {
     #[error(transparent)]
     Decay(#[from] DecayError),
     /// The weight's bound is no weight.
-    #[error("the largest weight must lie between 1 and 1e9 slices, not at {0}")]
+    #[error(
+        "the largest weight must lie between 1 and {most:e} slices, not at {0}: beyond, sums in single precision lose what a slice adds; choose a smaller --max-weight",
+        most = MOST_WEIGHT
+    )]
     MaxWeight(f64),
     /// This machine lacks the instruction set.
     #[error("this machine has no {0}: choose --simd auto")]

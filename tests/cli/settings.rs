@@ -165,6 +165,10 @@ fn region_and_weight_flags_reach_what_they_name() {
     assert_eq!(statistics(&place, "--clip none")["w_clamped"], 0);
     let clamped = statistics(&place, "--clip none --max-weight 1")["w_clamped"].as_u64().unwrap();
     assert!(clamped > 1000, "slices 0.5 mm apart overlap: {clamped}");
+    place.refuses(
+        "reconstruct s.mha -o w.mha --clip none --max-weight 2e6",
+        &["between 1 and 1e6 slices", "not at 2000000"],
+    );
     place.refuses("reconstruct s.mha -o w.mha --clip none --max-memory 0.0001", &["more bricks", "raise --max-memory"]);
     let names = place.names();
     assert_eq!(names, BTreeSet::from(["s.json", "s.mha", "v.mha"].map(str::to_owned)));

@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 use crate::list::{Mutant, SWITCH, switched};
 
 /// What the project is built of.
-const TREE: [&str; 8] =
-    ["Cargo.toml", "Cargo.lock", "clippy.toml", "src", "tests", "benches", "drivers", "calibration"];
+const TREE: [&str; 9] =
+    ["Cargo.toml", "Cargo.lock", "clippy.toml", "src", "tests", "benches", "drivers", "calibration", "figures"];
 /// A mutant that runs longer than this does not end.
 const PATIENCE: Duration = Duration::from_secs(120);
 

@@ -8,7 +8,7 @@ use sonoweave::reconstruct::{Reconstructor, Settings, SettingsError};
 use crate::figures::{Sheet, Test};
 use crate::place::Place;
 use crate::sequence::{Sequence, pose};
-use crate::weaving::{Probe, compare, constant, half_mm, noise, off_constant, turned};
+use crate::weaving::{METHODS, Probe, compare, constant, half_mm, noise, off_constant, turned};
 
 pub(crate) fn tests() -> Vec<Test> {
     vec![
@@ -98,8 +98,10 @@ fn empty_mask(sheet: &mut Sheet) {
 fn fan(sheet: &mut Sheet) {
     let size = [72, 60];
     let fan = Mask::fan(72, 60, &Fan::new([36.0, -20.0], [25.0, 76.0], [-25.0, 25.0]).unwrap());
-    for (grey, name) in [(77.3_f32, "77.3"), (0.1, "0.1"), (255.0, "255")] {
-        let mut r = Reconstructor::new(half_mm(), fan.clone()).unwrap();
+    for (method, (grey, name)) in
+        METHODS.into_iter().flat_map(|m| [(77.3_f32, "77.3"), (0.1, "0.1"), (255.0, "255")].map(|grey| (m, grey)))
+    {
+        let mut r = Reconstructor::new(Settings { method, ..half_mm() }, fan.clone()).unwrap();
         let probe = Probe::oblique(size, 0.25);
         for i in 0..10_u8 {
             // What is no data must not matter, whatever it holds.
@@ -108,8 +110,12 @@ fn fan(sheet: &mut Sheet) {
             r.insert(&probe.put(&picture, 0.3 * f64::from(i))).unwrap();
         }
         let (worst, seen) = off_constant(&r, grey);
-        sheet.above(&format!("grey {name}: voxels seen"), seen as f64, 5_000.0);
-        sheet.at_most(&format!("grey {name}: largest |r/w − c| / c in 2⁻²³"), worst / f64::from(f32::EPSILON), 4.0);
+        sheet.above(&format!("{}, grey {name}: voxels seen", method.name()), seen as f64, 5_000.0);
+        sheet.at_most(
+            &format!("{}, grey {name}: largest |r/w − c| / c in 2⁻²³", method.name()),
+            worst / f64::from(f32::EPSILON),
+            4.0,
+        );
         let last = probe.put(&constant(size, grey), 2.7);
         let c = compare(&crate::weaving::weave(half_mm(), &fan, [&last]), &last, &fan, 1e-5);
         sheet.equal(&format!("grey {name}: one slice's voxels, missing and surplus"), (c.missing, c.surplus), (0, 0));

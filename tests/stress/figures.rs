@@ -35,37 +35,25 @@ impl Length {
 /// A test before it runs.
 pub(crate) struct Test {
     name: String,
-    ignored: bool,
     check: fn(&mut Sheet),
 }
 
 impl Test {
     /// `number` is that of the table in `README.md`; the expectation is what the name says.
     pub(crate) fn new(number: &str, expectation: impl Display, check: fn(&mut Sheet)) -> Self {
-        Self { name: format!("{number} {expectation}"), ignored: false, check }
-    }
-
-    /// One that runs at full length only, and says so where it does not run.
-    pub(crate) fn full_only(length: Length, number: &str, expectation: impl Display, check: fn(&mut Sheet)) -> Self {
-        match length {
-            Length::Full => Self::new(number, expectation, check),
-            Length::Quick => Self {
-                ignored: true,
-                ..Self::new(number, format!("{expectation} (runs at full length only: make stress)"), check)
-            },
-        }
+        Self { name: format!("{number} {expectation}"), check }
     }
 
     pub(crate) fn trial(self, length: Length, report: &Arc<Report>) -> Trial {
         let report = Arc::clone(report);
-        let Self { name, ignored, check } = self;
+        let Self { name, check } = self;
         let title = name.clone();
         let run = move || {
             let mut sheet = Sheet { test: title, length, report, failures: Vec::new() };
             check(&mut sheet);
             if sheet.failures.is_empty() { Ok(()) } else { Err(Failed::from(sheet.failures.join("\n"))) }
         };
-        Trial::test(name, run).with_ignored_flag(ignored)
+        Trial::test(name, run)
     }
 }
 

@@ -8,6 +8,8 @@
 
 mod accumulation;
 mod coverage;
+mod decay;
+mod departures;
 mod figures;
 mod geometry;
 mod kernels;
@@ -17,8 +19,10 @@ mod orientation;
 #[path = "../cli/place.rs"]
 #[allow(dead_code, reason = "another suite's helper, used in part")]
 mod place;
+mod planar;
 mod refusals;
 mod sampling;
+mod selecting;
 #[path = "../cli/sequence.rs"]
 #[allow(dead_code, reason = "another suite's helper, used in part")]
 mod sequence;
@@ -50,6 +54,10 @@ fn main() {
         orientation::tests(),
         memory::tests(),
         kernels::tests(),
+        decay::tests(),
+        planar::tests(length),
+        departures::tests(),
+        selecting::tests(),
     ];
     let trials: Vec<Trial> = themes.into_iter().flatten().map(|test: Test| test.trial(length, &report)).collect();
     let conclusion = libtest_mimic::run(&arguments, trials);

@@ -7,14 +7,19 @@ use calibration::frames::Transform;
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use sonoweave::mask::Mask;
 use sonoweave::reconstruct::kernel::{AxisKernel, Method};
+use sonoweave::reconstruct::planar::{OnDeparture, PlanarSettings};
 use sonoweave::reconstruct::reference::in_plane;
-use sonoweave::reconstruct::{Reconstructor, Settings};
+use sonoweave::reconstruct::{Path, Reconstructor, Settings, Weaver};
 use sonoweave::slice::{Image, Pixels, Slice};
 use sonoweave::volume::sparse::SEEN;
-use sonoweave::volume::{BrickVolume, Grid};
+use sonoweave::volume::{BrickVolume, Grid, Voxels};
 
 /// The kernels' shapes. A further method is tested by standing here.
-pub(crate) const METHODS: [Method; 2] = [Method::Gaussian, Method::GaussianTruncated];
+pub(crate) const METHODS: [Method; 5] = Method::ALL;
+/// Those whose in-plane kernel has the σ that is asked for, and not the pixels'.
+pub(crate) const WIDE: [Method; 3] = [Method::Gaussian, Method::GaussianTruncated, Method::BSpline3];
+/// Both ways of a slice into a volume.
+pub(crate) const PATHS: [Path; 2] = [Path::General, Path::Planar];
 
 /// Share of the in-plane kernel that must lie on data.
 const LEAST_CERTAINTY: f64 = 0.2;
@@ -61,6 +66,11 @@ impl Probe {
     /// At angles that no lattice has.
     pub(crate) fn oblique(size: [u32; 2], pixel_mm: f64) -> Self {
         Self { axes: turned(0.7, -0.4, 0.3), ..Self::straight(size, pixel_mm) }
+    }
+
+    /// As an arm holds it: u along the world's z, v along x, slices side by side along y.
+    pub(crate) fn arm(size: [u32; 2], pixel_mm: f64) -> Self {
+        Self { axes: DMat3::from_cols(DVec3::Z, DVec3::X, DVec3::Y), ..Self::straight(size, pixel_mm) }
     }
 
     /// Pixels to the world, `along` mm along the normal.
@@ -113,6 +123,19 @@ pub(crate) fn weave<'a>(settings: Settings, mask: &Mask, slices: impl IntoIterat
     reconstructor
 }
 
+/// A weaver on one of the paths; the planar one on the world's axes, and refusing what leaves the plane.
+pub(crate) fn weaver(path: Path, settings: Settings, mask: Mask) -> Weaver {
+    match path {
+        Path::General => Weaver::general(settings, mask),
+        Path::Planar => Weaver::planar(settings, on_the_world_s_axes(OnDeparture::Refuse), mask),
+    }
+    .unwrap()
+}
+
+pub(crate) fn on_the_world_s_axes(on_departure: OnDeparture) -> PlanarSettings {
+    PlanarSettings { direction: Some(DMat3::IDENTITY), on_departure, ..PlanarSettings::default() }
+}
+
 /// Voxels of 0.5 mm.
 pub(crate) fn half_mm() -> Settings {
     Settings::new(DVec3::splat(0.5))
@@ -147,6 +170,33 @@ pub(crate) fn weighted(reconstructor: &Reconstructor) -> impl Iterator<Item = Vo
             }
         })
     })
+}
+
+/// The voxels of any weight of either kind of volume, in the order of the lattice: index, numerator, weight.
+pub(crate) fn held(volume: &dyn Voxels) -> Vec<([i64; 3], f32, f32)> {
+    let mut blocks: Vec<_> = volume.blocks().collect();
+    blocks.sort_unstable();
+    let (mut r, mut w) = ([0.0; 8], [0.0; 8]);
+    let mut voxels = Vec::new();
+    for block in blocks {
+        let [x, y, z] = block.map(|i| i64::from(i) * 8);
+        for i in 0..64 {
+            let start = [x, y + i % 8, z + i / 8];
+            volume.row(start, &mut r, &mut w);
+            let row = (0_i64..).zip(r.iter().zip(&w)).filter(|(_, (_, w))| **w > 0.0);
+            voxels.extend(row.map(|(k, (r, w))| ([start[0] + k, start[1], start[2]], *r, *w)));
+        }
+    }
+    voxels
+}
+
+/// What either kind of volume holds, to the bit, whatever the order in which its parts were made.
+pub(crate) fn content(volume: &dyn Voxels) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    for (index, r, w) in held(volume) {
+        (index, r.to_bits(), w.to_bits()).hash(&mut hasher);
+    }
+    hasher.finish()
 }
 
 /// Every bit of a volume, and the order of its bricks.

@@ -8,6 +8,7 @@ use super::plane::Footing;
 use super::table::{KernelTable, MOST_TAPS, RowKernel, Taps};
 use crate::reconstruct::Refused;
 use crate::reconstruct::decay::{Decay, LEAST_FACTOR, LEAST_TOUCH};
+use crate::reconstruct::entry::shrunk;
 use crate::reconstruct::sharing::{Handed, Sharing};
 use crate::reconstruct::simd::{LANES, Lanes, Simd, dispatch};
 use crate::reconstruct::slab::LEAST_CERTAINTY;
@@ -408,10 +409,13 @@ unsafe fn add_at<L: Lanes, const N: usize>(column: *mut f32, rows: *const f32, s
         }
         let (level, gained) = (L::splat(sum.level), L::splat(sum.gained));
         let (fade, lost) = (L::splat(sum.fade), L::splat(-sum.lost));
+        let shrinks = sum.fade < 1.0 || sum.lost > 0.0;
         for (i, contrast) in contrast.into_iter().enumerate() {
             let at = column.add(i * LANES);
             let old = L::load(at).mul(fade);
-            old.add(old.mul_add(lost, level.mul_add(gained, contrast))).store(at);
+            let new = old.add(old.mul_add(lost, level.mul_add(gained, contrast)));
+            let new = if shrinks { shrunk(new) } else { new };
+            new.store(at);
         }
     }
 }
