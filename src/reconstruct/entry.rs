@@ -2,12 +2,13 @@
 #![allow(unsafe_code, reason = "runs on `Lanes`, by pointer")]
 
 use super::compounding::Compounding;
-use super::decay::{Decay, DecayError, Fading, LEAST_FACTOR, LEAST_TOUCH};
+use super::decay::{Decay, DecayError, Fading, LEAST_FACTOR, LEAST_TOUCH, Turn};
 use super::falloff::power_of_two;
 use super::simd::Lanes;
 use super::weave::{Task, View};
+use crate::volume::BrickVolume;
 use crate::volume::brick::{Ages, Brick, Stamps};
-use crate::volume::sparse::Memory;
+use crate::volume::sparse::{Memory, Slot};
 
 /// A numerator smaller than this is nothing. Left to shrink it would become subnormal, under black that follows brightness and is faded or clamped for
 /// long: such numbers slow every later slice down (measured: inserts up to 2.3 times) and never become zero.
@@ -50,6 +51,14 @@ impl Entry {
         })
     }
 
+    /// What a slice at `elapsed_ns` means for a brick's memory of time.
+    pub(crate) fn turn(self, volume: &BrickVolume, slot: Slot, elapsed_ns: i64) -> Turn {
+        match self {
+            Self::Decay(fading) => fading.turn(volume.epoch(slot), elapsed_ns),
+            Self::Mean | Self::Maximum | Self::Latest => Turn::NONE,
+        }
+    }
+
     /// What a volume must keep for it.
     pub(crate) fn memory(self) -> Memory {
         match self {
@@ -66,6 +75,8 @@ pub(crate) struct Place<'a> {
     pub(crate) brick: &'a mut Brick,
     pub(crate) stamps: Option<&'a mut Stamps>,
     pub(crate) ages: Option<&'a mut Ages>,
+    /// What the slice means for the brick's memory of time.
+    pub(crate) turn: Turn,
 }
 
 /// What a slice says at a vector of voxels.
@@ -118,20 +129,40 @@ pub(crate) unsafe fn enter<L: Lanes>(
     unsafe {
         let most = view.rule.most_weight;
         match view.rule.entry {
-            Entry::Mean => add(place.brick, at, mask, [sample.weight, sample.sum(), sample.certainty], most, task),
+            Entry::Mean => mean(place, at, mask, sample, view, task),
             Entry::Maximum => raise(place.brick, at, mask, sample.value(), task),
-            Entry::Latest => replace(place, at, mask, sample.value(), view.stamp, task),
+            Entry::Latest => replace(place, at, mask, sample.value(), view.moment.stamp, task),
             Entry::Decay(fading) => {
                 let mask = L::and(mask, L::splat(LEAST_TOUCH).le(sample.certainty.mul(sample.weight)));
                 if fading.keeps_ages() {
                     fade(place, at, mask, sample, most, &fading, task);
                 } else {
-                    let gain = task.turn.gain;
+                    let gain = place.turn.gain;
                     let weight = sample.weight.mul(L::splat(gain));
                     add(place.brick, at, mask, [weight, sample.sum(), sample.certainty], most * gain, task);
                 }
             }
         }
+    }
+}
+
+/// [`Entry::Mean`].
+///
+/// # Safety
+/// As for [`enter`].
+#[inline(always)]
+pub(crate) unsafe fn mean<L: Lanes>(
+    place: &mut Place<'_>,
+    at: usize,
+    mask: L::Mask,
+    sample: &Sample<L>,
+    view: &View<'_>,
+    task: &mut Task,
+) {
+    // SAFETY: as for this function.
+    unsafe {
+        let summed = [sample.weight, sample.sum(), sample.certainty];
+        add(place.brick, at, mask, summed, view.rule.most_weight, task);
     }
 }
 
@@ -232,7 +263,7 @@ unsafe fn fade<L: Lanes>(
     unsafe {
         let zero = L::splat(0.0);
         let ages = ages.0.as_mut_ptr().add(at);
-        let passed = L::splat(f32::from(task.turn.now)).sub(L::load_halves(ages));
+        let passed = L::splat(f32::from(place.turn.now)).sub(L::load_halves(ages));
         let late = passed.sub(L::splat(fading.wait)).max(zero);
         let factor = power_of_two(late.mul(L::splat(fading.per_tick)));
         let r = L::load(place.brick.r.as_ptr().add(at));
@@ -246,7 +277,7 @@ unsafe fn fade<L: Lanes>(
         };
         L::select(mask, shrunk(r.mul(factor)), r).store(place.brick.r.as_mut_ptr().add(at));
         L::select(mask, w.mul(factor), w).store(place.brick.w.as_mut_ptr().add(at));
-        L::replace_halves_where(mask, ages, task.turn.now);
+        L::replace_halves_where(mask, ages, place.turn.now);
         add(place.brick, at, mask, [weight, sample.sum(), sample.certainty], most, task);
     }
 }

@@ -1,6 +1,5 @@
 //! A slice's work list: the bricks it will change, found before anything is changed, and their weaving.
 
-use super::decay::Turn;
 use super::entry::Place;
 use super::reconstructor::Refused;
 use super::sharing::{Handed, Sharing};
@@ -105,13 +104,14 @@ pub(super) fn weave_all(
     let run = |scratch: &mut Scratch, task: &mut Task| {
         let (chunk, place) = volume.locate(task.slot);
         let chunk: BrickChunk = chunks[chunk];
+        let turn = view.rule.entry.turn(volume, task.slot, view.moment.elapsed_ns);
         // SAFETY: `chunks` holds the base of each chunk of the volume, which is borrowed mutably meanwhile, and `locate` gives a place
         // inside its chunk for every slot that the volume has handed out. Each brick of the lattice is visited once in a walk and has
         // a slot of its own, so no two tasks reach the same brick. Stamps and ages, where there are any, lie as bricks do.
         let mut place = unsafe {
             let stamps = chunk.stamps.map(|stamps| &mut *stamps.0.add(place));
             let ages = chunk.ages.map(|ages| &mut *ages.0.add(place));
-            Place { brick: &mut *chunk.bricks.0.add(place), stamps, ages }
+            Place { brick: &mut *chunk.bricks.0.add(place), stamps, ages, turn }
         };
         weave(simd, &mut place, task, view, scratch);
     };
@@ -122,6 +122,6 @@ pub(super) fn weave_all(
 
 impl Task {
     fn new(slot: Slot, sight: Sight, functions: [[f32; 4]; 3]) -> Self {
-        Self { slot, sight, functions, turn: Turn::NONE, updated: 0, clamped: 0, vectors: 0 }
+        Self { slot, sight, functions, updated: 0, clamped: 0, vectors: 0 }
     }
 }

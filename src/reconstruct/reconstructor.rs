@@ -18,7 +18,7 @@ use super::settings::{Settings, SettingsError};
 use super::sharing::Sharing;
 use super::slab::{MaskSummary, Plane, SlabGeometry};
 use super::spline::Taps;
-use super::weave::{Rule, Task, View};
+use super::weave::{Moment, Rule, Task, View};
 use crate::mask::Mask;
 use crate::slice::{Image, Slice};
 use crate::volume::BrickVolume;
@@ -239,6 +239,7 @@ impl Reconstructor {
             _ => 0,
         };
         let clock = self.clock.after(slice.time_ns);
+        let moment = Moment { stamp, elapsed_ns: clock.elapsed_ns() };
         self.prepare(plane.pixel_mm, sharing)?;
         let Some(prepared) = &mut self.prepared else { return Err(SettingsError::EmptyMask.into()) };
 
@@ -255,7 +256,7 @@ impl Reconstructor {
         let limit_bytes = self.settings.memory_bytes;
         let (planned, ()) = sharing.both(
             || {
-                let view = View::new(certainty, 0.0, certainty, stamp, rule);
+                let view = View::new(certainty, 0.0, certainty, moment, rule);
                 plan.find(&geometry, mask, volume, &view, simd, limit_bytes)
             },
             || filter.filter(&slice.image, sharing),
@@ -269,22 +270,22 @@ impl Reconstructor {
         for (task, index) in &self.plan.absent {
             self.plan.tasks[*task].slot = self.volume.find_or_insert(*index).0;
         }
-        let view = View::new(&filter.value, filter.level, certainty, stamp, rule);
+        let view = View::new(&filter.value, filter.level, certainty, moment, rule);
         let tasks = &mut self.plan.tasks;
-        if let Entry::Decay(fading) = rule.entry {
+        if let Entry::Decay(_) = rule.entry {
             for (task, _) in &self.plan.absent {
-                self.volume.set_epoch(tasks[*task].slot, Epoch::at(clock.elapsed_ns()));
-            }
-            for task in tasks.iter_mut() {
-                task.turn = fading.turn(self.volume.epoch(task.slot), clock.elapsed_ns());
+                self.volume.set_epoch(tasks[*task].slot, Epoch::at(moment.elapsed_ns));
             }
         }
         weave_all(&mut self.volume, &mut self.chunks, tasks, &view, simd, sharing);
 
         let mut touched = Touched::default();
         if let Entry::Decay(_) = rule.entry {
-            for task in tasks.iter().filter(|t| t.updated > 0 || t.turn.moves()) {
-                self.volume.set_epoch(task.slot, task.turn.epoch);
+            for task in tasks.iter() {
+                let turn = rule.entry.turn(&self.volume, task.slot, moment.elapsed_ns);
+                if task.updated > 0 || turn.moves() {
+                    self.volume.set_epoch(task.slot, turn.epoch);
+                }
             }
         }
         for task in tasks.iter().filter(|t| t.updated > 0) {

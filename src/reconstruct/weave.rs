@@ -5,8 +5,8 @@
 //! that test loses none). What remains costs one 4×4 spline sum, one Gaussian and two multiply-adds per voxel.
 #![allow(unsafe_code, reason = "the inner loop runs on `Lanes`, by pointer")]
 
-use super::decay::{LEAST_TOUCH, Turn, rebase, shift};
-use super::entry::{Entry, Place, Sample, enter};
+use super::decay::{LEAST_TOUCH, rebase, shift};
+use super::entry::{Entry, Place, Sample, enter, mean};
 use super::falloff::Falloff;
 use super::nodes::Nodes;
 use super::sampling::{Linear, Nearest, Sampler, Sampling, Spline};
@@ -25,8 +25,6 @@ pub(crate) struct Task {
     pub(crate) sight: Sight,
     /// Node column, node row, plane distance in σ: value at the brick's first voxel, steps per voxel along x, y, z.
     pub(crate) functions: [[f32; 4]; 3],
-    /// What the slice means for the brick's memory of time.
-    pub(crate) turn: Turn,
     /// Voxels that gained weight.
     pub(crate) updated: u32,
     /// Voxels whose weight was clamped.
@@ -45,6 +43,15 @@ pub(crate) struct Rule {
     pub(crate) most_weight: f32,
 }
 
+/// When a slice was taken.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Moment {
+    /// In ticks of [`Stamps`](crate::volume::brick::Stamps).
+    pub(crate) stamp: u32,
+    /// On the decay's clock, ns.
+    pub(crate) elapsed_ns: i64,
+}
+
 /// The slice, filtered, and how it enters the volume.
 #[derive(Clone, Copy)]
 pub(crate) struct View<'a> {
@@ -52,8 +59,7 @@ pub(crate) struct View<'a> {
     pub(crate) certainty: &'a Nodes,
     /// What the values are relative to.
     pub(crate) level: f32,
-    /// The slice's time in ticks of [`Stamps`](crate::volume::brick::Stamps).
-    pub(crate) stamp: u32,
+    pub(crate) moment: Moment,
     pub(crate) rule: Rule,
     /// Turn what a patch of values, or of certainties, sums to into grey levels and shares: powers of two.
     unit: [f32; 2],
@@ -61,9 +67,9 @@ pub(crate) struct View<'a> {
 
 impl<'a> View<'a> {
     /// A picture and its certainty.
-    pub(crate) fn new(value: &'a Nodes, level: f32, certainty: &'a Nodes, stamp: u32, rule: Rule) -> Self {
+    pub(crate) fn new(value: &'a Nodes, level: f32, certainty: &'a Nodes, moment: Moment, rule: Rule) -> Self {
         let unit = [value, certainty].map(|nodes| 2.0_f32.powi(-nodes.scale - rule.sampling.weight_bits()));
-        Self { value, certainty, level, stamp, rule, unit }
+        Self { value, certainty, level, moment, rule, unit }
     }
 }
 
@@ -242,10 +248,12 @@ unsafe fn locate<L: Lanes>(brick: Option<&Brick>, task: &Task, view: &View<'_>, 
 unsafe fn weave_lanes<L: Lanes>(place: &mut Place<'_>, task: &mut Task, view: &View<'_>, scratch: &mut Scratch) {
     // SAFETY: as for this function.
     unsafe {
-        match view.rule.sampling {
-            Sampling::Spline => weave_sampled::<L, Spline>(place, task, view, scratch),
-            Sampling::Linear => weave_sampled::<L, Linear>(place, task, view, scratch),
-            Sampling::Nearest => weave_sampled::<L, Nearest>(place, task, view, scratch),
+        // The default has a loop of its own, without the others' branches and registers.
+        match (view.rule.sampling, view.rule.entry) {
+            (Sampling::Spline, Entry::Mean) => weave_sampled::<L, Spline, true>(place, task, view, scratch),
+            (Sampling::Spline, _) => weave_sampled::<L, Spline, false>(place, task, view, scratch),
+            (Sampling::Linear, _) => weave_sampled::<L, Linear, false>(place, task, view, scratch),
+            (Sampling::Nearest, _) => weave_sampled::<L, Nearest, false>(place, task, view, scratch),
         }
     }
 }
@@ -253,7 +261,7 @@ unsafe fn weave_lanes<L: Lanes>(place: &mut Place<'_>, task: &mut Task, view: &V
 /// # Safety
 /// The instruction set of `L` must be available.
 #[inline(always)]
-unsafe fn weave_sampled<L: Lanes, S: Sampler>(
+unsafe fn weave_sampled<L: Lanes, S: Sampler, const MEAN: bool>(
     place: &mut Place<'_>,
     task: &mut Task,
     view: &View<'_>,
@@ -265,13 +273,13 @@ unsafe fn weave_sampled<L: Lanes, S: Sampler>(
     unsafe {
         let count = locate::<L>(Some(place.brick), task, view, scratch);
         task.vectors = count as u32;
-        if task.turn.rebase != 1.0 {
-            rebase(&mut place.brick.r, &mut place.brick.w, task.turn.rebase);
+        if place.turn.rebase != 1.0 {
+            rebase(&mut place.brick.r, &mut place.brick.w, place.turn.rebase);
         }
-        if task.turn.shift > 0
+        if place.turn.shift > 0
             && let Some(ages) = &mut place.ages
         {
-            shift(&mut ages.0, task.turn.shift);
+            shift(&mut ages.0, place.turn.shift);
         }
         let level = L::splat(view.level);
         let unit = L::splat(view.unit[0]);
@@ -294,7 +302,11 @@ unsafe fn weave_sampled<L: Lanes, S: Sampler>(
             };
             let contrast = S::patch::<L>(view.value, offset, row, column);
             let sample = Sample { weight, contrast: contrast.mul(unit), certainty, level };
-            enter(place, vector * LANES, mask, &sample, view, task);
+            if MEAN {
+                mean(place, vector * LANES, mask, &sample, view, task);
+            } else {
+                enter(place, vector * LANES, mask, &sample, view, task);
+            }
         }
     }
 }
