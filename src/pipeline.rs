@@ -13,6 +13,7 @@ use crate::ledger::Ledger;
 use crate::mask::{AutoMask, Found, Mask, MaskPlan, MaskSettings};
 use crate::path::{Chosen, NotPlanar, PathChoice};
 use crate::reconstruct::planar::PlanarSettings;
+use crate::reconstruct::settings::IN_PLANE_SIGMA;
 use crate::reconstruct::{Path, Refused, Settings, SettingsError, Weaver};
 use crate::refusal::{Reason, Refusal};
 use crate::slice::{Pixels, Slice};
@@ -23,8 +24,6 @@ use crate::sync::{FramePose, NoPath, Pairing, PairingOptions, Survey, survey};
 const PATIENCE: Duration = Duration::from_secs(1);
 /// Pictures that wait for the mask may hold this much; of larger ones, fewer are looked at.
 const MOST_WAITING_BYTES: usize = 64 << 20;
-/// Below this many voxels of σ a sampled Gaussian stops behaving like one (Lindeberg 2023).
-const LEAST_SIGMA_VOXELS: f64 = 0.75;
 
 /// Off-plane σ.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -209,7 +208,7 @@ fn narrow(weaver: &Weaver, off_plane: OffPlane) -> Option<String> {
     let settings = weaver.settings();
     let spacing = settings.spacing_mm.max_element();
     // The default in the plane is this very σ; rounding must not make it narrow.
-    let least = LEAST_SIGMA_VOXELS * spacing * (1.0 - 1e-9);
+    let least = IN_PLANE_SIGMA * spacing * (1.0 - 1e-9);
     let in_plane = !settings.method.interpolates();
     let across = off_plane == OffPlane::Settings && !settings.compounding.selects();
     let axes = [("u", in_plane), ("v", in_plane), ("the normal", across)];
@@ -221,7 +220,7 @@ fn narrow(weaver: &Weaver, off_plane: OffPlane) -> Option<String> {
         .collect();
     (!narrow.is_empty()).then(|| {
         format!(
-            "the kernel's σ is below {LEAST_SIGMA_VOXELS} voxel ({}, voxels of {spacing} mm): what lies between voxels is lost, and slices \
+            "the kernel's σ is below {IN_PLANE_SIGMA} voxel ({}, voxels of {spacing} mm): what lies between voxels is lost, and slices \
              far apart leave holes; choose a finer --spacing or a larger --sigma",
             narrow.join(", ")
         )

@@ -5,6 +5,7 @@
 //! - [`lettering`]: how wide a text is, and where it wraps.
 //! - [`drawing`]: the picture as SVG.
 //! - [`files`]: the three files of a figure, and the page that shows several.
+//! - [`findings`]: the pictures of a run, and what it checked.
 //!
 //! A crate of its own, because what draws letters takes as long to build as everything else here, and nothing else needs it.
 //!
@@ -14,8 +15,10 @@
 pub mod drawing;
 pub mod figure;
 pub mod files;
+pub mod findings;
 pub mod lettering;
 pub mod scale;
 
 pub use figure::{Axis, Figure, Ink, Look, Panel, Series};
+pub use findings::Findings;
 pub use scale::order;

@@ -20,6 +20,8 @@ mod complex;
 mod elementary;
 pub mod error;
 pub mod paint;
+#[cfg(test)]
+mod quadrature;
 mod random;
 pub mod scan;
 pub mod scene;

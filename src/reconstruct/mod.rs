@@ -9,6 +9,7 @@
 //! - [`decay`]: how the past fades.
 //! - `filter`: a slice's pixels and certainty become spline coefficients, once.
 //! - `nodes`: the filtered picture, in f32 as computed and in 16 bits as sampled.
+//! - `admission`: what is asked of every slice before it enters.
 //! - `slab`: which bricks a slice meets.
 //! - `plan`: the bricks that a slice will change, found before anything is changed.
 //! - `sampling`: the filtered picture between its nodes; `falloff`: the weight across the plane.
@@ -20,6 +21,7 @@
 //! - [`path`]: one or the other, and from the second to the first when a slice leaves the plane.
 //! - [`reference`](mod@reference): the same sums, pixel by pixel in f64, against which the fast path is tested.
 
+pub(crate) mod admission;
 pub mod compounding;
 pub mod decay;
 pub(crate) mod entry;

@@ -2,8 +2,9 @@
 
 use std::sync::Arc;
 
-use calibration::frames::{Image as ImageFrame, Transform, Volume, World};
+use calibration::frames::{Transform, Volume, World};
 
+use super::admission::Admission;
 use super::compounding::{Compounding, StampClock};
 use super::decay::DecayClock;
 use super::entry::Entry;
@@ -16,11 +17,11 @@ use super::planar::Departure;
 use super::sampling::Sampling;
 use super::settings::{Settings, SettingsError};
 use super::sharing::Sharing;
-use super::slab::{MaskSummary, Plane, SlabGeometry};
+use super::slab::{MaskSummary, SlabGeometry};
 use super::spline::Taps;
 use super::weave::{Moment, Rule, Task, View};
 use crate::mask::Mask;
-use crate::slice::{Image, Slice};
+use crate::slice::Slice;
 use crate::volume::BrickVolume;
 use crate::volume::brick::{Brick, BrickIndex};
 use crate::volume::sparse::Epoch;
@@ -129,7 +130,7 @@ pub struct Reconstructor {
     pool: Option<Arc<rayon::ThreadPool>>,
     prepared: Option<Prepared>,
     volume: BrickVolume,
-    last: Option<(Image, Transform<World, ImageFrame>)>,
+    admission: Admission,
     stamps: StampClock,
     clock: DecayClock,
     plan: Plan,
@@ -153,7 +154,7 @@ impl Reconstructor {
             pool,
             prepared: None,
             volume,
-            last: None,
+            admission: Admission::default(),
             stamps: StampClock::default(),
             clock: DecayClock::default(),
             plan: Plan::default(),
@@ -167,11 +168,11 @@ impl Reconstructor {
         settings: Settings,
         mask: Mask,
         volume: BrickVolume,
-        last: Option<(Image, Transform<World, ImageFrame>)>,
+        admission: Admission,
         clock: DecayClock,
         work: Work,
     ) -> Result<Self, SettingsError> {
-        Ok(Self { volume, last, clock, work, ..Self::new(settings, mask)? })
+        Ok(Self { volume, admission, clock, work, ..Self::new(settings, mask)? })
     }
 
     /// The volume so far.
@@ -215,25 +216,11 @@ impl Reconstructor {
     /// # Errors
     /// [`Refused`] with the reason; nothing has changed then.
     pub fn insert(&mut self, slice: &Slice) -> Result<Touched, Refused> {
-        match self.pool.clone() {
-            None => self.insert_with(slice, Sharing::Alone),
-            Some(pool) => pool.install(|| self.insert_with(slice, Sharing::Pool)),
-        }
+        Sharing::within(self.pool.clone().as_deref(), |sharing| self.insert_with(slice, sharing))
     }
 
     fn insert_with(&mut self, slice: &Slice, sharing: Sharing) -> Result<Touched, Refused> {
-        let found = [slice.image.width(), slice.image.height()];
-        let expected = [self.mask.width(), self.mask.height()];
-        if found != expected {
-            return Err(Refused::Size { found, expected });
-        }
-        if let Some((image, pose)) = &self.last
-            && *pose == slice.world_from_image
-            && image.pixels().same_bits(slice.image.pixels())
-        {
-            return Err(Refused::Repeated);
-        }
-        let plane = Plane::new(slice.world_from_image).ok_or(Refused::Degenerate)?;
+        let plane = self.admission.check(slice, &self.mask)?;
         let stamp = match self.settings.compounding {
             Compounding::Latest => self.stamps.stamp(slice.time_ns).ok_or(Refused::OutOfTime)?,
             _ => 0,
@@ -302,7 +289,7 @@ impl Reconstructor {
         self.work.voxels_sampled += sum(|t| t.vectors) * super::simd::LANES as u64;
         self.work.voxels_updated += touched.voxels;
         self.work.weights_clamped += sum(|t| t.clamped);
-        self.last = Some((slice.image.clone(), slice.world_from_image));
+        self.admission.entered(slice);
         self.stamps.start(slice.time_ns);
         self.clock = clock;
         (self.work.times_backwards, self.work.times_absurd) = (clock.backwards, clock.absurd);

@@ -17,7 +17,8 @@ use crate::mask::Mask;
 pub const IN_PLANE_SUPPORT: Support = Support::Energy(1e-4);
 /// Kernel's share outside its support across the plane, where the support is what an insert costs.
 pub const OFF_PLANE_SUPPORT: Support = Support::Energy(0.01);
-/// In-plane σ as a multiple of the larger of voxel spacing and pixel size: below 0.75 voxel a sampled Gaussian stops behaving like one.
+/// In-plane σ as a multiple of the larger of voxel spacing and pixel size: below 0.75 voxel a sampled Gaussian stops behaving like one
+/// (Lindeberg 2023).
 pub const IN_PLANE_SIGMA: f64 = 0.75;
 /// Off-plane σ when nothing is known of the scanner's resolution, mm.
 pub const OFF_PLANE_SIGMA_MM: f64 = 1.0;

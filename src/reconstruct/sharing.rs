@@ -22,6 +22,14 @@ pub(crate) enum Sharing {
 }
 
 impl Sharing {
+    /// Runs a job in a pool, or alone where there is none.
+    pub(crate) fn within<T: Send>(pool: Option<&rayon::ThreadPool>, job: impl FnOnce(Self) -> T + Send) -> T {
+        match pool {
+            None => job(Self::Alone),
+            Some(pool) => pool.install(|| job(Self::Pool)),
+        }
+    }
+
     /// Runs `task(index, chunk)` on each chunk of `size` elements (the last may be shorter).
     pub(crate) fn chunks<T: Send>(self, data: &mut [T], size: usize, task: impl Fn(usize, &mut [T]) + Sync) {
         self.chunks_with(data, size, || (), |(), index, chunk| task(index, chunk));

@@ -1,28 +1,8 @@
 //! The closed forms against brute force, and the drawn scenes against what is said of them.
 
 use super::*;
+use crate::phantom::quadrature::brute;
 use glam::DQuat;
-
-/// The scene convolved with a Gaussian by the midpoint rule over ±5.5 σ along the covariance's axes.
-fn brute(scene: &Scene, world: DVec3, axes: DMat3, sigma: DVec3, steps: i32) -> f64 {
-    let nodes: Vec<(f64, f64)> = (0..steps)
-        .map(|k| {
-            let t = (f64::from(k) + 0.5) / f64::from(steps) * 11.0 - 5.5;
-            (t, (-0.5 * t * t).exp())
-        })
-        .collect();
-    let (mut sum, mut weights) = (0.0, 0.0);
-    for (x, wx) in &nodes {
-        for (y, wy) in &nodes {
-            for (z, wz) in &nodes {
-                let weight = wx * wy * wz;
-                sum += weight * scene.value(world + axes * (DVec3::new(*x, *y, *z) * sigma));
-                weights += weight;
-            }
-        }
-    }
-    sum / weights
-}
 
 fn covariance(axes: DMat3, sigma: DVec3) -> DMat3 {
     axes * DMat3::from_diagonal(sigma * sigma) * axes.transpose()

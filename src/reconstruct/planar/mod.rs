@@ -27,8 +27,6 @@ mod table;
 mod upgrade;
 
 #[cfg(test)]
-mod decay_tests;
-#[cfg(test)]
 mod tests;
 
 pub use plane::{Departure, OnDeparture, PlanarSettings, worst_departure};

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use calibration::frames::{Image as ImageFrame, Transform, Volume, World};
+use calibration::frames::{Transform, Volume, World};
 use calibration::region::ClipRect;
 
 use super::bands::Bands;
@@ -10,14 +10,14 @@ use super::plane::{Departure, OnDeparture, PlanarSettings, ScanPlane};
 use super::strip::{Lines, Plan, Strip};
 use super::table::{KernelTable, RowKernel};
 use crate::mask::Mask;
+use crate::reconstruct::admission::Admission;
 use crate::reconstruct::decay::{DecayClock, LEAST_TOUCH};
 use crate::reconstruct::kernel::AxisKernel;
 use crate::reconstruct::reconstructor::SAME_PIXEL;
 use crate::reconstruct::sharing::Sharing;
-use crate::reconstruct::slab::Plane;
 use crate::reconstruct::spline::SplineError;
 use crate::reconstruct::{Compounding, Decay, Refused, Settings, SettingsError, Touched, Work};
-use crate::slice::{Image, Slice};
+use crate::slice::Slice;
 use crate::volume::ColumnVolume;
 
 /// What the first slice fixes.
@@ -62,7 +62,7 @@ pub struct PlanarReconstructor {
     pool: Option<Arc<rayon::ThreadPool>>,
     scan: Option<Scan>,
     pub(super) volume: ColumnVolume,
-    pub(super) last: Option<(Image, Transform<World, ImageFrame>)>,
+    pub(super) admission: Admission,
     pub(super) clock: DecayClock,
     plan: Plan,
     pub(super) work: Work,
@@ -88,7 +88,19 @@ impl PlanarReconstructor {
         let pool = settings.pool()?;
         let volume = ColumnVolume::new(0, Vec::new(), false);
         let (clock, plan, work) = (DecayClock::default(), Plan::default(), Work::default());
-        Ok(Self { settings, planar, mask, data, pool, scan: None, volume, last: None, clock, plan, work })
+        Ok(Self {
+            settings,
+            planar,
+            mask,
+            data,
+            pool,
+            scan: None,
+            volume,
+            admission: Admission::default(),
+            clock,
+            plan,
+            work,
+        })
     }
 
     /// The volume so far. Its lattice is found by the first slice.
@@ -131,25 +143,11 @@ impl PlanarReconstructor {
     /// # Errors
     /// [`Refused`] with the reason; nothing has changed then. [`Refused::Departure`] when it leaves the plane.
     pub fn insert(&mut self, slice: &Slice) -> Result<Touched, Refused> {
-        match self.pool.clone() {
-            None => self.insert_with(slice, Sharing::Alone),
-            Some(pool) => pool.install(|| self.insert_with(slice, Sharing::Pool)),
-        }
+        Sharing::within(self.pool.clone().as_deref(), |sharing| self.insert_with(slice, sharing))
     }
 
     fn insert_with(&mut self, slice: &Slice, sharing: Sharing) -> Result<Touched, Refused> {
-        let found = [slice.image.width(), slice.image.height()];
-        let expected = [self.mask.width(), self.mask.height()];
-        if found != expected {
-            return Err(Refused::Size { found, expected });
-        }
-        if let Some((image, pose)) = &self.last
-            && *pose == slice.world_from_image
-            && image.pixels().same_bits(slice.image.pixels())
-        {
-            return Err(Refused::Repeated);
-        }
-        Plane::new(slice.world_from_image).ok_or(Refused::Degenerate)?;
+        self.admission.check(slice, &self.mask)?;
         let Some(mut scan) = self.scan.take() else { return self.insert_first(slice, sharing) };
         let result = self.insert_next(&mut scan, slice, sharing);
         self.scan = Some(scan);
@@ -229,7 +227,7 @@ impl PlanarReconstructor {
         let lines = Lines { values, stride, level, most_weight, decay };
         self.plan.weave(&mut self.volume, &strip, &lines, simd, sharing);
         let touched = self.count(bands);
-        self.last = Some((slice.image.clone(), slice.world_from_image));
+        self.admission.entered(slice);
         self.clock = clock;
         (self.work.times_backwards, self.work.times_absurd) = (clock.backwards, clock.absurd);
         Ok(touched)

@@ -41,8 +41,8 @@ impl PlanarReconstructor {
                 self.date(&mut bricks, slot, [first[0], first[1]], &fading);
             }
         }
-        let (settings, mask, last) = (self.settings.clone(), self.mask.clone(), self.last.clone());
-        Ok(Reconstructor::taking_over(settings, mask, bricks, last, self.clock, self.work)?)
+        let (settings, mask, admission) = (self.settings.clone(), self.mask.clone(), self.admission.clone());
+        Ok(Reconstructor::taking_over(settings, mask, bricks, admission, self.clock, self.work)?)
     }
 
     /// Gives a brick, whose first column is `first`, the times of its columns.

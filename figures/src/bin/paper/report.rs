@@ -5,8 +5,7 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 
-use sonoweave_figures::Figure;
-use sonoweave_figures::{files, lettering};
+use sonoweave_figures::{Figure, Findings, files, lettering};
 
 /// A claim of the paper and what this run found.
 #[derive(Debug, Clone)]
@@ -20,18 +19,14 @@ pub(crate) struct Claim {
 
 #[derive(Debug, Default)]
 pub(crate) struct Report {
-    figures: Vec<Figure>,
+    findings: Findings,
     claims: Vec<Claim>,
-    checks: usize,
-    wrong: Vec<String>,
 }
 
 impl Report {
-    /// Adds a picture and writes it at once.
+    /// As [`Findings::figure`].
     pub(crate) fn figure(&mut self, figure: Figure, folder: &Path) -> Result<(), Box<dyn Error>> {
-        files::write(&figure, folder)?;
-        self.figures.push(figure);
-        Ok(())
+        self.findings.figure(figure, folder)
     }
 
     /// A claim with the verdict for `holds` first, the other second.
@@ -45,12 +40,9 @@ impl Report {
         self.claims.push(Claim { id, claim, paper, ours, verdict: if holds { yes } else { no } });
     }
 
-    /// What must be so on every machine; what is not fails the run in its end.
+    /// As [`Findings::check`].
     pub(crate) fn check(&mut self, holds: bool, what: impl Into<String>) {
-        self.checks += 1;
-        if !holds {
-            self.wrong.push(what.into());
-        }
+        self.findings.check(holds, what);
     }
 
     /// Checks that a number is what it should be, within a part of that.
@@ -72,16 +64,12 @@ impl Report {
         fs::write(folder.join("claims.csv"), csv)?;
         fs::write(
             folder.join("index.html"),
-            files::page("The paper of 1992, and ours beside it", &self.html(run), &self.figures),
+            files::page("The paper of 1992, and ours beside it", &self.html(run), self.findings.figures()),
         )?;
         for c in &self.claims {
             println!("{:4} {:60} {}", c.id, c.verdict, c.ours);
         }
-        for what in &self.wrong {
-            println!("WRONG: {what}");
-        }
-        println!("{} checks, {} wrong; {} figures", self.checks, self.wrong.len(), self.figures.len());
-        Ok(self.wrong.is_empty())
+        Ok(self.findings.tell())
     }
 
     fn markdown(&self, run: &str) -> String {

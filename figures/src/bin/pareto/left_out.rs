@@ -86,13 +86,15 @@ pub(crate) fn measure(
         let pixels = predicted.first().map_or(0, |p| p.errors.len());
         let common: Vec<usize> = (0..pixels).filter(|i| predicted.iter().all(|p| !p.errors[*i].is_nan())).collect();
         let part = common.len() as f64 / pixels as f64;
-        report.check(part > 0.5, format!("{name}: only {part} of the pixels are predicted by all"));
+        report.findings.check(part > 0.5, format!("{name}: only {part} of the pixels are predicted by all"));
         let mut lines = Vec::new();
         let mut points = Vec::new();
         for p in &predicted {
             let own = p.errors.iter().filter(|e| !e.is_nan()).count() as f64 / pixels as f64;
             let rmse = (common.iter().map(|i| p.errors[*i]).sum::<f64>() / common.len() as f64).sqrt();
-            report.check(rmse.is_finite() && rmse < 80.0, format!("{name}, {}: RMSE {rmse}", p.contestant.name()));
+            report
+                .findings
+                .check(rmse.is_finite() && rmse < 80.0, format!("{name}, {}: RMSE {rmse}", p.contestant.name()));
             let ms = quantile(&p.ms, 0.5);
             csv += &format!("{},{},{},{own},{rmse},{ms}\n", field(name), field(&p.contestant.name()), common.len());
             lines.push(vec![
@@ -135,7 +137,7 @@ pub(crate) fn measure(
             height: 230.0,
             panels,
         };
-        report.figure(figure, folder)?;
+        report.findings.figure(figure, folder)?;
     }
     Ok(())
 }

@@ -146,7 +146,7 @@ pub(crate) fn measure(
         let field = woven.field();
         if contestant.is_default() && contestant.threads > 1 {
             let one = default.as_ref().ok_or("the default on one thread comes first")?;
-            report.check(one.same_bits(&field), format!("{what}: other bits than on one thread"));
+            report.findings.check(one.same_bits(&field), format!("{what}: other bits than on one thread"));
         }
         let score = Score::of(&field, stage);
         default.get_or_insert(field);
@@ -170,12 +170,16 @@ pub(crate) fn measure(
     }
     drop(default);
     let covered = rows.first().map_or(f64::NAN, |row| row.score.coverage());
-    report.check(covered == 1.0, format!("{}: the default covers {covered} of the places inside", stage.plan.title));
+    report
+        .findings
+        .check(covered == 1.0, format!("{}: the default covers {covered} of the places inside", stage.plan.title));
     for row in &mut rows {
         row.comparable = (row.score.coverage() - covered).abs() <= SAME_COVERAGE;
         // A NaN lies in no range.
         let sane = (0.0..=ABSURD_RMSE).contains(&row.score.oracle.rmse) && row.score.slope.is_finite();
-        report.check(sane || !row.comparable, format!("{}, {}: {:?}", row.title, row.contestant.name(), row.score));
+        report
+            .findings
+            .check(sane || !row.comparable, format!("{}, {}: {:?}", row.title, row.contestant.name(), row.score));
     }
     for (is_dear, rounds) in [(false, rounds.cheap), (true, rounds.dear)] {
         // The default takes its turns in both, as what the others are compared with.
@@ -230,7 +234,7 @@ fn deviation(
         (Path::Splat(how), _) => splat_deviation(how, contestant, input)?,
         _ => return Ok(None),
     };
-    report.counted();
+    report.findings.counted();
     deviation.note(what, report);
     Ok(Some([deviation.rms, deviation.max]))
 }

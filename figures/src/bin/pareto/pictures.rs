@@ -18,7 +18,7 @@ use crate::rows::scans;
 /// When a file cannot be written.
 pub(crate) fn draw(rows: &[Row], report: &mut Report, folder: &Folder) -> Result<(), Box<dyn Error>> {
     let scans = scans(rows);
-    report.figure(summary(&scans), folder)?;
+    report.findings.figure(summary(&scans), folder)?;
     let captions = [
         (
             Measure::Anyone,
@@ -55,10 +55,10 @@ pub(crate) fn draw(rows: &[Row], report: &mut Report, folder: &Folder) -> Result
             height: 190.0,
             panels: scans.iter().map(|scan| panel(scan, measure)).collect(),
         };
-        report.figure(figure, folder)?;
+        report.findings.figure(figure, folder)?;
     }
     if let Some(figure) = sweeps(&scans) {
-        report.figure(figure, folder)?;
+        report.findings.figure(figure, folder)?;
     }
     Ok(())
 }

@@ -4,50 +4,25 @@ use std::error::Error;
 use std::fs;
 use std::path::Path;
 
-use sonoweave_figures::Figure;
-use sonoweave_figures::files;
+use sonoweave_figures::{Findings, files};
 
 #[derive(Debug, Default)]
 pub(crate) struct Report {
-    figures: Vec<Figure>,
+    /// Pictures and checks.
+    pub(crate) findings: Findings,
     sections: Vec<String>,
-    checks: usize,
-    wrong: Vec<String>,
 }
 
 impl Report {
-    /// Adds a picture and writes it at once.
-    ///
-    /// # Errors
-    /// When a file cannot be written.
-    pub(crate) fn figure(&mut self, figure: Figure, folder: &Path) -> Result<(), Box<dyn Error>> {
-        files::write(&figure, folder)?;
-        self.figures.push(figure);
-        Ok(())
-    }
-
     /// Adds Markdown to `table.md`, and prints it.
     pub(crate) fn section(&mut self, text: String) {
         println!("\n{}", text.trim_end());
         self.sections.push(text);
     }
 
-    /// What must be so on every machine; what is not fails the run in its end.
-    pub(crate) fn check(&mut self, holds: bool, what: impl Into<String>) {
-        self.checks += 1;
-        if !holds {
-            self.wrong(what);
-        }
-    }
-
-    /// A check that says itself what is wrong.
-    pub(crate) fn counted(&mut self) {
-        self.checks += 1;
-    }
-
-    /// A timed answer that is not the right one.
+    /// A timed answer that is not the right one: what the checks shared with the bench say.
     pub(crate) fn wrong(&mut self, what: impl Into<String>) {
-        self.wrong.push(what.into());
+        self.findings.wrong(what);
     }
 
     /// Writes the Markdown and the page; whether everything was right.
@@ -60,12 +35,8 @@ impl Report {
         let told = format!(
             "<p>The tables are in <a href=\"table.md\">table.md</a>, all rows in <a href=\"rows.csv\">rows.csv</a>.</p>\n<details><summary>Tables</summary><pre>{safe}</pre></details>"
         );
-        fs::write(folder.join("index.html"), files::page("Run time against error", &told, &self.figures))?;
-        for what in &self.wrong {
-            println!("WRONG: {what}");
-        }
-        println!("\n{} checks, {} wrong; {} figures", self.checks, self.wrong.len(), self.figures.len());
-        Ok(self.wrong.is_empty())
+        fs::write(folder.join("index.html"), files::page("Run time against error", &told, self.findings.figures()))?;
+        Ok(self.findings.tell())
     }
 }
 

@@ -287,7 +287,7 @@ pub(crate) fn measure(most: u32, report: &mut Report, folder: &Path) -> Result<(
         }
         // Sums of 16 bits are poor, but a value between the scene's extremes they must be.
         let bound = if *format == Format::SumsF32 { 1e-3 } else { 20.0 };
-        report.check(
+        report.findings.check(
             !errors.is_empty() && errors.iter().all(|e| e[0] <= bound),
             format!("storage, {name}: {errors:?} grey levels from f64"),
         );

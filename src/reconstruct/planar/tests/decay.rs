@@ -1,6 +1,6 @@
 //! Decay on the planar path: as on the general one, a column at a time.
 
-use super::tests::{full, grid_around, refusing, settings, sweep, voxels, woven};
+use super::{full, grid_around, refusing, settings, sweep, voxels, woven};
 use crate::reconstruct::{Compounding, Decay, Reconstructor, Settings, Simd, Weaver};
 use crate::slice::Slice;
 use crate::volume::Voxels;
@@ -65,7 +65,7 @@ fn any_instruction_set_and_threads_give_the_same_bits() {
     for decay in MODES {
         let run = |simd, threads| {
             let settings = Settings { simd, threads, max_weight: 1.5, ..fading(decay) };
-            super::tests::bits(woven(&settings, refusing(), &full(), &slices()).volume())
+            super::bits(woven(&settings, refusing(), &full(), &slices()).volume())
         };
         let reference = run(Simd::Portable, 1);
         for simd in Simd::ALL.into_iter().filter(|s| s.is_available()) {
