@@ -62,8 +62,16 @@ pub fn share(text: &str) -> Result<f64, String> {
     if share > 0.0 && share < 1.0 { Ok(share) } else { Err("must lie between 0 and 1".into()) }
 }
 
+/// Supports in the plane and across it: one criterion for both, or two separated by a comma.
+pub fn supports(text: &str) -> Result<[Support; 2], String> {
+    match text.split_once(',') {
+        Some((in_plane, across)) => Ok([support(in_plane)?, support(across)?]),
+        None => support(text).map(|both| [both; 2]),
+    }
+}
+
 /// `energy=E`, `amplitude=E`, `gradient=E` or `peak=E`.
-pub fn support(text: &str) -> Result<Support, String> {
+fn support(text: &str) -> Result<Support, String> {
     let names = "must be energy=E, amplitude=E, gradient=E or peak=E";
     let (name, value) = text.split_once('=').ok_or(names)?;
     let [value] = numbers::<1>(value)?;
@@ -106,7 +114,8 @@ mod tests {
         assert_eq!(sigma("auto"), Ok(None));
         assert_eq!(sigma("0.3,0.3,1"), Ok(Some([0.3, 0.3, 1.0])));
         assert_eq!(window("-10,250"), Ok([-10.0, 250.0]));
-        assert_eq!(support("peak=0.01"), Ok(Support::Peak(0.01)));
+        assert_eq!(supports("peak=0.01"), Ok([Support::Peak(0.01); 2]));
+        assert_eq!(supports("energy=0.001, peak=0.1"), Ok([Support::Energy(0.001), Support::Peak(0.1)]));
         assert_eq!((frames("2..5"), frames("..7"), frames("3..")), (Ok(2..5), Ok(0..7), Ok(3..u64::MAX)));
     }
 
@@ -119,7 +128,7 @@ mod tests {
             assert!(size(bad).is_err(), "{bad}");
         }
         for bad in ["energy", "energy=0", "energy=1", "width=3", "peak=-1", "gradient=nan"] {
-            assert!(support(bad).is_err(), "{bad}");
+            assert!(supports(bad).is_err(), "{bad}");
         }
         for bad in ["5", "5..5", "6..5", "a..b"] {
             assert!(frames(bad).is_err(), "{bad}");

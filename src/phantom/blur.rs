@@ -32,8 +32,8 @@ use super::paint::Painter;
 use super::scan::Scan;
 use super::scene::{Blobs, Scene, isotropic_variance};
 use super::{PhantomError, truth};
-use crate::reconstruct::kernel::{AxisKernel, KernelError, Method};
-use crate::reconstruct::settings::{IN_PLANE_SIGMA, IN_PLANE_SUPPORT, OFF_PLANE_SIGMA_MM, OFF_PLANE_SUPPORT};
+use crate::reconstruct::Settings;
+use crate::reconstruct::kernel::KernelError;
 use crate::volume::Grid;
 
 /// Slices farther than this many σ across the plane do not say how a voxel's kernel lies.
@@ -62,11 +62,8 @@ impl EffectiveKernel {
     /// # Errors
     /// [`KernelError`] when a length is not positive.
     pub fn of_defaults(spacing: DVec3, pixel_mm: [f64; 2]) -> Result<Self, KernelError> {
-        let [u, v] = pixel_mm.map(|pixel| (IN_PLANE_SIGMA * spacing.max_element().max(pixel), IN_PLANE_SUPPORT));
-        let effective = |(sigma, support)| {
-            AxisKernel::new(Method::default(), sigma, support).map(|kernel| kernel.sigma_effective_mm())
-        };
-        Ok(Self { sigma_mm: [effective(u)?, effective(v)?, effective((OFF_PLANE_SIGMA_MM, OFF_PLANE_SUPPORT))?] })
+        let kernels = Settings::new(spacing).kernels(pixel_mm)?;
+        Ok(Self { sigma_mm: kernels.map(|kernel| kernel.sigma_effective_mm()) })
     }
 
     /// Effective σ along u, v and the slice's normal, mm.

@@ -106,10 +106,12 @@ fn inverse_erfc(e: f64) -> f64 {
 /// What one slice says about a point beside its pixels: the kernel in the plane and across it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Method {
-    /// Gaussian less its value at the end of the support: no step there, at the cost of one subtraction.
-    #[default]
+    /// Gaussian less its value at the end of the support: no step there, for renderers that look at slopes over less than half a σ and for slices
+    /// more than 3 σ apart.
     Gaussian,
-    /// Gaussian, cut (the paper's for 3 degrees of freedom): at 1 % energy it ends with a step of 3.6 % of its peak.
+    /// Gaussian, cut across the plane (the paper's for 3 degrees of freedom): at 1 % energy it ends with a step of 3.6 % of its peak there. For its
+    /// reach it is the nearest to a whole Gaussian. In the plane it is lowered like [`Method::Gaussian`], where it ends beyond 3 σ.
+    #[default]
     GaussianTruncated,
     /// Cubic B-spline of the same σ, along all axes: twice differentiable to its end at 3.46 σ.
     BSpline3,
@@ -152,7 +154,9 @@ impl Method {
         match self {
             Self::Linear => AxisKernel::of_shape(Shape::Tent, pixel_mm / Shape::Tent.half_width(), support),
             Self::Nearest => AxisKernel::of_shape(Shape::Box, 0.5 * pixel_mm / Shape::Box.half_width(), support),
-            _ => AxisKernel::new(self, sigma_mm, support),
+            // No spline follows a step.
+            Self::GaussianTruncated => AxisKernel::new(Self::Gaussian, sigma_mm, support),
+            Self::Gaussian | Self::BSpline3 => AxisKernel::new(self, sigma_mm, support),
         }
     }
 }

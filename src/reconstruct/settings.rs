@@ -13,8 +13,8 @@ use super::simd::Simd;
 use super::spline::SplineError;
 use crate::mask::Mask;
 
-/// Kernel's share outside its support in the plane, where taps are cheap: the end of the support vanishes and a spline fits it well.
-pub const IN_PLANE_SUPPORT: Support = Support::Energy(1e-4);
+/// Kernel's share outside its support in the plane, where taps are cheap: a spline fits so small a kink as well as none, of 0.01 it does not.
+pub const IN_PLANE_SUPPORT: Support = Support::Energy(1e-3);
 /// Kernel's share outside its support across the plane, where the support is what an insert costs.
 pub const OFF_PLANE_SUPPORT: Support = Support::Energy(0.01);
 /// In-plane σ as a multiple of the larger of voxel spacing and pixel size: below 0.75 voxel a sampled Gaussian stops behaving like one
@@ -44,8 +44,8 @@ pub struct Settings {
     /// Nominal σ along u, v and the slice's normal, mm; `None` for the default of each. A method that interpolates between pixels takes only
     /// the last.
     pub sigma_mm: [Option<f64>; 3],
-    /// Where a Gaussian ends, all axes; `None` for [`IN_PLANE_SUPPORT`] and [`OFF_PLANE_SUPPORT`].
-    pub support: Option<Support>,
+    /// Where a Gaussian ends, in the plane and across it; `None` for [`IN_PLANE_SUPPORT`] and [`OFF_PLANE_SUPPORT`].
+    pub support: [Option<Support>; 2],
     /// Largest weight of a voxel, as a multiple of the kernel's peak, from 1 to [`MOST_WEIGHT`]: from there on the mean moves instead of freezing.
     pub max_weight: f64,
     /// Threads that filter and weave.
@@ -66,7 +66,7 @@ impl Settings {
             method: Method::default(),
             compounding: Compounding::default(),
             sigma_mm: [None; 3],
-            support: None,
+            support: [None; 2],
             max_weight: MAX_WEIGHT,
             threads: 1,
             simd: Simd::detect(),
@@ -123,20 +123,22 @@ impl Settings {
         }
     }
 
-    /// Kernels along u, v and the normal for a pixel size.
-    pub(super) fn kernels(&self, pixel_mm: [f64; 2]) -> Result<[AxisKernel; 3], KernelError> {
+    /// Kernels along u, v and the normal for a pixel size, mm.
+    ///
+    /// # Errors
+    /// [`KernelError`] when a σ or where a kernel ends makes no sense.
+    pub fn kernels(&self, pixel_mm: [f64; 2]) -> Result<[AxisKernel; 3], KernelError> {
         let spacing = self.spacing_mm.max_element();
         let default = |axis: usize| match axis {
             2 => OFF_PLANE_SIGMA_MM,
             _ => IN_PLANE_SIGMA * spacing.max(pixel_mm[axis]),
         };
         let kernel = |axis: usize| {
-            let usual = if axis == 2 { OFF_PLANE_SUPPORT } else { IN_PLANE_SUPPORT };
             let sigma = self.sigma_mm[axis].unwrap_or_else(|| default(axis));
-            let support = self.support.unwrap_or(usual);
+            let [in_plane, across] = self.support;
             match axis {
-                2 => AxisKernel::new(self.method, sigma, support),
-                _ => self.method.in_plane(sigma, support, pixel_mm[axis]),
+                2 => AxisKernel::new(self.method, sigma, across.unwrap_or(OFF_PLANE_SUPPORT)),
+                _ => self.method.in_plane(sigma, in_plane.unwrap_or(IN_PLANE_SUPPORT), pixel_mm[axis]),
             }
         };
         let mut kernels = [kernel(0)?, kernel(1)?, kernel(2)?];

@@ -211,7 +211,7 @@ fn the_volume_says_what_it_was_made_of() {
     assert_eq!(volume.field("SonoweaveFrame"), "Reference (mm, not anatomical)");
     assert_eq!(volume.field("SonoweaveCalibration"), "in the sequence");
     assert_eq!(volume.field("SonoweaveFrames"), "6 of 6");
-    assert_eq!(volume.field("SonoweaveMethod"), "gaussian");
+    assert_eq!(volume.field("SonoweaveMethod"), "gaussian-truncated");
 }
 
 #[test]

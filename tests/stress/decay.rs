@@ -365,8 +365,8 @@ fn out_and_back(sheet: &mut Sheet) {
             let old = (-10..=10).map(|y| 1.0 - value(&r, y) / 100.0);
             let (least, most) = old.fold((f64::MAX, 0.0_f64), |(l, m), x| (l.min(x), m.max(x)));
             let what = format!("{}, a = {}/s, T = {} s", name(path, decay), decay.rate_per_s(), decay.wait_s());
-            // Two units in the last place of what the share is read from.
-            let bound = decay.factor(pause_s) + 2.0 * f64::from(f32::EPSILON);
+            // Four units in the last place of what the share is read from.
+            let bound = decay.factor(pause_s) + 4.0 * f64::from(f32::EPSILON);
             sheet.at_most(&format!("{what}: most of the old content"), most, bound);
             sheet.at_most(&format!("{what}: least of it below 0 by"), -least, 1e-6);
         }
@@ -377,11 +377,12 @@ fn faint_touches(sheet: &mut Sheet) {
     let decay = Decay::DeadTime { rate_per_s: 1.0, wait_s: 2.0 };
     for path in PATHS {
         let old = |r: &Weaver| 1.0 - value(r, 0) / 100.0;
-        let mut r = weaver(path, decaying(decay), probe().mask());
+        let fading_out = Settings { method: Method::Gaussian, ..decaying(decay) };
+        let mut r = weaver(path, fading_out, probe().mask());
         r.insert(&touch(0.0, 0.0, 0.0, 0)).unwrap();
         let before = middle(&r);
         for k in 1..20 {
-            // 0.01 mm within the support of 2.576 mm: a thousandth of a slice.
+            // 0.01 mm within the support of 2.576 mm: a thousandth of a slice, where the kernel ends without a step.
             r.insert(&touch(0.0, 0.5 * f64::from(k), 2.565, k)).unwrap();
         }
         let what = path.name();

@@ -33,7 +33,7 @@ pub(crate) fn tests() -> Vec<Test> {
 fn four_voxels() -> Settings {
     Settings {
         sigma_mm: [Some(0.4), Some(0.4), Some(1.0)],
-        support: Some(Support::Peak((-2.0_f64).exp())),
+        support: [Some(Support::Peak((-2.0_f64).exp())); 2],
         method: Method::GaussianTruncated,
         ..half_mm()
     }
@@ -93,7 +93,8 @@ fn every_end(sheet: &mut Sheet) {
         let sigma = if support.is_some() { 1.0 } else { sigma };
         let set = |simd| {
             let sigma_mm = [Some(0.4), Some(0.4), Some(sigma)];
-            let r = weave(Settings { method, simd, sigma_mm, support, ..half_mm() }, &probe.mask(), [&slice]);
+            let r =
+                weave(Settings { method, simd, sigma_mm, support: [support; 2], ..half_mm() }, &probe.mask(), [&slice]);
             weighted(&r).map(|voxel| (voxel.index, voxel.weight.to_bits())).collect::<BTreeSet<_>>()
         };
         let reached = set(Simd::Portable);

@@ -102,7 +102,7 @@ struct Round {
 impl Round {
     /// Volume, sphere and total σ for a radius in units of it.
     fn scan(&self, radius: f64) -> (Reconstructor, Sphere, f64) {
-        let support = Some(Support::Energy(1e-4));
+        let support = [Some(Support::Energy(1e-4)); 2];
         let width = AxisKernel::new(self.method, self.sigma, Support::Energy(1e-4)).unwrap().sigma_effective_mm();
         let total = width.hypot(self.edge);
         let centre = DVec3::new(0.13, -0.21, 0.08);

@@ -206,7 +206,7 @@ fn instructions(sheet: &mut Sheet) {
 fn ends_on_planes(sheet: &mut Sheet) {
     let settings = |simd| Settings {
         sigma_mm: [Some(0.4), Some(0.4), Some(1.0)],
-        support: Some(Support::Peak((-2.0_f64).exp())),
+        support: [Some(Support::Peak((-2.0_f64).exp())); 2],
         method: Method::GaussianTruncated,
         simd,
         ..half_mm()

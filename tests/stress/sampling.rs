@@ -42,7 +42,7 @@ fn ripple(sheet: &mut Sheet) {
             let settings = Settings {
                 method,
                 sigma_mm: [None, None, Some(sigma)],
-                support: Some(Support::Energy(1e-12)),
+                support: [Some(Support::Energy(1e-12)); 2],
                 ..Settings::new(DVec3::new(0.5, 0.5, gap / 16.0))
             };
             let probe = Probe::straight([5, 5], 0.5);

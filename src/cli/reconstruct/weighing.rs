@@ -23,9 +23,9 @@ pub(super) struct Weighing {
     /// The same as half widths at half maximum of a Gaussian, mm
     #[arg(long, value_name = "HU,HV,HN", value_parser = values::lengths)]
     resolution: Option<[f64; 3]>,
-    /// Where a Gaussian ends [default: energy=0.01 across the plane, energy=0.0001 in it]
-    #[arg(long, value_name = "CRITERION=E", value_parser = values::support)]
-    support: Option<Support>,
+    /// Where a Gaussian ends, in the plane and across it, or on all axes [default: energy=0.001,energy=0.01]
+    #[arg(long, value_name = "CRITERION=E[,CRITERION=E]", value_parser = values::supports)]
+    support: Option<Supports>,
     /// Short for --support energy=E
     #[arg(long, value_name = "E", value_parser = values::share, conflicts_with = "support")]
     leakage: Option<f64>,
@@ -53,13 +53,15 @@ const DECAY_WAIT: f64 = 2.0;
 
 // clap takes an `Option<Option<…>>` for its own notation of optional values; a named type is a single value to it.
 type SigmaChoice = Option<[f64; 3]>;
+// And a bare array for a list.
+type Supports = [Support; 2];
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
 enum MethodName {
-    /// Less its value at the end of the support, so that it ends without a step
-    #[default]
+    /// Less its value at the end of the support, so that it ends without a step: for slices far apart and fine voxels
     Gaussian,
-    /// Cut at the end of the support (Ohbuchi, Chen & Fuchs 1992)
+    /// Cut at the end of the support across the plane (Ohbuchi, Chen & Fuchs 1992)
+    #[default]
     GaussianTruncated,
     /// Cubic B-spline of the same σ along all axes; twice differentiable
     Bspline3,
@@ -102,8 +104,9 @@ impl Weighing {
     /// [`Failure`] when flags contradict each other.
     pub(super) fn apply(&self, config: &Config, settings: &mut Settings) -> Result<OffPlane, Failure> {
         settings.method = self.method();
-        settings.support = self.support.or(self.leakage.map(Support::Energy));
-        if settings.support.is_some() && !settings.method.takes_support() {
+        let support = self.support.or(self.leakage.map(|e| [Support::Energy(e); 2]));
+        settings.support = support.map_or([None; 2], |ends| ends.map(Some));
+        if support.is_some() && !settings.method.takes_support() {
             return Err(Failure(format!(
                 "--support, --leakage: the kernel {} ends of itself; leave the flag out, or choose --method gaussian",
                 settings.method.name()

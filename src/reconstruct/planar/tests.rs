@@ -140,7 +140,7 @@ fn the_planar_path_is_the_separable_sum_in_f64() {
     let anywhere = DQuat::from_euler(EulerRot::YXZ, 0.7, -0.4, 0.3);
     let narrow = Settings {
         method: Method::GaussianTruncated,
-        support: Some(Support::Energy(0.01)),
+        support: [Some(Support::Energy(0.01)); 2],
         spacing_mm: DVec3::new(0.5, 0.6, 0.45),
         ..settings()
     };

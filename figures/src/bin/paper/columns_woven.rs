@@ -22,7 +22,7 @@ fn settings() -> Settings {
     Settings {
         method: Method::GaussianTruncated,
         sigma_mm: [Some(SIGMA); 3],
-        support: Some(Support::Energy(0.01)),
+        support: [Some(Support::Energy(0.01)); 2],
         ..Settings::new(DVec3::ONE)
     }
 }

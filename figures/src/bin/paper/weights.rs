@@ -54,13 +54,14 @@ pub(crate) struct Woven {
     pub(crate) column: Vec<Option<f64>>,
 }
 
-/// The paper's kernel, cut at E_e = .01.
-fn kernel() -> Result<AxisKernel, KernelError> {
-    AxisKernel::new(Method::GaussianTruncated, SIGMA, Support::Energy(0.01))
+/// The kernel at E_e = .01: in the plane, and across it, where it is cut as in the paper.
+fn kernels() -> Result<[AxisKernel; 2], KernelError> {
+    let (method, end) = (Method::GaussianTruncated, Support::Energy(0.01));
+    Ok([method.in_plane(SIGMA, end, 1.0 / FINE as f64)?, AxisKernel::new(method, SIGMA, end)?])
 }
 
 pub(crate) fn weave(coverage: Coverage) -> Result<Woven, KernelError> {
-    let g = kernel()?;
+    let [g, across] = kernels()?;
     let [nx, ny, nz] = SIZE;
     let [us, vs] = [nz * FINE, ny * FINE].map(|n| (0..n).map(|i| i as f64 / FINE as f64 - 0.25).collect::<Vec<_>>());
     let certain = |i: usize, u: f64, v: f64| if coverage.holds(i, u, v) { 1.0 } else { 0.0 };
@@ -86,7 +87,7 @@ pub(crate) fn weave(coverage: Coverage) -> Result<Woven, KernelError> {
         let values = filter(&|u, v| certain(i, us[u], vs[v]) * picture[u][v]);
         let certainty = filter(&|u, v| certain(i, us[u], vs[v]));
         for (x, y) in (0..nx).flat_map(|x| (0..ny).map(move |y| (x, y))) {
-            let gn = g.weight(x as f64 - at);
+            let gn = across.weight(x as f64 - at);
             let first = (x * ny + y) * nz;
             for (v, place) in vs.iter().enumerate() {
                 let k = gn * g.weight(y as f64 - place);

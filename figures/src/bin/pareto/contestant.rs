@@ -8,7 +8,7 @@ use sonoweave::mask::Mask;
 use sonoweave::reconstruct::kernel::{AxisKernel, Method, Support};
 use sonoweave::reconstruct::planar::{OnDeparture, PlanarReconstructor, PlanarSettings};
 use sonoweave::reconstruct::reference::Reference;
-use sonoweave::reconstruct::settings::{IN_PLANE_SIGMA, IN_PLANE_SUPPORT, OFF_PLANE_SIGMA_MM, OFF_PLANE_SUPPORT};
+use sonoweave::reconstruct::settings::{IN_PLANE_SIGMA, IN_PLANE_SUPPORT, OFF_PLANE_SUPPORT};
 use sonoweave::reconstruct::{Reconstructor, Settings};
 use sonoweave::slice::Slice;
 use sonoweave::sync::FramePose;
@@ -23,18 +23,30 @@ use crate::timing::each;
 pub(crate) const DEFAULT_VOXEL_MM: f64 = 0.5;
 /// Voxels by the smallest nominal σ of the default configuration, the one in the plane.
 pub(crate) const VOXELS: [f64; 4] = [0.5, 0.75, 1.0, 1.5];
-/// Energies outside the support.
-pub(crate) const ENERGIES: [f64; 5] = [0.1, 0.05, 0.01, 0.001, 1e-4];
+/// Energies outside the support across the plane, besides the default's.
+pub(crate) const ACROSS: [f64; 6] = [0.1, 0.05, 0.02, 0.005, 0.001, 1e-4];
+/// In the plane, besides the default's.
+pub(crate) const IN_PLANE: [f64; 2] = [0.01, 1e-4];
 /// No plane of pixels meets a plane of voxels: a favour that no hand does.
 pub(crate) const LATTICE_ORIGIN_MM: DVec3 = DVec3::new(0.057, 0.083, 0.041);
 /// Trilinear weights are exact to 1e-7: voxels with less weight than this would show little else.
 const LEAST_DROPPED: f32 = 1e-3;
 
+/// Shares of a Gaussian's energy outside its support, in the plane and across it; `None` for the default's.
+pub(crate) type Energies = [Option<f64>; 2];
+/// Those of the default.
+pub(crate) const USUAL: Energies = [None; 2];
+/// The default's across the plane.
+pub(crate) const USUAL_ACROSS: f64 = match OFF_PLANE_SUPPORT {
+    Support::Energy(energy) => energy,
+    _ => panic!("the default ends by its share of energy"),
+};
+
 /// How slices become a volume.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Path {
-    /// The reconstructor with a kernel's kind and the energy outside its support (`None`: the defaults of each axis).
-    Kernel(Method, Option<f64>),
+    /// The reconstructor with a kernel's kind and the energies outside its support.
+    Kernel(Method, Energies),
     /// The same with its defaults, but σ across the plane half the widest gap, as `--sigma auto` takes it: another width, the scan's own.
     AutoSigma,
     /// The default kernel's equations in f64, voxel by voxel and pixel by pixel.
@@ -97,7 +109,7 @@ impl Contestant {
 
     /// What `sonoweave` does when nothing is asked for: planar scans go the planar path.
     pub(crate) fn default_configuration(planar: bool) -> Self {
-        Self { planar, default: true, ..Self::new(Path::Kernel(Method::default(), None), DEFAULT_VOXEL_MM) }
+        Self { planar, default: true, ..Self::new(Path::Kernel(Method::default(), USUAL), DEFAULT_VOXEL_MM) }
     }
 
     pub(crate) fn on_threads(self, threads: usize) -> Self {
@@ -124,6 +136,11 @@ impl Contestant {
         !self.default && self.path == other.path && self.voxel_mm == other.voxel_mm && self.threads == other.threads
     }
 
+    /// Whether both go the same path of the reconstructor.
+    pub(crate) fn goes_with(&self, other: &Self) -> bool {
+        self.planar == other.planar
+    }
+
     /// Whether both do the same, whatever they are called.
     pub(crate) fn same(&self, other: &Self) -> bool {
         Self { default: false, ..*self } == Self { default: false, ..*other }
@@ -138,8 +155,11 @@ impl Contestant {
     pub(crate) fn method(&self) -> String {
         let planar = if self.planar { ", planar" } else { "" };
         match self.path {
-            Path::Kernel(method, None) => format!("{}{planar}", method.name()),
-            Path::Kernel(method, Some(energy)) => format!("{} E_e {energy}{planar}", method.name()),
+            Path::Kernel(method, [in_plane, across]) => {
+                let ends = [(across, ""), (in_plane, " in the plane")];
+                let told = ends.map(|(e, place)| e.map_or_else(String::new, |e| format!(", E_e {e}{place}")));
+                format!("{}{}{planar}", method.name(), told.concat())
+            }
             Path::AutoSigma => format!("{}, auto σ{planar}", Method::default().name()),
             Path::BruteForce => "brute force, f64".into(),
             Path::Splat(Drop::Trilinear) => "trilinear + holes".into(),
@@ -166,14 +186,14 @@ impl Contestant {
     /// # Errors
     /// When no σ gives the width.
     pub(crate) fn settings(&self, input: &Input<'_>) -> Result<Option<Settings>, Box<dyn Error>> {
-        let (method, energy) = match self.path {
-            Path::Kernel(method, energy) => (method, energy),
-            Path::AutoSigma => (Method::default(), None),
+        let (method, energies) = match self.path {
+            Path::Kernel(method, energies) => (method, energies),
+            Path::AutoSigma => (Method::default(), USUAL),
             Path::BruteForce | Path::Splat(_) => return Ok(None),
         };
         let mut settings = Settings {
             method,
-            support: energy.map(Support::Energy),
+            support: energies.map(|e| e.map(Support::Energy)),
             threads: self.threads,
             lattice_origin_mm: LATTICE_ORIGIN_MM,
             ..Settings::new(DVec3::splat(self.voxel_mm))
@@ -184,7 +204,7 @@ impl Contestant {
         }
         for axis in 0..3 {
             if axis == 2 || !method.interpolates() {
-                settings.sigma_mm[axis] = Some(matched_sigma(method, energy, axis, input.effective_mm[axis])?);
+                settings.sigma_mm[axis] = Some(matched_sigma(method, energies, axis, input.effective_mm[axis])?);
             }
         }
         if self.path == Path::AutoSigma {
@@ -213,7 +233,7 @@ impl Contestant {
                 Ok((times, Woven::Bricks(Box::new(reconstructor))))
             }
             Path::BruteForce => {
-                let kernels = default_kernels_across(input.pixel_mm, input.sigma_n_mm)?;
+                let kernels = default_kernels(input.pixel_mm, input.sigma_n_mm)?;
                 let mut reference = Reference::new((input.grid)(self.voxel_mm)?);
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(self.threads).build()?;
                 let times = pool.install(|| {
@@ -273,27 +293,13 @@ pub(crate) fn widest_gap(slices: &[Slice]) -> Result<f64, Box<dyn Error>> {
     Ok(gap(&poses).ok_or("the slices have no gap")?)
 }
 
-/// The kernels of the default configuration.
+/// The kernels of the default configuration, with another σ across the plane if there is one.
 ///
 /// # Errors
-/// When the pixels have no size.
-pub(crate) fn default_kernels(pixel_mm: [f64; 2]) -> Result<[AxisKernel; 3], Box<dyn Error>> {
-    default_kernels_across(pixel_mm, None)
-}
-
-/// The same with another σ across the plane.
-///
-/// # Errors
-/// As [`default_kernels`], and when σ is not positive.
-pub(crate) fn default_kernels_across(
-    pixel_mm: [f64; 2],
-    sigma_n_mm: Option<f64>,
-) -> Result<[AxisKernel; 3], Box<dyn Error>> {
-    let method = Method::default();
-    let in_plane =
-        |axis: usize| AxisKernel::new(method, IN_PLANE_SIGMA * DEFAULT_VOXEL_MM.max(pixel_mm[axis]), IN_PLANE_SUPPORT);
-    let across = AxisKernel::new(method, sigma_n_mm.unwrap_or(OFF_PLANE_SIGMA_MM), OFF_PLANE_SUPPORT)?;
-    Ok([in_plane(0)?, in_plane(1)?, across])
+/// When the pixels have no size, or σ is not positive.
+pub(crate) fn default_kernels(pixel_mm: [f64; 2], sigma_n_mm: Option<f64>) -> Result<[AxisKernel; 3], Box<dyn Error>> {
+    let settings = Settings { sigma_mm: [None, None, sigma_n_mm], ..Settings::new(DVec3::splat(DEFAULT_VOXEL_MM)) };
+    Ok(settings.kernels(pixel_mm)?)
 }
 
 /// The nominal σ at which a kernel's effective width is `effective_mm`: the two are proportional where the support is a share of energy.
@@ -302,25 +308,29 @@ pub(crate) fn default_kernels_across(
 /// When the support is no share.
 pub(crate) fn matched_sigma(
     method: Method,
-    energy: Option<f64>,
+    energies: Energies,
     axis: usize,
     effective_mm: f64,
 ) -> Result<f64, Box<dyn Error>> {
-    let usual = if axis == 2 { OFF_PLANE_SUPPORT } else { IN_PLANE_SUPPORT };
-    let kernel = AxisKernel::new(method, 1.0, energy.map_or(usual, Support::Energy))?;
-    Ok(effective_mm / kernel.sigma_effective_mm())
+    Ok(effective_mm / unit_kernel(method, energies, axis)?.sigma_effective_mm())
+}
+
+/// A method's kernel along an axis for a nominal σ of 1.
+fn unit_kernel(method: Method, [in_plane, across]: Energies, axis: usize) -> Result<AxisKernel, Box<dyn Error>> {
+    let support = |energy: Option<f64>, usual| energy.map_or(usual, Support::Energy);
+    Ok(match axis {
+        2 => AxisKernel::new(method, 1.0, support(across, OFF_PLANE_SUPPORT))?,
+        _ => method.in_plane(1.0, support(in_plane, IN_PLANE_SUPPORT), 1.0)?,
+    })
 }
 
 /// The few that every scan is given; the default comes first.
 pub(crate) fn short_list(planar: bool) -> Vec<Contestant> {
-    use Method::{BSpline3, Gaussian, GaussianTruncated, Linear, Nearest};
     let ours = Contestant::default_configuration(planar);
-    let kernel = |method, energy| Contestant::new(Path::Kernel(method, energy), DEFAULT_VOXEL_MM);
-    let mut list = vec![kernel(Gaussian, None)];
-    list.extend([0.1, 0.05, 0.001].map(|energy| kernel(Gaussian, Some(energy))));
-    list.extend([GaussianTruncated, BSpline3, Linear, Nearest].map(|method| kernel(method, None)));
+    let mut list = with_kernels(DEFAULT_VOXEL_MM);
+    list.retain(|c| !matches!(c.path, Path::Kernel(Method::Linear, [_, Some(_)])));
     list.push(Contestant::new(Path::AutoSigma, DEFAULT_VOXEL_MM));
-    list.extend([VOXELS[1], VOXELS[3]].map(|v| Contestant::new(Path::Kernel(Gaussian, None), by_sigma(v))));
+    list.extend([VOXELS[1], VOXELS[3]].map(|v| Contestant::new(Path::Kernel(Method::default(), USUAL), by_sigma(v))));
     list.extend([Drop::Nearest, Drop::Trilinear].map(|drop| Contestant::new(Path::Splat(drop), DEFAULT_VOXEL_MM)));
     with_default(ours, &[ours.on_threads(2)], list)
 }
@@ -330,17 +340,29 @@ pub(crate) fn full_list(planar: bool) -> Vec<Contestant> {
     let voxels: Vec<f64> = VOXELS.map(by_sigma).into_iter().chain([DEFAULT_VOXEL_MM]).collect();
     let mut list = vec![Contestant::new(Path::AutoSigma, DEFAULT_VOXEL_MM)];
     for voxel_mm in voxels {
-        for method in Method::ALL {
-            let energies = if method.takes_support() { &ENERGIES[..] } else { &[] };
-            let supports = std::iter::once(None).chain(energies.iter().copied().map(Some));
-            list.extend(supports.map(|energy| Contestant::new(Path::Kernel(method, energy), voxel_mm)));
-        }
+        list.extend(with_kernels(voxel_mm));
         list.extend([Drop::Nearest, Drop::Trilinear].map(|drop| Contestant::new(Path::Splat(drop), voxel_mm)));
     }
-    let on_two = |method| Contestant::new(Path::Kernel(method, None), DEFAULT_VOXEL_MM).on_threads(2);
+    let on_two = |method| Contestant::new(Path::Kernel(method, USUAL), DEFAULT_VOXEL_MM).on_threads(2);
     list.extend(Method::ALL.map(on_two));
     let ours = Contestant::default_configuration(planar);
     with_default(ours, &[ours.on_threads(2)], list)
+}
+
+/// Every kernel, with each end across the plane and each in it.
+fn with_kernels(voxel_mm: f64) -> Vec<Contestant> {
+    let mut list = Vec::new();
+    for method in Method::ALL {
+        let mut ends = vec![USUAL];
+        if method.takes_support() {
+            ends.extend(ACROSS.map(|energy| [None, Some(energy)]));
+        }
+        if method.takes_support() && !method.interpolates() {
+            ends.extend(IN_PLANE.map(|energy| [Some(energy), None]));
+        }
+        list.extend(ends.into_iter().map(|ends| Contestant::new(Path::Kernel(method, ends), voxel_mm)));
+    }
+    list
 }
 
 /// The default first, and the others after it, by the default's path where they can and once by the general one. Nobody twice.
@@ -366,14 +388,13 @@ mod tests {
 
     #[test]
     fn every_kernel_that_can_has_the_defaults_effective_width() {
-        let target = default_kernels([0.2; 2]).unwrap().map(|k| k.sigma_effective_mm());
+        let target = default_kernels([0.2; 2], None).unwrap().map(|k| k.sigma_effective_mm());
         for contestant in full_list(false) {
-            let Path::Kernel(method, energy) = contestant.path else { continue };
+            let Path::Kernel(method, energies) = contestant.path else { continue };
             for (axis, target) in target.into_iter().enumerate() {
-                let sigma = matched_sigma(method, energy, axis, target).unwrap();
-                let usual = if axis == 2 { OFF_PLANE_SUPPORT } else { IN_PLANE_SUPPORT };
-                let kernel = AxisKernel::new(method, sigma, energy.map_or(usual, Support::Energy)).unwrap();
-                assert!((kernel.sigma_effective_mm() / target - 1.0).abs() < 1e-12, "{contestant:?} {axis}");
+                let sigma = matched_sigma(method, energies, axis, target).unwrap();
+                let width = sigma * unit_kernel(method, energies, axis).unwrap().sigma_effective_mm();
+                assert!((width / target - 1.0).abs() < 1e-12, "{contestant:?} {axis}");
             }
         }
     }
@@ -391,6 +412,6 @@ mod tests {
         }
         let alone =
             |planar| full_list(planar).iter().filter(|c| c.voxel_mm == DEFAULT_VOXEL_MM && c.threads == 1).count();
-        assert_eq!((alone(false), alone(true)), (23, 24), "on the planar path there is the general one besides");
+        assert_eq!((alone(false), alone(true)), (30, 31), "on the planar path there is the general one besides");
     }
 }

@@ -14,7 +14,7 @@ use sonoweave_figures::files::field;
 use sonoweave_figures::{Figure, Panel};
 
 use crate::baselines::Drop;
-use crate::contestant::{Contestant, DEFAULT_VOXEL_MM, Input, Path, default_kernels_across, on_lattice, widest_gap};
+use crate::contestant::{Contestant, DEFAULT_VOXEL_MM, Input, Path, default_kernels, on_lattice, widest_gap};
 use crate::loading;
 use crate::pictures::{axis, by_family, range};
 use crate::report::{Report, digits, markdown};
@@ -48,10 +48,11 @@ struct Predicted {
 }
 
 fn contestants() -> Vec<Contestant> {
-    let kernel = |method, energy| Contestant::new(Path::Kernel(method, energy), DEFAULT_VOXEL_MM);
-    let mut list = vec![Contestant::default_configuration(false)];
-    list.extend([0.1, 0.001].map(|energy| kernel(Method::Gaussian, Some(energy))));
-    list.extend(Method::ALL[1..].iter().map(|method| kernel(*method, None)));
+    let default = Contestant::default_configuration(false);
+    let kernel = |method, across| Contestant::new(Path::Kernel(method, [None, across]), DEFAULT_VOXEL_MM);
+    let mut list = vec![default];
+    list.extend([0.1, 0.001].map(|energy| kernel(Method::default(), Some(energy))));
+    list.extend(Method::ALL.map(|method| kernel(method, None)).into_iter().filter(|c| !c.same(&default)));
     list.extend([Drop::Nearest, Drop::Trilinear].map(|drop| Contestant::new(Path::Splat(drop), DEFAULT_VOXEL_MM)));
     list
 }
@@ -152,7 +153,7 @@ fn predict(slices: &[Slice], mask: &Mask, gap_mm: f64) -> Result<Vec<Predicted>,
     let axes = slices[0].world_from_image.affine().matrix3;
     let pixel_mm = [axes.x_axis.length(), axes.y_axis.length()];
     let sigma_n_mm = Some(0.5 * gap_mm);
-    let effective_mm = default_kernels_across(pixel_mm, sigma_n_mm)?.map(|k| k.sigma_effective_mm());
+    let effective_mm = default_kernels(pixel_mm, sigma_n_mm)?.map(|k| k.sigma_effective_mm());
     let mut all: Vec<Predicted> = contestants()
         .into_iter()
         .map(|contestant| Predicted { contestant, errors: Vec::new(), ms: Vec::new() })

@@ -27,8 +27,6 @@ const MARGIN_MM: f64 = 5.0;
 const ABSURD_RMSE: f64 = 40.0;
 /// A pixel's border decides in f32 which of two pixels is the nearest, and noise lies between the two: root mean square and at most.
 const AT_BORDERS: [f64; 2] = [1.0, 60.0];
-/// From this energy on, a kernel less its pedestal ends in a kink that splines follow less well: deviations are nearer to what is promised.
-const WITH_KINKS: f64 = 0.05;
 /// What the planar path may differ from its sums in f64, of the range of grey levels: root mean square and at most.
 const COLUMNS: [f64; 2] = [2e-6, 1e-5];
 /// What splats in f32 may differ from splats in f64, root mean square and at most.
@@ -124,7 +122,7 @@ pub(crate) fn measure(
         slices: &stage.slices,
         mask: stage.scan.mask(),
         pixel_mm,
-        effective_mm: default_kernels(pixel_mm)?.map(|k| k.sigma_effective_mm()),
+        effective_mm: default_kernels(pixel_mm, None)?.map(|k| k.sigma_effective_mm()),
         sigma_n_mm: None,
         gap_mm: widest_gap(&stage.slices)?,
         grid: &grid,
@@ -216,10 +214,8 @@ fn deviation(
     let deviation = match (contestant.path, woven) {
         (path, Woven::Bricks(bricks)) => {
             let mut deviation = against_equations(bricks, input.slices, input.mask)?;
-            match path {
-                Path::Kernel(Method::Nearest, _) => deviation.bounds = AT_BORDERS,
-                Path::Kernel(_, Some(energy)) if energy >= WITH_KINKS => deviation.bounds[0] *= 3.0,
-                _ => {}
+            if let Path::Kernel(Method::Nearest, _) = path {
+                deviation.bounds = AT_BORDERS;
             }
             deviation
         }

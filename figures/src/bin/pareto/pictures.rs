@@ -6,7 +6,7 @@ use std::path::Path as Folder;
 use sonoweave::reconstruct::kernel::Method;
 use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series};
 
-use crate::contestant::{Contestant, DEFAULT_VOXEL_MM, Path, short_list};
+use crate::contestant::{Contestant, DEFAULT_VOXEL_MM, Path, USUAL, USUAL_ACROSS, short_list};
 use crate::front::{Measure, front};
 use crate::measure::Row;
 use crate::report::Report;
@@ -164,12 +164,16 @@ fn sweeps(scans: &[Vec<&Row>]) -> Option<Figure> {
     for scan in scans.iter().filter(|scan| scan.len() > 2 * short_list(false).len()) {
         for measure in [Measure::Blurred, Measure::Slope] {
             let place = |row: &&Row| [row.ms[1], measure.of(row)];
+            let beside = |row: &&&Row| row.contestant.threads == 1 && row.contestant.goes_with(&scan[0].contestant);
             let energies = |method: Method| -> Vec<[f64; 2]> {
                 let mut rows: Vec<(f64, [f64; 2])> = scan
                     .iter()
-                    .filter(|row| row.contestant.voxel_mm == DEFAULT_VOXEL_MM && row.contestant.threads == 1)
+                    .filter(|row| row.contestant.voxel_mm == DEFAULT_VOXEL_MM)
+                    .filter(beside)
                     .filter_map(|row| match row.contestant.path {
-                        Path::Kernel(m, Some(energy)) if m == method => Some((energy, place(row))),
+                        Path::Kernel(m, [None, across]) if m == method => {
+                            Some((across.unwrap_or(USUAL_ACROSS), place(row)))
+                        }
                         _ => None,
                     })
                     .collect();
@@ -179,7 +183,8 @@ fn sweeps(scans: &[Vec<&Row>]) -> Option<Figure> {
             let voxels = |method: Method| -> Vec<[f64; 2]> {
                 let mut rows: Vec<(f64, [f64; 2])> = scan
                     .iter()
-                    .filter(|row| row.contestant.path == Path::Kernel(method, None) && row.contestant.threads == 1)
+                    .filter(|row| row.contestant.path == Path::Kernel(method, USUAL))
+                    .filter(beside)
                     .map(|row| (row.contestant.voxel_mm, place(row)))
                     .collect();
                 rows.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -187,7 +192,7 @@ fn sweeps(scans: &[Vec<&Row>]) -> Option<Figure> {
             };
             let default: Vec<[f64; 2]> = scan.iter().take(1).map(place).collect();
             let [less, cut] = [energies(Method::Gaussian), energies(Method::GaussianTruncated)];
-            let [ours, spline] = [voxels(Method::Gaussian), voxels(Method::BSpline3)];
+            let [ours, spline] = [voxels(Method::default()), voxels(Method::BSpline3)];
             let every = || [&less, &cut, &ours, &spline].into_iter().flatten().copied();
             let [x, y] = [0, 1].map(|c| range(every().map(|p| p[c])));
             let unit = if measure == Measure::Slope { "gradient, levels/mm" } else { "RMSE, grey levels" };
@@ -213,8 +218,8 @@ fn sweeps(scans: &[Vec<&Row>]) -> Option<Figure> {
         id: "sweeps",
         title: "What voxels and supports cost and save".into(),
         caption: "Left against the scene under the default’s effective width, right its gradient. σ is the default’s in the plane, 0.375 mm; default voxels are of \
-                  1.33 σ. Supports are those of all axes. A share of .1 or .05 costs more time, not less: a kernel that ends so early ends with a step or a kink, \
-                  which only a filter with finer nodes in the plane follows. Finer voxels help where the scene has edges, and let noise into the gradient where it \
+                  1.33 σ. Supports are those across the plane. The cut kernel is nearer to the Gaussian that it is for the same reach as the one less its pedestal, \
+                  down to a share of about .01; cut earlier, its step tells. Finer voxels help where the scene has edges, and let noise into the gradient where it \
                   has none."
             .into(),
         columns: 2,

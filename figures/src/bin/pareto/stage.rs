@@ -156,7 +156,7 @@ impl Stage {
             ..ScanSettings::default()
         })?;
         let slices = scan.slices(0..frames);
-        let kernels = default_kernels([PIXEL_MM; 2])?;
+        let kernels = default_kernels([PIXEL_MM; 2], None)?;
         let kernel = EffectiveKernel::new(kernels.map(|k| k.sigma_effective_mm()))?;
         let middle = probe_grid(24, 0.83);
         let poses: Vec<_> = (0..frames).map(|f| scan.true_world_from_image(f)).collect();

@@ -165,7 +165,7 @@ struct Slices {
 
 impl Slices {
     fn new() -> Result<Self, Box<dyn Error>> {
-        let [.., kernel] = default_kernels([SPACING_MM; 2])?;
+        let [.., kernel] = default_kernels([SPACING_MM; 2], None)?;
         let scene = (0..SIZE[0] * SIZE[1]).map(scene).collect();
         Ok(Self { random: ChaCha8Rng::seed_from_u64(1), scene, kernel })
     }
