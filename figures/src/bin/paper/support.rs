@@ -212,7 +212,7 @@ fn end_of_support(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Erro
     let kinds = |f: &dyn Fn(&AxisKernel, f64) -> f64| {
         vec![
             Series::new("cut, as in the paper", Look::Dashed, Ink::Vermilion, over(&|x| f(&cut, x) / cut.peak())),
-            Series::new("less its pedestal: ours", Look::Line, Ink::Blue, over(&|x| f(&lowered, x) / lowered.peak())),
+            Series::new("less its pedestal", Look::Line, Ink::Blue, over(&|x| f(&lowered, x) / lowered.peak())),
         ]
     };
     let x = || Axis::linear("distance x/σ").from_to(0.0, 3.2);

@@ -71,7 +71,7 @@ fn figure_7(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
         (Method::GaussianTruncated, 0.1, "E_e = .1, cut"),
         (Method::GaussianTruncated, 0.01, "E_e = .01, cut"),
         (Method::GaussianTruncated, 0.001, "E_e = .001, cut"),
-        (Method::Gaussian, 0.01, "E_e = .01, ours"),
+        (Method::Gaussian, 0.01, "E_e = .01, less its pedestal"),
     ];
     let mut panels = Vec::new();
     for (method, energy, name) in rows {
@@ -105,7 +105,7 @@ fn figure_7(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
             vec![
                 Series::new("the blurred signal", Look::Line, Ink::Black, over(&|x| signal(x, blur))),
                 Series::new(
-                    if method == Method::Gaussian { "woven, ours" } else { "woven, cut" },
+                    if method == Method::Gaussian { "woven, less its pedestal" } else { "woven, cut" },
                     Look::Line,
                     ink,
                     over(&|x| weave.value(x)),
@@ -118,7 +118,7 @@ fn figure_7(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
             Axis::linear("slope, 1/σ").from_to(-1.0, 1.0),
             vec![
                 Series::new(
-                    if method == Method::Gaussian { "woven, ours" } else { "woven, cut" },
+                    if method == Method::Gaussian { "woven, less its pedestal" } else { "woven, cut" },
                     Look::Line,
                     ink,
                     over(&|x| weave.slope(x)),
@@ -185,7 +185,7 @@ fn truncation(report: &mut Report, folder: &Path, draws: u64) -> Result<(), Box<
         let mut all = vec![Series::new("cut, as in the paper", Look::Dashed, Ink::Vermilion, points(&cut))];
         all.push(Series::new("", Look::Squares, Ink::Vermilion, points(&cut)));
         if floor {
-            all.push(Series::new("less its pedestal: ours", Look::Line, Ink::Blue, points(&lowered)));
+            all.push(Series::new("less its pedestal", Look::Line, Ink::Blue, points(&lowered)));
             all.push(Series::new("", Look::Discs, Ink::Blue, points(&lowered)));
             all.push(Series::new(
                 "whole Gaussian",
