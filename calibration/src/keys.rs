@@ -54,16 +54,16 @@ pub enum FileError {
 
 /// A file's text, for lines.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Source<'a> {
+pub struct Source<'a> {
     /// The file's path, for sentences.
-    pub(crate) path: &'a Path,
+    pub path: &'a Path,
     /// Its whole text.
-    pub(crate) text: &'a str,
+    pub text: &'a str,
 }
 
 impl<'a> Source<'a> {
     /// Parses the text.
-    pub(crate) fn parse(&self) -> Result<Spanned<DeTable<'a>>, FileError> {
+    pub fn parse(&self) -> Result<Spanned<DeTable<'a>>, FileError> {
         DeTable::parse(self.text).map_err(|e| FileError::Syntax {
             path: self.path.to_owned(),
             line: self.line(e.span().unwrap_or(0..0)),
@@ -78,7 +78,7 @@ impl<'a> Source<'a> {
 }
 
 /// A table, and where it stands in the file.
-pub(crate) struct Table<'a> {
+pub struct Table<'a> {
     source: Source<'a>,
     table: &'a DeTable<'a>,
     span: Range<usize>,
@@ -87,7 +87,7 @@ pub(crate) struct Table<'a> {
 }
 
 /// A key's value, and where it stands.
-pub(crate) struct Entry<'a> {
+pub struct Entry<'a> {
     source: Source<'a>,
     value: &'a DeValue<'a>,
     span: Range<usize>,
@@ -96,7 +96,7 @@ pub(crate) struct Entry<'a> {
 
 impl<'a> Table<'a> {
     /// The whole file; `known` are the keys it may hold.
-    pub(crate) fn root(source: Source<'a>, root: &'a Spanned<DeTable<'a>>, known: &[&str]) -> Result<Self, FileError> {
+    pub fn root(source: Source<'a>, root: &'a Spanned<DeTable<'a>>, known: &[&str]) -> Result<Self, FileError> {
         let table = Self { source, table: root.get_ref(), span: 0..0, path: String::new() };
         table.only(known)?;
         Ok(table)
@@ -118,13 +118,13 @@ impl<'a> Table<'a> {
     }
 
     /// The value of `key`, if it is there.
-    pub(crate) fn get(&self, key: &str) -> Option<Entry<'a>> {
+    pub fn get(&self, key: &str) -> Option<Entry<'a>> {
         let value = self.table.get(key)?;
         Some(Entry { source: self.source, value: value.get_ref(), span: value.span(), path: join(&self.path, key) })
     }
 
     /// The value of `key`.
-    pub(crate) fn need(&self, key: &str) -> Result<Entry<'a>, FileError> {
+    pub fn need(&self, key: &str) -> Result<Entry<'a>, FileError> {
         self.get(key).ok_or_else(|| FileError::Key {
             path: self.source.path.to_owned(),
             line: self.source.line(self.span.clone()),
@@ -136,7 +136,7 @@ impl<'a> Table<'a> {
 
 impl<'a> Entry<'a> {
     /// A complaint about this value.
-    pub(crate) fn error(&self, problem: impl Into<String>) -> FileError {
+    pub fn error(&self, problem: impl Into<String>) -> FileError {
         FileError::Key {
             path: self.source.path.to_owned(),
             line: self.source.line(self.span.clone()),
@@ -150,19 +150,19 @@ impl<'a> Entry<'a> {
     }
 
     /// A text.
-    pub(crate) fn text(&self) -> Result<&'a str, FileError> {
+    pub fn text(&self) -> Result<&'a str, FileError> {
         self.value.as_str().ok_or_else(|| self.wrong("a text"))
     }
 
     /// A whole number that fits 32 bits and is not negative.
-    pub(crate) fn whole(&self) -> Result<u32, FileError> {
+    pub fn whole(&self) -> Result<u32, FileError> {
         let DeValue::Integer(number) = self.value else { return Err(self.wrong("a whole number")) };
         u32::from_str_radix(number.as_str(), number.radix())
             .map_err(|_| self.error(format!("must be a whole number from 0 to {}, not {number}", u32::MAX)))
     }
 
     /// A finite number.
-    fn number(&self) -> Result<f64, FileError> {
+    pub fn number(&self) -> Result<f64, FileError> {
         let x = match self.value {
             DeValue::Float(x) => x.as_str().parse::<f64>().ok(),
             DeValue::Integer(x) => i64::from_str_radix(x.as_str(), x.radix()).ok().map(|x| x as f64),
@@ -172,7 +172,7 @@ impl<'a> Entry<'a> {
     }
 
     /// Exactly N finite numbers.
-    pub(crate) fn numbers<const N: usize>(&self) -> Result<[f64; N], FileError> {
+    pub fn numbers<const N: usize>(&self) -> Result<[f64; N], FileError> {
         let items = self.items(&format!("a list of {N} numbers"))?;
         if items.len() != N {
             return Err(self.error(format!("must hold {N} numbers, not {}", items.len())));
@@ -185,7 +185,7 @@ impl<'a> Entry<'a> {
     }
 
     /// Exactly N finite numbers above zero.
-    pub(crate) fn positive<const N: usize>(&self) -> Result<[f64; N], FileError> {
+    pub fn positive<const N: usize>(&self) -> Result<[f64; N], FileError> {
         let numbers = self.numbers::<N>()?;
         match numbers.iter().find(|x| **x <= 0.0) {
             Some(x) => Err(self.error(format!("must hold numbers above 0, not {x}"))),
@@ -194,7 +194,7 @@ impl<'a> Entry<'a> {
     }
 
     /// The elements of a list.
-    pub(crate) fn items(&self, wanted: &str) -> Result<Vec<Entry<'a>>, FileError> {
+    pub fn items(&self, wanted: &str) -> Result<Vec<Entry<'a>>, FileError> {
         let items = self.value.as_array().ok_or_else(|| self.wrong(wanted))?;
         Ok(items
             .iter()
@@ -209,7 +209,7 @@ impl<'a> Entry<'a> {
     }
 
     /// A table with no keys but `known`.
-    pub(crate) fn table(&self, known: &[&str]) -> Result<Table<'a>, FileError> {
+    pub fn table(&self, known: &[&str]) -> Result<Table<'a>, FileError> {
         let table = self.value.as_table().ok_or_else(|| self.wrong("a table"))?;
         let table = Table { source: self.source, table, span: self.span.clone(), path: self.path.clone() };
         table.only(known)?;

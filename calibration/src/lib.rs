@@ -4,9 +4,10 @@
 //! - [`named`]: constant transforms between frames that are known by name, as files hold them.
 //! - [`region`]: the part of a picture that is data: rectangle and fan.
 //! - [`file`](mod@file): the versioned calibration file.
+//! - [`keys`]: TOML files read key by key, for every file of ours.
 
 pub mod file;
 pub mod frames;
-mod keys;
+pub mod keys;
 pub mod named;
 pub mod region;
