@@ -19,6 +19,7 @@ check: setup
 
 bench: setup
 	cargo bench --locked --bench reconstruct
+	cargo bench --locked --bench render
 
 # Numerical stability: 10⁶ slices and days of stamps (STRESS=quick: seconds), and errors put into the source, which tests must notice.
 STRESS ?= full

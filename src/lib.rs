@@ -2,6 +2,8 @@
 //!
 //! The way of a slice, module by module:
 //!
+//! - `sharing`: loops that run alone or shared among threads, for all stages.
+//! - [`simd`]: the sixteen lanes that the hot loops run on.
 //! - [`config`]: the file as written → validated settings.
 //! - [`ingest`]: readings → samples: the one place where units, frames and clocks change.
 //! - [`sync`]: pictures and their transforms → posed slices.
@@ -10,6 +12,7 @@
 //! - [`path`]: which of its two ways slices go.
 //! - [`reconstruct`]: slices into the volume.
 //! - [`volume`]: the lattice, and the sparse bricks that hold the volume.
+//! - [`render`]: the volume to its picture.
 //! - [`export`]: volumes and pictures to files.
 //! - [`pipeline`]: the stages in flow order.
 //! - [`ledger`], [`refusal`]: what became of every frame, and the reasons.
@@ -28,6 +31,9 @@ pub mod phantom;
 pub mod pipeline;
 pub mod reconstruct;
 pub mod refusal;
+pub mod render;
+pub(crate) mod sharing;
+pub mod simd;
 pub mod slice;
 pub mod statistics;
 pub mod sync;

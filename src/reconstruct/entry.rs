@@ -4,8 +4,8 @@
 use super::compounding::Compounding;
 use super::decay::{Decay, DecayError, Fading, LEAST_FACTOR, LEAST_TOUCH, Turn};
 use super::falloff::power_of_two;
-use super::simd::Lanes;
 use super::weave::{Task, View};
+use crate::simd::Lanes;
 use crate::volume::BrickVolume;
 use crate::volume::brick::{Ages, Brick, Stamps};
 use crate::volume::sparse::{Memory, Slot};

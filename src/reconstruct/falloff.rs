@@ -2,7 +2,7 @@
 #![allow(unsafe_code, reason = "runs on `Lanes`")]
 
 use super::kernel::{AxisKernel, Shape};
-use super::simd::Lanes;
+use crate::simd::Lanes;
 
 /// The kernel across the plane, in units of σ.
 #[derive(Debug, Clone, Copy)]
@@ -82,8 +82,8 @@ pub(crate) unsafe fn power_of_two<L: Lanes>(exponent: L) -> L {
 #[cfg(test)]
 mod tests {
     use super::super::kernel::{Method, Support};
-    use super::super::simd::portable::Portable;
     use super::*;
+    use crate::simd::portable::Portable;
 
     #[test]
     fn weights_are_those_of_the_kernel() {

@@ -9,10 +9,10 @@ use std::ops::Range;
 
 use super::nodes::Nodes;
 use super::settings::SettingsError;
-use super::sharing::Sharing;
-use super::simd::{LANES, Lanes, Simd, dispatch};
 use super::spline::{PhaseTaps, Step, Taps};
 use crate::mask::{Mask, Span};
+use crate::sharing::Sharing;
+use crate::simd::{LANES, Lanes, Simd, dispatch};
 use crate::slice::{Image, Pixels};
 
 /// Nodes that a filtered picture may have, its rows' padding included: up to here f32 counts them exactly, as the hot loop does.

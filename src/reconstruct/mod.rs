@@ -14,8 +14,6 @@
 //! - `plan`: the bricks that a slice will change, found before anything is changed.
 //! - `sampling`: the filtered picture between its nodes; `falloff`: the weight across the plane.
 //! - `weave`: one slice into one brick, the hot loop; `entry`: how its values enter the voxels.
-//! - [`simd`]: the sixteen lanes that both hot loops run on.
-//! - `sharing`: loops that run alone or shared among threads.
 //! - [`reconstructor`]: all of it behind `insert`.
 //! - [`planar`]: the same for slices that stay perpendicular to a plane, in a fraction of the time.
 //! - [`path`]: one or the other, and from the second to the first when a slice leaves the plane.
@@ -36,8 +34,6 @@ pub mod reconstructor;
 pub mod reference;
 pub(crate) mod sampling;
 pub mod settings;
-pub(crate) mod sharing;
-pub mod simd;
 pub(crate) mod slab;
 pub mod spline;
 pub(crate) mod weave;
@@ -45,10 +41,10 @@ pub(crate) mod weave;
 #[cfg(test)]
 mod tests;
 
+pub use crate::simd::Simd;
 pub use compounding::Compounding;
 pub use decay::Decay;
 pub use filter::FilterWork;
 pub use path::{Path, Weaver};
 pub use reconstructor::{Reconstructor, Refused, Touched, Work};
 pub use settings::{Settings, SettingsError};
-pub use simd::Simd;

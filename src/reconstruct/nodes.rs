@@ -1,8 +1,8 @@
 //! The filtered picture: spline coefficients on nodes, in f32 as computed and in 16 bits as sampled.
 #![allow(unsafe_code, reason = "packing runs on `Lanes`, by pointer")]
 
-use super::sharing::Sharing;
-use super::simd::{LANES, Lanes, Simd, dispatch};
+use crate::sharing::Sharing;
+use crate::simd::{LANES, Lanes, Simd, dispatch};
 
 /// Nodes that one task packs.
 const NODES_PER_TASK: usize = 1 << 13;

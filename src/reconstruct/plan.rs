@@ -2,10 +2,10 @@
 
 use super::entry::Place;
 use super::reconstructor::Refused;
-use super::sharing::{Handed, Sharing};
-use super::simd::Simd;
 use super::slab::{MaskSummary, Sight, SlabGeometry};
 use super::weave::{Scratch, Task, View, touches, weave};
+use crate::sharing::{Handed, Sharing};
+use crate::simd::Simd;
 use crate::volume::BrickVolume;
 use crate::volume::brick::{Ages, Brick, BrickIndex, Stamps};
 use crate::volume::sparse::Slot;

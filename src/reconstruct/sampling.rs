@@ -3,7 +3,7 @@
 
 use super::kernel::Method;
 use super::nodes::Nodes;
-use super::simd::Lanes;
+use crate::simd::Lanes;
 
 /// How values between nodes follow from those at the nodes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -9,9 +9,9 @@ use super::decay::DecayError;
 use super::filter::MOST_NODES;
 use super::kernel::{AxisKernel, KernelError, Method, Shape, Support};
 use super::planar::Departure;
-use super::simd::Simd;
 use super::spline::SplineError;
 use crate::mask::Mask;
+use crate::simd::Simd;
 
 /// Kernel's share outside its support in the plane, where taps are cheap: a spline fits so small a kink as well as none, of 0.01 it does not.
 pub const IN_PLANE_SUPPORT: Support = Support::Energy(1e-3);

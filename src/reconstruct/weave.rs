@@ -10,8 +10,8 @@ use super::entry::{Entry, Place, Sample, enter, mean};
 use super::falloff::Falloff;
 use super::nodes::Nodes;
 use super::sampling::{Linear, Nearest, Sampler, Sampling, Spline};
-use super::simd::{LANES, Lanes, dispatch};
 use super::slab::{LEAST_CERTAINTY, Sight};
+use crate::simd::{LANES, Lanes, dispatch};
 use crate::volume::brick::{Brick, TILE, VOXELS, voxel_at};
 use crate::volume::sparse::Slot;
 

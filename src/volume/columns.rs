@@ -11,7 +11,7 @@ use std::io;
 use rustc_hash::FxHashMap;
 
 use super::arena::Arena;
-use super::brick::{BrickIndex, EDGE};
+use super::brick::{BrickIndex, EDGE, VOXELS};
 use super::read::Voxels;
 use super::sparse::SEEN;
 
@@ -183,6 +183,15 @@ impl ColumnVolume {
     }
 }
 
+impl ColumnVolume {
+    /// Numerator and weight of a voxel of a tile.
+    #[inline(always)]
+    fn of_column(&self, columns: &[f32], weights: &[f32], column: usize, depth: usize) -> (f32, f32) {
+        let share = self.share[depth];
+        (share * columns[column * self.stride + depth], share * weights[column])
+    }
+}
+
 impl Voxels for ColumnVolume {
     fn voxel(&self, voxel: [i64; 3]) -> (f32, f32) {
         let (mut r, mut w) = ([0.0], [0.0]);
@@ -195,7 +204,6 @@ impl Voxels for ColumnVolume {
         r.fill(0.0);
         w.fill(0.0);
         let Some(depth) = self.depth_of(z) else { return };
-        let share = self.share[depth];
         let mut last: Option<(TileIndex, Option<u32>)> = None;
         for (i, (r, w)) in r.iter_mut().zip(w).enumerate() {
             let Some((tile, column)) = x.checked_add(i as i64).and_then(|x| Self::tile_of(x, y)) else { continue };
@@ -205,7 +213,22 @@ impl Voxels for ColumnVolume {
             };
             last = Some((tile, slot));
             if let Some((columns, weights)) = slot.map(|slot| self.tile(slot)) {
-                (*r, *w) = (share * columns[column * self.stride + depth], share * weights[column]);
+                (*r, *w) = self.of_column(columns, weights, column, depth);
+            }
+        }
+    }
+
+    fn block(&self, [x, y, z]: BrickIndex, r: &mut [f32; VOXELS], w: &mut [f32; VOXELS]) {
+        r.fill(0.0);
+        w.fill(0.0);
+        let Some(slot) = self.find([x, y]) else { return };
+        let (columns, weights) = self.tile(slot);
+        let first = i64::from(z) * EDGE as i64;
+        for layer in 0..EDGE {
+            let Some(depth) = self.depth_of(first + layer as i64) else { continue };
+            let (r, w) = (&mut r[layer * COLUMNS..][..COLUMNS], &mut w[layer * COLUMNS..][..COLUMNS]);
+            for (column, (r, w)) in r.iter_mut().zip(w).enumerate() {
+                (*r, *w) = self.of_column(columns, weights, column, depth);
             }
         }
     }

@@ -4,18 +4,23 @@
 //! - [`brick`]: 8³ voxels that live together.
 //! - [`sparse`]: the bricks that exist, wherever they lie.
 //! - [`columns`]: voxels in columns, for slices that stay perpendicular to a plane.
+//! - [`lattice`]: one form for all descriptions of a lattice.
+//! - [`dense`]: a volume read from a file.
 //! - [`read`]: what both have in common for those who only look.
 //! - `arena`: the memory of both.
 
 pub(crate) mod arena;
 pub mod brick;
 pub mod columns;
+pub mod dense;
 pub mod grid;
+pub mod lattice;
 pub mod read;
 pub mod sparse;
 
 pub use brick::Brick;
 pub use columns::ColumnVolume;
+pub use dense::DenseVolume;
 pub use grid::Grid;
-pub use read::Voxels;
+pub use read::{Values, Voxels};
 pub use sparse::BrickVolume;

@@ -364,6 +364,19 @@ impl Voxels for BrickVolume {
         Self::row(self, start, r, w);
     }
 
+    fn block(&self, block: BrickIndex, r: &mut [f32; VOXELS], w: &mut [f32; VOXELS]) {
+        let Some(slot) = self.find(block) else {
+            r.fill(0.0);
+            w.fill(0.0);
+            return;
+        };
+        let (brick, reading) = (self.brick(slot), self.reading(slot));
+        for (i, (r, w)) in r.iter_mut().zip(w).enumerate() {
+            let place = offset(i % EDGE, i / EDGE % EDGE, i / (EDGE * EDGE));
+            (*r, *w) = reading(brick.r[place], brick.w[place]);
+        }
+    }
+
     fn seen_bounds(&self) -> Option<([i64; 3], [i64; 3])> {
         Self::seen_bounds(self)
     }

@@ -9,9 +9,9 @@ use std::ops::Range;
 
 use super::plane::ScanPlane;
 use crate::reconstruct::kernel::AxisKernel;
-use crate::reconstruct::sharing::Sharing;
-use crate::reconstruct::simd::{LANES, Lanes, Simd, dispatch};
 use crate::reconstruct::slab::LEAST_CERTAINTY;
+use crate::sharing::Sharing;
+use crate::simd::{LANES, Lanes, Simd, dispatch};
 use crate::slice::{Image, Pixels};
 
 /// Rows of the picture that one task sums, and how many of them at once: enough to hide the latency of the multiply-adds, and with the weights not more

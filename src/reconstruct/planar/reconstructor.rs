@@ -14,9 +14,9 @@ use crate::reconstruct::admission::Admission;
 use crate::reconstruct::decay::{DecayClock, LEAST_TOUCH};
 use crate::reconstruct::kernel::AxisKernel;
 use crate::reconstruct::reconstructor::SAME_PIXEL;
-use crate::reconstruct::sharing::Sharing;
 use crate::reconstruct::spline::SplineError;
 use crate::reconstruct::{Compounding, Decay, Refused, Settings, SettingsError, Touched, Work};
+use crate::sharing::Sharing;
 use crate::slice::Slice;
 use crate::volume::ColumnVolume;
 

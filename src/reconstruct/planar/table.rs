@@ -4,8 +4,8 @@
 use std::ops::Range;
 
 use crate::reconstruct::kernel::AxisKernel;
-use crate::reconstruct::simd::{LANES, Lanes};
 use crate::reconstruct::spline::MOST_SUPPORT_PX;
+use crate::simd::{LANES, Lanes};
 
 /// Steps from the kernel's middle to the end of its support: a line between neighbours is within 2e-6 of a Gaussian's peak (h²/8 times its
 /// curvature, at a support of 3.9 σ).
@@ -123,7 +123,7 @@ impl RowKernel {
 mod tests {
     use super::*;
     use crate::reconstruct::kernel::{Method, Support};
-    use crate::reconstruct::simd::portable::Portable;
+    use crate::simd::portable::Portable;
 
     #[test]
     fn the_table_is_the_kernel_to_the_end_of_its_support() {

@@ -16,8 +16,8 @@ use super::{Departure, OnDeparture, PlanarReconstructor, PlanarSettings, worst_d
 use crate::mask::Mask;
 use crate::reconstruct::kernel::{Method, Support};
 use crate::reconstruct::reference::Reference;
-use crate::reconstruct::simd::dispatch;
 use crate::reconstruct::{Path, Reconstructor, Refused, Settings, SettingsError, Simd, Touched, Weaver};
+use crate::simd::dispatch;
 use crate::slice::{Image, Pixels, Slice};
 use crate::volume::brick::BrickIndex;
 use crate::volume::sparse::SEEN;

@@ -50,6 +50,27 @@ impl Simd {
         }
     }
 
+    /// Runs scalar code compiled with the set's fused multiply-add, which is a library call without; the same bits either way. The code must be
+    /// `#[inline(always)]` down to its multiply-adds, and `f` small enough for its only call to be inlined.
+    ///
+    /// # Panics
+    /// Where the machine lacks the set.
+    #[allow(unsafe_code, reason = "calls code compiled for an instruction set after checking that the machine has it")]
+    pub(crate) fn fused<R>(self, f: impl FnOnce() -> R) -> R {
+        #[cfg(target_arch = "x86_64")]
+        #[target_feature(enable = "avx2,fma")]
+        fn avx2<R>(f: impl FnOnce() -> R) -> R {
+            f()
+        }
+        assert!(self.is_available(), "{} is not available on this machine", self.name());
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: the assertion above detected the features (AVX-512 F implies AVX2 and FMA on every processor that has it).
+            Self::Avx512 | Self::Avx2 => unsafe { avx2(f) },
+            _ => f(),
+        }
+    }
+
     /// The name on the command line and in statistics.
     pub fn name(self) -> &'static str {
         match self {
@@ -127,8 +148,8 @@ macro_rules! dispatch {
         $(#[$doc])*
         #[allow(unsafe_code, reason = "calls code compiled for an instruction set after checking that the machine has it")]
         #[allow(clippy::too_many_arguments, reason = "the inner loop's inputs, one by one")]
-        $vis fn $name(simd: $crate::reconstruct::simd::Simd, $($arg: $ty),*) $(-> $ret)? {
-            use $crate::reconstruct::simd::{self, Simd};
+        $vis fn $name(simd: $crate::simd::Simd, $($arg: $ty),*) $(-> $ret)? {
+            use $crate::simd::{self, Simd};
             #[cfg(target_arch = "x86_64")]
             #[target_feature(enable = "avx512f,avx512bw,avx2,fma")]
             fn avx512($($arg: $ty),*) $(-> $ret)? {

@@ -1,0 +1,207 @@
+//! Where one looks from: the rays of a picture, in lattice coordinates.
+
+use glam::{DAffine3, DVec3};
+
+use super::RenderError;
+use super::stage::Stage;
+
+/// Pixels along a side of the picture, at most.
+pub const MOST_PIXELS: u32 = 8192;
+/// Samples along a ray, at most: their numbers are kept in 16 bits.
+pub const MOST_SAMPLES: u32 = 65_000;
+
+/// The side from which one looks, degrees. Azimuth 0 looks along the world's +y, 90 along −x; elevation 90 looks down along −z. Up in the picture is the
+/// world's +z, turned clockwise by the roll.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct View {
+    /// About the world's z axis.
+    pub azimuth: f64,
+    /// Above the world's xy plane.
+    pub elevation: f64,
+    /// Of the picture, about its centre.
+    pub roll: f64,
+    /// Angle that the smaller side of the picture sees, in (0, 170]; `None` for parallel rays.
+    pub perspective: Option<f64>,
+    /// Whether this is one of the pictures of a turn: then all are to one scale. Else parallel rays show the box as large as it fits.
+    pub turns: bool,
+}
+
+/// Directions of a view in the world, each of length 1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Axes {
+    /// To the right in the picture.
+    pub right: DVec3,
+    /// Upwards in the picture.
+    pub up: DVec3,
+    /// Into the picture.
+    pub forward: DVec3,
+}
+
+impl View {
+    /// The directions of the picture.
+    pub fn axes(&self) -> Axes {
+        // libm's are the same on every machine.
+        let [(sa, ca), (se, ce), (sr, cr)] =
+            [self.azimuth, self.elevation, self.roll].map(|degrees: f64| libm::sincos(degrees.to_radians()));
+        let forward = DVec3::new(-sa * ce, ca * ce, -se);
+        let right = DVec3::new(ca, sa, 0.0);
+        let up = right.cross(forward);
+        Axes { right: right * cr - up * sr, up: up * cr + right * sr, forward }
+    }
+
+    fn check(&self) -> Result<(), RenderError> {
+        let angles = [self.azimuth, self.elevation, self.roll];
+        let perspective = self.perspective.unwrap_or(1.0);
+        let sees = perspective > 0.0 && perspective <= 170.0;
+        if angles.iter().all(|a| a.is_finite() && a.abs() <= 1e6) && sees {
+            return Ok(());
+        }
+        Err(RenderError::View { view: *self })
+    }
+}
+
+/// The rays of a picture of a stage: pixel (i, j) with i to the right and j down, samples `step_mm` apart along each ray. Sample `k` of all rays lies in
+/// the same plane (parallel) or at the same distance from the eye (perspective), whatever the volume holds.
+#[derive(Debug, Clone, Copy)]
+pub struct Camera {
+    size: [u32; 2],
+    axes: Axes,
+    perspective: bool,
+    samples: u32,
+    step_mm: f64,
+    /// The first sample of pixel (0, 0), or the eye; lattice coordinates of the stage.
+    origin: DVec3,
+    /// Per pixel to the right and down, and to the first sample of a ray (perspective: to a point at distance 1 along the axis); lattice coordinates.
+    right: DVec3,
+    down: DVec3,
+    forward: DVec3,
+    /// Distance of the eye from the first sample, mm.
+    near_mm: f64,
+    stage_from_world: DAffine3,
+    /// Of world directions from pixel offsets, perspective.
+    pixel: f64,
+}
+
+/// One ray in lattice coordinates of the stage: sample k lies at `base + k·step`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ray {
+    /// Sample 0.
+    pub base: DVec3,
+    /// From one sample to the next.
+    pub step: DVec3,
+}
+
+impl Camera {
+    /// Looks at the middle of a stage, all of which is in the picture; samples are `step` times the finest
+    /// voxel spacing apart.
+    ///
+    /// # Errors
+    /// [`RenderError`] for pictures without pixels or beyond [`MOST_PIXELS`] a side, for views and steps that are none, and for a step that would take
+    /// more than [`MOST_SAMPLES`] samples.
+    pub fn new(view: &View, size: [u32; 2], step: f64, stage: &Stage) -> Result<Self, RenderError> {
+        view.check()?;
+        if size.iter().any(|s| *s == 0 || *s > MOST_PIXELS) {
+            return Err(RenderError::Size { size });
+        }
+        let step_mm = step * stage.spacing_mm().min_element();
+        let radius = stage.radius_mm();
+        let samples = (2.0 * radius / step_mm).ceil() + 1.0;
+        if !(step > 0.0 && step.is_finite() && samples <= f64::from(MOST_SAMPLES)) {
+            return Err(RenderError::Step { step, samples });
+        }
+        let axes = view.axes();
+        let centre = stage.centre_mm();
+        let stage_from_world = stage.stage_from_world();
+        let [width, height] = size.map(f64::from);
+        // From the middle of the picture to the middle of pixel (0, 0).
+        let (i0, j0) = (0.5 * (1.0 - width), 0.5 * (1.0 - height));
+        let (origin, pixel, near_mm) = match view.perspective {
+            None => {
+                let extent = |axis: DVec3| match view.turns {
+                    true => radius,
+                    false => stage.diagonals_mm().map(|d| d.dot(axis).abs()).into_iter().fold(0.0, f64::max),
+                };
+                let pixel = (2.0 * extent(axes.right) / width).max(2.0 * extent(axes.up) / height);
+                let first = centre - axes.forward * radius + axes.right * (i0 * pixel) - axes.up * (j0 * pixel);
+                (first, pixel, 0.0)
+            }
+            Some(degrees) => {
+                let half = 0.5 * degrees.to_radians();
+                let distance = radius / libm::sin(half);
+                (centre - axes.forward * distance, 2.0 * libm::tan(half) / width.min(height), distance - radius)
+            }
+        };
+        let linear = |v: DVec3| stage_from_world.transform_vector3(v);
+        let forward = match view.perspective {
+            None => linear(axes.forward),
+            Some(_) => axes.forward + axes.right * (i0 * pixel) - axes.up * (j0 * pixel),
+        };
+        Ok(Self {
+            size,
+            axes,
+            perspective: view.perspective.is_some(),
+            samples: samples as u32,
+            step_mm,
+            origin: stage_from_world.transform_point3(origin),
+            right: linear(axes.right * pixel),
+            down: linear(-axes.up * pixel),
+            forward,
+            near_mm,
+            stage_from_world,
+            pixel,
+        })
+    }
+
+    /// Pixels to the right and down.
+    pub fn size(&self) -> [u32; 2] {
+        self.size
+    }
+
+    /// Samples along a ray; most lie outside of the volume.
+    pub fn samples(&self) -> u32 {
+        self.samples
+    }
+
+    /// Distance of samples along a ray, mm.
+    pub fn step_mm(&self) -> f64 {
+        self.step_mm
+    }
+
+    /// The view's directions in the world.
+    pub fn axes(&self) -> Axes {
+        self.axes
+    }
+
+    /// Depth of a stage position between the nearest and the farthest sample on the view's axis, 0 to 1.
+    pub fn depth(&self, at: DVec3, stage: &Stage) -> f64 {
+        let along = (stage.world_from_stage().transform_point3(at) - stage.centre_mm()).dot(self.axes.forward);
+        0.5 + 0.5 * along / stage.radius_mm()
+    }
+
+    /// The ray of a pixel.
+    pub fn ray(&self, i: u32, j: u32) -> Ray {
+        let (i, j) = (f64::from(i), f64::from(j));
+        if !self.perspective {
+            return Ray { base: self.origin + self.right * i + self.down * j, step: self.forward * self.step_mm };
+        }
+        let world = self.forward + self.axes.right * (i * self.pixel) - self.axes.up * (j * self.pixel);
+        let per_mm = self.stage_from_world.transform_vector3(world.normalize());
+        Ray { base: self.origin + per_mm * self.near_mm, step: per_mm * self.step_mm }
+    }
+
+    /// Pixel coordinates of a stage position; `None` where it is beside or behind a perspective view's eye.
+    pub fn project(&self, at: DVec3) -> Option<[f64; 2]> {
+        let from = at - self.origin;
+        let world = self.stage_from_world.matrix3.inverse() * from;
+        let (x, y, z) = (world.dot(self.axes.right), -world.dot(self.axes.up), world.dot(self.axes.forward));
+        if !self.perspective {
+            let pixel = (self.stage_from_world.matrix3.inverse() * self.right).length();
+            return Some([x / pixel, y / pixel]);
+        }
+        if z < 1e-6 {
+            return None;
+        }
+        let [width, height] = self.size.map(f64::from);
+        Some([x / (z * self.pixel) + 0.5 * (width - 1.0), y / (z * self.pixel) + 0.5 * (height - 1.0)])
+    }
+}

@@ -1,0 +1,98 @@
+//! From the volume to its picture, redoing only what changed.
+//!
+//! In the order of the data:
+//! - [`stage`]: the box that is looked at, on the volume's lattice; [`camera`]: the rays through it.
+//! - `shown`: value and weight of each voxel as last seen, and which have changed.
+//! - [`gradient`], [`transfer`], [`light`], `shade`: a voxel's colour and opacity; `shaded`: those of all voxels.
+//! - `cast`: samples along a ray and their fold; `cache`: what is kept of them; `rows`: which rays a change reaches.
+//! - [`renderer`]: all of it; [`picture`]: the result; [`work`]: what was done for it.
+//! - [`mod@reference`]: the measure of it all, in f64.
+//!
+//! Everything kept is a function of the volume and the view alone, not of how they came about. So a picture that followed a volume slice by slice is, bit for
+//! bit, the one that is made of the finished volume (Ohbuchi, Chen & Fuchs 1992, section 4.2, made exact).
+
+use camera::View;
+
+mod cache;
+pub mod camera;
+mod cast;
+pub mod gradient;
+pub mod light;
+pub mod picture;
+pub mod real;
+pub mod reference;
+pub mod renderer;
+mod rows;
+pub mod settings;
+mod shade;
+mod shaded;
+mod shown;
+pub mod stage;
+pub mod transfer;
+pub mod work;
+
+#[cfg(test)]
+mod tests;
+
+pub use picture::Picture;
+pub use renderer::{RenderMemory, Renderer, Updated};
+pub use settings::{Cache, RenderSettings};
+pub use stage::Stage;
+pub use work::RenderWork;
+
+/// Why there can be no picture.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum RenderError {
+    /// No pixels, or too many.
+    #[error("a picture of {}×{} pixels cannot be made: each side must have 1 to {most} pixels", size[0], size[1], most = camera::MOST_PIXELS)]
+    Size {
+        /// Pixels to the right and down.
+        size: [u32; 2],
+    },
+    /// No direction, or an angle that no perspective has.
+    #[error(
+        "the view {view:?} is none: azimuth, elevation and roll must be numbers of degrees, and a perspective's angle more than 0 and at most 170 degrees"
+    )]
+    View {
+        /// The view.
+        view: View,
+    },
+    /// No step, or one so short that rays would have too many samples.
+    #[error(
+        "a step of {step} voxels is none, or would take {samples} samples a ray, of which there may be {most}: choose a longer --step",
+        most = camera::MOST_SAMPLES
+    )]
+    Step {
+        /// In voxels.
+        step: f64,
+        /// Samples along a ray.
+        samples: f64,
+    },
+    /// No box, or one that is too large.
+    #[error(
+        "the box of voxels {low:?} to {high:?} cannot be looked at: it must have voxels, and not more than a table of its 8³ bricks can hold; crop the volume"
+    )]
+    Box {
+        /// First voxel.
+        low: [i64; 3],
+        /// Last voxel.
+        high: [i64; 3],
+    },
+    /// Blocks without samples.
+    #[error("blocks of 0 samples hold none: --arity must be 1 or more")]
+    Arity,
+    /// No transmittance.
+    #[error("rays cannot end at a transmittance of {stop}: it must lie between 0 and 1")]
+    Stop {
+        /// The transmittance.
+        stop: f32,
+    },
+    /// Threads could not be started.
+    #[error("{threads} threads could not be started: {why}")]
+    Threads {
+        /// How many.
+        threads: usize,
+        /// Why.
+        why: String,
+    },
+}

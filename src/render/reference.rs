@@ -1,0 +1,150 @@
+//! The renderer's equations in f64, sample by sample and front to back, without blocks, stops, caches or skipping: what every other way is measured against.
+
+use super::RenderError;
+use super::camera::Camera;
+use super::settings::RenderSettings;
+use super::shade::{Lit, Shader};
+use super::stage::Stage;
+use crate::volume::Values;
+
+/// Voxels that the reference may hold, 40 bytes each.
+const MOST_VOXELS: usize = 1 << 26;
+
+/// A picture in f64: red, green, blue, each premultiplied, and transmittance of each pixel, row by row.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReferencePicture {
+    /// Pixels to the right and down.
+    pub size: [u32; 2],
+    /// Pixels.
+    pub pixels: Vec<[f64; 4]>,
+}
+
+/// Renders all of a volume that lies on a stage.
+///
+/// # Errors
+/// [`RenderError`] as the renderer's own, and [`RenderError::Box`] beyond 2²⁶ voxels.
+pub fn render(
+    volume: &(impl Values + ?Sized),
+    settings: &RenderSettings,
+    stage: &Stage,
+) -> Result<ReferencePicture, RenderError> {
+    let camera = Camera::new(&settings.view, settings.size, settings.step, stage)?;
+    let voxels = Voxels::shade(volume, settings, &camera, stage)?;
+    let [width, height] = camera.size();
+    let pixels = (0..height)
+        .flat_map(|j| (0..width).map(move |i| (i, j)))
+        .map(|(i, j)| {
+            let ray = camera.ray(i, j);
+            let (mut colour, mut transmittance) = ([0.0; 3], 1.0);
+            for k in 0..camera.samples() {
+                let Lit { colour: c, alpha } = voxels.between((ray.base + ray.step * f64::from(k)).to_array());
+                for (sum, c) in colour.iter_mut().zip(c) {
+                    *sum += transmittance * c;
+                }
+                transmittance *= 1.0 - alpha;
+            }
+            [colour[0], colour[1], colour[2], transmittance]
+        })
+        .collect();
+    Ok(ReferencePicture { size: camera.size(), pixels })
+}
+
+/// All voxels of a stage's box and a layer of transparent ones about it.
+struct Voxels {
+    /// Stage coordinates of the first.
+    first: [i64; 3],
+    size: [usize; 3],
+    lit: Vec<Lit<f64, 3>>,
+}
+
+impl Voxels {
+    fn shade(
+        volume: &(impl Values + ?Sized),
+        settings: &RenderSettings,
+        camera: &Camera,
+        stage: &Stage,
+    ) -> Result<Self, RenderError> {
+        let [low, high] = stage.bounds();
+        let size: [usize; 3] = std::array::from_fn(|a| (high[a] - low[a] + 3) as usize);
+        let n = size.iter().try_fold(1_usize, |n, s| n.checked_mul(*s)).filter(|n| *n <= MOST_VOXELS);
+        let n = n.ok_or(RenderError::Box { low, high })?;
+        let (mut value, mut weight) = (vec![0.0_f32; n], vec![0.0_f32; n]);
+        let row = size[0] - 2;
+        for z in 1..size[2] - 1 {
+            for y in 1..size[1] - 1 {
+                let at = (z * size[1] + y) * size[0] + 1;
+                let start = [low[0], low[1] + y as i64 - 1, low[2] + z as i64 - 1];
+                volume.values(start, &mut value[at..at + row], &mut weight[at..at + row]);
+            }
+        }
+        let shader = Shader::<f64>::new(settings, camera, stage);
+        let first: [i64; 3] = std::array::from_fn(|a| low[a] - stage.first()[a] - 1);
+        let nothing = Lit { colour: [0.0; 3], alpha: 0.0 };
+        let mut lit = vec![nothing; n];
+        let of = |at: usize| (f64::from(value[at]), f64::from(weight[at]));
+        let stride = [1, size[0], size[0] * size[1]];
+        for z in 1..size[2] - 1 {
+            for y in 1..size[1] - 1 {
+                for x in 1..size[0] - 1 {
+                    let at = z * stride[2] + y * stride[1] + x;
+                    let around = stride.map(|s| [of(at - s), of(at + s)]);
+                    let place = [x, y, z];
+                    lit[at] = match shader.is_grey() {
+                        true => {
+                            let Lit { colour: [grey], alpha } =
+                                shader.shade(of(at), around, std::array::from_fn(|a| first[a] + place[a] as i64));
+                            Lit { colour: [grey; 3], alpha }
+                        }
+                        false => shader.shade(of(at), around, std::array::from_fn(|a| first[a] + place[a] as i64)),
+                    };
+                }
+            }
+        }
+        Ok(Self { first, size, lit })
+    }
+
+    /// Trilinear; transparent outside.
+    fn between(&self, at: [f64; 3]) -> Lit<f64, 3> {
+        let floor = at.map(f64::floor);
+        let (mut colour, mut alpha) = ([0.0; 3], 0.0);
+        let cell: [i64; 3] = std::array::from_fn(|a| floor[a] as i64 - self.first[a]);
+        for corner in 0..8_usize {
+            let mut share = 1.0;
+            let mut place = 0;
+            let mut inside = true;
+            for a in (0..3).rev() {
+                let up = corner >> a & 1;
+                let part = at[a] - floor[a];
+                share *= if up == 1 { part } else { 1.0 - part };
+                let index = cell[a] + up as i64;
+                inside &= (0..self.size[a] as i64).contains(&index);
+                place = place * self.size[a] + index.max(0) as usize;
+            }
+            if inside {
+                let lit = &self.lit[place];
+                colour.iter_mut().zip(lit.colour).for_each(|(sum, c)| *sum += share * c);
+                alpha += share * lit.alpha;
+            }
+        }
+        Lit { colour, alpha }
+    }
+}
+
+impl ReferencePicture {
+    /// Largest and root mean square difference to a picture, over colours and transmittances.
+    ///
+    /// # Panics
+    /// When the pictures differ in size.
+    pub fn difference(&self, picture: &super::Picture) -> [f64; 2] {
+        assert_eq!(self.size, picture.size, "pictures of one size are compared");
+        let (mut most, mut squares) = (0.0_f64, 0.0);
+        for (exact, pixel) in self.pixels.iter().zip(&picture.pixels) {
+            for (exact, x) in exact.iter().zip(pixel) {
+                let off = (exact - f64::from(*x)).abs();
+                most = most.max(off);
+                squares += off * off;
+            }
+        }
+        [most, (squares / (4.0 * self.pixels.len().max(1) as f64)).sqrt()]
+    }
+}

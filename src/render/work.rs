@@ -1,0 +1,38 @@
+//! What was done, counted: the proof that nothing else was.
+
+/// Work of one update, or summed over many.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct RenderWork {
+    /// Bricks that were looked at because a slice touched them.
+    pub bricks_read: u64,
+    /// Of those, the bricks in which a value or a weight had changed.
+    pub bricks_changed: u64,
+    /// Voxels classified and lit.
+    pub voxels_shaded: u64,
+    /// Rays of which anything was sampled or composited.
+    pub rays: u64,
+    /// Samples interpolated.
+    pub samples: u64,
+    /// Samples passed over because their brick is transparent.
+    pub samples_skipped: u64,
+    /// Blocks that were kept and had to be folded again of their samples.
+    pub blocks_resolved: u64,
+    /// Blocks that were folded into pixels.
+    pub blocks_folded: u64,
+    /// Pixels whose value is other bits than before.
+    pub pixels_changed: u64,
+}
+
+impl std::ops::AddAssign for RenderWork {
+    fn add_assign(&mut self, other: Self) {
+        self.bricks_read += other.bricks_read;
+        self.bricks_changed += other.bricks_changed;
+        self.voxels_shaded += other.voxels_shaded;
+        self.rays += other.rays;
+        self.samples += other.samples;
+        self.samples_skipped += other.samples_skipped;
+        self.blocks_resolved += other.blocks_resolved;
+        self.blocks_folded += other.blocks_folded;
+        self.pixels_changed += other.pixels_changed;
+    }
+}
