@@ -2,10 +2,14 @@
 //!
 //! A recording runs through them synchronously, on one thread but for the reconstructor's own.
 
+mod onlooker;
+
 use std::ops::Range;
 use std::time::{Duration, Instant};
 
 use drivers::{Next, OpenSettings, open};
+
+pub use onlooker::{Onlooker, Woven};
 
 use crate::config::Settings as Config;
 use crate::ingest::{Ingest, Sample};
@@ -17,6 +21,7 @@ use crate::reconstruct::settings::IN_PLANE_SIGMA;
 use crate::reconstruct::{Path, Refused, Settings, SettingsError, Weaver};
 use crate::refusal::{Reason, Refusal};
 use crate::slice::{Pixels, Slice};
+use crate::sync::extent::reached;
 use crate::sync::survey::{SurveyError, gap};
 use crate::sync::{FramePose, NoPath, Pairing, PairingOptions, Survey, survey};
 
@@ -73,6 +78,8 @@ pub struct Outcome {
     pub route: String,
     /// What of the picture was data.
     pub mask: Mask,
+    /// First and last voxel that the slices' data and kernels reach, by the poses known before the first was woven.
+    pub reached: Option<[[i64; 3]; 2]>,
     /// Milliseconds that each slice took to enter the volume, in-plane filtering included.
     pub insert_ms: Vec<f64>,
     /// Voxels that gained weight, summed over slices.
@@ -92,6 +99,16 @@ pub enum PixelKind {
     U16,
     /// Single precision.
     F32,
+}
+
+impl PixelKind {
+    /// Black and white. Of floating point they are as in pictures of 8 bits: that is how grey levels are converted.
+    pub fn grey_levels(self) -> [f32; 2] {
+        match self {
+            Self::U8 | Self::F32 => [0.0, 255.0],
+            Self::U16 => [0.0, 65_535.0],
+        }
+    }
 }
 
 /// Why a run failed as a whole.
@@ -140,6 +157,9 @@ pub enum PipelineError {
     /// There are too few slices to tell the gap between them.
     #[error("--sigma auto needs at least two slices with poses in different places; give --sigma or --resolution")]
     NoGap,
+    /// Who looked on could not go on.
+    #[error(transparent)]
+    Onlooker(Box<dyn std::error::Error + Send + Sync>),
 }
 
 impl From<SurveyError> for PipelineError {
@@ -160,11 +180,15 @@ pub struct Progress {
     pub total: u64,
 }
 
-/// Runs a recording through all stages.
+/// Runs a recording through all stages; the onlooker sees the volume after each slice.
 ///
 /// # Errors
 /// [`PipelineError`] when the run as a whole cannot give a volume. Single frames that cannot be used are in the ledger instead.
-pub fn reconstruct(mut job: Job, mut progress: impl FnMut(Progress)) -> Result<Outcome, PipelineError> {
+pub fn reconstruct(
+    mut job: Job,
+    onlooker: &mut impl Onlooker,
+    mut progress: impl FnMut(Progress),
+) -> Result<Outcome, PipelineError> {
     let options = PairingOptions::new(&job.config, job.world.as_deref());
     let survey = survey(open(&job.survey)?.as_mut(), &options)?;
     let used: Vec<FramePose> = survey.poses.iter().filter(|p| job.frames.contains(&p.item)).copied().collect();
@@ -181,7 +205,7 @@ pub fn reconstruct(mut job: Job, mut progress: impl FnMut(Progress)) -> Result<O
         OffPlane::Auto => Some(0.5 * gap(&used).ok_or(PipelineError::NoGap)?),
     };
     let chosen = Chosen::by_poses(job.path, &job.settings, &job.planar, &used)?;
-    let mut run = Run::new(&job, chosen, plan, &survey, options)?;
+    let mut run = Run::new(&job, chosen, plan, &survey, options, used, onlooker)?;
 
     let mut device = open(&job.input)?;
     let total = device.describe().items.unwrap_or(0);
@@ -260,13 +284,16 @@ impl Weaving {
 }
 
 /// A run under way.
-struct Run {
+struct Run<'a, O> {
     ingest: Ingest,
     pairing: Pairing,
     ledger: Ledger,
     weaving: Weaving,
     off_plane: OffPlane,
     frames: Range<u64>,
+    poses: Vec<FramePose>,
+    reached: Option<[[i64; 3]; 2]>,
+    onlooker: &'a mut O,
     stage: Masking,
     mask: Option<Mask>,
     notes: Vec<String>,
@@ -275,13 +302,15 @@ struct Run {
     seen: u64,
 }
 
-impl Run {
+impl<'a, O: Onlooker> Run<'a, O> {
     fn new(
         job: &Job,
         chosen: Chosen,
         plan: MaskPlan,
         survey: &Survey,
         options: PairingOptions,
+        poses: Vec<FramePose>,
+        onlooker: &'a mut O,
     ) -> Result<Self, PipelineError> {
         let pairing = Pairing::with_names(options, &survey.names)?;
         let mut weaving = Weaving { choice: job.path, settings: job.settings.clone(), planar: job.planar, chosen };
@@ -297,6 +326,9 @@ impl Run {
             weaving,
             off_plane: job.off_plane,
             frames: job.frames.clone(),
+            poses,
+            reached: None,
+            onlooker,
             stage,
             mask,
             notes,
@@ -378,7 +410,14 @@ impl Run {
             ));
         }
         let reason = match result {
-            Ok(_) => {
+            Ok(touched) => {
+                // The lattice and the kernels are known from the first slice on.
+                if let (None, Some(kernels), Some(data)) =
+                    (self.reached, weaver.kernels(), self.mask.as_ref().and_then(Mask::bounds))
+                {
+                    let supports_mm = kernels.each_ref().map(|k| k.support_mm);
+                    self.reached = reached(&self.poses, data, supports_mm, weaver.world_from_lattice());
+                }
                 self.ledger.used();
                 self.insert_ms.push(took.as_secs_f64() * 1e3);
                 self.pixels = match slice.image.pixels() {
@@ -386,7 +425,16 @@ impl Run {
                     Pixels::U16(_) => PixelKind::U16,
                     Pixels::F32(_) => PixelKind::F32,
                 };
-                return Ok(());
+                let woven = Woven {
+                    item,
+                    weaver,
+                    touched: &touched.bricks,
+                    upgraded: weaver.path() != before,
+                    insert: took,
+                    reached: self.reached,
+                    pixels: self.pixels,
+                };
+                return self.onlooker.woven(&woven).map_err(PipelineError::Onlooker);
             }
             Err(source @ Refused::Memory { .. }) => return Err(PipelineError::Memory { item, source }),
             // Before the first slice the settings are at fault, later the pose.
@@ -430,6 +478,7 @@ impl Run {
             chosen: self.weaving.chosen,
             ledger: self.ledger,
             mask,
+            reached: self.reached,
             insert_ms: self.insert_ms,
             pixels: self.pixels,
             notes,

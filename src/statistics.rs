@@ -1,9 +1,13 @@
 //! What a run did, in numbers: the content of `--stats`.
 
+mod picture;
+
 use std::path::Path;
 use std::time::Duration;
 
 use serde::Serialize;
+
+pub use picture::{PictureNumbers, PictureStatistics, RenderNumbers};
 
 use crate::config::Settings as Config;
 use crate::export::volume::DenseBox;
@@ -126,8 +130,8 @@ pub struct Statistics {
     pub world: String,
     /// Transforms from the image to that frame.
     pub route: String,
-    /// Scalar type of the file.
-    pub scalar: &'static str,
+    /// Scalar type of the file, if one was written.
+    pub scalar: Option<&'static str>,
     /// The kernel's kind.
     pub method: &'static str,
     /// How slices that reach the same voxel make its value.
@@ -164,7 +168,7 @@ pub struct Statistics {
 
 impl Statistics {
     /// Of a finished run.
-    pub fn new(outcome: &Outcome, space: &DenseBox, scalar: &'static str, wall: Duration) -> Self {
+    pub fn new(outcome: &Outcome, space: &DenseBox, scalar: Option<&'static str>, wall: Duration) -> Self {
         let reconstructor = &outcome.reconstructor;
         let (settings, work) = (reconstructor.settings(), reconstructor.work());
         let kernels = reconstructor.kernels();
@@ -228,18 +232,15 @@ impl Statistics {
         }
     }
 
-    /// Writes the numbers as JSON, with the input and the effective settings, whole or not at all.
+    /// Writes the numbers as JSON, with the input, the effective settings, and what rendering on the side did; whole or not at all.
     ///
     /// # Errors
     /// When the file cannot be written.
     pub fn write(
         &self,
         path: &Path,
-        input: &Path,
-        input_sha256: &str,
-        config: &Config,
-        mask: &MaskSettings,
-        frames: Option<[u64; 2]>,
+        source: &Source,
+        picture: Option<&PictureStatistics>,
     ) -> Result<(), std::io::Error> {
         #[derive(Serialize)]
         struct File<'a> {
@@ -251,14 +252,47 @@ impl Statistics {
             frame_range: Option<[u64; 2]>,
             mask: &'a MaskSettings,
             config: &'a Config,
+            #[serde(flatten)]
+            picture: Option<&'a PictureStatistics>,
         }
-        let version = env!("CARGO_PKG_VERSION");
-        let file = File { version, input, input_sha256, statistics: self, frame_range: frames, mask, config };
-        write_whole(path, |to| {
-            serde_json::to_writer_pretty(&mut *to, &file)?;
-            to.write_all(b"\n")
-        })
+        let file = File {
+            version: env!("CARGO_PKG_VERSION"),
+            input: source.input,
+            input_sha256: source.sha256,
+            statistics: self,
+            frame_range: source.frames,
+            mask: source.mask,
+            config: source.config,
+            picture,
+        };
+        write_json(path, &file)
     }
+}
+
+/// What a run was given.
+#[derive(Debug, Clone, Copy)]
+pub struct Source<'a> {
+    /// The recording.
+    pub input: &'a Path,
+    /// Its hash.
+    pub sha256: &'a str,
+    /// Frames asked for, if not all.
+    pub frames: Option<[u64; 2]>,
+    /// What of the picture was to be data.
+    pub mask: &'a MaskSettings,
+    /// Calibration and volume settings.
+    pub config: &'a Config,
+}
+
+/// Writes numbers as JSON, whole or not at all.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_json(path: &Path, numbers: &impl Serialize) -> Result<(), std::io::Error> {
+    write_whole(path, |to| {
+        serde_json::to_writer_pretty(&mut *to, numbers)?;
+        to.write_all(b"\n")
+    })
 }
 
 #[cfg(test)]

@@ -39,14 +39,42 @@ pub fn hash(path: &Path) -> Result<String, Failure> {
 /// # Errors
 /// [`Failure`] when its folder does not exist, or something that is no file has its name.
 pub fn check_output(path: &Path) -> Result<(), Failure> {
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(".".as_ref());
-    if !folder.is_dir() {
-        return Err(Failure(format!("{}: the folder {} does not exist", path.display(), folder.display())));
-    }
+    check_folder(path)?;
     if path.exists() && !path.is_file() {
         return Err(Failure(format!("{}: is there already and is no file; give another name", path.display())));
     }
     Ok(())
+}
+
+/// The folder of a file exists.
+///
+/// # Errors
+/// [`Failure`] when it does not.
+pub fn check_folder(path: &Path) -> Result<(), Failure> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(".".as_ref());
+    if folder.is_dir() {
+        return Ok(());
+    }
+    Err(Failure(format!("{}: the folder {} does not exist", path.display(), folder.display())))
+}
+
+/// An output is not an input.
+///
+/// # Errors
+/// [`Failure`] when it is.
+pub fn check_is_not(output: &Path, input: &Path) -> Result<(), Failure> {
+    if output.canonicalize().ok().is_some_and(|path| input.canonicalize().ok() == Some(path)) {
+        return Err(Failure(format!("{}: is the input; give another name", output.display())));
+    }
+    Ok(())
+}
+
+/// Threads as asked for, else one a core.
+pub fn threads(asked: Option<u16>) -> usize {
+    match asked {
+        Some(n) => usize::from(n),
+        None => std::thread::available_parallelism().map_or(1, usize::from),
+    }
 }
 
 /// A progress bar on a terminal, nothing in a pipe.

@@ -4,6 +4,8 @@ pub mod input;
 pub mod inspect;
 pub mod phantom;
 pub mod reconstruct;
+pub mod render;
+pub mod replay;
 pub mod values;
 
 use clap::{Parser, Subcommand};
@@ -23,6 +25,10 @@ pub struct Arguments {
 enum Command {
     /// Weave a recorded sweep into a volume
     Reconstruct(Box<reconstruct::Arguments>),
+    /// Render a volume
+    Render(Box<render::Arguments>),
+    /// Weave a recorded sweep while a picture follows, slice by slice
+    Replay(Box<replay::Arguments>),
     /// Say what is in a sequence, volume or calibration file
     Inspect(inspect::Arguments),
     /// Make a synthetic sweep whose truth is known
@@ -50,6 +56,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let _ = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).try_init();
     match &arguments.command {
         Command::Reconstruct(arguments) => reconstruct::run(arguments),
+        Command::Render(arguments) => render::run(arguments),
+        Command::Replay(arguments) => replay::run(arguments),
         Command::Inspect(arguments) => inspect::run(arguments),
         Command::Phantom(arguments) => phantom::run(arguments),
     }

@@ -39,6 +39,34 @@ pub fn picture_size(text: &str) -> Result<[u32; 2], String> {
     }
 }
 
+/// Azimuth, elevation and, if given, roll, degrees.
+pub fn view(text: &str) -> Result<[f64; 3], String> {
+    match text.split(',').count() {
+        3 => numbers::<3>(text),
+        _ => numbers::<2>(text).map(|[azimuth, elevation]| [azimuth, elevation, 0.0]),
+    }
+}
+
+/// Red, green and blue, each 0 to 1.
+pub fn colour(text: &str) -> Result<[f32; 3], String> {
+    let colour = numbers::<3>(text)?;
+    match colour.iter().all(|c| (0.0..=1.0).contains(c)) {
+        true => Ok(colour.map(|c| c as f32)),
+        false => Err("must lie between 0 and 1".into()),
+    }
+}
+
+/// `max`: the only speed there is.
+pub fn speed(text: &str) -> Result<(), String> {
+    match text.trim() {
+        "max" => Ok(()),
+        _ => {
+            Err("a recording is replayed as fast as its slices can be woven and drawn, and not otherwise yet: give max"
+                .into())
+        }
+    }
+}
+
 /// Three positive lengths, or `auto` (`None`).
 pub fn sigma(text: &str) -> Result<Option<[f64; 3]>, String> {
     if text.trim() == "auto" { Ok(None) } else { lengths(text).map(Some) }
@@ -111,6 +139,8 @@ mod tests {
         assert_eq!(spacing("1,2,3"), Ok(DVec3::new(1.0, 2.0, 3.0)));
         assert_eq!(size("10, 20,30"), Ok([10, 20, 30]));
         assert_eq!(picture_size("640x480"), Ok([640, 480]));
+        assert_eq!((view("30,-20"), view("30, -20, 5")), (Ok([30.0, -20.0, 0.0]), Ok([30.0, -20.0, 5.0])));
+        assert_eq!(colour("0,0.5,1"), Ok([0.0, 0.5, 1.0]));
         assert_eq!(sigma("auto"), Ok(None));
         assert_eq!(sigma("0.3,0.3,1"), Ok(Some([0.3, 0.3, 1.0])));
         assert_eq!(window("-10,250"), Ok([-10.0, 250.0]));
@@ -133,6 +163,8 @@ mod tests {
         for bad in ["5", "5..5", "6..5", "a..b"] {
             assert!(frames(bad).is_err(), "{bad}");
         }
+        assert!(view("1").is_err() && view("1,nan").is_err() && view("1,2,3,4").is_err() && colour("0,0,1.1").is_err());
+        assert!(speed("2").unwrap_err().contains("give max"));
         assert!(
             window("5,5").is_err() && share("1").is_err() && lengths("1,0,1").is_err() && picture_size("3").is_err()
         );

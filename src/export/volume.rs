@@ -42,6 +42,11 @@ impl Scalar {
         }
     }
 
+    /// What the upper end of a window becomes.
+    pub fn top(self) -> f32 {
+        self.most().unwrap_or(1.0)
+    }
+
     /// Largest value, of the integer types.
     fn most(self) -> Option<f32> {
         match self {
@@ -66,7 +71,7 @@ pub struct Encoding {
 impl Encoding {
     /// A seen voxel's value as it is written, still as a number.
     fn value(&self, value: f32) -> f32 {
-        let top = self.scalar.most().unwrap_or(1.0);
+        let top = self.scalar.top();
         let scaled = self.window.map_or(value, |[low, high]| (value - low) / (high - low) * top);
         match self.scalar.most() {
             Some(most) => scaled.round_ties_even().clamp(0.0, most),

@@ -1,9 +1,11 @@
 //! Which transforms belong to which picture, and where the picture therefore lies.
 //!
+//! - [`extent`]: the voxels that slices will reach.
 //! - [`graph`]: the way from the image to the world through transforms that are known by name.
 //! - [`pairing`]: pictures and transforms of one stamp → posed slices.
 //! - [`mod@survey`]: a walk over a recording's transforms before its pictures are looked at.
 
+pub mod extent;
 pub mod graph;
 pub mod pairing;
 pub mod survey;

@@ -7,6 +7,8 @@ mod paths;
 mod phantom;
 mod place;
 mod refusals;
+mod render;
+mod replay;
 mod results;
 mod sequence;
 mod settings;

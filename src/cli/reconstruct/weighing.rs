@@ -2,8 +2,7 @@
 
 use clap::{Args, ValueEnum};
 
-use super::Failure;
-use crate::cli::values;
+use crate::cli::{Failure, values};
 use crate::config::Settings as Config;
 use crate::pipeline::OffPlane;
 use crate::reconstruct::kernel::{Method, Support, sigma_from_hwhm};
@@ -12,7 +11,7 @@ use crate::reconstruct::{Compounding, Decay, Settings};
 /// Kernel and compounding.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Kernel and compounding")]
-pub(super) struct Weighing {
+pub(in crate::cli) struct Weighing {
     /// The kernel: what one slice says about a point beside its pixels
     #[arg(long, value_enum, default_value_t)]
     method: MethodName,

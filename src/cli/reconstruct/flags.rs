@@ -1,0 +1,283 @@
+//! The flags of all commands that weave.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+use drivers::OpenSettings;
+use drivers::recording::SequenceSettings;
+use glam::DVec3;
+
+use super::weighing::Weighing;
+use crate::cli::{Failure, input, values};
+use crate::config::Settings as Config;
+use crate::export::volume::{DenseBox, Encoding, Scalar};
+use crate::mask::{Clip, parse_fan};
+use crate::path::PathChoice;
+use crate::pipeline::{Job, Outcome, PixelKind};
+use crate::reconstruct::planar::{OnDeparture, PlanarSettings};
+use crate::reconstruct::{Settings, Simd};
+use crate::volume::Grid;
+
+/// Voxel spacing when neither the command line nor the configuration has one, mm.
+const SPACING_MM: f64 = 0.5;
+
+/// What to weave, how, and what to write of it beside the volume.
+#[derive(Debug, Args)]
+pub(in crate::cli) struct Flags {
+    /// Calibration and volume settings: our TOML or a PLUS XML
+    #[arg(short, long, value_name = "FILE")]
+    pub(in crate::cli) config: Option<PathBuf>,
+    /// The probe's calibration: 16 numbers, row major, pixels to mm
+    #[arg(long, value_name = "16 NUMBERS", allow_hyphen_values = true)]
+    pub(in crate::cli) image_to_probe: Option<String>,
+    /// Frame in which the volume lives [default: Reference if the sequence has one, else Tracker]
+    #[arg(long, value_name = "NAME")]
+    pub(in crate::cli) world: Option<String>,
+    /// Distance between voxels, mm [default: the configuration's, else 0.5]
+    #[arg(long, value_name = "MM[,MM,MM]", value_parser = values::spacing)]
+    pub(in crate::cli) spacing: Option<DVec3>,
+    /// World position of voxel (0,0,0), mm [default: the lattice passes through the world's origin]
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::point, allow_hyphen_values = true)]
+    pub(in crate::cli) origin: Option<DVec3>,
+    /// Voxels of the volume: cropped or padded exactly so [default: all that was touched]
+    #[arg(long, value_name = "NX,NY,NZ", value_parser = values::size)]
+    pub(in crate::cli) size: Option<[u64; 3]>,
+    /// Which path slices go. Planar is for scans whose slices stay perpendicular to one plane, with image axis u along its normal, and whose data is a
+    /// rectangle: several times faster on half the memory, with the volume's axes along the scan's. Auto takes it when all poses and the mask allow
+    /// it, one spacing is given, and neither --origin nor --size speaks of the world's axes
+    #[arg(long, value_enum, default_value_t, value_name = "PATH")]
+    path: PathName,
+    /// What the planar path does with a frame that leaves the plane: refuse it, or upgrade to the general path with all there is
+    #[arg(long, value_enum, default_value_t, value_name = "WHAT")]
+    departure: DepartureName,
+    /// How far the picture's corners may lie off the plane on the planar path, voxels
+    #[arg(long, value_name = "VOXELS", default_value_t = 0.25)]
+    pub(in crate::cli) planar_tolerance: f64,
+    /// What of the picture is data: a rectangle in pixels, all, or found in the first frames [default: the configuration's, else auto]
+    #[arg(long, value_name = "X,Y,W,H|auto|none")]
+    pub(in crate::cli) clip: Option<Clip>,
+    /// Sector that is data: apex and radii in pixels, angles in degrees from straight down, positive to the right
+    #[arg(long, value_name = "X,Y,R0,R1,A0,A1", allow_hyphen_values = true)]
+    pub(in crate::cli) fan: Option<String>,
+    /// Scalar type of the volume [default: the input's]; going to fewer bits needs --window
+    #[arg(long = "type", value_enum, value_name = "TYPE")]
+    scalar: Option<ScalarName>,
+    /// Grey values that become black and white
+    #[arg(long, value_name = "LO,HI", value_parser = values::window, allow_hyphen_values = true)]
+    pub(in crate::cli) window: Option<WindowValue>,
+    /// Value of voxels that were not seen
+    #[arg(long, value_name = "V", default_value_t = 0.0, allow_hyphen_values = true)]
+    pub(in crate::cli) unseen: f32,
+    /// Write the weights too: 0 where nothing was seen
+    #[arg(long, value_name = "FILE.mha")]
+    pub(in crate::cli) weights: Option<PathBuf>,
+    /// Draw the three middle planes
+    #[arg(long, value_name = "FILE.png")]
+    pub(in crate::cli) planes: Option<PathBuf>,
+    /// Frames to use: from A up to, but not including, B
+    #[arg(long, value_name = "A..B", value_parser = values::frames)]
+    pub(in crate::cli) frames: Option<FrameRange>,
+    /// Threads; any number gives the same volume [default: one a core]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub(in crate::cli) threads: Option<u16>,
+    /// Instruction set; all give the same volume
+    #[arg(long, value_enum, default_value_t)]
+    simd: SimdName,
+    /// Memory that the volume may take, GiB
+    #[arg(long, value_name = "GIB", default_value_t = 8.0)]
+    pub(in crate::cli) max_memory: f64,
+    /// Write what was done, as JSON
+    #[arg(long, value_name = "FILE.json")]
+    pub(in crate::cli) stats: Option<PathBuf>,
+    #[command(flatten)]
+    pub(in crate::cli) weighing: Weighing,
+}
+
+// clap takes an array for its own notation of repeated values; named types are single values to it.
+type WindowValue = [f32; 2];
+type FrameRange = std::ops::Range<u64>;
+
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+enum PathName {
+    /// By the poses and the mask
+    #[default]
+    Auto,
+    /// Any pose and any mask; the volume's axes are the world's
+    General,
+    /// Slices perpendicular to one plane; the volume's axes are the scan's, along which --spacing and --size count then
+    Planar,
+}
+
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+enum DepartureName {
+    /// The general path takes over
+    #[default]
+    Upgrade,
+    /// The frame is refused
+    Refuse,
+}
+
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+enum SimdName {
+    /// The best that the machine has
+    #[default]
+    Auto,
+    /// AVX-512
+    Avx512,
+    /// AVX2 and FMA
+    Avx2,
+    /// Any machine
+    Portable,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum ScalarName {
+    /// 8 bit unsigned
+    U8,
+    /// 16 bit unsigned
+    U16,
+    /// Single precision
+    F32,
+}
+
+impl Flags {
+    /// What the pipeline is to do.
+    ///
+    /// # Errors
+    /// [`Failure`] when files cannot be read or flags contradict each other.
+    pub(in crate::cli) fn job(&self, sequence: &Path) -> Result<Job, Failure> {
+        let mut config = match &self.config {
+            Some(path) => Config::read(path)?,
+            None => Config::default(),
+        };
+        if let Some(text) = &self.image_to_probe {
+            config.set_image_to_probe(text).map_err(|e| Failure(format!("--image-to-probe: {e}")))?;
+        }
+        let mut mask = config.mask();
+        if let Some(clip) = self.clip {
+            mask.clip = clip;
+        }
+        if let Some(text) = &self.fan {
+            mask.fan = Some(parse_fan(text).map_err(|e| Failure(format!("--fan {text}: {e}")))?);
+        }
+        let spacing = self.spacing.or(config.spacing_mm.map(DVec3::from_array)).unwrap_or(DVec3::splat(SPACING_MM));
+        let mut settings = Settings::new(spacing);
+        settings.lattice_origin_mm = self.origin.unwrap_or(DVec3::ZERO);
+        let off_plane = self.weighing.apply(&config, &mut settings)?;
+        settings.threads = input::threads(self.threads);
+        settings.simd = match self.simd {
+            SimdName::Auto => Simd::detect(),
+            SimdName::Avx512 => Simd::Avx512,
+            SimdName::Avx2 => Simd::Avx2,
+            SimdName::Portable => Simd::Portable,
+        };
+        let most = self.max_memory * f64::from(1 << 30);
+        if !(most > 0.0 && most.is_finite()) {
+            return Err(Failure(format!("--max-memory {}: must be a positive number of GiB", self.max_memory)));
+        }
+        settings.memory_bytes = most as u64;
+        let sequence = SequenceSettings::new(sequence);
+        Ok(Job {
+            survey: OpenSettings::Sequence(SequenceSettings { images: false, ..sequence.clone() }),
+            input: OpenSettings::Sequence(sequence),
+            config,
+            world: self.world.clone(),
+            mask,
+            settings,
+            off_plane,
+            path: match self.path {
+                PathName::Auto if self.origin.is_some() || self.size.is_some() => PathChoice::WorldBox,
+                PathName::Auto => PathChoice::Auto,
+                PathName::General => PathChoice::General,
+                PathName::Planar => PathChoice::Planar,
+            },
+            planar: PlanarSettings {
+                tolerance_voxels: self.planar_tolerance,
+                on_departure: match self.departure {
+                    DepartureName::Upgrade => OnDeparture::Upgrade,
+                    DepartureName::Refuse => OnDeparture::Refuse,
+                },
+                ..PlanarSettings::default()
+            },
+            frames: self.frames.clone().unwrap_or(0..u64::MAX),
+        })
+    }
+
+    /// The folders of all outputs exist, and none is the input.
+    ///
+    /// # Errors
+    /// [`Failure`] with the first that is not so.
+    pub(in crate::cli) fn check_outputs(&self, sequence: &Path, volume: Option<&Path>) -> Result<(), Failure> {
+        let volumes = [volume, self.weights.as_deref()];
+        let others = [self.planes.as_deref(), self.stats.as_deref()];
+        for path in volumes.into_iter().chain(others).flatten() {
+            input::check_folder(path)?;
+            input::check_is_not(path, sequence)?;
+        }
+        for path in volumes.into_iter().flatten() {
+            if path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("mha")) {
+                return Err(Failure(format!("{}: volumes are written as .mha; give such a name", path.display())));
+            }
+        }
+        Ok(())
+    }
+
+    /// How values are written.
+    ///
+    /// # Errors
+    /// [`Failure`] when the scalar type cannot hold them.
+    pub(in crate::cli) fn encoding(&self, pixels: PixelKind) -> Result<Encoding, Failure> {
+        let input = match pixels {
+            PixelKind::U8 => ScalarName::U8,
+            PixelKind::U16 => ScalarName::U16,
+            PixelKind::F32 => ScalarName::F32,
+        };
+        let scalar = self.scalar.unwrap_or(input);
+        let bits = |s: ScalarName| s as u8;
+        if bits(scalar) < bits(input) && self.window.is_none() {
+            return Err(Failure(format!(
+                "--type {0:?}: the input is {input:?}; say with --window LO,HI which grey values become black and white",
+                scalar
+            )
+            .to_lowercase()
+            .replace("lo,hi", "LO,HI")));
+        }
+        let scalar = match scalar {
+            ScalarName::U8 => Scalar::U8,
+            ScalarName::U16 => Scalar::U16,
+            ScalarName::F32 => Scalar::F32,
+        };
+        let representable = match scalar {
+            Scalar::U8 => (0.0..=255.0).contains(&self.unseen) && self.unseen.fract() == 0.0,
+            Scalar::U16 => (0.0..=65535.0).contains(&self.unseen) && self.unseen.fract() == 0.0,
+            Scalar::F32 => true,
+        };
+        if !representable {
+            return Err(Failure(format!("--unseen {}: is no value of type {}", self.unseen, scalar.name())));
+        }
+        Ok(Encoding { scalar, window: self.window, unseen: self.unseen })
+    }
+
+    /// The voxels to write.
+    ///
+    /// # Errors
+    /// [`Failure`] when nothing was seen.
+    pub(in crate::cli) fn dense_box(&self, outcome: &Outcome) -> Result<DenseBox, Failure> {
+        let reconstructor = &outcome.reconstructor;
+        let settings = reconstructor.settings();
+        let Some((low, high)) = reconstructor.volume().seen_bounds() else {
+            return Err(Failure(
+                "no voxel was seen: the slices' kernel fell between the voxels; choose a finer --spacing".into(),
+            ));
+        };
+        let (first, size) = match (self.origin, self.size) {
+            // The lattice begins at the origin that was given.
+            (Some(_), Some(size)) => ([0; 3], size),
+            (None, Some(size)) => (low, size),
+            (_, None) => (low, [0, 1, 2].map(|a| (high[a] - low[a] + 1) as u64)),
+        };
+        let origin = reconstructor.world_from_lattice().point(DVec3::from_array(first.map(|x| x as f64)));
+        let grid = Grid { origin, spacing: settings.spacing_mm, direction: settings.lattice_direction, size };
+        Ok(DenseBox { first, grid })
+    }
+}

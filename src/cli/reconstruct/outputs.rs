@@ -1,0 +1,211 @@
+//! What is written of a woven volume, and said of it.
+
+use std::path::Path;
+use std::time::Instant;
+
+use super::flags::Flags;
+use crate::cli::{Failure, input};
+use crate::config::Settings as Config;
+use crate::export::planes::{PlanesOptions, Window, planes};
+use crate::export::volume::{DenseBox, Encoding, write_values, write_weights};
+use crate::mask::MaskSettings;
+use crate::pipeline::{Job, Outcome, PixelKind};
+use crate::reconstruct::Path as Way;
+use crate::statistics::{PictureStatistics, Source, Statistics};
+use crate::volume::dense::{RANGE_FIELD, SLICES_BOX_FIELD, UNSEEN_FIELD};
+use crate::volume::sparse::SEEN;
+
+/// A command that weaves, and what it was asked.
+pub(in crate::cli) struct Request<'a> {
+    pub(in crate::cli) sequence: &'a Path,
+    pub(in crate::cli) output: Option<&'a Path>,
+    pub(in crate::cli) flags: &'a Flags,
+    began: Instant,
+    config: Config,
+    mask: MaskSettings,
+    frames: Option<[u64; 2]>,
+}
+
+impl<'a> Request<'a> {
+    /// Asked just now; fails before the work, not after it, where an output cannot be.
+    ///
+    /// # Errors
+    /// [`Failure`] when flags contradict each other or files are out of reach.
+    pub(in crate::cli) fn new(
+        sequence: &'a Path,
+        output: Option<&'a Path>,
+        flags: &'a Flags,
+    ) -> Result<(Self, Job), Failure> {
+        let began = Instant::now();
+        let job = flags.job(sequence)?;
+        flags.check_outputs(sequence, output)?;
+        let frames = (job.frames != (0..u64::MAX)).then_some([job.frames.start, job.frames.end]);
+        let (config, mask) = (job.config.clone(), job.mask);
+        Ok((Self { sequence, output, flags, began, config, mask, frames }, job))
+    }
+
+    /// Writes all that was asked for, and says what was done; `picture` is what a rendering on the side did.
+    ///
+    /// # Errors
+    /// [`Failure`]: the file that failed is not there.
+    pub(in crate::cli) fn finish(
+        &self,
+        mut outcome: Outcome,
+        picture: Option<&PictureStatistics>,
+    ) -> Result<(), Failure> {
+        let flags = self.flags;
+        outcome.notes.extend(flags.weighing.note());
+        let writes = self.output.is_some() || flags.weights.is_some();
+        let encoding = if writes { Some(flags.encoding(outcome.pixels)?) } else { None };
+        let space = flags.dense_box(&outcome)?;
+
+        let hash = input::hash(self.sequence)?;
+        let volume = outcome.reconstructor.volume();
+        if let Some(encoding) = &encoding {
+            let fields = self.provenance(&outcome, &space, encoding, &hash)?;
+            if let Some(path) = self.output {
+                write_values(volume, &space, path, encoding, &fields)?;
+            }
+            if let Some(path) = &flags.weights {
+                write_weights(volume, &space, path, &fields)?;
+            }
+        }
+        if let Some(path) = &flags.planes {
+            draw(&outcome, &space, path)?;
+        }
+        let scalar = encoding.map(|e| e.scalar.name());
+        let statistics = Statistics::new(&outcome, &space, scalar, self.began.elapsed());
+        if let Some(path) = &flags.stats {
+            let source = Source {
+                input: self.sequence,
+                sha256: &hash,
+                frames: self.frames,
+                mask: &self.mask,
+                config: &self.config,
+            };
+            statistics.write(path, &source, picture)?;
+        }
+        self.report(&outcome, &statistics);
+        Ok(())
+    }
+
+    /// What the volume was made of, for its header.
+    fn provenance(
+        &self,
+        outcome: &Outcome,
+        space: &DenseBox,
+        encoding: &Encoding,
+        hash: &str,
+    ) -> Result<Vec<(String, String)>, Failure> {
+        let flags = self.flags;
+        let name = self.sequence.file_name().unwrap_or(self.sequence.as_os_str());
+        let calibration = match &flags.config {
+            Some(path) => {
+                let name = path.file_name().unwrap_or(path.as_os_str());
+                format!("{} sha256 {}", name.to_string_lossy(), input::hash(path)?)
+            }
+            None if flags.image_to_probe.is_some() => "command line".into(),
+            None => "in the sequence".into(),
+        };
+        let three = |values: [f64; 3]| values.map(|v| format!("{v}")).join(" ");
+        let kernels = outcome.reconstructor.kernels();
+        let per_axis =
+            |f: fn(&crate::reconstruct::kernel::AxisKernel) -> f64| kernels.map(|k| three(k.each_ref().map(f)));
+        let line = |key: &str, value: String| (format!("Sonoweave{key}"), one_line(&value));
+        let mut fields = vec![
+            line("Version", env!("CARGO_PKG_VERSION").into()),
+            line("Frame", format!("{} (mm, not anatomical)", outcome.world)),
+            line("Input", format!("{} sha256 {hash}", name.to_string_lossy())),
+            line("Calibration", calibration),
+            line("Route", outcome.route.clone()),
+            line("Method", flags.weighing.method().name().into()),
+            line("Compounding", outcome.reconstructor.settings().compounding.to_string()),
+            line("Path", outcome.reconstructor.path().name().into()),
+        ];
+        if let (Some(sigma), Some(support)) = (per_axis(|k| k.sigma_mm), per_axis(|k| k.support_mm)) {
+            fields.push(line("SigmaMm", sigma));
+            fields.push(line("SupportMm", support));
+        }
+        fields.push((UNSEEN_FIELD.into(), format!("{}", flags.unseen)));
+        fields.push((RANGE_FIELD.into(), range(outcome.pixels, encoding).map(|v| v.to_string()).join(" ")));
+        // Of a volume that was cropped, the picture is what is left.
+        if let (Some(bounds), None) = (outcome.reached, flags.size) {
+            let relative =
+                bounds.map(|corner| std::array::from_fn::<_, 3, _>(|a| (corner[a] - space.first[a]).to_string()));
+            fields.push((SLICES_BOX_FIELD.into(), relative.map(|corner| corner.join(" ")).join(" ")));
+        }
+        fields.push(line("Frames", format!("{} of {}", outcome.ledger.frames.used, outcome.ledger.frames.total)));
+        Ok(fields)
+    }
+
+    /// What was done, in a few lines on stdout; what the user should know, on stderr.
+    #[allow(clippy::print_stdout, clippy::print_stderr, reason = "the command's output")]
+    fn report(&self, outcome: &Outcome, statistics: &Statistics) {
+        for note in &outcome.notes {
+            eprintln!("sonoweave: note: {note}");
+        }
+        if outcome.ledger.refused_total() > 0 || outcome.ledger.untimed > 0 {
+            eprintln!("sonoweave: {}", outcome.ledger);
+        }
+        let grid = &statistics.grid;
+        let [nx, ny, nz] = grid.size;
+        let name = self.output.map_or_else(|| "the volume".into(), |path| path.display().to_string());
+        println!(
+            "{name}: {nx}×{ny}×{nz} voxels of {} mm in {}, from {} of {} frames",
+            grid.spacing.map(|s| s.to_string()).join("×"),
+            outcome.world,
+            outcome.ledger.frames.used,
+            outcome.ledger.frames.total,
+        );
+        if let Some(ms) = &statistics.insert_ms {
+            println!(
+                "{:.2} ms a slice (median; p99 {:.2}) by the {} path, {} voxels updated, {:.0} MB of {}, {} thread{}, {}",
+                ms.median,
+                ms.p99,
+                statistics.path,
+                statistics.voxels_updated,
+                statistics.bytes as f64 / 1e6,
+                match outcome.reconstructor.path() {
+                    Way::General => "bricks",
+                    Way::Planar => "columns",
+                },
+                statistics.threads,
+                if statistics.threads == 1 { "" } else { "s" },
+                statistics.simd,
+            );
+        }
+        let [su, sv, sn] = statistics.sigma_mm;
+        let [eu, ev, en] = statistics.sigma_effective_mm;
+        println!("kernel σ {su:.3}, {sv:.3}, {sn:.3} mm along u, v, n; effective {eu:.3}, {ev:.3}, {en:.3}");
+        if let Some(path) = &self.flags.weights {
+            println!("weights: {}", path.display());
+        }
+        if let Some(path) = &self.flags.planes {
+            println!("middle planes: {}", path.display());
+        }
+    }
+}
+
+/// What black and white of the pictures are in the written values.
+fn range(pixels: PixelKind, encoding: &Encoding) -> [f32; 2] {
+    match (encoding.window, pixels) {
+        (Some(_), _) => [0.0, encoding.scalar.top()],
+        (None, kind) => kind.grey_levels(),
+    }
+}
+
+/// Header fields end with the line.
+fn one_line(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect::<String>().trim().to_owned()
+}
+
+fn draw(outcome: &Outcome, space: &DenseBox, path: &Path) -> Result<(), Failure> {
+    let volume = outcome.reconstructor.volume();
+    let value = |voxel: [u64; 3]| {
+        let at: [i64; 3] = std::array::from_fn(|a| space.first[a] + voxel[a] as i64);
+        let (r, w) = volume.voxel(at);
+        (w > SEEN).then(|| r / w)
+    };
+    let options = PlanesOptions { window: Window::Percentiles, ..PlanesOptions::default() };
+    Ok(planes(&space.grid, value, &options)?.write_png(path)?)
+}

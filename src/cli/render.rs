@@ -1,0 +1,243 @@
+//! `sonoweave render`: a volume becomes a picture.
+
+pub(super) mod look;
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use clap::Args;
+use serde::Serialize;
+
+use super::{Failure, input, values};
+use crate::export::picture::write_picture;
+use crate::render::{Cache, RenderSettings, Renderer, Stage};
+use crate::statistics::{PictureNumbers, write_json};
+use crate::volume::DenseVolume;
+use look::Look;
+
+/// Flags of `render`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+With --weights, what was not seen is told from what was seen to be black. Of a volume written by `reconstruct --type f32` with its weights, the picture \
+is the one that `replay` ends in.
+
+Example: sonoweave render volume.mha --weights weights.mha -o picture.png --view 30,20 --transfer bone")]
+pub struct Arguments {
+    /// The volume (.mha)
+    volume: PathBuf,
+    /// Where to write the picture (.png)
+    #[arg(short, long, value_name = "IMG.png")]
+    output: PathBuf,
+    /// The volume's weights, as `reconstruct --weights` wrote them: where they are 0 was nothing seen
+    #[arg(long, value_name = "FILE.mha")]
+    weights: Option<PathBuf>,
+    /// Grey levels that are black and white to presets [default: those of the scanner's picture if the file tells them, else of the scalar type, else the
+    /// smallest and the largest]
+    #[arg(long, value_name = "LO,HI", value_parser = values::window, allow_hyphen_values = true)]
+    window: Option<WindowValue>,
+    /// Draw so many pictures all around the vertical: IMG-000.png, IMG-001.png, …
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=3600))]
+    turntable: Option<u16>,
+    /// Threads; any number gives the same picture [default: one a core]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    /// Memory that the volume may take, GiB
+    #[arg(long, value_name = "GIB", default_value_t = 8.0)]
+    max_memory: f64,
+    /// Write what was done, as JSON
+    #[arg(long, value_name = "FILE.json")]
+    stats: Option<PathBuf>,
+    #[command(flatten)]
+    look: Look,
+}
+
+// clap takes an array for its own notation of repeated values; a named type is a single value to it.
+type WindowValue = [f32; 2];
+
+/// The content of `--stats`.
+#[derive(Debug, Serialize)]
+struct Statistics<'a> {
+    version: &'static str,
+    input: &'a Path,
+    weights: Option<&'a Path>,
+    /// Voxels along x, y, z, and those of them that were seen.
+    size: [u32; 3],
+    voxels_seen: u64,
+    mode: &'static str,
+    transfer: &'a str,
+    window: [f32; 2],
+    perspective: Option<f64>,
+    step: f64,
+    stop: f32,
+    background: [f32; 3],
+    threads: usize,
+    /// Reading the volume, ms.
+    read_ms: f64,
+    /// From the command's begin to the last picture, s.
+    wall_s: f64,
+    pictures: Vec<Drawn>,
+    notes: Vec<String>,
+}
+
+/// One picture.
+#[derive(Debug, Serialize)]
+struct Drawn {
+    path: PathBuf,
+    /// Azimuth, elevation, roll, degrees.
+    view: [f64; 3],
+    /// Setting up the rays.
+    prepare_ms: f64,
+    /// Reading, classifying and lighting voxels.
+    shade_ms: f64,
+    /// Sampling and compositing rays.
+    rays_ms: f64,
+    /// Encoding and writing the file.
+    write_ms: f64,
+    #[serde(flatten)]
+    numbers: PictureNumbers,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// [`Failure`]: the picture that failed was not written then.
+#[allow(clippy::print_stdout, clippy::print_stderr, reason = "the command's output")]
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let began = Instant::now();
+    let Arguments { look, output, .. } = arguments;
+    arguments.check()?;
+    let volume = DenseVolume::open(&arguments.volume, arguments.weights.as_deref(), gibibytes(arguments.max_memory)?)?;
+    let read_ms = milliseconds(began);
+    let window = arguments.window.unwrap_or_else(|| volume.range());
+    let settings = RenderSettings { cache: Cache::None, ..look.settings(window, input::threads(arguments.threads))? };
+    let [low, high] = volume.bounds();
+    let stage = Stage::new(volume.world_from_lattice(), low, high)?;
+    let mut notes = volume.notes().to_vec();
+    if volume.seen() == 0 {
+        notes.push(format!("{}: no voxel was seen, so the picture is all background", arguments.volume.display()));
+    }
+    let turns = arguments.turntable.map_or(1, u64::from);
+    let bar = input::progress("rendering", turns);
+    let mut pictures = Vec::new();
+    for turn in 0..turns {
+        let path = match arguments.turntable {
+            None => output.clone(),
+            Some(_) => numbered(output, turn),
+        };
+        let turned = arguments.turntable.map(|_| 360.0 * turn as f64 / turns as f64);
+        let drawn = draw(&volume, stage, &settings, look, turned, path);
+        pictures.push(drawn?);
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    let wall_s = began.elapsed().as_secs_f64();
+    if let Some(path) = &arguments.stats {
+        let statistics = Statistics {
+            version: env!("CARGO_PKG_VERSION"),
+            input: &arguments.volume,
+            weights: arguments.weights.as_deref(),
+            size: volume.header().size,
+            voxels_seen: volume.seen(),
+            mode: look.mode.name(),
+            transfer: &look.transfer,
+            window,
+            perspective: look.perspective,
+            step: look.step,
+            stop: look.stop,
+            background: look.background,
+            threads: settings.threads,
+            read_ms,
+            wall_s,
+            pictures,
+            notes: notes.clone(),
+        };
+        write_json(path, &statistics)?;
+    }
+    for note in &notes {
+        eprintln!("sonoweave: note: {note}");
+    }
+    let [width, height] = look.image_size;
+    let [azimuth, elevation, roll] = look.view;
+    let name = match arguments.turntable {
+        None => output.display().to_string(),
+        Some(_) => format!("{} and on, {turns} pictures", numbered(output, 0).display()),
+    };
+    println!(
+        "{name}: {width}×{height} pixels of {}, {}, {}, from {azimuth}°, {elevation}°{}, in {:.0} ms",
+        arguments.volume.display(),
+        look.mode.name(),
+        look.transfer,
+        if roll == 0.0 { String::new() } else { format!(", rolled {roll}°") },
+        wall_s * 1e3
+    );
+    Ok(())
+}
+
+impl Arguments {
+    /// Fails before the work, not after it, where an output cannot be or no volume could be rendered so.
+    fn check(&self) -> Result<(), Failure> {
+        check_png(&self.output)?;
+        for output in [Some(&self.output), self.stats.as_ref()].into_iter().flatten() {
+            input::check_output(output)?;
+            for from in [Some(&self.volume), self.weights.as_ref()].into_iter().flatten() {
+                input::check_is_not(output, from)?;
+            }
+        }
+        self.look.check()
+    }
+}
+
+/// Pictures are written as PNG.
+///
+/// # Errors
+/// [`Failure`] when the name promises something else.
+pub(super) fn check_png(path: &Path) -> Result<(), Failure> {
+    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
+        return Ok(());
+    }
+    Err(Failure(format!("{}: pictures are written as .png; give such a name", path.display())))
+}
+
+fn draw(
+    volume: &DenseVolume,
+    stage: Stage,
+    settings: &RenderSettings,
+    look: &Look,
+    turned: Option<f64>,
+    path: PathBuf,
+) -> Result<Drawn, Failure> {
+    let began = Instant::now();
+    let view = look.view(turned.unwrap_or(0.0), turned.is_some());
+    let mut renderer = Renderer::new(&RenderSettings { view, ..settings.clone() }, stage)?;
+    let prepare_ms = milliseconds(began);
+    let updated = renderer.update_all(volume);
+    let began = Instant::now();
+    write_picture(&renderer.picture(), look.background, &path)?;
+    Ok(Drawn {
+        path,
+        view: [view.azimuth, view.elevation, view.roll],
+        prepare_ms,
+        shade_ms: updated.shade.as_secs_f64() * 1e3,
+        rays_ms: updated.rays.as_secs_f64() * 1e3,
+        write_ms: milliseconds(began),
+        numbers: PictureNumbers::of(&renderer, look.image_size),
+    })
+}
+
+/// `IMG.png` as `IMG-007.png`.
+fn numbered(path: &Path, number: u64) -> PathBuf {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    path.with_file_name(format!("{stem}-{number:03}.png"))
+}
+
+fn milliseconds(since: Instant) -> f64 {
+    since.elapsed().as_secs_f64() * 1e3
+}
+
+fn gibibytes(gib: f64) -> Result<u64, Failure> {
+    let bytes = gib * f64::from(1 << 30);
+    if bytes > 0.0 && bytes.is_finite() {
+        return Ok(bytes as u64);
+    }
+    Err(Failure(format!("--max-memory {gib}: must be a positive number of GiB")))
+}

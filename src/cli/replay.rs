@@ -1,0 +1,124 @@
+//! `sonoweave replay`: a recorded sweep becomes a volume, and a picture follows it slice by slice.
+
+mod following;
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+
+use super::reconstruct::flags::Flags;
+use super::reconstruct::outputs::Request;
+use super::render::check_png;
+use super::render::look::Look;
+use super::{Failure, input, values};
+use crate::pipeline;
+use crate::render::Cache;
+use crate::render::settings::CACHE_BYTES;
+use following::{Following, Series};
+
+/// Flags of `replay`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+All flags of `reconstruct` and of `render` apply; --window says which grey levels are black and white in both the picture and a written volume, and \
+--weights writes.
+
+Example: sonoweave replay sweep.igs.mha --config PlusConfiguration.xml --picture last.png --stats replay.json")]
+pub struct Arguments {
+    /// The recorded sweep: a tracked sequence (.igs.mha, .mha)
+    sequence: PathBuf,
+    /// Where to write the volume (.mha) [default: nowhere]
+    #[arg(short, long, value_name = "VOL.mha")]
+    output: Option<PathBuf>,
+    /// How fast: max, the only one so far, takes the next slice when the picture of the last one is finished
+    #[arg(long, value_name = "SPEED", default_value = "max", value_parser = values::speed)]
+    speed: Speed,
+    /// Where to write the picture after the last slice
+    #[arg(long, value_name = "IMG.png")]
+    picture: Option<PathBuf>,
+    /// A folder for pictures on the way, named by the frame: frame-00012.png
+    #[arg(long, value_name = "DIR")]
+    pictures: Option<PathBuf>,
+    /// Of how many slices one is pictured there
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..), requires = "pictures")]
+    every: u64,
+    /// What is kept of rays between pictures; all give the same picture
+    #[arg(long, value_enum, default_value_t, value_name = "CACHE")]
+    cache: CacheName,
+    /// Memory that the cache may take; where it would take more, less is kept
+    #[arg(long, value_name = "BYTES", default_value_t = CACHE_BYTES)]
+    cache_bytes: u64,
+    #[command(flatten)]
+    look: Look,
+    #[command(flatten, next_help_heading = "Reconstruction")]
+    flags: Flags,
+}
+
+// To clap the unit type is a flag without a value.
+type Speed = ();
+
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+enum CacheName {
+    /// Nothing: a ray that a change reaches is cast whole
+    None,
+    /// Every sample: only changed samples are interpolated again
+    Linear,
+    /// Every sample and the fold of every block: only changed blocks are folded again
+    #[default]
+    TwoLevel,
+    /// The fold of every block: a changed block's samples are interpolated again
+    OneLevel,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// [`Failure`]; pictures on the way may have been written then.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let (request, job) = Request::new(&arguments.sequence, arguments.output.as_deref(), &arguments.flags)?;
+    let series = arguments.series()?;
+    let threads = job.settings.threads;
+    let mut following = Following::new(&arguments.look, arguments.flags.window, threads, series);
+    following.cache = match arguments.cache {
+        CacheName::None => Cache::None,
+        CacheName::Linear => Cache::Linear,
+        CacheName::TwoLevel => Cache::TwoLevel,
+        CacheName::OneLevel => Cache::OneLevel,
+    };
+    following.cache_bytes = arguments.cache_bytes;
+    let bar = input::progress("replaying", 1);
+    let result = pipeline::reconstruct(job, &mut following, |p| {
+        bar.set_length(p.total);
+        bar.set_position(p.done);
+    });
+    bar.finish_and_clear();
+    let outcome = result?;
+    let statistics = following.finish(arguments.picture.as_deref())?;
+    request.finish(outcome, statistics.as_ref())?;
+    if let Some(statistics) = &statistics {
+        following::report(statistics, arguments.picture.as_deref());
+    }
+    Ok(())
+}
+
+impl Arguments {
+    /// The pictures on the way; fails before the work, not after it, where there is nothing to draw, or no way to.
+    fn series(&self) -> Result<Option<Series>, Failure> {
+        if self.picture.is_none() && self.pictures.is_none() {
+            return Err(Failure(
+                "nothing to draw: give --picture, for the picture after the last slice, or --pictures, for those on the way; \
+                 or choose `reconstruct`"
+                    .into(),
+            ));
+        }
+        if let Some(path) = &self.picture {
+            check_png(path)?;
+            input::check_output(path)?;
+            input::check_is_not(path, &self.sequence)?;
+        }
+        if let Some(folder) = self.pictures.as_ref().filter(|f| !f.is_dir()) {
+            return Err(Failure(format!("--pictures {}: there is no such folder; make it first", folder.display())));
+        }
+        self.look.check()?;
+        Ok(self.pictures.clone().map(|folder| Series { folder, every: self.every }))
+    }
+}

@@ -1,0 +1,92 @@
+//! The voxels that a recording's slices will reach, known from their poses before the first is woven.
+
+use calibration::frames::{Transform, Volume, World};
+use calibration::region::ClipRect;
+use glam::DVec3;
+
+use super::FramePose;
+
+/// Beyond this many voxels from the lattice's origin no slice is woven.
+const FARTHEST: f64 = 1_073_741_824.0;
+/// Around the box, voxels: a slice of the planar path may lie beside its pose.
+const MARGIN: f64 = 1.0;
+
+/// First and last voxel, both inclusive, of the smallest box that holds each slice's data rectangle, widened along the slice's u, v and normal by the kernel's
+/// supports (mm), and a voxel around it. A pose that has no finite place in range is passed over; `None` where all have none.
+pub fn reached(
+    poses: &[FramePose],
+    data: ClipRect,
+    supports_mm: [f64; 3],
+    world_from_lattice: Transform<World, Volume>,
+) -> Option<[[i64; 3]; 2]> {
+    let lattice_from_world = world_from_lattice.affine().inverse();
+    let ends = |first: u32, count: u32| [f64::from(first), f64::from(first) + f64::from(count) - 1.0];
+    let (us, vs) = (ends(data.x, data.width), ends(data.y, data.height));
+    let mut bounds: Option<[DVec3; 2]> = None;
+    for pose in poses {
+        let to_world = pose.world_from_image;
+        let (u, v) = (to_world.vector(DVec3::X).normalize_or_zero(), to_world.vector(DVec3::Y).normalize_or_zero());
+        let reach = [u * supports_mm[0], v * supports_mm[1], u.cross(v).normalize_or_zero() * supports_mm[2]];
+        // Of the box about the slice: along each lattice axis the half edges add up.
+        let wide = reach.map(|r| lattice_from_world.transform_vector3(r).abs()).iter().sum::<DVec3>();
+        let corners = [[us[0], vs[0]], [us[1], vs[0]], [us[0], vs[1]], [us[1], vs[1]]]
+            .map(|[u, v]| lattice_from_world.transform_point3(to_world.point(DVec3::new(u, v, 0.0))));
+        let low = corners.iter().fold(corners[0], |low, c| low.min(*c)) - wide;
+        let high = corners.iter().fold(corners[0], |high, c| high.max(*c)) + wide;
+        let placed = corners.iter().all(|c| c.is_finite()) && low.abs().max(high.abs()).max_element() < FARTHEST;
+        if placed {
+            let [l, h] = bounds.unwrap_or([low, high]);
+            bounds = Some([l.min(low), h.max(high)]);
+        }
+    }
+    bounds.map(|[low, high]| {
+        [(low - MARGIN).floor(), (high + MARGIN).ceil()].map(|corner| corner.to_array().map(|x| x as i64))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use calibration::frames::Image;
+    use glam::{DAffine3, DMat3, DQuat};
+
+    use super::*;
+
+    fn pose(affine: DAffine3) -> FramePose {
+        FramePose {
+            item: 0,
+            time_ns: 0,
+            size: [100, 80],
+            world_from_image: Transform::<World, Image>::from_affine(affine),
+        }
+    }
+
+    fn lattice(spacing: f64) -> Transform<World, Volume> {
+        Transform::from_affine(DAffine3::from_scale(DVec3::splat(spacing)))
+    }
+
+    #[test]
+    fn the_box_holds_the_data_and_the_kernel_s_reach() {
+        // Pixels of 0.2 mm, the slice across z at 5 mm; columns 10 to 29, rows 20 to 59: 2 to 5.8 and 4 to 11.8 mm.
+        let scale = DMat3::from_diagonal(DVec3::new(0.2, 0.2, 1.0));
+        let flat = DAffine3 { matrix3: scale, translation: DVec3::new(0.0, 0.0, 5.0) };
+        let data = ClipRect::new(10, 20, 20, 40).unwrap();
+        let found = reached(&[pose(flat)], data, [0.6, 1.1, 2.6], lattice(0.5)).unwrap();
+        // 1.4..6.4, 2.9..12.9, 2.4..7.6 mm in half millimetres, and one more voxel.
+        assert_eq!(found, [[1, 4, 3], [14, 27, 17]]);
+        // Turned by a right angle about x: rows go along z, the normal along −y.
+        let turned = DAffine3::from_quat(DQuat::from_rotation_x(std::f64::consts::FRAC_PI_2)) * flat;
+        let found = reached(&[pose(flat), pose(turned)], data, [0.6, 1.1, 2.6], lattice(0.5)).unwrap();
+        assert_eq!(found, [[1, -17, 3], [14, 27, 27]]);
+    }
+
+    #[test]
+    fn poses_without_a_place_do_not_count() {
+        let data = ClipRect::new(0, 0, 11, 11).unwrap();
+        let far = DAffine3::from_translation(DVec3::splat(1e12));
+        let lost = DAffine3::from_translation(DVec3::splat(f64::NAN));
+        let here = reached(&[pose(DAffine3::IDENTITY)], data, [0.0; 3], lattice(1.0));
+        assert_eq!(here, Some([[-1; 3], [11, 11, 1]]));
+        assert_eq!(reached(&[pose(far), pose(DAffine3::IDENTITY), pose(lost)], data, [0.0; 3], lattice(1.0)), here);
+        assert_eq!(reached(&[pose(far)], data, [0.0; 3], lattice(1.0)), None);
+    }
+}

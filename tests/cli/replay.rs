@@ -1,0 +1,180 @@
+//! A picture that follows a volume is the one that is made of it afterwards.
+
+use super::place::Place;
+
+/// A sweep of the phantom; as a fan it goes the planar path.
+fn sweep(flags: &str) -> Place {
+    let place = Place::new();
+    place.does(&format!("phantom -o s.mha --image-size 48x40 --pixel 0.4 --frames 14 --gap 0.5 --noise 3 {flags}"));
+    place
+}
+
+const LOOK: &str = "--image-size 64x48 --transfer phantom --view 40,25";
+
+/// Replays with a picture and a volume, renders the volume: both pictures.
+fn both(place: &Place, replay: &str, look: &str) -> (Vec<u8>, Vec<u8>) {
+    let run = place.run(&format!(
+        "replay s.mha --clip none --picture p.png -o v.mha --type f32 --weights w.mha --stats s.json {replay} {look}"
+    ));
+    assert_eq!(run.code, 0, "{replay}: {}", run.stderr);
+    place.does(&format!("render v.mha --weights w.mha -o q.png {look}"));
+    (place.get("p.png"), place.get("q.png"))
+}
+
+fn check(place: &Place, path: &str, replay: &str, look: &str) -> Vec<u8> {
+    let (live, still) = both(place, replay, look);
+    assert!(live == still, "{path} {replay} {look}: not the same picture");
+    assert_eq!(place.json("s.json")["path"], path, "{replay}");
+    let picture = image::load_from_memory(&live).unwrap().to_rgb8();
+    assert!(picture.pixels().filter(|p| p.0[0] > 20).count() > 100, "{path} {replay}: something is seen");
+    live
+}
+
+#[test]
+fn the_general_path_s_last_picture_is_that_of_its_volume_bit_for_bit() {
+    let place = sweep("");
+    let first = check(&place, "general", "--cache none --threads 1", LOOK);
+    for replay in [
+        "--cache linear --threads 1",
+        "--cache none --threads 3",
+        "--cache linear --threads 3",
+        "--cache two-level --threads 3",
+        "--cache one-level --threads 1",
+        "--cache linear --cache-bytes 1000",
+    ] {
+        assert!(check(&place, "general", replay, LOOK) == first, "{replay}");
+    }
+    check(&place, "general", "--cache linear", &format!("{LOOK} --perspective 40 --step 0.7 --arity 5"));
+    // It is neither by chance nor by being blind: without weights, and without the box of the slices, the picture is another.
+    let (live, _) = both(&place, "", LOOK);
+    place.does(&format!("render v.mha --weights w.mha -o q.png {LOOK} --threads 1"));
+    assert!(place.get("q.png") == live);
+    let run = place.run(&format!("render v.mha -o q.png {LOOK}"));
+    assert!(run.code == 0 && run.stderr.contains("count as not seen") && place.get("q.png") != live, "{}", run.stderr);
+    let mut bytes = place.get("v.mha");
+    let at = bytes.windows(18).position(|w| w == b"SonoweaveSlicesBox").unwrap();
+    bytes[at + 17] = b'y';
+    place.put("v.mha", bytes);
+    place.does(&format!("render v.mha --weights w.mha -o q.png {LOOK}"));
+    assert!(place.get("q.png") != live);
+    // On a lattice beside the world's origin bricks are others than those of the weaver.
+    check(&place, "general", "--cache linear --origin 0.13,-7.31,3.7", LOOK);
+    check(&place, "general", "--cache linear --compound maximum", LOOK);
+    check(&place, "general", "--cache linear --compound decay --decay exp", LOOK);
+}
+
+#[test]
+fn the_planar_path_s_last_picture_is_that_of_its_volume_bit_for_bit() {
+    let place = sweep("--trajectory fan");
+    let first = check(&place, "planar", "--cache none --threads 1", LOOK);
+    for replay in ["--cache linear --threads 1", "--cache linear --threads 3", "--cache one-level", "--cache two-level"]
+    {
+        assert!(check(&place, "planar", replay, LOOK) == first, "{replay}");
+    }
+    check(&place, "planar", "--cache linear --compound decay", LOOK);
+}
+
+#[test]
+fn a_path_that_changes_on_the_way_changes_no_picture() {
+    let place = Place::new();
+    let pose = |frame: u32| match frame {
+        3 => format!("0.49990 0 0 0 0 0.5 0 0 -0.01 0 1 {frame} 0 0 0 1"),
+        _ => super::sequence::pose(f64::from(frame)),
+    };
+    place.put("s.mha", super::sequence::Sequence { pose, ..Default::default() }.bytes());
+    let look = "--image-size 64x48 --transfer xray";
+    for cache in ["none", "linear", "two-level", "one-level"] {
+        check(&place, "planar, then general", &format!("--cache {cache} --path planar --spacing 0.5"), look);
+    }
+}
+
+#[test]
+fn the_box_that_is_looked_at_is_known_before_the_first_slice() {
+    let place = sweep("");
+    place.does(&format!("replay s.mha --clip none --pictures . {LOOK} -o v.mha"));
+    place.does("reconstruct s.mha --clip none -o r.mha");
+    let (followed, plain) = (place.volume("v.mha"), place.volume("r.mha"));
+    let text = plain.field("SonoweaveSlicesBox").to_owned();
+    assert_eq!(followed.field("SonoweaveSlicesBox"), text);
+    let numbers: Vec<i64> = text.split(' ').map(|n| n.parse().unwrap()).collect();
+    let [lx, ly, lz, hx, hy, hz] = numbers[..] else { panic!("{text}") };
+    let size = plain.header.size.map(i64::from);
+    // It holds the file, and little more: kernels' corners and a voxel around.
+    for (low, high, size) in [(lx, hx, size[0]), (ly, hy, size[1]), (lz, hz, size[2])] {
+        assert!((-8..=0).contains(&low) && (size - 1..size + 8).contains(&high), "{text} about {size}");
+    }
+    assert_eq!(plain.field("SonoweaveRange"), "0 255");
+    assert_eq!(place.names().iter().filter(|n| n.starts_with("frame-000") && n.ends_with(".png")).count(), 14);
+    // Of a volume that was cropped, the picture is what is left.
+    place.does("reconstruct s.mha --clip none -o c.mha --size 9,9,9");
+    assert!(place.volume("c.mha").header.fields.iter().all(|(name, _)| name != "SonoweaveSlicesBox"));
+}
+
+#[test]
+fn pictures_on_the_way_and_numbers() {
+    let place = sweep("");
+    std::fs::create_dir(place.path("way")).unwrap();
+    let said = place.does(&format!(
+        "replay s.mha --clip none --speed max --picture p.png --pictures way --every 5 --stats s.json --arity 4 --threads 1 {LOOK}"
+    ));
+    assert!(
+        said.contains("p.png: 64×48 pixels")
+            && said.contains("ms from slice to picture")
+            && said.contains("two-level cache"),
+        "{said}"
+    );
+    let mut way: Vec<_> = std::fs::read_dir(place.path("way")).unwrap().map(|e| e.unwrap().file_name()).collect();
+    way.sort();
+    assert_eq!(way, ["frame-00004.png", "frame-00009.png"]);
+    let s = place.json("s.json");
+    for stage in ["slice_to_picture_ms", "insert_ms", "shade_ms", "rays_ms"] {
+        let [median, p95, p99, max] = ["median", "p95", "p99", "max"].map(|q| s[stage][q].as_f64().unwrap());
+        assert!(0.0 < median && median <= p95 && p95 <= p99 && p99 <= max, "{stage}");
+    }
+    assert!(s["slice_to_picture_ms"]["total"].as_f64() > s["insert_ms"]["total"].as_f64());
+    let picture = &s["picture"];
+    assert_eq!((&picture["cache"], &picture["arity"]), (&"two-level".into(), &4.into()));
+    assert!(picture["cache_bytes"].as_u64().unwrap() > 64 * 48 * 8 && picture["notes"].as_array().unwrap().is_empty());
+    for key in ["bricks_read", "voxels_shaded", "rays", "samples", "pixels_changed"] {
+        assert!(picture["work"][key].as_u64().unwrap() > 0, "{key}");
+    }
+    assert_eq!((&s["scalar"], &s["frames"]["used"]), (&serde_json::Value::Null, &14.into()));
+    assert!(!place.names().contains("v.mha"));
+    // Too little memory for the cache: it is said, and nothing else changes.
+    let before = place.get("p.png");
+    let run = place
+        .run(&format!("replay s.mha --clip none --picture p.png --cache-bytes 1000 --stats s.json --arity 4 {LOOK}"));
+    assert!(run.code == 0 && run.stderr.contains("--cache-bytes"), "{}", run.stderr);
+    assert!(place.get("p.png") == before && place.json("s.json")["picture"]["cache"] == "none");
+}
+
+#[test]
+fn what_cannot_be_replayed_is_refused() {
+    let place = sweep("");
+    for (words, says) in [
+        ("replay s.mha", &["nothing to draw", "--picture", "reconstruct"][..]),
+        ("replay s.mha -o v.mha --stats s.json", &["nothing to draw"]),
+        ("replay s.mha --picture none/p.png", &["the folder none does not exist"]),
+        ("replay s.mha --picture p.jpg", &[".png"]),
+        ("replay s.mha --pictures none", &["--pictures none", "no such folder"]),
+        ("replay s.mha --picture p.png --image-size 100000x100000", &["100000"]),
+        ("replay s.mha --picture p.png --transfer muscle", &["muscle", "tissue"]),
+        ("replay s.mha --picture p.png --perspective -3", &["view"]),
+        ("replay s.mha --picture p.png -o v.nii", &["v.nii", ".mha"]),
+        ("replay s.mha --picture p.png --step 1e-4", &["--step"]),
+    ] {
+        let words = words.replace("--perspective -3", "--perspective=-3");
+        place.refuses(&words, says);
+    }
+    for (words, says) in [
+        ("replay s.mha --picture p.png --speed 2", "give max"),
+        ("replay s.mha --picture p.png --cache all", "linear"),
+        ("replay s.mha --picture p.png --every 2", "--pictures"),
+        ("replay s.mha --pictures . --every 0", "--every"),
+        ("replay s.mha --picture p.png --view 1,nan", "not finite"),
+    ] {
+        let run = place.run(words);
+        assert_eq!(run.code, 2, "{words}: {}", run.stderr);
+        assert!(run.stderr.contains(says), "{words}: {}", run.stderr);
+    }
+}
