@@ -7,7 +7,7 @@ use super::settings::Cache;
 use super::shaded::Dirty;
 use super::stage::Stage;
 use super::work::RenderWork;
-use crate::simd::Simd;
+use crate::simd::{Fused, Simd};
 
 /// Pixels around the projection of a box that its rays may reach: rounding, and a pixel's own extent.
 const MARGIN: f64 = 1.0;
@@ -45,6 +45,24 @@ impl Footprint {
             (first <= most && last >= 0.0).then(|| [first.max(0.0) as u32, last.min(most) as u32])
         };
         Some(Self { dirty, columns: axis(0, width)?, rows: axis(1, height)? })
+    }
+}
+
+/// A pixel of a row anew.
+struct Again<'a, const C: usize> {
+    row: &'a mut Row<C>,
+    at: usize,
+    samples: [u32; 2],
+    sampler: Sampler<'a, C>,
+    fold: Fold,
+}
+
+impl<const C: usize> Fused for Again<'_, C> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        self.row.again(self.at, self.samples, self.sampler, self.fold);
     }
 }
 
@@ -119,7 +137,7 @@ impl<const C: usize> Row<C> {
         for at in first..end {
             let [from, to] = std::mem::replace(&mut self.dirty[at], [u32::MAX, 0]);
             if from < to {
-                simd.fused(|| self.again(at, [from, to], sampler, fold));
+                simd.fused(Again { row: self, at, samples: [from, to], sampler, fold });
             }
         }
     }

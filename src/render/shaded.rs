@@ -7,7 +7,7 @@ use super::shade::{Lit, Shader};
 use super::shown::{ABSENT, Changed, Shown, Table};
 use super::stage::Stage;
 use crate::sharing::Sharing;
-use crate::simd::Simd;
+use crate::simd::{Fused, Simd};
 use crate::volume::brick::EDGE;
 
 /// Voxels along an edge of a brick with what it keeps of its neighbours.
@@ -97,7 +97,7 @@ impl<const C: usize> Shaded<C> {
             for (result, changed) in results.iter_mut().zip(&voxels[task * BRICKS_PER_TASK..]) {
                 let before = table.get(changed.at).map(|slot| &bricks[slot]);
                 result.at = changed.at;
-                result.shaded = simd.fused(|| shade_brick(shown, changed, before, shader, &mut result.lit));
+                result.shaded = simd.fused(Shading { shown, changed, before, shader, lit: &mut result.lit });
             }
         });
         let mut shaded = 0;
@@ -150,59 +150,66 @@ impl<const C: usize> Shaded<C> {
     }
 }
 
-/// Shades the voxels of a brick that may have changed, and notes those that have; returns how many were shaded.
-#[inline(always)]
-fn shade_brick<const C: usize>(
-    shown: &Shown,
-    changed: &Changed,
-    before: Option<&ShadedBrick<C>>,
-    shader: &Shader<f32>,
-    lit: &mut Vec<(u16, Lit<f32, C>)>,
-) -> u64 {
-    const STEP: [usize; 3] = [1, EDGE, EDGE * EDGE];
-    let Some((brick, beside)) = shown.neighbourhood(changed.at) else { return 0 };
-    let mut shaded = 0;
-    for (z, layer) in changed.voxels.iter().enumerate() {
-        let mut left = *layer;
-        while left != 0 {
-            let inside = left.trailing_zeros() as usize;
-            left &= left - 1;
-            let voxel = [inside % EDGE, inside / EDGE, z];
-            let place = z * EDGE * EDGE + inside;
-            let centre = (brick.value[place], brick.weight[place]);
-            let mut now = Lit { colour: [0.0; C], alpha: 0.0 };
-            if shader.may_show(centre) {
-                let mut around = [[(0.0, 0.0); 2]; 3];
-                for axis in 0..3 {
-                    let span = (EDGE - 1) * STEP[axis];
-                    for (side, at_end) in [(0, voxel[axis] == 0), (1, voxel[axis] + 1 == EDGE)] {
-                        let (of, place) = match (at_end, side) {
-                            (false, 0) => (Some(brick), place - STEP[axis]),
-                            (false, _) => (Some(brick), place + STEP[axis]),
-                            (true, 0) => (beside[2 * axis], place + span),
-                            (true, _) => (beside[2 * axis + 1], place - span),
-                        };
-                        if let Some(of) = of {
-                            around[axis][side] = (of.value[place], of.weight[place]);
+/// Shades the voxels of a brick that may have changed, and notes those that have; gives how many were shaded.
+struct Shading<'a, const C: usize> {
+    shown: &'a Shown,
+    changed: &'a Changed,
+    before: Option<&'a ShadedBrick<C>>,
+    shader: &'a Shader<f32>,
+    lit: &'a mut Vec<(u16, Lit<f32, C>)>,
+}
+
+impl<const C: usize> Fused for Shading<'_, C> {
+    type Output = u64;
+
+    #[inline(always)]
+    fn run(self) -> u64 {
+        let Self { shown, changed, before, shader, lit } = self;
+        const STEP: [usize; 3] = [1, EDGE, EDGE * EDGE];
+        let Some((brick, beside)) = shown.neighbourhood(changed.at) else { return 0 };
+        let mut shaded = 0;
+        for (z, layer) in changed.voxels.iter().enumerate() {
+            let mut left = *layer;
+            while left != 0 {
+                let inside = left.trailing_zeros() as usize;
+                left &= left - 1;
+                let voxel = [inside % EDGE, inside / EDGE, z];
+                let place = z * EDGE * EDGE + inside;
+                let centre = (brick.value[place], brick.weight[place]);
+                let mut now = Lit { colour: [0.0; C], alpha: 0.0 };
+                if shader.may_show(centre) {
+                    let mut around = [[(0.0, 0.0); 2]; 3];
+                    for axis in 0..3 {
+                        let span = (EDGE - 1) * STEP[axis];
+                        for (side, at_end) in [(0, voxel[axis] == 0), (1, voxel[axis] + 1 == EDGE)] {
+                            let (of, place) = match (at_end, side) {
+                                (false, 0) => (Some(brick), place - STEP[axis]),
+                                (false, _) => (Some(brick), place + STEP[axis]),
+                                (true, 0) => (beside[2 * axis], place + span),
+                                (true, _) => (beside[2 * axis + 1], place - span),
+                            };
+                            if let Some(of) = of {
+                                around[axis][side] = (of.value[place], of.weight[place]);
+                            }
                         }
                     }
+                    let mut at = changed.at;
+                    for axis in 0..3 {
+                        at[axis] = at[axis] * EDGE as i64 + voxel[axis] as i64;
+                    }
+                    now = shader.shade(centre, around, at);
+                    shaded += 1;
                 }
-                let mut at = changed.at;
-                for axis in 0..3 {
-                    at[axis] = at[axis] * EDGE as i64 + voxel[axis] as i64;
+                let cell = (voxel[2] * SIDE + voxel[1]) * SIDE + voxel[0];
+                let same = match before {
+                    Some(before) => before.is(cell, &now),
+                    None => now.alpha == 0.0,
+                };
+                if !same {
+                    lit.push((place as u16, now));
                 }
-                now = shader.shade(centre, around, at);
-                shaded += 1;
-            }
-            let cell = (voxel[2] * SIDE + voxel[1]) * SIDE + voxel[0];
-            let same = match before {
-                Some(before) => before.is(cell, &now),
-                None => now.alpha == 0.0,
-            };
-            if !same {
-                lit.push((place as u16, now));
             }
         }
+        shaded
     }
-    shaded
 }

@@ -2,7 +2,7 @@
 
 use super::stage::Stage;
 use crate::sharing::Sharing;
-use crate::simd::Simd;
+use crate::simd::{Fused, Simd};
 use crate::volume::Values;
 use crate::volume::brick::{BrickIndex, EDGE, VOXELS};
 
@@ -59,6 +59,24 @@ struct Task<'a> {
     index: BrickIndex,
     brick: &'a mut Brick,
     voxels: Bits,
+}
+
+/// Reads a brick and compares it with what was there.
+struct Reading<'a, 'b, V: ?Sized> {
+    volume: &'a V,
+    bounds: [[i64; 3]; 2],
+    fresh: &'a mut Brick,
+    task: &'a mut Task<'b>,
+}
+
+impl<V: Values + ?Sized> Fused for Reading<'_, '_, V> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        self.fresh.read(self.volume, self.task.index, self.bounds);
+        self.task.voxels = difference(self.fresh, self.task.brick);
+    }
 }
 
 /// The stage's bricks by place.
@@ -173,10 +191,7 @@ impl Shown {
         sharing.chunks(&mut tasks, BRICKS_PER_TASK, |_, tasks| {
             let mut fresh = Brick::default();
             for task in tasks {
-                simd.fused(|| {
-                    fresh.read(volume, task.index, bounds);
-                    task.voxels = difference(&fresh, task.brick);
-                });
+                simd.fused(Reading { volume, bounds, fresh: &mut fresh, task });
                 if task.voxels.iter().any(|layer| *layer != 0) {
                     task.brick.clone_from(&fresh);
                 }
@@ -246,6 +261,7 @@ impl Shown {
 }
 
 /// Where two bricks differ by a bit.
+#[inline(always)]
 fn difference(a: &Brick, b: &Brick) -> Bits {
     let mut differs = [0_u8; VOXELS];
     for (i, differs) in differs.iter_mut().enumerate() {

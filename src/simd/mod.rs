@@ -50,24 +50,23 @@ impl Simd {
         }
     }
 
-    /// Runs scalar code compiled with the set's fused multiply-add, which is a library call without; the same bits either way. The code must be
-    /// `#[inline(always)]` down to its multiply-adds, and `f` small enough for its only call to be inlined.
+    /// Runs scalar code compiled with the set's fused multiply-add, which is a library call without; the same bits either way.
     ///
     /// # Panics
     /// Where the machine lacks the set.
     #[allow(unsafe_code, reason = "calls code compiled for an instruction set after checking that the machine has it")]
-    pub(crate) fn fused<R>(self, f: impl FnOnce() -> R) -> R {
+    pub(crate) fn fused<J: Fused>(self, job: J) -> J::Output {
         #[cfg(target_arch = "x86_64")]
         #[target_feature(enable = "avx2,fma")]
-        fn avx2<R>(f: impl FnOnce() -> R) -> R {
-            f()
+        fn avx2<J: Fused>(job: J) -> J::Output {
+            job.run()
         }
         assert!(self.is_available(), "{} is not available on this machine", self.name());
         match self {
             #[cfg(target_arch = "x86_64")]
             // SAFETY: the assertion above detected the features (AVX-512 F implies AVX2 and FMA on every processor that has it).
-            Self::Avx512 | Self::Avx2 => unsafe { avx2(f) },
-            _ => f(),
+            Self::Avx512 | Self::Avx2 => unsafe { avx2(job) },
+            _ => job.run(),
         }
     }
 
@@ -79,6 +78,15 @@ impl Simd {
             Self::Portable => "portable",
         }
     }
+}
+
+/// Scalar code for [`Simd::fused`]. `run` is `#[inline(always)]`, and so is all that it calls down to the multiply-adds: a closure, or a function that the
+/// compiler leaves by itself, has not the caller's instruction set.
+pub(crate) trait Fused {
+    /// What it gives.
+    type Output;
+
+    fn run(self) -> Self::Output;
 }
 
 /// Sixteen f32.
