@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-pub use picture::{PictureNumbers, PictureStatistics, RenderNumbers};
+pub use picture::{PictureNumbers, PictureStatistics};
 
 use crate::config::Settings as Config;
 use crate::export::volume::DenseBox;

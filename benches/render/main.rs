@@ -51,34 +51,30 @@ struct Case {
 
 const SPACING_MM: f64 = 0.5;
 
+// Along u, which becomes the columns' axis, two voxels to the pixel.
+const PAPER: Case = Case {
+    id: "paper",
+    still: "paper-still",
+    title: "90 slices of 128×128 pixels, 128×128×256 voxels, picture of 256×256",
+    slices: 90,
+    pixels: [128; 2],
+    pixel_mm: [0.99, 0.5],
+    gap_mm: 64.0 / 90.0,
+    motion: Motion::Jittered,
+    image: [256; 2],
+    preset: "phantom",
+    goals: [8.0, 15.0, 57.0],
+};
+
 const CASES: [Case; 3] = [
-    // Along u, which becomes the columns' axis, two voxels to the pixel.
-    Case {
-        id: "paper",
-        still: "paper-still",
-        title: "90 slices of 128×128 pixels, 128×128×256 voxels, picture of 256×256",
-        slices: 90,
-        pixels: [128; 2],
-        pixel_mm: [0.99, 0.5],
-        gap_mm: 64.0 / 90.0,
-        motion: Motion::Jittered,
-        image: [256; 2],
-        preset: "phantom",
-        goals: [8.0, 15.0, 57.0],
-    },
+    PAPER,
     // No voxel is empty, and no ray ends early.
     Case {
         id: "paper-dense",
         still: "paper-dense-still",
         title: "90 slices of 128×128 pixels, 128×128×256 voxels, picture of 256×256, everything visible",
-        slices: 90,
-        pixels: [128; 2],
-        pixel_mm: [0.99, 0.5],
-        gap_mm: 64.0 / 90.0,
-        motion: Motion::Jittered,
-        image: [256; 2],
         preset: "xray",
-        goals: [8.0, 15.0, 57.0],
+        ..PAPER
     },
     Case {
         id: "cube",

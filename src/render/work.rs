@@ -1,7 +1,9 @@
-//! What was done, counted: the proof that nothing else was.
+//! What was done, counted: the proof that nothing else was. Statistics hold it as it is.
+
+use serde::Serialize;
 
 /// Work of one update, or summed over many.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct RenderWork {
     /// Bricks that were looked at because a slice touched them.
     pub bricks_read: u64,

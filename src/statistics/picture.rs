@@ -5,57 +5,6 @@ use serde::Serialize;
 use super::Milliseconds;
 use crate::render::{RenderWork, Renderer};
 
-/// Work of rendering, counted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-pub struct RenderNumbers {
-    /// Bricks that were looked at.
-    pub bricks_read: u64,
-    /// Of those, the bricks in which a value or a weight had changed.
-    pub bricks_changed: u64,
-    /// Voxels classified and lit.
-    pub voxels_shaded: u64,
-    /// Rays of which anything was sampled or composited.
-    pub rays: u64,
-    /// Samples interpolated.
-    pub samples: u64,
-    /// Samples passed over because their brick is transparent.
-    pub samples_skipped: u64,
-    /// Blocks that were kept and had to be folded again of their samples.
-    pub blocks_resolved: u64,
-    /// Blocks that were folded into pixels.
-    pub blocks_folded: u64,
-    /// Pixels whose value is other bits than before.
-    pub pixels_changed: u64,
-}
-
-impl From<RenderWork> for RenderNumbers {
-    fn from(work: RenderWork) -> Self {
-        // Named one by one, so that none is forgotten.
-        let RenderWork {
-            bricks_read,
-            bricks_changed,
-            voxels_shaded,
-            rays,
-            samples,
-            samples_skipped,
-            blocks_folded,
-            blocks_resolved,
-            pixels_changed,
-        } = work;
-        Self {
-            bricks_read,
-            bricks_changed,
-            voxels_shaded,
-            rays,
-            samples,
-            samples_skipped,
-            blocks_folded,
-            blocks_resolved,
-            pixels_changed,
-        }
-    }
-}
-
 /// The numbers of a picture that followed a volume.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PictureStatistics {
@@ -87,7 +36,7 @@ pub struct PictureNumbers {
     /// Bricks of the volume that were held.
     pub bricks: usize,
     /// Work done.
-    pub work: RenderNumbers,
+    pub work: RenderWork,
     /// What the user should know: sentences.
     pub notes: Vec<String>,
 }
@@ -104,7 +53,7 @@ impl PictureNumbers {
             cache_bytes: memory.rays,
             voxel_bytes: memory.voxels,
             bricks: renderer.bricks(),
-            work: renderer.work().into(),
+            work: renderer.work(),
             notes: renderer.notes().to_vec(),
         }
     }
