@@ -4,7 +4,7 @@
 //! - [`stage`]: the box that is looked at, on the volume's lattice; [`camera`]: the rays through it.
 //! - `shown`: value and weight of each voxel as last seen, and which have changed.
 //! - [`gradient`], [`transfer`], [`light`], `shade`: a voxel's colour and opacity; `shaded`: those of all voxels.
-//! - `cast`: samples along a ray and their fold; `cache`: what is kept of them; `rows`: which rays a change reaches.
+//! - `cast`: samples along a ray and their fold; `cache`: what is kept of them; `rows`: which rays a change reaches; `layers`: a picture's voxels and rows.
 //! - [`renderer`]: all of it; [`picture`]: the result; [`work`]: what was done for it.
 //! - [`mod@reference`]: the measure of it all, in f64.
 //!
@@ -17,6 +17,7 @@ mod cache;
 pub mod camera;
 mod cast;
 pub mod gradient;
+mod layers;
 pub mod light;
 pub mod picture;
 pub mod real;

@@ -5,12 +5,13 @@ use std::time::{Duration, Instant};
 
 use super::RenderError;
 use super::camera::Camera;
-use super::cast::{Fold, Sampler};
+use super::cast::Fold;
+use super::layers::{Image, Layers};
 use super::picture::Picture;
-use super::rows::{Footprint, Row};
+use super::rows::Footprint;
 use super::settings::{Cache, RenderSettings};
 use super::shade::Shader;
-use super::shaded::{Dirty, Shaded};
+use super::shaded::Dirty;
 use super::shown::{Changed, Shown};
 use super::stage::Stage;
 use super::work::RenderWork;
@@ -54,17 +55,6 @@ pub struct Renderer {
     work: RenderWork,
     changed: Vec<Changed>,
     dirty: Vec<Dirty>,
-}
-
-/// Grey light has one channel, coloured light three.
-enum Image {
-    Grey(Layers<1>),
-    Colour(Layers<3>),
-}
-
-struct Layers<const C: usize> {
-    shaded: Shaded<C>,
-    rows: Vec<Row<C>>,
 }
 
 impl Renderer {
@@ -210,52 +200,5 @@ impl Renderer {
     /// Bricks of the stage that hold anything.
     pub fn bricks(&self) -> usize {
         self.shown.len()
-    }
-}
-
-impl Image {
-    fn cache_bytes(&self, cache: Cache, fold: Fold) -> u64 {
-        match self {
-            Self::Grey(layers) => layers.rows.iter().map(|row| row.cache_bytes(cache, fold)).sum(),
-            Self::Colour(layers) => layers.rows.iter().map(|row| row.cache_bytes(cache, fold)).sum(),
-        }
-    }
-
-    fn keep(&mut self, cache: Cache, fold: Fold) {
-        match self {
-            Self::Grey(layers) => layers.rows.iter_mut().for_each(|row| row.keep(cache, fold)),
-            Self::Colour(layers) => layers.rows.iter_mut().for_each(|row| row.keep(cache, fold)),
-        }
-    }
-}
-
-impl<const C: usize> Layers<C> {
-    fn new(camera: &Camera, stage: &Stage) -> Self {
-        let rows = (0..camera.size()[1]).map(|j| Row::new(camera, stage, j)).collect();
-        Self { shaded: Shaded::new(stage), rows }
-    }
-
-    /// Casts again what some boxes can have changed.
-    fn cast(
-        &mut self,
-        footprints: &[Footprint],
-        camera: &Camera,
-        fold: Fold,
-        simd: Simd,
-        sharing: Sharing,
-    ) -> RenderWork {
-        let sampler = Sampler::new(&self.shaded);
-        sharing.chunks(&mut self.rows, 1, |j, rows| {
-            for row in rows {
-                row.update(j as u32, footprints, camera, sampler, fold, simd);
-            }
-        });
-        let mut work = RenderWork::default();
-        self.rows.iter().for_each(|row| work += row.work);
-        work
-    }
-
-    fn bytes(&self) -> u64 {
-        self.rows.iter().map(Row::bytes).sum()
     }
 }

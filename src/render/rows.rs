@@ -107,17 +107,9 @@ impl<const C: usize> Row<C> {
         self.cache.bytes() + (self.lines.len() * each) as u64
     }
 
-    /// Casts again what some boxes can have changed.
-    pub(super) fn update(
-        &mut self,
-        j: u32,
-        footprints: &[Footprint],
-        camera: &Camera,
-        sampler: Sampler<'_, C>,
-        fold: Fold,
-        simd: Simd,
-    ) {
-        self.work = RenderWork::default();
+    /// Notes which samples of its rays some boxes can have changed; they stay noted until the ray is cast. Returns the pixels that are concerned, the first and
+    /// the one behind the last.
+    pub(super) fn mark(&mut self, j: u32, footprints: &[Footprint], camera: &Camera) -> [usize; 2] {
         let (mut first, mut end) = (self.lines.len(), 0);
         for Footprint { dirty, columns, rows } in footprints {
             if j < rows[0] || j > rows[1] {
@@ -134,11 +126,14 @@ impl<const C: usize> Row<C> {
                 }
             }
         }
-        for at in first..end {
-            let [from, to] = std::mem::replace(&mut self.dirty[at], [u32::MAX, 0]);
-            if from < to {
-                simd.fused(Again { row: self, at, samples: [from, to], sampler, fold });
-            }
+        [first, end]
+    }
+
+    /// Casts the ray of a pixel again, if anything of it may have changed since it was cast last.
+    pub(super) fn cast(&mut self, at: usize, sampler: Sampler<'_, C>, fold: Fold, simd: Simd) {
+        let [from, to] = std::mem::replace(&mut self.dirty[at], [u32::MAX, 0]);
+        if from < to {
+            simd.fused(Again { row: self, at, samples: [from, to], sampler, fold });
         }
     }
 

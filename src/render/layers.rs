@@ -1,0 +1,71 @@
+//! The shaded voxels and the rows of one picture, in as many channels as its light has.
+
+use super::camera::Camera;
+use super::cast::{Fold, Sampler};
+use super::rows::{Footprint, Row};
+use super::settings::Cache;
+use super::shaded::Shaded;
+use super::stage::Stage;
+use super::work::RenderWork;
+use crate::sharing::Sharing;
+use crate::simd::Simd;
+
+/// Grey light has one channel, coloured light three.
+pub(super) enum Image {
+    Grey(Layers<1>),
+    Colour(Layers<3>),
+}
+
+pub(super) struct Layers<const C: usize> {
+    pub(super) shaded: Shaded<C>,
+    pub(super) rows: Vec<Row<C>>,
+}
+
+impl Image {
+    pub(super) fn cache_bytes(&self, cache: Cache, fold: Fold) -> u64 {
+        match self {
+            Self::Grey(layers) => layers.rows.iter().map(|row| row.cache_bytes(cache, fold)).sum(),
+            Self::Colour(layers) => layers.rows.iter().map(|row| row.cache_bytes(cache, fold)).sum(),
+        }
+    }
+
+    pub(super) fn keep(&mut self, cache: Cache, fold: Fold) {
+        match self {
+            Self::Grey(layers) => layers.rows.iter_mut().for_each(|row| row.keep(cache, fold)),
+            Self::Colour(layers) => layers.rows.iter_mut().for_each(|row| row.keep(cache, fold)),
+        }
+    }
+}
+
+impl<const C: usize> Layers<C> {
+    pub(super) fn new(camera: &Camera, stage: &Stage) -> Self {
+        let rows = (0..camera.size()[1]).map(|j| Row::new(camera, stage, j)).collect();
+        Self { shaded: Shaded::new(stage), rows }
+    }
+
+    /// Casts again what some boxes can have changed.
+    pub(super) fn cast(
+        &mut self,
+        footprints: &[Footprint],
+        camera: &Camera,
+        fold: Fold,
+        simd: Simd,
+        sharing: Sharing,
+    ) -> RenderWork {
+        let sampler = Sampler::new(&self.shaded);
+        sharing.chunks(&mut self.rows, 1, |j, rows| {
+            for row in rows {
+                row.work = RenderWork::default();
+                let [first, end] = row.mark(j as u32, footprints, camera);
+                (first..end).for_each(|at| row.cast(at, sampler, fold, simd));
+            }
+        });
+        let mut work = RenderWork::default();
+        self.rows.iter().for_each(|row| work += row.work);
+        work
+    }
+
+    pub(super) fn bytes(&self) -> u64 {
+        self.rows.iter().map(Row::bytes).sum()
+    }
+}
