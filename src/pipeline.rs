@@ -8,6 +8,7 @@ use std::ops::Range;
 use std::time::{Duration, Instant};
 
 use drivers::{Next, OpenSettings, open};
+use glam::DVec3;
 
 pub use onlooker::{Onlooker, Woven};
 
@@ -21,7 +22,7 @@ use crate::reconstruct::settings::IN_PLANE_SIGMA;
 use crate::reconstruct::{Path, Refused, Settings, SettingsError, Weaver};
 use crate::refusal::{Reason, Refusal};
 use crate::slice::{Pixels, Slice};
-use crate::sync::extent::reached;
+use crate::sync::extent::{mean_axes, reached};
 use crate::sync::survey::{SurveyError, gap};
 use crate::sync::{FramePose, NoPath, Pairing, PairingOptions, Survey, survey};
 
@@ -80,6 +81,8 @@ pub struct Outcome {
     pub mask: Mask,
     /// First and last voxel that the slices' data and kernels reach, by the poses known before the first was woven.
     pub reached: Option<[[i64; 3]; 2]>,
+    /// The slices' mean directions of u and v in the world, where there are such.
+    pub slice_axes: Option<[DVec3; 2]>,
     /// Milliseconds that each slice took to enter the volume, in-plane filtering included.
     pub insert_ms: Vec<f64>,
     /// Voxels that gained weight, summed over slices.
@@ -293,6 +296,7 @@ struct Run<'a, O> {
     frames: Range<u64>,
     poses: Vec<FramePose>,
     reached: Option<[[i64; 3]; 2]>,
+    slice_axes: Option<[DVec3; 2]>,
     onlooker: &'a mut O,
     stage: Masking,
     mask: Option<Mask>,
@@ -328,6 +332,7 @@ impl<'a, O: Onlooker> Run<'a, O> {
             frames: job.frames.clone(),
             poses,
             reached: None,
+            slice_axes: None,
             onlooker,
             stage,
             mask,
@@ -417,6 +422,7 @@ impl<'a, O: Onlooker> Run<'a, O> {
                 {
                     let supports_mm = kernels.each_ref().map(|k| k.support_mm);
                     self.reached = reached(&self.poses, data, supports_mm, weaver.world_from_lattice());
+                    self.slice_axes = mean_axes(&self.poses);
                 }
                 self.ledger.used();
                 self.insert_ms.push(took.as_secs_f64() * 1e3);
@@ -432,6 +438,7 @@ impl<'a, O: Onlooker> Run<'a, O> {
                     upgraded: weaver.path() != before,
                     insert: took,
                     reached: self.reached,
+                    slice_axes: self.slice_axes,
                     pixels: self.pixels,
                 };
                 return self.onlooker.woven(&woven).map_err(PipelineError::Onlooker);
@@ -479,6 +486,7 @@ impl<'a, O: Onlooker> Run<'a, O> {
             ledger: self.ledger,
             mask,
             reached: self.reached,
+            slice_axes: self.slice_axes,
             insert_ms: self.insert_ms,
             pixels: self.pixels,
             notes,

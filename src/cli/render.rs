@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use super::{Failure, input, values};
 use crate::export::picture::write_picture;
+use crate::render::camera::View;
 use crate::render::{Cache, RenderSettings, Renderer, Stage};
 use crate::statistics::{PictureNumbers, write_json};
 use crate::volume::DenseVolume;
@@ -109,7 +110,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let volume = DenseVolume::open(&arguments.volume, arguments.weights.as_deref(), gibibytes(arguments.max_memory)?)?;
     let read_ms = milliseconds(began);
     let window = arguments.window.unwrap_or_else(|| volume.range());
-    let settings = RenderSettings { cache: Cache::None, ..look.settings(window, input::threads(arguments.threads))? };
+    let settings = RenderSettings {
+        cache: Cache::None,
+        ..look.settings(window, volume.slice_axes(), input::threads(arguments.threads))?
+    };
     let [low, high] = volume.bounds();
     let stage = Stage::new(volume.world_from_lattice(), low, high)?;
     let mut notes = volume.notes().to_vec();
@@ -157,7 +161,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         eprintln!("sonoweave: note: {note}");
     }
     let [width, height] = look.image_size;
-    let [azimuth, elevation, roll] = look.view;
+    let View { azimuth, elevation, roll, .. } = settings.view;
     let name = match arguments.turntable {
         None => output.display().to_string(),
         Some(_) => format!("{} and on, {turns} pictures", numbered(output, 0).display()),
@@ -207,7 +211,7 @@ fn draw(
     path: PathBuf,
 ) -> Result<Drawn, Failure> {
     let began = Instant::now();
-    let view = look.view(turned.unwrap_or(0.0), turned.is_some());
+    let view = look.view(volume.slice_axes(), turned.unwrap_or(0.0), turned.is_some());
     let mut renderer = Renderer::new(&RenderSettings { view, ..settings.clone() }, stage)?;
     let prepare_ms = milliseconds(began);
     let updated = renderer.update_all(volume);

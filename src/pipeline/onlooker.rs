@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+use glam::DVec3;
+
 use super::PixelKind;
 use crate::reconstruct::Weaver;
 use crate::volume::brick::BrickIndex;
@@ -20,6 +22,8 @@ pub struct Woven<'a> {
     pub insert: Duration,
     /// First and last voxel, by lattice index, that this and all later slices reach.
     pub reached: Option<[[i64; 3]; 2]>,
+    /// Mean directions of u and v of all slices in the world, where there are such.
+    pub slice_axes: Option<[DVec3; 2]>,
     /// Scalar type of its picture.
     pub pixels: PixelKind,
 }

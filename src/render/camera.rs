@@ -49,6 +49,23 @@ impl View {
         Axes { right: right * cr - up * sr, up: up * cr + right * sr, forward }
     }
 
+    /// A view of a volume whose slices lie along mean directions u and v, v away from the probe, in whole degrees. Tissue next to the probe is bright and hides
+    /// what lies behind it, and bone throws a shadow: so one looks from the deep side, 60° out of the plane across the beams and 20° to the side, with the
+    /// probe on top, as scanners draw it. Where nothing is known of the slices, from the front, 30° to the side and 20° above.
+    pub fn of_slices(axes: Option<[DVec3; 2]>) -> Self {
+        let Some([u, v]) = axes else { return Self { azimuth: 30.0, elevation: 20.0, ..Self::default() } };
+        let along = u.cross(v).normalize_or_zero();
+        let (aside, ca) = libm::sincos(20.0_f64.to_radians());
+        let (against, across) = libm::sincos(60.0_f64.to_radians());
+        let forward = -v * against - (along * ca + u * aside) * across;
+        let elevation = libm::asin((-forward.z).clamp(-1.0, 1.0));
+        let azimuth = libm::atan2(-forward.x, forward.y);
+        let [azimuth, elevation] = [azimuth, elevation].map(|angle| angle.to_degrees().round());
+        let level = Self { azimuth, elevation, ..Self::default() };
+        let Axes { right, up, .. } = level.axes();
+        Self { roll: libm::atan2(-v.dot(right), -v.dot(up)).to_degrees().round(), ..level }
+    }
+
     fn check(&self) -> Result<(), RenderError> {
         let angles = [self.azimuth, self.elevation, self.roll];
         let perspective = self.perspective.unwrap_or(1.0);
@@ -203,5 +220,29 @@ impl Camera {
         }
         let [width, height] = self.size.map(f64::from);
         Some([x / (z * self.pixel) + 0.5 * (width - 1.0), y / (z * self.pixel) + 0.5 * (height - 1.0)])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DMat3, DQuat};
+
+    use super::*;
+
+    #[test]
+    fn a_scan_is_looked_at_from_the_deep_side_with_the_probe_on_top_however_it_lay() {
+        for turn in [DMat3::IDENTITY, DMat3::from_quat(DQuat::from_scaled_axis(DVec3::new(1.3, -0.4, 2.0)))] {
+            let [u, v] = [DVec3::X, DVec3::Z].map(|axis| turn * axis);
+            let view = View::of_slices(Some([u, v]));
+            let Axes { right, up, forward } = view.axes();
+            // To whole degrees of three angles.
+            let along = |forward: DVec3, axis: DVec3| forward.dot(axis).clamp(-1.0, 1.0).acos().to_degrees();
+            assert!((along(forward, -v) - 30.0).abs() < 1.5, "{view:?}");
+            assert!((along(forward, -u) - 80.2).abs() < 1.5, "{view:?}");
+            assert!(right.dot(v).abs() < 0.03 && up.dot(-v) > 0.45, "{view:?}");
+        }
+        let View { azimuth, elevation, roll, .. } = View::of_slices(Some([DVec3::X, DVec3::Z]));
+        assert_eq!([azimuth, elevation, roll.abs()], [20.0, 60.0, 180.0]);
+        assert_eq!(View::of_slices(None), View { azimuth: 30.0, elevation: 20.0, ..View::default() });
     }
 }

@@ -1,4 +1,4 @@
-//! The voxels that a recording's slices will reach, known from their poses before the first is woven.
+//! What a recording's slices will reach, and how they lie, known from their poses before the first is woven.
 
 use calibration::frames::{Transform, Volume, World};
 use calibration::region::ClipRect;
@@ -42,6 +42,30 @@ pub fn reached(
     bounds.map(|[low, high]| {
         [(low - MARGIN).floor(), (high + MARGIN).ceil()].map(|corner| corner.to_array().map(|x| x as i64))
     })
+}
+
+/// The slices' mean directions of u (to the right in the picture) and v (away from the probe), world frame, each of length 1 and perpendicular; `None` where
+/// slices lie so differently that there is no mean.
+pub fn mean_axes(poses: &[FramePose]) -> Option<[DVec3; 2]> {
+    /// Of the mean of unit vectors; it is 1 where all are the same, and 0.5 where they lie 60 degrees to both sides.
+    const SHORTEST: f64 = 0.5;
+    let (mut us, mut vs, mut count) = (DVec3::ZERO, DVec3::ZERO, 0.0);
+    for pose in poses {
+        let [u, v] = [DVec3::X, DVec3::Y].map(|axis| pose.world_from_image.vector(axis).normalize_or_zero());
+        if u.is_finite() && v.is_finite() {
+            us += u;
+            vs += v;
+            count += 1.0;
+        }
+    }
+    let lasts = |sum: DVec3| sum.length() > SHORTEST * count;
+    if !(lasts(us) && lasts(vs)) {
+        return None;
+    }
+    let v = vs.normalize();
+    let u = us - v * us.dot(v);
+    // Where u is nearly along v the slices are skewed beyond sense.
+    (u.length() > 1e-3 * count).then(|| [u.normalize(), v])
 }
 
 #[cfg(test)]
@@ -88,5 +112,16 @@ mod tests {
         assert_eq!(here, Some([[-1; 3], [11, 11, 1]]));
         assert_eq!(reached(&[pose(far), pose(DAffine3::IDENTITY), pose(lost)], data, [0.0; 3], lattice(1.0)), here);
         assert_eq!(reached(&[pose(far)], data, [0.0; 3], lattice(1.0)), None);
+    }
+
+    #[test]
+    fn slices_that_lie_alike_have_a_mean_direction_and_others_none() {
+        let turned = |degrees: f64| pose(DAffine3::from_quat(DQuat::from_rotation_x(degrees.to_radians())));
+        let [u, v] = mean_axes(&[turned(80.0), turned(100.0)]).unwrap();
+        assert!((u - DVec3::X).length() < 1e-12 && (v - DVec3::Z).length() < 1e-12, "{u} {v}");
+        assert_eq!(mean_axes(&[turned(0.0), turned(180.0)]), None);
+        assert_eq!(mean_axes(&[]), None);
+        let skewed = DMat3::from_cols(DVec3::Y, DVec3::Y, DVec3::Z);
+        assert_eq!(mean_axes(&[pose(DAffine3 { matrix3: skewed, translation: DVec3::ZERO })]), None);
     }
 }

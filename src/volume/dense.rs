@@ -18,6 +18,8 @@ use super::sparse::SEEN;
 pub const UNSEEN_FIELD: &str = "SonoweaveUnseen";
 /// Header field with the box that the slices' data reaches, first and last voxel, both inclusive, by index from the file's first voxel.
 pub const SLICES_BOX_FIELD: &str = "SonoweaveSlicesBox";
+/// Header field with the slices' mean directions of u (to the right in the picture) and v (away from the probe): six numbers, world frame.
+pub const SLICE_AXES_FIELD: &str = "SonoweaveSliceAxes";
 /// Header field with the values that black and white of the scanner's picture have.
 pub const RANGE_FIELD: &str = "SonoweaveRange";
 
@@ -195,6 +197,15 @@ impl DenseVolume {
     pub fn bounds(&self) -> [[i64; 3]; 2] {
         let all = [[0; 3], self.header.size.map(|n| i64::from(n) - 1)];
         self.slices_box.unwrap_or(all).map(|voxel| self.canonical.index(voxel))
+    }
+
+    /// The slices' mean directions of u and v in the world, each of length 1, if the file says so.
+    pub fn slice_axes(&self) -> Option<[DVec3; 2]> {
+        let [ux, uy, uz, vx, vy, vz] = field::<f64, 6>(&self.header, SLICE_AXES_FIELD)?;
+        let (u, v) = (DVec3::new(ux, uy, uz), DVec3::new(vx, vy, vz));
+        // Its own six numbers and no others, lest the view depend on who computes: replay has them from the poses.
+        let sane = [u, v].iter().all(|axis| (axis.length() - 1.0).abs() < 1e-6) && u.dot(v).abs() < 1e-6;
+        sane.then_some([u, v])
     }
 
     /// The values that are black and white: as the file says, else of the scalar type; else those of [`Self::extremes`].

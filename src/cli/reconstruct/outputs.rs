@@ -12,7 +12,7 @@ use crate::mask::MaskSettings;
 use crate::pipeline::{Job, Outcome, PixelKind};
 use crate::reconstruct::Path as Way;
 use crate::statistics::{PictureStatistics, Source, Statistics};
-use crate::volume::dense::{RANGE_FIELD, SLICES_BOX_FIELD, UNSEEN_FIELD};
+use crate::volume::dense::{RANGE_FIELD, SLICE_AXES_FIELD, SLICES_BOX_FIELD, UNSEEN_FIELD};
 use crate::volume::sparse::SEEN;
 
 /// A command that weaves, and what it was asked.
@@ -133,6 +133,9 @@ impl<'a> Request<'a> {
             let relative =
                 bounds.map(|corner| std::array::from_fn::<_, 3, _>(|a| (corner[a] - space.first[a]).to_string()));
             fields.push((SLICES_BOX_FIELD.into(), relative.map(|corner| corner.join(" ")).join(" ")));
+        }
+        if let Some([u, v]) = outcome.slice_axes {
+            fields.push((SLICE_AXES_FIELD.into(), format!("{} {}", three(u.to_array()), three(v.to_array()))));
         }
         fields.push(line("Frames", format!("{} of {}", outcome.ledger.frames.used, outcome.ledger.frames.total)));
         Ok(fields)

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use calibration::frames::{Transform, Volume, World};
 use clap::{Args, ValueEnum};
+use glam::DVec3;
 
 use crate::cli::{Failure, values};
 use crate::render::camera::{Camera, View};
@@ -18,9 +19,10 @@ pub(in crate::cli) struct Look {
     /// Pixels of the picture
     #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = values::picture_size)]
     pub(in crate::cli) image_size: ImageSize,
-    /// From where: azimuth (0 looks along the world's +y, 90 along −x), elevation (90 looks down along −z), roll, degrees
-    #[arg(long, value_name = "AZ,EL[,ROLL]", default_value = "30,20", value_parser = values::view, allow_hyphen_values = true)]
-    pub(in crate::cli) view: [f64; 3],
+    /// From where: azimuth (0 looks along the world's +y, 90 along −x), elevation (90 looks down along −z), roll, degrees [default: from the deep side,
+    /// aslant, with the probe on top; 30,20 if the volume does not say how its slices lay]
+    #[arg(long, value_name = "AZ,EL[,ROLL]", value_parser = values::view, allow_hyphen_values = true)]
+    view: Option<Angles>,
     /// Angle that the smaller side of the picture sees, degrees, up to 170 [default: parallel rays]
     #[arg(long, value_name = "DEG")]
     pub(in crate::cli) perspective: Option<f64>,
@@ -47,6 +49,7 @@ pub(in crate::cli) struct Look {
 // clap takes an array for its own notation of repeated values; named types are single values to it.
 type ImageSize = [u32; 2];
 type Colour = [f32; 3];
+type Angles = [f64; 3];
 
 /// What of the volume is drawn.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
@@ -66,9 +69,10 @@ impl Mode {
 }
 
 impl Look {
-    /// The view, turned by so many degrees about the world's z axis.
-    pub(in crate::cli) fn view(&self, turned: f64, turns: bool) -> View {
-        let [azimuth, elevation, roll] = self.view;
+    /// The view of a volume whose slices lie along these axes, turned by so many degrees about the world's z axis.
+    pub(in crate::cli) fn view(&self, slice_axes: Option<[DVec3; 2]>, turned: f64, turns: bool) -> View {
+        let usual = View::of_slices(slice_axes);
+        let [azimuth, elevation, roll] = self.view.unwrap_or([usual.azimuth, usual.elevation, usual.roll]);
         View { azimuth: azimuth + turned, elevation, roll, perspective: self.perspective, turns }
     }
 
@@ -82,17 +86,22 @@ impl Look {
         }
         self.transfer([0.0, 1.0])?;
         let stage = Stage::new(Transform::<World, Volume>::IDENTITY, [0; 3], [0; 3])?;
-        Camera::new(&self.view(0.0, false), self.image_size, self.step, &stage)?;
+        Camera::new(&self.view(None, 0.0, false), self.image_size, self.step, &stage)?;
         Ok(())
     }
 
-    /// How to render, where grey levels go from black to white over `range`.
+    /// How to render a volume whose slices lie along some axes, where grey levels go from black to white over `range`.
     ///
     /// # Errors
     /// [`Failure`] when there is no such transfer function.
-    pub(in crate::cli) fn settings(&self, range: [f32; 2], threads: usize) -> Result<RenderSettings, Failure> {
+    pub(in crate::cli) fn settings(
+        &self,
+        range: [f32; 2],
+        slice_axes: Option<[DVec3; 2]>,
+        threads: usize,
+    ) -> Result<RenderSettings, Failure> {
         Ok(RenderSettings {
-            view: self.view(0.0, false),
+            view: self.view(slice_axes, 0.0, false),
             step: self.step,
             arity: self.arity,
             stop: self.stop,

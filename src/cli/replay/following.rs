@@ -66,7 +66,7 @@ impl<'a> Following<'a> {
         let settings = RenderSettings {
             cache: self.cache,
             cache_bytes: self.cache_bytes,
-            ..self.look.settings(range, self.threads)?
+            ..self.look.settings(range, woven.slice_axes, self.threads)?
         };
         let lattice = canonical(woven.weaver.world_from_lattice());
         let Some(reached) = woven.reached else {

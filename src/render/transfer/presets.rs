@@ -7,6 +7,8 @@ use super::{Colour, Curve, Opacity, Transfer, TransferError};
 
 /// Opacities are meant over this length, mm.
 const UNIT_MM: f64 = 1.0;
+/// Where only surfaces are seen, most of what is seen is no brighter than they: black lies below the darkest, white among the brighter ones.
+const SURFACES: [f64; 2] = [-0.2, 0.7];
 
 pub(super) fn names() -> String {
     let [first @ .., last] = Transfer::PRESETS.map(|(name, _)| name);
@@ -40,14 +42,17 @@ impl Transfer {
         let rising = |points: &[(f64, f64)]| {
             Curve::new(&points.iter().map(|&(share, factor)| (share * width, factor)).collect::<Vec<_>>())
         };
-        let made = |opacity| Self::new(opacity, UNIT_MM, Colour::grey(range)?);
+        let grey = |opacity, [black, white]: [f64; 2]| {
+            Self::new(opacity, UNIT_MM, Colour::grey([level(black), level(white)])?)
+        };
+        let made = |opacity| grey(opacity, [0.0, 1.0]);
         match name {
             "tissue" => {
-                made(Opacity::Curve(curve(&[(0.14, 0.0), (0.3, 0.015), (0.5, 0.12), (0.75, 0.6), (1.0, 0.9)])?))?
-                    .with_gradient(rising(&[(0.0, 0.1), (0.02, 0.2), (0.12, 1.0)])?)
+                let soft = grey(Opacity::Curve(curve(&[(0.24, 0.0), (0.36, 0.3), (0.46, 0.95)])?), SURFACES)?;
+                soft.with_gradient(rising(&[(0.0, 0.3), (0.1, 1.0)])?)
             }
             "bone" => made(Opacity::Curve(curve(&[(0.45, 0.0), (0.65, 0.4), (0.85, 0.95)])?)),
-            "surface" => made(Opacity::Isovalue { value: level(0.5), thickness_mm: 0.7, opacity: 0.95 }),
+            "surface" => grey(Opacity::Isovalue { value: level(0.5), thickness_mm: 0.7, opacity: 0.95 }, SURFACES),
             "xray" => made(Opacity::Curve(curve(&[(0.0, 0.02)])?)),
             "phantom" => made(Opacity::Curve(curve(&[(0.3, 0.0), (0.4, 0.15), (0.55, 0.7), (0.8, 0.95)])?)),
             _ => Err(TransferError::Name(name.to_owned())),
