@@ -1,5 +1,5 @@
 #!/bin/sh
-# A synthetic sweep whose truth is known, reconstructed: what the program does, without any hardware.
+# A synthetic sweep whose truth is known, reconstructed and drawn: what the program does, without any hardware.
 set -eu
 cd "$(dirname "$0")/.."
 
@@ -18,9 +18,13 @@ echo "== the volume, woven slice by slice"
 sonoweave reconstruct "$folder/sweep.igs.mha" -o "$folder/volume.mha" --spacing 0.5 --sigma auto \
     --weights "$folder/weights.mha" --planes "$folder/volume.png" --stats "$folder/statistics.json"
 echo
+echo "== its picture"
+sonoweave render "$folder/volume.mha" --weights "$folder/weights.mha" -o "$folder/picture.png"
+echo
 echo "== how near it is to the truth"
 sonoweave inspect "$folder/volume.mha" --against "$folder/truth.mha" --weights "$folder/weights.mha"
 echo
 echo "sweep    $folder/sweep.igs.mha"
 echo "volume   $folder/volume.mha"
-echo "picture  $folder/volume.png (its three middle planes)"
+echo "planes   $folder/volume.png (its three middle ones)"
+echo "picture  $folder/picture.png"
