@@ -3,6 +3,8 @@
 //! A change marks the blocks that it reaches; a marked block is folded again when a ray comes to it, and one behind the place where the ray ends stays marked,
 //! perhaps for ever. With samples kept, only those that changed are interpolated again; without, a marked block's all are.
 
+use std::ops::Range;
+
 use super::cast::{Fold, Line, Sampler, Through, fold_block};
 use super::settings::Cache;
 use super::work::RenderWork;
@@ -74,6 +76,17 @@ impl<const C: usize> RowCache<C> {
             + size_of_val(&*self.blocks)
             + size_of_val(&*self.stale)
             + size_of_val(&*self.blocks_of)) as u64
+    }
+
+    /// Folds of blocks, where they are kept.
+    pub(super) fn blocks(&self) -> &[Through<C>] {
+        &self.blocks
+    }
+
+    /// The number of a ray's first block, and where in [`Self::blocks`] its blocks are.
+    pub(super) fn blocks_of(&self, at: usize, line: &Line, fold: Fold) -> (u32, Range<usize>) {
+        let (first, count) = blocks_of(line, fold);
+        (first, self.blocks_of[at]..self.blocks_of[at] + count)
     }
 
     /// The pixel of ray number `at`, of whose samples those from `from` up to `to` may have changed.

@@ -83,7 +83,7 @@ impl Line {
 
     /// Stage coordinates of a sample.
     #[inline(always)]
-    fn at(&self, k: u32) -> [f32; 3] {
+    pub(super) fn at(&self, k: u32) -> [f32; 3] {
         // Exact: there are fewer than 2¹⁶ samples.
         let k = k as f32;
         let ([x, y, z], [bx, by, bz]) = (self.step, self.base);

@@ -5,6 +5,7 @@
 //! - `shown`: value and weight of each voxel as last seen, and which have changed.
 //! - [`gradient`], [`transfer`], [`light`], `shade`: a voxel's colour and opacity; `shaded`: those of all voxels.
 //! - `cast`: samples along a ray and their fold; `cache`: what is kept of them; `rows`: which rays a change reaches; `layers`: a picture's voxels and rows.
+//! - [`partition`]: the same for workers that hold a part of the world each.
 //! - [`renderer`]: all of it; [`picture`]: the result; [`work`]: what was done for it.
 //! - [`mod@reference`]: the measure of it all, in f64.
 //!
@@ -19,6 +20,7 @@ mod cast;
 pub mod gradient;
 mod layers;
 pub mod light;
+pub mod partition;
 pub mod picture;
 pub mod real;
 pub mod reference;
@@ -87,6 +89,26 @@ pub enum RenderError {
     Stop {
         /// The transmittance.
         stop: f32,
+    },
+    /// No such part of the world.
+    #[error(
+        "part {part} of {parts} is none: parts are counted from 0, and there may be one a layer of bricks, {layers} of them"
+    )]
+    Part {
+        /// Its number.
+        part: u32,
+        /// How many there should be.
+        parts: u32,
+        /// Layers of bricks along the stage's z axis.
+        layers: u32,
+    },
+    /// Bytes that are no blocks of the picture.
+    #[error(
+        "a message of {bytes} bytes is not from a part of this picture: give all parts and the compositor the same settings and stage"
+    )]
+    Message {
+        /// Its length.
+        bytes: usize,
     },
     /// Threads could not be started.
     #[error("{threads} threads could not be started: {why}")]

@@ -1,5 +1,7 @@
 //! The picture's rows: which pixels a change reaches, and their rays anew.
 
+use std::ops::Range;
+
 use super::cache::{self, RowCache};
 use super::camera::Camera;
 use super::cast::{Fold, Line, Sampler, Through, span};
@@ -100,6 +102,23 @@ impl<const C: usize> Row<C> {
     /// Keeps more of its rays from now on; all must be transparent yet.
     pub(super) fn keep(&mut self, cache: Cache, fold: Fold) {
         self.cache = RowCache::new(cache, &self.lines, fold);
+    }
+
+    /// Leaves of each ray only some samples; all must be transparent yet.
+    pub(super) fn restrict(&mut self, own: impl Fn(&Line) -> [u32; 2]) {
+        for line in &mut self.lines {
+            [line.first, line.end] = own(line);
+        }
+    }
+
+    /// The number of a ray's first block, and where in [`Self::kept`] its blocks are.
+    pub(super) fn blocks_of(&self, at: usize, fold: Fold) -> (u32, Range<usize>) {
+        self.cache.blocks_of(at, &self.lines[at], fold)
+    }
+
+    /// Folds of blocks, where they are kept. Those behind the place where a ray has ended may be out of date.
+    pub(super) fn kept(&self) -> &[Through<C>] {
+        self.cache.blocks()
     }
 
     pub(super) fn bytes(&self) -> u64 {

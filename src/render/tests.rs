@@ -129,7 +129,7 @@ fn what_is_projected_lies_on_its_own_ray() {
 }
 
 /// A sweep by hand over blobs, its weaver's settings, and a stage that holds it all.
-fn sweep(frames: u32, motion: Motion, direction: DMat3) -> (Scan, Settings, Stage) {
+pub(super) fn sweep(frames: u32, motion: Motion, direction: DMat3) -> (Scan, Settings, Stage) {
     let scan = Scan::new(ScanSettings {
         scene: Scene::Blobs(Blobs::draw(3)),
         motion,
@@ -147,7 +147,7 @@ fn sweep(frames: u32, motion: Motion, direction: DMat3) -> (Scan, Settings, Stag
     (scan, settings, stage)
 }
 
-fn looks() -> Vec<RenderSettings> {
+pub(super) fn looks() -> Vec<RenderSettings> {
     let view = View { azimuth: 30.0, elevation: 25.0, roll: 5.0, perspective: None, turns: false };
     let base = RenderSettings { view, ..RenderSettings::new([80, 64], tissue()) };
     let colour = Colour::perceptual([0.0, 255.0]).unwrap();
