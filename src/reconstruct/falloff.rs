@@ -2,7 +2,7 @@
 #![allow(unsafe_code, reason = "runs on `Lanes`")]
 
 use super::kernel::{AxisKernel, Shape};
-use crate::simd::Lanes;
+use crate::simd::{Lanes, POWER_OF_TWO};
 
 /// The kernel across the plane, in units of σ.
 #[derive(Debug, Clone, Copy)]
@@ -59,7 +59,7 @@ impl Falloff {
 const SQRT_3: f32 = 1.732_050_8;
 const SQRT_6: f32 = 2.449_489_7;
 
-/// 2ˣ for x ≤ 0, at least 2⁻¹²⁵: 2ⁿ·2ᶠ with a polynomial for 2ᶠ, |f| ≤ ½ (degree 7: rounding is all that remains).
+/// 2ˣ for x ≤ 0, at least 2⁻¹²⁵: 2ⁿ·2ᶠ with [`POWER_OF_TWO`] for 2ᶠ, |f| ≤ ½ (rounding is all that remains).
 ///
 /// # Safety
 /// The instruction set of `L` must be available.
@@ -70,12 +70,11 @@ pub(crate) unsafe fn power_of_two<L: Lanes>(exponent: L) -> L {
         let exponent = exponent.max(L::splat(-125.0));
         let n = exponent.round_ties_even();
         let f = exponent.sub(n);
-        // Taylor coefficients (ln 2)ᵏ/k!: at |f| ≤ ½ the first term left out is below 6e-9.
-        let mut sum = L::splat(1.525_273e-5);
-        for c in [1.540_353e-4, 1.333_355_8e-3, 9.618_129e-3, 5.550_411e-2, 2.402_265e-1, std::f32::consts::LN_2, 1.0] {
-            sum = sum.mul_add(f, L::splat(c));
+        let mut sum = L::splat(POWER_OF_TWO[0]);
+        for c in &POWER_OF_TWO[1..] {
+            sum = sum.mul_add(f, L::splat(*c));
         }
-        sum.scale_by_power_of_two(n)
+        sum.mul_add(f, L::splat(1.0)).scale_by_power_of_two(n)
     }
 }
 

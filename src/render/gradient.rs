@@ -1,6 +1,6 @@
 //! How the intensity rises along an axis, also where coverage ends.
 
-use super::real::Real;
+use super::real::Number;
 
 /// Gradients below this count as none, in grey levels per mm.
 ///
@@ -18,15 +18,15 @@ pub const FLAT_PER_MM: f64 = 1e-4;
 /// That is the central difference where the weights agree and the one-sided one at the end of coverage, so that the end of coverage is no
 /// surface. Where both neighbours or the voxel itself are unseen, it is 0.
 #[inline(always)]
-pub fn gradient<T: Real>(centre: (T, T), [minus, plus]: [(T, T); 2], pitch_mm: T) -> T {
-    let (before, behind) = (minus.1 > T::ZERO, plus.1 > T::ZERO);
-    if !(centre.1 > T::ZERO && (before || behind)) {
-        return T::ZERO;
-    }
-    let rise = if behind { plus.1 * (plus.0 - centre.0) } else { T::ZERO };
-    let approach = if before { minus.1 * (centre.0 - minus.0) } else { T::ZERO };
-    let weight = if behind { plus.1 } else { T::ZERO } + if before { minus.1 } else { T::ZERO };
-    (rise + approach) / weight / pitch_mm
+pub fn gradient<T: Number>(centre: (T, T), [minus, plus]: [(T, T); 2], pitch_mm: T::Scalar) -> T {
+    let none = T::zero();
+    let (before, behind) = (none.lt(minus.1), none.lt(plus.1));
+    let (left, right) = (T::select(before, minus.1, none), T::select(behind, plus.1, none));
+    let rise = T::select(behind, plus.1 * (plus.0 - centre.0), none);
+    let approach = T::select(before, minus.1 * (centre.0 - minus.0), none);
+    let weight = right + left;
+    let known = T::both(none.lt(centre.1), none.lt(weight));
+    T::select(known, (rise + approach) / (weight * T::splat(pitch_mm)), none)
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@
 use glam::DVec3;
 
 use super::gradient::FLAT_PER_MM;
-use super::real::{Real, dot};
+use super::real::{Number, dot};
 
 /// Where the light is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -73,7 +73,7 @@ pub struct Shade<T> {
     pub highlight: T,
 }
 
-impl<T: Real> Shade<T> {
+impl<T: Number> Shade<T> {
     /// One channel of the colour as the eye sees it, at most 1.
     #[inline(always)]
     pub fn lit(self, channel: T) -> T {
@@ -95,11 +95,11 @@ impl DepthCue {
     }
 
     /// The factor on the brightness at `depth` from 0 to 1; beyond these as there.
-    #[inline]
-    pub fn factor<T: Real>(&self, depth: T) -> T {
-        let [near, far] = [self.near, self.far].map(T::from_f64);
+    #[inline(always)]
+    pub fn factor<T: Number>(&self, depth: T) -> T {
+        let (near, far) = (T::Scalar::from_f64(self.near), T::Scalar::from_f64(self.far));
         // 1 / (1/near + depth (1/far − 1/near)), with one division.
-        near * far / (far + depth.unit() * (near - far))
+        T::splat(near * far) / (T::splat(far) + depth.unit() * T::splat(near - far))
     }
 }
 
@@ -183,28 +183,28 @@ impl Light {
     /// light and [halfway](Self::directions) to the eye.
     ///
     /// Never NaN: a gradient below [`FLAT_PER_MM`], or one whose length no number holds, has no direction, and ambient light is all.
-    #[inline]
-    pub fn shade<T: Real>(&self, gradient: [T; 3], to_light: [T; 3], halfway: [T; 3]) -> Shade<T> {
-        let ambient = T::from_f64(self.ambient);
-        let dark = Shade { body: ambient, highlight: T::ZERO };
+    #[inline(always)]
+    pub fn shade<T: Number>(&self, gradient: [T; 3], to_light: [T::Scalar; 3], halfway: [T::Scalar; 3]) -> Shade<T> {
+        let (ambient, none) = (T::from_f64(self.ambient), T::zero());
         let length = dot(gradient, gradient).sqrt();
-        // Of what is infinite or no number the inverse, times zero, is no zero.
-        if !(length >= T::from_f64(FLAT_PER_MM) && T::ONE / length > T::ZERO) {
-            return dark;
-        }
-        let cosine = |direction| {
-            let cosine = -dot(gradient, direction) / length;
-            // Rounding can leave more than 1, which a power makes much of.
-            (if self.two_sided { cosine.abs() } else { cosine }).unit()
-        };
-        let facing = cosine(to_light);
-        if facing <= T::ZERO {
-            return dark;
-        }
+        let inverse = T::one() / length;
+        let facing = self.cosine(gradient, inverse, to_light);
+        // The inverse of what is infinite or no number is not above 0.
+        let lit = T::both(T::both(T::from_f64(FLAT_PER_MM).le(length), none.lt(inverse)), none.lt(facing));
+        let highlight = self.cosine(gradient, inverse, halfway).power(self.shininess);
         Shade {
-            body: ambient + T::from_f64(self.diffuse) * facing,
-            highlight: T::from_f64(self.specular) * cosine(halfway).power(self.shininess),
+            body: T::select(lit, ambient + T::from_f64(self.diffuse) * facing, ambient),
+            highlight: T::select(lit, T::from_f64(self.specular) * highlight, none),
         }
+    }
+
+    /// Of the angle between a direction and the surface's normal, not below 0.
+    #[inline(always)]
+    fn cosine<T: Number>(&self, gradient: [T; 3], inverse_length: T, direction: [T::Scalar; 3]) -> T {
+        let [x, y, z] = direction;
+        let cosine = -dot(gradient, [T::splat(x), T::splat(y), T::splat(z)]) * inverse_length;
+        // Rounding can leave more than 1, which a power makes much of.
+        (if self.two_sided { cosine.abs() } else { cosine }).unit()
     }
 }
 

@@ -3,7 +3,8 @@
 //! In the order of the data:
 //! - [`stage`]: the box that is looked at, on the volume's lattice; [`camera`]: the rays through it.
 //! - `shown`: value and weight of each voxel as last seen, and which have changed.
-//! - [`gradient`], [`transfer`], [`light`], `shade`: a voxel's colour and opacity; `shaded`: those of all voxels.
+//! - [`gradient`], [`transfer`], [`light`], `shade`: a voxel's colour and opacity, over the numbers of [`real`] and `elementary`; `shaded`: those of all
+//!   voxels.
 //! - `cast`: samples along a ray and their fold; `cache`: what is kept of them; `rows`: which rays a change reaches; `layers`: a picture's voxels and rows.
 //! - [`partition`]: the same for workers that hold a part of the world each.
 //! - [`renderer`]: all of it; [`picture`]: the result; [`work`]: what was done for it.
@@ -17,6 +18,7 @@ use camera::View;
 mod cache;
 pub mod camera;
 mod cast;
+mod elementary;
 pub mod gradient;
 mod layers;
 pub mod light;

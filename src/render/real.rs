@@ -1,35 +1,52 @@
-//! The number that a formula runs in.
+//! The numbers that formulas run in.
 //!
-//! A formula of the renderer is written once over [`Real`]; the live picture runs it in f32, the reference in f64. Every operation has the same
-//! bits on every machine: the elementary ones are IEEE 754's, the transcendental ones are computed in software, none is the platform's.
+//! A formula of the renderer is written once over [`Number`]: the live picture runs it in f32, sixteen lanes at a time where there are that many voxels, the
+//! reference in f64. It has no branches that depend on a value, but selections; a branch may pass over what no lane needs. Every operation has the same bits on
+//! every machine and in every lane: the elementary ones are IEEE 754's, the transcendental ones are computed in software, none is the platform's.
 
 use std::fmt::Debug;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-/// f32 or f64.
-pub trait Real:
+use super::elementary;
+use super::transfer::curve::{Knot, Piecewise};
+use crate::simd::portable;
+use crate::simd::wide::{self, Set, Wide};
+
+/// f32, f64, or lanes of f32.
+pub trait Number:
     sealed::Sealed
     + Copy
-    + Debug
-    + PartialOrd
-    + Send
-    + Sync
     + Add<Output = Self>
     + Sub<Output = Self>
     + Mul<Output = Self>
     + Div<Output = Self>
     + Neg<Output = Self>
 {
-    /// 0.
-    const ZERO: Self;
-    /// 1.
-    const ONE: Self;
+    /// What a lane holds.
+    type Scalar: Real;
+    /// The answer to a comparison, for each lane.
+    type Mask: Copy;
 
-    /// The nearest number of this kind.
+    /// The same in all lanes.
+    fn splat(x: Self::Scalar) -> Self;
+
+    /// The nearest number of this kind, in all lanes.
     fn from_f64(x: f64) -> Self;
 
-    /// Whether this is not a number.
-    fn is_nan(self) -> bool;
+    /// Whether this is less than `other`; not where either is not a number.
+    fn lt(self, other: Self) -> Self::Mask;
+
+    /// Whether this is at most `other`; not where either is not a number.
+    fn le(self, other: Self) -> Self::Mask;
+
+    /// Whether both are so.
+    fn both(a: Self::Mask, b: Self::Mask) -> Self::Mask;
+
+    /// Whether it is so in any lane.
+    fn any(mask: Self::Mask) -> bool;
+
+    /// `a` where it is so, else `b`.
+    fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
 
     /// self · factor + summand, rounded once. Slow where the processor has no such instruction, with the same bits.
     fn mul_add(self, factor: Self, summand: Self) -> Self;
@@ -40,34 +57,46 @@ pub trait Real:
     /// Magnitude.
     fn abs(self) -> Self;
 
-    /// ln(1 + self), accurate near 0.
-    fn ln_1p(self) -> Self;
+    /// log₂(1 + self) for −1 < self ≤ 0, accurate near 0.
+    fn log2_1p(self) -> Self;
 
-    /// exp(self) − 1, accurate near 0.
-    fn exp_m1(self) -> Self;
+    /// 2^self − 1 for self ≤ 0, accurate near 0.
+    fn exp2_m1(self) -> Self;
+
+    /// 0.
+    #[inline(always)]
+    fn zero() -> Self {
+        Self::from_f64(0.0)
+    }
+
+    /// 1.
+    #[inline(always)]
+    fn one() -> Self {
+        Self::from_f64(1.0)
+    }
 
     /// The smaller one; `other` where `self` is not a number. Unlike the standard's, it never leaves open which of two zeros it gives.
     #[inline(always)]
     fn min(self, other: Self) -> Self {
-        if self < other { self } else { other }
+        Self::select(self.lt(other), self, other)
     }
 
     /// The larger one; `other` where `self` is not a number.
     #[inline(always)]
     fn max(self, other: Self) -> Self {
-        if self > other { self } else { other }
+        Self::select(other.lt(self), self, other)
     }
 
     /// Held between 0 and 1; 0 where it is not a number.
     #[inline(always)]
     fn unit(self) -> Self {
-        self.max(Self::ZERO).min(Self::ONE)
+        self.max(Self::zero()).min(Self::one())
     }
 
     /// A whole power, by repeated squaring.
     #[inline(always)]
     fn power(self, mut exponent: u32) -> Self {
-        let (mut square, mut power) = (self, Self::ONE);
+        let (mut square, mut power) = (self, Self::one());
         while exponent > 0 {
             if exponent & 1 == 1 {
                 power = power * square;
@@ -79,18 +108,52 @@ pub trait Real:
     }
 }
 
+/// f32 or f64.
+pub trait Real: Number<Scalar = Self, Mask = bool> + Debug + PartialOrd + Send + Sync {
+    /// 0.
+    const ZERO: Self;
+    /// 1.
+    const ONE: Self;
+
+    /// Whether this is not a number.
+    fn is_nan(self) -> bool;
+
+    /// A curve's points in this kind.
+    fn knots<const N: usize>(curve: &Piecewise<N>) -> &[Knot<Self, N>];
+}
+
+/// f32 or lanes of it: what the polynomials of [`elementary`] are made for.
+pub(super) trait Single: Number<Scalar = f32> {
+    /// The nearest integer, of two the even one.
+    fn round_ties_even(self) -> Self;
+
+    /// m and n with self = m·2ⁿ, √½ ≤ m < √2, of normal numbers above 0.
+    fn mantissa_and_exponent(self) -> (Self, Self);
+
+    /// self·2ⁿ for integral n with |n| ≤ 126 and a normal result.
+    fn scale_by_power_of_two(self, n: Self) -> Self;
+}
+
 mod sealed {
-    /// Closes [`super::Real`]: the bounds on its errors hold for these two.
+    use crate::simd::wide::{Set, Wide};
+
+    /// Closes [`super::Number`]: the bounds on its errors hold for these.
     pub trait Sealed {}
     impl Sealed for f32 {}
     impl Sealed for f64 {}
+    impl<S: Set> Sealed for Wide<S> {}
 }
 
 macro_rules! real {
-    ($kind:ty, $from:expr, $ln_1p:path, $exp_m1:path) => {
-        impl Real for $kind {
-            const ZERO: Self = 0.0;
-            const ONE: Self = 1.0;
+    ($kind:ident, $from:expr, $knots:ident, $log2_1p:path, $exp2_m1:path) => {
+        impl Number for $kind {
+            type Scalar = Self;
+            type Mask = bool;
+
+            #[inline(always)]
+            fn splat(x: Self) -> Self {
+                x
+            }
 
             #[inline(always)]
             fn from_f64(x: f64) -> Self {
@@ -98,8 +161,28 @@ macro_rules! real {
             }
 
             #[inline(always)]
-            fn is_nan(self) -> bool {
-                <$kind>::is_nan(self)
+            fn lt(self, other: Self) -> bool {
+                self < other
+            }
+
+            #[inline(always)]
+            fn le(self, other: Self) -> bool {
+                self <= other
+            }
+
+            #[inline(always)]
+            fn both(a: bool, b: bool) -> bool {
+                a && b
+            }
+
+            #[inline(always)]
+            fn any(mask: bool) -> bool {
+                mask
+            }
+
+            #[inline(always)]
+            fn select(mask: bool, a: Self, b: Self) -> Self {
+                if mask { a } else { b }
             }
 
             #[inline(always)]
@@ -117,26 +200,158 @@ macro_rules! real {
                 <$kind>::abs(self)
             }
 
-            #[inline]
-            fn ln_1p(self) -> Self {
-                $ln_1p(self)
+            #[inline(always)]
+            fn log2_1p(self) -> Self {
+                $log2_1p(self)
             }
 
-            #[inline]
-            fn exp_m1(self) -> Self {
-                $exp_m1(self)
+            #[inline(always)]
+            fn exp2_m1(self) -> Self {
+                $exp2_m1(self)
+            }
+        }
+
+        impl Real for $kind {
+            const ZERO: Self = 0.0;
+            const ONE: Self = 1.0;
+
+            #[inline(always)]
+            fn is_nan(self) -> bool {
+                <$kind>::is_nan(self)
+            }
+
+            #[inline(always)]
+            fn knots<const N: usize>(curve: &Piecewise<N>) -> &[Knot<Self, N>] {
+                curve.$knots()
             }
         }
     };
 }
 
-real!(f32, |x| x as f32, libm::log1pf, libm::expm1f);
-real!(f64, std::convert::identity, libm::log1p, libm::expm1);
+real!(f32, |x| x as f32, single, elementary::log2_1p, elementary::exp2_m1);
+real!(f64, std::convert::identity, double, log2_1p, exp2_m1);
+
+fn log2_1p(x: f64) -> f64 {
+    libm::log1p(x) * std::f64::consts::LOG2_E
+}
+
+fn exp2_m1(x: f64) -> f64 {
+    libm::expm1(x * std::f64::consts::LN_2)
+}
+
+impl Single for f32 {
+    #[inline(always)]
+    fn round_ties_even(self) -> Self {
+        f32::round_ties_even(self)
+    }
+
+    #[inline(always)]
+    fn mantissa_and_exponent(self) -> (Self, Self) {
+        portable::mantissa_and_exponent(self)
+    }
+
+    #[inline(always)]
+    fn scale_by_power_of_two(self, n: Self) -> Self {
+        portable::scale_by_power_of_two(self, n)
+    }
+}
+
+impl<S: Set> Number for Wide<S> {
+    type Scalar = f32;
+    type Mask = wide::Mask<S>;
+
+    #[inline(always)]
+    fn splat(x: f32) -> Self {
+        Self::splat(x)
+    }
+
+    #[inline(always)]
+    fn from_f64(x: f64) -> Self {
+        Self::splat(x as f32)
+    }
+
+    #[inline(always)]
+    fn lt(self, other: Self) -> Self::Mask {
+        self.lt(other)
+    }
+
+    #[inline(always)]
+    fn le(self, other: Self) -> Self::Mask {
+        self.le(other)
+    }
+
+    #[inline(always)]
+    fn both(a: Self::Mask, b: Self::Mask) -> Self::Mask {
+        Self::both(a, b)
+    }
+
+    #[inline(always)]
+    fn any(mask: Self::Mask) -> bool {
+        Self::bits(mask) != 0
+    }
+
+    #[inline(always)]
+    fn select(mask: Self::Mask, a: Self, b: Self) -> Self {
+        Self::select(mask, a, b)
+    }
+
+    #[inline(always)]
+    fn mul_add(self, factor: Self, summand: Self) -> Self {
+        self.mul_add(factor, summand)
+    }
+
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        self.sqrt()
+    }
+
+    #[inline(always)]
+    fn abs(self) -> Self {
+        self.abs()
+    }
+
+    #[inline(always)]
+    fn log2_1p(self) -> Self {
+        elementary::log2_1p(self)
+    }
+
+    #[inline(always)]
+    fn exp2_m1(self) -> Self {
+        elementary::exp2_m1(self)
+    }
+
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        self.min(other)
+    }
+
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        self.max(other)
+    }
+}
+
+impl<S: Set> Single for Wide<S> {
+    #[inline(always)]
+    fn round_ties_even(self) -> Self {
+        self.round_ties_even()
+    }
+
+    #[inline(always)]
+    fn mantissa_and_exponent(self) -> (Self, Self) {
+        self.mantissa_and_exponent()
+    }
+
+    #[inline(always)]
+    fn scale_by_power_of_two(self, n: Self) -> Self {
+        self.scale_by_power_of_two(n)
+    }
+}
 
 /// Scalar product.
 #[inline(always)]
-pub fn dot<T: Real>(a: [T; 3], b: [T; 3]) -> T {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+pub fn dot<T: Number>(a: [T; 3], b: [T; 3]) -> T {
+    a[2].mul_add(b[2], a[1].mul_add(b[1], a[0] * b[0]))
 }
 
 #[cfg(test)]
@@ -158,22 +373,10 @@ mod tests {
 
     #[test]
     fn what_is_not_a_number_does_not_pass_the_unit_interval() {
-        assert_eq!(Real::unit(f32::NAN), 0.0);
-        assert_eq!(Real::unit(f64::INFINITY), 1.0);
-        assert_eq!(Real::unit(-0.0_f64).to_bits(), 0.0_f64.to_bits());
-        assert_eq!(Real::max(f64::NAN, 2.0), 2.0);
-        assert_eq!(Real::min(f64::NAN, 2.0), 2.0);
-    }
-
-    #[test]
-    fn logarithm_and_exponential_are_accurate_near_zero_in_both_kinds() {
-        // x − x²/2 and x + x²/2; the next term is below 1e-24.
-        let x = 1e-8;
-        assert!((Real::ln_1p(x) / (x - 0.5 * x * x) - 1.0).abs() < 1e-15);
-        assert!((Real::exp_m1(x) / (x + 0.5 * x * x) - 1.0).abs() < 1e-15);
-        for x in [1e-8_f32, -1e-6, 0.01, -0.5] {
-            assert!((f64::from(Real::ln_1p(x)) / Real::ln_1p(f64::from(x)) - 1.0).abs() < 2e-7, "ln_1p {x}");
-            assert!((f64::from(Real::exp_m1(x)) / Real::exp_m1(f64::from(x)) - 1.0).abs() < 2e-7, "exp_m1 {x}");
-        }
+        assert_eq!(Number::unit(f32::NAN), 0.0);
+        assert_eq!(Number::unit(f64::INFINITY), 1.0);
+        assert_eq!(Number::unit(-0.0_f64).to_bits(), 0.0_f64.to_bits());
+        assert_eq!(Number::max(f64::NAN, 2.0), 2.0);
+        assert_eq!(Number::min(f64::NAN, 2.0), 2.0);
     }
 }

@@ -4,11 +4,12 @@
 //! also keeps the first voxels of the seven neighbours beyond it: 9³ in all.
 
 use super::shade::{Lit, Shader};
-use super::shown::{ABSENT, Changed, Shown, Table};
+use super::shown::{ABSENT, Bits, Brick, Changed, FIRST_X, Shown, Table, apart};
 use super::stage::Stage;
 use crate::sharing::Sharing;
-use crate::simd::{Fused, Simd};
-use crate::volume::brick::EDGE;
+use crate::simd::wide::{Job, Set, Wide};
+use crate::simd::{LANES, Simd};
+use crate::volume::brick::{EDGE, VOXELS};
 
 /// Voxels along an edge of a brick with what it keeps of its neighbours.
 pub(super) const SIDE: usize = EDGE + 1;
@@ -33,6 +34,20 @@ impl<const C: usize> ShadedBrick<C> {
         self.filled > 0
     }
 
+    fn transparent() -> Box<Self> {
+        Box::new(Self { colour: [[0.0; CELLS]; C], alpha: [0.0; CELLS], filled: 0 })
+    }
+
+    /// What a cell holds.
+    #[inline(always)]
+    fn get(&self, cell: usize) -> Lit<f32, C> {
+        let mut lit = Lit { colour: [0.0; C], alpha: self.alpha[cell] };
+        for c in 0..C {
+            lit.colour[c] = self.colour[c][cell];
+        }
+        lit
+    }
+
     /// Whether a cell holds these bits.
     #[inline(always)]
     fn is(&self, cell: usize, lit: &Lit<f32, C>) -> bool {
@@ -43,6 +58,7 @@ impl<const C: usize> ShadedBrick<C> {
         same
     }
 
+    #[inline(always)]
     fn set(&mut self, cell: usize, lit: &Lit<f32, C>) {
         self.filled -= u16::from(self.alpha[cell] > 0.0);
         self.filled += u16::from(lit.alpha > 0.0);
@@ -63,21 +79,31 @@ pub(super) struct Dirty {
 /// The shaded voxels of a stage.
 pub(super) struct Shaded<const C: usize> {
     pub(super) table: Table,
-    pub(super) bricks: Vec<ShadedBrick<C>>,
-    results: Vec<Result<C>>,
+    pub(super) bricks: Vec<Box<ShadedBrick<C>>>,
+}
+
+/// A brick with voxels to be shaded, and what became of it.
+struct Task<'a, const C: usize> {
+    changed: &'a Changed,
+    /// Where it is kept; nowhere while all of it is transparent.
+    brick: Option<&'a mut ShadedBrick<C>>,
+    /// Where it is to be kept from now on.
+    fresh: Option<Box<ShadedBrick<C>>>,
+    outcome: Outcome,
 }
 
 /// What became of a brick's voxels.
-struct Result<const C: usize> {
-    at: [i64; 3],
+#[derive(Default)]
+struct Outcome {
+    /// How many were shaded.
     shaded: u64,
     /// Those that have changed.
-    lit: Vec<(u16, Lit<f32, C>)>,
+    lit: Bits,
 }
 
 impl<const C: usize> Shaded<C> {
     pub(super) fn new(stage: &Stage) -> Self {
-        Self { table: Table::new(stage.bricks()), bricks: Vec::new(), results: Vec::new() }
+        Self { table: Table::new(stage.bricks()), bricks: Vec::new() }
     }
 
     /// Shades voxels again, given as what may have changed, and adds the boxes of those that have to `dirty`. Returns how many were shaded.
@@ -90,126 +116,278 @@ impl<const C: usize> Shaded<C> {
         sharing: Sharing,
         dirty: &mut Vec<Dirty>,
     ) -> u64 {
-        self.results.clear();
-        self.results.resize_with(voxels.len(), || Result { at: [0; 3], shaded: 0, lit: Vec::new() });
-        let (table, bricks) = (&self.table, &self.bricks);
-        sharing.chunks(&mut self.results, BRICKS_PER_TASK, |task, results| {
-            for (result, changed) in results.iter_mut().zip(&voxels[task * BRICKS_PER_TASK..]) {
-                let before = table.get(changed.at).map(|slot| &bricks[slot]);
-                result.at = changed.at;
-                result.shaded = simd.fused(Shading { shown, changed, before, shader, lit: &mut result.lit });
+        let mut order: Vec<(usize, &Changed)> =
+            voxels.iter().map(|changed| (self.table.get(changed.at).unwrap_or(usize::MAX), changed)).collect();
+        order.sort_by_key(|(slot, _)| *slot);
+        let kept = order.partition_point(|(slot, _)| *slot != usize::MAX);
+        let mut bricks = apart(&mut self.bricks, order[..kept].iter().map(|(slot, _)| *slot));
+        let mut tasks: Vec<Task<C>> = order
+            .iter()
+            .map(|(_, changed)| Task {
+                changed,
+                brick: bricks.next().map(|brick| &mut **brick),
+                fresh: None,
+                outcome: Outcome::default(),
+            })
+            .collect();
+        drop(bricks);
+        sharing.chunks(&mut tasks, BRICKS_PER_TASK, |_, tasks| {
+            for task in tasks {
+                task.outcome = simd.wide(Shading { shown, shader, task: &mut *task });
             }
         });
         let mut shaded = 0;
-        for Result { at, shaded: n, lit } in std::mem::take(&mut self.results) {
-            shaded += n;
-            let mut bounds: Option<Dirty> = None;
-            for (place, lit) in lit {
-                let voxel = [place % 8, place / 8 % 8, place / 64].map(usize::from);
-                self.put(at, voxel, &lit);
-                let voxel: [i64; 3] = std::array::from_fn(|a| at[a] * EDGE as i64 + voxel[a] as i64);
-                let b = bounds.get_or_insert(Dirty { low: voxel, high: voxel });
-                for (a, x) in voxel.into_iter().enumerate() {
-                    (b.low[a], b.high[a]) = (b.low[a].min(x), b.high[a].max(x));
-                }
+        let mut done = Vec::with_capacity(tasks.len());
+        for Task { changed, fresh, outcome, .. } in tasks {
+            shaded += outcome.shaded;
+            if outcome.lit != Bits::default() {
+                done.push((changed.at, fresh, outcome.lit));
             }
-            dirty.extend(bounds);
+        }
+        for (at, fresh, _) in &mut done {
+            if let (Some(brick), Some(index)) = (fresh.take(), self.table.index(*at)) {
+                // Its neighbours' voxels, if any of them are to be kept, come with theirs: a brick that holds any is there already.
+                self.add(index, brick);
+            }
+        }
+        for (at, _, lit) in done {
+            self.copy_to_those_before(at, &lit);
+            dirty.extend(surrounding(at, &lit));
         }
         shaded
     }
 
-    /// Puts a voxel into its brick and those before it that keep it too.
-    fn put(&mut self, at: [i64; 3], voxel: [usize; 3], lit: &Lit<f32, C>) {
-        let reach = voxel.map(|v| usize::from(v == 0));
-        for back in 0..8_usize {
-            let back = [back & 1, back >> 1 & 1, back >> 2];
-            if (0..3).any(|a| back[a] > reach[a]) {
-                continue;
-            }
-            let place: [i64; 3] = std::array::from_fn(|a| at[a] - back[a] as i64);
-            let Some(index) = self.table.index(place) else { continue };
-            let cell = (0..3).rev().fold(0, |cell, a| cell * SIDE + voxel[a] + back[a] * EDGE);
-            let slot = match self.table.slots()[index] {
-                // What is transparent needs no brick.
-                ABSENT if lit.alpha == 0.0 => continue,
-                ABSENT => self.add(index),
-                slot => slot as usize,
-            };
-            self.bricks[slot].set(cell, lit);
-        }
-    }
-
-    fn add(&mut self, index: usize) -> usize {
-        self.table.set(index, self.bricks.len() as u32);
-        self.bricks.push(ShadedBrick { colour: [[0.0; CELLS]; C], alpha: [0.0; CELLS], filled: 0 });
-        self.bricks.len() - 1
-    }
-
-    pub(super) fn bytes(&self) -> u64 {
-        (size_of_val(self.table.slots()) + self.bricks.len() * size_of::<ShadedBrick<C>>()) as u64
-    }
-}
-
-/// Shades the voxels of a brick that may have changed, and notes those that have; gives how many were shaded.
-struct Shading<'a, const C: usize> {
-    shown: &'a Shown,
-    changed: &'a Changed,
-    before: Option<&'a ShadedBrick<C>>,
-    shader: &'a Shader<f32>,
-    lit: &'a mut Vec<(u16, Lit<f32, C>)>,
-}
-
-impl<const C: usize> Fused for Shading<'_, C> {
-    type Output = u64;
-
-    #[inline(always)]
-    fn run(self) -> u64 {
-        let Self { shown, changed, before, shader, lit } = self;
-        const STEP: [usize; 3] = [1, EDGE, EDGE * EDGE];
-        let Some((brick, beside)) = shown.neighbourhood(changed.at) else { return 0 };
-        let mut shaded = 0;
-        for (z, layer) in changed.voxels.iter().enumerate() {
-            let mut left = *layer;
+    /// Copies a brick's voxels to those before it that keep them too.
+    fn copy_to_those_before(&mut self, at: [i64; 3], voxels: &Bits) {
+        /// Row y = 0 of a layer's bits.
+        const FIRST_Y: u64 = 0xFF;
+        let Some(own) = self.table.get(at) else { return };
+        for (z, layer) in voxels.iter().enumerate() {
+            let mut left = if z == 0 { *layer } else { layer & (FIRST_X | FIRST_Y) };
             while left != 0 {
                 let inside = left.trailing_zeros() as usize;
                 left &= left - 1;
                 let voxel = [inside % EDGE, inside / EDGE, z];
-                let place = z * EDGE * EDGE + inside;
-                let centre = (brick.value[place], brick.weight[place]);
-                let mut now = Lit { colour: [0.0; C], alpha: 0.0 };
-                if shader.may_show(centre) {
-                    let mut around = [[(0.0, 0.0); 2]; 3];
-                    for axis in 0..3 {
-                        let span = (EDGE - 1) * STEP[axis];
-                        for (side, at_end) in [(0, voxel[axis] == 0), (1, voxel[axis] + 1 == EDGE)] {
-                            let (of, place) = match (at_end, side) {
-                                (false, 0) => (Some(brick), place - STEP[axis]),
-                                (false, _) => (Some(brick), place + STEP[axis]),
-                                (true, 0) => (beside[2 * axis], place + span),
-                                (true, _) => (beside[2 * axis + 1], place - span),
-                            };
-                            if let Some(of) = of {
-                                around[axis][side] = (of.value[place], of.weight[place]);
-                            }
-                        }
+                let lit = self.bricks[own].get(cell(voxel));
+                let reach = voxel.map(|v| usize::from(v == 0));
+                for back in 1..8_usize {
+                    let back = [back & 1, back >> 1 & 1, back >> 2];
+                    if (0..3).any(|a| back[a] > reach[a]) {
+                        continue;
                     }
-                    let mut at = changed.at;
-                    for axis in 0..3 {
-                        at[axis] = at[axis] * EDGE as i64 + voxel[axis] as i64;
-                    }
-                    now = shader.shade(centre, around, at);
-                    shaded += 1;
-                }
-                let cell = (voxel[2] * SIDE + voxel[1]) * SIDE + voxel[0];
-                let same = match before {
-                    Some(before) => before.is(cell, &now),
-                    None => now.alpha == 0.0,
-                };
-                if !same {
-                    lit.push((place as u16, now));
+                    let place: [i64; 3] = std::array::from_fn(|a| at[a] - back[a] as i64);
+                    let Some(index) = self.table.index(place) else { continue };
+                    let slot = match self.table.slots()[index] {
+                        // What is transparent needs no brick.
+                        ABSENT if lit.alpha == 0.0 => continue,
+                        ABSENT => self.add(index, ShadedBrick::transparent()),
+                        slot => slot as usize,
+                    };
+                    self.bricks[slot].set(cell(std::array::from_fn(|a| voxel[a] + back[a] * EDGE)), &lit);
                 }
             }
         }
-        shaded
+    }
+
+    fn add(&mut self, index: usize, brick: Box<ShadedBrick<C>>) -> usize {
+        self.table.set(index, self.bricks.len() as u32);
+        self.bricks.push(brick);
+        self.bricks.len() - 1
+    }
+
+    pub(super) fn bytes(&self) -> u64 {
+        let brick = size_of::<ShadedBrick<C>>() + size_of::<Box<ShadedBrick<C>>>();
+        (size_of_val(self.table.slots()) + self.bricks.len() * brick) as u64
     }
 }
+
+/// The cell that begins at a voxel of a brick.
+fn cell([x, y, z]: [usize; 3]) -> usize {
+    (z * SIDE + y) * SIDE + x
+}
+
+/// The box about a brick's voxels; none about none.
+fn surrounding(at: [i64; 3], voxels: &Bits) -> Option<Dirty> {
+    let all = voxels.iter().fold(0, |all, layer| all | layer);
+    let columns = (0..EDGE).fold(0, |columns, y| columns | (all >> (EDGE * y)) as u8);
+    let layers = (0..EDGE).fold(0, |layers, z| layers | u8::from(voxels[z] != 0) << z);
+    // From the first set bit to the last: along y by rows of eight.
+    let span = |bits: u8| [i64::from(bits.trailing_zeros()), 7 - i64::from(bits.leading_zeros())];
+    let spans =
+        [span(columns), [all.trailing_zeros() / 8, 7 - all.leading_zeros().min(63) / 8].map(i64::from), span(layers)];
+    let end = |of: usize| std::array::from_fn(|a: usize| at[a] * EDGE as i64 + spans[a][of]);
+    (all != 0).then(|| Dirty { low: end(0), high: end(1) })
+}
+
+/// Shades the voxels of a brick that may have changed, and puts those that have into it.
+struct Shading<'a, 'b, const C: usize> {
+    shown: &'a Shown,
+    shader: &'a Shader<f32>,
+    task: &'a mut Task<'b, C>,
+}
+
+/// Two rows along x, which follow each other in a brick: the lanes of a vector.
+const ROWS: usize = LANES / EDGE;
+/// What is not there was not seen.
+static UNSEEN: Brick = Brick { value: [0.0; VOXELS], weight: [0.0; VOXELS] };
+
+impl<const C: usize> Job for Shading<'_, '_, C> {
+    type Output = Outcome;
+
+    #[inline(always)]
+    fn run<S: Set>(self) -> Outcome {
+        let Self { shown, shader, task: Task { changed, brick: kept, fresh, .. } } = self;
+        let mut outcome = Outcome::default();
+        let Some((own, beside)) = shown.neighbourhood(changed.at) else { return outcome };
+        let origin = changed.at.map(|b| (b * EDGE as i64) as f32);
+        for (z, layer) in changed.voxels.iter().enumerate() {
+            for y in (0..EDGE).step_by(ROWS) {
+                let due = (layer >> (EDGE * y)) as u16;
+                if due == 0 {
+                    continue;
+                }
+                let place = (z * EDGE + y) * EDGE;
+                let centre = (lanes::<S>(&own.value, place), lanes::<S>(&own.weight, place));
+                let visible = Wide::<S>::bits(shader.may_show(centre)) & due;
+                outcome.shaded += u64::from(visible.count_ones());
+                let mut rows = Rows { colour: [[0.0; LANES]; C], alpha: [0.0; LANES] };
+                if visible != 0 {
+                    let around =
+                        [along_x(own, beside, place), along_y(own, beside, place), along_z(own, beside, place)];
+                    let [x, y, z] = [origin[0], origin[1] + y as f32, origin[2] + z as f32];
+                    let at = [
+                        Wide::splat(x) + Wide::load(&OFFSETS[0]),
+                        Wide::splat(y) + Wide::load(&OFFSETS[1]),
+                        Wide::splat(z),
+                    ];
+                    let lit = shader.shade_all::<Wide<S>, C>(centre, around, at);
+                    lit.alpha.store(&mut rows.alpha);
+                    for c in 0..C {
+                        lit.colour[c].store(&mut rows.colour[c]);
+                    }
+                }
+                let into = match (&mut *kept, &mut *fresh) {
+                    (Some(brick), _) => &mut **brick,
+                    (None, Some(brick)) => &mut **brick,
+                    (None, None) if rows.alpha == [0.0; LANES] => continue,
+                    (None, fresh) => &mut **fresh.insert(ShadedBrick::transparent()),
+                };
+                let lit = into.put([y, z], due, &rows);
+                outcome.lit[z] |= u64::from(lit) << (EDGE * y);
+            }
+        }
+        outcome
+    }
+}
+
+/// Places of the lanes along x and y.
+const OFFSETS: [[f32; LANES]; 2] = [
+    [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0],
+    [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0],
+];
+
+/// Shaded voxels of two rows.
+struct Rows<const C: usize> {
+    colour: [[f32; LANES]; C],
+    alpha: [f32; LANES],
+}
+
+impl<const C: usize> ShadedBrick<C> {
+    /// Puts those voxels of two rows into the brick, the first at [y, z], whose bits are set, and gives those that have changed.
+    #[inline(always)]
+    fn put(&mut self, [y, z]: [usize; 2], due: u16, rows: &Rows<C>) -> u16 {
+        let (mut left, mut changed) = (due, 0);
+        while left != 0 {
+            let lane = left.trailing_zeros() as usize;
+            left &= left - 1;
+            let mut lit = Lit { colour: [0.0; C], alpha: rows.alpha[lane] };
+            for c in 0..C {
+                lit.colour[c] = rows.colour[c][lane];
+            }
+            let cell = cell([lane % EDGE, y + lane / EDGE, z]);
+            if !self.is(cell, &lit) {
+                self.set(cell, &lit);
+                changed |= 1 << lane;
+            }
+        }
+        changed
+    }
+}
+
+/// Value and weight of the voxels before and behind those of two rows, along an axis.
+type Beside<S> = [(Wide<S>, Wide<S>); 2];
+
+#[inline(always)]
+fn lanes<S: Set>(voxels: &[f32; VOXELS], place: usize) -> Wide<S> {
+    let mut rows = [0.0; LANES];
+    rows.copy_from_slice(&voxels[place..place + LANES]);
+    Wide::load(&rows)
+}
+
+#[inline(always)]
+fn along_x<S: Set>(own: &Brick, beside: [Option<&Brick>; 6], place: usize) -> Beside<S> {
+    let (before, behind) = (beside[0].unwrap_or(&UNSEEN), beside[1].unwrap_or(&UNSEEN));
+    [
+        (shifted_up(&own.value, &before.value, place), shifted_up(&own.weight, &before.weight, place)),
+        (shifted_down(&own.value, &behind.value, place), shifted_down(&own.weight, &behind.weight, place)),
+    ]
+}
+
+/// Rows that begin with the last voxel of the brick before.
+#[inline(always)]
+fn shifted_up<S: Set>(own: &[f32; VOXELS], before: &[f32; VOXELS], place: usize) -> Wide<S> {
+    let mut rows = [0.0; LANES];
+    for row in 0..ROWS {
+        let (at, from) = (row * EDGE, place + row * EDGE);
+        rows[at] = before[from + EDGE - 1];
+        rows[at + 1..at + EDGE].copy_from_slice(&own[from..from + EDGE - 1]);
+    }
+    Wide::load(&rows)
+}
+
+/// Rows that end with the first voxel of the brick behind.
+#[inline(always)]
+fn shifted_down<S: Set>(own: &[f32; VOXELS], behind: &[f32; VOXELS], place: usize) -> Wide<S> {
+    let mut rows = [0.0; LANES];
+    for row in 0..ROWS {
+        let (at, from) = (row * EDGE, place + row * EDGE);
+        rows[at..at + EDGE - 1].copy_from_slice(&own[from + 1..from + EDGE]);
+        rows[at + EDGE - 1] = behind[from];
+    }
+    Wide::load(&rows)
+}
+
+#[inline(always)]
+fn along_y<S: Set>(own: &Brick, beside: [Option<&Brick>; 6], place: usize) -> Beside<S> {
+    const LAST: usize = EDGE * (EDGE - 1);
+    let y = place / EDGE % EDGE;
+    let (before, behind) = (beside[2].unwrap_or(&UNSEEN), beside[3].unwrap_or(&UNSEEN));
+    // The place of each row's neighbour, and the brick that holds it.
+    let below = if y == 0 { (before, place + LAST) } else { (own, place - EDGE) };
+    let above = if y + ROWS == EDGE { (behind, place + EDGE - LAST) } else { (own, place + 2 * EDGE) };
+    [pair(below, (own, place)), pair((own, place + EDGE), above)]
+}
+
+/// Two rows from anywhere.
+#[inline(always)]
+fn pair<S: Set>(first: (&Brick, usize), second: (&Brick, usize)) -> (Wide<S>, Wide<S>) {
+    let (mut value, mut weight) = ([0.0; LANES], [0.0; LANES]);
+    value[..EDGE].copy_from_slice(&first.0.value[first.1..first.1 + EDGE]);
+    value[EDGE..].copy_from_slice(&second.0.value[second.1..second.1 + EDGE]);
+    weight[..EDGE].copy_from_slice(&first.0.weight[first.1..first.1 + EDGE]);
+    weight[EDGE..].copy_from_slice(&second.0.weight[second.1..second.1 + EDGE]);
+    (Wide::load(&value), Wide::load(&weight))
+}
+
+#[inline(always)]
+fn along_z<S: Set>(own: &Brick, beside: [Option<&Brick>; 6], place: usize) -> Beside<S> {
+    const LAYER: usize = EDGE * EDGE;
+    let z = place / LAYER;
+    let (before, behind) = (beside[4].unwrap_or(&UNSEEN), beside[5].unwrap_or(&UNSEEN));
+    let (below, from) = if z == 0 { (before, place + LAYER * (EDGE - 1)) } else { (own, place - LAYER) };
+    let (above, to) = if z + 1 == EDGE { (behind, place % LAYER) } else { (own, place + LAYER) };
+    [(lanes(&below.value, from), lanes(&below.weight, from)), (lanes(&above.value, to), lanes(&above.weight, to))]
+}
+
+#[cfg(test)]
+mod tests;

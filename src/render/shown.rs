@@ -15,7 +15,7 @@ pub(super) const ABSENT: u32 = u32::MAX;
 pub(super) type Bits = [u64; EDGE];
 
 /// Columns x = 0 and x = 7 of a layer's bits.
-const FIRST_X: u64 = 0x0101_0101_0101_0101;
+pub(super) const FIRST_X: u64 = 0x0101_0101_0101_0101;
 const LAST_X: u64 = 0x8080_8080_8080_8080;
 
 /// The neighbours that share a face with a brick: axis and direction.
@@ -125,6 +125,16 @@ impl Table {
     }
 }
 
+/// Elements of a slice by ascending index, each once, each to be changed apart from the others.
+pub(super) fn apart<T>(elements: &mut [T], indices: impl Iterator<Item = usize>) -> impl Iterator<Item = &mut T> {
+    let (mut rest, mut passed) = (elements, 0);
+    indices.filter_map(move |index| {
+        let (head, tail) = std::mem::take(&mut rest).split_at_mut(index + 1 - passed);
+        (rest, passed) = (tail, index + 1);
+        head.last_mut()
+    })
+}
+
 /// The stage's voxels.
 pub(super) struct Shown {
     first: [i64; 3],
@@ -179,13 +189,9 @@ impl Shown {
         slots.sort_unstable();
         slots.dedup();
         let mut tasks = Vec::with_capacity(slots.len());
-        let (mut rest, mut passed) = (self.bricks.as_mut_slice(), 0);
-        for (slot, index) in slots {
-            let (head, tail) = rest.split_at_mut(slot + 1 - passed);
-            if let Some(brick) = head.last_mut() {
-                tasks.push(Task { slot, index, brick, voxels: [0; EDGE] });
-            }
-            (rest, passed) = (tail, slot + 1);
+        let bricks = apart(&mut self.bricks, slots.iter().map(|(slot, _)| *slot));
+        for (&(slot, index), brick) in slots.iter().zip(bricks) {
+            tasks.push(Task { slot, index, brick, voxels: [0; EDGE] });
         }
         let bounds = self.bounds;
         sharing.chunks(&mut tasks, BRICKS_PER_TASK, |_, tasks| {

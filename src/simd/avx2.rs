@@ -3,7 +3,7 @@
 
 use std::arch::x86_64::*;
 
-use super::Lanes;
+use super::{Lanes, SQRT_HALF_BITS};
 
 /// Sixteen f32 in two registers: lanes 0–7 and 8–15.
 #[derive(Clone, Copy)]
@@ -107,6 +107,19 @@ unsafe impl Lanes for Avx2 {
         Self(unsafe { [_mm256_floor_ps(self.0[0]), _mm256_floor_ps(self.0[1])] })
     }
     #[inline(always)]
+    unsafe fn abs(self) -> Self {
+        // SAFETY: as for the trait.
+        unsafe {
+            let sign = _mm256_set1_ps(-0.0);
+            Self([_mm256_andnot_ps(sign, self.0[0]), _mm256_andnot_ps(sign, self.0[1])])
+        }
+    }
+    #[inline(always)]
+    unsafe fn sqrt(self) -> Self {
+        // SAFETY: as for the trait.
+        Self(unsafe { [_mm256_sqrt_ps(self.0[0]), _mm256_sqrt_ps(self.0[1])] })
+    }
+    #[inline(always)]
     unsafe fn round_ties_even(self) -> Self {
         // SAFETY: as for the trait.
         unsafe {
@@ -125,6 +138,25 @@ unsafe impl Lanes for Avx2 {
             }
             Self(scaled)
         }
+    }
+    #[inline(always)]
+    unsafe fn mantissa_and_exponent(self) -> (Self, Self) {
+        // SAFETY: as for the trait.
+        unsafe {
+            let (mut mantissa, mut exponent) = (self.0, self.0);
+            for (mantissa, exponent) in mantissa.iter_mut().zip(&mut exponent) {
+                let bits = _mm256_castps_si256(*mantissa);
+                let n = _mm256_srai_epi32::<23>(_mm256_sub_epi32(bits, _mm256_set1_epi32(SQRT_HALF_BITS)));
+                *mantissa = _mm256_castsi256_ps(_mm256_sub_epi32(bits, _mm256_slli_epi32::<23>(n)));
+                *exponent = _mm256_cvtepi32_ps(n);
+            }
+            (Self(mantissa), Self(exponent))
+        }
+    }
+    #[inline(always)]
+    unsafe fn lt(self, other: Self) -> [__m256; 2] {
+        // SAFETY: as for the trait.
+        unsafe { both!(_mm256_cmp_ps::<_CMP_LT_OQ>, self.0, other.0) }
     }
     #[inline(always)]
     unsafe fn le(self, other: Self) -> [__m256; 2] {

@@ -3,7 +3,7 @@
 
 use std::arch::x86_64::*;
 
-use super::Lanes;
+use super::{Lanes, SQRT_HALF_BITS};
 
 /// Sixteen f32 in a register.
 #[derive(Clone, Copy)]
@@ -99,6 +99,16 @@ unsafe impl Lanes for Avx512 {
         Self(unsafe { _mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(self.0) })
     }
     #[inline(always)]
+    unsafe fn abs(self) -> Self {
+        // SAFETY: as for the trait.
+        Self(unsafe { _mm512_abs_ps(self.0) })
+    }
+    #[inline(always)]
+    unsafe fn sqrt(self) -> Self {
+        // SAFETY: as for the trait.
+        Self(unsafe { _mm512_sqrt_ps(self.0) })
+    }
+    #[inline(always)]
     unsafe fn round_ties_even(self) -> Self {
         // SAFETY: as for the trait.
         Self(unsafe { _mm512_roundscale_ps::<{ _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC }>(self.0) })
@@ -110,6 +120,21 @@ unsafe impl Lanes for Avx512 {
             let exponent = _mm512_slli_epi32::<23>(_mm512_cvttps_epi32(n.0));
             Self(_mm512_castsi512_ps(_mm512_add_epi32(_mm512_castps_si512(self.0), exponent)))
         }
+    }
+    #[inline(always)]
+    unsafe fn mantissa_and_exponent(self) -> (Self, Self) {
+        // SAFETY: as for the trait.
+        unsafe {
+            let bits = _mm512_castps_si512(self.0);
+            let n = _mm512_srai_epi32::<23>(_mm512_sub_epi32(bits, _mm512_set1_epi32(SQRT_HALF_BITS)));
+            let mantissa = _mm512_sub_epi32(bits, _mm512_slli_epi32::<23>(n));
+            (Self(_mm512_castsi512_ps(mantissa)), Self(_mm512_cvtepi32_ps(n)))
+        }
+    }
+    #[inline(always)]
+    unsafe fn lt(self, other: Self) -> __mmask16 {
+        // SAFETY: as for the trait.
+        unsafe { _mm512_cmp_ps_mask::<_CMP_LT_OQ>(self.0, other.0) }
     }
     #[inline(always)]
     unsafe fn le(self, other: Self) -> __mmask16 {

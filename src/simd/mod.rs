@@ -11,9 +11,16 @@ pub(crate) mod avx2;
 #[cfg(target_arch = "x86_64")]
 pub(crate) mod avx512;
 pub(crate) mod portable;
+pub(crate) mod wide;
 
 /// Lanes in a vector.
 pub(crate) const LANES: usize = 16;
+
+/// Taylor coefficients (ln 2)ᵏ/k! of 2ᶠ for k = 7 to 1; that of k = 0 is 1. At |f| ≤ ½ the first term left out is below 6e-9.
+pub(crate) const POWER_OF_TWO: [f32; 7] =
+    [1.525_273e-5, 1.540_353e-4, 1.333_355_8e-3, 9.618_129e-3, 5.550_411e-2, 2.402_265e-1, std::f32::consts::LN_2];
+/// The bits of √½.
+pub(crate) const SQRT_HALF_BITS: i32 = 0x3F35_04F3;
 
 /// Instruction set of the hot loops.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -113,9 +120,16 @@ pub(crate) unsafe trait Lanes: Copy {
     /// The larger; `other` where either is NaN.
     unsafe fn max(self, other: Self) -> Self;
     unsafe fn floor(self) -> Self;
+    unsafe fn abs(self) -> Self;
+    /// Square root, correctly rounded.
+    unsafe fn sqrt(self) -> Self;
     unsafe fn round_ties_even(self) -> Self;
     /// self·2ⁿ for integral n with |n| ≤ 126 and a normal result, by adding to the exponent.
     unsafe fn scale_by_power_of_two(self, n: Self) -> Self;
+    /// m and n with self = m·2ⁿ, m from √½ to below √2 and n integral, of normal lanes above 0.
+    unsafe fn mantissa_and_exponent(self) -> (Self, Self);
+    /// Lanes where self < other; false where either is NaN.
+    unsafe fn lt(self, other: Self) -> Self::Mask;
     /// Lanes where self ≤ other; false where either is NaN.
     unsafe fn le(self, other: Self) -> Self::Mask;
     unsafe fn and(a: Self::Mask, b: Self::Mask) -> Self::Mask;

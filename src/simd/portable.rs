@@ -1,7 +1,7 @@
 //! Lanes for machines without AVX2, and the reference for those with it.
 #![allow(unsafe_code, reason = "implements `Lanes`, whose loads and stores are by pointer")]
 
-use super::{LANES, Lanes};
+use super::{LANES, Lanes, SQRT_HALF_BITS};
 
 /// Sixteen f32 in an array.
 #[derive(Clone, Copy)]
@@ -12,6 +12,20 @@ impl Portable {
     fn zip(self, other: Self, f: impl Fn(f32, f32) -> f32) -> Self {
         Self(std::array::from_fn(|k| f(self.0[k], other.0[k])))
     }
+}
+
+/// One lane of [`Lanes::mantissa_and_exponent`].
+#[inline(always)]
+pub(crate) fn mantissa_and_exponent(x: f32) -> (f32, f32) {
+    let bits = x.to_bits().cast_signed();
+    let n = bits.wrapping_sub(SQRT_HALF_BITS) >> 23;
+    (f32::from_bits(bits.wrapping_sub(n << 23).cast_unsigned()), n as f32)
+}
+
+/// One lane of [`Lanes::scale_by_power_of_two`].
+#[inline(always)]
+pub(crate) fn scale_by_power_of_two(x: f32, n: f32) -> f32 {
+    f32::from_bits(x.to_bits().wrapping_add(((n as i32) << 23).cast_unsigned()))
 }
 
 // SAFETY: no instruction set is needed; pointers are used within the bounds that the trait demands of the caller.
@@ -65,12 +79,29 @@ unsafe impl Lanes for Portable {
         Self(self.0.map(f32::floor))
     }
     #[inline(always)]
+    unsafe fn abs(self) -> Self {
+        Self(self.0.map(f32::abs))
+    }
+    #[inline(always)]
+    unsafe fn sqrt(self) -> Self {
+        Self(self.0.map(f32::sqrt))
+    }
+    #[inline(always)]
     unsafe fn round_ties_even(self) -> Self {
         Self(self.0.map(f32::round_ties_even))
     }
     #[inline(always)]
     unsafe fn scale_by_power_of_two(self, n: Self) -> Self {
-        self.zip(n, |x, n| f32::from_bits(x.to_bits().wrapping_add(((n as i32) << 23).cast_unsigned())))
+        self.zip(n, scale_by_power_of_two)
+    }
+    #[inline(always)]
+    unsafe fn mantissa_and_exponent(self) -> (Self, Self) {
+        let pairs = self.0.map(mantissa_and_exponent);
+        (Self(pairs.map(|pair| pair.0)), Self(pairs.map(|pair| pair.1)))
+    }
+    #[inline(always)]
+    unsafe fn lt(self, other: Self) -> u16 {
+        (0..LANES).fold(0, |mask, k| mask | (u16::from(self.0[k] < other.0[k]) << k))
     }
     #[inline(always)]
     unsafe fn le(self, other: Self) -> u16 {

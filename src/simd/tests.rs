@@ -25,6 +25,12 @@ unsafe fn everything<L: Lanes>(a: &Row, b: &Row, c: &Row, table: &[u32]) -> Vec<
         keep(x.min(y));
         keep(x.max(y));
         keep(x.floor());
+        keep(x.abs());
+        keep(x.abs().sqrt());
+        let (mantissa, exponent) = x.abs().add(L::splat(1e-3)).mantissa_and_exponent();
+        keep(mantissa);
+        keep(exponent);
+        keep(L::select(x.lt(y), y, z));
         keep(x.round_ties_even());
         keep(L::splat(1.25).scale_by_power_of_two(x.round_ties_even().min(L::splat(100.0)).max(L::splat(-100.0))));
         let mask = L::and(x.le(y), y.le(z));
@@ -71,6 +77,14 @@ fn scalar(a: &Row, b: &Row, c: &Row, table: &[u32]) -> Vec<Row> {
         lanes(&|k| if a[k] < b[k] { a[k] } else { b[k] }),
         lanes(&|k| if a[k] > b[k] { a[k] } else { b[k] }),
         lanes(&|k| a[k].floor()),
+        lanes(&|k| a[k].abs()),
+        lanes(&|k| a[k].abs().sqrt()),
+        lanes(&|k| {
+            let x = a[k].abs() + 1e-3;
+            x / 2.0_f32.powi((x.log2() + 0.5).floor() as i32)
+        }),
+        lanes(&|k| ((a[k].abs() + 1e-3).log2() + 0.5).floor()),
+        lanes(&|k| if a[k] < b[k] { b[k] } else { c[k] }),
         lanes(&|k| a[k].round_ties_even()),
         lanes(&|k| 1.25 * 2.0_f32.powi(a[k].round_ties_even().clamp(-100.0, 100.0) as i32)),
         lanes(&|k| if mask(k) { a[k] } else { c[k] }),

@@ -2,7 +2,7 @@
 //!
 //! Colours are display values (sRGB) from 0 to 1: what is composited is what is shown.
 
-use super::super::real::{Real, dot};
+use super::super::real::{Number, dot};
 use super::TransferError;
 use super::curve::{Curve, CurveError, Piecewise};
 
@@ -67,8 +67,8 @@ impl Colour {
     }
 
     /// Red, green and blue.
-    #[inline]
-    pub fn at<T: Real>(&self, value: T) -> [T; 3] {
+    #[inline(always)]
+    pub fn at<T: Number>(&self, value: T) -> [T; 3] {
         match self {
             Self::Grey(curve) => [curve.value(value); 3],
             Self::Map(map) => map.at(value),
@@ -76,12 +76,15 @@ impl Colour {
     }
 
     /// The brightness: the grey itself, or the luma of a colour.
-    #[inline]
-    pub fn intensity<T: Real>(&self, value: T) -> T {
+    #[inline(always)]
+    pub fn intensity<T: Number>(&self, value: T) -> T {
         match self {
             Self::Grey(curve) => curve.value(value),
             Self::Map(map) if map.channels_agree() => map.at(value)[0],
-            Self::Map(map) => dot(map.at(value), LUMA.map(T::from_f64)),
+            Self::Map(map) => {
+                let [red, green, blue] = LUMA;
+                dot(map.at(value), [T::from_f64(red), T::from_f64(green), T::from_f64(blue)])
+            }
         }
     }
 }

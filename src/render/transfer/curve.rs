@@ -1,6 +1,6 @@
 //! Piecewise linear functions with values from 0 to 1.
 
-use super::super::real::Real;
+use super::super::real::{Number, Real};
 
 /// Positions lie within ± this, so that no difference of two overflows in single precision.
 const FARTHEST: f64 = 1e30;
@@ -9,11 +9,19 @@ const FARTHEST: f64 = 1e30;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Piecewise<const N: usize> {
     /// Ascending, also after rounding to f32; at least one.
-    positions: Vec<f64>,
-    /// At the positions, 0 to 1.
-    values: Vec<[f64; N]>,
-    /// From each position to the next; none behind the last.
-    slopes: Vec<[f64; N]>,
+    double: Vec<Knot<f64, N>>,
+    /// The same, rounded.
+    single: Vec<Knot<f32, N>>,
+}
+
+/// A point of a curve.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Knot<S, const N: usize> {
+    position: S,
+    /// At the position, 0 to 1.
+    values: [S; N],
+    /// From here to the next point; 0 behind the last.
+    slopes: [S; N],
 }
 
 /// One value.
@@ -90,44 +98,76 @@ impl<const N: usize> Piecewise<N> {
                 return Err(CurveError::Order { index: index + 1, position, before });
             }
         }
-        let slope = |(x0, y0): (f64, [f64; N]), (x1, y1): (f64, [f64; N])| {
-            std::array::from_fn(|channel| (y1[channel] - y0[channel]) / (x1 - x0))
-        };
-        Ok(Self {
-            positions: points.iter().map(|point| point.0).collect(),
-            values: points.iter().map(|point| point.1).collect(),
-            slopes: points.windows(2).map(|pair| slope(pair[0], pair[1])).collect(),
-        })
+        let mut double: Vec<_> =
+            points.iter().map(|&(position, values)| Knot { position, values, slopes: [0.0; N] }).collect();
+        for (index, pair) in points.windows(2).enumerate() {
+            let [(x0, y0), (x1, y1)] = [pair[0], pair[1]];
+            double[index].slopes = std::array::from_fn(|channel| (y1[channel] - y0[channel]) / (x1 - x0));
+        }
+        let single = double
+            .iter()
+            .map(|knot| Knot {
+                position: knot.position as f32,
+                values: knot.values.map(|x| x as f32),
+                slopes: knot.slopes.map(|x| x as f32),
+            })
+            .collect();
+        Ok(Self { double, single })
+    }
+
+    /// The points as they were given.
+    pub(in crate::render) fn double(&self) -> &[Knot<f64, N>] {
+        &self.double
+    }
+
+    /// The points in single precision.
+    pub(in crate::render) fn single(&self) -> &[Knot<f32, N>] {
+        &self.single
     }
 
     /// The values at `x`, exact at the points; those of the first point where `x` is not a number.
-    #[inline]
-    pub fn at<T: Real>(&self, x: T) -> [T; N] {
-        let behind = self.positions.partition_point(|&position| T::from_f64(position) <= x);
-        let segment = behind.saturating_sub(1);
-        let start = self.values[segment].map(T::from_f64);
-        // Before the first point, and from the last on.
-        if behind == 0 || behind == self.positions.len() {
-            return start;
+    #[inline(always)]
+    pub fn at<T: Number>(&self, x: T) -> [T; N] {
+        let knots = T::Scalar::knots(self);
+        let (first, last) = (&knots[0], &knots[knots.len() - 1]);
+        // Where the ends' values hold the distance to their points is 0.
+        let x = x.max(T::splat(first.position)).min(T::splat(last.position));
+        let mut position = T::splat(first.position);
+        let (mut values, mut slopes) = ([T::zero(); N], [T::zero(); N]);
+        for channel in 0..N {
+            (values[channel], slopes[channel]) = (T::splat(first.values[channel]), T::splat(first.slopes[channel]));
         }
-        let along = x - T::from_f64(self.positions[segment]);
-        let slope = &self.slopes[segment];
-        std::array::from_fn(|channel| (start[channel] + along * T::from_f64(slope[channel])).unit())
+        for knot in &knots[1..] {
+            let reached = T::splat(knot.position).le(x);
+            if !T::any(reached) {
+                break;
+            }
+            position = T::select(reached, T::splat(knot.position), position);
+            for channel in 0..N {
+                values[channel] = T::select(reached, T::splat(knot.values[channel]), values[channel]);
+                slopes[channel] = T::select(reached, T::splat(knot.slopes[channel]), slopes[channel]);
+            }
+        }
+        let along = x - position;
+        for channel in 0..N {
+            values[channel] = along.mul_add(slopes[channel], values[channel]).unit();
+        }
+        values
     }
 
     /// Where the first point and the last one stand.
     pub fn span(&self) -> [f64; 2] {
-        [self.positions[0], self.positions[self.positions.len() - 1]]
+        [self.double[0].position, self.double[self.double.len() - 1].position]
     }
 
     /// The points.
     pub fn points(&self) -> impl Iterator<Item = (f64, [f64; N])> {
-        self.positions.iter().copied().zip(self.values.iter().copied())
+        self.double.iter().map(|knot| (knot.position, knot.values))
     }
 
     /// Whether the values of each point are the same number.
     pub(super) fn channels_agree(&self) -> bool {
-        self.values.iter().all(|values| values.iter().all(|value| *value == values[0]))
+        self.double.iter().all(|knot| knot.values.iter().all(|value| *value == knot.values[0]))
     }
 }
 
@@ -141,18 +181,18 @@ impl Curve {
     }
 
     /// The value at `x`.
-    #[inline]
-    pub fn value<T: Real>(&self, x: T) -> T {
+    #[inline(always)]
+    pub fn value<T: Number>(&self, x: T) -> T {
         let [value] = self.at(x);
         value
     }
 
     /// The smallest interval outside of which the curve is 0, infinite where an end holds more; none where it is 0 everywhere.
     pub fn support(&self) -> Option<[f64; 2]> {
-        let positive = |value: &[f64; 1]| value[0] > 0.0;
-        let first = self.values.iter().position(positive)?;
-        let last = self.values.iter().rposition(positive)?;
-        let low = if first == 0 { f64::NEG_INFINITY } else { self.positions[first - 1] };
-        Some([low, self.positions.get(last + 1).copied().unwrap_or(f64::INFINITY)])
+        let positive = |knot: &Knot<f64, 1>| knot.values[0] > 0.0;
+        let first = self.double.iter().position(positive)?;
+        let last = self.double.iter().rposition(positive)?;
+        let low = if first == 0 { f64::NEG_INFINITY } else { self.double[first - 1].position };
+        Some([low, self.double.get(last + 1).map_or(f64::INFINITY, |knot| knot.position)])
     }
 }

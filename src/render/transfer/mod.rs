@@ -18,7 +18,7 @@ pub use colour::Colour;
 pub use curve::{Curve, CurveError, Piecewise};
 
 use super::gradient::FLAT_PER_MM;
-use super::real::Real;
+use super::real::Number;
 
 /// Opacity over a unit length.
 #[derive(Debug, Clone, PartialEq)]
@@ -157,55 +157,53 @@ impl Transfer {
 
     /// Opacity over the unit length, 0 to 1, of an intensity and its gradient's magnitude in grey levels per mm. An intensity that is not a number
     /// is transparent.
-    #[inline]
-    pub fn alpha<T: Real>(&self, value: T, gradient_per_mm: T) -> T {
-        if value.is_nan() {
-            return T::ZERO;
-        }
+    #[inline(always)]
+    pub fn alpha<T: Number>(&self, value: T, gradient_per_mm: T) -> T {
+        let none = T::zero();
         let alpha = match &self.opacity {
             Opacity::Curve(curve) => curve.value(value),
             &Opacity::Isovalue { value: surface, thickness_mm, opacity } => {
                 let off = (T::from_f64(surface) - value).abs();
-                let nearness = if gradient_per_mm >= T::from_f64(FLAT_PER_MM) {
-                    (T::ONE - off / (T::from_f64(thickness_mm) * gradient_per_mm)).max(T::ZERO)
-                } else if off == T::ZERO {
-                    T::ONE
-                } else {
-                    T::ZERO
-                };
-                T::from_f64(opacity) * nearness
+                let nearness = (T::one() - off / (T::from_f64(thickness_mm) * gradient_per_mm)).max(none);
+                let hit = T::select(off.le(none), T::one(), none);
+                let steep = T::from_f64(FLAT_PER_MM).le(gradient_per_mm);
+                T::from_f64(opacity) * T::select(steep, nearness, hit)
             }
-            Opacity::Region(curve) if gradient_per_mm >= T::from_f64(FLAT_PER_MM) => {
-                (gradient_per_mm * T::from_f64(self.region_scale_mm) * curve.value(value)).unit()
+            Opacity::Region(curve) => {
+                let steep = T::from_f64(FLAT_PER_MM).le(gradient_per_mm);
+                let share = gradient_per_mm * T::from_f64(self.region_scale_mm) * curve.value(value);
+                T::select(steep, share.unit(), none)
             }
-            Opacity::Region(_) => T::ZERO,
         };
-        match &self.gradient {
-            Some(factor) if alpha > T::ZERO => alpha * factor.value(gradient_per_mm),
-            _ => alpha,
-        }
+        let alpha = match &self.gradient {
+            Some(factor) => alpha * factor.value(gradient_per_mm),
+            None => alpha,
+        };
+        // What is not a number is not even equal to itself.
+        T::select(value.le(value), alpha, none)
     }
 
     /// An opacity over the unit length as one over a step: 1 − (1 − α)^(step / unit). Exactly α where the step is the unit; opaque stays opaque.
-    #[inline]
-    pub fn step_corrected<T: Real>(&self, alpha: T, step_mm: T) -> T {
-        let unit = T::from_f64(self.unit_mm);
-        if step_mm == unit || !(alpha > T::ZERO && alpha < T::ONE) {
+    #[inline(always)]
+    pub fn step_corrected<T: Number>(&self, alpha: T, step_mm: T::Scalar) -> T {
+        let unit = T::Scalar::from_f64(self.unit_mm);
+        if step_mm == unit {
             return alpha;
         }
         // Through logarithm and exponential of what differs from 1, or thin matter would vanish in the rounding of 1 − α.
-        -(step_mm / unit * (-alpha).ln_1p()).exp_m1()
+        let corrected = -(T::splat(step_mm / unit) * (-alpha).log2_1p()).exp2_m1();
+        T::select(T::both(T::zero().lt(alpha), alpha.lt(T::one())), corrected, alpha)
     }
 
     /// Red, green and blue of an intensity, 0 to 1, not multiplied by opacity.
-    #[inline]
-    pub fn colour<T: Real>(&self, value: T) -> [T; 3] {
+    #[inline(always)]
+    pub fn colour<T: Number>(&self, value: T) -> [T; 3] {
         self.colour.at(value)
     }
 
     /// The brightness of an intensity, 0 to 1: all there is to its colour where [`Self::is_grey`].
-    #[inline]
-    pub fn intensity<T: Real>(&self, value: T) -> T {
+    #[inline(always)]
+    pub fn intensity<T: Number>(&self, value: T) -> T {
         self.colour.intensity(value)
     }
 
