@@ -435,6 +435,7 @@ impl<'a, O: Onlooker> Run<'a, O> {
                     item,
                     weaver,
                     touched: &touched.bricks,
+                    slab: touched.slab,
                     upgraded: weaver.path() != before,
                     insert: took,
                     reached: self.reached,

@@ -226,7 +226,10 @@ fn follow(
         let began = Instant::now();
         let touched = weaver.insert(slice)?;
         let insert = began.elapsed();
-        let updated = renderer.update(weaver.volume(), &touched.bricks);
+        let updated = match &touched.slab {
+            Some(slab) => renderer.update_within(weaver.volume(), &touched.bricks, slab),
+            None => renderer.update(weaver.volume(), &touched.bricks),
+        };
         ms.push([insert, updated.shade, updated.rays].map(|d| d.as_secs_f64() * 1e3));
     }
     let (work, cache, cache_bytes) = (renderer.work(), renderer.cache(), renderer.memory().rays);

@@ -6,6 +6,7 @@ use glam::DVec3;
 
 use super::PixelKind;
 use crate::reconstruct::Weaver;
+use crate::volume::Prism;
 use crate::volume::brick::BrickIndex;
 
 /// A slice that has just been woven.
@@ -16,6 +17,8 @@ pub struct Woven<'a> {
     pub weaver: &'a Weaver,
     /// Bricks that the slice changed.
     pub touched: &'a [BrickIndex],
+    /// Where in them, if that is known: voxels by lattice index.
+    pub slab: Option<Prism>,
     /// Whether the general path has taken over with this slice: any brick may have changed.
     pub upgraded: bool,
     /// What weaving took.

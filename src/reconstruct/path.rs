@@ -92,7 +92,8 @@ impl Weaver {
                 let result = general.insert(slice);
                 self.way = Way::General(general);
                 self.upgraded = Some(departure);
-                result
+                // What was there is written anew, with other bits here and there.
+                result.map(|touched| Touched { slab: None, ..touched })
             }
             result => result,
         }

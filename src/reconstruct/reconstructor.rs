@@ -22,9 +22,9 @@ use super::weave::{Moment, Rule, Task, View};
 use crate::mask::Mask;
 use crate::sharing::Sharing;
 use crate::slice::Slice;
-use crate::volume::BrickVolume;
 use crate::volume::brick::{Brick, BrickIndex};
 use crate::volume::sparse::Epoch;
+use crate::volume::{BrickVolume, Prism};
 
 /// Pixel sizes this close, relatively, use the same filter.
 pub(super) const SAME_PIXEL: f64 = 1e-3;
@@ -84,6 +84,9 @@ pub struct Touched {
     pub bricks: Vec<BrickIndex>,
     /// Voxels that gained weight.
     pub voxels: u64,
+    /// Lattice indices among which those voxels are, as a slice's rectangle with its kernel's reach; `None` where other voxels of the bricks may have
+    /// changed too.
+    pub slab: Option<Prism>,
 }
 
 /// Work done so far, for proving what was skipped.
@@ -266,7 +269,10 @@ impl Reconstructor {
         }
         weave_all(&mut self.volume, &mut self.chunks, tasks, &view, simd, sharing);
 
-        let mut touched = Touched::default();
+        // Where the past fades, reading a brick anew may change its other voxels too.
+        let fades = matches!(rule.entry, Entry::Decay(_));
+        let slab = if fades { None } else { geometry.prism() };
+        let mut touched = Touched { slab, ..Touched::default() };
         if let Entry::Decay(_) = rule.entry {
             for task in tasks.iter() {
                 let turn = rule.entry.turn(&self.volume, task.slot, moment.elapsed_ns);

@@ -10,6 +10,7 @@ use calibration::frames::{Image as ImageFrame, Transform, World};
 use glam::{DAffine3, DMat3, DVec3};
 
 use super::nodes::Nodes;
+use crate::volume::Prism;
 use crate::volume::brick::{BrickIndex, EDGE};
 
 /// A slice's plane, orthogonalised: pixel sizes along u and v, and the map from the world to (u px, v px, plane distance mm).
@@ -184,6 +185,12 @@ impl SlabGeometry {
         };
         let axis = |a: usize| Some(brick(low[a], -1.0)?..=brick(high[a], 1.0)?);
         Some([axis(0)?, axis(1)?, axis(2)?])
+    }
+
+    /// The slab itself, around all voxels that can take part; lattice indices.
+    pub(crate) fn prism(&self) -> Option<Prism> {
+        let limits = self.limits.map(|[low, high]| [low - SLACK, high + SLACK]);
+        Prism::between(self.coordinates.map(|c| (c.base, c.step)), limits)
     }
 
     /// Calls `visit` for each brick that voxels of the slab may lie in, in the order of the lattice, until it returns false.

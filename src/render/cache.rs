@@ -1,24 +1,50 @@
 //! What is kept of a row's rays between pictures: nothing, their samples, the folds of their blocks, or both.
 //!
-//! A change marks the blocks that it reaches; a marked block is folded again when a ray comes to it, and one behind the place where the ray ends stays marked,
-//! perhaps for ever. With samples kept, only those that changed are interpolated again; without, a marked block's all are.
+//! A change notes in each block that it reaches which samples it concerns; they are interpolated and folded again when a ray comes to the block, and those
+//! behind the place where the ray ends stay stale, perhaps for ever. With samples kept, only the stale ones are interpolated again; without, all of the block.
 
 use std::ops::Range;
 
-use super::cast::{Fold, Line, Sampler, Through, fold_block};
+use super::cast::{Fold, Line, Through, fold_block};
+use super::run::Sampler;
 use super::settings::Cache;
+use super::shade::Lit;
 use super::work::RenderWork;
 
 /// What is kept of the rays of a row.
 pub(super) struct RowCache<const C: usize> {
     kind: Cache,
-    /// Colour and opacity of each sample of each ray on the stage, one after the other; and where each ray's begin.
-    samples: Vec<f32>,
+    /// Each sample of each ray on the stage, one after the other; and where each ray's begin.
+    samples: Vec<Lit<f32, C>>,
     samples_of: Vec<usize>,
     /// The fold of each block of each ray; and where each ray's begin.
     blocks: Vec<Through<C>>,
-    stale: Vec<bool>,
+    /// Of each block, what is not as the voxels say.
+    stale: Vec<Stale>,
     blocks_of: Vec<usize>,
+}
+
+/// Samples of a block that are to be interpolated again, from one up to but not including another: all that is not as the voxels say, and perhaps more.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Stale {
+    from: u16,
+    to: u16,
+}
+
+impl Stale {
+    const NONE: Self = Self { from: u16::MAX, to: 0 };
+
+    /// These too.
+    #[inline(always)]
+    fn add(&mut self, [from, to]: [u32; 2]) {
+        // Samples are counted in 16 bits.
+        *self = Self { from: self.from.min(from as u16), to: self.to.max(to as u16) };
+    }
+
+    #[inline(always)]
+    fn samples(self) -> Option<[u32; 2]> {
+        if self.from < self.to { Some([u32::from(self.from), u32::from(self.to)]) } else { None }
+    }
 }
 
 /// Blocks that a line meets: the first one's number, and how many.
@@ -32,41 +58,47 @@ fn blocks_of(line: &Line, fold: Fold) -> (u32, usize) {
 pub(super) fn bytes<const C: usize>(kind: Cache, lines: &[Line], fold: Fold) -> u64 {
     let samples: u64 = lines.iter().map(|l| u64::from(l.end - l.first)).sum();
     let blocks: u64 = lines.iter().map(|l| blocks_of(l, fold).1 as u64).sum();
-    let of_samples = samples * ((C + 1) * size_of::<f32>()) as u64;
-    let of_blocks = blocks * (size_of::<Through<C>>() + size_of::<bool>()) as u64;
+    let of_samples = samples * size_of::<Lit<f32, C>>() as u64;
+    let (of_blocks, stale) = (blocks * size_of::<Through<C>>() as u64, blocks * size_of::<Stale>() as u64);
     match kind {
         Cache::None => 0,
-        Cache::Linear => of_samples,
-        Cache::TwoLevel => of_samples + of_blocks,
-        Cache::OneLevel => of_blocks,
+        Cache::Linear => of_samples + stale,
+        Cache::TwoLevel => of_samples + of_blocks + stale,
+        Cache::OneLevel => of_blocks + stale,
     }
 }
 
 impl<const C: usize> RowCache<C> {
-    /// Of rays of which all is transparent.
-    pub(super) fn new(kind: Cache, lines: &[Line], fold: Fold) -> Self {
-        let mut cache = Self {
-            kind,
+    /// Nothing is kept.
+    pub(super) fn none() -> Self {
+        Self {
+            kind: Cache::None,
             samples: Vec::new(),
             samples_of: Vec::new(),
             blocks: Vec::new(),
             stale: Vec::new(),
             blocks_of: Vec::new(),
-        };
+        }
+    }
+
+    /// Of rays of which all is transparent.
+    pub(super) fn new(kind: Cache, lines: &[Line], fold: Fold) -> Self {
+        let mut cache = Self { kind, ..Self::none() };
+        if kind == Cache::None {
+            return cache;
+        }
         let (mut samples, mut blocks) = (0, 0);
         for line in lines {
             if kind.keeps_samples() {
                 cache.samples_of.push(samples);
-                samples += (line.end - line.first) as usize * (C + 1);
+                samples += (line.end - line.first) as usize;
             }
-            if kind.keeps_blocks() {
-                cache.blocks_of.push(blocks);
-                blocks += blocks_of(line, fold).1;
-            }
+            cache.blocks_of.push(blocks);
+            blocks += blocks_of(line, fold).1;
         }
-        cache.samples = vec![0.0; samples];
-        cache.blocks = vec![Through::CLEAR; blocks];
-        cache.stale = vec![false; blocks];
+        cache.samples = vec![Lit { colour: [0.0; C], alpha: 0.0 }; samples];
+        cache.blocks = vec![Through::CLEAR; if kind.keeps_blocks() { blocks } else { 0 }];
+        cache.stale = vec![Stale::NONE; blocks];
         cache
     }
 
@@ -100,46 +132,52 @@ impl<const C: usize> RowCache<C> {
         fold: Fold,
         work: &mut RenderWork,
     ) -> Through<C> {
-        let samples = match self.kind.keeps_samples() {
-            true => {
-                let samples = &mut self.samples[self.samples_of[at]..][..(line.end - line.first) as usize * (C + 1)];
-                sampler.resample(line, [from, to], samples, work);
-                &*samples
-            }
-            false => &[],
-        };
         if self.kind == Cache::None {
             return sampler.cast(line, fold, work);
         }
-        let kept =
-            |k: u32, end: u32| &samples[(k - line.first) as usize * (C + 1)..(end - line.first) as usize * (C + 1)];
+        let (first, count) = blocks_of(line, fold);
+        let stale = &mut self.stale[self.blocks_of[at]..][..count];
+        let mut k = from;
+        while k < to {
+            let end = fold.block_end(k).min(to);
+            stale[(k / fold.arity - first) as usize].add([k, end]);
+            k = end;
+        }
+        let blocks = match self.kind.keeps_blocks() {
+            true => &mut self.blocks[self.blocks_of[at]..][..count],
+            false => &mut [],
+        };
+        let samples = match self.kind.keeps_samples() {
+            true => &mut self.samples[self.samples_of[at]..][..(line.end - line.first) as usize],
+            false => &mut [],
+        };
         let mut all = Through::CLEAR;
         let mut k = line.first;
-        if !self.kind.keeps_blocks() {
-            while k < line.end {
-                let end = fold.block_end(k).min(line.end);
-                if all.ends_behind(&fold_block(kept(k, end)), fold, work) {
-                    break;
-                }
-                k = end;
-            }
-            return all;
-        }
-        let (first, count) = blocks_of(line, fold);
-        let range = self.blocks_of[at]..self.blocks_of[at] + count;
-        let (blocks, stale) = (&mut self.blocks[range.clone()], &mut self.stale[range]);
-        let changed = (from / fold.arity - first) as usize..=((to - 1) / fold.arity - first) as usize;
-        stale[changed].fill(true);
-        for (block, stale) in blocks.iter_mut().zip(stale) {
+        for (number, stale) in stale.iter_mut().enumerate() {
             let end = fold.block_end(k).min(line.end);
-            if std::mem::take(stale) {
-                *block = match self.kind {
-                    Cache::TwoLevel => fold_block(kept(k, end)),
-                    _ => sampler.block(line, &mut k.clone(), end, work).unwrap_or(Through::CLEAR),
-                };
+            let changed = std::mem::replace(stale, Stale::NONE).samples();
+            if let Some([from, to]) = changed
+                && self.kind.keeps_samples()
+            {
+                sampler.resample(
+                    line,
+                    [from, to],
+                    &mut samples[(from - line.first) as usize..(to - line.first) as usize],
+                    work,
+                );
+            }
+            let block = match (changed, self.kind) {
+                (None, Cache::TwoLevel | Cache::OneLevel) => blocks[number],
+                (_, Cache::OneLevel) => sampler.block(line, [k, end], work).unwrap_or(Through::CLEAR),
+                _ => fold_block(&samples[(k - line.first) as usize..(end - line.first) as usize]),
+            };
+            if changed.is_some()
+                && let Some(kept) = blocks.get_mut(number)
+            {
+                *kept = block;
                 work.blocks_resolved += 1;
             }
-            if all.ends_behind(block, fold, work) {
+            if all.ends_behind(&block, fold, work) {
                 break;
             }
             k = end;

@@ -206,6 +206,21 @@ impl Camera {
         Ray { base: self.origin + per_mm * self.near_mm, step: per_mm * self.step_mm }
     }
 
+    /// The first pixel's ray, and how rays differ from it per pixel to the right and down; stage coordinates. Parallel: sample 0 and the step to the next; by how
+    /// much sample 0 is moved. Perspective: the eye, and its way to the point at 1 mm along the view's axis; by how much that point is moved.
+    pub(super) fn first_ray(&self) -> (Ray, [DVec3; 2]) {
+        let step = match self.perspective {
+            false => self.forward * self.step_mm,
+            true => self.stage_from_world.transform_vector3(self.forward),
+        };
+        (Ray { base: self.origin, step }, [self.right, self.down])
+    }
+
+    /// Of a perspective view, the distance of pixels' points at 1 mm along the view's axis, and of the first sample from the eye, mm; `None` of parallel rays.
+    pub(super) fn perspective(&self) -> Option<[f64; 2]> {
+        self.perspective.then_some([self.pixel, self.near_mm])
+    }
+
     /// Pixel coordinates of a stage position; `None` where it is beside or behind a perspective view's eye.
     pub fn project(&self, at: DVec3) -> Option<[f64; 2]> {
         let from = at - self.origin;

@@ -6,10 +6,9 @@
 //! passed over.
 
 use super::camera::Ray;
-use super::shaded::{SIDE, Shaded};
-use super::shown::ABSENT;
+use super::run::{RUN, Run, Sampler};
+use super::shade::Lit;
 use super::work::RenderWork;
-use crate::volume::brick::EDGE;
 
 /// What is seen through so many samples: premultiplied colour, and how much of what lies behind is seen.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -68,8 +67,8 @@ impl Fold {
 /// A ray in single precision, and the samples of it that lie on the stage: from `first`, up to but not including `end`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Line {
-    base: [f32; 3],
-    step: [f32; 3],
+    pub(super) base: [f32; 3],
+    pub(super) step: [f32; 3],
     pub(super) first: u32,
     pub(super) end: u32,
 }
@@ -82,26 +81,11 @@ impl Line {
     }
 
     /// Stage coordinates of a sample.
-    #[inline(always)]
     pub(super) fn at(&self, k: u32) -> [f32; 3] {
         // Exact: there are fewer than 2¹⁶ samples.
         let k = k as f32;
         let ([x, y, z], [bx, by, bz]) = (self.step, self.base);
         [x.mul_add(k, bx), y.mul_add(k, by), z.mul_add(k, bz)]
-    }
-
-    /// How many samples from the one at `at` on, at least one, certainly lie in the same brick.
-    #[inline(always)]
-    fn stay(&self, at: [f32; 3], brick: [i32; 3]) -> u32 {
-        let mut least = f32::INFINITY;
-        for a in 0..3 {
-            // Along an axis without a step a sample never leaves. Rounding moves one by less than a hundredth of a voxel.
-            let face = (brick[a] + i32::from(self.step[a] > 0.0)) as f32 * EDGE as f32;
-            if self.step[a] != 0.0 {
-                least = least.min(((face - at[a]).abs() - 1e-2) / self.step[a].abs());
-            }
-        }
-        least.max(1.0) as u32
     }
 }
 
@@ -131,49 +115,7 @@ pub(super) fn span(ray: &Ray, low: [i64; 3], high: [i64; 3], [first, end]: [u32;
     if from < to { [from, to] } else { [first, first] }
 }
 
-/// Reads shaded voxels between their places.
-#[derive(Clone, Copy)]
-pub(super) struct Sampler<'a, const C: usize> {
-    shaded: &'a Shaded<C>,
-    size: [i32; 3],
-}
-
-impl<'a, const C: usize> Sampler<'a, C> {
-    pub(super) fn new(shaded: &'a Shaded<C>) -> Self {
-        Self { shaded, size: shaded.table.size().map(|s| s as i32) }
-    }
-
-    /// The sample at a place, and its brick; `None` in the place of what is transparent.
-    #[inline(always)]
-    fn sample(&self, at: [f32; 3]) -> ([i32; 3], Option<([f32; C], f32)>) {
-        // Closures would be functions of their own, without the caller's instruction set.
-        let [x, y, z] = at;
-        let floor = [x.floor(), y.floor(), z.floor()];
-        let cell = [floor[0] as i32, floor[1] as i32, floor[2] as i32];
-        let brick = [cell[0] >> 3, cell[1] >> 3, cell[2] >> 3];
-        for a in 0..3 {
-            if brick[a] < 0 || brick[a] >= self.size[a] {
-                return (brick, None);
-            }
-        }
-        let index = (brick[2] * self.size[1] + brick[1]) as usize * self.size[0] as usize + brick[0] as usize;
-        let slot = self.shaded.table.slots()[index];
-        if slot == ABSENT {
-            return (brick, None);
-        }
-        let brick_of = &self.shaded.bricks[slot as usize];
-        if !brick_of.is_filled() {
-            return (brick, None);
-        }
-        let corner = ((cell[2] & 7) as usize * SIDE + (cell[1] & 7) as usize) * SIDE + (cell[0] & 7) as usize;
-        let part = [x - floor[0], y - floor[1], z - floor[2]];
-        let mut colour = [0.0; C];
-        for (colour, cells) in colour.iter_mut().zip(&brick_of.colour) {
-            *colour = between(cells, corner, part);
-        }
-        (brick, Some((colour, between(&brick_of.alpha, corner, part))))
-    }
-
+impl<const C: usize> Sampler<'_, C> {
     /// The fold of a line's samples as they are.
     #[inline(always)]
     pub(super) fn cast(&self, line: &Line, fold: Fold, work: &mut RenderWork) -> Through<C> {
@@ -181,81 +123,63 @@ impl<'a, const C: usize> Sampler<'a, C> {
         let mut k = line.first;
         while k < line.end {
             let end = fold.block_end(k).min(line.end);
-            let block = self.block(line, &mut k, end, work);
+            let block = self.block(line, [k, end], work);
             if let Some(block) = block
                 && all.ends_behind(&block, fold, work)
             {
                 break;
             }
+            k = end;
         }
         all
     }
 
-    /// The samples from `k` up to `end` folded; `None` where all are transparent. Leaves `k` where the next block's samples begin that may not be.
+    /// The samples from the first given up to the second, folded; `None` where all are transparent.
     #[inline(always)]
-    pub(super) fn block(&self, line: &Line, k: &mut u32, end: u32, work: &mut RenderWork) -> Option<Through<C>> {
+    pub(super) fn block(&self, line: &Line, [from, to]: [u32; 2], work: &mut RenderWork) -> Option<Through<C>> {
         let mut block = None;
-        while *k < end {
-            let at = line.at(*k);
-            match self.sample(at) {
-                (_, Some((colour, alpha))) => {
-                    block.get_or_insert(Through::CLEAR).add(colour, alpha);
-                    work.samples += 1;
-                    *k += 1;
-                }
-                (brick, None) => {
-                    let stay = line.stay(at, brick).min(line.end - *k);
-                    work.samples_skipped += u64::from(stay);
-                    *k += stay;
+        let mut run = Run::new();
+        let mut k = from;
+        while k < to {
+            let n = (to - k).min(RUN);
+            if self.run(line, k, n, &mut run, work) {
+                let block = block.get_or_insert(Through::CLEAR);
+                for i in 0..n as usize {
+                    let Lit { colour, alpha } = run.sample(i);
+                    block.add(colour, alpha);
                 }
             }
+            k += n;
         }
         block
     }
 
-    /// Samples part of a line again, into what is kept of it: colour and opacity of each sample from the line's first on.
+    /// Samples part of a line again, into what is kept of it.
     #[inline(always)]
-    pub(super) fn resample(&self, line: &Line, [from, to]: [u32; 2], kept: &mut [f32], work: &mut RenderWork) {
-        for k in from..to {
-            let kept = &mut kept[(k - line.first) as usize * (C + 1)..][..C + 1];
-            match self.sample(line.at(k)).1 {
-                Some((colour, alpha)) => {
-                    kept[..C].copy_from_slice(&colour);
-                    kept[C] = alpha;
-                    work.samples += 1;
+    pub(super) fn resample(&self, line: &Line, [from, to]: [u32; 2], kept: &mut [Lit<f32, C>], work: &mut RenderWork) {
+        let mut run = Run::new();
+        let mut k = from;
+        while k < to {
+            let n = (to - k).min(RUN);
+            let kept = &mut kept[(k - from) as usize..][..n as usize];
+            if self.run(line, k, n, &mut run, work) {
+                for (i, kept) in kept.iter_mut().enumerate() {
+                    *kept = run.sample(i);
                 }
-                None => {
-                    kept.fill(0.0);
-                    work.samples_skipped += 1;
-                }
+            } else {
+                kept.fill(Lit { colour: [0.0; C], alpha: 0.0 });
             }
+            k += n;
         }
     }
 }
 
 /// The fold of a block's samples as they were kept.
 #[inline(always)]
-pub(super) fn fold_block<const C: usize>(kept: &[f32]) -> Through<C> {
+pub(super) fn fold_block<const C: usize>(kept: &[Lit<f32, C>]) -> Through<C> {
     let mut block = Through::CLEAR;
-    for sample in kept.chunks_exact(C + 1) {
-        let mut colour = [0.0; C];
-        colour.copy_from_slice(&sample[..C]);
-        block.add(colour, sample[C]);
+    for Lit { colour, alpha } in kept {
+        block.add(*colour, *alpha);
     }
     block
-}
-
-/// Trilinear, x first.
-#[inline(always)]
-fn between(cells: &[f32], corner: usize, [x, y, z]: [f32; 3]) -> f32 {
-    // One check for the eight.
-    let cells = &cells[corner..][..SIDE * SIDE + SIDE + 2];
-    let mut faces = [0.0; 2];
-    for (dz, face) in faces.iter_mut().enumerate() {
-        let at = dz * SIDE * SIDE;
-        let a = x.mul_add(cells[at + 1] - cells[at], cells[at]);
-        let b = x.mul_add(cells[at + SIDE + 1] - cells[at + SIDE], cells[at + SIDE]);
-        *face = y.mul_add(b - a, a);
-    }
-    z.mul_add(faces[1] - faces[0], faces[0])
 }

@@ -1,8 +1,10 @@
 //! The shaded voxels and the rows of one picture, in as many channels as its light has.
 
 use super::camera::Camera;
-use super::cast::{Fold, Sampler};
-use super::rows::{Footprint, Row};
+use super::cast::Fold;
+use super::marks::Marks;
+use super::rows::Row;
+use super::run::Sampler;
 use super::settings::Cache;
 use super::shaded::Shaded;
 use super::stage::Stage;
@@ -43,20 +45,13 @@ impl<const C: usize> Layers<C> {
         Self { shaded: Shaded::new(stage), rows }
     }
 
-    /// Casts again what some boxes can have changed.
-    pub(super) fn cast(
-        &mut self,
-        footprints: &[Footprint],
-        camera: &Camera,
-        fold: Fold,
-        simd: Simd,
-        sharing: Sharing,
-    ) -> RenderWork {
+    /// Casts again what some changes can have reached.
+    pub(super) fn cast(&mut self, marks: &Marks, fold: Fold, simd: Simd, sharing: Sharing) -> RenderWork {
         let sampler = Sampler::new(&self.shaded);
         sharing.chunks(&mut self.rows, 1, |j, rows| {
             for row in rows {
                 row.work = RenderWork::default();
-                let [first, end] = row.mark(j as u32, footprints, camera);
+                let [first, end] = row.mark(j as u32, marks, simd);
                 (first..end).for_each(|at| row.cast(at, sampler, fold, simd));
             }
         });

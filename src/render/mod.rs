@@ -5,7 +5,9 @@
 //! - `shown`: value and weight of each voxel as last seen, and which have changed.
 //! - [`gradient`], [`transfer`], [`light`], `shade`: a voxel's colour and opacity, over the numbers of [`real`] and `elementary`; `shaded`: those of all
 //!   voxels.
-//! - `cast`: samples along a ray and their fold; `cache`: what is kept of them; `rows`: which rays a change reaches; `layers`: a picture's voxels and rows.
+//! - `run`: samples between voxels; `cast`: a ray's samples and their fold; `cache`: what is kept of them.
+//! - `slab`: which samples of which rays a piece of space holds; `marks`: those that a change may have reached; `rows`: their rays anew; `layers`: a picture's
+//!   voxels and rows.
 //! - [`partition`]: the same for workers that hold a part of the world each.
 //! - [`renderer`]: all of it; [`picture`]: the result; [`work`]: what was done for it.
 //! - [`mod@reference`]: the measure of it all, in f64.
@@ -22,16 +24,19 @@ mod elementary;
 pub mod gradient;
 mod layers;
 pub mod light;
+mod marks;
 pub mod partition;
 pub mod picture;
 pub mod real;
 pub mod reference;
 pub mod renderer;
 mod rows;
+mod run;
 pub mod settings;
 mod shade;
 mod shaded;
 mod shown;
+mod slab;
 pub mod stage;
 pub mod transfer;
 pub mod work;

@@ -8,9 +8,11 @@
 
 use super::RenderError;
 use super::camera::Camera;
-use super::cast::{Fold, Line, Sampler, Through};
+use super::cast::{Fold, Line, Through};
+use super::marks::Marks;
 use super::picture::Picture;
-use super::rows::{Footprint, Row};
+use super::rows::Row;
+use super::run::Sampler;
 use super::settings::{Cache, RenderSettings};
 use super::shade::Shader;
 use super::shaded::Shaded;
@@ -27,7 +29,8 @@ const MARGIN: f64 = 2.0;
 
 /// A worker's part of the world.
 pub struct Part {
-    camera: Camera,
+    width: u32,
+    marks: Marks,
     shader: Shader<f32>,
     shown: Shown,
     fold: Fold,
@@ -84,7 +87,16 @@ impl Part {
             true => Image::Grey(Held::new(&camera, stage, fold, cuts)),
             false => Image::Colour(Held::new(&camera, stage, fold, cuts)),
         };
-        Ok(Self { camera, shader, shown: Shown::new(stage), fold, simd: settings.simd, region: [low, high], image })
+        Ok(Self {
+            width: settings.size[0],
+            marks: Marks::new(&camera),
+            shader,
+            shown: Shown::new(stage),
+            fold,
+            simd: settings.simd,
+            region: [low, high],
+            image,
+        })
     }
 
     /// Lattice indices of the first and last voxel that the part needs to be told of: its own and some of its neighbours'.
@@ -113,10 +125,11 @@ impl Part {
             Image::Grey(held) => held.shaded.update(shown, &voxels, shader, simd, Sharing::Alone, &mut dirty),
             Image::Colour(held) => held.shaded.update(shown, &voxels, shader, simd, Sharing::Alone, &mut dirty),
         };
-        let footprints: Vec<Footprint> = dirty.iter().filter_map(|d| Footprint::new(*d, &self.camera)).collect();
+        self.marks.set(&dirty, None);
+        let width = self.width;
         match &mut self.image {
-            Image::Grey(held) => held.cast(&footprints, &self.camera, self.fold, simd, &mut message),
-            Image::Colour(held) => held.cast(&footprints, &self.camera, self.fold, simd, &mut message),
+            Image::Grey(held) => held.cast(&self.marks, width, self.fold, simd, &mut message),
+            Image::Colour(held) => held.cast(&self.marks, width, self.fold, simd, &mut message),
         }
         message
     }
@@ -145,12 +158,11 @@ impl<const C: usize> Held<C> {
         Self { shaded: Shaded::new(stage), rows, sent }
     }
 
-    fn cast(&mut self, footprints: &[Footprint], camera: &Camera, fold: Fold, simd: Simd, message: &mut Message) {
+    fn cast(&mut self, marks: &Marks, width: u32, fold: Fold, simd: Simd, message: &mut Message) {
         let sampler = Sampler::new(&self.shaded);
-        let width = camera.size()[0];
         for ((j, row), sent) in (0..).zip(&mut self.rows).zip(&mut self.sent) {
             row.work = RenderWork::default();
-            let [first, end] = row.mark(j, footprints, camera);
+            let [first, end] = row.mark(j, marks, simd);
             for at in first..end {
                 row.cast(at, sampler, fold, simd);
                 let (number, range) = row.blocks_of(at, fold);

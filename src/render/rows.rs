@@ -4,51 +4,13 @@ use std::ops::Range;
 
 use super::cache::{self, RowCache};
 use super::camera::Camera;
-use super::cast::{Fold, Line, Sampler, Through, span};
+use super::cast::{Fold, Line, Through};
+use super::marks::Marks;
+use super::run::Sampler;
 use super::settings::Cache;
-use super::shaded::Dirty;
 use super::stage::Stage;
 use super::work::RenderWork;
 use crate::simd::{Fused, Simd};
-
-/// Pixels around the projection of a box that its rays may reach: rounding, and a pixel's own extent.
-const MARGIN: f64 = 1.0;
-
-/// The pixels that a box can reach.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Footprint {
-    dirty: Dirty,
-    /// First and last pixel to the right and down, inclusive.
-    columns: [u32; 2],
-    rows: [u32; 2],
-}
-
-impl Footprint {
-    /// Of a box of changed voxels; `None` where it is not in the picture.
-    pub(super) fn new(dirty: Dirty, camera: &Camera) -> Option<Self> {
-        let [width, height] = camera.size();
-        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        for corner in 0..8_usize {
-            let at = std::array::from_fn(|a| match corner >> a & 1 {
-                0 => dirty.low[a] as f64 - 1.0,
-                _ => dirty.high[a] as f64 + 1.0,
-            });
-            // Beside the eye of a perspective view a box may be anywhere.
-            let pixel = camera.project(glam::DVec3::from_array(at));
-            let [least, most] = pixel.map_or([[f64::NEG_INFINITY; 2], [f64::INFINITY; 2]], |p| [p; 2]);
-            for a in 0..2 {
-                low[a] = low[a].min(least[a]);
-                high[a] = high[a].max(most[a]);
-            }
-        }
-        let axis = |a: usize, size: u32| {
-            let (first, last) = ((low[a] - MARGIN).ceil(), (high[a] + MARGIN).floor());
-            let most = f64::from(size) - 1.0;
-            (first <= most && last >= 0.0).then(|| [first.max(0.0) as u32, last.min(most) as u32])
-        };
-        Some(Self { dirty, columns: axis(0, width)?, rows: axis(1, height)? })
-    }
-}
 
 /// A pixel of a row anew.
 struct Again<'a, const C: usize> {
@@ -57,6 +19,23 @@ struct Again<'a, const C: usize> {
     samples: [u32; 2],
     sampler: Sampler<'a, C>,
     fold: Fold,
+}
+
+/// What some changes may have done to a row's rays.
+struct Marking<'a, const C: usize> {
+    row: &'a mut Row<C>,
+    j: u32,
+    marks: &'a Marks,
+}
+
+impl<const C: usize> Fused for Marking<'_, C> {
+    type Output = [usize; 2];
+
+    #[inline(always)]
+    fn run(self) -> [usize; 2] {
+        let Row { lines, dirty, work, .. } = self.row;
+        self.marks.note(self.j, lines, dirty, work)
+    }
 }
 
 impl<const C: usize> Fused for Again<'_, C> {
@@ -88,7 +67,7 @@ impl<const C: usize> Row<C> {
         Self {
             pixels: vec![Through::CLEAR; n],
             lines,
-            cache: RowCache::new(Cache::None, &[], Fold { arity: 1, stop: 0.0 }),
+            cache: RowCache::none(),
             dirty: vec![[u32::MAX, 0]; n],
             work: RenderWork::default(),
         }
@@ -126,26 +105,10 @@ impl<const C: usize> Row<C> {
         self.cache.bytes() + (self.lines.len() * each) as u64
     }
 
-    /// Notes which samples of its rays some boxes can have changed; they stay noted until the ray is cast. Returns the pixels that are concerned, the first and
+    /// Notes which samples of its rays some changes can have reached; they stay noted until the ray is cast. Returns the pixels that are concerned, the first and
     /// the one behind the last.
-    pub(super) fn mark(&mut self, j: u32, footprints: &[Footprint], camera: &Camera) -> [usize; 2] {
-        let (mut first, mut end) = (self.lines.len(), 0);
-        for Footprint { dirty, columns, rows } in footprints {
-            if j < rows[0] || j > rows[1] {
-                continue;
-            }
-            for i in columns[0]..=columns[1] {
-                let at = i as usize;
-                let line = &self.lines[at];
-                let [from, to] = span(&camera.ray(i, j), dirty.low, dirty.high, [line.first, line.end]);
-                if from < to {
-                    let known = &mut self.dirty[at];
-                    *known = [known[0].min(from), known[1].max(to)];
-                    (first, end) = (first.min(at), end.max(at + 1));
-                }
-            }
-        }
-        [first, end]
+    pub(super) fn mark(&mut self, j: u32, marks: &Marks, simd: Simd) -> [usize; 2] {
+        simd.fused(Marking { row: self, j, marks })
     }
 
     /// Casts the ray of a pixel again, if anything of it may have changed since it was cast last.

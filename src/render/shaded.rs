@@ -19,53 +19,46 @@ pub(super) const CELLS: usize = SIDE * SIDE * SIDE;
 /// Bricks that one task of a thread shades.
 const BRICKS_PER_TASK: usize = 4;
 
-/// Colour (premultiplied) and opacity of a step, x fastest.
+/// Colour (premultiplied) and opacity of a step, x fastest. What belongs to a voxel lies together, and so do neighbours along x: a sample is four loads.
 #[derive(Clone)]
 pub(super) struct ShadedBrick<const C: usize> {
-    pub(super) colour: [[f32; CELLS]; C],
-    pub(super) alpha: [f32; CELLS],
+    pub(super) cells: [Lit<f32, C>; CELLS],
     /// Voxels with an opacity.
     filled: u16,
 }
 
 impl<const C: usize> ShadedBrick<C> {
     /// Whether samples here can be anything but transparent.
-    pub(super) fn is_filled(&self) -> bool {
+    fn is_filled(&self) -> bool {
         self.filled > 0
     }
 
     fn transparent() -> Box<Self> {
-        Box::new(Self { colour: [[0.0; CELLS]; C], alpha: [0.0; CELLS], filled: 0 })
+        Box::new(Self { cells: [Lit { colour: [0.0; C], alpha: 0.0 }; CELLS], filled: 0 })
     }
 
     /// What a cell holds.
     #[inline(always)]
     fn get(&self, cell: usize) -> Lit<f32, C> {
-        let mut lit = Lit { colour: [0.0; C], alpha: self.alpha[cell] };
-        for c in 0..C {
-            lit.colour[c] = self.colour[c][cell];
-        }
-        lit
+        self.cells[cell]
     }
 
     /// Whether a cell holds these bits.
     #[inline(always)]
     fn is(&self, cell: usize, lit: &Lit<f32, C>) -> bool {
-        let mut same = self.alpha[cell].to_bits() == lit.alpha.to_bits();
+        let before = &self.cells[cell];
+        let mut same = before.alpha.to_bits() == lit.alpha.to_bits();
         for c in 0..C {
-            same &= self.colour[c][cell].to_bits() == lit.colour[c].to_bits();
+            same &= before.colour[c].to_bits() == lit.colour[c].to_bits();
         }
         same
     }
 
     #[inline(always)]
     fn set(&mut self, cell: usize, lit: &Lit<f32, C>) {
-        self.filled -= u16::from(self.alpha[cell] > 0.0);
+        self.filled -= u16::from(self.cells[cell].alpha > 0.0);
         self.filled += u16::from(lit.alpha > 0.0);
-        self.alpha[cell] = lit.alpha;
-        for c in 0..C {
-            self.colour[c][cell] = lit.colour[c];
-        }
+        self.cells[cell] = *lit;
     }
 }
 
@@ -78,8 +71,10 @@ pub(super) struct Dirty {
 
 /// The shaded voxels of a stage.
 pub(super) struct Shaded<const C: usize> {
-    pub(super) table: Table,
-    pub(super) bricks: Vec<Box<ShadedBrick<C>>>,
+    table: Table,
+    bricks: Vec<Box<ShadedBrick<C>>>,
+    /// As the table's slots, but without the bricks of which all is transparent.
+    visible: Vec<u32>,
 }
 
 /// A brick with voxels to be shaded, and what became of it.
@@ -103,7 +98,19 @@ struct Outcome {
 
 impl<const C: usize> Shaded<C> {
     pub(super) fn new(stage: &Stage) -> Self {
-        Self { table: Table::new(stage.bricks()), bricks: Vec::new() }
+        let table = Table::new(stage.bricks());
+        let visible = table.slots().to_vec();
+        Self { table, bricks: Vec::new(), visible }
+    }
+
+    /// Slots by index of all bricks of which anything is not transparent, and how many bricks there are along each axis.
+    pub(super) fn visible(&self) -> (&[u32], [u32; 3]) {
+        (&self.visible, self.table.size())
+    }
+
+    /// The bricks by slot.
+    pub(super) fn bricks(&self) -> &[Box<ShadedBrick<C>>] {
+        &self.bricks
     }
 
     /// Shades voxels again, given as what may have changed, and adds the boxes of those that have to `dirty`. Returns how many were shaded.
@@ -151,6 +158,9 @@ impl<const C: usize> Shaded<C> {
             }
         }
         for (at, _, lit) in done {
+            if let Some(index) = self.table.index(at) {
+                self.look(index);
+            }
             self.copy_to_those_before(at, &lit);
             dirty.extend(surrounding(at, &lit));
         }
@@ -184,6 +194,7 @@ impl<const C: usize> Shaded<C> {
                         slot => slot as usize,
                     };
                     self.bricks[slot].set(cell(std::array::from_fn(|a| voxel[a] + back[a] * EDGE)), &lit);
+                    self.look(index);
                 }
             }
         }
@@ -195,9 +206,16 @@ impl<const C: usize> Shaded<C> {
         self.bricks.len() - 1
     }
 
+    /// Notes whether anything of a brick can be seen.
+    fn look(&mut self, index: usize) {
+        let slot = self.table.slots()[index];
+        let filled = slot != ABSENT && self.bricks[slot as usize].is_filled();
+        self.visible[index] = if filled { slot } else { ABSENT };
+    }
+
     pub(super) fn bytes(&self) -> u64 {
         let brick = size_of::<ShadedBrick<C>>() + size_of::<Box<ShadedBrick<C>>>();
-        (size_of_val(self.table.slots()) + self.bricks.len() * brick) as u64
+        (2 * size_of_val(self.table.slots()) + self.bricks.len() * brick) as u64
     }
 }
 

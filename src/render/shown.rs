@@ -3,8 +3,8 @@
 use super::stage::Stage;
 use crate::sharing::Sharing;
 use crate::simd::{Fused, Simd};
-use crate::volume::Values;
 use crate::volume::brick::{BrickIndex, EDGE, VOXELS};
+use crate::volume::{Prism, Values};
 
 /// Bricks that one task of a thread reads.
 const BRICKS_PER_TASK: usize = 8;
@@ -150,6 +150,16 @@ pub(super) struct Shown {
 pub(super) struct Changed {
     pub(super) at: [i64; 3],
     pub(super) voxels: Bits,
+}
+
+impl Changed {
+    /// Whether all of its voxels lie in a piece of space, in stage coordinates.
+    pub(super) fn lies_in(&self, prism: &Prism) -> bool {
+        (0..VOXELS).filter(|place| self.voxels[place / 64] >> (place % 64) & 1 == 1).all(|place| {
+            let inside = [place % EDGE, place / EDGE % EDGE, place / (EDGE * EDGE)];
+            prism.holds(std::array::from_fn(|a| self.at[a] * EDGE as i64 + inside[a] as i64), 1e-6)
+        })
+    }
 }
 
 impl Shown {

@@ -11,6 +11,10 @@ pub struct RenderWork {
     pub bricks_changed: u64,
     /// Voxels classified and lit.
     pub voxels_shaded: u64,
+    /// Pixels for which it was found out which of their samples a change may have reached: those in its outline, once for each box where boxes were asked.
+    pub pixels_met: u64,
+    /// Samples that it may have reached.
+    pub samples_marked: u64,
     /// Rays of which anything was sampled or composited.
     pub rays: u64,
     /// Samples interpolated.
@@ -30,6 +34,8 @@ impl std::ops::AddAssign for RenderWork {
         self.bricks_read += other.bricks_read;
         self.bricks_changed += other.bricks_changed;
         self.voxels_shaded += other.voxels_shaded;
+        self.pixels_met += other.pixels_met;
+        self.samples_marked += other.samples_marked;
         self.rays += other.rays;
         self.samples += other.samples;
         self.samples_skipped += other.samples_skipped;

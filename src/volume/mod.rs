@@ -4,6 +4,7 @@
 //! - [`brick`]: 8³ voxels that live together.
 //! - [`sparse`]: the bricks that exist, wherever they lie.
 //! - [`columns`]: voxels in columns, for slices that stay perpendicular to a plane.
+//! - [`prism`]: a piece of it between planes.
 //! - [`lattice`]: one form for all descriptions of a lattice.
 //! - [`dense`]: a volume read from a file.
 //! - [`read`]: what both have in common for those who only look.
@@ -15,6 +16,7 @@ pub mod columns;
 pub mod dense;
 pub mod grid;
 pub mod lattice;
+pub mod prism;
 pub mod read;
 pub mod sparse;
 
@@ -22,5 +24,6 @@ pub use brick::Brick;
 pub use columns::ColumnVolume;
 pub use dense::DenseVolume;
 pub use grid::Grid;
+pub use prism::Prism;
 pub use read::{Values, Voxels};
 pub use sparse::BrickVolume;

@@ -86,11 +86,17 @@ impl<'a> Following<'a> {
         let volume = Shifted::new(woven.weaver.volume(), *offset);
         let updated = if woven.upgraded {
             renderer.update_all(&volume)
-        } else if *offset == [0; 3] {
-            renderer.update(&volume, woven.touched)
         } else {
-            shift(woven.touched, *offset, &mut self.shifted);
-            renderer.update(&volume, &self.shifted)
+            let bricks = if *offset == [0; 3] {
+                woven.touched
+            } else {
+                shift(woven.touched, *offset, &mut self.shifted);
+                &self.shifted
+            };
+            match woven.slab {
+                Some(slab) => renderer.update_within(&volume, bricks, &slab.shifted(*offset)),
+                None => renderer.update(&volume, bricks),
+            }
         };
         let milliseconds = |duration: Duration| duration.as_secs_f64() * 1e3;
         self.to_picture_ms.push(milliseconds(woven.insert + began.elapsed()));

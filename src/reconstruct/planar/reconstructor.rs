@@ -226,7 +226,9 @@ impl PlanarReconstructor {
         let (values, stride, level) = (bands.lines(), bands.stride(), bands.level);
         let lines = Lines { values, stride, level, most_weight, decay };
         self.plan.weave(&mut self.volume, &strip, &lines, simd, sharing);
-        let touched = self.count(bands);
+        // Where the past fades, reading a brick anew may change its other voxels too.
+        let slab = decay.is_none().then(|| strip.prism(bands.first_z, bands.share.len())).flatten();
+        let touched = Touched { slab, ..self.count(bands) };
         self.admission.entered(slice);
         self.clock = clock;
         (self.work.times_backwards, self.work.times_absurd) = (clock.backwards, clock.absurd);

@@ -4,6 +4,8 @@
 //! the picture's rows have become; they are as long as the column, and their loads meet no conversion, gather or mask.
 #![allow(unsafe_code, reason = "the inner loop runs on `Lanes`, by pointer")]
 
+use glam::DVec3;
+
 use super::plane::Footing;
 use super::table::{KernelTable, MOST_TAPS, RowKernel, Taps};
 use crate::reconstruct::Refused;
@@ -12,9 +14,9 @@ use crate::reconstruct::entry::shrunk;
 use crate::reconstruct::slab::LEAST_CERTAINTY;
 use crate::sharing::{Handed, Sharing};
 use crate::simd::{LANES, Lanes, Simd, dispatch};
-use crate::volume::ColumnVolume;
 use crate::volume::brick::EDGE;
 use crate::volume::columns::{COLUMNS, TileIndex, TileMut};
+use crate::volume::{ColumnVolume, Prism};
 
 /// Tiles that one task of a thread weaves.
 const TILES_PER_TASK: usize = 2;
@@ -103,6 +105,15 @@ impl Strip<'_> {
     fn limits(&self) -> [[f64; 2]; 2] {
         let (reach, support) = (self.rows.reach, self.normal.support_mm);
         [[-reach, (self.rows.rows - 1) as f64 + reach], [-support, support]]
+    }
+
+    /// The strip along so many voxels from `first_z` on, around all that can take part; lattice indices.
+    pub(super) fn prism(&self, first_z: i64, depth: usize) -> Option<Prism> {
+        let [row, distance] =
+            [self.footing.row, self.footing.distance].map(|[base, dx, dy]| (base, DVec3::new(dx, dy, 0.0)));
+        let [rows, across] = self.limits().map(|[low, high]| [low - SLACK, high + SLACK]);
+        let along = [first_z as f64, first_z as f64 + depth as f64 - 1.0];
+        Prism::between([row, distance, (0.0, DVec3::Z)], [rows, across, along])
     }
 
     /// Tiles of the box around the strip, per axis, both inclusive; `None` when an index leaves the range of a tile's.

@@ -1,0 +1,137 @@
+//! What a change may have done to the picture's rays, ready to be asked row by row.
+//!
+//! There are two ways to say it, both more than what changed and so both right: box by box, or by one piece of space that holds them all, which is the slab that
+//! the slice lies in or, where none is known, the box around them. Few boxes concern fewer pixels; many overlap in the picture, and a slab that lies obliquely
+//! holds fewer samples than they do. Each row takes what is cheaper.
+
+use super::camera::Camera;
+use super::cast::Line;
+use super::shaded::Dirty;
+use super::slab::{Body, Footprint, Pencil, whole};
+use super::work::RenderWork;
+use crate::volume::prism::Faces;
+
+/// Pixels that may be looked at box by box rather than one in the box around them all, in which most of a ray may not have changed.
+const BOXES_TO_ONE: i64 = 8;
+
+/// Boxes of changed voxels and what is around them, as the rays of one view see them.
+pub(super) struct Marks {
+    pencil: Pencil,
+    footprints: Vec<Footprint>,
+    /// The footprints of each row, one row after the other; and where each row's begin.
+    of_rows: Vec<u32>,
+    begins: Vec<u32>,
+    around: Option<Body<12>>,
+    /// Pixels of boxes for which one of what is around them is looked at.
+    boxes_to_one: i64,
+}
+
+impl Marks {
+    /// None, for the rays of a camera.
+    pub(super) fn new(camera: &Camera) -> Self {
+        let begins = vec![0; camera.size()[1] as usize + 1];
+        Self {
+            pencil: Pencil::new(camera),
+            footprints: Vec::new(),
+            of_rows: Vec::new(),
+            begins,
+            around: None,
+            boxes_to_one: 1,
+        }
+    }
+
+    /// Those of some boxes, all of which lie in a slab if one is given; stage coordinates.
+    pub(super) fn set(&mut self, dirty: &[Dirty], within: Option<&[Faces; 3]>) {
+        let Self { pencil, footprints, of_rows, begins, .. } = self;
+        footprints.clear();
+        footprints.extend(dirty.iter().filter_map(|d| Footprint::new(d, pencil)));
+        // Counted, summed, and put into place from behind.
+        begins.fill(0);
+        for Footprint { rows: [first, last], .. } in footprints.iter() {
+            (*first..=*last).for_each(|j| begins[j as usize] += 1);
+        }
+        let mut sum = 0;
+        for begin in begins.iter_mut() {
+            sum += *begin;
+            *begin = sum;
+        }
+        of_rows.clear();
+        of_rows.resize(sum as usize, 0);
+        for (number, Footprint { rows: [first, last], .. }) in footprints.iter().enumerate() {
+            for begin in &mut begins[*first as usize..=*last as usize] {
+                *begin -= 1;
+                of_rows[*begin as usize] = number as u32;
+            }
+        }
+        let around = dirty.iter().copied().reduce(|a, b| Dirty {
+            low: std::array::from_fn(|axis| a.low[axis].min(b.low[axis])),
+            high: std::array::from_fn(|axis| a.high[axis].max(b.high[axis])),
+        });
+        self.around = around.map(|around| Body::around(&around, within, pencil));
+        self.boxes_to_one = if within.is_some() { 1 } else { BOXES_TO_ONE };
+    }
+
+    /// Notes for the rays of row `j` what of them may have changed, beside what is
+    /// noted already. Returns the pixels concerned, the first and the one behind the last.
+    #[inline(always)]
+    pub(super) fn note(&self, j: u32, lines: &[Line], noted: &mut [[u32; 2]], work: &mut RenderWork) -> [usize; 2] {
+        let mut pixels = [lines.len(), 0];
+        let of_row = &self.of_rows[self.begins[j as usize] as usize..self.begins[j as usize + 1] as usize];
+        let mut of_boxes = 0;
+        let mut range = [u32::MAX, 0];
+        for number in of_row {
+            let [first, last] = self.footprints[*number as usize].columns;
+            of_boxes += i64::from(last - first) + 1;
+            range = [range[0].min(first), range[1].max(last)];
+        }
+        if of_boxes == 0 {
+            return pixels;
+        }
+        let mut note = Note { pencil: &self.pencil, lines, noted, pixels: &mut pixels, work };
+        if let Some(around) = &self.around {
+            let row = around.row(j);
+            let [first, last] = row.columns(range);
+            if (last - first + 1) * self.boxes_to_one <= of_boxes {
+                for i in first..=last {
+                    // Not negative: within the range.
+                    note.pixel(i as u32, row.samples(note.pencil, i as u32));
+                }
+                return pixels;
+            }
+        }
+        for number in of_row {
+            let footprint = &self.footprints[*number as usize];
+            let row = footprint.row(j);
+            for i in footprint.columns[0]..=footprint.columns[1] {
+                note.pixel(i, row.samples(note.pencil, i));
+            }
+        }
+        pixels
+    }
+}
+
+/// Where it is noted.
+struct Note<'a> {
+    pencil: &'a Pencil,
+    lines: &'a [Line],
+    noted: &'a mut [[u32; 2]],
+    pixels: &'a mut [usize; 2],
+    work: &'a mut RenderWork,
+}
+
+impl Note<'_> {
+    #[inline(always)]
+    fn pixel(&mut self, i: u32, samples: [f64; 2]) {
+        let at = i as usize;
+        let Line { first, end, .. } = self.lines[at];
+        let [from, to] = whole(samples, [first, end]);
+        self.work.pixels_met += 1;
+        if from < to {
+            let known = &mut self.noted[at];
+            let before = u64::from(known[1].saturating_sub(known[0]));
+            *known = [known[0].min(from), known[1].max(to)];
+            self.work.samples_marked += u64::from(known[1] - known[0]) - before;
+            *self.pixels = [self.pixels[0].min(at), self.pixels[1].max(at + 1)];
+        }
+    }
+}

@@ -1,0 +1,136 @@
+//! Samples between voxels, sixteen neighbours of a ray at once.
+//!
+//! Where they lie is found for all sixteen together, and in eight lanes: nothing there depends on anything but the ray. Then each reads the two voxels at
+//! either end of its cell's four edges along x, which lie together, and is interpolated along z and y in as many lanes as those hold numbers. Both loops are
+//! plain code in the form that the compiler makes vectors of; every operation is IEEE's, in one order, so that all ways of compiling it give the same bits.
+
+use super::cast::Line;
+use super::shade::Lit;
+use super::shaded::{CELLS, SIDE, Shaded, ShadedBrick};
+use super::work::RenderWork;
+use crate::volume::brick::EDGE;
+
+/// Samples that are interpolated at once.
+pub(super) const RUN: u32 = 16;
+const LANES: usize = RUN as usize;
+
+/// Added to a small whole number it leaves it in the lowest bits, with no conversion; it is below 2²³.
+const WHOLE: f32 = 8_388_608.0;
+/// Of such a number.
+const WHOLE_BITS: u32 = 0x7F_FFFF;
+
+/// Where samples lie, and what is around them.
+pub(super) struct Run<const C: usize> {
+    /// Index of the brick in the table.
+    brick: [u32; LANES],
+    /// The cell's first voxel in the brick.
+    cell: [u32; LANES],
+    /// How far from that voxel, along x, y and z.
+    part: [[f32; LANES]; 3],
+    /// Before and behind along x; interpolated along y and z.
+    ends: [[Lit<f32, C>; 2]; LANES],
+}
+
+impl<const C: usize> Run<C> {
+    const NOTHING: Lit<f32, C> = Lit { colour: [0.0; C], alpha: 0.0 };
+
+    #[inline(always)]
+    pub(super) fn new() -> Self {
+        Self { brick: [0; LANES], cell: [0; LANES], part: [[0.0; LANES]; 3], ends: [[Self::NOTHING; 2]; LANES] }
+    }
+
+    /// A sample: the last step of its interpolation, along x.
+    #[inline(always)]
+    pub(super) fn sample(&self, i: usize) -> Lit<f32, C> {
+        let [before, behind] = self.ends[i];
+        between(self.part[0][i], before, behind)
+    }
+
+    /// Finds places. Those of lanes beyond a line's end may be anywhere.
+    #[inline(always)]
+    fn place(&mut self, line: &Line, k: u32, [nx, ny, _]: [u32; 3]) {
+        // Exact: there are fewer than 2¹⁶ samples, and fewer than 2²³ bricks along an axis.
+        let k = k.cast_signed();
+        let ([x, y, z], [bx, by, bz]) = (line.step, line.base);
+        const EDGES: f32 = EDGE as f32;
+        const ROW: f32 = SIDE as f32;
+        const LAYER: f32 = (SIDE * SIDE) as f32;
+        for i in 0..LANES {
+            let k = k.wrapping_add(i as i32) as f32;
+            let at = [x.mul_add(k, bx), y.mul_add(k, by), z.mul_add(k, bz)];
+            let brick =
+                [(at[0] * (1.0 / EDGES)).floor(), (at[1] * (1.0 / EDGES)).floor(), (at[2] * (1.0 / EDGES)).floor()];
+            let inside =
+                [brick[0].mul_add(-EDGES, at[0]), brick[1].mul_add(-EDGES, at[1]), brick[2].mul_add(-EDGES, at[2])];
+            let floor = [inside[0].floor(), inside[1].floor(), inside[2].floor()];
+            self.part[0][i] = inside[0] - floor[0];
+            self.part[1][i] = inside[1] - floor[1];
+            self.part[2][i] = inside[2] - floor[2];
+            let cell = floor[2].mul_add(LAYER, floor[1].mul_add(ROW, floor[0] + WHOLE));
+            self.cell[i] = cell.to_bits() & 0x3FF;
+            let number = [
+                (brick[0] + WHOLE).to_bits() & WHOLE_BITS,
+                (brick[1] + WHOLE).to_bits() & WHOLE_BITS,
+                (brick[2] + WHOLE).to_bits() & WHOLE_BITS,
+            ];
+            self.brick[i] = number[2].wrapping_mul(ny).wrapping_add(number[1]).wrapping_mul(nx).wrapping_add(number[0]);
+        }
+    }
+}
+
+/// Reads shaded voxels between their places.
+#[derive(Clone, Copy)]
+pub(super) struct Sampler<'a, const C: usize> {
+    visible: &'a [u32],
+    bricks: &'a [Box<ShadedBrick<C>>],
+    size: [u32; 3],
+}
+
+impl<'a, const C: usize> Sampler<'a, C> {
+    pub(super) fn new(shaded: &'a Shaded<C>) -> Self {
+        let (visible, size) = shaded.visible();
+        Self { visible, bricks: shaded.bricks(), size }
+    }
+
+    /// Brings `n` samples of a line, from `k` on and at most [`RUN`], into a run; false where all are transparent, and the run is then not to be read.
+    #[inline(always)]
+    pub(super) fn run(&self, line: &Line, k: u32, n: u32, run: &mut Run<C>, work: &mut RenderWork) -> bool {
+        run.place(line, k, self.size);
+        let mut interpolated = 0;
+        for i in 0..n.min(RUN) as usize {
+            let mut ends = [Run::NOTHING; 2];
+            if let Some(slot) = self.visible.get(run.brick[i] as usize)
+                && let Some(brick) = self.bricks.get(*slot as usize)
+            {
+                ends = along_z_and_y(&brick.cells, run.cell[i] as usize, run.part[1][i], run.part[2][i]);
+                interpolated += 1;
+            }
+            run.ends[i] = ends;
+        }
+        work.samples += u64::from(interpolated);
+        work.samples_skipped += u64::from(n - interpolated);
+        interpolated > 0
+    }
+}
+
+/// What lies at a part of the way from a voxel to the next.
+#[inline(always)]
+fn between<const C: usize>(part: f32, a: Lit<f32, C>, b: Lit<f32, C>) -> Lit<f32, C> {
+    let mut lit = a;
+    for c in 0..C {
+        lit.colour[c] = part.mul_add(b.colour[c] - a.colour[c], a.colour[c]);
+    }
+    lit.alpha = part.mul_add(b.alpha - a.alpha, a.alpha);
+    lit
+}
+
+/// A cell interpolated along z, then y: what is left at either end along x.
+#[inline(always)]
+fn along_z_and_y<const C: usize>(cells: &[Lit<f32, C>; CELLS], first: usize, y: f32, z: f32) -> [Lit<f32, C>; 2] {
+    const LAYER: usize = SIDE * SIDE;
+    // One check for the eight.
+    let cells = &cells[first..][..LAYER + SIDE + 2];
+    let edge = [between(z, cells[0], cells[LAYER]), between(z, cells[1], cells[LAYER + 1])];
+    let next = [between(z, cells[SIDE], cells[LAYER + SIDE]), between(z, cells[SIDE + 1], cells[LAYER + SIDE + 1])];
+    [between(y, edge[0], next[0]), between(y, edge[1], next[1])]
+}
