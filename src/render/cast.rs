@@ -8,6 +8,7 @@
 use super::camera::Ray;
 use super::run::{RUN, Run, Sampler};
 use super::shade::Lit;
+use super::slab::SLACK;
 use super::work::RenderWork;
 
 /// What is seen through so many samples: premultiplied colour, and how much of what lies behind is seen.
@@ -92,7 +93,6 @@ impl Line {
 /// Samples of a ray that can lie within a voxel of a box, of those in a range; empty where none can. The box is widened by more than the samples'
 /// rounding in single precision.
 pub(super) fn span(ray: &Ray, low: [i64; 3], high: [i64; 3], [first, end]: [u32; 2]) -> [u32; 2] {
-    const SLACK: f64 = 1e-2;
     let (mut enter, mut leave) = (f64::from(first), f64::from(end) - 1.0);
     for a in 0..3 {
         let (base, step) = (ray.base[a], ray.step[a]);

@@ -269,3 +269,6 @@ impl Body<12> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

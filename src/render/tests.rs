@@ -1,3 +1,5 @@
+mod slab;
+
 use glam::{DAffine3, DMat3, DVec3};
 
 use super::camera::{Camera, View};
