@@ -13,6 +13,7 @@
 //! - [`reconstruct`]: slices into the volume.
 //! - [`volume`]: the lattice, and the sparse bricks that hold the volume.
 //! - [`render`]: the volume to its picture.
+//! - [`annotation`]: what is drawn over finished pictures.
 //! - [`export`]: volumes and pictures to files.
 //! - [`pipeline`]: the stages in flow order.
 //! - [`ledger`], [`refusal`]: what became of every frame, and the reasons.
@@ -20,6 +21,7 @@
 //! - [`cli`]: the commands.
 //! - [`phantom`]: scans of scenes whose truth is known, for demonstration, tests and benches.
 
+pub mod annotation;
 pub mod cli;
 pub mod config;
 pub mod export;

@@ -431,8 +431,11 @@ impl<'a, O: Onlooker> Run<'a, O> {
                     Pixels::U16(_) => PixelKind::U16,
                     Pixels::F32(_) => PixelKind::F32,
                 };
+                let Some(mask) = &self.mask else { return Ok(()) };
                 let woven = Woven {
                     item,
+                    slice,
+                    mask,
                     weaver,
                     touched: &touched.bricks,
                     slab: touched.slab,

@@ -236,14 +236,9 @@ impl Statistics {
     ///
     /// # Errors
     /// When the file cannot be written.
-    pub fn write(
-        &self,
-        path: &Path,
-        source: &Source,
-        picture: Option<&PictureStatistics>,
-    ) -> Result<(), std::io::Error> {
+    pub fn write(&self, path: &Path, source: &Source, picture: Option<&impl Serialize>) -> Result<(), std::io::Error> {
         #[derive(Serialize)]
-        struct File<'a> {
+        struct File<'a, P: Serialize> {
             version: &'static str,
             input: &'a Path,
             input_sha256: &'a str,
@@ -253,7 +248,7 @@ impl Statistics {
             mask: &'a MaskSettings,
             config: &'a Config,
             #[serde(flatten)]
-            picture: Option<&'a PictureStatistics>,
+            picture: Option<&'a P>,
         }
         let file = File {
             version: env!("CARGO_PKG_VERSION"),

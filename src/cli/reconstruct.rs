@@ -43,5 +43,5 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         bar.set_position(p.done);
     });
     bar.finish_and_clear();
-    request.finish(result?, None)
+    request.finish(result?, None::<&()>)
 }

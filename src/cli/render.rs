@@ -1,6 +1,9 @@
 //! `sonoweave render`: a volume becomes a picture.
 
+pub(super) mod drawing;
 pub(super) mod look;
+pub(super) mod planar;
+mod planes;
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -9,12 +12,13 @@ use clap::Args;
 use serde::Serialize;
 
 use super::{Failure, input, values};
-use crate::export::picture::write_picture;
 use crate::render::camera::View;
 use crate::render::{Cache, RenderSettings, Renderer, Stage};
 use crate::statistics::{PictureNumbers, write_json};
 use crate::volume::DenseVolume;
-use look::Look;
+use drawing::Over;
+use look::{Look, Mode};
+use planar::Draw;
 
 /// Flags of `render`.
 #[derive(Debug, Args)]
@@ -84,6 +88,8 @@ struct Statistics<'a> {
 #[derive(Debug, Serialize)]
 struct Drawn {
     path: PathBuf,
+    /// What was drawn over it.
+    drawn: Vec<&'static str>,
     /// Azimuth, elevation, roll, degrees.
     view: [f64; 3],
     /// Setting up the rays.
@@ -109,6 +115,13 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.check()?;
     let volume = DenseVolume::open(&arguments.volume, arguments.weights.as_deref(), gibibytes(arguments.max_memory)?)?;
     let read_ms = milliseconds(began);
+    let mut notes = volume.notes().to_vec();
+    if volume.seen() == 0 {
+        notes.push(format!("{}: no voxel was seen, so the picture is all background", arguments.volume.display()));
+    }
+    if look.mode == Mode::Slice {
+        return planes::run(arguments, &volume, began, read_ms, &notes);
+    }
     let window = arguments.window.unwrap_or_else(|| volume.range());
     let settings = RenderSettings {
         cache: Cache::None,
@@ -116,10 +129,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let [low, high] = volume.bounds();
     let stage = Stage::new(volume.world_from_lattice(), low, high)?;
-    let mut notes = volume.notes().to_vec();
-    if volume.seen() == 0 {
-        notes.push(format!("{}: no voxel was seen, so the picture is all background", arguments.volume.display()));
-    }
     let turns = arguments.turntable.map_or(1, u64::from);
     let bar = input::progress("rendering", turns);
     let mut pictures = Vec::new();
@@ -187,6 +196,20 @@ impl Arguments {
                 input::check_is_not(output, from)?;
             }
         }
+        if let Some(what) = self.look.planar.drawn(&[]).into_iter().find(|w| matches!(w, Draw::Slice | Draw::Probe)) {
+            return Err(Failure(format!(
+                "--draw {}: a volume's file has no slice that is the current one; `replay` has, and here scale and cube can be drawn",
+                what.name()
+            )));
+        }
+        if self.look.mode == Mode::Slice && self.turntable.is_some() {
+            return Err(Failure("--turntable: does not apply to --mode slice; leave it out".into()));
+        }
+        if self.look.planar.wants_weights() && self.weights.is_none() {
+            return Err(Failure(
+                "--overlay weight: the volume's file has no weights in it; give --weights, as `reconstruct --weights` wrote them".into(),
+            ));
+        }
         self.look.check()
     }
 }
@@ -216,9 +239,11 @@ fn draw(
     let prepare_ms = milliseconds(began);
     let updated = renderer.update_all(volume);
     let began = Instant::now();
-    write_picture(&renderer.picture(), look.background, &path)?;
+    let drawn =
+        Over { renderer: &renderer, background: look.background, slice: None }.write(&look.planar.drawn(&[]), &path)?;
     Ok(Drawn {
         path,
+        drawn,
         view: [view.azimuth, view.elevation, view.roll],
         prepare_ms,
         shade_ms: updated.shade.as_secs_f64() * 1e3,

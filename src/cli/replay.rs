@@ -1,6 +1,7 @@
 //! `sonoweave replay`: a recorded sweep becomes a volume, and a picture follows it slice by slice.
 
 mod following;
+mod planes;
 
 use std::path::PathBuf;
 
@@ -9,12 +10,13 @@ use clap::{Args, ValueEnum};
 use super::reconstruct::flags::Flags;
 use super::reconstruct::outputs::Request;
 use super::render::check_png;
-use super::render::look::Look;
+use super::render::look::{Look, Mode};
 use super::{Failure, input, values};
-use crate::pipeline;
+use crate::pipeline::{self, Job, Onlooker, Outcome};
 use crate::render::Cache;
 use crate::render::settings::CACHE_BYTES;
 use following::{Following, Series};
+use planes::{Planes, Source};
 
 /// Flags of `replay`.
 #[derive(Debug, Args)]
@@ -47,6 +49,9 @@ pub struct Arguments {
     /// Memory that the cache may take; where it would take more, less is kept
     #[arg(long, value_name = "BYTES", default_value_t = CACHE_BYTES)]
     cache_bytes: u64,
+    /// What planes show, with --mode slice
+    #[arg(long, value_enum, default_value_t, value_name = "SOURCE")]
+    from: Source,
     #[command(flatten)]
     look: Look,
     #[command(flatten, next_help_heading = "Reconstruction")]
@@ -77,6 +82,16 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (request, job) = Request::new(&arguments.sequence, arguments.output.as_deref(), &arguments.flags)?;
     let series = arguments.series()?;
     let threads = job.settings.threads;
+    if arguments.look.mode == Mode::Slice {
+        let mut planes = Planes::new(&arguments.look, arguments.flags.window, threads, series, arguments.from);
+        let outcome = weave(job, &mut planes)?;
+        let statistics = planes.finish(arguments.picture.as_deref(), &outcome)?;
+        request.finish(outcome, statistics.as_ref())?;
+        if let Some(statistics) = &statistics {
+            planes::report(statistics, arguments.picture.as_ref());
+        }
+        return Ok(());
+    }
     let mut following = Following::new(&arguments.look, arguments.flags.window, threads, series);
     following.cache = match arguments.cache {
         CacheName::None => Cache::None,
@@ -85,19 +100,24 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         CacheName::OneLevel => Cache::OneLevel,
     };
     following.cache_bytes = arguments.cache_bytes;
-    let bar = input::progress("replaying", 1);
-    let result = pipeline::reconstruct(job, &mut following, |p| {
-        bar.set_length(p.total);
-        bar.set_position(p.done);
-    });
-    bar.finish_and_clear();
-    let outcome = result?;
+    let outcome = weave(job, &mut following)?;
     let statistics = following.finish(arguments.picture.as_deref())?;
     request.finish(outcome, statistics.as_ref())?;
     if let Some(statistics) = &statistics {
         following::report(statistics, arguments.picture.as_deref());
     }
     Ok(())
+}
+
+/// Weaves a recording while somebody looks on.
+fn weave(job: Job, onlooker: &mut impl Onlooker) -> Result<Outcome, Failure> {
+    let bar = input::progress("replaying", 1);
+    let result = pipeline::reconstruct(job, onlooker, |p| {
+        bar.set_length(p.total);
+        bar.set_position(p.done);
+    });
+    bar.finish_and_clear();
+    Ok(result?)
 }
 
 impl Arguments {
@@ -119,6 +139,21 @@ impl Arguments {
             return Err(Failure(format!("--pictures {}: there is no such folder; make it first", folder.display())));
         }
         self.look.check()?;
+        if self.look.mode == Mode::Slice {
+            let other =
+                [("--cache", self.cache != CacheName::default()), ("--cache-bytes", self.cache_bytes != CACHE_BYTES)];
+            if let Some((flag, _)) = other.iter().find(|(_, given)| *given) {
+                return Err(Failure(format!("{flag}: is for rays, and --mode slice has none; leave it out")));
+            }
+            if self.from == Source::Raw && self.look.planar.wants_weights() {
+                return Err(Failure(
+                    "--overlay weight: slices by themselves have no weights; give --from volume, or --overlay coverage"
+                        .into(),
+                ));
+            }
+        } else if self.from == Source::Raw {
+            return Err(Failure("--from raw: is of planes; give --mode slice, or leave it out".into()));
+        }
         Ok(self.pictures.clone().map(|folder| Series { folder, every: self.every }))
     }
 }

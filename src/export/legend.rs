@@ -1,4 +1,4 @@
-//! What a picture's colours and lengths mean: a scale bar, the range of grey levels, the colour of the unseen.
+//! What a picture's colours and lengths mean: a scale bar, ranges of colours, colours with a meaning of their own.
 
 use image::{Rgb, RgbImage};
 
@@ -6,79 +6,160 @@ use super::lettering::{self, fill};
 use super::planes::{BORDER, DOT, GAP, INK, UNSEEN};
 
 /// Pixels from the legend's top to its bottom.
-pub(super) const HEIGHT: u32 = GREY_BAR[1];
+pub(crate) const HEIGHT: u32 = RAMP[1];
 
-/// Length and height of the bar of grey levels, and height of the swatch, pixels.
-const GREY_BAR: [u32; 2] = [96, 14];
+/// Length and height of a range of colours, and height of a swatch, pixels.
+const RAMP: [u32; 2] = [96, 14];
+/// From a text to what it says, pixels.
+const BESIDE: u32 = 8;
+/// No scale bar is longer, pixels.
+const LONGEST_BAR: f64 = 120.0;
 
-/// Scale bar, grey levels, unseen.
-pub(super) struct Legend {
-    bar_px: u32,
-    bar: String,
-    low: String,
-    high: String,
+/// One thing that is explained.
+#[derive(Clone)]
+pub(crate) enum Entry {
+    /// A length and what it is in the world.
+    Bar { px: u32, label: String },
+    /// Colours from `low` to `high`.
+    Ramp { low: String, high: String, colours: Vec<Rgb<u8>> },
+    /// A colour.
+    Swatch { colour: Rgb<u8>, label: &'static str },
 }
 
-impl Legend {
-    /// For a picture of the given scale whose black and white are the given values.
-    pub(super) fn new(px_per_mm: f64, [low, high]: [f32; 2]) -> Self {
-        // The longest of 1, 2, 5 times a power of ten that takes at most 120 pixels.
-        let room = 120.0 / px_per_mm;
-        let decade = 10_f64.powf(room.log10().floor());
-        let mm = [5.0, 2.0, 1.0].into_iter().map(|n| n * decade).find(|mm| *mm <= room).unwrap_or(decade);
-        Self {
-            bar_px: ((mm * px_per_mm).round() as u32).max(1),
-            bar: format!("{mm} mm"),
-            low: short(f64::from(low)),
-            high: short(f64::from(high)),
+impl Entry {
+    /// The bar of a picture of a scale and a width, of which it takes a quarter at most.
+    pub(crate) fn bar(px_per_mm: f64, width: u32) -> Option<Self> {
+        let mm = round_length(LONGEST_BAR.min(0.25 * f64::from(width)) / px_per_mm)?;
+        Some(Self::Bar { px: ((mm * px_per_mm).round() as u32).max(1), label: format!("{mm} mm") })
+    }
+
+    /// From black to white.
+    pub(crate) fn greys([low, high]: [f32; 2]) -> Self {
+        let colours = (0..=u8::MAX).map(|grey| Rgb([grey; 3])).collect();
+        Self::Ramp { low: short(f64::from(low)), high: short(f64::from(high)), colours }
+    }
+
+    /// The colour of what was not seen.
+    pub(crate) fn unseen() -> Self {
+        Self::Swatch { colour: UNSEEN, label: "unseen" }
+    }
+
+    fn width(&self, Spread { dot, ramp, .. }: Spread) -> u32 {
+        let text = |t: &str| lettering::width(t, dot);
+        match self {
+            Self::Bar { px, label } => px + BESIDE + text(label),
+            Self::Ramp { low, high, .. } => text(low) + 2 * BESIDE + ramp + text(high),
+            Self::Swatch { label, .. } => RAMP[1] + BESIDE + text(label),
         }
     }
 
-    /// What is drawn from left to right: widths of bar, its text, low, grey bar, high, swatch, its text.
-    fn widths(&self) -> [u32; 7] {
-        let text = |t: &str| lettering::width(t, DOT);
-        [self.bar_px, text(&self.bar), text(&self.low), GREY_BAR[0], text(&self.high), GREY_BAR[1], text("unseen")]
+    fn draw(&self, picture: &mut RgbImage, left: u32, top: u32, Spread { dot, ramp: long, .. }: Spread) {
+        let line = top + (HEIGHT - lettering::height(dot)) / 2;
+        match self {
+            Self::Bar { px, label } => {
+                let middle = top + HEIGHT / 2 - 1;
+                fill(picture, [left, middle], [*px, DOT], INK);
+                for end in [left, left + px.saturating_sub(DOT)] {
+                    fill(picture, [end, middle - 4], [DOT, 8 + DOT], INK);
+                }
+                lettering::write(picture, left + px + BESIDE, line, dot, INK, label);
+            }
+            Self::Ramp { low, high, colours } => {
+                lettering::write(picture, left, line, dot, INK, low);
+                let ramp = left + lettering::width(low, dot) + BESIDE;
+                fill(picture, [ramp - 1, top - 1], [long + 2, RAMP[1] + 2], BORDER);
+                for step in 0..long {
+                    let at = step as usize * (colours.len() - 1) / (long - 1) as usize;
+                    fill(picture, [ramp + step, top], [1, RAMP[1]], colours[at]);
+                }
+                lettering::write(picture, ramp + long + BESIDE, line, dot, INK, high);
+            }
+            Self::Swatch { colour, label } => {
+                fill(picture, [left - 1, top - 1], [RAMP[1] + 2, RAMP[1] + 2], BORDER);
+                fill(picture, [left, top], [RAMP[1]; 2], *colour);
+                lettering::write(picture, left + RAMP[1] + BESIDE, line, dot, INK, label);
+            }
+        }
+    }
+}
+
+/// What is explained, from left to right.
+pub(crate) struct Legend {
+    entries: Vec<Entry>,
+    spread: Spread,
+}
+
+/// How much room things take, pixels.
+#[derive(Debug, Clone, Copy)]
+struct Spread {
+    /// A dot of the lettering.
+    dot: u32,
+    /// Between entries.
+    between: u32,
+    /// A range of colours.
+    ramp: u32,
+}
+
+/// From wide to narrow.
+const SPREADS: [Spread; 5] = [
+    Spread { dot: DOT, between: 3 * GAP, ramp: RAMP[0] },
+    Spread { dot: DOT, between: 3 * GAP / 2, ramp: RAMP[0] },
+    Spread { dot: 1, between: 3 * GAP / 2, ramp: RAMP[0] },
+    Spread { dot: 1, between: GAP, ramp: RAMP[0] * 2 / 3 },
+    Spread { dot: 1, between: 3 * GAP / 4, ramp: RAMP[0] / 2 },
+];
+
+impl Legend {
+    /// As wide as it is.
+    pub(crate) fn new(entries: Vec<Entry>) -> Self {
+        Self { entries, spread: SPREADS[0] }
+    }
+
+    /// In at most so many pixels: closer and smaller where it must be; where even that does not fit, the last entries are left out.
+    pub(crate) fn within(mut entries: Vec<Entry>, width: u32) -> Self {
+        loop {
+            for spread in SPREADS {
+                let legend = Self { entries, spread };
+                if legend.width() <= width {
+                    return legend;
+                }
+                entries = legend.entries;
+            }
+            // Nothing fits anywhere.
+            if entries.pop().is_none() {
+                return Self::new(entries);
+            }
+        }
     }
 
     /// Pixels from its left to its right.
-    pub(super) fn width(&self) -> u32 {
-        // Two of the six gaps separate the groups.
-        self.widths().iter().sum::<u32>() + 4 * 8 + 2 * 3 * GAP
+    pub(crate) fn width(&self) -> u32 {
+        let gaps = self.entries.len().saturating_sub(1) as u32 * self.spread.between;
+        self.entries.iter().map(|entry| entry.width(self.spread)).sum::<u32>() + gaps
     }
 
     /// Draws it with its top left corner at the given pixel.
-    pub(super) fn draw(&self, picture: &mut RgbImage, left: u32, top: u32) {
-        let widths = self.widths();
+    pub(crate) fn draw(&self, picture: &mut RgbImage, left: u32, top: u32) {
         let mut x = left;
-        let mut place = |n: usize, gap: u32| {
-            let at = x;
-            x += widths[n] + gap;
-            at
-        };
-        let bar = place(0, 8);
-        let middle = top + GREY_BAR[1] / 2 - 1;
-        fill(picture, [bar, middle], [self.bar_px, DOT], INK);
-        for end in [bar, bar + self.bar_px.saturating_sub(DOT)] {
-            fill(picture, [end, middle - 4], [DOT, 8 + DOT], INK);
+        for entry in &self.entries {
+            entry.draw(picture, x, top, self.spread);
+            x += entry.width(self.spread) + self.spread.between;
         }
-        lettering::write(picture, place(1, 3 * GAP), top, DOT, INK, &self.bar);
-        lettering::write(picture, place(2, 8), top, DOT, INK, &self.low);
-        let greys = place(3, 8);
-        fill(picture, [greys - 1, top - 1], [GREY_BAR[0] + 2, GREY_BAR[1] + 2], BORDER);
-        for step in 0..GREY_BAR[0] {
-            let grey = (step * 255 / (GREY_BAR[0] - 1)) as u8;
-            fill(picture, [greys + step, top], [1, GREY_BAR[1]], Rgb([grey; 3]));
-        }
-        lettering::write(picture, place(4, 3 * GAP), top, DOT, INK, &self.high);
-        let swatch = place(5, 8);
-        fill(picture, [swatch - 1, top - 1], [GREY_BAR[1] + 2, GREY_BAR[1] + 2], BORDER);
-        fill(picture, [swatch, top], [GREY_BAR[1]; 2], UNSEEN);
-        lettering::write(picture, place(6, 0), top, DOT, INK, "unseen");
     }
 }
 
+/// The longest of 1, 2, 5 times a power of ten that is not longer than `room`; `None` where that is no length.
+pub(crate) fn round_length(room: f64) -> Option<f64> {
+    if !(room > 0.0 && room.is_finite()) {
+        return None;
+    }
+    // A power of ten by its digits is the nearest number to it, and prints as such.
+    let decade: f64 = format!("1e{}", room.log10().floor()).parse().ok()?;
+    [5.0, 2.0, 1.0].into_iter().map(|n| n * decade).find(|length| *length <= room * (1.0 + 1e-12))
+}
+
 /// A number with at most two decimals, none of them trailing zeros; with an exponent where two decimals would not show it.
-pub(super) fn short(x: f64) -> String {
+pub(crate) fn short(x: f64) -> String {
     // What is below a millionth is left from a subtraction, not meant.
     if (1e-6..0.01).contains(&x.abs()) {
         return format!("{x:.1e}");
@@ -97,11 +178,29 @@ mod tests {
         for (x, text) in [(-1e-9, "0"), (-0.5, "-0.5"), (164.079, "164.08"), (30.0, "30"), (0.001_23, "1.2e-3")] {
             assert_eq!(short(x), text);
         }
-        for (px_per_mm, label, px) in
+        for (px_per_mm, text, px) in
             [(8.0, "10 mm", 80), (2.3, "50 mm", 115), (70.0, "1 mm", 70), (500.0, "0.2 mm", 100)]
         {
-            let legend = Legend::new(px_per_mm, [0.0, 1.0]);
-            assert_eq!((legend.bar.as_str(), legend.bar_px), (label, px));
+            let Some(Entry::Bar { px: found, label }) = Entry::bar(px_per_mm, 2000) else { panic!("{text}") };
+            assert_eq!((label.as_str(), found), (text, px));
         }
+        assert!(matches!(Entry::bar(8.0, 200), Some(Entry::Bar { px: 40, .. })), "a quarter of 200 pixels at most");
+        for (room, length) in [(10.0, 10.0), (9.99, 5.0), (4.99, 2.0), (0.3, 0.2), (1000.0, 1000.0), (0.0199, 0.01)] {
+            assert_eq!(round_length(room), Some(length));
+        }
+        assert!([0.0, -1.0, f64::NAN, f64::INFINITY].into_iter().all(|room| round_length(room).is_none()));
+    }
+
+    #[test]
+    fn a_legend_takes_the_room_that_there_is() {
+        let entries = || vec![Entry::bar(8.0, 2000).unwrap(), Entry::greys([0.0, 255.0]), Entry::unseen()];
+        let wide = Legend::new(entries()).width();
+        let mut before = wide;
+        for room in [wide, wide - 1, wide - 60, 300, 200, 100, 5] {
+            let legend = Legend::within(entries(), room);
+            assert!(legend.width() <= room.min(before), "{} of {room}", legend.width());
+            before = legend.width();
+        }
+        assert_eq!((Legend::within(entries(), wide).width(), before), (wide, 0));
     }
 }

@@ -1,4 +1,4 @@
-//! Labels in pictures: a 5×7 bitmap of the few characters that they use, so that no font has to be carried or rasterised.
+//! Labels in pictures: a 5×7 bitmap of the characters that they use, so that no font has to be carried or rasterised.
 
 use image::{Rgb, RgbImage};
 
@@ -22,22 +22,34 @@ fn glyph(character: char) -> Option<[u8; 7]> {
         '8' => [0b01110, 0b10001, 0b10001, 0b01110, 0b10001, 0b10001, 0b01110],
         '9' => [0b01110, 0b10001, 0b10001, 0b01111, 0b00001, 0b00010, 0b01100],
         '.' => [0, 0, 0, 0, 0, 0b01100, 0b01100],
+        ',' => [0, 0, 0, 0, 0b01100, 0b00100, 0b01000],
         '-' => [0, 0, 0, 0b11111, 0, 0, 0],
+        '+' => [0, 0b00100, 0b00100, 0b11111, 0b00100, 0b00100, 0],
         '=' => [0, 0, 0b11111, 0, 0b11111, 0, 0],
+        'X' => [0b10001, 0b10001, 0b01010, 0b00100, 0b01010, 0b10001, 0b10001],
+        'Y' => [0b10001, 0b10001, 0b01010, 0b00100, 0b00100, 0b00100, 0b00100],
+        'Z' => [0b11111, 0b00001, 0b00010, 0b00100, 0b01000, 0b10000, 0b11111],
         'a' => [0, 0, 0b01110, 0b00001, 0b01111, 0b10001, 0b01111],
+        'b' => [0b10000, 0b10000, 0b10110, 0b11001, 0b10001, 0b11001, 0b10110],
         'c' => [0, 0, 0b01110, 0b10000, 0b10000, 0b10001, 0b01110],
+        'd' => [0b00001, 0b00001, 0b01101, 0b10011, 0b10001, 0b10011, 0b01101],
         'e' => [0, 0, 0b01110, 0b10001, 0b11111, 0b10000, 0b01110],
         'f' => [0b00110, 0b01001, 0b01000, 0b11100, 0b01000, 0b01000, 0b01000],
+        'g' => [0, 0b01111, 0b10001, 0b10001, 0b01111, 0b00001, 0b01110],
+        'h' => [0b10000, 0b10000, 0b10110, 0b11001, 0b10001, 0b10001, 0b10001],
         'i' => [0b00100, 0, 0b01100, 0b00100, 0b00100, 0b00100, 0b01110],
         'k' => [0b10000, 0b10000, 0b10010, 0b10100, 0b11000, 0b10100, 0b10010],
         'l' => [0b01100, 0b00100, 0b00100, 0b00100, 0b00100, 0b00100, 0b01110],
         'm' => [0, 0, 0b11010, 0b10101, 0b10101, 0b10001, 0b10001],
         'n' => [0, 0, 0b10110, 0b11001, 0b10001, 0b10001, 0b10001],
         'o' => [0, 0, 0b01110, 0b10001, 0b10001, 0b10001, 0b01110],
+        'p' => [0, 0b10110, 0b11001, 0b10001, 0b11110, 0b10000, 0b10000],
+        'r' => [0, 0, 0b10110, 0b11001, 0b10000, 0b10000, 0b10000],
         's' => [0, 0, 0b01110, 0b10000, 0b01110, 0b00001, 0b11110],
         't' => [0b01000, 0b01000, 0b11100, 0b01000, 0b01000, 0b01001, 0b00110],
         'u' => [0, 0, 0b10001, 0b10001, 0b10001, 0b10011, 0b01101],
         'v' => [0, 0, 0b10001, 0b10001, 0b10001, 0b01010, 0b00100],
+        'w' => [0, 0, 0b10001, 0b10001, 0b10101, 0b10101, 0b01010],
         'x' => [0, 0, 0b10001, 0b01010, 0b00100, 0b01010, 0b10001],
         'y' => [0, 0, 0b10001, 0b10001, 0b01111, 0b00001, 0b01110],
         'z' => [0, 0, 0b11111, 0b00010, 0b00100, 0b01000, 0b11111],
@@ -46,30 +58,49 @@ fn glyph(character: char) -> Option<[u8; 7]> {
 }
 
 /// Width of a text in pixels, each dot being `dot` pixels wide.
-pub(super) fn width(text: &str, dot: u32) -> u32 {
+pub(crate) fn width(text: &str, dot: u32) -> u32 {
     (text.chars().count() as u32 * ADVANCE).saturating_sub(1) * dot
 }
 
 /// Height of a line in pixels.
-pub(super) fn height(dot: u32) -> u32 {
+pub(crate) fn height(dot: u32) -> u32 {
     HEIGHT * dot
 }
 
-/// Writes a text with its top left corner at (x, y); what falls outside the picture is left out, and a character without a glyph is a gap.
-pub(super) fn write(picture: &mut RgbImage, x: u32, y: u32, dot: u32, colour: Rgb<u8>, text: &str) {
+/// The dots of a text, by column and row from its top left corner; a character without a glyph is a gap.
+pub(crate) fn dots(text: &str, mut dot: impl FnMut(u32, u32)) {
     for (n, character) in (0..).zip(text.chars()) {
         let Some(rows) = glyph(character) else { continue };
         for (row, bits) in (0..).zip(rows) {
             for column in (0..5).filter(|column| bits >> (4 - column) & 1 == 1) {
-                let (left, top) = (x + (n * ADVANCE + column) * dot, y + row * dot);
-                fill(picture, [left, top], [dot, dot], colour);
+                dot(n * ADVANCE + column, row);
             }
         }
     }
 }
 
+/// Writes a text with its top left corner at (x, y); what falls outside the picture is left out.
+pub(crate) fn write(picture: &mut RgbImage, x: u32, y: u32, dot: u32, colour: Rgb<u8>, text: &str) {
+    dots(text, |column, row| fill(picture, [x + column * dot, y + row * dot], [dot, dot], colour));
+}
+
+/// As [`write`], in the first colour before a rim of a pixel in the second, to be read on any ground.
+pub(crate) fn write_shaded(
+    picture: &mut RgbImage,
+    [x, y]: [u32; 2],
+    dot: u32,
+    [colour, rim]: [Rgb<u8>; 2],
+    text: &str,
+) {
+    dots(text, |column, row| {
+        let (left, top) = ((x + column * dot).saturating_sub(1), (y + row * dot).saturating_sub(1));
+        fill(picture, [left, top], [dot + 2, dot + 2], rim);
+    });
+    write(picture, x, y, dot, colour, text);
+}
+
 /// Fills a rectangle; what falls outside the picture is left out.
-pub(super) fn fill(picture: &mut RgbImage, [left, top]: [u32; 2], [width, height]: [u32; 2], colour: Rgb<u8>) {
+pub(crate) fn fill(picture: &mut RgbImage, [left, top]: [u32; 2], [width, height]: [u32; 2], colour: Rgb<u8>) {
     for y in top..top + height {
         for x in left..left + width {
             if let Some(pixel) = picture.get_pixel_mut_checked(x, y) {
@@ -85,7 +116,7 @@ mod tests {
 
     #[test]
     fn every_character_of_the_labels_has_a_glyph_of_its_own() {
-        let used = "0123456789.-=xyzatmmkunseenvoxelofslice";
+        let used = "0123456789.,-+=XYZxyzatmmkunseenvoxelofslicedghrwpb";
         let mut glyphs: Vec<_> = used.chars().map(|c| (glyph(c).unwrap(), c)).collect();
         glyphs.sort_unstable();
         glyphs.dedup();

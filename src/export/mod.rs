@@ -2,14 +2,18 @@
 //!
 //! - [`volume`]: values and weights to MetaImage.
 //! - [`planes`]: a volume's three middle planes side by side, for a first look.
+//! - [`sections`]: planes of a volume or of slices, in a picture of a given size.
 //! - [`picture`]: pictures to PNG.
 //! - [`whole`]: files that are whole or not there.
 //! - `legend`: what a picture's colours and lengths mean.
-//! - `lettering`: the few letters that pictures need.
+//! - `panel`: a plane in a picture, with its title and axes.
+//! - `lettering`: the letters that pictures need.
 
-mod legend;
-mod lettering;
+pub(crate) mod legend;
+pub(crate) mod lettering;
+mod panel;
 pub mod picture;
 pub mod planes;
+pub mod sections;
 pub mod volume;
 pub mod whole;

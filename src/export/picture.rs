@@ -3,7 +3,7 @@
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
-use image::{ExtendedColorType, ImageEncoder as _, codecs::png::PngEncoder};
+use image::{ExtendedColorType, ImageEncoder as _, RgbImage, codecs::png::PngEncoder};
 
 use super::whole::write_whole;
 use crate::render::Picture;
@@ -34,10 +34,21 @@ pub enum PictureError {
 /// # Errors
 /// [`PictureError`]; the place is as before then.
 pub fn write_picture(picture: &Picture, background: [f32; 3], path: &Path) -> Result<(), PictureError> {
-    let [width, height] = picture.size;
+    write_bytes(&picture.over(background), picture.size, path)
+}
+
+/// Writes an 8 bit picture as PNG, whole or not at all.
+///
+/// # Errors
+/// [`PictureError`]; the place is as before then.
+pub fn write_rgb(picture: &RgbImage, path: &Path) -> Result<(), PictureError> {
+    write_bytes(picture.as_raw(), [picture.width(), picture.height()], path)
+}
+
+fn write_bytes(values: &[u8], [width, height]: [u32; 2], path: &Path) -> Result<(), PictureError> {
     let mut png = Cursor::new(Vec::new());
     PngEncoder::new(&mut png)
-        .write_image(&picture.over(background), width, height, ExtendedColorType::Rgb8)
+        .write_image(values, width, height, ExtendedColorType::Rgb8)
         .map_err(|source| PictureError::Encode { path: path.to_owned(), source })?;
     write_whole(path, |to| to.write_all(png.get_ref()))
         .map_err(|source| PictureError::Write { path: path.to_owned(), source })

@@ -8,15 +8,16 @@ use std::path::{Path, PathBuf};
 
 use image::{ImageFormat, Rgb, RgbImage};
 
-use super::legend::{self, Legend, short};
-use super::lettering::{self, fill};
+use super::legend::{self, Entry, Legend, short};
+use super::lettering;
+use super::panel::{Frame, GUTTER, grey};
 use super::whole::write_whole;
 use crate::volume::Grid;
 
 /// Colour of unseen voxels: a muted blue, which no grey level is.
 pub const UNSEEN: Rgb<u8> = Rgb([46, 64, 96]);
 
-const PAPER: Rgb<u8> = Rgb([20, 20, 22]);
+pub(super) const PAPER: Rgb<u8> = Rgb([20, 20, 22]);
 pub(super) const INK: Rgb<u8> = Rgb([214, 214, 214]);
 pub(super) const BORDER: Rgb<u8> = Rgb([120, 120, 124]);
 
@@ -24,14 +25,10 @@ pub(super) const BORDER: Rgb<u8> = Rgb([120, 120, 124]);
 pub(super) const DOT: u32 = 2;
 /// Around everything and between planes, pixels.
 pub(super) const GAP: u32 = 16;
-/// Left of a plane, for its downward axis, and below it, for its rightward axis, pixels.
-const GUTTER: u32 = 24;
-/// Length of an axis' arrow, pixels.
-const ARROW: u32 = 28;
 /// No plane is drawn larger than this, pixels.
 const LARGEST: u32 = 1600;
 
-const AXES: [char; 3] = ['x', 'y', 'z'];
+pub(super) const AXES: [char; 3] = ['x', 'y', 'z'];
 /// Rightward axis, downward axis, axis that the plane cuts.
 const PLANES: [[usize; 3]; 3] = [[0, 1, 2], [0, 2, 1], [1, 2, 0]];
 
@@ -256,7 +253,8 @@ pub fn planes(
     let values = panels.map(|panel| panel.sample(&voxel));
     let window = resolve(options.window, &values)?;
 
-    let legend = Legend::new(px_per_mm, window);
+    let entries = Entry::bar(px_per_mm, u32::MAX).into_iter().chain([Entry::greys(window), Entry::unseen()]);
+    let legend = Legend::new(entries.collect());
     let tallest = panels.iter().map(|p| p.size[1]).max().unwrap_or(1);
     let legend_top = top + tallest + GUTTER + GAP;
     let size = [left.max(legend.width() + 2 * GAP + GUTTER), legend_top + legend::HEIGHT + GAP];
@@ -306,36 +304,13 @@ fn resolve(window: Window, values: &[Vec<Option<f32>>; 3]) -> Result<[f32; 2], P
     Ok(if low < high { [low, high] } else { [low - 1.0, high + 1.0] })
 }
 
-fn draw_panel(picture: &mut RgbImage, panel: &Panel, values: &[Option<f32>], [low, high]: [f32; 2], title: &str) {
-    let [left, top] = panel.corner;
-    let [width, height] = panel.size;
-    fill(picture, [left - 1, top - 1], [width + 2, height + 2], BORDER);
-    for (pixel, value) in (0_u32..).zip(values) {
-        let colour = value.map_or(UNSEEN, |x| {
-            // From 0 to 255 by the clamp; the cast cannot wrap.
-            let grey = ((x - low) / (high - low) * 255.0).round().clamp(0.0, 255.0) as u8;
-            Rgb([grey; 3])
-        });
-        picture.put_pixel(left + pixel % width, top + pixel / width, colour);
-    }
-    lettering::write(picture, left, GAP, DOT, INK, title);
-
-    // The axes' arrows start at the first voxel's corner, outside the plane.
+fn draw_panel(picture: &mut RgbImage, panel: &Panel, values: &[Option<f32>], window: [f32; 2], title: &str) {
+    let frame = Frame { corner: panel.corner, size: panel.size };
+    frame.border(picture);
+    frame.fill(picture, values.iter().map(|value| value.map_or(UNSEEN, |x| Rgb([grey(x, window); 3]))));
+    frame.title(picture, panel.corner[1] - GAP, DOT, title);
     let [right, down, _] = panel.axes.map(|k| AXES[k].to_string());
-    let letter = lettering::height(DOT);
-    let below = top + height + 8;
-    fill(picture, [left, below], [ARROW, DOT], INK);
-    let beside = left - 10;
-    fill(picture, [beside, top], [DOT, ARROW], INK);
-    for step in 0..4 {
-        // Heads: two strokes that open backwards from the tip.
-        for (y, x) in [(below - step, beside - step), (below + step, beside + step)] {
-            fill(picture, [left + ARROW - 1 - step, y], [DOT, DOT], INK);
-            fill(picture, [x, top + ARROW - 1 - step], [DOT, DOT], INK);
-        }
-    }
-    lettering::write(picture, left + ARROW + 6, below + 1 - letter / 2, DOT, INK, &right);
-    lettering::write(picture, beside - 4, top + ARROW + 4, DOT, INK, &down);
+    frame.arrows(picture, [&right, &down]);
 }
 
 #[cfg(test)]

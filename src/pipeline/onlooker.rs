@@ -5,7 +5,9 @@ use std::time::Duration;
 use glam::DVec3;
 
 use super::PixelKind;
+use crate::mask::Mask;
 use crate::reconstruct::Weaver;
+use crate::slice::Slice;
 use crate::volume::Prism;
 use crate::volume::brick::BrickIndex;
 
@@ -13,6 +15,10 @@ use crate::volume::brick::BrickIndex;
 pub struct Woven<'a> {
     /// Its frame's number in the recording.
     pub item: u64,
+    /// The slice itself.
+    pub slice: &'a Slice,
+    /// Which of its pixels are data.
+    pub mask: &'a Mask,
     /// The volume, its lattice and its kernels.
     pub weaver: &'a Weaver,
     /// Bricks that the slice changed.

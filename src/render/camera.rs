@@ -197,13 +197,27 @@ impl Camera {
 
     /// The ray of a pixel.
     pub fn ray(&self, i: u32, j: u32) -> Ray {
-        let (i, j) = (f64::from(i), f64::from(j));
+        self.ray_through([f64::from(i), f64::from(j)])
+    }
+
+    /// The ray through a place in the picture, in pixels, whole at their centres.
+    pub fn ray_through(&self, [i, j]: [f64; 2]) -> Ray {
         if !self.perspective {
             return Ray { base: self.origin + self.right * i + self.down * j, step: self.forward * self.step_mm };
         }
         let world = self.forward + self.axes.right * (i * self.pixel) - self.axes.up * (j * self.pixel);
         let per_mm = self.stage_from_world.transform_vector3(world.normalize());
         Ray { base: self.origin + per_mm * self.near_mm, step: per_mm * self.step_mm }
+    }
+
+    /// Whether rays come from an eye, and not all from one direction.
+    pub fn is_perspective(&self) -> bool {
+        self.perspective
+    }
+
+    /// Pixel coordinates of a world position (mm), as [`Self::project`].
+    pub fn project_world(&self, at: DVec3) -> Option<[f64; 2]> {
+        self.project(self.stage_from_world.transform_point3(at))
     }
 
     /// The first pixel's ray, and how rays differ from it per pixel to the right and down; stage coordinates. Parallel: sample 0 and the step to the next; by how

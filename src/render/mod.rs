@@ -9,6 +9,7 @@
 //! - `slab`: which samples of which rays a piece of space holds; `marks`: those that a change may have reached; `rows`: their rays anew; `layers`: a picture's
 //!   voxels and rows.
 //! - [`partition`]: the same for workers that hold a part of the world each.
+//! - [`section`]: planes through the volume, and through the slices themselves; `hidden`: what lies behind matter, for what is drawn over pictures.
 //! - [`renderer`]: all of it; [`picture`]: the result; [`work`]: what was done for it.
 //! - [`mod@reference`]: the measure of it all, in f64.
 //!
@@ -22,6 +23,7 @@ pub mod camera;
 mod cast;
 mod elementary;
 pub mod gradient;
+mod hidden;
 mod layers;
 pub mod light;
 mod marks;
@@ -32,6 +34,7 @@ pub mod reference;
 pub mod renderer;
 mod rows;
 mod run;
+pub mod section;
 pub mod settings;
 mod shade;
 mod shaded;

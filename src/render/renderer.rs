@@ -198,6 +198,15 @@ impl Renderer {
         self.camera.samples()
     }
 
+    /// The rays.
+    pub fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    pub(super) fn image(&self) -> &Image {
+        &self.image
+    }
+
     /// The box that is looked at.
     pub fn stage(&self) -> &Stage {
         &self.stage

@@ -108,15 +108,23 @@ impl RenderSettings {
     }
 
     pub(super) fn pool(&self) -> Result<Option<Arc<rayon::ThreadPool>>, RenderError> {
-        match self.threads {
-            0 | 1 => Ok(None),
-            n => rayon::ThreadPoolBuilder::new()
-                .num_threads(n)
-                .thread_name(|i| format!("render-{i}"))
-                .build()
-                .map(|pool| Some(Arc::new(pool)))
-                .map_err(|e| RenderError::Threads { threads: n, why: e.to_string() }),
-        }
+        pool(self.threads)
+    }
+}
+
+/// So many threads that work together; `None` for one, who works alone.
+///
+/// # Errors
+/// [`RenderError::Threads`].
+pub fn pool(threads: usize) -> Result<Option<Arc<rayon::ThreadPool>>, RenderError> {
+    match threads {
+        0 | 1 => Ok(None),
+        n => rayon::ThreadPoolBuilder::new()
+            .num_threads(n)
+            .thread_name(|i| format!("render-{i}"))
+            .build()
+            .map(|pool| Some(Arc::new(pool)))
+            .map_err(|e| RenderError::Threads { threads: n, why: e.to_string() }),
     }
 }
 

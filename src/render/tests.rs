@@ -302,3 +302,32 @@ fn settings_that_make_no_picture_are_refused() {
     }
     assert!(Stage::new(half_mm(), [3; 3], [2; 3]).is_err() && Stage::new(half_mm(), [0; 3], [1 << 20; 3]).is_err());
 }
+
+#[test]
+fn a_place_is_hidden_by_what_its_ray_has_passed_and_by_no_more() {
+    let value = |v: [i64; 3]| Some((v[0] * 7 + v[1] * 3 + v[2] * 5).rem_euclid(200) as f32);
+    let volume = Field { low: [3, -5, 0], high: [30, 20, 25], value };
+    let stage = Stage::new(half_mm(), volume.low, volume.high).unwrap();
+    for perspective in [None, Some(35.0)] {
+        let view = View { azimuth: 30.0, elevation: 20.0, perspective, ..View::default() };
+        let settings = RenderSettings { stop: 0.0, view, ..RenderSettings::new([33, 31], tissue()) };
+        let mut renderer = Renderer::new(&settings, stage).unwrap();
+        renderer.update_all(&volume);
+        let (picture, camera) = (renderer.picture(), *renderer.camera());
+        for (i, j) in [(16, 15), (11, 19), (20, 10)] {
+            let ray = camera.ray(i, j);
+            let hidden = |k: f64| {
+                let at = stage.world_from_stage().transform_point3(ray.base + ray.step * k);
+                renderer.transmittance_to(at)
+            };
+            // Behind all of it, a place is seen as the background is; before all of it, as it is.
+            let end = f64::from(camera.samples());
+            let whole = picture.pixels[j as usize * 33 + i as usize][3];
+            assert!((hidden(end + 2.0) - whole).abs() < 1e-4 && whole < 0.9, "{} {whole}", hidden(end + 2.0));
+            assert_eq!(hidden(1.0), 1.0);
+            let course: Vec<f32> = (0..camera.samples() * 2).map(|k| hidden(0.5 * f64::from(k))).collect();
+            assert!(course.is_sorted_by(|a, b| *b <= *a + 1e-5), "the farther, the more lies before it");
+            assert!(course.iter().any(|t| (whole + 0.02..0.98).contains(t)), "by and by");
+        }
+    }
+}

@@ -14,6 +14,8 @@ pub struct PictureStatistics {
     pub shade_ms: Option<Milliseconds>,
     /// Sampling and compositing rays.
     pub rays_ms: Option<Milliseconds>,
+    /// What was drawn over the last picture.
+    pub drawn: Vec<&'static str>,
     /// The picture.
     pub picture: PictureNumbers,
 }

@@ -6,6 +6,7 @@ mod inspect;
 mod paths;
 mod phantom;
 mod place;
+mod planes;
 mod refusals;
 mod render;
 mod replay;

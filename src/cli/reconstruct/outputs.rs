@@ -3,6 +3,8 @@
 use std::path::Path;
 use std::time::Instant;
 
+use serde::Serialize;
+
 use super::flags::Flags;
 use crate::cli::{Failure, input};
 use crate::config::Settings as Config;
@@ -11,7 +13,7 @@ use crate::export::volume::{DenseBox, Encoding, write_values, write_weights};
 use crate::mask::MaskSettings;
 use crate::pipeline::{Job, Outcome, PixelKind};
 use crate::reconstruct::Path as Way;
-use crate::statistics::{PictureStatistics, Source, Statistics};
+use crate::statistics::{Source, Statistics};
 use crate::volume::dense::{RANGE_FIELD, SLICE_AXES_FIELD, SLICES_BOX_FIELD, UNSEEN_FIELD};
 use crate::volume::sparse::SEEN;
 
@@ -48,11 +50,7 @@ impl<'a> Request<'a> {
     ///
     /// # Errors
     /// [`Failure`]: the file that failed is not there.
-    pub(in crate::cli) fn finish(
-        &self,
-        mut outcome: Outcome,
-        picture: Option<&PictureStatistics>,
-    ) -> Result<(), Failure> {
+    pub(in crate::cli) fn finish(&self, mut outcome: Outcome, picture: Option<&impl Serialize>) -> Result<(), Failure> {
         let flags = self.flags;
         outcome.notes.extend(flags.weighing.note());
         let writes = self.output.is_some() || flags.weights.is_some();

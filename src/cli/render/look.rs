@@ -6,6 +6,7 @@ use calibration::frames::{Transform, Volume, World};
 use clap::{Args, ValueEnum};
 use glam::DVec3;
 
+use super::planar::PlanarFlags;
 use crate::cli::{Failure, values};
 use crate::render::camera::{Camera, View};
 use crate::render::settings::STOP;
@@ -22,7 +23,7 @@ pub(in crate::cli) struct Look {
     /// From where: azimuth (0 looks along the world's +y, 90 along −x), elevation (90 looks down along −z), roll, degrees [default: from the deep side,
     /// aslant, with the probe on top; 30,20 if the volume does not say how its slices lay]
     #[arg(long, value_name = "AZ,EL[,ROLL]", value_parser = values::view, allow_hyphen_values = true)]
-    view: Option<Angles>,
+    pub(super) view: Option<Angles>,
     /// Angle that the smaller side of the picture sees, degrees, up to 170 [default: parallel rays]
     #[arg(long, value_name = "DEG")]
     pub(in crate::cli) perspective: Option<f64>,
@@ -33,7 +34,7 @@ pub(in crate::cli) struct Look {
     #[arg(long, value_name = "PRESET|FILE.toml", default_value = Transfer::PRESETS[0].0)]
     pub(in crate::cli) transfer: String,
     /// Distance of samples along a ray, in voxels
-    #[arg(long, value_name = "VOXELS", default_value_t = 1.0)]
+    #[arg(long, value_name = "VOXELS", default_value_t = STEP)]
     pub(in crate::cli) step: f64,
     /// Samples that are folded together [default: the power of two next to the root of a ray's samples]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u32).range(1..))]
@@ -44,6 +45,8 @@ pub(in crate::cli) struct Look {
     /// Colour behind the volume: red, green, blue, 0 to 1
     #[arg(long, value_name = "R,G,B", default_value = "0,0,0", value_parser = values::colour, allow_hyphen_values = true)]
     pub(in crate::cli) background: Colour,
+    #[command(flatten)]
+    pub(in crate::cli) planar: PlanarFlags,
 }
 
 // clap takes an array for its own notation of repeated values; named types are single values to it.
@@ -51,12 +54,17 @@ type ImageSize = [u32; 2];
 type Colour = [f32; 3];
 type Angles = [f64; 3];
 
+const STEP: f64 = 1.0;
+const BACKGROUND: Colour = [0.0; 3];
+
 /// What of the volume is drawn.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
 pub(in crate::cli) enum Mode {
     /// Lit matter, as opaque as --transfer says
     #[default]
     Shaded,
+    /// Planes through the volume, by --at or --plane
+    Slice,
 }
 
 impl Mode {
@@ -64,11 +72,24 @@ impl Mode {
     pub(in crate::cli) fn name(self) -> &'static str {
         match self {
             Self::Shaded => "shaded",
+            Self::Slice => "slice",
         }
     }
 }
 
+/// What the flags are where nobody gives them.
+pub(super) struct Usual {
+    pub(super) transfer: &'static str,
+    pub(super) step: f64,
+    pub(super) stop: f32,
+    pub(super) background: Colour,
+}
+
 impl Look {
+    pub(super) fn usual() -> Usual {
+        Usual { transfer: Transfer::PRESETS[0].0, step: STEP, stop: STOP, background: BACKGROUND }
+    }
+
     /// The view of a volume whose slices lie along these axes, turned by so many degrees about the world's z axis.
     pub(in crate::cli) fn view(&self, slice_axes: Option<[DVec3; 2]>, turned: f64, turns: bool) -> View {
         let usual = View::of_slices(slice_axes);
@@ -84,6 +105,7 @@ impl Look {
         if !(0.0..=1.0).contains(&self.stop) {
             return Err(Failure(format!("--stop {}: must lie between 0 and 1", self.stop)));
         }
+        self.planar.check(self)?;
         self.transfer([0.0, 1.0])?;
         let stage = Stage::new(Transform::<World, Volume>::IDENTITY, [0; 3], [0; 3])?;
         Camera::new(&self.view(None, 0.0, false), self.image_size, self.step, &stage)?;
@@ -117,5 +139,26 @@ impl Look {
         }
         Transfer::preset(name, range.map(f64::from))
             .map_err(|e| Failure(format!("--transfer {name}: {e}; or give a file, whose name ends in .toml")))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Command {
+        #[command(flatten)]
+        look: Look,
+    }
+
+    #[test]
+    fn the_usual_look_is_the_one_that_nobody_asked_for() {
+        let (look, usual) = (Command::parse_from(["render"]).look, Look::usual());
+        assert_eq!((look.step, look.stop), (usual.step, usual.stop));
+        assert_eq!((look.transfer.as_str(), look.background), (usual.transfer, usual.background));
+        assert!(look.view.is_none() && look.perspective.is_none() && look.arity.is_none());
     }
 }

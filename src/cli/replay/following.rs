@@ -3,12 +3,16 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use calibration::region::ClipRect;
+
 use crate::cli::Failure;
+use crate::cli::render::drawing::Over;
 use crate::cli::render::look::Look;
-use crate::export::picture::write_picture;
+use crate::cli::render::planar::Draw;
 use crate::pipeline::{Onlooker, Woven};
 use crate::render::settings::CACHE_BYTES;
 use crate::render::{Cache, RenderSettings, Renderer, Stage};
+use crate::slice::Slice;
 use crate::statistics::{Milliseconds, PictureNumbers, PictureStatistics};
 use crate::volume::brick::BrickIndex;
 use crate::volume::lattice::{Shifted, canonical, shift};
@@ -40,6 +44,16 @@ struct Begun {
     renderer: Renderer,
     /// Of voxel indices from the weaver's lattice to the canonical one.
     offset: [i64; 3],
+    /// The slice that came last, and the rectangle of its data.
+    last: Option<(Slice, ClipRect)>,
+}
+
+impl Begun {
+    /// The picture as it is and what is drawn over it.
+    fn over<'a>(&'a self, look: &Look) -> Over<'a> {
+        let slice = self.last.as_ref().map(|(slice, data)| (slice, *data));
+        Over { renderer: &self.renderer, background: look.background, slice }
+    }
 }
 
 impl<'a> Following<'a> {
@@ -74,14 +88,16 @@ impl<'a> Following<'a> {
         };
         let [low, high] = reached.map(|voxel| lattice.index(voxel));
         let stage = Stage::new(lattice.world_from_lattice, low, high)?;
-        Ok(Begun { renderer: Renderer::new(&settings, stage)?, offset: lattice.offset })
+        Ok(Begun { renderer: Renderer::new(&settings, stage)?, offset: lattice.offset, last: None })
     }
 
     fn look(&mut self, woven: &Woven) -> Result<(), Failure> {
         if self.begun.is_none() {
             self.begun = Some(self.begin(woven)?);
         }
-        let Some(Begun { renderer, offset }) = &mut self.begun else { return Ok(()) };
+        let Some(begun) = &mut self.begun else { return Ok(()) };
+        let Begun { renderer, offset, last } = begun;
+        *last = woven.mask.bounds().map(|data| (woven.slice.clone(), data));
         let began = Instant::now();
         let volume = Shifted::new(woven.weaver.volume(), *offset);
         let updated = if woven.upgraded {
@@ -107,7 +123,7 @@ impl<'a> Following<'a> {
             && self.slices.is_multiple_of(*every)
         {
             let path = folder.join(format!("frame-{:05}.png", woven.item));
-            write_picture(&renderer.picture(), self.look.background, &path)?;
+            begun.over(self.look).write(&self.look.planar.drawn(&[Draw::Slice, Draw::Probe]), &path)?;
         }
         Ok(())
     }
@@ -117,15 +133,17 @@ impl<'a> Following<'a> {
     /// # Errors
     /// [`Failure`] when it cannot be written.
     pub(super) fn finish(&self, path: Option<&Path>) -> Result<Option<PictureStatistics>, Failure> {
-        let Some(Begun { renderer, .. }) = &self.begun else { return Ok(None) };
+        let Some(begun) = &self.begun else { return Ok(None) };
+        let mut drawn = Vec::new();
         if let Some(path) = path {
-            write_picture(&renderer.picture(), self.look.background, path)?;
+            drawn = begun.over(self.look).write(&self.look.planar.drawn(&[]), path)?;
         }
         Ok(Some(PictureStatistics {
             slice_to_picture_ms: Milliseconds::of(&self.to_picture_ms),
             shade_ms: Milliseconds::of(&self.shade_ms),
             rays_ms: Milliseconds::of(&self.rays_ms),
-            picture: PictureNumbers::of(renderer, self.look.image_size),
+            drawn,
+            picture: PictureNumbers::of(&begun.renderer, self.look.image_size),
         }))
     }
 }

@@ -1,0 +1,96 @@
+//! `sonoweave render --mode slice`: planes through a volume.
+
+use std::path::Path;
+use std::time::Instant;
+
+use serde::Serialize;
+
+use super::planar::SheetNumbers;
+use super::{Arguments, milliseconds};
+use crate::cli::{Failure, input};
+use crate::export::picture::write_rgb;
+use crate::render::section::{Box3, Planar, PlanarWork};
+use crate::render::settings::pool;
+use crate::statistics::write_json;
+use crate::volume::DenseVolume;
+
+/// The content of `--stats`.
+#[derive(Debug, Serialize)]
+struct Statistics<'a> {
+    version: &'static str,
+    input: &'a Path,
+    weights: Option<&'a Path>,
+    /// Voxels along x, y, z, and those of them that were seen.
+    size: [u32; 3],
+    voxels_seen: u64,
+    mode: &'static str,
+    window: [f32; 2],
+    threads: usize,
+    /// Reading the volume, ms.
+    read_ms: f64,
+    /// Sampling the planes, ms.
+    sample_ms: f64,
+    /// From the command's begin to the picture, s.
+    wall_s: f64,
+    picture: SheetNumbers,
+    work: PlanarWork,
+    notes: &'a [String],
+}
+
+/// Draws the planes of a volume that took `read_ms` to read; `notes` are what is said of it.
+///
+/// # Errors
+/// [`Failure`]: the picture was not written then.
+#[allow(clippy::print_stdout, clippy::print_stderr, reason = "the command's output")]
+pub(super) fn run(
+    arguments: &Arguments,
+    volume: &DenseVolume,
+    began: Instant,
+    read_ms: f64,
+    notes: &[String],
+) -> Result<(), Failure> {
+    let Arguments { look, output, .. } = arguments;
+    let window = arguments.window.unwrap_or_else(|| volume.range());
+    let threads = input::threads(arguments.threads);
+    let place = Box3::new(volume.world_from_lattice(), volume.bounds());
+    let sheet = look.planar.sheet(&place, look.image_size)?;
+    let sampling = Instant::now();
+    let pool = pool(threads)?;
+    let planar = Planar { volume, place, pool: pool.as_deref() };
+    let mut work = PlanarWork::default();
+    let mut sampled = Vec::new();
+    for panel in &sheet.panels {
+        let (pixels, done) = planar.sample(&panel.section);
+        sampled.push(pixels);
+        work += done;
+    }
+    let sample_ms = milliseconds(sampling);
+    write_rgb(&sheet.draw(&sampled, window, look.planar.wash())?, output)?;
+    let wall_s = began.elapsed().as_secs_f64();
+    let picture = look.planar.numbers(&sheet, &sampled);
+    let said = picture.to_string();
+    if let Some(path) = &arguments.stats {
+        let statistics = Statistics {
+            version: env!("CARGO_PKG_VERSION"),
+            input: &arguments.volume,
+            weights: arguments.weights.as_deref(),
+            size: volume.header().size,
+            voxels_seen: volume.seen(),
+            mode: look.mode.name(),
+            window,
+            threads,
+            read_ms,
+            sample_ms,
+            wall_s,
+            picture,
+            work,
+            notes,
+        };
+        write_json(path, &statistics)?;
+    }
+    for note in notes {
+        eprintln!("sonoweave: note: {note}");
+    }
+    println!("{}: {said}, of {}, in {:.0} ms", output.display(), arguments.volume.display(), wall_s * 1e3);
+    Ok(())
+}

@@ -1,0 +1,202 @@
+//! Planes through a volume that is being woven, or through its slices.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+use clap::ValueEnum;
+use serde::Serialize;
+
+use super::following::Series;
+use crate::cli::Failure;
+use crate::cli::render::look::Look;
+use crate::cli::render::planar::SheetNumbers;
+use crate::export::picture::write_rgb;
+use crate::export::sections::{Sheet, SheetPanel};
+use crate::pipeline::{Onlooker, Outcome, Woven};
+use crate::reconstruct::Weaver;
+use crate::render::section::{Box3, NearestSlices, NearestWork, Planar, PlanarWork, Sampled};
+use crate::render::settings::pool;
+use crate::statistics::Milliseconds;
+use crate::volume::lattice::{Shifted, canonical};
+
+/// What planes show.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+pub(super) enum Source {
+    /// The volume
+    #[default]
+    Volume,
+    /// The nearest slice's own picture, as far as a slice reaches across its plane
+    Raw,
+}
+
+/// Draws planes; from the volume when a picture is due and not between.
+pub(super) struct Planes<'a> {
+    look: &'a Look,
+    window: Option<[f32; 2]>,
+    threads: usize,
+    series: Option<Series>,
+    source: Source,
+    begun: Option<Begun>,
+    slices: u64,
+    to_planes_ms: Vec<f64>,
+    work: PlanarWork,
+}
+
+/// What the first slice has settled.
+struct Begun {
+    sheet: Sheet,
+    place: Box3,
+    /// Of voxel indices from the weaver's lattice to the canonical one.
+    offset: [i64; 3],
+    window: [f32; 2],
+    /// How far a slice reaches across its plane, mm.
+    reach_mm: f64,
+    nearest: Vec<NearestSlices>,
+    pool: Option<Arc<rayon::ThreadPool>>,
+}
+
+/// The numbers of pictures of planes.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct PlanesStatistics {
+    /// Time from a slice's arrival until the planes of the slices hold it; weaving it, where planes are of the volume, which are sampled when a picture is due.
+    slice_to_planes_ms: Option<Milliseconds>,
+    /// `volume` or `raw`.
+    from: &'static str,
+    /// How far a slice reaches across its plane, mm; of planes of slices.
+    reach_mm: Option<f64>,
+    pub(super) picture: SheetNumbers,
+    planar_work: Option<PlanarWork>,
+    nearest_work: Option<NearestWork>,
+}
+
+impl<'a> Planes<'a> {
+    pub(super) fn new(
+        look: &'a Look,
+        window: Option<[f32; 2]>,
+        threads: usize,
+        series: Option<Series>,
+        source: Source,
+    ) -> Self {
+        Self {
+            look,
+            window,
+            threads,
+            series,
+            source,
+            begun: None,
+            slices: 0,
+            to_planes_ms: Vec::new(),
+            work: PlanarWork::default(),
+        }
+    }
+
+    /// The lattice and where all slices will lie are known now.
+    fn begin(&self, woven: &Woven) -> Result<Begun, Failure> {
+        let lattice = canonical(woven.weaver.world_from_lattice());
+        let (Some(reached), Some(kernels)) = (woven.reached, woven.weaver.kernels()) else {
+            return Err(Failure("no slice has a place that could be looked at; check the transforms".into()));
+        };
+        let place = Box3::new(lattice.world_from_lattice, reached.map(|voxel| lattice.index(voxel)));
+        let sheet = self.look.planar.sheet(&place, self.look.image_size)?;
+        let nearest = match self.source {
+            Source::Volume => Vec::new(),
+            Source::Raw => sheet.panels.iter().map(|panel| NearestSlices::new(panel.section)).collect(),
+        };
+        Ok(Begun {
+            sheet,
+            place,
+            offset: lattice.offset,
+            window: self.window.unwrap_or_else(|| woven.pixels.grey_levels()),
+            reach_mm: kernels[2].support_mm,
+            nearest,
+            pool: pool(self.threads)?,
+        })
+    }
+
+    fn look(&mut self, woven: &Woven) -> Result<(), Failure> {
+        if self.begun.is_none() {
+            self.begun = Some(self.begin(woven)?);
+        }
+        let Some(begun) = &mut self.begun else { return Ok(()) };
+        let began = Instant::now();
+        for nearest in &mut begun.nearest {
+            nearest.insert(woven.item, woven.slice, woven.mask, begun.reach_mm);
+        }
+        self.to_planes_ms.push((woven.insert + began.elapsed()).as_secs_f64() * 1e3);
+        self.slices += 1;
+        if let Some(Series { folder, every }) = &self.series
+            && self.slices.is_multiple_of(*every)
+        {
+            let path = folder.join(format!("frame-{:05}.png", woven.item));
+            let (sampled, work) = begun.sampled(woven.weaver);
+            self.work += work;
+            self.write(&sampled, &path)?;
+        }
+        Ok(())
+    }
+
+    fn write(&self, sampled: &[Vec<Sampled>], path: &Path) -> Result<(), Failure> {
+        let Some(begun) = &self.begun else { return Ok(()) };
+        Ok(write_rgb(&begun.sheet.draw(sampled, begun.window, self.look.planar.wash())?, path)?)
+    }
+
+    /// Writes the last picture. `None` where no slice came.
+    ///
+    /// # Errors
+    /// [`Failure`] when it cannot be written.
+    pub(super) fn finish(
+        &mut self,
+        path: Option<&Path>,
+        outcome: &Outcome,
+    ) -> Result<Option<PlanesStatistics>, Failure> {
+        let Some(begun) = &self.begun else { return Ok(None) };
+        let (sampled, work) = begun.sampled(&outcome.reconstructor);
+        self.work += work;
+        if let Some(path) = path {
+            self.write(&sampled, path)?;
+        }
+        let raw = self.source == Source::Raw;
+        let mut nearest_work = NearestWork::default();
+        begun.nearest.iter().for_each(|nearest| nearest_work += nearest.work());
+        Ok(Some(PlanesStatistics {
+            slice_to_planes_ms: Milliseconds::of(&self.to_planes_ms),
+            from: if raw { "raw" } else { "volume" },
+            reach_mm: raw.then_some(begun.reach_mm),
+            picture: self.look.planar.numbers(&begun.sheet, &sampled),
+            planar_work: (!raw).then_some(self.work),
+            nearest_work: raw.then_some(nearest_work),
+        }))
+    }
+}
+
+impl Begun {
+    fn sampled(&self, weaver: &Weaver) -> (Vec<Vec<Sampled>>, PlanarWork) {
+        let mut work = PlanarWork::default();
+        if !self.nearest.is_empty() {
+            return (self.nearest.iter().map(NearestSlices::sampled).collect(), work);
+        }
+        let volume = Shifted::new(weaver.volume(), self.offset);
+        let planar = Planar { volume: &volume, place: self.place, pool: self.pool.as_deref() };
+        let sample = |panel: &SheetPanel| {
+            let (pixels, done) = planar.sample(&panel.section);
+            work += done;
+            pixels
+        };
+        (self.sheet.panels.iter().map(sample).collect(), work)
+    }
+}
+
+impl Onlooker for Planes<'_> {
+    fn woven(&mut self, woven: &Woven) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
+        self.look(woven).map_err(|Failure(sentence)| sentence.into())
+    }
+}
+
+/// What was drawn, on stdout.
+#[allow(clippy::print_stdout, reason = "the command's output")]
+pub(super) fn report(statistics: &PlanesStatistics, path: Option<&PathBuf>) {
+    let name = path.map_or_else(|| "the picture".into(), |path| path.display().to_string());
+    let of = if statistics.from == "raw" { "the nearest slices" } else { "the volume" };
+    println!("{name}: {}, of {of}", statistics.picture);
+}

@@ -1,0 +1,101 @@
+//! What a volume holds in a plane.
+
+use glam::DVec3;
+
+use super::Sampled;
+use super::plane::{Box3, Section};
+use crate::sharing::Sharing;
+use crate::volume::Values;
+
+/// What was done for planes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
+pub struct PlanarWork {
+    /// Pixels of the planes.
+    pub pixels: u64,
+    /// Those of them that lie outside the volume's box: nothing was read for them.
+    pub pixels_outside: u64,
+    /// Voxels read.
+    pub voxels_read: u64,
+}
+
+impl std::ops::AddAssign for PlanarWork {
+    fn add_assign(&mut self, other: Self) {
+        self.pixels += other.pixels;
+        self.pixels_outside += other.pixels_outside;
+        self.voxels_read += other.voxels_read;
+    }
+}
+
+/// Reads planes of a volume.
+pub struct Planar<'a, V: Values + ?Sized> {
+    /// Voxels by the indices of `place`.
+    pub volume: &'a V,
+    /// Where they lie; beyond it nothing is read.
+    pub place: Box3,
+    /// Threads that share the rows; any number reads the same.
+    pub pool: Option<&'a rayon::ThreadPool>,
+}
+
+impl<V: Values + ?Sized> Planar<'_, V> {
+    /// The pixels of a section, row by row.
+    pub fn sample(&self, section: &Section) -> (Vec<Sampled>, PlanarWork) {
+        let mut pixels = vec![Sampled::UNSEEN; section.pixels()];
+        let mut works = vec![PlanarWork::default(); section.size[1] as usize];
+        let width = section.size[0].max(1) as usize;
+        Sharing::within(self.pool, |sharing| {
+            sharing.chunks_beside(&mut pixels, width, &mut works, |work, j, row| {
+                // There are fewer than 2³² rows.
+                self.row(section, j as u32, row, work);
+            });
+        });
+        let mut work = PlanarWork::default();
+        works.into_iter().for_each(|w| work += w);
+        (pixels, work)
+    }
+
+    fn row(&self, section: &Section, j: u32, pixels: &mut [Sampled], work: &mut PlanarWork) {
+        let lattice_from_world = self.place.lattice_from_world();
+        let base = lattice_from_world.transform_point3(section.at(0, j));
+        let step = lattice_from_world.transform_vector3(section.right);
+        let mut range = [0, section.size[0]];
+        for a in 0..3 {
+            let (low, high) = (self.place.low[a] as f64 - 1.0, self.place.high[a] as f64 + 1.0);
+            range = Section::between(range, base[a], step[a], low, high);
+        }
+        work.pixels += u64::from(section.size[0]);
+        work.pixels_outside += u64::from(section.size[0] - (range[1] - range[0]));
+        for i in range[0]..range[1] {
+            let at = lattice_from_world.transform_point3(section.at(i, j));
+            pixels[i as usize] = self.between(at, work);
+        }
+    }
+
+    /// Trilinear between the eight voxels about a place, of which those that were seen have a say.
+    fn between(&self, at: DVec3, work: &mut PlanarWork) -> Sampled {
+        let floor = at.floor();
+        let part = at - floor;
+        let cell = floor.to_array().map(|x| x as i64);
+        let (mut numerator, mut weights, mut seen) = (0.0, 0.0, 0.0);
+        for line in 0..4_i64 {
+            let (y, z) = (cell[1] + (line & 1), cell[2] + (line >> 1));
+            let inside = |a: usize, index: i64| (self.place.low[a]..=self.place.high[a]).contains(&index);
+            let across =
+                if line & 1 == 1 { part.y } else { 1.0 - part.y } * if line >> 1 == 1 { part.z } else { 1.0 - part.z };
+            if across == 0.0 || !(inside(1, y) && inside(2, z)) {
+                continue;
+            }
+            let (mut value, mut weight) = ([0.0; 2], [0.0; 2]);
+            self.volume.values([cell[0], y, z], &mut value, &mut weight);
+            work.voxels_read += 2;
+            for (dx, along) in [1.0 - part.x, part.x].into_iter().enumerate() {
+                if weight[dx] > 0.0 && inside(0, cell[0] + dx as i64) {
+                    let share = across * along;
+                    numerator += share * f64::from(weight[dx]) * f64::from(value[dx]);
+                    weights += share * f64::from(weight[dx]);
+                    seen += share;
+                }
+            }
+        }
+        Sampled::of(numerator, weights, seen)
+    }
+}
