@@ -1,8 +1,9 @@
 //! The shaded voxels and the rows of one picture, in as many channels as its light has.
 
 use super::camera::Camera;
-use super::cast::Fold;
+use super::cast::{Fold, Through};
 use super::marks::Marks;
+use super::refine::Sparse;
 use super::rows::Row;
 use super::run::Sampler;
 use super::settings::Cache;
@@ -21,16 +22,11 @@ pub(super) enum Image {
 pub(super) struct Layers<const C: usize> {
     pub(super) shaded: Shaded<C>,
     pub(super) rows: Vec<Row<C>>,
+    /// The picture where it is not one ray a pixel.
+    pub(super) sparse: Option<Sparse<C>>,
 }
 
 impl Image {
-    pub(super) fn cache_bytes(&self, cache: Cache, fold: Fold) -> u64 {
-        match self {
-            Self::Grey(layers) => layers.rows.iter().map(|row| row.cache_bytes(cache, fold)).sum(),
-            Self::Colour(layers) => layers.rows.iter().map(|row| row.cache_bytes(cache, fold)).sum(),
-        }
-    }
-
     pub(super) fn keep(&mut self, cache: Cache, fold: Fold) {
         match self {
             Self::Grey(layers) => layers.rows.iter_mut().for_each(|row| row.keep(cache, fold)),
@@ -42,7 +38,7 @@ impl Image {
 impl<const C: usize> Layers<C> {
     pub(super) fn new(camera: &Camera, stage: &Stage) -> Self {
         let rows = (0..camera.size()[1]).map(|j| Row::new(camera, stage, j)).collect();
-        Self { shaded: Shaded::new(stage), rows }
+        Self { shaded: Shaded::new(stage), rows, sparse: None }
     }
 
     /// Casts again what some changes can have reached.
@@ -61,6 +57,14 @@ impl<const C: usize> Layers<C> {
     }
 
     pub(super) fn bytes(&self) -> u64 {
-        self.rows.iter().map(Row::bytes).sum()
+        self.rows.iter().map(Row::bytes).sum::<u64>() + self.sparse.as_ref().map_or(0, Sparse::bytes)
+    }
+
+    /// The picture, row by row.
+    pub(super) fn pixels(&self, of: impl Fn(&Through<C>) -> [f32; 4]) -> Vec<[f32; 4]> {
+        match &self.sparse {
+            Some(sparse) => sparse.regions.seen.iter().map(of).collect(),
+            None => self.rows.iter().flat_map(|row| row.pixels.iter().map(&of)).collect(),
+        }
     }
 }

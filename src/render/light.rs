@@ -170,6 +170,11 @@ impl Light {
         self.depth_cue
     }
 
+    /// Whether what a point sends to the eye depends on where the eye is.
+    pub fn depends_on_view(&self) -> bool {
+        self.specular > 0.0 || self.depth_cue.is_some() || self.diffuse > 0.0 && self.source == Source::Headlight
+    }
+
     /// The unit vectors that [`Self::shade`] wants, world frame: towards the light, and halfway between it and the unit vector `to_eye`. A light right
     /// behind the point has no halfway vector: zero, which makes no highlight.
     pub fn directions(&self, to_eye: DVec3) -> (DVec3, DVec3) {

@@ -71,6 +71,11 @@ impl Marks {
         self.boxes_to_one = if within.is_some() { 1 } else { BOXES_TO_ONE };
     }
 
+    /// Of the boxes.
+    pub(super) fn footprints(&self) -> &[Footprint] {
+        &self.footprints
+    }
+
     /// Notes for the rays of row `j` what of them may have changed, beside what is
     /// noted already. Returns the pixels concerned, the first and the one behind the last.
     #[inline(always)]

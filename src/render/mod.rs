@@ -8,6 +8,8 @@
 //! - `run`: samples between voxels; `cast`: a ray's samples and their fold; `cache`: what is kept of them.
 //! - `slab`: which samples of which rays a piece of space holds; `marks`: those that a change may have reached; `rows`: their rays anew; `layers`: a picture's
 //!   voxels and rows.
+//! - `adaptive`: fewer rays where the picture is even; `features`: what is too small for that. `preview`, `refine`: the first coarse picture of a new view, and its
+//!   way to the exact one.
 //! - [`partition`]: the same for workers that hold a part of the world each.
 //! - [`section`]: planes through the volume, and through the slices themselves; `hidden`: what lies behind matter, for what is drawn over pictures.
 //! - [`renderer`]: all of it; [`picture`]: the result; [`work`]: what was done for it.
@@ -18,10 +20,12 @@
 
 use camera::View;
 
+mod adaptive;
 mod cache;
 pub mod camera;
 mod cast;
 mod elementary;
+mod features;
 pub mod gradient;
 mod hidden;
 mod layers;
@@ -29,8 +33,10 @@ pub mod light;
 mod marks;
 pub mod partition;
 pub mod picture;
+mod preview;
 pub mod real;
 pub mod reference;
+mod refine;
 pub mod renderer;
 mod rows;
 mod run;
@@ -48,7 +54,7 @@ pub mod work;
 mod tests;
 
 pub use picture::Picture;
-pub use renderer::{RenderMemory, Renderer, Updated};
+pub use renderer::{Progress, RenderMemory, Renderer, Updated};
 pub use settings::{Cache, RenderSettings};
 pub use stage::Stage;
 pub use work::RenderWork;
@@ -99,6 +105,14 @@ pub enum RenderError {
     Stop {
         /// The transmittance.
         stop: f32,
+    },
+    /// No difference of pixels.
+    #[error(
+        "rays cannot be left out for differences of {epsilon}: --adaptive must lie between 0, which casts all, and 1"
+    )]
+    Adaptive {
+        /// The difference.
+        epsilon: f32,
     },
     /// No such part of the world.
     #[error(

@@ -1,14 +1,16 @@
 //! A picture that follows its volume: what changed is shaded, sampled and composited again, and nothing else.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::RenderError;
-use super::camera::Camera;
+use super::camera::{Camera, View};
 use super::cast::Fold;
 use super::layers::{Image, Layers};
 use super::marks::Marks;
 use super::picture::Picture;
+use super::refine::{Keeping, Scene, Sparse};
 use super::settings::{Cache, RenderSettings};
 use super::shade::Shader;
 use super::shaded::Dirty;
@@ -16,7 +18,6 @@ use super::shown::{Changed, Shown};
 use super::stage::Stage;
 use super::work::RenderWork;
 use crate::sharing::Sharing;
-use crate::simd::Simd;
 use crate::volume::brick::BrickIndex;
 use crate::volume::{Prism, Values};
 
@@ -40,22 +41,60 @@ pub struct RenderMemory {
     pub rays: u64,
 }
 
+/// How far the refinement of a view has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Progress {
+    /// Whether the picture is the one that a renderer made for the view would have.
+    pub finished: bool,
+    /// Distance of the rays that the whole picture has at least, pixels; 1 when finished, with adaptive rays too.
+    pub spacing: usize,
+    /// What was done.
+    pub work: RenderWork,
+}
+
 /// Keeps the picture of a volume.
 pub struct Renderer {
+    settings: RenderSettings,
     camera: Camera,
     stage: Stage,
     shader: Shader<f32>,
     shown: Shown,
     fold: Fold,
-    simd: Simd,
     pool: Option<Arc<rayon::ThreadPool>>,
     image: Image,
-    cache: Cache,
-    notes: Vec<String>,
+    keeping: Keeping,
     work: RenderWork,
     changed: Vec<Changed>,
     dirty: Vec<Dirty>,
     marks: Marks,
+    /// Bricks that changed while nobody looked; `None` while somebody does.
+    missed: Option<BTreeSet<BrickIndex>>,
+}
+
+/// Calls a method of a picture in as many channels as it has.
+macro_rules! layers {
+    ($image:expr, $layers:ident => $call:expr) => {
+        match $image {
+            Image::Grey($layers) => $call,
+            Image::Colour($layers) => $call,
+        }
+    };
+}
+
+/// What a picture is made from, of a renderer and its threads.
+macro_rules! scene {
+    ($renderer:ident, $sharing:ident) => {
+        Scene {
+            camera: &$renderer.camera,
+            marks: &$renderer.marks,
+            stage: &$renderer.stage,
+            shown: &$renderer.shown,
+            shader: &$renderer.shader,
+            fold: $renderer.fold,
+            simd: $renderer.settings.simd,
+            sharing: $sharing,
+        }
+    };
 }
 
 impl Renderer {
@@ -69,45 +108,37 @@ impl Renderer {
         let marks = Marks::new(&camera);
         let fold = settings.fold(camera.samples())?;
         let pool = settings.pool()?;
-        let mut notes = Vec::new();
         let mut image = match shader.is_grey() {
             true => Image::Grey(Layers::new(&camera, &stage)),
             false => Image::Colour(Layers::new(&camera, &stage)),
         };
-        let fits = |cache: &Cache| image.cache_bytes(*cache, fold) <= settings.cache_bytes;
-        let smaller = [settings.cache, Cache::OneLevel, Cache::None];
-        let cache = smaller.into_iter().find(fits).unwrap_or(Cache::None);
-        if cache != settings.cache {
-            notes.push(format!(
-                "the {} ray cache would take {:.0} MB, more than the {:.0} MB that it may: the cache is {} instead; raise --cache-bytes, or ask for a \
-                 smaller picture or a longer step",
-                settings.cache.name(),
-                image.cache_bytes(settings.cache, fold) as f64 / 1e6,
-                settings.cache_bytes as f64 / 1e6,
-                cache.name()
-            ));
+        let keeping = layers!(&image, layers => Keeping::choose(settings, &layers.rows, fold));
+        image.keep(keeping.cache, fold);
+        if settings.adaptive > 0.0 {
+            layers!(&mut image, layers => layers.sparse = Some(Sparse::new(&camera, &stage, settings.adaptive)));
         }
-        image.keep(cache, fold);
         Ok(Self {
+            settings: settings.clone(),
             camera,
             stage,
             shader,
             shown: Shown::new(&stage),
             fold,
-            simd: settings.simd,
             pool,
             image,
-            cache,
-            notes,
+            keeping,
             work: RenderWork::default(),
             changed: Vec::new(),
             dirty: Vec::new(),
+            missed: None,
             marks,
         })
     }
 
     /// Brings the picture up to date with what a volume holds in some bricks, given by lattice index divided by 8. The picture is then the one that a renderer
-    /// makes that is shown the whole volume at once, bit for bit.
+    /// makes that is shown the whole volume at once, bit for bit; while a new view is [refined](Self::refine), it comes to that.
+    ///
+    /// While [nobody looks](Self::look_away), the bricks are only noted.
     pub fn update(&mut self, volume: &(impl Values + ?Sized), bricks: &[BrickIndex]) -> Updated {
         self.take(volume, bricks, None)
     }
@@ -119,36 +150,103 @@ impl Renderer {
     }
 
     fn take(&mut self, volume: &(impl Values + ?Sized), bricks: &[BrickIndex], slab: Option<&Prism>) -> Updated {
+        if let Some(missed) = &mut self.missed {
+            missed.extend(bricks);
+            return Updated::default();
+        }
         let began = Instant::now();
         let mut work = RenderWork { bricks_read: bricks.len() as u64, ..RenderWork::default() };
         let pool = self.pool.clone();
         let (shade, rays) = Sharing::within(pool.as_deref(), |sharing| {
             self.changed.clear();
             self.dirty.clear();
-            self.shown.take(volume, bricks, self.simd, sharing, &mut self.changed);
+            let simd = self.settings.simd;
+            self.shown.take(volume, bricks, simd, sharing, &mut self.changed);
             work.bricks_changed = self.changed.len() as u64;
             if self.changed.is_empty() {
                 return (began.elapsed(), Duration::ZERO);
             }
             let voxels = self.shown.dilated(&self.changed);
             let (shown, shader, dirty) = (&self.shown, &self.shader, &mut self.dirty);
-            work.voxels_shaded += match &mut self.image {
-                Image::Grey(layers) => layers.shaded.update(shown, &voxels, shader, self.simd, sharing, dirty),
-                Image::Colour(layers) => layers.shaded.update(shown, &voxels, shader, self.simd, sharing, dirty),
-            };
+            work.voxels_shaded += layers!(&mut self.image, layers => {
+                layers.shaded.update(shown, &voxels, shader, simd, sharing, dirty)
+            });
             let shade = began.elapsed();
             let first = self.stage.first();
             let slab = slab.map(|slab| slab.shifted(first.map(|x| -x)));
             debug_assert!(slab.is_none_or(|slab| self.changed.iter().all(|changed| changed.lies_in(&slab))));
             self.marks.set(&self.dirty, slab.as_ref().map(|slab| &slab.faces));
-            work += match &mut self.image {
-                Image::Grey(layers) => layers.cast(&self.marks, self.fold, self.simd, sharing),
-                Image::Colour(layers) => layers.cast(&self.marks, self.fold, self.simd, sharing),
-            };
+            let (scene, cache) = (scene!(self, sharing), self.keeping.cache);
+            work += layers!(&mut self.image, layers => layers.follow(&self.dirty, scene, cache));
             (shade, began.elapsed() - shade)
         });
         self.work += work;
         Updated { shade, rays, work }
+    }
+
+    /// Looks from elsewhere. The picture is at once a coarse one of the new view, and [`Self::refine`] makes it exact; what was to be done for a view before is
+    /// dropped.
+    ///
+    /// # Errors
+    /// [`RenderError::View`] for no view; then nothing has changed.
+    pub fn look(&mut self, view: View) -> Result<Updated, RenderError> {
+        let began = Instant::now();
+        if view == self.settings.view {
+            return Ok(Updated::default());
+        }
+        let camera = Camera::new(&view, self.settings.size, self.settings.step, &self.stage)?;
+        self.settings.view = view;
+        self.camera = camera;
+        self.marks = Marks::new(&self.camera);
+        self.shader = Shader::new(&self.settings, &self.camera, &self.stage);
+        let (epsilon, relight) = (self.settings.adaptive, self.settings.light.depends_on_view());
+        let looks = self.missed.is_none();
+        let pool = self.pool.clone();
+        let work = Sharing::within(pool.as_deref(), |sharing| {
+            let scene = scene!(self, sharing);
+            layers!(&mut self.image, layers => {
+                layers.turn(scene, epsilon, relight);
+                if looks { layers.begin(scene) } else { RenderWork::default() }
+            })
+        });
+        self.work += work;
+        Ok(Updated { shade: Duration::ZERO, rays: began.elapsed(), work })
+    }
+
+    /// Goes on making the picture of a new view exact, step by step, until it is or the time is over; at least one step. A step takes a few milliseconds, so a
+    /// caller that has a slice or another view waiting comes to it soon. Does nothing while [nobody looks](Self::look_away).
+    pub fn refine(&mut self, time: Duration) -> Progress {
+        let began = Instant::now();
+        let mut work = RenderWork::default();
+        let pool = self.pool.clone();
+        let spacing = Sharing::within(pool.as_deref(), |sharing| {
+            let scene = scene!(self, sharing);
+            let keeping = &mut self.keeping;
+            let looks = self.missed.is_none();
+            layers!(&mut self.image, layers => loop {
+                let spacing = layers.spacing();
+                if spacing.is_none() || !looks {
+                    break spacing;
+                }
+                work += layers.step(scene, keeping);
+                if began.elapsed() >= time {
+                    break layers.spacing();
+                }
+            })
+        });
+        self.work += work;
+        Progress { finished: spacing.is_none(), spacing: spacing.unwrap_or(1), work }
+    }
+
+    /// Nobody looks from now on: nothing is shaded or cast until [somebody does](Self::look_back).
+    pub fn look_away(&mut self) {
+        self.missed.get_or_insert_default();
+    }
+
+    /// Somebody looks again: catches up with what changed in the meantime.
+    pub fn look_back(&mut self, volume: &(impl Values + ?Sized)) -> Updated {
+        let Some(missed) = self.missed.take() else { return Updated::default() };
+        self.update(volume, &Vec::from_iter(missed))
     }
 
     /// As [`Self::update`] with all bricks of a volume.
@@ -161,14 +259,8 @@ impl Renderer {
     pub fn picture(&self) -> Picture {
         let size = self.camera.size();
         let pixels = match &self.image {
-            Image::Grey(layers) => {
-                let grey = |p: &super::cast::Through<1>| [p.colour[0], p.colour[0], p.colour[0], p.transmittance];
-                layers.rows.iter().flat_map(|row| row.pixels.iter().map(grey)).collect()
-            }
-            Image::Colour(layers) => {
-                let colour = |p: &super::cast::Through<3>| [p.colour[0], p.colour[1], p.colour[2], p.transmittance];
-                layers.rows.iter().flat_map(|row| row.pixels.iter().map(colour)).collect()
-            }
+            Image::Grey(layers) => layers.pixels(|p| [p.colour[0], p.colour[0], p.colour[0], p.transmittance]),
+            Image::Colour(layers) => layers.pixels(|p| [p.colour[0], p.colour[1], p.colour[2], p.transmittance]),
         };
         Picture { size, pixels }
     }
@@ -180,12 +272,17 @@ impl Renderer {
 
     /// What the user should know: sentences.
     pub fn notes(&self) -> &[String] {
-        &self.notes
+        &self.keeping.notes
     }
 
     /// What is kept of rays; less than was asked for where that would have been too much.
     pub fn cache(&self) -> Cache {
-        self.cache
+        self.keeping.cache
+    }
+
+    /// Differences of pixels for which rays are left out; see [`RenderSettings::adaptive`].
+    pub fn adaptive(&self) -> f32 {
+        self.settings.adaptive
     }
 
     /// Samples of a block.
@@ -214,10 +311,7 @@ impl Renderer {
 
     /// Bytes held.
     pub fn memory(&self) -> RenderMemory {
-        let (shaded, rays) = match &self.image {
-            Image::Grey(layers) => (layers.shaded.bytes(), layers.bytes()),
-            Image::Colour(layers) => (layers.shaded.bytes(), layers.bytes()),
-        };
+        let (shaded, rays) = layers!(&self.image, layers => (layers.shaded.bytes(), layers.bytes()));
         RenderMemory { voxels: self.shown.bytes() + shaded, rays }
     }
 

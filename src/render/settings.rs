@@ -68,6 +68,9 @@ pub struct RenderSettings {
     pub arity: Option<u32>,
     /// A ray ends where less of what lies behind would be seen, 0 to 1; 0 casts all.
     pub stop: f32,
+    /// Rays are left out where the picture differs by less from one to the next, in parts of its full range; see `adaptive`. 0 casts one a pixel. 1/255 to 8/255
+    /// are usual.
+    pub adaptive: f32,
     /// What is kept of rays.
     pub cache: Cache,
     /// Bytes that a ray cache may take; where it would take more, less is kept.
@@ -89,6 +92,7 @@ impl RenderSettings {
             light: Light::default(),
             arity: None,
             stop: STOP,
+            adaptive: 0.0,
             cache: Cache::default(),
             cache_bytes: CACHE_BYTES,
             threads: 1,
@@ -103,6 +107,9 @@ impl RenderSettings {
         }
         if !(0.0..=1.0).contains(&self.stop) {
             return Err(RenderError::Stop { stop: self.stop });
+        }
+        if !(0.0..=1.0).contains(&self.adaptive) {
+            return Err(RenderError::Adaptive { epsilon: self.adaptive });
         }
         Ok(Fold { arity, stop: self.stop })
     }

@@ -108,6 +108,16 @@ impl<const C: usize> Shaded<C> {
         (&self.visible, self.table.size())
     }
 
+    /// The brick at a place, if anything of it is not transparent.
+    pub(super) fn filled(&self, at: [i64; 3]) -> Option<&ShadedBrick<C>> {
+        self.bricks.get(self.visible[self.table.index(at)?] as usize).map(|brick| &**brick)
+    }
+
+    /// Places of all bricks of which anything is not transparent.
+    pub(super) fn places(&self) -> impl Iterator<Item = [i64; 3]> {
+        self.visible.iter().enumerate().filter(|(_, slot)| **slot != ABSENT).map(|(index, _)| self.table.place(index))
+    }
+
     /// The bricks by slot.
     pub(super) fn bricks(&self) -> &[Box<ShadedBrick<C>>] {
         &self.bricks

@@ -1,3 +1,5 @@
+mod adaptive;
+mod refine;
 mod slab;
 
 use glam::{DAffine3, DMat3, DVec3};

@@ -27,6 +27,16 @@ pub struct RenderWork {
     pub blocks_folded: u64,
     /// Pixels whose value is other bits than before.
     pub pixels_changed: u64,
+    /// Pixels that were drawn between rays.
+    pub pixels_interpolated: u64,
+    /// Regions of adaptive rays that were looked at.
+    pub regions: u64,
+    /// Of those, the regions that were split.
+    pub regions_split: u64,
+    /// Of those, the regions that were split because something small may lie in them.
+    pub regions_small: u64,
+    /// Coarse rays, which light their samples themselves, of a new view.
+    pub coarse_rays: u64,
 }
 
 impl std::ops::AddAssign for RenderWork {
@@ -42,5 +52,10 @@ impl std::ops::AddAssign for RenderWork {
         self.blocks_resolved += other.blocks_resolved;
         self.blocks_folded += other.blocks_folded;
         self.pixels_changed += other.pixels_changed;
+        self.pixels_interpolated += other.pixels_interpolated;
+        self.regions += other.regions;
+        self.regions_split += other.regions_split;
+        self.regions_small += other.regions_small;
+        self.coarse_rays += other.coarse_rays;
     }
 }

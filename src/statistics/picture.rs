@@ -29,6 +29,8 @@ pub struct PictureNumbers {
     pub samples_per_ray: u32,
     /// Samples of a block of the fold.
     pub arity: u32,
+    /// Differences of pixels, in parts of the full range, for which rays were left out; 0 casts one a pixel.
+    pub adaptive: f32,
     /// What was kept of rays.
     pub cache: &'static str,
     /// Bytes that rays took, with what was kept of them.
@@ -51,6 +53,7 @@ impl PictureNumbers {
             image_size,
             samples_per_ray: renderer.samples(),
             arity: renderer.arity(),
+            adaptive: renderer.adaptive(),
             cache: renderer.cache().name(),
             cache_bytes: memory.rays,
             voxel_bytes: memory.voxels,

@@ -94,7 +94,7 @@ fn every_flag_reaches_what_it_names() {
     ] {
         assert!(draw(&format!("--transfer phantom {other}")) != plain, "{other}");
     }
-    for same in ["--view 30,20,0", "--mode shaded", "--window 0,255", "--stop 0.0009765625"] {
+    for same in ["--view 30,20,0", "--mode shaded", "--window 0,255", "--stop 0.0009765625", "--adaptive 0"] {
         assert!(draw(&format!("--transfer phantom {same}")) == plain, "{same}");
     }
     place.does("render v.mha -o p.png --image-size 40x40 --transfer phantom --threads 3");
@@ -107,6 +107,8 @@ fn every_flag_reaches_what_it_names() {
     assert_eq!(s("--perspective 50")["image_size"], serde_json::json!([40, 40]));
     let (one, half) = (s("--step 1"), s("--step 0.5"));
     assert!(half["samples_per_ray"].as_u64() > one["samples_per_ray"].as_u64());
+    let adaptive = s("--adaptive 0.03");
+    assert!(adaptive["adaptive"].as_f64() > Some(0.02) && adaptive["work"]["regions"].as_u64() > Some(0));
     draw("--background 0,0.5,1");
     assert_eq!(pixels(&place, "p.png").get_pixel(0, 0).0, [0, 128, 255]);
 }
@@ -187,6 +189,8 @@ fn what_cannot_be_drawn_is_refused() {
         ("render v.mha -o p.png --step nan", &["--step"]),
         ("render v.mha -o p.png --step 1e-5", &["--step"]),
         ("render v.mha -o p.png --stop 1.5", &["--stop"]),
+        ("render v.mha -o p.png --adaptive=-1", &["--adaptive"]),
+        ("render v.mha -o p.png --adaptive 2", &["--adaptive"]),
         ("render v.mha -o p.png --max-memory 1e-6", &["v.mha", "--max-memory"]),
     ] {
         place.refuses(words, says);

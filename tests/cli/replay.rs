@@ -45,6 +45,7 @@ fn the_general_path_s_last_picture_is_that_of_its_volume_bit_for_bit() {
         assert!(check(&place, "general", replay, LOOK) == first, "{replay}");
     }
     check(&place, "general", "--cache linear", &format!("{LOOK} --perspective 40 --step 0.7 --arity 5"));
+    check(&place, "general", "", &format!("{LOOK} --adaptive 0.02"));
     // It is neither by chance nor by being blind: without weights, and without the box of the slices, the picture is another.
     let (live, _) = both(&place, "", LOOK);
     place.does(&format!("render v.mha --weights w.mha -o q.png {LOOK} --threads 1"));

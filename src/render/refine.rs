@@ -1,0 +1,308 @@
+//! From a new view's first coarse picture to its exact one, in steps short enough to be interrupted.
+//!
+//! With a new view all that is kept of rays is void, and light falls otherwise on every voxel. So first few rays light what they meet themselves
+//! ([`Preview`]); then, step by step, the visible bricks are lit, the rows' rays set up, and the picture is refined: rays of every eighth pixel and the
+//! regions between them interpolated, then of every fourth, second, and each that the picture wants. A picture of one depth is a function of the volume, the
+//! view and the depth; the last is the one of a renderer made for that view, bit for bit. A slice in between is followed at once: what it reaches starts again
+//! from the coarsest rays.
+
+use super::adaptive::{Casting, DEPTHS, REGION, Regions};
+use super::camera::Camera;
+use super::cast::Fold;
+use super::features::Features;
+use super::layers::Layers;
+use super::marks::Marks;
+use super::preview::{Preview, Sight};
+use super::rows::Row;
+use super::run::Sampler;
+use super::settings::{Cache, RenderSettings};
+use super::shade::Shader;
+use super::shaded::Dirty;
+use super::shown::{Changed, Shown};
+use super::stage::Stage;
+use super::work::RenderWork;
+use crate::sharing::Sharing;
+use crate::simd::Simd;
+use crate::volume::brick::EDGE;
+
+/// Bricks that are lit, or weighed, in one step.
+const BRICKS: usize = 64;
+/// Rows whose rays are set up in one step.
+const ROWS: usize = 32;
+/// Regions that are refined in one step, by depth: about as many rays each.
+const REGIONS: [usize; DEPTHS] = [1024, 512, 128, 64];
+
+/// What a picture is made from, and how.
+#[derive(Clone, Copy)]
+pub(super) struct Scene<'a> {
+    pub(super) camera: &'a Camera,
+    /// What the last change may have done to its rays.
+    pub(super) marks: &'a Marks,
+    pub(super) stage: &'a Stage,
+    pub(super) shown: &'a Shown,
+    pub(super) shader: &'a Shader<f32>,
+    pub(super) fold: Fold,
+    pub(super) simd: Simd,
+    pub(super) sharing: Sharing,
+}
+
+/// What is kept of rays: what was asked for, or less where that would take too much.
+#[derive(Debug, Clone)]
+pub(super) struct Keeping {
+    asked: Cache,
+    most: u64,
+    pub(super) cache: Cache,
+    /// What the user should know of it: sentences.
+    pub(super) notes: Vec<String>,
+}
+
+impl Keeping {
+    /// Chooses by the bytes that caches of some rows would take.
+    pub(super) fn choose<const C: usize>(settings: &RenderSettings, rows: &[Row<C>], fold: Fold) -> Self {
+        let mut keeping =
+            Self { asked: settings.cache, most: settings.cache_bytes, cache: Cache::None, notes: Vec::new() };
+        keeping.choose_again(rows, fold);
+        keeping
+    }
+
+    fn choose_again<const C: usize>(&mut self, rows: &[Row<C>], fold: Fold) {
+        let bytes = |cache: Cache| rows.iter().map(|row| row.cache_bytes(cache, fold)).sum::<u64>();
+        let smaller = [self.asked, Cache::OneLevel, Cache::None];
+        self.cache = smaller.into_iter().find(|cache| bytes(*cache) <= self.most).unwrap_or(Cache::None);
+        self.notes.clear();
+        if self.cache != self.asked {
+            self.notes.push(format!(
+                "the {} ray cache would take {:.0} MB, more than the {:.0} MB that it may: the cache is {} instead; raise --cache-bytes, or ask for a \
+                 smaller picture or a longer step",
+                self.asked.name(),
+                bytes(self.asked) as f64 / 1e6,
+                self.most as f64 / 1e6,
+                self.cache.name()
+            ));
+        }
+    }
+}
+
+/// A picture that is not one ray a pixel: by choice, or not yet.
+pub(super) struct Sparse<const C: usize> {
+    pub(super) regions: Regions<C>,
+    /// Small things, where rays are adaptive.
+    features: Option<Features>,
+    turning: Option<Turning<C>>,
+}
+
+impl<const C: usize> Sparse<C> {
+    /// Of a volume in which nothing is to be seen.
+    pub(super) fn new(camera: &Camera, stage: &Stage, epsilon: f32) -> Self {
+        let regions = Regions::new(camera.size(), epsilon, true);
+        let features = Some(Features::new(camera, stage, epsilon, regions.count()));
+        Self { regions, features, turning: None }
+    }
+
+    pub(super) fn bytes(&self) -> u64 {
+        self.regions.bytes() + self.features.as_ref().map_or(0, Features::bytes)
+    }
+
+    /// Regions that are not refined yet, of those that are least.
+    fn coarsest(&self) -> Option<(usize, Vec<usize>)> {
+        let all = 0..self.regions.len();
+        let depths = all.clone().map(|at| self.regions.depths(at)).min().filter(|depths| *depths < DEPTHS)?;
+        Some((depths, all.filter(|at| self.regions.depths(*at) == depths).take(REGIONS[depths]).collect()))
+    }
+}
+
+/// What is still to be done for a new view.
+struct Turning<const C: usize> {
+    preview: Preview<C>,
+    begun: bool,
+    /// Bricks to be lit, and to be searched for small things.
+    unlit: Vec<[i64; 3]>,
+    unsearched: Vec<[i64; 3]>,
+    /// Rows that belong to the view, from the first on; and whether all do, and what is kept of rays is chosen.
+    lined: usize,
+    chosen: bool,
+    /// Rows of which rays can be cast.
+    ready: Vec<bool>,
+}
+
+impl<const C: usize> Turning<C> {
+    /// Makes rows ready whose number is a multiple of `edge`, and the picture's last, among some.
+    fn prepare(
+        &mut self,
+        rows: &mut [Row<C>],
+        range: std::ops::Range<usize>,
+        edge: usize,
+        cache: Cache,
+        scene: Scene<'_>,
+    ) {
+        let Scene { camera, stage, fold, simd, sharing, .. } = scene;
+        let [low, high] = stage.bounds().map(|at| std::array::from_fn(|a| at[a] - stage.first()[a]));
+        // Nothing of the row has been cast: all may have changed.
+        let mut everything = Marks::new(camera);
+        everything.set(&[Dirty { low, high }], None);
+        let (first, height) = (range.start, rows.len());
+        sharing.chunks_beside(&mut rows[range.clone()], 1, &mut self.ready[range], |ready, at, rows| {
+            let j = first + at;
+            if !*ready && (j.is_multiple_of(edge) || j + 1 == height) {
+                rows[0].keep(cache, fold);
+                rows[0].mark(j as u32, &everything, simd);
+                *ready = true;
+            }
+        });
+    }
+}
+
+impl<const C: usize> Layers<C> {
+    fn sight<'a>(shaded: &'a super::shaded::Shaded<C>, scene: Scene<'a>) -> Sight<'a, C> {
+        let Scene { camera, stage, shown, shader, fold, .. } = scene;
+        Sight { camera, stage, shown, shaded, shader, fold }
+    }
+
+    /// Brings the picture up to date with boxes of voxels that have changed, of which the scene's marks are made.
+    pub(super) fn follow(&mut self, dirty: &[Dirty], scene: Scene<'_>, cache: Cache) -> RenderWork {
+        let Scene { marks, fold, simd, sharing, .. } = scene;
+        let Some(Sparse { regions, features, turning }) = &mut self.sparse else {
+            return self.cast(marks, fold, simd, sharing);
+        };
+        let mut reached = vec![false; regions.len()];
+        if let Some(features) = features {
+            features.update(&self.shaded, dirty, sharing, &mut reached);
+        }
+        if let Some(turning) = turning
+            && !turning.chosen
+        {
+            let sight = Self::sight(&self.shaded, scene);
+            let only = turning.begun.then_some(marks.footprints());
+            let coarse_rays = turning.preview.cast(sight, only, simd, sharing);
+            turning.preview.draw(&mut regions.seen, sharing);
+            turning.begun = true;
+            return RenderWork { coarse_rays, ..RenderWork::default() };
+        }
+        let mut marked = vec![[0; 2]; self.rows.len()];
+        let ready = turning.as_ref().map(|turning| turning.ready.as_slice());
+        sharing.chunks_beside(&mut self.rows, 1, &mut marked, |marked, j, rows| {
+            if ready.is_none_or(|ready| ready[j]) {
+                *marked = rows[0].mark(j as u32, marks, simd);
+            }
+        });
+        marked.iter().enumerate().for_each(|(j, marked)| regions.reach(j, *marked, &mut reached));
+        if turning.is_some() {
+            // Where there is nothing but the first coarse picture yet, it is not up to date any more.
+            for footprint in marks.footprints() {
+                let [columns, rows] = [footprint.columns, footprint.rows].map(|pixels| pixels.map(|x| x as usize));
+                (rows[0]..=rows[1]).for_each(|j| regions.reach(j, [columns[0], columns[1] + 1], &mut reached));
+            }
+        }
+        let depths = if turning.is_some() { 1 } else { DEPTHS };
+        let which: Vec<(usize, usize)> =
+            reached.iter().enumerate().filter(|(_, reached)| **reached).map(|(at, _)| (at, depths)).collect();
+        self.look(&which, scene, cache)
+    }
+
+    /// Looks at some regions, each to a depth.
+    fn look(&mut self, which: &[(usize, usize)], scene: Scene<'_>, cache: Cache) -> RenderWork {
+        let Scene { fold, simd, sharing, .. } = scene;
+        let Some(Sparse { regions, features, turning }) = &mut self.sparse else { return RenderWork::default() };
+        let (Some((first, depths)), Some((last, _))) = (which.first(), which.last()) else {
+            return RenderWork::default();
+        };
+        if let Some(turning) = turning {
+            let row = |region: usize| regions.rows_of(region / regions.count()[0]);
+            let range = row(*first)[0]..row(*last)[1] + 1;
+            turning.prepare(&mut self.rows, range, REGION >> (depths - 1), cache, scene);
+        }
+        let small = |region: usize| features.as_ref().is_some_and(|features| features.has(region));
+        let casting = Casting { sampler: Sampler::new(&self.shaded), fold, simd, sharing };
+        regions.look(which, small, &mut self.rows, casting)
+    }
+
+    /// Begins a new view; if `relight`, the light on voxels is another now.
+    pub(super) fn turn(&mut self, scene: Scene<'_>, epsilon: f32, relight: bool) {
+        let Scene { camera, stage, .. } = scene;
+        let bricks: Vec<[i64; 3]> = self.shaded.places().collect();
+        let regions = Regions::new(camera.size(), epsilon, false);
+        let features = (epsilon > 0.0).then(|| Features::new(camera, stage, epsilon, regions.count()));
+        let turning = Turning {
+            preview: Preview::new(camera.size()),
+            begun: false,
+            unsearched: if features.is_some() { bricks.clone() } else { Vec::new() },
+            unlit: if relight { bricks } else { Vec::new() },
+            lined: 0,
+            chosen: false,
+            ready: vec![false; self.rows.len()],
+        };
+        self.sparse = Some(Sparse { regions, features, turning: Some(turning) });
+    }
+
+    /// Casts the first coarse rays, unless that is done.
+    pub(super) fn begin(&mut self, scene: Scene<'_>) -> RenderWork {
+        match &self.sparse {
+            Some(Sparse { turning: Some(turning), .. }) if !turning.begun => self.follow(&[], scene, Cache::None),
+            _ => RenderWork::default(),
+        }
+    }
+
+    /// Distance of rays that the whole picture has yet, pixels; `None` when it is finished.
+    pub(super) fn spacing(&self) -> Option<usize> {
+        let Sparse { regions, turning, .. } = self.sparse.as_ref()?;
+        let preview = turning.as_ref()?.preview.spacing();
+        let depths = (0..regions.len()).map(|at| regions.depths(at)).min().unwrap_or(0);
+        Some(if depths == 0 { preview } else { REGION >> (depths - 1) })
+    }
+
+    /// Does the next piece of work for a new view.
+    pub(super) fn step(&mut self, scene: Scene<'_>, keeping: &mut Keeping) -> RenderWork {
+        let Scene { camera, stage, shown, shader, fold, simd, sharing, .. } = scene;
+        let Some(sparse) = &mut self.sparse else { return RenderWork::default() };
+        let Some(turning) = &mut sparse.turning else { return RenderWork::default() };
+        if !turning.begun {
+            return self.begin(scene);
+        }
+        if !turning.unlit.is_empty() {
+            let rest = turning.unlit.len().saturating_sub(BRICKS);
+            let voxels: Vec<Changed> =
+                turning.unlit.drain(rest..).map(|at| Changed { at, voxels: [u64::MAX; EDGE] }).collect();
+            // No ray has been cast that has to be told.
+            let mut dirty = Vec::new();
+            let voxels_shaded = self.shaded.update(shown, &voxels, shader, simd, sharing, &mut dirty);
+            return RenderWork { voxels_shaded, ..RenderWork::default() };
+        }
+        if turning.lined < self.rows.len() {
+            let end = (turning.lined + ROWS).min(self.rows.len());
+            sharing.chunks(&mut self.rows[turning.lined..end], 1, |at, rows| {
+                rows[0] = Row::new(camera, stage, (turning.lined + at) as u32);
+            });
+            turning.lined = end;
+            return RenderWork::default();
+        }
+        if !turning.chosen {
+            keeping.choose_again(&self.rows, fold);
+            turning.chosen = true;
+        }
+        if let Some(features) = &mut sparse.features
+            && !turning.unsearched.is_empty()
+        {
+            let rest = turning.unsearched.len().saturating_sub(BRICKS);
+            let edge = EDGE as i64;
+            let whole = |at: [i64; 3]| Dirty { low: at.map(|x| x * edge), high: at.map(|x| x * edge + edge - 1) };
+            let bricks: Vec<Dirty> = turning.unsearched.drain(rest..).map(whole).collect();
+            let mut reached = vec![false; sparse.regions.len()];
+            // No region has been taken to a depth yet that small things matter to.
+            features.update(&self.shaded, &bricks, sharing, &mut reached);
+            return RenderWork::default();
+        }
+        match sparse.coarsest() {
+            Some((depths, regions)) => {
+                let which: Vec<(usize, usize)> = regions.into_iter().map(|at| (at, depths + 1)).collect();
+                self.look(&which, scene, keeping.cache)
+            }
+            None => {
+                sparse.turning = None;
+                if sparse.features.is_none() {
+                    self.sparse = None;
+                }
+                RenderWork::default()
+            }
+        }
+    }
+}
