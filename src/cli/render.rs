@@ -1,6 +1,7 @@
 //! `sonoweave render`: a volume becomes a picture.
 
 pub(super) mod drawing;
+mod lighting;
 pub(super) mod look;
 pub(super) mod planar;
 mod planes;
@@ -73,7 +74,8 @@ struct Statistics<'a> {
     window: [f32; 2],
     perspective: Option<f64>,
     step: f64,
-    stop: f32,
+    /// `null` where rays do not end early.
+    stop: Option<f32>,
     background: [f32; 3],
     threads: usize,
     /// Reading the volume, ms.
@@ -151,12 +153,12 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             weights: arguments.weights.as_deref(),
             size: volume.header().size,
             voxels_seen: volume.seen(),
-            mode: look.mode.name(),
-            transfer: &look.transfer,
+            mode: settings.mode.name(),
+            transfer: look.transfer_name(),
             window,
             perspective: look.perspective,
             step: look.step,
-            stop: look.stop,
+            stop: look.stops(),
             background: look.background,
             threads: settings.threads,
             read_ms,
@@ -178,8 +180,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     println!(
         "{name}: {width}×{height} pixels of {}, {}, {}, from {azimuth}°, {elevation}°{}, in {:.0} ms",
         arguments.volume.display(),
-        look.mode.name(),
-        look.transfer,
+        settings.mode.name(),
+        look.transfer_name(),
         if roll == 0.0 { String::new() } else { format!(", rolled {roll}°") },
         wall_s * 1e3
     );

@@ -6,6 +6,7 @@ use glam::DVec3;
 
 use crate::config::numbers;
 use crate::reconstruct::kernel::Support;
+use crate::render::light::Source;
 
 /// One positive length for all axes, or three.
 pub fn spacing(text: &str) -> Result<DVec3, String> {
@@ -54,6 +55,21 @@ pub fn colour(text: &str) -> Result<[f32; 3], String> {
         true => Ok(colour.map(|c| c as f32)),
         false => Err("must lie between 0 and 1".into()),
     }
+}
+
+/// `headlight`, or a direction X,Y,Z towards the light.
+pub fn light(text: &str) -> Result<Source, String> {
+    match text.trim() {
+        "headlight" => Ok(Source::Headlight),
+        numbers => point(numbers)
+            .map(Source::Fixed)
+            .map_err(|e| format!("must be headlight, or a direction X,Y,Z towards the light: {e}")),
+    }
+}
+
+/// Brightness near and far.
+pub fn depth_cue(text: &str) -> Result<[f64; 2], String> {
+    numbers::<2>(text)
 }
 
 /// `max`: the only speed there is.

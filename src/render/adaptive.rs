@@ -9,7 +9,7 @@
 
 use super::cast::{Fold, Through};
 use super::rows::Row;
-use super::run::Sampler;
+use super::voxels::Sampler;
 use super::work::RenderWork;
 use crate::sharing::Sharing;
 use crate::simd::Simd;

@@ -6,9 +6,9 @@
 use std::ops::Range;
 
 use super::cast::{Fold, Line, Through, fold_block};
-use super::run::Sampler;
 use super::settings::Cache;
 use super::shade::Lit;
+use super::voxels::Sampler;
 use super::work::RenderWork;
 
 /// What is kept of the rays of a row.
@@ -168,8 +168,8 @@ impl<const C: usize> RowCache<C> {
             }
             let block = match (changed, self.kind) {
                 (None, Cache::TwoLevel | Cache::OneLevel) => blocks[number],
-                (_, Cache::OneLevel) => sampler.block(line, [k, end], work).unwrap_or(Through::CLEAR),
-                _ => fold_block(&samples[(k - line.first) as usize..(end - line.first) as usize]),
+                (_, Cache::OneLevel) => sampler.block(line, [k, end], fold.law, work).unwrap_or(Through::CLEAR),
+                _ => fold_block(&samples[(k - line.first) as usize..(end - line.first) as usize], fold.law),
             };
             if changed.is_some()
                 && let Some(kept) = blocks.get_mut(number)

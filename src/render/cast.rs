@@ -6,9 +6,11 @@
 //! passed over.
 
 use super::camera::Ray;
-use super::run::{RUN, Run, Sampler};
+use super::law::Law;
+use super::run::{RUN, Run};
 use super::shade::Lit;
 use super::slab::SLACK;
+use super::voxels::Sampler;
 use super::work::RenderWork;
 
 /// What is seen through so many samples: premultiplied colour, and how much of what lies behind is seen.
@@ -34,12 +36,18 @@ impl<const C: usize> Through<C> {
     /// Another block behind; whether the ray ends with it.
     #[inline(always)]
     pub(super) fn ends_behind(&mut self, block: &Self, fold: Fold, work: &mut RenderWork) -> bool {
+        fold.law.join(self, block);
+        work.blocks_folded += 1;
+        fold.law.ends(self, fold.stop)
+    }
+
+    /// Another block behind.
+    #[inline(always)]
+    pub(super) fn join(&mut self, block: &Self) {
         for (sum, c) in self.colour.iter_mut().zip(block.colour) {
             *sum = self.transmittance.mul_add(c, *sum);
         }
         self.transmittance *= block.transmittance;
-        work.blocks_folded += 1;
-        self.transmittance < fold.stop
     }
 
     pub(super) fn same_bits(&self, other: &Self) -> bool {
@@ -53,6 +61,8 @@ impl<const C: usize> Through<C> {
 pub(super) struct Fold {
     /// Samples of a block.
     pub(super) arity: u32,
+    /// How they make one.
+    pub(super) law: Law,
     /// The ray ends at the end of a block where less of what is behind would be seen.
     pub(super) stop: f32,
 }
@@ -85,6 +95,14 @@ impl Line {
     pub(super) fn at(&self, k: u32) -> [f32; 3] {
         // Exact: there are fewer than 2¹⁶ samples.
         let k = k as f32;
+        let ([x, y, z], [bx, by, bz]) = (self.step, self.base);
+        [x.mul_add(k, bx), y.mul_add(k, by), z.mul_add(k, bz)]
+    }
+
+    /// Stage coordinates of the sample before one.
+    #[inline(always)]
+    pub(super) fn before(&self, k: u32) -> [f32; 3] {
+        let k = k as f32 - 1.0;
         let ([x, y, z], [bx, by, bz]) = (self.step, self.base);
         [x.mul_add(k, bx), y.mul_add(k, by), z.mul_add(k, bz)]
     }
@@ -123,7 +141,7 @@ impl<const C: usize> Sampler<'_, C> {
         let mut k = line.first;
         while k < line.end {
             let end = fold.block_end(k).min(line.end);
-            let block = self.block(line, [k, end], work);
+            let block = self.block(line, [k, end], fold.law, work);
             if let Some(block) = block
                 && all.ends_behind(&block, fold, work)
             {
@@ -136,7 +154,13 @@ impl<const C: usize> Sampler<'_, C> {
 
     /// The samples from the first given up to the second, folded; `None` where all are transparent.
     #[inline(always)]
-    pub(super) fn block(&self, line: &Line, [from, to]: [u32; 2], work: &mut RenderWork) -> Option<Through<C>> {
+    pub(super) fn block(
+        &self,
+        line: &Line,
+        [from, to]: [u32; 2],
+        law: Law,
+        work: &mut RenderWork,
+    ) -> Option<Through<C>> {
         let mut block = None;
         let mut run = Run::new();
         let mut k = from;
@@ -146,7 +170,7 @@ impl<const C: usize> Sampler<'_, C> {
                 let block = block.get_or_insert(Through::CLEAR);
                 for i in 0..n as usize {
                     let Lit { colour, alpha } = run.sample(i);
-                    block.add(colour, alpha);
+                    law.add(block, colour, alpha);
                 }
             }
             k += n;
@@ -176,10 +200,10 @@ impl<const C: usize> Sampler<'_, C> {
 
 /// The fold of a block's samples as they were kept.
 #[inline(always)]
-pub(super) fn fold_block<const C: usize>(kept: &[Lit<f32, C>]) -> Through<C> {
+pub(super) fn fold_block<const C: usize>(kept: &[Lit<f32, C>], law: Law) -> Through<C> {
     let mut block = Through::CLEAR;
     for Lit { colour, alpha } in kept {
-        block.add(*colour, *alpha);
+        law.add(&mut block, *colour, *alpha);
     }
     block
 }

@@ -3,9 +3,11 @@
 use glam::DVec3;
 
 use super::cast::Line;
+use super::law::Law;
 use super::layers::Image;
 use super::renderer::Renderer;
-use super::run::{RUN, Run, Sampler};
+use super::run::{RUN, Run};
+use super::voxels::Sampler;
 use super::work::RenderWork;
 
 /// Samples before a place that do not hide it: a plane that lies in a surface would else be hidden by it.
@@ -21,15 +23,16 @@ impl Renderer {
         let ray = camera.ray_through(pixel);
         let samples =
             ((at - ray.base).dot(ray.step) / ray.step.length_squared() - BEFORE).min(f64::from(camera.samples()));
-        if samples <= 0.0 {
+        // Of a mean or a maximum nothing hides what lies behind it.
+        if samples <= 0.0 || self.fold().law != Law::Over {
             return 1.0;
         }
         let [low, high] = self.stage().bounds().map(|at| std::array::from_fn(|a| at[a] - self.stage().first()[a]));
         // Not negative, and no more than the camera's.
         let line = Line::new(&ray, low, high, samples.ceil() as u32);
         match self.image() {
-            Image::Grey(layers) => through(&Sampler::new(&layers.shaded), &line, samples),
-            Image::Colour(layers) => through(&Sampler::new(&layers.shaded), &line, samples),
+            Image::Grey(layers) => through(&Sampler::new(&layers.voxels, self.shader()), &line, samples),
+            Image::Colour(layers) => through(&Sampler::new(&layers.voxels, self.shader()), &line, samples),
         }
     }
 }

@@ -3,12 +3,13 @@
 use super::camera::Camera;
 use super::cast::{Fold, Through};
 use super::marks::Marks;
+use super::mode::Keeps;
 use super::refine::Sparse;
 use super::rows::Row;
-use super::run::Sampler;
 use super::settings::Cache;
-use super::shaded::Shaded;
+use super::shade::Shader;
 use super::stage::Stage;
+use super::voxels::{Sampler, Voxels};
 use super::work::RenderWork;
 use crate::sharing::Sharing;
 use crate::simd::Simd;
@@ -20,7 +21,7 @@ pub(super) enum Image {
 }
 
 pub(super) struct Layers<const C: usize> {
-    pub(super) shaded: Shaded<C>,
+    pub(super) voxels: Voxels<C>,
     pub(super) rows: Vec<Row<C>>,
     /// The picture where it is not one ray a pixel.
     pub(super) sparse: Option<Sparse<C>>,
@@ -36,14 +37,21 @@ impl Image {
 }
 
 impl<const C: usize> Layers<C> {
-    pub(super) fn new(camera: &Camera, stage: &Stage) -> Self {
+    pub(super) fn new(camera: &Camera, stage: &Stage, keeps: Keeps) -> Self {
         let rows = (0..camera.size()[1]).map(|j| Row::new(camera, stage, j)).collect();
-        Self { shaded: Shaded::new(stage), rows, sparse: None }
+        Self { voxels: Voxels::new(stage, keeps), rows, sparse: None }
     }
 
     /// Casts again what some changes can have reached.
-    pub(super) fn cast(&mut self, marks: &Marks, fold: Fold, simd: Simd, sharing: Sharing) -> RenderWork {
-        let sampler = Sampler::new(&self.shaded);
+    pub(super) fn cast(
+        &mut self,
+        marks: &Marks,
+        shader: &Shader<f32>,
+        fold: Fold,
+        simd: Simd,
+        sharing: Sharing,
+    ) -> RenderWork {
+        let sampler = Sampler::new(&self.voxels, shader);
         sharing.chunks(&mut self.rows, 1, |j, rows| {
             for row in rows {
                 row.work = RenderWork::default();

@@ -5,6 +5,7 @@
 //! brighter than what is around them. Where the intensity is flat there is no surface, and only ambient light.
 
 use glam::DVec3;
+use serde::Serialize;
 
 use super::gradient::FLAT_PER_MM;
 use super::real::{Number, dot};
@@ -19,7 +20,7 @@ pub enum Source {
 }
 
 /// How brightness fades with depth: 1 / (k₁ + k₂ depth), as light does in mist.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct DepthCue {
     near: f64,
     far: f64,
@@ -35,6 +36,19 @@ pub struct Light {
     two_sided: bool,
     source: Source,
     depth_cue: Option<DepthCue>,
+}
+
+/// The parts in which light is returned, 0 to 1 each.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Parts {
+    /// From all sides.
+    pub ambient: f64,
+    /// Scattered evenly.
+    pub diffuse: f64,
+    /// Reflected as a highlight.
+    pub specular: f64,
+    /// The highlight's exponent.
+    pub shininess: u32,
 }
 
 /// Why there is no such light. The display says what the value must be.
@@ -158,6 +172,16 @@ impl Light {
     #[must_use]
     pub fn with_depth_cue(self, depth_cue: Option<DepthCue>) -> Self {
         Self { depth_cue, ..self }
+    }
+
+    /// In which parts it is returned.
+    pub fn parts(&self) -> Parts {
+        Parts { ambient: self.ambient, diffuse: self.diffuse, specular: self.specular, shininess: self.shininess }
+    }
+
+    /// Whether light reaches the backs of surfaces.
+    pub fn is_two_sided(&self) -> bool {
+        self.two_sided
     }
 
     /// Where the light is; a fixed direction has length 1.

@@ -17,6 +17,8 @@ const BOXES_TO_ONE: i64 = 8;
 /// Boxes of changed voxels and what is around them, as the rays of one view see them.
 pub(super) struct Marks {
     pencil: Pencil,
+    /// Samples behind a place that depend on it.
+    reach: u32,
     footprints: Vec<Footprint>,
     /// The footprints of each row, one row after the other; and where each row's begin.
     of_rows: Vec<u32>,
@@ -27,11 +29,12 @@ pub(super) struct Marks {
 }
 
 impl Marks {
-    /// None, for the rays of a camera.
-    pub(super) fn new(camera: &Camera) -> Self {
+    /// None, for the rays of a camera; so many samples behind a place depend on it.
+    pub(super) fn new(camera: &Camera, reach: u32) -> Self {
         let begins = vec![0; camera.size()[1] as usize + 1];
         Self {
             pencil: Pencil::new(camera),
+            reach,
             footprints: Vec::new(),
             of_rows: Vec::new(),
             begins,
@@ -92,7 +95,7 @@ impl Marks {
         if of_boxes == 0 {
             return pixels;
         }
-        let mut note = Note { pencil: &self.pencil, lines, noted, pixels: &mut pixels, work };
+        let mut note = Note { pencil: &self.pencil, reach: self.reach, lines, noted, pixels: &mut pixels, work };
         if let Some(around) = &self.around {
             let row = around.row(j);
             let [first, last] = row.columns(range);
@@ -118,6 +121,7 @@ impl Marks {
 /// Where it is noted.
 struct Note<'a> {
     pencil: &'a Pencil,
+    reach: u32,
     lines: &'a [Line],
     noted: &'a mut [[u32; 2]],
     pixels: &'a mut [usize; 2],
@@ -129,7 +133,7 @@ impl Note<'_> {
     fn pixel(&mut self, i: u32, samples: [f64; 2]) {
         let at = i as usize;
         let Line { first, end, .. } = self.lines[at];
-        let [from, to] = whole(samples, [first, end]);
+        let [from, to] = whole(samples, [first, end], self.reach);
         self.work.pixels_met += 1;
         if from < to {
             let known = &mut self.noted[at];

@@ -5,6 +5,7 @@
 //! - `shown`: value and weight of each voxel as last seen, and which have changed.
 //! - [`gradient`], [`transfer`], [`light`], `shade`: a voxel's colour and opacity, over the numbers of [`real`] and `elementary`; `shaded`: those of all
 //!   voxels.
+//! - [`mode`]: ways to look; `voxels`: what voxels keep for them; `matter`: samples that are classified, or lie on a surface; `law`: how samples make one.
 //! - `run`: samples between voxels; `cast`: a ray's samples and their fold; `cache`: what is kept of them.
 //! - `slab`: which samples of which rays a piece of space holds; `marks`: those that a change may have reached; `rows`: their rays anew; `layers`: a picture's
 //!   voxels and rows.
@@ -28,9 +29,12 @@ mod elementary;
 mod features;
 pub mod gradient;
 mod hidden;
+mod law;
 mod layers;
 pub mod light;
 mod marks;
+mod matter;
+pub mod mode;
 pub mod partition;
 pub mod picture;
 mod preview;
@@ -48,11 +52,13 @@ mod shown;
 mod slab;
 pub mod stage;
 pub mod transfer;
+mod voxels;
 pub mod work;
 
 #[cfg(test)]
 mod tests;
 
+pub use mode::{Mode, Shading};
 pub use picture::Picture;
 pub use renderer::{Progress, RenderMemory, Renderer, Updated};
 pub use settings::{Cache, RenderSettings};
@@ -100,6 +106,12 @@ pub enum RenderError {
     /// Blocks without samples.
     #[error("blocks of 0 samples hold none: --arity must be 1 or more")]
     Arity,
+    /// No intensity.
+    #[error("there is no surface of the intensity {value}: the isovalue must be a finite number of grey levels")]
+    Isovalue {
+        /// The isovalue.
+        value: f64,
+    },
     /// No transmittance.
     #[error("rays cannot end at a transmittance of {stop}: it must lie between 0 and 1")]
     Stop {
@@ -113,6 +125,14 @@ pub enum RenderError {
     Adaptive {
         /// The difference.
         epsilon: f32,
+    },
+    /// Rays cannot be left out.
+    #[error(
+        "--adaptive leaves rays out where voxels are classified, in the modes shaded and opacity without --shading sample; for mode {mode} give --adaptive 0"
+    )]
+    AdaptiveMode {
+        /// The mode.
+        mode: &'static str,
     },
     /// No such part of the world.
     #[error(

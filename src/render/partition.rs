@@ -10,14 +10,15 @@ use super::RenderError;
 use super::camera::Camera;
 use super::cast::{Fold, Line, Through};
 use super::marks::Marks;
+use super::mode::{Keeps, Mode};
 use super::picture::Picture;
 use super::rows::Row;
-use super::run::Sampler;
 use super::settings::{Cache, RenderSettings};
 use super::shade::Shader;
-use super::shaded::Shaded;
 use super::shown::Shown;
 use super::stage::Stage;
+use super::transfer::Transfer;
+use super::voxels::{Sampler, Voxels};
 use super::work::RenderWork;
 use crate::sharing::Sharing;
 use crate::simd::Simd;
@@ -43,6 +44,8 @@ pub struct Part {
 /// Folds what parts send into the picture.
 pub struct Compositor {
     size: [u32; 2],
+    mode: Mode,
+    transfer: Transfer,
     fold: Fold,
     image: Image<Folded<1>, Folded<3>>,
 }
@@ -71,9 +74,11 @@ impl Part {
         if part >= parts || parts > stage.bricks()[2] {
             return Err(RenderError::Part { part, parts, layers: stage.bricks()[2] });
         }
+        settings.mode.check()?;
         let camera = Camera::new(&settings.view, settings.size, settings.step, stage)?;
         let shader = Shader::new(settings, &camera, stage);
         let fold = settings.fold(camera.samples())?;
+        let mode = settings.mode;
         let layers = i64::from(stage.bricks()[2]);
         let cut = |k: u32| i64::from(k) * layers / i64::from(parts) * EDGE as i64;
         let cuts = [cut(part), cut(part + 1)];
@@ -84,12 +89,12 @@ impl Part {
         low[2] = low[2].max(stage.first()[2] + cuts[0] - reach);
         high[2] = high[2].min(stage.first()[2] + cuts[1] + reach);
         let image = match shader.is_grey() {
-            true => Image::Grey(Held::new(&camera, stage, fold, cuts)),
-            false => Image::Colour(Held::new(&camera, stage, fold, cuts)),
+            true => Image::Grey(Held::new(&camera, stage, mode.keeps(), fold, cuts)),
+            false => Image::Colour(Held::new(&camera, stage, mode.keeps(), fold, cuts)),
         };
         Ok(Self {
             width: settings.size[0],
-            marks: Marks::new(&camera),
+            marks: Marks::new(&camera, mode.reach()),
             shader,
             shown: Shown::new(stage),
             fold,
@@ -122,14 +127,14 @@ impl Part {
         let voxels = self.shown.dilated(&changed);
         let (shown, shader, simd) = (&self.shown, &self.shader, self.simd);
         message.work.voxels_shaded = match &mut self.image {
-            Image::Grey(held) => held.shaded.update(shown, &voxels, shader, simd, Sharing::Alone, &mut dirty),
-            Image::Colour(held) => held.shaded.update(shown, &voxels, shader, simd, Sharing::Alone, &mut dirty),
+            Image::Grey(held) => held.voxels.update(shown, &voxels, shader, simd, Sharing::Alone, &mut dirty),
+            Image::Colour(held) => held.voxels.update(shown, &voxels, shader, simd, Sharing::Alone, &mut dirty),
         };
         self.marks.set(&dirty, None);
         let width = self.width;
         match &mut self.image {
-            Image::Grey(held) => held.cast(&self.marks, width, self.fold, simd, &mut message),
-            Image::Colour(held) => held.cast(&self.marks, width, self.fold, simd, &mut message),
+            Image::Grey(held) => held.cast(&self.marks, shader, width, self.fold, simd, &mut message),
+            Image::Colour(held) => held.cast(&self.marks, shader, width, self.fold, simd, &mut message),
         }
         message
     }
@@ -137,14 +142,14 @@ impl Part {
 
 /// What a part holds in so many channels.
 struct Held<const C: usize> {
-    shaded: Shaded<C>,
+    voxels: Voxels<C>,
     rows: Vec<Row<C>>,
     /// Blocks of each row as the compositor has them.
     sent: Vec<Vec<Through<C>>>,
 }
 
 impl<const C: usize> Held<C> {
-    fn new(camera: &Camera, stage: &Stage, fold: Fold, [low, high]: [i64; 2]) -> Self {
+    fn new(camera: &Camera, stage: &Stage, keeps: Keeps, fold: Fold, [low, high]: [i64; 2]) -> Self {
         let own = |line: &Line| own_samples(line, fold, [low as f32, high as f32]);
         let rows: Vec<Row<C>> = (0..camera.size()[1])
             .map(|j| {
@@ -155,26 +160,25 @@ impl<const C: usize> Held<C> {
             })
             .collect();
         let sent = rows.iter().map(|row| vec![Through::CLEAR; row.kept().len()]).collect();
-        Self { shaded: Shaded::new(stage), rows, sent }
+        Self { voxels: Voxels::new(stage, keeps), rows, sent }
     }
 
-    fn cast(&mut self, marks: &Marks, width: u32, fold: Fold, simd: Simd, message: &mut Message) {
-        let sampler = Sampler::new(&self.shaded);
+    fn cast(&mut self, marks: &Marks, shader: &Shader<f32>, width: u32, fold: Fold, simd: Simd, message: &mut Message) {
+        let sampler = Sampler::new(&self.voxels, shader);
         for ((j, row), sent) in (0..).zip(&mut self.rows).zip(&mut self.sent) {
             row.work = RenderWork::default();
             let [first, end] = row.mark(j, marks, simd);
             for at in first..end {
                 row.cast(at, sampler, fold, simd);
                 let (number, range) = row.blocks_of(at, fold);
-                let mut transmittance = 1.0;
+                let mut all = Through::CLEAR;
                 for ((number, block), sent) in (number..).zip(&row.kept()[range.clone()]).zip(&mut sent[range]) {
                     if !block.same_bits(sent) {
                         *sent = *block;
                         put(&mut message.bytes, j * width + at as u32, number, block);
                     }
                     // What lies behind is not seen through this part alone; it is not up to date and need not be.
-                    transmittance *= block.transmittance;
-                    if transmittance < fold.stop {
+                    if all.ends_behind(block, fold, &mut RenderWork::default()) {
                         break;
                     }
                 }
@@ -215,11 +219,12 @@ impl Compositor {
     pub fn new(settings: &RenderSettings, stage: &Stage) -> Result<Self, RenderError> {
         let camera = Camera::new(&settings.view, settings.size, settings.step, stage)?;
         let fold = settings.fold(camera.samples())?;
-        let image = match settings.transfer.is_grey() {
+        let (mode, transfer) = (settings.mode, settings.transfer.clone());
+        let image = match mode.is_grey(&transfer) {
             true => Image::Grey(Folded::new(&camera, fold)),
             false => Image::Colour(Folded::new(&camera, fold)),
         };
-        Ok(Self { size: settings.size, fold, image })
+        Ok(Self { size: settings.size, mode, transfer, fold, image })
     }
 
     /// Takes over what a part has sent, and folds the pixels that it concerns; returns how many.
@@ -235,13 +240,10 @@ impl Compositor {
 
     /// The picture as it is.
     pub fn picture(&self) -> Picture {
+        let pixel = |colour, transmittance| self.mode.pixel(colour, transmittance, &self.transfer);
         let pixels = match &self.image {
-            Image::Grey(folded) => {
-                folded.pixels.iter().map(|p| [p.colour[0], p.colour[0], p.colour[0], p.transmittance]).collect()
-            }
-            Image::Colour(folded) => {
-                folded.pixels.iter().map(|p| [p.colour[0], p.colour[1], p.colour[2], p.transmittance]).collect()
-            }
+            Image::Grey(folded) => folded.pixels.iter().map(|p| pixel([p.colour[0]; 3], p.transmittance)).collect(),
+            Image::Colour(folded) => folded.pixels.iter().map(|p| pixel(p.colour, p.transmittance)).collect(),
         };
         Picture { size: self.size, pixels }
     }
@@ -313,6 +315,7 @@ mod tests {
     use glam::DMat3;
 
     use super::super::Renderer;
+    use super::super::tests::modes::ways;
     use super::super::tests::{looks, sweep};
     use super::*;
     use crate::phantom::Motion;
@@ -359,6 +362,27 @@ mod tests {
                     assert!(message.bytes.is_empty() && message.work == idle, "{:?}", message.work);
                 }
             }
+        }
+    }
+
+    #[test]
+    fn parts_make_the_picture_of_one_whatever_the_mode() {
+        for look in ways() {
+            let (scan, weave, stage) = sweep(12, Motion::Freehand, DMat3::from_rotation_x(0.3));
+            let mut weaver = Weaver::general(weave, scan.mask().clone()).unwrap();
+            let mut compositor = Compositor::new(&look, &stage).unwrap();
+            let mut workers: Vec<Part> = (0..3).map(|k| Part::new(&look, &stage, k, 3).unwrap()).collect();
+            for frame in 0..scan.frames() {
+                let touched = weaver.insert(&scan.slice(frame)).unwrap();
+                for worker in &mut workers {
+                    let region = Within { volume: weaver.volume(), region: worker.region() };
+                    compositor.receive(&worker.update(&region, &touched.bricks).bytes).unwrap();
+                }
+            }
+            let mut renderer = Renderer::new(&look, stage).unwrap();
+            renderer.update_all(weaver.volume());
+            let (a, b) = (compositor.picture(), renderer.picture());
+            assert!(a == b, "{:?}: off by {:?}", look.mode, a.difference(&b));
         }
     }
 

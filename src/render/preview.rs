@@ -1,7 +1,7 @@
 //! The first picture of a new view, before any voxel is lit for it: few rays, which light what they meet themselves.
 //!
-//! A ray of every eighth pixel (of a large picture of every sixteenth, …) takes every second sample for two, each the nearest voxel, lit as voxels are. Between
-//! the rays the picture is bilinear. Opacity does not depend on the view, so bricks in which nothing is visible are known and passed over.
+//! A ray of every eighth pixel (of a large picture of every sixteenth, …) takes every second sample for two, each the nearest voxel, lit as voxels are; where
+//! voxels do not keep the light of a view, all samples. Between the rays the picture is bilinear. Opacity does not depend on the view, so bricks in which nothing is visible are known and passed over.
 
 use glam::DVec3;
 
@@ -13,6 +13,8 @@ use super::shaded::Shaded;
 use super::shown::{FACES, Shown};
 use super::slab::Footprint;
 use super::stage::Stage;
+use super::voxels::Sampler;
+use super::work::RenderWork;
 use crate::sharing::Sharing;
 use crate::simd::{Fused, Simd};
 use crate::volume::brick::EDGE;
@@ -27,10 +29,18 @@ const STRIDE: u32 = 2;
 pub(super) struct Sight<'a, const C: usize> {
     pub(super) camera: &'a Camera,
     pub(super) stage: &'a Stage,
+    /// Where the voxels' light is not the view's.
+    pub(super) unlit: Option<Unlit<'a, C>>,
+    pub(super) sampler: Sampler<'a, C>,
+    pub(super) fold: Fold,
+}
+
+/// Voxels that have to be lit first.
+#[derive(Clone, Copy)]
+pub(super) struct Unlit<'a, const C: usize> {
     pub(super) shown: &'a Shown,
     pub(super) shaded: &'a Shaded<C>,
     pub(super) shader: &'a Shader<f32>,
-    pub(super) fold: Fold,
 }
 
 /// A lattice of rays.
@@ -126,8 +136,7 @@ impl<const C: usize> Fused for Look<'_, C> {
 
     #[inline(always)]
     fn run(self) -> Through<C> {
-        let Self { sight: Sight { camera, stage, shown, shaded, shader, fold }, at: [i, j] } = self;
-        let mut seen = Through::CLEAR;
+        let Self { sight: Sight { camera, stage, unlit, sampler, fold }, at: [i, j] } = self;
         let ray = camera.ray(i, j);
         let [low, high] = stage.bounds();
         let first = stage.first();
@@ -137,6 +146,10 @@ impl<const C: usize> Fused for Look<'_, C> {
             [high[0] - first[0], high[1] - first[1], high[2] - first[2]],
             camera.samples(),
         );
+        let Some(Unlit { shown, shaded, shader }) = unlit else {
+            return sampler.cast(&line, fold, &mut RenderWork::default());
+        };
+        let mut seen = Through::CLEAR;
         // At the same places of all rays.
         let mut k = line.first.next_multiple_of(STRIDE);
         let mut last = None;

@@ -2,6 +2,8 @@
 
 use super::RenderError;
 use super::camera::Camera;
+use super::matter::{Matter, sample};
+use super::mode::{Keeps, Mode};
 use super::settings::RenderSettings;
 use super::shade::{Lit, Shader};
 use super::stage::Stage;
@@ -28,42 +30,70 @@ pub fn render(
     settings: &RenderSettings,
     stage: &Stage,
 ) -> Result<ReferencePicture, RenderError> {
+    settings.mode.check()?;
     let camera = Camera::new(&settings.view, settings.size, settings.step, stage)?;
-    let voxels = Voxels::shade(volume, settings, &camera, stage)?;
-    let [width, height] = camera.size();
-    let pixels = (0..height)
-        .flat_map(|j| (0..width).map(move |i| (i, j)))
-        .map(|(i, j)| {
-            let ray = camera.ray(i, j);
-            let (mut colour, mut transmittance) = ([0.0; 3], 1.0);
-            for k in 0..camera.samples() {
-                let Lit { colour: c, alpha } = voxels.between((ray.base + ray.step * f64::from(k)).to_array());
-                for (sum, c) in colour.iter_mut().zip(c) {
-                    *sum += transmittance * c;
-                }
-                transmittance *= 1.0 - alpha;
-            }
-            [colour[0], colour[1], colour[2], transmittance]
-        })
-        .collect();
+    let shader = Shader::<f64>::new(settings, &camera, stage);
+    let pixels = match settings.mode.keeps() {
+        Keeps::Matter => {
+            let voxels = Voxels::<4>::keep(volume, &shader, stage)?;
+            cast(settings, &camera, |at, before| voxels.matter(&shader, at, before))
+        }
+        Keeps::Lit | Keeps::Intensity => {
+            let voxels = Voxels::<3>::keep(volume, &shader, stage)?;
+            cast(settings, &camera, |at, _| voxels.lit(at))
+        }
+    };
     Ok(ReferencePicture { size: camera.size(), pixels })
 }
 
+/// All rays, given what there is at a place, and between it and the one before.
+fn cast(
+    settings: &RenderSettings,
+    camera: &Camera,
+    sample: impl Fn([f64; 3], [f64; 3]) -> Lit<f64, 3>,
+) -> Vec<[f64; 4]> {
+    let [width, height] = camera.size();
+    (0..height)
+        .flat_map(|j| (0..width).map(move |i| (i, j)))
+        .map(|(i, j)| {
+            let ray = camera.ray(i, j);
+            let at = |k: f64| (ray.base + ray.step * k).to_array();
+            let samples = (0..camera.samples()).map(|k| sample(at(f64::from(k)), at(f64::from(k) - 1.0)));
+            let (colour, transmittance) = match settings.mode {
+                Mode::Maximum => most(samples),
+                Mode::Average => samples.fold(([0.0; 3], 1.0), |(sum, transmittance), Lit { colour, alpha }| {
+                    (std::array::from_fn(|c| sum[c] + colour[c]), transmittance - alpha)
+                }),
+                Mode::Shaded(_) | Mode::Opacity(_) | Mode::Isosurface(_) => {
+                    samples.fold(([0.0; 3], 1.0), |(sum, transmittance), Lit { colour, alpha }| {
+                        (std::array::from_fn(|c| sum[c] + transmittance * colour[c]), transmittance * (1.0 - alpha))
+                    })
+                }
+            };
+            settings.mode.pixel(colour, transmittance, &settings.transfer)
+        })
+        .collect()
+}
+
+/// The largest intensity that was seen by half or more.
+fn most(samples: impl Iterator<Item = Lit<f64, 3>>) -> ([f64; 3], f64) {
+    let seen = samples.filter(|sample| sample.alpha >= 0.5).map(|sample| sample.colour[0] / sample.alpha);
+    match seen.reduce(f64::max) {
+        Some(value) => ([value; 3], 0.0),
+        None => ([0.0; 3], 1.0),
+    }
+}
+
 /// All voxels of a stage's box and a layer of transparent ones about it.
-struct Voxels {
+struct Voxels<const S: usize> {
     /// Stage coordinates of the first.
     first: [i64; 3],
     size: [usize; 3],
-    lit: Vec<Lit<f64, 3>>,
+    kept: Vec<Lit<f64, S>>,
 }
 
-impl Voxels {
-    fn shade(
-        volume: &(impl Values + ?Sized),
-        settings: &RenderSettings,
-        camera: &Camera,
-        stage: &Stage,
-    ) -> Result<Self, RenderError> {
+impl<const S: usize> Voxels<S> {
+    fn keep(volume: &(impl Values + ?Sized), shader: &Shader<f64>, stage: &Stage) -> Result<Self, RenderError> {
         let [low, high] = stage.bounds();
         let size: [usize; 3] = std::array::from_fn(|a| (high[a] - low[a] + 3) as usize);
         let n = size.iter().try_fold(1_usize, |n, s| n.checked_mul(*s)).filter(|n| *n <= MOST_VOXELS);
@@ -77,10 +107,9 @@ impl Voxels {
                 volume.values(start, &mut value[at..at + row], &mut weight[at..at + row]);
             }
         }
-        let shader = Shader::<f64>::new(settings, camera, stage);
         let first: [i64; 3] = std::array::from_fn(|a| low[a] - stage.first()[a] - 1);
-        let nothing = Lit { colour: [0.0; 3], alpha: 0.0 };
-        let mut lit = vec![nothing; n];
+        let nothing = Lit { colour: [0.0; S], alpha: 0.0 };
+        let mut kept = vec![nothing; n];
         let of = |at: usize| (f64::from(value[at]), f64::from(weight[at]));
         let stride = [1, size[0], size[0] * size[1]];
         for z in 1..size[2] - 1 {
@@ -89,24 +118,24 @@ impl Voxels {
                     let at = z * stride[2] + y * stride[1] + x;
                     let around = stride.map(|s| [of(at - s), of(at + s)]);
                     let place = [x, y, z];
-                    lit[at] = match shader.is_grey() {
+                    let place = std::array::from_fn(|a| first[a] + place[a] as i64);
+                    kept[at] = match shader.is_grey() && S == 3 {
                         true => {
-                            let Lit { colour: [grey], alpha } =
-                                shader.shade(of(at), around, std::array::from_fn(|a| first[a] + place[a] as i64));
-                            Lit { colour: [grey; 3], alpha }
+                            let Lit { colour: [grey], alpha } = shader.shade(of(at), around, place);
+                            Lit { colour: [grey; S], alpha }
                         }
-                        false => shader.shade(of(at), around, std::array::from_fn(|a| first[a] + place[a] as i64)),
+                        false => shader.shade(of(at), around, place),
                     };
                 }
             }
         }
-        Ok(Self { first, size, lit })
+        Ok(Self { first, size, kept })
     }
 
     /// Trilinear; transparent outside.
-    fn between(&self, at: [f64; 3]) -> Lit<f64, 3> {
+    fn lit(&self, at: [f64; 3]) -> Lit<f64, S> {
         let floor = at.map(f64::floor);
-        let (mut colour, mut alpha) = ([0.0; 3], 0.0);
+        let (mut colour, mut alpha) = ([0.0; S], 0.0);
         let cell: [i64; 3] = std::array::from_fn(|a| floor[a] as i64 - self.first[a]);
         for corner in 0..8_usize {
             let mut share = 1.0;
@@ -121,12 +150,31 @@ impl Voxels {
                 place = place * self.size[a] + index.max(0) as usize;
             }
             if inside {
-                let lit = &self.lit[place];
+                let lit = &self.kept[place];
                 colour.iter_mut().zip(lit.colour).for_each(|(sum, c)| *sum += share * c);
                 alpha += share * lit.alpha;
             }
         }
         Lit { colour, alpha }
+    }
+}
+
+impl Matter<f64> for Voxels<4> {
+    fn between(&self, at: [f64; 3]) -> Option<Lit<f64, 4>> {
+        Some(self.lit(at))
+    }
+}
+
+impl Voxels<4> {
+    fn matter(&self, shader: &Shader<f64>, at: [f64; 3], before: [f64; 3]) -> Lit<f64, 3> {
+        let matter = self.lit(at);
+        match shader.is_grey() {
+            true => {
+                let Lit { colour: [grey], alpha } = sample(shader, self, matter, at, before);
+                Lit { colour: [grey; 3], alpha }
+            }
+            false => sample(shader, self, matter, at, before),
+        }
     }
 }
 

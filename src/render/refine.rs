@@ -12,14 +12,14 @@ use super::cast::Fold;
 use super::features::Features;
 use super::layers::Layers;
 use super::marks::Marks;
-use super::preview::{Preview, Sight};
+use super::preview::{Preview, Sight, Unlit};
 use super::rows::Row;
-use super::run::Sampler;
 use super::settings::{Cache, RenderSettings};
 use super::shade::Shader;
 use super::shaded::Dirty;
 use super::shown::{Changed, Shown};
 use super::stage::Stage;
+use super::voxels::{Sampler, Voxels};
 use super::work::RenderWork;
 use crate::sharing::Sharing;
 use crate::simd::Simd;
@@ -115,6 +115,8 @@ impl<const C: usize> Sparse<C> {
 struct Turning<const C: usize> {
     preview: Preview<C>,
     begun: bool,
+    /// Whether the light on voxels is another now.
+    relight: bool,
     /// Bricks to be lit, and to be searched for small things.
     unlit: Vec<[i64; 3]>,
     unsearched: Vec<[i64; 3]>,
@@ -135,17 +137,14 @@ impl<const C: usize> Turning<C> {
         cache: Cache,
         scene: Scene<'_>,
     ) {
-        let Scene { camera, stage, fold, simd, sharing, .. } = scene;
-        let [low, high] = stage.bounds().map(|at| std::array::from_fn(|a| at[a] - stage.first()[a]));
-        // Nothing of the row has been cast: all may have changed.
-        let mut everything = Marks::new(camera);
-        everything.set(&[Dirty { low, high }], None);
+        let Scene { fold, sharing, .. } = scene;
         let (first, height) = (range.start, rows.len());
         sharing.chunks_beside(&mut rows[range.clone()], 1, &mut self.ready[range], |ready, at, rows| {
             let j = first + at;
             if !*ready && (j.is_multiple_of(edge) || j + 1 == height) {
                 rows[0].keep(cache, fold);
-                rows[0].mark(j as u32, &everything, simd);
+                // Nothing of it has been cast.
+                rows[0].mark_all();
                 *ready = true;
             }
         });
@@ -153,25 +152,30 @@ impl<const C: usize> Turning<C> {
 }
 
 impl<const C: usize> Layers<C> {
-    fn sight<'a>(shaded: &'a super::shaded::Shaded<C>, scene: Scene<'a>) -> Sight<'a, C> {
+    /// What coarse rays look at: voxels that have to be lit first, or those that are there.
+    fn sight<'a>(voxels: &'a Voxels<C>, relight: bool, scene: Scene<'a>) -> Sight<'a, C> {
         let Scene { camera, stage, shown, shader, fold, .. } = scene;
-        Sight { camera, stage, shown, shaded, shader, fold }
+        let unlit = match voxels {
+            Voxels::Lit(shaded) if relight => Some(Unlit { shown, shaded, shader }),
+            _ => None,
+        };
+        Sight { camera, stage, unlit, sampler: Sampler::new(voxels, shader), fold }
     }
 
     /// Brings the picture up to date with boxes of voxels that have changed, of which the scene's marks are made.
     pub(super) fn follow(&mut self, dirty: &[Dirty], scene: Scene<'_>, cache: Cache) -> RenderWork {
-        let Scene { marks, fold, simd, sharing, .. } = scene;
+        let Scene { marks, shader, fold, simd, sharing, .. } = scene;
         let Some(Sparse { regions, features, turning }) = &mut self.sparse else {
-            return self.cast(marks, fold, simd, sharing);
+            return self.cast(marks, shader, fold, simd, sharing);
         };
         let mut reached = vec![false; regions.len()];
-        if let Some(features) = features {
-            features.update(&self.shaded, dirty, sharing, &mut reached);
+        if let (Some(features), Voxels::Lit(shaded)) = (features, &self.voxels) {
+            features.update(shaded, dirty, sharing, &mut reached);
         }
         if let Some(turning) = turning
             && !turning.chosen
         {
-            let sight = Self::sight(&self.shaded, scene);
+            let sight = Self::sight(&self.voxels, turning.relight, scene);
             let only = turning.begun.then_some(marks.footprints());
             let coarse_rays = turning.preview.cast(sight, only, simd, sharing);
             turning.preview.draw(&mut regions.seen, sharing);
@@ -201,7 +205,7 @@ impl<const C: usize> Layers<C> {
 
     /// Looks at some regions, each to a depth.
     fn look(&mut self, which: &[(usize, usize)], scene: Scene<'_>, cache: Cache) -> RenderWork {
-        let Scene { fold, simd, sharing, .. } = scene;
+        let Scene { shader, fold, simd, sharing, .. } = scene;
         let Some(Sparse { regions, features, turning }) = &mut self.sparse else { return RenderWork::default() };
         let (Some((first, depths)), Some((last, _))) = (which.first(), which.last()) else {
             return RenderWork::default();
@@ -212,19 +216,23 @@ impl<const C: usize> Layers<C> {
             turning.prepare(&mut self.rows, range, REGION >> (depths - 1), cache, scene);
         }
         let small = |region: usize| features.as_ref().is_some_and(|features| features.has(region));
-        let casting = Casting { sampler: Sampler::new(&self.shaded), fold, simd, sharing };
+        let casting = Casting { sampler: Sampler::new(&self.voxels, shader), fold, simd, sharing };
         regions.look(which, small, &mut self.rows, casting)
     }
 
     /// Begins a new view; if `relight`, the light on voxels is another now.
     pub(super) fn turn(&mut self, scene: Scene<'_>, epsilon: f32, relight: bool) {
         let Scene { camera, stage, .. } = scene;
-        let bricks: Vec<[i64; 3]> = self.shaded.places().collect();
+        let bricks: Vec<[i64; 3]> = match &self.voxels {
+            Voxels::Lit(shaded) => shaded.places().collect(),
+            Voxels::Matter(_) => Vec::new(),
+        };
         let regions = Regions::new(camera.size(), epsilon, false);
         let features = (epsilon > 0.0).then(|| Features::new(camera, stage, epsilon, regions.count()));
         let turning = Turning {
             preview: Preview::new(camera.size()),
             begun: false,
+            relight,
             unsearched: if features.is_some() { bricks.clone() } else { Vec::new() },
             unlit: if relight { bricks } else { Vec::new() },
             lined: 0,
@@ -264,7 +272,7 @@ impl<const C: usize> Layers<C> {
                 turning.unlit.drain(rest..).map(|at| Changed { at, voxels: [u64::MAX; EDGE] }).collect();
             // No ray has been cast that has to be told.
             let mut dirty = Vec::new();
-            let voxels_shaded = self.shaded.update(shown, &voxels, shader, simd, sharing, &mut dirty);
+            let voxels_shaded = self.voxels.update(shown, &voxels, shader, simd, sharing, &mut dirty);
             return RenderWork { voxels_shaded, ..RenderWork::default() };
         }
         if turning.lined < self.rows.len() {
@@ -279,7 +287,7 @@ impl<const C: usize> Layers<C> {
             keeping.choose_again(&self.rows, fold);
             turning.chosen = true;
         }
-        if let Some(features) = &mut sparse.features
+        if let (Some(features), Voxels::Lit(shaded)) = (&mut sparse.features, &self.voxels)
             && !turning.unsearched.is_empty()
         {
             let rest = turning.unsearched.len().saturating_sub(BRICKS);
@@ -288,7 +296,7 @@ impl<const C: usize> Layers<C> {
             let bricks: Vec<Dirty> = turning.unsearched.drain(rest..).map(whole).collect();
             let mut reached = vec![false; sparse.regions.len()];
             // No region has been taken to a depth yet that small things matter to.
-            features.update(&self.shaded, &bricks, sharing, &mut reached);
+            features.update(shaded, &bricks, sharing, &mut reached);
             return RenderWork::default();
         }
         match sparse.coarsest() {

@@ -8,7 +8,9 @@ use super::RenderError;
 use super::camera::{Camera, View};
 use super::cast::Fold;
 use super::layers::{Image, Layers};
+use super::light::Light;
 use super::marks::Marks;
+use super::mode::{Keeps, Mode};
 use super::picture::Picture;
 use super::refine::{Keeping, Scene, Sparse};
 use super::settings::{Cache, RenderSettings};
@@ -16,6 +18,7 @@ use super::shade::Shader;
 use super::shaded::Dirty;
 use super::shown::{Changed, Shown};
 use super::stage::Stage;
+use super::transfer::Transfer;
 use super::work::RenderWork;
 use crate::sharing::Sharing;
 use crate::volume::brick::BrickIndex;
@@ -57,6 +60,9 @@ pub struct Renderer {
     settings: RenderSettings,
     camera: Camera,
     stage: Stage,
+    mode: Mode,
+    transfer: Transfer,
+    light: Light,
     shader: Shader<f32>,
     shown: Shown,
     fold: Fold,
@@ -103,14 +109,15 @@ impl Renderer {
     /// # Errors
     /// [`RenderError`] when the settings make no picture.
     pub fn new(settings: &RenderSettings, stage: Stage) -> Result<Self, RenderError> {
+        settings.mode.check()?;
         let camera = Camera::new(&settings.view, settings.size, settings.step, &stage)?;
         let shader = Shader::new(settings, &camera, &stage);
-        let marks = Marks::new(&camera);
+        let marks = Marks::new(&camera, settings.mode.reach());
         let fold = settings.fold(camera.samples())?;
         let pool = settings.pool()?;
         let mut image = match shader.is_grey() {
-            true => Image::Grey(Layers::new(&camera, &stage)),
-            false => Image::Colour(Layers::new(&camera, &stage)),
+            true => Image::Grey(Layers::new(&camera, &stage, settings.mode.keeps())),
+            false => Image::Colour(Layers::new(&camera, &stage, settings.mode.keeps())),
         };
         let keeping = layers!(&image, layers => Keeping::choose(settings, &layers.rows, fold));
         image.keep(keeping.cache, fold);
@@ -121,6 +128,9 @@ impl Renderer {
             settings: settings.clone(),
             camera,
             stage,
+            mode: settings.mode,
+            transfer: settings.transfer.clone(),
+            light: settings.light,
             shader,
             shown: Shown::new(&stage),
             fold,
@@ -169,7 +179,7 @@ impl Renderer {
             let voxels = self.shown.dilated(&self.changed);
             let (shown, shader, dirty) = (&self.shown, &self.shader, &mut self.dirty);
             work.voxels_shaded += layers!(&mut self.image, layers => {
-                layers.shaded.update(shown, &voxels, shader, simd, sharing, dirty)
+                layers.voxels.update(shown, &voxels, shader, simd, sharing, dirty)
             });
             let shade = began.elapsed();
             let first = self.stage.first();
@@ -197,9 +207,10 @@ impl Renderer {
         let camera = Camera::new(&view, self.settings.size, self.settings.step, &self.stage)?;
         self.settings.view = view;
         self.camera = camera;
-        self.marks = Marks::new(&self.camera);
+        self.marks = Marks::new(&self.camera, self.mode.reach());
         self.shader = Shader::new(&self.settings, &self.camera, &self.stage);
-        let (epsilon, relight) = (self.settings.adaptive, self.settings.light.depends_on_view());
+        let relight = self.mode.keeps() == Keeps::Lit && self.mode.is_lit() && self.light.depends_on_view();
+        let epsilon = self.settings.adaptive;
         let looks = self.missed.is_none();
         let pool = self.pool.clone();
         let work = Sharing::within(pool.as_deref(), |sharing| {
@@ -259,10 +270,22 @@ impl Renderer {
     pub fn picture(&self) -> Picture {
         let size = self.camera.size();
         let pixels = match &self.image {
-            Image::Grey(layers) => layers.pixels(|p| [p.colour[0], p.colour[0], p.colour[0], p.transmittance]),
-            Image::Colour(layers) => layers.pixels(|p| [p.colour[0], p.colour[1], p.colour[2], p.transmittance]),
+            Image::Grey(layers) => {
+                layers.pixels(|p| self.mode.pixel([p.colour[0]; 3], p.transmittance, &self.transfer))
+            }
+            Image::Colour(layers) => layers.pixels(|p| self.mode.pixel(p.colour, p.transmittance, &self.transfer)),
         };
         Picture { size, pixels }
+    }
+
+    /// What of the volume is shown.
+    pub fn mode(&self) -> Mode {
+        self.mode
+    }
+
+    /// The light on it.
+    pub fn light(&self) -> Light {
+        self.light
     }
 
     /// Work done so far.
@@ -300,6 +323,14 @@ impl Renderer {
         &self.camera
     }
 
+    pub(super) fn fold(&self) -> Fold {
+        self.fold
+    }
+
+    pub(super) fn shader(&self) -> &Shader<f32> {
+        &self.shader
+    }
+
     pub(super) fn image(&self) -> &Image {
         &self.image
     }
@@ -311,7 +342,7 @@ impl Renderer {
 
     /// Bytes held.
     pub fn memory(&self) -> RenderMemory {
-        let (shaded, rays) = layers!(&self.image, layers => (layers.shaded.bytes(), layers.bytes()));
+        let (shaded, rays) = layers!(&self.image, layers => (layers.voxels.bytes(), layers.bytes()));
         RenderMemory { voxels: self.shown.bytes() + shaded, rays }
     }
 

@@ -6,9 +6,9 @@ use super::cache::{self, RowCache};
 use super::camera::Camera;
 use super::cast::{Fold, Line, Through};
 use super::marks::Marks;
-use super::run::Sampler;
 use super::settings::Cache;
 use super::stage::Stage;
+use super::voxels::Sampler;
 use super::work::RenderWork;
 use crate::simd::{Fused, Simd};
 
@@ -109,6 +109,15 @@ impl<const C: usize> Row<C> {
     /// the one behind the last.
     pub(super) fn mark(&mut self, j: u32, marks: &Marks, simd: Simd) -> [usize; 2] {
         simd.fused(Marking { row: self, j, marks })
+    }
+
+    /// Notes that all samples of all its rays may have changed.
+    pub(super) fn mark_all(&mut self) {
+        for (line, dirty) in self.lines.iter().zip(&mut self.dirty) {
+            if line.first < line.end {
+                *dirty = [line.first, line.end];
+            }
+        }
     }
 
     /// Casts the ray of a pixel again, if anything of it may have changed since it was cast last.

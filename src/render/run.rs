@@ -39,6 +39,12 @@ impl<const C: usize> Run<C> {
         Self { brick: [0; LANES], cell: [0; LANES], part: [[0.0; LANES]; 3], ends: [[Self::NOTHING; 2]; LANES] }
     }
 
+    /// Puts a sample in the place of the one that is there.
+    #[inline(always)]
+    pub(super) fn put(&mut self, i: usize, lit: Lit<f32, C>) {
+        self.ends[i] = [lit; 2];
+    }
+
     /// A sample: the last step of its interpolation, along x.
     #[inline(always)]
     pub(super) fn sample(&self, i: usize) -> Lit<f32, C> {
@@ -80,13 +86,13 @@ impl<const C: usize> Run<C> {
 
 /// Reads shaded voxels between their places.
 #[derive(Clone, Copy)]
-pub(super) struct Sampler<'a, const C: usize> {
+pub(super) struct Reader<'a, const C: usize> {
     visible: &'a [u32],
     bricks: &'a [Box<ShadedBrick<C>>],
     size: [u32; 3],
 }
 
-impl<'a, const C: usize> Sampler<'a, C> {
+impl<'a, const C: usize> Reader<'a, C> {
     pub(super) fn new(shaded: &'a Shaded<C>) -> Self {
         let (visible, size) = shaded.visible();
         Self { visible, bricks: shaded.bricks(), size }
@@ -110,6 +116,19 @@ impl<'a, const C: usize> Sampler<'a, C> {
         work.samples += u64::from(interpolated);
         work.samples_skipped += u64::from(n - interpolated);
         interpolated > 0
+    }
+
+    /// What lies at one place; `None` where all is transparent or out of the stage.
+    #[inline(always)]
+    pub(super) fn at(&self, at: [f32; 3]) -> Option<Lit<f32, C>> {
+        for (x, bricks) in at.iter().zip(self.size) {
+            if !(*x >= 0.0 && *x < (bricks * EDGE as u32) as f32) {
+                return None;
+            }
+        }
+        let mut run = Run::new();
+        let line = Line { base: at, step: [0.0; 3], first: 0, end: 1 };
+        if self.run(&line, 0, 1, &mut run, &mut RenderWork::default()) { Some(run.sample(0)) } else { None }
     }
 }
 

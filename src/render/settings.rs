@@ -6,6 +6,7 @@ use super::RenderError;
 use super::camera::View;
 use super::cast::Fold;
 use super::light::Light;
+use super::mode::{Keeps, Mode};
 use super::transfer::Transfer;
 use crate::simd::Simd;
 
@@ -60,6 +61,8 @@ pub struct RenderSettings {
     pub size: [u32; 2],
     /// Distance of samples along a ray, in the finest voxel spacing.
     pub step: f64,
+    /// What of the volume is shown.
+    pub mode: Mode,
     /// Opacity and colour of intensities.
     pub transfer: Transfer,
     /// The light.
@@ -88,6 +91,7 @@ impl RenderSettings {
             view: View::default(),
             size,
             step: 1.0,
+            mode: Mode::default(),
             transfer,
             light: Light::default(),
             arity: None,
@@ -111,7 +115,10 @@ impl RenderSettings {
         if !(0.0..=1.0).contains(&self.adaptive) {
             return Err(RenderError::Adaptive { epsilon: self.adaptive });
         }
-        Ok(Fold { arity, stop: self.stop })
+        if self.adaptive > 0.0 && self.mode.keeps() != Keeps::Lit {
+            return Err(RenderError::AdaptiveMode { mode: self.mode.name() });
+        }
+        Ok(Fold { arity, law: self.mode.law(&self.transfer), stop: self.stop })
     }
 
     pub(super) fn pool(&self) -> Result<Option<Arc<rayon::ThreadPool>>, RenderError> {

@@ -5,12 +5,13 @@ use glam::DVec3;
 use super::camera::Camera;
 use super::gradient::gradient;
 use super::light::Light;
+use super::mode::Keeps;
 use super::real::{Number, Real, dot};
 use super::settings::RenderSettings;
 use super::stage::Stage;
 use super::transfer::Transfer;
 
-/// Premultiplied colour and opacity of a step through a voxel's surroundings.
+/// What a voxel keeps, or a sample between voxels has: premultiplied colour and opacity of a step through its surroundings, or what the mode has in their place.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Lit<T, const C: usize> {
     pub(super) colour: [T; C],
@@ -23,6 +24,11 @@ pub(super) struct Lit<T, const C: usize> {
 pub(super) struct Shader<S> {
     transfer: Transfer,
     light: Light,
+    keeps: Keeps,
+    /// Else matter is white and even.
+    is_lit: bool,
+    isovalue: Option<S>,
+    is_grey: bool,
     step_mm: S,
     /// Values outside of which everything is transparent.
     visible: [S; 2],
@@ -32,6 +38,16 @@ pub(super) struct Shader<S> {
     halfway: [S; 3],
     /// Depth of stage coordinate 0 and what a voxel along each axis adds.
     depth: [S; 4],
+}
+
+/// The first few of four numbers.
+#[inline(always)]
+fn first<T: Copy, const C: usize>(of: [T; 4]) -> [T; C] {
+    let mut first = [of[0]; C];
+    for (first, of) in first.iter_mut().zip(of) {
+        *first = of;
+    }
+    first
 }
 
 impl<S: Real> Shader<S> {
@@ -45,11 +61,21 @@ impl<S: Real> Shader<S> {
         let depth = |at: DVec3| camera.depth(at, stage);
         let from = depth(DVec3::ZERO);
         let [x, y, z] = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| depth(axis) - from);
+        let keeps = settings.mode.keeps();
+        let visible = match keeps {
+            // An empty interval where nothing is visible. Beyond f64's own rounding, lest single precision leave out a voxel.
+            Keeps::Lit => settings.transfer.visible().unwrap_or([f64::INFINITY, f64::NEG_INFINITY]),
+            // Beyond is no intensity, and products of it would overflow.
+            Keeps::Intensity | Keeps::Matter => [-1e30, 1e30],
+        };
         Self {
             transfer: settings.transfer.clone(),
             light: settings.light,
-            // An empty interval where nothing is visible. Beyond f64's own rounding, lest single precision leave out a voxel.
-            visible: settings.transfer.visible().unwrap_or([f64::INFINITY, f64::NEG_INFINITY]).map(S::from_f64),
+            keeps,
+            is_lit: settings.mode.is_lit(),
+            isovalue: settings.mode.isovalue().map(S::from_f64),
+            is_grey: settings.mode.is_grey(&settings.transfer),
+            visible: visible.map(S::from_f64),
             step_mm: S::from_f64(camera.step_mm()),
             pitch_mm: spacing.to_array().map(S::from_f64),
             to_light: along(to_light),
@@ -58,8 +84,15 @@ impl<S: Real> Shader<S> {
         }
     }
 
+    /// Whether one channel holds all there is to the colour of a sample.
     pub(super) fn is_grey(&self) -> bool {
-        self.transfer.is_grey()
+        self.is_grey
+    }
+
+    /// The intensity of which the surface is shown, where that is the mode.
+    #[inline(always)]
+    pub(super) fn isovalue(&self) -> Option<S> {
+        self.isovalue
     }
 
     /// Whether a value and its weight can be anything but transparent: most voxels are not, whatever their slope.
@@ -83,19 +116,70 @@ impl<S: Real> Shader<S> {
         around: [[(T, T); 2]; 3],
         at: [T; 3],
     ) -> Lit<T, C> {
-        let mut lit = Lit { colour: [T::zero(); C], alpha: T::zero() };
         let visible = self.may_show(centre);
         if !T::any(visible) {
-            return lit;
+            return Lit { colour: [T::zero(); C], alpha: T::zero() };
         }
         let (value, _) = centre;
         let [px, py, pz] = self.pitch_mm;
         let slope = [gradient(centre, around[0], px), gradient(centre, around[1], py), gradient(centre, around[2], pz)];
+        let kept = match self.keeps {
+            Keeps::Lit => return self.light(visible, value, slope, at),
+            Keeps::Intensity => [value; C],
+            Keeps::Matter => first([value, slope[0], slope[1], slope[2]]),
+        };
+        let mut lit = Lit { colour: kept, alpha: T::select(visible, T::one(), T::zero()) };
+        for colour in &mut lit.colour {
+            *colour = T::select(visible, *colour, T::zero());
+        }
+        lit
+    }
+
+    /// Classifies and lights intensities and their gradients at stage places; what is not visible is transparent.
+    #[inline(always)]
+    pub(super) fn light<T: Number<Scalar = S>, const C: usize>(
+        &self,
+        visible: T::Mask,
+        value: T,
+        slope: [T; 3],
+        at: [T; 3],
+    ) -> Lit<T, C> {
+        let mut lit = Lit { colour: [T::zero(); C], alpha: T::zero() };
         let alpha = T::select(visible, self.transfer.alpha(value, dot(slope, slope).sqrt()), T::zero());
         if !T::any(T::zero().lt(alpha)) {
             return lit;
         }
         lit.alpha = self.transfer.step_corrected(alpha, self.step_mm);
+        if !self.is_lit {
+            lit.colour = [lit.alpha; C];
+            return lit;
+        }
+        lit.colour = match C {
+            1 => [self.transfer.intensity(value); C],
+            _ => {
+                let [r, g, b] = self.transfer.colour(value);
+                first([r, g, b, T::zero()])
+            }
+        };
+        self.seen(lit, slope, at)
+    }
+
+    /// A point of the surface of an intensity, opaque.
+    #[inline(always)]
+    pub(super) fn surface<const C: usize>(&self, isovalue: S, slope: [S; 3], at: [S; 3]) -> Lit<S, C> {
+        let colour = match C {
+            1 => [S::ONE; C],
+            _ => {
+                let [r, g, b] = self.transfer.colour(isovalue);
+                first([r, g, b, S::ZERO])
+            }
+        };
+        self.seen(Lit { colour, alpha: S::ONE }, slope, at)
+    }
+
+    /// Colours in the light, as far away as they are and so opaque.
+    #[inline(always)]
+    fn seen<T: Number<Scalar = S>, const C: usize>(&self, mut lit: Lit<T, C>, slope: [T; 3], at: [T; 3]) -> Lit<T, C> {
         let shade = self.light.shade(slope, self.to_light, self.halfway);
         let strength = match self.light.depth_cue() {
             Some(cue) => {
@@ -106,13 +190,8 @@ impl<S: Real> Shader<S> {
             }
             None => lit.alpha,
         };
-        if C == 1 {
-            lit.colour[0] = shade.lit(self.transfer.intensity(value)) * strength;
-        } else {
-            let rgb = self.transfer.colour(value);
-            for (colour, channel) in lit.colour.iter_mut().zip(rgb) {
-                *colour = shade.lit(channel) * strength;
-            }
+        for c in 0..C {
+            lit.colour[c] = shade.lit(lit.colour[c]) * strength;
         }
         lit
     }

@@ -211,11 +211,11 @@ fn not_negative([base, step]: [f64; 2], range: &mut [f64; 2]) {
     }
 }
 
-/// Whole samples from a first to a last place, of those in a range; empty where there is none.
+/// Whole samples from a first to a last place, of those in a range, and so many behind each that depend on it; empty where there is none.
 #[inline(always)]
-pub(super) fn whole([from, to]: [f64; 2], [first, end]: [u32; 2]) -> [u32; 2] {
+pub(super) fn whole([from, to]: [f64; 2], [first, end]: [u32; 2], reach: u32) -> [u32; 2] {
     // Conversions end at 0 and at the largest integer.
-    let range = [(from.ceil() as u32).max(first), ((to + 1.0).floor() as u32).min(end)];
+    let range = [(from.ceil() as u32).max(first), ((to + 1.0 + f64::from(reach)).floor() as u32).min(end)];
     if from <= to && range[0] < range[1] { range } else { [first, first] }
 }
 

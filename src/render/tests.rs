@@ -15,6 +15,8 @@ use calibration::frames::{Transform, Volume, World};
 use light::Light;
 use transfer::{Colour, Curve, Opacity, Transfer};
 
+pub(super) mod modes;
+
 /// A volume given by a function of the voxel, all seen where it says so.
 struct Field<F> {
     low: [i64; 3],

@@ -3,7 +3,8 @@
 use serde::Serialize;
 
 use super::Milliseconds;
-use crate::render::{RenderWork, Renderer};
+use crate::render::light::{DepthCue, Light, Parts, Source};
+use crate::render::{RenderWork, Renderer, Shading};
 
 /// The numbers of a picture that followed a volume.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -20,11 +21,47 @@ pub struct PictureStatistics {
     pub picture: PictureNumbers,
 }
 
+/// A light.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LightNumbers {
+    /// Towards it, in the world; `null` for one at the eye.
+    pub direction: Option<[f64; 3]>,
+    /// In which parts it is returned.
+    #[serde(flatten)]
+    pub parts: Parts,
+    /// Whether it reaches the backs of surfaces.
+    pub two_sided: bool,
+    /// Brightness near and far; `null` where it does not fade.
+    pub depth_cue: Option<DepthCue>,
+}
+
+impl LightNumbers {
+    fn of(light: Light) -> Self {
+        Self {
+            direction: match light.source() {
+                Source::Headlight => None,
+                Source::Fixed(towards) => Some(towards.to_array()),
+            },
+            parts: light.parts(),
+            two_sided: light.is_two_sided(),
+            depth_cue: light.depth_cue(),
+        }
+    }
+}
+
 /// A renderer, and what it has done.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PictureNumbers {
     /// Pixels to the right and down.
     pub image_size: [u32; 2],
+    /// What of the volume it shows.
+    pub mode: &'static str,
+    /// Whether voxels or samples were classified, where anything was.
+    pub shading: Option<&'static str>,
+    /// Of an isosurface, grey levels.
+    pub isovalue: Option<f64>,
+    /// The light, where any fell.
+    pub light: Option<LightNumbers>,
     /// Samples along a ray.
     pub samples_per_ray: u32,
     /// Samples of a block of the fold.
@@ -51,6 +88,10 @@ impl PictureNumbers {
         let memory = renderer.memory();
         Self {
             image_size,
+            mode: renderer.mode().name(),
+            shading: renderer.mode().shading().map(Shading::name),
+            isovalue: renderer.mode().isovalue(),
+            light: renderer.mode().is_lit().then(|| LightNumbers::of(renderer.light())),
             samples_per_ray: renderer.samples(),
             arity: renderer.arity(),
             adaptive: renderer.adaptive(),

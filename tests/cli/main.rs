@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
 mod inspect;
+mod modes;
 mod paths;
 mod phantom;
 mod place;

@@ -6,12 +6,13 @@ use calibration::frames::{Transform, Volume, World};
 use clap::{Args, ValueEnum};
 use glam::DVec3;
 
+use super::lighting::Lighting;
 use super::planar::PlanarFlags;
 use crate::cli::{Failure, values};
 use crate::render::camera::{Camera, View};
 use crate::render::settings::STOP;
 use crate::render::transfer::Transfer;
-use crate::render::{RenderSettings, Stage};
+use crate::render::{self, RenderSettings, Shading, Stage};
 
 /// What a picture shows, and how.
 #[derive(Debug, Args)]
@@ -30,18 +31,25 @@ pub(in crate::cli) struct Look {
     /// What of the volume is drawn
     #[arg(long, value_enum, default_value_t)]
     pub(in crate::cli) mode: Mode,
-    /// Opacity and colour of grey levels: a preset (tissue, bone, surface, xray, phantom) or a file
-    #[arg(long, value_name = "PRESET|FILE.toml", default_value = Transfer::PRESETS[0].0)]
-    pub(in crate::cli) transfer: String,
+    /// The grey level of which --mode iso draws the surface [default: halfway between black and white]
+    #[arg(long, value_name = "V", allow_hyphen_values = true)]
+    isovalue: Option<f64>,
+    /// What --transfer classifies, in the modes shaded and opacity [default: voxel]
+    #[arg(long, value_enum, value_name = "WHAT")]
+    shading: Option<Classified>,
+    /// Opacity and colour of grey levels: a preset (tissue, bone, surface, xray, phantom) or a file; the modes mip, average and iso use its colours
+    /// only [default: tissue; for mip and average xray, whose greys are those of --window]
+    #[arg(long, value_name = "PRESET|FILE.toml")]
+    pub(super) transfer: Option<String>,
     /// Distance of samples along a ray, in voxels
     #[arg(long, value_name = "VOXELS", default_value_t = STEP)]
     pub(in crate::cli) step: f64,
     /// Samples that are folded together [default: the power of two next to the root of a ray's samples]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u32).range(1..))]
     pub(in crate::cli) arity: Option<u32>,
-    /// A ray ends where less of what lies behind would be seen, 0 to 1; 0 casts all
-    #[arg(long, value_name = "T", default_value_t = STOP)]
-    pub(in crate::cli) stop: f32,
+    /// A ray ends where less of what lies behind would be seen, 0 to 1, in the modes shaded and opacity; 0 casts all [default: 1/1024]
+    #[arg(long, value_name = "T")]
+    pub(super) stop: Option<f32>,
     /// Leave rays out where the picture differs by less than this from one to the next, in parts of its full range, 0 to 1: 0.004 to 0.03 (1/255 to 8/255) are
     /// usual; 0 casts one a pixel and is exact
     #[arg(long, value_name = "EPS", default_value_t = 0.0)]
@@ -49,6 +57,8 @@ pub(in crate::cli) struct Look {
     /// Colour behind the volume: red, green, blue, 0 to 1
     #[arg(long, value_name = "R,G,B", default_value = "0,0,0", value_parser = values::colour, allow_hyphen_values = true)]
     pub(in crate::cli) background: Colour,
+    #[command(flatten)]
+    lighting: Lighting,
     #[command(flatten)]
     pub(in crate::cli) planar: PlanarFlags,
 }
@@ -67,31 +77,58 @@ pub(in crate::cli) enum Mode {
     /// Lit matter, as opaque as --transfer says
     #[default]
     Shaded,
+    /// The largest grey level along each ray
+    Mip,
+    /// The mean of the grey levels along each ray, as in an x-ray picture
+    Average,
+    /// The opaque surface of one grey level
+    Iso,
+    /// How much --transfer hides of what lies behind: white where all
+    Opacity,
     /// Planes through the volume, by --at or --plane
     Slice,
 }
 
 impl Mode {
-    /// The name on the command line and in statistics.
-    pub(in crate::cli) fn name(self) -> &'static str {
+    /// The name on the command line.
+    pub(super) fn name(self) -> &'static str {
         match self {
             Self::Shaded => "shaded",
+            Self::Mip => "mip",
+            Self::Average => "average",
+            Self::Iso => "iso",
+            Self::Opacity => "opacity",
             Self::Slice => "slice",
         }
     }
+
+    fn classifies(self) -> bool {
+        matches!(self, Self::Shaded | Self::Opacity)
+    }
+
+    fn is_lit(self) -> bool {
+        matches!(self, Self::Shaded | Self::Iso)
+    }
+}
+
+/// What the transfer function classifies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Classified {
+    /// Voxels, whose colours are interpolated: a new slice costs what it changes
+    Voxel,
+    /// Samples, whose grey levels and gradients are interpolated: sharper, and slow; for stills
+    Sample,
 }
 
 /// What the flags are where nobody gives them.
 pub(super) struct Usual {
-    pub(super) transfer: &'static str,
     pub(super) step: f64,
-    pub(super) stop: f32,
     pub(super) background: Colour,
 }
 
 impl Look {
     pub(super) fn usual() -> Usual {
-        Usual { transfer: Transfer::PRESETS[0].0, step: STEP, stop: STOP, background: BACKGROUND }
+        Usual { step: STEP, background: BACKGROUND }
     }
 
     /// The view of a volume whose slices lie along these axes, turned by so many degrees about the world's z axis.
@@ -106,16 +143,21 @@ impl Look {
     /// # Errors
     /// [`Failure`]: the flag and what it may be.
     pub(in crate::cli) fn check(&self) -> Result<(), Failure> {
-        if !(0.0..=1.0).contains(&self.stop) {
-            return Err(Failure(format!("--stop {}: must lie between 0 and 1", self.stop)));
+        if let Some(stop) = self.stop.filter(|stop| !(0.0..=1.0).contains(stop)) {
+            return Err(Failure(format!("--stop {stop}: must lie between 0 and 1")));
         }
+        if let Some(isovalue) = self.isovalue.filter(|value| !value.is_finite()) {
+            return Err(Failure(format!("--isovalue {isovalue}: must be a finite number of grey levels")));
+        }
+        self.planar.check(self)?;
+        self.check_mode()?;
+        self.lighting.light()?;
         if !(0.0..=1.0).contains(&self.adaptive) {
             return Err(Failure(format!(
                 "--adaptive {}: must lie between 0, which casts all rays, and 1",
                 self.adaptive
             )));
         }
-        self.planar.check(self)?;
         self.transfer([0.0, 1.0])?;
         let stage = Stage::new(Transform::<World, Volume>::IDENTITY, [0; 3], [0; 3])?;
         Camera::new(&self.view(None, 0.0, false), self.image_size, self.step, &stage)?;
@@ -134,17 +176,71 @@ impl Look {
     ) -> Result<RenderSettings, Failure> {
         Ok(RenderSettings {
             view: self.view(slice_axes, 0.0, false),
+            mode: self.mode(range),
+            light: self.lighting.light()?,
             step: self.step,
             arity: self.arity,
-            stop: self.stop,
+            stop: self.stops().unwrap_or(STOP),
             adaptive: self.adaptive,
             threads,
             ..RenderSettings::new(self.image_size, self.transfer(range)?)
         })
     }
 
+    /// Flags that a mode does not heed are refused: who gives one expects something of it.
+    fn check_mode(&self) -> Result<(), Failure> {
+        let no_use = |flag: &str, why: &str| {
+            Err(Failure(format!("{flag} is of no use to --mode {}, {why}: leave it out", self.mode.name())))
+        };
+        if self.isovalue.is_some() && self.mode != Mode::Iso {
+            return no_use("--isovalue", "which draws no surface of one grey level");
+        }
+        if self.shading.is_some() && !self.mode.classifies() {
+            return no_use("--shading", "which takes no opacities from --transfer");
+        }
+        if self.stop.is_some() && !self.mode.classifies() {
+            return no_use("--stop", "in which nothing translucent hides what lies behind");
+        }
+        match self.lighting.given() {
+            Some(flag) if !self.mode.is_lit() => no_use(flag, "on which no light falls"),
+            _ => Ok(()),
+        }
+    }
+
+    /// Where rays end, if they may end early.
+    pub(in crate::cli) fn stops(&self) -> Option<f32> {
+        self.mode.classifies().then(|| self.stop.unwrap_or(STOP))
+    }
+
+    fn mode(&self, [black, white]: [f32; 2]) -> render::Mode {
+        let shading = match self.shading {
+            None | Some(Classified::Voxel) => Shading::Voxel,
+            Some(Classified::Sample) => Shading::Sample,
+        };
+        match self.mode {
+            // Planes have no rays, and nobody asks for theirs.
+            Mode::Shaded | Mode::Slice => render::Mode::Shaded(shading),
+            Mode::Opacity => render::Mode::Opacity(shading),
+            Mode::Mip => render::Mode::Maximum,
+            Mode::Average => render::Mode::Average,
+            Mode::Iso => {
+                let halfway = 0.5 * (f64::from(black) + f64::from(white));
+                render::Mode::Isosurface(self.isovalue.unwrap_or(halfway))
+            }
+        }
+    }
+
+    /// The transfer function's preset or file.
+    pub(in crate::cli) fn transfer_name(&self) -> &str {
+        let usual = match self.mode {
+            Mode::Shaded | Mode::Iso | Mode::Opacity | Mode::Slice => Transfer::PRESETS[0].0,
+            Mode::Mip | Mode::Average => "xray",
+        };
+        self.transfer.as_deref().unwrap_or(usual)
+    }
+
     fn transfer(&self, range: [f32; 2]) -> Result<Transfer, Failure> {
-        let name = self.transfer.as_str();
+        let name = self.transfer_name();
         if Path::new(name).extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
             return Ok(Transfer::read(Path::new(name))?);
         }
@@ -168,8 +264,8 @@ mod tests {
     #[test]
     fn the_usual_look_is_the_one_that_nobody_asked_for() {
         let (look, usual) = (Command::parse_from(["render"]).look, Look::usual());
-        assert_eq!((look.step, look.stop), (usual.step, usual.stop));
-        assert_eq!((look.transfer.as_str(), look.background), (usual.transfer, usual.background));
+        assert_eq!((look.step, look.background), (usual.step, usual.background));
+        assert!(look.transfer.is_none() && look.stop.is_none() && look.adaptive == 0.0);
         assert!(look.view.is_none() && look.perspective.is_none() && look.arity.is_none());
     }
 }

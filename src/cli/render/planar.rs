@@ -143,10 +143,11 @@ impl PlanarFlags {
         let other = [
             ("--view", look.view.is_some()),
             ("--perspective", look.perspective.is_some()),
-            ("--transfer", look.transfer != usual.transfer),
+            ("--transfer", look.transfer.is_some()),
             ("--step", look.step != usual.step),
             ("--arity", look.arity.is_some()),
-            ("--stop", look.stop != usual.stop),
+            ("--stop", look.stop.is_some()),
+            ("--adaptive", look.adaptive != 0.0),
             ("--background", look.background != usual.background),
         ];
         if let Some((flag, _)) = other.iter().find(|(_, given)| *given) {

@@ -52,7 +52,7 @@ fn check(view: View, prism: &Prism) -> [usize; 2] {
             let ray = camera.ray(i, j);
             let in_columns = (left..=right).contains(&i64::from(i));
             let [from, to] = match in_columns {
-                true => whole(row.samples(&pencil, i), [0, camera.samples()]),
+                true => whole(row.samples(&pencil, i), [0, camera.samples()], 0),
                 false => [0, 0],
             };
             let at = |k: u32| ray.base + ray.step * f64::from(k);

@@ -66,6 +66,14 @@ impl Colour {
         }
     }
 
+    /// The intensities of the first and the last colour.
+    pub fn span(&self) -> [f64; 2] {
+        match self {
+            Self::Grey(curve) => curve.span(),
+            Self::Map(map) => map.span(),
+        }
+    }
+
     /// Red, green and blue.
     #[inline(always)]
     pub fn at<T: Number>(&self, value: T) -> [T; 3] {

@@ -207,6 +207,11 @@ impl Transfer {
         self.colour.intensity(value)
     }
 
+    /// The colours.
+    pub fn colours(&self) -> &Colour {
+        &self.colour
+    }
+
     /// Whether every colour is a grey.
     pub fn is_grey(&self) -> bool {
         self.colour.is_grey()
