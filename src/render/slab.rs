@@ -166,8 +166,9 @@ impl<const N: usize> BodyRow<N> {
         for plane in beside {
             not_negative(*plane, &mut range);
         }
-        // Within a hundred-thousandth: rounding in what is nearly parallel.
-        [(range[0] - 1e-5).ceil() as i64, (range[1] + 1e-5).floor() as i64]
+        // Within a hundred-thousandth: rounding in what is nearly parallel, where an empty range may also end anywhere.
+        let [begin, end] = [(range[0] - 1e-5).ceil(), (range[1] + 1e-5).floor()];
+        [begin.min(f64::from(u32::MAX)) as i64, end.max(-1.0) as i64]
     }
 
     /// The samples of a pixel's ray that lie in the body, as first and last place; none where the last is the smaller.

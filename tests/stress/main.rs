@@ -10,12 +10,17 @@ mod accumulation;
 mod coverage;
 mod decay;
 mod departures;
+mod faces;
 mod figures;
+mod folding;
+mod following;
+mod foreign;
 mod geometry;
 mod kernels;
 mod memory;
 mod order;
 mod orientation;
+mod pictures;
 #[path = "../cli/place.rs"]
 #[allow(dead_code, reason = "another suite's helper, used in part")]
 mod place;
@@ -26,7 +31,9 @@ mod selecting;
 #[path = "../cli/sequence.rs"]
 #[allow(dead_code, reason = "another suite's helper, used in part")]
 mod sequence;
+mod slabs;
 mod support;
+mod surfaces;
 mod time;
 mod weaving;
 
@@ -58,6 +65,12 @@ fn main() {
         planar::tests(length),
         departures::tests(),
         selecting::tests(),
+        following::tests(),
+        folding::tests(),
+        slabs::tests(),
+        surfaces::tests(),
+        faces::tests(),
+        foreign::tests(),
     ];
     let trials: Vec<Trial> = themes.into_iter().flatten().map(|test: Test| test.trial(length, &report)).collect();
     let conclusion = libtest_mimic::run(&arguments, trials);
