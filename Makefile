@@ -1,5 +1,5 @@
 # Each target first installs what the machine lacks (scripts/setup.sh says what and asks sudo when not root).
-.PHONY: all demo test bench stress paper pareto check setup fresh-machine
+.PHONY: all demo test bench peers stress paper pareto check setup fresh-machine
 
 all: test
 
@@ -20,6 +20,10 @@ check: setup
 bench: setup
 	cargo bench --locked --bench reconstruct
 	cargo bench --locked --bench render
+
+# What the bench of the renderer then also times: VTK, in an environment of its own in out/peers (600 MB, from the package index that pip is set up for).
+peers:
+	scripts/peers/environment.sh
 
 # Numerical stability: 10⁶ slices and days of stamps (STRESS=quick: seconds), and errors put into the source, which tests must notice.
 STRESS ?= full

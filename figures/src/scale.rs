@@ -73,9 +73,10 @@ impl Scale {
                 let (first, last) = ((low.log10() + 1e-9).floor() as i32, (high.log10() - 1e-9).ceil() as i32);
                 let every = ((f64::from(last - first) / wanted.clamp(2.0, 8.0)).ceil() as i32).max(1);
                 let decades = first..=last;
-                // Within a decade every digit is named, within two also two and five.
+                // The less is spanned the more digits are named, but none so near to the next that their texts touch.
                 let digits: &[u8] = match last - first {
-                    _ if high <= low * 10.0 => &[2, 3, 4, 5, 6, 7, 8, 9],
+                    _ if high <= low * 4.0 => &[2, 3, 4, 5, 6, 8],
+                    _ if high <= low * 10.0 => &[2, 3, 5],
                     ..=2 => &[2, 5],
                     _ => &[],
                 };

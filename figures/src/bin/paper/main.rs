@@ -12,20 +12,30 @@
 //! - [`weights`], [`columns_woven`], [`columns`]: a weight a column against a weight a voxel, by the equations and by the reconstructor's two paths.
 //! - [`speed`]: the paper's test sizes against the clock.
 //! - [`woven_volumes`]: claims about volumes, on the reconstructor itself.
+//! - [`doll`]: the paper's test of the renderer; [`caches`]: figures 9 to 11; [`adaptive`],
+//!   [`incremental`], [`parts`]: claims about pictures that follow their volume.
 //! - [`report`]: checks, claims, the page.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program that speaks to its user")]
 
+mod adaptive;
+mod caches;
 mod columns;
 mod columns_woven;
 mod decay;
 mod decay_woven;
+mod doll;
 mod fading;
+mod incremental;
+mod parts;
 mod pulsating;
 mod report;
 mod ripple;
 mod signal;
 mod speed;
 mod support;
+#[path = "../../../../benches/reconstruct/timing.rs"]
+#[allow(dead_code, reason = "shared with the bench, which times more than this does")]
+mod timing;
 mod weights;
 mod woven;
 mod woven_volumes;
@@ -44,12 +54,19 @@ struct Effort {
     draws: u64,
     /// Runs of each timed scan.
     rounds: u32,
+    /// Slices that a picture follows, of the paper's 90.
+    slices: u32,
     /// Rates of decay over a moving object, 1/s.
     rates: &'static [f64],
 }
 
 fn main() -> ExitCode {
-    let mut effort = Effort { draws: 200, rounds: 5, rates: &[0.3, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 30.0, 50.0, 100.0] };
+    let mut effort = Effort {
+        draws: 200,
+        rounds: 5,
+        slices: doll::SLICES,
+        rates: &[0.3, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 30.0, 50.0, 100.0],
+    };
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut folder = here.parent().unwrap_or(here).join("out/paper");
     for argument in std::env::args().skip(1) {
@@ -57,7 +74,7 @@ fn main() -> ExitCode {
             eprintln!("unknown argument {argument}; this takes --quick or nothing");
             return ExitCode::from(2);
         }
-        effort = Effort { draws: 10, rounds: 1, rates: &[3.0, 10.0] };
+        effort = Effort { draws: 10, rounds: 1, slices: 20, rates: &[3.0, 10.0] };
         folder = folder.join("quick");
     }
     match run(&effort, &folder) {
@@ -86,6 +103,13 @@ fn run(effort: &Effort, folder: &Path) -> Result<bool, Box<dyn Error>> {
     woven_volumes::sums(&mut report)?;
     woven_volumes::widths(&mut report)?;
     woven_volumes::slab(&mut report)?;
+    let doll = doll::Doll::new(effort.slices)?;
+    incremental::exact(&mut report, &doll)?;
+    incremental::clipped(&mut report, &doll)?;
+    parts::composited(&mut report, &doll)?;
+    incremental::timed(&mut report, &doll, effort.rounds)?;
+    caches::draw(&mut report, folder, &doll, effort.rounds)?;
+    adaptive::draw(&mut report, folder, &doll)?;
     let load = fs::read_to_string("/proc/loadavg").unwrap_or_default();
     let load = load.split_whitespace().next().unwrap_or("unknown").to_owned();
     let simd = sonoweave::reconstruct::Simd::detect().name();

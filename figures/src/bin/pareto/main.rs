@@ -12,6 +12,7 @@
 //! - [`front`]: who beats whom.
 //! - [`rows`], [`pictures`]: what is said of it.
 //! - [`storage`]: sums in 32 and 16 bits, in a weaver of its own.
+//! - [`rendering`]: pictures, by what is kept of rays, where they end and how far samples are apart.
 //! - [`left_out`]: recordings, each slice predicted from the others.
 //! - [`report`]: checks, the Markdown, the page.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program that speaks to its user")]
@@ -23,6 +24,9 @@ mod baselines;
 #[allow(dead_code, reason = "shared with the bench, which also compares bricks")]
 mod check;
 mod contestant;
+#[path = "../paper/doll.rs"]
+#[allow(dead_code, reason = "shared with the paper's figures, which follow all slices")]
+mod doll;
 mod field;
 mod filling;
 mod front;
@@ -31,6 +35,7 @@ mod left_out;
 mod loading;
 mod measure;
 mod pictures;
+mod rendering;
 mod report;
 mod rows;
 mod stage;
@@ -47,6 +52,7 @@ use std::time::Instant;
 
 use contestant::{Contestant, DEFAULT_VOXEL_MM, full_list, short_list};
 use measure::Rounds;
+use rendering::Extent;
 use report::{Report, digits};
 use sonoweave::reconstruct::Simd;
 
@@ -58,10 +64,16 @@ struct Effort {
     whole: bool,
     /// Slices over the same place, at most.
     stored: u32,
+    rendering: Extent,
 }
 
 fn main() -> ExitCode {
-    let mut effort = Effort { rounds: Rounds { cheap: 10, dear: 3 }, whole: true, stored: 1000 };
+    let mut effort = Effort {
+        rounds: Rounds { cheap: 10, dear: 3 },
+        whole: true,
+        stored: 1000,
+        rendering: Extent { rounds: 2, followed: 16, side: 256, whole: true },
+    };
     let figures = Path::new(env!("CARGO_MANIFEST_DIR"));
     let project = figures.parent().unwrap_or(figures);
     let mut folder = project.join("out/pareto");
@@ -70,7 +82,12 @@ fn main() -> ExitCode {
             eprintln!("unknown argument {argument}; this takes --quick or nothing");
             return ExitCode::from(2);
         }
-        effort = Effort { rounds: Rounds { cheap: 2, dear: 1 }, whole: false, stored: 100 };
+        effort = Effort {
+            rounds: Rounds { cheap: 2, dear: 1 },
+            whole: false,
+            stored: 100,
+            rendering: Extent { rounds: 1, followed: 6, side: 96, whole: false },
+        };
         folder = folder.join("quick");
     }
     match run(effort, project, &folder) {
@@ -123,6 +140,7 @@ fn run(effort: Effort, project: &Path, folder: &Path) -> Result<bool, Box<dyn Er
     }
     rows::tell_verdicts(&rows, &mut report);
     storage::measure(effort.stored, &mut report, folder)?;
+    rendering::measure(effort.rendering, &mut report, folder)?;
     left_out::measure(project, effort.whole, &mut report, folder)?;
     pictures::draw(&rows, &mut report, folder)?;
     report.section(format!(

@@ -105,7 +105,7 @@ pub(crate) fn by_family(points: impl Iterator<Item = (Contestant, [f64; 2])>) ->
 }
 
 /// The front as steps: what it costs to come below an error.
-fn steps(points: &[[f64; 2]], [low, high]: [f64; 2], top: f64) -> Vec<[f64; 2]> {
+pub(crate) fn steps(points: &[[f64; 2]], [low, high]: [f64; 2], top: f64) -> Vec<[f64; 2]> {
     let front = front(points);
     let mut line = Vec::new();
     let mut error = top;

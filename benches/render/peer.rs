@@ -1,0 +1,355 @@
+//! VTK's ray caster on the same volume, from the same side, with the same classification, in turns with ours.
+//!
+//! It runs in a process of its own (`scripts/peers/vtk_caster.py`, in the environment that `make peers` makes), which is told what to do line by line. Both are
+//! given a volume of bytes. VTK classifies between voxels and in 15 bits, we classify voxels and interpolate: pictures differ, by how much is measured, and
+//! more than that is another picture, which fails the run.
+
+use std::error::Error;
+use std::fs;
+use std::io::{BufRead, BufReader, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::time::Instant;
+
+use glam::DVec3;
+use serde_json::json;
+use sonoweave::render::camera::{Camera, View};
+use sonoweave::render::light::Light;
+use sonoweave::render::transfer::{Opacity, Transfer};
+use sonoweave::render::{Picture, RenderSettings, Renderer, Stage};
+
+use super::case::{Case, Ready, THREADS};
+use super::report::{Cell, Goal, Report, Table};
+use super::snapshot::{PLANES, Snapshot};
+use super::timing::{self, Contestant, Times};
+
+const SIDES: u32 = 6;
+/// Parts of the light, and the highlight's exponent: those of [`Light::default`], which VTK has as well.
+const LIT: ([f64; 3], u32) = ([0.3, 0.7, 0.2], 16);
+/// Root mean square difference of two pictures of the same, grey levels of 255. VTK's volume ends at its last voxels, ours fades over one more: where
+/// nothing is empty that border is the larger part of it.
+const APART: f64 = 2.0;
+
+/// What is compared.
+struct Setting {
+    what: &'static str,
+    preset: &'static str,
+    lit: bool,
+    size: [u32; 2],
+}
+
+/// What one case compares.
+fn settings(case: &Case) -> Vec<Setting> {
+    let lit = |size| Setting { what: "lit", preset: "phantom", lit: true, size };
+    match case.id {
+        "paper" => vec![
+            lit([256; 2]),
+            lit([512; 2]),
+            Setting { what: "flat, nothing empty", preset: "xray", lit: false, size: [256; 2] },
+        ],
+        "cube" => vec![lit([512; 2])],
+        _ => Vec::new(),
+    }
+}
+
+/// The project's folder.
+fn project() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// The Python that has VTK, if `make peers` was run.
+pub(crate) fn environment() -> Option<PathBuf> {
+    Some(project().join("out/peers/bin/python")).filter(|python| python.exists())
+}
+
+/// The table that all cases share.
+pub(crate) fn table() -> Table {
+    let names = [
+        "volume",
+        "picture",
+        "light",
+        "VTK, ms",
+        "ours, ms",
+        "p25",
+        "times faster",
+        "p75",
+        "rms apart",
+        "most",
+        "goal",
+        "verdict",
+    ];
+    let mut table =
+        Table::new("peers", format!("VTK's ray caster on the CPU and ours, {THREADS} threads each, in turns"), &names);
+    table.note("A new view: ours from nothing, every voxel read and lit. Changed: from the voxels to the picture, VTK's share of handing them over left out.");
+    table.note("Apart: of colours and opacity of pixels of the new views, grey levels of 255.");
+    table
+}
+
+/// One case's rows.
+pub(crate) fn measure(
+    case: &Case,
+    ready: &Ready,
+    python: &Path,
+    [rounds, sides]: [usize; 2],
+    folder: &Path,
+    table: &mut Table,
+    report: &mut Report,
+) -> Result<(), Box<dyn Error>> {
+    let axis = ready.sweep_axis();
+    let before = Snapshot::new(ready.whole.volume(), &ready.stage);
+    let volumes = [before.with_planes_changed(axis), before];
+    for setting in settings(case) {
+        let name = format!("{}-{}-{}", case.id, setting.size[0], setting.preset);
+        let job = Job::new(&setting, ready, &volumes, &folder.join("peers").join(name))?;
+        let mut vtk = Vtk::start(python, &job.folder)?;
+        let apart = compare(&job, &volumes[1], &ready.stage, &mut vtk, sides)?;
+        if apart.rms > APART {
+            report.wrong(format!(
+                "{}, {}: VTK's picture is {:.2} grey levels rms from ours, not the {APART} of the same picture; both are in {}",
+                case.title,
+                setting.what,
+                apart.rms,
+                job.folder.display()
+            ));
+        }
+        let new_view = new_views(&job, &volumes[1], ready, &mut vtk, [rounds, sides])?;
+        let changed = changes(&job, &volumes, axis, ready, &mut vtk, rounds * sides)?;
+        let size = setting.size.map(|n| n.to_string()).join("×");
+        let voxels = volumes[1].size().map(|n| n.to_string()).join("×");
+        for (what, times) in [("new view".to_owned(), new_view), (format!("{PLANES} slices changed"), changed)] {
+            let [theirs, ours] = &times[..] else { continue };
+            let ratio = theirs.over(ours);
+            let mut row = vec![Cell::text(&voxels), Cell::text(format!("{size}, {what}")), Cell::text(setting.what)];
+            row.extend([theirs, ours].map(|times| Cell::Number(times.median(), 2)));
+            row.extend(ratio.map(|r| Cell::Number(r, 2)));
+            row.extend([apart.rms, apart.most].map(|r| Cell::Number(r, 2)));
+            let goal = format!("{voxels}, {size}, {}, {what}: times faster than VTK", setting.what);
+            row.extend(report.judge(goal, Goal::AtLeast(1.0), ratio[1]));
+            table.row(row);
+        }
+    }
+    Ok(())
+}
+
+/// What both are given.
+struct Job {
+    folder: PathBuf,
+    looks: Vec<RenderSettings>,
+}
+
+impl Job {
+    fn new(setting: &Setting, ready: &Ready, volumes: &[Snapshot; 2], folder: &Path) -> Result<Self, Box<dyn Error>> {
+        let transfer = Transfer::preset(setting.preset, [0.0, 255.0])?;
+        let ([ambient, diffuse, specular], shininess) = LIT;
+        let light = match setting.lit {
+            true => Light::default().with_parts(ambient, diffuse, specular, shininess)?,
+            false => Light::default().with_parts(1.0, 0.0, 0.0, 1)?,
+        };
+        let look = |side: u32| RenderSettings {
+            view: View { azimuth: 30.0 + f64::from(360 / SIDES * side), elevation: 20.0, ..View::default() },
+            size: setting.size,
+            transfer: transfer.clone(),
+            light,
+            ..ready.look.clone()
+        };
+        let looks: Vec<RenderSettings> = (0..SIDES).map(look).collect();
+        let views = looks.iter().map(|look| seen(look, &ready.stage)).collect::<Result<Vec<_>, _>>()?;
+        let spacing = ready.stage.spacing_mm();
+        let Opacity::Curve(curve) = transfer.opacity() else { return Err("VTK has opacity curves only".into()) };
+        // 0 is what was not seen.
+        let mut opacity = vec![[0.0, 0.0], [1.0, curve.value(1.0)]];
+        opacity.extend(curve.points().filter(|(at, _)| *at > 1.0).map(|(at, [alpha])| [at, alpha]));
+        let lit = json!({ "ambient": ambient, "diffuse": diffuse, "specular": specular, "shininess": shininess });
+        let grey = [0.0, 255.0].map(|value| [value, transfer.intensity(value)]);
+        let job = json!({
+            "volumes": ["changed.raw", "volume.raw"],
+            "dimensions": volumes[1].size(),
+            "spacing_mm": spacing.to_array(),
+            "size": setting.size,
+            "step_mm": Camera::new(&looks[0].view, setting.size, looks[0].step, &ready.stage)?.step_mm(),
+            "threads": THREADS,
+            "opacity": opacity,
+            "unit_mm": transfer.unit_mm(),
+            "grey": grey,
+            "light": setting.lit.then_some(lit),
+            "views": views,
+        });
+        fs::create_dir_all(folder)?;
+        for (name, volume) in ["changed.raw", "volume.raw"].iter().zip(volumes) {
+            fs::write(folder.join(name), volume.bytes())?;
+        }
+        fs::write(folder.join("job.json"), serde_json::to_string_pretty(&job)?)?;
+        Ok(Self { folder: folder.to_owned(), looks })
+    }
+}
+
+/// A view in mm along the volume's own axes from its first voxel.
+fn seen(look: &RenderSettings, stage: &Stage) -> Result<serde_json::Value, Box<dyn Error>> {
+    let camera = Camera::new(&look.view, look.size, look.step, stage)?;
+    let [low, _] = stage.bounds();
+    let corner = DVec3::from_array(std::array::from_fn(|a| (low[a] - stage.first()[a]) as f64));
+    let mm = |at: DVec3| (at - corner) * stage.spacing_mm();
+    let [width, height] = look.size;
+    let (first, last) = (camera.ray(0, 0), camera.ray(width - 1, height - 1));
+    let middle = |k: f64| mm(0.5 * (first.base + last.base) + first.step * k);
+    let below = mm(camera.ray(0, height - 1).base) - mm(first.base);
+    let pixel = below.length() / f64::from(height - 1);
+    let samples = f64::from(camera.samples());
+    Ok(json!({
+        "centre": middle(0.5 * samples).to_array(),
+        // Before the first sample.
+        "eye": middle(-0.1 * samples).to_array(),
+        "up": (-below.normalize()).to_array(),
+        "half_height_mm": 0.5 * pixel * f64::from(height),
+    }))
+}
+
+/// How far two pictures are apart, grey levels of 255.
+struct Apart {
+    rms: f64,
+    most: f64,
+}
+
+fn compare(job: &Job, volume: &Snapshot, stage: &Stage, vtk: &mut Vtk, sides: usize) -> Result<Apart, Box<dyn Error>> {
+    let mut apart = Apart { rms: 0.0, most: 0.0 };
+    vtk.ms("change")?;
+    for (side, look) in job.looks.iter().take(sides).enumerate() {
+        vtk.ms(&format!("view {side}"))?;
+        let theirs = vtk.picture(&job.folder.join(format!("vtk-{side}.rgba16")), look.size)?;
+        let mut renderer = Renderer::new(look, *stage)?;
+        renderer.update_all(volume);
+        let ours = renderer.picture();
+        for (name, picture) in [("vtk", &theirs), ("ours", &ours)] {
+            let [width, height] = look.size;
+            let bytes = picture.over([0.0; 3]);
+            image::save_buffer(
+                job.folder.join(format!("{name}-{side}.png")),
+                &bytes,
+                width,
+                height,
+                image::ColorType::Rgb8,
+            )?;
+        }
+        let [most, rms] = ours.difference(&theirs);
+        apart.most = apart.most.max(255.0 * most);
+        apart.rms = apart.rms.max(255.0 * rms);
+    }
+    Ok(apart)
+}
+
+/// VTK and ours, ms of each new view.
+fn new_views(
+    job: &Job,
+    volume: &Snapshot,
+    ready: &Ready,
+    vtk: &mut Vtk,
+    [rounds, sides]: [usize; 2],
+) -> Result<Vec<Times>, Box<dyn Error>> {
+    let mut turns: Vec<Contestant<'_>> = Vec::new();
+    turns.push(Box::new(|| (0..sides).map(|side| vtk.ms(&format!("view {side}"))).collect()));
+    turns.push(Box::new(|| {
+        let each = |look: &RenderSettings| -> Result<f64, Box<dyn Error>> {
+            let began = Instant::now();
+            Renderer::new(look, ready.stage)?.update_all(volume);
+            Ok(began.elapsed().as_secs_f64() * 1e3)
+        };
+        job.looks.iter().take(sides).map(each).collect()
+    }));
+    timing::interleaved(rounds, &mut turns)
+}
+
+/// VTK and ours, ms of each picture after some planes changed; the view rests.
+fn changes(
+    job: &Job,
+    volumes: &[Snapshot; 2],
+    axis: usize,
+    ready: &Ready,
+    vtk: &mut Vtk,
+    rounds: usize,
+) -> Result<Vec<Times>, Box<dyn Error>> {
+    let bricks = volumes[0].bricks_of_planes(axis);
+    let mut ours = Renderer::new(&job.looks[0], ready.stage)?;
+    ours.update_all(&volumes[1]);
+    vtk.ms("view 0")?;
+    let mut turns: Vec<Contestant<'_>> = Vec::new();
+    turns.push(Box::new(|| (0..2).map(|_| vtk.ms("change")).collect()));
+    turns.push(Box::new(|| {
+        let each = |volume: &Snapshot| {
+            let began = Instant::now();
+            ours.update(volume, &bricks);
+            began.elapsed().as_secs_f64() * 1e3
+        };
+        Ok(volumes.iter().map(each).collect())
+    }));
+    timing::interleaved(rounds, &mut turns)
+}
+
+/// The other process.
+struct Vtk {
+    child: Child,
+    tell: ChildStdin,
+    hear: BufReader<ChildStdout>,
+}
+
+impl Vtk {
+    fn start(python: &Path, job: &Path) -> Result<Self, Box<dyn Error>> {
+        let script = project().join("scripts/peers/vtk_caster.py");
+        // What VTK says of a missing display is of no interest; its errors come as no answer.
+        let mut child = Command::new(python)
+            .arg(script)
+            .arg(job)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(fs::File::create(job.join("vtk.log"))?)
+            .spawn()?;
+        let (Some(tell), Some(hear)) = (child.stdin.take(), child.stdout.take()) else { return Err("no pipes".into()) };
+        let mut vtk = Self { child, tell, hear: BufReader::new(hear) };
+        vtk.hear(job)?;
+        Ok(vtk)
+    }
+
+    fn hear(&mut self, log: &Path) -> Result<String, Box<dyn Error>> {
+        let mut line = String::new();
+        match self.hear.read_line(&mut line)? {
+            0 => Err(format!(
+                "VTK's process ended; its words are in {}; make peers makes its environment anew",
+                log.join("vtk.log").display()
+            )
+            .into()),
+            _ => Ok(line.trim().to_owned()),
+        }
+    }
+
+    fn ask(&mut self, command: &str) -> Result<String, Box<dyn Error>> {
+        writeln!(self.tell, "{command}")?;
+        self.tell.flush()?;
+        self.hear(Path::new("the job's folder"))
+    }
+
+    fn ms(&mut self, command: &str) -> Result<f64, Box<dyn Error>> {
+        Ok(self.ask(command)?.parse()?)
+    }
+
+    fn picture(&mut self, path: &Path, size: [u32; 2]) -> Result<Picture, Box<dyn Error>> {
+        self.ask(&format!("picture {}", path.display()))?;
+        let bytes = fs::read(path)?;
+        let number = |pair: &[u8]| f32::from(u16::from_ne_bytes([pair[0], pair[1]])) / 32767.0;
+        let pixel = |eight: &[u8]| {
+            let [r, g, b, a] = [0, 2, 4, 6].map(|at| number(&eight[at..at + 2]));
+            [r, g, b, 1.0 - a]
+        };
+        let pixels: Vec<[f32; 4]> = bytes.chunks_exact(8).map(pixel).collect();
+        if pixels.len() != (size[0] * size[1]) as usize {
+            return Err(format!("{}: {} pixels", path.display(), pixels.len()).into());
+        }
+        Ok(Picture { size, pixels })
+    }
+}
+
+impl Drop for Vtk {
+    fn drop(&mut self) {
+        // Its input ends with ours, and it with its input; that it has gone already is no error.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}

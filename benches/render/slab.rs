@@ -1,0 +1,198 @@
+//! A few planes of a volume change: what the caches save of the rays, and what they take.
+
+use std::error::Error;
+
+use glam::DVec3;
+use sonoweave::render::{Cache, Picture, RenderSettings, RenderWork, Renderer};
+
+use super::case::{Case, Ready, along};
+use super::report::{Cell, Goal, Report, Table};
+use super::snapshot::{PLANES, Snapshot};
+use super::timing::{self, Contestant, Times};
+
+/// Two-level against recasting every ray.
+const FASTER: f64 = 8.0;
+/// One-level against two-level: times its time, at this part of its memory.
+const SLOWER: f64 = 1.5;
+const SMALLER: f64 = 0.1;
+
+/// One way to bring the picture up to date.
+#[derive(Clone, Copy, PartialEq)]
+enum Way {
+    /// Every ray is cast again, to its end.
+    Recast,
+    /// What the changed planes reach.
+    Update(Cache),
+}
+
+impl Way {
+    const ALL: [Self; 5] = [
+        Self::Recast,
+        Self::Update(Cache::None),
+        Self::Update(Cache::Linear),
+        Self::Update(Cache::TwoLevel),
+        Self::Update(Cache::OneLevel),
+    ];
+
+    fn name(self) -> String {
+        match self {
+            Self::Recast => "all rays, to their ends".into(),
+            Self::Update(Cache::None) => "rays that are reached".into(),
+            Self::Update(cache) => cache.name().into(),
+        }
+    }
+}
+
+/// What a way took and made.
+#[derive(Default)]
+struct Found {
+    shade: Vec<f64>,
+    work: RenderWork,
+    bytes: u64,
+    /// Changes after which the picture was not that of the volume.
+    wrong: usize,
+    /// The largest difference from the picture of rays that end early.
+    off: f64,
+    fits: bool,
+}
+
+pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Report) -> Result<(), Box<dyn Error>> {
+    let Some(id) = case.slab else { return Ok(()) };
+    let axis = ready.sweep_axis();
+    let before = Snapshot::new(ready.whole.volume(), &ready.stage);
+    let volumes = [before.with_planes_changed(axis), before];
+    let directions =
+        ready.stage.world_from_stage().matrix3.to_cols_array_2d().map(|axis| DVec3::from_array(axis).normalize());
+    let (normal, edge) = (directions[axis], directions[(axis + 1) % 3]);
+    let names = [
+        "the planes are seen",
+        "way",
+        "rays, ms",
+        "shade, ms",
+        "rays",
+        "samples",
+        "blocks folded",
+        "cache MB",
+        "times faster",
+        "right",
+        "goal",
+        "verdict",
+    ];
+    let title = format!("{}: {PLANES} planes of voxels change", case.title);
+    let mut table = Table::new(id, title, &names);
+    for (seen, direction) in
+        [("face on", normal), ("edge on", edge), ("obliquely", normal + edge + 0.3 * directions[(axis + 2) % 3])]
+    {
+        let look = RenderSettings { view: along(direction), ..ready.look.clone() };
+        let (times, found) = turns(ready, &look, &volumes, axis, rounds)?;
+        tell(seen, &times, &found, &mut table, report);
+    }
+    table.note("A change and its rays, the middle of all; shading is the same for all ways but the first, which shades everything.");
+    table.note("Right: the picture is the bits of the one made at once of the same volume; of rays cast to their ends, the difference in grey levels.");
+    report.add(table);
+    Ok(())
+}
+
+/// All ways over both volumes in turns.
+fn turns(
+    ready: &Ready,
+    look: &RenderSettings,
+    volumes: &[Snapshot; 2],
+    axis: usize,
+    rounds: usize,
+) -> Result<(Vec<Times>, Vec<Found>), Box<dyn Error>> {
+    let mut expected: Vec<Picture> = Vec::new();
+    for volume in volumes {
+        let mut renderer = Renderer::new(&RenderSettings { cache: Cache::None, ..look.clone() }, ready.stage)?;
+        renderer.update_all(volume);
+        expected.push(renderer.picture());
+    }
+    let bricks = volumes[0].bricks_of_planes(axis);
+    // Pixels and rays themselves, with nothing kept.
+    let bare = Renderer::new(&RenderSettings { cache: Cache::None, ..look.clone() }, ready.stage)?.memory().rays;
+    let mut found: Vec<Found> = Way::ALL.iter().map(|_| Found::default()).collect();
+    let mut turns: Vec<Contestant<'_>> = Vec::new();
+    for (way, found) in Way::ALL.into_iter().zip(&mut found) {
+        let (expected, bricks) = (&expected, &bricks);
+        let settings = match way {
+            Way::Recast => RenderSettings { cache: Cache::None, stop: 0.0, ..look.clone() },
+            Way::Update(cache) => RenderSettings { cache, ..look.clone() },
+        };
+        let mut kept = Renderer::new(&settings, ready.stage)?;
+        found.fits = kept.cache() == settings.cache;
+        kept.update_all(&volumes[1]);
+        turns.push(Box::new(move || {
+            let mut rays = Vec::new();
+            for (volume, expected) in volumes.iter().zip(expected) {
+                let (updated, picture) = match way {
+                    Way::Recast => {
+                        let mut anew = Renderer::new(&settings, ready.stage)?;
+                        (anew.update_all(volume), anew.picture())
+                    }
+                    Way::Update(_) => (kept.update(volume, bricks), kept.picture()),
+                };
+                rays.push(updated.rays.as_secs_f64() * 1e3);
+                found.shade.push(updated.shade.as_secs_f64() * 1e3);
+                found.work = updated.work;
+                let [most, _] = picture.difference(expected);
+                found.off = found.off.max(most);
+                found.wrong += usize::from(picture != *expected);
+            }
+            found.bytes = kept.memory().rays - bare;
+            Ok(rays)
+        }));
+    }
+    let times = timing::interleaved(rounds, &mut turns)?;
+    drop(turns);
+    Ok((times, found))
+}
+
+fn tell(seen: &str, times: &[Times], found: &[Found], table: &mut Table, report: &mut Report) {
+    let of =
+        |way: Way| Way::ALL.into_iter().zip(times.iter().zip(found)).find(|(w, _)| *w == way).map(|(_, both)| both);
+    let Some((recast, _)) = of(Way::Recast) else { return };
+    for (way, (times, found)) in Way::ALL.into_iter().zip(times.iter().zip(found)) {
+        let [_, faster, _] = recast.over(times);
+        let right = match way {
+            // What lies behind where a ray may end.
+            Way::Recast => {
+                if found.off > f64::from(sonoweave::render::settings::STOP) + 1e-5 {
+                    report.wrong(format!("{seen}: {} between rays to their ends and those that end early", found.off));
+                }
+                Cell::Number(found.off * 255.0, 3)
+            }
+            Way::Update(_) => {
+                if found.wrong > 0 {
+                    report.wrong(format!("{seen}, {}: other bits than a picture made at once", way.name()));
+                }
+                Cell::text(if found.wrong == 0 { "same bits" } else { "NO" })
+            }
+        };
+        let mut row = vec![Cell::text(seen), Cell::text(way.name()), Cell::Number(times.median(), 2)];
+        row.push(Cell::Number(timing::quantile(&found.shade, 0.5), 2));
+        row.extend([found.work.rays, found.work.samples, found.work.blocks_folded].map(Cell::count));
+        row.extend([Cell::Number(found.bytes as f64 / 1e6, 2), Cell::Number(faster, 1), right]);
+        row.extend(match way {
+            Way::Update(Cache::TwoLevel) if found.fits => report.judge(
+                format!("planes {seen}: two-level, times faster than all rays"),
+                Goal::AtLeast(FASTER),
+                faster,
+            ),
+            Way::Update(Cache::OneLevel) => match of(Way::Update(Cache::TwoLevel)) {
+                Some((two, kept)) if kept.fits => {
+                    let memory = found.bytes as f64 / kept.bytes as f64;
+                    report.judge(
+                        format!("planes {seen}: one-level, of two-level's memory"),
+                        Goal::AtMost(SMALLER),
+                        memory,
+                    );
+                    let what = format!("planes {seen}: one-level, of two-level's time");
+                    report.judge(what, Goal::AtMost(SLOWER), times.over(two)[1])
+                }
+                _ => Report::no_goal(),
+            },
+            _ => Report::no_goal(),
+        });
+        table.row(row);
+    }
+}

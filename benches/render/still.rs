@@ -1,0 +1,113 @@
+//! The whole picture from sides that nobody has looked from yet.
+
+use std::error::Error;
+use std::time::{Duration, Instant};
+
+use sonoweave::render::camera::View;
+use sonoweave::render::{Cache, RenderSettings, RenderWork, Renderer, reference};
+
+use super::case::{Case, Ready, THREADS};
+use super::report::{Cell, Goal, Report, Table};
+use super::timing;
+
+/// Sides that are looked from.
+const SIDES: u32 = 6;
+
+/// A coarse picture, and the exact one while the view rests; ms.
+const RESTING: [f64; 2] = [20.0, 300.0];
+/// A caller with a slice waiting comes to it after about this.
+const TURN: Duration = Duration::from_millis(10);
+
+pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Report) -> Result<(), Box<dyn Error>> {
+    let (id, sizes) = case.stills;
+    let names = [
+        "picture",
+        "all, ms",
+        "shade",
+        "rays",
+        "voxels shaded",
+        "samples",
+        "samples skipped",
+        "from f64, grey levels",
+        "goal",
+        "verdict",
+        "half of it",
+        "coarse, ms",
+        "refined, ms",
+    ];
+    let mut table = Table::new(id, format!("{}: the whole from {SIDES} sides, ms a picture", case.title), &names);
+    for &(size, goal) in sizes {
+        let settings = |side: u32| {
+            let view = View { azimuth: f64::from(360 / SIDES * side), elevation: 25.0, ..View::default() };
+            RenderSettings { view, size, cache: Cache::None, ..ready.look.clone() }
+        };
+        let mut ms = Vec::new();
+        let mut work = RenderWork::default();
+        for side in 0..SIDES {
+            for _ in 0..rounds {
+                let updated = Renderer::new(&settings(side), ready.stage)?.update_all(ready.whole.volume());
+                ms.push([updated.shade, updated.rays].map(|d| d.as_secs_f64() * 1e3));
+                work = updated.work;
+            }
+        }
+        // The equations in f64 take seconds for a picture: they judge the last side.
+        let last = settings(SIDES - 1);
+        let mut timed = Renderer::new(&last, ready.stage)?;
+        timed.update_all(ready.whole.volume());
+        let [most, _] = reference::render(ready.whole.volume(), &last, &ready.stage)?.difference(&timed.picture());
+        if most > 1.0 / 255.0 {
+            report.wrong(format!("{}, {}×{} pixels: {most} from the equations", case.title, size[0], size[1]));
+        }
+        let of = |part: fn(&[f64; 2]) -> f64| timing::quantile(&ms.iter().map(part).collect::<Vec<_>>(), 0.5);
+        let all = of(|[shade, rays]| shade + rays);
+        let mut row = vec![Cell::text(format!("{}×{}", size[0], size[1])), Cell::Number(all, 1)];
+        row.extend([of(|ms| ms[0]), of(|ms| ms[1])].map(|ms| Cell::Number(ms, 1)));
+        row.extend([work.voxels_shaded, work.samples, work.samples_skipped].map(Cell::count));
+        row.push(Cell::Number(most * 255.0, 4));
+        let what = format!("{}: a new view of {}×{} pixels, ms", case.title, size[0], size[1]);
+        row.extend(report.judge(what, Goal::AtMost(goal), all));
+        row.push(Cell::text(if all <= 0.5 * goal { "met" } else { "not met" }));
+        let resting = resting(ready, &settings, rounds, report)?;
+        row.extend(resting.map(|ms| Cell::Number(ms, 1)));
+        for ((ms, goal), what) in resting.into_iter().zip(RESTING).zip(["coarse", "refined"]) {
+            let what = format!("{}: a {what} picture of {}×{} pixels, ms", case.title, size[0], size[1]);
+            report.judge(what, Goal::AtMost(goal), ms);
+        }
+        table.row(row);
+    }
+    table.note(format!(
+        "{THREADS} threads, nothing kept of another view: every voxel is read, classified and lit again. \"From f64\" is the largest difference of a pixel from the \
+         equations, of the last side. Coarse and refined: of a renderer that has followed the volume from another side, from the moment of looking elsewhere; refined to the bits of the \
+         one made at once."
+    ));
+    report.add(table);
+    Ok(())
+}
+
+/// The middle of the ms until there is a coarse picture of a new view, and until it is the exact one.
+fn resting(
+    ready: &Ready,
+    settings: &dyn Fn(u32) -> RenderSettings,
+    rounds: usize,
+    report: &mut Report,
+) -> Result<[f64; 2], Box<dyn Error>> {
+    let kept = |side: u32| RenderSettings { cache: Cache::default(), ..settings(side) };
+    let mut renderer = Renderer::new(&kept(SIDES - 1), ready.stage)?;
+    renderer.update_all(ready.whole.volume());
+    let mut ms = [Vec::new(), Vec::new()];
+    for _ in 0..rounds {
+        for side in 0..SIDES {
+            let began = Instant::now();
+            renderer.look(settings(side).view)?;
+            ms[0].push(began.elapsed().as_secs_f64() * 1e3);
+            while !renderer.refine(TURN).finished {}
+            ms[1].push(began.elapsed().as_secs_f64() * 1e3);
+        }
+    }
+    let mut direct = Renderer::new(&settings(SIDES - 1), ready.stage)?;
+    direct.update_all(ready.whole.volume());
+    if direct.picture() != renderer.picture() {
+        report.wrong("a refined picture has other bits than one made at once");
+    }
+    Ok(ms.map(|ms| timing::quantile(&ms, 0.5)))
+}

@@ -1,0 +1,106 @@
+//! C16: rays only where the picture needs them, and what that costs in error.
+
+use std::error::Error;
+use std::path::Path;
+
+use sonoweave::render::RenderSettings;
+use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series};
+
+use crate::doll::Doll;
+use crate::report::Report;
+
+/// What neighbouring rays may differ by, grey levels of 255.
+const LEVELS: [f32; 6] = [0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
+
+/// What is found for one of them.
+struct Sparse {
+    /// Rays cast of all.
+    rays: f64,
+    /// Root mean square and largest difference from all rays, grey levels.
+    rms: f64,
+    most: f64,
+}
+
+/// Pixels along the sides of the pictures: the paper's first.
+const SIDES: [u32; 2] = [256, 512];
+
+/// Error and rays over ε.
+pub(crate) fn draw(report: &mut Report, folder: &Path, doll: &Doll) -> Result<(), Box<dyn Error>> {
+    let found = SIDES.map(|side| sparse(report, doll, side));
+    let mut panels = [Vec::new(), Vec::new()];
+    let mut told = Vec::new();
+    for ((side, found), (look, ink)) in
+        SIDES.into_iter().zip(found).zip([(Look::Discs, Ink::Blue), (Look::Squares, Ink::Vermilion)])
+    {
+        let found = found?;
+        let line = |of: fn(&Sparse) -> f64| -> Vec<[f64; 2]> {
+            LEVELS.iter().zip(&found).map(|(level, sparse)| [f64::from(*level), of(sparse)]).collect()
+        };
+        panels[0].push(Series::new(format!("{side}×{side} pixels"), look, ink, line(|of| 100.0 * of.rays)));
+        panels[1].push(Series::new(format!("{side}×{side} pixels"), look, ink, line(|of| of.rms)));
+        panels[1].push(Series::new(format!("{side}×{side} pixels, largest"), Look::Dashed, ink, line(|of| of.most)));
+        let told_of = |level: f32| {
+            LEVELS
+                .iter()
+                .zip(&found)
+                .filter(|(l, _)| **l == level)
+                .map(|(level, of)| {
+                    format!(
+                        "ε = {level}/255 {:.0} % of the rays, {:.2} grey levels rms, {:.1} at most",
+                        100.0 * of.rays,
+                        of.rms,
+                        of.most
+                    )
+                })
+                .collect::<String>()
+        };
+        told.push(format!("{side}×{side} pixels: {}, {}", told_of(2.0), told_of(8.0)));
+    }
+    panels[1].push(Series::new("ε", Look::Dotted, Ink::Grey, vec![[0.2, 0.2], [10.0, 10.0]]));
+    let [rays, errors] = panels;
+    let x = || Axis::log("ε, grey levels of 255").from_to(0.2, 10.0);
+    let figure = Figure {
+        id: "adaptive-rays",
+        title: "Adaptive rays: what they save, and what they cost".into(),
+        caption: "The whole picture at once against one ray a pixel, of those that meet anything. A region of 8 pixels is split where its corners or its middle differ by more than ε, or \
+                  where something small lies between them: noise counts as small. Dotted: ε itself."
+            .into(),
+        columns: 2,
+        height: 220.0,
+        panels: vec![
+            Panel::new("rays cast", x(), Axis::linear("% of all").from_to(0.0, 105.0), rays),
+            Panel::new("difference from all rays", x(), Axis::log("grey levels, root mean square"), errors),
+        ],
+    };
+    report.claim(
+        ["C16", "image-adaptive rays (Levoy 1990)", "the density of rays follows the change of the image; no count"],
+        format!("{}; ε = 0 is every ray", told.join("; ")),
+        true,
+        ["confirmed; every picture is the bits of one made at once", ""],
+    );
+    report.figure(figure, folder)
+}
+
+/// What each ε costs and saves in pictures of one size.
+fn sparse(report: &mut Report, doll: &Doll, side: u32) -> Result<Vec<Sparse>, Box<dyn Error>> {
+    let look = RenderSettings { size: [side; 2], ..doll.look.clone() };
+    let (exact, all) = doll.at_once(&look)?;
+    let mut found: Vec<Sparse> = Vec::new();
+    for level in LEVELS {
+        let look = RenderSettings { adaptive: level / 255.0, ..look.clone() };
+        let (picture, work) = doll.at_once(&look)?;
+        if look.size == doll.look.size {
+            let followed = doll.follow(&look)?;
+            report
+                .check(followed.picture == picture, format!("C16: following with ε = {level}/255 ends in other bits"));
+        }
+        let [most, rms] = picture.difference(&exact).map(|off| 255.0 * off);
+        // ε bounds differences of corners, not of what lies between: but by and large it must hold.
+        report.check(rms <= f64::from(level), format!("C16: {rms} grey levels rms with ε = {level}/255"));
+        report
+            .check(work.rays < all.rays, format!("C16: {} rays with ε = {level}/255, {} without", work.rays, all.rays));
+        found.push(Sparse { rays: work.rays as f64 / all.rays as f64, rms, most });
+    }
+    report.check(found.windows(2).all(|pair| pair[1].rays <= pair[0].rays), "C16: a larger ε casts more rays");
+    Ok(found)
+}

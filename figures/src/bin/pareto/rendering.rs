@@ -1,0 +1,352 @@
+//! Pictures: ms against error over what is kept of rays, where they end, how far samples are apart, and in blocks of how many they are folded.
+//!
+//! The paper's test size: most of 90 slices of 128² are woven, the others follow one by one with the picture of 128×128×256 voxels brought up to date after each.
+//! Errors are those of the picture before the others came, against the equations in f64 with a step finer than anyone's.
+
+use std::error::Error;
+use std::fs;
+use std::ops::Range;
+use std::path::Path;
+use std::time::Duration;
+
+use sonoweave::reconstruct::Weaver;
+use sonoweave::render::reference::{self, ReferencePicture};
+use sonoweave::render::settings::{STOP, usual_arity};
+use sonoweave::render::transfer::Transfer;
+use sonoweave::render::{Cache, Picture, RenderSettings, Renderer, Stage, Updated};
+use sonoweave_figures::{Figure, Ink, Look, Panel, Series};
+
+use crate::doll::{Doll, SLICES, show};
+use crate::front::{SLACK, front};
+use crate::pictures::{axis, range, steps};
+use crate::report::{Report, digits, markdown};
+use crate::timing::{Contestant as Turn, interleaved, quantile};
+
+/// Voxels; of the reference.
+const FINEST: f64 = 0.25;
+const STEPS: [f64; 3] = [0.5, 1.0, 2.0];
+const STOPS: [f32; 3] = [0.0, 1e-3, 1e-2];
+/// Of adaptive rays, besides 0.
+const EPSILONS: [f32; 3] = [1.0 / 255.0, 2.0 / 255.0, 8.0 / 255.0];
+const ARITIES: [u32; 5] = [4, 8, 16, 32, 64];
+
+/// How much of it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Extent {
+    pub(crate) rounds: usize,
+    /// Slices that the picture follows.
+    pub(crate) followed: u32,
+    /// Pixels along a side.
+    pub(crate) side: u32,
+    /// Whether everything is tried with everything.
+    pub(crate) whole: bool,
+}
+
+/// A way to make pictures.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Way {
+    cache: Cache,
+    stop: f32,
+    step: f64,
+    /// `None` for the usual.
+    arity: Option<u32>,
+    /// Of adaptive rays; 0 casts all.
+    epsilon: f32,
+}
+
+impl Way {
+    const DEFAULT: Self = Self { cache: Cache::TwoLevel, stop: STOP, step: 1.0, arity: None, epsilon: 0.0 };
+
+    fn name(&self) -> String {
+        let arity = self.arity.map_or_else(|| "usual".into(), |p| p.to_string());
+        let stop = digits(f64::from(self.stop), 2);
+        let rays = match self.epsilon > 0.0 {
+            true => format!(", ε {:.0}/255", 255.0 * self.epsilon),
+            false => String::new(),
+        };
+        format!("{}, p {arity}, stop {stop}, step {}{rays}", self.cache.name(), self.step)
+    }
+
+    fn of(self, look: &RenderSettings) -> RenderSettings {
+        let Self { cache, stop, step, arity, epsilon: adaptive } = self;
+        RenderSettings { cache, stop, step, arity, adaptive, ..look.clone() }
+    }
+
+    /// The default first.
+    fn all(whole: bool) -> Vec<Self> {
+        let default = Self::DEFAULT;
+        let mut ways = vec![default];
+        if !whole {
+            ways.extend(Cache::ALL[1..].iter().map(|cache| Self { cache: *cache, ..default }));
+            ways.extend([0.5, 2.0].map(|step| Self { step, ..default }));
+            ways.extend([0.0, 1e-2].map(|stop| Self { stop, ..default }));
+            ways.extend([4, 64].map(|p| Self { arity: Some(p), ..default }));
+            ways.push(Self { epsilon: EPSILONS[1], ..default });
+            return ways;
+        }
+        for step in STEPS {
+            for stop in STOPS {
+                for cache in Cache::ALL {
+                    // Who folds no block twice has nothing of its size but where rays end.
+                    let folds = matches!(cache, Cache::TwoLevel | Cache::OneLevel);
+                    let arities = if folds { &ARITIES[..] } else { &ARITIES[2..3] };
+                    ways.extend(arities.iter().map(|p| Self { cache, stop, step, arity: Some(*p), epsilon: 0.0 }));
+                    ways.extend(EPSILONS.map(|epsilon| Self { cache, stop, step, arity: None, epsilon }));
+                }
+            }
+        }
+        ways
+    }
+}
+
+/// The scan, in two parts.
+struct Looked {
+    doll: Doll,
+    /// Those that follow: of the middle, where most is to be seen.
+    followed: Range<usize>,
+}
+
+impl Looked {
+    fn new(followed: u32) -> Result<Self, Box<dyn Error>> {
+        let first = (SLICES - followed) / 2;
+        Ok(Self { doll: Doll::new(SLICES)?, followed: first as usize..(first + followed) as usize })
+    }
+
+    /// Without those that follow.
+    fn begun(&self) -> Result<Weaver, Box<dyn Error>> {
+        let mut weaver = self.doll.weaver(1)?;
+        let Range { start, end } = self.followed;
+        for slice in self.doll.slices[..start].iter().chain(&self.doll.slices[end..]) {
+            weaver.insert(slice)?;
+        }
+        Ok(weaver)
+    }
+
+    /// Shading and rays of each slice that follows, rays alone, and both of the picture before all, ms.
+    fn follow(&self, settings: &RenderSettings) -> Result<[Vec<f64>; 3], Box<dyn Error>> {
+        let (mut weaver, mut renderer) = (self.begun()?, Renderer::new(settings, self.doll.stage)?);
+        let ms = |took: Duration| took.as_secs_f64() * 1e3;
+        let Updated { shade, rays, .. } = renderer.update_all(weaver.volume());
+        let mut found = [Vec::new(), Vec::new(), vec![ms(shade + rays)]];
+        for slice in &self.doll.slices[self.followed.clone()] {
+            let touched = weaver.insert(slice)?;
+            let Updated { shade, rays, .. } = show(&mut renderer, &weaver, &touched);
+            found[0].push(ms(shade + rays));
+            found[1].push(ms(rays));
+        }
+        Ok(found)
+    }
+}
+
+/// What a way took, and how far its picture is from the equations.
+struct Row {
+    way: Way,
+    /// A slice; its rays alone; a new view.
+    ms: [f64; 3],
+    /// Root mean square and largest, grey levels of 255.
+    error: [f64; 2],
+}
+
+/// Judges and times all ways over a thin and a dense scene.
+///
+/// # Errors
+/// When a file cannot be written.
+pub(crate) fn measure(extent: Extent, report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
+    let scene = Looked::new(extent.followed)?;
+    let mut csv =
+        String::from("preset,cache,arity,stop,step_voxels,epsilon,ms_slice,ms_slice_rays,ms_new_view,rms,max\n");
+    let (mut panels, mut told) = (Vec::new(), Vec::new());
+    for (preset, title) in [("phantom", "bodies in clear water"), ("xray", "everything visible")] {
+        let transfer = Transfer::preset(preset, [0.0, 255.0])?;
+        let look = RenderSettings { size: [extent.side; 2], transfer, ..scene.doll.look.clone() };
+        let rows = rows(&scene, &look, extent, preset, report)?;
+        for Row { way, ms, error } in &rows {
+            let arity = way.arity.map_or_else(|| "usual".into(), |p| p.to_string());
+            let numbers = [ms[0], ms[1], ms[2], error[0], error[1]].map(|x| x.to_string()).join(",");
+            csv +=
+                &format!("{preset},{},{arity},{},{},{},{numbers}\n", way.cache.name(), way.stop, way.step, way.epsilon);
+        }
+        for (which, name) in ["a slice", "a slice, rays alone", "a new view"].into_iter().enumerate() {
+            panels.push(panel(&rows, which, title, &format!("ms {name}")));
+            told.push(verdict(&rows, which, name, title));
+        }
+    }
+    fs::write(folder.join("rendering.csv"), csv)?;
+    report.section(format!(
+        "## Pictures: run time against error\n\n128×128×256 voxels, {0}×{0} pixels, one thread. Errors are against the equations in f64 with a step of {FINEST} voxels, root mean square \
+         over colours and transmittance, grey levels of 255; ms are shading and rays of the middle slice, its rays alone, and both of a whole new view. The default keeps two levels, ends rays at {1} \
+         and samples every voxel.\n\n{2}",
+        extent.side,
+        digits(f64::from(STOP), 2),
+        markdown(&["measure", "front, from the fastest", "default: ms, RMSE", "its place"], &told)
+    ));
+    let figure = Figure {
+        id: "rendering",
+        title: "Pictures: run time against error".into(),
+        caption: "One thread; the line is the Pareto front. Where rays end at a thousandth or later the step decides the error: half a voxel, one, two from below. What is kept of rays changes no bit of a picture, only its \
+                  time; where rays end, and the samples of a block after which they may, moves the error by less than the stop. Adaptive rays with ε from 1 to 8 of 255."
+            .into(),
+        columns: 3,
+        height: 190.0,
+        panels,
+    };
+    report.findings.figure(figure, folder)
+}
+
+fn rows(
+    scene: &Looked,
+    look: &RenderSettings,
+    extent: Extent,
+    preset: &str,
+    report: &mut Report,
+) -> Result<Vec<Row>, Box<dyn Error>> {
+    let begun = scene.begun()?;
+    let fine = RenderSettings { step: FINEST, ..look.clone() };
+    let exact = reference::render(begun.volume(), &fine, &scene.doll.stage)?;
+    let ways = Way::all(extent.whole);
+    let mut rows = Vec::new();
+    let mut pictures: Vec<Picture> = Vec::new();
+    for way in &ways {
+        let (picture, samples) = made(&begun, way.of(look), scene.doll.stage)?;
+        judge(way, &picture, samples, &ways[..pictures.len()], &pictures, &format!("{preset}, {}", way.name()), report);
+        let [most, rms] = exact.difference(&picture).map(|d| 255.0 * d);
+        report.findings.check(rms < 4.0, format!("{preset}, {}: {rms} grey levels rms from f64", way.name()));
+        rows.push(Row { way: *way, ms: [f64::NAN; 3], error: [rms, most] });
+        pictures.push(picture);
+    }
+    let of_step = |step: f64| {
+        let alike = move |row: &&Row| row.way.step == step && row.way.stop <= STOPS[1] && row.way.epsilon == 0.0;
+        rows.iter().filter(alike).map(|row| row.error[0])
+    };
+    for pair in STEPS.windows(2) {
+        let (fine, coarse) = (of_step(pair[0]).fold(0.0, f64::max), of_step(pair[1]).fold(f64::INFINITY, f64::min));
+        report
+            .findings
+            .check(fine <= coarse, format!("{preset}: {fine} with a step of {}, {coarse} with {}", pair[0], pair[1]));
+    }
+    against_own_equations(&begun, look, &pictures, scene.doll.stage, preset, report)?;
+    let mut all: Vec<[Vec<f64>; 3]> = ways.iter().map(|_| Default::default()).collect();
+    let mut turns: Vec<Turn<'_>> = Vec::new();
+    for (way, all) in ways.iter().zip(&mut all) {
+        turns.push(Box::new(move || {
+            let found = scene.follow(&way.of(look))?;
+            all.iter_mut().zip(&found).for_each(|(all, found)| all.extend(found));
+            Ok(found[0].clone())
+        }));
+    }
+    interleaved(extent.rounds, &mut turns)?;
+    drop(turns);
+    for (row, all) in rows.iter_mut().zip(&all) {
+        row.ms = all.each_ref().map(|all| quantile(all, 0.5));
+    }
+    Ok(rows)
+}
+
+/// A way's picture, and how many samples its rays have.
+fn made(begun: &Weaver, settings: RenderSettings, stage: Stage) -> Result<(Picture, u32), Box<dyn Error>> {
+    let mut renderer = Renderer::new(&settings, stage)?;
+    renderer.update_all(begun.volume());
+    Ok((renderer.picture(), renderer.samples()))
+}
+
+/// Of ways that differ in what is kept pictures are the same bits; of those that differ in where rays end, within the stop, if all
+/// rays are cast.
+fn judge(
+    way: &Way,
+    picture: &Picture,
+    samples: u32,
+    before: &[Way],
+    pictures: &[Picture],
+    what: &str,
+    report: &mut Report,
+) {
+    let arity = |way: &Way| way.arity.unwrap_or_else(|| usual_arity(samples));
+    for (other, theirs) in
+        before.iter().zip(pictures).filter(|(other, _)| other.step == way.step && other.epsilon == way.epsilon)
+    {
+        if arity(other) == arity(way) && other.stop == way.stop {
+            report.findings.check(picture == theirs, format!("{what}: other bits than {}", other.name()));
+        } else if way.epsilon == 0.0 {
+            let [most, _] = picture.difference(theirs);
+            let stop = f64::from(way.stop.max(other.stop));
+            report.findings.check(most <= stop + 1e-4, format!("{what}: {most} from {}", other.name()));
+        }
+    }
+}
+
+/// The default's picture against the equations with its own step: the arithmetic, and what lies behind where rays end.
+fn against_own_equations(
+    begun: &Weaver,
+    look: &RenderSettings,
+    pictures: &[Picture],
+    stage: Stage,
+    preset: &str,
+    report: &mut Report,
+) -> Result<(), Box<dyn Error>> {
+    let own: ReferencePicture = reference::render(begun.volume(), look, &stage)?;
+    let default = pictures.first().ok_or("the default comes first")?;
+    let [most, _] = own.difference(default);
+    report.findings.check(most <= 1.0 / 255.0, format!("{preset}: the default is {most} from its equations"));
+    Ok(())
+}
+
+fn points(rows: &[Row], which: usize) -> Vec<[f64; 2]> {
+    rows.iter().map(|row| [row.ms[which], row.error[0]]).collect()
+}
+
+fn panel(rows: &[Row], which: usize, title: &str, label: &str) -> Panel {
+    let all = points(rows, which);
+    let [x, y] = [0, 1].map(|c| range(all.iter().map(|p| p[c])));
+    let mut series = vec![Series::new("Pareto front", Look::Line, Ink::Grey, steps(&all, x, 2.0 * y[1]))];
+    for (cache, look, ink) in [
+        (Cache::None, Look::Crosses, Ink::Grey),
+        (Cache::Linear, Look::Squares, Ink::Green),
+        (Cache::OneLevel, Look::Squares, Ink::Vermilion),
+        (Cache::TwoLevel, Look::Discs, Ink::Blue),
+    ] {
+        let of =
+            |(row, _): &(&Row, &[f64; 2])| row.way.cache == cache && row.way.epsilon == 0.0 && row.way != Way::DEFAULT;
+        let marks = rows.iter().zip(&all).filter(of).map(|(_, point)| *point).collect();
+        let name = if cache == Cache::None { "no" } else { cache.name() };
+        series.push(Series::new(format!("{name} cache"), look, ink, marks));
+    }
+    let sparse = rows.iter().zip(&all).filter(|(row, _)| row.way.epsilon > 0.0).map(|(_, point)| *point).collect();
+    series.push(Series::new("adaptive rays, any cache", Look::Triangles, Ink::Purple, sparse));
+    series.push(Series::new("default configuration", Look::Triangles, Ink::Black, all[..1].to_vec()));
+    Panel::new(title, axis(label, x), axis("RMSE, grey levels", y), series)
+}
+
+/// Who is on the front, and the default's place.
+fn verdict(rows: &[Row], which: usize, name: &str, title: &str) -> Vec<String> {
+    let all = points(rows, which);
+    let shown = |place: &usize| {
+        format!("{} ({} ms, {})", rows[*place].way.name(), digits(all[*place][0], 3), digits(all[*place][1], 3))
+    };
+    let [ms, error] = all[0];
+    let mut rivals: Vec<usize> = (1..all.len())
+        .filter(|i| {
+            let [time, off] = [all[*i][0] / ms, all[*i][1] / error];
+            // What differs from the default in bits alone is no better for that.
+            time <= 1.0 && off <= 1.0 + 1e-3 && (time < 1.0 - SLACK || off < 1.0 - SLACK)
+        })
+        .collect();
+    rivals.sort_by(|a, b| (all[*a][0] * all[*a][1]).total_cmp(&(all[*b][0] * all[*b][1])));
+    let place = match rivals.first() {
+        None => "on the front".to_owned(),
+        Some(best) => format!("beaten by {}: best is {}", rivals.len(), shown(best)),
+    };
+    // Whose error is all but that of a faster one is not told.
+    let mut least = f64::INFINITY;
+    let mut told = front(&all);
+    told.retain(|place| {
+        let better = all[*place][1] < (1.0 - SLACK) * least;
+        least = if better { all[*place][1] } else { least };
+        better
+    });
+    vec![
+        format!("{name}, {title}"),
+        told.iter().map(shown).collect::<Vec<_>>().join("; "),
+        format!("{}, {}", digits(ms, 3), digits(error, 3)),
+        place,
+    ]
+}
