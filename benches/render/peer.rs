@@ -9,7 +9,7 @@ use std::fs;
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use glam::DVec3;
 use serde_json::json;
@@ -26,9 +26,10 @@ use super::timing::{self, Contestant, Times};
 const SIDES: u32 = 6;
 /// Parts of the light, and the highlight's exponent: those of [`Light::default`], which VTK has as well.
 const LIT: ([f64; 3], u32) = ([0.3, 0.7, 0.2], 16);
-/// Root mean square difference of two pictures of the same, grey levels of 255. VTK's volume ends at its last voxels, ours fades over one more: where
-/// nothing is empty that border is the larger part of it.
+/// Root mean square difference of two pictures of the same, grey levels of 255.
 const APART: f64 = 2.0;
+/// Pixels beside the silhouette that are not compared: the pitch of a voxel in the picture, and a pixel.
+const BORDER: i64 = 3;
 
 /// What is compared.
 struct Setting {
@@ -80,8 +81,10 @@ pub(crate) fn table() -> Table {
     ];
     let mut table =
         Table::new("peers", format!("VTK's ray caster on the CPU and ours, {THREADS} threads each, in turns"), &names);
-    table.note("A new view: ours from nothing, every voxel read and lit. Changed: from the voxels to the picture, VTK's share of handing them over left out.");
-    table.note("Apart: of colours and opacity of pixels of the new views, grey levels of 255.");
+    table.note("A new view: of a volume that both have, to the exact picture; every visible voxel is lit again. Changed: from the voxels to the picture, VTK's share of handing them over left out.");
+    table.note(
+        "Apart: of colours and opacity of pixels of the new views but those beside the silhouette, grey levels of 255.",
+    );
     table
 }
 
@@ -230,11 +233,31 @@ fn compare(job: &Job, volume: &Snapshot, stage: &Stage, vtk: &mut Vtk, sides: us
                 image::ColorType::Rgb8,
             )?;
         }
+        let (ours, theirs) = within(ours, theirs);
         let [most, rms] = ours.difference(&theirs);
         apart.most = apart.most.max(255.0 * most);
         apart.rms = apart.rms.max(255.0 * rms);
     }
     Ok(apart)
+}
+
+/// Both pictures without the pixels next to the silhouette: VTK's volume ends at its last voxels, ours fades over one more, and along an axis a pixel there is a
+/// whole face of the volume seen on its edge.
+fn within(mut ours: Picture, mut theirs: Picture) -> (Picture, Picture) {
+    let [width, height] = theirs.size.map(i64::from);
+    let empty: Vec<bool> = theirs.pixels.iter().map(|[.., through]| *through >= 1.0).collect();
+    let at = |x: i64, y: i64| (y * width + x) as usize;
+    for y in 0..height {
+        for x in 0..width {
+            let around = (-BORDER..=BORDER).flat_map(|dy| (-BORDER..=BORDER).map(move |dx| [x + dx, y + dy]));
+            let mut inside = around.filter(|[x, y]| (0..width).contains(x) && (0..height).contains(y));
+            if inside.any(|[i, j]| empty[at(i, j)] != empty[at(x, y)]) {
+                ours.pixels[at(x, y)] = [0.0; 4];
+                theirs.pixels[at(x, y)] = [0.0; 4];
+            }
+        }
+    }
+    (ours, theirs)
 }
 
 /// VTK and ours, ms of each new view.
@@ -245,15 +268,21 @@ fn new_views(
     vtk: &mut Vtk,
     [rounds, sides]: [usize; 2],
 ) -> Result<Vec<Times>, Box<dyn Error>> {
+    // Each view is another than the one before it.
+    let sides = sides.max(2);
+    let mut ours = Renderer::new(&job.looks[0], ready.stage)?;
+    ours.update_all(volume);
     let mut turns: Vec<Contestant<'_>> = Vec::new();
-    turns.push(Box::new(|| (0..sides).map(|side| vtk.ms(&format!("view {side}"))).collect()));
+    turns.push(Box::new(|| (0..sides).rev().map(|side| vtk.ms(&format!("view {side}"))).collect()));
     turns.push(Box::new(|| {
-        let each = |look: &RenderSettings| -> Result<f64, Box<dyn Error>> {
+        let mut each = |look: &RenderSettings| -> Result<f64, Box<dyn Error>> {
             let began = Instant::now();
-            Renderer::new(look, ready.stage)?.update_all(volume);
+            ours.look(look.view)?;
+            while !ours.refine(Duration::from_secs(1)).finished {}
             Ok(began.elapsed().as_secs_f64() * 1e3)
         };
-        job.looks.iter().take(sides).map(each).collect()
+        // From the last side, so that each is another view.
+        job.looks.iter().take(sides).rev().map(&mut each).collect()
     }));
     timing::interleaved(rounds, &mut turns)
 }

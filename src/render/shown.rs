@@ -140,7 +140,8 @@ pub(super) struct Shown {
     first: [i64; 3],
     bounds: [[i64; 3]; 2],
     pub(super) table: Table,
-    bricks: Vec<Brick>,
+    /// Each by itself: a table of them all would have to be moved when it grows, and the slice that comes then wait for it.
+    bricks: Vec<Box<Brick>>,
     /// Place of each slot.
     places: Vec<[i64; 3]>,
 }
@@ -190,7 +191,7 @@ impl Shown {
             let Some(index) = self.table.index(at) else { continue };
             let slot = self.table.get(at).unwrap_or_else(|| {
                 self.table.set(index, self.bricks.len() as u32);
-                self.bricks.push(Brick::default());
+                self.bricks.push(Box::default());
                 self.places.push(at);
                 self.bricks.len() - 1
             });
@@ -257,11 +258,11 @@ impl Shown {
 
     /// A brick and those that share a face with it, in the order of [`FACES`].
     pub(super) fn neighbourhood(&self, at: [i64; 3]) -> Option<(&Brick, [Option<&Brick>; 6])> {
-        let brick = &self.bricks[self.table.get(at)?];
+        let brick = &*self.bricks[self.table.get(at)?];
         let beside = FACES.map(|(axis, side)| {
             let mut place = at;
             place[axis] += side;
-            self.table.get(place).map(|slot| &self.bricks[slot])
+            self.table.get(place).map(|slot| &*self.bricks[slot])
         });
         Some((brick, beside))
     }
@@ -272,7 +273,7 @@ impl Shown {
     }
 
     pub(super) fn bytes(&self) -> u64 {
-        self.table.bytes() + (self.bricks.len() * size_of::<Brick>()) as u64
+        self.table.bytes() + (self.bricks.len() * (size_of::<Brick>() + size_of::<Box<Brick>>())) as u64
     }
 }
 
