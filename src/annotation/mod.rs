@@ -1,7 +1,7 @@
 //! What is drawn over finished pictures: where the current slice and the probe are, how long a millimetre is, and how the world lies.
 //!
 //! - [`ink`]: antialiased lines and areas, gathered before they are laid on a picture.
-//! - [`slice`]: the outline of a slice and a probe above it.
+//! - [`mod@slice`]: the outline of a slice and a probe above it.
 //! - [`scale`]: a scale bar.
 //! - [`cube`]: a cube whose faces name the world's axes.
 //!

@@ -84,7 +84,7 @@ pub(crate) fn write(picture: &mut RgbImage, x: u32, y: u32, dot: u32, colour: Rg
     dots(text, |column, row| fill(picture, [x + column * dot, y + row * dot], [dot, dot], colour));
 }
 
-/// As [`write`], in the first colour before a rim of a pixel in the second, to be read on any ground.
+/// As [`write()`], in the first colour before a rim of a pixel in the second, to be read on any ground.
 pub(crate) fn write_shaded(
     picture: &mut RgbImage,
     [x, y]: [u32; 2],

@@ -37,10 +37,9 @@ impl<const C: usize> ShadedBrick<C> {
         Box::new(Self { cells: [Lit { colour: [0.0; C], alpha: 0.0 }; CELLS], filled: 0 })
     }
 
-    /// What a cell holds.
-    #[inline(always)]
-    fn get(&self, cell: usize) -> Lit<f32, C> {
-        self.cells[cell]
+    /// Whether some voxels of a layer are transparent.
+    fn is_clear(&self, z: usize, voxels: u64) -> bool {
+        voxels_of(z, voxels).all(|voxel| self.cells[cell(voxel)].alpha == 0.0)
     }
 
     /// Whether a cell holds these bits.
@@ -177,36 +176,35 @@ impl<const C: usize> Shaded<C> {
         shaded
     }
 
-    /// Copies a brick's voxels to those before it that keep them too.
+    /// Copies a brick's voxels to those before it that keep them too: each takes those of a face, an edge or the corner.
     fn copy_to_those_before(&mut self, at: [i64; 3], voxels: &Bits) {
         /// Row y = 0 of a layer's bits.
         const FIRST_Y: u64 = 0xFF;
         let Some(own) = self.table.get(at) else { return };
-        for (z, layer) in voxels.iter().enumerate() {
-            let mut left = if z == 0 { *layer } else { layer & (FIRST_X | FIRST_Y) };
-            while left != 0 {
-                let inside = left.trailing_zeros() as usize;
-                left &= left - 1;
-                let voxel = [inside % EDGE, inside / EDGE, z];
-                let lit = self.bricks[own].get(cell(voxel));
-                let reach = voxel.map(|v| usize::from(v == 0));
-                for back in 1..8_usize {
-                    let back = [back & 1, back >> 1 & 1, back >> 2];
-                    if (0..3).any(|a| back[a] > reach[a]) {
-                        continue;
-                    }
-                    let place: [i64; 3] = std::array::from_fn(|a| at[a] - back[a] as i64);
-                    let Some(index) = self.table.index(place) else { continue };
-                    let slot = match self.table.slots()[index] {
-                        // What is transparent needs no brick.
-                        ABSENT if lit.alpha == 0.0 => continue,
-                        ABSENT => self.add(index, ShadedBrick::transparent()),
-                        slot => slot as usize,
-                    };
-                    self.bricks[slot].set(cell(std::array::from_fn(|a| voxel[a] + back[a] * EDGE)), &lit);
-                    self.look(index);
+        for back in 1..8_usize {
+            let back = [back & 1, back >> 1 & 1, back >> 2];
+            let shared = if back[0] == 1 { FIRST_X } else { u64::MAX } & if back[1] == 1 { FIRST_Y } else { u64::MAX };
+            let layers = if back[2] == 1 { 1 } else { EDGE };
+            let changed = |z: usize| voxels[z] & shared;
+            if (0..layers).all(|z| changed(z) == 0) {
+                continue;
+            }
+            let place: [i64; 3] = std::array::from_fn(|a| at[a] - back[a] as i64);
+            let Some(index) = self.table.index(place) else { continue };
+            let slot = match self.table.slots()[index] {
+                // What is transparent needs no brick.
+                ABSENT if (0..layers).all(|z| self.bricks[own].is_clear(z, changed(z))) => continue,
+                ABSENT => self.add(index, ShadedBrick::transparent()),
+                slot => slot as usize,
+            };
+            // They are two.
+            let Ok([from, into]) = self.bricks.get_disjoint_mut([own, slot]) else { continue };
+            for z in 0..layers {
+                for voxel in voxels_of(z, changed(z)) {
+                    into.set(cell(std::array::from_fn(|a| voxel[a] + back[a] * EDGE)), &from.cells[cell(voxel)]);
                 }
             }
+            self.look(index);
         }
     }
 
@@ -232,6 +230,15 @@ impl<const C: usize> Shaded<C> {
 /// The cell that begins at a voxel of a brick.
 fn cell([x, y, z]: [usize; 3]) -> usize {
     (z * SIDE + y) * SIDE + x
+}
+
+/// The voxels of a layer whose bits are set.
+fn voxels_of(z: usize, mut left: u64) -> impl Iterator<Item = [usize; 3]> {
+    std::iter::from_fn(move || {
+        let inside = (left != 0).then(|| left.trailing_zeros() as usize)?;
+        left &= left - 1;
+        Some([inside % EDGE, inside / EDGE, z])
+    })
 }
 
 /// The box about a brick's voxels; none about none.

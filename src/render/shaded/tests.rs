@@ -124,7 +124,7 @@ fn compare<const C: usize>(settings: &RenderSettings) -> usize {
                 let around = [0, 1, 2].map(|axis| [beside(axis, -1), beside(axis, 1)]);
                 let expected: Lit<f32, C> = shader.shade(of(voxel), around, voxel);
                 let got = match shaded.table.get(at) {
-                    Some(slot) => shaded.bricks[slot].get(place),
+                    Some(slot) => shaded.bricks[slot].cells[place],
                     None => Lit { colour: [0.0; C], alpha: 0.0 },
                 };
                 let bits = |lit: &Lit<f32, C>| (lit.colour.map(f32::to_bits), lit.alpha.to_bits());
