@@ -83,23 +83,44 @@ impl<const C: usize> RowCache<C> {
 
     /// Of rays of which all is transparent.
     pub(super) fn new(kind: Cache, lines: &[Line], fold: Fold) -> Self {
-        let mut cache = Self { kind, ..Self::none() };
+        let mut cache = Self::none();
+        let [samples, blocks, stale] = cache.lay_out(kind, lines, fold);
+        // Memory that is zero comes when it is written first.
+        cache.samples = vec![Self::TRANSPARENT; samples];
+        cache.blocks = vec![Through::CLEAR; blocks];
+        cache.stale = vec![Stale::NONE; stale];
+        cache
+    }
+
+    const TRANSPARENT: Lit<f32, C> = Lit { colour: [0.0; C], alpha: 0.0 };
+
+    /// Of other rays, in the same memory; all of their samples must be noted to have changed, as what is kept is of others.
+    pub(super) fn again(&mut self, kind: Cache, lines: &[Line], fold: Fold) {
+        let [samples, blocks, stale] = self.lay_out(kind, lines, fold);
+        self.samples.resize(samples, Self::TRANSPARENT);
+        self.blocks.resize(blocks, Through::CLEAR);
+        self.stale.clear();
+        self.stale.resize(stale, Stale::NONE);
+    }
+
+    /// Where rays begin; how many samples, blocks and marks are to be kept.
+    fn lay_out(&mut self, kind: Cache, lines: &[Line], fold: Fold) -> [usize; 3] {
+        self.kind = kind;
+        self.samples_of.clear();
+        self.blocks_of.clear();
         if kind == Cache::None {
-            return cache;
+            return [0; 3];
         }
         let (mut samples, mut blocks) = (0, 0);
         for line in lines {
             if kind.keeps_samples() {
-                cache.samples_of.push(samples);
+                self.samples_of.push(samples);
                 samples += (line.end - line.first) as usize;
             }
-            cache.blocks_of.push(blocks);
+            self.blocks_of.push(blocks);
             blocks += blocks_of(line, fold).1;
         }
-        cache.samples = vec![Lit { colour: [0.0; C], alpha: 0.0 }; samples];
-        cache.blocks = vec![Through::CLEAR; if kind.keeps_blocks() { blocks } else { 0 }];
-        cache.stale = vec![Stale::NONE; blocks];
-        cache
+        [samples, if kind.keeps_blocks() { blocks } else { 0 }, blocks]
     }
 
     pub(super) fn bytes(&self) -> u64 {

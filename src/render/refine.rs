@@ -142,9 +142,7 @@ impl<const C: usize> Turning<C> {
         sharing.chunks_beside(&mut rows[range.clone()], 1, &mut self.ready[range], |ready, at, rows| {
             let j = first + at;
             if !*ready && (j.is_multiple_of(edge) || j + 1 == height) {
-                rows[0].keep(cache, fold);
-                // Nothing of it has been cast.
-                rows[0].mark_all();
+                rows[0].keep_again(cache, fold);
                 *ready = true;
             }
         });
@@ -278,7 +276,7 @@ impl<const C: usize> Layers<C> {
         if turning.lined < self.rows.len() {
             let end = (turning.lined + ROWS).min(self.rows.len());
             sharing.chunks(&mut self.rows[turning.lined..end], 1, |at, rows| {
-                rows[0] = Row::new(camera, stage, (turning.lined + at) as u32);
+                rows[0].turn(camera, stage, (turning.lined + at) as u32);
             });
             turning.lined = end;
             return RenderWork::default();

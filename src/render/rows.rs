@@ -60,17 +60,27 @@ pub(super) struct Row<const C: usize> {
 impl<const C: usize> Row<C> {
     /// Row `j`, transparent.
     pub(super) fn new(camera: &Camera, stage: &Stage, j: u32) -> Self {
+        let n = camera.size()[0] as usize;
+        let mut row = Self {
+            pixels: vec![Through::CLEAR; n],
+            lines: Vec::with_capacity(n),
+            cache: RowCache::none(),
+            dirty: Vec::with_capacity(n),
+            work: RenderWork::default(),
+        };
+        row.turn(camera, stage, j);
+        row
+    }
+
+    /// The same row of another view, transparent; the memory of what was kept stays until [`Self::keep_again`] lays it out anew.
+    pub(super) fn turn(&mut self, camera: &Camera, stage: &Stage, j: u32) {
         let [width, _] = camera.size();
         let [low, high] = stage.bounds().map(|at| std::array::from_fn(|a| at[a] - stage.first()[a]));
-        let lines: Vec<Line> = (0..width).map(|i| Line::new(&camera.ray(i, j), low, high, camera.samples())).collect();
-        let n = lines.len();
-        Self {
-            pixels: vec![Through::CLEAR; n],
-            lines,
-            cache: RowCache::none(),
-            dirty: vec![[u32::MAX, 0]; n],
-            work: RenderWork::default(),
-        }
+        self.lines.clear();
+        self.lines.extend((0..width).map(|i| Line::new(&camera.ray(i, j), low, high, camera.samples())));
+        self.pixels.fill(Through::CLEAR);
+        self.dirty.clear();
+        self.dirty.resize(self.lines.len(), [u32::MAX, 0]);
     }
 
     /// Bytes that a cache would take.
@@ -81,6 +91,12 @@ impl<const C: usize> Row<C> {
     /// Keeps more of its rays from now on; all must be transparent yet.
     pub(super) fn keep(&mut self, cache: Cache, fold: Fold) {
         self.cache = RowCache::new(cache, &self.lines, fold);
+    }
+
+    /// Keeps more of its rays from now on, in the memory of what it kept of another view's; nothing of them has been cast.
+    pub(super) fn keep_again(&mut self, cache: Cache, fold: Fold) {
+        self.cache.again(cache, &self.lines, fold);
+        self.mark_all();
     }
 
     /// Leaves of each ray only some samples; all must be transparent yet.
@@ -112,7 +128,7 @@ impl<const C: usize> Row<C> {
     }
 
     /// Notes that all samples of all its rays may have changed.
-    pub(super) fn mark_all(&mut self) {
+    fn mark_all(&mut self) {
         for (line, dirty) in self.lines.iter().zip(&mut self.dirty) {
             if line.first < line.end {
                 *dirty = [line.first, line.end];
