@@ -42,7 +42,7 @@ enum Drawn {
 use Drawn::{By, With};
 
 /// Name, phantom, how it is drawn.
-const PICTURES: [(&str, &str, Drawn); 10] = [
+const PICTURES: [(&str, &str, Drawn); 17] = [
     ("tissue", "blobs", By("--transfer tissue --view 30,20")),
     ("bone", "sphere", By("--transfer bone --view 30,20")),
     ("surface", "blobs", By("--transfer surface --window 20,200 --view -60,-15")),
@@ -53,6 +53,13 @@ const PICTURES: [(&str, &str, Drawn); 10] = [
     ("colours", "blobs", By("--transfer colours.toml --view 30,20")),
     ("coarse", "sphere", By("--transfer tissue --view 30,20 --step 3")),
     ("depth-cue", "blobs", With(fading)),
+    ("maximum", "blobs", By("--mode mip --view 30,20")),
+    ("average", "blobs", By("--mode average --window 40,140 --view 30,20")),
+    ("isosurface", "blobs", By("--mode iso --isovalue 100 --view 30,20 --light 1,-1,1")),
+    ("opacity", "blobs", By("--mode opacity --transfer phantom --view 30,20")),
+    ("by-samples", "sphere", By("--shading sample --transfer surface --view 30,20")),
+    ("adaptive", "blobs", By("--transfer tissue --view 30,20 --adaptive 0.03")),
+    ("planes", "blobs", By("--mode slice --draw none")),
 ];
 
 /// A transfer file with all of its parts.
