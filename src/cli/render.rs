@@ -60,15 +60,34 @@ pub struct Arguments {
 // clap takes an array for its own notation of repeated values; a named type is a single value to it.
 type WindowValue = [f32; 2];
 
-/// The content of `--stats`.
+/// What `--stats` says first: of which volume the pictures are.
 #[derive(Debug, Serialize)]
-struct Statistics<'a> {
+struct Source<'a> {
     version: &'static str,
     input: &'a Path,
     weights: Option<&'a Path>,
     /// Voxels along x, y, z, and those of them that were seen.
     size: [u32; 3],
     voxels_seen: u64,
+}
+
+impl<'a> Source<'a> {
+    fn new(arguments: &'a Arguments, volume: &DenseVolume) -> Self {
+        Self {
+            version: env!("CARGO_PKG_VERSION"),
+            input: &arguments.volume,
+            weights: arguments.weights.as_deref(),
+            size: volume.header().size,
+            voxels_seen: volume.seen(),
+        }
+    }
+}
+
+/// The content of `--stats`.
+#[derive(Debug, Serialize)]
+struct Statistics<'a> {
+    #[serde(flatten)]
+    source: Source<'a>,
     mode: &'static str,
     transfer: &'a str,
     window: [f32; 2],
@@ -148,11 +167,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let wall_s = began.elapsed().as_secs_f64();
     if let Some(path) = &arguments.stats {
         let statistics = Statistics {
-            version: env!("CARGO_PKG_VERSION"),
-            input: &arguments.volume,
-            weights: arguments.weights.as_deref(),
-            size: volume.header().size,
-            voxels_seen: volume.seen(),
+            source: Source::new(arguments, &volume),
             mode: settings.mode.name(),
             transfer: look.transfer_name(),
             window,

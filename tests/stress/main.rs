@@ -7,6 +7,7 @@
 #![allow(clippy::print_stdout, reason = "the measured figures are the suite's output")]
 
 mod accumulation;
+mod adaptive;
 mod coverage;
 mod decay;
 mod departures;
@@ -67,6 +68,7 @@ fn main() {
         selecting::tests(),
         following::tests(),
         folding::tests(),
+        adaptive::tests(),
         slabs::tests(),
         surfaces::tests(),
         faces::tests(),

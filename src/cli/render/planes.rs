@@ -1,12 +1,11 @@
 //! `sonoweave render --mode slice`: planes through a volume.
 
-use std::path::Path;
 use std::time::Instant;
 
 use serde::Serialize;
 
 use super::planar::SheetNumbers;
-use super::{Arguments, milliseconds};
+use super::{Arguments, Source, milliseconds};
 use crate::cli::{Failure, input};
 use crate::export::picture::write_rgb;
 use crate::render::section::{Box3, Planar, PlanarWork};
@@ -17,12 +16,8 @@ use crate::volume::DenseVolume;
 /// The content of `--stats`.
 #[derive(Debug, Serialize)]
 struct Statistics<'a> {
-    version: &'static str,
-    input: &'a Path,
-    weights: Option<&'a Path>,
-    /// Voxels along x, y, z, and those of them that were seen.
-    size: [u32; 3],
-    voxels_seen: u64,
+    #[serde(flatten)]
+    source: Source<'a>,
     mode: &'static str,
     window: [f32; 2],
     threads: usize,
@@ -71,11 +66,7 @@ pub(super) fn run(
     let said = picture.to_string();
     if let Some(path) = &arguments.stats {
         let statistics = Statistics {
-            version: env!("CARGO_PKG_VERSION"),
-            input: &arguments.volume,
-            weights: arguments.weights.as_deref(),
-            size: volume.header().size,
-            voxels_seen: volume.seen(),
+            source: Source::new(arguments, volume),
             mode: look.mode.name(),
             window,
             threads,

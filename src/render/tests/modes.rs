@@ -255,3 +255,35 @@ fn an_isovalue_that_is_none_is_refused() {
     let refused = Renderer::new(&settings, stage).err().map(|e| e.to_string()).unwrap_or_default();
     assert!(refused.contains("isovalue") && refused.contains("NaN"), "{refused}");
 }
+
+#[test]
+fn a_voxel_before_the_isosurface_moves_the_samples_behind_it_that_depend_on_it() {
+    let volume = |changed: Option<[i64; 3]>| Field {
+        low: [0; 3],
+        high: [20; 3],
+        value: move |at: [i64; 3]| Some(if changed == Some(at) { 0.0 } else { 100.0 + 12.0 * (at[1] - 10) as f32 }),
+    };
+    let stage = Stage::new(half_mm(), [0; 3], [20; 3]).unwrap();
+    // With short steps the voxels whose gradients change hold the next sample too. Where along its ray the surface lies is told by the fading light alone.
+    let settings = RenderSettings {
+        mode: Mode::Isosurface(105.0),
+        arity: Some(3),
+        step: 2.5,
+        light: fading(),
+        ..RenderSettings::new([40; 2], window())
+    };
+    let before = volume(None);
+    let mut changes = 0;
+    for (x, y) in (8..16).flat_map(|x| (8..16).map(move |y| (x, y))) {
+        let mut following = Renderer::new(&settings, stage).unwrap();
+        following.update_all(&before);
+        let was = following.picture();
+        let after = volume(Some([x, y, x]));
+        following.update(&after, &[[1, 1, 1]]);
+        let mut whole = Renderer::new(&settings, stage).unwrap();
+        whole.update_all(&after);
+        assert_eq!(following.picture(), whole.picture(), "a dark voxel at {x} {y}");
+        changes += u32::from(was != whole.picture());
+    }
+    assert!(changes > 8, "{changes} of 64 are seen");
+}
