@@ -79,6 +79,7 @@ impl Ingest {
             Reading::Counts(_) => Sample::Unused("counts"),
             Reading::Pose(_) => Sample::Unused("pose"),
             Reading::Recorded(_) => Sample::Unused("recorded"),
+            Reading::Raw(_) => Sample::Unused("raw"),
             _ => Sample::Unused("unknown"),
         }
     }

@@ -5,7 +5,7 @@
 mod onlooker;
 
 use std::ops::Range;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use drivers::{Next, OpenSettings, open};
 use glam::DVec3;
@@ -26,8 +26,6 @@ use crate::sync::extent::{mean_axes, reached};
 use crate::sync::survey::{SurveyError, gap};
 use crate::sync::{FramePose, NoPath, Pairing, PairingOptions, Survey, survey};
 
-/// How long a device may take for a reading; one that reads a file never waits.
-const PATIENCE: Duration = Duration::from_secs(1);
 /// Pictures that wait for the mask may hold this much; of larger ones, fewer are looked at.
 const MOST_WAITING_BYTES: usize = 64 << 20;
 
@@ -214,7 +212,7 @@ pub fn reconstruct(
     let total = device.describe().items.unwrap_or(0);
     device.start()?;
     loop {
-        match device.next(Instant::now() + PATIENCE)? {
+        match device.next(drivers::NO_DEADLINE)? {
             Next::Reading(reading) => {
                 let sample = run.ingest.take(reading);
                 run.take(sample)?;

@@ -2,7 +2,6 @@
 
 use std::error::Error;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
 
 use drivers::recording::{SequenceDriver, SequenceSettings};
 use drivers::{Device, Driver, Next, OpenSettings};
@@ -34,7 +33,7 @@ pub(crate) fn load(sequence: &Path, config: &Path) -> Result<(Vec<Slice>, Mask),
     let mut device: Box<dyn Device> = open(true)?;
     device.start()?;
     loop {
-        match device.next(Instant::now() + Duration::from_secs(1))? {
+        match device.next(drivers::NO_DEADLINE)? {
             Next::Reading(reading) => match ingest.take(reading) {
                 Sample::Picture(picture) => slices.push(pairing.frame(picture).map_err(|r| r.to_string())?.slice),
                 Sample::Transform(transform) => pairing.transform(transform),

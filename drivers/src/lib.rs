@@ -8,17 +8,24 @@
 //! In the order of the data:
 //!
 //! - [`reading`]: what a device can deliver.
+//! - [`clock`]: the host's time, and one that tests turn by hand.
+//! - [`transport`]: bytes to and from a device.
+//! - [`connection`]: a device on a line, opened, set up and read, and again when it went away.
 //! - [`recording`]: sequence files (MetaImage) and the device that replays them.
 //! - [`error`]: what can go wrong, in sentences that say what, where and what to do.
 
+pub mod clock;
+pub mod connection;
 pub mod error;
+pub mod health;
 pub mod reading;
 pub mod recording;
+pub mod transport;
 
 use std::path::PathBuf;
-use std::time::Instant;
 
 pub use error::Error;
+pub use health::Health;
 pub use reading::Reading;
 
 /// Every driver that this build knows.
@@ -87,11 +94,14 @@ pub trait Device: Send {
 
     /// The next reading, or why there is none.
     ///
-    /// A device that delivers at its own pace waits until `deadline` at most; one that delivers on demand (a file) never waits.
+    /// A device that delivers at its own pace waits until `deadline_ns` (host, CLOCK_MONOTONIC) at most; one that delivers on demand (a file) never waits.
+    ///
+    /// Hardware that goes away, falls silent or comes back is no error: the device tries by itself to have it working again, says [`Next::Pending`] meanwhile, and
+    /// its [`Self::health`] tells what is the matter.
     ///
     /// # Errors
-    /// [`Error`] when the data is damaged or the device is gone. No reading follows an error until the device is started again.
-    fn next(&mut self, deadline: Instant) -> Result<Next, Error>;
+    /// [`Error`] when a recording's data is damaged, or the device is stopped. No reading follows an error until the device is started again.
+    fn next(&mut self, deadline_ns: i64) -> Result<Next, Error>;
 
     /// Ends delivery. A stopped device can be started again; a file then begins anew.
     ///
@@ -99,9 +109,15 @@ pub trait Device: Send {
     /// [`Error`] when the device does not answer; it counts as stopped all the same.
     fn stop(&mut self) -> Result<(), Error>;
 
-    /// What is known of the source before its first reading.
+    /// What is known of the source before its first reading; hardware says more once it was set up.
     fn describe(&self) -> &Description;
+
+    /// How it is, and what was received and lost.
+    fn health(&self) -> &Health;
 }
+
+/// A deadline for sources that never wait, such as files.
+pub const NO_DEADLINE: i64 = i64::MAX;
 
 /// Outcome of [`Device::next`].
 #[derive(Debug)]
@@ -112,7 +128,7 @@ pub trait Device: Send {
 pub enum Next {
     /// A reading.
     Reading(Reading),
-    /// The deadline passed; the device is well as far as is known.
+    /// The deadline passed. Whether the device is well is told by its health.
     Pending,
     /// There will be no more readings.
     End,
@@ -131,4 +147,35 @@ pub struct Description {
     pub pixel: Option<(reading::PixelType, u32)>,
     /// Fields that belong to the whole recording, in file order, names as in the file.
     pub fields: Vec<(String, String)>,
+    /// What its stamps mean.
+    pub timing: Timing,
+}
+
+/// What a device's stamps mean, and what lies between the measurement and them.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Timing {
+    /// What [`reading::Stamp::ticks`] counts.
+    pub ticks: Ticks,
+    /// Ticks a second; `None` where they are no clock, or the rate is not known.
+    pub tick_hz: Option<f64>,
+    /// Where the ticks begin again at 0: 2³² for a counter of 32 bits.
+    pub wraps_at: Option<u64>,
+    /// Readings a second of each station, as set or as measured by the maker.
+    pub rate_hz: Option<f64>,
+    /// From the middle of the measurement to the first byte on the wire, by the maker's word, ns.
+    pub sampling_ns: i64,
+    /// From the first byte on the wire to the last, ns: what the line's rate makes of a record's length.
+    pub wire_ns: i64,
+}
+
+/// What a device counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Ticks {
+    /// Nothing: host times are all there is.
+    #[default]
+    None,
+    /// Time, of a clock of its own.
+    Time,
+    /// Measurements, those that were not sent included.
+    Measurements,
 }

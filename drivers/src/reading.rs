@@ -1,5 +1,6 @@
 //! What devices deliver. Units and names are those of the wire.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 /// One delivery of a device.
@@ -16,6 +17,8 @@ pub enum Reading {
     NamedTransform(NamedTransform),
     /// Clock maps, settings and decisions of an earlier run.
     Recorded(Recorded),
+    /// Bytes of a line as they came, for recordings.
+    Raw(Raw),
 }
 
 /// When something was measured or received.
@@ -23,8 +26,11 @@ pub enum Reading {
 pub struct Stamp {
     /// Position in the stream, from 0: frames and transforms of one item of a sequence share it.
     pub item: u64,
-    /// Receive time on the host, CLOCK_MONOTONIC nanoseconds; `None` for files.
+    /// Receive time on the host, CLOCK_MONOTONIC nanoseconds: when its last byte was here, or what the kernel stamped it with; `None` for files. Nothing is
+    /// subtracted from it: the device's [`crate::Timing`] says what is to be.
     pub host_ns: Option<i64>,
+    /// The device's own clock or counter as on the wire, not unwrapped; what it counts and where it wraps says [`crate::Timing`].
+    pub ticks: Option<u64>,
     /// Time written by the source, in seconds of the source's own clock. Finite if present.
     pub source_s: Option<f64>,
     /// The source's time before its own filtering, seconds of the same clock.
@@ -36,8 +42,8 @@ pub struct Stamp {
 pub enum Status {
     /// The source says that it is valid, or is of a kind that never says.
     Ok,
-    /// The source says otherwise; its own word (`INVALID`, `MISSING`, …).
-    Other(String),
+    /// The source says otherwise; its own word (`INVALID`, `MISSING`, …), or a driver's sentence for its code.
+    Other(Cow<'static, str>),
 }
 
 /// Scalar type of a pixel's channel.
@@ -94,13 +100,33 @@ pub struct Frame {
     pub fields: Vec<(String, String)>,
 }
 
-/// Raw counts of the arm's joints.
+/// Axes that a source of counts can have.
+pub const AXES: usize = 6;
+
+/// Raw counts of the arm's joints. Kinematics, signs and offsets are the calibration's.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Counts {
     /// When.
     pub stamp: Stamp,
-    /// One count a joint, base first.
-    pub counts: Vec<i64>,
+    /// The axis that the first count is of: 0 unless each axis comes by a line of its own.
+    pub first: u8,
+    /// Counts that there are.
+    pub axes: u8,
+    /// One count a joint, base first; 0 beyond those that there are.
+    pub counts: [i64; AXES],
+    /// Bit by axis: its zero is known, so that counts mean a place. Where it is not, the status says so too.
+    pub homed: u8,
+    /// Bits of the buttons and switches.
+    pub buttons: u8,
+    /// Whether the device vouches for it.
+    pub status: Status,
+}
+
+impl Counts {
+    /// Those that there are.
+    pub fn as_slice(&self) -> &[i64] {
+        &self.counts[..usize::from(self.axes).min(AXES)]
+    }
 }
 
 /// A tracked station's pose.
@@ -112,8 +138,12 @@ pub struct Pose {
     pub station: u8,
     /// Position in cm.
     pub position_cm: [f64; 3],
-    /// Orientation as unit quaternion w, x, y, z.
+    /// Orientation as quaternion w, x, y, z, as it was sent: its length is 1 up to the wire's rounding.
     pub quaternion_wxyz: [f64; 4],
+    /// Bits of the stylus's or sensor's buttons.
+    pub buttons: u8,
+    /// The unit's own figure of how distorted its field is, larger is worse; `None` where it has none.
+    pub distortion: Option<i32>,
     /// Whether the tracker vouches for it.
     pub status: Status,
 }
@@ -154,4 +184,13 @@ pub struct Recorded {
     pub topic: String,
     /// Its text.
     pub text: String,
+}
+
+/// Bytes of a line as one read brought them, before the readings that they complete. Given to the same decoder in this order they make the same readings.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Raw {
+    /// When: the last byte's time.
+    pub stamp: Stamp,
+    /// The bytes.
+    pub bytes: Arc<[u8]>,
 }

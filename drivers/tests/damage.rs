@@ -6,7 +6,6 @@
 use std::fs;
 use std::io::Write as _;
 use std::path::Path;
-use std::time::Instant;
 
 use drivers::reading::{NamedTransform, PixelType, Reading, Stamp, Status};
 use drivers::recording::metaimage::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
@@ -63,13 +62,13 @@ fn read(path: &Path, limits: Limits) -> (Vec<Vec<u8>>, Result<(), Error>) {
         return (frames, Err(error));
     }
     loop {
-        match device.next(Instant::now()) {
+        match device.next(drivers::NO_DEADLINE) {
             Ok(Next::Reading(Reading::Frame(frame))) => frames.push(frame.pixels.to_vec()),
             Ok(Next::Reading(_)) => {}
             Ok(Next::Pending) => panic!("a file never waits"),
             Ok(Next::End) => return (frames, Ok(())),
             Err(error) => {
-                let after = device.next(Instant::now());
+                let after = device.next(drivers::NO_DEADLINE);
                 assert!(matches!(after, Err(Error::Misuse(_))), "no reading follows an error: {after:?}");
                 return (frames, Err(error));
             }

@@ -7,7 +7,6 @@ use std::fs;
 use std::io::Write as _;
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Instant;
 
 use drivers::reading::{Frame, NamedTransform, PixelType, Reading, Stamp, Status};
 use drivers::recording::metaimage::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
@@ -30,15 +29,11 @@ const TYPES: [PixelType; 10] = [
 const EYE: [f64; 16] = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
 const EYE_TEXT: &str = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1";
 
-fn now() -> Instant {
-    Instant::now()
-}
-
 /// All readings of a device, which must be started.
 fn drain(device: &mut dyn Device) -> Result<Vec<Reading>, Error> {
     let mut readings = Vec::new();
     loop {
-        match device.next(now())? {
+        match device.next(drivers::NO_DEADLINE)? {
             Next::Reading(reading) => readings.push(reading),
             Next::End => return Ok(readings),
             Next::Pending => panic!("a file never waits"),
@@ -196,20 +191,20 @@ fn a_replay_begins_anew_and_keeps_its_states_apart() {
     let pixels = noise(30);
     write(&path, &sample(PixelType::U8, 1, true), &pixels);
     let mut device = Replay::open(&SequenceSettings::new(&path)).unwrap();
-    assert!(matches!(device.next(now()), Err(Error::Misuse(text)) if text.contains("start it first")));
+    assert!(matches!(device.next(drivers::NO_DEADLINE), Err(Error::Misuse(text)) if text.contains("start it first")));
     device.start().unwrap();
     assert!(matches!(device.start(), Err(Error::Misuse(text)) if text.contains("stop it first")));
     for _ in 0..3 {
-        assert!(matches!(device.next(now()).unwrap(), Next::Reading(_)));
+        assert!(matches!(device.next(drivers::NO_DEADLINE).unwrap(), Next::Reading(_)));
     }
     device.stop().unwrap();
-    assert!(matches!(device.next(now()), Err(Error::Misuse(_))));
+    assert!(matches!(device.next(drivers::NO_DEADLINE), Err(Error::Misuse(_))));
     for _ in 0..2 {
         device.start().unwrap();
         let readings = drain(&mut device).unwrap();
         let got: Vec<u8> = frames(&readings).iter().flat_map(|frame| frame.pixels.to_vec()).collect();
         assert_eq!(got, pixels);
-        assert!(matches!(device.next(now()).unwrap(), Next::End), "the end stays the end");
+        assert!(matches!(device.next(drivers::NO_DEADLINE).unwrap(), Next::End), "the end stays the end");
         device.stop().unwrap();
     }
 }
@@ -225,7 +220,7 @@ fn frames_that_are_dropped_give_their_memory_to_the_next() {
     device.start().unwrap();
     let mut addresses = std::collections::HashSet::new();
     let mut held: Option<Arc<[u8]>> = None;
-    while let Next::Reading(reading) = device.next(now()).unwrap() {
+    while let Next::Reading(reading) = device.next(drivers::NO_DEADLINE).unwrap() {
         if let Reading::Frame(frame) = reading {
             addresses.insert(frame.pixels.as_ptr());
             held = Some(frame.pixels);

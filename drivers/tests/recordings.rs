@@ -4,7 +4,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 use drivers::reading::{Frame, PixelType, Reading, Status};
 use drivers::recording::metaimage::write::VolumeWriter;
@@ -255,7 +254,7 @@ fn sequence(path: &Path, known: &Known) -> Result<(), Failed> {
     let mut seen = Seen::default();
     let mut adler = Adler(1, 0);
     loop {
-        match device.next(Instant::now())? {
+        match device.next(drivers::NO_DEADLINE)? {
             Next::Reading(Reading::Frame(frame)) => {
                 check_frame(&frame, known, &mut seen);
                 // The file's order of bytes; no recording here is big-endian.

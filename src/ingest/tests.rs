@@ -176,13 +176,23 @@ fn transforms_pass_and_other_readings_are_counted_by_kind() {
     };
     let mut ingest = Ingest::new();
     assert!(matches!(ingest.take(Reading::NamedTransform(transform)), Sample::Transform(t) if t.from == "Probe"));
-    let counts = Counts { stamp: Stamp::default(), counts: vec![1] };
+    let counts = Counts {
+        stamp: Stamp::default(),
+        first: 0,
+        axes: 1,
+        counts: [1, 0, 0, 0, 0, 0],
+        homed: 1,
+        buttons: 0,
+        status: Status::Ok,
+    };
     assert!(matches!(ingest.take(Reading::Counts(counts)), Sample::Unused("counts")));
     let pose = Pose {
         stamp: Stamp::default(),
         station: 1,
         position_cm: [0.0; 3],
         quaternion_wxyz: [1.0, 0.0, 0.0, 0.0],
+        buttons: 0,
+        distortion: None,
         status: Status::Ok,
     };
     assert!(matches!(ingest.take(Reading::Pose(pose)), Sample::Unused("pose")));

@@ -3,8 +3,6 @@
 //! Some decisions need all poses: which transforms there are at all, and how far neighbouring slices lie apart. A recording's device
 //! opened without images delivers them from its header in a moment.
 
-use std::time::{Duration, Instant};
-
 use calibration::frames::{Image, Transform, World};
 use drivers::{Device, Next, Reading};
 use glam::DVec3;
@@ -16,8 +14,6 @@ use crate::ledger::Ledger;
 
 /// Part of the gaps between neighbouring slices that the automatic σ covers with its full width.
 const GAP_QUANTILE: f64 = 0.9;
-/// How long a device may take for a reading; one that reads a file never waits.
-const PATIENCE: Duration = Duration::from_secs(1);
 
 /// Where a frame lies.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -105,7 +101,7 @@ pub fn survey(device: &mut dyn Device, options: &PairingOptions) -> Result<Surve
 fn walk(device: &mut dyn Device, mut take: impl FnMut(Reading)) -> Result<(), drivers::Error> {
     device.start()?;
     let end = loop {
-        match device.next(Instant::now() + PATIENCE) {
+        match device.next(drivers::NO_DEADLINE) {
             Ok(Next::Reading(reading)) => take(reading),
             Ok(Next::Pending) => {}
             Ok(Next::End) => break Ok(()),
@@ -158,6 +154,7 @@ mod tests {
         left: VecDeque<Reading>,
         running: bool,
         description: Description,
+        health: drivers::Health,
     }
 
     impl Device for Scripted {
@@ -166,7 +163,7 @@ mod tests {
             self.left = self.readings.clone().into();
             Ok(())
         }
-        fn next(&mut self, _: Instant) -> Result<Next, drivers::Error> {
+        fn next(&mut self, _: i64) -> Result<Next, drivers::Error> {
             Ok(self.left.pop_front().map_or(Next::End, Next::Reading))
         }
         fn stop(&mut self) -> Result<(), drivers::Error> {
@@ -175,6 +172,9 @@ mod tests {
         }
         fn describe(&self) -> &Description {
             &self.description
+        }
+        fn health(&self) -> &drivers::Health {
+            &self.health
         }
     }
 
@@ -204,7 +204,13 @@ mod tests {
     }
 
     fn device(readings: Vec<Reading>) -> Scripted {
-        Scripted { readings, left: VecDeque::new(), running: false, description: Description::default() }
+        Scripted {
+            readings,
+            left: VecDeque::new(),
+            running: false,
+            description: Description::default(),
+            health: drivers::Health::default(),
+        }
     }
 
     #[test]

@@ -4,15 +4,15 @@ use std::fs::File;
 use std::io::{BufReader, Seek, SeekFrom};
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Instant;
 
 use super::SequenceSettings;
 use super::metaimage::layout::Layout;
 use super::metaimage::sequence::{Item, Sequence};
 use super::metaimage::stream::{PixelStream, Pool};
 use super::metaimage::{self, Content};
+use crate::health::{Health, State as Well};
 use crate::reading::{Frame, NamedTransform, Reading, Stamp};
-use crate::{Description, Device, Error, Next};
+use crate::{Description, Device, Error, Next, Timing};
 
 /// A sequence file as a device. Delivers on demand: `next` never waits and never says [`Next::Pending`].
 ///
@@ -27,6 +27,7 @@ pub struct Replay {
     description: Description,
     pool: Pool,
     state: State,
+    health: Health,
 }
 
 enum State {
@@ -68,6 +69,7 @@ impl Replay {
             image_size: layout.has_images().then_some(layout.size),
             pixel: layout.has_images().then_some((layout.pixel, layout.channels)),
             fields: sequence.fields.clone(),
+            timing: Timing::default(),
         };
         Ok(Self {
             path,
@@ -78,6 +80,7 @@ impl Replay {
             sequence,
             description,
             state: State::Stopped,
+            health: Health::default(),
         })
     }
 
@@ -110,7 +113,13 @@ impl Replay {
             return Ok(Next::End);
         }
         let item = self.sequence.item(*index);
-        let stamp = Stamp { item: *index, host_ns: None, source_s: item.source_s, unfiltered_s: item.unfiltered_s };
+        let stamp = Stamp {
+            item: *index,
+            host_ns: None,
+            ticks: None,
+            source_s: item.source_s,
+            unfiltered_s: item.unfiltered_s,
+        };
         if let Some(transform) = item.transforms.get(*given) {
             *given += 1;
             let (from, to) = &self.sequence.transforms[transform.name as usize];
@@ -155,23 +164,41 @@ impl Device for Replay {
         if matches!(self.state, State::Running { .. }) {
             return Err(Error::Misuse(format!("{}: the replay runs already; stop it first", self.path.display())));
         }
-        self.begin()
+        self.begin()?;
+        self.health.enter(Well::Running, "", 0);
+        Ok(())
     }
 
-    fn next(&mut self, _deadline: Instant) -> Result<Next, Error> {
+    fn next(&mut self, _deadline_ns: i64) -> Result<Next, Error> {
         let next = self.advance();
-        if next.is_err() && matches!(self.state, State::Running { .. }) {
-            self.state = State::Failed;
+        match &next {
+            Ok(Next::Reading(reading)) => {
+                self.health.received.readings += 1;
+                if let Reading::Frame(frame) = reading {
+                    self.health.received.bytes += frame.pixels.len() as u64;
+                }
+            }
+            Ok(_) => self.health.enter(Well::Ended, "", 0),
+            Err(error) if matches!(self.state, State::Running { .. }) => {
+                self.health.enter(Well::Ended, &error.to_string(), 0);
+                self.state = State::Failed;
+            }
+            Err(_) => {}
         }
         next
     }
 
     fn stop(&mut self) -> Result<(), Error> {
         self.state = State::Stopped;
+        self.health.enter(Well::Stopped, "", 0);
         Ok(())
     }
 
     fn describe(&self) -> &Description {
         &self.description
+    }
+
+    fn health(&self) -> &Health {
+        &self.health
     }
 }

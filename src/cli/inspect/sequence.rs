@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
 
 use drivers::reading::{Frame, NamedTransform, Status};
 use drivers::recording::SequenceSettings;
@@ -20,9 +19,6 @@ use crate::ledger::Ledger;
 use crate::refusal::{Reason, Refusal};
 use crate::sync::survey::{SurveyError, gaps};
 use crate::sync::{PairingOptions, Survey, survey};
-
-/// How long a device may take for a reading; one that reads a file never waits.
-const PATIENCE: Duration = Duration::from_secs(1);
 
 /// Fields of the whole file whose meaning is shown by other words, beside those of its structure.
 const KNOWN: [&str; 3] = ["AnatomicalOrientation", "UltrasoundImageOrientation", "UltrasoundImageType"];
@@ -155,7 +151,7 @@ impl SequenceReport {
         let mut walk = Walk::default();
         device.start()?;
         loop {
-            match device.next(Instant::now() + PATIENCE)? {
+            match device.next(drivers::NO_DEADLINE)? {
                 Next::Reading(Reading::Frame(frame)) => walk.frame(frame),
                 Next::Reading(Reading::NamedTransform(transform)) => walk.transform(&transform),
                 Next::Reading(_) | Next::Pending => {}
@@ -402,7 +398,7 @@ impl Placement {
 fn word(status: &Status) -> String {
     match status {
         Status::Ok => "OK".into(),
-        Status::Other(word) => word.clone(),
+        Status::Other(word) => word.clone().into_owned(),
     }
 }
 

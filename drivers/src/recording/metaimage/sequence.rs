@@ -209,7 +209,7 @@ fn item(header: &Header, fields: &[FrameField], roles: &[Role]) -> Result<Item, 
 /// Of several words on one datum, the one that does not vouch for it counts.
 fn worsen(status: &mut Status, word: &str) {
     if *status == Status::Ok && !word.eq_ignore_ascii_case("OK") {
-        *status = Status::Other(word.to_owned());
+        *status = Status::Other(word.to_owned().into());
     }
 }
 

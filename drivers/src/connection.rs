@@ -1,0 +1,405 @@
+//! Keeps a device on a line going: opened, set up, read, and all of it again when it goes away or falls silent.
+//!
+//! ```text
+//!            opened              set up               nothing for long
+//! absent ──────────────▶ starting ────────▶ running ──────────────────▶ silent ──▶ set up anew
+//!    ▲                       │                 │                           │
+//!    └───────────────────────┴──── gone ───────┴───────────────────────────┘
+//! ```
+//!
+//! What is said on the line is a [`Protocol`]'s, which neither waits nor reads a clock: it is told what came and says what to do next. So every ladder is tested without
+//! a line, and no call of [`Connection::next`] takes longer than its deadline, however long the setting-up takes.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use crate::clock::{Clock, MS};
+use crate::health::{Health, State};
+use crate::reading::{Raw, Reading, Stamp};
+use crate::transport::{LineError, Opener, Transport};
+use crate::{Error, Next};
+
+/// Pause between two attempts to open a line, ns: a device that is plugged in is found within it.
+const RETRY: i64 = 200 * MS;
+/// Pause after a read that failed, ns, lest a line that fails at once is read without end.
+const TROUBLED: i64 = 2 * MS;
+/// Bytes that one read may bring: more than a device sends between two reads.
+const BUFFER: usize = 4096;
+
+/// What to do next to set a device up.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Rung {
+    /// Sends bytes. Then: [`Met::Done`].
+    Send(Vec<u8>),
+    /// Changes the line's rate, bits a second. Then: [`Met::Done`].
+    Baud(u32),
+    /// Says nothing for so long, ns; what comes meanwhile is dropped. Then: [`Met::Done`].
+    Pause(i64),
+    /// Drops what comes until nothing has come for `quiet_ns`: [`Met::Quiet`]; or `at_most_ns` have passed: [`Met::Noisy`].
+    Hush {
+        /// Length of a silence.
+        quiet_ns: i64,
+        /// From the beginning.
+        at_most_ns: i64,
+    },
+    /// Waits for an answer: [`Met::Heard`] for all that comes, until another rung is asked for; [`Met::Deaf`] when so many ns have passed.
+    Listen(i64),
+    /// Goes on listening, until the time said before.
+    More,
+    /// The device is set up. What [`Met::Heard`] told last goes to [`Protocol::take`] if it is kept.
+    Top {
+        /// Whether what was heard last holds records already.
+        keep: bool,
+    },
+    /// It cannot be set up; why, and what to do. It is tried again.
+    Fall(String),
+}
+
+/// What has come of a rung.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Met<'a> {
+    /// The line was opened, or everything begins anew.
+    Begin,
+    /// It was done.
+    Done,
+    /// Silence.
+    Quiet,
+    /// No silence.
+    Noisy,
+    /// Bytes.
+    Heard(&'a [u8]),
+    /// No answer, or no more of it.
+    Deaf,
+}
+
+/// What was lost on the line, by the decoder's count.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Lost {
+    /// Readings that the device's own counter says there were.
+    pub readings: u64,
+    /// Records refused.
+    pub refused: u64,
+    /// Bytes in no record.
+    pub skipped: u64,
+}
+
+/// What is said on a line: bytes to a device, readings from it. Knows no clock and no line.
+pub trait Protocol: Send {
+    /// Everything begins anew: the device may be another one, or have been switched off meanwhile.
+    fn reset(&mut self);
+
+    /// The next rung of setting up.
+    fn climb(&mut self, met: Met<'_>) -> Rung;
+
+    /// Takes bytes of a device that was set up; the last of them were here at `at_ns`. Adds the readings in them.
+    fn take(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>);
+
+    /// What to ask a device for that speaks only when asked, and when at the latest it is to be asked again, host ns; `None` for one that speaks by itself.
+    fn ask(&mut self, _now_ns: i64) -> Option<(&[u8], i64)> {
+        None
+    }
+
+    /// So long may a device that was set up say nothing that makes sense, ns.
+    fn patience_ns(&self) -> i64;
+
+    /// What to send before the line is closed, so that the device is found quiet.
+    fn farewell(&self) -> &[u8];
+
+    /// What was lost since [`Self::reset`].
+    fn lost(&self) -> Lost;
+}
+
+/// Where the connection stands.
+enum Stage {
+    Stopped,
+    Absent { retry_ns: i64 },
+    Climbing { line: Box<dyn Transport>, rung: Rung, since_ns: i64, heard_ns: i64 },
+    Running { line: Box<dyn Transport>, heard_ns: i64, ask_ns: i64 },
+}
+
+/// A device on a line, whatever it says.
+pub struct Connection<P> {
+    opener: Box<dyn Opener>,
+    clock: Arc<dyn Clock>,
+    protocol: P,
+    keeps_raw: bool,
+    stage: Stage,
+    found: VecDeque<Reading>,
+    buffer: Box<[u8]>,
+    health: Health,
+    /// Lost before the last reset.
+    before: Lost,
+    raw_items: u64,
+}
+
+/// What is to be done after a step.
+enum After {
+    /// Go on.
+    Same,
+    /// The line is to be set up from its first rung.
+    Anew(Box<dyn Transport>),
+    /// The line is gone, or was never there.
+    Gone(LineError),
+}
+
+impl<P: Protocol> Connection<P> {
+    /// Stopped. With `keeps_raw` each piece of what is received is a reading too, before those that it completes.
+    pub fn new(opener: Box<dyn Opener>, clock: Arc<dyn Clock>, protocol: P, keeps_raw: bool) -> Self {
+        Self {
+            opener,
+            clock,
+            protocol,
+            keeps_raw,
+            stage: Stage::Stopped,
+            found: VecDeque::with_capacity(64),
+            buffer: vec![0; BUFFER].into(),
+            health: Health::default(),
+            before: Lost::default(),
+            raw_items: 0,
+        }
+    }
+
+    /// The protocol, for what it knows of the device.
+    pub fn protocol(&self) -> &P {
+        &self.protocol
+    }
+
+    /// How the device is.
+    pub fn health(&self) -> &Health {
+        &self.health
+    }
+
+    /// Begins; the line is opened by [`Self::next`].
+    ///
+    /// # Errors
+    /// [`Error::Misuse`] when it runs already.
+    pub fn start(&mut self) -> Result<(), Error> {
+        if !matches!(self.stage, Stage::Stopped) {
+            return Err(Error::Misuse(format!("{}: runs already; stop it first", self.opener.name())));
+        }
+        let now_ns = self.clock.now_ns();
+        self.stage = Stage::Absent { retry_ns: now_ns };
+        self.health.enter(State::Absent, "not opened yet", now_ns);
+        Ok(())
+    }
+
+    /// Says farewell and closes the line.
+    pub fn stop(&mut self) {
+        let stage = std::mem::replace(&mut self.stage, Stage::Stopped);
+        if let Stage::Climbing { mut line, .. } | Stage::Running { mut line, .. } = stage
+            && let Err(error) = line.write(self.protocol.farewell())
+        {
+            tracing::debug!("{}: {error}, so that it may go on talking", self.opener.name());
+        }
+        self.found.clear();
+        self.health.enter(State::Stopped, "", self.clock.now_ns());
+    }
+
+    /// The next reading, or [`Next::Pending`] at the deadline (host ns): the device may be running, or be on its way back; its health says which.
+    ///
+    /// # Errors
+    /// [`Error::Misuse`] when it is stopped. A device that goes away is no error: it is opened again as soon as it is back.
+    pub fn next(&mut self, deadline_ns: i64) -> Result<Next, Error> {
+        loop {
+            if let Some(reading) = self.found.pop_front() {
+                self.health.received.readings += u64::from(!matches!(reading, Reading::Raw(_)));
+                return Ok(Next::Reading(reading));
+            }
+            let now_ns = self.clock.now_ns();
+            if now_ns >= deadline_ns {
+                return Ok(Next::Pending);
+            }
+            let after = match &mut self.stage {
+                Stage::Stopped => {
+                    return Err(Error::Misuse(format!("{}: is stopped; start it first", self.opener.name())));
+                }
+                Stage::Absent { retry_ns } if now_ns < *retry_ns => {
+                    self.clock.wait_until((*retry_ns).min(deadline_ns));
+                    continue;
+                }
+                Stage::Absent { .. } => match self.opener.open() {
+                    Ok(line) => {
+                        self.health.received.opened += 1;
+                        After::Anew(line)
+                    }
+                    Err(error) => After::Gone(error),
+                },
+                Stage::Climbing { .. } => self.climb(now_ns, deadline_ns),
+                Stage::Running { .. } => self.run(now_ns, deadline_ns),
+            };
+            self.after(after);
+        }
+    }
+
+    fn after(&mut self, after: After) {
+        let now_ns = self.clock.now_ns();
+        match after {
+            After::Same => {}
+            After::Anew(line) => self.begin(line),
+            After::Gone(error) => {
+                self.stage = Stage::Absent { retry_ns: now_ns + RETRY };
+                self.health.enter(State::Absent, &format!("{} {error}", self.opener.name()), now_ns);
+            }
+        }
+    }
+
+    /// The first rung of an open line.
+    fn begin(&mut self, line: Box<dyn Transport>) {
+        let now_ns = self.clock.now_ns();
+        let lost = self.protocol.lost();
+        self.before.readings += lost.readings;
+        self.before.refused += lost.refused;
+        self.before.skipped += lost.skipped;
+        self.protocol.reset();
+        let rung = self.protocol.climb(Met::Begin);
+        self.stage = Stage::Climbing { line, rung, since_ns: now_ns, heard_ns: now_ns };
+        // A silent device stays silent, and an absent one absent by its reason, until it is set up.
+        if self.health.state != State::Silent {
+            self.health.enter(State::Starting, "", now_ns);
+        }
+    }
+
+    /// Does a rung, or as much of it as there is time for.
+    fn climb(&mut self, now_ns: i64, deadline_ns: i64) -> After {
+        let Stage::Climbing { line, rung, since_ns, heard_ns } = &mut self.stage else { return After::Same };
+        let mut kept = 0;
+        let until = match rung {
+            Rung::Pause(ns) => *since_ns + *ns,
+            Rung::Hush { quiet_ns, at_most_ns } => (*heard_ns + *quiet_ns).min(*since_ns + *at_most_ns),
+            Rung::Listen(ns) => *since_ns + *ns,
+            _ => now_ns,
+        };
+        let waits = matches!(rung, Rung::Pause(_) | Rung::Hush { .. } | Rung::Listen(_));
+        let met = if waits && now_ns < until {
+            let received = match line.read(&mut self.buffer, until.min(deadline_ns)) {
+                Ok(received) => received,
+                Err(error @ LineError::Gone(_)) => return After::Gone(error),
+                // Framing errors while the rate is still looked for.
+                Err(error) => {
+                    tracing::debug!("{}: {error}", self.opener.name());
+                    self.clock.wait_until(now_ns + TROUBLED);
+                    return After::Same;
+                }
+            };
+            self.health.received.bytes += received.bytes as u64;
+            if received.bytes == 0 {
+                return After::Same;
+            }
+            *heard_ns = received.at_ns;
+            if !matches!(rung, Rung::Listen(_)) {
+                return After::Same;
+            }
+            kept = received.bytes;
+            Met::Heard(&self.buffer[..kept])
+        } else {
+            match rung {
+                Rung::Send(bytes) => match line.write(bytes) {
+                    Ok(()) => Met::Done,
+                    Err(error) => return After::Gone(error),
+                },
+                Rung::Baud(baud) => match line.set_baud(*baud) {
+                    Ok(()) => Met::Done,
+                    Err(error) => return After::Gone(error),
+                },
+                Rung::Hush { at_most_ns, .. } if now_ns >= *since_ns + *at_most_ns => Met::Noisy,
+                Rung::Hush { .. } => Met::Quiet,
+                Rung::Listen(_) => Met::Deaf,
+                _ => Met::Done,
+            }
+        };
+        match self.protocol.climb(met) {
+            Rung::More => {}
+            Rung::Top { keep } => {
+                self.health.received.set_up += 1;
+                let at_ns = *heard_ns;
+                let stage = std::mem::replace(&mut self.stage, Stage::Stopped);
+                if let Stage::Climbing { line, .. } = stage {
+                    let now_ns = self.clock.now_ns();
+                    self.stage = Stage::Running { line, heard_ns: now_ns, ask_ns: now_ns };
+                }
+                if keep && kept > 0 {
+                    self.take(kept, at_ns);
+                }
+            }
+            Rung::Fall(why) => {
+                let stage = std::mem::replace(&mut self.stage, Stage::Stopped);
+                self.health.enter(State::Silent, &format!("{}: {why}", self.opener.name()), now_ns);
+                if let Stage::Climbing { line, .. } = stage {
+                    return After::Anew(line);
+                }
+            }
+            next => {
+                *rung = next;
+                (*since_ns, *heard_ns) = (self.clock.now_ns(), self.clock.now_ns());
+            }
+        }
+        After::Same
+    }
+
+    /// Reads what a device says that was set up.
+    fn run(&mut self, now_ns: i64, deadline_ns: i64) -> After {
+        let patience = self.protocol.patience_ns();
+        let Stage::Running { line, heard_ns, ask_ns } = &mut self.stage else { return After::Same };
+        let mut until = deadline_ns.min(*heard_ns + patience);
+        if now_ns >= *heard_ns + patience {
+            let why = format!("{}: is open and has said nothing for {} ms", self.opener.name(), patience / MS);
+            self.health.enter(State::Silent, &why, now_ns);
+            let stage = std::mem::replace(&mut self.stage, Stage::Stopped);
+            return match stage {
+                Stage::Running { line, .. } => After::Anew(line),
+                _ => After::Same,
+            };
+        }
+        if now_ns >= *ask_ns {
+            match self.protocol.ask(now_ns) {
+                Some((question, again_ns)) => {
+                    *ask_ns = again_ns;
+                    if let Err(error) = line.write(question) {
+                        return After::Gone(error);
+                    }
+                }
+                None => *ask_ns = i64::MAX,
+            }
+        }
+        until = until.min(*ask_ns);
+        match line.read(&mut self.buffer, until) {
+            Ok(received) if received.bytes == 0 => After::Same,
+            Ok(received) => {
+                self.health.received.bytes += received.bytes as u64;
+                self.take(received.bytes, received.at_ns);
+                After::Same
+            }
+            Err(error @ LineError::Gone(_)) => After::Gone(error),
+            Err(error) => {
+                // What was damaged is told by the records; without an end to it the device is silent.
+                tracing::debug!("{}: {error}", self.opener.name());
+                self.clock.wait_until(now_ns + TROUBLED);
+                After::Same
+            }
+        }
+    }
+
+    /// Gives bytes of the buffer to the protocol.
+    fn take(&mut self, bytes: usize, at_ns: i64) {
+        let bytes = &self.buffer[..bytes];
+        if self.keeps_raw {
+            let stamp = Stamp { item: self.raw_items, host_ns: Some(at_ns), ..Stamp::default() };
+            self.raw_items += 1;
+            self.found.push_back(Reading::Raw(Raw { stamp, bytes: bytes.into() }));
+        }
+        let before = self.found.len();
+        self.protocol.take(bytes, at_ns, &mut self.found);
+        let lost = self.protocol.lost();
+        let received = &mut self.health.received;
+        received.lost = self.before.readings + lost.readings;
+        received.refused = self.before.refused + lost.refused;
+        received.skipped = self.before.skipped + lost.skipped;
+        if self.found.len() > before {
+            if let Stage::Running { heard_ns, .. } = &mut self.stage {
+                *heard_ns = at_ns;
+            }
+            // Running is what delivers: the last rung alone proves nothing.
+            self.health.enter(State::Running, "", at_ns);
+        }
+    }
+}

@@ -1,0 +1,68 @@
+//! How bytes come and go: a serial line, and one within the process.
+//!
+//! A transport knows nothing of records. It says when bytes were here, and that the other end is gone.
+
+mod memory;
+mod serial;
+
+pub use memory::{MemoryOpener, Peer};
+pub use serial::{PortPath, SerialOpener};
+
+/// What one read brought.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Received {
+    /// Bytes, at the front of the buffer; 0 where the deadline passed before any came.
+    pub bytes: usize,
+    /// When the last of them was here, host ns.
+    pub at_ns: i64,
+}
+
+/// Why bytes do not come or go.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum LineError {
+    /// There is no such device now.
+    #[error("is not there: {0}; plug it in")]
+    Absent(String),
+    /// It is there and may not be opened.
+    #[error("cannot be opened: {0}")]
+    Refused(String),
+    /// It was open and went away.
+    #[error("was unplugged or switched off: {0}")]
+    Gone(String),
+    /// The system's reason for anything else.
+    #[error("{0}")]
+    Failed(String),
+}
+
+/// An open line to a device: bytes in both directions.
+pub trait Transport: Send {
+    /// Waits until the deadline (host ns) for bytes, and returns as soon as any are there.
+    ///
+    /// # Errors
+    /// [`LineError::Gone`] when the other end is gone for good: open it anew. [`LineError::Failed`] otherwise; it may be read again.
+    fn read(&mut self, into: &mut [u8], deadline_ns: i64) -> Result<Received, LineError>;
+
+    /// Sends all of the bytes.
+    ///
+    /// # Errors
+    /// As [`Self::read`]; a part of them may have been sent.
+    fn write(&mut self, bytes: &[u8]) -> Result<(), LineError>;
+
+    /// Bytes from now on come and go at this rate, bits a second; what was received at the old one is dropped. Nothing where the line has no rate.
+    ///
+    /// # Errors
+    /// [`LineError`] where the line refuses it.
+    fn set_baud(&mut self, baud: u32) -> Result<(), LineError>;
+}
+
+/// Opens a line, again and again if it must.
+pub trait Opener: Send {
+    /// What is opened, for people: a path or a device's name.
+    fn name(&self) -> &str;
+
+    /// Opens it.
+    ///
+    /// # Errors
+    /// [`LineError::Absent`] where there is none now, [`LineError::Refused`] where it is and cannot be opened, with what to do.
+    fn open(&mut self) -> Result<Box<dyn Transport>, LineError>;
+}

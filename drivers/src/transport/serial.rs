@@ -1,0 +1,203 @@
+//! Serial lines, by the crate serialport.
+
+use std::io::{ErrorKind, Read, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+use rustix::fs::Access;
+use serialport::{ClearBuffer, FlowControl, SerialPort, TTYPort};
+
+use super::{LineError, Opener, Received, Transport};
+use crate::clock::{Clock, MS};
+
+/// The longest time that bytes written may wait for the line.
+const WRITE: Duration = Duration::from_millis(500);
+
+/// Where a serial line is.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PortPath {
+    /// The device's file: `/dev/ttyUSB0`, or better a link that does not depend on the order of plugging in, `/dev/serial/by-id/…`.
+    pub path: PathBuf,
+    /// Bits a second at first.
+    pub baud: u32,
+}
+
+/// Opens a serial line with 8 bits, no parity, 1 stop bit, no handshake: binary records need all of it.
+#[derive(Debug)]
+pub struct SerialOpener {
+    port: PortPath,
+    name: String,
+    clock: Arc<dyn Clock>,
+}
+
+impl SerialOpener {
+    /// Of that place; times are the clock's.
+    pub fn new(port: PortPath, clock: Arc<dyn Clock>) -> Self {
+        let name = port.path.display().to_string();
+        Self { port, name, clock }
+    }
+}
+
+impl Opener for SerialOpener {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn open(&mut self) -> Result<Box<dyn Transport>, LineError> {
+        let builder = serialport::new(self.name.as_str(), self.port.baud).flow_control(FlowControl::None);
+        let mut port = builder.open_native().map_err(|error| refusal(&self.port.path, &error))?;
+        prefer_low_latency(&self.port.path);
+        // Not fatal: what is dropped here would be dropped by the search for the first record, too.
+        if let Err(error) = port.clear(ClearBuffer::All) {
+            tracing::debug!("{}: what was received before cannot be dropped: {error}", self.name);
+        }
+        port.set_timeout(Duration::ZERO).map_err(|error| LineError::Failed(error.to_string()))?;
+        Ok(Box::new(Serial { port, clock: Arc::clone(&self.clock) }))
+    }
+}
+
+/// Why a line cannot be opened, and what to do.
+fn refusal(path: &Path, error: &serialport::Error) -> LineError {
+    if !path.exists() {
+        return LineError::Absent("no such file".into());
+    }
+    if rustix::fs::access(path, Access::READ_OK | Access::WRITE_OK).is_err() {
+        return LineError::Refused(
+            "permission denied; install the udev rule that `sonoweave devices` shows, or join the group that owns the file".into(),
+        );
+    }
+    // The crate tells what the system says by words alone.
+    let said = error.to_string();
+    let is_taken = ["busy", "exclusive lock"].iter().any(|word| said.to_ascii_lowercase().contains(word));
+    if is_taken {
+        return LineError::Refused(
+            "another program has it open; close that (a modem manager may try new lines, too)".into(),
+        );
+    }
+    LineError::Refused(said)
+}
+
+/// FTDI's chips hold bytes back for up to 16 ms unless they are told to wait 1 ms only. Where the file may not be written, the udev rule does it.
+fn prefer_low_latency(path: &Path) {
+    let Some(name) = std::fs::canonicalize(path).ok().and_then(|path| path.file_name().map(ToOwned::to_owned)) else {
+        return;
+    };
+    let timer = Path::new("/sys/bus/usb-serial/devices").join(name).join("latency_timer");
+    if timer.exists()
+        && let Err(error) = std::fs::write(&timer, "1")
+    {
+        tracing::info!(
+            "{}: {error}; bytes may wait up to 16 ms in the adapter: install the udev rule",
+            timer.display()
+        );
+    }
+}
+
+/// An open serial line.
+struct Serial {
+    port: TTYPort,
+    clock: Arc<dyn Clock>,
+}
+
+impl Transport for Serial {
+    fn read(&mut self, into: &mut [u8], deadline_ns: i64) -> Result<Received, LineError> {
+        let left = (deadline_ns - self.clock.now_ns()).max(0);
+        // The system waits whole milliseconds: not one less, or the last would be spent in a tight loop.
+        let left = Duration::from_millis(u64::try_from((left + MS - 1) / MS).unwrap_or(0));
+        self.port.set_timeout(left).map_err(|error| LineError::Failed(error.to_string()))?;
+        let read = self.port.read(into);
+        let at_ns = self.clock.now_ns();
+        match read {
+            // A line at its end: no device of ours sends that.
+            Ok(0) => Err(LineError::Gone("the line has ended".into())),
+            Ok(bytes) => Ok(Received { bytes, at_ns }),
+            Err(error)
+                if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::Interrupted | ErrorKind::WouldBlock) =>
+            {
+                Ok(Received { bytes: 0, at_ns })
+            }
+            Err(error) => Err(trouble(&error)),
+        }
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<(), LineError> {
+        self.port.set_timeout(WRITE).map_err(|error| LineError::Failed(error.to_string()))?;
+        self.port.write_all(bytes).map_err(|error| trouble(&error))
+    }
+
+    fn set_baud(&mut self, baud: u32) -> Result<(), LineError> {
+        self.port.set_baud_rate(baud).map_err(|error| LineError::Failed(format!("{baud} bits a second: {error}")))?;
+        self.port.clear(ClearBuffer::Input).map_err(|error| LineError::Failed(error.to_string()))
+    }
+}
+
+fn trouble(error: &std::io::Error) -> LineError {
+    // EIO is what a line says whose adapter was pulled out while it was written to.
+    let is_gone = matches!(error.kind(), ErrorKind::BrokenPipe | ErrorKind::NotFound)
+        || matches!(error.raw_os_error(), Some(code) if code == rustix::io::Errno::IO.raw_os_error()
+            || code == rustix::io::Errno::NODEV.raw_os_error() || code == rustix::io::Errno::NXIO.raw_os_error());
+    if is_gone { LineError::Gone(error.to_string()) } else { LineError::Failed(error.to_string()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::{Monotonic, SECOND};
+
+    fn open(path: &str) -> Result<Box<dyn Transport>, LineError> {
+        SerialOpener::new(PortPath { path: path.into(), baud: 115_200 }, Arc::new(Monotonic)).open()
+    }
+
+    #[test]
+    fn bytes_come_and_go_by_a_pseudo_terminal_and_its_end_is_told() {
+        let (mut other, own) = TTYPort::pair().unwrap();
+        let path = own.name().unwrap();
+        drop(own);
+        let mut line = open(&path).unwrap();
+        line.set_baud(38_400).unwrap();
+        let mut buffer = [0; 64];
+        // Every byte passes: none is echoed, taken for control or held back for the end of a line.
+        let all: Vec<u8> = (0..=255).collect();
+        let mut back = Vec::new();
+        for part in all.chunks(51) {
+            other.write_all(part).unwrap();
+            let now = Monotonic.now_ns();
+            while back.len() < all.len() {
+                let Received { bytes, at_ns } = line.read(&mut buffer, now + 20 * MS).unwrap();
+                assert!(at_ns >= now);
+                back.extend_from_slice(&buffer[..bytes]);
+                if bytes == 0 {
+                    break;
+                }
+            }
+        }
+        assert_eq!(back, all);
+        line.write(b"P\x03\x11\x13\r").unwrap();
+        other.set_timeout(Duration::from_secs(1)).unwrap();
+        let mut sent = [0; 5];
+        other.read_exact(&mut sent).unwrap();
+        assert_eq!(&sent, b"P\x03\x11\x13\r");
+        let before = Monotonic.now_ns();
+        let none = line.read(&mut buffer, before + 5 * MS).unwrap();
+        assert!(none.bytes == 0 && none.at_ns >= before + 5 * MS && none.at_ns < before + SECOND, "{none:?}");
+        drop(other);
+        let gone = line.read(&mut buffer, Monotonic.now_ns() + SECOND);
+        assert!(matches!(gone, Err(LineError::Gone(_))), "{gone:?}");
+    }
+
+    #[test]
+    fn what_cannot_be_opened_says_why() {
+        let absent = open("/dev/no-such-line").err().unwrap();
+        assert!(matches!(absent, LineError::Absent(_)) && absent.to_string().contains("plug it in"), "{absent}");
+        let no_line = open("/dev/null").err().unwrap();
+        assert!(matches!(no_line, LineError::Refused(_)), "{no_line}");
+        let (other, own) = TTYPort::pair().unwrap();
+        let path = own.name().unwrap();
+        drop(own);
+        let _first = open(&path).unwrap();
+        let second = open(&path).err().unwrap();
+        assert!(matches!(&second, LineError::Refused(why) if why.contains("another program")), "{second}");
+        drop(other);
+    }
+}
