@@ -7,17 +7,24 @@
 //!
 //! In the order of the data:
 //!
+//! - [`transport`]: bytes to and from a device.
+//! - [`framing`]: from a stream of bytes, cut anywhere, to records; what every wire format is made for.
+//! - [`connection`]: a device on a line, opened, set up and read, and again when it went away; [`health`] says how it is.
+//! - [`polhemus`]: electromagnetic trackers.
+//! - [`arm`]: encoder arms of three joints.
 //! - [`reading`]: what a device can deliver.
 //! - [`clock`]: the host's time, and one that tests turn by hand.
-//! - [`transport`]: bytes to and from a device.
-//! - [`connection`]: a device on a line, opened, set up and read, and again when it went away.
 //! - [`recording`]: sequence files (MetaImage) and the device that replays them.
 //! - [`error`]: what can go wrong, in sentences that say what, where and what to do.
 
+pub mod arm;
 pub mod clock;
 pub mod connection;
 pub mod error;
+pub mod framing;
 pub mod health;
+mod numerals;
+pub mod polhemus;
 pub mod reading;
 pub mod recording;
 pub mod transport;

@@ -1,0 +1,1 @@
+//! Encoder arms of three joints.

@@ -1,0 +1,6 @@
+//! What every decoder promises, on streams of every wire format: written vectors, any cut, garbage, arbitrary bytes, encode and decode.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
+
+mod fastrak;
+mod stream;
