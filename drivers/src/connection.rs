@@ -17,7 +17,7 @@ use crate::clock::{Clock, MS};
 use crate::health::{Health, State};
 use crate::reading::{Raw, Reading, Stamp};
 use crate::transport::{LineError, Opener, Transport};
-use crate::{Error, Next};
+use crate::{Description, Device, Error, Next};
 
 /// Pause between two attempts to open a line, ns: a device that is plugged in is found within it.
 const RETRY: i64 = 200 * MS;
@@ -107,6 +107,9 @@ pub trait Protocol: Send {
 
     /// What was lost since [`Self::reset`].
     fn lost(&self) -> Lost;
+
+    /// What is known of the device: more once it was set up.
+    fn describe(&self) -> &Description;
 }
 
 /// Where the connection stands.
@@ -162,73 +165,6 @@ impl<P: Protocol> Connection<P> {
     /// The protocol, for what it knows of the device.
     pub fn protocol(&self) -> &P {
         &self.protocol
-    }
-
-    /// How the device is.
-    pub fn health(&self) -> &Health {
-        &self.health
-    }
-
-    /// Begins; the line is opened by [`Self::next`].
-    ///
-    /// # Errors
-    /// [`Error::Misuse`] when it runs already.
-    pub fn start(&mut self) -> Result<(), Error> {
-        if !matches!(self.stage, Stage::Stopped) {
-            return Err(Error::Misuse(format!("{}: runs already; stop it first", self.opener.name())));
-        }
-        let now_ns = self.clock.now_ns();
-        self.stage = Stage::Absent { retry_ns: now_ns };
-        self.health.enter(State::Absent, "not opened yet", now_ns);
-        Ok(())
-    }
-
-    /// Says farewell and closes the line.
-    pub fn stop(&mut self) {
-        let stage = std::mem::replace(&mut self.stage, Stage::Stopped);
-        if let Stage::Climbing { mut line, .. } | Stage::Running { mut line, .. } = stage
-            && let Err(error) = line.write(self.protocol.farewell())
-        {
-            tracing::debug!("{}: {error}, so that it may go on talking", self.opener.name());
-        }
-        self.found.clear();
-        self.health.enter(State::Stopped, "", self.clock.now_ns());
-    }
-
-    /// The next reading, or [`Next::Pending`] at the deadline (host ns): the device may be running, or be on its way back; its health says which.
-    ///
-    /// # Errors
-    /// [`Error::Misuse`] when it is stopped. A device that goes away is no error: it is opened again as soon as it is back.
-    pub fn next(&mut self, deadline_ns: i64) -> Result<Next, Error> {
-        loop {
-            if let Some(reading) = self.found.pop_front() {
-                self.health.received.readings += u64::from(!matches!(reading, Reading::Raw(_)));
-                return Ok(Next::Reading(reading));
-            }
-            let now_ns = self.clock.now_ns();
-            if now_ns >= deadline_ns {
-                return Ok(Next::Pending);
-            }
-            let after = match &mut self.stage {
-                Stage::Stopped => {
-                    return Err(Error::Misuse(format!("{}: is stopped; start it first", self.opener.name())));
-                }
-                Stage::Absent { retry_ns } if now_ns < *retry_ns => {
-                    self.clock.wait_until((*retry_ns).min(deadline_ns));
-                    continue;
-                }
-                Stage::Absent { .. } => match self.opener.open() {
-                    Ok(line) => {
-                        self.health.received.opened += 1;
-                        After::Anew(line)
-                    }
-                    Err(error) => After::Gone(error),
-                },
-                Stage::Climbing { .. } => self.climb(now_ns, deadline_ns),
-                Stage::Running { .. } => self.run(now_ns, deadline_ns),
-            };
-            self.after(after);
-        }
     }
 
     fn after(&mut self, after: After) {
@@ -401,5 +337,69 @@ impl<P: Protocol> Connection<P> {
             // Running is what delivers: the last rung alone proves nothing.
             self.health.enter(State::Running, "", at_ns);
         }
+    }
+}
+
+impl<P: Protocol> Device for Connection<P> {
+    fn start(&mut self) -> Result<(), Error> {
+        if !matches!(self.stage, Stage::Stopped) {
+            return Err(Error::Misuse(format!("{}: runs already; stop it first", self.opener.name())));
+        }
+        let now_ns = self.clock.now_ns();
+        self.stage = Stage::Absent { retry_ns: now_ns };
+        self.health.enter(State::Absent, "not opened yet", now_ns);
+        Ok(())
+    }
+
+    fn stop(&mut self) -> Result<(), Error> {
+        let stage = std::mem::replace(&mut self.stage, Stage::Stopped);
+        if let Stage::Climbing { mut line, .. } | Stage::Running { mut line, .. } = stage
+            && let Err(error) = line.write(self.protocol.farewell())
+        {
+            tracing::debug!("{}: {error}, so that it may go on talking", self.opener.name());
+        }
+        self.found.clear();
+        self.health.enter(State::Stopped, "", self.clock.now_ns());
+        Ok(())
+    }
+
+    fn next(&mut self, deadline_ns: i64) -> Result<Next, Error> {
+        loop {
+            if let Some(reading) = self.found.pop_front() {
+                self.health.received.readings += u64::from(!matches!(reading, Reading::Raw(_)));
+                return Ok(Next::Reading(reading));
+            }
+            let now_ns = self.clock.now_ns();
+            if now_ns >= deadline_ns {
+                return Ok(Next::Pending);
+            }
+            let after = match &mut self.stage {
+                Stage::Stopped => {
+                    return Err(Error::Misuse(format!("{}: is stopped; start it first", self.opener.name())));
+                }
+                Stage::Absent { retry_ns } if now_ns < *retry_ns => {
+                    self.clock.wait_until((*retry_ns).min(deadline_ns));
+                    continue;
+                }
+                Stage::Absent { .. } => match self.opener.open() {
+                    Ok(line) => {
+                        self.health.received.opened += 1;
+                        After::Anew(line)
+                    }
+                    Err(error) => After::Gone(error),
+                },
+                Stage::Climbing { .. } => self.climb(now_ns, deadline_ns),
+                Stage::Running { .. } => self.run(now_ns, deadline_ns),
+            };
+            self.after(after);
+        }
+    }
+
+    fn describe(&self) -> &Description {
+        self.protocol.describe()
+    }
+
+    fn health(&self) -> &Health {
+        &self.health
     }
 }

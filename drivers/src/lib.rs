@@ -14,6 +14,7 @@
 //! - [`arm`]: encoder arms of three joints.
 //! - [`reading`]: what a device can deliver.
 //! - [`clock`]: the host's time, and one that tests turn by hand.
+//! - [`simulated`]: virtual twins of all of them.
 //! - [`recording`]: sequence files (MetaImage) and the device that replays them.
 //! - [`error`]: what can go wrong, in sentences that say what, where and what to do.
 
@@ -27,6 +28,7 @@ mod numerals;
 pub mod polhemus;
 pub mod reading;
 pub mod recording;
+pub mod simulated;
 pub mod transport;
 
 use std::path::PathBuf;

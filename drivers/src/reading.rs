@@ -144,6 +144,8 @@ pub struct Pose {
     pub buttons: u8,
     /// The unit's own figure of how distorted its field is, larger is worse; `None` where it has none.
     pub distortion: Option<i32>,
+    /// The unit's error letter or number as sent; `None` for none. It may be about an earlier record, or not about the pose at all.
+    pub code: Option<u8>,
     /// Whether the tracker vouches for it.
     pub status: Status,
 }

@@ -193,6 +193,7 @@ fn transforms_pass_and_other_readings_are_counted_by_kind() {
         quaternion_wxyz: [1.0, 0.0, 0.0, 0.0],
         buttons: 0,
         distortion: None,
+        code: None,
         status: Status::Ok,
     };
     assert!(matches!(ingest.take(Reading::Pose(pose)), Sample::Unused("pose")));

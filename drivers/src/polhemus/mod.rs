@@ -5,3 +5,6 @@
 //! - [`fastrak`]: FASTRAK, and the text of ISOTRAK and ISOTRAK II.
 
 pub mod fastrak;
+mod settings;
+
+pub use settings::Settings;

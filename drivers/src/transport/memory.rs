@@ -16,7 +16,7 @@ pub trait Peer: Send {
         Ok(())
     }
 
-    /// The driver has sent bytes, at this rate.
+    /// The driver has sent bytes, at this rate; 0 on a line that has none.
     fn written(&mut self, bytes: &[u8], baud: u32, now_ns: i64);
 
     /// The next bytes to the driver and when they are there, no later than `until_ns`; `None` for silence until then.
@@ -24,6 +24,9 @@ pub trait Peer: Send {
     /// # Errors
     /// That the line is gone.
     fn next(&mut self, baud: u32, now_ns: i64, until_ns: i64) -> Result<Option<(i64, Vec<u8>)>, LineError>;
+
+    /// When it will next say something if nothing is sent to it, ns; `None` where it will not.
+    fn due(&self, now_ns: i64) -> Option<i64>;
 }
 
 /// Opens lines to a simulated device.

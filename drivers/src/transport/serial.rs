@@ -9,7 +9,7 @@ use rustix::fs::Access;
 use serialport::{ClearBuffer, FlowControl, SerialPort, TTYPort};
 
 use super::{LineError, Opener, Received, Transport};
-use crate::clock::{Clock, MS};
+use crate::clock::Clock;
 
 /// The longest time that bytes written may wait for the line.
 const WRITE: Duration = Duration::from_millis(500);
@@ -103,9 +103,9 @@ struct Serial {
 impl Transport for Serial {
     fn read(&mut self, into: &mut [u8], deadline_ns: i64) -> Result<Received, LineError> {
         let left = (deadline_ns - self.clock.now_ns()).max(0);
-        // The system waits whole milliseconds: not one less, or the last would be spent in a tight loop.
-        let left = Duration::from_millis(u64::try_from((left + MS - 1) / MS).unwrap_or(0));
-        self.port.set_timeout(left).map_err(|error| LineError::Failed(error.to_string()))?;
+        self.port
+            .set_timeout(Duration::from_nanos(left.cast_unsigned()))
+            .map_err(|error| LineError::Failed(error.to_string()))?;
         let read = self.port.read(into);
         let at_ns = self.clock.now_ns();
         match read {
@@ -143,7 +143,7 @@ fn trouble(error: &std::io::Error) -> LineError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clock::{Monotonic, SECOND};
+    use crate::clock::{MS, Monotonic, SECOND};
 
     fn open(path: &str) -> Result<Box<dyn Transport>, LineError> {
         SerialOpener::new(PortPath { path: path.into(), baud: 115_200 }, Arc::new(Monotonic)).open()

@@ -22,11 +22,13 @@ mod columns;
 pub mod command;
 mod list;
 pub mod reply;
+mod unit;
 pub mod write;
 
 pub use command::Command;
 pub use list::{Entry, Item, LONGEST_RECORD, Layout, ListError, MOST_ENTRIES, Mode};
 pub use reply::{Reply, Status};
+pub use unit::{Unit, status_of};
 
 use crate::framing::{Format, Look, Refusal};
 

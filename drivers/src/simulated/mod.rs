@@ -1,0 +1,28 @@
+//! Virtual twins: devices that put given poses on a line, in the real wire format, with the real units' habits and failings.
+//!
+//! A twin is the [`crate::transport::Peer`] of a driver. In process, on a clock that is turned by hand, it tests the driver in no time ([`crate::transport::MemoryOpener`]);
+//! on a pseudo-terminal it is a program that any other program may open as it would the real thing ([`Pty`]). What it measures is a [`Motion`]: a closure of time, so that
+//! truth is known to whoever gave it.
+
+pub mod fastrak;
+mod faults;
+mod pty;
+mod wire;
+
+use std::sync::Arc;
+
+pub use faults::Faults;
+pub use pty::Pty;
+pub use wire::Wire;
+
+/// Where a sensor is, in the transmitter's frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Placed {
+    /// Position in cm.
+    pub position_cm: [f64; 3],
+    /// Unit quaternion w, x, y, z.
+    pub quaternion_wxyz: [f64; 4],
+}
+
+/// Where the sensor of a station (from 1) is at a time (host ns).
+pub type Motion = Arc<dyn Fn(u8, i64) -> Placed + Send + Sync>;

@@ -1,0 +1,152 @@
+//! The wire from a device to the host: bytes take their time, and may be harmed on the way.
+
+use std::collections::VecDeque;
+
+use super::Faults;
+use crate::clock::SECOND;
+
+/// Bits that a byte takes: one start, eight data, one stop.
+const BITS: i64 = 10;
+
+/// Bytes on their way.
+#[derive(Debug)]
+pub struct Wire {
+    faults: Faults,
+    random: fastrand::Rng,
+    /// When each piece is there, in order.
+    on_the_way: VecDeque<(i64, Vec<u8>)>,
+    /// When the last byte put on the wire has left the device.
+    busy_until: i64,
+    /// When the last piece is there: what comes later does not overtake it.
+    last_ns: i64,
+}
+
+impl Wire {
+    /// An idle one.
+    pub fn new(faults: Faults) -> Self {
+        let random = fastrand::Rng::with_seed(faults.seed);
+        Self { faults, random, on_the_way: VecDeque::new(), busy_until: i64::MIN, last_ns: i64::MIN }
+    }
+
+    /// Its faults.
+    pub fn faults(&self) -> &Faults {
+        &self.faults
+    }
+
+    /// Other ones from now on.
+    pub fn set_faults(&mut self, faults: Faults) {
+        (self.faults, self.random) = (faults, fastrand::Rng::with_seed(faults.seed));
+    }
+
+    /// True in so large a share of calls.
+    pub fn chance(&mut self, share: f64) -> bool {
+        share > 0.0 && self.random.f64() < share
+    }
+
+    /// Whether all bytes put on the wire have left the device at that time.
+    pub fn is_idle(&self, now_ns: i64) -> bool {
+        self.busy_until <= now_ns
+    }
+
+    /// Puts bytes on the wire at a time, at a rate; `garbled` where the host listens at another.
+    pub fn send(&mut self, bytes: &[u8], baud: u32, garbled: bool, now_ns: i64) {
+        let begin = self.busy_until.max(now_ns);
+        self.busy_until = begin + bytes.len() as i64 * BITS * SECOND / i64::from(baud);
+        let mut there = Vec::with_capacity(bytes.len());
+        for byte in bytes {
+            if self.chance(self.faults.drop) {
+                continue;
+            }
+            let harmed = garbled || self.chance(self.faults.noise);
+            there.push(if harmed { self.random.u8(..) } else { *byte });
+        }
+        let jitter = if self.faults.jitter_ns > 0 { self.random.i64(0..=self.faults.jitter_ns) } else { 0 };
+        let mut at = self.busy_until + self.faults.latency_ns + jitter;
+        if self.faults.packet_ns > 0 {
+            at = at.div_euclid(self.faults.packet_ns) * self.faults.packet_ns + self.faults.packet_ns;
+        }
+        self.last_ns = self.last_ns.max(at);
+        if !there.is_empty() {
+            self.on_the_way.push_back((self.last_ns, there));
+        }
+    }
+
+    /// When the next bytes are there.
+    pub fn due(&self) -> Option<i64> {
+        self.on_the_way.front().map(|(at, _)| *at)
+    }
+
+    /// All bytes that are there at a time, and when the last of them was.
+    pub fn take(&mut self, now_ns: i64) -> Option<(i64, Vec<u8>)> {
+        let mut taken: Option<(i64, Vec<u8>)> = None;
+        while self.due().is_some_and(|at| at <= now_ns) {
+            let Some((at, mut bytes)) = self.on_the_way.pop_front() else { break };
+            match &mut taken {
+                Some((last, all)) => {
+                    *last = at;
+                    all.append(&mut bytes);
+                }
+                None => taken = Some((at, bytes)),
+            }
+        }
+        taken
+    }
+
+    /// Everything that is on its way is lost.
+    pub fn cut(&mut self) {
+        self.on_the_way.clear();
+        self.busy_until = i64::MIN;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::MS;
+
+    #[test]
+    fn bytes_take_ten_bits_each_and_wait_for_those_before() {
+        let mut wire = Wire::new(Faults::default());
+        wire.send(&[1, 2, 3], 9600, false, 0);
+        wire.send(&[4], 9600, false, MS);
+        assert_eq!(wire.due(), Some(3 * 10 * SECOND / 9600));
+        assert!(!wire.is_idle(4 * MS) && wire.is_idle(5 * MS));
+        assert_eq!(wire.take(4 * MS).unwrap().1, [1, 2, 3]);
+        assert_eq!(wire.take(5 * MS).unwrap(), (3 * 10 * SECOND / 9600 + 10 * SECOND / 9600, vec![4]));
+    }
+
+    #[test]
+    fn faults_are_as_many_as_were_asked_for_and_the_same_each_time() {
+        let faults = Faults { drop: 0.1, noise: 0.05, jitter_ns: MS, ..Faults::default() };
+        let run = || {
+            let mut wire = Wire::new(faults);
+            let mut there = Vec::new();
+            for n in 0..1000 {
+                wire.send(&[0; 20], 115_200, false, n * 10 * MS);
+            }
+            let mut last = 0;
+            while let Some(due) = wire.due() {
+                assert!(due >= last, "nothing overtakes");
+                last = due;
+                there.extend(wire.take(due).unwrap().1);
+            }
+            there
+        };
+        let there = run();
+        let lost = 20_000 - there.len();
+        let harmed = there.iter().filter(|byte| **byte != 0).count();
+        assert!((1800..2200).contains(&lost) && (750..1050).contains(&harmed), "{lost} {harmed}");
+        assert_eq!(there, run());
+    }
+
+    #[test]
+    fn packets_come_at_once() {
+        let mut wire = Wire::new(Faults::slow_adapter());
+        for n in 0..6 {
+            wire.send(&[n], 115_200, false, i64::from(n) * 8 * MS);
+        }
+        assert_eq!(wire.take(15 * MS), None);
+        assert_eq!(wire.take(16 * MS), Some((16 * MS, vec![0, 1])));
+        assert_eq!(wire.take(48 * MS), Some((48 * MS, vec![2, 3, 4, 5])));
+    }
+}

@@ -1,0 +1,304 @@
+//! FASTRAK, as it is found and as it fails.
+
+use std::sync::{Arc, Mutex};
+
+use drivers::clock::{Clock, MS, Monotonic, SECOND};
+use drivers::connection::Connection;
+use drivers::health::State;
+use drivers::polhemus::Settings;
+use drivers::polhemus::fastrak::{Mode, Unit};
+use drivers::reading::{Reading, Status};
+use drivers::simulated::fastrak::{SAMPLING_NS, Twin};
+use drivers::simulated::{Faults, Pty};
+use drivers::transport::{PortPath, SerialOpener};
+use drivers::{Device, Next};
+
+use crate::bench::{BEGIN, Rig, ticking, time_told};
+
+fn twin() -> Twin {
+    Twin::new(ticking(), Faults::default())
+}
+
+fn rig(twin: Twin, settings: Settings) -> Rig<Twin, Unit> {
+    let mut rig = Rig::new(twin, Unit::new("a line", settings, None).unwrap(), false);
+    rig.device.start().unwrap();
+    rig
+}
+
+#[test]
+fn poses_are_those_of_the_sensor_at_the_times_that_the_stamps_lead_to() {
+    let mut rig = rig(twin(), Settings { stations: vec![1, 2], ..Settings::default() });
+    rig.until(State::Running, 2 * SECOND);
+    let poses = rig.poses(2 * SECOND);
+    let timing = rig.device.describe().timing;
+    assert_eq!(timing.rate_hz, Some(60.0));
+    assert_eq!((timing.sampling_ns, timing.wire_ns), (SAMPLING_NS, 33 * 10 * SECOND / 115_200));
+    assert_eq!(poses.len(), 240, "60 of each station a second");
+    for (n, pose) in poses.iter().enumerate() {
+        assert_eq!(pose.station as usize, 1 + n % 2, "in order");
+        assert_eq!(pose.stamp.item, poses[0].stamp.item + n as u64);
+        assert_eq!(pose.position_cm[1..], [f64::from(pose.station), -30.25]);
+        assert_eq!(pose.quaternion_wxyz, [0.5, -0.5, 0.5, -0.5]);
+        // The second station's record waits for the first one's.
+        let wire = timing.wire_ns * i64::from(pose.station);
+        let measured = pose.stamp.host_ns.unwrap() - timing.sampling_ns - wire;
+        assert!((0..MS / 8).contains(&(measured - time_told(pose))), "{} {}", measured, time_told(pose));
+        assert_eq!((&pose.status, pose.code, pose.buttons), (&Status::Ok, None, 0));
+    }
+    let received = rig.device.health().received;
+    assert_eq!((received.opened, received.set_up, received.refused, received.lost), (1, 1, 0, 0));
+}
+
+#[test]
+fn text_is_as_exact_as_its_columns() {
+    let mut rig = rig(twin(), Settings { binary: false, ..Settings::default() });
+    rig.until(State::Running, 2 * SECOND);
+    for pose in rig.poses(SECOND) {
+        let host = pose.stamp.host_ns.unwrap();
+        let told = ((pose.position_cm[0] - 1.0) * 4096.0 * (MS / 8) as f64) as i64 + BEGIN;
+        let wire = rig.device.describe().timing.wire_ns;
+        // Half of the last digit is 0.005 cm: 2.56 ms here.
+        assert!((host - SAMPLING_NS - wire - told).abs() < 2_560_000 + MS / 8);
+        assert_eq!(pose.quaternion_wxyz, [0.5, -0.5, 0.5, -0.5]);
+    }
+}
+
+#[test]
+fn a_unit_is_set_up_however_it_was_left() {
+    let mut slowest = 0;
+    for baud in [115_200, 57_600, 38_400, 19_200, 9_600] {
+        for left in 0..16 {
+            let mut twin = twin();
+            twin.baud = baud;
+            twin.continuous = left & 1 != 0;
+            twin.mode = if left & 2 != 0 { Mode::Binary } else { Mode::Ascii };
+            twin.stations = [left & 4 != 0, true, false, left & 4 != 0];
+            twin.hemispheres = [[0.0, 0.0, -1.0]; 4];
+            if left & 8 != 0 {
+                twin.lists = std::array::from_fn(|_| vec![2, 5, 6, 7]);
+                twin.leave_on_the_line(b"3.95-0.9713-0.0093 01   28.", BEGIN);
+                twin.written_by_another(b"O1,2,");
+            }
+            let mut rig = rig(twin, Settings::default());
+            let took = rig.until(State::Running, 4 * SECOND);
+            slowest = slowest.max(took);
+            let poses = rig.poses(SECOND / 2);
+            // As many cycles of 1/120 s as the record takes on the wire, and the rest of the last.
+            let cycles = (33 * 10 * 120 / u64::from(baud)) as usize + 1;
+            assert!(poses.len() >= 60 / (cycles + 1), "{baud} {left}: {}", poses.len());
+            assert!(
+                poses.iter().all(|pose| pose.station == 1 && pose.position_cm[1..] == [1.0, -30.25]),
+                "{baud} {left}"
+            );
+            let twin = rig.twin.lock().unwrap();
+            assert!(twin.centimetres && twin.mode == Mode::Binary && twin.stations == [true, false, false, false]);
+            assert_eq!(twin.hemispheres[0], [1.0, 0.0, 0.0]);
+        }
+    }
+    assert!(slowest < 2 * SECOND, "{} ms", slowest / MS);
+}
+
+#[test]
+fn what_is_sent_is_what_the_manual_says() {
+    let mut rig = rig(twin(), Settings { hemisphere: [0.0, 0.0, 1.0], ..Settings::default() });
+    rig.until(State::Running, 2 * SECOND);
+    rig.device.stop().unwrap();
+    let sent: Vec<String> =
+        rig.twin.lock().unwrap().obeyed.iter().map(|bytes| String::from_utf8(bytes.clone()).unwrap()).collect();
+    let expected = [
+        "c",
+        "S",
+        "f",
+        "u",
+        "l1,1\r",
+        "l2,0\r",
+        "l3,0\r",
+        "l4,0\r",
+        "O1,2,11,1\r",
+        "R1\r",
+        "b1\r",
+        "I1,0\r",
+        "H1,0,0,1\r",
+        "x0,1,0,0\r",
+        "v0,1,0,0\r",
+        "O1\r",
+        "l1\r",
+        "S",
+        "C",
+        "c",
+    ];
+    assert_eq!(sent, expected);
+    assert_eq!(rig.device.health().state, State::Stopped);
+}
+
+#[test]
+fn unplugged_is_absent_and_back_within_two_seconds() {
+    let mut rig = rig(twin(), Settings::default());
+    rig.until(State::Running, 2 * SECOND);
+    for _ in 0..3 {
+        rig.readings(300 * MS);
+        rig.twin.lock().unwrap().unplug();
+        assert!(rig.until(State::Absent, SECOND) < 20 * MS, "told at once");
+        assert!(rig.device.health().why.contains("unplugged"), "{}", rig.device.health().why);
+        assert!(rig.readings(5 * SECOND).is_empty());
+        assert!(rig.device.health().why.contains("plug it in"), "{}", rig.device.health().why);
+        rig.twin.lock().unwrap().plugged = true;
+        let back = rig.until(State::Running, 2 * SECOND);
+        assert!(back < SECOND, "{} ms", back / MS);
+    }
+    let received = rig.device.health().received;
+    assert_eq!((received.opened, received.set_up), (4, 4));
+}
+
+#[test]
+fn a_unit_that_hangs_is_silent_and_not_absent_and_is_back_within_two_seconds() {
+    let mut rig = rig(twin(), Settings::default());
+    rig.until(State::Running, 2 * SECOND);
+    rig.twin.lock().unwrap().hung = true;
+    let noticed = rig.until(State::Silent, 2 * SECOND);
+    assert!(noticed < 600 * MS, "{} ms", noticed / MS);
+    assert!(rig.readings(2 * SECOND).is_empty());
+    let why = rig.device.health().why.clone();
+    assert!(why.contains("does not answer") && why.contains("switched on"), "{why}");
+    rig.twin.lock().unwrap().hung = false;
+    let back = rig.until(State::Running, 4 * SECOND);
+    assert!(back < 2 * SECOND, "{} ms", back / MS);
+    assert_eq!(rig.device.health().received.opened, 1, "the line was open all along");
+}
+
+#[test]
+fn a_unit_that_listens_to_nothing_else_is_started_anew() {
+    let mut left = twin();
+    (left.deaf, left.continuous) = (true, true);
+    let mut stubborn = rig(left, Settings { may_reset: false, ..Settings::default() });
+    stubborn.readings(40 * SECOND);
+    assert_eq!(stubborn.device.health().state, State::Silent);
+    assert!(stubborn.device.health().why.contains("goes on talking"), "{}", stubborn.device.health().why);
+    assert!(stubborn.twin.lock().unwrap().deaf);
+    let mut left = twin();
+    (left.deaf, left.continuous) = (true, true);
+    let mut rig = rig(left, Settings::default());
+    let took = rig.until(State::Running, 60 * SECOND);
+    // Sixteen rounds, ten seconds until it has started, and a round at the most.
+    assert!((25 * SECOND..32 * SECOND).contains(&took), "{} s", took / SECOND);
+    let resets = rig.twin.lock().unwrap().obeyed.iter().filter(|command| command.as_slice() == b"\x19").count();
+    assert_eq!(resets, 1, "it is not told again while it starts");
+}
+
+#[test]
+fn lost_bytes_cost_their_records_and_make_no_wrong_one() {
+    let mut rig = rig(twin(), Settings::default());
+    rig.until(State::Running, 2 * SECOND);
+    rig.twin.lock().unwrap().set_faults(Faults { drop: 0.002, dropout: 0.01, ..Faults::default() });
+    let poses = rig.poses(60 * SECOND);
+    assert!(poses.iter().all(|pose| pose.position_cm[1..] == [1.0, -30.25]), "each is right or not there");
+    assert!(poses.windows(2).all(|two| time_told(&two[0]) < time_told(&two[1])));
+    let received = rig.device.health().received;
+    // 33 bytes a record: one in sixteen is hit, and costs itself and at most the next.
+    assert!((5800..7000).contains(&poses.len()), "{} of 7200", poses.len());
+    assert!(received.skipped > 5000 && received.refused > 300 && received.set_up == 1, "{received:?}");
+}
+
+#[test]
+fn noise_is_survived() {
+    let mut rig = rig(twin(), Settings::default());
+    rig.until(State::Running, 2 * SECOND);
+    rig.twin.lock().unwrap().set_faults(Faults { noise: 0.3, ..Faults::default() });
+    rig.readings(5 * SECOND);
+    rig.twin.lock().unwrap().set_faults(Faults::default());
+    assert!(rig.until(State::Running, 3 * SECOND) <= 2 * SECOND);
+    let poses = rig.poses(SECOND);
+    assert!(poses.len() > 110 && poses[2..].iter().all(|pose| pose.position_cm[1..] == [1.0, -30.25]));
+}
+
+#[test]
+fn error_letters_qualify_poses() {
+    let mut twin = twin();
+    twin.errors = [b'k', b'a', b' ', b' '];
+    let mut rig = rig(twin, Settings { stations: vec![1, 2], ..Settings::default() });
+    rig.until(State::Running, 2 * SECOND);
+    let poses = rig.poses(SECOND / 4);
+    let [weak, old] = [1, 2].map(|station| poses.iter().find(|pose| pose.station == station).unwrap());
+    assert!(matches!(&weak.status, Status::Other(why) if why.contains("signal")) && weak.code == Some(b'k'));
+    // A limit of the unit's own calibration says nothing about a pose.
+    assert!(old.status == Status::Ok && old.code == Some(b'a'));
+}
+
+#[test]
+fn raw_bytes_make_the_same_readings_again() {
+    let faults = Faults { drop: 0.001, packet_ns: 16 * MS, ..Faults::default() };
+    let protocol = Unit::new("a line", Settings::default(), None).unwrap();
+    let mut rig = Rig::new(Twin::new(ticking(), faults), protocol, true);
+    rig.device.start().unwrap();
+    let readings = rig.readings(20 * SECOND);
+    let mut again = std::collections::VecDeque::new();
+    let mut unit = Unit::new("a recording", Settings::default(), None).unwrap();
+    unit.replay();
+    let mut live = Vec::new();
+    for reading in &readings {
+        match reading {
+            Reading::Raw(raw) => {
+                drivers::connection::Protocol::take(&mut unit, &raw.bytes, raw.stamp.host_ns.unwrap(), &mut again)
+            }
+            Reading::Pose(pose) => live.push(pose),
+            other => panic!("{other:?}"),
+        }
+    }
+    assert!(live.len() > 1500, "{}", live.len());
+    assert_eq!(again.len(), live.len());
+    for (again, live) in again.iter().zip(live) {
+        assert!(matches!(again, Reading::Pose(pose) if pose == live), "{again:?} {live:?}");
+    }
+}
+
+#[test]
+fn on_a_pseudo_terminal_poses_are_exact_and_hanging_up_is_noticed() {
+    let begin = Monotonic.now_ns();
+    let motion = std::sync::Arc::new(move |station: u8, ns: i64| {
+        let mut placed = ticking()(station, BEGIN + ns - begin);
+        placed.position_cm[2] = 2.0;
+        placed
+    });
+    let mut left = Twin::new(motion, Faults::default());
+    left.continuous = true;
+    let twin = Arc::new(Mutex::new(left));
+    let pty = Pty::run(Arc::clone(&twin)).unwrap();
+    let port = PortPath { path: pty.path().into(), baud: 9600 };
+    let opener = SerialOpener::new(port, Arc::new(Monotonic));
+    let unit = Unit::new("a terminal", Settings::default(), None).unwrap();
+    let mut device = Connection::new(Box::new(opener), Arc::new(Monotonic), unit, false);
+    device.start().unwrap();
+    let end = Monotonic.now_ns() + 20 * SECOND;
+    let mut poses = Vec::new();
+    while poses.len() < 100 {
+        assert!(Monotonic.now_ns() < end, "{:?}", device.health());
+        match device.next(Monotonic.now_ns() + 50 * MS).unwrap() {
+            Next::Reading(Reading::Pose(pose)) => poses.push(pose),
+            Next::Reading(other) => panic!("{other:?}"),
+            Next::Pending => {}
+            Next::End => panic!("the end"),
+        }
+    }
+    for pose in &poses {
+        assert_eq!(pose.position_cm[1..], [1.0, 2.0]);
+        // Told in the past, and not long ago even on a busy machine.
+        let told = time_told(pose) - BEGIN + begin;
+        let age = pose.stamp.host_ns.unwrap() - told;
+        assert!((SAMPLING_NS..2 * SECOND).contains(&age), "{age}");
+    }
+    drop(pty);
+    while device.health().state != State::Absent {
+        assert!(Monotonic.now_ns() < end + 5 * SECOND, "{:?}", device.health());
+        device.next(Monotonic.now_ns() + 50 * MS).unwrap();
+    }
+}
+
+#[test]
+fn settings_that_no_unit_has_are_refused() {
+    let refused = |settings: Settings| Unit::new("x", settings, None).err().map(|e| e.to_string()).unwrap_or_default();
+    for stations in [vec![], vec![0], vec![5], vec![2, 1], vec![1, 1]] {
+        assert!(refused(Settings { stations, ..Settings::default() }).contains("tracker.stations"));
+    }
+    assert!(refused(Settings { hemisphere: [f32::NAN, 0.0, 0.0], ..Settings::default() }).contains("hemisphere"));
+    assert!(refused(Settings { stylus: Some(2), ..Settings::default() }).contains("tracker.stylus"));
+}

@@ -1,0 +1,6 @@
+//! Drivers on their virtual twins: on a line within the process, where time passes as fast as it is waited for, and on pseudo-terminals.
+
+#![allow(clippy::unwrap_used, reason = "tests fail so")]
+
+mod bench;
+mod fastrak;
