@@ -56,6 +56,16 @@ impl<R> Look<R> {
     pub const fn skip_byte(why: Refusal) -> Self {
         Self::Skip { bytes: 1, why }
     }
+
+    /// The same of a record made from this one.
+    #[inline]
+    pub fn map<S>(self, change: impl FnOnce(R) -> S) -> Look<S> {
+        match self {
+            Self::Record { length, record } => Look::Record { length, record: change(record) },
+            Self::Short => Look::Short,
+            Self::Skip { bytes, why } => Look::Skip { bytes, why },
+        }
+    }
 }
 
 /// Why bytes were not taken as a record.

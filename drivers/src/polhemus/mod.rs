@@ -3,8 +3,14 @@
 //! One file or folder a wire format, without transport and without clock:
 //!
 //! - [`fastrak`]: FASTRAK, and the text of ISOTRAK and ISOTRAK II.
+//! - [`isotrak`]: the binary records of 3SPACE, ISOTRAK and ISOTRAK II.
+//! - [`liberty`]: LIBERTY, PATRIOT and Latus, over serial and USB alike.
+//! - [`viper`]: VIPER, over USB and RS-422 alike.
 
 pub mod fastrak;
+pub mod isotrak;
+pub mod liberty;
 mod settings;
+pub mod viper;
 
 pub use settings::Settings;

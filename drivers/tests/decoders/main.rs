@@ -3,4 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
 
 mod fastrak;
+mod isotrak;
+mod liberty;
 mod stream;
+mod viper;

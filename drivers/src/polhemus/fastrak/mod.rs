@@ -139,7 +139,7 @@ impl Fastrak {
         match window.first() {
             None => Look::Short,
             Some(b'0') => self.judge_record(window),
-            Some(b'2') => reply::judge(window, self.reply_bytes),
+            Some(b'2') => reply::judge(window, self.reply_bytes).map(Record::Reply),
             Some(_) => Look::skip_byte(Refusal::Noise),
         }
     }

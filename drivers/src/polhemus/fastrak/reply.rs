@@ -1,6 +1,6 @@
 //! What the unit answers: `'2'`, station, letter, text, CR LF.
 
-use super::{Record, STATIONS};
+use super::STATIONS;
 use crate::framing::{Look, Refusal};
 
 /// An answer to a command, or an error.
@@ -101,7 +101,7 @@ impl Reply<'_> {
 }
 
 /// Judges what may be a reply: it has to end within `longest` bytes.
-pub(super) fn judge(window: &[u8], longest: usize) -> Look<Record<'_>> {
+pub(in crate::polhemus) fn judge(window: &[u8], longest: usize) -> Look<Reply<'_>> {
     if window.get(1).is_some_and(|station| !matches!(station, b'1'..=b'4' | b' ' | b'?'))
         || window.get(2).is_some_and(|letter| !letter.is_ascii_alphabetic())
     {
@@ -115,7 +115,7 @@ pub(super) fn judge(window: &[u8], longest: usize) -> Look<Record<'_>> {
             [b'\r'] if inside.len() < longest => Look::Short,
             [b'\r', b'\n', ..] if end >= 3 => {
                 let reply = Reply { station: inside[1], letter: inside[2], text: &inside[3..end] };
-                Look::Record { length: end + 2, record: Record::Reply(reply) }
+                Look::Record { length: end + 2, record: reply }
             }
             _ => Look::skip_byte(Refusal::Length),
         },

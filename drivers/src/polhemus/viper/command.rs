@@ -1,0 +1,211 @@
+//! Commands, and how the unit answers: both are the same frame, told apart by its action.
+
+use super::write::framed;
+use super::{OrientationUnit, PositionUnit, REPLY_HEADER};
+
+/// All sensors, or any unit.
+pub const ALL: u32 = u32::MAX;
+
+/// Numbers of the commands.
+#[allow(missing_docs, reason = "the names are those of the manufacturer's header")]
+pub mod code {
+    pub const HEMISPHERE: u32 = 0;
+    pub const FILTER: u32 = 1;
+    pub const TIP_OFFSET: u32 = 2;
+    pub const INCREMENT: u32 = 3;
+    pub const BORESIGHT: u32 = 4;
+    pub const FRAME_RATE: u32 = 6;
+    pub const UNITS: u32 = 7;
+    pub const SYNC_MODE: u32 = 9;
+    pub const STATION_MAP: u32 = 10;
+    pub const SERIAL_CONFIG: u32 = 14;
+    pub const BUILT_IN_TEST: u32 = 17;
+    pub const SINGLE_PNO: u32 = 18;
+    pub const CONTINUOUS_PNO: u32 = 19;
+    pub const WHO_AM_I: u32 = 20;
+    pub const INITIALIZE: u32 = 21;
+    pub const PERSIST: u32 = 22;
+}
+
+/// What is done with a command, or became of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Action {
+    /// Sets.
+    Set,
+    /// Asks.
+    Get,
+    /// Sets to the default; stops a stream.
+    Reset,
+    /// Obeyed; carries what was asked for.
+    Ack,
+    /// Not obeyed; carries a [`Nak`].
+    Nak,
+    /// Obeyed, with a warning.
+    NakWarning,
+}
+
+impl Action {
+    const ALL: [Self; 6] = [Self::Set, Self::Get, Self::Reset, Self::Ack, Self::Nak, Self::NakWarning];
+}
+
+/// A frame of command, as sent or as answered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Reply<'a> {
+    /// Which sensor electronics unit; [`ALL`] in commands for any.
+    pub unit: u32,
+    /// Which command, by its number in [`code`].
+    pub command: u32,
+    /// The action's number; see [`action`](Self::action).
+    pub action: u32,
+    /// The command's two arguments; mostly the sensor first, [`ALL`] for every one.
+    pub arguments: [u32; 2],
+    /// What else it says.
+    pub payload: &'a [u8],
+}
+
+/// Why a command was not obeyed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Nak<'a> {
+    /// 0: in general; 1: not ready; 2: the command is wrong; 3: the built-in test.
+    pub code: u32,
+    /// The unit's own words.
+    pub text: &'a [u8],
+}
+
+impl<'a> Reply<'a> {
+    pub(super) fn read(body: &'a [u8]) -> Option<Self> {
+        let (head, payload) = body.split_first_chunk::<REPLY_HEADER>()?;
+        let (words, _) = head.as_chunks::<4>();
+        let word = |index: usize| u32::from_le_bytes(words[index]);
+        let (unit, command, action, arguments) = (word(0), word(1), word(2), [word(3), word(4)]);
+        Some(Self { unit, command, action, arguments, payload })
+    }
+
+    /// What became of the command, or is to be done with it.
+    pub fn action(&self) -> Option<Action> {
+        Action::ALL.get(usize::try_from(self.action).ok()?).copied()
+    }
+
+    /// Why the command was not obeyed, or what there is to be said of it all the same.
+    pub fn nak(&self) -> Option<Nak<'a>> {
+        if !matches!(self.action()?, Action::Nak | Action::NakWarning) {
+            return None;
+        }
+        let (code, rest) = self.payload.split_first_chunk::<4>()?;
+        let text = rest.get(..128)?;
+        let end = text.iter().position(|&byte| byte == 0).unwrap_or(text.len());
+        Some(Nak { code: u32::from_le_bytes(*code), text: &text[..end] })
+    }
+
+    /// Appends a refusal's payload: code, 128 bytes of text, 12 of data.
+    pub fn write_nak(code: u32, text: &str, to: &mut Vec<u8>) {
+        to.extend(code.to_le_bytes());
+        let mut field = [0; 140];
+        field.iter_mut().zip(text.bytes().take(127)).for_each(|(byte, letter)| *byte = letter);
+        to.extend(field);
+    }
+}
+
+/// How strongly is filtered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum FilterLevel {
+    /// Not at all, which is what a moving probe wants.
+    None,
+    /// Lightly.
+    Light,
+    /// More.
+    Medium,
+    /// Strongly.
+    Heavy,
+}
+
+/// Frames a second.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[allow(missing_docs, reason = "the names are the rates")]
+pub enum Rate {
+    Hz30,
+    Hz60,
+    Hz120,
+    Hz240,
+    Hz480,
+    Hz960,
+}
+
+/// A command.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Command {
+    /// Who the unit is.
+    WhoAmI,
+    /// Units of positions and orientations.
+    Units(PositionUnit, OrientationUnit),
+    /// Frames a second.
+    FrameRate(Rate),
+    /// The zenith of the hemisphere that a sensor is in; [`ALL`] for every sensor.
+    Hemisphere {
+        /// Which sensor.
+        sensor: u32,
+        /// Follow the sensor from where it is.
+        track: bool,
+        /// The zenith.
+        zenith: [f32; 3],
+    },
+    /// Filters of position and orientation.
+    Filter {
+        /// Which sensor.
+        sensor: u32,
+        /// How strongly.
+        level: FilterLevel,
+    },
+    /// Which sensors and sources are there.
+    AskStationMap,
+    /// One frame.
+    Poll,
+    /// Frames without end.
+    Stream {
+        /// With accelerations, orientations then in 16 bits.
+        accelerations: bool,
+        /// Sets the frame count to 0.
+        restart_count: bool,
+    },
+    /// No more of them.
+    StopStream,
+}
+
+impl Command {
+    /// The bytes to send.
+    pub fn bytes(&self) -> Vec<u8> {
+        const NOTHING: u32 = 0;
+        let word = |value: u32| value.to_le_bytes().to_vec();
+        let (command, action, arguments, payload) = match *self {
+            Self::WhoAmI => (code::WHO_AM_I, Action::Get, [NOTHING; 2], Vec::new()),
+            Self::Units(position, orientation) => {
+                let payload = [word(position as u32), word(orientation as u32)].concat();
+                (code::UNITS, Action::Set, [NOTHING; 2], payload)
+            }
+            Self::FrameRate(rate) => (code::FRAME_RATE, Action::Set, [NOTHING; 2], word(rate as u32)),
+            Self::Hemisphere { sensor, track, zenith } => {
+                let payload = [word(u32::from(track)), zenith.map(f32::to_le_bytes).concat()].concat();
+                (code::HEMISPHERE, Action::Set, [sensor, NOTHING], payload)
+            }
+            Self::Filter { sensor, level } => {
+                // Both position and orientation; the four parameters are the level's own.
+                (code::FILTER, Action::Set, [sensor, 0], [word(level as u32), vec![0; 16]].concat())
+            }
+            Self::AskStationMap => (code::STATION_MAP, Action::Get, [NOTHING; 2], Vec::new()),
+            Self::Poll => (code::SINGLE_PNO, Action::Get, [NOTHING; 2], Vec::new()),
+            Self::Stream { accelerations, restart_count } => {
+                let count = if restart_count { 0 } else { u32::MAX };
+                (code::CONTINUOUS_PNO, Action::Set, [NOTHING, u32::from(accelerations)], word(count))
+            }
+            Self::StopStream => (code::CONTINUOUS_PNO, Action::Reset, [NOTHING; 2], Vec::new()),
+        };
+        let mut bytes = Vec::new();
+        framed(b"VPRC", &mut bytes, |to| {
+            for word in [ALL, command, action as u32, arguments[0], arguments[1]] {
+                to.extend(word.to_le_bytes());
+            }
+            to.extend(payload);
+        });
+        bytes
+    }
+}
