@@ -50,6 +50,65 @@ pub(crate) fn fixed_point<const WHOLE: u32>(field: [u8; 7]) -> Option<(bool, u32
     Some((odd != 0 && odd == minus, decimal(joined << 16)))
 }
 
+/// Eight hexadecimal digits of either case.
+#[inline]
+pub(crate) fn hex(field: [u8; 8]) -> Option<u32> {
+    let text = u64::from_le_bytes(field);
+    let digits = text ^ (ONES * u64::from(b'0'));
+    let letters = not_digits(digits);
+    // Upper case becomes lower; of the digits this keeps what matters.
+    let lower = text | (ONES * 0x20);
+    if letters != 0 {
+        // a..=f, as distance from a, must be below 6 wherever there is no digit.
+        let marks = (letters >> 7) * 0xff;
+        let distance = (lower ^ (ONES * 0x60)) & marks;
+        // 1..=6 plus 0x79 stays below 0x80; 0 must not be.
+        let beyond = ((distance & !TOPS) + 0x79 * ONES) & marks | distance;
+        let some = (distance & !TOPS) + 0x7f * ONES;
+        if beyond & TOPS != 0 || !some & letters != 0 || text & TOPS != 0 {
+            return None;
+        }
+    }
+    // A letter's low nibble is 1..=6 and stands for 10..=15.
+    let nibbles = (text & (ONES * 0x0f)) + (letters >> 7) * 9;
+    let pairs = (nibbles << 4 | nibbles >> 8) & 0x00ff_00ff_00ff_00ff;
+    let fours = (pairs << 8 | pairs >> 16) & 0x0000_ffff_0000_ffff;
+    Some(((fours << 16 | fours >> 32) & 0xffff_ffff) as u32)
+}
+
+/// The decimal digits at the front of `text`, as a number, and how many they are: 1 to 10, below 2³².
+#[inline]
+pub(crate) fn unsigned(text: &[u8]) -> Option<(u32, usize)> {
+    let eight = match text.first_chunk() {
+        Some(eight) => *eight,
+        None => {
+            let mut eight = [0; 8];
+            eight[..text.len()].copy_from_slice(text);
+            eight
+        }
+    };
+    let digits = u64::from_le_bytes(eight) ^ (ONES * u64::from(b'0'));
+    let not_digits = not_digits(digits);
+    if not_digits == 0 {
+        // Two more at most.
+        let mut value = u64::from(decimal(digits));
+        let mut count = 8;
+        for &byte in text[8..].iter().take(3) {
+            if !byte.is_ascii_digit() {
+                break;
+            }
+            value = value * 10 + u64::from(byte - b'0');
+            count += 1;
+        }
+        return u32::try_from(value).ok().filter(|_| count <= 10).map(|value| (value, count));
+    }
+    let count = not_digits.trailing_zeros() / 8;
+    if count == 0 {
+        return None;
+    }
+    Some((decimal(digits << (64 - 8 * count)), count as usize))
+}
+
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
@@ -82,6 +141,27 @@ mod tests {
         fn any_bytes_are_read_as_a_character_at_a_time(field in any::<[u8; 7]>()) {
             prop_assert_eq!(fixed_point::<4>(field), plain(&field, 4));
             prop_assert_eq!(fixed_point::<2>(field), plain(&field, 2));
+        }
+
+        #[test]
+        fn hexadecimal_is_read_as_a_character_at_a_time(field in prop_oneof!["[0-9a-fA-F]{8}", "[0-9a-gA-G@`:/]{8}", "[ -~]{8}"]) {
+            let bytes: [u8; 8] = field.as_bytes().try_into().unwrap();
+            let all = field.bytes().all(|byte| byte.is_ascii_hexdigit());
+            prop_assert_eq!(hex(bytes), u32::from_str_radix(&field, 16).ok().filter(|_| all));
+        }
+
+        #[test]
+        fn any_bytes_are_hexadecimal_or_not(bytes in any::<[u8; 8]>()) {
+            let text = std::str::from_utf8(&bytes).ok().filter(|text| text.bytes().all(|byte| byte.is_ascii_hexdigit()));
+            prop_assert_eq!(hex(bytes), text.and_then(|text| u32::from_str_radix(text, 16).ok()));
+        }
+
+        #[test]
+        fn digits_are_read_up_to_where_they_end(number in prop_oneof!["[0-9]{0,12}", any::<u32>().prop_map(|number| number.to_string())], rest in "[,*\r -~]{0,9}") {
+            let text = format!("{number}{rest}");
+            let count = text.bytes().take_while(u8::is_ascii_digit).count();
+            let expected = text[..count].parse().ok().filter(|_| count <= 10).map(|value: u32| (value, count));
+            prop_assert_eq!(unsigned(text.as_bytes()), expected);
         }
 
         #[test]

@@ -2,8 +2,11 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
 
+mod ea1;
 mod fastrak;
 mod isotrak;
 mod liberty;
+mod microscribe;
+mod qsb;
 mod stream;
 mod viper;

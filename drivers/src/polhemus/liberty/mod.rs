@@ -11,7 +11,7 @@
 //! 16 bits, body. It has no checksum: a measurement (`C`, `P`) is believed if its length is the one the output list leads to and, unless
 //! the unit reports an error with it, its numbers are such as a tracker measures. Other frames are [replies](Reply).
 //!
-//! Until the unit is told to send binary it answers in [text](text).
+//! Until the unit is told to send binary it answers in [text].
 
 pub mod command;
 mod list;

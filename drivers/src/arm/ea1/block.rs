@@ -1,0 +1,155 @@
+//! Blocks: a sample of 27 bytes without zeros (COBS), ended by a zero.
+//!
+//! | byte | field |
+//! |---|---|
+//! | 0 | type, 1 |
+//! | 1 | joints, 3 |
+//! | 2 | flags, 16 bits |
+//! | 4 | number, 32 bits |
+//! | 8 | time in µs, 32 bits |
+//! | 12 | counts, three times 32 bits |
+//! | 24 | buttons |
+//! | 25 | CRC-16/CCITT-FALSE over bytes 0 to 24 |
+//!
+//! COBS is undone here and not by the crate `cobs`: of a block whose length is known, what has to be told is whether one begins at this byte and
+//! not where the next zero is, so that a byte lost costs one block and never two. Tests compare the two.
+
+use super::{AXES, Framing, Record, Sample, flag};
+use crate::framing::{Look, Refusal};
+
+/// Before its zeros are replaced.
+const PLAIN: usize = 27;
+/// On the wire: a code in front, a zero behind.
+const WIRE: usize = PLAIN + 2;
+/// Bytes under the checksum.
+const SUMMED: usize = PLAIN - 2;
+
+/// The first code: the first two bytes are not zero, so it is at least this.
+pub(super) const FEWEST_CODE: u8 = 3;
+/// No more than this if no byte is zero.
+pub(super) const MOST_CODE: u8 = 28;
+
+const TYPE: u8 = 1;
+
+/// What each value of each byte adds to the checksum: it is linear and its length is fixed, so that no byte has to wait for the one before it.
+static SUMS: [[u16; 256]; SUMMED] = sums();
+/// The checksum of zeros.
+const SUM_OF_ZEROS: u16 = shifted(0xffff, 8 * SUMMED);
+
+/// The register after so many more bits of zeros.
+const fn shifted(mut register: u16, bits: usize) -> u16 {
+    let mut bit = 0;
+    while bit < bits {
+        register = register << 1 ^ if register & 0x8000 != 0 { 0x1021 } else { 0 };
+        bit += 1;
+    }
+    register
+}
+
+const fn sums() -> [[u16; 256]; SUMMED] {
+    let mut sums = [[0; 256]; SUMMED];
+    let mut byte = SUMMED;
+    while byte > 0 {
+        byte -= 1;
+        let mut value = 0;
+        while value < 256 {
+            sums[byte][value] = match byte == SUMMED - 1 {
+                true => shifted((value as u16) << 8, 8),
+                false => shifted(sums[byte + 1][value], 8),
+            };
+            value += 1;
+        }
+    }
+    sums
+}
+
+#[inline]
+fn checksum(summed: &[u8; SUMMED]) -> u16 {
+    SUMS.iter().zip(summed).fold(SUM_OF_ZEROS, |sum, (sums, &byte)| sum ^ sums[usize::from(byte)])
+}
+
+#[inline]
+pub(super) fn look(window: &[u8]) -> Look<Record<'_>> {
+    let Some(block) = window.first_chunk::<WIRE>() else {
+        return judge_beginning(window);
+    };
+    if block[1] != TYPE || block[2] != AXES as u8 {
+        return Look::skip_byte(Refusal::Header);
+    }
+    let [code, plain @ .., 0] = block else {
+        return Look::skip_byte(Refusal::Length);
+    };
+    // A code tells where the next zero was; a code stands in its place.
+    let mut plain: [u8; PLAIN] = *plain;
+    let mut at = usize::from(*code) - 1;
+    let mut holes = false;
+    while let Some(byte) = plain.get_mut(at) {
+        let code = usize::from(*byte);
+        *byte = 0;
+        if code == 0 {
+            holes = true;
+            break;
+        }
+        at += code;
+    }
+    if holes || at != PLAIN {
+        return Look::skip_byte(Refusal::Length);
+    }
+    let [_, _, f0, f1, s0, s1, s2, s3, t0, t1, t2, t3, counts @ .., buttons, c0, c1] = plain;
+    let (summed, _) = plain.split_first_chunk::<SUMMED>().unwrap_or((&[0; SUMMED], &[]));
+    if checksum(summed) != u16::from_le_bytes([c0, c1]) {
+        return Look::skip_byte(Refusal::Checksum);
+    }
+    let flags = u16::from_le_bytes([f0, f1]);
+    // A zero that no code stands for would not come of COBS.
+    if flags & !flag::KNOWN != 0 || block[1..=PLAIN].contains(&0) {
+        return Look::skip_byte(Refusal::Field);
+    }
+    let counts: &[u8; 4 * AXES] = &counts;
+    let (words, _) = counts.as_chunks::<4>();
+    let sample = Sample {
+        seq: u32::from_le_bytes([s0, s1, s2, s3]),
+        t_us: u32::from_le_bytes([t0, t1, t2, t3]),
+        counts: [words[0], words[1], words[2]].map(i32::from_le_bytes),
+        flags,
+        buttons,
+        framing: Framing::Blocks,
+    };
+    Look::Record { length: WIRE, record: Record::Sample(sample) }
+}
+
+/// Of fewer bytes than a block: nothing is held back that cannot begin one.
+#[cold]
+fn judge_beginning(window: &[u8]) -> Look<Record<'_>> {
+    match window {
+        [_, kind, ..] if *kind != TYPE => Look::skip_byte(Refusal::Header),
+        [_, _, axes, ..] if *axes != AXES as u8 => Look::skip_byte(Refusal::Header),
+        _ => Look::Short,
+    }
+}
+
+pub(super) fn write(sample: &Sample, to: &mut Vec<u8>) {
+    let mut summed = [0; SUMMED];
+    summed[0] = TYPE;
+    summed[1] = AXES as u8;
+    summed[2..4].copy_from_slice(&sample.flags.to_le_bytes());
+    summed[4..8].copy_from_slice(&sample.seq.to_le_bytes());
+    summed[8..12].copy_from_slice(&sample.t_us.to_le_bytes());
+    summed[12..24].copy_from_slice(sample.counts.map(i32::to_le_bytes).as_flattened());
+    summed[24] = sample.buttons;
+    let [low, high] = checksum(&summed).to_le_bytes();
+    let plain = summed.into_iter().chain([low, high]);
+    // A code in front of each run without zeros, which has at most 27 bytes, says how far the next zero is.
+    let mut code = to.len();
+    to.push(1);
+    for byte in plain {
+        if byte == 0 {
+            code = to.len();
+            to.push(1);
+        } else {
+            to.push(byte);
+            to[code] += 1;
+        }
+    }
+    to.push(0);
+}

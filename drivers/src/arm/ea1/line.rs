@@ -1,0 +1,226 @@
+//! Lines: `$`, fields, `*`, checksum of two hexadecimal digits, CR LF. The checksum is the exclusive or of what is between `$` and `*`.
+
+use super::{AXES, Framing, Identity, LONGEST_LINE, Record, Sample, flag};
+use crate::framing::{Look, Refusal};
+use crate::numerals;
+
+/// `*`, two digits, CR LF.
+const END: usize = 5;
+
+#[inline]
+pub(super) fn look(window: &[u8]) -> Look<Record<'_>> {
+    match sample(window) {
+        Some((length, sample)) => Look::Record { length, record: Record::Sample(sample) },
+        None => any_line(window),
+    }
+}
+
+/// A whole and good sample, which is what nearly every line is. Everything else, and why it is none, is for [`any_line`] to say.
+#[inline]
+fn sample(window: &[u8]) -> Option<(usize, Sample)> {
+    let mut rest = window.strip_prefix(b"$EA,")?;
+    let seq = unsigned(&mut rest)?;
+    let t_us = unsigned(&mut rest)?;
+    let counts = [signed(&mut rest)?, signed(&mut rest)?, signed(&mut rest)?];
+    let (flags, length) = hex_until_star(rest)?;
+    let star = window.len() - rest.len() + length;
+    let ended = window.get(star + 1..star + END)?;
+    let good = ended == sum_and_end(&window[1..star]) && flags & !flag::KNOWN == 0;
+    let buttons = u8::from(flags & flag::BUTTON != 0);
+    good.then_some((star + END, Sample { seq, t_us, counts, flags, buttons, framing: Framing::Lines }))
+}
+
+#[inline(always)]
+fn unsigned(rest: &mut &[u8]) -> Option<u32> {
+    let (value, count) = numerals::unsigned(rest)?;
+    if rest.get(count) != Some(&b',') {
+        return None;
+    }
+    *rest = &rest[count + 1..];
+    Some(value)
+}
+
+#[inline(always)]
+fn signed(rest: &mut &[u8]) -> Option<i32> {
+    let negative = rest.first() == Some(&b'-');
+    if negative {
+        *rest = &rest[1..];
+    }
+    in_range(negative, unsigned(rest)?)
+}
+
+#[inline(always)]
+fn in_range(negative: bool, value: u32) -> Option<i32> {
+    if negative { 0_i32.checked_sub_unsigned(value) } else { i32::try_from(value).ok() }
+}
+
+/// One to four hexadecimal digits, and how many.
+#[inline(always)]
+fn hex_until_star(text: &[u8]) -> Option<(u16, usize)> {
+    let mut value = 0;
+    for (count, &byte) in text.iter().enumerate().take(5) {
+        if byte == b'*' {
+            return (count > 0).then_some((value, count));
+        }
+        // At most four are read, so that nothing is shifted out.
+        value = value << 4 | digit(byte)?;
+    }
+    None
+}
+
+#[inline(always)]
+fn digit(byte: u8) -> Option<u16> {
+    match byte {
+        b'0'..=b'9' => Some(u16::from(byte - b'0')),
+        b'A'..=b'F' => Some(u16::from(byte - b'A') + 10),
+        b'a'..=b'f' => Some(u16::from(byte - b'a') + 10),
+        _ => None,
+    }
+}
+
+/// What has to follow the star: the checksum in upper case, CR LF.
+#[inline]
+fn sum_and_end(summed: &[u8]) -> [u8; 4] {
+    const DIGITS: [u8; 16] = *b"0123456789ABCDEF";
+    let (words, rest) = summed.as_chunks::<8>();
+    let mut word = words.iter().fold(0, |sum, word| sum ^ u64::from_le_bytes(*word));
+    word ^= word >> 32;
+    word ^= word >> 16;
+    let sum = rest.iter().fold((word ^ word >> 8) as u8, |sum, byte| sum ^ byte);
+    [DIGITS[usize::from(sum >> 4)], DIGITS[usize::from(sum & 0xf)], b'\r', b'\n']
+}
+
+/// Any line that begins here, or why none does; says the same of a sample as [`sample`] does.
+#[cold]
+fn any_line(window: &[u8]) -> Look<Record<'_>> {
+    let inside = &window[..window.len().min(LONGEST_LINE)];
+    let is_within = |byte: &u8| matches!(byte, 0x20..=0x7e) && !matches!(byte, b'$' | b'*');
+    let Some(star) = inside[1..].iter().position(|byte| !is_within(byte)).map(|before| 1 + before) else {
+        return if inside.len() < LONGEST_LINE { Look::Short } else { Look::skip_byte(Refusal::Length) };
+    };
+    if inside[star] != b'*' {
+        // Cut off: what is here now may be the beginning of something.
+        return Look::Skip { bytes: star, why: Refusal::Length };
+    }
+    let [tens, ones, end @ ..] = sum_and_end(&inside[1..star]);
+    let expected = [[tens, ones].map(|digit| digit.to_ascii_lowercase()), [tens, ones]];
+    for (index, byte) in inside[star + 1..].iter().take(END - 1).enumerate() {
+        let (good, why) = match index {
+            0 | 1 => (expected.iter().any(|digits| digits[index] == *byte), Refusal::Checksum),
+            _ => (end[index - 2] == *byte, Refusal::Length),
+        };
+        if !good {
+            return Look::skip_byte(why);
+        }
+    }
+    if inside.len() < star + END {
+        return if inside.len() < LONGEST_LINE { Look::Short } else { Look::skip_byte(Refusal::Length) };
+    }
+    match std::str::from_utf8(&inside[1..star]).ok().map(record) {
+        Some(Ok(record)) => Look::Record { length: star + END, record },
+        Some(Err(why)) => Look::skip_byte(why),
+        None => Look::skip_byte(Refusal::Field),
+    }
+}
+
+/// What a line with a good checksum says.
+fn record(text: &str) -> Result<Record<'_>, Refusal> {
+    let mut fields = text.split(',');
+    let kind = fields.next();
+    let mut next = || fields.next().ok_or(Refusal::Field);
+    let record = match kind {
+        Some("EA") => {
+            let (seq, t_us) = (number(next()?)?, number(next()?)?);
+            let counts = [count(next()?)?, count(next()?)?, count(next()?)?];
+            let digits = next()?;
+            let flags =
+                hex_until_star(format!("{digits}*").as_bytes()).map(|(flags, _)| flags).ok_or(Refusal::Field)?;
+            if flags & !flag::KNOWN != 0 {
+                return Err(Refusal::Range);
+            }
+            let buttons = u8::from(flags & flag::BUTTON != 0);
+            Record::Sample(Sample { seq, t_us, counts, flags, buttons, framing: Framing::Lines })
+        }
+        Some("EI") => {
+            // Another version or another number of joints is another protocol.
+            if next()? != "1" {
+                return Err(Refusal::Header);
+            }
+            let (model, serial) = (next()?, next()?);
+            if number(next()?)? as usize != AXES {
+                return Err(Refusal::Header);
+            }
+            Record::Identity(Identity {
+                model,
+                serial,
+                counts_per_revolution: [number(next()?)?, number(next()?)?, number(next()?)?],
+                tick_hz: number(next()?)?,
+                rate_hz: number(next()?)?,
+            })
+        }
+        Some("ET") => Record::Time { token: number(next()?)?, t_us: number(next()?)? },
+        Some("EE") => Record::Error(number(next()?)?),
+        _ => return Err(Refusal::Header),
+    };
+    match fields.next() {
+        None => Ok(record),
+        Some(_) => Err(Refusal::Field),
+    }
+}
+
+fn number(field: &str) -> Result<u32, Refusal> {
+    match numerals::unsigned(field.as_bytes()) {
+        Some((value, count)) if count == field.len() => Ok(value),
+        _ => Err(Refusal::Field),
+    }
+}
+
+fn count(field: &str) -> Result<i32, Refusal> {
+    let (negative, digits) = field.strip_prefix('-').map_or((false, field), |digits| (true, digits));
+    in_range(negative, number(digits)?).ok_or(Refusal::Field)
+}
+
+/// Three whole numbers with commas between them, ended by LF or CR LF.
+pub(super) fn bare_numbers(window: &[u8]) -> Look<Record<'_>> {
+    // Eleven characters a number, two commas, CR LF.
+    const LONGEST: usize = 3 * 11 + 2 + 2;
+    let inside = &window[..window.len().min(LONGEST)];
+    let Some(end) = inside.iter().position(|byte| !matches!(byte, b'0'..=b'9' | b'-' | b',')) else {
+        return if inside.len() < LONGEST { Look::Short } else { Look::skip_byte(Refusal::Length) };
+    };
+    let length = match inside[end..] {
+        [b'\n', ..] => end + 1,
+        [b'\r', b'\n', ..] => end + 2,
+        [b'\r'] if inside.len() < LONGEST => return Look::Short,
+        _ => return Look::skip_byte(Refusal::Length),
+    };
+    let mut fields = inside[..end]
+        .split(|&byte| byte == b',')
+        .map(|field| std::str::from_utf8(field).map_err(|_| Refusal::Field).and_then(count));
+    match (fields.next(), fields.next(), fields.next(), fields.next()) {
+        (Some(Ok(a)), Some(Ok(b)), Some(Ok(c)), None) => Look::Record { length, record: Record::Unreliable([a, b, c]) },
+        _ => Look::skip_byte(Refusal::Field),
+    }
+}
+
+impl Record<'_> {
+    /// Appends what the arm sends: a block for a sample of that framing, otherwise a line.
+    pub fn write(&self, to: &mut Vec<u8>) {
+        let text = match self {
+            Self::Sample(sample) if sample.framing == Framing::Blocks => return super::block::write(sample, to),
+            Self::Sample(Sample { seq, t_us, counts: [a, b, c], flags, .. }) => {
+                format!("EA,{seq},{t_us},{a},{b},{c},{flags:02X}")
+            }
+            Self::Identity(Identity { model, serial, counts_per_revolution: [a, b, c], tick_hz, rate_hz }) => {
+                format!("EI,1,{model},{serial},{AXES},{a},{b},{c},{tick_hz},{rate_hz}")
+            }
+            Self::Time { token, t_us } => format!("ET,{token},{t_us}"),
+            Self::Error(code) => format!("EE,{code}"),
+            Self::Unreliable([a, b, c]) => return to.extend(format!("{a},{b},{c}\n").bytes()),
+        };
+        to.push(b'$');
+        to.extend(text.bytes());
+        to.push(b'*');
+        to.extend(sum_and_end(text.as_bytes()));
+    }
+}
