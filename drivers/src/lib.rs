@@ -38,7 +38,7 @@ pub use health::Health;
 pub use reading::Reading;
 
 /// Every driver that this build knows.
-pub static DRIVERS: &[&dyn Driver] = &[&recording::SequenceDriver];
+pub static DRIVERS: &[&dyn Driver] = &[&polhemus::TrackerDriver, &recording::SequenceDriver];
 
 /// Opens what the settings name with the driver that knows it.
 ///
@@ -46,6 +46,7 @@ pub static DRIVERS: &[&dyn Driver] = &[&recording::SequenceDriver];
 /// The driver's.
 pub fn open(settings: &OpenSettings) -> Result<Box<dyn Device>, Error> {
     match settings {
+        OpenSettings::Tracker(_) => polhemus::TrackerDriver.open(settings),
         OpenSettings::Sequence(_) => recording::SequenceDriver.open(settings),
     }
 }
@@ -80,6 +81,8 @@ pub struct Listing {
 /// What to open. One variant per driver.
 #[derive(Debug, Clone)]
 pub enum OpenSettings {
+    /// An electromagnetic tracker.
+    Tracker(polhemus::TrackerSettings),
     /// A sequence file.
     Sequence(recording::SequenceSettings),
 }

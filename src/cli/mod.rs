@@ -1,5 +1,6 @@
 //! The command line: one file a subcommand, with its flags, help and tests.
 
+pub mod devices;
 pub mod input;
 pub mod inspect;
 pub mod phantom;
@@ -31,6 +32,8 @@ enum Command {
     Replay(Box<replay::Arguments>),
     /// Say what is in a sequence, volume or calibration file
     Inspect(inspect::Arguments),
+    /// Say what is plugged in, what can be opened, and why not
+    Devices(devices::Arguments),
     /// Make a synthetic sweep whose truth is known
     Phantom(Box<phantom::Arguments>),
 }
@@ -59,6 +62,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Command::Render(arguments) => render::run(arguments),
         Command::Replay(arguments) => replay::run(arguments),
         Command::Inspect(arguments) => inspect::run(arguments),
+        Command::Devices(arguments) => devices::run(arguments),
         Command::Phantom(arguments) => phantom::run(arguments),
     }
 }

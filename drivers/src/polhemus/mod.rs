@@ -7,10 +7,12 @@
 //! - [`liberty`]: LIBERTY, PATRIOT and Latus, over serial and USB alike.
 //! - [`viper`]: VIPER, over USB and RS-422 alike.
 
+mod driver;
 pub mod fastrak;
 pub mod isotrak;
 pub mod liberty;
 mod settings;
 pub mod viper;
 
+pub use driver::{Model, Port, TrackerDriver, TrackerSettings, VENDOR};
 pub use settings::Settings;

@@ -59,7 +59,9 @@ impl Driver for SequenceDriver {
     }
 
     fn open(&self, settings: &OpenSettings) -> Result<Box<dyn Device>, Error> {
-        let OpenSettings::Sequence(settings) = settings;
+        let OpenSettings::Sequence(settings) = settings else {
+            return Err(Error::Misuse("these settings are not a sequence file's".into()));
+        };
         Ok(Box::new(Replay::open(settings)?))
     }
 }

@@ -1,12 +1,16 @@
-//! How bytes come and go: a serial line, and one within the process.
+//! How bytes come and go: a serial line, USB, and a line within the process.
 //!
 //! A transport knows nothing of records. It says when bytes were here, and that the other end is gone.
 
 mod memory;
-mod serial;
+pub mod serial;
+pub mod usb;
 
 pub use memory::{MemoryOpener, Peer};
 pub use serial::{PortPath, SerialOpener};
+pub use usb::{UsbId, UsbOpener};
+
+use rustix::fs::Access;
 
 /// What one read brought.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -65,4 +69,13 @@ pub trait Opener: Send {
     /// # Errors
     /// [`LineError::Absent`] where there is none now, [`LineError::Refused`] where it is and cannot be opened, with what to do.
     fn open(&mut self) -> Result<Box<dyn Transport>, LineError>;
+}
+
+/// What to do where a device's file may not be opened.
+const DENIED: &str =
+    "permission denied; install the udev rule that `sonoweave devices --udev` prints, and plug it in again";
+
+/// Why a device's file may not be opened for reading and writing, if it may not.
+fn denied(file: &std::path::Path) -> Option<String> {
+    rustix::fs::access(file, Access::READ_OK | Access::WRITE_OK).is_err().then(|| DENIED.to_owned())
 }

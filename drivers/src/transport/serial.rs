@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-use rustix::fs::Access;
-use serialport::{ClearBuffer, FlowControl, SerialPort, TTYPort};
+use serialport::{ClearBuffer, FlowControl, SerialPort, SerialPortType, TTYPort};
 
 use super::{LineError, Opener, Received, Transport};
+use crate::Listing;
 use crate::clock::Clock;
 
 /// The longest time that bytes written may wait for the line.
@@ -57,15 +57,53 @@ impl Opener for SerialOpener {
     }
 }
 
+/// All serial lines there are, by names that stay where there are such.
+pub fn list() -> Vec<Listing> {
+    let ports = match serialport::available_ports() {
+        Ok(ports) => ports,
+        Err(error) => {
+            let unavailable = Some(format!("serial lines cannot be listed: {error}"));
+            return vec![Listing { id: "serial".into(), description: "serial lines".into(), unavailable }];
+        }
+    };
+    let mut found: Vec<Listing> = ports
+        .into_iter()
+        .map(|port| {
+            let path = Path::new(&port.port_name);
+            let of = match port.port_type {
+                SerialPortType::UsbPort(usb) => {
+                    let said: Vec<String> = [usb.manufacturer, usb.product].into_iter().flatten().collect();
+                    let said = if said.is_empty() { "USB adapter".into() } else { said.join(" ") };
+                    format!("{said} ({:04x}:{:04x})", usb.vid, usb.pid)
+                }
+                SerialPortType::PciPort => "built-in serial line".into(),
+                SerialPortType::BluetoothPort => "Bluetooth serial line".into(),
+                SerialPortType::Unknown => "serial line".into(),
+            };
+            let id = lasting_name(path).unwrap_or_else(|| port.port_name.clone());
+            let description = format!("{of}, {}", port.port_name);
+            Listing { id, description, unavailable: super::denied(path) }
+        })
+        .collect();
+    found.sort_by(|a, b| a.id.cmp(&b.id));
+    found
+}
+
+/// The link that names a line by what is plugged in, whatever the order of plugging in.
+fn lasting_name(path: &Path) -> Option<String> {
+    let same = |link: &Path| std::fs::canonicalize(link).is_ok_and(|target| target == path);
+    let links = std::fs::read_dir("/dev/serial/by-id").ok()?;
+    let found = links.filter_map(Result::ok).map(|link| link.path()).find(|link| same(link))?;
+    Some(found.display().to_string())
+}
+
 /// Why a line cannot be opened, and what to do.
 fn refusal(path: &Path, error: &serialport::Error) -> LineError {
     if !path.exists() {
         return LineError::Absent("no such file".into());
     }
-    if rustix::fs::access(path, Access::READ_OK | Access::WRITE_OK).is_err() {
-        return LineError::Refused(
-            "permission denied; install the udev rule that `sonoweave devices` shows, or join the group that owns the file".into(),
-        );
+    if let Some(denied) = super::denied(path) {
+        return LineError::Refused(denied);
     }
     // The crate tells what the system says by words alone.
     let said = error.to_string();

@@ -1,0 +1,203 @@
+//! Trackers as a driver: what is plugged in, and which of them is meant.
+
+use std::sync::Arc;
+
+use super::fastrak;
+use super::settings::Settings;
+use crate::clock::{Clock, Monotonic};
+use crate::connection::{Connection, Protocol};
+use crate::transport::{Opener, PortPath, SerialOpener, UsbId, UsbOpener, serial, usb};
+use crate::{Device, Driver, Error, Listing, OpenSettings};
+
+/// The maker's number on USB.
+pub const VENDOR: u16 = 0x0f44;
+
+/// A make of tracker.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Model {
+    /// FASTRAK, and 3SPACE FASTRAK.
+    Fastrak,
+}
+
+impl Model {
+    /// All that can be opened.
+    pub const ALL: [Self; 1] = [Self::Fastrak];
+
+    /// The name in settings.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Fastrak => "fastrak",
+        }
+    }
+
+    /// The product numbers of units that run, by USB.
+    fn products(self) -> &'static [u16] {
+        match self {
+            Self::Fastrak => &[0x0002, 0x0003],
+        }
+    }
+
+    /// Rate of the line at first, where it is not told.
+    fn baud(self) -> u32 {
+        match self {
+            Self::Fastrak => 115_200,
+        }
+    }
+}
+
+/// What a product number of the maker's is, and whether it is a loader that waits for its firmware.
+fn product(number: u16) -> Option<(&'static str, bool)> {
+    Some(match number {
+        0x0001 => ("FASTRAK", true),
+        0x0002 | 0x0003 => ("FASTRAK", false),
+        0xff11 | 0xff21 => ("LIBERTY", true),
+        0xff12 | 0xff20 => ("LIBERTY", false),
+        0xef11 | 0xef21 => ("PATRIOT", true),
+        0xef12 | 0xef20 => ("PATRIOT", false),
+        0xbf01 => ("VIPER", false),
+        0xcf01 => ("G4", false),
+        _ => return None,
+    })
+}
+
+/// How a tracker is reached.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Port {
+    /// A serial line; without a rate it is looked for at all that such units have.
+    Serial {
+        /// Its file.
+        path: std::path::PathBuf,
+        /// Bits a second.
+        baud: Option<u32>,
+    },
+    /// USB; `None` where there is only one.
+    Usb(Option<String>),
+}
+
+/// A tracker to open.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrackerSettings {
+    /// Which make.
+    pub model: Model,
+    /// Where.
+    pub port: Port,
+    /// How it is to be set up.
+    pub settings: Settings,
+    /// Whether the bytes that come are readings, too.
+    pub keeps_raw: bool,
+}
+
+/// Polhemus trackers.
+pub struct TrackerDriver;
+
+impl TrackerDriver {
+    /// Opens a tracker by a clock of one's own.
+    ///
+    /// # Errors
+    /// [`Error::Misuse`] for settings that the model does not have.
+    pub fn open_with(settings: &TrackerSettings, clock: Arc<dyn Clock>) -> Result<Box<dyn Device>, Error> {
+        let TrackerSettings { model, port, settings, keeps_raw } = settings;
+        let (opener, baud): (Box<dyn Opener>, _) = match port {
+            Port::Serial { path, baud } => {
+                let port = PortPath { path: path.clone(), baud: baud.unwrap_or(model.baud()) };
+                (Box::new(SerialOpener::new(port, Arc::clone(&clock))), *baud)
+            }
+            Port::Usb(which) => {
+                let id = UsbId { vendor: VENDOR, products: model.products().to_vec(), which: which.clone() };
+                // A line without a rate is tried at one.
+                (Box::new(UsbOpener::new(id, Arc::clone(&clock))), Some(model.baud()))
+            }
+        };
+        let name = opener.name().to_owned();
+        fn connect<P: Protocol + 'static>(
+            opener: Box<dyn Opener>,
+            clock: Arc<dyn Clock>,
+            protocol: P,
+            keeps_raw: bool,
+        ) -> Box<dyn Device> {
+            Box::new(Connection::new(opener, clock, protocol, keeps_raw))
+        }
+        Ok(match model {
+            Model::Fastrak => connect(opener, clock, fastrak::Unit::new(&name, settings.clone(), baud)?, *keeps_raw),
+        })
+    }
+}
+
+impl Driver for TrackerDriver {
+    fn name(&self) -> &'static str {
+        "tracker"
+    }
+
+    fn list(&self) -> Vec<Listing> {
+        let mut found = serial::list();
+        match usb::list(VENDOR) {
+            Ok(devices) => found.extend(devices.iter().map(listing)),
+            Err(why) => found.push(Listing {
+                id: "usb".into(),
+                description: "USB".into(),
+                unavailable: Some(format!("USB cannot be looked at: {why}")),
+            }),
+        }
+        found
+    }
+
+    fn open(&self, settings: &OpenSettings) -> Result<Box<dyn Device>, Error> {
+        match settings {
+            OpenSettings::Tracker(settings) => Self::open_with(settings, Arc::new(Monotonic)),
+            _ => Err(Error::Misuse("these settings are not a tracker's".into())),
+        }
+    }
+}
+
+/// A device of the maker's on USB, in words.
+fn listing(device: &nusb::DeviceInfo) -> Listing {
+    let place = usb::place(device);
+    let id = format!("usb:{}", device.serial_number().unwrap_or(&place));
+    let number = device.product_id();
+    let (name, unavailable) = match product(number) {
+        None => ("unknown product".to_owned(), Some("not known to this version".to_owned())),
+        Some((name, true)) => (
+            format!("{name} that waits for its firmware"),
+            Some(format!(
+                "it needs {name}'s firmware at every plugging-in, which the maker's software or fxload pushes into it and which may not be passed on; it then comes back under another number"
+            )),
+        ),
+        Some(("G4", _)) => ("G4".into(), Some("its protocol is not public".into())),
+        Some((name, false)) => (name.to_owned(), usb::unavailable(device)),
+    };
+    Listing { id, description: format!("Polhemus {name} ({VENDOR:04x}:{number:04x}) on USB {place}"), unavailable }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn loaders_are_told_from_units_that_run() {
+        for model in Model::ALL {
+            for number in model.products() {
+                assert!(matches!(product(*number), Some((_, false))), "{model:?} {number:04x}");
+            }
+        }
+        assert_eq!(product(0xff21), Some(("LIBERTY", true)));
+        assert_eq!(product(0x1234), None);
+    }
+
+    #[test]
+    fn settings_of_another_kind_are_refused_and_those_of_this_kind_checked() {
+        let other = TrackerDriver.open(&OpenSettings::sequence("x.mha")).err().unwrap().to_string();
+        assert!(other.contains("not a tracker's"), "{other}");
+        let port = Port::Serial { path: "/dev/nothing".into(), baud: None };
+        let settings = TrackerSettings { model: Model::Fastrak, port, settings: Settings::default(), keeps_raw: false };
+        let wrong = Settings { stations: vec![7], ..Settings::default() };
+        let wrong = OpenSettings::Tracker(TrackerSettings { settings: wrong, ..settings.clone() });
+        assert!(TrackerDriver.open(&wrong).err().unwrap().to_string().contains("tracker.stations"));
+        // What is not there is no error: it may come.
+        let mut device = TrackerDriver.open(&OpenSettings::Tracker(settings)).unwrap();
+        device.start().unwrap();
+        let now = Monotonic.now_ns();
+        assert!(matches!(device.next(now + 20_000_000).unwrap(), crate::Next::Pending));
+        assert_eq!(device.health().state, crate::health::State::Absent);
+        assert!(device.health().why.contains("/dev/nothing"), "{}", device.health().why);
+    }
+}

@@ -1,0 +1,215 @@
+//! USB devices with one bulk endpoint in each direction, by the crate nusb.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::time::Duration;
+
+use nusb::transfer::{Buffer, Bulk, In, Out, TransferError};
+use nusb::{DeviceInfo, Endpoint, ErrorKind, MaybeFuture};
+
+use super::{LineError, Opener, Received, Transport};
+use crate::clock::Clock;
+
+/// Reads that wait in the kernel, so that the device's own buffer never fills while the host is busy.
+const IN_FLIGHT: usize = 8;
+/// Bytes of each: a multiple of every packet size; a transfer ends early with a short packet.
+const TRANSFER: usize = 512;
+/// The longest that a write may take.
+const WRITE: Duration = Duration::from_millis(500);
+
+/// Which device is meant.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct UsbId {
+    /// The maker's number.
+    pub vendor: u16,
+    /// The product's numbers, any of which will do.
+    pub products: Vec<u16>,
+    /// The device's serial number, or its place as bus and ports (`1-2.4`); `None` where there is only one.
+    pub which: Option<String>,
+}
+
+impl UsbId {
+    fn is(&self, device: &DeviceInfo) -> bool {
+        let named = |which: &str| device.serial_number() == Some(which) || place(device) == which;
+        device.vendor_id() == self.vendor
+            && self.products.contains(&device.product_id())
+            && self.which.as_deref().is_none_or(named)
+    }
+}
+
+/// Bus and ports of a device, as the kernel writes them: the same as long as it stays in the same socket.
+pub fn place(device: &DeviceInfo) -> String {
+    let ports: Vec<String> = device.port_chain().iter().map(u8::to_string).collect();
+    format!("{}-{}", device.bus_id().trim_start_matches('0'), ports.join("."))
+}
+
+/// All devices of a maker, with their products.
+///
+/// # Errors
+/// Why USB cannot be looked at, where it cannot.
+pub fn list(vendor: u16) -> Result<Vec<DeviceInfo>, String> {
+    match nusb::list_devices().wait() {
+        Ok(devices) => Ok(devices.filter(|device| device.vendor_id() == vendor).collect()),
+        Err(error) => Err(error.to_string()),
+    }
+}
+
+/// Why a device cannot be opened, as far as its file tells; nothing is done to it.
+pub fn unavailable(device: &DeviceInfo) -> Option<String> {
+    let bus: u32 = device.bus_id().parse().ok()?;
+    let file = format!("/dev/bus/usb/{bus:03}/{:03}", device.device_address());
+    super::denied(std::path::Path::new(&file))
+}
+
+/// Opens a device by USB.
+#[derive(Debug)]
+pub struct UsbOpener {
+    id: UsbId,
+    name: String,
+    clock: Arc<dyn Clock>,
+}
+
+impl UsbOpener {
+    /// That device; times are the clock's.
+    pub fn new(id: UsbId, clock: Arc<dyn Clock>) -> Self {
+        let name = match &id.which {
+            Some(which) => format!("USB {:04x} {which}", id.vendor),
+            None => format!("USB {:04x}", id.vendor),
+        };
+        Self { id, name, clock }
+    }
+}
+
+impl Opener for UsbOpener {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn open(&mut self) -> Result<Box<dyn Transport>, LineError> {
+        let all = list(self.id.vendor).map_err(LineError::Refused)?;
+        let mut fitting = all.iter().filter(|device| self.id.is(device));
+        let Some(info) = fitting.next() else {
+            return Err(LineError::Absent("no such USB device".into()));
+        };
+        if let (None, Some(_)) = (&self.id.which, fitting.next()) {
+            return Err(LineError::Refused(
+                "there are several of its kind; say which by its serial number or its place".into(),
+            ));
+        }
+        let refused = |error: nusb::Error| match error.kind() {
+            ErrorKind::Disconnected | ErrorKind::NotFound => LineError::Absent(error.to_string()),
+            ErrorKind::PermissionDenied => LineError::Refused(super::DENIED.into()),
+            ErrorKind::Busy => LineError::Refused("another program or a kernel driver has it; close that".into()),
+            _ => LineError::Refused(error.to_string()),
+        };
+        let device = info.open().wait().map_err(refused)?;
+        let interface = device.detach_and_claim_interface(0).wait().map_err(refused)?;
+        // By what the device says and not by a table: firmware differs.
+        let described = interface.descriptor();
+        let bulk = |direction| {
+            let endpoints = described.iter().flat_map(|interface| interface.endpoints());
+            let mut bulk = endpoints.filter(|e| e.transfer_type() == nusb::descriptors::TransferType::Bulk);
+            bulk.find(|endpoint| endpoint.direction() == direction).map(|endpoint| endpoint.address())
+        };
+        let (Some(into), Some(out)) = (bulk(nusb::transfer::Direction::In), bulk(nusb::transfer::Direction::Out))
+        else {
+            return Err(LineError::Refused("has no bulk endpoints; it may be waiting for its firmware".into()));
+        };
+        let mut input = interface.endpoint::<Bulk, In>(into).map_err(refused)?;
+        let output = interface.endpoint::<Bulk, Out>(out).map_err(refused)?;
+        let packet = input.max_packet_size().max(1);
+        for _ in 0..IN_FLIGHT {
+            let buffer = input.allocate(TRANSFER.div_ceil(packet) * packet);
+            input.submit(buffer);
+        }
+        Ok(Box::new(Usb { input, output, left: VecDeque::new(), at_ns: 0, clock: Arc::clone(&self.clock) }))
+    }
+}
+
+/// An open USB device.
+struct Usb {
+    input: Endpoint<Bulk, In>,
+    output: Endpoint<Bulk, Out>,
+    /// What was received and did not fit, and when it was.
+    left: VecDeque<u8>,
+    at_ns: i64,
+    clock: Arc<dyn Clock>,
+}
+
+/// Why a transfer failed. A device that was unplugged says a fault first, on some hosts: both mean that it is gone.
+fn trouble(error: TransferError) -> LineError {
+    match error {
+        TransferError::Disconnected | TransferError::Fault => LineError::Gone(error.to_string()),
+        _ => LineError::Failed(error.to_string()),
+    }
+}
+
+impl Transport for Usb {
+    fn read(&mut self, into: &mut [u8], deadline_ns: i64) -> Result<Received, LineError> {
+        while self.left.is_empty() {
+            let left = u64::try_from(deadline_ns - self.clock.now_ns()).unwrap_or(0);
+            let Some(mut done) = self.input.wait_next_complete(Duration::from_nanos(left)) else {
+                return Ok(Received { bytes: 0, at_ns: self.clock.now_ns() });
+            };
+            self.at_ns = self.clock.now_ns();
+            let status = done.status;
+            if status.is_ok() {
+                self.left.extend(&done.buffer[..done.actual_len]);
+            }
+            if matches!(status, Err(TransferError::Disconnected | TransferError::Fault)) {
+                return Err(trouble(TransferError::Disconnected));
+            }
+            if matches!(status, Err(TransferError::Stall)) {
+                self.recover()?;
+            } else {
+                done.buffer.clear();
+                self.input.submit(done.buffer);
+            }
+            if let Err(error) = status {
+                return Err(trouble(error));
+            }
+        }
+        let bytes = self.left.len().min(into.len());
+        for (into, byte) in into.iter_mut().zip(self.left.drain(..bytes)) {
+            *into = byte;
+        }
+        Ok(Received { bytes, at_ns: self.at_ns })
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<(), LineError> {
+        let mut buffer = Buffer::new(bytes.len());
+        buffer.extend_from_slice(bytes);
+        self.output.transfer_blocking(buffer, WRITE).status.map_err(trouble)?;
+        // The end of what fills its last packet is told by an empty one.
+        if bytes.len().is_multiple_of(self.output.max_packet_size().max(1)) {
+            self.output.transfer_blocking(Buffer::new(0), WRITE).status.map_err(trouble)?;
+        }
+        Ok(())
+    }
+
+    fn set_baud(&mut self, _baud: u32) -> Result<(), LineError> {
+        Ok(())
+    }
+}
+
+impl Usb {
+    /// After a stall: takes back what is in flight, clears the endpoint, and asks anew.
+    fn recover(&mut self) -> Result<(), LineError> {
+        self.input.cancel_all();
+        let mut buffers = Vec::new();
+        while self.input.pending() > 0 {
+            match self.input.wait_next_complete(WRITE) {
+                Some(done) => buffers.push(done.buffer),
+                None => return Err(LineError::Gone("its transfers do not end".into())),
+            }
+        }
+        self.input.clear_halt().wait().map_err(|error| LineError::Gone(error.to_string()))?;
+        let packet = self.input.max_packet_size().max(1);
+        for _ in 0..IN_FLIGHT {
+            let mut buffer = buffers.pop().unwrap_or_else(|| self.input.allocate(TRANSFER.div_ceil(packet) * packet));
+            buffer.clear();
+            self.input.submit(buffer);
+        }
+        Ok(())
+    }
+}

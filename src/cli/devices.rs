@@ -1,0 +1,175 @@
+//! `sonoweave devices`: what is plugged in, what can be opened, and why not.
+
+use std::collections::BTreeSet;
+use std::io::Write;
+use std::time::Duration;
+
+use clap::Args;
+use drivers::{DRIVERS, Listing};
+use serde::Serialize;
+
+use super::Failure;
+
+/// What gives those who sit at the machine the devices, and tells FTDI's adapters to hurry.
+const RULES: &str = include_str!("../../drivers/udev/70-sonoweave.rules");
+/// How often --watch looks.
+const WATCH: Duration = Duration::from_millis(500);
+
+/// Flags of `devices`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Serial lines do not tell what is on them: the settings of a session say it.
+
+Examples: sonoweave devices
+          sonoweave devices --watch
+          sonoweave devices --udev | sudo tee /etc/udev/rules.d/70-sonoweave.rules")]
+pub struct Arguments {
+    /// Go on and say what is plugged in and out, until interrupted
+    #[arg(long)]
+    watch: bool,
+    /// As JSON: an array of devices; with --watch one such array a line, whenever anything changes
+    #[arg(long)]
+    json: bool,
+    /// Print the udev rules to install, and nothing else
+    #[arg(long, conflicts_with_all = ["watch", "json"])]
+    udev: bool,
+}
+
+/// A device, and the drivers that could open it.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+struct Found {
+    /// What to call it in settings.
+    id: String,
+    /// The drivers, by name.
+    drivers: Vec<&'static str>,
+    description: String,
+    /// Why it cannot be opened, and what to do; `null` where it can.
+    unavailable: Option<String>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// [`Failure`] when what was found cannot be written.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let mut out = std::io::stdout().lock();
+    if arguments.udev {
+        return Ok(out.write_all(RULES.as_bytes())?);
+    }
+    let mut before = None;
+    loop {
+        let found = merged(DRIVERS.iter().map(|driver| (driver.name(), driver.list())));
+        if before.as_ref() != Some(&found) {
+            let said = match (arguments.json, &before) {
+                (true, _) => serde_json::to_string(&found)? + "\n",
+                (false, None) => whole(&found),
+                (false, Some(before)) => changes(before, &found),
+            };
+            // Whoever reads it may have had enough.
+            if let Err(error) = out.write_all(said.as_bytes()).and_then(|()| out.flush()) {
+                return match error.kind() {
+                    std::io::ErrorKind::BrokenPipe => Ok(()),
+                    _ => Err(error.into()),
+                };
+            }
+            before = Some(found);
+        }
+        if !arguments.watch {
+            return Ok(());
+        }
+        std::thread::sleep(WATCH);
+    }
+}
+
+/// One entry a device, whatever number of drivers see it.
+fn merged(lists: impl Iterator<Item = (&'static str, Vec<Listing>)>) -> Vec<Found> {
+    let mut all: Vec<Found> = Vec::new();
+    for (driver, list) in lists {
+        for Listing { id, description, unavailable } in list {
+            match all.iter_mut().find(|found| found.id == id) {
+                Some(found) => found.drivers.push(driver),
+                None => all.push(Found { id, drivers: vec![driver], description, unavailable }),
+            }
+        }
+    }
+    all.sort();
+    all
+}
+
+/// A device's lines.
+fn entry(found: &Found) -> String {
+    let Found { id, drivers, description, unavailable } = found;
+    let mark = if unavailable.is_some() { "✗" } else { "✓" };
+    let mut said = format!("{mark} {id}\n    {description}; for: {}\n", drivers.join(", "));
+    if let Some(why) = unavailable {
+        said += &format!("    cannot be opened: {why}\n");
+    }
+    said
+}
+
+/// Everything there is.
+fn whole(all: &[Found]) -> String {
+    if all.is_empty() {
+        return "No serial line, tracker on USB or frame grabber is plugged in.\n".into();
+    }
+    let mut said: String = all.iter().map(entry).collect();
+    let closed = all.iter().filter(|found| found.unavailable.is_some()).count();
+    said += &match closed {
+        0 => format!("{} found; all can be opened.\n", all.len()),
+        _ => format!("{} found, of which {closed} cannot be opened.\n", all.len()),
+    };
+    if all.iter().any(|found| found.unavailable.as_ref().is_some_and(|why| why.contains("permission"))) {
+        said += "The udev rules give them to whoever sits at the machine: sonoweave devices --udev | sudo tee /etc/udev/rules.d/70-sonoweave.rules\n";
+    }
+    said
+}
+
+/// What has come, gone or become another.
+fn changes(before: &[Found], now: &[Found]) -> String {
+    let ids = |all: &[Found]| all.iter().map(|found| found.id.clone()).collect::<BTreeSet<_>>();
+    let (old, new) = (ids(before), ids(now));
+    let gone =
+        before.iter().filter(|found| !new.contains(&found.id)).map(|found| format!("- {}\n    unplugged\n", found.id));
+    let come = now.iter().filter(|found| !old.contains(&found.id)).map(|found| format!("+ {}", entry(found)));
+    let other = now.iter().filter(|found| old.contains(&found.id) && !before.contains(found)).map(entry);
+    gone.chain(come).chain(other).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn listing(id: &str, unavailable: Option<&str>) -> Listing {
+        Listing { id: id.into(), description: format!("a thing at {id}"), unavailable: unavailable.map(Into::into) }
+    }
+
+    #[test]
+    fn a_line_that_two_drivers_see_is_one_device() {
+        let found = merged(
+            [
+                ("tracker", vec![listing("/dev/ttyB", None), listing("usb:1-2", Some("permission denied; install"))]),
+                ("arm", vec![listing("/dev/ttyB", None)]),
+            ]
+            .into_iter(),
+        );
+        assert_eq!(found.len(), 2);
+        assert_eq!(found[0].drivers, ["tracker", "arm"]);
+        let said = whole(&found);
+        assert!(said.contains("✓ /dev/ttyB\n    a thing at /dev/ttyB; for: tracker, arm\n"), "{said}");
+        assert!(said.contains("✗ usb:1-2") && said.contains("2 found, of which 1 cannot be opened"), "{said}");
+        assert!(said.contains("--udev"), "{said}");
+    }
+
+    #[test]
+    fn only_what_changes_is_said() {
+        let all = |lists: Vec<Listing>| merged([("tracker", lists)].into_iter());
+        let before = all(vec![listing("a", None), listing("b", None), listing("c", None)]);
+        let now = all(vec![listing("b", Some("busy")), listing("c", None), listing("d", None)]);
+        let said = changes(&before, &now);
+        assert_eq!(
+            said,
+            "- a\n    unplugged\n+ ✓ d\n    a thing at d; for: tracker\n✗ b\n    a thing at b; for: tracker\n    cannot be opened: busy\n"
+        );
+        assert!(whole(&[]).contains("No serial line"));
+    }
+}
