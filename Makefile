@@ -29,6 +29,7 @@ peers:
 STRESS ?= full
 stress: setup
 	SONOWEAVE_STRESS=$(STRESS) cargo test --locked --test stress
+	SONOWEAVE_STRESS=$(STRESS) cargo test --locked -p sonoweave-drivers --test steady
 	cargo test --locked --test mutants -- --include-ignored
 
 # The 1992 paper's figures and claims with ours beside them: out/paper/index.html. `make paper QUICK=--quick` for a smoke test.

@@ -1,0 +1,124 @@
+//! A session goes on for a day: nothing grows, and a reading allocates nothing.
+
+#![allow(clippy::unwrap_used, reason = "tests fail so")]
+#![allow(unsafe_code, reason = "an allocator that counts is one by the trait's own terms")]
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use std::sync::atomic::{AtomicI64, Ordering};
+use std::sync::{Arc, Mutex};
+
+use drivers::clock::{Clock, MS, Manual, Monotonic, SECOND};
+use drivers::connection::Connection;
+use drivers::health::State;
+use drivers::polhemus::Settings;
+use drivers::polhemus::fastrak::Unit;
+use drivers::reading::Reading;
+use drivers::simulated::fastrak::Twin;
+use drivers::simulated::{Faults, Placed, Pty};
+use drivers::transport::{MemoryOpener, PortPath, SerialOpener};
+use drivers::{Device, Next};
+
+/// Counts what this process holds, and what this thread asks for.
+struct Counting;
+
+static HELD: AtomicI64 = AtomicI64::new(0);
+
+thread_local! {
+    static ASKED: Cell<u64> = const { Cell::new(0) };
+}
+
+// SAFETY: everything is passed on to the system's allocator as it came; counting neither allocates nor unwinds (the thread's cell is constant and without a destructor).
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        HELD.fetch_add(layout.size() as i64, Ordering::Relaxed);
+        ASKED.with(|asked| asked.set(asked.get() + 1));
+        // SAFETY: the caller's promise is the system's condition.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
+        HELD.fetch_sub(layout.size() as i64, Ordering::Relaxed);
+        // SAFETY: it came from the system's allocator, by `alloc` above, with this layout.
+        unsafe { System.dealloc(at, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// One at a time: what is held is the whole process's.
+static ALONE: Mutex<()> = Mutex::new(());
+
+fn still() -> drivers::simulated::Motion {
+    Arc::new(|_, _| Placed { position_cm: [10.0, -5.5, 30.25], quaternion_wxyz: [0.5, -0.5, 0.5, -0.5] })
+}
+
+#[test]
+fn a_reading_allocates_nothing() {
+    let _alone = ALONE.lock().unwrap();
+    let twin = Arc::new(Mutex::new(Twin::new(still(), Faults::default())));
+    let pty = Pty::run(twin).unwrap();
+    let opener = SerialOpener::new(PortPath { path: pty.path().into(), baud: 115_200 }, Arc::new(Monotonic));
+    let unit = Unit::new("a terminal", Settings::default(), Some(115_200)).unwrap();
+    let mut device = Connection::new(Box::new(opener), Arc::new(Monotonic), unit, false);
+    device.start().unwrap();
+    let end = Monotonic.now_ns() + 30 * SECOND;
+    let mut next = || match device.next(end).unwrap() {
+        Next::Reading(Reading::Pose(pose)) => pose,
+        other => panic!("{other:?}"),
+    };
+    for _ in 0..50 {
+        next();
+    }
+    let before = ASKED.get();
+    for _ in 0..240 {
+        assert_eq!(next().position_cm, [10.0, -5.5, 30.25]);
+    }
+    assert_eq!(ASKED.get() - before, 0, "allocations in 240 readings");
+}
+
+#[test]
+fn a_day_leaves_no_trace() {
+    let _alone = ALONE.lock().unwrap();
+    // Faults, pulled plugs and silences included. A day at full length, else an hour.
+    let hours = if std::env::var("SONOWEAVE_STRESS").is_ok_and(|length| length == "full") { 24 } else { 1 };
+    let faults = Faults { drop: 1e-4, dropout: 1e-3, jitter_ns: 3 * MS, ..Faults::default() };
+    let twin = Arc::new(Mutex::new(Twin::new(still(), faults)));
+    let clock = Manual::at(0);
+    let opener = MemoryOpener::new(Arc::clone(&twin), clock.clone(), 115_200);
+    let unit = Unit::new("a line", Settings::default(), None).unwrap();
+    let mut device = Connection::new(Box::new(opener), Arc::new(clock.clone()), unit, false);
+    device.start().unwrap();
+    let mut poses = 0_u64;
+    let mut held = Vec::new();
+    for minute in 1..=hours * 60_i64 {
+        while clock.now_ns() < minute * 60 * SECOND {
+            if let Next::Reading(_) = device.next(clock.now_ns() + 50 * MS).unwrap() {
+                poses += 1;
+            }
+        }
+        let mut twin = twin.lock().unwrap();
+        twin.plugged = true;
+        twin.hung = false;
+        match minute % 60 {
+            20 => twin.unplug(),
+            40 => twin.hung = true,
+            // Once an hour all is well again, and as much is held as ever.
+            0 => {
+                twin.obeyed = Vec::new();
+                held.push(HELD.load(Ordering::Relaxed));
+            }
+            _ => {}
+        }
+    }
+    let received = device.health().received;
+    assert_eq!(device.health().state, State::Running);
+    assert!(received.opened == 1 + hours as u64 && received.set_up >= 1 + 2 * hours as u64, "{received:?}");
+    // 120 a second, less two minutes of each hour and what the faults cost.
+    let expected = 120 * 58 * 60 * hours as u64;
+    assert!((expected * 95 / 100..expected).contains(&poses), "{poses} of {expected}");
+    let [low, high] = [held.iter().min().unwrap(), held.iter().max().unwrap()];
+    println!("{hours} h: {poses} poses, {received:?}, {low} to {high} bytes held at the hours' ends");
+    assert!(high - low < 16 * 1024, "{held:?}");
+}
