@@ -88,6 +88,9 @@ pub trait Protocol: Send {
     /// Everything begins anew: the device may be another one, or have been switched off meanwhile.
     fn reset(&mut self);
 
+    /// As if the device had been set up: bytes come that a recording has of one.
+    fn resume(&mut self);
+
     /// The next rung of setting up.
     fn climb(&mut self, met: Met<'_>) -> Rung;
 

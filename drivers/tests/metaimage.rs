@@ -8,10 +8,11 @@ use std::io::Write as _;
 use std::path::Path;
 use std::sync::Arc;
 
+use drivers::clock::{Clock, MS, Monotonic};
 use drivers::reading::{Frame, NamedTransform, PixelType, Reading, Stamp, Status};
 use drivers::recording::metaimage::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
 use drivers::recording::metaimage::{Content, VolumeHeader, VolumeReader, content};
-use drivers::recording::{Limits, Replay, SequenceDriver, SequenceSettings};
+use drivers::recording::{Limits, Pace, Replay, SequenceDriver, SequenceSettings};
 use drivers::{Device, Driver, Error, Next, OpenSettings};
 
 const TYPES: [PixelType; 10] = [
@@ -247,6 +248,35 @@ fn without_images_no_pixel_is_read() {
     assert_eq!((transforms(&readings).len(), frames(&readings).len()), (3, 2));
     let frame = frames(&readings)[0];
     assert!(frame.pixels.is_empty() && frame.size == [5, 3] && frame.stamp.source_s == Some(215.102_186));
+}
+
+#[test]
+fn at_its_own_pace_a_sequence_takes_its_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("s.mha");
+    write(&path, &sample(PixelType::U8, 1, true), &noise(30));
+    let mut device = Replay::open(&SequenceSettings::new(&path)).unwrap();
+    device.start().unwrap();
+    let whole = drain(&mut device).unwrap();
+    let times: Vec<f64> = frames(&whole).iter().map(|frame| frame.stamp.source_s.unwrap()).collect();
+    let lasts = times.last().unwrap() - times[0];
+    let factor = lasts / 0.05;
+    let mut paced =
+        Replay::open(&SequenceSettings { pace: Pace::Factor(factor), ..SequenceSettings::new(&path) }).unwrap();
+    paced.start().unwrap();
+    let (began, mut pending, mut readings) = (std::time::Instant::now(), 0, 0);
+    loop {
+        match paced.next(Monotonic.now_ns() + 5 * MS).unwrap() {
+            Next::Reading(_) => readings += 1,
+            Next::Pending => pending += 1,
+            Next::End => break,
+        }
+    }
+    let took = began.elapsed().as_secs_f64();
+    assert!(
+        took >= 0.05 && pending >= 3 && readings == whole.len(),
+        "{took} s of {lasts} at {factor}, {pending}, {readings}"
+    );
 }
 
 #[test]

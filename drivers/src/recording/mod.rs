@@ -1,8 +1,12 @@
-//! Recordings: sequence files and the device that replays them.
+//! Recordings: sequence files and what lines brought, and the devices that replay them at any pace.
 
+mod line;
 pub mod metaimage;
+mod pace;
 mod replay;
 
+pub use line::{LineReplay, Source};
+pub use pace::{Pace, Pacer};
 pub use replay::Replay;
 
 use std::path::PathBuf;
@@ -21,6 +25,8 @@ pub struct SequenceSettings {
     /// Whether to deliver pixels. Without them, only the header is read: transforms and frames come all the same, the frames' pixels
     /// are empty.
     pub images: bool,
+    /// How fast it goes by, by the items' times; items without a time wait for nothing.
+    pub pace: Pace,
     /// What the file may ask for at most.
     pub limits: Limits,
 }
@@ -28,7 +34,7 @@ pub struct SequenceSettings {
 impl SequenceSettings {
     /// All of `path`, with default limits.
     pub fn new(path: impl Into<PathBuf>) -> Self {
-        Self { path: path.into(), images: true, limits: Limits::default() }
+        Self { path: path.into(), images: true, pace: Pace::Unpaced, limits: Limits::default() }
     }
 }
 

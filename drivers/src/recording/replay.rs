@@ -5,16 +5,16 @@ use std::io::{BufReader, Seek, SeekFrom};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use super::SequenceSettings;
 use super::metaimage::layout::Layout;
 use super::metaimage::sequence::{Item, Sequence};
 use super::metaimage::stream::{PixelStream, Pool};
 use super::metaimage::{self, Content};
+use super::{Pacer, SequenceSettings};
 use crate::health::{Health, State as Well};
 use crate::reading::{Frame, NamedTransform, Reading, Stamp};
 use crate::{Description, Device, Error, Next, Timing};
 
-/// A sequence file as a device. Delivers on demand: `next` never waits and never says [`Next::Pending`].
+/// A sequence file as a device. Without a pace it delivers on demand: `next` never waits and never says [`Next::Pending`].
 ///
 /// Memory: the header, and a frame for each that the consumer holds (at least one).
 pub struct Replay {
@@ -27,6 +27,7 @@ pub struct Replay {
     description: Description,
     pool: Pool,
     state: State,
+    pacer: Pacer,
     health: Health,
 }
 
@@ -80,6 +81,7 @@ impl Replay {
             sequence,
             description,
             state: State::Stopped,
+            pacer: Pacer::new(settings.pace),
             health: Health::default(),
         })
     }
@@ -97,7 +99,7 @@ impl Replay {
         Ok(())
     }
 
-    fn advance(&mut self) -> Result<Next, Error> {
+    fn advance(&mut self, deadline_ns: i64) -> Result<Next, Error> {
         let State::Running { item: index, given, stream } = &mut self.state else {
             return match self.state {
                 State::Ended => Ok(Next::End),
@@ -113,6 +115,9 @@ impl Replay {
             return Ok(Next::End);
         }
         let item = self.sequence.item(*index);
+        if *given == 0 && !self.pacer.is_due(item.source_s.map(|s| (s * 1e9) as i64), deadline_ns) {
+            return Ok(Next::Pending);
+        }
         let stamp = Stamp {
             item: *index,
             host_ns: None,
@@ -165,12 +170,13 @@ impl Device for Replay {
             return Err(Error::Misuse(format!("{}: the replay runs already; stop it first", self.path.display())));
         }
         self.begin()?;
+        self.pacer.rewind();
         self.health.enter(Well::Running, "", 0);
         Ok(())
     }
 
-    fn next(&mut self, _deadline_ns: i64) -> Result<Next, Error> {
-        let next = self.advance();
+    fn next(&mut self, deadline_ns: i64) -> Result<Next, Error> {
+        let next = self.advance(deadline_ns);
         match &next {
             Ok(Next::Reading(reading)) => {
                 self.health.received.readings += 1;
@@ -178,7 +184,8 @@ impl Device for Replay {
                     self.health.received.bytes += frame.pixels.len() as u64;
                 }
             }
-            Ok(_) => self.health.enter(Well::Ended, "", 0),
+            Ok(Next::Pending) => {}
+            Ok(Next::End) => self.health.enter(Well::Ended, "", 0),
             Err(error) if matches!(self.state, State::Running { .. }) => {
                 self.health.enter(Well::Ended, &error.to_string(), 0);
                 self.state = State::Failed;

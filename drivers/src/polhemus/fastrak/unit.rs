@@ -104,11 +104,6 @@ impl Unit {
         })
     }
 
-    /// Ready to take the bytes that a unit of these settings sent after it was set up, as a recording has them.
-    pub fn replay(&mut self) {
-        self.decoder = Decoder::new(Fastrak::new(self.layouts));
-    }
-
     fn rate(&self) -> u32 {
         self.baud.or(self.found.filter(|_| self.tried < 2)).unwrap_or(BAUDS[self.tried % BAUDS.len()])
     }
@@ -203,6 +198,11 @@ impl Protocol for Unit {
         self.decoder = Decoder::new(Fastrak::replies());
         self.step = Step::Rate;
         self.wrong = None;
+    }
+
+    fn resume(&mut self) {
+        self.decoder = Decoder::new(Fastrak::new(self.layouts));
+        self.item = 0;
     }
 
     fn climb(&mut self, met: Met<'_>) -> Rung {
