@@ -13,8 +13,8 @@ use std::ops::Range;
 ///
 /// The answer to a window must not change when more bytes follow it, unless it was [`Look::Short`]; and a window of [`window`](Self::window)
 /// bytes is never short. On a short window the state must stay as it was.
-pub trait Format {
-    /// What a record says; may borrow from the bytes it was read from.
+pub trait Format: 'static {
+    /// What a record says; may borrow from the bytes it was read from, and from the format where the numbers of the last record stay.
     type Record<'a>;
 
     /// As many bytes as it can take at most to judge what begins at a byte.
@@ -24,7 +24,7 @@ pub trait Format {
     fn lock_bytes(&self) -> usize;
 
     /// Judges what begins at the first byte of `window`, which is not empty.
-    fn look<'a>(&mut self, window: &'a [u8]) -> Look<Self::Record<'a>>;
+    fn look<'a>(&'a mut self, window: &'a [u8]) -> Look<Self::Record<'a>>;
 
     /// The stream broke off: what was learnt from the bytes before it no longer holds.
     fn interrupted(&mut self) {}

@@ -147,7 +147,7 @@ impl Layout {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Record<'a> {
     /// A station's measurement.
-    Pose(Pose),
+    Pose(&'a Pose),
     /// An answer to a command, or an error.
     Reply(Reply<'a>),
 }
@@ -216,12 +216,14 @@ impl Pose {
 pub struct Isotrak {
     layout: Layout,
     stations: u8,
+    /// The last record.
+    pose: Pose,
 }
 
 impl Isotrak {
     /// Of a unit with so many stations in use, at most [`STATIONS`].
     pub fn new(stations: u8, layout: Layout) -> Self {
-        Self { layout, stations: stations.min(STATIONS) }
+        Self { layout, stations: stations.min(STATIONS), pose: Pose::empty(0, b' ') }
     }
 
     /// What every record looks like.
@@ -230,97 +232,134 @@ impl Isotrak {
     }
 
     #[inline]
-    fn judge_record(&self, window: &[u8]) -> Look<Pose> {
+    fn judge_record(&mut self, window: &[u8]) -> Look<()> {
         if window[0] != b'0' | 0x80 {
             return Look::skip_byte(Refusal::Header);
         }
-        let Some(inside) = window.get(..self.layout.wire) else {
-            return match window[1..].iter().position(|byte| byte & 0x80 != 0) {
-                None => Look::Short,
-                Some(before) => Look::Skip { bytes: 1 + before, why: Refusal::Length },
-            };
+        let inside = &window[1..window.len().min(self.layout.wire)];
+        if inside.iter().fold(0, |marks, byte| marks | byte) & 0x80 != 0 {
+            // Cut off where the next begins.
+            let before = inside.iter().position(|byte| byte & 0x80 != 0).unwrap_or(0);
+            return Look::Skip { bytes: 1 + before, why: Refusal::Length };
+        }
+        let Some(record) = window.get(..self.layout.wire) else {
+            return Look::Short;
         };
-        // A group at a time: seven bytes and their top bits.
-        let mut logical = [0; MOST_LOGICAL + 8];
-        for (index, group) in inside.chunks(8).enumerate() {
-            let mut bytes = [0; 8];
-            match <[u8; 8]>::try_from(group) {
-                Ok(whole) => bytes = whole,
-                Err(_) => {
-                    // The last group is short; its top bits are its last byte all the same.
-                    let (tops, low) = (group[group.len() - 1], &group[..group.len() - 1]);
-                    bytes[..low.len()].copy_from_slice(low);
-                    bytes[7] = tops;
-                }
-            }
-            let word = u64::from_le_bytes(bytes) & if index == 0 { !0x80 } else { u64::MAX };
-            let marks = word & 0x8080_8080_8080_8080;
-            if marks != 0 {
-                let within = marks.trailing_zeros() as usize / 8;
-                // The short group's top bits stand at its end.
-                return Look::Skip { bytes: 8 * index + within.min(group.len() - 1), why: Refusal::Length };
-            }
-            // Bit j of the last byte becomes bit 7 of byte j: no two of the products meet.
-            let tops = (word >> 56).wrapping_mul(0x0002_0408_1020_4080) & 0x0080_8080_8080_8080;
-            logical[7 * index..7 * index + 8].copy_from_slice(&(word & 0x00ff_ffff_ffff_ffff | tops).to_le_bytes());
-        }
-        match self.read(&logical) {
-            Ok(pose) => Look::Record { length: self.layout.wire, record: pose },
-            Err(why) => Look::skip_byte(why),
+        match self.read(Unpacked { groups: record, bits: 0, count: 0 }) {
+            Some(Ok(())) => Look::Record { length: record.len(), record: () },
+            Some(Err(why)) => Look::skip_byte(why),
+            // The layout's own lengths say that there is enough.
+            None => Look::skip_byte(Refusal::Length),
         }
     }
 
-    #[inline]
-    fn read(&self, logical: &[u8; MOST_LOGICAL + 8]) -> Result<Pose, Refusal> {
-        let [_, station, error, rest @ ..] = logical;
-        let station = station.wrapping_sub(b'0');
-        if !(1..=self.stations).contains(&station) || !(0x20..0x7f).contains(error) {
-            return Err(Refusal::Header);
+    #[inline(always)]
+    fn read(&mut self, mut from: Unpacked<'_>) -> Option<Result<(), Refusal>> {
+        let (_, station, error) = (from.byte()?, from.byte()?.wrapping_sub(b'0'), from.byte()?);
+        if !(1..=self.stations).contains(&station) || !(0x20..0x7f).contains(&error) {
+            return Some(Err(Refusal::Header));
         }
-        let mut pose = Pose::empty(station, *error);
-        let mut rest: &[u8] = rest;
+        self.pose = Pose::empty(station, error);
+        let pose = &mut self.pose;
         for item in self.layout.items() {
-            match item {
-                Item::Space => exactly(&mut rest, *b" ")?,
-                Item::CrLf => exactly(&mut rest, *b"\r\n")?,
-                Item::Position => pose.position_counts = Some(counts(&mut rest)?),
-                Item::Euler => pose.euler_counts = Some(counts(&mut rest)?),
-                Item::Cosines(row) => pose.cosine_counts[usize::from(*row)] = Some(unit(&mut rest)?),
-                Item::Quaternion => pose.quaternion_wxyz_counts = Some(unit(&mut rest)?),
+            let good = match item {
+                Item::Space => from.byte()? == b' ',
+                Item::CrLf => from.byte()? == b'\r' && from.byte()? == b'\n',
+                Item::Position => {
+                    pose.position_counts = Some(from.counts()?);
+                    true
+                }
+                Item::Euler => {
+                    pose.euler_counts = Some(from.counts()?);
+                    true
+                }
+                Item::Cosines(row) => {
+                    let row = &mut pose.cosine_counts[usize::from(*row)];
+                    row.insert(from.counts()?).is_unit()
+                }
+                Item::Quaternion => pose.quaternion_wxyz_counts.insert(from.counts()?).is_unit(),
+            };
+            if !good {
+                let number = matches!(item, Item::Cosines(_) | Item::Quaternion);
+                return Some(Err(if number { Refusal::Range } else { Refusal::Field }));
             }
         }
-        Ok(pose)
+        Some(Ok(()))
     }
 }
 
-#[inline]
-fn take<const N: usize>(rest: &mut &[u8]) -> Result<[u8; N], Refusal> {
-    let (first, after) = rest.split_first_chunk().ok_or(Refusal::Length)?;
-    *rest = after;
-    Ok(*first)
+/// The logical bytes of a record whose marks are checked.
+struct Unpacked<'a> {
+    /// Groups still packed.
+    groups: &'a [u8],
+    /// Bits of the groups before them that are not taken yet, the next lowest.
+    bits: u128,
+    count: u32,
 }
 
-#[inline]
-fn exactly<const N: usize>(rest: &mut &[u8], what: [u8; N]) -> Result<(), Refusal> {
-    if take(rest)? == what { Ok(()) } else { Err(Refusal::Field) }
-}
-
-#[inline]
-fn counts<const N: usize>(rest: &mut &[u8]) -> Result<[i16; N], Refusal> {
-    let mut counts = [0; N];
-    for count in &mut counts {
-        *count = i16::from_le_bytes(take(rest)?);
+impl Unpacked<'_> {
+    /// At least 16 more bits, if there are.
+    #[inline(always)]
+    fn refill(&mut self) {
+        let (word, bytes) = match self.groups.split_first_chunk::<8>() {
+            Some((group, rest)) => {
+                self.groups = rest;
+                (u64::from_le_bytes(*group), 7)
+            }
+            None => {
+                let Some((tops, low)) = self.groups.split_last() else { return };
+                let word = low.iter().rev().fold(0, |word, &byte| word << 8 | u64::from(byte));
+                self.groups = &[];
+                (word | u64::from(*tops) << 56, low.len() as u32)
+            }
+        };
+        // Bit j of the group's last byte becomes bit 7 of byte j: no two of the products meet.
+        let tops = (word >> 56).wrapping_mul(0x0002_0408_1020_4080) & 0x0080_8080_8080_8080;
+        // The mark of the first byte goes the same way as the byte's own top bit, which is 0.
+        let seven = word & 0x007f_7f7f_7f7f_7f7f | tops;
+        self.bits |= u128::from(seven) << self.count;
+        self.count += 8 * bytes;
     }
-    Ok(counts)
+
+    #[inline(always)]
+    fn take(&mut self, bits: u32) -> Option<u16> {
+        if self.count < bits {
+            self.refill();
+        }
+        self.count = self.count.checked_sub(bits)?;
+        let value = self.bits as u16;
+        self.bits >>= bits;
+        Some(value)
+    }
+
+    #[inline(always)]
+    fn byte(&mut self) -> Option<u8> {
+        // The upper half belongs to the next.
+        self.take(8).map(|value| value as u8)
+    }
+
+    #[inline(always)]
+    fn counts<const N: usize>(&mut self) -> Option<[i16; N]> {
+        let mut counts = [0; N];
+        for count in &mut counts {
+            *count = self.take(16)?.cast_signed();
+        }
+        Some(counts)
+    }
 }
 
-/// Counts of a vector whose length is 1, within 2 in 100.
-#[inline]
-fn unit<const N: usize>(rest: &mut &[u8]) -> Result<[i16; N], Refusal> {
-    let counts = counts(rest)?;
-    let square: i64 = counts.iter().map(|&count| i64::from(count) * i64::from(count)).sum();
-    // 0.98² and 1.02² of 32767².
-    if (1_031_158_708..=1_117_052_811).contains(&square) { Ok(counts) } else { Err(Refusal::Range) }
+trait UnitLength {
+    /// Whether the length of this vector of counts is 1, within 2 in 100.
+    fn is_unit(&self) -> bool;
+}
+
+impl<const N: usize> UnitLength for [i16; N] {
+    #[inline(always)]
+    fn is_unit(&self) -> bool {
+        let square: i64 = self.iter().map(|&count| i64::from(count) * i64::from(count)).sum();
+        // 0.98² and 1.02² of 32767².
+        (1_031_158_708..=1_117_052_811).contains(&square)
+    }
 }
 
 impl Format for Isotrak {
@@ -335,9 +374,9 @@ impl Format for Isotrak {
     }
 
     #[inline]
-    fn look<'a>(&mut self, window: &'a [u8]) -> Look<Record<'a>> {
+    fn look<'a>(&'a mut self, window: &'a [u8]) -> Look<Record<'a>> {
         match window[0] {
-            0x80.. => self.judge_record(window).map(Record::Pose),
+            0x80.. => self.judge_record(window).map(|()| Record::Pose(&self.pose)),
             b'2' => reply::judge(window, LONGEST_REPLY).map(Record::Reply),
             _ => Look::skip_byte(Refusal::Noise),
         }

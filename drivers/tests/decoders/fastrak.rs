@@ -21,7 +21,7 @@ fn sample() -> Pose {
 fn poses(format: Fastrak, stream: &[u8]) -> Vec<Pose> {
     let mut poses = Vec::new();
     Decoder::new(format).feed(stream, &mut |record, _| match record {
-        Record::Pose(pose) => poses.push(pose),
+        Record::Pose(pose) => poses.push(*pose),
         Record::Reply(reply) => panic!("a reply was made of {:?}", String::from_utf8_lossy(reply.text)),
     });
     poses
@@ -149,7 +149,7 @@ fn replies_amid_records_are_taken_out() {
     let mut seen = Vec::new();
     Decoder::new(Fastrak::uniform(1, layout)).feed(&stream, &mut |record, range| match record {
         Record::Pose(pose) => {
-            assert_eq!(pose, sample());
+            assert_eq!(*pose, sample());
             seen.push("pose".to_owned());
         }
         Record::Reply(reply) => {
@@ -327,7 +327,7 @@ proptest! {
         let mut stream = Vec::new();
         records.iter().for_each(|pose| pose.write(&layout, &mut stream));
         let (found, losses) = decode_any_cut(&format, &stream, &pieces);
-        let expected: Vec<_> = records.iter().map(|pose| format!("{:?}", Record::Pose(asked(pose, &layout)))).collect();
+        let expected: Vec<_> = records.iter().map(|pose| format!("{:?}", Record::Pose(&asked(pose, &layout)))).collect();
         prop_assert_eq!(found.into_iter().map(|(record, _)| record).collect::<Vec<_>>(), expected);
         prop_assert_eq!(losses.bytes_skipped, 0);
     }

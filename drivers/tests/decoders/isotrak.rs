@@ -28,7 +28,7 @@ fn sample() -> Pose {
 fn seven_bits_a_byte_are_packed_and_unpacked() {
     assert_eq!(layout().length(), 20);
     let mut format = Isotrak::new(1, layout());
-    assert_eq!(format.look(&SAMPLE), Look::Record { length: 20, record: Record::Pose(sample()) });
+    assert_eq!(format.look(&SAMPLE), Look::Record { length: 20, record: Record::Pose(&sample()) });
     let metres = sample().position_counts.unwrap().map(|counts| f64::from(counts) * CM_PER_COUNT / 100.0);
     for (metres, expected) in metres.into_iter().zip([0.25, -0.10, 0.50]) {
         assert!((metres - expected).abs() < 0.5 * CM_PER_COUNT / 100.0, "{metres} is not {expected} to the count");

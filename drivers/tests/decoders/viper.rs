@@ -42,7 +42,8 @@ fn written(frame: &FrameToWrite<'_>) -> Vec<u8> {
 
 #[test]
 fn frames_are_read_and_written_as_the_header_has_them() {
-    let Look::Record { length: 60, record: Record::Frame(read) } = Viper::new(1).look(&SAMPLE) else {
+    let mut format = Viper::new(1);
+    let Look::Record { length: 60, record: Record::Frame(read) } = format.look(&SAMPLE) else {
         panic!("a good frame was refused");
     };
     assert_eq!((read.unit, read.frame_count, read.accelerations, read.test), (1, 7, false, 0));
@@ -65,7 +66,8 @@ fn every_bit_has_its_field() {
         ..sensor()
     };
     let bytes = written(&FrameToWrite { accelerations: true, test: 0xC, ..frame(&[sensor]) });
-    let Look::Record { record: Record::Frame(read), .. } = Viper::new(1).look(&bytes) else {
+    let mut format = Viper::new(1);
+    let Look::Record { record: Record::Frame(read), .. } = format.look(&bytes) else {
         panic!("a good frame was refused");
     };
     assert!(read.accelerations && read.test == 0xC);

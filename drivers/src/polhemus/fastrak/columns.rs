@@ -14,24 +14,31 @@ pub(super) const PACKED_DEG: f64 = 180.0 / 32_768.0;
 pub(super) const PACKED_UNIT: f64 = 1.0 / 32_768.0;
 
 /// Reads a whole record of this layout; `bytes` has its length, and its header is already judged.
-#[inline]
-pub(super) fn read(bytes: &[u8], layout: &Layout) -> Result<Pose, Refusal> {
-    let mut pose = Pose::empty(bytes[1] - b'0', bytes[2]);
-    let mut reader = Reader { rest: &bytes[3..], mode: layout.mode(), packed_begun: false };
-    for entry in layout.entries() {
-        reader.item(entry.item, entry.extended, &mut pose)?;
+#[inline(always)]
+pub(super) fn read(bytes: &[u8], layout: &Layout, pose: &mut Pose) -> Result<(), Refusal> {
+    *pose = Pose::empty(bytes[1] - b'0', bytes[2]);
+    match layout.mode() {
+        Mode::Ascii => read_items::<false>(&bytes[3..], layout, pose),
+        Mode::Binary => read_items::<true>(&bytes[3..], layout, pose),
     }
-    Ok(pose)
 }
 
-struct Reader<'a> {
+#[inline(always)]
+fn read_items<const BINARY: bool>(bytes: &[u8], layout: &Layout, pose: &mut Pose) -> Result<(), Refusal> {
+    let mut reader = Reader::<BINARY> { rest: bytes, packed_begun: false };
+    for entry in layout.entries() {
+        reader.item(entry.item, entry.extended, pose)?;
+    }
+    Ok(())
+}
+
+struct Reader<'a, const BINARY: bool> {
     rest: &'a [u8],
-    mode: Mode,
     /// Whether the first 14-bit value, whose first byte alone has bit 7 set, is behind.
     packed_begun: bool,
 }
 
-impl Reader<'_> {
+impl<const BINARY: bool> Reader<'_, BINARY> {
     #[inline(always)]
     fn item(&mut self, item: Item, extended: bool, pose: &mut Pose) -> Result<(), Refusal> {
         match item {
@@ -73,14 +80,14 @@ impl Reader<'_> {
     fn numbers<const N: usize, const WHOLE: u32>(&mut self, extended: bool) -> Result<[f64; N], Refusal> {
         let mut values = [0.0; N];
         for value in &mut values {
-            *value = match self.mode {
-                Mode::Binary => f64::from(f32::from_le_bytes(self.take()?)),
-                Mode::Ascii if extended => extended_number(&self.take()?).ok_or(Refusal::Field)?,
-                Mode::Ascii => {
-                    let (negative, digits) = numerals::fixed_point::<WHOLE>(self.take()?).ok_or(Refusal::Field)?;
-                    let value = f64::from(digits) / if WHOLE == 4 { 1e2 } else { 1e4 };
-                    if negative { -value } else { value }
-                }
+            *value = if BINARY {
+                f64::from(f32::from_le_bytes(self.take()?))
+            } else if extended {
+                extended_number(&self.take()?).ok_or(Refusal::Field)?
+            } else {
+                let (negative, digits) = numerals::fixed_point::<WHOLE>(self.take()?).ok_or(Refusal::Field)?;
+                let value = f64::from(digits) / if WHOLE == 4 { 1e2 } else { 1e4 };
+                if negative { -value } else { value }
             };
         }
         Ok(values)
@@ -89,7 +96,7 @@ impl Reader<'_> {
     #[inline(always)]
     fn near<const WHOLE: u32>(&mut self, extended: bool) -> Result<[f64; 3], Refusal> {
         // Text is believed up to what its columns hold.
-        self.within(extended, if self.mode == Mode::Binary { FARTHEST } else { f64::INFINITY })
+        self.within(extended, if BINARY { FARTHEST } else { f64::INFINITY })
     }
 
     #[inline(always)]
@@ -105,7 +112,7 @@ impl Reader<'_> {
         let square = values.iter().fold(0.0, |sum, value| sum + value * value);
         let low = (1.0 - UNIT_LENGTH_TOLERANCE) * (1.0 - UNIT_LENGTH_TOLERANCE);
         let high = (1.0 + UNIT_LENGTH_TOLERANCE) * (1.0 + UNIT_LENGTH_TOLERANCE);
-        if self.mode == Mode::Ascii || (low..=high).contains(&square) { Ok(values) } else { Err(Refusal::Range) }
+        if !BINARY || (low..=high).contains(&square) { Ok(values) } else { Err(Refusal::Range) }
     }
 
     fn packed<const N: usize>(&mut self, scale: f64) -> Result<[f64; N], Refusal> {

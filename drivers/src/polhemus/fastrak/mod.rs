@@ -46,13 +46,9 @@ const FARTHEST: f64 = 500.0;
 
 /// What the unit sends.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[allow(
-    clippy::large_enum_variant,
-    reason = "almost every record is a pose, handed over by reference; a box would allocate per record"
-)]
 pub enum Record<'a> {
     /// A station's measurement.
-    Pose(Pose),
+    Pose(&'a Pose),
     /// An answer to a command, or an error.
     Reply(Reply<'a>),
 }
@@ -102,6 +98,9 @@ pub struct Fastrak {
     longest: usize,
     reply_bytes: usize,
     locked: bool,
+    /// The last record, and the one behind it that confirms it: a pose is large, and moving it would take longer than reading it.
+    pose: Pose,
+    next: Pose,
 }
 
 impl Fastrak {
@@ -113,6 +112,8 @@ impl Fastrak {
             longest: used().map(Layout::length).max().unwrap_or(0),
             reply_bytes: used().map(Layout::reply_bytes).max().unwrap_or(LONGEST_REPLY),
             locked: false,
+            pose: Pose::empty(0, b' '),
+            next: Pose::empty(0, b' '),
         }
     }
 
@@ -133,36 +134,63 @@ impl Fastrak {
         &self.layouts
     }
 
-    /// Judges what begins here, whether or not the beginning of records is known.
-    #[inline]
-    fn judge<'a>(&self, window: &'a [u8]) -> Look<Record<'a>> {
-        match window.first() {
-            None => Look::Short,
-            Some(b'0') => self.judge_record(window),
-            Some(b'2') => reply::judge(window, self.reply_bytes).map(Record::Reply),
-            Some(_) => Look::skip_byte(Refusal::Noise),
+    /// As long as the beginning of records is not known, or where something else than a record begins.
+    #[cold]
+    fn search<'a>(&'a mut self, window: &'a [u8]) -> Look<Record<'a>> {
+        match judge(&self.layouts, self.reply_bytes, window, &mut self.pose) {
+            Look::Record { length, record: None } => {
+                match judge(&self.layouts, self.reply_bytes, &window[length..], &mut self.next) {
+                    Look::Record { .. } => {
+                        self.locked = true;
+                        Look::Record { length, record: Record::Pose(&self.pose) }
+                    }
+                    Look::Skip { .. } => Look::skip_byte(Refusal::Unconfirmed),
+                    Look::Short => Look::Short,
+                }
+            }
+            Look::Record { length, record: Some(reply) } => Look::Record { length, record: Record::Reply(reply) },
+            Look::Skip { bytes, why } => {
+                self.locked = false;
+                Look::Skip { bytes, why }
+            }
+            Look::Short => Look::Short,
         }
     }
+}
 
-    #[inline]
-    fn judge_record<'a>(&self, window: &'a [u8]) -> Look<Record<'a>> {
-        let layout = match window.get(1) {
-            None => return Look::Short,
-            Some(station) => match self.layouts.get(usize::from(station.wrapping_sub(b'1'))) {
-                Some(Some(layout)) => layout,
-                _ => return Look::skip_byte(Refusal::Header),
-            },
-        };
-        if window.get(2).is_some_and(|error| !(0x20..0x7f).contains(error)) {
-            return Look::skip_byte(Refusal::Header);
-        }
-        let Some(bytes) = window.get(..layout.length()) else {
-            return Look::Short;
-        };
-        match columns::read(bytes, layout) {
-            Ok(pose) => Look::Record { length: bytes.len(), record: Record::Pose(pose) },
-            Err(why) => Look::skip_byte(why),
-        }
+/// Judges what begins here, whether or not the beginning of records is known: a reply, or none where there is a pose.
+fn judge<'a>(
+    layouts: &[Option<Layout>; STATIONS],
+    reply_bytes: usize,
+    window: &'a [u8],
+    pose: &mut Pose,
+) -> Look<Option<Reply<'a>>> {
+    match window.first() {
+        None => Look::Short,
+        Some(b'0') => judge_record(layouts, window, pose).map(|()| None),
+        Some(b'2') => reply::judge(window, reply_bytes).map(Some),
+        Some(_) => Look::skip_byte(Refusal::Noise),
+    }
+}
+
+#[inline(always)]
+fn judge_record(layouts: &[Option<Layout>; STATIONS], window: &[u8], pose: &mut Pose) -> Look<()> {
+    let layout = match window.get(1) {
+        None => return Look::Short,
+        Some(station) => match layouts.get(usize::from(station.wrapping_sub(b'1'))) {
+            Some(Some(layout)) => layout,
+            _ => return Look::skip_byte(Refusal::Header),
+        },
+    };
+    if window.get(2).is_some_and(|error| !(0x20..0x7f).contains(error)) {
+        return Look::skip_byte(Refusal::Header);
+    }
+    let Some(bytes) = window.get(..layout.length()) else {
+        return Look::Short;
+    };
+    match columns::read(bytes, layout, pose) {
+        Ok(()) => Look::Record { length: bytes.len(), record: () },
+        Err(why) => Look::skip_byte(why),
     }
 }
 
@@ -179,24 +207,13 @@ impl Format for Fastrak {
     }
 
     #[inline]
-    fn look<'a>(&mut self, window: &'a [u8]) -> Look<Record<'a>> {
-        match self.judge(window) {
-            Look::Short => Look::Short,
-            good @ Look::Record { .. } if self.locked => good,
-            good @ Look::Record { record: Record::Reply(_), .. } => good,
-            Look::Record { length, record } => match self.judge(&window[length..]) {
-                Look::Short => Look::Short,
-                Look::Record { .. } => {
-                    self.locked = true;
-                    Look::Record { length, record }
-                }
-                Look::Skip { .. } => Look::skip_byte(Refusal::Unconfirmed),
-            },
-            bad @ Look::Skip { .. } => {
-                self.locked = false;
-                bad
-            }
+    fn look<'a>(&'a mut self, window: &'a [u8]) -> Look<Record<'a>> {
+        if self.locked && window[0] == b'0' {
+            let look = judge_record(&self.layouts, window, &mut self.pose);
+            self.locked = !matches!(look, Look::Skip { .. });
+            return look.map(|()| Record::Pose(&self.pose));
         }
+        self.search(window)
     }
 
     fn interrupted(&mut self) {
