@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
 
 mod ea1;
+mod ea1_sketch;
 mod fastrak;
 mod isotrak;
 mod liberty;
