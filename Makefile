@@ -1,5 +1,5 @@
 # Each target first installs what the machine lacks (scripts/setup.sh says what and asks sudo when not root).
-.PHONY: all demo test bench peers stress paper pareto check setup fresh-machine
+.PHONY: all demo test bench fuzz peers stress paper pareto check setup fresh-machine
 
 all: test
 
@@ -20,6 +20,12 @@ check: setup
 bench: setup
 	cargo bench --locked --bench reconstruct
 	cargo bench --locked --bench render
+	cargo bench --locked -p sonoweave-drivers --bench decoders
+
+# Searches for bytes that break a decoder of the devices' wire formats, FUZZ_SECONDS for each format; says so where it cannot.
+FUZZ_SECONDS ?= 60
+fuzz: setup
+	FUZZ_SECONDS=$(FUZZ_SECONDS) scripts/fuzz.sh
 
 # What the bench of the renderer then also times: VTK, in an environment of its own in out/peers (600 MB, from the package index that pip is set up for).
 peers:

@@ -22,9 +22,9 @@ fn sample(window: &[u8]) -> Option<(usize, Sample)> {
     let seq = unsigned(&mut rest)?;
     let t_us = unsigned(&mut rest)?;
     let counts = [signed(&mut rest)?, signed(&mut rest)?, signed(&mut rest)?];
-    let (flags, length) = hex_until_star(rest)?;
+    let (flags, length) = hexadecimal(rest)?;
     let star = window.len() - rest.len() + length;
-    let ended = window.get(star + 1..star + END)?;
+    let ended = window.get(star..star + END)?.strip_prefix(b"*")?;
     let good = ended == sum_and_end(&window[1..star]) && flags & !flag::KNOWN == 0;
     let buttons = u8::from(flags & flag::BUTTON != 0);
     good.then_some((star + END, Sample { seq, t_us, counts, flags, buttons, framing: Framing::Lines }))
@@ -54,18 +54,19 @@ fn in_range(negative: bool, value: u32) -> Option<i32> {
     if negative { 0_i32.checked_sub_unsigned(value) } else { i32::try_from(value).ok() }
 }
 
-/// One to four hexadecimal digits, and how many.
+/// The hexadecimal digits at the front of `text`, and how many they are: 1 to 4.
 #[inline(always)]
-fn hex_until_star(text: &[u8]) -> Option<(u16, usize)> {
+fn hexadecimal(text: &[u8]) -> Option<(u16, usize)> {
     let mut value = 0;
-    for (count, &byte) in text.iter().enumerate().take(5) {
-        if byte == b'*' {
-            return (count > 0).then_some((value, count));
+    let mut count = 0;
+    while let Some(digit) = text.get(count).copied().and_then(digit) {
+        if count == 4 {
+            return None;
         }
-        // At most four are read, so that nothing is shifted out.
-        value = value << 4 | digit(byte)?;
+        value = value << 4 | digit;
+        count += 1;
     }
-    None
+    (count > 0).then_some((value, count))
 }
 
 #[inline(always)]
@@ -133,8 +134,10 @@ fn record(text: &str) -> Result<Record<'_>, Refusal> {
             let (seq, t_us) = (number(next()?)?, number(next()?)?);
             let counts = [count(next()?)?, count(next()?)?, count(next()?)?];
             let digits = next()?;
-            let flags =
-                hex_until_star(format!("{digits}*").as_bytes()).map(|(flags, _)| flags).ok_or(Refusal::Field)?;
+            let flags = match hexadecimal(digits.as_bytes()) {
+                Some((flags, count)) if count == digits.len() => flags,
+                _ => return Err(Refusal::Field),
+            };
             if flags & !flag::KNOWN != 0 {
                 return Err(Refusal::Range);
             }

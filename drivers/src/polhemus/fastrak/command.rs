@@ -119,7 +119,8 @@ impl Command {
         let text = std::str::from_utf8(rest).map_err(|_| NotObeyed::NotNumeric)?;
         let mut numbers = Vec::new();
         for field in text.split(',').filter(|_| !text.is_empty()) {
-            numbers.push(field.trim().parse::<f32>().map_err(|_| NotObeyed::NotNumeric)?);
+            let number = field.trim().parse::<f32>().ok().filter(|number| number.is_finite());
+            numbers.push(number.ok_or(NotObeyed::NotNumeric)?);
         }
         let station = |number: f32| {
             (1..=STATIONS as u8).find(|&station| f32::from(station) == number).ok_or(NotObeyed::OutOfRange)
@@ -127,8 +128,8 @@ impl Command {
         match (letter, numbers.as_slice()) {
             (b'O', [only]) => Ok(Self::AskOutputList(station(*only)?)),
             (b'O', [first, codes @ ..]) => {
-                // Codes are small whole numbers; the cast of anything else leads to a code that is none.
-                let codes: Vec<u8> = codes.iter().map(|&code| code as u8).collect();
+                let code = |&number: &f32| (0..=u8::MAX).find(|&code| f32::from(code) == number);
+                let codes: Vec<u8> = codes.iter().map(code).collect::<Option<_>>().ok_or(NotObeyed::OutOfRange)?;
                 // Which of the two modes is set does not change what a list may ask for, but for items that exist in one of them only.
                 let layout = Layout::new(Mode::Ascii, &codes).or_else(|_| Layout::new(Mode::Binary, &codes));
                 Ok(Self::OutputList(Some(station(*first)?), layout.map_err(|_| NotObeyed::OutOfRange)?))

@@ -148,7 +148,8 @@ impl Command {
             "1" => Some(true),
             _ => None,
         };
-        let numbers: Option<Vec<f32>> = fields.iter().map(|field| field.parse().ok()).collect();
+        let number = |field: &&str| field.parse::<f32>().ok().filter(|number| number.is_finite());
+        let numbers: Option<Vec<f32>> = fields.iter().map(number).collect();
         let four = || <[f32; 4]>::try_from(numbers.as_deref()?).ok();
         match letter.to_ascii_uppercase() {
             b'C' if text.is_empty() => Some(Self::Stream),
@@ -174,8 +175,8 @@ impl Command {
                 "2" => Some(Self::Zero(Counter::Timestamp)),
                 _ => None,
             },
-            b'H' => match fields[1..] {
-                [x, y, z] => Some(Self::Hemisphere(stations()?, [x.parse().ok()?, y.parse().ok()?, z.parse().ok()?])),
+            b'H' => match &fields[1..] {
+                [x, y, z] => Some(Self::Hemisphere(stations()?, [number(x)?, number(y)?, number(z)?])),
                 _ => None,
             },
             0x12 => stations().map(Self::ResetAlignment),

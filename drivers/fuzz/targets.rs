@@ -1,0 +1,170 @@
+//! What is tried with arbitrary bytes: each decoder, and each reader of commands. `make fuzz` searches for bytes that break them; an ordinary test
+//! (`drivers/tests/fuzz_corpus.rs`) tries those in `corpus/` again.
+//!
+//! Besides not panicking: the bytes in one piece and cut anywhere give the same records and counts, every byte is in one record, skipped or
+//! waits, and no more waits than the format's window. The first two bytes of the input choose the settings and how the rest is cut.
+
+#![allow(dead_code, reason = "each program of the fuzzer uses one of these functions")]
+
+use std::fmt::Debug;
+use std::ops::Range;
+
+use drivers::arm::{ea1, microscribe, qsb};
+use drivers::framing::{Decoder, Format, Losses};
+use drivers::polhemus::{fastrak, isotrak, liberty, viper};
+
+/// Tries one kind of input.
+pub(crate) type Target = fn(&[u8]);
+
+/// All of them by name.
+pub(crate) const ALL: [(&str, Target); 8] = [
+    ("fastrak", fastrak),
+    ("isotrak", isotrak),
+    ("liberty", liberty),
+    ("viper", viper),
+    ("ea1", ea1),
+    ("qsb", qsb),
+    ("microscribe", microscribe),
+    ("commands", commands),
+];
+
+fn decode<F: Format>(format: F, stream: &[u8], piece: usize) -> (Vec<(String, Range<u64>)>, Losses)
+where
+    for<'a> F::Record<'a>: Debug,
+{
+    let window = format.window();
+    let mut decoder = Decoder::new(format);
+    let mut found = Vec::new();
+    let mut fed = 0;
+    for bytes in stream.chunks(piece) {
+        fed += bytes.len() as u64;
+        decoder.feed(bytes, &mut |record, range| {
+            assert!(range.start < range.end && range.end <= fed, "a record of bytes that have not come");
+            found.push((format!("{record:?}"), range));
+        });
+        assert!(decoder.pending() < window.max(1), "more waits than a window");
+    }
+    let recorded: u64 = found.iter().map(|(_, range)| range.end - range.start).sum();
+    assert_eq!(recorded + decoder.losses().bytes_skipped + decoder.pending() as u64, stream.len() as u64);
+    (found, decoder.losses())
+}
+
+fn cut_anywhere<F: Format + Clone>(format: &F, stream: &[u8], cut: u8)
+where
+    for<'a> F::Record<'a>: Debug,
+{
+    let whole = decode(format.clone(), stream, stream.len().max(1));
+    assert_eq!(decode(format.clone(), stream, 1 + usize::from(cut)), whole, "in pieces of {}", 1 + usize::from(cut));
+}
+
+pub(crate) fn fastrak(data: &[u8]) {
+    let [choice, cut, stream @ ..] = data else { return };
+    let (mode, codes): (_, &[u8]) = match choice % 8 {
+        0 => (fastrak::Mode::Ascii, &[2, 11, 1]),
+        1 => (fastrak::Mode::Ascii, &[2, 4, 1]),
+        2 => (fastrak::Mode::Ascii, &[52, 61, 66, 1]),
+        3 => (fastrak::Mode::Binary, &[2, 11, 0]),
+        4 => (fastrak::Mode::Binary, &[2, 5, 6, 7, 16, 1]),
+        5 => (fastrak::Mode::Binary, &[18, 20]),
+        6 => (fastrak::Mode::Binary, &[]),
+        _ => return cut_anywhere(&fastrak::Fastrak::replies(), stream, *cut),
+    };
+    let layout = fastrak::Layout::new(mode, codes).expect("a list that units have");
+    cut_anywhere(&fastrak::Fastrak::uniform(usize::from(choice / 8 % 5), layout), stream, *cut);
+}
+
+pub(crate) fn isotrak(data: &[u8]) {
+    let [choice, cut, stream @ ..] = data else { return };
+    let codes: &[u8] = match choice % 4 {
+        0 => &[2, 11],
+        1 => &[2, 4, 1],
+        2 => &[5, 6, 7, 0],
+        _ => &[],
+    };
+    let layout = isotrak::Layout::new(codes).expect("a list that units have");
+    cut_anywhere(&isotrak::Isotrak::new(choice / 4 % 4, layout), stream, *cut);
+}
+
+pub(crate) fn liberty(data: &[u8]) {
+    let [choice, cut, stream @ ..] = data else { return };
+    let codes: &[u8] = match choice % 4 {
+        0 => &[8, 9, 2, 7],
+        1 => &[2, 4, 6, 10, 11, 12, 1],
+        2 => return cut_anywhere(&liberty::Liberty::replies(), stream, *cut),
+        _ => return cut_anywhere(&liberty::text::LibertyText, stream, *cut),
+    };
+    let layout = liberty::Layout::new(codes).expect("a list that units have");
+    cut_anywhere(&liberty::Liberty::new(choice / 4, layout), stream, *cut);
+}
+
+pub(crate) fn viper(data: &[u8]) {
+    let [choice, cut, stream @ ..] = data else { return };
+    cut_anywhere(&viper::Viper::new(usize::from(choice % 32)), stream, *cut);
+}
+
+pub(crate) fn ea1(data: &[u8]) {
+    let [choice, cut, stream @ ..] = data else { return };
+    let format = if choice % 2 == 0 { ea1::Ea1::new() } else { ea1::Ea1::or_bare_numbers() };
+    cut_anywhere(&format, stream, *cut);
+}
+
+pub(crate) fn qsb(data: &[u8]) {
+    let [_, cut, stream @ ..] = data else { return };
+    cut_anywhere(&qsb::Qsb, stream, *cut);
+}
+
+pub(crate) fn microscribe(data: &[u8]) {
+    use microscribe::{Answers, Awaited, Command, Family, Links, Question, Request, Samples};
+    let [choice, cut, stream @ ..] = data else { return };
+    let family = if choice & 0x80 == 0 { Family::MicroScribe } else { Family::Box };
+    if let Some(request) = Request::new(family, usize::from(choice & 7), choice & 8 != 0) {
+        cut_anywhere(&Samples::new(request), stream, *cut);
+    }
+    let awaited = match choice >> 4 & 7 {
+        0 => Awaited::Signature,
+        1 => Awaited::ProductName,
+        2 => Awaited::Answer(Question::Parameters),
+        3 => Awaited::Answer(Question::Maxima),
+        4 => Awaited::Answer(Question::Comment),
+        _ => Awaited::Echo(Command::SetHome),
+    };
+    cut_anywhere(&Answers::to(awaited), stream, *cut);
+    Links::read(stream);
+}
+
+/// What virtual devices read: every command that is understood is written as bytes that are understood the same.
+pub(crate) fn commands(data: &[u8]) {
+    let [choice, line @ ..] = data else { return };
+    match choice % 4 {
+        0 => {
+            if let Some((Ok(command), used)) = fastrak::Command::read(line) {
+                assert!((1..=line.len()).contains(&used));
+                assert_eq!(
+                    fastrak::Command::read(&command.bytes()).map(|(again, _)| format!("{again:?}")),
+                    Some(format!("{:?}", Ok::<_, ()>(command)))
+                );
+            }
+        }
+        1 => {
+            if let Some((Some(command), used)) = liberty::Command::read(line) {
+                assert!((1..=line.len()).contains(&used));
+                assert_eq!(
+                    liberty::Command::read(&command.bytes()).map(|(again, _)| format!("{again:?}")),
+                    Some(format!("{:?}", Some(command)))
+                );
+            }
+        }
+        2 => {
+            if let Some((Ok(command), _)) = ea1::Command::read(line) {
+                let bytes = command.bytes();
+                assert_eq!(ea1::Command::read(&bytes), Some((Ok(command), bytes.len())));
+            }
+        }
+        _ => {
+            if let Some((Some(command), _)) = qsb::Command::read(line) {
+                let bytes = command.bytes();
+                assert_eq!(qsb::Command::read(&bytes), Some((Some(command), bytes.len())));
+            }
+        }
+    }
+}

@@ -1,0 +1,25 @@
+#!/bin/sh
+# Searches for bytes that break a decoder: `make fuzz`, or scripts/fuzz.sh [TARGET…]. FUZZ_SECONDS a target, 60 by default. What is found on the way is kept
+# in out/fuzz; what breaks something is named at the end and belongs into drivers/fuzz/corpus, where the tests try it again.
+set -eu
+cd "$(dirname "$0")/.."
+
+if ! cargo +nightly --version >/dev/null 2>&1; then
+    echo "fuzz: skipped, nothing was tried: it needs a nightly compiler (rustup toolchain install nightly --profile minimal)."
+    exit 0
+fi
+if ! cargo fuzz --version >/dev/null 2>&1; then
+    echo "fuzz: skipped, nothing was tried: it needs cargo-fuzz (cargo install cargo-fuzz --locked)."
+    exit 0
+fi
+
+seconds=${FUZZ_SECONDS:-60}
+host=$(rustc -vV | sed -n 's/^host: //p')
+[ $# -gt 0 ] || set -- $(sed -n 's/^name = "\(.*\)"$/\1/p' drivers/fuzz/Cargo.toml | sed 1d)
+for target in "$@"; do
+    mkdir -p "out/fuzz/$target"
+    echo "fuzz: $target for $seconds s"
+    # cargo-fuzz would build for musl where it was itself built so: the host is named.
+    cargo +nightly fuzz run --fuzz-dir drivers/fuzz --target-dir "${CARGO_TARGET_DIR:-target}/fuzz" --target "$host" "$target" \
+        "out/fuzz/$target" "drivers/fuzz/corpus/$target" -- -max_total_time="$seconds" -max_len=2048 -timeout=10 -rss_limit_mb=512 -print_final_stats=1
+done
