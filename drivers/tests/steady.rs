@@ -1,6 +1,7 @@
 //! A session goes on for a day: nothing grows, and a reading allocates nothing.
 
 #![allow(clippy::unwrap_used, reason = "tests fail so")]
+#![allow(clippy::print_stdout, reason = "what was held is the test's figure")]
 #![allow(unsafe_code, reason = "an allocator that counts is one by the trait's own terms")]
 
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -114,7 +115,7 @@ fn a_day_leaves_no_trace() {
     }
     let received = device.health().received;
     assert_eq!(device.health().state, State::Running);
-    assert!(received.opened == 1 + hours as u64 && received.set_up >= 1 + 2 * hours as u64, "{received:?}");
+    assert!(received.opened == 1 + hours as u64 && received.set_up > 2 * hours as u64, "{received:?}");
     // 120 a second, less two minutes of each hour and what the faults cost.
     let expected = 120 * 58 * 60 * hours as u64;
     assert!((expected * 95 / 100..expected).contains(&poses), "{poses} of {expected}");
