@@ -3,10 +3,9 @@
 use super::camera::Camera;
 use super::cast::{Fold, Through};
 use super::marks::Marks;
-use super::mode::Keeps;
 use super::refine::Sparse;
 use super::rows::Row;
-use super::settings::Cache;
+use super::settings::{Cache, RenderSettings};
 use super::shade::Shader;
 use super::stage::Stage;
 use super::voxels::{Sampler, Voxels};
@@ -37,9 +36,9 @@ impl Image {
 }
 
 impl<const C: usize> Layers<C> {
-    pub(super) fn new(camera: &Camera, stage: &Stage, keeps: Keeps) -> Self {
+    pub(super) fn new(camera: &Camera, stage: &Stage, settings: &RenderSettings) -> Self {
         let rows = (0..camera.size()[1]).map(|j| Row::new(camera, stage, j)).collect();
-        Self { voxels: Voxels::new(stage, keeps), rows, sparse: None }
+        Self { voxels: Voxels::new(stage, settings), rows, sparse: None }
     }
 
     /// Casts again what some changes can have reached.

@@ -22,7 +22,10 @@ const LOOKS: u32 = 6;
 /// Takes samples of matter.
 #[derive(Clone, Copy)]
 pub(super) struct MatterReader<'a> {
-    voxels: Reader<'a, 4>,
+    /// Where a sample may be anything but transparent.
+    visible: Reader<'a, 4>,
+    /// And what is around it, where none may be.
+    all: Reader<'a, 4>,
     shader: &'a Shader<f32>,
 }
 
@@ -35,7 +38,7 @@ impl Matter<f32> for Reader<'_, 4> {
 
 impl<'a> MatterReader<'a> {
     pub(super) fn new(voxels: &'a Shaded<4>, shader: &'a Shader<f32>) -> Self {
-        Self { voxels: Reader::new(voxels), shader }
+        Self { visible: Reader::of_visible(voxels), all: Reader::of_all(voxels), shader }
     }
 
     /// As [`Reader::run`].
@@ -49,12 +52,12 @@ impl<'a> MatterReader<'a> {
         work: &mut RenderWork,
     ) -> bool {
         let mut matter = Run::new();
-        if !self.voxels.run(line, k, n, &mut matter, work) {
+        if !self.visible.run(line, k, n, &mut matter, work) {
             return false;
         }
         for i in 0..n {
             let (at, before) = (line.at(k + i), line.before(k + i));
-            run.put(i as usize, sample(self.shader, &self.voxels, matter.sample(i as usize), at, before));
+            run.put(i as usize, sample(self.shader, &self.all, matter.sample(i as usize), at, before));
         }
         true
     }

@@ -5,7 +5,8 @@
 //! - `shown`: value and weight of each voxel as last seen, and which have changed.
 //! - [`gradient`], [`transfer`], [`light`], `shade`: a voxel's colour and opacity, over the numbers of [`real`] and `elementary`; `shaded`: those of all
 //!   voxels.
-//! - [`mode`]: ways to look; `voxels`: what voxels keep for them; `matter`: samples that are classified, or lie on a surface; `law`: how samples make one.
+//! - [`mode`]: ways to look; `voxels`: what voxels keep for them; `matter`: samples that are classified, or lie on a surface; `interval`: bricks in which no
+//!   such sample can be seen; `law`: how samples make one.
 //! - `run`: samples between voxels; `cast`: a ray's samples and their fold; `cache`: what is kept of them.
 //! - `slab`: which samples of which rays a piece of space holds; `marks`: those that a change may have reached; `rows`: their rays anew; `layers`: a picture's
 //!   voxels and rows.
@@ -29,6 +30,7 @@ mod elementary;
 mod features;
 pub mod gradient;
 mod hidden;
+mod interval;
 mod law;
 mod layers;
 pub mod light;

@@ -10,7 +10,7 @@ use super::RenderError;
 use super::camera::Camera;
 use super::cast::{Fold, Line, Through};
 use super::marks::Marks;
-use super::mode::{Keeps, Mode};
+use super::mode::Mode;
 use super::picture::Picture;
 use super::rows::Row;
 use super::settings::{Cache, RenderSettings};
@@ -89,8 +89,8 @@ impl Part {
         low[2] = low[2].max(stage.first()[2] + cuts[0] - reach);
         high[2] = high[2].min(stage.first()[2] + cuts[1] + reach);
         let image = match shader.is_grey() {
-            true => Image::Grey(Held::new(&camera, stage, mode.keeps(), fold, cuts)),
-            false => Image::Colour(Held::new(&camera, stage, mode.keeps(), fold, cuts)),
+            true => Image::Grey(Held::new(&camera, stage, settings, fold, cuts)),
+            false => Image::Colour(Held::new(&camera, stage, settings, fold, cuts)),
         };
         Ok(Self {
             width: settings.size[0],
@@ -149,7 +149,7 @@ struct Held<const C: usize> {
 }
 
 impl<const C: usize> Held<C> {
-    fn new(camera: &Camera, stage: &Stage, keeps: Keeps, fold: Fold, [low, high]: [i64; 2]) -> Self {
+    fn new(camera: &Camera, stage: &Stage, settings: &RenderSettings, fold: Fold, [low, high]: [i64; 2]) -> Self {
         let own = |line: &Line| own_samples(line, fold, [low as f32, high as f32]);
         let rows: Vec<Row<C>> = (0..camera.size()[1])
             .map(|j| {
@@ -160,7 +160,7 @@ impl<const C: usize> Held<C> {
             })
             .collect();
         let sent = rows.iter().map(|row| vec![Through::CLEAR; row.kept().len()]).collect();
-        Self { voxels: Voxels::new(stage, keeps), rows, sent }
+        Self { voxels: Voxels::new(stage, settings), rows, sent }
     }
 
     fn cast(&mut self, marks: &Marks, shader: &Shader<f32>, width: u32, fold: Fold, simd: Simd, message: &mut Message) {

@@ -116,8 +116,8 @@ impl Renderer {
         let fold = settings.fold(camera.samples())?;
         let pool = settings.pool()?;
         let mut image = match shader.is_grey() {
-            true => Image::Grey(Layers::new(&camera, &stage, settings.mode.keeps())),
-            false => Image::Colour(Layers::new(&camera, &stage, settings.mode.keeps())),
+            true => Image::Grey(Layers::new(&camera, &stage, settings)),
+            false => Image::Colour(Layers::new(&camera, &stage, settings)),
         };
         let keeping = layers!(&image, layers => Keeping::choose(settings, &layers.rows, fold));
         image.keep(keeping.cache, fold);

@@ -87,15 +87,21 @@ impl<const C: usize> Run<C> {
 /// Reads shaded voxels between their places.
 #[derive(Clone, Copy)]
 pub(super) struct Reader<'a, const C: usize> {
-    visible: &'a [u32],
+    /// Slots of the bricks that are read, by index; samples elsewhere are transparent.
+    slots: &'a [u32],
     bricks: &'a [Box<ShadedBrick<C>>],
     size: [u32; 3],
 }
 
 impl<'a, const C: usize> Reader<'a, C> {
-    pub(super) fn new(shaded: &'a Shaded<C>) -> Self {
-        let (visible, size) = shaded.visible();
-        Self { visible, bricks: shaded.bricks(), size }
+    /// Of bricks in which a sample may be anything but transparent.
+    pub(super) fn of_visible(shaded: &'a Shaded<C>) -> Self {
+        Self { slots: shaded.visible(), bricks: shaded.bricks(), size: shaded.size() }
+    }
+
+    /// Of all bricks.
+    pub(super) fn of_all(shaded: &'a Shaded<C>) -> Self {
+        Self { slots: shaded.kept(), ..Self::of_visible(shaded) }
     }
 
     /// Brings `n` samples of a line, from `k` on and at most [`RUN`], into a run; false where all are transparent, and the run is then not to be read.
@@ -105,7 +111,7 @@ impl<'a, const C: usize> Reader<'a, C> {
         let mut interpolated = 0;
         for i in 0..n.min(RUN) as usize {
             let mut ends = [Run::NOTHING; 2];
-            if let Some(slot) = self.visible.get(run.brick[i] as usize)
+            if let Some(slot) = self.slots.get(run.brick[i] as usize)
                 && let Some(brick) = self.bricks.get(*slot as usize)
             {
                 ends = along_z_and_y(&brick.cells, run.cell[i] as usize, run.part[1][i], run.part[2][i]);
@@ -118,7 +124,7 @@ impl<'a, const C: usize> Reader<'a, C> {
         interpolated > 0
     }
 
-    /// What lies at one place; `None` where all is transparent or out of the stage.
+    /// What lies at one place; `None` where no brick is read or out of the stage.
     #[inline(always)]
     pub(super) fn at(&self, at: [f32; 3]) -> Option<Lit<f32, C>> {
         for (x, bricks) in at.iter().zip(self.size) {

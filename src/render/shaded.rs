@@ -3,6 +3,7 @@
 //! A cell is the cube between eight voxels. That of a brick's last voxels ends in the neighbours; so that a sample finds all eight in one place, each brick
 //! also keeps the first voxels of the seven neighbours beyond it: 9³ in all.
 
+use super::interval::{Interval, SIDES, Side};
 use super::shade::{Lit, Shader};
 use super::shown::{ABSENT, Bits, Brick, Changed, FIRST_X, Shown, Table, apart};
 use super::stage::Stage;
@@ -23,18 +24,15 @@ const BRICKS_PER_TASK: usize = 4;
 #[derive(Clone)]
 pub(super) struct ShadedBrick<const C: usize> {
     pub(super) cells: [Lit<f32, C>; CELLS],
-    /// Voxels with an opacity.
-    filled: u16,
+    /// How many there are of each [`Side`].
+    sides: [u16; SIDES],
 }
 
 impl<const C: usize> ShadedBrick<C> {
-    /// Whether samples here can be anything but transparent.
-    fn is_filled(&self) -> bool {
-        self.filled > 0
-    }
-
     fn transparent() -> Box<Self> {
-        Box::new(Self { cells: [Lit { colour: [0.0; C], alpha: 0.0 }; CELLS], filled: 0 })
+        let mut sides = [0; SIDES];
+        sides[Side::Clear as usize] = CELLS as u16;
+        Box::new(Self { cells: [Lit { colour: [0.0; C], alpha: 0.0 }; CELLS], sides })
     }
 
     /// Whether some voxels of a layer are transparent.
@@ -54,9 +52,9 @@ impl<const C: usize> ShadedBrick<C> {
     }
 
     #[inline(always)]
-    fn set(&mut self, cell: usize, lit: &Lit<f32, C>) {
-        self.filled -= u16::from(self.cells[cell].alpha > 0.0);
-        self.filled += u16::from(lit.alpha > 0.0);
+    fn set(&mut self, cell: usize, lit: &Lit<f32, C>, interval: &Interval) {
+        self.sides[interval.side(&self.cells[cell]) as usize] -= 1;
+        self.sides[interval.side(lit) as usize] += 1;
         self.cells[cell] = *lit;
     }
 }
@@ -72,8 +70,9 @@ pub(super) struct Dirty {
 pub(super) struct Shaded<const C: usize> {
     table: Table,
     bricks: Vec<Box<ShadedBrick<C>>>,
-    /// As the table's slots, but without the bricks of which all is transparent.
+    /// As the table's slots, but without the bricks in which every sample is transparent.
     visible: Vec<u32>,
+    interval: Interval,
 }
 
 /// A brick with voxels to be shaded, and what became of it.
@@ -86,6 +85,17 @@ struct Task<'a, const C: usize> {
     outcome: Outcome,
 }
 
+/// A brick of which voxels have changed.
+struct Done<const C: usize> {
+    at: [i64; 3],
+    /// Where it is to be kept from now on.
+    fresh: Option<Box<ShadedBrick<C>>>,
+    /// Which have changed.
+    lit: Bits,
+    /// Whether anything that depends on them could be seen before.
+    was_seen: bool,
+}
+
 /// What became of a brick's voxels.
 #[derive(Default)]
 struct Outcome {
@@ -96,23 +106,34 @@ struct Outcome {
 }
 
 impl<const C: usize> Shaded<C> {
-    pub(super) fn new(stage: &Stage) -> Self {
+    /// Nothing yet. Samples of bricks that lie beside an interval are not looked at.
+    pub(super) fn new(stage: &Stage, interval: Interval) -> Self {
         let table = Table::new(stage.bricks());
         let visible = table.slots().to_vec();
-        Self { table, bricks: Vec::new(), visible }
+        Self { table, bricks: Vec::new(), visible, interval }
     }
 
-    /// Slots by index of all bricks of which anything is not transparent, and how many bricks there are along each axis.
-    pub(super) fn visible(&self) -> (&[u32], [u32; 3]) {
-        (&self.visible, self.table.size())
+    /// Slots by index of all bricks in which a sample may be anything but transparent.
+    pub(super) fn visible(&self) -> &[u32] {
+        &self.visible
     }
 
-    /// The brick at a place, if anything of it is not transparent.
+    /// Slots by index of all bricks that are kept.
+    pub(super) fn kept(&self) -> &[u32] {
+        self.table.slots()
+    }
+
+    /// Bricks along each axis.
+    pub(super) fn size(&self) -> [u32; 3] {
+        self.table.size()
+    }
+
+    /// The brick at a place, if samples there may be anything but transparent.
     pub(super) fn filled(&self, at: [i64; 3]) -> Option<&ShadedBrick<C>> {
         self.bricks.get(self.visible[self.table.index(at)?] as usize).map(|brick| &**brick)
     }
 
-    /// Places of all bricks of which anything is not transparent.
+    /// Places of all bricks in which a sample may be anything but transparent.
     pub(super) fn places(&self) -> impl Iterator<Item = [i64; 3]> {
         self.visible.iter().enumerate().filter(|(_, slot)| **slot != ABSENT).map(|(index, _)| self.table.place(index))
     }
@@ -122,7 +143,8 @@ impl<const C: usize> Shaded<C> {
         &self.bricks
     }
 
-    /// Shades voxels again, given as what may have changed, and adds the boxes of those that have to `dirty`. Returns how many were shaded.
+    /// Shades voxels again, given as what may have changed, and adds the boxes of those that have to `dirty`, but for those about which samples were and are
+    /// transparent. Returns how many were shaded.
     pub(super) fn update(
         &mut self,
         shown: &Shown,
@@ -147,9 +169,10 @@ impl<const C: usize> Shaded<C> {
             })
             .collect();
         drop(bricks);
+        let interval = self.interval;
         sharing.chunks(&mut tasks, BRICKS_PER_TASK, |_, tasks| {
             for task in tasks {
-                task.outcome = simd.wide(Shading { shown, shader, task: &mut *task });
+                task.outcome = simd.wide(Shading { shown, shader, interval: &interval, task: &mut *task });
             }
         });
         let mut shaded = 0;
@@ -157,23 +180,38 @@ impl<const C: usize> Shaded<C> {
         for Task { changed, fresh, outcome, .. } in tasks {
             shaded += outcome.shaded;
             if outcome.lit != Bits::default() {
-                done.push((changed.at, fresh, outcome.lit));
+                done.push(Done { at: changed.at, fresh, lit: outcome.lit, was_seen: true });
             }
         }
-        for (at, fresh, _) in &mut done {
+        for Done { at, fresh, was_seen, .. } in &mut done {
+            *was_seen = self.may_be_seen_about(*at);
             if let (Some(brick), Some(index)) = (fresh.take(), self.table.index(*at)) {
                 // Its neighbours' voxels, if any of them are to be kept, come with theirs: a brick that holds any is there already.
                 self.add(index, brick);
             }
         }
-        for (at, _, lit) in done {
-            if let Some(index) = self.table.index(at) {
+        for Done { at, lit, .. } in &done {
+            if let Some(index) = self.table.index(*at) {
                 self.look(index);
             }
-            self.copy_to_those_before(at, &lit);
-            dirty.extend(surrounding(at, &lit));
+            self.copy_to_those_before(*at, lit);
+        }
+        for Done { at, lit, was_seen, .. } in done {
+            if was_seen || self.may_be_seen_about(at) {
+                dirty.extend(surrounding(at, &lit));
+            }
         }
         shaded
+    }
+
+    /// Whether any sample that depends on a brick's voxels may be anything but transparent.
+    fn may_be_seen_about(&self, at: [i64; 3]) -> bool {
+        let Some(reach) = self.interval.reach() else { return true };
+        let side = 2 * reach + 1;
+        (0..side.pow(3)).any(|i| {
+            let beside = [i % side - reach, i / side % side - reach, i / (side * side) - reach];
+            self.filled(std::array::from_fn(|a| at[a] + beside[a])).is_some()
+        })
     }
 
     /// Copies a brick's voxels to those before it that keep them too: each takes those of a face, an edge or the corner.
@@ -201,7 +239,11 @@ impl<const C: usize> Shaded<C> {
             let Ok([from, into]) = self.bricks.get_disjoint_mut([own, slot]) else { continue };
             for z in 0..layers {
                 for voxel in voxels_of(z, changed(z)) {
-                    into.set(cell(std::array::from_fn(|a| voxel[a] + back[a] * EDGE)), &from.cells[cell(voxel)]);
+                    into.set(
+                        cell(std::array::from_fn(|a| voxel[a] + back[a] * EDGE)),
+                        &from.cells[cell(voxel)],
+                        &self.interval,
+                    );
                 }
             }
             self.look(index);
@@ -217,8 +259,8 @@ impl<const C: usize> Shaded<C> {
     /// Notes whether anything of a brick can be seen.
     fn look(&mut self, index: usize) {
         let slot = self.table.slots()[index];
-        let filled = slot != ABSENT && self.bricks[slot as usize].is_filled();
-        self.visible[index] = if filled { slot } else { ABSENT };
+        let may_show = slot != ABSENT && self.interval.may_show(self.bricks[slot as usize].sides);
+        self.visible[index] = if may_show { slot } else { ABSENT };
     }
 
     pub(super) fn bytes(&self) -> u64 {
@@ -258,6 +300,7 @@ fn surrounding(at: [i64; 3], voxels: &Bits) -> Option<Dirty> {
 struct Shading<'a, 'b, const C: usize> {
     shown: &'a Shown,
     shader: &'a Shader<f32>,
+    interval: &'a Interval,
     task: &'a mut Task<'b, C>,
 }
 
@@ -271,7 +314,7 @@ impl<const C: usize> Job for Shading<'_, '_, C> {
 
     #[inline(always)]
     fn run<S: Set>(self) -> Outcome {
-        let Self { shown, shader, task: Task { changed, brick: kept, fresh, .. } } = self;
+        let Self { shown, shader, interval, task: Task { changed, brick: kept, fresh, .. } } = self;
         let mut outcome = Outcome::default();
         let Some((own, beside)) = shown.neighbourhood(changed.at) else { return outcome };
         let origin = changed.at.map(|b| (b * EDGE as i64) as f32);
@@ -307,7 +350,7 @@ impl<const C: usize> Job for Shading<'_, '_, C> {
                     (None, None) if rows.alpha == [0.0; LANES] => continue,
                     (None, fresh) => &mut **fresh.insert(ShadedBrick::transparent()),
                 };
-                let lit = into.put([y, z], due, &rows);
+                let lit = into.put([y, z], due, &rows, interval);
                 outcome.lit[z] |= u64::from(lit) << (EDGE * y);
             }
         }
@@ -330,7 +373,7 @@ struct Rows<const C: usize> {
 impl<const C: usize> ShadedBrick<C> {
     /// Puts those voxels of two rows into the brick, the first at [y, z], whose bits are set, and gives those that have changed.
     #[inline(always)]
-    fn put(&mut self, [y, z]: [usize; 2], due: u16, rows: &Rows<C>) -> u16 {
+    fn put(&mut self, [y, z]: [usize; 2], due: u16, rows: &Rows<C>, interval: &Interval) -> u16 {
         let (mut left, mut changed) = (due, 0);
         while left != 0 {
             let lane = left.trailing_zeros() as usize;
@@ -341,7 +384,7 @@ impl<const C: usize> ShadedBrick<C> {
             }
             let cell = cell([lane % EDGE, y + lane / EDGE, z]);
             if !self.is(cell, &lit) {
-                self.set(cell, &lit);
+                self.set(cell, &lit, interval);
                 changed |= 1 << lane;
             }
         }

@@ -1,4 +1,5 @@
 mod adaptive;
+mod interval;
 mod refine;
 mod slab;
 

@@ -1,9 +1,11 @@
 //! The voxels of a picture and the samples between them, as its mode has them.
 
 use super::cast::Line;
+use super::interval::Interval;
 use super::matter::MatterReader;
 use super::mode::Keeps;
 use super::run::{Reader, Run};
+use super::settings::RenderSettings;
 use super::shade::Shader;
 use super::shaded::{Dirty, Shaded};
 use super::shown::{Changed, Shown};
@@ -21,10 +23,10 @@ pub(super) enum Voxels<const C: usize> {
 }
 
 impl<const C: usize> Voxels<C> {
-    pub(super) fn new(stage: &Stage, keeps: Keeps) -> Self {
-        match keeps {
-            Keeps::Lit | Keeps::Intensity => Self::Lit(Shaded::new(stage)),
-            Keeps::Matter => Self::Matter(Shaded::new(stage)),
+    pub(super) fn new(stage: &Stage, settings: &RenderSettings) -> Self {
+        match settings.mode.keeps() {
+            Keeps::Lit | Keeps::Intensity => Self::Lit(Shaded::new(stage, Interval::ALL)),
+            Keeps::Matter => Self::Matter(Shaded::new(stage, Interval::of(settings))),
         }
     }
 
@@ -64,7 +66,7 @@ pub(super) enum Sampler<'a, const C: usize> {
 impl<'a, const C: usize> Sampler<'a, C> {
     pub(super) fn new(voxels: &'a Voxels<C>, shader: &'a Shader<f32>) -> Self {
         match voxels {
-            Voxels::Lit(shaded) => Self::Lit(Reader::new(shaded)),
+            Voxels::Lit(shaded) => Self::Lit(Reader::of_visible(shaded)),
             Voxels::Matter(shaded) => Self::Matter(MatterReader::new(shaded, shader)),
         }
     }

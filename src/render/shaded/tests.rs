@@ -93,7 +93,7 @@ fn compare<const C: usize>(settings: &RenderSettings) -> usize {
     let shader = Shader::<f32>::new(settings, &camera, &stage);
     let mut seen = 0;
     for simd in Simd::ALL.into_iter().filter(|simd| simd.is_available()) {
-        let (mut shown, mut shaded) = (Shown::new(&stage), Shaded::<C>::new(&stage));
+        let (mut shown, mut shaded) = (Shown::new(&stage), Shaded::<C>::new(&stage, Interval::ALL));
         // What is there before must not matter.
         for seed in [1, 2] {
             let volume = Anything(seed);

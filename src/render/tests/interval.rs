@@ -1,0 +1,185 @@
+//! Bricks of matter that are passed over: the same bits as if they were not, and the work that it saves.
+
+use super::super::cast::{Line, Through};
+use super::super::interval::Interval;
+use super::super::shade::Shader;
+use super::super::shaded::Shaded;
+use super::super::shown::Shown;
+use super::super::voxels::{Sampler, Voxels};
+use super::*;
+use crate::sharing::Sharing;
+use crate::simd::Simd;
+
+const SAMPLED: Mode = Mode::Shaded(Shading::Sample);
+const SIZE: i64 = 48;
+const SHOWN: [f64; 2] = [80.0, 150.0];
+
+/// A number from 0 up to 1 for a voxel.
+fn random(seed: u64, at: [i64; 3]) -> f64 {
+    let [x, y, z] = at.map(i64::cast_unsigned);
+    let hash = (seed << 40 ^ z << 24 ^ y << 12 ^ x).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    let hash = (hash ^ hash >> 29).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    (hash >> 11) as f64 / (1_u64 << 53) as f64
+}
+
+/// Shows intensities between two, most of all those next to them.
+fn band() -> Transfer {
+    let [low, high] = SHOWN;
+    let curve = Curve::new(&[(low, 0.0), (low + 1e-4, 0.5), (high - 1e-4, 0.9), (high, 0.0)]).unwrap();
+    Transfer::new(Opacity::Curve(curve), 1.0, Colour::perceptual([0.0, 255.0]).unwrap()).unwrap()
+}
+
+/// All ways that make samples of matter, of steps within a brick and beyond it.
+fn looks() -> Vec<RenderSettings> {
+    let view = View { azimuth: 33.0, elevation: 21.0, roll: 4.0, ..View::default() };
+    let base = RenderSettings { view, stop: 0.0, ..RenderSettings::new([48, 44], band()) };
+    let far = View { perspective: Some(40.0), ..view };
+    let straight = View { azimuth: 90.0, ..View::default() };
+    vec![
+        RenderSettings { mode: Mode::Isosurface(SHOWN[0]), ..base.clone() },
+        RenderSettings { mode: Mode::Isosurface(SHOWN[0]), step: 0.4, view: far, ..base.clone() },
+        RenderSettings { mode: Mode::Isosurface(SHOWN[0]), step: 9.5, ..base.clone() },
+        RenderSettings { mode: Mode::Isosurface(SHOWN[0]), view: straight, ..base.clone() },
+        RenderSettings { mode: SAMPLED, ..base.clone() },
+        RenderSettings { mode: SAMPLED, step: 0.4, view: straight, ..base.clone() },
+        RenderSettings { mode: Mode::Opacity(Shading::Sample), view: far, ..base },
+    ]
+}
+
+/// Each ray of a picture cast by itself, of voxels beside an interval that are passed over; and the work.
+fn cast(
+    settings: &RenderSettings,
+    stage: &Stage,
+    volume: &impl Values,
+    interval: Interval,
+) -> (Vec<Through<3>>, RenderWork) {
+    let camera = Camera::new(&settings.view, settings.size, settings.step, stage).unwrap();
+    let shader = Shader::<f32>::new(settings, &camera, stage);
+    let fold = settings.fold(camera.samples()).unwrap();
+    let (mut shown, mut shaded) = (Shown::new(stage), Shaded::<4>::new(stage, interval));
+    let (mut changed, mut dirty, mut work) = (Vec::new(), Vec::new(), RenderWork::default());
+    let (simd, alone) = (Simd::detect(), Sharing::Alone);
+    shown.take(volume, &volume.bricks().collect::<Vec<_>>(), simd, alone, &mut changed);
+    shaded.update(&shown, &shown.dilated(&changed), &shader, simd, alone, &mut dirty);
+    let voxels = Voxels::Matter(shaded);
+    let sampler = Sampler::new(&voxels, &shader);
+    let [low, high] = stage.bounds().map(|at| std::array::from_fn(|a| at[a] - stage.first()[a]));
+    let pixels = (0..settings.size[1])
+        .flat_map(|j| (0..settings.size[0]).map(move |i| (i, j)))
+        .map(|(i, j)| sampler.cast(&Line::new(&camera.ray(i, j), low, high, camera.samples()), fold, &mut work))
+        .collect();
+    (pixels, work)
+}
+
+fn same(a: &Picture, b: &Picture) -> bool {
+    a.pixels.iter().zip(&b.pixels).all(|(a, b)| a.map(f32::to_bits) == b.map(f32::to_bits))
+}
+
+/// Intensities next to the interval's ends and far from them, in layers of one kind each, which were seen whole, by half, or hardly.
+fn treacherous(seed: u64) -> Field<impl Fn([i64; 3]) -> Option<f32> + Sync> {
+    let value = move |at: [i64; 3]| {
+        let layer = [0, 0, at[2] / 16];
+        let seen = [1.0, 1.0, 1.0, 0.97, 0.02][(5.0 * random(seed + 1, layer)) as usize];
+        let [low, high] = SHOWN;
+        // As far from the interval as counts as beside it, and the half, the tenth and the double of that.
+        let margin =
+            [1.0, 0.5, 0.1, 2.0][(4.0 * random(seed + 2, layer)) as usize] * (high * 64.0) / f64::from(1 << 18);
+        let [pick, share] = [3, 4].map(|k| random(seed + k, at));
+        let value = match (10.0 * random(seed + 5, layer)) as u32 {
+            0..3 if pick < 0.7 => low - margin,
+            0..2 => low - margin - 60.0 * share,
+            // The largest negative one that may count.
+            2 => -low * 64.0,
+            3..5 if pick < 0.7 => high + margin,
+            3 => high + margin + 60.0 * share,
+            4 => high * 64.0,
+            5 if pick < 0.1 => -1e6,
+            5 => low - margin,
+            6 if pick < 0.01 => low + 20.0,
+            6 => 30.0 * share,
+            7 if pick < 0.5 => high + 50.0,
+            7 => low - 40.0,
+            8 => 100.0 * share,
+            _ => 20.0,
+        };
+        (random(seed + 6, at) < seen).then_some(value as f32)
+    };
+    Field { low: [0; 3], high: [SIZE - 1; 3], value }
+}
+
+#[test]
+fn no_bit_changes_where_bricks_beside_what_is_shown_are_passed_over() {
+    for (n, settings) in (0..).zip(looks()) {
+        let (mut seen, mut passed, mut whole) = (0, 0, 0);
+        for seed in 0..10 {
+            let volume = treacherous(100 * seed + 10 * n);
+            let stage = Stage::new(half_mm(), volume.low, volume.high).unwrap();
+            let (by_interval, work) = cast(&settings, &stage, &volume, Interval::of(&settings));
+            let (of_all, all) = cast(&settings, &stage, &volume, Interval::ALL);
+            let differ = by_interval.iter().zip(&of_all).filter(|(a, b)| !a.same_bits(b)).count();
+            assert_eq!(differ, 0, "{:?}, step {}, seed {seed}", settings.mode, settings.step);
+            assert_eq!(work.samples + work.samples_skipped, all.samples + all.samples_skipped);
+            seen += of_all.iter().filter(|pixel| pixel.transmittance < 0.9).count();
+            (passed, whole) = (passed + all.samples - work.samples, whole + all.samples);
+        }
+        assert!(seen > 2000 && passed * 32 > whole, "{:?}: {seen} pixels, {passed} of {whole}", settings.mode);
+    }
+}
+
+/// A bright ball in grey, all of it seen; and some voxels that are as bright as they are told.
+fn ball(spot: [i64; 3], size: i64, bright: f32) -> Field<impl Fn([i64; 3]) -> Option<f32> + Sync> {
+    let value = move |at: [i64; 3]| {
+        let off: i64 = at.iter().map(|x| (x - 40).pow(2)).sum();
+        Some(match (0..3).all(|a| (at[a] - spot[a]).abs() <= size) {
+            true => bright,
+            false if off < 64 => 120.0,
+            false => 40.0 + 20.0 * random(7, at) as f32,
+        })
+    };
+    Field { low: [0; 3], high: [79; 3], value }
+}
+
+#[test]
+fn of_a_ball_in_grey_most_samples_are_passed_over() {
+    for mode in [Mode::Isosurface(80.0), SAMPLED, Mode::Opacity(Shading::Sample)] {
+        let settings = RenderSettings { mode, cache: Cache::None, ..looks()[0].clone() };
+        let volume = ball([0; 3], -1, 0.0);
+        let stage = Stage::new(half_mm(), volume.low, volume.high).unwrap();
+        let work = Renderer::new(&settings, stage).unwrap().update_all(&volume).work;
+        let share = work.samples_skipped as f64 / (work.samples + work.samples_skipped) as f64;
+        // What is classified is looked at where the stage ends: bricks there were not seen whole.
+        let expected = if settings.mode.isovalue().is_some() { 0.95 } else { 0.6 };
+        assert!(share > expected, "{mode:?}: {share} of {work:?}");
+        let (_, all) = cast(&settings, &stage, &volume, Interval::ALL);
+        assert!(all.samples > 2 * work.samples, "{mode:?}: {all:?}");
+    }
+}
+
+#[test]
+fn grey_that_changes_where_nothing_is_seen_casts_no_ray_and_is_there_when_light_comes() {
+    for (n, mode) in [Mode::Isosurface(80.0), SAMPLED].into_iter().enumerate() {
+        for cache in Cache::ALL {
+            let settings = RenderSettings { mode, cache, threads: 1 + n, ..looks()[0].clone() };
+            let stage = Stage::new(half_mm(), [0; 3], [79; 3]).unwrap();
+            let mut renderer = Renderer::new(&settings, stage).unwrap();
+            renderer.update_all(&ball([0; 3], -1, 0.0));
+            for (spot, size, bright, is_seen) in [
+                ([30, 20, 20], 3, 55.0, false),
+                // Beside it, so that its cells hold some of it.
+                ([35, 20, 22], 1, 110.0, true),
+                ([35, 20, 22], 1, 30.0, true),
+                ([35, 20, 22], 2, 45.0, false),
+                ([40, 40, 30], 3, 20.0, true),
+            ] {
+                let volume = ball(spot, size, bright);
+                let work = renderer.update_all(&volume).work;
+                let cast = [work.pixels_met, work.rays, work.samples, work.samples_skipped, work.pixels_changed];
+                assert!(work.bricks_changed > 0 && work.voxels_shaded > 20, "{work:?}");
+                assert_eq!(cast != [0; 5], is_seen, "{mode:?}, {cache:?}, {spot:?}: {work:?}");
+                let mut whole = Renderer::new(&settings, stage).unwrap();
+                whole.update_all(&volume);
+                assert!(same(&renderer.picture(), &whole.picture()), "{mode:?}, {cache:?}, {spot:?}");
+            }
+        }
+    }
+}
