@@ -3,8 +3,8 @@
 //! In the order of the data:
 //! - [`stage`]: the box that is looked at, on the volume's lattice; [`camera`]: the rays through it.
 //! - `shown`: value and weight of each voxel as last seen, and which have changed.
-//! - [`gradient`], [`transfer`], [`light`], `shade`: a voxel's colour and opacity, over the numbers of [`real`] and `elementary`; `shaded`: those of all
-//!   voxels.
+//! - [`gradient`], [`transfer`], [`light`], `shade`: a voxel's colour and opacity, over the numbers of [`real`] and `elementary`; `steepness`: what is
+//!   too flat to have any; `shaded`: those of all voxels.
 //! - [`mode`]: ways to look; `voxels`: what voxels keep for them; `matter`: samples that are classified, or lie on a surface; `interval`: bricks in which no
 //!   such sample can be seen; `law`: how samples make one.
 //! - `run`: samples between voxels; `cast`: a ray's samples and their fold; `cache`: what is kept of them.
@@ -53,6 +53,7 @@ mod shaded;
 mod shown;
 mod slab;
 pub mod stage;
+mod steepness;
 pub mod transfer;
 mod voxels;
 pub mod work;

@@ -32,6 +32,8 @@ pub(super) struct Shader<S> {
     step_mm: S,
     /// Values outside of which everything is transparent.
     visible: [S; 2],
+    /// Whether fewer of them are seen where the intensity is flat.
+    hides_flat: bool,
     pitch_mm: [S; 3],
     /// Along the lattice's axes, which are perpendicular.
     to_light: [S; 3],
@@ -39,6 +41,9 @@ pub(super) struct Shader<S> {
     /// Depth of stage coordinate 0 and what a voxel along each axis adds.
     depth: [S; 4],
 }
+
+/// An interval that holds no value.
+const NOTHING: [f64; 2] = [f64::INFINITY, f64::NEG_INFINITY];
 
 /// The first few of four numbers.
 #[inline(always)]
@@ -62,9 +67,10 @@ impl<S: Real> Shader<S> {
         let from = depth(DVec3::ZERO);
         let [x, y, z] = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| depth(axis) - from);
         let keeps = settings.mode.keeps();
+        let transfer = &settings.transfer;
         let visible = match keeps {
             // An empty interval where nothing is visible. Beyond f64's own rounding, lest single precision leave out a voxel.
-            Keeps::Lit => settings.transfer.visible().unwrap_or([f64::INFINITY, f64::NEG_INFINITY]),
+            Keeps::Lit => transfer.visible().unwrap_or(NOTHING),
             // Beyond is no intensity, and products of it would overflow.
             Keeps::Intensity | Keeps::Matter => [-1e30, 1e30],
         };
@@ -76,6 +82,7 @@ impl<S: Real> Shader<S> {
             isovalue: settings.mode.isovalue().map(S::from_f64),
             is_grey: settings.mode.is_grey(&settings.transfer),
             visible: visible.map(S::from_f64),
+            hides_flat: keeps == Keeps::Lit && transfer.visible_below(0.0) != transfer.visible(),
             step_mm: S::from_f64(camera.step_mm()),
             pitch_mm: spacing.to_array().map(S::from_f64),
             to_light: along(to_light),
@@ -95,10 +102,35 @@ impl<S: Real> Shader<S> {
         self.isovalue
     }
 
+    /// Values outside of which everything is transparent.
+    pub(super) fn visible(&self) -> [S; 2] {
+        self.visible
+    }
+
+    /// Whether there are fewer of these where the intensity is flat.
+    pub(super) fn hides_flat(&self) -> bool {
+        self.hides_flat
+    }
+
+    /// Values outside of which everything is transparent where no gradient exceeds `gradient_per_mm`.
+    pub(super) fn visible_below(&self, gradient_per_mm: f64) -> [S; 2] {
+        self.transfer.visible_below(gradient_per_mm).unwrap_or(NOTHING).map(S::from_f64)
+    }
+
+    /// Distances of neighbouring voxels.
+    pub(super) fn pitch_mm(&self) -> [S; 3] {
+        self.pitch_mm
+    }
+
     /// Whether a value and its weight can be anything but transparent: most voxels are not, whatever their slope.
     #[inline(always)]
-    pub(super) fn may_show<T: Number<Scalar = S>>(&self, (value, weight): (T, T)) -> T::Mask {
-        let [low, high] = self.visible;
+    pub(super) fn may_show<T: Number<Scalar = S>>(&self, voxel: (T, T)) -> T::Mask {
+        Self::may_show_between(self.visible, voxel)
+    }
+
+    /// As [`Self::may_show`], of values that can be seen.
+    #[inline(always)]
+    pub(super) fn may_show_between<T: Number<Scalar = S>>([low, high]: [S; 2], (value, weight): (T, T)) -> T::Mask {
         T::both(T::zero().lt(weight), T::both(T::splat(low).le(value), value.le(T::splat(high))))
     }
 

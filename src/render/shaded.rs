@@ -7,6 +7,7 @@ use super::interval::{Interval, SIDES, Side};
 use super::shade::{Lit, Shader};
 use super::shown::{ABSENT, Bits, Brick, Changed, FIRST_X, Shown, Table, apart};
 use super::stage::Stage;
+use super::steepness::steepest;
 use crate::sharing::Sharing;
 use crate::simd::wide::{Job, Set, Wide};
 use crate::simd::{LANES, Simd};
@@ -318,6 +319,10 @@ impl<const C: usize> Job for Shading<'_, '_, C> {
         let mut outcome = Outcome::default();
         let Some((own, beside)) = shown.neighbourhood(changed.at) else { return outcome };
         let origin = changed.at.map(|b| (b * EDGE as i64) as f32);
+        let mut values = shader.visible();
+        if shader.hides_flat() {
+            values = shader.visible_below(steepest::<S>(own, beside, shader.pitch_mm()));
+        }
         for (z, layer) in changed.voxels.iter().enumerate() {
             for y in (0..EDGE).step_by(ROWS) {
                 let due = (layer >> (EDGE * y)) as u16;
@@ -326,7 +331,7 @@ impl<const C: usize> Job for Shading<'_, '_, C> {
                 }
                 let place = (z * EDGE + y) * EDGE;
                 let centre = (lanes::<S>(&own.value, place), lanes::<S>(&own.weight, place));
-                let visible = Wide::<S>::bits(shader.may_show(centre)) & due;
+                let visible = Wide::<S>::bits(Shader::may_show_between(values, centre)) & due;
                 outcome.shaded += u64::from(visible.count_ones());
                 let mut rows = Rows { colour: [[0.0; LANES]; C], alpha: [0.0; LANES] };
                 if visible != 0 {
