@@ -7,8 +7,12 @@
 //! That must hold of the samples as they are computed, to the bit. Each of three interpolations in single precision rounds by 3·2⁻²⁴ of the largest
 //! number at most: c by 9·2⁻²⁴ of the largest intensity M, s by 9·2⁻²⁴, and so c / s by 37·2⁻²⁴ M where s is one half or more. Voxels therefore count as beside
 //! the interval only at a distance of 2⁻¹⁸ of a [largest intensity](REACH), beyond which they do not count as beside it at all. Of an isosurface s is one half or
-//! more wherever it is looked at. A sample that is classified may have been seen by any share, and the error of c / s then has no bound that is of use: there
-//! only bricks count that were seen whole.
+//! more wherever it is looked at.
+//!
+//! A sample that is classified may have been seen by any share. Of a brick that was seen whole s is 1; else all depends on what is rounded off when most of the
+//! weight lies on what was not seen. Places about voxels are multiples of 2⁻²¹, as the first has the coordinate 8; so each interpolation gives a voxel that was seen a
+//! weight of 2⁻²¹ or none, and of |c| / s no more than (1 + 2⁻³) / (1 − 2⁻³) = 9/7 becomes of 1: 2.13 M after three. Voxels count as [far](FAR) below the
+//! interval by that, and bricks that hold but these are passed over however much of them was seen.
 
 use super::mode::Keeps;
 use super::settings::RenderSettings;
@@ -21,6 +25,9 @@ const LEAST: f32 = 16.0;
 /// Rounding of a sample's intensity, in the largest intensity about it; more than 37·2⁻²⁴.
 const ROUNDING: f32 = 1.0 / (1 << 18) as f32;
 
+/// Intensities so many times smaller than the interval's lower end are far below it; more than (9/7)³.
+const FAR: f32 = 2.25;
+
 /// Where a voxel's intensity lies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Side {
@@ -30,12 +37,14 @@ pub(super) enum Side {
     Shown,
     /// Below it.
     Under,
+    /// So far below it that samples are, by however small a share of them was seen.
+    Far,
     /// Above it.
     Over,
 }
 
 /// Of these there are so many.
-pub(super) const SIDES: usize = 4;
+pub(super) const SIDES: usize = 5;
 
 /// The intensities of which anything is seen.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,8 +52,10 @@ pub(super) struct Interval {
     /// Intensities that are certainly below and above it, least and largest.
     under: [f32; 2],
     over: [f32; 2],
-    /// Whether only bricks count that were seen whole.
-    whole: bool,
+    /// The largest that is far below it, of either sign.
+    far: f32,
+    /// Whether samples that were seen by less than half may be seen.
+    faint: bool,
     /// See [`Self::reach`].
     reach: Option<i64>,
 }
@@ -54,7 +65,7 @@ const NONE: [f32; 2] = [f32::INFINITY, f32::NEG_INFINITY];
 
 impl Interval {
     /// Of which nothing lies beside it: all that is not transparent is looked at.
-    pub(super) const ALL: Self = Self { under: NONE, over: NONE, whole: false, reach: None };
+    pub(super) const ALL: Self = Self { under: NONE, over: NONE, far: f32::NEG_INFINITY, faint: false, reach: None };
 
     /// Of the intensities that matter of which samples are made.
     pub(super) fn of(settings: &RenderSettings) -> Self {
@@ -69,11 +80,12 @@ impl Interval {
         }
     }
 
-    fn between(ends: [f64; 2], whole: bool) -> Self {
+    fn between(ends: [f64; 2], faint: bool) -> Self {
         let [low, high] = ends.map(|end| end as f32);
         let most = [low, high].into_iter().map(f32::abs).filter(|end| end.is_finite()).fold(LEAST, f32::max) * REACH;
         let margin = most * ROUNDING;
-        Self { under: [-most, low - margin], over: [high + margin, most], whole, reach: None }
+        let under = [-most, low - margin];
+        Self { under, over: [high + margin, most], far: under[1].min(low / FAR), faint, reach: None }
     }
 
     /// On which side of it a voxel lies that keeps its intensity; of voxels that keep their light there are none beside [all](Self::ALL).
@@ -82,6 +94,8 @@ impl Interval {
         let (value, seen) = (voxel.colour[0], voxel.alpha > 0.0);
         if !seen {
             Side::Clear
+        } else if value.abs() <= self.far {
+            Side::Far
         } else if self.under[0] <= value && value <= self.under[1] {
             Side::Under
         } else if self.over[0] <= value && value <= self.over[1] {
@@ -94,8 +108,9 @@ impl Interval {
     /// Whether a sample between so many voxels of each side may be anything but transparent.
     pub(super) fn may_show(&self, sides: [u16; SIDES]) -> bool {
         let any = |side: Side| sides[side as usize] > 0;
-        let beside = any(Side::Under) || any(Side::Over);
-        any(Side::Shown) || any(Side::Under) && any(Side::Over) || self.whole && beside && any(Side::Clear)
+        let (under, over) = (any(Side::Under) || any(Side::Far), any(Side::Over));
+        let in_part = self.faint && any(Side::Clear) && (any(Side::Under) || over);
+        any(Side::Shown) || under && over || in_part
     }
 
     /// Bricks to each side of a brick in which a sample that depends on its voxels can lie; `None` where that is not to be known, or all of them are seen.

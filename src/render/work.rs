@@ -19,7 +19,7 @@ pub struct RenderWork {
     pub rays: u64,
     /// Samples interpolated.
     pub samples: u64,
-    /// Samples passed over because their brick is transparent.
+    /// Samples passed over because nothing of their brick can be seen.
     pub samples_skipped: u64,
     /// Blocks that were kept and had to be folded again of their samples.
     pub blocks_resolved: u64,
