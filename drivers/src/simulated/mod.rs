@@ -7,12 +7,14 @@
 pub mod fastrak;
 mod faults;
 mod pty;
+mod unit;
 mod wire;
 
 use std::sync::Arc;
 
 pub use faults::Faults;
 pub use pty::Pty;
+pub use unit::{Model, Simulated, cosines, euler_deg};
 pub use wire::Wire;
 
 /// Where a sensor is, in the transmitter's frame.

@@ -48,8 +48,8 @@ impl Wire {
         self.busy_until <= now_ns
     }
 
-    /// Puts bytes on the wire at a time, at a rate; `garbled` where the host listens at another.
-    pub fn send(&mut self, bytes: &[u8], baud: u32, garbled: bool, now_ns: i64) {
+    /// Puts bytes on the wire at a time, at a rate; `garbled` where the host listens at another. Whether they will arrive as they are.
+    pub fn send(&mut self, bytes: &[u8], baud: u32, garbled: bool, now_ns: i64) -> bool {
         let begin = self.busy_until.max(now_ns);
         self.busy_until = begin + bytes.len() as i64 * BITS * SECOND / i64::from(baud);
         let mut there = Vec::with_capacity(bytes.len());
@@ -66,9 +66,11 @@ impl Wire {
             at = at.div_euclid(self.faults.packet_ns) * self.faults.packet_ns + self.faults.packet_ns;
         }
         self.last_ns = self.last_ns.max(at);
+        let whole = there == bytes;
         if !there.is_empty() {
             self.on_the_way.push_back((self.last_ns, there));
         }
+        whole
     }
 
     /// When the next bytes are there.

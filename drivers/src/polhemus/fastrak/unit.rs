@@ -1,70 +1,29 @@
-//! Sets a FASTRAK up as it is found, and turns its records into readings.
-//!
-//! A unit keeps its settings while the host goes away and comes back: it may be found talking, in text or binary, in inches, in the midst of a record, at any of its
-//! rates. So it is told to be quiet, waited for until it is, asked for its status; set up; and asked again, so that what counts is what it says and not what it was
-//! told. Between settings that are the same as before nothing differs: setting up twice is harmless.
+//! What a FASTRAK is told to be set up, and its records as readings.
 
 use std::borrow::Cow;
 use std::collections::VecDeque;
 
 use super::{Command, Fastrak, Layout, Mode, Record, Reply, STATIONS, Status as UnitStatus};
-use crate::clock::{MS, SECOND};
-use crate::connection::{Lost, Met, Protocol, Rung};
+use crate::connection::Lost;
 use crate::framing::Decoder;
 use crate::polhemus::Settings;
+use crate::polhemus::ladder::{Dialect, Heard, Line, Say, Tracker, wire_ns};
 use crate::reading::{Pose, Reading, Stamp, Status};
 use crate::{Description, Error, Timing};
 
-/// Rates that units were found at, the likeliest first.
-const BAUDS: [u32; 5] = [115_200, 38_400, 19_200, 9_600, 57_600];
-/// A unit that was told to be quiet and says nothing for so long is; two records of the slowest rate.
-const QUIET: i64 = 70 * MS;
-/// What a unit may take to be quiet, ns: it ends the record that it has begun, which takes 56 ms at 9600 for the longest usual one.
-const HUSHED: i64 = 250 * MS;
-/// What an answer may take, ns: a status takes 57 ms at 9600.
-const ANSWER: i64 = 150 * MS;
-/// So many rounds, at a known rate and of all rates, of which the last starts the unit anew: 13 to 18 s, longer than the 10 s that it takes to start.
-const RESTARTS: [usize; 2] = [60, 16];
-/// Without a record for so long the unit is silent, ns: many cycles of all stations.
-const PATIENCE: i64 = 500 * MS;
 /// Measurements a second, shared by the stations.
 const CYCLES: f64 = 120.0;
 /// From the middle of the measurement to the first byte (manual: latency without filters), ns.
 const SAMPLING: i64 = 3_750_000;
-/// Bits that a byte takes on the wire.
-const BITS: i64 = 10;
-
-/// Where the setting-up stands.
-#[derive(Debug, Clone, PartialEq)]
-enum Step {
-    Rate,
-    Hush,
-    Hushed,
-    AskStatus,
-    Status,
-    /// So many of the setting commands were sent.
-    Configure(usize),
-    /// Asked for the list of the station with this index, or at the end for the status.
-    AskList(usize),
-    List(usize),
-    Stations,
-    Verify,
-    Stream,
-    Fallen,
-}
 
 /// A FASTRAK on a line.
-pub struct Unit {
+pub type Unit = Tracker<Speech>;
+
+/// What a FASTRAK is told and how it answers.
+pub struct Speech {
     settings: Settings,
-    /// The rate, if it is known.
-    baud: Option<u32>,
     layouts: [Option<Layout>; STATIONS],
     decoder: Decoder<Fastrak>,
-    step: Step,
-    /// Rates tried since the last one that was answered at.
-    tried: usize,
-    /// The rate that was answered at last.
-    found: Option<u32>,
     status: Option<UnitStatus>,
     /// What answers said that was not as asked for.
     wrong: Option<String>,
@@ -72,12 +31,25 @@ pub struct Unit {
     item: u64,
 }
 
+/// What is asked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Question {
+    /// Who it is.
+    Status,
+    /// This station's output list.
+    List(u8),
+    /// The stations in use.
+    Stations,
+    /// Whether it has taken its settings.
+    Verify,
+}
+
 impl Unit {
     /// To be set up so. With a rate the unit is looked for at that rate only.
     ///
     /// # Errors
     /// [`Error::Misuse`] for settings that no FASTRAK has.
-    pub fn new(name: &str, settings: Settings, baud: Option<u32>) -> Result<Self, Error> {
+    pub fn new(name: &str, settings: Settings, line: impl Into<Line>) -> Result<Self, Error> {
         settings.check(STATIONS as u8)?;
         let mode = if settings.binary { Mode::Binary } else { Mode::Ascii };
         let mut layouts = [None; STATIONS];
@@ -89,74 +61,21 @@ impl Unit {
         let rate_hz = Some(CYCLES / settings.stations.len() as f64);
         let timing = Timing { rate_hz, sampling_ns: SAMPLING, ..Timing::default() };
         let description = Description { name: format!("FASTRAK on {name}"), timing, ..Description::default() };
-        Ok(Self {
+        let may_reset = settings.may_reset;
+        let speech = Speech {
             settings,
-            baud,
             layouts,
             decoder: Decoder::new(Fastrak::replies()),
-            step: Step::Rate,
-            tried: 0,
-            found: None,
             status: None,
             wrong: None,
             description,
             item: 0,
-        })
+        };
+        Ok(Self::of(speech, line.into(), may_reset))
     }
+}
 
-    fn rate(&self) -> u32 {
-        self.baud.or(self.found.filter(|_| self.tried < 2)).unwrap_or(BAUDS[self.tried % BAUDS.len()])
-    }
-
-    /// Tries the next rate, or gives up for this time.
-    fn next_rate(&mut self, why: &str) -> Rung {
-        self.tried += 1;
-        if self.tried.is_multiple_of(self.of_a_round()) {
-            self.step = Step::Fallen;
-            let at = match self.baud {
-                Some(baud) => format!("{baud} bits a second"),
-                None => BAUDS.map(|baud| baud.to_string()).join(", ") + " bits a second",
-            };
-            return Rung::Fall(format!(
-                "{why} at {at}; check that the unit is switched on, its cable (null modem), and the rate of its switches"
-            ));
-        }
-        self.step = Step::Rate;
-        self.climb(Met::Begin)
-    }
-
-    /// Whether the unit is to be started anew in this attempt: now and then, as one that is only switched off answers sooner without.
-    fn restarts(&self) -> bool {
-        let rounds = RESTARTS[usize::from(self.baud.is_none())];
-        self.settings.may_reset && (self.tried / self.of_a_round()) % rounds == rounds - 1
-    }
-
-    fn of_a_round(&self) -> usize {
-        if self.baud.is_some() { 1 } else { BAUDS.len() }
-    }
-
-    /// What sets the unit up, in order.
-    fn commands(&self) -> Vec<Command> {
-        let mode = if self.settings.binary { Mode::Binary } else { Mode::Ascii };
-        let mut commands = vec![Command::Mode(mode), Command::Centimetres];
-        for station in 1..=STATIONS as u8 {
-            commands.push(Command::Station(station, self.settings.stations.contains(&station)));
-        }
-        for station in &self.settings.stations {
-            let s = *station;
-            if let Some(layout) = self.layouts[usize::from(s) - 1] {
-                commands.push(Command::OutputList(Some(s), layout));
-            }
-            commands.push(Command::ResetAlignment(s));
-            commands.push(Command::ResetBoresight(s));
-            commands.push(Command::Increment(s, 0.0));
-            commands.push(Command::Hemisphere(s, self.settings.hemisphere));
-        }
-        commands.push(Command::PositionFilter(super::command::NO_FILTER));
-        commands.push(Command::AttitudeFilter(super::command::NO_FILTER));
-        commands
-    }
-
+impl Speech {
     /// Feeds what was heard to the decoder of replies; `take` says whether a reply is the one waited for.
     fn answered(&mut self, bytes: &[u8], mut take: impl FnMut(&Reply<'_>) -> bool) -> bool {
         let mut answered = false;
@@ -175,88 +94,77 @@ impl Unit {
         answered
     }
 
-    fn send(&mut self, command: Command, step: Step) -> Rung {
-        self.step = step;
-        Rung::Send(command.bytes())
-    }
-
-    fn ask(&mut self, command: Command, step: Step) -> Rung {
-        self.decoder.reformat(Fastrak::replies());
-        self.send(command, step)
-    }
-
-    /// The setting-up has failed at a rate that the unit answers at.
-    fn failed(&mut self, why: String) -> Rung {
-        self.step = Step::Fallen;
-        Rung::Fall(why)
+    fn hear_status(&mut self, bytes: &[u8]) -> Option<UnitStatus> {
+        let mut status = None;
+        self.answered(bytes, |reply| {
+            status = reply.status().or(status);
+            status.is_some()
+        });
+        self.status = status.or(self.status);
+        status
     }
 }
 
-impl Protocol for Unit {
-    fn reset(&mut self) {
+impl Dialect for Speech {
+    type Question = Question;
+    const BAUDS: &'static [u32] = &[115_200, 38_400, 19_200, 9_600, 57_600];
+    // 13 to 18 s, longer than the 10 s that it takes to start.
+    const RESTARTS: Option<[usize; 2]> = Some([60, 16]);
+    const SERIAL_ADVICE: &'static str = "";
+
+    fn forget(&mut self) {
         // What was lost stays counted by who keeps the connection.
         self.decoder = Decoder::new(Fastrak::replies());
-        self.step = Step::Rate;
         self.wrong = None;
     }
 
-    fn resume(&mut self) {
-        self.decoder = Decoder::new(Fastrak::new(self.layouts));
-        self.item = 0;
+    fn quieten(&self, again: bool, restart: bool) -> Vec<u8> {
+        // At first alone; later with a line's end before it, as a command that others began and did not end may be the matter.
+        let mut quiet = if again { Command::EndLine.bytes() } else { Vec::new() };
+        quiet.extend(if restart { Command::Reset.bytes() } else { Command::StopStream.bytes() });
+        quiet
     }
 
-    fn climb(&mut self, met: Met<'_>) -> Rung {
-        match (self.step.clone(), met) {
-            (Step::Rate | Step::Fallen, _) => {
-                self.step = Step::Hush;
-                Rung::Baud(self.rate())
+    fn listen(&mut self) {
+        self.decoder.reformat(Fastrak::replies());
+    }
+
+    fn probe(&self) -> (Vec<u8>, Question) {
+        (Command::Status.bytes(), Question::Status)
+    }
+
+    fn script(&mut self, _baud: Option<u32>) -> Vec<Say<Question>> {
+        let mode = if self.settings.binary { Mode::Binary } else { Mode::Ascii };
+        let mut commands = vec![Command::Mode(mode), Command::Centimetres];
+        for station in 1..=STATIONS as u8 {
+            commands.push(Command::Station(station, self.settings.stations.contains(&station)));
+        }
+        for station in &self.settings.stations {
+            let s = *station;
+            if let Some(layout) = self.layouts[usize::from(s) - 1] {
+                commands.push(Command::OutputList(Some(s), layout));
             }
-            (Step::Hush, _) => {
-                self.step = Step::Hushed;
-                // At first alone; later with a line's end before it, as a command that others began and did not end may be the matter. A unit that was told to start
-                // anew is asked as before: it answers when it is ready.
-                let mut quiet = if self.tried > 0 { Command::EndLine.bytes() } else { Vec::new() };
-                quiet.extend(if self.restarts() { Command::Reset.bytes() } else { Command::StopStream.bytes() });
-                Rung::Send(quiet)
-            }
-            (Step::Hushed, Met::Done) => Rung::Hush { quiet_ns: QUIET, at_most_ns: HUSHED },
-            (Step::Hushed, Met::Noisy) => self.next_rate("goes on talking"),
-            (Step::Hushed, _) => self.ask(Command::Status, Step::AskStatus),
-            (Step::AskStatus, _) => {
-                self.step = Step::Status;
-                Rung::Listen(ANSWER)
-            }
-            (Step::Status, Met::Heard(bytes)) => {
-                let mut status = None;
-                self.answered(bytes, |reply| {
-                    status = reply.status().or(status);
-                    status.is_some()
-                });
-                if status.is_none() {
-                    return Rung::More;
-                }
-                (self.status, self.found, self.tried) = (status, Some(self.rate()), 0);
-                self.step = Step::Configure(0);
-                self.climb(Met::Done)
-            }
-            (Step::Status, _) => self.next_rate("does not answer"),
-            (Step::Configure(sent), _) => {
-                let commands = self.commands();
-                match commands.get(sent) {
-                    Some(command) => self.send(*command, Step::Configure(sent + 1)),
-                    None => {
-                        self.step = Step::AskList(0);
-                        self.climb(Met::Done)
-                    }
-                }
-            }
-            (Step::AskList(index), _) => match self.settings.stations.get(index) {
-                Some(station) => self.ask(Command::AskOutputList(*station), Step::List(index)),
-                None => self.ask(Command::AskStations(Some(1)), Step::Stations),
-            },
-            (Step::List(_) | Step::Stations | Step::Verify, Met::Done) => Rung::Listen(ANSWER),
-            (Step::List(index), Met::Heard(bytes)) => {
-                let wanted = self.settings.stations.get(index).and_then(|s| self.layouts[usize::from(*s) - 1]);
+            commands.push(Command::ResetAlignment(s));
+            commands.push(Command::ResetBoresight(s));
+            commands.push(Command::Increment(s, 0.0));
+            commands.push(Command::Hemisphere(s, self.settings.hemisphere));
+        }
+        commands.push(Command::PositionFilter(super::command::NO_FILTER));
+        commands.push(Command::AttitudeFilter(super::command::NO_FILTER));
+        let mut script: Vec<Say<Question>> = commands.iter().map(|command| Say::Tell(command.bytes())).collect();
+        for s in &self.settings.stations {
+            script.push(Say::Ask(Command::AskOutputList(*s).bytes(), Question::List(*s)));
+        }
+        script.push(Say::Ask(Command::AskStations(Some(1)).bytes(), Question::Stations));
+        script.push(Say::Ask(Command::Status.bytes(), Question::Verify));
+        script
+    }
+
+    fn hear(&mut self, bytes: &[u8], question: Question) -> Heard {
+        match question {
+            Question::Status => self.hear_status(bytes).map_or(Heard::Nothing, |_| Heard::Good),
+            Question::List(station) => {
+                let wanted = self.layouts[usize::from(station) - 1];
                 let mut is_right = false;
                 let answered = self.answered(bytes, |reply| {
                     let Some(codes) = reply.output_list() else { return false };
@@ -264,78 +172,52 @@ impl Protocol for Unit {
                     true
                 });
                 match (answered, is_right) {
-                    (false, _) => Rung::More,
-                    (true, true) => {
-                        self.step = Step::AskList(index + 1);
-                        self.climb(Met::Done)
-                    }
-                    (true, false) => self.failed(
+                    (false, _) => Heard::Nothing,
+                    (true, true) => Heard::Good,
+                    (true, false) => Heard::Bad(
                         "was told what to send and says that it will send something else; switch it off and on".into(),
                     ),
                 }
             }
-            (Step::Stations, Met::Heard(bytes)) => {
+            Question::Stations => {
                 let wanted: [bool; STATIONS] = std::array::from_fn(|s| self.layouts[s].is_some());
                 let mut stations = None;
                 self.answered(bytes, |reply| {
                     stations = reply.stations().or(stations);
                     stations.is_some()
                 });
-                match stations {
-                    None => Rung::More,
-                    Some(stations) if stations == wanted => self.ask(Command::Status, Step::Verify),
-                    Some(stations) => {
-                        let missing: Vec<String> = (0..STATIONS)
-                            .filter(|s| wanted[*s] && !stations[*s])
-                            .map(|s| (s + 1).to_string())
-                            .collect();
-                        self.failed(match missing.is_empty() {
-                            true => "keeps stations in use that were not asked for; switch it off and on".into(),
-                            false => format!(
-                                "does not use station {}; plug its sensor in, and check the station's switch",
-                                missing.join(", ")
-                            ),
-                        })
+                stations.map_or(Heard::Nothing, |stations| judge_stations(&wanted, &stations))
+            }
+            Question::Verify => {
+                let Some(status) = self.hear_status(bytes) else { return Heard::Nothing };
+                let is_right = status.binary == self.settings.binary && status.centimetres && !status.continuous;
+                match self.wrong.take() {
+                    None if is_right => Heard::Good,
+                    Some(wrong) if is_right => Heard::Bad(format!("{wrong}; its firmware may be of another kind")),
+                    said => {
+                        let said = said.unwrap_or_else(|| "has not taken its settings".into());
+                        Heard::Bad(format!("{said}; switch it off and on"))
                     }
                 }
             }
-            (Step::Verify, Met::Heard(bytes)) => {
-                let mut status = None;
-                self.answered(bytes, |reply| {
-                    status = reply.status().or(status);
-                    status.is_some()
-                });
-                let Some(status) = status else { return Rung::More };
-                self.status = Some(status);
-                let is_right = status.binary == self.settings.binary && status.centimetres && !status.continuous;
-                if !is_right {
-                    let said = self.wrong.clone().unwrap_or_else(|| "has not taken its settings".into());
-                    return self.failed(format!("{said}; switch it off and on"));
-                }
-                if let Some(wrong) = self.wrong.take() {
-                    return self.failed(format!("{wrong}; its firmware may be of another kind"));
-                }
-                self.decoder.reformat(Fastrak::new(self.layouts));
-                self.send(Command::Stream, Step::Stream)
-            }
-            (Step::List(_) | Step::Stations | Step::Verify, _) => {
-                self.failed("answered at first and then no more; check its cable".into())
-            }
-            (Step::Stream, _) => {
-                let lengths = self.layouts.iter().flatten().map(Layout::length);
-                let bytes = lengths.max().unwrap_or(0) as i64;
-                self.description.timing.wire_ns = bytes * BITS * SECOND / i64::from(self.rate());
-                if let Some(status) = &self.status {
-                    let words = |text: &[u8]| String::from_utf8_lossy(text).trim().to_owned();
-                    self.description.fields = vec![
-                        ("Identity".into(), words(&status.identity)),
-                        ("Firmware".into(), words(&status.version)),
-                        ("Baud".into(), self.rate().to_string()),
-                    ];
-                }
-                Rung::Top { keep: false }
-            }
         }
+    }
+
+    fn stream(&mut self, baud: Option<u32>) -> Vec<u8> {
+        self.replay();
+        let longest = self.layouts.iter().flatten().map(Layout::length).max().unwrap_or(0);
+        self.description.timing.wire_ns = wire_ns(longest, baud);
+        if let Some(status) = &self.status {
+            let words = |text: &[u8]| String::from_utf8_lossy(text).trim().to_owned();
+            self.description.fields =
+                vec![("Identity".into(), words(&status.identity)), ("Firmware".into(), words(&status.version))];
+            self.description.fields.extend(baud.map(|baud| ("Baud".into(), baud.to_string())));
+        }
+        Command::Stream.bytes()
+    }
+
+    fn replay(&mut self) {
+        self.decoder.reformat(Fastrak::new(self.layouts));
     }
 
     fn take(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>) {
@@ -358,10 +240,6 @@ impl Protocol for Unit {
         });
     }
 
-    fn patience_ns(&self) -> i64 {
-        PATIENCE
-    }
-
     fn farewell(&self) -> &[u8] {
         b"c"
     }
@@ -375,6 +253,21 @@ impl Protocol for Unit {
     fn describe(&self) -> &Description {
         &self.description
     }
+}
+
+/// Compares the stations that a unit says are in use with those that are wanted.
+pub(in crate::polhemus) fn judge_stations(wanted: &[bool], used: &[bool]) -> Heard {
+    if wanted == used {
+        return Heard::Good;
+    }
+    let missing = wanted.iter().zip(used).enumerate().filter(|(_, (wanted, used))| **wanted && !**used);
+    let missing: Vec<String> = missing.map(|(index, _)| (index + 1).to_string()).collect();
+    Heard::Bad(match missing.is_empty() {
+        true => "keeps stations in use that were not asked for; switch it off and on".into(),
+        false => {
+            format!("does not use station {}; plug its sensor in, and check the station's switch", missing.join(", "))
+        }
+    })
 }
 
 /// What a record's error letter says of its pose. The letter is that of the last error found and may be older than the record: what concerns the unit and not the pose

@@ -1,0 +1,306 @@
+//! What virtual trackers have in common: a line with a rate or without, commands obeyed one by one, measurements at times of their own clock.
+
+use std::ops::{Deref, DerefMut};
+
+use super::{Faults, Motion, Placed, Wire};
+use crate::clock::SECOND;
+use crate::transport::{LineError, Peer};
+
+/// Bytes of commands that are kept while they are not ended.
+const INPUT: usize = 512;
+/// What a byte takes by USB, where nothing is told of rates: as at this one, bits a second.
+const USB: u32 = 480_000_000;
+
+/// A model's own ways.
+pub trait Model: Send {
+    /// From the middle of the measurement to the first byte, ns.
+    const SAMPLING_NS: i64;
+
+    /// Whether records are sent without being asked for.
+    fn continuous(&self) -> bool;
+
+    /// Measurements of all stations a second.
+    fn cycles_hz(&self) -> f64;
+
+    /// Reads the command at the front of what was sent, and obeys it: what it was and what comes of it. `None` while it is not ended.
+    fn obey(&mut self, input: &[u8]) -> Option<Obeyed>;
+
+    /// Measures all stations: a record each, or one of all. `see` tells where a station's sensor is.
+    fn measure(&mut self, see: &dyn Fn(u8) -> Placed) -> Vec<Vec<u8>>;
+
+    /// Bytes of records that are collected before USB sends any; 0 for none.
+    fn collects(&self) -> usize {
+        0
+    }
+}
+
+/// What came of what was sent.
+pub struct Obeyed {
+    /// Bytes of it.
+    pub taken: usize,
+    /// Whether it was a command, and obeyed.
+    pub is_command: bool,
+    /// What it does beyond the model's own settings.
+    pub deed: Deed,
+}
+
+/// What a command leads to.
+pub enum Deed {
+    /// Nothing that is seen.
+    Nothing,
+    /// An answer.
+    Say(Vec<u8>),
+    /// A record of each station.
+    Poll,
+    /// An answer and the beginning of a stream.
+    Stream(Vec<u8>),
+    /// Nothing is said and heard for so long, ns.
+    Rest(i64),
+}
+
+/// A virtual tracker. Its model's fields, which it lends, are how it was left.
+pub struct Simulated<M> {
+    model: M,
+    motion: Motion,
+    wire: Wire,
+    /// The rate of its line, bits a second.
+    pub baud: u32,
+    /// It is on USB, which has no rate.
+    pub usb: bool,
+    /// What it has done so far: commands obeyed, by their bytes.
+    pub obeyed: Vec<Vec<u8>>,
+    /// Switched on and plugged in.
+    pub plugged: bool,
+    /// It stays silent though it is there: as a unit that hangs.
+    pub hung: bool,
+    /// Records measured for the host.
+    pub measured: u64,
+    /// Those of them that were not sent or will not arrive as they were sent.
+    pub harmed: u64,
+    input: Vec<u8>,
+    collected: Vec<u8>,
+    /// It does nothing before this time.
+    busy_ns: i64,
+    /// The measurement that is next, by number since 0 ns of the host's clock.
+    cycle: Option<i64>,
+}
+
+impl<M: Model> Simulated<M> {
+    /// A model at 115200 bits a second.
+    pub(super) fn of(model: M, motion: Motion, faults: Faults) -> Self {
+        Self {
+            model,
+            motion,
+            wire: Wire::new(faults),
+            baud: 115_200,
+            usb: false,
+            obeyed: Vec::new(),
+            plugged: true,
+            hung: false,
+            measured: 0,
+            harmed: 0,
+            input: Vec::new(),
+            collected: Vec::new(),
+            busy_ns: i64::MIN,
+            cycle: None,
+        }
+    }
+
+    /// Other faults from now on.
+    pub fn set_faults(&mut self, faults: Faults) {
+        self.wire.set_faults(faults);
+    }
+
+    /// Pulled out: what was on its way is lost, what was set is kept.
+    pub fn unplug(&mut self) {
+        self.plugged = false;
+        self.wire.cut();
+        self.input.clear();
+        self.collected.clear();
+        self.cycle = None;
+    }
+
+    /// Bytes on the line before anything else: the rest of a record that was cut.
+    pub fn leave_on_the_line(&mut self, bytes: &[u8], now_ns: i64) {
+        self.wire.send(bytes, self.bits(), false, now_ns);
+    }
+
+    /// The beginning of a command that another host sent and did not end.
+    pub fn written_by_another(&mut self, bytes: &[u8]) {
+        self.input.extend_from_slice(bytes);
+    }
+
+    fn bits(&self) -> u32 {
+        if self.usb { USB } else { self.baud }
+    }
+
+    fn mistakes(&self, line_baud: u32) -> bool {
+        !self.usb && line_baud != 0 && line_baud != self.baud
+    }
+
+    /// Whether the bytes will arrive as they are.
+    fn say(&mut self, bytes: &[u8], line_baud: u32, now_ns: i64) -> bool {
+        self.wire.send(bytes, self.bits(), self.mistakes(line_baud), now_ns)
+    }
+
+    /// Records measured at that time. One that takes longer on the wire than its cycle is not sent.
+    fn measure(&mut self, line_baud: u32, at_ns: i64) {
+        let motion = &self.motion;
+        let records = self.model.measure(&|station| motion(station, at_ns));
+        let sent_ns = at_ns + M::SAMPLING_NS;
+        let collects = if self.usb { self.model.collects() } else { 0 };
+        let can_be_sent = at_ns >= self.busy_ns && self.wire.is_idle(sent_ns);
+        for record in records {
+            self.measured += 1;
+            if !can_be_sent || self.wire.chance(self.wire.faults().dropout) {
+                self.harmed += 1;
+                continue;
+            }
+            let whole = if collects > 0 {
+                self.collected.extend(record);
+                true
+            } else {
+                self.say(&record, line_baud, sent_ns)
+            };
+            self.harmed += u64::from(!whole);
+        }
+        if collects > 0 && self.collected.len() >= collects {
+            let collected = std::mem::take(&mut self.collected);
+            self.say(&collected, line_baud, sent_ns);
+        }
+    }
+
+    /// Time of a measurement by its number: all stations are measured together here.
+    fn time_of(&self, cycle: i64) -> i64 {
+        // Its own second, in host nanoseconds.
+        let second = SECOND as f64 / (1.0 + self.wire.faults().drift_ppm * 1e-6);
+        (cycle as f64 / self.model.cycles_hz() * second) as i64
+    }
+
+    /// Measures what is due until a time.
+    fn go_on(&mut self, line_baud: u32, until_ns: i64) {
+        if !self.model.continuous() || !self.plugged || self.hung {
+            self.cycle = None;
+            return;
+        }
+        while let Some(cycle) = self.cycle
+            && self.time_of(cycle) + M::SAMPLING_NS <= until_ns
+        {
+            self.measure(line_baud, self.time_of(cycle));
+            self.cycle = Some(cycle + 1);
+        }
+    }
+
+    fn begin_cycles(&mut self, now_ns: i64) {
+        let mut cycle = (now_ns as f64 / SECOND as f64 * self.model.cycles_hz()) as i64;
+        while self.time_of(cycle) < now_ns {
+            cycle += 1;
+        }
+        self.cycle = Some(cycle);
+    }
+}
+
+impl<M: Model> Peer for Simulated<M> {
+    fn open(&mut self, _now_ns: i64) -> Result<(), LineError> {
+        if self.plugged { Ok(()) } else { Err(LineError::Absent("no such file".into())) }
+    }
+
+    fn written(&mut self, bytes: &[u8], baud: u32, now_ns: i64) {
+        if !self.plugged || self.hung || now_ns < self.busy_ns {
+            return;
+        }
+        self.go_on(baud, now_ns);
+        if self.mistakes(baud) {
+            // What it reads at another rate makes no sense to it.
+            return;
+        }
+        self.input.extend_from_slice(bytes);
+        while !self.input.is_empty()
+            && let Some(Obeyed { taken, is_command, deed }) = self.model.obey(&self.input)
+        {
+            let command: Vec<u8> = self.input.drain(..taken).collect();
+            if is_command {
+                self.obeyed.push(command);
+            }
+            if self.model.collects() == 0 {
+                self.collected.clear();
+            }
+            match deed {
+                Deed::Nothing => {}
+                Deed::Say(answer) => {
+                    self.say(&answer, baud, now_ns);
+                }
+                Deed::Poll => self.measure(baud, now_ns),
+                Deed::Stream(answer) => {
+                    self.say(&answer, baud, now_ns);
+                    self.begin_cycles(now_ns);
+                }
+                Deed::Rest(ns) => self.busy_ns = now_ns + ns,
+            }
+        }
+        if self.input.len() > INPUT {
+            self.input.clear();
+        }
+    }
+
+    fn next(&mut self, baud: u32, now_ns: i64, until_ns: i64) -> Result<Option<(i64, Vec<u8>)>, LineError> {
+        if !self.plugged {
+            return Err(LineError::Gone("unplugged".into()));
+        }
+        if self.model.continuous() && self.cycle.is_none() {
+            self.begin_cycles(now_ns);
+        }
+        loop {
+            // As far as the first byte that the host waits for, and no farther: what it will say then may change everything after it.
+            match self.wire.due() {
+                Some(at) if at <= until_ns => return Ok(self.wire.take(at.max(now_ns))),
+                _ => {}
+            }
+            match self.cycle.map(|cycle| self.time_of(cycle) + M::SAMPLING_NS) {
+                Some(at) if at <= until_ns && !self.hung => self.go_on(baud, at),
+                _ => return Ok(None),
+            }
+        }
+    }
+
+    fn due(&self, _now_ns: i64) -> Option<i64> {
+        let measures = self.model.continuous() && !self.hung;
+        let measured = self.cycle.filter(|_| measures).map(|cycle| self.time_of(cycle) + M::SAMPLING_NS);
+        [self.wire.due(), measured].into_iter().flatten().min()
+    }
+}
+
+impl<M> Deref for Simulated<M> {
+    type Target = M;
+
+    fn deref(&self) -> &M {
+        &self.model
+    }
+}
+
+impl<M> DerefMut for Simulated<M> {
+    fn deref_mut(&mut self) -> &mut M {
+        &mut self.model
+    }
+}
+
+/// Where a unit of this zenith says that a sensor is: the field looks the same on the opposite side, and only the hemisphere tells the two apart. All zeros follow the sensor.
+pub(super) fn told_cm(zenith: [f32; 3], position_cm: [f64; 3]) -> [f64; 3] {
+    let along: f64 = zenith.iter().zip(position_cm).map(|(z, x)| f64::from(*z) * x).sum();
+    if along < 0.0 { position_cm.map(|x| -x) } else { position_cm }
+}
+
+/// Rows of the direction cosine matrix of a unit quaternion w, x, y, z.
+pub fn cosines([w, x, y, z]: [f64; 4]) -> [[f64; 3]; 3] {
+    [
+        [w * w + x * x - y * y - z * z, 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), w * w - x * x + y * y - z * z, 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), w * w - x * x - y * y + z * z],
+    ]
+}
+
+/// Azimuth, elevation, roll in degrees: R = Rz(azimuth) · Ry(elevation) · Rx(roll).
+pub fn euler_deg(q: [f64; 4]) -> [f64; 3] {
+    let [[xx, ..], [yx, ..], [zx, zy, zz]] = cosines(q);
+    [yx.atan2(xx), (-zx.clamp(-1.0, 1.0)).asin(), zy.atan2(zz)].map(f64::to_degrees)
+}
