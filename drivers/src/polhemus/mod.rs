@@ -9,6 +9,7 @@
 //! - [`ladder`]: what is common to setting any of them up, and [`Line`], what they are connected by.
 
 mod driver;
+mod counter;
 pub mod fastrak;
 pub mod isotrak;
 pub mod ladder;
@@ -19,3 +20,9 @@ pub mod viper;
 pub use driver::{Model, Port, TrackerDriver, TrackerSettings, VENDOR};
 pub use ladder::Line;
 pub use settings::Settings;
+
+/// Whether a tracker can have measured this: finite, near, and an orientation. For records that their decoder lets pass as the unit reports an error with them.
+fn is_pose(position_cm: &[f64; 3], quaternion_wxyz: &[f64; 4]) -> bool {
+    let square: f64 = quaternion_wxyz.iter().map(|x| x * x).sum();
+    position_cm.iter().all(|x| x.abs() < 500.0) && (0.98 * 0.98..=1.02 * 1.02).contains(&square)
+}

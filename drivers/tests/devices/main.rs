@@ -4,3 +4,4 @@
 
 mod bench;
 mod fastrak;
+mod liberty;

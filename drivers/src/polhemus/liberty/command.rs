@@ -56,6 +56,8 @@ pub enum Command {
     Binary(bool),
     /// `U`: positions in cm, or in inches.
     Centimetres(bool),
+    /// `U`: asks which of the two.
+    AskUnits,
     /// `R`: frames a second.
     Rate(Rate),
     /// `O`: the output list.
@@ -96,6 +98,7 @@ impl Command {
             Self::Stream => "C".into(),
             Self::Binary(on) => format!("F{}", u8::from(*on)),
             Self::Centimetres(on) => format!("U{}", u8::from(*on)),
+            Self::AskUnits => "U".into(),
             Self::Rate(Rate::Hz60) => "R2".into(),
             Self::Rate(Rate::Hz120) => "R3".into(),
             Self::Rate(Rate::Hz240) => "R4".into(),
@@ -154,6 +157,7 @@ impl Command {
         match letter.to_ascii_uppercase() {
             b'C' if text.is_empty() => Some(Self::Stream),
             b'F' => switch(&text).map(Self::Binary),
+            b'U' if text.is_empty() => Some(Self::AskUnits),
             b'U' => switch(&text).map(Self::Centimetres),
             b'R' => match text.as_str() {
                 "2" => Some(Self::Rate(Rate::Hz60)),

@@ -16,10 +16,12 @@
 pub mod command;
 mod list;
 pub mod text;
+mod unit;
 mod write;
 
 pub use command::Command;
 pub use list::{Item, LONGEST_BODY, Layout, ListError, MOST_ITEMS};
+pub use unit::{Question, Speech, Unit, status_of};
 
 use crate::framing::{Format, Look, Refusal};
 
@@ -75,7 +77,7 @@ pub struct Header {
     pub station: u8,
     /// The command that the frame answers: `C`, `P`, another letter, or 0x01 to 0x1A for a control character.
     pub command: u8,
-    /// 0 or a blank: none. 0x01 to 0x18: of the command; `a` to `g`: of the source; `u`: outside the map; `A` to `G` and `I`: of the built-in test.
+    /// 0 or a blank: none. 0x01 to 0x18: of the command; `a` to `g`: of the source; `u`: outside the map; `A` to `G`: of the source and the built-in test; `I`: of the test.
     pub error: u8,
 }
 
@@ -158,6 +160,12 @@ impl Reply<'_> {
             (command::ACTIVE_STATIONS, &[a, b, c, d]) => Some([u16::from_le_bytes([a, b]), u16::from_le_bytes([c, d])]),
             _ => None,
         }
+    }
+
+    /// Whether positions come in cm, if this answers `U`: a whole number, 1 for cm and 0 for inches. Its width is not verified.
+    pub fn centimetres(&self) -> Option<bool> {
+        let [unit @ (0 | 1), rest @ ..] = self.body else { return None };
+        (self.header.command == b'U' && rest.iter().all(|byte| *byte == 0)).then_some(*unit == 1)
     }
 
     /// The codes of an output list, if this answers `O`: 32-bit numbers, ended by -1. Their width is not verified.
