@@ -9,6 +9,7 @@ mod faults;
 pub mod liberty;
 mod pty;
 mod unit;
+pub mod viper;
 mod wire;
 
 use std::sync::Arc;

@@ -5,3 +5,4 @@
 mod bench;
 mod fastrak;
 mod liberty;
+mod viper;

@@ -156,6 +156,14 @@ pub enum Command {
         /// How strongly.
         level: FilterLevel,
     },
+    /// Sets all sensors to the default of the command with this number.
+    Default(u32),
+    /// Asks for units of positions and orientations.
+    AskUnits,
+    /// Asks for frames a second.
+    AskFrameRate,
+    /// Starts anew.
+    Initialize,
     /// Which sensors and sources are there.
     AskStationMap,
     /// One frame.
@@ -191,6 +199,10 @@ impl Command {
                 // Both position and orientation; the four parameters are the level's own.
                 (code::FILTER, Action::Set, [sensor, 0], [word(level as u32), vec![0; 16]].concat())
             }
+            Self::Default(command) => (command, Action::Reset, [ALL, NOTHING], Vec::new()),
+            Self::AskUnits => (code::UNITS, Action::Get, [NOTHING; 2], Vec::new()),
+            Self::AskFrameRate => (code::FRAME_RATE, Action::Get, [NOTHING; 2], Vec::new()),
+            Self::Initialize => (code::INITIALIZE, Action::Set, [NOTHING; 2], Vec::new()),
             Self::AskStationMap => (code::STATION_MAP, Action::Get, [NOTHING; 2], Vec::new()),
             Self::Poll => (code::SINGLE_PNO, Action::Get, [NOTHING; 2], Vec::new()),
             Self::Stream { accelerations, restart_count } => {

@@ -11,9 +11,11 @@
 //! as 32 bits. All numbers are little-endian.
 
 pub mod command;
+mod unit;
 pub mod write;
 
 pub use command::{Action, Command, Nak, Reply};
+pub use unit::{Question, Speech, Unit};
 
 use crc::{CRC_16_ARC, Crc, Table};
 

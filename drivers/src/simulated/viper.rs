@@ -1,0 +1,243 @@
+//! A VIPER: any units, up to sixteen sensors, everything answered and checked, as it was left by whoever had it before.
+
+use super::unit::{Deed, Model, Obeyed, Simulated, euler_deg, told_cm};
+use super::{Faults, Motion, Placed};
+use crate::clock::SECOND;
+use crate::framing::{Format, Look};
+use crate::polhemus::viper::command::{Action, Reply, code};
+use crate::polhemus::viper::write::FrameToWrite;
+use crate::polhemus::viper::{self, MOST_SENSORS, OrientationUnit, PositionUnit, Record, Sensor};
+
+/// From the middle of the measurement to the first byte: not documented, so none here.
+pub const SAMPLING_NS: i64 = 0;
+/// What starting anew takes, ns.
+const RESET: i64 = 10 * SECOND;
+/// The unit's own number.
+const UNIT: u32 = 7;
+const POSITION_UNITS: [(PositionUnit, f64); 4] = [
+    (PositionUnit::Inches, 1.0 / 2.54),
+    (PositionUnit::Feet, 1.0 / 30.48),
+    (PositionUnit::Centimetres, 1.0),
+    (PositionUnit::Metres, 0.01),
+];
+const ORIENTATION_UNITS: [OrientationUnit; 3] =
+    [OrientationUnit::EulerDegrees, OrientationUnit::EulerRadians, OrientationUnit::Quaternion];
+/// By the number that stands for each.
+const RATES: [f64; 6] = [30.0, 60.0, 120.0, 240.0, 480.0, 960.0];
+
+/// The unit on its line.
+pub type Twin = Simulated<Viper>;
+
+/// The unit. Its fields are how it was left.
+pub struct Viper {
+    /// Numbers of the units of positions and of orientations.
+    pub units: [u32; 2],
+    /// Number of the rate.
+    pub rate: u32,
+    /// Frames without being asked.
+    pub continuous: bool,
+    /// With accelerations.
+    pub accelerations: bool,
+    /// Sensors that are plugged in, a bit each.
+    pub sensors: u16,
+    /// Zenith of all sensors' hemisphere: one in the other is reported on its opposite side.
+    pub hemisphere: [f32; 3],
+    /// It follows its sensors instead.
+    pub tracks: bool,
+    /// Level of its filters.
+    pub filter: u32,
+    /// It sends nothing unless a sensor has moved.
+    pub increment: bool,
+    /// Orientations are told relative to one that was set.
+    pub boresight: bool,
+    /// Offset of the tips, cm.
+    pub tip_cm: f64,
+    /// What its built-in test found.
+    pub test: u8,
+    /// Distortion level.
+    pub distortion: u8,
+    /// State of the buttons.
+    pub buttons: u8,
+    /// What the frame count is set to when it is set to 0: for those who want to see it wrap.
+    pub zero: u32,
+    /// Numbers of the commands that it refuses.
+    pub refuses: Vec<u32>,
+    /// It obeys nothing but being started anew.
+    pub deaf: bool,
+    frame: u32,
+    format: viper::Viper,
+}
+
+impl Twin {
+    /// As it comes from the factory: inches, degrees, 240 Hz, one sensor, quiet.
+    pub fn new(motion: Motion, faults: Faults) -> Self {
+        let unit = Viper {
+            units: [0, 0],
+            rate: 3,
+            continuous: false,
+            accelerations: false,
+            sensors: 1,
+            hemisphere: [1.0, 0.0, 0.0],
+            tracks: false,
+            filter: 1,
+            increment: false,
+            boresight: false,
+            tip_cm: 0.0,
+            test: 0,
+            distortion: 0,
+            buttons: 0,
+            zero: 0,
+            refuses: Vec::new(),
+            deaf: false,
+            frame: 0,
+            format: viper::Viper::new(MOST_SENSORS),
+        };
+        Self::of(unit, motion, faults)
+    }
+}
+
+/// A command as the unit reads it: its words of payload, by their place.
+struct Told<'a> {
+    command: u32,
+    action: Action,
+    mode: u32,
+    payload: &'a [u8],
+}
+
+impl Told<'_> {
+    fn word(&self, index: usize) -> Option<u32> {
+        self.payload.as_chunks::<4>().0.get(index).map(|word| u32::from_le_bytes(*word))
+    }
+}
+
+impl Viper {
+    /// What is answered, or that the command is wrong.
+    fn command(&mut self, told: &Told<'_>) -> Option<Vec<u8>> {
+        let mut answer = Vec::new();
+        match (told.command, told.action) {
+            (code::UNITS, Action::Set) => {
+                let units = [told.word(0)?, told.word(1)?];
+                let known = units[0] < POSITION_UNITS.len() as u32 && units[1] < ORIENTATION_UNITS.len() as u32;
+                self.units = known.then_some(units)?;
+            }
+            (code::UNITS, Action::Get) => answer.extend(self.units.map(u32::to_le_bytes).concat()),
+            (code::FRAME_RATE, Action::Set) => self.rate = told.word(0).filter(|rate| *rate < RATES.len() as u32)?,
+            (code::FRAME_RATE, Action::Get) => answer.extend(self.rate.to_le_bytes()),
+            (code::HEMISPHERE, Action::Set) => {
+                self.tracks = told.word(0)? & 1 != 0;
+                self.hemisphere = [1, 2, 3].map(|index| told.word(index).map_or(0.0, f32::from_bits));
+            }
+            (code::FILTER, Action::Set) => self.filter = told.word(0)?,
+            (code::TIP_OFFSET, Action::Reset) => self.tip_cm = 0.0,
+            (code::INCREMENT, Action::Reset) => self.increment = false,
+            (code::BORESIGHT, Action::Reset) => self.boresight = false,
+            (code::STATION_MAP, Action::Get) => answer.extend((u32::from(self.sensors) | 1 << 24).to_le_bytes()),
+            (code::WHO_AM_I, Action::Get) => answer.extend(b"A virtual VIPER\0"),
+            (code::CONTINUOUS_PNO, Action::Set) => {
+                (self.continuous, self.accelerations) = (true, told.mode == 1);
+                if told.word(0)? == 0 {
+                    self.frame = self.zero;
+                }
+            }
+            (code::CONTINUOUS_PNO, Action::Reset) => self.continuous = false,
+            _ => return None,
+        }
+        Some(answer)
+    }
+
+    fn obey_command(&mut self, command: &Reply<'_>) -> Obeyed {
+        let done = |is_command, deed| Obeyed { taken: 0, is_command, deed };
+        let Some(action) = command.action() else { return done(false, Deed::Nothing) };
+        let mode = command.arguments[1];
+        let told = Told { command: command.command, action, mode, payload: command.payload };
+        match (told.command, action) {
+            (code::INITIALIZE, Action::Set) => {
+                self.deaf = false;
+                (self.units, self.continuous, self.frame) = ([0, 0], false, self.zero);
+                return done(true, Deed::Rest(RESET));
+            }
+            _ if self.deaf => return done(false, Deed::Nothing),
+            (code::SINGLE_PNO, Action::Get) => return done(true, Deed::Poll),
+            _ => {}
+        }
+        let answer = if self.refuses.contains(&told.command) { None } else { self.command(&told) };
+        let is_command = answer.is_some();
+        let (action, payload) = match answer {
+            Some(payload) => (Action::Ack, payload),
+            None => {
+                let mut refusal = Vec::new();
+                Reply::write_nak(2, "no such command", &mut refusal);
+                (Action::Nak, refusal)
+            }
+        };
+        let mut bytes = Vec::new();
+        Reply { unit: UNIT, action: action as u32, payload: &payload, ..*command }.write(&mut bytes);
+        let streams = is_command && self.continuous && told.command == code::CONTINUOUS_PNO;
+        done(is_command, if streams { Deed::Stream(bytes) } else { Deed::Say(bytes) })
+    }
+
+    /// What a sensor of this index measures at a place, as it says it.
+    fn sensor(&self, index: u8, placed: Placed) -> Sensor {
+        let Placed { position_cm, quaternion_wxyz: q } = placed;
+        let (position_unit, scale) = POSITION_UNITS[self.units[0] as usize];
+        let orientation_unit = ORIENTATION_UNITS[self.units[1] as usize];
+        let zenith = if self.tracks { [0.0; 3] } else { self.hemisphere };
+        let q = if self.boresight { [1.0, 0.0, 0.0, 0.0] } else { q };
+        let [azimuth, elevation, roll] = euler_deg(q);
+        let orientation = match orientation_unit {
+            OrientationUnit::Quaternion => q,
+            OrientationUnit::EulerRadians => [azimuth.to_radians(), elevation.to_radians(), roll.to_radians(), 0.0],
+            _ => [azimuth, elevation, roll, 0.0],
+        };
+        Sensor {
+            sensor: index,
+            is_virtual: false,
+            position_unit,
+            orientation_unit,
+            buttons: self.buttons,
+            distortion: self.distortion,
+            auxiliary: 0,
+            position: told_cm(zenith, position_cm).map(|x| ((x + self.tip_cm) * scale) as f32),
+            orientation: orientation.map(|x| x as f32),
+            acceleration: self.accelerations.then_some([0.0; 4]),
+        }
+    }
+}
+
+impl Model for Viper {
+    const SAMPLING_NS: i64 = SAMPLING_NS;
+
+    fn continuous(&self) -> bool {
+        self.continuous
+    }
+
+    fn cycles_hz(&self) -> f64 {
+        RATES[self.rate as usize]
+    }
+
+    fn obey(&mut self, input: &[u8]) -> Option<Obeyed> {
+        match self.format.look(input) {
+            Look::Record { length, record: Record::Reply(command) } => {
+                Some(Obeyed { taken: length, ..self.obey_command(&command) })
+            }
+            Look::Record { length: taken, .. } | Look::Skip { bytes: taken, .. } => {
+                Some(Obeyed { taken, is_command: false, deed: Deed::Nothing })
+            }
+            Look::Short => None,
+        }
+    }
+
+    fn measure(&mut self, see: &dyn Fn(u8) -> Placed) -> Vec<Vec<u8>> {
+        let present = (0..MOST_SENSORS as u8).filter(|index| self.sensors >> index & 1 != 0);
+        let sensors: Vec<Sensor> = present.map(|index| self.sensor(index, see(index + 1))).collect();
+        let frame_count = self.frame;
+        self.frame = self.frame.wrapping_add(1);
+        if self.increment {
+            return Vec::new();
+        }
+        let mut frame = Vec::new();
+        let (accelerations, test) = (self.accelerations && self.continuous, self.test);
+        FrameToWrite { unit: UNIT, frame_count, accelerations, test, sensors: &sensors }.write(&mut frame);
+        vec![frame]
+    }
+}

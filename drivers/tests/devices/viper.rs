@@ -1,0 +1,406 @@
+//! VIPER, as it is found and as it fails, over serial and USB.
+
+use std::sync::{Arc, Mutex};
+
+use drivers::clock::{Clock, MS, Monotonic, SECOND};
+use drivers::connection::{Connection, Protocol};
+use drivers::health::State;
+use drivers::polhemus::viper::Unit;
+use drivers::polhemus::viper::command::code;
+use drivers::polhemus::{Line, Settings};
+use drivers::reading::{Pose, Reading, Status};
+use drivers::simulated::viper::Twin;
+use drivers::simulated::{Faults, Placed, Pty};
+use drivers::transport::{PortPath, SerialOpener};
+use drivers::{Device, Next, Ticks};
+
+use crate::bench::{BEGIN, Rig, ticking, time_told};
+
+const BAUDS: [u32; 5] = [115_200, 921_600, 460_800, 230_400, 38_400];
+
+fn twin() -> Twin {
+    Twin::new(ticking(), Faults::default())
+}
+
+fn usb(mut twin: Twin) -> Twin {
+    twin.usb = true;
+    twin
+}
+
+fn rig(twin: Twin, settings: Settings) -> Rig<Twin, Unit> {
+    let line = if twin.usb { Line::Usb } else { Line::Serial(None) };
+    let mut rig = Rig::new(twin, Unit::new("a line", settings, line).unwrap(), false);
+    rig.device.start().unwrap();
+    rig
+}
+
+fn two() -> Settings {
+    Settings { stations: vec![1, 3], ..Settings::default() }
+}
+
+/// Each pose is right, or not there.
+fn assert_right(poses: &[Pose], what: &str) {
+    for pose in poses {
+        assert_eq!(pose.position_cm[1..], [f64::from(pose.station), -30.25], "{what}: {pose:?}");
+        assert_eq!(pose.quaternion_wxyz, [0.5, -0.5, 0.5, -0.5], "{what}");
+        assert!(time_told(pose) >= BEGIN && time_told(pose) < pose.stamp.host_ns.unwrap(), "{what}");
+    }
+}
+
+#[test]
+fn poses_are_those_of_the_sensors_at_the_times_that_stamps_and_ticks_lead_to() {
+    for (baud, sensors, hz) in
+        [(Some(115_200), 0b1, 120.0), (Some(115_200), 0b111, 60.0), (Some(921_600), 0b101, 240.0), (None, 0b111, 240.0)]
+    {
+        let mut left = twin();
+        (left.sensors, left.usb, left.distortion, left.buttons) = (sensors, baud.is_none(), 9, 2);
+        left.baud = baud.unwrap_or(115_200);
+        let wanted = if sensors == 1 { Settings::default() } else { two() };
+        let stations = wanted.stations.clone();
+        let mut rig = rig(left, wanted);
+        rig.until(State::Running, 2 * SECOND);
+        let mut poses = rig.poses(2 * SECOND);
+        // The running was told with a pose of some station.
+        poses.drain(..poses.iter().position(|pose| pose.station == 1).unwrap());
+        let timing = rig.device.describe().timing;
+        assert_eq!((timing.rate_hz, timing.tick_hz), (Some(hz), Some(hz)));
+        assert_eq!((timing.ticks, timing.wraps_at), (Ticks::Measurements, Some(1 << 32)));
+        let bytes = 28 + 32 * i64::from(sensors.count_ones());
+        assert_eq!(timing.wire_ns, baud.map_or(0, |baud| bytes * 10 * SECOND / i64::from(baud)));
+        assert!(poses.len().abs_diff(2 * hz as usize * stations.len()) <= stations.len(), "{}", poses.len());
+        assert_right(&poses, "all");
+        let (first_tick, first_told) = (poses[0].stamp.ticks.unwrap(), time_told(&poses[0]));
+        assert!(first_tick < 3, "counted from the start: {first_tick}");
+        for (n, pose) in poses.iter().enumerate() {
+            assert_eq!(pose.station, stations[n % stations.len()], "in order");
+            assert_eq!(pose.stamp.item, poses[0].stamp.item + n as u64);
+            let measured = pose.stamp.host_ns.unwrap() - timing.sampling_ns - timing.wire_ns;
+            assert!((0..MS / 8 + 3000).contains(&(measured - time_told(pose))), "{measured} {}", time_told(pose));
+            let ticks = pose.stamp.ticks.unwrap();
+            assert_eq!(ticks, first_tick + (n / stations.len()) as u64, "all sensors of a frame at once");
+            let by_ticks = first_told + ((ticks - first_tick) as f64 / hz * SECOND as f64) as i64;
+            assert!((by_ticks - time_told(pose)).abs() <= MS / 8 + 1, "{by_ticks} {}", time_told(pose));
+            assert_eq!((&pose.status, pose.code, pose.buttons, pose.distortion), (&Status::Ok, None, 2, Some(9)));
+        }
+        let received = rig.device.health().received;
+        assert_eq!((received.opened, received.set_up, received.refused, received.lost), (1, 1, 0, 0));
+    }
+}
+
+#[test]
+fn a_unit_is_set_up_however_it_was_left() {
+    let mut slowest = 0;
+    for baud in BAUDS.map(Some).into_iter().chain([None]) {
+        for left in 0..32 {
+            let mut twin = twin();
+            (twin.baud, twin.usb) = (baud.unwrap_or(115_200), baud.is_none());
+            twin.continuous = left & 1 != 0;
+            (twin.units, twin.accelerations) = if left & 2 != 0 { ([3, 1], true) } else { ([0, 0], false) };
+            (twin.sensors, twin.rate) = if left & 4 != 0 { (0b1011, 5) } else { (1, 0) };
+            (twin.hemisphere, twin.filter) = ([0.0, 0.0, -1.0], 3);
+            (twin.boresight, twin.tip_cm, twin.tracks) = (true, 11.0, true);
+            twin.increment = left & 8 != 0;
+            if left & 16 != 0 {
+                twin.leave_on_the_line(b"\x00\x00VPRC\x00\x01\x00\x00VPRP\x34\x00", BEGIN);
+                twin.written_by_another(b"VPRC\x20\x00\x00\x00\xff\xff\xff\xff");
+            }
+            let mut rig = rig(twin, Settings::default());
+            slowest = slowest.max(rig.until(State::Running, 4 * SECOND));
+            let poses = rig.poses(SECOND / 2);
+            let hz = rig.device.describe().timing.rate_hz.unwrap();
+            assert!(poses.len() >= (0.5 * hz) as usize - 1, "{baud:?} {left}: {} at {hz}", poses.len());
+            assert!(poses.iter().all(|pose| pose.station == 1));
+            assert_right(&poses, &format!("{baud:?} {left}"));
+            let twin = rig.twin.lock().unwrap();
+            assert_eq!((twin.units, twin.hemisphere, twin.tracks), ([2, 2], [1.0, 0.0, 0.0], false));
+            assert!(!twin.increment && !twin.boresight && twin.tip_cm == 0.0 && twin.filter == 0);
+        }
+    }
+    assert!(slowest < 2 * SECOND, "{} ms", slowest / MS);
+}
+
+fn sent(rig: &Rig<Twin, Unit>) -> Vec<Vec<u8>> {
+    rig.twin.lock().unwrap().obeyed.clone()
+}
+
+/// A command's body, by its words, between preamble and checksum.
+fn framed(command: u32, action: u32, arguments: [u32; 2], payload: &[u32]) -> Vec<u8> {
+    let words = [&[u32::MAX, command, action, arguments[0], arguments[1]], payload].concat();
+    let mut bytes = b"VPRC".to_vec();
+    bytes.extend((4 * words.len() as u32 + 4).to_le_bytes());
+    bytes.extend(words.iter().flat_map(|word| word.to_le_bytes()));
+    // CRC-16/ARC, bit by bit.
+    let crc = bytes.iter().fold(0_u16, |crc, byte| {
+        (0..8).fold(crc ^ u16::from(*byte), |crc, _| if crc & 1 == 1 { crc >> 1 ^ 0xA001 } else { crc >> 1 })
+    });
+    bytes.extend(u32::from(crc).to_le_bytes());
+    bytes
+}
+
+#[test]
+fn what_is_sent_is_what_the_manufacturer_s_header_says() {
+    let mut rig = rig(usb(twin()), Settings { hemisphere: [0.0, 0.0, 1.0], ..Settings::default() });
+    rig.until(State::Running, 2 * SECOND);
+    rig.device.stop().unwrap();
+    let every = [u32::MAX, 0];
+    let one = 1.0_f32.to_bits();
+    let expected = [
+        framed(19, 2, [0, 0], &[]),
+        framed(10, 1, [0, 0], &[]),
+        framed(7, 0, [0, 0], &[2, 2]),
+        framed(6, 0, [0, 0], &[3]),
+        framed(2, 2, every, &[]),
+        framed(3, 2, every, &[]),
+        framed(4, 2, every, &[]),
+        framed(0, 0, every, &[0, 0, 0, one]),
+        framed(1, 0, every, &[0; 5]),
+        framed(7, 1, [0, 0], &[]),
+        framed(6, 1, [0, 0], &[]),
+        framed(10, 1, [0, 0], &[]),
+        framed(19, 0, [0, 0], &[0]),
+        framed(19, 2, [0, 0], &[]),
+    ];
+    assert_eq!(sent(&rig), expected);
+    // Two of them as they were given elsewhere.
+    assert_eq!(expected[2][36..], [0x7f, 0xbf, 0, 0]);
+    assert_eq!(expected[12][32..], [0x94, 0xcb, 0, 0]);
+    assert_eq!(rig.device.health().state, State::Stopped);
+}
+
+#[test]
+fn a_refusal_is_told_in_the_unit_s_words_if_it_matters() {
+    let mut left = twin();
+    left.refuses = vec![code::INCREMENT, code::BORESIGHT, code::TIP_OFFSET];
+    let mut lenient = rig(left, Settings::default());
+    lenient.until(State::Running, 2 * SECOND);
+    for refused in [code::UNITS, code::FRAME_RATE, code::HEMISPHERE, code::FILTER] {
+        let mut left = twin();
+        left.refuses = vec![refused];
+        let mut rig = rig(left, Settings::default());
+        rig.readings(3 * SECOND);
+        let health = rig.device.health();
+        let expected = format!("refused command {refused}: no such command");
+        assert!(health.state == State::Silent && health.why.contains(&expected), "{health:?}");
+        rig.twin.lock().unwrap().refuses.clear();
+        assert!(rig.until(State::Running, 2 * SECOND) < SECOND);
+    }
+}
+
+#[test]
+fn a_station_without_a_sensor_is_named() {
+    let mut rig = rig(twin(), two());
+    rig.readings(3 * SECOND);
+    assert_eq!(rig.device.health().state, State::Silent);
+    assert!(rig.device.health().why.contains("station 3; plug it in"), "{}", rig.device.health().why);
+    rig.twin.lock().unwrap().sensors = 0b101;
+    assert!(rig.until(State::Running, 2 * SECOND) < 2 * SECOND);
+}
+
+#[test]
+fn a_count_that_wraps_loses_nothing() {
+    let mut left = usb(twin());
+    left.zero = u32::MAX - 100;
+    let mut rig = rig(left, Settings::default());
+    rig.until(State::Running, 2 * SECOND);
+    let poses = rig.poses(SECOND);
+    assert!(poses.len().abs_diff(240) <= 1, "{}", poses.len());
+    let ticks: Vec<u64> = poses.iter().map(|pose| pose.stamp.ticks.unwrap()).collect();
+    assert!(ticks[0] > 1 << 31 && *ticks.last().unwrap() < 1 << 31, "{} to {:?}", ticks[0], ticks.last());
+    assert!(ticks.windows(2).all(|two| (two[0] + 1) % (1 << 32) == two[1]));
+    assert_eq!(rig.device.health().received.lost, 0);
+}
+
+#[test]
+fn a_sensor_behind_is_told_on_its_own_side_if_the_hemisphere_is_set() {
+    let behind: drivers::simulated::Motion =
+        Arc::new(|_, _| Placed { position_cm: [-20.0, 3.0, 5.0], quaternion_wxyz: [1.0, 0.0, 0.0, 0.0] });
+    for (hemisphere, expected) in
+        [([1.0, 0.0, 0.0], [20.0, -3.0, -5.0]), ([-1.0, 0.0, 0.0], [-20.0, 3.0, 5.0]), ([0.0; 3], [-20.0, 3.0, 5.0])]
+    {
+        let left = Twin::new(Arc::clone(&behind), Faults::default());
+        let mut rig = rig(left, Settings { hemisphere, ..Settings::default() });
+        rig.until(State::Running, 2 * SECOND);
+        assert!(rig.poses(SECOND / 4).iter().all(|pose| pose.position_cm == expected), "{hemisphere:?}");
+    }
+}
+
+#[test]
+fn unplugged_is_absent_and_back_within_two_seconds() {
+    for left in [twin(), usb(twin())] {
+        let mut rig = rig(left, Settings::default());
+        rig.until(State::Running, 2 * SECOND);
+        for _ in 0..3 {
+            rig.readings(300 * MS);
+            rig.twin.lock().unwrap().unplug();
+            assert!(rig.until(State::Absent, SECOND) < 20 * MS, "told at once");
+            assert!(rig.readings(5 * SECOND).is_empty());
+            rig.twin.lock().unwrap().plugged = true;
+            let back = rig.until(State::Running, 2 * SECOND);
+            assert!(back < SECOND, "{} ms", back / MS);
+        }
+        let received = rig.device.health().received;
+        assert_eq!((received.opened, received.set_up, received.lost), (4, 4, 0));
+    }
+}
+
+#[test]
+fn a_unit_that_hangs_is_silent_and_not_absent_and_is_back_within_two_seconds() {
+    for left in [twin(), usb(twin())] {
+        let mut rig = rig(left, Settings::default());
+        rig.until(State::Running, 2 * SECOND);
+        rig.twin.lock().unwrap().hung = true;
+        let noticed = rig.until(State::Silent, 2 * SECOND);
+        assert!(noticed < 600 * MS, "{} ms", noticed / MS);
+        assert!(rig.readings(2 * SECOND).is_empty());
+        let why = rig.device.health().why.clone();
+        assert!(why.contains("does not answer") && why.contains("switched on"), "{why}");
+        rig.twin.lock().unwrap().hung = false;
+        let back = rig.until(State::Running, 4 * SECOND);
+        assert!(back < 2 * SECOND, "{} ms", back / MS);
+        assert_eq!(rig.device.health().received.opened, 1, "the line was open all along");
+    }
+}
+
+#[test]
+fn a_unit_that_listens_to_nothing_else_is_started_anew() {
+    for on_usb in [false, true] {
+        let mut left = twin();
+        (left.deaf, left.continuous, left.usb) = (true, true, on_usb);
+        let mut stubborn = rig(left, Settings { may_reset: false, ..Settings::default() });
+        stubborn.readings(40 * SECOND);
+        assert_eq!(stubborn.device.health().state, State::Silent);
+        let mut left = twin();
+        (left.deaf, left.continuous, left.usb) = (true, true, on_usb);
+        let mut rig = rig(left, Settings::default());
+        let took = rig.until(State::Running, 60 * SECOND);
+        assert!((20 * SECOND..34 * SECOND).contains(&took), "{} s", took / SECOND);
+        let resets = sent(&rig).into_iter().filter(|command| *command == framed(21, 0, [0, 0], &[])).count();
+        assert_eq!(resets, 1, "it is not told again while it starts");
+    }
+}
+
+#[test]
+fn lost_and_harmed_bytes_cost_their_frames_and_the_count_tells_how_many() {
+    for (sensors, settings) in [(1, Settings::default()), (0b111, two())] {
+        let stations = settings.stations.len() as u64;
+        let mut left = usb(twin());
+        left.sensors = sensors;
+        let mut rig = rig(left, settings);
+        rig.until(State::Running, 2 * SECOND);
+        rig.readings(SECOND);
+        let before = {
+            let mut twin = rig.twin.lock().unwrap();
+            twin.set_faults(Faults { drop: 0.001, noise: 0.001, dropout: 0.01, ..Faults::default() });
+            twin.harmed
+        };
+        let poses = rig.poses(60 * SECOND);
+        rig.twin.lock().unwrap().set_faults(Faults::default());
+        assert!(rig.poses(SECOND).len() > 235);
+        assert_right(&poses, "lossy");
+        let twin = rig.twin.lock().unwrap();
+        let received = rig.device.health().received;
+        let harmed = twin.harmed - before;
+        assert!(harmed > 1000, "{harmed}");
+        assert_eq!(received.lost, harmed * stations, "of {} frames", twin.measured);
+        assert!(received.refused > 300 && received.set_up == 1, "{received:?}");
+    }
+}
+
+#[test]
+fn noise_is_survived() {
+    let mut rig = rig(twin(), Settings::default());
+    rig.until(State::Running, 2 * SECOND);
+    rig.twin.lock().unwrap().set_faults(Faults { noise: 0.3, ..Faults::default() });
+    assert!(rig.poses(5 * SECOND).iter().all(|pose| pose.position_cm[1..] == [1.0, -30.25]), "none is wrong");
+    rig.twin.lock().unwrap().set_faults(Faults::default());
+    assert!(rig.until(State::Running, 3 * SECOND) <= 2 * SECOND);
+    let poses = rig.poses(SECOND);
+    assert!(poses.len() > 115, "{}", poses.len());
+    assert_right(&poses, "after noise");
+}
+
+#[test]
+fn what_the_built_in_test_found_is_told_and_numbers_that_no_pose_has_too() {
+    let mut left = twin();
+    left.test = 5;
+    let mut found = rig(left, Settings::default());
+    found.until(State::Running, 2 * SECOND);
+    assert!(found.poses(SECOND / 4).iter().all(|pose| pose.code == Some(5) && pose.status == Status::Ok));
+    for (x, w) in [(f64::NAN, 1.0), (1e9, 1.0), (10.0, 0.5), (10.0, f64::NAN)] {
+        let lost: drivers::simulated::Motion =
+            Arc::new(move |_, _| Placed { position_cm: [x, 0.0, 0.0], quaternion_wxyz: [w, 0.0, 0.0, 0.0] });
+        let mut rig = rig(Twin::new(lost, Faults::default()), Settings::default());
+        rig.until(State::Running, 2 * SECOND);
+        let poses = rig.poses(SECOND / 4);
+        assert!(poses.len() > 20 && poses.iter().all(|pose| pose.status != Status::Ok), "{x} {w}");
+    }
+}
+
+#[test]
+fn raw_bytes_make_the_same_readings_again() {
+    let faults = Faults { drop: 0.001, packet_ns: 16 * MS, ..Faults::default() };
+    let mut left = Twin::new(ticking(), faults);
+    left.sensors = 0b111;
+    let mut rig = Rig::new(left, Unit::new("a line", two(), None).unwrap(), true);
+    rig.device.start().unwrap();
+    let readings = rig.readings(20 * SECOND);
+    let mut again = std::collections::VecDeque::new();
+    let mut unit = Unit::new("a recording", two(), None).unwrap();
+    unit.replay();
+    let mut live = Vec::new();
+    for reading in &readings {
+        match reading {
+            Reading::Raw(raw) => unit.take(&raw.bytes, raw.stamp.host_ns.unwrap(), &mut again),
+            Reading::Pose(pose) => live.push(pose),
+            other => panic!("{other:?}"),
+        }
+    }
+    assert!(live.len() > 1500, "{}", live.len());
+    assert_eq!(again.len(), live.len());
+    for (again, live) in again.iter().zip(live) {
+        assert!(matches!(again, Reading::Pose(pose) if pose == live), "{again:?} {live:?}");
+    }
+}
+
+#[test]
+fn on_a_pseudo_terminal_poses_are_exact_and_hanging_up_is_noticed() {
+    let begin = Monotonic.now_ns();
+    let motion = Arc::new(move |station: u8, ns: i64| ticking()(station, BEGIN + ns - begin));
+    let mut left = Twin::new(motion, Faults::default());
+    left.continuous = true;
+    let twin = Arc::new(Mutex::new(left));
+    let pty = Pty::run(Arc::clone(&twin)).unwrap();
+    let port = PortPath { path: pty.path().into(), baud: 9600 };
+    let opener = SerialOpener::new(port, Arc::new(Monotonic));
+    let unit = Unit::new("a terminal", Settings::default(), None).unwrap();
+    let mut device = Connection::new(Box::new(opener), Arc::new(Monotonic), unit, false);
+    device.start().unwrap();
+    let end = Monotonic.now_ns() + 20 * SECOND;
+    let mut poses = Vec::new();
+    while poses.len() < 100 {
+        assert!(Monotonic.now_ns() < end, "{:?}", device.health());
+        if let Next::Reading(Reading::Pose(pose)) = device.next(Monotonic.now_ns() + 50 * MS).unwrap() {
+            poses.push(pose);
+        }
+    }
+    for pose in &poses {
+        assert_eq!(pose.position_cm[1..], [1.0, -30.25]);
+        // Told in the past, and not long ago even on a busy machine.
+        let age = pose.stamp.host_ns.unwrap() - (time_told(pose) - BEGIN + begin);
+        assert!((0..2 * SECOND).contains(&age), "{age}");
+    }
+    drop(pty);
+    while device.health().state != State::Absent {
+        assert!(Monotonic.now_ns() < end + 5 * SECOND, "{:?}", device.health());
+        device.next(Monotonic.now_ns() + 50 * MS).unwrap();
+    }
+}
+
+#[test]
+fn settings_that_no_unit_has_are_refused() {
+    let refused = |settings: Settings| Unit::new("x", settings, None).err().map(|e| e.to_string()).unwrap_or_default();
+    for stations in [vec![], vec![0], vec![17], vec![2, 1], vec![1, 1]] {
+        assert!(refused(Settings { stations, ..Settings::default() }).contains("tracker.stations"));
+    }
+    assert!(refused(Settings { binary: false, ..Settings::default() }).contains("tracker.binary"));
+}
