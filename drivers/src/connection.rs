@@ -94,7 +94,7 @@ pub trait Protocol: Send {
     /// The next rung of setting up.
     fn climb(&mut self, met: Met<'_>) -> Rung;
 
-    /// Takes bytes of a device that was set up; the last of them were here at `at_ns`. Adds the readings in them.
+    /// Takes bytes of a device that was set up; the last of them were here at `at_ns`. Adds the readings in them, which are numbered by who asks.
     fn take(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>);
 
     /// What to ask a device for that speaks only when asked, and when at the latest it is to be asked again, host ns; `None` for one that speaks by itself.
@@ -136,6 +136,7 @@ pub struct Connection<P> {
     /// Lost before the last reset.
     before: Lost,
     raw_items: u64,
+    items: u64,
 }
 
 /// What is to be done after a step.
@@ -162,6 +163,7 @@ impl<P: Protocol> Connection<P> {
             health: Health::default(),
             before: Lost::default(),
             raw_items: 0,
+            items: 0,
         }
     }
 
@@ -328,6 +330,7 @@ impl<P: Protocol> Connection<P> {
         }
         let before = self.found.len();
         self.protocol.take(bytes, at_ns, &mut self.found);
+        number(self.found.iter_mut().skip(before), &mut self.items);
         let lost = self.protocol.lost();
         let received = &mut self.health.received;
         received.lost = self.before.readings + lost.readings;
@@ -340,6 +343,14 @@ impl<P: Protocol> Connection<P> {
             // Running is what delivers: the last rung alone proves nothing.
             self.health.enter(State::Running, "", at_ns);
         }
+    }
+}
+
+/// Gives readings the numbers that follow.
+pub(crate) fn number<'a>(readings: impl Iterator<Item = &'a mut Reading>, next: &mut u64) {
+    for reading in readings {
+        reading.stamp_mut().item = *next;
+        *next += 1;
     }
 }
 

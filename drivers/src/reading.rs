@@ -21,6 +21,20 @@ pub enum Reading {
     Raw(Raw),
 }
 
+impl Reading {
+    /// When.
+    pub fn stamp_mut(&mut self) -> &mut Stamp {
+        match self {
+            Self::Frame(Frame { stamp, .. })
+            | Self::Counts(Counts { stamp, .. })
+            | Self::Pose(Pose { stamp, .. })
+            | Self::NamedTransform(NamedTransform { stamp, .. })
+            | Self::Recorded(Recorded { stamp, .. })
+            | Self::Raw(Raw { stamp, .. }) => stamp,
+        }
+    }
+}
+
 /// When something was measured or received.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Stamp {

@@ -2,13 +2,15 @@
 
 use std::sync::Arc;
 
-use super::fastrak;
 use super::settings::Settings;
+use super::{Line, fastrak, liberty, viper};
 use crate::clock::{Clock, Monotonic};
 use crate::connection::{Connection, Protocol};
 use crate::transport::{Opener, PortPath, SerialOpener, UsbId, UsbOpener, serial, usb};
 use crate::{Device, Driver, Error, Listing, OpenSettings};
 
+/// Rate of a serial line until one is looked for, bits a second: the usual one.
+const BAUD: u32 = 115_200;
 /// The maker's number on USB.
 pub const VENDOR: u16 = 0x0f44;
 
@@ -17,16 +19,25 @@ pub const VENDOR: u16 = 0x0f44;
 pub enum Model {
     /// FASTRAK, and 3SPACE FASTRAK.
     Fastrak,
+    /// LIBERTY, and Latus.
+    Liberty,
+    /// PATRIOT.
+    Patriot,
+    /// VIPER.
+    Viper,
 }
 
 impl Model {
     /// All that can be opened.
-    pub const ALL: [Self; 1] = [Self::Fastrak];
+    pub const ALL: [Self; 4] = [Self::Fastrak, Self::Liberty, Self::Patriot, Self::Viper];
 
     /// The name in settings.
     pub fn name(self) -> &'static str {
         match self {
             Self::Fastrak => "fastrak",
+            Self::Liberty => "liberty",
+            Self::Patriot => "patriot",
+            Self::Viper => "viper",
         }
     }
 
@@ -34,13 +45,9 @@ impl Model {
     fn products(self) -> &'static [u16] {
         match self {
             Self::Fastrak => &[0x0002, 0x0003],
-        }
-    }
-
-    /// Rate of the line at first, where it is not told.
-    fn baud(self) -> u32 {
-        match self {
-            Self::Fastrak => 115_200,
+            Self::Liberty => &[0xff12, 0xff20],
+            Self::Patriot => &[0xef12, 0xef20],
+            Self::Viper => &[0xbf01],
         }
     }
 }
@@ -97,15 +104,14 @@ impl TrackerDriver {
     /// [`Error::Misuse`] for settings that the model does not have.
     pub fn open_with(settings: &TrackerSettings, clock: Arc<dyn Clock>) -> Result<Box<dyn Device>, Error> {
         let TrackerSettings { model, port, settings, keeps_raw } = settings;
-        let (opener, baud): (Box<dyn Opener>, _) = match port {
+        let (opener, line): (Box<dyn Opener>, _) = match port {
             Port::Serial { path, baud } => {
-                let port = PortPath { path: path.clone(), baud: baud.unwrap_or(model.baud()) };
-                (Box::new(SerialOpener::new(port, Arc::clone(&clock))), *baud)
+                let port = PortPath { path: path.clone(), baud: baud.unwrap_or(BAUD) };
+                (Box::new(SerialOpener::new(port, Arc::clone(&clock))), Line::Serial(*baud))
             }
             Port::Usb(which) => {
                 let id = UsbId { vendor: VENDOR, products: model.products().to_vec(), which: which.clone() };
-                // A line without a rate is tried at one.
-                (Box::new(UsbOpener::new(id, Arc::clone(&clock))), Some(model.baud()))
+                (Box::new(UsbOpener::new(id, Arc::clone(&clock))), Line::Usb)
             }
         };
         let name = opener.name().to_owned();
@@ -117,8 +123,13 @@ impl TrackerDriver {
         ) -> Box<dyn Device> {
             Box::new(Connection::new(opener, clock, protocol, keeps_raw))
         }
+        let settings = settings.clone();
         Ok(match model {
-            Model::Fastrak => connect(opener, clock, fastrak::Unit::new(&name, settings.clone(), baud)?, *keeps_raw),
+            Model::Fastrak => connect(opener, clock, fastrak::Unit::new(&name, settings, line)?, *keeps_raw),
+            Model::Liberty | Model::Patriot => {
+                connect(opener, clock, liberty::Unit::new(&name, settings, line)?, *keeps_raw)
+            }
+            Model::Viper => connect(opener, clock, viper::Unit::new(&name, settings, line)?, *keeps_raw),
         })
     }
 }

@@ -162,11 +162,6 @@ impl<D: Dialect> Tracker<D> {
         }
     }
 
-    /// Ready to take the bytes that a unit of these settings sent after it was set up, as a recording has them.
-    pub fn replay(&mut self) {
-        self.dialect.replay();
-    }
-
     /// The rate that is tried now.
     fn baud(&self) -> Option<u32> {
         match self.line {
@@ -259,6 +254,10 @@ impl<D: Dialect> Protocol for Tracker<D> {
     fn reset(&mut self) {
         self.dialect.forget();
         (self.step, self.question, self.is_there) = (Step::Rate, None, false);
+    }
+
+    fn resume(&mut self) {
+        self.dialect.replay();
     }
 
     fn climb(&mut self, met: Met<'_>) -> Rung {

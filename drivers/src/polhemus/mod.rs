@@ -8,8 +8,8 @@
 //! - [`viper`]: VIPER, over USB and RS-422 alike.
 //! - [`ladder`]: what is common to setting any of them up, and [`Line`], what they are connected by.
 
-mod driver;
 mod counter;
+mod driver;
 pub mod fastrak;
 pub mod isotrak;
 pub mod ladder;

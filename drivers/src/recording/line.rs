@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use super::pace::{Pace, Pacer};
 use crate::clock::Clock;
-use crate::connection::Protocol;
+use crate::connection::{Protocol, number};
 use crate::health::{Health, State};
 use crate::reading::{Raw, Reading};
 use crate::{Description, Device, Error, Next};
@@ -20,6 +20,7 @@ pub struct LineReplay<P> {
     held: Option<Raw>,
     protocol: P,
     pacer: Pacer,
+    items: u64,
     found: VecDeque<Reading>,
     health: Health,
 }
@@ -37,7 +38,7 @@ impl<P: Protocol> LineReplay<P> {
 
     fn by(source: Source, protocol: P, pacer: Pacer) -> Self {
         let (found, health) = (VecDeque::new(), Health::default());
-        Self { source, left: None, held: None, protocol, pacer, found, health }
+        Self { source, left: None, held: None, protocol, pacer, items: 0, found, health }
     }
 }
 
@@ -50,6 +51,7 @@ impl<P: Protocol> Device for LineReplay<P> {
         self.protocol.reset();
         self.protocol.resume();
         self.pacer.rewind();
+        self.items = 0;
         self.health = Health::default();
         self.health.enter(State::Running, "", 0);
         Ok(())
@@ -84,6 +86,7 @@ impl<P: Protocol> Device for LineReplay<P> {
                 return Ok(Next::Pending);
             }
             self.protocol.take(&piece.bytes, piece.stamp.host_ns.unwrap_or(0), &mut self.found);
+            number(self.found.iter_mut(), &mut self.items);
             let lost = self.protocol.lost();
             let received = &mut self.health.received;
             received.bytes += piece.bytes.len() as u64;

@@ -216,7 +216,9 @@ impl Model for Viper {
     }
 
     fn obey(&mut self, input: &[u8]) -> Option<Obeyed> {
-        match self.format.look(input) {
+        // A checksum leaves it nothing to remember; what it reads is tied to it.
+        let mut format = self.format.clone();
+        match format.look(input) {
             Look::Record { length, record: Record::Reply(command) } => {
                 Some(Obeyed { taken: length, ..self.obey_command(&command) })
             }

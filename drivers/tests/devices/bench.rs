@@ -5,7 +5,8 @@ use std::sync::{Arc, Mutex};
 use drivers::clock::{Clock, MS, Manual};
 use drivers::connection::{Connection, Protocol};
 use drivers::health::State;
-use drivers::reading::{Pose, Reading};
+use drivers::reading::{Pose, Raw, Reading};
+use drivers::recording::{LineReplay, Pace, Source};
 use drivers::simulated::{Motion, Placed};
 use drivers::transport::{MemoryOpener, Peer};
 use drivers::{Device, Next};
@@ -79,4 +80,43 @@ pub(crate) fn ticking() -> Motion {
 /// The time that a place of [`ticking`] tells, ns, an eighth of a ms at most too early.
 pub(crate) fn time_told(pose: &Pose) -> i64 {
     ((pose.position_cm[0] - 1.0) * 4096.0).round() as i64 * (MS / 8) + BEGIN
+}
+
+/// Replays the raw pieces among readings by a protocol that is made for each replay, at several paces: everything else must come again. Returns how many readings that is.
+pub(crate) fn replays<P: Protocol>(readings: &[Reading], protocol: impl Fn() -> P) -> usize {
+    let raw: Vec<Raw> =
+        readings.iter().filter_map(|r| if let Reading::Raw(raw) = r { Some(raw.clone()) } else { None }).collect();
+    let live: Vec<String> = readings
+        .iter()
+        .filter(|reading| !matches!(reading, Reading::Raw(_)))
+        .map(|reading| format!("{reading:?}"))
+        .collect();
+    let recorded = raw.last().unwrap().stamp.host_ns.unwrap() - raw[0].stamp.host_ns.unwrap();
+    for (pace, factor) in [(Pace::Unpaced, f64::INFINITY), (Pace::Factor(1.0), 1.0), (Pace::Factor(3.0), 3.0)] {
+        let pieces = raw.clone();
+        let source: Source = Box::new(move || Box::new(pieces.clone().into_iter().map(Ok)));
+        let clock = Manual::at(5);
+        let mut replay = LineReplay::with_clock(source, protocol(), pace, Arc::new(clock.clone()));
+        for _ in 0..2 {
+            let begin = clock.now_ns();
+            replay.start().unwrap();
+            let mut again = Vec::new();
+            loop {
+                match replay.next(clock.now_ns() + 7 * MS).unwrap() {
+                    Next::Reading(reading) => again.push(format!("{reading:?}")),
+                    Next::Pending => {}
+                    Next::End => break,
+                }
+            }
+            assert_eq!(again.len(), live.len(), "{pace:?}");
+            for (again, live) in again.iter().zip(&live) {
+                assert_eq!(again, live, "{pace:?}");
+            }
+            let took = clock.now_ns() - begin;
+            assert!((took - (recorded as f64 / factor) as i64).abs() < MS, "{pace:?}: {took}");
+            assert_eq!((replay.health().state, replay.health().received.readings), (State::Ended, live.len() as u64));
+            replay.stop().unwrap();
+        }
+    }
+    live.len()
 }

@@ -2,19 +2,18 @@
 
 use std::sync::{Arc, Mutex};
 
-use drivers::clock::{Clock, MS, Manual, Monotonic, SECOND};
+use drivers::clock::{Clock, MS, Monotonic, SECOND};
 use drivers::connection::Connection;
 use drivers::health::State;
 use drivers::polhemus::Settings;
 use drivers::polhemus::fastrak::{Mode, Unit};
-use drivers::reading::{Raw, Reading, Status};
-use drivers::recording::{LineReplay, Pace, Source};
+use drivers::reading::{Reading, Status};
 use drivers::simulated::fastrak::{SAMPLING_NS, Twin};
 use drivers::simulated::{Faults, Pty};
 use drivers::transport::{PortPath, SerialOpener};
 use drivers::{Device, Next};
 
-use crate::bench::{BEGIN, Rig, ticking, time_told};
+use crate::bench::{BEGIN, Rig, replays, ticking, time_told};
 
 fn twin() -> Twin {
     Twin::new(ticking(), Faults::default())
@@ -232,42 +231,8 @@ fn raw_bytes_make_the_same_readings_again() {
     let mut rig = Rig::new(Twin::new(ticking(), faults), protocol, true);
     rig.device.start().unwrap();
     let readings = rig.readings(20 * SECOND);
-    let mut raw: Vec<Raw> = Vec::new();
-    let mut live = Vec::new();
-    for reading in readings {
-        match reading {
-            Reading::Raw(piece) => raw.push(piece),
-            Reading::Pose(pose) => live.push(pose),
-            other => panic!("{other:?}"),
-        }
-    }
-    assert!(live.len() > 1500, "{}", live.len());
-    let recorded = raw.last().unwrap().stamp.host_ns.unwrap() - raw[0].stamp.host_ns.unwrap();
-    for (pace, factor) in [(Pace::Unpaced, f64::INFINITY), (Pace::Factor(1.0), 1.0), (Pace::Factor(3.0), 3.0)] {
-        let pieces = raw.clone();
-        let source: Source = Box::new(move || Box::new(pieces.clone().into_iter().map(Ok)));
-        let unit = Unit::new("a recording", Settings::default(), None).unwrap();
-        let clock = Manual::at(5);
-        let mut replay = LineReplay::with_clock(source, unit, pace, Arc::new(clock.clone()));
-        for _ in 0..2 {
-            let begin = clock.now_ns();
-            replay.start().unwrap();
-            let mut again = Vec::new();
-            loop {
-                match replay.next(clock.now_ns() + 7 * MS).unwrap() {
-                    Next::Reading(Reading::Pose(pose)) => again.push(pose),
-                    Next::Reading(other) => panic!("{other:?}"),
-                    Next::Pending => {}
-                    Next::End => break,
-                }
-            }
-            assert_eq!(again, live, "{pace:?}");
-            let took = clock.now_ns() - begin;
-            assert!((took - (recorded as f64 / factor) as i64).abs() < MS, "{pace:?}: {took}");
-            assert_eq!((replay.health().state, replay.health().received.readings), (State::Ended, live.len() as u64));
-            replay.stop().unwrap();
-        }
-    }
+    let poses = replays(&readings, || Unit::new("a recording", Settings::default(), None).unwrap());
+    assert!(poses > 1500, "{poses}");
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex};
 
 use drivers::clock::{Clock, MS, Monotonic, SECOND};
-use drivers::connection::{Connection, Protocol};
+use drivers::connection::Connection;
 use drivers::health::State;
 use drivers::polhemus::liberty::{Tag, Unit};
 use drivers::polhemus::{Line, Settings};
@@ -13,7 +13,7 @@ use drivers::simulated::{Faults, Pty};
 use drivers::transport::{PortPath, SerialOpener};
 use drivers::{Device, Next, Ticks};
 
-use crate::bench::{BEGIN, Rig, ticking, time_told};
+use crate::bench::{BEGIN, Rig, replays, ticking, time_told};
 
 fn twin() -> Twin {
     Twin::new(ticking(), Faults::default())
@@ -356,22 +356,8 @@ fn raw_bytes_make_the_same_readings_again() {
     let mut rig = Rig::new(left, Unit::new("a line", two(), None).unwrap(), true);
     rig.device.start().unwrap();
     let readings = rig.readings(20 * SECOND);
-    let mut again = std::collections::VecDeque::new();
-    let mut unit = Unit::new("a recording", two(), None).unwrap();
-    unit.replay();
-    let mut live = Vec::new();
-    for reading in &readings {
-        match reading {
-            Reading::Raw(raw) => unit.take(&raw.bytes, raw.stamp.host_ns.unwrap(), &mut again),
-            Reading::Pose(pose) => live.push(pose),
-            other => panic!("{other:?}"),
-        }
-    }
-    assert!(live.len() > 3500, "{}", live.len());
-    assert_eq!(again.len(), live.len());
-    for (again, live) in again.iter().zip(live) {
-        assert!(matches!(again, Reading::Pose(pose) if pose == live), "{again:?} {live:?}");
-    }
+    let poses = replays(&readings, || Unit::new("a recording", two(), None).unwrap());
+    assert!(poses > 3500, "{poses}");
 }
 
 #[test]

@@ -28,7 +28,6 @@ pub struct Speech {
     /// What answers said that was not as asked for.
     wrong: Option<String>,
     description: Description,
-    item: u64,
 }
 
 /// What is asked.
@@ -69,7 +68,6 @@ impl Unit {
             status: None,
             wrong: None,
             description,
-            item: 0,
         };
         Ok(Self::of(speech, line.into(), may_reset))
     }
@@ -221,12 +219,10 @@ impl Dialect for Speech {
     }
 
     fn take(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>) {
-        let item = &mut self.item;
         self.decoder.feed(bytes, &mut |record, _| {
             let Record::Pose(pose) = record else { return };
             let (Some(position_cm), Some(quaternion_wxyz)) = (pose.position, pose.quaternion_wxyz) else { return };
-            let stamp = Stamp { item: *item, host_ns: Some(at_ns), ..Stamp::default() };
-            *item += 1;
+            let stamp = Stamp { host_ns: Some(at_ns), ..Stamp::default() };
             found.push_back(Reading::Pose(Pose {
                 stamp,
                 station: pose.station,

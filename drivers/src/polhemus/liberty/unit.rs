@@ -50,7 +50,6 @@ pub struct Speech {
     /// What answers said that was not as asked for.
     wrong: Option<String>,
     description: Description,
-    item: u64,
 }
 
 /// What is asked.
@@ -100,7 +99,6 @@ impl Unit {
             doubtful: 0,
             wrong: None,
             description,
-            item: 0,
         };
         speech.set_rate(RATES[0].1);
         Ok(Self::of(speech, line, may_reset))
@@ -278,7 +276,7 @@ impl Dialect for Speech {
     }
 
     fn take(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>) {
-        let Self { decoder, settings, counters, hz, lost, doubtful, item, .. } = self;
+        let Self { decoder, settings, counters, hz, lost, doubtful, .. } = self;
         decoder.feed(bytes, &mut |record, _| {
             let Record::Pose(pose) = record else { return };
             let (Some(position), Some(quaternion)) = (pose.position, pose.quaternion_wxyz) else { return };
@@ -299,8 +297,7 @@ impl Dialect for Speech {
             if let Counted::Next(missing) = counted {
                 *lost += u64::from(missing);
             }
-            let stamp = Stamp { item: *item, host_ns: Some(at_ns), ticks: Some(u64::from(count)), ..Stamp::default() };
-            *item += 1;
+            let stamp = Stamp { host_ns: Some(at_ns), ticks: Some(u64::from(count)), ..Stamp::default() };
             let (position_cm, quaternion_wxyz) = (position.map(f64::from), quaternion.map(f64::from));
             found.push_back(Reading::Pose(Pose {
                 stamp,

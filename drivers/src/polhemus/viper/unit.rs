@@ -38,7 +38,6 @@ pub struct Speech {
     /// Frames whose number or whose units could not be.
     doubtful: u64,
     description: Description,
-    item: u64,
 }
 
 /// What is asked.
@@ -94,7 +93,6 @@ impl Unit {
             lost: 0,
             doubtful: 0,
             description,
-            item: 0,
         };
         speech.set_rate(RATES[0]);
         Ok(Self::of(speech, line.into(), may_reset))
@@ -240,7 +238,7 @@ impl Dialect for Speech {
     }
 
     fn take(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>) {
-        let Self { decoder, settings, counter, rate, lost, doubtful, item, .. } = self;
+        let Self { decoder, settings, counter, rate, lost, doubtful, .. } = self;
         decoder.feed(bytes, &mut |record, _| {
             let Record::Frame(frame) = record else { return };
             let counted = counter.count(frame.frame_count, at_ns, rate.1);
@@ -261,8 +259,7 @@ impl Dialect for Speech {
                     continue;
                 }
                 let ticks = Some(u64::from(frame.frame_count));
-                let stamp = Stamp { item: *item, host_ns: Some(at_ns), ticks, ..Stamp::default() };
-                *item += 1;
+                let stamp = Stamp { host_ns: Some(at_ns), ticks, ..Stamp::default() };
                 let position_cm = sensor.position.map(f64::from);
                 let quaternion_wxyz = sensor.orientation.map(f64::from);
                 let status = match crate::polhemus::is_pose(&position_cm, &quaternion_wxyz) {
