@@ -12,6 +12,10 @@
 //! and no other. Full scale is ±65.48 inches whatever unit was set. Wherever bit 7 turns up before a record's end, that record was cut and another
 //! begins. Replies are plain text as FASTRAK's.
 
+mod unit;
+
+pub use unit::{Question, Speech, Unit};
+
 use super::fastrak::reply::{self, Reply};
 use crate::framing::{Format, Look, Refusal};
 

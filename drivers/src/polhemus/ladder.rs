@@ -15,8 +15,10 @@ use crate::reading::Reading;
 const QUIET: i64 = 70 * MS;
 /// What a unit may take to be quiet, ns: it ends the record that it has begun, which takes 56 ms at 9600 for the longest usual one.
 const HUSHED: i64 = 250 * MS;
-/// What an answer may take, ns: a status takes 57 ms at 9600.
-const ANSWER: i64 = 150 * MS;
+/// What the first answer may take, ns: a status takes 57 ms at 9600.
+const PROBED: i64 = 150 * MS;
+/// What a later one may take, ns: two records of text and a status take 135 ms at 9600.
+const ANSWER: i64 = 400 * MS;
 /// What the first record may take after the unit was told to stream, ns: one in text takes 56 ms at 9600, and follows a cycle of all stations.
 const FIRST: i64 = 150 * MS;
 /// Times that a unit is told to stream before it counts as not doing so.
@@ -283,7 +285,7 @@ impl<D: Dialect> Protocol for Tracker<D> {
             }
             (Step::Asked, _) => {
                 self.step = Step::Answer;
-                Rung::Listen(ANSWER)
+                Rung::Listen(if self.is_there { ANSWER } else { PROBED })
             }
             (Step::Answer, Met::Heard(bytes)) => self.hear(bytes),
             (Step::Answer, _) if !self.is_there => self.next_rate("does not answer"),

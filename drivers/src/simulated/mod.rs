@@ -6,6 +6,7 @@
 
 pub mod fastrak;
 mod faults;
+pub mod isotrak;
 pub mod liberty;
 mod pty;
 mod unit;

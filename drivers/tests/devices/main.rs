@@ -4,5 +4,6 @@
 
 mod bench;
 mod fastrak;
+mod isotrak;
 mod liberty;
 mod viper;

@@ -28,6 +28,7 @@ pub mod write;
 pub use command::Command;
 pub use list::{Entry, Item, LONGEST_RECORD, Layout, ListError, MOST_ENTRIES, Mode};
 pub use reply::{Reply, Status};
+pub(super) use unit::judge_stations;
 pub use unit::{Question, Speech, Unit, status_of};
 
 use crate::framing::{Format, Look, Refusal};

@@ -1,0 +1,372 @@
+//! ISOTRAK II, as it is found and as it fails, in text and binary.
+
+use std::sync::{Arc, Mutex};
+
+use drivers::clock::{Clock, MS, Monotonic, SECOND};
+use drivers::connection::{Connection, Protocol};
+use drivers::health::State;
+use drivers::polhemus::Settings;
+use drivers::polhemus::fastrak::Mode;
+use drivers::polhemus::isotrak::{CM_PER_COUNT, Unit};
+use drivers::reading::{Pose, Reading, Status};
+use drivers::simulated::isotrak::Twin;
+use drivers::simulated::{Faults, Motion, Placed, Pty};
+use drivers::transport::{PortPath, SerialOpener};
+use drivers::{Device, Next, Ticks};
+
+use crate::bench::{BEGIN, Rig};
+
+/// Eighths of a ms along one axis before the next one counts.
+const FULL: i64 = 30_000;
+
+/// A path whose place tells the time exactly in the wire's counts, an eighth of a ms each, x before y; z tells the station.
+fn counting(begin: i64) -> Motion {
+    Arc::new(move |station, ns| {
+        let eighths = (ns - begin) / (MS / 8);
+        let counts = [(eighths % FULL) as f64, (eighths / FULL) as f64, -100.0 * f64::from(station)];
+        Placed { position_cm: counts.map(|count| count * CM_PER_COUNT), quaternion_wxyz: [0.5, -0.5, 0.5, -0.5] }
+    })
+}
+
+fn counts(pose: &Pose) -> [i64; 3] {
+    pose.position_cm.map(|x| (x / CM_PER_COUNT).round() as i64)
+}
+
+/// The time that a place tells, ns, an eighth of a ms at most too early.
+fn time_told(pose: &Pose) -> i64 {
+    let [x, y, _] = counts(pose);
+    (x + FULL * y) * (MS / 8) + BEGIN
+}
+
+fn twin() -> Twin {
+    Twin::new(counting(BEGIN), Faults::default())
+}
+
+fn rig(twin: Twin, settings: Settings) -> Rig<Twin, Unit> {
+    let mut rig = Rig::new(twin, Unit::new("a line", settings, None).unwrap(), false);
+    rig.device.start().unwrap();
+    rig
+}
+
+fn two() -> Settings {
+    Settings { stations: vec![1, 2], ..Settings::default() }
+}
+
+fn is_right(pose: &Pose) -> bool {
+    let turned = pose.quaternion_wxyz.iter().zip([0.5, -0.5, 0.5, -0.5]).all(|(q, r)| (q - r).abs() <= 0.51 / 32_767.0);
+    turned && counts(pose)[2] == -100 * i64::from(pose.station) && time_told(pose) < pose.stamp.host_ns.unwrap()
+}
+
+#[test]
+fn poses_are_those_of_the_sensor_at_the_times_that_the_stamps_lead_to() {
+    let mut rig = rig(twin(), two());
+    rig.until(State::Running, 2 * SECOND);
+    let mut poses = rig.poses(2 * SECOND);
+    poses.drain(..poses.iter().position(|pose| pose.station == 1).unwrap());
+    let timing = rig.device.describe().timing;
+    assert_eq!((timing.rate_hz, timing.ticks, timing.tick_hz), (Some(30.0), Ticks::None, None));
+    assert_eq!((timing.sampling_ns, timing.wire_ns), (0, 20 * 10 * SECOND / 115_200));
+    assert!(poses.len().abs_diff(120) <= 2, "{}: 30 of each station a second", poses.len());
+    for (n, pose) in poses.iter().enumerate() {
+        assert_eq!(usize::from(pose.station), 1 + n % 2, "in order");
+        assert_eq!(pose.stamp.item, poses[0].stamp.item + n as u64);
+        assert!(is_right(pose), "{pose:?}");
+        // Exact: what the counts say, not what they were rounded from.
+        assert_eq!(pose.position_cm, counts(pose).map(|count| count as f64 * CM_PER_COUNT));
+        let measured = pose.stamp.host_ns.unwrap() - timing.wire_ns * i64::from(pose.station);
+        assert!((0..MS / 8).contains(&(measured - time_told(pose))), "{measured} {}", time_told(pose));
+        assert_eq!((&pose.status, pose.code, pose.buttons, pose.stamp.ticks), (&Status::Ok, None, 0, None));
+    }
+    let received = rig.device.health().received;
+    assert_eq!((received.opened, received.set_up, received.lost), (1, 1, 0));
+}
+
+#[test]
+fn text_is_as_exact_as_its_columns() {
+    let mut rig = rig(twin(), Settings { binary: false, ..two() });
+    rig.until(State::Running, 2 * SECOND);
+    let wire = rig.device.describe().timing.wire_ns;
+    assert_eq!(wire, 54 * 10 * SECOND / 115_200);
+    let poses = rig.poses(SECOND);
+    assert!(poses.len() >= 58, "{}", poses.len());
+    for pose in poses {
+        assert_eq!(pose.quaternion_wxyz, [0.5, -0.5, 0.5, -0.5]);
+        // Half of the last digit is 0.005 cm: a count and a bit.
+        let measured = (pose.stamp.host_ns.unwrap() - wire * i64::from(pose.station) - BEGIN) / (MS / 8);
+        assert!((pose.position_cm[0] / CM_PER_COUNT - (measured % FULL) as f64).abs() < 2.0, "{pose:?}");
+    }
+}
+
+#[test]
+fn a_unit_is_set_up_however_it_was_left() {
+    let mut slowest = 0;
+    for baud in [115_200, 19_200, 9_600, 38_400, 57_600] {
+        for left in 0..32 {
+            let mut twin = twin();
+            twin.baud = baud;
+            twin.continuous = left & 1 != 0;
+            twin.mode = if left & 2 != 0 { Mode::Binary } else { Mode::Ascii };
+            twin.stations = [left & 4 != 0, true];
+            twin.hemispheres = [[0.0, 0.0, 1.0]; 2];
+            if left & 8 != 0 {
+                twin.list = vec![2, 5, 6, 7];
+                twin.leave_on_the_line(b"3.95-0.9713-0.0093 01   28.", BEGIN);
+                twin.written_by_another(b"O1,2,");
+            }
+            let binary = left & 16 == 0;
+            let mut rig = rig(twin, Settings { binary, ..Settings::default() });
+            slowest = slowest.max(rig.until(State::Running, 4 * SECOND));
+            let poses = rig.poses(SECOND / 2);
+            // As many cycles of 1/60 s as the record takes on the wire, and the rest of the last.
+            let cycles = (if binary { 20 } else { 54 } * 10 * 60 / u64::from(baud)) as usize + 1;
+            assert!(poses.len() >= 30 / cycles - 1, "{baud} {left}: {}", poses.len());
+            for pose in &poses {
+                assert_eq!(pose.station, 1, "{baud} {left}");
+                assert!(if binary { is_right(pose) } else { (pose.position_cm[2] + 0.51).abs() < 0.01 }, "{pose:?}");
+            }
+            let twin = rig.twin.lock().unwrap();
+            assert!(twin.centimetres && (twin.mode == Mode::Binary) == binary && twin.stations == [true, false]);
+            assert_eq!(twin.hemispheres[0], [1.0, 0.0, 0.0]);
+        }
+    }
+    assert!(slowest < 2 * SECOND, "{} ms", slowest / MS);
+}
+
+fn sent(rig: &Rig<Twin, Unit>) -> Vec<String> {
+    rig.twin.lock().unwrap().obeyed.iter().map(|bytes| String::from_utf8(bytes.clone()).unwrap()).collect()
+}
+
+#[test]
+fn what_is_sent_is_what_other_programs_send() {
+    for (binary, mode, list) in [(true, "f", "O2,11\r"), (false, "F", "O2,11,1\r")] {
+        let mut rig = rig(twin(), Settings { hemisphere: [1.0, 0.0, 0.5], binary, ..Settings::default() });
+        rig.until(State::Running, 2 * SECOND);
+        rig.device.stop().unwrap();
+        let expected = [
+            "c",
+            "S",
+            mode,
+            "u",
+            "l1,1\r",
+            "l2,0\r",
+            list,
+            "R1\r",
+            "b1\r",
+            "I1,0\r",
+            "H1,1,0,0.5\r",
+            "x0,1,0,0\r",
+            "v0,1,0,0\r",
+            "l\r",
+            "P",
+            "S",
+            "C",
+            "c",
+        ];
+        assert_eq!(sent(&rig), expected);
+        assert_eq!(rig.device.health().state, State::Stopped);
+    }
+}
+
+#[test]
+fn a_sensor_behind_is_told_on_its_own_side_if_the_hemisphere_is_set() {
+    let behind: Motion = Arc::new(|_, _| Placed {
+        position_cm: [-2000.0, 300.0, 500.0].map(|count| count * CM_PER_COUNT),
+        quaternion_wxyz: [1.0, 0.0, 0.0, 0.0],
+    });
+    for (hemisphere, expected) in
+        [([1.0, 0.0, 0.0], [2000, -300, -500]), ([-1.0, 0.0, 0.0], [-2000, 300, 500]), ([0.0; 3], [-2000, 300, 500])]
+    {
+        let left = Twin::new(Arc::clone(&behind), Faults::default());
+        let mut rig = rig(left, Settings { hemisphere, ..Settings::default() });
+        rig.until(State::Running, 2 * SECOND);
+        let poses = rig.poses(SECOND / 4);
+        assert!(poses.len() > 10 && poses.iter().all(|pose| counts(pose) == expected), "{hemisphere:?}");
+    }
+}
+
+#[test]
+fn a_station_that_is_not_put_to_use_is_named() {
+    let mut left = twin();
+    left.stuck = true;
+    let mut rig = rig(left, two());
+    rig.readings(3 * SECOND);
+    assert_eq!(rig.device.health().state, State::Silent);
+    assert!(rig.device.health().why.contains("does not use station 1, 2"), "{}", rig.device.health().why);
+    rig.twin.lock().unwrap().stuck = false;
+    assert!(rig.until(State::Running, 2 * SECOND) < 2 * SECOND);
+}
+
+#[test]
+fn unplugged_is_absent_and_back_within_two_seconds() {
+    let mut rig = rig(twin(), Settings::default());
+    rig.until(State::Running, 2 * SECOND);
+    for _ in 0..3 {
+        rig.readings(300 * MS);
+        rig.twin.lock().unwrap().unplug();
+        assert!(rig.until(State::Absent, SECOND) < 20 * MS, "told at once");
+        assert!(rig.readings(5 * SECOND).is_empty());
+        rig.twin.lock().unwrap().plugged = true;
+        let back = rig.until(State::Running, 2 * SECOND);
+        assert!(back < SECOND, "{} ms", back / MS);
+    }
+    let received = rig.device.health().received;
+    assert_eq!((received.opened, received.set_up), (4, 4));
+}
+
+#[test]
+fn a_unit_that_hangs_is_silent_and_not_absent_and_is_back_within_two_seconds() {
+    let mut rig = rig(twin(), Settings::default());
+    rig.until(State::Running, 2 * SECOND);
+    rig.twin.lock().unwrap().hung = true;
+    let noticed = rig.until(State::Silent, 2 * SECOND);
+    assert!(noticed < 600 * MS, "{} ms", noticed / MS);
+    assert!(rig.readings(2 * SECOND).is_empty());
+    let why = rig.device.health().why.clone();
+    assert!(why.contains("does not answer") && why.contains("switched on"), "{why}");
+    rig.twin.lock().unwrap().hung = false;
+    let back = rig.until(State::Running, 4 * SECOND);
+    assert!(back < 2 * SECOND, "{} ms", back / MS);
+    assert_eq!(rig.device.health().received.opened, 1, "the line was open all along");
+}
+
+#[test]
+fn a_unit_that_listens_to_nothing_else_is_started_anew() {
+    let mut left = twin();
+    (left.deaf, left.continuous) = (true, true);
+    let mut stubborn = rig(left, Settings { may_reset: false, ..Settings::default() });
+    stubborn.readings(60 * SECOND);
+    assert_eq!(stubborn.device.health().state, State::Silent);
+    let mut left = twin();
+    (left.deaf, left.continuous) = (true, true);
+    let mut rig = rig(left, Settings::default());
+    let took = rig.until(State::Running, 90 * SECOND);
+    // Twenty rounds, twenty seconds until it has started, and a round at the most.
+    assert!((40 * SECOND..48 * SECOND).contains(&took), "{} s", took / SECOND);
+    assert_eq!(sent(&rig).iter().filter(|command| *command == "\x19").count(), 1, "it is not told twice");
+}
+
+#[test]
+fn lost_bytes_cost_their_records_and_make_no_wrong_one() {
+    let mut rig = rig(twin(), Settings::default());
+    rig.until(State::Running, 2 * SECOND);
+    let before = {
+        let mut twin = rig.twin.lock().unwrap();
+        twin.set_faults(Faults { drop: 0.003, dropout: 0.01, ..Faults::default() });
+        (twin.measured, twin.harmed)
+    };
+    let poses = rig.poses(120 * SECOND);
+    assert!(poses.iter().all(is_right), "each is right or not there");
+    assert!(poses.windows(2).all(|two| time_told(&two[0]) < time_told(&two[1])));
+    let twin = rig.twin.lock().unwrap();
+    let whole = (twin.measured - before.0 - (twin.harmed - before.1)) as usize;
+    let received = rig.device.health().received;
+    assert!(twin.harmed - before.1 > 400, "{}", twin.harmed);
+    // Bit 7 marks each beginning: a record that was cut costs itself alone.
+    assert!(poses.len().abs_diff(whole) <= 1, "{} of {whole}", poses.len());
+    assert!(received.skipped > 5000 && received.refused > 300 && received.set_up == 1, "{received:?}");
+}
+
+#[test]
+fn noise_is_survived() {
+    let mut rig = rig(twin(), Settings::default());
+    rig.until(State::Running, 2 * SECOND);
+    rig.twin.lock().unwrap().set_faults(Faults { noise: 0.3, ..Faults::default() });
+    rig.readings(5 * SECOND);
+    rig.twin.lock().unwrap().set_faults(Faults::default());
+    assert!(rig.until(State::Running, 3 * SECOND) <= 2 * SECOND);
+    let poses = rig.poses(SECOND);
+    assert!(poses.len() > 55 && poses[2..].iter().all(is_right), "{}", poses.len());
+}
+
+#[test]
+fn letters_qualify_poses_and_switches_are_buttons() {
+    for (letter, buttons, code, spoils) in [
+        (b' ', 0, None, false),
+        (b'@', 1, None, false),
+        (b'*', 0, None, false),
+        (b'k', 0, Some(b'k'), true),
+        (b'a', 0, Some(b'a'), false),
+    ] {
+        for binary in [true, false] {
+            let mut left = twin();
+            left.errors[0] = letter;
+            let mut rig = rig(left, Settings { binary, ..Settings::default() });
+            rig.until(State::Running, 2 * SECOND);
+            let poses = rig.poses(SECOND / 4);
+            assert!(poses.len() > 10);
+            for pose in poses {
+                assert_eq!((pose.buttons, pose.code), (buttons, code), "{letter}");
+                assert_eq!(matches!(pose.status, Status::Other(_)), spoils, "{letter}: {:?}", pose.status);
+            }
+        }
+    }
+}
+
+#[test]
+fn raw_bytes_make_the_same_readings_again() {
+    for binary in [true, false] {
+        let settings = Settings { binary, ..two() };
+        let faults = Faults { drop: 0.001, packet_ns: 16 * MS, ..Faults::default() };
+        let protocol = Unit::new("a line", settings.clone(), None).unwrap();
+        let mut rig = Rig::new(Twin::new(counting(BEGIN), faults), protocol, true);
+        rig.device.start().unwrap();
+        let readings = rig.readings(20 * SECOND);
+        let mut again = std::collections::VecDeque::new();
+        let mut unit = Unit::new("a recording", settings, None).unwrap();
+        unit.replay();
+        let mut live = Vec::new();
+        for reading in &readings {
+            match reading {
+                Reading::Raw(raw) => unit.take(&raw.bytes, raw.stamp.host_ns.unwrap(), &mut again),
+                Reading::Pose(pose) => live.push(pose),
+                other => panic!("{other:?}"),
+            }
+        }
+        assert!(live.len() > 900, "{}", live.len());
+        assert_eq!(again.len(), live.len());
+        for (again, live) in again.iter().zip(live) {
+            assert!(matches!(again, Reading::Pose(pose) if pose == live), "{again:?} {live:?}");
+        }
+    }
+}
+
+#[test]
+fn on_a_pseudo_terminal_poses_are_exact_and_hanging_up_is_noticed() {
+    let begin = Monotonic.now_ns();
+    let mut left = Twin::new(counting(begin), Faults::default());
+    left.continuous = true;
+    let twin = Arc::new(Mutex::new(left));
+    let pty = Pty::run(Arc::clone(&twin)).unwrap();
+    let port = PortPath { path: pty.path().into(), baud: 9600 };
+    let opener = SerialOpener::new(port, Arc::new(Monotonic));
+    let unit = Unit::new("a terminal", Settings::default(), None).unwrap();
+    let mut device = Connection::new(Box::new(opener), Arc::new(Monotonic), unit, false);
+    device.start().unwrap();
+    let end = Monotonic.now_ns() + 20 * SECOND;
+    let mut poses = Vec::new();
+    while poses.len() < 60 {
+        assert!(Monotonic.now_ns() < end, "{:?}", device.health());
+        if let Next::Reading(Reading::Pose(pose)) = device.next(Monotonic.now_ns() + 50 * MS).unwrap() {
+            poses.push(pose);
+        }
+    }
+    for pose in &poses {
+        assert_eq!(counts(pose)[2], -100);
+        // Told in the past, and not long ago even on a busy machine.
+        let age = pose.stamp.host_ns.unwrap() - (time_told(pose) - BEGIN + begin);
+        assert!((0..2 * SECOND).contains(&age), "{age}");
+    }
+    drop(pty);
+    while device.health().state != State::Absent {
+        assert!(Monotonic.now_ns() < end + 5 * SECOND, "{:?}", device.health());
+        device.next(Monotonic.now_ns() + 50 * MS).unwrap();
+    }
+}
+
+#[test]
+fn settings_that_no_unit_has_are_refused() {
+    let refused = |settings: Settings| Unit::new("x", settings, None).err().map(|e| e.to_string()).unwrap_or_default();
+    for stations in [vec![], vec![0], vec![3], vec![2, 1], vec![1, 1]] {
+        assert!(refused(Settings { stations, ..Settings::default() }).contains("tracker.stations"));
+    }
+}
