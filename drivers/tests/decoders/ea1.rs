@@ -112,6 +112,16 @@ fn damage_is_told_by_reason() {
 }
 
 #[test]
+fn a_zero_within_a_block_is_none_of_cobs() {
+    // The same 27 bytes in one run, zeros and all: the code in front, the checksum and the end are right.
+    let mut plain = [0; 27];
+    assert_eq!(cobs::decode(&BLOCK[..28], &mut plain).unwrap().frame_size(), 27);
+    let raw = [&[28], &plain[..], &[0]].concat();
+    let (found, losses) = decode_any_cut(&Ea1::new(), &[&BLOCK[..], &raw, &BLOCK].concat(), &[3]);
+    assert_eq!((found.len(), losses.bytes_skipped, losses.refused(Refusal::Field)), (2, 29, 1));
+}
+
+#[test]
 fn bare_numbers_are_read_only_where_they_are_asked_for_and_only_as_whole_lines() {
     let stream = b"7,2,3\n1,-2,3\r\nx1,2,3\n4,5\n1,2,3,4\n2147483648,0,0\n-2147483648,0,1\n";
     assert_eq!(decode_any_cut(&Ea1::new(), stream, &[2]).0, []);

@@ -404,3 +404,13 @@ fn one_good_record_alone_waits_for_a_second_and_is_given_up_when_the_stream_brea
     let (all, _) = decode(Fastrak::uniform(1, layout), &SAMPLE_BINARY.repeat(4), &[9]);
     assert_eq!(all[3].1, 96..128);
 }
+
+#[test]
+fn a_record_counts_only_beside_another() {
+    let layout = Layout::new(Mode::Binary, &[2, 11, 0]).unwrap();
+    // Alone before, between and after noise: perhaps noise itself.
+    let stream = [&SAMPLE_BINARY[..], b"x", &SAMPLE_BINARY, &SAMPLE_BINARY, b"0", &SAMPLE_BINARY, b"z"].concat();
+    let (found, losses) = decode_any_cut(&Fastrak::uniform(1, layout), &stream, &[10]);
+    assert_eq!(found.iter().map(|(_, range)| range.start).collect::<Vec<_>>(), [33, 65]);
+    assert_eq!(losses.refused(Refusal::Unconfirmed), 2);
+}

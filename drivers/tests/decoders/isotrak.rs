@@ -66,6 +66,7 @@ fn stations_not_in_use_and_impossible_orientations_are_refused() {
     for (pose, why) in [
         (Pose { station: 2, ..sample() }, Refusal::Header),
         (Pose { quaternion_wxyz_counts: Some([30_000, 0, 0, 0]), ..sample() }, Refusal::Range),
+        (Pose { quaternion_wxyz_counts: Some([32_767, 8_500, 0, 0]), ..sample() }, Refusal::Range),
     ] {
         let mut stream = SAMPLE.to_vec();
         pose.write(&layout(), &mut stream);

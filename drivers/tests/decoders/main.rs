@@ -11,3 +11,26 @@ mod microscribe;
 mod qsb;
 mod stream;
 mod viper;
+
+/// Three records, or VIPER's longest reply and two frames; nothing that only looks like the beginning of a reply may hold records up for longer.
+#[test]
+fn the_bytes_within_which_records_are_found_are_as_few_as_promised() {
+    use drivers::arm::{ea1, microscribe, qsb};
+    use drivers::framing::Format as _;
+    use drivers::polhemus::{fastrak, isotrak, liberty, viper};
+
+    let fastrak = |mode, codes| fastrak::Fastrak::uniform(2, fastrak::Layout::new(mode, codes).unwrap()).lock_bytes();
+    assert_eq!(fastrak(fastrak::Mode::Ascii, &[2, 11, 1]), 3 * 54);
+    assert_eq!(fastrak(fastrak::Mode::Ascii, &[2, 11, 0]), 3 * 53);
+    assert_eq!(fastrak(fastrak::Mode::Binary, &[2, 11, 0]), 3 * 32);
+    assert_eq!(fastrak(fastrak::Mode::Ascii, &[52, 61, 1]), 3 * (3 + 7 * 13 + 2));
+    // Shorter than half a status, which still has to be told from garbage.
+    assert_eq!(fastrak(fastrak::Mode::Binary, &[2, 1]), 17 + 56);
+    assert_eq!(isotrak::Isotrak::new(1, isotrak::Layout::new(&[2, 11]).unwrap()).lock_bytes(), 3 * 20);
+    assert_eq!(liberty::Liberty::new(4, liberty::Layout::new(&[8, 9, 2, 7]).unwrap()).lock_bytes(), 3 * 44);
+    assert_eq!(viper::Viper::new(4).lock_bytes(), 1024 + 2 * 156);
+    assert_eq!(ea1::Ea1::new().lock_bytes(), 3 * ea1::LONGEST_SAMPLE);
+    assert_eq!(qsb::Qsb.lock_bytes(), 3 * 26);
+    let request = microscribe::Request::new(microscribe::Family::MicroScribe, 6, false).unwrap();
+    assert_eq!(microscribe::Samples::new(request).lock_bytes(), 3 * 14);
+}
