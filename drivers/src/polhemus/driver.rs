@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::settings::Settings;
-use super::{Line, fastrak, liberty, viper};
+use super::{Line, fastrak, isotrak, liberty, viper};
 use crate::clock::{Clock, Monotonic};
 use crate::connection::{Connection, Protocol};
 use crate::transport::{Opener, PortPath, SerialOpener, UsbId, UsbOpener, serial, usb};
@@ -17,6 +17,8 @@ pub const VENDOR: u16 = 0x0f44;
 /// A make of tracker.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Model {
+    /// ISOTRAK, ISOTRAK II and 3SPACE.
+    Isotrak,
     /// FASTRAK, and 3SPACE FASTRAK.
     Fastrak,
     /// LIBERTY, and Latus.
@@ -29,11 +31,12 @@ pub enum Model {
 
 impl Model {
     /// All that can be opened.
-    pub const ALL: [Self; 4] = [Self::Fastrak, Self::Liberty, Self::Patriot, Self::Viper];
+    pub const ALL: [Self; 5] = [Self::Isotrak, Self::Fastrak, Self::Liberty, Self::Patriot, Self::Viper];
 
     /// The name in settings.
     pub fn name(self) -> &'static str {
         match self {
+            Self::Isotrak => "isotrak",
             Self::Fastrak => "fastrak",
             Self::Liberty => "liberty",
             Self::Patriot => "patriot",
@@ -44,6 +47,8 @@ impl Model {
     /// The product numbers of units that run, by USB.
     fn products(self) -> &'static [u16] {
         match self {
+            // Serial alone.
+            Self::Isotrak => &[],
             Self::Fastrak => &[0x0002, 0x0003],
             Self::Liberty => &[0xff12, 0xff20],
             Self::Patriot => &[0xef12, 0xef20],
@@ -125,6 +130,7 @@ impl TrackerDriver {
         }
         let settings = settings.clone();
         Ok(match model {
+            Model::Isotrak => connect(opener, clock, isotrak::Unit::new(&name, settings, line)?, *keeps_raw),
             Model::Fastrak => connect(opener, clock, fastrak::Unit::new(&name, settings, line)?, *keeps_raw),
             Model::Liberty | Model::Patriot => {
                 connect(opener, clock, liberty::Unit::new(&name, settings, line)?, *keeps_raw)

@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex};
 
 use drivers::clock::{Clock, MS, Monotonic, SECOND};
-use drivers::connection::{Connection, Protocol};
+use drivers::connection::Connection;
 use drivers::health::State;
 use drivers::polhemus::Settings;
 use drivers::polhemus::fastrak::Mode;
@@ -14,7 +14,7 @@ use drivers::simulated::{Faults, Motion, Placed, Pty};
 use drivers::transport::{PortPath, SerialOpener};
 use drivers::{Device, Next, Ticks};
 
-use crate::bench::{BEGIN, Rig};
+use crate::bench::{BEGIN, Rig, replays};
 
 /// Eighths of a ms along one axis before the next one counts.
 const FULL: i64 = 30_000;
@@ -311,22 +311,8 @@ fn raw_bytes_make_the_same_readings_again() {
         let mut rig = Rig::new(Twin::new(counting(BEGIN), faults), protocol, true);
         rig.device.start().unwrap();
         let readings = rig.readings(20 * SECOND);
-        let mut again = std::collections::VecDeque::new();
-        let mut unit = Unit::new("a recording", settings, None).unwrap();
-        unit.replay();
-        let mut live = Vec::new();
-        for reading in &readings {
-            match reading {
-                Reading::Raw(raw) => unit.take(&raw.bytes, raw.stamp.host_ns.unwrap(), &mut again),
-                Reading::Pose(pose) => live.push(pose),
-                other => panic!("{other:?}"),
-            }
-        }
-        assert!(live.len() > 900, "{}", live.len());
-        assert_eq!(again.len(), live.len());
-        for (again, live) in again.iter().zip(live) {
-            assert!(matches!(again, Reading::Pose(pose) if pose == live), "{again:?} {live:?}");
-        }
+        let poses = replays(&readings, || Unit::new("a recording", settings.clone(), None).unwrap());
+        assert!(poses > 900, "{poses}");
     }
 }
 

@@ -35,7 +35,6 @@ pub struct Speech {
     /// Stations of which a record was seen.
     seen: [bool; STATIONS as usize],
     description: Description,
-    item: u64,
 }
 
 /// Reads records in either form.
@@ -93,7 +92,6 @@ impl Unit {
             wrong: None,
             seen: [false; STATIONS as usize],
             description,
-            item: 0,
         };
         Ok(Self::of(speech, line.into(), may_reset))
     }
@@ -254,13 +252,12 @@ impl Dialect for Speech {
     }
 
     fn take(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>) {
-        let Self { settings, records, item, .. } = self;
+        let Self { settings, records, .. } = self;
         records.feed(bytes, &mut |record| {
             if !settings.stations.contains(&record.station) {
                 return;
             }
-            let stamp = Stamp { item: *item, host_ns: Some(at_ns), ..Stamp::default() };
-            *item += 1;
+            let stamp = Stamp { host_ns: Some(at_ns), ..Stamp::default() };
             // A stylus' switch stands in the place of the error's letter.
             let is_switch = matches!(record.error, PRESSED | RELEASED);
             found.push_back(Reading::Pose(Pose {
