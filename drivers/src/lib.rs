@@ -16,6 +16,7 @@
 //! - [`clock`]: the host's time, and one that tests turn by hand.
 //! - [`simulated`]: virtual twins of all of them.
 //! - [`recording`]: sequence files (MetaImage) and the device that replays them.
+//! - [`grabber`]: video to pictures.
 //! - [`error`]: what can go wrong, in sentences that say what, where and what to do.
 
 pub mod arm;
@@ -23,6 +24,7 @@ pub mod clock;
 pub mod connection;
 pub mod error;
 pub mod framing;
+pub mod grabber;
 pub mod health;
 mod numerals;
 pub mod polhemus;
