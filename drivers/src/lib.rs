@@ -16,7 +16,7 @@
 //! - [`clock`]: the host's time, and one that tests turn by hand.
 //! - [`simulated`]: virtual twins of all of them.
 //! - [`recording`]: sequence files (MetaImage) and the device that replays them.
-//! - [`grabber`]: video to pictures.
+//! - [`grabber`]: frame grabbers over V4L2, and their video to pictures.
 //! - [`error`]: what can go wrong, in sentences that say what, where and what to do.
 
 pub mod arm;
@@ -28,6 +28,7 @@ pub mod grabber;
 pub mod health;
 mod numerals;
 pub mod polhemus;
+mod pool;
 pub mod reading;
 pub mod recording;
 pub mod simulated;
@@ -40,7 +41,7 @@ pub use health::Health;
 pub use reading::Reading;
 
 /// Every driver that this build knows.
-pub static DRIVERS: &[&dyn Driver] = &[&polhemus::TrackerDriver, &recording::SequenceDriver];
+pub static DRIVERS: &[&dyn Driver] = &[&polhemus::TrackerDriver, &grabber::GrabberDriver, &recording::SequenceDriver];
 
 /// Opens what the settings name with the driver that knows it.
 ///
@@ -50,6 +51,7 @@ pub fn open(settings: &OpenSettings) -> Result<Box<dyn Device>, Error> {
     match settings {
         OpenSettings::Tracker(_) => polhemus::TrackerDriver.open(settings),
         OpenSettings::Sequence(_) => recording::SequenceDriver.open(settings),
+        OpenSettings::Grabber(_) => grabber::GrabberDriver.open(settings),
     }
 }
 
@@ -87,6 +89,8 @@ pub enum OpenSettings {
     Tracker(polhemus::TrackerSettings),
     /// A sequence file.
     Sequence(recording::SequenceSettings),
+    /// A frame grabber.
+    Grabber(grabber::GrabberSettings),
 }
 
 impl OpenSettings {

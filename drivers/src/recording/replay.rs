@@ -7,10 +7,11 @@ use std::sync::Arc;
 
 use super::metaimage::layout::Layout;
 use super::metaimage::sequence::{Item, Sequence};
-use super::metaimage::stream::{PixelStream, Pool};
+use super::metaimage::stream::PixelStream;
 use super::metaimage::{self, Content};
 use super::{Pacer, SequenceSettings};
 use crate::health::{Health, State as Well};
+use crate::pool::Pool;
 use crate::reading::{Frame, NamedTransform, Reading, Stamp};
 use crate::{Description, Device, Error, Next, Timing};
 

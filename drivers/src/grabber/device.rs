@@ -1,0 +1,482 @@
+//! A grabber that is kept going: opened, set up and read, and all of it again when it goes away, breaks, falls silent or gets another source.
+//!
+//! Whatever is wrong, the remedy is the same: the stream is ended, the node closed, and both are begun anew, at once the first time and in steps of
+//! 200 ms from then on. Nothing is ever queued that was not copied, and no call waits longer than its deadline.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use super::interlace::{self, Order};
+use super::list::{find, is_gone, unfit, why_not_opened};
+use super::pixels::{Converter, Refusal, Rows};
+use super::timing::{FrameClock, Sequence, frame_time};
+use super::v4l2::kernel::{Node, number};
+use super::v4l2::setup::{Setup, Trouble, set_up};
+use super::v4l2::stream::{Filled, Stream};
+use super::{GrabberSettings, Interlace};
+use crate::clock::{Clock, MS, SECOND};
+use crate::health::{Health, State};
+use crate::pool::Pool;
+use crate::reading::{Frame, PixelType, Reading, Stamp, Status};
+use crate::{Description, Device, Error, Next, Ticks, Timing};
+
+/// Pause between two attempts to open a device, ns: one that is plugged in is found within it.
+const RETRY: i64 = 200 * MS;
+/// A device that delivers nothing for this long, ns, or for three frames, is set up anew: longer than a driver takes to lock.
+const PATIENCE: i64 = 1500 * MS;
+/// How often an input is asked whether it has a signal, ns: noise looks like pictures.
+const SIGNAL: i64 = 250 * MS;
+
+/// Said where a driver's stamps are not to be used.
+const RESTAMPED: &str =
+    "the driver's stamps are not of the host's monotonic clock; frames have the time at which they were handed over";
+
+/// Frames that the driver flagged or that hold no source's picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Doubtful {
+    /// Flagged as damaged by the driver; delivered with that status.
+    pub damaged: u64,
+    /// Came while the input had no signal; delivered with that status.
+    pub without_signal: u64,
+    /// Stamped at their handover, since the driver's stamps are of another clock.
+    pub restamped: u64,
+}
+
+/// A video device.
+pub struct Grabber {
+    settings: GrabberSettings,
+    clock: Arc<dyn Clock>,
+    stage: Stage,
+    description: Description,
+    health: Health,
+    doubtful: Doubtful,
+    sequence: Sequence,
+    /// Pictures delivered.
+    items: u64,
+    /// Pictures made and not yet asked for: the newer field.
+    ready: VecDeque<Reading>,
+    /// When it was last begun anew.
+    begun_ns: i64,
+}
+
+enum Stage {
+    Stopped,
+    Absent { retry_ns: i64 },
+    Running(Box<Running>),
+}
+
+struct Running {
+    node: Arc<Node>,
+    stream: Stream,
+    setup: Setup,
+    makers: Vec<Maker>,
+    /// When the last frame came, or it was started.
+    heard_ns: i64,
+    signal_ns: i64,
+    signal: Signal,
+}
+
+/// Makes pictures of some lines of a buffer.
+struct Maker {
+    rows: Rows,
+    converter: Converter,
+    pool: Pool,
+}
+
+/// What an input says of its source.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Signal {
+    /// There is one, or the device cannot tell.
+    Fine,
+    None,
+    NotLocked,
+    NoPower,
+}
+
+impl Signal {
+    const fn of(status: u32) -> Self {
+        if status & number::INPUT_NO_POWER != 0 {
+            Self::NoPower
+        } else if status & number::INPUT_NO_SIGNAL != 0 {
+            Self::None
+        } else if status & number::INPUT_NO_LOCK != 0 {
+            Self::NotLocked
+        } else {
+            Self::Fine
+        }
+    }
+
+    const fn why(self) -> &'static str {
+        match self {
+            Self::Fine => "",
+            Self::None => "has no signal at its input; check the cable and that the scanner's output is on",
+            Self::NotLocked => "cannot lock to the signal at its input; check the cable and the video standard",
+            Self::NoPower => "has an input without power; check its supply",
+        }
+    }
+}
+
+impl Grabber {
+    /// Stopped; touches no device.
+    ///
+    /// # Errors
+    /// [`Error::Misuse`] when no device is named or no buffers are wanted.
+    pub fn new(settings: GrabberSettings, clock: Arc<dyn Clock>) -> Result<Self, Error> {
+        if settings.device.is_empty() {
+            return Err(Error::Misuse("a grabber needs the name of its device, such as /dev/video0".into()));
+        }
+        if !(2..=32).contains(&settings.buffers) {
+            let problem = format!("{}: {} buffers; a stream needs 2 to 32", settings.device, settings.buffers);
+            return Err(Error::Misuse(problem));
+        }
+        let description = Description { name: settings.device.clone(), ..Description::default() };
+        Ok(Self {
+            settings,
+            clock,
+            stage: Stage::Stopped,
+            description,
+            health: Health::default(),
+            doubtful: Doubtful::default(),
+            sequence: Sequence::default(),
+            items: 0,
+            ready: VecDeque::with_capacity(2),
+            begun_ns: 0,
+        })
+    }
+
+    /// Frames that came and are not to be trusted.
+    pub const fn doubtful(&self) -> Doubtful {
+        self.doubtful
+    }
+
+    fn open(&mut self, now_ns: i64) -> Result<Running, String> {
+        let path = find(&self.settings.device).ok_or("is not there; plug it in, or see what is listed")?;
+        let node = Arc::new(Node::open(&path).map_err(|error| why_not_opened(&error))?);
+        self.health.received.opened += 1;
+        let identity = node.identity().map_err(|error| why_not_opened(&error))?;
+        if let Some(why) = unfit(&identity) {
+            return Err(format!("cannot be used: {why}"));
+        }
+        let setup = set_up(&node, &self.settings).map_err(|trouble| match trouble {
+            Trouble::Unfit(why) => format!("cannot be set up: {why}"),
+            Trouble::Refused { source, .. } if is_gone(&source) => why_not_opened(&source),
+            Trouble::Refused { doing, source } if source.kind() == std::io::ErrorKind::ResourceBusy => {
+                format!("is in use by another program; close that program ({doing}: {source})")
+            }
+            Trouble::Refused { doing, source } => format!("cannot be set up: {doing} failed: {source}"),
+        })?;
+        if let Some(input) = setup.input {
+            // Few drivers can; the others fall silent, and are set up anew for that.
+            let _ = node.subscribe_source_change(input);
+        }
+        let mut makers = Vec::with_capacity(4);
+        for order in [setup.order(setup.field), Order::Progressive] {
+            let (parts, count) = interlace::parts(order, self.settings.interlace, false);
+            for part in &parts[..count] {
+                maker(&mut makers, &setup, part.rows, &self.settings).map_err(|refusal| refusal.to_string())?;
+            }
+        }
+        let stream = Stream::start(Arc::clone(&node), self.settings.buffers).map_err(|error| match error.kind() {
+            std::io::ErrorKind::ResourceBusy => "is in use by another program; close that program".into(),
+            _ => format!("does not stream: {error}"),
+        })?;
+        self.health.received.set_up += 1;
+        self.sequence.restart();
+        self.describe_setup(&identity.card, &identity.driver, &setup, &makers);
+        Ok(Running { node, stream, setup, makers, heard_ns: now_ns, signal_ns: i64::MIN, signal: Signal::Fine })
+    }
+
+    fn describe_setup(&mut self, card: &str, driver: &str, setup: &Setup, makers: &[Maker]) {
+        let layout = setup.layout;
+        let [width, height] = layout.size;
+        let converter = makers.first().map(|maker| &maker.converter);
+        let channels = if converter.is_some_and(|c| c.colour().channels() == 3) { 3 } else { 1 };
+        let fields = setup.order(setup.field);
+        // Both fields of a frame are pictures; so is each field that comes by itself.
+        let pictures = match (fields, self.settings.interlace) {
+            (Order::Frame { .. }, Interlace::BothFields) => 2.0,
+            _ => 1.0,
+        };
+        let mut said = vec![
+            ("Card".into(), card.to_owned()),
+            ("Driver".into(), driver.to_owned()),
+            ("VideoFormat".into(), layout.format.to_string()),
+            ("VideoSize".into(), format!("{width}×{height}")),
+            ("VideoRange".into(), format!("{:?}", layout.range).to_lowercase()),
+            ("VideoMatrix".into(), format!("{:?}", layout.matrix).to_lowercase()),
+        ];
+        if self.doubtful.restamped > 0 {
+            said.push(("FrameClock".into(), RESTAMPED.into()));
+        }
+        if fields != Order::Progressive {
+            said.push(("Interlaced".into(), format!("{:?}", self.settings.interlace).to_lowercase()));
+        }
+        self.description = Description {
+            name: self.settings.device.clone(),
+            items: None,
+            image_size: converter.map(Converter::size),
+            pixel: Some((PixelType::U8, channels)),
+            fields: said,
+            timing: Timing {
+                ticks: Ticks::Measurements,
+                tick_hz: setup.rate_hz,
+                wraps_at: Some(1 << 32),
+                rate_hz: setup.rate_hz.map(|rate| rate * pictures),
+                sampling_ns: 0,
+                wire_ns: 0,
+            },
+        };
+    }
+
+    /// The device is given up for now, and begun anew: at once if it had run for a while, else after a pause.
+    fn again(&mut self, state: State, why: &str, now_ns: i64) {
+        self.stage = Stage::Stopped;
+        let retry_ns = if now_ns - self.begun_ns > RETRY && state != State::Absent { now_ns } else { now_ns + RETRY };
+        self.stage = Stage::Absent { retry_ns };
+        self.note(state, why, now_ns);
+    }
+
+    fn note(&mut self, state: State, why: &str, now_ns: i64) {
+        if why.is_empty() {
+            self.health.enter(state, "", now_ns);
+        } else {
+            let sentence = format!("{} {why}", self.settings.device);
+            if self.health.why != sentence {
+                tracing::warn!("{sentence}");
+            }
+            self.health.enter(state, &sentence, now_ns);
+        }
+    }
+
+    /// Waits for the next thing to happen on a device that runs, and deals with it.
+    fn run(&mut self, now_ns: i64, deadline_ns: i64) {
+        let Stage::Running(running) = &mut self.stage else { return };
+        let three_frames = running.setup.rate_hz.map_or(0, |rate| (3.0 * SECOND as f64 / rate) as i64);
+        let silent_ns = running.heard_ns + PATIENCE.max(three_frames);
+        if now_ns >= silent_ns {
+            let signal = running.look_at_signal(now_ns);
+            let why = if signal == Signal::Fine { "delivers no frames; it is set up anew" } else { signal.why() };
+            return self.again(State::Silent, why, now_ns);
+        }
+        let ready = match running.node.wait(silent_ns.min(deadline_ns) - now_ns) {
+            Ok(ready) => ready,
+            Err(error) => return self.again(State::Absent, &why_not_opened(&error), now_ns),
+        };
+        if ready.event && matches!(running.node.event(), Ok(true)) {
+            return self.again(State::Starting, "has another source than before; it is set up anew", now_ns);
+        }
+        if ready.buffer || ready.trouble {
+            self.take(ready.trouble);
+        }
+    }
+
+    fn take(&mut self, trouble: bool) {
+        let now_ns = self.clock.now_ns();
+        let Stage::Running(running) = &mut self.stage else { return };
+        let signal = running.look_at_signal(now_ns);
+        let restamped = self.doubtful.restamped;
+        let Running { stream, setup, makers, .. } = &mut **running;
+        let mut pictures = Pictures {
+            settings: &self.settings,
+            setup,
+            makers,
+            signal,
+            now_ns,
+            sequence: &mut self.sequence,
+            items: &mut self.items,
+            ready: &mut self.ready,
+            health: &mut self.health,
+            doubtful: &mut self.doubtful,
+        };
+        match stream.take(|filled, bytes| pictures.make(filled, bytes)) {
+            Ok(Some(outcome)) => {
+                running.heard_ns = now_ns;
+                if restamped == 0 && self.doubtful.restamped > 0 {
+                    tracing::warn!("{}: {RESTAMPED}", self.settings.device);
+                    self.description.fields.push(("FrameClock".into(), RESTAMPED.into()));
+                }
+                match outcome {
+                    Ok(()) => self.note(State::Running, signal.why(), now_ns),
+                    Err(refusal) => self.note(State::Running, &format!("sent no picture: {refusal}"), now_ns),
+                }
+            }
+            // Waiting again would return at once, for ever.
+            Ok(None) if trouble => self.again(State::Starting, "broke off its stream; it is begun anew", now_ns),
+            Ok(None) => {}
+            Err(error) if is_gone(&error) => self.again(State::Absent, "was unplugged; plug it in", now_ns),
+            Err(error) => {
+                self.again(State::Starting, &format!("broke off its stream ({error}); it is begun anew"), now_ns);
+            }
+        }
+    }
+}
+
+fn maker<'a>(
+    makers: &'a mut Vec<Maker>,
+    setup: &Setup,
+    rows: Rows,
+    settings: &GrabberSettings,
+) -> Result<&'a mut Maker, Refusal> {
+    let at = match makers.iter().position(|maker| maker.rows == rows) {
+        Some(at) => at,
+        None => {
+            let converter = Converter::new(setup.layout, rows, settings.colour)?;
+            let pool = Pool::new(converter.picture_bytes());
+            makers.push(Maker { rows, converter, pool });
+            makers.len() - 1
+        }
+    };
+    Ok(&mut makers[at])
+}
+
+impl Running {
+    /// Asks the input, if it was not asked lately.
+    fn look_at_signal(&mut self, now_ns: i64) -> Signal {
+        if let Some(input) = self.setup.input
+            && now_ns.saturating_sub(self.signal_ns) >= SIGNAL
+        {
+            self.signal_ns = now_ns;
+            self.signal = self.node.input_status(input).map_or(Signal::Fine, Signal::of);
+        }
+        self.signal
+    }
+}
+
+/// Makes readings of a buffer, with what that needs of a grabber.
+struct Pictures<'a> {
+    settings: &'a GrabberSettings,
+    setup: &'a Setup,
+    makers: &'a mut Vec<Maker>,
+    signal: Signal,
+    now_ns: i64,
+    sequence: &'a mut Sequence,
+    items: &'a mut u64,
+    ready: &'a mut VecDeque<Reading>,
+    health: &'a mut Health,
+    doubtful: &'a mut Doubtful,
+}
+
+impl Pictures<'_> {
+    fn make(&mut self, filled: &Filled, bytes: &[u8]) -> Result<(), Refusal> {
+        let received = &mut self.health.received;
+        received.bytes += bytes.len() as u64;
+        let order = self.setup.order(filled.field);
+        let (number, lost) = self.sequence.count(filled.sequence, matches!(order, Order::Single(_)));
+        received.lost += lost;
+        let monotonic = filled.flags & number::FLAG_CLOCK == number::FLAG_CLOCK_MONOTONIC;
+        let (time_ns, clock) = frame_time(filled.stamp_ns, monotonic, self.now_ns);
+        self.doubtful.restamped += u64::from(clock == FrameClock::Handover);
+        let status = if filled.flags & number::FLAG_ERROR != 0 {
+            self.doubtful.damaged += 1;
+            Status::Other("ERROR".into())
+        } else if self.signal != Signal::Fine {
+            self.doubtful.without_signal += 1;
+            Status::Other("NO SIGNAL".into())
+        } else {
+            Status::Ok
+        };
+        let at_start = filled.flags & number::FLAG_INSTANT == number::FLAG_INSTANT_START;
+        let (parts, count) = interlace::parts(order, self.settings.interlace, at_start);
+        // Where the driver does not say its rate, both fields have the frame's time.
+        let quarter_ns = self.setup.rate_hz.map_or(0, |rate| (SECOND as f64 / (4.0 * rate)).round() as i64);
+        for (nth, part) in (0_u64..).zip(&parts[..count]) {
+            let made = maker(self.makers, self.setup, part.rows, self.settings).and_then(|maker| {
+                let Maker { converter, pool, .. } = maker;
+                let pixels = pool.fill(|out| converter.convert(bytes, out))?;
+                Ok((pixels, converter.size(), converter.colour()))
+            });
+            let (pixels, size, colour) = made.inspect_err(|_| self.health.received.refused += 1)?;
+            let stamp = Stamp {
+                item: *self.items,
+                host_ns: Some(time_ns + part.quarters * quarter_ns),
+                ticks: Some(filled.sequence.into()),
+                source_s: None,
+                unfiltered_s: None,
+            };
+            *self.items += 1;
+            self.ready.push_back(Reading::Frame(Frame {
+                stamp,
+                frame_number: Some(self.number(order, number, nth)),
+                status: status.clone(),
+                size,
+                channels: if colour.channels() == 3 { 3 } else { 1 },
+                pixel: PixelType::U8,
+                orientation: String::new(),
+                image_type: String::new(),
+                pixels,
+                fields: Vec::new(),
+            }));
+        }
+        Ok(())
+    }
+
+    /// Fields that are all delivered are numbered by themselves.
+    const fn number(&self, order: Order, frame: u64, nth: u64) -> u64 {
+        match (order, self.settings.interlace) {
+            (Order::Frame { .. }, Interlace::BothFields) => 2 * frame + nth,
+            _ => frame,
+        }
+    }
+}
+
+impl Device for Grabber {
+    fn start(&mut self) -> Result<(), Error> {
+        if !matches!(self.stage, Stage::Stopped) {
+            return Err(Error::Misuse(format!("{}: runs already; stop it first", self.settings.device)));
+        }
+        let now_ns = self.clock.now_ns();
+        self.stage = Stage::Absent { retry_ns: now_ns };
+        self.health.enter(State::Absent, "not opened yet", now_ns);
+        Ok(())
+    }
+
+    fn next(&mut self, deadline_ns: i64) -> Result<Next, Error> {
+        loop {
+            if let Some(reading) = self.ready.pop_front() {
+                self.health.received.readings += 1;
+                return Ok(Next::Reading(reading));
+            }
+            let now_ns = self.clock.now_ns();
+            if now_ns >= deadline_ns {
+                return Ok(Next::Pending);
+            }
+            match &self.stage {
+                Stage::Stopped => {
+                    return Err(Error::Misuse(format!("{}: is stopped; start it first", self.settings.device)));
+                }
+                Stage::Absent { retry_ns } if now_ns < *retry_ns => {
+                    self.clock.wait_until((*retry_ns).min(deadline_ns));
+                }
+                Stage::Absent { .. } => {
+                    self.begun_ns = now_ns;
+                    match self.open(now_ns) {
+                        Ok(running) => {
+                            self.stage = Stage::Running(Box::new(running));
+                            // A silent device stays silent until its first frame.
+                            if self.health.state != State::Silent {
+                                self.note(State::Starting, "", now_ns);
+                            }
+                        }
+                        Err(why) => self.again(State::Absent, &why, now_ns),
+                    }
+                }
+                Stage::Running(_) => self.run(now_ns, deadline_ns),
+            }
+        }
+    }
+
+    fn stop(&mut self) -> Result<(), Error> {
+        self.stage = Stage::Stopped;
+        self.ready.clear();
+        self.health.enter(State::Stopped, "", self.clock.now_ns());
+        Ok(())
+    }
+
+    fn describe(&self) -> &Description {
+        &self.description
+    }
+
+    fn health(&self) -> &Health {
+        &self.health
+    }
+}

@@ -1,0 +1,131 @@
+//! Interlaced video: which lines of a buffer were seen when.
+//!
+//! The fields of a frame are half a frame apart. Of 525-line standards (NTSC) the bottom field is the older one, of all others the top field
+//! is, unless the driver says otherwise; buffers that hold one field after the other begin with the older one. A driver's stamp marks the end
+//! of the frame, which is the newer field's, or the start of its exposure, which is the older one's.
+
+use super::pixels::{Field, Rows, Scan, Take};
+use super::v4l2::kernel::number;
+
+/// What is made of interlaced video.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Interlace {
+    /// All lines as one picture, at the time between its fields: what moves has combs.
+    Whole,
+    /// One field a frame: half the lines, no combs, half the pictures. The default: a moving probe is what this is for.
+    #[default]
+    OneField,
+    /// Both fields, each a picture of half the lines with its own time. The lines of one lie between those of the other: what the bottom field's first line
+    /// shows is half of a picture's line lower than what the top field's shows, and is left so.
+    BothFields,
+}
+
+/// How a buffer is interlaced: V4L2's `field`, read with the video standard.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Order {
+    Progressive,
+    /// Both fields in one buffer.
+    Frame {
+        scan: Scan,
+        older: Field,
+    },
+    /// A field a buffer.
+    Single(Field),
+}
+
+impl Order {
+    /// `lines_525` tells NTSC and its like from all others.
+    pub(crate) const fn new(field: u32, lines_525: bool) -> Self {
+        let usual = if lines_525 { Field::Bottom } else { Field::Top };
+        match field {
+            number::FIELD_INTERLACED => Self::Frame { scan: Scan::Interlaced, older: usual },
+            number::FIELD_INTERLACED_TB => Self::Frame { scan: Scan::Interlaced, older: Field::Top },
+            number::FIELD_INTERLACED_BT => Self::Frame { scan: Scan::Interlaced, older: Field::Bottom },
+            number::FIELD_SEQ_TB => Self::Frame { scan: Scan::Sequential { first: Field::Top }, older: Field::Top },
+            number::FIELD_SEQ_BT => {
+                Self::Frame { scan: Scan::Sequential { first: Field::Bottom }, older: Field::Bottom }
+            }
+            number::FIELD_TOP | number::FIELD_ALTERNATE => Self::Single(Field::Top),
+            number::FIELD_BOTTOM => Self::Single(Field::Bottom),
+            _ => Self::Progressive,
+        }
+    }
+}
+
+/// A picture to make of a buffer: of which lines, and how far from the buffer's stamp in quarters of a frame's time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Part {
+    pub(crate) rows: Rows,
+    pub(crate) quarters: i64,
+}
+
+/// The pictures of a buffer in the order of their times. `at_start` tells which instant of the frame the stamp marks.
+pub(crate) fn parts(order: Order, policy: Interlace, at_start: bool) -> ([Part; 2], usize) {
+    let whole = Part { rows: Rows::WHOLE, quarters: 0 };
+    let Order::Frame { scan, older } = order else {
+        // A field by itself is a picture of its own, whatever is asked for: the other one is in another buffer. Of two, one is taken.
+        let wanted = match (order, policy) {
+            (Order::Single(field), Interlace::OneField) => field == Field::Top,
+            _ => true,
+        };
+        return ([whole; 2], usize::from(wanted));
+    };
+    let [older_at, newer_at] = if at_start { [0, 2] } else { [-2, 0] };
+    let field = |field, quarters| Part { rows: Rows { scan, take: Take::Field(field) }, quarters };
+    match policy {
+        Interlace::Whole => {
+            let all = Part { rows: Rows { scan, take: Take::All }, quarters: (older_at + newer_at) / 2 };
+            ([all; 2], 1)
+        }
+        // The one whose time needs no frame rate.
+        Interlace::OneField if at_start => ([field(older, older_at); 2], 1),
+        Interlace::OneField => ([field(older.other(), newer_at); 2], 1),
+        Interlace::BothFields => ([field(older, older_at), field(older.other(), newer_at)], 2),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn taken(field: u32, ntsc: bool, policy: Interlace, at_start: bool) -> Vec<(Scan, Take, i64)> {
+        let (parts, count) = parts(Order::new(field, ntsc), policy, at_start);
+        parts[..count].iter().map(|part| (part.rows.scan, part.rows.take, part.quarters)).collect()
+    }
+
+    #[test]
+    fn fields_come_in_the_order_of_their_standard_each_at_its_time() {
+        use Field::{Bottom, Top};
+        use Take::Field as F;
+        let seq = |first| Scan::Sequential { first };
+        let both = Interlace::BothFields;
+        let woven = Scan::Interlaced;
+        // NTSC: bottom older. All others: top older. Two quarters of a frame are a field.
+        assert_eq!(taken(4, true, both, false), [(woven, F(Bottom), -2), (woven, F(Top), 0)]);
+        assert_eq!(taken(4, false, both, false), [(woven, F(Top), -2), (woven, F(Bottom), 0)]);
+        assert_eq!(taken(4, false, both, true), [(woven, F(Top), 0), (woven, F(Bottom), 2)]);
+        // What the driver says itself goes before the standard.
+        assert_eq!(taken(8, true, both, false), [(woven, F(Top), -2), (woven, F(Bottom), 0)]);
+        assert_eq!(taken(9, false, both, false), [(woven, F(Bottom), -2), (woven, F(Top), 0)]);
+        assert_eq!(taken(5, true, both, false), [(seq(Top), F(Top), -2), (seq(Top), F(Bottom), 0)]);
+        assert_eq!(taken(6, false, both, false), [(seq(Bottom), F(Bottom), -2), (seq(Bottom), F(Top), 0)]);
+        // One field: the one that the stamp marks. The whole: between the two.
+        assert_eq!(taken(4, true, Interlace::OneField, false), [(woven, F(Top), 0)]);
+        assert_eq!(taken(4, true, Interlace::OneField, true), [(woven, F(Bottom), 0)]);
+        assert_eq!(taken(4, true, Interlace::Whole, false), [(woven, Take::All, -1)]);
+        assert_eq!(taken(6, true, Interlace::Whole, true), [(seq(Bottom), Take::All, 1)]);
+    }
+
+    #[test]
+    fn single_fields_and_progressive_frames_are_taken_as_they_come() {
+        let whole = [(Scan::Progressive, Take::All, 0)];
+        for policy in [Interlace::Whole, Interlace::OneField, Interlace::BothFields] {
+            assert_eq!(taken(1, true, policy, false), whole);
+            assert_eq!(taken(2, false, policy, true), whole);
+            // What no standard knows is taken for a frame.
+            assert_eq!(taken(99, false, policy, false), whole);
+        }
+        assert_eq!(taken(3, false, Interlace::BothFields, false), whole);
+        assert!(taken(3, false, Interlace::OneField, false).is_empty());
+    }
+}
