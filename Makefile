@@ -1,5 +1,5 @@
 # Each target first installs what the machine lacks (scripts/setup.sh says what and asks sudo when not root).
-.PHONY: all demo test bench fuzz peers stress paper pareto check setup fresh-machine
+.PHONY: all demo test hardware-test bench fuzz peers stress paper pareto check setup fresh-machine
 
 all: test
 
@@ -27,6 +27,10 @@ bench: setup
 FUZZ_SECONDS ?= 60
 fuzz: setup
 	FUZZ_SECONDS=$(FUZZ_SECONDS) scripts/fuzz.sh
+
+# Drivers against the kernel's own, in a small emulated machine with virtual devices: scripts/guest/README.md. FILTER=word for the tests of that name.
+hardware-test: setup
+	scripts/hardware-test.sh $(FILTER)
 
 # What the bench of the renderer then also times: VTK, in an environment of its own in out/peers (600 MB, from the package index that pip is set up for).
 peers:

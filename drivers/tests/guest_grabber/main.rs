@@ -1,0 +1,85 @@
+//! The grabber driver against the kernel's own V4L2 and its virtual device vivid: `make hardware-test`. Elsewhere every test is reported as ignored.
+//!
+//! - [`pictures`]: what comes out is what went in, byte for byte; fields, times, numbers.
+//! - [`faults`]: vivid's own faults: lost and damaged frames, refused calls, broken streams, no signal, another source, unplugging.
+//! - [`allocations`]: how often memory was asked for.
+//! - [`vivid`]: the device's controls, and its output fed.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+#![allow(clippy::print_stdout, reason = "a test of rates says what they were")]
+
+mod allocations;
+mod faults;
+mod pictures;
+mod vivid;
+
+use std::path::Path;
+use std::process::ExitCode;
+use std::sync::Arc;
+
+use drivers::clock::{Clock, Monotonic, SECOND};
+use drivers::grabber::{Grabber, GrabberSettings};
+use drivers::health::State;
+use drivers::reading::{Frame, Reading};
+use drivers::{Device, Next};
+use libtest_mimic::{Arguments, Trial};
+
+/// A test by its name.
+type Test = (&'static str, fn());
+
+fn main() -> ExitCode {
+    let in_guest = Path::new("/sonoweave-guest").exists();
+    let trials = pictures::TESTS.iter().chain(faults::TESTS).map(|&(name, test)| {
+        Trial::test(name, move || {
+            vivid::Vivid::reset();
+            test();
+            Ok(())
+        })
+        .with_ignored_flag(!in_guest)
+    });
+    libtest_mimic::run(&Arguments::from_args(), trials.collect()).exit_code()
+}
+
+/// A grabber on vivid's HDMI input that was started, and how to wait for what it does.
+struct Rig {
+    grabber: Grabber,
+}
+
+impl Rig {
+    fn start(settings: GrabberSettings) -> Self {
+        let mut grabber = Grabber::new(settings, Arc::new(Monotonic)).unwrap();
+        grabber.start().unwrap();
+        Self { grabber }
+    }
+
+    /// The next frame; fails when none comes for `seconds`.
+    fn frame_within(&mut self, seconds: i64) -> Frame {
+        let deadline = Monotonic.now_ns() + seconds * SECOND;
+        match self.grabber.next(deadline).unwrap() {
+            Next::Reading(Reading::Frame(frame)) => frame,
+            other => panic!("{other:?}; {:?}", self.grabber.health()),
+        }
+    }
+
+    fn frame(&mut self) -> Frame {
+        self.frame_within(5)
+    }
+
+    fn frames(&mut self, count: usize) -> Vec<Frame> {
+        (0..count).map(|_| self.frame()).collect()
+    }
+
+    /// Reads on until the device stands so; fails after ten seconds.
+    fn until(&mut self, state: State) {
+        let end = Monotonic.now_ns() + 10 * SECOND;
+        while self.grabber.health().state != state {
+            let now = Monotonic.now_ns();
+            assert!(now < end, "not {state:?}: {:?}", self.grabber.health());
+            let _ = self.grabber.next(now + SECOND / 20).unwrap();
+        }
+    }
+}
+
+/// vivid's HDMI input.
+fn hdmi() -> GrabberSettings {
+    GrabberSettings { input: Some("1".into()), ..GrabberSettings::new(vivid::CAPTURE_NODE) }
+}

@@ -1,0 +1,85 @@
+#!/usr/bin/env bash
+# Boots the guest, loads kernel modules in it and runs a program there; its exit code is this script's.
+#
+#   scripts/guest/run.sh MODULES PROGRAM [ARGUMENT]...
+#
+# MODULES are lines of a module's name and its parameters; what they depend on is loaded before them. The program may be dynamically linked: the libraries
+# that it has here go with it. SONOWEAVE_GUEST_SECONDS (240) is how long it may take, QEMU's start included.
+set -euo pipefail
+modules=$1
+program=$2
+shift 2
+cd "$(dirname "$0")/../.."
+
+place=$PWD/out/guest
+tree=$place/tree
+version=$(cat "$place/ready")
+kernel=$tree/lib/modules/$version/kernel
+root=$(mktemp -d "$place/root.XXXXXX")
+trap 'rm -rf "$root"' EXIT
+fail() {
+    echo "guest: $*" >&2
+    exit 1
+}
+
+mkdir -p "$root"/{bin,dev,dev/pts,proc,sys,tmp,modules,lib64}
+cp "$tree/bin/busybox" "$root/bin/busybox"
+cp scripts/guest/init "$root/init"
+cp "$program" "$root/program"
+# By this file a test knows that it is here.
+touch "$root/sonoweave-guest"
+
+# The program's libraries, at the places where its loader looks.
+ldd "$program" 2>/dev/null | grep -o '/[^ ]*' | while read -r library; do
+    mkdir -p "$root$(dirname "$library")"
+    cp --dereference "$library" "$root$library"
+done
+
+# Modules in the order in which they can be loaded: first what one depends on, by its own word.
+loaded=" "
+load() {
+    local name=$1 file pattern of
+    shift
+    [[ $loaded != *" ${name//-/_} "* ]] || return 0
+    pattern=$(echo "$name" | sed 's/[-_]/[-_]/g')
+    file=$(find "$kernel" -name "$pattern.ko" | head -n 1)
+    if [ -z "$file" ]; then
+        # It may be part of the kernel itself.
+        grep -q "/$pattern\.ko$" "$tree/lib/modules/$version/modules.builtin" || fail "the kernel $version has no module $name"
+        return 0
+    fi
+    for of in $(LC_ALL=C tr '\0' '\n' <"$file" | sed -n 's/^depends=//p' | tr ',' ' '); do
+        load "$of"
+    done
+    loaded="$loaded${name//-/_} "
+    cp "$file" "$root/modules/"
+    echo "/modules/$(basename "$file") $*" >>"$root/modules/order"
+}
+: >"$root/modules/order"
+while read -r name parameters; do
+    [ -z "$name" ] || load "$name" "$parameters"
+done <<<"$modules"
+
+(cd "$root" && find . | "$tree/bin/busybox" cpio -o -H newc -R 0:0) >"$root.cpio" 2>/dev/null
+trap 'rm -rf "$root" "$root.cpio"' EXIT
+
+qemu=$(command -v qemu-system-x86_64 || true)
+data=()
+if [ -z "$qemu" ]; then
+    qemu=$tree/usr/bin/qemu-system-x86_64
+    data=(-L "$tree/usr/share/qemu" -L "$tree/usr/share/seabios")
+    export LD_LIBRARY_PATH=$tree/usr/lib/x86_64-linux-gnu:$tree/lib/x86_64-linux-gnu
+fi
+log=$(mktemp "$place/log.XXXXXX")
+# One processor and no acceleration: the same machine everywhere. `timeout` for one that hangs.
+began=$(date +%s)
+timeout --kill-after=5 "${SONOWEAVE_GUEST_SECONDS:-240}" "$qemu" "${data[@]}" \
+    -M pc -accel tcg -cpu max -smp 1 -m 512 -nodefaults -no-user-config -display none -no-reboot -serial stdio \
+    -kernel "$place/vmlinux" -initrd "$root.cpio" \
+    -append "console=ttyS0 quiet loglevel=3 panic=-1 mitigations=off -- $*" </dev/null 2>&1 |
+    tee "$log" | grep --line-buffered -v '^GUEST-EXIT:\|reboot: Power down' || true
+code=$(tr -d '\r' <"$log" | sed -n 's/^GUEST-EXIT:\([0-9]*\)$/\1/p' | tail -n 1)
+[ -n "$code" ] || fail "the guest did not say how its program ended: it hung, or its kernel stopped; its console is in $log"
+rm -f "$log"
+echo "guest: $(basename "$program") ended with $code after $(($(date +%s) - began)) s"
+exit "$code"
