@@ -222,6 +222,7 @@ impl Arguments {
             } else {
                 None
             },
+            scanner: None,
             tracker_noise: self.tracker_noise,
             seed: self.seed,
             first_ns: 0,

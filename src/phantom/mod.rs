@@ -6,6 +6,8 @@
 //! - [`scene`]: what is there, with closed forms under Gaussian blur.
 //! - [`trajectory`]: where the picture lies at each frame.
 //! - [`paint`]: a scene's grey levels over a flat lattice, fast.
+//! - [`body`]: what an ultrasound scanner looks into: a doll in a water tank, a thigh, phantoms for calibration.
+//! - [`bmode`]: what the scanner shows of it.
 //! - [`scan`]: the pieces composed into posed slices and into what a tracked sequence records.
 //! - [`truth`]: the scene on a volume's lattice, and which voxels a scan can know.
 //! - [`blur`]: the same under a reconstruction's kernel.
@@ -16,6 +18,8 @@
 //! is far wider than what platforms differ by.
 
 pub mod blur;
+pub mod bmode;
+pub mod body;
 mod complex;
 mod elementary;
 pub mod error;
@@ -29,6 +33,8 @@ pub mod trajectory;
 pub mod truth;
 
 pub use blur::EffectiveKernel;
+pub use bmode::Scanner;
+pub use body::Body;
 pub use error::Errors;
 pub use scan::{Scan, ScanSettings, TrackerNoise};
 pub use scene::Scene;
@@ -127,6 +133,29 @@ pub enum PhantomError {
         /// Pixels along v.
         height: u32,
     },
+    /// A scanner's number out of range.
+    #[error("{what} is {value}; it must lie between {low} and {high}")]
+    Scanner {
+        /// Which number.
+        what: &'static str,
+        /// As given.
+        value: f64,
+        /// The least.
+        low: f64,
+        /// The most.
+        high: f64,
+    },
+    /// A fan that would be none.
+    #[error(
+        "a curvilinear transducer's field is a fan in square pixels only, not in pixels of {pixel_mm:?} mm; give one size"
+    )]
+    OblongPixels {
+        /// Along u and v, mm.
+        pixel_mm: [f64; 2],
+    },
+    /// A scanner without a body, or a body without a scanner.
+    #[error("{0}")]
+    NoEchoes(&'static str),
     /// More voxels than a truth volume may have.
     #[error("a truth volume of {size:?} voxels is larger than the limit of {limit} voxels; choose a coarser spacing")]
     VolumeSize {

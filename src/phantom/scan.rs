@@ -7,6 +7,7 @@ use calibration::region::{BadRegion, Fan};
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
+use super::bmode::{BMode, Scanner, Workspace};
 use super::elementary::sin_cos;
 use super::paint::{Painter, Sheet};
 use super::random::{Draws, Purpose};
@@ -80,6 +81,8 @@ pub struct ScanSettings {
     pub depth: Depth,
     /// The scanner's sector: the other pixels are 0 and are no data. `None` when the whole picture is data.
     pub fan: Option<Fan>,
+    /// The scanner that shows a body's echoes. Its field is then what is data, and a fan is its own. `None` when pictures show the scene's grey levels.
+    pub scanner: Option<Scanner>,
     /// How much the recorded poses differ from where the pictures were painted.
     pub tracker_noise: TrackerNoise,
     /// Seed of the hand's walk and of all noise.
@@ -104,6 +107,7 @@ impl Default for ScanSettings {
             noise_sd: 6.0,
             depth: Depth::U8,
             fan: None,
+            scanner: None,
             tracker_noise: TrackerNoise::default(),
             seed: 1,
             first_ns: 0,
@@ -117,8 +121,17 @@ impl Default for ScanSettings {
 pub struct Scan {
     settings: ScanSettings,
     trajectory: Trajectory,
-    painter: Painter,
+    source: Source,
     mask: Mask,
+}
+
+/// Where pictures come from.
+#[derive(Debug, Clone)]
+enum Source {
+    /// The scene's grey levels.
+    Greys(Painter),
+    /// Its echoes, as a scanner shows them.
+    Echoes(Box<BMode>),
 }
 
 /// What a tracked sequence records of one frame besides the pixels: names as in the field's files, 16 numbers row major, mm.
@@ -154,13 +167,37 @@ impl Scan {
         if ![mm, degrees].iter().all(|sd| (0.0..=MOST_TRACKER_NOISE).contains(sd)) {
             return Err(PhantomError::TrackerNoise { mm, degrees, limit: MOST_TRACKER_NOISE });
         }
-        let mask = settings.fan.map_or_else(|| Mask::full(width, height), |fan| Mask::fan(width, height, &fan));
+        let trajectory = Trajectory::new(settings.motion, settings.frames, settings.gap_mm, settings.seed)?;
+        let mut settings = settings;
+        let (mask, source) = match (&settings.scene, settings.scanner) {
+            (Scene::Body(body), Some(scanner)) => {
+                if settings.fan.is_some() {
+                    return Err(PhantomError::NoEchoes("a scanner's field is its own fan; leave the other out"));
+                }
+                let bmode = BMode::new(scanner, body.clone(), settings.image_size, settings.pixel_mm)?;
+                settings.fan = bmode.layout().fan();
+                (bmode.mask().clone(), Source::Echoes(Box::new(bmode)))
+            }
+            (scene, None) => {
+                let mask = settings.fan.map_or_else(|| Mask::full(width, height), |fan| Mask::fan(width, height, &fan));
+                (mask, Source::Greys(Painter::new(scene.clone())))
+            }
+            (_, Some(_)) => {
+                return Err(PhantomError::NoEchoes("only a body has echoes; leave the scanner out, or scan a body"));
+            }
+        };
         if mask.area() == 0 {
             return Err(PhantomError::EmptyFan { width, height });
         }
-        let trajectory = Trajectory::new(settings.motion, settings.frames, settings.gap_mm, settings.seed)?;
-        let painter = Painter::new(settings.scene.clone());
-        Ok(Self { settings, trajectory, painter, mask })
+        Ok(Self { settings, trajectory, source, mask })
+    }
+
+    /// The scanner over its body; `None` when pictures show grey levels.
+    pub fn bmode(&self) -> Option<&BMode> {
+        match &self.source {
+            Source::Echoes(bmode) => Some(bmode),
+            Source::Greys(_) => None,
+        }
     }
 
     /// What determines it.
@@ -214,11 +251,25 @@ impl Scan {
         &self.mask
     }
 
-    /// A frame's grey levels without noise, rounding or fan, u fastest: the scene at the frame's time and true place.
+    /// A frame's echoes as the scanner shows them, u fastest, where they were painted; `false`, and nothing is painted, when pictures show grey levels.
+    ///
+    /// # Panics
+    /// When there is no such frame, or `picture` has not its size.
+    pub fn paint_echoes(&self, frame: u32, room: &mut Workspace, picture: &mut [u8]) -> bool {
+        let Source::Echoes(bmode) = &self.source else { return false };
+        bmode.paint(&self.trajectory.world_from_picture(frame), frame, room, picture);
+        true
+    }
+
+    /// A frame's grey levels without noise, rounding or fan, u fastest: the scene at the frame's time and true place; or, of a scanner, its picture.
     ///
     /// # Panics
     /// When there is no such frame.
     pub fn clean(&self, frame: u32) -> Vec<f64> {
+        self.clean_in(frame, &mut self.bmode().map(BMode::workspace))
+    }
+
+    fn clean_in(&self, frame: u32, room: &mut Option<Workspace>) -> Vec<f64> {
         let affine = self.true_world_from_image(frame).affine();
         let [width, height] = self.settings.image_size.map(|n| n as usize);
         let sheet = Sheet {
@@ -229,10 +280,14 @@ impl Scan {
             height,
         };
         let mut grey = vec![0.0; width * height];
-        if self.settings.scene.moves() {
-            Painter::new(self.settings.scene.at_time(self.time_ns(frame))).paint(&sheet, &mut grey);
-        } else {
-            self.painter.paint(&sheet, &mut grey);
+        match (&self.source, room) {
+            (Source::Echoes(_), Some(room)) => {
+                let mut picture = vec![0; width * height];
+                self.paint_echoes(frame, room, &mut picture);
+                return picture.into_iter().map(f64::from).collect();
+            }
+            (Source::Greys(painter), _) if !self.settings.scene.moves() => painter.paint(&sheet, &mut grey),
+            _ => Painter::new(self.settings.scene.at_time(self.time_ns(frame))).paint(&sheet, &mut grey),
         }
         grey
     }
@@ -242,7 +297,11 @@ impl Scan {
     /// # Panics
     /// When there is no such frame.
     pub fn slice(&self, frame: u32) -> Slice {
-        let mut grey = self.clean(frame);
+        self.slice_in(frame, &mut self.bmode().map(BMode::workspace))
+    }
+
+    fn slice_in(&self, frame: u32, room: &mut Option<Workspace>) -> Slice {
+        let mut grey = self.clean_in(frame, room);
         if self.settings.noise_sd > 0.0 {
             let mut draws = Draws::new(self.settings.seed, Purpose::Noise, u64::from(frame));
             for value in &mut grey {
@@ -276,7 +335,8 @@ impl Scan {
     /// # Panics
     /// When the range leaves the scan.
     pub fn slices(&self, frames: Range<u32>) -> Vec<Slice> {
-        frames.into_par_iter().map(|frame| self.slice(frame)).collect()
+        let room = || self.bmode().map(BMode::workspace);
+        frames.into_par_iter().map_init(room, |room, frame| self.slice_in(frame, room)).collect()
     }
 
     /// The image calibration that a reader of [`Scan::tracked`] needs: maps pixels to mm of the sensor on the transducer (`ImageToProbe`).

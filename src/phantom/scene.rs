@@ -3,7 +3,11 @@
 //! Values are grey levels, meant for 0…255 but not clipped to it: a clipped truth has no closed form. The standard scenes stay far enough inside
 //! that noise of up to 6 grey levels is not clipped by 8 bits either (see [`Blobs::draw`]); speckle alone has a tail that ends nowhere.
 
+use std::sync::Arc;
+
 use glam::{DMat3, DVec3};
+
+use super::body::Body;
 
 mod blobs;
 mod marschner_lobb;
@@ -62,6 +66,8 @@ pub enum Scene {
     Speckle(Speckle),
     /// A sphere whose radius changes with time.
     Pulsating(Pulsating),
+    /// What a scanner looks into: see [`super::bmode`]. Its grey levels are the mean echoes of its materials.
+    Body(Arc<Body>),
 }
 
 impl Scene {
@@ -105,13 +111,14 @@ impl Scene {
             Self::MarschnerLobb(function) => function.value(world),
             Self::Speckle(speckle) => speckle.value(world),
             Self::Pulsating(pulsating) => pulsating.at_time(0).value(world),
+            Self::Body(body) => body.grey(world),
         }
     }
 
     /// Grey level at a point of the scene convolved with a Gaussian of the given covariance (mm², world axes).
     ///
-    /// `None` where no closed form exists: for a sphere under a blur that is not the same in all directions, for Marschner and Lobb's function and
-    /// for speckle. [`super::blur`] integrates those.
+    /// `None` where no closed form exists: for a sphere under a blur that is not the same in all directions, for Marschner and Lobb's function, for
+    /// speckle and for bodies. [`super::blur`] integrates those.
     pub fn blurred(&self, world: DVec3, covariance: &DMat3) -> Option<f64> {
         match self {
             Self::Constant(value) => Some(*value),
@@ -130,13 +137,13 @@ impl Scene {
             Self::Waves(waves) => Some(waves.blurred(world, covariance)),
             Self::Wires(wires) => Some(wires.blurred(world, covariance)),
             Self::ThinSheet(sheet) => Some(sheet.blurred(world, covariance)),
-            Self::MarschnerLobb(_) | Self::Speckle(_) => None,
+            Self::MarschnerLobb(_) | Self::Speckle(_) | Self::Body(_) => None,
             Self::Pulsating(_) => self.at_time(0).blurred(world, covariance),
         }
     }
 
     /// The scene convolved with an isotropic Gaussian of the given σ (mm): again a scene. `None` where that has no closed form: for Marschner and
-    /// Lobb's function and for speckle.
+    /// Lobb's function, for speckle and for bodies.
     pub fn softened(&self, sigma: f64) -> Option<Self> {
         let variance = sigma * sigma;
         Some(match self {
@@ -148,7 +155,7 @@ impl Scene {
             Self::Waves(waves) => Self::Waves(waves.softened(variance)),
             Self::Wires(wires) => Self::Wires(wires.softened(variance)),
             Self::ThinSheet(sheet) => Self::ThinSheet(sheet.softened(variance)),
-            Self::MarschnerLobb(_) | Self::Speckle(_) => return None,
+            Self::MarschnerLobb(_) | Self::Speckle(_) | Self::Body(_) => return None,
             Self::Pulsating(_) => return self.at_time(0).softened(sigma),
         })
     }
