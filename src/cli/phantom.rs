@@ -11,6 +11,7 @@ use drivers::recording::metaimage::write::{SequenceHeader, SequenceItem, Sequenc
 use glam::DVec3;
 
 mod choices;
+mod echoes;
 
 use choices::{ScalarName, SceneName, TrajectoryName, direction, frequency, tracker_noise};
 
@@ -38,6 +39,9 @@ A reconstruction is the scene under its kernel, so that even a perfect one diffe
 widens the result by √2. --truth-blurred is the scene under the kernel that `reconstruct --spacing` uses, turned with the pictures, or under \
 that of --sigma: what then remains is the reconstruction's own error. A sweep is undersampled twice or three times by two or three times the \
 --gap and as many fewer --frames.
+
+Dolls, thighs, wires, floors and styli are bodies: an ultrasound scanner looks into them, and their truth is the mean echo of what is there. What is \
+outside the scanner's field is black and no data: the sequence tells the fan or the clip, and --calibration writes it for `reconstruct --config`.
 
 Example: sonoweave phantom -o sweep.igs.mha --truth truth.mha --scene blobs --trajectory freehand --spacing 0.5")]
 pub struct Arguments {
@@ -93,24 +97,24 @@ pub struct Arguments {
     /// Number of pictures
     #[arg(long, value_name = "N", default_value_t = 120)]
     frames: u32,
-    /// Mean distance between neighbouring pictures that move, mm
-    #[arg(long, value_name = "MM", default_value_t = 0.35)]
-    gap: f64,
+    /// Mean distance between neighbouring pictures that move, mm [default: 0.35; of a body what sees all of it]
+    #[arg(long, value_name = "MM")]
+    gap: Option<f64>,
     /// Pictures a second
     #[arg(long, value_name = "HZ", default_value_t = 30.0)]
     rate: f64,
     /// Size of a picture, pixels
     #[arg(long, value_name = "WxH", value_parser = values::picture_size, default_value = "512x480")]
     image_size: PictureSize,
-    /// Size of a pixel, mm
-    #[arg(long, value_name = "MM", default_value_t = 0.1)]
-    pixel: f64,
+    /// Size of a pixel, mm [default: 0.1; of a body what shows the scanner's whole field]
+    #[arg(long, value_name = "MM")]
+    pixel: Option<f64>,
     /// Show the sector of a convex probe; the rest of the picture is black and no data
     #[arg(long)]
     fan: bool,
-    /// Standard deviation of the noise, grey levels
-    #[arg(long, value_name = "SD", default_value_t = 6.0)]
-    noise: f64,
+    /// Standard deviation of the noise, grey levels [default: 6; of a body 0, as its scanner has noise of its own]
+    #[arg(long, value_name = "SD")]
+    noise: Option<f64>,
     /// Seed of the blobs, the speckle, the probe's walk and all noise
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
@@ -123,6 +127,11 @@ pub struct Arguments {
     /// Write the probe's calibration here, and into the sequence what a tracker records
     #[arg(long, value_name = "FILE.toml")]
     calibration: Option<PathBuf>,
+    /// Write where the wires of a body cross each picture, and where its landmarks are, as CSV
+    #[arg(long, value_name = "FILE.csv")]
+    crossings: Option<PathBuf>,
+    #[command(flatten)]
+    echoes: echoes::EchoFlags,
 }
 
 // A named type is a single value to clap.
@@ -141,7 +150,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         (None, None) => None,
         _ => Some(scan.grid(arguments.spacing, 0.0)?),
     };
-    let kernel = arguments.kernel()?;
+    let kernel = arguments.kernel(&scan)?;
     let sequence = arguments.write_pictures(&scan)?;
     let mut volumes = Vec::new();
     if let (Some(path), Some(grid)) = (&arguments.truth, &grid) {
@@ -158,16 +167,21 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         volume.finish()?;
     }
     if let Some(path) = &arguments.calibration {
-        let provenance = format!("simulated: {}", arguments.describe());
+        let provenance = format!("simulated: {}", arguments.describe(&scan));
         let file = CalibrationFile {
             provenance,
             probe_from_image: Some(scan.probe_from_image()),
             fan: scan.settings().fan,
+            clip: scan.bmode().and_then(|bmode| bmode.layout().clip()),
             ..CalibrationFile::default()
         };
         file.write(path)?;
     }
-    report(arguments, grid.as_ref(), &kernel);
+    if let Some(path) = &arguments.crossings {
+        std::fs::write(path, echoes::crossings(&scan))
+            .map_err(|e| Failure(format!("{}: writing the crossings failed: {e}", path.display())))?;
+    }
+    report(arguments, &scan, grid.as_ref(), &kernel);
     Ok(())
 }
 
@@ -182,6 +196,24 @@ impl Arguments {
         if !(self.grain.is_finite() && self.grain > 0.0) {
             return Err(Failure(format!("--grain {}: must be a positive, finite length in mm", self.grain)));
         }
+        let bedside = self.echoes.bedside(self.scene, self.seed);
+        if bedside.is_none() && (self.echoes.given() || self.crossings.is_some()) {
+            return Err(Failure(
+                "--probe, --depth, --mhz, --focus, --tgc, --dynamic-range, --without and --crossings are of a scanner, which only --scene doll, thigh, n-wire, \
+                 cross-wire, tank-floor and stylus have; leave them out or scan one of these"
+                    .into(),
+            ));
+        }
+        let scanner = bedside.as_ref().map(|b| b.scanner);
+        if let Some(scanner) = scanner {
+            scanner.check()?;
+        }
+        let pixel = self.pixel.unwrap_or_else(|| scanner.map_or(0.1, |s| s.pixel_mm(self.image_size)));
+        let gap = self
+            .gap
+            .unwrap_or_else(|| bedside.as_ref().map_or(0.35, |b| b.sweep_mm / f64::from(self.frames.max(2) - 1)));
+        let noise = self.noise.unwrap_or(if bedside.is_some() { 0.0 } else { 6.0 });
+        let body = bedside.map(|b| b.placed(self.image_size, pixel)).transpose()?;
         Ok(ScanSettings {
             scene: match self.scene {
                 SceneName::Constant => Scene::Constant(self.grey),
@@ -196,6 +228,12 @@ impl Arguments {
                 SceneName::MarschnerLobb => Scene::MarschnerLobb(MarschnerLobb::standard()),
                 SceneName::Speckle => Scene::Speckle(Speckle::draw(self.seed, self.grain)),
                 SceneName::Pulsating => Scene::Pulsating(Pulsating::standard()),
+                SceneName::Doll
+                | SceneName::Thigh
+                | SceneName::NWire
+                | SceneName::CrossWire
+                | SceneName::TankFloor
+                | SceneName::Stylus => body.map_or(Scene::Constant(0.0), Scene::Body),
             },
             motion: match self.trajectory {
                 TrajectoryName::Parallel => Motion::Parallel,
@@ -209,10 +247,10 @@ impl Arguments {
                 TrajectoryName::OutAndBack => Motion::OutAndBack,
             },
             frames: self.frames,
-            gap_mm: self.gap,
+            gap_mm: gap,
             image_size: self.image_size,
-            pixel_mm: [self.pixel; 2],
-            noise_sd: self.noise,
+            pixel_mm: [pixel; 2],
+            noise_sd: noise,
             depth: match self.scalar {
                 ScalarName::U8 => Depth::U8,
                 ScalarName::F32 => Depth::F32,
@@ -222,7 +260,7 @@ impl Arguments {
             } else {
                 None
             },
-            scanner: None,
+            scanner,
             tracker_noise: self.tracker_noise,
             seed: self.seed,
             first_ns: 0,
@@ -241,20 +279,18 @@ impl Arguments {
     }
 
     /// The kernel of the blurred truth.
-    fn kernel(&self) -> Result<EffectiveKernel, Failure> {
+    fn kernel(&self, scan: &Scan) -> Result<EffectiveKernel, Failure> {
         Ok(match self.sigma {
             Some(sigma) => EffectiveKernel::new(sigma)?,
-            None => EffectiveKernel::of_defaults(self.spacing, [self.pixel; 2])?,
+            None => EffectiveKernel::of_defaults(self.spacing, scan.settings().pixel_mm)?,
         })
     }
 
     /// All outputs can be written, their names tell MetaImage files, and no two are the same.
     fn check_outputs(&self) -> Result<(), Failure> {
+        let others = [&self.truth, &self.truth_blurred, &self.calibration, &self.crossings];
         let outputs: Vec<&PathBuf> =
-            [Some(&self.output), self.truth.as_ref(), self.truth_blurred.as_ref(), self.calibration.as_ref()]
-                .into_iter()
-                .flatten()
-                .collect();
+            std::iter::once(&self.output).chain(others.into_iter().filter_map(Option::as_ref)).collect();
         for (n, path) in outputs.iter().enumerate() {
             input::check_output(path)?;
             if outputs[..n].contains(path) {
@@ -273,7 +309,8 @@ impl Arguments {
     }
 
     /// What determines the bits, for people.
-    fn describe(&self) -> String {
+    fn describe(&self, scan: &Scan) -> String {
+        let settings = scan.settings();
         let scene = self.scene.to_possible_value().map_or(String::new(), |v| v.get_name().to_owned());
         let trajectory = self.trajectory.to_possible_value().map_or(String::new(), |v| v.get_name().to_owned());
         let vector = |v: DVec3| format!("{},{},{}", v.x, v.y, v.z);
@@ -299,15 +336,16 @@ impl Arguments {
             format!(", tracker noise {position_mm} mm {rotation_degrees} deg")
         };
         format!(
-            "scene {scene}, trajectory {trajectory}, {} frames, gap {} mm, {}x{} pixels of {} mm{}, noise {}{tracker}, seed {}",
+            "scene {scene}, trajectory {trajectory}, {} frames, gap {} mm, {}x{} pixels of {} mm{}, noise {}{tracker}, seed {}{}",
             self.frames,
-            self.gap,
+            settings.gap_mm,
             self.image_size[0],
             self.image_size[1],
-            self.pixel,
+            settings.pixel_mm[0],
             if self.fan { " in a fan" } else { "" },
-            self.noise,
+            settings.noise_sd,
             self.seed,
+            echoes::describe(scan),
         )
     }
 
@@ -323,7 +361,7 @@ impl Arguments {
             orientation: "MFA".into(),
             image_type: "BRIGHTNESS".into(),
             compressed: self.compress,
-            fields: self.provenance(),
+            fields: self.provenance(scan),
             items: (0..scan.frames()).map(|frame| self.item(scan, frame)).collect(),
         };
         let mut writer = SequenceWriter::create(&self.output, &header)?;
@@ -378,7 +416,7 @@ impl Arguments {
         for (to, from) in size.iter_mut().zip(grid.size) {
             *to = u32::try_from(from)?;
         }
-        let mut fields = self.provenance();
+        let mut fields = self.provenance(scan);
         fields.push(("SonoweaveFrame".into(), "Reference (mm, not anatomical)".into()));
         if let Some(kernel) = kernel {
             let [u, v, n] = kernel.sigma_mm();
@@ -400,18 +438,18 @@ impl Arguments {
         Ok(writer)
     }
 
-    fn provenance(&self) -> Vec<(String, String)> {
+    fn provenance(&self, scan: &Scan) -> Vec<(String, String)> {
         vec![
             ("SonoweaveVersion".into(), env!("CARGO_PKG_VERSION").into()),
-            ("SonoweavePhantom".into(), self.describe()),
+            ("SonoweavePhantom".into(), self.describe(scan)),
         ]
     }
 }
 
 /// What was made, on stdout.
 #[allow(clippy::print_stdout, reason = "the command's output")]
-fn report(arguments: &Arguments, grid: Option<&Grid>, kernel: &EffectiveKernel) {
-    println!("{}: {}", arguments.output.display(), arguments.describe());
+fn report(arguments: &Arguments, scan: &Scan, grid: Option<&Grid>, kernel: &EffectiveKernel) {
+    println!("{}: {}", arguments.output.display(), arguments.describe(scan));
     if let (Some(path), Some(grid)) = (&arguments.truth, grid) {
         let [nx, ny, nz] = grid.size;
         let [sx, sy, sz] = grid.spacing.to_array();
@@ -423,6 +461,9 @@ fn report(arguments: &Arguments, grid: Option<&Grid>, kernel: &EffectiveKernel) 
             "{}: its truth under a kernel of σ {u:.3}, {v:.3} and {n:.3} mm along u, v and the normal",
             path.display()
         );
+    }
+    if let Some(path) = &arguments.crossings {
+        println!("{}: where wires cross each picture, and landmarks", path.display());
     }
     if let Some(path) = &arguments.calibration {
         println!("{}: the probe's calibration; give it to `reconstruct` with --config", path.display());

@@ -179,3 +179,52 @@ fn a_phantom_that_cannot_be_is_refused_and_nothing_is_written() {
         place.refuses(&format!("phantom {flags}"), &[says]);
     }
 }
+
+#[test]
+fn every_body_is_scanned_with_its_field_and_the_rest_of_the_program_takes_it() {
+    let place = Place::new();
+    for (scene, field, crossings) in [
+        ("doll", "fan ", 0),
+        ("thigh", "fan ", 0),
+        ("n-wire", "clip ", 9),
+        ("cross-wire", "clip ", 2),
+        ("tank-floor", "clip ", 0),
+        ("stylus", "clip ", 0),
+    ] {
+        let said = place.does(&format!(
+            "phantom --scene {scene} -o s.mha --truth t.mha --spacing 3 --crossings w.csv --calibration c.toml --image-size 120x100 --frames 4 --trajectory parallel"
+        ));
+        assert!(said.contains(&format!("scene {scene}")) && said.contains(field) && said.contains("noise 0"), "{said}");
+        let wires = String::from_utf8(place.get("w.csv")).unwrap();
+        let lines: Vec<&str> = wires.lines().skip(1).filter(|line| !line.starts_with(',')).collect();
+        assert_eq!(lines.len(), 4 * crossings, "{scene}: {wires}");
+        // The file's fan or clip, and the tracker's poses, lead to a volume.
+        place.does_narrowly("reconstruct s.mha --config c.toml -o v.mha --spacing 3");
+        assert!(place.volume("v.mha").values.iter().any(|v| *v > 20.0), "{scene}");
+        assert!(place.volume("t.mha").values.iter().all(|v| (0.0..=255.0).contains(v)), "{scene}");
+    }
+}
+
+#[test]
+fn a_scanners_flags_change_its_pictures_and_are_of_no_other_scene() {
+    let place = Place::new();
+    let made = |flags: &str| {
+        place.does(&format!("phantom --scene thigh -o s.mha --image-size 120x100 --frames 2 {flags}"));
+        place.get("s.mha")
+    };
+    let plain = made("");
+    assert!(plain == made("") && plain == made("--probe curvilinear --depth 120"));
+    for flags in ["--probe linear --depth 60", "--mhz 5", "--focus 30", "--tgc 1", "--dynamic-range 40", "--seed 2"] {
+        assert!(plain != made(flags), "{flags}");
+    }
+    for effect in
+        ["speckle", "surfaces", "attenuation", "reverberation", "ringing", "focusing", "tgc", "noise", "speckle,noise"]
+    {
+        assert!(plain != made(&format!("--without {effect}")), "{effect}");
+    }
+    place.refuses("phantom -o r.mha --depth 50", &["are of a scanner", "doll"]);
+    place.refuses("phantom -o r.mha --crossings w.csv", &["are of a scanner"]);
+    place.refuses("phantom -o r.mha --scene doll --fan", &["a scanner's field is its own fan"]);
+    place.refuses("phantom -o r.mha --scene doll --depth 0", &["the depth, mm, is 0; it must lie between 1 and 400"]);
+    place.refuses("phantom -o r.mha --scene doll --pixel 0", &["the distance of pixels is 0 mm"]);
+}

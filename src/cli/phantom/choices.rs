@@ -34,6 +34,18 @@ pub(super) enum SceneName {
     Speckle,
     /// A sphere whose radius swings between 8 and 12 mm once a second
     Pulsating,
+    /// A doll in a water tank, as a scanner shows its echoes
+    Doll,
+    /// A thigh with femur, artery and vein, as a scanner shows its echoes
+    Thigh,
+    /// Three N-shaped layers of wires in water
+    NWire,
+    /// Two wires in water that cross at one point
+    CrossWire,
+    /// The sloping floor of a water tank
+    TankFloor,
+    /// A pointed steel rod in water
+    Stylus,
 }
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]

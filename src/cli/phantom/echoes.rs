@@ -1,0 +1,190 @@
+//! Flags of `phantom` for bodies, which a scanner looks into.
+
+use std::sync::Arc;
+
+use clap::{Args, ValueEnum};
+use glam::{DVec2, DVec3};
+
+use super::choices::SceneName;
+use crate::cli::Failure;
+use crate::phantom::bmode::{Effects, Layout, Transducer};
+use crate::phantom::body::{Body, calibration, doll, thigh};
+use crate::phantom::{Scan, Scanner};
+
+/// Radius of the curvilinear transducer, about which the thigh's skin lies, mm.
+const FACE_RADIUS_MM: f64 = 60.0;
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum ProbeName {
+    /// A fan of 60° from an arc of 60 mm radius, 3.5 MHz
+    Curvilinear,
+    /// A rectangle 38 mm wide, 7.5 MHz
+    Linear,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum EffectName {
+    /// Echoes of scatterers
+    Speckle,
+    /// Echoes of surfaces
+    Surfaces,
+    /// What materials and surfaces take from sound: without it there is no shadow
+    Attenuation,
+    /// Echoes that come again
+    Reverberation,
+    /// The transducer's ringing at its face
+    Ringing,
+    /// Beams that widen off their focus
+    Focusing,
+    /// Amplification with depth
+    Tgc,
+    /// The receiver's noise
+    Noise,
+}
+
+/// What the scanner is; each has a default that suits the scene.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Scanner, for --scene doll, thigh, n-wire, cross-wire, tank-floor and stylus")]
+pub(super) struct EchoFlags {
+    /// The transducer [default: what suits the scene]
+    #[arg(long, value_enum, value_name = "PROBE")]
+    probe: Option<ProbeName>,
+    /// Depth of the field, mm
+    #[arg(long, value_name = "MM")]
+    depth: Option<f64>,
+    /// Centre frequency, MHz
+    #[arg(long, value_name = "MHZ")]
+    mhz: Option<f64>,
+    /// Depth of the focus within the slice, mm
+    #[arg(long, value_name = "MM")]
+    focus: Option<f64>,
+    /// Amplification with depth, dB/cm
+    #[arg(long, value_name = "DB")]
+    tgc: Option<f64>,
+    /// From white to black, dB
+    #[arg(long, value_name = "DB")]
+    dynamic_range: Option<f64>,
+    /// Leave out what the scanner would do, e.g. noise,reverberation
+    #[arg(long, value_enum, value_name = "EFFECT", value_delimiter = ',')]
+    without: Vec<EffectName>,
+}
+
+/// A body, the scanner over it, and how long a sweep sees all of it, mm.
+pub(super) struct Bedside {
+    pub(super) body: Body,
+    pub(super) scanner: Scanner,
+    pub(super) sweep_mm: f64,
+}
+
+impl EchoFlags {
+    /// Whether any was given.
+    pub(super) fn given(&self) -> bool {
+        let numbers = [self.depth, self.mhz, self.focus, self.tgc, self.dynamic_range];
+        self.probe.is_some() || !self.without.is_empty() || numbers.iter().any(Option::is_some)
+    }
+
+    /// What a scene is scanned with; `None` for scenes without echoes.
+    pub(super) fn bedside(&self, scene: SceneName, seed: u64) -> Option<Bedside> {
+        use ProbeName::{Curvilinear, Linear};
+        let (body, probe, depth, sweep_mm) = match scene {
+            SceneName::Doll => (doll::doll(), Curvilinear, 110.0, doll::SWEEP_MM),
+            SceneName::Thigh => (thigh::thigh(FACE_RADIUS_MM), Curvilinear, 120.0, thigh::SWEEP_MM),
+            SceneName::NWire => (calibration::n_wires(&calibration::NWires::default()), Linear, 50.0, 36.0),
+            SceneName::CrossWire => (calibration::cross_wire(28.0), Linear, 50.0, 20.0),
+            SceneName::TankFloor => (calibration::floor(40.0, DVec2::new(0.1, 0.05)), Linear, 50.0, 30.0),
+            SceneName::Stylus => {
+                let along = DVec3::new(0.55, -0.35, 0.75);
+                (calibration::stylus(DVec3::new(-4.0, 32.0, -8.0), along), Linear, 50.0, 24.0)
+            }
+            _ => return None,
+        };
+        let depth = self.depth.unwrap_or(depth);
+        let mut scanner = match self.probe.unwrap_or(probe) {
+            Curvilinear => Scanner::abdominal(depth),
+            Linear => Scanner::small_parts(depth),
+        };
+        if scene != SceneName::Thigh {
+            scanner = scanner.in_water();
+        }
+        for (to, from) in [
+            (&mut scanner.frequency_mhz, self.mhz),
+            (&mut scanner.lateral.focus_mm, self.focus),
+            (&mut scanner.tgc_db_per_cm, self.tgc),
+            (&mut scanner.dynamic_range_db, self.dynamic_range),
+        ] {
+            *to = from.unwrap_or(*to);
+        }
+        let has = |effect| !self.without.contains(&effect);
+        scanner.effects = Effects {
+            speckle: has(EffectName::Speckle),
+            surfaces: has(EffectName::Surfaces),
+            wires: true,
+            attenuation: has(EffectName::Attenuation),
+            losses: has(EffectName::Attenuation),
+            reverberation: has(EffectName::Reverberation),
+            ringing: has(EffectName::Ringing),
+            focusing: has(EffectName::Focusing),
+            tgc: has(EffectName::Tgc),
+            noise: has(EffectName::Noise),
+        };
+        scanner.seed = seed;
+        Some(Bedside { body, scanner, sweep_mm })
+    }
+}
+
+impl Bedside {
+    /// The body where the scanner's face is, for pictures of a size.
+    pub(super) fn placed(self, image_size: [u32; 2], pixel_mm: f64) -> Result<Arc<Body>, Failure> {
+        let layout = Layout::new(&self.scanner, image_size, [pixel_mm; 2])?;
+        Ok(Arc::new(self.body.placed_at(layout.face_below_middle_mm())))
+    }
+}
+
+/// What the scanner is, for people and provenance; nothing where there is none.
+pub(super) fn describe(scan: &Scan) -> String {
+    let Some(bmode) = scan.bmode() else { return String::new() };
+    let scanner = bmode.scanner();
+    let probe = match scanner.transducer {
+        Transducer::Curvilinear { radius_mm, opening_deg } => {
+            format!("curvilinear transducer of {radius_mm} mm radius and {opening_deg} degrees")
+        }
+        Transducer::Linear { width_mm } => format!("linear transducer of {width_mm} mm"),
+    };
+    let field = match (bmode.layout().fan(), bmode.layout().clip()) {
+        (Some(fan), _) => {
+            let ([u, v], [near, far], [first, last]) = (fan.origin_px(), fan.radii_px(), fan.angles_deg());
+            format!("fan {u:.3},{v:.3},{near:.3},{far:.3},{first},{last}")
+        }
+        (None, Some(clip)) => format!("clip {},{},{},{}", clip.x, clip.y, clip.width, clip.height),
+        (None, None) => "no field".into(),
+    };
+    format!(
+        ", {probe}, {} MHz, depth {} mm, focus {} mm, dynamic range {} dB, {field}",
+        scanner.frequency_mhz, scanner.depth_mm, scanner.lateral.focus_mm, scanner.dynamic_range_db
+    )
+}
+
+/// Where each wire of a scan crosses each picture: a line a crossing, pixels of the picture in MF orientation; places of landmarks in the world first.
+pub(super) fn crossings(scan: &Scan) -> String {
+    let mut text = String::from("frame,name,u_px,v_px,x_mm,y_mm,z_mm\n");
+    let Some(bmode) = scan.bmode() else { return text };
+    let body = bmode.body();
+    let mut line = |frame: Option<u32>, name: &str, at: Option<DVec2>, world: DVec3| {
+        let frame = frame.map_or(String::new(), |f| f.to_string());
+        let [u, v] = at.map_or([String::new(), String::new()], |p| p.to_array().map(|x| x.to_string()));
+        text.push_str(&format!("{frame},{name},{u},{v},{},{},{}\n", world.x, world.y, world.z));
+    };
+    for landmark in &body.landmarks {
+        line(None, landmark.name, None, body.world_from_body.transform_point3(landmark.point));
+    }
+    for frame in 0..scan.frames() {
+        let world_from_image = scan.true_world_from_image(frame).affine();
+        let body_from_image = body.world_from_body.inverse() * world_from_image;
+        for wire in &body.wires {
+            if let Some(at) = wire.crossing(&body_from_image) {
+                line(Some(frame), &wire.name, Some(at), world_from_image.transform_point3(at.extend(0.0)));
+            }
+        }
+    }
+    text
+}
