@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use crate::figure::{Axis, Figure, Look, Panel, Series};
 use crate::lettering::{FAMILY, SUBSCRIPT, subscript, width, width_bold, wrap};
+use crate::raster::Raster;
 use crate::scale::Tick;
 
 /// Width of every figure, pixels.
@@ -33,12 +34,32 @@ enum Anchor {
     End,
 }
 
-/// SVG under way.
-struct Canvas {
-    body: String,
+/// Where a figure shows a picture of pixels: left, top, width and height.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Placed<'a> {
+    pub(crate) raster: &'a Raster,
+    pub(crate) place: [f64; 4],
 }
 
-impl Canvas {
+/// SVG under way.
+struct Canvas<'a> {
+    body: String,
+    pictures: Vec<Placed<'a>>,
+}
+
+impl<'a> Canvas<'a> {
+    /// A picture as large as fits, in the middle.
+    fn picture(&mut self, raster: &'a Raster, [left, top]: [f64; 2], [wide, high]: [f64; 2]) {
+        let size = [wide.min(high * raster.aspect()), high.min(wide / raster.aspect())];
+        let at = [left + 0.5 * (wide - size[0]), top + 0.5 * (high - size[1])];
+        let address = raster.address();
+        self.push(&format!(
+            r#"<image x="{:.2}" y="{:.2}" width="{:.2}" height="{:.2}" href="{address}"/>"#,
+            at[0], at[1], size[0], size[1]
+        ));
+        self.pictures.push(Placed { raster, place: [at[0], at[1], size[0], size[1]] });
+    }
+
     fn text(&mut self, [x, y]: [f64; 2], size: f64, anchor: Anchor, style: &str, text: &str) {
         let anchor = match anchor {
             Anchor::Start => "start",
@@ -108,6 +129,9 @@ impl<'a> Prepared<'a> {
 
     /// Room left of the coordinate system.
     fn gutter(&self) -> f64 {
+        if self.panel.raster.is_some() {
+            return 0.0;
+        }
         let ticks = self.y_ticks.iter().filter_map(|t| t.text.as_ref()).map(|t| width(t, TICK)).fold(0.0, f64::max);
         LABEL * LEADING + ticks + 10.0
     }
@@ -126,12 +150,19 @@ impl<'a> Prepared<'a> {
 
     /// Room below the coordinate system.
     fn footer(&self, wide: f64) -> f64 {
+        if self.panel.raster.is_some() {
+            return 8.0;
+        }
         let lines = self.x_ticks.iter().filter_map(|t| t.text.as_ref()).map(|t| self.x_lines(t, wide).len()).max();
         let label = if self.panel.x.label.is_empty() { 0.0 } else { LABEL * LEADING };
         8.0 + TICK * LEADING * lines.unwrap_or(0) as f64 + label
     }
 
-    fn draw(&self, canvas: &mut Canvas, clip: &str, [left, top]: [f64; 2], [wide, high]: [f64; 2]) {
+    fn draw(&self, canvas: &mut Canvas<'a>, clip: &str, [left, top]: [f64; 2], [wide, high]: [f64; 2]) {
+        if let Some(raster) = &self.panel.raster {
+            canvas.picture(raster, [left, top], [wide, high]);
+            return;
+        }
         let at_x = |v: f64| left + wide * self.panel.x.scale.place(v, self.x);
         let at_y = |v: f64| top + high * (1.0 - self.panel.y.scale.place(v, self.y));
         let bottom = top + high;
@@ -204,7 +235,7 @@ impl<'a> Prepared<'a> {
 }
 
 /// Lines and marks at places in pixels; a missing place breaks the line.
-fn draw_series(canvas: &mut Canvas, series: &Series, places: &[Option<[f64; 2]>]) {
+fn draw_series(canvas: &mut Canvas<'_>, series: &Series, places: &[Option<[f64; 2]>]) {
     let ink = series.ink.hex();
     let dash = match series.look {
         Look::Line => "",
@@ -230,7 +261,7 @@ fn draw_series(canvas: &mut Canvas, series: &Series, places: &[Option<[f64; 2]>]
     ));
 }
 
-fn mark(canvas: &mut Canvas, look: Look, ink: &str, [x, y]: [f64; 2]) {
+fn mark(canvas: &mut Canvas<'_>, look: Look, ink: &str, [x, y]: [f64; 2]) {
     let shape = match look {
         Look::Squares => format!(r#"<rect x="{:.2}" y="{:.2}" width="6.4" height="6.4""#, x - 3.2, y - 3.2),
         Look::Triangles => {
@@ -259,7 +290,7 @@ fn entries(figure: &Figure) -> Vec<&Series> {
 }
 
 /// Draws the legend from `top` on; its height.
-fn draw_legend(canvas: &mut Canvas, figure: &Figure, top: f64) -> f64 {
+fn draw_legend(canvas: &mut Canvas<'_>, figure: &Figure, top: f64) -> f64 {
     const SAMPLE: f64 = 28.0;
     let (mut x, mut y) = (MARGIN, top + 8.0);
     let entries = entries(figure);
@@ -288,7 +319,12 @@ fn draw_legend(canvas: &mut Canvas, figure: &Figure, top: f64) -> f64 {
 
 /// The figure as an SVG document.
 pub fn svg(figure: &Figure) -> String {
-    let mut canvas = Canvas { body: String::new() };
+    drawn(figure).0
+}
+
+/// As [`svg`], and where it shows pictures of pixels.
+pub(crate) fn drawn(figure: &Figure) -> (String, Vec<Placed<'_>>) {
+    let mut canvas = Canvas { body: String::new(), pictures: Vec::new() };
     let mut y = MARGIN;
     for line in wrap(&figure.title, TITLE * width_bold("n", 1.0) / width("n", 1.0), WIDTH - 2.0 * MARGIN) {
         y += TITLE;
@@ -327,10 +363,11 @@ pub fn svg(figure: &Figure) -> String {
         canvas.text([MARGIN, y], CAPTION, Anchor::Start, &style, &line);
     }
     let height = (y + MARGIN).ceil();
-    format!(
+    let svg = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{WIDTH}\" height=\"{height}\" viewBox=\"0 0 {WIDTH} {height}\" \
          font-family=\"{FAMILY}\" fill=\"{TEXT_INK}\">\n<title>{}</title>\n<rect width=\"{WIDTH}\" height=\"{height}\" fill=\"white\"/>\n{}</svg>\n",
         escape(&figure.title),
         canvas.body
-    )
+    );
+    (svg, canvas.pictures)
 }

@@ -1,5 +1,6 @@
 //! What a picture shows.
 
+use crate::raster::Raster;
 use crate::scale::Scale;
 
 /// A colour of the palette of Okabe and Ito (2008), darkened where it would be faint on white.
@@ -140,12 +141,19 @@ pub struct Panel {
     pub y: Axis,
     /// In it, the last on top.
     pub series: Vec<Series>,
+    /// What it shows in the place of axes and series.
+    pub raster: Option<Raster>,
 }
 
 impl Panel {
     /// Of its parts.
     pub fn new(title: impl Into<String>, x: Axis, y: Axis, series: Vec<Series>) -> Self {
-        Self { title: title.into(), x, y, series }
+        Self { title: title.into(), x, y, series, raster: None }
+    }
+
+    /// A picture of pixels, as large as fits.
+    pub fn picture(title: impl Into<String>, raster: Raster) -> Self {
+        Self { raster: Some(raster), ..Self::new(title, Axis::linear(""), Axis::linear(""), Vec::new()) }
     }
 }
 

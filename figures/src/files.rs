@@ -6,10 +6,10 @@ use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 
-use resvg::tiny_skia::{Pixmap, Transform};
+use resvg::tiny_skia::{FilterQuality, Pixmap, PixmapPaint, Transform};
 use resvg::usvg::{Options, Tree, fontdb};
 
-use crate::drawing::svg;
+use crate::drawing::{Placed, drawn};
 use crate::figure::Figure;
 
 /// Pixels of the PNG for one of the SVG.
@@ -20,9 +20,9 @@ const PNG_SCALE: f32 = 2.0;
 /// # Errors
 /// When a file cannot be written, or the picture is larger than memory.
 pub fn write(figure: &Figure, folder: &Path) -> Result<(), Box<dyn Error>> {
-    let svg = svg(figure);
+    let (svg, pictures) = drawn(figure);
     let named = |ending: &str| folder.join(format!("{}.{ending}", figure.id));
-    fs::write(named("png"), png(&svg)?)?;
+    fs::write(named("png"), png_with(&svg, &pictures)?)?;
     fs::write(named("svg"), svg)?;
     fs::write(named("csv"), csv(figure))?;
     Ok(())
@@ -33,6 +33,11 @@ pub fn write(figure: &Figure, folder: &Path) -> Result<(), Box<dyn Error>> {
 /// # Errors
 /// When the SVG is none, or the picture is larger than memory.
 pub fn png(svg: &str) -> Result<Vec<u8>, Box<dyn Error>> {
+    png_with(svg, &[])
+}
+
+/// As [`png`], with pictures of pixels at their places: what draws the rest reads no picture files.
+fn png_with(svg: &str, pictures: &[Placed<'_>]) -> Result<Vec<u8>, Box<dyn Error>> {
     let mut fonts = fontdb::Database::new();
     fonts.load_font_data(dejavu::sans::regular().to_vec());
     fonts.load_font_data(dejavu::sans::bold().to_vec());
@@ -41,6 +46,13 @@ pub fn png(svg: &str) -> Result<Vec<u8>, Box<dyn Error>> {
     let size = tree.size().to_int_size().scale_by(PNG_SCALE).ok_or("the figure has no size")?;
     let mut pixels = Pixmap::new(size.width(), size.height()).ok_or("the figure is larger than memory")?;
     resvg::render(&tree, Transform::from_scale(PNG_SCALE, PNG_SCALE), &mut pixels.as_mut());
+    let paint = PixmapPaint { quality: FilterQuality::Bilinear, ..PixmapPaint::default() };
+    for Placed { raster, place: [x, y, wide, _] } in pictures {
+        let scale = PNG_SCALE * (*wide / f64::from(raster.width())) as f32;
+        let [x, y] = [x, y].map(|at| PNG_SCALE * *at as f32);
+        let place = Transform::from_row(scale, 0.0, 0.0, scale, x, y);
+        pixels.draw_pixmap(0, 0, raster.pixmap()?.as_ref(), &paint, place, None);
+    }
     Ok(pixels.encode_png()?)
 }
 

@@ -1,6 +1,7 @@
 //! Pictures of numbers: curves, points and bars over linear and logarithmic axes, as SVG, as PNG of the same picture, and as CSV of what was drawn.
 //!
 //! - [`figure`]: what a picture shows: panels, axes, series, caption.
+//! - [`raster`]: pictures of pixels, which a panel shows in the place of axes.
 //! - [`scale`]: from numbers to places along an axis, and where its ticks are.
 //! - [`lettering`]: how wide a text is, and where it wraps.
 //! - [`drawing`]: the picture as SVG.
@@ -17,8 +18,10 @@ pub mod figure;
 pub mod files;
 pub mod findings;
 pub mod lettering;
+pub mod raster;
 pub mod scale;
 
 pub use figure::{Axis, Figure, Ink, Look, Panel, Series};
 pub use findings::Findings;
+pub use raster::Raster;
 pub use scale::order;

@@ -14,10 +14,12 @@
 //! - [`woven_volumes`]: claims about volumes, on the reconstructor itself.
 //! - [`doll`]: the paper's test of the renderer; [`caches`]: figures 9 to 11; [`adaptive`],
 //!   [`incremental`], [`parts`]: claims about pictures that follow their volume.
+//! - [`tank`], [`thigh`]: figures 12 and 13, of painted echoes; [`bedside`] is what they share.
 //! - [`report`]: checks, claims, the page.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program that speaks to its user")]
 
 mod adaptive;
+mod bedside;
 mod caches;
 mod columns;
 mod columns_woven;
@@ -33,6 +35,8 @@ mod ripple;
 mod signal;
 mod speed;
 mod support;
+mod tank;
+mod thigh;
 #[path = "../../../../benches/reconstruct/timing.rs"]
 #[allow(dead_code, reason = "shared with the bench, which times more than this does")]
 mod timing;
@@ -110,6 +114,8 @@ fn run(effort: &Effort, folder: &Path) -> Result<bool, Box<dyn Error>> {
     incremental::timed(&mut report, &doll, effort.rounds)?;
     caches::draw(&mut report, folder, &doll, effort.rounds)?;
     adaptive::draw(&mut report, folder, &doll)?;
+    tank::draw(&mut report, folder)?;
+    thigh::draw(&mut report, folder)?;
     let load = fs::read_to_string("/proc/loadavg").unwrap_or_default();
     let load = load.split_whitespace().next().unwrap_or("unknown").to_owned();
     let simd = sonoweave::reconstruct::Simd::detect().name();
