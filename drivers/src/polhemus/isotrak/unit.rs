@@ -38,6 +38,7 @@ pub struct Speech {
 }
 
 /// Reads records in either form.
+#[allow(clippy::large_enum_variant, reason = "there is one a unit")]
 enum Records {
     Text(Decoder<Fastrak>),
     Packed(Decoder<Isotrak>),
