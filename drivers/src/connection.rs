@@ -97,13 +97,19 @@ pub trait Protocol: Send {
     /// Takes bytes of a device that was set up; the last of them were here at `at_ns`. Adds the readings in them, which are numbered by who asks.
     fn take(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>);
 
-    /// What to ask a device for that speaks only when asked, and when at the latest it is to be asked again, host ns; `None` for one that speaks by itself.
+    /// What to send to a device that was set up (a question to one that speaks only when asked, or nothing for now), and when to look here again, host ns; `None` for
+    /// one that is sent nothing.
     fn ask(&mut self, _now_ns: i64) -> Option<(&[u8], i64)> {
         None
     }
 
     /// So long may a device that was set up say nothing that makes sense, ns.
     fn patience_ns(&self) -> i64;
+
+    /// What is the matter with a device that delivers, and what to do; empty where all is well.
+    fn trouble(&self) -> &str {
+        ""
+    }
 
     /// What to send before the line is closed, so that the device is found quiet.
     fn farewell(&self) -> &[u8];
@@ -170,6 +176,11 @@ impl<P: Protocol> Connection<P> {
     /// The protocol, for what it knows of the device.
     pub fn protocol(&self) -> &P {
         &self.protocol
+    }
+
+    /// The same, to ask something of the device while it runs.
+    pub fn protocol_mut(&mut self) -> &mut P {
+        &mut self.protocol
     }
 
     fn after(&mut self, after: After) {
@@ -295,7 +306,9 @@ impl<P: Protocol> Connection<P> {
             match self.protocol.ask(now_ns) {
                 Some((question, again_ns)) => {
                     *ask_ns = again_ns;
-                    if let Err(error) = line.write(question) {
+                    if !question.is_empty()
+                        && let Err(error) = line.write(question)
+                    {
                         return After::Gone(error);
                     }
                 }
@@ -326,7 +339,7 @@ impl<P: Protocol> Connection<P> {
         if self.keeps_raw {
             let stamp = Stamp { item: self.raw_items, host_ns: Some(at_ns), ..Stamp::default() };
             self.raw_items += 1;
-            self.found.push_back(Reading::Raw(Raw { stamp, bytes: bytes.into() }));
+            self.found.push_back(Reading::Raw(Raw { stamp, line: 0, bytes: bytes.into() }));
         }
         let before = self.found.len();
         self.protocol.take(bytes, at_ns, &mut self.found);
@@ -341,7 +354,7 @@ impl<P: Protocol> Connection<P> {
                 *heard_ns = at_ns;
             }
             // Running is what delivers: the last rung alone proves nothing.
-            self.health.enter(State::Running, "", at_ns);
+            self.health.enter(State::Running, self.protocol.trouble(), at_ns);
         }
     }
 }

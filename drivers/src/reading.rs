@@ -207,6 +207,8 @@ pub struct Recorded {
 pub struct Raw {
     /// When: the last byte's time.
     pub stamp: Stamp,
+    /// Which of the device's lines, from 0.
+    pub line: u8,
     /// The bytes.
     pub bytes: Arc<[u8]>,
 }
