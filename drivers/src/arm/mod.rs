@@ -5,7 +5,13 @@
 //! - [`ea1`]: EA1, a protocol for arms built around a microcontroller; `docs/ea1.md` describes it for those who build one.
 //! - [`qsb`]: US Digital QSB, an encoder each.
 //! - [`microscribe`]: MicroScribe-3D and the Immersion boxes.
+//!
+//! Beside each format stands its unit: how such an arm is set up and read. [`homing`] follows the counters of all of them, and [`settings`] is what is asked of them.
 
 pub mod ea1;
+pub mod homing;
 pub mod microscribe;
 pub mod qsb;
+pub mod settings;
+
+pub use settings::Settings;

@@ -1,9 +1,10 @@
 //! Virtual twins: devices that put given poses on a line, in the real wire format, with the real units' habits and failings.
 //!
 //! A twin is the [`crate::transport::Peer`] of a driver. In process, on a clock that is turned by hand, it tests the driver in no time ([`crate::transport::MemoryOpener`]);
-//! on a pseudo-terminal it is a program that any other program may open as it would the real thing ([`Pty`]). What it measures is a [`Motion`]: a closure of time, so that
-//! truth is known to whoever gave it.
+//! on a pseudo-terminal it is a program that any other program may open as it would the real thing ([`Pty`]). What it measures is a [`Motion`]
+//! or [`Joints`]: a closure of time, so that truth is known to whoever gave it.
 
+pub mod ea1;
 pub mod fastrak;
 mod faults;
 pub mod isotrak;
@@ -14,6 +15,8 @@ pub mod viper;
 mod wire;
 
 use std::sync::Arc;
+
+use crate::reading::AXES;
 
 pub use faults::Faults;
 pub use pty::Pty;
@@ -31,3 +34,6 @@ pub struct Placed {
 
 /// Where the sensor of a station (from 1) is at a time (host ns).
 pub type Motion = Arc<dyn Fn(u8, i64) -> Placed + Send + Sync>;
+
+/// What the encoders of an arm's joints would show at a time (host ns), base first, had they been zeroed in its home position.
+pub type Joints = Arc<dyn Fn(i64) -> [i64; AXES] + Send + Sync>;

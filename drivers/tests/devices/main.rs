@@ -3,7 +3,9 @@
 #![allow(clippy::unwrap_used, reason = "tests fail so")]
 
 mod bench;
+mod ea1;
 mod fastrak;
 mod isotrak;
 mod liberty;
 mod viper;
+mod joints;

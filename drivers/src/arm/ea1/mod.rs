@@ -13,9 +13,12 @@
 
 mod block;
 pub mod command;
+mod follow;
 mod line;
+mod unit;
 
 pub use command::Command;
+pub use unit::{Speech, Unit};
 
 use crate::framing::{Format, Look, Refusal};
 

@@ -1,0 +1,320 @@
+//! An EA1 arm: a microcontroller that starts anew when its line is opened, counts from wherever its joints are then, and samples by a timer.
+
+use super::{Faults, Joints, Wire};
+use crate::arm::ea1::{AXES, Command, Framing, Identity, Record, Sample, error, flag};
+use crate::clock::{MS, SECOND};
+use crate::transport::{LineError, Peer};
+
+/// From power on to the identity: the loader waits for a new program first.
+pub const START: i64 = 1_600 * MS;
+/// Bytes of commands that are kept while their line is not ended.
+const INPUT: usize = 64;
+
+/// The arm. Its fields are how it was left.
+pub struct Twin {
+    joints: Joints,
+    wire: Wire,
+    /// Bits a second.
+    pub baud: u32,
+    /// Opening the line starts it anew, as with most boards.
+    pub starts_when_opened: bool,
+    /// Samples a second; 0 for none.
+    pub rate_hz: u32,
+    /// As lines or as blocks.
+    pub framing: Framing,
+    /// It knows nothing but bare numbers.
+    pub bare: bool,
+    /// Counts a revolution that it says it has.
+    pub counts_per_turn: [u32; AXES],
+    /// Bit by axis: at home since it was started.
+    pub homed: u16,
+    /// Bit by axis: steps were lost.
+    pub faults: u16,
+    /// Buttons that are pressed.
+    pub buttons: u8,
+    /// Where each joint's index mark is, in counts from home.
+    pub marks: [Option<i64>; AXES],
+    /// The true counts at which its counters show 0.
+    pub zeros: [i64; AXES],
+    /// Number of the last sample.
+    pub seq: u32,
+    /// Samples taken.
+    pub sampled: u64,
+    /// What it has done so far: commands obeyed, by their bytes.
+    pub obeyed: Vec<Vec<u8>>,
+    /// Has power and is plugged in.
+    pub plugged: bool,
+    /// It stays silent though it is there: as a program that hangs.
+    pub hung: bool,
+    /// Answers to so many pings get lost.
+    pub mute_pings: u32,
+    input: Vec<u8>,
+    /// It does nothing before this time.
+    busy_ns: i64,
+    says_who: bool,
+    /// The host's time at which its clock showed 0.
+    born_ns: i64,
+    next_ns: i64,
+    before: [i64; AXES],
+    overrun: bool,
+}
+
+impl Twin {
+    /// Switched on long ago, quiet, not homed, counting from home; at 115200 bits a second.
+    pub fn new(joints: Joints, faults: Faults) -> Self {
+        Self {
+            joints,
+            wire: Wire::new(faults),
+            baud: 115_200,
+            starts_when_opened: true,
+            rate_hz: 0,
+            framing: Framing::Lines,
+            bare: false,
+            counts_per_turn: [40_000, 20_000, 0],
+            homed: 0,
+            faults: 0,
+            buttons: 0,
+            marks: [None; AXES],
+            zeros: [0; AXES],
+            seq: 0,
+            sampled: 0,
+            obeyed: Vec::new(),
+            plugged: true,
+            hung: false,
+            mute_pings: 0,
+            input: Vec::new(),
+            busy_ns: i64::MIN,
+            says_who: false,
+            born_ns: 0,
+            next_ns: i64::MIN,
+            before: [0; AXES],
+            overrun: false,
+        }
+    }
+
+    /// Other faults from now on.
+    pub fn set_faults(&mut self, faults: Faults) {
+        self.wire.set_faults(faults);
+    }
+
+    /// Pulled out, and without power: all that it knew is lost.
+    pub fn unplug(&mut self) {
+        self.plugged = false;
+        self.wire.cut();
+    }
+
+    /// Begins anew, as by its reset button.
+    pub fn restart(&mut self, now_ns: i64) {
+        self.wire.cut();
+        self.input.clear();
+        (self.homed, self.faults, self.seq, self.overrun) = (0, 0, 0, false);
+        self.rate_hz = 0;
+        self.busy_ns = now_ns + START;
+        self.born_ns = self.busy_ns;
+        self.says_who = true;
+        self.zeros = self.true_counts(now_ns);
+        self.before = self.zeros;
+    }
+
+    /// A counter loses steps, or gains some, without noticing.
+    pub fn slip(&mut self, axis: usize, counts: i64) {
+        self.zeros[axis] -= counts;
+    }
+
+    /// Its clock shows so many µs at a time.
+    pub fn set_clock(&mut self, now_ns: i64, us: u32) {
+        self.born_ns = now_ns - i64::from(us) * 1000;
+    }
+
+    fn true_counts(&self, at_ns: i64) -> [i64; AXES] {
+        let [a, b, c, ..] = (self.joints)(at_ns);
+        [a, b, c]
+    }
+
+    /// What its clock shows.
+    pub fn us(&self, now_ns: i64) -> u32 {
+        let passed = (now_ns - self.born_ns) as f64 * (1.0 + self.wire.faults().drift_ppm * 1e-6);
+        (passed as i64 / 1000) as u32
+    }
+
+    fn say(&mut self, record: &Record<'_>, line_baud: u32, now_ns: i64) {
+        let mut bytes = Vec::new();
+        record.write(&mut bytes);
+        let garbled = line_baud != 0 && line_baud != self.baud;
+        self.wire.send(&bytes, self.baud, garbled, now_ns);
+    }
+
+    fn period(&self) -> i64 {
+        let own_second = SECOND as f64 / (1.0 + self.wire.faults().drift_ppm * 1e-6);
+        (own_second / f64::from(self.rate_hz.max(1))) as i64
+    }
+
+    /// Bytes on the line before anything else: the rest of a sample that was cut.
+    pub fn leave_on_the_line(&mut self, bytes: &[u8], now_ns: i64) {
+        self.wire.send(bytes, self.baud, false, now_ns);
+    }
+
+    fn latch(&mut self, at_ns: i64) -> Sample {
+        let counts = self.true_counts(at_ns);
+        for (axis, mark) in self.marks.into_iter().enumerate() {
+            if let Some(mark) = mark
+                && self.homed & 1 << axis == 0
+                && (self.before[axis] < mark) != (counts[axis] < mark)
+            {
+                self.zeros[axis] = mark;
+                self.homed |= 1 << axis;
+            }
+        }
+        self.before = counts;
+        self.seq = self.seq.wrapping_add(1);
+        self.sampled += 1;
+        let shown = std::array::from_fn(|axis| (counts[axis] - self.zeros[axis]) as i32);
+        let pressed = if self.buttons != 0 { flag::BUTTON } else { 0 };
+        let overrun = if std::mem::take(&mut self.overrun) { flag::OVERRUN } else { 0 };
+        let flags = self.homed | self.faults << AXES | pressed | overrun;
+        let buttons = if self.framing == Framing::Lines { u8::from(self.buttons != 0) } else { self.buttons };
+        Sample { seq: self.seq, t_us: self.us(at_ns), counts: shown, flags, buttons, framing: self.framing }
+    }
+
+    fn sample(&mut self, line_baud: u32, at_ns: i64) {
+        // One sample waits for the line, and no more than one.
+        if !self.wire.is_idle(at_ns + self.period()) {
+            self.latch(at_ns);
+            self.overrun = true;
+            return;
+        }
+        let sample = self.latch(at_ns);
+        if self.wire.chance(self.wire.faults().dropout) {
+            return;
+        }
+        let record = if self.bare { Record::Unreliable(sample.counts) } else { Record::Sample(sample) };
+        self.say(&record, line_baud, at_ns);
+    }
+
+    fn identity(&mut self, line_baud: u32, now_ns: i64) {
+        let identity = Identity {
+            model: "Virtual arm",
+            serial: "1",
+            counts_per_revolution: self.counts_per_turn,
+            tick_hz: 1_000_000,
+            rate_hz: self.rate_hz,
+        };
+        self.say(&Record::Identity(identity), line_baud, now_ns);
+    }
+
+    /// When it does something next by itself.
+    fn turn(&self) -> Option<i64> {
+        match (self.plugged && !self.hung, self.says_who) {
+            (false, _) => None,
+            (true, true) => Some(self.busy_ns),
+            (true, false) => (self.rate_hz != 0).then_some(self.next_ns.max(self.busy_ns)),
+        }
+    }
+
+    fn go_on(&mut self, line_baud: u32, until_ns: i64) {
+        while let Some(at) = self.turn().filter(|at| *at <= until_ns) {
+            if std::mem::take(&mut self.says_who) {
+                if !self.bare {
+                    self.identity(line_baud, at);
+                }
+                continue;
+            }
+            self.next_ns = at + self.period();
+            self.sample(line_baud, at);
+        }
+    }
+
+    fn obey(&mut self, command: Result<Command, u32>, line_baud: u32, now_ns: i64) {
+        if let Ok(command) = &command {
+            self.obeyed.push(command.bytes());
+        }
+        match command {
+            Ok(Command::Identify) => self.identity(line_baud, now_ns),
+            Ok(Command::Poll) => {
+                let sample = Sample { framing: Framing::Lines, ..self.latch(now_ns) };
+                self.say(&Record::Sample(sample), line_baud, now_ns);
+            }
+            Ok(Command::Zero(axes)) => {
+                let counts = self.true_counts(now_ns);
+                for axis in (0..AXES).filter(|axis| axes & 1 << axis != 0) {
+                    self.zeros[axis] = counts[axis];
+                }
+                self.homed |= u16::from(axes);
+                self.faults &= !u16::from(axes);
+                self.next_ns = now_ns + self.period();
+            }
+            Ok(Command::Time(token)) => {
+                if self.mute_pings > 0 {
+                    self.mute_pings -= 1;
+                    return;
+                }
+                let t_us = self.us(now_ns);
+                self.say(&Record::Time { token, t_us }, line_baud, now_ns);
+            }
+            Ok(Command::Stream(framing, hz)) => {
+                let bytes = if framing == Framing::Lines { 45 } else { 29 };
+                if i64::from(hz) * bytes * 10 > i64::from(self.baud) {
+                    return self.say(&Record::Error(error::TOO_FAST), line_baud, now_ns);
+                }
+                (self.framing, self.rate_hz) = (framing, hz);
+                self.next_ns = now_ns + self.period();
+            }
+            Err(code) => self.say(&Record::Error(code), line_baud, now_ns),
+        }
+    }
+}
+
+impl Peer for Twin {
+    fn open(&mut self, now_ns: i64) -> Result<(), LineError> {
+        if !self.plugged {
+            return Err(LineError::Absent("no such file".into()));
+        }
+        if self.starts_when_opened && !self.bare {
+            self.restart(now_ns);
+        }
+        Ok(())
+    }
+
+    fn written(&mut self, bytes: &[u8], baud: u32, now_ns: i64) {
+        if !self.plugged || self.hung || now_ns < self.busy_ns {
+            return;
+        }
+        self.go_on(baud, now_ns);
+        if self.bare || (baud != 0 && baud != self.baud) {
+            return;
+        }
+        self.input.extend_from_slice(bytes);
+        while let Some((command, taken)) = Command::read(&self.input) {
+            self.input.drain(..taken);
+            self.obey(command, baud, now_ns);
+        }
+        if self.input.len() > INPUT {
+            self.input.clear();
+        }
+    }
+
+    fn next(&mut self, baud: u32, now_ns: i64, until_ns: i64) -> Result<Option<(i64, Vec<u8>)>, LineError> {
+        if !self.plugged {
+            return Err(LineError::Gone("unplugged".into()));
+        }
+        if self.next_ns < now_ns - SECOND {
+            // It was not listened to: what it sent is gone.
+            self.next_ns = now_ns;
+        }
+        loop {
+            // As far as the first byte that the host waits for, and no farther: what it will say then may change everything after it.
+            match self.wire.due() {
+                Some(at) if at <= until_ns => return Ok(self.wire.take(at.max(now_ns))),
+                _ => {}
+            }
+            match self.turn() {
+                Some(at) if at <= until_ns => self.go_on(baud, at),
+                _ => return Ok(None),
+            }
+        }
+    }
+
+    fn due(&self, _now_ns: i64) -> Option<i64> {
+        [self.wire.due(), self.turn()].into_iter().flatten().min()
+    }
+}

@@ -1,0 +1,467 @@
+//! EA1 arms, as they are found and as they fail.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex};
+
+use drivers::arm::Settings;
+use drivers::arm::ea1::{Framing, Speech, Unit};
+use drivers::clock::{Clock, MS, Monotonic, SECOND};
+use drivers::connection::{Connection, Protocol};
+use drivers::health::State;
+use drivers::reading::{Counts, Reading, Status};
+use drivers::simulated::ea1::Twin;
+use drivers::simulated::{Faults, Pty};
+use drivers::transport::{PortPath, SerialOpener};
+use drivers::{Device, Next};
+
+use crate::bench::{BEGIN, Rig};
+use crate::joints::{SOON, at_rest, counts, is_true, moving, said, split};
+
+fn rig(twin: Twin, settings: Settings, speech: Speech) -> Rig<Twin, Unit> {
+    let mut rig = Rig::new(twin, Unit::new("a line", settings, speech).unwrap(), false);
+    rig.device.start().unwrap();
+    rig
+}
+
+fn usual() -> Rig<Twin, Unit> {
+    rig(Twin::new(moving(), Faults::default()), Settings::default(), Speech::Lines)
+}
+
+/// Running and homed.
+fn homed(mut rig: Rig<Twin, Unit>) -> Rig<Twin, Unit> {
+    rig.until(State::Running, SOON);
+    rig.device.protocol_mut().home(7);
+    let last = counts(rig.readings(200 * MS)).pop().unwrap();
+    assert_eq!((&last.status, last.homed), (&Status::Ok, 7), "{last:?}");
+    rig
+}
+
+/// The time of a sample on the host's clock, by the arm's, which is exact here to 1 µs.
+fn time_of(counts: &Counts, born_ns: i64) -> i64 {
+    born_ns + i64::try_from(counts.stamp.ticks.unwrap()).unwrap() * 1000
+}
+
+fn born(rig: &Rig<Twin, Unit>) -> i64 {
+    let now = rig.clock.now_ns();
+    now - i64::from(rig.twin.lock().unwrap().us(now)) * 1000
+}
+
+#[test]
+fn counts_are_those_of_the_joints_at_the_times_of_the_stamps() {
+    for (speech, bytes) in [(Speech::Lines, 45), (Speech::Blocks, 29)] {
+        let mut rig = rig(Twin::new(moving(), Faults::default()), Settings::default(), speech);
+        let took = rig.until(State::Running, SOON);
+        assert!((1600 * MS..2000 * MS).contains(&took), "it starts in 1.6 s: {} ms", took / MS);
+        let before = rig.readings(100 * MS);
+        assert!(counts(before).iter().all(|c| c.homed == 0 && said(c).contains("not homed")));
+        assert!(rig.device.health().why.contains("home it"), "{}", rig.device.health().why);
+        rig = homed(rig);
+        assert_eq!(rig.device.health().why, "");
+        let zeros = rig.twin.lock().unwrap().zeros;
+        let found = counts(rig.readings(5 * SECOND));
+        let (timing, born) = (rig.device.describe().timing, born(&rig));
+        assert_eq!((timing.tick_hz, timing.wraps_at, timing.rate_hz), (Some(1e6), Some(1 << 32), Some(100.0)));
+        assert_eq!(timing.wire_ns, bytes * 10 * SECOND / 115_200);
+        assert!((499..=501).contains(&found.len()), "{}", found.len());
+        for (n, c) in found.iter().enumerate() {
+            assert_eq!((c.first, c.axes, c.homed, c.buttons), (0, 3, 7, 0));
+            assert_eq!(c.stamp.item, found[0].stamp.item + n as u64);
+            let time = time_of(c, born);
+            // The clock of the test is read to 1 µs, twice.
+            assert!(is_true(&moving(), c, time - 1000, 3000, &zeros), "{c:?}");
+            let late = c.stamp.host_ns.unwrap() - time;
+            // Its own bytes, and sometimes an answer before them.
+            assert!((2 * MS..8 * MS).contains(&late) || speech == Speech::Lines && late < 8 * MS, "{late}");
+        }
+        let received = rig.device.health().received;
+        assert_eq!((received.set_up, received.lost, received.refused, received.skipped), (1, 0, 0, received.skipped));
+        let trip = rig.device.protocol().round_trip_ns().unwrap();
+        assert!((MS..8 * MS).contains(&trip), "{trip}");
+    }
+}
+
+#[test]
+fn an_arm_is_set_up_however_it_was_left() {
+    for left in 0..32 {
+        let mut twin = Twin::new(moving(), Faults::default());
+        twin.starts_when_opened = left & 1 != 0;
+        twin.rate_hz = if left & 2 != 0 { 100 } else { 0 };
+        twin.framing = if left & 4 != 0 { Framing::Blocks } else { Framing::Lines };
+        if left & 8 != 0 {
+            twin.leave_on_the_line(b"00,1024,-300,65536,07*1E\r\n\x04\x01\x03", BEGIN);
+        }
+        let wanted = if left & 16 != 0 { Speech::Blocks } else { Speech::Lines };
+        let mut rig = rig(twin, Settings::default(), wanted);
+        let took = rig.until(State::Running, SOON);
+        // One that is quiet and was not started is waited for in vain.
+        let most = if left & 3 == 0 { 2700 * MS } else { 2000 * MS };
+        assert!(took < most, "{left}: {} ms", took / MS);
+        assert!(counts(rig.readings(SECOND)).len() > 98, "{left}");
+        let framing = rig.twin.lock().unwrap().framing;
+        assert_eq!(framing == Framing::Blocks, wanted == Speech::Blocks);
+    }
+}
+
+#[test]
+fn what_is_sent_is_what_the_document_says() {
+    let mut twin = Twin::new(moving(), Faults::default());
+    twin.starts_when_opened = false;
+    let mut rig = rig(twin, Settings { rate_hz: 150, ..Settings::default() }, Speech::Lines);
+    rig.until(State::Running, SOON);
+    rig.readings(500 * MS);
+    rig.device.protocol_mut().home(5);
+    rig.readings(100 * MS);
+    rig.device.stop().unwrap();
+    let sent: Vec<String> =
+        rig.twin.lock().unwrap().obeyed.iter().map(|b| String::from_utf8(b.clone()).unwrap()).collect();
+    // The axes that were zeroed stand above bit 28 of the ping's number.
+    let zeroed = format!("!T{}\n", 5_u32 << 29 | 2);
+    assert_eq!(sent, ["!R0\n", "!I\n", "!R150\n", "!T1\n", "!Z5\n", &zeroed, "!R0\n"]);
+}
+
+#[test]
+fn clock_number_and_counts_go_on_where_their_words_end() {
+    let mut rig = homed(usual());
+    {
+        let mut twin = rig.twin.lock().unwrap();
+        // Counts just below 2³¹, as seen from now; the arm has to be homed for that, and stays so in its own view.
+        for (axis, ahead) in [-1500, 300, 0].into_iter().enumerate() {
+            let now = moving()(rig.clock.now_ns())[axis];
+            twin.zeros[axis] = now - (ahead - i64::from(i32::MIN));
+        }
+        twin.zeros[1] = moving()(rig.clock.now_ns())[1] + i64::from(i32::MAX);
+        twin.seq = u32::MAX - 150;
+        twin.set_clock(rig.clock.now_ns(), u32::MAX - 1_500_000);
+    }
+    // All of it is a beginning to the driver. It is homed anew, where its counters are.
+    rig.readings(100 * MS);
+    assert!(rig.device.health().why.contains("begun anew"), "{}", rig.device.health().why);
+    let zeros = rig.twin.lock().unwrap().zeros;
+    let before = rig.device.health().received;
+    let found = counts(rig.readings(3 * SECOND));
+    let received = rig.device.health().received;
+    assert_eq!((received.lost, received.refused), (before.lost, before.refused), "nothing is lost at a wrap");
+    assert!(found.windows(2).any(|two| two[0].stamp.ticks > two[1].stamp.ticks), "the clock wraps");
+    assert!(found.iter().any(|c| c.counts[0] > i64::from(i32::MAX)), "the first counter wraps");
+    for two in found.windows(2) {
+        let ticks = [0, 1].map(|n| two[n].stamp.ticks.unwrap() as u32);
+        assert_eq!(ticks[1].wrapping_sub(ticks[0]) / 9_900, 1);
+        assert!((two[1].counts[0] - two[0].counts[0] - 100).abs() <= 1, "{two:?}");
+        assert!((two[1].counts[1] - two[0].counts[1] + 30).abs() <= 1, "{two:?}");
+    }
+    assert!(zeros[0] < 0);
+}
+
+#[test]
+fn a_jump_is_a_reset_until_the_arm_is_homed() {
+    let mut rig = homed(usual());
+    rig.twin.lock().unwrap().slip(1, 50_000);
+    let [before, after] = split(counts(rig.readings(SECOND)), |c| c.status != Status::Ok);
+    assert!(before.len() <= 1 && after.len() > 97);
+    assert!(
+        said(&after[0]).starts_with("axis 2 of 3 jumped by ") && said(&after[0]).ends_with("home it"),
+        "{}",
+        said(&after[0])
+    );
+    assert!(said(&after[0]).contains("499") || said(&after[0]).contains("500"), "{}", said(&after[0]));
+    assert!(after.iter().all(|c| c.homed == 0b101 && said(c).contains("axis 2")), "until it is homed");
+    assert!(after.windows(2).all(|two| two[0].stamp.ticks < two[1].stamp.ticks), "each, and in order");
+    assert!(rig.device.health().why.starts_with("axis 2 of 3 jumped by"), "{}", rig.device.health().why);
+    let lost = rig.device.health().received.lost;
+    rig.device.protocol_mut().home(0b010);
+    let [_, after] = split(counts(rig.readings(SECOND)), |c| c.status == Status::Ok);
+    assert!(after.len() > 95 && after.iter().all(|c| c.homed == 7 && c.status == Status::Ok));
+    let zeros = rig.twin.lock().unwrap().zeros;
+    let born = born(&rig);
+    assert!(after.iter().all(|c| is_true(&moving(), c, time_of(c, born) - 1000, 3000, &zeros)));
+    assert_eq!((rig.device.health().why.as_str(), rig.device.health().received.lost), ("", lost));
+}
+
+#[test]
+fn a_movement_that_an_arm_can_make_is_none() {
+    let mut rig = homed(usual());
+    // 4000 counts in 10 ms are what the settings allow.
+    rig.twin.lock().unwrap().slip(0, 3500);
+    let found = counts(rig.readings(SECOND));
+    assert!(found.iter().all(|c| c.status == Status::Ok && c.homed == 7));
+}
+
+#[test]
+fn an_arm_that_starts_anew_is_told_to_go_on_and_has_to_be_homed() {
+    let mut rig = homed(usual());
+    let now = rig.clock.now_ns();
+    rig.twin.lock().unwrap().restart(now);
+    let [before, after] = split(counts(rig.readings(5 * SECOND)), |c| c.homed != 7);
+    assert!(before.len() < 3);
+    // It is silent for 1.6 s, and back within 2 s of saying who it is.
+    let first = after[0].stamp.host_ns.unwrap() - now;
+    assert!(first < 3600 * MS, "{} ms", first / MS);
+    assert!(after.iter().all(|c| c.homed == 0 && said(c).contains("home")));
+    // Noise of its power supply, in the midst of samples: it goes on at once.
+    let mut rig = homed(rig);
+    {
+        let mut twin = rig.twin.lock().unwrap();
+        (twin.seq, twin.homed) = (0, 0);
+        twin.set_clock(rig.clock.now_ns(), 0);
+    }
+    let [_, after] = split(counts(rig.readings(SECOND)), |c| c.homed != 7);
+    assert!(after.len() > 97 && said(&after[0]).contains("begun anew"), "{}", said(&after[0]));
+    assert!(rig.device.health().why.contains("begun anew"), "{}", rig.device.health().why);
+}
+
+#[test]
+fn index_marks_home_an_arm_without_a_jump() {
+    let mut twin = Twin::new(moving(), Faults::default());
+    // Passed 4 s and 5 s after the beginning, and a third that never is.
+    twin.marks = [Some(40_000), Some(-15_000), Some(9_999)];
+    let mut rig = rig(twin, Settings::default(), Speech::Lines);
+    let found = counts(rig.readings(8 * SECOND));
+    let masks = found.iter().fold(vec![0], |mut masks, c| {
+        if masks.last() != Some(&c.homed) {
+            masks.push(c.homed);
+        }
+        masks
+    });
+    assert_eq!(masks, [0, 0b001, 0b011]);
+    let born = born(&rig);
+    let last = found.last().unwrap();
+    assert!(is_true(
+        &moving(),
+        last,
+        time_of(last, born) - 1000,
+        3000,
+        &[40_000, -15_000, rig.twin.lock().unwrap().zeros[2]]
+    ));
+    assert!(said(last).contains("axis 3 is not homed"), "{}", said(last));
+    assert_eq!(rig.device.health().received.refused, 0);
+}
+
+#[test]
+fn flags_qualify_readings() {
+    let mut rig = homed(usual());
+    rig.twin.lock().unwrap().faults = 0b100;
+    rig.twin.lock().unwrap().buttons = 1;
+    let last = counts(rig.readings(100 * MS)).pop().unwrap();
+    assert_eq!((last.homed, last.buttons), (0b011, 1));
+    assert!(said(&last).starts_with("axis 3 has lost steps"), "{}", said(&last));
+    let mut rig = homed(rig);
+    rig.twin.lock().unwrap().rate_hz = 400;
+    let begin = rig.twin.lock().unwrap().sampled;
+    let seen = rig.device.health().received;
+    let found = counts(rig.readings(SECOND));
+    assert!(rig.device.health().why.contains("more samples than it can send"), "{}", rig.device.health().why);
+    assert!(found.iter().all(|c| c.homed == 7));
+    let (taken, now) = (rig.twin.lock().unwrap().sampled - begin, rig.device.health().received);
+    // Two may be on their way.
+    let missing = taken - found.len() as u64;
+    assert!(
+        missing > 100 && (now.lost + now.refused - seen.lost - seen.refused).abs_diff(missing) <= 2,
+        "{missing} {now:?}"
+    );
+}
+
+#[test]
+fn what_a_zero_costs_is_told() {
+    let mut rig = usual();
+    rig.until(State::Running, SOON);
+    // The answer is lost twice: asked for again, the zero counts.
+    rig.twin.lock().unwrap().mute_pings = 2;
+    rig.readings(1200 * MS);
+    rig.twin.lock().unwrap().mute_pings = 2;
+    rig.device.protocol_mut().home(7);
+    let last = counts(rig.readings(SECOND)).pop().unwrap();
+    assert_eq!((last.homed, &last.status), (7, &Status::Ok), "the arm's flags tell, too");
+    rig.twin.lock().unwrap().mute_pings = 3;
+    rig.device.protocol_mut().home(1);
+    rig.readings(2 * SECOND);
+    assert!(rig.device.health().why.contains("home it once more"), "{}", rig.device.health().why);
+    homed(rig);
+}
+
+#[test]
+fn lost_bytes_are_lost_readings_by_their_numbers_and_make_no_wrong_one() {
+    for speech in [Speech::Lines, Speech::Blocks] {
+        let mut rig = homed(rig(Twin::new(moving(), Faults::default()), Settings::default(), speech));
+        rig.twin.lock().unwrap().set_faults(Faults { drop: 0.002, dropout: 0.01, ..Faults::default() });
+        let (zeros, before) = (rig.twin.lock().unwrap().zeros, rig.device.health().received);
+        let begin = rig.twin.lock().unwrap().sampled;
+        let found = counts(rig.readings(60 * SECOND));
+        let end = rig.twin.lock().unwrap().sampled;
+        let born = born(&rig);
+        let wrong = found.iter().filter(|c| !is_true(&moving(), c, time_of(c, born) - 1000, 3000, &zeros)).count();
+        assert_eq!(wrong, 0, "{speech:?}");
+        assert!(found.iter().all(|c| c.status == Status::Ok));
+        let received = rig.device.health().received;
+        let lost = received.lost - before.lost;
+        // One may be on its way at either end.
+        assert!((lost + found.len() as u64).abs_diff(end - begin) <= 2, "{lost} {} {}", found.len(), end - begin);
+        assert!((100..1500).contains(&lost) && received.skipped > 100, "{received:?}");
+    }
+}
+
+#[test]
+fn noise_is_survived() {
+    let mut rig = homed(rig(Twin::new(moving(), Faults::default()), Settings::default(), Speech::Blocks));
+    let zeros = rig.twin.lock().unwrap().zeros;
+    rig.twin.lock().unwrap().set_faults(Faults { noise: 0.01, ..Faults::default() });
+    let found = counts(rig.readings(60 * SECOND));
+    let born = born(&rig);
+    assert!(found.len() > 4000, "{}", found.len());
+    assert!(
+        found.iter().all(|c| is_true(&moving(), c, time_of(c, born) - 1000, 3000, &zeros) && c.status == Status::Ok)
+    );
+    rig.twin.lock().unwrap().set_faults(Faults { noise: 0.4, ..Faults::default() });
+    rig.readings(5 * SECOND);
+    rig.twin.lock().unwrap().set_faults(Faults::default());
+    assert!(rig.until(State::Running, SOON) <= 2 * SECOND);
+}
+
+#[test]
+fn unplugged_is_absent_and_back_within_two_seconds_of_its_first_word() {
+    let mut rig = homed(usual());
+    for _ in 0..3 {
+        rig.twin.lock().unwrap().unplug();
+        assert!(rig.until(State::Absent, SECOND) < 20 * MS, "told at once");
+        assert!(rig.device.health().why.contains("unplugged"), "{}", rig.device.health().why);
+        assert!(rig.readings(3 * SECOND).is_empty());
+        assert!(rig.device.health().why.contains("plug it in"));
+        rig.twin.lock().unwrap().plugged = true;
+        // A board needs 1.6 s to start, and says its first word then.
+        let back = rig.until(State::Running, SOON);
+        assert!(back < 1600 * MS + SECOND / 2, "{} ms", back / MS);
+        let first = counts(rig.readings(100 * MS)).remove(0);
+        assert!(first.homed == 0 && said(&first).contains("home it"));
+    }
+}
+
+#[test]
+fn an_arm_that_hangs_is_silent_and_not_absent() {
+    let mut twin = Twin::new(moving(), Faults::default());
+    twin.starts_when_opened = false;
+    let mut rig = homed(rig(twin, Settings::default(), Speech::Lines));
+    rig.twin.lock().unwrap().hung = true;
+    let noticed = rig.until(State::Silent, 2 * SECOND);
+    assert!(noticed < 600 * MS, "{} ms", noticed / MS);
+    assert!(rig.readings(6 * SECOND).is_empty());
+    assert!(rig.device.health().why.contains("does not answer"), "{}", rig.device.health().why);
+    rig.twin.lock().unwrap().hung = false;
+    let back = rig.until(State::Running, SOON);
+    assert!(back < 2 * SECOND, "{} ms", back / MS);
+    // It was never without power, and says that it is at home still.
+    assert_eq!(counts(rig.readings(100 * MS)).pop().unwrap().homed, 7);
+    assert_eq!(rig.device.health().received.opened, 1);
+}
+
+#[test]
+fn bare_numbers_are_refused_or_read_as_unreliable() {
+    let bare = || {
+        let mut twin = Twin::new(moving(), Faults::default());
+        (twin.bare, twin.rate_hz) = (true, 50);
+        twin
+    };
+    let mut strict = rig(bare(), Settings::default(), Speech::Lines);
+    assert!(strict.readings(5 * SECOND).is_empty());
+    assert_eq!(strict.device.health().state, State::Silent);
+    assert!(strict.device.health().why.contains("bare numbers"), "{}", strict.device.health().why);
+    let mut rig = rig(bare(), Settings::default(), Speech::BareNumbers);
+    rig.until(State::Running, SOON);
+    assert!(rig.device.health().why.contains("not homed"), "{}", rig.device.health().why);
+    rig.device.protocol_mut().home(7);
+    let found = counts(rig.readings(2 * SECOND));
+    assert!(found.len() > 95);
+    let first = &found[1];
+    for (n, c) in found[1..].iter().enumerate() {
+        assert!(c.homed == 7 && c.stamp.ticks.is_none() && said(c).contains("not to be relied on"), "{c:?}");
+        assert!((c.counts[0] - first.counts[0] - 200 * n as i64).abs() <= 1);
+    }
+    assert!(found[0].counts[..3].iter().all(|count| count.abs() <= 200), "from home");
+    assert!(rig.device.health().why.contains("not to be relied on"));
+}
+
+#[test]
+fn another_arm_is_refused() {
+    let refused = |counts_per_turn, rate_hz, baud| {
+        let settings = Settings { counts_per_turn, rate_hz, baud, ..Settings::default() };
+        let mut rig = rig(Twin::new(at_rest(), Faults::default()), settings, Speech::Lines);
+        assert!(rig.readings(4 * SECOND).is_empty());
+        rig.device.health().why.clone()
+    };
+    let why = refused([40_000, 30_000, 1], 100, None);
+    assert!(why.contains("axis 2 has 20000 counts a turn and not 30000"), "{why}");
+    let why = refused([0; 3], 400, None);
+    assert!(why.contains("cannot send 400 samples"), "{why}");
+    let why = refused([0; 3], 100, Some(9600));
+    assert!(why.contains("does not answer at 9600"), "{why}");
+    let wrong =
+        |settings: Settings| Unit::new("x", settings, Speech::Lines).err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(wrong(Settings { rate_hz: 0, ..Settings::default() }).contains("arm.rate_hz"));
+    assert!(wrong(Settings { fastest: 0, ..Settings::default() }).contains("arm.fastest"));
+    assert!(wrong(Settings { baud: Some(10), ..Settings::default() }).contains("arm.baud"));
+}
+
+#[test]
+fn raw_bytes_make_the_same_readings_again() {
+    let faults = Faults { drop: 0.001, packet_ns: 16 * MS, ..Faults::default() };
+    let unit = || Unit::new("a line", Settings::default(), Speech::Lines).unwrap();
+    let mut rig = Rig::new(Twin::new(moving(), faults), unit(), true);
+    rig.device.start().unwrap();
+    let mut readings = rig.readings(5 * SECOND);
+    rig.device.protocol_mut().home(7);
+    readings.extend(rig.readings(5 * SECOND));
+    rig.twin.lock().unwrap().slip(0, 100_000);
+    readings.extend(rig.readings(5 * SECOND));
+    rig.device.protocol_mut().home(1);
+    readings.extend(rig.readings(5 * SECOND));
+    let (mut again, mut live, mut unit) = (VecDeque::new(), Vec::new(), unit());
+    unit.replay();
+    for reading in &readings {
+        match reading {
+            Reading::Raw(raw) => unit.take(&raw.bytes, raw.stamp.host_ns.unwrap(), &mut again),
+            Reading::Counts(counts) => live.push(counts),
+            other => panic!("{other:?}"),
+        }
+    }
+    assert!(live.len() > 1500 && live.iter().filter(|c| c.homed == 7).count() > 800, "{}", live.len());
+    assert_eq!(again.len(), live.len());
+    for (again, live) in again.iter().zip(live) {
+        assert!(matches!(again, Reading::Counts(counts) if counts == live), "{again:?} {live:?}");
+    }
+}
+
+#[test]
+fn on_a_pseudo_terminal_counts_are_exact_and_hanging_up_is_noticed() {
+    let begin = Monotonic.now_ns();
+    let joints: drivers::simulated::Joints = Arc::new(move |ns| [(ns - begin) / MS, 7, -9, 0, 0, 0]);
+    let mut left = Twin::new(Arc::clone(&joints), Faults::default());
+    (left.rate_hz, left.homed) = (100, 7);
+    left.set_clock(begin, 0);
+    let twin = Arc::new(Mutex::new(left));
+    let pty = Pty::run(Arc::clone(&twin)).unwrap();
+    let opener = SerialOpener::new(PortPath { path: pty.path().into(), baud: 9600 }, Arc::new(Monotonic));
+    let unit = Unit::new("a terminal", Settings::default(), Speech::Blocks).unwrap();
+    let mut device = Connection::new(Box::new(opener), Arc::new(Monotonic), unit, false);
+    device.start().unwrap();
+    let end = Monotonic.now_ns() + 20 * SECOND;
+    let mut found = Vec::new();
+    while found.len() < 100 {
+        assert!(Monotonic.now_ns() < end, "{:?}", device.health());
+        match device.next(Monotonic.now_ns() + 50 * MS).unwrap() {
+            Next::Reading(Reading::Counts(counts)) => found.push(counts),
+            Next::Reading(other) => panic!("{other:?}"),
+            Next::Pending => {}
+            Next::End => panic!("the end"),
+        }
+    }
+    for c in &found {
+        assert_eq!((c.homed, &c.status), (7, &Status::Ok));
+        let time = time_of(c, begin);
+        assert!(is_true(&joints, c, time, 1000, &[0; 3]), "{c:?}");
+        let age = c.stamp.host_ns.unwrap() - time;
+        assert!((MS..2 * SECOND).contains(&age), "{age}");
+    }
+    drop(pty);
+    while device.health().state != State::Absent {
+        assert!(Monotonic.now_ns() < end + 5 * SECOND, "{:?}", device.health());
+        device.next(Monotonic.now_ns() + 50 * MS).unwrap();
+    }
+}
