@@ -12,6 +12,7 @@ pub mod liberty;
 mod pty;
 mod unit;
 pub mod viper;
+pub mod qsb;
 mod wire;
 
 use std::sync::Arc;

@@ -9,3 +9,4 @@ mod isotrak;
 mod liberty;
 mod viper;
 mod joints;
+mod qsb;

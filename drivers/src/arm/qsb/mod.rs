@@ -11,6 +11,12 @@
 //! in between if they were asked for. There is no checksum, but nothing in a line can be anything else. Setting DTR low and high again
 //! resets the unit, which then says so by a [banner](Record::Banner): its count and its clock have begun anew.
 
+mod lines;
+mod unit;
+
+pub use lines::Arm;
+pub use unit::Unit;
+
 use crate::framing::{Format, Look, Refusal};
 use crate::numerals;
 

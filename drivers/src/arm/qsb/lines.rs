@@ -1,0 +1,170 @@
+//! Three QSBs, each on a line of its own, as one arm.
+
+use crate::clock::{Clock, MS};
+use crate::connection::Connection;
+use crate::health::{Health, Received, State};
+use crate::reading::Reading;
+use crate::transport::Opener;
+use crate::{Description, Device, Error, Next, Ticks};
+
+use super::Unit;
+use crate::arm::Settings;
+
+use std::sync::Arc;
+
+/// Axes of an arm.
+const AXES: usize = 3;
+/// So long is one line listened to before the next, ns: lines are read by one thread, and what comes on one while another is listened to is stamped late by up to two
+/// of these, a quarter of the unit's own tick. Nothing depends on it, as the ticks tell the time.
+const TURN: i64 = MS / 4;
+
+/// The device: readings of one axis each, with that unit's own ticks.
+///
+/// A line that is away or silent does not hold up the others: their readings go on, and [`Device::health`] names the axis.
+pub struct Arm {
+    lines: [Connection<Unit>; AXES],
+    clock: Arc<dyn Clock>,
+    /// The line that is listened to.
+    turn: usize,
+    description: Description,
+    health: Health,
+}
+
+impl Arm {
+    /// Of these lines, base first. With `keeps_raw` each piece of what is received is a reading too, and says which line's.
+    ///
+    /// # Errors
+    /// [`Error::Misuse`] for settings that no QSB has.
+    pub fn new(
+        openers: [Box<dyn Opener>; AXES],
+        clock: Arc<dyn Clock>,
+        settings: &Settings,
+        keeps_raw: bool,
+    ) -> Result<Self, Error> {
+        let mut units = [None, None, None];
+        for (axis, unit) in (0..).zip(&mut units) {
+            *unit = Some(Unit::new(openers[usize::from(axis)].name(), settings.clone(), axis, AXES as u8)?);
+        }
+        let mut openers = openers.into_iter();
+        let lines = units.map(|unit| {
+            let connect = |(unit, opener)| Connection::new(opener, Arc::clone(&clock), unit, keeps_raw);
+            unit.zip(openers.next()).map(connect)
+        });
+        let [Some(a), Some(b), Some(c)] = lines else {
+            return Err(Error::Misuse("arm: three lines are needed, one an axis".into()));
+        };
+        let lines = [a, b, c];
+        let timing = lines[0].describe().timing;
+        let name = lines.each_ref().map(|line| line.describe().name.clone()).join(", ");
+        let description = Description { name, timing, ..Description::default() };
+        debug_assert_eq!(timing.ticks, Ticks::Time);
+        Ok(Self { lines, clock, turn: 0, description, health: Health::default() })
+    }
+
+    /// These axes (bit by axis) are at home now: their counts are 0 in the next reading of each.
+    pub fn home(&mut self, axes: u8) {
+        for (axis, line) in self.lines.iter_mut().enumerate().filter(|(axis, _)| axes & 1 << axis != 0) {
+            tracing::debug!("axis {} is at home", axis + 1);
+            line.protocol_mut().home();
+        }
+    }
+
+    /// The worst of the three, and which.
+    fn tell(&mut self, now_ns: i64) {
+        let rank = |state: State| match state {
+            State::Stopped => 5,
+            State::Absent => 4,
+            State::Silent => 3,
+            State::Starting => 2,
+            State::Running => 1,
+            State::Ended => 0,
+        };
+        let trouble = |line: &Connection<Unit>| (rank(line.health().state), !line.health().why.is_empty());
+        // Of equals the first, so that the sentence stays.
+        let mut worst = 0;
+        for axis in 1..AXES {
+            if trouble(&self.lines[axis]) > trouble(&self.lines[worst]) {
+                worst = axis;
+            }
+        }
+        let health = self.lines[worst].health();
+        let is_new = match self.health.why.strip_prefix(PREFIXES[worst]) {
+            Some(why) => why != health.why,
+            None => !(health.why.is_empty() && self.health.why.is_empty()),
+        };
+        if is_new || self.health.state != health.state {
+            let why = if health.why.is_empty() { String::new() } else { format!("{}{}", PREFIXES[worst], health.why) };
+            self.health.enter(health.state, &why, now_ns);
+        }
+        self.health.received =
+            self.lines.iter().map(|line| line.health().received).fold(Received::default(), |sum, each| Received {
+                bytes: sum.bytes + each.bytes,
+                readings: sum.readings + each.readings,
+                lost: sum.lost + each.lost,
+                refused: sum.refused + each.refused,
+                skipped: sum.skipped + each.skipped,
+                opened: sum.opened + each.opened,
+                set_up: sum.set_up + each.set_up,
+            });
+    }
+
+    /// What each unit says of itself, once all were set up.
+    fn describe_all(&mut self) {
+        let of = |(axis, line): (usize, &Connection<Unit>)| {
+            let fields = line.describe().fields.iter();
+            fields.map(|(name, value)| (format!("Axis{}{name}", axis + 1), value.clone())).collect::<Vec<_>>()
+        };
+        self.description.fields = self.lines.iter().enumerate().flat_map(of).collect();
+    }
+}
+
+/// What the health of an axis is led by.
+const PREFIXES: [&str; AXES] = ["axis 1 of 3: ", "axis 2 of 3: ", "axis 3 of 3: "];
+
+impl Device for Arm {
+    fn start(&mut self) -> Result<(), Error> {
+        for line in &mut self.lines {
+            line.start()?;
+        }
+        self.tell(self.clock.now_ns());
+        Ok(())
+    }
+
+    fn next(&mut self, deadline_ns: i64) -> Result<Next, Error> {
+        loop {
+            let now_ns = self.clock.now_ns();
+            let set_up = self.health.received.set_up;
+            let next = self.lines[self.turn].next(deadline_ns.min(now_ns + TURN))?;
+            self.tell(now_ns);
+            if self.health.received.set_up != set_up {
+                self.describe_all();
+            }
+            match next {
+                // Not the next line's turn yet: what came together is handed over together.
+                Next::Reading(Reading::Raw(mut raw)) => {
+                    raw.line = self.turn as u8;
+                    return Ok(Next::Reading(Reading::Raw(raw)));
+                }
+                Next::Reading(reading) => return Ok(Next::Reading(reading)),
+                Next::Pending | Next::End => self.turn = (self.turn + 1) % AXES,
+            }
+            if self.clock.now_ns() >= deadline_ns {
+                return Ok(Next::Pending);
+            }
+        }
+    }
+
+    fn stop(&mut self) -> Result<(), Error> {
+        let stopped = self.lines.each_mut().map(Device::stop);
+        self.tell(self.clock.now_ns());
+        stopped.into_iter().collect()
+    }
+
+    fn describe(&self) -> &Description {
+        &self.description
+    }
+
+    fn health(&self) -> &Health {
+        &self.health
+    }
+}
