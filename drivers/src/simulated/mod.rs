@@ -9,6 +9,7 @@ pub mod fastrak;
 mod faults;
 pub mod isotrak;
 pub mod liberty;
+pub mod microscribe;
 mod pty;
 mod unit;
 pub mod viper;

@@ -39,7 +39,7 @@ fn requests_are_these_bytes() {
     }
     assert_eq!(Request::new(Family::MicroScribe, 4, false), None);
     assert_eq!((WAKE, SIGNATURE, BEGIN), (0xC5, b"IMMC", b"BEGIN"));
-    assert_eq!(Command::SetHome.bytes(), [0xC3]);
+    assert_eq!(Command::Home.bytes(), [0xC2]);
     assert_eq!(Command::Baud(0x11).bytes(), [0xC4, 0x11]);
     assert_eq!(Command::End.bytes(), [0xC5]);
 }
@@ -67,7 +67,7 @@ fn answers_are_read_while_a_session_is_set_up() {
     assert_eq!(answered(Awaited::Answer(Question::HomeReference), b"xx\xc1abcdefghijkl"), [b"abcdefghijkl"]);
     assert_eq!(answered(Awaited::Answer(Question::Parameters), b"\xc0\x03\x01\xff\x03"), [b"\x01\xff\x03"]);
     assert_eq!(answered(Awaited::Answer(Question::Maxima), &[[0xC6].as_slice(), &[7; 24]].concat()), [[7; 24]]);
-    assert_eq!(answered(Awaited::Echo(Command::SetHome), b"\xc3"), [b""]);
+    assert_eq!(answered(Awaited::Echo(Command::Home), b"\xc2"), [b""]);
     let questions = [
         (Question::Parameters, 0xC0),
         (Question::HomeReference, 0xC1),

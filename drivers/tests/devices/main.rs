@@ -9,4 +9,5 @@ mod isotrak;
 mod liberty;
 mod viper;
 mod joints;
+mod microscribe;
 mod qsb;

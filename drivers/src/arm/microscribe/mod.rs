@@ -13,6 +13,10 @@
 //! In a sample no byte but the first has bit 7 set. Answers to questions of configuration are bytes of any value, led by the question itself; a
 //! device never sends both at once, so that each has a format of its own: [`Samples`] and [`Answers`].
 
+mod unit;
+
+pub use unit::Unit;
+
 use crate::framing::{Format, Look, Refusal};
 
 /// Most encoders of a device.
@@ -160,7 +164,7 @@ pub const BEGIN: &[u8; 5] = b"BEGIN";
 pub enum Question {
     /// Parameters of the arm's links, led by their length.
     Parameters,
-    /// Where the encoders are home.
+    /// Where the encoders are home. Firmware from 1996 on does not answer it any more.
     HomeReference,
     /// What the encoders count to.
     Maxima,
@@ -201,8 +205,9 @@ impl Question {
 /// A command of configuration: the device sends its byte back and nothing else.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Command {
-    /// The encoders are home where they are now. Only right in the rest position.
-    SetHome,
+    /// The encoders show from now on what they show at home, which is right in the rest position only. (0xC3 is another matter: it writes what they show at home to the
+    /// device's memory, for good, and wants a password.)
+    Home,
     /// Another baud rate, by its code: 0x00 115200, 0x01 57600, 0x02 28800, 0x03 14400, 0x10 38400, 0x11 19200, 0x12 9600.
     Baud(u8),
     /// Ends the session.
@@ -213,7 +218,7 @@ impl Command {
     /// The bytes to send.
     pub fn bytes(self) -> Vec<u8> {
         match self {
-            Self::SetHome => vec![0xc3],
+            Self::Home => vec![0xc2],
             Self::Baud(code) => vec![0xc4, code],
             Self::End => vec![0xc5],
         }
@@ -273,7 +278,7 @@ impl Format for Answers {
             Awaited::ProductName => return text(window, 0),
             Awaited::Answer(question) => question.byte(),
             Awaited::Echo(command) => match command {
-                Command::SetHome => 0xc3,
+                Command::Home => 0xc2,
                 Command::Baud(_) => 0xc4,
                 Command::End => 0xc5,
             },

@@ -1,0 +1,451 @@
+//! Wakes a MicroScribe up, asks it who it is, and then for one sample after another.
+//!
+//! A device listens at any rate: it finds out which by the first bytes of a session, the byte that ends one and its signature, sent until they come back. It counts from
+//! where its arm was when it was switched on, which is taken for its home position, as its manual demands; when it was away since, nobody knows whether it was switched
+//! off meanwhile, and its arm has to be homed. Homing sets all its counters at once to what they show at home ([`Command::Home`]), which it confirms among its samples: a
+//! recording's bytes make the same readings.
+//!
+//! Its samples have no checksum, and only the beginning of each is marked. One that reads well and cannot be, as the arm would have had to fly, is refused; what is harmed
+//! by less is not noticed.
+
+use std::collections::VecDeque;
+
+use super::{Answers, Awaited, BEGIN, Command, Family, Links, Question, Request, SIGNATURE, Sample, Samples, WAKE};
+use crate::arm::Settings;
+use crate::arm::homing::{Between, Homing, Passed};
+use crate::clock::{MS, SECOND};
+use crate::connection::{Lost, Met, Protocol, Rung};
+use crate::framing::Decoder;
+use crate::reading::{AXES, Counts, Reading, Stamp, Status};
+use crate::{Description, Error, Timing};
+
+/// Rates that devices were found at, the likeliest first.
+const BAUDS: [u32; 5] = [115_200, 57_600, 38_400, 19_200, 9_600];
+/// Calls at one rate before the next is tried.
+const CALLS: u8 = 4;
+/// So long is the signature waited for, beside what it takes on the wire, ns.
+const PAUSE: i64 = 15 * MS;
+/// After the session was begun, signatures that came late are dropped until so long nothing has come, ns.
+const QUIET: i64 = 30 * MS;
+/// The longest of that, ns.
+const HUSHED: i64 = 300 * MS;
+/// An answer may take so many characters' time, by the maker's word, and no less than that, ns.
+const CHARACTERS: i64 = 84;
+const ANSWER: i64 = 100 * MS;
+/// Without a sample for so long the device is silent, ns.
+const PATIENCE: i64 = 500 * MS;
+/// Bits that a byte takes on the wire.
+const BITS: i64 = 10;
+/// Bits of an encoder.
+const ENCODER: u32 = 14;
+/// What is sent back when the counters were set.
+const HOMED: u8 = 0xc2;
+/// What the first byte of a sample has and no other.
+const MARK: u8 = 0x80;
+
+/// What is asked, in order; a device need not know the last of them.
+const QUESTIONS: [Question; 6] = [
+    Question::Model,
+    Question::Serial,
+    Question::Version,
+    Question::ParameterFormat,
+    Question::Maxima,
+    Question::Parameters,
+];
+
+/// Where the setting-up stands.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Step {
+    Rate,
+    Call,
+    Called,
+    Hush,
+    Hushed,
+    Begun,
+    Ask(usize),
+    Asked(usize),
+    Done,
+    Fallen,
+}
+
+/// A reading before it is told whether it is believed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Taken {
+    at_ns: i64,
+    buttons: u8,
+    /// Times that the counters were set before.
+    homed: u32,
+}
+
+/// What is known of a device that sends samples.
+#[derive(Debug)]
+struct Follower {
+    encoders: u8,
+    homing: Homing<Taken>,
+    /// Times that the counters were set.
+    homed: u32,
+    refused: u64,
+    trouble: String,
+    item: u64,
+}
+
+/// A MicroScribe on a line.
+pub struct Unit {
+    settings: Settings,
+    request: Request,
+    decoder: Decoder<Samples>,
+    answers: Decoder<Answers>,
+    step: Step,
+    /// Rates tried since the last one that was answered at.
+    tried: usize,
+    calls: u8,
+    /// The rate that was answered at last.
+    found: Option<u32>,
+    /// It was set up once.
+    was_there: bool,
+    to_home: bool,
+    /// The last byte may have said that the counters were set.
+    maybe_homed: bool,
+    sent: Vec<u8>,
+    due_ns: i64,
+    follower: Follower,
+    description: Description,
+}
+
+impl Unit {
+    /// With so many encoders (MicroScribe 5 or 6, box 2, 4 or 6). With a rate (`arm.baud`) the device is called at that rate only.
+    ///
+    /// # Errors
+    /// [`Error::Misuse`] for settings that no device has.
+    pub fn new(name: &str, settings: Settings, family: Family, encoders: u8) -> Result<Self, Error> {
+        settings.check(500)?;
+        let request = Request::new(family, encoders.into(), false).filter(|_| usize::from(encoders) <= AXES);
+        let Some(request) = request else {
+            return Err(Error::Misuse(format!(
+                "arm.encoders: {encoders} cannot be asked for; a MicroScribe has 5 or 6, an Immersion box 2, 4 or 6"
+            )));
+        };
+        if let Some(baud) = settings.baud.filter(|baud| !BAUDS.contains(baud)) {
+            return Err(Error::Misuse(format!("arm.baud: {baud} is no rate of a MicroScribe; it has {BAUDS:?}")));
+        }
+        // The host's times come in packets.
+        let grace_ns = 2 * SECOND / i64::from(settings.rate_hz) + 10 * MS;
+        let homing = Homing::new(0, encoders, encoders, ENCODER, settings.fastest, grace_ns);
+        let follower = Follower { encoders, homing, homed: 0, refused: 0, trouble: String::new(), item: 0 };
+        let timing = Timing { rate_hz: Some(f64::from(settings.rate_hz)), ..Timing::default() };
+        let description = Description { name: format!("MicroScribe on {name}"), timing, ..Description::default() };
+        Ok(Self {
+            settings,
+            request,
+            decoder: Decoder::new(Samples::new(request)),
+            answers: Decoder::new(Answers::to(Awaited::Signature)),
+            step: Step::Rate,
+            tried: 0,
+            calls: 0,
+            found: None,
+            was_there: false,
+            to_home: false,
+            maybe_homed: false,
+            sent: Vec::with_capacity(2),
+            due_ns: i64::MIN,
+            follower,
+            description,
+        })
+    }
+
+    /// Ready to take the bytes that a device of these settings sent after it was set up, as a recording has them.
+    pub fn replay(&mut self) {
+        self.reset();
+        self.begin_samples();
+    }
+
+    /// The arm is in its home position now: all counters are set, whichever axes are meant.
+    pub fn home(&mut self) {
+        self.to_home = true;
+    }
+
+    fn rate(&self) -> u32 {
+        self.settings.baud.or(self.found.filter(|_| self.tried < 2)).unwrap_or(BAUDS[self.tried % BAUDS.len()])
+    }
+
+    /// What so many bytes take on the wire, ns.
+    fn wire(&self, bytes: i64) -> i64 {
+        bytes * BITS * SECOND / i64::from(self.rate())
+    }
+
+    /// From one question to the next, ns: no question before the answer to the last.
+    fn period(&self) -> i64 {
+        let least = self.wire(self.request.length() as i64 + 1) * 5 / 4;
+        least.max(SECOND / i64::from(self.settings.rate_hz))
+    }
+
+    fn answer(&self) -> i64 {
+        self.wire(CHARACTERS).max(ANSWER)
+    }
+
+    fn next_rate(&mut self) -> Rung {
+        self.calls = 0;
+        self.tried += 1;
+        let round = if self.settings.baud.is_some() { 1 } else { BAUDS.len() };
+        if !self.tried.is_multiple_of(round) {
+            self.step = Step::Rate;
+            return Rung::Baud(self.rate());
+        }
+        self.fall("does not answer at any rate; check that it is switched on, and its cable".into())
+    }
+
+    fn fall(&mut self, why: String) -> Rung {
+        self.step = Step::Fallen;
+        Rung::Fall(why)
+    }
+
+    /// The whole answer that is waited for, if it is there.
+    fn answered(&mut self, bytes: &[u8]) -> Option<Vec<u8>> {
+        let mut answer = None;
+        self.answers.feed(bytes, &mut |record, _| {
+            answer.get_or_insert_with(|| record.to_vec());
+        });
+        answer
+    }
+
+    fn await_answer(&mut self, awaited: Awaited) {
+        self.answers.reformat(Answers::to(awaited));
+    }
+
+    /// Asks the next question, or ends the setting-up.
+    fn question(&mut self, index: usize) -> Rung {
+        let Some(question) = QUESTIONS.get(index) else {
+            self.begin_samples();
+            return Rung::Top { keep: false };
+        };
+        self.await_answer(Awaited::Answer(*question));
+        self.step = Step::Ask(index);
+        Rung::Send(vec![question.byte()])
+    }
+
+    fn begin_samples(&mut self) {
+        self.decoder.reformat(Samples::new(self.request));
+        self.description.timing.wire_ns = self.wire(self.request.length() as i64);
+        self.step = Step::Done;
+        // As the manual demands, it was at home when it was switched on; later that is not known.
+        let homed = if self.was_there { 0 } else { self.follower.homing.all() };
+        self.follower.homing.restart(homed);
+        self.was_there = true;
+    }
+
+    /// Keeps what the device says of itself; what is wrong with it, if anything.
+    fn keep(&mut self, question: Question, answer: &[u8]) -> Option<String> {
+        let join = |values: &[i16]| values.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ");
+        let fields = &mut self.description.fields;
+        let mut add = |name: &str, value: String| fields.push((name.into(), value));
+        let text = || String::from_utf8_lossy(answer).into_owned();
+        match question {
+            Question::Model => add("Model", text()),
+            Question::Serial => add("Serial", text()),
+            Question::Version => add("Firmware", text()),
+            Question::ParameterFormat => add("ParameterFormat", text()),
+            Question::Parameters => {
+                if let Some(links) = Links::read(answer) {
+                    add("LinkTwists32768thsOfPi", join(&links.alpha_counts));
+                    add("LinkLengthsMils", join(&links.a_mils));
+                    add("LinkOffsetsMils", join(&links.d_mils));
+                }
+            }
+            Question::Maxima => {
+                // Buttons, timer (2), eight analogs and what they share, then the encoders, high byte first.
+                let (maxima, _) = answer.get(12..)?.as_chunks::<2>();
+                let turns: Vec<u32> =
+                    maxima.iter().map(|maximum| u32::from(u16::from_be_bytes(*maximum)) + 1).collect();
+                add("CountsPerTurn", turns.iter().map(ToString::to_string).collect::<Vec<_>>().join(" "));
+                let wanted = self.settings.counts_per_turn;
+                let differs = |(axis, has): &(usize, &u32)| wanted.get(*axis).is_some_and(|w| *w != 0 && w != *has);
+                if let Some((axis, has)) = turns.iter().enumerate().find(differs) {
+                    let (number, wanted) = (axis + 1, wanted[axis]);
+                    return Some(format!(
+                        "says that axis {number} has {has} counts a turn and not {wanted}: it is another arm than the one that was set up (arm.counts_per_turn)"
+                    ));
+                }
+            }
+            _ => {}
+        }
+        None
+    }
+}
+
+impl Follower {
+    fn take(&mut self, sample: &Sample, at_ns: i64, found: &mut VecDeque<Reading>) {
+        let mut shown = [0; AXES];
+        shown.iter_mut().zip(sample.encoders()).for_each(|(shown, count)| *shown = i64::from(*count));
+        let all = self.homing.all();
+        let taken = Taken { at_ns, buttons: sample.buttons, homed: self.homed };
+        let passed = self.homing.take(taken, shown, |earlier, later| Between::Later {
+            ns: (later.at_ns - earlier.at_ns).max(0),
+            set: if later.homed == earlier.homed { 0 } else { all },
+            expected: true,
+        });
+        self.pass(passed, found);
+    }
+
+    fn pass(&mut self, passed: Passed<Taken>, found: &mut VecDeque<Reading>) {
+        self.refused += passed.refused;
+        let jumped = passed.held.is_some();
+        for (Taken { at_ns, buttons, .. }, counts) in [passed.held, passed.this].into_iter().flatten() {
+            let homed = self.homing.homed();
+            let mut status = self.homing.status(homed, 0);
+            if jumped && status != Status::Ok {
+                status = Status::Other(self.homing.why().to_owned().into());
+            }
+            let trouble = match &status {
+                Status::Other(why) if self.homing.why().is_empty() => why,
+                Status::Other(_) => self.homing.why(),
+                Status::Ok => "",
+            };
+            if self.trouble != trouble {
+                trouble.clone_into(&mut self.trouble);
+            }
+            let stamp = Stamp { item: self.item, host_ns: Some(at_ns), ..Stamp::default() };
+            self.item += 1;
+            let axes = self.encoders;
+            found.push_back(Reading::Counts(Counts { stamp, first: 0, axes, counts, homed, buttons, status }));
+        }
+    }
+}
+
+impl Protocol for Unit {
+    fn reset(&mut self) {
+        self.decoder = Decoder::new(Samples::new(self.request));
+        self.follower.refused = 0;
+        self.follower.trouble.clear();
+        (self.calls, self.due_ns, self.to_home, self.maybe_homed) = (0, i64::MIN, false, false);
+        self.description.fields.clear();
+    }
+
+    fn climb(&mut self, met: Met<'_>) -> Rung {
+        match (self.step, met) {
+            (_, Met::Begin) => {
+                self.step = Step::Rate;
+                Rung::Baud(self.rate())
+            }
+            (Step::Rate | Step::Done | Step::Fallen, _) => {
+                self.calls += 1;
+                self.await_answer(Awaited::Signature);
+                self.step = Step::Call;
+                let mut call = vec![WAKE];
+                call.extend(SIGNATURE);
+                Rung::Send(call)
+            }
+            (Step::Call, _) => {
+                self.step = Step::Called;
+                Rung::Listen(PAUSE + self.wire(2 * SIGNATURE.len() as i64 + 1))
+            }
+            (Step::Called, Met::Heard(bytes)) => match self.answered(bytes) {
+                None => Rung::More,
+                Some(_) => {
+                    (self.found, self.tried) = (Some(self.rate()), 0);
+                    self.step = Step::Hush;
+                    self.climb(Met::Done)
+                }
+            },
+            (Step::Called, _) if self.calls < CALLS => {
+                self.step = Step::Rate;
+                self.climb(Met::Done)
+            }
+            (Step::Called, _) => self.next_rate(),
+            (Step::Hush, _) => {
+                self.step = Step::Hushed;
+                Rung::Hush { quiet_ns: QUIET, at_most_ns: HUSHED }
+            }
+            (Step::Hushed, Met::Quiet) => {
+                self.await_answer(Awaited::ProductName);
+                self.step = Step::Begun;
+                Rung::Send(BEGIN.to_vec())
+            }
+            (Step::Hushed, _) => self.fall("goes on talking; switch it off and on".into()),
+            (Step::Begun, Met::Done) => Rung::Listen(self.answer()),
+            (Step::Begun, Met::Heard(bytes)) => match self.answered(bytes) {
+                None => Rung::More,
+                Some(name) => {
+                    let name = String::from_utf8_lossy(&name).into_owned();
+                    let baud = self.rate().to_string();
+                    self.description.fields = vec![("Product".into(), name), ("Baud".into(), baud)];
+                    self.question(0)
+                }
+            },
+            (Step::Begun, _) => self.fall("answers and does not begin; switch it off and on".into()),
+            (Step::Ask(index), _) => {
+                self.step = Step::Asked(index);
+                Rung::Listen(self.answer())
+            }
+            (Step::Asked(index), Met::Heard(bytes)) => match self.answered(bytes) {
+                None => Rung::More,
+                Some(answer) => match self.keep(QUESTIONS[index], &answer) {
+                    None => self.question(index + 1),
+                    Some(wrong) => self.fall(wrong),
+                },
+            },
+            // What it does not know it does not answer; its samples are what counts.
+            (Step::Asked(index), _) => self.question(index + 1),
+        }
+    }
+
+    fn take(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>) {
+        let mark = self.request.byte() | MARK;
+        let follower = &mut self.follower;
+        for part in bytes.split_inclusive(|byte| *byte == HOMED) {
+            // That the counters were set is told between two samples; elsewhere it is noise.
+            if std::mem::take(&mut self.maybe_homed) {
+                if part[0] == mark {
+                    follower.homed = follower.homed.wrapping_add(1);
+                    follower.homing.trust(follower.homing.all());
+                    follower.homing.settle();
+                } else {
+                    self.decoder.feed(&[HOMED], &mut |_, _| {});
+                }
+            }
+            let before = part.strip_suffix(&[HOMED]);
+            self.decoder.feed(before.unwrap_or(part), &mut |sample, _| follower.take(&sample, at_ns, found));
+            if before.is_some() {
+                self.maybe_homed = self.decoder.pending() == 0;
+                if !self.maybe_homed {
+                    self.decoder.feed(&[HOMED], &mut |_, _| {});
+                }
+            }
+        }
+    }
+
+    fn ask(&mut self, now_ns: i64) -> Option<(&[u8], i64)> {
+        self.sent.clear();
+        if std::mem::take(&mut self.to_home) {
+            self.sent.extend(Command::Home.bytes());
+            // Its answer comes before that to the next question.
+            return Some((&self.sent, now_ns + self.wire(2) + PAUSE));
+        }
+        self.sent.push(self.request.byte());
+        let period = self.period();
+        // At an even pace; not in a burst after a pause.
+        self.due_ns = if self.due_ns + period > now_ns { self.due_ns + period } else { now_ns + period };
+        Some((&self.sent, self.due_ns))
+    }
+
+    fn patience_ns(&self) -> i64 {
+        PATIENCE.max(6 * self.period())
+    }
+
+    fn trouble(&self) -> &str {
+        &self.follower.trouble
+    }
+
+    fn farewell(&self) -> &[u8] {
+        &[WAKE]
+    }
+
+    fn lost(&self) -> Lost {
+        let losses = self.decoder.losses();
+        // A device that is asked does not count.
+        Lost { readings: 0, refused: self.follower.refused + losses.refusals(), skipped: losses.bytes_skipped }
+    }
+
+    fn describe(&self) -> &Description {
+        &self.description
+    }
+}
