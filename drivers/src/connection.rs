@@ -124,9 +124,22 @@ pub trait Protocol: Send {
 /// Where the connection stands.
 enum Stage {
     Stopped,
-    Absent { retry_ns: i64 },
-    Climbing { line: Box<dyn Transport>, rung: Rung, since_ns: i64, heard_ns: i64 },
-    Running { line: Box<dyn Transport>, heard_ns: i64, ask_ns: i64 },
+    Absent {
+        retry_ns: i64,
+    },
+    Climbing {
+        line: Box<dyn Transport>,
+        rung: Rung,
+        since_ns: i64,
+        heard_ns: i64,
+    },
+    /// `heard_ns`: the last reading; `read_ns`: the last time that the line was read.
+    Running {
+        line: Box<dyn Transport>,
+        heard_ns: i64,
+        read_ns: i64,
+        ask_ns: i64,
+    },
 }
 
 /// A device on a line, whatever it says.
@@ -267,7 +280,7 @@ impl<P: Protocol> Connection<P> {
                 let stage = std::mem::replace(&mut self.stage, Stage::Stopped);
                 if let Stage::Climbing { line, .. } = stage {
                     let now_ns = self.clock.now_ns();
-                    self.stage = Stage::Running { line, heard_ns: now_ns, ask_ns: now_ns };
+                    self.stage = Stage::Running { line, heard_ns: now_ns, read_ns: now_ns, ask_ns: now_ns };
                 }
                 if keep && kept > 0 {
                     self.take(kept, at_ns);
@@ -291,17 +304,10 @@ impl<P: Protocol> Connection<P> {
     /// Reads what a device says that was set up.
     fn run(&mut self, now_ns: i64, deadline_ns: i64) -> After {
         let patience = self.protocol.patience_ns();
-        let Stage::Running { line, heard_ns, ask_ns } = &mut self.stage else { return After::Same };
-        let mut until = deadline_ns.min(*heard_ns + patience);
-        if now_ns >= *heard_ns + patience {
-            let why = format!("{}: is open and has said nothing for {} ms", self.opener.name(), patience / MS);
-            self.health.enter(State::Silent, &why, now_ns);
-            let stage = std::mem::replace(&mut self.stage, Stage::Stopped);
-            return match stage {
-                Stage::Running { line, .. } => After::Anew(line),
-                _ => After::Same,
-            };
-        }
+        let Stage::Running { line, heard_ns, read_ns, ask_ns } = &mut self.stage else { return After::Same };
+        let silent_ns = *heard_ns + patience;
+        // After a while in which nobody asked, what has come meanwhile is heard first.
+        let was_away = now_ns - *read_ns > patience / 2;
         if now_ns >= *ask_ns {
             match self.protocol.ask(now_ns) {
                 Some((question, again_ns)) => {
@@ -315,26 +321,44 @@ impl<P: Protocol> Connection<P> {
                 None => *ask_ns = i64::MAX,
             }
         }
-        until = until.min(*ask_ns);
-        match line.read(&mut self.buffer, until) {
-            Ok(received) if received.bytes == 0 => After::Same,
+        let received = line.read(&mut self.buffer, deadline_ns.min(silent_ns).min(*ask_ns).max(now_ns));
+        *read_ns = self.clock.now_ns();
+        let may_wait = *read_ns < silent_ns;
+        match received {
+            Ok(received) if received.bytes == 0 => {
+                if may_wait {
+                    After::Same
+                } else {
+                    self.fallen_silent(patience)
+                }
+            }
             Ok(received) => {
                 self.health.received.bytes += received.bytes as u64;
-                self.take(received.bytes, received.at_ns);
-                After::Same
+                let makes_sense = self.take(received.bytes, received.at_ns);
+                if may_wait || makes_sense || was_away { After::Same } else { self.fallen_silent(patience) }
             }
             Err(error @ LineError::Gone(_)) => After::Gone(error),
             Err(error) => {
                 // What was damaged is told by the records; without an end to it the device is silent.
                 tracing::debug!("{}: {error}", self.opener.name());
                 self.clock.wait_until(now_ns + TROUBLED);
-                After::Same
+                if may_wait { After::Same } else { self.fallen_silent(patience) }
             }
         }
     }
 
-    /// Gives bytes of the buffer to the protocol.
-    fn take(&mut self, bytes: usize, at_ns: i64) {
+    /// A device that was set up has said nothing that makes sense for so long.
+    fn fallen_silent(&mut self, patience: i64) -> After {
+        let why = format!("{}: is open and has said nothing for {} ms", self.opener.name(), patience / MS);
+        self.health.enter(State::Silent, &why, self.clock.now_ns());
+        match std::mem::replace(&mut self.stage, Stage::Stopped) {
+            Stage::Running { line, .. } => After::Anew(line),
+            _ => After::Same,
+        }
+    }
+
+    /// Gives bytes of the buffer to the protocol. Whether there were readings in them.
+    fn take(&mut self, bytes: usize, at_ns: i64) -> bool {
         let bytes = &self.buffer[..bytes];
         if self.keeps_raw {
             let stamp = Stamp { item: self.raw_items, host_ns: Some(at_ns), ..Stamp::default() };
@@ -349,13 +373,15 @@ impl<P: Protocol> Connection<P> {
         received.lost = self.before.readings + lost.readings;
         received.refused = self.before.refused + lost.refused;
         received.skipped = self.before.skipped + lost.skipped;
-        if self.found.len() > before {
+        let makes_sense = self.found.len() > before;
+        if makes_sense {
             if let Stage::Running { heard_ns, .. } = &mut self.stage {
                 *heard_ns = at_ns;
             }
             // Running is what delivers: the last rung alone proves nothing.
             self.health.enter(State::Running, self.protocol.trouble(), at_ns);
         }
+        makes_sense
     }
 }
 

@@ -291,6 +291,21 @@ fn lost_bytes_cost_their_records_and_the_count_tells_how_many() {
 }
 
 #[test]
+fn a_host_that_does_not_read_for_a_while_loses_nothing() {
+    let mut left = usb(twin());
+    left.set_faults(Faults { drift_ppm: 300.0, latency_ns: 2 * MS, jitter_ns: 3 * MS, ..Faults::default() });
+    let mut rig = rig(left, Settings::default());
+    rig.until(State::Running, 2 * SECOND);
+    rig.readings(SECOND);
+    rig.clock.pass(10 * SECOND);
+    let poses = rig.poses(SECOND);
+    assert!(poses.len().abs_diff(11 * 240) <= 2, "{}", poses.len());
+    assert!(poses.windows(2).all(|two| two[0].stamp.ticks.unwrap() + 1 == two[1].stamp.ticks.unwrap()));
+    let received = rig.device.health().received;
+    assert_eq!((received.lost, received.refused, received.set_up), (0, 0, 1));
+}
+
+#[test]
 fn noise_is_survived() {
     let mut rig = rig(twin(), Settings::default());
     rig.until(State::Running, 2 * SECOND);
