@@ -40,7 +40,7 @@ pub struct Speech {
 /// Reads records in either form.
 #[allow(clippy::large_enum_variant, reason = "there is one a unit")]
 enum Records {
-    Text(Decoder<Fastrak>),
+    Text(Box<Decoder<Fastrak>>),
     Packed(Decoder<Isotrak>),
 }
 
@@ -82,7 +82,7 @@ impl Unit {
         let may_reset = settings.may_reset;
         let records = match settings.binary {
             true => Records::Packed(Decoder::new(Isotrak::new(STATIONS, packed))),
-            false => Records::Text(Decoder::new(Fastrak::uniform(usize::from(STATIONS), text))),
+            false => Records::Text(Box::new(Decoder::new(Fastrak::uniform(usize::from(STATIONS), text)))),
         };
         let speech = Speech {
             settings,
@@ -161,7 +161,9 @@ impl Dialect for Speech {
         // What was lost stays counted by who keeps the connection.
         self.replies = Decoder::new(Fastrak::replies());
         self.records = match self.records {
-            Records::Text(_) => Records::Text(Decoder::new(Fastrak::uniform(usize::from(STATIONS), self.text))),
+            Records::Text(_) => {
+                Records::Text(Box::new(Decoder::new(Fastrak::uniform(usize::from(STATIONS), self.text))))
+            }
             Records::Packed(_) => Records::Packed(Decoder::new(Isotrak::new(STATIONS, self.packed))),
         };
         self.wrong = None;
