@@ -2,13 +2,13 @@
 
 use std::sync::{Arc, Mutex};
 
-use drivers::clock::{Clock, MS, Manual};
+use drivers::clock::{Clock, MS, Manual, Monotonic, SECOND};
 use drivers::connection::{Connection, Protocol};
 use drivers::health::State;
 use drivers::reading::{Pose, Raw, Reading};
 use drivers::recording::{LineReplay, Pace, Source};
-use drivers::simulated::{Motion, Placed};
-use drivers::transport::{MemoryOpener, Peer};
+use drivers::simulated::{Model, Motion, Placed, Pty, Simulated};
+use drivers::transport::{MemoryOpener, Peer, PortPath, SerialOpener};
 use drivers::{Device, Next};
 
 /// Time at which everything begins, ns: not 0, lest something relies on it.
@@ -67,6 +67,76 @@ impl<T: Peer + 'static, P: Protocol> Rig<T, P> {
         }
         self.clock.now_ns() - begin
     }
+}
+
+impl<M: Model + 'static, P: Protocol> Rig<Simulated<M>, P> {
+    /// Pulls the plug three times: it is absent at once, running again soon after it is plugged in, and nothing counts as lost.
+    pub(crate) fn assert_survives_unplugging(&mut self) {
+        self.until(State::Running, 2 * SECOND);
+        for _ in 0..3 {
+            self.readings(300 * MS);
+            self.twin.lock().unwrap().unplug();
+            assert!(self.until(State::Absent, SECOND) < 20 * MS, "told at once");
+            assert!(self.device.health().why.contains("unplugged"), "{}", self.device.health().why);
+            assert!(self.readings(5 * SECOND).is_empty());
+            assert!(self.device.health().why.contains("plug it in"), "{}", self.device.health().why);
+            self.twin.lock().unwrap().plugged = true;
+            let back = self.until(State::Running, 2 * SECOND);
+            assert!(back < SECOND, "{} ms", back / MS);
+        }
+        let received = self.device.health().received;
+        assert_eq!((received.opened, received.set_up, received.lost), (4, 4, 0));
+    }
+
+    /// Lets the unit hang: it is silent and not absent, and running soon after it answers.
+    pub(crate) fn assert_survives_hanging(&mut self) {
+        self.until(State::Running, 2 * SECOND);
+        self.twin.lock().unwrap().hung = true;
+        let noticed = self.until(State::Silent, 2 * SECOND);
+        assert!(noticed < 600 * MS, "{} ms", noticed / MS);
+        assert!(self.readings(2 * SECOND).is_empty());
+        let why = self.device.health().why.clone();
+        assert!(why.contains("does not answer") && why.contains("switched on"), "{why}");
+        self.twin.lock().unwrap().hung = false;
+        let back = self.until(State::Running, 4 * SECOND);
+        assert!(back < 2 * SECOND, "{} ms", back / MS);
+        assert_eq!(self.device.health().received.opened, 1, "the line was open all along");
+    }
+
+    /// How often the unit was told these bytes.
+    pub(crate) fn times_told(&self, bytes: &[u8]) -> usize {
+        self.twin.lock().unwrap().obeyed.iter().filter(|command| command.as_slice() == bytes).count()
+    }
+
+    /// What the unit was told, as text.
+    pub(crate) fn told(&self) -> Vec<String> {
+        self.twin.lock().unwrap().obeyed.iter().map(|bytes| String::from_utf8(bytes.clone()).unwrap()).collect()
+    }
+}
+
+/// Lets a twin run in the host's time on a pseudo-terminal until it has given so many poses; then it hangs up, which is noticed.
+pub(crate) fn on_a_terminal(twin: impl Peer + 'static, unit: impl Protocol, wanted: usize) -> Vec<Pose> {
+    let pty = Pty::run(Arc::new(Mutex::new(twin))).unwrap();
+    let opener = SerialOpener::new(PortPath { path: pty.path().into(), baud: 9600 }, Arc::new(Monotonic));
+    let mut device = Connection::new(Box::new(opener), Arc::new(Monotonic), unit, false);
+    device.start().unwrap();
+    let end = Monotonic.now_ns() + 20 * SECOND;
+    let mut poses = Vec::new();
+    while poses.len() < wanted {
+        assert!(Monotonic.now_ns() < end, "{:?}", device.health());
+        match device.next(Monotonic.now_ns() + 50 * MS).unwrap() {
+            Next::Reading(Reading::Pose(pose)) => poses.push(pose),
+            Next::Reading(other) => panic!("{other:?}"),
+            Next::Pending => {}
+            Next::End => panic!("the end"),
+        }
+    }
+    drop(pty);
+    while device.health().state != State::Absent {
+        assert!(Monotonic.now_ns() < end + 5 * SECOND, "{:?}", device.health());
+        device.next(Monotonic.now_ns() + 50 * MS).unwrap();
+    }
+    poses
 }
 
 /// A path whose place tells the time exactly, in binary fractions that singles hold: ms since [`BEGIN`] along x, eight a ms, each 1/4096 cm, and the station along y.

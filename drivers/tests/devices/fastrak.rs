@@ -1,19 +1,15 @@
 //! FASTRAK, as it is found and as it fails.
 
-use std::sync::{Arc, Mutex};
-
+use drivers::Device;
 use drivers::clock::{Clock, MS, Monotonic, SECOND};
-use drivers::connection::Connection;
 use drivers::health::State;
 use drivers::polhemus::Settings;
 use drivers::polhemus::fastrak::{Mode, Unit};
-use drivers::reading::{Reading, Status};
+use drivers::reading::Status;
+use drivers::simulated::Faults;
 use drivers::simulated::fastrak::{SAMPLING_NS, Twin};
-use drivers::simulated::{Faults, Pty};
-use drivers::transport::{PortPath, SerialOpener};
-use drivers::{Device, Next};
 
-use crate::bench::{BEGIN, Rig, replays, ticking, time_told};
+use crate::bench::{BEGIN, Rig, on_a_terminal, replays, ticking, time_told};
 
 fn twin() -> Twin {
     Twin::new(ticking(), Faults::default())
@@ -103,8 +99,6 @@ fn what_is_sent_is_what_the_manual_says() {
     let mut rig = rig(twin(), Settings { hemisphere: [0.0, 0.0, 1.0], ..Settings::default() });
     rig.until(State::Running, 2 * SECOND);
     rig.device.stop().unwrap();
-    let sent: Vec<String> =
-        rig.twin.lock().unwrap().obeyed.iter().map(|bytes| String::from_utf8(bytes.clone()).unwrap()).collect();
     let expected = [
         "c",
         "S",
@@ -127,43 +121,18 @@ fn what_is_sent_is_what_the_manual_says() {
         "C",
         "c",
     ];
-    assert_eq!(sent, expected);
+    assert_eq!(rig.told(), expected);
     assert_eq!(rig.device.health().state, State::Stopped);
 }
 
 #[test]
 fn unplugged_is_absent_and_back_within_two_seconds() {
-    let mut rig = rig(twin(), Settings::default());
-    rig.until(State::Running, 2 * SECOND);
-    for _ in 0..3 {
-        rig.readings(300 * MS);
-        rig.twin.lock().unwrap().unplug();
-        assert!(rig.until(State::Absent, SECOND) < 20 * MS, "told at once");
-        assert!(rig.device.health().why.contains("unplugged"), "{}", rig.device.health().why);
-        assert!(rig.readings(5 * SECOND).is_empty());
-        assert!(rig.device.health().why.contains("plug it in"), "{}", rig.device.health().why);
-        rig.twin.lock().unwrap().plugged = true;
-        let back = rig.until(State::Running, 2 * SECOND);
-        assert!(back < SECOND, "{} ms", back / MS);
-    }
-    let received = rig.device.health().received;
-    assert_eq!((received.opened, received.set_up), (4, 4));
+    rig(twin(), Settings::default()).assert_survives_unplugging();
 }
 
 #[test]
 fn a_unit_that_hangs_is_silent_and_not_absent_and_is_back_within_two_seconds() {
-    let mut rig = rig(twin(), Settings::default());
-    rig.until(State::Running, 2 * SECOND);
-    rig.twin.lock().unwrap().hung = true;
-    let noticed = rig.until(State::Silent, 2 * SECOND);
-    assert!(noticed < 600 * MS, "{} ms", noticed / MS);
-    assert!(rig.readings(2 * SECOND).is_empty());
-    let why = rig.device.health().why.clone();
-    assert!(why.contains("does not answer") && why.contains("switched on"), "{why}");
-    rig.twin.lock().unwrap().hung = false;
-    let back = rig.until(State::Running, 4 * SECOND);
-    assert!(back < 2 * SECOND, "{} ms", back / MS);
-    assert_eq!(rig.device.health().received.opened, 1, "the line was open all along");
+    rig(twin(), Settings::default()).assert_survives_hanging();
 }
 
 #[test]
@@ -181,8 +150,7 @@ fn a_unit_that_listens_to_nothing_else_is_started_anew() {
     let took = rig.until(State::Running, 60 * SECOND);
     // Sixteen rounds, ten seconds until it has started, and a round at the most.
     assert!((25 * SECOND..32 * SECOND).contains(&took), "{} s", took / SECOND);
-    let resets = rig.twin.lock().unwrap().obeyed.iter().filter(|command| command.as_slice() == b"\x19").count();
-    assert_eq!(resets, 1, "it is not told again while it starts");
+    assert_eq!(rig.times_told(b"\x19"), 1, "it is not told again while it starts");
 }
 
 #[test]
@@ -245,35 +213,13 @@ fn on_a_pseudo_terminal_poses_are_exact_and_hanging_up_is_noticed() {
     });
     let mut left = Twin::new(motion, Faults::default());
     left.continuous = true;
-    let twin = Arc::new(Mutex::new(left));
-    let pty = Pty::run(Arc::clone(&twin)).unwrap();
-    let port = PortPath { path: pty.path().into(), baud: 9600 };
-    let opener = SerialOpener::new(port, Arc::new(Monotonic));
     let unit = Unit::new("a terminal", Settings::default(), None).unwrap();
-    let mut device = Connection::new(Box::new(opener), Arc::new(Monotonic), unit, false);
-    device.start().unwrap();
-    let end = Monotonic.now_ns() + 20 * SECOND;
-    let mut poses = Vec::new();
-    while poses.len() < 100 {
-        assert!(Monotonic.now_ns() < end, "{:?}", device.health());
-        match device.next(Monotonic.now_ns() + 50 * MS).unwrap() {
-            Next::Reading(Reading::Pose(pose)) => poses.push(pose),
-            Next::Reading(other) => panic!("{other:?}"),
-            Next::Pending => {}
-            Next::End => panic!("the end"),
-        }
-    }
-    for pose in &poses {
+    for pose in on_a_terminal(left, unit, 100) {
         assert_eq!(pose.position_cm[1..], [1.0, 2.0]);
         // Told in the past, and not long ago even on a busy machine.
-        let told = time_told(pose) - BEGIN + begin;
+        let told = time_told(&pose) - BEGIN + begin;
         let age = pose.stamp.host_ns.unwrap() - told;
         assert!((SAMPLING_NS..2 * SECOND).contains(&age), "{age}");
-    }
-    drop(pty);
-    while device.health().state != State::Absent {
-        assert!(Monotonic.now_ns() < end + 5 * SECOND, "{:?}", device.health());
-        device.next(Monotonic.now_ns() + 50 * MS).unwrap();
     }
 }
 

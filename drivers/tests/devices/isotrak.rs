@@ -1,20 +1,18 @@
 //! ISOTRAK II, as it is found and as it fails, in text and binary.
 
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use drivers::clock::{Clock, MS, Monotonic, SECOND};
-use drivers::connection::Connection;
 use drivers::health::State;
 use drivers::polhemus::Settings;
 use drivers::polhemus::fastrak::Mode;
 use drivers::polhemus::isotrak::{CM_PER_COUNT, Unit};
-use drivers::reading::{Pose, Reading, Status};
+use drivers::reading::{Pose, Status};
 use drivers::simulated::isotrak::Twin;
-use drivers::simulated::{Faults, Motion, Placed, Pty};
-use drivers::transport::{PortPath, SerialOpener};
-use drivers::{Device, Next, Ticks};
+use drivers::simulated::{Faults, Motion, Placed};
+use drivers::{Device, Ticks};
 
-use crate::bench::{BEGIN, Rig, replays};
+use crate::bench::{BEGIN, Rig, on_a_terminal, replays};
 
 /// Eighths of a ms along one axis before the next one counts.
 const FULL: i64 = 30_000;
@@ -132,10 +130,6 @@ fn a_unit_is_set_up_however_it_was_left() {
     assert!(slowest < 2 * SECOND, "{} ms", slowest / MS);
 }
 
-fn sent(rig: &Rig<Twin, Unit>) -> Vec<String> {
-    rig.twin.lock().unwrap().obeyed.iter().map(|bytes| String::from_utf8(bytes.clone()).unwrap()).collect()
-}
-
 #[test]
 fn what_is_sent_is_what_other_programs_send() {
     for (binary, mode, list) in [(true, "f", "O2,11\r"), (false, "F", "O2,11,1\r")] {
@@ -162,7 +156,7 @@ fn what_is_sent_is_what_other_programs_send() {
             "C",
             "c",
         ];
-        assert_eq!(sent(&rig), expected);
+        assert_eq!(rig.told(), expected);
         assert_eq!(rig.device.health().state, State::Stopped);
     }
 }
@@ -198,35 +192,12 @@ fn a_station_that_is_not_put_to_use_is_named() {
 
 #[test]
 fn unplugged_is_absent_and_back_within_two_seconds() {
-    let mut rig = rig(twin(), Settings::default());
-    rig.until(State::Running, 2 * SECOND);
-    for _ in 0..3 {
-        rig.readings(300 * MS);
-        rig.twin.lock().unwrap().unplug();
-        assert!(rig.until(State::Absent, SECOND) < 20 * MS, "told at once");
-        assert!(rig.readings(5 * SECOND).is_empty());
-        rig.twin.lock().unwrap().plugged = true;
-        let back = rig.until(State::Running, 2 * SECOND);
-        assert!(back < SECOND, "{} ms", back / MS);
-    }
-    let received = rig.device.health().received;
-    assert_eq!((received.opened, received.set_up), (4, 4));
+    rig(twin(), Settings::default()).assert_survives_unplugging();
 }
 
 #[test]
 fn a_unit_that_hangs_is_silent_and_not_absent_and_is_back_within_two_seconds() {
-    let mut rig = rig(twin(), Settings::default());
-    rig.until(State::Running, 2 * SECOND);
-    rig.twin.lock().unwrap().hung = true;
-    let noticed = rig.until(State::Silent, 2 * SECOND);
-    assert!(noticed < 600 * MS, "{} ms", noticed / MS);
-    assert!(rig.readings(2 * SECOND).is_empty());
-    let why = rig.device.health().why.clone();
-    assert!(why.contains("does not answer") && why.contains("switched on"), "{why}");
-    rig.twin.lock().unwrap().hung = false;
-    let back = rig.until(State::Running, 4 * SECOND);
-    assert!(back < 2 * SECOND, "{} ms", back / MS);
-    assert_eq!(rig.device.health().received.opened, 1, "the line was open all along");
+    rig(twin(), Settings::default()).assert_survives_hanging();
 }
 
 #[test]
@@ -242,7 +213,7 @@ fn a_unit_that_listens_to_nothing_else_is_started_anew() {
     let took = rig.until(State::Running, 90 * SECOND);
     // Twenty rounds, twenty seconds until it has started, and a round at the most.
     assert!((40 * SECOND..48 * SECOND).contains(&took), "{} s", took / SECOND);
-    assert_eq!(sent(&rig).iter().filter(|command| *command == "\x19").count(), 1, "it is not told twice");
+    assert_eq!(rig.times_told(b"\x19"), 1, "it is not told twice");
 }
 
 #[test]
@@ -321,31 +292,12 @@ fn on_a_pseudo_terminal_poses_are_exact_and_hanging_up_is_noticed() {
     let begin = Monotonic.now_ns();
     let mut left = Twin::new(counting(begin), Faults::default());
     left.continuous = true;
-    let twin = Arc::new(Mutex::new(left));
-    let pty = Pty::run(Arc::clone(&twin)).unwrap();
-    let port = PortPath { path: pty.path().into(), baud: 9600 };
-    let opener = SerialOpener::new(port, Arc::new(Monotonic));
     let unit = Unit::new("a terminal", Settings::default(), None).unwrap();
-    let mut device = Connection::new(Box::new(opener), Arc::new(Monotonic), unit, false);
-    device.start().unwrap();
-    let end = Monotonic.now_ns() + 20 * SECOND;
-    let mut poses = Vec::new();
-    while poses.len() < 60 {
-        assert!(Monotonic.now_ns() < end, "{:?}", device.health());
-        if let Next::Reading(Reading::Pose(pose)) = device.next(Monotonic.now_ns() + 50 * MS).unwrap() {
-            poses.push(pose);
-        }
-    }
-    for pose in &poses {
-        assert_eq!(counts(pose)[2], -100);
+    for pose in on_a_terminal(left, unit, 60) {
+        assert_eq!(counts(&pose)[2], -100);
         // Told in the past, and not long ago even on a busy machine.
-        let age = pose.stamp.host_ns.unwrap() - (time_told(pose) - BEGIN + begin);
+        let age = pose.stamp.host_ns.unwrap() - (time_told(&pose) - BEGIN + begin);
         assert!((0..2 * SECOND).contains(&age), "{age}");
-    }
-    drop(pty);
-    while device.health().state != State::Absent {
-        assert!(Monotonic.now_ns() < end + 5 * SECOND, "{:?}", device.health());
-        device.next(Monotonic.now_ns() + 50 * MS).unwrap();
     }
 }
 

@@ -1,19 +1,17 @@
 //! LIBERTY and PATRIOT, as they are found and as they fail, over serial and USB.
 
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use drivers::clock::{Clock, MS, Monotonic, SECOND};
-use drivers::connection::Connection;
 use drivers::health::State;
 use drivers::polhemus::liberty::{Tag, Unit};
 use drivers::polhemus::{Line, Settings};
-use drivers::reading::{Pose, Reading, Status};
+use drivers::reading::{Pose, Status};
+use drivers::simulated::Faults;
 use drivers::simulated::liberty::{SAMPLING_NS, Twin};
-use drivers::simulated::{Faults, Pty};
-use drivers::transport::{PortPath, SerialOpener};
-use drivers::{Device, Next, Ticks};
+use drivers::{Device, Ticks};
 
-use crate::bench::{BEGIN, Rig, replays, ticking, time_told};
+use crate::bench::{BEGIN, Rig, on_a_terminal, replays, ticking, time_told};
 
 fn twin() -> Twin {
     Twin::new(ticking(), Faults::default())
@@ -122,10 +120,6 @@ fn a_unit_is_set_up_however_it_was_left() {
     assert!(slowest < 2 * SECOND, "{} ms", slowest / MS);
 }
 
-fn sent(rig: &Rig<Twin, Unit>) -> Vec<String> {
-    rig.twin.lock().unwrap().obeyed.iter().map(|bytes| String::from_utf8(bytes.clone()).unwrap()).collect()
-}
-
 #[test]
 fn what_is_sent_is_what_the_manual_says() {
     let mut by_usb = rig(usb(twin()), Settings { hemisphere: [0.0, 0.0, 1.0], ..two() });
@@ -136,7 +130,7 @@ fn what_is_sent_is_what_the_manual_says() {
     let settings = ["O*,9,11,2,7\r", "\x12*\r", "\x02*\r", "H*,0,0,1\r", "X0,1,0,0\r", "Y0,1,0,0\r", "U\r"];
     let end = ["\x150\r", "Q0\r", "C\r", "P"];
     let expected = [&begin[..], &["@B0\r", "U1\r", "R4\r"], &settings, &["O1\r", "O2\r"], &end].concat();
-    assert_eq!(sent(&by_usb), expected);
+    assert_eq!(by_usb.told(), expected);
     assert_eq!(by_usb.device.health().state, State::Stopped);
 
     let mut serial = rig(twin(), Settings { stylus: Some(1), hemisphere: [0.0, 0.0, 1.0], ..Settings::default() });
@@ -145,11 +139,11 @@ fn what_is_sent_is_what_the_manual_says() {
     let settings = [&["O*,9,10,11,2,7\r"], &settings[1..]].concat();
     // 48 bytes 240 times a second would fill the line.
     let expected = [&begin[..], &["U1\r", "R3\r"], &settings, &["O1\r"], &end].concat();
-    assert_eq!(sent(&serial), expected);
+    assert_eq!(serial.told(), expected);
 
     let mut patriot = rig(usb(Twin::patriot(ticking(), Faults::default())), Settings::default());
     patriot.until(State::Running, 2 * SECOND);
-    assert!(sent(&patriot).iter().all(|command| !command.starts_with('R')), "it has one rate");
+    assert!(patriot.told().iter().all(|command| !command.starts_with('R')), "it has one rate");
     assert_eq!(patriot.device.describe().timing.rate_hz, Some(60.0));
     assert!(patriot.device.describe().name.starts_with("PATRIOT"), "{}", patriot.device.describe().name);
     let poses = patriot.poses(SECOND);
@@ -204,39 +198,14 @@ fn a_sensor_behind_is_told_on_its_own_side_if_the_hemisphere_is_set() {
 #[test]
 fn unplugged_is_absent_and_back_within_two_seconds() {
     for left in [twin(), usb(twin())] {
-        let mut rig = rig(left, Settings::default());
-        rig.until(State::Running, 2 * SECOND);
-        for _ in 0..3 {
-            rig.readings(300 * MS);
-            rig.twin.lock().unwrap().unplug();
-            assert!(rig.until(State::Absent, SECOND) < 20 * MS, "told at once");
-            assert!(rig.readings(5 * SECOND).is_empty());
-            let back = {
-                rig.twin.lock().unwrap().plugged = true;
-                rig.until(State::Running, 2 * SECOND)
-            };
-            assert!(back < SECOND, "{} ms", back / MS);
-        }
-        let received = rig.device.health().received;
-        assert_eq!((received.opened, received.set_up, received.lost), (4, 4, 0));
+        rig(left, Settings::default()).assert_survives_unplugging();
     }
 }
 
 #[test]
 fn a_unit_that_hangs_is_silent_and_not_absent_and_is_back_within_two_seconds() {
     for left in [twin(), usb(twin())] {
-        let mut rig = rig(left, Settings::default());
-        rig.until(State::Running, 2 * SECOND);
-        rig.twin.lock().unwrap().hung = true;
-        let noticed = rig.until(State::Silent, 2 * SECOND);
-        assert!(noticed < 600 * MS, "{} ms", noticed / MS);
-        assert!(rig.readings(2 * SECOND).is_empty());
-        let why = rig.device.health().why.clone();
-        assert!(why.contains("does not answer") && why.contains("switched on"), "{why}");
-        rig.twin.lock().unwrap().hung = false;
-        let back = rig.until(State::Running, 4 * SECOND);
-        assert!(back < 2 * SECOND, "{} ms", back / MS);
-        assert_eq!(rig.device.health().received.opened, 1, "the line was open all along");
+        rig(left, Settings::default()).assert_survives_hanging();
     }
 }
 
@@ -255,7 +224,7 @@ fn a_unit_that_listens_to_nothing_else_is_started_anew() {
         let mut rig = rig(left, Settings::default());
         let took = rig.until(State::Running, 60 * SECOND);
         assert!((20 * SECOND..32 * SECOND).contains(&took), "{} s", took / SECOND);
-        assert_eq!(sent(&rig).iter().filter(|command| *command == "\x19\r").count(), 1, "it is not told twice");
+        assert_eq!(rig.times_told(b"\x19\r"), 1, "it is not told twice");
     }
 }
 
@@ -381,31 +350,12 @@ fn on_a_pseudo_terminal_poses_are_exact_and_hanging_up_is_noticed() {
     let motion = Arc::new(move |station: u8, ns: i64| ticking()(station, BEGIN + ns - begin));
     let mut left = Twin::new(motion, Faults::default());
     left.continuous = true;
-    let twin = Arc::new(Mutex::new(left));
-    let pty = Pty::run(Arc::clone(&twin)).unwrap();
-    let port = PortPath { path: pty.path().into(), baud: 9600 };
-    let opener = SerialOpener::new(port, Arc::new(Monotonic));
     let unit = Unit::new("a terminal", Settings::default(), None).unwrap();
-    let mut device = Connection::new(Box::new(opener), Arc::new(Monotonic), unit, false);
-    device.start().unwrap();
-    let end = Monotonic.now_ns() + 20 * SECOND;
-    let mut poses = Vec::new();
-    while poses.len() < 200 {
-        assert!(Monotonic.now_ns() < end, "{:?}", device.health());
-        if let Next::Reading(Reading::Pose(pose)) = device.next(Monotonic.now_ns() + 50 * MS).unwrap() {
-            poses.push(pose);
-        }
-    }
-    for pose in &poses {
+    for pose in on_a_terminal(left, unit, 200) {
         assert_eq!(pose.position_cm[1..], [1.0, -30.25]);
         // Told in the past, and not long ago even on a busy machine.
-        let age = pose.stamp.host_ns.unwrap() - (time_told(pose) - BEGIN + begin);
+        let age = pose.stamp.host_ns.unwrap() - (time_told(&pose) - BEGIN + begin);
         assert!((SAMPLING_NS..2 * SECOND).contains(&age), "{age}");
-    }
-    drop(pty);
-    while device.health().state != State::Absent {
-        assert!(Monotonic.now_ns() < end + 5 * SECOND, "{:?}", device.health());
-        device.next(Monotonic.now_ns() + 50 * MS).unwrap();
     }
 }
 

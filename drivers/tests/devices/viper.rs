@@ -1,20 +1,18 @@
 //! VIPER, as it is found and as it fails, over serial and USB.
 
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use drivers::clock::{Clock, MS, Monotonic, SECOND};
-use drivers::connection::Connection;
 use drivers::health::State;
 use drivers::polhemus::viper::Unit;
 use drivers::polhemus::viper::command::code;
 use drivers::polhemus::{Line, Settings};
-use drivers::reading::{Pose, Reading, Status};
+use drivers::reading::{Pose, Status};
 use drivers::simulated::viper::Twin;
-use drivers::simulated::{Faults, Placed, Pty};
-use drivers::transport::{PortPath, SerialOpener};
-use drivers::{Device, Next, Ticks};
+use drivers::simulated::{Faults, Placed};
+use drivers::{Device, Ticks};
 
-use crate::bench::{BEGIN, Rig, replays, ticking, time_told};
+use crate::bench::{BEGIN, Rig, on_a_terminal, replays, ticking, time_told};
 
 const BAUDS: [u32; 5] = [115_200, 921_600, 460_800, 230_400, 38_400];
 
@@ -119,10 +117,6 @@ fn a_unit_is_set_up_however_it_was_left() {
     assert!(slowest < 2 * SECOND, "{} ms", slowest / MS);
 }
 
-fn sent(rig: &Rig<Twin, Unit>) -> Vec<Vec<u8>> {
-    rig.twin.lock().unwrap().obeyed.clone()
-}
-
 /// A command's body, by its words, between preamble and checksum.
 fn framed(command: u32, action: u32, arguments: [u32; 2], payload: &[u32]) -> Vec<u8> {
     let words = [&[u32::MAX, command, action, arguments[0], arguments[1]], payload].concat();
@@ -160,7 +154,7 @@ fn what_is_sent_is_what_the_manufacturer_s_header_says() {
         framed(19, 0, [0, 0], &[0]),
         framed(19, 2, [0, 0], &[]),
     ];
-    assert_eq!(sent(&rig), expected);
+    assert_eq!(rig.twin.lock().unwrap().obeyed, expected);
     // Two of them as they were given elsewhere.
     assert_eq!(expected[2][36..], [0x7f, 0xbf, 0, 0]);
     assert_eq!(expected[12][32..], [0x94, 0xcb, 0, 0]);
@@ -227,37 +221,14 @@ fn a_sensor_behind_is_told_on_its_own_side_if_the_hemisphere_is_set() {
 #[test]
 fn unplugged_is_absent_and_back_within_two_seconds() {
     for left in [twin(), usb(twin())] {
-        let mut rig = rig(left, Settings::default());
-        rig.until(State::Running, 2 * SECOND);
-        for _ in 0..3 {
-            rig.readings(300 * MS);
-            rig.twin.lock().unwrap().unplug();
-            assert!(rig.until(State::Absent, SECOND) < 20 * MS, "told at once");
-            assert!(rig.readings(5 * SECOND).is_empty());
-            rig.twin.lock().unwrap().plugged = true;
-            let back = rig.until(State::Running, 2 * SECOND);
-            assert!(back < SECOND, "{} ms", back / MS);
-        }
-        let received = rig.device.health().received;
-        assert_eq!((received.opened, received.set_up, received.lost), (4, 4, 0));
+        rig(left, Settings::default()).assert_survives_unplugging();
     }
 }
 
 #[test]
 fn a_unit_that_hangs_is_silent_and_not_absent_and_is_back_within_two_seconds() {
     for left in [twin(), usb(twin())] {
-        let mut rig = rig(left, Settings::default());
-        rig.until(State::Running, 2 * SECOND);
-        rig.twin.lock().unwrap().hung = true;
-        let noticed = rig.until(State::Silent, 2 * SECOND);
-        assert!(noticed < 600 * MS, "{} ms", noticed / MS);
-        assert!(rig.readings(2 * SECOND).is_empty());
-        let why = rig.device.health().why.clone();
-        assert!(why.contains("does not answer") && why.contains("switched on"), "{why}");
-        rig.twin.lock().unwrap().hung = false;
-        let back = rig.until(State::Running, 4 * SECOND);
-        assert!(back < 2 * SECOND, "{} ms", back / MS);
-        assert_eq!(rig.device.health().received.opened, 1, "the line was open all along");
+        rig(left, Settings::default()).assert_survives_hanging();
     }
 }
 
@@ -274,8 +245,7 @@ fn a_unit_that_listens_to_nothing_else_is_started_anew() {
         let mut rig = rig(left, Settings::default());
         let took = rig.until(State::Running, 60 * SECOND);
         assert!((20 * SECOND..34 * SECOND).contains(&took), "{} s", took / SECOND);
-        let resets = sent(&rig).into_iter().filter(|command| *command == framed(21, 0, [0, 0], &[])).count();
-        assert_eq!(resets, 1, "it is not told again while it starts");
+        assert_eq!(rig.times_told(&framed(21, 0, [0, 0], &[])), 1, "it is not told again while it starts");
     }
 }
 
@@ -354,31 +324,12 @@ fn on_a_pseudo_terminal_poses_are_exact_and_hanging_up_is_noticed() {
     let motion = Arc::new(move |station: u8, ns: i64| ticking()(station, BEGIN + ns - begin));
     let mut left = Twin::new(motion, Faults::default());
     left.continuous = true;
-    let twin = Arc::new(Mutex::new(left));
-    let pty = Pty::run(Arc::clone(&twin)).unwrap();
-    let port = PortPath { path: pty.path().into(), baud: 9600 };
-    let opener = SerialOpener::new(port, Arc::new(Monotonic));
     let unit = Unit::new("a terminal", Settings::default(), None).unwrap();
-    let mut device = Connection::new(Box::new(opener), Arc::new(Monotonic), unit, false);
-    device.start().unwrap();
-    let end = Monotonic.now_ns() + 20 * SECOND;
-    let mut poses = Vec::new();
-    while poses.len() < 100 {
-        assert!(Monotonic.now_ns() < end, "{:?}", device.health());
-        if let Next::Reading(Reading::Pose(pose)) = device.next(Monotonic.now_ns() + 50 * MS).unwrap() {
-            poses.push(pose);
-        }
-    }
-    for pose in &poses {
+    for pose in on_a_terminal(left, unit, 100) {
         assert_eq!(pose.position_cm[1..], [1.0, -30.25]);
         // Told in the past, and not long ago even on a busy machine.
-        let age = pose.stamp.host_ns.unwrap() - (time_told(pose) - BEGIN + begin);
+        let age = pose.stamp.host_ns.unwrap() - (time_told(&pose) - BEGIN + begin);
         assert!((0..2 * SECOND).contains(&age), "{age}");
-    }
-    drop(pty);
-    while device.health().state != State::Absent {
-        assert!(Monotonic.now_ns() < end + 5 * SECOND, "{:?}", device.health());
-        device.next(Monotonic.now_ns() + 50 * MS).unwrap();
     }
 }
 
