@@ -164,6 +164,16 @@ fn frames_that_wait_in_a_buffer_are_not_waited_for() {
 }
 
 #[test]
+fn the_first_frames_after_a_start_are_wrong_and_left_out() {
+    let mut left = twin();
+    left.stubborn = 1;
+    let mut rig = rig(left, Settings::default());
+    let poses = rig.poses(2 * SECOND);
+    assert_right(&poses, "from the first");
+    assert_eq!(poses[0].stamp.ticks, Some(10));
+}
+
+#[test]
 fn a_count_that_wraps_loses_nothing() {
     let mut left = twin();
     // What is counted after the wrap looks like a beginning.
