@@ -11,13 +11,16 @@ use std::ops::Range;
 
 use drivers::arm::{ea1, microscribe, qsb};
 use drivers::framing::{Decoder, Format, Losses};
+use drivers::grabber::pixels::{
+    Colour, Converter, Field, Layout, Matrix, PixelFormat, Range as Levels, Rows, Scan, Take,
+};
 use drivers::polhemus::{fastrak, isotrak, liberty, viper};
 
 /// Tries one kind of input.
 pub(crate) type Target = fn(&[u8]);
 
 /// All of them by name.
-pub(crate) const ALL: [(&str, Target); 8] = [
+pub(crate) const ALL: [(&str, Target); 10] = [
     ("fastrak", fastrak),
     ("isotrak", isotrak),
     ("liberty", liberty),
@@ -26,6 +29,8 @@ pub(crate) const ALL: [(&str, Target); 8] = [
     ("qsb", qsb),
     ("microscribe", microscribe),
     ("commands", commands),
+    ("pixels", pixels),
+    ("jpeg", jpeg),
 ];
 
 fn decode<F: Format>(format: F, stream: &[u8], piece: usize) -> (Vec<(String, Range<u64>)>, Losses)
@@ -167,4 +172,51 @@ pub(crate) fn commands(data: &[u8]) {
             }
         }
     }
+}
+
+fn rows(choice: u8) -> Rows {
+    let scan = match choice % 4 {
+        0 => Scan::Progressive,
+        1 => Scan::Interlaced,
+        2 => Scan::Sequential { first: Field::Top },
+        _ => Scan::Sequential { first: Field::Bottom },
+    };
+    let take = [Take::All, Take::Field(Field::Top), Take::Field(Field::Bottom)][usize::from(choice / 4 % 3)];
+    Rows { scan, take }
+}
+
+/// A frame of video of any format and layout: a picture, unless the layout cannot be or bytes are missing.
+pub(crate) fn pixels(data: &[u8]) {
+    let [choice, order, width, height, row_bytes, video @ ..] = data else { return };
+    // The last format is JPEG, which has a function of its own.
+    let formats = &PixelFormat::ALL[..PixelFormat::ALL.len() - 1];
+    let layout = Layout {
+        format: formats[usize::from(choice % 16) % formats.len()],
+        size: [(*width).into(), (*height).into()],
+        row_bytes: (*row_bytes).into(),
+        range: if choice & 32 == 0 { Levels::Limited } else { Levels::Full },
+        matrix: if choice & 64 == 0 { Matrix::Bt601 } else { Matrix::Bt709 },
+    };
+    let colour = if choice & 128 == 0 { Colour::Grey } else { Colour::Rgb };
+    let Ok(mut converter) = Converter::new(layout, rows(*order), colour) else { return };
+    let mut picture = vec![0; converter.picture_bytes()];
+    assert_eq!(converter.convert(video, &mut picture).is_ok(), video.len() >= converter.video_bytes());
+}
+
+/// A JPEG picture: itself or a refusal, the same each time.
+pub(crate) fn jpeg(data: &[u8]) {
+    let [choice, order, video @ ..] = data else { return };
+    let layout = Layout {
+        format: PixelFormat::Mjpg,
+        size: [if choice & 128 == 0 { 64 } else { 16 }, 16],
+        row_bytes: 0,
+        range: Levels::Full,
+        matrix: Matrix::Bt601,
+    };
+    let colour = if choice & 1 == 0 { Colour::Grey } else { Colour::Rgb };
+    let Ok(mut converter) = Converter::new(layout, rows(*order), colour) else { return };
+    let mut pictures = [vec![0; converter.picture_bytes()], vec![0; converter.picture_bytes()]];
+    let outcomes = pictures.each_mut().map(|picture| converter.convert(video, picture));
+    assert_eq!(outcomes[0], outcomes[1]);
+    assert!(outcomes[0].is_err() || pictures[0] == pictures[1]);
 }
