@@ -131,7 +131,7 @@ pub(crate) fn microscribe(data: &[u8]) {
         2 => Awaited::Answer(Question::Parameters),
         3 => Awaited::Answer(Question::Maxima),
         4 => Awaited::Answer(Question::Comment),
-        _ => Awaited::Echo(Command::SetHome),
+        _ => Awaited::Echo(Command::Home),
     };
     cut_anywhere(&Answers::to(awaited), stream, *cut);
     Links::read(stream);

@@ -199,7 +199,7 @@ fn every_body_is_scanned_with_its_field_and_the_rest_of_the_program_takes_it() {
         let lines: Vec<&str> = wires.lines().skip(1).filter(|line| !line.starts_with(',')).collect();
         assert_eq!(lines.len(), 4 * crossings, "{scene}: {wires}");
         // The file's fan or clip, and the tracker's poses, lead to a volume.
-        place.does_narrowly("reconstruct s.mha --config c.toml -o v.mha --spacing 3");
+        place.does_narrowly("reconstruct s.mha --config c.toml --path general -o v.mha --spacing 3");
         assert!(place.volume("v.mha").values.iter().any(|v| *v > 20.0), "{scene}");
         assert!(place.volume("t.mha").values.iter().all(|v| (0.0..=255.0).contains(v)), "{scene}");
     }

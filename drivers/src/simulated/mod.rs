@@ -11,9 +11,9 @@ pub mod isotrak;
 pub mod liberty;
 pub mod microscribe;
 mod pty;
+pub mod qsb;
 mod unit;
 pub mod viper;
-pub mod qsb;
 mod wire;
 
 use std::sync::Arc;

@@ -68,7 +68,6 @@ pub(super) struct Follower {
     trouble: String,
     /// Samples since the last one that others were left out before.
     since_overrun: u32,
-    item: u64,
 }
 
 /// An overrun is spoken of for so many samples.
@@ -95,7 +94,6 @@ impl Follower {
             refused: 0,
             trouble: String::new(),
             since_overrun: SPOKEN_OF,
-            item: 0,
         }
     }
 
@@ -251,9 +249,7 @@ impl Follower {
         }
     }
 
-    fn deliver(&mut self, mut counts: Counts, found: &mut VecDeque<Reading>) {
-        counts.stamp.item = self.item;
-        self.item += 1;
+    fn deliver(&mut self, counts: Counts, found: &mut VecDeque<Reading>) {
         found.push_back(Reading::Counts(counts));
     }
 

@@ -110,12 +110,6 @@ impl Unit {
         Ok(unit)
     }
 
-    /// Ready to take the bytes that an arm of these settings sent after it was set up, as a recording has them.
-    pub fn replay(&mut self) {
-        self.reset();
-        self.listen();
-    }
-
     /// These axes (bit by axis) are at home now: their counters become 0, at the next turn of the line.
     pub fn home(&mut self, axes: u8) {
         self.follower.home(axes);
@@ -248,6 +242,11 @@ impl Protocol for Unit {
     fn reset(&mut self) {
         self.decoder = Decoder::new(Ea1::new());
         self.follower.restart();
+    }
+
+    fn resume(&mut self) {
+        self.reset();
+        self.listen();
     }
 
     fn climb(&mut self, met: Met<'_>) -> Rung {

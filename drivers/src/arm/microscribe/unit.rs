@@ -86,7 +86,6 @@ struct Follower {
     homed: u32,
     refused: u64,
     trouble: String,
-    item: u64,
 }
 
 /// A MicroScribe on a line.
@@ -131,7 +130,7 @@ impl Unit {
         // The host's times come in packets.
         let grace_ns = 2 * SECOND / i64::from(settings.rate_hz) + 10 * MS;
         let homing = Homing::new(0, encoders, encoders, ENCODER, settings.fastest, grace_ns);
-        let follower = Follower { encoders, homing, homed: 0, refused: 0, trouble: String::new(), item: 0 };
+        let follower = Follower { encoders, homing, homed: 0, refused: 0, trouble: String::new() };
         let timing = Timing { rate_hz: Some(f64::from(settings.rate_hz)), ..Timing::default() };
         let description = Description { name: format!("MicroScribe on {name}"), timing, ..Description::default() };
         Ok(Self {
@@ -151,12 +150,6 @@ impl Unit {
             follower,
             description,
         })
-    }
-
-    /// Ready to take the bytes that a device of these settings sent after it was set up, as a recording has them.
-    pub fn replay(&mut self) {
-        self.reset();
-        self.begin_samples();
     }
 
     /// The arm is in its home position now: all counters are set, whichever axes are meant.
@@ -303,8 +296,7 @@ impl Follower {
             if self.trouble != trouble {
                 trouble.clone_into(&mut self.trouble);
             }
-            let stamp = Stamp { item: self.item, host_ns: Some(at_ns), ..Stamp::default() };
-            self.item += 1;
+            let stamp = Stamp { host_ns: Some(at_ns), ..Stamp::default() };
             let axes = self.encoders;
             found.push_back(Reading::Counts(Counts { stamp, first: 0, axes, counts, homed, buttons, status }));
         }
@@ -318,6 +310,13 @@ impl Protocol for Unit {
         self.follower.trouble.clear();
         (self.calls, self.due_ns, self.to_home, self.maybe_homed) = (0, i64::MIN, false, false);
         self.description.fields.clear();
+    }
+
+    fn resume(&mut self) {
+        // As at the first time that a device is met.
+        (self.was_there, self.follower.homed) = (false, 0);
+        self.reset();
+        self.begin_samples();
     }
 
     fn climb(&mut self, met: Met<'_>) -> Rung {

@@ -1,7 +1,7 @@
 //! Three QSBs, each on a line of its own, as one arm.
 
 use crate::clock::{Clock, MS};
-use crate::connection::Connection;
+use crate::connection::{Connection, number};
 use crate::health::{Health, Received, State};
 use crate::reading::Reading;
 use crate::transport::Opener;
@@ -26,6 +26,8 @@ pub struct Arm {
     clock: Arc<dyn Clock>,
     /// The line that is listened to.
     turn: usize,
+    /// Readings of all lines.
+    items: u64,
     description: Description,
     health: Health,
 }
@@ -58,7 +60,7 @@ impl Arm {
         let name = lines.each_ref().map(|line| line.describe().name.clone()).join(", ");
         let description = Description { name, timing, ..Description::default() };
         debug_assert_eq!(timing.ticks, Ticks::Time);
-        Ok(Self { lines, clock, turn: 0, description, health: Health::default() })
+        Ok(Self { lines, clock, turn: 0, items: 0, description, health: Health::default() })
     }
 
     /// These axes (bit by axis) are at home now: their counts are 0 in the next reading of each.
@@ -145,7 +147,10 @@ impl Device for Arm {
                     raw.line = self.turn as u8;
                     return Ok(Next::Reading(Reading::Raw(raw)));
                 }
-                Next::Reading(reading) => return Ok(Next::Reading(reading)),
+                Next::Reading(mut reading) => {
+                    number(std::iter::once(&mut reading), &mut self.items);
+                    return Ok(Next::Reading(reading));
+                }
                 Next::Pending | Next::End => self.turn = (self.turn + 1) % AXES,
             }
             if self.clock.now_ns() >= deadline_ns {

@@ -64,7 +64,6 @@ struct Follower {
     lost: u64,
     refused: u64,
     trouble: String,
-    item: u64,
 }
 
 /// A QSB on a line.
@@ -95,14 +94,8 @@ impl Unit {
         };
         let description = Description { name: format!("QSB on {name}"), timing, ..Description::default() };
         let homing = Homing::new(axis, 1, of, 32, settings.fastest, TICK);
-        let follower =
-            Follower { axis, of, interval, homing, last: None, lost: 0, refused: 0, trouble: String::new(), item: 0 };
+        let follower = Follower { axis, of, interval, homing, last: None, lost: 0, refused: 0, trouble: String::new() };
         Ok(Self { settings, decoder: Decoder::new(Qsb), step: Step::Line, follower, description })
-    }
-
-    /// Ready to take the bytes that a unit of these settings sent after it was set up, as a recording has them. When it was homed the bytes do not tell.
-    pub fn replay(&mut self) {
-        self.reset();
     }
 
     /// The joint is at home now: its count is 0 in the next reading.
@@ -235,8 +228,7 @@ impl Follower {
             if self.trouble != trouble {
                 trouble.clone_into(&mut self.trouble);
             }
-            let stamp = Stamp { item: self.item, host_ns: Some(at_ns), ticks: Some(ticks.into()), ..Stamp::default() };
-            self.item += 1;
+            let stamp = Stamp { host_ns: Some(at_ns), ticks: Some(ticks.into()), ..Stamp::default() };
             let homed = homed << self.axis;
             found.push_back(Reading::Counts(Counts {
                 stamp,
@@ -268,6 +260,10 @@ impl Protocol for Unit {
         follower.homing.restart(0);
         (follower.last, follower.lost, follower.refused) = (None, 0, 0);
         follower.trouble.clear();
+    }
+
+    fn resume(&mut self) {
+        self.reset();
     }
 
     fn climb(&mut self, met: Met<'_>) -> Rung {
