@@ -106,6 +106,11 @@ pub trait Protocol: Send {
     /// So long may a device that was set up say nothing that makes sense, ns.
     fn patience_ns(&self) -> i64;
 
+    /// These axes (bit by axis) of an arm are at home now. Whether the device has any.
+    fn home_axes(&mut self, _axes: u8) -> bool {
+        false
+    }
+
     /// What is the matter with a device that delivers, and what to do; empty where all is well.
     fn trouble(&self) -> &str {
         ""
@@ -446,6 +451,13 @@ impl<P: Protocol> Device for Connection<P> {
             };
             self.after(after);
         }
+    }
+
+    fn home(&mut self, axes: u8) -> Result<(), Error> {
+        if self.protocol.home_axes(axes) {
+            return Ok(());
+        }
+        Err(Error::Misuse(format!("{}: has no axes to home", self.opener.name())))
     }
 
     fn describe(&self) -> &Description {

@@ -41,7 +41,8 @@ pub use health::Health;
 pub use reading::Reading;
 
 /// Every driver that this build knows.
-pub static DRIVERS: &[&dyn Driver] = &[&polhemus::TrackerDriver, &grabber::GrabberDriver, &recording::SequenceDriver];
+pub static DRIVERS: &[&dyn Driver] =
+    &[&arm::ArmDriver, &polhemus::TrackerDriver, &grabber::GrabberDriver, &recording::SequenceDriver];
 
 /// Opens what the settings name with the driver that knows it.
 ///
@@ -49,6 +50,7 @@ pub static DRIVERS: &[&dyn Driver] = &[&polhemus::TrackerDriver, &grabber::Grabb
 /// The driver's.
 pub fn open(settings: &OpenSettings) -> Result<Box<dyn Device>, Error> {
     match settings {
+        OpenSettings::Arm(_) => arm::ArmDriver.open(settings),
         OpenSettings::Tracker(_) => polhemus::TrackerDriver.open(settings),
         OpenSettings::Sequence(_) => recording::SequenceDriver.open(settings),
         OpenSettings::Grabber(_) => grabber::GrabberDriver.open(settings),
@@ -85,6 +87,8 @@ pub struct Listing {
 /// What to open. One variant per driver.
 #[derive(Debug, Clone)]
 pub enum OpenSettings {
+    /// An encoder arm.
+    Arm(arm::ArmSettings),
     /// An electromagnetic tracker.
     Tracker(polhemus::TrackerSettings),
     /// A sequence file.
@@ -126,6 +130,14 @@ pub trait Device: Send {
     /// # Errors
     /// [`Error`] when the device does not answer; it counts as stopped all the same.
     fn stop(&mut self) -> Result<(), Error>;
+
+    /// The axes of an arm (bit by axis) are in their home position now: their counts are 0 there, or what the device says of home.
+    ///
+    /// # Errors
+    /// [`Error::Misuse`] when the device has no axes.
+    fn home(&mut self, _axes: u8) -> Result<(), Error> {
+        Err(Error::Misuse(format!("{}: has no axes to home", self.describe().name)))
+    }
 
     /// What is known of the source before its first reading; hardware says more once it was set up.
     fn describe(&self) -> &Description;

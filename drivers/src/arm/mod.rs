@@ -8,10 +8,12 @@
 //!
 //! Beside each format stands its unit: how such an arm is set up and read. [`homing`] follows the counters of all of them, and [`settings`] is what is asked of them.
 
+mod driver;
 pub mod ea1;
 pub mod homing;
 pub mod microscribe;
 pub mod qsb;
 pub mod settings;
 
+pub use driver::{ArmDriver, ArmSettings, Model};
 pub use settings::Settings;

@@ -15,7 +15,7 @@ mod block;
 pub mod command;
 mod follow;
 mod line;
-mod unit;
+pub(super) mod unit;
 
 pub use command::Command;
 pub use unit::{Speech, Unit};

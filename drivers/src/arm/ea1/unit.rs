@@ -15,7 +15,7 @@ use crate::reading::Reading;
 use crate::{Description, Error, Ticks, Timing};
 
 /// Bits a second that are usual.
-const BAUD: u32 = 115_200;
+pub(in crate::arm) const BAUD: u32 = 115_200;
 /// So long may a board take to start, ns.
 const START: i64 = 2_500 * MS;
 /// An arm that was told to be quiet and says nothing for so long is.
@@ -242,6 +242,11 @@ impl Protocol for Unit {
     fn reset(&mut self) {
         self.decoder = Decoder::new(Ea1::new());
         self.follower.restart();
+    }
+
+    fn home_axes(&mut self, axes: u8) -> bool {
+        self.home(axes);
+        true
     }
 
     fn resume(&mut self) {

@@ -13,7 +13,7 @@
 //! In a sample no byte but the first has bit 7 set. Answers to questions of configuration are bytes of any value, led by the question itself; a
 //! device never sends both at once, so that each has a format of its own: [`Samples`] and [`Answers`].
 
-mod unit;
+pub(super) mod unit;
 
 pub use unit::Unit;
 

@@ -20,7 +20,7 @@ use crate::reading::{AXES, Counts, Reading, Stamp, Status};
 use crate::{Description, Error, Timing};
 
 /// Rates that devices were found at, the likeliest first.
-const BAUDS: [u32; 5] = [115_200, 57_600, 38_400, 19_200, 9_600];
+pub(in crate::arm) const BAUDS: [u32; 5] = [115_200, 57_600, 38_400, 19_200, 9_600];
 /// Calls at one rate before the next is tried.
 const CALLS: u8 = 4;
 /// So long is the signature waited for, beside what it takes on the wire, ns.
@@ -310,6 +310,11 @@ impl Protocol for Unit {
         self.follower.trouble.clear();
         (self.calls, self.due_ns, self.to_home, self.maybe_homed) = (0, i64::MIN, false, false);
         self.description.fields.clear();
+    }
+
+    fn home_axes(&mut self, _axes: u8) -> bool {
+        self.home();
+        true
     }
 
     fn resume(&mut self) {

@@ -124,6 +124,11 @@ impl Arm {
 const PREFIXES: [&str; AXES] = ["axis 1 of 3: ", "axis 2 of 3: ", "axis 3 of 3: "];
 
 impl Device for Arm {
+    fn home(&mut self, axes: u8) -> Result<(), Error> {
+        Arm::home(self, axes);
+        Ok(())
+    }
+
     fn start(&mut self) -> Result<(), Error> {
         for line in &mut self.lines {
             line.start()?;

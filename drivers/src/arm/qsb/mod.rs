@@ -12,7 +12,7 @@
 //! resets the unit, which then says so by a [banner](Record::Banner): its count and its clock have begun anew.
 
 mod lines;
-mod unit;
+pub(super) mod unit;
 
 pub use lines::Arm;
 pub use unit::Unit;

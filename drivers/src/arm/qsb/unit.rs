@@ -17,7 +17,7 @@ use crate::reading::{AXES, Counts, Reading, Stamp, Status};
 use crate::{Description, Error, Ticks, Timing};
 
 /// Bits a second that are usual.
-const BAUD: u32 = 230_400;
+pub(in crate::arm) const BAUD: u32 = 230_400;
 /// A unit that was told to be quiet and says nothing for so long is.
 const QUIET: i64 = 40 * MS;
 /// What it may take to be quiet, ns.
@@ -260,6 +260,11 @@ impl Protocol for Unit {
         follower.homing.restart(0);
         (follower.last, follower.lost, follower.refused) = (None, 0, 0);
         follower.trouble.clear();
+    }
+
+    fn home_axes(&mut self, _axes: u8) -> bool {
+        self.home();
+        true
     }
 
     fn resume(&mut self) {

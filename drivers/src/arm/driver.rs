@@ -1,0 +1,133 @@
+//! Arms as a driver: which kind, and by which lines.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use super::ea1::Speech;
+use super::microscribe::Family;
+use super::{Settings, ea1, microscribe, qsb};
+use crate::clock::{Clock, Monotonic};
+use crate::connection::Connection;
+use crate::transport::{Opener, PortPath, SerialOpener, serial};
+use crate::{Device, Driver, Error, Listing, OpenSettings};
+
+/// A kind of arm, and where it is.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Model {
+    /// One that speaks EA1, or lines of bare numbers.
+    Ea1 {
+        /// Its serial line.
+        path: PathBuf,
+        /// How it says its samples.
+        speech: Speech,
+    },
+    /// Three US Digital QSBs, base first.
+    Qsb {
+        /// Their serial lines.
+        paths: [PathBuf; 3],
+    },
+    /// A MicroScribe or an Immersion box.
+    MicroScribe {
+        /// Its serial line.
+        path: PathBuf,
+        /// Which of the two.
+        family: Family,
+        /// Encoders to ask for: 5 or 6, of a box 2, 4 or 6.
+        encoders: u8,
+    },
+}
+
+/// An arm to open.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ArmSettings {
+    /// Which kind, and where.
+    pub model: Model,
+    /// How it is to be set up.
+    pub settings: Settings,
+    /// Whether the bytes that come are readings, too.
+    pub keeps_raw: bool,
+}
+
+/// Encoder arms.
+pub struct ArmDriver;
+
+impl ArmDriver {
+    /// Opens an arm by a clock of one's own.
+    ///
+    /// # Errors
+    /// [`Error::Misuse`] for settings that no such arm has.
+    pub fn open_with(settings: &ArmSettings, clock: Arc<dyn Clock>) -> Result<Box<dyn Device>, Error> {
+        let ArmSettings { model, settings, keeps_raw } = settings;
+        // What a kind usually has, until its unit says otherwise.
+        let line = |path: &PathBuf, usual: u32| -> Box<dyn Opener> {
+            let port = PortPath { path: path.clone(), baud: settings.baud.unwrap_or(usual) };
+            Box::new(SerialOpener::new(port, Arc::clone(&clock)))
+        };
+        Ok(match model {
+            Model::Ea1 { path, speech } => {
+                let opener = line(path, ea1::unit::BAUD);
+                let unit = ea1::Unit::new(opener.name(), settings.clone(), *speech)?;
+                Box::new(Connection::new(opener, clock, unit, *keeps_raw))
+            }
+            Model::Qsb { paths } => {
+                let openers = paths.each_ref().map(|path| line(path, qsb::unit::BAUD));
+                Box::new(qsb::Arm::new(openers, clock, settings, *keeps_raw)?)
+            }
+            Model::MicroScribe { path, family, encoders } => {
+                let opener = line(path, microscribe::unit::BAUDS[0]);
+                let unit = microscribe::Unit::new(opener.name(), settings.clone(), *family, *encoders)?;
+                Box::new(Connection::new(opener, clock, unit, *keeps_raw))
+            }
+        })
+    }
+}
+
+impl Driver for ArmDriver {
+    fn name(&self) -> &'static str {
+        "arm"
+    }
+
+    fn list(&self) -> Vec<Listing> {
+        serial::list()
+    }
+
+    fn open(&self, settings: &OpenSettings) -> Result<Box<dyn Device>, Error> {
+        match settings {
+            OpenSettings::Arm(settings) => Self::open_with(settings, Arc::new(Monotonic)),
+            _ => Err(Error::Misuse("these settings are not an arm's".into())),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Next;
+    use crate::health::State;
+
+    #[test]
+    fn each_kind_opens_and_one_that_is_not_there_may_come() {
+        let path = || PathBuf::from("/dev/nothing");
+        let kinds = [
+            Model::Ea1 { path: path(), speech: Speech::Lines },
+            Model::Qsb { paths: [path(), path(), path()] },
+            Model::MicroScribe { path: path(), family: Family::MicroScribe, encoders: 5 },
+        ];
+        for model in kinds {
+            let wrong = Settings { rate_hz: 0, ..Settings::default() };
+            let settings = ArmSettings { model, settings: Settings::default(), keeps_raw: false };
+            let wrong = OpenSettings::Arm(ArmSettings { settings: wrong, ..settings.clone() });
+            assert!(ArmDriver.open(&wrong).err().unwrap().to_string().contains("arm.rate_hz"));
+            let mut device = ArmDriver.open(&OpenSettings::Arm(settings)).unwrap();
+            device.start().unwrap();
+            assert!(matches!(device.next(Monotonic.now_ns() + 30_000_000).unwrap(), Next::Pending));
+            assert_eq!(device.health().state, State::Absent);
+            assert!(device.health().why.contains("/dev/nothing"), "{}", device.health().why);
+            device.home(7).unwrap();
+            device.stop().unwrap();
+        }
+        let other = ArmDriver.open(&OpenSettings::sequence("x.mha")).err().unwrap().to_string();
+        assert!(other.contains("not an arm's"), "{other}");
+        assert_eq!(ArmDriver.name(), "arm");
+    }
+}
