@@ -97,8 +97,8 @@ pub trait Protocol: Send {
     /// Takes bytes of a device that was set up; the last of them were here at `at_ns`. Adds the readings in them, which are numbered by who asks.
     fn take(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>);
 
-    /// What to send to a device that was set up (a question to one that speaks only when asked, or nothing for now), and when to look here again, host ns; `None` for
-    /// one that is sent nothing.
+    /// What to send to a device that was set up (a question to one that speaks only when asked, or nothing for now), and when to look here again, host ns: a time that has
+    /// come already means after what is received next. `None` for a device that is sent nothing.
     fn ask(&mut self, _now_ns: i64) -> Option<(&[u8], i64)> {
         None
     }
@@ -326,7 +326,8 @@ impl<P: Protocol> Connection<P> {
                 None => *ask_ns = i64::MAX,
             }
         }
-        let received = line.read(&mut self.buffer, deadline_ns.min(silent_ns).min(*ask_ns).max(now_ns));
+        let ask_ns = if *ask_ns > now_ns { *ask_ns } else { i64::MAX };
+        let received = line.read(&mut self.buffer, deadline_ns.min(silent_ns).min(ask_ns).max(now_ns));
         *read_ns = self.clock.now_ns();
         let may_wait = *read_ns < silent_ns;
         match received {

@@ -9,6 +9,7 @@ use std::cell::Cell;
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::sync::{Arc, Mutex};
 
+use drivers::arm::{self, ea1};
 use drivers::clock::{Clock, MS, Manual, Monotonic, SECOND};
 use drivers::connection::{Connection, Protocol};
 use drivers::health::State;
@@ -76,6 +77,35 @@ fn allocates_nothing(name: &str, twin: impl Peer + 'static, unit: impl Protocol)
         assert!(off < 0.003, "{name}: {pose:?}");
     }
     assert_eq!(ASKED.get() - before, 0, "{name}: allocations in 120 readings");
+}
+
+#[test]
+fn a_reading_of_an_arm_allocates_nothing() {
+    let _alone = ALONE.lock().unwrap();
+    // Homed or not, in lines or in blocks; pings are sent meanwhile.
+    for (homed, speech) in [(7, ea1::Speech::Lines), (5, ea1::Speech::Blocks)] {
+        let mut left = simulated::ea1::Twin::new(Arc::new(|_| [1, 2, 3, 0, 0, 0]), Faults::default());
+        (left.rate_hz, left.homed) = (100, homed);
+        let pty = Pty::run(Arc::new(Mutex::new(left))).unwrap();
+        let opener = SerialOpener::new(PortPath { path: pty.path().into(), baud: 115_200 }, Arc::new(Monotonic));
+        let unit = ea1::Unit::new("a terminal", arm::Settings::default(), speech).unwrap();
+        let mut device = Connection::new(Box::new(opener), Arc::new(Monotonic), unit, false);
+        device.start().unwrap();
+        let end = Monotonic.now_ns() + 30 * SECOND;
+        let mut next = || match device.next(end).unwrap() {
+            Next::Reading(Reading::Counts(counts)) => counts,
+            other => panic!("{other:?}"),
+        };
+        for _ in 0..50 {
+            next();
+        }
+        let before = ASKED.get();
+        for _ in 0..240 {
+            let counts = next();
+            assert_eq!((counts.as_slice(), counts.homed), (&[1, 2, 3][..], homed as u8));
+        }
+        assert_eq!(ASKED.get() - before, 0, "allocations in 240 readings");
+    }
 }
 
 #[test]

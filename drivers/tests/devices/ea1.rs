@@ -1,11 +1,12 @@
 //! EA1 arms, as they are found and as they fail.
 
+use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
 use drivers::arm::Settings;
-use drivers::arm::ea1::{Framing, Speech, Unit};
+use drivers::arm::ea1::{Framing, Record, Sample, Speech, Unit};
 use drivers::clock::{Clock, MS, Monotonic, SECOND};
-use drivers::connection::Connection;
+use drivers::connection::{Connection, Protocol};
 use drivers::health::State;
 use drivers::reading::{Counts, Reading, Status};
 use drivers::simulated::ea1::Twin;
@@ -299,6 +300,44 @@ fn lost_bytes_are_lost_readings_by_their_numbers_and_make_no_wrong_one() {
 }
 
 #[test]
+fn damage_that_a_checksum_of_eight_bits_lets_pass_is_noticed_by_number_and_time() {
+    // As damaged: the fifth sample's number, its time, one of its counts.
+    let damages: [fn(&mut Sample); 4] =
+        [|s| s.seq += 2, |s| s.seq -= 4, |s| s.t_us += 100_000, |s| s.counts[1] += 100_000];
+    for (kind, damage) in damages.into_iter().enumerate() {
+        let mut unit = Unit::new("x", Settings::default(), Speech::Lines).unwrap();
+        unit.resume();
+        let (mut found, mut bytes) = (VecDeque::new(), Vec::new());
+        for n in 0..10 {
+            let mut sample = Sample {
+                seq: 100 + n,
+                t_us: 5000 + 10_000 * n,
+                counts: [7, -8, 9],
+                flags: 7,
+                buttons: 0,
+                framing: Framing::Lines,
+            };
+            if n == 5 {
+                damage(&mut sample);
+            }
+            bytes.clear();
+            Record::Sample(sample).write(&mut bytes);
+            unit.take(&bytes, BEGIN + i64::from(n) * 10 * MS, &mut found);
+        }
+        assert_eq!(found.len(), 9, "{kind}");
+        for (c, n) in counts(found.into()).iter().zip((0..10).filter(|n| *n != 5)) {
+            assert_eq!(
+                (c.stamp.ticks, c.homed, &c.counts[..3]),
+                (Some(5000 + 10_000 * n), 7, &[7, -8, 9][..]),
+                "{kind}"
+            );
+        }
+        let lost = unit.lost();
+        assert_eq!((lost.readings, lost.refused, lost.skipped), (1, 1, 0), "{kind}");
+    }
+}
+
+#[test]
 fn noise_is_survived() {
     let mut rig = homed(rig(Twin::new(moving(), Faults::default()), Settings::default(), Speech::Blocks));
     let zeros = rig.twin.lock().unwrap().zeros;
@@ -411,12 +450,9 @@ fn raw_bytes_make_the_same_readings_again() {
     readings.extend(rig.readings(5 * SECOND));
     rig.device.protocol_mut().home(1);
     readings.extend(rig.readings(5 * SECOND));
-    let live: Vec<&Counts> = readings
-        .iter()
-        .filter_map(|reading| if let Reading::Counts(counts) = reading { Some(counts) } else { None })
-        .collect();
-    assert!(live.len() > 1500 && live.iter().filter(|c| c.homed == 7).count() > 800, "{}", live.len());
-    assert_eq!(replays(&readings, unit), live.len());
+    let homed = counts(readings.clone()).iter().filter(|c| c.homed == 7).count();
+    let found = replays(&readings, unit);
+    assert!(found > 1500 && (800..found - 300).contains(&homed), "{found} {homed}");
 }
 
 #[test]

@@ -1,5 +1,7 @@
 //! What the host sends: `!`, a letter, a number or none, LF.
 
+use std::io::Write;
+
 use super::Framing;
 
 /// A command.
@@ -20,15 +22,22 @@ pub enum Command {
 impl Command {
     /// The bytes to send.
     pub fn bytes(&self) -> Vec<u8> {
-        match self {
-            Self::Identify => "!I\n".into(),
-            Self::Stream(Framing::Lines, hz) => format!("!R{hz}\n"),
-            Self::Stream(Framing::Blocks, hz) => format!("!B{hz}\n"),
-            Self::Poll => "!P\n".into(),
-            Self::Zero(mask) => format!("!Z{mask}\n"),
-            Self::Time(token) => format!("!T{token}\n"),
-        }
-        .into_bytes()
+        let mut bytes = Vec::new();
+        self.write(&mut bytes);
+        bytes
+    }
+
+    /// Appends them.
+    pub fn write(&self, to: &mut Vec<u8>) {
+        // Writing to memory does not fail.
+        let _ = match self {
+            Self::Identify => to.write_all(b"!I\n"),
+            Self::Stream(Framing::Lines, hz) => writeln!(to, "!R{hz}"),
+            Self::Stream(Framing::Blocks, hz) => writeln!(to, "!B{hz}"),
+            Self::Poll => to.write_all(b"!P\n"),
+            Self::Zero(mask) => writeln!(to, "!Z{mask}"),
+            Self::Time(token) => writeln!(to, "!T{token}"),
+        };
     }
 
     /// The command at the front of what was sent to an arm, and its bytes; what a virtual arm reads. `None` while the line is not ended;

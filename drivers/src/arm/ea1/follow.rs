@@ -139,7 +139,7 @@ impl Follower {
     pub(super) fn ask(&mut self, now_ns: i64, to: &mut Vec<u8>) {
         if self.to_zero != 0 {
             let axes = std::mem::take(&mut self.to_zero);
-            to.extend(Command::Zero(axes).bytes());
+            Command::Zero(axes).write(to);
             self.send_ping(axes, now_ns, to);
         } else if let Some(ping) = &mut self.ping {
             if now_ns < ping.sent_ns + ANSWER {
@@ -147,7 +147,7 @@ impl Follower {
             }
             if ping.tries < TRIES {
                 (ping.sent_ns, ping.tries) = (now_ns, ping.tries + 1);
-                to.extend(Command::Time(ping.token).bytes());
+                Command::Time(ping.token).write(to);
                 return;
             }
             let axes = (ping.token >> ZEROED) as u8;
@@ -166,7 +166,7 @@ impl Follower {
         self.pings += 1;
         let token = u32::from(axes) << ZEROED | self.pings & ((1 << ZEROED) - 1);
         self.ping = Some(Ping { token, sent_ns: now_ns, tries: 1 });
-        to.extend(Command::Time(token).bytes());
+        Command::Time(token).write(to);
     }
 
     /// What the arm has sent.
@@ -225,7 +225,8 @@ impl Follower {
             self.since_overrun = if is_overrun { 0 } else { self.since_overrun.saturating_add(1) };
             self.note(self.since_overrun < SPOKEN_OF, &status);
             let ticks = Some(u64::from(sample.t_us));
-            self.deliver(Counts { homed, buttons: sample.buttons, status, ..blank(ticks, at_ns, counts) }, found);
+            let counts = Counts { homed, buttons: sample.buttons, status, ..blank(ticks, at_ns, counts) };
+            found.push_back(Reading::Counts(counts));
         }
     }
 
@@ -245,12 +246,8 @@ impl Follower {
                 status => status,
             };
             self.note(false, &status);
-            self.deliver(Counts { homed, status, ..blank(None, at_ns, counts) }, found);
+            found.push_back(Reading::Counts(Counts { homed, status, ..blank(None, at_ns, counts) }));
         }
-    }
-
-    fn deliver(&mut self, counts: Counts, found: &mut VecDeque<Reading>) {
-        found.push_back(Reading::Counts(counts));
     }
 
     /// What lies between two samples that are believed.

@@ -24,8 +24,6 @@ const QUIET: i64 = 60 * MS;
 const HUSHED: i64 = 600 * MS;
 /// What an answer may take, ns.
 const ANSWER: i64 = 300 * MS;
-/// Between two looks at whether something is to be sent, ns.
-const TURN: i64 = 20 * MS;
 /// Bytes of a usual line, and of a block.
 const BYTES: [i64; 2] = [45, 29];
 /// Bits that a byte takes on the wire.
@@ -338,10 +336,11 @@ impl Protocol for Unit {
         self.sent.clear();
         if self.follower.has_restarted() {
             // All that it forgot and has to be told is how to send.
-            self.sent.extend(self.stream().bytes());
+            self.stream().write(&mut self.sent);
         }
         self.follower.ask(now_ns, &mut self.sent);
-        Some((&self.sent, now_ns + TURN))
+        // After each sample: nothing that is to be sent is in a hurry, and a read that ends without one costs.
+        Some((&self.sent, now_ns))
     }
 
     fn patience_ns(&self) -> i64 {

@@ -318,9 +318,8 @@ impl Protocol for Unit {
     }
 
     fn resume(&mut self) {
-        // As at the first time that a device is met.
-        (self.was_there, self.follower.homed) = (false, 0);
         self.reset();
+        self.was_there = false;
         self.begin_samples();
     }
 

@@ -5,7 +5,7 @@ use crate::connection::{Connection, number};
 use crate::health::{Health, Received, State};
 use crate::reading::Reading;
 use crate::transport::Opener;
-use crate::{Description, Device, Error, Next, Ticks};
+use crate::{Description, Device, Error, Next};
 
 use super::Unit;
 use crate::arm::Settings;
@@ -26,8 +26,8 @@ pub struct Arm {
     clock: Arc<dyn Clock>,
     /// The line that is listened to.
     turn: usize,
-    /// Readings of all lines.
-    items: u64,
+    /// Readings so far, and pieces of what was received.
+    items: [u64; 2],
     description: Description,
     health: Health,
 }
@@ -59,8 +59,7 @@ impl Arm {
         let timing = lines[0].describe().timing;
         let name = lines.each_ref().map(|line| line.describe().name.clone()).join(", ");
         let description = Description { name, timing, ..Description::default() };
-        debug_assert_eq!(timing.ticks, Ticks::Time);
-        Ok(Self { lines, clock, turn: 0, items: 0, description, health: Health::default() })
+        Ok(Self { lines, clock, turn: 0, items: [0; 2], description, health: Health::default() })
     }
 
     /// These axes (bit by axis) are at home now: their counts are 0 in the next reading of each.
@@ -148,12 +147,12 @@ impl Device for Arm {
             }
             match next {
                 // Not the next line's turn yet: what came together is handed over together.
-                Next::Reading(Reading::Raw(mut raw)) => {
-                    raw.line = self.turn as u8;
-                    return Ok(Next::Reading(Reading::Raw(raw)));
-                }
                 Next::Reading(mut reading) => {
-                    number(std::iter::once(&mut reading), &mut self.items);
+                    let is_raw = matches!(reading, Reading::Raw(_));
+                    if let Reading::Raw(raw) = &mut reading {
+                        raw.line = self.turn as u8;
+                    }
+                    number(std::iter::once(&mut reading), &mut self.items[usize::from(is_raw)]);
                     return Ok(Next::Reading(reading));
                 }
                 Next::Pending | Next::End => self.turn = (self.turn + 1) % AXES,

@@ -1,7 +1,7 @@
 //! Sets a QSB up as it is found, and turns its lines into readings of one axis.
 //!
 //! A QSB keeps no place: opening its line resets it (DTR), and its count begins at 0 wherever the joint is then. So each time that it is set up its axis is not homed,
-//! until its user says that it is; the host notes the count there, as nothing in the unit is known to set it.
+//! until its user says that it is; the host notes the count there, as nothing in the unit is known to set it. A recording's bytes do not tell when that was.
 //!
 //! Its lines have no checksum. One that reads well and cannot be, as the joint would have had to fly, is refused; a digit that came as another and could be is not noticed.
 
