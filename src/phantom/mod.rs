@@ -9,6 +9,7 @@
 //! - [`body`]: what an ultrasound scanner looks into: a doll in a water tank, a thigh, phantoms for calibration.
 //! - [`bmode`]: what the scanner shows of it.
 //! - [`scan`]: the pieces composed into posed slices and into what a tracked sequence records.
+//! - [`bedside`]: the same scan as it goes on in time, for virtual devices that measure and see it.
 //! - [`truth`]: the scene on a volume's lattice, and which voxels a scan can know.
 //! - [`blur`]: the same under a reconstruction's kernel.
 //! - [`error`]: how far a volume is from it.
@@ -17,6 +18,7 @@
 //! elementary functions are our own, because the platform's differ in the last bit. The fan's edges alone are the platform's; their slack of 1e-9 pixel
 //! is far wider than what platforms differ by.
 
+pub mod bedside;
 pub mod blur;
 pub mod bmode;
 pub mod body;
@@ -32,6 +34,7 @@ pub mod scene;
 pub mod trajectory;
 pub mod truth;
 
+pub use bedside::Bedside;
 pub use blur::EffectiveKernel;
 pub use bmode::Scanner;
 pub use body::Body;

@@ -270,7 +270,18 @@ impl Scan {
     }
 
     fn clean_in(&self, frame: u32, room: &mut Option<Workspace>) -> Vec<f64> {
-        let affine = self.true_world_from_image(frame).affine();
+        self.clean_at(self.trajectory.world_from_picture(frame), self.time_ns(frame), frame, room)
+    }
+
+    /// As [`Self::clean`], of a picture anywhere and at any time; `number` draws its noise, where a scanner has any.
+    pub(super) fn clean_at(
+        &self,
+        world_from_picture: Transform<World, PictureMm>,
+        time_ns: i64,
+        number: u32,
+        room: &mut Option<Workspace>,
+    ) -> Vec<f64> {
+        let affine = (world_from_picture * self.picture_from_image()).affine();
         let [width, height] = self.settings.image_size.map(|n| n as usize);
         let sheet = Sheet {
             origin: affine.translation,
@@ -281,13 +292,13 @@ impl Scan {
         };
         let mut grey = vec![0.0; width * height];
         match (&self.source, room) {
-            (Source::Echoes(_), Some(room)) => {
+            (Source::Echoes(bmode), Some(room)) => {
                 let mut picture = vec![0; width * height];
-                self.paint_echoes(frame, room, &mut picture);
+                bmode.paint(&world_from_picture, number, room, &mut picture);
                 return picture.into_iter().map(f64::from).collect();
             }
             (Source::Greys(painter), _) if !self.settings.scene.moves() => painter.paint(&sheet, &mut grey),
-            _ => Painter::new(self.settings.scene.at_time(self.time_ns(frame))).paint(&sheet, &mut grey),
+            _ => Painter::new(self.settings.scene.at_time(time_ns)).paint(&sheet, &mut grey),
         }
         grey
     }
@@ -373,7 +384,11 @@ impl Scan {
         )
     }
 
-    fn picture_from_image(&self) -> Transform<PictureMm, ImageFrame> {
+    pub(super) fn trajectory(&self) -> &Trajectory {
+        &self.trajectory
+    }
+
+    pub(super) fn picture_from_image(&self) -> Transform<PictureMm, ImageFrame> {
         let [width, height] = self.settings.image_size.map(f64::from);
         let [pitch_u, pitch_v] = self.settings.pixel_mm;
         Transform::from_affine(DAffine3 {
@@ -385,7 +400,7 @@ impl Scan {
 
 /// How the sensor sits on the simulated transducer: turned by about 30° and 70 mm above the picture's middle, so that a calibration left out or
 /// inverted cannot pass unseen.
-fn probe_from_picture() -> Transform<Probe, PictureMm> {
+pub(super) fn probe_from_picture() -> Transform<Probe, PictureMm> {
     Transform::from_affine(DAffine3 {
         matrix3: DMat3::from_quat(DQuat::from_xyzw(0.1, -0.2, 0.15, 1.0).normalize()),
         translation: DVec3::new(6.0, 70.0, -11.0),
@@ -393,7 +408,7 @@ fn probe_from_picture() -> Transform<Probe, PictureMm> {
 }
 
 /// Where the patient's sensor is: turned, some 30 cm from the transmitter, and breathing by ±2 mm.
-fn tracker_from_reference(time_ns: i64) -> Transform<Tracker, World> {
+pub(super) fn tracker_from_reference(time_ns: i64) -> Transform<Tracker, World> {
     let phase = time_ns.rem_euclid(BREATH_NS) as f64 / BREATH_NS as f64 * std::f64::consts::TAU;
     let breath = DVec3::new(0.0, 2.0, 0.5) * sin_cos(phase).0;
     Transform::from_affine(DAffine3 {

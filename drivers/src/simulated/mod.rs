@@ -2,11 +2,12 @@
 //!
 //! A twin is the [`crate::transport::Peer`] of a driver. In process, on a clock that is turned by hand, it tests the driver in no time ([`crate::transport::MemoryOpener`]);
 //! on a pseudo-terminal it is a program that any other program may open as it would the real thing ([`Pty`]). What it measures is a [`Motion`]
-//! or [`Joints`]: a closure of time, so that truth is known to whoever gave it.
+//! or [`Joints`]: a closure of time, so that truth is known to whoever gave it. The [`grabber`] has no line: it delivers pictures in process.
 
 pub mod ea1;
 pub mod fastrak;
 mod faults;
+pub mod grabber;
 pub mod isotrak;
 pub mod liberty;
 pub mod microscribe;

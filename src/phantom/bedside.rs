@@ -1,0 +1,235 @@
+//! The virtual bedside: one probe that is swept to and fro without end, seen by virtual devices at whatever times they look.
+//!
+//! A [`Scan`] has a pose a frame. Here the hand moves on between them: at a constant share of the way in position, and by the shortest turn. At the end of the sweep
+//! it goes back. A tracker's twin asks where its sensors are ([`Bedside::motion`]), a grabber's what the scanner shows ([`Bedside::pictures`]), and both are told from the
+//! same hand at the times at which they measure; so that whoever pairs them again can be held to the truth.
+
+use std::sync::Arc;
+
+use calibration::frames::{Image as ImageFrame, Probe, Tracker, Transform, World};
+use drivers::simulated::grabber::Pictures;
+use drivers::simulated::{Motion, Placed};
+use glam::{DAffine3, DQuat};
+
+use super::bmode::BMode;
+use super::scan::{Scan, probe_from_picture, tracker_from_reference};
+use super::trajectory::PictureMm;
+
+/// Station of the sensor on the transducer.
+pub const PROBE_STATION: u8 = 1;
+/// Station of the sensor on the patient.
+pub const REFERENCE_STATION: u8 = 2;
+
+/// A scan that goes on in time.
+#[derive(Debug, Clone)]
+pub struct Bedside {
+    scan: Scan,
+    begin_ns: i64,
+}
+
+impl Bedside {
+    /// Of a scan whose first frame is at that time, host ns; before it the hand rests. Frames are as far apart as the scan says.
+    pub fn new(scan: Scan, begin_ns: i64) -> Self {
+        Self { scan, begin_ns }
+    }
+
+    /// The scan.
+    pub fn scan(&self) -> &Scan {
+        &self.scan
+    }
+
+    /// Where the picture lies at a time, host ns.
+    pub fn world_from_picture(&self, at_ns: i64) -> Transform<World, PictureMm> {
+        let last = self.scan.frames() - 1;
+        let interval = self.scan.settings().interval_ns.max(1);
+        // To and fro: a whole way is so long.
+        let way = interval.saturating_mul(i64::from(last)).max(1);
+        let gone = at_ns.saturating_sub(self.begin_ns).max(0) % way.saturating_mul(2);
+        let gone = gone.min(way.saturating_mul(2) - gone);
+        // Both within the scan.
+        let frame = ((gone / interval) as u32).min(last.saturating_sub(1));
+        let share = (gone - i64::from(frame) * interval) as f64 / interval as f64;
+        let [from, to] =
+            [frame, (frame + 1).min(last)].map(|frame| self.scan.trajectory().world_from_picture(frame).affine());
+        let [a, b] = [from, to].map(|pose| DQuat::from_mat3(&pose.matrix3).normalize());
+        // Of a turn and its opposite the shorter.
+        let b = if a.dot(b) < 0.0 { -b } else { b };
+        Transform::from_affine(DAffine3::from_rotation_translation(
+            a.slerp(b, share),
+            from.translation.lerp(to.translation, share),
+        ))
+    }
+
+    /// Maps pixels of the picture that is seen at a time to world mm.
+    pub fn world_from_image(&self, at_ns: i64) -> Transform<World, ImageFrame> {
+        self.world_from_picture(at_ns) * self.scan.picture_from_image()
+    }
+
+    /// Where the sensor on the transducer is at a time.
+    pub fn tracker_from_probe(&self, at_ns: i64) -> Transform<Tracker, Probe> {
+        self.tracker_from_reference(at_ns) * self.world_from_picture(at_ns) * probe_from_picture().inverse()
+    }
+
+    /// Where the sensor on the patient is at a time; it breathes. Its frame is the world.
+    pub fn tracker_from_reference(&self, at_ns: i64) -> Transform<Tracker, World> {
+        tracker_from_reference(at_ns)
+    }
+
+    /// What a tracker's twin measures: the probe by station [`PROBE_STATION`], the patient by any other.
+    pub fn motion(self: &Arc<Self>) -> Motion {
+        let bedside = Arc::clone(self);
+        Arc::new(move |station, at_ns| {
+            let pose = match station {
+                PROBE_STATION => bedside.tracker_from_probe(at_ns).affine(),
+                _ => bedside.tracker_from_reference(at_ns).affine(),
+            };
+            let q = DQuat::from_mat3(&pose.matrix3).normalize();
+            Placed { position_cm: (pose.translation / 10.0).to_array(), quaternion_wxyz: [q.w, q.x, q.y, q.z] }
+        })
+    }
+
+    /// What a grabber's twin is shown: the scanner's picture at each time.
+    pub fn pictures(self: &Arc<Self>) -> Pictures {
+        let bedside = Arc::clone(self);
+        let mut room = bedside.scan.bmode().map(BMode::workspace);
+        let interval = bedside.scan.settings().interval_ns.max(1);
+        Box::new(move |at_ns, pixels| {
+            let pose = bedside.world_from_picture(at_ns);
+            // Another picture's noise each time; which, does not matter.
+            let number = (at_ns.saturating_sub(bedside.begin_ns) / interval) as u32;
+            if let (Some(bmode), Some(room)) = (bedside.scan.bmode(), &mut room) {
+                bmode.paint(&pose, number, room, pixels);
+                return;
+            }
+            let grey = bedside.scan.clean_at(pose, at_ns, number, &mut room);
+            // Half a level up, then down: rounds to nearest; the cast clips.
+            pixels.iter_mut().zip(grey).for_each(|(pixel, grey)| *pixel = (grey + 0.5).floor() as u8);
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Mutex;
+
+    use drivers::clock::{Clock, MS, Manual, SECOND};
+    use drivers::connection::Connection;
+    use drivers::polhemus::{Settings, fastrak};
+    use drivers::reading::{Frame, Pose, Reading};
+    use drivers::simulated::grabber::Grabber;
+    use drivers::simulated::{Faults, fastrak::Twin};
+    use drivers::transport::MemoryOpener;
+    use drivers::{Device, Next};
+    use glam::DVec3;
+
+    use super::super::{ScanSettings, Scanner, body};
+    use super::*;
+
+    const BEGIN: i64 = 7 * SECOND;
+
+    fn bedside(settings: ScanSettings) -> Arc<Bedside> {
+        Arc::new(Bedside::new(Scan::new(settings).unwrap(), BEGIN))
+    }
+
+    fn small() -> ScanSettings {
+        ScanSettings { frames: 60, gap_mm: 0.5, image_size: [64, 48], pixel_mm: [0.8, 0.8], ..ScanSettings::default() }
+    }
+
+    #[test]
+    fn at_the_frames_times_the_hand_is_where_the_scan_has_it_and_comes_back() {
+        let bedside = bedside(small());
+        let interval = bedside.scan().settings().interval_ns;
+        for frame in 0..60_u32 {
+            let there = bedside.scan().true_world_from_image(frame).to_rows();
+            for at in [i64::from(frame), 118 - i64::from(frame), 118 + i64::from(frame)] {
+                let found = bedside.world_from_image(BEGIN + at * interval).to_rows();
+                let off = there.iter().zip(found).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+                assert!(off < 1e-9, "{frame} {at}: {off}");
+            }
+        }
+        let rest = bedside.world_from_image(0).to_rows();
+        assert_eq!(rest, bedside.world_from_image(BEGIN).to_rows(), "before it begins it rests");
+        // Between frames it moves evenly.
+        let z = |ns: i64| bedside.world_from_picture(BEGIN + ns).affine().translation;
+        let [a, half, b] = [10 * interval, 10 * interval + interval / 2, 11 * interval].map(z);
+        assert!((half - a.midpoint(b)).length() < 1e-6);
+    }
+
+    /// The pose of a station at a time, between its neighbours.
+    fn between(poses: &[Pose], station: u8, at_ns: i64, delay_ns: i64) -> Option<DAffine3> {
+        let own: Vec<&Pose> = poses.iter().filter(|pose| pose.station == station).collect();
+        let time = |pose: &Pose| pose.stamp.host_ns.unwrap() - delay_ns;
+        let two = own.windows(2).find(|two| time(two[0]) <= at_ns && at_ns < time(two[1]))?;
+        let share = (at_ns - time(two[0])) as f64 / (time(two[1]) - time(two[0])) as f64;
+        let pose = |pose: &Pose| {
+            let [w, x, y, z] = pose.quaternion_wxyz;
+            (DQuat::from_xyzw(x, y, z, w).normalize(), DVec3::from_array(pose.position_cm) * 10.0)
+        };
+        let [(a, from), (b, to)] = [pose(two[0]), pose(two[1])];
+        Some(DAffine3::from_rotation_translation(
+            a.slerp(if a.dot(b) < 0.0 { -b } else { b }, share),
+            from.lerp(to, share),
+        ))
+    }
+
+    #[test]
+    fn tracker_and_grabber_see_one_hand_at_the_times_that_their_stamps_lead_to() {
+        let settings = ScanSettings {
+            scene: super::super::Scene::Body(Arc::new(body::doll::doll())),
+            scanner: Some(Scanner::abdominal(105.0).in_water()),
+            image_size: [96, 80],
+            pixel_mm: [1.4, 1.4],
+            ..small()
+        };
+        let bedside = bedside(settings);
+        let clock = Manual::at(BEGIN - SECOND / 2);
+        let twin = Arc::new(Mutex::new(Twin::new(bedside.motion(), Faults::default())));
+        let opener = MemoryOpener::new(twin, clock.clone(), 115_200);
+        let stations = Settings { stations: vec![PROBE_STATION, REFERENCE_STATION], ..Settings::default() };
+        let unit = fastrak::Unit::new("a line", stations, None).unwrap();
+        let mut tracker = Connection::new(Box::new(opener), Arc::new(clock.clone()), unit, false);
+        let latency = 40 * MS;
+        let faults = Faults { latency_ns: latency, ..Faults::default() };
+        let size = bedside.scan().settings().image_size;
+        let mut grabber = Grabber::new(bedside.pictures(), size, 30.0, faults, Arc::new(clock.clone())).unwrap();
+        tracker.start().unwrap();
+        grabber.start().unwrap();
+        let (mut poses, mut frames): (Vec<Pose>, Vec<Frame>) = (Vec::new(), Vec::new());
+        while clock.now_ns() < BEGIN + 3 * SECOND {
+            let deadline = clock.now_ns() + MS;
+            if let Next::Reading(Reading::Pose(pose)) = tracker.next(deadline).unwrap() {
+                poses.push(pose);
+            }
+            // What is due by now.
+            if let Next::Reading(Reading::Frame(frame)) = grabber.next(clock.now_ns()).unwrap() {
+                frames.push(frame);
+            }
+        }
+        let timing = tracker.describe().timing;
+        let probe_from_image = bedside.scan().probe_from_image().affine();
+        let mut paint = bedside.pictures();
+        let (mut worst, mut compared, mut shown) = (0.0_f64, 0, 0);
+        for frame in &frames {
+            let seen_ns = frame.stamp.host_ns.unwrap() - latency;
+            // The second station's record waits for the first one's.
+            let wire = |station: u8| timing.sampling_ns + i64::from(station) * timing.wire_ns;
+            let [probe, reference] =
+                [PROBE_STATION, REFERENCE_STATION].map(|station| between(&poses, station, seen_ns, wire(station)));
+            let (Some(probe), Some(reference)) = (probe, reference) else { continue };
+            let found = reference.inverse() * probe * probe_from_image;
+            let truth = bedside.world_from_image(seen_ns).affine();
+            for corner in [[0.0, 0.0], [95.0, 0.0], [0.0, 79.0], [95.0, 79.0]] {
+                let at = DVec3::new(corner[0], corner[1], 0.0);
+                worst = worst.max((found.transform_point3(at) - truth.transform_point3(at)).length());
+            }
+            let mut picture = vec![0; frame.pixels.len()];
+            paint(seen_ns, &mut picture);
+            assert!(*frame.pixels == picture, "the picture is that of {seen_ns}");
+            compared += 1;
+            shown += u32::from(picture.iter().any(|grey| *grey > 60));
+        }
+        assert!(compared > 70 && shown > 60, "{compared} {shown}");
+        // Interpolated over two frames of a hand that changes its speed at each.
+        assert!(worst < 0.05, "{worst} mm");
+    }
+}
