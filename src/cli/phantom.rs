@@ -341,7 +341,8 @@ impl Arguments {
             settings.gap_mm,
             self.image_size[0],
             self.image_size[1],
-            settings.pixel_mm[0],
+            // A scanner's default is a quotient: its last digits are rounding's.
+            (settings.pixel_mm[0] * 1e9).round() / 1e9,
             if self.fan { " in a fan" } else { "" },
             settings.noise_sd,
             self.seed,
