@@ -11,6 +11,7 @@
 //! a line, and no call of [`Connection::next`] takes longer than its deadline, however long the setting-up takes.
 
 use std::collections::VecDeque;
+use std::os::fd::BorrowedFd;
 use std::sync::Arc;
 
 use crate::clock::{Clock, MS};
@@ -199,6 +200,14 @@ impl<P: Protocol> Connection<P> {
     /// The same, to ask something of the device while it runs.
     pub fn protocol_mut(&mut self) -> &mut P {
         &mut self.protocol
+    }
+
+    /// What becomes readable when the device says something, so that several can be waited for at once; `None` while its line is not open, or is no file.
+    pub(crate) fn wakes_by(&self) -> Option<BorrowedFd<'_>> {
+        match &self.stage {
+            Stage::Climbing { line, .. } | Stage::Running { line, .. } => line.wakes_by(),
+            Stage::Stopped | Stage::Absent { .. } => None,
+        }
     }
 
     fn after(&mut self, after: After) {
@@ -423,15 +432,18 @@ impl<P: Protocol> Device for Connection<P> {
     }
 
     fn next(&mut self, deadline_ns: i64) -> Result<Next, Error> {
+        // What has come already is found after the deadline, too: one look is always taken.
+        let mut looked = false;
         loop {
             if let Some(reading) = self.found.pop_front() {
                 self.health.received.readings += u64::from(!matches!(reading, Reading::Raw(_)));
                 return Ok(Next::Reading(reading));
             }
             let now_ns = self.clock.now_ns();
-            if now_ns >= deadline_ns {
+            if looked && now_ns >= deadline_ns {
                 return Ok(Next::Pending);
             }
+            looked = true;
             let after = match &mut self.stage {
                 Stage::Stopped => {
                     return Err(Error::Misuse(format!("{}: is stopped; start it first", self.opener.name())));

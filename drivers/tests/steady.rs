@@ -9,16 +9,17 @@ use std::cell::Cell;
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::sync::{Arc, Mutex};
 
-use drivers::arm::{self, ea1};
+use drivers::arm::microscribe::{self, Family};
+use drivers::arm::{self, ea1, qsb};
 use drivers::clock::{Clock, MS, Manual, Monotonic, SECOND};
 use drivers::connection::{Connection, Protocol};
 use drivers::health::State;
 use drivers::polhemus::fastrak::Unit;
 use drivers::polhemus::{Settings, isotrak, liberty, viper};
-use drivers::reading::Reading;
+use drivers::reading::{Counts, Reading};
 use drivers::simulated::fastrak::Twin;
-use drivers::simulated::{self, Faults, Placed, Pty};
-use drivers::transport::{MemoryOpener, Peer, PortPath, SerialOpener};
+use drivers::simulated::{self, Faults, Joints, Placed, Pty};
+use drivers::transport::{MemoryOpener, Opener, Peer, PortPath, SerialOpener};
 use drivers::{Device, Next};
 
 /// Counts what this process holds, and what this thread asks for.
@@ -59,8 +60,7 @@ fn still() -> drivers::simulated::Motion {
 /// Lets a unit read its twin on a pseudo-terminal: readings that are as they should be allocate nothing once it runs.
 fn allocates_nothing(name: &str, twin: impl Peer + 'static, unit: impl Protocol) {
     let pty = Pty::run(Arc::new(Mutex::new(twin))).unwrap();
-    let opener = SerialOpener::new(PortPath { path: pty.path().into(), baud: 115_200 }, Arc::new(Monotonic));
-    let mut device = Connection::new(Box::new(opener), Arc::new(Monotonic), unit, false);
+    let mut device = Connection::new(opener(&pty), Arc::new(Monotonic), unit, false);
     device.start().unwrap();
     let end = Monotonic.now_ns() + 30 * SECOND;
     let mut next = || match device.next(end).unwrap() {
@@ -79,33 +79,62 @@ fn allocates_nothing(name: &str, twin: impl Peer + 'static, unit: impl Protocol)
     assert_eq!(ASKED.get() - before, 0, "{name}: allocations in 120 readings");
 }
 
+/// Reads an arm until it runs, and then on: no reading allocates, nor does a wait that ends without one.
+fn arm_allocates_nothing(name: &str, device: &mut dyn Device, is_true: impl Fn(&Counts) -> bool) {
+    device.start().unwrap();
+    let end = Monotonic.now_ns() + 30 * SECOND;
+    let mut asked = 0;
+    let [mut readings, mut empty] = [0; 2];
+    while readings < 290 {
+        // Shorter than the pause between two readings, so that some waits end empty.
+        let next = device.next(Monotonic.now_ns() + 3 * MS).unwrap();
+        assert!(Monotonic.now_ns() < end, "{name}: {readings} readings, {:?}", device.health());
+        match next {
+            Next::Reading(Reading::Counts(counts)) => {
+                assert!(is_true(&counts), "{name}: {counts:?}");
+                readings += 1;
+            }
+            Next::Pending => empty += u32::from(readings >= 50),
+            other => panic!("{name}: {other:?}"),
+        }
+        if readings < 50 {
+            asked = ASKED.get();
+        }
+    }
+    assert_eq!(ASKED.get() - asked, 0, "{name}: allocations in 240 readings and {empty} waits without one");
+    assert!(empty >= 20, "{name}: {empty} waits without a reading");
+}
+
+fn opener(pty: &Pty) -> Box<dyn Opener> {
+    Box::new(SerialOpener::new(PortPath { path: pty.path().into(), baud: 115_200 }, Arc::new(Monotonic)))
+}
+
 #[test]
 fn a_reading_of_an_arm_allocates_nothing() {
     let _alone = ALONE.lock().unwrap();
+    let joints: Joints = Arc::new(|_| [1, 2, 3, 0, 0, 0]);
     // Homed or not, in lines or in blocks; pings are sent meanwhile.
     for (homed, speech) in [(7, ea1::Speech::Lines), (5, ea1::Speech::Blocks)] {
-        let mut left = simulated::ea1::Twin::new(Arc::new(|_| [1, 2, 3, 0, 0, 0]), Faults::default());
+        let mut left = simulated::ea1::Twin::new(Arc::clone(&joints), Faults::default());
         (left.rate_hz, left.homed) = (100, homed);
         let pty = Pty::run(Arc::new(Mutex::new(left))).unwrap();
-        let opener = SerialOpener::new(PortPath { path: pty.path().into(), baud: 115_200 }, Arc::new(Monotonic));
         let unit = ea1::Unit::new("a terminal", arm::Settings::default(), speech).unwrap();
-        let mut device = Connection::new(Box::new(opener), Arc::new(Monotonic), unit, false);
-        device.start().unwrap();
-        let end = Monotonic.now_ns() + 30 * SECOND;
-        let mut next = || match device.next(end).unwrap() {
-            Next::Reading(Reading::Counts(counts)) => counts,
-            other => panic!("{other:?}"),
-        };
-        for _ in 0..50 {
-            next();
-        }
-        let before = ASKED.get();
-        for _ in 0..240 {
-            let counts = next();
-            assert_eq!((counts.as_slice(), counts.homed), (&[1, 2, 3][..], homed as u8));
-        }
-        assert_eq!(ASKED.get() - before, 0, "allocations in 240 readings");
+        let mut device = Connection::new(opener(&pty), Arc::new(Monotonic), unit, false);
+        arm_allocates_nothing("EA1", &mut device, |counts| {
+            counts.as_slice() == [1, 2, 3] && u16::from(counts.homed) == homed
+        });
     }
+    let twin = |axis| simulated::qsb::Twin::new(Arc::clone(&joints), axis, Faults::default());
+    let lines = [0, 1, 2].map(|axis| Pty::run(Arc::new(Mutex::new(twin(axis)))).unwrap());
+    let openers = lines.each_ref().map(opener);
+    let mut device = qsb::Arm::new(openers, Arc::new(Monotonic), &arm::Settings::default(), false).unwrap();
+    arm_allocates_nothing("QSB", &mut device, |counts| counts.axes == 1);
+    let twin = simulated::microscribe::Twin::new(joints, Faults::default());
+    let pty = Pty::run(Arc::new(Mutex::new(twin))).unwrap();
+    let unit = microscribe::Unit::new("a terminal", arm::Settings::default(), Family::MicroScribe, 6).unwrap();
+    let mut device = Connection::new(opener(&pty), Arc::new(Monotonic), unit, false);
+    // Counted from where its encoders are at home.
+    arm_allocates_nothing("MicroScribe", &mut device, |counts| counts.as_slice()[..3] == [8193, 12_002, 14_003]);
 }
 
 #[test]

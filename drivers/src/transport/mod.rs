@@ -10,7 +10,12 @@ pub use memory::{MemoryOpener, Peer};
 pub use serial::{PortPath, SerialOpener};
 pub use usb::{UsbId, UsbOpener};
 
+use std::os::fd::BorrowedFd;
+
+use rustix::event::{PollFd, PollFlags, Timespec};
 use rustix::fs::Access;
+
+use crate::clock::SECOND;
 
 /// What one read brought.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,6 +51,11 @@ pub trait Transport: Send {
     /// [`LineError::Gone`] when the other end is gone for good: open it anew. [`LineError::Failed`] otherwise; it may be read again.
     fn read(&mut self, into: &mut [u8], deadline_ns: i64) -> Result<Received, LineError>;
 
+    /// What becomes readable when bytes are there or the other end goes, so that several lines can be waited for at once; `None` for a line that is no file.
+    fn wakes_by(&self) -> Option<BorrowedFd<'_>> {
+        None
+    }
+
     /// Sends all of the bytes.
     ///
     /// # Errors
@@ -69,6 +79,20 @@ pub trait Opener: Send {
     /// # Errors
     /// [`LineError::Absent`] where there is none now, [`LineError::Refused`] where it is and cannot be opened, with what to do.
     fn open(&mut self) -> Result<Box<dyn Transport>, LineError>;
+}
+
+/// Waits for any of these lines, so many ns at most. Whether one is to be read: it has bytes or has ended, or there is none that can be waited for, or the system
+/// cannot say.
+pub(crate) fn wait<const LINES: usize>(lines: [Option<BorrowedFd<'_>>; LINES], at_most_ns: i64) -> bool {
+    let Some(any) = lines.iter().flatten().next().copied() else { return true };
+    // A line twice is waited for as well as once.
+    let mut files = lines.map(|line| PollFd::from_borrowed_fd(line.unwrap_or(any), PollFlags::IN));
+    let left = at_most_ns.max(0);
+    let left = Timespec { tv_sec: left / SECOND, tv_nsec: left % SECOND };
+    match rustix::event::poll(&mut files, Some(&left)) {
+        Ok(0) | Err(rustix::io::Errno::INTR) => false,
+        Ok(_) | Err(_) => true,
+    }
 }
 
 /// What to do where a device's file may not be opened.

@@ -1,6 +1,9 @@
 //! Serial lines, by the crate serialport.
 
+#![allow(unsafe_code, reason = "a line is waited for by its number, which serialport hands out without a lifetime")]
+
 use std::io::{ErrorKind, Read, Write};
+use std::os::fd::{AsRawFd, BorrowedFd};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -140,10 +143,11 @@ struct Serial {
 
 impl Transport for Serial {
     fn read(&mut self, into: &mut [u8], deadline_ns: i64) -> Result<Received, LineError> {
-        let left = (deadline_ns - self.clock.now_ns()).max(0);
-        self.port
-            .set_timeout(Duration::from_nanos(left.cast_unsigned()))
-            .map_err(|error| LineError::Failed(error.to_string()))?;
+        // The crate's own waiting ends in an error with a text of its own, which is an allocation for each time that nothing came.
+        if !super::wait([self.wakes_by()], deadline_ns - self.clock.now_ns()) {
+            return Ok(Received { bytes: 0, at_ns: self.clock.now_ns() });
+        }
+        self.port.set_timeout(Duration::ZERO).map_err(|error| LineError::Failed(error.to_string()))?;
         let read = self.port.read(into);
         let at_ns = self.clock.now_ns();
         match read {
@@ -162,6 +166,11 @@ impl Transport for Serial {
     fn write(&mut self, bytes: &[u8]) -> Result<(), LineError> {
         self.port.set_timeout(WRITE).map_err(|error| LineError::Failed(error.to_string()))?;
         self.port.write_all(bytes).map_err(|error| trouble(&error))
+    }
+
+    fn wakes_by(&self) -> Option<BorrowedFd<'_>> {
+        // SAFETY: the number is that of a file which the port keeps open until it is dropped, and the port is borrowed for as long as the result lives.
+        Some(unsafe { BorrowedFd::borrow_raw(self.port.as_raw_fd()) })
     }
 
     fn set_baud(&mut self, baud: u32) -> Result<(), LineError> {

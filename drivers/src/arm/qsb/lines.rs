@@ -4,7 +4,7 @@ use crate::clock::{Clock, MS};
 use crate::connection::{Connection, number};
 use crate::health::{Health, Received, State};
 use crate::reading::Reading;
-use crate::transport::Opener;
+use crate::transport::{self, Opener};
 use crate::{Description, Device, Error, Next};
 
 use super::Unit;
@@ -14,8 +14,10 @@ use std::sync::Arc;
 
 /// Axes of an arm.
 const AXES: usize = 3;
-/// So long is one line listened to before the next, ns: lines are read by one thread, and what comes on one while another is listened to is stamped late by up to two
-/// of these, a quarter of the unit's own tick. Nothing depends on it, as the ticks tell the time.
+/// So long are all lines waited for at once, ns, before those are looked after that say nothing: to be opened, or found silent.
+const TOGETHER: i64 = 5 * MS;
+/// So long is one line listened to before the next, ns, where they are no files that can be waited for together. What comes on one while another is listened to is
+/// stamped late by up to two of these, a quarter of the unit's own tick; nothing depends on it, as the ticks tell the time.
 const TURN: i64 = MS / 4;
 
 /// The device: readings of one axis each, with that unit's own ticks.
@@ -109,6 +111,23 @@ impl Arm {
             });
     }
 
+    /// The next reading of the line whose turn it is.
+    fn next_of_turn(&mut self, deadline_ns: i64) -> Result<Option<Reading>, Error> {
+        let set_up = self.health.received.set_up;
+        let next = self.lines[self.turn].next(deadline_ns)?;
+        self.tell(self.clock.now_ns());
+        if self.health.received.set_up != set_up {
+            self.describe_all();
+        }
+        let Next::Reading(mut reading) = next else { return Ok(None) };
+        let is_raw = matches!(reading, Reading::Raw(_));
+        if let Reading::Raw(raw) = &mut reading {
+            raw.line = self.turn as u8;
+        }
+        number(std::iter::once(&mut reading), &mut self.items[usize::from(is_raw)]);
+        Ok(Some(reading))
+    }
+
     /// What each unit says of itself, once all were set up.
     fn describe_all(&mut self) {
         let of = |(axis, line): (usize, &Connection<Unit>)| {
@@ -138,28 +157,27 @@ impl Device for Arm {
 
     fn next(&mut self, deadline_ns: i64) -> Result<Next, Error> {
         loop {
-            let now_ns = self.clock.now_ns();
-            let set_up = self.health.received.set_up;
-            let next = self.lines[self.turn].next(deadline_ns.min(now_ns + TURN))?;
-            self.tell(now_ns);
-            if self.health.received.set_up != set_up {
-                self.describe_all();
-            }
-            match next {
-                // Not the next line's turn yet: what came together is handed over together.
-                Next::Reading(mut reading) => {
-                    let is_raw = matches!(reading, Reading::Raw(_));
-                    if let Reading::Raw(raw) = &mut reading {
-                        raw.line = self.turn as u8;
-                    }
-                    number(std::iter::once(&mut reading), &mut self.items[usize::from(is_raw)]);
+            // Each line once, without waiting, from the one whose readings came last: what came together is handed over together.
+            for _ in 0..AXES {
+                let now_ns = self.clock.now_ns();
+                if let Some(reading) = self.next_of_turn(now_ns)? {
                     return Ok(Next::Reading(reading));
                 }
-                Next::Pending | Next::End => self.turn = (self.turn + 1) % AXES,
+                self.turn = (self.turn + 1) % AXES;
             }
-            if self.clock.now_ns() >= deadline_ns {
+            let now_ns = self.clock.now_ns();
+            if now_ns >= deadline_ns {
                 return Ok(Next::Pending);
             }
+            let lines = self.lines.each_ref().map(Connection::wakes_by);
+            if lines.iter().any(Option::is_some) {
+                transport::wait(lines, (deadline_ns - now_ns).min(TOGETHER));
+                continue;
+            }
+            if let Some(reading) = self.next_of_turn(deadline_ns.min(now_ns + TURN))? {
+                return Ok(Next::Reading(reading));
+            }
+            self.turn = (self.turn + 1) % AXES;
         }
     }
 
