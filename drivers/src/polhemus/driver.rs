@@ -209,6 +209,11 @@ mod tests {
         let wrong = Settings { stations: vec![7], ..Settings::default() };
         let wrong = OpenSettings::Tracker(TrackerSettings { settings: wrong, ..settings.clone() });
         assert!(TrackerDriver.open(&wrong).err().unwrap().to_string().contains("tracker.stations"));
+        for rate_hz in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let wrong = Settings { rate_hz, ..Settings::default() };
+            let wrong = OpenSettings::Tracker(TrackerSettings { settings: wrong, ..settings.clone() });
+            assert!(TrackerDriver.open(&wrong).err().unwrap().to_string().contains("tracker.rate_hz"));
+        }
         // What is not there is no error: it may come.
         let mut device = TrackerDriver.open(&OpenSettings::Tracker(settings)).unwrap();
         device.start().unwrap();

@@ -48,10 +48,16 @@ pub(super) fn wire_ns(bytes: usize, baud: Option<u32>) -> i64 {
     baud.map_or(0, |baud| bytes as i64 * BITS * SECOND / i64::from(baud))
 }
 
-/// The highest of these record rates (descending, records a second) at which so many bytes a time pass a line with 5 in 100 to spare; the lowest where none does.
-pub(super) fn fastest<R: Copy>(rates: &[(R, f64)], bytes: usize, baud: Option<u32>) -> Option<(R, f64)> {
+/// The highest of these record rates (descending, records a second) that is no higher than wanted and at which so many bytes a time pass a line with 5 in 100 to
+/// spare; the lowest where none is.
+pub(super) fn fastest<R: Copy>(
+    rates: &[(R, f64)],
+    at_most_hz: f64,
+    bytes: usize,
+    baud: Option<u32>,
+) -> Option<(R, f64)> {
     let fits = |hz: f64| baud.is_none_or(|baud| hz * (bytes as i64 * BITS) as f64 <= 0.95 * f64::from(baud));
-    rates.iter().find(|(_, hz)| fits(*hz)).or(rates.last()).copied()
+    rates.iter().find(|(_, hz)| *hz <= at_most_hz && fits(*hz)).or(rates.last()).copied()
 }
 
 /// One step of the setting-up.

@@ -14,13 +14,23 @@ pub struct Settings {
     pub binary: bool,
     /// Station whose stylus has a button.
     pub stylus: Option<u8>,
+    /// Readings a second of each station, at most: the unit is told the highest of its rates that is no higher and that its line carries, or else its lowest. Units
+    /// with one rate (ISOTRAK, FASTRAK, PATRIOT) keep that.
+    pub rate_hz: f64,
     /// Whether a unit that does not answer may be started anew, which takes 10 to 20 s and forgets what was set by hand.
     pub may_reset: bool,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { stations: vec![1], hemisphere: [1.0, 0.0, 0.0], binary: true, stylus: None, may_reset: true }
+        Self {
+            stations: vec![1],
+            hemisphere: [1.0, 0.0, 0.0],
+            binary: true,
+            stylus: None,
+            rate_hz: 240.0,
+            may_reset: true,
+        }
     }
 }
 
@@ -41,6 +51,12 @@ impl Settings {
             return Err(Error::Misuse(format!(
                 "tracker.hemisphere: {:?} is no direction; give three numbers, such as 1, 0, 0 for all in front of the transmitter",
                 self.hemisphere
+            )));
+        }
+        if !(1.0..=10_000.0).contains(&self.rate_hz) {
+            return Err(Error::Misuse(format!(
+                "tracker.rate_hz: {} readings a second are no rate of a tracker; give the most that you want, such as 240",
+                self.rate_hz
             )));
         }
         match self.stylus {

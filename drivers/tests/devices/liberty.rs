@@ -44,11 +44,13 @@ fn assert_right(poses: &[Pose], what: &str) {
 
 #[test]
 fn poses_are_those_of_the_sensor_at_the_times_that_stamps_and_ticks_lead_to() {
-    for (on_usb, active, hz) in [(false, 1, 240.0), (false, 3, 120.0), (true, 3, 240.0)] {
+    for (on_usb, active, rate_hz, hz) in
+        [(false, 1, 240.0, 240.0), (false, 3, 240.0, 120.0), (true, 3, 1000.0, 240.0), (true, 1, 100.0, 60.0)]
+    {
         let mut left = twin();
         (left.active, left.usb, left.distortion) = (active, on_usb, 1);
         let stations: Vec<u8> = (1..=active.count_ones() as u8).collect();
-        let mut rig = rig(left, Settings { stations: stations.clone(), ..Settings::default() });
+        let mut rig = rig(left, Settings { stations: stations.clone(), rate_hz, ..Settings::default() });
         rig.until(State::Running, 2 * SECOND);
         let mut poses = rig.poses(2 * SECOND);
         // The running was told with a pose of some station.

@@ -47,13 +47,20 @@ fn assert_right(poses: &[Pose], what: &str) {
 
 #[test]
 fn poses_are_those_of_the_sensors_at_the_times_that_stamps_and_ticks_lead_to() {
-    for (baud, sensors, hz) in
-        [(Some(115_200), 0b1, 120.0), (Some(115_200), 0b111, 60.0), (Some(921_600), 0b101, 240.0), (None, 0b111, 240.0)]
-    {
+    for (baud, sensors, rate_hz, hz) in [
+        (Some(115_200), 0b1, 240.0, 120.0),
+        (Some(115_200), 0b111, 960.0, 60.0),
+        (Some(921_600), 0b101, 240.0, 240.0),
+        (None, 0b111, 240.0, 240.0),
+        (None, 0b101, 960.0, 960.0),
+        (None, 0b1, 959.0, 480.0),
+        (None, 0b1, 10.0, 30.0),
+    ] {
         let mut left = twin();
         (left.sensors, left.usb, left.distortion, left.buttons) = (sensors, baud.is_none(), 9, 2);
         left.baud = baud.unwrap_or(115_200);
         let wanted = if sensors == 1 { Settings::default() } else { two() };
+        let wanted = Settings { rate_hz, ..wanted };
         let stations = wanted.stations.clone();
         let mut rig = rig(left, wanted);
         rig.until(State::Running, 2 * SECOND);

@@ -1,7 +1,7 @@
 //! What a LIBERTY, PATRIOT or Latus is told to be set up, and its frames as readings.
 //!
-//! The unit is told to send binary before the first question, as only then its answers tell which model it is. Its number of frames a second is the highest that the
-//! line carries. The first frames after the start are dropped: other programs found them wrong.
+//! The unit is told to send binary before the first question, as only then its answers tell which model it is. Its number of frames a second is the highest that is
+//! wanted and that the line carries. The first frames after the start are dropped: other programs found them wrong.
 
 use std::borrow::Cow;
 use std::collections::VecDeque;
@@ -184,7 +184,7 @@ impl Dialect for Speech {
         let bytes = self.layout.length() * self.active.count_ones().max(1) as usize;
         let rate = match self.tag {
             Tag::Patriot => None,
-            Tag::Liberty | Tag::Latus => fastest(&RATES, bytes, baud),
+            Tag::Liberty | Tag::Latus => fastest(&RATES, self.settings.rate_hz, bytes, baud),
         };
         self.set_rate(rate.map_or(PATRIOT_HZ, |(_, hz)| hz));
         let all = Stations::All;

@@ -15,8 +15,17 @@ use crate::polhemus::ladder::{Dialect, Heard, Line, Say, Tracker, fastest, wire_
 use crate::reading::{Pose, Reading, Stamp, Status};
 use crate::{Description, Error, Ticks, Timing};
 
-/// Frames a second that it is told to send: its default, and less where the line does not carry that.
-const RATES: [(Rate, f64); 4] = [(Rate::Hz240, 240.0), (Rate::Hz120, 120.0), (Rate::Hz60, 60.0), (Rate::Hz30, 30.0)];
+/// Frames a second that it can be told to send; those above 240 are options of some units, which others refuse.
+const RATES: [(Rate, f64); 6] = [
+    (Rate::Hz960, 960.0),
+    (Rate::Hz480, 480.0),
+    (Rate::Hz240, 240.0),
+    (Rate::Hz120, 120.0),
+    (Rate::Hz60, 60.0),
+    (Rate::Hz30, 30.0),
+];
+/// Its default.
+const USUAL: (Rate, f64) = (Rate::Hz240, 240.0);
 
 /// A VIPER on a line.
 pub type Unit = Tracker<Speech>;
@@ -87,14 +96,14 @@ impl Unit {
             decoder: Decoder::new(Viper::new(MOST_SENSORS)),
             unit: 0,
             sensors: 1,
-            rate: RATES[0],
+            rate: USUAL,
             counter: Counter::default(),
             farewell: Command::StopStream.bytes(),
             lost: 0,
             doubtful: 0,
             description,
         };
-        speech.set_rate(RATES[0]);
+        speech.set_rate(USUAL);
         Ok(Self::of(speech, line.into(), may_reset))
     }
 }
@@ -188,7 +197,7 @@ impl Dialect for Speech {
     }
 
     fn script(&mut self, baud: Option<u32>) -> Vec<Say<Question>> {
-        self.set_rate(fastest(&RATES, self.frame_bytes(), baud).unwrap_or(RATES[0]));
+        self.set_rate(fastest(&RATES, self.settings.rate_hz, self.frame_bytes(), baud).unwrap_or(USUAL));
         let zenith = self.settings.hemisphere;
         let hemisphere = Command::Hemisphere { sensor: ALL, track: zenith == [0.0; 3], zenith };
         let filter = Command::Filter { sensor: ALL, level: FilterLevel::None };
