@@ -1,0 +1,259 @@
+//! The loom: slices wait until what of their pictures is data is known, and then go into the volume, each by the way that poses and mask allow.
+
+use std::time::Instant;
+
+use glam::DVec3;
+
+use super::onlooker::Woven;
+use super::{PipelineError, PixelKind};
+use crate::mask::{AutoMask, Found, Mask, MaskPlan};
+use crate::path::{Chosen, PathChoice};
+use crate::reconstruct::planar::PlanarSettings;
+use crate::reconstruct::settings::IN_PLANE_SIGMA;
+use crate::reconstruct::{Path, Refused, Settings, SettingsError, Weaver};
+use crate::refusal::{Reason, Refusal};
+use crate::slice::{Pixels, Slice};
+use crate::sync::FramePose;
+use crate::sync::extent::{mean_axes, reached};
+
+/// Pictures that wait for the mask may hold this much; of larger ones, fewer are looked at.
+const MOST_WAITING_BYTES: usize = 64 << 20;
+
+/// Off-plane σ.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum OffPlane {
+    /// As the settings have it.
+    Settings,
+    /// Half the 90th-percentile gap between neighbouring slices, from all poses of the recording.
+    Auto,
+}
+
+/// Who is told what became of each slice, in the order in which they are decided upon.
+pub(super) trait Fates {
+    /// It is in the volume.
+    ///
+    /// # Errors
+    /// Any; the run ends with it.
+    fn woven(&mut self, woven: &Woven<'_>) -> Result<(), PipelineError>;
+
+    /// It is not, and nothing has changed.
+    fn refused(&mut self, refusal: &Refusal);
+}
+
+/// The mask stage: slices wait until the picture's border is known.
+enum Masking {
+    Searching { search: AutoMask, waiting: Vec<(u64, Slice)>, bytes: usize },
+    Known(Box<Weaver>),
+}
+
+/// What it takes to weave, but for the mask.
+pub(super) struct Plan {
+    pub(super) choice: PathChoice,
+    pub(super) settings: Settings,
+    pub(super) planar: PlanarSettings,
+    pub(super) chosen: Chosen,
+    pub(super) off_plane: OffPlane,
+    /// All poses that will come, where they are known beforehand.
+    pub(super) poses: Vec<FramePose>,
+}
+
+impl Plan {
+    /// The mask is known, and with it the path.
+    fn begin(&mut self, mask: &Mask, notes: &mut Vec<String>) -> Result<Masking, SettingsError> {
+        let weaver = self.chosen.weaver(self.choice, &self.settings, &self.planar, mask)?;
+        tracing::info!(path = weaver.path().name(), why = self.chosen.why, "slices go this path");
+        if self.choice == PathChoice::Auto && weaver.path() == Path::Planar {
+            notes.push(format!(
+                "woven by the planar path, for {}: the volume's axes are the scan's, as its header says; --path general keeps to the world's",
+                self.chosen.why
+            ));
+        }
+        if let Some(departure) = weaver.upgraded() {
+            notes.push(format!("{departure}; the general path weaves all frames"));
+        }
+        Ok(Masking::Known(Box::new(weaver)))
+    }
+}
+
+/// Slices into the volume.
+pub(super) struct Loom {
+    plan: Plan,
+    stage: Masking,
+    mask: Option<Mask>,
+    used: u64,
+    reached: Option<[[i64; 3]; 2]>,
+    slice_axes: Option<[DVec3; 2]>,
+    pixels: PixelKind,
+    notes: Vec<String>,
+}
+
+/// What a loom leaves.
+pub(super) struct Cloth {
+    pub(super) weaver: Weaver,
+    pub(super) mask: Mask,
+    pub(super) chosen: Chosen,
+    pub(super) reached: Option<[[i64; 3]; 2]>,
+    pub(super) slice_axes: Option<[DVec3; 2]>,
+    pub(super) pixels: PixelKind,
+    pub(super) notes: Vec<String>,
+}
+
+impl Loom {
+    /// An empty one.
+    ///
+    /// # Errors
+    /// [`SettingsError`] when the settings cannot work for any slice.
+    pub(super) fn new(mut plan: Plan, mask: MaskPlan) -> Result<Self, SettingsError> {
+        let mut notes = Vec::new();
+        let (stage, mask) = match mask {
+            MaskPlan::Auto(search) => (Masking::Searching { search, waiting: Vec::new(), bytes: 0 }, None),
+            MaskPlan::Fixed(mask) => (plan.begin(&mask, &mut notes)?, Some(mask)),
+        };
+        Ok(Self { plan, stage, mask, used: 0, reached: None, slice_axes: None, pixels: PixelKind::U8, notes })
+    }
+
+    /// Takes the next slice; `item` is its frame's number. It may wait for the mask, so that fates are told of it later.
+    ///
+    /// # Errors
+    /// [`PipelineError`] where no further slice could be woven either, or who is told cannot go on.
+    pub(super) fn take(&mut self, item: u64, slice: Slice, fates: &mut impl Fates) -> Result<(), PipelineError> {
+        let found = match &mut self.stage {
+            Masking::Known(_) => return self.insert(item, &slice, fates),
+            Masking::Searching { search, waiting, bytes } => {
+                let found = search.push(&slice.image);
+                *bytes += slice.image.pixels().bytes();
+                waiting.push((item, slice));
+                found.or_else(|| (*bytes > MOST_WAITING_BYTES).then(|| search.finish()))
+            }
+        };
+        found.map_or(Ok(()), |found| self.found(found, fates))
+    }
+
+    /// The border was found: what has waited for it goes on.
+    fn found(&mut self, found: Found, fates: &mut impl Fates) -> Result<(), PipelineError> {
+        self.notes.extend(found.notes);
+        let known = self.plan.begin(&found.mask, &mut self.notes)?;
+        self.mask = Some(found.mask);
+        if let Masking::Searching { waiting, .. } = std::mem::replace(&mut self.stage, known) {
+            for (item, slice) in waiting {
+                self.insert(item, &slice, fates)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn insert(&mut self, item: u64, slice: &Slice, fates: &mut impl Fates) -> Result<(), PipelineError> {
+        let Masking::Known(weaver) = &mut self.stage else { return Ok(()) };
+        let (began, before) = (Instant::now(), weaver.path());
+        let result = weaver.insert(slice);
+        let took = began.elapsed();
+        if weaver.path() != before
+            && let Some(departure) = weaver.upgraded()
+        {
+            tracing::warn!(item, %departure, "the general path takes over");
+            self.notes.push(format!(
+                "frame {item}: {departure}; the general path has taken over from there, on the same lattice"
+            ));
+        }
+        let reason = match result {
+            Ok(touched) => {
+                // The lattice and the kernels are known from the first slice on.
+                if let (None, Some(kernels), Some(data)) =
+                    (self.reached, weaver.kernels(), self.mask.as_ref().and_then(Mask::bounds))
+                {
+                    let supports_mm = kernels.each_ref().map(|k| k.support_mm);
+                    self.reached = reached(&self.plan.poses, data, supports_mm, weaver.world_from_lattice());
+                    self.slice_axes = mean_axes(&self.plan.poses);
+                }
+                self.used += 1;
+                self.pixels = match slice.image.pixels() {
+                    Pixels::U8(_) => PixelKind::U8,
+                    Pixels::U16(_) => PixelKind::U16,
+                    Pixels::F32(_) => PixelKind::F32,
+                };
+                let Some(mask) = &self.mask else { return Ok(()) };
+                return fates.woven(&Woven {
+                    item,
+                    slice,
+                    mask,
+                    weaver,
+                    touched: &touched.bricks,
+                    slab: touched.slab,
+                    upgraded: weaver.path() != before,
+                    insert: took,
+                    reached: self.reached,
+                    slice_axes: self.slice_axes,
+                    pixels: self.pixels,
+                });
+            }
+            Err(source @ Refused::Memory { .. }) => return Err(PipelineError::Memory { item, source }),
+            // Before the first slice the settings are at fault, later the pose.
+            Err(Refused::Settings(error)) if self.used == 0 => return Err(error.into()),
+            Err(Refused::Settings(error)) => (Reason::PixelSize, error.to_string()),
+            Err(e @ Refused::Repeated) => (Reason::Repeated, e.to_string()),
+            Err(e @ Refused::Size { .. }) => (Reason::SizeChanged, e.to_string()),
+            Err(e @ Refused::Degenerate) => (Reason::PoseSingular, e.to_string()),
+            Err(e @ Refused::OutOfTime) => (Reason::OutOfTime, e.to_string()),
+            Err(e @ Refused::OutOfRange) => (Reason::OutOfRange, e.to_string()),
+            Err(e @ Refused::Departure(_)) => (Reason::OutOfPlane, e.to_string()),
+        };
+        fates.refused(&Refusal::new(item, reason.0, reason.1));
+        Ok(())
+    }
+
+    /// No slice follows: those that wait for the mask go on.
+    ///
+    /// # Errors
+    /// As [`Self::take`].
+    pub(super) fn end(&mut self, fates: &mut impl Fates) -> Result<(), PipelineError> {
+        let found = match &mut self.stage {
+            Masking::Searching { search, .. } => Some(search.finish()),
+            Masking::Known(_) => None,
+        };
+        found.map_or(Ok(()), |found| self.found(found, fates))
+    }
+
+    /// What it has made, after its [end](Self::end). `None` where no slice was ever woven.
+    pub(super) fn finish(mut self) -> Option<Cloth> {
+        let (Masking::Known(weaver), Some(mask)) = (self.stage, self.mask) else { return None };
+        if self.used == 0 {
+            return None;
+        }
+        self.notes.extend(narrow(&weaver, self.plan.off_plane));
+        Some(Cloth {
+            weaver: *weaver,
+            mask,
+            chosen: self.plan.chosen,
+            reached: self.reached,
+            slice_axes: self.slice_axes,
+            pixels: self.pixels,
+            notes: self.notes,
+        })
+    }
+}
+
+/// What to say of kernels that are narrower than the lattice can hold: along which axes, and what to do. A σ across the plane that was taken from
+/// the slices' own gaps is as wide as it need be, as is one that reaches half a voxel whatever its σ; and methods that go from pixel to pixel have
+/// no other width in the plane.
+fn narrow(weaver: &Weaver, off_plane: OffPlane) -> Option<String> {
+    let settings = weaver.settings();
+    let spacing = settings.spacing_mm.max_element();
+    // The default in the plane is this very σ; rounding must not make it narrow.
+    let least = IN_PLANE_SIGMA * spacing * (1.0 - 1e-9);
+    let in_plane = !settings.method.interpolates();
+    let across = off_plane == OffPlane::Settings && !settings.compounding.selects();
+    let axes = [("u", in_plane), ("v", in_plane), ("the normal", across)];
+    let narrow: Vec<String> = axes
+        .iter()
+        .zip(weaver.kernels()?)
+        .filter(|((_, counts), kernel)| *counts && kernel.sigma_mm < least)
+        .map(|((axis, _), kernel)| format!("{:.3} mm along {axis}", kernel.sigma_mm))
+        .collect();
+    (!narrow.is_empty()).then(|| {
+        format!(
+            "the kernel's σ is below {IN_PLANE_SIGMA} voxel ({}, voxels of {spacing} mm): what lies between voxels is lost, and slices \
+             far apart leave holes; choose a finer --spacing or a larger --sigma",
+            narrow.join(", ")
+        )
+    })
+}
