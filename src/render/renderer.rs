@@ -70,6 +70,7 @@ pub struct Renderer {
     image: Image,
     keeping: Keeping,
     work: RenderWork,
+    /// What was read and is not drawn yet.
     changed: Vec<Changed>,
     dirty: Vec<Dirty>,
     marks: Marks,
@@ -160,22 +161,45 @@ impl Renderer {
     }
 
     fn take(&mut self, volume: &(impl Values + ?Sized), bricks: &[BrickIndex], slab: Option<&Prism>) -> Updated {
+        let read = self.read(volume, bricks);
+        let mut updated = self.draw_within(slab);
+        updated.shade += read.shade;
+        updated.work.bricks_read = read.work.bricks_read;
+        updated
+    }
+
+    /// Takes over what a volume holds in some bricks, as the first half of [`Self::update`]: the volume is not needed for the second, [`Self::draw`], so that it can be
+    /// woven on meanwhile. The picture stays as it is until then. May be called several times before.
+    pub fn read(&mut self, volume: &(impl Values + ?Sized), bricks: &[BrickIndex]) -> Updated {
         if let Some(missed) = &mut self.missed {
             missed.extend(bricks);
             return Updated::default();
         }
         let began = Instant::now();
-        let mut work = RenderWork { bricks_read: bricks.len() as u64, ..RenderWork::default() };
+        let work = RenderWork { bricks_read: bricks.len() as u64, ..RenderWork::default() };
+        let pool = self.pool.clone();
+        Sharing::within(pool.as_deref(), |sharing| {
+            self.shown.take(volume, bricks, self.settings.simd, sharing, &mut self.changed);
+        });
+        self.work += work;
+        Updated { shade: began.elapsed(), work, ..Updated::default() }
+    }
+
+    /// Brings the picture up to date with what was [read](Self::read).
+    pub fn draw(&mut self) -> Updated {
+        self.draw_within(None)
+    }
+
+    fn draw_within(&mut self, slab: Option<&Prism>) -> Updated {
+        let began = Instant::now();
+        let mut work = RenderWork { bricks_changed: self.changed.len() as u64, ..RenderWork::default() };
+        if self.changed.is_empty() {
+            return Updated::default();
+        }
         let pool = self.pool.clone();
         let (shade, rays) = Sharing::within(pool.as_deref(), |sharing| {
-            self.changed.clear();
             self.dirty.clear();
             let simd = self.settings.simd;
-            self.shown.take(volume, bricks, simd, sharing, &mut self.changed);
-            work.bricks_changed = self.changed.len() as u64;
-            if self.changed.is_empty() {
-                return (began.elapsed(), Duration::ZERO);
-            }
             let voxels = self.shown.dilated(&self.changed);
             let (shown, shader, dirty) = (&self.shown, &self.shader, &mut self.dirty);
             work.voxels_shaded += layers!(&mut self.image, layers => {
@@ -190,6 +214,7 @@ impl Renderer {
             work += layers!(&mut self.image, layers => layers.follow(&self.dirty, scene, cache));
             (shade, began.elapsed() - shade)
         });
+        self.changed.clear();
         self.work += work;
         Updated { shade, rays, work }
     }
@@ -205,6 +230,7 @@ impl Renderer {
             return Ok(Updated::default());
         }
         let camera = Camera::new(&view, self.settings.size, self.settings.step, &self.stage)?;
+        self.draw();
         self.settings.view = view;
         self.camera = camera;
         self.marks = Marks::new(&self.camera, self.mode.reach());
@@ -228,6 +254,7 @@ impl Renderer {
     /// caller that has a slice or another view waiting comes to it soon. Does nothing while [nobody looks](Self::look_away).
     pub fn refine(&mut self, time: Duration) -> Progress {
         let began = Instant::now();
+        self.draw();
         let mut work = RenderWork::default();
         let pool = self.pool.clone();
         let spacing = Sharing::within(pool.as_deref(), |sharing| {
@@ -251,6 +278,7 @@ impl Renderer {
 
     /// Nobody looks from now on: nothing is shaded or cast until [somebody does](Self::look_back).
     pub fn look_away(&mut self) {
+        self.draw();
         self.missed.get_or_insert_default();
     }
 

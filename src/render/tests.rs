@@ -217,6 +217,37 @@ fn following_a_volume_slice_by_slice_ends_in_the_bits_of_the_whole() {
 }
 
 #[test]
+fn reading_and_drawing_apart_give_the_picture_of_both_at_once() {
+    let (scan, weave, stage) = sweep(24, Motion::Freehand, DMat3::IDENTITY);
+    let settings = RenderSettings { cache: Cache::TwoLevel, ..RenderSettings::new([64, 48], tissue()) };
+    let mut weaver = Weaver::general(weave, scan.mask().clone()).unwrap();
+    let [mut together, mut apart] = [0, 1].map(|_| Renderer::new(&settings, stage).unwrap());
+    let mut before = apart.picture();
+    for frame in 0..scan.frames() {
+        let touched = weaver.insert(&scan.slice(frame)).unwrap();
+        together.update(weaver.volume(), &touched.bricks);
+        let read = apart.read(weaver.volume(), &touched.bricks);
+        assert_eq!(read.work.bricks_read, touched.bricks.len() as u64);
+        assert_eq!(apart.picture(), before, "frame {frame}: reading draws nothing");
+        // Up to five slices are drawn at once, and by a new view, too.
+        match frame % 12 {
+            4 | 7 => drop(apart.draw()),
+            11 => {
+                let view = View { azimuth: f64::from(frame), ..View::default() };
+                for renderer in [&mut together, &mut apart] {
+                    renderer.look(view).unwrap();
+                    while !renderer.refine(std::time::Duration::from_millis(50)).finished {}
+                }
+            }
+            _ => continue,
+        }
+        before = apart.picture();
+        assert_eq!(before, together.picture(), "frame {frame}");
+        assert_eq!(apart.draw().work, RenderWork::default(), "nothing is left to be drawn");
+    }
+}
+
+#[test]
 fn the_live_picture_is_the_reference_within_a_grey_level() {
     for settings in looks() {
         let (scan, weave, stage) = sweep(24, Motion::Freehand, DMat3::IDENTITY);
