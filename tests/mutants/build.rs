@@ -1,6 +1,6 @@
 //! A copy of the tree with all mutants in it, built; and its tests, run with one of them on.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -8,8 +8,12 @@ use std::time::{Duration, Instant};
 use crate::list::{Mutant, SWITCH, switched};
 
 /// What the project is built of.
-const TREE: [&str; 9] =
-    ["Cargo.toml", "Cargo.lock", "clippy.toml", "src", "tests", "benches", "drivers", "calibration", "figures"];
+const TREE: [&str; 10] =
+    ["Cargo.toml", "Cargo.lock", "clippy.toml", "src", "tests", "benches", "drivers", "calibration", "figures", "docs"];
+/// The crates' roots, which hold the switch.
+const LIBRARIES: [&str; 3] = ["src/lib.rs", "drivers/src/lib.rs", "calibration/src/lib.rs"];
+/// The crates beside the daemon's, as suites name them, and by their packages.
+const CRATES: [(&str, &str); 2] = [("drivers", "sonoweave-drivers"), ("calibration", "sonoweave-calibration")];
 /// A mutant that runs longer than this does not end.
 const PATIENCE: Duration = Duration::from_secs(120);
 
@@ -39,7 +43,7 @@ impl Build {
             copy(&from.join(name), &tree.join(name), &|path, source| {
                 let file = path.strip_prefix(from).unwrap_or(path).to_string_lossy().into_owned();
                 let mut source = switched(&file, source, mutants)?;
-                if file == "src/lib.rs" {
+                if LIBRARIES.contains(&file.as_str()) {
                     source += SWITCH;
                 }
                 Ok(source)
@@ -51,9 +55,7 @@ impl Build {
                 mutant.name, mutant.file
             ));
         }
-        let mut suites: Vec<&str> = mutants.iter().map(|m| m.suite.as_str()).collect();
-        suites.sort_unstable();
-        suites.dedup();
+        let suites: BTreeSet<(&str, &str)> = mutants.iter().map(|m| split(&m.suite)).collect();
         let mut cargo = Command::new(env!("CARGO"));
         cargo.current_dir(&tree).args([
             "test",
@@ -63,8 +65,11 @@ impl Build {
             "--no-run",
             "--message-format=json",
         ]);
-        for suite in suites {
-            match suite {
+        let used = |name: &str| suites.iter().any(|(of, _)| *of == name);
+        cargo.args(CRATES.iter().filter(|(name, _)| used(name)).flat_map(|(_, package)| ["--package", package]));
+        // A target's name is looked for in all packages.
+        for target in suites.iter().map(|(_, target)| *target).collect::<BTreeSet<_>>() {
+            match target {
                 "lib" => cargo.arg("--lib"),
                 name => cargo.args(["--test", name]),
             };
@@ -95,8 +100,13 @@ impl Build {
             .iter()
             .filter(|m| m["reason"] == "compiler-artifact" && m["profile"]["test"] == true)
             .filter_map(|m| {
-                let suite = if m["target"]["kind"][0] == "lib" { "lib" } else { m["target"]["name"].as_str()? };
-                Some((suite.to_owned(), PathBuf::from(m["executable"].as_str()?)))
+                let target = if m["target"]["kind"][0] == "lib" { "lib" } else { m["target"]["name"].as_str()? };
+                let manifest = Path::new(m["manifest_path"].as_str()?).strip_prefix(&tree).ok()?;
+                let suite = match manifest.parent()?.to_str()? {
+                    "" => target.to_owned(),
+                    of => format!("{of}/{target}"),
+                };
+                Some((suite, PathBuf::from(m["executable"].as_str()?)))
             })
             .collect();
         Ok(Self { tree, programs })
@@ -113,7 +123,7 @@ impl Build {
         };
         let log = self.tree.join(
             format!("run-{}", mutant.map_or(format!("none-{suite}-{filter}"), |n| n.to_string()))
-                .replace([':', ' '], "-"),
+                .replace([':', ' ', '/'], "-"),
         );
         let file = std::fs::File::create(&log).unwrap();
         let child = command.stdin(Stdio::null()).stdout(file.try_clone().unwrap()).stderr(file).spawn().unwrap();
@@ -126,6 +136,11 @@ impl Build {
             Outcome::Failed(output)
         }
     }
+}
+
+/// A suite's crate, empty for the daemon's, and its target.
+fn split(suite: &str) -> (&str, &str) {
+    suite.split_once('/').unwrap_or(("", suite))
 }
 
 /// Whether a program ends in time and without an error; it is ended if not.

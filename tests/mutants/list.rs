@@ -19,7 +19,7 @@ pub(crate) struct Mutant {
     /// A text that holds the original and occurs once, where the original alone does not.
     #[serde(default)]
     within: Option<String>,
-    /// `lib` (the tests in the source) or the name of a target in `tests/`.
+    /// `lib` (the tests in the source) or the name of a target in `tests/`; of another crate with its folder before it, `drivers/lib`.
     pub(crate) suite: String,
     /// Which of its tests: part of their names.
     pub(crate) test: String,

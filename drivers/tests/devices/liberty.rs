@@ -268,6 +268,12 @@ fn lost_bytes_cost_their_records_and_the_count_tells_how_many() {
         assert!(harmed > 1000, "{harmed}");
         assert_eq!(received.lost, harmed, "of {}", twin.measured - measured);
         assert!(received.refused > 300 && received.set_up == 1, "{received:?}");
+        drop(twin);
+        // Set up anew, it counts from the start, and what was lost stays lost.
+        rig.assert_survives_hanging();
+        let again = rig.device.health().received;
+        assert_eq!((again.lost, again.set_up), (received.lost, 2));
+        assert!(again.refused >= received.refused && again.skipped >= received.skipped, "{again:?}");
     }
 }
 
