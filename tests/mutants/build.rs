@@ -168,6 +168,16 @@ fn copy(from: &Path, to: &Path, change: &dyn Fn(&Path, &str) -> Result<String, S
             let name = entry.map_err(wrong)?.file_name();
             copy(&from.join(&name), &to.join(&name), change)?;
         }
+        // What is gone here, or was copied earlier, is not to be built there.
+        for entry in std::fs::read_dir(to).map_err(wrong)? {
+            let path = entry.map_err(wrong)?.path();
+            let gone = path.file_name().is_some_and(|name| !from.join(name).exists());
+            match gone {
+                true if path.is_dir() => std::fs::remove_dir_all(&path).map_err(wrong)?,
+                true => std::fs::remove_file(&path).map_err(wrong)?,
+                false => {}
+            }
+        }
         return Ok(());
     }
     let mut content = std::fs::read(from).map_err(wrong)?;
