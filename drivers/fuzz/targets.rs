@@ -15,12 +15,14 @@ use drivers::grabber::pixels::{
     Colour, Converter, Field, Layout, Matrix, PixelFormat, Range as Levels, Rows, Scan, Take,
 };
 use drivers::polhemus::{fastrak, isotrak, liberty, viper};
+use drivers::recording::Limits;
+use drivers::recording::session::{Event, Maker, SessionReader};
 
 /// Tries one kind of input.
 pub(crate) type Target = fn(&[u8]);
 
 /// All of them by name.
-pub(crate) const ALL: [(&str, Target); 10] = [
+pub(crate) const ALL: [(&str, Target); 11] = [
     ("fastrak", fastrak),
     ("isotrak", isotrak),
     ("liberty", liberty),
@@ -31,6 +33,7 @@ pub(crate) const ALL: [(&str, Target); 10] = [
     ("commands", commands),
     ("pixels", pixels),
     ("jpeg", jpeg),
+    ("session", session),
 ];
 
 fn decode<F: Format>(format: F, stream: &[u8], piece: usize) -> (Vec<(String, Range<u64>)>, Losses)
@@ -219,4 +222,55 @@ pub(crate) fn jpeg(data: &[u8]) {
     let outcomes = pictures.each_mut().map(|picture| converter.convert(video, picture));
     assert_eq!(outcomes[0], outcomes[1]);
     assert!(outcomes[0].is_err() || pictures[0] == pictures[1]);
+}
+
+/// What there is to read in a session's file, in words; the same each time.
+fn read_session(file: &[u8]) -> Vec<String> {
+    let limits = Limits { frame_bytes: 1 << 20, ..Limits::default() };
+    let mut said = Vec::new();
+    let mut reader = match SessionReader::of(std::io::Cursor::new(file), file.len() as u64, "fuzzed".as_ref(), &limits)
+    {
+        Ok(reader) => reader,
+        Err(error) => return vec![error.to_string()],
+    };
+    let mut maker = Maker::new(true, limits.frame_bytes);
+    let mut until = 0;
+    loop {
+        match reader.next_event().expect("memory can be read") {
+            None => break,
+            Some(Event::Damage(part)) => {
+                assert!(part.from < part.until && part.until <= file.len() as u64, "{part:?}");
+                assert!(!part.is_loss || part.from >= until, "{part:?} overlaps what was told before");
+                until = if part.is_loss { part.until } else { until };
+                said.push(format!("{part:?}"));
+            }
+            Some(Event::Message(message)) => {
+                let whole = (message.about(), message.device(), message.loss(), maker.read(&message));
+                said.push(format!("{} {} {whole:?}", message.channel.topic, message.log_ns()));
+            }
+        }
+    }
+    assert!(reader.ending().is_some());
+    said
+}
+
+/// A session's file; or, as no arbitrary bytes have their checksum, the records of a chunk of one.
+pub(crate) fn session(data: &[u8]) {
+    let [choice, _, file @ ..] = data else { return };
+    if choice % 2 == 0 {
+        assert_eq!(read_session(file), read_session(file));
+        return;
+    }
+    // Magic, and a chunk: number, length, two times, size, checksum, no compression, size, records.
+    let size = file.len() as u64;
+    let mut whole = mcap::MAGIC.to_vec();
+    whole.push(6);
+    whole.extend_from_slice(&(40 + size).to_le_bytes());
+    whole.extend_from_slice(&[0; 16]);
+    whole.extend_from_slice(&size.to_le_bytes());
+    whole.extend_from_slice(&crc32fast::hash(file).to_le_bytes());
+    whole.extend_from_slice(&[0; 4]);
+    whole.extend_from_slice(&size.to_le_bytes());
+    whole.extend_from_slice(file);
+    assert_eq!(read_session(&whole), read_session(&whole));
 }

@@ -41,6 +41,16 @@ pub enum Error {
         /// What is wrong and what to do.
         problem: String,
     },
+    /// A session's file is none, or is not what its checksums and numbers say.
+    #[error("{path}: byte {offset}: {problem}", path = path.display())]
+    Session {
+        /// The file.
+        path: PathBuf,
+        /// Where, in bytes from the beginning of the file.
+        offset: u64,
+        /// What is wrong and what to do.
+        problem: String,
+    },
     /// A stated limit was exceeded; nothing of that size was allocated.
     #[error("{path}: {what} is {value}, more than the limit of {limit}: {advice}", path = path.display())]
     Limit {

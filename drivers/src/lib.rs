@@ -15,7 +15,7 @@
 //! - [`reading`]: what a device can deliver.
 //! - [`clock`]: the host's time, and one that tests turn by hand.
 //! - [`simulated`]: virtual twins of all of them.
-//! - [`recording`]: sequence files (MetaImage) and the device that replays them.
+//! - [`recording`]: sequence files (MetaImage), sessions (MCAP) and the devices that replay them.
 //! - [`grabber`]: frame grabbers over V4L2, and their video to pictures.
 //! - [`error`]: what can go wrong, in sentences that say what, where and what to do.
 
@@ -41,8 +41,13 @@ pub use health::Health;
 pub use reading::Reading;
 
 /// Every driver that this build knows.
-pub static DRIVERS: &[&dyn Driver] =
-    &[&arm::ArmDriver, &polhemus::TrackerDriver, &grabber::GrabberDriver, &recording::SequenceDriver];
+pub static DRIVERS: &[&dyn Driver] = &[
+    &arm::ArmDriver,
+    &polhemus::TrackerDriver,
+    &grabber::GrabberDriver,
+    &recording::SequenceDriver,
+    &recording::SessionDriver,
+];
 
 /// Opens what the settings name with the driver that knows it.
 ///
@@ -53,6 +58,7 @@ pub fn open(settings: &OpenSettings) -> Result<Box<dyn Device>, Error> {
         OpenSettings::Arm(_) => arm::ArmDriver.open(settings),
         OpenSettings::Tracker(_) => polhemus::TrackerDriver.open(settings),
         OpenSettings::Sequence(_) => recording::SequenceDriver.open(settings),
+        OpenSettings::Session(_) => recording::SessionDriver.open(settings),
         OpenSettings::Grabber(_) => grabber::GrabberDriver.open(settings),
     }
 }
@@ -93,6 +99,8 @@ pub enum OpenSettings {
     Tracker(polhemus::TrackerSettings),
     /// A sequence file.
     Sequence(recording::SequenceSettings),
+    /// A recorded session, or a device of it.
+    Session(recording::SessionSettings),
     /// A frame grabber.
     Grabber(grabber::GrabberSettings),
 }

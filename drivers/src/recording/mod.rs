@@ -1,13 +1,15 @@
-//! Recordings: sequence files and what lines brought, and the devices that replay them at any pace.
+//! Recordings: sequence files, sessions and what lines brought, and the devices that replay them at any pace.
 
 mod line;
 pub mod metaimage;
 mod pace;
 mod replay;
+pub mod session;
 
 pub use line::{LineReplay, Source};
 pub use pace::{Pace, Pacer};
 pub use replay::Replay;
+pub use session::{SessionDriver, SessionSettings};
 
 use std::path::PathBuf;
 

@@ -10,4 +10,5 @@ mod joints;
 mod liberty;
 mod microscribe;
 mod qsb;
+mod sessions;
 mod viper;

@@ -1,0 +1,565 @@
+//! Writes a session as it happens.
+
+use std::collections::{BTreeMap, HashMap, VecDeque};
+use std::path::{Path, PathBuf};
+
+use mcap::records::{MessageHeader, Metadata};
+use mcap::write::PrivateRecordOptions;
+
+use super::about::{About, RecordedDevice};
+use super::account::{Account, Losing, Rate, Room};
+use super::decode::Speech;
+use super::held::{Held, Store, Tail};
+use super::message::{self, Crop};
+use super::picture::Encoder;
+use super::proto::Fields;
+use super::schema::{self, Schema};
+use super::{CHANNELS, PROFILE, place};
+use crate::clock::{MS, SECOND};
+use crate::reading::{Reading, Recorded, Stamp};
+use crate::{Description, Error};
+
+/// How a session is written.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WriterOptions {
+    /// The program that writes, and its version.
+    pub program: String,
+    /// A chunk is closed when its first message is so old, ns: what is on the disk is never older than that by more.
+    pub chunk_ns: i64,
+    /// Or when it is so large, bytes.
+    pub chunk_bytes: usize,
+    /// So much is held in memory while the disk takes nothing: from there on frames are lost, and from a quarter more on everything.
+    pub held_bytes: usize,
+    /// Pause before writing is tried again that failed, ns.
+    pub retry_ns: i64,
+}
+
+impl WriterOptions {
+    /// Chunks of half a second or 4 MB; 64 MB held, which is some seconds of video.
+    pub fn new(program: &str) -> Self {
+        Self {
+            program: program.to_owned(),
+            chunk_ns: 500 * MS,
+            chunk_bytes: 4 << 20,
+            held_bytes: 64 << 20,
+            retry_ns: SECOND,
+        }
+    }
+}
+
+/// A device of the session that is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Source(usize);
+
+struct Device {
+    recorded: RecordedDevice,
+    crop: Option<Crop>,
+    about: u16,
+    /// Channels by what they are of; poses by their station.
+    frames: Option<u16>,
+    raw: Option<u16>,
+    counts: Option<u16>,
+    transforms: Option<u16>,
+    poses: Vec<(u8, u16)>,
+}
+
+struct Channel {
+    topic: String,
+    /// Number of the next message: those that were lost are counted, so that a reader sees that they are missing.
+    sequence: u32,
+}
+
+/// A session's file, open.
+///
+/// Everything is written in the order in which it is handed over. In the steady state a message allocates nothing here: it is made in a buffer that is used again, and
+/// the crate `mcap` copies it into the chunk, which lies in memory until it is whole. A chunk allocates an index for each channel, and a buffer for checksums, in the crate.
+///
+/// Dropped without [`Self::finish`], it writes what it can and says nothing.
+pub struct SessionWriter {
+    path: PathBuf,
+    options: WriterOptions,
+    /// Before `tail`'s last user: it writes to it when it is dropped.
+    file: mcap::Writer<Tail>,
+    tail: Tail,
+    devices: Vec<Device>,
+    notes: HashMap<String, u16>,
+    /// By their numbers in the file, from 1.
+    channels: Vec<Channel>,
+    table: Vec<u8>,
+    session: u16,
+    losses: u16,
+    encoder: Encoder,
+    message: Vec<u8>,
+    chunk_ns: Option<i64>,
+    /// Messages of the chunk that is begun, and of those that are whole and not on the disk.
+    begun: u64,
+    waiting: VecDeque<u64>,
+    last_ns: i64,
+    retry_ns: i64,
+    losing: Losing,
+    rate: Rate,
+    account: Account,
+    items: u64,
+    finished: bool,
+}
+
+impl SessionWriter {
+    /// A new file in a folder, which is made where it is not there.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when the folder or the file cannot be made, or the beginning cannot be written; nothing is left behind but an empty file.
+    pub fn create(folder: &Path, options: WriterOptions) -> Result<Self, Error> {
+        let about = About::now(&options.program);
+        let (file, path) = place::create(folder, about.realtime_ns)?;
+        Self::on(Box::new(file), &path, about, options)
+    }
+
+    /// On a store of one's own, which is empty; by these clocks. The path is for sentences.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when the beginning cannot be written.
+    pub fn on(store: Box<dyn Store>, path: &Path, about: About, options: WriterOptions) -> Result<Self, Error> {
+        let tail = Tail::of(Held::new(store, 2 * options.chunk_bytes));
+        let file = mcap::WriteOptions::new()
+            .compression(None)
+            .chunk_size(None)
+            .profile(PROFILE)
+            .library(options.program.clone())
+            .create(tail.clone())
+            .map_err(|error| misuse(path, &error))?;
+        let mut writer = Self {
+            path: path.to_owned(),
+            options,
+            file,
+            tail,
+            devices: Vec::new(),
+            notes: HashMap::new(),
+            channels: Vec::new(),
+            table: Vec::new(),
+            session: 0,
+            losses: 0,
+            encoder: Encoder::default(),
+            message: Vec::new(),
+            chunk_ns: None,
+            begun: 0,
+            waiting: VecDeque::new(),
+            last_ns: about.monotonic_ns,
+            retry_ns: i64::MIN,
+            losing: Losing::default(),
+            rate: Rate::default(),
+            account: Account::default(),
+            items: 0,
+            finished: false,
+        };
+        let metadata = BTreeMap::from([
+            ("clock".to_owned(), "CLOCK_MONOTONIC, ns".to_owned()),
+            ("program".to_owned(), about.program.clone()),
+            ("realtime_offset_ns".to_owned(), about.offset_ns().to_string()),
+            ("version".to_owned(), schema::VERSION.to_string()),
+        ]);
+        let metadata = Metadata { name: PROFILE.to_owned(), metadata };
+        writer.file.write_metadata(&metadata).map_err(|error| misuse(path, &error))?;
+        writer.session = writer.channel("/session".into(), &schema::SESSION)?;
+        writer.losses = writer.channel("/losses".into(), &schema::LOSS)?;
+        let at_ns = about.monotonic_ns;
+        about.write(&mut writer.message);
+        writer.put(writer.session, at_ns, at_ns)?;
+        // What has no beginning is no session: it is on the disk before anything else is said.
+        writer.close()?;
+        writer.commit(at_ns)?;
+        Ok(writer)
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Announces a device by a name of its own, with what its lines speak, what it says of itself, and the part of its frames that is kept (all of it, without).
+    ///
+    /// # Errors
+    /// [`Error::Misuse`] for a name that is taken, empty, or has a slash.
+    pub fn device(
+        &mut self,
+        name: &str,
+        speech: Option<Speech>,
+        description: &Description,
+        crop: Option<Crop>,
+    ) -> Result<Source, Error> {
+        let is_taken = self.devices.iter().any(|device| device.recorded.name == name);
+        if is_taken || name.is_empty() || name.contains('/') || ["session", "losses", "note"].contains(&name) {
+            return Err(Error::Misuse(format!(
+                "{}: a device cannot be called {name:?} here; give it a name of its own, without slashes",
+                self.path.display()
+            )));
+        }
+        let about = self.channel(format!("/{name}/about"), &schema::DEVICE)?;
+        let recorded = RecordedDevice { name: name.to_owned(), speech, description: description.clone() };
+        let (frames, raw, counts, transforms, poses) = (None, None, None, None, Vec::new());
+        self.devices.push(Device { recorded, crop, about, frames, raw, counts, transforms, poses });
+        let source = Source(self.devices.len() - 1);
+        self.announce(source)?;
+        Ok(source)
+    }
+
+    /// What a device says of itself now; written where it differs from what it said last.
+    ///
+    /// # Errors
+    /// As [`Self::write`].
+    pub fn describe(&mut self, source: Source, description: &Description) -> Result<(), Error> {
+        let device = &mut self.devices[source.0];
+        if device.recorded.description == *description {
+            return Ok(());
+        }
+        device.recorded.description.clone_from(description);
+        self.announce(source)
+    }
+
+    fn announce(&mut self, Source(at): Source) -> Result<(), Error> {
+        self.message.clear();
+        self.devices[at].recorded.write(&mut self.message);
+        self.put(self.devices[at].about, self.last_ns, self.last_ns)
+    }
+
+    /// A device's reading, handed over at a host time.
+    ///
+    /// # Errors
+    /// [`Error::Io`] once for each time that writing begins to fail: the session is whole up to there, and the writer goes on trying; what is lost meanwhile it counts
+    /// ([`Self::account`]) and says in the session as soon as it can. [`Error::Misuse`] for more channels than a file can have.
+    pub fn write(&mut self, source: Source, reading: &Reading, at_ns: i64) -> Result<(), Error> {
+        let channel = self.channel_of(source, reading)?;
+        let (is_frame, size) = match reading {
+            Reading::Frame(frame) => (true, frame.pixels.len()),
+            Reading::Raw(raw) => (false, raw.bytes.len()),
+            _ => (false, 0),
+        };
+        let due = self.advance(at_ns);
+        if self.has_room(is_frame) {
+            self.message.clear();
+            message::write(reading, self.devices[source.0].crop, &mut self.encoder, &mut self.message);
+            let stamp = stamp_of(reading);
+            self.put(channel, at_ns, stamp.host_ns.unwrap_or(at_ns))?;
+        } else {
+            self.lose(channel, size, at_ns);
+        }
+        due
+    }
+
+    /// A note of the session's own: a clock map, a decision, settings, the calibration. Its text is JSON; notes are numbered in their order.
+    ///
+    /// # Errors
+    /// As [`Self::write`].
+    pub fn note(&mut self, kind: &str, json: &str, at_ns: i64) -> Result<(), Error> {
+        let stamp = Stamp { item: self.items, host_ns: Some(at_ns), ..Stamp::default() };
+        self.items += 1;
+        self.write_note(&Recorded { stamp, topic: kind.to_owned(), text: json.to_owned() }, at_ns)
+    }
+
+    fn write_note(&mut self, note: &Recorded, at_ns: i64) -> Result<(), Error> {
+        let channel = self.note_channel(&note.topic)?;
+        let due = self.advance(at_ns);
+        if self.has_room(false) {
+            self.message.clear();
+            let note = Reading::Recorded(note.clone());
+            message::write(&note, None, &mut self.encoder, &mut self.message);
+            self.put(channel, at_ns, stamp_of(&note).host_ns.unwrap_or(at_ns))?;
+        } else {
+            self.lose(channel, note.text.len(), at_ns);
+        }
+        due
+    }
+
+    /// To be called now and then while nothing is written, so that what was written is on the disk in time, and writing is tried again that failed.
+    ///
+    /// # Errors
+    /// As [`Self::write`].
+    pub fn tick(&mut self, now_ns: i64) -> Result<(), Error> {
+        self.advance(now_ns)
+    }
+
+    /// What became of what was written.
+    pub fn account(&self) -> Account {
+        let held = self.tail.held();
+        Account { file_bytes: held.stored(), held_bytes: held.len() as u64, ..self.account.clone() }
+    }
+
+    /// Room on the disk; `None` where that is not known.
+    pub fn room(&self) -> Option<Room> {
+        let free_bytes = self.tail.held().free_bytes()?;
+        Some(Room { free_bytes, bytes_per_s: self.rate.bytes_per_s() })
+    }
+
+    /// Ends the session: everything is on the disk, with an index of it, when this returns.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when it is not. The file is valid up to its last whole chunk all the same.
+    pub fn finish(mut self, now_ns: i64) -> Result<Account, Error> {
+        // The clocks once more: what the wall clock was set by meanwhile can be seen.
+        self.close_with(&About::now(&self.options.program), now_ns)?;
+        self.end(now_ns)?;
+        Ok(self.account())
+    }
+
+    fn close_with(&mut self, about: &About, now_ns: i64) -> Result<(), Error> {
+        self.message.clear();
+        about.write(&mut self.message);
+        self.put(self.session, now_ns, now_ns)
+    }
+
+    /// The end of what is copied from elsewhere: as it is.
+    pub(super) fn finish_copy(mut self) -> Result<Account, Error> {
+        self.end(self.last_ns)?;
+        Ok(self.account())
+    }
+
+    /// A message of another session, as it is: in the order of their times.
+    pub(super) fn copy(
+        &mut self,
+        topic: &str,
+        schema: &'static Schema,
+        header: &MessageHeader,
+        message: &[u8],
+    ) -> Result<(), Error> {
+        let known = self.channels.iter().position(|channel| channel.topic == topic);
+        let channel = match known {
+            Some(at) => (at + 1) as u16,
+            None => self.channel(topic.to_owned(), schema)?,
+        };
+        let [log_ns, stamp_ns] = [header.log_time, header.publish_time].map(|ns| i64::try_from(ns).unwrap_or(i64::MAX));
+        self.advance(log_ns)?;
+        self.channels[usize::from(channel) - 1].sequence = header.sequence;
+        self.message.clear();
+        self.message.extend_from_slice(message);
+        self.put(channel, log_ns, stamp_ns)
+    }
+
+    fn end(&mut self, now_ns: i64) -> Result<(), Error> {
+        self.finished = true;
+        self.tell_losses(now_ns)?;
+        self.file.finish().map_err(|error| misuse(&self.path, &error))?;
+        // The index and the end.
+        self.whole();
+        let mut held = self.tail.held();
+        let done = held.commit().and_then(|()| held.settle());
+        drop(held);
+        self.count_stored();
+        done.map_err(|source| {
+            self.failed("ending the session (it is whole up to its last chunk, without an index)", source)
+        })
+    }
+
+    fn failed(&self, doing: &'static str, source: std::io::Error) -> Error {
+        Error::Io { path: self.path.clone(), doing, source }
+    }
+
+    /// Closes a chunk that is due and writes what is whole.
+    fn advance(&mut self, now_ns: i64) -> Result<(), Error> {
+        let now_ns = now_ns.max(self.last_ns);
+        self.last_ns = now_ns;
+        let is_due = self.chunk_ns.is_some_and(|begun_ns| {
+            now_ns - begun_ns >= self.options.chunk_ns || self.tail.held().begun() >= self.options.chunk_bytes
+        });
+        if is_due {
+            self.close()?;
+        }
+        self.commit(now_ns)
+    }
+
+    fn close(&mut self) -> Result<(), Error> {
+        self.chunk_ns = None;
+        self.file.flush().map_err(|error| misuse(&self.path, &error))?;
+        self.whole();
+        Ok(())
+    }
+
+    /// What was written until now is to be on the disk as one piece.
+    fn whole(&mut self) {
+        let pieces = self.tail.held().whole();
+        if pieces > self.waiting.len() {
+            self.waiting.push_back(std::mem::take(&mut self.begun));
+        }
+    }
+
+    /// The messages of pieces that are on the disk now.
+    fn count_stored(&mut self) {
+        let pieces = self.tail.held().whole();
+        while self.waiting.len() > pieces {
+            self.account.stored += self.waiting.pop_front().unwrap_or(0);
+        }
+    }
+
+    /// Writes what is whole, unless it failed just now.
+    fn commit(&mut self, now_ns: i64) -> Result<(), Error> {
+        let is_stuck = !self.account.trouble.is_empty();
+        let mut held = self.tail.held();
+        if is_stuck && now_ns < self.retry_ns || held.len() == held.begun() {
+            return Ok(());
+        }
+        let done = held.commit();
+        let stored = held.stored();
+        drop(held);
+        self.count_stored();
+        self.rate.note(now_ns, stored);
+        match done {
+            Ok(()) if is_stuck => {
+                tracing::warn!("{}: is written again", self.path.display());
+                let told = self.tell_losses(now_ns);
+                self.account.trouble.clear();
+                told
+            }
+            Ok(()) => Ok(()),
+            Err(source) => {
+                self.retry_ns = now_ns + self.options.retry_ns;
+                let error = self.failed("writing the session (it is whole up to here, and tried again)", source);
+                if is_stuck {
+                    return Ok(());
+                }
+                self.account.trouble = error.to_string();
+                self.account.failures += 1;
+                Err(error)
+            }
+        }
+    }
+
+    fn tell_losses(&mut self, now_ns: i64) -> Result<(), Error> {
+        let channels = &self.channels;
+        let topic_of = |channel: u16| channels[usize::from(channel) - 1].topic.clone();
+        let Some(loss) = self.losing.take(&self.account.trouble, topic_of) else { return Ok(()) };
+        tracing::error!("{}: {} messages were lost: {}", self.path.display(), loss.messages(), loss.why);
+        self.message.clear();
+        loss.write(&mut self.message);
+        self.put(self.losses, now_ns, now_ns)
+    }
+
+    /// Frames are what fills the memory: they go first.
+    fn has_room(&self, is_frame: bool) -> bool {
+        let most = self.options.held_bytes;
+        self.tail.held().len() < if is_frame { most } else { most + most / 4 }
+    }
+
+    fn lose(&mut self, channel: u16, bytes: usize, at_ns: i64) {
+        let sequence = &mut self.channels[usize::from(channel) - 1].sequence;
+        *sequence = sequence.wrapping_add(1);
+        self.account.messages += 1;
+        self.account.lost += 1;
+        self.losing.add(channel, bytes, at_ns.max(self.last_ns));
+    }
+
+    /// Writes the message that was made.
+    fn put(&mut self, channel: u16, at_ns: i64, stamp_ns: i64) -> Result<(), Error> {
+        let at_ns = at_ns.max(self.last_ns);
+        self.last_ns = at_ns;
+        self.begin()?;
+        let known = &mut self.channels[usize::from(channel) - 1];
+        let sequence = known.sequence;
+        known.sequence = sequence.wrapping_add(1);
+        let [log_time, publish_time] = [at_ns, stamp_ns].map(|ns| u64::try_from(ns).unwrap_or(0));
+        let header = MessageHeader { channel_id: channel, sequence, log_time, publish_time };
+        self.account.messages += 1;
+        self.begun += 1;
+        self.file.write_to_known_channel(&header, &self.message).map_err(|error| misuse(&self.path, &error))
+    }
+
+    /// Begins a chunk, unless one is begun: with the channels that there are, so that it can be read without those before it.
+    fn begin(&mut self) -> Result<(), Error> {
+        if self.chunk_ns.is_some() {
+            return Ok(());
+        }
+        self.chunk_ns = Some(self.last_ns);
+        self.tell_channels()
+    }
+
+    fn tell_channels(&mut self) -> Result<(), Error> {
+        let inside = PrivateRecordOptions::IncludeInChunks.into();
+        self.file.write_private_record(CHANNELS, &self.table, inside).map_err(|error| misuse(&self.path, &error))
+    }
+
+    fn channel(&mut self, topic: String, schema: &'static Schema) -> Result<u16, Error> {
+        self.begin()?;
+        let made = self
+            .file
+            .add_schema(schema.name, "protobuf", &schema.descriptors())
+            .and_then(|id| self.file.add_channel(id, &topic, "protobuf", &BTreeMap::new()));
+        let id = made.map_err(|error| misuse(&self.path, &error))?;
+        Fields::to(&mut self.table).message(1, |out| {
+            out.uint(1, id.into());
+            out.text(2, &topic);
+            out.text(3, schema.name);
+        });
+        debug_assert_eq!(usize::from(id), self.channels.len() + 1, "channels are numbered from 1");
+        self.channels.push(Channel { topic, sequence: 0 });
+        self.tell_channels()?;
+        Ok(id)
+    }
+
+    fn channel_of(&mut self, Source(at): Source, reading: &Reading) -> Result<u16, Error> {
+        let device = &self.devices[at];
+        let known = match reading {
+            Reading::Frame(_) => device.frames,
+            Reading::Raw(_) => device.raw,
+            Reading::Counts(_) => device.counts,
+            Reading::NamedTransform(_) => device.transforms,
+            Reading::Pose(pose) => {
+                device.poses.iter().find(|(station, _)| *station == pose.station).map(|(_, channel)| *channel)
+            }
+            Reading::Recorded(note) => return self.note_channel(&note.topic.clone()),
+        };
+        if let Some(channel) = known {
+            return Ok(channel);
+        }
+        let name = &device.recorded.name;
+        let topic = match reading {
+            Reading::Frame(_) => format!("/{name}/image"),
+            Reading::Raw(_) => format!("/{name}/raw"),
+            Reading::Counts(_) => format!("/{name}/counts"),
+            Reading::NamedTransform(_) => format!("/{name}/transform"),
+            Reading::Pose(pose) => format!("/{name}/pose/{}", pose.station),
+            Reading::Recorded(_) => String::new(),
+        };
+        let channel = self.channel(topic, message::schema_of(reading))?;
+        let device = &mut self.devices[at];
+        match reading {
+            Reading::Frame(_) => device.frames = Some(channel),
+            Reading::Raw(_) => device.raw = Some(channel),
+            Reading::Counts(_) => device.counts = Some(channel),
+            Reading::NamedTransform(_) => device.transforms = Some(channel),
+            Reading::Pose(pose) => device.poses.push((pose.station, channel)),
+            Reading::Recorded(_) => {}
+        }
+        Ok(channel)
+    }
+
+    fn note_channel(&mut self, kind: &str) -> Result<u16, Error> {
+        if let Some(channel) = self.notes.get(kind) {
+            return Ok(*channel);
+        }
+        let channel = self.channel(format!("/note/{kind}"), &schema::NOTE)?;
+        self.notes.insert(kind.to_owned(), channel);
+        Ok(channel)
+    }
+}
+
+impl Drop for SessionWriter {
+    fn drop(&mut self) {
+        if !self.finished
+            && let Err(error) = self.end(self.last_ns)
+        {
+            tracing::error!("{error}");
+        }
+    }
+}
+
+fn stamp_of(reading: &Reading) -> Stamp {
+    match reading {
+        Reading::Frame(frame) => frame.stamp,
+        Reading::Counts(counts) => counts.stamp,
+        Reading::Pose(pose) => pose.stamp,
+        Reading::NamedTransform(transform) => transform.stamp,
+        Reading::Recorded(recorded) => recorded.stamp,
+        Reading::Raw(raw) => raw.stamp,
+    }
+}
+
+fn misuse(path: &Path, error: &mcap::McapError) -> Error {
+    Error::Misuse(format!("{}: the session cannot be written so: {error}", path.display()))
+}

@@ -1,0 +1,127 @@
+//! The replay device on sessions as they may be.
+
+use std::sync::Arc;
+
+use drivers::clock::{Clock, MS, Manual, SECOND};
+use drivers::health::State;
+use drivers::recording::session::{SessionReplay, SessionWriter, WriterOptions};
+use drivers::recording::{Pace, SessionSettings};
+use drivers::{Device, Error, NO_DEADLINE, Next, OpenSettings};
+
+use crate::{BEGIN, Shared, about, chunks_of, mixture};
+
+fn recorded(
+    folder: &std::path::Path,
+    cut: impl FnOnce(&mut Vec<u8>),
+) -> (SessionSettings, Vec<(Option<&'static str>, String)>) {
+    let disk = Shared::default();
+    let mut session = SessionWriter::on(Box::new(disk.clone()), "x".as_ref(), about(), chunks_of(100 * MS)).unwrap();
+    let written = mixture(&mut session, 40);
+    session.finish(BEGIN + SECOND).unwrap();
+    let mut bytes = disk.bytes();
+    cut(&mut bytes);
+    let path = folder.join("session.mcap");
+    std::fs::write(&path, bytes).unwrap();
+    (SessionSettings::new(path), written)
+}
+
+fn all(replay: &mut SessionReplay) -> Result<Vec<(Option<String>, String)>, Error> {
+    let mut found = Vec::new();
+    loop {
+        match replay.next(NO_DEADLINE)? {
+            Next::Reading(reading) => found.push((replay.source().map(str::to_owned), format!("{reading:?}"))),
+            Next::Pending => panic!("nothing to wait for"),
+            Next::End => return Ok(found),
+        }
+    }
+}
+
+#[test]
+fn all_of_it_or_one_device_as_it_was_recorded() {
+    let folder = tempfile::tempdir().unwrap();
+    let (settings, written) = recorded(folder.path(), |_| {});
+    for wanted in [None, Some("tracker"), Some("grabber")] {
+        let settings = SessionSettings { device: wanted.map(str::to_owned), ..settings.clone() };
+        let mut replay = SessionReplay::open(&settings).unwrap();
+        let names: Vec<&str> = replay.devices().iter().map(|device| device.name.as_str()).collect();
+        assert_eq!(names, ["tracker", "grabber"]);
+        for _ in 0..2 {
+            assert!(matches!(replay.next(0), Err(Error::Misuse(_))), "it is stopped");
+            replay.start().unwrap();
+            let found = all(&mut replay).unwrap();
+            let expected: Vec<_> = written.iter().filter(|(by, _)| wanted.is_none() || *by == wanted).collect();
+            assert_eq!(found.len(), expected.len());
+            for ((by, reading), (device, expected)) in found.iter().zip(expected) {
+                assert_eq!((by.as_deref(), reading), (*device, expected));
+            }
+            assert_eq!((replay.health().state, replay.health().why.as_str()), (State::Ended, ""));
+            replay.stop().unwrap();
+        }
+    }
+    let missing = SessionSettings { device: Some("arm".into()), ..settings.clone() };
+    let error = drivers::open(&OpenSettings::Session(missing)).err().unwrap().to_string();
+    assert!(error.contains("has no device \"arm\"; it has tracker, grabber"), "{error}");
+    let error = drivers::DRIVERS.iter().find(|driver| driver.name() == "session").unwrap();
+    assert!(error.open(&OpenSettings::sequence("x")).is_err() && error.list().is_empty());
+    let mut device = drivers::open(&OpenSettings::Session(settings)).unwrap();
+    assert!(device.home(1).is_err());
+    device.start().unwrap();
+    assert!(device.start().is_err(), "it runs already");
+}
+
+#[test]
+fn each_device_keeps_its_time_whatever_is_replayed_beside_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let (settings, _) = recorded(folder.path(), |_| {});
+    for (device, offset) in [(None, 0), (Some("tracker"), 0), (Some("grabber"), 2)] {
+        for factor in [1.0, 4.0] {
+            let pace = Pace::Factor(factor);
+            let settings = SessionSettings { device: device.map(str::to_owned), pace, ..settings.clone() };
+            let mut replay = SessionReplay::open(&settings).unwrap();
+            let clock = Manual::at(5 * SECOND);
+            replay.set_clock(Arc::new(clock.clone()));
+            replay.start().unwrap();
+            let (mut first, mut waited) = (None, 0);
+            loop {
+                match replay.next(clock.now_ns() + MS).unwrap() {
+                    Next::Reading(_) => drop(first.get_or_insert(clock.now_ns())),
+                    Next::Pending => waited += 1,
+                    Next::End => break,
+                }
+            }
+            let took = clock.now_ns() - 5 * SECOND;
+            // 40 rounds, 20 ms apart, the last of which ends after up to 5 ms.
+            let expected = (f64::from(39 * 20 + 4) * 1e6 / factor) as i64;
+            assert!((took - expected).abs() <= (2.0e6 / factor) as i64, "{device:?} {factor}: {took} {expected}");
+            assert_eq!(first.unwrap() - 5 * SECOND, ((offset * MS) as f64 / factor) as i64);
+            assert!(waited > took / MS / 2);
+        }
+    }
+}
+
+#[test]
+fn a_session_that_was_broken_off_ends_there_and_damage_before_its_end_is_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let (settings, written) = recorded(folder.path(), |bytes| bytes.truncate(bytes.len() * 2 / 3));
+    let mut replay = SessionReplay::open(&settings).unwrap();
+    replay.start().unwrap();
+    let found = all(&mut replay).unwrap();
+    assert!(found.len() > 60 && found.len() < written.len());
+    assert!(found.iter().zip(&written).all(|((_, a), (_, b))| a == b));
+    assert!(replay.health().why.contains("broken off"), "{}", replay.health().why);
+    let (settings, _) = recorded(folder.path(), |bytes| {
+        let picture = bytes.windows(4).enumerate().filter(|(_, four)| four == b"IDAT").map(|(at, _)| at).nth(20);
+        bytes[picture.unwrap()] ^= 4;
+    });
+    let mut replay = SessionReplay::open(&settings).unwrap();
+    replay.start().unwrap();
+    let error = all(&mut replay).err().unwrap().to_string();
+    assert!(error.contains("--repair") && error.contains("session.mcap: byte "), "{error}");
+    assert!(matches!(replay.next(0), Err(Error::Misuse(_))), "no reading follows an error");
+    let without = SessionWriter::create(folder.path(), WriterOptions::new("x")).unwrap();
+    let path = without.path().to_owned();
+    drop(without);
+    let mut replay = SessionReplay::open(&SessionSettings::new(path)).unwrap();
+    replay.start().unwrap();
+    assert!(all(&mut replay).unwrap().is_empty());
+}
