@@ -16,6 +16,19 @@
 //! radii_px = [120.0, 360.0]
 //! angles_deg = [-45.0, 45.0]
 //!
+//! [[arm.joint]]                     # the arm that carries the probe, if one does: three joints, base first
+//! type = "revolute"
+//! length_mm = 250.0                 # of the link to the next joint; the probe is at the end of the last one
+//! counts_per_turn = 40000
+//! zero_counts = -120.5              # the count where the link goes on straight from the one before; 0 if not given
+//! sign = -1                         # 1 if not given
+//!
+//! [[arm.joint]]
+//! type = "prismatic"
+//! direction_deg = 90.0              # against the link before; 0 if not given
+//! length_mm = 40.0
+//! counts_per_mm = 100
+//!
 //! [resolution]
 //! hwhm_mm = [0.3, 0.2, 1.1]         # half width at half maximum along u, v and the plane's normal
 //!
@@ -34,11 +47,14 @@ use std::fmt::Write as _;
 use std::io::Read as _;
 use std::path::Path;
 
+use crate::arm::Arm;
 use crate::frames::{Image, Probe, Transform};
 pub use crate::keys::FileError;
 use crate::keys::{Entry, Source, Table};
 use crate::named::StaticTransform;
 use crate::region::{ClipRect, Fan};
+
+mod arm;
 
 /// The value of `format`.
 pub const FORMAT: &str = "sonoweave-calibration";
@@ -54,6 +70,8 @@ pub struct CalibrationFile {
     pub provenance: String,
     /// Pixels to mm at the probe's sensor; may carry scale and skew.
     pub probe_from_image: Option<Transform<Probe, Image>>,
+    /// The arm that carries the probe.
+    pub arm: Option<Arm>,
     /// The part of the picture that is data.
     pub clip: Option<ClipRect>,
     /// The sector of the picture that is data.
@@ -82,7 +100,8 @@ impl CalibrationFile {
     pub fn parse(path: &Path, text: &str) -> Result<Self, FileError> {
         let source = Source { path, text };
         let parsed = source.parse()?;
-        let known = ["format", "version", "provenance", "image_to_probe", "image", "resolution", "volume", "transform"];
+        let known =
+            ["format", "version", "provenance", "image_to_probe", "image", "arm", "resolution", "volume", "transform"];
         let root = Table::root(source, &parsed, &known)?;
         check_version(&root)?;
 
@@ -100,6 +119,7 @@ impl CalibrationFile {
             file.clip = image.get("clip_px").map(|entry| clip(&entry)).transpose()?;
             file.fan = image.get("fan").map(|entry| fan(&entry)).transpose()?;
         }
+        file.arm = root.get("arm").map(|entry| arm::read(&entry)).transpose()?;
         if let Some(entry) = root.get("resolution") {
             file.hwhm_mm = Some(entry.table(&["hwhm_mm"])?.need("hwhm_mm")?.positive()?);
         }
@@ -147,6 +167,9 @@ impl CalibrationFile {
                     fan.angles_deg()
                 ),
             );
+        }
+        if let Some(arm) = &self.arm {
+            arm::write(arm, &mut text);
         }
         if let Some(hwhm) = &self.hwhm_mm {
             line(&mut text, format_args!("\n[resolution]\nhwhm_mm = {hwhm:?}"));

@@ -162,7 +162,17 @@ fn configurations_are_described() {
     let r = report(&place, "c.toml");
     assert_eq!((&r["kind"], &r["source"]), (&json!("configuration"), &json!("sonoweave")));
     assert!(r["provenance"].as_str().unwrap().starts_with("simulated: scene blobs"), "{r}");
-    assert!(r["fan"]["radii_px"].is_array(), "{r}");
+    assert!(r["fan"]["radii_px"].is_array() && r["arm"].is_null(), "{r}");
+
+    let turn = "[[arm.joint]]\ntype = \"revolute\"\nlength_mm = 250\ncounts_per_turn = 40000\nsign = -1\n";
+    let slide = "[[arm.joint]]\ntype = \"prismatic\"\ndirection_deg = 90\nlength_mm = 40\ncounts_per_mm = 100\n";
+    place.put("a.toml", format!("format = \"sonoweave-calibration\"\nversion = 1\n{turn}{slide}{turn}"));
+    let r = report(&place, "a.toml");
+    assert_eq!((&r["arm"][0]["type"], &r["arm"][0]["sign"]), (&json!("revolute"), &json!(-1)));
+    assert_eq!((&r["arm"][1]["type"], &r["arm"][1]["direction_deg"]), (&json!("prismatic"), &json!(90.0)));
+    let text = place.does("inspect a.toml");
+    assert!(text.contains("revolute, link of 250 mm, 40000 counts a turn backwards, zero at 0"), "{text}");
+    assert!(text.contains("prismatic at 90°, 40 mm at zero, 100 counts a mm, zero at 0"), "{text}");
 }
 
 #[test]

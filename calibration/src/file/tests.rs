@@ -1,6 +1,7 @@
 use proptest::prelude::*;
 
 use super::*;
+use crate::arm::{Joint, Sign};
 
 fn parse(text: &str) -> Result<CalibrationFile, String> {
     CalibrationFile::parse(Path::new("probe.toml"), text).map_err(|e| e.to_string())
@@ -12,11 +13,17 @@ fn refusal(rest: &str) -> String {
     parse(&format!("{HEAD}{rest}")).expect_err("a bad file")
 }
 
+fn arm() -> Arm {
+    let last = Joint { zero_counts: -120.25, sign: Sign::Minus, ..Joint::revolute(60.0, 8192.0) };
+    Arm::new([Joint::revolute(250.0, 4e4), Joint::prismatic(17.3, -4.5, 100.5), last]).unwrap()
+}
+
 fn full() -> CalibrationFile {
     let rows = [-0.001, 0.078, -0.008, 15.4, -0.084, 0.0037, 0.015, 49.6, 0.016, 0.007, 0.08, -8.6, 0.0, 0.0, 0.0, 1.0];
     CalibrationFile {
         provenance: "N-wire \"phantom\",\n140 frames".into(),
         probe_from_image: Some(Transform::from_rows(&rows).unwrap()),
+        arm: Some(arm()),
         clip: Some(ClipRect::new(192, 16, 420, 580).unwrap()),
         fan: Some(Fan::new([380.0, 20.0], [120.0, 360.0], [-45.0, 45.0]).unwrap()),
         hwhm_mm: Some([0.3, 0.2, 1.1]),
@@ -37,10 +44,16 @@ fn the_documented_example_reads() {
     let text = format!(
         "{HEAD}[image_to_probe]\nmatrix = {identity}\n[image]\nclip_px = {{ x = 192, y = 16, width = 420, height = 580 }}\n\
          [image.fan]\norigin_px = [380, 20.0]\nradii_px = [120.0, 360.0]\nangles_deg = [-45.0, 45.0]\n\
+         [[arm.joint]]\ntype = \"revolute\"\nlength_mm = 250.0\ncounts_per_turn = 40000\nzero_counts = -120.5\nsign = -1\n\
+         [[arm.joint]]\ntype = \"prismatic\"\ndirection_deg = 90.0\nlength_mm = 40.0\ncounts_per_mm = 100\n\
+         [[arm.joint]]\ntype = \"revolute\"\nlength_mm = 60\ncounts_per_turn = 8192\n\
          [[transform]]\nfrom = \"Phantom\"\nto = \"Reference\"\nmatrix = {identity}\n"
     );
     let file = parse(&text).unwrap();
     assert_eq!(file.fan.unwrap().origin_px(), [380.0, 20.0]);
+    let joints = [Joint::revolute(250.0, 4e4), Joint::prismatic(90.0, 40.0, 100.0), Joint::revolute(60.0, 8192.0)];
+    let first = Joint { zero_counts: -120.5, sign: Sign::Minus, ..joints[0] };
+    assert_eq!(file.arm, Some(Arm::new([first, joints[1], joints[2]]).unwrap()));
     let names: Vec<_> = file.named_transforms().iter().map(StaticTransform::name).collect();
     assert_eq!(names, ["ImageToProbe", "PhantomToReference"]);
 }
@@ -130,6 +143,41 @@ fn wrong_counts_and_values_name_key_and_line() {
         let error = refusal(&text);
         assert!(error.starts_with("probe.toml: ") && error.contains(expected), "{text}\n{error}");
     }
+}
+
+#[test]
+fn an_arm_that_is_none_is_refused_by_joint_and_line() {
+    let whole = CalibrationFile { arm: Some(arm()), ..CalibrationFile::default() }.to_text();
+    let refusal = |from: &str, to: &str| {
+        assert!(whole.contains(from), "{whole}");
+        parse(&whole.replacen(from, to, 1)).unwrap_err()
+    };
+    let cases = [
+        ("\"revolute\"", "\"hinge\"", "arm.joint[0].type (line 5): must be \"revolute\" or \"prismatic\""),
+        (
+            "counts_per_mm = 100.5",
+            "counts_per_turn = 100.5",
+            "arm.joint[1].counts_per_turn (line 15): is not for a joint of this type; give counts_per_mm",
+        ),
+        ("counts_per_turn = 40000.0\n", "", "arm.joint[0].counts_per_turn (line 4): is missing"),
+        ("counts_per_turn = 40000.0", "counts_per_turn = 0", "arm (line 4): joint 1 of 3: 0 counts a turn"),
+        (
+            "length_mm = 250.0",
+            "length_mm = 250.0\ndirection_deg = 3",
+            "arm.joint[0].direction_deg (line 7): is not for a joint that turns",
+        ),
+        ("sign = -1", "sign = 2", "arm.joint[2].sign (line 24): must be 1 or -1, not 2"),
+        ("length_mm = 60.0", "lenght_mm = 60.0", "did you mean length_mm?"),
+    ];
+    for (from, to, expected) in cases {
+        let error = refusal(from, to);
+        assert!(error.contains(expected), "{expected}\n{error}");
+    }
+    let two = whole.rsplit_once("\n[[arm.joint]]").unwrap().0;
+    let error = parse(two).unwrap_err();
+    assert!(error.contains("must hold 3 joints, base first, not 2"), "{error}");
+    let error = parse(&format!("{HEAD}[arm]\njoint = 3\n")).unwrap_err();
+    assert!(error.contains("arm.joint (line 4): must be a list of tables, each headed [[arm.joint]]"), "{error}");
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use calibration::arm::{JOINTS, Joint};
 use calibration::file::CalibrationFile;
 use calibration::named::StaticTransform;
 use glam::DVec3;
@@ -20,21 +21,25 @@ pub(super) struct ConfigurationReport {
     provenance: Option<String>,
     /// Pixel size along u and v by the probe's calibration, mm.
     pixel_mm: Option<[f64; 2]>,
+    /// The joints of the arm that carries the probe, base first.
+    arm: Option<[Joint; JOINTS]>,
 }
 
 impl ConfigurationReport {
     pub(super) fn read(path: &Path) -> Result<Self, Failure> {
         let settings = Settings::read(path)?;
-        let provenance = match settings.source {
-            SourceKind::Sonoweave => Some(CalibrationFile::read(path)?.provenance).filter(|text| !text.is_empty()),
-            SourceKind::Plus | SourceKind::Defaults => None,
+        let own = match settings.source {
+            SourceKind::Sonoweave => CalibrationFile::read(path)?,
+            SourceKind::Plus | SourceKind::Defaults => CalibrationFile::default(),
         };
+        let provenance = Some(own.provenance).filter(|text| !text.is_empty());
+        let arm = own.arm.map(|arm| *arm.joints());
         let image = settings.image_frame.as_deref().unwrap_or("Image");
         let pixel_mm = settings.transforms.iter().find(|t| t.from == image && t.to == "Probe").map(|t| {
             let [u, v] = [DVec3::X, DVec3::Y].map(|axis| t.affine.transform_vector3(axis).length());
             [u, v]
         });
-        Ok(Self { settings, provenance, pixel_mm })
+        Ok(Self { settings, provenance, pixel_mm, arm })
     }
 
     pub(super) fn write(&self, text: &mut Text) {
@@ -71,6 +76,7 @@ impl ConfigurationReport {
         if let Some(hwhm) = settings.hwhm_mm {
             text.row("resolution", format!("{} mm half width at half maximum along u, v, n", point(hwhm)));
         }
+        text.rows("arm", self.arm.iter().flatten().map(ToString::to_string));
         text.rows("notes", &settings.notes);
         for transform in &settings.transforms {
             text.heading(&transform.name());

@@ -1,0 +1,105 @@
+//! How an arm's pose changes with its joints and with its parameters, and what counts that are off do to a point of the picture.
+
+use glam::{DMat3, DVec2, DVec3};
+
+use super::{Arm, JOINTS, Kind, Values};
+
+/// Change of the pose (x in mm, y in mm, heading in rad) with what describes one joint.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Derivatives {
+    /// By its value, rad or mm.
+    pub value: DVec3,
+    /// By its count.
+    pub count: DVec3,
+    /// By its link's length, mm.
+    pub length: DVec3,
+    /// By the count at its zero.
+    pub zero_counts: DVec3,
+    /// By its counts a turn or a mm.
+    pub counts_per_unit: DVec3,
+    /// By the direction of a slide, degrees; 0 of a joint that turns.
+    pub direction: DVec3,
+}
+
+/// How far a point may be from where counts say that it is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Displacement {
+    /// Never more than this, mm.
+    pub most_mm: f64,
+    /// Root mean square where all errors are evenly spread and independent, mm.
+    pub rms_mm: f64,
+}
+
+impl Arm {
+    /// Change of the pose with each joint's value and parameters, at these values.
+    pub fn derivatives(&self, values: &Values) -> [Derivatives; JOINTS] {
+        let (links, _) = self.links(values);
+        let end = links[JOINTS - 1].end;
+        std::array::from_fn(|i| {
+            let (joint, link) = (&self.joints()[i], &links[i]);
+            let turn = (end - link.joint).perp().extend(1.0);
+            let along = link.along.extend(0.0);
+            let (value, direction) = match joint.kind {
+                Kind::Revolute => (turn, DVec3::ZERO),
+                Kind::Prismatic { .. } => (along, turn * 1_f64.to_radians()),
+            };
+            let count = value * joint.value_per_count();
+            let counts_per_unit = -value * (values[i] / joint.counts_per_unit);
+            Derivatives { value, count, length: along, zero_counts: -count, counts_per_unit, direction }
+        })
+    }
+
+    /// The Jacobian: change of (x mm, y mm, heading rad) with the joint values, a column a joint.
+    pub fn jacobian(&self, values: &Values) -> DMat3 {
+        let [a, b, c] = self.derivatives(values).map(|by| by.value);
+        DMat3::from_cols(a, b, c)
+    }
+
+    /// How unevenly counts move the pose, where a heading counts by what it does at `lever_mm` from the probe's origin: 1 where each count moves it by as much in a direction
+    /// of its own, ∞ where the arm is singular. By the Frobenius norm, |J|·|J⁻¹|/3.
+    pub fn condition(&self, values: &Values, lever_mm: f64) -> f64 {
+        let [a, b, c] = self.derivatives(values).map(|by| by.count * DVec3::new(1.0, 1.0, lever_mm));
+        let jacobian = DMat3::from_cols(a, b, c);
+        let norm = |m: DMat3| m.to_cols_array().iter().map(|x| x * x).sum::<f64>().sqrt();
+        let size = norm(jacobian);
+        // A determinant that is rounding's is none.
+        if jacobian.determinant().abs() <= 1e-14 * size.powi(3) {
+            return f64::INFINITY;
+        }
+        size * norm(jacobian.inverse()) / 3.0
+    }
+
+    /// Covariance of the pose (x mm, y mm, heading rad) to first order, where the counts have these standard deviations and are independent.
+    pub fn covariance(&self, values: &Values, sd_counts: &[f64; JOINTS]) -> DMat3 {
+        let columns = self.derivatives(values);
+        let mut sum = DMat3::ZERO;
+        for (by, sd) in columns.iter().zip(sd_counts) {
+            let column = by.count * *sd;
+            sum += DMat3::from_cols(column * column.x, column * column.y, column * column.z);
+        }
+        sum
+    }
+
+    /// How far a point of the probe's x-y plane (mm) may be from where these values say that it is, when each count is off by at most `counts`: 0.5 of an encoder that shows
+    /// the nearest count.
+    ///
+    /// The bound holds for any such errors, not to first order only: joints moved one by one, the last first, displace the point by an arc each.
+    pub fn displacement(&self, values: &Values, point_mm: DVec2, counts: f64) -> Displacement {
+        let (links, heading) = self.links(values);
+        let point = links[JOINTS - 1].end + DVec2::from_angle(heading).rotate(point_mm);
+        let (mut most_mm, mut squares) = (0.0, 0.0);
+        for (joint, link) in self.joints().iter().zip(&links).rev() {
+            let off = counts * joint.value_per_count().abs();
+            let lever = match joint.kind {
+                Kind::Revolute => (point - link.joint).length(),
+                Kind::Prismatic { .. } => 1.0,
+            };
+            squares += (lever * off).powi(2) / 3.0;
+            most_mm += match joint.kind {
+                Kind::Revolute => (lever + most_mm) * off,
+                Kind::Prismatic { .. } => off,
+            };
+        }
+        Displacement { most_mm, rms_mm: squares.sqrt() }
+    }
+}
