@@ -1,8 +1,8 @@
 //! The virtual bedside: one probe that is swept to and fro without end, seen by virtual devices at whatever times they look.
 //!
 //! A [`Scan`] has a pose a frame. Here the hand moves on between them: at a constant share of the way in position, and by the shortest turn. At the end of the sweep
-//! it goes back. A tracker's twin asks where its sensors are ([`Bedside::motion`]), a grabber's what the scanner shows ([`Bedside::pictures`]), and both are told from the
-//! same hand at the times at which they measure; so that whoever pairs them again can be held to the truth.
+//! it goes back. A tracker's twin asks where its sensors are ([`Bedside::motion`]), an arm's what its encoders show ([`arm::BedsideArm::joints`]), a grabber's what the scanner
+//! shows ([`Bedside::pictures`]), and all are told from the same hand at the times at which they measure; so that whoever pairs them again can be held to the truth.
 
 use std::sync::Arc;
 
@@ -14,6 +14,8 @@ use glam::{DAffine3, DQuat};
 use super::bmode::BMode;
 use super::scan::{Scan, probe_from_picture, tracker_from_reference};
 use super::trajectory::PictureMm;
+
+pub mod arm;
 
 /// Station of the sensor on the transducer.
 pub const PROBE_STATION: u8 = 1;
@@ -38,8 +40,8 @@ impl Bedside {
         &self.scan
     }
 
-    /// Where the picture lies at a time, host ns.
-    pub fn world_from_picture(&self, at_ns: i64) -> Transform<World, PictureMm> {
+    /// The frame of the scan that the hand has left at a time, host ns, and how much of the way to the next one is behind it.
+    fn left(&self, at_ns: i64) -> (u32, f64) {
         let last = self.scan.frames() - 1;
         let interval = self.scan.settings().interval_ns.max(1);
         // To and fro: a whole way is so long.
@@ -48,7 +50,13 @@ impl Bedside {
         let gone = gone.min(way.saturating_mul(2) - gone);
         // Both within the scan.
         let frame = ((gone / interval) as u32).min(last.saturating_sub(1));
-        let share = (gone - i64::from(frame) * interval) as f64 / interval as f64;
+        (frame, (gone - i64::from(frame) * interval) as f64 / interval as f64)
+    }
+
+    /// Where the picture lies at a time, host ns.
+    pub fn world_from_picture(&self, at_ns: i64) -> Transform<World, PictureMm> {
+        let (frame, share) = self.left(at_ns);
+        let last = self.scan.frames() - 1;
         let [from, to] =
             [frame, (frame + 1).min(last)].map(|frame| self.scan.trajectory().world_from_picture(frame).affine());
         let [a, b] = [from, to].map(|pose| DQuat::from_mat3(&pose.matrix3).normalize());

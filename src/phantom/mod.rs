@@ -34,6 +34,8 @@ pub mod scene;
 pub mod trajectory;
 pub mod truth;
 
+use calibration::arm::{NotPlanar, Unreachable};
+
 pub use bedside::Bedside;
 pub use blur::EffectiveKernel;
 pub use bmode::Scanner;
@@ -159,6 +161,24 @@ pub enum PhantomError {
     /// A scanner without a body, or a body without a scanner.
     #[error("{0}")]
     NoEchoes(&'static str),
+    /// A motion that an arm cannot follow.
+    #[error(
+        "frame {frame} of the sweep cannot be made by an arm: {why}; choose a motion in a plane (arm, parallel, jittered, fan, rotation)"
+    )]
+    NotPlanar {
+        /// Which, from 0.
+        frame: u32,
+        /// How far it leaves the arm's plane.
+        why: NotPlanar,
+    },
+    /// A motion beyond an arm's links.
+    #[error("frame {frame} of the sweep cannot be made by this arm: {why}")]
+    Unreachable {
+        /// Which, from 0.
+        frame: u32,
+        /// By how much it is missed.
+        why: Unreachable,
+    },
     /// More voxels than a truth volume may have.
     #[error("a truth volume of {size:?} voxels is larger than the limit of {limit} voxels; choose a coarser spacing")]
     VolumeSize {
