@@ -7,6 +7,7 @@ pub mod phantom;
 pub mod reconstruct;
 pub mod render;
 pub mod replay;
+pub mod twin;
 pub mod values;
 
 use clap::{Parser, Subcommand};
@@ -36,6 +37,8 @@ enum Command {
     Devices(devices::Arguments),
     /// Make a synthetic sweep whose truth is known
     Phantom(Box<phantom::Arguments>),
+    /// Play a tracker or an arm on a pseudo-terminal, for drivers to open
+    Twin(Box<twin::Arguments>),
 }
 
 /// Why a command failed: a sentence for stderr, exit code 1.
@@ -64,6 +67,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Command::Inspect(arguments) => inspect::run(arguments),
         Command::Devices(arguments) => devices::run(arguments),
         Command::Phantom(arguments) => phantom::run(arguments),
+        Command::Twin(arguments) => twin::run(arguments),
     }
 }
 

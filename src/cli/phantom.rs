@@ -10,20 +10,19 @@ use drivers::recording::metaimage::VolumeHeader;
 use drivers::recording::metaimage::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
 use glam::DVec3;
 
-mod choices;
+pub(super) mod choices;
 mod echoes;
 
-use choices::{ScalarName, SceneName, TrajectoryName, direction, frequency, tracker_noise};
+use choices::{
+    AXIS_DISTANCE_MM, DWELL, RADIUS_MM, ScalarName, SceneName, TrajectoryName, direction, frequency, tracker_noise,
+};
 
 use super::{Failure, input, values};
 use crate::phantom::scan::{Depth, convex_fan};
 use crate::phantom::scene::{Blobs, MarschnerLobb, Plane, Pulsating, Speckle, ThinSheet, Waves, Wires, ZonePlate};
-use crate::phantom::{EffectiveKernel, Motion, Scan, ScanSettings, Scene, TrackerNoise, blur, truth};
+use crate::phantom::{EffectiveKernel, Scan, ScanSettings, Scene, TrackerNoise, blur, truth};
 use crate::slice::Pixels;
 use crate::volume::Grid;
-
-/// Default of `--axis-distance`, mm.
-const AXIS_DISTANCE_MM: f64 = 60.0;
 
 /// Frames painted at once: enough for all cores, little enough for memory.
 const BATCH: u32 = 8;
@@ -86,10 +85,10 @@ pub struct Arguments {
     #[arg(long, value_name = "MM", default_value_t = AXIS_DISTANCE_MM)]
     axis_distance: f64,
     /// Distance from the axis of --trajectory rotation at which neighbouring pictures lie the gap apart, mm
-    #[arg(long, value_name = "MM", default_value_t = 24.0)]
+    #[arg(long, value_name = "MM", default_value_t = RADIUS_MM)]
     radius: f64,
     /// Pictures of the stand of --trajectory dwell
-    #[arg(long, value_name = "N", default_value_t = 30)]
+    #[arg(long, value_name = "N", default_value_t = DWELL)]
     dwell: u32,
     /// Standard deviations of the recorded poses' errors: position along each axis, mm, and rotation about each, degrees
     #[arg(long, value_name = "MM,DEG", value_parser = tracker_noise, default_value = "0,0")]
@@ -235,17 +234,7 @@ impl Arguments {
                 | SceneName::TankFloor
                 | SceneName::Stylus => body.map_or(Scene::Constant(0.0), Scene::Body),
             },
-            motion: match self.trajectory {
-                TrajectoryName::Parallel => Motion::Parallel,
-                TrajectoryName::Fan => Motion::Fan { axis_distance_mm: self.axis_distance },
-                TrajectoryName::Freehand => Motion::Freehand,
-                TrajectoryName::Jittered => Motion::Jittered,
-                TrajectoryName::Rotation => Motion::Rotation { radius_mm: self.radius },
-                TrajectoryName::Arm => Motion::Arm,
-                TrajectoryName::Crossing => Motion::Crossing,
-                TrajectoryName::Dwell => Motion::Dwell { frames: self.dwell },
-                TrajectoryName::OutAndBack => Motion::OutAndBack,
-            },
+            motion: self.trajectory.motion(self.axis_distance, self.radius, self.dwell),
             frames: self.frames,
             gap_mm: gap,
             image_size: self.image_size,

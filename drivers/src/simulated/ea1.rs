@@ -92,6 +92,11 @@ impl Twin {
         }
     }
 
+    /// Its wire, for what became of the bytes on it.
+    pub(super) fn wire(&self) -> &Wire {
+        &self.wire
+    }
+
     /// Other faults from now on.
     pub fn set_faults(&mut self, faults: Faults) {
         self.wire.set_faults(faults);
@@ -184,7 +189,7 @@ impl Twin {
             return;
         }
         let sample = self.latch(at_ns);
-        if self.wire.chance(self.wire.faults().dropout) {
+        if self.wire.withholds() {
             return;
         }
         let record = if self.bare { Record::Unreliable(sample.counts) } else { Record::Sample(sample) };

@@ -76,6 +76,11 @@ impl Twin {
         }
     }
 
+    /// Its wire, for what became of the bytes on it.
+    pub(super) fn wire(&self) -> &Wire {
+        &self.wire
+    }
+
     /// Other faults from now on.
     pub fn set_faults(&mut self, faults: Faults) {
         self.wire.set_faults(faults);
@@ -171,7 +176,7 @@ impl Twin {
                 let mut answer = Vec::new();
                 Sample::new(self.buttons, None, &self.shown(now_ns)).write(request, &mut answer);
                 self.sampled.push(now_ns);
-                if !self.wire.chance(self.wire.faults().dropout) {
+                if !self.wire.withholds() {
                     self.say(&answer, line_baud, now_ns);
                 }
             }

@@ -10,6 +10,7 @@ mod faults;
 pub mod grabber;
 pub mod isotrak;
 pub mod liberty;
+mod machine;
 pub mod microscribe;
 mod pty;
 pub mod qsb;
@@ -21,7 +22,8 @@ use std::sync::Arc;
 
 use crate::reading::AXES;
 
-pub use faults::Faults;
+pub use faults::{Faults, Tally, trembling};
+pub use machine::Machine;
 pub use pty::Pty;
 pub use unit::{Model, Simulated, cosines, euler_deg};
 pub use wire::Wire;

@@ -22,15 +22,17 @@ pub struct Pty {
     thread: Option<JoinHandle<()>>,
 }
 
-/// The longest time that bytes may wait for a host that does not read them.
+/// The longest time that bytes may wait for a host that does not read them. What comes after them is lost, as on a line that nobody listens to, until it reads again.
 const WRITE: Duration = Duration::from_secs(10);
+/// After they have waited in vain, so much of it comes back with whatever goes through.
+const AGAIN: Duration = Duration::from_millis(1);
 
 impl Pty {
     /// Opens a pseudo-terminal and lets the twin speak on it.
     ///
     /// # Errors
     /// The system's, where there is no pseudo-terminal to be had.
-    pub fn run<P: Peer + 'static>(peer: Arc<Mutex<P>>) -> std::io::Result<Self> {
+    pub fn run<P: Peer + ?Sized + 'static>(peer: Arc<Mutex<P>>) -> std::io::Result<Self> {
         let (mut own, other) = TTYPort::pair().map_err(std::io::Error::other)?;
         let path =
             other.name().map(PathBuf::from).ok_or_else(|| std::io::Error::other("the pseudo-terminal has no name"))?;
@@ -39,8 +41,9 @@ impl Pty {
         let thread = std::thread::Builder::new().name("twin".into()).spawn(move || {
             // While nobody else has it open, its other end is kept so: else reading would fail.
             let kept = other;
+            let mut patience = WRITE;
             while !told.load(Ordering::Relaxed) {
-                if let Err(error) = turn(&peer, &mut own) {
+                if let Err(error) = turn(&*peer, &mut own, &mut patience) {
                     tracing::warn!("a twin's pseudo-terminal: {error}");
                     break;
                 }
@@ -67,14 +70,24 @@ impl Drop for Pty {
     }
 }
 
-/// Waits for what the host sends or what the twin says next, whichever is first, and passes it on.
-fn turn<P: Peer>(peer: &Mutex<P>, own: &mut TTYPort) -> std::io::Result<()> {
+/// Whether an error says only that it is not yet time.
+fn is_early(error: &std::io::Error) -> bool {
+    matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::Interrupted | ErrorKind::WouldBlock)
+}
+
+/// Waits for what the host sends or what the twin says next, whichever is first, and passes it on. `patience` is how long bytes wait for a host: not at all after they have waited in
+/// vain, and longer again as it reads.
+fn turn<P: Peer + ?Sized>(peer: &Mutex<P>, own: &mut TTYPort, patience: &mut Duration) -> std::io::Result<()> {
     let now = Monotonic.now_ns();
     // A pseudo-terminal has no rate.
     let said = peer.lock().unwrap_or_else(PoisonError::into_inner).next(0, now, now).map_err(std::io::Error::other)?;
     if let Some((_, bytes)) = said {
-        own.set_timeout(WRITE).map_err(std::io::Error::other)?;
-        own.write_all(&bytes)?;
+        own.set_timeout(*patience).map_err(std::io::Error::other)?;
+        *patience = match own.write_all(&bytes) {
+            Ok(()) => (*patience + AGAIN).min(WRITE),
+            Err(error) if is_early(&error) => Duration::ZERO,
+            Err(error) => return Err(error),
+        };
     }
     let until = peer.lock().unwrap_or_else(PoisonError::into_inner).due(now).unwrap_or(i64::MAX).min(now + TURN);
     let left = u64::try_from(until - Monotonic.now_ns()).unwrap_or(0);
@@ -86,8 +99,63 @@ fn turn<P: Peer>(peer: &Mutex<P>, own: &mut TTYPort) -> std::io::Result<()> {
             let now = Monotonic.now_ns();
             peer.lock().unwrap_or_else(PoisonError::into_inner).written(&buffer[..bytes], 0, now);
         }
-        Err(error) if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::Interrupted | ErrorKind::WouldBlock) => {}
+        Err(error) if is_early(&error) => {}
         Err(error) => return Err(error),
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::SECOND;
+    use crate::transport::LineError;
+
+    /// Says a kilobyte at once, again and again, each with its number.
+    struct Chatter {
+        number: u8,
+        heard: Vec<u8>,
+    }
+
+    impl Peer for Chatter {
+        fn written(&mut self, bytes: &[u8], _baud: u32, _now_ns: i64) {
+            self.heard.extend(bytes);
+        }
+
+        fn next(&mut self, _: u32, now_ns: i64, _: i64) -> Result<Option<(i64, Vec<u8>)>, LineError> {
+            self.number = self.number.wrapping_add(1);
+            Ok(Some((now_ns, vec![self.number; 1024])))
+        }
+
+        fn due(&self, now_ns: i64) -> Option<i64> {
+            Some(now_ns + MS)
+        }
+    }
+
+    #[test]
+    fn a_host_that_does_not_read_loses_bytes_and_is_heard_all_the_same() {
+        let chatter = Arc::new(Mutex::new(Chatter { number: 0, heard: Vec::new() }));
+        let (mut own, mut other) = TTYPort::pair().unwrap();
+        let mut patience = 20 * AGAIN;
+        // A pseudo-terminal holds four or some more.
+        for _ in 0..200 {
+            turn(&*chatter, &mut own, &mut patience).unwrap();
+        }
+        assert!(patience < 5 * AGAIN, "nobody is waited for");
+        other.write_all(b"be quiet").unwrap();
+        let end = Monotonic.now_ns() + 5 * SECOND;
+        while chatter.lock().unwrap().heard != b"be quiet" {
+            assert!(Monotonic.now_ns() < end, "not heard");
+            turn(&*chatter, &mut own, &mut patience).unwrap();
+        }
+        // Once it reads, all that is said arrives.
+        other.set_timeout(Duration::from_millis(20)).unwrap();
+        let mut buffer = [0; 65_536];
+        while other.read(&mut buffer).is_ok() {}
+        turn(&*chatter, &mut own, &mut patience).unwrap();
+        assert!(patience >= AGAIN);
+        let mut said = [0; 1024];
+        other.read_exact(&mut said).unwrap();
+        assert_eq!(said, [chatter.lock().unwrap().number; 1024]);
+    }
 }

@@ -74,6 +74,11 @@ impl Twin {
         }
     }
 
+    /// Its wire, for what became of the bytes on it.
+    pub(super) fn wire(&self) -> &Wire {
+        &self.wire
+    }
+
     /// Other faults from now on.
     pub fn set_faults(&mut self, faults: Faults) {
         self.wire.set_faults(faults);
@@ -161,7 +166,7 @@ impl Twin {
             }
             self.next_tick += i64::from(self.of(register::STREAM_INTERVAL).max(1));
             self.streamed += 1;
-            if self.wire.chance(self.wire.faults().dropout) {
+            if self.wire.withholds() {
                 continue;
             }
             let count = self.count(at);

@@ -106,6 +106,11 @@ impl<M: Model> Simulated<M> {
         }
     }
 
+    /// Its wire, for what became of the bytes on it.
+    pub(super) fn wire(&self) -> &Wire {
+        &self.wire
+    }
+
     /// Other faults from now on.
     pub fn set_faults(&mut self, faults: Faults) {
         self.wire.set_faults(faults);
@@ -152,7 +157,7 @@ impl<M: Model> Simulated<M> {
         let can_be_sent = at_ns >= self.busy_ns && self.wire.is_idle(sent_ns);
         for record in records {
             self.measured += 1;
-            if !can_be_sent || self.wire.chance(self.wire.faults().dropout) {
+            if !can_be_sent || self.wire.withholds() {
                 self.harmed += 1;
                 continue;
             }

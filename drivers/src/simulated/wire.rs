@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use super::Faults;
+use super::{Faults, Tally};
 use crate::clock::SECOND;
 
 /// Bits that a byte takes: one start, eight data, one stop.
@@ -19,13 +19,21 @@ pub struct Wire {
     busy_until: i64,
     /// When the last piece is there: what comes later does not overtake it.
     last_ns: i64,
+    tally: Tally,
 }
 
 impl Wire {
     /// An idle one.
     pub fn new(faults: Faults) -> Self {
         let random = fastrand::Rng::with_seed(faults.seed);
-        Self { faults, random, on_the_way: VecDeque::new(), busy_until: i64::MIN, last_ns: i64::MIN }
+        Self {
+            faults,
+            random,
+            on_the_way: VecDeque::new(),
+            busy_until: i64::MIN,
+            last_ns: i64::MIN,
+            tally: Tally::default(),
+        }
     }
 
     /// Its faults.
@@ -38,8 +46,20 @@ impl Wire {
         (self.faults, self.random) = (faults, fastrand::Rng::with_seed(faults.seed));
     }
 
+    /// What became of all that was put on it.
+    pub fn tally(&self) -> Tally {
+        self.tally
+    }
+
+    /// Whether a record is one of those that the device does not send, which is counted.
+    pub fn withholds(&mut self) -> bool {
+        let withheld = self.chance(self.faults.dropout);
+        self.tally.withheld += u64::from(withheld);
+        withheld
+    }
+
     /// True in so large a share of calls.
-    pub fn chance(&mut self, share: f64) -> bool {
+    fn chance(&mut self, share: f64) -> bool {
         share > 0.0 && self.random.f64() < share
     }
 
@@ -53,11 +73,14 @@ impl Wire {
         let begin = self.busy_until.max(now_ns);
         self.busy_until = begin + bytes.len() as i64 * BITS * SECOND / i64::from(baud);
         let mut there = Vec::with_capacity(bytes.len());
+        self.tally.bytes += bytes.len() as u64;
         for byte in bytes {
             if self.chance(self.faults.drop) {
+                self.tally.dropped += 1;
                 continue;
             }
             let harmed = garbled || self.chance(self.faults.noise);
+            self.tally.garbled += u64::from(harmed);
             there.push(if harmed { self.random.u8(..) } else { *byte });
         }
         let jitter = if self.faults.jitter_ns > 0 { self.random.i64(0..=self.faults.jitter_ns) } else { 0 };
@@ -132,13 +155,16 @@ mod tests {
                 last = due;
                 there.extend(wire.take(due).unwrap().1);
             }
-            there
+            (there, wire.tally())
         };
-        let there = run();
+        let (there, tally) = run();
         let lost = 20_000 - there.len();
         let harmed = there.iter().filter(|byte| **byte != 0).count();
         assert!((1800..2200).contains(&lost) && (750..1050).contains(&harmed), "{lost} {harmed}");
-        assert_eq!(there, run());
+        assert_eq!((tally.bytes, tally.dropped), (20_000, lost as u64));
+        // One of 256 garbled bytes is what it was.
+        assert!((harmed as u64..harmed as u64 + 30).contains(&tally.garbled), "{tally:?}");
+        assert_eq!((there, tally), run());
     }
 
     #[test]

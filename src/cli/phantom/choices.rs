@@ -5,7 +5,7 @@ use glam::DVec3;
 
 use crate::cli::values;
 use crate::config::numbers;
-use crate::phantom::TrackerNoise;
+use crate::phantom::{Motion, TrackerNoise};
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
 pub(super) enum SceneName {
@@ -49,7 +49,7 @@ pub(super) enum SceneName {
 }
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
-pub(super) enum TrajectoryName {
+pub(in crate::cli) enum TrajectoryName {
     /// Equal steps along the plane's normal
     Parallel,
     /// Uneven steps along the plane's normal, from 2/3 to 4/3 of the gap
@@ -69,6 +69,30 @@ pub(super) enum TrajectoryName {
     Dwell,
     /// A parallel sweep and the same way back
     OutAndBack,
+}
+
+/// Default of `--axis-distance`, mm.
+pub(in crate::cli) const AXIS_DISTANCE_MM: f64 = 60.0;
+/// Default of `--radius`, mm.
+pub(in crate::cli) const RADIUS_MM: f64 = 24.0;
+/// Default of `--dwell`, pictures.
+pub(in crate::cli) const DWELL: u32 = 30;
+
+impl TrajectoryName {
+    /// The motion, with the numbers that some of them need.
+    pub(in crate::cli) fn motion(self, axis_distance_mm: f64, radius_mm: f64, dwell: u32) -> Motion {
+        match self {
+            Self::Parallel => Motion::Parallel,
+            Self::Fan => Motion::Fan { axis_distance_mm },
+            Self::Freehand => Motion::Freehand,
+            Self::Jittered => Motion::Jittered,
+            Self::Rotation => Motion::Rotation { radius_mm },
+            Self::Arm => Motion::Arm,
+            Self::Crossing => Motion::Crossing,
+            Self::Dwell => Motion::Dwell { frames: dwell },
+            Self::OutAndBack => Motion::OutAndBack,
+        }
+    }
 }
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
@@ -93,7 +117,7 @@ pub(super) fn frequency(text: &str) -> Result<DVec3, String> {
 }
 
 /// MM,DEG.
-pub(super) fn tracker_noise(text: &str) -> Result<TrackerNoise, String> {
+pub(in crate::cli) fn tracker_noise(text: &str) -> Result<TrackerNoise, String> {
     let [position_mm, rotation_degrees] = numbers::<2>(text)?;
     Ok(TrackerNoise { position_mm, rotation_degrees })
 }

@@ -1,0 +1,459 @@
+//! `sonoweave twin`: a tracker or an arm that is not there, on a pseudo-terminal.
+
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, PoisonError};
+use std::time::Duration;
+
+use clap::Args;
+use drivers::clock::{Clock, MS, Monotonic, SECOND};
+use drivers::simulated::{Faults, Joints, Motion, Pty, Tally, trembling};
+
+mod units;
+
+use units::{Found, Left, Port, Unit, name};
+
+use super::Failure;
+use super::phantom::choices::{AXIS_DISTANCE_MM, DWELL, RADIUS_MM, TrajectoryName, tracker_noise};
+use crate::phantom::bedside::arm::{BedsideArm, standard_arm};
+use crate::phantom::{Bedside, Scan, ScanSettings, Scene, TrackerNoise};
+
+/// How long a plug stays out, ns.
+const OUT: i64 = 2 * SECOND;
+/// How often it is looked whether there is anything to do.
+const TURN: Duration = Duration::from_millis(20);
+/// Commands that are told apart in the end; others are counted together.
+const MOST_COMMANDS: usize = 20;
+
+/// Flags of `twin`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+The terminal is a serial line to whoever opens it: to our drivers, to other programs, to `cat`. A pseudo-terminal has no rate and does not tell that it was opened: any rate \
+is right, and no unit starts anew. The hand goes to and fro without end; the same flags play the same. What `phantom` lets one choose further of a trajectory is at its default.
+
+An arm carries its probe in a plane: its trajectory must be one (arm, parallel, jittered, fan, rotation, dwell, out-and-back), and where it begins the arm is at home.
+
+Examples: sonoweave twin fastrak --link /tmp/fastrak
+          sonoweave twin liberty --found inches --noise 0.3,0.1 --garble 0.001 --dropout 0.01
+          sonoweave twin qsb --link /tmp/arm --unplug-every 30   # /tmp/arm1 to /tmp/arm3")]
+pub struct Arguments {
+    /// What to play
+    #[arg(value_enum, value_name = "UNIT")]
+    unit: Unit,
+    /// Link to the terminal under this name, also after it was plugged out and in; of three axes with 1, 2 and 3 at its end
+    #[arg(long, value_name = "PATH")]
+    link: Option<PathBuf>,
+    /// How it is found
+    #[arg(long, value_enum, default_value_t)]
+    found: Found,
+    /// How the probe moves [default: freehand; of an arm arm]
+    #[arg(long, value_enum)]
+    trajectory: Option<TrajectoryName>,
+    /// Poses of the trajectory, 30 a second
+    #[arg(long, value_name = "N", default_value_t = 120)]
+    frames: u32,
+    /// Mean distance between two of them, mm
+    #[arg(long, value_name = "MM", default_value_t = 0.35)]
+    gap: f64,
+    /// Seed of the walk and of all faults
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+    /// Sensors in use: the first is on the probe, all others on the patient, who breathes [default: 2, or as many as it has]
+    #[arg(long, value_name = "N")]
+    stations: Option<u8>,
+    /// Readings a second at which it was left; a driver may set others
+    #[arg(long, value_name = "HZ")]
+    rate: Option<u32>,
+    /// Counts a turn of an arm's encoders [default: 40000; of a MicroScribe 16384]
+    #[arg(long, value_name = "N")]
+    counts_per_turn: Option<u32>,
+    /// Standard deviations of a sensor's noise: position along each axis, mm, and rotation about each, degrees
+    #[arg(long, help_heading = "Faults", value_name = "MM,DEG", value_parser = tracker_noise)]
+    noise: Option<TrackerNoise>,
+    /// Share of bytes that are lost on the line
+    #[arg(long, help_heading = "Faults", value_name = "P", value_parser = share, default_value_t = 0.0)]
+    drop: f64,
+    /// Share of bytes that arrive as another
+    #[arg(long, help_heading = "Faults", value_name = "P", value_parser = share, default_value_t = 0.0)]
+    garble: f64,
+    /// Share of records that are not sent
+    #[arg(long, help_heading = "Faults", value_name = "P", value_parser = share, default_value_t = 0.0)]
+    dropout: f64,
+    /// How much faster than the host's the unit's clock runs, parts in a million
+    #[arg(long, help_heading = "Faults", value_name = "PPM", default_value_t = 0.0, allow_hyphen_values = true)]
+    drift: f64,
+    /// Everything arrives later by this, ms
+    #[arg(long, help_heading = "Faults", value_name = "MS", default_value_t = 0.0)]
+    latency: f64,
+    /// And by up to this, each time anew, ms; nothing overtakes
+    #[arg(long, help_heading = "Faults", value_name = "MS", default_value_t = 0.0)]
+    jitter: f64,
+    /// Bytes arrive in packets, one every so many ms, as from an adapter that collects them (FTDI's: 16)
+    #[arg(long, help_heading = "Faults", value_name = "MS", default_value_t = 0.0)]
+    packets: f64,
+    /// Pull the plug after every so many s, for 2 s
+    #[arg(long, help_heading = "Faults", value_name = "S")]
+    unplug_every: Option<f64>,
+    /// End after so many s [default: at SIGINT or SIGTERM]
+    #[arg(long, value_name = "S")]
+    duration: Option<f64>,
+}
+
+/// A share of 0 to 1.
+fn share(text: &str) -> Result<f64, String> {
+    match text.trim().parse() {
+        Ok(share) if (0.0..=1.0).contains(&share) => Ok(share),
+        _ => Err("must be a share of 0 to 1".into()),
+    }
+}
+
+/// A length of time; hours and no more.
+fn ns(flag: &str, value: f64, unit_ns: i64) -> Result<i64, Failure> {
+    if !(0.0..=1e6).contains(&value) {
+        return Err(Failure(format!("--{flag} {value}: must lie between 0 and 1000000")));
+    }
+    Ok((value * unit_ns as f64).round() as i64)
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// [`Failure`] when there is no such unit, or no pseudo-terminal to be had.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let ends = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        signal_hook::flag::register(signal, Arc::clone(&ends))?;
+    }
+    play(arguments, Monotonic.now_ns(), &ends, &mut std::io::stdout().lock())
+}
+
+/// Plays until told to end; the trajectory begins at that time.
+fn play(arguments: &Arguments, begin_ns: i64, ends: &AtomicBool, out: &mut impl Write) -> Result<(), Failure> {
+    let out_of = |name: &str, value: Option<f64>| value.map(|s| ns(name, s, SECOND)).transpose();
+    let duration = out_of("duration", arguments.duration)?;
+    let every = out_of("unplug-every", arguments.unplug_every)?;
+    if every.is_some_and(|every| every < SECOND / 10) {
+        return Err(Failure("--unplug-every: a plug can be pulled every 0.1 s and no oftener".into()));
+    }
+    let ports = arguments.ports(begin_ns)?;
+    let mut links: Vec<Option<Link>> = (1..)
+        .zip(&ports)
+        .map(|(number, _)| {
+            let path = arguments.link.as_ref()?;
+            let mut path = path.clone().into_os_string();
+            if ports.len() > 1 {
+                path.push(number.to_string());
+            }
+            Some(Link { path: path.into(), target: None })
+        })
+        .collect();
+    for link in links.iter().flatten() {
+        link.check()?;
+    }
+    let mut lines = open(&ports, &mut links, out)?;
+    writeln!(out, "{}", arguments.describe()?)?;
+    if duration.is_none() {
+        writeln!(out, "Ctrl-C ends it.")?;
+    }
+    out.flush()?;
+    let mut asked: BTreeMap<String, u64> = BTreeMap::new();
+    let mut turns_ns = every.map(|every| begin_ns + every);
+    while !ends.load(Ordering::Relaxed) && duration.is_none_or(|ns| Monotonic.now_ns() < begin_ns + ns) {
+        std::thread::sleep(TURN);
+        note_commands(&ports, &mut asked);
+        let now_ns = Monotonic.now_ns();
+        let (Some(at), Some(every)) = (turns_ns, every) else { continue };
+        if now_ns < at {
+            continue;
+        }
+        if lines.is_empty() {
+            for Port { machine, .. } in &ports {
+                machine.lock().unwrap_or_else(PoisonError::into_inner).plug_in(now_ns);
+            }
+            lines = open(&ports, &mut links, out)?;
+            turns_ns = Some(now_ns + every);
+        } else {
+            // The terminals hang up first: what is pulled out has nobody to tell.
+            lines.clear();
+            for Port { machine, .. } in &ports {
+                machine.lock().unwrap_or_else(PoisonError::into_inner).pull();
+            }
+            writeln!(out, "unplugged for {} s", OUT / SECOND)?;
+            turns_ns = Some(now_ns + OUT);
+        }
+        out.flush()?;
+    }
+    drop(lines);
+    note_commands(&ports, &mut asked);
+    let tally = ports.iter().map(|port| port.machine.lock().unwrap_or_else(PoisonError::into_inner).tally());
+    let seconds = (Monotonic.now_ns() - begin_ns) as f64 / SECOND as f64;
+    out.write_all(summary(seconds, tally.fold(Tally::default(), |sum, each| sum + each), &asked).as_bytes())?;
+    Ok(())
+}
+
+/// Terminals for all, said and linked to.
+fn open(ports: &[Port], links: &mut [Option<Link>], out: &mut impl Write) -> Result<Vec<Pty>, Failure> {
+    let mut lines = Vec::new();
+    for (Port { name, machine }, link) in ports.iter().zip(links) {
+        let pty = Pty::run(Arc::clone(machine))
+            .map_err(|e| Failure(format!("no pseudo-terminal can be had: {e}; is /dev/pts mounted?")))?;
+        match link {
+            Some(link) => {
+                link.point_to(pty.path())?;
+                writeln!(out, "{}  {name}, linked from {}", pty.path().display(), link.path.display())?;
+            }
+            None => writeln!(out, "{}  {name}", pty.path().display())?,
+        }
+        lines.push(pty);
+    }
+    Ok(lines)
+}
+
+/// Counts what was obeyed since.
+fn note_commands(ports: &[Port], asked: &mut BTreeMap<String, u64>) {
+    for Port { machine, .. } in ports {
+        for command in machine.lock().unwrap_or_else(PoisonError::into_inner).take_obeyed() {
+            let said = words(&command);
+            let known = asked.len() < MOST_COMMANDS || asked.contains_key(&said);
+            *asked.entry(if known { said } else { "others".into() }).or_default() += 1;
+        }
+    }
+}
+
+/// A command as people read it.
+fn words(command: &[u8]) -> String {
+    // VIPER's begin with a mark, and a length, and say what they are after the unit's number.
+    let word = |at: usize| {
+        command.get(at..at + 4).and_then(|word| word.try_into().ok()).map(u32::from_le_bytes).unwrap_or_default()
+    };
+    if command.starts_with(b"VPRC") {
+        let action = ["set", "get", "reset"].get(word(16) as usize).unwrap_or(&"do");
+        return format!("{action} {}", word(12));
+    }
+    let text: String = command
+        .trim_ascii_end()
+        .iter()
+        .map(|byte| match byte {
+            0..0x20 => format!("^{}", char::from(byte + 0x40)),
+            0x20..0x7f => char::from(*byte).to_string(),
+            _ => format!("{byte:02x}"),
+        })
+        .collect();
+    if text.is_empty() { "end of line".into() } else { text }
+}
+
+/// What it did.
+fn summary(seconds: f64, tally: Tally, asked: &BTreeMap<String, u64>) -> String {
+    let Tally { bytes, dropped, garbled, withheld } = tally;
+    let mut said = format!(
+        "{seconds:.1} s: {bytes} bytes sent, of which {dropped} were lost and {garbled} garbled; {withheld} records not sent\n"
+    );
+    said += &match asked.is_empty() {
+        true => "nobody asked for anything\n".to_owned(),
+        false => {
+            let list: Vec<String> = asked.iter().map(|(what, times)| format!("{what} ×{times}")).collect();
+            format!("obeyed: {}\n", list.join("; "))
+        }
+    };
+    said
+}
+
+/// A name that stays while terminals come and go.
+struct Link {
+    path: PathBuf,
+    /// What it points to by our doing.
+    target: Option<PathBuf>,
+}
+
+impl Link {
+    /// Refuses to take the place of anything but a link.
+    fn check(&self) -> Result<(), Failure> {
+        match std::fs::symlink_metadata(&self.path) {
+            Ok(there) if !there.is_symlink() => Err(Failure(format!(
+                "--link {}: something is there that is no link; give another name",
+                self.path.display()
+            ))),
+            _ => Ok(()),
+        }
+    }
+
+    /// There is a link at every time, to the old terminal or to the new one.
+    fn point_to(&mut self, target: &Path) -> Result<(), Failure> {
+        self.check()?;
+        let path = self.path.display().to_string();
+        let failed = |e: std::io::Error| {
+            Failure(format!("--link {path}: cannot be made: {e}; give a name in a folder of yours"))
+        };
+        let mut beside = self.path.clone().into_os_string();
+        beside.push(format!(".{}", std::process::id()));
+        std::os::unix::fs::symlink(target, &beside).map_err(failed)?;
+        std::fs::rename(&beside, &self.path).map_err(failed)?;
+        self.target = Some(target.to_owned());
+        Ok(())
+    }
+}
+
+impl Drop for Link {
+    fn drop(&mut self) {
+        // Another twin may have taken the name meanwhile, and keeps it.
+        if self.target.is_some() && std::fs::read_link(&self.path).ok() == self.target {
+            let _ = std::fs::remove_file(&self.path);
+        }
+    }
+}
+
+impl Arguments {
+    fn faults(&self) -> Result<Faults, Failure> {
+        if !(self.drift.abs() <= 1e5) {
+            return Err(Failure(format!("--drift {}: must be at most 100000 parts in a million", self.drift)));
+        }
+        Ok(Faults {
+            seed: self.seed,
+            drop: self.drop,
+            noise: self.garble,
+            dropout: self.dropout,
+            drift_ppm: self.drift,
+            latency_ns: ns("latency", self.latency, MS)?,
+            jitter_ns: ns("jitter", self.jitter, MS)?,
+            packet_ns: ns("packets", self.packets, MS)?,
+        })
+    }
+
+    fn stations(&self) -> Result<u8, Failure> {
+        let (unit, most) = (name(self.unit), self.unit.most_stations());
+        match self.stations {
+            Some(_) if self.unit.is_arm() => Err(Failure(format!("--stations: {unit} is an arm and has none"))),
+            Some(stations) if !(1..=most).contains(&stations) => {
+                Err(Failure(format!("--stations {stations}: {unit} has {most}; give 1 to {most}")))
+            }
+            stations => Ok(stations.unwrap_or(most.min(2))),
+        }
+    }
+
+    /// Refuses what the unit cannot be.
+    fn check(&self) -> Result<(), Failure> {
+        let (unit, rates) = (name(self.unit), self.unit.rates());
+        let states = self.unit.states();
+        if !states.contains(&self.found) {
+            let states: Vec<String> = states.iter().map(|found| name(*found)).collect();
+            return Err(Failure(format!(
+                "--found {}: {unit} cannot be; give one of {}",
+                name(self.found),
+                states.join(", ")
+            )));
+        }
+        match self.rate {
+            Some(_) if rates.is_empty() => {
+                return Err(Failure(format!(
+                    "--rate: {unit} has no rate that could be set; its readings come as fast as it can, or as they are asked for"
+                )));
+            }
+            Some(rate) if !rates.contains(&rate) => {
+                return Err(Failure(format!("--rate {rate}: {unit} is played at {rates:?} readings a second")));
+            }
+            _ => {}
+        }
+        match (self.unit.is_arm(), self.noise.is_some(), self.counts_per_turn) {
+            (true, true, _) => Err(Failure(format!("--noise: {unit} counts, and counts have no noise"))),
+            (false, _, Some(_)) => Err(Failure(format!("--counts-per-turn: {unit} is a tracker and counts nothing"))),
+            (true, _, Some(0)) => Err(Failure("--counts-per-turn 0: must be at least 1".into())),
+            _ => Ok(()),
+        }
+    }
+
+    fn trajectory(&self) -> TrajectoryName {
+        let usual = if self.unit.is_arm() { TrajectoryName::Arm } else { TrajectoryName::Freehand };
+        self.trajectory.unwrap_or(usual)
+    }
+
+    /// What the trajectory is of; no picture is painted.
+    fn bedside(&self, begin_ns: i64) -> Result<Arc<Bedside>, Failure> {
+        let scan = Scan::new(ScanSettings {
+            scene: Scene::Constant(0.0),
+            motion: self.trajectory().motion(AXIS_DISTANCE_MM, RADIUS_MM, DWELL),
+            frames: self.frames,
+            gap_mm: self.gap,
+            seed: self.seed,
+            ..ScanSettings::default()
+        })?;
+        Ok(Arc::new(Bedside::new(scan, begin_ns)))
+    }
+
+    fn arm_counts(&self) -> u32 {
+        self.counts_per_turn.unwrap_or(if self.unit == Unit::Microscribe { 16_384 } else { 40_000 })
+    }
+
+    /// What the sensors of a tracker measure.
+    fn motion(&self, begin_ns: i64) -> Result<Motion, Failure> {
+        let motion = self.bedside(begin_ns)?.motion();
+        Ok(match self.noise {
+            None => motion,
+            Some(TrackerNoise { position_mm, rotation_degrees }) => {
+                if ![position_mm, rotation_degrees].iter().all(|sd| (0.0..=100.0).contains(sd)) {
+                    return Err(Failure("--noise: both standard deviations must lie between 0 and 100".into()));
+                }
+                trembling(motion, position_mm, rotation_degrees, self.seed)
+            }
+        })
+    }
+
+    /// What the encoders of an arm show.
+    fn joints(&self, begin_ns: i64) -> Result<Joints, Failure> {
+        let arm = standard_arm(self.arm_counts().into())?;
+        Ok(Arc::new(BedsideArm::new(self.bedside(begin_ns)?, arm)?).joints())
+    }
+
+    fn ports(&self, begin_ns: i64) -> Result<Vec<Port>, Failure> {
+        self.check()?;
+        let stations = self.stations()?;
+        let faults = self.faults()?;
+        let left = Left { found: self.found, stations, rate_hz: self.rate, faults, now_ns: begin_ns };
+        if self.unit.is_arm() {
+            self.unit.arm(&self.joints(begin_ns)?, self.arm_counts(), &left)
+        } else {
+            self.unit.tracker(self.motion(begin_ns)?, &left)
+        }
+    }
+
+    /// What is played, in words.
+    fn describe(&self) -> Result<String, Failure> {
+        let of = match (self.unit.is_arm(), self.stations()?) {
+            (true, _) => format!("arm of 3 joints, {} counts a turn", self.arm_counts()),
+            (false, 1) => "1 sensor".into(),
+            (false, sensors) => format!("{sensors} sensors"),
+        };
+        let mut said = format!(
+            "{}, {of}, found {}: {} sweep of {} poses, {} mm apart, to and fro; seed {}",
+            name(self.unit),
+            name(self.found),
+            name(self.trajectory()),
+            self.frames,
+            self.gap,
+            self.seed
+        );
+        let percent = |share: f64| format!("{} %", share * 100.0);
+        let faults = [
+            (self.drop > 0.0, format!("{} of bytes lost", percent(self.drop))),
+            (self.garble > 0.0, format!("{} garbled", percent(self.garble))),
+            (self.dropout > 0.0, format!("{} of records not sent", percent(self.dropout))),
+            (self.drift != 0.0, format!("clock off by {} parts in a million", self.drift)),
+            (self.latency > 0.0, format!("{} ms late", self.latency)),
+            (self.jitter > 0.0, format!("up to {} ms of jitter", self.jitter)),
+            (self.packets > 0.0, format!("packets every {} ms", self.packets)),
+        ];
+        let noise =
+            self.noise.map(|noise| format!("noise of {} mm and {}°", noise.position_mm, noise.rotation_degrees));
+        let plug = self.unplug_every.map(|s| format!("unplugged every {s} s"));
+        let faults: Vec<String> =
+            noise.into_iter().chain(faults.into_iter().filter(|f| f.0).map(|f| f.1)).chain(plug).collect();
+        if !faults.is_empty() {
+            said += &format!("\nfaults: {}", faults.join(", "));
+        }
+        Ok(said)
+    }
+}
+
+#[cfg(test)]
+mod tests;
