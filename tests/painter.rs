@@ -1,0 +1,151 @@
+//! The painter of echoes: the same bits whoever paints, and no memory asked for while it paints.
+
+#![allow(clippy::unwrap_used, reason = "tests fail so")]
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use std::sync::Arc;
+
+use drivers::clock::{Clock, MS, Manual, SECOND};
+use drivers::reading::Reading;
+use drivers::simulated::Faults;
+use drivers::simulated::grabber::Grabber;
+use drivers::{Device, Next};
+use sonoweave::phantom::body::{doll, thigh};
+use sonoweave::phantom::{Bedside, Body, Motion, Scan, ScanSettings, Scanner, Scene};
+use sonoweave::slice::Pixels;
+
+thread_local! {
+    static ASKED: Cell<usize> = const { Cell::new(0) };
+}
+
+/// The system's allocator, counting what each thread asks for.
+struct Counting;
+
+#[allow(unsafe_code, reason = "an allocator is unsafe by its trait; this one hands everything to the system's")]
+// SAFETY: every call is passed on unchanged to the system's allocator, which keeps the contract; counting touches a number of this thread only.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ASKED.with(|asked| asked.set(asked.get() + 1));
+        // SAFETY: the caller's promises are the system's conditions.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: the memory came from the system's allocator, with this layout.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+
+    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        ASKED.with(|asked| asked.set(asked.get() + 1));
+        // SAFETY: the memory came from the system's allocator, with this layout.
+        unsafe { System.realloc(pointer, layout, size) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// Allocations of this thread meanwhile.
+fn asked(deed: impl FnOnce()) -> usize {
+    let before = ASKED.with(Cell::get);
+    deed();
+    ASKED.with(Cell::get) - before
+}
+
+/// A sweep of a body by a scanner.
+fn scan(body: Arc<Body>, scanner: Scanner) -> Scan {
+    let image_size = [96, 80];
+    let pixel = scanner.pixel_mm(image_size);
+    let settings = ScanSettings {
+        scene: Scene::Body(body),
+        scanner: Some(scanner),
+        motion: Motion::Freehand,
+        frames: 12,
+        gap_mm: 2.0,
+        image_size,
+        pixel_mm: [pixel; 2],
+        noise_sd: 0.0,
+        ..ScanSettings::default()
+    };
+    Scan::new(settings).unwrap()
+}
+
+fn scans() -> [Scan; 2] {
+    let doll = scan(Arc::new(doll::doll()), Scanner::abdominal(105.0).in_water());
+    let thigh = scan(Arc::new(thigh::thigh(60.0)), Scanner::abdominal(120.0));
+    [doll, thigh]
+}
+
+fn greys(scan: &Scan) -> Vec<Vec<u8>> {
+    let slices = scan.slices(0..scan.frames());
+    let pixels = slices.iter().map(|slice| match slice.image.pixels() {
+        Pixels::U8(pixels) => pixels.to_vec(),
+        other => panic!("{} bytes of another kind", other.bytes()),
+    });
+    pixels.collect()
+}
+
+#[test]
+fn pictures_are_the_same_bits_for_any_number_of_threads() {
+    for scan in scans() {
+        let bmode = scan.bmode().unwrap();
+        // One after the other, in room that others were painted in; and last to first, each in room of its own.
+        let mut room = bmode.workspace();
+        let paint = |frame: u32, room: &mut _| {
+            let mut picture = vec![7; 96 * 80];
+            assert!(scan.paint_echoes(frame, room, &mut picture));
+            picture
+        };
+        let in_order: Vec<Vec<u8>> = (0..12).map(|frame| paint(frame, &mut room)).collect();
+        assert!(in_order.iter().all(|picture| picture.iter().any(|grey| *grey > 60)), "there is something to see");
+        assert!(in_order.windows(2).all(|two| two[0] != two[1]), "and it moves");
+        for frame in (0..12).rev() {
+            assert!(paint(frame, &mut bmode.workspace()) == in_order[frame as usize], "frame {frame}");
+        }
+        for threads in [1, 2, 3, 5, 8] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            assert!(pool.install(|| greys(&scan)) == in_order, "{threads} threads");
+        }
+    }
+}
+
+#[test]
+fn a_further_picture_asks_for_no_memory() {
+    for scan in scans() {
+        let bmode = scan.bmode().unwrap();
+        let (mut room, mut picture) = (bmode.workspace(), vec![0; 96 * 80]);
+        // Not even the first: the room is made for the worst that the body can ask for.
+        for frame in 0..12 {
+            let count = asked(|| assert!(scan.paint_echoes(frame, &mut room, &mut picture)));
+            assert_eq!(count, 0, "frame {frame}");
+        }
+    }
+}
+
+#[test]
+fn a_grabber_s_picture_asks_for_no_memory_once_its_pool_is_full() {
+    let [scan, _] = scans();
+    let bedside = Arc::new(Bedside::new(scan, 0));
+    let clock = Manual::at(0);
+    let mut grabber =
+        Grabber::new(bedside.pictures(), [96, 80], 30.0, Faults::default(), Arc::new(clock.clone())).unwrap();
+    grabber.start().unwrap();
+    let (mut frames, mut held) = (0, 0);
+    while clock.now_ns() < 2 * SECOND {
+        let mut frame = None;
+        let count = asked(|| frame = Some(grabber.next(clock.now_ns() + 50 * MS).unwrap()));
+        let Some(Next::Reading(Reading::Frame(frame))) = frame else { continue };
+        frames += 1;
+        held = held.max(count);
+        assert!(frames < 4 || count == 0, "frame {frames}: {count} allocations");
+        assert!(frame.pixels.iter().any(|grey| *grey > 0));
+    }
+    assert!(frames > 50 && held > 0, "{frames} {held}");
+}
+
+#[test]
+fn the_count_counts() {
+    let count = asked(|| assert_eq!(*std::hint::black_box(Box::new(7)), 7));
+    assert_eq!(count, 1);
+}
