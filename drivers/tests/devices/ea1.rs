@@ -81,6 +81,20 @@ fn counts_are_those_of_the_joints_at_the_times_of_the_stamps() {
 }
 
 #[test]
+fn homing_at_any_moment_costs_no_sample() {
+    for ms in 0..10 {
+        let mut rig = usual();
+        rig.until(State::Running, SOON);
+        rig.readings(100 * MS + ms * MS);
+        // The virtual arm's timer begins anew by it, so that the next sample comes up to a period late.
+        rig = homed(rig);
+        rig.readings(SECOND);
+        let received = rig.device.health().received;
+        assert_eq!((received.lost, received.refused), (0, 0), "{ms} ms: {received:?}");
+    }
+}
+
+#[test]
 fn an_arm_is_set_up_however_it_was_left() {
     for left in 0..32 {
         let mut twin = Twin::new(moving(), Faults::default());

@@ -331,7 +331,7 @@ fn between(earlier: &Sample, later: &Sample, period_us: Option<i64>, zeroed: Opt
     let told = zeroed.filter(|zeroed| is_past(zeroed.by_us, later) && !is_past(zeroed.by_us, earlier));
     // An index mark went by.
     let met = homed_of(later.flags) & !homed_of(earlier.flags);
-    // Number and time go together, or one of them is damaged.
-    let expected = period_us.is_none_or(|period| (us - steps * period).abs() <= period / 2 + us / 8);
+    // Number and time go together, or one of them is damaged; but the timer of an arm may begin anew when it is zeroed.
+    let expected = told.is_some() || period_us.is_none_or(|period| (us - steps * period).abs() <= period / 2 + us / 8);
     Between::Later { ns: us * 1000, set: told.map_or(0, |zeroed| zeroed.axes) | met, expected }
 }
