@@ -8,7 +8,8 @@
 //! ```
 //!
 //! What is said on the line is a [`Protocol`]'s, which neither waits nor reads a clock: it is told what came and says what to do next. So every ladder is tested without
-//! a line, and no call of [`Connection::next`] takes longer than its deadline, however long the setting-up takes.
+//! a line, and no call of [`Connection::next`] takes longer than its deadline, however long the setting-up takes; but a device that does not take what is sent to it
+//! is waited for.
 
 use std::collections::VecDeque;
 use std::os::fd::BorrowedFd;
@@ -273,7 +274,8 @@ impl<P: Protocol> Connection<P> {
         } else {
             match rung {
                 Rung::Send(bytes) => match line.write(bytes) {
-                    Ok(()) => Met::Done,
+                    // One that takes nothing is there: it answers nothing either, and counts as silent.
+                    Ok(()) | Err(LineError::Stuck) => Met::Done,
                     Err(error) => return After::Gone(error),
                 },
                 Rung::Baud(baud) => match line.set_baud(*baud) {
@@ -326,10 +328,9 @@ impl<P: Protocol> Connection<P> {
             match self.protocol.ask(now_ns) {
                 Some((question, again_ns)) => {
                     *ask_ns = again_ns;
-                    if !question.is_empty()
-                        && let Err(error) = line.write(question)
-                    {
-                        return After::Gone(error);
+                    match if question.is_empty() { Ok(()) } else { line.write(question) } {
+                        Ok(()) | Err(LineError::Stuck) => {}
+                        Err(error) => return After::Gone(error),
                     }
                 }
                 None => *ask_ns = i64::MAX,

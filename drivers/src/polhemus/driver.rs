@@ -44,6 +44,16 @@ impl Model {
         }
     }
 
+    /// The product numbers of units that wait for their firmware, by USB.
+    fn loaders(self) -> &'static [u16] {
+        match self {
+            Self::Isotrak | Self::Viper => &[],
+            Self::Fastrak => &[0x0001],
+            Self::Liberty => &[0xff11, 0xff21],
+            Self::Patriot => &[0xef11, 0xef21],
+        }
+    }
+
     /// The product numbers of units that run, by USB.
     fn products(self) -> &'static [u16] {
         match self {
@@ -57,19 +67,28 @@ impl Model {
     }
 }
 
-/// What a product number of the maker's is, and whether it is a loader that waits for its firmware.
-fn product(number: u16) -> Option<(&'static str, bool)> {
+/// What a product number of the maker's is; for a loader, what to tell fxload of the firmware that it waits for.
+fn product(number: u16) -> Option<(&'static str, Option<&'static str>)> {
     Some(match number {
-        0x0001 => ("FASTRAK", true),
-        0x0002 | 0x0003 => ("FASTRAK", false),
-        0xff11 | 0xff21 => ("LIBERTY", true),
-        0xff12 | 0xff20 => ("LIBERTY", false),
-        0xef11 | 0xef21 => ("PATRIOT", true),
-        0xef12 | 0xef20 => ("PATRIOT", false),
-        0xbf01 => ("VIPER", false),
-        0xcf01 => ("G4", false),
+        0x0001 => ("FASTRAK", Some("-t fx -I FastrakUSB.hex")),
+        0x0002 | 0x0003 => ("FASTRAK", None),
+        0xff11 => ("LIBERTY", Some("-t fx -I LbtyUsb.hex")),
+        0xff21 => ("LIBERTY", Some("-t fx2 -I LbtyUsbHS.hex")),
+        0xff12 | 0xff20 => ("LIBERTY", None),
+        0xef11 => ("PATRIOT", Some("-t fx -I PatriotUSB.hex")),
+        0xef21 => ("PATRIOT", Some("-t fx2 -I PatriotUSB2.hex")),
+        0xef12 | 0xef20 => ("PATRIOT", None),
+        0xbf01 => ("VIPER", None),
+        0xcf01 => ("G4", None),
         _ => return None,
     })
+}
+
+/// What to do about a loader. The firmware is the maker's and may not be passed on.
+fn advice(name: &str, options: &str) -> String {
+    format!(
+        "{name} waits for its firmware, as after every plugging-in: start the maker's software, or run fxload {options} -s a3load.hex -D and its file in /dev/bus/usb, with the maker's files; it then comes back under another number"
+    )
 }
 
 /// How a tracker is reached.
@@ -115,7 +134,11 @@ impl TrackerDriver {
                 (Box::new(SerialOpener::new(port, Arc::clone(&clock))), Line::Serial(*baud))
             }
             Port::Usb(which) => {
-                let id = UsbId { vendor: VENDOR, products: model.products().to_vec(), which: which.clone() };
+                let waits =
+                    |number: &u16| product(*number).and_then(|(name, options)| Some((*number, advice(name, options?))));
+                let loaders = model.loaders().iter().filter_map(waits).collect();
+                let products = model.products().to_vec();
+                let id = UsbId { vendor: VENDOR, products, loaders, which: which.clone() };
                 (Box::new(UsbOpener::new(id, Arc::clone(&clock))), Line::Usb)
             }
         };
@@ -173,14 +196,9 @@ fn listing(device: &nusb::DeviceInfo) -> Listing {
     let number = device.product_id();
     let (name, unavailable) = match product(number) {
         None => ("unknown product".to_owned(), Some("not known to this version".to_owned())),
-        Some((name, true)) => (
-            format!("{name} that waits for its firmware"),
-            Some(format!(
-                "it needs {name}'s firmware at every plugging-in, which the maker's software or fxload pushes into it and which may not be passed on; it then comes back under another number"
-            )),
-        ),
+        Some((name, Some(options))) => (format!("{name} that waits for its firmware"), Some(advice(name, options))),
         Some(("G4", _)) => ("G4".into(), Some("its protocol is not public".into())),
-        Some((name, false)) => (name.to_owned(), usb::unavailable(device)),
+        Some((name, None)) => (name.to_owned(), usb::unavailable(device)),
     };
     Listing { id, description: format!("Polhemus {name} ({VENDOR:04x}:{number:04x}) on USB {place}"), unavailable }
 }
@@ -193,10 +211,13 @@ mod tests {
     fn loaders_are_told_from_units_that_run() {
         for model in Model::ALL {
             for number in model.products() {
-                assert!(matches!(product(*number), Some((_, false))), "{model:?} {number:04x}");
+                assert!(matches!(product(*number), Some((_, None))), "{model:?} {number:04x}");
+            }
+            for number in model.loaders() {
+                let (name, options) = product(*number).unwrap();
+                assert!(name.eq_ignore_ascii_case(model.name()) && options.is_some(), "{model:?} {number:04x}");
             }
         }
-        assert_eq!(product(0xff21), Some(("LIBERTY", true)));
         assert_eq!(product(0x1234), None);
     }
 

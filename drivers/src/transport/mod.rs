@@ -38,6 +38,9 @@ pub enum LineError {
     /// It was open and went away.
     #[error("was unplugged or switched off: {0}")]
     Gone(String),
+    /// It is there and takes nothing of what is sent to it.
+    #[error("does not take what is sent to it; switch it off and on")]
+    Stuck,
     /// The system's reason for anything else.
     #[error("{0}")]
     Failed(String),
@@ -56,10 +59,10 @@ pub trait Transport: Send {
         None
     }
 
-    /// Sends all of the bytes.
+    /// Sends all of the bytes. Waits for a device that does not take them, half a second at most.
     ///
     /// # Errors
-    /// As [`Self::read`]; a part of them may have been sent.
+    /// As [`Self::read`], and [`LineError::Stuck`]; a part of them may have been sent.
     fn write(&mut self, bytes: &[u8]) -> Result<(), LineError>;
 
     /// Bytes from now on come and go at this rate, bits a second; what was received at the old one is dropped. Nothing where the line has no rate.

@@ -17,6 +17,9 @@ use crate::clock::Clock;
 /// The longest time that bytes written may wait for the line.
 const WRITE: Duration = Duration::from_millis(500);
 
+/// Where the kernel tells of its lines.
+const LINES: &str = "/sys/class/tty";
+
 /// Where a serial line is.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PortPath {
@@ -62,6 +65,10 @@ impl Opener for SerialOpener {
 
 /// All serial lines there are, by names that stay where there are such.
 pub fn list() -> Vec<Listing> {
+    // Where the kernel has none at all the crate would panic.
+    if !Path::new(LINES).is_dir() {
+        return Vec::new();
+    }
     let ports = match serialport::available_ports() {
         Ok(ports) => ports,
         Err(error) => {
@@ -71,6 +78,7 @@ pub fn list() -> Vec<Listing> {
     };
     let mut found: Vec<Listing> = ports
         .into_iter()
+        .filter(|port| is_there(&port.port_name))
         .map(|port| {
             let path = Path::new(&port.port_name);
             let of = match port.port_type {
@@ -90,6 +98,12 @@ pub fn list() -> Vec<Listing> {
         .collect();
     found.sort_by(|a, b| a.id.cmp(&b.id));
     found
+}
+
+/// Kernels keep names for ports of the old kind that the machine does not have: they say so by a type of 0. Other lines have no type.
+fn is_there(path: &str) -> bool {
+    let name = path.strip_prefix("/dev/").unwrap_or(path);
+    std::fs::read_to_string(Path::new(LINES).join(name).join("type")).map_or(true, |kind| kind.trim() != "0")
 }
 
 /// The link that names a line by what is plugged in, whatever the order of plugging in.
@@ -165,7 +179,10 @@ impl Transport for Serial {
 
     fn write(&mut self, bytes: &[u8]) -> Result<(), LineError> {
         self.port.set_timeout(WRITE).map_err(|error| LineError::Failed(error.to_string()))?;
-        self.port.write_all(bytes).map_err(|error| trouble(&error))
+        self.port.write_all(bytes).map_err(|error| match error.kind() {
+            ErrorKind::TimedOut => LineError::Stuck,
+            _ => trouble(&error),
+        })
     }
 
     fn wakes_by(&self) -> Option<BorrowedFd<'_>> {

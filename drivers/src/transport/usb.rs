@@ -14,8 +14,8 @@ use crate::clock::Clock;
 const IN_FLIGHT: usize = 8;
 /// Bytes of each: a multiple of every packet size; a transfer ends early with a short packet.
 const TRANSFER: usize = 512;
-/// The longest that a write may take.
-const WRITE: Duration = Duration::from_millis(500);
+/// The longest that a write may take, and then that transfers may take to be given back.
+const WRITE: Duration = Duration::from_millis(250);
 
 /// Which device is meant.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -24,16 +24,28 @@ pub struct UsbId {
     pub vendor: u16,
     /// The product's numbers, any of which will do.
     pub products: Vec<u16>,
+    /// Its numbers while it waits for its firmware, each with what to do about that.
+    pub loaders: Vec<(u16, String)>,
     /// The device's serial number, or its place as bus and ports (`1-2.4`); `None` where there is only one.
     pub which: Option<String>,
 }
 
 impl UsbId {
     fn is(&self, device: &DeviceInfo) -> bool {
+        self.products.contains(&device.product_id()) && self.is_where(device)
+    }
+
+    fn is_where(&self, device: &DeviceInfo) -> bool {
         let named = |which: &str| device.serial_number() == Some(which) || place(device) == which;
-        device.vendor_id() == self.vendor
-            && self.products.contains(&device.product_id())
-            && self.which.as_deref().is_none_or(named)
+        self.which.as_deref().is_none_or(named)
+    }
+
+    /// What to do about one of these devices, if it is what is meant and waits for its firmware.
+    fn advice<'a>(&'a self, devices: &[DeviceInfo]) -> Option<&'a str> {
+        let waits = |(number, _): &&(u16, String)| {
+            devices.iter().any(|device| device.product_id() == *number && self.is_where(device))
+        };
+        self.loaders.iter().find(waits).map(|(_, advice)| advice.as_str())
     }
 }
 
@@ -89,7 +101,10 @@ impl Opener for UsbOpener {
         let all = list(self.id.vendor).map_err(LineError::Refused)?;
         let mut fitting = all.iter().filter(|device| self.id.is(device));
         let Some(info) = fitting.next() else {
-            return Err(LineError::Absent("no such USB device".into()));
+            return Err(match self.id.advice(&all) {
+                Some(advice) => LineError::Refused(advice.to_owned()),
+                None => LineError::Absent("no such USB device".into()),
+            });
         };
         if let (None, Some(_)) = (&self.id.which, fitting.next()) {
             return Err(LineError::Refused(
@@ -177,12 +192,10 @@ impl Transport for Usb {
     }
 
     fn write(&mut self, bytes: &[u8]) -> Result<(), LineError> {
-        let mut buffer = Buffer::new(bytes.len());
-        buffer.extend_from_slice(bytes);
-        self.output.transfer_blocking(buffer, WRITE).status.map_err(trouble)?;
+        self.send(bytes)?;
         // The end of what fills its last packet is told by an empty one.
         if bytes.len().is_multiple_of(self.output.max_packet_size().max(1)) {
-            self.output.transfer_blocking(Buffer::new(0), WRITE).status.map_err(trouble)?;
+            self.send(&[])?;
         }
         Ok(())
     }
@@ -193,6 +206,30 @@ impl Transport for Usb {
 }
 
 impl Usb {
+    /// Sends what one transfer carries. One that is not taken is taken back: nothing waits without end, whatever the device or its controller does.
+    fn send(&mut self, bytes: &[u8]) -> Result<(), LineError> {
+        let gone = || LineError::Gone("its transfers do not end".into());
+        // A second time where the endpoint had stalled, for whatever reason.
+        for _ in 0..2 {
+            let mut buffer = Buffer::new(bytes.len());
+            buffer.extend_from_slice(bytes);
+            self.output.submit(buffer);
+            let done = self.output.wait_next_complete(WRITE).or_else(|| {
+                self.output.cancel_all();
+                self.output.wait_next_complete(WRITE)
+            });
+            match done.ok_or_else(gone)?.status {
+                Ok(()) => return Ok(()),
+                Err(TransferError::Cancelled) => return Err(LineError::Stuck),
+                Err(TransferError::Stall) => {
+                    self.output.clear_halt().wait().map_err(|error| LineError::Gone(error.to_string()))?;
+                }
+                Err(error) => return Err(trouble(error)),
+            }
+        }
+        Err(trouble(TransferError::Stall))
+    }
+
     /// After a stall: takes back what is in flight, clears the endpoint, and asks anew.
     fn recover(&mut self) -> Result<(), LineError> {
         self.input.cancel_all();

@@ -11,4 +11,6 @@ mod liberty;
 mod microscribe;
 mod qsb;
 mod sessions;
+
+mod stuck;
 mod viper;
