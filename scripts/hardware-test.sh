@@ -7,6 +7,9 @@ cd "$(dirname "$0")/.."
 
 scripts/guest/prepare.sh
 
+# What the next guest's machine has beside a processor and memory: options of scripts/guest/run.sh.
+machine=()
+found=
 # Builds a test binary of the drivers and runs it with the given modules.
 in_guest() {
     local test=$1 modules=$2 program
@@ -14,8 +17,35 @@ in_guest() {
     # The last line that names an executable is the test's.
     program=$(cargo test --locked -p sonoweave-drivers --test "$test" --no-run --message-format=json-render-diagnostics |
         sed -n 's/.*"executable":"\([^"]*\)".*/\1/p' | tail -n 1)
-    scripts/guest/run.sh "$modules" "$program" --test-threads=1 --color=never "$@"
+    # No guest is booted for tests that it has not.
+    [[ $("$program" --list "$@") == *": test"* ]] || return 0
+    found=yes
+    scripts/guest/run.sh "${machine[@]}" "$modules" "$program" --test-threads=1 --color=never "$@"
 }
 
 # vivid: /dev/video0 captures (inputs: a camera, HDMI, S-Video), /dev/video1 is an HDMI output that can be looped back; with its controls of faults.
 in_guest guest_grabber "vivid n_devs=1 node_types=0x0101 num_inputs=3 input_types=0x2c num_outputs=1 output_types=0x1 no_error_inj=0" "$@"
+
+# vhci: USB devices that the test itself plays. One of them the kernel takes for a serial line.
+in_guest guest_usb "vhci-hcd
+usbserial vendor=0x0f44 product=0xff12" "$@"
+
+# The kernel's two sides of USB at once: a gadget that is a serial line (ttyGS0) plugged into its own host (ttyACM0). And QEMU's FTDI adapter (ttyUSB0), which is
+# connected to QEMU's second serial port (ttyS1) as by a null-modem cable.
+machine=(
+    --qemu -device --qemu qemu-xhci,id=xhci
+    --qemu -chardev --qemu socket,id=near,path=cable,server=on,wait=off
+    --qemu -chardev --qemu socket,id=far,path=cable
+    --qemu -serial --qemu chardev:far
+    --plugged adapter usb-serial,bus=xhci.0,chardev=near
+)
+in_guest guest_serial "xhci-pci
+ftdi_sio
+cdc-acm
+dummy_hcd
+usb_f_acm" "$@"
+
+[ -n "$found" ] || {
+    echo "hardware-test: no test has $* in its name" >&2
+    exit 1
+}

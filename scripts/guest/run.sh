@@ -1,11 +1,33 @@
 #!/usr/bin/env bash
 # Boots the guest, loads kernel modules in it and runs a program there; its exit code is this script's.
 #
-#   scripts/guest/run.sh MODULES PROGRAM [ARGUMENT]...
+#   scripts/guest/run.sh [--qemu ARGUMENT]... [--plugged ID DEVICE]... MODULES PROGRAM [ARGUMENT]...
 #
 # MODULES are lines of a module's name and its parameters; what they depend on is loaded before them. The program may be dynamically linked: the libraries
 # that it has here go with it. SONOWEAVE_GUEST_SECONDS (240) is how long it may take, QEMU's start included.
+#
+# --qemu is a further argument of QEMU's, whose folder is one of this run's own. --plugged is a device of QEMU's (its name and properties) that is plugged in; the
+# program pulls it out by a line GUEST-UNPLUG:ID, and plugs it in again by GUEST-PLUG:ID.
 set -euo pipefail
+machine=()
+declare -A plugged
+while [[ ${1-} == --* ]]; do
+    case $1 in
+    --qemu)
+        machine+=("$2")
+        shift 2
+        ;;
+    --plugged)
+        machine+=(-device "$3,id=$2")
+        plugged[$2]=$3
+        shift 3
+        ;;
+    *)
+        echo "guest: there is no option $1" >&2
+        exit 2
+        ;;
+    esac
+done
 modules=$1
 program=$2
 shift 2
@@ -71,13 +93,32 @@ if [ -z "$qemu" ]; then
     export LD_LIBRARY_PATH=$tree/usr/lib/x86_64-linux-gnu:$tree/lib/x86_64-linux-gnu
 fi
 log=$(mktemp "$place/log.XXXXXX")
+# QEMU's own ear, for plugs.
+mkfifo "$root/monitor.in" "$root/monitor.out"
+# Shows what the guest says, and does what is meant for QEMU.
+follow() {
+    local line
+    exec 3<>"$root/monitor.in"
+    while IFS= read -r line; do
+        case ${line%$'\r'} in
+        GUEST-UNPLUG:*) line=${line%$'\r'} && echo "device_del ${line#*:}" >&3 ;;
+        GUEST-PLUG:*) line=${line%$'\r'} && echo "device_add ${plugged[${line#*:}]},id=${line#*:}" >&3 ;;
+        GUEST-EXIT:* | *"reboot: Power down") ;;
+        *) printf '%s\n' "$line" ;;
+        esac
+    done
+}
+# The guest keeps real time: where it may, it goes before what else this machine has to do.
+first=()
+nice -n -10 true 2>&1 | grep -q . || first=(nice -n -10)
 # One processor and no acceleration: the same machine everywhere. `timeout` for one that hangs.
 began=$(date +%s)
-timeout --kill-after=5 "${SONOWEAVE_GUEST_SECONDS:-240}" "$qemu" "${data[@]}" \
+(cd "$root" && exec "${first[@]}" timeout --kill-after=5 "${SONOWEAVE_GUEST_SECONDS:-240}" "$qemu" "${data[@]}" \
     -M pc -accel tcg -cpu max -smp 1 -m 512 -nodefaults -no-user-config -display none -no-reboot -serial stdio \
     -kernel "$place/vmlinux" -initrd "$root.cpio" \
-    -append "console=ttyS0 quiet loglevel=3 panic=-1 mitigations=off -- $*" </dev/null 2>&1 |
-    tee "$log" | grep --line-buffered -v '^GUEST-EXIT:\|reboot: Power down' || true
+    -append "console=ttyS0 quiet loglevel=3 panic=-1 mitigations=off -- $*" \
+    -chardev pipe,id=monitor,path=monitor -mon chardev=monitor,mode=readline "${machine[@]}" </dev/null 2>&1) |
+    tee "$log" | follow || true
 code=$(tr -d '\r' <"$log" | sed -n 's/^GUEST-EXIT:\([0-9]*\)$/\1/p' | tail -n 1)
 [ -n "$code" ] || fail "the guest did not say how its program ended: it hung, or its kernel stopped; its console is in $log"
 rm -f "$log"

@@ -11,6 +11,5 @@ mod liberty;
 mod microscribe;
 mod qsb;
 mod sessions;
-
 mod stuck;
 mod viper;

@@ -158,7 +158,7 @@ fn full_hd() {
     let mut before = settled(&mut rig, &feeder);
     let mut expected = vec![0; feeder.frame_bytes];
     paint(format, 7, &mut expected);
-    let (frames, most) = (150, 900);
+    let (frames, most) = (150, 2700);
     let [mut read, mut without_loss, mut lost, mut repeated] = [0_u64; 4];
     // An emulated processor that its host leaves waiting loses frames before they are frames. So many in a row are to come all the same.
     while without_loss < frames {
