@@ -12,7 +12,8 @@ use super::Failure;
 
 /// What gives those who sit at the machine the devices, and tells FTDI's adapters to hurry.
 const RULES: &str = include_str!("../../drivers/udev/70-sonoweave.rules");
-/// How often --watch looks.
+/// How often --watch looks. It looks and does not listen: what `nusb::watch_devices` hears is udev's word, which never comes where there is no udev (containers, small
+/// systems), and which is of USB alone, while lines and grabbers come by other buses too.
 const WATCH: Duration = Duration::from_millis(500);
 
 /// Flags of `devices`.
