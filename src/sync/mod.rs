@@ -1,10 +1,12 @@
 //! Which transforms belong to which picture, and where the picture therefore lies.
 //!
+//! - [`clock`]: from a device's ticks and the host's stamps to when something was measured.
 //! - [`extent`]: the voxels that slices will reach.
 //! - [`graph`]: the way from the image to the world through transforms that are known by name.
 //! - [`pairing`]: pictures and transforms of one stamp → posed slices.
 //! - [`mod@survey`]: a walk over a recording's transforms before its pictures are looked at.
 
+pub mod clock;
 pub mod extent;
 pub mod graph;
 pub mod pairing;

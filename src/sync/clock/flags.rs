@@ -1,0 +1,98 @@
+//! What there is to say of a time beside the time.
+
+use std::fmt;
+use std::ops::{BitOr, BitOrAssign};
+
+use serde::{Deserialize, Serialize};
+
+/// Flags of a measurement's time. None means that the clock was locked and the sample as expected.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct TimeFlags(u16);
+
+macro_rules! flags {
+    ($($(#[$doc:meta])* $name:ident = $bit:literal, $word:literal;)*) => {
+        impl TimeFlags {
+            $($(#[$doc])* pub const $name: Self = Self(1 << $bit);)*
+            const WORDS: &[(Self, &str)] = &[$((Self::$name, $word)),*];
+        }
+    };
+}
+
+flags! {
+    /// Received more than [`super::LATE_NS`] after what the clock expects: it lay somewhere on the way. Its time is the clock's, not the host's.
+    LATE = 0, "late";
+    /// Received before the clock says that it was measured, by more than the clock's bound: the clock was late until now, or stepped, or the host's stamp is wrong.
+    EARLY = 1, "early";
+    /// Its ticks or its host time do not follow from those before; if more like it come, they begin a new epoch.
+    STEP = 2, "step";
+    /// The same ticks as the sample before, or a record that came twice.
+    REPEATED = 3, "repeated";
+    /// Its ticks are from before those of an earlier sample.
+    OUT_OF_ORDER = 4, "out_of_order";
+    /// Records are missing before it.
+    GAP = 5, "gap";
+    /// The device gives no ticks: which measurement it was is inferred from when it came.
+    INFERRED = 6, "inferred";
+    /// The clock was being acquired.
+    ACQUIRING = 7, "acquiring";
+    /// The clock went on by itself, for nothing timely was received for a while.
+    HOLDOVER = 8, "holdover";
+    /// The clock was lost: the bound says nothing.
+    LOST = 9, "lost";
+    /// The time is the host's less the known delays; no clock was asked.
+    RECEIVED = 10, "received";
+}
+
+impl TimeFlags {
+    /// No flag.
+    pub const NONE: Self = Self(0);
+
+    /// Whether all of the other's flags are set.
+    pub const fn has(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+
+    /// The flags that are set, by name.
+    pub fn words(self) -> impl Iterator<Item = &'static str> {
+        Self::WORDS.iter().filter(move |(flag, _)| self.has(*flag)).map(|(_, word)| *word)
+    }
+}
+
+impl BitOr for TimeFlags {
+    type Output = Self;
+
+    fn bitor(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+}
+
+impl BitOrAssign for TimeFlags {
+    fn bitor_assign(&mut self, other: Self) {
+        self.0 |= other.0;
+    }
+}
+
+impl fmt::Display for TimeFlags {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let words: Vec<_> = self.words().collect();
+        f.write_str(&words.join(", "))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_flag_is_one_bit_with_one_word() {
+        let mut seen = TimeFlags::NONE;
+        for (flag, word) in TimeFlags::WORDS {
+            assert!(!seen.has(*flag), "{word}");
+            assert_eq!(flag.to_string(), *word);
+            seen |= *flag;
+        }
+        assert_eq!((TimeFlags::LATE | TimeFlags::GAP).to_string(), "late, gap");
+        assert_eq!(TimeFlags::NONE.to_string(), "");
+    }
+}

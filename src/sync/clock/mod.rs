@@ -1,0 +1,465 @@
+//! From a device's ticks and the host's stamps to when something was measured, in host nanoseconds.
+//!
+//! What a device sends is received later than it was measured: by what is known (the wire, the sampling, what was calibrated), and by a delay that is never negative, mostly small
+//! and at times large. So the clock lies under the receive times ([`envelope`]), and a sample that comes late is not a late sample: its ticks tell when it was.
+//!
+//! - [`settings`]: what a clock is told of its device.
+//! - [`hull`], [`envelope`]: the line under a window of samples, and how far it may be off.
+//! - [`infer`]: which measurement a record is of, where the device does not say.
+//! - [`mapping`]: the clock as it is published and recorded: whole numbers, from which the same times come bit for bit.
+//! - [`flags`]: what there is to say of a time.
+//! - `publish`: when that is done, and the times that come of it.
+//! - `watch`: how far the clock is to be believed, by when timely samples came.
+//!
+//! Everything is driven by what is pushed and by the times that are given; nothing here reads a clock. No sample is discarded because its times disagree: it is flagged,
+//! and its bound tells how far they do. After the first seconds nothing is allocated.
+//!
+//! What cannot be seen: a delay that is there always, and never less. It is `latency_ns`, which is calibrated. And the bound is one of chance, not of need: it supposes that
+//! delays come near their least every few seconds.
+
+mod envelope;
+mod flags;
+mod hull;
+mod infer;
+mod mapping;
+mod publish;
+mod settings;
+#[cfg(test)]
+mod simulation;
+#[cfg(test)]
+mod tests;
+mod watch;
+
+use drivers::Ticks;
+use serde::{Deserialize, Serialize};
+
+pub use envelope::Work;
+use envelope::{Change, Envelope, Line, UNKNOWN_NS};
+pub use flags::TimeFlags;
+use hull::Point;
+use infer::Inference;
+use mapping::clamped;
+pub use mapping::{Basis, Mapping, State};
+pub use settings::ClockSettings;
+use watch::Watch;
+
+/// What comes later than this is flagged, ns: the slowest adapters that are left alone collect for 16 ms.
+pub const LATE_NS: i64 = 20_000_000;
+/// What comes sooner than this before its time, beyond the clock's own doubt, is no delay, ns.
+const EARLY_NS: i64 = 2_000_000;
+/// What comes later than this is no delay either, ns.
+const FAR_NS: i64 = 2_000_000_000;
+/// Samples in a row that disagree with the clock, and agree, until they begin an epoch of their own.
+const CONFIRMED: usize = 3;
+/// The same where they disagree in their order only, which devices that send out of order do, too.
+const CONFIRMED_ORDER: usize = 8;
+/// How far they may disagree among themselves, ns.
+const AGREE_NS: i64 = 250_000_000;
+/// Samples by which a rate is told that nobody said.
+const BOOTSTRAP: usize = 16;
+/// A rate that is told must be so near to what the first records say to be believed.
+const NEAR: f64 = 0.25;
+/// After so long a silence the count of a device without ticks begins anew, ns: it may have been switched off.
+const UNCOUNTED_NS: i64 = 1_000_000_000;
+
+/// When something was measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Timed {
+    /// Host ns.
+    pub time_ns: i64,
+    /// How far the truth may lie from that, ns.
+    pub bound_ns: i64,
+    /// What it was made of,
+    pub basis: Basis,
+    /// and by which publication of the clock: that one's [`Mapping::time`] of the basis is `time_ns`.
+    pub mapping: u64,
+    /// What there is to say of it.
+    pub flags: TimeFlags,
+    /// Measurements that are missing before it, by the device's count or by the gap; negative where such as were called missing have come.
+    pub missing: i64,
+}
+
+/// The beginning of an epoch: where x and z are 0.
+#[derive(Debug, Clone, Copy)]
+struct Origin {
+    tick: i64,
+    time_ns: i64,
+    /// Nominal ns from tick to tick, in units of 2⁻³² ns.
+    period_q32: i64,
+}
+
+/// A sample: its tick, its time less the known delays.
+type Sample = (i64, i64);
+
+/// The clock of a device, or of a stream of it that counts for itself.
+#[derive(Debug)]
+pub struct ClockMap {
+    settings: ClockSettings,
+    origin: Option<Origin>,
+    /// Samples that wait until the rate is known.
+    waiting: Vec<Sample>,
+    envelope: Envelope,
+    inference: Inference,
+    /// The newest tick that follows from those before, and when it came.
+    last: Option<Sample>,
+    /// Samples in a row that disagree with the clock.
+    suspects: Vec<Sample>,
+    watch: Watch,
+    epoch: u32,
+    mapping: Mapping,
+    published: Option<Mapping>,
+}
+
+impl ClockMap {
+    /// A clock of which nothing was heard.
+    pub fn new(settings: ClockSettings) -> Self {
+        let limit = limit_ppb(settings.slope_ppm);
+        let mapping = Mapping {
+            number: 0,
+            epoch: 0,
+            state: State::Acquiring,
+            published_ns: 0,
+            tick: 0,
+            time_ns: 0,
+            ns_per_tick_q32: 0,
+            drift_ppb: 0,
+            bound_ns: UNKNOWN_NS,
+            bound_until_ns: i64::MAX,
+            growth_ppb: 0,
+            delay_ns: settings.delay_ns,
+        };
+        Self {
+            settings,
+            origin: None,
+            waiting: Vec::with_capacity(BOOTSTRAP),
+            envelope: Envelope::new(limit),
+            inference: Inference::default(),
+            last: None,
+            suspects: Vec::with_capacity(CONFIRMED_ORDER),
+            watch: Watch::default(),
+            epoch: 0,
+            mapping,
+            published: Some(mapping),
+        }
+    }
+
+    /// What it was told.
+    pub fn settings(&self) -> &ClockSettings {
+        &self.settings
+    }
+
+    /// The clock as it was published last.
+    pub fn mapping(&self) -> &Mapping {
+        &self.mapping
+    }
+
+    /// The same if it has not been taken yet: to be asked after each call that may publish, and recorded. Of two publications between two such questions the first
+    /// has timed nothing.
+    pub fn take_published(&mut self) -> Option<Mapping> {
+        self.published.take()
+    }
+
+    /// How far it is to be believed.
+    pub fn state(&self) -> State {
+        self.mapping.state
+    }
+
+    /// Work done so far.
+    pub fn work(&self) -> Work {
+        self.envelope.work()
+    }
+
+    /// Begins an epoch: the device was set up anew, and counts from wherever it likes.
+    pub fn restart(&mut self) {
+        let limit = limit_ppb(self.settings.slope_ppm);
+        self.begin(limit);
+    }
+
+    fn begin(&mut self, limit_ppb: i64) {
+        self.epoch += 1;
+        self.origin = None;
+        self.waiting.clear();
+        self.envelope.clear(limit_ppb);
+        self.inference = Inference::default();
+        self.last = None;
+        self.suspects.clear();
+        self.watch.begin();
+    }
+
+    /// Time has passed, and nothing was received: the state may change, and be published.
+    pub fn advance(&mut self, now_ns: i64) -> State {
+        self.watch.pass(now_ns.saturating_sub(self.settings.delay_ns));
+        self.publish(now_ns, false);
+        self.mapping.state
+    }
+
+    /// Takes in a sample, by its time of receipt and its ticks as on the wire, and tells when it was measured.
+    pub fn push(&mut self, host_ns: i64, ticks: Option<u64>) -> Timed {
+        let time_ns = host_ns.saturating_sub(self.settings.delay_ns);
+        match (self.settings.ticks, ticks) {
+            (Ticks::None, _) => self.push_uncounted(host_ns, time_ns),
+            (_, Some(ticks)) => self.push_counted(host_ns, time_ns, ticks),
+            // One record without what the others have.
+            (_, None) => self.received(host_ns, UNKNOWN_NS, TimeFlags::NONE),
+        }
+    }
+
+    fn push_counted(&mut self, host_ns: i64, time_ns: i64, ticks: u64) -> Timed {
+        let tick = self.unwrap(time_ns, ticks);
+        if self.origin.is_none() && !self.know_rate((tick, time_ns)) {
+            return self.received(host_ns, UNKNOWN_NS, TimeFlags::NONE);
+        }
+        let Some(last) = self.last else {
+            self.enter(host_ns, (tick, time_ns));
+            return self.timed(host_ns, tick, TimeFlags::NONE, 0, 0);
+        };
+        let late = self.lateness((tick, time_ns));
+        let is_early = late < -self.allowance();
+        let is_back = tick < last.0;
+        if is_early || late > FAR_NS || is_back {
+            let mut flags = TimeFlags::STEP;
+            if is_early {
+                flags |= TimeFlags::EARLY;
+            } else if is_back && late <= FAR_NS {
+                flags = TimeFlags::OUT_OF_ORDER;
+            }
+            let needed = if flags == TimeFlags::OUT_OF_ORDER { CONFIRMED_ORDER } else { CONFIRMED };
+            if self.suspect(host_ns, (tick, time_ns), late, needed) {
+                return self.timed(host_ns, tick, TimeFlags::STEP, 0, 0);
+            }
+            if flags == TimeFlags::OUT_OF_ORDER {
+                // Its ticks may also be those of a device that was set back by as much as it is late.
+                return self.timed(host_ns, tick, flags, late.max(0), 0);
+            }
+            let bound = if is_early { late.saturating_abs().saturating_add(self.doubt(time_ns)) } else { UNKNOWN_NS };
+            return self.received(host_ns, bound, flags);
+        }
+        self.suspects.clear();
+        let mut flags = TimeFlags::NONE;
+        let mut missing = 0;
+        if tick == last.0 {
+            flags |= TimeFlags::REPEATED;
+        } else if self.settings.ticks == Ticks::Measurements && tick > last.0 + 1 {
+            flags |= TimeFlags::GAP;
+            missing = tick - last.0 - 1;
+        }
+        if self.enter(host_ns, (tick, time_ns)) {
+            flags |= TimeFlags::STEP;
+        }
+        self.timed(host_ns, tick, flags, 0, missing)
+    }
+
+    fn push_uncounted(&mut self, host_ns: i64, time_ns: i64) -> Timed {
+        if let Some((_, last_ns)) = self.last
+            && time_ns.saturating_sub(last_ns) > UNCOUNTED_NS
+        {
+            let limit = self.envelope.limit_ppb();
+            self.begin(limit);
+        }
+        if self.origin.is_none() {
+            let tick = self.waiting.len() as i64;
+            self.last = Some((tick, time_ns));
+            if !self.know_rate((tick, time_ns)) {
+                return self.received(host_ns, UNKNOWN_NS, TimeFlags::INFERRED);
+            }
+            // What has waited is counted now that the period is known.
+            let waiting = std::mem::take(&mut self.waiting);
+            for (_, time_ns) in &waiting {
+                let inferred = self.count(*time_ns);
+                if !inferred.in_doubt {
+                    self.enter(host_ns, (inferred.tick, *time_ns));
+                }
+            }
+            self.waiting = waiting;
+            let tick = self.inference.last().map_or(0, |last| last.0);
+            return self.timed(host_ns, tick, TimeFlags::INFERRED, 0, 0);
+        }
+        let late = self.inference.last().map_or(0, |(last, _)| self.lateness((last + 1, time_ns)));
+        let inferred = self.count(time_ns);
+        let mut flags = TimeFlags::INFERRED;
+        if inferred.impossible {
+            flags |= TimeFlags::EARLY | TimeFlags::STEP;
+            if self.suspect(host_ns, (inferred.tick, time_ns), late, CONFIRMED) {
+                return self.received(host_ns, UNKNOWN_NS, flags);
+            }
+            let bound = late.saturating_abs().saturating_add(self.doubt(time_ns));
+            return self.received(host_ns, bound, flags);
+        }
+        self.suspects.clear();
+        if inferred.repeated {
+            flags |= TimeFlags::REPEATED;
+        } else if inferred.missing > 0 {
+            flags |= TimeFlags::GAP;
+        }
+        if inferred.in_doubt {
+            self.last = Some((inferred.tick, time_ns));
+            self.watch.sample(time_ns, late.max(0), &self.envelope.doubt());
+            self.publish(host_ns, false);
+        } else if self.enter(host_ns, (inferred.tick, time_ns)) {
+            flags |= TimeFlags::STEP;
+        }
+        let open_ns = inferred.open.saturating_mul(self.period_ns());
+        self.timed(host_ns, inferred.tick, flags, open_ns, inferred.missing)
+    }
+
+    fn count(&mut self, time_ns: i64) -> infer::Inferred {
+        let (period, origin, line) = (self.period_ns(), self.origin, self.envelope.line().copied());
+        let within = self.envelope.doubt().bound_ns.saturating_add(EARLY_NS);
+        self.inference.record(time_ns, period, within, |tick| expected(origin, line.as_ref(), tick))
+    }
+
+    /// Ns from tick to tick as they are.
+    fn period_ns(&self) -> i64 {
+        (self.rate_q32() + (1 << 31)) >> 32
+    }
+
+    fn rate_q32(&self) -> i64 {
+        let nominal = self.origin.map_or(0, |origin| origin.period_q32);
+        let drift = self.envelope.line().map_or(0.0, Line::slope);
+        nominal + (nominal as f64 * drift).round() as i64
+    }
+
+    /// Of the counts that are the same on the wire the one that the time speaks for.
+    fn unwrap(&self, time_ns: i64, ticks: u64) -> i64 {
+        let ticks = i128::from(ticks);
+        let (Some(wraps), Some((last, last_ns))) = (self.settings.wraps_at.map(i128::from), self.last) else {
+            return clamped(ticks);
+        };
+        let rate = self.rate_q32();
+        let passed = if rate > 0 {
+            ((i128::from(time_ns) - i128::from(last_ns)) << 32) / i128::from(rate)
+        } else {
+            // Not known: the nearest to the last one.
+            0
+        };
+        let about = i128::from(last) + passed;
+        clamped(ticks + (about - ticks + wraps / 2).div_euclid(wraps) * wraps)
+    }
+
+    /// Whether there is an origin now: where the rate is known, or enough has come to tell it.
+    fn know_rate(&mut self, sample: Sample) -> bool {
+        let nominal = self.settings.tick_hz.map(|hz| 1e9 / hz);
+        if self.settings.ticks != Ticks::None
+            && let Some(period) = nominal
+        {
+            self.set_origin(sample, period);
+            return true;
+        }
+        self.waiting.push(sample);
+        self.last = Some(sample);
+        if self.waiting.len() < BOOTSTRAP {
+            return false;
+        }
+        let (first, last) = (self.waiting[0], sample);
+        let (ticks, passed) = (last.0.saturating_sub(first.0), last.1.saturating_sub(first.1));
+        if ticks <= 0 || passed <= 0 {
+            // All at once, or a count that stands or goes back: they say nothing.
+            self.waiting.clear();
+            return false;
+        }
+        let measured = passed as f64 / ticks as f64;
+        let period = nominal.filter(|nominal| (measured / nominal - 1.0).abs() < NEAR).unwrap_or(measured);
+        self.set_origin(first, period);
+        self.last = None;
+        if self.settings.ticks != Ticks::None {
+            let waiting = std::mem::take(&mut self.waiting);
+            for sample in &waiting[..waiting.len() - 1] {
+                self.enter(sample.1.saturating_add(self.settings.delay_ns), *sample);
+            }
+            self.waiting = waiting;
+        }
+        true
+    }
+
+    fn set_origin(&mut self, sample: Sample, period_ns: f64) {
+        // Rates are from 0.5 to 10⁹ a second: it fits.
+        let period_q32 = (period_ns * 4_294_967_296.0).round() as i64;
+        self.origin = Some(Origin { tick: sample.0, time_ns: sample.1, period_q32: period_q32.max(1) });
+    }
+
+    fn point(&self, (tick, time_ns): Sample) -> Option<Point> {
+        let origin = self.origin?;
+        let x = ((i128::from(tick) - i128::from(origin.tick)) * i128::from(origin.period_q32)) >> 32;
+        let z = i128::from(time_ns) - i128::from(origin.time_ns) - x;
+        // Half of i64's range, so that differences fit.
+        let fits = |wide: &i128| wide.unsigned_abs() < 1 << 62;
+        (fits(&x) && fits(&z)).then_some(Point { x: clamped(x), z: clamped(z) })
+    }
+
+    /// How much later than at once a sample came, ns.
+    fn lateness(&self, sample: Sample) -> i64 {
+        match (self.point(sample), self.envelope.line()) {
+            (Some(point), Some(line)) => line.below(point),
+            // Further off than the clock can tell.
+            (None, _) => i64::MAX,
+            (_, None) => 0,
+        }
+    }
+
+    /// How much sooner than at once a sample may come before it is suspected, ns.
+    fn allowance(&self) -> i64 {
+        let doubt = self.envelope.doubt();
+        let known = if doubt.spread_ns < UNKNOWN_NS { 3 * doubt.spread_ns } else { self.watch.latest_ns() };
+        EARLY_NS.saturating_add(known)
+    }
+
+    /// The clock's own bound at a time, ns.
+    fn doubt(&self, time_ns: i64) -> i64 {
+        self.mapping.bound(time_ns).min(UNKNOWN_NS)
+    }
+
+    /// Notes a sample that disagrees; whether an epoch begins with those noted.
+    fn suspect(&mut self, host_ns: i64, sample: Sample, late: i64, needed: usize) -> bool {
+        let agrees = |other: &Sample| {
+            let other_late = self.lateness(*other);
+            other.0 <= sample.0 && late.abs_diff(other_late) < AGREE_NS.unsigned_abs()
+        };
+        if !self.suspects.last().is_none_or(agrees) || self.suspects.len() == CONFIRMED_ORDER {
+            self.suspects.clear();
+        }
+        self.suspects.push(sample);
+        if self.suspects.len() < needed {
+            return false;
+        }
+        let suspects = std::mem::take(&mut self.suspects);
+        self.restart();
+        if self.settings.ticks != Ticks::None {
+            for suspect in &suspects {
+                if self.origin.is_some() || self.know_rate(*suspect) {
+                    self.enter(host_ns, *suspect);
+                }
+            }
+        }
+        self.suspects = suspects;
+        self.suspects.clear();
+        self.origin.is_some() || self.settings.ticks == Ticks::None
+    }
+
+    /// Takes a sample into the fit. Whether an epoch begins with it.
+    fn enter(&mut self, host_ns: i64, sample: Sample) -> bool {
+        let Some(point) = self.point(sample) else { return false };
+        let late = self.envelope.line().map_or(0, |line| line.below(point));
+        let newest = self.last.is_none_or(|last| last.0 <= sample.0);
+        if newest {
+            self.last = Some(sample);
+        }
+        let change = self.envelope.insert(point);
+        let doubt = self.envelope.doubt();
+        self.watch.sample(sample.1, late, &doubt);
+        self.epoch += u32::from(change == Change::Shift);
+        self.publish(host_ns, change != Change::None);
+        change == Change::Shift
+    }
+}
+
+/// When a tick's sample comes if it comes at once, less the known delays, host ns.
+fn expected(origin: Option<Origin>, line: Option<&Line>, tick: i64) -> i64 {
+    let Some(origin) = origin else { return 0 };
+    let x = clamped(((i128::from(tick) - i128::from(origin.tick)) * i128::from(origin.period_q32)) >> 32);
+    let z = line.map_or(0, |line| line.at(x));
+    origin.time_ns.saturating_add(x).saturating_add(z)
+}
+
+fn limit_ppb(ppm: f64) -> i64 {
+    (ppm.clamp(1.0, settings::UNKNOWN_PPM) * 1000.0).round() as i64
+}

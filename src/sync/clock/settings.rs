@@ -1,0 +1,81 @@
+//! What a clock is told of its device.
+
+use drivers::{Ticks, Timing};
+
+/// How far a device's clock may run off when its rate is known, ppm: crystals keep within 100, their makers' figures within a few hundred.
+pub(super) const KNOWN_PPM: f64 = 500.0;
+/// The same where the device has no counter and the rate is its maker's word.
+const NOMINAL_PPM: f64 = 2_000.0;
+/// The same of video, whose rate is that of its source.
+const VIDEO_PPM: f64 = 20_000.0;
+/// The same where nothing is known but what the first records tell.
+pub(super) const UNKNOWN_PPM: f64 = 300_000.0;
+
+/// What a clock is told.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ClockSettings {
+    /// What the device counts.
+    pub ticks: Ticks,
+    /// Ticks a second; of a device without ticks, measurements.
+    pub tick_hz: Option<f64>,
+    /// Where ticks begin again at 0.
+    pub wraps_at: Option<u64>,
+    /// What is known to lie between the measurement and the host's stamp, ns; may be negative.
+    pub delay_ns: i64,
+    /// How far the rate may be off either way, ppm.
+    pub slope_ppm: f64,
+}
+
+impl ClockSettings {
+    /// Of a device's own word. A record that is sent after `before` others of the same measurement waits for them on the wire. `latency_ns` is what was configured or
+    /// calibrated beyond that.
+    pub fn new(timing: &Timing, before: u32, latency_ns: i64) -> Self {
+        let records = i64::from(before) + 1;
+        let wire_ns = timing.wire_ns.saturating_mul(records);
+        let usable = |hz: &f64| hz.is_finite() && (0.5..=1e9).contains(hz);
+        let (tick_hz, slope_ppm) = match (timing.ticks, timing.tick_hz.filter(usable), timing.rate_hz.filter(usable)) {
+            (Ticks::None, _, Some(hz)) => (Some(hz), NOMINAL_PPM),
+            (Ticks::Time | Ticks::Measurements, Some(hz), _) => (Some(hz), KNOWN_PPM),
+            _ => (None, UNKNOWN_PPM),
+        };
+        Self {
+            ticks: timing.ticks,
+            tick_hz,
+            // A counter that wraps at once counts nothing.
+            wraps_at: timing.wraps_at.filter(|at| *at >= 256),
+            delay_ns: wire_ns.saturating_add(timing.sampling_ns).saturating_add(latency_ns),
+            slope_ppm,
+        }
+    }
+
+    /// Of a frame grabber: its frames' rate is the video source's, and what the driver says of it may be the mode's name (30 for 29.97).
+    pub fn video(timing: &Timing, latency_ns: i64) -> Self {
+        let settings = Self::new(timing, 0, latency_ns);
+        Self { slope_ppm: settings.slope_ppm.max(VIDEO_PPM), ..settings }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn delays_add_up_and_rates_are_believed_by_where_they_come_from() {
+        let timing = Timing {
+            ticks: Ticks::Measurements,
+            tick_hz: Some(240.0),
+            wraps_at: Some(1 << 32),
+            rate_hz: Some(240.0),
+            sampling_ns: 3_500_000,
+            wire_ns: 1_000_000,
+        };
+        let settings = ClockSettings::new(&timing, 1, -200_000);
+        assert_eq!((settings.delay_ns, settings.tick_hz, settings.slope_ppm), (5_300_000, Some(240.0), KNOWN_PPM));
+        assert_eq!(ClockSettings::video(&timing, 0).slope_ppm, VIDEO_PPM);
+        let without = Timing { ticks: Ticks::None, ..timing };
+        assert_eq!(ClockSettings::new(&without, 0, 0).slope_ppm, NOMINAL_PPM);
+        let unknown = Timing { tick_hz: None, rate_hz: None, wraps_at: Some(1), ..timing };
+        let settings = ClockSettings::new(&unknown, 0, 0);
+        assert_eq!((settings.tick_hz, settings.wraps_at, settings.slope_ppm), (None, None, UNKNOWN_PPM));
+    }
+}
