@@ -5,6 +5,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+/// Where the volume lives, in the order of preference, when nobody says it.
+pub(super) const WORLDS: [&str; 3] = ["Reference", "Tracker", "World"];
+
 /// One transform on the way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Step {

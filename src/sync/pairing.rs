@@ -7,7 +7,7 @@ use calibration::named::StaticTransform;
 use drivers::reading::{NamedTransform, Stamp, Status, transform_name};
 use glam::DAffine3;
 
-use super::graph::{Edge, Names, NoPath, Route, find};
+use super::graph::{Edge, Names, NoPath, Route, WORLDS, find};
 use crate::ingest::{Head, Picture};
 use crate::refusal::{Reason, Refusal};
 use crate::slice::Slice;
@@ -18,8 +18,6 @@ pub const RIGID_TOLERANCE: f64 = 1e-2;
 const COUNTED: f64 = 1e-9;
 /// Transforms of a source that are told apart by name; a header may claim any number.
 pub(super) const MAX_NAMES: usize = 1024;
-/// Where the volume lives, in the order of preference, when nobody says it.
-const WORLDS: [&str; 3] = ["Reference", "Tracker", "World"];
 
 /// What the pairing stage is told.
 #[derive(Debug, Clone, PartialEq)]

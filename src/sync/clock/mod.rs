@@ -40,6 +40,7 @@ use hull::Point;
 use infer::Inference;
 use mapping::clamped;
 pub use mapping::{Basis, Mapping, State};
+pub use publish::{PUBLISHED_EVERY_NS, PUBLISHED_NS};
 pub use settings::ClockSettings;
 use watch::Watch;
 
@@ -153,8 +154,7 @@ impl ClockMap {
         &self.mapping
     }
 
-    /// The same if it has not been taken yet: to be asked after each call that may publish, and recorded. Of two publications between two such questions the first
-    /// has timed nothing.
+    /// The same if it has not been taken yet: to be asked after each push or advance, and recorded. One call publishes once at most.
     pub fn take_published(&mut self) -> Option<Mapping> {
         self.published.take()
     }
@@ -228,6 +228,7 @@ impl ClockMap {
                 return self.timed(host_ns, tick, TimeFlags::STEP, 0, 0);
             }
             if flags == TimeFlags::OUT_OF_ORDER {
+                self.publish(host_ns, false);
                 // Its ticks may also be those of a device that was set back by as much as it is late.
                 return self.timed(host_ns, tick, flags, late.max(0), 0);
             }
@@ -267,10 +268,11 @@ impl ClockMap {
             for (_, time_ns) in &waiting {
                 let inferred = self.count(*time_ns);
                 if !inferred.in_doubt {
-                    self.enter(host_ns, (inferred.tick, *time_ns));
+                    self.fit((inferred.tick, *time_ns));
                 }
             }
             self.waiting = waiting;
+            self.publish(host_ns, true);
             let tick = self.inference.last().map_or(0, |last| last.0);
             return self.timed(host_ns, tick, TimeFlags::INFERRED, 0, 0);
         }
@@ -364,7 +366,7 @@ impl ClockMap {
         if self.settings.ticks != Ticks::None {
             let waiting = std::mem::take(&mut self.waiting);
             for sample in &waiting[..waiting.len() - 1] {
-                self.enter(sample.1.saturating_add(self.settings.delay_ns), *sample);
+                self.fit(*sample);
             }
             self.waiting = waiting;
         }
@@ -426,29 +428,33 @@ impl ClockMap {
         if self.settings.ticks != Ticks::None {
             for suspect in &suspects {
                 if self.origin.is_some() || self.know_rate(*suspect) {
-                    self.enter(host_ns, *suspect);
+                    self.fit(*suspect);
                 }
             }
+            self.publish(host_ns, true);
         }
         self.suspects = suspects;
         self.suspects.clear();
         self.origin.is_some() || self.settings.ticks == Ticks::None
     }
 
-    /// Takes a sample into the fit. Whether an epoch begins with it.
+    /// Takes a sample into the fit, and publishes what came of it. Whether an epoch begins with it.
     fn enter(&mut self, host_ns: i64, sample: Sample) -> bool {
-        let Some(point) = self.point(sample) else { return false };
+        let change = self.fit(sample);
+        self.publish(host_ns, change != Change::None);
+        change == Change::Shift
+    }
+
+    fn fit(&mut self, sample: Sample) -> Change {
+        let Some(point) = self.point(sample) else { return Change::None };
         let late = self.envelope.line().map_or(0, |line| line.below(point));
-        let newest = self.last.is_none_or(|last| last.0 <= sample.0);
-        if newest {
+        if self.last.is_none_or(|last| last.0 <= sample.0) {
             self.last = Some(sample);
         }
         let change = self.envelope.insert(point);
-        let doubt = self.envelope.doubt();
-        self.watch.sample(sample.1, late, &doubt);
+        self.watch.sample(sample.1, late, &self.envelope.doubt());
         self.epoch += u32::from(change == Change::Shift);
-        self.publish(host_ns, change != Change::None);
-        change == Change::Shift
+        change
     }
 }
 

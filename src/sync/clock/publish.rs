@@ -6,7 +6,7 @@ use super::envelope::UNKNOWN_NS;
 use super::mapping::clamped;
 use super::{Basis, ClockMap, LATE_NS, Mapping, State, TimeFlags, Timed, expected, watch};
 
-/// A line that has moved by less than this where it is used is not published again, ns; nor by less than an eighth of its bound.
+/// A line that has moved by less than this where it is used is not published again, ns; nor upwards by less than an eighth of its bound.
 pub const PUBLISHED_NS: i64 = 20_000;
 /// But it is once in this time, ns.
 pub const PUBLISHED_EVERY_NS: i64 = 1_000_000_000;
@@ -35,7 +35,8 @@ impl ClockMap {
         let now_bound = clamped(i128::from(doubt.bound_ns) + grown);
         let state = self.watch.state(self.mapping.state, complete, now_bound);
         let is_due = host_ns.saturating_sub(self.mapping.published_ns) >= PUBLISHED_EVERY_NS;
-        let has_turned = state != self.mapping.state || self.epoch != self.mapping.epoch;
+        let is_first = self.mapping.ns_per_tick_q32 == 0;
+        let has_turned = is_first || state != self.mapping.state || self.epoch != self.mapping.epoch;
         if !(is_new || is_due || has_turned) {
             return;
         }
@@ -57,10 +58,12 @@ impl ClockMap {
             growth_ppb: doubt.growth_ppb + watch::WANDER_PPB,
             delay_ns: self.settings.delay_ns,
         };
-        let moved = old_time.map_or(i64::MAX, |old| (old.saturating_sub(time_ns)).saturating_abs());
+        // Upwards a little may wait; downwards not: what was received was measured before that.
+        let rose = old_time.map_or(i64::MAX, |old| time_ns.saturating_sub(old));
+        let has_moved = rose > slack || rose < -PUBLISHED_NS;
         let wider = candidate.bound(time_ns) > self.mapping.bound(time_ns);
         let narrower = candidate.bound_ns < self.mapping.bound_ns / 4 * 3;
-        if has_turned || is_due || moved > slack || wider || narrower {
+        if has_turned || is_due || has_moved || wider || narrower {
             self.set(candidate, host_ns);
         }
     }

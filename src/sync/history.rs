@@ -1,0 +1,318 @@
+//! A station's poses by their time, and where it was between them: how that is known, or why it is not.
+//!
+//! Between two samples positions go straight and orientations take the shorter turn at an even pace. Nothing is said of times before the first sample or after the last, nor
+//! across a gap that is too long, nor beside a sample that the station itself calls invalid.
+
+use std::borrow::Cow;
+use std::collections::VecDeque;
+use std::fmt;
+
+use glam::{DAffine3, DQuat, DVec3};
+use serde::Serialize;
+
+use super::clock::TimeFlags;
+
+/// A rigid pose in f64: maps points of the sensor's frame to points of the tracker's, mm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rigid {
+    /// Unit quaternion.
+    pub rotation: DQuat,
+    /// Position, mm.
+    pub position_mm: DVec3,
+}
+
+impl Rigid {
+    /// No motion.
+    pub const IDENTITY: Self = Self { rotation: DQuat::IDENTITY, position_mm: DVec3::ZERO };
+
+    /// Maps a point.
+    pub fn point(&self, p: DVec3) -> DVec3 {
+        self.rotation * p + self.position_mm
+    }
+
+    /// The map back.
+    pub fn inverse(&self) -> Self {
+        let back = self.rotation.conjugate();
+        Self { rotation: back, position_mm: -(back * self.position_mm) }
+    }
+
+    /// As an affine map.
+    pub fn affine(&self) -> DAffine3 {
+        DAffine3::from_rotation_translation(self.rotation, self.position_mm)
+    }
+
+    /// On the way to another: straight in position, by the shorter turn at an even pace in orientation. `share` is from 0 to 1.
+    pub fn between(&self, other: &Self, share: f64) -> Self {
+        // A quaternion and its opposite are one orientation: the one that is nearer.
+        let to = if self.rotation.dot(other.rotation) < 0.0 { -other.rotation } else { other.rotation };
+        Self {
+            rotation: self.rotation.slerp(to, share).normalize(),
+            position_mm: self.position_mm.lerp(other.position_mm, share),
+        }
+    }
+}
+
+/// A station's pose at a time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PoseSample {
+    /// When it was measured, host ns.
+    pub time_ns: i64,
+    /// How far the truth may lie from that, ns.
+    pub bound_ns: i64,
+    /// What there is to say of the time.
+    pub flags: TimeFlags,
+    /// Where it was.
+    pub pose: Rigid,
+    /// Why it is not to be used, where the station or the stage before says so.
+    pub invalid: Option<Cow<'static, str>>,
+}
+
+/// Why there is no pose at a time.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case", tag = "why")]
+pub enum Unavailable {
+    /// Nothing was received.
+    Nothing,
+    /// The time is before all that is kept.
+    Before {
+        /// So much, ns.
+        by_ns: i64,
+    },
+    /// The time is after all that was received.
+    After {
+        /// So much, ns.
+        by_ns: i64,
+    },
+    /// The samples about it lie too far apart.
+    Gap {
+        /// So far, ns.
+        gap_ns: i64,
+    },
+    /// A sample about it is not to be used.
+    Invalid {
+        /// In the station's word.
+        word: Cow<'static, str>,
+    },
+    /// When the samples about it were measured is not known: the clock was lost.
+    ClockLost,
+}
+
+impl fmt::Display for Unavailable {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let ms = |ns: &i64| *ns as f64 * 1e-6;
+        match self {
+            Self::Nothing => write!(f, "nothing was received"),
+            Self::Before { by_ns } => write!(f, "the time is {:.1} ms before the first pose that is kept", ms(by_ns)),
+            Self::After { by_ns } => {
+                write!(f, "no pose came after the time: the last is {:.1} ms before it", ms(by_ns))
+            }
+            Self::Gap { gap_ns } => write!(f, "the poses about the time lie {:.1} ms apart", ms(gap_ns)),
+            Self::Invalid { word } => write!(f, "a pose about the time is not valid: {word}"),
+            Self::ClockLost => write!(f, "the clock of the poses about the time was lost"),
+        }
+    }
+}
+
+/// How a pose was made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum How {
+    /// A sample was measured at that very time.
+    Exact,
+    /// Between two samples, so far apart.
+    Interpolated {
+        /// ns.
+        gap_ns: i64,
+    },
+}
+
+impl How {
+    /// What lies between the samples, ns.
+    pub fn gap_ns(self) -> i64 {
+        match self {
+            Self::Exact => 0,
+            Self::Interpolated { gap_ns } => gap_ns,
+        }
+    }
+}
+
+/// The samples about a time.
+#[derive(Debug, Clone, Copy)]
+pub struct Found<'a> {
+    /// The last at or before it, and the first after it; twice the same where it is exact.
+    pub about: [&'a PoseSample; 2],
+    /// The ones beyond these, where there are any that are valid and as near.
+    pub beyond: [Option<&'a PoseSample>; 2],
+    /// Where between the two it lies, from 0 to 1.
+    pub share: f64,
+    /// How the pose is made.
+    pub how: How,
+}
+
+impl Found<'_> {
+    /// Where the station was.
+    pub fn pose(&self) -> Rigid {
+        match self.how {
+            How::Exact => self.about[0].pose,
+            How::Interpolated { .. } => self.about[0].pose.between(&self.about[1].pose, self.share),
+        }
+    }
+
+    /// How far the place of a point may be off, mm. `place` maps the point by a pose; the other clock, which said when to look, may be off by `other_ns`.
+    ///
+    /// The sum of two: what the point moves while the clocks may be off, by the fastest of the neighbouring intervals; and what lies between the straight line and the way,
+    /// gap/4 · (the changes of velocity on either side), which is exact for one sudden change and four times too much for a steady one. Without samples beyond, the point may
+    /// have been anywhere within half its way.
+    pub fn error_mm(&self, other_ns: i64, place: impl Fn(&Rigid) -> DVec3) -> f64 {
+        let [first, second] = self.about;
+        let all = [self.beyond[0], Some(first), Some(second), self.beyond[1]];
+        let velocity = |a: Option<&PoseSample>, b: Option<&PoseSample>| {
+            let (a, b) = (a?, b?);
+            let passed_s = (b.time_ns - a.time_ns) as f64 * 1e-9;
+            (passed_s > 0.0).then(|| (place(&b.pose) - place(&a.pose)) / passed_s)
+        };
+        let [left, across, right] = [0, 1, 2].map(|at| velocity(all[at], all[at + 1]));
+        let fastest = [left, across, right].iter().flatten().map(|v| v.length()).fold(0.0, f64::max);
+        let off_s = (first.bound_ns.max(second.bound_ns).saturating_add(other_ns)) as f64 * 1e-9;
+        let gap_s = self.how.gap_ns() as f64 * 1e-9;
+        let change = |a: Option<DVec3>, b: Option<DVec3>| Some((a? - b?).length());
+        let bend = match (change(left, across), change(across, right)) {
+            (None, None) => 0.5 * gap_s * across.map_or(0.0, DVec3::length),
+            (a, b) => 0.25 * gap_s * (a.or(b).unwrap_or(0.0) + b.or(a).unwrap_or(0.0)),
+        };
+        fastest * off_s + bend
+    }
+}
+
+/// What became of samples.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+pub struct Inserted {
+    /// Taken in.
+    pub samples: u64,
+    /// Of these, earlier than one that was there.
+    pub out_of_order: u64,
+    /// At the very time of one that was there, which they replace.
+    pub repeated: u64,
+    /// Left out: earlier than all that is kept.
+    pub too_old: u64,
+}
+
+/// The newest poses of a station.
+#[derive(Debug)]
+pub struct PoseHistory {
+    samples: VecDeque<PoseSample>,
+    kept: usize,
+    longest_gap_ns: i64,
+    inserted: Inserted,
+}
+
+impl PoseHistory {
+    /// Keeps so many, at least 4; poses further apart than `longest_gap_ns` have nothing between them.
+    pub fn new(kept: usize, longest_gap_ns: i64) -> Self {
+        let kept = kept.max(4);
+        Self { samples: VecDeque::with_capacity(kept + 1), kept, longest_gap_ns, inserted: Inserted::default() }
+    }
+
+    /// What became of all samples.
+    pub fn inserted(&self) -> Inserted {
+        self.inserted
+    }
+
+    /// Samples kept.
+    pub fn len(&self) -> usize {
+        self.samples.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.samples.is_empty()
+    }
+
+    /// The newest time, ns.
+    pub fn newest_ns(&self) -> Option<i64> {
+        self.samples.back().map(|sample| sample.time_ns)
+    }
+
+    /// Forgets all, as after the transmitter was moved.
+    pub fn clear(&mut self) {
+        self.samples.clear();
+    }
+
+    /// Takes in a sample at its place in time.
+    pub fn insert(&mut self, sample: PoseSample) {
+        let is_newest = self.samples.back().is_none_or(|last| last.time_ns < sample.time_ns);
+        if is_newest {
+            self.samples.push_back(sample);
+        } else {
+            let at = self.place(sample.time_ns);
+            if let Some(same) = self.samples.get_mut(at)
+                && same.time_ns == sample.time_ns
+            {
+                *same = sample;
+                self.inserted.repeated += 1;
+                self.inserted.samples += 1;
+                return;
+            }
+            if at == 0 && self.samples.len() >= self.kept {
+                self.inserted.too_old += 1;
+                return;
+            }
+            self.inserted.out_of_order += 1;
+            self.samples.insert(at, sample);
+        }
+        self.inserted.samples += 1;
+        if self.samples.len() > self.kept {
+            self.samples.pop_front();
+        }
+    }
+
+    /// Of the first sample at or after a time.
+    fn place(&self, time_ns: i64) -> usize {
+        self.samples.partition_point(|sample| sample.time_ns < time_ns)
+    }
+
+    /// The samples about a time: two comparisons for each doubling of what is kept.
+    ///
+    /// # Errors
+    /// [`Unavailable`]: why there is no pose. [`Unavailable::After`] and [`Unavailable::Nothing`] may change when more is received, the others will not.
+    pub fn at(&self, time_ns: i64) -> Result<Found<'_>, Unavailable> {
+        let (Some(oldest), Some(newest)) = (self.samples.front(), self.samples.back()) else {
+            return Err(Unavailable::Nothing);
+        };
+        if time_ns < oldest.time_ns {
+            return Err(Unavailable::Before { by_ns: oldest.time_ns.saturating_sub(time_ns) });
+        }
+        if time_ns > newest.time_ns {
+            return Err(Unavailable::After { by_ns: time_ns.saturating_sub(newest.time_ns) });
+        }
+        let second = self.place(time_ns);
+        let is_exact = self.samples[second].time_ns == time_ns;
+        let first = if is_exact { second } else { second - 1 };
+        let about = [&self.samples[first], &self.samples[second]];
+        for sample in about {
+            if let Some(word) = &sample.invalid {
+                return Err(Unavailable::Invalid { word: word.clone() });
+            }
+        }
+        if about.iter().any(|sample| sample.flags.has(TimeFlags::LOST)) {
+            return Err(Unavailable::ClockLost);
+        }
+        let gap_ns = about[1].time_ns.saturating_sub(about[0].time_ns);
+        if gap_ns > self.longest_gap_ns {
+            return Err(Unavailable::Gap { gap_ns });
+        }
+        let near = |sample: &&PoseSample| {
+            sample.invalid.is_none() && sample.time_ns.abs_diff(time_ns) <= 2 * self.longest_gap_ns.unsigned_abs()
+        };
+        let beyond = [
+            first.checked_sub(1).and_then(|at| self.samples.get(at)).filter(near),
+            self.samples.get(second + 1).filter(near),
+        ];
+        let how = if is_exact { How::Exact } else { How::Interpolated { gap_ns } };
+        let share = if is_exact { 0.0 } else { (time_ns - about[0].time_ns) as f64 / gap_ns as f64 };
+        Ok(Found { about, beyond, share, how })
+    }
+}
+
+#[cfg(test)]
+mod tests;
