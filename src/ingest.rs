@@ -7,7 +7,9 @@
 //! - **Grey values.** 8 and 16 bit unsigned stay as they are, all else becomes f32. A picture in 8 bits and MF is not copied.
 //! - **Clock.** Host nanoseconds where the source has them, else the source's seconds as nanoseconds, else the frame's number.
 //!
-//! Named transforms are in mm already and pass unchanged.
+//! Named transforms are in mm already and pass unchanged. What hardware delivers as it happens is [`live`]'s.
+
+pub mod live;
 
 use std::sync::Arc;
 

@@ -6,12 +6,13 @@
 
 use std::collections::VecDeque;
 use std::fmt;
+use std::sync::Arc;
 
 use calibration::frames::{Image, Transform, World};
 use calibration::named::StaticTransform;
 use drivers::reading::transform_name;
 use glam::{DAffine3, DVec3};
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 use super::clock::{TimeFlags, Timed};
 use super::graph::{Edge, Names, NoPath, Route, WORLDS, find};
@@ -106,6 +107,10 @@ pub struct Placed {
     pub flags: TimeFlags,
 }
 
+fn as_text<S: Serializer>(name: &Arc<str>, to: S) -> Result<S::Ok, S::Error> {
+    to.serialize_str(name)
+}
+
 /// Why a frame has no place.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -115,7 +120,8 @@ pub enum Unplaced {
         /// Which: its place in [`BracketOptions::sources`].
         source: usize,
         /// Its name, as `ProbeToTracker`.
-        name: String,
+        #[serde(serialize_with = "as_text")]
+        name: Arc<str>,
         /// Why.
         why: Unavailable,
     },
@@ -161,6 +167,8 @@ struct Waiting<T> {
 pub struct Bracketing<T> {
     options: BracketOptions,
     route: Route,
+    /// The sources' names.
+    names: Vec<Arc<str>>,
     histories: Vec<PoseHistory>,
     waiting: VecDeque<Waiting<T>>,
 }
@@ -188,7 +196,8 @@ impl<T> Bracketing<T> {
         };
         let histories = options.sources.iter().map(|s| PoseHistory::new(options.kept, s.longest_gap_ns)).collect();
         let waiting = VecDeque::with_capacity(options.most_waiting + 1);
-        Ok(Self { options, route, histories, waiting })
+        let names = names.iter().map(|(from, to)| transform_name(from, to).into()).collect();
+        Ok(Self { options, route, names, histories, waiting })
     }
 
     /// The way to the world.
@@ -309,8 +318,7 @@ impl<T> Bracketing<T> {
     }
 
     fn unplaced(&self, source: usize, why: Unavailable) -> Unplaced {
-        let Source { from, to, .. } = &self.options.sources[source];
-        Unplaced::Pose { source, name: transform_name(from, to), why }
+        Unplaced::Pose { source, name: Arc::clone(&self.names[source]), why }
     }
 }
 

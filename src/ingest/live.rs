@@ -1,0 +1,343 @@
+//! Readings of hardware → poses and pictures in mm and on the host's one clock.
+//!
+//! - **Units.** Trackers' positions are cm on the wire and mm from here on; quaternions are made unit ones. Arms' counts become poses by their kinematics.
+//! - **Clock.** Each device has a [`ClockMap`], or one for each stream of it that counts for itself: stations of a tracker without ticks, axes of an arm that has a line
+//!   each. A station's record that waits for another's on the wire is earlier by that one's length.
+//! - **Validity.** What a device says of a pose goes on with it; a pose that cannot be is refused. Its time counts all the same.
+
+use std::borrow::Cow;
+
+use drivers::reading::{AXES, Counts, Frame, Pose, Reading, Stamp, Status};
+use drivers::{Ticks, Timing};
+use glam::{DQuat, DVec3};
+
+use super::{Ingest, Picture};
+use crate::refusal::{Reason, Refusal};
+use crate::sync::clock::{ClockMap, ClockSettings, Mapping, TimeFlags, Timed};
+use crate::sync::history::{PoseSample, Rigid};
+
+/// A quaternion whose length is further from 1 than this is none: single precision and four digits leave 10⁻⁴.
+const UNIT_TOLERANCE: f64 = 0.02;
+const MM_PER_CM: f64 = 10.0;
+/// Counts of an axis further apart than this have nothing between them, ns.
+const LONGEST_GAP_NS: i64 = 100_000_000;
+
+/// Where an arm's last link is.
+pub trait Kinematics: Send {
+    /// By the joints' counts, base first; between two counts where axes were read at different times. `None` for counts that the arm cannot have.
+    fn tracker_from_probe(&self, counts: &[f64]) -> Option<Rigid>;
+}
+
+impl<F: Fn(&[f64]) -> Option<Rigid> + Send> Kinematics for F {
+    fn tracker_from_probe(&self, counts: &[f64]) -> Option<Rigid> {
+        self(counts)
+    }
+}
+
+/// What a device gives.
+pub enum Gives {
+    /// Poses of these stations (from 1), in the order in which their records are sent.
+    Stations(Vec<u8>),
+    /// Counts of an arm with so many joints.
+    Arm {
+        /// Joints.
+        joints: usize,
+        /// Their kinematics.
+        kinematics: Box<dyn Kinematics>,
+    },
+    /// Pictures.
+    Pictures,
+}
+
+/// What becomes of a reading.
+#[derive(Debug)]
+#[allow(clippy::large_enum_variant, reason = "nearly all values are the large ones, moved once")]
+pub enum Live {
+    /// A pose of a source: the stations' place in the list, 0 for an arm.
+    Pose {
+        /// Which.
+        source: usize,
+        /// The pose and its time.
+        sample: PoseSample,
+        /// How the time was made.
+        timed: Timed,
+    },
+    /// A picture; its head's time is the clock's.
+    Picture {
+        /// The picture.
+        picture: Picture,
+        /// How the time was made.
+        timed: Timed,
+    },
+    /// An axis' count, which waits for those of the others.
+    Waits(Timed),
+    /// A reading that cannot be used. Its time, if it had one, has gone into the clock.
+    Refused(Refusal),
+    /// A reading that no stage takes, by kind.
+    Unused(&'static str),
+}
+
+/// An axis' count at a time.
+#[derive(Debug, Clone, Copy)]
+struct Count {
+    time_ns: i64,
+    bound_ns: i64,
+    flags: TimeFlags,
+    count: f64,
+}
+
+/// Axes that come one by one.
+#[derive(Debug, Default)]
+struct Axes {
+    /// The last two counts of each.
+    counts: [[Option<Count>; 2]; AXES],
+    /// Why an axis' count is not to be used.
+    invalid: [Option<Cow<'static, str>>; AXES],
+    told_ns: Option<i64>,
+}
+
+/// A device's readings.
+pub struct LiveIngest {
+    gives: Gives,
+    timing: Timing,
+    latency_ns: i64,
+    clocks: Vec<ClockMap>,
+    axes: Axes,
+    ingest: Ingest,
+    refused: u64,
+}
+
+impl LiveIngest {
+    /// Of a device that describes its stamps so. `latency_ns` is what was configured or calibrated beyond that.
+    pub fn new(gives: Gives, timing: Timing, latency_ns: i64) -> Self {
+        let mut live = Self {
+            gives,
+            timing,
+            latency_ns,
+            clocks: Vec::new(),
+            axes: Axes::default(),
+            ingest: Ingest::new(),
+            refused: 0,
+        };
+        live.wind();
+        live
+    }
+
+    /// The clocks: one of the device, or one of each stream that counts for itself.
+    fn wind(&mut self) {
+        let (timing, latency) = (self.timing, self.latency_ns);
+        self.clocks = match &self.gives {
+            Gives::Stations(stations) if timing.ticks == Ticks::None => (0..)
+                .zip(stations)
+                .map(|(before, _)| ClockMap::new(ClockSettings::new(&timing, before, latency)))
+                .collect(),
+            Gives::Stations(_) => vec![ClockMap::new(ClockSettings::new(&timing, 0, latency))],
+            Gives::Arm { joints, .. } => {
+                (0..(*joints).clamp(1, AXES)).map(|_| ClockMap::new(ClockSettings::new(&timing, 0, latency))).collect()
+            }
+            Gives::Pictures => {
+                // Both fields of a frame are pictures of their own times, and only their own number tells them apart.
+                let timing = match by_field(&timing) {
+                    true => Timing { tick_hz: timing.rate_hz, wraps_at: None, ..timing },
+                    false => timing,
+                };
+                vec![ClockMap::new(ClockSettings::video(&timing, latency))]
+            }
+        };
+    }
+
+    /// The device was set up: its description may say more, and its ticks begin anew.
+    pub fn set_up(&mut self, timing: Timing) {
+        if self.timing == timing {
+            self.clocks.iter_mut().for_each(ClockMap::restart);
+        } else {
+            self.timing = timing;
+            self.wind();
+        }
+        self.axes = Axes::default();
+    }
+
+    /// The clocks: of the device, of each station, or of each axis.
+    pub fn clocks(&self) -> &[ClockMap] {
+        &self.clocks
+    }
+
+    /// Time has passed.
+    pub fn advance(&mut self, now_ns: i64) {
+        for clock in &mut self.clocks {
+            clock.advance(now_ns);
+        }
+    }
+
+    /// A mapping that was published and not taken yet, and of which clock: to be asked until there is none, after each call.
+    pub fn take_published(&mut self) -> Option<(usize, Mapping)> {
+        self.clocks.iter_mut().enumerate().find_map(|(at, clock)| Some((at, clock.take_published()?)))
+    }
+
+    /// What the user should know: sentences, each said once.
+    pub fn notes(&self) -> &[String] {
+        self.ingest.notes()
+    }
+
+    /// Readings refused so far.
+    pub fn refused(&self) -> u64 {
+        self.refused
+    }
+
+    /// Turns a reading into what it means, and when it was measured.
+    pub fn take(&mut self, reading: Reading) -> Live {
+        let live = match reading {
+            Reading::Pose(pose) => self.pose(pose),
+            Reading::Counts(counts) => self.counts(counts),
+            Reading::Frame(frame) => self.frame(&frame),
+            Reading::NamedTransform(_) => Ok(Live::Unused("named transform")),
+            Reading::Recorded(_) => Ok(Live::Unused("recorded")),
+            Reading::Raw(_) => Ok(Live::Unused("raw")),
+            _ => Ok(Live::Unused("unknown")),
+        };
+        live.unwrap_or_else(|refusal| {
+            self.refused += 1;
+            Live::Refused(refusal)
+        })
+    }
+
+    fn pose(&mut self, pose: Pose) -> Result<Live, Refusal> {
+        let Gives::Stations(stations) = &self.gives else { return Ok(Live::Unused("pose")) };
+        let Some(source) = stations.iter().position(|station| *station == pose.station) else {
+            return Ok(Live::Unused("pose of a station that was not asked for"));
+        };
+        let host_ns = received(&pose.stamp)?;
+        let timed = match self.clocks.get_mut(source) {
+            Some(clock) if self.timing.ticks == Ticks::None => clock.push(host_ns, None),
+            // One clock of all stations: this record has waited for those before it.
+            _ => {
+                let waited = self.timing.wire_ns.saturating_mul(i64::try_from(source).unwrap_or(0));
+                self.clocks[0].push(host_ns.saturating_sub(waited), pose.stamp.ticks)
+            }
+        };
+        let rigid = rigid(&pose)?;
+        Ok(Live::Pose { source, sample: sample(&timed, rigid, invalid(pose.status)), timed })
+    }
+
+    fn counts(&mut self, counts: Counts) -> Result<Live, Refusal> {
+        let Gives::Arm { joints, kinematics } = &self.gives else { return Ok(Live::Unused("counts")) };
+        let joints = (*joints).clamp(1, AXES);
+        let host_ns = received(&counts.stamp)?;
+        let given = counts.as_slice();
+        if counts.first == 0 && given.len() >= joints {
+            let timed = self.clocks[0].push(host_ns, counts.stamp.ticks);
+            let mut values = [0.0; AXES];
+            values.iter_mut().zip(given).for_each(|(value, count)| *value = *count as f64);
+            let rigid = place(kinematics.as_ref(), &values[..joints], counts.stamp.item)?;
+            return Ok(Live::Pose { source: 0, sample: sample(&timed, rigid, invalid(counts.status)), timed });
+        }
+        let axis = usize::from(counts.first);
+        let (Some(clock), [count]) = (self.clocks.get_mut(axis), given) else {
+            return Ok(Live::Unused("counts of other axes than the arm has"));
+        };
+        let timed = clock.push(host_ns, counts.stamp.ticks);
+        let Timed { time_ns, bound_ns, flags, .. } = timed;
+        self.axes.note(axis, Count { time_ns, bound_ns, flags, count: *count as f64 }, invalid(counts.status));
+        let Some((at, values)) = self.axes.together(joints) else { return Ok(Live::Waits(timed)) };
+        let rigid = place(kinematics.as_ref(), &values[..joints], counts.stamp.item)?;
+        let invalid = self.axes.invalid[..joints].iter().flatten().next().cloned();
+        let Count { time_ns, bound_ns, flags, .. } = at;
+        Ok(Live::Pose { source: 0, sample: PoseSample { time_ns, bound_ns, flags, pose: rigid, invalid }, timed })
+    }
+
+    fn frame(&mut self, frame: &Frame) -> Result<Live, Refusal> {
+        let Gives::Pictures = self.gives else { return Ok(Live::Unused("frame")) };
+        let host_ns = received(&frame.stamp)?;
+        let ticks = if by_field(&self.timing) { frame.frame_number } else { frame.stamp.ticks };
+        let timed = self.clocks[0].push(host_ns, ticks);
+        let mut picture = self.ingest.picture(frame)?;
+        picture.head.time_ns = timed.time_ns;
+        Ok(Live::Picture { picture, timed })
+    }
+}
+
+impl Axes {
+    fn note(&mut self, axis: usize, count: Count, invalid: Option<Cow<'static, str>>) {
+        self.counts[axis] = [self.counts[axis][1], Some(count)];
+        self.invalid[axis] = invalid;
+    }
+
+    /// The newest time that all axes have counts about, and these: each straight between its last two.
+    fn together(&mut self, joints: usize) -> Option<(Count, [f64; AXES])> {
+        let newest = self.counts[..joints].iter().map(|counts| counts[1].map(|count| count.time_ns));
+        let time_ns = newest.min().flatten()?;
+        if self.told_ns.is_some_and(|told| told >= time_ns) {
+            return None;
+        }
+        let mut at = Count { time_ns, bound_ns: 0, flags: TimeFlags::NONE, count: 0.0 };
+        let mut values = [0.0; AXES];
+        for (value, counts) in values.iter_mut().zip(&self.counts[..joints]) {
+            let last = counts[1]?;
+            *value = last.count;
+            (at.bound_ns, at.flags) = (at.bound_ns.max(last.bound_ns), at.flags | last.flags);
+            if last.time_ns == time_ns {
+                continue;
+            }
+            let first = counts[0].filter(|first| first.time_ns <= time_ns)?;
+            let gap_ns = last.time_ns - first.time_ns;
+            if gap_ns > LONGEST_GAP_NS {
+                return None;
+            }
+            let share = (time_ns - first.time_ns) as f64 / gap_ns as f64;
+            *value = first.count + share * (last.count - first.count);
+            (at.bound_ns, at.flags) = (at.bound_ns.max(first.bound_ns), at.flags | first.flags);
+        }
+        self.told_ns = Some(time_ns);
+        Some((at, values))
+    }
+}
+
+/// Whether each field of a frame is a picture.
+fn by_field(timing: &Timing) -> bool {
+    timing.tick_hz.zip(timing.rate_hz).is_some_and(|(frames, pictures)| pictures > 1.5 * frames)
+}
+
+fn received(stamp: &Stamp) -> Result<i64, Refusal> {
+    stamp.host_ns.ok_or_else(|| {
+        Refusal::new(stamp.item, Reason::TimeInvalid, "has no time of receipt, as hardware's readings have")
+    })
+}
+
+fn invalid(status: Status) -> Option<Cow<'static, str>> {
+    match status {
+        Status::Ok => None,
+        Status::Other(word) => Some(word),
+    }
+}
+
+fn sample(timed: &Timed, pose: Rigid, invalid: Option<Cow<'static, str>>) -> PoseSample {
+    PoseSample { time_ns: timed.time_ns, bound_ns: timed.bound_ns, flags: timed.flags, pose, invalid }
+}
+
+fn place(kinematics: &dyn Kinematics, counts: &[f64], item: u64) -> Result<Rigid, Refusal> {
+    kinematics
+        .tracker_from_probe(counts)
+        .ok_or_else(|| Refusal::new(item, Reason::PoseInvalid, format!("the arm cannot have the counts {counts:?}")))
+}
+
+/// A tracker's pose in mm, with a unit quaternion.
+///
+/// # Errors
+/// A [`Refusal`] for numbers that are not finite, or a quaternion that is none.
+pub fn rigid(pose: &Pose) -> Result<Rigid, Refusal> {
+    let [w, x, y, z] = pose.quaternion_wxyz;
+    let (position, quaternion) = (DVec3::from_array(pose.position_cm), DQuat::from_xyzw(x, y, z, w));
+    if !(position.is_finite() && quaternion.is_finite()) {
+        let detail = format!("the pose of station {} holds NaN or infinity", pose.station);
+        return Err(Refusal::new(pose.stamp.item, Reason::PoseNotFinite, detail));
+    }
+    let length = quaternion.length();
+    if (length - 1.0).abs() > UNIT_TOLERANCE {
+        let detail = format!("the quaternion of station {} has the length {length:.4}, not 1", pose.station);
+        return Err(Refusal::new(pose.stamp.item, Reason::PoseNotRigid, detail));
+    }
+    Ok(Rigid { rotation: quaternion.normalize(), position_mm: position * MM_PER_CM })
+}
+
+#[cfg(test)]
+mod tests;
