@@ -73,7 +73,7 @@ fn items(path: &Path) -> Result<Vec<Item>, Failed> {
 /// The items' clock, whose rate nobody told.
 fn clocked(items: &[Item]) -> (ClockMap, Vec<Timed>) {
     let timing = Timing { ticks: Ticks::Measurements, ..Timing::default() };
-    let mut clock = ClockMap::new(ClockSettings::new(&timing, 0, 0));
+    let mut clock = ClockMap::new(ClockSettings::new(&timing, 0));
     let first = items[0].raw_s;
     let host = |item: &Item| ((item.raw_s - first) * 1e9).round() as i64;
     let timed = items.iter().map(|item| clock.push(host(item), Some(item.number))).collect();

@@ -50,7 +50,7 @@ fn samples_and_frames_allocate_nothing() {
     let timing = |ticks, hz| Timing { ticks, tick_hz: Some(hz), rate_hz: Some(hz), ..Timing::default() };
     let counted = timing(Ticks::Measurements, 240.0);
     let uncounted = timing(Ticks::None, 60.0);
-    let mut clocks = [counted, uncounted].map(|timing| ClockMap::new(ClockSettings::new(&timing, 0, 0)));
+    let mut clocks = [counted, uncounted].map(|timing| ClockMap::new(ClockSettings::new(&timing, 0)));
     let rows = [0.1, 0.0, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
     let mut stage = Bracketing::new(BracketOptions {
         statics: vec![StaticTransform::new("Image", "Probe", &rows).unwrap()],

@@ -2,7 +2,7 @@
 //!
 //! - **Units.** Trackers' positions are cm on the wire and mm from here on; quaternions are made unit ones. Arms' counts become poses by their kinematics.
 //! - **Clock.** Each device has a [`ClockMap`], or one for each stream of it that counts for itself: stations of a tracker without ticks, axes of an arm that has a line
-//!   each. A station's record that waits for another's on the wire is earlier by that one's length.
+//!   each. A station's record that has waited for another's on the wire was measured earlier by that one's length.
 //! - **Validity.** What a device says of a pose goes on with it; a pose that cannot be is refused. Its time counts all the same.
 
 use std::borrow::Cow;
@@ -96,6 +96,16 @@ struct Axes {
     told_ns: Option<i64>,
 }
 
+/// A station's record.
+#[derive(Debug, Clone, Copy)]
+struct Heard {
+    source: usize,
+    host_ns: i64,
+    ticks: Option<u64>,
+    /// Records of the same measurement that were sent before it.
+    before: i64,
+}
+
 /// A device's readings.
 pub struct LiveIngest {
     gives: Gives,
@@ -103,6 +113,8 @@ pub struct LiveIngest {
     latency_ns: i64,
     clocks: Vec<ClockMap>,
     axes: Axes,
+    /// The record that was heard last.
+    heard: Option<Heard>,
     ingest: Ingest,
     refused: u64,
 }
@@ -116,6 +128,7 @@ impl LiveIngest {
             latency_ns,
             clocks: Vec::new(),
             axes: Axes::default(),
+            heard: None,
             ingest: Ingest::new(),
             refused: 0,
         };
@@ -127,13 +140,12 @@ impl LiveIngest {
     fn wind(&mut self) {
         let (timing, latency) = (self.timing, self.latency_ns);
         self.clocks = match &self.gives {
-            Gives::Stations(stations) if timing.ticks == Ticks::None => (0..)
-                .zip(stations)
-                .map(|(before, _)| ClockMap::new(ClockSettings::new(&timing, before, latency)))
-                .collect(),
-            Gives::Stations(_) => vec![ClockMap::new(ClockSettings::new(&timing, 0, latency))],
+            Gives::Stations(stations) if timing.ticks == Ticks::None => {
+                stations.iter().map(|_| ClockMap::new(ClockSettings::new(&timing, latency))).collect()
+            }
+            Gives::Stations(_) => vec![ClockMap::new(ClockSettings::new(&timing, latency))],
             Gives::Arm { joints, .. } => {
-                (0..(*joints).clamp(1, AXES)).map(|_| ClockMap::new(ClockSettings::new(&timing, 0, latency))).collect()
+                (0..(*joints).clamp(1, AXES)).map(|_| ClockMap::new(ClockSettings::new(&timing, latency))).collect()
             }
             Gives::Pictures => {
                 // Both fields of a frame are pictures of their own times, and only their own number tells them apart.
@@ -207,16 +219,31 @@ impl LiveIngest {
             return Ok(Live::Unused("pose of a station that was not asked for"));
         };
         let host_ns = received(&pose.stamp)?;
-        let timed = match self.clocks.get_mut(source) {
-            Some(clock) if self.timing.ticks == Ticks::None => clock.push(host_ns, None),
-            // One clock of all stations: this record has waited for those before it.
-            _ => {
-                let waited = self.timing.wire_ns.saturating_mul(i64::try_from(source).unwrap_or(0));
-                self.clocks[0].push(host_ns.saturating_sub(waited), pose.stamp.ticks)
-            }
-        };
+        let last = self.heard;
+        let before = self.sent_before(source, host_ns, pose.stamp.ticks);
+        let waited_ns = self.timing.wire_ns.saturating_mul(before);
+        let counts = self.timing.ticks != Ticks::None;
+        let mut timed =
+            self.clocks[if counts { 0 } else { source }].push(host_ns.saturating_sub(waited_ns), pose.stamp.ticks);
+        if counts && last.is_some_and(|last| last.source != source) {
+            // The stations of a measurement have its ticks in common.
+            timed.flags = timed.flags.without(TimeFlags::REPEATED);
+        }
         let rigid = rigid(&pose)?;
         Ok(Live::Pose { source, sample: sample(&timed, rigid, invalid(pose.status)), timed })
+    }
+
+    /// Records of the same measurement that this one has waited for on the wire: those that were heard. One that was sent and lost makes this one late; one that was never
+    /// sent must not make it early.
+    fn sent_before(&mut self, source: usize, host_ns: i64, ticks: Option<u64>) -> i64 {
+        let cycle_ns = self.timing.rate_hz.filter(|hz| *hz > 0.0).map_or(10_000_000, |hz| (1e9 / hz) as i64);
+        let is_same = |last: &Heard| match ticks {
+            Some(_) => last.ticks == ticks,
+            None => host_ns.saturating_sub(last.host_ns) < cycle_ns / 2,
+        };
+        let before = self.heard.filter(|last| last.source < source && is_same(last)).map_or(0, |last| last.before + 1);
+        self.heard = Some(Heard { source, host_ns, ticks, before });
+        before
     }
 
     fn counts(&mut self, counts: Counts) -> Result<Live, Refusal> {

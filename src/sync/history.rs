@@ -162,25 +162,38 @@ impl Found<'_> {
     ///
     /// The sum of two: what the point moves while the clocks may be off, by the fastest of the neighbouring intervals; and what lies between the straight line and the way,
     /// gap/4 · (the changes of velocity on either side), which is exact for one sudden change and four times too much for a steady one. Without samples beyond, the point may
-    /// have been anywhere within half its way.
+    /// have been anywhere within half its way. Intervals that are shorter than their ends' times are uncertain tell no velocity.
     pub fn error_mm(&self, other_ns: i64, place: impl Fn(&Rigid) -> DVec3) -> f64 {
         let [first, second] = self.about;
-        let all = [self.beyond[0], Some(first), Some(second), self.beyond[1]];
-        let velocity = |a: Option<&PoseSample>, b: Option<&PoseSample>| {
-            let (a, b) = (a?, b?);
-            let passed_s = (b.time_ns - a.time_ns) as f64 * 1e-9;
-            (passed_s > 0.0).then(|| (place(&b.pose) - place(&a.pose)) / passed_s)
+        let all = [self.beyond[0], Some(first), Some(second), self.beyond[1]]
+            .map(|sample| Some((sample?, place(&sample?.pose))));
+        let interval = |at: usize| {
+            let ((a, from), (b, to)) = (all[at]?, all[at + 1]?);
+            let (passed_ns, uncertain_ns) = (b.time_ns - a.time_ns, a.bound_ns.max(b.bound_ns));
+            (passed_ns > uncertain_ns).then(|| (to - from, passed_ns, passed_ns - uncertain_ns))
         };
-        let [left, across, right] = [0, 1, 2].map(|at| velocity(all[at], all[at + 1]));
-        let fastest = [left, across, right].iter().flatten().map(|v| v.length()).fold(0.0, f64::max);
-        let off_s = (first.bound_ns.max(second.bound_ns).saturating_add(other_ns)) as f64 * 1e-9;
-        let gap_s = self.how.gap_ns() as f64 * 1e-9;
+        let intervals = [interval(0), interval(1), interval(2)];
+        let seconds = |ns: i64| ns as f64 * 1e-9;
+        let [left, across, right] = intervals.map(|of| of.map(|(moved, passed_ns, _)| moved / seconds(passed_ns)));
+        // It may have moved in the shortest time that it can have been.
+        let known =
+            intervals.iter().flatten().map(|(moved, _, least_ns)| moved.length() / seconds(*least_ns)).reduce(f64::max);
+        let fastest = known.unwrap_or_else(|| {
+            // All that it moved in the time that may have been.
+            let moved: f64 = all.windows(2).filter_map(|two| Some((two[1]?.1 - two[0]?.1).length())).sum();
+            let span = all.iter().flatten().map(|(sample, _)| sample.time_ns);
+            let passed = span.clone().max().unwrap_or(0) - span.min().unwrap_or(0);
+            if passed > 0 { moved / seconds(passed) } else { 0.0 }
+        });
+        let off = seconds(first.bound_ns.max(second.bound_ns).saturating_add(other_ns));
+        let gap = seconds(self.how.gap_ns());
         let change = |a: Option<DVec3>, b: Option<DVec3>| Some((a? - b?).length());
-        let bend = match (change(left, across), change(across, right)) {
-            (None, None) => 0.5 * gap_s * across.map_or(0.0, DVec3::length),
-            (a, b) => 0.25 * gap_s * (a.or(b).unwrap_or(0.0) + b.or(a).unwrap_or(0.0)),
+        let bend = match (self.how, change(left, across), change(across, right)) {
+            (How::Exact, ..) => 0.0,
+            (_, None, None) => 0.5 * (place(&second.pose) - place(&first.pose)).length().max(fastest * gap),
+            (_, a, b) => 0.25 * gap * (a.or(b).unwrap_or(0.0) + b.or(a).unwrap_or(0.0)),
         };
-        fastest * off_s + bend
+        fastest * off + bend
     }
 }
 

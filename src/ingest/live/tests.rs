@@ -90,6 +90,10 @@ fn a_liberty_s_stations_share_its_clock() {
     let (mut live, poses) = taken(twin, unit, 12);
     assert_eq!(live.clocks().len(), 1);
     check(&poses, live.timing.tick_hz.unwrap());
+    assert!(
+        poses.iter().all(|(_, sample, _)| !sample.flags.has(TimeFlags::REPEATED)),
+        "stations of a frame are no repetitions"
+    );
     let (clock, mapping) = live.take_published().unwrap();
     assert_eq!((clock, mapping.number), (0, live.clocks()[0].mapping().number));
     assert!(live.take_published().is_none());

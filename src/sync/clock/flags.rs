@@ -53,6 +53,11 @@ impl TimeFlags {
         self.0 & other.0 == other.0
     }
 
+    /// These but for the other's.
+    pub const fn without(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
+    }
+
     /// The flags that are set, by name.
     pub fn words(self) -> impl Iterator<Item = &'static str> {
         Self::WORDS.iter().filter(move |(flag, _)| self.has(*flag)).map(|(_, word)| *word)
@@ -93,6 +98,7 @@ mod tests {
             seen |= *flag;
         }
         assert_eq!((TimeFlags::LATE | TimeFlags::GAP).to_string(), "late, gap");
+        assert_eq!((TimeFlags::LATE | TimeFlags::GAP).without(TimeFlags::LATE), TimeFlags::GAP);
         assert_eq!(TimeFlags::NONE.to_string(), "");
     }
 }

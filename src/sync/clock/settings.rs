@@ -27,11 +27,8 @@ pub struct ClockSettings {
 }
 
 impl ClockSettings {
-    /// Of a device's own word. A record that is sent after `before` others of the same measurement waits for them on the wire. `latency_ns` is what was configured or
-    /// calibrated beyond that.
-    pub fn new(timing: &Timing, before: u32, latency_ns: i64) -> Self {
-        let records = i64::from(before) + 1;
-        let wire_ns = timing.wire_ns.saturating_mul(records);
+    /// Of a device's own word. `latency_ns` is what was configured or calibrated beyond that.
+    pub fn new(timing: &Timing, latency_ns: i64) -> Self {
         let usable = |hz: &f64| hz.is_finite() && (0.5..=1e9).contains(hz);
         let (tick_hz, slope_ppm) = match (timing.ticks, timing.tick_hz.filter(usable), timing.rate_hz.filter(usable)) {
             (Ticks::None, _, Some(hz)) => (Some(hz), NOMINAL_PPM),
@@ -43,14 +40,14 @@ impl ClockSettings {
             tick_hz,
             // A counter that wraps at once counts nothing.
             wraps_at: timing.wraps_at.filter(|at| *at >= 256),
-            delay_ns: wire_ns.saturating_add(timing.sampling_ns).saturating_add(latency_ns),
+            delay_ns: timing.wire_ns.saturating_add(timing.sampling_ns).saturating_add(latency_ns),
             slope_ppm,
         }
     }
 
     /// Of a frame grabber: its frames' rate is the video source's, and what the driver says of it may be the mode's name (30 for 29.97).
     pub fn video(timing: &Timing, latency_ns: i64) -> Self {
-        let settings = Self::new(timing, 0, latency_ns);
+        let settings = Self::new(timing, latency_ns);
         Self { slope_ppm: settings.slope_ppm.max(VIDEO_PPM), ..settings }
     }
 }
@@ -69,13 +66,13 @@ mod tests {
             sampling_ns: 3_500_000,
             wire_ns: 1_000_000,
         };
-        let settings = ClockSettings::new(&timing, 1, -200_000);
-        assert_eq!((settings.delay_ns, settings.tick_hz, settings.slope_ppm), (5_300_000, Some(240.0), KNOWN_PPM));
+        let settings = ClockSettings::new(&timing, -200_000);
+        assert_eq!((settings.delay_ns, settings.tick_hz, settings.slope_ppm), (4_300_000, Some(240.0), KNOWN_PPM));
         assert_eq!(ClockSettings::video(&timing, 0).slope_ppm, VIDEO_PPM);
         let without = Timing { ticks: Ticks::None, ..timing };
-        assert_eq!(ClockSettings::new(&without, 0, 0).slope_ppm, NOMINAL_PPM);
+        assert_eq!(ClockSettings::new(&without, 0).slope_ppm, NOMINAL_PPM);
         let unknown = Timing { tick_hz: None, rate_hz: None, wraps_at: Some(1), ..timing };
-        let settings = ClockSettings::new(&unknown, 0, 0);
+        let settings = ClockSettings::new(&unknown, 0);
         assert_eq!((settings.tick_hz, settings.wraps_at, settings.slope_ppm), (None, None, UNKNOWN_PPM));
     }
 }

@@ -94,7 +94,7 @@ impl Device {
             sampling_ns: DELAY_NS / 2,
             wire_ns: DELAY_NS / 4,
         };
-        let settings = ClockSettings::new(&timing, 0, DELAY_NS / 4);
+        let settings = ClockSettings::new(&timing, DELAY_NS / 4);
         // A grabber's rate is not what it says.
         if self.hz != self.tick_hz && self.ticks == Ticks::Measurements {
             return ClockSettings::video(&timing, DELAY_NS / 4);

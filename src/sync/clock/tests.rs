@@ -327,7 +327,7 @@ mod anything {
             tame in prop::collection::vec((0_i64..50 * MS, 0_u64..20), 0..200),
         ) {
             let timing = drivers::Timing { ticks, tick_hz: hz, rate_hz: hz, wraps_at, ..Default::default() };
-            let mut clock = ClockMap::new(ClockSettings::new(&timing, 0, 0));
+            let mut clock = ClockMap::new(ClockSettings::new(&timing, 0));
             let (mut host, mut tick) = (0, 0);
             let tame = tame.into_iter().map(|(passed, counted)| {
                 (host, tick) = (host + passed, tick + counted);

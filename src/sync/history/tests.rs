@@ -86,6 +86,26 @@ fn an_error_is_made_of_clocks_and_of_bends() {
     assert!(straight > 0.5, "the way may bend before the next sample: {straight}");
 }
 
+#[test]
+fn samples_whose_times_may_change_places_tell_no_velocity() {
+    // 10 mm/s; the second sample's time is wrong by 60 ms and says so, so that it lies a microsecond before the third's.
+    let place = |ms: i64, time_ns: i64, bound_ns: i64| {
+        let pose = Rigid { position_mm: DVec3::X * ms as f64 * 0.01, ..Rigid::IDENTITY };
+        PoseSample { time_ns, bound_ns, flags: TimeFlags::NONE, pose, invalid: None }
+    };
+    let mut history = PoseHistory::new(10, 100 * MS);
+    history.insert(place(0, 0, 1000));
+    history.insert(place(20, 80 * MS - 1000, 61 * MS));
+    history.insert(place(80, 80 * MS, 1000));
+    history.insert(place(100, 100 * MS, 1000));
+    for at in [60 * MS, 80 * MS - 500, 90 * MS] {
+        let found = history.at(at).unwrap();
+        let error = found.error_mm(0, |pose| pose.point(DVec3::ZERO));
+        let off = (found.pose().position_mm.x - at as f64 * 1e-8).abs();
+        assert!(off <= error && error < 3.0, "{at}: {off} {error}");
+    }
+}
+
 proptest! {
     #[test]
     fn a_query_is_that_of_a_walk_over_all(
