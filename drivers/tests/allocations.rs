@@ -109,3 +109,33 @@ fn nothing_is_allocated_while_decoding() {
     let good = written(&|to| microscribe::Sample::new(0, None, &[1, 2, 3, 4, 5, 6]).write(request, to));
     allocates_nothing("MicroScribe", microscribe::Samples::new(request), &good, 1);
 }
+
+#[test]
+fn a_message_of_a_session_allocates_nothing_but_its_place_in_the_index() {
+    use drivers::reading::{Pose, Reading, Stamp, Status};
+    use drivers::recording::session::{SessionWriter, WriterOptions};
+    let folder = tempfile::tempdir().unwrap();
+    let mut session = SessionWriter::create(folder.path(), WriterOptions::new("a test")).unwrap();
+    let source = session.device("tracker", None, &drivers::Description::default(), None).unwrap();
+    let mut write = |n: i64, apart_ns: i64| {
+        let at_ns = drivers::clock::SECOND * 1_000_000 + n * apart_ns;
+        let pose = Pose {
+            stamp: Stamp { host_ns: Some(at_ns), ..Stamp::default() },
+            station: 1,
+            position_cm: [n as f64; 3],
+            quaternion_wxyz: [1.0, 0.0, 0.0, 0.0],
+            buttons: 0,
+            distortion: None,
+            code: None,
+            status: Status::Ok,
+        };
+        session.write(source, &Reading::Pose(pose), at_ns).unwrap();
+    };
+    // Chunks come and go, so that every buffer has its size.
+    (0..1000).for_each(|n| write(n, 10_000_000));
+    let before = ALLOCATIONS.with(Cell::get);
+    (0..4096).for_each(|n| write(n + 1_000_000, 10_000));
+    let allocations = ALLOCATIONS.with(Cell::get) - before;
+    // The index of a chunk doubles: 4, 8, 16, … 4096 entries; and the chunk before was closed.
+    assert!(allocations < 60, "{allocations} for 4096 messages");
+}

@@ -128,6 +128,13 @@ fn times_never_go_back_and_stamps_stay_what_they_are() {
     }
 }
 
+/// The recorder has a thread of its own, and so has each replay.
+const fn goes_to_a_thread<T: Send>() {}
+const _: () = {
+    goes_to_a_thread::<SessionWriter>();
+    goes_to_a_thread::<drivers::recording::session::SessionReplay>();
+};
+
 #[test]
 fn devices_have_names_of_their_own_and_files_too() {
     let folder = tempfile::tempdir().unwrap();

@@ -12,7 +12,7 @@
 //! | `/note/KIND` | `sonoweave.v1.Note` | the daemon's own: clock maps, decisions, settings, calibration; JSON, numbered |
 //! | `/DEVICE/about` | `sonoweave.v1.Device` | what its lines speak, with which settings, and what it says of itself; again when that changes |
 //! | `/DEVICE/raw` | `sonoweave.v1.Raw` | bytes of its lines as they came |
-//! | `/DEVICE/image` | `foxglove.CompressedImage` | frames: PNG, without loss ([`picture`](mod@picture)) |
+//! | `/DEVICE/image` | `foxglove.CompressedImage` | frames: PNG, without loss (`picture.rs` says why, with figures) |
 //! | `/DEVICE/pose/STATION` | `foxglove.PoseInFrame` | poses, in metres for who shows them, and as they came |
 //! | `/DEVICE/counts` | `sonoweave.v1.Counts` | counts of an arm |
 //! | `/DEVICE/transform` | `sonoweave.v1.Transform` | transforms that know their frames |
@@ -30,8 +30,8 @@
 //!
 //! Messages are gathered in chunks with a checksum, which go to the disk as a whole when they are half a second or 4 MB old. So a program that is ended at any instant
 //! leaves all but the last second. While the disk takes nothing, chunks wait in memory (64 MB), and the file ends with its last whole chunk; then frames are lost, and at
-//! last everything, which is counted and said in the file as soon as it takes something again. Each chunk begins with the names of all topics (a record of MCAP's private
-//! ones, [`CHANNELS`]), so that it can be read when those before it cannot.
+//! last everything, which is counted and said in the file as soon as it takes something again. Each chunk begins with the names of all topics (one of MCAP's private records,
+//! 0x81), so that it can be read when those before it cannot.
 
 mod about;
 mod account;

@@ -153,18 +153,26 @@ fn average(row: &[u8], above: &[u8], back: usize, filtered: &mut Vec<u8>) {
 
 /// Undoes that in place.
 fn undo(row: &mut [u8], above: &[u8], back: usize) {
-    if above.is_empty() {
-        for n in back..row.len() {
-            row[n] = row[n].wrapping_add(row[n - back] / 2);
+    let half = |a: u8, b: u8| ((u16::from(a) + u16::from(b)) / 2) as u8;
+    // Grey, where what is left of a byte is the one before, and lies in a register.
+    if back == 1 {
+        let mut left = 0;
+        if above.is_empty() {
+            for byte in row {
+                left = byte.wrapping_add(left / 2);
+                *byte = left;
+            }
+        } else {
+            for (byte, up) in row.iter_mut().zip(above) {
+                left = byte.wrapping_add(half(left, *up));
+                *byte = left;
+            }
         }
         return;
     }
-    for n in 0..back {
-        row[n] = row[n].wrapping_add(above[n] / 2);
-    }
-    for n in back..row.len() {
-        let half = (u16::from(row[n - back]) + u16::from(above[n])) / 2;
-        row[n] = row[n].wrapping_add(half as u8);
+    for n in 0..row.len() {
+        let left = if n < back { 0 } else { row[n - back] };
+        row[n] = row[n].wrapping_add(half(left, above.get(n).copied().unwrap_or(0)));
     }
 }
 

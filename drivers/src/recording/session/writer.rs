@@ -1,10 +1,13 @@
 //! Writes a session as it happens.
 
+mod channels;
+
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::path::{Path, PathBuf};
 
 use mcap::records::{MessageHeader, Metadata};
-use mcap::write::PrivateRecordOptions;
+
+use channels::{Channel, Device};
 
 use super::about::{About, RecordedDevice};
 use super::account::{Account, Losing, Rate, Room};
@@ -12,9 +15,8 @@ use super::decode::Speech;
 use super::held::{Held, Store, Tail};
 use super::message::{self, Crop};
 use super::picture::Encoder;
-use super::proto::Fields;
 use super::schema::{self, Schema};
-use super::{CHANNELS, PROFILE, place};
+use super::{PROFILE, place};
 use crate::clock::{MS, SECOND};
 use crate::reading::{Reading, Recorded, Stamp};
 use crate::{Description, Error};
@@ -50,24 +52,6 @@ impl WriterOptions {
 /// A device of the session that is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Source(usize);
-
-struct Device {
-    recorded: RecordedDevice,
-    crop: Option<Crop>,
-    about: u16,
-    /// Channels by what they are of; poses by their station.
-    frames: Option<u16>,
-    raw: Option<u16>,
-    counts: Option<u16>,
-    transforms: Option<u16>,
-    poses: Vec<(u8, u16)>,
-}
-
-struct Channel {
-    topic: String,
-    /// Number of the next message: those that were lost are counted, so that a reader sees that they are missing.
-    sequence: u32,
-}
 
 /// A session's file, open.
 ///
@@ -467,75 +451,6 @@ impl SessionWriter {
         }
         self.chunk_ns = Some(self.last_ns);
         self.tell_channels()
-    }
-
-    fn tell_channels(&mut self) -> Result<(), Error> {
-        let inside = PrivateRecordOptions::IncludeInChunks.into();
-        self.file.write_private_record(CHANNELS, &self.table, inside).map_err(|error| misuse(&self.path, &error))
-    }
-
-    fn channel(&mut self, topic: String, schema: &'static Schema) -> Result<u16, Error> {
-        self.begin()?;
-        let made = self
-            .file
-            .add_schema(schema.name, "protobuf", &schema.descriptors())
-            .and_then(|id| self.file.add_channel(id, &topic, "protobuf", &BTreeMap::new()));
-        let id = made.map_err(|error| misuse(&self.path, &error))?;
-        Fields::to(&mut self.table).message(1, |out| {
-            out.uint(1, id.into());
-            out.text(2, &topic);
-            out.text(3, schema.name);
-        });
-        debug_assert_eq!(usize::from(id), self.channels.len() + 1, "channels are numbered from 1");
-        self.channels.push(Channel { topic, sequence: 0 });
-        self.tell_channels()?;
-        Ok(id)
-    }
-
-    fn channel_of(&mut self, Source(at): Source, reading: &Reading) -> Result<u16, Error> {
-        let device = &self.devices[at];
-        let known = match reading {
-            Reading::Frame(_) => device.frames,
-            Reading::Raw(_) => device.raw,
-            Reading::Counts(_) => device.counts,
-            Reading::NamedTransform(_) => device.transforms,
-            Reading::Pose(pose) => {
-                device.poses.iter().find(|(station, _)| *station == pose.station).map(|(_, channel)| *channel)
-            }
-            Reading::Recorded(note) => return self.note_channel(&note.topic.clone()),
-        };
-        if let Some(channel) = known {
-            return Ok(channel);
-        }
-        let name = &device.recorded.name;
-        let topic = match reading {
-            Reading::Frame(_) => format!("/{name}/image"),
-            Reading::Raw(_) => format!("/{name}/raw"),
-            Reading::Counts(_) => format!("/{name}/counts"),
-            Reading::NamedTransform(_) => format!("/{name}/transform"),
-            Reading::Pose(pose) => format!("/{name}/pose/{}", pose.station),
-            Reading::Recorded(_) => String::new(),
-        };
-        let channel = self.channel(topic, message::schema_of(reading))?;
-        let device = &mut self.devices[at];
-        match reading {
-            Reading::Frame(_) => device.frames = Some(channel),
-            Reading::Raw(_) => device.raw = Some(channel),
-            Reading::Counts(_) => device.counts = Some(channel),
-            Reading::NamedTransform(_) => device.transforms = Some(channel),
-            Reading::Pose(pose) => device.poses.push((pose.station, channel)),
-            Reading::Recorded(_) => {}
-        }
-        Ok(channel)
-    }
-
-    fn note_channel(&mut self, kind: &str) -> Result<u16, Error> {
-        if let Some(channel) = self.notes.get(kind) {
-            return Ok(*channel);
-        }
-        let channel = self.channel(format!("/note/{kind}"), &schema::NOTE)?;
-        self.notes.insert(kind.to_owned(), channel);
-        Ok(channel)
     }
 }
 

@@ -1,0 +1,186 @@
+//! A session written and read: `make bench`, or `cargo bench -p sonoweave-drivers --bench session -- [--quick]`.
+//!
+//! Frames of 640×480 go through the writer into a file as they would at the bedside, poses among them, and back through the reader, each on one core: frames and plain
+//! megabytes a second of the thread's own time, so that others on the machine count for little, how much smaller they became, and the share of a core that 60 frames a
+//! second take. The pictures: what is painted here
+//! (speckle in a fan), noise alone, which nothing makes smaller, and recordings where they are (`SONOWEAVE_TEST_DATA`, else `../shared/data`). The last file stays, as
+//! `out/session-bench.mcap`, for other programs to look at: `scripts/session_by_others.py`.
+#![allow(clippy::print_stdout, reason = "a bench speaks to its user")]
+
+use std::error::Error;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+
+use drivers::clock::{Clock, Monotonic, SECOND};
+use drivers::reading::{Counts, Frame, PixelType, Pose, Raw, Reading, Stamp, Status};
+use drivers::recording::session::{Crop, SessionReplay, SessionWriter, WriterOptions};
+use drivers::recording::{Replay, SequenceSettings, SessionSettings};
+use drivers::{Description, Device, NO_DEADLINE, Next};
+
+const SIZE: [u32; 2] = [640, 480];
+/// Frames a second at the bedside, and the share of a core that they may take.
+const RATE: f64 = 60.0;
+const GOAL: f64 = 0.10;
+
+fn main() -> Result<ExitCode, Box<dyn Error>> {
+    let quick = std::env::args().any(|argument| argument == "--quick");
+    let frames = if quick { 120 } else { 1200 };
+    println!("pictures          written: frames/s   MB/s   core at 60 Hz   smaller by   read: frames/s   MB/s");
+    let mut scenes = vec![("noise", vec![noise(1), noise(2)]), ("painted", (0..8).map(painted).collect())];
+    for (name, file) in [
+        ("water tank", "latency/WaterTankBottomTranslationVideoBuffer.igs.mha"),
+        ("curvilinear", "formats/UltrasonixCurvilinearScanConvertedData.igs.mha"),
+        ("spine", "freehand/SpinePhantomFreehand.igs.mha"),
+    ] {
+        match recording(file) {
+            Some(pictures) => scenes.push((name, pictures)),
+            None => println!("{name:12}      is not there"),
+        }
+    }
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../out");
+    std::fs::create_dir_all(&folder)?;
+    let kept = folder.join("session-bench.mcap");
+    let mut right = true;
+    for (name, pictures) in &scenes {
+        right &= measure(name, pictures, frames, &kept)?;
+    }
+    Ok(if right { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// This thread's time, s.
+fn own_s() -> f64 {
+    let now = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+    (now.tv_sec * SECOND + now.tv_nsec) as f64 * 1e-9
+}
+
+fn measure(name: &str, pictures: &[Arc<[u8]>], frames: u64, kept: &Path) -> Result<bool, Box<dyn Error>> {
+    let plain = (frames * u64::from(SIZE[0]) * u64::from(SIZE[1])) as f64 / 1e6;
+    let folder = tempfile::tempdir_in(kept.parent().unwrap_or(kept))?;
+    let mut session = SessionWriter::create(folder.path(), WriterOptions::new("a bench"))?;
+    let path = session.path().to_owned();
+    let about = Description { name: "a bench".into(), image_size: Some(SIZE), ..Description::default() };
+    let crop = Some(Crop { offset: [0; 2], size: SIZE });
+    let grabber = session.device("grabber", None, &about, crop)?;
+    let tracker = session.device("tracker", None, &about, None)?;
+    let (begin_ns, own) = (Monotonic.now_ns(), own_s());
+    for item in 0..frames {
+        let at_ns = begin_ns + (item as f64 / RATE * 1e9) as i64;
+        session.write(grabber, &frame(item, at_ns, &pictures[item as usize % pictures.len()]), at_ns)?;
+        for reading in others(2 * item, at_ns) {
+            session.write(tracker, &reading, at_ns)?;
+        }
+    }
+    let account = session.finish(begin_ns)?;
+    let own = own_s() - own;
+    let share = own / frames as f64 * RATE;
+    let again = own_s();
+    let mut replay = SessionReplay::open(&SessionSettings::new(&path))?;
+    replay.start()?;
+    let (mut read, mut right) = (0, true);
+    while let Next::Reading(reading) = replay.next(NO_DEADLINE)? {
+        if let Reading::Frame(frame) = reading {
+            right &= frame.pixels == pictures[read as usize % pictures.len()];
+            read += 1;
+        }
+    }
+    let read_s = own_s() - again;
+    right &= read == frames && account.lost == 0;
+    println!(
+        "{name:12}         {:14.0}  {:5.0}          {:5.1} %   {:10.2}   {:14.0}  {:5.0}{}{}",
+        frames as f64 / own,
+        plain / own,
+        share * 100.0,
+        plain * 1e6 / account.file_bytes as f64,
+        frames as f64 / read_s,
+        plain / read_s,
+        if share > GOAL { "   more than the goal of 10 %" } else { "" },
+        if right { "" } else { "   WRONG: what is read is not what was written" },
+    );
+    std::fs::rename(&path, kept)?;
+    Ok(right)
+}
+
+fn frame(item: u64, at_ns: i64, pixels: &Arc<[u8]>) -> Reading {
+    Reading::Frame(Frame {
+        stamp: Stamp { item, host_ns: Some(at_ns), ticks: Some(item), ..Stamp::default() },
+        frame_number: Some(item),
+        status: Status::Ok,
+        size: SIZE,
+        channels: 1,
+        pixel: PixelType::U8,
+        orientation: "MFA".into(),
+        image_type: "BRIGHTNESS".into(),
+        pixels: Arc::clone(pixels),
+        fields: Vec::new(),
+    })
+}
+
+/// What else comes meanwhile: poses of two stations, bytes, counts.
+fn others(item: u64, at_ns: i64) -> [Reading; 4] {
+    let stamp = |item| Stamp { item, host_ns: Some(at_ns), ..Stamp::default() };
+    let pose = |station: u8| {
+        let angle = item as f64 * 1e-3;
+        Reading::Pose(Pose {
+            stamp: stamp(item + u64::from(station) - 1),
+            station,
+            position_cm: [10.0 + angle, f64::from(station), -30.25],
+            quaternion_wxyz: [angle.cos(), 0.0, angle.sin(), 0.0],
+            buttons: 0,
+            distortion: None,
+            code: None,
+            status: Status::Ok,
+        })
+    };
+    let raw = Raw { stamp: stamp(item / 2), line: 0, bytes: [0x30; 64].into() };
+    let counts = [item.cast_signed(), -5, 7, 0, 0, 0];
+    let counts = Counts { stamp: stamp(item / 2), first: 0, axes: 3, counts, homed: 7, buttons: 0, status: Status::Ok };
+    [Reading::Raw(raw), pose(1), pose(2), Reading::Counts(counts)]
+}
+
+fn noise(seed: u64) -> Arc<[u8]> {
+    let mut random = fastrand::Rng::with_seed(seed);
+    (0..SIZE[0] * SIZE[1]).map(|_| random.u8(..)).collect()
+}
+
+/// Speckle of a few pixels in smooth shades, within a fan on black, another each time.
+fn painted(nth: u64) -> Arc<[u8]> {
+    let grain = noise(nth + 10);
+    let [width, height] = SIZE;
+    let at = |x: u32, y: u32| f64::from(grain[(y.min(height - 1) * width + x.min(width - 1)) as usize]);
+    let pixel = |n: u32| {
+        let (x, y) = (n % width, n / width);
+        let (dx, dy) = (f64::from(x) - 320.0, f64::from(y) + 60.0);
+        let inside = dx.abs() < 0.6 * dy && (100.0..520.0).contains(&dx.hypot(dy));
+        // Each grain is 3 by 2 pixels, smooth between.
+        let (u, v) = (x / 3, y / 2);
+        let share = f64::from(x % 3) / 3.0;
+        let speckle = (1.0 - share) * at(u, v) + share * at(u + 1, v);
+        let shade = 70.0 + 40.0 * (dx / 50.0).sin() * (dy / 40.0).cos();
+        if inside { (shade + 0.3 * speckle) as u8 } else { 0 }
+    };
+    (0..width * height).map(pixel).collect()
+}
+
+/// The middle of a recording's frames.
+fn recording(file: &str) -> Option<Vec<Arc<[u8]>>> {
+    let data = std::env::var_os("SONOWEAVE_TEST_DATA")
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"), PathBuf::from);
+    let mut replay = Replay::open(&SequenceSettings::new(data.join(file))).ok()?;
+    replay.start().ok()?;
+    let mut pictures = Vec::new();
+    while let Ok(Next::Reading(reading)) = replay.next(NO_DEADLINE)
+        && pictures.len() < 60
+    {
+        if let Reading::Frame(frame) = reading {
+            let [width, height] = frame.size.map(|side| side as usize);
+            let [columns, rows] = SIZE.map(|side| side as usize);
+            let (left, top) = (width.checked_sub(columns)? / 2, height.checked_sub(rows)? / 2);
+            let lines = frame.pixels.chunks(width).skip(top).take(rows);
+            pictures.push(lines.flat_map(|line| line[left..left + columns].to_vec()).collect());
+        }
+    }
+    // Black beginnings say nothing.
+    pictures.retain(|picture: &Arc<[u8]>| picture.iter().any(|grey| *grey > 20));
+    (!pictures.is_empty()).then_some(pictures)
+}
