@@ -306,7 +306,7 @@ impl Drop for Link {
 
 impl Arguments {
     fn faults(&self) -> Result<Faults, Failure> {
-        if !(self.drift.abs() <= 1e5) {
+        if !(-1e5..=1e5).contains(&self.drift) {
             return Err(Failure(format!("--drift {}: must be at most 100000 parts in a million", self.drift)));
         }
         Ok(Faults {

@@ -218,9 +218,6 @@ fn every_arm_and_the_grabber_see_one_hand_at_the_times_that_their_stamps_lead_to
             (worst, beyond) = (worst.max(off), beyond.max(off - bound));
             compared += u32::from(seen_ns > BEGIN);
         }
-        println!(
-            "{kind}: {compared} frames, corners off by up to {worst:.4} mm, {beyond:.4} mm beyond the counts' own bound"
-        );
         assert!(compared > 60, "{kind}: {compared}");
         assert!(beyond < BETWEEN, "{kind}: {worst} mm, {beyond} mm beyond what rounded counts explain");
     }
