@@ -94,7 +94,7 @@ fn periods(items: &[Item], times_s: &[f64]) -> Vec<f64> {
 fn filtering(path: &Path) -> Result<(), Failed> {
     let items = items(path)?;
     assert_eq!(items.len(), 500);
-    let (clock, timed) = clocked(&items);
+    let (_, timed) = clocked(&items);
     let raw: Vec<f64> = items.iter().map(|item| item.raw_s - items[0].raw_s).collect();
     let filtered: Vec<f64> = timed.iter().map(|timed| timed.time_ns as f64 * 1e-9).collect();
     // PLUS' filter keeps the mean delay, ours takes the least: the constant between the two is what a latency's calibration would find.
