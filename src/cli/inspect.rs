@@ -1,7 +1,8 @@
-//! `sonoweave inspect`: what is in a sequence, volume or calibration file.
+//! `sonoweave inspect`: what is in a sequence, session, volume or calibration file.
 
 mod configuration;
 mod sequence;
+mod session;
 mod text;
 mod volume;
 
@@ -17,6 +18,7 @@ use serde::Serialize;
 use super::Failure;
 use configuration::ConfigurationReport;
 use sequence::SequenceReport;
+use session::SessionReport;
 use text::Text;
 use volume::VolumeReport;
 
@@ -26,11 +28,13 @@ const HEAD_BYTES: u64 = 4096;
 /// Flags of `inspect`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-The content tells what a file is, not its name. Of a sequence only the header is read.
+The content tells what a file is, not its name. Of a sequence only the header is read, a session is read to its end.
 
-Example: sonoweave inspect sweep.igs.mha --config PlusConfiguration.xml")]
+Examples:
+  sonoweave inspect sweep.igs.mha --config PlusConfiguration.xml
+  sonoweave inspect SESSION-20261121-213000.mcap --repair whole.mcap")]
 pub struct Arguments {
-    /// A tracked sequence or a volume (.igs.mha, .mha), our calibration TOML or a PLUS XML
+    /// A tracked sequence or a volume (.igs.mha, .mha), a session (.mcap), our calibration TOML or a PLUS XML
     file: PathBuf,
     /// Write JSON, for programs
     #[arg(long)]
@@ -47,6 +51,9 @@ pub struct Arguments {
     /// The volume's weights, as `reconstruct --weights` wrote them: where they are 0 was nothing seen, and every value counts elsewhere
     #[arg(long, value_name = "FILE.mha", requires = "against")]
     weights: Option<PathBuf>,
+    /// Write what is whole of a damaged or broken-off session to a new file, which says what is missing
+    #[arg(long, value_name = "OUT.mcap")]
+    repair: Option<PathBuf>,
 }
 
 /// What was found. The JSON form is this, with `kind` telling which.
@@ -54,6 +61,7 @@ pub struct Arguments {
 #[serde(tag = "kind", rename_all = "snake_case")]
 enum Report {
     Sequence(Box<SequenceReport>),
+    Session(Box<SessionReport>),
     Volume(Box<VolumeReport>),
     Configuration(Box<ConfigurationReport>),
 }
@@ -61,6 +69,7 @@ enum Report {
 /// What kind of file it is.
 enum Kind {
     Sequence,
+    Session,
     Volume,
     Configuration,
 }
@@ -77,6 +86,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         let mut text = Text::default();
         match &report {
             Report::Sequence(report) => report.write(&mut text),
+            Report::Session(report) => report.write(&mut text),
             Report::Volume(report) => report.write(&mut text),
             Report::Configuration(report) => report.write(&mut text),
         }
@@ -106,7 +116,11 @@ impl Arguments {
         if !matches!(kind, Kind::Volume) && self.against.is_some() {
             return Err(Failure(format!("{}: is no volume; --against compares volumes only", path.display())));
         }
+        if !matches!(kind, Kind::Session) && self.repair.is_some() {
+            return Err(Failure(format!("{}: is no session; --repair repairs sessions only", path.display())));
+        }
         Ok(match kind {
+            Kind::Session => Report::Session(Box::new(SessionReport::read(path, self.repair.as_deref())?)),
             Kind::Sequence => {
                 let report = SequenceReport::read(path, self.config.as_deref(), self.world.as_deref())?;
                 Report::Sequence(Box::new(report))
@@ -128,6 +142,10 @@ fn kind(path: &Path) -> Result<Kind, Failure> {
     }
     let mut head = Vec::new();
     File::open(path).map_err(failed)?.take(HEAD_BYTES).read_to_end(&mut head).map_err(failed)?;
+    // A session whose beginning is damaged is told by its name.
+    if head.starts_with(b"\x89MCAP") || path.extension().is_some_and(|extension| extension == "mcap") {
+        return Ok(Kind::Session);
+    }
     let text = String::from_utf8_lossy(&head);
     let text = text.trim_start_matches('\u{feff}').trim_start();
     let begins = |line: &str, key: &str| line.strip_prefix(key).is_some_and(|rest| rest.trim_start().starts_with('='));
@@ -146,8 +164,8 @@ fn kind(path: &Path) -> Result<Kind, Failure> {
         return Ok(Kind::Configuration);
     }
     Err(Failure(format!(
-        "{}: is neither a MetaImage sequence or volume (no ObjectType, NDims or DimSize in its first {} bytes), nor a sonoweave \
-         calibration file, nor XML",
+        "{}: is neither a MetaImage sequence or volume (no ObjectType, NDims or DimSize in its first {} bytes), nor a session, nor a \
+         sonoweave calibration file, nor XML",
         path.display(),
         head.len()
     )))

@@ -222,3 +222,119 @@ fn a_reader_that_reads_no_further_is_no_failure() {
     let output = child.wait_with_output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }
+
+/// A session of two seconds with poses, pictures and notes.
+fn session(place: &Place) -> Vec<u8> {
+    use drivers::reading::{Frame, PixelType, Pose, Reading, Stamp, Status};
+    use drivers::recording::session::{About, SessionWriter, WriterOptions};
+
+    let path = place.path("session.mcap");
+    let file = std::fs::File::create_new(&path).unwrap();
+    let second = 1_000_000_000;
+    let about = About { monotonic_ns: second, realtime_ns: 1_795_303_817 * second, program: "sonoweave 1.2".into() };
+    let mut session = SessionWriter::on(Box::new(file), &path, about, WriterOptions::new("sonoweave 1.2")).unwrap();
+    let said = drivers::Description { name: "a unit".into(), ..drivers::Description::default() };
+    let tracker = session.device("tracker", None, &said, None).unwrap();
+    let grabber = session.device("grabber", None, &drivers::Description::default(), None).unwrap();
+    session.note("settings", "{\"spacing_mm\": 0.5}", second).unwrap();
+    for n in 0..200 {
+        let at_ns = second + n * 10_000_000;
+        let stamp = Stamp { item: n.cast_unsigned(), host_ns: Some(at_ns), ..Stamp::default() };
+        let pose = Pose {
+            stamp,
+            station: 1,
+            position_cm: [1.0, 2.0, 3.0],
+            quaternion_wxyz: [1.0, 0.0, 0.0, 0.0],
+            buttons: 0,
+            distortion: None,
+            code: None,
+            status: Status::Ok,
+        };
+        session.write(tracker, &Reading::Pose(pose), at_ns).unwrap();
+        if n % 4 == 0 {
+            let frame = Frame {
+                stamp,
+                frame_number: None,
+                status: Status::Ok,
+                size: [20, 10],
+                channels: 1,
+                pixel: PixelType::U8,
+                orientation: String::new(),
+                image_type: String::new(),
+                pixels: vec![n as u8; 200].into(),
+                fields: Vec::new(),
+            };
+            session.write(grabber, &Reading::Frame(frame), at_ns).unwrap();
+            session.note("decision", "{}", at_ns).unwrap();
+        }
+    }
+    session.finish(3 * second).unwrap();
+    std::fs::read(path).unwrap()
+}
+
+#[test]
+fn a_session_is_described_and_repaired() {
+    let place = Place::new();
+    let bytes = session(&place);
+    let r = report(&place, "session.mcap");
+    assert_eq!(
+        (&r["kind"], &r["began"], &r["finished"]),
+        (&json!("session"), &json!("2026-11-21 23:30:17"), &json!(true))
+    );
+    assert_eq!((&r["program"], &r["duration_s"]), (&json!("sonoweave 1.2"), &json!(2.0)));
+    let topic = |r: &Value, name: &str| {
+        let topics = r["topics"].as_array().unwrap();
+        topics.iter().find(|topic| topic["topic"] == *name).cloned().unwrap_or_default()
+    };
+    let poses = topic(&r, "/tracker/pose/1");
+    assert_eq!((&poses["messages"], &poses["missing"]), (&json!(200), &json!(0)));
+    assert!((poses["rate_hz"].as_f64().unwrap() - 100.0).abs() < 1e-9);
+    assert!((poses["longest_gap_s"].as_f64().unwrap() - 0.01).abs() < 1e-12);
+    assert_eq!(topic(&r, "/grabber/image")["messages"], json!(50));
+    assert_eq!(r["notes"], json!({ "decision": 50, "settings": 1 }));
+    assert_eq!((&r["damage"], &r["losses"], &r["repaired"]), (&json!([]), &json!([]), &Value::Null));
+    let text = place.does("inspect session.mcap");
+    for line in [
+        "session.mcap: session\n  began           2026-11-21 23:30:17 UTC\n  written by      sonoweave 1.2\n",
+        "  duration        2.000 s\n",
+        "  end             ended in order\n  notes           50 decision, 1 settings\n",
+        "tracker: a unit\n  pose/1          200, 100.000 Hz, 0.010 s between two at most; ",
+        "  image           50, 25.000 Hz, 0.040 s between two at most; ",
+        "settings\n                  {\"spacing_mm\": 0.5}\n",
+    ] {
+        assert!(text.contains(line), "{text} lacks {line:?}");
+    }
+    assert!(!text.contains("missing"), "{text}");
+
+    // A byte of a picture in the midst of it, and no end.
+    let mut harmed = bytes.clone();
+    let pictures: Vec<usize> =
+        bytes.windows(4).enumerate().filter(|(_, four)| *four == b"IDAT").map(|(at, _)| at).collect();
+    harmed[pictures[20]] ^= 1;
+    harmed.truncate(pictures[45]);
+    place.put("harmed.mcap", &harmed);
+    let text = place.does("inspect harmed.mcap --repair whole.mcap");
+    for line in
+        ["broken off", "missing\n", " of /tracker/pose/1\n", "a chunk whose checksum does not fit", "repaired\n"]
+    {
+        assert!(text.contains(line), "{text} lacks {line:?}");
+    }
+    let [harmed, whole] = ["harmed.mcap", "whole.mcap"].map(|file| report(&place, file));
+    assert_eq!((&harmed["finished"], &whole["finished"], &whole["damage"]), (&json!(false), &json!(true), &json!([])));
+    for name in ["/tracker/pose/1", "/grabber/image", "/note/decision"] {
+        assert_eq!(topic(&harmed, name)["messages"], topic(&whole, name)["messages"]);
+        assert!(topic(&whole, name)["missing"].as_u64().unwrap() > 5);
+    }
+    let why = whole["losses"][0]["why"].as_str().unwrap();
+    assert_eq!(why, "repaired: the session was broken off; 1 damaged part is left out");
+    place.put("none.mcap", "nothing");
+    place.put("text.txt", "nothing");
+    for (words, said) in [
+        ("inspect harmed.mcap --repair whole.mcap", "exists"),
+        ("inspect Cargo.mcap", "reading failed"),
+        ("inspect none.mcap", "is no session: not one whole chunk"),
+        ("inspect text.txt --repair x.mcap", "neither a MetaImage"),
+    ] {
+        place.refuses(words, &[said]);
+    }
+}

@@ -1,0 +1,313 @@
+//! What a session holds: its devices, how often each spoke, what is missing and why.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use drivers::Reading;
+use drivers::recording::Limits;
+use drivers::recording::session::{
+    About, Damage, Ending, Event, Maker, Message, RecordedDevice, SessionReader, repair,
+};
+use serde::Serialize;
+
+use super::super::Failure;
+use super::text::{Text, bytes, count, short, times};
+
+/// Notes that say how a session was made, shown with their text.
+const SHOWN: [&str; 3] = ["version", "settings", "calibration"];
+/// Characters of a note's text that are shown; the JSON form has all.
+const SHOWN_CHARACTERS: usize = 2000;
+
+/// A session's content.
+#[derive(Debug, Serialize)]
+pub(super) struct SessionReport {
+    path: PathBuf,
+    bytes: u64,
+    /// The program that wrote it.
+    program: String,
+    /// When it began, UTC; empty where its beginning is lost.
+    began: String,
+    /// What is added to the session's times to have them since 1970, ns.
+    realtime_offset_ns: i64,
+    /// From its first message to its last, s.
+    duration_s: f64,
+    /// Whether it was ended, and not broken off.
+    finished: bool,
+    devices: Vec<DeviceReport>,
+    topics: Vec<Topic>,
+    /// Notes of the daemon's, by their kinds.
+    notes: BTreeMap<String, u64>,
+    /// Notes that say how it was made: kind and text, the last of each.
+    shown: BTreeMap<String, String>,
+    losses: Vec<LossReport>,
+    damage: Vec<DamageReport>,
+    /// The whole session that was written of it.
+    repaired: Option<Repaired>,
+}
+
+#[derive(Debug, Serialize)]
+struct DeviceReport {
+    name: String,
+    /// What it is, by its own word.
+    source: String,
+    /// What its lines speak.
+    protocol: Option<String>,
+    settings: Vec<(String, String)>,
+    fields: Vec<(String, String)>,
+    /// Pixels of its pictures.
+    image_size: Option<[u32; 2]>,
+}
+
+#[derive(Debug, Default, Serialize)]
+struct Topic {
+    topic: String,
+    schema: String,
+    messages: u64,
+    /// Messages that were written or lost, by their numbers, and are not there.
+    missing: u64,
+    bytes: u64,
+    /// Messages a second, by their own stamps; `None` without a duration.
+    rate_hz: Option<f64>,
+    /// Longest time between two of them, s.
+    longest_gap_s: f64,
+    #[serde(skip)]
+    span_ns: Option<[i64; 2]>,
+    #[serde(skip)]
+    gap_ns: i64,
+}
+
+impl Topic {
+    fn take(&mut self, message: &Message<'_>) {
+        self.bytes += message.bytes.len() as u64;
+        let at_ns = message.stamp_ns();
+        let [first_ns, last_ns] = self.span_ns.unwrap_or([at_ns; 2]);
+        self.gap_ns = self.gap_ns.max(at_ns.saturating_sub(last_ns));
+        self.span_ns = Some([first_ns.min(at_ns), last_ns.max(at_ns)]);
+    }
+
+    fn finish(&mut self) {
+        let duration_s = self.span_ns.map_or(0.0, |[first, last]| seconds(last.saturating_sub(first)));
+        let intervals = self.messages.saturating_sub(1);
+        self.rate_hz = (duration_s > 0.0 && intervals > 0).then(|| intervals as f64 / duration_s);
+        self.longest_gap_s = seconds(self.gap_ns);
+    }
+}
+
+#[derive(Debug, Serialize)]
+struct LossReport {
+    /// Since the session began, s.
+    from_s: f64,
+    until_s: f64,
+    why: String,
+    messages: u64,
+}
+
+#[derive(Debug, Serialize)]
+struct DamageReport {
+    from_byte: u64,
+    until_byte: u64,
+    what: &'static str,
+    /// Whether messages may be missing because of it.
+    is_loss: bool,
+}
+
+impl From<&Damage> for DamageReport {
+    fn from(damage: &Damage) -> Self {
+        let Damage { from, until, what, is_loss } = *damage;
+        Self { from_byte: from, until_byte: until, what, is_loss }
+    }
+}
+
+#[derive(Debug, Serialize)]
+struct Repaired {
+    path: PathBuf,
+    messages: u64,
+}
+
+fn seconds(ns: i64) -> f64 {
+    ns as f64 * 1e-9
+}
+
+impl SessionReport {
+    /// Reads a session to its end, and writes a whole one of it if that is wanted.
+    pub(super) fn read(path: &Path, repair_to: Option<&Path>) -> Result<Self, Failure> {
+        let limits = Limits::default();
+        let mut reader = SessionReader::open(path, &limits)?;
+        let mut maker = Maker::new(false, limits.frame_bytes);
+        let mut report = Self {
+            path: path.to_owned(),
+            bytes: std::fs::metadata(path).map_or(0, |file| file.len()),
+            program: String::new(),
+            began: String::new(),
+            realtime_offset_ns: 0,
+            duration_s: 0.0,
+            finished: false,
+            devices: Vec::new(),
+            topics: Vec::new(),
+            notes: BTreeMap::new(),
+            shown: BTreeMap::new(),
+            losses: Vec::new(),
+            damage: Vec::new(),
+            repaired: None,
+        };
+        let mut topics: BTreeMap<String, Topic> = BTreeMap::new();
+        let (mut span_ns, mut losses) = (None, Vec::new());
+        while let Some(event) = reader.next_event()? {
+            match event {
+                Event::Damage(damage) => report.damage.push(DamageReport::from(&damage)),
+                Event::Message(message) => {
+                    let at_ns = message.log_ns();
+                    span_ns = Some([span_ns.map_or(at_ns, |[first, _]: [i64; 2]| first), at_ns]);
+                    losses.extend(message.loss());
+                    if let Some(device) = message.device() {
+                        report.meet(device);
+                    }
+                    match topics.get_mut(&message.channel.topic) {
+                        Some(topic) => topic.take(&message),
+                        None => topics.entry(message.channel.topic.clone()).or_default().take(&message),
+                    }
+                    if message.channel.topic.starts_with("/note/")
+                        && let Ok(Some(Reading::Recorded(note))) = maker.read(&message)
+                    {
+                        *report.notes.entry(note.topic.clone()).or_default() += 1;
+                        if SHOWN.contains(&note.topic.as_str()) {
+                            report.shown.insert(note.topic, note.text);
+                        }
+                    }
+                }
+            }
+        }
+        report.finished = reader.ending() == Some(Ending::Finished);
+        report.say(reader.about());
+        for channel in reader.channels() {
+            let mut topic = topics.remove(&channel.topic).unwrap_or_default();
+            (topic.topic, topic.schema) = (channel.topic.clone(), channel.schema.clone());
+            (topic.messages, topic.missing) = (channel.messages, channel.missing);
+            topic.finish();
+            report.topics.push(topic);
+        }
+        let [first_ns, last_ns] = span_ns.unwrap_or_default();
+        report.duration_s = seconds(last_ns.saturating_sub(first_ns));
+        let since = |ns: i64| seconds(ns.saturating_sub(first_ns));
+        report.losses = losses
+            .iter()
+            .map(|loss| LossReport {
+                from_s: since(loss.from_ns),
+                until_s: since(loss.until_ns),
+                why: loss.why.clone(),
+                messages: loss.messages(),
+            })
+            .collect();
+        if let Some(to) = repair_to {
+            let messages = repair(path, to, &limits)?.messages;
+            report.repaired = Some(Repaired { path: to.to_owned(), messages });
+        }
+        Ok(report)
+    }
+
+    fn say(&mut self, about: &About) {
+        if *about != About::default() {
+            self.program.clone_from(&about.program);
+            (self.began, self.realtime_offset_ns) = (about.utc(), about.offset_ns());
+        }
+    }
+
+    /// What a device said last of itself counts.
+    fn meet(&mut self, device: RecordedDevice) {
+        let RecordedDevice { name, speech, description } = device;
+        let (protocol, settings) = speech.map(|speech| (speech.protocol, speech.settings)).unzip();
+        let report = DeviceReport {
+            name,
+            source: description.name,
+            protocol,
+            settings: settings.unwrap_or_default(),
+            fields: description.fields,
+            image_size: description.image_size,
+        };
+        match self.devices.iter_mut().find(|known| known.name == report.name) {
+            Some(known) => *known = report,
+            None => self.devices.push(report),
+        }
+    }
+
+    pub(super) fn write(&self, text: &mut Text) {
+        text.heading(&format!("{}: session", self.path.display()));
+        if self.began.is_empty() {
+            text.row("began", "not known, as its beginning is lost");
+        } else {
+            text.row("began", format!("{} UTC", self.began));
+            text.row("written by", &self.program);
+        }
+        text.row("duration", format!("{} s", short(self.duration_s)));
+        text.row("size", bytes(self.bytes));
+        text.row(
+            "end",
+            if self.finished { "ended in order" } else { "broken off: what was not on the disk is missing" },
+        );
+        let notes = self.notes.iter().map(|(kind, n)| format!("{n} {kind}")).collect::<Vec<_>>().join(", ");
+        if !notes.is_empty() {
+            text.row("notes", notes);
+        }
+        for device in &self.devices {
+            self.write_device(device, text);
+        }
+        if !self.losses.is_empty() || self.topics.iter().any(|topic| topic.missing > 0) || !self.damage.is_empty() {
+            self.write_missing(text);
+        }
+        for (kind, note) in &self.shown {
+            text.heading(kind);
+            let (head, more) = match note.char_indices().nth(SHOWN_CHARACTERS) {
+                Some((at, _)) => (&note[..at], " …"),
+                None => (note.as_str(), ""),
+            };
+            text.row("", format!("{head}{more}"));
+        }
+        if let Some(repaired) = &self.repaired {
+            text.heading("repaired");
+            text.row("written", format!("{}: {}", repaired.path.display(), count(repaired.messages, "message")));
+        }
+    }
+
+    fn write_device(&self, device: &DeviceReport, text: &mut Text) {
+        text.heading(&format!("{}: {}", device.name, device.source));
+        if let Some(size) = device.image_size {
+            text.row("pictures", format!("{} pixels", times(size)));
+        }
+        if let Some(protocol) = &device.protocol {
+            text.row("speaks", protocol);
+        }
+        let own = format!("/{}/", device.name);
+        for topic in &self.topics {
+            let Some(name) = topic.topic.strip_prefix(&own).filter(|name| *name != "about") else { continue };
+            let rate = topic.rate_hz.map_or_else(String::new, |rate| format!(", {} Hz", short(rate)));
+            let gap = if topic.longest_gap_s > 0.0 {
+                format!(", {} s between two at most", short(topic.longest_gap_s))
+            } else {
+                String::new()
+            };
+            text.row(name, format!("{}{rate}{gap}; {}", topic.messages, bytes(topic.bytes)));
+        }
+        text.rows("fields", device.fields.iter().map(|(name, value)| format!("{name} = {value}")));
+        text.rows("settings", device.settings.iter().map(|(name, value)| format!("{name} = {value}")));
+    }
+
+    fn write_missing(&self, text: &mut Text) {
+        text.heading("missing");
+        let missing = self.topics.iter().filter(|topic| topic.missing > 0);
+        text.rows("messages", missing.map(|topic| format!("{} of {}", topic.missing, topic.topic)));
+        text.rows(
+            "lost",
+            self.losses.iter().map(|loss| {
+                let (from, until) = (short(loss.from_s), short(loss.until_s));
+                format!("{} from {from} to {until} s: {}", count(loss.messages, "message"), loss.why)
+            }),
+        );
+        text.rows(
+            "damage",
+            self.damage.iter().map(|part| format!("bytes {} to {}: {}", part.from_byte, part.until_byte, part.what)),
+        );
+        if self.repaired.is_none() && (!self.finished || self.damage.iter().any(|part| part.is_loss)) {
+            text.row("", "`--repair OUT.mcap` writes a whole session of the rest");
+        }
+    }
+}
