@@ -6,9 +6,9 @@ use drivers::clock::{Clock, MS, Manual, SECOND};
 use drivers::health::State;
 use drivers::recording::session::{SessionReplay, SessionWriter, WriterOptions};
 use drivers::recording::{Pace, SessionSettings};
-use drivers::{Device, Error, NO_DEADLINE, Next, OpenSettings};
+use drivers::{Description, Device, Error, NO_DEADLINE, Next, OpenSettings};
 
-use crate::{BEGIN, Shared, about, chunks_of, mixture};
+use crate::{BEGIN, Shared, about, chunks_of, frame, mixture};
 
 fn recorded(
     folder: &std::path::Path,
@@ -118,6 +118,23 @@ fn a_session_that_was_broken_off_ends_there_and_damage_before_its_end_is_an_erro
     let error = all(&mut replay).err().unwrap().to_string();
     assert!(error.contains("--repair") && error.contains("session.mcap: byte "), "{error}");
     assert!(matches!(replay.next(0), Err(Error::Misuse(_))), "no reading follows an error");
+    // What was lost while it was recorded is known at the end.
+    let disk = Shared::default();
+    let options = WriterOptions { held_bytes: 20_000, ..chunks_of(100 * MS) };
+    let mut session = SessionWriter::on(Box::new(disk.clone()), "x".as_ref(), about(), options).unwrap();
+    let source = session.device("grabber", None, &Description::default(), None).unwrap();
+    for n in 0..100 {
+        disk.disk().room = (n > 20 && n < 60).then_some(0);
+        let at_ns = BEGIN + n * 50 * MS;
+        let _ = session.write(source, &frame(n.cast_unsigned(), at_ns, [64, 64]), at_ns);
+    }
+    let lost = session.finish(BEGIN + 6 * SECOND).unwrap().lost;
+    let path = folder.path().join("lossy.mcap");
+    std::fs::write(&path, disk.bytes()).unwrap();
+    let mut replay = SessionReplay::open(&SessionSettings::new(path)).unwrap();
+    replay.start().unwrap();
+    assert_eq!(all(&mut replay).unwrap().len() as u64 + lost, 100);
+    assert!(lost > 10 && replay.health().received.lost == lost, "{lost} {:?}", replay.health());
     let without = SessionWriter::create(folder.path(), WriterOptions::new("x")).unwrap();
     let path = without.path().to_owned();
     drop(without);

@@ -19,7 +19,7 @@ use crate::{Description, Device, Error, Next};
 /// All of it comes in the order in which it was recorded, and [`Self::source`] says of which device the last reading was; notes are [`Reading::Recorded`] and of none. Of one
 /// device only its own readings come; what several such replays of one session deliver at a pace keeps its distances in time, as each counts from the session's beginning.
 ///
-/// A file that was broken off ends where it ends, which the health says. Damage before its end is an error: what was lost is to be known before it is used.
+/// Messages that were lost while it was recorded count as lost once the end is reached. A file that was broken off ends where it ends, which the health says. Damage before its end is an error: what was lost is to be known before it is used.
 pub struct SessionReplay {
     settings: SessionSettings,
     reader: Option<SessionReader>,
@@ -208,7 +208,12 @@ impl SessionReplay {
     }
 
     fn end(&mut self) {
-        let why = match self.reader.as_ref().and_then(SessionReader::ending) {
+        let Some(reader) = &self.reader else { return };
+        let wanted = self.settings.device.as_deref();
+        let channels = reader.channels();
+        let own = channels.iter().filter(|channel| wanted.is_none() || channel.device() == wanted);
+        self.health.received.lost = own.map(|channel| channel.missing).sum();
+        let why = match reader.ending() {
             Some(Ending::BrokenOff) => {
                 "the session was broken off while it was recorded: what was not on the disk then is missing"
             }
@@ -258,13 +263,10 @@ impl Device for SessionReplay {
     fn next(&mut self, deadline_ns: i64) -> Result<Next, Error> {
         if self.found.is_empty() {
             if self.reader.is_none() && self.health.state == State::Ended {
-                return match self.health.why.is_empty() {
-                    true => Ok(Next::End),
-                    false => Err(Error::Misuse(format!(
-                        "{}: no reading follows the end; start the replay again to read from the beginning",
-                        self.path().display()
-                    ))),
-                };
+                return Err(Error::Misuse(format!(
+                    "{}: no reading follows an error; start the replay again to read from the beginning",
+                    self.path().display()
+                )));
             }
             match self.read() {
                 Ok(true) => {}
