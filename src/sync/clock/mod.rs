@@ -1,13 +1,13 @@
 //! From a device's ticks and the host's stamps to when something was measured, in host nanoseconds.
 //!
 //! What a device sends is received later than it was measured: by what is known (the wire, the sampling, what was calibrated), and by a delay that is never negative, mostly small
-//! and at times large. So the clock lies under the receive times ([`envelope`]), and a sample that comes late is not a late sample: its ticks tell when it was.
+//! and at times large. So the clock lies under the receive times (`envelope`), and a sample that comes late is not a late sample: its ticks tell when it was.
 //!
-//! - [`settings`]: what a clock is told of its device.
-//! - [`hull`], [`envelope`]: the line under a window of samples, and how far it may be off.
-//! - [`infer`]: which measurement a record is of, where the device does not say.
-//! - [`mapping`]: the clock as it is published and recorded: whole numbers, from which the same times come bit for bit.
-//! - [`flags`]: what there is to say of a time.
+//! - `settings`: what a clock is told of its device.
+//! - `hull`, `envelope`: the line under a window of samples, and how far it may be off.
+//! - `infer`: which measurement a record is of, where the device does not say.
+//! - `mapping`: the clock as it is published and recorded: whole numbers, from which the same times come bit for bit.
+//! - `flags`: what there is to say of a time.
 //! - `publish`: when that is done, and the times that come of it.
 //! - `watch`: how far the clock is to be believed, by when timely samples came.
 //!
