@@ -1,7 +1,8 @@
 //! What became of every frame and reading: used, or lost and why.
 //!
-//! A frame enters by [`Ledger::arrived`] and leaves by [`Ledger::used`] or [`Ledger::refused`]; between the two it waits. So
-//! total = used + refused + waiting holds at any moment, by construction.
+//! A frame enters by [`Ledger::arrived`] and leaves by [`Ledger::used`], [`Ledger::refused`] or [`Ledger::dropped`]; between the two it waits. So
+//! total = used + refused + dropped + waiting holds at any moment, by construction; and so it does for the readings of each device ([`Readings`]). What was lost before it
+//! came, by the device's or the kernel's own count, is beside the total.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -21,6 +22,61 @@ pub struct Frames {
     pub waiting: u64,
     /// Frames refused, by reason; reasons that did not occur are absent.
     pub refused: BTreeMap<Reason, u64>,
+    /// Frames that were good, and for which a stage had no time: by the queue that was full. Absent where there are none.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub dropped: BTreeMap<Queue, u64>,
+    /// Frames that never came, by the source's own count; not of the total. Absent where there are none.
+    #[serde(skip_serializing_if = "none")]
+    pub lost: u64,
+}
+
+/// Queues that may be full.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Queue {
+    /// Of what devices delivered, before it is paired.
+    Pairing,
+    /// Of slices, before they are woven.
+    Weaving,
+}
+
+impl Queue {
+    /// The name in statistics; the serialised form is the same.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Pairing => "pairing",
+            Self::Weaving => "weaving",
+        }
+    }
+}
+
+/// Readings of a device other than frames.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
+pub struct Readings {
+    /// The device.
+    pub device: String,
+    /// Readings that arrived.
+    pub total: u64,
+    /// Readings that were taken as samples.
+    pub used: u64,
+    /// Readings that were not, by reason.
+    pub refused: BTreeMap<&'static str, u64>,
+    /// Readings that found the queue before pairing full.
+    pub dropped: u64,
+    /// Readings that never came, by the device's own count; not of the total.
+    pub lost: u64,
+}
+
+impl Readings {
+    /// Readings that arrived and are not decided upon yet.
+    pub fn waiting(&self) -> u64 {
+        self.total - self.used - self.dropped - self.refused.values().sum::<u64>()
+    }
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde calls it so")]
+fn none(count: &u64) -> bool {
+    *count == 0
 }
 
 /// The account of a run.
@@ -38,6 +94,9 @@ pub struct Ledger {
     pub unused_readings: BTreeMap<&'static str, u64>,
     /// The first frame refused for each reason.
     pub first_refusals: BTreeMap<Reason, Refusal>,
+    /// Readings by device, of a run on devices.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub readings: Vec<Readings>,
 }
 
 impl Ledger {
@@ -66,6 +125,15 @@ impl Ledger {
         self.first_refusals.entry(refusal.reason).or_insert_with(|| refusal.clone());
     }
 
+    /// A waiting frame found a queue full.
+    ///
+    /// # Panics
+    /// When no frame waits: the caller has lost count.
+    pub fn dropped(&mut self, queue: Queue) {
+        self.leave();
+        *self.frames.dropped.entry(queue).or_default() += 1;
+    }
+
     fn leave(&mut self) {
         assert!(self.frames.waiting > 0, "a frame leaves the ledger that never arrived");
         self.frames.waiting -= 1;
@@ -91,10 +159,16 @@ impl Ledger {
 /// A summary for people: a line of totals, then a line a reason with its first frame.
 impl fmt::Display for Ledger {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Frames { total, used, waiting, refused } = &self.frames;
+        let Frames { total, used, waiting, refused, dropped, lost } = &self.frames;
         write!(f, "{used} of {total} frames used")?;
         if *waiting > 0 {
             write!(f, ", {waiting} waiting")?;
+        }
+        for (queue, count) in dropped {
+            write!(f, ", {count} dropped before {}", queue.name())?;
+        }
+        if *lost > 0 {
+            write!(f, ", {lost} lost before they came")?;
         }
         if !refused.is_empty() {
             write!(f, ", {} refused:", self.refused_total())?;
@@ -111,6 +185,17 @@ impl fmt::Display for Ledger {
         for (kind, count) in &self.unused_readings {
             write!(f, "\n{count} readings of kind {kind} not used")?;
         }
+        for Readings { device, total, used, refused, dropped, lost } in &self.readings {
+            write!(f, "\n{device}: {used} of {total} readings used")?;
+            for (reason, count) in refused {
+                write!(f, ", {count} refused: {reason}")?;
+            }
+            for (count, what) in [(dropped, "dropped before pairing"), (lost, "lost before they came")] {
+                if *count > 0 {
+                    write!(f, ", {count} {what}")?;
+                }
+            }
+        }
         Ok(())
     }
 }
@@ -122,12 +207,16 @@ mod tests {
     #[test]
     fn every_frame_is_accounted_for_at_any_moment() {
         let mut ledger = Ledger::default();
-        let balanced = |l: &Ledger| l.frames.total == l.frames.used + l.frames.waiting + l.refused_total();
-        for item in 0..6 {
+        let balanced = |l: &Ledger| {
+            let dropped: u64 = l.frames.dropped.values().sum();
+            l.frames.total == l.frames.used + l.frames.waiting + dropped + l.refused_total()
+        };
+        for item in 0..8 {
             ledger.arrived();
             assert!(balanced(&ledger));
-            match item % 3 {
+            match item % 4 {
                 0 => ledger.used(),
+                3 => ledger.dropped(Queue::Weaving),
                 1 => ledger.refused(&Refusal::new(item, Reason::PoseInvalid, "ProbeToTracker is INVALID")),
                 _ => {}
             }
@@ -135,7 +224,7 @@ mod tests {
         }
         assert_eq!((ledger.frames.used, ledger.frames.waiting, ledger.refused_total()), (2, 2, 2));
         let text = ledger.to_string();
-        assert!(text.starts_with("2 of 6 frames used, 2 waiting, 2 refused:"), "{text}");
+        assert!(text.starts_with("2 of 8 frames used, 2 waiting, 2 dropped before weaving, 2 refused:"), "{text}");
         assert!(text.contains("2 × pose_invalid, first frame 1: ProbeToTracker is INVALID"), "{text}");
     }
 

@@ -48,11 +48,15 @@ pub enum Reason {
     OutOfPlane,
     /// The pose scales pixels to a size for which the kernel makes no filter.
     PixelSize,
+    /// The picture is the last one's at another pose: the grabber repeats it, or the scanner is frozen.
+    SamePicture,
+    /// The volume has all the memory that it may take.
+    VolumeFull,
 }
 
 impl Reason {
     /// All reasons, in the order of the stages that find them.
-    pub const ALL: [Self; 20] = [
+    pub const ALL: [Self; 22] = [
         Self::ImageStatus,
         Self::ImageMissing,
         Self::ImageOrientation,
@@ -73,6 +77,8 @@ impl Reason {
         Self::OutOfTime,
         Self::OutOfPlane,
         Self::PixelSize,
+        Self::SamePicture,
+        Self::VolumeFull,
     ];
 
     /// The name in statistics; the serialised form is the same.
@@ -98,6 +104,8 @@ impl Reason {
             Self::OutOfTime => "out_of_time",
             Self::OutOfPlane => "out_of_plane",
             Self::PixelSize => "pixel_size",
+            Self::SamePicture => "same_picture",
+            Self::VolumeFull => "volume_full",
         }
     }
 }

@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::onlooker::Woven;
 use super::{PipelineError, PixelKind};
-use crate::mask::{AutoMask, Found, Mask, MaskPlan};
+use crate::mask::{AutoMask, Found, Mask, MaskPlan, MaskSettings};
 use crate::path::{Chosen, PathChoice};
 use crate::reconstruct::planar::PlanarSettings;
 use crate::reconstruct::settings::IN_PLANE_SIGMA;
@@ -42,6 +42,8 @@ pub(super) trait Fates {
 
 /// The mask stage: slices wait until the picture's border is known.
 enum Masking {
+    /// Not even the picture's size is.
+    Unknown(MaskSettings),
     Searching { search: AutoMask, waiting: Vec<(u64, Slice)>, bytes: usize },
     Known(Box<Weaver>),
 }
@@ -58,6 +60,14 @@ pub(super) struct Plan {
 }
 
 impl Plan {
+    /// Where the mask stage begins, and the mask if it is known.
+    fn stage(&mut self, mask: MaskPlan, notes: &mut Vec<String>) -> Result<(Masking, Option<Mask>), SettingsError> {
+        Ok(match mask {
+            MaskPlan::Auto(search) => (Masking::Searching { search, waiting: Vec::new(), bytes: 0 }, None),
+            MaskPlan::Fixed(mask) => (self.begin(&mask, notes)?, Some(mask)),
+        })
+    }
+
     /// The mask is known, and with it the path.
     fn begin(&mut self, mask: &Mask, notes: &mut Vec<String>) -> Result<Masking, SettingsError> {
         let weaver = self.chosen.weaver(self.choice, &self.settings, &self.planar, mask)?;
@@ -105,11 +115,22 @@ impl Loom {
     /// [`SettingsError`] when the settings cannot work for any slice.
     pub(super) fn new(mut plan: Plan, mask: MaskPlan) -> Result<Self, SettingsError> {
         let mut notes = Vec::new();
-        let (stage, mask) = match mask {
-            MaskPlan::Auto(search) => (Masking::Searching { search, waiting: Vec::new(), bytes: 0 }, None),
-            MaskPlan::Fixed(mask) => (plan.begin(&mask, &mut notes)?, Some(mask)),
-        };
+        let (stage, mask) = plan.stage(mask, &mut notes)?;
         Ok(Self { plan, stage, mask, used: 0, reached: None, slice_axes: None, pixels: PixelKind::U8, notes })
+    }
+
+    /// An empty one that learns the picture's size from its first slice.
+    pub(super) fn of_any_size(plan: Plan, mask: MaskSettings) -> Self {
+        Self {
+            plan,
+            stage: Masking::Unknown(mask),
+            mask: None,
+            used: 0,
+            reached: None,
+            slice_axes: None,
+            pixels: PixelKind::U8,
+            notes: Vec::new(),
+        }
     }
 
     /// Takes the next slice; `item` is its frame's number. It may wait for the mask, so that fates are told of it later.
@@ -117,7 +138,12 @@ impl Loom {
     /// # Errors
     /// [`PipelineError`] where no further slice could be woven either, or who is told cannot go on.
     pub(super) fn take(&mut self, item: u64, slice: Slice, fates: &mut impl Fates) -> Result<(), PipelineError> {
+        if let Masking::Unknown(mask) = &self.stage {
+            let plan = mask.plan(slice.image.width(), slice.image.height())?;
+            (self.stage, self.mask) = self.plan.stage(plan, &mut self.notes)?;
+        }
         let found = match &mut self.stage {
+            Masking::Unknown(_) => None,
             Masking::Known(_) => return self.insert(item, &slice, fates),
             Masking::Searching { search, waiting, bytes } => {
                 let found = search.push(&slice.image);
@@ -201,6 +227,14 @@ impl Loom {
         Ok(())
     }
 
+    /// The volume as it is; `None` while slices wait for the mask.
+    pub(super) fn weaver(&self) -> Option<&Weaver> {
+        match &self.stage {
+            Masking::Known(weaver) => Some(weaver),
+            Masking::Searching { .. } | Masking::Unknown(_) => None,
+        }
+    }
+
     /// No slice follows: those that wait for the mask go on.
     ///
     /// # Errors
@@ -208,7 +242,7 @@ impl Loom {
     pub(super) fn end(&mut self, fates: &mut impl Fates) -> Result<(), PipelineError> {
         let found = match &mut self.stage {
             Masking::Searching { search, .. } => Some(search.finish()),
-            Masking::Known(_) => None,
+            Masking::Known(_) | Masking::Unknown(_) => None,
         };
         found.map_or(Ok(()), |found| self.found(found, fates))
     }

@@ -1,9 +1,11 @@
 //! The stages in flow order, and the only place that spawns threads between them.
 //!
 //! - `offline`: a recorded sequence, synchronously: device → ingest → pairing → loom.
+//! - [`live`]: devices to a volume and its picture, a thread a stage.
 //! - `loom`: slices through the mask into the volume, whoever brings them.
 //! - `onlooker`: who sees the volume after each slice.
 
+pub mod live;
 mod loom;
 mod offline;
 mod onlooker;

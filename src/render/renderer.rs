@@ -185,6 +185,12 @@ impl Renderer {
         Updated { shade: began.elapsed(), work, ..Updated::default() }
     }
 
+    /// As [`Self::read`] with all bricks of a volume.
+    pub fn read_all(&mut self, volume: &(impl Values + ?Sized)) -> Updated {
+        let bricks: Vec<BrickIndex> = volume.bricks().collect();
+        self.read(volume, &bricks)
+    }
+
     /// Brings the picture up to date with what was [read](Self::read).
     pub fn draw(&mut self) -> Updated {
         self.draw_within(None)

@@ -1,0 +1,215 @@
+//! What the stages say of themselves while they run: the ledger, and how each device is. One lock, held for nanoseconds.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use drivers::Health;
+use drivers::recording::session;
+use serde::Serialize;
+
+use super::timing::Spread;
+use crate::ledger::{Ledger, Queue, Readings};
+use crate::refusal::Refusal;
+
+/// A device of the session.
+#[derive(Debug, Clone, Serialize)]
+pub struct DeviceBoard {
+    /// What it is called.
+    pub name: String,
+    /// One word: running, absent, silent, …
+    pub state: &'static str,
+    /// Why, and what to do; empty where all is well.
+    pub why: String,
+    /// Bytes received.
+    pub bytes: u64,
+    /// Readings delivered.
+    pub readings: u64,
+    /// Readings, or frames, lost before they came, by its own count.
+    pub lost: u64,
+    /// Times that it was set up.
+    pub set_up: u64,
+}
+
+/// Everything at one moment.
+#[derive(Debug, Clone, Default)]
+pub struct Account {
+    /// What became of frames and readings.
+    pub ledger: Ledger,
+    /// The devices.
+    pub devices: Vec<DeviceBoard>,
+    /// From a frame's capture until it is in the volume.
+    pub capture_to_volume: Spread,
+    /// From the reading that made its pose known until it is in the volume.
+    pub pose_to_volume: Spread,
+    /// For how long the scanner has shown one picture while the probe moved, s; `None` while it does not.
+    pub frozen_s: Option<f64>,
+    /// The recording, as the writer has it.
+    pub recording: Option<Written>,
+    /// What the user should know: sentences.
+    pub notes: Vec<String>,
+}
+
+/// What there is to say of a recording while it is written.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Written {
+    /// Bytes of the file.
+    pub bytes: u64,
+    /// Messages that were lost, as there was no room for them.
+    pub lost: u64,
+    /// Minutes until the disk is full, at the present rate.
+    pub minutes_left: Option<f64>,
+    /// Why nothing is written now; empty while all is well.
+    pub trouble: String,
+}
+
+/// [`Account`], shared.
+pub(super) struct Board {
+    account: Mutex<Account>,
+    /// Place of each device among the ledger's readings; `None` for grabbers, whose readings are frames.
+    rows: Vec<Option<usize>>,
+}
+
+impl Board {
+    /// Of these devices; whether each is a grabber.
+    pub(super) fn new(devices: &[(String, bool)]) -> Self {
+        let mut account = Account::default();
+        let mut rows = Vec::new();
+        for (name, grabs) in devices {
+            rows.push((!grabs).then_some(account.ledger.readings.len()));
+            if !grabs {
+                account.ledger.readings.push(Readings { device: name.clone(), ..Readings::default() });
+            }
+            account.devices.push(DeviceBoard {
+                name: name.clone(),
+                state: drivers::health::State::Stopped.word(),
+                why: String::new(),
+                bytes: 0,
+                readings: 0,
+                lost: 0,
+                set_up: 0,
+            });
+        }
+        Self { account: Mutex::new(account), rows }
+    }
+
+    pub(super) fn lock(&self) -> MutexGuard<'_, Account> {
+        self.account.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// How it is at this moment.
+    pub(super) fn snapshot(&self) -> Account {
+        self.lock().clone()
+    }
+
+    /// A device's reading has arrived and waits.
+    pub(super) fn arrived(&self, source: usize) {
+        let mut account = self.lock();
+        match self.rows[source] {
+            Some(row) => account.ledger.readings[row].total += 1,
+            None => account.ledger.arrived(),
+        }
+    }
+
+    /// A waiting reading found a queue full.
+    pub(super) fn dropped(&self, source: usize, queue: Queue) {
+        let mut account = self.lock();
+        match self.rows[source] {
+            Some(row) => account.ledger.readings[row].dropped += 1,
+            None => account.ledger.dropped(queue),
+        }
+    }
+
+    /// A reading other than a frame became a sample, or why it did not.
+    pub(super) fn sampled(&self, source: usize, refused: Option<&'static str>) {
+        let mut account = self.lock();
+        let Some(row) = self.rows[source] else { return };
+        let row = &mut account.ledger.readings[row];
+        match refused {
+            None => row.used += 1,
+            Some(why) => *row.refused.entry(why).or_default() += 1,
+        }
+    }
+
+    /// A waiting frame found a queue full.
+    pub(super) fn dropped_frame(&self, queue: Queue) {
+        self.lock().ledger.dropped(queue);
+    }
+
+    /// For how long the scanner has shown one picture while the probe moved, s, if it does.
+    pub(super) fn frozen(&self, seconds: Option<f64>) {
+        self.lock().frozen_s = seconds;
+    }
+
+    /// What the user should know.
+    pub(super) fn note(&self, note: String) {
+        self.lock().notes.push(note);
+    }
+
+    /// How the recording is.
+    pub(super) fn recording(&self, written: &session::Account, room: Option<session::Room>) {
+        self.lock().recording = Some(Written {
+            bytes: written.file_bytes,
+            lost: written.lost,
+            minutes_left: room.and_then(|room| room.minutes()),
+            trouble: written.trouble.clone(),
+        });
+    }
+
+    /// A waiting frame was refused.
+    pub(super) fn refused(&self, refusal: &Refusal) {
+        self.lock().ledger.refused(refusal);
+    }
+
+    /// How a device is now.
+    pub(super) fn health(&self, source: usize, health: &Health) {
+        let mut account = self.lock();
+        let Account { ledger, devices, .. } = &mut *account;
+        let device = &mut devices[source];
+        device.state = health.state.word();
+        if device.why != health.why {
+            device.why.clone_from(&health.why);
+        }
+        let received = health.received;
+        (device.bytes, device.readings, device.set_up) = (received.bytes, received.readings, received.set_up);
+        // What was lost since last time: there may be two grabbers.
+        let more = received.lost.saturating_sub(device.lost);
+        device.lost = received.lost;
+        match self.rows[source] {
+            Some(row) => ledger.readings[row].lost += more,
+            None => ledger.frames.lost += more,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use drivers::health::State;
+
+    use super::*;
+
+    #[test]
+    fn readings_and_frames_are_each_accounted_for_once() {
+        let board = Board::new(&[("tracker".into(), false), ("grabber".into(), true)]);
+        for _ in 0..5 {
+            board.arrived(0);
+            board.arrived(1);
+        }
+        board.sampled(0, None);
+        board.sampled(0, Some("not valid"));
+        board.dropped(0, Queue::Pairing);
+        board.dropped(1, Queue::Pairing);
+        let mut health = Health { state: State::Silent, why: "says nothing".into(), ..Health::default() };
+        for lost in [2, 2, 7] {
+            health.received.lost = lost;
+            board.health(0, &health);
+            board.health(1, &health);
+        }
+        let account = board.snapshot();
+        let row = &account.ledger.readings[0];
+        assert_eq!((row.total, row.used, row.dropped, row.lost, row.waiting()), (5, 1, 1, 7, 2));
+        assert_eq!(row.refused["not valid"], 1);
+        let frames = &account.ledger.frames;
+        assert_eq!((frames.total, frames.waiting, frames.lost), (5, 4, 7));
+        assert_eq!(frames.dropped[&Queue::Pairing], 1);
+        assert_eq!((account.devices[0].state, account.devices[1].why.as_str()), ("silent", "says nothing"));
+    }
+}

@@ -1,0 +1,119 @@
+//! The volume as weaving and drawing share it: a lock, under which the one inserts and the other reads what changed.
+
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use calibration::region::ClipRect;
+use glam::DVec3;
+
+use super::reach::Reach;
+use crate::pipeline::loom::Loom;
+use crate::pipeline::{PixelKind, Woven};
+use crate::slice::Slice;
+use crate::sync::FramePose;
+use crate::sync::extent::mean_axes;
+use crate::volume::brick::BrickIndex;
+use crate::volume::lattice::{Canonical, canonical, shift};
+
+/// What changed since somebody last asked, and what there is to see now.
+#[derive(Default)]
+pub(super) struct News {
+    /// Bricks on the canonical lattice, some more than once.
+    pub(super) touched: Vec<BrickIndex>,
+    /// Any brick may have changed.
+    pub(super) all: bool,
+    /// Slices in the volume.
+    pub(super) woven: u64,
+    /// The slice that came last, and the rectangle of its data.
+    pub(super) last: Option<(Slice, ClipRect)>,
+    /// When its frame was captured, host ns.
+    pub(super) captured_ns: i64,
+    /// What the first slice has settled.
+    pub(super) begun: Option<Begun>,
+    /// The box that pictures are of.
+    pub(super) reach: Option<Reach>,
+}
+
+/// What the first slice settles for all pictures.
+#[derive(Clone, Copy)]
+pub(super) struct Begun {
+    pub(super) lattice: Canonical,
+    /// Its directions of u and v in the world.
+    pub(super) slice_axes: Option<[DVec3; 2]>,
+    pub(super) pixels: PixelKind,
+}
+
+impl News {
+    /// Takes note of a slice that has just been woven; its frame was captured at a host time.
+    pub(super) fn note(&mut self, woven: &Woven<'_>, captured_ns: i64) {
+        let begun = *self.begun.get_or_insert_with(|| {
+            let Slice { image, time_ns, world_from_image } = woven.slice;
+            let size = [image.width(), image.height()];
+            let first =
+                FramePose { item: woven.item, time_ns: *time_ns, size, world_from_image: *world_from_image };
+            Begun {
+                lattice: canonical(woven.weaver.world_from_lattice()),
+                slice_axes: mean_axes(&[first]),
+                pixels: woven.pixels,
+            }
+        });
+        let from = self.touched.len();
+        let mut shifted = Vec::new();
+        if begun.lattice.offset == [0; 3] {
+            self.touched.extend_from_slice(woven.touched);
+        } else {
+            shift(woven.touched, begun.lattice.offset, &mut shifted);
+            self.touched.extend_from_slice(&shifted);
+        }
+        let touched = &self.touched[from..];
+        match &mut self.reach {
+            Some(reach) => drop(reach.widen(touched)),
+            None => self.reach = Reach::around(touched),
+        }
+        self.all |= woven.upgraded;
+        self.woven += 1;
+        self.last = woven.mask.bounds().map(|data| (woven.slice.clone(), data));
+        self.captured_ns = captured_ns;
+    }
+}
+
+/// A loom and its news.
+pub(super) struct Fabric {
+    pub(super) loom: Loom,
+    pub(super) news: News,
+    /// No slice follows.
+    pub(super) ended: bool,
+}
+
+/// [`Fabric`], shared.
+pub(super) struct Shared {
+    fabric: Mutex<Fabric>,
+    changed: Condvar,
+}
+
+impl Shared {
+    pub(super) fn new(loom: Loom) -> Self {
+        Self { fabric: Mutex::new(Fabric { loom, news: News::default(), ended: false }), changed: Condvar::new() }
+    }
+
+    /// Alone with it. A thread that died with it leaves a volume that is whole up to its last slice.
+    pub(super) fn lock(&self) -> MutexGuard<'_, Fabric> {
+        self.fabric.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Tells who waits that there is something new.
+    pub(super) fn tell(&self) {
+        self.changed.notify_all();
+    }
+
+    /// Waits until more slices than so many are woven, no slice follows, or the time is over.
+    pub(super) fn wait(&self, woven: u64, at_most: Duration) -> MutexGuard<'_, Fabric> {
+        let more = |fabric: &mut Fabric| fabric.news.woven <= woven && !fabric.ended;
+        self.changed.wait_timeout_while(self.lock(), at_most, more).unwrap_or_else(PoisonError::into_inner).0
+    }
+
+    /// The loom, when all who shared it are gone.
+    pub(super) fn into_inner(self) -> Fabric {
+        self.fabric.into_inner().unwrap_or_else(PoisonError::into_inner)
+    }
+}

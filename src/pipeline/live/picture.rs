@@ -1,0 +1,129 @@
+//! The picture's thread: after each slice, or after as many as came while the last picture was drawn, the picture of what there is.
+
+use std::time::{Duration, Instant};
+
+use drivers::clock::Clock;
+
+use super::fabric::{Begun, Shared};
+use super::reach::Reach;
+use super::timing::Spread;
+use crate::render::{RenderSettings, Renderer, Stage};
+use crate::volume::lattice::Shifted;
+
+/// The longest that the thread waits before it looks whether it is to end.
+const TURN: Duration = Duration::from_millis(100);
+
+/// How a picture is to be looked at; the first slice settles the rest.
+pub trait Looks: Sync {
+    /// Settings of the renderer, by the grey levels' range and the first slice's directions.
+    ///
+    /// # Errors
+    /// A sentence, when they make no picture.
+    fn settings(&self, begun: &First) -> Result<RenderSettings, Box<dyn std::error::Error + Send + Sync>>;
+}
+
+/// What is known of a scan after its first slice.
+#[derive(Debug, Clone, Copy)]
+pub struct First {
+    /// Directions of u and v in the world.
+    pub slice_axes: Option<[glam::DVec3; 2]>,
+    /// Black and white of its pictures.
+    pub grey_levels: [f32; 2],
+}
+
+/// The picture, and how it was kept.
+pub struct Drawn {
+    /// The renderer, with the picture of all slices.
+    pub renderer: Renderer,
+    /// Pictures drawn.
+    pub pictures: u64,
+    /// Slices that came while another picture was drawn, and were drawn with the next.
+    pub skipped: u64,
+    /// From the frame's capture to its picture, ms.
+    pub capture_to_picture: Spread,
+    /// From taking the volume to its picture, ms.
+    pub draw: Spread,
+}
+
+/// The thread's state.
+struct Easel<'a> {
+    looks: &'a dyn Looks,
+    reach: Option<Reach>,
+    drawn: Option<Drawn>,
+}
+
+impl Easel<'_> {
+    /// A renderer for a box, which has seen nothing.
+    fn stretch(&self, begun: &Begun, reach: Reach) -> Result<Renderer, Box<dyn std::error::Error + Send + Sync>> {
+        let first = First { slice_axes: begun.slice_axes, grey_levels: begun.pixels.grey_levels() };
+        let settings = self.looks.settings(&first)?;
+        let [low, high] = reach.voxels();
+        let stage = Stage::new(begun.lattice.world_from_lattice, low, high)?;
+        Ok(Renderer::new(&settings, stage)?)
+    }
+}
+
+/// Draws until no slice follows. `None` where none ever came.
+///
+/// # Errors
+/// What makes no picture; the volume is woven on.
+pub(super) fn run(
+    shared: &Shared,
+    looks: &dyn Looks,
+    clock: &dyn Clock,
+    mut shown: impl FnMut(&Drawn),
+) -> Result<Option<Drawn>, Box<dyn std::error::Error + Send + Sync>> {
+    let mut easel = Easel { looks, reach: None, drawn: None };
+    let mut seen = 0;
+    loop {
+        let mut fabric = shared.wait(seen, TURN);
+        if fabric.news.woven == seen {
+            if fabric.ended {
+                return Ok(easel.drawn);
+            }
+            continue;
+        }
+        let began = Instant::now();
+        let news = &mut fabric.news;
+        let (woven, captured_ns) = (news.woven, news.captured_ns);
+        let touched = std::mem::take(&mut news.touched);
+        let (begun, reach, all) = (news.begun, news.reach, std::mem::take(&mut news.all));
+        let (Some(begun), Some(reach), Some(weaver)) = (begun, reach, fabric.loom.weaver()) else {
+            seen = woven;
+            continue;
+        };
+        let volume = Shifted::new(weaver.volume(), begun.lattice.offset);
+        let anew = easel.reach != Some(reach);
+        if anew {
+            let renderer = easel.stretch(&begun, reach)?;
+            easel.reach = Some(reach);
+            match &mut easel.drawn {
+                Some(drawn) => drawn.renderer = renderer,
+                None => {
+                    easel.drawn = Some(Drawn {
+                        renderer,
+                        pictures: 0,
+                        skipped: 0,
+                        capture_to_picture: Spread::default(),
+                        draw: Spread::default(),
+                    });
+                }
+            }
+        }
+        let Some(drawn) = &mut easel.drawn else { continue };
+        if anew || all {
+            drawn.renderer.read_all(&volume);
+        } else {
+            drawn.renderer.read(&volume, &touched);
+        }
+        // From here on the volume is woven on.
+        drop(fabric);
+        drawn.renderer.draw();
+        drawn.pictures += 1;
+        drawn.skipped += woven - seen - 1;
+        drawn.draw.add_ns(i64::try_from(began.elapsed().as_nanos()).unwrap_or(i64::MAX));
+        drawn.capture_to_picture.add_ns(clock.now_ns() - captured_ns);
+        seen = woven;
+        shown(drawn);
+    }
+}

@@ -1,0 +1,104 @@
+//! The weaving thread: slices into the volume, in the order in which they were posed.
+
+use std::collections::VecDeque;
+
+use crossbeam_channel::Receiver;
+use super::fabric::{Fabric, News, Shared};
+use super::pairing::Common;
+use super::recorder::Decision;
+use crate::pipeline::loom::Fates;
+use crate::pipeline::{PipelineError, Woven};
+use crate::refusal::{Reason, Refusal};
+use crate::slice::Slice;
+
+/// A slice, and when what it is made of was here.
+pub(super) struct Posed {
+    /// Its frame's number.
+    pub(super) item: u64,
+    pub(super) slice: Slice,
+    pub(super) times: Times,
+}
+
+/// Host ns.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Times {
+    /// When the frame was captured.
+    pub(super) captured_ns: i64,
+    /// When the reading came that made its pose known.
+    pub(super) known_ns: i64,
+}
+
+/// Tells what became of slices, some of which have waited for the mask.
+struct Teller<'a> {
+    common: Common<'a>,
+    waiting: &'a mut VecDeque<(u64, Times)>,
+    news: &'a mut News,
+}
+
+impl Teller<'_> {
+    /// It is decided upon: when it was captured.
+    fn leaves(&mut self, item: u64) -> Option<Times> {
+        let place = self.waiting.iter().position(|(waiting, _)| *waiting == item)?;
+        self.waiting.remove(place).map(|(_, times)| times)
+    }
+}
+
+impl Fates for Teller<'_> {
+    fn woven(&mut self, woven: &Woven<'_>) -> Result<(), PipelineError> {
+        let Some(times) = self.leaves(woven.item) else { return Ok(()) };
+        self.news.note(woven, times.captured_ns);
+        let Common { clock, board, recorder, in_flight } = self.common;
+        in_flight.leave();
+        let now_ns = clock.now_ns();
+        let mut account = board.lock();
+        account.ledger.used();
+        account.capture_to_volume.add_ns(now_ns - times.captured_ns);
+        account.pose_to_volume.add_ns(now_ns - times.known_ns);
+        drop(account);
+        recorder.decide(woven.item, &Decision::Used, now_ns);
+        Ok(())
+    }
+
+    fn refused(&mut self, refusal: &Refusal) {
+        self.leaves(refusal.item);
+        self.common.refuse(refusal);
+    }
+}
+
+/// Weaves until no slice follows.
+///
+/// # Errors
+/// What no slice could be woven with. A full volume is none: its slices are refused.
+pub(super) fn run(shared: &Shared, from: &Receiver<Posed>, common: Common<'_>) -> Result<(), PipelineError> {
+    let mut waiting = VecDeque::new();
+    let mut result = Ok(());
+    for Posed { item, slice, times } in from {
+        waiting.push_back((item, times));
+        let mut fabric = shared.lock();
+        let Fabric { loom, news, .. } = &mut *fabric;
+        let mut teller = Teller { common, waiting: &mut waiting, news };
+        let taken = loom.take(item, slice, &mut teller);
+        match taken {
+            Ok(()) => {}
+            Err(PipelineError::Memory { item, source }) => {
+                teller.refused(&Refusal::new(item, Reason::VolumeFull, source.to_string()));
+            }
+            Err(error) => {
+                result = Err(error);
+                break;
+            }
+        }
+        drop(fabric);
+        shared.tell();
+    }
+    let mut fabric = shared.lock();
+    let Fabric { loom, news, ended } = &mut *fabric;
+    if result.is_ok() {
+        let mut teller = Teller { common, waiting: &mut waiting, news };
+        result = loom.end(&mut teller);
+    }
+    *ended = true;
+    drop(fabric);
+    shared.tell();
+    result
+}
