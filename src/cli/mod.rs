@@ -8,9 +8,11 @@ pub mod reconstruct;
 pub mod render;
 pub mod replay;
 pub mod twin;
-pub mod values;
 
 use clap::{Parser, Subcommand};
+
+use crate::config::Unfit;
+pub use crate::config::values;
 
 /// Freehand 3D ultrasound: tracked slices woven into a volume as they arrive.
 #[derive(Debug, Parser)]
@@ -48,6 +50,16 @@ pub struct Failure(pub String);
 impl<E: std::error::Error> From<E> for Failure {
     fn from(error: E) -> Self {
         Self(error.to_string())
+    }
+}
+
+impl Failure {
+    /// Of the flags that have the settings' names.
+    fn flag(Unfit { setting, problem }: Unfit) -> Self {
+        match setting {
+            "" => Self(problem),
+            _ => Self(format!("--{}: {problem}", setting.replace(", ", ", --").replace('_', "-"))),
+        }
     }
 }
 

@@ -13,14 +13,15 @@ use glam::DVec3;
 pub(super) mod choices;
 mod echoes;
 
-use choices::{
-    AXIS_DISTANCE_MM, DWELL, RADIUS_MM, ScalarName, SceneName, TrajectoryName, direction, frequency, tracker_noise,
-};
+use choices::{ScalarName, direction, frequency, tracker_noise};
 
 use super::{Failure, input, values};
+use crate::phantom::named::{
+    AXIS_DISTANCE_MM, DWELL, MotionOptions, RADIUS_MM, SceneName, SceneOptions, TrajectoryName,
+};
 use crate::phantom::scan::{Depth, convex_fan};
-use crate::phantom::scene::{Blobs, MarschnerLobb, Plane, Pulsating, Speckle, ThinSheet, Waves, Wires, ZonePlate};
-use crate::phantom::{EffectiveKernel, Scan, ScanSettings, Scene, TrackerNoise, blur, truth};
+use crate::phantom::scene::Speckle;
+use crate::phantom::{EffectiveKernel, Scan, ScanSettings, TrackerNoise, blur, truth};
 use crate::slice::Pixels;
 use crate::volume::Grid;
 
@@ -195,46 +196,36 @@ impl Arguments {
         if !(self.grain.is_finite() && self.grain > 0.0) {
             return Err(Failure(format!("--grain {}: must be a positive, finite length in mm", self.grain)));
         }
-        let bedside = self.echoes.bedside(self.scene, self.seed);
-        if bedside.is_none() && (self.echoes.given() || self.crossings.is_some()) {
+        let options = SceneOptions {
+            grey: self.grey,
+            normal: self.normal,
+            frequency: self.frequency,
+            grain_mm: self.grain,
+            ..SceneOptions::new(self.seed)
+        };
+        let shown = self.echoes.shown(self.scene, options);
+        if shown.scanned().is_none() && (self.echoes.given() || self.crossings.is_some()) {
             return Err(Failure(
                 "--probe, --depth, --mhz, --focus, --tgc, --dynamic-range, --without and --crossings are of a scanner, which only --scene doll, thigh, n-wire, \
                  cross-wire, tank-floor and stylus have; leave them out or scan one of these"
                     .into(),
             ));
         }
-        let scanner = bedside.as_ref().map(|b| b.scanner);
+        let scanner = shown.scanned().map(|scanned| scanned.scanner);
         if let Some(scanner) = scanner {
             scanner.check()?;
         }
-        let pixel = self.pixel.unwrap_or_else(|| scanner.map_or(0.1, |s| s.pixel_mm(self.image_size)));
-        let gap = self
-            .gap
-            .unwrap_or_else(|| bedside.as_ref().map_or(0.35, |b| b.sweep_mm / f64::from(self.frames.max(2) - 1)));
-        let noise = self.noise.unwrap_or(if bedside.is_some() { 0.0 } else { 6.0 });
-        let body = bedside.map(|b| b.placed(self.image_size, pixel)).transpose()?;
+        let pixel = self.pixel.unwrap_or_else(|| shown.usual_pixel_mm(self.image_size));
+        let gap = self.gap.unwrap_or_else(|| shown.usual_gap_mm(self.frames));
+        let noise = self.noise.unwrap_or_else(|| shown.usual_noise_sd());
+        let scene = shown.placed(self.image_size, pixel)?;
         Ok(ScanSettings {
-            scene: match self.scene {
-                SceneName::Constant => Scene::Constant(self.grey),
-                SceneName::Ramp => Scene::standard_ramp(),
-                SceneName::Blobs => Scene::Blobs(Blobs::draw(self.seed)),
-                SceneName::Sphere => Scene::standard_sphere(),
-                SceneName::Plane => Scene::Plane(Plane::standard(self.normal)),
-                SceneName::ZonePlate => Scene::ZonePlate(ZonePlate::standard()),
-                SceneName::Sinusoid => Scene::Waves(self.frequency.map_or_else(Waves::standard, Waves::single)),
-                SceneName::Wires => Scene::Wires(Wires::standard()),
-                SceneName::Sheet => Scene::ThinSheet(ThinSheet::standard(self.normal)),
-                SceneName::MarschnerLobb => Scene::MarschnerLobb(MarschnerLobb::standard()),
-                SceneName::Speckle => Scene::Speckle(Speckle::draw(self.seed, self.grain)),
-                SceneName::Pulsating => Scene::Pulsating(Pulsating::standard()),
-                SceneName::Doll
-                | SceneName::Thigh
-                | SceneName::NWire
-                | SceneName::CrossWire
-                | SceneName::TankFloor
-                | SceneName::Stylus => body.map_or(Scene::Constant(0.0), Scene::Body),
-            },
-            motion: self.trajectory.motion(self.axis_distance, self.radius, self.dwell),
+            scene,
+            motion: self.trajectory.motion(&MotionOptions {
+                axis_distance_mm: self.axis_distance,
+                radius_mm: self.radius,
+                dwell: self.dwell,
+            }),
             frames: self.frames,
             gap_mm: gap,
             image_size: self.image_size,

@@ -169,7 +169,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         let statistics = Statistics {
             source: Source::new(arguments, &volume),
             mode: settings.mode.name(),
-            transfer: look.transfer_name(),
+            transfer: &look.transfer_name(),
             window,
             perspective: look.perspective,
             step: look.step,

@@ -16,8 +16,9 @@ mod units;
 use units::{Found, Left, Port, Unit, name};
 
 use super::Failure;
-use super::phantom::choices::{AXIS_DISTANCE_MM, DWELL, RADIUS_MM, TrajectoryName, tracker_noise};
+use super::phantom::choices::tracker_noise;
 use crate::phantom::bedside::arm::{BedsideArm, standard_arm};
+use crate::phantom::named::{MotionOptions, TrajectoryName};
 use crate::phantom::{Bedside, Scan, ScanSettings, Scene, TrackerNoise};
 
 /// How long a plug stays out, ns.
@@ -372,7 +373,7 @@ impl Arguments {
     fn bedside(&self, begin_ns: i64) -> Result<Arc<Bedside>, Failure> {
         let scan = Scan::new(ScanSettings {
             scene: Scene::Constant(0.0),
-            motion: self.trajectory().motion(AXIS_DISTANCE_MM, RADIUS_MM, DWELL),
+            motion: self.trajectory().motion(&MotionOptions::default()),
             frames: self.frames,
             gap_mm: self.gap,
             seed: self.seed,

@@ -3,8 +3,12 @@
 //! A `--config` file is either our own TOML ([`calibration::file`]) or a PLUS XML ([`plus`]); its content tells which.
 //!
 //! - [`plus`]: PLUS configuration and calibration result files.
+//! - [`values`], [`look`], [`weighing`]: what flags and files can both say, read and checked once.
 
+pub mod look;
 pub mod plus;
+pub mod values;
+pub mod weighing;
 mod xml_limits;
 
 use std::path::{Path, PathBuf};
@@ -145,6 +149,27 @@ fn shortened(word: &str) -> String {
         short.push('…');
     }
     short
+}
+
+/// Why settings that are each readable cannot be used.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Unfit {
+    /// Which: the name of its flag without dashes, several of them separated by `, `; empty where the sentence says it.
+    pub setting: &'static str,
+    /// What is wrong and what it may be; goes on after the name.
+    pub problem: String,
+}
+
+impl Unfit {
+    /// Of one setting.
+    pub(crate) fn new(setting: &'static str, problem: impl Into<String>) -> Self {
+        Self { setting, problem: problem.into() }
+    }
+
+    /// A sentence that names what it is about.
+    pub(crate) fn whole(problem: String) -> Self {
+        Self { setting: "", problem }
+    }
 }
 
 /// Why a configuration is refused. The display is a sentence that says what, where and what to do.

@@ -9,6 +9,7 @@
 //! - [`body`]: what an ultrasound scanner looks into: a doll in a water tank, a thigh, phantoms for calibration.
 //! - [`bmode`]: what the scanner shows of it.
 //! - [`scan`]: the pieces composed into posed slices and into what a tracked sequence records.
+//! - [`named`]: scenes, trajectories and scanners by name.
 //! - [`bedside`]: the same scan as it goes on in time, for virtual devices that measure and see it.
 //! - [`truth`]: the scene on a volume's lattice, and which voxels a scan can know.
 //! - [`blur`]: the same under a reconstruction's kernel.
@@ -25,6 +26,7 @@ pub mod body;
 mod complex;
 mod elementary;
 pub mod error;
+pub mod named;
 pub mod paint;
 #[cfg(test)]
 mod quadrature;

@@ -181,7 +181,10 @@ fn what_cannot_be_drawn_is_refused() {
         ("render two.mha -o p.png", &["two.mha", "2 channels"]),
         ("render v.mha --weights other.mha -o p.png", &["other.mha", "not the weights", "the size"]),
         ("render none.mha -o p.png", &["none.mha"]),
-        ("render v.mha -o p.png --transfer muscle", &["--transfer muscle", "tissue", "bone", "xray", ".toml"]),
+        (
+            "render v.mha -o p.png --transfer muscle",
+            &["--transfer: no transfer function", "tissue", "bone", "xray", ".toml"],
+        ),
         ("render v.mha -o p.png --transfer none.toml", &["none.toml"]),
         ("render v.mha -o p.png --transfer bad.toml", &["bad.toml"]),
         ("render v.mha -o p.png --perspective 180", &["170"]),

@@ -122,7 +122,7 @@ fn every_method_and_compounding_reaches_the_volume_and_its_header() {
         let says = [format!("the planar path has no way for {what}: choose --path general")];
         place.refuses(&format!("reconstruct p.mha -o w.mha --path planar --clip none {flags}"), &[&says[0]]);
     }
-    let says = &["--support, --leakage: the kernel bspline3 ends of itself", "choose --method gaussian"];
+    let says = &["--support, --leakage: the kernel bspline3 ends of itself", "choose the method gaussian"];
     place.refuses("reconstruct s.mha -o w.mha --method bspline3 --leakage 0.01", says);
 }
 
@@ -149,7 +149,7 @@ fn decay_flags_reach_the_volume() {
     assert_eq!(place.volume("v.mha").field("SonoweaveCompounding"), "mean");
     assert!(place.get("v.mha") == plain, "no decay is the mean");
     for (flags, says) in [
-        ("--decay exp", "--decay: nothing decays; add --compound decay"),
+        ("--decay exp", "--decay: nothing decays; choose the compounding decay"),
         ("--compound mean --decay-rate 2", "--decay-rate: nothing decays"),
         ("--compound decay --decay exp --decay-wait 2", "--decay-wait: means nothing"),
         ("--compound decay --decay-rate 0", "the decay's rate must lie between 1e-6 and 1e6 per second, not at 0"),

@@ -1,26 +1,11 @@
 //! Flags of `phantom` for bodies, which a scanner looks into.
 
-use std::sync::Arc;
-
 use clap::{Args, ValueEnum};
 use glam::{DVec2, DVec3};
 
-use super::choices::SceneName;
-use crate::cli::Failure;
-use crate::phantom::bmode::{Effects, Layout, Transducer};
-use crate::phantom::body::{Body, calibration, doll, thigh};
-use crate::phantom::{Scan, Scanner};
-
-/// Radius of the curvilinear transducer, about which the thigh's skin lies, mm.
-const FACE_RADIUS_MM: f64 = 60.0;
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(super) enum ProbeName {
-    /// A fan of 60° from an arc of 60 mm radius, 3.5 MHz
-    Curvilinear,
-    /// A rectangle 38 mm wide, 7.5 MHz
-    Linear,
-}
+use crate::phantom::Scan;
+use crate::phantom::bmode::{Effects, Transducer};
+use crate::phantom::named::{ProbeName, SceneName, SceneOptions, Shown};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum EffectName {
@@ -69,13 +54,6 @@ pub(super) struct EchoFlags {
     without: Vec<EffectName>,
 }
 
-/// A body, the scanner over it, and how long a sweep sees all of it, mm.
-pub(super) struct Bedside {
-    pub(super) body: Body,
-    pub(super) scanner: Scanner,
-    pub(super) sweep_mm: f64,
-}
-
 impl EchoFlags {
     /// Whether any was given.
     pub(super) fn given(&self) -> bool {
@@ -83,29 +61,11 @@ impl EchoFlags {
         self.probe.is_some() || !self.without.is_empty() || numbers.iter().any(Option::is_some)
     }
 
-    /// What a scene is scanned with; `None` for scenes without echoes.
-    pub(super) fn bedside(&self, scene: SceneName, seed: u64) -> Option<Bedside> {
-        use ProbeName::{Curvilinear, Linear};
-        let (body, probe, depth, sweep_mm) = match scene {
-            SceneName::Doll => (doll::doll(), Curvilinear, 110.0, doll::SWEEP_MM),
-            SceneName::Thigh => (thigh::thigh(FACE_RADIUS_MM), Curvilinear, 120.0, thigh::SWEEP_MM),
-            SceneName::NWire => (calibration::n_wires(&calibration::NWires::default()), Linear, 50.0, 36.0),
-            SceneName::CrossWire => (calibration::cross_wire(28.0), Linear, 50.0, 20.0),
-            SceneName::TankFloor => (calibration::floor(40.0, DVec2::new(0.1, 0.05)), Linear, 50.0, 30.0),
-            SceneName::Stylus => {
-                let along = DVec3::new(0.55, -0.35, 0.75);
-                (calibration::stylus(DVec3::new(-4.0, 32.0, -8.0), along), Linear, 50.0, 24.0)
-            }
-            _ => return None,
-        };
-        let depth = self.depth.unwrap_or(depth);
-        let mut scanner = match self.probe.unwrap_or(probe) {
-            Curvilinear => Scanner::abdominal(depth),
-            Linear => Scanner::small_parts(depth),
-        };
-        if scene != SceneName::Thigh {
-            scanner = scanner.in_water();
-        }
+    /// What is shown of a scene; of echoes by the scanner that these flags make.
+    pub(super) fn shown(&self, scene: SceneName, options: SceneOptions) -> Shown {
+        let mut shown = scene.shown(&SceneOptions { probe: self.probe, depth_mm: self.depth, ..options });
+        let Shown::Echoes(scanned) = &mut shown else { return shown };
+        let scanner = &mut scanned.scanner;
         for (to, from) in [
             (&mut scanner.frequency_mhz, self.mhz),
             (&mut scanner.lateral.focus_mm, self.focus),
@@ -127,16 +87,7 @@ impl EchoFlags {
             tgc: has(EffectName::Tgc),
             noise: has(EffectName::Noise),
         };
-        scanner.seed = seed;
-        Some(Bedside { body, scanner, sweep_mm })
-    }
-}
-
-impl Bedside {
-    /// The body where the scanner's face is, for pictures of a size.
-    pub(super) fn placed(self, image_size: [u32; 2], pixel_mm: f64) -> Result<Arc<Body>, Failure> {
-        let layout = Layout::new(&self.scanner, image_size, [pixel_mm; 2])?;
-        Ok(Arc::new(self.body.placed_at(layout.face_below_middle_mm())))
+        shown
     }
 }
 

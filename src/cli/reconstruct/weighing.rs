@@ -3,10 +3,11 @@
 use clap::{Args, ValueEnum};
 
 use crate::cli::{Failure, values};
-use crate::config::Settings as Config;
+use crate::config::weighing::{CompoundName, DecayName, Weighing as Said};
+use crate::config::{Settings as Config, Unfit};
 use crate::pipeline::OffPlane;
-use crate::reconstruct::kernel::{Method, Support, sigma_from_hwhm};
-use crate::reconstruct::{Compounding, Decay, Settings};
+use crate::reconstruct::Settings;
+use crate::reconstruct::kernel::{Method, Support};
 
 /// Kernel and compounding.
 #[derive(Debug, Args)]
@@ -45,11 +46,6 @@ pub(in crate::cli) struct Weighing {
     decay_wait: Option<f64>,
 }
 
-/// Default rate of decay, 1/s.
-const DECAY_RATE: f64 = 1.0;
-/// Default wait, s: at 5 mm/s, a slow sweep, the default support of 2.6 mm to either side passes in half of it.
-const DECAY_WAIT: f64 = 2.0;
-
 // clap takes an `Option<Option<…>>` for its own notation of optional values; a named type is a single value to it.
 type SigmaChoice = Option<[f64; 3]>;
 // And a bare array for a list.
@@ -70,94 +66,28 @@ enum MethodName {
     Nearest,
 }
 
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
-enum CompoundName {
-    /// Their weighted mean
-    #[default]
-    Mean,
-    /// The brightest of those that pass within half a voxel or the kernel's half width
-    Maximum,
-    /// The latest of those, by the frames' times
-    Latest,
-    /// The mean, in which what was seen earlier counts less: see --decay
-    Decay,
-}
-
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
-enum DecayName {
-    /// Not at all: the plain mean
-    None,
-    /// Exponentially from the first moment on
-    Exp,
-    /// Not for a while, then exponentially: a sweep is averaged as without decay
-    #[default]
-    DeadTime,
-    /// By the formula as printed in Ohbuchi, Chen & Fuchs (1992), which keeps what came first; for experiments
-    PaperLiteral,
-}
-
 impl Weighing {
     /// Puts the flags, and what the configuration says where they are silent, into the settings; returns where σ across the plane comes from.
     ///
     /// # Errors
     /// [`Failure`] when flags contradict each other.
     pub(super) fn apply(&self, config: &Config, settings: &mut Settings) -> Result<OffPlane, Failure> {
-        settings.method = self.method();
-        let support = self.support.or(self.leakage.map(|e| [Support::Energy(e); 2]));
-        settings.support = support.map_or([None; 2], |ends| ends.map(Some));
-        if support.is_some() && !settings.method.takes_support() {
-            return Err(Failure(format!(
-                "--support, --leakage: the kernel {} ends of itself; leave the flag out, or choose --method gaussian",
-                settings.method.name()
-            )));
-        }
-        settings.sigma_mm[2] = config.hwhm_mm.map(|hwhm| sigma_from_hwhm(hwhm[2]));
-        let mut off_plane = OffPlane::Settings;
-        match (self.sigma, self.resolution) {
-            (Some(Some(sigma)), _) => settings.sigma_mm = sigma.map(Some),
-            (Some(None), _) => off_plane = OffPlane::Auto,
-            (None, Some(hwhm)) => settings.sigma_mm = hwhm.map(|h| Some(sigma_from_hwhm(h))),
-            (None, None) => {}
-        }
-        settings.max_weight = self.max_weight;
-        settings.compounding = match self.compound {
-            CompoundName::Mean => Compounding::Mean,
-            CompoundName::Maximum => Compounding::Maximum,
-            CompoundName::Latest => Compounding::Latest,
-            CompoundName::Decay => self.decay()?,
+        let said = Said {
+            method: self.method(),
+            sigma_mm: self.sigma.flatten(),
+            hwhm_mm: self.resolution,
+            support: self.support.or(self.leakage.map(|e| [Support::Energy(e); 2])),
+            max_weight: self.max_weight,
+            compound: self.compound,
+            decay: self.decay,
+            decay_rate: self.decay_rate,
+            decay_wait: self.decay_wait,
         };
-        if self.compound != CompoundName::Decay {
-            let unused = [
-                (self.decay.is_some(), "--decay"),
-                (self.decay_rate.is_some(), "--decay-rate"),
-                (self.decay_wait.is_some(), "--decay-wait"),
-            ];
-            if let Some((_, flag)) = unused.iter().find(|(given, _)| *given) {
-                return Err(Failure(format!("{flag}: nothing decays; add --compound decay, or leave the flag out")));
-            }
-        }
-        Ok(off_plane)
-    }
-
-    fn decay(&self) -> Result<Compounding, Failure> {
-        let rate_per_s = self.decay_rate.unwrap_or(DECAY_RATE);
-        let wait_s = self.decay_wait.unwrap_or(DECAY_WAIT);
-        let mode = self.decay.unwrap_or_default();
-        let unused = match mode {
-            DecayName::None => self.decay_rate.or(self.decay_wait),
-            DecayName::Exp => self.decay_wait,
-            DecayName::DeadTime | DecayName::PaperLiteral => None,
-        };
-        if unused.is_some() {
-            let flag = if mode == DecayName::Exp { "--decay-wait" } else { "--decay-rate, --decay-wait" };
-            return Err(Failure(format!("{flag}: means nothing to this --decay; leave it out, or choose dead-time")));
-        }
-        Ok(Compounding::Decay(match mode {
-            DecayName::None => return Ok(Compounding::Mean),
-            DecayName::Exp => Decay::Exponential { rate_per_s },
-            DecayName::DeadTime => Decay::DeadTime { rate_per_s, wait_s },
-            DecayName::PaperLiteral => Decay::PaperLiteral { rate_per_s, wait_s },
-        }))
+        said.apply(config.hwhm_mm, settings).map_err(|unfit| match unfit.setting {
+            "support" => Failure::flag(Unfit { setting: "support, leakage", ..unfit }),
+            _ => Failure::flag(unfit),
+        })?;
+        Ok(if self.sigma == Some(None) { OffPlane::Auto } else { OffPlane::Settings })
     }
 
     /// The kernel's kind.

@@ -36,19 +36,19 @@ pub(in crate::cli) struct Lighting {
 type Brightness = [f64; 2];
 
 impl Lighting {
-    /// The flag that was given first, if any was.
+    /// The setting whose flag was given first, if any was.
     pub(super) fn given(&self) -> Option<&'static str> {
         [
-            ("--light", self.light.is_some()),
-            ("--ambient", self.ambient.is_some()),
-            ("--diffuse", self.diffuse.is_some()),
-            ("--specular", self.specular.is_some()),
-            ("--shininess", self.shininess.is_some()),
-            ("--two-sided", self.two_sided.is_some()),
-            ("--depth-cue", self.depth_cue.is_some()),
+            ("light", self.light.is_some()),
+            ("ambient", self.ambient.is_some()),
+            ("diffuse", self.diffuse.is_some()),
+            ("specular", self.specular.is_some()),
+            ("shininess", self.shininess.is_some()),
+            ("two_sided", self.two_sided.is_some()),
+            ("depth_cue", self.depth_cue.is_some()),
         ]
         .into_iter()
-        .find_map(|(flag, given)| given.then_some(flag))
+        .find_map(|(setting, given)| given.then_some(setting))
     }
 
     /// The light.
@@ -99,8 +99,8 @@ mod tests {
         let said = "--light headlight --ambient 0.3 --diffuse 0.7 --specular 0.2 --shininess 16 --two-sided true";
         assert_eq!(light(said).unwrap(), Light::default());
         let given = |words: [&str; 2]| Command::parse_from(["x", words[0], words[1]]).lighting.given();
-        assert_eq!(given(["--two-sided", "false"]), Some("--two-sided"));
-        assert_eq!(given(["--depth-cue", "1,0.5"]), Some("--depth-cue"));
+        assert_eq!(given(["--two-sided", "false"]), Some("two_sided"));
+        assert_eq!(given(["--depth-cue", "1,0.5"]), Some("depth_cue"));
     }
 
     #[test]

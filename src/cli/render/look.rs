@@ -1,18 +1,16 @@
 //! The flags of all commands that render: from where, what, and how finely.
 
-use std::path::Path;
-
-use calibration::frames::{Transform, Volume, World};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use glam::DVec3;
 
 use super::lighting::Lighting;
 use super::planar::PlanarFlags;
 use crate::cli::{Failure, values};
-use crate::render::camera::{Camera, View};
-use crate::render::settings::STOP;
-use crate::render::transfer::Transfer;
-use crate::render::{self, RenderSettings, Shading, Stage};
+pub(in crate::cli) use crate::config::look::Mode;
+use crate::config::look::{Classified, Look as Said};
+use crate::render::RenderSettings;
+use crate::render::camera::View;
+use crate::render::light::Light;
 
 /// What a picture shows, and how.
 #[derive(Debug, Args)]
@@ -71,55 +69,6 @@ type Angles = [f64; 3];
 const STEP: f64 = 1.0;
 const BACKGROUND: Colour = [0.0; 3];
 
-/// What of the volume is drawn.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
-pub(in crate::cli) enum Mode {
-    /// Lit matter, as opaque as --transfer says
-    #[default]
-    Shaded,
-    /// The largest grey level along each ray
-    Mip,
-    /// The mean of the grey levels along each ray, as in an x-ray picture
-    Average,
-    /// The opaque surface of one grey level
-    Iso,
-    /// How much --transfer hides of what lies behind: white where all
-    Opacity,
-    /// Planes through the volume, by --at or --plane
-    Slice,
-}
-
-impl Mode {
-    /// The name on the command line.
-    pub(super) fn name(self) -> &'static str {
-        match self {
-            Self::Shaded => "shaded",
-            Self::Mip => "mip",
-            Self::Average => "average",
-            Self::Iso => "iso",
-            Self::Opacity => "opacity",
-            Self::Slice => "slice",
-        }
-    }
-
-    fn classifies(self) -> bool {
-        matches!(self, Self::Shaded | Self::Opacity)
-    }
-
-    fn is_lit(self) -> bool {
-        matches!(self, Self::Shaded | Self::Iso)
-    }
-}
-
-/// What the transfer function classifies.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Classified {
-    /// Voxels, whose colours are interpolated: a new slice costs what it changes
-    Voxel,
-    /// Samples, whose grey levels and gradients are interpolated: sharper, and slow; for stills
-    Sample,
-}
-
 /// What the flags are where nobody gives them.
 pub(super) struct Usual {
     pub(super) step: f64,
@@ -133,9 +82,7 @@ impl Look {
 
     /// The view of a volume whose slices lie along these axes, turned by so many degrees about the world's z axis.
     pub(in crate::cli) fn view(&self, slice_axes: Option<[DVec3; 2]>, turned: f64, turns: bool) -> View {
-        let usual = View::of_slices(slice_axes);
-        let [azimuth, elevation, roll] = self.view.unwrap_or([usual.azimuth, usual.elevation, usual.roll]);
-        View { azimuth: azimuth + turned, elevation, roll, perspective: self.perspective, turns }
+        self.said(Light::default()).view(slice_axes, turned, turns)
     }
 
     /// Fails before any work where no volume could be rendered so.
@@ -143,25 +90,8 @@ impl Look {
     /// # Errors
     /// [`Failure`]: the flag and what it may be.
     pub(in crate::cli) fn check(&self) -> Result<(), Failure> {
-        if let Some(stop) = self.stop.filter(|stop| !(0.0..=1.0).contains(stop)) {
-            return Err(Failure(format!("--stop {stop}: must lie between 0 and 1")));
-        }
-        if let Some(isovalue) = self.isovalue.filter(|value| !value.is_finite()) {
-            return Err(Failure(format!("--isovalue {isovalue}: must be a finite number of grey levels")));
-        }
         self.planar.check(self)?;
-        self.check_mode()?;
-        self.lighting.light()?;
-        if !(0.0..=1.0).contains(&self.adaptive) {
-            return Err(Failure(format!(
-                "--adaptive {}: must lie between 0, which casts all rays, and 1",
-                self.adaptive
-            )));
-        }
-        self.transfer([0.0, 1.0])?;
-        let stage = Stage::new(Transform::<World, Volume>::IDENTITY, [0; 3], [0; 3])?;
-        Camera::new(&self.view(None, 0.0, false), self.image_size, self.step, &stage)?;
-        Ok(())
+        self.said(self.lighting.light()?).check().map_err(Failure::flag)
     }
 
     /// How to render a volume whose slices lie along some axes, where grey levels go from black to white over `range`.
@@ -174,78 +104,35 @@ impl Look {
         slice_axes: Option<[DVec3; 2]>,
         threads: usize,
     ) -> Result<RenderSettings, Failure> {
-        Ok(RenderSettings {
-            view: self.view(slice_axes, 0.0, false),
-            mode: self.mode(range),
-            light: self.lighting.light()?,
-            step: self.step,
-            arity: self.arity,
-            stop: self.stops().unwrap_or(STOP),
-            adaptive: self.adaptive,
-            threads,
-            ..RenderSettings::new(self.image_size, self.transfer(range)?)
-        })
-    }
-
-    /// Flags that a mode does not heed are refused: who gives one expects something of it.
-    fn check_mode(&self) -> Result<(), Failure> {
-        let no_use = |flag: &str, why: &str| {
-            Err(Failure(format!("{flag} is of no use to --mode {}, {why}: leave it out", self.mode.name())))
-        };
-        if self.isovalue.is_some() && self.mode != Mode::Iso {
-            return no_use("--isovalue", "which draws no surface of one grey level");
-        }
-        if self.shading.is_some() && !self.mode.classifies() {
-            return no_use("--shading", "which takes no opacities from --transfer");
-        }
-        if self.stop.is_some() && !self.mode.classifies() {
-            return no_use("--stop", "in which nothing translucent hides what lies behind");
-        }
-        match self.lighting.given() {
-            Some(flag) if !self.mode.is_lit() => no_use(flag, "on which no light falls"),
-            _ => Ok(()),
-        }
+        self.said(self.lighting.light()?).settings(range, slice_axes, threads).map_err(Failure::flag)
     }
 
     /// Where rays end, if they may end early.
     pub(in crate::cli) fn stops(&self) -> Option<f32> {
-        self.mode.classifies().then(|| self.stop.unwrap_or(STOP))
-    }
-
-    fn mode(&self, [black, white]: [f32; 2]) -> render::Mode {
-        let shading = match self.shading {
-            None | Some(Classified::Voxel) => Shading::Voxel,
-            Some(Classified::Sample) => Shading::Sample,
-        };
-        match self.mode {
-            // Planes have no rays, and nobody asks for theirs.
-            Mode::Shaded | Mode::Slice => render::Mode::Shaded(shading),
-            Mode::Opacity => render::Mode::Opacity(shading),
-            Mode::Mip => render::Mode::Maximum,
-            Mode::Average => render::Mode::Average,
-            Mode::Iso => {
-                let halfway = 0.5 * (f64::from(black) + f64::from(white));
-                render::Mode::Isosurface(self.isovalue.unwrap_or(halfway))
-            }
-        }
+        self.said(Light::default()).stops()
     }
 
     /// The transfer function's preset or file.
-    pub(in crate::cli) fn transfer_name(&self) -> &str {
-        let usual = match self.mode {
-            Mode::Shaded | Mode::Iso | Mode::Opacity | Mode::Slice => Transfer::PRESETS[0].0,
-            Mode::Mip | Mode::Average => "xray",
-        };
-        self.transfer.as_deref().unwrap_or(usual)
+    pub(in crate::cli) fn transfer_name(&self) -> String {
+        self.said(Light::default()).transfer_name().to_owned()
     }
 
-    fn transfer(&self, range: [f32; 2]) -> Result<Transfer, Failure> {
-        let name = self.transfer_name();
-        if Path::new(name).extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
-            return Ok(Transfer::read(Path::new(name))?);
+    fn said(&self, light: Light) -> Said {
+        Said {
+            image_size: self.image_size,
+            view: self.view,
+            perspective: self.perspective,
+            mode: self.mode,
+            isovalue: self.isovalue,
+            shading: self.shading,
+            transfer: self.transfer.clone(),
+            step: self.step,
+            arity: self.arity,
+            stop: self.stop,
+            adaptive: self.adaptive,
+            light,
+            lit_by: self.lighting.given(),
         }
-        Transfer::preset(name, range.map(f64::from))
-            .map_err(|e| Failure(format!("--transfer {name}: {e}; or give a file, whose name ends in .toml")))
     }
 }
 

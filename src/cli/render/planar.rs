@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use super::look::{Look, Mode};
 use crate::cli::{Failure, values};
+pub(in crate::cli) use crate::config::look::Draw;
 use crate::config::numbers;
 use crate::export::sections::{Sheet, Wash};
 use crate::render::section::{Box3, Plane, Sampled};
@@ -55,21 +56,6 @@ enum Overlay {
     Weight,
     /// What was not seen
     Coverage,
-}
-
-/// What is drawn over a picture.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
-pub(in crate::cli) enum Draw {
-    /// The outline of the slice
-    Slice,
-    /// The probe above it
-    Probe,
-    /// A bar of a round number of millimetres
-    Scale,
-    /// A cube that names the world's axes
-    Cube,
-    /// Nothing
-    None,
 }
 
 /// What was drawn of planes, for statistics.
@@ -215,19 +201,6 @@ impl PlanarFlags {
             }),
             drawn: if sheet.lettered { &["scale"] } else { &[] },
             planes: planes.collect(),
-        }
-    }
-}
-
-impl Draw {
-    /// The name on the command line and in statistics.
-    pub(in crate::cli) fn name(self) -> &'static str {
-        match self {
-            Self::Slice => "slice",
-            Self::Probe => "probe",
-            Self::Scale => "scale",
-            Self::Cube => "cube",
-            Self::None => "none",
         }
     }
 }

@@ -1,10 +1,10 @@
-//! Values of flags that hold several numbers or a criterion.
+//! Values of flags and keys that hold several numbers or a criterion.
 
 use std::ops::Range;
 
 use glam::DVec3;
 
-use crate::config::numbers;
+use super::numbers;
 use crate::reconstruct::kernel::Support;
 use crate::render::light::Source;
 
