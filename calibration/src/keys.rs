@@ -97,9 +97,14 @@ pub struct Entry<'a> {
 impl<'a> Table<'a> {
     /// The whole file; `known` are the keys it may hold.
     pub fn root(source: Source<'a>, root: &'a Spanned<DeTable<'a>>, known: &[&str]) -> Result<Self, FileError> {
-        let table = Self { source, table: root.get_ref(), span: 0..0, path: String::new() };
+        let table = Self::bare(source, root);
         table.only(known)?;
         Ok(table)
+    }
+
+    /// The whole file, whatever keys it holds.
+    pub fn bare(source: Source<'a>, root: &'a Spanned<DeTable<'a>>) -> Self {
+        Self { source, table: root.get_ref(), span: 0..0, path: String::new() }
     }
 
     fn only(&self, known: &[&str]) -> Result<(), FileError> {
@@ -117,6 +122,11 @@ impl<'a> Table<'a> {
         Ok(())
     }
 
+    /// The line where it begins, from 1.
+    pub fn line(&self) -> usize {
+        self.source.line(self.span.clone())
+    }
+
     /// The value of `key`, if it is there.
     pub fn get(&self, key: &str) -> Option<Entry<'a>> {
         let value = self.table.get(key)?;
@@ -127,7 +137,7 @@ impl<'a> Table<'a> {
     pub fn need(&self, key: &str) -> Result<Entry<'a>, FileError> {
         self.get(key).ok_or_else(|| FileError::Key {
             path: self.source.path.to_owned(),
-            line: self.source.line(self.span.clone()),
+            line: self.line(),
             key: join(&self.path, key),
             problem: "is missing".into(),
         })
@@ -152,6 +162,21 @@ impl<'a> Entry<'a> {
     /// A text.
     pub fn text(&self) -> Result<&'a str, FileError> {
         self.value.as_str().ok_or_else(|| self.wrong("a text"))
+    }
+
+    /// The text, where it is one; for keys that take other things too.
+    pub fn as_text(&self) -> Option<&'a str> {
+        self.value.as_str()
+    }
+
+    /// Whether it is a list; for keys that take other things too.
+    pub fn is_list(&self) -> bool {
+        self.value.as_array().is_some()
+    }
+
+    /// True or false.
+    pub fn truth(&self) -> Result<bool, FileError> {
+        self.value.as_bool().ok_or_else(|| self.wrong("true or false"))
     }
 
     /// A whole number that fits 32 bits and is not negative.

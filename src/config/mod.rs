@@ -1,10 +1,12 @@
 //! The file as written → validated settings.
 //!
-//! A `--config` file is either our own TOML ([`calibration::file`]) or a PLUS XML ([`plus`]); its content tells which.
+//! A `--config` file is our own TOML, of a calibration ([`calibration::file`]) or of a bedside ([`bedside`]), or a PLUS XML ([`plus`]); its content tells which.
 //!
+//! - [`bedside`]: devices and what becomes of what they deliver.
 //! - [`plus`]: PLUS configuration and calibration result files.
 //! - [`values`], [`look`], [`weighing`]: what flags and files can both say, read and checked once.
 
+pub mod bedside;
 pub mod look;
 pub mod plus;
 pub mod values;
@@ -13,7 +15,9 @@ mod xml_limits;
 
 use std::path::{Path, PathBuf};
 
+use calibration::arm::Arm;
 use calibration::file::{CalibrationFile, FileError};
+use calibration::keys::Source;
 use calibration::named::StaticTransform;
 use calibration::region::{ClipRect, Fan};
 use serde::Serialize;
@@ -57,6 +61,9 @@ pub struct Settings {
     pub spacing_mm: Option<[f64; 3]>,
     /// Half width at half maximum along u, v and the plane's normal, mm.
     pub hwhm_mm: Option<[f64; 3]>,
+    /// The arm that carries the probe; whoever writes settings out has its own words for it.
+    #[serde(skip)]
+    pub arm: Option<Arm>,
     /// What the user should know: sentences.
     pub notes: Vec<String>,
 }
@@ -76,21 +83,34 @@ impl Settings {
     /// [`ConfigError`] naming file, line and key or element.
     pub fn parse(path: &Path, text: &str) -> Result<Self, ConfigError> {
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-        // TOML cannot begin with '<', XML can begin with nothing else.
-        if text.trim_start().starts_with('<') {
-            return plus::parse(path, text);
+        match kind_of(path, text)? {
+            Kind::Plus => return plus::parse(path, text),
+            // Of another it is said what stands in it and should.
+            Kind::Calibration | Kind::Other => {}
+            Kind::Bedside => {
+                return Err(ConfigError::Misplaced {
+                    path: path.to_owned(),
+                    what: "a bedside's configuration, for `live`",
+                    wanted: "a calibration is wanted here: give the file that its [calibration] names; `sonoweave live --check --config` looks into this one".into(),
+                });
+            }
         }
         let file = CalibrationFile::parse(path, text)?;
-        Ok(Self {
+        Ok(Self { path: Some(path.to_owned()), ..Self::of_file(&file) })
+    }
+
+    /// What a calibration file of ours says.
+    pub fn of_file(file: &CalibrationFile) -> Self {
+        Self {
             source: SourceKind::Sonoweave,
-            path: Some(path.to_owned()),
             transforms: file.named_transforms(),
             clip: file.clip,
             fan: file.fan,
             spacing_mm: file.spacing_mm,
             hwhm_mm: file.hwhm_mm,
+            arm: file.arm,
             ..Self::default()
-        })
+        }
     }
 
     /// Puts a probe calibration given on the command line (16 numbers, row major, pixels → mm) in the place of the file's.
@@ -115,6 +135,37 @@ impl Settings {
         };
         MaskSettings { clip, fan: self.fan }
     }
+}
+
+/// What a configuration is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// Our own calibration file.
+    Calibration,
+    /// A bedside's configuration.
+    Bedside,
+    /// A PLUS configuration or calibration result.
+    Plus,
+    /// TOML that does not say what it is, or of something else.
+    Other,
+}
+
+/// Tells what a text is by its content.
+///
+/// # Errors
+/// [`ConfigError`] when it is neither XML nor TOML.
+pub fn kind_of(path: &Path, text: &str) -> Result<Kind, ConfigError> {
+    // TOML cannot begin with '<', XML can begin with nothing else.
+    if text.trim_start().starts_with('<') {
+        return Ok(Kind::Plus);
+    }
+    let parsed = Source { path, text }.parse()?;
+    let format = parsed.get_ref().get("format").and_then(|value| value.get_ref().as_str());
+    Ok(match format {
+        Some(bedside::FORMAT) => Kind::Bedside,
+        Some(calibration::file::FORMAT) => Kind::Calibration,
+        _ => Kind::Other,
+    })
 }
 
 /// N finite numbers separated by white space, commas or both.
@@ -200,6 +251,24 @@ pub enum ConfigError {
         /// The attribute's name.
         attribute: String,
         /// What is wrong.
+        problem: String,
+    },
+    /// A file of one kind in the place of another.
+    #[error("{path}: is {what}; {wanted}", path = path.display())]
+    Misplaced {
+        /// The file.
+        path: PathBuf,
+        /// What it is.
+        what: &'static str,
+        /// What should be there, and what to do.
+        wanted: String,
+    },
+    /// A device set of which no session can be made.
+    #[error("{path}: {problem}", path = path.display())]
+    DeviceSet {
+        /// The file.
+        path: PathBuf,
+        /// What is lacking, and what to do.
         problem: String,
     },
     /// XML, but of something else.

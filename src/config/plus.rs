@@ -39,13 +39,7 @@ const DEFAULT_FAN_RADIUS: f64 = 500.0;
 
 /// Reads the text of a PLUS file; `path` is for sentences.
 pub(super) fn parse(path: &Path, text: &str) -> Result<Settings, ConfigError> {
-    check_limits(path, text)?;
-    let options = ParsingOptions { allow_dtd: false, nodes_limit: 1 << 20, ..ParsingOptions::default() };
-    let document = Document::parse_with_options(text, options).map_err(|e| ConfigError::Xml {
-        path: path.to_owned(),
-        line: e.pos().row,
-        problem: e.to_string(),
-    })?;
+    let document = document(path, text)?;
     let reader = Reader { path, document: &document };
 
     let mut settings = Settings { source: SourceKind::Plus, path: Some(path.to_owned()), ..Settings::default() };
@@ -89,22 +83,35 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<Settings, ConfigError> {
     Ok(settings)
 }
 
-fn is(node: &Node<'_, '_>, name: &str) -> bool {
+/// The document within the limits.
+pub(super) fn document<'t>(path: &Path, text: &'t str) -> Result<Document<'t>, ConfigError> {
+    check_limits(path, text)?;
+    let options = ParsingOptions { allow_dtd: false, nodes_limit: 1 << 20, ..ParsingOptions::default() };
+    Document::parse_with_options(text, options).map_err(|e| ConfigError::Xml {
+        path: path.to_owned(),
+        line: e.pos().row,
+        problem: e.to_string(),
+    })
+}
+
+/// Whether a node is an element of that name.
+pub(super) fn is(node: &Node<'_, '_>, name: &str) -> bool {
     node.is_element() && node.tag_name().name() == name
 }
 
-struct Reader<'a> {
-    path: &'a Path,
-    document: &'a Document<'a>,
+/// Reads attributes and says where they stand.
+pub(super) struct Reader<'a> {
+    pub(super) path: &'a Path,
+    pub(super) document: &'a Document<'a>,
 }
 
 impl Reader<'_> {
-    fn line(&self, element: &Node<'_, '_>, attribute: &str) -> u32 {
+    pub(super) fn line(&self, element: &Node<'_, '_>, attribute: &str) -> u32 {
         let at = element.attribute_node(attribute).map_or(element.range().start, |a| a.range().start);
         self.document.text_pos_at(at).row
     }
 
-    fn error(&self, element: &Node<'_, '_>, attribute: &str, problem: impl Into<String>) -> ConfigError {
+    pub(super) fn error(&self, element: &Node<'_, '_>, attribute: &str, problem: impl Into<String>) -> ConfigError {
         ConfigError::Attribute {
             path: self.path.to_owned(),
             line: self.line(element, attribute),
@@ -119,7 +126,7 @@ impl Reader<'_> {
     }
 
     /// N finite numbers separated by white space, if the attribute is there.
-    fn numbers<const N: usize>(
+    pub(super) fn numbers<const N: usize>(
         &self,
         element: &Node<'_, '_>,
         attribute: &str,
@@ -170,7 +177,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    fn clip(&self, element: &Node<'_, '_>) -> Result<Option<ClipRect>, ConfigError> {
+    pub(super) fn clip(&self, element: &Node<'_, '_>) -> Result<Option<ClipRect>, ConfigError> {
         const SIZE: &str = "ClipRectangleSize";
         const ORIGIN: &str = "ClipRectangleOrigin";
         let whole = |name| -> Result<Option<[i64; 2]>, ConfigError> {

@@ -1,0 +1,315 @@
+//! A bedside: its devices, their calibration, and what becomes of what they deliver.
+//!
+//! The file is TOML with `format = "sonoweave-bedside"` and `version = 1`; its sections and keys are those of [`schema`], commented examples lie in `docs/examples`. A PLUS
+//! device set is a bedside, too, as far as it names devices that there are drivers for ([`Bedside::read`] takes both).
+//!
+//! - [`schema`]: every section and key, what it takes and when a change of it takes effect.
+//! - [`devices`], [`weave`], [`session`], [`rehearsal`]: the sections as typed settings.
+//! - [`change`]: what has changed from one configuration to another, and what a session that runs takes over.
+//! - [`plus`]: the devices of a PLUS device set.
+//!
+//! Reading opens no device and changes nothing. What is wrong is told with the file, the line and the key, and what may stand there.
+
+pub mod change;
+pub mod devices;
+pub mod plus;
+mod reader;
+pub mod rehearsal;
+pub mod schema;
+pub mod session;
+#[cfg(test)]
+mod tests;
+pub mod weave;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use calibration::keys::{FileError, Source, Table};
+use calibration::named::StaticTransform;
+use calibration::region::{ClipRect, Fan};
+use glam::DVec3;
+
+use super::{ConfigError, Kind, MAX_BYTES, Settings, SourceKind, kind_of};
+use crate::mask::{Clip, MaskSettings};
+use crate::phantom::named::TrajectoryName;
+use crate::phantom::{self, Scan};
+use crate::sync::PairingOptions;
+
+pub use change::{Change, Changes};
+pub use devices::{Arm, ArmKind, Grabber, Roles, Tracker, Tracking};
+pub use reader::Effective;
+use reader::Reader;
+pub use rehearsal::Rehearsal;
+pub use session::{Pairing, Record, Scanner, Status};
+pub use weave::{Picture, Volume};
+
+/// The value of `format`.
+pub const FORMAT: &str = "sonoweave-bedside";
+/// The newest version that is read.
+pub const VERSION: u32 = 1;
+
+/// A bedside as its file has it.
+#[derive(Debug, Clone)]
+pub struct Bedside {
+    /// The file.
+    pub path: PathBuf,
+    /// What kind of file it was.
+    pub kind: Kind,
+    /// Where the picture lies against the probe, and further constant transforms.
+    pub calibration: Settings,
+    /// What of the picture is data.
+    pub mask: MaskSettings,
+    /// What carries the probe.
+    pub tracking: Tracking,
+    /// The frame grabber.
+    pub grabber: Grabber,
+    /// How a frame finds its pose.
+    pub pairing: Pairing,
+    /// The ultrasound scanner.
+    pub scanner: Scanner,
+    /// What slices are woven into.
+    pub volume: Volume,
+    /// The picture that follows it.
+    pub picture: Picture,
+    /// The recording.
+    pub record: Record,
+    /// What the session tells of itself.
+    pub status: Status,
+    /// The virtual bedside, where a device is of it.
+    pub rehearsal: Option<Rehearsal>,
+    /// What holds, by dotted key, whether the file says it or not.
+    pub effective: Effective,
+    /// What the user should know: sentences.
+    pub notes: Vec<String>,
+}
+
+impl Bedside {
+    /// Reads a bedside's file or a PLUS device set.
+    ///
+    /// # Errors
+    /// [`ConfigError`] naming file, line and key or element, of this file or of the calibration file that it names.
+    pub fn read(path: &Path) -> Result<Self, ConfigError> {
+        Self::parse(path, &calibration::file::read_text(path, MAX_BYTES)?)
+    }
+
+    /// Reads a file's text; `path` is for sentences, and its folder for the files that it names.
+    ///
+    /// # Errors
+    /// [`ConfigError`], as for [`Self::read`].
+    pub fn parse(path: &Path, text: &str) -> Result<Self, ConfigError> {
+        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+        match kind_of(path, text)? {
+            Kind::Plus => plus::parse(path, text),
+            // Of another it is said what stands in it and should.
+            Kind::Bedside | Kind::Other => Self::parse_own(path, text),
+            Kind::Calibration => Err(ConfigError::Misplaced {
+                path: path.to_owned(),
+                what: "a calibration file, which names no devices",
+                wanted: format!(
+                    "a bedside's configuration is wanted here: one whose [calibration] has file = \"{}\"; `sonoweave live --example fastrak` prints one to begin with",
+                    path.file_name().map_or("…".into(), |name| name.to_string_lossy())
+                ),
+            }),
+        }
+    }
+
+    fn parse_own(path: &Path, text: &str) -> Result<Self, ConfigError> {
+        let source = Source { path, text };
+        let parsed = source.parse()?;
+        let headings = schema::SECTIONS.iter().map(|section| section.name).filter(|name| !name.contains('.'));
+        let known: Vec<&str> = ["format", "version"].into_iter().chain(headings).collect();
+        let root = Table::root(source, &parsed, &known);
+        // What is no bedside's file at all is not told of its unknown keys.
+        let format = Table::bare(source, &parsed).need("format")?;
+        if format.text()? != FORMAT {
+            return Err(format.error(format!("must be \"{FORMAT}\" for a bedside's configuration")).into());
+        }
+        let root = root?;
+        check_version(&root)?;
+        Self::of_root(path, &root)
+    }
+
+    fn of_root(path: &Path, root: &Table<'_>) -> Result<Self, ConfigError> {
+        let mut effective = Effective::new();
+        let mut notes = Vec::new();
+        let calibration_keys = Reader::new(path, Some(root), "calibration", &mut effective)?;
+        let Told { settings: told, clip, fan } = told_calibration(calibration_keys)?;
+
+        let given = |name: &str| root.get(name);
+        let tracking = match (given("tracker"), given("arm")) {
+            (Some(_), None) => {
+                Tracking::Tracker(Tracker::read(Reader::new(path, Some(root), "tracker", &mut effective)?)?)
+            }
+            (None, Some(_)) => Tracking::Arm(Arm::read(Reader::new(path, Some(root), "arm", &mut effective)?)?),
+            (Some(_), Some(arm)) => {
+                return Err(arm
+                    .error("[tracker] is there too, and one of them carries the probe; leave the other out")
+                    .into());
+            }
+            (None, None) => {
+                return Err(whole_file(
+                    path,
+                    "tracker",
+                    "neither [tracker] nor [arm] is there; one of them carries the probe",
+                ));
+            }
+        };
+        if given("grabber").is_none() {
+            return Err(whole_file(path, "grabber", "[grabber] is missing, by which the scanner's pictures come"));
+        }
+        let grabber = Grabber::read(Reader::new(path, Some(root), "grabber", &mut effective)?)?;
+
+        let rehearsal = if tracking.is_virtual() || grabber.is_virtual {
+            let usual = match tracking {
+                Tracking::Tracker(_) => TrajectoryName::Freehand,
+                Tracking::Arm(_) => TrajectoryName::Arm,
+            };
+            let (hand, inner) =
+                Rehearsal::read(Reader::new(path, Some(root), "virtual", &mut effective)?, usual, &grabber)?;
+            let line = rehearsal::of_line(Reader::new(path, inner.as_ref(), "virtual.line", &mut effective)?)?;
+            let of_grabber =
+                rehearsal::of_grabber(Reader::new(path, inner.as_ref(), "virtual.grabber", &mut effective)?)?;
+            Some(hand.with_faults(line, of_grabber))
+        } else {
+            if given("virtual").is_some() {
+                notes.push("[virtual] is of no use: no device is \"virtual\"".into());
+            }
+            None
+        };
+
+        let own = match (&rehearsal, &tracking) {
+            (Some(rehearsal), Tracking::Arm(arm)) if arm.ports.is_none() => {
+                let hand = Arc::new(phantom::Bedside::new(Scan::clone(&rehearsal.scan), 0));
+                let carried = Rehearsal::carried(hand, arm.twin_counts_per_turn());
+                let carried = carried.map_err(|unfit| whole_file(path, "virtual", &unfit.problem))?;
+                if told.is_some() {
+                    return Err(whole_file(
+                        path,
+                        "calibration",
+                        "a virtual arm has its own joints and zeros; leave file and image_to_probe out",
+                    ));
+                }
+                Some(Settings::of_file(&carried.calibration()))
+            }
+            (Some(rehearsal), _) if grabber.is_virtual => Some(of_scan(&rehearsal.scan)),
+            _ => None,
+        };
+        let Some(calibration) = told.or(own) else {
+            return Err(whole_file(
+                path,
+                "calibration",
+                "is missing: where does the picture lie against the probe? Give file = \"…\", a calibration file or a PLUS XML, or image_to_probe",
+            ));
+        };
+        notes.extend(calibration.notes.iter().cloned());
+        let mut mask = calibration.mask();
+        mask.clip = clip.unwrap_or(mask.clip);
+        mask.fan = fan.or(mask.fan);
+
+        let pairing = Pairing::read(Reader::new(path, Some(root), "pairing", &mut effective)?)?;
+        let scanner = Scanner::read(Reader::new(path, Some(root), "scanner", &mut effective)?)?;
+        let volume = Volume::read(Reader::new(path, Some(root), "volume", &mut effective)?, &calibration)?;
+        let picture = Picture::read(Reader::new(path, Some(root), "picture", &mut effective)?)?;
+        let record = Record::read(Reader::new(path, Some(root), "record", &mut effective)?)?;
+        let status = Status::read(Reader::new(path, Some(root), "status", &mut effective)?)?;
+        let (path, kind) = (path.to_owned(), Kind::Bedside);
+        Ok(Self {
+            path,
+            kind,
+            calibration,
+            mask,
+            tracking,
+            grabber,
+            pairing,
+            scanner,
+            volume,
+            picture,
+            record,
+            status,
+            rehearsal,
+            effective,
+            notes,
+        })
+    }
+
+    /// The frames' names and the constant transforms, for the way from the picture to the world.
+    pub fn pairing_options(&self) -> PairingOptions {
+        PairingOptions::new(&self.calibration, self.volume.world.as_deref())
+    }
+}
+
+/// What the section says of the calibration, and what it says instead of the calibration's own clip and fan.
+struct Told {
+    settings: Option<Settings>,
+    clip: Option<Clip>,
+    fan: Option<Fan>,
+}
+
+fn told_calibration(mut keys: Reader<'_, '_>) -> Result<Told, ConfigError> {
+    let file = keys.text_if("file")?.map(|file| keys.path_of(&file));
+    let rows = keys.value_if("image_to_probe", |entry| entry.numbers::<16>())?;
+    let clip = keys.value_if("clip_px", |entry| match entry.as_text() {
+        Some(text) => text.parse().map_err(|e: calibration::region::BadRegion| entry.error(e.to_string())),
+        None => {
+            let items = entry.items("[x, y, width, height], \"auto\" or \"none\"")?;
+            let numbers = items.iter().map(calibration::keys::Entry::whole).collect::<Result<Vec<_>, _>>()?;
+            let [x, y, width, height] = numbers[..] else {
+                return Err(entry.error(format!("must hold 4 whole numbers of pixels, not {}", numbers.len())));
+            };
+            ClipRect::new(x, y, width, height).map(Clip::Rect).map_err(|e| entry.error(e.to_string()))
+        }
+    })?;
+    let fan = keys.value_if("fan", |entry| {
+        let table = entry.table(&["origin_px", "radii_px", "angles_deg"])?;
+        let pair = |key| table.need(key)?.numbers();
+        Fan::new(pair("origin_px")?, pair("radii_px")?, pair("angles_deg")?).map_err(|e| entry.error(e.to_string()))
+    })?;
+    let settings = match (file, rows) {
+        (Some(_), Some(_)) => {
+            return Err(keys
+                .error("image_to_probe", "file is there too, which says where the picture lies; leave one of them out")
+                .into());
+        }
+        (Some(file), None) => Some(Settings::read(&file)?),
+        (None, Some(rows)) => {
+            let transform = StaticTransform::new("Image", devices::PROBE_FRAME, &rows);
+            let transform = transform.map_err(|e| keys.error("image_to_probe", e.to_string()))?;
+            Some(Settings { source: SourceKind::Sonoweave, transforms: vec![transform], ..Settings::default() })
+        }
+        (None, None) => None,
+    };
+    Ok(Told { settings, clip, fan })
+}
+
+/// The virtual bedside's own calibration.
+fn of_scan(scan: &Scan) -> Settings {
+    let layout = scan.bmode().map(|bmode| bmode.layout());
+    Settings {
+        transforms: vec![StaticTransform::image_to_probe(&scan.probe_from_image())],
+        clip: layout.and_then(|layout| layout.clip()),
+        fan: scan.settings().fan.or(layout.and_then(|layout| layout.fan())),
+        ..Settings::default()
+    }
+}
+
+fn check_version(root: &Table<'_>) -> Result<(), FileError> {
+    let version = root.need("version")?;
+    match version.whole()? {
+        VERSION => Ok(()),
+        newer if newer > VERSION => Err(version.error(format!(
+            "version {newer} is newer than this program reads ({VERSION}); use a newer sonoweave, or write what it has by version {VERSION}"
+        ))),
+        _ => Err(version.error(format!("the first version is {VERSION}"))),
+    }
+}
+
+fn whole_file(path: &Path, key: &str, problem: &str) -> ConfigError {
+    FileError::Key { path: path.to_owned(), line: 1, key: format!("[{key}]"), problem: problem.into() }.into()
+}
+
+/// How large a pixel is by the picture's calibration, mm along u and v; `None` where nothing relates the picture to the probe.
+pub fn pixel_mm(calibration: &Settings) -> Option<[f64; 2]> {
+    let image = calibration.image_frame.as_deref().unwrap_or("Image");
+    let transform = calibration.transforms.iter().find(|t| t.from == image && t.to == devices::PROBE_FRAME)?;
+    Some([DVec3::X, DVec3::Y].map(|axis| transform.affine.transform_vector3(axis).length()))
+}

@@ -1,0 +1,135 @@
+//! The virtual bedside: what its devices see, and what goes wrong with them.
+
+use std::fmt;
+use std::sync::Arc;
+
+use calibration::keys::{FileError, Table};
+use drivers::simulated::Faults;
+
+use super::devices::Grabber;
+use super::reader::Reader;
+use crate::config::Unfit;
+use crate::phantom::bedside::arm::{BedsideArm, standard_arm};
+use crate::phantom::named::{MotionOptions, SceneName, SceneOptions, TrajectoryName};
+use crate::phantom::scan::Depth;
+use crate::phantom::{self, PhantomError, Scan, ScanSettings, TrackerNoise};
+
+/// Pixels of a virtual grabber whose size is not given.
+const IMAGE_SIZE: [u32; 2] = [640, 480];
+/// Frames a second of one whose rate is not given.
+const RATE_HZ: f64 = 30.0;
+
+/// A virtual bedside.
+#[derive(Clone)]
+pub struct Rehearsal {
+    /// What is scanned, and how the hand moves.
+    pub scan: Arc<Scan>,
+    /// Frames a second of the grabber.
+    pub rate_hz: f64,
+    /// What goes wrong between the tracker or arm and the host.
+    pub line: Faults,
+    /// What goes wrong at the grabber.
+    pub grabber: Faults,
+}
+
+impl fmt::Debug for Rehearsal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // A scan's scene and beams have a hundred thousand numbers.
+        let Self { scan: _, rate_hz, line, grabber } = self;
+        let mut text = f.debug_struct("Rehearsal");
+        text.field("rate_hz", rate_hz).field("line", line).field("grabber", grabber).finish_non_exhaustive()
+    }
+}
+
+impl Rehearsal {
+    /// The arm that carries the probe of the hand, with encoders of so many counts a turn.
+    ///
+    /// # Errors
+    /// [`Unfit`] for a motion that no arm, or not this one, can follow.
+    pub fn carried(hand: Arc<phantom::Bedside>, counts_per_turn: u32) -> Result<BedsideArm, Unfit> {
+        let arm = standard_arm(counts_per_turn.into()).map_err(|e| Unfit::whole(e.to_string()))?;
+        BedsideArm::new(hand, arm).map_err(|e| Unfit::whole(e.to_string()))
+    }
+
+    /// Without its faults, which stand in sections within the given one.
+    pub(super) fn read<'a>(
+        mut keys: Reader<'a, '_>,
+        usual: TrajectoryName,
+        grabber: &Grabber,
+    ) -> Result<(ScannedHand, Option<Table<'a>>), FileError> {
+        let scene = keys.named("scene", SceneName::Doll)?;
+        let trajectory = keys.named("trajectory", usual)?;
+        let frames = keys.whole("frames", 300, 2..=100_000)?;
+        let gap = keys.number_if("gap_mm", f64::MIN_POSITIVE..=1000.0)?;
+        let pixel = keys.number_if("pixel_mm", f64::MIN_POSITIVE..=1000.0)?;
+        let noise = keys.number_if("noise_sd", 0.0..=255.0)?;
+        let seed = keys.whole("seed", 1, 0..=u32::MAX)?;
+        let shown = scene.shown(&SceneOptions::new(seed.into()));
+        let image_size = grabber.settings.size.unwrap_or(IMAGE_SIZE);
+        let rate_hz = grabber.settings.rate_hz.unwrap_or(RATE_HZ);
+        let pixel_mm = pixel.unwrap_or_else(|| shown.usual_pixel_mm(image_size));
+        let scanner = shown.scanned().map(|scanned| scanned.scanner);
+        let gap_mm = gap.unwrap_or_else(|| shown.usual_gap_mm(frames));
+        let noise_sd = noise.unwrap_or_else(|| shown.usual_noise_sd());
+        let unfit = |e: PhantomError| keys.unfit(Unfit::whole(e.to_string()), |setting| setting);
+        let scan = Scan::new(ScanSettings {
+            scene: shown.placed(image_size, pixel_mm).map_err(unfit)?,
+            motion: trajectory.motion(&MotionOptions::default()),
+            frames,
+            gap_mm,
+            image_size,
+            pixel_mm: [pixel_mm; 2],
+            noise_sd,
+            depth: Depth::U8,
+            fan: None,
+            scanner,
+            tracker_noise: TrackerNoise::default(),
+            seed: seed.into(),
+            first_ns: 0,
+            interval_ns: (1e9 / rate_hz).round() as i64,
+        });
+        let hand = ScannedHand { scan: scan.map_err(unfit)?, rate_hz, seed: seed.into() };
+        Ok((hand, keys.into_table()))
+    }
+}
+
+/// A virtual bedside on which nothing goes wrong.
+pub(super) struct ScannedHand {
+    scan: Scan,
+    rate_hz: f64,
+    seed: u64,
+}
+
+impl ScannedHand {
+    pub(super) fn with_faults(self, line: Faults, grabber: Faults) -> Rehearsal {
+        let Self { scan, rate_hz, seed } = self;
+        // Not the same accidents at both.
+        let (line, grabber) = (Faults { seed, ..line }, Faults { seed: seed.wrapping_add(1), ..grabber });
+        Rehearsal { scan: Arc::new(scan), rate_hz, line, grabber }
+    }
+}
+
+/// What goes wrong on a line.
+pub(super) fn of_line(mut keys: Reader<'_, '_>) -> Result<Faults, FileError> {
+    Ok(Faults {
+        packet_ns: keys.ms("packet_ms", 0.0, 0.0..=1000.0)?,
+        drop: keys.number("drop", 0.0, 0.0..=1.0)?,
+        noise: keys.number("noise", 0.0, 0.0..=1.0)?,
+        ..of_any(&mut keys)?
+    })
+}
+
+/// What goes wrong at a grabber.
+pub(super) fn of_grabber(mut keys: Reader<'_, '_>) -> Result<Faults, FileError> {
+    of_any(&mut keys)
+}
+
+fn of_any(keys: &mut Reader<'_, '_>) -> Result<Faults, FileError> {
+    Ok(Faults {
+        latency_ns: keys.ms("latency_ms", 0.0, 0.0..=10_000.0)?,
+        jitter_ns: keys.ms("jitter_ms", 0.0, 0.0..=10_000.0)?,
+        drift_ppm: keys.number("drift_ppm", 0.0, -10_000.0..=10_000.0)?,
+        dropout: keys.number("dropout", 0.0, 0.0..=1.0)?,
+        ..Faults::default()
+    })
+}

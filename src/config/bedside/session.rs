@@ -1,0 +1,87 @@
+//! The session: how frames find their poses, what is recorded, what is told.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+use calibration::keys::FileError;
+
+use super::reader::Reader;
+
+/// How a frame finds its pose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Pairing {
+    /// For how long a frame waits for poses around its time, ns.
+    pub wait_ns: i64,
+    /// The longest time between two poses that a pose is made between, ns.
+    pub longest_gap_ns: i64,
+}
+
+impl Pairing {
+    pub(super) fn read(mut keys: Reader<'_, '_>) -> Result<Self, FileError> {
+        Ok(Self {
+            wait_ns: keys.ms("wait_ms", 500.0, 0.0..=10_000.0)?,
+            longest_gap_ns: keys.ms("longest_gap_ms", 100.0, 1.0..=10_000.0)?,
+        })
+    }
+}
+
+/// The ultrasound scanner.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Scanner {
+    /// After how long a time of equal pictures at changing poses it counts as frozen, ns.
+    pub frozen_ns: i64,
+}
+
+impl Scanner {
+    pub(super) fn read(mut keys: Reader<'_, '_>) -> Result<Self, FileError> {
+        let frozen_s = keys.number("frozen_s", 0.5, 0.05..=60.0)?;
+        Ok(Self { frozen_ns: (frozen_s * 1e9).round() as i64 })
+    }
+}
+
+/// The recording.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Record {
+    /// Where sessions are recorded, if they are.
+    pub folder: Option<PathBuf>,
+    /// Keep the whole video frame.
+    pub full_frame: bool,
+    /// It ends before less is left on the disk, bytes.
+    pub keep_free_bytes: u64,
+}
+
+impl Record {
+    pub(super) fn read(mut keys: Reader<'_, '_>) -> Result<Self, FileError> {
+        Ok(Self {
+            folder: keys.text_if("folder")?.map(|folder| keys.path_of(&folder)),
+            full_frame: keys.truth("full_frame", false)?,
+            keep_free_bytes: u64::from(keys.whole("keep_free_mb", 1024, 0..=u32::MAX)?) * 1_000_000,
+        })
+    }
+}
+
+/// What the session tells of itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Status {
+    /// Where, on this machine only; nowhere for `None`.
+    pub listen: Option<SocketAddr>,
+}
+
+impl Status {
+    pub(super) fn read(mut keys: Reader<'_, '_>) -> Result<Self, FileError> {
+        let listen = keys.value_if("listen", |entry| {
+            let text = entry.text()?;
+            let address: SocketAddr = text.parse().map_err(|_| {
+                entry.error(format!("\"{text}\" is no address with a port; give one, such as \"127.0.0.1:9110\""))
+            })?;
+            match address.ip().is_loopback() {
+                true => Ok(address),
+                false => Err(entry.error(format!(
+                    "{} can be reached from outside, and there is no password: give 127.0.0.1 or [::1], and a tunnel to it where one is needed",
+                    address.ip()
+                ))),
+            }
+        })?;
+        Ok(Self { listen })
+    }
+}
