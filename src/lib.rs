@@ -5,6 +5,7 @@
 //! - `sharing`: loops that run alone or shared among threads, for all stages.
 //! - [`simd`]: the sixteen lanes that the hot loops run on.
 //! - [`config`]: the file as written → validated settings.
+//! - [`devices`]: a bedside's devices, opened; virtual ones as twins.
 //! - [`ingest`]: readings → samples: the one place where units, frames and clocks change.
 //! - [`sync`]: pictures and their transforms → posed slices.
 //! - [`slice`](mod@slice): a picture, when it was taken and where it lies: what the stages hand on.
@@ -24,6 +25,7 @@
 pub mod annotation;
 pub mod cli;
 pub mod config;
+pub mod devices;
 pub mod export;
 pub mod ingest;
 pub mod ledger;

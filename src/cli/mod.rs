@@ -3,6 +3,7 @@
 pub mod devices;
 pub mod input;
 pub mod inspect;
+pub mod live;
 pub mod phantom;
 pub mod reconstruct;
 pub mod render;
@@ -35,6 +36,8 @@ enum Command {
     Replay(Box<replay::Arguments>),
     /// Say what is in a sequence, volume or calibration file
     Inspect(inspect::Arguments),
+    /// Prepare a session at the bedside: check that all its devices work
+    Live(live::Arguments),
     /// Say what is plugged in, what can be opened, and why not
     Devices(devices::Arguments),
     /// Make a synthetic sweep whose truth is known
@@ -77,6 +80,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Command::Render(arguments) => render::run(arguments),
         Command::Replay(arguments) => replay::run(arguments),
         Command::Inspect(arguments) => inspect::run(arguments),
+        Command::Live(arguments) => live::run(arguments),
         Command::Devices(arguments) => devices::run(arguments),
         Command::Phantom(arguments) => phantom::run(arguments),
         Command::Twin(arguments) => twin::run(arguments),

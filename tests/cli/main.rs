@@ -4,6 +4,7 @@
 
 mod devices;
 mod inspect;
+mod live;
 mod modes;
 mod paths;
 mod phantom;

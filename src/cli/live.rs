@@ -1,0 +1,91 @@
+//! `sonoweave live`: what a bedside's configuration may hold, and whether all that it names works.
+
+mod check;
+mod device;
+mod keys;
+
+use std::io::Write as _;
+use std::path::PathBuf;
+
+use clap::{ArgGroup, Args, ValueEnum};
+
+use super::Failure;
+use crate::config::bedside::Bedside;
+
+/// Flags of `live`.
+#[derive(Debug, Args)]
+#[command(group(ArgGroup::new("modes").required(true)), after_help = "\
+So far a session is prepared and not yet run: one of --check, --keys and --example is to be given. A check opens every device at once, waits at most 5 s for each to \
+run, listens to it for a moment and says what it found, what is wrong and what to do; nothing is recorded. The exit code is 0 only if all is well. Virtual devices are \
+played by the program itself.
+
+Examples: sonoweave live --example virtual > bedside.toml
+          sonoweave live --config bedside.toml --check
+          sonoweave live --keys")]
+pub struct Arguments {
+    /// The bedside: our TOML, or a PLUS device set whose devices there are drivers for
+    #[arg(short, long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Open every device of the configuration, and say what was found
+    #[arg(long, group = "modes", requires = "config")]
+    check: bool,
+    /// As JSON, for programs
+    #[arg(long, requires = "check")]
+    json: bool,
+    /// Print every key that a configuration may have, what it takes, and when a change of it takes effect
+    #[arg(long, group = "modes", conflicts_with = "config")]
+    keys: bool,
+    /// Print a commented configuration to begin with
+    #[arg(long, group = "modes", value_enum, value_name = "NAME", conflicts_with = "config")]
+    example: Option<Example>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Example {
+    /// An arm that speaks EA1, and a frame grabber
+    Arm,
+    /// The calibration that goes with it: joints and probe
+    ArmProbe,
+    /// A FASTRAK on a serial line, and a frame grabber; shows most keys
+    Fastrak,
+    /// A LIBERTY on USB, and an HDMI grabber
+    Liberty,
+    /// The calibration that goes with both
+    Probe,
+    /// No hardware at all
+    Virtual,
+}
+
+impl Example {
+    fn text(self) -> &'static str {
+        match self {
+            Self::Arm => include_str!("../../docs/examples/arm-grabber.toml"),
+            Self::ArmProbe => include_str!("../../docs/examples/arm-probe.toml"),
+            Self::Fastrak => include_str!("../../docs/examples/fastrak-grabber.toml"),
+            Self::Liberty => include_str!("../../docs/examples/liberty-usb-grabber.toml"),
+            Self::Probe => include_str!("../../docs/examples/probe.toml"),
+            Self::Virtual => include_str!("../../docs/examples/virtual.toml"),
+        }
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// [`Failure`] when the configuration cannot be used, or something of it is not well.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let mut out = std::io::stdout().lock();
+    if let Some(example) = arguments.example {
+        return Ok(out.write_all(example.text().as_bytes())?);
+    }
+    if arguments.keys {
+        return Ok(out.write_all(keys::text().as_bytes())?);
+    }
+    let Some(path) = &arguments.config else { return Err(Failure("--config: is missing".into())) };
+    let bedside = Bedside::read(path)?;
+    let report = check::check(&bedside)?;
+    let said = if arguments.json { serde_json::to_string_pretty(&report)? + "\n" } else { report.text() };
+    out.write_all(said.as_bytes())?;
+    out.flush()?;
+    report.verdict().map_or(Ok(()), |sentence| Err(Failure(sentence)))
+}

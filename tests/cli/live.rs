@@ -1,0 +1,177 @@
+//! `live`: a bedside's configuration is read, its devices tried out, and what is wrong is said with what to do.
+
+use serde_json::Value;
+
+use super::place::{Place, Run};
+
+/// A small virtual bedside, quickly painted.
+const SMALL: &str = "format = \"sonoweave-bedside\"\nversion = 1\n[tracker]\nmodel = \"fastrak\"\nport = \"virtual\"\nreference_station = 2\n[grabber]\ndevice = \"virtual\"\nsize = \"96x80\"\n";
+
+fn check(place: &Place, name: &str) -> (Run, Value) {
+    let run = place.run(&format!("live --config {name} --check --json"));
+    let report = serde_json::from_str(&run.stdout).unwrap_or_else(|e| panic!("{e}: {} {}", run.stdout, run.stderr));
+    (run, report)
+}
+
+/// What was found of one thing.
+fn of<'r>(report: &'r Value, what: &str) -> &'r Value {
+    report["checks"].as_array().unwrap().iter().find(|checked| checked["what"] == what).unwrap()
+}
+
+fn sentences(checked: &Value, key: &str) -> String {
+    checked[key].as_array().unwrap().iter().map(|s| s.as_str().unwrap()).collect::<Vec<_>>().join("\n")
+}
+
+#[test]
+fn the_virtual_example_is_well_and_says_what_it_found() {
+    let place = Place::new();
+    place.put("bedside.toml", place.does("live --example virtual"));
+    let (run, report) = check(&place, "bedside.toml");
+    assert_eq!((run.code, &report["well"]), (0, &Value::Bool(true)), "{} {}", run.stdout, run.stderr);
+    let tracker = of(&report, "tracker");
+    let says = sentences(tracker, "says");
+    assert!(says.starts_with("FASTRAK on /dev/pts/") && says.contains(", a virtual one; runs after"), "{says}");
+    assert!(says.contains("probe      station 1 at ") && says.contains("reference  station 2 at "), "{says}");
+    assert!(says.contains("of latency as configured"), "{says}");
+    assert!(tracker["numbers"]["streams"]["1"]["seen_hz"].as_f64().unwrap() > 20.0, "{tracker}");
+    let grabber = of(&report, "grabber");
+    assert_eq!(grabber["numbers"]["picture_size"], serde_json::json!([640, 480]));
+    assert_eq!(grabber["numbers"]["latency_ms"], 40.0);
+    let calibration = sentences(of(&report, "calibration"), "says");
+    assert!(calibration.contains("Image → Probe → Tracker → Reference"), "{calibration}");
+    assert!(calibration.contains("pixels are data in a sector"), "{calibration}");
+}
+
+#[test]
+fn every_model_of_tracker_has_a_twin_that_is_well() {
+    let place = Place::new();
+    for model in ["isotrak", "liberty", "patriot", "viper"] {
+        place.put("b.toml", SMALL.replace("fastrak", model));
+        let said = place.does("live --config b.toml --check");
+        let head = format!("b.toml\n✓ tracker     {} on /dev/pts/", model.to_uppercase());
+        assert!(said.starts_with(&head) || said.starts_with(&head.replace('✓', "!")), "{said}");
+        assert!(said.contains("probe      station 1 at ") && said.contains("reference  station 2 at "), "{said}");
+        assert!(
+            said.contains("grabber     a virtual grabber")
+                && (said.ends_with("all is well\n") || said.ends_with("marked with !\n")),
+            "{said}"
+        );
+    }
+}
+
+#[test]
+fn virtual_arms_are_there_and_bring_their_own_joints() {
+    let place = Place::new();
+    let device = "[tracker]\nmodel = \"fastrak\"\nport = \"virtual\"\nreference_station = 2\n";
+    for kind in ["ea1", "qsb", "microscribe"] {
+        place.put("b.toml", SMALL.replace(device, &format!("[arm]\nkind = \"{kind}\"\nport = \"virtual\"\n")));
+        let (run, report) = check(&place, "b.toml");
+        assert_eq!(run.code, 0, "{kind}: {} {}", run.stdout, run.stderr);
+        let says = sentences(of(&report, "arm"), "says");
+        assert!(says.contains(", a virtual one; runs after") && says.contains("counts "), "{says}");
+        let calibration = sentences(of(&report, "calibration"), "says");
+        assert!(calibration.starts_with("Image → Probe → Tracker\n"), "{calibration}");
+        assert!(calibration.contains("revolute, link of 250 mm"), "{calibration}");
+    }
+}
+
+#[test]
+fn what_is_wrong_is_said_with_what_to_do_and_the_exit_code() {
+    let place = Place::new();
+    let away = SMALL
+        .replace("port = \"virtual\"", "port = \"/dev/nothing\"")
+        .replace("device = \"virtual\"", "device = \"/dev/video99\"");
+    let calibration = "[calibration]\nimage_to_probe = [0.2, 0.0, 0.0, 0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 0.0, 1.0]\n";
+    place.put("away.toml", format!("{away}{calibration}"));
+    let begun = std::time::Instant::now();
+    let (run, report) = check(&place, "away.toml");
+    let seconds = begun.elapsed().as_secs_f64();
+    assert!(seconds < 12.0, "all devices at once, each for 5 s: {seconds}");
+    assert_eq!(run.code, 1);
+    assert!(run.stderr.contains("away.toml: not well: tracker, grabber"), "{}", run.stderr);
+    for (what, device) in [("tracker", "/dev/nothing"), ("grabber", "/dev/video99")] {
+        let wrong = sentences(of(&report, what), "wrong");
+        assert!(wrong.starts_with("absent after 5 s: ") && wrong.contains("plug it in"), "{wrong}");
+        assert!(sentences(of(&report, what), "says").contains(device));
+    }
+    assert_eq!(of(&report, "calibration")["well"], true);
+
+    // A sensor that is not there, a rectangle of another picture, a world that cannot be reached, a folder that is none, a port that is taken.
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = taken.local_addr().unwrap().port();
+    let broken = format!(
+        "{SMALL}[calibration]\nimage_to_probe = [0.2, 0.0, 0.0, 0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 0.0, 1.0]\nclip_px = [10, 10, 400, 50]\n\
+         [volume]\nworld = \"Room\"\n[record]\nfolder = \"none\"\n[status]\nlisten = \"127.0.0.1:{port}\"\n[virtual.grabber]\ndropout = 0.8\n"
+    );
+    place.put("broken.toml", broken);
+    let (run, report) = check(&place, "broken.toml");
+    assert_eq!(run.code, 1);
+    for (what, says) in [
+        (
+            "calibration",
+            "no way leads from Image to Room: the devices deliver ProbeToTracker, ReferenceToTracker, the calibration has ImageToProbe",
+        ),
+        ("calibration", "the rectangle of 400×50 pixels from 10, 10 reaches beyond the picture of 96×80"),
+        ("recording", "no file can be written there"),
+        ("status", "cannot be listened at"),
+    ] {
+        let wrong = sentences(of(&report, what), "wrong");
+        assert!(wrong.contains(says), "{what}: {wrong}");
+    }
+    assert_eq!(of(&report, "tracker")["well"], true, "{report}");
+    let doubts = sentences(of(&report, "grabber"), "doubts");
+    assert!(doubts.contains("of 30.0 a second, as it is set to, only "), "{doubts}");
+}
+
+#[test]
+fn an_arm_wants_joints() {
+    let place = Place::new();
+    let text =
+        place.does("live --example arm").replace("/dev/video0", "virtual").replace("/dev/ttyACM0", "/dev/nothing");
+    place.put(
+        "arm.toml",
+        text.replace("\n[grabber]", "\n[virtual]\nscene = \"blobs\"\n\n[grabber]\nsize = \"640x480\""),
+    );
+    let probe = place.does("live --example arm-probe");
+    place.put("arm-probe.toml", &probe);
+    let (run, report) = check(&place, "arm.toml");
+    assert_eq!(run.code, 1, "the arm is not there");
+    let calibration = of(&report, "calibration");
+    assert_eq!(calibration["well"], true, "{calibration}");
+    assert!(
+        sentences(calibration, "says").contains("revolute, link of 220 mm, 40000 counts a turn backwards"),
+        "{calibration}"
+    );
+    let (before, _) = probe.split_once("[[arm.joint]]").unwrap();
+    place.put("arm-probe.toml", before);
+    let (_, report) = check(&place, "arm.toml");
+    assert!(sentences(of(&report, "calibration"), "wrong").contains("it holds no joints"), "{report}");
+}
+
+#[test]
+fn files_that_are_no_bedside_are_refused_and_so_is_a_bedside_where_a_calibration_is_wanted() {
+    let place = Place::new();
+    place.put("probe.toml", place.does("live --example probe"));
+    place.refuses("live --config probe.toml --check", &["probe.toml: is a calibration file", "file = \"probe.toml\""]);
+    place.put("b.toml", SMALL);
+    place.refuses(
+        "inspect b.toml",
+        &["b.toml: is a bedside's configuration, for `live`", "a calibration is wanted here"],
+    );
+    place.put("b.toml", SMALL.replace("model", "modell"));
+    place.refuses(
+        "live --config b.toml --check",
+        &["b.toml: tracker.modell (line 4): unknown key; did you mean model?"],
+    );
+    let plus = "<PlusConfiguration><DataCollection><Device Id=\"V\" Type=\"SavedDataSource\"/></DataCollection><CoordinateDefinitions/></PlusConfiguration>";
+    place.put("set.xml", plus);
+    place.refuses(
+        "live --config set.xml --check",
+        &["set.xml: the device set lacks a tracker and a frame grabber", "V (SavedDataSource)"],
+    );
+    assert_eq!(place.run("live").code, 2);
+    assert_eq!(place.run("live --check").code, 2);
+    assert_eq!(place.run("live --config b.toml").code, 2);
+    let keys = place.does("live --keys");
+    assert!(keys.contains("\n[tracker]\n") && keys.contains("\n  latency_ms = -1000 to 1000 *\n"), "{keys}");
+}
