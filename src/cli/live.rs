@@ -3,6 +3,7 @@
 mod check;
 mod device;
 mod keys;
+mod session;
 
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -14,14 +15,17 @@ use crate::config::bedside::Bedside;
 
 /// Flags of `live`.
 #[derive(Debug, Args)]
-#[command(group(ArgGroup::new("modes").required(true)), after_help = "\
-So far a session is prepared and not yet run: one of --check, --keys and --example is to be given. A check opens every device at once, waits at most 5 s for each to \
+#[command(
+    group(ArgGroup::new("modes")),
+    after_help = "\
+With --config alone a session is run until it is told to end, by Ctrl-C, SIGTERM or --duration; what it leaves is written then. A check opens every device at once, waits at most 5 s for each to \
 run, listens to it for a moment and says what it found, what is wrong and what to do; nothing is recorded. The exit code is 0 only if all is well. Virtual devices are \
 played by the program itself.
 
 Examples: sonoweave live --example virtual > bedside.toml
           sonoweave live --config bedside.toml --check
-          sonoweave live --keys")]
+          sonoweave live --keys"
+)]
 pub struct Arguments {
     /// The bedside: our TOML, or a PLUS device set whose devices there are drivers for
     #[arg(short, long, value_name = "FILE")]
@@ -38,6 +42,8 @@ pub struct Arguments {
     /// Print a commented configuration to begin with
     #[arg(long, group = "modes", value_enum, value_name = "NAME", conflicts_with = "config")]
     example: Option<Example>,
+    #[command(flatten, next_help_heading = "Session")]
+    outputs: session::Outputs,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -81,8 +87,17 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if arguments.keys {
         return Ok(out.write_all(keys::text().as_bytes())?);
     }
-    let Some(path) = &arguments.config else { return Err(Failure("--config: is missing".into())) };
+    let Some(path) = &arguments.config else {
+        return Err(Failure(
+            "--config: is missing: which bedside? `sonoweave live --example virtual` prints one that needs no hardware"
+                .into(),
+        ));
+    };
     let bedside = Bedside::read(path)?;
+    if !arguments.check {
+        drop(out);
+        return session::session(&bedside, &arguments.outputs);
+    }
     let report = check::check(&bedside)?;
     let said = if arguments.json { serde_json::to_string_pretty(&report)? + "\n" } else { report.text() };
     out.write_all(said.as_bytes())?;

@@ -3,10 +3,13 @@
 use std::io::Write;
 use std::path::Path;
 
+use calibration::frames::{Transform, Volume, World};
 use drivers::reading::PixelType;
 use drivers::recording::metaimage::VolumeHeader;
 use drivers::recording::metaimage::write::VolumeWriter;
+use glam::DVec3;
 
+use crate::reconstruct::Settings;
 use crate::volume::sparse::SEEN;
 use crate::volume::{Grid, Voxels};
 
@@ -95,6 +98,28 @@ pub struct DenseBox {
     pub first: [i64; 3],
     /// The same box in the world.
     pub grid: Grid,
+}
+
+impl DenseBox {
+    /// So many voxels from one on, of a volume that was woven with these settings.
+    pub fn new(
+        first: [i64; 3],
+        size: [u64; 3],
+        world_from_lattice: Transform<World, Volume>,
+        settings: &Settings,
+    ) -> Self {
+        let origin = world_from_lattice.point(DVec3::from_array(first.map(|x| x as f64)));
+        Self { first, grid: Grid { origin, spacing: settings.spacing_mm, direction: settings.lattice_direction, size } }
+    }
+
+    /// The smallest that holds all voxels that were seen, by the indices of the first and the last of them.
+    pub fn around(
+        [low, high]: [[i64; 3]; 2],
+        world_from_lattice: Transform<World, Volume>,
+        settings: &Settings,
+    ) -> Self {
+        Self::new(low, [0, 1, 2].map(|a| (high[a] - low[a] + 1) as u64), world_from_lattice, settings)
+    }
 }
 
 /// Why a volume cannot be written.

@@ -44,7 +44,11 @@ pub(super) trait Fates {
 enum Masking {
     /// Not even the picture's size is.
     Unknown(MaskSettings),
-    Searching { search: AutoMask, waiting: Vec<(u64, Slice)>, bytes: usize },
+    Searching {
+        search: AutoMask,
+        waiting: Vec<(u64, Slice)>,
+        bytes: usize,
+    },
     Known(Box<Weaver>),
 }
 

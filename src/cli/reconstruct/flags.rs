@@ -16,7 +16,6 @@ use crate::path::PathChoice;
 use crate::pipeline::{Job, Outcome, PixelKind};
 use crate::reconstruct::planar::{OnDeparture, PlanarSettings};
 use crate::reconstruct::{Settings, Simd};
-use crate::volume::Grid;
 
 /// Voxel spacing when neither the command line nor the configuration has one, mm.
 const SPACING_MM: f64 = 0.5;
@@ -270,14 +269,12 @@ impl Flags {
                 "no voxel was seen: the slices' kernel fell between the voxels; choose a finer --spacing".into(),
             ));
         };
-        let (first, size) = match (self.origin, self.size) {
+        let world = reconstructor.world_from_lattice();
+        Ok(match (self.origin, self.size) {
             // The lattice begins at the origin that was given.
-            (Some(_), Some(size)) => ([0; 3], size),
-            (None, Some(size)) => (low, size),
-            (_, None) => (low, [0, 1, 2].map(|a| (high[a] - low[a] + 1) as u64)),
-        };
-        let origin = reconstructor.world_from_lattice().point(DVec3::from_array(first.map(|x| x as f64)));
-        let grid = Grid { origin, spacing: settings.spacing_mm, direction: settings.lattice_direction, size };
-        Ok(DenseBox { first, grid })
+            (Some(_), Some(size)) => DenseBox::new([0; 3], size, world, settings),
+            (None, Some(size)) => DenseBox::new(low, size, world, settings),
+            (_, None) => DenseBox::around([low, high], world, settings),
+        })
     }
 }

@@ -49,8 +49,7 @@ impl News {
         let begun = *self.begun.get_or_insert_with(|| {
             let Slice { image, time_ns, world_from_image } = woven.slice;
             let size = [image.width(), image.height()];
-            let first =
-                FramePose { item: woven.item, time_ns: *time_ns, size, world_from_image: *world_from_image };
+            let first = FramePose { item: woven.item, time_ns: *time_ns, size, world_from_image: *world_from_image };
             Begun {
                 lattice: canonical(woven.weaver.world_from_lattice()),
                 slice_axes: mean_axes(&[first]),

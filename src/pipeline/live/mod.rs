@@ -155,10 +155,8 @@ pub fn run(
         }
         let grabs = matches!(gives, Gives::Pictures);
         of_recorder.push((name.clone(), speech, grabs));
-        let own = frames.iter().map(|[from, to]| Source {
-            longest_gap_ns: session.longest_gap_ns,
-            ..Source::new(from, to)
-        });
+        let own =
+            frames.iter().map(|[from, to]| Source { longest_gap_ns: session.longest_gap_ns, ..Source::new(from, to) });
         let first = sources.len();
         sources.extend(own);
         parts.push(Part {
@@ -241,7 +239,9 @@ pub fn run(
             .collect();
         drop(deliver);
         // A device that ends by itself leaves the others; when none is left, or nothing can be woven, the session is over.
-        while !ends.load(Ordering::Relaxed) && !captures.iter().all(ScopedJoinHandle::is_finished) && !weave.is_finished()
+        while !ends.load(Ordering::Relaxed)
+            && !captures.iter().all(ScopedJoinHandle::is_finished)
+            && !weave.is_finished()
         {
             std::thread::sleep(TURN);
             watch(&board.snapshot());

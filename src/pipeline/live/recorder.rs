@@ -36,9 +36,20 @@ pub(super) enum Decision<'a> {
 
 /// What is written.
 enum Entry {
-    Reading { source: usize, reading: Reading, at_ns: i64 },
-    Description { source: usize, description: Box<Description> },
-    Note { kind: &'static str, json: String, at_ns: i64 },
+    Reading {
+        source: usize,
+        reading: Reading,
+        at_ns: i64,
+    },
+    Description {
+        source: usize,
+        description: Box<Description>,
+    },
+    Note {
+        kind: &'static str,
+        json: String,
+        at_ns: i64,
+    },
     /// Nothing follows.
     End,
 }

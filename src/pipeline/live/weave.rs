@@ -2,7 +2,6 @@
 
 use std::collections::VecDeque;
 
-use crossbeam_channel::Receiver;
 use super::fabric::{Fabric, News, Shared};
 use super::pairing::Common;
 use super::recorder::Decision;
@@ -10,6 +9,7 @@ use crate::pipeline::loom::Fates;
 use crate::pipeline::{PipelineError, Woven};
 use crate::refusal::{Reason, Refusal};
 use crate::slice::Slice;
+use crossbeam_channel::Receiver;
 
 /// A slice, and when what it is made of was here.
 pub(super) struct Posed {
