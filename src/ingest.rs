@@ -14,6 +14,7 @@ pub mod live;
 use std::sync::Arc;
 
 use drivers::Reading;
+use calibration::region::ClipRect;
 use drivers::reading::{Frame, NamedTransform, PixelType, Stamp, Status};
 
 use crate::refusal::{Reason, Refusal};
@@ -235,6 +236,22 @@ impl Orientation {
         }
         pixels
     }
+}
+
+/// Where a rectangle of the MF picture lies in frames as they are stored, first and second axis: of this size and with this code of orientation (MF where there is none).
+/// `rect` is asked with the size of the MF picture, and must lie in it. `None` for a code that is none.
+pub fn stored_rect(size: [u32; 2], code: &str, rect: impl FnOnce([u32; 2]) -> ClipRect) -> Option<ClipRect> {
+    let code = code.trim();
+    let orientation = if code.is_empty() { Orientation::MF } else { Orientation::from_code(code)? };
+    let Orientation { transposed, flip_u, flip_v } = orientation;
+    let [width, height] = if transposed { [size[1], size[0]] } else { size };
+    let ClipRect { x, y, width: of_u, height: of_v } = rect([width, height]);
+    let lateral = if flip_u { width.saturating_sub(x + of_u) } else { x };
+    let depth = if flip_v { height.saturating_sub(y + of_v) } else { y };
+    Some(match transposed {
+        true => ClipRect { x: depth, y: lateral, width: of_v, height: of_u },
+        false => ClipRect { x: lateral, y: depth, width: of_u, height: of_v },
+    })
 }
 
 /// The nearest whole nanosecond; `None` when it does not fit.

@@ -2,12 +2,11 @@
 
 use std::process::ExitCode;
 
-use clap::Parser;
 use sonoweave::cli;
 
 #[allow(clippy::print_stderr, reason = "the one place where a command's failure is said")]
 fn main() -> ExitCode {
-    match cli::run(&cli::Arguments::parse()) {
+    match cli::run(&cli::Arguments::of_process()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(cli::Failure(sentence)) => {
             eprintln!("sonoweave: {sentence}");

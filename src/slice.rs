@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use calibration::frames::{Image as ImageFrame, Transform, World};
+use calibration::region::ClipRect;
 
 /// A grey picture in MF orientation: u right, v down, u fastest; pixel (0, 0) is the first, its position is its centre.
 #[derive(Debug, Clone)]
@@ -83,6 +84,28 @@ impl Image {
     /// The grey values, u fastest.
     pub fn pixels(&self) -> &Pixels {
         &self.pixels
+    }
+
+    /// Whether both have the same size, type and bits within a rectangle; what of it lies outside is not compared.
+    pub fn same_within(&self, other: &Self, rect: ClipRect) -> bool {
+        if [self.width, self.height] != [other.width, other.height] {
+            return false;
+        }
+        if rect.covers(self.width, self.height) {
+            return self.pixels.same_bits(&other.pixels);
+        }
+        let width = self.width as usize;
+        let end = |at: u32, length: u32, most: u32| at.saturating_add(length).min(most) as usize;
+        let columns = (rect.x as usize).min(width)..end(rect.x, rect.width, self.width);
+        let rows = rect.y as usize..end(rect.y, rect.height, self.height);
+        rows.map(|v| v * width + columns.start..v * width + columns.end).all(|row| match (&self.pixels, &other.pixels) {
+            (Pixels::U8(a), Pixels::U8(b)) => a[row.clone()] == b[row],
+            (Pixels::U16(a), Pixels::U16(b)) => a[row.clone()] == b[row],
+            (Pixels::F32(a), Pixels::F32(b)) => {
+                a[row.clone()].iter().map(|x| x.to_bits()).eq(b[row].iter().map(|x| x.to_bits()))
+            }
+            _ => false,
+        })
     }
 }
 

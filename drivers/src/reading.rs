@@ -23,6 +23,18 @@ pub enum Reading {
 
 impl Reading {
     /// When.
+    pub fn stamp(&self) -> &Stamp {
+        match self {
+            Self::Frame(Frame { stamp, .. })
+            | Self::Counts(Counts { stamp, .. })
+            | Self::Pose(Pose { stamp, .. })
+            | Self::NamedTransform(NamedTransform { stamp, .. })
+            | Self::Recorded(Recorded { stamp, .. })
+            | Self::Raw(Raw { stamp, .. }) => stamp,
+        }
+    }
+
+    /// When, to be changed.
     pub fn stamp_mut(&mut self) -> &mut Stamp {
         match self {
             Self::Frame(Frame { stamp, .. })

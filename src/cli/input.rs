@@ -11,6 +11,9 @@ use sha2::{Digest, Sha256};
 
 use super::Failure;
 
+/// What a session's file begins with.
+const SESSION: &[u8] = b"\x89MCAP";
+
 /// SHA-256 of a file, as `sha256sum` prints it.
 ///
 /// # Errors
@@ -32,6 +35,17 @@ pub fn hash(path: &Path) -> Result<String, Failure> {
         let _ = write!(text, "{byte:02x}");
     }
     Ok(text)
+}
+
+/// Whether a file is a recorded session: by its first bytes, or by its name where the beginning may be damaged.
+///
+/// # Errors
+/// [`Failure`] when the file cannot be read.
+pub fn is_session(path: &Path) -> Result<bool, Failure> {
+    let failed = |e: std::io::Error| Failure(format!("{}: reading failed: {e}", path.display()));
+    let mut head = Vec::new();
+    File::open(path).map_err(failed)?.take(SESSION.len() as u64).read_to_end(&mut head).map_err(failed)?;
+    Ok(head == SESSION || path.extension().is_some_and(|extension| extension == "mcap"))
 }
 
 /// A file can be written there: said before the work, not after it.

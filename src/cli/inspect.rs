@@ -15,7 +15,7 @@ use drivers::recording::Limits;
 use drivers::recording::metaimage::{Content, content};
 use serde::Serialize;
 
-use super::Failure;
+use super::{Failure, input};
 use configuration::ConfigurationReport;
 use sequence::SequenceReport;
 use session::SessionReport;
@@ -142,8 +142,7 @@ fn kind(path: &Path) -> Result<Kind, Failure> {
     }
     let mut head = Vec::new();
     File::open(path).map_err(failed)?.take(HEAD_BYTES).read_to_end(&mut head).map_err(failed)?;
-    // A session whose beginning is damaged is told by its name.
-    if head.starts_with(b"\x89MCAP") || path.extension().is_some_and(|extension| extension == "mcap") {
+    if input::is_session(path)? {
         return Ok(Kind::Session);
     }
     let text = String::from_utf8_lossy(&head);

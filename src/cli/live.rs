@@ -3,7 +3,11 @@
 mod check;
 mod device;
 mod keys;
-mod session;
+pub(in crate::cli) mod outputs;
+mod reload;
+pub(in crate::cli) mod resume;
+pub(in crate::cli) mod session;
+pub(in crate::cli) mod stages;
 
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -17,6 +21,7 @@ use crate::config::bedside::Bedside;
 #[derive(Debug, Args)]
 #[command(
     group(ArgGroup::new("modes")),
+    group(ArgGroup::new("of_a_session").multiple(true).requires("config").args(["record", "duration", "resume", "quiet", "volume", "weights", "picture", "stats"])),
     after_help = "\
 With --config alone a session is run until it is told to end, by Ctrl-C, SIGTERM or --duration; what it leaves is written then. A check opens every device at once, waits at most 5 s for each to \
 run, listens to it for a moment and says what it found, what is wrong and what to do; nothing is recorded. The exit code is 0 only if all is well. Virtual devices are \
@@ -43,7 +48,9 @@ pub struct Arguments {
     #[arg(long, group = "modes", value_enum, value_name = "NAME", conflicts_with = "config")]
     example: Option<Example>,
     #[command(flatten, next_help_heading = "Session")]
-    outputs: session::Outputs,
+    conduct: session::Conduct,
+    #[command(flatten, next_help_heading = "What it leaves")]
+    outputs: outputs::Outputs,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -96,7 +103,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let bedside = Bedside::read(path)?;
     if !arguments.check {
         drop(out);
-        return session::session(&bedside, &arguments.outputs);
+        return session::session(&bedside, &arguments.conduct, &arguments.outputs).map(drop);
     }
     let report = check::check(&bedside)?;
     let said = if arguments.json { serde_json::to_string_pretty(&report)? + "\n" } else { report.text() };

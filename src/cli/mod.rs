@@ -1,5 +1,6 @@
 //! The command line: one file a subcommand, with its flags, help and tests.
 
+pub mod demo;
 pub mod devices;
 pub mod input;
 pub mod inspect;
@@ -10,7 +11,8 @@ pub mod render;
 pub mod replay;
 pub mod twin;
 
-use clap::{Parser, Subcommand};
+use clap::parser::ValueSource;
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::config::Unfit;
 pub use crate::config::values;
@@ -24,6 +26,22 @@ pub struct Arguments {
     /// What to log to stderr: error, warn, info, debug, or a tracing filter
     #[arg(long, global = true, value_name = "FILTER", default_value = "warn")]
     log: String,
+    /// Flags of the subcommand that are there, by their names.
+    #[arg(skip)]
+    given: Vec<String>,
+}
+
+impl Arguments {
+    /// The process's own; what cannot be parsed ends it, with a sentence.
+    pub fn of_process() -> Self {
+        let matches = Self::command().get_matches();
+        let mut arguments = Self::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+        if let Some((_, own)) = matches.subcommand() {
+            let is_there = |id: &&str| own.value_source(id) == Some(ValueSource::CommandLine);
+            arguments.given = own.ids().map(clap::Id::as_str).filter(is_there).map(str::to_owned).collect();
+        }
+        arguments
+    }
 }
 
 #[derive(Debug, Subcommand)]
@@ -32,12 +50,14 @@ enum Command {
     Reconstruct(Box<reconstruct::Arguments>),
     /// Render a volume
     Render(Box<render::Arguments>),
-    /// Weave a recorded sweep while a picture follows, slice by slice
+    /// Run a recorded session again, or weave a recorded sweep while a picture follows
     Replay(Box<replay::Arguments>),
     /// Say what is in a sequence, volume or calibration file
     Inspect(inspect::Arguments),
-    /// Prepare a session at the bedside: check that all its devices work
-    Live(live::Arguments),
+    /// Run a session at the bedside: devices to a volume and its picture, recorded
+    Live(Box<live::Arguments>),
+    /// Run a session on a virtual bedside, which needs no hardware
+    Demo(demo::Arguments),
     /// Say what is plugged in, what can be opened, and why not
     Devices(devices::Arguments),
     /// Make a synthetic sweep whose truth is known
@@ -78,9 +98,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     match &arguments.command {
         Command::Reconstruct(arguments) => reconstruct::run(arguments),
         Command::Render(arguments) => render::run(arguments),
-        Command::Replay(arguments) => replay::run(arguments),
+        Command::Replay(of_replay) => replay::run(of_replay, &arguments.given),
         Command::Inspect(arguments) => inspect::run(arguments),
         Command::Live(arguments) => live::run(arguments),
+        Command::Demo(arguments) => demo::run(arguments),
         Command::Devices(arguments) => devices::run(arguments),
         Command::Phantom(arguments) => phantom::run(arguments),
         Command::Twin(arguments) => twin::run(arguments),
@@ -90,7 +111,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::CommandFactory;
 
     #[test]
     fn the_definitions_are_consistent_and_every_command_explains_itself() {

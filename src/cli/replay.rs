@@ -2,11 +2,15 @@
 
 mod following;
 mod planes;
+mod session;
 
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
+use drivers::OpenSettings;
+use drivers::recording::Pace;
 
+use super::live::outputs::Outputs;
 use super::reconstruct::flags::Flags;
 use super::reconstruct::outputs::Request;
 use super::render::check_png;
@@ -21,19 +25,28 @@ use planes::{Planes, Source};
 /// Flags of `replay`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-All flags of `reconstruct` and of `render` apply; --window says which grey levels are black and white in both the picture and a written volume, and \
+A session is woven and drawn as when it was live, by the configuration that it holds: every reading at its turn, every decision made anew. What comes out is held against \
+what the session says came out then, bit by bit; the exit code is 1 where they differ, and the first sample that does is named. With --config another bedside's settings are \
+tried, of which there is nothing to compare.
+
+To a sequence all flags of `reconstruct` and of `render` apply; --window says which grey levels are black and white in both the picture and a written volume, and \
 --weights writes.
 
-Example: sonoweave replay sweep.igs.mha --config PlusConfiguration.xml --picture last.png --stats replay.json")]
+Examples: sonoweave replay SESSION-20261121-213000.mcap -o volume.mha --picture last.png
+          sonoweave replay sweep.igs.mha --config PlusConfiguration.xml --picture last.png --stats replay.json")]
 pub struct Arguments {
-    /// The recorded sweep: a tracked sequence (.igs.mha, .mha)
+    /// The recorded session (.mcap), or a recorded sweep: a tracked sequence (.igs.mha, .mha)
+    #[arg(value_name = "SESSION|SEQUENCE")]
     sequence: PathBuf,
     /// Where to write the volume (.mha) [default: nowhere]
     #[arg(short, long, value_name = "VOL.mha")]
     output: Option<PathBuf>,
-    /// How fast: max, the only one so far, takes the next slice when the picture of the last one is finished
-    #[arg(long, value_name = "SPEED", default_value = "max", value_parser = values::speed)]
-    speed: Speed,
+    /// How fast: so many times as it was recorded, or max: a sequence's next slice comes when the picture of the last one is finished
+    #[arg(long, value_name = "N|max", default_value = "max", value_parser = values::speed)]
+    speed: Pace,
+    /// Of a session: use also what was dropped when it was live, as a stage had no time for it. The volume is another one then
+    #[arg(long)]
+    all: bool,
     /// Where to write the picture after the last slice
     #[arg(long, value_name = "IMG.png")]
     picture: Option<PathBuf>,
@@ -58,9 +71,6 @@ pub struct Arguments {
     flags: Flags,
 }
 
-// To clap the unit type is a flag without a value.
-type Speed = ();
-
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
 enum CacheName {
     /// Nothing: a ray that a change reaches is cast whole
@@ -78,8 +88,17 @@ enum CacheName {
 ///
 /// # Errors
 /// [`Failure`]; pictures on the way may have been written then.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let (request, job) = Request::new(&arguments.sequence, arguments.output.as_deref(), &arguments.flags)?;
+pub fn run(arguments: &Arguments, given: &[String]) -> Result<(), Failure> {
+    if input::is_session(&arguments.sequence)? {
+        return session::run(&arguments.of_session(given)?);
+    }
+    if arguments.all {
+        return Err(Failure("--all: of a sequence nothing was ever dropped; leave it out".into()));
+    }
+    let (request, mut job) = Request::new(&arguments.sequence, arguments.output.as_deref(), &arguments.flags)?;
+    if let OpenSettings::Sequence(sequence) = &mut job.input {
+        sequence.pace = arguments.speed;
+    }
     let series = arguments.series()?;
     let threads = job.settings.threads;
     if arguments.look.mode == Mode::Slice {
@@ -121,6 +140,30 @@ fn weave(job: Job, onlooker: &mut impl Onlooker) -> Result<Outcome, Failure> {
 }
 
 impl Arguments {
+    /// What there is to say of a session, which has its own settings; `given` are the flags that are there.
+    fn of_session(&self, given: &[String]) -> Result<session::Wanted<'_>, Failure> {
+        const KNOWN: [&str; 9] =
+            ["sequence", "output", "speed", "all", "picture", "config", "weights", "stats", "log"];
+        if let Some(flag) = given.iter().find(|flag| !KNOWN.contains(&flag.as_str())) {
+            return Err(Failure(format!(
+                "--{}: a session is woven and drawn by the configuration that it was recorded with; give --config with another bedside's file to try something else",
+                flag.replace('_', "-")
+            )));
+        }
+        Ok(session::Wanted {
+            session: &self.sequence,
+            config: self.flags.config.as_deref(),
+            pace: self.speed,
+            all: self.all,
+            outputs: Outputs {
+                volume: self.output.clone(),
+                weights: self.flags.weights.clone(),
+                picture: self.picture.clone(),
+                stats: self.flags.stats.clone(),
+            },
+        })
+    }
+
     /// The pictures on the way; fails before the work, not after it, where there is nothing to draw, or no way to.
     fn series(&self) -> Result<Option<Series>, Failure> {
         if self.picture.is_none() && self.pictures.is_none() {

@@ -110,6 +110,8 @@ pub struct Look {
     pub shading: Option<Classified>,
     /// A preset's name, or a file.
     pub transfer: Option<String>,
+    /// That file's, where it has been read.
+    pub read: Option<Transfer>,
     /// Distance of samples along a ray, voxels.
     pub step: f64,
     /// Samples that are folded together.
@@ -232,6 +234,9 @@ impl Look {
     }
 
     fn transfer(&self, range: [f32; 2]) -> Result<Transfer, Unfit> {
+        if let Some(read) = &self.read {
+            return Ok(read.clone());
+        }
         let name = self.transfer_name();
         if Path::new(name).extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
             return Transfer::read(Path::new(name)).map_err(|e| Unfit::whole(e.to_string()));

@@ -9,6 +9,7 @@
 pub mod bedside;
 pub mod look;
 pub mod plus;
+pub mod texts;
 pub mod values;
 pub mod weighing;
 mod xml_limits;

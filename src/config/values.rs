@@ -1,5 +1,6 @@
 //! Values of flags and keys that hold several numbers or a criterion.
 
+use drivers::recording::Pace;
 use std::ops::Range;
 
 use glam::DVec3;
@@ -72,14 +73,14 @@ pub fn depth_cue(text: &str) -> Result<[f64; 2], String> {
     numbers::<2>(text)
 }
 
-/// `max`: the only speed there is.
-pub fn speed(text: &str) -> Result<(), String> {
+/// How fast a recording goes by: as fast as can be, or so many times as fast as it was recorded.
+pub fn speed(text: &str) -> Result<Pace, String> {
     match text.trim() {
-        "max" => Ok(()),
-        _ => {
-            Err("a recording is replayed as fast as its slices can be woven and drawn, and not otherwise yet: give max"
-                .into())
-        }
+        "max" => Ok(Pace::Unpaced),
+        number => match number.parse() {
+            Ok(factor) if (0.001..=1000.0).contains(&factor) => Ok(Pace::Factor(factor)),
+            _ => Err("must be max, as fast as can be, or a factor from 0.001 to 1000: 1 is its own pace".into()),
+        },
     }
 }
 

@@ -169,6 +169,15 @@ impl LiveIngest {
         self.axes = Axes::default();
     }
 
+    /// Its stamps lie so much further behind its measurements than its driver knows, from here on, ns. Clocks begin anew.
+    pub fn set_latency(&mut self, latency_ns: i64) {
+        if self.latency_ns != latency_ns {
+            self.latency_ns = latency_ns;
+            self.wind();
+            self.axes = Axes::default();
+        }
+    }
+
     /// The clocks: of the device, of each station, or of each axis.
     pub fn clocks(&self) -> &[ClockMap] {
         &self.clocks

@@ -225,3 +225,26 @@ proptest! {
         prop_assert_eq!(arranged, stored);
     }
 }
+
+#[test]
+fn a_rectangle_of_the_picture_is_found_in_frames_however_they_are_stored() {
+    // Stored 5×3 or 3×5, each pixel its own number; what the stored rectangle holds is what the MF picture's does.
+    let rect = ClipRect { x: 1, y: 0, width: 3, height: 2 };
+    for code in ["", "MF", "MN", "UF", "UN", "FM", "NM", "FU", "NU"] {
+        let transposed = code.starts_with(['F', 'N']);
+        let size: [u32; 2] = if transposed { [3, 5] } else { [5, 3] };
+        let stored: Vec<u8> = (0..15).collect();
+        let place = if code.is_empty() { Orientation::MF } else { Orientation::from_code(code).unwrap() };
+        let picture = place.arrange(stored.clone(), size);
+        let cut = |pixels: &[u8], width: u32, r: ClipRect| -> std::collections::BTreeSet<u8> {
+            let rows = r.y..r.y + r.height;
+            rows.flat_map(|v| (r.x..r.x + r.width).map(move |u| v * width + u)).map(|at| pixels[at as usize]).collect()
+        };
+        let found = stored_rect(size, code, |of| {
+            assert_eq!(of, [5, 3], "{code}");
+            rect
+        });
+        assert_eq!(cut(&stored, size[0], found.unwrap()), cut(&picture, 5, rect), "{code}");
+    }
+    assert_eq!(stored_rect([5, 3], "XX", |_| rect), None);
+}

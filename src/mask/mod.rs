@@ -54,6 +54,20 @@ pub enum MaskPlan {
 }
 
 impl MaskSettings {
+    /// The smallest rectangle that holds all data of `width`×`height` pictures, as far as it is known before the first; else all of the picture.
+    pub fn bounds(&self, [width, height]: [u32; 2]) -> ClipRect {
+        let whole = ClipRect { x: 0, y: 0, width, height };
+        match self.plan(width, height) {
+            Ok(MaskPlan::Fixed(mask)) => mask.bounds().unwrap_or(whole),
+            _ => whole,
+        }
+    }
+
+    /// Whether what is data is known before the first picture.
+    pub fn is_known(&self) -> bool {
+        self.fan.is_some() || !matches!(self.clip, Clip::Auto | Clip::RectOrAuto(_))
+    }
+
     /// The mask of `width`×`height` pictures, or the search for it.
     ///
     /// # Errors

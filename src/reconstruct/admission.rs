@@ -14,7 +14,7 @@ pub(super) struct Admission {
 }
 
 impl Admission {
-    /// The plane of a slice that may enter.
+    /// The plane of a slice that may enter. What lies outside the data, as a scanner's clock does, makes no news.
     ///
     /// # Errors
     /// [`Refused::Size`], [`Refused::Repeated`] and [`Refused::Degenerate`].
@@ -26,7 +26,7 @@ impl Admission {
         }
         if let Some((image, pose)) = &self.last
             && *pose == slice.world_from_image
-            && image.pixels().same_bits(slice.image.pixels())
+            && mask.bounds().is_none_or(|data| image.same_within(&slice.image, data))
         {
             return Err(Refused::Repeated);
         }

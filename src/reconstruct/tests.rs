@@ -302,6 +302,23 @@ fn a_repeated_picture_at_the_same_pose_adds_nothing() {
     again.time_ns += 33_000_000;
     assert_eq!(r.insert(&again), Err(Refused::Repeated));
     assert!(bits(r.volume()) == before && r.work() == work, "no voxel changed and no work was done");
+    // A clock beside the scanner's picture goes on: none of that is data. Within it one grey level is news.
+    let changed = |inside: bool| {
+        let (data, (width, height)) = (fan(), (again.image.width(), again.image.height()));
+        let bounds = data.bounds().unwrap();
+        let mut pixels: Vec<u8> = match again.image.pixels() {
+            Pixels::U8(pixels) => pixels.to_vec(),
+            _ => unreachable!("a scan of 8 bits"),
+        };
+        let at = match inside {
+            true => (0..width * height).find(|at| data.contains(at % width, at / width)).unwrap(),
+            false => (0..width * bounds.y).next().unwrap(),
+        };
+        pixels[at as usize] ^= 1;
+        Slice { image: Image::new(width, height, Pixels::U8(pixels.into())), ..again.clone() }
+    };
+    assert_eq!(r.insert(&changed(false)), Err(Refused::Repeated));
+    assert!(r.insert(&changed(true)).is_ok());
     // New pixels at the pose, or the pixels at a new pose, are news.
     let mut other = scan.slice(1);
     other.world_from_image = again.world_from_image;

@@ -15,4 +15,5 @@ mod render;
 mod replay;
 mod results;
 mod sequence;
+mod sessions;
 mod settings;

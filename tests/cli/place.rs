@@ -99,6 +99,18 @@ impl Place {
         assert!(!sentence.contains("panicked"), "{sentence}");
     }
 
+    /// The same where the folder holds folders.
+    pub(crate) fn refuses_with(&self, words: &str, says: &[&str]) {
+        let before = self.names();
+        let run = self.run(words);
+        if says.is_empty() {
+            assert_eq!(run.code, 2, "{words}: {}{}", run.stdout, run.stderr);
+        } else {
+            self.check_refusal(&run, words, says);
+        }
+        assert_eq!(before, self.names(), "{words}");
+    }
+
     /// A volume that the program wrote.
     pub(crate) fn volume(&self, name: &str) -> Volume {
         let mut reader = VolumeReader::open(&self.path(name), &Limits::default()).unwrap();

@@ -126,6 +126,7 @@ impl Look {
             isovalue: self.isovalue,
             shading: self.shading,
             transfer: self.transfer.clone(),
+            read: None,
             step: self.step,
             arity: self.arity,
             stop: self.stop,

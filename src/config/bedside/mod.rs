@@ -29,6 +29,7 @@ use calibration::named::StaticTransform;
 use calibration::region::{ClipRect, Fan};
 use glam::DVec3;
 
+use super::texts::{ByPath, Texts};
 use super::{ConfigError, Kind, MAX_BYTES, Settings, SourceKind, kind_of};
 use crate::mask::{Clip, MaskSettings};
 use crate::phantom::named::TrajectoryName;
@@ -81,6 +82,8 @@ pub struct Bedside {
     pub effective: Effective,
     /// What the user should know: sentences.
     pub notes: Vec<String>,
+    /// The texts of its files: its own, the calibration\'s, a transfer function\'s.
+    pub texts: ByPath,
 }
 
 impl Bedside {
@@ -89,7 +92,21 @@ impl Bedside {
     /// # Errors
     /// [`ConfigError`] naming file, line and key or element, of this file or of the calibration file that it names.
     pub fn read(path: &Path) -> Result<Self, ConfigError> {
-        Self::parse(path, &calibration::file::read_text(path, MAX_BYTES)?)
+        Self::read_from(path, Texts::on_disk())
+    }
+
+    /// Reads a bedside by the texts of its files, as an earlier reading of it has left them in [`Self::texts`].
+    ///
+    /// # Errors
+    /// [`ConfigError`], as for [`Self::read`]; also for a file whose text is not there.
+    pub fn of_texts(path: &Path, texts: ByPath) -> Result<Self, ConfigError> {
+        Self::read_from(path, Texts::kept(texts))
+    }
+
+    fn read_from(path: &Path, texts: Texts) -> Result<Self, ConfigError> {
+        let text = texts.text(path, MAX_BYTES)?;
+        let bedside = Self::parse_with(path, &text, &texts)?;
+        Ok(Self { texts: texts.into_read(), ..bedside })
     }
 
     /// Reads a file's text; `path` is for sentences, and its folder for the files that it names.
@@ -97,11 +114,19 @@ impl Bedside {
     /// # Errors
     /// [`ConfigError`], as for [`Self::read`].
     pub fn parse(path: &Path, text: &str) -> Result<Self, ConfigError> {
+        let texts = Texts::on_disk();
+        let bedside = Self::parse_with(path, text, &texts)?;
+        let mut texts = texts.into_read();
+        texts.insert(path.to_owned(), text.to_owned());
+        Ok(Self { texts, ..bedside })
+    }
+
+    fn parse_with(path: &Path, text: &str, texts: &Texts) -> Result<Self, ConfigError> {
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         match kind_of(path, text)? {
             Kind::Plus => plus::parse(path, text),
             // Of another it is said what stands in it and should.
-            Kind::Bedside | Kind::Other => Self::parse_own(path, text),
+            Kind::Bedside | Kind::Other => Self::parse_own(path, text, texts),
             Kind::Calibration => Err(ConfigError::Misplaced {
                 path: path.to_owned(),
                 what: "a calibration file, which names no devices",
@@ -113,7 +138,7 @@ impl Bedside {
         }
     }
 
-    fn parse_own(path: &Path, text: &str) -> Result<Self, ConfigError> {
+    fn parse_own(path: &Path, text: &str, texts: &Texts) -> Result<Self, ConfigError> {
         let source = Source { path, text };
         let parsed = source.parse()?;
         let headings = schema::SECTIONS.iter().map(|section| section.name).filter(|name| !name.contains('.'));
@@ -126,14 +151,14 @@ impl Bedside {
         }
         let root = root?;
         check_version(&root)?;
-        Self::of_root(path, &root)
+        Self::of_root(path, &root, texts)
     }
 
-    fn of_root(path: &Path, root: &Table<'_>) -> Result<Self, ConfigError> {
+    fn of_root(path: &Path, root: &Table<'_>, texts: &Texts) -> Result<Self, ConfigError> {
         let mut effective = Effective::new();
         let mut notes = Vec::new();
         let calibration_keys = Reader::new(path, Some(root), "calibration", &mut effective)?;
-        let Told { settings: told, clip, fan } = told_calibration(calibration_keys)?;
+        let Told { settings: told, clip, fan } = told_calibration(calibration_keys, texts)?;
 
         let given = |name: &str| root.get(name);
         let tracking = match (given("tracker"), given("arm")) {
@@ -209,7 +234,7 @@ impl Bedside {
         let pairing = Pairing::read(Reader::new(path, Some(root), "pairing", &mut effective)?)?;
         let scanner = Scanner::read(Reader::new(path, Some(root), "scanner", &mut effective)?)?;
         let volume = Volume::read(Reader::new(path, Some(root), "volume", &mut effective)?, &calibration)?;
-        let picture = Picture::read(Reader::new(path, Some(root), "picture", &mut effective)?)?;
+        let picture = Picture::read(Reader::new(path, Some(root), "picture", &mut effective)?, texts)?;
         let record = Record::read(Reader::new(path, Some(root), "record", &mut effective)?)?;
         let status = Status::read(Reader::new(path, Some(root), "status", &mut effective)?)?;
         let (path, kind) = (path.to_owned(), Kind::Bedside);
@@ -229,6 +254,7 @@ impl Bedside {
             rehearsal,
             effective,
             notes,
+            texts: ByPath::new(),
         })
     }
 
@@ -245,7 +271,7 @@ struct Told {
     fan: Option<Fan>,
 }
 
-fn told_calibration(mut keys: Reader<'_, '_>) -> Result<Told, ConfigError> {
+fn told_calibration(mut keys: Reader<'_, '_>, texts: &Texts) -> Result<Told, ConfigError> {
     let file = keys.text_if("file")?.map(|file| keys.path_of(&file));
     let rows = keys.value_if("image_to_probe", |entry| entry.numbers::<16>())?;
     let clip = keys.value_if("clip_px", |entry| match entry.as_text() {
@@ -270,7 +296,7 @@ fn told_calibration(mut keys: Reader<'_, '_>) -> Result<Told, ConfigError> {
                 .error("image_to_probe", "file is there too, which says where the picture lies; leave one of them out")
                 .into());
         }
-        (Some(file), None) => Some(Settings::read(&file)?),
+        (Some(file), None) => Some(Settings::parse(&file, &texts.text(&file, MAX_BYTES)?)?),
         (None, Some(rows)) => {
             let transform = StaticTransform::new("Image", devices::PROBE_FRAME, &rows);
             let transform = transform.map_err(|e| keys.error("image_to_probe", e.to_string()))?;

@@ -19,6 +19,7 @@ use roxmltree::Node;
 use super::devices::{PROBE_FRAME, REFERENCE_FRAME, STYLUS_FRAME, TRACKER_FRAME};
 use super::{Bedside, FORMAT, VERSION};
 use crate::config::plus::{Reader, document, is};
+use crate::config::texts::Texts;
 use crate::config::{ConfigError, Kind, Settings};
 use crate::mask::Clip;
 
@@ -75,7 +76,7 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<Bedside, ConfigError> {
     if let Some([x, y, z]) = calibration.spacing_mm {
         line(&mut own, format_args!("[volume]\nspacing_mm = [{x:?}, {y:?}, {z:?}]"));
     }
-    let mut bedside = Bedside::parse_own(path, &own)?;
+    let mut bedside = Bedside::parse_own(path, &own, &Texts::on_disk())?;
     if let Some(frame) = found.tracker_frame.filter(|frame| frame != TRACKER_FRAME) {
         rename(&mut calibration.transforms, &frame);
     }

@@ -7,14 +7,16 @@ use glam::DVec3;
 
 use super::reader::{Reader, one_of};
 use crate::config::look::{Draw, Look, Mode};
+use crate::config::texts::Texts;
 use crate::config::weighing::{CompoundName, Weighing};
-use crate::config::{Settings as Calibration, Unfit, values};
+use crate::config::{MAX_BYTES, Settings as Calibration, Unfit, values};
 use crate::path::PathChoice;
 use crate::reconstruct::kernel::Method;
 use crate::reconstruct::planar::{OnDeparture, PlanarSettings};
 use crate::reconstruct::settings::{MAX_WEIGHT, MOST_WEIGHT, Settings};
 use crate::render::light::{DepthCue, Light};
 use crate::render::settings::CACHE_BYTES;
+use crate::render::transfer::Transfer;
 use crate::render::{Cache, RenderSettings};
 
 /// Voxel spacing when neither the bedside's file nor the calibration has one, mm.
@@ -121,14 +123,18 @@ impl Picture {
         Ok(RenderSettings { cache: self.cache, cache_bytes: self.cache_bytes, ..settings })
     }
 
-    pub(super) fn read(mut keys: Reader<'_, '_>) -> Result<Self, FileError> {
+    pub(super) fn read(mut keys: Reader<'_, '_>, texts: &Texts) -> Result<Self, FileError> {
         let modes = Mode::OF_RAYS.map(|mode| (mode.name(), mode));
         let size = keys.parsed_if("image_size", "x", values::picture_size)?.unwrap_or([512, 512]);
         keys.notes("image_size", &size);
-        let transfer = keys.text_if("transfer")?.map(|name| match name.ends_with(".toml") {
-            true => keys.path_of(&name).to_string_lossy().into_owned(),
-            false => name,
-        });
+        let named = keys.text_if("transfer")?;
+        // A file that is there when the session begins may be gone later.
+        let file = named.as_deref().filter(|name| name.ends_with(".toml")).map(|name| keys.path_of(name));
+        let read = match &file {
+            Some(file) => Some(Transfer::parse(file, &texts.text(file, MAX_BYTES)?)?),
+            None => None,
+        };
+        let transfer = file.map(|file| file.to_string_lossy().into_owned()).or(named);
         let look = Look {
             image_size: size,
             view: keys.parsed_if("view_deg", ",", values::view)?,
@@ -137,6 +143,7 @@ impl Picture {
             isovalue: keys.number_if("isovalue", f64::MIN..=f64::MAX)?,
             shading: keys.named_if("shading")?,
             transfer,
+            read,
             step: keys.number("step_voxels", 1.0, f64::MIN_POSITIVE..=f64::INFINITY)?,
             arity: keys.whole_if("arity", 1..=u32::MAX)?,
             stop: keys.number_if("stop", 0.0..=1.0)?.map(|x| x as f32),

@@ -1,14 +1,21 @@
 //! What the stages say of themselves while they run: the ledger, and how each device is. One lock, held for nanoseconds.
 
+use std::sync::atomic::{AtomicI64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use drivers::Health;
 use drivers::recording::session;
 use serde::Serialize;
 
+use super::Instrument;
 use super::timing::Spread;
+use crate::ingest::live::Gives;
 use crate::ledger::{Ledger, Queue, Readings};
 use crate::refusal::Refusal;
+use crate::sync::graph::Route;
+
+/// State of a device that a recording stands in for.
+pub const REPLAYED: &str = "replayed";
 
 /// A device of the session.
 #[derive(Debug, Clone, Serialize)]
@@ -46,6 +53,10 @@ pub struct Account {
     pub recording: Option<Written>,
     /// What the user should know: sentences.
     pub notes: Vec<String>,
+    /// Name of the frame where the volume lives,
+    pub world: String,
+    /// and the transforms that lead there, in words.
+    pub route: String,
 }
 
 /// What there is to say of a recording while it is written.
@@ -66,14 +77,16 @@ pub(super) struct Board {
     account: Mutex<Account>,
     /// Place of each device among the ledger's readings; `None` for grabbers, whose readings are frames.
     rows: Vec<Option<usize>>,
+    frozen_after_ns: AtomicI64,
 }
 
 impl Board {
-    /// Of these devices; whether each is a grabber.
-    pub(super) fn new(devices: &[(String, bool)]) -> Self {
+    /// Of these devices; pictures that come again for longer than so many ns are told.
+    pub(super) fn new(devices: &[Instrument], frozen_ns: i64) -> Self {
         let mut account = Account::default();
         let mut rows = Vec::new();
-        for (name, grabs) in devices {
+        for Instrument { name, gives, .. } in devices {
+            let grabs = matches!(gives, Gives::Pictures);
             rows.push((!grabs).then_some(account.ledger.readings.len()));
             if !grabs {
                 account.ledger.readings.push(Readings { device: name.clone(), ..Readings::default() });
@@ -88,7 +101,7 @@ impl Board {
                 set_up: 0,
             });
         }
-        Self { account: Mutex::new(account), rows }
+        Self { account: Mutex::new(account), rows, frozen_after_ns: AtomicI64::new(frozen_ns) }
     }
 
     pub(super) fn lock(&self) -> MutexGuard<'_, Account> {
@@ -134,9 +147,26 @@ impl Board {
         self.lock().ledger.dropped(queue);
     }
 
-    /// For how long the scanner has shown one picture while the probe moved, s, if it does.
-    pub(super) fn frozen(&self, seconds: Option<f64>) {
-        self.lock().frozen_s = seconds;
+    /// For how long the scanner has shown one picture while the probe moved, ns, if it does.
+    pub(super) fn frozen(&self, since_ns: Option<i64>) {
+        let after_ns = self.frozen_after_ns.load(Ordering::Relaxed);
+        self.lock().frozen_s = since_ns.filter(|ns| *ns >= after_ns).map(|ns| ns as f64 * 1e-9);
+    }
+
+    /// The devices are those of a recording.
+    pub(super) fn replayed(&self) {
+        self.lock().devices.iter_mut().for_each(|device| device.state = REPLAYED);
+    }
+
+    /// From how long a time on that is told, ns.
+    pub(super) fn frozen_after(&self, ns: i64) {
+        self.frozen_after_ns.store(ns, Ordering::Relaxed);
+    }
+
+    /// The way to the world.
+    pub(super) fn route(&self, route: &Route) {
+        let mut account = self.lock();
+        (account.world, account.route) = (route.world().to_owned(), route.describe());
     }
 
     /// What the user should know.
@@ -188,7 +218,8 @@ mod tests {
 
     #[test]
     fn readings_and_frames_are_each_accounted_for_once() {
-        let board = Board::new(&[("tracker".into(), false), ("grabber".into(), true)]);
+        let of = |name: &str, gives| Instrument { name: name.into(), gives, frames: Vec::new(), latency_ns: 0 };
+        let board = Board::new(&[of("tracker", Gives::Stations(vec![1])), of("grabber", Gives::Pictures)], 500);
         for _ in 0..5 {
             board.arrived(0);
             board.arrived(1);
@@ -211,5 +242,12 @@ mod tests {
         assert_eq!((frames.total, frames.waiting, frames.lost), (5, 4, 7));
         assert_eq!(frames.dropped[&Queue::Pairing], 1);
         assert_eq!((account.devices[0].state, account.devices[1].why.as_str()), ("silent", "says nothing"));
+        let told = |since| {
+            board.frozen(since);
+            board.snapshot().frozen_s
+        };
+        assert_eq!([Some(499), Some(500), None].map(told), [None, Some(500e-9), None]);
+        board.frozen_after(600);
+        assert_eq!(told(Some(599)), None);
     }
 }

@@ -2,31 +2,14 @@
 
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 
-use crossbeam_channel::{Sender, TrySendError};
 use drivers::clock::MS;
-use drivers::{Device, Next, Reading, Timing};
+use drivers::{Device, Next};
 
-use super::pairing::Common;
-use crate::ledger::Queue;
+use super::decision::Common;
+use super::intake::Intake;
 
 /// The longest that a device is waited for before its health is looked at again, ns.
 const TURN: i64 = 50 * MS;
-
-/// What a device has to say.
-pub(super) struct Delivery {
-    /// Which device, by its place in the session.
-    pub(super) source: usize,
-    pub(super) word: Word,
-}
-
-/// One of its words.
-#[allow(clippy::large_enum_variant, reason = "nearly all values are the large ones, moved once")]
-pub(super) enum Word {
-    /// It was set up, perhaps anew: what its stamps mean.
-    SetUp(Timing),
-    /// A reading.
-    Reading(Reading),
-}
 
 /// Frames that are on their way between capture and the volume, all queues together: a bound on the memory that they hold.
 pub(super) struct InFlight {
@@ -63,9 +46,9 @@ pub(super) fn run(
     device: &mut dyn Device,
     common: Common<'_>,
     ends: &AtomicBool,
-    onward: &Sender<Delivery>,
+    intake: &Intake<'_>,
 ) -> Result<(), drivers::Error> {
-    let Common { clock, board, recorder, in_flight } = common;
+    let Common { clock, board, .. } = common;
     let mut set_up = u64::MAX;
     device.start()?;
     while !ends.load(Ordering::Relaxed) {
@@ -73,36 +56,17 @@ pub(super) fn run(
         board.health(source, device.health());
         if device.health().received.set_up != set_up {
             set_up = device.health().received.set_up;
-            recorder.describe(source, device.describe());
-            // Never dropped: without it no reading has a time.
-            if onward.send(Delivery { source, word: Word::SetUp(device.describe().timing) }).is_err() {
+            if !intake.set_up(source, device.describe()) {
                 break;
             }
         }
-        let reading = match next {
-            Next::Reading(reading) => reading,
-            Next::Pending => continue,
-            Next::End => break,
+        let goes_on = match next {
+            Next::Reading(reading) => intake.take(source, reading),
+            Next::Pending => true,
+            Next::End => false,
         };
-        recorder.take(source, &reading, clock.now_ns());
-        if matches!(reading, Reading::Raw(_)) {
-            continue;
-        }
-        let is_frame = matches!(reading, Reading::Frame(_));
-        board.arrived(source);
-        if is_frame && !in_flight.enter() {
-            board.dropped(source, Queue::Pairing);
-            continue;
-        }
-        match onward.try_send(Delivery { source, word: Word::Reading(reading) }) {
-            Ok(()) => {}
-            Err(TrySendError::Full(_)) => {
-                board.dropped(source, Queue::Pairing);
-                if is_frame {
-                    in_flight.leave();
-                }
-            }
-            Err(TrySendError::Disconnected(_)) => break,
+        if !goes_on {
+            break;
         }
     }
     let stopped = device.stop();

@@ -6,7 +6,9 @@ use std::time::Duration;
 use calibration::region::ClipRect;
 use glam::DVec3;
 
+use super::picture::Drawn;
 use super::reach::Reach;
+use super::seal::{self, Seal};
 use crate::pipeline::loom::Loom;
 use crate::pipeline::{PixelKind, Woven};
 use crate::slice::Slice;
@@ -26,8 +28,8 @@ pub(super) struct News {
     pub(super) woven: u64,
     /// The slice that came last, and the rectangle of its data.
     pub(super) last: Option<(Slice, ClipRect)>,
-    /// When its frame was captured, host ns.
-    pub(super) captured_ns: i64,
+    /// When its frame was captured, host ns; `None` of a recording.
+    pub(super) captured_ns: Option<i64>,
     /// What the first slice has settled.
     pub(super) begun: Option<Begun>,
     /// The box that pictures are of.
@@ -45,7 +47,7 @@ pub(super) struct Begun {
 
 impl News {
     /// Takes note of a slice that has just been woven; its frame was captured at a host time.
-    pub(super) fn note(&mut self, woven: &Woven<'_>, captured_ns: i64) {
+    pub(super) fn note(&mut self, woven: &Woven<'_>, captured_ns: Option<i64>) {
         let begun = *self.begun.get_or_insert_with(|| {
             let Slice { image, time_ns, world_from_image } = woven.slice;
             let size = [image.width(), image.height()];
@@ -109,6 +111,23 @@ impl Shared {
     pub(super) fn wait(&self, woven: u64, at_most: Duration) -> MutexGuard<'_, Fabric> {
         let more = |fabric: &mut Fabric| fabric.news.woven <= woven && !fabric.ended;
         self.changed.wait_timeout_while(self.lock(), at_most, more).unwrap_or_else(PoisonError::into_inner).0
+    }
+
+    /// What there is, in a line.
+    pub(super) fn seal(&self, drawn: Option<&Drawn>) -> Seal {
+        let fabric = self.lock();
+        Seal {
+            slices: fabric.news.woven,
+            volume_sha256: fabric.loom.weaver().map(|weaver| seal::of_volume(weaver.volume())),
+            picture_sha256: drawn.map(|drawn| seal::of_picture(&drawn.renderer)),
+        }
+    }
+
+    /// What had ended goes on: how many slices there are.
+    pub(super) fn goes_on(&self) -> u64 {
+        let mut fabric = self.lock();
+        fabric.ended = false;
+        fabric.news.woven
     }
 
     /// The loom, when all who shared it are gone.

@@ -1,9 +1,9 @@
 //! Live: devices to a volume and its picture, each stage in a thread of its own.
 //!
 //! ```text
-//! capture (one a device) ──▶ pairing ──▶ weaving ══ volume ══ picture
-//!      └──────────┬────────────┴────────────┘
-//!              recording
+//! capture (one a device) ─▶ intake ─▶ pairing ─▶ weaving ══ volume ══ picture
+//!                             └───────┬──┴──────────┘
+//!                                 recording ─▶ (replay: the same from pairing on)
 //! ```
 //!
 //! | between | holds | when it is full |
@@ -13,35 +13,51 @@
 //! | weaving → picture | the bricks that changed | never: a picture is of all slices there are when it is begun |
 //! | all → recording | 4096 messages, frames 3072, and 64 MB in the writer | frames first, then everything; counted and said in the recording |
 //!
-//! - `capture`: a device's thread.
-//! - `pairing`: readings to posed slices.
+//! What pairing does depends on what comes in, in which order and at which times, and on nothing else; the recording has these, and what was decided. So a replay redoes
+//! every decision, compares, and comes to the same volume bit by bit, however fast it goes and however many threads weave and draw.
+//!
+//! - `capture`, `intake`: a device's thread, and the one way in.
+//! - `pairing`, `frozen`: readings to posed slices; pictures that come again.
 //! - `weave`, `fabric`: slices into the volume, and the lock that weaving and drawing share it by.
 //! - `picture`, `reach`: the picture, and the box it is of.
+//! - `decision`, `seal`: what is decided upon frames, and what came of it all, as the recording has it.
 //! - `recorder`: the session's file.
+//! - `replay`, `precedent`: a recorded session as what comes in, and what it is held against.
 //! - `board`, `timing`: what the stages say of themselves.
 
 mod board;
 mod capture;
+mod decision;
 mod fabric;
+mod frozen;
+mod intake;
 mod pairing;
 mod picture;
+mod precedent;
 mod reach;
 mod recorder;
+mod replay;
+mod seal;
+#[cfg(test)]
+mod tests;
 mod timing;
 mod weave;
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{Builder, Scope, ScopedJoinHandle};
 use std::time::Duration;
 
 use crossbeam_channel::bounded;
-use drivers::Device;
-use drivers::clock::Clock;
-use drivers::recording::session::{Crop, SessionWriter, Speech};
-
-pub use board::{Account, DeviceBoard};
+use drivers::clock::{Clock, Monotonic};
+use drivers::recording::session::{SessionWriter, Speech};
+use drivers::{Device, Timing};
+pub use board::{Account, DeviceBoard, REPLAYED, Written};
 pub use picture::{Drawn, First, Looks};
+pub use precedent::{Differences, Precedent};
 pub use recorder::Recording;
+pub use replay::Recorded;
+pub use seal::Seal;
 pub use timing::{Quantiles, Spread};
 
 use super::loom::{Loom, Plan};
@@ -55,12 +71,18 @@ use crate::sync::PairingOptions;
 use crate::sync::bracket::{BracketOptions, Bracketing, Source};
 use board::Board;
 use capture::InFlight;
+use decision::Common;
 use fabric::Shared;
-use pairing::{Common, Pairing, Part};
+use frozen::Frozen;
+use intake::Intake;
+use pairing::{FromDevices, Onward, Pairing, Part, Waiting};
+use picture::Wall;
 use recorder::Recorder;
 
 /// Readings between capture and pairing.
 const READINGS: usize = 4096;
+/// The same of a recording, which waits.
+const RECORDED: usize = 64;
 /// Slices between pairing and weaving.
 const SLICES: usize = 64;
 /// Memory that frames on their way may hold, bytes.
@@ -70,26 +92,30 @@ const USUAL_FRAME: u64 = 1920 * 1080;
 /// Between two looks at whether the session is to end.
 const TURN: Duration = Duration::from_millis(20);
 
-/// A device of a session.
-pub struct Equipment {
+/// What pairing is told of a device.
+pub struct Instrument {
     /// What it is called, in the recording too.
     pub name: String,
-    /// The device, stopped.
-    pub device: Box<dyn Device>,
     /// What it gives.
     pub gives: Gives,
     /// Of what gives poses: for each of its sources the frames that the pose maps between, from which and to which.
     pub frames: Vec<[String; 2]>,
     /// What its times lie behind its measurements beyond what its driver knows, ns.
     pub latency_ns: i64,
+}
+
+/// A device of a session.
+pub struct Equipment {
+    /// What it is.
+    pub instrument: Instrument,
+    /// The device, stopped.
+    pub device: Box<dyn Device>,
     /// What its lines speak, where their bytes are readings, too.
     pub speech: Option<Speech>,
 }
 
-/// What a session is to do.
-pub struct Session<'a> {
-    /// Its devices.
-    pub equipment: Vec<Equipment>,
+/// How frames become a volume and a picture.
+pub struct Session {
     /// The frames' names, and the constant transforms.
     pub pairing: PairingOptions,
     /// How long a frame waits for its pose, ns.
@@ -107,19 +133,41 @@ pub struct Session<'a> {
     /// The planar path's settings.
     pub planar: PlanarSettings,
     /// How the volume is looked at; nobody looks for `None`, and then nothing is drawn.
-    pub looks: Option<&'a dyn Looks>,
-    /// Where the session is recorded, if it is.
-    pub record: Option<Record>,
+    pub looks: Option<Arc<dyn Looks>>,
 }
 
 /// How a session is recorded.
 pub struct Record {
     /// The file, open.
     pub writer: SessionWriter,
-    /// What of the picture is kept.
-    pub crop: Option<Crop>,
+    /// Keep whole frames. Without, of frames nothing is kept but the rectangle of what is data, as far as the mask's settings tell it.
+    pub full_frame: bool,
     /// What to note at the beginning, by kind: settings, calibration.
     pub notes: Vec<(&'static str, serde_json::Value)>,
+}
+
+/// What a session is run on.
+pub struct Bed {
+    /// Its devices.
+    pub equipment: Vec<Equipment>,
+    /// Where the session is recorded, if it is.
+    pub record: Option<Record>,
+    /// Recorded sessions that are gone on with, the earliest first: their slices are woven before anything else.
+    pub resumed: Vec<Recorded>,
+}
+
+/// What a session that runs is told to do otherwise.
+pub enum Order {
+    /// A device's latency, by its place among the equipment, ns.
+    Latency(usize, i64),
+    /// After how long a time the scanner counts as frozen, ns.
+    Frozen(i64),
+    /// How the volume is looked at, where it is.
+    Looks(Arc<dyn Looks>),
+    /// Notes something in the recording, of a kind.
+    Note(&'static str, serde_json::Value),
+    /// The user should know this sentence.
+    Say(String),
 }
 
 /// What a session leaves.
@@ -132,148 +180,273 @@ pub struct Finished {
     pub account: Account,
     /// The session's file.
     pub recording: Option<Recording>,
+    /// The bits of volume and picture in a line; of sessions that are recorded, and of recordings.
+    pub seal: Option<Seal>,
 }
 
-/// Runs a session until it is told to end, or its devices have ended. `watch` is called now and then with what there is to say.
+/// Runs a session until it is told to end, or its devices have ended. `watch` is called now and then with what there is to say, and says what is to be done otherwise.
 ///
 /// # Errors
-/// [`PipelineError`] where nothing can be woven from the beginning on: no way to the world, settings that fit no slice. Devices that are away, slices that cannot be
-/// used and disks that are full end nothing.
+/// [`PipelineError`] where nothing can be woven from the beginning on: no way to the world, settings that fit no slice, a recording to be gone on with that cannot be read.
+/// Devices that are away, slices that cannot be used and disks that are full end nothing.
 pub fn run(
-    session: Session<'_>,
+    session: &Session,
+    bed: Bed,
     clock: &dyn Clock,
     ends: &AtomicBool,
-    mut watch: impl FnMut(&Account),
+    mut watch: impl FnMut(&Account) -> Vec<Order>,
 ) -> Result<Finished, PipelineError> {
-    let Session { equipment, pairing, looks, record, .. } = session;
-    let (mut devices, mut parts, mut sources, mut of_recorder) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-    let mut frame_bytes = None;
-    for Equipment { name, device, gives, frames, latency_ns, speech } in equipment {
-        let description = device.describe();
-        if let (Gives::Pictures, Some([width, height])) = (&gives, description.image_size) {
-            frame_bytes = Some(u64::from(width) * u64::from(height));
-        }
-        let grabs = matches!(gives, Gives::Pictures);
-        of_recorder.push((name.clone(), speech, grabs));
-        let own =
-            frames.iter().map(|[from, to]| Source { longest_gap_ns: session.longest_gap_ns, ..Source::new(from, to) });
-        let first = sources.len();
-        sources.extend(own);
-        parts.push(Part {
-            name,
-            ingest: LiveIngest::new(gives, description.timing, latency_ns),
-            sources: (first..sources.len()).collect(),
-        });
+    let Bed { equipment, record, resumed } = bed;
+    let fabric = session.loom();
+    let begun = session.weave_earlier(resumed, &fabric, ends)?;
+    let (mut devices, mut instruments, mut speeches) = (Vec::new(), Vec::new(), Vec::new());
+    for Equipment { instrument, device, speech } in equipment {
         devices.push(device);
+        instruments.push(instrument);
+        speeches.push(speech);
     }
-    let names: Vec<(String, bool)> = of_recorder.iter().map(|(name, _, grabs)| (name.clone(), *grabs)).collect();
-    let board = Board::new(&names);
-    let bracketing = Bracketing::new(BracketOptions {
-        image: pairing.image,
-        world: pairing.world,
-        statics: pairing.statics,
-        sources,
-        wait_ns: session.wait_ns,
-        ..BracketOptions::default()
-    })?;
-    let (world, route) = (bracketing.route().world().to_owned(), bracketing.route().describe());
-    let chosen = match session.path {
-        PathChoice::Planar => Chosen { path: Path::Planar, why: "it was asked for".into() },
-        _ => Chosen::general("live poses are not known beforehand"),
-    };
-    let plan = Plan {
-        choice: session.path,
-        settings: session.settings,
-        planar: session.planar,
-        chosen,
-        off_plane: OffPlane::Settings,
-        poses: Vec::new(),
-    };
-    let fabric = Shared::new(Loom::of_any_size(plan, session.mask));
-    let in_flight = InFlight::new(FRAME_BYTES / frame_bytes.unwrap_or(USUAL_FRAME).max(1));
+    let board = Board::new(&instruments, session.frozen_ns);
+    begun.into_iter().for_each(|note| board.note(note));
+    let in_flight = InFlight::new(FRAME_BYTES / frame_bytes(&devices).max(1));
     let (mut recorder, mut writing) = (Recorder::nowhere(), None);
-    if let Some(Record { mut writer, crop, notes }) = record {
-        let mut known = Vec::new();
-        for ((name, speech, grabs), device) in of_recorder.iter().zip(&devices) {
-            let crop = crop.filter(|_| *grabs);
-            known.push(writer.device(name, speech.clone(), device.describe(), crop)?);
+    if let Some(Record { mut writer, full_frame, notes }) = record {
+        let mut sources = Vec::new();
+        for ((instrument, device), speech) in instruments.iter().zip(&devices).zip(speeches) {
+            sources.push(writer.device(&instrument.name, speech, device.describe(), None)?);
         }
         for (kind, note) in &notes {
             writer.note(kind, &note.to_string(), clock.now_ns())?;
         }
         let (of_stages, queue) = Recorder::new();
-        (recorder, writing) = (of_stages, Some((queue, writer, known)));
+        let kept = (!full_frame).then_some(session.mask);
+        (recorder, writing) = (of_stages, Some((queue, writer, sources, kept)));
     }
-
+    let names: Vec<String> = instruments.iter().map(|instrument| instrument.name.clone()).collect();
     let (deliver, delivered) = bounded(READINGS);
+    let common = Common { clock, board: &board, recorder: &recorder, in_flight: &in_flight, precedent: None };
+    let intake = Intake::new(common, names.clone(), deliver);
     let (pose, posed) = bounded(SLICES);
-    let stage = Pairing::new(
-        Common { clock, board: &board, recorder: &recorder, in_flight: &in_flight },
-        parts,
-        bracketing,
-        session.frozen_ns,
-        pose,
-    );
-    let common = Common { clock, board: &board, recorder: &recorder, in_flight: &in_flight };
-    let (shared, board) = (&fabric, &board);
-    let mut recording = None;
-    let mut drawn = None;
+    let stage = session.pairing_stage(instruments, common, Onward::OrDrop(pose))?;
+    let wall = session.looks.clone().map(Wall::new);
+
+    let (board, shared, intake) = (&board, &fabric, &intake);
+    let (mut recording, mut drawn, mut seal) = (None, None, None);
     let woven = std::thread::scope(|scope| {
-        let writer = writing.map(|(queue, writer, known)| {
+        let writer = writing.map(|(queue, writer, sources, kept)| {
             spawn(scope, "recorder", move || {
-                recorder::run(&queue, writer, &known, clock, |account, room| board.recording(account, room))
+                recorder::run(&queue, writer, &sources, kept, clock, |account, room| board.recording(account, room))
             })
         });
-        let picture = looks.map(|looks| spawn(scope, "picture", move || picture::run(shared, looks, clock, |_| {})));
-        let weave = spawn(scope, "weave", move || weave::run(shared, &posed, common));
-        let pair = spawn(scope, "pairing", move || stage.run(&delivered));
+        let picture = wall.as_ref().map(|wall| spawn(scope, "picture", || picture::run(shared, wall, clock, |_| {})));
+        let weave = spawn(scope, "weave", move || weave::run(shared, &posed, common, true));
+        let pair = spawn(scope, "pairing", move || stage.run(&mut FromDevices { from: &delivered, intake }));
         let captures: Vec<_> = devices
             .into_iter()
             .enumerate()
             .map(|(source, mut device)| {
-                let deliver = deliver.clone();
-                spawn(scope, &format!("capture-{}", names[source].0), move || {
-                    capture::run(source, device.as_mut(), common, ends, &deliver)
+                spawn(scope, &format!("capture-{}", names[source]), move || {
+                    capture::run(source, device.as_mut(), common, ends, intake)
                 })
             })
             .collect();
-        drop(deliver);
         // A device that ends by itself leaves the others; when none is left, or nothing can be woven, the session is over.
         while !ends.load(Ordering::Relaxed)
             && !captures.iter().all(ScopedJoinHandle::is_finished)
             && !weave.is_finished()
         {
             std::thread::sleep(TURN);
-            watch(&board.snapshot());
+            for order in watch(&board.snapshot()) {
+                match order {
+                    Order::Latency(source, latency_ns) => drop(intake.latency(source, latency_ns)),
+                    Order::Frozen(after_ns) => board.frozen_after(after_ns),
+                    Order::Looks(looks) => wall.iter().for_each(|wall| wall.hang(&looks)),
+                    Order::Note(kind, value) => common.recorder.note(kind, &value, clock.now_ns()),
+                    Order::Say(note) => board.note(note),
+                }
+            }
         }
         ends.store(true, Ordering::Relaxed);
-        for (capture, (name, _)) in captures.into_iter().zip(&names) {
+        for (capture, name) in captures.into_iter().zip(&names) {
             if let Err(error) = joined(capture) {
                 board.note(format!("{name}: {error}"));
             }
         }
+        intake.close();
         joined(pair).into_iter().for_each(|note| board.note(note));
         let woven = joined(weave);
-        if let Some(picture) = picture {
-            match joined(picture) {
-                Ok(picture) => drawn = picture,
-                Err(error) => board.note(format!("no picture: {error}")),
-            }
+        drawn = picture.and_then(|picture| shown(joined(picture), board));
+        if common.recorder.records() {
+            let made = shared.seal(drawn.as_ref());
+            common.recorder.note(seal::SEAL, &made, clock.now_ns());
+            seal = Some(made);
         }
         common.recorder.close();
         recording = writer.map(joined);
         woven
     });
     woven?;
-    let mut account = board.snapshot();
     if let Some(recording) = &mut recording {
         [recording.lost_frames, recording.lost_others] = recorder.lost();
     }
-    let outcome = fabric.into_inner().loom.finish().map(|cloth| {
-        let notes = account.notes.iter().cloned().chain(cloth.notes).collect();
-        Outcome {
-            world,
-            route,
+    let account = board.snapshot();
+    Ok(session.finish(fabric.into_inner().loom, drawn, account, recording, seal))
+}
+
+/// Runs a recorded session again, after those that it goes on with: every reading at its turn, every decision made anew and held against the recorded one. Where it comes
+/// to something else, [`Precedent::differences`] says so. Nothing is dropped but what was: a stage that is slower holds up the others.
+///
+/// # Errors
+/// As of [`run`], and the recording's: [`PipelineError::Device`].
+pub fn rerun(
+    session: &Session,
+    earlier: Vec<Recorded>,
+    recorded: Recorded,
+    ends: &AtomicBool,
+    mut watch: impl FnMut(&Account),
+) -> Result<(Finished, Precedent), PipelineError> {
+    let fabric = session.loom();
+    let begun = session.weave_earlier(earlier, &fabric, ends)?;
+    let wall = session.looks.clone().map(Wall::new);
+    let (mut account, drawn, precedent) =
+        session.weave_recorded(recorded, &fabric, wall.as_ref(), true, ends, &mut watch)?;
+    account.notes.splice(0..0, begun);
+    let made = fabric.seal(drawn.as_ref());
+    if !ends.load(Ordering::Relaxed) {
+        precedent.sealed(&made);
+    }
+    Ok((session.finish(fabric.into_inner().loom, drawn, account, None, Some(made)), precedent))
+}
+
+impl Session {
+    fn loom(&self) -> Shared {
+        let chosen = match self.path {
+            PathChoice::Planar => Chosen { path: Path::Planar, why: "it was asked for".into() },
+            _ => Chosen::general("live poses are not known beforehand"),
+        };
+        let plan = Plan {
+            choice: self.path,
+            settings: self.settings.clone(),
+            planar: self.planar,
+            chosen,
+            off_plane: OffPlane::Settings,
+            poses: Vec::new(),
+        };
+        Shared::new(Loom::of_any_size(plan, self.mask))
+    }
+
+    /// What gives poses: each device's own, one after the other.
+    fn sources(&self, instruments: &[Instrument]) -> Vec<Source> {
+        let frames = instruments.iter().flat_map(|instrument| &instrument.frames);
+        frames.map(|[from, to]| Source { longest_gap_ns: self.longest_gap_ns, ..Source::new(from, to) }).collect()
+    }
+
+    fn bracketing(&self, instruments: &[Instrument]) -> Result<Bracketing<Waiting>, PipelineError> {
+        Ok(Bracketing::new(BracketOptions {
+            image: self.pairing.image.clone(),
+            world: self.pairing.world.clone(),
+            statics: self.pairing.statics.clone(),
+            sources: self.sources(instruments),
+            wait_ns: self.wait_ns,
+            ..BracketOptions::default()
+        })?)
+    }
+
+    fn pairing_stage<'a>(
+        &self,
+        instruments: Vec<Instrument>,
+        common: Common<'a>,
+        onward: Onward,
+    ) -> Result<Pairing<'a>, PipelineError> {
+        let bracketing = self.bracketing(&instruments)?;
+        let mut first = 0;
+        let parts = instruments.into_iter().map(|Instrument { name, gives, frames, latency_ns }| {
+            let sources = first..first + frames.len();
+            first = sources.end;
+            // What its stamps mean it says when it is set up.
+            Part { name, ingest: LiveIngest::new(gives, Timing::default(), latency_ns), sources: sources.collect() }
+        });
+        let parts = parts.collect();
+        common.board.route(bracketing.route());
+        Ok(Pairing::new(common, parts, bracketing, Frozen::new(self.mask), onward))
+    }
+
+    /// Weaves recorded sessions into a volume that is gone on with; what there is to say of it.
+    fn weave_earlier(
+        &self,
+        earlier: Vec<Recorded>,
+        shared: &Shared,
+        ends: &AtomicBool,
+    ) -> Result<Vec<String>, PipelineError> {
+        let mut notes = Vec::new();
+        for recorded in earlier {
+            let path = recorded.replay.settings().path.display().to_string();
+            let (_, _, precedent) = self.weave_recorded(recorded, shared, None, false, ends, &mut |_| {})?;
+            let slices = shared.goes_on();
+            notes.push(format!("{path} is gone on with: {slices} slices are in the volume"));
+            if let Some(first) = precedent.differences().first {
+                notes.push(format!("{path}: {first}"));
+            }
+        }
+        Ok(notes)
+    }
+
+    fn weave_recorded(
+        &self,
+        recorded: Recorded,
+        shared: &Shared,
+        wall: Option<&Wall>,
+        is_last: bool,
+        ends: &AtomicBool,
+        watch: &mut dyn FnMut(&Account),
+    ) -> Result<(Account, Option<Drawn>, Precedent), PipelineError> {
+        let Recorded { replay, precedent, instruments } = recorded;
+        let (clock, recorder, in_flight) = (Monotonic, Recorder::nowhere(), InFlight::new(u64::MAX));
+        let board = Board::new(&instruments, self.frozen_ns);
+        board.replayed();
+        let common = Common {
+            clock: &clock,
+            board: &board,
+            recorder: &recorder,
+            in_flight: &in_flight,
+            precedent: Some(&precedent),
+        };
+        let names: Vec<String> = instruments.iter().map(|instrument| instrument.name.clone()).collect();
+        let (deliver, delivered) = bounded(RECORDED);
+        let (pose, posed) = bounded(SLICES);
+        let stage = self.pairing_stage(instruments, common, Onward::Waits(pose))?;
+        let (board, clock) = (&board, &clock);
+        let mut drawn = None;
+        std::thread::scope(|scope| {
+            let picture = wall.map(|wall| spawn(scope, "picture", || picture::run(shared, wall, clock, |_| {})));
+            let weave = spawn(scope, "weave", move || weave::run(shared, &posed, common, is_last));
+            let pair = spawn(scope, "pairing", move || stage.run(&mut replay::FromRecording(delivered)));
+            let feed = spawn(scope, "replay", move || replay::run(replay, &names, common, ends, &deliver));
+            while !feed.is_finished() || !pair.is_finished() || !weave.is_finished() {
+                std::thread::sleep(TURN);
+                watch(&board.snapshot());
+            }
+            let fed = joined(feed);
+            joined(pair).into_iter().for_each(|note| board.note(note));
+            let woven = joined(weave);
+            drawn = picture.and_then(|picture| shown(joined(picture), board));
+            woven?;
+            fed.map_err(PipelineError::from)
+        })?;
+        Ok((board.snapshot(), drawn, precedent))
+    }
+
+    fn finish(
+        &self,
+        loom: Loom,
+        drawn: Option<Drawn>,
+        mut account: Account,
+        recording: Option<Recording>,
+        seal: Option<Seal>,
+    ) -> Finished {
+        account.frozen_s = None;
+        let outcome = loom.finish().map(|cloth| Outcome {
+            world: account.world.clone(),
+            route: account.route.clone(),
             voxels_updated: cloth.weaver.work().voxels_updated,
             reconstructor: cloth.weaver,
             chosen: cloth.chosen,
@@ -283,11 +456,27 @@ pub fn run(
             slice_axes: cloth.slice_axes,
             insert_ms: Vec::new(),
             pixels: cloth.pixels,
-            notes,
-        }
-    });
-    account.frozen_s = None;
-    Ok(Finished { outcome, drawn, account, recording })
+            notes: account.notes.iter().cloned().chain(cloth.notes).collect(),
+        });
+        Finished { outcome, drawn, account, recording, seal }
+    }
+}
+
+/// Bytes of a frame, by what the devices say.
+fn frame_bytes(devices: &[Box<dyn Device>]) -> u64 {
+    let sizes = devices.iter().filter_map(|device| device.describe().image_size);
+    sizes.map(|[width, height]| u64::from(width) * u64::from(height)).max().unwrap_or(USUAL_FRAME)
+}
+
+/// The picture, or why there is none.
+fn shown(
+    drawn: Result<Option<Drawn>, Box<dyn std::error::Error + Send + Sync>>,
+    board: &Board,
+) -> Option<Drawn> {
+    drawn.unwrap_or_else(|error| {
+        board.note(format!("no picture: {error}"));
+        None
+    })
 }
 
 /// A thread with a name.

@@ -2,26 +2,28 @@
 
 use std::time::Duration;
 
-use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TrySendError};
-use drivers::clock::Clock;
+use crossbeam_channel::{Receiver, RecvTimeoutError, Sender};
+use drivers::clock::MS;
 use drivers::reading::Reading;
 use serde::Serialize;
 
-use super::board::Board;
-use super::capture::{Delivery, InFlight, Word};
-use super::recorder::{Decision, Recorder};
+use super::decision::Common;
+use super::frozen::Frozen;
+use super::intake::{Delivery, Intake, Word};
 use super::weave::{Posed, Times};
 use crate::ingest::Picture;
 use crate::ingest::live::{Live, LiveIngest};
 use crate::ledger::Queue;
 use crate::refusal::{Reason, Refusal};
 use crate::slice::{Image, Slice};
-use crate::sync::bracket::{Answered, Bracketing, FrameTime, Placed, Unplaced};
+use crate::sync::bracket::{Answered, Bracketing, FrameTime, Unplaced};
 use crate::sync::clock::Mapping;
 use crate::sync::history::Unavailable;
 
 /// The longest that the thread waits before it looks whether frames have waited long enough.
 const TURN: Duration = Duration::from_millis(20);
+/// Between two times that clocks are told the time, ns.
+const TOLD_EVERY_NS: i64 = 20 * MS;
 
 /// A device of the session.
 pub(super) struct Part {
@@ -38,6 +40,9 @@ pub(super) struct Waiting {
     captured_ns: i64,
 }
 
+/// The kind of note that a clock is published by.
+pub(super) const CLOCK: &str = "clock";
+
 /// A clock as it was published, for the recording.
 #[derive(Serialize)]
 struct Published<'a> {
@@ -47,60 +52,61 @@ struct Published<'a> {
     mapping: Mapping,
 }
 
-/// Pictures that come again while the probe moves.
-struct Frozen {
-    last: Option<(Image, [f64; 16])>,
-    since_ns: Option<i64>,
-    after_ns: i64,
+/// Where deliveries come from.
+pub(super) trait Feed {
+    /// The next; `None` when nothing comes any more.
+    fn next(&mut self) -> Option<Came>;
 }
 
-impl Frozen {
-    /// Whether this picture is the last one's at another pose. What is the same in both, the loom refuses.
-    fn is(&mut self, image: &Image, placed: &Placed, captured_ns: i64) -> bool {
-        let pose = placed.world_from_image.to_rows();
-        let same = self.last.as_ref().is_some_and(|(last, _)| last.pixels().same_bits(image.pixels()));
-        let moved = self.last.as_ref().is_some_and(|(_, last)| *last != pose);
-        if !same {
-            self.since_ns = None;
-            self.last = Some((image.clone(), pose));
-        } else if moved {
-            self.since_ns.get_or_insert(captured_ns);
+/// What comes.
+#[allow(clippy::large_enum_variant, reason = "nearly all values are the large ones, moved once")]
+pub(super) enum Came {
+    /// A device has delivered.
+    Delivery(Delivery),
+    /// Nobody has until this host time, ns, and nothing that is delivered later has an earlier one.
+    Quiet(i64),
+}
+
+/// Of devices.
+pub(super) struct FromDevices<'a> {
+    pub(super) from: &'a Receiver<Delivery>,
+    pub(super) intake: &'a Intake<'a>,
+}
+
+impl Feed for FromDevices<'_> {
+    fn next(&mut self) -> Option<Came> {
+        loop {
+            match self.from.recv_timeout(TURN) {
+                Ok(delivery) => return Some(Came::Delivery(delivery)),
+                Err(RecvTimeoutError::Timeout) => {
+                    if let Some(now_ns) = self.intake.quiet(self.from) {
+                        return Some(Came::Quiet(now_ns));
+                    }
+                }
+                Err(RecvTimeoutError::Disconnected) => return None,
+            }
         }
-        same && moved
-    }
-
-    /// For how long the scanner has shown one picture, s, if that is long enough to be said.
-    fn seconds(&self, now_ns: i64) -> Option<f64> {
-        let since = now_ns - self.since_ns?;
-        (since >= self.after_ns).then_some(since as f64 * 1e-9)
     }
 }
 
-/// What all stages share.
-#[derive(Clone, Copy)]
-pub(super) struct Common<'a> {
-    pub(super) clock: &'a dyn Clock,
-    pub(super) board: &'a Board,
-    pub(super) recorder: &'a Recorder,
-    pub(super) in_flight: &'a InFlight,
-}
-
-impl Common<'_> {
-    /// A frame that was on its way is refused.
-    pub(super) fn refuse(&self, refusal: &Refusal) {
-        self.in_flight.leave();
-        self.board.refused(refusal);
-        self.recorder.decide(refusal.item, &Decision::Refused(refusal), self.clock.now_ns());
-    }
-}
-
-/// The stage.
+/// The stage. What it does depends on what comes and on the times at which it came, and on no clock: a recording of them redoes it.
 pub(super) struct Pairing<'a> {
     common: Common<'a>,
     parts: Vec<Part>,
     bracketing: Bracketing<Waiting>,
     frozen: Frozen,
-    onward: Sender<Posed>,
+    onward: Onward,
+    /// When something came last, and when clocks were told the time, host ns.
+    now_ns: i64,
+    told_ns: i64,
+}
+
+/// The way to the loom.
+pub(super) enum Onward {
+    /// Of devices, which nothing holds up: what finds the queue full is dropped.
+    OrDrop(Sender<Posed>),
+    /// Of a recording, which waits.
+    Waits(Sender<Posed>),
 }
 
 impl<'a> Pairing<'a> {
@@ -108,41 +114,60 @@ impl<'a> Pairing<'a> {
         common: Common<'a>,
         parts: Vec<Part>,
         bracketing: Bracketing<Waiting>,
-        frozen_ns: i64,
-        onward: Sender<Posed>,
+        frozen: Frozen,
+        onward: Onward,
     ) -> Self {
-        let frozen = Frozen { last: None, since_ns: None, after_ns: frozen_ns };
-        Self { common, parts, bracketing, frozen, onward }
+        Self { common, parts, bracketing, frozen, onward, now_ns: i64::MIN, told_ns: i64::MIN }
     }
 
-    /// Takes what devices deliver until none does any more. Returns what the user should know.
-    pub(super) fn run(mut self, from: &Receiver<Delivery>) -> Vec<String> {
-        loop {
-            match from.recv_timeout(TURN) {
-                Ok(delivery) => self.take(delivery),
-                Err(RecvTimeoutError::Timeout) => {
-                    let now_ns = self.common.clock.now_ns();
-                    for source in 0..self.parts.len() {
-                        self.parts[source].ingest.advance(now_ns);
-                        self.publish(source);
-                    }
-                }
-                Err(RecvTimeoutError::Disconnected) => break,
-            }
-            while let Some(answered) = self.bracketing.next(self.common.clock.now_ns()) {
-                self.answer(answered);
+    /// Takes what comes until nothing does any more. Returns what the user should know.
+    pub(super) fn run(mut self, feed: &mut impl Feed) -> Vec<String> {
+        while let Some(came) = feed.next() {
+            let (now_ns, delivery) = match came {
+                Came::Delivery(delivery) => (delivery.at_ns, Some(delivery)),
+                Came::Quiet(now_ns) => (now_ns, None),
+            };
+            self.now_ns = self.now_ns.max(now_ns);
+            // Frames whose time was over before this came are told so before it is looked at: whether the time passed in quiet or not must make no difference.
+            self.answer_all();
+            if let Some(delivery) = delivery {
+                self.tell_time();
+                self.take(delivery);
+                self.answer_all();
             }
         }
-        while let Some(answered) = self.bracketing.finish(self.common.clock.now_ns()) {
+        while let Some(answered) = self.bracketing.finish(self.now_ns) {
             self.answer(answered);
         }
         self.parts.iter().flat_map(|part| part.ingest.notes().to_vec()).collect()
     }
 
-    fn take(&mut self, Delivery { source, word }: Delivery) {
+    fn answer_all(&mut self) {
+        while let Some(answered) = self.bracketing.next(self.now_ns) {
+            self.answer(answered);
+        }
+    }
+
+    /// Clocks are told now and then what time it is, also those whose devices say nothing.
+    fn tell_time(&mut self) {
+        if self.now_ns.saturating_sub(self.told_ns) < TOLD_EVERY_NS {
+            return;
+        }
+        self.told_ns = self.now_ns;
+        for source in 0..self.parts.len() {
+            self.parts[source].ingest.advance(self.now_ns);
+            self.publish(source);
+        }
+    }
+
+    fn take(&mut self, Delivery { source, word, .. }: Delivery) {
         let reading = match word {
             Word::SetUp(timing) => {
                 self.parts[source].ingest.set_up(timing);
+                return self.publish(source);
+            }
+            Word::Latency(latency_ns) => {
+                self.parts[source].ingest.set_latency(latency_ns);
                 return self.publish(source);
             }
             Word::Reading(reading) => reading,
@@ -151,6 +176,7 @@ impl<'a> Pairing<'a> {
             Reading::Frame(frame) => frame.stamp.host_ns,
             _ => None,
         };
+        let is_frame = matches!(reading, Reading::Frame(_));
         let live = self.parts[source].ingest.take(reading);
         self.publish(source);
         let board = self.common.board;
@@ -166,11 +192,11 @@ impl<'a> Pairing<'a> {
                 let captured_ns = captured_ns.unwrap_or(timed.time_ns);
                 let waiting = Waiting { item: head.stamp.item, image, captured_ns };
                 let frame = FrameTime::new(&timed, head.size);
-                if let Some(crowded) = self.bracketing.frame(frame, self.common.clock.now_ns(), waiting) {
+                if let Some(crowded) = self.bracketing.frame(frame, self.now_ns, waiting) {
                     self.answer(crowded);
                 }
             }
-            Live::Refused(refusal) if captured_ns.is_some() => self.common.refuse(&refusal),
+            Live::Refused(refusal) if is_frame => self.common.refuse(&refusal),
             Live::Refused(refusal) => board.sampled(source, Some(refusal.reason.name())),
             Live::Unused(kind) => board.sampled(source, Some(kind)),
         }
@@ -181,32 +207,26 @@ impl<'a> Pairing<'a> {
         let Part { name, ingest, .. } = &mut self.parts[source];
         while let Some((clock, mapping)) = ingest.take_published() {
             let published = Published { device: name, clock, mapping };
-            self.common.recorder.note("clock", &published, self.common.clock.now_ns());
+            self.common.recorder.note(CLOCK, &published, self.common.clock.now_ns());
         }
     }
 
     /// A frame need not wait any longer.
     fn answer(&mut self, answered: Answered<Waiting>) {
         let Answered { payload: Waiting { item, image, captured_ns }, frame, answer, .. } = answered;
-        let now_ns = self.common.clock.now_ns();
         let refusal = match answer {
             Ok(placed) if self.frozen.is(&image, &placed, captured_ns) => {
-                self.common.board.frozen(self.frozen.seconds(captured_ns));
+                self.common.board.frozen(self.frozen.since_ns(captured_ns));
                 Refusal::new(item, Reason::SamePicture, "the picture is the last one's, and the probe has moved")
             }
             Ok(placed) => {
                 self.common.board.frozen(None);
-                let slice = Slice { image, time_ns: frame.time_ns, world_from_image: placed.world_from_image };
-                let posed = Posed { item, slice, times: Times { captured_ns, known_ns: now_ns } };
-                match self.onward.try_send(posed) {
-                    Ok(()) => {}
-                    Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {
-                        self.common.in_flight.leave();
-                        self.common.board.dropped_frame(Queue::Weaving);
-                        self.common.recorder.decide(item, &Decision::Dropped, now_ns);
-                    }
+                self.common.placed(item, &frame, &placed);
+                if let Some(queue) = self.common.precedent.and_then(|precedent| precedent.was_dropped(item)) {
+                    return self.common.drop_before(queue, item);
                 }
-                return;
+                let slice = Slice { image, time_ns: frame.time_ns, world_from_image: placed.world_from_image };
+                return self.pass(item, slice, captured_ns);
             }
             Err(unplaced) => {
                 let reason = match &unplaced {
@@ -220,5 +240,19 @@ impl<'a> Pairing<'a> {
             }
         };
         self.common.refuse(&refusal);
+    }
+
+    /// On to the loom.
+    fn pass(&self, item: u64, slice: Slice, captured_ns: i64) {
+        let is_full = match &self.onward {
+            Onward::OrDrop(onward) => {
+                let times = Some(Times { captured_ns, known_ns: self.now_ns });
+                onward.try_send(Posed { item, slice, times }).is_err()
+            }
+            Onward::Waits(onward) => onward.send(Posed { item, slice, times: None }).is_err(),
+        };
+        if is_full {
+            self.common.drop_before(Queue::Weaving, item);
+        }
     }
 }

@@ -1,5 +1,7 @@
 //! The picture's thread: after each slice, or after as many as came while the last picture was drawn, the picture of what there is.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use drivers::clock::Clock;
@@ -14,7 +16,7 @@ use crate::volume::lattice::Shifted;
 const TURN: Duration = Duration::from_millis(100);
 
 /// How a picture is to be looked at; the first slice settles the rest.
-pub trait Looks: Sync {
+pub trait Looks: Send + Sync {
     /// Settings of the renderer, by the grey levels' range and the first slice's directions.
     ///
     /// # Errors
@@ -45,9 +47,32 @@ pub struct Drawn {
     pub draw: Spread,
 }
 
+/// How the volume is looked at, which may change while it is.
+pub(super) struct Wall {
+    looks: Mutex<Arc<dyn Looks>>,
+    changes: AtomicU64,
+}
+
+impl Wall {
+    pub(super) fn new(looks: Arc<dyn Looks>) -> Self {
+        Self { looks: Mutex::new(looks), changes: AtomicU64::new(0) }
+    }
+
+    /// From the next picture on.
+    pub(super) fn hang(&self, looks: &Arc<dyn Looks>) {
+        *self.looks.lock().unwrap_or_else(PoisonError::into_inner) = Arc::clone(looks);
+        self.changes.fetch_add(1, Ordering::Relaxed);
+    }
+
+    fn looks(&self) -> Arc<dyn Looks> {
+        Arc::clone(&self.looks.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
 /// The thread's state.
 struct Easel<'a> {
-    looks: &'a dyn Looks,
+    wall: &'a Wall,
+    changes: u64,
     reach: Option<Reach>,
     drawn: Option<Drawn>,
 }
@@ -56,7 +81,7 @@ impl Easel<'_> {
     /// A renderer for a box, which has seen nothing.
     fn stretch(&self, begun: &Begun, reach: Reach) -> Result<Renderer, Box<dyn std::error::Error + Send + Sync>> {
         let first = First { slice_axes: begun.slice_axes, grey_levels: begun.pixels.grey_levels() };
-        let settings = self.looks.settings(&first)?;
+        let settings = self.wall.looks().settings(&first)?;
         let [low, high] = reach.voxels();
         let stage = Stage::new(begun.lattice.world_from_lattice, low, high)?;
         Ok(Renderer::new(&settings, stage)?)
@@ -69,15 +94,16 @@ impl Easel<'_> {
 /// What makes no picture; the volume is woven on.
 pub(super) fn run(
     shared: &Shared,
-    looks: &dyn Looks,
+    wall: &Wall,
     clock: &dyn Clock,
     mut shown: impl FnMut(&Drawn),
 ) -> Result<Option<Drawn>, Box<dyn std::error::Error + Send + Sync>> {
-    let mut easel = Easel { looks, reach: None, drawn: None };
+    let mut easel = Easel { wall, changes: 0, reach: None, drawn: None };
     let mut seen = 0;
     loop {
         let mut fabric = shared.wait(seen, TURN);
-        if fabric.news.woven == seen {
+        let changes = wall.changes.load(Ordering::Relaxed);
+        if fabric.news.woven == seen && (changes == easel.changes || seen == 0) {
             if fabric.ended {
                 return Ok(easel.drawn);
             }
@@ -93,7 +119,8 @@ pub(super) fn run(
             continue;
         };
         let volume = Shifted::new(weaver.volume(), begun.lattice.offset);
-        let anew = easel.reach != Some(reach);
+        let anew = easel.reach != Some(reach) || easel.changes != changes;
+        easel.changes = changes;
         if anew {
             let renderer = easel.stretch(&begun, reach)?;
             easel.reach = Some(reach);
@@ -120,9 +147,11 @@ pub(super) fn run(
         drop(fabric);
         drawn.renderer.draw();
         drawn.pictures += 1;
-        drawn.skipped += woven - seen - 1;
+        drawn.skipped += (woven - seen).saturating_sub(1);
         drawn.draw.add_ns(i64::try_from(began.elapsed().as_nanos()).unwrap_or(i64::MAX));
-        drawn.capture_to_picture.add_ns(clock.now_ns() - captured_ns);
+        if let Some(captured_ns) = captured_ns {
+            drawn.capture_to_picture.add_ns(clock.now_ns() - captured_ns);
+        }
         seen = woven;
         shown(drawn);
     }

@@ -9,11 +9,13 @@ use std::time::Duration;
 
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TrySendError, bounded};
 use drivers::clock::Clock;
-use drivers::recording::session::{Account, Room, SessionWriter, Source};
+use drivers::reading::Frame;
+use drivers::recording::session::{Account, Crop, Room, SessionWriter, Source};
 use drivers::{Description, Reading};
 use serde::Serialize;
 
-use crate::refusal::Refusal;
+use crate::ingest::stored_rect;
+use crate::mask::MaskSettings;
 
 /// Messages that wait for the writer: some seconds of all devices.
 const QUEUE: usize = 4096;
@@ -21,18 +23,6 @@ const QUEUE: usize = 4096;
 const FRAMES: usize = QUEUE / 4 * 3;
 /// The longest that the writer waits before it looks whether something is due.
 const TURN: Duration = Duration::from_millis(100);
-
-/// What was decided upon a frame.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub(super) enum Decision<'a> {
-    /// It is in the volume.
-    Used,
-    /// It is not, and why.
-    Refused(&'a Refusal),
-    /// A stage had no time for it.
-    Dropped,
-}
 
 /// What is written.
 enum Entry {
@@ -49,6 +39,8 @@ enum Entry {
         kind: &'static str,
         json: String,
         at_ns: i64,
+        /// It is one of the things that come in, whose times are those of their messages.
+        comes_in: bool,
     },
     /// Nothing follows.
     End,
@@ -101,11 +93,14 @@ impl Recorder {
         }
     }
 
+    /// Whether anything is recorded.
+    pub(super) fn records(&self) -> bool {
+        self.queue.is_some()
+    }
+
     /// A device's reading.
-    pub(super) fn take(&self, source: usize, reading: &Reading, at_ns: i64) {
-        if self.queue.is_some() {
-            self.give(Entry::Reading { source, reading: reading.clone(), at_ns });
-        }
+    pub(super) fn take(&self, source: usize, reading: Reading, at_ns: i64) {
+        self.give(Entry::Reading { source, reading, at_ns });
     }
 
     /// What a device says of itself now.
@@ -115,26 +110,24 @@ impl Recorder {
         }
     }
 
-    /// Something of the daemon's own.
+    /// Something that was decided.
     pub(super) fn note(&self, kind: &'static str, value: &impl Serialize, at_ns: i64) {
+        self.note_of(kind, value, at_ns, false);
+    }
+
+    /// Something that comes in, as readings do.
+    pub(super) fn comes_in(&self, kind: &'static str, value: &impl Serialize, at_ns: i64) {
+        self.note_of(kind, value, at_ns, true);
+    }
+
+    fn note_of(&self, kind: &'static str, value: &impl Serialize, at_ns: i64, comes_in: bool) {
         if self.queue.is_none() {
             return;
         }
         match serde_json::to_string(value) {
-            Ok(json) => self.give(Entry::Note { kind, json, at_ns }),
+            Ok(json) => self.give(Entry::Note { kind, json, at_ns, comes_in }),
             Err(error) => tracing::error!(kind, %error, "cannot be recorded"),
         }
-    }
-
-    /// What was decided upon a frame.
-    pub(super) fn decide(&self, item: u64, decision: &Decision<'_>, at_ns: i64) {
-        #[derive(Serialize)]
-        struct Decided<'a> {
-            frame: u64,
-            #[serde(flatten)]
-            decision: &'a Decision<'a>,
-        }
-        self.note("decision", &Decided { frame: item, decision }, at_ns);
     }
 
     /// What found the queue full: frames, and everything else.
@@ -155,22 +148,51 @@ impl Recorder {
 /// What waits to be written.
 pub(super) struct Queue(Receiver<Entry>);
 
-/// Writes until the queue is closed, and ends the file.
+/// Of frames the part that is kept: the rectangle of what is data, in the pixels as they are stored.
+struct Cropping {
+    mask: MaskSettings,
+    /// Size and orientation of the frames that a source's crop is for.
+    known: Vec<Option<([u32; 2], String)>>,
+}
+
+impl Cropping {
+    /// Sees to it that the writer crops this frame as it should.
+    fn prepare(&mut self, frame: &Frame, source: usize, writer: &mut SessionWriter, of_writer: Source) {
+        let known = &mut self.known[source];
+        if known.as_ref().is_some_and(|(size, code)| *size == frame.size && *code == frame.orientation) {
+            return;
+        }
+        *known = Some((frame.size, frame.orientation.clone()));
+        let rect = stored_rect(frame.size, &frame.orientation, |size| self.mask.bounds(size));
+        let crop = rect.map(|rect| Crop { offset: [rect.x, rect.y], size: [rect.width, rect.height] });
+        writer.crop(of_writer, crop);
+    }
+}
+
+/// Writes until the queue is closed, and ends the file. Of frames what `kept` says is data is kept, all of them without.
 pub(super) fn run(
     queue: &Queue,
     mut writer: SessionWriter,
     sources: &[Source],
+    kept: Option<MaskSettings>,
     clock: &dyn Clock,
     mut told: impl FnMut(&Account, Option<Room>),
 ) -> Recording {
+    let mut cropping = kept.map(|mask| Cropping { mask, known: vec![None; sources.len()] });
     let path = writer.path().to_owned();
     let mut room = None;
     let mut looked_ns = i64::MIN;
     loop {
         let written = match queue.0.recv_timeout(TURN) {
-            Ok(Entry::Reading { source, reading, at_ns }) => writer.write(sources[source], &reading, at_ns),
+            Ok(Entry::Reading { source, reading, at_ns }) => {
+                if let (Some(cropping), Reading::Frame(frame)) = (&mut cropping, &reading) {
+                    cropping.prepare(frame, source, &mut writer, sources[source]);
+                }
+                writer.write(sources[source], &reading, at_ns)
+            }
             Ok(Entry::Description { source, description }) => writer.describe(sources[source], &description),
-            Ok(Entry::Note { kind, json, at_ns }) => writer.note(kind, &json, at_ns),
+            Ok(Entry::Note { kind, json, at_ns, comes_in: true }) => writer.note(kind, &json, at_ns),
+            Ok(Entry::Note { kind, json, at_ns, comes_in: false }) => writer.note_behind(kind, &json, at_ns),
             Err(RecvTimeoutError::Timeout) => writer.tick(clock.now_ns()),
             Ok(Entry::End) | Err(RecvTimeoutError::Disconnected) => break,
         };

@@ -3,8 +3,7 @@
 use std::collections::VecDeque;
 
 use super::fabric::{Fabric, News, Shared};
-use super::pairing::Common;
-use super::recorder::Decision;
+use super::decision::Common;
 use crate::pipeline::loom::Fates;
 use crate::pipeline::{PipelineError, Woven};
 use crate::refusal::{Reason, Refusal};
@@ -16,7 +15,8 @@ pub(super) struct Posed {
     /// Its frame's number.
     pub(super) item: u64,
     pub(super) slice: Slice,
-    pub(super) times: Times,
+    /// `None` of a recording, whose times are over.
+    pub(super) times: Option<Times>,
 }
 
 /// Host ns.
@@ -31,13 +31,13 @@ pub(super) struct Times {
 /// Tells what became of slices, some of which have waited for the mask.
 struct Teller<'a> {
     common: Common<'a>,
-    waiting: &'a mut VecDeque<(u64, Times)>,
+    waiting: &'a mut VecDeque<(u64, Option<Times>)>,
     news: &'a mut News,
 }
 
 impl Teller<'_> {
     /// It is decided upon: when it was captured.
-    fn leaves(&mut self, item: u64) -> Option<Times> {
+    fn leaves(&mut self, item: u64) -> Option<Option<Times>> {
         let place = self.waiting.iter().position(|(waiting, _)| *waiting == item)?;
         self.waiting.remove(place).map(|(_, times)| times)
     }
@@ -46,16 +46,17 @@ impl Teller<'_> {
 impl Fates for Teller<'_> {
     fn woven(&mut self, woven: &Woven<'_>) -> Result<(), PipelineError> {
         let Some(times) = self.leaves(woven.item) else { return Ok(()) };
-        self.news.note(woven, times.captured_ns);
-        let Common { clock, board, recorder, in_flight } = self.common;
-        in_flight.leave();
-        let now_ns = clock.now_ns();
+        let Common { clock, board, .. } = self.common;
+        self.news.note(woven, times.map(|times| times.captured_ns));
         let mut account = board.lock();
         account.ledger.used();
-        account.capture_to_volume.add_ns(now_ns - times.captured_ns);
-        account.pose_to_volume.add_ns(now_ns - times.known_ns);
+        if let Some(times) = times {
+            let now_ns = clock.now_ns();
+            account.capture_to_volume.add_ns(now_ns - times.captured_ns);
+            account.pose_to_volume.add_ns(now_ns - times.known_ns);
+        }
         drop(account);
-        recorder.decide(woven.item, &Decision::Used, now_ns);
+        self.common.used(woven.item);
         Ok(())
     }
 
@@ -65,11 +66,16 @@ impl Fates for Teller<'_> {
     }
 }
 
-/// Weaves until no slice follows.
+/// Weaves until no slice follows. Where that is the volume's end, slices that wait for the mask go on.
 ///
 /// # Errors
 /// What no slice could be woven with. A full volume is none: its slices are refused.
-pub(super) fn run(shared: &Shared, from: &Receiver<Posed>, common: Common<'_>) -> Result<(), PipelineError> {
+pub(super) fn run(
+    shared: &Shared,
+    from: &Receiver<Posed>,
+    common: Common<'_>,
+    ends: bool,
+) -> Result<(), PipelineError> {
     let mut waiting = VecDeque::new();
     let mut result = Ok(());
     for Posed { item, slice, times } in from {
@@ -93,7 +99,7 @@ pub(super) fn run(shared: &Shared, from: &Receiver<Posed>, common: Common<'_>) -
     }
     let mut fabric = shared.lock();
     let Fabric { loom, news, ended } = &mut *fabric;
-    if result.is_ok() {
+    if result.is_ok() && ends {
         let mut teller = Teller { common, waiting: &mut waiting, news };
         result = loom.end(&mut teller);
     }

@@ -79,6 +79,16 @@ impl SessionReplay {
         &self.devices
     }
 
+    /// When the last reading was handed over to be written, host ns of then.
+    pub fn handed_over_ns(&self) -> i64 {
+        self.due_ns
+    }
+
+    /// What it was opened with.
+    pub fn settings(&self) -> &SessionSettings {
+        &self.settings
+    }
+
     fn path(&self) -> &Path {
         &self.settings.path
     }

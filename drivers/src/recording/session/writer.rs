@@ -186,6 +186,11 @@ impl SessionWriter {
         Ok(source)
     }
 
+    /// Of a device's frames from here on this part is kept; all of them without.
+    pub fn crop(&mut self, source: Source, crop: Option<Crop>) {
+        self.devices[source.0].crop = crop;
+    }
+
     /// What a device says of itself now; written where it differs from what it said last.
     ///
     /// # Errors
@@ -221,8 +226,7 @@ impl SessionWriter {
         if self.has_room(is_frame) {
             self.message.clear();
             message::write(reading, self.devices[source.0].crop, &mut self.encoder, &mut self.message);
-            let stamp = stamp_of(reading);
-            self.put(channel, at_ns, stamp.host_ns.unwrap_or(at_ns))?;
+            self.put(channel, at_ns, reading.stamp().host_ns.unwrap_or(at_ns))?;
         } else {
             self.lose(channel, size, at_ns);
         }
@@ -239,6 +243,17 @@ impl SessionWriter {
         self.write_note(&Recorded { stamp, topic: kind.to_owned(), text: json.to_owned() }, at_ns)
     }
 
+    /// A note of what was decided upon things that were handed over before: it has its own time, and its place behind the message before it, with that one's `log_time`. So
+    /// the `log_time`s of readings are those at which they were handed over, to the nanosecond, whoever notes something between.
+    ///
+    /// # Errors
+    /// As [`Self::write`].
+    pub fn note_behind(&mut self, kind: &str, json: &str, at_ns: i64) -> Result<(), Error> {
+        let stamp = Stamp { item: self.items, host_ns: Some(at_ns), ..Stamp::default() };
+        self.items += 1;
+        self.write_note(&Recorded { stamp, topic: kind.to_owned(), text: json.to_owned() }, self.last_ns)
+    }
+
     fn write_note(&mut self, note: &Recorded, at_ns: i64) -> Result<(), Error> {
         let channel = self.note_channel(&note.topic)?;
         let due = self.advance(at_ns);
@@ -246,7 +261,7 @@ impl SessionWriter {
             self.message.clear();
             let note = Reading::Recorded(note.clone());
             message::write(&note, None, &mut self.encoder, &mut self.message);
-            self.put(channel, at_ns, stamp_of(&note).host_ns.unwrap_or(at_ns))?;
+            self.put(channel, at_ns, note.stamp().host_ns.unwrap_or(at_ns))?;
         } else {
             self.lose(channel, note.text.len(), at_ns);
         }
@@ -338,8 +353,8 @@ impl SessionWriter {
 
     /// Closes a chunk that is due and writes what is whole.
     fn advance(&mut self, now_ns: i64) -> Result<(), Error> {
+        // Times of messages go on by messages alone: what was handed over before this moment may still be on its way here.
         let now_ns = now_ns.max(self.last_ns);
-        self.last_ns = now_ns;
         let is_due = self.chunk_ns.is_some_and(|begun_ns| {
             now_ns - begun_ns >= self.options.chunk_ns || self.tail.held().begun() >= self.options.chunk_bytes
         });
@@ -461,17 +476,6 @@ impl Drop for SessionWriter {
         {
             tracing::error!("{error}");
         }
-    }
-}
-
-fn stamp_of(reading: &Reading) -> Stamp {
-    match reading {
-        Reading::Frame(frame) => frame.stamp,
-        Reading::Counts(counts) => counts.stamp,
-        Reading::Pose(pose) => pose.stamp,
-        Reading::NamedTransform(transform) => transform.stamp,
-        Reading::Recorded(recorded) => recorded.stamp,
-        Reading::Raw(raw) => raw.stamp,
     }
 }
 

@@ -1,0 +1,222 @@
+//! What a session leaves: a volume, its weights, a picture, numbers; and what is said of it.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use clap::Args;
+use serde::Serialize;
+
+use crate::cli::Failure;
+use crate::cli::input;
+use crate::cli::render::check_png;
+use crate::cli::render::drawing::Over;
+use crate::config::bedside::Bedside;
+use crate::export::volume::{DenseBox, Encoding, Scalar, write_values, write_weights};
+use crate::pipeline::live::{Account, Differences, Finished, Quantiles, REPLAYED, Seal};
+use crate::pipeline::{Outcome, PixelKind};
+use crate::statistics::write_json;
+
+/// What a session leaves.
+#[derive(Debug, Clone, Default, Args)]
+pub(in crate::cli) struct Outputs {
+    /// Where to write the volume at the end (.mha)
+    #[arg(long, value_name = "VOL.mha")]
+    pub(in crate::cli) volume: Option<PathBuf>,
+    /// Where to write its weights (.mha)
+    #[arg(long, value_name = "W.mha")]
+    pub(in crate::cli) weights: Option<PathBuf>,
+    /// Where to write the picture at the end
+    #[arg(long, value_name = "IMG.png")]
+    pub(in crate::cli) picture: Option<PathBuf>,
+    /// Where to write what became of every frame, how each device was and how long things took, as JSON
+    #[arg(long, value_name = "FILE.json")]
+    pub(in crate::cli) stats: Option<PathBuf>,
+}
+
+impl Outputs {
+    /// Refuses what cannot be written, before the work.
+    ///
+    /// # Errors
+    /// [`Failure`]: the file, and why.
+    pub(in crate::cli) fn check(&self) -> Result<(), Failure> {
+        for path in [&self.volume, &self.weights].into_iter().flatten() {
+            if path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("mha")) {
+                return Err(Failure(format!("{}: volumes are written as .mha; give such a name", path.display())));
+            }
+            input::check_output(path)?;
+        }
+        if let Some(path) = &self.picture {
+            check_png(path)?;
+            input::check_output(path)?;
+        }
+        if let Some(path) = &self.stats {
+            input::check_output(path)?;
+        }
+        Ok(())
+    }
+}
+
+/// A line on the way.
+pub(in crate::cli) fn line(account: &Account) -> String {
+    let frames = &account.ledger.frames;
+    let mut text = format!("{} slices of {} frames", frames.used, frames.total);
+    for device in &account.devices {
+        let is_well = ["running", REPLAYED].contains(&device.state);
+        if !is_well || !device.why.is_empty() {
+            text += &format!("; {} is {}: {}", device.name, device.state, device.why);
+        }
+    }
+    if let Some(seconds) = account.frozen_s {
+        text += &format!("; scanner frozen for {seconds:.1} s");
+    }
+    if let Some(written) = account.recording.as_ref().filter(|written| !written.trouble.is_empty()) {
+        text += &format!("; not recorded: {}", written.trouble);
+    }
+    text
+}
+
+#[allow(clippy::print_stderr, reason = "the command's output on the way")]
+pub(in crate::cli) fn say(line: &str) {
+    eprintln!("sonoweave: {line}");
+}
+
+/// What a session did, in numbers.
+#[derive(Serialize)]
+struct Numbers<'a> {
+    version: &'static str,
+    wall_s: f64,
+    #[serde(flatten)]
+    ledger: &'a crate::ledger::Ledger,
+    devices: &'a [crate::pipeline::live::DeviceBoard],
+    capture_to_volume: Option<Quantiles>,
+    pose_to_volume: Option<Quantiles>,
+    capture_to_picture: Option<Quantiles>,
+    pictures: u64,
+    pictures_skipped: u64,
+    recording: Option<Recorded<'a>>,
+    /// Of a recording.
+    differences: Option<u64>,
+    first_difference: Option<&'a str>,
+    seal: Option<&'a Seal>,
+    notes: &'a [String],
+    config: &'a crate::config::bedside::Effective,
+}
+
+#[derive(Serialize)]
+struct Recorded<'a> {
+    path: &'a Path,
+    messages: u64,
+    stored: u64,
+    lost: u64,
+    lost_frames_before_writer: u64,
+    lost_others_before_writer: u64,
+    bytes: u64,
+    trouble: &'a str,
+}
+
+/// Writes what was asked for, and says what was done; of a recording, how it differs from what was recorded.
+///
+/// # Errors
+/// [`Failure`]: the file that failed is not there.
+#[allow(clippy::print_stdout, reason = "the command's output")]
+pub(in crate::cli) fn leave(
+    bedside: &Bedside,
+    outputs: &Outputs,
+    finished: &Finished,
+    wall: Duration,
+    differences: Option<&Differences>,
+) -> Result<(), Failure> {
+    let Finished { outcome, drawn, account, recording, seal } = finished;
+    println!("{}", account.ledger);
+    if let (Some(outcome), Some(quantiles)) = (outcome, account.capture_to_volume.quantiles()) {
+        println!(
+            "{:.1} ms from capture to volume (median; p99 {:.1}, most {:.1}), {} voxels updated",
+            quantiles.median_ms, quantiles.p99_ms, quantiles.most_ms, outcome.voxels_updated
+        );
+    }
+    if let Some(outcome) = outcome {
+        write_volumes(outputs, outcome)?;
+    } else if outputs.volume.is_some() || outputs.weights.is_some() || outputs.picture.is_some() {
+        say("no slice was woven: there is no volume and no picture");
+    }
+    if let (Some(path), Some(drawn)) = (&outputs.picture, drawn) {
+        let over = Over { renderer: &drawn.renderer, background: bedside.picture.background, slice: None };
+        over.write(&bedside.picture.draw, path)?;
+        println!("picture: {} ({} on the way)", path.display(), drawn.pictures);
+    }
+    if let Some(recording) = recording {
+        let lost = recording.account.lost + recording.lost_frames + recording.lost_others;
+        println!(
+            "session: {} ({:.1} MB, {} messages{})",
+            recording.path.display(),
+            recording.account.file_bytes as f64 / 1e6,
+            recording.account.stored,
+            if lost > 0 { format!(", {lost} LOST") } else { String::new() }
+        );
+    }
+    for note in &account.notes {
+        say(&format!("note: {note}"));
+    }
+    let Some(path) = &outputs.stats else { return Ok(()) };
+    let numbers = Numbers {
+        version: env!("CARGO_PKG_VERSION"),
+        wall_s: wall.as_secs_f64(),
+        ledger: &account.ledger,
+        devices: &account.devices,
+        capture_to_volume: account.capture_to_volume.quantiles(),
+        pose_to_volume: account.pose_to_volume.quantiles(),
+        capture_to_picture: drawn.as_ref().and_then(|drawn| drawn.capture_to_picture.quantiles()),
+        pictures: drawn.as_ref().map_or(0, |drawn| drawn.pictures),
+        pictures_skipped: drawn.as_ref().map_or(0, |drawn| drawn.skipped),
+        recording: recording.as_ref().map(|recording| Recorded {
+            path: &recording.path,
+            messages: recording.account.messages,
+            stored: recording.account.stored,
+            lost: recording.account.lost,
+            lost_frames_before_writer: recording.lost_frames,
+            lost_others_before_writer: recording.lost_others,
+            bytes: recording.account.file_bytes,
+            trouble: &recording.account.trouble,
+        }),
+        differences: differences.map(|differences| differences.count),
+        first_difference: differences.and_then(|differences| differences.first.as_deref()),
+        seal: seal.as_ref(),
+        notes: &account.notes,
+        config: &bedside.effective,
+    };
+    Ok(write_json(path, &numbers)?)
+}
+
+#[allow(clippy::print_stdout, reason = "the command's output")]
+fn write_volumes(outputs: &Outputs, outcome: &Outcome) -> Result<(), Failure> {
+    if outputs.volume.is_none() && outputs.weights.is_none() {
+        return Ok(());
+    }
+    let weaver = &outcome.reconstructor;
+    let Some((low, high)) = weaver.volume().seen_bounds() else {
+        say("no voxel was seen: the slices' kernel fell between the voxels; choose a finer volume.spacing_mm");
+        return Ok(());
+    };
+    let space = DenseBox::around([low, high], weaver.world_from_lattice(), weaver.settings());
+    let scalar = match outcome.pixels {
+        PixelKind::U8 => Scalar::U8,
+        PixelKind::U16 => Scalar::U16,
+        PixelKind::F32 => Scalar::F32,
+    };
+    let encoding = Encoding { scalar, window: None, unseen: 0.0 };
+    let fields = [
+        ("SonoweaveVersion".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
+        ("SonoweaveFrame".to_owned(), format!("{} (mm, not anatomical)", outcome.world)),
+        ("SonoweaveRoute".to_owned(), outcome.route.clone()),
+    ];
+    if let Some(path) = &outputs.volume {
+        write_values(weaver.volume(), &space, path, &encoding, &fields)?;
+        let [x, y, z] = space.grid.size;
+        println!("volume: {} ({x}×{y}×{z} voxels in {})", path.display(), outcome.world);
+    }
+    if let Some(path) = &outputs.weights {
+        write_weights(weaver.volume(), &space, path, &fields)?;
+        println!("weights: {}", path.display());
+    }
+    Ok(())
+}

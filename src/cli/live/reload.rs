@@ -1,0 +1,78 @@
+//! SIGHUP: the configuration is read again, and what may change while a session runs changes.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use super::outputs::say;
+use super::stages::{ADOPTED, Kept};
+use crate::cli::Failure;
+use crate::config::bedside::Bedside;
+use crate::pipeline::live::{Looks, Order};
+
+/// The configuration that holds, and whether it is to be read again.
+pub(super) struct Reload {
+    bedside: Bedside,
+    told: Arc<AtomicBool>,
+}
+
+impl Reload {
+    /// Of a session that begins with this.
+    ///
+    /// # Errors
+    /// [`Failure`] when the system takes no handler.
+    pub(super) fn new(bedside: &Bedside) -> Result<Self, Failure> {
+        let told = Arc::new(AtomicBool::new(false));
+        signal_hook::flag::register(signal_hook::consts::SIGHUP, Arc::clone(&told))?;
+        Ok(Self { bedside: bedside.clone(), told })
+    }
+
+    /// The configuration that holds.
+    pub(super) fn bedside(&self) -> &Bedside {
+        &self.bedside
+    }
+
+    /// What the session is to do otherwise, if it was told to read again. A file that cannot be used changes nothing, and is said.
+    pub(super) fn orders(&mut self) -> Vec<Order> {
+        if !self.told.swap(false, Ordering::Relaxed) {
+            return Vec::new();
+        }
+        match Bedside::read(&self.bedside.path) {
+            Ok(newer) => self.adopt(&newer),
+            Err(error) => {
+                let note = format!("the configuration was read again and cannot be used, so that the old one holds: {error}");
+                say(&note);
+                vec![Order::Say(note)]
+            }
+        }
+    }
+
+    fn adopt(&mut self, newer: &Bedside) -> Vec<Order> {
+        let changes = self.bedside.changes(newer);
+        let mut said = vec!["the configuration was read again".to_owned()];
+        if changes.is_empty() {
+            said.push("nothing has changed".into());
+        }
+        said.extend(changes.at_once.iter().map(|change| format!("from now on {change}")));
+        said.extend(changes.next_session.iter().map(|change| format!("in the next session {change}")));
+        let said = said.join("; ");
+        say(&said);
+        let mut orders = vec![Order::Say(said)];
+        if changes.at_once.is_empty() {
+            return orders;
+        }
+        self.bedside.adopt(newer);
+        let bedside = &self.bedside;
+        orders.push(Order::Latency(0, bedside.tracking.latency_ns()));
+        orders.push(Order::Latency(1, bedside.grabber.latency_ns));
+        orders.push(Order::Frozen(bedside.scanner.frozen_ns));
+        if changes.at_once.iter().any(|change| change.key.starts_with("picture.")) {
+            orders.push(Order::Looks(Arc::new(bedside.picture.clone()) as Arc<dyn Looks>));
+        }
+        // A replay adopts it, too, but for latencies, which come in as they were told.
+        match serde_json::to_value(Kept::of(newer)) {
+            Ok(kept) => orders.push(Order::Note(ADOPTED, kept)),
+            Err(error) => tracing::error!(%error, "the new configuration cannot be recorded"),
+        }
+        orders
+    }
+}

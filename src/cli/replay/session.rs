@@ -1,0 +1,84 @@
+//! A recorded session, run again.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use drivers::recording::Pace;
+
+use crate::cli::live::outputs::{Outputs, leave, line, say};
+use crate::cli::live::resume::Chain;
+use crate::cli::live::session::until_told;
+use crate::cli::live::stages::{Kept, stages};
+use crate::cli::{Failure, input};
+use crate::config::bedside::Bedside;
+use crate::pipeline::live::{Differences, rerun};
+
+/// Between two lines on the way.
+const SAID_EVERY: Duration = Duration::from_secs(2);
+
+/// What is wanted of a session.
+pub(super) struct Wanted<'a> {
+    pub(super) session: &'a Path,
+    /// Another bedside's settings.
+    pub(super) config: Option<&'a Path>,
+    pub(super) pace: Pace,
+    /// Also what was dropped.
+    pub(super) all: bool,
+    pub(super) outputs: Outputs,
+}
+
+/// Runs it again.
+///
+/// # Errors
+/// [`Failure`] when it cannot be read, what it leaves cannot be written, or it comes to something else than when it was live.
+pub(super) fn run(wanted: &Wanted<'_>) -> Result<(), Failure> {
+    let Wanted { session, config, pace, all, outputs } = wanted;
+    outputs.check()?;
+    for output in [&outputs.volume, &outputs.weights, &outputs.picture, &outputs.stats].into_iter().flatten() {
+        input::check_is_not(output, session)?;
+    }
+    let mut chain = Chain::read(session)?;
+    let (_, precedent) = chain.last();
+    let bedside = match config {
+        Some(path) => Bedside::read(path)?,
+        None => Kept::bedside(session, precedent)?,
+    };
+    let (missing, dropped) = (precedent.missing(), precedent.dropped());
+    if missing > 0 {
+        say(&format!(
+            "{missing} messages were lost while the session was recorded: what was made of them then cannot be made again"
+        ));
+    }
+    if *all {
+        precedent.use_all();
+        say(&format!(
+            "{dropped} frames and readings that were dropped when it was live are used, {}",
+            if dropped > 0 { "so that the volume is another one" } else { "of which there are none" }
+        ));
+    }
+    let was_sealed = precedent.seal().is_some();
+    let mut recorded = chain.recorded(config.is_some().then_some(&bedside), *pace)?;
+    let Some(last) = recorded.pop() else { unreachable!("a chain has a session") };
+    let ends = until_told()?;
+    let (began, mut said) = (Instant::now(), Instant::now());
+    let (finished, precedent) =
+        rerun(&stages(&bedside, outputs.picture.is_some()), recorded, last, &ends, |account| {
+            if said.elapsed() >= SAID_EVERY {
+                said = Instant::now();
+                say(&line(account));
+            }
+        })?;
+    let differences = config.is_none().then(|| precedent.differences());
+    leave(&bedside, outputs, &finished, began.elapsed(), differences.as_ref())?;
+    match differences {
+        Some(Differences { count: 0, .. }) if !all && was_sealed => {
+            say("the volume is the one that there was when it was live, bit by bit");
+            Ok(())
+        }
+        Some(Differences { count, first: Some(first) }) => Err(Failure(format!(
+            "{}: comes to something else than when it was live, {count} times; first, {first}",
+            session.display()
+        ))),
+        _ => Ok(()),
+    }
+}

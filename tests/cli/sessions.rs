@@ -1,0 +1,266 @@
+//! Sessions: recorded, run again to the same bits at any speed, gone on with, told to change, and what is said where that cannot be.
+
+use std::path::PathBuf;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+use super::place::Place;
+
+/// A small virtual bedside with much that goes wrong: late and jittering video that loses frames, a tracker that loses bytes and readings.
+const BEDSIDE: &str = r#"format = "sonoweave-bedside"
+version = 1
+[tracker]
+model = "fastrak"
+port = "virtual"
+reference_station = 2
+[grabber]
+device = "virtual"
+size = "96x80"
+rate_hz = 30
+latency_ms = 40.0
+[volume]
+spacing_mm = 1.0
+[picture]
+image_size = "96x96"
+transfer = "phantom"
+[virtual]
+frames = 60
+[virtual.line]
+jitter_ms = 0.5
+drop = 0.0005
+dropout = 0.02
+[virtual.grabber]
+latency_ms = 40.0
+jitter_ms = 2.0
+dropout = 0.02
+"#;
+
+const LEAVES: &str = "--volume live.mha --weights live-weights.mha --picture live.png --stats live.json";
+const AGAIN: &str = "-o again.mha --weights again-weights.mha --picture again.png --stats again.json";
+const SAME: &str = "the volume is the one that there was when it was live, bit by bit";
+
+fn place() -> Place {
+    let place = Place::new();
+    place.put("bedside.toml", BEDSIDE);
+    place
+}
+
+/// The sessions in a folder of the place, the oldest first.
+fn sessions(place: &Place, folder: &str) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(place.path(folder)).unwrap();
+    let mut found: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
+    found.sort();
+    found
+}
+
+/// Runs a session of so many seconds; its file.
+fn recorded(place: &Place, seconds: f64) -> String {
+    let run = place.run(&format!("live --config bedside.toml --duration {seconds} --record sessions {LEAVES}"));
+    assert_eq!(run.code, 0, "{} {}", run.stdout, run.stderr);
+    sessions(place, "sessions")[0].display().to_string()
+}
+
+/// Of the statistics, what must be the same live and replayed.
+fn fates(stats: &Value) -> [Value; 3] {
+    let readings = &stats["readings"][0];
+    let of_readings = ["total", "used", "refused", "dropped"].map(|key| readings[key].clone());
+    let frames = ["total", "used", "refused", "dropped", "waiting"].map(|key| stats["frames"][key].clone());
+    [Value::from(frames.to_vec()), Value::from(of_readings.to_vec()), stats["seal"].clone()]
+}
+
+/// A daemon that runs in the place.
+struct Daemon(Child);
+
+impl Daemon {
+    fn begin(place: &Place, words: &str) -> Self {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_sonoweave"));
+        let command = command.args(words.split_whitespace()).current_dir(place.path("."));
+        Self(command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap())
+    }
+
+    fn signal(&self, name: &str) {
+        let told = Command::new("kill").args([&format!("-{name}"), &self.0.id().to_string()]).status().unwrap();
+        assert!(told.success());
+    }
+
+    fn ends(mut self) -> Option<i32> {
+        self.0.wait().unwrap().code()
+    }
+}
+
+/// Waits until it is so; a machine that is very busy may take its time.
+fn until(what: &str, mut is_so: impl FnMut() -> bool) {
+    let began = Instant::now();
+    while !is_so() {
+        assert!(began.elapsed() < Duration::from_secs(120), "{what}");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+}
+
+/// Waits until a recording in the folder has so many bytes; its path.
+fn until_recorded(place: &Place, folder: &str, at: usize, bytes: u64) -> PathBuf {
+    let file = || -> Option<PathBuf> {
+        let path = place.path(folder);
+        let mut found: Vec<PathBuf> = std::fs::read_dir(path).ok()?.filter_map(|e| Some(e.ok()?.path())).collect();
+        found.sort();
+        found.get(at).cloned().filter(|path| path.metadata().is_ok_and(|file| file.len() >= bytes))
+    };
+    until("a session is recorded", || file().is_some());
+    file().unwrap()
+}
+
+#[test]
+fn a_session_runs_again_to_the_same_bits_at_any_speed() {
+    let place = place();
+    let session = recorded(&place, 3.0);
+    let live = place.json("live.json");
+    assert!(live["frames"]["used"].as_u64().unwrap() > 20, "{live}");
+    assert!(live["seal"]["volume_sha256"].is_string() && live["seal"]["picture_sha256"].is_string(), "{live}");
+    for speed in ["max", "3", "1.5"] {
+        let run = place.run(&format!("replay {session} --speed {speed} {AGAIN}"));
+        assert_eq!(run.code, 0, "{speed}: {}", run.stderr);
+        assert!(run.stderr.contains(SAME), "{}", run.stderr);
+        let again = place.json("again.json");
+        assert_eq!(fates(&live), fates(&again), "{speed}");
+        assert_eq!((&again["differences"], &again["first_difference"]), (&0.into(), &Value::Null));
+        for name in ["{}.mha", "{}-weights.mha", "{}.png"] {
+            let [one, other] = ["live", "again"].map(|which| place.get(&name.replace("{}", which)));
+            assert!(one == other, "{name} at {speed}");
+        }
+    }
+}
+
+#[test]
+fn threads_and_files_that_have_gone_change_nothing_and_other_settings_do() {
+    let place = place();
+    place.put("look.toml", "format = \"sonoweave-transfer\"\nversion = 1\n[opacity]\ncurve = [[20, 0.0], [200, 0.8]]\n");
+    let config = BEDSIDE.replace("transfer = \"phantom\"", "transfer = \"look.toml\"");
+    place.put("bedside.toml", &config);
+    let session = recorded(&place, 2.0);
+    // What it was configured by is in the session.
+    std::fs::remove_file(place.path("look.toml")).unwrap();
+    std::fs::remove_file(place.path("bedside.toml")).unwrap();
+    let run = place.run(&format!("replay {session} {AGAIN}"));
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    assert!(run.stderr.contains(SAME), "{}", run.stderr);
+    // One thread, by another file that says the same else.
+    let one = BEDSIDE.replace("spacing_mm = 1.0", "spacing_mm = 1.0\nthreads = 1");
+    place.put("one.toml", &one);
+    let run = place.run(&format!("replay {session} --config one.toml {AGAIN}"));
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    assert!(place.get("live.mha") == place.get("again.mha") && !run.stderr.contains(SAME), "{}", run.stderr);
+    place.put("coarse.toml", BEDSIDE.replace("spacing_mm = 1.0", "spacing_mm = 2.0"));
+    let run = place.run(&format!("replay {session} --config coarse.toml {AGAIN}"));
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    assert_ne!(place.volume("live.mha").header.size, place.volume("again.mha").header.size);
+}
+
+#[test]
+fn a_session_that_was_killed_is_gone_on_with_and_both_run_again_as_one() {
+    let place = place();
+    let daemon = Daemon::begin(&place, "live --config bedside.toml --record sessions --quiet");
+    let first = until_recorded(&place, "sessions", 0, 200_000);
+    daemon.signal("KILL");
+    assert_eq!(daemon.ends(), None);
+    // By itself.
+    let run = place.run(&format!("replay {} {AGAIN}", first.display()));
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    assert!(run.stderr.contains("broken off") && !run.stderr.contains(SAME), "{}", run.stderr);
+    let before = place.json("again.json")["seal"]["slices"].as_u64().unwrap();
+    assert!(before > 10, "{before}");
+    // And on.
+    let run = place.run(&format!(
+        "live --config bedside.toml --duration 2 --record sessions --resume {} {LEAVES}",
+        first.display()
+    ));
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    assert!(run.stderr.contains(&format!("is gone on with: {before} slices are in the volume")), "{}", run.stderr);
+    let live = place.json("live.json");
+    let slices = live["seal"]["slices"].as_u64().unwrap();
+    assert_eq!(slices, before + live["frames"]["used"].as_u64().unwrap());
+    let second = sessions(&place, "sessions")[1].display().to_string();
+    let run = place.run(&format!("replay {second} {AGAIN}"));
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    assert!(run.stderr.contains(SAME), "{}", run.stderr);
+    assert!(place.get("live.mha") == place.get("again.mha") && place.get("live.png") == place.get("again.png"));
+    // Without the first nobody has all of it.
+    std::fs::rename(&first, place.path("elsewhere.mcap")).unwrap();
+    place.refuses_with(&format!("replay {second} {AGAIN}"), &["goes on with", "neither there nor beside it"]);
+    // Settings by which slices would lie elsewhere.
+    place.put("coarse.toml", BEDSIDE.replace("spacing_mm = 1.0", "spacing_mm = 2.0"));
+    place.refuses_with(
+        "live --config coarse.toml --duration 1 --resume elsewhere.mcap",
+        &["--resume elsewhere.mcap: was recorded by other settings (volume.spacing_mm: [1.0,1.0,1.0] → [2.0,2.0,2.0])"],
+    );
+}
+
+#[test]
+fn what_may_change_changes_at_a_sighup_and_the_replay_does_so_too() {
+    let place = place();
+    let daemon = Daemon::begin(&place, &format!("live --config bedside.toml --record sessions --quiet {LEAVES}"));
+    let session = until_recorded(&place, "sessions", 0, 150_000);
+    let newer = BEDSIDE
+        .replace("reference_station = 2", "reference_station = 2\nlatency_ms = 3.0")
+        .replace("image_size = \"96x96\"", "image_size = \"64x48\"")
+        .replace("spacing_mm = 1.0", "spacing_mm = 2.0");
+    place.put("bedside.toml", newer);
+    daemon.signal("HUP");
+    let bytes = session.metadata().unwrap().len();
+    until_recorded(&place, "sessions", 0, bytes + 150_000);
+    place.put("bedside.toml", "format = ");
+    daemon.signal("HUP");
+    let bytes = session.metadata().unwrap().len();
+    until_recorded(&place, "sessions", 0, bytes + 50_000);
+    daemon.signal("TERM");
+    assert_eq!(daemon.ends(), Some(0));
+    let live = place.json("live.json");
+    let notes = live["notes"].to_string();
+    for said in [
+        "from now on tracker.latency_ms: 0.0 → 3.0",
+        "from now on picture.image_size: [96,96] → [64,48]",
+        "in the next session volume.spacing_mm: [1.0,1.0,1.0] → [2.0,2.0,2.0]",
+        "cannot be used, so that the old one holds",
+    ] {
+        assert!(notes.contains(said), "{said}: {notes}");
+    }
+    let run = place.run(&format!("replay {} {AGAIN}", session.display()));
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    assert!(run.stderr.contains(SAME), "{}", run.stderr);
+    assert_eq!(fates(&live), fates(&place.json("again.json")));
+    assert!(place.get("live.png") == place.get("again.png"));
+    assert_eq!(&place.get("live.png")[16..24], [0, 0, 0, 64, 0, 0, 0, 48], "width and height");
+}
+
+#[test]
+fn flags_that_a_session_does_not_heed_are_refused() {
+    let place = place();
+    let session = recorded(&place, 1.0);
+    place.refuses_with(&format!("replay {session} -o x.mha --sigma 1,1,1"), &["--sigma: a session is woven"]);
+    place.refuses_with(&format!("replay {session} -o {session}.mha --speed 0"), &[]);
+    let dropped = place.run(&format!("replay {session} --all -o x.mha"));
+    assert_eq!(dropped.code, 0, "{}", dropped.stderr);
+    assert!(dropped.stderr.contains("are used, of which there are none"), "{}", dropped.stderr);
+    // While nobody knows where the scanner's picture is, nothing is recorded.
+    let unknown = BEDSIDE.replace("[grabber]", "[calibration]\nimage_to_probe = [1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]\n[grabber]");
+    place.put("unknown.toml", unknown);
+    place.refuses_with(
+        "live --config unknown.toml --duration 1 --record elsewhere",
+        &["nothing is recorded while it is not known", "clip_px", "full_frame = true"],
+    );
+    assert!(!place.path("elsewhere").exists());
+}
+
+#[test]
+fn the_demo_leaves_what_it_says_and_its_seed_counts() {
+    let place = Place::new();
+    let run = place.run("demo --duration 1.5 --out demo --seed 7 --headless");
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    for name in ["bedside.toml", "picture.png", "statistics.json", "volume.mha", "weights.mha"] {
+        assert!(place.path("demo").join(name).is_file(), "{name}");
+    }
+    let stats = place.json("demo/statistics.json");
+    assert_eq!(stats["config"]["virtual.seed"], 7);
+    assert!(stats["frames"]["used"].as_u64().unwrap() > 5, "{stats}");
+}
