@@ -1,30 +1,31 @@
 #!/bin/sh
-# A synthetic sweep whose truth is known, reconstructed and drawn: what the program does, without any hardware.
+# A session on a virtual bedside, and the same session once more from its recording: what the program does, without any hardware.
 set -eu
 cd "$(dirname "$0")/.."
 
 folder=${1:-out/demo}
-mkdir -p "$folder"
+rm -rf "$folder"
 cargo build --release --locked
 # Through cargo, which knows where it built to.
 sonoweave() { cargo run --release --locked --quiet -- "$@"; }
 
 echo
-echo "== a sweep by hand over a phantom of 60 blobs and a sphere: 120 pictures of a convex probe, 512×480 pixels"
-sonoweave phantom -o "$folder/sweep.igs.mha" --truth "$folder/truth.mha" \
-    --scene blobs --trajectory freehand --fan --spacing 0.5 --noise 6 --seed 3
+echo "== 12 s at a virtual bedside: a hand sweeps a probe to and fro over a doll in a water tank; tracker and video come late and unevenly"
+sonoweave demo --duration 12 --out "$folder"
+session=$(echo "$folder"/SESSION-*.mcap)
 echo
-echo "== the volume, woven slice by slice"
-sonoweave reconstruct "$folder/sweep.igs.mha" -o "$folder/volume.mha" --spacing 0.5 --sigma auto \
-    --weights "$folder/weights.mha" --planes "$folder/volume.png" --stats "$folder/statistics.json"
+echo "== the same session from its recording: every decision made once more, and held against what was decided then"
+sonoweave replay "$session" -o "$folder/again.mha" --picture "$folder/again.png"
+cmp "$folder/volume.mha" "$folder/again.mha"
+cmp "$folder/picture.png" "$folder/again.png"
+rm "$folder/again.mha" "$folder/again.png"
 echo
-echo "== its picture"
-sonoweave render "$folder/volume.mha" --weights "$folder/weights.mha" -o "$folder/picture.png"
+echo "== its planes"
+sonoweave render "$folder/volume.mha" --weights "$folder/weights.mha" --mode slice -o "$folder/planes.png"
 echo
-echo "== how near it is to the truth"
-sonoweave inspect "$folder/volume.mha" --against "$folder/truth.mha" --weights "$folder/weights.mha"
-echo
-echo "sweep    $folder/sweep.igs.mha"
-echo "volume   $folder/volume.mha"
-echo "planes   $folder/volume.png (its three middle ones)"
-echo "picture  $folder/picture.png"
+echo "session        $session"
+echo "configuration  $folder/bedside.toml"
+echo "volume         $folder/volume.mha"
+echo "picture        $folder/picture.png"
+echo "planes         $folder/planes.png (the volume's three middle ones)"
+echo "numbers        $folder/statistics.json"

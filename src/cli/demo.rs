@@ -31,7 +31,7 @@ pub struct Arguments {
     /// Of all that is drawn at random: the hand's tremor, speckle, delays
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u32,
-    /// Does not show the volume in the terminal
+    /// Does not show the volume in the terminal, but says how it goes
     #[arg(long)]
     headless: bool,
 }
@@ -48,7 +48,12 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let path = out.join("bedside.toml");
     std::fs::write(&path, &text).map_err(|e| failed(&path, e))?;
     let bedside = Bedside::read(&path)?;
-    let conduct = Conduct { record: Some(out.clone()), duration: arguments.duration, ..Conduct::default() };
+    let conduct = Conduct {
+        record: Some(out.clone()),
+        duration: arguments.duration,
+        headless: arguments.headless,
+        ..Conduct::default()
+    };
     let outputs = Outputs {
         volume: Some(out.join("volume.mha")),
         weights: Some(out.join("weights.mha")),

@@ -8,6 +8,7 @@ mod reload;
 pub(in crate::cli) mod resume;
 pub(in crate::cli) mod session;
 pub(in crate::cli) mod stages;
+mod terminal;
 
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -21,7 +22,7 @@ use crate::config::bedside::Bedside;
 #[derive(Debug, Args)]
 #[command(
     group(ArgGroup::new("modes")),
-    group(ArgGroup::new("of_a_session").multiple(true).requires("config").args(["record", "duration", "resume", "quiet", "volume", "weights", "picture", "stats"])),
+    group(ArgGroup::new("of_a_session").multiple(true).requires("config").args(["record", "duration", "resume", "quiet", "headless", "volume", "weights", "picture", "stats"])),
     after_help = "\
 With --config alone a session is run until it is told to end, by Ctrl-C, SIGTERM or --duration; what it leaves is written then. A check opens every device at once, waits at most 5 s for each to \
 run, listens to it for a moment and says what it found, what is wrong and what to do; nothing is recorded. The exit code is 0 only if all is well. Virtual devices are \

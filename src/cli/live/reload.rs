@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::outputs::say;
 use super::stages::{ADOPTED, Kept};
+use super::terminal::Terminal;
 use crate::cli::Failure;
 use crate::config::bedside::Bedside;
 use crate::pipeline::live::{Looks, Order};
@@ -32,21 +33,21 @@ impl Reload {
     }
 
     /// What the session is to do otherwise, if it was told to read again. A file that cannot be used changes nothing, and is said.
-    pub(super) fn orders(&mut self) -> Vec<Order> {
+    pub(super) fn orders(&mut self, terminal: Option<&Arc<Terminal>>) -> Vec<Order> {
         if !self.told.swap(false, Ordering::Relaxed) {
             return Vec::new();
         }
         match Bedside::read(&self.bedside.path) {
-            Ok(newer) => self.adopt(&newer),
+            Ok(newer) => self.adopt(&newer, terminal),
             Err(error) => {
                 let note = format!("the configuration was read again and cannot be used, so that the old one holds: {error}");
-                say(&note);
+                tell(&note, terminal);
                 vec![Order::Say(note)]
             }
         }
     }
 
-    fn adopt(&mut self, newer: &Bedside) -> Vec<Order> {
+    fn adopt(&mut self, newer: &Bedside, terminal: Option<&Arc<Terminal>>) -> Vec<Order> {
         let changes = self.bedside.changes(newer);
         let mut said = vec!["the configuration was read again".to_owned()];
         if changes.is_empty() {
@@ -55,7 +56,7 @@ impl Reload {
         said.extend(changes.at_once.iter().map(|change| format!("from now on {change}")));
         said.extend(changes.next_session.iter().map(|change| format!("in the next session {change}")));
         let said = said.join("; ");
-        say(&said);
+        tell(&said, terminal);
         let mut orders = vec![Order::Say(said)];
         if changes.at_once.is_empty() {
             return orders;
@@ -66,7 +67,13 @@ impl Reload {
         orders.push(Order::Latency(1, bedside.grabber.latency_ns));
         orders.push(Order::Frozen(bedside.scanner.frozen_ns));
         if changes.at_once.iter().any(|change| change.key.starts_with("picture.")) {
-            orders.push(Order::Looks(Arc::new(bedside.picture.clone()) as Arc<dyn Looks>));
+            orders.push(Order::Looks(match terminal {
+                Some(terminal) => {
+                    terminal.look(&bedside.picture);
+                    Arc::clone(terminal) as Arc<dyn Looks>
+                }
+                None => Arc::new(bedside.picture.clone()) as Arc<dyn Looks>,
+            }));
         }
         // A replay adopts it, too, but for latencies, which come in as they were told.
         match serde_json::to_value(Kept::of(newer)) {
@@ -74,5 +81,12 @@ impl Reload {
             Err(error) => tracing::error!(%error, "the new configuration cannot be recorded"),
         }
         orders
+    }
+}
+
+fn tell(note: &str, terminal: Option<&Arc<Terminal>>) {
+    match terminal {
+        Some(terminal) => terminal.print(&format!("sonoweave: {note}")),
+        None => say(note),
     }
 }

@@ -12,10 +12,11 @@ use super::outputs::{Outputs, leave, line, say};
 use super::reload::Reload;
 use super::resume;
 use super::stages::{instruments, record, stages};
+use super::terminal::Terminal;
 use crate::cli::Failure;
 use crate::config::bedside::Bedside;
 use crate::devices::{self, Devices};
-use crate::pipeline::live::{Bed, Equipment, run};
+use crate::pipeline::live::{Bed, Equipment, Looks, run};
 
 /// Between two lines on the way.
 const SAID_EVERY: Duration = Duration::from_secs(2);
@@ -35,6 +36,9 @@ pub(in crate::cli) struct Conduct {
     /// Says nothing on the way
     #[arg(long)]
     pub(in crate::cli) quiet: bool,
+    /// Does not show the volume in the terminal, but says how it goes
+    #[arg(long)]
+    pub(in crate::cli) headless: bool,
 }
 
 impl Conduct {
@@ -83,18 +87,28 @@ pub(in crate::cli) fn session(bedside: &Bedside, conduct: &Conduct, outputs: &Ou
         Equipment { instrument: grabber_is, device: grabber, speech: None },
     ];
     let bed = Bed { equipment, record, resumed };
+    let terminal = if conduct.quiet || conduct.headless { None } else { Terminal::of(&bedside.picture) };
+    let looks = match &terminal {
+        Some(terminal) => Some(Arc::clone(terminal) as Arc<dyn Looks>),
+        None => outputs.picture.as_ref().map(|_| Arc::new(bedside.picture.clone()) as Arc<dyn Looks>),
+    };
     let (began, mut said) = (Instant::now(), Instant::now());
-    let finished = run(&stages(bedside, outputs.picture.is_some()), bed, &Monotonic, &ends, |account| {
+    let finished = run(&stages(bedside, looks), bed, &Monotonic, &ends, |account| {
         if conduct.duration.is_some_and(|seconds| began.elapsed() >= Duration::from_secs_f64(seconds)) {
             ends.store(true, Ordering::Relaxed);
         }
-        if !conduct.quiet && said.elapsed() >= SAID_EVERY {
+        if let Some(terminal) = &terminal {
+            terminal.say(&line(account));
+        } else if !conduct.quiet && said.elapsed() >= SAID_EVERY {
             said = Instant::now();
             say(&line(account));
         }
-        reload.orders()
+        reload.orders(terminal.as_ref())
     })?;
     drop(twins);
+    if let Some(terminal) = &terminal {
+        terminal.leave();
+    }
     leave(reload.bedside(), outputs, &finished, began.elapsed(), None)?;
     Ok(finished.recording.map(|recording| recording.path))
 }

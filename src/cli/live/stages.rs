@@ -84,7 +84,7 @@ impl Looks for Picture {
 
 
 /// How frames become a volume, and a picture if somebody looks.
-pub(in crate::cli) fn stages(bedside: &Bedside, looks: bool) -> Session {
+pub(in crate::cli) fn stages(bedside: &Bedside, looks: Option<Arc<dyn Looks>>) -> Session {
     Session {
         pairing: bedside.pairing_options(),
         wait_ns: bedside.pairing.wait_ns,
@@ -94,7 +94,7 @@ pub(in crate::cli) fn stages(bedside: &Bedside, looks: bool) -> Session {
         settings: bedside.volume.settings.clone(),
         path: bedside.volume.path,
         planar: bedside.volume.planar,
-        looks: looks.then(|| Arc::new(bedside.picture.clone()) as Arc<dyn Looks>),
+        looks,
     }
 }
 

@@ -1,6 +1,7 @@
 //! A recorded session, run again.
 
 use std::path::Path;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use drivers::recording::Pace;
@@ -11,7 +12,7 @@ use crate::cli::live::session::until_told;
 use crate::cli::live::stages::{Kept, stages};
 use crate::cli::{Failure, input};
 use crate::config::bedside::Bedside;
-use crate::pipeline::live::{Differences, rerun};
+use crate::pipeline::live::{Differences, Looks, rerun};
 
 /// Between two lines on the way.
 const SAID_EVERY: Duration = Duration::from_secs(2);
@@ -61,8 +62,9 @@ pub(super) fn run(wanted: &Wanted<'_>) -> Result<(), Failure> {
     let Some(last) = recorded.pop() else { unreachable!("a chain has a session") };
     let ends = until_told()?;
     let (began, mut said) = (Instant::now(), Instant::now());
+    let looks = outputs.picture.as_ref().map(|_| Arc::new(bedside.picture.clone()) as Arc<dyn Looks>);
     let (finished, precedent) =
-        rerun(&stages(&bedside, outputs.picture.is_some()), recorded, last, &ends, |account| {
+        rerun(&stages(&bedside, looks), recorded, last, &ends, |account| {
             if said.elapsed() >= SAID_EVERY {
                 said = Instant::now();
                 say(&line(account));

@@ -22,6 +22,9 @@ pub trait Looks: Send + Sync {
     /// # Errors
     /// A sentence, when they make no picture.
     fn settings(&self, begun: &First) -> Result<RenderSettings, Box<dyn std::error::Error + Send + Sync>>;
+
+    /// A picture is drawn. The next one waits for whoever looks at this one; slices do not.
+    fn shown(&self, _drawn: &Drawn) {}
 }
 
 /// What is known of a scan after its first slice.
@@ -154,5 +157,6 @@ pub(super) fn run(
         }
         seen = woven;
         shown(drawn);
+        wall.looks().shown(drawn);
     }
 }
