@@ -2,10 +2,12 @@
 //!
 //! A transport knows nothing of records. It says when bytes were here, and that the other end is gone.
 
+mod holder;
 mod memory;
 pub mod serial;
 pub mod usb;
 
+pub(crate) use holder::holder;
 pub use memory::{MemoryOpener, Peer};
 pub use serial::{PortPath, SerialOpener};
 pub use usb::{UsbId, UsbOpener};

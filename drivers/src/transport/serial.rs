@@ -126,9 +126,10 @@ fn refusal(path: &Path, error: &serialport::Error) -> LineError {
     let said = error.to_string();
     let is_taken = ["busy", "exclusive lock"].iter().any(|word| said.to_ascii_lowercase().contains(word));
     if is_taken {
-        return LineError::Refused(
-            "another program has it open; close that (a modem manager may try new lines, too)".into(),
-        );
+        return LineError::Refused(match super::holder(path) {
+            Some(who) => format!("another program has it open, {who}; close that"),
+            None => "another program has it open; close that (a modem manager may try new lines, too)".into(),
+        });
     }
     LineError::Refused(said)
 }
