@@ -6,6 +6,7 @@ mod keys;
 pub(in crate::cli) mod outputs;
 mod reload;
 pub(in crate::cli) mod resume;
+mod room;
 pub(in crate::cli) mod session;
 pub(in crate::cli) mod stages;
 mod terminal;

@@ -42,7 +42,12 @@ impl Rigid {
     }
 
     /// On the way to another: straight in position, by the shorter turn at an even pace in orientation. `share` is from 0 to 1.
+    ///
+    /// Between a pose and itself lies that pose, to the last bit: a slice that comes again while the probe rests is known by that.
     pub fn between(&self, other: &Self, share: f64) -> Self {
+        if self == other {
+            return *self;
+        }
         // A quaternion and its opposite are one orientation: the one that is nearer.
         let to = if self.rotation.dot(other.rotation) < 0.0 { -other.rotation } else { other.rotation };
         Self {

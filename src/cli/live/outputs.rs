@@ -12,7 +12,7 @@ use crate::cli::render::check_png;
 use crate::cli::render::drawing::Over;
 use crate::config::bedside::Bedside;
 use crate::export::volume::{DenseBox, Encoding, Scalar, write_values, write_weights};
-use crate::pipeline::live::{Account, Differences, Finished, Quantiles, REPLAYED, Seal};
+use crate::pipeline::live::{Account, Differences, Finished, Quantiles, REPLAYED, Seal, Unwritten};
 use crate::pipeline::{Outcome, PixelKind};
 use crate::statistics::write_json;
 
@@ -108,8 +108,11 @@ struct Recorded<'a> {
     messages: u64,
     stored: u64,
     lost: u64,
-    lost_frames_before_writer: u64,
-    lost_others_before_writer: u64,
+    /// What found the queue before the writer full.
+    lost_before_writer: Unwritten,
+    /// Why the file was ended before the session, and what came after that.
+    ended: &'a str,
+    after_end: Unwritten,
     bytes: u64,
     trouble: &'a str,
 }
@@ -145,7 +148,7 @@ pub(in crate::cli) fn leave(
         println!("picture: {} ({} on the way)", path.display(), drawn.pictures);
     }
     if let Some(recording) = recording {
-        let lost = recording.account.lost + recording.lost_frames + recording.lost_others;
+        let lost = recording.account.lost + recording.lost.total() + recording.after_end.total();
         println!(
             "session: {} ({:.1} MB, {} messages{})",
             recording.path.display(),
@@ -173,8 +176,9 @@ pub(in crate::cli) fn leave(
             messages: recording.account.messages,
             stored: recording.account.stored,
             lost: recording.account.lost,
-            lost_frames_before_writer: recording.lost_frames,
-            lost_others_before_writer: recording.lost_others,
+            lost_before_writer: recording.lost,
+            ended: &recording.ended,
+            after_end: recording.after_end,
             bytes: recording.account.file_bytes,
             trouble: &recording.account.trouble,
         }),

@@ -8,6 +8,7 @@ use drivers::recording::session::{SessionWriter, WriterOptions};
 use glam::DQuat;
 use serde::{Deserialize, Serialize};
 
+use super::room;
 use crate::cli::Failure;
 use crate::config::bedside::devices::{PROBE_FRAME, TRACKER_FRAME};
 use crate::config::bedside::{Bedside, Effective, Picture, Tracking};
@@ -80,8 +81,11 @@ impl Looks for Picture {
         Picture::settings(self, first.slice_axes)
             .map_err(|unfit| format!("picture.{}: {}", unfit.setting, unfit.problem).into())
     }
-}
 
+    fn most_hz(&self) -> f64 {
+        self.most_hz
+    }
+}
 
 /// How frames become a volume, and a picture if somebody looks.
 pub(in crate::cli) fn stages(bedside: &Bedside, looks: Option<Arc<dyn Looks>>) -> Session {
@@ -141,7 +145,6 @@ fn placed(arm: &Arm, counts: &[f64]) -> Option<Rigid> {
     Some(Rigid { rotation: DQuat::from_mat3(&affine.matrix3).normalize(), position_mm: affine.translation })
 }
 
-
 /// A session's file in a folder, which is made if it is not there.
 ///
 /// # Errors
@@ -155,7 +158,8 @@ pub(in crate::cli) fn record(bedside: &Bedside, folder: &Path) -> Result<Record,
                 .into(),
         ));
     }
+    room::check(folder, bedside.record.keep_free_bytes)?;
     let writer = SessionWriter::create(folder, WriterOptions::new(concat!("sonoweave ", env!("CARGO_PKG_VERSION"))))?;
     let notes = vec![(CONFIGURATION, serde_json::to_value(Kept::of(bedside))?)];
-    Ok(Record { writer, full_frame, notes })
+    Ok(Record { writer, full_frame, notes, keep_free_bytes: bedside.record.keep_free_bytes })
 }

@@ -89,6 +89,10 @@ impl Looks for Terminal {
         Looks::settings(&*self.picture(), first)
     }
 
+    fn most_hz(&self) -> f64 {
+        Looks::most_hz(&*self.picture())
+    }
+
     fn shown(&self, drawn: &Drawn) {
         let now = Instant::now();
         if self.shown().at.is_some_and(|at| now.duration_since(at) < SHOWN_EVERY) {

@@ -4,10 +4,11 @@ use std::sync::atomic::{AtomicI64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use drivers::Health;
-use drivers::recording::session;
+use drivers::health::State;
 use serde::Serialize;
 
 use super::Instrument;
+use super::recorder::Told;
 use super::timing::Spread;
 use crate::ingest::live::Gives;
 use crate::ledger::{Ledger, Queue, Readings};
@@ -64,7 +65,7 @@ pub struct Account {
 pub struct Written {
     /// Bytes of the file.
     pub bytes: u64,
-    /// Messages that were lost, as there was no room for them.
+    /// Messages that were lost, as there was no room for them, in the writer's memory or in the queue before it.
     pub lost: u64,
     /// Minutes until the disk is full, at the present rate.
     pub minutes_left: Option<f64>,
@@ -93,7 +94,7 @@ impl Board {
             }
             account.devices.push(DeviceBoard {
                 name: name.clone(),
-                state: drivers::health::State::Stopped.word(),
+                state: State::Stopped.word(),
                 why: String::new(),
                 bytes: 0,
                 readings: 0,
@@ -175,18 +176,25 @@ impl Board {
     }
 
     /// How the recording is.
-    pub(super) fn recording(&self, written: &session::Account, room: Option<session::Room>) {
+    pub(super) fn recording(&self, told: &Told<'_>) {
+        let Told { account, lost, room, ended } = told;
         self.lock().recording = Some(Written {
-            bytes: written.file_bytes,
-            lost: written.lost,
-            minutes_left: room.and_then(|room| room.minutes()),
-            trouble: written.trouble.clone(),
+            bytes: account.file_bytes,
+            lost: account.lost + lost.total(),
+            minutes_left: room.filter(|_| ended.is_empty()).and_then(|room| room.minutes()),
+            trouble: if account.trouble.is_empty() { *ended } else { &account.trouble }.to_owned(),
         });
     }
 
     /// A waiting frame was refused.
     pub(super) fn refused(&self, refusal: &Refusal) {
         self.lock().ledger.refused(refusal);
+    }
+
+    /// A device has ended by an error of its own; the others go on.
+    pub(super) fn failed(&self, source: usize, error: &drivers::Error) {
+        let device = &mut self.lock().devices[source];
+        (device.state, device.why) = (State::Ended.word(), error.to_string());
     }
 
     /// How a device is now.
@@ -212,8 +220,6 @@ impl Board {
 
 #[cfg(test)]
 mod tests {
-    use drivers::health::State;
-
     use super::*;
 
     #[test]

@@ -17,10 +17,13 @@ use crate::sync::extent::mean_axes;
 use crate::volume::brick::BrickIndex;
 use crate::volume::lattice::{Canonical, canonical, shift};
 
+/// Bricks that are noted one by one for who draws; of more, all are taken to have changed. Where nobody looks, or not for long, no more memory is taken than that.
+const NOTED: usize = 1 << 16;
+
 /// What changed since somebody last asked, and what there is to see now.
 #[derive(Default)]
 pub(super) struct News {
-    /// Bricks on the canonical lattice, some more than once.
+    /// Bricks on the canonical lattice, some more than once; none of use where all may have changed.
     pub(super) touched: Vec<BrickIndex>,
     /// Any brick may have changed.
     pub(super) all: bool,
@@ -72,9 +75,22 @@ impl News {
             None => self.reach = Reach::around(touched),
         }
         self.all |= woven.upgraded;
+        self.forget();
         self.woven += 1;
         self.last = woven.mask.bounds().map(|data| (woven.slice.clone(), data));
         self.captured_ns = captured_ns;
+    }
+
+    /// Keeps the list of what changed short: each brick once, and no list at all where that would be most of the volume.
+    fn forget(&mut self) {
+        if self.touched.len() > NOTED {
+            self.touched.sort_unstable();
+            self.touched.dedup();
+            self.all |= self.touched.len() > NOTED / 2;
+        }
+        if self.all {
+            self.touched.clear();
+        }
     }
 }
 
@@ -113,6 +129,12 @@ impl Shared {
         self.changed.wait_timeout_while(self.lock(), at_most, more).unwrap_or_else(PoisonError::into_inner).0
     }
 
+    /// Waits for so long, or until no slice follows.
+    pub(super) fn rest(&self, at_most: Duration) {
+        let goes_on = |fabric: &mut Fabric| !fabric.ended;
+        drop(self.changed.wait_timeout_while(self.lock(), at_most, goes_on));
+    }
+
     /// What there is, in a line.
     pub(super) fn seal(&self, drawn: Option<&Drawn>) -> Seal {
         let fabric = self.lock();
@@ -133,5 +155,28 @@ impl Shared {
     /// The loom, when all who shared it are gone.
     pub(super) fn into_inner(self) -> Fabric {
         self.fabric.into_inner().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_nobody_asks_for_takes_no_memory_without_end() {
+        let mut news = News::default();
+        // The same slice again and again: its bricks are noted once.
+        for _ in 0..1000 {
+            news.touched.extend((0..500).map(|x| [x, 0, 0]));
+            news.forget();
+            assert!(news.touched.len() <= NOTED && !news.all);
+        }
+        // Slices of a scan that goes on and on.
+        for z in 0..1000 {
+            news.touched.extend((0..500).map(|x| [x, 0, z]));
+            news.forget();
+            assert!(news.touched.len() <= NOTED);
+        }
+        assert!(news.all && news.touched.is_empty());
     }
 }

@@ -48,14 +48,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{Builder, Scope, ScopedJoinHandle};
 use std::time::Duration;
 
+pub use board::{Account, DeviceBoard, REPLAYED, Written};
 use crossbeam_channel::bounded;
 use drivers::clock::{Clock, Monotonic};
 use drivers::recording::session::{SessionWriter, Speech};
 use drivers::{Device, Timing};
-pub use board::{Account, DeviceBoard, REPLAYED, Written};
 pub use picture::{Drawn, First, Looks};
 pub use precedent::{Differences, Precedent};
-pub use recorder::Recording;
+pub use recorder::{Recording, Unwritten};
 pub use replay::Recorded;
 pub use seal::Seal;
 pub use timing::{Quantiles, Spread};
@@ -144,6 +144,8 @@ pub struct Record {
     pub full_frame: bool,
     /// What to note at the beginning, by kind: settings, calibration.
     pub notes: Vec<(&'static str, serde_json::Value)>,
+    /// It ends before less is left on the disk, bytes; 0 goes on until nothing is.
+    pub keep_free_bytes: u64,
 }
 
 /// What a session is run on.
@@ -209,7 +211,7 @@ pub fn run(
     begun.into_iter().for_each(|note| board.note(note));
     let in_flight = InFlight::new(FRAME_BYTES / frame_bytes(&devices).max(1));
     let (mut recorder, mut writing) = (Recorder::nowhere(), None);
-    if let Some(Record { mut writer, full_frame, notes }) = record {
+    if let Some(Record { mut writer, full_frame, notes, keep_free_bytes }) = record {
         let mut sources = Vec::new();
         for ((instrument, device), speech) in instruments.iter().zip(&devices).zip(speeches) {
             sources.push(writer.device(&instrument.name, speech, device.describe(), None)?);
@@ -219,7 +221,8 @@ pub fn run(
         }
         let (of_stages, queue) = Recorder::new();
         let kept = (!full_frame).then_some(session.mask);
-        (recorder, writing) = (of_stages, Some((queue, writer, sources, kept)));
+        let file = recorder::File { writer, sources, kept, keep_free: keep_free_bytes };
+        (recorder, writing) = (of_stages, Some((queue, file)));
     }
     let names: Vec<String> = instruments.iter().map(|instrument| instrument.name.clone()).collect();
     let (deliver, delivered) = bounded(READINGS);
@@ -232,10 +235,8 @@ pub fn run(
     let (board, shared, intake) = (&board, &fabric, &intake);
     let (mut recording, mut drawn, mut seal) = (None, None, None);
     let woven = std::thread::scope(|scope| {
-        let writer = writing.map(|(queue, writer, sources, kept)| {
-            spawn(scope, "recorder", move || {
-                recorder::run(&queue, writer, &sources, kept, clock, |account, room| board.recording(account, room))
-            })
+        let writer = writing.map(|(queue, file)| {
+            spawn(scope, "recorder", move || recorder::run(&queue, file, clock, |told| board.recording(told)))
         });
         let picture = wall.as_ref().map(|wall| spawn(scope, "picture", || picture::run(shared, wall, clock, |_| {})));
         let weave = spawn(scope, "weave", move || weave::run(shared, &posed, common, true));
@@ -245,7 +246,8 @@ pub fn run(
             .enumerate()
             .map(|(source, mut device)| {
                 spawn(scope, &format!("capture-{}", names[source]), move || {
-                    capture::run(source, device.as_mut(), common, ends, intake)
+                    let ran = capture::run(source, device.as_mut(), common, ends, intake);
+                    ran.inspect_err(|error| board.failed(source, error))
                 })
             })
             .collect();
@@ -285,9 +287,6 @@ pub fn run(
         woven
     });
     woven?;
-    if let Some(recording) = &mut recording {
-        [recording.lost_frames, recording.lost_others] = recorder.lost();
-    }
     let account = board.snapshot();
     Ok(session.finish(fabric.into_inner().loom, drawn, account, recording, seal))
 }
@@ -469,10 +468,7 @@ fn frame_bytes(devices: &[Box<dyn Device>]) -> u64 {
 }
 
 /// The picture, or why there is none.
-fn shown(
-    drawn: Result<Option<Drawn>, Box<dyn std::error::Error + Send + Sync>>,
-    board: &Board,
-) -> Option<Drawn> {
+fn shown(drawn: Result<Option<Drawn>, Box<dyn std::error::Error + Send + Sync>>, board: &Board) -> Option<Drawn> {
     drawn.unwrap_or_else(|error| {
         board.note(format!("no picture: {error}"));
         None

@@ -1,4 +1,6 @@
 //! The picture's thread: after each slice, or after as many as came while the last picture was drawn, the picture of what there is.
+//!
+//! Weaving waits while the volume is read, and for nothing else: settings are asked for, renderers made and pictures drawn while it goes on.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -14,6 +16,8 @@ use crate::volume::lattice::Shifted;
 
 /// The longest that the thread waits before it looks whether it is to end.
 const TURN: Duration = Duration::from_millis(100);
+/// Pictures a second that there are at least while slices come, whatever is asked for.
+const LEAST_HZ: f64 = 0.01;
 
 /// How a picture is to be looked at; the first slice settles the rest.
 pub trait Looks: Send + Sync {
@@ -25,6 +29,11 @@ pub trait Looks: Send + Sync {
 
     /// A picture is drawn. The next one waits for whoever looks at this one; slices do not.
     fn shown(&self, _drawn: &Drawn) {}
+
+    /// Pictures a second at most; asked before each. As many as there is time for, unless it is said. The last one is drawn at once.
+    fn most_hz(&self) -> f64 {
+        f64::INFINITY
+    }
 }
 
 /// What is known of a scan after its first slice.
@@ -48,6 +57,8 @@ pub struct Drawn {
     pub capture_to_picture: Spread,
     /// From taking the volume to its picture, ms.
     pub draw: Spread,
+    /// For how long weaving could not go on while the volume was read, ms.
+    pub held: Spread,
 }
 
 /// How the volume is looked at, which may change while it is.
@@ -77,17 +88,34 @@ struct Easel<'a> {
     wall: &'a Wall,
     changes: u64,
     reach: Option<Reach>,
+    /// The renderer has seen nothing of the volume yet.
+    blank: bool,
     drawn: Option<Drawn>,
 }
 
 impl Easel<'_> {
     /// A renderer for a box, which has seen nothing.
-    fn stretch(&self, begun: &Begun, reach: Reach) -> Result<Renderer, Box<dyn std::error::Error + Send + Sync>> {
+    fn stretch(&mut self, begun: &Begun, reach: Reach) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
         let first = First { slice_axes: begun.slice_axes, grey_levels: begun.pixels.grey_levels() };
         let settings = self.wall.looks().settings(&first)?;
         let [low, high] = reach.voxels();
         let stage = Stage::new(begun.lattice.world_from_lattice, low, high)?;
-        Ok(Renderer::new(&settings, stage)?)
+        let renderer = Renderer::new(&settings, stage)?;
+        match &mut self.drawn {
+            Some(drawn) => drawn.renderer = renderer,
+            None => {
+                self.drawn = Some(Drawn {
+                    renderer,
+                    pictures: 0,
+                    skipped: 0,
+                    capture_to_picture: Spread::default(),
+                    draw: Spread::default(),
+                    held: Spread::default(),
+                });
+            }
+        }
+        (self.reach, self.blank) = (Some(reach), true);
+        Ok(())
     }
 }
 
@@ -101,62 +129,69 @@ pub(super) fn run(
     clock: &dyn Clock,
     mut shown: impl FnMut(&Drawn),
 ) -> Result<Option<Drawn>, Box<dyn std::error::Error + Send + Sync>> {
-    let mut easel = Easel { wall, changes: 0, reach: None, drawn: None };
+    let mut easel = Easel { wall, changes: 0, reach: None, blank: true, drawn: None };
     let mut seen = 0;
+    let mut due = Instant::now();
     loop {
         let mut fabric = shared.wait(seen, TURN);
         let changes = wall.changes.load(Ordering::Relaxed);
-        if fabric.news.woven == seen && (changes == easel.changes || seen == 0) {
+        // What is looked at otherwise is drawn again though no slice has come since.
+        let is_shown = changes == easel.changes && !easel.blank;
+        if fabric.news.woven == seen && (is_shown || seen == 0) {
             if fabric.ended {
                 return Ok(easel.drawn);
             }
             continue;
         }
-        let began = Instant::now();
-        let news = &mut fabric.news;
-        let (woven, captured_ns) = (news.woven, news.captured_ns);
-        let touched = std::mem::take(&mut news.touched);
-        let (begun, reach, all) = (news.begun, news.reach, std::mem::take(&mut news.all));
-        let (Some(begun), Some(reach), Some(weaver)) = (begun, reach, fabric.loom.weaver()) else {
-            seen = woven;
+        let early = due.saturating_duration_since(Instant::now());
+        if !fabric.ended && !early.is_zero() {
+            drop(fabric);
+            shared.rest(early);
+            continue;
+        }
+        let (Some(begun), Some(reach)) = (fabric.news.begun, fabric.news.reach) else {
+            seen = fabric.news.woven;
             continue;
         };
-        let volume = Shifted::new(weaver.volume(), begun.lattice.offset);
-        let anew = easel.reach != Some(reach) || easel.changes != changes;
-        easel.changes = changes;
-        if anew {
-            let renderer = easel.stretch(&begun, reach)?;
-            easel.reach = Some(reach);
-            match &mut easel.drawn {
-                Some(drawn) => drawn.renderer = renderer,
-                None => {
-                    easel.drawn = Some(Drawn {
-                        renderer,
-                        pictures: 0,
-                        skipped: 0,
-                        capture_to_picture: Spread::default(),
-                        draw: Spread::default(),
-                    });
-                }
-            }
+        if easel.reach != Some(reach) || easel.changes != changes {
+            // Weaving goes on meanwhile; where it leaves this box, too, the next one is larger by half.
+            drop(fabric);
+            easel.changes = changes;
+            easel.stretch(&begun, reach)?;
+            continue;
         }
-        let Some(drawn) = &mut easel.drawn else { continue };
-        if anew || all {
+        let (Some(weaver), Some(drawn)) = (fabric.loom.weaver(), &mut easel.drawn) else {
+            seen = fabric.news.woven;
+            continue;
+        };
+        let began = Instant::now();
+        let volume = Shifted::new(weaver.volume(), begun.lattice.offset);
+        if std::mem::take(&mut easel.blank) || fabric.news.all {
             drawn.renderer.read_all(&volume);
         } else {
-            drawn.renderer.read(&volume, &touched);
+            drawn.renderer.read(&volume, &fabric.news.touched);
         }
+        let news = &mut fabric.news;
+        news.touched.clear();
+        news.all = false;
+        let (woven, captured_ns) = (news.woven, news.captured_ns);
         // From here on the volume is woven on.
         drop(fabric);
+        drawn.held.add_ns(ns(began.elapsed()));
         drawn.renderer.draw();
         drawn.pictures += 1;
         drawn.skipped += (woven - seen).saturating_sub(1);
-        drawn.draw.add_ns(i64::try_from(began.elapsed().as_nanos()).unwrap_or(i64::MAX));
+        drawn.draw.add_ns(ns(began.elapsed()));
         if let Some(captured_ns) = captured_ns {
             drawn.capture_to_picture.add_ns(clock.now_ns() - captured_ns);
         }
         seen = woven;
+        due = began + Duration::from_secs_f64(1.0 / wall.looks().most_hz().max(LEAST_HZ));
         shown(drawn);
         wall.looks().shown(drawn);
     }
+}
+
+fn ns(time: Duration) -> i64 {
+    i64::try_from(time.as_nanos()).unwrap_or(i64::MAX)
 }

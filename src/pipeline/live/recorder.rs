@@ -1,9 +1,12 @@
 //! The recording's thread, and the queue before it: nothing that is recorded ever holds up what is recorded.
 //!
 //! When the disk is slow, what is written waits in the writer's memory first and then in this queue. Frames find it full at three quarters, so that the few bytes of trackers
-//! and arms, and what was decided, go on being kept. What is not is counted and named.
+//! and arms, and what was decided, go on being kept. What is not is counted and named, in the file too: notes of the kind `lost` tell how much was so far. Before less is
+//! left on the disk than is to be kept free, the file is ended in good order, with a note of the kind `end`; what comes then is counted, too.
 
+use std::borrow::Cow;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
@@ -46,11 +49,51 @@ enum Entry {
     End,
 }
 
+/// What the file's own end may take, bytes: its index.
+const END_BYTES: u64 = 1 << 20;
+
 /// Where stages hand over what is to be recorded. Without a session nothing is done.
 pub(super) struct Recorder {
     queue: Option<Sender<Entry>>,
-    lost_frames: AtomicU64,
-    lost_others: AtomicU64,
+    lost: Arc<Lost>,
+}
+
+/// Frames, and everything else, that found the queue full.
+#[derive(Default)]
+struct Lost {
+    frames: AtomicU64,
+    others: AtomicU64,
+}
+
+impl Lost {
+    fn so_far(&self) -> Unwritten {
+        let [frames, others] = [&self.frames, &self.others].map(|lost| lost.load(Ordering::Relaxed));
+        Unwritten { frames, others }
+    }
+}
+
+/// What was to be recorded and never came to the writer.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub struct Unwritten {
+    /// Frames.
+    pub frames: u64,
+    /// Readings, notes and decisions.
+    pub others: u64,
+}
+
+impl Unwritten {
+    /// All of it.
+    pub fn total(self) -> u64 {
+        self.frames + self.others
+    }
+
+    fn add(&mut self, entry: &Entry) {
+        match entry {
+            Entry::Reading { reading: Reading::Frame(_), .. } => self.frames += 1,
+            Entry::Reading { .. } | Entry::Description { .. } | Entry::Note { .. } => self.others += 1,
+            Entry::End => {}
+        }
+    }
 }
 
 /// What became of a session's file.
@@ -60,30 +103,33 @@ pub struct Recording {
     pub path: PathBuf,
     /// What the writer was given, and what became of it.
     pub account: Account,
-    /// Frames that found the queue before the writer full.
-    pub lost_frames: u64,
-    /// Everything else that did.
-    pub lost_others: u64,
-    /// Room on the disk, as last looked at.
+    /// What found the queue before the writer full.
+    pub lost: Unwritten,
+    /// Why the file was ended before the session, in a sentence; empty where it was not.
+    pub ended: String,
+    /// What came after that.
+    pub after_end: Unwritten,
+    /// Room on the disk that the recording may still take, as last looked at.
     pub room: Option<Room>,
 }
 
 impl Recorder {
     /// One that records nothing.
     pub(super) fn nowhere() -> Self {
-        Self { queue: None, lost_frames: AtomicU64::new(0), lost_others: AtomicU64::new(0) }
+        Self { queue: None, lost: Arc::default() }
     }
 
     /// One that hands over to a thread, and what that thread reads.
     pub(super) fn new() -> (Self, Queue) {
         let (sender, receiver) = bounded(QUEUE);
-        (Self { queue: Some(sender), ..Self::nowhere() }, Queue(receiver))
+        let lost = Arc::<Lost>::default();
+        (Self { queue: Some(sender), lost: Arc::clone(&lost) }, Queue { entries: receiver, lost })
     }
 
     fn give(&self, entry: Entry) {
         let Some(queue) = &self.queue else { return };
         let is_frame = matches!(entry, Entry::Reading { reading: Reading::Frame(_), .. });
-        let lost = if is_frame { &self.lost_frames } else { &self.lost_others };
+        let lost = if is_frame { &self.lost.frames } else { &self.lost.others };
         if is_frame && queue.len() >= FRAMES {
             lost.fetch_add(1, Ordering::Relaxed);
             return;
@@ -130,11 +176,6 @@ impl Recorder {
         }
     }
 
-    /// What found the queue full: frames, and everything else.
-    pub(super) fn lost(&self) -> [u64; 2] {
-        [&self.lost_frames, &self.lost_others].map(|lost| lost.load(Ordering::Relaxed))
-    }
-
     /// The thread ends when it has written what waits.
     pub(super) fn close(&self) {
         if let Some(queue) = &self.queue
@@ -146,13 +187,37 @@ impl Recorder {
 }
 
 /// What waits to be written.
-pub(super) struct Queue(Receiver<Entry>);
+pub(super) struct Queue {
+    entries: Receiver<Entry>,
+    lost: Arc<Lost>,
+}
+
+/// What a session is written to.
+pub(super) struct File {
+    pub(super) writer: SessionWriter,
+    /// Devices in the order of their places.
+    pub(super) sources: Vec<Source>,
+    /// Of frames what this says is data is kept, all of them without.
+    pub(super) kept: Option<MaskSettings>,
+    /// It ends before less is left on the disk, bytes.
+    pub(super) keep_free: u64,
+}
+
+/// What there is to say of a recording while it is written.
+pub(super) struct Told<'a> {
+    pub(super) account: &'a Account,
+    /// What found the queue full.
+    pub(super) lost: Unwritten,
+    pub(super) room: Option<Room>,
+    /// Why the file was ended; empty while it is written.
+    pub(super) ended: &'a str,
+}
 
 /// Of frames the part that is kept: the rectangle of what is data, in the pixels as they are stored.
 struct Cropping {
     mask: MaskSettings,
     /// Size and orientation of the frames that a source's crop is for.
-    known: Vec<Option<([u32; 2], String)>>,
+    known: Vec<Option<([u32; 2], Cow<'static, str>)>>,
 }
 
 impl Cropping {
@@ -169,49 +234,104 @@ impl Cropping {
     }
 }
 
-/// Writes until the queue is closed, and ends the file. Of frames what `kept` says is data is kept, all of them without.
-pub(super) fn run(
-    queue: &Queue,
-    mut writer: SessionWriter,
-    sources: &[Source],
-    kept: Option<MaskSettings>,
-    clock: &dyn Clock,
-    mut told: impl FnMut(&Account, Option<Room>),
-) -> Recording {
+/// Writes until the queue is closed, or less would be left on the disk than is to stay free, and ends the file.
+pub(super) fn run(queue: &Queue, file: File, clock: &dyn Clock, mut told: impl FnMut(&Told<'_>)) -> Recording {
+    let File { writer, sources, kept, keep_free } = file;
     let mut cropping = kept.map(|mask| Cropping { mask, known: vec![None; sources.len()] });
-    let path = writer.path().to_owned();
-    let mut room = None;
+    let mut recording = Recording {
+        path: writer.path().to_owned(),
+        account: Account::default(),
+        lost: Unwritten::default(),
+        ended: String::new(),
+        after_end: Unwritten::default(),
+        room: None,
+    };
+    let mut open = Some(writer);
     let mut looked_ns = i64::MIN;
     loop {
-        let written = match queue.0.recv_timeout(TURN) {
-            Ok(Entry::Reading { source, reading, at_ns }) => {
+        let entry = match queue.entries.recv_timeout(TURN) {
+            Ok(Entry::End) | Err(RecvTimeoutError::Disconnected) => break,
+            Ok(entry) => Some(entry),
+            Err(RecvTimeoutError::Timeout) => None,
+        };
+        let Some(writer) = &mut open else {
+            if let Some(entry) = &entry {
+                recording.after_end.add(entry);
+            }
+            continue;
+        };
+        let written = match entry {
+            Some(Entry::Reading { source, reading, at_ns }) => {
                 if let (Some(cropping), Reading::Frame(frame)) = (&mut cropping, &reading) {
-                    cropping.prepare(frame, source, &mut writer, sources[source]);
+                    cropping.prepare(frame, source, writer, sources[source]);
                 }
                 writer.write(sources[source], &reading, at_ns)
             }
-            Ok(Entry::Description { source, description }) => writer.describe(sources[source], &description),
-            Ok(Entry::Note { kind, json, at_ns, comes_in: true }) => writer.note(kind, &json, at_ns),
-            Ok(Entry::Note { kind, json, at_ns, comes_in: false }) => writer.note_behind(kind, &json, at_ns),
-            Err(RecvTimeoutError::Timeout) => writer.tick(clock.now_ns()),
-            Ok(Entry::End) | Err(RecvTimeoutError::Disconnected) => break,
+            Some(Entry::Description { source, description }) => writer.describe(sources[source], &description),
+            Some(Entry::Note { kind, json, at_ns, comes_in: true }) => writer.note(kind, &json, at_ns),
+            Some(Entry::Note { kind, json, at_ns, comes_in: false }) => writer.note_behind(kind, &json, at_ns),
+            Some(Entry::End) | None => writer.tick(clock.now_ns()),
         };
         if let Err(error) = written {
             // Acquisition goes on; what is lost meanwhile the writer counts.
-            tracing::error!("{}: {error}", path.display());
+            tracing::error!("{}: {error}", recording.path.display());
         }
         let now_ns = clock.now_ns();
-        if now_ns.saturating_sub(looked_ns) >= drivers::clock::SECOND {
-            looked_ns = now_ns;
-            room = writer.room();
-            told(&writer.account(), room);
+        let room = writer.room();
+        let held = writer.account().held_bytes;
+        let needed = keep_free.saturating_add(held).saturating_add(END_BYTES);
+        let is_full = keep_free > 0 && room.is_some_and(|room| room.free_bytes < needed);
+        if !is_full && now_ns.saturating_sub(looked_ns) < drivers::clock::SECOND {
+            continue;
         }
+        // What may still be written.
+        let left = room.map(|room| Room { free_bytes: room.free_bytes.saturating_sub(keep_free), ..room });
+        (looked_ns, recording.room) = (now_ns, left);
+        tell_lost(writer, queue, &mut recording.lost, now_ns);
+        recording.account = writer.account();
+        if is_full {
+            recording.ended = format!(
+                "the recording has ended, so that {} MB stay free on the disk: make room, and begin a new session; what comes now is not recorded",
+                keep_free / 1_000_000
+            );
+            tracing::error!("{}: {}", recording.path.display(), recording.ended);
+            note(writer, "end", &serde_json::json!({ "why": recording.ended }), now_ns);
+            end(&mut open, clock, &mut recording);
+        }
+        let Recording { account, lost, room, ended, .. } = &recording;
+        told(&Told { account, lost: *lost, room: *room, ended });
     }
+    if let Some(writer) = &mut open {
+        tell_lost(writer, queue, &mut recording.lost, clock.now_ns());
+        end(&mut open, clock, &mut recording);
+    }
+    let Recording { account, lost, room, ended, .. } = &recording;
+    told(&Told { account, lost: *lost, room: *room, ended });
+    recording
+}
+
+/// Notes in the file what has found the queue full, where it is more than before.
+fn tell_lost(writer: &mut SessionWriter, queue: &Queue, known: &mut Unwritten, now_ns: i64) {
+    let lost = queue.lost.so_far();
+    if lost != *known {
+        *known = lost;
+        tracing::error!("{}: {} messages found the queue before the disk full", writer.path().display(), lost.total());
+        note(writer, "lost", &serde_json::json!(lost), now_ns);
+    }
+}
+
+fn note(writer: &mut SessionWriter, kind: &str, value: &serde_json::Value, now_ns: i64) {
+    if let Err(error) = writer.note_behind(kind, &value.to_string(), now_ns) {
+        tracing::error!("{}: {error}", writer.path().display());
+    }
+}
+
+/// Ends the file.
+fn end(open: &mut Option<SessionWriter>, clock: &dyn Clock, recording: &mut Recording) {
+    let Some(writer) = open.take() else { return };
     let before = writer.account();
-    let account = writer.finish(clock.now_ns()).unwrap_or_else(|error| {
-        tracing::error!("{}: {error}", path.display());
+    recording.account = writer.finish(clock.now_ns()).unwrap_or_else(|error| {
+        tracing::error!("{}: {error}", recording.path.display());
         Account { trouble: error.to_string(), ..before }
     });
-    told(&account, room);
-    Recording { path, account, lost_frames: 0, lost_others: 0, room }
 }

@@ -147,3 +147,14 @@ proptest! {
         prop_assert!(off <= found.error_mm(0, |pose| pose.point(DVec3::ZERO)) + 1e-9, "{}", off);
     }
 }
+
+#[test]
+fn between_a_pose_and_itself_lies_that_pose_to_the_last_bit() {
+    let pose = Rigid {
+        rotation: DQuat::from_xyzw(0.1, -0.7, 0.3, 0.2).normalize(),
+        position_mm: DVec3::new(0.1, -33.3, 1e3 / 7.0),
+    };
+    for n in 0..1000 {
+        assert_eq!(pose.between(&pose, f64::from(n) / 999.0), pose);
+    }
+}
