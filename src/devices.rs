@@ -3,25 +3,34 @@
 //! A virtual tracker or arm speaks on a pseudo-terminal, in its model's own bytes, so that its driver does all that it does at the bedside; a virtual grabber delivers its
 //! pictures in process.
 
+mod homed;
+
+use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 
-use drivers::arm::ea1::Speech;
+use drivers::arm::ea1;
 use drivers::clock::{Clock, Monotonic};
 use drivers::polhemus::{Model, Port};
-use drivers::simulated::{
-    Faults, Motion, Placed, Pty, ea1, fastrak, grabber, isotrak, liberty, microscribe, qsb, viper,
-};
+use drivers::recording::session::Speech;
+use drivers::simulated::grabber::{Grabber, Pictures};
+use drivers::simulated::{self, Faults, Motion, Placed, Pty, fastrak, isotrak, liberty, microscribe, qsb, viper};
 use drivers::transport::Peer;
-use drivers::{Device, Error};
+use drivers::{Device, Error, OpenSettings};
 
 use crate::config::bedside::{Arm, ArmKind, Bedside, Rehearsal, Roles, Tracker, Tracking};
+use crate::ingest::stored;
 use crate::phantom::bedside::{PROBE_STATION, REFERENCE_STATION};
 use crate::phantom::{self, Scan};
+use homed::Homed;
 
 /// Opened devices, stopped. What is not there yet is no error: a started device says in its health what it waits for.
 pub struct Devices {
     /// What carries the probe.
     pub tracking: Box<dyn Device>,
+    /// What its lines speak, so that a recording's bytes can be decoded anew.
+    pub speech: Option<Speech>,
+    /// To be set when the arm is in its home position, where an arm carries the probe.
+    pub at_home: Option<Arc<AtomicBool>>,
     /// The frame grabber.
     pub grabber: Box<dyn Device>,
     /// Twins of what carries the probe. They hang up when this is dropped, so the devices go first.
@@ -53,17 +62,17 @@ pub fn open(bedside: &Bedside, begin_ns: i64, keeps_raw: bool) -> Result<Devices
         (Arc::new(hand), rehearsal)
     });
     let mut twins = Vec::new();
-    let tracking = match (&bedside.tracking, &hand) {
+    let settings = match (&bedside.tracking, &hand) {
         (Tracking::Tracker(tracker), Some((hand, rehearsal))) if tracker.port.is_none() => {
             let twin = twin(tracker, seen_by(tracker.roles, hand.motion()), rehearsal.line);
             let twin = twin.map_err(OpenError::Line)?;
             let port = Port::Serial { path: twin.path().to_owned(), baud: None };
             twins.push(twin);
-            drivers::open(&tracker.open_settings(port, keeps_raw))?
+            tracker.open_settings(port, keeps_raw)
         }
         (Tracking::Tracker(tracker), _) => {
             let port = tracker.port.clone().unwrap_or(Port::Usb(None));
-            drivers::open(&tracker.open_settings(port, keeps_raw))?
+            tracker.open_settings(port, keeps_raw)
         }
         (Tracking::Arm(arm), hand) => {
             let ports = match (&arm.ports, hand) {
@@ -74,17 +83,40 @@ pub fn open(bedside: &Bedside, begin_ns: i64, keeps_raw: bool) -> Result<Devices
                 }
                 (None, None) => Vec::new(),
             };
-            drivers::open(&arm.open_settings(&ports, keeps_raw))?
+            arm.open_settings(&ports, keeps_raw)
         }
+    };
+    let speech = Speech::of(&settings);
+    let (tracking, at_home) = match &settings {
+        OpenSettings::Arm(_) => {
+            let (arm, at_home) = Homed::new(drivers::open(&settings)?);
+            (Box::new(arm) as Box<dyn Device>, Some(at_home))
+        }
+        _ => (drivers::open(&settings)?, None),
     };
     let grabber: Box<dyn Device> = match &hand {
         Some((hand, Rehearsal { rate_hz, grabber: faults, scan, .. })) if bedside.grabber.is_virtual => {
-            let size = scan.settings().image_size;
-            Box::new(grabber::Grabber::new(hand.pictures(), size, *rate_hz, *faults, clock)?)
+            let (size, orientation) = (scan.settings().image_size, bedside.grabber.settings.orientation);
+            let pictures = lying(hand.pictures(), size, orientation);
+            let mut grabber = Grabber::new(pictures, bedside.grabber.turned(size), *rate_hz, *faults, clock)?;
+            grabber.orientation = orientation;
+            Box::new(grabber)
         }
         _ => drivers::open(&bedside.grabber.open_settings())?,
     };
-    Ok(Devices { tracking, grabber, twins })
+    Ok(Devices { tracking, speech, at_home, grabber, twins })
+}
+
+/// MF pictures of that size as a grabber shows them whose video lies otherwise.
+fn lying(mut pictures: Pictures, size: [u32; 2], orientation: &'static str) -> Pictures {
+    if orientation == "MF" {
+        return pictures;
+    }
+    let mut mf = vec![0; size[0] as usize * size[1] as usize];
+    Box::new(move |at_ns, pixels| {
+        pictures(at_ns, &mut mf);
+        pixels.copy_from_slice(&stored(&mf, size, orientation));
+    })
 }
 
 /// The hand as the stations see it that a tracker has for its sensors.
@@ -122,11 +154,11 @@ fn carrying(arm: &Arm, hand: Arc<phantom::Bedside>, faults: Faults, now_ns: i64)
     let joints = Arc::new(carried).joints();
     let lines: std::io::Result<Vec<Pty>> = match arm.kind {
         ArmKind::Ea1(speech) => {
-            let mut twin = ea1::Twin::new(joints, faults);
+            let mut twin = simulated::ea1::Twin::new(joints, faults);
             twin.counts_per_turn = [counts_per_turn; 3];
             twin.homed = 7;
             twin.set_clock(now_ns, 0);
-            twin.bare = speech == Speech::BareNumbers;
+            twin.bare = speech == ea1::Speech::BareNumbers;
             if twin.bare {
                 // Nobody can tell it.
                 twin.rate_hz = arm.settings.rate_hz;

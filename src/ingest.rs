@@ -13,8 +13,8 @@ pub mod live;
 
 use std::sync::Arc;
 
-use drivers::Reading;
 use calibration::region::ClipRect;
+use drivers::Reading;
 use drivers::reading::{Frame, NamedTransform, PixelType, Stamp, Status};
 
 use crate::refusal::{Reason, Refusal};
@@ -252,6 +252,21 @@ pub fn stored_rect(size: [u32; 2], code: &str, rect: impl FnOnce([u32; 2]) -> Cl
         true => ClipRect { x: depth, y: lateral, width: of_v, height: of_u },
         false => ClipRect { x: lateral, y: depth, width: of_u, height: of_v },
     })
+}
+
+/// The pixels of an MF picture of that size, u fastest, as a source of this orientation stores them, first axis fastest; of a code that is none as they are.
+pub fn stored(mf: &[u8], [width, height]: [u32; 2], code: &str) -> Vec<u8> {
+    let place = Orientation::from_code(code).unwrap_or(Orientation::MF);
+    let [width, height] = [width, height].map(|n| n as usize);
+    let (first, second) = if place.transposed { (height, width) } else { (width, height) };
+    let at = |along_first: usize, along_second: usize| {
+        let (lateral, depth) = if place.transposed { (along_second, along_first) } else { (along_first, along_second) };
+        let u = if place.flip_u { width - 1 - lateral } else { lateral };
+        let v = if place.flip_v { height - 1 - depth } else { depth };
+        mf[v * width + u]
+    };
+    let places = (0..second).flat_map(|row| (0..first).map(move |column| (column, row)));
+    places.map(|(column, row)| at(column, row)).collect()
 }
 
 /// The nearest whole nanosecond; `None` when it does not fit.

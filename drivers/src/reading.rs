@@ -116,7 +116,7 @@ pub struct Frame {
     /// Scalar type.
     pub pixel: PixelType,
     /// Orientation code as written by the source (`MFA`, `UN`, …), empty if not given.
-    pub orientation: String,
+    pub orientation: Cow<'static, str>,
     /// Image type as written by the source (`BRIGHTNESS`, `RF_I_LINE_Q_LINE`, …), empty if not given.
     pub image_type: String,
     /// `size[0]·size[1]·channels` scalars in native byte order, first axis fastest; empty if the device was opened without images or

@@ -2,6 +2,7 @@
 
 mod check;
 mod device;
+mod home;
 mod keys;
 pub(in crate::cli) mod outputs;
 mod reload;

@@ -54,13 +54,14 @@ fn all_eight_orientations_come_out_as_the_same_anatomy() {
     for (code, size, pixels) in stored {
         for suffix in ["", "A", "D"] {
             let mut given = frame();
-            given.orientation = format!(" {code}{suffix} ");
+            given.orientation = format!(" {code}{suffix} ").into();
             given.size = size;
             given.pixels = Arc::from(pixels.as_slice());
             let picture = Ingest::new().picture(&given).unwrap();
             assert_eq!((picture.image.width(), picture.image.height()), (3, 2), "{code}");
             assert_eq!(u8s(&picture.image), [1, 2, 3, 4, 5, 6], "{code}");
             assert_eq!(picture.head.size, [3, 2]);
+            assert_eq!(super::stored(&[1, 2, 3, 4, 5, 6], [3, 2], code), pixels, "{code} and back");
 
             let wide: Vec<u8> = pixels.iter().flat_map(|&p| (u16::from(p) * 300).to_ne_bytes()).collect();
             given.pixel = PixelType::U16;
@@ -139,7 +140,7 @@ fn refusals_name_their_reason() {
 #[test]
 fn an_absent_orientation_means_mf_and_is_said_once() {
     let mut given = frame();
-    given.orientation = String::new();
+    given.orientation = "".into();
     given.image_type = String::new();
     let mut ingest = Ingest::new();
     for _ in 0..3 {

@@ -259,7 +259,7 @@ fn session(place: &Place) -> Vec<u8> {
                 size: [20, 10],
                 channels: 1,
                 pixel: PixelType::U8,
-                orientation: String::new(),
+                orientation: "".into(),
                 image_type: String::new(),
                 pixels: vec![n as u8; 200].into(),
                 fields: Vec::new(),

@@ -3,7 +3,9 @@
 //! Whatever is wrong, the remedy is the same: the stream is ended, the node closed, and both are begun anew, at once the first time and in steps of
 //! 200 ms from then on. Nothing is ever queued that was not copied, and no call waits longer than its deadline.
 
+use std::borrow::Cow;
 use std::collections::VecDeque;
+use std::path::Path;
 use std::sync::Arc;
 
 use super::interlace::{self, Order};
@@ -18,6 +20,7 @@ use crate::clock::{Clock, MS, SECOND};
 use crate::health::{Health, State};
 use crate::pool::Pool;
 use crate::reading::{Frame, PixelType, Reading, Stamp, Status};
+use crate::transport::holder;
 use crate::{Description, Device, Error, Next, Ticks, Timing};
 
 /// Pause between two attempts to open a device, ns: one that is plugged in is found within it.
@@ -161,7 +164,7 @@ impl Grabber {
             Trouble::Unfit(why) => format!("cannot be set up: {why}"),
             Trouble::Refused { source, .. } if is_gone(&source) => why_not_opened(&source),
             Trouble::Refused { doing, source } if source.kind() == std::io::ErrorKind::ResourceBusy => {
-                format!("is in use by another program; close that program ({doing}: {source})")
+                format!("{} ({doing}: {source})", in_use(&path))
             }
             Trouble::Refused { doing, source } => format!("cannot be set up: {doing} failed: {source}"),
         })?;
@@ -177,7 +180,7 @@ impl Grabber {
             }
         }
         let stream = Stream::start(Arc::clone(&node), self.settings.buffers).map_err(|error| match error.kind() {
-            std::io::ErrorKind::ResourceBusy => "is in use by another program; close that program".into(),
+            std::io::ErrorKind::ResourceBusy => in_use(&path),
             _ => format!("does not stream: {error}"),
         })?;
         self.health.received.set_up += 1;
@@ -311,6 +314,14 @@ impl Grabber {
     }
 }
 
+/// What is said of a node that another program streams from.
+fn in_use(path: &Path) -> String {
+    match holder(path) {
+        Some(who) => format!("is in use by another program, {who}; close that program"),
+        None => "is in use by another program; close that program".into(),
+    }
+}
+
 fn maker<'a>(
     makers: &'a mut Vec<Maker>,
     setup: &Setup,
@@ -401,7 +412,7 @@ impl Pictures<'_> {
                 size,
                 channels: if colour.channels() == 3 { 3 } else { 1 },
                 pixel: PixelType::U8,
-                orientation: String::new(),
+                orientation: Cow::Borrowed(self.settings.orientation),
                 image_type: String::new(),
                 pixels,
                 fields: Vec::new(),

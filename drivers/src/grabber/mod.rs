@@ -56,6 +56,8 @@ pub struct GrabberSettings {
     pub matrix: Option<Matrix>,
     /// What to make of interlaced video.
     pub interlace: Interlace,
+    /// How the video's pictures lie, by two letters as in sequence files: frames say so. Empty where that is not known.
+    pub orientation: &'static str,
     /// Buffers that the kernel fills ahead: what may come while nobody asks.
     pub buffers: u32,
 }
@@ -74,6 +76,7 @@ impl GrabberSettings {
             range: None,
             matrix: None,
             interlace: Interlace::default(),
+            orientation: "",
             buffers: 6,
         }
     }

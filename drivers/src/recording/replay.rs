@@ -158,7 +158,7 @@ fn frame(sequence: &Sequence, layout: &Layout, item: &Item, stamp: Stamp, pixels
         size: layout.size,
         channels: layout.channels,
         pixel: layout.pixel,
-        orientation: sequence.orientation.clone(),
+        orientation: sequence.orientation.clone().into(),
         image_type: sequence.image_type.clone(),
         pixels,
         fields: item.fields.iter().map(named).collect(),

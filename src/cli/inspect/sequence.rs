@@ -264,7 +264,7 @@ impl Walk {
         for (name, _) in frame.fields {
             *self.fields.entry(name).or_default() += 1;
         }
-        self.orientation = frame.orientation;
+        self.orientation = frame.orientation.into_owned();
         self.image_type = frame.image_type;
     }
 

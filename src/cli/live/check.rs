@@ -266,7 +266,7 @@ fn of_calibration(bedside: &Bedside, grabber: &Tried) -> Checked {
                 .wrong("it holds no joints, by which counts become poses: give a calibration file with [[arm.joint]]"),
         }
     }
-    let size = grabber.picture.map(|size| turned(size, bedside.grabber.orientation));
+    let size = grabber.picture.map(|size| bedside.grabber.turned(size));
     match size.map(|[w, h]| ([w, h], bedside.mask.plan(w, h))) {
         None => {}
         Some(([w, h], Ok(plan))) => {
@@ -279,11 +279,6 @@ fn of_calibration(bedside: &Bedside, grabber: &Tried) -> Checked {
     }
     checked.numbers = json!({ "pixel_mm": pixel, "mask": bedside.mask, "transforms": calibration.transforms });
     checked
-}
-
-/// A picture's size in MF orientation.
-fn turned([width, height]: [u32; 2], orientation: &str) -> [u32; 2] {
-    if orientation.starts_with(['F', 'N']) { [height, width] } else { [width, height] }
 }
 
 /// What of the picture is data.

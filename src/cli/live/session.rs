@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use drivers::clock::{Clock, Monotonic};
 
+use super::home;
 use super::outputs::{Outputs, leave, line, say};
 use super::reload::Reload;
 use super::resume;
@@ -66,16 +67,25 @@ pub(in crate::cli) fn until_told() -> Result<Arc<AtomicBool>, Failure> {
 ///
 /// # Errors
 /// [`Failure`] when it cannot begin, or what it leaves cannot be written.
-pub(in crate::cli) fn session(bedside: &Bedside, conduct: &Conduct, outputs: &Outputs) -> Result<Option<PathBuf>, Failure> {
+pub(in crate::cli) fn session(
+    bedside: &Bedside,
+    conduct: &Conduct,
+    outputs: &Outputs,
+) -> Result<Option<PathBuf>, Failure> {
     conduct.check()?;
     outputs.check()?;
     let ends = until_told()?;
     let mut reload = Reload::new(bedside)?;
     let folder = conduct.record.as_ref().or(bedside.record.folder.as_ref());
-    let resumed = conduct.resume.as_ref().map(|session| resume::open(session, bedside)).transpose()?.unwrap_or_default();
+    let resumed =
+        conduct.resume.as_ref().map(|session| resume::open(session, bedside)).transpose()?.unwrap_or_default();
     let mut record = folder.map(|folder| record(bedside, folder)).transpose()?;
     let [tracking_is, grabber_is] = instruments(bedside)?;
-    let Devices { tracking, grabber, twins } = devices::open(bedside, Monotonic.now_ns(), folder.is_some())?;
+    let opened = devices::open(bedside, Monotonic.now_ns(), folder.is_some())?;
+    let Devices { tracking, speech, at_home, grabber, twins } = opened;
+    if let Some(at_home) = at_home {
+        home::listen(at_home, conduct.quiet)?;
+    }
     if let (Some(record), false) = (&record, conduct.quiet) {
         say(&format!("recorded in {}", record.writer.path().display()));
     }
@@ -83,7 +93,7 @@ pub(in crate::cli) fn session(bedside: &Bedside, conduct: &Conduct, outputs: &Ou
         record.notes.push(resume::note(session)?);
     }
     let equipment = vec![
-        Equipment { instrument: tracking_is, device: tracking, speech: None },
+        Equipment { instrument: tracking_is, device: tracking, speech },
         Equipment { instrument: grabber_is, device: grabber, speech: None },
     ];
     let bed = Bed { equipment, record, resumed };

@@ -327,17 +327,20 @@ fn paths(entry: &Entry<'_>, lines: usize) -> Result<Vec<String>, FileError> {
 /// A frame grabber.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Grabber {
-    /// It is one of the virtual bedside; of the settings its size, rate and nothing else matter then.
+    /// It is one of the virtual bedside; of the settings its size, rate, orientation and nothing else matter then.
     pub is_virtual: bool,
     /// Which it is, and how it is to be set up.
     pub settings: GrabberSettings,
-    /// How its pictures lie, two letters as in sequence files.
-    pub orientation: &'static str,
     /// What its times lie behind its pictures, ns.
     pub latency_ns: i64,
 }
 
 impl Grabber {
+    /// The size of its pictures in MF orientation, of their size as they are stored; or the other way round.
+    pub fn turned(&self, [width, height]: [u32; 2]) -> [u32; 2] {
+        if self.settings.orientation.starts_with(['F', 'N']) { [height, width] } else { [width, height] }
+    }
+
     /// What to open, where it is not virtual.
     pub fn open_settings(&self) -> OpenSettings {
         OpenSettings::Grabber(self.settings.clone())
@@ -369,13 +372,13 @@ impl Grabber {
             matrix: keys.choice_if("matrix", &[("bt601", Matrix::Bt601), ("bt709", Matrix::Bt709)])?,
             interlace: keys.choice("interlace", "one-field", &interlaces)?,
             buffers: keys.whole("buffers", usual.buffers, 2..=32)?,
+            orientation: keys.choice("orientation", "MF", &ORIENTATIONS)?,
             ..usual
         };
         if is_virtual && settings.colour == Colour::Rgb {
             return Err(keys.error("colour", "a virtual grabber shows grey pictures; leave it out"));
         }
-        let orientation = keys.choice("orientation", "MF", &ORIENTATIONS)?;
-        let grabber = Self { is_virtual, settings, orientation, latency_ns: latency(&mut keys)? };
+        let grabber = Self { is_virtual, settings, latency_ns: latency(&mut keys)? };
         drivers::open(&grabber.open_settings()).map_err(|error| misuse(&keys, &error))?;
         Ok(grabber)
     }

@@ -333,7 +333,7 @@ mod tests {
         assert_eq!(bedside.kind, Kind::Plus);
         let grabber = &bedside.grabber;
         assert_eq!((grabber.settings.device.as_str(), grabber.settings.size), ("/dev/video2", Some([800, 600])));
-        assert_eq!((grabber.settings.format, grabber.orientation), (Some(PixelFormat::Yuyv), "MF"));
+        assert_eq!((grabber.settings.format, grabber.settings.orientation), (Some(PixelFormat::Yuyv), "MF"));
         assert_eq!(grabber.latency_ns, 297_600_000, "what PLUS adds is what a latency takes away");
         let Tracking::Tracker(tracker) = &bedside.tracking else { panic!("a tracker") };
         assert_eq!(

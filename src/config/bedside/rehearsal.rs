@@ -65,7 +65,7 @@ impl Rehearsal {
         let noise = keys.number_if("noise_sd", 0.0..=255.0)?;
         let seed = keys.whole("seed", 1, 0..=u32::MAX)?;
         let shown = scene.shown(&SceneOptions::new(seed.into()));
-        let image_size = grabber.settings.size.unwrap_or(IMAGE_SIZE);
+        let image_size = grabber.turned(grabber.settings.size.unwrap_or(IMAGE_SIZE));
         let rate_hz = grabber.settings.rate_hz.unwrap_or(RATE_HZ);
         let pixel_mm = pixel.unwrap_or_else(|| shown.usual_pixel_mm(image_size));
         let scanner = shown.scanned().map(|scanned| scanned.scanner);

@@ -155,7 +155,7 @@ fn frame(number: u64) -> Frame {
         size: [2, 1],
         channels: 1,
         pixel: drivers::reading::PixelType::U8,
-        orientation: String::new(),
+        orientation: "".into(),
         image_type: String::new(),
         pixels: Arc::from([1, 2].as_slice()),
         fields: Vec::new(),

@@ -295,7 +295,7 @@ impl Maker {
             size: [0; 2],
             channels: 0,
             pixel: PixelType::U8,
-            orientation: String::new(),
+            orientation: Cow::Borrowed(""),
             image_type: String::new(),
             pixels: Arc::default(),
             fields: Vec::new(),
@@ -316,7 +316,7 @@ impl Maker {
                 1009 => crop.size[1] = value.small()?,
                 1010 => frame.channels = value.small()?,
                 1011 => frame.pixel = pixel_of(value.text()?).ok_or(Malformed)?,
-                1012 => value.text()?.clone_into(&mut frame.orientation),
+                1012 => frame.orientation = Cow::Owned(value.text()?.to_owned()),
                 1013 => value.text()?.clone_into(&mut frame.image_type),
                 1014 => frame.fields.push(named_text(value)?),
                 _ => {}

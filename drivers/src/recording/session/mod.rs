@@ -24,6 +24,9 @@
 //! A message's `log_time` is when it was handed over to be written, CLOCK_MONOTONIC, never going back; `publish_time` is its own stamp. What has to be added to have times
 //! since 1970 is in `/session` and in the file's metadata. `sequence` counts the messages of a topic, those that were lost included. Fields are numbered in `schema.rs`.
 //!
+//! The wall clock is read by [`About::now`] alone, when a session begins and when it ends: for the file's name, and for what has to be added to its times. Whoever sets it back
+//! meanwhile changes the second of the two in `/session`, and no other time.
+//!
 //! No name of a patient is in a session, and of frames nothing but the part that was asked for.
 //!
 //! # What becomes of it when something fails
