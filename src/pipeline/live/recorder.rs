@@ -247,6 +247,7 @@ pub(super) fn run(queue: &Queue, file: File, clock: &dyn Clock, mut told: impl F
         room: None,
     };
     let mut open = Some(writer);
+    let mut noted = Unwritten::default();
     let mut looked_ns = i64::MIN;
     loop {
         let entry = match queue.entries.recv_timeout(TURN) {
@@ -287,7 +288,7 @@ pub(super) fn run(queue: &Queue, file: File, clock: &dyn Clock, mut told: impl F
         // What may still be written.
         let left = room.map(|room| Room { free_bytes: room.free_bytes.saturating_sub(keep_free), ..room });
         (looked_ns, recording.room) = (now_ns, left);
-        tell_lost(writer, queue, &mut recording.lost, now_ns);
+        recording.lost = tell_lost(writer, queue, &mut noted, now_ns);
         recording.account = writer.account();
         if is_full {
             recording.ended = format!(
@@ -302,7 +303,7 @@ pub(super) fn run(queue: &Queue, file: File, clock: &dyn Clock, mut told: impl F
         told(&Told { account, lost: *lost, room: *room, ended });
     }
     if let Some(writer) = &mut open {
-        tell_lost(writer, queue, &mut recording.lost, clock.now_ns());
+        recording.lost = tell_lost(writer, queue, &mut noted, clock.now_ns());
         end(&mut open, clock, &mut recording);
     }
     let Recording { account, lost, room, ended, .. } = &recording;
@@ -310,14 +311,23 @@ pub(super) fn run(queue: &Queue, file: File, clock: &dyn Clock, mut told: impl F
     recording
 }
 
-/// Notes in the file what has found the queue full, where it is more than before.
-fn tell_lost(writer: &mut SessionWriter, queue: &Queue, known: &mut Unwritten, now_ns: i64) {
+/// What has found the queue full, noted in the file where that is more than was noted before: again and again until there is room for the note.
+fn tell_lost(writer: &mut SessionWriter, queue: &Queue, noted: &mut Unwritten, now_ns: i64) -> Unwritten {
     let lost = queue.lost.so_far();
-    if lost != *known {
-        *known = lost;
-        tracing::error!("{}: {} messages found the queue before the disk full", writer.path().display(), lost.total());
-        note(writer, "lost", &serde_json::json!(lost), now_ns);
+    if lost == *noted {
+        return lost;
     }
+    // What waits in memory goes to the disk first, if that takes anything.
+    if let Err(error) = writer.tick(now_ns) {
+        tracing::error!("{}: {error}", writer.path().display());
+    }
+    let before = writer.account().lost;
+    note(writer, "lost", &serde_json::json!(lost), now_ns);
+    if writer.account().lost == before {
+        *noted = lost;
+        tracing::error!("{}: {} messages found the queue before the disk full", writer.path().display(), lost.total());
+    }
+    lost
 }
 
 fn note(writer: &mut SessionWriter, kind: &str, value: &serde_json::Value, now_ns: i64) {

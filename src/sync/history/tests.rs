@@ -150,11 +150,11 @@ proptest! {
 
 #[test]
 fn between_a_pose_and_itself_lies_that_pose_to_the_last_bit() {
-    let pose = Rigid {
-        rotation: DQuat::from_xyzw(0.1, -0.7, 0.3, 0.2).normalize(),
-        position_mm: DVec3::new(0.1, -33.3, 1e3 / 7.0),
-    };
     for n in 0..1000 {
-        assert_eq!(pose.between(&pose, f64::from(n) / 999.0), pose);
+        let share = f64::from(n) / 999.0;
+        // Many a quaternion that is made a unit one twice differs from that which was once.
+        let rotation = DQuat::from_xyzw(0.1, share - 0.7, 0.3, 0.2).normalize();
+        let pose = Rigid { rotation, position_mm: DVec3::new(0.1, -33.3, 1e3 / 7.0) };
+        assert_eq!(pose.between(&pose, share), pose);
     }
 }
