@@ -1,0 +1,140 @@
+//! An arm that does not know where it is: what it says is refused with a reason until it was homed, by its index marks or by the user's word.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicI64, Ordering};
+
+use drivers::clock::{Clock, MS, Monotonic, SECOND};
+use drivers::reading::AXES;
+use drivers::simulated::{Faults, Joints, ea1};
+use glam::{DQuat, DVec3};
+use sonoweave::config::bedside::Bedside;
+use sonoweave::devices::{self, Devices};
+use sonoweave::ingest::live::Gives;
+use sonoweave::pipeline::live::Account;
+use sonoweave::refusal::Reason;
+use sonoweave::sync::history::Rigid;
+
+use crate::plugs::{Line, grabber};
+use crate::script::poses;
+use crate::set::{Set, frames};
+
+/// What is said of an arm that is not homed.
+const NOT_HOMED: &str = "not homed: move the arm to its home position and home it";
+
+/// Joints that go to and fro between 0 and 4000 counts, 1000 a second.
+fn joints() -> Joints {
+    let begin_ns = Monotonic.now_ns();
+    Arc::new(move |at_ns| {
+        let gone = (at_ns - begin_ns).rem_euclid(8 * SECOND) / MS;
+        let count = gone.min(8000 - gone);
+        let mut all = [0; AXES];
+        all[..3].fill(count);
+        all
+    })
+}
+
+/// The arm as a bedside's configuration opens it, with what to set when it is at home.
+fn opened(line: &Line<ea1::Twin>) -> Devices {
+    let text = format!(
+        "format = \"sonoweave-bedside\"\nversion = 1\n[arm]\nkind = \"ea1\"\nport = \"{}\"\n[grabber]\ndevice = \"virtual\"\nsize = \"64x64\"\n[virtual]\nscene = \"blobs\"\n",
+        line.path().display()
+    );
+    let bedside = Bedside::parse("bedside.toml".as_ref(), &text).unwrap();
+    devices::open(&bedside, 0, false).unwrap()
+}
+
+/// A session with the arm, and pictures that differ.
+fn set(arm: Box<dyn drivers::Device>) -> Set {
+    let kinematics = |counts: &[f64]| {
+        let position_mm = DVec3::new(0.0, 0.0, counts[0] * 0.01);
+        Some(Rigid { rotation: DQuat::IDENTITY, position_mm })
+    };
+    let gives = Gives::Arm { joints: 3, kinematics: Box::new(kinematics) };
+    Set { tracking: arm, gives, ..Set::of(poses(0, 0), grabber(50.0)).waits(500 * MS) }
+}
+
+fn refused(account: &Account, reason: Reason) -> u64 {
+    account.ledger.frames.refused.get(&reason).copied().unwrap_or(0)
+}
+
+#[test]
+fn an_arm_is_not_used_until_its_index_marks_went_by() {
+    // It rests at 1000 counts until somebody moves it, a count a ms, past its marks.
+    let moved_ns = Arc::new(AtomicI64::new(i64::MAX));
+    let since = Arc::clone(&moved_ns);
+    let mut twin = ea1::Twin::new(
+        Arc::new(move |at_ns| {
+            let gone = (at_ns.saturating_sub(since.load(Ordering::Relaxed)) / MS).clamp(0, 6000);
+            let mut all = [0; AXES];
+            all[..3].fill(1000 + gone.min(12_000 - gone));
+            all
+        }),
+        Faults::default(),
+    );
+    twin.marks = [Some(2000); 3];
+    let line = Line::new(twin);
+    let opened = opened(&line);
+    let (finished, seen) = set(opened.tracking).until(|account, _| {
+        if moved_ns.load(Ordering::Relaxed) == i64::MAX && refused(account, Reason::PoseInvalid) >= 10 {
+            assert_eq!(account.ledger.frames.used, 0);
+            moved_ns.store(Monotonic.now_ns(), Ordering::Relaxed);
+        }
+        account.ledger.frames.used >= 30
+    });
+    let (total, used, reasons) = frames(&finished);
+    assert!(
+        reasons.iter().all(|(reason, _)| matches!(reason, Reason::PoseInvalid | Reason::PoseMissing)),
+        "{reasons:?}"
+    );
+    assert_eq!(total, used + reasons.iter().map(|(_, count)| count).sum::<u64>());
+    let first = &finished.account.ledger.first_refusals[&Reason::PoseInvalid];
+    assert!(first.detail.starts_with("ProbeToTracker: ") && first.detail.contains(NOT_HOMED), "{first:?}");
+    assert!(seen.said(0, "running", NOT_HOMED), "{:?}", seen.devices[0]);
+    assert_eq!(seen.devices[0].iter().rev().find(|(state, _)| *state == "running").unwrap().1, "", "then all is well");
+    let readings = &finished.account.ledger.readings[0];
+    let not_homed: u64 = readings.refused.values().sum();
+    assert!(not_homed > 0 && readings.used > 0 && readings.total == readings.used + not_homed, "{readings:?}");
+}
+
+#[test]
+fn an_arm_that_was_pulled_out_has_to_be_homed_again_by_the_user_s_word() {
+    let mut twin = ea1::Twin::new(joints(), Faults::default());
+    twin.homed = 7;
+    let mut line = Line::new(twin);
+    let Devices { tracking, at_home, speech, .. } = opened(&line);
+    assert_eq!(speech.unwrap().protocol, "ea1");
+    let at_home = at_home.unwrap();
+    let mut phase = 0;
+    let mut mark = 0;
+    let (finished, seen) = set(tracking).until(|account, _| {
+        let used = account.ledger.frames.used;
+        match phase {
+            0 if used >= 20 => {
+                line.pull();
+                phase = 1;
+            }
+            1 if account.devices[0].state == "absent" => {
+                line.plug_in();
+                (phase, mark) = (2, refused(account, Reason::PoseInvalid));
+            }
+            2 if refused(account, Reason::PoseInvalid) >= mark + 10 => {
+                at_home.store(true, Ordering::Relaxed);
+                (phase, mark) = (3, used);
+            }
+            3 => return used >= mark + 20,
+            _ => {}
+        }
+        false
+    });
+    let (total, used, reasons) = frames(&finished);
+    assert!(used >= 40 && total == used + reasons.iter().map(|(_, count)| count).sum::<u64>());
+    assert!(
+        reasons.iter().all(|(reason, _)| matches!(reason, Reason::PoseInvalid | Reason::PoseMissing)),
+        "{reasons:?}"
+    );
+    assert!(reasons.iter().any(|(reason, count)| *reason == Reason::PoseInvalid && *count >= 10), "{reasons:?}");
+    assert!(seen.said(0, "running", NOT_HOMED), "{:?}", seen.devices[0]);
+    assert!(seen.states(0).contains(&"absent"));
+    assert_eq!(seen.devices[0].iter().rev().find(|(state, _)| *state == "running").unwrap().1, "", "homed again");
+    assert_eq!(line.twin.lock().unwrap().homed, 7, "by the arm's own word");
+}

@@ -1,0 +1,323 @@
+//! A disk that is full, slow, or not to be written: acquisition goes on, and what is lost is counted and said.
+
+use std::io::{Cursor, Error, ErrorKind};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Duration;
+
+use drivers::Reading;
+use drivers::clock::{MS, Monotonic, SECOND};
+use drivers::recording::Limits;
+use drivers::recording::session::{
+    About, Ending, Event, Loss, Maker, SessionReader, SessionWriter, Store, WriterOptions,
+};
+use drivers::simulated::Faults;
+use drivers::simulated::grabber::Grabber;
+use sonoweave::pipeline::live::{Finished, Recording};
+
+use crate::script::{Act, Script, begin, frames as all_frames, pose, poses, poses_timing};
+use crate::set::{Memory, SIZE, Set, frames};
+
+/// What a session's file holds.
+#[derive(Default)]
+pub(crate) struct Read {
+    pub(crate) frame_numbers: Vec<u64>,
+    pub(crate) poses: u64,
+    pub(crate) messages: u64,
+    pub(crate) times: Vec<i64>,
+    pub(crate) losses: Vec<Loss>,
+    pub(crate) notes: Vec<(String, String)>,
+    pub(crate) ending: Option<Ending>,
+    /// Messages that are not there by the numbers of those that are.
+    pub(crate) missing: u64,
+    pub(crate) damaged: bool,
+}
+
+pub(crate) fn read(bytes: &[u8]) -> Read {
+    let limits = Limits::default();
+    let mut reader =
+        SessionReader::of(Cursor::new(bytes), bytes.len() as u64, Path::new("memory.mcap"), &limits).unwrap();
+    let mut maker = Maker::new(false, limits.frame_bytes);
+    let mut read = Read::default();
+    while let Some(event) = reader.next_event().unwrap() {
+        let Event::Message(message) = event else {
+            read.damaged = true;
+            continue;
+        };
+        read.messages += 1;
+        read.times.push(message.log_ns());
+        read.losses.extend(message.loss());
+        match maker.read(&message).unwrap() {
+            Some(Reading::Frame(frame)) => read.frame_numbers.push(frame.frame_number.unwrap()),
+            Some(Reading::Pose(_)) => read.poses += 1,
+            Some(Reading::Recorded(note)) => read.notes.push((note.topic, note.text)),
+            _ => {}
+        }
+    }
+    read.ending = reader.ending();
+    read.missing = reader.channels().iter().map(|channel| channel.missing).sum();
+    read
+}
+
+impl Read {
+    /// Messages of a kind that the file says were lost.
+    fn lost(&self, topic: &str) -> u64 {
+        self.losses.iter().flat_map(|loss| &loss.lost).filter(|(of, ..)| of.contains(topic)).map(|(_, n, _)| n).sum()
+    }
+
+    fn notes_of(&self, kind: &str) -> Vec<&str> {
+        self.notes.iter().filter(|(of, _)| of == kind).map(|(_, text)| text.as_str()).collect()
+    }
+}
+
+/// All that was received is in the file, or it is said by kind that it is not.
+fn agrees(finished: &Finished, read: &Read) {
+    let recording = finished.recording.as_ref().unwrap();
+    let Recording { account, lost, after_end, .. } = recording;
+    let ledger = &finished.account.ledger;
+    assert_eq!((read.ending, read.damaged), (Some(Ending::Finished), false));
+    assert!(read.times.is_sorted(), "times go forward");
+    let in_file = read.frame_numbers.len() as u64;
+    let of_frames = read.lost("/image") + lost.frames + after_end.frames;
+    assert_eq!(ledger.frames.total, in_file + of_frames, "{recording:?}");
+    // Everything that the writer was given it has written, or has told of.
+    assert_eq!(account.messages, account.stored + account.lost, "{account:?}");
+    assert_eq!(account.stored, read.messages);
+    assert_eq!(account.lost, read.losses.iter().map(Loss::messages).sum::<u64>());
+    if lost.total() > 0 {
+        let told: serde_json::Value = serde_json::from_str(read.notes_of("lost").last().unwrap()).unwrap();
+        assert_eq!((told["frames"].as_u64(), told["others"].as_u64()), (Some(lost.frames), Some(lost.others)));
+    }
+    let readings = &ledger.readings[0];
+    let unwritten = read.lost("/pose") + lost.others + after_end.others;
+    assert!(read.poses <= readings.total && read.poses + unwritten >= readings.total, "{}", readings.total);
+}
+
+/// A disk that refuses for a while.
+#[derive(Clone)]
+struct Refusing {
+    disk: Memory,
+    why: ErrorKind,
+    refuses: Arc<AtomicBool>,
+}
+
+impl Store for Refusing {
+    fn write_at(&mut self, bytes: &[u8], at: u64) -> std::io::Result<()> {
+        if self.refuses.load(Ordering::Relaxed) {
+            // Half of it was there, as on a real one.
+            self.disk.write_at(&bytes[..bytes.len() / 2], at)?;
+            return Err(Error::from(self.why));
+        }
+        self.disk.write_at(bytes, at)
+    }
+
+    fn cut(&mut self, length: u64) -> std::io::Result<()> {
+        self.disk.cut(length)
+    }
+
+    fn settle(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+
+    fn free_bytes(&self) -> Option<u64> {
+        None
+    }
+}
+
+/// Small chunks, and little memory to wait in.
+fn tight() -> WriterOptions {
+    WriterOptions { chunk_ns: 50 * MS, held_bytes: 10_000, retry_ns: 50 * MS, ..WriterOptions::new("a test") }
+}
+
+#[test]
+fn a_disk_that_refuses_for_a_while_stops_nothing_and_what_is_lost_is_told_by_kind() {
+    for why in [ErrorKind::StorageFull, ErrorKind::ReadOnlyFilesystem, ErrorKind::PermissionDenied] {
+        let begin_ns = begin();
+        let refuses = Arc::new(AtomicBool::new(false));
+        let disk = Refusing { disk: Memory::default(), why, refuses: Arc::clone(&refuses) };
+        let set = Set::of(poses(begin_ns, 75), all_frames(begin_ns, 75)).recorded(disk.clone(), tight(), 0);
+        let (finished, seen) = set.until(|account, _| {
+            refuses.store((15..50).contains(&account.ledger.frames.total), Ordering::Relaxed);
+            false
+        });
+        assert_eq!(frames(&finished), (75, 75, vec![]), "the volume has them all");
+        let read = read(&disk.disk.bytes());
+        agrees(&finished, &read);
+        assert!(read.lost("/image") > 0, "{why}: {:?}", finished.recording);
+        let recording = finished.recording.as_ref().unwrap();
+        assert_eq!((recording.account.failures, recording.account.trouble.as_str()), (1, ""));
+        assert!(read.losses[0].why.contains("writing the session"), "{:?}", read.losses);
+        // On the board, too, while it lasted or at least in the end: how much was lost.
+        assert_eq!(seen.written.last().unwrap().lost, recording.account.lost);
+    }
+}
+
+#[test]
+fn a_disk_that_stays_full_leaves_a_file_that_is_whole_up_to_there() {
+    let begin_ns = begin();
+    let refuses = Arc::new(AtomicBool::new(false));
+    let disk = Refusing { disk: Memory::default(), why: ErrorKind::StorageFull, refuses: Arc::clone(&refuses) };
+    let set = Set::of(poses(begin_ns, 60), all_frames(begin_ns, 60)).recorded(disk.clone(), tight(), 0);
+    let (finished, seen) = set.until(|account, _| {
+        refuses.store(account.ledger.frames.total >= 20, Ordering::Relaxed);
+        false
+    });
+    assert_eq!(frames(&finished), (60, 60, vec![]));
+    let account = &finished.recording.as_ref().unwrap().account;
+    assert!(account.trouble.contains("memory.mcap") && account.lost > 0, "{account:?}");
+    assert_eq!(seen.written.last().unwrap().trouble, account.trouble, "and on the board");
+    let read = read(&disk.disk.bytes());
+    assert_eq!((read.ending, read.damaged, read.messages), (Some(Ending::BrokenOff), false, account.stored));
+    assert!(
+        read.frame_numbers.len() >= 10 && read.frame_numbers.iter().copied().eq(0..read.frame_numbers.len() as u64)
+    );
+}
+
+/// A disk that takes its time.
+struct Slow {
+    disk: Memory,
+    each: Duration,
+    slow: Arc<AtomicBool>,
+}
+
+impl Store for Slow {
+    fn write_at(&mut self, bytes: &[u8], at: u64) -> std::io::Result<()> {
+        if self.slow.load(Ordering::Relaxed) {
+            std::thread::sleep(self.each);
+        }
+        self.disk.write_at(bytes, at)
+    }
+
+    fn cut(&mut self, length: u64) -> std::io::Result<()> {
+        self.disk.cut(length)
+    }
+
+    fn settle(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+
+    fn free_bytes(&self) -> Option<u64> {
+        None
+    }
+}
+
+#[test]
+fn a_disk_ten_times_too_slow_costs_recorded_frames_first_and_no_slice() {
+    // 3000 poses a second, so that the queue of some seconds is full within two; each 50 ms of them take the disk half a second.
+    let begin_ns = begin();
+    let every = SECOND / 3000;
+    let acts = (0..8000).map(|n: i64| {
+        let at_ns = begin_ns - SECOND / 10 + n * every;
+        (at_ns, Act::Give(pose(n as u64, 1, None, at_ns, n as f64 * 0.006)))
+    });
+    let timing = drivers::Timing { rate_hz: Some(3000.0), ..poses_timing(false) };
+    let (disk, slow) = (Memory::default(), Arc::new(AtomicBool::new(true)));
+    let store = Slow { disk: disk.clone(), each: Duration::from_millis(500), slow: Arc::clone(&slow) };
+    let set = Set::of(Script::new("a fast tracker", timing, acts), all_frames(begin_ns, 60));
+    let (finished, seen) = set.recorded(store, tight(), 0).until(|account, _| {
+        // When all frames were here nobody need wait any longer.
+        slow.store(account.ledger.frames.total < 60, Ordering::Relaxed);
+        false
+    });
+    assert_eq!(frames(&finished), (60, 60, vec![]), "acquisition is not slowed");
+    assert_eq!(finished.account.ledger.readings[0].used, 8000);
+    agrees(&finished, &read(&disk.bytes()));
+    let lost = finished.recording.as_ref().unwrap().lost;
+    assert!(lost.frames > 0, "{lost:?}");
+    assert!(seen.written.last().unwrap().lost >= lost.total(), "said on the board");
+}
+
+/// A disk with so much room.
+struct Small {
+    disk: Memory,
+    free: Arc<AtomicU64>,
+}
+
+impl Store for Small {
+    fn write_at(&mut self, bytes: &[u8], at: u64) -> std::io::Result<()> {
+        self.disk.write_at(bytes, at)?;
+        self.free.fetch_sub(bytes.len() as u64, Ordering::Relaxed);
+        Ok(())
+    }
+
+    fn cut(&mut self, length: u64) -> std::io::Result<()> {
+        self.disk.cut(length)
+    }
+
+    fn settle(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+
+    fn free_bytes(&self) -> Option<u64> {
+        Some(self.free.load(Ordering::Relaxed))
+    }
+}
+
+#[test]
+fn a_recording_ends_in_good_order_before_less_is_left_than_is_to_stay_free() {
+    const KEEP: u64 = 50_000_000;
+    // Room for its own end, and for some of the frames.
+    let free = Arc::new(AtomicU64::new(KEEP + (1 << 20) + 100_000));
+    let disk = Memory::default();
+    let begin_ns = begin();
+    let noise = Box::new(move |at_ns: i64, pixels: &mut [u8]| {
+        let mut random = at_ns as u64 | 1;
+        for pixel in pixels {
+            random ^= random << 13;
+            random ^= random >> 7;
+            random ^= random << 17;
+            *pixel = random as u8;
+        }
+    });
+    let grabber = Grabber::new(noise, SIZE, 50.0, Faults::default(), Arc::new(Monotonic)).unwrap();
+    let store = Small { disk: disk.clone(), free: Arc::clone(&free) };
+    let options = WriterOptions { chunk_ns: 50 * MS, ..WriterOptions::new("a test") };
+    let set = Set::of(poses(begin_ns, 200), grabber).waits(SECOND).recorded(store, options, KEEP);
+    let (finished, seen) = set.until(|account, _| account.ledger.frames.total >= 150);
+    let left = free.load(Ordering::Relaxed);
+    assert!((KEEP..KEEP + (1 << 20) + 50_000).contains(&left), "{left}");
+    let recording = finished.recording.as_ref().unwrap();
+    assert!(recording.ended.contains("so that 50 MB stay free"), "{}", recording.ended);
+    assert!(recording.after_end.frames > 50 && recording.after_end.others > 100, "{recording:?}");
+    let told = seen.written.last().unwrap();
+    assert!(told.trouble == recording.ended && told.minutes_left.is_none(), "{told:?}");
+    let read = read(&disk.bytes());
+    agrees(&finished, &read);
+    assert!(read.notes_of("end")[0].contains("so that 50 MB stay free"), "and in the session");
+    // Acquisition went on: far more were used than were recorded.
+    assert!(finished.account.ledger.frames.used > read.frame_numbers.len() as u64 + 50, "{}", finished.account.ledger);
+}
+
+#[test]
+fn a_wall_clock_that_is_set_back_moves_no_time_of_a_session() {
+    // A session that began by a wall clock of the year after, which is then set back: it ends with today's.
+    let program = "a test".to_owned();
+    let now = About::now(&program);
+    let about = About { realtime_ns: now.realtime_ns + 365 * 86_400 * SECOND, ..now };
+    let disk = Memory::default();
+    let writer =
+        SessionWriter::on(Box::new(disk.clone()), Path::new("m.mcap"), about.clone(), WriterOptions::new(&program));
+    let begin_ns = begin();
+    let mut set = Set::of(poses(begin_ns, 25), all_frames(begin_ns, 25));
+    set.record = Some((writer.unwrap(), 0));
+    let (finished, _) = set.run();
+    assert_eq!(frames(&finished), (25, 25, vec![]));
+    let bytes = disk.bytes();
+    let read = read(&bytes);
+    agrees(&finished, &read);
+    let [first, last] = [read.times[0], read.times[read.times.len() - 1]];
+    assert!(first >= about.monotonic_ns && last - first < 60 * SECOND, "{first} {last}");
+    // Both offsets are in the session: its clock at the beginning and at the end.
+    let mut reader =
+        SessionReader::of(Cursor::new(&bytes[..]), bytes.len() as u64, Path::new("m.mcap"), &Limits::default())
+            .unwrap();
+    let mut offsets = Vec::new();
+    while let Some(event) = reader.next_event().unwrap() {
+        if let Event::Message(message) = event {
+            offsets.extend(message.about().map(|about| about.offset_ns()));
+        }
+    }
+    assert_eq!(offsets.len(), 2);
+    assert!((offsets[0] - offsets[1] - 365 * 86_400 * SECOND).abs() < 60 * SECOND, "{offsets:?}");
+}

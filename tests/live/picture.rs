@@ -1,0 +1,91 @@
+//! Whoever looks may be slow, stuck or unable to: what is woven is not.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use sonoweave::pipeline::live::{First, Looks};
+use sonoweave::render::RenderSettings;
+use sonoweave::render::transfer::Transfer;
+
+use crate::script::{begin, frames as all_frames, poses};
+use crate::set::{Set, frames};
+
+/// Frames of each of these sessions.
+const COUNT: u64 = 50;
+
+/// Somebody who looks.
+struct Viewer {
+    /// Nothing is answered until this is set.
+    answers: Arc<AtomicBool>,
+    unable: bool,
+    most_hz: f64,
+}
+
+impl Looks for Viewer {
+    fn settings(&self, _: &First) -> Result<RenderSettings, Box<dyn std::error::Error + Send + Sync>> {
+        // A session that waits for it has failed then, and is to end.
+        let begun = Instant::now();
+        while !self.answers.load(Ordering::Relaxed) && begun.elapsed() < Duration::from_secs(20) {
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        self.answers.store(true, Ordering::Relaxed);
+        if self.unable {
+            return Err("there is no such transfer function any more".into());
+        }
+        Ok(RenderSettings::new([64, 64], Transfer::preset("tissue", [0.0, 255.0])?))
+    }
+
+    fn most_hz(&self) -> f64 {
+        self.most_hz
+    }
+}
+
+fn looked_at(viewer: Viewer) -> Set {
+    let begin_ns = begin();
+    let set = Set::of(poses(begin_ns, COUNT), all_frames(begin_ns, COUNT));
+    Set { looks: Some(Arc::new(viewer)), ..set }
+}
+
+#[test]
+fn a_viewer_that_is_stuck_stops_no_slice_and_what_it_skipped_is_counted() {
+    let answers = Arc::new(AtomicBool::new(false));
+    let mut woven_meanwhile = 0;
+    let set = looked_at(Viewer { answers: Arc::clone(&answers), unable: false, most_hz: 1e9 });
+    let (finished, _) = set.until(|account, _| {
+        if !answers.load(Ordering::Relaxed) {
+            woven_meanwhile = account.ledger.frames.used;
+            answers.store(woven_meanwhile >= 30, Ordering::Relaxed);
+        }
+        false
+    });
+    assert!(woven_meanwhile >= 30, "slices are woven while nobody answers");
+    assert_eq!(frames(&finished), (COUNT, COUNT, vec![]));
+    let drawn = finished.drawn.as_ref().unwrap();
+    // Each slice is drawn by itself or with a later one.
+    assert_eq!(drawn.pictures + drawn.skipped, COUNT, "{} {}", drawn.pictures, drawn.skipped);
+    assert!(drawn.skipped >= 29, "{}", drawn.skipped);
+    assert_eq!(drawn.held.quantiles().unwrap().count, drawn.pictures);
+    println!("held {:?}, drawn {:?}", drawn.held.quantiles(), drawn.draw.quantiles());
+}
+
+#[test]
+fn a_viewer_that_is_unable_to_look_is_told_of_and_the_volume_is_whole() {
+    let (finished, _) = looked_at(Viewer { answers: Arc::new(true.into()), unable: true, most_hz: 30.0 }).run();
+    assert_eq!(frames(&finished), (COUNT, COUNT, vec![]));
+    assert!(finished.drawn.is_none() && finished.outcome.is_some());
+    let notes = &finished.account.notes;
+    assert!(notes.iter().any(|note| note == "no picture: there is no such transfer function any more"), "{notes:?}");
+}
+
+#[test]
+fn no_more_pictures_are_drawn_than_are_asked_for_and_the_last_is_of_all_slices() {
+    let begun = Instant::now();
+    let (finished, _) = looked_at(Viewer { answers: Arc::new(true.into()), unable: false, most_hz: 4.0 }).run();
+    let seconds = begun.elapsed().as_secs_f64();
+    let drawn = finished.drawn.as_ref().unwrap();
+    // The first and the last come on top.
+    assert!(drawn.pictures as f64 <= 4.0 * seconds + 2.0, "{} in {seconds} s", drawn.pictures);
+    assert!(drawn.pictures >= 2);
+    assert_eq!(drawn.pictures + drawn.skipped, COUNT);
+}

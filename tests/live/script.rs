@@ -1,0 +1,175 @@
+//! A device that delivers what it was told to, at times that it was told to: counts and stamps are exact, however late the machine is.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use drivers::clock::{Clock, MS, Monotonic, SECOND};
+use drivers::health::State;
+use drivers::reading::{Frame, PixelType, Pose, Reading, Stamp, Status};
+use drivers::{Description, Device, Error, Health, Next, Ticks, Timing};
+
+use crate::set::SIZE;
+
+/// Millimetres a second by which the probe of these scripts moves along z.
+pub(crate) const SPEED: f64 = 20.0;
+/// Between two frames, ns: 25 a second.
+pub(crate) const FRAME: i64 = 40 * MS;
+/// Between two poses, ns: 125 a second.
+pub(crate) const POSE: i64 = 8 * MS;
+
+/// What is due.
+#[derive(Clone)]
+pub(crate) enum Act {
+    /// A reading.
+    Give(Reading),
+    /// From here on it is in another state, for a reason.
+    Be(State, &'static str),
+    /// It was set up anew: its ticks begin at 0.
+    SetUp,
+    /// So many readings are lost, by its own count.
+    Lose(u64),
+}
+
+/// The device.
+pub(crate) struct Script {
+    acts: VecDeque<(i64, Act)>,
+    description: Description,
+    health: Health,
+    started: bool,
+}
+
+impl Script {
+    /// Acts and when they are due, host ns; in this order whatever the times are.
+    pub(crate) fn new(name: &str, timing: Timing, acts: impl IntoIterator<Item = (i64, Act)>) -> Self {
+        let description = Description { name: name.into(), timing, ..Description::default() };
+        Self { acts: acts.into_iter().collect(), description, health: Health::default(), started: false }
+    }
+}
+
+impl Device for Script {
+    fn start(&mut self) -> Result<(), Error> {
+        self.started = true;
+        self.health.received.set_up = 1;
+        self.health.state = State::Running;
+        Ok(())
+    }
+
+    fn next(&mut self, deadline_ns: i64) -> Result<Next, Error> {
+        assert!(self.started);
+        loop {
+            let Some((due_ns, _)) = self.acts.front() else { return Ok(Next::End) };
+            if *due_ns > deadline_ns {
+                Monotonic.wait_until(deadline_ns);
+                return Ok(Next::Pending);
+            }
+            Monotonic.wait_until(*due_ns);
+            match self.acts.pop_front() {
+                Some((_, Act::Give(reading))) => {
+                    self.health.received.readings += 1;
+                    return Ok(Next::Reading(reading));
+                }
+                Some((_, Act::Be(state, why))) => (self.health.state, self.health.why) = (state, why.into()),
+                Some((_, Act::SetUp)) => self.health.received.set_up += 1,
+                Some((_, Act::Lose(lost))) => self.health.received.lost += lost,
+                None => return Ok(Next::End),
+            }
+        }
+    }
+
+    fn stop(&mut self) -> Result<(), Error> {
+        Ok(())
+    }
+
+    fn describe(&self) -> &Description {
+        &self.description
+    }
+
+    fn health(&self) -> &Health {
+        &self.health
+    }
+}
+
+/// When a script begins: soon.
+pub(crate) fn begin() -> i64 {
+    Monotonic.now_ns() + SECOND / 5
+}
+
+/// A grabber's word of its stamps.
+pub(crate) fn video() -> Timing {
+    Timing {
+        ticks: Ticks::Measurements,
+        tick_hz: Some(SECOND as f64 / FRAME as f64),
+        wraps_at: Some(1 << 32),
+        rate_hz: Some(SECOND as f64 / FRAME as f64),
+        ..Timing::default()
+    }
+}
+
+/// A frame with a number of the kernel's, seen at a host time; its grey level tells which picture it shows.
+pub(crate) fn frame(item: u64, number: u64, at_ns: i64, picture: u64) -> Reading {
+    let pixels: Arc<[u8]> =
+        (0..SIZE[0] * SIZE[1]).map(|n| 40 + ((u64::from(n % 13) + picture * 7) % 200) as u8).collect();
+    Reading::Frame(Frame {
+        stamp: Stamp { item, host_ns: Some(at_ns), ticks: Some(number), ..Stamp::default() },
+        frame_number: Some(number),
+        status: Status::Ok,
+        size: SIZE,
+        channels: 1,
+        pixel: PixelType::U8,
+        orientation: "MF".into(),
+        image_type: "".into(),
+        pixels,
+        fields: Vec::new(),
+    })
+}
+
+/// A grabber whose frames are seen [`FRAME`] apart, each of its own picture.
+pub(crate) fn frames(begin_ns: i64, count: u64) -> Script {
+    let acts = (0..count).map(|n| {
+        let at_ns = begin_ns + n as i64 * FRAME;
+        (at_ns, Act::Give(frame(n, n, at_ns, n)))
+    });
+    Script::new("a scripted grabber", video(), acts)
+}
+
+/// A tracker's word of its stamps: none of its own, or a counter of measurements.
+pub(crate) fn poses_timing(counts: bool) -> Timing {
+    let hz = SECOND as f64 / POSE as f64;
+    let timing = Timing { rate_hz: Some(hz), ..Timing::default() };
+    match counts {
+        false => timing,
+        true => Timing { ticks: Ticks::Measurements, tick_hz: Some(hz), wraps_at: Some(1 << 32), ..timing },
+    }
+}
+
+/// Where the probe is, mm along z, so long after the script's beginning.
+pub(crate) fn height_mm(after_ns: i64) -> f64 {
+    after_ns as f64 * 1e-9 * SPEED
+}
+
+/// A station's pose, with the height of the probe or of a patient who lies still; received at a host time.
+pub(crate) fn pose(item: u64, station: u8, ticks: Option<u64>, at_ns: i64, height_mm: f64) -> Reading {
+    Reading::Pose(Pose {
+        stamp: Stamp { item, host_ns: Some(at_ns), ticks, ..Stamp::default() },
+        station,
+        position_cm: [0.0, 0.0, if station == 1 { height_mm / 10.0 } else { 0.0 }],
+        quaternion_wxyz: [1.0, 0.0, 0.0, 0.0],
+        buttons: 0,
+        distortion: None,
+        code: None,
+        status: Status::Ok,
+    })
+}
+
+/// A tracker's readings from half a second before the first frame until half a second behind the last of so many: measured when, after the beginning, and where the probe is.
+pub(crate) fn measured(frames: u64) -> impl Iterator<Item = (u64, i64, f64)> {
+    let (first, last) = (-SECOND / 2 / POSE, (frames as i64 * FRAME + SECOND / 2) / POSE);
+    (0..).zip(first..last).map(|(item, n)| (item, n * POSE, height_mm(n * POSE)))
+}
+
+/// A tracker of one station that does all that it should.
+pub(crate) fn poses(begin_ns: i64, frames: u64) -> Script {
+    let acts = measured(frames)
+        .map(move |(item, after, mm)| (begin_ns + after, Act::Give(pose(item, 1, None, begin_ns + after, mm))));
+    Script::new("a scripted tracker", poses_timing(false), acts)
+}

@@ -1,0 +1,232 @@
+//! A session of a test's own devices, and what was seen of it on the way.
+
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use calibration::named::StaticTransform;
+use drivers::Device;
+use drivers::clock::{MS, Monotonic, SECOND};
+use drivers::recording::session::{SessionWriter, Store, WriterOptions};
+use glam::DVec3;
+use sonoweave::ingest::live::Gives;
+use sonoweave::ledger::Frames;
+use sonoweave::mask::{Clip, MaskSettings};
+use sonoweave::path::PathChoice;
+use sonoweave::pipeline::live::{Account, Bed, Equipment, Finished, Instrument, Looks, Record, Session, Written, run};
+use sonoweave::reconstruct::Settings;
+use sonoweave::reconstruct::planar::PlanarSettings;
+use sonoweave::refusal::Reason;
+use sonoweave::sync::PairingOptions;
+
+/// Pixels of all pictures.
+pub(crate) const SIZE: [u32; 2] = [64, 64];
+/// Millimetres of a pixel.
+const PIXEL_MM: f64 = 0.5;
+/// A session that takes longer has hung.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// A session: a tracker or an arm, a grabber, and what is asked of them.
+pub(crate) struct Set {
+    pub(crate) tracking: Box<dyn Device>,
+    pub(crate) gives: Gives,
+    /// What the poses are of: the probe, and the patient where there is a second station.
+    pub(crate) of: Vec<&'static str>,
+    pub(crate) tracking_latency_ns: i64,
+    pub(crate) grabber: Box<dyn Device>,
+    pub(crate) wait_ns: i64,
+    pub(crate) looks: Option<Arc<dyn Looks>>,
+    pub(crate) record: Option<(SessionWriter, u64)>,
+}
+
+/// What was seen on the way.
+#[derive(Default)]
+pub(crate) struct Seen {
+    /// Of tracking and of the grabber: states and why, each time that either changed.
+    pub(crate) devices: [Vec<(&'static str, String)>; 2],
+    /// For how long the scanner was said to be frozen, each time that this changed.
+    pub(crate) frozen: Vec<Option<f64>>,
+    /// What was said of the recording.
+    pub(crate) written: Vec<Written>,
+}
+
+impl Seen {
+    fn look(&mut self, account: &Account) {
+        for (seen, device) in self.devices.iter_mut().zip(&account.devices) {
+            if seen.last().is_none_or(|(state, why)| *state != device.state || *why != device.why) {
+                seen.push((device.state, device.why.clone()));
+            }
+        }
+        if self.frozen.last() != Some(&account.frozen_s) {
+            self.frozen.push(account.frozen_s);
+        }
+        if self.written.last() != account.recording.as_ref() {
+            self.written.extend(account.recording.clone());
+        }
+    }
+
+    /// The states of a device in a line, less those that it passes in no time.
+    pub(crate) fn states(&self, device: usize) -> Vec<&'static str> {
+        let mut states: Vec<_> = self.devices[device].iter().map(|(state, _)| *state).collect();
+        states.dedup();
+        states
+    }
+
+    /// Whether a device was ever said to be in a state for a reason.
+    pub(crate) fn said(&self, device: usize, state: &str, why: &str) -> bool {
+        self.devices[device].iter().any(|(own, said)| *own == state && said.contains(why))
+    }
+}
+
+impl Set {
+    /// A tracker whose station 1 is on the probe, and a grabber.
+    pub(crate) fn of(tracker: impl Device + 'static, grabber: impl Device + 'static) -> Self {
+        Self {
+            tracking: Box::new(tracker),
+            gives: Gives::Stations(vec![1]),
+            of: vec!["Probe"],
+            tracking_latency_ns: 0,
+            grabber: Box::new(grabber),
+            wait_ns: 5 * SECOND,
+            looks: None,
+            record: None,
+        }
+    }
+
+    /// The same with a second station on the patient, in whose frame the volume is.
+    pub(crate) fn with_reference(self) -> Self {
+        Self { gives: Gives::Stations(vec![1, 2]), of: vec!["Probe", "Reference"], ..self }
+    }
+
+    pub(crate) fn waits(self, wait_ns: i64) -> Self {
+        Self { wait_ns, ..self }
+    }
+
+    /// Recorded on a store; so many bytes stay free on it.
+    pub(crate) fn recorded(self, store: impl Store + 'static, options: WriterOptions, keep_free: u64) -> Self {
+        let about = drivers::recording::session::About::now(&options.program);
+        let writer = SessionWriter::on(Box::new(store), Path::new("memory.mcap"), about, options).unwrap();
+        Self { record: Some((writer, keep_free)), ..self }
+    }
+
+    /// Runs until its devices have ended.
+    pub(crate) fn run(self) -> (Finished, Seen) {
+        self.until(|_, _| false)
+    }
+
+    /// Runs until its devices have ended or it is to end, by the account and the time since it began.
+    pub(crate) fn until(self, mut ends: impl FnMut(&Account, Duration) -> bool) -> (Finished, Seen) {
+        let p = PIXEL_MM;
+        let rows = [p, 0.0, 0.0, 0.0, 0.0, p, 0.0, 0.0, 0.0, 0.0, p, 0.0, 0.0, 0.0, 0.0, 1.0];
+        let frames = self.of.iter().map(|of| [(*of).to_owned(), "Tracker".to_owned()]).collect();
+        let equipment = vec![
+            equipment("tracking", self.tracking, self.gives, frames, self.tracking_latency_ns),
+            equipment("grabber", self.grabber, Gives::Pictures, Vec::new(), 0),
+        ];
+        let statics = vec![StaticTransform::new("Image", "Probe", &rows).unwrap()];
+        let session = Session {
+            pairing: PairingOptions { statics, ..PairingOptions::default() },
+            wait_ns: self.wait_ns,
+            longest_gap_ns: 100 * MS,
+            frozen_ns: SECOND / 2,
+            mask: MaskSettings { clip: Clip::None, fan: None },
+            settings: Settings::new(DVec3::ONE),
+            path: PathChoice::General,
+            planar: PlanarSettings::default(),
+            looks: self.looks,
+        };
+        let record = self.record.map(|(writer, keep_free_bytes)| Record {
+            writer,
+            full_frame: true,
+            notes: Vec::new(),
+            keep_free_bytes,
+        });
+        let bed = Bed { equipment, record, resumed: Vec::new() };
+        let (told, began) = (AtomicBool::new(false), Instant::now());
+        let mut seen = Seen::default();
+        let finished = run(&session, bed, &Monotonic, &told, |account| {
+            seen.look(account);
+            adds_up(account);
+            assert!(began.elapsed() < PATIENCE, "{account:?}");
+            if ends(account, began.elapsed()) {
+                told.store(true, Ordering::Relaxed);
+            }
+            Vec::new()
+        });
+        let finished = finished.unwrap();
+        seen.look(&finished.account);
+        adds_up(&finished.account);
+        let ledger = &finished.account.ledger;
+        assert_eq!(ledger.frames.waiting, 0, "all frames are decided upon: {ledger}");
+        assert!(ledger.readings.iter().all(|readings| readings.waiting() == 0), "{ledger}");
+        (finished, seen)
+    }
+}
+
+fn equipment(
+    name: &str,
+    device: Box<dyn Device>,
+    gives: Gives,
+    frames: Vec<[String; 2]>,
+    latency_ns: i64,
+) -> Equipment {
+    Equipment { instrument: Instrument { name: name.into(), gives, frames, latency_ns }, device, speech: None }
+}
+
+/// Every frame and reading is accounted for once, at any moment.
+fn adds_up(account: &Account) {
+    let Frames { total, used, waiting, refused, dropped, .. } = &account.ledger.frames;
+    let counted = used + waiting + refused.values().sum::<u64>() + dropped.values().sum::<u64>();
+    assert_eq!(*total, counted, "{}", account.ledger);
+    for readings in &account.ledger.readings {
+        let counted = readings.used + readings.dropped + readings.refused.values().sum::<u64>();
+        assert!(counted <= readings.total, "{}", account.ledger);
+    }
+}
+
+/// What became of frames: all, used, and refused by reason.
+pub(crate) fn frames(finished: &Finished) -> (u64, u64, Vec<(Reason, u64)>) {
+    let Frames { total, used, refused, dropped, .. } = &finished.account.ledger.frames;
+    assert!(dropped.is_empty(), "a machine that weaves 64×64 pixels has time for them: {}", finished.account.ledger);
+    (*total, *used, refused.iter().map(|(reason, count)| (*reason, *count)).collect())
+}
+
+/// Whether the volume holds anything a mm about a height, in the middle of the pictures.
+pub(crate) fn seen_at(finished: &Finished, z_mm: f64) -> bool {
+    let volume = finished.outcome.as_ref().unwrap().reconstructor.volume();
+    let [x, y] = SIZE.map(|side| (f64::from(side) * PIXEL_MM / 2.0) as i64);
+    (-1..=1).any(|near| volume.voxel([x, y, z_mm.round() as i64 + near]).1 > 0.0)
+}
+
+/// A session's bytes in memory, as on a disk of any size.
+#[derive(Clone, Default)]
+pub(crate) struct Memory(pub(crate) Arc<Mutex<Vec<u8>>>);
+
+impl Memory {
+    pub(crate) fn bytes(&self) -> Vec<u8> {
+        self.0.lock().unwrap().clone()
+    }
+}
+
+impl Store for Memory {
+    fn write_at(&mut self, bytes: &[u8], at: u64) -> std::io::Result<()> {
+        let mut held = self.0.lock().unwrap();
+        held.truncate(at as usize);
+        held.extend_from_slice(bytes);
+        Ok(())
+    }
+
+    fn cut(&mut self, length: u64) -> std::io::Result<()> {
+        self.0.lock().unwrap().truncate(length as usize);
+        Ok(())
+    }
+
+    fn settle(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+
+    fn free_bytes(&self) -> Option<u64> {
+        None
+    }
+}
