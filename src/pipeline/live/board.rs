@@ -252,7 +252,7 @@ mod tests {
             board.frozen(since);
             board.snapshot().frozen_s
         };
-        assert_eq!([Some(499), Some(500), None].map(told), [None, Some(500e-9), None]);
+        assert_eq!([Some(499), Some(500), None].map(told), [None, Some(500.0 * 1e-9), None]);
         board.frozen_after(600);
         assert_eq!(told(Some(599)), None);
     }
