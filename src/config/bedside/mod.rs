@@ -41,7 +41,7 @@ pub use devices::{Arm, ArmKind, Grabber, Roles, Tracker, Tracking};
 pub use reader::Effective;
 use reader::Reader;
 pub use rehearsal::Rehearsal;
-pub use session::{Pairing, Record, Scanner, Status};
+pub use session::{Pairing, Process, Realtime, Record, Scanner, Status};
 pub use weave::{Picture, Volume};
 
 /// The value of `format`.
@@ -76,6 +76,8 @@ pub struct Bedside {
     pub record: Record,
     /// What the session tells of itself.
     pub status: Status,
+    /// The session among other programs.
+    pub process: Process,
     /// The virtual bedside, where a device is of it.
     pub rehearsal: Option<Rehearsal>,
     /// What holds, by dotted key, whether the file says it or not.
@@ -237,6 +239,7 @@ impl Bedside {
         let picture = Picture::read(Reader::new(path, Some(root), "picture", &mut effective)?, texts)?;
         let record = Record::read(Reader::new(path, Some(root), "record", &mut effective)?)?;
         let status = Status::read(Reader::new(path, Some(root), "status", &mut effective)?)?;
+        let process = Process::read(Reader::new(path, Some(root), "process", &mut effective)?)?;
         let (path, kind) = (path.to_owned(), Kind::Bedside);
         Ok(Self {
             path,
@@ -251,6 +254,7 @@ impl Bedside {
             picture,
             record,
             status,
+            process,
             rehearsal,
             effective,
             notes,

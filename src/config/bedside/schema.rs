@@ -351,6 +351,15 @@ pub const SECTIONS: &[Section] = &[
         )],
     },
     Section {
+        name: "process",
+        about: "The session among the machine's other programs",
+        keys: &[next(
+            "realtime",
+            "if-permitted, never or required",
+            "threads that take in data run before all others, and memory is not paged out; if-permitted without it, required refuses to begin without",
+        )],
+    },
+    Section {
         name: "virtual",
         about: "The virtual bedside, for devices that are \"virtual\": a hand that sweeps to and fro over a body",
         keys: &[

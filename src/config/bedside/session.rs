@@ -85,3 +85,31 @@ impl Status {
         Ok(Self { listen })
     }
 }
+
+/// Real time, and memory that is not paged out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Realtime {
+    /// As far as the system permits it.
+    IfPermitted,
+    /// Not even then.
+    Never,
+    /// No session without it.
+    Required,
+}
+
+/// The session among the machine's other programs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Process {
+    /// Whether it runs in real time.
+    pub realtime: Realtime,
+}
+
+impl Process {
+    const USUAL: &'static str = "if-permitted";
+
+    pub(super) fn read(mut keys: Reader<'_, '_>) -> Result<Self, FileError> {
+        let names =
+            [(Self::USUAL, Realtime::IfPermitted), ("never", Realtime::Never), ("required", Realtime::Required)];
+        Ok(Self { realtime: keys.choice("realtime", Self::USUAL, &names)? })
+    }
+}

@@ -195,6 +195,11 @@ fn mistakes_name_the_file_the_line_the_key_and_what_may_stand_there() {
         ),
         ("[picture]\ndepth_cue = [0.2, 0.5]\n", "picture.depth_cue (line 10): "),
         ("[record]\nfull_frame = \"yes\"\n", "record.full_frame (line 10): must be true or false, not a text"),
+        ("[process]\nrealtime = true\n", "process.realtime (line 10): must be a text, not true or false"),
+        (
+            "[process]\nrealtime = \"yes\"\n",
+            "process.realtime (line 10): \"yes\" is none of if-permitted, never and required",
+        ),
         ("[status]\nlisten = \"0.0.0.0:80\"\n", "status.listen (line 10): 0.0.0.0 can be reached from outside"),
         (
             "[status]\nlisten = \"9110\"\n",
