@@ -1,13 +1,17 @@
-//! What a run did, in numbers: the content of `--stats`.
+//! What a run did, in numbers: the content of `--stats`, and of what a session tells while it runs.
 
+mod live;
 mod picture;
+mod process;
 
 use std::path::Path;
 use std::time::Duration;
 
 use serde::Serialize;
 
+pub use live::LiveStatistics;
 pub use picture::{PictureNumbers, PictureStatistics};
+pub use process::ProcessNumbers;
 
 use crate::config::Settings as Config;
 use crate::export::volume::DenseBox;

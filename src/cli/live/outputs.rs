@@ -1,6 +1,6 @@
 //! What a session leaves: a volume, its weights, a picture, numbers; and what is said of it.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
@@ -12,9 +12,9 @@ use crate::cli::render::check_png;
 use crate::cli::render::drawing::Over;
 use crate::config::bedside::Bedside;
 use crate::export::volume::{DenseBox, Encoding, Scalar, write_values, write_weights};
-use crate::pipeline::live::{Account, Differences, Finished, Quantiles, REPLAYED, Seal, Unwritten};
+use crate::pipeline::live::{Account, Differences, Finished, REPLAYED, Seal};
 use crate::pipeline::{Outcome, PixelKind};
-use crate::statistics::write_json;
+use crate::statistics::{LiveStatistics, write_json};
 
 /// What a session leaves.
 #[derive(Debug, Clone, Default, Args)]
@@ -63,7 +63,10 @@ pub(in crate::cli) fn line(account: &Account) -> String {
     for device in &account.devices {
         let is_well = ["running", REPLAYED].contains(&device.state);
         if !is_well || !device.why.is_empty() {
-            text += &format!("; {} is {}: {}", device.name, device.state, device.why);
+            text += &format!("; {} is {}", device.name, device.state);
+            if !device.why.is_empty() {
+                text += &format!(": {}", device.why);
+            }
         }
     }
     if let Some(seconds) = account.frozen_s {
@@ -80,41 +83,15 @@ pub(in crate::cli) fn say(line: &str) {
     eprintln!("sonoweave: {line}");
 }
 
-/// What a session did, in numbers.
+/// What a session did, in numbers, and of a recording how it went this time.
 #[derive(Serialize)]
 struct Numbers<'a> {
-    version: &'static str,
-    wall_s: f64,
     #[serde(flatten)]
-    ledger: &'a crate::ledger::Ledger,
-    devices: &'a [crate::pipeline::live::DeviceBoard],
-    capture_to_volume: Option<Quantiles>,
-    pose_to_volume: Option<Quantiles>,
-    capture_to_picture: Option<Quantiles>,
-    pictures: u64,
-    pictures_skipped: u64,
-    recording: Option<Recorded<'a>>,
+    statistics: LiveStatistics<'a>,
     /// Of a recording.
     differences: Option<u64>,
     first_difference: Option<&'a str>,
     seal: Option<&'a Seal>,
-    notes: &'a [String],
-    config: &'a crate::config::bedside::Effective,
-}
-
-#[derive(Serialize)]
-struct Recorded<'a> {
-    path: &'a Path,
-    messages: u64,
-    stored: u64,
-    lost: u64,
-    /// What found the queue before the writer full.
-    lost_before_writer: Unwritten,
-    /// Why the file was ended before the session, and what came after that.
-    ended: &'a str,
-    after_end: Unwritten,
-    bytes: u64,
-    trouble: &'a str,
 }
 
 /// Writes what was asked for, and says what was done; of a recording, how it differs from what was recorded.
@@ -162,31 +139,10 @@ pub(in crate::cli) fn leave(
     }
     let Some(path) = &outputs.stats else { return Ok(()) };
     let numbers = Numbers {
-        version: env!("CARGO_PKG_VERSION"),
-        wall_s: wall.as_secs_f64(),
-        ledger: &account.ledger,
-        devices: &account.devices,
-        capture_to_volume: account.capture_to_volume.quantiles(),
-        pose_to_volume: account.pose_to_volume.quantiles(),
-        capture_to_picture: drawn.as_ref().and_then(|drawn| drawn.capture_to_picture.quantiles()),
-        pictures: drawn.as_ref().map_or(0, |drawn| drawn.pictures),
-        pictures_skipped: drawn.as_ref().map_or(0, |drawn| drawn.skipped),
-        recording: recording.as_ref().map(|recording| Recorded {
-            path: &recording.path,
-            messages: recording.account.messages,
-            stored: recording.account.stored,
-            lost: recording.account.lost,
-            lost_before_writer: recording.lost,
-            ended: &recording.ended,
-            after_end: recording.after_end,
-            bytes: recording.account.file_bytes,
-            trouble: &recording.account.trouble,
-        }),
+        statistics: LiveStatistics::new(account, wall, &bedside.effective),
         differences: differences.map(|differences| differences.count),
         first_difference: differences.and_then(|differences| differences.first.as_deref()),
         seal: seal.as_ref(),
-        notes: &account.notes,
-        config: &bedside.effective,
     };
     Ok(write_json(path, &numbers)?)
 }

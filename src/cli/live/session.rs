@@ -17,7 +17,7 @@ use super::terminal::Terminal;
 use crate::cli::Failure;
 use crate::config::bedside::Bedside;
 use crate::devices::{self, Devices};
-use crate::pipeline::live::{Bed, Equipment, Looks, run};
+use crate::pipeline::live::{Bed, Equipment, Looks, Standing, run};
 
 /// Between two lines on the way.
 const SAID_EVERY: Duration = Duration::from_secs(2);
@@ -96,7 +96,7 @@ pub(in crate::cli) fn session(
         Equipment { instrument: tracking_is, device: tracking, speech },
         Equipment { instrument: grabber_is, device: grabber, speech: None },
     ];
-    let bed = Bed { equipment, record, resumed };
+    let bed = Bed { equipment, record, resumed, standing: Standing::default() };
     let terminal = if conduct.quiet || conduct.headless { None } else { Terminal::of(&bedside.picture) };
     let looks = match &terminal {
         Some(terminal) => Some(Arc::clone(terminal) as Arc<dyn Looks>),

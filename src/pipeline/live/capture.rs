@@ -7,6 +7,7 @@ use drivers::{Device, Next};
 
 use super::decision::Common;
 use super::intake::Intake;
+use super::pulse::Stage;
 
 /// The longest that a device is waited for before its health is looked at again, ns.
 const TURN: i64 = 50 * MS;
@@ -50,8 +51,10 @@ pub(super) fn run(
 ) -> Result<(), drivers::Error> {
     let Common { clock, board, .. } = common;
     let mut set_up = u64::MAX;
+    let beat = board.pulse.of(Stage::Capture(source));
     device.start()?;
     while !ends.load(Ordering::Relaxed) {
+        beat.turn();
         let next = device.next(clock.now_ns() + TURN)?;
         board.health(source, device.health());
         if device.health().received.set_up != set_up {

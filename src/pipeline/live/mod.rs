@@ -23,7 +23,8 @@
 //! - `decision`, `seal`: what is decided upon frames, and what came of it all, as the recording has it.
 //! - `recorder`: the session's file.
 //! - `replay`, `precedent`: a recorded session as what comes in, and what it is held against.
-//! - `board`, `timing`: what the stages say of themselves.
+//! - `priority`: which threads run before others.
+//! - `board`, `timing`, `pulse`, `losses`: what the stages say of themselves.
 
 mod board;
 mod capture;
@@ -31,9 +32,12 @@ mod decision;
 mod fabric;
 mod frozen;
 mod intake;
+mod losses;
 mod pairing;
 mod picture;
 mod precedent;
+mod priority;
+mod pulse;
 mod reach;
 mod recorder;
 mod replay;
@@ -46,15 +50,17 @@ mod weave;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{Builder, Scope, ScopedJoinHandle};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-pub use board::{Account, DeviceBoard, REPLAYED, Written};
+pub use board::{Account, ClockBoard, DeviceBoard, REPLAYED, Written};
 use crossbeam_channel::bounded;
 use drivers::clock::{Clock, Monotonic};
 use drivers::recording::session::{SessionWriter, Speech};
 use drivers::{Device, Timing};
 pub use picture::{Drawn, First, Looks};
 pub use precedent::{Differences, Precedent};
+pub use priority::{Granted, Standing};
+pub use pulse::{Movement, Turns};
 pub use recorder::{Recording, Unwritten};
 pub use replay::Recorded;
 pub use seal::Seal;
@@ -75,8 +81,10 @@ use decision::Common;
 use fabric::Shared;
 use frozen::Frozen;
 use intake::Intake;
+use losses::Losses;
 use pairing::{FromDevices, Onward, Pairing, Part, Waiting};
 use picture::Wall;
+use priority::Role;
 use recorder::Recorder;
 
 /// Readings between capture and pairing.
@@ -156,6 +164,8 @@ pub struct Bed {
     pub record: Option<Record>,
     /// Recorded sessions that are gone on with, the earliest first: their slices are woven before anything else.
     pub resumed: Vec<Recorded>,
+    /// What its threads have a right to.
+    pub standing: Standing,
 }
 
 /// What a session that runs is told to do otherwise.
@@ -198,7 +208,7 @@ pub fn run(
     ends: &AtomicBool,
     mut watch: impl FnMut(&Account) -> Vec<Order>,
 ) -> Result<Finished, PipelineError> {
-    let Bed { equipment, record, resumed } = bed;
+    let Bed { equipment, record, resumed, mut standing } = bed;
     let fabric = session.loom();
     let begun = session.weave_earlier(resumed, &fabric, ends)?;
     let (mut devices, mut instruments, mut speeches) = (Vec::new(), Vec::new(), Vec::new());
@@ -208,6 +218,7 @@ pub fn run(
         speeches.push(speech);
     }
     let board = Board::new(&instruments, session.frozen_ns);
+    board.granted(standing.granted());
     begun.into_iter().for_each(|note| board.note(note));
     let in_flight = InFlight::new(FRAME_BYTES / frame_bytes(&devices).max(1));
     let (mut recorder, mut writing) = (Recorder::nowhere(), None);
@@ -234,18 +245,27 @@ pub fn run(
 
     let (board, shared, intake) = (&board, &fabric, &intake);
     let (mut recording, mut drawn, mut seal) = (None, None, None);
+    let mut losses = Losses::default();
     let woven = std::thread::scope(|scope| {
         let writer = writing.map(|(queue, file)| {
-            spawn(scope, "recorder", move || recorder::run(&queue, file, clock, |told| board.recording(told)))
+            spawn(scope, "recorder", (&standing, Role::Usual), move || {
+                recorder::run(&queue, file, clock, |recording| board.recording(recording))
+            })
         });
-        let picture = wall.as_ref().map(|wall| spawn(scope, "picture", || picture::run(shared, wall, clock, |_| {})));
-        let weave = spawn(scope, "weave", move || weave::run(shared, &posed, common, true));
-        let pair = spawn(scope, "pairing", move || stage.run(&mut FromDevices { from: &delivered, intake }));
+        let picture = wall.as_ref().map(|wall| {
+            spawn(scope, "picture", (&standing, Role::Usual), move || {
+                picture::run(shared, wall, clock, |drawn| board.drawn(drawn))
+            })
+        });
+        let weave = spawn(scope, "weave", (&standing, Role::Weaving), move || weave::run(shared, &posed, common, true));
+        let pair = spawn(scope, "pairing", (&standing, Role::Pairing), move || {
+            stage.run(&mut FromDevices { from: &delivered, intake })
+        });
         let captures: Vec<_> = devices
             .into_iter()
             .enumerate()
             .map(|(source, mut device)| {
-                spawn(scope, &format!("capture-{}", names[source]), move || {
+                spawn(scope, &format!("capture-{}", names[source]), (&standing, Role::Capture), move || {
                     let ran = capture::run(source, device.as_mut(), common, ends, intake);
                     ran.inspect_err(|error| board.failed(source, error))
                 })
@@ -257,7 +277,12 @@ pub fn run(
             && !weave.is_finished()
         {
             std::thread::sleep(TURN);
-            for order in watch(&board.snapshot()) {
+            if standing.watch() {
+                board.granted(standing.granted());
+            }
+            let account = board.snapshot();
+            losses.say(&account, Instant::now(), false);
+            for order in watch(&account) {
                 match order {
                     Order::Latency(source, latency_ns) => drop(intake.latency(source, latency_ns)),
                     Order::Frozen(after_ns) => board.frozen_after(after_ns),
@@ -268,6 +293,8 @@ pub fn run(
             }
         }
         ends.store(true, Ordering::Relaxed);
+        // Whoever watches learns that it ends. What is ordered now comes too late.
+        drop(watch(&board.snapshot()));
         for (capture, name) in captures.into_iter().zip(&names) {
             if let Err(error) = joined(capture) {
                 board.note(format!("{name}: {error}"));
@@ -288,6 +315,7 @@ pub fn run(
     });
     woven?;
     let account = board.snapshot();
+    losses.say(&account, Instant::now(), true);
     Ok(session.finish(fabric.into_inner().loom, drawn, account, recording, seal))
 }
 
@@ -416,10 +444,13 @@ impl Session {
         let (board, clock) = (&board, &clock);
         let mut drawn = None;
         std::thread::scope(|scope| {
-            let picture = wall.map(|wall| spawn(scope, "picture", || picture::run(shared, wall, clock, |_| {})));
-            let weave = spawn(scope, "weave", move || weave::run(shared, &posed, common, is_last));
-            let pair = spawn(scope, "pairing", move || stage.run(&mut replay::FromRecording(delivered)));
-            let feed = spawn(scope, "replay", move || replay::run(replay, &names, common, ends, &deliver));
+            let usual = (&Standing::default(), Role::Usual);
+            let picture = wall.map(|wall| {
+                spawn(scope, "picture", usual, move || picture::run(shared, wall, clock, |drawn| board.drawn(drawn)))
+            });
+            let weave = spawn(scope, "weave", usual, move || weave::run(shared, &posed, common, is_last));
+            let pair = spawn(scope, "pairing", usual, move || stage.run(&mut replay::FromRecording(delivered)));
+            let feed = spawn(scope, "replay", usual, move || replay::run(replay, &names, common, ends, &deliver));
             while !feed.is_finished() || !pair.is_finished() || !weave.is_finished() {
                 std::thread::sleep(TURN);
                 watch(&board.snapshot());
@@ -475,12 +506,18 @@ fn shown(drawn: Result<Option<Drawn>, Box<dyn std::error::Error + Send + Sync>>,
     })
 }
 
-/// A thread with a name.
+/// A thread with a name, and with what its role has a right to.
 fn spawn<'scope, 'env, T: Send + 'scope>(
     scope: &'scope Scope<'scope, 'env>,
     name: &str,
+    (standing, role): (&Standing, Role),
     run: impl FnOnce() -> T + Send + 'scope,
 ) -> ScopedJoinHandle<'scope, T> {
+    let standing = standing.clone();
+    let run = move || {
+        standing.enter(role);
+        run()
+    };
     Builder::new().name(name.into()).spawn_scoped(scope, run).unwrap_or_else(|error| panic!("thread {name}: {error}"))
 }
 

@@ -10,6 +10,7 @@ use serde::Serialize;
 use super::decision::Common;
 use super::frozen::Frozen;
 use super::intake::{Delivery, Intake, Word};
+use super::pulse::Stage;
 use super::weave::{Posed, Times};
 use crate::ingest::Picture;
 use crate::ingest::live::{Live, LiveIngest};
@@ -122,7 +123,9 @@ impl<'a> Pairing<'a> {
 
     /// Takes what comes until nothing does any more. Returns what the user should know.
     pub(super) fn run(mut self, feed: &mut impl Feed) -> Vec<String> {
+        let beat = self.common.board.pulse.of(Stage::Pairing);
         while let Some(came) = feed.next() {
+            beat.turn();
             let (now_ns, delivery) = match came {
                 Came::Delivery(delivery) => (delivery.at_ns, Some(delivery)),
                 Came::Quiet(now_ns) => (now_ns, None),
@@ -206,6 +209,7 @@ impl<'a> Pairing<'a> {
     fn publish(&mut self, source: usize) {
         let Part { name, ingest, .. } = &mut self.parts[source];
         while let Some((clock, mapping)) = ingest.take_published() {
+            self.common.board.clock(source, clock, &mapping);
             let published = Published { device: name, clock, mapping };
             self.common.recorder.note(CLOCK, &published, self.common.clock.now_ns());
         }

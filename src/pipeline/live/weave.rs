@@ -1,14 +1,19 @@
 //! The weaving thread: slices into the volume, in the order in which they were posed.
 
 use std::collections::VecDeque;
+use std::time::Duration;
 
 use super::fabric::{Fabric, News, Shared};
 use super::decision::Common;
+use super::pulse::Stage;
 use crate::pipeline::loom::Fates;
 use crate::pipeline::{PipelineError, Woven};
 use crate::refusal::{Reason, Refusal};
 use crate::slice::Slice;
-use crossbeam_channel::Receiver;
+use crossbeam_channel::{Receiver, RecvTimeoutError};
+
+/// The longest that the thread waits before it takes a turn, as one that lives does.
+const TURN: Duration = Duration::from_millis(100);
 
 /// A slice, and when what it is made of was here.
 pub(super) struct Posed {
@@ -78,7 +83,14 @@ pub(super) fn run(
 ) -> Result<(), PipelineError> {
     let mut waiting = VecDeque::new();
     let mut result = Ok(());
-    for Posed { item, slice, times } in from {
+    let beat = common.board.pulse.of(Stage::Weaving);
+    loop {
+        beat.turn();
+        let Posed { item, slice, times } = match from.recv_timeout(TURN) {
+            Ok(posed) => posed,
+            Err(RecvTimeoutError::Timeout) => continue,
+            Err(RecvTimeoutError::Disconnected) => break,
+        };
         waiting.push_back((item, times));
         let mut fabric = shared.lock();
         let Fabric { loom, news, .. } = &mut *fabric;

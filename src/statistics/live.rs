@@ -1,0 +1,38 @@
+//! What a session did, in numbers: the content of `live --stats` at its end, and of `GET /status` while it runs.
+
+use std::time::Duration;
+
+use serde::Serialize;
+
+use super::process::ProcessNumbers;
+use crate::config::bedside::Effective;
+use crate::pipeline::live::Account;
+
+/// The numbers of a session.
+#[derive(Debug, Clone, Serialize)]
+pub struct LiveStatistics<'a> {
+    /// Of the program.
+    pub version: &'static str,
+    /// Since the session began, s.
+    pub wall_s: f64,
+    /// What became of frames and readings, how each device is and how long things took.
+    #[serde(flatten)]
+    pub account: &'a Account,
+    /// What it took.
+    pub process: ProcessNumbers,
+    /// The settings that hold.
+    pub config: &'a Effective,
+}
+
+impl<'a> LiveStatistics<'a> {
+    /// Of a session that has lasted so long.
+    pub fn new(account: &'a Account, wall: Duration, config: &'a Effective) -> Self {
+        Self {
+            version: env!("CARGO_PKG_VERSION"),
+            wall_s: wall.as_secs_f64(),
+            account,
+            process: ProcessNumbers::now(),
+            config,
+        }
+    }
+}
