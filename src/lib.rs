@@ -19,12 +19,14 @@
 //! - [`pipeline`]: the stages in flow order.
 //! - [`ledger`], [`refusal`]: what became of every frame, and the reasons.
 //! - [`statistics`]: what a run did, in numbers.
+//! - [`console`], [`service`]: the same while it runs, over HTTP, and to a service manager.
 //! - [`cli`]: the commands.
 //! - [`phantom`]: scans of scenes whose truth is known, for demonstration, tests and benches.
 
 pub mod annotation;
 pub mod cli;
 pub mod config;
+pub mod console;
 pub mod devices;
 pub mod export;
 pub mod ingest;
@@ -36,6 +38,7 @@ pub mod pipeline;
 pub mod reconstruct;
 pub mod refusal;
 pub mod render;
+pub mod service;
 pub(crate) mod sharing;
 pub mod simd;
 pub mod slice;

@@ -10,6 +10,7 @@ pub(in crate::cli) mod resume;
 mod room;
 pub(in crate::cli) mod session;
 pub(in crate::cli) mod stages;
+mod telling;
 mod terminal;
 
 use std::io::Write as _;

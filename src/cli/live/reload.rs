@@ -32,6 +32,11 @@ impl Reload {
         &self.bedside
     }
 
+    /// Whether it is to be read again.
+    pub(super) fn is_told(&self) -> bool {
+        self.told.load(Ordering::Relaxed)
+    }
+
     /// What the session is to do otherwise, if it was told to read again. A file that cannot be used changes nothing, and is said.
     pub(super) fn orders(&mut self, terminal: Option<&Arc<Terminal>>) -> Vec<Order> {
         if !self.told.swap(false, Ordering::Relaxed) {

@@ -13,11 +13,12 @@ use super::outputs::{Outputs, leave, line, say};
 use super::reload::Reload;
 use super::resume;
 use super::stages::{instruments, record, stages};
+use super::telling::{Telling, standing};
 use super::terminal::Terminal;
 use crate::cli::Failure;
 use crate::config::bedside::Bedside;
 use crate::devices::{self, Devices};
-use crate::pipeline::live::{Bed, Equipment, Looks, Standing, run};
+use crate::pipeline::live::{Bed, Equipment, Looks, run};
 
 /// Between two lines on the way.
 const SAID_EVERY: Duration = Duration::from_secs(2);
@@ -76,6 +77,12 @@ pub(in crate::cli) fn session(
     outputs.check()?;
     let ends = until_told()?;
     let mut reload = Reload::new(bedside)?;
+    let standing = standing(bedside)?;
+    let mut telling = Telling::begin(bedside)?;
+    if !conduct.quiet {
+        standing.granted().why.iter().for_each(|why| say(why));
+        telling.address().iter().for_each(|address| say(&format!("status at {address}")));
+    }
     let folder = conduct.record.as_ref().or(bedside.record.folder.as_ref());
     let resumed =
         conduct.resume.as_ref().map(|session| resume::open(session, bedside)).transpose()?.unwrap_or_default();
@@ -96,7 +103,7 @@ pub(in crate::cli) fn session(
         Equipment { instrument: tracking_is, device: tracking, speech },
         Equipment { instrument: grabber_is, device: grabber, speech: None },
     ];
-    let bed = Bed { equipment, record, resumed, standing: Standing::default() };
+    let bed = Bed { equipment, record, resumed, standing };
     let terminal = if conduct.quiet || conduct.headless { None } else { Terminal::of(&bedside.picture) };
     let looks = match &terminal {
         Some(terminal) => Some(Arc::clone(terminal) as Arc<dyn Looks>),
@@ -107,13 +114,20 @@ pub(in crate::cli) fn session(
         if conduct.duration.is_some_and(|seconds| began.elapsed() >= Duration::from_secs_f64(seconds)) {
             ends.store(true, Ordering::Relaxed);
         }
+        telling.look(account, line, ends.load(Ordering::Relaxed));
         if let Some(terminal) = &terminal {
             terminal.say(&line(account));
         } else if !conduct.quiet && said.elapsed() >= SAID_EVERY {
             said = Instant::now();
             say(&line(account));
         }
-        reload.orders(terminal.as_ref())
+        if !reload.is_told() {
+            return Vec::new();
+        }
+        telling.reloading();
+        let orders = reload.orders(terminal.as_ref());
+        telling.reloaded(reload.bedside());
+        orders
     })?;
     drop(twins);
     if let Some(terminal) = &terminal {

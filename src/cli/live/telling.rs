@@ -1,0 +1,78 @@
+//! To whom a running session tells how it is: whoever asks over HTTP, and the service manager.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use crate::cli::Failure;
+use crate::config::bedside::{Bedside, Realtime};
+use crate::console::{Console, Latest};
+use crate::pipeline::live::{Account, Standing};
+use crate::service::Service;
+
+/// Between two accounts for those who ask.
+const OFTEN: Duration = Duration::from_millis(200);
+
+/// Those who are told.
+pub(super) struct Telling {
+    service: Service,
+    latest: Arc<Latest>,
+    console: Option<Console>,
+    told: Option<Instant>,
+}
+
+impl Telling {
+    /// Before any device is opened.
+    ///
+    /// # Errors
+    /// [`Failure`] where the status was to be had is taken.
+    pub(super) fn begin(bedside: &Bedside) -> Result<Self, Failure> {
+        let latest = Arc::new(Latest::new(&bedside.effective));
+        let console = bedside.status.listen.map(|address| Console::new(address, Arc::clone(&latest))).transpose()?;
+        Ok(Self { service: Service::new(), latest, console, told: None })
+    }
+
+    /// Where the status is to be had, if it is.
+    pub(super) fn address(&self) -> Option<String> {
+        self.console.as_ref().map(|console| format!("http://{}/status", console.address()))
+    }
+
+    /// The settings are about to be read again.
+    pub(super) fn reloading(&mut self) {
+        self.service.reloading();
+    }
+
+    /// These hold now.
+    pub(super) fn reloaded(&mut self, bedside: &Bedside) {
+        self.latest.adopt(&bedside.effective);
+        self.service.reloaded();
+    }
+
+    /// Now and then while the session runs, and once when it begins to end.
+    pub(super) fn look(&mut self, account: &Account, line: fn(&Account) -> String, ends: bool) {
+        if ends {
+            self.service.stopping();
+            self.service.status(&format!("ends: {}", line(account)));
+        } else {
+            self.service.look(account, line);
+        }
+        if ends || self.told.is_none_or(|told| told.elapsed() >= OFTEN) {
+            self.told = Some(Instant::now());
+            self.latest.tell(account, self.service.still());
+        }
+    }
+}
+
+/// The session's standing with the scheduler, as the configuration wants it.
+///
+/// # Errors
+/// [`Failure`] when it wants more than there is.
+pub(super) fn standing(bedside: &Bedside) -> Result<Standing, Failure> {
+    if bedside.process.realtime == Realtime::Never {
+        return Ok(Standing::default());
+    }
+    let standing = Standing::ask(bedside.volume.settings.memory_bytes);
+    match (bedside.process.realtime, standing.granted().why.first()) {
+        (Realtime::Required, Some(why)) => Err(Failure(format!("process.realtime = \"required\": {why}"))),
+        _ => Ok(standing),
+    }
+}

@@ -1,0 +1,137 @@
+//! What a session tells of itself while it runs, over HTTP on this machine.
+//!
+//! | path | what |
+//! |---|---|
+//! | `GET /status` | everything, as JSON: what `--stats` writes at the end |
+//! | `GET /metrics` | the same in Prometheus' text form |
+//! | `GET /healthz` | 200 while the session moves, 503 and who stands still when it does not |
+//!
+//! Handlers read the [`Latest`] account and nothing else, so that no client, slow or stuck as it may be, is waited for by a stage. They work without a socket ([`routes`]);
+//! [`Console`] gives them one. Whoever asks must call this machine by a loopback name (`hosts`): a web page elsewhere, whose name was made to lead here, gets nothing.
+
+mod hosts;
+mod metrics;
+mod server;
+#[cfg(test)]
+mod tests;
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use axum::Router;
+use axum::extract::State;
+use axum::http::{StatusCode, header};
+use axum::middleware;
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+
+pub use server::{Console, ConsoleError};
+
+use crate::config::bedside::Effective;
+use crate::pipeline::live::Account;
+use crate::statistics::LiveStatistics;
+
+/// An account that is older tells of a session that does not move.
+const STALE: Duration = Duration::from_secs(5);
+
+/// The newest account of a session, for whoever asks.
+#[derive(Debug)]
+pub struct Latest {
+    began: Instant,
+    told: Mutex<Told>,
+}
+
+/// What was told last.
+#[derive(Debug, Clone)]
+struct Told {
+    at: Instant,
+    account: Arc<Account>,
+    config: Arc<Effective>,
+    still: Vec<String>,
+}
+
+impl Latest {
+    /// Of a session that begins now, with these settings.
+    pub fn new(config: &Effective) -> Self {
+        let began = Instant::now();
+        let told = Told { at: began, account: Arc::default(), config: Arc::new(config.clone()), still: Vec::new() };
+        Self { began, told: Mutex::new(told) }
+    }
+
+    /// The account of this moment, and the stages that stand still.
+    pub fn tell(&self, account: &Account, still: &[String]) {
+        let (account, still) = (Arc::new(account.clone()), still.to_vec());
+        let mut told = self.lock();
+        *told = Told { at: Instant::now(), account, config: Arc::clone(&told.config), still };
+    }
+
+    /// These settings hold from now on.
+    pub fn adopt(&self, config: &Effective) {
+        self.lock().config = Arc::new(config.clone());
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Told> {
+        self.told.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn told(&self) -> Told {
+        self.lock().clone()
+    }
+
+    fn statistics<'a>(&'a self, told: &'a Told) -> LiveStatistics<'a> {
+        LiveStatistics::new(&told.account, told.at.duration_since(self.began), &told.config)
+    }
+}
+
+/// Everything that there is to ask for.
+pub fn routes(latest: Arc<Latest>) -> Router {
+    Router::new()
+        .route("/status", get(status))
+        .route("/metrics", get(prometheus))
+        .route("/healthz", get(health))
+        .fallback(nothing)
+        .layer(middleware::map_response(guarded))
+        .layer(middleware::from_fn(hosts::only_loopback))
+        .with_state(latest)
+}
+
+async fn status(State(latest): State<Arc<Latest>>) -> Response {
+    let told = latest.told();
+    match serde_json::to_vec_pretty(&latest.statistics(&told)) {
+        Ok(json) => ([(header::CONTENT_TYPE, "application/json")], json).into_response(),
+        Err(error) => {
+            (StatusCode::INTERNAL_SERVER_ERROR, format!("the status cannot be told: {error}\n")).into_response()
+        }
+    }
+}
+
+async fn prometheus(State(latest): State<Arc<Latest>>) -> Response {
+    let told = latest.told();
+    let text = metrics::text(&latest.statistics(&told));
+    ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text).into_response()
+}
+
+async fn health(State(latest): State<Arc<Latest>>) -> Response {
+    let Told { at, still, .. } = latest.told();
+    let age = at.elapsed();
+    if !still.is_empty() {
+        return (StatusCode::SERVICE_UNAVAILABLE, format!("stands still: {}\n", still.join(", "))).into_response();
+    }
+    if age >= STALE {
+        let sentence = format!("nothing was heard of the session for {:.0} s\n", age.as_secs_f64());
+        return (StatusCode::SERVICE_UNAVAILABLE, sentence).into_response();
+    }
+    "moves\n".into_response()
+}
+
+async fn nothing() -> Response {
+    (StatusCode::NOT_FOUND, "there is nothing here; ask for /status, /metrics or /healthz\n").into_response()
+}
+
+/// What holds for every answer: it is of this moment, and no browser guesses what it is.
+async fn guarded(mut response: Response) -> Response {
+    let headers = response.headers_mut();
+    headers.insert(header::CACHE_CONTROL, header::HeaderValue::from_static("no-store"));
+    headers.insert(header::X_CONTENT_TYPE_OPTIONS, header::HeaderValue::from_static("nosniff"));
+    response
+}
