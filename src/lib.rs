@@ -20,6 +20,7 @@
 //! - [`ledger`], [`refusal`]: what became of every frame, and the reasons.
 //! - [`statistics`]: what a run did, in numbers.
 //! - [`console`], [`service`]: the same while it runs, over HTTP, and to a service manager.
+//! - [`trace`]: where the time of each frame went.
 //! - [`cli`]: the commands.
 //! - [`phantom`]: scans of scenes whose truth is known, for demonstration, tests and benches.
 
@@ -44,4 +45,5 @@ pub mod simd;
 pub mod slice;
 pub mod statistics;
 pub mod sync;
+pub mod trace;
 pub mod volume;

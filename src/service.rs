@@ -16,8 +16,10 @@ use sd_notify::NotifyState;
 
 use crate::pipeline::live::{Account, Movement};
 
-/// Between two looks at whether stages have moved, at least: a stage's turn is much shorter.
-const LEAST_LOOK: Duration = Duration::from_secs(1);
+/// Between two looks at whether stages have moved, where nobody asks for them more often. A turn takes a fraction of a second, and a few seconds where a device is opened.
+const LOOK: Duration = Duration::from_secs(5);
+/// And at least, where somebody does.
+const LEAST_LOOK: Duration = Duration::from_millis(500);
 /// Between two status lines.
 const STATUS: Duration = Duration::from_secs(2);
 /// A device that cannot be opened does not keep the session from being ready for longer.
@@ -50,7 +52,7 @@ impl Service {
             said: String::new(),
             said_at: None,
             movement: Movement::default(),
-            look_every: watchdog.map_or(LEAST_LOOK, |within| (within / 3).max(LEAST_LOOK)),
+            look_every: watchdog.map_or(LOOK, |within| (within / 3).max(LEAST_LOOK)),
             looked_at: None,
             watched: watchdog.is_some(),
             still: Vec::new(),
@@ -65,7 +67,9 @@ impl Service {
             self.ready = true;
             self.tell(&[NotifyState::Ready]);
         }
-        if self.said_at.is_none_or(|at| now.duration_since(at) >= STATUS) {
+        if !self.ready {
+            self.status("opens its devices");
+        } else if self.said_at.is_none_or(|at| now.duration_since(at) >= STATUS) {
             self.said_at = Some(now);
             self.status(&line(account));
         }

@@ -11,11 +11,18 @@ pub mod render;
 pub mod replay;
 pub mod twin;
 
+use std::path::PathBuf;
+
 use clap::parser::ValueSource;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use tracing_subscriber::filter::FilterFn;
+use tracing_subscriber::layer::SubscriberExt as _;
+use tracing_subscriber::util::SubscriberInitExt as _;
+use tracing_subscriber::{EnvFilter, Layer as _};
 
 use crate::config::Unfit;
 pub use crate::config::values;
+use crate::trace::{self, TraceFile};
 
 /// Freehand 3D ultrasound: tracked slices woven into a volume as they arrive.
 #[derive(Debug, Parser)]
@@ -26,6 +33,9 @@ pub struct Arguments {
     /// What to log to stderr: error, warn, info, debug, or a tracing filter
     #[arg(long, global = true, value_name = "FILTER", default_value = "warn")]
     log: String,
+    /// Where to write where the time of each frame went, stage by stage, for Perfetto (ui.perfetto.dev) or chrome://tracing
+    #[arg(long, global = true, value_name = "FILE.json")]
+    trace: Option<PathBuf>,
     /// Flags of the subcommand that are there, by their names.
     #[arg(skip)]
     given: Vec<String>,
@@ -41,6 +51,25 @@ impl Arguments {
             arguments.given = own.ids().map(clap::Id::as_str).filter(is_there).map(str::to_owned).collect();
         }
         arguments
+    }
+}
+
+impl Arguments {
+    /// Begins to log, and to trace where that is asked for; the trace's file.
+    fn listen(&self) -> Result<Option<TraceFile>, Failure> {
+        let filter = EnvFilter::try_new(&self.log).map_err(|e| Failure(format!("--log {}: {e}", self.log)))?;
+        let log = tracing_subscriber::fmt::layer().with_writer(std::io::stderr).with_filter(filter);
+        let (layer, file) = match &self.trace {
+            Some(path) => {
+                input::check_output(path)?;
+                let begun = trace::begin(path).map_err(|e| Failure(format!("--trace {}: {e}", path.display())))?;
+                (Some(begun.0.with_filter(FilterFn::new(trace::wanted))), Some(begun.1))
+            }
+            None => (None, None),
+        };
+        // A second subscriber in one process (tests) is no failure.
+        let _ = tracing_subscriber::registry().with(log).with(layer).try_init();
+        Ok(file)
     }
 }
 
@@ -91,10 +120,8 @@ impl Failure {
 /// # Errors
 /// [`Failure`] when the command did not do it.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let filter = tracing_subscriber::EnvFilter::try_new(&arguments.log)
-        .map_err(|e| Failure(format!("--log {}: {e}", arguments.log)))?;
-    // A second subscriber in one process (tests) is no failure.
-    let _ = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).try_init();
+    // Dropped when the command is done: then the file is whole.
+    let _trace = arguments.listen()?;
     match &arguments.command {
         Command::Reconstruct(arguments) => reconstruct::run(arguments),
         Command::Render(arguments) => render::run(arguments),

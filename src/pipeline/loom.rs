@@ -3,6 +3,7 @@
 use std::time::Instant;
 
 use glam::DVec3;
+use tracing::trace_span;
 
 use super::onlooker::Woven;
 use super::{PipelineError, PixelKind};
@@ -15,6 +16,7 @@ use crate::refusal::{Reason, Refusal};
 use crate::slice::{Pixels, Slice};
 use crate::sync::FramePose;
 use crate::sync::extent::{mean_axes, reached};
+use crate::trace::STAGE;
 
 /// Pictures that wait for the mask may hold this much; of larger ones, fewer are looked at.
 const MOST_WAITING_BYTES: usize = 64 << 20;
@@ -175,7 +177,7 @@ impl Loom {
     fn insert(&mut self, item: u64, slice: &Slice, fates: &mut impl Fates) -> Result<(), PipelineError> {
         let Masking::Known(weaver) = &mut self.stage else { return Ok(()) };
         let (began, before) = (Instant::now(), weaver.path());
-        let result = weaver.insert(slice);
+        let result = trace_span!(target: STAGE, "weave", frame = item).in_scope(|| weaver.insert(slice));
         let took = began.elapsed();
         if weaver.path() != before
             && let Some(departure) = weaver.upgraded()

@@ -62,12 +62,18 @@ impl Telling {
     }
 }
 
-/// The session's standing with the scheduler, as the configuration wants it.
+/// The session's standing with the scheduler, as the configuration wants it. A virtual bedside paints what its grabber shows, in the thread that captures: that is no work to
+/// be done before all other, and is so only where it must be.
 ///
 /// # Errors
 /// [`Failure`] when it wants more than there is.
 pub(super) fn standing(bedside: &Bedside) -> Result<Standing, Failure> {
-    if bedside.process.realtime == Realtime::Never {
+    let is_wanted = match bedside.process.realtime {
+        Realtime::Never => false,
+        Realtime::IfPermitted => bedside.rehearsal.is_none(),
+        Realtime::Required => true,
+    };
+    if !is_wanted {
         return Ok(Standing::default());
     }
     let standing = Standing::ask(bedside.volume.settings.memory_bytes);

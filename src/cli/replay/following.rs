@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use calibration::region::ClipRect;
+use tracing::trace_span;
 
 use crate::cli::Failure;
 use crate::cli::render::drawing::Over;
@@ -14,6 +15,7 @@ use crate::render::settings::CACHE_BYTES;
 use crate::render::{Cache, RenderSettings, Renderer, Stage};
 use crate::slice::Slice;
 use crate::statistics::{Milliseconds, PictureNumbers, PictureStatistics};
+use crate::trace::STAGE;
 use crate::volume::brick::BrickIndex;
 use crate::volume::lattice::{Shifted, canonical, shift};
 
@@ -99,6 +101,7 @@ impl<'a> Following<'a> {
         let Begun { renderer, offset, last } = begun;
         *last = woven.mask.bounds().map(|data| (woven.slice.clone(), data));
         let began = Instant::now();
+        let span = trace_span!(target: STAGE, "draw", frame = woven.item, slices = self.slices + 1).entered();
         let volume = Shifted::new(woven.weaver.volume(), *offset);
         let updated = if woven.upgraded {
             renderer.update_all(&volume)
@@ -114,6 +117,7 @@ impl<'a> Following<'a> {
                 None => renderer.update(&volume, bricks),
             }
         };
+        drop(span);
         let milliseconds = |duration: Duration| duration.as_secs_f64() * 1e3;
         self.to_picture_ms.push(milliseconds(woven.insert + began.elapsed()));
         self.shade_ms.push(milliseconds(updated.shade));

@@ -356,7 +356,7 @@ pub const SECTIONS: &[Section] = &[
         keys: &[next(
             "realtime",
             "if-permitted, never or required",
-            "threads that take in data run before all others, and memory is not paged out; if-permitted without it, required refuses to begin without",
+            "threads that take in data run before all others, and memory is not paged out; if-permitted without it, which a virtual bedside never asks for; required refuses to begin without",
         )],
     },
     Section {

@@ -3,11 +3,13 @@
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 
 use drivers::clock::MS;
-use drivers::{Device, Next};
+use drivers::{Device, Next, Reading};
+use tracing::trace_span;
 
 use super::decision::Common;
 use super::intake::Intake;
 use super::pulse::Stage;
+use crate::trace::STAGE;
 
 /// The longest that a device is waited for before its health is looked at again, ns.
 const TURN: i64 = 50 * MS;
@@ -64,7 +66,11 @@ pub(super) fn run(
             }
         }
         let goes_on = match next {
-            Next::Reading(reading) => intake.take(source, reading),
+            Next::Reading(reading) => {
+                let frame = matches!(reading, Reading::Frame(_)).then(|| reading.stamp().item);
+                let _span = frame.map(|frame| trace_span!(target: STAGE, "capture", frame).entered());
+                intake.take(source, reading)
+            }
             Next::Pending => true,
             Next::End => false,
         };

@@ -33,6 +33,8 @@ pub(super) struct News {
     pub(super) last: Option<(Slice, ClipRect)>,
     /// When its frame was captured, host ns; `None` of a recording.
     pub(super) captured_ns: Option<i64>,
+    /// Its number.
+    pub(super) item: u64,
     /// What the first slice has settled.
     pub(super) begun: Option<Begun>,
     /// The box that pictures are of.
@@ -79,6 +81,7 @@ impl News {
         self.woven += 1;
         self.last = woven.mask.bounds().map(|data| (woven.slice.clone(), data));
         self.captured_ns = captured_ns;
+        self.item = woven.item;
     }
 
     /// Keeps the list of what changed short: each brick once, and no list at all where that would be most of the volume.

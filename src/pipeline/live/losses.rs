@@ -56,7 +56,7 @@ fn lost(account: &Account) -> Vec<(String, u64)> {
             .push((format!("readings of {}, as there was no room before pairing", readings.device), readings.dropped));
     }
     for device in &account.devices {
-        causes.push((format!("readings of {} before they came, by its own count", device.name), device.lost));
+        causes.push((format!("that {} sent and that never came, by its own count", device.name), device.lost));
     }
     if let Some(written) = &account.recording {
         causes.push((

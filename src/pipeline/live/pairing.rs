@@ -6,6 +6,7 @@ use crossbeam_channel::{Receiver, RecvTimeoutError, Sender};
 use drivers::clock::MS;
 use drivers::reading::Reading;
 use serde::Serialize;
+use tracing::{Span, trace_span};
 
 use super::decision::Common;
 use super::frozen::Frozen;
@@ -20,6 +21,7 @@ use crate::slice::{Image, Slice};
 use crate::sync::bracket::{Answered, Bracketing, FrameTime, Unplaced};
 use crate::sync::clock::Mapping;
 use crate::sync::history::Unavailable;
+use crate::trace::STAGE;
 
 /// The longest that the thread waits before it looks whether frames have waited long enough.
 const TURN: Duration = Duration::from_millis(20);
@@ -39,6 +41,8 @@ pub(super) struct Waiting {
     item: u64,
     image: Image,
     captured_ns: i64,
+    /// The time that it waits.
+    waits: Span,
 }
 
 /// The kind of note that a clock is published by.
@@ -180,6 +184,7 @@ impl<'a> Pairing<'a> {
             _ => None,
         };
         let is_frame = matches!(reading, Reading::Frame(_));
+        let _span = is_frame.then(|| trace_span!(target: STAGE, "pair", frame = reading.stamp().item).entered());
         let live = self.parts[source].ingest.take(reading);
         self.publish(source);
         let board = self.common.board;
@@ -193,7 +198,10 @@ impl<'a> Pairing<'a> {
             Live::Waits(_) => board.sampled(source, None),
             Live::Picture { picture: Picture { head, image }, timed } => {
                 let captured_ns = captured_ns.unwrap_or(timed.time_ns);
-                let waiting = Waiting { item: head.stamp.item, image, captured_ns };
+                let item = head.stamp.item;
+                // Of no other span: it outlasts them.
+                let waits = trace_span!(target: STAGE, parent: None, "wait for pose", frame = item);
+                let waiting = Waiting { item, image, captured_ns, waits };
                 let frame = FrameTime::new(&timed, head.size);
                 if let Some(crowded) = self.bracketing.frame(frame, self.now_ns, waiting) {
                     self.answer(crowded);
@@ -217,7 +225,8 @@ impl<'a> Pairing<'a> {
 
     /// A frame need not wait any longer.
     fn answer(&mut self, answered: Answered<Waiting>) {
-        let Answered { payload: Waiting { item, image, captured_ns }, frame, answer, .. } = answered;
+        let Answered { payload: Waiting { item, image, captured_ns, waits }, frame, answer, .. } = answered;
+        drop(waits);
         let refusal = match answer {
             Ok(placed) if self.frozen.is(&image, &placed, captured_ns) => {
                 self.common.board.frozen(self.frozen.since_ns(captured_ns));

@@ -7,11 +7,13 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use drivers::clock::Clock;
+use tracing::trace_span;
 
 use super::fabric::{Begun, Shared};
 use super::reach::Reach;
 use super::timing::Spread;
 use crate::render::{RenderSettings, Renderer, Stage};
+use crate::trace::STAGE;
 use crate::volume::lattice::Shifted;
 
 /// The longest that the thread waits before it looks whether it is to end.
@@ -164,6 +166,8 @@ pub(super) fn run(
             seen = fabric.news.woven;
             continue;
         };
+        let (frame, slices) = (fabric.news.item, fabric.news.woven);
+        let _span = trace_span!(target: STAGE, "draw", frame, slices).entered();
         let began = Instant::now();
         let volume = Shifted::new(weaver.volume(), begun.lattice.offset);
         if std::mem::take(&mut easel.blank) || fabric.news.all {

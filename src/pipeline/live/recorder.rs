@@ -16,9 +16,11 @@ use drivers::reading::Frame;
 use drivers::recording::session::{Account, Crop, Room, SessionWriter, Source};
 use drivers::{Description, Reading};
 use serde::Serialize;
+use tracing::trace_span;
 
 use crate::ingest::stored_rect;
 use crate::mask::MaskSettings;
+use crate::trace::STAGE;
 
 /// Messages that wait for the writer: some seconds of all devices.
 const QUEUE: usize = 4096;
@@ -266,6 +268,8 @@ pub(super) fn run(queue: &Queue, file: File, clock: &dyn Clock, mut told: impl F
                 if let (Some(cropping), Reading::Frame(frame)) = (&mut cropping, &reading) {
                     cropping.prepare(frame, source, writer, sources[source]);
                 }
+                let frame = matches!(reading, Reading::Frame(_)).then(|| reading.stamp().item);
+                let _span = frame.map(|frame| trace_span!(target: STAGE, "record", frame).entered());
                 writer.write(sources[source], &reading, at_ns)
             }
             Some(Entry::Description { source, description }) => writer.describe(sources[source], &description),
