@@ -154,11 +154,12 @@ fn a_session_tells_how_it_is_and_ends_when_it_is_told_to() {
     stuck.write_all(b"GET /status HTTP/1.1\r\nHost: localhost\r\n").unwrap();
     let later = session.waits_for("progress", || Some(json(&address)).filter(|n| used(n) > used(&first) + 30));
     assert!(adds_up(&later) >= used(&later));
-    for device in later["devices"].as_array().unwrap() {
-        assert_eq!((&device["state"], &device["why"]), (&"running".into(), &"".into()), "{device}");
-        assert!(device["bytes"].as_u64().unwrap() > 0 && device["last_reading_s_ago"].as_f64().is_some(), "{device}");
-        assert!(!device["clocks"].as_array().unwrap().is_empty(), "{device}");
-    }
+    let is_well = |device: &Value| {
+        let has_come = device["bytes"].as_u64() > Some(0) && device["last_reading_s_ago"].is_number();
+        device["state"] == "running" && device["why"] == "" && has_come && device["clocks"][0]["state"] == "locked"
+    };
+    let devices = |numbers: &Value| numbers["devices"].as_array().unwrap().iter().all(is_well);
+    session.waits_for("device that is well", || Some(json(&address)).filter(devices));
     let latencies = &later["capture_to_volume"];
     assert!(latencies["count"].as_u64().unwrap() > 0 && latencies["median_ms"].as_f64().unwrap() > 0.0, "{latencies}");
     let recorded =
@@ -192,7 +193,11 @@ fn a_session_tells_how_it_is_and_ends_when_it_is_told_to() {
     // The same words for the same things.
     let keys = |numbers: &Value| numbers.as_object().unwrap().keys().cloned().collect::<BTreeSet<_>>();
     assert!(keys(&later).is_subset(&keys(&stats)), "{:?} {:?}", keys(&later), keys(&stats));
-    assert!(!session.said().contains("ERROR"), "{}", session.said());
+    // What was lost was said, and as an error; on a machine with time to spare that is nothing.
+    let lost = |list: &Value| list.as_array().unwrap().iter().map(|of| of["lost"].as_u64().unwrap()).sum::<u64>();
+    let dropped = stats["readings"][0]["dropped"].as_u64().unwrap() + sum(&stats["frames"]["dropped"]);
+    let lost = lost(&stats["devices"]) + dropped;
+    assert_eq!(session.said().contains("lost: "), lost > 0, "{lost}: {}", session.said());
 }
 
 #[test]
