@@ -1,0 +1,44 @@
+//! `sonoweave-packaging FOLDER MACHINE`: manual pages, completions and licences into a folder, for a program that is built for MACHINE, as rustc calls it.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::{fs, io};
+
+use sonoweave_packaging::{Document, command_line, completions, manual, notices};
+
+fn main() -> ExitCode {
+    let mut arguments = std::env::args_os().skip(1);
+    let (Some(folder), Some(machine), None) = (arguments.next(), arguments.next(), arguments.next()) else {
+        return say("usage: sonoweave-packaging FOLDER MACHINE", 2);
+    };
+    match write(&PathBuf::from(folder), &machine.to_string_lossy()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => say(&format!("sonoweave-packaging: {error}"), 1),
+    }
+}
+
+#[allow(clippy::print_stderr, reason = "the one place where a failure is said")]
+fn say(sentence: &str, code: u8) -> ExitCode {
+    eprintln!("{sentence}");
+    code.into()
+}
+
+fn write(folder: &Path, machine: &str) -> io::Result<()> {
+    let command = command_line();
+    put(&folder.join("man"), manual::pages(&command)?)?;
+    put(&folder.join("completions"), completions::all(&command))?;
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let linked = notices::linked(&notices::metadata(&root, machine)?, "sonoweave")?;
+    let content = notices::notices(&linked)?.into_bytes();
+    put(folder, vec![Document { name: "licences.txt".into(), content }])
+}
+
+fn put(folder: &Path, documents: Vec<Document>) -> io::Result<()> {
+    let told = |error: io::Error, path: &Path| io::Error::new(error.kind(), format!("{}: {error}", path.display()));
+    fs::create_dir_all(folder).map_err(|error| told(error, folder))?;
+    for Document { name, content } in documents {
+        let path = folder.join(name);
+        fs::write(&path, content).map_err(|error| told(error, &path))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,206 @@
+//! The crates that are linked into the program, under which licences, with the texts that these want to be handed on.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write as _;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use serde::Deserialize;
+
+/// A file is a licence's text if its name begins with one of these, in capitals or not.
+const TEXTS: [&str; 6] = ["license", "licence", "copying", "copyright", "notice", "unlicense"];
+
+/// A crate from elsewhere.
+#[derive(Debug)]
+pub struct Linked {
+    /// Name and version.
+    pub name: String,
+    /// What its author says of its licence, an SPDX expression.
+    pub licence: String,
+    /// Where its source lies.
+    folder: PathBuf,
+}
+
+/// What `cargo metadata` tells, as far as it is needed.
+#[derive(Deserialize)]
+struct Metadata {
+    packages: Vec<Package>,
+    resolve: Resolve,
+}
+
+#[derive(Deserialize)]
+struct Package {
+    id: String,
+    name: String,
+    version: String,
+    license: Option<String>,
+    manifest_path: PathBuf,
+    source: Option<String>,
+    targets: Vec<Target>,
+}
+
+#[derive(Deserialize)]
+struct Target {
+    kind: Vec<String>,
+}
+
+#[derive(Deserialize)]
+struct Resolve {
+    nodes: Vec<Node>,
+}
+
+#[derive(Deserialize)]
+struct Node {
+    id: String,
+    deps: Vec<Edge>,
+}
+
+#[derive(Deserialize)]
+struct Edge {
+    pkg: String,
+    dep_kinds: Vec<Kind>,
+}
+
+#[derive(Deserialize)]
+struct Kind {
+    /// "dev" or "build"; of what is linked, nothing.
+    kind: Option<String>,
+}
+
+impl Package {
+    /// What runs in the compiler is not linked.
+    fn is_macro(&self) -> bool {
+        self.targets.iter().flat_map(|target| &target.kind).any(|kind| kind == "proc-macro")
+    }
+}
+
+/// What cargo says of the workspace in `root` for the machine that the program is for, such as x86_64-unknown-linux-gnu.
+///
+/// # Errors
+/// When cargo cannot be asked, or refuses.
+pub fn metadata(root: &Path, machine: &str) -> io::Result<Vec<u8>> {
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let output = Command::new(cargo)
+        .args(["metadata", "--format-version=1", "--locked", "--filter-platform", machine])
+        .current_dir(root)
+        .output()?;
+    if !output.status.success() {
+        return Err(io::Error::other(format!("cargo metadata: {}", String::from_utf8_lossy(&output.stderr))));
+    }
+    Ok(output.stdout)
+}
+
+/// The crates from elsewhere that `package` is linked with, by name and version.
+///
+/// # Errors
+/// When cargo's word is not what it used to be.
+pub fn linked(metadata: &[u8], package: &str) -> io::Result<Vec<Linked>> {
+    let Metadata { packages, resolve } = serde_json::from_slice(metadata)?;
+    let begin = packages.iter().find(|p| p.name == package && p.source.is_none());
+    let begin = begin.ok_or_else(|| io::Error::other(format!("there is no package {package} in the workspace")))?;
+    let of_id: BTreeMap<&str, &Package> = packages.iter().map(|package| (package.id.as_str(), package)).collect();
+    let edges: BTreeMap<&str, &[Edge]> = resolve.nodes.iter().map(|n| (n.id.as_str(), n.deps.as_slice())).collect();
+    let (mut seen, mut ahead) = (BTreeSet::new(), vec![begin.id.as_str()]);
+    while let Some(id) = ahead.pop() {
+        if of_id.get(id).is_none_or(|package| package.is_macro()) || !seen.insert(id) {
+            continue;
+        }
+        let normal = |edge: &&Edge| edge.dep_kinds.iter().any(|kind| kind.kind.is_none());
+        ahead.extend(edges.get(id).copied().unwrap_or_default().iter().filter(normal).map(|edge| edge.pkg.as_str()));
+    }
+    let mut all: Vec<Linked> = seen
+        .into_iter()
+        .filter_map(|id| of_id.get(id))
+        .filter(|package| package.source.is_some())
+        .map(|package| Linked {
+            name: format!("{} {}", package.name, package.version),
+            licence: package.license.clone().unwrap_or_else(|| "as its text says".into()),
+            folder: package.manifest_path.parent().map(Path::to_path_buf).unwrap_or_default(),
+        })
+        .collect();
+    all.sort_by(|a, b| a.name.cmp(&b.name));
+    Ok(all)
+}
+
+/// All crates, then each distinct text once, with the crates that it came with.
+///
+/// # Errors
+/// When a crate's source cannot be read.
+pub fn notices(linked: &[Linked]) -> io::Result<String> {
+    let mut all = String::from(
+        "sonoweave is linked with these crates, and with Rust's standard library (MIT OR Apache-2.0, by the Rust project's developers).\n\n",
+    );
+    let mut texts: BTreeMap<String, Vec<&str>> = BTreeMap::new();
+    for Linked { name, licence, folder } in linked {
+        let _ = writeln!(all, "  {name}: {licence}");
+        for text in texts_of(folder)? {
+            let names = texts.entry(text).or_default();
+            if names.last() != Some(&name.as_str()) {
+                names.push(name);
+            }
+        }
+    }
+    // In the order of the first crate that brings a text.
+    let mut texts: Vec<_> = texts.into_iter().collect();
+    texts.sort_by(|(text, names), (other, others)| names.cmp(others).then(text.cmp(other)));
+    for (text, names) in texts {
+        let _ = write!(all, "\n{}\nWith {}:\n\n{text}\n", "-".repeat(80), names.join(", "));
+    }
+    Ok(all)
+}
+
+/// The licences' texts in a crate's folder, in the order of their names, as lines without blanks at their ends.
+fn texts_of(folder: &Path) -> io::Result<Vec<String>> {
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder)? {
+        let entry = entry?;
+        let name = entry.file_name().to_string_lossy().to_lowercase();
+        if entry.file_type()?.is_file() && TEXTS.iter().any(|begin| name.starts_with(begin)) {
+            files.push((name, entry.path()));
+        }
+    }
+    files.sort();
+    let read = |(_, path): (String, PathBuf)| {
+        let text = String::from_utf8_lossy(&std::fs::read(path)?).into_owned();
+        Ok(text.lines().map(str::trim_end).collect::<Vec<_>>().join("\n").trim_matches('\n').to_owned())
+    };
+    files.into_iter().map(read).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_linked_is_named_with_its_text_and_what_only_builds_or_tests_is_not() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+        let metadata = metadata(&root, "x86_64-unknown-linux-gnu").unwrap();
+        let linked = linked(&metadata, "sonoweave").unwrap();
+        let has = |name: &str| linked.iter().any(|one| one.name.starts_with(&format!("{name} ")));
+        for name in ["clap", "glam", "mcap", "serialport", "nusb"] {
+            assert!(has(name), "{name}");
+        }
+        // Of macros, tests, figures, this crate, another system, and our own.
+        for name in ["serde_derive", "proptest", "resvg", "clap_mangen", "core-foundation", "sonoweave-drivers"] {
+            assert!(!has(name), "{name}");
+        }
+        let text = notices(&linked).unwrap();
+        assert!(linked.iter().all(|one| text.contains(&format!("  {}: {}\n", one.name, one.licence))));
+        assert!(text.contains("Permission is hereby granted, free of charge"));
+        let rule = format!("\n{}\nWith ", "-".repeat(80));
+        let texts: Vec<&str> = text.split(&rule).skip(1).map(|part| part.split_once(":\n\n").unwrap().1).collect();
+        assert!(texts.len() > 10 && texts.iter().collect::<BTreeSet<_>>().len() == texts.len(), "each once");
+    }
+
+    #[test]
+    fn texts_are_those_of_licences_by_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let put = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+        put("LICENSE-MIT", "\nmine \r\nyours\n\n");
+        put("Copying.txt", "theirs");
+        put("README.md", "nothing");
+        assert_eq!(texts_of(folder.path()).unwrap(), ["theirs", "mine\nyours"]);
+        assert!(linked(b"{}", "sonoweave").is_err());
+    }
+}
