@@ -1,0 +1,104 @@
+//! Every `sonoweave …` that the documentation tells to type is a command that the program understands.
+
+use std::path::Path;
+
+use clap::error::ErrorKind;
+
+/// What is read, from the repository's root.
+const DOCUMENTS: [&str; 9] = [
+    "README.md",
+    "docs/bedside.md",
+    "docs/ea1.md",
+    "docs/examples/arm-grabber.toml",
+    "docs/examples/arm-probe.toml",
+    "docs/examples/fastrak-grabber.toml",
+    "docs/examples/liberty-usb-grabber.toml",
+    "docs/examples/probe.toml",
+    "docs/examples/virtual.toml",
+];
+
+/// What begins with `sonoweave ` in a text.
+#[derive(Debug, PartialEq, Eq)]
+struct Told {
+    command: String,
+    /// It is meant to be typed as it is: a line of a block, behind `$ ` or by itself. Between backticks only what is spoken of is named.
+    whole: bool,
+}
+
+/// What a text tells to type, also behind `sudo` and its flags; up to a comment, a pipe or a redirection.
+fn commands(text: &str) -> Vec<Told> {
+    let mut all = Vec::new();
+    let mut in_block = false;
+    for line in text.lines() {
+        if line.starts_with("```") {
+            in_block = !in_block;
+        } else if in_block {
+            all.push((line.trim_start().trim_start_matches("$ "), true));
+        } else {
+            all.extend(line.split('`').skip(1).step_by(2).map(|named| (named, false)));
+            all.extend(line.strip_prefix("#   ").map(|typed| (typed, true)));
+        }
+    }
+    let told = |(line, whole)| Some(Told { command: command(line)?, whole });
+    all.into_iter().filter_map(told).collect()
+}
+
+fn command(line: &str) -> Option<String> {
+    let line = line.strip_prefix("sudo ").map_or(line, |line| line.strip_prefix("-u sonoweave ").unwrap_or(line));
+    // "sonoweave: …" is what it says, and not what it is told.
+    line.strip_prefix("sonoweave ")?;
+    let end = [" #", " | ", " > ", "   "].iter().filter_map(|end| line.find(end)).min();
+    Some(line[..end.unwrap_or(line.len())].trim_end().to_owned())
+}
+
+/// As a shell takes it apart; of quotation marks, double ones.
+fn words(command: &str) -> Vec<String> {
+    let parts = command.split('"').enumerate();
+    parts
+        .flat_map(|(n, part)| match n % 2 {
+            0 => part.split_whitespace().map(str::to_owned).collect::<Vec<_>>(),
+            _ => vec![part.to_owned()],
+        })
+        .collect()
+}
+
+/// Why the program would not take it.
+fn refused(told: &Told) -> Option<String> {
+    let error = sonoweave_packaging::command_line().try_get_matches_from(words(&told.command)).err()?;
+    let unknown = matches!(error.kind(), ErrorKind::UnknownArgument | ErrorKind::InvalidSubcommand);
+    let asked = matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion);
+    (unknown || told.whole && !asked).then(|| error.to_string())
+}
+
+#[test]
+fn what_the_documentation_tells_to_type_is_understood() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let mut found = Vec::new();
+    for name in DOCUMENTS {
+        let text = std::fs::read_to_string(root.join(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
+        found.extend(commands(&text).into_iter().map(|command| (name, command)));
+    }
+    for word in ["devices", "live", "inspect", "replay", "reconstruct", "render", "phantom"] {
+        let begin = format!("sonoweave {word}");
+        assert!(found.iter().any(|(_, told)| told.whole && told.command.starts_with(&begin)), "none tells {begin}");
+    }
+    let wrong: Vec<String> =
+        found.iter().filter_map(|(name, told)| Some(format!("{name}: {}\n{}", told.command, refused(told)?))).collect();
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn a_command_that_is_none_is_found_and_noticed() {
+    let text = "Say `sonoweave live --key` or:\n```\n$ sonoweave devices --watch   # all\nsonoweave: no\n$ sudo -u sonoweave sonoweave phantom > f\n```\n";
+    let told = commands(text);
+    let seen: Vec<_> = told.iter().map(|told| (told.command.as_str(), told.whole)).collect();
+    assert_eq!(
+        seen,
+        [("sonoweave live --key", false), ("sonoweave devices --watch", true), ("sonoweave phantom", true)]
+    );
+    assert!(refused(&told[0]).is_some_and(|why| why.contains("--keys")));
+    assert_eq!(refused(&told[1]), None);
+    assert!(refused(&told[2]).is_some_and(|why| why.contains("--output")));
+    assert_eq!(refused(&Told { whole: false, command: "sonoweave phantom".into() }), None, "only spoken of");
+    assert_eq!(words("a \"b c\" d"), ["a", "b c", "d"]);
+}
