@@ -1,5 +1,5 @@
 # Each target first installs what the machine lacks (scripts/setup.sh says what and asks sudo when not root).
-.PHONY: all demo test hardware-test bench fuzz peers stress paper pareto check setup fresh-machine
+.PHONY: all demo test hardware-test bench fuzz peers stress paper pareto check setup deb deb-test fresh-machine
 
 all: test
 
@@ -53,6 +53,16 @@ paper: setup
 # Run time against error, over phantoms and recordings: out/pareto/index.html. `make pareto QUICK=--quick` for a smoke test.
 pareto: setup
 	cargo run --release --locked -p sonoweave-figures --bin pareto -- $(QUICK)
+
+# A Debian package in out/deb: the program, its service, udev rules, manual pages, completions and examples.
+deb:
+	@scripts/setup.sh package
+	scripts/deb.sh
+
+# Proves, as root and on a bare Debian 12 in a folder and a container, that the package installs, works, serves and goes again.
+deb-test:
+	@scripts/setup.sh package
+	scripts/deb-test.sh
 
 # Proves, as root and on a bare Debian 12 in a folder, that demo and test need no more than git, make, curl and Rust.
 fresh-machine:

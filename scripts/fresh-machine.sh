@@ -14,6 +14,7 @@ fail() {
     say "$*" >&2
     exit 1
 }
+. scripts/bare-debian.sh
 
 [ "$(id -u)" -eq 0 ] || fail "needs root for chroot and mounts; run it with sudo -E"
 who=("$@")
@@ -21,44 +22,23 @@ who=("$@")
 for name in "${who[@]}"; do
     [ "$name" = root ] || [ "$name" = user ] || fail "$name: must be root or user"
 done
-command -v debootstrap >/dev/null || {
-    say "installing debootstrap"
-    apt-get update -qq
-    DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends debootstrap
-}
 
 place=${SONOWEAVE_FRESH_MACHINE:-$PWD/target/fresh-machine}
 mkdir -p "$place"
 place=$(cd "$place" && pwd)
 # All mounts are made in a namespace of their own and end with it, so that nothing here can reach through one.
-clean() {
-    if grep -qF " $place/" /proc/self/mountinfo; then
-        say "$place holds a mount that this script did not make; it is left as it is" >&2
-        return
-    fi
-    rm -rf --one-file-system "$place/base" "$place/machine" "$place/clone"
-}
+clean() { remove_machines "$place" base machine clone; }
 trap clean EXIT
 trap 'exit 1' INT TERM
 clean
 
 say "a bare Debian 12 in $place"
-debootstrap --variant=minbase --include=git,make,curl,ca-certificates bookworm "$place/base" ${SONOWEAVE_DEBIAN_MIRROR:-} \
-    >"$place/debootstrap.log" 2>&1 || {
-    tail -5 "$place/debootstrap.log" >&2
-    fail "debootstrap failed; its log is $place/debootstrap.log"
-}
+bare_debian "$place/base" "$place/debootstrap.log" git,make,curl,ca-certificates
 
 say "this machine's Rust, and its way to the network"
 toolchain=$(rustc --print sysroot)
 mkdir -p "$place/base/opt/rust"
 tar -C "$toolchain" --exclude=./share/doc --exclude=./lib/rustlib/src -cf - . | tar -C "$place/base/opt/rust" -xf -
-# Names, certificates, proxies and apt's manner of fetching are this machine's; what it installs, and from where, is its own.
-cp -L /etc/resolv.conf /etc/hosts "$place/base/etc/"
-for bundle in /etc/ssl/certs/ca-certificates.crt "${SSL_CERT_FILE:-}"; do
-    [ ! -f "$bundle" ] || install -D -m 644 "$bundle" "$place/base$bundle"
-done
-apt-config dump | grep -E '^Acquire::' >"$place/base/etc/apt/apt.conf.d/99this-machine" || true
 carried=(PATH=/opt/rust/bin:/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin LANG=C.UTF-8)
 while IFS='=' read -r name value; do
     case $name in

@@ -1,5 +1,6 @@
 #!/bin/sh
-# Installs what building and testing need and the machine lacks. Rust is expected (https://rustup.rs); the rest are Debian packages.
+# Installs what building and testing need and the machine lacks, and with the word `package` what making a Debian package needs, too. Rust is expected
+# (https://rustup.rs); the rest are Debian packages.
 set -eu
 
 command -v cargo >/dev/null 2>&1 || {
@@ -12,10 +13,11 @@ missing=""
 need() { [ -e "$2" ] || missing="$missing $1"; }
 command -v cc >/dev/null 2>&1 || missing="$missing gcc"
 need libc6-dev /usr/include/stdlib.h
+[ "${1:-}" != package ] || need dpkg-dev /usr/bin/dpkg-shlibdeps
 
 [ -n "$missing" ] || exit 0
 command -v apt-get >/dev/null 2>&1 || {
-    echo "setup: a C compiler and linker and the C library's headers are needed (on Debian:$missing); install them, then run make again." >&2
+    echo "setup: Debian's packages$missing, or what another system has in their place, are needed; install them, then run make again." >&2
     exit 1
 }
 as_root=""

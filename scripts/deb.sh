@@ -1,0 +1,77 @@
+#!/usr/bin/env bash
+# A Debian package of the program as it is in this folder: scripts/deb.sh [FOLDER], out/deb by default. Needs what scripts/setup.sh package installs. The same commit and
+# compiler give the same bytes.
+#
+# dpkg's own tools make it: dpkg-shlibdeps finds what the program needs of which package, dpkg-gencontrol and dpkg-deb do the rest. All files that are made and not
+# written by hand (manual pages, completions, licences, udev rules) come from the program's own definitions, as of now.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+folder=${1:-out/deb}
+
+# Whoever builds, and when, must not show.
+umask 022
+export LC_ALL=C.UTF-8 TZ=UTC
+SOURCE_DATE_EPOCH=$(git log -1 --format=%ct)
+export SOURCE_DATE_EPOCH
+
+version=$(dpkg-parsechangelog --file packaging/debian/changelog --show-field Version)
+machine=$(rustc -vV | sed -n 's/^host: //p')
+architecture=$(dpkg --print-architecture)
+program_version=$(sed -n '/^\[workspace.package\]/,/^\[/s/^version = "\(.*\)"$/\1/p' Cargo.toml)
+[ "$program_version" = "${version%-*}" ] || {
+    echo "deb: packaging/debian/changelog says $version and Cargo.toml $program_version; write an entry for this version" >&2
+    exit 1
+}
+
+cargo build --release --locked -p sonoweave -p sonoweave-packaging
+mkdir -p "$folder"
+place=$(mktemp -d "$folder/making.XXXXXX")
+trap 'rm -rf "$place"' EXIT
+stage=$place/stage
+# Through cargo, which knows where it built to.
+cargo run --release --locked --quiet -p sonoweave-packaging -- "$place/made" "$machine"
+built=$(cargo build --release --locked --quiet -p sonoweave --message-format=json | sed -n 's/.*"executable":"\([^"]*\)".*/\1/p' | tail -n 1)
+
+put() { install -D -m "${3:-644}" "$1" "$stage/$2"; }
+# Compressed, without a name and a time.
+pack() { gzip -9nc "$1" >"$place/packed" && put "$place/packed" "$2.gz"; }
+
+put "$built" usr/bin/sonoweave 755
+strip --strip-unneeded --remove-section=.comment --remove-section=.note "$stage/usr/bin/sonoweave"
+for page in "$place"/made/man/*; do pack "$page" "usr/share/man/man${page##*.}/${page##*/}"; done
+put "$place/made/completions/sonoweave" usr/share/bash-completion/completions/sonoweave
+put "$place/made/completions/_sonoweave" usr/share/zsh/vendor-completions/_sonoweave
+put "$place/made/completions/sonoweave.fish" usr/share/fish/vendor_completions.d/sonoweave.fish
+
+put packaging/sonoweave.service usr/lib/systemd/system/sonoweave.service
+put packaging/sonoweave.sysusers usr/lib/sysusers.d/sonoweave.conf
+"$built" devices --udev >"$place/rules"
+put "$place/rules" usr/lib/udev/rules.d/70-sonoweave.rules
+
+sed 's|fastrak-grabber\.toml|/etc/sonoweave/bedside.toml|' docs/examples/fastrak-grabber.toml >"$place/bedside.toml"
+put "$place/bedside.toml" etc/sonoweave/bedside.toml
+put docs/examples/probe.toml etc/sonoweave/probe.toml
+
+documents=usr/share/doc/sonoweave
+for example in docs/examples/*.toml; do put "$example" "$documents/examples/${example##*/}"; done
+put packaging/debian/copyright "$documents/copyright"
+pack packaging/debian/changelog "$documents/changelog.Debian"
+pack "$place/made/licences.txt" "$documents/licences.txt"
+pack docs/bedside.md "$documents/bedside.md"
+pack docs/ea1.md "$documents/ea1.md"
+
+# dpkg's tools look for debian/control and debian/changelog where they are called.
+mkdir -p "$stage/DEBIAN" "$place/debian"
+cp packaging/debian/control packaging/debian/changelog "$place/debian/"
+control=$(cd "$stage/DEBIAN" && pwd)
+for script in postinst prerm postrm; do install -m 755 "packaging/debian/$script" "$control/$script"; done
+(cd "$stage" && find etc -type f -printf '/%p\n' | LC_ALL=C sort >"$control/conffiles")
+(cd "$stage" && find . -path ./DEBIAN -prune -o -type f -printf '%P\0' | LC_ALL=C sort -z | xargs -0 md5sum >"$control/md5sums")
+(
+    cd "$place"
+    dpkg-shlibdeps -Tsubstvars stage/usr/bin/sonoweave
+    dpkg-gencontrol -psonoweave -Pstage -Tsubstvars -fdebian/files
+)
+package=$folder/sonoweave_${version}_$architecture.deb
+dpkg-deb --root-owner-group -Zxz --build "$stage" "$package" >/dev/null
+echo "$package: $(dpkg-deb --field "$package" Depends), $(du -k "$package" | cut -f1) kB"
