@@ -1,5 +1,5 @@
 # Each target first installs what the machine lacks (scripts/setup.sh says what and asks sudo when not root).
-.PHONY: all demo test hardware-test bench fuzz peers stress paper pareto check setup deb deb-test fresh-machine
+.PHONY: all demo test hardware-test bench fuzz peers stress reach paper pareto check setup deb deb-test fresh-machine
 
 all: test
 
@@ -38,12 +38,19 @@ hardware-test: setup
 peers:
 	scripts/peers/environment.sh
 
-# Numerical stability: 10⁶ slices and days of stamps (STRESS=quick: seconds), and errors put into the source, which tests must notice.
+# Numerical stability: 10⁶ slices and days of stamps (STRESS=quick: seconds), a session that goes on and on, and errors put into the source, which tests must notice.
 STRESS ?= full
 stress: setup
 	SONOWEAVE_STRESS=$(STRESS) cargo test --locked --test stress
+	SONOWEAVE_STRESS=$(STRESS) cargo test --locked --test soak -- --nocapture
 	SONOWEAVE_STRESS=$(STRESS) cargo test --locked -p sonoweave-drivers --test steady
 	cargo test --locked --test mutants -- --include-ignored
+
+# What a session at the virtual bedside attains: losses, latencies, replay, start; SECONDS_30 and SECONDS_60 of video at 30 and 60 a second. Nothing else should run meanwhile.
+SECONDS_30 ?= 600
+SECONDS_60 ?= 120
+reach: setup
+	SECONDS_30=$(SECONDS_30) SECONDS_60=$(SECONDS_60) scripts/reach.sh
 
 # The 1992 paper's figures and claims with ours beside them: out/paper/index.html. `make paper QUICK=--quick` for a smoke test.
 paper: setup

@@ -95,9 +95,10 @@ pub fn open(bedside: &Bedside, begin_ns: i64, keeps_raw: bool) -> Result<Devices
         _ => (drivers::open(&settings)?, None),
     };
     let grabber: Box<dyn Device> = match &hand {
-        Some((hand, Rehearsal { rate_hz, grabber: faults, scan, .. })) if bedside.grabber.is_virtual => {
+        Some((hand, Rehearsal { rate_hz, painted, grabber: faults, scan, .. })) if bedside.grabber.is_virtual => {
             let (size, orientation) = (scan.settings().image_size, bedside.grabber.settings.orientation);
-            let pictures = lying(hand.pictures(), size, orientation);
+            let pictures = if *painted { hand.painted() } else { hand.pictures() };
+            let pictures = lying(pictures, size, orientation);
             let mut grabber = Grabber::new(pictures, bedside.grabber.turned(size), *rate_hz, *faults, clock)?;
             grabber.orientation = orientation;
             Box::new(grabber)

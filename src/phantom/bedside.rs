@@ -96,6 +96,27 @@ impl Bedside {
         })
     }
 
+    /// The same painted beforehand, one for each frame of the scan; at each time the nearest is shown. For who measures what becomes of pictures, and not the painter: where
+    /// the hand is between two frames, the picture is of one of them.
+    pub fn painted(self: &Arc<Self>) -> Pictures {
+        let mut paint = self.pictures();
+        let [width, height] = self.scan.settings().image_size;
+        let interval = self.scan.settings().interval_ns.max(1);
+        let painted: Vec<Vec<u8>> = (0..self.scan.frames())
+            .map(|frame| {
+                let mut pixels = vec![0; width as usize * height as usize];
+                paint(self.begin_ns + i64::from(frame) * interval, &mut pixels);
+                pixels
+            })
+            .collect();
+        let bedside = Arc::clone(self);
+        Box::new(move |at_ns, pixels| {
+            let (frame, share) = bedside.left(at_ns);
+            let nearest = frame as usize + usize::from(share >= 0.5);
+            pixels.copy_from_slice(&painted[nearest.min(painted.len() - 1)]);
+        })
+    }
+
     /// What a grabber's twin is shown: the scanner's picture at each time.
     pub fn pictures(self: &Arc<Self>) -> Pictures {
         let bedside = Arc::clone(self);
@@ -141,6 +162,21 @@ mod tests {
 
     fn small() -> ScanSettings {
         ScanSettings { frames: 60, gap_mm: 0.5, image_size: [64, 48], pixel_mm: [0.8, 0.8], ..ScanSettings::default() }
+    }
+
+    #[test]
+    fn pictures_that_were_painted_are_those_of_the_scan_s_frames() {
+        let bedside = bedside(small());
+        let (mut painted, mut paint) = (bedside.painted(), bedside.pictures());
+        let interval = bedside.scan.settings().interval_ns;
+        let (mut one, mut other) = (vec![0; 64 * 48], vec![0; 64 * 48]);
+        for (after, frame) in
+            [(0, 0), (interval * 2 / 5, 0), (interval * 3 / 5, 1), (interval * 59, 59), (interval * 60, 58)]
+        {
+            painted(BEGIN + after, &mut one);
+            paint(BEGIN + interval * frame, &mut other);
+            assert!(one == other, "{after}");
+        }
     }
 
     #[test]

@@ -18,6 +18,8 @@ pub struct LiveStatistics<'a> {
     /// What became of frames and readings, how each device is and how long things took.
     #[serde(flatten)]
     pub account: &'a Account,
+    /// From the program's start until the first slice was in the volume, s.
+    pub start_to_first_slice_s: Option<f64>,
     /// What it took.
     pub process: ProcessNumbers,
     /// The settings that hold.
@@ -27,11 +29,13 @@ pub struct LiveStatistics<'a> {
 impl<'a> LiveStatistics<'a> {
     /// Of a session that has lasted so long.
     pub fn new(account: &'a Account, wall: Duration, config: &'a Effective) -> Self {
+        let process = ProcessNumbers::now();
         Self {
+            start_to_first_slice_s: account.first_slice_ns.map(|ns| ns as f64 * 1e-9 - process.began_s),
             version: env!("CARGO_PKG_VERSION"),
             wall_s: wall.as_secs_f64(),
             account,
-            process: ProcessNumbers::now(),
+            process,
             config,
         }
     }

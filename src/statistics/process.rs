@@ -16,6 +16,9 @@ pub struct ProcessNumbers {
     pub threads: u64,
     /// Its open files, devices and connections.
     pub open_files: u64,
+    /// When it began: host seconds, to a hundredth.
+    #[serde(skip)]
+    pub began_s: f64,
 }
 
 impl ProcessNumbers {
@@ -31,8 +34,22 @@ impl ProcessNumbers {
             cpu_s: spent.tv_sec as f64 + spent.tv_nsec as f64 * 1e-9,
             threads: entries("/proc/self/task"),
             open_files: entries("/proc/self/fd"),
+            began_s: began_s().unwrap_or(0.0),
         }
     }
+}
+
+/// When this process began, by the clock of its stamps. The kernel counts from its own start, suspended or not.
+fn began_s() -> Option<f64> {
+    let stat = fs::read_to_string("/proc/self/stat").ok()?;
+    // Behind the program's name, which is in brackets and may hold any of them, the 22nd field is the 20th.
+    let ticks: f64 = stat.rsplit_once(')')?.1.split_whitespace().nth(19)?.parse().ok()?;
+    let seconds = |clock| {
+        let now = clock_gettime(clock);
+        now.tv_sec as f64 + now.tv_nsec as f64 * 1e-9
+    };
+    let suspended = seconds(ClockId::Boottime) - seconds(ClockId::Monotonic);
+    Some(ticks / rustix::param::clock_ticks_per_second() as f64 - suspended)
 }
 
 #[cfg(test)]
@@ -51,5 +68,8 @@ mod tests {
         // Other tests may have given memory back meanwhile.
         assert!(after.resident_bytes >= 64 << 20, "{after:?}");
         assert!(after.cpu_s >= before.cpu_s);
+        let now = clock_gettime(ClockId::Monotonic);
+        let age = now.tv_sec as f64 + now.tv_nsec as f64 * 1e-9 - after.began_s;
+        assert!((-0.02..3600.0).contains(&age) && (after.began_s - before.began_s).abs() < 0.001, "{age}");
     }
 }

@@ -26,6 +26,8 @@ pub struct Rehearsal {
     pub scan: Arc<Scan>,
     /// Frames a second of the grabber.
     pub rate_hz: f64,
+    /// Its pictures are painted before the session begins, one for each frame of the scan.
+    pub painted: bool,
     /// What goes wrong between the tracker or arm and the host.
     pub line: Faults,
     /// What goes wrong at the grabber.
@@ -35,9 +37,10 @@ pub struct Rehearsal {
 impl fmt::Debug for Rehearsal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         // A scan's scene and beams have a hundred thousand numbers.
-        let Self { scan: _, rate_hz, line, grabber } = self;
+        let Self { scan: _, rate_hz, painted, line, grabber } = self;
         let mut text = f.debug_struct("Rehearsal");
-        text.field("rate_hz", rate_hz).field("line", line).field("grabber", grabber).finish_non_exhaustive()
+        text.field("rate_hz", rate_hz).field("painted", painted);
+        text.field("line", line).field("grabber", grabber).finish_non_exhaustive()
     }
 }
 
@@ -64,6 +67,7 @@ impl Rehearsal {
         let pixel = keys.number_if("pixel_mm", f64::MIN_POSITIVE..=1000.0)?;
         let noise = keys.number_if("noise_sd", 0.0..=255.0)?;
         let seed = keys.whole("seed", 1, 0..=u32::MAX)?;
+        let painted = keys.truth("painted", false)?;
         let shown = scene.shown(&SceneOptions::new(seed.into()));
         let image_size = grabber.turned(grabber.settings.size.unwrap_or(IMAGE_SIZE));
         let rate_hz = grabber.settings.rate_hz.unwrap_or(RATE_HZ);
@@ -88,7 +92,7 @@ impl Rehearsal {
             first_ns: 0,
             interval_ns: (1e9 / rate_hz).round() as i64,
         });
-        let hand = ScannedHand { scan: scan.map_err(unfit)?, rate_hz, seed: seed.into() };
+        let hand = ScannedHand { scan: scan.map_err(unfit)?, rate_hz, painted, seed: seed.into() };
         Ok((hand, keys.into_table()))
     }
 }
@@ -97,15 +101,16 @@ impl Rehearsal {
 pub(super) struct ScannedHand {
     scan: Scan,
     rate_hz: f64,
+    painted: bool,
     seed: u64,
 }
 
 impl ScannedHand {
     pub(super) fn with_faults(self, line: Faults, grabber: Faults) -> Rehearsal {
-        let Self { scan, rate_hz, seed } = self;
+        let Self { scan, rate_hz, painted, seed } = self;
         // Not the same accidents at both.
         let (line, grabber) = (Faults { seed, ..line }, Faults { seed: seed.wrapping_add(1), ..grabber });
-        Rehearsal { scan: Arc::new(scan), rate_hz, line, grabber }
+        Rehearsal { scan: Arc::new(scan), rate_hz, painted, line, grabber }
     }
 }
 

@@ -374,6 +374,11 @@ pub const SECTIONS: &[Section] = &[
             next("pixel_mm", "above 0", "size of a pixel; what shows the scanner's whole field, else 0.1, without it"),
             next("noise_sd", "0 or more", "noise of the pictures, grey levels; what is usual for the scene without it"),
             next("seed", "0 to 4294967295", "of all that is drawn at random; 1 without it"),
+            next(
+                "painted",
+                "true or false",
+                "pictures are painted before the session begins, one a frame of the sweep, to measure what becomes of them; false without it",
+            ),
         ],
     },
     Section {

@@ -3,8 +3,8 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use super::fabric::{Fabric, News, Shared};
 use super::decision::Common;
+use super::fabric::{Fabric, News, Shared};
 use super::pulse::Stage;
 use crate::pipeline::loom::Fates;
 use crate::pipeline::{PipelineError, Woven};
@@ -57,6 +57,7 @@ impl Fates for Teller<'_> {
         account.ledger.used();
         if let Some(times) = times {
             let now_ns = clock.now_ns();
+            account.first_slice_ns.get_or_insert(now_ns);
             account.capture_to_volume.add_ns(now_ns - times.captured_ns);
             account.pose_to_volume.add_ns(now_ns - times.known_ns);
         }

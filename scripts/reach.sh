@@ -1,0 +1,50 @@
+#!/bin/sh
+# What a session attains on this machine, alone: 640×480 at 30 and 60 a second, FASTRAK with one sensor at 120 a second, 0.5 mm voxels, a 512² picture, recording on.
+set -eu
+cd "$(dirname "$0")/.."
+
+folder=out/reach
+rm -rf "$folder"
+mkdir -p "$folder"
+cargo build --release --locked
+sonoweave() { cargo run --release --locked --quiet -- "$@"; }
+
+# Painted beforehand: a scanner paints its own pictures.
+for rate in 30 60; do
+    sonoweave live --example virtual |
+        sed -e '/^reference_station/d' -e "s/^rate_hz = 30/rate_hz = $rate/" -e 's/^#painted = true/painted = true/' -e "s/^frames = 300 /frames = $((rate * 10)) /" >"$folder/$rate.toml"
+done
+grep -c '^painted = true' "$folder/30.toml" "$folder/60.toml" >/dev/null
+sonoweave live --example virtual | sed "/^reference_station/d" >"$folder/start.toml"
+
+report() {
+    python3 - "$@" <<'PYTHON'
+import json, sys
+name, path = sys.argv[1:3]
+numbers = json.load(open(path))
+frames = numbers["frames"]
+def spread(key):
+    of = numbers.get(key)
+    return "none" if not of else f"{of['median_ms']:.1f} (p99 {of['p99_ms']:.1f}, most {of['most_ms']:.1f})"
+wall, cpu = numbers["wall_s"], numbers["process"]["cpu_s"]
+print(f"{name}: {wall:.0f} s, {frames['used']} of {frames['total']} frames used, refused {frames['refused']}, dropped {frames.get('dropped', {})}, lost {frames.get('lost', 0)}; "
+      f"recording lost {(numbers.get('recording') or {}).get('lost')}")
+print(f"  ms: capture to volume {spread('capture_to_volume')}; pose to volume {spread('pose_to_volume')}; capture to picture {spread('capture_to_picture')}")
+print(f"  pictures {numbers['pictures']}, slices between {numbers['pictures_skipped']}; CPU {cpu:.1f} s ({100 * cpu / wall:.0f} % of one core); resident {numbers['process']['resident_bytes'] / 1e6:.0f} MB; "
+      f"start to first slice {numbers['start_to_first_slice_s']}")
+PYTHON
+}
+
+session() { # name, configuration, seconds
+    sonoweave live --config "$folder/$2.toml" --duration "$3" --record "$folder/sessions-$1" --picture "$folder/$1.png" --stats "$folder/$1.json" --quiet >/dev/null
+    report "$1" "$folder/$1.json"
+}
+
+session start start 5
+session 60 60 "${SECONDS_60:-120}"
+session 30 30 "${SECONDS_30:-600}"
+began=$(date +%s.%N)
+sonoweave replay "$folder"/sessions-30/*.mcap --picture "$folder/again.png" --stats "$folder/again.json" >/dev/null
+ended=$(date +%s.%N)
+echo "replay: $(echo "$began $ended ${SECONDS_30:-600}" | awk '{ printf "%.1f s, %.1f times as fast as it was live", $2 - $1, $3 / ($2 - $1) }')"
+cmp "$folder/30.png" "$folder/again.png"
