@@ -98,13 +98,15 @@ impl Image {
         let end = |at: u32, length: u32, most: u32| at.saturating_add(length).min(most) as usize;
         let columns = (rect.x as usize).min(width)..end(rect.x, rect.width, self.width);
         let rows = rect.y as usize..end(rect.y, rect.height, self.height);
-        rows.map(|v| v * width + columns.start..v * width + columns.end).all(|row| match (&self.pixels, &other.pixels) {
-            (Pixels::U8(a), Pixels::U8(b)) => a[row.clone()] == b[row],
-            (Pixels::U16(a), Pixels::U16(b)) => a[row.clone()] == b[row],
-            (Pixels::F32(a), Pixels::F32(b)) => {
-                a[row.clone()].iter().map(|x| x.to_bits()).eq(b[row].iter().map(|x| x.to_bits()))
+        rows.map(|v| v * width + columns.start..v * width + columns.end).all(|row| {
+            match (&self.pixels, &other.pixels) {
+                (Pixels::U8(a), Pixels::U8(b)) => a[row.clone()] == b[row],
+                (Pixels::U16(a), Pixels::U16(b)) => a[row.clone()] == b[row],
+                (Pixels::F32(a), Pixels::F32(b)) => {
+                    a[row.clone()].iter().map(|x| x.to_bits()).eq(b[row].iter().map(|x| x.to_bits()))
+                }
+                _ => false,
             }
-            _ => false,
         })
     }
 }

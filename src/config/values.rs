@@ -181,7 +181,10 @@ mod tests {
             assert!(frames(bad).is_err(), "{bad}");
         }
         assert!(view("1").is_err() && view("1,nan").is_err() && view("1,2,3,4").is_err() && colour("0,0,1.1").is_err());
-        assert!(speed("2").unwrap_err().contains("give max"));
+        assert_eq!((speed("max"), speed(" 2.5 ")), (Ok(Pace::Unpaced), Ok(Pace::Factor(2.5))));
+        for bad in ["", "fast", "0", "-1", "nan", "inf", "1e9"] {
+            assert!(speed(bad).unwrap_err().contains("1 is its own pace"), "{bad}");
+        }
         assert!(
             window("5,5").is_err() && share("1").is_err() && lengths("1,0,1").is_err() && picture_size("3").is_err()
         );

@@ -238,9 +238,9 @@ fn recording(to: &mut Exposition, written: &Written) {
         "sonoweave_recording_lost_messages_total",
         "Messages that are not in the session's file, by what had no room for them.",
     )
-    .sample(&[("queue", "writer"), ("kind", "any")], written.lost as f64)
-    .sample(&[("queue", "before_writer"), ("kind", "frame")], written.lost_frames_before_writer as f64)
-    .sample(&[("queue", "before_writer"), ("kind", "other")], written.lost_others_before_writer as f64);
+    .sample(&[("queue", "writer"), ("kind", "any")], (written.lost - written.lost_before_writer.total()) as f64)
+    .sample(&[("queue", "before_writer"), ("kind", "frame")], written.lost_before_writer.frames as f64)
+    .sample(&[("queue", "before_writer"), ("kind", "other")], written.lost_before_writer.others as f64);
     to.gauge("sonoweave_recording_in_trouble", "1 while nothing can be written.")
         .sample(&[], f64::from(u8::from(!written.trouble.is_empty())));
     if let Some(minutes) = written.minutes_left {

@@ -12,7 +12,7 @@ use serde_json::Value;
 
 use super::*;
 use crate::ledger::{Queue, Readings};
-use crate::pipeline::live::{ClockBoard, DeviceBoard, Written};
+use crate::pipeline::live::{ClockBoard, DeviceBoard, Unwritten, Written};
 use crate::refusal::{Reason, Refusal};
 use crate::sync::clock;
 
@@ -56,9 +56,9 @@ fn eventful() -> Account {
         path: "/tmp/session.mcap".into(),
         messages: 20,
         stored: 17,
-        lost: 1,
-        lost_frames_before_writer: 2,
-        lost_others_before_writer: 0,
+        lost: 3,
+        lost_before_writer: Unwritten { frames: 2, others: 0 },
+        after_end: Unwritten::default(),
         bytes: 12_345,
         minutes_left: Some(90.0),
         trouble: String::new(),

@@ -169,9 +169,11 @@ fn files_that_are_no_bedside_are_refused_and_so_is_a_bedside_where_a_calibration
         "live --config set.xml --check",
         &["set.xml: the device set lacks a tracker and a frame grabber", "V (SavedDataSource)"],
     );
-    assert_eq!(place.run("live").code, 2);
-    assert_eq!(place.run("live --check").code, 2);
-    assert_eq!(place.run("live --config b.toml").code, 2);
+    place.refuses("live", &["--config: is missing", "live --example virtual"]);
+    for words in ["live --check", "live --record sessions", "live --keys --picture p.png"] {
+        assert_eq!(place.run(words).code, 2, "{words}");
+    }
+    place.refuses("live --config b.toml", &["b.toml: tracker.modell (line 4): unknown key"]);
     let keys = place.does("live --keys");
     assert!(keys.contains("\n[tracker]\n") && keys.contains("\n  latency_ms = -1000 to 1000 *\n"), "{keys}");
 }

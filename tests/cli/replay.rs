@@ -168,7 +168,7 @@ fn what_cannot_be_replayed_is_refused() {
         place.refuses(&words, says);
     }
     for (words, says) in [
-        ("replay s.mha --picture p.png --speed 2", "give max"),
+        ("replay s.mha --picture p.png --speed 0", "1 is its own pace"),
         ("replay s.mha --picture p.png --cache all", "linear"),
         ("replay s.mha --picture p.png --every 2", "--pictures"),
         ("replay s.mha --pictures . --every 0", "--every"),

@@ -135,7 +135,8 @@ fn a_session_runs_again_to_the_same_bits_at_any_speed() {
 #[test]
 fn threads_and_files_that_have_gone_change_nothing_and_other_settings_do() {
     let place = place();
-    place.put("look.toml", "format = \"sonoweave-transfer\"\nversion = 1\n[opacity]\ncurve = [[20, 0.0], [200, 0.8]]\n");
+    place
+        .put("look.toml", "format = \"sonoweave-transfer\"\nversion = 1\n[opacity]\ncurve = [[20, 0.0], [200, 0.8]]\n");
     let config = BEDSIDE.replace("transfer = \"phantom\"", "transfer = \"look.toml\"");
     place.put("bedside.toml", &config);
     let session = recorded(&place, 2.0);
@@ -243,7 +244,8 @@ fn flags_that_a_session_does_not_heed_are_refused() {
     assert_eq!(dropped.code, 0, "{}", dropped.stderr);
     assert!(dropped.stderr.contains("are used, of which there are none"), "{}", dropped.stderr);
     // While nobody knows where the scanner's picture is, nothing is recorded.
-    let unknown = BEDSIDE.replace("[grabber]", "[calibration]\nimage_to_probe = [1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]\n[grabber]");
+    let unknown =
+        BEDSIDE.replace("[grabber]", "[calibration]\nimage_to_probe = [1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]\n[grabber]");
     place.put("unknown.toml", unknown);
     place.refuses_with(
         "live --config unknown.toml --duration 1 --record elsewhere",

@@ -15,6 +15,7 @@ mod order;
 mod picture;
 mod plugs;
 mod process;
+mod replay;
 mod scanner;
 mod script;
 mod set;

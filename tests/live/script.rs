@@ -19,6 +19,7 @@ pub(crate) const POSE: i64 = 8 * MS;
 
 /// What is due.
 #[derive(Clone)]
+#[allow(clippy::large_enum_variant, reason = "nearly all values are the large ones")]
 pub(crate) enum Act {
     /// A reading.
     Give(Reading),
@@ -43,6 +44,14 @@ impl Script {
     pub(crate) fn new(name: &str, timing: Timing, acts: impl IntoIterator<Item = (i64, Act)>) -> Self {
         let description = Description { name: name.into(), timing, ..Description::default() };
         Self { acts: acts.into_iter().collect(), description, health: Health::default(), started: false }
+    }
+}
+
+impl Script {
+    /// A grabber that says its frames have this size.
+    pub(crate) fn that_seems(mut self, size: [u32; 2]) -> Self {
+        self.description.image_size = Some(size);
+        self
     }
 }
 

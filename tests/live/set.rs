@@ -14,7 +14,9 @@ use sonoweave::ingest::live::Gives;
 use sonoweave::ledger::Frames;
 use sonoweave::mask::{Clip, MaskSettings};
 use sonoweave::path::PathChoice;
-use sonoweave::pipeline::live::{Account, Bed, Equipment, Finished, Instrument, Looks, Record, Session, Written, run};
+use sonoweave::pipeline::live::{
+    Account, Bed, Equipment, Finished, Instrument, Looks, Record, Session, Standing, Written, run,
+};
 use sonoweave::reconstruct::Settings;
 use sonoweave::reconstruct::planar::PlanarSettings;
 use sonoweave::refusal::Reason;
@@ -117,32 +119,21 @@ impl Set {
 
     /// Runs until its devices have ended or it is to end, by the account and the time since it began.
     pub(crate) fn until(self, mut ends: impl FnMut(&Account, Duration) -> bool) -> (Finished, Seen) {
-        let p = PIXEL_MM;
-        let rows = [p, 0.0, 0.0, 0.0, 0.0, p, 0.0, 0.0, 0.0, 0.0, p, 0.0, 0.0, 0.0, 0.0, 1.0];
+        let [tracking, grabber] = instruments();
         let frames = self.of.iter().map(|of| [(*of).to_owned(), "Tracker".to_owned()]).collect();
+        let tracking = Instrument { gives: self.gives, frames, latency_ns: self.tracking_latency_ns, ..tracking };
         let equipment = vec![
-            equipment("tracking", self.tracking, self.gives, frames, self.tracking_latency_ns),
-            equipment("grabber", self.grabber, Gives::Pictures, Vec::new(), 0),
+            Equipment { instrument: tracking, device: self.tracking, speech: None },
+            Equipment { instrument: grabber, device: self.grabber, speech: None },
         ];
-        let statics = vec![StaticTransform::new("Image", "Probe", &rows).unwrap()];
-        let session = Session {
-            pairing: PairingOptions { statics, ..PairingOptions::default() },
-            wait_ns: self.wait_ns,
-            longest_gap_ns: 100 * MS,
-            frozen_ns: SECOND / 2,
-            mask: MaskSettings { clip: Clip::None, fan: None },
-            settings: Settings::new(DVec3::ONE),
-            path: PathChoice::General,
-            planar: PlanarSettings::default(),
-            looks: self.looks,
-        };
+        let session = stages(self.wait_ns, self.looks);
         let record = self.record.map(|(writer, keep_free_bytes)| Record {
             writer,
             full_frame: true,
             notes: Vec::new(),
             keep_free_bytes,
         });
-        let bed = Bed { equipment, record, resumed: Vec::new() };
+        let bed = Bed { equipment, record, resumed: Vec::new(), standing: Standing::default() };
         let (told, began) = (AtomicBool::new(false), Instant::now());
         let mut seen = Seen::default();
         let finished = run(&session, bed, &Monotonic, &told, |account| {
@@ -164,14 +155,29 @@ impl Set {
     }
 }
 
-fn equipment(
-    name: &str,
-    device: Box<dyn Device>,
-    gives: Gives,
-    frames: Vec<[String; 2]>,
-    latency_ns: i64,
-) -> Equipment {
-    Equipment { instrument: Instrument { name: name.into(), gives, frames, latency_ns }, device, speech: None }
+/// A tracker whose station 1 is on the probe, and a grabber.
+pub(crate) fn instruments() -> [Instrument; 2] {
+    let of = |name: &str, gives, frames| Instrument { name: name.into(), gives, frames, latency_ns: 0 };
+    let frames = vec![["Probe".to_owned(), "Tracker".to_owned()]];
+    [of("tracking", Gives::Stations(vec![1]), frames), of("grabber", Gives::Pictures, Vec::new())]
+}
+
+/// How pictures of [`SIZE`] become a volume of 1 mm, when frames wait so long for their poses.
+pub(crate) fn stages(wait_ns: i64, looks: Option<Arc<dyn Looks>>) -> Session {
+    let p = PIXEL_MM;
+    let rows = [p, 0.0, 0.0, 0.0, 0.0, p, 0.0, 0.0, 0.0, 0.0, p, 0.0, 0.0, 0.0, 0.0, 1.0];
+    let statics = vec![StaticTransform::new("Image", "Probe", &rows).unwrap()];
+    Session {
+        pairing: PairingOptions { statics, ..PairingOptions::default() },
+        wait_ns,
+        longest_gap_ns: 100 * MS,
+        frozen_ns: SECOND / 2,
+        mask: MaskSettings { clip: Clip::None, fan: None },
+        settings: Settings::new(DVec3::ONE),
+        path: PathChoice::General,
+        planar: PlanarSettings::default(),
+        looks,
+    }
 }
 
 /// Every frame and reading is accounted for once, at any moment.

@@ -45,7 +45,8 @@ impl Reload {
         match Bedside::read(&self.bedside.path) {
             Ok(newer) => self.adopt(&newer, terminal),
             Err(error) => {
-                let note = format!("the configuration was read again and cannot be used, so that the old one holds: {error}");
+                let note =
+                    format!("the configuration was read again and cannot be used, so that the old one holds: {error}");
                 tell(&note, terminal);
                 vec![Order::Say(note)]
             }
@@ -71,6 +72,7 @@ impl Reload {
         orders.push(Order::Latency(0, bedside.tracking.latency_ns()));
         orders.push(Order::Latency(1, bedside.grabber.latency_ns));
         orders.push(Order::Frozen(bedside.scanner.frozen_ns));
+        orders.push(Order::KeepFree(bedside.record.keep_free_bytes));
         if changes.at_once.iter().any(|change| change.key.starts_with("picture.")) {
             orders.push(Order::Looks(match terminal {
                 Some(terminal) => {

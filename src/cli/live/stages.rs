@@ -123,7 +123,7 @@ fn of_tracking(bedside: &Bedside) -> Result<(Gives, Vec<[String; 2]>), Failure> 
             Ok((Gives::Stations(stations), frames))
         }
         Tracking::Arm(_) => {
-            let Some(arm) = bedside.calibration.arm.clone() else {
+            let Some(arm) = bedside.calibration.arm else {
                 return Err(Failure(
                     "the calibration has no [[arm.joint]]: without lengths and zeros counts lead nowhere; give a calibration file that has them".into(),
                 ));

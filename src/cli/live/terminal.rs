@@ -90,7 +90,7 @@ impl Looks for Terminal {
     }
 
     fn most_hz(&self) -> f64 {
-        Looks::most_hz(&*self.picture())
+        self.picture().most_hz
     }
 
     fn shown(&self, drawn: &Drawn) {

@@ -63,13 +63,12 @@ pub(super) fn run(wanted: &Wanted<'_>) -> Result<(), Failure> {
     let ends = until_told()?;
     let (began, mut said) = (Instant::now(), Instant::now());
     let looks = outputs.picture.as_ref().map(|_| Arc::new(bedside.picture.clone()) as Arc<dyn Looks>);
-    let (finished, precedent) =
-        rerun(&stages(&bedside, looks), recorded, last, &ends, |account| {
-            if said.elapsed() >= SAID_EVERY {
-                said = Instant::now();
-                say(&line(account));
-            }
-        })?;
+    let (finished, precedent) = rerun(&stages(&bedside, looks), recorded, last, &ends, |account| {
+        if said.elapsed() >= SAID_EVERY {
+            said = Instant::now();
+            say(&line(account));
+        }
+    })?;
     let differences = config.is_none().then(|| precedent.differences());
     leave(&bedside, outputs, &finished, began.elapsed(), differences.as_ref())?;
     match differences {

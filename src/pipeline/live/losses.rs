@@ -61,11 +61,11 @@ fn lost(account: &Account) -> Vec<(String, u64)> {
     if let Some(written) = &account.recording {
         causes.push((
             "frames of the recording, as there was no room before its writer".into(),
-            written.lost_frames_before_writer,
+            written.lost_before_writer.frames,
         ));
         causes.push((
             "other messages of the recording, as there was no room before its writer".into(),
-            written.lost_others_before_writer,
+            written.lost_before_writer.others,
         ));
     }
     causes.retain(|(_, count)| *count > 0);

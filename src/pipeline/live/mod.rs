@@ -48,7 +48,7 @@ mod timing;
 mod weave;
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::{Builder, Scope, ScopedJoinHandle};
 use std::time::{Duration, Instant};
 
@@ -176,6 +176,8 @@ pub enum Order {
     Frozen(i64),
     /// How the volume is looked at, where it is.
     Looks(Arc<dyn Looks>),
+    /// The recording ends before less is left on the disk, bytes.
+    KeepFree(u64),
     /// Notes something in the recording, of a kind.
     Note(&'static str, serde_json::Value),
     /// The user should know this sentence.
@@ -222,6 +224,7 @@ pub fn run(
     begun.into_iter().for_each(|note| board.note(note));
     let in_flight = InFlight::new(FRAME_BYTES / frame_bytes(&devices).max(1));
     let (mut recorder, mut writing) = (Recorder::nowhere(), None);
+    let keep_free = Arc::<AtomicU64>::default();
     if let Some(Record { mut writer, full_frame, notes, keep_free_bytes }) = record {
         let mut sources = Vec::new();
         for ((instrument, device), speech) in instruments.iter().zip(&devices).zip(speeches) {
@@ -232,7 +235,8 @@ pub fn run(
         }
         let (of_stages, queue) = Recorder::new();
         let kept = (!full_frame).then_some(session.mask);
-        let file = recorder::File { writer, sources, kept, keep_free: keep_free_bytes };
+        keep_free.store(keep_free_bytes, Ordering::Relaxed);
+        let file = recorder::File { writer, sources, kept, keep_free: Arc::clone(&keep_free) };
         (recorder, writing) = (of_stages, Some((queue, file)));
     }
     let names: Vec<String> = instruments.iter().map(|instrument| instrument.name.clone()).collect();
@@ -287,6 +291,7 @@ pub fn run(
                     Order::Latency(source, latency_ns) => drop(intake.latency(source, latency_ns)),
                     Order::Frozen(after_ns) => board.frozen_after(after_ns),
                     Order::Looks(looks) => wall.iter().for_each(|wall| wall.hang(&looks)),
+                    Order::KeepFree(bytes) => keep_free.store(bytes, Ordering::Relaxed),
                     Order::Note(kind, value) => common.recorder.note(kind, &value, clock.now_ns()),
                     Order::Say(note) => board.note(note),
                 }

@@ -203,9 +203,9 @@ mod tests {
 
     fn precedent() -> Precedent {
         let fates = [Fate::Used, Fate::Dropped(Queue::Weaving)];
-        let frames = (0..).zip(fates).map(|(item, fate)| {
-            (item, Was { placed: Some(placed(item, 1.0).bits()), fate: Some(fate) })
-        });
+        let frames = (0..)
+            .zip(fates)
+            .map(|(item, fate)| (item, Was { placed: Some(placed(item, 1.0).bits()), fate: Some(fate) }));
         Precedent { frames: frames.collect(), drops: true, ..Precedent::default() }
     }
 

@@ -30,6 +30,7 @@ const FRAMES: usize = QUEUE / 4 * 3;
 const TURN: Duration = Duration::from_millis(100);
 
 /// What is written.
+#[allow(clippy::large_enum_variant, reason = "nearly all values are the large ones, moved twice")]
 enum Entry {
     Reading {
         source: usize,
@@ -201,18 +202,8 @@ pub(super) struct File {
     pub(super) sources: Vec<Source>,
     /// Of frames what this says is data is kept, all of them without.
     pub(super) kept: Option<MaskSettings>,
-    /// It ends before less is left on the disk, bytes.
-    pub(super) keep_free: u64,
-}
-
-/// What there is to say of a recording while it is written.
-pub(super) struct Told<'a> {
-    pub(super) account: &'a Account,
-    /// What found the queue full.
-    pub(super) lost: Unwritten,
-    pub(super) room: Option<Room>,
-    /// Why the file was ended; empty while it is written.
-    pub(super) ended: &'a str,
+    /// It ends before less is left on the disk, bytes; may change while it is written.
+    pub(super) keep_free: Arc<AtomicU64>,
 }
 
 /// Of frames the part that is kept: the rectangle of what is data, in the pixels as they are stored.
@@ -237,7 +228,7 @@ impl Cropping {
 }
 
 /// Writes until the queue is closed, or less would be left on the disk than is to stay free, and ends the file.
-pub(super) fn run(queue: &Queue, file: File, clock: &dyn Clock, mut told: impl FnMut(&Told<'_>)) -> Recording {
+pub(super) fn run(queue: &Queue, file: File, clock: &dyn Clock, mut told: impl FnMut(&Recording)) -> Recording {
     let File { writer, sources, kept, keep_free } = file;
     let mut cropping = kept.map(|mask| Cropping { mask, known: vec![None; sources.len()] });
     let mut recording = Recording {
@@ -282,6 +273,7 @@ pub(super) fn run(queue: &Queue, file: File, clock: &dyn Clock, mut told: impl F
             tracing::error!("{}: {error}", recording.path.display());
         }
         let now_ns = clock.now_ns();
+        let keep_free = keep_free.load(Ordering::Relaxed);
         let room = writer.room();
         let held = writer.account().held_bytes;
         let needed = keep_free.saturating_add(held).saturating_add(END_BYTES);
@@ -303,15 +295,13 @@ pub(super) fn run(queue: &Queue, file: File, clock: &dyn Clock, mut told: impl F
             note(writer, "end", &serde_json::json!({ "why": recording.ended }), now_ns);
             end(&mut open, clock, &mut recording);
         }
-        let Recording { account, lost, room, ended, .. } = &recording;
-        told(&Told { account, lost: *lost, room: *room, ended });
+        told(&recording);
     }
     if let Some(writer) = &mut open {
         recording.lost = tell_lost(writer, queue, &mut noted, clock.now_ns());
         end(&mut open, clock, &mut recording);
     }
-    let Recording { account, lost, room, ended, .. } = &recording;
-    told(&Told { account, lost: *lost, room: *room, ended });
+    told(&recording);
     recording
 }
 

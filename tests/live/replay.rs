@@ -1,0 +1,127 @@
+//! A recorded session, run again: the same decisions, the same bits, by any number of threads and at any speed; and what is said where it comes to something else.
+
+use std::sync::atomic::AtomicBool;
+
+use drivers::clock::{MS, SECOND};
+use drivers::recording::Pace;
+use drivers::recording::session::{SessionReplay, SessionSettings, WriterOptions};
+use sonoweave::ledger::{Frames, Queue};
+use sonoweave::pipeline::live::{Finished, Instrument, Precedent, Recorded, Session, rerun};
+use tempfile::NamedTempFile;
+
+use crate::script::{Act, FRAME, Script, begin, frame, frames as all_frames, measured, pose, poses_timing, video};
+use crate::set::{Memory, Set, instruments, stages};
+
+/// How long frames wait where much goes wrong.
+const WAIT: i64 = 150 * MS;
+
+/// A session in which much goes wrong: frames twice and out of order, a number missing, poses swapped, twice, and none for longer than frames wait.
+fn eventful() -> (Finished, Memory) {
+    let begin_ns = begin();
+    let numbers: Vec<u64> = (0..9).chain(8..15).chain(17..21).chain([22, 23, 21]).chain(24..60).collect();
+    let of_frames = (0..).zip(&numbers).map(|(item, n)| {
+        let at_ns = begin_ns + *n as i64 * FRAME;
+        // Two show the same picture at two poses.
+        (at_ns, Act::Give(frame(item, *n, at_ns, if *n == 41 { 40 } else { *n })))
+    });
+    let mut of_poses: Vec<(i64, Act)> = Vec::new();
+    for (item, after, mm) in measured(60) {
+        let at_ns = begin_ns + after;
+        if (SECOND..SECOND + 400 * MS).contains(&after) {
+            continue;
+        }
+        of_poses.push((at_ns, Act::Give(pose(item, 1, Some(1000 + item), at_ns, mm))));
+        match item % 10 {
+            5 => {
+                let len = of_poses.len();
+                of_poses.swap(len - 1, len - 2);
+            }
+            8 => of_poses.push((at_ns, Act::Give(pose(item, 1, Some(1000 + item), at_ns, mm)))),
+            _ => {}
+        }
+    }
+    let tracker = Script::new("a tracker", poses_timing(true), of_poses);
+    let disk = Memory::default();
+    let grabber = Script::new("a grabber", video(), of_frames);
+    let set = Set::of(tracker, grabber).waits(WAIT).recorded(disk.clone(), WriterOptions::new("a test"), 0);
+    (set.run().0, disk)
+}
+
+/// Runs a session's bytes again, or something like it.
+fn again(
+    disk: &Memory,
+    wait_ns: i64,
+    pace: Pace,
+    all: bool,
+    other: impl FnOnce(&mut Session, &mut Instrument),
+) -> (Finished, Precedent) {
+    let file = NamedTempFile::new().unwrap();
+    std::fs::write(file.path(), disk.bytes()).unwrap();
+    let mut precedent = Precedent::read(file.path()).unwrap();
+    if all {
+        precedent.use_all();
+    }
+    let replay = SessionReplay::open(&SessionSettings { pace, ..SessionSettings::new(file.path()) }).unwrap();
+    let mut session = stages(wait_ns, None);
+    let [mut tracking, grabber] = instruments();
+    other(&mut session, &mut tracking);
+    let recorded = Recorded { replay, precedent, instruments: vec![tracking, grabber] };
+    rerun(&session, Vec::new(), recorded, &AtomicBool::new(false), |_| {}).unwrap()
+}
+
+/// What became of frames, less what was lost before they came, which a recording does not have.
+fn fates(finished: &Finished) -> Frames {
+    Frames { lost: 0, ..finished.account.ledger.frames.clone() }
+}
+
+#[test]
+fn every_decision_is_made_again_by_any_number_of_threads_and_at_any_speed() {
+    let (live, disk) = eventful();
+    let frames = &live.account.ledger.frames;
+    assert!(frames.refused.len() >= 3 && frames.used > 30, "{}", live.account.ledger);
+    for (threads, pace) in [(1, Pace::Unpaced), (3, Pace::Unpaced), (2, Pace::Factor(3.0))] {
+        let (replayed, precedent) = again(&disk, WAIT, pace, false, |session, _| session.settings.threads = threads);
+        assert_eq!(precedent.differences().first, None);
+        assert_eq!(fates(&replayed), fates(&live));
+        assert_eq!(replayed.account.ledger.first_refusals, live.account.ledger.first_refusals);
+        let [one, other] = [&replayed, &live].map(|finished| &finished.account.ledger.readings[0]);
+        assert_eq!((one.total, one.used, &one.refused), (other.total, other.used, &other.refused));
+        assert_eq!(replayed.seal, live.seal);
+        assert!(live.seal.as_ref().unwrap().volume_sha256.is_some());
+    }
+}
+
+#[test]
+fn where_it_comes_to_something_else_the_first_frame_is_named() {
+    let (_, disk) = eventful();
+    let (_, precedent) = again(&disk, WAIT, Pace::Unpaced, false, |_, tracker| tracker.latency_ns = MS);
+    let found = precedent.differences();
+    let first = found.first.unwrap();
+    assert!(found.count > 30, "{}", found.count);
+    assert!(first.starts_with("frame 0: world_from_image[2][3] is ") && first.ends_with("when it was live"), "{first}");
+}
+
+#[test]
+fn what_was_dropped_is_dropped_again_or_used_if_that_is_asked_for() {
+    // Frames that are said to be so large that four of them are all that may be on their way, and poses that come a quarter of a second late.
+    let begin_ns = begin();
+    let late = measured(50).map(|(item, after, mm)| {
+        let at_ns = begin_ns + after;
+        (at_ns + SECOND / 4, Act::Give(pose(item, 1, None, at_ns, mm)))
+    });
+    let tracker = Script::new("a tracker", poses_timing(false), late);
+    let disk = Memory::default();
+    let grabber = all_frames(begin_ns, 50).that_seems([30_000, 30_000]);
+    let set = Set::of(tracker, grabber).waits(SECOND).recorded(disk.clone(), WriterOptions::new("a test"), 0);
+    let (live, _) = set.run();
+    let frames = &live.account.ledger.frames;
+    let dropped = frames.dropped[&Queue::Pairing];
+    assert!(dropped > 10 && frames.used > 5, "{}", live.account.ledger);
+    let (replayed, precedent) = again(&disk, SECOND, Pace::Unpaced, false, |_, _| {});
+    assert_eq!((precedent.differences().first, precedent.dropped()), (None, dropped));
+    assert_eq!((fates(&replayed), &replayed.seal), (fates(&live), &live.seal));
+    let (all, precedent) = again(&disk, SECOND, Pace::Unpaced, true, |_, _| {});
+    assert_eq!(precedent.differences().first, None, "what was asked for is no difference");
+    assert_eq!(all.account.ledger.frames.used, frames.used + dropped);
+    assert_ne!(all.seal, live.seal);
+}
