@@ -8,8 +8,19 @@ use std::time::{Duration, Instant};
 use crate::list::{Mutant, SWITCH, switched};
 
 /// What the project is built of.
-const TREE: [&str; 10] =
-    ["Cargo.toml", "Cargo.lock", "clippy.toml", "src", "tests", "benches", "drivers", "calibration", "figures", "docs"];
+const TREE: [&str; 11] = [
+    "Cargo.toml",
+    "Cargo.lock",
+    "clippy.toml",
+    "src",
+    "tests",
+    "benches",
+    "drivers",
+    "calibration",
+    "figures",
+    "packaging",
+    "docs",
+];
 /// The crates' roots, which hold the switch.
 const LIBRARIES: [&str; 3] = ["src/lib.rs", "drivers/src/lib.rs", "calibration/src/lib.rs"];
 /// The crates beside the daemon's, as suites name them, and by their packages.
