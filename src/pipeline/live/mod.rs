@@ -257,7 +257,7 @@ pub fn run(
             })
         });
         let picture = wall.as_ref().map(|wall| {
-            spawn(scope, "picture", (&standing, Role::Usual), move || {
+            spawn(scope, "picture", (&standing, Role::Picture), move || {
                 picture::run(shared, wall, clock, |drawn| board.drawn(drawn))
             })
         });
@@ -451,7 +451,9 @@ impl Session {
         std::thread::scope(|scope| {
             let usual = (&Standing::default(), Role::Usual);
             let picture = wall.map(|wall| {
-                spawn(scope, "picture", usual, move || picture::run(shared, wall, clock, |drawn| board.drawn(drawn)))
+                spawn(scope, "picture", (&Standing::default(), Role::Picture), move || {
+                    picture::run(shared, wall, clock, |drawn| board.drawn(drawn))
+                })
             });
             let weave = spawn(scope, "weave", usual, move || weave::run(shared, &posed, common, is_last));
             let pair = spawn(scope, "pairing", usual, move || stage.run(&mut replay::FromRecording(delivered)));

@@ -3,21 +3,29 @@
 //! Weaving waits while the volume is read, and for nothing else: settings are asked for, renderers made and pictures drawn while it goes on.
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use drivers::clock::Clock;
 use tracing::trace_span;
 
-use super::fabric::{Begun, Shared};
+use super::fabric::{Begun, Fabric, Shared};
 use super::reach::Reach;
 use super::timing::Spread;
 use crate::render::{RenderSettings, Renderer, Stage};
 use crate::trace::STAGE;
+use crate::volume::brick::BrickIndex;
 use crate::volume::lattice::Shifted;
+use crate::volume::read::Values as _;
 
 /// The longest that the thread waits before it looks whether it is to end.
 const TURN: Duration = Duration::from_millis(100);
+/// Bricks that are read while weaving waits: about a millisecond's.
+const PART: usize = 1024;
+/// So many of such parts are read one by one; then all that is left is.
+const MOST_PARTS: u32 = 512;
+/// For how long weaving does not wait between two of them.
+const PAUSE: Duration = Duration::from_micros(100);
 /// Pictures a second that there are at least while slices come, whatever is asked for.
 const LEAST_HZ: f64 = 0.01;
 
@@ -135,7 +143,7 @@ pub(super) fn run(
     let mut seen = 0;
     let mut due = Instant::now();
     loop {
-        let mut fabric = shared.wait(seen, TURN);
+        let fabric = shared.wait(seen, TURN);
         let changes = wall.changes.load(Ordering::Relaxed);
         // What is looked at otherwise is drawn again though no slice has come since.
         let is_shown = changes == easel.changes && !easel.blank;
@@ -162,26 +170,21 @@ pub(super) fn run(
             easel.stretch(&begun, reach)?;
             continue;
         }
-        let (Some(weaver), Some(drawn)) = (fabric.loom.weaver(), &mut easel.drawn) else {
-            seen = fabric.news.woven;
-            continue;
-        };
+        let Some(drawn) = &mut easel.drawn else { continue };
         let (frame, slices) = (fabric.news.item, fabric.news.woven);
         let _span = trace_span!(target: STAGE, "draw", frame, slices).entered();
         let began = Instant::now();
-        let volume = Shifted::new(weaver.volume(), begun.lattice.offset);
-        if std::mem::take(&mut easel.blank) || fabric.news.all {
-            drawn.renderer.read_all(&volume);
-        } else {
-            drawn.renderer.read(&volume, &fabric.news.touched);
+        let mut fabric = catch_up(shared, fabric, drawn, &begun, easel.blank);
+        if fabric.news.reach != easel.reach {
+            // Weaving has left the box meanwhile.
+            easel.blank = true;
+            continue;
         }
-        let news = &mut fabric.news;
-        news.touched.clear();
-        news.all = false;
-        let (woven, captured_ns) = (news.woven, news.captured_ns);
+        easel.blank = false;
+        let (woven, captured_ns) = (fabric.news.woven, fabric.news.captured_ns);
+        fabric.news.touched.clear();
         // From here on the volume is woven on.
         drop(fabric);
-        drawn.held.add_ns(ns(began.elapsed()));
         drawn.renderer.draw();
         drawn.pictures += 1;
         drawn.skipped += (woven - seen).saturating_sub(1);
@@ -194,6 +197,44 @@ pub(super) fn run(
         shown(drawn);
         wall.looks().shown(drawn);
     }
+}
+
+/// Reads what has changed, or all there is, so many bricks at a time: between them weaving goes on, and what it changes is read at last, so that the renderer has the volume
+/// as it is when this returns.
+fn catch_up<'a>(
+    shared: &'a Shared,
+    mut fabric: MutexGuard<'a, Fabric>,
+    drawn: &mut Drawn,
+    begun: &Begun,
+    mut all: bool,
+) -> MutexGuard<'a, Fabric> {
+    let mut waits: Vec<BrickIndex> = Vec::new();
+    for round in 0_u32.. {
+        let began = Instant::now();
+        let Fabric { loom, news, .. } = &mut *fabric;
+        let Some(weaver) = loom.weaver() else { return fabric };
+        let volume = Shifted::new(weaver.volume(), begun.lattice.offset);
+        all |= std::mem::take(&mut news.all);
+        if std::mem::take(&mut all) {
+            waits = volume.bricks().collect();
+            news.touched.clear();
+        } else {
+            waits.append(&mut news.touched);
+        }
+        // A machine that weaves faster than it reads would never come to draw.
+        let most = if round < MOST_PARTS { PART } else { usize::MAX };
+        let part = waits.split_off(waits.len().saturating_sub(most));
+        drawn.renderer.read(&volume, &part);
+        drawn.held.add_ns(ns(began.elapsed()));
+        if waits.is_empty() {
+            return fabric;
+        }
+        drop(fabric);
+        // Who has waited for the volume gets it before it is asked for again.
+        std::thread::sleep(PAUSE);
+        fabric = shared.lock();
+    }
+    fabric
 }
 
 fn ns(time: Duration) -> i64 {

@@ -5,7 +5,8 @@
 //! | capture | 6 | `poll` or a wait with a deadline, for its device, 50 ms at most |
 //! | pairing | 5 | its queue, 20 ms at most |
 //! | weaving, its pool and what prepares its memory | 4 | its queue, 100 ms at most; the pool sleeps when there is nothing to weave |
-//! | recorder, picture, status, the caller's | none | |
+//! | recorder, status, the caller's | none | |
+//! | picture and its pool | none, and nice: whatever else wants the core gets nine tenths of it, in any session | |
 //!
 //! The numbers are small: the kernel's own threads for interrupts have 50. What reads a device comes first, since what is not read in time is lost; what is late further on only
 //! waits. Nothing that a user looks at, and nothing that writes to a disk, may take a core from that.
@@ -28,7 +29,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use rustix::mm::{MlockAllFlags, mlockall};
-use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+use rustix::process::{Resource, Rlimit, getrlimit, setpriority_process, setrlimit};
 use rustix::thread::{CapabilitySet, capabilities};
 use serde::Serialize;
 
@@ -37,12 +38,17 @@ const UNBLOCKED_US: u64 = 500_000;
 /// Memory besides the volume: frames on their way, the renderer's caches, the program.
 const BESIDES_BYTES: u64 = 1 << 30;
 
+/// How nice the thread that draws is, and its pool, which it begins: of a core that weaving wants, too, it gets a tenth.
+const NICE: i32 = 10;
+
 /// What a thread does, by which it gets its priority.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Role {
     Capture,
     Pairing,
     Weaving,
+    /// Drawing, which gives way to everything else.
+    Picture,
     /// Whatever may wait.
     Usual,
 }
@@ -54,7 +60,7 @@ impl Role {
             Self::Capture => Some(6),
             Self::Pairing => Some(5),
             Self::Weaving => Some(4),
-            Self::Usual => None,
+            Self::Picture | Self::Usual => None,
         }
     }
 
@@ -111,6 +117,11 @@ impl Standing {
 
     /// Gives the calling thread what its role has a right to.
     pub(super) fn enter(&self, role: Role) {
+        if role == Role::Picture
+            && let Err(error) = setpriority_process(None, NICE)
+        {
+            tracing::warn!("drawing does not give way to the other threads: {error}");
+        }
         let Some(priority) = role.priority().filter(|_| self.granted.realtime) else { return };
         let policy = libc::SCHED_FIFO | if role.alone() { libc::SCHED_RESET_ON_FORK } else { 0 };
         if let Err(error) = schedule(0, policy, priority) {
