@@ -241,10 +241,7 @@ impl Follower {
         self.refused += passed.refused;
         for (Taken { at_ns, .. }, counts) in [passed.held, passed.this].into_iter().flatten() {
             let homed = self.homing.homed();
-            let status = match self.homing.status(homed, 0) {
-                Status::Ok => Status::Other(UNRELIABLE.into()),
-                status => status,
-            };
+            let status = self.homing.status(homed, 0);
             self.note(false, &status);
             found.push_back(Reading::Counts(Counts { homed, status, ..blank(None, at_ns, counts) }));
         }
@@ -291,6 +288,8 @@ impl Follower {
             Status::Ok if overrun => {
                 "takes more samples than it can send: ask for fewer (arm.rate_hz), for blocks, or set a faster line (arm.baud)"
             }
+            // Who has asked for bare numbers uses them, and is told of what they are as long as he does.
+            Status::Ok if self.bare => UNRELIABLE,
             Status::Ok => "",
         };
         if self.trouble != trouble {

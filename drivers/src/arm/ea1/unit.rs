@@ -39,7 +39,7 @@ pub enum Speech {
     Lines,
     /// EA1, samples as blocks.
     Blocks,
-    /// Lines of three bare numbers, by an arm that knows nothing else: without checksum, number and time. All readings are marked as unreliable.
+    /// Lines of three bare numbers, by an arm that knows nothing else: without checksum, number and time. They are used, and as long as they are it is said that nothing vouches for them.
     BareNumbers,
 }
 
