@@ -238,6 +238,32 @@ fn a_trace_has_every_stage_of_every_frame_and_is_whole_after_ctrl_c() {
 }
 
 #[test]
+fn told_twice_it_ends_at_once_and_the_recording_is_whole_as_far_as_it_came() {
+    let mut session = Session::begin("--record r --volume v.mha --quiet", &[]);
+    session.told_until("READY=1");
+    let recorded = session.waits_for("recording", || {
+        let mut files = std::fs::read_dir(session.place.path("r")).ok()?;
+        let path = files.next()?.ok()?.path();
+        (path.metadata().ok()?.len() > 100_000).then_some(path)
+    });
+    let process = session.child.id();
+    let both = format!("kill -INT {process}; kill -TERM {process}");
+    assert!(Command::new("sh").args(["-c", &both]).status().unwrap().success());
+    assert_eq!(session.child.wait().unwrap().code(), Some(1), "{}", session.said());
+    assert!(!session.place.path("v.mha").exists(), "nothing more is written");
+    let repaired = session.place.path("repaired.mcap");
+    let inspected = Command::new(env!("CARGO_BIN_EXE_sonoweave"))
+        .arg("inspect")
+        .arg(&recorded)
+        .arg("--repair")
+        .arg(&repaired)
+        .output()
+        .unwrap();
+    assert!(inspected.status.success(), "{}", String::from_utf8_lossy(&inspected.stderr));
+    assert!(repaired.metadata().unwrap().len() > 50_000);
+}
+
+#[test]
 fn a_recorded_sweep_is_traced_too() {
     let place = Place::new();
     place.does("phantom -o s.mha --image-size 150x136 --pixel 0.2 --frames 12 --gap 0.4");

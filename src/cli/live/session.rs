@@ -52,13 +52,15 @@ impl Conduct {
     }
 }
 
-/// Told to end by Ctrl-C or SIGTERM.
+/// Told to end by Ctrl-C or SIGTERM. Told again, the process ends at once: a disk that no longer answers, or who looks and does not, can hold up the end of a session for good.
 ///
 /// # Errors
 /// [`Failure`] when the system takes no handler.
 pub(in crate::cli) fn until_told() -> Result<Arc<AtomicBool>, Failure> {
     let ends = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        // Before the other, which is the one that says that it was told once.
+        signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&ends))?;
         signal_hook::flag::register(signal, Arc::clone(&ends))?;
     }
     Ok(ends)
@@ -86,10 +88,11 @@ pub(in crate::cli) fn session(
     let folder = conduct.record.as_ref().or(bedside.record.folder.as_ref());
     let resumed =
         conduct.resume.as_ref().map(|session| resume::open(session, bedside)).transpose()?.unwrap_or_default();
-    let mut record = folder.map(|folder| record(bedside, folder)).transpose()?;
     let [tracking_is, grabber_is] = instruments(bedside)?;
     let opened = devices::open(bedside, Monotonic.now_ns(), folder.is_some())?;
     let Devices { tracking, speech, at_home, grabber, twins } = opened;
+    // Devices that cannot be opened leave no session behind.
+    let mut record = folder.map(|folder| record(bedside, folder)).transpose()?;
     if let Some(at_home) = at_home {
         home::listen(at_home, conduct.quiet)?;
     }
