@@ -2,8 +2,10 @@
 
 mod following;
 mod planes;
+mod series;
 mod session;
 
+use std::num::NonZeroU64;
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
@@ -19,8 +21,9 @@ use super::{Failure, input, values};
 use crate::pipeline::{self, Job, Onlooker, Outcome};
 use crate::render::Cache;
 use crate::render::settings::CACHE_BYTES;
-use following::{Following, Series};
+use following::Following;
 use planes::{Planes, Source};
+use series::Series;
 
 /// Flags of `replay`.
 #[derive(Debug, Args)]
@@ -54,8 +57,8 @@ pub struct Arguments {
     #[arg(long, value_name = "DIR")]
     pictures: Option<PathBuf>,
     /// Of how many slices one is pictured there
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..), requires = "pictures")]
-    every: u64,
+    #[arg(long, value_name = "N", default_value = "1", requires = "pictures")]
+    every: NonZeroU64,
     /// What is kept of rays between pictures; all give the same picture
     #[arg(long, value_enum, default_value_t, value_name = "CACHE")]
     cache: CacheName,
@@ -142,7 +145,8 @@ fn weave(job: Job, onlooker: &mut impl Onlooker) -> Result<Outcome, Failure> {
 impl Arguments {
     /// What there is to say of a session, which has its own settings; `given` are the flags that are there.
     fn of_session(&self, given: &[String]) -> Result<session::Wanted<'_>, Failure> {
-        const KNOWN: [&str; 9] = ["sequence", "output", "speed", "all", "picture", "config", "weights", "stats", "log"];
+        const KNOWN: [&str; 11] =
+            ["sequence", "output", "speed", "all", "picture", "pictures", "every", "config", "weights", "stats", "log"];
         if let Some(flag) = given.iter().find(|flag| !KNOWN.contains(&flag.as_str())) {
             return Err(Failure(format!(
                 "--{}: a session is woven and drawn by the configuration that it was recorded with; give --config with another bedside's file to try something else",
@@ -154,6 +158,7 @@ impl Arguments {
             config: self.flags.config.as_deref(),
             pace: self.speed,
             all: self.all,
+            series: self.on_the_way()?,
             outputs: Outputs {
                 volume: self.output.clone(),
                 weights: self.flags.weights.clone(),
@@ -177,9 +182,7 @@ impl Arguments {
             input::check_output(path)?;
             input::check_is_not(path, &self.sequence)?;
         }
-        if let Some(folder) = self.pictures.as_ref().filter(|f| !f.is_dir()) {
-            return Err(Failure(format!("--pictures {}: there is no such folder; make it first", folder.display())));
-        }
+        let series = self.on_the_way()?;
         self.look.check()?;
         if self.look.mode == Mode::Slice {
             let other =
@@ -196,6 +199,15 @@ impl Arguments {
         } else if self.from == Source::Raw {
             return Err(Failure("--from raw: is of planes; give --mode slice, or leave it out".into()));
         }
-        Ok(self.pictures.clone().map(|folder| Series { folder, every: self.every }))
+        Ok(series)
+    }
+
+    /// The folder of the pictures on the way, which is there.
+    fn on_the_way(&self) -> Result<Option<Series>, Failure> {
+        let Some(folder) = &self.pictures else { return Ok(None) };
+        if !folder.is_dir() {
+            return Err(Failure(format!("--pictures {}: there is no such folder; make it first", folder.display())));
+        }
+        Ok(Some(Series { folder: folder.clone(), every: self.every }))
     }
 }

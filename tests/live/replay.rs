@@ -1,15 +1,22 @@
 //! A recorded session, run again: the same decisions, the same bits, by any number of threads and at any speed; and what is said where it comes to something else.
 
+use std::collections::{BTreeMap, BTreeSet};
+use std::num::NonZeroU64;
 use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex};
 
 use drivers::clock::{MS, SECOND};
 use drivers::recording::Pace;
 use drivers::recording::session::{SessionReplay, SessionSettings, WriterOptions};
 use sonoweave::ledger::{Frames, Queue};
-use sonoweave::pipeline::live::{Finished, Instrument, Precedent, Recorded, Session, rerun};
+use sonoweave::pipeline::live::{Drawn, Finished, First, Instrument, Looks, Precedent, Recorded, Session, rerun};
+use sonoweave::render::RenderSettings;
+use sonoweave::render::transfer::Transfer;
 use tempfile::NamedTempFile;
 
-use crate::script::{Act, FRAME, Script, begin, frame, frames as all_frames, measured, pose, poses_timing, video};
+use crate::script::{
+    Act, FRAME, Script, begin, frame, frames as all_frames, measured, pose, poses, poses_timing, video,
+};
 use crate::set::{Memory, Set, instruments, stages};
 
 /// How long frames wait where much goes wrong.
@@ -69,6 +76,40 @@ fn again(
     rerun(&session, Vec::new(), recorded, &AtomicBool::new(false), |_| {}).unwrap()
 }
 
+/// Keeps every picture that it is shown, by the slices that it is of.
+#[derive(Default)]
+struct Album {
+    pictures: Mutex<BTreeMap<u64, Vec<u8>>>,
+    every: Option<NonZeroU64>,
+}
+
+impl Album {
+    fn of_every(slices: u64) -> Arc<Self> {
+        Arc::new(Self { every: NonZeroU64::new(slices), ..Self::default() })
+    }
+
+    fn slices(&self) -> Vec<u64> {
+        self.pictures.lock().unwrap().keys().copied().collect()
+    }
+}
+
+impl Looks for Album {
+    fn settings(&self, _: &First) -> Result<RenderSettings, Box<dyn std::error::Error + Send + Sync>> {
+        Ok(RenderSettings::new([64, 64], Transfer::preset("tissue", [0.0, 255.0])?))
+    }
+
+    fn shown(&self, drawn: &Drawn) {
+        let picture = drawn.renderer.picture();
+        let bits = picture.pixels.iter().flatten().flat_map(|value| value.to_bits().to_le_bytes());
+        let before = self.pictures.lock().unwrap().insert(drawn.slices, bits.collect());
+        assert!(before.is_none(), "a picture of {} slices was there", drawn.slices);
+    }
+
+    fn every(&self) -> Option<NonZeroU64> {
+        self.every
+    }
+}
+
 /// What became of frames, less what was lost before they came, which a recording does not have.
 fn fates(finished: &Finished) -> Frames {
     Frames { lost: 0, ..finished.account.ledger.frames.clone() }
@@ -89,6 +130,41 @@ fn every_decision_is_made_again_by_any_number_of_threads_and_at_any_speed() {
         assert_eq!(replayed.seal, live.seal);
         assert!(live.seal.as_ref().unwrap().volume_sha256.is_some());
     }
+}
+
+#[test]
+fn the_picture_after_a_slice_is_the_one_that_there_was_live() {
+    let begin_ns = begin();
+    let live = Album::of_every(0);
+    let disk = Memory::default();
+    let set = Set::of(poses(begin_ns, 60), all_frames(begin_ns, 60));
+    let set = Set { looks: Some(Arc::clone(&live) as Arc<dyn Looks>), ..set };
+    let (finished, _) = set.recorded(disk.clone(), WriterOptions::new("a test"), 0).run();
+    let woven = finished.account.ledger.frames.used;
+    assert!(live.slices().len() > 5 && live.slices().last() == Some(&woven), "{:?}", live.slices());
+    let run = |every, threads, pace| {
+        let album = Album::of_every(every);
+        let (_, precedent) = again(&disk, WAIT, pace, false, |session, _| {
+            session.looks = Some(Arc::clone(&album) as Arc<dyn Looks>);
+            session.settings.threads = threads;
+        });
+        assert_eq!(precedent.differences().first, None);
+        album
+    };
+    let each = run(1, 1, Pace::Unpaced);
+    assert_eq!(each.slices(), (1..=woven).collect::<Vec<_>>());
+    let some = run(7, 3, Pace::Factor(4.0));
+    assert_eq!(
+        some.slices(),
+        (7..=woven).step_by(7).chain([woven]).collect::<BTreeSet<_>>().into_iter().collect::<Vec<_>>()
+    );
+    let each = each.pictures.lock().unwrap();
+    for album in [&live, &some] {
+        for (slices, picture) in &*album.pictures.lock().unwrap() {
+            assert!(each[slices] == *picture, "after {slices} slices");
+        }
+    }
+    assert!(each[&(woven / 2)] != each[&woven], "pictures show what came since");
 }
 
 #[test]

@@ -1,11 +1,12 @@
 //! The picture that follows a volume while it is woven.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use calibration::region::ClipRect;
 use tracing::trace_span;
 
+use super::series::Series;
 use crate::cli::Failure;
 use crate::cli::render::drawing::Over;
 use crate::cli::render::look::Look;
@@ -18,12 +19,6 @@ use crate::statistics::{Milliseconds, PictureNumbers, PictureStatistics};
 use crate::trace::STAGE;
 use crate::volume::brick::BrickIndex;
 use crate::volume::lattice::{Shifted, canonical, shift};
-
-/// Pictures on the way.
-pub(super) struct Series {
-    pub(super) folder: PathBuf,
-    pub(super) every: u64,
-}
 
 /// Renders after each slice.
 pub(super) struct Following<'a> {
@@ -123,10 +118,9 @@ impl<'a> Following<'a> {
         self.shade_ms.push(milliseconds(updated.shade));
         self.rays_ms.push(milliseconds(updated.rays));
         self.slices += 1;
-        if let Some(Series { folder, every }) = &self.series
-            && self.slices.is_multiple_of(*every)
+        if let Some(path) =
+            self.series.as_ref().and_then(|series| series.path(self.slices - 1, self.slices, woven.item))
         {
-            let path = folder.join(format!("frame-{:05}.png", woven.item));
             begun.over(self.look).write(&self.look.planar.drawn(&[Draw::Slice, Draw::Probe]), &path)?;
         }
         Ok(())

@@ -7,7 +7,7 @@ use std::time::Instant;
 use clap::ValueEnum;
 use serde::Serialize;
 
-use super::following::Series;
+use super::series::Series;
 use crate::cli::Failure;
 use crate::cli::render::look::Look;
 use crate::cli::render::planar::SheetNumbers;
@@ -125,10 +125,9 @@ impl<'a> Planes<'a> {
         }
         self.to_planes_ms.push((woven.insert + began.elapsed()).as_secs_f64() * 1e3);
         self.slices += 1;
-        if let Some(Series { folder, every }) = &self.series
-            && self.slices.is_multiple_of(*every)
+        if let Some(path) =
+            self.series.as_ref().and_then(|series| series.path(self.slices - 1, self.slices, woven.item))
         {
-            let path = folder.join(format!("frame-{:05}.png", woven.item));
             let (sampled, work) = begun.sampled(woven.weaver);
             self.work += work;
             self.write(&sampled, &path)?;

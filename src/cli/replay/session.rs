@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use drivers::recording::Pace;
 
+use super::series::{Gallery, Series};
 use crate::cli::live::outputs::{Outputs, leave, line, say};
 use crate::cli::live::resume::Chain;
 use crate::cli::live::session::until_told;
@@ -25,6 +26,8 @@ pub(super) struct Wanted<'a> {
     pub(super) pace: Pace,
     /// Also what was dropped.
     pub(super) all: bool,
+    /// Pictures on the way.
+    pub(super) series: Option<Series>,
     pub(super) outputs: Outputs,
 }
 
@@ -33,7 +36,7 @@ pub(super) struct Wanted<'a> {
 /// # Errors
 /// [`Failure`] when it cannot be read, what it leaves cannot be written, or it comes to something else than when it was live.
 pub(super) fn run(wanted: &Wanted<'_>) -> Result<(), Failure> {
-    let Wanted { session, config, pace, all, outputs } = wanted;
+    let Wanted { session, config, pace, all, series, outputs } = wanted;
     outputs.check()?;
     for output in [&outputs.volume, &outputs.weights, &outputs.picture, &outputs.stats].into_iter().flatten() {
         input::check_is_not(output, session)?;
@@ -62,13 +65,18 @@ pub(super) fn run(wanted: &Wanted<'_>) -> Result<(), Failure> {
     let Some(last) = recorded.pop() else { unreachable!("a chain has a session") };
     let ends = until_told()?;
     let (began, mut said) = (Instant::now(), Instant::now());
-    let looks = outputs.picture.as_ref().map(|_| Arc::new(bedside.picture.clone()) as Arc<dyn Looks>);
+    let is_looked_at = outputs.picture.is_some() || series.is_some();
+    let gallery = is_looked_at.then(|| Arc::new(Gallery::new(bedside.picture.clone(), series.clone())));
+    let looks = gallery.clone().map(|gallery| gallery as Arc<dyn Looks>);
     let (finished, precedent) = rerun(&stages(&bedside, looks), recorded, last, &ends, |account| {
         if said.elapsed() >= SAID_EVERY {
             said = Instant::now();
             say(&line(account));
         }
     })?;
+    if let (Some(gallery), Some(Series { folder, .. })) = (gallery, series) {
+        say(&format!("{} pictures in {}", gallery.written()?, folder.display()));
+    }
     let differences = config.is_none().then(|| precedent.differences());
     leave(&bedside, outputs, &finished, began.elapsed(), differences.as_ref())?;
     match differences {

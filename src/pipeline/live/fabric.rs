@@ -103,6 +103,10 @@ pub(super) struct Fabric {
     pub(super) news: News,
     /// No slice follows.
     pub(super) ended: bool,
+    /// Weaving waits for the picture of all slices that there are.
+    pub(super) awaited: bool,
+    /// Nobody draws any more.
+    undrawn: bool,
 }
 
 /// [`Fabric`], shared.
@@ -113,7 +117,10 @@ pub(super) struct Shared {
 
 impl Shared {
     pub(super) fn new(loom: Loom) -> Self {
-        Self { fabric: Mutex::new(Fabric { loom, news: News::default(), ended: false }), changed: Condvar::new() }
+        Self {
+            fabric: Mutex::new(Fabric { loom, news: News::default(), ended: false, awaited: false, undrawn: false }),
+            changed: Condvar::new(),
+        }
     }
 
     /// Alone with it. A thread that died with it leaves a volume that is whole up to its last slice.
@@ -126,10 +133,38 @@ impl Shared {
         self.changed.notify_all();
     }
 
-    /// Waits until more slices than so many are woven, no slice follows, or the time is over.
-    pub(super) fn wait(&self, woven: u64, at_most: Duration) -> MutexGuard<'_, Fabric> {
-        let more = |fabric: &mut Fabric| fabric.news.woven <= woven && !fabric.ended;
+    /// Waits until more slices than so many are woven, no slice follows, or the time is over; where pictures are of certain slices only, until one of them is wanted.
+    pub(super) fn wait(&self, woven: u64, certain: bool, at_most: Duration) -> MutexGuard<'_, Fabric> {
+        let more = |fabric: &mut Fabric| {
+            let is_wanted = fabric.news.woven > woven && (fabric.awaited || !certain);
+            !is_wanted && !fabric.ended
+        };
         self.changed.wait_timeout_while(self.lock(), at_most, more).unwrap_or_else(PoisonError::into_inner).0
+    }
+
+    /// Waits until the picture of all slices that there are is drawn and shown, or nobody draws.
+    pub(super) fn await_picture(&self) {
+        let mut fabric = self.lock();
+        fabric.awaited = true;
+        self.changed.notify_all();
+        let is_awaited = |fabric: &mut Fabric| fabric.awaited && !fabric.undrawn;
+        let mut fabric = self.changed.wait_while(fabric, is_awaited).unwrap_or_else(PoisonError::into_inner);
+        fabric.awaited = false;
+    }
+
+    /// The picture of so many slices is shown.
+    pub(super) fn shown(&self, slices: u64) {
+        let mut fabric = self.lock();
+        if fabric.news.woven == slices {
+            fabric.awaited = false;
+            self.changed.notify_all();
+        }
+    }
+
+    /// Nobody draws any more, until it is gone on.
+    pub(super) fn undrawn(&self) {
+        self.lock().undrawn = true;
+        self.changed.notify_all();
     }
 
     /// Waits for so long, or until no slice follows.
@@ -151,7 +186,7 @@ impl Shared {
     /// What had ended goes on: how many slices there are.
     pub(super) fn goes_on(&self) -> u64 {
         let mut fabric = self.lock();
-        fabric.ended = false;
+        (fabric.ended, fabric.undrawn) = (false, false);
         fabric.news.woven
     }
 

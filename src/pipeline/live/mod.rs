@@ -16,6 +16,7 @@
 //! What pairing does depends on what comes in, in which order and at which times, and on nothing else; the recording has these, and what was decided. So a replay redoes
 //! every decision, compares, and comes to the same volume bit by bit, however fast it goes and however many threads weave and draw.
 //!
+//! - `session`: what a session is, and what it leaves.
 //! - `capture`, `intake`: a device's thread, and the one way in.
 //! - `pairing`, `frozen`: readings to posed slices; pictures that come again.
 //! - `weave`, `fabric`: slices into the volume, and the lock that weaving and drawing share it by.
@@ -42,8 +43,7 @@ mod reach;
 mod recorder;
 mod replay;
 mod seal;
-#[cfg(test)]
-mod tests;
+mod session;
 mod timing;
 mod weave;
 
@@ -54,9 +54,8 @@ use std::time::{Duration, Instant};
 
 pub use board::{Account, ClockBoard, DeviceBoard, REPLAYED, Written};
 use crossbeam_channel::bounded;
+use drivers::Device;
 use drivers::clock::{Clock, Monotonic};
-use drivers::recording::session::{SessionWriter, Speech};
-use drivers::{Device, Timing};
 pub use picture::{Drawn, First, Looks};
 pub use precedent::{Differences, Precedent};
 pub use priority::{Granted, Standing};
@@ -64,25 +63,17 @@ pub use pulse::{Movement, Turns};
 pub use recorder::{Recording, Unwritten};
 pub use replay::Recorded;
 pub use seal::Seal;
+pub use session::{Bed, Equipment, Finished, Instrument, Order, Record, Session};
 pub use timing::{Quantiles, Spread};
 
-use super::loom::{Loom, Plan};
-use super::{OffPlane, Outcome, PipelineError};
-use crate::ingest::live::{Gives, LiveIngest};
-use crate::mask::MaskSettings;
-use crate::path::{Chosen, PathChoice};
-use crate::reconstruct::planar::PlanarSettings;
-use crate::reconstruct::{Path, Settings};
-use crate::sync::PairingOptions;
-use crate::sync::bracket::{BracketOptions, Bracketing, Source};
+use super::PipelineError;
 use board::Board;
 use capture::InFlight;
 use decision::Common;
 use fabric::Shared;
-use frozen::Frozen;
 use intake::Intake;
 use losses::Losses;
-use pairing::{FromDevices, Onward, Pairing, Part, Waiting};
+use pairing::{FromDevices, Onward};
 use picture::Wall;
 use priority::Role;
 use recorder::Recorder;
@@ -99,104 +90,6 @@ const FRAME_BYTES: u64 = 256 << 20;
 const USUAL_FRAME: u64 = 1920 * 1080;
 /// Between two looks at whether the session is to end.
 const TURN: Duration = Duration::from_millis(20);
-
-/// What pairing is told of a device.
-pub struct Instrument {
-    /// What it is called, in the recording too.
-    pub name: String,
-    /// What it gives.
-    pub gives: Gives,
-    /// Of what gives poses: for each of its sources the frames that the pose maps between, from which and to which.
-    pub frames: Vec<[String; 2]>,
-    /// What its times lie behind its measurements beyond what its driver knows, ns.
-    pub latency_ns: i64,
-}
-
-/// A device of a session.
-pub struct Equipment {
-    /// What it is.
-    pub instrument: Instrument,
-    /// The device, stopped.
-    pub device: Box<dyn Device>,
-    /// What its lines speak, where their bytes are readings, too.
-    pub speech: Option<Speech>,
-}
-
-/// How frames become a volume and a picture.
-pub struct Session {
-    /// The frames' names, and the constant transforms.
-    pub pairing: PairingOptions,
-    /// How long a frame waits for its pose, ns.
-    pub wait_ns: i64,
-    /// The longest time between two poses that a pose is made between, ns.
-    pub longest_gap_ns: i64,
-    /// After how long a time of equal pictures at changing poses the scanner counts as frozen, ns.
-    pub frozen_ns: i64,
-    /// What of the picture is data.
-    pub mask: MaskSettings,
-    /// The reconstructor's settings.
-    pub settings: Settings,
-    /// Who says which path slices go. Poses are not known beforehand, so that of itself it is the general one.
-    pub path: PathChoice,
-    /// The planar path's settings.
-    pub planar: PlanarSettings,
-    /// How the volume is looked at; nobody looks for `None`, and then nothing is drawn.
-    pub looks: Option<Arc<dyn Looks>>,
-}
-
-/// How a session is recorded.
-pub struct Record {
-    /// The file, open.
-    pub writer: SessionWriter,
-    /// Keep whole frames. Without, of frames nothing is kept but the rectangle of what is data, as far as the mask's settings tell it.
-    pub full_frame: bool,
-    /// What to note at the beginning, by kind: settings, calibration.
-    pub notes: Vec<(&'static str, serde_json::Value)>,
-    /// It ends before less is left on the disk, bytes; 0 goes on until nothing is.
-    pub keep_free_bytes: u64,
-}
-
-/// What a session is run on.
-pub struct Bed {
-    /// Its devices.
-    pub equipment: Vec<Equipment>,
-    /// Where the session is recorded, if it is.
-    pub record: Option<Record>,
-    /// Recorded sessions that are gone on with, the earliest first: their slices are woven before anything else.
-    pub resumed: Vec<Recorded>,
-    /// What its threads have a right to.
-    pub standing: Standing,
-}
-
-/// What a session that runs is told to do otherwise.
-pub enum Order {
-    /// A device's latency, by its place among the equipment, ns.
-    Latency(usize, i64),
-    /// After how long a time the scanner counts as frozen, ns.
-    Frozen(i64),
-    /// How the volume is looked at, where it is.
-    Looks(Arc<dyn Looks>),
-    /// The recording ends before less is left on the disk, bytes.
-    KeepFree(u64),
-    /// Notes something in the recording, of a kind.
-    Note(&'static str, serde_json::Value),
-    /// The user should know this sentence.
-    Say(String),
-}
-
-/// What a session leaves.
-pub struct Finished {
-    /// The volume, and what became of the frames; `None` where no slice was woven.
-    pub outcome: Option<Outcome>,
-    /// The picture of all slices, where somebody looked.
-    pub drawn: Option<Drawn>,
-    /// What there is to say of devices, frames and times.
-    pub account: Account,
-    /// The session's file.
-    pub recording: Option<Recording>,
-    /// The bits of volume and picture in a line; of sessions that are recorded, and of recordings.
-    pub seal: Option<Seal>,
-}
 
 /// Runs a session until it is told to end, or its devices have ended. `watch` is called now and then with what there is to say, and says what is to be done otherwise.
 ///
@@ -258,10 +151,11 @@ pub fn run(
         });
         let picture = wall.as_ref().map(|wall| {
             spawn(scope, "picture", (&standing, Role::Picture), move || {
-                picture::run(shared, wall, clock, |drawn| board.drawn(drawn))
+                picture::run(shared, wall, false, clock, |drawn| board.drawn(drawn))
             })
         });
-        let weave = spawn(scope, "weave", (&standing, Role::Weaving), move || weave::run(shared, &posed, common, true));
+        let weave =
+            spawn(scope, "weave", (&standing, Role::Weaving), move || weave::run(shared, &posed, common, true, None));
         let pair = spawn(scope, "pairing", (&standing, Role::Pairing), move || {
             stage.run(&mut FromDevices { from: &delivered, intake })
         });
@@ -350,58 +244,6 @@ pub fn rerun(
 }
 
 impl Session {
-    fn loom(&self) -> Shared {
-        let chosen = match self.path {
-            PathChoice::Planar => Chosen { path: Path::Planar, why: "it was asked for".into() },
-            _ => Chosen::general("live poses are not known beforehand"),
-        };
-        let plan = Plan {
-            choice: self.path,
-            settings: self.settings.clone(),
-            planar: self.planar,
-            chosen,
-            off_plane: OffPlane::Settings,
-            poses: Vec::new(),
-        };
-        Shared::new(Loom::of_any_size(plan, self.mask))
-    }
-
-    /// What gives poses: each device's own, one after the other.
-    fn sources(&self, instruments: &[Instrument]) -> Vec<Source> {
-        let frames = instruments.iter().flat_map(|instrument| &instrument.frames);
-        frames.map(|[from, to]| Source { longest_gap_ns: self.longest_gap_ns, ..Source::new(from, to) }).collect()
-    }
-
-    fn bracketing(&self, instruments: &[Instrument]) -> Result<Bracketing<Waiting>, PipelineError> {
-        Ok(Bracketing::new(BracketOptions {
-            image: self.pairing.image.clone(),
-            world: self.pairing.world.clone(),
-            statics: self.pairing.statics.clone(),
-            sources: self.sources(instruments),
-            wait_ns: self.wait_ns,
-            ..BracketOptions::default()
-        })?)
-    }
-
-    fn pairing_stage<'a>(
-        &self,
-        instruments: Vec<Instrument>,
-        common: Common<'a>,
-        onward: Onward,
-    ) -> Result<Pairing<'a>, PipelineError> {
-        let bracketing = self.bracketing(&instruments)?;
-        let mut first = 0;
-        let parts = instruments.into_iter().map(|Instrument { name, gives, frames, latency_ns }| {
-            let sources = first..first + frames.len();
-            first = sources.end;
-            // What its stamps mean it says when it is set up.
-            Part { name, ingest: LiveIngest::new(gives, Timing::default(), latency_ns), sources: sources.collect() }
-        });
-        let parts = parts.collect();
-        common.board.route(bracketing.route());
-        Ok(Pairing::new(common, parts, bracketing, Frozen::new(self.mask), onward))
-    }
-
     /// Weaves recorded sessions into a volume that is gone on with; what there is to say of it.
     fn weave_earlier(
         &self,
@@ -447,15 +289,16 @@ impl Session {
         let (pose, posed) = bounded(SLICES);
         let stage = self.pairing_stage(instruments, common, Onward::Waits(pose))?;
         let (board, clock) = (&board, &clock);
+        let pictured = wall.and_then(|wall| wall.looks().every());
         let mut drawn = None;
         std::thread::scope(|scope| {
             let usual = (&Standing::default(), Role::Usual);
             let picture = wall.map(|wall| {
                 spawn(scope, "picture", (&Standing::default(), Role::Picture), move || {
-                    picture::run(shared, wall, clock, |drawn| board.drawn(drawn))
+                    picture::run(shared, wall, pictured.is_some(), clock, |drawn| board.drawn(drawn))
                 })
             });
-            let weave = spawn(scope, "weave", usual, move || weave::run(shared, &posed, common, is_last));
+            let weave = spawn(scope, "weave", usual, move || weave::run(shared, &posed, common, is_last, pictured));
             let pair = spawn(scope, "pairing", usual, move || stage.run(&mut replay::FromRecording(delivered)));
             let feed = spawn(scope, "replay", usual, move || replay::run(replay, &names, common, ends, &deliver));
             while !feed.is_finished() || !pair.is_finished() || !weave.is_finished() {
@@ -470,32 +313,6 @@ impl Session {
             fed.map_err(PipelineError::from)
         })?;
         Ok((board.snapshot(), drawn, precedent))
-    }
-
-    fn finish(
-        &self,
-        loom: Loom,
-        drawn: Option<Drawn>,
-        mut account: Account,
-        recording: Option<Recording>,
-        seal: Option<Seal>,
-    ) -> Finished {
-        account.frozen_s = None;
-        let outcome = loom.finish().map(|cloth| Outcome {
-            world: account.world.clone(),
-            route: account.route.clone(),
-            voxels_updated: cloth.weaver.work().voxels_updated,
-            reconstructor: cloth.weaver,
-            chosen: cloth.chosen,
-            ledger: account.ledger.clone(),
-            mask: cloth.mask,
-            reached: None,
-            slice_axes: cloth.slice_axes,
-            insert_ms: Vec::new(),
-            pixels: cloth.pixels,
-            notes: account.notes.iter().cloned().chain(cloth.notes).collect(),
-        });
-        Finished { outcome, drawn, account, recording, seal }
     }
 }
 

@@ -2,6 +2,7 @@
 //!
 //! Weaving waits while the volume is read, and for nothing else: settings are asked for, renderers made and pictures drawn while it goes on.
 
+use std::num::NonZeroU64;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -9,7 +10,7 @@ use std::time::{Duration, Instant};
 use drivers::clock::Clock;
 use tracing::trace_span;
 
-use super::fabric::{Begun, Fabric, Shared};
+use super::fabric::{Begun, Fabric, News, Shared};
 use super::reach::Reach;
 use super::timing::Spread;
 use crate::render::{RenderSettings, Renderer, Stage};
@@ -40,6 +41,12 @@ pub trait Looks: Send + Sync {
     /// A picture is drawn. The next one waits for whoever looks at this one; slices do not.
     fn shown(&self, _drawn: &Drawn) {}
 
+    /// Of a recording: the slices of which there is a picture each, one of so many; weaving waits for it then, and of others none is drawn but the last. `None` leaves it to
+    /// how fast both are, as live.
+    fn every(&self) -> Option<NonZeroU64> {
+        None
+    }
+
     /// Pictures a second at most; asked before each. As many as there is time for, unless it is said. The last one is drawn at once.
     fn most_hz(&self) -> f64 {
         f64::INFINITY
@@ -59,6 +66,10 @@ pub struct First {
 pub struct Drawn {
     /// The renderer, with the picture of all slices.
     pub renderer: Renderer,
+    /// Slices that it shows.
+    pub slices: u64,
+    /// The frame of the last of them.
+    pub item: u64,
     /// Pictures drawn.
     pub pictures: u64,
     /// Slices that came while another picture was drawn, and were drawn with the next.
@@ -88,7 +99,7 @@ impl Wall {
         self.changes.fetch_add(1, Ordering::Relaxed);
     }
 
-    fn looks(&self) -> Arc<dyn Looks> {
+    pub(super) fn looks(&self) -> Arc<dyn Looks> {
         Arc::clone(&self.looks.lock().unwrap_or_else(PoisonError::into_inner))
     }
 }
@@ -116,6 +127,8 @@ impl Easel<'_> {
             None => {
                 self.drawn = Some(Drawn {
                     renderer,
+                    slices: 0,
+                    item: 0,
                     pictures: 0,
                     skipped: 0,
                     capture_to_picture: Spread::default(),
@@ -129,21 +142,32 @@ impl Easel<'_> {
     }
 }
 
-/// Draws until no slice follows. `None` where none ever came.
+/// Whoever waits for a picture is told when its thread is gone, whatever ended it.
+struct Gone<'a>(&'a Shared);
+
+impl Drop for Gone<'_> {
+    fn drop(&mut self) {
+        self.0.undrawn();
+    }
+}
+
+/// Draws until no slice follows; of certain slices only, if so, for which weaving waits. `None` where none ever came.
 ///
 /// # Errors
 /// What makes no picture; the volume is woven on.
 pub(super) fn run(
     shared: &Shared,
     wall: &Wall,
+    certain: bool,
     clock: &dyn Clock,
     mut shown: impl FnMut(&Drawn),
 ) -> Result<Option<Drawn>, Box<dyn std::error::Error + Send + Sync>> {
+    let _gone = Gone(shared);
     let mut easel = Easel { wall, changes: 0, reach: None, blank: true, drawn: None };
     let mut seen = 0;
     let mut due = Instant::now();
     loop {
-        let fabric = shared.wait(seen, TURN);
+        let fabric = shared.wait(seen, certain, TURN);
         let changes = wall.changes.load(Ordering::Relaxed);
         // What is looked at otherwise is drawn again though no slice has come since.
         let is_shown = changes == easel.changes && !easel.blank;
@@ -153,14 +177,20 @@ pub(super) fn run(
             }
             continue;
         }
+        if certain && !fabric.awaited && !fabric.ended {
+            continue;
+        }
         let early = due.saturating_duration_since(Instant::now());
-        if !fabric.ended && !early.is_zero() {
+        if !fabric.ended && !fabric.awaited && !early.is_zero() {
             drop(fabric);
             shared.rest(early);
             continue;
         }
         let (Some(begun), Some(reach)) = (fabric.news.begun, fabric.news.reach) else {
+            // Slices of which nothing fell into the volume.
             seen = fabric.news.woven;
+            drop(fabric);
+            shared.shown(seen);
             continue;
         };
         if easel.reach != Some(reach) || easel.changes != changes {
@@ -181,11 +211,12 @@ pub(super) fn run(
             continue;
         }
         easel.blank = false;
-        let (woven, captured_ns) = (fabric.news.woven, fabric.news.captured_ns);
+        let News { woven, item, captured_ns, .. } = fabric.news;
         fabric.news.touched.clear();
         // From here on the volume is woven on.
         drop(fabric);
         drawn.renderer.draw();
+        (drawn.slices, drawn.item) = (woven, item);
         drawn.pictures += 1;
         drawn.skipped += (woven - seen).saturating_sub(1);
         drawn.draw.add_ns(ns(began.elapsed()));
@@ -196,6 +227,7 @@ pub(super) fn run(
         due = began + Duration::from_secs_f64(1.0 / wall.looks().most_hz().max(LEAST_HZ));
         shown(drawn);
         wall.looks().shown(drawn);
+        shared.shown(woven);
     }
 }
 

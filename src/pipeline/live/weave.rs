@@ -1,6 +1,7 @@
 //! The weaving thread: slices into the volume, in the order in which they were posed.
 
 use std::collections::VecDeque;
+use std::num::NonZeroU64;
 use std::time::Duration;
 
 use super::decision::Common;
@@ -72,7 +73,8 @@ impl Fates for Teller<'_> {
     }
 }
 
-/// Weaves until no slice follows. Where that is the volume's end, slices that wait for the mask go on.
+/// Weaves until no slice follows. Where that is the volume's end, slices that wait for the mask go on. Where one of so many slices is to be pictured, that picture is waited
+/// for; where the mask made some wait, that of the last of them.
 ///
 /// # Errors
 /// What no slice could be woven with. A full volume is none: its slices are refused.
@@ -81,6 +83,7 @@ pub(super) fn run(
     from: &Receiver<Posed>,
     common: Common<'_>,
     ends: bool,
+    pictured: Option<NonZeroU64>,
 ) -> Result<(), PipelineError> {
     let mut waiting = VecDeque::new();
     let mut result = Ok(());
@@ -95,6 +98,7 @@ pub(super) fn run(
         waiting.push_back((item, times));
         let mut fabric = shared.lock();
         let Fabric { loom, news, .. } = &mut *fabric;
+        let before = news.woven;
         let mut teller = Teller { common, waiting: &mut waiting, news };
         let taken = loom.take(item, slice, &mut teller);
         match taken {
@@ -107,11 +111,15 @@ pub(super) fn run(
                 break;
             }
         }
+        let woven = news.woven;
         drop(fabric);
         shared.tell();
+        if pictured.is_some_and(|every| woven / every > before / every) {
+            shared.await_picture();
+        }
     }
     let mut fabric = shared.lock();
-    let Fabric { loom, news, ended } = &mut *fabric;
+    let Fabric { loom, news, ended, .. } = &mut *fabric;
     if result.is_ok() && ends {
         let mut teller = Teller { common, waiting: &mut waiting, news };
         result = loom.end(&mut teller);
