@@ -1,0 +1,152 @@
+//! What comes out of least squares.
+
+use std::fmt;
+
+use serde::Serialize;
+
+use super::blocks::{Blocks, Residual, Whitening};
+use super::parameters::{Block, Parameters, State};
+
+/// Why a solution went no further.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Stopped {
+    /// A further step would change nothing: no component by more than 1e-11 of its typical size.
+    Step,
+    /// No step makes the cost less: rounding is reached.
+    Cost,
+    /// The limit of iterations; the state may be some way from the best one.
+    Iterations,
+}
+
+/// A combination of parameters, and how well the data determine it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Direction {
+    /// Standard deviation along it, in typical sizes: of a point with a typical size of 100 mm, 0.01 is 1 mm. Infinite where the data say nothing.
+    pub sd: f64,
+    /// Its components: name, unit, and how much of it, in that unit.
+    pub parts: Vec<(String, &'static str, f64)>,
+    /// The same over typical sizes: a unit vector.
+    shares: Vec<f64>,
+    columns: Vec<Option<usize>>,
+}
+
+impl Direction {
+    /// Its part in a block, over typical sizes: all blocks together make a unit vector. 0 of a block that is held.
+    pub fn share<const K: usize>(&self, block: impl Block<K>) -> [f64; K] {
+        match self.columns[block.place().block()] {
+            Some(column) => std::array::from_fn(|k| self.shares[column + k]),
+            None => [0.0; K],
+        }
+    }
+}
+
+impl fmt::Display for Direction {
+    /// Its larger components, the largest first: `0.96·stylus tip z − 0.28·stylus tip x`; over typical sizes, with the sign that makes the first positive.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut named: Vec<(f64, &str)> =
+            self.shares.iter().zip(&self.parts).map(|(share, (name, ..))| (*share, name.as_str())).collect();
+        named.sort_by(|a, b| b.0.abs().total_cmp(&a.0.abs()));
+        let Some(&(first, _)) = named.first() else { return Ok(()) };
+        for (i, (share, name)) in named.iter().filter(|(share, _)| share.abs() >= 0.1 * first.abs()).enumerate() {
+            let share = share * first.signum();
+            match (i, share < 0.0) {
+                (0, _) => {}
+                (_, true) => write!(f, " − ")?,
+                (_, false) => write!(f, " + ")?,
+            }
+            write!(f, "{:.2}·{name}", share.abs())?;
+        }
+        Ok(())
+    }
+}
+
+/// The state that explains the residuals best, and how sure it is.
+#[derive(Debug, Clone)]
+pub struct Solution {
+    /// The values.
+    pub state: State,
+    /// Sum over blocks of twice the loss, in standard deviations as given: of a quadratic loss the sum of squares of the whitened residuals.
+    pub cost: f64,
+    /// Steps taken, and tried.
+    pub iterations: u32,
+    /// Why no more.
+    pub stopped: Stopped,
+    /// Standard deviation of the whitened residuals: by their sum of squares (quadratic loss) or their median (robust losses). About 1 where the noise is as the
+    /// whitening says.
+    pub spread: f64,
+    /// Components of residuals less components of the step.
+    pub freedom: usize,
+    /// Largest over smallest singular value of the whitened, weighted Jacobian by typical sizes.
+    pub condition: f64,
+    /// Each block's whitened length, in the order in which they were added.
+    pub lengths: Vec<f64>,
+    /// Each block's weight by the loss: 1 where it counts whole, 0 where it has no part.
+    pub weights: Vec<f64>,
+    pub(super) directions: Vec<Direction>,
+    /// Row major, by a step's components.
+    pub(super) covariance: Vec<f64>,
+    pub(super) columns: Vec<Option<usize>>,
+    pub(super) parameters: Parameters,
+}
+
+impl Solution {
+    /// Covariance of a block's step, in its unit squared (of a rotation rad², of scales relative); 0 of a block that is held.
+    pub fn covariance<const K: usize>(&self, block: impl Block<K>) -> [[f64; K]; K] {
+        self.between(block, block)
+    }
+
+    /// Covariance of the steps of two blocks: rows the first's components, columns the second's.
+    pub fn between<const K: usize, const L: usize>(&self, one: impl Block<K>, other: impl Block<L>) -> [[f64; L]; K] {
+        let n = self.parameters.steps();
+        match [one.place(), other.place()].map(|place| self.columns[place.block()]) {
+            [Some(row), Some(column)] => {
+                std::array::from_fn(|i| std::array::from_fn(|j| self.covariance[(row + i) * n + column + j]))
+            }
+            _ => [[0.0; L]; K],
+        }
+    }
+
+    /// Standard deviations of a block's step.
+    pub fn sds<const K: usize>(&self, block: impl Block<K>) -> [f64; K] {
+        let covariance = self.covariance(block);
+        std::array::from_fn(|i| covariance[i][i].sqrt())
+    }
+
+    /// Covariance, to first order, of N numbers that depend on the parameters, whose derivatives are given as those of a residual are:
+    ///
+    /// ```text
+    /// // Where the image's corner lies: R·x + t.
+    /// let covariance_mm2 = solution.propagated(|corner| corner.by(turn, rows(turned(r * x))).by(shift, rows(DMat3::IDENTITY)));
+    /// ```
+    pub fn propagated<const N: usize>(
+        &self,
+        derivatives: impl for<'b, 'a> FnOnce(Residual<'b, 'a, N>) -> Residual<'b, 'a, N>,
+    ) -> [[f64; N]; N] {
+        let n = self.parameters.steps();
+        let blocks = Blocks::of(&self.parameters, &self.columns, true, |blocks| {
+            let unit = Whitening::sd(1.0);
+            derivatives(blocks.add([0.0; N], &unit));
+        });
+        let rows: [&[f64]; N] = std::array::from_fn(|i| &blocks.jacobian()[i * n..(i + 1) * n]);
+        let product = |a: &[f64], b: &[f64]| -> f64 {
+            let row = |i: usize| self.covariance[i * n..(i + 1) * n].iter().zip(b).map(|(c, b)| c * b).sum::<f64>();
+            a.iter().enumerate().map(|(i, a)| a * row(i)).sum()
+        };
+        std::array::from_fn(|i| std::array::from_fn(|j| product(rows[i], rows[j])))
+    }
+
+    /// Combinations of parameters, the least determined first; together they span a step.
+    pub fn directions(&self) -> &[Direction] {
+        &self.directions
+    }
+}
+
+impl Direction {
+    pub(super) fn new(parameters: &Parameters, columns: &[Option<usize>], shares: Vec<f64>, sd: f64) -> Self {
+        let typical = parameters.typical();
+        let parts = parameters.components().zip(shares.iter().zip(&typical));
+        let parts = parts.map(|((name, unit), (share, typical))| (name.to_owned(), unit, share * typical)).collect();
+        Self { sd, parts, shares, columns: columns.to_vec() }
+    }
+}
