@@ -15,6 +15,7 @@
 //!
 //! - [`pose`]: where the last link is, in the plane.
 //! - [`inverse`]: which joint values take it there.
+//! - [`mod@fit`], [`mod@check`]: its parameters from touches of known divots, and whether a running arm still has them.
 //! - [`accuracy`]: derivatives by values and by parameters, and what counts that are off do to a point of the picture.
 
 use std::f64::consts::TAU;
@@ -26,6 +27,8 @@ use serde::Serialize;
 use crate::frames::{Probe, Tracker, Transform};
 
 pub mod accuracy;
+pub mod check;
+pub mod fit;
 pub mod inverse;
 pub mod pose;
 #[cfg(test)]

@@ -6,6 +6,7 @@
 //! - [`named`]: constant transforms between frames that are known by name, as files hold them.
 //! - [`region`]: the part of a picture that is data: rectangle and fan.
 //! - [`file`](mod@file): the versioned calibration file.
+//! - [`tracker`]: how good a tracker is where it stands: noise, and metal that bends its field.
 //! - [`keys`]: TOML files read key by key, for every file of ours.
 
 pub mod arm;
@@ -17,3 +18,4 @@ pub mod named;
 #[cfg(test)]
 mod noise;
 pub mod region;
+pub mod tracker;

@@ -1,0 +1,170 @@
+//! The noise of a sensor that lies still.
+
+use glam::{DAffine3, DMat3, DQuat, DVec3};
+
+/// Fewer poses say too little of their spread: of 30 the standard deviation is known to 13 %.
+pub const LEAST: usize = 30;
+/// A sensor whose poses wander so many times as far as their noise from one to the next explains has not lain still.
+const WANDERS: f64 = 6.0;
+
+/// What a still sensor tells.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Noise {
+    /// Poses that it is of.
+    pub poses: usize,
+    /// Where it lay, mm.
+    pub position_mm: DVec3,
+    /// Standard deviation along the tracker's x, y, z, mm.
+    pub position_sd_mm: DVec3,
+    /// The root of the sum of their squares, mm.
+    pub position_rms_mm: f64,
+    /// Standard deviation of the rotation about the tracker's x, y, z, degrees.
+    pub rotation_sd_deg: DVec3,
+    /// The root of the sum of their squares, degrees.
+    pub rotation_rms_deg: f64,
+    /// The part that changes from one pose to the next, mm: what averaging takes away. Less than the whole where the rest is slow.
+    pub fast_rms_mm: f64,
+    /// The farthest pose from the mean, mm.
+    pub farthest_mm: f64,
+}
+
+/// Why there is nothing to say of a sensor's noise.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum NoNoise {
+    /// Too few poses.
+    #[error("{poses} poses are too few to know their noise by: keep the sensor still until there are {LEAST}")]
+    Few {
+        /// Poses that there are.
+        poses: usize,
+    },
+    /// It was moved.
+    #[error(
+        "the sensor has moved {farthest_mm:.2} mm, {degrees:.2}° while its poses scatter by {fast_mm:.3} mm from one to the next: lay it down, let go of it, and keep people and metal away"
+    )]
+    Moved {
+        /// The farthest pose from the mean, mm.
+        farthest_mm: f64,
+        /// The farthest rotation from the mean, degrees.
+        degrees: f64,
+        /// Root mean square of the noise from one pose to the next, mm.
+        fast_mm: f64,
+    },
+}
+
+/// The noise of poses of a sensor that lies still.
+///
+/// The mean rotation is the nearest rotation to the mean matrix (Moakher, SIAM J. Matrix Anal. Appl. 24, 2002: the chordal mean).
+///
+/// # Errors
+/// [`NoNoise`]: too few poses, or it has moved.
+pub fn of(poses: &[DAffine3]) -> Result<Noise, NoNoise> {
+    if poses.len() < LEAST {
+        return Err(NoNoise::Few { poses: poses.len() });
+    }
+    let count = poses.len() as f64;
+    let mean_mm = mean(poses.iter().map(|pose| pose.translation), count);
+    let mean_rotation = mean_rotation(poses);
+    let shifts: Vec<DVec3> = poses.iter().map(|pose| pose.translation - mean_mm).collect();
+    let turns: Vec<DVec3> = poses
+        .iter()
+        .map(|pose| DQuat::from_mat3(&(pose.matrix3 * mean_rotation.transpose())).to_scaled_axis())
+        .collect();
+    let [position_sd_mm, rotation_sd] = [&shifts, &turns].map(|all| {
+        let squares: DVec3 = all.iter().map(|v| *v * *v).sum();
+        (squares / (count - 1.0)).map(f64::sqrt)
+    });
+    // Differences of independent noise have twice its variance (von Neumann 1941).
+    let steps: f64 = shifts.windows(2).map(|pair| (pair[1] - pair[0]).length_squared()).sum();
+    let fast_rms_mm = (steps / (2.0 * (count - 1.0))).sqrt();
+    let farthest = |all: &[DVec3]| all.iter().map(|v| v.length()).fold(0.0, f64::max);
+    let (farthest_mm, farthest_turn) = (farthest(&shifts), farthest(&turns));
+    let turn_steps: f64 = turns.windows(2).map(|pair| (pair[1] - pair[0]).length_squared()).sum();
+    let fast_turn = (turn_steps / (2.0 * (count - 1.0))).sqrt();
+    // What a tracker does not resolve it repeats: then there are no steps, and no noise, or one that the last digit makes.
+    let moved = |rms: f64, fast: f64, digit: f64| rms > WANDERS * fast.max(digit);
+    if moved(position_sd_mm.length(), fast_rms_mm, DIGIT_MM) || moved(rotation_sd.length(), fast_turn, DIGIT_RAD) {
+        return Err(NoNoise::Moved { farthest_mm, degrees: farthest_turn.to_degrees(), fast_mm: fast_rms_mm });
+    }
+    Ok(Noise {
+        poses: poses.len(),
+        position_mm: mean_mm,
+        position_sd_mm,
+        position_rms_mm: position_sd_mm.length(),
+        rotation_sd_deg: rotation_sd.map(f64::to_degrees),
+        rotation_rms_deg: rotation_sd.length().to_degrees(),
+        fast_rms_mm,
+        farthest_mm,
+    })
+}
+
+/// What a position is told to by the coarsest of records, 0.01 inch, mm.
+const DIGIT_MM: f64 = 0.254;
+/// The same of an angle, 0.01 degrees in their text.
+const DIGIT_RAD: f64 = 1.8e-4;
+
+/// The mean of vectors.
+pub(super) fn mean(all: impl Iterator<Item = DVec3>, count: f64) -> DVec3 {
+    all.sum::<DVec3>() / count
+}
+
+/// The rotation nearest to the mean of the poses' matrices.
+pub(super) fn mean_rotation(poses: &[DAffine3]) -> DMat3 {
+    let sum = poses.iter().fold(DMat3::ZERO, |sum, pose| sum + pose.matrix3);
+    let mean = DAffine3::from_mat3(sum * (1.0 / poses.len() as f64));
+    // The mean of rotations that lie close to each other is close to one.
+    crate::frames::nearest_rigid(&mean, 1.0).map_or(poses[0].matrix3, |(rigid, _)| rigid.matrix3)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::noise::Noise as Random;
+
+    fn lying(poses: usize, mm: f64, degrees: f64, drift_mm: f64) -> Vec<DAffine3> {
+        let mut random = Random::new(5);
+        let at = DAffine3::from_rotation_translation(
+            DQuat::from_euler(glam::EulerRot::ZYX, 1.0, -0.4, 2.0),
+            DVec3::new(210.0, -40.0, 130.0),
+        );
+        (0..poses)
+            .map(|n| {
+                let turn = DQuat::from_scaled_axis(random.vector(degrees.to_radians()));
+                DAffine3 {
+                    matrix3: DMat3::from_quat(turn) * at.matrix3,
+                    translation: at.translation + random.vector(mm) + DVec3::X * (drift_mm * n as f64 / poses as f64),
+                }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn the_noise_is_the_one_that_there_is() {
+        let found = of(&lying(20_000, 0.05, 0.03, 0.0)).unwrap();
+        for k in 0..3 {
+            assert!((found.position_sd_mm[k] / 0.05 - 1.0).abs() < 0.03, "{found:?}");
+            assert!((found.rotation_sd_deg[k] / 0.03 - 1.0).abs() < 0.03, "{found:?}");
+        }
+        assert!((found.fast_rms_mm / (0.05 * 3_f64.sqrt()) - 1.0).abs() < 0.03, "{found:?}");
+        assert!((found.position_mm - DVec3::new(210.0, -40.0, 130.0)).length() < 0.01);
+        assert!(found.farthest_mm > 0.15 && found.farthest_mm < 0.4);
+    }
+
+    #[test]
+    fn a_slow_drift_is_told_from_noise() {
+        let found = of(&lying(2000, 0.05, 0.03, 0.3)).unwrap();
+        assert!(found.position_rms_mm > 0.12 && found.fast_rms_mm < 0.09, "{found:?}");
+    }
+
+    #[test]
+    fn a_sensor_that_repeats_its_last_digit_has_no_noise_that_can_be_seen() {
+        let found = of(&vec![DAffine3::from_translation(DVec3::X); 100]).unwrap();
+        assert_eq!((found.position_rms_mm, found.rotation_rms_deg), (0.0, 0.0));
+    }
+
+    #[test]
+    fn too_few_and_a_sensor_that_moves_are_refused() {
+        assert_eq!(of(&lying(29, 0.05, 0.03, 0.0)), Err(NoNoise::Few { poses: 29 }));
+        let said = of(&lying(500, 0.05, 0.03, 20.0)).unwrap_err().to_string();
+        assert!(said.starts_with("the sensor has moved 10.") && said.contains("lay it down"), "{said}");
+    }
+}
