@@ -41,6 +41,8 @@
 //! matrix = [ 16 numbers ]
 //! ```
 //!
+//! A file may hold [presets](preset) instead of one `image_to_probe`: one a scanner depth, with what it fits and how good it is.
+//!
 //! `format` and `version` are required, all else is optional; keys that are not listed here are refused.
 
 use std::fmt::Write as _;
@@ -53,8 +55,11 @@ pub use crate::keys::FileError;
 use crate::keys::{Entry, Source, Table};
 use crate::named::StaticTransform;
 use crate::region::{ClipRect, Fan};
+use preset::Preset;
 
 mod arm;
+pub mod date;
+pub mod preset;
 
 /// The value of `format`.
 pub const FORMAT: &str = "sonoweave-calibration";
@@ -82,6 +87,8 @@ pub struct CalibrationFile {
     pub spacing_mm: Option<[f64; 3]>,
     /// Further constant transforms.
     pub transforms: Vec<StaticTransform>,
+    /// The probe's calibration at several depths.
+    pub presets: Vec<Preset>,
 }
 
 impl CalibrationFile {
@@ -100,8 +107,18 @@ impl CalibrationFile {
     pub fn parse(path: &Path, text: &str) -> Result<Self, FileError> {
         let source = Source { path, text };
         let parsed = source.parse()?;
-        let known =
-            ["format", "version", "provenance", "image_to_probe", "image", "arm", "resolution", "volume", "transform"];
+        let known = [
+            "format",
+            "version",
+            "provenance",
+            "image_to_probe",
+            "image",
+            "arm",
+            "resolution",
+            "volume",
+            "transform",
+            "preset",
+        ];
         let root = Table::root(source, &parsed, &known)?;
         check_version(&root)?;
 
@@ -139,7 +156,39 @@ impl CalibrationFile {
                 file.transforms.push(transform);
             }
         }
+        if let Some(entry) = root.get("preset") {
+            for item in entry.items("a list of tables, each headed [[preset]]")? {
+                let preset = Preset::read(&item)?;
+                if file.presets.iter().any(|other| other.name == preset.name) {
+                    return Err(item.error(format!("there is another preset of that name, \"{}\"", preset.name)));
+                }
+                file.presets.push(preset);
+            }
+        }
         Ok(file)
+    }
+
+    /// Takes a preset over: where the picture lies, and what of it is data, are the preset's from here on. Without a name it is the one that there is, unless the file says by itself
+    /// where the picture lies. What was chosen, if anything was.
+    ///
+    /// # Errors
+    /// [`NoPreset`]: none of that name, or several and no name.
+    pub fn choose(&mut self, name: Option<&str>) -> Result<Option<Preset>, NoPreset> {
+        let known = || self.presets.iter().map(|preset| preset.name.clone()).collect();
+        let chosen = match (name, &self.presets[..]) {
+            (Some(name), presets) => match presets.iter().find(|preset| preset.name == name) {
+                Some(preset) => preset.clone(),
+                None => return Err(NoPreset::Unknown { name: name.to_owned(), known: known() }),
+            },
+            (None, _) if self.probe_from_image.is_some() => return Ok(None),
+            (None, []) => return Ok(None),
+            (None, [only]) => only.clone(),
+            (None, _) => return Err(NoPreset::Unnamed { known: known() }),
+        };
+        self.probe_from_image = Some(chosen.probe_from_image);
+        self.clip = chosen.clip.or(self.clip);
+        self.fan = chosen.fan.or(self.fan);
+        Ok(Some(chosen))
     }
 
     /// The file's text. Numbers are written with the digits that give them back bit for bit.
@@ -182,6 +231,7 @@ impl CalibrationFile {
             let matrix = matrix_text(&transform.rows());
             line(&mut text, format_args!("\n[[transform]]\nfrom = {from}\nto = {to}\nmatrix = {matrix}"));
         }
+        self.presets.iter().for_each(|preset| preset.write(&mut text));
         text
     }
 
@@ -207,6 +257,32 @@ impl CalibrationFile {
     pub fn named_transforms(&self) -> Vec<StaticTransform> {
         let calibration = self.probe_from_image.as_ref().map(StaticTransform::image_to_probe);
         calibration.into_iter().chain(self.transforms.iter().cloned()).collect()
+    }
+}
+
+/// Why no preset is chosen.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum NoPreset {
+    /// There is none of that name.
+    #[error("there is no preset \"{name}\"; {}", listed(known))]
+    Unknown {
+        /// As asked for.
+        name: String,
+        /// Those that there are.
+        known: Vec<String>,
+    },
+    /// There are several.
+    #[error("says which preset is used, as the calibration has several; {}", listed(known))]
+    Unnamed {
+        /// Those that there are.
+        known: Vec<String>,
+    },
+}
+
+fn listed(known: &[String]) -> String {
+    match known {
+        [] => "the file has none".into(),
+        _ => format!("there are {}", known.iter().map(|name| format!("\"{name}\"")).collect::<Vec<_>>().join(", ")),
     }
 }
 

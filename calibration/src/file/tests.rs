@@ -29,6 +29,7 @@ fn full() -> CalibrationFile {
         hwhm_mm: Some([0.3, 0.2, 1.1]),
         spacing_mm: Some([0.5, 0.5, 0.25]),
         transforms: vec![StaticTransform::new("Phantom \"1\"", "Reference", &rows).unwrap()],
+        presets: Vec::new(),
     }
 }
 
@@ -215,4 +216,42 @@ proptest! {
         let cut = (0..=cut.min(whole.len())).rev().find(|&at| whole.is_char_boundary(at)).unwrap();
         let _ = parse(&whole[..cut]);
     }
+}
+
+#[test]
+fn a_preset_is_chosen_by_name_or_as_the_only_one() {
+    let preset = |name: &str, mm: f64| preset::Preset {
+        name: name.into(),
+        probe_from_image: Transform::from_affine(glam::DAffine3::from_scale(glam::DVec3::splat(mm))),
+        made: None,
+        picture_px: None,
+        ruler: None,
+        clip: ClipRect::new(1, 2, 30, 40).ok(),
+        fan: None,
+        quality: None,
+        covariance: None,
+        inputs: Vec::new(),
+    };
+    let mut one = CalibrationFile { presets: vec![preset("near", 0.1)], ..CalibrationFile::default() };
+    let chosen = one.choose(None).unwrap().unwrap();
+    assert_eq!((one.probe_from_image, one.clip), (Some(chosen.probe_from_image), chosen.clip));
+    let both = || CalibrationFile {
+        presets: vec![preset("near", 0.1), preset("far", 0.2)],
+        clip: ClipRect::new(0, 0, 9, 9).ok(),
+        ..CalibrationFile::default()
+    };
+    let mut two = both();
+    assert_eq!(two.choose(Some("far")).unwrap().unwrap().name, "far");
+    assert_eq!(
+        (two.probe_from_image.unwrap().affine().matrix3.x_axis.x, two.clip),
+        (0.2, ClipRect::new(1, 2, 30, 40).ok())
+    );
+    let said = both().choose(None).unwrap_err().to_string();
+    assert!(said.contains("there are \"near\", \"far\""), "{said}");
+    assert!(both().choose(Some("deep")).unwrap_err().to_string().contains("no preset \"deep\""));
+    assert!(CalibrationFile::default().choose(Some("deep")).unwrap_err().to_string().contains("the file has none"));
+    // A file that says itself where the picture lies says so until a preset is asked for.
+    let mut own = CalibrationFile { probe_from_image: Some(Transform::IDENTITY), ..both() };
+    assert_eq!(own.choose(None).unwrap(), None);
+    assert_eq!(own.probe_from_image, Some(Transform::IDENTITY));
 }
