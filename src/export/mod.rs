@@ -4,6 +4,7 @@
 //! - [`planes`]: a volume's three middle planes side by side, for a first look.
 //! - [`sections`]: planes of a volume or of slices, in a picture of a given size.
 //! - [`picture`]: pictures to PNG.
+//! - [`page`]: text, tables and drawings in one file for a browser.
 //! - [`whole`]: files that are whole or not there.
 //! - `legend`: what a picture's colours and lengths mean.
 //! - `panel`: a plane in a picture, with its title and axes.
@@ -11,6 +12,7 @@
 
 pub(crate) mod legend;
 pub(crate) mod lettering;
+pub mod page;
 mod panel;
 pub mod picture;
 pub mod planes;
