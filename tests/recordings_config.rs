@@ -48,7 +48,7 @@ fn main() {
 }
 
 fn spine_configuration(path: &Path) -> Result<(), Failed> {
-    let settings = Settings::read(path)?;
+    let settings = Settings::read(path, None)?;
     assert_eq!(settings.source, SourceKind::Plus);
     let names: Vec<_> = settings.transforms.iter().map(|t| t.name()).collect();
     assert_eq!(names, ["ImageToProbe", "PhantomToReference"]);
@@ -60,7 +60,7 @@ fn spine_configuration(path: &Path) -> Result<(), Failed> {
 }
 
 fn fan_configuration(path: &Path) -> Result<(), Failed> {
-    let settings = Settings::read(path)?;
+    let settings = Settings::read(path, None)?;
     let fan = settings.fan.ok_or("no fan")?;
     assert_eq!((fan.origin_px(), fan.radii_px(), fan.angles_deg()), ([380.0, 20.0], [120.0, 360.0], [-45.0, 45.0]));
     assert!(
@@ -72,13 +72,13 @@ fn fan_configuration(path: &Path) -> Result<(), Failed> {
 }
 
 fn nwire_configuration(path: &Path) -> Result<(), Failed> {
-    let names: Vec<_> = Settings::read(path)?.transforms.iter().map(|t| t.name()).collect();
+    let names: Vec<_> = Settings::read(path, None)?.transforms.iter().map(|t| t.name()).collect();
     assert_eq!(names, ["ImageToTransducerOriginPixel", "PhantomToReference", "StylusTipToStylus"]);
     Ok(())
 }
 
 fn nwire_results(path: &Path) -> Result<(), Failed> {
-    let settings = Settings::read(path)?;
+    let settings = Settings::read(path, None)?;
     assert_eq!(settings.transforms.len(), 1);
     assert_eq!(settings.transforms[0].name(), "ImageToProbe");
     assert_eq!(settings.transforms[0].rows()[8..12], [0.008793, 0.00953226, 0.0747944, -7.35909]);
@@ -86,24 +86,24 @@ fn nwire_results(path: &Path) -> Result<(), Failed> {
 }
 
 fn landmark_results(path: &Path) -> Result<(), Failed> {
-    let names: Vec<_> = Settings::read(path)?.transforms.iter().map(|t| t.name()).collect();
+    let names: Vec<_> = Settings::read(path, None)?.transforms.iter().map(|t| t.name()).collect();
     assert_eq!(names, ["PhantomToReference", "ReferenceToTracker", "StylusTipToStylus"]);
     Ok(())
 }
 
 fn stylus_results(path: &Path) -> Result<(), Failed> {
-    assert_eq!(Settings::read(path)?.transforms[0].name(), "StylusTipToStylus");
+    assert_eq!(Settings::read(path, None)?.transforms[0].name(), "StylusTipToStylus");
     Ok(())
 }
 
 fn other_xml_is_refused(path: &Path) -> Result<(), Failed> {
-    let error = Settings::read(path).expect_err("no configuration").to_string();
+    let error = Settings::read(path, None).expect_err("no configuration").to_string();
     assert!(error.contains("holds no CoordinateDefinitions"), "{error}");
     Ok(())
 }
 
 fn sequence_is_refused(path: &Path) -> Result<(), Failed> {
-    let error = Settings::read(path).expect_err("no configuration").to_string();
+    let error = Settings::read(path, None).expect_err("no configuration").to_string();
     assert!(error.contains("SpinePhantomFreehand.igs.mha: "), "{error}");
     Ok(())
 }

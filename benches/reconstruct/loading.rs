@@ -21,7 +21,7 @@ pub(crate) fn folder(project: &Path) -> PathBuf {
 /// # Errors
 /// When the recording or its configuration cannot be read, or a frame cannot be used.
 pub(crate) fn load(sequence: &Path, config: &Path) -> Result<(Vec<Slice>, Mask), Box<dyn Error>> {
-    let config = config::Settings::read(config)?;
+    let config = config::Settings::read(config, None)?;
     let options = PairingOptions::new(&config, None);
     let open = |images| {
         SequenceDriver.open(&OpenSettings::Sequence(SequenceSettings { images, ..SequenceSettings::new(sequence) }))

@@ -272,7 +272,7 @@ pub enum NoPreset {
         known: Vec<String>,
     },
     /// There are several.
-    #[error("says which preset is used, as the calibration has several; {}", listed(known))]
+    #[error("has several presets, and one must be chosen by its name (preset): {}", listed(known))]
     Unnamed {
         /// Those that there are.
         known: Vec<String>,

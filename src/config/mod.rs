@@ -17,7 +17,8 @@ mod xml_limits;
 use std::path::{Path, PathBuf};
 
 use calibration::arm::Arm;
-use calibration::file::{CalibrationFile, FileError};
+use calibration::file::preset::Preset;
+use calibration::file::{CalibrationFile, FileError, NoPreset};
 use calibration::keys::Source;
 use calibration::named::StaticTransform;
 use calibration::region::{ClipRect, Fan};
@@ -65,27 +66,36 @@ pub struct Settings {
     /// The arm that carries the probe; whoever writes settings out has its own words for it.
     #[serde(skip)]
     pub arm: Option<Arm>,
+    /// The preset that was chosen, where the file has such; whoever writes settings out names it.
+    #[serde(skip)]
+    pub preset: Option<Preset>,
     /// What the user should know: sentences.
     pub notes: Vec<String>,
 }
 
 impl Settings {
-    /// Reads a file of either kind.
+    /// Reads a file of either kind, and of its presets the one of that name, or the only one.
     ///
     /// # Errors
     /// [`ConfigError`] naming file, line and key or element.
-    pub fn read(path: &Path) -> Result<Self, ConfigError> {
-        Self::parse(path, &calibration::file::read_text(path, MAX_BYTES)?)
+    pub fn read(path: &Path, preset: Option<&str>) -> Result<Self, ConfigError> {
+        Self::parse(path, &calibration::file::read_text(path, MAX_BYTES)?, preset)
     }
 
     /// Reads a file's text; `path` is for sentences only.
     ///
     /// # Errors
     /// [`ConfigError`] naming file, line and key or element.
-    pub fn parse(path: &Path, text: &str) -> Result<Self, ConfigError> {
+    pub fn parse(path: &Path, text: &str, preset: Option<&str>) -> Result<Self, ConfigError> {
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         match kind_of(path, text)? {
-            Kind::Plus => return plus::parse(path, text),
+            Kind::Plus => match preset {
+                None => return plus::parse(path, text),
+                Some(name) => {
+                    let none = NoPreset::Unknown { name: name.to_owned(), known: Vec::new() };
+                    return Err(ConfigError::Preset { path: path.to_owned(), problem: none });
+                }
+            },
             // Of another it is said what stands in it and should.
             Kind::Calibration | Kind::Other => {}
             Kind::Bedside => {
@@ -96,8 +106,10 @@ impl Settings {
                 });
             }
         }
-        let file = CalibrationFile::parse(path, text)?;
-        Ok(Self { path: Some(path.to_owned()), ..Self::of_file(&file) })
+        let mut file = CalibrationFile::parse(path, text)?;
+        let no_preset = |problem| ConfigError::Preset { path: path.to_owned(), problem };
+        let preset = file.choose(preset).map_err(no_preset)?;
+        Ok(Self { path: Some(path.to_owned()), preset, ..Self::of_file(&file) })
     }
 
     /// What a calibration file of ours says.
@@ -134,7 +146,8 @@ impl Settings {
             (Some(rect), SourceKind::Plus) => Clip::RectOrAuto(rect),
             (Some(rect), _) => Clip::Rect(rect),
         };
-        MaskSettings { clip, fan: self.fan }
+        let picture_px = self.preset.as_ref().and_then(|preset| preset.picture_px);
+        MaskSettings { clip, fan: self.fan, picture_px }
     }
 }
 
@@ -253,6 +266,14 @@ pub enum ConfigError {
         attribute: String,
         /// What is wrong.
         problem: String,
+    },
+    /// Which of several presets, or one that is not there.
+    #[error("{path}: {problem}", path = path.display())]
+    Preset {
+        /// The file.
+        path: PathBuf,
+        /// What to choose.
+        problem: NoPreset,
     },
     /// A file of one kind in the place of another.
     #[error("{path}: is {what}; {wanted}", path = path.display())]

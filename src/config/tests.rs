@@ -1,7 +1,7 @@
 use super::*;
 
 fn parse(text: &str) -> Result<Settings, String> {
-    Settings::parse(Path::new("scan.xml"), text).map_err(|e| e.to_string())
+    Settings::parse(Path::new("scan.xml"), text, None).map_err(|e| e.to_string())
 }
 
 const PROBE: &str = r#"<Transform From="Image" To="Probe"
@@ -164,7 +164,7 @@ fn a_file_beyond_the_limit_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("big.xml");
     std::fs::File::create(&path).unwrap().set_len(MAX_BYTES + 1).unwrap();
-    let error = Settings::read(&path).unwrap_err().to_string();
+    let error = Settings::read(&path, None).unwrap_err().to_string();
     assert!(error.contains("big.xml: holds more than 16777216 bytes"), "{error}");
 }
 

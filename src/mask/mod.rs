@@ -42,6 +42,8 @@ pub struct MaskSettings {
     pub clip: Clip,
     /// The sector that is data; applies in addition to a rectangle.
     pub fan: Option<Fan>,
+    /// Width and height of the pictures that all this is of; `None` where it is not known. Others are refused.
+    pub picture_px: Option<[u32; 2]>,
 }
 
 /// How the mask comes about.
@@ -71,8 +73,13 @@ impl MaskSettings {
     /// The mask of `width`×`height` pictures, or the search for it.
     ///
     /// # Errors
-    /// [`BadRegion`] when rectangle and fan leave no pixel.
+    /// [`BadRegion`] when rectangle and fan leave no pixel, or the calibration is of pictures of another size.
     pub fn plan(&self, width: u32, height: u32) -> Result<MaskPlan, BadRegion> {
+        if let Some([w, h]) = self.picture_px.filter(|size| *size != [width, height]) {
+            return Err(BadRegion(format!(
+                "the calibration is of pictures of {w}×{h} pixels, and these have {width}×{height}: set scanner and grabber as they were when it was made, or choose another preset"
+            )));
+        }
         let rect = match self.clip {
             Clip::Auto => None,
             Clip::RectOrAuto(rect) if rect.covers(width, height) => None,
@@ -151,7 +158,7 @@ mod tests {
     fn a_whole_frame_rectangle_of_a_plus_file_leaves_the_automatic_mask_in_force() {
         let whole = ClipRect::new(0, 0, 820, 616).unwrap();
         let part = ClipRect::new(192, 16, 420, 580).unwrap();
-        let plan = |clip| MaskSettings { clip, fan: None }.plan(820, 616).unwrap();
+        let plan = |clip| MaskSettings { clip, ..MaskSettings::default() }.plan(820, 616).unwrap();
         assert!(matches!(plan(Clip::RectOrAuto(whole)), MaskPlan::Auto(_)));
         assert!(matches!(plan(Clip::Auto), MaskPlan::Auto(_)));
         assert!(matches!(plan(Clip::Rect(whole)), MaskPlan::Fixed(m) if m.is_full()));
@@ -163,8 +170,8 @@ mod tests {
     fn rectangle_and_fan_apply_both() {
         let fan = Fan::new([380.0, 20.0], [120.0, 360.0], [-45.0, 45.0]).unwrap();
         let clip = Clip::Rect(ClipRect::new(192, 16, 420, 580).unwrap());
-        let both = fixed(MaskSettings { clip, fan: Some(fan) });
-        let alone = fixed(MaskSettings { clip: Clip::Auto, fan: Some(fan) });
+        let both = fixed(MaskSettings { clip, fan: Some(fan), ..MaskSettings::default() });
+        let alone = fixed(MaskSettings { fan: Some(fan), ..MaskSettings::default() });
         assert!(both.area() < alone.area());
         assert!(!both.contains(191, 240) && alone.contains(191, 240), "left of the rectangle, inside the fan");
         assert!(both.contains(380, 380) && !both.contains(380, 381), "the far radius");
@@ -177,7 +184,7 @@ mod tests {
     #[test]
     fn regions_without_a_pixel_are_refused_with_their_numbers() {
         let clip = Clip::Rect(ClipRect::new(900, 0, 10, 10).unwrap());
-        let error = MaskSettings { clip, fan: None }.plan(820, 616).unwrap_err().to_string();
+        let error = MaskSettings { clip, ..MaskSettings::default() }.plan(820, 616).unwrap_err().to_string();
         assert!(error.contains("nothing of the 820×616 picture") && error.contains("900,0 of 10×10"), "{error}");
     }
 

@@ -172,7 +172,7 @@ pub(crate) fn stages(wait_ns: i64, looks: Option<Arc<dyn Looks>>) -> Session {
         wait_ns,
         longest_gap_ns: 100 * MS,
         frozen_ns: SECOND / 2,
-        mask: MaskSettings { clip: Clip::None, fan: None },
+        mask: MaskSettings { clip: Clip::None, ..MaskSettings::default() },
         settings: Settings::new(DVec3::ONE),
         path: PathChoice::General,
         planar: PlanarSettings::default(),

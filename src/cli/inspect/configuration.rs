@@ -3,14 +3,15 @@
 use std::path::Path;
 
 use calibration::arm::{JOINTS, Joint};
-use calibration::file::CalibrationFile;
+use calibration::file::preset::Preset;
+use calibration::file::{CalibrationFile, NoPreset};
 use calibration::named::StaticTransform;
 use glam::DVec3;
 use serde::Serialize;
 
 use super::super::Failure;
 use super::text::{Text, point, short, times};
-use crate::config::{Settings, SourceKind};
+use crate::config::{ConfigError, Settings, SourceKind};
 
 /// A configuration's content.
 #[derive(Debug, Serialize)]
@@ -23,11 +24,45 @@ pub(super) struct ConfigurationReport {
     pixel_mm: Option<[f64; 2]>,
     /// The joints of the arm that carries the probe, base first.
     arm: Option<[Joint; JOINTS]>,
+    /// Its presets, a line each.
+    presets: Vec<String>,
+    /// The preset that pixel and clip are of, where there are several.
+    shown: Option<String>,
+}
+
+/// A preset in a line.
+fn about(preset: &Preset) -> String {
+    let mut text = format!("\"{}\"", preset.name);
+    if let Some(made) = preset.made {
+        text += &format!(", made {made}");
+    }
+    if let Some([width, height]) = preset.picture_px {
+        text += &format!(", for pictures of {width}×{height}");
+    }
+    if let Some(ruler) = preset.ruler {
+        text += &format!(" with {} mm a pixel by the ruler", short(ruler.pixel_mm()));
+    }
+    if let Some(quality) = preset.quality {
+        text += &format!(
+            "; {} frames, {} mm at the centre, {} at the worst corner",
+            quality.frames,
+            short(quality.centre_mm),
+            short(quality.corner_mm)
+        );
+    }
+    text
 }
 
 impl ConfigurationReport {
     pub(super) fn read(path: &Path) -> Result<Self, Failure> {
-        let settings = Settings::read(path)?;
+        // Of several presets it is the first that is told of whole.
+        let (settings, first) = match Settings::read(path, None) {
+            Err(ConfigError::Preset { problem: NoPreset::Unnamed { known }, .. }) => {
+                let first = known.into_iter().next();
+                (Settings::read(path, first.as_deref())?, first)
+            }
+            other => (other?, None),
+        };
         let own = match settings.source {
             SourceKind::Sonoweave => CalibrationFile::read(path)?,
             SourceKind::Plus | SourceKind::Defaults => CalibrationFile::default(),
@@ -39,7 +74,8 @@ impl ConfigurationReport {
             let [u, v] = [DVec3::X, DVec3::Y].map(|axis| t.affine.transform_vector3(axis).length());
             [u, v]
         });
-        Ok(Self { settings, provenance, pixel_mm, arm })
+        let presets = own.presets.iter().map(about).collect();
+        Ok(Self { settings, provenance, pixel_mm, arm, presets, shown: first })
     }
 
     pub(super) fn write(&self, text: &mut Text) {
@@ -52,6 +88,10 @@ impl ConfigurationReport {
         text.heading(&format!("{}: {kind}", path.display()));
         if let Some(provenance) = &self.provenance {
             text.row("provenance", provenance);
+        }
+        text.rows("presets", &self.presets);
+        if let Some(name) = &self.shown {
+            text.row("of preset", format!("\"{name}\", what follows"));
         }
         if let Some(name) = &settings.image_frame {
             text.row("image frame", name);

@@ -144,7 +144,7 @@ struct Placement {
 
 impl SequenceReport {
     pub(super) fn read(path: &Path, config: Option<&Path>, world: Option<&str>) -> Result<Self, Failure> {
-        let config = config.map(Config::read).transpose()?.unwrap_or_default();
+        let config = config.map(|path| Config::read(path, None)).transpose()?.unwrap_or_default();
         let settings = OpenSettings::Sequence(SequenceSettings { images: false, ..SequenceSettings::new(path) });
         let mut device = drivers::open(&settings)?;
         let description = device.describe().clone();

@@ -252,6 +252,16 @@ fn of_calibration(bedside: &Bedside, grabber: &Tried) -> Checked {
         }
         Err(_) => checked.wrong(no_way(bedside)),
     }
+    if let Some(preset) = &calibration.preset {
+        let made = preset.made.map_or(String::new(), |made| format!(", made {made}"));
+        checked.say(format!("preset \"{}\"{made}", preset.name));
+        if let Some(quality) = preset.quality {
+            checked.say(format!(
+                "a point is known to {:.2} mm at the picture's centre, {:.2} at the worst corner",
+                quality.centre_mm, quality.corner_mm
+            ));
+        }
+    }
     let pixel = pixel_mm(calibration);
     if let Some([u, v]) = pixel {
         checked.say(format!("a pixel is {u:.4}×{v:.4} mm"));

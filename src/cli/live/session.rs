@@ -91,6 +91,9 @@ pub(in crate::cli) fn session(
     let [tracking_is, grabber_is] = instruments(bedside)?;
     let opened = devices::open(bedside, Monotonic.now_ns(), folder.is_some())?;
     let Devices { tracking, speech, at_home, grabber, twins } = opened;
+    if let (Some(preset), Some(size)) = (&bedside.calibration.preset, grabber.describe().image_size) {
+        preset.fits(Some(bedside.grabber.turned(size)), None)?;
+    }
     // Devices that cannot be opened leave no session behind.
     let mut record = folder.map(|folder| record(bedside, folder)).transpose()?;
     if let Some(at_home) = at_home {

@@ -26,6 +26,9 @@ pub(in crate::cli) struct Flags {
     /// Calibration and volume settings: our TOML or a PLUS XML
     #[arg(short, long, value_name = "FILE")]
     pub(in crate::cli) config: Option<PathBuf>,
+    /// Which of the calibration file's presets: by its name, for the scanner's depth that was set
+    #[arg(long, value_name = "NAME", requires = "config")]
+    pub(in crate::cli) preset: Option<String>,
     /// The probe's calibration: 16 numbers, row major, pixels to mm
     #[arg(long, value_name = "16 NUMBERS", allow_hyphen_values = true)]
     pub(in crate::cli) image_to_probe: Option<String>,
@@ -146,7 +149,7 @@ impl Flags {
     /// [`Failure`] when files cannot be read or flags contradict each other.
     pub(in crate::cli) fn job(&self, sequence: &Path) -> Result<Job, Failure> {
         let mut config = match &self.config {
-            Some(path) => Config::read(path)?,
+            Some(path) => Config::read(path, self.preset.as_deref())?,
             None => Config::default(),
         };
         if let Some(text) = &self.image_to_probe {

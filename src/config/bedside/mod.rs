@@ -23,7 +23,9 @@ pub mod weave;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::{SystemTime, UNIX_EPOCH};
 
+use calibration::file::date::Date;
 use calibration::keys::{FileError, Source, Table};
 use calibration::named::StaticTransform;
 use calibration::region::{ClipRect, Fan};
@@ -234,7 +236,8 @@ impl Bedside {
         mask.fan = fan.or(mask.fan);
 
         let pairing = Pairing::read(Reader::new(path, Some(root), "pairing", &mut effective)?)?;
-        let scanner = Scanner::read(Reader::new(path, Some(root), "scanner", &mut effective)?)?;
+        let scanner =
+            Scanner::read(Reader::new(path, Some(root), "scanner", &mut effective)?, calibration.preset.as_ref())?;
         let volume = Volume::read(Reader::new(path, Some(root), "volume", &mut effective)?, &calibration)?;
         let picture = Picture::read(Reader::new(path, Some(root), "picture", &mut effective)?, texts)?;
         let record = Record::read(Reader::new(path, Some(root), "record", &mut effective)?)?;
@@ -268,6 +271,9 @@ impl Bedside {
     }
 }
 
+/// A preset that is older is warned of, days.
+const WARN_AFTER_DAYS: u32 = 180;
+
 /// What the section says of the calibration, and what it says instead of the calibration's own clip and fan.
 struct Told {
     settings: Option<Settings>,
@@ -277,6 +283,8 @@ struct Told {
 
 fn told_calibration(mut keys: Reader<'_, '_>, texts: &Texts) -> Result<Told, ConfigError> {
     let file = keys.text_if("file")?.map(|file| keys.path_of(&file));
+    let preset = keys.text_if("preset")?;
+    let warn_after_days = keys.whole("warn_after_days", WARN_AFTER_DAYS, 1..=36_500)?;
     let rows = keys.value_if("image_to_probe", |entry| entry.numbers::<16>())?;
     let clip = keys.value_if("clip_px", |entry| match entry.as_text() {
         Some(text) => text.parse().map_err(|e: calibration::region::BadRegion| entry.error(e.to_string())),
@@ -300,7 +308,13 @@ fn told_calibration(mut keys: Reader<'_, '_>, texts: &Texts) -> Result<Told, Con
                 .error("image_to_probe", "file is there too, which says where the picture lies; leave one of them out")
                 .into());
         }
-        (Some(file), None) => Some(Settings::parse(&file, &texts.text(&file, MAX_BYTES)?)?),
+        (Some(file), None) => {
+            let mut settings = Settings::parse(&file, &texts.text(&file, MAX_BYTES)?, preset.as_deref())?;
+            let preset = settings.preset.as_ref();
+            settings.notes.extend(preset.and_then(|preset| preset.age_warning(today(), warn_after_days.into())));
+            Some(settings)
+        }
+        _ if preset.is_some() => return Err(keys.error("preset", "is of a calibration file; give file, too").into()),
         (None, Some(rows)) => {
             let transform = StaticTransform::new("Image", devices::PROBE_FRAME, &rows);
             let transform = transform.map_err(|e| keys.error("image_to_probe", e.to_string()))?;
@@ -309,6 +323,12 @@ fn told_calibration(mut keys: Reader<'_, '_>, texts: &Texts) -> Result<Told, Con
         (None, None) => None,
     };
     Ok(Told { settings, clip, fan })
+}
+
+/// The day, by this machine's clock.
+fn today() -> Date {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    Date::since_1970(i64::try_from(since.as_secs() / 86_400).unwrap_or(i64::MAX))
 }
 
 /// The virtual bedside's own calibration.

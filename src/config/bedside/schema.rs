@@ -65,6 +65,8 @@ pub const SECTIONS: &[Section] = &[
                 "a path, from this file's folder",
                 "our calibration file, or a PLUS XML; an arm's joints stand in it too",
             ),
+            next("preset", "a text", "which of the calibration file's presets, by its name; without it the only one"),
+            next("warn_after_days", "1 to 36500", "a preset that is older is warned of; 180 without it"),
             next("image_to_probe", "16 numbers, row major", "pixels to mm at the probe's sensor, instead of a file"),
             next(
                 "clip_px",
@@ -196,11 +198,18 @@ pub const SECTIONS: &[Section] = &[
     Section {
         name: "scanner",
         about: "The ultrasound scanner",
-        keys: &[once(
-            "frozen_s",
-            "0.05 to 60",
-            "after how long a time of equal pictures at changing poses it counts as frozen; 0.5 without it",
-        )],
+        keys: &[
+            once(
+                "frozen_s",
+                "0.05 to 60",
+                "after how long a time of equal pictures at changing poses it counts as frozen; 0.5 without it",
+            ),
+            next(
+                "ruler",
+                "{ px, mm }",
+                "a length along the ruler beside the picture, as it is set now: a preset of another depth is refused by it; not compared without it",
+            ),
+        ],
     },
     Section {
         name: "volume",

@@ -3,6 +3,7 @@
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
+use calibration::file::preset::{Preset, Ruler};
 use calibration::keys::FileError;
 
 use super::reader::Reader;
@@ -33,8 +34,13 @@ pub struct Scanner {
 }
 
 impl Scanner {
-    pub(super) fn read(mut keys: Reader<'_, '_>) -> Result<Self, FileError> {
+    pub(super) fn read(mut keys: Reader<'_, '_>, preset: Option<&Preset>) -> Result<Self, FileError> {
         let frozen_s = keys.number("frozen_s", 0.5, 0.05..=60.0)?;
+        let ruler = keys.entry("ruler").map(|entry| Ruler::read(&entry)).transpose()?;
+        keys.notes("ruler", &ruler.map(|Ruler { px, mm }| [px, mm]));
+        if let Some(Err(misfit)) = preset.map(|preset| preset.fits(None, ruler)) {
+            return Err(keys.error("ruler", misfit.to_string()));
+        }
         Ok(Self { frozen_ns: (frozen_s * 1e9).round() as i64 })
     }
 }

@@ -335,7 +335,7 @@ fn a_file_of_another_kind_is_told_by_its_content() {
     let calibration = "format = \"sonoweave-calibration\"\nversion = 1\n";
     let said = parse(calibration).unwrap_err();
     assert!(said.starts_with("bed.toml: is a calibration file") && said.contains("file = \"bed.toml\""), "{said}");
-    let said = Settings::parse(Path::new("x.toml"), LEAST).unwrap_err().to_string();
+    let said = Settings::parse(Path::new("x.toml"), LEAST, None).unwrap_err().to_string();
     assert!(said.starts_with("x.toml: is a bedside's configuration, for `live`; a calibration is wanted"), "{said}");
     assert!(parse("").unwrap_err().contains("bed.toml: format (line 1): is missing"));
     assert!(parse("colour = 1\n").unwrap_err().contains("format (line 1): is missing"));
@@ -409,4 +409,50 @@ proptest! {
         let at = (at..whole.len()).find(|at| whole.is_char_boundary(*at)).unwrap_or(whole.len());
         let _ = parse(&format!("{}{text}{}", &whole[..at], &whole[at..]));
     }
+}
+
+/// A calibration file of two presets, one of them old, and a bedside that names it.
+fn with_presets(calibration: &str, more: &str) -> Result<Bedside, String> {
+    let preset = |name: &str, made: &str, mm: f64| {
+        format!(
+            "[[preset]]\nname = \"{name}\"\nmade = \"{made}\"\npicture_px = [64, 48]\nruler = {{ px = 400, mm = {} }}\nimage_to_probe = [{mm}, 0, 0, 0, 0, {mm}, 0, 0, 0, 0, {mm}, 0, 0, 0, 0, 1]\n",
+            400.0 * mm
+        )
+    };
+    let probe = format!(
+        "format = \"sonoweave-calibration\"\nversion = 1\n{}{}",
+        preset("near", "2001-02-03", 0.1),
+        preset("far", &today().to_string(), 0.2)
+    );
+    let bed = format!("{LEAST}[calibration]\nfile = \"probe.toml\"\n{calibration}\n{more}");
+    let texts = [("bed.toml".into(), bed), ("probe.toml".into(), probe)];
+    Bedside::of_texts(Path::new("bed.toml"), texts.into_iter().collect()).map_err(|e| e.to_string())
+}
+
+#[test]
+fn a_preset_is_chosen_by_name_and_refused_where_it_does_not_fit() {
+    let far = with_presets("preset = \"far\"", "").unwrap();
+    assert_eq!((pixel_mm(&far.calibration).unwrap(), far.mask.picture_px), ([0.2; 2], Some([64, 48])));
+    assert!(far.notes.is_empty(), "{:?}", far.notes);
+    let old = with_presets("preset = \"near\"", "").unwrap();
+    assert!(
+        old.notes.iter().any(|note| note.contains("\"near\" was made") && note.contains("(2001-02-03)")),
+        "{:?}",
+        old.notes
+    );
+    let patient = with_presets("preset = \"near\"\nwarn_after_days = 36500", "").unwrap();
+    assert!(patient.notes.is_empty(), "{:?}", patient.notes);
+    let said = with_presets("", "").unwrap_err();
+    assert!(said.contains("probe.toml") && said.contains("\"near\", \"far\""), "{said}");
+    assert!(with_presets("preset = \"deep\"", "").unwrap_err().contains("no preset \"deep\""));
+    // The scanner as it is set now, by its ruler.
+    let ruler = |px: f64| with_presets("preset = \"far\"", &format!("[scanner]\nruler = {{ px = {px}, mm = 40 }}\n"));
+    assert!(ruler(200.5).is_ok());
+    let said = ruler(400.0).unwrap_err();
+    assert!(said.contains("ruler") && said.contains("0.2000 mm a pixel, and the scanner's has 0.1000"), "{said}");
+    assert!(ruler(0.0).unwrap_err().contains("above 0"));
+    // Pictures of another size, which come with the first frame.
+    let said = far.mask.plan(640, 480).unwrap_err().to_string();
+    assert!(said.contains("64×48 pixels, and these have 640×480"), "{said}");
+    assert!(with("[calibration]\npreset = \"far\"\n").unwrap_err().contains("give file"));
 }
