@@ -44,6 +44,10 @@ frames! {
     Reference
     /// Where the volume lives: Reference if there is one, else Tracker; mm.
     World
+    /// The sensor on a stylus; mm.
+    Stylus
+    /// A stylus's tip, z along its shaft away from the sensor; mm.
+    StylusTip
     /// Voxel indices of a volume; a voxel's position is its centre.
     Volume
 }

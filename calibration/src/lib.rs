@@ -4,6 +4,8 @@
 //! - [`arm`]: the 3-DOF arm, from its joints' counts to poses and back.
 //! - [`least_squares`](mod@least_squares): what numbers explain measurements best, how sure they are, and what the measurements do not say.
 //! - [`named`]: constant transforms between frames that are known by name, as files hold them.
+//! - [`pivot`]: where a stylus's tip is.
+//! - [`statistics`]: numbers that say how others are spread.
 //! - [`region`]: the part of a picture that is data: rectangle and fan.
 //! - [`file`](mod@file): the versioned calibration file.
 //! - [`tracker`]: how good a tracker is where it stands: noise, and metal that bends its field.
@@ -17,5 +19,7 @@ pub mod least_squares;
 pub mod named;
 #[cfg(test)]
 mod noise;
+pub mod pivot;
 pub mod region;
 pub mod tracker;
+pub mod statistics;

@@ -44,6 +44,11 @@ impl Noise {
         DVec3::new(self.normal(), self.normal(), self.normal()) * sd
     }
 
+    /// A small turn, of a standard deviation (rad) about each axis.
+    pub(crate) fn turn(&mut self, sd_rad: f64) -> DQuat {
+        DQuat::from_scaled_axis(self.vector(sd_rad))
+    }
+
     /// Any rotation, all alike.
     pub(crate) fn rotation(&mut self) -> DQuat {
         DQuat::from_xyzw(self.normal(), self.normal(), self.normal(), self.normal()).normalize()

@@ -16,8 +16,8 @@ const FLAT_COST: f64 = 1e-10;
 const SHRINKS: f64 = 0.9;
 /// Damping at the beginning, of the largest singular value's square; below the least there is none.
 const DAMPING: [f64; 2] = [1e-6, 1e-16];
-/// The spread of whitened residuals is no less: what data without noise leave is rounding.
-const LEAST_SPREAD: f64 = 1e-10;
+/// The spread by which robust losses judge whitened residuals is no less: what data without noise leave is rounding, which has outliers of its own.
+const LEAST_SPREAD: f64 = 1e-6;
 /// Scale and state of a robust solution follow each other until the scale changes by less.
 const SAME_SCALE: f64 = 1e-4;
 /// … or so often.

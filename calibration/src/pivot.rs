@@ -1,0 +1,363 @@
+//! Where a stylus's tip is: from poses of the stylus while its tip rests in one place.
+//!
+//! Each pose puts the tip at the same place, R·tip + t = pivot, which is linear in the six numbers sought. The start is algebraic, from the sets of four poses that most others
+//! agree with; then least squares with Tukey's loss. A tracker's noise is not the same in all directions there: errors of its orientation move the tip across the shaft and
+//! not along it, by the shaft's length, so that residuals along and across are weighed each by its own spread.
+//!
+//! What is refused: poses that are too few or no rotation, a stylus that was not turned or about one axis only, a tip that did not rest, and one that is farther away or nearer than on
+//! any stylus, which is how wrong units show.
+
+use glam::{DMat3, DVec3};
+
+use crate::frames::{Stylus, StylusTip, Transform};
+use crate::least_squares::{
+    Blocks, Loss, Parameters, Settings as Solver, State, Unsolved, Vector, Whitening, rows, solve,
+};
+use crate::statistics::{Spread, correlation_length};
+
+mod start;
+#[cfg(test)]
+mod tests;
+mod turning;
+
+pub use turning::Turning;
+
+/// How much a pose may be off a rotation: printed digits and drift.
+const ROTATION_TOLERANCE: f64 = 1e-2;
+/// Typical size of what is sought, mm: a stylus's length.
+const TYPICAL_MM: f64 = 100.0;
+/// Residuals along and across the shaft differ in spread by no more: a tracker whose orientation has errors has errors in its position, too.
+const MOST_UNEVEN: f64 = 30.0;
+/// Spreads are no less, mm: what data without noise leave is rounding.
+const LEAST_SPREAD_MM: f64 = 1e-6;
+/// Solutions with spreads of the one before.
+const ROUNDS: usize = 4;
+
+/// What is accepted.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// Poses at least: three determine a tip, and outliers must be told from what is right.
+    pub least_poses: usize,
+    /// How far the stylus's directions must be spread about each of its axes, degrees (root mean square). Trackers err by up to half a degree, which turns a direction as
+    /// well; by six times as much, the error that this makes is less than 3 %.
+    pub least_turn_deg: f64,
+    /// Between which lengths a tip lies from its sensor, mm.
+    pub length_mm: [f64; 2],
+    /// Poses that may disagree with the others, of all.
+    pub most_outliers: f64,
+    /// How far the tip may stray from its place on average (root mean square), mm.
+    pub limit_mm: f64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { least_poses: 10, least_turn_deg: 3.0, length_mm: [25.0, 500.0], most_outliers: 0.35, limit_mm: 2.0 }
+    }
+}
+
+/// A stylus whose tip is known.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Pivot {
+    /// The tip's frame: origin at the tip, z along the shaft away from the sensor, y at right angles to z and to the sensor's x (its y, where x is within 20° of the shaft). So does
+    /// PLUS's pivot calibration have it.
+    pub stylus_from_tip: Transform<Stylus, StylusTip>,
+    /// Where the tip is in the sensor's frame, mm.
+    pub tip_mm: DVec3,
+    /// Its covariance, mm².
+    pub tip_covariance_mm2: [[f64; 3]; 3],
+    /// Where it rested, in the frame that the poses are in, mm.
+    pub pivot_mm: DVec3,
+    /// Distances of the tip, pose by pose, from where it rested, mm; without outliers. PLUS's calibration error is their mean.
+    pub residual_mm: Spread,
+    /// Standard deviations of the tip along the shaft and across it (per axis), mm.
+    pub noise_mm: [f64; 2],
+    /// The same distances of all poses, mm.
+    pub distances_mm: Vec<f64>,
+    /// Poses that have no part in the result, by their place in the list.
+    pub outliers: Vec<usize>,
+    /// How far the stylus was turned.
+    pub turning: Turning,
+    /// After how many readings the errors are independent: 1 where each is. The covariance counts this in.
+    pub correlation_length: f64,
+    /// Condition of the problem; see [`crate::least_squares::Solution::condition`].
+    pub condition: f64,
+}
+
+/// Why poses do not say where the tip is.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum PivotError {
+    /// Fewer than can be judged.
+    #[error("{poses} usable poses of the stylus; at least {least} are needed, and some hundreds are good")]
+    TooFew {
+        /// As many as there are.
+        poses: usize,
+        /// As many as there have to be.
+        least: usize,
+    },
+    /// No rotation.
+    #[error("pose {index} (from 0) is not rigid: {problem}")]
+    NotRigid {
+        /// Its place in the list.
+        index: usize,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// The same over and over.
+    #[error(
+        "all {poses} poses are one and the same: the stylus was not moved, or the tracker hangs; turn the stylus while its tip rests"
+    )]
+    OnePose {
+        /// As many as there are.
+        poses: usize,
+    },
+    /// Not turned, about no axis.
+    #[error(
+        "the stylus was hardly turned ({deg:.1}° at most, root mean square; {least:.0}° are needed): keep the tip where it is and tilt the stylus by 30° and more, to all sides"
+    )]
+    HardlyTurned {
+        /// By how much about the axis about which it was turned most.
+        deg: f64,
+        /// As much as is needed.
+        least: f64,
+    },
+    /// Turned about an axis that itself did not turn.
+    #[error(
+        "the stylus was turned about one axis only, ({}) in its sensor's frame, which itself turned by {deg:.1}° ({least:.0}° are needed, root mean square): where along it the \
+         tip is the poses do not say; tilt the stylus along another axis, too", [axis.x, axis.y, axis.z].map(|x| format!("{x:.2}")).join(", ")
+    )]
+    OneAxis {
+        /// The axis.
+        axis: DVec3,
+        /// By how much its direction turned.
+        deg: f64,
+        /// As much as is needed.
+        least: f64,
+    },
+    /// No place that most poses agree on.
+    #[error(
+        "{outliers} of {poses} poses put the tip elsewhere than the others{}: the tip slipped or did not rest, or the tracker jumped; keep the tip in a divot, and metal away",
+        within(.runs)
+    )]
+    Unsteady {
+        /// Poses that disagree.
+        outliers: usize,
+        /// All.
+        poses: usize,
+        /// The longest stretches of them: first and last, from 0.
+        runs: Vec<[usize; 2]>,
+    },
+    /// A tip that no stylus has.
+    #[error("{}", length_sentence(*.mm, *.plausible))]
+    Length {
+        /// How far the tip would be from the sensor.
+        mm: f64,
+        /// Between which lengths it lies on a stylus.
+        plausible: [f64; 2],
+    },
+    /// Worse than is accepted.
+    #[error(
+        "the tip strays by {rms_mm:.2} mm (root mean square), more than the limit of {limit_mm} mm: the tip did not rest, or the tracker is disturbed (metal, its range)"
+    )]
+    Stray {
+        /// By how much.
+        rms_mm: f64,
+        /// As much as is accepted.
+        limit_mm: f64,
+    },
+    /// The core's refusal, where none of the above is the reason.
+    #[error(transparent)]
+    Unsolved(#[from] Unsolved),
+}
+
+fn within(runs: &[[usize; 2]]) -> String {
+    let named: Vec<String> = runs.iter().map(|[first, last]| format!("{first} to {last}")).collect();
+    if named.is_empty() { String::new() } else { format!(" (poses {})", named.join(", ")) }
+}
+
+/// Units that positions are mistaken for, and by how much they then are too large.
+const MISTAKEN: [(f64, &str); 4] = [
+    (10.0, "10 times too large"),
+    (25.4, "25.4 times too large"),
+    (0.1, "cm and not mm"),
+    (1.0 / 25.4, "inches and not mm"),
+];
+
+fn length_sentence(mm: f64, plausible: [f64; 2]) -> String {
+    let than = if mm > plausible[1] { "farther than" } else { "nearer than" };
+    let fits = |(factor, what): &(f64, &str)| {
+        let right = mm / factor;
+        (right >= plausible[0] && right <= plausible[1]).then(|| format!("{right:.1} mm if positions are {what}"))
+    };
+    let meant: Vec<String> = MISTAKEN.iter().filter_map(fits).collect();
+    let meant = if meant.is_empty() { String::new() } else { format!("; it would be {}", meant.join(", ")) };
+    format!(
+        "the tip would be {mm:.1} mm from the sensor, {than} on any stylus ({} to {} mm){meant}: check the tracker's units",
+        plausible[0], plausible[1]
+    )
+}
+
+/// Finds the tip from poses of the stylus, in the order in which they were measured, while its tip rested in one place.
+///
+/// # Errors
+/// [`PivotError`] says what is missing, or what is wrong.
+pub fn calibrate<W>(poses: &[Transform<W, Stylus>], settings: &Settings) -> Result<Pivot, PivotError> {
+    if poses.len() < settings.least_poses {
+        return Err(PivotError::TooFew { poses: poses.len(), least: settings.least_poses });
+    }
+    let mut rigid = Vec::with_capacity(poses.len());
+    for (index, pose) in poses.iter().enumerate() {
+        let (pose, _) = pose
+            .nearest_rigid(ROTATION_TOLERANCE)
+            .map_err(|error| PivotError::NotRigid { index, problem: error.to_string() })?;
+        if !pose.affine().translation.is_finite() {
+            return Err(PivotError::NotRigid { index, problem: "its position is not a finite number".into() });
+        }
+        rigid.push((pose.affine().matrix3, pose.affine().translation));
+    }
+    Turning::of(&rigid).check(&rigid, settings.least_turn_deg)?;
+    let start = start::find(&rigid);
+    let solved = Solved::of(&rigid, start)?;
+    let (outliers, kept): (Vec<usize>, Vec<usize>) = (0..rigid.len()).partition(|&index| solved.weights[index] == 0.0);
+    let kept_poses: Vec<_> = kept.iter().map(|&index| rigid[index]).collect();
+    if outliers.len() as f64 > settings.most_outliers * rigid.len() as f64 {
+        return Err(PivotError::Unsteady { outliers: outliers.len(), poses: rigid.len(), runs: runs(&outliers) });
+    }
+    // Poses that jumped may have been all that turned.
+    let turning = Turning::of(&kept_poses);
+    turning.check(&kept_poses, settings.least_turn_deg)?;
+    let length = solved.tip.length();
+    if !(length >= settings.length_mm[0] && length <= settings.length_mm[1]) {
+        return Err(PivotError::Length { mm: length, plausible: settings.length_mm });
+    }
+    let distance = |(turn, at): &(DMat3, DVec3)| (*turn * solved.tip + *at - solved.pivot).length();
+    let residual_mm = Spread::of(kept_poses.iter().map(distance));
+    if residual_mm.rms > settings.limit_mm {
+        return Err(PivotError::Stray { rms_mm: residual_mm.rms, limit_mm: settings.limit_mm });
+    }
+    Ok(Pivot {
+        stylus_from_tip: tip_frame(solved.tip),
+        tip_mm: solved.tip,
+        tip_covariance_mm2: solved.covariance,
+        pivot_mm: solved.pivot,
+        residual_mm,
+        noise_mm: solved.noise,
+        distances_mm: rigid.iter().map(distance).collect(),
+        outliers,
+        turning,
+        correlation_length: solved.correlation_length,
+        condition: solved.condition,
+    })
+}
+
+/// The longest stretches of neighbouring numbers, at most three, in their order.
+fn runs(indices: &[usize]) -> Vec<[usize; 2]> {
+    let mut runs: Vec<[usize; 2]> = Vec::new();
+    for &index in indices {
+        match runs.last_mut() {
+            Some([_, last]) if *last + 1 == index => *last = index,
+            _ => runs.push([index, index]),
+        }
+    }
+    runs.sort_by_key(|[first, last]| (std::cmp::Reverse(last - first), *first));
+    runs.truncate(3);
+    runs.sort_unstable();
+    runs
+}
+
+/// See [`Pivot::stylus_from_tip`].
+fn tip_frame(tip: DVec3) -> Transform<Stylus, StylusTip> {
+    let z = tip.normalize();
+    let aside = if z.x.abs() < 20_f64.to_radians().cos() { DVec3::X } else { DVec3::Y };
+    let y = z.cross(aside).normalize();
+    let rotation = DMat3::from_cols(y.cross(z), y, z);
+    Transform::from_affine(glam::DAffine3 { matrix3: rotation, translation: tip })
+}
+
+/// What least squares say.
+struct Solved {
+    tip: DVec3,
+    pivot: DVec3,
+    covariance: [[f64; 3]; 3],
+    /// Along the shaft and across it.
+    noise: [f64; 2],
+    weights: Vec<f64>,
+    correlation_length: f64,
+    condition: f64,
+}
+
+/// The problem: see the top of the file.
+struct Problem<'a> {
+    poses: &'a [(DMat3, DVec3)],
+    parameters: Parameters,
+    tip: Vector<3>,
+    pivot: Vector<3>,
+    /// Columns are the shaft and two directions across it, in the sensor's frame.
+    shaft: DMat3,
+    whitening: Whitening<3>,
+}
+
+impl Problem<'_> {
+    /// The tip's distance from the pivot, along the shaft and across it.
+    fn residual(&self, state: &State, (turn, at): &(DMat3, DVec3)) -> DVec3 {
+        let apart = *turn * state.point(self.tip) + *at - state.point(self.pivot);
+        (*turn * self.shaft).transpose() * apart
+    }
+
+    fn put(&self, state: &State, blocks: &mut Blocks<'_>) {
+        for pose in self.poses {
+            blocks
+                .add(self.residual(state, pose).to_array(), &self.whitening)
+                .by(self.tip, rows(self.shaft.transpose()))
+                .by(self.pivot, rows(-(pose.0 * self.shaft).transpose()));
+        }
+    }
+}
+
+impl Solved {
+    fn of(poses: &[(DMat3, DVec3)], [tip, pivot]: [DVec3; 2]) -> Result<Self, PivotError> {
+        let mut parameters = Parameters::new();
+        let start = tip;
+        let tip = parameters.point("stylus tip", TYPICAL_MM, tip);
+        let pivot = parameters.point("pivot", TYPICAL_MM, pivot);
+        let along = start.normalize_or(DVec3::Z);
+        let (first, second) = along.any_orthonormal_pair();
+        let shaft = DMat3::from_cols(along, first, second);
+        let mut problem = Problem { poses, parameters, tip, pivot, shaft, whitening: Whitening::sd(1.0) };
+        let mut noise = [1.0; 2];
+        let mut solution = solve(&problem.parameters, &Solver::robust(Loss::Tukey), |s, b| problem.put(s, b))?;
+        for _ in 0..ROUNDS {
+            noise = spreads(&problem, &solution.state, &solution.weights);
+            problem.whitening = Whitening::sds([noise[0], noise[1], noise[1]]);
+            problem.parameters.begin_at(&solution.state);
+            solution = solve(&problem.parameters, &Solver::robust(Loss::Tukey), |s, b| problem.put(s, b))?;
+        }
+        let kept = poses.iter().zip(&solution.weights).filter(|(_, weight)| **weight > 0.0);
+        let residuals: Vec<DVec3> = kept.map(|(pose, _)| problem.residual(&solution.state, pose)).collect();
+        let component = |i: usize| correlation_length(&residuals.iter().map(|r| r[i]).collect::<Vec<_>>());
+        let correlation_length = (0..3).map(component).fold(1.0, f64::max);
+        let covariance = solution.covariance(tip).map(|row| row.map(|entry| entry * correlation_length));
+        Ok(Self {
+            tip: solution.state.point(tip),
+            pivot: solution.state.point(pivot),
+            covariance,
+            noise: noise.map(|sd| sd * solution.spread),
+            weights: solution.weights,
+            correlation_length,
+            condition: solution.condition,
+        })
+    }
+}
+
+/// Standard deviations of residuals along the shaft and across it, by their medians.
+fn spreads(problem: &Problem<'_>, state: &State, weights: &[f64]) -> [f64; 2] {
+    let kept = problem.poses.iter().zip(weights).filter(|(_, weight)| **weight > 0.0);
+    let (along, across): (Vec<_>, Vec<_>) = kept
+        .map(|(pose, _)| {
+            let residual = problem.residual(state, pose);
+            ((1, residual.x.abs()), (2, residual.y.hypot(residual.z)))
+        })
+        .unzip();
+    let [along, across] =
+        [along, across].map(|lengths| crate::least_squares::loss::spread(&lengths).max(LEAST_SPREAD_MM));
+    [along.max(across / MOST_UNEVEN), across.max(along / MOST_UNEVEN)]
+}

@@ -1,0 +1,86 @@
+//! Numbers that say how others are spread.
+
+use serde::Serialize;
+
+/// How distances are spread.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct Spread {
+    /// How many.
+    pub count: usize,
+    /// Their mean.
+    pub mean: f64,
+    /// Standard deviation about the mean.
+    pub sd: f64,
+    /// Root of the mean of their squares.
+    pub rms: f64,
+    /// The middle one.
+    pub median: f64,
+    /// The largest.
+    pub max: f64,
+}
+
+impl Spread {
+    /// Of numbers from 0; all 0 of none.
+    pub fn of(numbers: impl IntoIterator<Item = f64>) -> Self {
+        let mut sorted: Vec<f64> = numbers.into_iter().collect();
+        if sorted.is_empty() {
+            return Self::default();
+        }
+        let count = sorted.len();
+        let n = count as f64;
+        let mean = sorted.iter().sum::<f64>() / n;
+        let about = |centre: f64| (sorted.iter().map(|x| (x - centre) * (x - centre)).sum::<f64>() / n).sqrt();
+        let (sd, rms) = (about(mean), about(0.0));
+        sorted.sort_by(f64::total_cmp);
+        let median = 0.5 * (sorted[(count - 1) / 2] + sorted[count / 2]);
+        Self { count, mean, sd, rms, median, max: sorted[count - 1] }
+    }
+}
+
+/// After how many numbers of a row the next one is independent: 1 + 2·Σ of the autocorrelation, up to where that is no more than chance gives (Sokal, *Monte Carlo Methods in Statistical
+/// Mechanics*, 1989). The mean of n such numbers errs as that of n over this many independent ones does. 1 at least.
+pub fn correlation_length(numbers: &[f64]) -> f64 {
+    let n = numbers.len();
+    let mean = numbers.iter().sum::<f64>() / n.max(1) as f64;
+    let product = |lag: usize| numbers.iter().zip(&numbers[lag..]).map(|(a, b)| (a - mean) * (b - mean)).sum::<f64>();
+    let variance = product(0);
+    if variance <= 0.0 {
+        return 1.0;
+    }
+    let chance = 2.0 / (n as f64).sqrt();
+    let lags = (1..n / 2).map(|lag| product(lag) / variance).take_while(|correlation| *correlation > chance);
+    1.0 + 2.0 * lags.sum::<f64>()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::noise::Noise;
+
+    #[test]
+    fn spreads_are_those_of_the_textbook() {
+        let spread = Spread::of([3.0, 1.0, 2.0, 6.0]);
+        assert_eq!((spread.count, spread.mean, spread.median, spread.max), (4, 3.0, 2.5, 6.0));
+        assert!((spread.sd - 3.5_f64.sqrt()).abs() < 1e-15 && (spread.rms - 12.5_f64.sqrt()).abs() < 1e-15);
+        assert_eq!(Spread::of([]), Spread::default());
+    }
+
+    /// Of an autoregressive row with factor a it is (1 + a)/(1 − a).
+    #[test]
+    fn the_correlation_length_is_that_of_the_process() {
+        let mut random = Noise::new(1);
+        for factor in [0.0, 0.5, 0.9] {
+            let mut last = 0.0;
+            let mut next = || {
+                last = factor * last + random.normal();
+                last
+            };
+            let row: Vec<f64> = (0..20_000).map(|_| next()).collect();
+            let expected = (1.0 + factor) / (1.0 - factor);
+            let found = correlation_length(&row);
+            assert!((found / expected - 1.0).abs() < 0.15, "{factor}: {found} of {expected}");
+        }
+        assert_eq!(correlation_length(&[]), 1.0);
+        assert_eq!(correlation_length(&[2.0; 50]), 1.0);
+    }
+}
