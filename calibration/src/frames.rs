@@ -42,6 +42,8 @@ frames! {
     Tracker
     /// The second sensor, on the patient; mm.
     Reference
+    /// What is scanned to calibrate the probe, as its file describes it; mm.
+    Phantom
     /// Where the volume lives: Reference if there is one, else Tracker; mm.
     World
     /// The sensor on a stylus; mm.

@@ -4,6 +4,7 @@
 //! - [`arm`]: the 3-DOF arm, from its joints' counts to poses and back.
 //! - [`least_squares`](mod@least_squares): what numbers explain measurements best, how sure they are, and what the measurements do not say.
 //! - [`named`]: constant transforms between frames that are known by name, as files hold them.
+//! - [`phantom`]: what a phantom consists of: wires and landmarks.
 //! - [`pivot`]: where a stylus's tip is.
 //! - [`statistics`]: numbers that say how others are spread.
 //! - [`region`]: the part of a picture that is data: rectangle and fan.
@@ -19,6 +20,7 @@ pub mod least_squares;
 pub mod named;
 #[cfg(test)]
 mod noise;
+pub mod phantom;
 pub mod pivot;
 pub mod region;
 pub mod tracker;

@@ -4,10 +4,12 @@
 //!
 //! - [`bedside`]: devices and what becomes of what they deliver.
 //! - [`plus`]: PLUS configuration and calibration result files.
+//! - [`phantom`]: what is scanned to calibrate a probe.
 //! - [`values`], [`look`], [`weighing`]: what flags and files can both say, read and checked once.
 
 pub mod bedside;
 pub mod look;
+pub mod phantom;
 pub mod plus;
 pub mod texts;
 pub mod values;

@@ -121,7 +121,7 @@ impl Reader<'_> {
         }
     }
 
-    fn need<'n>(&self, element: &Node<'n, '_>, attribute: &str) -> Result<&'n str, ConfigError> {
+    pub(super) fn need<'n>(&self, element: &Node<'n, '_>, attribute: &str) -> Result<&'n str, ConfigError> {
         element.attribute(attribute).ok_or_else(|| self.error(element, attribute, "is missing"))
     }
 
@@ -149,7 +149,7 @@ impl Reader<'_> {
         Ok(None)
     }
 
-    fn transform(&self, element: &Node<'_, '_>) -> Result<StaticTransform, ConfigError> {
+    pub(super) fn transform(&self, element: &Node<'_, '_>) -> Result<StaticTransform, ConfigError> {
         let (from, to) = (self.need(element, "From")?, self.need(element, "To")?);
         self.need(element, "Matrix")?;
         let rows = self.numbers::<16>(element, "Matrix")?.unwrap_or_default();

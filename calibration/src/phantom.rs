@@ -1,0 +1,262 @@
+//! A phantom of wires: lines between known points and landmarks to be touched, in the phantom's own frame ([`Phantom`](crate::frames::Phantom)).
+//!
+//! Where a plane cuts a wire the picture shows a dot. Wires that are parallel are cut in an affine image of how they lie to each other, wherever the plane is; what
+//! tells where it is are the wires that run aslant between them. An [`Nwire`] is the least of it: two parallel wires and one that leads from the one to the other, whose dot
+//! divides the way between the other two dots as it does in the phantom (Pagoulatos, Haynor and Kim, Ultrasound in Medicine and Biology 27, 2001).
+//!
+//! - [`file`](mod@file): our file of it.
+//! - [`nwire`]: the N's among its wires.
+
+use glam::DVec3;
+
+pub mod file;
+pub mod nwire;
+
+pub use nwire::Nwire;
+
+/// A wire shorter than this is a mistake in its numbers, mm.
+const SHORTEST_WIRE_MM: f64 = 1.0;
+/// Sizes between which the box around all wires and landmarks lies, along its longest side, mm: smaller than what a picture shows, larger than a tank. Beyond them the numbers are in
+/// other units.
+const SIZE_MM: [f64; 2] = [8.0, 1000.0];
+
+/// A straight wire.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Wire {
+    /// What it is called; no two of a phantom are called the same.
+    pub name: String,
+    /// Two points of it, as far apart as it is held, mm.
+    pub ends_mm: [DVec3; 2],
+}
+
+impl Wire {
+    /// Unit vector from its first end to its second.
+    pub fn direction(&self) -> DVec3 {
+        (self.ends_mm[1] - self.ends_mm[0]).normalize()
+    }
+
+    /// How long it is, mm.
+    pub fn length_mm(&self) -> f64 {
+        self.ends_mm[0].distance(self.ends_mm[1])
+    }
+
+    /// Two unit vectors across it, at right angles to it and to each other.
+    pub fn across(&self) -> [DVec3; 2] {
+        let (first, second) = self.direction().any_orthonormal_pair();
+        [first, second]
+    }
+
+    /// How far a point lies from its line, and where along it the nearest point is: 0 at the first end, 1 at the second.
+    pub fn nearest(&self, point_mm: DVec3) -> (f64, f64) {
+        let along = self.ends_mm[1] - self.ends_mm[0];
+        let share = (point_mm - self.ends_mm[0]).dot(along) / along.length_squared();
+        (point_mm.distance(self.ends_mm[0] + share * along), share)
+    }
+}
+
+/// A place to be touched with a stylus.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Landmark {
+    /// What it is called; no two of a phantom are called the same.
+    pub name: String,
+    /// Where it is, mm.
+    pub position_mm: DVec3,
+}
+
+/// What a phantom consists of. There is a wire or a landmark at least.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Geometry {
+    name: String,
+    wires: Vec<Wire>,
+    /// Where in `wires` each pattern begins.
+    starts: Vec<usize>,
+    landmarks: Vec<Landmark>,
+}
+
+impl Geometry {
+    /// Of patterns (wires that belong together, such as an N's three; top to bottom as the picture shows them, the wires of each from right to left, see [`Self::wires`]) and landmarks.
+    ///
+    /// # Errors
+    /// [`BadPhantom`]: nothing in it, a name that is there twice, a number that is not finite, a wire without length, or a size that no phantom has.
+    pub fn new(
+        name: impl Into<String>,
+        patterns: Vec<Vec<Wire>>,
+        landmarks: Vec<Landmark>,
+    ) -> Result<Self, BadPhantom> {
+        let starts = patterns.iter().scan(0, |at, pattern| Some(std::mem::replace(at, *at + pattern.len()))).collect();
+        let geometry = Self { name: name.into(), wires: patterns.into_iter().flatten().collect(), starts, landmarks };
+        geometry.check()?;
+        Ok(geometry)
+    }
+
+    fn check(&self) -> Result<(), BadPhantom> {
+        let mut names: Vec<_> = self.wires.iter().map(|wire| ("wires", &wire.name)).collect();
+        names.extend(self.landmarks.iter().map(|landmark| ("landmarks", &landmark.name)));
+        names.sort_unstable();
+        if let Some(two) = names.windows(2).find(|two| two[0] == two[1]) {
+            return Err(BadPhantom::Twice { what: two[0].0, name: two[0].1.clone() });
+        }
+        for wire in &self.wires {
+            if wire.ends_mm.iter().any(|end| !end.is_finite()) {
+                return Err(BadPhantom::NotFinite { name: wire.name.clone() });
+            }
+            if wire.length_mm() < SHORTEST_WIRE_MM {
+                return Err(BadPhantom::Short { name: wire.name.clone(), mm: wire.length_mm() });
+            }
+        }
+        if let Some(landmark) = self.landmarks.iter().find(|landmark| !landmark.position_mm.is_finite()) {
+            return Err(BadPhantom::NotFinite { name: landmark.name.clone() });
+        }
+        let points = self.wires.iter().flat_map(|wire| wire.ends_mm);
+        let points = points.chain(self.landmarks.iter().map(|landmark| landmark.position_mm));
+        let mut bounds = None;
+        for point in points {
+            let (low, high) = bounds.unwrap_or((point, point));
+            bounds = Some((point.min(low), point.max(high)));
+        }
+        let (low, high) = bounds.ok_or(BadPhantom::Empty)?;
+        let size = (high - low).max_element();
+        if size < SIZE_MM[0] || size > SIZE_MM[1] {
+            return Err(BadPhantom::Size { mm: size });
+        }
+        Ok(())
+    }
+
+    /// What it is called; may be empty.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// All wires, pattern by pattern. A wire's position in this list is what the rest of the crate knows it by.
+    ///
+    /// Their order says how the phantom is meant to be scanned: in a picture in MF orientation, with the probe's marked side where it belongs, the first pattern is uppermost and the first
+    /// wire of each is at the right. PLUS's phantom definitions are written so (it names the dots of a line from right to left, lines from top to bottom), and ours too.
+    pub fn wires(&self) -> &[Wire] {
+        &self.wires
+    }
+
+    /// The patterns, as ranges of [`Self::wires`].
+    pub fn patterns(&self) -> impl Iterator<Item = std::ops::Range<usize>> {
+        let ends = self.starts.iter().skip(1).copied().chain([self.wires.len()]);
+        self.starts.iter().zip(ends).map(|(&start, end)| start..end)
+    }
+
+    /// The places to be touched, in the file's order.
+    pub fn landmarks(&self) -> &[Landmark] {
+        &self.landmarks
+    }
+
+    /// The N's among its patterns.
+    pub fn nwires(&self) -> Vec<Nwire> {
+        self.patterns().filter_map(|pattern| Nwire::of(&self.wires, pattern)).collect()
+    }
+}
+
+/// Why numbers are no phantom.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum BadPhantom {
+    /// Neither wires nor landmarks.
+    #[error("the phantom has neither wires nor landmarks")]
+    Empty,
+    /// Two things of one name.
+    #[error("two {what} are called {name}; give each a name of its own")]
+    Twice {
+        /// Wires or landmarks.
+        what: &'static str,
+        /// Their name.
+        name: String,
+    },
+    /// NaN or infinity.
+    #[error("a coordinate of {name} is not a finite number")]
+    NotFinite {
+        /// Which wire or landmark.
+        name: String,
+    },
+    /// Both ends in one place.
+    #[error("the wire {name} is {mm} mm long; give two points of it that are further apart")]
+    Short {
+        /// Which.
+        name: String,
+        /// As given.
+        mm: f64,
+    },
+    /// Beyond all phantoms.
+    #[error("the phantom measures {mm} mm along its longest side, and none does; its numbers are to be in mm")]
+    Size {
+        /// As given.
+        mm: f64,
+    },
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// Three N's one above the other, 10 mm apart, as many phantoms have them.
+    pub(crate) fn three_ns() -> Geometry {
+        let wire = |name: &str, from: [f64; 3], to: [f64; 3]| Wire {
+            name: name.into(),
+            ends_mm: [from, to].map(DVec3::from_array),
+        };
+        let n = |number: usize, z: f64, x: [f64; 2], slant: [f64; 2]| {
+            vec![
+                wire(&format!("{number}a"), [x[0], 0.0, z], [x[0], 40.0, z]),
+                wire(&format!("{number}b"), [slant[0], 0.0, z], [slant[1], 40.0, z]),
+                wire(&format!("{number}c"), [x[1], 0.0, z], [x[1], 40.0, z]),
+            ]
+        };
+        let patterns = vec![
+            n(1, 10.0, [20.0, 45.0], [40.0, 25.0]),
+            n(2, 5.0, [20.0, 50.0], [25.0, 45.0]),
+            n(3, 0.0, [20.0, 50.0], [45.0, 25.0]),
+        ];
+        let landmark = |name: &str, at: [f64; 3]| Landmark { name: name.into(), position_mm: DVec3::from_array(at) };
+        let landmarks = vec![landmark("#1", [95.0, 5.0, 15.0]), landmark("#2", [-25.0, 40.0, 0.0])];
+        Geometry::new("three N's", patterns, landmarks).unwrap()
+    }
+
+    #[test]
+    fn patterns_are_ranges_of_all_wires() {
+        let phantom = three_ns();
+        assert_eq!(phantom.patterns().collect::<Vec<_>>(), [0..3, 3..6, 6..9]);
+        assert_eq!(phantom.wires()[4].name, "2b");
+        let bare = Geometry::new("", Vec::new(), phantom.landmarks().to_vec()).unwrap();
+        assert_eq!(bare.patterns().count() + bare.nwires().len(), 0);
+    }
+
+    #[test]
+    fn a_point_s_way_to_a_wire_is_across_it() {
+        let wire = three_ns().wires()[1].clone();
+        let [first, second] = wire.across();
+        for (a, b) in [(first, second), (first, wire.direction()), (second, wire.direction())] {
+            assert!(a.dot(b).abs() < 1e-15 && (a.length() - 1.0).abs() < 1e-15);
+        }
+        let point = wire.ends_mm[0] + 0.25 * (wire.ends_mm[1] - wire.ends_mm[0]) + 3.0 * first - 4.0 * second;
+        let (distance, share) = wire.nearest(point);
+        assert!((distance - 5.0).abs() < 1e-12 && (share - 0.25).abs() < 1e-12);
+    }
+
+    #[test]
+    fn numbers_that_are_no_phantom_are_refused_by_name() {
+        let whole = three_ns();
+        let refusal = |change: fn(&mut Vec<Wire>, &mut Vec<Landmark>)| {
+            let (mut wires, mut landmarks) = (whole.wires().to_vec(), whole.landmarks().to_vec());
+            change(&mut wires, &mut landmarks);
+            Geometry::new("", vec![wires], landmarks).unwrap_err().to_string()
+        };
+        assert_eq!(refusal(|w, _| w[3].name = "1a".into()), "two wires are called 1a; give each a name of its own");
+        assert!(refusal(|_, l| l[1].name = "#1".into()).contains("two landmarks are called #1"));
+        assert!(refusal(|w, _| w[2].ends_mm[0].y = f64::NAN).contains("a coordinate of 1c is not a finite number"));
+        assert!(refusal(|_, l| l[0].position_mm.x = f64::INFINITY).contains("#1 is not a finite"));
+        assert!(refusal(|w, _| w[2].ends_mm[1] = w[2].ends_mm[0]).contains("the wire 1c is 0 mm long"));
+        let scaled = |w: &mut Vec<Wire>, l: &mut Vec<Landmark>, factor: f64| {
+            w.iter_mut().for_each(|wire| wire.ends_mm = wire.ends_mm.map(|end| end * factor));
+            l.iter_mut().for_each(|landmark| landmark.position_mm *= factor);
+        };
+        let (mut wires, mut landmarks) = (whole.wires().to_vec(), whole.landmarks().to_vec());
+        scaled(&mut wires, &mut landmarks, 0.05);
+        let error = Geometry::new("", vec![wires], landmarks).unwrap_err().to_string();
+        assert!(error.contains("measures 6 mm") && error.contains("in mm"), "{error}");
+        assert_eq!(Geometry::new("", Vec::new(), Vec::new()), Err(BadPhantom::Empty));
+    }
+}
