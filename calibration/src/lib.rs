@@ -2,6 +2,7 @@
 //!
 //! - [`frames`]: transforms that carry the names of the frames they map between; mismatched frames do not compile.
 //! - [`arm`]: the 3-DOF arm, from its joints' counts to poses and back.
+//! - [`landmarks`]: where a phantom is held, from landmarks that a stylus touched.
 //! - [`least_squares`](mod@least_squares): what numbers explain measurements best, how sure they are, and what the measurements do not say.
 //! - [`named`]: constant transforms between frames that are known by name, as files hold them.
 //! - [`phantom`]: what a phantom consists of: wires and landmarks.
@@ -16,6 +17,7 @@ pub mod arm;
 pub mod file;
 pub mod frames;
 pub mod keys;
+pub mod landmarks;
 pub mod least_squares;
 pub mod named;
 #[cfg(test)]
