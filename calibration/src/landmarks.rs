@@ -41,7 +41,7 @@ pub struct Settings {
     pub least_s: f64,
     /// How far a rest may be from its landmark, mm: the tip's error, the hole's width, and the phantom's making.
     pub near_mm: f64,
-    /// How far rests may be from their landmarks (root mean square), mm.
+    /// How far rests may be from their landmarks (root mean square), and how sure each landmark's place is to be, mm.
     pub limit_mm: f64,
 }
 
@@ -99,6 +99,12 @@ impl Registered {
             a.iter().zip(&self.covariance).map(|(a, row)| a * row.iter().zip(b).map(|(c, b)| c * b).sum::<f64>()).sum()
         };
         std::array::from_fn(|i| std::array::from_fn(|j| product(row(i), row(j))))
+    }
+
+    /// The same as one number: the root of the sum of the variances along the axes, mm.
+    pub fn sd_at(&self, point_mm: DVec3) -> f64 {
+        let covariance = self.covariance_at(point_mm);
+        (0..3).map(|i| covariance[i][i]).sum::<f64>().sqrt()
     }
 }
 
@@ -275,7 +281,7 @@ impl Touch {
             })
         };
         let covariance = solution.propagated(|all| all.by(problem.turn, unit(0)).by(problem.shift, unit(3)));
-        Ok(Registered {
+        let registered = Registered {
             reference_from_phantom,
             touched,
             missed,
@@ -286,7 +292,17 @@ impl Touch {
             radius_mm: self.radius_mm,
             covariance,
             condition: solution.condition,
-        })
+        };
+        let sd_mm = places.iter().map(|place| registered.sd_at(*place)).fold(0.0, f64::max);
+        if sd_mm > settings.limit_mm {
+            return Err(LandmarksError::Uncertain {
+                touched: registered.touched.len(),
+                landmarks: places.len(),
+                sd_mm,
+                limit_mm: settings.limit_mm,
+            });
+        }
+        Ok(registered)
     }
 }
 

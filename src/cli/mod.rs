@@ -1,5 +1,6 @@
 //! The command line: one file a subcommand, with its flags, help and tests.
 
+pub mod calibrate;
 pub mod demo;
 pub mod devices;
 pub mod input;
@@ -85,6 +86,8 @@ enum Command {
     Inspect(inspect::Arguments),
     /// Run a session at the bedside: devices to a volume and its picture, recorded
     Live(Box<live::Arguments>),
+    /// Find where the stylus's tip is, and where a phantom is held
+    Calibrate(calibrate::Arguments),
     /// Run a session on a virtual bedside, which needs no hardware
     Demo(demo::Arguments),
     /// Say what is plugged in, what can be opened, and why not
@@ -128,6 +131,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Command::Replay(of_replay) => replay::run(of_replay, &arguments.given),
         Command::Inspect(arguments) => inspect::run(arguments),
         Command::Live(arguments) => live::run(arguments),
+        Command::Calibrate(arguments) => calibrate::run(arguments),
         Command::Demo(arguments) => demo::run(arguments),
         Command::Devices(arguments) => devices::run(arguments),
         Command::Phantom(arguments) => phantom::run(arguments),

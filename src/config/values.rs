@@ -101,6 +101,16 @@ pub fn window(text: &str) -> Result<[f32; 2], String> {
     if low < high { Ok([low, high]) } else { Err("LO must lie below HI".into()) }
 }
 
+/// A finite number, such as of seconds.
+pub fn number(text: &str) -> Result<f64, String> {
+    numbers::<1>(text).map(|[number]| number)
+}
+
+/// A number above 0, such as of mm.
+pub fn positive(text: &str) -> Result<f64, String> {
+    number(text).and_then(|x| if x > 0.0 { Ok(x) } else { Err(format!("must be above 0, not {x}")) })
+}
+
 /// A share between 0 and 1, both excluded.
 pub fn share(text: &str) -> Result<f64, String> {
     let [share] = numbers::<1>(text)?;

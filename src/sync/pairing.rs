@@ -126,8 +126,16 @@ impl Pairing {
     /// A [`Refusal`] when no way is known yet, or a transform on the way is missing, invalid or unfit. Transforms beside the way do not
     /// matter.
     pub fn pose(&mut self, head: &Head) -> Result<Pose, Refusal> {
+        self.pose_of(&head.stamp)
+    }
+
+    /// The same of a stamp whose item may have no picture: what stands for the picture's frame is then what is tracked.
+    ///
+    /// # Errors
+    /// As of [`Self::pose`].
+    pub fn pose_of(&mut self, stamp: &Stamp) -> Result<Pose, Refusal> {
         self.resolve();
-        let item = head.stamp.item;
+        let item = stamp.item;
         let Some(route) = &self.route else {
             return Err(Refusal::new(item, Reason::NoPath, self.no_path().to_string()));
         };
@@ -136,7 +144,7 @@ impl Pairing {
         for step in &route.steps {
             let (affine, deviation) = match step.edge {
                 Edge::Static(index) => (self.options.statics[index].affine, 0.0),
-                Edge::PerFrame(index) => self.held[index].affine(&head.stamp)?,
+                Edge::PerFrame(index) => self.held[index].affine(stamp)?,
             };
             if deviation > COUNTED {
                 projected += 1;

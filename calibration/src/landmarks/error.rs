@@ -73,6 +73,21 @@ pub enum LandmarksError {
         /// As much as is accepted.
         limit_mm: f64,
     },
+    /// Too few of them, or too near to each other.
+    #[error(
+        "{touched} of {landmarks} landmarks say where the phantom is to {sd_mm:.2} mm only (one standard deviation at the landmark that is known worst), and {limit_mm} mm is the \
+         limit: touch more of them, and those that are far apart; if that was done, the stylus's tip is not where it is said to be"
+    )]
+    Uncertain {
+        /// Landmarks that were touched.
+        touched: usize,
+        /// Landmarks of the phantom.
+        landmarks: usize,
+        /// How sure the worst of them is.
+        sd_mm: f64,
+        /// As much as is accepted.
+        limit_mm: f64,
+    },
     /// The core's refusal, where none of the above is the reason.
     #[error(transparent)]
     Unsolved(#[from] Unsolved),

@@ -235,6 +235,19 @@ fn what_is_no_phantom_s_place_is_refused() {
     assert!(refused(&readings, &line).contains("all on one line"));
     assert!(refused(&readings[..2], &places).starts_with("2 usable readings"));
 
+    // Four that lie in a corner, with holes that are not quite where the file says.
+    let mut near: Vec<DVec3> =
+        vec![DVec3::ZERO, DVec3::new(9.0, 0.0, 1.0), DVec3::new(0.0, 11.0, 0.0), DVec3::new(7.0, 9.0, 4.0)];
+    let mut hand = Hand::new(6, (0.05, 0.02));
+    hand.touch(&near, &[0, 1, 2, 3]);
+    near.push(DVec3::new(400.0, 300.0, 200.0));
+    near[2].x += 1.2;
+    let error = refused(&hand.readings, &near);
+    assert!(
+        error.starts_with("4 of 5 landmarks say where the phantom is to") && error.contains("far apart"),
+        "{error}"
+    );
+
     // Three of its holes are elsewhere: not so far that they are another phantom's.
     let mut worn = places.clone();
     for (place, by) in worn.iter_mut().zip([2.4, 0.0, -2.4, 0.0, 2.4, 0.0, -2.4]) {

@@ -1,0 +1,36 @@
+//! `sonoweave calibrate`: what can be calibrated, a file each.
+
+pub mod landmarks;
+mod outputs;
+pub mod pivot;
+pub mod poses;
+
+use clap::{Args, Subcommand};
+
+use super::Failure;
+
+/// What is to be calibrated.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Debug, Subcommand)]
+enum What {
+    /// Find the tip of a stylus that is swung while its tip rests in one place
+    Pivot(Box<pivot::Arguments>),
+    /// Find where a phantom is held, from its landmarks touched with the stylus
+    Landmarks(Box<landmarks::Arguments>),
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// [`Failure`] when the recording does not say what is sought, or is not good enough; nothing is written then.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    match &arguments.what {
+        What::Pivot(arguments) => pivot::run(arguments),
+        What::Landmarks(arguments) => landmarks::run(arguments),
+    }
+}

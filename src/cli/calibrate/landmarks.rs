@@ -1,0 +1,244 @@
+//! `sonoweave calibrate landmarks`: where a phantom is held.
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+use calibration::landmarks::{LandmarksError, Reading, Registered, Rest, Settings, register};
+use calibration::phantom::Landmark;
+use calibration::statistics::Spread;
+use clap::Args;
+use glam::DVec3;
+use serde::Serialize;
+
+use super::super::{Failure, values};
+use super::outputs::{Input, Outputs, named, place, print, rows};
+use super::poses::{Counts, Recording};
+use crate::config::Settings as Config;
+use crate::config::phantom::PhantomSettings;
+
+/// Flags of `calibrate landmarks`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Touch the phantom's landmarks with the stylus, each for two seconds or more, in any order; the stylus may be swung meanwhile. Symmetric landmarks are told apart by the file's order. \
+The result is the transform PhantomToReference.
+
+Example: sonoweave calibrate landmarks --phantom phantom.toml --sequence touched.igs.mha --stylus-tip calibration.toml -o calibration.toml")]
+pub struct Arguments {
+    /// The phantom with its landmarks: our file (TOML) or a PLUS XML
+    #[arg(long, value_name = "FILE")]
+    phantom: PathBuf,
+    #[command(flatten)]
+    recording: Recording,
+    /// Where the stylus's tip is: a calibration file (TOML) or a PLUS XML with StylusTipToStylus [default: the phantom's file]
+    #[arg(long, value_name = "FILE")]
+    stylus_tip: Option<PathBuf>,
+    /// How well the tip's place is known, mm: a tip strays by as much, and again as much, while it rests
+    #[arg(long, value_name = "MM", default_value_t = 1.0, value_parser = values::positive)]
+    tip_error: f64,
+    /// Refuse a result whose landmarks are off by more, mm (root mean square)
+    #[arg(long, value_name = "MM", default_value_t = 1.5, value_parser = values::positive)]
+    limit: f64,
+    #[command(flatten)]
+    outputs: Outputs,
+}
+
+/// What is said of a result. The names say the units.
+#[derive(Debug, Serialize)]
+struct Report<'a> {
+    kind: &'static str,
+    input: Input,
+    phantom: Input,
+    stylus_tip: Input,
+    frame: &'a str,
+    route: &'a str,
+    poses: &'a Counts,
+    /// Row major.
+    phantom_to_reference: [f64; 16],
+    /// Distances of touched landmarks from the file's; PLUS's registration error is the mean.
+    error_mm: Spread,
+    landmarks: Vec<Told<'a>>,
+    missed: Vec<&'a str>,
+    elsewhere: Vec<ToldRest>,
+    by_order: bool,
+    noise_mm: f64,
+    rest_radius_mm: f64,
+    /// Of a turn about the reference's axes (rad) and of a shift (mm).
+    covariance: [[f64; 6]; 6],
+    /// One standard deviation (root of the sum over axes) of the phantom's middle, and of that of its points where it is largest.
+    predicted_error_mm: [f64; 2],
+    condition: f64,
+    limit_mm: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct Told<'a> {
+    name: &'a str,
+    /// In the phantom's frame.
+    position_mm: [f64; 3],
+    /// In the reference's frame, as it was touched.
+    touched_mm: [f64; 3],
+    error_mm: f64,
+    rests: Vec<ToldRest>,
+}
+
+#[derive(Debug, Serialize)]
+struct ToldRest {
+    from_s: f64,
+    to_s: f64,
+    at_mm: [f64; 3],
+    spread_mm: f64,
+}
+
+impl From<&Rest> for ToldRest {
+    fn from(rest: &Rest) -> Self {
+        let [from_s, to_s] = rest.time_s;
+        Self { from_s, to_s, at_mm: rest.at.to_array(), spread_mm: rest.spread_mm }
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// [`Failure`] when the recording does not say where the phantom is; nothing is written then.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let Arguments { phantom, recording, stylus_tip, tip_error, limit, outputs } = arguments;
+    let tip_file = stylus_tip.as_ref().unwrap_or(phantom);
+    // The tip's file may be the one that is written: it keeps what it holds.
+    outputs.check(&[&recording.sequence, phantom])?;
+    let settings = PhantomSettings::read(phantom)?;
+    let tip_mm = tip(tip_file, &recording.stylus, stylus_tip.is_some())?;
+    let read = recording.read()?;
+    let readings: Vec<Reading> =
+        read.poses.iter().map(|(time_s, pose)| Reading { time_s: *time_s, reference_from_stylus: *pose }).collect();
+    let landmarks = settings.geometry.landmarks();
+    let accepted = Settings { tip_error_mm: *tip_error, limit_mm: *limit, ..Settings::default() };
+    let within = |e: LandmarksError| Failure(format!("{}: {e}{}", recording.sequence.display(), read.counts.also()));
+    let registered = register(&readings, tip_mm, landmarks, &accepted).map_err(within)?;
+
+    let input = Input::of(&recording.sequence)?;
+    let transform = named(&settings.frames.phantom, &read.frame, &registered.reference_from_phantom);
+    let provenance = format!(
+        "{} landmarks touched in {}, {:.2} mm",
+        registered.touched.len(),
+        input.name(),
+        registered.error_mm.mean
+    );
+    let predicted = predicted(&registered, &settings);
+    let text = text(&registered, landmarks, &read.frame, &read.counts, predicted);
+    let name = |index: &usize| landmarks[*index].name.as_str();
+    let report = Report {
+        kind: "landmarks",
+        input,
+        phantom: Input::of(phantom)?,
+        stylus_tip: Input::of(tip_file)?,
+        frame: &read.frame,
+        route: &read.route,
+        poses: &read.counts,
+        phantom_to_reference: rows(registered.reference_from_phantom.affine()),
+        error_mm: registered.error_mm,
+        landmarks: (registered.touched.iter())
+            .map(|touched| Told {
+                name: name(&touched.landmark),
+                position_mm: landmarks[touched.landmark].position_mm.to_array(),
+                touched_mm: touched.at_mm.to_array(),
+                error_mm: touched.error_mm,
+                rests: touched.rests.iter().map(ToldRest::from).collect(),
+            })
+            .collect(),
+        missed: registered.missed.iter().map(name).collect(),
+        elsewhere: registered.elsewhere.iter().map(ToldRest::from).collect(),
+        by_order: registered.by_order,
+        noise_mm: registered.noise_mm,
+        rest_radius_mm: registered.radius_mm,
+        covariance: registered.covariance,
+        predicted_error_mm: predicted,
+        condition: registered.condition,
+        limit_mm: *limit,
+    };
+    outputs.write(&transform, &provenance, &report)?;
+    print(&(text + &outputs.told()))
+}
+
+/// Where a file says that the stylus's tip is.
+fn tip(path: &std::path::Path, stylus: &str, asked: bool) -> Result<DVec3, Failure> {
+    let missing = || {
+        let hint = if asked { "find it with `calibrate pivot`" } else { "name the file that does with --stylus-tip" };
+        Failure(format!(
+            "{}: does not say where the tip of {stylus} is (no StylusTipTo{stylus}); {hint}",
+            path.display()
+        ))
+    };
+    let text = calibration::file::read_text(path, crate::config::MAX_BYTES)?;
+    // Our phantom's file holds no transforms of a stylus.
+    if !asked && !text.trim_start().starts_with('<') {
+        return Err(missing());
+    }
+    let known = Config::parse(path, &text)?.transforms;
+    let found = known.iter().find_map(|t| match (t.from.as_str(), t.to.as_str()) {
+        ("StylusTip", to) if to == stylus => Some(t.affine),
+        (from, "StylusTip") if from == stylus => Some(t.affine.inverse()),
+        _ => None,
+    });
+    found.map(|affine| affine.translation).ok_or_else(missing)
+}
+
+/// How far the phantom's middle, and the worst of its points, may be from where the registration puts them, mm.
+fn predicted(registered: &Registered, phantom: &PhantomSettings) -> [f64; 2] {
+    let wires = phantom.geometry.wires().iter().flat_map(|wire| wire.ends_mm);
+    let points: Vec<DVec3> =
+        wires.chain(phantom.geometry.landmarks().iter().map(|landmark| landmark.position_mm)).collect();
+    let middle = points.iter().sum::<DVec3>() / points.len().max(1) as f64;
+    [registered.sd_at(middle), points.into_iter().map(|point| registered.sd_at(point)).fold(0.0, f64::max)]
+}
+
+fn text(registered: &Registered, landmarks: &[Landmark], frame: &str, counts: &Counts, predicted: [f64; 2]) -> String {
+    let mut text = String::new();
+    let spread = &registered.error_mm;
+    // Writing to a string does not fail.
+    let _ = writeln!(
+        text,
+        "{} of {} landmarks were touched, {:.3} mm from where they should be on average (rms {:.3}, at most {:.3}), in {frame}",
+        registered.touched.len(),
+        landmarks.len(),
+        spread.mean,
+        spread.rms,
+        spread.max
+    );
+    for touched in &registered.touched {
+        let times: Vec<String> =
+            touched.rests.iter().map(|rest| format!("{:.1} to {:.1} s", rest.time_s[0], rest.time_s[1])).collect();
+        let _ = writeln!(
+            text,
+            "  {:8} {:.3} mm off, touched at {} mm, {}",
+            landmarks[touched.landmark].name,
+            touched.error_mm,
+            place(touched.at_mm),
+            times.join(", ")
+        );
+    }
+    for index in &registered.missed {
+        let _ = writeln!(text, "  {:8} not touched", landmarks[*index].name);
+    }
+    for rest in &registered.elsewhere {
+        let _ = writeln!(
+            text,
+            "  rested elsewhere: {} mm, {:.1} to {:.1} s",
+            place(rest.at),
+            rest.time_s[0],
+            rest.time_s[1]
+        );
+    }
+    if registered.by_order {
+        let _ = writeln!(text, "the landmarks are symmetric: the order in which they were touched says which is which");
+    }
+    let _ = writeln!(
+        text,
+        "the phantom's middle is known to {:.3} mm, its farthest point to {:.3} (one standard deviation); noise at the tip {:.3} mm; {} poses{}",
+        predicted[0],
+        predicted[1],
+        registered.noise_mm,
+        counts.usable,
+        counts.refusals()
+    );
+    text
+}

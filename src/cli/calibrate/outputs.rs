@@ -1,0 +1,154 @@
+//! What calibrations leave: the calibration file, changed in one place, and reports.
+
+use std::io::{ErrorKind, Write as _};
+use std::path::{Path, PathBuf};
+
+use calibration::file::CalibrationFile;
+use calibration::frames::Transform;
+use calibration::named::StaticTransform;
+use clap::Args;
+use glam::DAffine3;
+use serde::Serialize;
+
+use super::super::{Failure, input};
+
+/// Where to write.
+#[derive(Debug, Args)]
+pub(super) struct Outputs {
+    /// The calibration file (TOML) that the result goes into; what else it holds stays
+    #[arg(short, long, value_name = "CAL.toml")]
+    output: Option<PathBuf>,
+    /// Where to write the report as JSON
+    #[arg(long, value_name = "R.json")]
+    report: Option<PathBuf>,
+}
+
+/// A file that was read.
+#[derive(Debug, Serialize)]
+pub(super) struct Input {
+    path: PathBuf,
+    sha256: String,
+}
+
+impl Input {
+    pub(super) fn of(path: &Path) -> Result<Self, Failure> {
+        Ok(Self { path: path.to_owned(), sha256: input::hash(path)? })
+    }
+
+    /// How a calibration file names it.
+    pub(super) fn name(&self) -> String {
+        let name = self.path.file_name().unwrap_or(self.path.as_os_str());
+        format!("{} (sha256 {})", name.to_string_lossy(), &self.sha256[..16])
+    }
+}
+
+impl Outputs {
+    /// They can be written, are no inputs, and are two files; said before the work.
+    pub(super) fn check(&self, inputs: &[&Path]) -> Result<(), Failure> {
+        for output in [&self.output, &self.report].into_iter().flatten() {
+            input::check_output(output)?;
+            for path in inputs {
+                input::check_is_not(output, path)?;
+            }
+        }
+        if self.output.is_some() && self.output == self.report {
+            return Err(Failure("--output and --report are one file; give two names".into()));
+        }
+        if let Some(path) = &self.output
+            && path.exists()
+        {
+            CalibrationFile::read(path)?;
+        }
+        Ok(())
+    }
+
+    /// Writes what was asked for: the transform into the calibration file, with a word of where it comes from, and the report.
+    pub(super) fn write(
+        &self,
+        transform: &StaticTransform,
+        provenance: &str,
+        report: &impl Serialize,
+    ) -> Result<(), Failure> {
+        if let Some(path) = &self.output {
+            let mut file = if path.exists() { CalibrationFile::read(path)? } else { CalibrationFile::default() };
+            merge(&mut file, transform, provenance);
+            file.write(path)?;
+        }
+        if let Some(path) = &self.report {
+            let failed = |e: std::io::Error| Failure(format!("{}: writing failed: {e}", path.display()));
+            let mut text = serde_json::to_string_pretty(report)?;
+            text.push('\n');
+            std::fs::write(path, text).map_err(failed)?;
+        }
+        Ok(())
+    }
+
+    /// The lines that say what was written.
+    pub(super) fn told(&self) -> String {
+        let line = |path: &Option<PathBuf>, what: &str| {
+            path.as_ref().map_or(String::new(), |path| format!("{what}: {}\n", path.display()))
+        };
+        line(&self.output, "calibration") + &line(&self.report, "report")
+    }
+}
+
+/// Puts a transform in the place of the one between the same frames, if there is one, and its origin likewise.
+fn merge(file: &mut CalibrationFile, transform: &StaticTransform, provenance: &str) {
+    file.transforms.retain(|other| !other.relates_same_frames(transform));
+    file.transforms.push(transform.clone());
+    let mark = format!("{}: ", transform.name());
+    let others = file.provenance.split("; ").filter(|part| !part.is_empty() && !part.starts_with(&mark));
+    let parts: Vec<String> = others.map(str::to_owned).chain([mark.clone() + provenance]).collect();
+    file.provenance = parts.join("; ");
+}
+
+/// A rigid transform between frames that the recording names.
+pub(super) fn named<To, From>(from: &str, to: &str, transform: &Transform<To, From>) -> StaticTransform {
+    StaticTransform { from: from.to_owned(), to: to.to_owned(), affine: transform.affine() }
+}
+
+/// 16 numbers, row major.
+pub(super) fn rows(affine: DAffine3) -> [f64; 16] {
+    Transform::<(), ()>::from_affine(affine).to_rows()
+}
+
+/// To stdout; who reads no further (`| head`) has read enough.
+pub(super) fn print(text: &str) -> Result<(), Failure> {
+    match std::io::stdout().write_all(text.as_bytes()) {
+        Err(e) if e.kind() == ErrorKind::BrokenPipe => Ok(()),
+        Err(e) => Err(Failure(format!("writing to stdout failed: {e}"))),
+        Ok(()) => Ok(()),
+    }
+}
+
+/// Numbers of a place, mm.
+pub(super) fn place(point: glam::DVec3) -> String {
+    point.to_array().map(|x| format!("{x:.3}")).join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_result_takes_its_predecessor_s_place_and_leaves_the_rest() {
+        let moved = |x: f64| DAffine3::from_translation(glam::DVec3::new(x, 0.0, 0.0));
+        let tip = |x: f64| StaticTransform { from: "StylusTip".into(), to: "Stylus".into(), affine: moved(x) };
+        let other = StaticTransform { from: "Phantom".into(), to: "Reference".into(), affine: moved(9.0) };
+        let mut file = CalibrationFile {
+            provenance: "N-wire phantom".into(),
+            spacing_mm: Some([0.5; 3]),
+            transforms: vec![tip(1.0), other.clone()],
+            ..CalibrationFile::default()
+        };
+        merge(&mut file, &tip(100.0), "200 poses of a.mha");
+        assert_eq!(file.provenance, "N-wire phantom; StylusTipToStylus: 200 poses of a.mha");
+        merge(&mut file, &tip(110.0), "300 poses of b.mha");
+        assert_eq!(file.provenance, "N-wire phantom; StylusTipToStylus: 300 poses of b.mha");
+        assert_eq!((file.transforms.clone(), file.spacing_mm), (vec![other, tip(110.0)], Some([0.5; 3])));
+        // The other way round it is the same two frames.
+        let back = StaticTransform { from: "Stylus".into(), to: "StylusTip".into(), affine: moved(-1.0) };
+        merge(&mut file, &back, "c");
+        assert_eq!(file.transforms.len(), 2);
+    }
+}

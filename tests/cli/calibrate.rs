@@ -1,0 +1,158 @@
+//! `calibrate`: a stylus's tip and a phantom's place from recordings whose truth is known, into one calibration file.
+
+use std::fmt::Write as _;
+
+use glam::{DAffine3, DMat4, DQuat, DVec3};
+use serde_json::Value;
+
+use super::place::Place;
+
+const TIP: DVec3 = DVec3::new(2.0, -5.0, 140.0);
+const LANDMARKS: [[f64; 3]; 5] =
+    [[0.0, 0.0, 0.0], [80.0, 5.0, 0.0], [75.0, 50.0, 20.0], [-5.0, 45.0, 5.0], [10.0, 0.0, 40.0]];
+
+/// A tracked sequence without pictures, 20 readings a second: poses of the stylus in the tracker's frame, where the reference moves about.
+fn sequence(tips: &[DVec3], factor: f64, status: fn(usize) -> &'static str) -> String {
+    let mut text = format!(
+        "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nCompressedData = False\nDimSize = 0 0 {}\n\
+         Kinds = domain domain list\nElementNumberOfChannels = 1\nElementType = MET_OTHER\n",
+        tips.len()
+    );
+    for (index, tip) in tips.iter().enumerate() {
+        let time = index as f64 / 20.0;
+        let tracker_from_reference = DAffine3::from_rotation_translation(
+            DQuat::from_rotation_y(0.5 + 0.02 * time.sin()),
+            DVec3::new(200.0, -30.0, 100.0 + time),
+        );
+        let swing = DVec3::new((2.3 * time).cos(), (2.3 * time).sin(), 0.4 * time.sin()) * 0.5;
+        let turn = DQuat::from_scaled_axis(swing) * DQuat::from_scaled_axis(DVec3::new(2.4, 0.3, -0.1));
+        let reference_from_stylus = DAffine3::from_rotation_translation(turn, *tip - turn * TIP);
+        let stylus = tracker_from_reference * reference_from_stylus;
+        for (name, mut pose) in [("Stylus", stylus), ("Reference", tracker_from_reference)] {
+            pose.translation *= factor;
+            let rows = DMat4::from(pose).transpose().to_cols_array();
+            let rows: Vec<String> = rows.iter().map(f64::to_string).collect();
+            let status = if name == "Stylus" { status(index) } else { "OK" };
+            writeln!(text, "Seq_Frame{index:04}_{name}ToTrackerTransform = {}", rows.join(" ")).unwrap();
+            writeln!(text, "Seq_Frame{index:04}_{name}ToTrackerTransformStatus = {status}").unwrap();
+        }
+        writeln!(text, "Seq_Frame{index:04}_Timestamp = {}", 100.0 + time).unwrap();
+        writeln!(text, "Seq_Frame{index:04}_ImageStatus = INVALID").unwrap();
+    }
+    text + "ElementDataFile = LOCAL\n"
+}
+
+fn swing(factor: f64, status: fn(usize) -> &'static str) -> String {
+    sequence(&[DVec3::new(30.0, 10.0, -20.0); 240], factor, status)
+}
+
+/// Where the phantom is held.
+fn held() -> DAffine3 {
+    DAffine3::from_rotation_translation(
+        DQuat::from_scaled_axis(DVec3::new(0.2, -0.9, 0.4)),
+        DVec3::new(-12.0, 8.0, 33.0),
+    )
+}
+
+/// Each landmark for 2 s, with 0.7 s between them.
+fn touches() -> String {
+    let mut tips = Vec::new();
+    let mut at = DVec3::new(-90.0, 0.0, 120.0);
+    for landmark in LANDMARKS {
+        let to = held().transform_point3(DVec3::from_array(landmark));
+        tips.extend((1..14).map(|i| at.lerp(to, f64::from(i) / 14.0) + DVec3::Z * f64::from(i * (14 - i))));
+        tips.extend([to; 40]);
+        at = to;
+    }
+    sequence(&tips, 1.0, |_| "OK")
+}
+
+fn phantom() -> String {
+    let mut text = "format = \"sonoweave-phantom\"\nversion = 1\nname = \"five holes\"\n".to_owned();
+    for (number, [x, y, z]) in LANDMARKS.iter().enumerate() {
+        writeln!(text, "[[landmark]]\nname = \"#{number}\"\nposition_mm = [{x:?}, {y:?}, {z:?}]").unwrap();
+    }
+    text
+}
+
+fn numbers(value: &Value) -> Vec<f64> {
+    value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect()
+}
+
+#[test]
+fn a_tip_and_a_phantom_s_place_go_into_one_file_that_keeps_what_it_holds() {
+    let place = Place::new();
+    place.put("swing.mha", swing(1.0, |index| if index % 12 == 5 { "INVALID" } else { "OK" }));
+    place.put("cal.toml", "format = \"sonoweave-calibration\"\nversion = 1\nprovenance = \"by hand\"\n\n[volume]\nspacing_mm = [0.5, 0.5, 0.5]\n");
+    let said = place.does("calibrate pivot --sequence swing.mha -o cal.toml --report pivot.json");
+    assert!(
+        said.contains("tip of Stylus at 2.000, -5.000, 140.000 mm") && said.contains("calibration: cal.toml"),
+        "{said}"
+    );
+    assert!(said.contains("220 of 240 poses agree, 0 do not, refused: 20 pose_invalid"), "{said}");
+    let report = place.json("pivot.json");
+    let tip = DVec3::from_slice(&numbers(&report["tip_mm"]));
+    assert!((tip - TIP).length() < 1e-6, "{tip}");
+    assert!(report["residual_mm"].as_f64().unwrap() < 1e-6);
+    assert_eq!((&report["poses"]["read"], &report["frame"]), (&Value::from(240), &Value::from("Reference")));
+    assert_eq!(report["input"]["sha256"].as_str().unwrap().len(), 64);
+
+    place.put("touched.mha", touches());
+    place.put("phantom.toml", phantom());
+    let said = place.does(
+        "calibrate landmarks --phantom phantom.toml --sequence touched.mha --stylus-tip cal.toml -o cal.toml --report landmarks.json",
+    );
+    assert!(said.starts_with("5 of 5 landmarks were touched, 0.000 mm from"), "{said}");
+    let report = place.json("landmarks.json");
+    let rows = numbers(&report["phantom_to_reference"]);
+    let expected = DMat4::from(held()).transpose().to_cols_array();
+    assert!(rows.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "{rows:?}");
+    assert_eq!(report["landmarks"].as_array().unwrap().len(), 5);
+
+    let file = String::from_utf8(place.get("cal.toml")).unwrap();
+    for kept in [
+        "by hand; StylusTipToStylus: pivot, 220 poses of swing.mha",
+        "PhantomToReference: 5 landmarks",
+        "spacing_mm = [0.5, 0.5, 0.5]",
+        "from = \"StylusTip\"",
+    ] {
+        assert!(file.contains(kept), "{file}");
+    }
+    place.does("inspect cal.toml");
+}
+
+#[test]
+fn recordings_that_do_not_say_it_are_refused_and_leave_nothing() {
+    let place = Place::new();
+    place.put("swing.mha", swing(1.0, |_| "OK"));
+    place.put("invalid.mha", swing(1.0, |_| "INVALID"));
+    place.put("cm.mha", swing(0.1, |_| "OK"));
+    place.put("phantom.toml", phantom());
+    place.put("touched.mha", touches());
+    let pivot = |flags: &str, says: &[&str]| {
+        place.refuses(&format!("calibrate pivot -o cal.toml --report r.json {flags}"), says)
+    };
+    pivot(
+        "--sequence invalid.mha",
+        &["invalid.mha: none of 240 poses of Stylus can be used; the first: ", "has status INVALID"],
+    );
+    pivot("--sequence cm.mha", &["cm.mha: the tip ", "check the tracker's units"]);
+    pivot("--sequence swing.mha --to 0.3", &["7 usable poses of the stylus; at least 10 are needed"]);
+    pivot("--sequence swing.mha --from 3 --to 2", &["--from 3 is not before --to 2"]);
+    pivot(
+        "--sequence swing.mha --stylus Pen",
+        &["nothing is called Pen in it; it holds StylusToTracker, ReferenceToTracker"],
+    );
+    pivot("--sequence swing.mha --reference Table", &["no way leads from Stylus to Table"]);
+    place.refuses("calibrate pivot --sequence swing.mha -o swing.mha", &["swing.mha: is the input"]);
+    place.refuses("calibrate pivot --sequence swing.mha -o a --report a", &["--output and --report are one file"]);
+    place.refuses(
+        "calibrate landmarks --phantom phantom.toml --sequence touched.mha -o cal.toml",
+        &["phantom.toml: does not say where the tip of Stylus is", "--stylus-tip"],
+    );
+    place.put("cal.toml", "format = \"sonoweave-calibration\"\nversion = 1\n");
+    place.refuses(
+        "calibrate landmarks --phantom phantom.toml --sequence touched.mha --stylus-tip cal.toml",
+        &["cal.toml: does not say where the tip of Stylus is", "calibrate pivot"],
+    );
+}
