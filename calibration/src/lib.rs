@@ -11,6 +11,7 @@
 //! - [`region`]: the part of a picture that is data: rectangle and fan.
 //! - [`file`](mod@file): the versioned calibration file.
 //! - [`tracker`]: how good a tracker is where it stands: noise, and metal that bends its field.
+//! - [`latency`]: how late the tracker is against the video.
 //! - [`keys`]: TOML files read key by key, for every file of ours.
 
 pub mod arm;
@@ -18,6 +19,7 @@ pub mod file;
 pub mod frames;
 pub mod keys;
 pub mod landmarks;
+pub mod latency;
 pub mod least_squares;
 pub mod named;
 #[cfg(test)]
@@ -25,5 +27,5 @@ mod noise;
 pub mod phantom;
 pub mod pivot;
 pub mod region;
-pub mod tracker;
 pub mod statistics;
+pub mod tracker;

@@ -1,0 +1,492 @@
+//! The lag at which one signal follows others best, at uneven times: its value, its standard error, or why there is none.
+//!
+//! A frame's value y at t is c + Σ bₖ fₖ(t + lag) with unknown c and b: by f₀ above all, by the others as far as the values demand it. Coarsely the least absolute residual is
+//! looked for over the whole range; from there Gauss and Newton go on by the derivative of a spline through f, with c and b eliminated at every step (Golub & Pereyra, SIAM J.
+//! Numer. Anal. 10, 1973, in Kaufman's form) and Tukey's weights, so that frames whose line is another's do not count.
+//!
+//! The standard error does not believe that residuals are then alike and independent: what the model lacks goes on from frame to frame. It is that of Newey & West (Econometrica 55, 1987) with Parzen's window of Andrews' width (Econometrica 59, 1991), corrected for leverage.
+
+use super::long_run::variance_of_sum;
+use super::robust::{Biweight, deviation_about_zero, median};
+use super::track::Track;
+
+/// A frame's value and time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Observation {
+    /// By the video's stamp, s.
+    pub time_s: f64,
+    /// Where the line is, px.
+    pub value: f64,
+}
+
+/// What is looked for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AlignOptions {
+    /// Lags are looked for from −range to +range, s.
+    pub range_s: f64,
+}
+
+impl Default for AlignOptions {
+    fn default() -> Self {
+        Self { range_s: 0.5 }
+    }
+}
+
+/// A lag, and how well it is known.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Alignment {
+    /// Above 0 where the tracker lags the video, s.
+    pub lag_s: f64,
+    /// Its standard error, s.
+    pub se_s: f64,
+    /// Change of the value with the first of the tracker's numbers.
+    pub gain: f64,
+    /// Standard deviation of the residuals of frames that count.
+    pub residual: f64,
+    /// Standard deviation of the stamps, s: by how much larger residuals are where the motion is fast.
+    pub stamp_s: f64,
+    /// Frames between poses.
+    pub frames: usize,
+    /// Of these, those too far off to count.
+    pub outliers: usize,
+    /// By frame, in the order in which they were given: what is left of its value. `None` where no poses are about its time.
+    pub residuals: Vec<Option<f64>>,
+    /// How well each lag of the coarse search does: mean absolute residual, with the first of the tracker's numbers alone.
+    pub curve: Vec<(f64, f64)>,
+}
+
+/// Why there is no lag.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum NoLag {
+    /// At no lag are there poses about enough frames.
+    #[error(
+        "of {all} frames at most {most} lie between poses, and {least} are needed: the frames are from {:.3} to {:.3} s, the poses from {:.3} to {:.3} s; are the stamps of one clock, and in seconds?",
+        frames_s[0], frames_s[1], poses_s[0], poses_s[1]
+    )]
+    NoOverlap {
+        /// Frames there are.
+        all: usize,
+        /// Frames between poses at the best lag.
+        most: usize,
+        /// Frames needed.
+        least: usize,
+        /// First and last frame, s.
+        frames_s: [f64; 2],
+        /// First and last pose, s; NaN where there are none.
+        poses_s: [f64; 2],
+    },
+    /// Constant values.
+    #[error("the values of all frames are the same: nothing moves in the pictures")]
+    Constant,
+    /// The values are none of these motions.
+    #[error(
+        "at no lag do the poses explain what moves in the pictures: {:.0} % of it is left; are both of the same session, and does nothing else move?",
+        100.0 * left
+    )]
+    Unrelated {
+        /// Share of the values' deviation that remains.
+        left: f64,
+    },
+    /// Two lags do as well.
+    #[error(
+        "{:.1} ms and {:.1} ms agree as well as each other (residuals {:.3} and {:.3}), as the motion is too even: move unevenly, or narrow the range of lags",
+        1e3 * lags_s[0], 1e3 * lags_s[1], residuals[0], residuals[1]
+    )]
+    Ambiguous {
+        /// The lags, the better one first, s.
+        lags_s: [f64; 2],
+        /// Their residuals.
+        residuals: [f64; 2],
+    },
+    /// The best lag is an end of the range, or beyond.
+    #[error("the lag would be {:.1} ms, at the end of the range of ±{:.0} ms; widen the range", 1e3 * lag_s, 1e3 * range_s)]
+    AtEdge {
+        /// Where, s.
+        lag_s: f64,
+        /// The range, s.
+        range_s: f64,
+    },
+    /// It is not known well enough to be of use.
+    #[error(
+        "the lag would be {:.1} ± {:.1} ms, which is no better known than before: move farther and faster, for longer",
+        1e3 * lag_s, 1e3 * se_s
+    )]
+    Unsure {
+        /// The lag, s.
+        lag_s: f64,
+        /// Its standard error, s.
+        se_s: f64,
+    },
+}
+
+/// Fewer frames give no standard error worth its name.
+pub const LEAST_FRAMES: usize = 30;
+/// The coarse search's step, as a share of the motion's own time: how long a sine of its speed takes for a radian.
+const COARSE: f64 = 0.15;
+/// What the poses must explain of the values' deviation at least.
+const EXPLAINED: f64 = 0.5;
+/// Two lags are alike where chance would make their residuals differ so much more often than in one of a thousand: standard deviations of a normal distribution.
+const DISTINCT: f64 = 3.3;
+/// A lag that is not known better than this share of the range is not known.
+const KNOWN: f64 = 0.1;
+const MOST_STEPS: usize = 200;
+/// Steps after which what residuals are measured by stays as it is.
+const SETTLED: usize = 15;
+/// Where steps end, s.
+const CONVERGED_S: f64 = 1e-10;
+
+/// The lag of the numbers of a track behind values.
+///
+/// # Errors
+/// [`NoLag`].
+pub fn align<const N: usize>(
+    values: &[Observation],
+    track: &Track<N>,
+    options: &AlignOptions,
+) -> Result<Alignment, NoLag> {
+    let problem = Problem { values, track };
+    let range_s = options.range_s;
+    let step_s = problem.coarse_step(range_s)?;
+    let steps = (range_s / step_s).ceil().max(2.0) as i32;
+    let lags: Vec<f64> = (-steps..=steps).map(|k| range_s * f64::from(k) / f64::from(steps)).collect();
+    let step_s = lags[1] - lags[0];
+    let curve: Vec<(f64, f64)> = lags.iter().filter_map(|lag| Some((*lag, problem.coarse(*lag)?))).collect();
+    if curve.len() < 3 {
+        return Err(problem.no_overlap(&lags));
+    }
+    let mut minima: Vec<(f64, f64)> = curve
+        .iter()
+        .enumerate()
+        .filter(|(i, (_, own))| {
+            let beside = |j: Option<usize>| j.and_then(|j| curve.get(j)).is_none_or(|(_, other)| own <= other);
+            beside(i.checked_sub(1)) && beside(Some(i + 1))
+        })
+        .map(|(_, found)| *found)
+        .collect();
+    minima.sort_by(|a, b| a.1.total_cmp(&b.1));
+    minima.truncate(4);
+    let mut fits: Vec<Fit> = minima.iter().filter_map(|(lag, _)| problem.refine(*lag, 2.0 * step_s)).collect();
+    fits.sort_by(|a, b| a.scale.total_cmp(&b.scale));
+    let Some(best) = fits.first() else { return Err(NoLag::Constant) };
+    if !(best.lag_s.abs() < range_s - 0.5 * step_s) {
+        return Err(NoLag::AtEdge { lag_s: best.lag_s, range_s });
+    }
+    let left = best.scale / problem.deviation();
+    if !(left < EXPLAINED) {
+        return Err(NoLag::Unrelated { left });
+    }
+    let apart = |fit: &&Fit| fit.lag_s.abs() < range_s && (fit.lag_s - best.lag_s).abs() > step_s;
+    if let Some(rival) = fits[1..].iter().find(apart) {
+        // Deviations of so many independent residuals differ by chance by 1/√n of themselves.
+        let sure = (DISTINCT / best.independent.sqrt()).exp();
+        if !(rival.scale > sure * best.scale) {
+            let (lags_s, residuals) = ([best.lag_s, rival.lag_s], [best.scale, rival.scale]);
+            return Err(NoLag::Ambiguous { lags_s, residuals });
+        }
+    }
+    if !(best.se_s < KNOWN * range_s) {
+        return Err(NoLag::Unsure { lag_s: best.lag_s, se_s: best.se_s });
+    }
+    Ok(Alignment {
+        lag_s: best.lag_s,
+        se_s: best.se_s,
+        gain: best.gain,
+        residual: best.scale,
+        stamp_s: best.stamp_s,
+        frames: best.residuals.iter().flatten().count(),
+        outliers: best.outliers,
+        residuals: best.residuals.clone(),
+        curve,
+    })
+}
+
+struct Problem<'a, const N: usize> {
+    values: &'a [Observation],
+    track: &'a Track<N>,
+}
+
+/// A minimum.
+struct Fit {
+    lag_s: f64,
+    se_s: f64,
+    gain: f64,
+    scale: f64,
+    stamp_s: f64,
+    outliers: usize,
+    residuals: Vec<Option<f64>>,
+    /// So many independent residuals there are as much to learn from.
+    independent: f64,
+}
+
+impl<const N: usize> Problem<'_, N> {
+    /// Robust spread of the values.
+    fn deviation(&self) -> f64 {
+        let mut values: Vec<f64> = self.values.iter().map(|frame| frame.value).collect();
+        let middle = median(&mut values);
+        // The mean distance: of a motion that rests at its ends the median would be nothing.
+        values.iter().map(|x| (x - middle).abs()).sum::<f64>() / values.len().max(1) as f64
+    }
+
+    fn no_overlap(&self, lags: &[f64]) -> NoLag {
+        let times = || self.values.iter().map(|frame| frame.time_s);
+        let frames_s = [times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max)];
+        let between = |lag: &f64| times().filter(|t| self.track.at(t + lag).is_some()).count();
+        let most = lags.iter().map(between).max().unwrap_or(0);
+        let poses_s = self.track.span_s().unwrap_or([f64::NAN; 2]);
+        NoLag::NoOverlap { all: self.values.len(), most, least: self.least(), frames_s, poses_s }
+    }
+
+    /// Frames that must lie between poses.
+    fn least(&self) -> usize {
+        LEAST_FRAMES.max(self.values.len() / 2)
+    }
+
+    /// So fine that between two steps the motion goes no farther than is looked for afterwards.
+    fn coarse_step(&self, range_s: f64) -> Result<f64, NoLag> {
+        let (mut places, mut speeds): (Vec<f64>, Vec<f64>) = self
+            .track
+            .samples()
+            .filter_map(|(time, values)| Some((values[0], self.track.at(time)?.1[0].powi(2))))
+            .unzip();
+        let middle = median(&mut places);
+        let square = places.iter().map(|x| (x - middle).powi(2)).sum::<f64>();
+        let speed = speeds.iter_mut().map(|x| *x).sum::<f64>();
+        if self.values.len() < LEAST_FRAMES || places.is_empty() {
+            return Err(self.no_overlap(&[0.0]));
+        }
+        if !(self.deviation() > 0.0 && square > 0.0 && speed > 0.0) {
+            return Err(NoLag::Constant);
+        }
+        Ok((COARSE * (square / speed).sqrt()).clamp(1e-4, 0.25 * range_s))
+    }
+
+    /// Mean absolute residual of the best straight line through values and the first of the numbers; `None` where too few frames lie between poses.
+    fn coarse(&self, lag_s: f64) -> Option<f64> {
+        let pairs: Vec<(f64, f64)> = self
+            .values
+            .iter()
+            .filter_map(|frame| Some((self.track.at(frame.time_s + lag_s)?.0[0], frame.value)))
+            .collect();
+        if pairs.len() < self.least() {
+            return None;
+        }
+        let mut weights = vec![1.0; pairs.len()];
+        let mut mean = f64::INFINITY;
+        // Least absolute residuals by weights that are their inverses; a few rounds tell lags apart.
+        for _ in 0..12 {
+            let total: f64 = weights.iter().sum();
+            let of = |f: fn(&(f64, f64)) -> f64| pairs.iter().zip(&weights).map(|(p, w)| w * f(p)).sum::<f64>() / total;
+            let (x, y) = (of(|p| p.0), of(|p| p.1));
+            let (xx, xy) = (of(|p| p.0 * p.0) - x * x, of(|p| p.0 * p.1) - x * y);
+            let gain = if xx > 0.0 { xy / xx } else { 0.0 };
+            let left: Vec<f64> = pairs.iter().map(|p| (p.1 - y - gain * (p.0 - x)).abs()).collect();
+            mean = left.iter().sum::<f64>() / left.len() as f64;
+            let floor = 1e-3 * mean + f64::MIN_POSITIVE;
+            weights.iter_mut().zip(left).for_each(|(w, r)| *w = 1.0 / r.max(floor));
+        }
+        Some(mean)
+    }
+
+    /// Goes on from a lag, at most so far; `None` where it leads nowhere.
+    fn refine(&self, start_s: f64, most_s: f64) -> Option<Fit> {
+        let ends = [start_s - most_s, start_s + most_s];
+        let is_used = |frame: &Observation| ends.iter().all(|lag| self.track.at(frame.time_s + lag).is_some());
+        let used: Vec<usize> = (0..self.values.len()).filter(|i| is_used(&self.values[*i])).collect();
+        if used.len() < LEAST_FRAMES {
+            return None;
+        }
+        let (mut lag_s, mut scale) = (start_s, Scale { value: self.deviation(), stamp_s: 0.0 });
+        let mut weights = vec![1.0; used.len()];
+        let mut steps = 0;
+        loop {
+            let solved = self.solve(&used, lag_s, &weights, scale.value)?;
+            if steps < SETTLED {
+                scale = Scale::of(&solved);
+            }
+            let step = solved.step().clamp(-0.5 * most_s, 0.5 * most_s);
+            let next = (lag_s + step).clamp(ends[0], ends[1]);
+            if steps >= MOST_STEPS || (steps > SETTLED && (next - lag_s).abs() < CONVERGED_S) {
+                return Some(solved.fit(lag_s, scale, &weights, &used, self.values.len()));
+            }
+            lag_s = next;
+            steps += 1;
+            let weight = |(r, speed): (&f64, &f64)| {
+                let own = scale.at(*speed);
+                // First as for the least absolute residuals, which no start misleads.
+                let alone = if steps < 5 { 1.0 / (r.abs() / own).max(0.1) } else { Biweight::of(*r, own).weight };
+                alone * (scale.value / own.max(f64::MIN_POSITIVE)).powi(2)
+            };
+            weights = solved.residuals.iter().zip(&solved.speeds).map(weight).collect();
+        }
+    }
+
+    /// The best c and b at a lag, what they leave, and what a change of the lag does to that.
+    fn solve(&self, used: &[usize], lag_s: f64, weights: &[f64], scale: f64) -> Option<Solved> {
+        let n = used.len();
+        let roots: Vec<f64> = weights.iter().map(|w| w.sqrt()).collect();
+        let at: Vec<([f64; N], [f64; N])> =
+            used.iter().map(|i| self.track.at(self.values[*i].time_s + lag_s)).collect::<Option<_>>()?;
+        let values: Vec<f64> = used.iter().map(|i| self.values[*i].value).collect();
+        let mut columns: Vec<Vec<f64>> = vec![roots.clone()];
+        columns.extend((0..N).map(|k| at.iter().zip(&roots).map(|((f, _), root)| root * f[k]).collect()));
+        let mut right: Vec<f64> = values.iter().zip(&roots).map(|(y, root)| root * y).collect();
+        // Of the numbers beside the first it is assumed that a mm of them does about as much as one of the first: a row for each says so, as much as a frame does.
+        let spread = |of: &mut dyn Iterator<Item = f64>| of.map(|x| x * x).sum::<f64>().sqrt();
+        let middle = median(&mut values.clone());
+        let gain = spread(&mut values.iter().zip(weights).map(|(y, w)| w * (y - middle)))
+            / spread(&mut at.iter().zip(weights).map(|((f, _), w)| w * f[0]));
+        let prior = if gain.is_finite() && gain > 0.0 { scale / gain } else { 0.0 };
+        for (k, column) in columns.iter_mut().enumerate() {
+            column.extend((2..=N).map(|row| if row == k { prior } else { 0.0 }));
+        }
+        right.resize(n + N.saturating_sub(1), 0.0);
+
+        let mut triangle = vec![vec![0.0; N + 1]; N + 1];
+        let mut along = vec![0.0; N + 1];
+        for k in 0..=N {
+            let before = dot(&columns[k], &columns[k]).sqrt();
+            let (done, rest) = columns.split_at_mut(k);
+            let column = &mut rest[0];
+            // Twice, so that what rounding leaves is taken off too.
+            for _ in 0..2 {
+                for (j, other) in done.iter().enumerate() {
+                    let share = dot(other, column);
+                    triangle[j][k] += share;
+                    take_off(column, share, other);
+                }
+            }
+            let length = dot(column, column).sqrt();
+            if length <= 1e-12 * before || length == 0.0 {
+                // Nothing of its own: it does nothing.
+                column.iter_mut().for_each(|x| *x = 0.0);
+                triangle[k][k] = 1.0;
+                continue;
+            }
+            column.iter_mut().for_each(|x| *x /= length);
+            triangle[k][k] = length;
+            along[k] = dot(column, &right);
+            take_off(&mut right, along[k], column);
+        }
+        let mut gains = along.clone();
+        for k in (0..=N).rev() {
+            for j in k + 1..=N {
+                gains[k] -= triangle[k][j] * gains[j];
+            }
+            gains[k] /= triangle[k][k];
+        }
+        let mut change: Vec<f64> =
+            at.iter().zip(&roots).map(|((_, slope), root)| root * dot(slope, &gains[1..])).collect();
+        change.resize(right.len(), 0.0);
+        for _ in 0..2 {
+            for column in &columns {
+                let share = dot(column, &change);
+                take_off(&mut change, share, column);
+            }
+        }
+        let speeds = at.iter().map(|(_, slope)| dot(slope, &gains[1..]).abs()).collect();
+        let fitted = |(f, _): &([f64; N], [f64; N])| gains[0] + dot(f, &gains[1..]);
+        let residuals = values.iter().zip(&at).map(|(y, at)| y - fitted(at)).collect();
+        let own = dot(&change, &change);
+        let leverage = (0..n)
+            .map(|i| {
+                columns.iter().map(|c| c[i] * c[i]).sum::<f64>()
+                    + if own > 0.0 { change[i] * change[i] / own } else { 0.0 }
+            })
+            .collect();
+        Some(Solved { residuals, speeds, weighted: right, change, leverage, gain: gains[1] })
+    }
+}
+
+/// What residuals are measured by: values that are off, and stamps that are.
+#[derive(Debug, Clone, Copy)]
+struct Scale {
+    value: f64,
+    stamp_s: f64,
+}
+
+impl Scale {
+    /// Of residuals: those of the slower half of the frames against those of the faster.
+    fn of(solved: &Solved) -> Self {
+        let middle = median(&mut solved.speeds.clone());
+        let half = |is_fast: bool| {
+            let (mut residuals, speeds): (Vec<f64>, Vec<f64>) =
+                solved.residuals.iter().zip(&solved.speeds).filter(|(_, speed)| (**speed > middle) == is_fast).unzip();
+            let count = speeds.len().max(1) as f64;
+            (deviation_about_zero(&mut residuals).powi(2), speeds.iter().map(|x| x * x).sum::<f64>() / count)
+        };
+        let ((slow, slowly), (fast, fastly)) = (half(false), half(true));
+        let all = deviation_about_zero(&mut solved.residuals.clone());
+        if !(fast > slow && fastly > slowly) {
+            return Self { value: all, stamp_s: 0.0 };
+        }
+        let stamp = (fast - slow) / (fastly - slowly);
+        // Of the slower frames' residuals some are the stamps', too.
+        Self { value: (slow - stamp * slowly).max(0.2 * slow).sqrt(), stamp_s: stamp.sqrt() }
+    }
+
+    /// Of a frame at a speed.
+    fn at(&self, speed: f64) -> f64 {
+        self.value.hypot(self.stamp_s * speed)
+    }
+}
+
+/// A lag's best fit. `weighted` and `change` have √weight in them, and the rows of what is assumed behind those of the frames.
+struct Solved {
+    residuals: Vec<f64>,
+    /// How fast the value changes at each frame, without its sign.
+    speeds: Vec<f64>,
+    weighted: Vec<f64>,
+    change: Vec<f64>,
+    leverage: Vec<f64>,
+    gain: f64,
+}
+
+impl Solved {
+    fn step(&self) -> f64 {
+        let square = dot(&self.change, &self.change);
+        if square > 0.0 { dot(&self.change, &self.weighted) / square } else { 0.0 }
+    }
+
+    fn fit(self, lag_s: f64, scale: Scale, weights: &[f64], used: &[usize], all: usize) -> Fit {
+        let n = used.len();
+        let own = |i: usize| self.weighted[i] * self.change[i] / (1.0 - self.leverage[i]).max(0.1).sqrt();
+        let scores: Vec<f64> = (0..n).map(own).collect();
+        let variance = variance_of_sum(&scores);
+        // How fast the scores' sum changes with the lag: slower than the weights say, as residuals that grow count for less.
+        let (weight, slope) = (0..n)
+            .map(|i| Biweight::of(self.residuals[i], scale.at(self.speeds[i])))
+            .fold((0.0, 0.0), |(weight, slope), of| (weight + of.weight, slope + of.slope));
+        let square = dot(&self.change, &self.change) * slope / weight;
+        let se_s = if square > 0.0 { variance.sqrt() / square } else { f64::INFINITY };
+        let alike: f64 = scores.iter().map(|s| s * s).sum();
+        let mut residuals = vec![None; all];
+        for (i, r) in used.iter().zip(&self.residuals) {
+            residuals[*i] = Some(*r);
+        }
+        Fit {
+            lag_s,
+            se_s,
+            gain: self.gain,
+            scale: deviation_about_zero(&mut self.residuals.clone()),
+            stamp_s: scale.stamp_s,
+            outliers: weights.iter().filter(|w| **w == 0.0).count(),
+            residuals,
+            independent: if variance > 0.0 {
+                n as f64 * (alike / variance).clamp(1.0 / n as f64, 1.0)
+            } else {
+                n as f64
+            },
+        }
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+fn take_off(from: &mut [f64], share: f64, of: &[f64]) {
+    from.iter_mut().zip(of).for_each(|(x, y)| *x -= share * y);
+}
+
+#[cfg(test)]
+mod tests;

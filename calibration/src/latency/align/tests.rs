@@ -1,0 +1,166 @@
+//! The lag against truths: exact without noise, and as sure as it says with noise of several kinds.
+
+use std::f64::consts::TAU;
+
+use super::*;
+use crate::latency::tests::Random;
+
+/// Noise of the frames' values, of their stamps and of the tracker.
+#[derive(Clone, Copy)]
+struct Noise {
+    /// Standard deviation of values, px, and how much of it goes on from frame to frame.
+    value: f64,
+    goes_on: f64,
+    /// Of stamps, s.
+    stamp: f64,
+    /// Of the tracker, mm.
+    pose: f64,
+}
+
+const NONE: Noise = Noise { value: 0.0, goes_on: 0.0, stamp: 0.0, pose: 0.0 };
+
+/// A hand that goes up and down by 30 mm about once a second, never twice alike.
+struct Hand {
+    phases: [f64; 6],
+}
+
+impl Hand {
+    fn new(random: &mut Random) -> Self {
+        Self { phases: std::array::from_fn(|_| TAU * random.even()) }
+    }
+
+    fn at(&self, time: f64) -> [f64; 2] {
+        let wave = |k: usize, hz: f64| (TAU * hz * time + self.phases[k]).sin();
+        let turning = TAU * 0.9 * time + 1.5 * wave(0, 0.13) + 0.7 * wave(1, 0.31);
+        let along = (13.0 + 2.5 * wave(2, 0.21)) * turning.sin() + 0.6 * wave(3, 2.3);
+        [along, 1.5 * wave(4, 0.8) + 0.8 * wave(5, 0.37)]
+    }
+}
+
+/// 12 frames and 45 poses a second for so long; the tracker lags by `lag`. Values follow both numbers, the second a little.
+fn session(random: &mut Random, lag: f64, duration: f64, noise: Noise) -> (Vec<Observation>, Track<2>) {
+    let hand = Hand::new(random);
+    let mut poses = Vec::new();
+    let mut time = -1.0;
+    while time < duration + 1.0 {
+        let place = hand.at(time - lag).map(|x| x + noise.pose * random.normal());
+        poses.push((time, place));
+        time += 0.018 + 0.008 * random.even();
+    }
+    let (mut values, mut time, mut before) = (Vec::new(), 0.0, random.normal());
+    while time < duration {
+        let [along, aside] = hand.at(time);
+        before = noise.goes_on * before + (1.0 - noise.goes_on * noise.goes_on).sqrt() * random.normal();
+        let value = 100.0 - 9.0 * along + 0.8 * aside + noise.value * before;
+        values.push(Observation { time_s: time + noise.stamp * random.normal(), value });
+        time += 0.075 + 0.02 * random.even();
+    }
+    (values, Track::new(poses, 0.1).unwrap())
+}
+
+const RANGE: AlignOptions = AlignOptions { range_s: 0.5 };
+
+#[test]
+fn without_noise_nothing_but_the_spline_is_left() {
+    for (seed, lag) in [(1, 0.0), (2, 0.0648), (3, -0.0648), (4, 0.31), (5, -0.4)] {
+        let (values, track) = session(&mut Random::new(seed), lag, 18.0, NONE);
+        let found = align(&values, &track, &RANGE).unwrap();
+        assert!((found.lag_s - lag).abs() < 2e-5 && found.se_s < 2e-5, "{lag}: {found:?}");
+        assert!((found.gain + 9.0).abs() < 1e-2 && found.outliers < found.frames / 10);
+    }
+    // Where the spline is exact, so is the lag: straight pieces that meet are not, a cubic polynomial's middle is.
+    let at = |t: f64| (t - 5.0) * (t - 3.0) * (t - 1.0);
+    let poses = (0..400).map(|i| 0.015 * f64::from(i)).map(|t| (t, [at(t)])).collect();
+    let values: Vec<Observation> = (0..60)
+        .map(|i| 2.0 + 0.03 * f64::from(i))
+        .map(|t| Observation { time_s: t, value: 7.0 * at(t + 0.0123) })
+        .collect();
+    let found = align(&values, &Track::new(poses, 0.1).unwrap(), &AlignOptions { range_s: 0.2 }).unwrap();
+    assert!((found.lag_s - 0.0123).abs() < 1e-6, "{found:?}");
+}
+
+/// Errors in units of what was said of them, over so many seeds: their mean, and the mean of their squares.
+fn scores(seeds: u64, noise: Noise, duration: f64) -> [f64; 3] {
+    let (mut sum, mut squares, mut errors) = (0.0, 0.0, 0.0);
+    for seed in 0..seeds {
+        let mut random = Random::new(1000 + seed);
+        let lag = 0.2 * (random.even() - 0.5);
+        let (values, track) = session(&mut random, lag, duration, noise);
+        let found = align(&values, &track, &RANGE).unwrap();
+        let score = (found.lag_s - lag) / found.se_s;
+        sum += score;
+        squares += score * score;
+        errors += (found.lag_s - lag).powi(2);
+    }
+    let n = seeds as f64;
+    [sum / n, squares / n, 1e3 * (errors / n).sqrt()]
+}
+
+/// The mean square of 400 normal numbers is 1 ± 0.07.
+#[test]
+fn the_lag_is_as_sure_as_it_says() {
+    let kinds = [
+        ("even noise", Noise { value: 3.0, ..NONE }),
+        ("noise that goes on", Noise { value: 3.0, goes_on: 0.7, ..NONE }),
+        ("stamps that jitter", Noise { value: 0.5, stamp: 0.005, ..NONE }),
+        ("all of them", Noise { value: 2.0, goes_on: 0.5, stamp: 0.003, pose: 0.1 }),
+    ];
+    for (name, noise) in kinds {
+        let [mean, square, error_ms] = scores(400, noise, 18.0);
+        println!("{name}: mean {mean:.3}, mean square {square:.3}, error {error_ms:.2} ms");
+        assert!(mean.abs() < 0.2, "{name}: {mean}");
+        assert!((0.79..1.21).contains(&square), "{name}: {square}");
+    }
+}
+
+#[test]
+fn frames_whose_line_is_another_s_do_not_count() {
+    let noise = Noise { value: 1.0, ..NONE };
+    for seed in 0..20 {
+        let mut random = Random::new(seed);
+        let (mut values, track) = session(&mut random, 0.07, 18.0, noise);
+        for k in (3..values.len()).step_by(5) {
+            values[k].value = 300.0 * random.even() - 50.0;
+        }
+        let found = align(&values, &track, &RANGE).unwrap();
+        assert!((found.lag_s - 0.07).abs() < 4.0 * found.se_s && found.se_s < 1e-3, "{seed}: {found:?}");
+        assert!(found.outliers > values.len() / 10);
+    }
+}
+
+#[test]
+fn what_tells_no_lag_is_refused_by_name() {
+    let noise = Noise { value: 1.0, ..NONE };
+    let (values, track) = session(&mut Random::new(1), 0.05, 18.0, noise);
+    let moved = |by: f64| values.iter().map(|v| Observation { time_s: v.time_s + by, ..*v }).collect::<Vec<_>>();
+    assert!(matches!(align(&moved(1000.0), &track, &RANGE), Err(NoLag::NoOverlap { most: 0, .. })));
+    assert!(matches!(align(&values[..20], &track, &RANGE), Err(NoLag::NoOverlap { .. })));
+    assert!(matches!(
+        align(&moved(0.55), &track, &RANGE),
+        Err(NoLag::AtEdge { .. } | NoLag::Unrelated { .. } | NoLag::Ambiguous { .. })
+    ));
+    let at_edge = align(&moved(0.18), &track, &AlignOptions { range_s: 0.1 });
+    assert!(matches!(at_edge, Err(NoLag::AtEdge { .. })), "{at_edge:?}");
+    let still: Vec<Observation> = values.iter().map(|v| Observation { value: 4.0, ..*v }).collect();
+    assert_eq!(align(&still, &track, &RANGE), Err(NoLag::Constant));
+    let mut random = Random::new(9);
+    let other: Vec<Observation> = values.iter().map(|v| Observation { value: 50.0 * random.normal(), ..*v }).collect();
+    assert!(matches!(align(&other, &track, &RANGE), Err(NoLag::Unrelated { .. })));
+    // A sine as even as this one is its own negative half a period on.
+    let even = |t: f64| (TAU * 1.3 * t).sin();
+    let poses = (0..1000).map(|i| 0.02 * f64::from(i)).map(|t| (t, [10.0 * even(t)])).collect();
+    let seen: Vec<Observation> = (0..150)
+        .map(|i| 2.0 + 0.1 * f64::from(i))
+        .map(|t| Observation { time_s: t, value: 80.0 * even(t) + random.normal() })
+        .collect();
+    let found = align(&seen, &Track::new(poses, 0.1).unwrap(), &RANGE);
+    assert!(matches!(found, Err(NoLag::Ambiguous { .. })), "{found:?}");
+    // A steady way tells the lag from the offset by nothing.
+    let poses = (0..1000).map(|i| 0.02 * f64::from(i)).map(|t| (t, [10.0 * t])).collect();
+    let seen: Vec<Observation> = (0..150)
+        .map(|i| 2.0 + 0.1 * f64::from(i))
+        .map(|t| Observation { time_s: t, value: 80.0 * t + random.normal() })
+        .collect();
+    let found = align(&seen, &Track::new(poses, 0.1).unwrap(), &RANGE);
+    assert!(matches!(found, Err(NoLag::Unsure { .. } | NoLag::AtEdge { .. } | NoLag::Ambiguous { .. })), "{found:?}");
+}

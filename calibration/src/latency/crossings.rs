@@ -1,0 +1,452 @@
+//! The lag at which the slices of a scan agree best where they cross.
+//!
+//! Two slices whose planes cross within the data show the same line of the body. Where the poses are those of another moment, the line is looked up beside its place, by what the
+//! probe moved meanwhile: differently in both, as they were seen at different motions. So at the true lag the grey values along both are most alike, and no phantom is needed.
+//!
+//! Grey values are held against each other by n·ln(1 − r²) with r their correlation along the line, which is the likelihood of one being the other, brighter and with more
+//! contrast by unknown amounts, and noise. The sum over all crossings is least at the lag; its standard error is the jackknife's over stretches of time, as slices of one
+//! stretch have everything in common.
+
+use glam::{DAffine3, DVec2, DVec3};
+
+use super::poses::Poses;
+use super::robust::median;
+
+/// Pictures of a scan, small enough that all are held: of one size, 8 bits, u fastest.
+#[derive(Debug, Clone)]
+pub struct Slices {
+    width: usize,
+    height: usize,
+    is_data: Vec<bool>,
+    /// First and last column and row that hold data.
+    bounds: [[f64; 2]; 2],
+    pixels: Vec<(f64, Vec<u8>)>,
+    /// Pixels of these pictures to mm at the probe.
+    probe_from_pixel: DAffine3,
+    poses: Poses,
+}
+
+/// Why there is no lag.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum NoCrossings {
+    /// Hardly any planes cross within the data.
+    #[error(
+        "{crossings} pairs of {slices} slices cross at an angle within the picture, and {least} are needed: sweep the same place twice, in directions across each other"
+    )]
+    TooFew {
+        /// Slices there are.
+        slices: usize,
+        /// Crossings found.
+        crossings: usize,
+        /// Crossings needed.
+        least: usize,
+    },
+    /// Slices that cross were seen at the same motion.
+    #[error(
+        "where slices cross, the probe moved by {mm:.2} mm from one to the other within ±{:.0} ms, less than {least_mm:.2} mm can show: sweep faster, or in other directions",
+        1e3 * range_s
+    )]
+    TooSlow {
+        /// Half the crossings differ by more, mm.
+        mm: f64,
+        /// What could be seen, mm.
+        least_mm: f64,
+        /// The range of lags, s.
+        range_s: f64,
+    },
+    /// At no lag do they agree.
+    #[error(
+        "where slices cross they agree no better at one lag than at another; is the calibration this probe's, and does nothing move in the body?"
+    )]
+    Unrelated,
+    /// Two lags do as well.
+    #[error("slices agree as well at {:.1} ms as at {:.1} ms; narrow the range of lags", 1e3 * lags_s[0], 1e3 * lags_s[1])]
+    Ambiguous {
+        /// The lags, the better one first, s.
+        lags_s: [f64; 2],
+    },
+    /// The best lag is an end of the range.
+    #[error("slices agree best at {:.1} ms, the end of the range of ±{:.0} ms; widen the range", 1e3 * lag_s, 1e3 * range_s)]
+    AtEdge {
+        /// Where, s.
+        lag_s: f64,
+        /// The range, s.
+        range_s: f64,
+    },
+}
+
+/// A lag, and how well it is known.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Agreement {
+    /// Above 0 where the tracker lags the video, s.
+    pub lag_s: f64,
+    /// Its standard error, s.
+    pub se_s: f64,
+    /// Pairs of slices held against each other.
+    pub crossings: usize,
+    /// Slices that have a part in them.
+    pub slices: usize,
+    /// Half the crossings' correlations at the lag are above this.
+    pub correlation: f64,
+    /// The same at no lag.
+    pub correlation_at_zero: f64,
+    /// How badly each lag of the coarse search does.
+    pub curve: Vec<(f64, f64)>,
+}
+
+/// Planes at smaller angles cross nowhere in particular: sine.
+const LEAST_SINE: f64 = 0.17;
+/// Of a line that crosses, what the smaller side of the picture is must lie within both.
+const LEAST_LENGTH: f64 = 0.2;
+/// Fewer crossings say nothing about each other.
+const LEAST_CROSSINGS: usize = 40;
+const MOST_CROSSINGS: usize = 3000;
+/// What crosses one slice has much in common.
+const MOST_OF_ONE: usize = 30;
+/// Points along a line.
+const POINTS: usize = 64;
+/// Points of a line that lie in both pictures' data, at least.
+const LEAST_POINTS: usize = 16;
+/// Stretches of time for the jackknife.
+const STRETCHES: usize = 12;
+const COARSE_S: f64 = 0.01;
+/// Lags about the best one by which the minimum is found: half as many on either side.
+const FINE: i32 = 4;
+const DISTINCT: f64 = 3.3;
+
+/// Pictures as wide as this are small enough.
+const WIDE: u32 = 192;
+
+/// By how much pictures of this size are reduced before they are held.
+pub fn reduction(width: u32, height: u32) -> u32 {
+    width.max(height).div_ceil(WIDE).max(1)
+}
+
+impl Slices {
+    /// Of pictures `width`×`height` before they are reduced; `is_data` says of each pixel whether it is.
+    ///
+    /// # Panics
+    /// Where `is_data` is not as large as the picture.
+    pub fn new(width: u32, height: u32, is_data: &[bool], probe_from_image: DAffine3, poses: Poses) -> Self {
+        let (full, by) = (width as usize, reduction(width, height) as usize);
+        assert_eq!(is_data.len(), full * height as usize, "a flag for each pixel");
+        let (width, height) = (full / by, height as usize / by);
+        let whole = |u: usize, v: usize| (0..by * by).all(|k| is_data[(v * by + k / by) * full + u * by + k % by]);
+        let is_data: Vec<bool> = (0..width * height).map(|at| whole(at % width, at / width)).collect();
+        let within = || (0..width * height).filter(|at| is_data[*at]).map(|at| [at % width, at / width]);
+        let bounds = [0, 1].map(|axis| {
+            let ends = within().map(|place| place[axis]);
+            [ends.clone().min().unwrap_or(0) as f64, ends.max().unwrap_or(0) as f64]
+        });
+        let scale = by as f64;
+        // The centre of a reduced pixel is the mean of those of its own.
+        let image_from_pixel = DAffine3::from_scale_rotation_translation(
+            DVec3::new(scale, scale, 1.0),
+            glam::DQuat::IDENTITY,
+            DVec3::new(0.5 * (scale - 1.0), 0.5 * (scale - 1.0), 0.0),
+        );
+        let probe_from_pixel = probe_from_image * image_from_pixel;
+        Self { width, height, is_data, bounds, pixels: Vec::new(), probe_from_pixel, poses }
+    }
+
+    /// Takes in a picture, reduced by the mean of its pixels.
+    ///
+    /// # Panics
+    /// Where it has another size than was said.
+    pub fn push(&mut self, time_s: f64, pixels: &[u8], width: u32, height: u32) {
+        let by = reduction(width, height) as usize;
+        let full = width as usize;
+        assert_eq!((full / by, height as usize / by), (self.width, self.height), "a picture of another size");
+        let mut sums = vec![0_u32; self.width * self.height];
+        for (v, row) in pixels.chunks_exact(full).take(self.height * by).enumerate() {
+            for (u, cells) in row.chunks_exact(by).enumerate() {
+                sums[v / by * self.width + u] += cells.iter().map(|x| u32::from(*x)).sum::<u32>();
+            }
+        }
+        let count = (by * by) as u32;
+        let mean = |sum: u32| u8::try_from((sum + count / 2) / count).unwrap_or(u8::MAX);
+        self.pixels.push((time_s, sums.into_iter().map(mean).collect()));
+    }
+
+    /// Memory that a picture takes, bytes.
+    pub fn bytes(&self) -> usize {
+        self.width * self.height
+    }
+
+    /// Grey value between pixels; `None` outside of the data.
+    fn grey(&self, pixels: &[u8], at: DVec2) -> Option<f64> {
+        let (u, v) = (at.x.floor(), at.y.floor());
+        if !(u >= 0.0 && v >= 0.0 && u + 1.0 < self.width as f64 && v + 1.0 < self.height as f64) {
+            return None;
+        }
+        let (a, b, first) = (at.x - u, at.y - v, v as usize * self.width + u as usize);
+        let places = [first, first + 1, first + self.width, first + self.width + 1];
+        if !places.iter().all(|place| self.is_data[*place]) {
+            return None;
+        }
+        let [p, q, r, s] = places.map(|place| f64::from(pixels[place]));
+        Some((1.0 - b) * ((1.0 - a) * p + a * q) + b * ((1.0 - a) * r + a * s))
+    }
+
+    /// Where a slice's pixels are at a lag.
+    fn placed(&self, slice: usize, lag_s: f64) -> Option<DAffine3> {
+        Some(self.poses.at(self.pixels[slice].0 + lag_s)? * self.probe_from_pixel)
+    }
+
+    /// The part of the line of two planes that lies within the bounds of both, by its ends.
+    fn line(&self, of: [&DAffine3; 2]) -> Option<[DVec3; 2]> {
+        let [n, m] = of.map(|pose| pose.matrix3.x_axis.cross(pose.matrix3.y_axis).normalize());
+        let across = n.cross(m);
+        let sine = across.length();
+        if !(sine > LEAST_SINE) {
+            return None;
+        }
+        let direction = across / sine;
+        let [a, b] = [n.dot(of[0].translation), m.dot(of[1].translation)];
+        let point = (a * m.cross(across) + b * across.cross(n)) / (sine * sine);
+        let (mut from, mut to) = (f64::NEG_INFINITY, f64::INFINITY);
+        for pose in of {
+            let back = pose.inverse();
+            let (place, step) = (back.transform_point3(point), back.transform_vector3(direction));
+            for (axis, [low, high]) in self.bounds.into_iter().enumerate() {
+                if step[axis].abs() < 1e-12 {
+                    if !(low..=high).contains(&place[axis]) {
+                        return None;
+                    }
+                    continue;
+                }
+                let ends = [(low - place[axis]) / step[axis], (high - place[axis]) / step[axis]];
+                from = from.max(ends[0].min(ends[1]));
+                to = to.min(ends[0].max(ends[1]));
+            }
+        }
+        (from < to).then(|| [point + from * direction, point + to * direction])
+    }
+
+    /// A pixel's size, mm: the larger of the two.
+    fn pixel_mm(&self) -> f64 {
+        let m = self.probe_from_pixel.matrix3;
+        m.x_axis.length().max(m.y_axis.length())
+    }
+
+    /// Crossings worth looking at: long ones of slices seen at different motions.
+    fn crossings(&self, range_s: f64) -> Result<Vec<[usize; 2]>, NoCrossings> {
+        let n = self.pixels.len();
+        let placed: Vec<Option<DAffine3>> = (0..n)
+            .map(|i| {
+                // Within the poses at every lag.
+                self.placed(i, -range_s)?;
+                self.placed(i, range_s)?;
+                self.placed(i, 0.0)
+            })
+            .collect();
+        let m = self.probe_from_pixel.matrix3;
+        let sides = [0, 1].map(|axis| (self.bounds[axis][1] - self.bounds[axis][0]) * m.col(axis).length());
+        let least_mm = LEAST_LENGTH * sides[0].min(sides[1]);
+        let mut found = Vec::new();
+        for i in 0..n {
+            for j in i + 1..n {
+                let (Some(a), Some(b)) = (&placed[i], &placed[j]) else { continue };
+                let Some([from, to]) = self.line([a, b]) else { continue };
+                let length = (to - from).length();
+                if length < least_mm {
+                    continue;
+                }
+                let middle = 0.5 * (from + to);
+                let velocity = |slice: usize| {
+                    let time = self.pixels[slice].0;
+                    let place = self.poses.at(time)?.inverse().transform_point3(middle);
+                    self.poses.velocity(time, place)
+                };
+                let (Some(v), Some(w)) = (velocity(i), velocity(j)) else { continue };
+                found.push(((v - w).length(), length, [i, j]));
+            }
+        }
+        if found.len() < LEAST_CROSSINGS {
+            return Err(NoCrossings::TooFew { slices: n, crossings: found.len(), least: LEAST_CROSSINGS });
+        }
+        // What shows most first; ties by order, so that the choice is the same on every machine.
+        found.sort_by(|a, b| (b.0 * b.1).total_cmp(&(a.0 * a.1)));
+        let mut of_one = vec![0; n];
+        let mut chosen = Vec::new();
+        let mut speeds = Vec::new();
+        for (speed, _, pair) in found {
+            if chosen.len() < MOST_CROSSINGS && pair.iter().all(|slice| of_one[*slice] < MOST_OF_ONE) {
+                pair.iter().for_each(|slice| of_one[*slice] += 1);
+                chosen.push(pair);
+                speeds.push(speed);
+            }
+        }
+        let (mm, least_mm) = (median(&mut speeds) * range_s, self.pixel_mm());
+        if chosen.len() < LEAST_CROSSINGS {
+            return Err(NoCrossings::TooFew { slices: n, crossings: chosen.len(), least: LEAST_CROSSINGS });
+        }
+        if !(mm > least_mm) {
+            return Err(NoCrossings::TooSlow { mm, least_mm, range_s });
+        }
+        Ok(chosen)
+    }
+
+    /// How alike two slices are along their line, as a correlation and the number of points; `None` where they do not cross any more.
+    fn alike(&self, [i, j]: [usize; 2], placed: [&DAffine3; 2]) -> Option<(f64, usize)> {
+        let [from, to] = self.line(placed)?;
+        let back = placed.map(DAffine3::inverse);
+        let ends = back.map(|back| [from, to].map(|end| back.transform_point3(end).truncate()));
+        let mut sums = [0.0; 5];
+        let mut count = 0;
+        for k in 0..POINTS {
+            let share = (k as f64 + 0.5) / POINTS as f64;
+            let [x, y] = ends.map(|[a, b]| a.lerp(b, share));
+            let (Some(x), Some(y)) = (self.grey(&self.pixels[i].1, x), self.grey(&self.pixels[j].1, y)) else {
+                continue;
+            };
+            count += 1;
+            for (sum, term) in sums.iter_mut().zip([x, y, x * x, y * y, x * y]) {
+                *sum += term;
+            }
+        }
+        if count < LEAST_POINTS {
+            return None;
+        }
+        let [x, y, xx, yy, xy] = sums.map(|sum| sum / count as f64);
+        let (xx, yy, xy) = (xx - x * x, yy - y * y, xy - x * y);
+        // Grey values are whole: what differs by less than their rounding is even.
+        let correlation = if xx > 0.1 && yy > 0.1 { xy / (xx * yy).sqrt() } else { 0.0 };
+        Some((correlation, count))
+    }
+
+    /// For each crossing how badly it does at a lag, and its correlation.
+    fn costs(&self, crossings: &[[usize; 2]], lag_s: f64) -> Vec<(f64, f64)> {
+        let placed: Vec<Option<DAffine3>> = (0..self.pixels.len()).map(|i| self.placed(i, lag_s)).collect();
+        let cost = |pair: &[usize; 2]| {
+            let (Some(a), Some(b)) = (&placed[pair[0]], &placed[pair[1]]) else { return (0.0, 0.0) };
+            let Some((r, count)) = self.alike(*pair, [a, b]) else { return (0.0, 0.0) };
+            // What is the other's negative is no likeness.
+            let alike = r.max(0.0);
+            (count as f64 * (1.0 - alike * alike).max(1e-6).ln(), r)
+        };
+        crossings.iter().map(cost).collect()
+    }
+
+    /// The lag at which slices agree best where they cross, within ±range.
+    ///
+    /// # Errors
+    /// [`NoCrossings`].
+    pub fn lag(&self, range_s: f64) -> Result<Agreement, NoCrossings> {
+        let crossings = self.crossings(range_s)?;
+        let steps = (range_s / COARSE_S).ceil().max(3.0) as i32;
+        let lags: Vec<f64> = (-steps..=steps).map(|k| range_s * f64::from(k) / f64::from(steps)).collect();
+        let stretches = self.stretches();
+        let coarse: Vec<Vec<f64>> =
+            lags.iter().map(|lag| self.costs(&crossings, *lag).into_iter().map(|cost| cost.0).collect()).collect();
+        let totals: Vec<f64> = coarse.iter().map(|costs| costs.iter().sum()).collect();
+        let curve: Vec<(f64, f64)> = lags.iter().copied().zip(totals.iter().copied()).collect();
+        let Some(best) = (0..lags.len()).min_by(|a, b| totals[*a].total_cmp(&totals[*b])) else {
+            return Err(NoCrossings::Unrelated);
+        };
+        if best == 0 || best + 1 == lags.len() {
+            return Err(NoCrossings::AtEdge { lag_s: lags[best], range_s });
+        }
+        // Better than what lies apart from it, by more than stretches of the scan differ about it.
+        let sure = |other: &[f64]| {
+            let mut by_stretch = [0.0; STRETCHES];
+            for ((pair, own), other) in crossings.iter().zip(&coarse[best]).zip(other) {
+                pair.iter().for_each(|slice| by_stretch[stretches[*slice]] += 0.5 * (other - own));
+            }
+            let sum: f64 = by_stretch.iter().sum();
+            let mean = sum / STRETCHES as f64;
+            let spread = by_stretch.iter().map(|x| (x - mean).powi(2)).sum::<f64>() * STRETCHES as f64
+                / (STRETCHES as f64 - 1.0);
+            sum > DISTINCT * spread.sqrt()
+        };
+        let middle: Vec<f64> = (0..crossings.len())
+            .map(|k| coarse.iter().map(|costs| costs[k]).sum::<f64>() / coarse.len() as f64)
+            .collect();
+        if !sure(&middle) {
+            return Err(NoCrossings::Unrelated);
+        }
+        let is_minimum = |k: usize| totals[k] < totals[k - 1] && totals[k] <= totals[k + 1];
+        let rivals = (1..lags.len() - 1).filter(|k| k.abs_diff(best) > 2 && is_minimum(*k));
+        if let Some(rival) = rivals.min_by(|a, b| totals[*a].total_cmp(&totals[*b]))
+            && !sure(&coarse[rival])
+        {
+            return Err(NoCrossings::Ambiguous { lags_s: [lags[best], lags[rival]] });
+        }
+        let (lag_s, se_s) = self.refine(&crossings, &stretches, lags[best]);
+        let correlation =
+            |lag: f64| median(&mut self.costs(&crossings, lag).into_iter().map(|cost| cost.1).collect::<Vec<_>>());
+        let mut taking_part: Vec<usize> = crossings.iter().flatten().copied().collect();
+        taking_part.sort_unstable();
+        taking_part.dedup();
+        Ok(Agreement {
+            lag_s,
+            se_s,
+            crossings: crossings.len(),
+            slices: taking_part.len(),
+            correlation: correlation(lag_s),
+            correlation_at_zero: correlation(0.0),
+            curve,
+        })
+    }
+
+    /// The minimum of a parabola through the sums at lags about a start, moved until it is in their middle; and the jackknife of it.
+    fn refine(&self, crossings: &[[usize; 2]], stretches: &[usize], start_s: f64) -> (f64, f64) {
+        let step_s = 0.5 * COARSE_S;
+        let mut middle_s = start_s;
+        for last in [false, false, true] {
+            let offsets: Vec<f64> = (-FINE..=FINE).map(|k| step_s * f64::from(k)).collect();
+            let costs: Vec<Vec<f64>> = offsets
+                .iter()
+                .map(|off| self.costs(crossings, middle_s + off).into_iter().map(|cost| cost.0).collect())
+                .collect();
+            let without = |left_out: Option<usize>| {
+                let counts = |pair: &[usize; 2]| pair.iter().all(|slice| Some(stretches[*slice]) != left_out);
+                let sum = |costs: &Vec<f64>| {
+                    crossings.iter().zip(costs).filter(|(pair, _)| counts(pair)).map(|(_, cost)| cost).sum()
+                };
+                vertex(&offsets, &costs.iter().map(sum).collect::<Vec<f64>>())
+            };
+            let at = without(None).clamp(offsets[0], -offsets[0]);
+            if last {
+                let others: Vec<f64> = (0..STRETCHES).map(|stretch| without(Some(stretch))).collect();
+                let count = others.len() as f64;
+                let mean = others.iter().sum::<f64>() / count;
+                let spread = others.iter().map(|x| (x - mean).powi(2)).sum::<f64>() * (count - 1.0) / count;
+                // What a narrower parabola says otherwise is not known either.
+                let half = (FINE / 2) as usize;
+                let inner = half..offsets.len() - half;
+                let sums: Vec<f64> = costs[inner.clone()].iter().map(|costs| costs.iter().sum()).collect();
+                return (middle_s + at, spread.sqrt().hypot(vertex(&offsets[inner], &sums) - at));
+            }
+            middle_s += at;
+        }
+        unreachable!("the last round returns")
+    }
+
+    /// Of each slice the stretch of time that it is in: as many slices in each.
+    fn stretches(&self) -> Vec<usize> {
+        let n = self.pixels.len();
+        let mut order: Vec<usize> = (0..n).collect();
+        order.sort_by(|a, b| self.pixels[*a].0.total_cmp(&self.pixels[*b].0));
+        let mut stretches = vec![0; n];
+        for (rank, slice) in order.into_iter().enumerate() {
+            stretches[slice] = rank * STRETCHES / n;
+        }
+        stretches
+    }
+}
+
+/// Where the parabola that fits values at evenly spaced places about 0 has its lowest point; the end that lies lower where it has none.
+fn vertex(places: &[f64], values: &[f64]) -> f64 {
+    let n = places.len() as f64;
+    let square: f64 = places.iter().map(|x| x * x).sum::<f64>();
+    let fourth: f64 = places.iter().map(|x| x.powi(4)).sum::<f64>();
+    let sum = |power: i32| places.iter().zip(values).map(|(x, y)| x.powi(power) * y).sum::<f64>();
+    let slope = sum(1) / square;
+    let bend = (n * sum(2) - square * sum(0)) / (n * fourth - square * square);
+    let end = places.last().copied().unwrap_or(0.0);
+    if bend > 0.0 { (-0.5 * slope / bend).clamp(-end, end) } else { -end * slope.signum() }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,393 @@
+//! The floor of a water tank in a picture, as a straight line.
+//!
+//! Whatever is in the picture besides (names, rulers, the transducer's own echo) stands still while the probe goes up and down: of each pixel its darkest value is taken off
+//! first ([`Still`]). What is left is reduced and made into what stands out above and below, and summed along every line of up to 50° that crosses the picture (a Radon transform by
+//! shears). The best line is refined in the whole picture by the echo's centre in every column, with Tukey's weights.
+//!
+//! Whether there is a floor at all is asked of the columns: in how many of them what stands out most lies on the line. In a picture without one that is chance, and chance is
+//! bounded by Chernoff's inequality.
+
+use glam::DVec2;
+
+use super::robust::{Biweight, deviation_about_zero, median};
+
+/// A grey picture: u fastest.
+#[derive(Debug, Clone, Copy)]
+pub struct GreyView<'a> {
+    width: usize,
+    pixels: &'a [u8],
+}
+
+impl<'a> GreyView<'a> {
+    /// Of rows of `width` pixels.
+    ///
+    /// # Panics
+    /// Where the pixels are not whole rows.
+    pub fn new(width: usize, pixels: &'a [u8]) -> Self {
+        assert!(width > 0 && pixels.len().is_multiple_of(width), "whole rows");
+        Self { width, pixels }
+    }
+
+    /// Pixels along u and v.
+    pub fn size(&self) -> [usize; 2] {
+        [self.width, self.pixels.len() / self.width]
+    }
+}
+
+/// What of the pictures stands still: of each pixel the darkest value of all.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Still {
+    width: usize,
+    least: Vec<u8>,
+}
+
+impl Still {
+    /// As in a first picture.
+    pub fn new(view: &GreyView<'_>) -> Self {
+        Self { width: view.width, least: view.pixels.to_vec() }
+    }
+
+    /// Takes in another picture. False where it has another size; then nothing is changed.
+    pub fn add(&mut self, view: &GreyView<'_>) -> bool {
+        if self.width != view.width || self.least.len() != view.pixels.len() {
+            return false;
+        }
+        self.least.iter_mut().zip(view.pixels).for_each(|(least, x)| *least = (*least).min(*x));
+        true
+    }
+}
+
+/// A straight line in a picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Line {
+    /// Its point in the middle of what is seen of it, px.
+    pub point_px: DVec2,
+    /// Its direction, of length 1, to the right.
+    pub direction: DVec2,
+    /// First and last column where it is seen.
+    pub columns: [f64; 2],
+    /// Standard deviation of the echo's centre in single columns from it, px.
+    pub scatter_px: f64,
+}
+
+impl Line {
+    /// How far below a point it passes, at a right angle; negative above it. px.
+    pub fn below(&self, point_px: DVec2) -> f64 {
+        let normal = DVec2::new(-self.direction.y, self.direction.x);
+        normal.dot(self.point_px - point_px)
+    }
+
+    /// Against the picture's rows, positive downwards to the right; degrees.
+    pub fn angle_deg(&self) -> f64 {
+        self.direction.y.atan2(self.direction.x).to_degrees()
+    }
+}
+
+/// Why a picture has no line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum NoLine {
+    /// Nothing in it moves.
+    #[error("nothing moves")]
+    Nothing,
+    /// What there is does not lie on a line.
+    #[error("what moves lies on no line")]
+    Scattered,
+}
+
+/// The reduced picture is at most so wide and high.
+const REDUCED: usize = 208;
+/// Tangent of the steepest line.
+const STEEPEST: f64 = 1.2;
+/// Rows of the reduced picture that an echo takes, and within which it must stand out.
+const INNER: usize = 1;
+const OUTER: usize = 6;
+/// What stands out most in a column lies on the line if it is no farther off, in rows of the reduced picture.
+const ON_LINE: f64 = 2.0;
+/// Columns of the reduced picture that speckle makes one of.
+const ALIKE: f64 = 4.0;
+/// How often a picture without a floor may be thought to have one, at most.
+const MISTAKEN: f64 = 1e-6;
+/// Of the picture's columns so many must show the line.
+const LEAST_COLUMNS: f64 = 0.1;
+const ROUNDS: usize = 8;
+
+/// Finds lines in pictures of one size, in memory that is kept from one to the next.
+#[derive(Debug, Clone)]
+pub struct Finder {
+    still: Still,
+    /// How many pixels, along u and v, one of the reduced picture is.
+    by: usize,
+    size: [usize; 2],
+    moving: Vec<f32>,
+    reduced: Vec<f32>,
+    outstanding: Vec<f32>,
+    sums: Vec<f32>,
+}
+
+impl Finder {
+    /// Of pictures whose still part is known.
+    pub fn new(still: Still) -> Self {
+        let [width, height] = [still.width, still.least.len() / still.width];
+        let by = width.max(height).div_ceil(REDUCED);
+        let size = [width / by, height / by];
+        let cells = size[0] * size[1];
+        Self {
+            by,
+            size,
+            moving: vec![0.0; width * height],
+            reduced: vec![0.0; cells],
+            outstanding: vec![0.0; cells],
+            sums: vec![0.0; size[1]],
+            still,
+        }
+    }
+
+    /// The line in a picture.
+    ///
+    /// # Errors
+    /// [`NoLine`].
+    ///
+    /// # Panics
+    /// Where the picture has another size than those before.
+    pub fn find(&mut self, view: &GreyView<'_>) -> Result<Line, NoLine> {
+        assert_eq!((view.width, view.pixels.len()), (self.still.width, self.still.least.len()), "the pictures' size");
+        for ((moving, x), least) in self.moving.iter_mut().zip(view.pixels).zip(&self.still.least) {
+            *moving = f32::from(x.saturating_sub(*least));
+        }
+        self.reduce();
+        self.stand_out();
+        let (middle, slope) = self.best_shear().ok_or(NoLine::Nothing)?;
+        self.check(middle, slope)?;
+        // The reduced pixel's centre is the mean of those of its own.
+        let off = 0.5 * (self.by as f64 - 1.0);
+        let centre = 0.5 * (self.size[0] as f64 - 1.0);
+        let to_full = |reduced: f64| reduced * self.by as f64 + off;
+        self.refine(Straight { at: to_full(centre), row: to_full(middle), slope })
+    }
+
+    fn reduce(&mut self) {
+        let [width, height] = self.size;
+        self.reduced.fill(0.0);
+        let full = self.still.width;
+        for (v, row) in self.moving.chunks_exact(full).take(height * self.by).enumerate() {
+            let sums = &mut self.reduced[v / self.by * width..][..width];
+            for (sum, cells) in sums.iter_mut().zip(row.chunks_exact(self.by)) {
+                *sum += cells.iter().sum::<f32>();
+            }
+        }
+        let area = (self.by * self.by) as f32;
+        self.reduced.iter_mut().for_each(|x| *x /= area);
+    }
+
+    /// Of each pixel by how much the rows about it are brighter than those farther above and below; the root of it, so that no single echo outshines a line.
+    fn stand_out(&mut self) {
+        let [width, height] = self.size;
+        let mut sums = vec![0.0_f32; height + 1];
+        for u in 0..width {
+            for v in 0..height {
+                sums[v + 1] = sums[v] + self.reduced[v * width + u];
+            }
+            for v in 0..height {
+                let mean = |reach: usize| {
+                    let (from, to) = (v.saturating_sub(reach), (v + reach + 1).min(height));
+                    (sums[to] - sums[from], (to - from) as f32)
+                };
+                let ((near, n), (all, m)) = (mean(INNER), mean(OUTER));
+                let beside = (all - near) / (m - n).max(1.0);
+                self.outstanding[v * width + u] = (near / n - beside).max(0.0).sqrt();
+            }
+        }
+    }
+
+    /// The line of the greatest sum: its row in the middle column, and its slope.
+    fn best_shear(&mut self) -> Option<(f64, f64)> {
+        let [width, height] = self.size;
+        let centre = 0.5 * (width as f64 - 1.0);
+        // Neighbours differ by a row at the picture's sides.
+        let steps = (STEEPEST * centre).ceil() as i32;
+        let mut best = (0.0_f32, None);
+        for step in -steps..=steps {
+            let slope = f64::from(step) / centre.max(1.0);
+            self.sums.fill(0.0);
+            for u in 0..width {
+                let shift = (slope * (u as f64 - centre)).round() as i64;
+                let from = (-shift).clamp(0, height as i64) as usize;
+                let to = (height as i64 - shift).clamp(0, height as i64) as usize;
+                for middle in from..to.max(from) {
+                    self.sums[middle] += self.outstanding[(middle as i64 + shift) as usize * width + u];
+                }
+            }
+            for (middle, sum) in self.sums.iter().enumerate() {
+                if *sum > best.0 {
+                    best = (*sum, Some((middle as f64, slope)));
+                }
+            }
+        }
+        best.1
+    }
+
+    /// That it is a line, and not the best of chance.
+    fn check(&self, middle: f64, slope: f64) -> Result<(), NoLine> {
+        let [width, height] = self.size;
+        let centre = 0.5 * (width as f64 - 1.0);
+        let (mut lit, mut on) = (0.0, 0.0);
+        for u in 0..width {
+            let (mut brightest, mut at) = (0.0_f32, None);
+            for v in 0..height {
+                let value = self.outstanding[v * width + u];
+                if value > brightest {
+                    (brightest, at) = (value, Some(v));
+                }
+            }
+            let Some(at) = at else { continue };
+            lit += 1.0;
+            let row = middle + slope * (u as f64 - centre);
+            on += f64::from((at as f64 - row).abs() <= ON_LINE);
+        }
+        if lit < LEAST_COLUMNS * width as f64 {
+            return Err(NoLine::Nothing);
+        }
+        let chance = ((2.0 * ON_LINE + 1.0) / height as f64).min(0.9);
+        let share: f64 = (on / lit).clamp(0.0, 1.0);
+        let part = |own: f64, by: f64| if own > 0.0 { own * (own / by).ln() } else { 0.0 };
+        let divergence = part(share, chance) + part(1.0 - share, 1.0 - chance);
+        // Of all lines that were tried one might do as well.
+        let tried = height as f64 * 2.0 * STEEPEST * centre;
+        if share > chance && lit / ALIKE * divergence > (tried / MISTAKEN).ln() {
+            return Ok(());
+        }
+        Err(NoLine::Scattered)
+    }
+
+    /// The echo's centre in every column about the line, and the line through these, again and again.
+    fn refine(&self, mut line: Straight) -> Result<Line, NoLine> {
+        let full = self.still.width;
+        let mut reach = self.reach(&line);
+        let mut centres = Vec::with_capacity(full);
+        let mut fitted = None;
+        for round in 0..ROUNDS {
+            centres.clear();
+            centres.extend((0..full).filter_map(|u| Some((u as f64, self.centre(u, line.row_at(u as f64), reach)?))));
+            let through = line.through(&centres).ok_or(NoLine::Scattered)?;
+            line = through.line;
+            fitted = Some(through);
+            if round == 1 {
+                reach = self.reach(&line);
+            }
+        }
+        let Some(Through { first, last, scatter, count, .. }) = fitted else { return Err(NoLine::Scattered) };
+        if (count as f64) < LEAST_COLUMNS * full as f64 {
+            return Err(NoLine::Scattered);
+        }
+        let middle = 0.5 * (first + last);
+        Ok(Line {
+            point_px: DVec2::new(middle, line.row_at(middle)),
+            direction: DVec2::new(1.0, line.slope).normalize(),
+            columns: [first, last],
+            scatter_px: scatter,
+        })
+    }
+
+    fn moving_at(&self, u: usize, v: i64) -> Option<f32> {
+        let v = usize::try_from(v).ok()?;
+        self.moving.get(v * self.still.width + u).copied()
+    }
+
+    /// Rows on either side of the line that its echo takes: twice the distance at which the mean over all columns has fallen to a half.
+    fn reach(&self, line: &Straight) -> i64 {
+        let most = (OUTER * self.by) as i64;
+        let mean = |off: i64| {
+            let values =
+                (0..self.still.width).filter_map(|u| self.moving_at(u, line.row_at(u as f64).round() as i64 + off));
+            values.map(f64::from).sum::<f64>() / self.still.width as f64
+        };
+        let profile: Vec<f64> = (-most..=most).map(mean).collect();
+        let base = median(&mut profile.clone());
+        let top = profile.iter().copied().fold(0.0, f64::max);
+        let is_half = |x: &f64| *x - base > 0.5 * (top - base);
+        let (first, last) = (profile.iter().position(is_half), profile.iter().rposition(is_half));
+        let width = first.zip(last).map_or(1, |(first, last)| last - first + 1);
+        ((2 * width) as i64).clamp(self.by as i64 + 1, most)
+    }
+
+    /// Centre of a column's echo within so many rows of one; `None` where there is none.
+    fn centre(&self, u: usize, row: f64, reach: i64) -> Option<f64> {
+        let middle = row.round() as i64;
+        let rows =
+            || (middle - reach..=middle + reach).filter_map(|v| Some((v as f64, f64::from(self.moving_at(u, v)?))));
+        // A window that the picture's border cuts would draw the centre inwards.
+        if rows().count() as i64 != 2 * reach + 1 {
+            return None;
+        }
+        let least = rows().map(|(_, x)| x).fold(f64::INFINITY, f64::min);
+        let (mut sum, mut moment) = (0.0, 0.0);
+        for (v, x) in rows() {
+            // The window's ends count as little as they may, so that a step of its middle changes nothing at once.
+            let off = (v - row) / (reach as f64 + 1.0);
+            let weight = (x - least) * (1.0 - off * off).max(0.0);
+            sum += weight;
+            moment += weight * v;
+        }
+        (sum > 0.0).then(|| moment / sum)
+    }
+}
+
+/// A line by its row in a column.
+#[derive(Debug, Clone, Copy)]
+struct Straight {
+    at: f64,
+    row: f64,
+    slope: f64,
+}
+
+/// A line through centres.
+struct Through {
+    line: Straight,
+    first: f64,
+    last: f64,
+    scatter: f64,
+    count: usize,
+}
+
+impl Straight {
+    fn row_at(&self, u: f64) -> f64 {
+        self.row + self.slope * (u - self.at)
+    }
+
+    /// The line through columns' centres by Tukey's weights about this one; `None` where there are too few.
+    fn through(&self, centres: &[(f64, f64)]) -> Option<Through> {
+        let mut line = *self;
+        let mut through = None;
+        for _ in 0..5 {
+            let mut left: Vec<f64> = centres.iter().map(|(u, v)| v - line.row_at(*u)).collect();
+            let weights: Vec<f64> = {
+                // Not finer than the centres of echoes can be told: a hundredth of a pixel.
+                let scale = deviation_about_zero(&mut left.clone()).max(0.01);
+                left.iter_mut().map(|r| Biweight::of(*r, scale).weight).collect()
+            };
+            let total: f64 = weights.iter().sum();
+            let mean = |of: &dyn Fn(f64, f64) -> f64| {
+                centres.iter().zip(&weights).map(|((u, v), w)| w * of(*u, *v)).sum::<f64>() / total
+            };
+            let (u, v) = (mean(&|u, _| u), mean(&|_, v| v));
+            let (uu, uv) = (mean(&|x, _| (x - u) * (x - u)), mean(&|x, y| (x - u) * (y - v)));
+            if !(uu > 0.0) {
+                return None;
+            }
+            line = Self { at: u, row: v, slope: uv / uu };
+            let counts = || centres.iter().zip(&weights).filter(|(_, w)| **w > 0.0).map(|((u, _), _)| *u);
+            let scatter = mean(&|x, y| (y - line.row_at(x)).powi(2)).sqrt();
+            through = Some(Through {
+                line,
+                first: counts().next()?,
+                last: counts().next_back()?,
+                scatter,
+                count: counts().count(),
+            });
+        }
+        through
+    }
+}
+
+#[cfg(test)]
+mod tests;
