@@ -8,6 +8,8 @@
 //! - [`phantom`]: what a phantom consists of: wires and landmarks.
 //! - [`pivot`]: where a stylus's tip is.
 //! - [`statistics`]: numbers that say how others are spread.
+//! - [`picture`]: a grey picture as it lies in memory.
+//! - [`probe`]: where the image plane is, from dots of wires.
 //! - [`region`]: the part of a picture that is data: rectangle and fan.
 //! - [`file`](mod@file): the versioned calibration file.
 //! - [`tracker`]: how good a tracker is where it stands: noise, and metal that bends its field.
@@ -25,7 +27,9 @@ pub mod named;
 #[cfg(test)]
 mod noise;
 pub mod phantom;
+pub mod picture;
 pub mod pivot;
+pub mod probe;
 pub mod region;
 pub mod statistics;
 pub mod tracker;

@@ -1,0 +1,73 @@
+//! A grey picture as it lies in memory.
+
+/// A grey picture in 8 bits, row by row; u is the column, v the row, and a pixel's centre is at whole numbers ([`Image`](crate::frames::Image)).
+#[derive(Debug, Clone, Copy)]
+pub struct GreyView<'a> {
+    width: usize,
+    height: usize,
+    stride: usize,
+    pixels: &'a [u8],
+}
+
+impl<'a> GreyView<'a> {
+    /// `stride` bytes lie from a row's first pixel to the next row's.
+    ///
+    /// # Errors
+    /// [`BadView`] unless there is a pixel, rows do not overlap, and `pixels` holds all of the last row.
+    pub fn new(width: usize, height: usize, stride: usize, pixels: &'a [u8]) -> Result<Self, BadView> {
+        let needed = stride.checked_mul(height.saturating_sub(1)).and_then(|bytes| bytes.checked_add(width));
+        if width == 0 || height == 0 || stride < width || needed.is_none_or(|needed| pixels.len() < needed) {
+            return Err(BadView { width, height, stride, bytes: pixels.len() });
+        }
+        Ok(Self { width, height, stride, pixels })
+    }
+
+    /// Pixels along u.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Pixels along v.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// The pixels of a row.
+    ///
+    /// # Panics
+    /// Below the last.
+    pub fn row(&self, v: usize) -> &'a [u8] {
+        assert!(v < self.height, "row {v} of {}", self.height);
+        &self.pixels[v * self.stride..][..self.width]
+    }
+}
+
+/// Why bytes are no picture.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{bytes} bytes are no picture of {width}×{height} pixels whose rows lie {stride} bytes apart")]
+pub struct BadView {
+    /// Pixels along u.
+    pub width: usize,
+    /// Pixels along v.
+    pub height: usize,
+    /// Bytes from row to row.
+    pub stride: usize,
+    /// Bytes given.
+    pub bytes: usize,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_are_a_stride_apart_and_the_last_may_end_early() {
+        let bytes: Vec<u8> = (0..11).collect();
+        let view = GreyView::new(3, 3, 4, &bytes).unwrap();
+        assert_eq!((view.row(0), view.row(2)), (&[0, 1, 2][..], &[8, 9, 10][..]));
+        assert!(GreyView::new(3, 3, 4, &bytes[..10]).is_err());
+        assert!(GreyView::new(5, 2, 4, &bytes).is_err() && GreyView::new(0, 2, 4, &bytes).is_err());
+        let error = GreyView::new(3, usize::MAX, 4, &bytes).unwrap_err().to_string();
+        assert!(error.starts_with("11 bytes are no picture of 3×"), "{error}");
+    }
+}

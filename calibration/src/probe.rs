@@ -1,0 +1,30 @@
+//! The probe's calibration: where the pixels of the picture lie in the frame of the sensor on the transducer.
+//!
+//! From a scan of a phantom of wires ([`crate::phantom`]), whose poses are known:
+//!
+//! - [`dots`]: bright spots of a picture.
+//! - [`layout`], [`matching`]: which of them is which wire's.
+//! - [`sighting`], [`track`]: recognised pictures, and poses between poses.
+//! - [`plane`], [`linear`]: the plane from dots and poses, where the rest begins.
+//! - [`refine`](mod@refine), [`scatter`]: the plane that explains all dots best, the tracker's lag, and how sure they are.
+//! - [`errors`]: how far it is off, by PLUS's definition and by ours, on pictures that had no part in it.
+//! - [`calibrate`](mod@calibrate), [`refused`]: all of it in turn, or the reason why there is none.
+
+pub mod calibrate;
+pub mod dots;
+pub mod errors;
+pub mod layout;
+pub mod linear;
+pub mod matching;
+pub mod plane;
+pub mod refine;
+pub mod refused;
+pub mod scatter;
+pub mod sighting;
+pub mod track;
+
+pub use calibrate::{Calibration, Observation, Recording, calibrate};
+pub use dots::DotFinder;
+pub use layout::Layout;
+pub use matching::Matcher;
+pub use refused::Refused;
