@@ -21,6 +21,8 @@ pub mod refine;
 pub mod refused;
 pub mod scatter;
 pub mod sighting;
+#[cfg(test)]
+mod simulated;
 pub mod track;
 
 pub use calibrate::{Calibration, Observation, Recording, calibrate};

@@ -207,7 +207,11 @@ fn sight(
         return Err(Refused::Mirrored { pictures: left });
     }
     let from_the_right = |reading: &Reading| -> Option<Match> {
-        [Some(&reading.best), reading.mirrored.as_ref()].into_iter().flatten().find(|reading| reading.rightwards).cloned()
+        [Some(&reading.best), reading.mirrored.as_ref()]
+            .into_iter()
+            .flatten()
+            .find(|reading| reading.rightwards)
+            .cloned()
     };
     let sighting = |observation: &Observation| {
         observation.poses?;

@@ -18,8 +18,8 @@ const RING: f64 = 4.5;
 const POINTS: usize = 16;
 /// How many of the ring's points, the brightest, a spot has to rise above on average. Two other spots may stand on the ring; a line covers four and more.
 const BRIGHTEST: usize = 3;
-/// How often a level's median contrast a spot's has to be.
-const ABOVE_SPECKLE: f32 = 4.0;
+/// How often a level's median contrast a spot's has to be: where contrasts fall off exponentially, one maximum of 2⁸ is as high by chance.
+const ABOVE_SPECKLE: f32 = 8.0;
 /// With fewer maxima than this a level has no speckle to speak of, and its median is none of speckle's.
 const SPECKLED: usize = 48;
 /// A contrast that counts in any case, grey levels: several times what rounding to whole levels makes.
@@ -97,9 +97,8 @@ impl DotFinder {
         for level in 0..self.levels.len() {
             self.maxima(level);
         }
-        self.candidates.sort_by(|a, b| {
-            b.contrast.total_cmp(&a.contrast).then(a.level.cmp(&b.level)).then(a.at.cmp(&b.at))
-        });
+        self.candidates
+            .sort_by(|a, b| b.contrast.total_cmp(&a.contrast).then(a.level.cmp(&b.level)).then(a.at.cmp(&b.at)));
         self.weigh();
         &self.dots
     }
@@ -113,7 +112,8 @@ impl DotFinder {
     fn smooth(&mut self, picture: &GreyView<'_>, clip: Option<ClipRect>) {
         let (width, height) = (picture.width(), picture.height());
         self.levels.resize_with(LEVELS, Level::default);
-        let clip = clip.map(|c| [c.x, c.y, c.x.saturating_add(c.width), c.y.saturating_add(c.height)].map(|n| n as usize));
+        let clip =
+            clip.map(|c| [c.x, c.y, c.x.saturating_add(c.width), c.y.saturating_add(c.height)].map(|n| n as usize));
         let [left, top, right, bottom] = clip.unwrap_or([0, 0, width, height]);
         let (left, right) = (left.min(width), right.min(width));
         let first = &mut self.levels[0];
@@ -284,6 +284,9 @@ fn binomial(grey: &mut [f32], width: usize, height: usize, row: &mut Vec<f32>) {
     const OUTER: f32 = 1.0 / 16.0;
     const INNER: f32 = 4.0 / 16.0;
     const CENTRE: f32 = 6.0 / 16.0;
+    if width == 0 {
+        return;
+    }
     // Along u, with two pixels of nothing at either end.
     row.clear();
     row.resize(width + 4, 0.0);
@@ -328,3 +331,6 @@ fn halve(from: &Level, to: &mut Level) {
         }
     }
 }
+
+#[cfg(test)]
+pub(crate) mod tests;

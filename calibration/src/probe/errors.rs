@@ -84,7 +84,9 @@ pub struct Evidence<'a> {
 impl Evidence<'_> {
     /// Errors of middle wires.
     pub fn of_middle_wires(&self, plane: &ImagePlane) -> Option<Errors> {
-        Errors::of(self.posed().map(|(sighting, map)| (sighting.frame, middles(self.layout, &sighting.marks, &map, plane))))
+        Errors::of(
+            self.posed().map(|(sighting, map)| (sighting.frame, middles(self.layout, &sighting.marks, &map, plane))),
+        )
     }
 
     /// Errors of wires.

@@ -2,8 +2,8 @@
 
 use glam::{DVec2, DVec3};
 
-use crate::phantom::{Geometry, Wire};
 use crate::phantom::nwire::PARALLEL_RAD;
+use crate::phantom::{Geometry, Wire};
 
 /// The least distance that a third parallel wire has from the plane of two others, mm: with less no affine map is told from another.
 const LEAST_DEPTH_MM: f64 = 1.0;
@@ -179,7 +179,9 @@ pub enum Unsuitable {
         wires: usize,
     },
     /// N's whose parallel wires are not parallel to those of others.
-    #[error("the N's of the phantom are turned to each other ({first} is not parallel to {other}); N's with parallel wires are recognised")]
+    #[error(
+        "the N's of the phantom are turned to each other ({first} is not parallel to {other}); N's with parallel wires are recognised"
+    )]
     Turned {
         /// A wire.
         first: String,
@@ -187,7 +189,9 @@ pub enum Unsuitable {
         other: String,
     },
     /// One N, or several in one plane.
-    #[error("the phantom has {ns} N, or N's in one plane only; two N's in different planes at least are needed to tell their dots from each other")]
+    #[error(
+        "the phantom has {ns} N, or N's in one plane only; two N's in different planes at least are needed to tell their dots from each other"
+    )]
     Flat {
         /// How many there are.
         ns: usize,

@@ -65,6 +65,8 @@ pub struct Match {
     pub rms_mm: f64,
     /// Whether u points to where the phantom's file has the right, as seen in the picture.
     pub rightwards: bool,
+    /// What tells readings of as many dots apart: misfit against what is usual, pixels that are not square, and dots that are faint.
+    cost: f64,
 }
 
 /// Recognises dots. Memory is kept from picture to picture.
@@ -106,6 +108,25 @@ struct Scale {
     unit: Unit,
     /// Least and largest size of a pixel, mm.
     pixel_mm: [f64; 2],
+    /// Contrast of the median one of as many dots as there are wires, the brightest.
+    usual: f64,
+}
+
+impl Scale {
+    /// How faint a dot is, 1 where it is so by [`FAINT`]: echoes are.
+    fn faint(&self, contrast: f32) -> f64 {
+        (self.usual / f64::from(contrast)).ln().max(0.0) / FAINT.ln()
+    }
+
+    /// What speaks against a dot for a wire: distance over [`NEAR_MM`] and faintness; `None` farther away.
+    fn against(&self, distance_mm: f64, dot: &Dot) -> Option<f64> {
+        (distance_mm <= NEAR_MM).then(|| distance_mm / NEAR_MM + self.faint(dot.contrast))
+    }
+}
+
+/// The dot that least speaks against, of those that anything is to be said of.
+fn best(dots: impl Iterator<Item = (usize, Option<f64>)>) -> Option<(usize, f64)> {
+    dots.filter_map(|(dot, against)| Some((dot, against?))).min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
 impl Matcher {
@@ -117,16 +138,17 @@ impl Matcher {
     /// Reads the dots of a picture of that size. `None` where no six or more of them lie as the phantom's wires do.
     pub fn read(&mut self, dots: &[Dot], size_px: [u32; 2], layout: &Layout) -> Option<Reading> {
         let longest = f64::from(size_px[0].max(size_px[1]).max(1));
-        let scale = Scale { unit: Unit::of(size_px), pixel_mm: PICTURE_MM.map(|mm| mm / longest) };
+        let middle = dots.len().min(layout.geometry().wires().len()) / 2;
+        let usual = dots.get(middle).map_or(1.0, |dot| f64::from(dot.contrast));
+        let scale = Scale { unit: Unit::of(size_px), pixel_mm: PICTURE_MM.map(|mm| mm / longest), usual };
         self.lines(dots, &scale, layout);
         self.guess(dots, &scale, layout);
         let mut readings: Vec<Match> =
             self.guesses.iter().filter_map(|guess| guess.in_space(dots, &scale, layout)).collect();
-        readings.sort_by(|a, b| b.marks.len().cmp(&a.marks.len()).then(a.cost().total_cmp(&b.cost())));
+        readings.sort_by(|a, b| b.marks.len().cmp(&a.marks.len()).then(a.cost.total_cmp(&b.cost)));
         let mut readings = readings.into_iter();
         let best = readings.next()?;
-        let as_many =
-            |other: &Match| other.rightwards != best.rightwards && other.marks.len() >= best.marks.len();
+        let as_many = |other: &Match| other.rightwards != best.rightwards && other.marks.len() >= best.marks.len();
         let mirrored = readings.find(as_many);
         Some(Reading { best, mirrored })
     }
@@ -196,7 +218,8 @@ fn combined(weights: &[f64; 4], four: &[usize; 4], dots: &[Dot]) -> DVec2 {
 
 /// Keeps the best guesses, each once.
 fn keep(guesses: &mut Vec<Guess>, guess: Guess, layout: &Layout) {
-    let better = |a: &Guess, b: &Guess| a.explained > b.explained || (a.explained == b.explained && a.misfit < b.misfit);
+    let better =
+        |a: &Guess, b: &Guess| a.explained > b.explained || (a.explained == b.explained && a.misfit < b.misfit);
     let back = guess.map.inverse();
     let is_same = |other: &Guess| {
         layout.posts().iter().all(|post| (back * (other.at(post.at) - guess.at(post.at))).length() < NEAR_MM)
@@ -230,22 +253,21 @@ impl Guess {
         }
         let mut guess = Self { map, shift, explained: 0, misfit: 0.0 };
         let back = map.inverse();
+        let explain = |found: Option<(usize, f64)>, guess: &mut Self| {
+            if let Some((_, against)) = found {
+                guess.explained += 1;
+                guess.misfit += against;
+            }
+        };
         for post in layout.posts() {
             let there = guess.at(post.at);
-            let nearest = dots.iter().map(|dot| (back * (dot.at_px - there)).length()).fold(f64::INFINITY, f64::min);
-            if nearest <= NEAR_MM {
-                guess.explained += 1;
-                guess.misfit += nearest;
-            }
+            let of_dot = |dot: &Dot| scale.against((back * (dot.at_px - there)).length(), dot);
+            explain(best(dots.iter().map(of_dot).enumerate()), &mut guess);
         }
         for n in layout.ns() {
             let [from, to] = n.outer.map(|post| layout.posts()[post].at);
-            let off = |dot: &Dot| off_line(back * (dot.at_px - shift), from, to);
-            let nearest = dots.iter().filter_map(off).fold(f64::INFINITY, f64::min);
-            if nearest <= IN_LINE_MM {
-                guess.explained += 1;
-                guess.misfit += nearest;
-            }
+            let of_dot = |dot: &Dot| scale.against(off_line(back * (dot.at_px - shift), from, to)?, dot);
+            explain(best(dots.iter().map(of_dot).enumerate()), &mut guess);
         }
         (guess.explained >= LEAST_DOTS).then_some(guess)
     }
@@ -262,10 +284,9 @@ impl Guess {
         let mut posts = Vec::new();
         for post in layout.posts() {
             let there = self.at(post.at);
-            let distance = |dot: usize| (back * (dots[dot].at_px - there)).length();
-            let free = (0..dots.len()).filter(|&dot| !used[dot]);
-            let nearest = free.min_by(|a, b| distance(*a).total_cmp(&distance(*b)));
-            if let Some(dot) = nearest.filter(|&dot| distance(dot) <= NEAR_MM) {
+            let of_dot = |dot: &Dot| scale.against((back * (dot.at_px - there)).length(), dot);
+            let free = dots.iter().map(of_dot).enumerate().filter(|(dot, _)| !used[*dot]);
+            if let Some((dot, _)) = best(free) {
                 used[dot] = true;
                 posts.push(Mark::of(post.wire, &dots[dot]));
             }
@@ -284,14 +305,15 @@ impl Guess {
                 .take(MOST_MIDDLES)
                 .collect();
             if !marks.is_empty() {
-                let with = |choice: &Vec<Mark>| marks.iter().map(|mark| [&choice[..], &[*mark]].concat()).collect::<Vec<_>>();
+                let with =
+                    |choice: &Vec<Mark>| marks.iter().map(|mark| [&choice[..], &[*mark]].concat()).collect::<Vec<_>>();
                 choices = choices.iter().flat_map(with).collect();
                 choices.truncate(MOST_CHOICES);
             }
         }
         let readings = choices.into_iter().filter_map(|marks| settle(marks, dots, scale, layout));
         readings.reduce(|a, b| {
-            let better = b.marks.len() > a.marks.len() || (b.marks.len() == a.marks.len() && b.cost() < a.cost());
+            let better = b.marks.len() > a.marks.len() || (b.marks.len() == a.marks.len() && b.cost < a.cost);
             if better { b } else { a }
         })
     }
@@ -327,11 +349,11 @@ fn settle(marks: Vec<Mark>, dots: &[Dot], scale: &Scale, layout: &Layout) -> Opt
             if !(-BEYOND..=1.0 + BEYOND).contains(&share) {
                 continue;
             }
-            let distance = |at: DVec2| found.plane.point(at).distance(found.plane.point(px));
-            let free = |dot: &&Dot| marks.iter().all(|mark| mark.at_px != dot.at_px);
-            let nearest = dots.iter().filter(free).min_by(|a, b| distance(a.at_px).total_cmp(&distance(b.at_px)));
-            if let Some(dot) = nearest.filter(|dot| distance(dot.at_px) <= NEAR_MM) {
-                marks.push(Mark::of(number, dot));
+            let of_dot = |dot: &Dot| scale.against(found.plane.point(dot.at_px).distance(found.plane.point(px)), dot);
+            let free = |dot: usize| marks.iter().all(|mark| mark.at_px != dots[dot].at_px);
+            let nearest = best(dots.iter().map(of_dot).enumerate().filter(|(dot, _)| free(*dot)));
+            if let Some((dot, _)) = nearest {
+                marks.push(Mark::of(number, &dots[dot]));
             }
         }
         if marks == found.marks {
@@ -361,9 +383,8 @@ impl Match {
             let plane = sum.solve(false)?;
             let off: Vec<(f64, f64)> =
                 marks.iter().map(|mark| wires[mark.wire].nearest(plane.point(mark.at_px))).collect();
-            let is_on = |(distance, share): &(f64, f64)| {
-                *distance <= NEAR_MM && (-BEYOND..=1.0 + BEYOND).contains(share)
-            };
+            let is_on =
+                |(distance, share): &(f64, f64)| *distance <= NEAR_MM && (-BEYOND..=1.0 + BEYOND).contains(share);
             if !off.iter().all(is_on) {
                 let worst = (0..marks.len()).max_by(|&a, &b| off[a].0.total_cmp(&off[b].0))?;
                 marks.remove(worst);
@@ -379,18 +400,10 @@ impl Match {
             let rightwards = plane.u.dot(layout.rightwards()) > 0.0;
             let squares: f64 = off.iter().map(|(distance, _)| distance * distance).sum();
             let rms_mm = (squares / marks.len() as f64).sqrt();
-            return Some(Self { marks, plane, rms_mm, rightwards });
+            let (misfit, aspect, skew) = (rms_mm / NEAR_MM, (u / v).ln() / ASPECT.ln(), plane.skew() / SKEW);
+            let faint: f64 = marks.iter().map(|mark| scale.faint(mark.contrast).powi(2)).sum();
+            let cost = misfit * misfit + aspect * aspect + skew * skew + faint;
+            return Some(Self { marks, plane, rms_mm, rightwards, cost });
         }
-    }
-
-    /// What tells readings of as many dots apart: misfit against what is usual, pixels that are not square, and dots that are faint.
-    fn cost(&self) -> f64 {
-        let [u, v] = self.plane.pixel_mm();
-        let (misfit, aspect, skew) = (self.rms_mm / NEAR_MM, (u / v).ln() / ASPECT.ln(), self.plane.skew() / SKEW);
-        let mut contrasts: Vec<f32> = self.marks.iter().map(|mark| mark.contrast).collect();
-        contrasts.sort_by(f32::total_cmp);
-        let median = contrasts[contrasts.len() / 2];
-        let faint = |contrast: &f32| (f64::from(median / contrast).ln().max(0.0) / FAINT.ln()).powi(2);
-        misfit * misfit + aspect * aspect + skew * skew + contrasts.iter().map(faint).sum::<f64>()
     }
 }

@@ -135,13 +135,13 @@ impl PlaneSum {
         }
     }
 
-    /// The plane that fits best. What the dots leave open is closed by the shortest u and v, if `open` is allowed.
+    /// The plane that fits best. What the dots leave open is closed by the shortest u, v and way to the origin, if `open` is allowed.
     pub(super) fn solve(&self, open: bool) -> Option<ImagePlane> {
         let mut matrix = self.matrix;
         let trace: f64 = (0..UNKNOWN).map(|i| matrix[i][i]).sum();
         // 1e-9 of the diagonal's mean: a dot's word outweighs it a millionfold.
         let ridge = if open { 1e-9 * trace / UNKNOWN as f64 } else { 0.0 };
-        (0..6).for_each(|i| matrix[i][i] += ridge);
+        (0..UNKNOWN).for_each(|i| matrix[i][i] += ridge);
         let x = solve(matrix, self.right)?;
         let [u, v] = [0, 3].map(|i| DVec3::from_slice(&x[i..]) / self.unit.half);
         let origin = DVec3::from_slice(&x[6..]) - u * self.unit.centre.x - v * self.unit.centre.y;

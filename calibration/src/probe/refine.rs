@@ -14,7 +14,8 @@ use super::sighting::{Sighting, off_wire};
 use super::track::Track;
 use crate::frames::{Image, Probe, Transform};
 use crate::least_squares::{
-    Blocks, Noise, Parameters, Rotation, Scale, Settings, Side, Solution, State, Unsolved, Vector, Whitening, rows, solve, turned,
+    Blocks, Noise, Parameters, Rotation, Scale, Settings, Side, Solution, State, Unsolved, Vector, Whitening, rows,
+    solve, turned,
 };
 use crate::phantom::file::Registration;
 
@@ -124,42 +125,60 @@ pub fn refine(
     start: &ImagePlane,
     sought: Sought,
 ) -> Result<Refined, Unsolved> {
-    let marks: Vec<DVec2> = sightings.iter().flat_map(|s| s.marks.iter().map(|mark| mark.at_px)).collect();
-    let pivot_px = marks.iter().sum::<DVec2>() / marks.len().max(1) as f64;
-    let reach = marks.iter().map(|px| px.distance(pivot_px)).fold(1.0, f64::max);
-
-    let [size_u, size_v] = start.pixel_mm();
-    let lever_mm = reach * size_u.max(size_v);
-    let x = start.u / size_u;
-    let y = (start.v - start.v.dot(x) * x).normalize();
-    let turn = DQuat::from_mat3(&DMat3::from_cols(x, y, x.cross(y)));
-    let mut parameters = Parameters::new();
-    let unknown = Unknown {
-        turn: parameters.rotation("the picture's turn", Side::Right, 1.0 / lever_mm, turn),
-        place: parameters.point("the picture's place", 1.0, start.point(pivot_px)),
-        size: parameters.scale("pixel size", ["along u", "along v"], 1.0 / lever_mm, [size_u, start.v.dot(y)]),
-        skew: parameters.vector("skew", [""], "", 1.0 / lever_mm, [if sought.skew { start.v.dot(x) / start.v.dot(y) } else { 0.0 }]),
-        phantom_turn: parameters.rotation("the phantom's turn", Side::Left, 1.0 / lever_mm, DQuat::IDENTITY),
-        phantom_shift: parameters.point("the phantom's place", 1.0, DVec3::ZERO),
-        lag: parameters.vector("the lag", [""], "s", 0.1, [0.0]),
-    };
-    if !sought.lag {
-        parameters.hold(unknown.lag);
-    }
-    if !sought.skew {
-        parameters.hold(unknown.skew);
-    }
-    if !sought.registration {
-        parameters.hold(unknown.phantom_turn);
-        parameters.hold(unknown.phantom_shift);
-    }
-    let wires = layout.geometry().wires();
-    let centre = wires.iter().flat_map(|wire| wire.ends_mm).sum::<DVec3>() / (2 * wires.len()) as f64;
-    let problem = Problem { layout, sightings, track, registration: *registration, pivot_px, centre, unknown };
+    let (problem, parameters) = Problem::new(layout, sightings, track, registration, start, sought);
     problem.solve(parameters, sought)
 }
 
-impl Problem<'_> {
+impl<'a> Problem<'a> {
+    fn new(
+        layout: &'a Layout,
+        sightings: &'a [Sighting],
+        track: &'a Track,
+        registration: &Registration,
+        start: &ImagePlane,
+        sought: Sought,
+    ) -> (Self, Parameters) {
+        let marks: Vec<DVec2> = sightings.iter().flat_map(|s| s.marks.iter().map(|mark| mark.at_px)).collect();
+        let pivot_px = marks.iter().sum::<DVec2>() / marks.len().max(1) as f64;
+        let reach = marks.iter().map(|px| px.distance(pivot_px)).fold(1.0, f64::max);
+
+        let [size_u, size_v] = start.pixel_mm();
+        let lever_mm = reach * size_u.max(size_v);
+        let x = start.u / size_u;
+        let y = (start.v - start.v.dot(x) * x).normalize();
+        let turn = DQuat::from_mat3(&DMat3::from_cols(x, y, x.cross(y)));
+        let mut parameters = Parameters::new();
+        let unknown = Unknown {
+            turn: parameters.rotation("the picture's turn", Side::Right, 1.0 / lever_mm, turn),
+            place: parameters.point("the picture's place", 1.0, start.point(pivot_px)),
+            size: parameters.scale("pixel size", ["along u", "along v"], 1.0 / lever_mm, [size_u, start.v.dot(y)]),
+            skew: parameters.vector(
+                "skew",
+                [""],
+                "",
+                1.0 / lever_mm,
+                [if sought.skew { start.v.dot(x) / start.v.dot(y) } else { 0.0 }],
+            ),
+            phantom_turn: parameters.rotation("the phantom's turn", Side::Left, 1.0 / lever_mm, DQuat::IDENTITY),
+            phantom_shift: parameters.point("the phantom's place", 1.0, DVec3::ZERO),
+            lag: parameters.vector("the lag", [""], "s", 0.1, [0.0]),
+        };
+        if !sought.lag {
+            parameters.hold(unknown.lag);
+        }
+        if !sought.skew {
+            parameters.hold(unknown.skew);
+        }
+        if !sought.registration {
+            parameters.hold(unknown.phantom_turn);
+            parameters.hold(unknown.phantom_shift);
+        }
+        let wires = layout.geometry().wires();
+        let centre = wires.iter().flat_map(|wire| wire.ends_mm).sum::<DVec3>() / (2 * wires.len()) as f64;
+        let problem = Problem { layout, sightings, track, registration: *registration, pivot_px, centre, unknown };
+        (problem, parameters)
+    }
+
     fn solve(&self, mut parameters: Parameters, sought: Sought) -> Result<Refined, Unsolved> {
         let prior = sought.registration.then(|| self.prior());
         let settings = Settings { noise: Noise::Known, ..Settings::default() };
@@ -289,7 +308,8 @@ impl Problem<'_> {
         let plane = self.plane(state);
         let map = self.map(state, picture);
         let to_phantom = DMat3::from_quat(state.rotation(self.unknown.phantom_turn)) * map.matrix3;
-        let reference_from_phantom = self.registration.reference_from_phantom.affine() * self.phantom_map(state).inverse();
+        let reference_from_phantom =
+            self.registration.reference_from_phantom.affine() * self.phantom_map(state).inverse();
         for (number, mark) in picture.dots.iter().map(|&dot| &marks[dot]).enumerate() {
             let spot = self.spot(state, &map, mark.at_px);
             let wire = &wires[mark.wire];
@@ -381,13 +401,15 @@ impl Problem<'_> {
         if let Some(registration) = registration {
             let (about, shift) = (state.rotation(phantom_turn).to_scaled_axis(), state.point(phantom_shift));
             let both = [about.x, about.y, about.z, shift.x, shift.y, shift.z];
-            let unit = |row: usize, first: usize| -> [f64; 3] {
-                std::array::from_fn(|i| if row == first + i { 1.0 } else { 0.0 })
-            };
+            // How the logarithm of a rotation changes with a step from the left, to the fourth order of its angle.
+            let bend = turned(about);
+            let by_turn = rows(DMat3::IDENTITY + bend * 0.5 + bend * bend * (1.0 / 12.0));
+            let by_shift = rows(DMat3::IDENTITY);
+            let none = [0.0; 3];
             blocks
                 .add(both, registration)
-                .by(phantom_turn, std::array::from_fn(|row| unit(row, 0)))
-                .by(phantom_shift, std::array::from_fn(|row| unit(row, 3)));
+                .by(phantom_turn, [by_turn[0], by_turn[1], by_turn[2], none, none, none])
+                .by(phantom_shift, [none, none, none, by_shift[0], by_shift[1], by_shift[2]]);
         }
         if lag {
             blocks.add(state.vector(self.unknown.lag), &Whitening::sd(USUAL_LAG_S)).by(self.unknown.lag, [[1.0]]);
@@ -418,7 +440,9 @@ impl Problem<'_> {
             information += by.transpose() * by / (sd * sd);
         }
         let covariance = information.try_inverse().unwrap_or_else(|| DMatrix::identity(6, 6) * 1e6);
-        Whitening::covariance(&std::array::from_fn(|i| std::array::from_fn(|j| 0.5 * (covariance[(i, j)] + covariance[(j, i)]))))
+        Whitening::covariance(&std::array::from_fn(|i| {
+            std::array::from_fn(|j| 0.5 * (covariance[(i, j)] + covariance[(j, i)]))
+        }))
     }
 }
 
@@ -442,7 +466,8 @@ fn leave_out(used: &mut [bool], dots: &[usize], residuals: &DVector<f64>, whiten
     let precision = whitening.transpose() * whitening;
     let weighted = &precision * residuals;
     let alone = |dot: usize| {
-        let (a, b, d) = (precision[(2 * dot, 2 * dot)], precision[(2 * dot, 2 * dot + 1)], precision[(2 * dot + 1, 2 * dot + 1)]);
+        let (a, b, d) =
+            (precision[(2 * dot, 2 * dot)], precision[(2 * dot, 2 * dot + 1)], precision[(2 * dot + 1, 2 * dot + 1)]);
         let inverse = glam::DMat2::from_cols_array(&[a, b, b, d]).inverse();
         let left = DVec2::new(weighted[2 * dot], weighted[2 * dot + 1]);
         left.dot(inverse * left)
@@ -481,9 +506,8 @@ impl Refined {
         let sizes: [[f64; 2]; 3] = std::array::from_fn(|i| [by_u[i], by_v[i]]);
         let skews: [[f64; 1]; 3] = std::array::from_fn(|i| [by_skew[i]]);
         let turns = rows(DMat3::from_quat(image_turn) * turned(own));
-        self.solution.propagated(|point| {
-            point.by(turn, turns).by(place, rows(DMat3::IDENTITY)).by(size, sizes).by(skew, skews)
-        })
+        self.solution
+            .propagated(|point| point.by(turn, turns).by(place, rows(DMat3::IDENTITY)).by(size, sizes).by(skew, skews))
     }
 
     /// Predicted error of where a pixel lies, one standard deviation: the root of the sum of the three axes' variances, mm.
@@ -509,3 +533,6 @@ impl Refined {
         (state.rotation(phantom_turn).to_scaled_axis().length().to_degrees(), state.point(phantom_shift).length())
     }
 }
+
+#[cfg(test)]
+mod tests;

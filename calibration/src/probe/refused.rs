@@ -116,7 +116,9 @@ pub enum Refused {
         units: Units,
     },
     /// The registration.
-    #[error("the dots and the poses fit together if the phantom's place on the reference is in {units}; it is to be in mm")]
+    #[error(
+        "the dots and the poses fit together if the phantom's place on the reference is in {units}; it is to be in mm"
+    )]
     RegistrationUnits {
         /// As they seem to be.
         units: Units,
@@ -130,7 +132,9 @@ pub enum Refused {
         mm: f64,
     },
     /// Wires that never tell.
-    #[error("the dots that were recognised leave the picture's place open; scan so that wires of two N's at least are seen in most pictures")]
+    #[error(
+        "the dots that were recognised leave the picture's place open; scan so that wires of two N's at least are seen in most pictures"
+    )]
     Open,
     /// The least squares say what is lacking.
     #[error(transparent)]
