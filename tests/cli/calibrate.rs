@@ -156,3 +156,61 @@ fn recordings_that_do_not_say_it_are_refused_and_leave_nothing() {
         &["cal.toml: does not say where the tip of Stylus is", "calibrate pivot"],
     );
 }
+
+/// A virtual bedside, whose probe is swept over a phantom: it is no stylus, and its poses are read.
+const BEDSIDE: &str = r#"format = "sonoweave-bedside"
+version = 1
+[tracker]
+model = "fastrak"
+port = "virtual"
+reference_station = 2
+[grabber]
+device = "virtual"
+size = "96x80"
+[volume]
+spacing_mm = 1.0
+[virtual]
+frames = 60
+"#;
+
+#[test]
+fn a_session_s_poses_are_read_by_what_its_stations_are() {
+    let place = Place::new();
+    place.put("bedside.toml", BEDSIDE);
+    let run = place.run("live --config bedside.toml --duration 2 --record sessions --quiet");
+    assert_eq!(run.code, 0, "{} {}", run.stdout, run.stderr);
+    let entry = std::fs::read_dir(place.path("sessions")).unwrap().next().unwrap().unwrap();
+    let session = format!("sessions/{}", entry.file_name().to_string_lossy());
+    let refused = |flags: &str| {
+        let words = format!("calibrate pivot --session {session} {flags}");
+        let run = place.run(&words);
+        place.check_refusal(&run, &words, &[&session]);
+        run.stderr
+    };
+    let said = refused("");
+    assert!(
+        said.contains("nothing is called Stylus in it; it tracks Probe, Reference: name the frame with --stylus"),
+        "{said}"
+    );
+    let said = refused("--stylus Probe --reference Table");
+    assert!(said.contains("nothing is called Table in it") && said.contains("--reference"), "{said}");
+    // A second's poses are there, and a sweep is no swing.
+    for reference in ["", "--reference Tracker"] {
+        let said = refused(&format!("--stylus Probe {reference}"));
+        let swung = [
+            "hardly turned",
+            "turned about one axis only",
+            "put the tip elsewhere",
+            "the tip would be",
+            "the tip strays by",
+        ];
+        assert!(swung.iter().any(|words| said.contains(words)), "{said}");
+    }
+    let run = place.run("calibrate pivot");
+    assert_eq!(run.code, 2, "{}", run.stderr);
+    assert!(
+        run.stderr.contains("--sequence <SEQUENCE>") && run.stderr.contains("--session <SESSION.mcap>"),
+        "{}",
+        run.stderr
+    );
+}

@@ -104,7 +104,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { phantom, recording, stylus_tip, tip_error, limit, outputs } = arguments;
     let tip_file = stylus_tip.as_ref().unwrap_or(phantom);
     // The tip's file may be the one that is written: it keeps what it holds.
-    outputs.check(&[&recording.sequence, phantom])?;
+    outputs.check(&[recording.path(), phantom])?;
     let settings = PhantomSettings::read(phantom)?;
     let tip_mm = tip(tip_file, &recording.stylus, stylus_tip.is_some())?;
     let read = recording.read()?;
@@ -112,10 +112,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         read.poses.iter().map(|(time_s, pose)| Reading { time_s: *time_s, reference_from_stylus: *pose }).collect();
     let landmarks = settings.geometry.landmarks();
     let accepted = Settings { tip_error_mm: *tip_error, limit_mm: *limit, ..Settings::default() };
-    let within = |e: LandmarksError| Failure(format!("{}: {e}{}", recording.sequence.display(), read.counts.also()));
+    let within = |e: LandmarksError| Failure(format!("{}: {e}{}", recording.path().display(), read.counts.also()));
     let registered = register(&readings, tip_mm, landmarks, &accepted).map_err(within)?;
 
-    let input = Input::of(&recording.sequence)?;
+    let input = Input::of(recording.path())?;
     let transform = named(&settings.frames.phantom, &read.frame, &registered.reference_from_phantom);
     let provenance = format!(
         "{} landmarks touched in {}, {:.2} mm",

@@ -69,16 +69,16 @@ struct Turned {
 /// [`Failure`] when the recording does not say where the tip is; nothing is written then.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { recording, limit, outputs } = arguments;
-    outputs.check(&[&recording.sequence])?;
+    outputs.check(&[recording.path()])?;
     let read = recording.read()?;
     let poses: Vec<Transform<Reference, Stylus>> = read.poses.iter().map(|(_, pose)| *pose).collect();
     let settings = Settings { limit_mm: *limit, ..Settings::default() };
     let within = |e: calibration::pivot::PivotError| {
-        Failure(format!("{}: {e}{}", recording.sequence.display(), read.counts.also()))
+        Failure(format!("{}: {e}{}", recording.path().display(), read.counts.also()))
     };
     let pivot = calibrate(&poses, &settings).map_err(within)?;
 
-    let input = Input::of(&recording.sequence)?;
+    let input = Input::of(recording.path())?;
     let transform = named("StylusTip", &recording.stylus, &pivot.stylus_from_tip);
     let provenance =
         format!("pivot, {} poses of {}, {:.2} mm", pivot.residual_mm.count, input.name(), pivot.residual_mm.mean);

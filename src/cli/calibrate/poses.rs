@@ -1,5 +1,7 @@
 //! Poses of a stylus from a recording.
 
+mod session;
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -16,12 +18,24 @@ use crate::refusal::{Reason, Refusal};
 use crate::sync::pairing::RIGID_TOLERANCE;
 use crate::sync::{Pairing, PairingOptions};
 
-/// Which recording, and what its frames are called.
-#[derive(Debug, Args)]
-pub struct Recording {
-    /// The recording: a tracked sequence (.igs.mha, .mha), with or without pictures
+/// A recording of one kind or the other.
+#[derive(Debug, Clone, Args)]
+#[group(required = true, multiple = false)]
+pub struct Source {
+    /// A tracked sequence (.igs.mha, .mha), with or without pictures
     #[arg(long, value_name = "SEQUENCE")]
-    pub sequence: PathBuf,
+    pub sequence: Option<PathBuf>,
+    /// A session that `live --record` wrote, of a tracker with a stylus
+    #[arg(long, value_name = "SESSION.mcap")]
+    pub session: Option<PathBuf>,
+}
+
+/// Which recording, and what its frames are called.
+#[derive(Debug, Clone, Args)]
+pub struct Recording {
+    /// Where it is
+    #[command(flatten)]
+    pub source: Source,
     /// Name of the frame of the stylus's sensor
     #[arg(long, value_name = "NAME", default_value = "Stylus")]
     pub stylus: String,
@@ -63,17 +77,27 @@ pub struct Counts {
 }
 
 impl Recording {
+    /// The file.
+    pub fn path(&self) -> &Path {
+        let Source { sequence, session } = &self.source;
+        // One of the two is there: the command line sees to it.
+        sequence.as_ref().or(session.as_ref()).map_or(Path::new(""), PathBuf::as_path)
+    }
+
     /// Reads the poses.
     ///
     /// # Errors
     /// [`Failure`] when the recording cannot be read, does not name the stylus, or has no way from it to the reference.
     pub fn read(&self) -> Result<Poses, Failure> {
-        let path = &self.sequence;
-        let within = |problem: String| Failure(format!("{}: {problem}", path.display()));
-        let [begin, end] = [self.from.unwrap_or(f64::NEG_INFINITY), self.to.unwrap_or(f64::INFINITY)];
-        if begin >= end {
-            return Err(Failure(format!("--from {begin} is not before --to {end}")));
+        match &self.source.session {
+            Some(path) => session::read(self, path),
+            None => self.read_sequence(self.path()),
         }
+    }
+
+    fn read_sequence(&self, path: &Path) -> Result<Poses, Failure> {
+        let within = |problem: String| Failure(format!("{}: {problem}", path.display()));
+        let mut taken = Taken::new(self)?;
         let readings = readings(path)?;
         let mut names: Vec<(String, String)> = Vec::new();
         for reading in &readings {
@@ -104,8 +128,7 @@ impl Recording {
             ))
         })?;
 
-        let mut ledger = Ledger::default();
-        let (mut poses, mut first_refusal, mut first_s) = (Vec::new(), None, None);
+        let mut first_s = None;
         for reading in readings {
             let stamp = match reading {
                 Reading::NamedTransform(transform) => {
@@ -117,30 +140,62 @@ impl Recording {
             };
             // A recording without times is one of readings that are a second apart.
             let time_s = stamp.source_s.unwrap_or(stamp.item as f64);
-            let time_s = time_s - *first_s.get_or_insert(time_s);
-            if time_s < begin || time_s > end {
-                continue;
-            }
-            ledger.arrived();
-            match pose(&mut pairing, &stamp) {
-                Ok(pose) => {
-                    ledger.used();
-                    poses.push((time_s, pose));
-                }
-                Err(refusal) => {
-                    ledger.refused(&refusal);
-                    first_refusal.get_or_insert(refusal.to_string());
-                }
-            }
+            taken.put(time_s - *first_s.get_or_insert(time_s), pose(&mut pairing, &stamp));
         }
         let route = pairing.route().map(|route| (route.world().to_owned(), route.describe()));
         let (frame, route) = route.unwrap_or_default();
+        taken.poses(path, frame, route)
+    }
+}
+
+/// Poses as they come, and what became of them.
+struct Taken<'a> {
+    stylus: &'a str,
+    within_s: [f64; 2],
+    ledger: Ledger,
+    poses: Vec<(f64, Transform<Reference, Stylus>)>,
+    first_refusal: Option<String>,
+}
+
+impl<'a> Taken<'a> {
+    fn new(recording: &'a Recording) -> Result<Self, Failure> {
+        let within_s = [recording.from.unwrap_or(f64::NEG_INFINITY), recording.to.unwrap_or(f64::INFINITY)];
+        let [begin, end] = within_s;
+        if begin >= end {
+            return Err(Failure(format!("--from {begin} is not before --to {end}")));
+        }
+        let (ledger, poses) = (Ledger::default(), Vec::new());
+        Ok(Self { stylus: &recording.stylus, within_s, ledger, poses, first_refusal: None })
+    }
+
+    /// One, or why there is none, at a time from the recording's beginning, s.
+    fn put(&mut self, time_s: f64, pose: Result<Transform<Reference, Stylus>, Refusal>) {
+        if time_s < self.within_s[0] || time_s > self.within_s[1] {
+            return;
+        }
+        self.ledger.arrived();
+        match pose {
+            Ok(pose) => {
+                self.ledger.used();
+                self.poses.push((time_s, pose));
+            }
+            Err(refusal) => {
+                self.ledger.refused(&refusal);
+                self.first_refusal.get_or_insert_with(|| refusal.to_string());
+            }
+        }
+    }
+
+    /// All of them; one at least.
+    fn poses(self, path: &Path, frame: String, route: String) -> Result<Poses, Failure> {
+        let Self { stylus, ledger, poses, first_refusal, .. } = self;
         let read = ledger.frames.total;
         if poses.is_empty() {
-            return Err(within(match first_refusal {
-                Some(why) => format!("none of {read} poses of {} can be used; the first: {why}", self.stylus),
+            let why = match first_refusal {
+                Some(why) => format!("none of {read} poses of {stylus} can be used; the first: {why}"),
                 None => "nothing was recorded in the time that is asked for".to_owned(),
-            }));
+            };
+            return Err(Failure(format!("{}: {why}", path.display())));
         }
         let counts = Counts { read, usable: poses.len() as u64, refused: ledger.frames.refused, first_refusal };
         Ok(Poses { frame, route, poses, counts })
