@@ -4,6 +4,7 @@ pub mod landmarks;
 mod outputs;
 pub mod pivot;
 pub mod poses;
+pub mod tracker;
 
 use clap::{Args, Subcommand};
 
@@ -22,6 +23,8 @@ enum What {
     Pivot(Box<pivot::Arguments>),
     /// Find where a phantom is held, from its landmarks touched with the stylus
     Landmarks(Box<landmarks::Arguments>),
+    /// Measure a tracker where it stands: the noise of a still sensor, or a map of where metal bends its field
+    Tracker(Box<tracker::Arguments>),
 }
 
 /// Runs the command.
@@ -32,5 +35,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     match &arguments.what {
         What::Pivot(arguments) => pivot::run(arguments),
         What::Landmarks(arguments) => landmarks::run(arguments),
+        What::Tracker(arguments) => tracker::run(arguments),
     }
 }

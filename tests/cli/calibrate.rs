@@ -11,14 +11,29 @@ const TIP: DVec3 = DVec3::new(2.0, -5.0, 140.0);
 const LANDMARKS: [[f64; 3]; 5] =
     [[0.0, 0.0, 0.0], [80.0, 5.0, 0.0], [75.0, 50.0, 20.0], [-5.0, 45.0, 5.0], [10.0, 0.0, 40.0]];
 
-/// A tracked sequence without pictures, 20 readings a second: poses of the stylus in the tracker's frame, where the reference moves about.
-fn sequence(tips: &[DVec3], factor: f64, status: fn(usize) -> &'static str) -> String {
+/// A tracked sequence without pictures: of each reading its time, and of each sensor name, pose in the tracker's frame and status.
+pub(super) fn tracked(readings: &[(f64, Vec<(&str, DAffine3, &str)>)]) -> String {
     let mut text = format!(
         "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nCompressedData = False\nDimSize = 0 0 {}\n\
          Kinds = domain domain list\nElementNumberOfChannels = 1\nElementType = MET_OTHER\n",
-        tips.len()
+        readings.len()
     );
-    for (index, tip) in tips.iter().enumerate() {
+    for (index, (time, sensors)) in readings.iter().enumerate() {
+        for (name, pose, status) in sensors {
+            let rows = DMat4::from(*pose).transpose().to_cols_array();
+            let rows: Vec<String> = rows.iter().map(f64::to_string).collect();
+            writeln!(text, "Seq_Frame{index:04}_{name}ToTrackerTransform = {}", rows.join(" ")).unwrap();
+            writeln!(text, "Seq_Frame{index:04}_{name}ToTrackerTransformStatus = {status}").unwrap();
+        }
+        writeln!(text, "Seq_Frame{index:04}_Timestamp = {}", 100.0 + time).unwrap();
+        writeln!(text, "Seq_Frame{index:04}_ImageStatus = INVALID").unwrap();
+    }
+    text + "ElementDataFile = LOCAL\n"
+}
+
+/// 20 readings a second: poses of the stylus in the tracker's frame, where the reference moves about.
+fn sequence(tips: &[DVec3], factor: f64, status: fn(usize) -> &'static str) -> String {
+    let reading = |(index, tip): (usize, &DVec3)| {
         let time = index as f64 / 20.0;
         let tracker_from_reference = DAffine3::from_rotation_translation(
             DQuat::from_rotation_y(0.5 + 0.02 * time.sin()),
@@ -28,18 +43,12 @@ fn sequence(tips: &[DVec3], factor: f64, status: fn(usize) -> &'static str) -> S
         let turn = DQuat::from_scaled_axis(swing) * DQuat::from_scaled_axis(DVec3::new(2.4, 0.3, -0.1));
         let reference_from_stylus = DAffine3::from_rotation_translation(turn, *tip - turn * TIP);
         let stylus = tracker_from_reference * reference_from_stylus;
-        for (name, mut pose) in [("Stylus", stylus), ("Reference", tracker_from_reference)] {
-            pose.translation *= factor;
-            let rows = DMat4::from(pose).transpose().to_cols_array();
-            let rows: Vec<String> = rows.iter().map(f64::to_string).collect();
-            let status = if name == "Stylus" { status(index) } else { "OK" };
-            writeln!(text, "Seq_Frame{index:04}_{name}ToTrackerTransform = {}", rows.join(" ")).unwrap();
-            writeln!(text, "Seq_Frame{index:04}_{name}ToTrackerTransformStatus = {status}").unwrap();
-        }
-        writeln!(text, "Seq_Frame{index:04}_Timestamp = {}", 100.0 + time).unwrap();
-        writeln!(text, "Seq_Frame{index:04}_ImageStatus = INVALID").unwrap();
-    }
-    text + "ElementDataFile = LOCAL\n"
+        let scaled = |pose: DAffine3| DAffine3 { translation: pose.translation * factor, ..pose };
+        let sensors =
+            vec![("Stylus", scaled(stylus), status(index)), ("Reference", scaled(tracker_from_reference), "OK")];
+        (time, sensors)
+    };
+    tracked(&tips.iter().enumerate().map(reading).collect::<Vec<_>>())
 }
 
 fn swing(factor: f64, status: fn(usize) -> &'static str) -> String {

@@ -19,3 +19,4 @@ mod results;
 mod sequence;
 mod sessions;
 mod settings;
+mod tracker;

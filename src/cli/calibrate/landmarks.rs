@@ -173,7 +173,7 @@ fn tip(path: &std::path::Path, stylus: &str, asked: bool) -> Result<DVec3, Failu
     if !asked && !text.trim_start().starts_with('<') {
         return Err(missing());
     }
-    let known = Config::parse(path, &text)?.transforms;
+    let known = Config::parse(path, &text, None)?.transforms;
     let found = known.iter().find_map(|t| match (t.from.as_str(), t.to.as_str()) {
         ("StylusTip", to) if to == stylus => Some(t.affine),
         (from, "StylusTip") if from == stylus => Some(t.affine.inverse()),

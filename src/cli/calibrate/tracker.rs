@@ -1,0 +1,272 @@
+//! `sonoweave calibrate tracker`: how good a tracker is where it stands.
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+use calibration::tracker::distortion::{self, Map, Pair};
+use calibration::tracker::noise::{self, Noise};
+use clap::Args;
+use glam::DAffine3;
+use serde::Serialize;
+
+use super::super::{Failure, input, values};
+use super::outputs::{Input, place, print, rows};
+use super::poses::{Counts, Poses, Recording, Source};
+use crate::statistics::write_json;
+
+/// Cells that the text tells of.
+const TOLD: usize = 8;
+
+/// Flags of `calibrate tracker`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Noise: lay a sensor down, let go of it, and record for ten seconds.
+A map of the room: fix two sensors to one piece of wood or plastic, 10 cm apart, and carry it slowly through all of the room that scans are made in. Where the sensors seem to be \
+otherwise apart than elsewhere, metal bends the field: do not scan there, or take the metal away.
+
+Examples: sonoweave calibrate tracker --session SESSION.mcap --sensor Probe
+          sonoweave calibrate tracker --session SESSION.mcap --sensor Probe --other Reference --report room.json")]
+pub struct Arguments {
+    #[command(flatten)]
+    source: Source,
+    /// Name of the frame of the sensor
+    #[arg(long, value_name = "NAME", default_value = "Probe")]
+    sensor: String,
+    /// Name of the frame of a second sensor, on the same rigid piece: for a map of the room
+    #[arg(long, value_name = "NAME")]
+    other: Option<String>,
+    /// Name of the tracker's own frame
+    #[arg(long, value_name = "NAME", default_value = "Tracker")]
+    tracker: String,
+    /// Edge of the map's cells, mm
+    #[arg(long, value_name = "MM", default_value_t = 50.0, value_parser = values::positive, requires = "other")]
+    cell: f64,
+    /// Warn of cells where the sensors are farther than this from where they should be, mm (root mean square)
+    #[arg(long, value_name = "MM", default_value_t = 1.0, value_parser = values::positive, requires = "other")]
+    limit: f64,
+    /// Leave out what was recorded before: seconds from the recording's beginning
+    #[arg(long, value_name = "S", value_parser = values::number)]
+    from: Option<f64>,
+    /// Leave out what was recorded after: seconds from the recording's beginning
+    #[arg(long, value_name = "S", value_parser = values::number)]
+    to: Option<f64>,
+    /// Where to write the report as JSON
+    #[arg(long, value_name = "R.json")]
+    report: Option<PathBuf>,
+}
+
+/// What is said of a still sensor. The names say the units.
+#[derive(Debug, Serialize)]
+struct NoiseReport<'a> {
+    kind: &'static str,
+    input: Input,
+    sensor: &'a str,
+    poses: &'a Counts,
+    position_mm: [f64; 3],
+    position_sd_mm: [f64; 3],
+    position_rms_mm: f64,
+    rotation_sd_deg: [f64; 3],
+    rotation_rms_deg: f64,
+    fast_rms_mm: f64,
+    farthest_mm: f64,
+}
+
+/// What is said of a room.
+#[derive(Debug, Serialize)]
+struct MapReport<'a> {
+    kind: &'static str,
+    input: Input,
+    sensors: [&'a str; 2],
+    poses: &'a Counts,
+    pairs: usize,
+    distance_mm: f64,
+    distance_rms_mm: f64,
+    /// Row major, the second sensor's pose in the first one's frame.
+    one_from_other: [f64; 16],
+    rms_mm: f64,
+    most_mm: f64,
+    rms_deg: f64,
+    limit_mm: f64,
+    cell_mm: f64,
+    cells: Vec<CellReport>,
+}
+
+#[derive(Debug, Serialize)]
+struct CellReport {
+    low_mm: [f64; 3],
+    pairs: usize,
+    rms_mm: f64,
+    most_mm: f64,
+    rms_deg: f64,
+    /// Beyond the limit.
+    warned_of: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// [`Failure`] when the recording does not say what is sought.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let recording = arguments.recording(&arguments.tracker);
+    if let Some(path) = &arguments.report {
+        input::check_output(path)?;
+        input::check_is_not(path, recording.path())?;
+    }
+    let read = recording.read()?;
+    match &arguments.other {
+        None => arguments.noise(&recording, &read),
+        Some(other) => arguments.map(&recording, &read, other),
+    }
+}
+
+impl Arguments {
+    fn recording(&self, reference: &str) -> Recording {
+        Recording {
+            source: self.source.clone(),
+            stylus: self.sensor.clone(),
+            reference: Some(reference.to_owned()),
+            from: self.from,
+            to: self.to,
+        }
+    }
+
+    fn noise(&self, recording: &Recording, read: &Poses) -> Result<(), Failure> {
+        let poses: Vec<DAffine3> = read.poses.iter().map(|(_, pose)| pose.affine()).collect();
+        let found = noise::of(&poses)
+            .map_err(|e| Failure(format!("{}: {e}{}", recording.path().display(), read.counts.also())))?;
+        if let Some(path) = &self.report {
+            let Noise { position_rms_mm, rotation_rms_deg, fast_rms_mm, farthest_mm, .. } = found;
+            let report = NoiseReport {
+                kind: "tracker_noise",
+                input: Input::of(recording.path())?,
+                sensor: &self.sensor,
+                poses: &read.counts,
+                position_mm: found.position_mm.to_array(),
+                position_sd_mm: found.position_sd_mm.to_array(),
+                position_rms_mm,
+                rotation_sd_deg: found.rotation_sd_deg.to_array(),
+                rotation_rms_deg,
+                fast_rms_mm,
+                farthest_mm,
+            };
+            write_json(path, &report)?;
+        }
+        print(&(self.of_noise(read, &found) + &self.told()))
+    }
+
+    fn of_noise(&self, read: &Poses, found: &Noise) -> String {
+        let three = |v: glam::DVec3| v.to_array().map(|x| format!("{x:.3}")).join(", ");
+        format!(
+            "{} lay at {} mm in {} for {} poses{}\n\
+             noise {:.3} mm (x, y, z {}), {:.3}° (about x, y, z {}), one standard deviation; at most {:.3} mm from the mean\n\
+             {:.3} mm of it from one pose to the next, which averaging takes away\n",
+            self.sensor,
+            place(found.position_mm),
+            self.tracker,
+            found.poses,
+            read.counts.refusals(),
+            found.position_rms_mm,
+            three(found.position_sd_mm),
+            found.rotation_rms_deg,
+            three(found.rotation_sd_deg),
+            found.farthest_mm,
+            found.fast_rms_mm
+        )
+    }
+
+    fn map(&self, recording: &Recording, read: &Poses, other: &str) -> Result<(), Failure> {
+        // The first sensor as the second one sees it, at the same times: where both were seen, that is where the second one was.
+        let between = self.recording(other).read()?;
+        let mut seen = between.poses.iter().peekable();
+        let mut pairs = Vec::new();
+        for (time_s, one) in &read.poses {
+            while seen.next_if(|(earlier, _)| earlier < time_s).is_some() {}
+            if let Some((_, other_from_one)) = seen.next_if(|(same, _)| same == time_s) {
+                let one = one.affine();
+                pairs.push(Pair { one, other: one * other_from_one.affine().inverse() });
+            }
+        }
+        let options = distortion::Options { cell_mm: self.cell, limit_mm: self.limit };
+        let map = distortion::map(&pairs, &options)
+            .map_err(|e| Failure(format!("{}: {e}{}", recording.path().display(), between.counts.also())))?;
+        if let Some(path) = &self.report {
+            let cells = map.cells.iter().enumerate().map(|(index, cell)| CellReport {
+                low_mm: cell.low_mm.to_array(),
+                pairs: cell.pairs,
+                rms_mm: cell.rms_mm,
+                most_mm: cell.most_mm,
+                rms_deg: cell.rms_deg,
+                warned_of: map.zones.contains(&index),
+            });
+            let report = MapReport {
+                kind: "tracker_map",
+                input: Input::of(recording.path())?,
+                sensors: [&self.sensor, other],
+                poses: &between.counts,
+                pairs: map.pairs,
+                distance_mm: map.distance_mm,
+                distance_rms_mm: map.distance_rms_mm,
+                one_from_other: rows(map.one_from_other),
+                rms_mm: map.rms_mm,
+                most_mm: map.most_mm,
+                rms_deg: map.rms_deg,
+                limit_mm: self.limit,
+                cell_mm: map.cell_mm,
+                cells: cells.collect(),
+            };
+            write_json(path, &report)?;
+        }
+        print(&(self.of_map(other, &between, &map) + &self.told()))
+    }
+
+    fn of_map(&self, other: &str, between: &Poses, map: &Map) -> String {
+        let mut text = format!(
+            "{} and {other} are {:.2} mm apart ({:.3} mm rms) at {} moments{}\n\
+             {other} is {:.3} mm rms and {:.3}° from its place on the piece, at most {:.2} mm\n",
+            self.sensor,
+            map.distance_mm,
+            map.distance_rms_mm,
+            map.pairs,
+            between.counts.refusals(),
+            map.rms_mm,
+            map.rms_deg,
+            map.most_mm
+        );
+        // Writing to a string does not fail.
+        let _ = match map.zones.len() {
+            0 => writeln!(
+                text,
+                "all of the {} cells of {} mm that it was carried through are within {} mm",
+                map.cells.len(),
+                map.cell_mm,
+                self.limit
+            ),
+            zones => writeln!(
+                text,
+                "{zones} of {} cells of {} mm are beyond {} mm: metal bends the field there",
+                map.cells.len(),
+                map.cell_mm,
+                self.limit
+            ),
+        };
+        for cell in map.zones.iter().take(TOLD).map(|zone| &map.cells[*zone]) {
+            let middle = cell.low_mm + glam::DVec3::splat(0.5 * map.cell_mm);
+            let _ = writeln!(
+                text,
+                "  about {} mm: {:.2} mm, {:.2}° ({} moments)",
+                place(middle),
+                cell.rms_mm,
+                cell.rms_deg,
+                cell.pairs
+            );
+        }
+        if map.zones.len() > TOLD {
+            let _ = writeln!(text, "  and {} more, in the report", map.zones.len() - TOLD);
+        }
+        text
+    }
+
+    fn told(&self) -> String {
+        self.report.as_ref().map_or(String::new(), |path| format!("report: {}\n", path.display()))
+    }
+}
