@@ -22,6 +22,10 @@ pub fn pages(command: &clap::Command) -> io::Result<Vec<Document>> {
     let mut pages = vec![Document { name: "sonoweave.1".into(), content: page(command)? }];
     for sub in command.get_subcommands() {
         pages.push(Document { name: format!("{}.1", title(sub)), content: page(sub)? });
+        // What can be calibrated has flags of its own.
+        for kind in sub.get_subcommands().filter(|kind| kind.get_name() != "help") {
+            pages.push(Document { name: format!("{}.1", title(kind)), content: page(kind)? });
+        }
     }
     pages.push(Document { name: format!("{CONFIGURATION}.5"), content: configuration()? });
     Ok(pages)
