@@ -125,8 +125,8 @@ pub const LEAST_FRAMES: usize = 30;
 const COARSE: f64 = 0.15;
 /// What the poses must explain of the values' deviation at least.
 const EXPLAINED: f64 = 0.5;
-/// Two lags are alike where chance would make their residuals differ so much more often than in one of a thousand: standard deviations of a normal distribution.
-const DISTINCT: f64 = 3.3;
+/// Two lags are alike where chance would make their residuals differ so much more often than once in a hundred: standard deviations of a normal distribution.
+const DISTINCT: f64 = 2.33;
 /// A lag that is not known better than this share of the range is not known.
 const KNOWN: f64 = 0.1;
 const MOST_STEPS: usize = 200;

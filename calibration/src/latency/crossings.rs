@@ -6,13 +6,15 @@
 //! Grey values are held against each other by n·ln(1 − r²) with r their correlation along the line, which is the likelihood of one being the other, brighter and with more
 //! contrast by unknown amounts, and noise. The sum over all crossings is least at the lag; its standard error is the jackknife's over stretches of time, as slices of one
 //! stretch have everything in common.
+//!
+//! Pictures are smoothed before: between pixels noise is averaged and on them it is not, so that without that slices agree best wherever most lines fall between pixels.
 
 use glam::{DAffine3, DVec2, DVec3};
 
 use super::poses::Poses;
 use super::robust::median;
 
-/// Pictures of a scan, small enough that all are held: of one size, 8 bits, u fastest.
+/// Pictures of a scan, small and smooth enough that all are held: of one size, u fastest.
 #[derive(Debug, Clone)]
 pub struct Slices {
     width: usize,
@@ -20,7 +22,8 @@ pub struct Slices {
     is_data: Vec<bool>,
     /// First and last column and row that hold data.
     bounds: [[f64; 2]; 2],
-    pixels: Vec<(f64, Vec<u8>)>,
+    /// Times, and grey values in units of 1/256.
+    pixels: Vec<(f64, Vec<u16>)>,
     /// Pixels of these pictures to mm at the probe.
     probe_from_pixel: DAffine3,
     poses: Poses,
@@ -114,6 +117,10 @@ const COARSE_S: f64 = 0.01;
 const FINE: i32 = 4;
 const DISTINCT: f64 = 3.3;
 
+/// What pictures are smoothed by, in both directions; its sum is 16.
+const BINOMIAL: [u32; 5] = [1, 4, 6, 4, 1];
+const REACH: usize = 2;
+
 /// Pictures as wide as this are small enough.
 const WIDE: u32 = 192;
 
@@ -132,7 +139,16 @@ impl Slices {
         assert_eq!(is_data.len(), full * height as usize, "a flag for each pixel");
         let (width, height) = (full / by, height as usize / by);
         let whole = |u: usize, v: usize| (0..by * by).all(|k| is_data[(v * by + k / by) * full + u * by + k % by]);
-        let is_data: Vec<bool> = (0..width * height).map(|at| whole(at % width, at / width)).collect();
+        let is_whole: Vec<bool> = (0..width * height).map(|at| whole(at % width, at / width)).collect();
+        // What smoothing reaches across the border of the data is none.
+        let is_inner = |u: usize, v: usize| {
+            let within = |at: usize, end: usize| at >= REACH && at + REACH < end;
+            within(u, width)
+                && within(v, height)
+                && (v - REACH..=v + REACH)
+                    .all(|v| is_whole[v * width + u - REACH..=v * width + u + REACH].iter().all(|is| *is))
+        };
+        let is_data: Vec<bool> = (0..width * height).map(|at| is_inner(at % width, at / width)).collect();
         let within = || (0..width * height).filter(|at| is_data[*at]).map(|at| [at % width, at / width]);
         let bounds = [0, 1].map(|axis| {
             let ends = within().map(|place| place[axis]);
@@ -149,7 +165,7 @@ impl Slices {
         Self { width, height, is_data, bounds, pixels: Vec::new(), probe_from_pixel, poses }
     }
 
-    /// Takes in a picture, reduced by the mean of its pixels.
+    /// Takes in a picture, reduced by the mean of its pixels, and smoothed.
     ///
     /// # Panics
     /// Where it has another size than was said.
@@ -163,18 +179,25 @@ impl Slices {
                 sums[v / by * self.width + u] += cells.iter().map(|x| u32::from(*x)).sum::<u32>();
             }
         }
-        let count = (by * by) as u32;
-        let mean = |sum: u32| u8::try_from((sum + count / 2) / count).unwrap_or(u8::MAX);
-        self.pixels.push((time_s, sums.into_iter().map(mean).collect()));
-    }
-
-    /// Memory that a picture takes, bytes.
-    pub fn bytes(&self) -> usize {
-        self.width * self.height
+        // Along rows, then along columns; beyond the border the nearest pixel counts.
+        let smooth = |values: &[u32], size: usize, step: usize, at: usize, along: usize| -> u32 {
+            let value =
+                |off: usize| values[at - along * step + (along + off).saturating_sub(REACH).min(size - 1) * step];
+            BINOMIAL.iter().enumerate().map(|(off, weight)| weight * value(off)).sum()
+        };
+        let cells = self.width * self.height;
+        let rows: Vec<u32> = (0..cells).map(|at| smooth(&sums, self.width, 1, at, at % self.width)).collect();
+        let area = (by * by) as u32;
+        let both = |at: usize| {
+            let sum = smooth(&rows, self.height, self.width, at, at / self.width);
+            // Of 255 the weights make 255 · 256 a pixel.
+            u16::try_from((sum + area / 2) / area).unwrap_or(u16::MAX)
+        };
+        self.pixels.push((time_s, (0..cells).map(both).collect()));
     }
 
     /// Grey value between pixels; `None` outside of the data.
-    fn grey(&self, pixels: &[u8], at: DVec2) -> Option<f64> {
+    fn grey(&self, pixels: &[u16], at: DVec2) -> Option<f64> {
         let (u, v) = (at.x.floor(), at.y.floor());
         if !(u >= 0.0 && v >= 0.0 && u + 1.0 < self.width as f64 && v + 1.0 < self.height as f64) {
             return None;
@@ -184,7 +207,7 @@ impl Slices {
         if !places.iter().all(|place| self.is_data[*place]) {
             return None;
         }
-        let [p, q, r, s] = places.map(|place| f64::from(pixels[place]));
+        let [p, q, r, s] = places.map(|place| f64::from(pixels[place]) / 256.0);
         Some((1.0 - b) * ((1.0 - a) * p + a * q) + b * ((1.0 - a) * r + a * s))
     }
 
@@ -310,7 +333,7 @@ impl Slices {
         }
         let [x, y, xx, yy, xy] = sums.map(|sum| sum / count as f64);
         let (xx, yy, xy) = (xx - x * x, yy - y * y, xy - x * y);
-        // Grey values are whole: what differs by less than their rounding is even.
+        // What differs by less than the rounding of grey values is even.
         let correlation = if xx > 0.1 && yy > 0.1 { xy / (xx * yy).sqrt() } else { 0.0 };
         Some((correlation, count))
     }

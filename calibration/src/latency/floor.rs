@@ -3,13 +3,12 @@
 use glam::{DQuat, DVec2, DVec3};
 use serde::Serialize;
 
-use super::align::{AlignOptions, Alignment, LEAST_FRAMES, NoLag, align};
+use super::align::{AlignOptions, Alignment, LEAST_FRAMES, NoLag, Observation, align};
 use super::line::{Line, NoLine};
 use super::motion::{Motion, PoseSample};
 use super::robust::median;
 use super::stamps::{Reading, Stamps, wander};
 use super::track::NotFinite;
-use crate::latency::align::Observation;
 
 /// A picture's line, and its times.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -131,7 +131,7 @@ fn scans_that_tell_no_lag_are_refused_by_name() {
     assert!(matches!(edge, Err(NoCrossings::AtEdge { .. })), "{edge:?}");
     // Pictures of something else.
     let mut other = scan(both_ways, 0.0, 3.0, &mut random);
-    let mut pictures: Vec<Vec<u8>> = other.pixels.iter().map(|(_, pixels)| pixels.clone()).collect();
+    let mut pictures: Vec<Vec<u16>> = other.pixels.iter().map(|(_, pixels)| pixels.clone()).collect();
     for i in (1..pictures.len()).rev() {
         pictures.swap(i, (random.even() * (i + 1) as f64) as usize);
     }
