@@ -35,6 +35,11 @@
 //! [volume]
 //! spacing_mm = [0.5, 0.5, 0.5]
 //!
+//! [latency]                         # what the devices' times lie behind their measurements
+//! video_ms = 40.0
+//! tracker_ms = -24.8                # only the difference matters to where a slice lies
+//! lag_se_ms = 0.7                   # standard error of that difference; if not given it is not known
+//!
 //! [[transform]]                     # further constant transforms, as many as there are
 //! from = "Phantom"
 //! to = "Reference"
@@ -59,7 +64,10 @@ use preset::Preset;
 
 mod arm;
 pub mod date;
+mod latency;
 pub mod preset;
+
+pub use latency::Latency;
 
 /// The value of `format`.
 pub const FORMAT: &str = "sonoweave-calibration";
@@ -85,6 +93,8 @@ pub struct CalibrationFile {
     pub hwhm_mm: Option<[f64; 3]>,
     /// Distance between voxels along x, y, z, mm.
     pub spacing_mm: Option<[f64; 3]>,
+    /// What the devices' times lie behind their measurements.
+    pub latency: Option<Latency>,
     /// Further constant transforms.
     pub transforms: Vec<StaticTransform>,
     /// The probe's calibration at several depths.
@@ -116,6 +126,7 @@ impl CalibrationFile {
             "arm",
             "resolution",
             "volume",
+            "latency",
             "transform",
             "preset",
         ];
@@ -143,6 +154,7 @@ impl CalibrationFile {
         if let Some(entry) = root.get("volume") {
             file.spacing_mm = Some(entry.table(&["spacing_mm"])?.need("spacing_mm")?.positive()?);
         }
+        file.latency = root.get("latency").map(|entry| latency::read(&entry)).transpose()?;
         if let Some(entry) = root.get("transform") {
             for item in entry.items("a list of tables, each headed [[transform]]")? {
                 let transform = static_transform(&item)?;
@@ -225,6 +237,9 @@ impl CalibrationFile {
         }
         if let Some(spacing) = &self.spacing_mm {
             line(&mut text, format_args!("\n[volume]\nspacing_mm = {spacing:?}"));
+        }
+        if let Some(latency) = &self.latency {
+            latency::write(latency, &mut text);
         }
         for transform in &self.transforms {
             let [from, to] = [&transform.from, &transform.to].map(|name| toml::Value::String(name.clone()));

@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 
 use calibration::arm::Arm;
 use calibration::file::preset::Preset;
-use calibration::file::{CalibrationFile, FileError, NoPreset};
+use calibration::file::{CalibrationFile, FileError, Latency, NoPreset};
 use calibration::keys::Source;
 use calibration::named::StaticTransform;
 use calibration::region::{ClipRect, Fan};
@@ -65,6 +65,8 @@ pub struct Settings {
     pub spacing_mm: Option<[f64; 3]>,
     /// Half width at half maximum along u, v and the plane's normal, mm.
     pub hwhm_mm: Option<[f64; 3]>,
+    /// What the devices' times lie behind their measurements.
+    pub latency: Option<Latency>,
     /// The arm that carries the probe; whoever writes settings out has its own words for it.
     #[serde(skip)]
     pub arm: Option<Arm>,
@@ -123,6 +125,7 @@ impl Settings {
             fan: file.fan,
             spacing_mm: file.spacing_mm,
             hwhm_mm: file.hwhm_mm,
+            latency: file.latency,
             arm: file.arm,
             ..Self::default()
         }

@@ -28,6 +28,7 @@ fn full() -> CalibrationFile {
         fan: Some(Fan::new([380.0, 20.0], [120.0, 360.0], [-45.0, 45.0]).unwrap()),
         hwhm_mm: Some([0.3, 0.2, 1.1]),
         spacing_mm: Some([0.5, 0.5, 0.25]),
+        latency: Some(Latency { video_ms: 40.0, tracker_ms: -24.826_600_000_1, lag_se_ms: Some(0.7) }),
         transforms: vec![StaticTransform::new("Phantom \"1\"", "Reference", &rows).unwrap()],
         presets: Vec::new(),
     }
@@ -136,6 +137,15 @@ fn wrong_counts_and_values_name_key_and_line() {
             "image.fan (line 3): a fan's radii must grow",
         ),
         ("[image.fan]\norigin_px = [0, 0]\nradii_px = [0, 3]\n".into(), "image.fan.angles_deg (line 3): is missing"),
+        ("[latency]\nvideo_ms = 3\n".into(), "latency.tracker_ms (line 3): is missing"),
+        (
+            "[latency]\nvideo_ms = 3\ntracker_ms = 1001\n".into(),
+            "latency.tracker_ms (line 5): must lie between -1000 and 1000, not at 1001",
+        ),
+        (
+            "[latency]\nvideo_ms = 3\ntracker_ms = 1\nlag_se_ms = -1\n".into(),
+            "latency.lag_se_ms (line 6): must be 0 or more, not -1",
+        ),
         ("provenance = 3\n".into(), "provenance (line 3): must be a text, not a whole number"),
         ("transform = 3\n".into(), "transform (line 3): must be a list of tables"),
         ("image = [\n".into(), "probe.toml: line "),

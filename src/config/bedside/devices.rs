@@ -120,7 +120,7 @@ impl Tracker {
         OpenSettings::Tracker(TrackerSettings { model: self.model, port, settings, keeps_raw })
     }
 
-    pub(super) fn read(mut keys: Reader<'_, '_>) -> Result<Self, FileError> {
+    pub(super) fn read(mut keys: Reader<'_, '_>, latency_ms: f64) -> Result<Self, FileError> {
         let models = Model::ALL.map(|model| (model.name(), model));
         let Some(model) = keys.choice_if("model", &models)? else {
             return Err(
@@ -184,7 +184,7 @@ impl Tracker {
             may_reset: keys.truth("may_reset", usual.may_reset)?,
         };
         let roles = Roles { probe, reference, stylus };
-        let tracker = Self { model, port, settings, roles, latency_ns: latency(&mut keys)? };
+        let tracker = Self { model, port, settings, roles, latency_ns: latency(&mut keys, latency_ms)? };
         let port = tracker.port.clone().unwrap_or(Port::Serial { path: VIRTUAL.into(), baud: None });
         drivers::open(&tracker.open_settings(port, false)).map_err(|error| misuse(&keys, &error))?;
         Ok(tracker)
@@ -240,7 +240,7 @@ impl Arm {
         OpenSettings::Arm(ArmSettings { model, settings: self.settings.clone(), keeps_raw })
     }
 
-    pub(super) fn read(mut keys: Reader<'_, '_>) -> Result<Self, FileError> {
+    pub(super) fn read(mut keys: Reader<'_, '_>, latency_ms: f64) -> Result<Self, FileError> {
         use arm::ea1::Speech::{BareNumbers, Blocks, Lines};
         let kinds = [
             ("ea1", ArmKind::Ea1(Lines)),
@@ -291,7 +291,7 @@ impl Arm {
             return Err(keys.error("port", "there is no virtual Immersion box; choose another kind"));
         }
         let ports = (ports != [VIRTUAL]).then(|| ports.into_iter().map(PathBuf::from).collect());
-        let arm = Self { kind, ports, settings, latency_ns: latency(&mut keys)? };
+        let arm = Self { kind, ports, settings, latency_ns: latency(&mut keys, latency_ms)? };
         let named = arm.ports.clone().unwrap_or_default();
         drivers::open(&arm.open_settings(&named, false)).map_err(|error| misuse(&keys, &error))?;
         Ok(arm)
@@ -346,7 +346,7 @@ impl Grabber {
         OpenSettings::Grabber(self.settings.clone())
     }
 
-    pub(super) fn read(mut keys: Reader<'_, '_>) -> Result<Self, FileError> {
+    pub(super) fn read(mut keys: Reader<'_, '_>, latency_ms: f64) -> Result<Self, FileError> {
         let Some(device) = keys.text_if("device")?.filter(|device| !device.is_empty()) else {
             return Err(
                 keys.error("device", "is missing: which grabber is it? `sonoweave devices` lists what there is")
@@ -378,7 +378,7 @@ impl Grabber {
         if is_virtual && settings.colour == Colour::Rgb {
             return Err(keys.error("colour", "a virtual grabber shows grey pictures; leave it out"));
         }
-        let grabber = Self { is_virtual, settings, latency_ns: latency(&mut keys)? };
+        let grabber = Self { is_virtual, settings, latency_ns: latency(&mut keys, latency_ms)? };
         drivers::open(&grabber.open_settings()).map_err(|error| misuse(&keys, &error))?;
         Ok(grabber)
     }
@@ -402,8 +402,9 @@ fn format(entry: &Entry<'_>) -> Result<Format, FileError> {
     })
 }
 
-fn latency(keys: &mut Reader<'_, '_>) -> Result<i64, FileError> {
-    keys.ms("latency_ms", 0.0, -1000.0..=1000.0)
+/// The file's, or the calibration's.
+fn latency(keys: &mut Reader<'_, '_>, calibrated_ms: f64) -> Result<i64, FileError> {
+    keys.ms("latency_ms", calibrated_ms, -1000.0..=1000.0)
 }
 
 /// A driver's complaint about settings, at the key that it is about. Drivers name theirs `device.setting: what is wrong`.

@@ -26,6 +26,7 @@ use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use calibration::file::date::Date;
+use calibration::file::Latency;
 use calibration::keys::{FileError, Source, Table};
 use calibration::named::StaticTransform;
 use calibration::region::{ClipRect, Fan};
@@ -164,12 +165,17 @@ impl Bedside {
         let calibration_keys = Reader::new(path, Some(root), "calibration", &mut effective)?;
         let Told { settings: told, clip, fan } = told_calibration(calibration_keys, texts)?;
 
+        let calibrated = told.as_ref().and_then(|settings| settings.latency);
+        let [of_tracking_ms, of_grabber_ms] = calibrated.map_or([0.0; 2], |ms| [ms.tracker_ms, ms.video_ms]);
         let given = |name: &str| root.get(name);
         let tracking = match (given("tracker"), given("arm")) {
-            (Some(_), None) => {
-                Tracking::Tracker(Tracker::read(Reader::new(path, Some(root), "tracker", &mut effective)?)?)
+            (Some(_), None) => Tracking::Tracker(Tracker::read(
+                Reader::new(path, Some(root), "tracker", &mut effective)?,
+                of_tracking_ms,
+            )?),
+            (None, Some(_)) => {
+                Tracking::Arm(Arm::read(Reader::new(path, Some(root), "arm", &mut effective)?, of_tracking_ms)?)
             }
-            (None, Some(_)) => Tracking::Arm(Arm::read(Reader::new(path, Some(root), "arm", &mut effective)?)?),
             (Some(_), Some(arm)) => {
                 return Err(arm
                     .error("[tracker] is there too, and one of them carries the probe; leave the other out")
@@ -186,7 +192,8 @@ impl Bedside {
         if given("grabber").is_none() {
             return Err(whole_file(path, "grabber", "[grabber] is missing, by which the scanner's pictures come"));
         }
-        let grabber = Grabber::read(Reader::new(path, Some(root), "grabber", &mut effective)?)?;
+        let grabber = Grabber::read(Reader::new(path, Some(root), "grabber", &mut effective)?, of_grabber_ms)?;
+        notes.extend(calibrated.and_then(|calibrated| other_lag(&calibrated, &tracking, &grabber)));
 
         let rehearsal = if tracking.is_virtual() || grabber.is_virtual {
             let usual = match tracking {
@@ -273,6 +280,19 @@ impl Bedside {
 
 /// A preset that is older is warned of, days.
 const WARN_AFTER_DAYS: u32 = 180;
+/// Lags further apart than this are two, ms: what a hand at 50 mm/s moves in it is 0.05 mm.
+const SAME_LAG_MS: f64 = 1.0;
+
+/// What to say where the latencies that hold have another difference than was calibrated.
+fn other_lag(calibrated: &Latency, tracking: &Tracking, grabber: &Grabber) -> Option<String> {
+    let lag_ms = (tracking.latency_ns() - grabber.latency_ns) as f64 * 1e-6;
+    let of_file_ms = calibrated.tracker_ms - calibrated.video_ms;
+    ((lag_ms - of_file_ms).abs() > SAME_LAG_MS).then(|| {
+        format!(
+            "by latency_ms of this file the poses come {lag_ms:.1} ms later than the pictures, and by the calibration file {of_file_ms:.1} ms: this file holds; leave both out to have the calibration's"
+        )
+    })
+}
 
 /// What the section says of the calibration, and what it says instead of the calibration's own clip and fan.
 struct Told {

@@ -51,8 +51,7 @@ const fn once(name: &'static str, takes: &'static str, about: &'static str) -> K
     Key { name, takes, about, applies: Applies::AtOnce }
 }
 
-const LATENCY: &str =
-    "what its times lie behind its measurements beyond what the driver knows of wire and sampling; 0 without it";
+const LATENCY: &str = "what its times lie behind its measurements beyond what the driver knows of wire and sampling; the calibration file's without it, else 0";
 
 /// All sections, in the order in which a slice passes them.
 pub const SECTIONS: &[Section] = &[

@@ -1,6 +1,8 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
+use calibration::file::CalibrationFile;
+use calibration::frames::Transform;
 use drivers::OpenSettings;
 use drivers::polhemus::{Model, Port};
 use proptest::prelude::*;
@@ -455,4 +457,33 @@ fn a_preset_is_chosen_by_name_and_refused_where_it_does_not_fit() {
     let said = far.mask.plan(640, 480).unwrap_err().to_string();
     assert!(said.contains("64×48 pixels, and these have 640×480"), "{said}");
     assert!(with("[calibration]\npreset = \"far\"\n").unwrap_err().contains("give file"));
+}
+
+#[test]
+fn latencies_are_the_calibration_s_where_the_file_gives_none() {
+    let folder = tempfile::tempdir().unwrap();
+    let calibration = CalibrationFile {
+        probe_from_image: Some(Transform::IDENTITY),
+        latency: Some(Latency { video_ms: 40.0, tracker_ms: -24.5, lag_se_ms: Some(0.7) }),
+        ..CalibrationFile::default()
+    };
+    calibration.write(&folder.path().join("probe.toml")).unwrap();
+    let read = |tracker: &str, grabber: &str| {
+        let text = format!(
+            "format = \"sonoweave-bedside\"\nversion = 1\n[calibration]\nfile = \"probe.toml\"\n[tracker]\nmodel = \"fastrak\"\nport = \"usb\"\n{tracker}\n[grabber]\ndevice = \"/dev/video0\"\n{grabber}\n"
+        );
+        let bedside = Bedside::parse(&folder.path().join("bedside.toml"), &text).unwrap();
+        let effective =
+            ["tracker.latency_ms", "grabber.latency_ms"].map(|key| bedside.effective[key].as_f64().unwrap());
+        let ns = [bedside.tracking.latency_ns(), bedside.grabber.latency_ns];
+        let doubts = bedside.notes.iter().filter(|note| note.contains("by the calibration file")).count();
+        (ns, effective, doubts)
+    };
+    assert_eq!(read("", ""), ([-24_500_000, 40_000_000], [-24.5, 40.0], 0));
+    assert_eq!(
+        read("latency_ms = 3.0", "latency_ms = 67.5"),
+        ([3_000_000, 67_500_000], [3.0, 67.5], 0),
+        "the same lag"
+    );
+    assert_eq!(read("latency_ms = 3.0", ""), ([3_000_000, 40_000_000], [3.0, 40.0], 1), "another one");
 }

@@ -1,0 +1,53 @@
+//! Latencies in a calibration file.
+
+use std::fmt::Write as _;
+
+use serde::Serialize;
+
+use crate::keys::{Entry, FileError};
+
+/// What the devices' times lie behind their measurements, beyond what their drivers know; ms.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Latency {
+    /// Of the pictures.
+    pub video_ms: f64,
+    /// Of the poses. What it is more than the pictures' is the lag, which alone matters to where a slice lies.
+    pub tracker_ms: f64,
+    /// Standard error of the lag, where it is known.
+    pub lag_se_ms: Option<f64>,
+}
+
+/// What a bedside's file may say, too.
+const MOST_MS: f64 = 1000.0;
+
+/// Reads the table.
+pub(super) fn read(entry: &Entry<'_>) -> Result<Latency, FileError> {
+    let table = entry.table(&["video_ms", "tracker_ms", "lag_se_ms"])?;
+    let of = |key| {
+        let entry = table.need(key)?;
+        let ms = entry.number()?;
+        match ms.abs() <= MOST_MS {
+            true => Ok(ms),
+            false => Err(entry.error(format!("must lie between -{MOST_MS} and {MOST_MS}, not at {ms}"))),
+        }
+    };
+    let (video_ms, tracker_ms) = (of("video_ms")?, of("tracker_ms")?);
+    let lag_se_ms = match table.get("lag_se_ms") {
+        None => None,
+        Some(entry) => match entry.number()? {
+            ms if ms >= 0.0 => Some(ms),
+            ms => return Err(entry.error(format!("must be 0 or more, not {ms}"))),
+        },
+    };
+    Ok(Latency { video_ms, tracker_ms, lag_se_ms })
+}
+
+/// The table.
+pub(super) fn write(latency: &Latency, text: &mut String) {
+    let Latency { video_ms, tracker_ms, lag_se_ms } = latency;
+    // Writing to a String cannot fail.
+    let _ = writeln!(text, "\n[latency]\nvideo_ms = {video_ms:?}\ntracker_ms = {tracker_ms:?}");
+    if let Some(ms) = lag_se_ms {
+        let _ = writeln!(text, "lag_se_ms = {ms:?}");
+    }
+}
