@@ -5,6 +5,7 @@ mod outputs;
 pub mod pivot;
 pub mod poses;
 pub mod tracker;
+pub mod latency;
 
 use clap::{Args, Subcommand};
 
@@ -25,6 +26,8 @@ enum What {
     Landmarks(Box<landmarks::Arguments>),
     /// Measure a tracker where it stands: the noise of a still sensor, or a map of where metal bends its field
     Tracker(Box<tracker::Arguments>),
+    /// Find how much later the tracker's poses come than the pictures
+    Latency(Box<latency::Arguments>),
 }
 
 /// Runs the command.
@@ -36,5 +39,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         What::Pivot(arguments) => pivot::run(arguments),
         What::Landmarks(arguments) => landmarks::run(arguments),
         What::Tracker(arguments) => tracker::run(arguments),
+        What::Latency(arguments) => latency::run(arguments),
     }
 }

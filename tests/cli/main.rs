@@ -6,6 +6,7 @@ mod calibrate;
 mod daemon;
 mod devices;
 mod inspect;
+mod latency;
 mod live;
 mod modes;
 mod paths;

@@ -116,6 +116,11 @@ impl ConfigurationReport {
         if let Some(hwhm) = settings.hwhm_mm {
             text.row("resolution", format!("{} mm half width at half maximum along u, v, n", point(hwhm)));
         }
+        if let Some(latency) = settings.latency {
+            let (video, tracker) = (short(latency.video_ms), short(latency.tracker_ms));
+            let sure = latency.lag_se_ms.map_or(String::new(), |ms| format!("; the lag is known to {} ms", short(ms)));
+            text.row("latency", format!("video {video} ms, tracker {tracker} ms{sure}"));
+        }
         text.rows("arm", self.arm.iter().flatten().map(ToString::to_string));
         text.rows("notes", &settings.notes);
         for transform in &settings.transforms {

@@ -24,6 +24,7 @@
 //! - `decision`, `seal`: what is decided upon frames, and what came of it all, as the recording has it.
 //! - `recorder`: the session's file.
 //! - `replay`, `precedent`: a recorded session as what comes in, and what it is held against.
+//! - `walk`: a recorded session's samples by themselves.
 //! - `priority`: which threads run before others.
 //! - `board`, `timing`, `pulse`, `losses`: what the stages say of themselves.
 
@@ -45,6 +46,7 @@ mod replay;
 mod seal;
 mod session;
 mod timing;
+mod walk;
 mod weave;
 
 use std::sync::Arc;
@@ -65,6 +67,7 @@ pub use replay::Recorded;
 pub use seal::Seal;
 pub use session::{Bed, Equipment, Finished, Instrument, Order, Record, Session};
 pub use timing::{Quantiles, Spread};
+pub use walk::walk;
 
 use super::PipelineError;
 use board::Board;

@@ -1,0 +1,297 @@
+//! `sonoweave calibrate latency`: how much later the tracker's poses come than the pictures.
+
+mod report;
+mod source;
+
+use std::path::PathBuf;
+
+use calibration::file::CalibrationFile;
+use calibration::latency::align::AlignOptions;
+use calibration::latency::crossings::{Agreement, Slices};
+use calibration::latency::floor::{FloorFrame, FloorLag, FloorOptions, NoFloorLag, floor_lag};
+use calibration::latency::line::{Finder, GreyView, Still};
+use calibration::latency::poses::Poses;
+use clap::{ArgGroup, Args, ValueEnum};
+
+use super::super::{Failure, input};
+use crate::config::Settings;
+use crate::config::bedside::pixel_mm;
+use crate::mask::{Mask, MaskPlan, MaskSettings};
+use report::{Found, Report};
+use source::Source;
+
+/// Slices that are held at once, at most: pairs of more need longer than they tell.
+const MOST_SLICES: u64 = 1000;
+/// A recording of poses that was woven by another lag than this is told so, standard errors.
+const OTHER: f64 = 3.0;
+
+/// Flags of `calibrate latency`.
+#[derive(Debug, Args)]
+#[command(
+    group(ArgGroup::new("from").required(true).args(["video", "sequence", "session"])),
+    after_help = "\
+Hold the probe above the floor of a water tank and move it up and down, unevenly, for 10 to 20 s: the floor's line in the pictures is held against the tracker's motion \
+(--method line). Or scan anything that does not move, twice and in directions across each other: slices that cross show the same where they do (--method crossings); so a \
+latency that is wrong is noticed without a phantom.
+
+A lag above 0 means that the tracker lags the video. tracker.latency_ms = video.latency_ms + 1000 · lag_s; both go into the calibration file, from which a bedside takes \
+them where its own file gives none.
+
+Examples:
+  sonoweave calibrate latency --session SESSION-20261121-213000.mcap -o probe.toml
+  sonoweave calibrate latency --video tank-video.igs.mha --tracker tank-tracker.igs.mha --report latency.json"
+)]
+pub struct Arguments {
+    /// The pictures: a sequence (.igs.mha, .mha); the poses are --tracker's
+    #[arg(long, value_name = "SEQUENCE", requires = "tracker")]
+    video: Option<PathBuf>,
+    /// The poses: a tracked sequence, which needs no pictures
+    #[arg(long, value_name = "SEQUENCE", requires = "video")]
+    tracker: Option<PathBuf>,
+    /// Pictures with their poses: a tracked sequence
+    #[arg(long, value_name = "SEQUENCE")]
+    sequence: Option<PathBuf>,
+    /// Pictures and poses: a recorded session (.mcap). The latencies that it had do not count
+    #[arg(long, value_name = "SESSION")]
+    session: Option<PathBuf>,
+    /// By what the lag is found [default: line, and crossings where no picture shows a floor]
+    #[arg(long, value_enum, value_name = "METHOD")]
+    method: Option<Method>,
+    /// What the pictures' times lie behind what they show, ms [default: the session's, else 0]
+    #[arg(long, value_name = "MS", allow_hyphen_values = true)]
+    video_latency_ms: Option<f64>,
+    /// Lags are looked for from -MS to +MS
+    #[arg(long, value_name = "MS", default_value_t = 500.0)]
+    range_ms: f64,
+    /// Where the picture lies against the probe: our TOML or a PLUS XML [default: the session's]
+    #[arg(short, long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// The calibration file (TOML) that the latencies go into; what else it holds stays
+    #[arg(short, long, value_name = "CAL.toml")]
+    output: Option<PathBuf>,
+    /// Where to write the report as JSON
+    #[arg(long, value_name = "R.json")]
+    report: Option<PathBuf>,
+}
+
+/// By what a lag is found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Method {
+    /// The line of a water tank's floor
+    Line,
+    /// Slices that cross
+    Crossings,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// [`Failure`] when the recording does not say what the lag is; nothing is written then.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    arguments.check()?;
+    let source = arguments.source()?;
+    let config = arguments.config.as_deref().map(Settings::read).transpose()?;
+    let nothing = Settings::default();
+    let calibration = config.as_ref().or(source.calibration()).unwrap_or(&nothing);
+    let mut notes = Vec::new();
+    let found = match arguments.method {
+        Some(Method::Line) => {
+            Found::Line(Box::new(arguments.by_line(&source, calibration, &mut notes)?.map_err(refusal)?))
+        }
+        Some(Method::Crossings) => {
+            Found::Crossings(Box::new(arguments.by_crossings(&source, calibration, &mut notes)?))
+        }
+        None => match arguments.by_line(&source, calibration, &mut notes)? {
+            Ok(found) => Found::Line(Box::new(found)),
+            Err(no_floor @ NoFloorLag::NoFloor { .. }) => {
+                match arguments.by_crossings(&source, calibration, &mut notes) {
+                    Ok(found) => Found::Crossings(Box::new(found)),
+                    Err(Failure(no_crossings)) => {
+                        return Err(Failure(format!("by a floor: {no_floor}; by slices that cross: {no_crossings}")));
+                    }
+                }
+            }
+            Err(other) => return Err(refusal(other)),
+        },
+    };
+    let video_ms = arguments.video_latency_ms.or(source.video_ms()).unwrap_or(0.0);
+    let report = Report::new(&source, found, video_ms, notes)?;
+    if report.latency().tracker_ms.abs() > 1000.0 {
+        return Err(Failure(format!(
+            "the tracker's latency would be {:.0} ms, and none is longer than 1000 ms: are the stamps of one clock?",
+            report.latency().tracker_ms
+        )));
+    }
+    arguments.write(&report)?;
+    report.print(arguments.output.as_deref(), arguments.report.as_deref())
+}
+
+fn refusal(why: NoFloorLag) -> Failure {
+    Failure(format!("no lag: {why}"))
+}
+
+impl Arguments {
+    /// What can be said before the work.
+    fn check(&self) -> Result<(), Failure> {
+        if !(self.range_ms >= 20.0 && self.range_ms <= 1000.0) {
+            return Err(Failure(format!("--range-ms {}: must lie between 20 and 1000", self.range_ms)));
+        }
+        if let Some(ms) = self.video_latency_ms.filter(|ms| !(ms.abs() <= 1000.0)) {
+            return Err(Failure(format!("--video-latency-ms {ms}: must lie between -1000 and 1000")));
+        }
+        let inputs = [&self.video, &self.tracker, &self.sequence, &self.session, &self.config];
+        for output in [&self.output, &self.report].into_iter().flatten() {
+            input::check_output(output)?;
+            for path in inputs
+                .iter()
+                .copied()
+                .flatten()
+                .filter(|path| Some(*path) != self.config.as_ref() || Some(output) != self.output.as_ref())
+            {
+                input::check_is_not(output, path)?;
+            }
+        }
+        if self.output.is_some() && self.output == self.report {
+            return Err(Failure("--output and --report are one file; give two names".into()));
+        }
+        if let Some(path) = self.output.as_deref().filter(|path| path.exists()) {
+            CalibrationFile::read(path)?;
+        }
+        Ok(())
+    }
+
+    fn source(&self) -> Result<Source, Failure> {
+        match (&self.video, &self.tracker, &self.sequence, &self.session) {
+            (Some(video), Some(tracker), _, _) => {
+                Ok(Source::Sequences { video: video.clone(), tracker: tracker.clone() })
+            }
+            (_, _, Some(path), _) => Ok(Source::Sequences { video: path.clone(), tracker: path.clone() }),
+            (_, _, _, Some(path)) => Source::session(path),
+            _ => Err(Failure("give --video and --tracker, --sequence or --session".into())),
+        }
+    }
+
+    fn range_s(&self) -> f64 {
+        1e-3 * self.range_ms
+    }
+
+    fn by_line(
+        &self,
+        source: &Source,
+        calibration: &Settings,
+        notes: &mut Vec<String>,
+    ) -> Result<Result<FloorLag, NoFloorLag>, Failure> {
+        let mut still: Option<Still> = None;
+        let unfit = source.pictures(|shown| {
+            let view = GreyView::new(shown.size[0] as usize, shown.pixels);
+            match &mut still {
+                None => still = Some(Still::new(&view)),
+                Some(still) => {
+                    if !still.add(&view) {
+                        return Err(sizes(source));
+                    }
+                }
+            }
+            Ok(())
+        })?;
+        *notes = unfit.notes();
+        let mut frames = Vec::new();
+        if let Some(still) = still {
+            let mut finder = Finder::new(still);
+            source.pictures(|shown| {
+                let line = finder.find(&GreyView::new(shown.size[0] as usize, shown.pixels));
+                frames.push(FloorFrame { stamps: shown.stamps, line });
+                Ok(())
+            })?;
+        }
+        let options = FloorOptions {
+            align: AlignOptions { range_s: self.range_s() },
+            pixel_mm: pixel_mm(calibration).map(|[_, v]| v),
+        };
+        // Where no floor is seen it does not matter whether there are poses of the probe's sensor.
+        let poses = if frames.iter().any(|frame| frame.line.is_ok()) { source.poses()? } else { Vec::new() };
+        Ok(floor_lag(&frames, &poses, &options))
+    }
+
+    fn by_crossings(
+        &self,
+        source: &Source,
+        calibration: &Settings,
+        notes: &mut Vec<String>,
+    ) -> Result<Agreement, Failure> {
+        let (samples, probe_from_image) = source.placed(calibration)?;
+        let poses = Poses::new(&samples)?;
+        // What changes at all, and how many there are.
+        let mut ends: Option<(Vec<[u8; 2]>, [u32; 2])> = None;
+        let mut count = 0_u64;
+        let unfit = source.pictures(|shown| {
+            count += 1;
+            match &mut ends {
+                None => ends = Some((shown.pixels.iter().map(|x| [*x; 2]).collect(), shown.size)),
+                Some((_, size)) if *size != shown.size => return Err(sizes(source)),
+                Some((ends, _)) => {
+                    ends.iter_mut()
+                        .zip(shown.pixels)
+                        .for_each(|([low, high], x)| (*low, *high) = ((*low).min(*x), (*high).max(*x)));
+                }
+            }
+            Ok(())
+        })?;
+        *notes = unfit.notes();
+        let Some((ends, [width, height])) = ends else {
+            return Err(Failure(format!("{}: holds no picture that can be used", source.paths()[0].display())));
+        };
+        let mask = data(&source.mask().unwrap_or(calibration.mask()), width, height)?;
+        let is_data: Vec<bool> = (0..height)
+            .flat_map(|v| (0..width).map(move |u| (u, v)))
+            .zip(&ends)
+            .map(|((u, v), [low, high])| match &mask {
+                Some(mask) => mask.contains(u, v),
+                None => low < high,
+            })
+            .collect();
+        let mut slices = Slices::new(width, height, &is_data, probe_from_image, poses);
+        let every = count.div_ceil(MOST_SLICES).max(1);
+        let mut at = 0_u64;
+        source.pictures(|shown| {
+            if at.is_multiple_of(every) {
+                slices.push(shown.stamps.given_s, shown.pixels, width, height);
+            }
+            at += 1;
+            Ok(())
+        })?;
+        slices.lag(self.range_s()).map_err(|why| Failure(format!("no lag: {why}")))
+    }
+
+    /// The latencies into the calibration file, and the report.
+    fn write(&self, report: &Report) -> Result<(), Failure> {
+        if let Some(path) = &self.output {
+            let mut file = if path.exists() { CalibrationFile::read(path)? } else { CalibrationFile::default() };
+            file.latency = Some(report.latency());
+            const MARK: &str = "latency: ";
+            let others = file.provenance.split("; ").filter(|part| !part.is_empty() && !part.starts_with(MARK));
+            let parts: Vec<String> =
+                others.map(str::to_owned).chain([format!("{MARK}{}", report.provenance())]).collect();
+            file.provenance = parts.join("; ");
+            file.write(path)?;
+        }
+        if let Some(path) = &self.report {
+            let mut text = serde_json::to_string_pretty(report)?;
+            text.push('\n');
+            std::fs::write(path, text).map_err(|e| Failure(format!("{}: writing failed: {e}", path.display())))?;
+        }
+        Ok(())
+    }
+}
+
+fn sizes(source: &Source) -> Failure {
+    Failure(format!("{}: its pictures are of several sizes", source.paths()[0].display()))
+}
+
+/// What of the pictures is data, as far as it is known beforehand.
+fn data(settings: &MaskSettings, width: u32, height: u32) -> Result<Option<Mask>, Failure> {
+    Ok(match settings.plan(width, height)? {
+        MaskPlan::Fixed(mask) => Some(mask),
+        MaskPlan::Auto(_) => None,
+    })
+}

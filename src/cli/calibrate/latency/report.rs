@@ -1,0 +1,241 @@
+//! What is said of a lag: to people, to programs, and in the calibration file.
+
+use std::fmt::Write as _;
+use std::io::{ErrorKind, Write as _};
+use std::path::{Path, PathBuf};
+
+use calibration::file::Latency;
+use calibration::latency::crossings::Agreement;
+use calibration::latency::floor::{FloorLag, Tried};
+use calibration::latency::stamps::Reading;
+use serde::Serialize;
+
+use super::OTHER;
+use super::source::Source;
+use crate::cli::{Failure, input};
+
+/// By what it was found.
+pub(super) enum Found {
+    Line(Box<FloorLag>),
+    Crossings(Box<Agreement>),
+}
+
+/// The JSON form is this.
+#[derive(Debug, Serialize)]
+pub(super) struct Report {
+    /// `line` or `crossings`.
+    method: &'static str,
+    /// Above 0 where the tracker lags the video.
+    lag_s: f64,
+    /// Its standard error.
+    lag_se_s: f64,
+    /// What the latencies therefore are.
+    video_ms: f64,
+    tracker_ms: f64,
+    /// The difference of the latencies that a session was paired by, ms.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    paired_by_ms: Option<f64>,
+    inputs: Vec<Input>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    line: Option<Line>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    crossings: Option<Crossings>,
+    /// What the user should know: sentences.
+    notes: Vec<String>,
+}
+
+#[derive(Debug, Serialize)]
+struct Input {
+    path: PathBuf,
+    sha256: String,
+}
+
+#[derive(Debug, Serialize)]
+struct Line {
+    frames: Frames,
+    /// By which stamps of pictures and of poses.
+    stamps: [Reading; 2],
+    tried: Vec<Tried>,
+    /// How far the stamps as given wander about these, s.
+    wander_s: [f64; 2],
+    extent_px: f64,
+    extent_mm: f64,
+    noise_mm: f64,
+    turns: usize,
+    axis: [f64; 3],
+    mm_per_px: f64,
+    residual_px: f64,
+    /// Time, s, distance of the line, px, and what is left of it.
+    values: Vec<(f64, f64, Option<f64>)>,
+}
+
+#[derive(Debug, Serialize)]
+struct Frames {
+    used: usize,
+    outliers: usize,
+    without_motion: usize,
+    without_line: usize,
+}
+
+#[derive(Debug, Serialize)]
+struct Crossings {
+    crossings: usize,
+    slices: usize,
+    correlation: f64,
+    correlation_without_lag: f64,
+    /// Lag, s, and how badly it does.
+    curve: Vec<(f64, f64)>,
+}
+
+impl Report {
+    pub(super) fn new(source: &Source, found: Found, video_ms: f64, mut notes: Vec<String>) -> Result<Self, Failure> {
+        let (method, lag_s, lag_se_s) = match &found {
+            Found::Line(found) => ("line", found.alignment.lag_s, found.alignment.se_s),
+            Found::Crossings(found) => ("crossings", found.lag_s, found.se_s),
+        };
+        let inputs = source
+            .paths()
+            .into_iter()
+            .map(|path| Ok::<_, Failure>(Input { path: path.to_owned(), sha256: input::hash(path)? }));
+        let paired_by_ms = source.paired_ms();
+        if let Some(paired_ms) = paired_by_ms
+            && (1e3 * lag_s - paired_ms).abs() > OTHER * 1e3 * lag_se_s
+        {
+            notes.push(format!(
+                "the session was woven by a lag of {paired_ms:.1} ms, which is {:.1} ms off",
+                (1e3 * lag_s - paired_ms).abs()
+            ));
+        }
+        let (line, crossings) = match found {
+            Found::Line(found) => {
+                notes.extend(wandering(&found));
+                (Some(Line::new(*found)), None)
+            }
+            Found::Crossings(found) => {
+                let Agreement { crossings, slices, correlation, correlation_at_zero, curve, .. } = *found;
+                let correlation_without_lag = correlation_at_zero;
+                (None, Some(Crossings { crossings, slices, correlation, correlation_without_lag, curve }))
+            }
+        };
+        Ok(Self {
+            method,
+            lag_s,
+            lag_se_s,
+            video_ms,
+            tracker_ms: video_ms + 1e3 * lag_s,
+            paired_by_ms,
+            inputs: inputs.collect::<Result<_, _>>()?,
+            line,
+            crossings,
+            notes,
+        })
+    }
+
+    /// What goes into the calibration file.
+    pub(super) fn latency(&self) -> Latency {
+        Latency { video_ms: self.video_ms, tracker_ms: self.tracker_ms, lag_se_ms: Some(1e3 * self.lag_se_s) }
+    }
+
+    /// Where it comes from, in a line.
+    pub(super) fn provenance(&self) -> String {
+        let name = |input: &Input| {
+            let name = input.path.file_name().unwrap_or(input.path.as_os_str());
+            format!("{} (sha256 {})", name.to_string_lossy(), &input.sha256[..16])
+        };
+        let names: Vec<String> = self.inputs.iter().map(name).collect();
+        format!(
+            "by {} in {}",
+            if self.line.is_some() { "a tank's floor" } else { "crossing slices" },
+            names.join(" and ")
+        )
+    }
+
+    /// To stdout.
+    pub(super) fn print(&self, output: Option<&Path>, report: Option<&Path>) -> Result<(), Failure> {
+        let mut text = String::new();
+        let mut say = |label: &str, value: String| {
+            // Writing to a string does not fail.
+            let _ = writeln!(text, "{label:<16}{value}");
+        };
+        let side = if self.lag_s > 0.0 { "the tracker lags the video" } else { "the video lags the tracker" };
+        say("lag", format!("{:.2} ± {:.2} ms: {side}", 1e3 * self.lag_s, 1e3 * self.lag_se_s));
+        say("latency", format!("video {:.2} ms, tracker {:.2} ms", self.video_ms, self.tracker_ms));
+        if let Some(line) = &self.line {
+            let Frames { used, outliers, without_motion, without_line } = line.frames;
+            say(
+                "pictures",
+                format!(
+                    "{used} with a floor, {outliers} of them too far off; {without_motion} where nothing moves, {without_line} without a line"
+                ),
+            );
+            say(
+                "motion",
+                format!(
+                    "{:.1} px by {:.1} mm, {} turns; {:.4} mm a pixel; {:.2} px are left",
+                    line.extent_px, line.extent_mm, line.turns, line.mm_per_px, line.residual_px
+                ),
+            );
+            let [video, tracker] = line.stamps.map(Reading::words);
+            say("times", format!("pictures by {video}, poses by {tracker}"));
+        }
+        if let Some(found) = &self.crossings {
+            say(
+                "crossings",
+                format!(
+                    "{} of {} slices; they correlate by {:.3}, and without a lag by {:.3}",
+                    found.crossings, found.slices, found.correlation, found.correlation_without_lag
+                ),
+            );
+        }
+        self.notes.iter().for_each(|note| say("note", note.clone()));
+        output.iter().for_each(|path| say("calibration", path.display().to_string()));
+        report.iter().for_each(|path| say("report", path.display().to_string()));
+        match std::io::stdout().write_all(text.as_bytes()) {
+            // Who reads no further (`| head`) has read enough.
+            Err(e) if e.kind() == ErrorKind::BrokenPipe => Ok(()),
+            Err(e) => Err(Failure(format!("writing to stdout failed: {e}"))),
+            Ok(()) => Ok(()),
+        }
+    }
+}
+
+/// Stamps that wander by more than what a hand at 50 mm/s notices, s.
+const WANDERS_S: f64 = 2e-3;
+
+fn wandering(found: &FloorLag) -> Vec<String> {
+    let of = ["pictures", "poses"];
+    let each = of.into_iter().zip(found.wander_s).filter(|(_, wander)| *wander > WANDERS_S);
+    each.map(|(what, wander)| {
+        format!(
+            "the stamps of the {what} wander by {:.1} ms (standard deviation) about the times by which both agree best: the lag is that of their mean, and single {what} are off by as much",
+            1e3 * wander
+        )
+    })
+    .collect()
+}
+
+impl Line {
+    fn new(found: FloorLag) -> Self {
+        let FloorLag { alignment, readings, tried, wander_s, without, extent_px, motion, mm_per_px, values, .. } =
+            found;
+        let [without_motion, without_line] = without;
+        Self {
+            frames: Frames { used: alignment.frames, outliers: alignment.outliers, without_motion, without_line },
+            stamps: readings,
+            tried,
+            wander_s,
+            extent_px,
+            extent_mm: motion.extent_mm,
+            noise_mm: motion.noise_mm,
+            turns: motion.turns,
+            axis: motion.axis.to_array(),
+            mm_per_px,
+            residual_px: alignment.residual,
+            values: values
+                .into_iter()
+                .zip(alignment.residuals)
+                .map(|((time, value), left)| (time, value, left))
+                .collect(),
+        }
+    }
+}

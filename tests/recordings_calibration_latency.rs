@@ -1,0 +1,126 @@
+//! The tracker's lag on a real recording of a water tank's floor, against PLUS's result and its lines.
+//!
+//! The recording is PLUS's test data and not part of the project. It is looked for in the folder named by `SONOWEAVE_TEST_DATA`, else in
+//! `../shared/data`; a test whose file is absent is reported as ignored.
+
+#![allow(clippy::print_stdout, reason = "figures, for who asks with --nocapture")]
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use calibration::latency::line::{Finder, GreyView, Line, Still};
+use drivers::recording::SequenceSettings;
+use drivers::{Next, OpenSettings, Reading};
+use glam::DVec2;
+use libtest_mimic::{Arguments, Failed, Trial};
+use serde_json::Value;
+
+type Check = fn(&Path) -> Result<(), Failed>;
+
+const VIDEO: &str = "WaterTankBottomTranslationVideoBuffer.igs.mha";
+const TRACKER: &str = "WaterTankBottomTranslationTrackerBuffer.igs.mha";
+const LINES: &str = "LineSegmentationResultsBaseline.xml";
+
+fn main() {
+    let tests: [(&str, &[&str], Check); 2] = [
+        ("the_floor_is_found_where_plus_has_found_it", &[VIDEO, LINES], lines),
+        ("the_lag_is_plus_s_and_known_to_2_ms", &[VIDEO, TRACKER], lag),
+    ];
+    let folder = std::env::var_os("SONOWEAVE_TEST_DATA")
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from)
+        .join("latency");
+    let trials = tests
+        .into_iter()
+        .map(|(name, files, check)| {
+            let absent = files.iter().any(|file| !folder.join(file).is_file());
+            let folder = folder.clone();
+            Trial::test(name, move || check(&folder)).with_ignored_flag(absent)
+        })
+        .collect();
+    libtest_mimic::run(&Arguments::from_args(), trials).exit();
+}
+
+fn pictures(path: &Path, mut take: impl FnMut(&GreyView<'_>)) -> Result<(), Failed> {
+    let mut device = drivers::open(&OpenSettings::Sequence(SequenceSettings::new(path)))?;
+    device.start()?;
+    while let Next::Reading(reading) = device.next(drivers::NO_DEADLINE)? {
+        if let Reading::Frame(frame) = reading {
+            take(&GreyView::new(frame.size[0] as usize, &frame.pixels));
+        }
+    }
+    Ok(device.stop()?)
+}
+
+/// PLUS's lines: a point and a direction.
+fn baseline(path: &Path) -> Result<Vec<[DVec2; 2]>, Failed> {
+    let text = std::fs::read_to_string(path)?;
+    let document = roxmltree::Document::parse(&text)?;
+    let pair = |node: &roxmltree::Node<'_, '_>, name: &str| -> Result<DVec2, Failed> {
+        let text = node.attribute(name).ok_or("a line without numbers")?;
+        let numbers = text.split_whitespace().map(str::parse).collect::<Result<Vec<f64>, _>>()?;
+        Ok(DVec2::new(numbers[0], numbers[1]))
+    };
+    let frames = document.descendants().filter(|node| node.has_tag_name("Frame"));
+    frames.map(|node| Ok([pair(&node, "LineOriginPointPx")?, pair(&node, "LineDirectionVectorPx")?])).collect()
+}
+
+fn lines(folder: &Path) -> Result<(), Failed> {
+    let theirs = baseline(&folder.join(LINES))?;
+    let mut still: Option<Still> = None;
+    pictures(&folder.join(VIDEO), |view| match &mut still {
+        None => still = Some(Still::new(view)),
+        Some(still) => assert!(still.add(view)),
+    })?;
+    let mut finder = Finder::new(still.ok_or("no pictures")?);
+    let mut found: Vec<Line> = Vec::new();
+    let mut without = 0;
+    pictures(&folder.join(VIDEO), |view| match finder.find(view) {
+        Ok(line) => found.push(line),
+        Err(_) => without += 1,
+    })?;
+    assert_eq!((found.len(), without, theirs.len()), (201, 0, 201));
+    let apart = |(line, [point, direction]): (&Line, &[DVec2; 2])| {
+        // In the middle of what both see of it.
+        let normal = DVec2::new(-direction.y, direction.x);
+        let turned = line.angle_deg() - direction.y.atan2(direction.x).to_degrees();
+        [normal.dot(line.point_px - *point), turned]
+    };
+    let apart: Vec<[f64; 2]> = found.iter().zip(&theirs).map(apart).collect();
+    let rms = |of: usize| (apart.iter().map(|x| x[of] * x[of]).sum::<f64>() / apart.len() as f64).sqrt();
+    let scatter = found.iter().map(|line| line.scatter_px).sum::<f64>() / found.len() as f64;
+    println!("from PLUS's lines {:.2} px and {:.2}° rms; the echo scatters by {scatter:.2} px", rms(0), rms(1));
+    // PLUS's points are the brightest of a few columns; ours are all columns' centres.
+    assert!(rms(0) < 1.5 && rms(1) < 1.0 && scatter < 1.5);
+    Ok(())
+}
+
+fn lag(folder: &Path) -> Result<(), Failed> {
+    let place = tempfile::tempdir()?;
+    let [report, calibration] = ["r.json", "c.toml"].map(|name| place.path().join(name));
+    let output = Command::new(env!("CARGO_BIN_EXE_sonoweave"))
+        .args(["calibrate", "latency", "--video"])
+        .arg(folder.join(VIDEO))
+        .arg("--tracker")
+        .arg(folder.join(TRACKER))
+        .arg("-o")
+        .arg(&calibration)
+        .arg("--report")
+        .arg(&report)
+        .output()?;
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    println!("{}", String::from_utf8_lossy(&output.stdout));
+    let report: Value = serde_json::from_slice(&std::fs::read(&report)?)?;
+    let number = |key: &str| report[key].as_f64().ok_or(key.to_owned());
+    let (lag_s, se_s) = (number("lag_s")?, number("lag_se_s")?);
+    // PLUS: -0.0648266; an independent correlation of its signals: -0.062.
+    assert!((lag_s + 0.0648).abs() < 3e-3 && se_s > 2e-4 && se_s <= 2e-3, "{lag_s} ± {se_s}");
+    let frames = &report["line"]["frames"];
+    assert_eq!((frames["used"].as_u64(), frames["without_line"].as_u64()), (Some(201), Some(0)));
+    // The grabber's own count is what makes it that sure: as given, the stamps wander.
+    assert_eq!(report["line"]["stamps"][0], "counted");
+    let wander_s = report["line"]["wander_s"][0].as_f64().ok_or("no wander")?;
+    assert!((0.015..0.04).contains(&wander_s), "{wander_s}");
+    let kept = calibration::file::CalibrationFile::read(&calibration)?.latency.ok_or("no latency")?;
+    assert!((kept.tracker_ms - 1e3 * lag_s).abs() < 1e-9 && kept.video_ms == 0.0);
+    Ok(())
+}
