@@ -116,7 +116,7 @@ impl Geometry {
         }
         let (low, high) = bounds.ok_or(BadPhantom::Empty)?;
         let size = (high - low).max_element();
-        if size < SIZE_MM[0] || size > SIZE_MM[1] {
+        if !(SIZE_MM[0]..=SIZE_MM[1]).contains(&size) {
             return Err(BadPhantom::Size { mm: size });
         }
         Ok(())

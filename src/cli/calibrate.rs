@@ -1,11 +1,12 @@
 //! `sonoweave calibrate`: what can be calibrated, a file each.
 
 pub mod landmarks;
+pub mod latency;
 mod outputs;
 pub mod pivot;
 pub mod poses;
+pub mod probe;
 pub mod tracker;
-pub mod latency;
 
 use clap::{Args, Subcommand};
 
@@ -20,14 +21,16 @@ pub struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum What {
+    /// Find where the picture lies in the frame of the probe's sensor, from a scan of a phantom of wires
+    Probe(Box<probe::Arguments>),
+    /// Find how much later the tracker's poses come than the pictures
+    Latency(Box<latency::Arguments>),
     /// Find the tip of a stylus that is swung while its tip rests in one place
     Pivot(Box<pivot::Arguments>),
     /// Find where a phantom is held, from its landmarks touched with the stylus
     Landmarks(Box<landmarks::Arguments>),
     /// Measure a tracker where it stands: the noise of a still sensor, or a map of where metal bends its field
     Tracker(Box<tracker::Arguments>),
-    /// Find how much later the tracker's poses come than the pictures
-    Latency(Box<latency::Arguments>),
 }
 
 /// Runs the command.
@@ -36,9 +39,10 @@ enum What {
 /// [`Failure`] when the recording does not say what is sought, or is not good enough; nothing is written then.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     match &arguments.what {
+        What::Probe(arguments) => probe::run(arguments),
+        What::Latency(arguments) => latency::run(arguments),
         What::Pivot(arguments) => pivot::run(arguments),
         What::Landmarks(arguments) => landmarks::run(arguments),
         What::Tracker(arguments) => tracker::run(arguments),
-        What::Latency(arguments) => latency::run(arguments),
     }
 }

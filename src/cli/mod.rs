@@ -86,7 +86,7 @@ enum Command {
     Inspect(inspect::Arguments),
     /// Run a session at the bedside: devices to a volume and its picture, recorded
     Live(Box<live::Arguments>),
-    /// Find where the picture lies against the probe, how late the tracker is, and how sure that is
+    /// Find where the picture lies on the probe, how late the tracker is, and how sure that is
     Calibrate(calibrate::Arguments),
     /// Run a session on a virtual bedside, which needs no hardware
     Demo(demo::Arguments),

@@ -25,6 +25,8 @@ const LEAST_TURN_RAD: f64 = 0.02;
 const WORST_SPREAD_MM: f64 = 2.0;
 /// Other units have to explain the dots better by this factor to be named.
 const CLEARLY: f64 = 3.0;
+/// Part of the brightest dots, as many as there are wires, that is the phantom's in the median picture at least: of other phantoms' dots some lie alike.
+const EXPLAINED: f64 = 0.7;
 /// Dots of a picture without which no phantom can be in it.
 const LEAST_DOTS: usize = super::matching::LEAST_DOTS;
 
@@ -197,10 +199,17 @@ fn sight(
     }
     let read = observations.iter().filter_map(|observation| observation.reading.as_ref());
     let (mut right, mut left) = (0_usize, 0_usize);
-    for reading in read.clone().filter(|reading| reading.mirrored.is_none()) {
+    for reading in read.filter(|reading| reading.mirrored.is_none()) {
         *(if reading.best.rightwards { &mut right } else { &mut left }) += 1;
     }
-    if right + left == 0 && read.count() == 0 {
+    let wires = layout.geometry().wires().len();
+    let share = |observation: &Observation| {
+        let of = observation.dots.len().min(wires) as f64;
+        Some(observation.reading.as_ref()?.best.marks.len() as f64 / of)
+    };
+    let mut shares: Vec<f64> = observations.iter().filter_map(share).collect();
+    shares.sort_by(f64::total_cmp);
+    if shares.get(shares.len() / 2).is_none_or(|median| *median < EXPLAINED) {
         return Err(unread(layout, recording));
     }
     if left > right {
@@ -353,3 +362,6 @@ impl Calibration {
         (0..count).map(row).collect()
     }
 }
+
+#[cfg(test)]
+mod tests;

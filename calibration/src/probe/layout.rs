@@ -5,8 +5,8 @@ use glam::{DVec2, DVec3};
 use crate::phantom::nwire::PARALLEL_RAD;
 use crate::phantom::{Geometry, Wire};
 
-/// The least distance that a third parallel wire has from the plane of two others, mm: with less no affine map is told from another.
-const LEAST_DEPTH_MM: f64 = 1.0;
+/// How far four parallel wires spread across the line through them at least, of how far along it: with less no affine map is told from another.
+const LEAST_DEPTH: f64 = 0.03;
 
 /// A phantom's wires, ready to be recognised.
 #[derive(Debug, Clone)]
@@ -138,10 +138,11 @@ impl Pair {
                 (0..3).for_each(|j| moments[i][j] += row[i] * row[j]);
             }
         }
-        // The least of the moments' roots: how far the posts lie from one line.
+        // The roots of the moments: how far the posts lie from one line, and along it.
         let [[xx, xy, _], [_, yy, _], _] = moments;
-        let least = 0.5 * (xx + yy - ((xx - yy).powi(2) + 4.0 * xy * xy).sqrt());
-        if least.max(0.0).sqrt() < LEAST_DEPTH_MM {
+        let apart = ((xx - yy).powi(2) + 4.0 * xy * xy).sqrt();
+        let [least, most] = [0.5 * (xx + yy - apart), 0.5 * (xx + yy + apart)];
+        if least <= LEAST_DEPTH * LEAST_DEPTH * most {
             return None;
         }
         let mut inverse = [[0.0; 4]; 3];

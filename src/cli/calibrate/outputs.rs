@@ -4,7 +4,7 @@ use std::io::{ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
 
 use calibration::file::CalibrationFile;
-use calibration::frames::Transform;
+use calibration::frames::{Image, Probe, Transform};
 use calibration::named::StaticTransform;
 use clap::Args;
 use glam::DAffine3;
@@ -69,9 +69,30 @@ impl Outputs {
         provenance: &str,
         report: &impl Serialize,
     ) -> Result<(), Failure> {
+        self.write_changed(|file| merge(file, transform, provenance), report)
+    }
+
+    /// Writes a probe's calibration and the report.
+    pub(super) fn write_probe(
+        &self,
+        probe_from_image: &Transform<Probe, Image>,
+        provenance: &str,
+        report: &impl Serialize,
+    ) -> Result<(), Failure> {
+        let named = StaticTransform::image_to_probe(probe_from_image);
+        let change = |file: &mut CalibrationFile| {
+            merge(file, &named, provenance);
+            // It has a place of its own in the file.
+            file.transforms.retain(|other| !other.relates_same_frames(&named));
+            file.probe_from_image = Some(*probe_from_image);
+        };
+        self.write_changed(change, report)
+    }
+
+    fn write_changed(&self, change: impl FnOnce(&mut CalibrationFile), report: &impl Serialize) -> Result<(), Failure> {
         if let Some(path) = &self.output {
             let mut file = if path.exists() { CalibrationFile::read(path)? } else { CalibrationFile::default() };
-            merge(&mut file, transform, provenance);
+            change(&mut file);
             file.write(path)?;
         }
         if let Some(path) = &self.report {

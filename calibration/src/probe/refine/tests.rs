@@ -81,7 +81,6 @@ fn with_a_good_tracker_and_good_dots_it_is_found_to_a_fiftieth_of_a_millimetre()
         assert!(dot_px.iter().all(|px| (px / 0.2 - 1.0).abs() < 0.1), "{:?}", refined.scatter);
     }
     let [way, turned] = [way, turned].map(|sum: f64| (sum / seeds as f64).sqrt());
-    println!("{way:.4} mm, {turned:.4}°");
     assert!(way < 0.02 && turned < 0.02, "{way} {turned}");
 }
 
@@ -99,7 +98,6 @@ fn the_predicted_error_is_the_error() {
         }
     }
     let means = sums.map(|sum| sum / seeds as f64);
-    println!("{means:.3?}");
     assert!(means.iter().all(|mean| (mean - 3.0).abs() < 0.35), "{means:?}");
 }
 
@@ -110,7 +108,6 @@ fn a_lag_and_a_registration_that_is_off_are_found() {
     let off = DAffine3::from_rotation_translation(DQuat::from_rotation_x(0.01), DVec3::new(0.1, -0.2, 0.15));
     let given = Registration::new(scan.reference_from_phantom * Transform::from_affine(off), Some(0.5)).unwrap();
     let refined = found(&scan, &given, Sought { registration: true, lag: true, skew: false });
-    println!("lag {:.4} ± {:.4} s", refined.lag_s, refined.lag_sd_s);
     assert!((refined.lag_s - 0.3).abs() < 0.003 && refined.lag_sd_s < 0.002, "{} {}", refined.lag_s, refined.lag_sd_s);
     let (far, _) = apart(&refined.plane, &scan.plane);
     let without = found(&scan, &given, PLANE);

@@ -1,0 +1,183 @@
+use glam::DVec3;
+
+use super::*;
+use crate::frames::{Probe, Tracker};
+use crate::noise::Noise;
+use crate::phantom::{Geometry, Wire};
+use crate::probe::simulated::{Imperfect, SIZE_PX, Scan};
+
+const GOOD: Imperfect = Imperfect { position_mm: 0.1, turn_deg: 0.05, dot_px: 0.5, lag_s: 0.0 };
+
+/// What would be seen of a scan by pictures of dots.
+fn observed(scan: &Scan, layout: &Layout) -> Vec<Observation> {
+    let mut matcher = Matcher::new();
+    let poses = scan.track.poses();
+    let observation = |sighting: &Sighting| {
+        let dots: Vec<Dot> =
+            sighting.marks.iter().map(|mark| Dot { at_px: mark.at_px, contrast: 100.0, area_px: 50 }).collect();
+        let reading = matcher.read(&dots, SIZE_PX, layout);
+        Observation {
+            frame: sighting.frame,
+            time_s: sighting.time_s,
+            dots,
+            reading,
+            poses: Some(poses[sighting.frame]),
+        }
+    };
+    scan.sightings.iter().map(observation).collect()
+}
+
+fn recording(observations: &[Observation]) -> Recording<'_> {
+    Recording { observations, size_px: SIZE_PX, timed: true }
+}
+
+fn registration(scan: &Scan) -> Registration {
+    Registration::new(scan.reference_from_phantom, Some(0.05)).unwrap()
+}
+
+/// The refusal of what becomes of good observations.
+fn refusal(change: impl Fn(&mut Vec<Observation>)) -> String {
+    let scan = Scan::new(40, GOOD, &mut Noise::new(31));
+    let mut observations = observed(&scan, &scan.layout);
+    change(&mut observations);
+    calibrate(&scan.layout, &registration(&scan), recording(&observations), None).unwrap_err().to_string()
+}
+
+fn read_again(observations: &mut [Observation], layout: &Layout) {
+    let mut matcher = Matcher::new();
+    for observation in observations {
+        observation.reading = matcher.read(&observation.dots, SIZE_PX, layout);
+    }
+}
+
+#[test]
+fn a_scan_is_calibrated_and_held_against_its_last_third_and_another() {
+    let mut noise = Noise::new(30);
+    let scan = Scan::new(90, GOOD, &mut noise);
+    let observations = observed(&scan, &scan.layout);
+    let split = calibrate(&scan.layout, &registration(&scan), recording(&observations), None).unwrap();
+    assert!(split.split && split.used() >= 85, "{}", split.used());
+    let other = Scan::new(45, GOOD, &mut noise);
+    let second = observed(&other, &other.layout);
+    let held =
+        calibrate(&scan.layout, &registration(&scan), recording(&observations), Some(recording(&second))).unwrap();
+    assert!(!held.split && held.refined.plane == split.refined.plane);
+    for found in [&split, &held] {
+        let [middle, wires] = found.validation.as_ref().unwrap();
+        // Sensors' noise, at levers of some 90 mm, and along the wire dots' noise enlarged.
+        assert!(middle.mean < 0.5 && wires.mean < 0.25 && wires.mean < middle.mean, "{middle:?} {wires:?}");
+        assert!(middle.mean > 0.05 && middle.max < 3.0 && (middle.rms - middle.mean.hypot(middle.sd)).abs() < 1e-9);
+    }
+    let picture = held.pictures.iter().find(|picture| picture.outcome == Outcome::Used).unwrap();
+    assert!(
+        picture.dots.iter().all(|dot| dot.used && dot.off_mm < 1.0 && dot.seen_px.distance(dot.expected_px) < 15.0)
+    );
+    let predicted = held.predicted_mm(3);
+    assert!(predicted[1][1] < predicted[0][0] && predicted[1][1] > 0.0, "{predicted:?}");
+}
+
+#[test]
+fn pictures_without_wires_are_said_to_have_none() {
+    let none = refusal(|all| all.iter_mut().for_each(|o| (o.dots, o.reading) = (o.dots[..3].to_vec(), None)));
+    assert!(none.contains("no wires are seen") && none.contains("3 bright spots or fewer"), "{none}");
+}
+
+#[test]
+fn dots_of_another_phantom_are_told_from_this_one_s() {
+    let scan = Scan::new(40, GOOD, &mut Noise::new(32));
+    // The same number of N's, the outer wires elsewhere.
+    let wire = |wire: &Wire, shift: f64| {
+        let ends_mm = wire.ends_mm.map(|end| DVec3::new(end.x + shift, end.y, 1.7 * end.z));
+        Wire { ends_mm, ..wire.clone() }
+    };
+    let geometry = scan.layout.geometry();
+    let shifts = [0.0, 0.0, 0.0, 6.0, 6.0, -3.0, -8.0, 0.0, 0.0];
+    let wires: Vec<Wire> = geometry.wires().iter().zip(shifts).map(|(w, shift)| wire(w, shift)).collect();
+    let patterns = geometry.patterns().map(|pattern| wires[pattern].to_vec()).collect();
+    let other = Layout::new(Geometry::new("another", patterns, Vec::new()).unwrap()).unwrap();
+    let observations = observed(&scan, &other);
+    let refused = calibrate(&other, &registration(&scan), recording(&observations), None).unwrap_err().to_string();
+    assert!(refused.contains("do not lie as the wires of the phantom another do"), "{refused}");
+}
+
+#[test]
+fn mirrored_pictures_are_refused() {
+    let scan = Scan::new(40, GOOD, &mut Noise::new(31));
+    let mirrored = refusal(|all| {
+        let flip = |dot: &mut Dot| dot.at_px.x = 819.0 - dot.at_px.x;
+        all.iter_mut().for_each(|o| o.dots.iter_mut().for_each(flip));
+        read_again(all, &scan.layout);
+    });
+    assert!(mirrored.contains("the pictures are mirrored"), "{mirrored}");
+}
+
+#[test]
+fn poses_that_nobody_vouches_for_few_pictures_and_one_pose_are_refused() {
+    let invalid = refusal(|all| all.iter_mut().for_each(|o| o.poses = None));
+    assert!(invalid.contains("of 40 pictures none has valid poses"), "{invalid}");
+    let few = refusal(|all| all.truncate(3));
+    assert!(few.contains("3 pictures with recognised wires") && few.contains("10 are the least"), "{few}");
+    let scan = Scan::new(40, GOOD, &mut Noise::new(31));
+    let still = refusal(|all| {
+        let (dots, poses) = (all[5].dots.clone(), all[5].poses);
+        for observation in all.iter_mut() {
+            observation.dots.clone_from(&dots);
+            observation.poses = poses.map(|poses| Poses { time_s: observation.time_s, ..poses });
+        }
+        read_again(all, &scan.layout);
+    });
+    assert!(still.contains("all pictures are from one pose") && still.contains("tilt and turn it"), "{still}");
+}
+
+#[test]
+fn some_pictures_without_poses_are_left_out_and_counted() {
+    let scan = Scan::new(60, GOOD, &mut Noise::new(33));
+    let mut observations = observed(&scan, &scan.layout);
+    observations.iter_mut().step_by(10).for_each(|o| o.poses = None);
+    let found = calibrate(&scan.layout, &registration(&scan), recording(&observations), None).unwrap();
+    let count = |outcome: Outcome| found.pictures.iter().filter(|picture| picture.outcome == outcome).count();
+    assert_eq!((count(Outcome::NoPose), found.pictures.len()), (6, 60));
+    assert!(found.used() >= 50);
+}
+
+#[test]
+fn units_that_are_not_millimetres_are_named() {
+    for (factor, word) in [(10.0, "cm"), (25.4, "inches")] {
+        let scaled = |mut affine: DAffine3| {
+            affine.translation /= factor;
+            affine
+        };
+        let poses = refusal(|all| {
+            for poses in all.iter_mut().filter_map(|o| o.poses.as_mut()) {
+                let probe = scaled(poses.tracker_from_probe.affine());
+                poses.tracker_from_probe = Transform::<Tracker, Probe>::from_affine(probe);
+                poses.tracker_from_reference =
+                    poses.tracker_from_reference.map(|t| Transform::from_affine(scaled(t.affine())));
+            }
+        });
+        assert!(poses.contains(&format!("the poses' positions are in {word}")), "{poses}");
+        // The phantom's file, where it is not refused for its size at once.
+        let scan = Scan::new(40, GOOD, &mut Noise::new(31));
+        let geometry = scan.layout.geometry();
+        let wire = |wire: &Wire| Wire { ends_mm: wire.ends_mm.map(|end| end / factor), ..wire.clone() };
+        let patterns = geometry.patterns().map(|p| geometry.wires()[p].iter().map(wire).collect()).collect();
+        let mut landmarks = geometry.landmarks().to_vec();
+        landmarks.iter_mut().for_each(|landmark| landmark.position_mm /= factor);
+        let Ok(small) = Geometry::new("", patterns, landmarks) else {
+            assert!(factor > 20.0);
+            continue;
+        };
+        let small = Layout::new(small).unwrap();
+        let observations = observed(&scan, &small);
+        let file = calibrate(&small, &registration(&scan), recording(&observations), None).unwrap_err().to_string();
+        assert!(file.contains(&format!("as the phantom's file has them if its numbers are {word}")), "{file}");
+    }
+    let scan = Scan::new(40, GOOD, &mut Noise::new(31));
+    let mut affine = scan.reference_from_phantom.affine();
+    affine.translation /= 10.0;
+    let short = Registration::new(Transform::from_affine(affine), None).unwrap();
+    let observations = observed(&scan, &scan.layout);
+    let refused = calibrate(&scan.layout, &short, recording(&observations), None).unwrap_err().to_string();
+    // A shift of the phantom is a shift of the picture unless the probe turns: what is off is not always told.
+    assert!(refused.contains("on the reference is in cm") || refused.contains("no one place"), "{refused}");
+}
