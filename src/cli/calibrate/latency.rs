@@ -90,7 +90,7 @@ enum Method {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.check()?;
     let source = arguments.source()?;
-    let config = arguments.config.as_deref().map(Settings::read).transpose()?;
+    let config = arguments.config.as_deref().map(|path| Settings::read(path, None)).transpose()?;
     let nothing = Settings::default();
     let calibration = config.as_ref().or(source.calibration()).unwrap_or(&nothing);
     let mut notes = Vec::new();

@@ -134,7 +134,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 fn registered(path: &std::path::Path, phantom: &PhantomSettings) -> Result<Registration, Failure> {
     let frames = &phantom.frames;
     let within = |problem: String| Failure(format!("{}: {problem}", path.display()));
-    let known = Config::read(path)?.transforms;
+    let known = Config::read(path, None)?.transforms;
     let between = |from: &str, to: &str| known.iter().find(|t| t.from == from && t.to == to).map(|t| t.affine);
     let back = || between(&frames.reference, &frames.phantom).map(|affine| affine.inverse());
     let found = between(&frames.phantom, &frames.reference).or_else(back);

@@ -25,8 +25,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use calibration::file::date::Date;
 use calibration::file::Latency;
+use calibration::file::date::Date;
 use calibration::keys::{FileError, Source, Table};
 use calibration::named::StaticTransform;
 use calibration::region::{ClipRect, Fan};
