@@ -133,10 +133,10 @@ fn refusal(why: NoFloorLag) -> Failure {
 impl Arguments {
     /// What can be said before the work.
     fn check(&self) -> Result<(), Failure> {
-        if !(self.range_ms >= 20.0 && self.range_ms <= 1000.0) {
+        if !(20.0..=1000.0).contains(&self.range_ms) {
             return Err(Failure(format!("--range-ms {}: must lie between 20 and 1000", self.range_ms)));
         }
-        if let Some(ms) = self.video_latency_ms.filter(|ms| !(ms.abs() <= 1000.0)) {
+        if let Some(ms) = self.video_latency_ms.filter(|ms| !(-1000.0..=1000.0).contains(ms)) {
             return Err(Failure(format!("--video-latency-ms {ms}: must lie between -1000 and 1000")));
         }
         let inputs = [&self.video, &self.tracker, &self.sequence, &self.session, &self.config];
