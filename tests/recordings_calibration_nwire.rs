@@ -201,7 +201,7 @@ fn calibrated(folder: &Path) -> Result<(), Failed> {
     assert!(of("validation_error_mm")? <= 1.0, "{}", report["validation_error_mm"]["mean"]);
     assert!(of("error_mm")? <= of("validation_error_mm")?);
     let lag_s = number(&report["lag_s"])?;
-    assert!(lag_s > 0.3 && lag_s < 0.6 && number(&report["lag_sd_s"])? < 0.01, "{lag_s}");
+    assert!(lag_s > 0.3 && lag_s < 0.6 && number(&report["lag_sd_s"])? < 0.05, "{lag_s}");
     // Held against PLUS's own points of the recording that had no part in either.
     let given = settings.registration.ok_or("no registration")?.reference_from_phantom;
     let rows: Vec<f64> = serde_json::from_value(report["phantom_to_reference"].clone())?;

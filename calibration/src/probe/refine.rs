@@ -4,9 +4,14 @@
 //! far as that is known to be good; and how much later poses come than pictures, for a probe that moves is elsewhere by then. A dot's residual is how far its wire is from where the plane has it, across the wire. All dots of a picture share the tracker's noise, so a picture's residuals are
 //! whitened together ([`super::scatter`]). A dot that the others of its picture contradict, and a picture that the others contradict, is left out.
 
+mod outliers;
+mod predicted;
+
 use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
 use nalgebra::{DMatrix, DVector};
 
+use self::outliers::leave_out;
+use self::predicted::{KNOWN, TOGETHER};
 use super::layout::Layout;
 use super::plane::ImagePlane;
 use super::scatter::{Scatter, Scattered, most_likely};
@@ -18,6 +23,7 @@ use crate::least_squares::{
     solve, turned,
 };
 use crate::phantom::file::Registration;
+use crate::statistics::correlation_length;
 
 /// How often scatter and plane are found in turn at most …
 const ROUNDS: usize = 12;
@@ -25,10 +31,6 @@ const ROUNDS: usize = 12;
 const SAME_LAG_S: f64 = 1e-6;
 /// Rounds before anything is left out: the scatter has to be known.
 const TRUSTING: usize = 2;
-/// A dot is left out that lies farther from where the others of its picture expect it, in standard deviations: of a million one does by chance.
-const DOT_REACH: f64 = 5.3;
-/// A picture is left out whose sum of squares is beyond its mean by so many standard deviations.
-const PICTURE_REACH: f64 = 8.0;
 /// Trackers filter, and lag by up to some tenths of a second: a standard deviation that says no more, s.
 const USUAL_LAG_S: f64 = 0.5;
 /// Error of a registration that does not say it, mm: what a hand with a stylus attains.
@@ -54,6 +56,8 @@ pub struct Refined {
     pub registration: Registration,
     /// What scattered the dots.
     pub scatter: Scatter,
+    /// For how many pictures what scatters them lasts; 1 where each has its own. The errors that are predicted take it into account.
+    pub lasting: f64,
     /// How much later poses come than pictures, s.
     pub lag_s: f64,
     /// Its standard deviation; 0 where it was not sought.
@@ -65,6 +69,8 @@ pub struct Refined {
     unknown: Unknown,
     pivot_px: DVec2,
     solution: Solution,
+    /// What is known beforehand, by its information: of the phantom's turn and shift, and of the lag.
+    known: [[f64; KNOWN]; KNOWN],
 }
 
 /// The parameters.
@@ -206,7 +212,7 @@ impl<'a> Problem<'a> {
                 }
             }
             if round == ROUNDS || (round > TRUSTING && same && moved.abs() < SAME_LAG_S) {
-                return Ok(self.result(&pictures, &whitenings, used, scatter, solution));
+                return Ok(self.result(&pictures, &whitenings, used, scatter, solution, sought));
             }
             parameters.begin_at(&solution.state);
         }
@@ -219,6 +225,7 @@ impl<'a> Problem<'a> {
         mut used: Vec<Vec<bool>>,
         scatter: Scatter,
         solution: Solution,
+        sought: Sought,
     ) -> Refined {
         let state = &solution.state;
         let mut squares = vec![(0.0, 0); self.sightings.len()];
@@ -231,18 +238,50 @@ impl<'a> Problem<'a> {
         }
         let phantom = Transform::from_affine(self.phantom_map(state).inverse());
         let reference_from_phantom = self.registration.reference_from_phantom * phantom;
-        Refined {
+        let mut known = [[0.0; KNOWN]; KNOWN];
+        if sought.registration {
+            let information = self.information();
+            (0..6).for_each(|i| (0..6).for_each(|j| known[i][j] = information[(i, j)]));
+        }
+        if sought.lag {
+            known[6][6] = USUAL_LAG_S.powi(-2);
+        }
+        let lasting = self.lasting(state, pictures);
+        let mut refined = Refined {
+            lasting,
+            known,
             plane: self.plane(state),
             registration: Registration { reference_from_phantom, ..self.registration },
             scatter,
             lag_s: state.vector(self.unknown.lag)[0],
-            lag_sd_s: solution.sds(self.unknown.lag)[0],
+            lag_sd_s: 0.0,
             used,
             pictures: squares,
             unknown: self.unknown,
             pivot_px: self.pivot_px,
             solution,
-        }
+        };
+        let all = refined.together(self.pivot_px);
+        refined.lag_sd_s = refined.lasted(&all, [TOGETHER - 1; 2]).max(0.0).sqrt();
+        refined
+    }
+
+    /// After how many pictures what they are off by is another: the mean over three directions.
+    fn lasting(&self, state: &State, pictures: &[Picture]) -> f64 {
+        let wires = self.layout.geometry().wires();
+        let off = |picture: &Picture| {
+            let map = self.map(state, picture);
+            let marks = &self.sightings[picture.sighting].marks;
+            let of_dot = |&dot: &usize| {
+                let wire = &wires[marks[dot].wire];
+                let point = self.spot(state, &map, marks[dot].at_px).phantom;
+                off_wire(wire, point).into_iter().zip(wire.across()).map(|(off, across)| across * off).sum::<DVec3>()
+            };
+            picture.dots.iter().map(of_dot).sum::<DVec3>() / picture.dots.len() as f64
+        };
+        let off: Vec<DVec3> = pictures.iter().map(off).collect();
+        let along = |axis: usize| correlation_length(&off.iter().map(|off| off[axis]).collect::<Vec<_>>());
+        (0..3).map(along).sum::<f64>() / 3.0
     }
 
     /// The pictures that have poses at the state's lag.
@@ -416,8 +455,15 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// How well the registration is known: as its landmarks determine it, each touched as well as its error says.
+    /// How well the registration is known beforehand.
     fn prior(&self) -> Whitening<6> {
+        let covariance = self.information().try_inverse().unwrap_or_else(|| DMatrix::identity(6, 6) * 1e6);
+        let entry = |i: usize, j: usize| 0.5 * (covariance[(i, j)] + covariance[(j, i)]);
+        Whitening::covariance(&std::array::from_fn(|i| std::array::from_fn(|j| entry(i, j))))
+    }
+
+    /// What landmarks say of the phantom's turn and shift, each touched as well as the registration's error says.
+    fn information(&self) -> DMatrix<f64> {
         let landmarks = self.layout.geometry().landmarks();
         // The mean length of three components of standard deviation 1 is 1.6.
         let sd = self.registration.error_mm.unwrap_or(USUAL_ERROR_MM) / 1.6;
@@ -439,10 +485,7 @@ impl<'a> Problem<'a> {
             }
             information += by.transpose() * by / (sd * sd);
         }
-        let covariance = information.try_inverse().unwrap_or_else(|| DMatrix::identity(6, 6) * 1e6);
-        Whitening::covariance(&std::array::from_fn(|i| {
-            std::array::from_fn(|j| 0.5 * (covariance[(i, j)] + covariance[(j, i)]))
-        }))
+        information
     }
 }
 
@@ -457,63 +500,10 @@ fn whitening(picture: &Scattered, scatter: Scatter) -> DMatrix<f64> {
     inverse.unwrap_or_else(|| DMatrix::identity(n, n))
 }
 
-/// Strikes out dots that the others of their picture contradict, or all of a picture that is not like the others; whether there were any.
-fn leave_out(used: &mut [bool], dots: &[usize], residuals: &DVector<f64>, whitening: &DMatrix<f64>) -> bool {
-    let n = residuals.len();
-    let squares = (whitening * residuals).norm_squared();
-    let mean = n as f64;
-    // Q = C⁻¹: of what is left of a dot when the others have told what they know, the covariance is the inverse of its own part of Q.
-    let precision = whitening.transpose() * whitening;
-    let weighted = &precision * residuals;
-    let alone = |dot: usize| {
-        let (a, b, d) =
-            (precision[(2 * dot, 2 * dot)], precision[(2 * dot, 2 * dot + 1)], precision[(2 * dot + 1, 2 * dot + 1)]);
-        let inverse = glam::DMat2::from_cols_array(&[a, b, b, d]).inverse();
-        let left = DVec2::new(weighted[2 * dot], weighted[2 * dot + 1]);
-        left.dot(inverse * left)
-    };
-    let worst = (0..dots.len()).map(|dot| (alone(dot), dot)).max_by(|a, b| a.0.total_cmp(&b.0));
-    if let Some((square, dot)) = worst
-        && square > DOT_REACH * DOT_REACH
-    {
-        used[dots[dot]] = false;
-        return true;
-    }
-    if squares > mean + PICTURE_REACH * (2.0 * mean).sqrt() {
-        used.fill(false);
-        return true;
-    }
-    false
-}
-
 impl Refined {
     /// The plane as a transform.
     pub fn probe_from_image(&self) -> Transform<Probe, Image> {
         Transform::from_affine(self.plane.affine())
-    }
-
-    /// Covariance of where a pixel lies in the probe's frame, mm², by the scatter that was found.
-    pub fn covariance_mm2(&self, px: DVec2) -> [[f64; 3]; 3] {
-        let Unknown { turn, place, size, skew, .. } = self.unknown;
-        let state = &self.solution.state;
-        let from = px - self.pivot_px;
-        let image_turn = state.rotation(turn);
-        let ([size_u, size_v], [skewed]) = (state.scale(size), state.vector(skew));
-        let own = DVec3::new(size_u * from.x + skewed * size_v * from.y, size_v * from.y, 0.0);
-        let by_u = image_turn * DVec3::new(size_u * from.x, 0.0, 0.0);
-        let by_v = image_turn * (DVec3::new(skewed, 1.0, 0.0) * (size_v * from.y));
-        let by_skew = image_turn * DVec3::new(size_v * from.y, 0.0, 0.0);
-        let sizes: [[f64; 2]; 3] = std::array::from_fn(|i| [by_u[i], by_v[i]]);
-        let skews: [[f64; 1]; 3] = std::array::from_fn(|i| [by_skew[i]]);
-        let turns = rows(DMat3::from_quat(image_turn) * turned(own));
-        self.solution
-            .propagated(|point| point.by(turn, turns).by(place, rows(DMat3::IDENTITY)).by(size, sizes).by(skew, skews))
-    }
-
-    /// Predicted error of where a pixel lies, one standard deviation: the root of the sum of the three axes' variances, mm.
-    pub fn predicted_mm(&self, px: DVec2) -> f64 {
-        let covariance = self.covariance_mm2(px);
-        (0..3).map(|i| covariance[i][i]).sum::<f64>().sqrt()
     }
 
     /// Largest over smallest singular value of the problem, by its parameters' typical sizes.

@@ -43,6 +43,8 @@ pub(super) struct Report {
     /// Above 0: poses come later than pictures.
     lag_s: f64,
     lag_sd_s: f64,
+    /// For how many pictures what scatters them lasts.
+    scatter_lasts_pictures: f64,
     /// Standard deviations of what scatters dots about their wires.
     scatter: Scattered,
     /// Row major, as it fits best.
@@ -178,6 +180,7 @@ impl Report {
             condition: refined.condition(),
             lag_s: refined.lag_s,
             lag_sd_s: refined.lag_sd_s,
+            scatter_lasts_pictures: refined.lasting,
             scatter: Scattered {
                 position_mm: refined.scatter.position_mm,
                 turn_deg: refined.scatter.turn_rad.to_degrees(),

@@ -1,0 +1,62 @@
+//! How far off the plane may be, by the covariance.
+
+use glam::{DMat3, DVec2, DVec3};
+
+use super::{Refined, Unknown};
+use crate::least_squares::{rows, turned};
+
+/// Parameters of which something is known beforehand: the phantom's turn and shift, and the lag.
+pub(super) const KNOWN: usize = 7;
+/// A pixel's place, and these.
+pub(super) const TOGETHER: usize = 3 + KNOWN;
+
+impl Refined {
+    /// Covariance of where a pixel lies in the probe's frame, mm²: by the scatter that was found, and as long as it lasts.
+    pub fn covariance_mm2(&self, px: DVec2) -> [[f64; 3]; 3] {
+        let all = self.together(px);
+        std::array::from_fn(|i| std::array::from_fn(|j| self.lasted(&all, [i, j])))
+    }
+
+    /// A covariance of those together, where measurements repeat each other: were there only 1/n of them, H = H_data + H_known would be the information; the solution weighs them as if there
+    /// were all, so that its covariance is H⁻¹(n·H_data + H_known)H⁻¹.
+    pub(super) fn lasted(&self, all: &[[f64; TOGETHER]; TOGETHER], [i, j]: [usize; 2]) -> f64 {
+        let known = |a: usize, b: usize| all[i][3 + a] * self.known[a][b] * all[j][3 + b];
+        let of_known: f64 = (0..KNOWN).flat_map(|a| (0..KNOWN).map(move |b| (a, b))).map(|(a, b)| known(a, b)).sum();
+        self.lasting * all[i][j] - (self.lasting - 1.0) * of_known
+    }
+
+    /// Covariance, as if no measurement repeated another, of where a pixel lies (mm), the phantom's turn (rad) and shift (mm), and the lag (s).
+    pub(super) fn together(&self, px: DVec2) -> [[f64; TOGETHER]; TOGETHER] {
+        let Unknown { turn, place, size, skew, phantom_turn, phantom_shift, lag } = self.unknown;
+        let state = &self.solution.state;
+        let from = px - self.pivot_px;
+        let image_turn = state.rotation(turn);
+        let ([size_u, size_v], [skewed]) = (state.scale(size), state.vector(skew));
+        let own = DVec3::new(size_u * from.x + skewed * size_v * from.y, size_v * from.y, 0.0);
+        let by_turn = rows(DMat3::from_quat(image_turn) * turned(own));
+        let by_size = [
+            image_turn * DVec3::new(size_u * from.x, 0.0, 0.0),
+            image_turn * (DVec3::new(skewed, 1.0, 0.0) * (size_v * from.y)),
+        ];
+        let by_skew = image_turn * DVec3::new(size_v * from.y, 0.0, 0.0);
+        let one = |row: usize, first: usize| -> [f64; 3] {
+            std::array::from_fn(|i| if row == first + i { 1.0 } else { 0.0 })
+        };
+        let of_point = |row: usize| row < 3;
+        self.solution.propagated(|all| {
+            all.by(turn, std::array::from_fn(|row| if of_point(row) { by_turn[row] } else { [0.0; 3] }))
+                .by(place, std::array::from_fn(|row| one(row, 0)))
+                .by(size, std::array::from_fn(|row| if of_point(row) { by_size.map(|by| by[row]) } else { [0.0; 2] }))
+                .by(skew, std::array::from_fn(|row| if of_point(row) { [by_skew[row]] } else { [0.0] }))
+                .by(phantom_turn, std::array::from_fn(|row| one(row, 3)))
+                .by(phantom_shift, std::array::from_fn(|row| one(row, 6)))
+                .by(lag, std::array::from_fn(|row| if row == TOGETHER - 1 { [1.0] } else { [0.0] }))
+        })
+    }
+
+    /// Predicted error of where a pixel lies, one standard deviation: the root of the sum of the three axes' variances, mm.
+    pub fn predicted_mm(&self, px: DVec2) -> f64 {
+        let covariance = self.covariance_mm2(px);
+        (0..3).map(|i| covariance[i][i]).sum::<f64>().sqrt()
+    }
+}
