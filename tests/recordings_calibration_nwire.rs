@@ -106,7 +106,7 @@ fn phantom(folder: &Path) -> Result<(Layout, PhantomSettings), Failed> {
 
 /// PLUS's matrix.
 fn plus_plane(folder: &Path) -> Result<ImagePlane, Failed> {
-    let settings = sonoweave::config::Settings::read(&folder.join(RESULTS))?;
+    let settings = sonoweave::config::Settings::read(&folder.join(RESULTS), None)?;
     let found = settings.transforms.iter().find(|t| t.name() == "ImageToProbe").ok_or("no ImageToProbe")?;
     Ok(ImagePlane::of(&found.affine))
 }

@@ -58,7 +58,7 @@ fn files(path: &Path) -> [PathBuf; 2] {
 }
 
 fn transform(file: &Path, name: &str) -> Result<StaticTransform, Failed> {
-    let found = Config::read(file)?.transforms.into_iter().find(|t| t.name() == name);
+    let found = Config::read(file, None)?.transforms.into_iter().find(|t| t.name() == name);
     found.ok_or_else(|| format!("{}: no {name}", file.display()).into())
 }
 

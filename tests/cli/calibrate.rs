@@ -11,8 +11,11 @@ const TIP: DVec3 = DVec3::new(2.0, -5.0, 140.0);
 const LANDMARKS: [[f64; 3]; 5] =
     [[0.0, 0.0, 0.0], [80.0, 5.0, 0.0], [75.0, 50.0, 20.0], [-5.0, 45.0, 5.0], [10.0, 0.0, 40.0]];
 
-/// A tracked sequence without pictures: of each reading its time, and of each sensor name, pose in the tracker's frame and status.
-pub(super) fn tracked(readings: &[(f64, Vec<(&str, DAffine3, &str)>)]) -> String {
+/// A sensor's name, pose in the tracker's frame, and status.
+type Sensor = (&'static str, DAffine3, &'static str);
+
+/// A tracked sequence without pictures: of each reading its time and its sensors.
+pub(super) fn tracked(readings: &[(f64, Vec<Sensor>)]) -> String {
     let mut text = format!(
         "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nCompressedData = False\nDimSize = 0 0 {}\n\
          Kinds = domain domain list\nElementNumberOfChannels = 1\nElementType = MET_OTHER\n",

@@ -34,9 +34,9 @@ impl Bars<'_> {
         for tick in 0..=4 {
             let value = top * f64::from(tick) / 4.0;
             // Writing to a string does not fail.
-            let _ = write!(
+            let _ = writeln!(
                 body,
-                "<path d=\"M{left} {:.1}h{width}\" stroke=\"currentColor\" stroke-opacity=\".18\"/><text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>\n",
+                "<path d=\"M{left} {:.1}h{width}\" stroke=\"currentColor\" stroke-opacity=\".18\"/><text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>",
                 y(value),
                 left - 6.0,
                 y(value) + 4.0,
@@ -44,9 +44,9 @@ impl Bars<'_> {
             );
         }
         for (index, value) in values.iter().enumerate().filter(|(_, value)| value.is_finite()) {
-            let _ = write!(
+            let _ = writeln!(
                 body,
-                "<rect x=\"{:.2}\" y=\"{:.2}\" width=\"{:.2}\" height=\"{:.2}\" fill=\"#306cb0\"/>\n",
+                "<rect x=\"{:.2}\" y=\"{:.2}\" width=\"{:.2}\" height=\"{:.2}\" fill=\"#306cb0\"/>",
                 left + index as f64 * step,
                 y(*value),
                 (0.85 * step).max(0.4),
@@ -54,9 +54,9 @@ impl Bars<'_> {
             );
         }
         if let Some((at, name)) = limit {
-            let _ = write!(
+            let _ = writeln!(
                 body,
-                "<path d=\"M{left} {0:.1}h{width}\" stroke=\"#e5484d\" stroke-dasharray=\"5 4\"/><text x=\"{1:.1}\" y=\"{2:.1}\" text-anchor=\"end\" fill=\"#e5484d\">{3}</text>\n",
+                "<path d=\"M{left} {0:.1}h{width}\" stroke=\"#e5484d\" stroke-dasharray=\"5 4\"/><text x=\"{1:.1}\" y=\"{2:.1}\" text-anchor=\"end\" fill=\"#e5484d\">{3}</text>",
                 y(at),
                 left + width,
                 y(at) - 4.0,
