@@ -307,7 +307,7 @@ fn fit(
         return Err(Refused::Contradictory { mm: begun.spread_mm });
     }
     let sought = Sought { skew: false, registration: true, lag: recording.timed };
-    let refined = refine(layout, sightings, track, registration, &begun.plane, sought)?;
+    let refined = refine(layout, sightings, track, registration, &begun, sought)?;
     let used = refined.pictures.iter().filter(|(_, components)| *components > 0).count();
     if used < LEAST_PICTURES {
         return Err(Refused::TooFew { pictures: used });

@@ -1,7 +1,7 @@
 //! Where to begin: the image plane in the probe's frame from all dots at once, by linear least squares.
 //!
 //! That a pixel lies on a wire is linear in the plane's nine numbers, whatever the pose ([`super::plane`]). Dots that were taken for a wire's and are not, and pictures whose pose is wrong, are given less weight
-//! from solution to solution, down to none (Tukey's loss by iterated weights, from Huber's, which has one minimum).
+//! from solution to solution, down to none (Tukey's loss by iterated weights, from Huber's, which has one minimum). Pictures that are wrong as a whole are left out beforehand.
 
 use glam::DVec2;
 
@@ -11,6 +11,7 @@ use super::sighting::{Sighting, off_wire};
 use crate::frames::{Phantom, Probe, Transform};
 use crate::least_squares::Loss;
 use crate::least_squares::loss::spread;
+use crate::phantom::Wire;
 
 /// Solutions by each loss: weights change by less than a per cent well before.
 const ROUNDS: usize = 15;
@@ -20,7 +21,7 @@ const ROUNDS: usize = 15;
 pub struct Start {
     /// In the probe's frame.
     pub plane: ImagePlane,
-    /// Each dot's distance from its wire, mm; picture by picture.
+    /// Each dot's distance from its wire, mm; picture by picture, none of one without a pose.
     pub off_mm: Vec<Vec<f64>>,
     /// Each dot's weight, 0 to 1.
     pub weights: Vec<Vec<f64>>,
@@ -36,35 +37,112 @@ pub fn start(
     size_px: [u32; 2],
 ) -> Option<Start> {
     let wires = layout.geometry().wires();
-    let (sightings, maps): (Vec<_>, Vec<_>) =
-        sightings.iter().filter_map(|sighting| Some((sighting, probe_from_phantom(sighting)?))).unzip();
-    let mut weights: Vec<Vec<f64>> = sightings.iter().map(|s| vec![1.0; s.marks.len()]).collect();
+    let all: Vec<Posed<'_>> =
+        sightings.iter().filter_map(|sighting| Some(Posed { sighting, map: probe_from_phantom(sighting)? })).collect();
+    let has_pose: Vec<bool> = sightings.iter().map(|sighting| probe_from_phantom(sighting).is_some()).collect();
+    let agrees = agreeing(wires, &all, size_px);
+    let mut weights: Vec<Vec<f64>> = all
+        .iter()
+        .zip(&agrees)
+        .map(|(posed, agrees)| vec![f64::from(u8::from(*agrees)); posed.sighting.marks.len()])
+        .collect();
     let mut found = None;
     for round in 0..2 * ROUNDS {
-        let mut sum = PlaneSum::new(Unit::of(size_px));
-        for ((sighting, map), weights) in sightings.iter().zip(&maps).zip(&weights) {
-            for (mark, weight) in sighting.marks.iter().zip(weights) {
-                sum.add_dot(mark.at_px, &wires[mark.wire], &map.affine(), *weight);
-            }
-        }
-        let plane = sum.solve(false)?;
-        let off_mm: Vec<Vec<f64>> = sightings
-            .iter()
-            .zip(&maps)
-            .map(|(sighting, map)| {
-                let back = map.inverse();
-                let off = |px: DVec2, wire: usize| off_wire(&wires[wire], back.point(plane.point(px)));
-                sighting.marks.iter().map(|mark| DVec2::from_array(off(mark.at_px, mark.wire)).length()).collect()
-            })
-            .collect();
-        let lengths: Vec<(usize, f64)> = off_mm.iter().flatten().map(|&off| (2, off)).collect();
+        let plane = solved(wires, all.iter().zip(&weights), size_px)?;
+        let off_mm: Vec<Vec<f64>> = all.iter().map(|posed| posed.off_mm(wires, &plane)).collect();
+        // Who agrees with most others says where they are to meet; all are heard once they do.
+        let is_heard = |posed: usize| round >= ROUNDS || agrees[posed];
+        let heard = off_mm.iter().enumerate().filter(|(posed, _)| is_heard(*posed));
+        let lengths: Vec<(usize, f64)> = heard.flat_map(|(_, off)| off).map(|&off| (2, off)).collect();
         let spread_mm = spread(&lengths).max(LEAST_SPREAD_MM);
         let law = if round < ROUNDS { Loss::Huber } else { Loss::Tukey }.of(2);
-        weights = off_mm.iter().map(|off| off.iter().map(|off| law.weight(off / spread_mm)).collect()).collect();
+        let weight = |(posed, off): (usize, &Vec<f64>)| {
+            off.iter().map(|off| if is_heard(posed) { law.weight(off / spread_mm) } else { 0.0 }).collect()
+        };
+        weights = off_mm.iter().enumerate().map(weight).collect();
         found = Some(Start { plane, off_mm, weights: weights.clone(), spread_mm });
     }
-    found
+    // By sighting, again.
+    let mut start = found?;
+    for numbers in [&mut start.off_mm, &mut start.weights] {
+        let mut of_posed = std::mem::take(numbers).into_iter();
+        *numbers = has_pose
+            .iter()
+            .map(|has_pose| if *has_pose { of_posed.next().unwrap_or_default() } else { Vec::new() })
+            .collect();
+    }
+    Some(start)
 }
 
+/// A sighting and the phantom's place for it.
+struct Posed<'a> {
+    sighting: &'a Sighting,
+    map: Transform<Probe, Phantom>,
+}
+
+impl Start {
+    /// Pictures none of whose dots have any weight: wrong as a whole, by all others.
+    pub(super) fn contradicted(&self) -> Vec<bool> {
+        self.weights.iter().map(|weights| !weights.is_empty() && weights.iter().all(|weight| *weight == 0.0)).collect()
+    }
+}
+
+impl Posed<'_> {
+    /// Each dot's distance from its wire, mm.
+    fn off_mm(&self, wires: &[Wire], plane: &ImagePlane) -> Vec<f64> {
+        let back = self.map.inverse();
+        let off = |px: DVec2, wire: usize| off_wire(&wires[wire], back.point(plane.point(px)));
+        self.sighting.marks.iter().map(|mark| DVec2::from_array(off(mark.at_px, mark.wire)).length()).collect()
+    }
+}
+
+/// The plane of weighted dots. `None` where they leave it open.
+fn solved<'a>(
+    wires: &[Wire],
+    all: impl Iterator<Item = (&'a Posed<'a>, &'a Vec<f64>)>,
+    size_px: [u32; 2],
+) -> Option<ImagePlane> {
+    let mut sum = PlaneSum::new(Unit::of(size_px));
+    for (Posed { sighting, map }, weights) in all {
+        for (mark, weight) in sighting.marks.iter().zip(weights) {
+            sum.add_dot(mark.at_px, &wires[mark.wire], &map.affine(), *weight);
+        }
+    }
+    sum.solve(false)
+}
+
+/// Which sightings agree with most: layers that are alike make it easy to take all of a picture's dots for those of the layer below, and such pictures agree with each other, too. Of
+/// guesses from three sightings each, that is taken which half of all sightings fit best (least median; Rousseeuw, J. Am. Stat. Assoc. 79, 1984).
+fn agreeing(wires: &[Wire], all: &[Posed<'_>], size_px: [u32; 2]) -> Vec<bool> {
+    let median = |mut numbers: Vec<f64>| {
+        numbers.sort_by(f64::total_cmp);
+        numbers.get(numbers.len() / 2).copied().unwrap_or(0.0)
+    };
+    let mut best: Option<(f64, Vec<f64>)> = None;
+    for guess in 0..GUESSES {
+        // Numbers that fill a cube evenly, the same each time (Roberts' sequence of the plastic number's kind).
+        let place = |step: f64| ((0.5 + f64::from(guess) * step).fract() * all.len() as f64) as usize;
+        let three = [0.819_172_513_396_164_4, 0.671_043_606_703_789_3, 0.549_700_477_901_960_6].map(place);
+        if all.len() < 3 || three[0] == three[1] || three[1] == three[2] || three[2] == three[0] {
+            continue;
+        }
+        let whole: Vec<Vec<f64>> = three.iter().map(|place| vec![1.0; all[*place].sighting.marks.len()]).collect();
+        let Some(plane) = solved(wires, three.iter().map(|place| &all[*place]).zip(&whole), size_px) else { continue };
+        let off: Vec<f64> = all.iter().map(|posed| median(posed.off_mm(wires, &plane))).collect();
+        let score = median(off.clone());
+        if best.as_ref().is_none_or(|(least, _)| score < *least) {
+            best = Some((score, off));
+        }
+    }
+    match best {
+        Some((score, off)) => off.iter().map(|off| *off <= AGREES * score.max(LEAST_SPREAD_MM)).collect(),
+        None => vec![true; all.len()],
+    }
+}
+
+/// Where two of three sightings are good, all guesses have a bad one in it once in 10⁹ times; where half are, once in 3000.
+const GUESSES: u32 = 60;
+/// Sightings agree whose median distance is less than so many times that of the middle one of all.
+const AGREES: f64 = 5.0;
 /// Rounding is no spread, mm.
 const LEAST_SPREAD_MM: f64 = 1e-9;

@@ -11,8 +11,10 @@ use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
 use nalgebra::{DMatrix, DVector};
 
 use self::outliers::leave_out;
+pub use self::predicted::PLANE;
 use self::predicted::{KNOWN, TOGETHER};
 use super::layout::Layout;
+use super::linear::Start;
 use super::plane::ImagePlane;
 use super::scatter::{Scatter, Scattered, most_likely};
 use super::sighting::{Sighting, off_wire};
@@ -128,11 +130,11 @@ pub fn refine(
     sightings: &[Sighting],
     track: &Track,
     registration: &Registration,
-    start: &ImagePlane,
+    start: &Start,
     sought: Sought,
 ) -> Result<Refined, Unsolved> {
-    let (problem, parameters) = Problem::new(layout, sightings, track, registration, start, sought);
-    problem.solve(parameters, sought)
+    let (problem, parameters) = Problem::new(layout, sightings, track, registration, &start.plane, sought);
+    problem.solve(parameters, sought, start.contradicted())
 }
 
 impl<'a> Problem<'a> {
@@ -185,10 +187,12 @@ impl<'a> Problem<'a> {
         (problem, parameters)
     }
 
-    fn solve(&self, mut parameters: Parameters, sought: Sought) -> Result<Refined, Unsolved> {
+    /// Pictures that the start contradicts have no part until all else is found; then they have, if they agree.
+    fn solve(&self, mut parameters: Parameters, sought: Sought, mut waits: Vec<bool>) -> Result<Refined, Unsolved> {
         let prior = sought.registration.then(|| self.prior());
         let settings = Settings { noise: Noise::Known, ..Settings::default() };
-        let mut used: Vec<Vec<bool>> = self.sightings.iter().map(|s| vec![true; s.marks.len()]).collect();
+        let mut used: Vec<Vec<bool>> =
+            self.sightings.iter().zip(&waits).map(|(s, waits)| vec![!waits; s.marks.len()]).collect();
         let mut scatter = Scatter::USUAL;
         let mut round = 0;
         loop {
@@ -211,11 +215,30 @@ impl<'a> Problem<'a> {
                     same &= !leave_out(&mut used[picture.sighting], &picture.dots, &residuals, whitening);
                 }
             }
-            if round == ROUNDS || (round > TRUSTING && same && moved.abs() < SAME_LAG_S) {
+            let is_found = round > TRUSTING && same && moved.abs() < SAME_LAG_S;
+            if round == ROUNDS || (is_found && !self.admit(&solution.state, scatter, &mut used, &mut waits)) {
                 return Ok(self.result(&pictures, &whitenings, used, scatter, solution, sought));
             }
             parameters.begin_at(&solution.state);
         }
+    }
+
+    /// Gives those that wait a part where they agree with what was found; whether any did.
+    fn admit(&self, state: &State, scatter: Scatter, used: &mut [Vec<bool>], waits: &mut [bool]) -> bool {
+        let mut whole: Vec<Vec<bool>> =
+            self.sightings.iter().zip(waits.iter()).map(|(s, waits)| vec![*waits; s.marks.len()]).collect();
+        waits.fill(false);
+        let mut any = false;
+        for picture in self.pictures(state, &whole.clone()) {
+            let scattered = self.scattered(state, &picture);
+            let whitening = whitening(&scattered, scatter);
+            let own = &mut whole[picture.sighting];
+            if !leave_out(own, &picture.dots, &scattered.residuals, &whitening) {
+                used[picture.sighting].fill(true);
+                any = true;
+            }
+        }
+        any
     }
 
     fn result(

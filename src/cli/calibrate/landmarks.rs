@@ -104,7 +104,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { phantom, recording, stylus_tip, tip_error, limit, outputs } = arguments;
     let tip_file = stylus_tip.as_ref().unwrap_or(phantom);
     // The tip's file may be the one that is written: it keeps what it holds.
-    outputs.check(&[recording.path(), phantom])?;
+    outputs.check(&[recording.path(), phantom], false)?;
     let settings = PhantomSettings::read(phantom)?;
     let tip_mm = tip(tip_file, &recording.stylus, stylus_tip.is_some())?;
     let read = recording.read()?;

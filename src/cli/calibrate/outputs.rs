@@ -4,6 +4,7 @@ use std::io::{ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
 
 use calibration::file::CalibrationFile;
+use calibration::file::preset::{self, Preset};
 use calibration::frames::{Image, Probe, Transform};
 use calibration::named::StaticTransform;
 use clap::Args;
@@ -18,9 +19,9 @@ pub(super) struct Outputs {
     /// The calibration file (TOML) that the result goes into; what else it holds stays
     #[arg(short, long, value_name = "CAL.toml")]
     output: Option<PathBuf>,
-    /// Where to write the report as JSON
-    #[arg(long, value_name = "R.json")]
-    report: Option<PathBuf>,
+    /// Where to write the report: as JSON, or of `calibrate probe` also as a page for a browser (.html); may be given for both
+    #[arg(long, value_name = "R.json|R.html")]
+    report: Vec<PathBuf>,
 }
 
 /// A file that was read.
@@ -35,6 +36,12 @@ impl Input {
         Ok(Self { path: path.to_owned(), sha256: input::hash(path)? })
     }
 
+    /// As presets list it.
+    pub(super) fn listed(&self) -> preset::Input {
+        let name = self.path.file_name().unwrap_or(self.path.as_os_str());
+        preset::Input { file: name.to_string_lossy().into_owned(), sha256: self.sha256.clone() }
+    }
+
     /// How a calibration file names it.
     pub(super) fn name(&self) -> String {
         let name = self.path.file_name().unwrap_or(self.path.as_os_str());
@@ -43,16 +50,24 @@ impl Input {
 }
 
 impl Outputs {
-    /// They can be written, are no inputs, and are two files; said before the work.
-    pub(super) fn check(&self, inputs: &[&Path]) -> Result<(), Failure> {
-        for output in [&self.output, &self.report].into_iter().flatten() {
+    /// They can be written, are no inputs, and are files of their own; said before the work. Not of everything there is a page.
+    pub(super) fn check(&self, inputs: &[&Path], has_page: bool) -> Result<(), Failure> {
+        for output in self.output.iter().chain(&self.report) {
             input::check_output(output)?;
             for path in inputs {
                 input::check_is_not(output, path)?;
             }
         }
-        if self.output.is_some() && self.output == self.report {
-            return Err(Failure("--output and --report are one file; give two names".into()));
+        let mut names: Vec<&PathBuf> = self.output.iter().chain(&self.report).collect();
+        names.sort_unstable();
+        if names.windows(2).any(|two| two[0] == two[1]) {
+            return Err(Failure("--output and --report are one file; give names of their own".into()));
+        }
+        if let Some(page) = self.report.iter().find(|path| is_page(path) && !has_page) {
+            return Err(Failure(format!(
+                "{}: of this there is no page; give a name that ends in .json",
+                page.display()
+            )));
         }
         if let Some(path) = &self.output
             && path.exists()
@@ -69,7 +84,7 @@ impl Outputs {
         provenance: &str,
         report: &impl Serialize,
     ) -> Result<(), Failure> {
-        self.write_changed(|file| merge(file, transform, provenance), report)
+        self.write_changed(|file| merge(file, transform, provenance), report, || Ok(String::new()))
     }
 
     /// Writes a probe's calibration and the report.
@@ -77,28 +92,52 @@ impl Outputs {
         &self,
         probe_from_image: &Transform<Probe, Image>,
         provenance: &str,
+        preset: Option<Preset>,
         report: &impl Serialize,
+        page: impl FnOnce() -> Result<String, Failure>,
     ) -> Result<(), Failure> {
         let named = StaticTransform::image_to_probe(probe_from_image);
         let change = |file: &mut CalibrationFile| {
+            if let Some(preset) = preset {
+                file.presets.retain(|other| other.name != preset.name);
+                file.presets.push(preset);
+                return;
+            }
             merge(file, &named, provenance);
             // It has a place of its own in the file.
             file.transforms.retain(|other| !other.relates_same_frames(&named));
             file.probe_from_image = Some(*probe_from_image);
         };
-        self.write_changed(change, report)
+        self.write_changed(change, report, page)
     }
 
-    fn write_changed(&self, change: impl FnOnce(&mut CalibrationFile), report: &impl Serialize) -> Result<(), Failure> {
+    /// Whether anybody reads more than the text.
+    pub(super) fn wants_report(&self) -> bool {
+        !self.report.is_empty()
+    }
+
+    fn write_changed(
+        &self,
+        change: impl FnOnce(&mut CalibrationFile),
+        report: &impl Serialize,
+        page: impl FnOnce() -> Result<String, Failure>,
+    ) -> Result<(), Failure> {
+        // Whatever can fail before something is written does so before.
+        let page = if self.report.iter().any(|path| is_page(path)) { page()? } else { String::new() };
         if let Some(path) = &self.output {
             let mut file = if path.exists() { CalibrationFile::read(path)? } else { CalibrationFile::default() };
             change(&mut file);
             file.write(path)?;
         }
-        if let Some(path) = &self.report {
+        for path in &self.report {
+            let json;
+            let text = if is_page(path) {
+                &page
+            } else {
+                json = serde_json::to_string_pretty(report)? + "\n";
+                &json
+            };
             let failed = |e: std::io::Error| Failure(format!("{}: writing failed: {e}", path.display()));
-            let mut text = serde_json::to_string_pretty(report)?;
-            text.push('\n');
             std::fs::write(path, text).map_err(failed)?;
         }
         Ok(())
@@ -106,11 +145,16 @@ impl Outputs {
 
     /// The lines that say what was written.
     pub(super) fn told(&self) -> String {
-        let line = |path: &Option<PathBuf>, what: &str| {
-            path.as_ref().map_or(String::new(), |path| format!("{what}: {}\n", path.display()))
-        };
-        line(&self.output, "calibration") + &line(&self.report, "report")
+        let line = |path: &PathBuf, what: &str| format!("{what}: {}\n", path.display());
+        let reports = self.report.iter().map(|path| line(path, "report"));
+        self.output.iter().map(|path| line(path, "calibration")).chain(reports).collect()
     }
+}
+
+/// A page for a browser, by its name.
+fn is_page(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|extension| extension.eq_ignore_ascii_case("html") || extension.eq_ignore_ascii_case("htm"))
 }
 
 /// Puts a transform in the place of the one between the same frames, if there is one, and its origin likewise.

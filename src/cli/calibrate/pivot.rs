@@ -69,7 +69,7 @@ struct Turned {
 /// [`Failure`] when the recording does not say where the tip is; nothing is written then.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { recording, limit, outputs } = arguments;
-    outputs.check(&[recording.path()])?;
+    outputs.check(&[recording.path()], false)?;
     let read = recording.read()?;
     let poses: Vec<Transform<Reference, Stylus>> = read.poses.iter().map(|(_, pose)| *pose).collect();
     let settings = Settings { limit_mm: *limit, ..Settings::default() };

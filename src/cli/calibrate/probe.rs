@@ -1,23 +1,32 @@
 //! `sonoweave calibrate probe`: where the picture lies in the frame of the sensor on the transducer.
 
+mod page;
 mod recording;
 mod report;
 
 use std::path::PathBuf;
 use std::time::Instant;
 
+use calibration::file::preset::{Covariance, Preset, Quality, Ruler};
 use calibration::phantom::file::Registration;
-use calibration::probe::{Layout, calibrate};
+use calibration::probe::errors::Errors;
+use calibration::probe::refine::PLANE;
+use calibration::probe::{Calibration, Layout, Observation, Recording, calibrate};
 use calibration::region::ClipRect;
 use clap::{Args, ValueEnum};
+use glam::DVec2;
 
 use super::super::{Failure, values};
 use super::outputs::{Input, Outputs, print};
 use crate::config::Settings as Config;
+use crate::config::bedside::today;
 use crate::config::phantom::PhantomSettings;
 use crate::mask::Clip;
-use recording::{Observed, observe};
-use report::{Report, text};
+use recording::{Observed, observe, pictures};
+use report::{Report, Reproducibility, text};
+
+/// Parts of a recording that are left out in turn.
+const PARTS: usize = 5;
 
 /// How a probe is calibrated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -32,7 +41,7 @@ enum Method {
 Scan the phantom's wires slowly for a quarter of a minute: along them and back, and tilt and turn the probe on the way. A second scan tells how good the result is; without one the last third \
 of the first does. The result is the transform ImageToProbe, and how much later the tracker's poses come than pictures.
 
-Example: sonoweave calibrate probe --phantom phantom.toml --sequence scan.igs.mha --validate second.igs.mha -o calibration.toml --report probe.json")]
+Example: sonoweave calibrate probe --phantom phantom.toml --sequence scan.igs.mha --validate second.igs.mha -o calibration.toml --report probe.html")]
 pub struct Arguments {
     /// The phantom with its wires: our file (TOML) or a PLUS XML
     #[arg(long, value_name = "FILE")]
@@ -55,8 +64,19 @@ pub struct Arguments {
     /// Refuse a result whose error on the second recording (mean, mm; PLUS's definition) is larger
     #[arg(long, value_name = "MM", default_value_t = 2.0, value_parser = values::positive)]
     limit: f64,
+    /// Put the result into the calibration file as a preset of that name, for the depth at which the scanner is set, beside others [default: as the file's only one]
+    #[arg(long, value_name = "NAME", requires = "output")]
+    preset: Option<String>,
+    /// A length along the ruler beside the picture, in pixels and in mm: the preset is refused later where the scanner is set to another depth
+    #[arg(long, value_name = "PX,MM", value_parser = ruler, requires = "preset")]
+    ruler: Option<Ruler>,
     #[command(flatten)]
     outputs: Outputs,
+}
+
+fn ruler(text: &str) -> Result<Ruler, String> {
+    let numbers = text.split_once(',').and_then(|(px, mm)| Some((px.trim().parse().ok()?, mm.trim().parse().ok()?)));
+    numbers.and_then(|(px, mm)| Ruler::new(px, mm)).ok_or_else(|| "must be two lengths above 0: pixels,mm".into())
 }
 
 fn clip(text: &str) -> Result<ClipRect, String> {
@@ -71,12 +91,12 @@ fn clip(text: &str) -> Result<ClipRect, String> {
 /// # Errors
 /// [`Failure`] when the recording does not say where the picture lies; nothing is written then.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let Arguments { phantom, sequence, validate, registration, method: Method::Nwire, clip, limit, outputs } =
+    let Arguments { phantom, sequence, validate, registration, method: Method::Nwire, clip, limit, outputs, .. } =
         arguments;
     // The registration's file may be the one that is written: it keeps what it holds.
     let mut inputs = vec![sequence.as_path(), phantom];
     inputs.extend(validate.as_deref());
-    outputs.check(&inputs)?;
+    outputs.check(&inputs, true)?;
     let settings = PhantomSettings::read(phantom)?;
     let held = match registration {
         Some(path) => registered(path, &settings)?,
@@ -117,17 +137,72 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let input = Input::of(sequence)?;
     let provenance =
         format!("N-wire phantom, {} pictures of {}, {:.2} mm", found.used(), input.name(), found.errors[0].mean);
-    let report = Report::new(
-        &found,
-        &layout,
-        input,
-        Input::of(phantom)?,
-        validate.as_deref().map(Input::of).transpose()?,
-        &held,
-    )
-    .took(looked_s, began.elapsed().as_secs_f64() - looked_s);
-    outputs.write_probe(&found.refined.probe_from_image(), &provenance, &report)?;
+    let solved_s = began.elapsed().as_secs_f64() - looked_s;
+    let again = outputs.wants_report().then(|| again(&found, &layout, &held, seen.recording())).flatten();
+    let validation = validate.as_deref().map(Input::of).transpose()?;
+    let phantom_input = Input::of(phantom)?;
+    let preset = arguments.preset.as_ref().map(|name| Preset {
+        name: name.clone(),
+        probe_from_image: found.refined.probe_from_image(),
+        made: Some(today()),
+        picture_px: Some(found.size_px),
+        ruler: arguments.ruler,
+        clip: None,
+        fan: None,
+        quality: Some(quality(&found)),
+        covariance: Some(Covariance {
+            parameters: PLANE.map(str::to_owned).to_vec(),
+            rows: found.refined.covariance().iter().map(|row| row.to_vec()).collect(),
+        }),
+        inputs: [Some(&input), Some(&phantom_input), validation.as_ref()]
+            .into_iter()
+            .flatten()
+            .map(Input::listed)
+            .collect(),
+    });
+    let report =
+        Report::new(&found, &layout, input, phantom_input, validation, &held).took(looked_s, solved_s).again(again);
+    let page = || Ok(report.page(&pictures(sequence, &report.telling())?, *limit));
+    outputs.write_probe(&found.refined.probe_from_image(), &provenance, preset, &report, page)?;
     print(&(text(&found, &layout) + &outputs.told()))
+}
+
+/// How good it is, in the numbers that a preset keeps.
+fn quality(found: &Calibration) -> Quality {
+    let [centre_mm, corner_mm] = report::predicted_ends(found);
+    let both = |errors: &Errors| [errors.mean, errors.sd];
+    Quality {
+        frames: u32::try_from(found.used()).unwrap_or(u32::MAX),
+        error_mm: both(&found.errors[0]),
+        validation_error_mm: found.validation.as_ref().map(|[middle, _]| both(middle)),
+        centre_mm,
+        corner_mm,
+    }
+}
+
+/// Calibrates with each part of the recording left out in turn: how far the result moves by which pictures there happen to be. `None` where too little is left of any.
+fn again(
+    found: &Calibration,
+    layout: &Layout,
+    held: &Registration,
+    recording: Recording<'_>,
+) -> Option<Reproducibility> {
+    let [u, v] = found.size_px.map(|n| f64::from(n) - 1.0);
+    let places = [[0.5 * u, 0.5 * v], [0.0, 0.0], [u, 0.0], [0.0, v], [u, v]].map(DVec2::from_array);
+    let all = recording.observations;
+    let mut moved = Vec::new();
+    for part in 0..PARTS {
+        let [from, to] = [part, part + 1].map(|n| n * all.len() / PARTS);
+        let kept: Vec<Observation> = [&all[..from], &all[to..]].concat();
+        let Ok(other) = calibrate(layout, held, Recording { observations: &kept, ..recording }, None) else { continue };
+        moved.push(places.map(|px| other.refined.plane.point(px).distance(found.refined.plane.point(px))));
+    }
+    let most = |all: &mut dyn Iterator<Item = f64>| all.fold(0.0, f64::max);
+    (moved.len() > 1).then(|| Reproducibility {
+        subsets: moved.len(),
+        centre: most(&mut moved.iter().map(|of| of[0])),
+        corner: most(&mut moved.iter().flat_map(|of| of[1..].iter().copied())),
+    })
 }
 
 /// Where a file says that the phantom is held.

@@ -346,7 +346,7 @@ fn told_calibration(mut keys: Reader<'_, '_>, texts: &Texts) -> Result<Told, Con
 }
 
 /// The day, by this machine's clock.
-fn today() -> Date {
+pub fn today() -> Date {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     Date::since_1970(i64::try_from(since.as_secs() / 86_400).unwrap_or(i64::MAX))
 }

@@ -104,6 +104,16 @@ impl Plate {
         ));
     }
 
+    /// A place, so small that hundreds of them can be told apart.
+    pub fn speck(&mut self, at: DVec2) {
+        self.put(format_args!(
+            "<circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"{:.2}\" fill=\"#111\" fill-opacity=\".35\"/>\n",
+            at.x,
+            at.y,
+            0.22 * self.unit
+        ));
+    }
+
     /// A line from a place, thinner than an arrow would be; its end has a dot.
     pub fn vector(&mut self, from: DVec2, by: DVec2, ink: Ink) {
         let (to, colour) = (from + by, ink.colour());
@@ -228,10 +238,11 @@ mod tests {
         plate.vector(DVec2::new(1.0, 1.0), DVec2::new(5.0, 0.0), Ink::Used);
         plate.map([2, 2], &[0.1, 0.2, f64::NAN, 0.4], "mm");
         plate.outline(&[DVec2::ZERO, DVec2::X, DVec2::ONE]);
+        plate.speck(DVec2::ONE);
         let svg = plate.svg("dots & wires");
         let document = roxmltree::Document::parse(&svg).unwrap();
         let count = |name: &str| document.descendants().filter(|node| node.has_tag_name(name)).count();
-        assert_eq!([count("image"), count("circle"), count("path"), count("polygon")], [1, 3, 2, 1]);
+        assert_eq!([count("image"), count("circle"), count("path"), count("polygon")], [1, 4, 2, 1]);
         assert_eq!(count("rect"), 3 + 40, "cells that are known, and what their colours mean");
         assert!(svg.contains("1 &lt;a&gt;") && svg.contains("0.10 mm") && svg.contains("0.40 mm"));
     }

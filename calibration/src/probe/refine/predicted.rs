@@ -10,11 +10,44 @@ pub(super) const KNOWN: usize = 7;
 /// A pixel's place, and these.
 pub(super) const TOGETHER: usize = 3 + KNOWN;
 
+/// The plane's numbers and their units: turns about the probe's axes, the place of a pixel ([`Refined::pivot_px`]), sizes of a pixel, the cosine between u and v.
+pub const PLANE: [&str; 9] = [
+    "turn about x (rad)",
+    "turn about y (rad)",
+    "turn about z (rad)",
+    "place x (mm)",
+    "place y (mm)",
+    "place z (mm)",
+    "pixel along u (relative)",
+    "pixel along v (relative)",
+    "skew",
+];
+
 impl Refined {
     /// Covariance of where a pixel lies in the probe's frame, mm²: by the scatter that was found, and as long as it lasts.
     pub fn covariance_mm2(&self, px: DVec2) -> [[f64; 3]; 3] {
         let all = self.together(px);
         std::array::from_fn(|i| std::array::from_fn(|j| self.lasted(&all, [i, j])))
+    }
+
+    /// Covariance of the plane's own numbers, as [`PLANE`] names them: by the scatter that was found, times as long as it lasts, which is more than enough where something was known
+    /// beforehand. Of a skew that was not sought it is 0.
+    pub fn covariance(&self) -> [[f64; PLANE.len()]; PLANE.len()] {
+        let Unknown { turn, place, size, skew, .. } = self.unknown;
+        let one = |row: usize, column: usize| if row == column { 1.0 } else { 0.0 };
+        let all: [[f64; PLANE.len()]; PLANE.len()] = self.solution.propagated(|numbers| {
+            numbers
+                .by(turn, std::array::from_fn(|row| std::array::from_fn::<_, 3, _>(|k| one(row, k))))
+                .by(place, std::array::from_fn(|row| std::array::from_fn::<_, 3, _>(|k| one(row, 3 + k))))
+                .by(size, std::array::from_fn(|row| std::array::from_fn::<_, 2, _>(|k| one(row, 6 + k))))
+                .by(skew, std::array::from_fn(|row| [one(row, 8)]))
+        });
+        all.map(|row| row.map(|entry| entry * self.lasting))
+    }
+
+    /// The pixel whose place the plane's place is.
+    pub fn pivot_px(&self) -> DVec2 {
+        self.pivot_px
     }
 
     /// A covariance of those together, where measurements repeat each other: were there only 1/n of them, H = H_data + H_known would be the information; the solution weighs them as if there

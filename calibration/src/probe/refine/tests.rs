@@ -13,7 +13,7 @@ fn registration(scan: &Scan, error_mm: f64) -> Registration {
 fn found(scan: &Scan, registration: &Registration, sought: Sought) -> Refined {
     let map = |s: &Sighting| s.probe_from_phantom(&scan.track, 0.0, &registration.reference_from_phantom);
     let begun = start(&scan.layout, &scan.sightings, map, SIZE_PX).unwrap();
-    refine(&scan.layout, &scan.sightings, &scan.track, registration, &begun.plane, sought).unwrap()
+    refine(&scan.layout, &scan.sightings, &scan.track, registration, &begun, sought).unwrap()
 }
 
 /// Largest distance at the corners and the centre, mm, and the turn between the planes, degrees.

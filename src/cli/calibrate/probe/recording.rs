@@ -36,6 +36,44 @@ impl Observed {
     }
 }
 
+/// A picture to look at.
+pub(super) struct Shown {
+    /// Which of the recording.
+    pub(super) frame: usize,
+    /// Its grey levels, row by row.
+    pub(super) grey: Vec<u8>,
+}
+
+/// Reads some of a sequence's pictures once more: those of these numbers.
+///
+/// # Errors
+/// [`Failure`] when it cannot be read.
+pub(super) fn pictures(path: &Path, frames: &[usize]) -> Result<Vec<Shown>, Failure> {
+    let mut device = drivers::open(&OpenSettings::Sequence(SequenceSettings::new(path)))?;
+    let mut ingest = Ingest::new();
+    let mut shown = Vec::new();
+    device.start()?;
+    while shown.len() < frames.len() {
+        match device.next(drivers::NO_DEADLINE)? {
+            Next::Reading(reading @ Reading::Frame(_)) => {
+                let frame = usize::try_from(reading.stamp().item).unwrap_or(usize::MAX);
+                if let Sample::Picture(picture) = ingest.take(reading)
+                    && frames.contains(&frame)
+                    && let Pixels::U8(grey) = picture.image.pixels()
+                {
+                    shown.push(Shown { frame, grey: grey.to_vec() });
+                }
+            }
+            Next::Reading(_) | Next::Pending => {}
+            Next::End => break,
+        }
+    }
+    device.stop()?;
+    // As they were asked for.
+    shown.sort_by_key(|shown| frames.iter().position(|frame| *frame == shown.frame));
+    Ok(shown)
+}
+
 /// How poses come about.
 struct Ways {
     /// From the probe to what both sensors are tracked in, or to the reference itself.

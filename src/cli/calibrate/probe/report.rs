@@ -13,65 +13,71 @@ use serde::Serialize;
 use super::super::outputs::{Input, rows};
 
 /// Numbers along each axis of the lattice on which errors are predicted.
-const LATTICE: usize = 5;
+const LATTICE: usize = 9;
 
 /// What is said of a result. The names say the units.
 #[derive(Debug, Serialize)]
 pub(super) struct Report {
-    kind: &'static str,
-    method: &'static str,
-    input: Input,
-    phantom: Input,
-    validation: Option<Input>,
+    pub(super) kind: &'static str,
+    pub(super) method: &'static str,
+    pub(super) input: Input,
+    pub(super) phantom: Input,
+    pub(super) validation: Option<Input>,
     /// Row major: pixels of the picture in MF orientation to mm.
-    image_to_probe: [f64; 16],
-    image_size_px: [u32; 2],
-    pixel_mm: [f64; 2],
+    pub(super) image_to_probe: [f64; 16],
+    pub(super) image_size_px: [u32; 2],
+    pub(super) pixel_mm: [f64; 2],
     /// Of middle wires, PLUS's definition, at the lag and with the registration that were found.
-    error_mm: Told,
+    pub(super) error_mm: Told,
     /// Of all wires: distance of dots' places from their wires.
-    wire_error_mm: Told,
+    pub(super) wire_error_mm: Told,
     /// Of pictures that had no part in the calibration.
-    validation_error_mm: Option<Told>,
-    validation_wire_error_mm: Option<Told>,
+    pub(super) validation_error_mm: Option<Told>,
+    pub(super) validation_wire_error_mm: Option<Told>,
     /// Of the same pictures, as if the tracker had no lag and the registration were as given.
-    validation_error_as_given_mm: Option<Told>,
+    pub(super) validation_error_as_given_mm: Option<Told>,
     /// Whether the validation's pictures are the last third of the recording, held against a calibration from the others.
-    validation_is_split: bool,
-    frames: Frames,
-    condition: f64,
+    pub(super) validation_is_split: bool,
+    pub(super) frames: Frames,
+    pub(super) condition: f64,
     /// Above 0: poses come later than pictures.
-    lag_s: f64,
-    lag_sd_s: f64,
+    pub(super) lag_s: f64,
+    pub(super) lag_sd_s: f64,
     /// For how many pictures what scatters them lasts.
-    scatter_lasts_pictures: f64,
+    pub(super) scatter_lasts_pictures: f64,
     /// Standard deviations of what scatters dots about their wires.
-    scatter: Scattered,
+    pub(super) scatter: Scattered,
     /// Row major, as it fits best.
-    phantom_to_reference: [f64; 16],
-    registration_change_deg: f64,
-    registration_change_mm: f64,
-    registration_error_mm: Option<f64>,
+    pub(super) phantom_to_reference: [f64; 16],
+    pub(super) registration_change_deg: f64,
+    pub(super) registration_change_mm: f64,
+    pub(super) registration_error_mm: Option<f64>,
     /// One standard deviation of where a pixel lies, by the covariance: rows of numbers over the picture, from its first pixels to its last.
-    predicted_error_mm: Vec<Vec<f64>>,
-    pictures: Vec<ToldPicture>,
-    looked_s: f64,
-    solved_s: f64,
+    pub(super) predicted_error_mm: Vec<Vec<f64>>,
+    /// The same in the middle of the picture, and in its worst corner.
+    pub(super) predicted_ends_mm: [f64; 2],
+    /// How far the result moves when parts of the recording are left out.
+    pub(super) reproducibility_mm: Option<Reproducibility>,
+    /// Dots of each wire that were used, from where the calibration has it.
+    pub(super) wires: Vec<ToldWire>,
+    pub(super) pictures: Vec<ToldPicture>,
+    pub(super) looked_s: f64,
+    pub(super) solved_s: f64,
 }
 
 #[derive(Debug, Serialize)]
-struct Told {
-    mean: f64,
-    sd: f64,
-    rms: f64,
-    max: f64,
+pub(super) struct Told {
+    pub(super) mean: f64,
+    pub(super) sd: f64,
+    pub(super) rms: f64,
+    pub(super) max: f64,
     /// Mean of the least 95 %: what PLUS prints.
-    mean_of_95: f64,
-    count: usize,
+    pub(super) mean_of_95: f64,
+    pub(super) count: usize,
     /// Each picture's mean …
-    per_frame: Vec<f64>,
+    pub(super) per_frame: Vec<f64>,
     /// … and its number.
-    frame: Vec<usize>,
+    pub(super) frame: Vec<usize>,
 }
 
 impl From<&Errors> for Told {
@@ -83,35 +89,73 @@ impl From<&Errors> for Told {
 }
 
 #[derive(Debug, Serialize)]
-struct Frames {
-    total: usize,
-    used: usize,
-    failed: usize,
+pub(super) struct Frames {
+    pub(super) total: usize,
+    pub(super) used: usize,
+    pub(super) failed: usize,
     /// Those that failed, by reason.
-    reasons: BTreeMap<&'static str, usize>,
+    pub(super) reasons: BTreeMap<&'static str, usize>,
 }
 
 #[derive(Debug, Serialize)]
-struct Scattered {
-    position_mm: f64,
-    turn_deg: f64,
-    dot_px: [f64; 2],
+pub(super) struct Scattered {
+    pub(super) position_mm: f64,
+    pub(super) turn_deg: f64,
+    pub(super) dot_px: [f64; 2],
+}
+
+/// How far pixels' places are apart between calibrations from parts of a recording.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub(super) struct Reproducibility {
+    /// Calibrations, each with another part left out.
+    pub(super) subsets: usize,
+    /// The largest distance of the picture's middle from that of the whole recording's calibration.
+    pub(super) centre: f64,
+    /// The same of the corners.
+    pub(super) corner: f64,
 }
 
 #[derive(Debug, Serialize)]
-struct ToldPicture {
-    frame: usize,
-    outcome: &'static str,
-    dots: Vec<ToldDot>,
+pub(super) struct ToldWire {
+    pub(super) wire: String,
+    pub(super) dots: usize,
+    pub(super) mean_mm: f64,
+    pub(super) rms_mm: f64,
+    pub(super) max_mm: f64,
+    /// Mean of what was seen less what was expected.
+    pub(super) bias_px: [f64; 2],
 }
 
 #[derive(Debug, Serialize)]
-struct ToldDot {
-    wire: String,
-    seen_px: [f64; 2],
-    expected_px: [f64; 2],
-    off_mm: f64,
-    used: bool,
+pub(super) struct ToldPicture {
+    pub(super) frame: usize,
+    pub(super) outcome: &'static str,
+    pub(super) dots: Vec<ToldDot>,
+}
+
+#[derive(Debug, Serialize)]
+pub(super) struct ToldDot {
+    pub(super) wire: String,
+    pub(super) seen_px: [f64; 2],
+    pub(super) expected_px: [f64; 2],
+    pub(super) off_mm: f64,
+    pub(super) used: bool,
+}
+
+/// A wire's dots; `None` where none was used.
+fn of_wire(found: &Calibration, wire: usize, name: &str) -> Option<ToldWire> {
+    let dots: Vec<_> =
+        found.pictures.iter().flat_map(|picture| &picture.dots).filter(|dot| dot.used && dot.wire == wire).collect();
+    let count = dots.len() as f64;
+    let bias = dots.iter().map(|dot| dot.seen_px - dot.expected_px).sum::<DVec2>() / count;
+    (!dots.is_empty()).then(|| ToldWire {
+        wire: name.to_owned(),
+        dots: dots.len(),
+        mean_mm: dots.iter().map(|dot| dot.off_mm).sum::<f64>() / count,
+        rms_mm: (dots.iter().map(|dot| dot.off_mm * dot.off_mm).sum::<f64>() / count).sqrt(),
+        max_mm: dots.iter().map(|dot| dot.off_mm).fold(0.0, f64::max),
+        bias_px: bias.to_array(),
+    })
 }
 
 /// What became of a picture, in a word or two.
@@ -191,6 +235,9 @@ impl Report {
             registration_change_mm,
             registration_error_mm: given.error_mm,
             predicted_error_mm: found.predicted_mm(LATTICE),
+            predicted_ends_mm: predicted_ends(found),
+            reproducibility_mm: None,
+            wires: wires.iter().enumerate().filter_map(|(wire, about)| of_wire(found, wire, &about.name)).collect(),
             pictures: pictures.collect(),
             looked_s: 0.0,
             solved_s: 0.0,
@@ -200,6 +247,18 @@ impl Report {
     pub(super) fn took(self, looked_s: f64, solved_s: f64) -> Self {
         Self { looked_s, solved_s, ..self }
     }
+
+    pub(super) fn again(self, reproducibility_mm: Option<Reproducibility>) -> Self {
+        Self { reproducibility_mm, ..self }
+    }
+}
+
+/// Predicted error in the middle of the picture, and in its worst corner: one standard deviation, mm.
+pub(super) fn predicted_ends(found: &Calibration) -> [f64; 2] {
+    let [u, v] = found.size_px.map(|n| f64::from(n) - 1.0);
+    let at = |px: [f64; 2]| found.refined.predicted_mm(DVec2::from_array(px));
+    let corners = [[0.0, 0.0], [u, 0.0], [0.0, v], [u, v]].map(at);
+    [at([0.5 * u, 0.5 * v]), corners.into_iter().fold(0.0, f64::max)]
 }
 
 /// For people.
@@ -240,13 +299,12 @@ pub(super) fn text(found: &Calibration, layout: &Layout) -> String {
     if let Some(errors) = &found.validation_as_given {
         line(&mut text, "middle wires, lag 0, registration as given", errors);
     }
-    let [u, v] = found.size_px.map(|n| f64::from(n) - 1.0);
-    let corners = [[0.0, 0.0], [u, 0.0], [0.0, v], [u, v]].map(|px| refined.predicted_mm(DVec2::from_array(px)));
+    let [centre, corner] = predicted_ends(found);
     let _ = writeln!(
         text,
         "predicted error (one standard deviation): {:.3} mm in the middle of the picture, {:.3} in its worst corner; condition {:.1}",
-        refined.predicted_mm(DVec2::new(0.5 * u, 0.5 * v)),
-        corners.into_iter().fold(0.0, f64::max),
+        centre,
+        corner,
         refined.condition()
     );
     let (lag_ms, sd_ms) = (1e3 * refined.lag_s, 1e3 * refined.lag_sd_s);
