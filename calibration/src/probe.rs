@@ -19,6 +19,7 @@ pub mod matching;
 pub mod plane;
 pub mod refine;
 pub mod refused;
+mod reread;
 pub mod scatter;
 pub mod sighting;
 #[cfg(test)]

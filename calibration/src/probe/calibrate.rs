@@ -10,6 +10,7 @@ use super::matching::{Match, Matcher, Reading};
 use super::plane::ImagePlane;
 use super::refine::{Refined, Sought, refine};
 use super::refused::{Refused, Units};
+use super::reread::reread;
 use super::sighting::Sighting;
 use super::track::{Poses, Track};
 use crate::frames::{Phantom, Reference, Transform};
@@ -129,7 +130,10 @@ pub fn calibrate(
     validation: Option<Recording<'_>>,
 ) -> Result<Calibration, Refused> {
     let (sightings, track) = sight(layout, registration, recording)?;
-    let (refined, begun) = fit(layout, registration, &sightings, &track, recording)?;
+    let (first, begun) = fit(layout, registration, &sightings, &track, recording)?;
+    let (sightings, misread) = reread(layout, &first, &track, recording.observations, &sightings);
+    let (refined, begun) =
+        if misread > 0 { fit(layout, registration, &sightings, &track, recording)? } else { (first, begun) };
     let evidence = |refined: &Refined| Evidence {
         layout,
         sightings: &[],
@@ -144,6 +148,7 @@ pub fn calibrate(
     let (mut held, mut as_given, mut split) = (None, None, false);
     if let Some(validation) = validation {
         let (sightings, track) = sight(layout, registration, validation)?;
+        let (sightings, _) = reread(layout, &refined, &track, validation.observations, &sightings);
         let evidence = Evidence { sightings: &sightings, track: &track, ..own };
         held = both(evidence, &refined.plane);
         let given = Evidence { lag_s: 0.0, reference_from_phantom: registration.reference_from_phantom, ..evidence };

@@ -81,9 +81,10 @@ struct Posed<'a> {
 }
 
 impl Start {
-    /// Pictures none of whose dots have any weight: wrong as a whole, by all others.
+    /// Pictures of whose dots half and more have no weight: wrong as a whole, by all others.
     pub(super) fn contradicted(&self) -> Vec<bool> {
-        self.weights.iter().map(|weights| !weights.is_empty() && weights.iter().all(|weight| *weight == 0.0)).collect()
+        let has_none = |weights: &Vec<f64>| 2 * weights.iter().filter(|weight| **weight == 0.0).count();
+        self.weights.iter().map(|weights| !weights.is_empty() && has_none(weights) >= weights.len()).collect()
     }
 }
 

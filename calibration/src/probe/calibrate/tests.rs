@@ -181,3 +181,27 @@ fn units_that_are_not_millimetres_are_named() {
     // A shift of the phantom is a shift of the picture unless the probe turns: what is off is not always told.
     assert!(refused.contains("on the reference is in cm") || refused.contains("no one place"), "{refused}");
 }
+
+#[test]
+fn pictures_whose_dots_were_taken_for_those_of_another_layer_are_read_anew() {
+    let scan = Scan::new(60, GOOD, &mut Noise::new(37));
+    let well = observed(&scan, &scan.layout);
+    let mut badly = well.clone();
+    // Every third, all by the same layer: they agree with each other.
+    for observation in badly.iter_mut().step_by(3) {
+        let Some(reading) = &mut observation.reading else { continue };
+        reading.best.marks.retain(|mark| mark.wire < 6);
+        reading.best.marks.iter_mut().for_each(|mark| mark.wire += 3);
+    }
+    let read = |observations: &[Observation]| {
+        calibrate(&scan.layout, &registration(&scan), recording(observations), Some(recording(observations))).unwrap()
+    };
+    let (well, badly) = (read(&well), read(&badly));
+    assert!(badly.used() + 1 >= well.used(), "{} {}", badly.used(), well.used());
+    for px in crate::probe::simulated::places() {
+        let [one, other] = [&well, &badly].map(|found| found.refined.plane.point(px));
+        assert!(one.distance(other) < 0.02, "{one} {other}");
+    }
+    let [one, other] = [&well, &badly].map(|found| found.validation.as_ref().unwrap()[0].mean);
+    assert!((one - other).abs() < 0.02, "{one} {other}");
+}

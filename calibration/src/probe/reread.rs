@@ -1,0 +1,97 @@
+//! Pictures read once more, when it is known about where the wires are.
+//!
+//! Layers that are alike let a picture's dots be taken for those of the layer below, where a layer is not seen or an echo looks like one. Once the other pictures have told where the picture
+//! lies, each dot is the wire's next to which it lies. Pictures that were read well stay as they are: a calibration that is a little off changes none.
+
+use glam::DVec2;
+
+use super::calibrate::Observation;
+use super::layout::Layout;
+use super::matching::{LEAST_DOTS, Mark};
+use super::plane::ImagePlane;
+use super::refine::Refined;
+use super::sighting::Sighting;
+use super::track::Track;
+use crate::phantom::Wire;
+
+/// A dot is a wire's that lies nearer to it than this part of the way to the next wire.
+const NEAR: f64 = 0.4;
+
+/// A wire where it cuts a picture.
+struct Expected {
+    wire: usize,
+    at_px: DVec2,
+    /// Dots within are its own.
+    radius_px: f64,
+}
+
+/// The sightings of a recording with the pictures that were misread, or not read at all, read anew; and how many these are.
+pub(super) fn reread(
+    layout: &Layout,
+    refined: &Refined,
+    track: &Track,
+    observations: &[Observation],
+    sightings: &[Sighting],
+) -> (Vec<Sighting>, usize) {
+    let wires = layout.geometry().wires();
+    let mut earlier = sightings.iter().peekable();
+    let (mut all, mut count) = (Vec::new(), 0);
+    for observation in observations {
+        let own = earlier.next_if(|sighting| sighting.frame == observation.frame);
+        if observation.poses.is_none() {
+            continue;
+        }
+        let (frame, time_s) = (observation.frame, observation.time_s);
+        let unread = Sighting { frame, time_s, marks: Vec::new() };
+        let sighting = own.unwrap_or(&unread);
+        let map = sighting.probe_from_phantom(track, refined.lag_s, &refined.registration.reference_from_phantom);
+        let expected = map.map_or(Vec::new(), |map| expected(wires, &refined.plane.seen_by(&map.inverse().affine())));
+        if own.is_some() && !is_misread(sighting, &expected) {
+            all.push(sighting.clone());
+            continue;
+        }
+        let marks = read(observation, &expected);
+        if marks.len() >= LEAST_DOTS {
+            all.push(Sighting { frame, time_s, marks });
+            count += 1;
+        } else if let (Some(own), true) = (own, expected.is_empty()) {
+            all.push(own.clone());
+        }
+    }
+    (all, count)
+}
+
+/// The wires that a picture should show.
+fn expected(wires: &[Wire], plane: &ImagePlane) -> Vec<Expected> {
+    let cuts: Vec<(usize, DVec2)> = wires
+        .iter()
+        .enumerate()
+        .filter_map(|(wire, about)| plane.cut(about).map(|(at_px, along)| (wire, at_px, along)))
+        .filter(|(_, _, along)| (0.0..=1.0).contains(along))
+        .map(|(wire, at_px, _)| (wire, at_px))
+        .collect();
+    let next = |wire: usize, at_px: DVec2| {
+        let others = cuts.iter().filter(|(other, _)| *other != wire);
+        others.map(|(_, other)| other.distance(at_px)).fold(f64::INFINITY, f64::min)
+    };
+    cuts.iter().map(|&(wire, at_px)| Expected { wire, at_px, radius_px: NEAR * next(wire, at_px) }).collect()
+}
+
+/// Whether most of its dots lie far from the wires that they were taken for.
+fn is_misread(sighting: &Sighting, expected: &[Expected]) -> bool {
+    let is_far = |mark: &&Mark| {
+        let own = expected.iter().find(|expected| expected.wire == mark.wire);
+        own.is_none_or(|own| own.at_px.distance(mark.at_px) > own.radius_px)
+    };
+    !expected.is_empty() && 2 * sighting.marks.iter().filter(is_far).count() > sighting.marks.len()
+}
+
+/// To each wire the dot that is nearest, if it is near.
+fn read(observation: &Observation, expected: &[Expected]) -> Vec<Mark> {
+    let nearest = |own: &Expected| {
+        let dots = observation.dots.iter().filter(|dot| dot.at_px.distance(own.at_px) <= own.radius_px);
+        let dot = dots.min_by(|a, b| a.at_px.distance(own.at_px).total_cmp(&b.at_px.distance(own.at_px)))?;
+        Some(Mark { wire: own.wire, at_px: dot.at_px, contrast: dot.contrast })
+    };
+    expected.iter().filter_map(nearest).collect()
+}
