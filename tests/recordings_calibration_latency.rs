@@ -8,7 +8,8 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use calibration::latency::line::{Finder, GreyView, Line, Still};
+use calibration::latency::line::{Finder, Line, Still};
+use calibration::picture::GreyView;
 use drivers::recording::SequenceSettings;
 use drivers::{Next, OpenSettings, Reading};
 use glam::DVec2;
@@ -45,7 +46,7 @@ fn pictures(path: &Path, mut take: impl FnMut(&GreyView<'_>)) -> Result<(), Fail
     device.start()?;
     while let Next::Reading(reading) = device.next(drivers::NO_DEADLINE)? {
         if let Reading::Frame(frame) = reading {
-            take(&GreyView::new(frame.size[0] as usize, &frame.pixels));
+            take(&GreyView::packed(frame.size.map(|side| side as usize), &frame.pixels)?);
         }
     }
     Ok(device.stop()?)

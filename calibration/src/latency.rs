@@ -25,6 +25,3 @@ pub mod poses;
 mod robust;
 pub mod stamps;
 pub mod track;
-
-#[cfg(test)]
-mod tests;

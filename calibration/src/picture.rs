@@ -22,6 +22,17 @@ impl<'a> GreyView<'a> {
         Ok(Self { width, height, stride, pixels })
     }
 
+    /// Of pixels without gaps between rows.
+    ///
+    /// # Errors
+    /// [`BadView`] unless there is a pixel, and as many as the size says.
+    pub fn packed([width, height]: [usize; 2], pixels: &'a [u8]) -> Result<Self, BadView> {
+        match width.checked_mul(height) {
+            Some(count) if count == pixels.len() => Self::new(width, height, width, pixels),
+            _ => Err(BadView { width, height, stride: width, bytes: pixels.len() }),
+        }
+    }
+
     /// Pixels along u.
     pub fn width(&self) -> usize {
         self.width
@@ -30,6 +41,19 @@ impl<'a> GreyView<'a> {
     /// Pixels along v.
     pub fn height(&self) -> usize {
         self.height
+    }
+
+    /// Pixels along u and v.
+    pub fn size(&self) -> [usize; 2] {
+        [self.width, self.height]
+    }
+
+    /// All rows, from the top.
+    pub fn rows(&self) -> impl Iterator<Item = &'a [u8]> + use<'a> {
+        self.pixels.chunks(self.stride).take(self.height).map({
+            let width = self.width;
+            move |row| &row[..width]
+        })
     }
 
     /// The pixels of a row.
@@ -65,8 +89,10 @@ mod tests {
         let bytes: Vec<u8> = (0..11).collect();
         let view = GreyView::new(3, 3, 4, &bytes).unwrap();
         assert_eq!((view.row(0), view.row(2)), (&[0, 1, 2][..], &[8, 9, 10][..]));
+        assert_eq!(view.rows().collect::<Vec<_>>(), (0..3).map(|v| view.row(v)).collect::<Vec<_>>());
         assert!(GreyView::new(3, 3, 4, &bytes[..10]).is_err());
         assert!(GreyView::new(5, 2, 4, &bytes).is_err() && GreyView::new(0, 2, 4, &bytes).is_err());
+        assert!(GreyView::packed([3, 3], &bytes[..9]).is_ok() && GreyView::packed([3, 3], &bytes).is_err());
         let error = GreyView::new(3, usize::MAX, 4, &bytes).unwrap_err().to_string();
         assert!(error.starts_with("11 bytes are no picture of 3×"), "{error}");
     }

@@ -37,6 +37,21 @@ impl Spread {
     }
 }
 
+/// The median; 0 of nothing. Reorders the values.
+pub fn median(values: &mut [f64]) -> f64 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    let (middle, is_odd) = (values.len() / 2, values.len() % 2 == 1);
+    let (low, at, _) = values.select_nth_unstable_by(middle, f64::total_cmp);
+    let at = *at;
+    if is_odd {
+        return at;
+    }
+    let below = low.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    0.5 * (below + at)
+}
+
 /// After how many numbers of a row the next one is independent: 1 + 2·Σ of the autocorrelation, up to where that is no more than chance gives (Sokal, *Monte Carlo Methods in Statistical
 /// Mechanics*, 1989). The mean of n such numbers errs as that of n over this many independent ones does. 1 at least.
 pub fn correlation_length(numbers: &[f64]) -> f64 {
@@ -63,6 +78,13 @@ mod tests {
         assert_eq!((spread.count, spread.mean, spread.median, spread.max), (4, 3.0, 2.5, 6.0));
         assert!((spread.sd - 3.5_f64.sqrt()).abs() < 1e-15 && (spread.rms - 12.5_f64.sqrt()).abs() < 1e-15);
         assert_eq!(Spread::of([]), Spread::default());
+    }
+
+    #[test]
+    fn medians_are_of_even_and_odd_numbers_of_values() {
+        assert_eq!(median(&mut [3.0, 1.0, 2.0]), 2.0);
+        assert_eq!(median(&mut [4.0, 1.0, 2.0, 3.0]), 2.5);
+        assert_eq!(median(&mut []), 0.0);
     }
 
     /// Of an autoregressive row with factor a it is (1 + a)/(1 − a).

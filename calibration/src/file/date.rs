@@ -1,6 +1,7 @@
 //! Days.
 
 use std::fmt;
+use std::time::{SystemTime, UNIX_EPOCH};
 
 /// A day of the Gregorian calendar.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -12,6 +13,12 @@ impl Date {
     /// So many days after 1 January 1970.
     pub fn since_1970(days: i64) -> Self {
         Self { days }
+    }
+
+    /// The day, by this machine's clock and in universal time.
+    pub fn today() -> Self {
+        let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        Self { days: i64::try_from(since.as_secs() / 86_400).unwrap_or(i64::MAX) }
     }
 
     /// Days from an earlier one to this.

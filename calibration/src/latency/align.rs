@@ -7,8 +7,9 @@
 //! The standard error does not believe that residuals are then alike and independent: what the model lacks goes on from frame to frame. It is that of Newey & West (Econometrica 55, 1987) with Parzen's window of Andrews' width (Econometrica 59, 1991), corrected for leverage.
 
 use super::long_run::variance_of_sum;
-use super::robust::{Biweight, deviation_about_zero, median};
+use super::robust::{Biweight, deviation_about_zero};
 use super::track::Track;
+use crate::statistics::median;
 
 /// A frame's value and time.
 #[derive(Debug, Clone, Copy, PartialEq)]

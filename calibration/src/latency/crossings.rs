@@ -12,7 +12,7 @@
 use glam::{DAffine3, DVec2, DVec3};
 
 use super::poses::Poses;
-use super::robust::median;
+use crate::statistics::median;
 
 /// Pictures of a scan, small and smooth enough that all are held: of one size, u fastest.
 #[derive(Debug, Clone)]

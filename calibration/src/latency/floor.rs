@@ -6,9 +6,9 @@ use serde::Serialize;
 use super::align::{AlignOptions, Alignment, LEAST_FRAMES, NoLag, Observation, align};
 use super::line::{Line, NoLine};
 use super::motion::{Motion, PoseSample};
-use super::robust::median;
 use super::stamps::{Reading, Stamps, wander};
 use super::track::NotFinite;
+use crate::statistics::median;
 
 /// A picture's line, and its times.
 #[derive(Debug, Clone, Copy, PartialEq)]

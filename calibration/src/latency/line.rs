@@ -9,50 +9,29 @@
 
 use glam::DVec2;
 
-use super::robust::{Biweight, deviation_about_zero, median};
-
-/// A grey picture: u fastest.
-#[derive(Debug, Clone, Copy)]
-pub struct GreyView<'a> {
-    width: usize,
-    pixels: &'a [u8],
-}
-
-impl<'a> GreyView<'a> {
-    /// Of rows of `width` pixels.
-    ///
-    /// # Panics
-    /// Where the pixels are not whole rows.
-    pub fn new(width: usize, pixels: &'a [u8]) -> Self {
-        assert!(width > 0 && pixels.len().is_multiple_of(width), "whole rows");
-        Self { width, pixels }
-    }
-
-    /// Pixels along u and v.
-    pub fn size(&self) -> [usize; 2] {
-        [self.width, self.pixels.len() / self.width]
-    }
-}
+use super::robust::{Biweight, deviation_about_zero};
+use crate::picture::GreyView;
+use crate::statistics::median;
 
 /// What of the pictures stands still: of each pixel the darkest value of all.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Still {
-    width: usize,
+    size: [usize; 2],
     least: Vec<u8>,
 }
 
 impl Still {
     /// As in a first picture.
     pub fn new(view: &GreyView<'_>) -> Self {
-        Self { width: view.width, least: view.pixels.to_vec() }
+        Self { size: view.size(), least: view.rows().flatten().copied().collect() }
     }
 
     /// Takes in another picture. False where it has another size; then nothing is changed.
     pub fn add(&mut self, view: &GreyView<'_>) -> bool {
-        if self.width != view.width || self.least.len() != view.pixels.len() {
+        if self.size != view.size() {
             return false;
         }
-        self.least.iter_mut().zip(view.pixels).for_each(|(least, x)| *least = (*least).min(*x));
+        self.least.iter_mut().zip(view.rows().flatten()).for_each(|(least, x)| *least = (*least).min(*x));
         true
     }
 }
@@ -127,7 +106,7 @@ pub struct Finder {
 impl Finder {
     /// Of pictures whose still part is known.
     pub fn new(still: Still) -> Self {
-        let [width, height] = [still.width, still.least.len() / still.width];
+        let [width, height] = still.size;
         let by = width.max(height).div_ceil(REDUCED);
         let size = [width / by, height / by];
         let cells = size[0] * size[1];
@@ -150,8 +129,8 @@ impl Finder {
     /// # Panics
     /// Where the picture has another size than those before.
     pub fn find(&mut self, view: &GreyView<'_>) -> Result<Line, NoLine> {
-        assert_eq!((view.width, view.pixels.len()), (self.still.width, self.still.least.len()), "the pictures' size");
-        for ((moving, x), least) in self.moving.iter_mut().zip(view.pixels).zip(&self.still.least) {
+        assert_eq!(view.size(), self.still.size, "the pictures' size");
+        for ((moving, x), least) in self.moving.iter_mut().zip(view.rows().flatten()).zip(&self.still.least) {
             *moving = f32::from(x.saturating_sub(*least));
         }
         self.reduce();
@@ -168,7 +147,7 @@ impl Finder {
     fn reduce(&mut self) {
         let [width, height] = self.size;
         self.reduced.fill(0.0);
-        let full = self.still.width;
+        let full = self.still.size[0];
         for (v, row) in self.moving.chunks_exact(full).take(height * self.by).enumerate() {
             let sums = &mut self.reduced[v / self.by * width..][..width];
             for (sum, cells) in sums.iter_mut().zip(row.chunks_exact(self.by)) {
@@ -261,7 +240,7 @@ impl Finder {
 
     /// The echo's centre in every column about the line, and the line through these, again and again.
     fn refine(&self, mut line: Straight) -> Result<Line, NoLine> {
-        let full = self.still.width;
+        let full = self.still.size[0];
         let mut reach = self.reach(&line);
         let mut centres = Vec::with_capacity(full);
         let mut fitted = None;
@@ -290,7 +269,7 @@ impl Finder {
 
     fn moving_at(&self, u: usize, v: i64) -> Option<f32> {
         let v = usize::try_from(v).ok()?;
-        self.moving.get(v * self.still.width + u).copied()
+        self.moving.get(v * self.still.size[0] + u).copied()
     }
 
     /// Rows on either side of the line that its echo takes: twice the distance at which the mean over all columns has fallen to a half.
@@ -298,8 +277,8 @@ impl Finder {
         let most = (OUTER * self.by) as i64;
         let mean = |off: i64| {
             let values =
-                (0..self.still.width).filter_map(|u| self.moving_at(u, line.row_at(u as f64).round() as i64 + off));
-            values.map(f64::from).sum::<f64>() / self.still.width as f64
+                (0..self.still.size[0]).filter_map(|u| self.moving_at(u, line.row_at(u as f64).round() as i64 + off));
+            values.map(f64::from).sum::<f64>() / self.still.size[0] as f64
         };
         let profile: Vec<f64> = (-most..=most).map(mean).collect();
         let base = median(&mut profile.clone());

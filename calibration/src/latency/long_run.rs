@@ -30,7 +30,7 @@ pub(super) fn variance_of_sum(values: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::latency::tests::Random;
+    use crate::noise::Noise as Random;
 
     /// Sums of 300 values, each so much like the one before, have n·(1 + a)/(1 − a) of one value's variance.
     #[test]

@@ -81,7 +81,7 @@ impl Motion {
         let extent_mm = high.zip(low).map_or(0.0, |(high, low)| high - low);
         let times: Vec<f64> = track.samples().map(|(time, _)| time).collect();
         let mut steps: Vec<f64> = times.windows(2).map(|two| two[1] - two[0]).collect();
-        let step = super::robust::median(&mut steps);
+        let step = crate::statistics::median(&mut steps);
         Ok(Some(Self {
             axis: axes.x_axis,
             extent_mm,
@@ -139,7 +139,7 @@ fn principal_axes(symmetric: DMat3) -> DMat3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::latency::tests::Random;
+    use crate::noise::Noise as Random;
 
     #[test]
     fn axes_are_those_of_a_turned_ellipsoid() {

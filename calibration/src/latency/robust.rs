@@ -1,22 +1,9 @@
-//! Middle and spread that single values far off do not move.
+//! A spread that single values far off do not move, and Tukey's weights.
+
+use crate::statistics::median;
 
 /// From the median of distances to the standard deviation of a normal distribution.
 const NORMAL: f64 = 1.482_602_218_505_602;
-
-/// The median; 0 of nothing. Reorders the values.
-pub(super) fn median(values: &mut [f64]) -> f64 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    let (middle, is_odd) = (values.len() / 2, values.len() % 2 == 1);
-    let (low, at, _) = values.select_nth_unstable_by(middle, f64::total_cmp);
-    let at = *at;
-    if is_odd {
-        return at;
-    }
-    let below = low.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    0.5 * (below + at)
-}
 
 /// The standard deviation about 0 of what is normally distributed but for some. Leaves distances in the values' place.
 pub(super) fn deviation_about_zero(values: &mut [f64]) -> f64 {
@@ -50,10 +37,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn medians_are_of_even_and_odd_numbers_of_values() {
-        assert_eq!(median(&mut [3.0, 1.0, 2.0]), 2.0);
-        assert_eq!(median(&mut [4.0, 1.0, 2.0, 3.0]), 2.5);
-        assert_eq!(median(&mut []), 0.0);
+    fn a_value_far_off_does_not_move_the_deviation() {
         assert!((deviation_about_zero(&mut [-1.0, 1.0, 0.5, -0.5, 1e9]) - NORMAL).abs() < 1e-12);
     }
 }

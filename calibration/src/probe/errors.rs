@@ -10,6 +10,7 @@ use super::plane::ImagePlane;
 use super::sighting::Sighting;
 use super::track::Track;
 use crate::frames::{Phantom, Probe, Reference, Transform};
+use crate::statistics::Spread;
 
 /// Part of the errors that PLUS looks at, the least ones.
 const PLUS_PART: f64 = 0.95;
@@ -39,7 +40,7 @@ impl Errors {
         let (mut all, mut per_frame) = (Vec::new(), Vec::new());
         for (frame, errors) in pictures {
             if !errors.is_empty() {
-                per_frame.push((frame, mean(&errors)));
+                per_frame.push((frame, Spread::of(errors.iter().copied()).mean));
                 all.extend(errors);
             }
         }
@@ -47,23 +48,11 @@ impl Errors {
             return None;
         }
         all.sort_by(f64::total_cmp);
-        let own = mean(&all);
-        let squares = mean(&all.iter().map(|e| e * e).collect::<Vec<_>>());
-        let kept = (PLUS_PART * all.len() as f64).round().max(1.0) as usize;
-        Some(Self {
-            mean: own,
-            sd: (squares - own * own).max(0.0).sqrt(),
-            rms: squares.sqrt(),
-            max: all[all.len() - 1],
-            mean_of_95: mean(&all[..kept]),
-            count: all.len(),
-            per_frame,
-        })
+        let Spread { mean, sd, rms, max, count, .. } = Spread::of(all.iter().copied());
+        let kept = (PLUS_PART * count as f64).round().max(1.0) as usize;
+        let mean_of_95 = Spread::of(all[..kept].iter().copied()).mean;
+        Some(Self { mean, sd, rms, max, mean_of_95, count, per_frame })
     }
-}
-
-fn mean(numbers: &[f64]) -> f64 {
-    numbers.iter().sum::<f64>() / numbers.len() as f64
 }
 
 /// What a calibration is held against: pictures, poses, and where the phantom is held.

@@ -12,6 +12,7 @@ use crate::frames::{Phantom, Probe, Transform};
 use crate::least_squares::Loss;
 use crate::least_squares::loss::spread;
 use crate::phantom::Wire;
+use crate::statistics::median;
 
 /// Solutions by each loss: weights change by less than a per cent well before.
 const ROUNDS: usize = 15;
@@ -115,10 +116,6 @@ fn solved<'a>(
 /// Which sightings agree with most: layers that are alike make it easy to take all of a picture's dots for those of the layer below, and such pictures agree with each other, too. Of
 /// guesses from three sightings each, that is taken which half of all sightings fit best (least median; Rousseeuw, J. Am. Stat. Assoc. 79, 1984).
 fn agreeing(wires: &[Wire], all: &[Posed<'_>], size_px: [u32; 2]) -> Vec<bool> {
-    let median = |mut numbers: Vec<f64>| {
-        numbers.sort_by(f64::total_cmp);
-        numbers.get(numbers.len() / 2).copied().unwrap_or(0.0)
-    };
     let mut best: Option<(f64, Vec<f64>)> = None;
     for guess in 0..GUESSES {
         // Numbers that fill a cube evenly, the same each time (Roberts' sequence of the plastic number's kind).
@@ -129,8 +126,8 @@ fn agreeing(wires: &[Wire], all: &[Posed<'_>], size_px: [u32; 2]) -> Vec<bool> {
         }
         let whole: Vec<Vec<f64>> = three.iter().map(|place| vec![1.0; all[*place].sighting.marks.len()]).collect();
         let Some(plane) = solved(wires, three.iter().map(|place| &all[*place]).zip(&whole), size_px) else { continue };
-        let off: Vec<f64> = all.iter().map(|posed| median(posed.off_mm(wires, &plane))).collect();
-        let score = median(off.clone());
+        let off: Vec<f64> = all.iter().map(|posed| median(&mut posed.off_mm(wires, &plane))).collect();
+        let score = median(&mut off.clone());
         if best.as_ref().is_none_or(|(least, _)| score < *least) {
             best = Some((score, off));
         }

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use glam::{DAffine3, DQuat, DVec3};
 
 use super::noise::{mean, mean_rotation};
+use crate::statistics::Spread;
 
 /// Fewer pairs of poses make no map.
 pub const LEAST: usize = 30;
@@ -211,9 +212,8 @@ fn turned(piece: &DAffine3, seen: &DAffine3) -> DVec3 {
     DQuat::from_mat3(&(seen.matrix3 * piece.matrix3.transpose())).to_scaled_axis()
 }
 
-fn rms(all: impl ExactSizeIterator<Item = f64>) -> f64 {
-    let count = all.len().max(1) as f64;
-    (all.map(|x| x * x).sum::<f64>() / count).sqrt()
+fn rms(all: impl Iterator<Item = f64>) -> f64 {
+    Spread::of(all).rms
 }
 
 #[cfg(test)]

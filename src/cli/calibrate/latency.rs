@@ -3,17 +3,18 @@
 mod report;
 mod source;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use calibration::file::CalibrationFile;
 use calibration::latency::align::AlignOptions;
 use calibration::latency::crossings::{Agreement, Slices};
 use calibration::latency::floor::{FloorFrame, FloorLag, FloorOptions, NoFloorLag, floor_lag};
-use calibration::latency::line::{Finder, GreyView, Still};
+use calibration::latency::line::{Finder, Still};
 use calibration::latency::poses::Poses;
 use clap::{ArgGroup, Args, ValueEnum};
 
-use super::super::{Failure, input};
+use super::super::Failure;
+use super::outputs::{Outputs, originates, print};
 use crate::config::Settings;
 use crate::config::bedside::pixel_mm;
 use crate::mask::{Mask, MaskPlan, MaskSettings};
@@ -66,12 +67,8 @@ pub struct Arguments {
     /// Where the picture lies against the probe: our TOML or a PLUS XML [default: the session's]
     #[arg(short, long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// The calibration file (TOML) that the latencies go into; what else it holds stays
-    #[arg(short, long, value_name = "CAL.toml")]
-    output: Option<PathBuf>,
-    /// Where to write the report as JSON
-    #[arg(long, value_name = "R.json")]
-    report: Option<PathBuf>,
+    #[command(flatten)]
+    outputs: Outputs,
 }
 
 /// By what a lag is found.
@@ -122,8 +119,12 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             report.latency().tracker_ms
         )));
     }
-    arguments.write(&report)?;
-    report.print(arguments.output.as_deref(), arguments.report.as_deref())
+    let change = |file: &mut CalibrationFile| {
+        file.latency = Some(report.latency());
+        originates(file, "latency", &report.provenance());
+    };
+    arguments.outputs.write_changed(change, &report, || Ok(String::new()))?;
+    print(&report.text(&arguments.outputs))
 }
 
 fn refusal(why: NoFloorLag) -> Failure {
@@ -139,25 +140,11 @@ impl Arguments {
         if let Some(ms) = self.video_latency_ms.filter(|ms| !(-1000.0..=1000.0).contains(ms)) {
             return Err(Failure(format!("--video-latency-ms {ms}: must lie between -1000 and 1000")));
         }
-        let inputs = [&self.video, &self.tracker, &self.sequence, &self.session, &self.config];
-        for output in [&self.output, &self.report].into_iter().flatten() {
-            input::check_output(output)?;
-            for path in inputs
-                .iter()
-                .copied()
-                .flatten()
-                .filter(|path| Some(*path) != self.config.as_ref() || Some(output) != self.output.as_ref())
-            {
-                input::check_is_not(output, path)?;
-            }
-        }
-        if self.output.is_some() && self.output == self.report {
-            return Err(Failure("--output and --report are one file; give two names".into()));
-        }
-        if let Some(path) = self.output.as_deref().filter(|path| path.exists()) {
-            CalibrationFile::read(path)?;
-        }
-        Ok(())
+        // The calibration may be the file that is written: it keeps what it holds.
+        let config = self.config.as_ref().filter(|path| !self.outputs.is_output(path));
+        let recordings = [&self.video, &self.tracker, &self.sequence, &self.session].into_iter().flatten();
+        let inputs: Vec<&Path> = recordings.chain(config).map(PathBuf::as_path).collect();
+        self.outputs.check(&inputs, false)
     }
 
     fn source(&self) -> Result<Source, Failure> {
@@ -183,7 +170,7 @@ impl Arguments {
     ) -> Result<Result<FloorLag, NoFloorLag>, Failure> {
         let mut still: Option<Still> = None;
         let unfit = source.pictures(|shown| {
-            let view = GreyView::new(shown.size[0] as usize, shown.pixels);
+            let view = shown.view()?;
             match &mut still {
                 None => still = Some(Still::new(&view)),
                 Some(still) => {
@@ -199,7 +186,7 @@ impl Arguments {
         if let Some(still) = still {
             let mut finder = Finder::new(still);
             source.pictures(|shown| {
-                let line = finder.find(&GreyView::new(shown.size[0] as usize, shown.pixels));
+                let line = finder.find(&shown.view()?);
                 frames.push(FloorFrame { stamps: shown.stamps, line });
                 Ok(())
             })?;
@@ -261,26 +248,6 @@ impl Arguments {
             Ok(())
         })?;
         slices.lag(self.range_s()).map_err(|why| Failure(format!("no lag: {why}")))
-    }
-
-    /// The latencies into the calibration file, and the report.
-    fn write(&self, report: &Report) -> Result<(), Failure> {
-        if let Some(path) = &self.output {
-            let mut file = if path.exists() { CalibrationFile::read(path)? } else { CalibrationFile::default() };
-            file.latency = Some(report.latency());
-            const MARK: &str = "latency: ";
-            let others = file.provenance.split("; ").filter(|part| !part.is_empty() && !part.starts_with(MARK));
-            let parts: Vec<String> =
-                others.map(str::to_owned).chain([format!("{MARK}{}", report.provenance())]).collect();
-            file.provenance = parts.join("; ");
-            file.write(path)?;
-        }
-        if let Some(path) = &self.report {
-            let mut text = serde_json::to_string_pretty(report)?;
-            text.push('\n');
-            std::fs::write(path, text).map_err(|e| Failure(format!("{}: writing failed: {e}", path.display())))?;
-        }
-        Ok(())
     }
 }
 

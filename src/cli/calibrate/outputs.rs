@@ -12,6 +12,8 @@ use glam::DAffine3;
 use serde::Serialize;
 
 use super::super::{Failure, input};
+use crate::export::whole::write_whole;
+use crate::statistics::write_json;
 
 /// Where to write.
 #[derive(Debug, Args)]
@@ -50,6 +52,11 @@ impl Input {
 }
 
 impl Outputs {
+    /// Whether a file is the calibration file that is written.
+    pub(super) fn is_output(&self, path: &Path) -> bool {
+        self.output.as_deref() == Some(path)
+    }
+
     /// They can be written, are no inputs, and are files of their own; said before the work. Not of everything there is a page.
     pub(super) fn check(&self, inputs: &[&Path], has_page: bool) -> Result<(), Failure> {
         for output in self.output.iter().chain(&self.report) {
@@ -116,7 +123,8 @@ impl Outputs {
         !self.report.is_empty()
     }
 
-    fn write_changed(
+    /// Writes what was asked for: the calibration file, changed, and the report; the page only where one is.
+    pub(super) fn write_changed(
         &self,
         change: impl FnOnce(&mut CalibrationFile),
         report: &impl Serialize,
@@ -130,24 +138,25 @@ impl Outputs {
             file.write(path)?;
         }
         for path in &self.report {
-            let json;
-            let text = if is_page(path) {
-                &page
+            let written = if is_page(path) {
+                write_whole(path, |to| to.write_all(page.as_bytes()))
             } else {
-                json = serde_json::to_string_pretty(report)? + "\n";
-                &json
+                write_json(path, report)
             };
-            let failed = |e: std::io::Error| Failure(format!("{}: writing failed: {e}", path.display()));
-            std::fs::write(path, text).map_err(failed)?;
+            written.map_err(|e| Failure(format!("{}: writing failed: {e}", path.display())))?;
         }
         Ok(())
     }
 
+    /// What was written, and where.
+    pub(super) fn written(&self) -> impl Iterator<Item = (&'static str, &Path)> {
+        let calibration = self.output.iter().map(|path| ("calibration", path.as_path()));
+        calibration.chain(self.report.iter().map(|path| ("report", path.as_path())))
+    }
+
     /// The lines that say what was written.
     pub(super) fn told(&self) -> String {
-        let line = |path: &PathBuf, what: &str| format!("{what}: {}\n", path.display());
-        let reports = self.report.iter().map(|path| line(path, "report"));
-        self.output.iter().map(|path| line(path, "calibration")).chain(reports).collect()
+        self.written().map(|(what, path)| format!("{what}: {}\n", path.display())).collect()
     }
 }
 
@@ -161,7 +170,12 @@ fn is_page(path: &Path) -> bool {
 fn merge(file: &mut CalibrationFile, transform: &StaticTransform, provenance: &str) {
     file.transforms.retain(|other| !other.relates_same_frames(transform));
     file.transforms.push(transform.clone());
-    let mark = format!("{}: ", transform.name());
+    originates(file, &transform.name(), provenance);
+}
+
+/// Notes where something in the file comes from, in the place of where it came from before.
+pub(super) fn originates(file: &mut CalibrationFile, what: &str, provenance: &str) {
+    let mark = format!("{what}: ");
     let others = file.provenance.split("; ").filter(|part| !part.is_empty() && !part.starts_with(&mark));
     let parts: Vec<String> = others.map(str::to_owned).chain([mark.clone() + provenance]).collect();
     file.provenance = parts.join("; ");

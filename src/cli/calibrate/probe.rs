@@ -7,6 +7,7 @@ mod report;
 use std::path::PathBuf;
 use std::time::Instant;
 
+use calibration::file::date::Date;
 use calibration::file::preset::{Covariance, Preset, Quality, Ruler};
 use calibration::phantom::file::Registration;
 use calibration::probe::errors::Errors;
@@ -19,7 +20,6 @@ use glam::DVec2;
 use super::super::{Failure, values};
 use super::outputs::{Input, Outputs, print};
 use crate::config::Settings as Config;
-use crate::config::bedside::today;
 use crate::config::phantom::PhantomSettings;
 use crate::mask::Clip;
 use recording::{Observed, observe, pictures};
@@ -144,7 +144,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let preset = arguments.preset.as_ref().map(|name| Preset {
         name: name.clone(),
         probe_from_image: found.refined.probe_from_image(),
-        made: Some(today()),
+        made: Some(Date::today()),
         picture_px: Some(found.size_px),
         ruler: arguments.ruler,
         clip: None,

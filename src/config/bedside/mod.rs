@@ -23,7 +23,6 @@ pub mod weave;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::{SystemTime, UNIX_EPOCH};
 
 use calibration::file::Latency;
 use calibration::file::date::Date;
@@ -331,7 +330,7 @@ fn told_calibration(mut keys: Reader<'_, '_>, texts: &Texts) -> Result<Told, Con
         (Some(file), None) => {
             let mut settings = Settings::parse(&file, &texts.text(&file, MAX_BYTES)?, preset.as_deref())?;
             let preset = settings.preset.as_ref();
-            settings.notes.extend(preset.and_then(|preset| preset.age_warning(today(), warn_after_days.into())));
+            settings.notes.extend(preset.and_then(|preset| preset.age_warning(Date::today(), warn_after_days.into())));
             Some(settings)
         }
         _ if preset.is_some() => return Err(keys.error("preset", "is of a calibration file; give file, too").into()),
@@ -343,12 +342,6 @@ fn told_calibration(mut keys: Reader<'_, '_>, texts: &Texts) -> Result<Told, Con
         (None, None) => None,
     };
     Ok(Told { settings, clip, fan })
-}
-
-/// The day, by this machine's clock.
-pub fn today() -> Date {
-    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    Date::since_1970(i64::try_from(since.as_secs() / 86_400).unwrap_or(i64::MAX))
 }
 
 /// The virtual bedside's own calibration.

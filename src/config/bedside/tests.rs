@@ -424,7 +424,7 @@ fn with_presets(calibration: &str, more: &str) -> Result<Bedside, String> {
     let probe = format!(
         "format = \"sonoweave-calibration\"\nversion = 1\n{}{}",
         preset("near", "2001-02-03", 0.1),
-        preset("far", &today().to_string(), 0.2)
+        preset("far", &Date::today().to_string(), 0.2)
     );
     let bed = format!("{LEAST}[calibration]\nfile = \"probe.toml\"\n{calibration}\n{more}");
     let texts = [("bed.toml".into(), bed), ("probe.toml".into(), probe)];

@@ -6,7 +6,7 @@ use glam::{DMat3, DQuat};
 
 use super::super::motion::PoseSample;
 use super::*;
-use crate::latency::tests::Random;
+use crate::noise::Noise as Random;
 
 const SIZE: u32 = 96;
 const PIXEL_MM: f64 = 0.5;
@@ -19,8 +19,8 @@ struct Body {
 impl Body {
     fn new(random: &mut Random) -> Self {
         let blob = |_| {
-            let place = DVec3::from_array(std::array::from_fn(|_| 60.0 * (random.even() - 0.5)));
-            (place, 2.0 + 3.0 * random.even(), if random.even() < 0.5 { -60.0 } else { 70.0 })
+            let place = DVec3::from_array(std::array::from_fn(|_| 60.0 * (random.uniform() - 0.5)));
+            (place, 2.0 + 3.0 * random.uniform(), if random.uniform() < 0.5 { -60.0 } else { 70.0 })
         };
         Self { blobs: (0..80).map(blob).collect() }
     }
@@ -40,9 +40,9 @@ type Way = fn(f64) -> (DQuat, DVec3);
 /// Back and forth along one direction, then along another, turning meanwhile.
 fn both_ways(time: f64) -> (DQuat, DVec3) {
     let along = 15.0 * (TAU * 0.35 * time).sin() + 3.0 * (TAU * 0.13 * time).cos();
-    let heading = if time < 6.0 { 0.0 } else { 1.4 };
-    // From one direction to the other in a second.
-    let heading = heading - 1.4 * (6.5 - time).clamp(0.0, 1.0) * f64::from(time >= 6.0) * f64::from(time < 6.5);
+    // From one direction to the other in a second, without a jerk: the tracker's samples say nothing of what is between them.
+    let share = (time - 6.0).clamp(0.0, 1.0);
+    let heading = 1.4 * share * share * (3.0 - 2.0 * share);
     let turn = DQuat::from_rotation_y(heading + 0.1 * (TAU * 0.2 * time).sin());
     (turn, turn * DVec3::new(2.0 * (TAU * 0.31 * time).sin(), 1.0, along))
 }
@@ -93,7 +93,7 @@ fn the_lag_of_a_scan_that_crosses_itself_is_found_and_as_sure_as_it_says() {
     let (mut squares, mut sum) = (0.0, 0.0);
     for seed in 0..seeds {
         let mut random = Random::new(u64::from(seed));
-        let lag = 0.12 * (random.even() - 0.5);
+        let lag = 0.12 * (random.uniform() - 0.5);
         let found = scan(both_ways, lag, 6.0, &mut random).lag(0.25).unwrap();
         let off = found.lag_s - lag;
         println!(
@@ -133,7 +133,7 @@ fn scans_that_tell_no_lag_are_refused_by_name() {
     let mut other = scan(both_ways, 0.0, 3.0, &mut random);
     let mut pictures: Vec<Vec<u16>> = other.pixels.iter().map(|(_, pixels)| pixels.clone()).collect();
     for i in (1..pictures.len()).rev() {
-        pictures.swap(i, (random.even() * (i + 1) as f64) as usize);
+        pictures.swap(i, (random.uniform() * (i + 1) as f64) as usize);
     }
     other.pixels.iter_mut().zip(pictures).for_each(|(own, picture)| own.1 = picture);
     let other = other.lag(0.25);

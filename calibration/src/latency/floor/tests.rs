@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use glam::EulerRot;
 
 use super::*;
-use crate::latency::tests::Random;
+use crate::noise::Noise as Random;
 
 /// A probe over a floor, seen at `period` and tracked at 50 Hz; `lag` is the tracker's. Pixels of 0.1 mm, the picture's origin 80 mm off the sensor and turned against it.
 struct Bench {
@@ -67,7 +67,7 @@ impl Bench {
             let noise = DVec3::from_array(std::array::from_fn(|_| 0.05 * self.random.normal()));
             let stamps = Stamps { given_s: 10.0 + time, ..Stamps::default() };
             poses.push(FloorPose { stamps, rotation, position_mm: (place + noise) / self.unit });
-            time += 0.018 + 0.004 * self.random.even();
+            time += 0.018 + 0.004 * self.random.uniform();
         }
         poses
     }

@@ -1,7 +1,7 @@
 //! Lines against truths: how near, and what is none.
 
 use super::*;
-use crate::latency::tests::Random;
+use crate::noise::Noise as Random;
 
 const WIDTH: usize = 400;
 const HEIGHT: usize = 320;
@@ -16,10 +16,10 @@ fn picture(random: &mut Random, floor: Option<(f64, f64)>, brightness: f64) -> V
     let mut speckle = [0.0; 16];
     for u in columns[0]..columns[1] {
         if u % 6 == 0 {
-            speckle = std::array::from_fn(|_| 0.3 + random.even());
+            speckle = std::array::from_fn(|_| 0.3 + random.uniform());
         }
         for v in rows[0]..rows[1] {
-            let mut grey = 4.0 * random.even();
+            let mut grey = 4.0 * random.uniform();
             if let Some((row, slope)) = floor {
                 let off = v as f64 - row - slope * (u as f64 - 210.0);
                 let thick = 3.0 + (u as f64 * 0.05).sin();
@@ -41,7 +41,7 @@ fn finder(random: &mut Random) -> Finder {
     let mut still = None;
     for k in 0..12 {
         let pixels = picture(random, Some((60.0 + 15.0 * f64::from(k), 0.02 * f64::from(k))), 150.0);
-        let view = GreyView::new(WIDTH, &pixels);
+        let view = GreyView::packed([WIDTH, HEIGHT], &pixels).unwrap();
         match &mut still {
             None => still = Some(Still::new(&view)),
             Some(still) => assert!(still.add(&view)),
@@ -57,11 +57,11 @@ fn floors_are_found_to_a_part_of_a_pixel_at_any_tilt_and_brightness() {
     let mut worst: (f64, f64) = (0.0, 0.0);
     let mut squares = 0.0;
     let cases: Vec<(f64, f64, f64)> = (0..60)
-        .map(|_| (80.0 + 160.0 * random.even(), 0.9 * (random.even() - 0.5), 30.0 + 180.0 * random.even()))
+        .map(|_| (80.0 + 160.0 * random.uniform(), 0.9 * (random.uniform() - 0.5), 30.0 + 180.0 * random.uniform()))
         .collect();
     for (row, slope, brightness) in &cases {
         let pixels = picture(&mut random, Some((*row, *slope)), *brightness);
-        let line = finder.find(&GreyView::new(WIDTH, &pixels)).unwrap();
+        let line = finder.find(&GreyView::packed([WIDTH, HEIGHT], &pixels).unwrap()).unwrap();
         // The tail draws the centre down by the same everywhere; what matters is how even that is.
         let below = line.below(DVec2::new(210.0, *row)) - 0.6;
         worst = (worst.0.max(below.abs()), worst.1.max((line.angle_deg() - slope.atan().to_degrees()).abs()));
@@ -79,25 +79,28 @@ fn pictures_without_a_floor_have_no_line() {
     let mut finder = finder(&mut random);
     for _ in 0..50 {
         let pixels = picture(&mut random, None, 0.0);
-        assert_eq!(finder.find(&GreyView::new(WIDTH, &pixels)), Err(NoLine::Scattered));
+        assert_eq!(finder.find(&GreyView::packed([WIDTH, HEIGHT], &pixels).unwrap()), Err(NoLine::Scattered));
     }
     // A blob, however bright, is no line; nor is a picture that is black.
     let mut pixels = picture(&mut random, None, 0.0);
     for v in 140..160 {
         pixels[v * WIDTH + 200..v * WIDTH + 222].fill(255);
     }
-    assert_eq!(finder.find(&GreyView::new(WIDTH, &pixels)), Err(NoLine::Scattered));
-    assert_eq!(finder.find(&GreyView::new(WIDTH, &vec![0; WIDTH * HEIGHT])), Err(NoLine::Nothing));
+    assert_eq!(finder.find(&GreyView::packed([WIDTH, HEIGHT], &pixels).unwrap()), Err(NoLine::Scattered));
+    assert_eq!(
+        finder.find(&GreyView::packed([WIDTH, HEIGHT], &vec![0; WIDTH * HEIGHT]).unwrap()),
+        Err(NoLine::Nothing)
+    );
 }
 
 #[test]
 fn what_stands_still_is_no_floor() {
     let mut random = Random::new(6);
     let pixels = picture(&mut random, Some((150.0, 0.1)), 200.0);
-    let view = GreyView::new(WIDTH, &pixels);
+    let view = GreyView::packed([WIDTH, HEIGHT], &pixels).unwrap();
     let mut finder = Finder::new(Still::new(&view));
     assert_eq!(finder.find(&view), Err(NoLine::Nothing));
-    assert!(!Still::new(&view).add(&GreyView::new(WIDTH / 2, &pixels)));
+    assert!(!Still::new(&view).add(&GreyView::packed([WIDTH / 2, 2 * HEIGHT], &pixels).unwrap()));
 }
 
 #[test]

@@ -1,8 +1,6 @@
 //! What is said of a lag: to people, to programs, and in the calibration file.
 
 use std::fmt::Write as _;
-use std::io::{ErrorKind, Write as _};
-use std::path::{Path, PathBuf};
 
 use calibration::file::Latency;
 use calibration::latency::crossings::Agreement;
@@ -10,9 +8,10 @@ use calibration::latency::floor::{FloorLag, Tried};
 use calibration::latency::stamps::Reading;
 use serde::Serialize;
 
+use super::super::outputs::{Input, Outputs};
 use super::OTHER;
 use super::source::Source;
-use crate::cli::{Failure, input};
+use crate::cli::Failure;
 
 /// By what it was found.
 pub(super) enum Found {
@@ -42,12 +41,6 @@ pub(super) struct Report {
     crossings: Option<Crossings>,
     /// What the user should know: sentences.
     notes: Vec<String>,
-}
-
-#[derive(Debug, Serialize)]
-struct Input {
-    path: PathBuf,
-    sha256: String,
 }
 
 #[derive(Debug, Serialize)]
@@ -93,10 +86,7 @@ impl Report {
             Found::Line(found) => ("line", found.alignment.lag_s, found.alignment.se_s),
             Found::Crossings(found) => ("crossings", found.lag_s, found.se_s),
         };
-        let inputs = source
-            .paths()
-            .into_iter()
-            .map(|path| Ok::<_, Failure>(Input { path: path.to_owned(), sha256: input::hash(path)? }));
+        let inputs = source.paths().into_iter().map(Input::of);
         let paired_by_ms = source.paired_ms();
         if let Some(paired_ms) = paired_by_ms
             && (1e3 * lag_s - paired_ms).abs() > OTHER * 1e3 * lag_se_s
@@ -138,11 +128,7 @@ impl Report {
 
     /// Where it comes from, in a line.
     pub(super) fn provenance(&self) -> String {
-        let name = |input: &Input| {
-            let name = input.path.file_name().unwrap_or(input.path.as_os_str());
-            format!("{} (sha256 {})", name.to_string_lossy(), &input.sha256[..16])
-        };
-        let names: Vec<String> = self.inputs.iter().map(name).collect();
+        let names: Vec<String> = self.inputs.iter().map(Input::name).collect();
         format!(
             "by {} in {}",
             if self.line.is_some() { "a tank's floor" } else { "crossing slices" },
@@ -150,8 +136,8 @@ impl Report {
         )
     }
 
-    /// To stdout.
-    pub(super) fn print(&self, output: Option<&Path>, report: Option<&Path>) -> Result<(), Failure> {
+    /// For people.
+    pub(super) fn text(&self, outputs: &Outputs) -> String {
         let mut text = String::new();
         let mut say = |label: &str, value: String| {
             // Writing to a string does not fail.
@@ -188,14 +174,8 @@ impl Report {
             );
         }
         self.notes.iter().for_each(|note| say("note", note.clone()));
-        output.iter().for_each(|path| say("calibration", path.display().to_string()));
-        report.iter().for_each(|path| say("report", path.display().to_string()));
-        match std::io::stdout().write_all(text.as_bytes()) {
-            // Who reads no further (`| head`) has read enough.
-            Err(e) if e.kind() == ErrorKind::BrokenPipe => Ok(()),
-            Err(e) => Err(Failure(format!("writing to stdout failed: {e}"))),
-            Ok(()) => Ok(()),
-        }
+        outputs.written().for_each(|(what, path)| say(what, path.display().to_string()));
+        text
     }
 }
 

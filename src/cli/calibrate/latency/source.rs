@@ -7,6 +7,7 @@ use calibration::latency::floor::FloorPose;
 use calibration::latency::motion::PoseSample;
 use calibration::latency::poses::Poses;
 use calibration::latency::stamps::Stamps;
+use calibration::picture::GreyView;
 use drivers::reading::{NamedTransform, Reading, Stamp, Status, transform_name};
 use drivers::recording::SequenceSettings;
 use drivers::{Next, OpenSettings};
@@ -40,6 +41,12 @@ pub(super) struct Shown<'a> {
     pub(super) stamps: Stamps,
     pub(super) size: [u32; 2],
     pub(super) pixels: &'a [u8],
+}
+
+impl Shown<'_> {
+    pub(super) fn view(&self) -> Result<GreyView<'_>, Failure> {
+        Ok(GreyView::packed(self.size.map(|side| side as usize), self.pixels)?)
+    }
 }
 
 /// Pictures that could not be used.
