@@ -1,5 +1,6 @@
 //! `sonoweave calibrate`: what can be calibrated, a file each.
 
+pub mod guide;
 pub mod landmarks;
 pub mod latency;
 mod outputs;

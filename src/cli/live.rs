@@ -2,7 +2,7 @@
 
 mod check;
 mod device;
-mod home;
+pub(in crate::cli) mod home;
 mod keys;
 pub(in crate::cli) mod outputs;
 mod reload;
@@ -10,7 +10,7 @@ pub(in crate::cli) mod resume;
 mod room;
 pub(in crate::cli) mod session;
 pub(in crate::cli) mod stages;
-mod telling;
+pub(in crate::cli) mod telling;
 mod terminal;
 
 use std::io::Write as _;

@@ -5,6 +5,7 @@
 mod calibrate;
 mod daemon;
 mod devices;
+mod guided;
 mod inspect;
 mod latency;
 mod live;

@@ -11,6 +11,7 @@
 
 mod arm;
 mod disk;
+mod gather;
 mod order;
 mod picture;
 mod plugs;

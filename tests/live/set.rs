@@ -10,12 +10,12 @@ use drivers::Device;
 use drivers::clock::{MS, Monotonic, SECOND};
 use drivers::recording::session::{SessionWriter, Store, WriterOptions};
 use glam::DVec3;
-use sonoweave::ingest::live::Gives;
+use sonoweave::ingest::live::{Gives, Live};
 use sonoweave::ledger::Frames;
 use sonoweave::mask::{Clip, MaskSettings};
 use sonoweave::path::PathChoice;
 use sonoweave::pipeline::live::{
-    Account, Bed, Equipment, Finished, Instrument, Looks, Record, Session, Standing, Written, run,
+    Account, Bed, Equipment, Finished, Heard, Instrument, Looks, Record, Session, Standing, Written, gather, run,
 };
 use sonoweave::reconstruct::Settings;
 use sonoweave::reconstruct::planar::PlanarSettings;
@@ -119,21 +119,8 @@ impl Set {
 
     /// Runs until its devices have ended or it is to end, by the account and the time since it began.
     pub(crate) fn until(self, mut ends: impl FnMut(&Account, Duration) -> bool) -> (Finished, Seen) {
-        let [tracking, grabber] = instruments();
-        let frames = self.of.iter().map(|of| [(*of).to_owned(), "Tracker".to_owned()]).collect();
-        let tracking = Instrument { gives: self.gives, frames, latency_ns: self.tracking_latency_ns, ..tracking };
-        let equipment = vec![
-            Equipment { instrument: tracking, device: self.tracking, speech: None },
-            Equipment { instrument: grabber, device: self.grabber, speech: None },
-        ];
-        let session = stages(self.wait_ns, self.looks);
-        let record = self.record.map(|(writer, keep_free_bytes)| Record {
-            writer,
-            full_frame: true,
-            notes: Vec::new(),
-            keep_free_bytes,
-        });
-        let bed = Bed { equipment, record, resumed: Vec::new(), standing: Standing::default() };
+        let session = stages(self.wait_ns, self.looks.clone());
+        let bed = self.bed();
         let (told, began) = (AtomicBool::new(false), Instant::now());
         let mut seen = Seen::default();
         let finished = run(&session, bed, &Monotonic, &told, |account| {
@@ -152,6 +139,42 @@ impl Set {
         assert_eq!(ledger.frames.waiting, 0, "all frames are decided upon: {ledger}");
         assert!(ledger.readings.iter().all(|readings| readings.waiting() == 0), "{ledger}");
         (finished, seen)
+    }
+}
+
+impl Set {
+    fn bed(self) -> Bed {
+        let [tracking, grabber] = instruments();
+        let frames = self.of.iter().map(|of| [(*of).to_owned(), "Tracker".to_owned()]).collect();
+        let tracking = Instrument { gives: self.gives, frames, latency_ns: self.tracking_latency_ns, ..tracking };
+        let equipment = vec![
+            Equipment { instrument: tracking, device: self.tracking, speech: None },
+            Equipment { instrument: grabber, device: self.grabber, speech: None },
+        ];
+        let record = self.record.map(|(writer, keep_free_bytes)| Record {
+            writer,
+            full_frame: true,
+            notes: Vec::new(),
+            keep_free_bytes,
+        });
+        Bed { equipment, record, resumed: Vec::new(), standing: Standing::default() }
+    }
+
+    /// Gathers what its devices give until they have ended: every sample as it was heard, with its device's place, and the account.
+    pub(crate) fn gather(self) -> (Vec<(usize, Live)>, Account) {
+        let mut heard = Vec::new();
+        let (told, began) = (AtomicBool::new(false), Instant::now());
+        let mask = MaskSettings { clip: Clip::None, ..MaskSettings::default() };
+        let gathered = gather(self.bed(), mask, &Monotonic, &told, |what| match what {
+            Heard::Sample(device, live) => heard.push((device, live)),
+            Heard::Turn(account) => {
+                adds_up(account);
+                assert!(began.elapsed() < PATIENCE, "{account:?}");
+            }
+        });
+        let (_, account) = gathered.unwrap();
+        adds_up(&account);
+        (heard, account)
     }
 }
 

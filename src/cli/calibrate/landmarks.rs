@@ -11,8 +11,10 @@ use glam::DVec3;
 use serde::Serialize;
 
 use super::super::{Failure, values};
+use super::guide::Advice;
+use super::guide::poses::gathered;
 use super::outputs::{Input, Outputs, named, place, print, rows};
-use super::poses::{Counts, Recording};
+use super::poses::{Counts, Poses, Recording};
 use crate::config::Settings as Config;
 use crate::config::phantom::PhantomSettings;
 
@@ -22,7 +24,8 @@ use crate::config::phantom::PhantomSettings;
 Touch the phantom's landmarks with the stylus, each for two seconds or more, in any order; the stylus may be swung meanwhile. Symmetric landmarks are told apart by the file's order. \
 The result is the transform PhantomToReference.
 
-Example: sonoweave calibrate landmarks --phantom phantom.toml --sequence touched.igs.mha --stylus-tip calibration.toml -o calibration.toml")]
+Examples: sonoweave calibrate landmarks --phantom phantom.toml --live bedside.toml --stylus-tip calibration.toml -o calibration.toml
+          sonoweave calibrate landmarks --phantom phantom.toml --sequence touched.igs.mha --stylus-tip calibration.toml -o calibration.toml")]
 pub struct Arguments {
     /// The phantom with its landmarks: our file (TOML) or a PLUS XML
     #[arg(long, value_name = "FILE")]
@@ -107,13 +110,20 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     outputs.check(&[recording.path(), phantom], false)?;
     let settings = PhantomSettings::read(phantom)?;
     let tip_mm = tip(tip_file, &recording.stylus, stylus_tip.is_some())?;
-    let read = recording.read()?;
-    let readings: Vec<Reading> =
-        read.poses.iter().map(|(time_s, pose)| Reading { time_s: *time_s, reference_from_stylus: *pose }).collect();
     let landmarks = settings.geometry.landmarks();
     let accepted = Settings { tip_error_mm: *tip_error, limit_mm: *limit, ..Settings::default() };
+    let found = |read: &Poses| {
+        let reading = |(time_s, pose): &(f64, _)| Reading { time_s: *time_s, reference_from_stylus: *pose };
+        let readings: Vec<Reading> = read.poses.iter().map(reading).collect();
+        register(&readings, tip_mm, landmarks, &accepted)
+    };
+    let recording = gathered(recording, false, |tracks| {
+        Ok(advice(&found(&tracks.poses(recording, recording.path())?)?, landmarks))
+    })?;
+    let recording = recording.as_ref();
+    let read = recording.read()?;
     let within = |e: LandmarksError| Failure(format!("{}: {e}{}", recording.path().display(), read.counts.also()));
-    let registered = register(&readings, tip_mm, landmarks, &accepted).map_err(within)?;
+    let registered = found(&read).map_err(within)?;
 
     let input = Input::of(recording.path())?;
     let transform = named(&settings.frames.phantom, &read.frame, &registered.reference_from_phantom);
@@ -157,6 +167,22 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     outputs.write(&transform, &provenance, &report)?;
     print(&(text + &outputs.told()))
+}
+
+/// What to touch next.
+fn advice(registered: &Registered, landmarks: &[Landmark]) -> Advice {
+    let touched = registered.touched.len();
+    let missed: Vec<&str> = registered.missed.iter().map(|missed| landmarks[*missed].name.as_str()).collect();
+    let next = match missed.as_slice() {
+        [] => String::new(),
+        missed => format!("; touch {}, each for two seconds", missed.join(", ")),
+    };
+    let says = format!(
+        "{touched} of {} landmarks are touched, {:.2} mm from where they should be (rms){next}",
+        landmarks.len(),
+        registered.error_mm.rms
+    );
+    Advice::at(touched as f64 / landmarks.len() as f64, says)
 }
 
 /// Where a file says that the stylus's tip is.

@@ -1,5 +1,6 @@
 //! `sonoweave calibrate latency`: how much later the tracker's poses come than the pictures.
 
+mod guide;
 mod report;
 mod source;
 
@@ -14,6 +15,7 @@ use calibration::latency::poses::Poses;
 use clap::{ArgGroup, Args, ValueEnum};
 
 use super::super::Failure;
+use super::guide::Gathering;
 use super::outputs::{Outputs, originates, print};
 use crate::config::Settings;
 use crate::config::bedside::pixel_mm;
@@ -29,7 +31,7 @@ const OTHER: f64 = 3.0;
 /// Flags of `calibrate latency`.
 #[derive(Debug, Args)]
 #[command(
-    group(ArgGroup::new("from").required(true).args(["video", "sequence", "session"])),
+    group(ArgGroup::new("from").required(true).args(["video", "sequence", "session", "live"])),
     after_help = "\
 Hold the probe above the floor of a water tank and move it up and down, unevenly, for 10 to 20 s: the floor's line in the pictures is held against the tracker's motion \
 (--method line). Or scan anything that does not move, twice and in directions across each other: slices that cross show the same where they do (--method crossings); so a \
@@ -39,6 +41,7 @@ A lag above 0 means that the tracker lags the video. tracker.latency_ms = video.
 them where its own file gives none.
 
 Examples:
+  sonoweave calibrate latency --live bedside.toml -o probe.toml
   sonoweave calibrate latency --session SESSION-20261121-213000.mcap -o probe.toml
   sonoweave calibrate latency --video tank-video.igs.mha --tracker tank-tracker.igs.mha --report latency.json"
 )]
@@ -55,6 +58,11 @@ pub struct Arguments {
     /// Pictures and poses: a recorded session (.mcap). The latencies that it had do not count
     #[arg(long, value_name = "SESSION")]
     session: Option<PathBuf>,
+    /// A bedside's configuration: records its devices now, says what to do, and ends when there is enough
+    #[arg(long, value_name = "BEDSIDE.toml")]
+    live: Option<PathBuf>,
+    #[command(flatten)]
+    gathering: Gathering,
     /// By what the lag is found [default: line, and crossings where no picture shows a floor]
     #[arg(long, value_enum, value_name = "METHOD")]
     method: Option<Method>,
@@ -86,7 +94,8 @@ enum Method {
 /// [`Failure`] when the recording does not say what the lag is; nothing is written then.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.check()?;
-    let source = arguments.source()?;
+    let made = arguments.live.as_ref().map(|path| guide::gathered(path, arguments)).transpose()?;
+    let source = arguments.source(made.as_deref())?;
     let config = arguments.config.as_deref().map(|path| Settings::read(path, None)).transpose()?;
     let nothing = Settings::default();
     let calibration = config.as_ref().or(source.calibration()).unwrap_or(&nothing);
@@ -142,19 +151,19 @@ impl Arguments {
         }
         // The calibration may be the file that is written: it keeps what it holds.
         let config = self.config.as_ref().filter(|path| !self.outputs.is_output(path));
-        let recordings = [&self.video, &self.tracker, &self.sequence, &self.session].into_iter().flatten();
+        let recordings = [&self.video, &self.tracker, &self.sequence, &self.session, &self.live].into_iter().flatten();
         let inputs: Vec<&Path> = recordings.chain(config).map(PathBuf::as_path).collect();
         self.outputs.check(&inputs, false)
     }
 
-    fn source(&self) -> Result<Source, Failure> {
-        match (&self.video, &self.tracker, &self.sequence, &self.session) {
+    fn source(&self, made: Option<&Path>) -> Result<Source, Failure> {
+        match (&self.video, &self.tracker, &self.sequence, made.or(self.session.as_deref())) {
             (Some(video), Some(tracker), _, _) => {
                 Ok(Source::Sequences { video: video.clone(), tracker: tracker.clone() })
             }
             (_, _, Some(path), _) => Ok(Source::Sequences { video: path.clone(), tracker: path.clone() }),
             (_, _, _, Some(path)) => Source::session(path),
-            _ => Err(Failure("give --video and --tracker, --sequence or --session".into())),
+            _ => Err(Failure("give --video and --tracker, --sequence, --session or --live".into())),
         }
     }
 

@@ -3,14 +3,19 @@
 use std::fmt::Write as _;
 
 use calibration::frames::{Reference, Stylus, Transform};
-use calibration::pivot::{Pivot, Settings, calibrate};
+use calibration::pivot::{Pivot, PivotError, Settings, calibrate};
 use calibration::statistics::Spread;
 use clap::Args;
 use serde::Serialize;
 
 use super::super::{Failure, values};
+use super::guide::Advice;
+use super::guide::poses::gathered;
 use super::outputs::{Input, Outputs, named, place, print, rows};
 use super::poses::{Counts, Poses, Recording};
+
+/// Less than this is never enough, s: a tip that slips is noticed by what comes after it.
+const LEAST_S: f64 = 10.0;
 
 /// Flags of `calibrate pivot`.
 #[derive(Debug, Args)]
@@ -18,13 +23,17 @@ use super::poses::{Counts, Poses, Recording};
 Put the tip into a small hole, begin to record, and swing the stylus by 30° and more to all sides for half a minute, the tip where it is. The result is the transform StylusTipToStylus: \
 the tip's place in the frame of the stylus's sensor, z along the shaft away from the sensor.
 
-Example: sonoweave calibrate pivot --sequence swing.igs.mha -o calibration.toml --report pivot.json")]
+Examples: sonoweave calibrate pivot --live bedside.toml -o calibration.toml
+          sonoweave calibrate pivot --sequence swing.igs.mha -o calibration.toml --report pivot.json")]
 pub struct Arguments {
     #[command(flatten)]
     recording: Recording,
     /// Refuse a result whose tip strays by more, mm (root mean square)
     #[arg(long, value_name = "MM", default_value_t = 2.0, value_parser = values::positive)]
     limit: f64,
+    /// With --live: it is enough when the tip is known to this, mm (one standard deviation along the worst axis)
+    #[arg(long, value_name = "MM", default_value_t = 0.1, value_parser = values::positive)]
+    goal: f64,
     #[command(flatten)]
     outputs: Outputs,
 }
@@ -68,21 +77,19 @@ struct Turned {
 /// # Errors
 /// [`Failure`] when the recording does not say where the tip is; nothing is written then.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let Arguments { recording, limit, outputs } = arguments;
+    let Arguments { recording, limit, outputs, .. } = arguments;
     outputs.check(&[recording.path()], false)?;
+    let recording = gathered(recording, false, |tracks| arguments.advice(&tracks.poses(recording, recording.path())?))?;
+    let recording = recording.as_ref();
     let read = recording.read()?;
-    let poses: Vec<Transform<Reference, Stylus>> = read.poses.iter().map(|(_, pose)| *pose).collect();
-    let settings = Settings { limit_mm: *limit, ..Settings::default() };
-    let within = |e: calibration::pivot::PivotError| {
-        Failure(format!("{}: {e}{}", recording.path().display(), read.counts.also()))
-    };
-    let pivot = calibrate(&poses, &settings).map_err(within)?;
+    let within = |e: PivotError| Failure(format!("{}: {e}{}", recording.path().display(), read.counts.also()));
+    let pivot = arguments.tip(&read).map_err(within)?;
 
     let input = Input::of(recording.path())?;
     let transform = named("StylusTip", &recording.stylus, &pivot.stylus_from_tip);
     let provenance =
         format!("pivot, {} poses of {}, {:.2} mm", pivot.residual_mm.count, input.name(), pivot.residual_mm.mean);
-    let sds = [0, 1, 2].map(|i| pivot.tip_covariance_mm2[i][i].sqrt());
+    let sds = sds(&pivot);
     let text = text(recording, &read, &pivot, sds);
     let report = Report {
         kind: "pivot",
@@ -110,6 +117,31 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     outputs.write(&transform, &provenance, &report)?;
     print(&(text + &outputs.told()))
+}
+
+impl Arguments {
+    fn tip(&self, read: &Poses) -> Result<Pivot, PivotError> {
+        let poses: Vec<Transform<Reference, Stylus>> = read.poses.iter().map(|(_, pose)| *pose).collect();
+        calibrate(&poses, &Settings { limit_mm: self.limit, ..Settings::default() })
+    }
+
+    /// What to do next: the tip by what there is, or why there is none.
+    fn advice(&self, read: &Poses) -> Result<Advice, Failure> {
+        let pivot = self.tip(read)?;
+        let worst = sds(&pivot).into_iter().fold(0.0, f64::max);
+        let seconds = read.poses.last().map_or(0.0, |(time_s, _)| *time_s);
+        let share = (self.goal / worst).powi(2).min(seconds / LEAST_S);
+        let says = format!(
+            "the tip is known to {worst:.3} mm of the {} that are wanted, after {seconds:.0} s of at least {LEAST_S:.0}; swing on to all sides, the tip where it is",
+            self.goal
+        );
+        Ok(Advice::at(share, says))
+    }
+}
+
+/// The tip's standard deviations, mm.
+fn sds(pivot: &Pivot) -> [f64; 3] {
+    [0, 1, 2].map(|i| pivot.tip_covariance_mm2[i][i].sqrt())
 }
 
 fn text(recording: &Recording, read: &Poses, pivot: &Pivot, sds: [f64; 3]) -> String {

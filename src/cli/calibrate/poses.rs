@@ -2,6 +2,8 @@
 
 mod session;
 
+pub use session::Tracks;
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -13,13 +15,14 @@ use drivers::{Next, OpenSettings};
 use serde::Serialize;
 
 use super::super::{Failure, values};
+use super::guide::Gathering;
 use crate::ledger::Ledger;
 use crate::refusal::{Reason, Refusal};
 use crate::sync::pairing::RIGID_TOLERANCE;
 use crate::sync::{Pairing, PairingOptions};
 
 /// A recording of one kind or the other.
-#[derive(Debug, Clone, Args)]
+#[derive(Debug, Clone, Default, Args)]
 #[group(required = true, multiple = false)]
 pub struct Source {
     /// A tracked sequence (.igs.mha, .mha), with or without pictures
@@ -28,6 +31,12 @@ pub struct Source {
     /// A session that `live --record` wrote, of a tracker with a stylus
     #[arg(long, value_name = "SESSION.mcap")]
     pub session: Option<PathBuf>,
+    /// A bedside's configuration: records its devices now, says what to do, and ends when there is enough
+    #[arg(long, value_name = "BEDSIDE.toml")]
+    pub live: Option<PathBuf>,
+    /// How
+    #[command(flatten)]
+    pub gathering: Gathering,
 }
 
 /// Which recording, and what its frames are called.
@@ -77,11 +86,11 @@ pub struct Counts {
 }
 
 impl Recording {
-    /// The file.
+    /// The file; the bedside's where the recording is still to be made.
     pub fn path(&self) -> &Path {
-        let Source { sequence, session } = &self.source;
-        // One of the two is there: the command line sees to it.
-        sequence.as_ref().or(session.as_ref()).map_or(Path::new(""), PathBuf::as_path)
+        let Source { sequence, session, live, .. } = &self.source;
+        // One of them is there: the command line sees to it.
+        sequence.as_ref().or(session.as_ref()).or(live.as_ref()).map_or(Path::new(""), PathBuf::as_path)
     }
 
     /// Reads the poses.

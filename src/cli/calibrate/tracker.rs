@@ -3,19 +3,26 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use calibration::tracker::distortion::{self, Map, Pair};
+use calibration::tracker::distortion::{self, Map, NoMap, Pair};
 use calibration::tracker::noise::{self, Noise};
 use clap::Args;
 use glam::DAffine3;
 use serde::Serialize;
 
 use super::super::{Failure, input, values};
+use super::guide::Advice;
+use super::guide::poses::gathered;
 use super::outputs::{Input, place, print, rows};
 use super::poses::{Counts, Poses, Recording, Source};
 use crate::statistics::write_json;
 
 /// Cells that the text tells of.
 const TOLD: usize = 8;
+
+/// A sensor that lay still for so long has told its noise, s.
+const STILL_S: f64 = 10.0;
+/// About as many cells has the room in which a patient is scanned; what the bar of a guide is full at.
+const USUAL_CELLS: f64 = 200.0;
 
 /// Flags of `calibrate tracker`.
 #[derive(Debug, Args)]
@@ -24,7 +31,8 @@ Noise: lay a sensor down, let go of it, and record for ten seconds.
 A map of the room: fix two sensors to one piece of wood or plastic, 10 cm apart, and carry it slowly through all of the room that scans are made in. Where the sensors seem to be \
 otherwise apart than elsewhere, metal bends the field: do not scan there, or take the metal away.
 
-Examples: sonoweave calibrate tracker --session SESSION.mcap --sensor Probe
+Examples: sonoweave calibrate tracker --live bedside.toml
+          sonoweave calibrate tracker --session SESSION.mcap --sensor Probe
           sonoweave calibrate tracker --session SESSION.mcap --sensor Probe --other Reference --report room.json")]
 pub struct Arguments {
     #[command(flatten)]
@@ -112,11 +120,53 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         input::check_output(path)?;
         input::check_is_not(path, recording.path())?;
     }
+    let made = gathered(&recording, false, |tracks| match &arguments.other {
+        None => Ok(stillness(&tracks.poses(&recording, recording.path())?)),
+        Some(other) => {
+            let one = tracks.poses(&recording, recording.path())?;
+            let between = tracks.poses(&arguments.recording(other), recording.path())?;
+            Ok(arguments.coverage(&arguments.mapped(&pairs(&one, &between))?))
+        }
+    })?;
+    let recording = made.as_ref();
     let read = recording.read()?;
     match &arguments.other {
-        None => arguments.noise(&recording, &read),
-        Some(other) => arguments.map(&recording, &read, other),
+        None => arguments.noise(recording, &read),
+        Some(other) => {
+            // The first sensor as the second one sees it, at the same times: where both were seen, that is where the second one was.
+            let between = Recording { reference: Some(other.clone()), ..recording.clone() }.read()?;
+            arguments.map(recording, &read, &between, other)
+        }
     }
+}
+
+/// Poses of both sensors at the same times; `between` is the first one's in the frame of the second.
+fn pairs(read: &Poses, between: &Poses) -> Vec<Pair> {
+    let mut seen = between.poses.iter().peekable();
+    let mut pairs = Vec::new();
+    for (time_s, one) in &read.poses {
+        while seen.next_if(|(earlier, _)| earlier < time_s).is_some() {}
+        if let Some((_, other_from_one)) = seen.next_if(|(same, _)| same == time_s) {
+            let one = one.affine();
+            pairs.push(Pair { one, other: one * other_from_one.affine().inverse() });
+        }
+    }
+    pairs
+}
+
+/// For how long the sensor has lain still by now: whoever lays it down has moved it until then.
+fn stillness(read: &Poses) -> Advice {
+    let end_s = read.poses.last().map_or(0.0, |(time_s, _)| *time_s);
+    let still = |seconds: f64| {
+        let from = read.poses.partition_point(|(time_s, _)| *time_s < end_s - seconds);
+        let poses: Vec<DAffine3> = read.poses[from..].iter().map(|(_, pose)| pose.affine()).collect();
+        noise::of(&poses)
+    };
+    let whole = (1..=STILL_S as u32).map(f64::from).take_while(|seconds| *seconds <= end_s && still(*seconds).is_ok());
+    let seconds = whole.last().unwrap_or(0.0);
+    let says =
+        format!("the sensor lies still for {seconds:.0} of {STILL_S:.0} s; lay it down, let go of it, and keep away");
+    Advice { from_s: Some(end_s - seconds), ..Advice::at(seconds / STILL_S, says) }
 }
 
 impl Arguments {
@@ -174,20 +224,25 @@ impl Arguments {
         )
     }
 
-    fn map(&self, recording: &Recording, read: &Poses, other: &str) -> Result<(), Failure> {
-        // The first sensor as the second one sees it, at the same times: where both were seen, that is where the second one was.
-        let between = self.recording(other).read()?;
-        let mut seen = between.poses.iter().peekable();
-        let mut pairs = Vec::new();
-        for (time_s, one) in &read.poses {
-            while seen.next_if(|(earlier, _)| earlier < time_s).is_some() {}
-            if let Some((_, other_from_one)) = seen.next_if(|(same, _)| same == time_s) {
-                let one = one.affine();
-                pairs.push(Pair { one, other: one * other_from_one.affine().inverse() });
-            }
-        }
-        let options = distortion::Options { cell_mm: self.cell, limit_mm: self.limit };
-        let map = distortion::map(&pairs, &options)
+    fn mapped(&self, pairs: &[Pair]) -> Result<Map, NoMap> {
+        distortion::map(pairs, &distortion::Options { cell_mm: self.cell, limit_mm: self.limit })
+    }
+
+    /// How much of the room was gone through.
+    fn coverage(&self, map: &Map) -> Advice {
+        let cells = map.cells.len();
+        let beyond = map.zones.len();
+        let says = format!(
+            "{cells} cells of {} mm were gone through, {beyond} of them beyond {} mm; go on wherever scans are made, and end by Ctrl-C",
+            self.cell, self.limit
+        );
+        // Nobody but who holds the piece knows how large the room is.
+        Advice::at((cells as f64 / USUAL_CELLS).min(0.99), says)
+    }
+
+    fn map(&self, recording: &Recording, read: &Poses, between: &Poses, other: &str) -> Result<(), Failure> {
+        let map = self
+            .mapped(&pairs(read, between))
             .map_err(|e| Failure(format!("{}: {e}{}", recording.path().display(), between.counts.also())))?;
         if let Some(path) = &self.report {
             let cells = map.cells.iter().enumerate().map(|(index, cell)| CellReport {
@@ -216,7 +271,7 @@ impl Arguments {
             };
             write_json(path, &report)?;
         }
-        print(&(self.of_map(other, &between, &map) + &self.told()))
+        print(&(self.of_map(other, between, &map) + &self.told()))
     }
 
     fn of_map(&self, other: &str, between: &Poses, map: &Map) -> String {

@@ -250,7 +250,10 @@ fn of_calibration(bedside: &Bedside, grabber: &Tried) -> Checked {
                 None => way,
             });
         }
-        Err(_) => checked.wrong(no_way(bedside)),
+        Err(_) => checked.wrong(match bedside.calibrated() {
+            Ok(()) => no_way(bedside),
+            Err(missing) => missing.to_string(),
+        }),
     }
     if let Some(preset) = &calibration.preset {
         let made = preset.made.map_or(String::new(), |made| format!(", made {made}"));

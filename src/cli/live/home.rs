@@ -15,7 +15,7 @@ const WORD: &str = "home";
 ///
 /// # Errors
 /// [`Failure`] when the system takes no handler.
-pub(super) fn listen(at_home: Arc<AtomicBool>, quiet: bool) -> Result<(), Failure> {
+pub(in crate::cli) fn listen(at_home: Arc<AtomicBool>, quiet: bool) -> Result<(), Failure> {
     signal_hook::flag::register(SIGUSR1, Arc::clone(&at_home))?;
     let types = stdin().is_terminal();
     if !quiet {

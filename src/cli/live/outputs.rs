@@ -59,7 +59,12 @@ impl Outputs {
 /// A line on the way.
 pub(in crate::cli) fn line(account: &Account) -> String {
     let frames = &account.ledger.frames;
-    let mut text = format!("{} slices of {} frames", frames.used, frames.total);
+    format!("{} slices of {} frames", frames.used, frames.total) + &troubles(account)
+}
+
+/// What is not well, behind a line; empty where all is.
+pub(in crate::cli) fn troubles(account: &Account) -> String {
+    let mut text = String::new();
     for device in &account.devices {
         let is_well = ["running", REPLAYED].contains(&device.state);
         if !is_well || !device.why.is_empty() {

@@ -77,6 +77,7 @@ pub(in crate::cli) fn session(
 ) -> Result<Option<PathBuf>, Failure> {
     conduct.check()?;
     outputs.check()?;
+    bedside.calibrated()?;
     let ends = until_told()?;
     let mut reload = Reload::new(bedside)?;
     let standing = standing(bedside)?;
@@ -116,7 +117,7 @@ pub(in crate::cli) fn session(
         None => outputs.picture.as_ref().map(|_| Arc::new(bedside.picture.clone()) as Arc<dyn Looks>),
     };
     let (began, mut said) = (Instant::now(), Instant::now());
-    let finished = run(&stages(bedside, looks), bed, &Monotonic, &ends, |account| {
+    let finished = run(&stages(bedside, looks)?, bed, &Monotonic, &ends, |account| {
         if conduct.duration.is_some_and(|seconds| began.elapsed() >= Duration::from_secs_f64(seconds)) {
             ends.store(true, Ordering::Relaxed);
         }

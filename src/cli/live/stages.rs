@@ -88,8 +88,12 @@ impl Looks for Picture {
 }
 
 /// How frames become a volume, and a picture if somebody looks.
-pub(in crate::cli) fn stages(bedside: &Bedside, looks: Option<Arc<dyn Looks>>) -> Session {
-    Session {
+///
+/// # Errors
+/// [`Failure`] where nobody knows where the picture lies.
+pub(in crate::cli) fn stages(bedside: &Bedside, looks: Option<Arc<dyn Looks>>) -> Result<Session, Failure> {
+    bedside.calibrated()?;
+    Ok(Session {
         pairing: bedside.pairing_options(),
         wait_ns: bedside.pairing.wait_ns,
         longest_gap_ns: bedside.pairing.longest_gap_ns,
@@ -99,7 +103,7 @@ pub(in crate::cli) fn stages(bedside: &Bedside, looks: Option<Arc<dyn Looks>>) -
         path: bedside.volume.path,
         planar: bedside.volume.planar,
         looks,
-    }
+    })
 }
 
 /// What the devices are: what carries the probe, and the grabber.
@@ -150,8 +154,13 @@ fn placed(arm: &Arm, counts: &[f64]) -> Option<Rigid> {
 /// # Errors
 /// [`Failure`] when it cannot be written there, or nobody knows which part of a frame may be kept.
 pub(in crate::cli) fn record(bedside: &Bedside, folder: &Path) -> Result<Record, Failure> {
+    record_of(bedside, folder, true)
+}
+
+/// The same, of a session that may have no pictures.
+pub(in crate::cli) fn record_of(bedside: &Bedside, folder: &Path, pictures: bool) -> Result<Record, Failure> {
     let full_frame = bedside.record.full_frame;
-    if !full_frame && !bedside.mask.is_known() {
+    if pictures && !full_frame && !bedside.mask.is_known() {
         return Err(Failure(
             "nothing is recorded while it is not known which part of the video is the scanner's picture, as the patient's name may stand beside it: give [calibration] clip_px or \
              fan, or say [record] full_frame = true to keep whole frames"

@@ -67,7 +67,7 @@ impl Telling {
 ///
 /// # Errors
 /// [`Failure`] when it wants more than there is.
-pub(super) fn standing(bedside: &Bedside) -> Result<Standing, Failure> {
+pub(in crate::cli) fn standing(bedside: &Bedside) -> Result<Standing, Failure> {
     let is_wanted = match bedside.process.realtime {
         Realtime::Never => false,
         Realtime::IfPermitted => bedside.rehearsal.is_none(),

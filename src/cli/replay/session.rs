@@ -68,7 +68,7 @@ pub(super) fn run(wanted: &Wanted<'_>) -> Result<(), Failure> {
     let is_looked_at = outputs.picture.is_some() || series.is_some();
     let gallery = is_looked_at.then(|| Arc::new(Gallery::new(bedside.picture.clone(), series.clone())));
     let looks = gallery.clone().map(|gallery| gallery as Arc<dyn Looks>);
-    let (finished, precedent) = rerun(&stages(&bedside, looks), recorded, last, &ends, |account| {
+    let (finished, precedent) = rerun(&stages(&bedside, looks)?, recorded, last, &ends, |account| {
         if said.elapsed() >= SAID_EVERY {
             said = Instant::now();
             say(&line(account));

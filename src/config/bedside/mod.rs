@@ -58,7 +58,7 @@ pub struct Bedside {
     pub path: PathBuf,
     /// What kind of file it was.
     pub kind: Kind,
-    /// Where the picture lies against the probe, and further constant transforms.
+    /// Where the picture lies against the probe, and further constant transforms; none before it is calibrated.
     pub calibration: Settings,
     /// What of the picture is data.
     pub mask: MaskSettings,
@@ -229,13 +229,7 @@ impl Bedside {
             (Some(rehearsal), _) if grabber.is_virtual => Some(of_scan(&rehearsal.scan)),
             _ => None,
         };
-        let Some(calibration) = told.or(own) else {
-            return Err(whole_file(
-                path,
-                "calibration",
-                "is missing: where does the picture lie against the probe? Give file = \"…\", a calibration file or a PLUS XML, or image_to_probe",
-            ));
-        };
+        let calibration = told.or(own).unwrap_or_default();
         notes.extend(calibration.notes.iter().cloned());
         let mut mask = calibration.mask();
         mask.clip = clip.unwrap_or(mask.clip);
@@ -269,6 +263,21 @@ impl Bedside {
             notes,
             texts: ByPath::new(),
         })
+    }
+
+    /// Whether it says where the picture lies, without which nothing can be woven. Who calibrates does not know it yet.
+    ///
+    /// # Errors
+    /// [`ConfigError`] where it does not.
+    pub fn calibrated(&self) -> Result<(), ConfigError> {
+        if self.calibration.transforms.is_empty() {
+            return Err(whole_file(
+                &self.path,
+                "calibration",
+                "is missing: where does the picture lie against the probe? Give file = \"…\", a calibration file or a PLUS XML, or image_to_probe; `sonoweave calibrate probe --live` finds it",
+            ));
+        }
+        Ok(())
     }
 
     /// The frames' names and the constant transforms, for the way from the picture to the world.

@@ -24,7 +24,7 @@
 //! - `decision`, `seal`: what is decided upon frames, and what came of it all, as the recording has it.
 //! - `recorder`: the session's file.
 //! - `replay`, `precedent`: a recorded session as what comes in, and what it is held against.
-//! - `walk`: a recorded session's samples by themselves.
+//! - `walk`, `gather`: a recorded session's samples by themselves, and a running one's, of which nothing is woven.
 //! - `priority`: which threads run before others.
 //! - `board`, `timing`, `pulse`, `losses`: what the stages say of themselves.
 
@@ -33,6 +33,7 @@ mod capture;
 mod decision;
 mod fabric;
 mod frozen;
+mod gather;
 mod intake;
 mod losses;
 mod pairing;
@@ -58,6 +59,8 @@ pub use board::{Account, ClockBoard, DeviceBoard, REPLAYED, Written};
 use crossbeam_channel::bounded;
 use drivers::Device;
 use drivers::clock::{Clock, Monotonic};
+use drivers::recording::session::Speech;
+pub use gather::{Heard, gather};
 pub use picture::{Drawn, First, Looks};
 pub use precedent::{Differences, Precedent};
 pub use priority::{Granted, Standing};
@@ -109,32 +112,21 @@ pub fn run(
     let Bed { equipment, record, resumed, mut standing } = bed;
     let fabric = session.loom();
     let begun = session.weave_earlier(resumed, &fabric, ends)?;
-    let (mut devices, mut instruments, mut speeches) = (Vec::new(), Vec::new(), Vec::new());
-    for Equipment { instrument, device, speech } in equipment {
-        devices.push(device);
-        instruments.push(instrument);
-        speeches.push(speech);
-    }
+    let Parts { devices, instruments, speeches } = parts(equipment);
     let board = Board::new(&instruments, session.frozen_ns);
     board.granted(standing.granted());
     begun.into_iter().for_each(|note| board.note(note));
     let in_flight = InFlight::new(FRAME_BYTES / frame_bytes(&devices).max(1));
-    let (mut recorder, mut writing) = (Recorder::nowhere(), None);
-    let keep_free = Arc::<AtomicU64>::default();
-    if let Some(Record { mut writer, full_frame, notes, keep_free_bytes }) = record {
-        let mut sources = Vec::new();
-        for ((instrument, device), speech) in instruments.iter().zip(&devices).zip(speeches) {
-            sources.push(writer.device(&instrument.name, speech, device.describe(), None)?);
+    let keep_free = Arc::new(AtomicU64::new(record.as_ref().map_or(0, |record| record.keep_free_bytes)));
+    let (recorder, writing) = match record {
+        Some(record) => {
+            let speakers = instruments.iter().zip(&devices).zip(speeches);
+            let told = speakers.map(|((instrument, device), speech)| (&*instrument.name, speech, device.describe()));
+            let (recorder, writing) = recorder::open(record, told, session.mask, &keep_free, clock)?;
+            (recorder, Some(writing))
         }
-        for (kind, note) in &notes {
-            writer.note(kind, &note.to_string(), clock.now_ns())?;
-        }
-        let (of_stages, queue) = Recorder::new();
-        let kept = (!full_frame).then_some(session.mask);
-        keep_free.store(keep_free_bytes, Ordering::Relaxed);
-        let file = recorder::File { writer, sources, kept, keep_free: Arc::clone(&keep_free) };
-        (recorder, writing) = (of_stages, Some((queue, file)));
-    }
+        None => (Recorder::nowhere(), None),
+    };
     let names: Vec<String> = instruments.iter().map(|instrument| instrument.name.clone()).collect();
     let (deliver, delivered) = bounded(READINGS);
     let common = Common { clock, board: &board, recorder: &recorder, in_flight: &in_flight, precedent: None };
@@ -162,16 +154,7 @@ pub fn run(
         let pair = spawn(scope, "pairing", (&standing, Role::Pairing), move || {
             stage.run(&mut FromDevices { from: &delivered, intake })
         });
-        let captures: Vec<_> = devices
-            .into_iter()
-            .enumerate()
-            .map(|(source, mut device)| {
-                spawn(scope, &format!("capture-{}", names[source]), (&standing, Role::Capture), move || {
-                    let ran = capture::run(source, device.as_mut(), common, ends, intake);
-                    ran.inspect_err(|error| board.failed(source, error))
-                })
-            })
-            .collect();
+        let captures = capturing(scope, devices, &names, &standing, common, ends, intake);
         // A device that ends by itself leaves the others; when none is left, or nothing can be woven, the session is over.
         while !ends.load(Ordering::Relaxed)
             && !captures.iter().all(ScopedJoinHandle::is_finished)
@@ -197,11 +180,7 @@ pub fn run(
         ends.store(true, Ordering::Relaxed);
         // Whoever watches learns that it ends. What is ordered now comes too late.
         drop(watch(&board.snapshot()));
-        for (capture, name) in captures.into_iter().zip(&names) {
-            if let Err(error) = joined(capture) {
-                board.note(format!("{name}: {error}"));
-            }
-        }
+        captured(captures, &names, board);
         intake.close();
         joined(pair).into_iter().for_each(|note| board.note(note));
         let woven = joined(weave);
@@ -316,6 +295,54 @@ impl Session {
             fed.map_err(PipelineError::from)
         })?;
         Ok((board.snapshot(), drawn, precedent))
+    }
+}
+
+/// What devices, instruments and speeches there are, each in the order of the places.
+struct Parts {
+    devices: Vec<Box<dyn Device>>,
+    instruments: Vec<Instrument>,
+    speeches: Vec<Option<Speech>>,
+}
+
+fn parts(equipment: Vec<Equipment>) -> Parts {
+    let mut parts = Parts { devices: Vec::new(), instruments: Vec::new(), speeches: Vec::new() };
+    for Equipment { instrument, device, speech } in equipment {
+        parts.devices.push(device);
+        parts.instruments.push(instrument);
+        parts.speeches.push(speech);
+    }
+    parts
+}
+
+/// A device's thread, which ends with it.
+type Capturing<'scope> = ScopedJoinHandle<'scope, Result<(), drivers::Error>>;
+
+/// A thread for each device.
+fn capturing<'scope, 'env>(
+    scope: &'scope Scope<'scope, 'env>,
+    devices: Vec<Box<dyn Device>>,
+    names: &[String],
+    standing: &Standing,
+    common: Common<'env>,
+    ends: &'env AtomicBool,
+    intake: &'env Intake<'env>,
+) -> Vec<Capturing<'scope>> {
+    let capture = |(source, mut device): (usize, Box<dyn Device>)| {
+        spawn(scope, &format!("capture-{}", names[source]), (standing, Role::Capture), move || {
+            let ran = capture::run(source, device.as_mut(), common, ends, intake);
+            ran.inspect_err(|error| common.board.failed(source, error))
+        })
+    };
+    devices.into_iter().enumerate().map(capture).collect()
+}
+
+/// Waits for them, and notes why those ended that did not end in good order.
+fn captured(captures: Vec<Capturing<'_>>, names: &[String], board: &Board) {
+    for (capture, name) in captures.into_iter().zip(names) {
+        if let Err(error) = joined(capture) {
+            board.note(format!("{name}: {error}"));
+        }
     }
 }
 

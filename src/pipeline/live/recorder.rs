@@ -13,11 +13,12 @@ use std::time::Duration;
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TrySendError, bounded};
 use drivers::clock::Clock;
 use drivers::reading::Frame;
-use drivers::recording::session::{Account, Crop, Room, SessionWriter, Source};
+use drivers::recording::session::{Account, Crop, Room, SessionWriter, Source, Speech};
 use drivers::{Description, Reading};
 use serde::Serialize;
 use tracing::trace_span;
 
+use super::session::Record;
 use crate::ingest::stored_rect;
 use crate::mask::MaskSettings;
 use crate::trace::STAGE;
@@ -187,6 +188,29 @@ impl Recorder {
             tracing::error!("the recording's thread is gone");
         }
     }
+}
+
+/// Begins a session's file: what its devices say of themselves, in the order of their places, and the notes that stand at its beginning. The stages' side, and the thread's.
+///
+/// # Errors
+/// The writer's, which cannot take them.
+pub(super) fn open<'a>(
+    Record { mut writer, full_frame, notes, keep_free_bytes: _ }: Record,
+    devices: impl Iterator<Item = (&'a str, Option<Speech>, &'a Description)>,
+    mask: MaskSettings,
+    keep_free: &Arc<AtomicU64>,
+    clock: &dyn Clock,
+) -> Result<(Recorder, (Queue, File)), drivers::Error> {
+    let mut sources = Vec::new();
+    for (name, speech, description) in devices {
+        sources.push(writer.device(name, speech, description, None)?);
+    }
+    for (kind, note) in &notes {
+        writer.note(kind, &note.to_string(), clock.now_ns())?;
+    }
+    let (of_stages, queue) = Recorder::new();
+    let kept = (!full_frame).then_some(mask);
+    Ok((of_stages, (queue, File { writer, sources, kept, keep_free: Arc::clone(keep_free) })))
 }
 
 /// What waits to be written.

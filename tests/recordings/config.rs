@@ -1,51 +1,43 @@
 //! Configurations and first frames of real recordings: what is read from PLUS's files, and which pixels the automatic mask keeps.
-//!
-//! The recordings are PLUS's test data and not part of the project. They are looked for in the folder named by `SONOWEAVE_TEST_DATA`, else
-//! in `../shared/data`; a test whose file is absent is reported as ignored.
 
 use std::io::Read as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
-use libtest_mimic::{Arguments, Failed, Trial};
+use libtest_mimic::Failed;
 use sonoweave::config::{Settings, SourceKind};
 use sonoweave::mask::{AutoMask, Clip, Found, MaskPlan};
 use sonoweave::slice::{Image, Pixels};
 
-type Check = fn(&Path) -> Result<(), Failed>;
+use crate::Test;
 
 const SPINE_XML: &str = "freehand/PlusDeviceSet_VolumeReconstructionOnly_SpinePhantom_NN_MEAN.xml";
 const FAN_XML: &str = "freehand/PlusDeviceSet_VolumeReconstructionOnly_SonixRP_TRUS_D70mm_LN_MEAN.xml";
 
-fn main() {
-    let tests: [(&str, &str, Check); 14] = [
-        ("spine_configuration", SPINE_XML, spine_configuration),
-        ("fan_configuration", FAN_XML, fan_configuration),
-        ("nwire_configuration", "nwire/PlusDeviceSet_fCal_Sim_SpatialCalibration_1.2.xml", nwire_configuration),
-        ("nwire_results", "nwire/FreehandCalibration3NWires.results.xml", nwire_results),
-        ("landmark_results", "tracking/PhantomRegistrationLandmarkDetection.results.xml", landmark_results),
-        ("stylus_results", "tracking/StylusCalibration.results.xml", stylus_results),
-        ("other_xml_is_refused", "latency/TemporalCalibrationResultsBaseline.xml", other_xml_is_refused),
-        ("a_sequence_is_no_configuration", "freehand/SpinePhantomFreehand.igs.mha", sequence_is_refused),
-        ("spine_mask", "freehand/SpinePhantomFreehand.igs.mha", spine_mask),
-        ("nwire_freehand_mask", "freehand/NwirePhantomFreehand.igs.mha", nothing_is_cut),
-        ("nwire_calibration_mask", "nwire/fCal_Test_Calibration_3NWires.igs.mha", nothing_is_cut),
-        ("nwire_validation_mask", "nwire/fCal_Test_Validation_3NWires.igs.mha", nothing_is_cut),
-        ("bk_curvilinear_mask", "formats/BkCurvilinearScanConvertedData.igs.mha", curvilinear_mask),
-        ("ultrasonix_curvilinear_mask", "formats/UltrasonixCurvilinearScanConvertedData.igs.mha", curvilinear_mask),
-    ];
-    let folder = std::env::var_os("SONOWEAVE_TEST_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
-    let trials = tests
-        .into_iter()
-        .map(|(name, file, check)| {
-            let path = folder.join(file);
-            let absent = !path.is_file();
-            Trial::test(name, move || check(&path)).with_ignored_flag(absent)
-        })
-        .collect();
-    libtest_mimic::run(&Arguments::from_args(), trials).exit();
-}
+pub(crate) const TESTS: &[Test] = &[
+    Test::of_file("spine_configuration", SPINE_XML, spine_configuration),
+    Test::of_file("fan_configuration", FAN_XML, fan_configuration),
+    Test::of_file(
+        "nwire_configuration",
+        "nwire/PlusDeviceSet_fCal_Sim_SpatialCalibration_1.2.xml",
+        nwire_configuration,
+    ),
+    Test::of_file("nwire_results", "nwire/FreehandCalibration3NWires.results.xml", nwire_results),
+    Test::of_file("landmark_results", "tracking/PhantomRegistrationLandmarkDetection.results.xml", landmark_results),
+    Test::of_file("stylus_results", "tracking/StylusCalibration.results.xml", stylus_results),
+    Test::of_file("other_xml_is_refused", "latency/TemporalCalibrationResultsBaseline.xml", other_xml_is_refused),
+    Test::of_file("a_sequence_is_no_configuration", "freehand/SpinePhantomFreehand.igs.mha", sequence_is_refused),
+    Test::of_file("spine_mask", "freehand/SpinePhantomFreehand.igs.mha", spine_mask),
+    Test::of_file("nwire_freehand_mask", "freehand/NwirePhantomFreehand.igs.mha", nothing_is_cut),
+    Test::of_file("nwire_calibration_mask", "nwire/fCal_Test_Calibration_3NWires.igs.mha", nothing_is_cut),
+    Test::of_file("nwire_validation_mask", "nwire/fCal_Test_Validation_3NWires.igs.mha", nothing_is_cut),
+    Test::of_file("bk_curvilinear_mask", "formats/BkCurvilinearScanConvertedData.igs.mha", curvilinear_mask),
+    Test::of_file(
+        "ultrasonix_curvilinear_mask",
+        "formats/UltrasonixCurvilinearScanConvertedData.igs.mha",
+        curvilinear_mask,
+    ),
+];
 
 fn spine_configuration(path: &Path) -> Result<(), Failed> {
     let settings = Settings::read(path, None)?;

@@ -1,11 +1,6 @@
 //! The tracker's lag on a real recording of a water tank's floor, against PLUS's result and its lines.
-//!
-//! The recording is PLUS's test data and not part of the project. It is looked for in the folder named by `SONOWEAVE_TEST_DATA`, else in
-//! `../shared/data`; a test whose file is absent is reported as ignored.
 
-#![allow(clippy::print_stdout, reason = "figures, for who asks with --nocapture")]
-
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 
 use calibration::latency::line::{Finder, Line, Still};
@@ -13,33 +8,19 @@ use calibration::picture::GreyView;
 use drivers::recording::SequenceSettings;
 use drivers::{Next, OpenSettings, Reading};
 use glam::DVec2;
-use libtest_mimic::{Arguments, Failed, Trial};
+use libtest_mimic::Failed;
 use serde_json::Value;
 
-type Check = fn(&Path) -> Result<(), Failed>;
+use crate::Test;
 
-const VIDEO: &str = "WaterTankBottomTranslationVideoBuffer.igs.mha";
-const TRACKER: &str = "WaterTankBottomTranslationTrackerBuffer.igs.mha";
-const LINES: &str = "LineSegmentationResultsBaseline.xml";
+const VIDEO: &str = "latency/WaterTankBottomTranslationVideoBuffer.igs.mha";
+const TRACKER: &str = "latency/WaterTankBottomTranslationTrackerBuffer.igs.mha";
+const LINES: &str = "latency/LineSegmentationResultsBaseline.xml";
 
-fn main() {
-    let tests: [(&str, &[&str], Check); 2] = [
-        ("the_floor_is_found_where_plus_has_found_it", &[VIDEO, LINES], lines),
-        ("the_lag_is_plus_s_and_known_to_2_ms", &[VIDEO, TRACKER], lag),
-    ];
-    let folder = std::env::var_os("SONOWEAVE_TEST_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from)
-        .join("latency");
-    let trials = tests
-        .into_iter()
-        .map(|(name, files, check)| {
-            let absent = files.iter().any(|file| !folder.join(file).is_file());
-            let folder = folder.clone();
-            Trial::test(name, move || check(&folder)).with_ignored_flag(absent)
-        })
-        .collect();
-    libtest_mimic::run(&Arguments::from_args(), trials).exit();
-}
+pub(crate) const TESTS: &[Test] = &[
+    Test::of_folder("the_floor_is_found_where_plus_has_found_it", &[VIDEO, LINES], lines),
+    Test::of_folder("the_lag_is_plus_s_and_known_to_2_ms", &[VIDEO, TRACKER], lag),
+];
 
 fn pictures(path: &Path, mut take: impl FnMut(&GreyView<'_>)) -> Result<(), Failed> {
     let mut device = drivers::open(&OpenSettings::Sequence(SequenceSettings::new(path)))?;

@@ -1,9 +1,4 @@
 //! Stylus and landmarks on the recording that PLUS registers a phantom by: eight divots, in each of which the stylus was swung about its tip.
-//!
-//! The recordings are PLUS's test data and not part of the project. They are looked for in the folder named by `SONOWEAVE_TEST_DATA`, else
-//! in `../shared/data`; a test whose file is absent is reported as ignored.
-
-#![allow(clippy::print_stdout, reason = "figures, for who asks with --nocapture")]
 
 use std::path::{Path, PathBuf};
 
@@ -13,41 +8,28 @@ use calibration::named::StaticTransform;
 use calibration::pivot::{self, Pivot, PivotError};
 use calibration::statistics::Spread;
 use glam::{DQuat, DVec3};
-use libtest_mimic::{Arguments, Failed, Trial};
+use libtest_mimic::Failed;
 use sonoweave::cli::calibrate::poses::{Recording, Source};
 use sonoweave::config::Settings as Config;
 use sonoweave::config::phantom::PhantomSettings;
 
-type Check = fn(&Path) -> Result<(), Failed>;
+use crate::Test;
 
 const LANDMARKS: &str = "tracking/EightLandmarkPointsTrackedForPhantomRegistration.igs.mha";
 const SWEEP: &str = "freehand/NwirePhantomFreehand.igs.mha";
 
-fn main() {
-    let tests: [(&str, &str, Check); 6] = [
-        ("the_phantom_is_where_plus_found_it", LANDMARKS, whole),
-        ("half_of_the_landmarks_say_nearly_the_same", LANDMARKS, half),
-        ("the_tip_of_another_stylus_is_refused", LANDMARKS, other_tip),
-        ("each_swing_finds_the_same_tip", LANDMARKS, swings),
-        ("a_stylus_that_lies_on_the_table_has_no_tip", LANDMARKS, still),
-        ("a_stylus_that_was_never_seen_is_said_to_be", SWEEP, unseen),
-    ];
-    let folder = std::env::var_os("SONOWEAVE_TEST_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
-    let trials = tests
-        .into_iter()
-        .map(|(name, file, check)| {
-            let path = folder.join(file);
-            let absent = !path.is_file();
-            Trial::test(name, move || check(&path)).with_ignored_flag(absent)
-        })
-        .collect();
-    libtest_mimic::run(&Arguments::from_args(), trials).exit();
-}
+pub(crate) const TESTS: &[Test] = &[
+    Test::of_file("the_phantom_is_where_plus_found_it", LANDMARKS, whole),
+    Test::of_file("half_of_the_landmarks_say_nearly_the_same", LANDMARKS, half),
+    Test::of_file("the_tip_of_another_stylus_is_refused", LANDMARKS, other_tip),
+    Test::of_file("each_swing_finds_the_same_tip", LANDMARKS, swings),
+    Test::of_file("a_stylus_that_lies_on_the_table_has_no_tip", LANDMARKS, still),
+    Test::of_file("a_stylus_that_was_never_seen_is_said_to_be", SWEEP, unseen),
+];
 
 /// Seconds of a recording.
 fn part(path: &Path, from: f64, to: f64) -> Recording {
-    let source = Source { sequence: Some(path.to_owned()), session: None };
+    let source = Source { sequence: Some(path.to_owned()), ..Source::default() };
     Recording { source, stylus: "Stylus".into(), reference: None, from: Some(from), to: Some(to) }
 }
 

@@ -1,9 +1,4 @@
 //! A probe's calibration on a real recording of an N-wire phantom, against what PLUS made of the same.
-//!
-//! The recordings are PLUS's test data and not part of the project. They are looked for in the folder named by `SONOWEAVE_TEST_DATA`, else
-//! in `../shared/data`; a test whose file is absent is reported as ignored.
-
-#![allow(clippy::print_stdout, reason = "figures, for who asks with --nocapture")]
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -16,38 +11,26 @@ use calibration::probe::plane::ImagePlane;
 use calibration::probe::sighting::Sighting;
 use calibration::probe::track::{Poses, Track};
 use glam::{DAffine3, DVec2};
-use libtest_mimic::{Arguments, Failed, Trial};
+use libtest_mimic::Failed;
 use serde_json::Value;
 use sonoweave::config::phantom::PhantomSettings;
 
-type Check = fn(&Path) -> Result<(), Failed>;
+use crate::Test;
 
-const CONFIG: &str = "PlusDeviceSet_fCal_Sim_SpatialCalibration_1.2.xml";
-const RESULTS: &str = "FreehandCalibration3NWires.results.xml";
-const CALIBRATION: &str = "fCal_Test_Calibration_3NWires.igs.mha";
-const VALIDATION: &str = "fCal_Test_Validation_3NWires.igs.mha";
+const CONFIG: &str = "nwire/PlusDeviceSet_fCal_Sim_SpatialCalibration_1.2.xml";
+const RESULTS: &str = "nwire/FreehandCalibration3NWires.results.xml";
+const CALIBRATION: &str = "nwire/fCal_Test_Calibration_3NWires.igs.mha";
+const VALIDATION: &str = "nwire/fCal_Test_Validation_3NWires.igs.mha";
 
-fn main() {
-    let tests: [(&str, Check); 5] = [
-        ("plus_s_errors_come_out_of_its_own_points_and_matrix", plus_errors),
-        ("dots_are_where_plus_found_them_in_nearly_all_pictures", dots),
-        ("the_calibration_predicts_other_pictures_better_than_plus_s", calibrated),
-        ("mirrored_pictures_are_refused", mirrored),
-        ("invalid_poses_are_refused", invalid),
-    ];
-    let folder = std::env::var_os("SONOWEAVE_TEST_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from)
-        .join("nwire");
-    let absent = ![CONFIG, RESULTS, CALIBRATION, VALIDATION].iter().all(|file| folder.join(file).is_file());
-    let trials = tests
-        .into_iter()
-        .map(|(name, check)| {
-            let folder = folder.clone();
-            Trial::test(name, move || check(&folder)).with_ignored_flag(absent)
-        })
-        .collect();
-    libtest_mimic::run(&Arguments::from_args(), trials).exit();
-}
+const FILES: &[&str] = &[CONFIG, RESULTS, CALIBRATION, VALIDATION];
+
+pub(crate) const TESTS: &[Test] = &[
+    Test::of_folder("plus_s_errors_come_out_of_its_own_points_and_matrix", FILES, plus_errors),
+    Test::of_folder("dots_are_where_plus_found_them_in_nearly_all_pictures", FILES, dots),
+    Test::of_folder("the_calibration_predicts_other_pictures_better_than_plus_s", FILES, calibrated),
+    Test::of_folder("mirrored_pictures_are_refused", FILES, mirrored),
+    Test::of_folder("invalid_poses_are_refused", FILES, invalid),
+];
 
 /// What PLUS made of one of the recordings: of each picture its points by wire, its poses, and its errors.
 struct OfPlus {

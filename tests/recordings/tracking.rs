@@ -1,43 +1,25 @@
 //! Clocks and poses on real recordings of trackers: the filtering and the interpolation that PLUS tests with the same files.
-//!
-//! The recordings are PLUS's test data and not part of the project. They are looked for in the folder named by `SONOWEAVE_TEST_DATA`, else
-//! in `../shared/data`; a test whose file is absent is reported as ignored.
 
-#![allow(clippy::print_stdout, reason = "figures, for who asks with --nocapture")]
-
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use calibration::frames::{affine_from_rows, nearest_rigid};
 use drivers::reading::{Frame, Reading, Status};
 use drivers::recording::SequenceSettings;
 use drivers::{Next, OpenSettings, Ticks, Timing};
-use libtest_mimic::{Arguments, Failed, Trial};
+use libtest_mimic::Failed;
 use sonoweave::sync::clock::{Basis, ClockMap, ClockSettings, PUBLISHED_NS, State, TimeFlags, Timed};
 use sonoweave::sync::history::{PoseHistory, PoseSample, Rigid, Unavailable};
 
-type Check = fn(&Path) -> Result<(), Failed>;
+use crate::Test;
 
 const FILTERING: &str = "tracking/TimestampFilteringTest.igs.mha";
 const INTERPOLATION: &str = "tracking/TransformInterpolationTest.igs.mha";
 
-fn main() {
-    let tests: [(&str, &str, Check); 3] = [
-        ("filtered_times_are_near_the_raw_ones_and_steadier", FILTERING, filtering),
-        ("a_record_s_clock_is_that_of_its_device", INTERPOLATION, clock_of_interpolation),
-        ("poses_between_five_times_as_many_are_near_each_other", INTERPOLATION, interpolation),
-    ];
-    let folder = std::env::var_os("SONOWEAVE_TEST_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
-    let trials = tests
-        .into_iter()
-        .map(|(name, file, check)| {
-            let path = folder.join(file);
-            let absent = !path.is_file();
-            Trial::test(name, move || check(&path)).with_ignored_flag(absent)
-        })
-        .collect();
-    libtest_mimic::run(&Arguments::from_args(), trials).exit();
-}
+pub(crate) const TESTS: &[Test] = &[
+    Test::of_file("filtered_times_are_near_the_raw_ones_and_steadier", FILTERING, filtering),
+    Test::of_file("a_record_s_clock_is_that_of_its_device", INTERPOLATION, clock_of_interpolation),
+    Test::of_file("poses_between_five_times_as_many_are_near_each_other", INTERPOLATION, interpolation),
+];
 
 /// All readings of a file.
 fn readings(path: &Path) -> Result<Vec<Reading>, Failed> {

@@ -1,20 +1,15 @@
 //! Real recordings through the program, with no flag but `--config`.
-//!
-//! The recordings are PLUS's test data and not part of the project. They are looked for in the folder named by `SONOWEAVE_TEST_DATA`, else
-//! in `../shared/data`; a test whose files are absent is reported as ignored.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
-
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 
 use drivers::recording::Limits;
 use drivers::recording::metaimage::VolumeReader;
-use libtest_mimic::{Arguments, Failed, Trial};
+use libtest_mimic::Failed;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-type Check = fn(&Path) -> Result<(), Failed>;
+use crate::Test;
 
 const SPINE: &str = "freehand/SpinePhantomFreehand.igs.mha";
 const SPINE_XML: &str = "freehand/PlusDeviceSet_VolumeReconstructionOnly_SpinePhantom_NN_MEAN.xml";
@@ -28,31 +23,18 @@ const RESULTS_XML: &str = "nwire/FreehandCalibration3NWires.results.xml";
 const RF: &str = "formats/UltrasonixLinearRfData.igs.mha";
 const SAMPLES: &str = "latency/WaterTankBottomTranslationTrackerBuffer.igs.mha";
 
-fn main() {
-    let tests: [(&str, &[&str], Check); 10] = [
-        ("spine_reconstructs_without_its_black_frame", &[SPINE, SPINE_XML], spine),
-        ("spine_agrees_with_plus_nearest", &[SPINE, SPINE_XML, NEAREST], spine_against_nearest),
-        ("spine_in_a_fan_agrees_with_plus_linear", &[SPINE, FAN_XML, LINEAR], spine_against_linear),
-        ("spine_is_the_same_bits_by_any_path", &[SPINE, SPINE_XML], spine_bits),
-        ("nwire_freehand_reconstructs", &[NWIRE, SPINE_XML], nwire_freehand),
-        ("nwire_calibration_reconstructs", &[CALIBRATION, RESULTS_XML], nwire_calibration),
-        ("nwire_validation_reconstructs", &[VALIDATION, RESULTS_XML], nwire_validation),
-        ("rf_is_read_and_refused", &[RF], rf),
-        ("tracker_samples_are_described_and_refused", &[SAMPLES, SPINE_XML], samples),
-        ("spine_is_described", &[SPINE, SPINE_XML], spine_described),
-    ];
-    let folder = std::env::var_os("SONOWEAVE_TEST_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
-    let trials = tests
-        .into_iter()
-        .map(|(name, files, check)| {
-            let absent = files.iter().any(|file| !folder.join(file).is_file());
-            let folder = folder.clone();
-            Trial::test(name, move || check(&folder)).with_ignored_flag(absent)
-        })
-        .collect();
-    libtest_mimic::run(&Arguments::from_args(), trials).exit();
-}
+pub(crate) const TESTS: &[Test] = &[
+    Test::of_folder("spine_reconstructs_without_its_black_frame", &[SPINE, SPINE_XML], spine),
+    Test::of_folder("spine_agrees_with_plus_nearest", &[SPINE, SPINE_XML, NEAREST], spine_against_nearest),
+    Test::of_folder("spine_in_a_fan_agrees_with_plus_linear", &[SPINE, FAN_XML, LINEAR], spine_against_linear),
+    Test::of_folder("spine_is_the_same_bits_by_any_path", &[SPINE, SPINE_XML], spine_bits),
+    Test::of_folder("nwire_freehand_reconstructs", &[NWIRE, SPINE_XML], nwire_freehand),
+    Test::of_folder("nwire_calibration_reconstructs", &[CALIBRATION, RESULTS_XML], nwire_calibration),
+    Test::of_folder("nwire_validation_reconstructs", &[VALIDATION, RESULTS_XML], nwire_validation),
+    Test::of_folder("rf_is_read_and_refused", &[RF], rf),
+    Test::of_folder("tracker_samples_are_described_and_refused", &[SAMPLES, SPINE_XML], samples),
+    Test::of_folder("spine_is_described", &[SPINE, SPINE_XML], spine_described),
+];
 
 /// The program's exit code and words.
 fn sonoweave(place: &TempDir, arguments: &[&str]) -> (Option<i32>, String, String) {

@@ -1,0 +1,48 @@
+//! Guides that need nothing but poses.
+
+use std::borrow::Cow;
+
+use super::super::poses::{Recording, Tracks};
+use super::{Advice, Gathered, Guide, TRACKING, lead};
+use crate::cli::Failure;
+use crate::ingest::live::Live;
+
+/// Judges the poses that there are each time anew, in the way in which the recording is judged in the end.
+struct PoseGuide<J> {
+    tracks: Tracks,
+    judge: J,
+}
+
+impl<J: FnMut(&Tracks) -> Result<Advice, Failure>> Guide for PoseGuide<J> {
+    fn hear(&mut self, device: usize, live: Live) {
+        if device == TRACKING {
+            self.tracks.take(live);
+        }
+    }
+
+    fn advise(&mut self) -> Advice {
+        if self.tracks.is_empty() {
+            return Advice::missing("waiting for the tracker's poses");
+        }
+        (self.judge)(&self.tracks).unwrap_or_else(|Failure(why)| Advice::missing(why))
+    }
+}
+
+/// The recording; where it is still to be made it is made now, and `judge` says what is missing. With `pictures` those are recorded, too.
+///
+/// # Errors
+/// [`Failure`] when it cannot be made.
+pub fn gathered(
+    recording: &Recording,
+    pictures: bool,
+    judge: impl FnMut(&Tracks) -> Result<Advice, Failure>,
+) -> Result<Cow<'_, Recording>, Failure> {
+    let Some(path) = &recording.source.live else { return Ok(Cow::Borrowed(recording)) };
+    let Gathered { session, from_s } = lead(path, &recording.source.gathering, pictures, |bedside| {
+        Ok(PoseGuide { tracks: Tracks::of(bedside)?, judge })
+    })?;
+    let mut made = recording.clone();
+    (made.source.live, made.source.session) = (None, Some(session));
+    made.from = made.from.or(from_s);
+    Ok(Cow::Owned(made))
+}

@@ -1,0 +1,94 @@
+//! What whoever holds the probe is told while a recording for its lag is made: whether it moves far enough, and turns round often enough.
+//!
+//! Whether a floor is seen the pictures say, which are looked at afterwards.
+
+use std::path::{Path, PathBuf};
+
+use calibration::latency::motion::{Motion, PoseSample};
+
+use super::super::guide::{Advice, Guide, TRACKING, lead};
+use super::super::poses::Tracks;
+use super::Arguments;
+use crate::cli::Failure;
+use crate::config::bedside::devices::PROBE_FRAME;
+use crate::ingest::live::Live;
+
+/// A lag is well known by a motion of so much, mm, that turns round so often in so long a time, s.
+const FAR_MM: f64 = 20.0;
+const TURNS: f64 = 8.0;
+const LONG_S: f64 = 12.0;
+
+/// Records the bedside's devices until the motion tells a lag.
+///
+/// # Errors
+/// [`Failure`] when they cannot be recorded.
+pub(super) fn gathered(bedside: &Path, arguments: &Arguments) -> Result<PathBuf, Failure> {
+    let begin = |bedside: &_| Ok(UpAndDown { tracks: Tracks::of(bedside)? });
+    Ok(lead(bedside, &arguments.gathering, true, begin)?.session)
+}
+
+struct UpAndDown {
+    tracks: Tracks,
+}
+
+impl Guide for UpAndDown {
+    fn hear(&mut self, device: usize, live: Live) {
+        if device == TRACKING {
+            self.tracks.take(live);
+        }
+    }
+
+    fn advise(&mut self) -> Advice {
+        let samples = self.tracks.samples_of(PROBE_FRAME).unwrap_or_default();
+        let valid = samples.iter().filter(|sample| sample.invalid.is_none());
+        let poses: Vec<PoseSample> = valid
+            .map(|sample| PoseSample {
+                time_s: sample.time_ns as f64 * 1e-9,
+                rotation: sample.pose.rotation,
+                position_mm: sample.pose.position_mm,
+            })
+            .collect();
+        let (Some(first), Some(last)) = (poses.first(), poses.last()) else {
+            return Advice::missing("waiting for poses of the probe");
+        };
+        let (seconds, range) = (last.time_s - first.time_s, [first.time_s, last.time_s]);
+        match Motion::new(&poses, range) {
+            Err(error) => Advice::missing(error.to_string()),
+            Ok(None) => Advice::missing("waiting for poses of the probe"),
+            Ok(Some(motion)) => of(&motion, seconds),
+        }
+    }
+}
+
+fn of(motion: &Motion, seconds: f64) -> Advice {
+    let shares = [motion.extent_mm / FAR_MM, motion.turns as f64 / TURNS, seconds / LONG_S];
+    let says = format!(
+        "moved by {:.0} of {FAR_MM:.0} mm, turned round {} of {TURNS:.0} times, for {seconds:.0} of {LONG_S:.0} s; move up and down, unevenly",
+        motion.extent_mm, motion.turns
+    );
+    Advice::at(shares.into_iter().fold(1.0, f64::min), says)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{DQuat, DVec3};
+
+    #[test]
+    fn what_is_missing_most_counts() {
+        let swing = |mm: f64, hz: f64, until: f64| {
+            let pose = |i: u32| {
+                let time_s = 0.01 * f64::from(i);
+                let z = 0.5 * mm * (std::f64::consts::TAU * hz * time_s).sin();
+                PoseSample { time_s, rotation: DQuat::IDENTITY, position_mm: DVec3::new(0.0, 0.0, z) }
+            };
+            let poses: Vec<PoseSample> = (0..(100.0 * until) as u32).map(pose).collect();
+            of(&Motion::new(&poses, [0.0, until]).unwrap().unwrap(), until)
+        };
+        assert!(swing(30.0, 0.5, 13.0).share >= 1.0);
+        let [small, seldom, short] = [swing(5.0, 0.5, 13.0), swing(30.0, 0.2, 13.0), swing(30.0, 1.0, 6.0)];
+        assert!((small.share - 0.25).abs() < 0.01, "{small:?}");
+        assert!((seldom.share - 5.0 / 8.0).abs() < 1e-9, "{seldom:?}");
+        assert!((short.share - 0.5).abs() < 1e-9, "{short:?}");
+    }
+}

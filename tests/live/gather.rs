@@ -1,0 +1,57 @@
+//! A session of which nothing is woven: what is heard is what is recorded, and all of it is counted.
+
+use drivers::clock::SECOND;
+use drivers::recording::session::WriterOptions;
+use sonoweave::ingest::live::Live;
+use sonoweave::pipeline::live::walk;
+use tempfile::NamedTempFile;
+
+use crate::script::{Act, FRAME, Script, begin, frame, measured, pose, poses_timing, video};
+use crate::set::{Memory, Set, instruments};
+
+/// A sample in short: its device, and the time and number or place by which it is told from others.
+fn short((device, live): &(usize, Live)) -> Option<(usize, i64, f64)> {
+    match live {
+        Live::Pose { sample, .. } => Some((*device, sample.time_ns, sample.pose.position_mm.z)),
+        Live::Picture { picture, timed } => Some((*device, timed.time_ns, picture.head.stamp.item as f64)),
+        _ => None,
+    }
+}
+
+#[test]
+fn what_is_heard_is_what_a_walk_through_the_recording_gives() {
+    let begin_ns = begin();
+    // The 30th is damaged: it has too few pixels.
+    let of_frames = (0..60).map(|n| {
+        let at_ns = begin_ns + n as i64 * FRAME;
+        let mut given = frame(n, n, at_ns, n);
+        if let (30, drivers::Reading::Frame(frame)) = (n, &mut given) {
+            frame.pixels = frame.pixels[..100].into();
+        }
+        (at_ns, Act::Give(given))
+    });
+    let of_poses = measured(60).map(|(item, after, mm)| {
+        let at_ns = begin_ns + after;
+        (at_ns, Act::Give(pose(item, 1, Some(1000 + item), at_ns, mm)))
+    });
+    let of_poses: Vec<_> = of_poses.collect();
+    let poses = of_poses.len() as u64;
+    let tracker = Script::new("a tracker", poses_timing(true), of_poses);
+    let disk = Memory::default();
+    let grabber = Script::new("a grabber", video(), of_frames);
+    let set = Set::of(tracker, grabber).recorded(disk.clone(), WriterOptions::new("a test"), 0);
+    let (heard, account) = set.gather();
+    assert_eq!((account.ledger.frames.total, account.ledger.frames.used, account.ledger.frames.waiting), (60, 59, 0));
+    assert_eq!(account.ledger.frames.refused.values().sum::<u64>(), 1, "{}", account.ledger);
+    assert_eq!(account.ledger.readings[0].used, poses, "{}", account.ledger);
+
+    let file = NamedTempFile::new().unwrap();
+    std::fs::write(file.path(), disk.bytes()).unwrap();
+    let mut walked = Vec::new();
+    walk(file.path(), true, instruments().into(), |device, live| walked.push((device, live))).unwrap();
+    let [heard, walked]: [Vec<_>; 2] = [&heard, &walked].map(|all| all.iter().filter_map(short).collect());
+    assert_eq!(heard.len() as u64, 59 + poses);
+    assert_eq!(heard, walked);
+    let times: Vec<i64> = heard.iter().filter(|(device, ..)| *device == 1).map(|(_, time_ns, _)| *time_ns).collect();
+    assert!(times.windows(2).all(|two| two[0] < two[1]) && times[58] - times[0] > SECOND, "{times:?}");
+}

@@ -1,0 +1,73 @@
+//! Real recordings of PLUS's: what is read from them, what becomes of them, and how that agrees with what PLUS made of the same.
+//!
+//! They are PLUS's test data and not part of the project. They are looked for in the folder named by `SONOWEAVE_TEST_DATA`, else in `../shared/data`; a test whose files are
+//! absent is reported as ignored, by name.
+
+#![allow(
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    reason = "figures for who asks with --nocapture; helpers of tests fail as tests do"
+)]
+
+mod config;
+mod latency;
+mod nwire;
+mod reconstruct;
+mod stylus;
+mod tracking;
+
+use std::path::{Path, PathBuf};
+
+use libtest_mimic::{Arguments, Failed, Trial};
+
+/// What a test does.
+type Check = fn(&Path) -> Result<(), Failed>;
+
+/// A test of files that may be absent.
+struct Test {
+    name: &'static str,
+    needs: Needs,
+    check: Check,
+}
+
+enum Needs {
+    /// The check gets this file.
+    File(&'static str),
+    /// The check gets the folder, in which these are.
+    Files(&'static [&'static str]),
+}
+
+impl Test {
+    const fn of_file(name: &'static str, file: &'static str, check: Check) -> Self {
+        Self { name, needs: Needs::File(file), check }
+    }
+
+    const fn of_folder(name: &'static str, files: &'static [&'static str], check: Check) -> Self {
+        Self { name, needs: Needs::Files(files), check }
+    }
+
+    fn trial(&self, of: &str, folder: &Path) -> Trial {
+        let (at, is_there) = match self.needs {
+            Needs::File(file) => (folder.join(file), folder.join(file).is_file()),
+            Needs::Files(files) => (folder.to_owned(), files.iter().all(|file| folder.join(file).is_file())),
+        };
+        let check = self.check;
+        Trial::test(format!("{of}::{}", self.name), move || check(&at)).with_ignored_flag(!is_there)
+    }
+}
+
+fn main() {
+    let folder = std::env::var_os("SONOWEAVE_TEST_DATA")
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
+    let modules = [
+        ("config", config::TESTS),
+        ("latency", latency::TESTS),
+        ("nwire", nwire::TESTS),
+        ("reconstruct", reconstruct::TESTS),
+        ("stylus", stylus::TESTS),
+        ("tracking", tracking::TESTS),
+    ];
+    let trials = modules.into_iter().flat_map(|(of, tests)| tests.iter().map(move |test| (of, test)));
+    let trials = trials.map(|(of, test)| test.trial(of, &folder)).collect();
+    libtest_mimic::run(&Arguments::from_args(), trials).exit();
+}
