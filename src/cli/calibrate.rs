@@ -7,6 +7,7 @@ mod outputs;
 pub mod pivot;
 pub mod poses;
 pub mod probe;
+mod recorded;
 pub mod tracker;
 
 use clap::{Args, Subcommand};

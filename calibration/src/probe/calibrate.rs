@@ -42,7 +42,7 @@ pub struct Observation {
     pub dots: Vec<Dot>,
     /// What they are.
     pub reading: Option<Reading>,
-    /// Where the sensors were; `None` where the tracker did not vouch for them.
+    /// Where the sensors were at that time; `None` where the tracker did not vouch for them.
     pub poses: Option<Poses>,
 }
 
@@ -51,6 +51,8 @@ pub struct Observation {
 pub struct Recording<'a> {
     /// In the order in which they were taken.
     pub observations: &'a [Observation],
+    /// Where the sensors were at all times, by the tracker's own samples; `None` where no more is known than the pictures' poses.
+    pub track: Option<&'a Track>,
     /// Pixels along u and v.
     pub size_px: [u32; 2],
     /// Whether its times are times, not numbers that stand for them.
@@ -196,7 +198,7 @@ fn sight(
     registration: &Registration,
     recording: Recording<'_>,
 ) -> Result<(Vec<Sighting>, Track), Refused> {
-    let Recording { observations, .. } = recording;
+    let Recording { observations, track, .. } = recording;
     let total = observations.len();
     let posed = observations.iter().filter(|observation| observation.poses.is_some()).count();
     if posed == 0 {
@@ -239,7 +241,8 @@ fn sight(
     if sightings.len() < LEAST_PICTURES {
         return Err(Refused::TooFew { pictures: sightings.len() });
     }
-    let track = Track::new(observations.iter().filter_map(|observation| observation.poses).collect());
+    let own = || Track::new(observations.iter().filter_map(|observation| observation.poses).collect());
+    let track = track.cloned().unwrap_or_else(own);
     moved(&sightings, &track, registration)?;
     Ok((sightings, track))
 }

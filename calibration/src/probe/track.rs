@@ -4,7 +4,7 @@ use glam::{DAffine3, DQuat};
 
 use crate::frames::{Probe, Reference, Tracker, Transform};
 
-/// Between poses that are further apart nothing is interpolated, s.
+/// Between poses that are further apart nothing is interpolated unless it is said otherwise, s.
 const LONGEST_GAP_S: f64 = 0.5;
 
 /// The poses of a moment; rigid.
@@ -26,20 +26,28 @@ impl Poses {
 }
 
 /// Poses in the order of their times.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Track(Vec<Poses>);
+#[derive(Debug, Clone, PartialEq)]
+pub struct Track {
+    poses: Vec<Poses>,
+    longest_gap_s: f64,
+}
 
 impl Track {
-    /// Of poses in any order; of two of the same time the first is kept.
+    /// Of poses in any order; of two of the same time the first is kept. Between poses up to half a second apart it is interpolated.
     pub fn new(mut poses: Vec<Poses>) -> Self {
         poses.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
         poses.dedup_by(|later, first| later.time_s == first.time_s);
-        Self(poses)
+        Self { poses, longest_gap_s: LONGEST_GAP_S }
+    }
+
+    /// The same, interpolated between poses up to so far apart, s.
+    pub fn with_longest_gap(self, longest_gap_s: f64) -> Self {
+        Self { longest_gap_s, ..self }
     }
 
     /// All of them.
     pub fn poses(&self) -> &[Poses] {
-        &self.0
+        &self.poses
     }
 
     /// The same poses, with positions so many times as large.
@@ -48,24 +56,24 @@ impl Track {
             affine.translation *= factor;
             affine
         };
-        let poses = self.0.iter().map(|poses| Poses {
+        let poses = self.poses.iter().map(|poses| Poses {
             tracker_from_probe: Transform::from_affine(longer(poses.tracker_from_probe.affine())),
             tracker_from_reference: poses.tracker_from_reference.map(|t| Transform::from_affine(longer(t.affine()))),
             ..*poses
         });
-        Self(poses.collect())
+        Self { poses: poses.collect(), ..*self }
     }
 
-    /// The poses at a time, between two neighbours; `None` before the first, after the last, and in gaps of more than half a second.
+    /// The poses at a time, between two neighbours; `None` before the first, after the last, and in gaps that are too long.
     pub fn at(&self, time_s: f64) -> Option<Poses> {
-        let after = self.0.partition_point(|poses| poses.time_s < time_s);
-        let later = self.0.get(after)?;
+        let after = self.poses.partition_point(|poses| poses.time_s < time_s);
+        let later = self.poses.get(after)?;
         if later.time_s == time_s {
             return Some(*later);
         }
-        let earlier = self.0.get(after.checked_sub(1)?)?;
+        let earlier = self.poses.get(after.checked_sub(1)?)?;
         let gap = later.time_s - earlier.time_s;
-        if gap > LONGEST_GAP_S {
+        if gap > self.longest_gap_s {
             return None;
         }
         let share = (time_s - earlier.time_s) / gap;
@@ -124,6 +132,8 @@ mod tests {
         assert!(at.matrix3.abs_diff_eq(glam::DMat3::from_rotation_z(0.05), 1e-12));
         assert!((middle.reference_from_probe().point(DVec3::ZERO).z + 7.0).abs() < 1e-12);
         assert_eq!((track.at(0.9), track.at(2.1), track.at(1.5)), (None, None, None), "outside, and in a gap");
+        assert_eq!(track.clone().with_longest_gap(0.1).at(1.05), None);
+        assert!(track.with_longest_gap(1.0).scaled(2.0).at(1.5).is_some());
     }
 
     #[test]

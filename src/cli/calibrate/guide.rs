@@ -15,13 +15,14 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::super::live::outputs::{say, troubles};
 use super::super::live::session::until_told;
-use super::super::live::stages::{instruments, record_of};
+use super::super::live::stages::record_of;
 use super::super::live::{home, telling};
 use super::super::{Failure, values};
+use super::recorded::without_latency;
 use crate::config::bedside::Bedside;
 use crate::devices::{self, Devices};
 use crate::ingest::live::Live;
-use crate::pipeline::live::{Account, Bed, Equipment, Heard, gather};
+use crate::pipeline::live::{Account, Bed, Equipment, Heard, Instrument, gather};
 
 /// Between two judgements at least, …
 const JUDGED_EVERY: Duration = Duration::from_millis(500);
@@ -66,14 +67,9 @@ impl Advice {
     }
 }
 
-/// The places of what carries the probe, and of the grabber, among the devices.
-pub const TRACKING: usize = 0;
-/// See [`TRACKING`].
-pub const GRABBER: usize = 1;
-
 /// Who knows what is needed.
 pub trait Guide {
-    /// A sample of a device has come.
+    /// A sample of a device has come: of the first, which carries the probe, or of the second, the grabber.
     fn hear(&mut self, device: usize, live: Live);
     /// What to do next, by all that was heard.
     fn advise(&mut self) -> Advice;
@@ -95,25 +91,26 @@ pub fn lead<G: Guide>(
     path: &Path,
     conduct: &Gathering,
     pictures: bool,
-    begin: impl FnOnce(&Bedside) -> Result<G, Failure>,
+    begin: impl FnOnce(&Bedside, &[Instrument]) -> Result<G, Failure>,
 ) -> Result<Gathered, Failure> {
     let bedside = Bedside::read(path)?;
-    let mut guide = begin(&bedside)?;
+    let mut instruments = without_latency(&bedside)?;
+    let mut guide = begin(&bedside, &instruments)?;
     let here = PathBuf::from(".");
     let folder = conduct.record.as_ref().or(bedside.record.folder.as_ref()).unwrap_or(&here);
     let ends = until_told()?;
     let standing = telling::standing(&bedside)?;
-    let [tracking_is, grabber_is] = instruments(&bedside)?;
     let Devices { tracking, speech, at_home, grabber, twins } = devices::open(&bedside, Monotonic.now_ns(), true)?;
     let record = record_of(&bedside, folder, pictures)?;
     if let Some(at_home) = at_home {
         home::listen(at_home, false)?;
     }
     say(&format!("recorded in {}; Ctrl-C ends it and calibrates by what there is", record.writer.path().display()));
-    let mut equipment = vec![Equipment { instrument: tracking_is, device: tracking, speech }];
-    if pictures {
-        equipment.push(Equipment { instrument: grabber_is, device: grabber, speech: None });
-    }
+    instruments.truncate(if pictures { 2 } else { 1 });
+    let opened = [(tracking, speech), (grabber, None)];
+    let equipment = instruments.into_iter().zip(opened);
+    let equipment: Vec<Equipment> =
+        equipment.map(|(instrument, (device, speech))| Equipment { instrument, device, speech }).collect();
     let bed = Bed { equipment, record: Some(record), resumed: Vec::new(), standing };
     let (began, mut screen) = (Instant::now(), Screen::new());
     let (mut judged, mut took) = (Instant::now(), Duration::ZERO);

@@ -14,7 +14,7 @@ use super::super::{Failure, values};
 use super::guide::Advice;
 use super::guide::poses::gathered;
 use super::outputs::{Input, Outputs, named, place, print, rows};
-use super::poses::{Counts, Poses, Recording};
+use super::poses::{Counts, Poses, Recording, poses};
 use crate::config::Settings as Config;
 use crate::config::phantom::PhantomSettings;
 
@@ -117,8 +117,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         let readings: Vec<Reading> = read.poses.iter().map(reading).collect();
         register(&readings, tip_mm, landmarks, &accepted)
     };
-    let recording = gathered(recording, false, |tracks| {
-        Ok(advice(&found(&tracks.poses(recording, recording.path())?)?, landmarks))
+    let recording = gathered(recording, |tracks| {
+        Ok(advice(&found(&poses(recording, tracks, recording.path())?)?, landmarks))
     })?;
     let recording = recording.as_ref();
     let read = recording.read()?;

@@ -17,9 +17,9 @@ use clap::{ArgGroup, Args, ValueEnum};
 use super::super::Failure;
 use super::guide::Gathering;
 use super::outputs::{Outputs, originates, print};
+use super::recorded::{Recorded, data};
 use crate::config::Settings;
 use crate::config::bedside::pixel_mm;
-use crate::mask::{Mask, MaskPlan, MaskSettings};
 use report::{Found, Report};
 use source::Source;
 
@@ -158,11 +158,12 @@ impl Arguments {
 
     fn source(&self, made: Option<&Path>) -> Result<Source, Failure> {
         match (&self.video, &self.tracker, &self.sequence, made.or(self.session.as_deref())) {
-            (Some(video), Some(tracker), _, _) => {
-                Ok(Source::Sequences { video: video.clone(), tracker: tracker.clone() })
+            (Some(video), tracker, _, _) => {
+                let tracker = tracker.clone().filter(|tracker| tracker != video);
+                Ok(Source::new(Recorded::Sequence(video.clone()), tracker))
             }
-            (_, _, Some(path), _) => Ok(Source::Sequences { video: path.clone(), tracker: path.clone() }),
-            (_, _, _, Some(path)) => Source::session(path),
+            (_, _, Some(path), _) => Ok(Source::new(Recorded::Sequence(path.clone()), None)),
+            (_, _, _, Some(path)) => Ok(Source::new(Recorded::session(path)?, None)),
             _ => Err(Failure("give --video and --tracker, --sequence, --session or --live".into())),
         }
     }
@@ -178,7 +179,7 @@ impl Arguments {
         notes: &mut Vec<String>,
     ) -> Result<Result<FloorLag, NoFloorLag>, Failure> {
         let mut still: Option<Still> = None;
-        let unfit = source.pictures(|shown| {
+        let unfit = source.pictures(|shown, _| {
             let view = shown.view()?;
             match &mut still {
                 None => still = Some(Still::new(&view)),
@@ -194,9 +195,9 @@ impl Arguments {
         let mut frames = Vec::new();
         if let Some(still) = still {
             let mut finder = Finder::new(still);
-            source.pictures(|shown| {
+            source.pictures(|shown, stamps| {
                 let line = finder.find(&shown.view()?);
-                frames.push(FloorFrame { stamps: shown.stamps, line });
+                frames.push(FloorFrame { stamps, line });
                 Ok(())
             })?;
         }
@@ -220,7 +221,7 @@ impl Arguments {
         // What changes at all, and how many there are.
         let mut ends: Option<(Vec<[u8; 2]>, [u32; 2])> = None;
         let mut count = 0_u64;
-        let unfit = source.pictures(|shown| {
+        let unfit = source.pictures(|shown, _| {
             count += 1;
             match &mut ends {
                 None => ends = Some((shown.pixels.iter().map(|x| [*x; 2]).collect(), shown.size)),
@@ -237,7 +238,7 @@ impl Arguments {
         let Some((ends, [width, height])) = ends else {
             return Err(Failure(format!("{}: holds no picture that can be used", source.paths()[0].display())));
         };
-        let mask = data(&source.mask().unwrap_or(calibration.mask()), width, height)?;
+        let mask = data(&source.mask().unwrap_or(calibration.mask()), [width, height])?;
         let is_data: Vec<bool> = (0..height)
             .flat_map(|v| (0..width).map(move |u| (u, v)))
             .zip(&ends)
@@ -249,9 +250,9 @@ impl Arguments {
         let mut slices = Slices::new(width, height, &is_data, probe_from_image, poses);
         let every = count.div_ceil(MOST_SLICES).max(1);
         let mut at = 0_u64;
-        source.pictures(|shown| {
+        source.pictures(|shown, stamps| {
             if at.is_multiple_of(every) {
-                slices.push(shown.stamps.given_s, shown.pixels, width, height);
+                slices.push(stamps.given_s, shown.pixels, width, height);
             }
             at += 1;
             Ok(())
@@ -262,12 +263,4 @@ impl Arguments {
 
 fn sizes(source: &Source) -> Failure {
     Failure(format!("{}: its pictures are of several sizes", source.paths()[0].display()))
-}
-
-/// What of the pictures is data, as far as it is known beforehand.
-fn data(settings: &MaskSettings, width: u32, height: u32) -> Result<Option<Mask>, Failure> {
-    Ok(match settings.plan(width, height)? {
-        MaskPlan::Fixed(mask) => Some(mask),
-        MaskPlan::Auto(_) => None,
-    })
 }

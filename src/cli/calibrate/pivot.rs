@@ -12,7 +12,7 @@ use super::super::{Failure, values};
 use super::guide::Advice;
 use super::guide::poses::gathered;
 use super::outputs::{Input, Outputs, named, place, print, rows};
-use super::poses::{Counts, Poses, Recording};
+use super::poses::{Counts, Poses, Recording, poses};
 
 /// Less than this is never enough, s: a tip that slips is noticed by what comes after it.
 const LEAST_S: f64 = 10.0;
@@ -79,7 +79,7 @@ struct Turned {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { recording, limit, outputs, .. } = arguments;
     outputs.check(&[recording.path()], false)?;
-    let recording = gathered(recording, false, |tracks| arguments.advice(&tracks.poses(recording, recording.path())?))?;
+    let recording = gathered(recording, |tracks| arguments.advice(&poses(recording, tracks, recording.path())?))?;
     let recording = recording.as_ref();
     let read = recording.read()?;
     let within = |e: PivotError| Failure(format!("{}: {e}{}", recording.path().display(), read.counts.also()));

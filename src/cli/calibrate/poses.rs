@@ -2,7 +2,7 @@
 
 mod session;
 
-pub use session::Tracks;
+pub(super) use session::poses;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -4,7 +4,7 @@ mod page;
 mod recording;
 mod report;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use calibration::file::date::Date;
@@ -14,11 +14,12 @@ use calibration::probe::errors::Errors;
 use calibration::probe::refine::PLANE;
 use calibration::probe::{Calibration, Layout, Observation, Recording, calibrate};
 use calibration::region::ClipRect;
-use clap::{Args, ValueEnum};
+use clap::{ArgGroup, Args, ValueEnum};
 use glam::DVec2;
 
 use super::super::{Failure, values};
 use super::outputs::{Input, Outputs, print};
+use super::recorded::Recorded;
 use crate::config::Settings as Config;
 use crate::config::phantom::PhantomSettings;
 use crate::mask::Clip;
@@ -37,20 +38,27 @@ enum Method {
 
 /// Flags of `calibrate probe`.
 #[derive(Debug, Args)]
-#[command(after_help = "\
+#[command(
+    group(ArgGroup::new("from").required(true).args(["sequence", "session"])),
+    after_help = "\
 Scan the phantom's wires slowly for a quarter of a minute: along them and back, and tilt and turn the probe on the way. A second scan tells how good the result is; without one the last third \
 of the first does. The result is the transform ImageToProbe, and how much later the tracker's poses come than pictures.
 
-Example: sonoweave calibrate probe --phantom phantom.toml --sequence scan.igs.mha --validate second.igs.mha -o calibration.toml --report probe.html")]
+Examples: sonoweave calibrate probe --phantom phantom.toml --session SESSION-20261121-213000.mcap -o calibration.toml --report probe.html
+          sonoweave calibrate probe --phantom phantom.toml --sequence scan.igs.mha --validate second.igs.mha -o calibration.toml"
+)]
 pub struct Arguments {
     /// The phantom with its wires: our file (TOML) or a PLUS XML
     #[arg(long, value_name = "FILE")]
     phantom: PathBuf,
     /// The recording: a tracked sequence with pictures (.igs.mha, .mha)
     #[arg(long, value_name = "SEQUENCE")]
-    sequence: PathBuf,
-    /// A second recording, to tell how good the result is; it has no part in it
-    #[arg(long, value_name = "SEQUENCE")]
+    sequence: Option<PathBuf>,
+    /// The recording: a session that `live --record` wrote (.mcap). The latencies that it had do not count
+    #[arg(long, value_name = "SESSION")]
+    session: Option<PathBuf>,
+    /// A second recording, a sequence or a session, to tell how good the result is; it has no part in it
+    #[arg(long, value_name = "SEQUENCE|SESSION")]
     validate: Option<PathBuf>,
     /// Where the phantom is held: a calibration file (TOML) or a PLUS XML with PhantomToReference [default: the phantom's file]
     #[arg(long, value_name = "FILE")]
@@ -58,7 +66,7 @@ pub struct Arguments {
     /// How the probe is calibrated
     #[arg(long, value_enum, default_value_t = Method::Nwire)]
     method: Method,
-    /// Part of the picture where wires are looked for: X,Y,W,H in pixels [default: as the phantom's file says, else all of it]
+    /// Part of the picture where wires are looked for: X,Y,W,H in pixels [default: as the phantom's file says, else the session's configuration, else all of it]
     #[arg(long, value_name = "X,Y,W,H", value_parser = clip)]
     clip: Option<ClipRect>,
     /// Refuse a result whose error on the second recording (mean, mm; PLUS's definition) is larger
@@ -91,10 +99,10 @@ fn clip(text: &str) -> Result<ClipRect, String> {
 /// # Errors
 /// [`Failure`] when the recording does not say where the picture lies; nothing is written then.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let Arguments { phantom, sequence, validate, registration, method: Method::Nwire, clip, limit, outputs, .. } =
-        arguments;
+    let Arguments { phantom, validate, registration, method: Method::Nwire, clip, limit, outputs, .. } = arguments;
+    let path = arguments.path();
     // The registration's file may be the one that is written: it keeps what it holds.
-    let mut inputs = vec![sequence.as_path(), phantom];
+    let mut inputs = vec![path, phantom];
     inputs.extend(validate.as_deref());
     outputs.check(&inputs, true)?;
     let settings = PhantomSettings::read(phantom)?;
@@ -109,32 +117,34 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             ))
         })?,
     };
-    let within = |path: &PathBuf, problem: String| Failure(format!("{}: {problem}", path.display()));
+    let within = |path: &Path, problem: String| Failure(format!("{}: {problem}", path.display()));
     let layout = Layout::new(settings.geometry.clone()).map_err(|e| within(phantom, e.to_string()))?;
     let clip = clip.or(settings.clip);
     let began = Instant::now();
-    let seen = observe(sequence, &layout, &settings.frames, clip)?;
-    let second = validate.as_ref().map(|path| observe(path, &layout, &settings.frames, clip)).transpose()?;
+    let look = |recorded: &Recorded| observe(recorded, &layout, &settings.frames, clip);
+    let recorded = arguments.recorded()?;
+    let seen = look(&recorded)?;
+    let second = validate.as_ref().map(|path| look(&Recorded::of(path)?)).transpose()?;
     if second.as_ref().is_some_and(|second| second.size_px != seen.size_px) {
-        return Err(within(sequence, "its pictures are not of the size of the second recording's".into()));
+        return Err(within(path, "its pictures are not of the size of the second recording's".into()));
     }
     let looked_s = began.elapsed().as_secs_f64();
     let also =
         seen.first_refusal.as_ref().map_or(String::new(), |why| format!(" (the first that could not be used: {why})"));
     let found = calibrate(&layout, &held, seen.recording(), second.as_ref().map(Observed::recording))
-        .map_err(|e| within(sequence, format!("{e}{also}")))?;
+        .map_err(|e| within(path, format!("{e}{also}")))?;
     if let Some([errors, _]) = &found.validation
         && errors.mean > *limit
     {
         return Err(within(
-            sequence,
+            path,
             format!(
                 "the result is {:.2} mm off on pictures that had no part in it, more than --limit {limit} mm; was the phantom moved after it was registered, or is the tracker disturbed by metal?",
                 errors.mean
             ),
         ));
     }
-    let input = Input::of(sequence)?;
+    let input = Input::of(path)?;
     let provenance =
         format!("N-wire phantom, {} pictures of {}, {:.2} mm", found.used(), input.name(), found.errors[0].mean);
     let solved_s = began.elapsed().as_secs_f64() - looked_s;
@@ -162,9 +172,24 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     });
     let report =
         Report::new(&found, &layout, input, phantom_input, validation, &held).took(looked_s, solved_s).again(again);
-    let page = || Ok(report.page(&pictures(sequence, &report.telling())?, *limit));
+    let page = || Ok(report.page(&pictures(&recorded, &report.telling())?, *limit));
     outputs.write_probe(&found.refined.probe_from_image(), &provenance, preset, &report, page)?;
     print(&(text(&found, &layout) + &outputs.told()))
+}
+
+impl Arguments {
+    /// The recording's file.
+    fn path(&self) -> &Path {
+        // One of the two is there: the command line sees to it.
+        self.sequence.as_ref().or(self.session.as_ref()).map_or(Path::new(""), PathBuf::as_path)
+    }
+
+    fn recorded(&self) -> Result<Recorded, Failure> {
+        match &self.session {
+            Some(path) => Recorded::session(path),
+            None => Ok(Recorded::Sequence(self.path().to_owned())),
+        }
+    }
 }
 
 /// How good it is, in the numbers that a preset keeps.
@@ -206,7 +231,7 @@ fn again(
 }
 
 /// Where a file says that the phantom is held.
-fn registered(path: &std::path::Path, phantom: &PhantomSettings) -> Result<Registration, Failure> {
+fn registered(path: &Path, phantom: &PhantomSettings) -> Result<Registration, Failure> {
     let frames = &phantom.frames;
     let within = |problem: String| Failure(format!("{}: {problem}", path.display()));
     let known = Config::read(path, None)?.transforms;

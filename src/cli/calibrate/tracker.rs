@@ -13,7 +13,7 @@ use super::super::{Failure, input, values};
 use super::guide::Advice;
 use super::guide::poses::gathered;
 use super::outputs::{Input, place, print, rows};
-use super::poses::{Counts, Poses, Recording, Source};
+use super::poses::{Counts, Poses, Recording, Source, poses};
 use crate::statistics::write_json;
 
 /// Cells that the text tells of.
@@ -120,11 +120,11 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         input::check_output(path)?;
         input::check_is_not(path, recording.path())?;
     }
-    let made = gathered(&recording, false, |tracks| match &arguments.other {
-        None => Ok(stillness(&tracks.poses(&recording, recording.path())?)),
+    let made = gathered(&recording, |tracks| match &arguments.other {
+        None => Ok(stillness(&poses(&recording, tracks, recording.path())?)),
         Some(other) => {
-            let one = tracks.poses(&recording, recording.path())?;
-            let between = tracks.poses(&arguments.recording(other), recording.path())?;
+            let one = poses(&recording, tracks, recording.path())?;
+            let between = poses(&arguments.recording(other), tracks, recording.path())?;
             Ok(arguments.coverage(&arguments.mapped(&pairs(&one, &between))?))
         }
     })?;

@@ -28,7 +28,7 @@ fn observed(scan: &Scan, layout: &Layout) -> Vec<Observation> {
 }
 
 fn recording(observations: &[Observation]) -> Recording<'_> {
-    Recording { observations, size_px: SIZE_PX, timed: true }
+    Recording { observations, track: None, size_px: SIZE_PX, timed: true }
 }
 
 fn registration(scan: &Scan) -> Registration {
@@ -138,6 +138,19 @@ fn some_pictures_without_poses_are_left_out_and_counted() {
     let count = |outcome: Outcome| found.pictures.iter().filter(|picture| picture.outcome == outcome).count();
     assert_eq!((count(Outcome::NoPose), found.pictures.len()), (6, 60));
     assert!(found.used() >= 50);
+}
+
+#[test]
+fn the_tracker_s_own_samples_tell_how_late_it_is() {
+    let scan = Scan::new(90, GOOD, &mut Noise::new(34));
+    let observations = observed(&scan, &scan.layout);
+    let own = calibrate(&scan.layout, &registration(&scan), recording(&observations), None).unwrap();
+    let late = scan.track.poses().iter().map(|poses| Poses { time_s: poses.time_s + 0.0437, ..*poses });
+    let late = Track::new(late.collect());
+    let recording = Recording { track: Some(&late), ..recording(&observations) };
+    let found = calibrate(&scan.layout, &registration(&scan), recording, None).unwrap();
+    let later = found.refined.lag_s - own.refined.lag_s;
+    assert!((later - 0.0437).abs() < 1e-4 && own.refined.lag_sd_s < 0.01, "{later} {}", own.refined.lag_sd_s);
 }
 
 #[test]

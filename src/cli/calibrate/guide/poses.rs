@@ -2,8 +2,9 @@
 
 use std::borrow::Cow;
 
-use super::super::poses::{Recording, Tracks};
-use super::{Advice, Gathered, Guide, TRACKING, lead};
+use super::super::poses::Recording;
+use super::super::recorded::Tracks;
+use super::{Advice, Gathered, Guide, lead};
 use crate::cli::Failure;
 use crate::ingest::live::Live;
 
@@ -15,9 +16,7 @@ struct PoseGuide<J> {
 
 impl<J: FnMut(&Tracks) -> Result<Advice, Failure>> Guide for PoseGuide<J> {
     fn hear(&mut self, device: usize, live: Live) {
-        if device == TRACKING {
-            self.tracks.take(live);
-        }
+        self.tracks.take(device, live);
     }
 
     fn advise(&mut self) -> Advice {
@@ -28,18 +27,17 @@ impl<J: FnMut(&Tracks) -> Result<Advice, Failure>> Guide for PoseGuide<J> {
     }
 }
 
-/// The recording; where it is still to be made it is made now, and `judge` says what is missing. With `pictures` those are recorded, too.
+/// The recording; where it is still to be made it is made now, and `judge` says what is missing.
 ///
 /// # Errors
 /// [`Failure`] when it cannot be made.
-pub fn gathered(
+pub(in crate::cli::calibrate) fn gathered(
     recording: &Recording,
-    pictures: bool,
     judge: impl FnMut(&Tracks) -> Result<Advice, Failure>,
 ) -> Result<Cow<'_, Recording>, Failure> {
     let Some(path) = &recording.source.live else { return Ok(Cow::Borrowed(recording)) };
-    let Gathered { session, from_s } = lead(path, &recording.source.gathering, pictures, |bedside| {
-        Ok(PoseGuide { tracks: Tracks::of(bedside)?, judge })
+    let Gathered { session, from_s } = lead(path, &recording.source.gathering, false, |bedside, instruments| {
+        Ok(PoseGuide { tracks: Tracks::of_instruments(instruments, bedside), judge })
     })?;
     let mut made = recording.clone();
     (made.source.live, made.source.session) = (None, Some(session));

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use calibration::latency::motion::{Motion, PoseSample};
 
-use super::super::guide::{Advice, Guide, TRACKING, lead};
-use super::super::poses::Tracks;
+use super::super::guide::{Advice, Guide, lead};
+use super::super::recorded::Tracks;
 use super::Arguments;
 use crate::cli::Failure;
 use crate::config::bedside::devices::PROBE_FRAME;
@@ -23,7 +23,9 @@ const LONG_S: f64 = 12.0;
 /// # Errors
 /// [`Failure`] when they cannot be recorded.
 pub(super) fn gathered(bedside: &Path, arguments: &Arguments) -> Result<PathBuf, Failure> {
-    let begin = |bedside: &_| Ok(UpAndDown { tracks: Tracks::of(bedside)? });
+    let begin = |bedside: &_, instruments: &[_]| {
+        Ok(UpAndDown { tracks: Tracks::of_instruments(instruments, bedside) })
+    };
     Ok(lead(bedside, &arguments.gathering, true, begin)?.session)
 }
 
@@ -33,13 +35,11 @@ struct UpAndDown {
 
 impl Guide for UpAndDown {
     fn hear(&mut self, device: usize, live: Live) {
-        if device == TRACKING {
-            self.tracks.take(live);
-        }
+        self.tracks.take(device, live);
     }
 
     fn advise(&mut self) -> Advice {
-        let samples = self.tracks.samples_of(PROBE_FRAME).unwrap_or_default();
+        let samples = self.tracks.of(PROBE_FRAME).unwrap_or_default();
         let valid = samples.iter().filter(|sample| sample.invalid.is_none());
         let poses: Vec<PoseSample> = valid
             .map(|sample| PoseSample {

@@ -7,172 +7,71 @@ use calibration::latency::floor::FloorPose;
 use calibration::latency::motion::PoseSample;
 use calibration::latency::poses::Poses;
 use calibration::latency::stamps::Stamps;
-use calibration::picture::GreyView;
-use drivers::reading::{NamedTransform, Reading, Stamp, Status, transform_name};
+use drivers::OpenSettings;
+use drivers::reading::{NamedTransform, Reading, Status, transform_name};
 use drivers::recording::SequenceSettings;
-use drivers::{Next, OpenSettings};
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
+use super::super::recorded::{Recorded, Shown, Tracks, Unfit, each, seconds, stamps};
 use crate::cli::Failure;
-use crate::cli::live::stages::{Kept, instruments};
 use crate::config::Settings;
-use crate::config::bedside::Bedside;
 use crate::config::bedside::devices::{PROBE_FRAME, REFERENCE_FRAME, TRACKER_FRAME};
-use crate::ingest::live::Live;
-use crate::ingest::{Ingest, Sample};
 use crate::mask::MaskSettings;
-use crate::pipeline::live::{Instrument, Precedent, walk};
-use crate::refusal::Refusal;
-use crate::slice::Pixels;
 use crate::sync::history::PoseSample as Measured;
 use crate::sync::pairing::RIGID_TOLERANCE;
 use crate::sync::{PairingOptions, survey};
 
 /// Pictures and poses.
-pub(super) enum Source {
-    /// Of two sequences, or twice the same.
-    Sequences { video: PathBuf, tracker: PathBuf },
-    /// Of a session, by the configuration that it holds.
-    Session { path: PathBuf, bedside: Box<Bedside> },
+pub(super) struct Source {
+    video: Recorded,
+    /// A sequence of its own with the poses; without it they are the video's.
+    tracker: Option<PathBuf>,
 }
-
-/// A picture in 8 bits and MF orientation.
-pub(super) struct Shown<'a> {
-    pub(super) stamps: Stamps,
-    pub(super) size: [u32; 2],
-    pub(super) pixels: &'a [u8],
-}
-
-impl Shown<'_> {
-    pub(super) fn view(&self) -> Result<GreyView<'_>, Failure> {
-        Ok(GreyView::packed(self.size.map(|side| side as usize), self.pixels)?)
-    }
-}
-
-/// Pictures that could not be used.
-#[derive(Debug, Default)]
-pub(super) struct Unfit {
-    count: u64,
-    /// Why the first was not.
-    first: Option<String>,
-}
-
-impl Unfit {
-    fn add(&mut self, refusal: &Refusal) {
-        self.count += 1;
-        self.first.get_or_insert_with(|| refusal.to_string());
-    }
-
-    /// A sentence, where there are any.
-    pub(super) fn notes(&self) -> Vec<String> {
-        let note = |first: &String| format!("{} pictures cannot be used; the first: {first}", self.count);
-        self.first.iter().map(note).collect()
-    }
-}
-
-/// The place of the grabber among a session's instruments.
-const GRABBER: usize = 1;
 
 impl Source {
-    /// A session, and what it was configured by.
-    ///
-    /// # Errors
-    /// [`Failure`] when it cannot be read, or holds no configuration.
-    pub(super) fn session(path: &Path) -> Result<Self, Failure> {
-        let bedside = Box::new(Kept::bedside(path, &Precedent::read(path)?)?);
-        Ok(Self::Session { path: path.to_owned(), bedside })
+    /// Of a recording, and a sequence for the poses unless they are in it.
+    pub(super) fn new(video: Recorded, tracker: Option<PathBuf>) -> Self {
+        Self { video, tracker }
     }
 
     /// Its files.
     pub(super) fn paths(&self) -> Vec<&Path> {
-        match self {
-            Self::Sequences { video, tracker } if video == tracker => vec![video],
-            Self::Sequences { video, tracker } => vec![video, tracker],
-            Self::Session { path, .. } => vec![path],
-        }
+        std::iter::once(self.video.path()).chain(self.tracker.as_deref()).collect()
     }
 
     /// The calibration that a session was woven by.
     pub(super) fn calibration(&self) -> Option<&Settings> {
-        match self {
-            Self::Sequences { .. } => None,
-            Self::Session { bedside, .. } => Some(&bedside.calibration),
-        }
+        Some(&self.video.bedside()?.calibration)
     }
 
     /// What of the pictures is data, where a session says it.
     pub(super) fn mask(&self) -> Option<MaskSettings> {
-        match self {
-            Self::Sequences { .. } => None,
-            Self::Session { bedside, .. } => Some(bedside.mask),
-        }
+        Some(self.video.bedside()?.mask)
     }
 
     /// What the video's latency was configured to be, ms.
     pub(super) fn video_ms(&self) -> Option<f64> {
-        match self {
-            Self::Sequences { .. } => None,
-            Self::Session { bedside, .. } => Some(bedside.grabber.latency_ns as f64 * 1e-6),
-        }
+        Some(self.video.bedside()?.grabber.latency_ns as f64 * 1e-6)
     }
 
     /// The difference of the latencies that a session was paired by, ms.
     pub(super) fn paired_ms(&self) -> Option<f64> {
-        match self {
-            Self::Sequences { .. } => None,
-            Self::Session { bedside, .. } => {
-                Some((bedside.tracking.latency_ns() - bedside.grabber.latency_ns) as f64 * 1e-6)
-            }
-        }
+        let bedside = self.video.bedside()?;
+        Some((bedside.tracking.latency_ns() - bedside.grabber.latency_ns) as f64 * 1e-6)
     }
 
-    /// The session's devices, as if they had no latency: what is looked for is all of it.
-    fn instruments(bedside: &Bedside) -> Result<Vec<Instrument>, Failure> {
-        let instruments = instruments(bedside)?;
-        Ok(instruments.into_iter().map(|instrument| Instrument { latency_ns: 0, ..instrument }).collect())
-    }
-
-    /// Every picture in turn; those that could not be used.
+    /// Every picture in turn, and when it was taken; those that could not be used.
     ///
     /// # Errors
-    /// [`Failure`] when the recording cannot be read, or its pictures are not in 8 bits.
-    pub(super) fn pictures(&self, mut take: impl FnMut(Shown<'_>) -> Result<(), Failure>) -> Result<Unfit, Failure> {
-        let (mut unfit, mut failed) = (Unfit::default(), None);
-        let path = self.paths()[0];
-        let mut show = |stamps: Stamps, image: &crate::slice::Image| {
-            let Pixels::U8(pixels) = image.pixels() else {
-                return Err(Failure(format!("{}: its pictures are not in 8 bits; convert them first", path.display())));
-            };
-            take(Shown { stamps, size: [image.width(), image.height()], pixels })
-        };
-        match self {
-            Self::Sequences { video, .. } => {
-                let mut ingest = Ingest::new();
-                each(video, true, |reading| {
-                    let Reading::Frame(frame) = &reading else { return Ok(()) };
-                    let Some(stamps) = stamps(&frame.stamp, frame.frame_number) else {
-                        return Err(Failure(format!("{}: its pictures have no times", video.display())));
-                    };
-                    match ingest.take(reading) {
-                        Sample::Picture(picture) => show(stamps, &picture.image)?,
-                        Sample::Refused(refusal) => unfit.add(&refusal),
-                        Sample::Transform(_) | Sample::Unused(_) => {}
-                    }
-                    Ok(())
-                })?;
-            }
-            Self::Session { path, bedside } => {
-                walk(path, true, Self::instruments(bedside)?, |source, live| match live {
-                    Live::Picture { picture, timed } if source == GRABBER && failed.is_none() => {
-                        let stamps = Stamps { given_s: seconds(timed.time_ns), ..Stamps::default() };
-                        failed = show(stamps, &picture.image).err();
-                    }
-                    Live::Refused(refusal) if source == GRABBER => unfit.add(&refusal),
-                    _ => {}
-                })?;
-            }
-        }
-        failed.map_or(Ok(unfit), Err)
+    /// [`Failure`] when the recording cannot be read, or its pictures are not in 8 bits or have no times.
+    pub(super) fn pictures(
+        &self,
+        mut take: impl FnMut(Shown<'_>, Stamps) -> Result<(), Failure>,
+    ) -> Result<Unfit, Failure> {
+        self.video.pictures(|shown| match shown.stamps {
+            Some(stamps) => take(shown, stamps),
+            None => Err(Failure(format!("{}: its pictures have no times", self.video.path().display()))),
+        })
     }
 
     /// The probe's poses in the tracker's frame.
@@ -180,8 +79,9 @@ impl Source {
     /// # Errors
     /// [`Failure`] when the recording cannot be read or has no such poses.
     pub(super) fn poses(&self) -> Result<Vec<FloorPose>, Failure> {
-        match self {
-            Self::Sequences { tracker, .. } => {
+        match &self.video {
+            Recorded::Sequence(video) => {
+                let tracker = self.tracker.as_ref().unwrap_or(video);
                 let mut found = Vec::new();
                 let names = transforms(tracker, |transform, number| {
                     if transform.from == PROBE_FRAME
@@ -201,8 +101,8 @@ impl Source {
                 }
                 Ok(found)
             }
-            Self::Session { path, bedside } => {
-                let [probe, _] = measured(path, bedside)?;
+            Recorded::Session { path, bedside } => {
+                let [probe, _] = measured(&Tracks::read(path, bedside)?);
                 let pose = |sample: &PoseSample| {
                     let stamps = Stamps { given_s: sample.time_s, ..Stamps::default() };
                     FloorPose { stamps, rotation: sample.rotation, position_mm: sample.position_mm }
@@ -224,9 +124,9 @@ impl Source {
                 Failure("where slices cross hangs on where the picture lies against the probe: give --config with its ImageToProbe".into())
             })
         };
-        match self {
-            Self::Sequences { video, tracker } if video == tracker => along(video, calibration),
-            Self::Sequences { tracker, .. } => {
+        match (&self.video, &self.tracker) {
+            (Recorded::Sequence(video), None) => along(video, calibration),
+            (Recorded::Sequence(_), Some(tracker)) => {
                 let (mut probe, mut reference) = (Vec::new(), Vec::new());
                 transforms(tracker, |transform, _| {
                     let into = match transform.from.as_str() {
@@ -242,8 +142,8 @@ impl Source {
                 })?;
                 Ok((against(&probe, &reference)?, of_image()?))
             }
-            Self::Session { path, bedside } => {
-                let [probe, reference] = measured(path, bedside)?;
+            (Recorded::Session { path, bedside }, _) => {
+                let [probe, reference] = measured(&Tracks::read(path, bedside)?);
                 Ok((against(&probe, &reference)?, of_image()?))
             }
         }
@@ -251,22 +151,16 @@ impl Source {
 }
 
 /// Poses of the probe and of the reference, as a session has them; invalid ones are left out.
-fn measured(path: &Path, bedside: &Bedside) -> Result<[Vec<PoseSample>; 2], Failure> {
-    let instruments = Source::instruments(bedside)?;
-    let frames: Vec<String> = instruments[0].frames.iter().map(|[from, _]| from.clone()).collect();
-    let mut found = [Vec::new(), Vec::new()];
-    walk(path, false, instruments, |_, live| {
-        if let Live::Pose { source, sample: Measured { time_ns, pose, invalid: None, .. }, .. } = live {
-            let into = match frames.get(source).map(String::as_str) {
-                Some(PROBE_FRAME) => &mut found[0],
-                Some(REFERENCE_FRAME) => &mut found[1],
-                _ => return,
-            };
-            let time_s = seconds(time_ns);
-            into.push(PoseSample { time_s, rotation: pose.rotation, position_mm: pose.position_mm });
-        }
-    })?;
-    Ok(found)
+fn measured(tracks: &Tracks) -> [Vec<PoseSample>; 2] {
+    [PROBE_FRAME, REFERENCE_FRAME].map(|name| {
+        let valid = tracks.of(name).unwrap_or_default().iter().filter(|sample| sample.invalid.is_none());
+        let sample = |Measured { time_ns, pose, .. }: &Measured| PoseSample {
+            time_s: seconds(*time_ns),
+            rotation: pose.rotation,
+            position_mm: pose.position_mm,
+        };
+        valid.map(sample).collect()
+    })
 }
 
 /// The probe against the reference where there is one, at the times of the probe's own samples.
@@ -311,15 +205,6 @@ fn sample(time_s: f64, pose: &DAffine3) -> PoseSample {
     PoseSample { time_s, rotation: DQuat::from_mat3(&pose.matrix3).normalize(), position_mm: pose.translation }
 }
 
-fn seconds(ns: i64) -> f64 {
-    ns as f64 * 1e-9
-}
-
-fn stamps(stamp: &Stamp, number: Option<u64>) -> Option<Stamps> {
-    let given_s = stamp.host_ns.map(seconds).or(stamp.source_s)?;
-    Some(Stamps { given_s, raw_s: stamp.unfiltered_s, number })
-}
-
 /// A valid transform as a rigid one.
 fn rigid(transform: &NamedTransform) -> Option<DAffine3> {
     let affine = (transform.status == Status::Ok).then(|| affine_from_rows(&transform.matrix))?.ok()?;
@@ -349,19 +234,4 @@ fn transforms(path: &Path, mut take: impl FnMut(&NamedTransform, Option<u64>)) -
         Ok(())
     })?;
     Ok(names)
-}
-
-/// Every reading of a sequence.
-fn each(path: &Path, images: bool, mut take: impl FnMut(Reading) -> Result<(), Failure>) -> Result<(), Failure> {
-    let settings = SequenceSettings { images, ..SequenceSettings::new(path) };
-    let mut device = drivers::open(&OpenSettings::Sequence(settings))?;
-    device.start()?;
-    loop {
-        match device.next(drivers::NO_DEADLINE)? {
-            Next::Reading(reading) => take(reading)?,
-            Next::Pending => {}
-            Next::End => break,
-        }
-    }
-    Ok(device.stop()?)
 }

@@ -1,30 +1,22 @@
 //! Pictures of wires and poses from a recording.
 
-use std::path::Path;
-
-use calibration::frames::{Probe, Reference, Tracker, Transform};
-use calibration::picture::GreyView;
-use calibration::probe::track::Poses;
+use calibration::probe::track::Track;
 use calibration::probe::{DotFinder, Layout, Matcher, Observation, Recording};
 use calibration::region::ClipRect;
-use drivers::reading::{NamedTransform, Reading, Stamp};
-use drivers::recording::SequenceSettings;
-use drivers::{Next, OpenSettings};
-use glam::DAffine3;
 
 use super::super::super::{Failure, input};
+use super::super::recorded::{Recorded, data};
 use crate::config::phantom::FrameNames;
-use crate::ingest::{Ingest, Sample};
-use crate::slice::Pixels;
-use crate::sync::pairing::RIGID_TOLERANCE;
-use crate::sync::{Pairing, PairingOptions};
+use crate::mask::{Mask, MaskSettings};
 
 /// What was observed.
 pub(super) struct Observed {
     pub(super) observations: Vec<Observation>,
+    /// Where the sensors were between the pictures, where the recording says it.
+    track: Option<Track>,
     pub(super) size_px: [u32; 2],
     /// Whether all pictures have a time.
-    pub(super) timed: bool,
+    timed: bool,
     /// Why the first of the pictures without poses has none.
     pub(super) first_refusal: Option<String>,
 }
@@ -32,7 +24,8 @@ pub(super) struct Observed {
 impl Observed {
     /// For the calibration.
     pub(super) fn recording(&self) -> Recording<'_> {
-        Recording { observations: &self.observations, size_px: self.size_px, timed: self.timed }
+        let Self { observations, track, size_px, timed, .. } = self;
+        Recording { observations, track: track.as_ref(), size_px: *size_px, timed: *timed }
     }
 }
 
@@ -44,188 +37,88 @@ pub(super) struct Shown {
     pub(super) grey: Vec<u8>,
 }
 
-/// Reads some of a sequence's pictures once more: those of these numbers.
+/// Reads some of a recording's pictures once more: those of these numbers.
 ///
 /// # Errors
 /// [`Failure`] when it cannot be read.
-pub(super) fn pictures(path: &Path, frames: &[usize]) -> Result<Vec<Shown>, Failure> {
-    let mut device = drivers::open(&OpenSettings::Sequence(SequenceSettings::new(path)))?;
-    let mut ingest = Ingest::new();
+pub(super) fn pictures(recorded: &Recorded, frames: &[usize]) -> Result<Vec<Shown>, Failure> {
     let mut shown = Vec::new();
-    device.start()?;
-    while shown.len() < frames.len() {
-        match device.next(drivers::NO_DEADLINE)? {
-            Next::Reading(reading @ Reading::Frame(_)) => {
-                let frame = usize::try_from(reading.stamp().item).unwrap_or(usize::MAX);
-                if let Sample::Picture(picture) = ingest.take(reading)
-                    && frames.contains(&frame)
-                    && let Pixels::U8(grey) = picture.image.pixels()
-                {
-                    shown.push(Shown { frame, grey: grey.to_vec() });
-                }
-            }
-            Next::Reading(_) | Next::Pending => {}
-            Next::End => break,
+    recorded.pictures(|picture| {
+        let frame = number(picture.frame);
+        if frames.contains(&frame) {
+            shown.push(Shown { frame, grey: picture.pixels.to_vec() });
         }
-    }
-    device.stop()?;
+        Ok(())
+    })?;
     // As they were asked for.
     shown.sort_by_key(|shown| frames.iter().position(|frame| *frame == shown.frame));
     Ok(shown)
 }
 
-/// How poses come about.
-struct Ways {
-    /// From the probe to what both sensors are tracked in, or to the reference itself.
-    probe: Pairing,
-    /// From the reference likewise.
-    reference: Option<Pairing>,
-}
-
-/// Reads a sequence.
+/// Reads a recording.
 ///
 /// # Errors
 /// [`Failure`] when it cannot be read, holds no grey pictures of 8 bits, or no way from the probe to the reference.
 pub(super) fn observe(
-    path: &Path,
+    recorded: &Recorded,
     layout: &Layout,
     frames: &FrameNames,
     clip: Option<ClipRect>,
 ) -> Result<Observed, Failure> {
-    let within = |problem: String| Failure(format!("{}: {problem}", path.display()));
-    let mut ways = Ways::of(&names(path)?, frames).map_err(within)?;
-    let mut device = drivers::open(&OpenSettings::Sequence(SequenceSettings::new(path)))?;
-    let bar = input::progress("looking", device.describe().items.unwrap_or(0));
-    let (mut finder, mut matcher, mut ingest) = (DotFinder::new(), Matcher::new(), Ingest::new());
-    let mut seen = Observed { observations: Vec::new(), size_px: [0; 2], timed: true, first_refusal: None };
-    device.start()?;
-    loop {
-        match device.next(drivers::NO_DEADLINE)? {
-            Next::Reading(Reading::NamedTransform(transform)) => ways.take(&transform),
-            Next::Reading(reading @ Reading::Frame(_)) => {
-                bar.inc(1);
-                let stamp = *reading.stamp();
-                let picture = match ingest.take(reading) {
-                    Sample::Picture(picture) => picture,
-                    Sample::Refused(refusal) => {
-                        seen.first_refusal.get_or_insert(refusal.to_string());
-                        continue;
-                    }
-                    _ => continue,
-                };
-                let image = &picture.image;
-                let Pixels::U8(pixels) = image.pixels() else {
-                    return Err(within("its pictures are not of 8 bits; convert them first".into()));
-                };
-                let size = [image.width(), image.height()];
-                if seen.size_px == [0; 2] {
-                    seen.size_px = size;
-                } else if seen.size_px != size {
-                    return Err(within(format!(
-                        "its pictures are of different sizes, {:?} and {size:?}",
-                        seen.size_px
-                    )));
-                }
-                let [width, height] = size.map(|n| n as usize);
-                let view = GreyView::new(width, height, width, pixels).map_err(|e| within(e.to_string()))?;
-                let dots = finder.find(&view, clip).to_vec();
-                let reading = matcher.read(&dots, size, layout);
-                seen.timed &= stamp.source_s.is_some();
-                let time_s = stamp.source_s.unwrap_or(stamp.item as f64);
-                // A picture's transforms come before it.
-                let poses = match ways.poses(&stamp, time_s) {
-                    Ok(poses) => Some(poses),
-                    Err(why) => {
-                        seen.first_refusal.get_or_insert(why);
-                        None
-                    }
-                };
-                let frame = usize::try_from(stamp.item).unwrap_or(usize::MAX);
-                seen.observations.push(Observation { frame, time_s, dots, reading, poses });
-            }
-            Next::Reading(_) | Next::Pending => {}
-            Next::End => break,
+    let within = |problem: String| Failure(format!("{}: {problem}", recorded.path().display()));
+    let tracked = recorded.tracked(&frames.probe, &frames.reference)?;
+    let bar = input::progress("looking", tracked.pictures());
+    let (mut finder, mut matcher) = (DotFinder::new(), Matcher::new());
+    let mut region = None;
+    let (mut observations, mut timed, mut first_refusal) = (Vec::new(), true, None);
+    let unfit = recorded.pictures(|shown| {
+        bar.inc(1);
+        let size = shown.size;
+        let Region { size: first, clip, mask } = match &mut region {
+            Some(region) => region,
+            none => none.insert(Region::of(recorded.bedside().map(|bedside| bedside.mask), clip, size)?),
+        };
+        if size != *first {
+            return Err(within(format!("its pictures are of different sizes, {first:?} and {size:?}")));
         }
-    }
-    device.stop()?;
+        let mut dots = finder.find(&shown.view()?, *clip).to_vec();
+        dots.retain(|dot| {
+            let [u, v] = dot.at_px.to_array().map(|x| x.round() as u32);
+            mask.as_ref().is_none_or(|mask| mask.contains(u, v))
+        });
+        let reading = matcher.read(&dots, size, layout);
+        timed &= shown.stamps.is_some();
+        let poses = tracked.at(&shown);
+        let poses = poses.map_err(|why| first_refusal.get_or_insert(why)).ok();
+        observations.push(Observation { frame: number(shown.frame), time_s: shown.time_s(), dots, reading, poses });
+        Ok(())
+    })?;
     bar.finish_and_clear();
-    if seen.observations.is_empty() {
-        let why = seen.first_refusal.map_or(String::new(), |why| format!("; the first: {why}"));
+    let first_refusal = unfit.first().map(str::to_owned).or(first_refusal);
+    let Some(Region { size: size_px, .. }) = region else {
+        let why = first_refusal.map_or(String::new(), |why| format!("; the first: {why}"));
         return Err(within(format!("holds no picture that can be used{why}")));
-    }
-    Ok(seen)
+    };
+    let track = tracked.track().cloned();
+    Ok(Observed { observations, track, size_px, timed, first_refusal })
 }
 
-/// Names of a sequence's transforms.
-fn names(path: &Path) -> Result<Vec<(String, String)>, Failure> {
-    let settings = SequenceSettings { images: false, ..SequenceSettings::new(path) };
-    let mut device = drivers::open(&OpenSettings::Sequence(settings))?;
-    let mut names: Vec<(String, String)> = Vec::new();
-    device.start()?;
-    loop {
-        match device.next(drivers::NO_DEADLINE)? {
-            Next::Reading(Reading::NamedTransform(t)) => {
-                if !names.iter().any(|(from, to)| *from == t.from && *to == t.to) {
-                    names.push((t.from, t.to));
-                }
-            }
-            Next::Reading(_) | Next::Pending => {}
-            Next::End => break,
-        }
-    }
-    device.stop()?;
-    Ok(names)
+/// Where in pictures wires are looked for.
+struct Region {
+    size: [u32; 2],
+    clip: Option<ClipRect>,
+    /// Dots beside it are none.
+    mask: Option<Mask>,
 }
 
-impl Ways {
-    fn of(names: &[(String, String)], frames: &FrameNames) -> Result<Self, String> {
-        let FrameNames { probe, reference, .. } = frames;
-        let beside = |name: &str| -> Vec<String> {
-            let other = |(from, to): &'_ (String, String)| match (from == name, to == name) {
-                (true, false) => Some(to.clone()),
-                (false, true) => Some(from.clone()),
-                _ => None,
-            };
-            names.iter().filter_map(other).collect()
-        };
-        let way = |image: &str, world: &str| {
-            let options =
-                PairingOptions { image: image.to_owned(), world: Some(world.to_owned()), statics: Vec::new() };
-            Pairing::with_names(options, names).ok()
-        };
-        let of_reference = beside(reference);
-        let both = beside(probe).into_iter().find(|name| name != reference && of_reference.contains(name));
-        if let Some(tracker) = both
-            && let (Some(probe), Some(reference)) = (way(probe, &tracker), way(reference, &tracker))
-        {
-            return Ok(Self { probe, reference: Some(reference) });
-        }
-        let Some(direct) = way(probe, reference) else {
-            let listed: Vec<String> = names.iter().map(|(from, to)| format!("{from}To{to}")).collect();
-            return Err(format!(
-                "no way leads from {probe} to {reference}, which the phantom is held on; it holds {}",
-                if listed.is_empty() { "no transform".to_owned() } else { listed.join(", ") }
-            ));
-        };
-        Ok(Self { probe: direct, reference: None })
-    }
-
-    fn take(&mut self, transform: &NamedTransform) {
-        self.probe.transform(transform.clone());
-        if let Some(reference) = &mut self.reference {
-            reference.transform(transform.clone());
-        }
-    }
-
-    fn poses(&mut self, stamp: &Stamp, time_s: f64) -> Result<Poses, String> {
-        let tracker_from_probe = rigid::<Tracker, Probe>(&mut self.probe, stamp)?;
-        let reference = self.reference.as_mut().map(|way| rigid::<Tracker, Reference>(way, stamp)).transpose()?;
-        Ok(Poses { time_s, tracker_from_probe, tracker_from_reference: reference })
+impl Region {
+    fn of(settings: Option<MaskSettings>, clip: Option<ClipRect>, size: [u32; 2]) -> Result<Self, Failure> {
+        let mask = settings.map_or(Ok(None), |settings| data(&settings, size))?;
+        let clip = clip.or(mask.as_ref().and_then(Mask::bounds));
+        Ok(Self { size, clip, mask })
     }
 }
 
-fn rigid<To, From>(way: &mut Pairing, stamp: &Stamp) -> Result<Transform<To, From>, String> {
-    let affine: DAffine3 = way.pose_of(stamp).map_err(|refusal| refusal.to_string())?.world_from_image.affine();
-    let pose = Transform::<To, From>::from_affine(affine);
-    pose.nearest_rigid(RIGID_TOLERANCE).map(|(rigid, _)| rigid).map_err(|bad| format!("item {}: {bad}", stamp.item))
+fn number(frame: u64) -> usize {
+    usize::try_from(frame).unwrap_or(usize::MAX)
 }

@@ -1,0 +1,119 @@
+//! Where a session's sensors were.
+
+use std::path::Path;
+
+use calibration::frames::Transform;
+use calibration::probe::track::{Poses, Track};
+
+use super::{GRABBER, seconds, without_latency};
+use crate::cli::Failure;
+use crate::config::bedside::Bedside;
+use crate::config::bedside::devices::TRACKER_FRAME;
+use crate::ingest::live::Live;
+use crate::pipeline::live::{Instrument, walk};
+use crate::refusal::Refusal;
+use crate::sync::history::{PoseHistory, PoseSample};
+
+/// The tracked frames of a session, each with its poses in the tracker's frame; by the session's clocks, and as if there were no latency.
+pub(in crate::cli::calibrate) struct Tracks {
+    named: Vec<(String, Vec<PoseSample>)>,
+    refused: Vec<Refusal>,
+    pictures: u64,
+    longest_gap_ns: i64,
+}
+
+impl Tracks {
+    /// Those of a bedside's devices, before anything was heard of them.
+    pub(in crate::cli::calibrate) fn of_instruments(instruments: &[Instrument], bedside: &Bedside) -> Self {
+        let frames = instruments.iter().flat_map(|instrument| &instrument.frames);
+        let named = frames.map(|[from, _]| (from.clone(), Vec::new())).collect();
+        Self { named, refused: Vec::new(), pictures: 0, longest_gap_ns: bedside.pairing.longest_gap_ns }
+    }
+
+    /// Reads them.
+    ///
+    /// # Errors
+    /// [`Failure`] when the recording cannot be read.
+    pub(in crate::cli::calibrate) fn read(path: &Path, bedside: &Bedside) -> Result<Self, Failure> {
+        let instruments = without_latency(bedside)?;
+        let mut tracks = Self::of_instruments(&instruments, bedside);
+        walk(path, false, instruments, |device, live| tracks.take(device, live))?;
+        Ok(tracks)
+    }
+
+    /// A sample of a device, by its place.
+    pub(in crate::cli::calibrate) fn take(&mut self, device: usize, live: Live) {
+        match live {
+            _ if device == GRABBER => self.pictures += 1,
+            Live::Pose { source, sample, .. } => self.named[source].1.push(sample),
+            Live::Refused(refusal) => self.refused.push(refusal),
+            _ => {}
+        }
+    }
+
+    /// Whether there is no pose at all.
+    pub(in crate::cli::calibrate) fn is_empty(&self) -> bool {
+        self.named.iter().all(|(_, samples)| samples.is_empty())
+    }
+
+    /// Of all frames the first time, ns.
+    pub(in crate::cli::calibrate) fn first_ns(&self) -> Option<i64> {
+        self.named.iter().filter_map(|(_, samples)| samples.first()).map(|sample| sample.time_ns).min()
+    }
+
+    /// Readings that were none.
+    pub(in crate::cli::calibrate) fn refused(&self) -> &[Refusal] {
+        &self.refused
+    }
+
+    /// Pictures that were recorded beside.
+    pub(super) fn pictures(&self) -> u64 {
+        self.pictures
+    }
+
+    /// A frame's poses, those that are not valid too; `None` where nothing is called so.
+    pub(in crate::cli::calibrate) fn of(&self, name: &str) -> Option<&[PoseSample]> {
+        self.named.iter().find(|(own, _)| own == name).map(|(_, samples)| samples.as_slice())
+    }
+
+    /// The same by time.
+    pub(in crate::cli::calibrate) fn history(&self, name: &str) -> Option<PoseHistory> {
+        let samples = self.of(name)?;
+        let mut history = PoseHistory::new(samples.len(), self.longest_gap_ns);
+        samples.iter().for_each(|sample| history.insert(sample.clone()));
+        Some(history)
+    }
+
+    /// What is tracked.
+    pub(in crate::cli::calibrate) fn names(&self) -> String {
+        self.named.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>().join(", ")
+    }
+
+    /// A sensor's valid poses, with the reference's at the same times.
+    ///
+    /// # Errors
+    /// A sentence when one of them is not tracked.
+    pub(in crate::cli::calibrate) fn track(&self, sensor: &str, reference: &str) -> Result<Track, String> {
+        let named = |name: &str, what: &str| {
+            self.history(name)
+                .ok_or_else(|| format!("nothing is called {name} in it, which {what}; it tracks {}", self.names()))
+        };
+        let own = named(sensor, "is sought")?;
+        let other = match reference {
+            TRACKER_FRAME => None,
+            name => Some(named(name, "the phantom is held on")?),
+        };
+        let poses = self.of(sensor).unwrap_or_default().iter().filter_map(|sample| {
+            let at = |history: &PoseHistory| Some(history.at(sample.time_ns).ok()?.pose().affine());
+            Some(Poses {
+                time_s: seconds(sample.time_ns),
+                tracker_from_probe: Transform::from_affine(at(&own)?),
+                tracker_from_reference: match &other {
+                    None => None,
+                    Some(other) => Some(Transform::from_affine(at(other)?)),
+                },
+            })
+        });
+        Ok(Track::new(poses.collect()).with_longest_gap(seconds(self.longest_gap_ns)))
+    }
+}
