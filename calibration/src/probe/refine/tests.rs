@@ -1,3 +1,5 @@
+use glam::{DAffine3, DMat3, DQuat};
+
 use super::*;
 use crate::least_squares::check_jacobian;
 use crate::noise::{self, mahalanobis};

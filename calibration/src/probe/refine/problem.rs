@@ -1,0 +1,341 @@
+//! What is to be made least: pictures' residuals at a state, their derivatives, what scatters them, and what is known beforehand.
+
+use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
+use nalgebra::{DMatrix, DVector};
+
+use crate::least_squares::{Blocks, Parameters, Rotation, Scale, Side, State, Vector, Whitening, rows, turned};
+use crate::phantom::file::Registration;
+use crate::probe::layout::Layout;
+use crate::probe::plane::ImagePlane;
+use crate::probe::refine::Sought;
+use crate::probe::scatter::{Scatter, Scattered};
+use crate::probe::sighting::{Sighting, off_wire};
+use crate::probe::track::Track;
+
+/// Trackers filter, and lag by up to some tenths of a second: a standard deviation that says no more, s.
+pub(super) const USUAL_LAG_S: f64 = 0.5;
+/// Error of a registration that does not say it, mm: what a hand with a stylus attains.
+const USUAL_ERROR_MM: f64 = 0.5;
+/// Columns of all parameters.
+const COLUMNS: usize = 16;
+
+/// The parameters.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Unknown {
+    pub(super) turn: Rotation,
+    pub(super) place: Vector<3>,
+    pub(super) size: Scale<2>,
+    pub(super) skew: Vector<1>,
+    pub(super) phantom_turn: Rotation,
+    pub(super) phantom_shift: Vector<3>,
+    pub(super) lag: Vector<1>,
+}
+
+/// All that does not change from step to step.
+pub(super) struct Problem<'a> {
+    pub(super) layout: &'a Layout,
+    pub(super) sightings: &'a [Sighting],
+    pub(super) track: &'a Track,
+    pub(super) registration: Registration,
+    pub(super) pivot_px: DVec2,
+    /// About which the phantom is turned, mm.
+    pub(super) centre: DVec3,
+    pub(super) unknown: Unknown,
+}
+
+/// A picture in a round: where the phantom was at the lag of the round, and how that changes with it.
+pub(super) struct Picture {
+    pub(super) sighting: usize,
+    pub(super) lag_s: f64,
+    /// From the probe to the phantom as registered.
+    pub(super) map: DAffine3,
+    /// Its change a second.
+    pub(super) rate: DAffine3,
+    /// Which of its dots have a part.
+    pub(super) dots: Vec<usize>,
+}
+
+/// A dot at a state: where it is in the probe's frame, and by what.
+pub(super) struct Spot {
+    pub(super) probe: DVec3,
+    /// From the pivot, turned.
+    pub(super) lever: DVec3,
+    pub(super) phantom: DVec3,
+    /// The phantom's point less the centre, turned.
+    pub(super) phantom_lever: DVec3,
+}
+
+impl<'a> Problem<'a> {
+    pub(super) fn new(
+        layout: &'a Layout,
+        sightings: &'a [Sighting],
+        track: &'a Track,
+        registration: &Registration,
+        start: &ImagePlane,
+        sought: Sought,
+    ) -> (Self, Parameters) {
+        let marks: Vec<DVec2> = sightings.iter().flat_map(|s| s.marks.iter().map(|mark| mark.at_px)).collect();
+        let pivot_px = marks.iter().sum::<DVec2>() / marks.len().max(1) as f64;
+        let reach = marks.iter().map(|px| px.distance(pivot_px)).fold(1.0, f64::max);
+
+        let [size_u, size_v] = start.pixel_mm();
+        let lever_mm = reach * size_u.max(size_v);
+        let x = start.u / size_u;
+        let y = (start.v - start.v.dot(x) * x).normalize();
+        let turn = DQuat::from_mat3(&DMat3::from_cols(x, y, x.cross(y)));
+        let mut parameters = Parameters::new();
+        let unknown = Unknown {
+            turn: parameters.rotation("the picture's turn", Side::Right, 1.0 / lever_mm, turn),
+            place: parameters.point("the picture's place", 1.0, start.point(pivot_px)),
+            size: parameters.scale("pixel size", ["along u", "along v"], 1.0 / lever_mm, [size_u, start.v.dot(y)]),
+            skew: parameters.vector(
+                "skew",
+                [""],
+                "",
+                1.0 / lever_mm,
+                [if sought.skew { start.v.dot(x) / start.v.dot(y) } else { 0.0 }],
+            ),
+            phantom_turn: parameters.rotation("the phantom's turn", Side::Left, 1.0 / lever_mm, DQuat::IDENTITY),
+            phantom_shift: parameters.point("the phantom's place", 1.0, DVec3::ZERO),
+            lag: parameters.vector("the lag", [""], "s", 0.1, [0.0]),
+        };
+        if !sought.lag {
+            parameters.hold(unknown.lag);
+        }
+        if !sought.skew {
+            parameters.hold(unknown.skew);
+        }
+        if !sought.registration {
+            parameters.hold(unknown.phantom_turn);
+            parameters.hold(unknown.phantom_shift);
+        }
+        let wires = layout.geometry().wires();
+        let centre = wires.iter().flat_map(|wire| wire.ends_mm).sum::<DVec3>() / (2 * wires.len()) as f64;
+        let problem = Problem { layout, sightings, track, registration: *registration, pivot_px, centre, unknown };
+        (problem, parameters)
+    }
+
+    /// The pictures that have poses at the state's lag.
+    pub(super) fn pictures(&self, state: &State, used: &[Vec<bool>]) -> Vec<Picture> {
+        let [lag_s] = state.vector(self.unknown.lag);
+        let back = self.registration.reference_from_phantom.affine().inverse();
+        let picture = |(sighting, used): (usize, &Vec<bool>)| {
+            let time_s = self.sightings[sighting].time_s + lag_s;
+            let map = back * self.track.at(time_s)?.reference_from_probe().affine();
+            let rate = self.track.rate(time_s)?;
+            // The change of a map: no point of it is shifted.
+            let rate = DAffine3 { matrix3: back.matrix3 * rate.matrix3, translation: back.matrix3 * rate.translation };
+            let dots: Vec<usize> = (0..used.len()).filter(|&dot| used[dot]).collect();
+            (!dots.is_empty()).then_some(Picture { sighting, lag_s, map, rate, dots })
+        };
+        used.iter().enumerate().filter_map(picture).collect()
+    }
+
+    /// From the phantom as registered to the phantom as found.
+    pub(super) fn phantom_map(&self, state: &State) -> DAffine3 {
+        let (turn, shift) = (state.rotation(self.unknown.phantom_turn), state.point(self.unknown.phantom_shift));
+        DAffine3::from_rotation_translation(turn, self.centre + shift - turn * self.centre)
+    }
+
+    pub(super) fn plane(&self, state: &State) -> ImagePlane {
+        let turn = state.rotation(self.unknown.turn);
+        let ([size_u, size_v], [skew]) = (state.scale(self.unknown.size), state.vector(self.unknown.skew));
+        let (u, v) = (turn * (DVec3::X * size_u), turn * (DVec3::new(skew, 1.0, 0.0) * size_v));
+        let origin = state.point(self.unknown.place) - u * self.pivot_px.x - v * self.pivot_px.y;
+        ImagePlane { u, v, origin }
+    }
+
+    /// From the probe to the phantom as registered, at the state's lag.
+    pub(super) fn map(&self, state: &State, picture: &Picture) -> DAffine3 {
+        let later = state.vector(self.unknown.lag)[0] - picture.lag_s;
+        DAffine3 {
+            matrix3: picture.map.matrix3 + picture.rate.matrix3 * later,
+            translation: picture.map.translation + picture.rate.translation * later,
+        }
+    }
+
+    pub(super) fn spot(&self, state: &State, map: &DAffine3, px: DVec2) -> Spot {
+        let plane = self.plane(state);
+        let from = px - self.pivot_px;
+        let lever = plane.u * from.x + plane.v * from.y;
+        let probe = lever + state.point(self.unknown.place);
+        let registered = map.transform_point3(probe);
+        let phantom_lever = state.rotation(self.unknown.phantom_turn) * (registered - self.centre);
+        let phantom = phantom_lever + self.centre + state.point(self.unknown.phantom_shift);
+        Spot { probe, lever, phantom, phantom_lever }
+    }
+
+    /// A picture's residuals, and what scatters them.
+    pub(super) fn scattered(&self, state: &State, picture: &Picture) -> Scattered {
+        let marks = &self.sightings[picture.sighting].marks;
+        let has_reference = self.track.poses().first().is_some_and(|poses| poses.tracker_from_reference.is_some());
+        let wires = self.layout.geometry().wires();
+        let n = 2 * picture.dots.len();
+        let sensors = if has_reference { 2 } else { 1 };
+        let mut residuals = DVector::zeros(n);
+        let dots = picture.dots.len();
+        let mut by = [3 * sensors, 3 * sensors, dots, dots].map(|columns| DMatrix::zeros(n, columns));
+        let plane = self.plane(state);
+        let map = self.map(state, picture);
+        let to_phantom = DMat3::from_quat(state.rotation(self.unknown.phantom_turn)) * map.matrix3;
+        let reference_from_phantom =
+            self.registration.reference_from_phantom.affine() * self.phantom_map(state).inverse();
+        for (number, mark) in picture.dots.iter().map(|&dot| &marks[dot]).enumerate() {
+            let spot = self.spot(state, &map, mark.at_px);
+            let wire = &wires[mark.wire];
+            for (side, (off, across)) in off_wire(wire, spot.phantom).into_iter().zip(wire.across()).enumerate() {
+                let row = 2 * number + side;
+                residuals[row] = off;
+                let in_probe = to_phantom.transpose() * across;
+                let mut sensor = |first: usize, direction: DVec3, place: DVec3| {
+                    let turn = place.cross(direction);
+                    for axis in 0..3 {
+                        by[0][(row, first + axis)] = direction[axis];
+                        by[1][(row, first + axis)] = turn[axis];
+                    }
+                };
+                sensor(0, in_probe, spot.probe);
+                if has_reference {
+                    let in_reference = reference_from_phantom.matrix3 * across;
+                    sensor(3, in_reference, reference_from_phantom.transform_point3(spot.phantom));
+                }
+                by[2][(row, number)] = in_probe.dot(plane.u);
+                by[3][(row, number)] = in_probe.dot(plane.v);
+            }
+        }
+        Scattered { residuals, by }
+    }
+
+    /// Puts down the whitened residuals of all pictures.
+    pub(super) fn put(
+        &self,
+        state: &State,
+        pictures: &[Picture],
+        whitenings: &[DMatrix<f64>],
+        blocks: &mut Blocks<'_>,
+    ) {
+        let Unknown { turn, place, size, skew, phantom_turn, phantom_shift, lag } = self.unknown;
+        let wires = self.layout.geometry().wires();
+        let unit = Whitening::sd(1.0);
+        let sizes = state.scale(size);
+        let image_turn = state.rotation(turn);
+        let about_phantom = DMat3::from_quat(state.rotation(phantom_turn));
+        let [skewed] = state.vector(skew);
+        for (picture, whitening) in pictures.iter().zip(whitenings) {
+            let marks = &self.sightings[picture.sighting].marks;
+            let rows = 2 * picture.dots.len();
+            let mut residuals = DVector::zeros(rows);
+            let mut derivatives = DMatrix::zeros(rows, COLUMNS);
+            let registered = self.map(state, picture);
+            let map = about_phantom * registered.matrix3;
+            for (number, mark) in picture.dots.iter().map(|&dot| &marks[dot]).enumerate() {
+                let spot = self.spot(state, &registered, mark.at_px);
+                let from = mark.at_px - self.pivot_px;
+                // How the point changes in the phantom's frame.
+                let own = image_turn.inverse() * spot.lever;
+                let by_turn = map * DMat3::from_quat(image_turn) * turned(own);
+                let by_size = [
+                    map * (image_turn * DVec3::new(sizes[0] * from.x, 0.0, 0.0)),
+                    map * (image_turn * (DVec3::new(skewed, 1.0, 0.0) * (sizes[1] * from.y))),
+                ];
+                let by_skew = map * (image_turn * DVec3::new(sizes[1] * from.y, 0.0, 0.0));
+                let by_lag = about_phantom * picture.rate.transform_point3(spot.probe);
+                let by_phantom = turned(spot.phantom_lever);
+                let wire = &wires[mark.wire];
+                for (side, (off, across)) in off_wire(wire, spot.phantom).into_iter().zip(wire.across()).enumerate() {
+                    let row = 2 * number + side;
+                    residuals[row] = off;
+                    if blocks.wants_derivatives() {
+                        let groups = [by_turn, map, by_phantom].map(|m| (m.transpose() * across).to_array());
+                        let [by_turn, by_place, by_phantom] = groups;
+                        let single = [by_size[0], by_size[1], by_skew, by_lag].map(|column| column.dot(across));
+                        let all = [&by_turn[..], &by_place, &single, &by_phantom, &across.to_array()].concat();
+                        all.into_iter().enumerate().for_each(|(column, x)| derivatives[(row, column)] = x);
+                    }
+                }
+            }
+            let (residuals, derivatives) = (whitening * residuals, whitening * derivatives);
+            for row in 0..rows {
+                let three = |first: usize| -> [f64; 3] { std::array::from_fn(|i| derivatives[(row, first + i)]) };
+                let one = |column: usize| derivatives[(row, column)];
+                blocks
+                    .add([residuals[row]], &unit)
+                    .by(turn, [three(0)])
+                    .by(place, [three(3)])
+                    .by(size, [[one(6), one(7)]])
+                    .by(skew, [[one(8)]])
+                    .by(lag, [[one(9)]])
+                    .by(phantom_turn, [three(10)])
+                    .by(phantom_shift, [three(13)]);
+            }
+        }
+    }
+
+    /// What is known beforehand: of the registration, and of lags.
+    pub(super) fn put_priors(
+        &self,
+        state: &State,
+        registration: Option<&Whitening<6>>,
+        lag: bool,
+        blocks: &mut Blocks<'_>,
+    ) {
+        let Unknown { phantom_turn, phantom_shift, .. } = self.unknown;
+        if let Some(registration) = registration {
+            let (about, shift) = (state.rotation(phantom_turn).to_scaled_axis(), state.point(phantom_shift));
+            let both = [about.x, about.y, about.z, shift.x, shift.y, shift.z];
+            // How the logarithm of a rotation changes with a step from the left, to the fourth order of its angle.
+            let bend = turned(about);
+            let by_turn = rows(DMat3::IDENTITY + bend * 0.5 + bend * bend * (1.0 / 12.0));
+            let by_shift = rows(DMat3::IDENTITY);
+            let none = [0.0; 3];
+            blocks
+                .add(both, registration)
+                .by(phantom_turn, [by_turn[0], by_turn[1], by_turn[2], none, none, none])
+                .by(phantom_shift, [none, none, none, by_shift[0], by_shift[1], by_shift[2]]);
+        }
+        if lag {
+            blocks.add(state.vector(self.unknown.lag), &Whitening::sd(USUAL_LAG_S)).by(self.unknown.lag, [[1.0]]);
+        }
+    }
+
+    /// How well the registration is known beforehand.
+    pub(super) fn prior(&self) -> Whitening<6> {
+        let covariance = self.information().try_inverse().unwrap_or_else(|| DMatrix::identity(6, 6) * 1e6);
+        let entry = |i: usize, j: usize| 0.5 * (covariance[(i, j)] + covariance[(j, i)]);
+        Whitening::covariance(&std::array::from_fn(|i| std::array::from_fn(|j| entry(i, j))))
+    }
+
+    /// What landmarks say of the phantom's turn and shift, each touched as well as the registration's error says.
+    pub(super) fn information(&self) -> DMatrix<f64> {
+        let landmarks = self.layout.geometry().landmarks();
+        // The mean length of three components of standard deviation 1 is 1.6.
+        let sd = self.registration.error_mm.unwrap_or(USUAL_ERROR_MM) / 1.6;
+        let ends = self.layout.geometry().wires().iter().flat_map(|wire| wire.ends_mm);
+        let touched: Vec<DVec3> = match landmarks.len() {
+            // Where it was touched is not known: as the wires' ends lie.
+            0..3 => ends.collect(),
+            _ => landmarks.iter().map(|landmark| landmark.position_mm).collect(),
+        };
+        let mut information = DMatrix::<f64>::zeros(6, 6);
+        for at in touched {
+            let turn = turned(at - self.centre);
+            let mut by = DMatrix::<f64>::zeros(3, 6);
+            for (row, (turn, unit)) in rows(turn).iter().zip(rows(DMat3::IDENTITY)).enumerate() {
+                (0..3).for_each(|column| {
+                    by[(row, column)] = turn[column];
+                    by[(row, 3 + column)] = unit[column];
+                });
+            }
+            information += by.transpose() * by / (sd * sd);
+        }
+        information
+    }
+}
+
+/// What makes a picture's residuals independent and of standard deviation 1.
+pub(super) fn whitening(picture: &Scattered, scatter: Scatter) -> DMatrix<f64> {
+    let n = picture.residuals.len();
+    let factor = picture.factor(scatter).map(|factor| factor.l());
+    let inverse = factor.and_then(|l| l.solve_lower_triangular(&DMatrix::identity(n, n)));
+    inverse.unwrap_or_else(|| DMatrix::identity(n, n))
+}
