@@ -117,9 +117,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         let readings: Vec<Reading> = read.poses.iter().map(reading).collect();
         register(&readings, tip_mm, landmarks, &accepted)
     };
-    let recording = gathered(recording, |tracks| {
-        Ok(advice(&found(&poses(recording, tracks, recording.path())?)?, landmarks))
-    })?;
+    let recording =
+        gathered(recording, |tracks| Ok(advice(&found(&poses(recording, tracks, recording.path())?)?, landmarks)))?;
     let recording = recording.as_ref();
     let read = recording.read()?;
     let within = |e: LandmarksError| Failure(format!("{}: {e}{}", recording.path().display(), read.counts.also()));

@@ -1,5 +1,6 @@
 //! `sonoweave calibrate probe`: where the picture lies in the frame of the sensor on the transducer.
 
+mod guide;
 mod page;
 mod recording;
 mod report;
@@ -18,6 +19,7 @@ use clap::{ArgGroup, Args, ValueEnum};
 use glam::DVec2;
 
 use super::super::{Failure, values};
+use super::guide::Gathering;
 use super::outputs::{Input, Outputs, print};
 use super::recorded::Recorded;
 use crate::config::Settings as Config;
@@ -39,12 +41,13 @@ enum Method {
 /// Flags of `calibrate probe`.
 #[derive(Debug, Args)]
 #[command(
-    group(ArgGroup::new("from").required(true).args(["sequence", "session"])),
+    group(ArgGroup::new("from").required(true).args(["sequence", "session", "live"])),
     after_help = "\
 Scan the phantom's wires slowly for a quarter of a minute: along them and back, and tilt and turn the probe on the way. A second scan tells how good the result is; without one the last third \
 of the first does. The result is the transform ImageToProbe, and how much later the tracker's poses come than pictures.
 
-Examples: sonoweave calibrate probe --phantom phantom.toml --session SESSION-20261121-213000.mcap -o calibration.toml --report probe.html
+Examples: sonoweave calibrate probe --phantom phantom.toml --live bedside.toml -o calibration.toml
+          sonoweave calibrate probe --phantom phantom.toml --session SESSION-20261121-213000.mcap -o calibration.toml --report probe.html
           sonoweave calibrate probe --phantom phantom.toml --sequence scan.igs.mha --validate second.igs.mha -o calibration.toml"
 )]
 pub struct Arguments {
@@ -57,6 +60,14 @@ pub struct Arguments {
     /// The recording: a session that `live --record` wrote (.mcap). The latencies that it had do not count
     #[arg(long, value_name = "SESSION")]
     session: Option<PathBuf>,
+    /// A bedside's configuration: records its devices now, says what to do, and ends when there is enough
+    #[arg(long, value_name = "BEDSIDE.toml")]
+    live: Option<PathBuf>,
+    #[command(flatten)]
+    gathering: Gathering,
+    /// With --live: it is enough when points are known to this, mm (one standard deviation at the worst corner)
+    #[arg(long, value_name = "MM", default_value_t = 0.3, value_parser = values::positive)]
+    goal: f64,
     /// A second recording, a sequence or a session, to tell how good the result is; it has no part in it
     #[arg(long, value_name = "SEQUENCE|SESSION")]
     validate: Option<PathBuf>,
@@ -122,7 +133,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let clip = clip.or(settings.clip);
     let began = Instant::now();
     let look = |recorded: &Recorded| observe(recorded, &layout, &settings.frames, clip);
-    let recorded = arguments.recorded()?;
+    let made = arguments.live.as_ref();
+    let made = made.map(|path| guide::gathered(path, arguments, &layout, &held, &settings.frames, clip)).transpose()?;
+    let recorded = arguments.recorded(made.as_deref())?;
+    let path = recorded.path();
     let seen = look(&recorded)?;
     let second = validate.as_ref().map(|path| look(&Recorded::of(path)?)).transpose()?;
     if second.as_ref().is_some_and(|second| second.size_px != seen.size_px) {
@@ -180,12 +194,13 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 impl Arguments {
     /// The recording's file.
     fn path(&self) -> &Path {
-        // One of the two is there: the command line sees to it.
-        self.sequence.as_ref().or(self.session.as_ref()).map_or(Path::new(""), PathBuf::as_path)
+        // One of them is there: the command line sees to it.
+        let some = [&self.sequence, &self.session, &self.live].into_iter().flatten().next();
+        some.map_or(Path::new(""), PathBuf::as_path)
     }
 
-    fn recorded(&self) -> Result<Recorded, Failure> {
-        match &self.session {
+    fn recorded(&self, made: Option<&Path>) -> Result<Recorded, Failure> {
+        match made.or(self.session.as_deref()) {
             Some(path) => Recorded::session(path),
             None => Ok(Recorded::Sequence(self.path().to_owned())),
         }

@@ -23,9 +23,7 @@ const LONG_S: f64 = 12.0;
 /// # Errors
 /// [`Failure`] when they cannot be recorded.
 pub(super) fn gathered(bedside: &Path, arguments: &Arguments) -> Result<PathBuf, Failure> {
-    let begin = |bedside: &_, instruments: &[_]| {
-        Ok(UpAndDown { tracks: Tracks::of_instruments(instruments, bedside) })
-    };
+    let begin = |bedside: &_, instruments: &[_]| Ok(UpAndDown { tracks: Tracks::of_instruments(instruments, bedside) });
     Ok(lead(bedside, &arguments.gathering, true, begin)?.session)
 }
 

@@ -1,5 +1,8 @@
 //! Pictures of wires and poses from a recording.
 
+use calibration::picture::GreyView;
+use calibration::probe::dots::Dot;
+use calibration::probe::matching::Reading;
 use calibration::probe::track::Track;
 use calibration::probe::{DotFinder, Layout, Matcher, Observation, Recording};
 use calibration::region::ClipRect;
@@ -68,25 +71,11 @@ pub(super) fn observe(
     let within = |problem: String| Failure(format!("{}: {problem}", recorded.path().display()));
     let tracked = recorded.tracked(&frames.probe, &frames.reference)?;
     let bar = input::progress("looking", tracked.pictures());
-    let (mut finder, mut matcher) = (DotFinder::new(), Matcher::new());
-    let mut region = None;
+    let mut looker = Looker::new(layout, clip, recorded.bedside().map(|bedside| bedside.mask));
     let (mut observations, mut timed, mut first_refusal) = (Vec::new(), true, None);
     let unfit = recorded.pictures(|shown| {
         bar.inc(1);
-        let size = shown.size;
-        let Region { size: first, clip, mask } = match &mut region {
-            Some(region) => region,
-            none => none.insert(Region::of(recorded.bedside().map(|bedside| bedside.mask), clip, size)?),
-        };
-        if size != *first {
-            return Err(within(format!("its pictures are of different sizes, {first:?} and {size:?}")));
-        }
-        let mut dots = finder.find(&shown.view()?, *clip).to_vec();
-        dots.retain(|dot| {
-            let [u, v] = dot.at_px.to_array().map(|x| x.round() as u32);
-            mask.as_ref().is_none_or(|mask| mask.contains(u, v))
-        });
-        let reading = matcher.read(&dots, size, layout);
+        let (dots, reading) = looker.look(shown.size, &shown.view()?).map_err(|Failure(why)| within(why))?;
         timed &= shown.stamps.is_some();
         let poses = tracked.at(&shown);
         let poses = poses.map_err(|why| first_refusal.get_or_insert(why)).ok();
@@ -95,12 +84,55 @@ pub(super) fn observe(
     })?;
     bar.finish_and_clear();
     let first_refusal = unfit.first().map(str::to_owned).or(first_refusal);
-    let Some(Region { size: size_px, .. }) = region else {
+    let Some(size_px) = looker.size_px() else {
         let why = first_refusal.map_or(String::new(), |why| format!("; the first: {why}"));
         return Err(within(format!("holds no picture that can be used{why}")));
     };
     let track = tracked.track().cloned();
     Ok(Observed { observations, track, size_px, timed, first_refusal })
+}
+
+/// Looks for a phantom's wires in pictures, all of one size.
+pub(super) struct Looker<'a> {
+    layout: &'a Layout,
+    clip: Option<ClipRect>,
+    mask: Option<MaskSettings>,
+    region: Option<Region>,
+    finder: DotFinder,
+    matcher: Matcher,
+}
+
+impl<'a> Looker<'a> {
+    /// In the part that is given, else in what is data.
+    pub(super) fn new(layout: &'a Layout, clip: Option<ClipRect>, mask: Option<MaskSettings>) -> Self {
+        Self { layout, clip, mask, region: None, finder: DotFinder::new(), matcher: Matcher::new() }
+    }
+
+    /// The pictures' size, once there is one.
+    pub(super) fn size_px(&self) -> Option<[u32; 2]> {
+        self.region.as_ref().map(|region| region.size)
+    }
+
+    /// Spots of a picture, and which wires they are.
+    ///
+    /// # Errors
+    /// [`Failure`] for a picture of another size than the first.
+    pub(super) fn look(&mut self, size: [u32; 2], view: &GreyView<'_>) -> Result<(Vec<Dot>, Option<Reading>), Failure> {
+        let Region { size: first, clip, mask } = match &mut self.region {
+            Some(region) => region,
+            none => none.insert(Region::of(self.mask, self.clip, size)?),
+        };
+        if size != *first {
+            return Err(Failure(format!("its pictures are of different sizes, {first:?} and {size:?}")));
+        }
+        let mut dots = self.finder.find(view, *clip).to_vec();
+        dots.retain(|dot| {
+            let [u, v] = dot.at_px.to_array().map(|x| x.round() as u32);
+            mask.as_ref().is_none_or(|mask| mask.contains(u, v))
+        });
+        let reading = self.matcher.read(&dots, size, self.layout);
+        Ok((dots, reading))
+    }
 }
 
 /// Where in pictures wires are looked for.
@@ -119,6 +151,6 @@ impl Region {
     }
 }
 
-fn number(frame: u64) -> usize {
+pub(super) fn number(frame: u64) -> usize {
     usize::try_from(frame).unwrap_or(usize::MAX)
 }

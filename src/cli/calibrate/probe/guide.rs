@@ -1,0 +1,121 @@
+//! What whoever scans the phantom is told meanwhile: how well it is known by now where the picture lies, and what to scan next.
+
+use std::path::{Path, PathBuf};
+
+use calibration::phantom::file::Registration;
+use calibration::probe::{Layout, Observation, Recording, calibrate};
+use calibration::region::ClipRect;
+
+use super::super::guide::{Advice, Guide, lead};
+use super::super::recorded::{GRABBER, Tracks, seconds};
+use super::recording::{Looker, number};
+use super::report::predicted_ends;
+use super::{Arguments, Failure};
+use crate::config::phantom::FrameNames;
+use crate::ingest::live::Live;
+use crate::slice::Pixels;
+use calibration::picture::GreyView;
+
+/// Pictures that a judgement is made by, at most: evenly over all there are. It takes a second or so with them.
+const MOST_PICTURES: usize = 200;
+/// Fewer than these are not enough, however sure they make it: errors that last are not seen in fewer.
+const ENOUGH_PICTURES: f64 = 100.0;
+
+/// Records a scan until the picture's place is known well enough.
+///
+/// # Errors
+/// [`Failure`] when the bedside's devices cannot be recorded.
+pub(super) fn gathered(
+    path: &Path,
+    arguments: &Arguments,
+    layout: &Layout,
+    held: &Registration,
+    frames: &FrameNames,
+    clip: Option<ClipRect>,
+) -> Result<PathBuf, Failure> {
+    let gathered = lead(path, &arguments.gathering, true, |bedside, instruments| {
+        Ok(Scanned {
+            looker: Looker::new(layout, clip, Some(bedside.mask)),
+            tracks: Tracks::of_instruments(instruments, bedside),
+            seen: Vec::new(),
+            trouble: None,
+            layout,
+            held,
+            frames,
+            goal_mm: arguments.goal,
+            limit_mm: arguments.limit,
+        })
+    })?;
+    Ok(gathered.session)
+}
+
+/// The scan by now.
+struct Scanned<'a> {
+    looker: Looker<'a>,
+    tracks: Tracks,
+    /// Their poses come later.
+    seen: Vec<Observation>,
+    /// Why the last picture could not be used.
+    trouble: Option<String>,
+    layout: &'a Layout,
+    held: &'a Registration,
+    frames: &'a FrameNames,
+    goal_mm: f64,
+    limit_mm: f64,
+}
+
+impl Guide for Scanned<'_> {
+    fn hear(&mut self, device: usize, live: Live) {
+        let Live::Picture { picture, timed } = live else {
+            if device != GRABBER {
+                self.tracks.take(device, live);
+            }
+            return;
+        };
+        let size = [picture.image.width(), picture.image.height()];
+        let looked = match picture.image.pixels() {
+            Pixels::U8(pixels) => GreyView::packed(size.map(|side| side as usize), pixels)
+                .map_err(Failure::from)
+                .and_then(|view| self.looker.look(size, &view)),
+            _ => Err(Failure("the pictures are not of 8 bits; set the grabber to such a format".into())),
+        };
+        let (frame, time_s) = (number(picture.head.stamp.item), seconds(timed.time_ns));
+        match looked {
+            Ok((dots, reading)) => self.seen.push(Observation { frame, time_s, dots, reading, poses: None }),
+            Err(Failure(why)) => self.trouble = Some(why),
+        }
+    }
+
+    fn advise(&mut self) -> Advice {
+        let Some(size_px) = self.looker.size_px() else {
+            return Advice::missing(self.trouble.clone().unwrap_or_else(|| "waiting for pictures".into()));
+        };
+        let track = match self.tracks.track(&self.frames.probe, &self.frames.reference) {
+            Ok(track) => track,
+            Err(why) => return Advice::missing(why),
+        };
+        let some = self.seen.iter().step_by(self.seen.len().div_ceil(MOST_PICTURES).max(1));
+        let observations: Vec<Observation> =
+            some.map(|seen| Observation { poses: track.at(seen.time_s), ..seen.clone() }).collect();
+        let recording = Recording { observations: &observations, track: Some(&track), size_px, timed: true };
+        let found = match calibrate(self.layout, self.held, recording, None) {
+            Ok(found) => found,
+            Err(refused) => return Advice::missing(refused.to_string()),
+        };
+        let [centre, corner] = predicted_ends(&found);
+        let held_out = found.validation.as_ref().map(|[errors, _]| errors.mean);
+        let pictures = self.seen.len() as f64;
+        let mut says = format!(
+            "a point is known to {centre:.2} mm at the picture's centre, {corner:.2} at the worst corner, where {} are wanted, by {} of {} pictures",
+            self.goal_mm,
+            found.used(),
+            observations.len()
+        );
+        if let Some(mm) = held_out.filter(|mm| *mm > self.limit_mm) {
+            says += &format!("; what was scanned last is {mm:.2} mm off: was the phantom moved, or is metal near?");
+            return Advice::at(0.5, says);
+        }
+        says += "; scan on along the wires, and tilt and turn the probe";
+        Advice::at((self.goal_mm / corner).powi(2).min(pictures / ENOUGH_PICTURES), says)
+    }
+}
