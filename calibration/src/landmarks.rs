@@ -280,7 +280,8 @@ impl Touch {
                 Some(i) => std::array::from_fn(|k| if i == k { 1.0 } else { 0.0 }),
             })
         };
-        let covariance = solution.propagated(|all| all.by(problem.turn, unit(0)).by(problem.shift, unit(3)));
+        let covariance =
+            solution.certainty().propagated(|all| all.by(problem.turn, unit(0)).by(problem.shift, unit(3)));
         let registered = Registered {
             reference_from_phantom,
             touched,

@@ -28,7 +28,7 @@
 //! - [`parameters`]: blocks of parameters on their manifolds: points and other vectors are added to, scales multiplied, rotations turned from the left or the right.
 //! - [`blocks`]: residuals, derivatives and noise. [`check_jacobian`] holds the derivatives against finite differences; every problem's tests call it.
 //! - [`loss`]: quadratic, Huber, Cauchy, Tukey, for residuals of any number of components.
-//! - [`solution`]: what comes out.
+//! - [`solution`]: what comes out; [`certainty`]: how sure it is, and how sure it would be with more.
 //!
 //! # Numbers
 //!
@@ -36,6 +36,7 @@
 //! the triangle of a QR decomposition, never from normal equations, which would square the condition number. All sums have a fixed order: the same input gives the same bits.
 
 pub mod blocks;
+pub mod certainty;
 mod check;
 mod linear;
 pub mod loss;
@@ -46,6 +47,7 @@ mod solve;
 mod tests;
 
 pub use blocks::{Blocks, Residual, Whitening, rows, turned};
+pub use certainty::Certainty;
 pub use check::{JacobianCheck, check_jacobian};
 pub use loss::Loss;
 pub use parameters::{Parameters, Rotation, Scale, Side, State, Vector};

@@ -8,6 +8,7 @@
 //! - [`plane`], [`linear`]: the plane from dots and poses, where the rest begins.
 //! - [`refine`](mod@refine), [`scatter`]: the plane that explains all dots best, the tracker's lag, and how sure they are.
 //! - [`errors`]: how far it is off, by PLUS's definition and by ours, on pictures that had no part in it.
+//! - [`next`]: which view to take next.
 //! - [`calibrate`](mod@calibrate), [`refused`]: all of it in turn, or the reason why there is none.
 
 pub mod calibrate;
@@ -16,6 +17,7 @@ pub mod errors;
 pub mod layout;
 pub mod linear;
 pub mod matching;
+pub mod next;
 pub mod plane;
 pub mod refine;
 pub mod refused;
@@ -30,4 +32,5 @@ pub use calibrate::{Calibration, Observation, Recording, calibrate};
 pub use dots::DotFinder;
 pub use layout::Layout;
 pub use matching::Matcher;
+pub use next::{NextView, next_view};
 pub use refused::Refused;

@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-use super::blocks::{Blocks, Residual, Whitening};
+use super::certainty::Certainty;
 use super::parameters::{Block, Parameters, State};
 
 /// Why a solution went no further.
@@ -84,56 +84,24 @@ pub struct Solution {
     /// Each block's weight by the loss: 1 where it counts whole, 0 where it has no part.
     pub weights: Vec<f64>,
     pub(super) directions: Vec<Direction>,
-    /// Row major, by a step's components.
-    pub(super) covariance: Vec<f64>,
-    pub(super) columns: Vec<Option<usize>>,
-    pub(super) parameters: Parameters,
+    pub(super) certainty: Certainty,
 }
 
 impl Solution {
-    /// Covariance of a block's step, in its unit squared (of a rotation rad², of scales relative); 0 of a block that is held.
-    pub fn covariance<const K: usize>(&self, block: impl Block<K>) -> [[f64; K]; K] {
-        self.between(block, block)
+    /// How sure the parameters are together.
+    pub fn certainty(&self) -> &Certainty {
+        &self.certainty
     }
 
-    /// Covariance of the steps of two blocks: rows the first's components, columns the second's.
-    pub fn between<const K: usize, const L: usize>(&self, one: impl Block<K>, other: impl Block<L>) -> [[f64; L]; K] {
-        let n = self.parameters.steps();
-        match [one.place(), other.place()].map(|place| self.columns[place.block()]) {
-            [Some(row), Some(column)] => {
-                std::array::from_fn(|i| std::array::from_fn(|j| self.covariance[(row + i) * n + column + j]))
-            }
-            _ => [[0.0; L]; K],
-        }
+    /// Covariance of a block's step, in its unit squared (of a rotation rad², of scales relative); 0 of a block that is held.
+    pub fn covariance<const K: usize>(&self, block: impl Block<K>) -> [[f64; K]; K] {
+        self.certainty.between(block, block)
     }
 
     /// Standard deviations of a block's step.
     pub fn sds<const K: usize>(&self, block: impl Block<K>) -> [f64; K] {
         let covariance = self.covariance(block);
         std::array::from_fn(|i| covariance[i][i].sqrt())
-    }
-
-    /// Covariance, to first order, of N numbers that depend on the parameters, whose derivatives are given as those of a residual are:
-    ///
-    /// ```text
-    /// // Where the image's corner lies: R·x + t.
-    /// let covariance_mm2 = solution.propagated(|corner| corner.by(turn, rows(turned(r * x))).by(shift, rows(DMat3::IDENTITY)));
-    /// ```
-    pub fn propagated<const N: usize>(
-        &self,
-        derivatives: impl for<'b, 'a> FnOnce(Residual<'b, 'a, N>) -> Residual<'b, 'a, N>,
-    ) -> [[f64; N]; N] {
-        let n = self.parameters.steps();
-        let blocks = Blocks::of(&self.parameters, &self.columns, true, |blocks| {
-            let unit = Whitening::sd(1.0);
-            derivatives(blocks.add([0.0; N], &unit));
-        });
-        let rows: [&[f64]; N] = std::array::from_fn(|i| &blocks.jacobian()[i * n..(i + 1) * n]);
-        let product = |a: &[f64], b: &[f64]| -> f64 {
-            let row = |i: usize| self.covariance[i * n..(i + 1) * n].iter().zip(b).map(|(c, b)| c * b).sum::<f64>();
-            a.iter().enumerate().map(|(i, a)| a * row(i)).sum()
-        };
-        std::array::from_fn(|i| std::array::from_fn(|j| product(rows[i], rows[j])))
     }
 
     /// Combinations of parameters, the least determined first; together they span a step.

@@ -1,6 +1,7 @@
 //! Damped Gauss–Newton.
 
 use super::blocks::Blocks;
+use super::certainty::Certainty;
 use super::linear::Linear;
 use super::loss::{Loss, spread};
 use super::parameters::{Parameters, State};
@@ -277,9 +278,7 @@ impl<'a> Problem<'a> {
             lengths: blocks.lengths().into_iter().map(|(_, length)| length).collect(),
             weights,
             directions,
-            covariance,
-            columns: self.columns.to_vec(),
-            parameters: self.parameters.clone(),
+            certainty: Certainty::new(self.parameters, self.columns, &covariance),
         })
     }
 

@@ -80,7 +80,9 @@ impl Similarity {
         let unit = |first: usize| -> [[f64; 3]; 9] {
             std::array::from_fn(|i| std::array::from_fn(|k| if i == first + k { 1.0 } else { 0.0 }))
         };
-        solution.propagated(|all| all.by(self.turn, unit(0)).by(self.scale, unit(3)).by(self.shift, unit(6)))
+        solution
+            .certainty()
+            .propagated(|all| all.by(self.turn, unit(0)).by(self.scale, unit(3)).by(self.shift, unit(6)))
     }
 }
 
@@ -197,8 +199,38 @@ fn a_line_s_solution_and_covariance_are_those_of_the_textbook() {
     let known = solve(&parameters, &Settings { noise: Noise::Known, ..Settings::default() }, put).unwrap();
     assert!((known.covariance(line)[1][1] - 4.0 * 0.1).abs() < 1e-12);
     // Where the line is at x = 7.
-    let there = known.propagated(|y| y.by(line, [[1.0, 7.0]]));
+    let there = known.certainty().propagated(|y| y.by(line, [[1.0, 7.0]]));
     assert!((there[0][0] - 4.0 * (0.6 - 2.0 * 7.0 * 0.2 + 49.0 * 0.1)).abs() < 1e-11);
+}
+
+/// Three more points at x = 7, foreseen and measured.
+#[test]
+fn it_is_foreseen_how_sure_more_residuals_make() {
+    let mut parameters = Parameters::new();
+    let line = parameters.vector("line", ["height", "slope"], "", 1.0, [0.0; 2]);
+    let noise = Whitening::sd(2.0);
+    let settings = Settings { noise: Noise::Known, ..Settings::default() };
+    let found = |data: &[f64]| {
+        let put = |state: &State, blocks: &mut Blocks<'_>| {
+            let [height, slope] = state.vector(line);
+            for x in data {
+                blocks.add([height + slope * x], &noise).by(line, [[1.0, *x]]);
+            }
+        };
+        solve(&parameters, &settings, put).unwrap()
+    };
+    let (few, all) = (found(&[0.0, 1.0, 2.0]), found(&[0.0, 1.0, 2.0, 7.0, 7.0, 7.0]));
+    let more = |x: f64| {
+        few.certainty().with(3.0, |blocks| {
+            blocks.add([0.0], &noise).by(line, [[1.0, x]]);
+        })
+    };
+    let foreseen = more(7.0).unwrap().between(line, line);
+    let measured = all.covariance(line);
+    for (i, j) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+        assert!((foreseen[i][j] - measured[i][j]).abs() < 1e-12, "{foreseen:?} {measured:?}");
+    }
+    assert!(more(f64::NAN).is_none());
 }
 
 /// Undamped steps overshoot from here and never come back.

@@ -31,7 +31,7 @@ const USUAL_TILT: f64 = 0.4;
 /// A cut lies between a wire's ends, or beyond by this part of its length.
 const BEYOND: f64 = 0.05;
 /// Steepest cut, as the cosine between the plane's normal and the posts: beyond it a dot is a streak.
-const STEEPEST: f64 = 0.4;
+pub(super) const STEEPEST: f64 = 0.4;
 /// Guesses of a frame that are looked at in space.
 const GUESSES: usize = 24;
 /// Lines of three that are looked at: an N each in pictures of phantoms, and their like among noise.

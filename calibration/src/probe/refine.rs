@@ -13,6 +13,7 @@ use nalgebra::DMatrix;
 
 use self::outliers::leave_out;
 pub use self::predicted::PLANE;
+pub(super) use self::predicted::View;
 use self::predicted::{KNOWN, TOGETHER};
 use self::problem::{Picture, Problem, USUAL_LAG_S, Unknown, whitening};
 use super::layout::Layout;
@@ -63,6 +64,10 @@ pub struct Refined {
     pub used: Vec<Vec<bool>>,
     /// Squared lengths of pictures' whitened residuals, in the order of the sightings, and their components.
     pub pictures: Vec<(f64, usize)>,
+    /// Where the phantom was said to be held.
+    given: Registration,
+    /// About which it was turned.
+    centre: DVec3,
     unknown: Unknown,
     pivot_px: DVec2,
     solution: Solution,
@@ -180,11 +185,13 @@ impl Problem<'_> {
             lag_sd_s: 0.0,
             used,
             pictures: squares,
+            given: self.registration,
+            centre: self.centre,
             unknown: self.unknown,
             pivot_px: self.pivot_px,
             solution,
         };
-        let all = refined.together(self.pivot_px);
+        let all = refined.together(refined.solution.certainty(), self.pivot_px);
         refined.lag_sd_s = refined.lasted(&all, [TOGETHER - 1; 2]).max(0.0).sqrt();
         refined
     }

@@ -26,6 +26,7 @@ pub(super) struct Imperfect {
 }
 
 /// A scan, and its truth.
+#[derive(Clone)]
 pub(super) struct Scan {
     pub(super) layout: Layout,
     pub(super) plane: ImagePlane,
@@ -40,11 +41,26 @@ fn plane() -> ImagePlane {
     ImagePlane { u: turn * DVec3::X * 0.0786, v: turn * DVec3::Y * 0.0741, origin: DVec3::new(11.0, 46.0, -7.0) }
 }
 
+/// How a hand moves: how far it turns about the phantom's axes, rad, and shifts along them, mm.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Hand {
+    pub(super) turn: [f64; 3],
+    pub(super) shift: [f64; 3],
+}
+
+impl Hand {
+    /// Along the wires and back, tilting and turning on the way.
+    pub(super) const FREE: Self = Self { turn: [0.3, 0.2, 0.25], shift: [3.0, 7.0, 2.0] };
+}
+
 impl Scan {
-    /// Of so many pictures: along the wires and back, tilting and turning on the way, as a hand does.
+    /// Of so many pictures, by a hand that moves as one should.
     pub(super) fn new(pictures: usize, imperfect: Imperfect, noise: &mut Noise) -> Self {
-        let layout = Layout::new(three_ns()).unwrap();
-        let plane = plane();
+        Self::by(Hand::FREE, pictures, imperfect, noise)
+    }
+
+    /// Of so many pictures.
+    pub(super) fn by(hand: Hand, pictures: usize, imperfect: Imperfect, noise: &mut Noise) -> Self {
         let reference_from_phantom: Transform<Reference, Phantom> =
             Transform::from_affine(DAffine3::from_rotation_translation(
                 DQuat::from_euler(glam::EulerRot::XYZ, 1.5, 0.1, -1.5),
@@ -55,45 +71,73 @@ impl Scan {
         let phantom_from_image = |time: f64| {
             let wave = |period_s: f64, phase: usize| (std::f64::consts::TAU * time / period_s + phases[phase]).sin();
             let level = DMat3::from_cols(DVec3::NEG_X, DVec3::NEG_Z, DVec3::NEG_Y);
-            let tilt =
-                DQuat::from_euler(glam::EulerRot::XYZ, 0.3 * wave(3.1, 0), 0.2 * wave(4.3, 1), 0.25 * wave(5.7, 2));
+            let ([x, y, z], [along_x, along_y, along_z]) = (hand.turn, hand.shift);
+            let tilt = DQuat::from_euler(glam::EulerRot::XYZ, x * wave(3.1, 0), y * wave(4.3, 1), z * wave(5.7, 2));
             let turn = DMat3::from_quat(tilt) * level;
-            let centre = DVec3::new(35.0 + 3.0 * wave(2.3, 3), 20.0 + 7.0 * wave(11.0, 4), 5.0 + 2.0 * wave(3.7, 1));
+            let shift = DVec3::new(along_x * wave(2.3, 3), along_y * wave(11.0, 4), along_z * wave(3.7, 1));
+            let centre = DVec3::new(35.0, 20.0, 5.0) + shift;
             let [width, height] = SIZE_PX.map(f64::from);
             let (u, v) = (turn * DVec3::X * 0.0786, turn * DVec3::Y * 0.0741);
             ImagePlane { u, v, origin: centre - u * (0.5 * width) - v * (0.5 * height) }
         };
-        let probe_from_image = plane.affine();
-        let poses = |time_s: f64, noise: &mut Noise| {
-            let image = phantom_from_image(time_s - imperfect.lag_s).affine();
-            let phantom_from_probe = image * probe_from_image.inverse();
-            let drift = DQuat::from_euler(glam::EulerRot::XYZ, 0.05 * (0.5 * time_s).sin(), 0.3, -1.2);
-            let reference =
-                DAffine3::from_rotation_translation(drift, DVec3::new(250.0, 82.0 + 3.0 * (0.4 * time_s).cos(), -42.0));
-            let probe = reference * reference_from_phantom.affine() * phantom_from_probe;
-            let mut noisy = |pose: DAffine3| {
-                let turn = DQuat::from_scaled_axis(noise.vector(imperfect.turn_deg.to_radians()));
-                pose * DAffine3::from_rotation_translation(turn, noise.vector(imperfect.position_mm))
-            };
-            Poses {
-                time_s,
-                tracker_from_probe: Transform::from_affine(noisy(probe)),
-                tracker_from_reference: Some(Transform::from_affine(noisy(reference))),
-            }
-        };
-        let (mut sightings, mut track) = (Vec::new(), Vec::new());
+        let layout = Layout::new(three_ns()).unwrap();
+        let mut scan =
+            Self { layout, plane: plane(), reference_from_phantom, sightings: Vec::new(), track: Track::new(Vec::new()) };
+        let mut track = Vec::new();
         for frame in 0..pictures {
             let time_s = 100.0 + PERIOD_S * frame as f64;
-            track.push(poses(time_s, noise));
-            let image = phantom_from_image(time_s);
-            let seen = layout.geometry().wires().iter().enumerate().filter_map(|(wire, geometry)| {
-                let (px, share) = image.cut(geometry)?;
-                let at_px = px + DVec2::new(noise.normal(), noise.normal()) * imperfect.dot_px;
-                (0.0..=1.0).contains(&share).then_some(Mark { wire, at_px, contrast: 100.0 })
-            });
-            sightings.push(Sighting { frame, time_s, marks: seen.collect() });
+            track.push(scan.poses(time_s, &phantom_from_image(time_s - imperfect.lag_s), imperfect, noise));
+            scan.see(time_s, &phantom_from_image(time_s), imperfect, noise);
         }
-        Self { layout, plane, reference_from_phantom, sightings, track: Track::new(track) }
+        scan.track = Track::new(track);
+        scan
+    }
+
+    /// Further pictures, after a while, of a probe that is held still.
+    pub(super) fn hold(
+        &mut self,
+        phantom_from_image: &ImagePlane,
+        pictures: usize,
+        imperfect: Imperfect,
+        noise: &mut Noise,
+    ) {
+        let mut track = self.track.poses().to_vec();
+        let begin_s = track.last().map_or(0.0, |poses| poses.time_s) + 5.0;
+        for picture in 0..pictures {
+            let time_s = begin_s + PERIOD_S * picture as f64;
+            track.push(self.poses(time_s, phantom_from_image, imperfect, noise));
+            self.see(time_s, phantom_from_image, imperfect, noise);
+        }
+        self.track = Track::new(track);
+    }
+
+    /// The sensors' poses of a moment, by where the picture is in the phantom.
+    fn poses(&self, time_s: f64, phantom_from_image: &ImagePlane, imperfect: Imperfect, noise: &mut Noise) -> Poses {
+        let phantom_from_probe = phantom_from_image.affine() * self.plane.affine().inverse();
+        let drift = DQuat::from_euler(glam::EulerRot::XYZ, 0.05 * (0.5 * time_s).sin(), 0.3, -1.2);
+        let reference =
+            DAffine3::from_rotation_translation(drift, DVec3::new(250.0, 82.0 + 3.0 * (0.4 * time_s).cos(), -42.0));
+        let probe = reference * self.reference_from_phantom.affine() * phantom_from_probe;
+        let mut noisy = |pose: DAffine3| {
+            let turn = DQuat::from_scaled_axis(noise.vector(imperfect.turn_deg.to_radians()));
+            pose * DAffine3::from_rotation_translation(turn, noise.vector(imperfect.position_mm))
+        };
+        Poses {
+            time_s,
+            tracker_from_probe: Transform::from_affine(noisy(probe)),
+            tracker_from_reference: Some(Transform::from_affine(noisy(reference))),
+        }
+    }
+
+    /// A picture's dots.
+    fn see(&mut self, time_s: f64, phantom_from_image: &ImagePlane, imperfect: Imperfect, noise: &mut Noise) {
+        let seen = self.layout.geometry().wires().iter().enumerate().filter_map(|(wire, geometry)| {
+            let (px, share) = phantom_from_image.cut(geometry)?;
+            let at_px = px + DVec2::new(noise.normal(), noise.normal()) * imperfect.dot_px;
+            (0.0..=1.0).contains(&share).then_some(Mark { wire, at_px, contrast: 100.0 })
+        });
+        let marks = seen.collect();
+        self.sightings.push(Sighting { frame: self.sightings.len(), time_s, marks });
     }
 }
 

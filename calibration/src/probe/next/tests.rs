@@ -1,0 +1,154 @@
+use super::*;
+use crate::noise::Noise;
+use crate::phantom::file::Registration;
+use crate::probe::linear::start;
+use crate::probe::refine::{Sought, refine};
+use crate::probe::sighting::Sighting;
+use crate::probe::simulated::{Hand, Imperfect, SIZE_PX, Scan, places};
+
+const GOOD: Imperfect = Imperfect { position_mm: 0.2, turn_deg: 0.1, dot_px: 1.0, lag_s: 0.0 };
+
+const ALL: Sought = Sought { skew: false, registration: true, lag: true };
+
+fn found(scan: &Scan, sought: Sought) -> Refined {
+    let registration = Registration::new(scan.reference_from_phantom, Some(0.4)).unwrap();
+    let map = |s: &Sighting| s.probe_from_phantom(&scan.track, 0.0, &registration.reference_from_phantom);
+    let begun = start(&scan.layout, &scan.sightings, map, SIZE_PX).unwrap();
+    refine(&scan.layout, &scan.sightings, &scan.track, &registration, &begun, sought).unwrap()
+}
+
+fn seen(scan: &Scan, refined: &Refined) -> Vec<Seen> {
+    let of = |(sighting, used): (&Sighting, &Vec<bool>)| {
+        let poses = scan.track.at(sighting.time_s + refined.lag_s)?;
+        let dots_px = sighting.marks.iter().zip(used).filter_map(|(mark, used)| used.then_some(mark.at_px)).collect();
+        Some(Seen { poses, dots_px })
+    };
+    scan.sightings.iter().zip(&refined.used).filter_map(of).collect()
+}
+
+fn ranked(scan: &Scan, refined: &Refined, pictures: usize) -> NextView {
+    next_view(&scan.layout, refined, &seen(scan, refined), SIZE_PX, pictures).unwrap()
+}
+
+/// The scan, and after it so many pictures of a view.
+fn with(scan: &Scan, candidate: &Candidate, pictures: usize, noise: &mut Noise) -> Scan {
+    let mut scan = scan.clone();
+    let picture = scan.plane.seen_by(&candidate.phantom_from_probe.affine());
+    scan.hold(&picture, pictures, GOOD, noise);
+    scan
+}
+
+/// A turn about v and a tilt about u that were not made, while the others were.
+#[test]
+fn the_turn_that_was_not_made_is_the_one_to_make() {
+    for (turn, way) in [([0.3, 0.2, 0.0], Way::Turn), ([0.0, 0.2, 0.5], Way::Tilt)] {
+        for seed in [7, 8, 9] {
+            let scan = Scan::by(Hand { turn, ..Hand::FREE }, 60, GOOD, &mut Noise::new(seed));
+            let next = ranked(&scan, &found(&scan, ALL), PICTURES);
+            let best = next.best().unwrap();
+            assert!(best.way == way && best.after_mm < 0.9 * next.now_mm, "{turn:?} {seed}: {next}");
+            let held = next.ranked.iter().find(|candidate| candidate.way == Way::Held).unwrap();
+            assert!(best.after_mm < 0.95 * held.after_mm, "{next:?}");
+            assert!(
+                next.to_string().contains(if way == Way::Turn { "about its long axis" } else { "u axis by" }),
+                "{next}"
+            );
+        }
+    }
+}
+
+/// The views are taken, and the probe is calibrated with them.
+#[test]
+fn what_is_foreseen_comes_true() {
+    let mut sums = [[0.0; 2]; 3];
+    let seeds = 6;
+    for seed in 0..seeds {
+        let mut noise = Noise::new(50 + seed);
+        let scan = Scan::by(Hand { turn: [0.3, 0.2, 0.0], ..Hand::FREE }, 40, GOOD, &mut noise);
+        let next = ranked(&scan, &found(&scan, ALL), PICTURES);
+        let held = next.ranked.iter().position(|candidate| candidate.way == Way::Held).unwrap();
+        for (sum, place) in sums.iter_mut().zip([0, held / 2, held]) {
+            let candidate = next.ranked[place];
+            let with = found(&with(&scan, &candidate, PICTURES, &mut noise), ALL).largest_mm(SIZE_PX);
+            sum[0] += candidate.after_mm / next.now_mm;
+            sum[1] += with / next.now_mm;
+        }
+    }
+    let [best, between, held] = sums.map(|[foreseen, came]| {
+        assert!((came / foreseen - 1.0).abs() < 0.1, "{foreseen} {came} of {seeds}");
+        came / seeds as f64
+    });
+    assert!(best < 0.93 * between && between < 0.98 * held && held < 1.0, "{best} {between} {held}");
+}
+
+/// The largest of the errors by the truth, over many scans.
+#[test]
+fn the_error_itself_shrinks_as_foreseen() {
+    let only = Sought { registration: false, lag: false, ..ALL };
+    let (mut before, mut after, mut foreseen) = ([0.0; 5], [0.0; 5], 0.0);
+    let seeds = 60;
+    for seed in 0..seeds {
+        let mut noise = Noise::new(300 + seed);
+        let scan = Scan::by(Hand { turn: [0.1, 0.1, 0.0], ..Hand::FREE }, 16, GOOD, &mut noise);
+        let refined = found(&scan, only);
+        let best = *ranked(&scan, &refined, PICTURES).best().unwrap();
+        let again = found(&with(&scan, &best, PICTURES, &mut noise), only);
+        for (sums, refined) in [(&mut before, &refined), (&mut after, &again)] {
+            for (sum, px) in sums.iter_mut().zip(places()) {
+                *sum += refined.plane.point(px).distance_squared(scan.plane.point(px)) / seeds as f64;
+            }
+        }
+        foreseen += best.after_mm * best.after_mm / seeds as f64;
+    }
+    let [before, after] = [before, after].map(|squares| squares.into_iter().fold(0.0, f64::max).sqrt());
+    assert!((after / foreseen.sqrt() - 1.0).abs() < 0.25 && after < 0.85 * before, "{before} {after} {foreseen}");
+}
+
+#[test]
+fn where_nothing_helps_it_is_said() {
+    let scan = Scan::new(400, GOOD, &mut Noise::new(3));
+    let next = ranked(&scan, &found(&scan, ALL), 1);
+    assert_eq!(next.best(), None);
+    assert!(next.to_string().starts_with("no view helps much: with 1 more pictures of any"), "{next}");
+    let refined = found(&scan, ALL);
+    assert_eq!(next_view(&scan.layout, &refined, &[], SIZE_PX, PICTURES), None);
+}
+
+#[test]
+fn views_without_wires_or_far_from_where_dots_were_are_none() {
+    let scan = Scan::new(40, GOOD, &mut Noise::new(4));
+    let refined = found(&scan, ALL);
+    let next = ranked(&scan, &refined, PICTURES);
+    assert!(next.ranked.len() > 10 && next.ranked.windows(2).all(|two| two[0].after_mm <= two[1].after_mm));
+    let region = Region::of(&seen(&scan, &refined), SIZE_PX).unwrap();
+    for candidate in &next.ranked {
+        let picture = refined.plane.seen_by(&candidate.phantom_from_probe.affine());
+        assert!(marks(&scan.layout, &picture, region).unwrap().len() >= LEAST_DOTS);
+    }
+    // The wires are 40 mm long, and the picture was about their middle.
+    let far = |candidate: &&Candidate| candidate.way == Way::Across && candidate.by.abs() > 15.0;
+    assert!(next.ranked.iter().filter(far).count() <= 1, "{:?}", next.ranked);
+}
+
+/// u to the right, v down, away from who looks.
+#[test]
+fn moves_are_what_their_words_say() {
+    let picture = ImagePlane { u: DVec3::X * 0.1, v: DVec3::NEG_Z * 0.1, origin: DVec3::ZERO };
+    let away = DVec3::Y;
+    let about = DVec3::new(5.0, 0.0, -5.0);
+    let top = DVec3::new(5.0, 0.0, 5.0);
+    let right = DVec3::new(15.0, 0.0, -5.0);
+    let goes = |way: Way, point: DVec3| way.motion(15.0, &picture, about).transform_point3(point) - point;
+    assert!(goes(Way::Tilt, top).dot(away) < -2.0 && goes(Way::Tilt, right).length() < 1e-12);
+    assert!(goes(Way::Turn, right).dot(away) < -2.0 && goes(Way::Turn, top).length() < 1e-12);
+    assert!(goes(Way::Rock, top).x > 2.0 && goes(Way::Rock, right).z < -2.0);
+    assert!(goes(Way::AlongU, top).distance(DVec3::X * 15.0) < 1e-12);
+    assert!(goes(Way::AlongV, top).distance(DVec3::NEG_Z * 15.0) < 1e-12);
+    assert!(goes(Way::Across, top).distance(DVec3::Y * 15.0) < 1e-12);
+    assert_eq!(Way::Held.motion(0.0, &picture, about), DAffine3::IDENTITY);
+    let said = |way, by| {
+        Candidate { way, by, after_mm: 0.0, phantom_from_probe: Transform::from_affine(DAffine3::IDENTITY) }.to_string()
+    };
+    assert_eq!(said(Way::Tilt, 15.0), "tilt the probe about the picture's u axis by +15° (its top towards you)");
+    assert_eq!(said(Way::AlongV, -10.0), "shift the probe by -10 mm along the picture's v (away from the phantom)");
+}
