@@ -183,6 +183,13 @@ fn calibrated(folder: &Path) -> Result<(), Failed> {
     let of = |key: &str| number(&report[key]["mean"]);
     assert!(of("validation_error_mm")? <= 1.0, "{}", report["validation_error_mm"]["mean"]);
     assert!(of("error_mm")? <= of("validation_error_mm")?);
+    let next = &report["next_view"];
+    let views = next["views"].as_array().ok_or("no views")?;
+    let [now, best, worst] =
+        [&next["error_mm"], &views[0]["error_mm"], &views[views.len() - 1]["error_mm"]].map(number);
+    let (now, best, worst) = (now?, best?, worst?);
+    assert!(views.len() > 5 && best < worst && worst <= now && now < 2.0, "{best} {worst} {now}");
+    assert!(next["words"].as_str().is_some_and(|words| words.contains("mm")), "{next}");
     let lag_s = number(&report["lag_s"])?;
     assert!(lag_s > 0.3 && lag_s < 0.6 && number(&report["lag_sd_s"])? < 0.05, "{lag_s}");
     // Held against PLUS's own points of the recording that had no part in either.

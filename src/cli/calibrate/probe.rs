@@ -12,6 +12,7 @@ use calibration::file::date::Date;
 use calibration::file::preset::{Covariance, Preset, Quality, Ruler};
 use calibration::phantom::file::Registration;
 use calibration::probe::errors::Errors;
+use calibration::probe::next;
 use calibration::probe::refine::PLANE;
 use calibration::probe::{Calibration, Layout, Observation, Recording, calibrate};
 use calibration::region::ClipRect;
@@ -184,11 +185,14 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             .map(Input::listed)
             .collect(),
     });
-    let report =
-        Report::new(&found, &layout, input, phantom_input, validation, &held).took(looked_s, solved_s).again(again);
+    let next = found.next_view(&layout, seen.recording(), next::PICTURES);
+    let report = Report::new(&found, &layout, input, phantom_input, validation, &held)
+        .took(looked_s, solved_s)
+        .again(again)
+        .next(next.as_ref());
     let page = || Ok(report.page(&pictures(&recorded, &report.telling())?, *limit));
     outputs.write_probe(&found.refined.probe_from_image(), &provenance, preset, &report, page)?;
-    print(&(text(&found, &layout) + &outputs.told()))
+    print(&(text(&found, &layout) + &next.as_ref().map_or(String::new(), report::next_line) + &outputs.told()))
 }
 
 impl Arguments {

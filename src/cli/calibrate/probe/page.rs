@@ -3,7 +3,7 @@
 use glam::DVec2;
 
 use super::recording::Shown;
-use super::report::{Report, Told, ToldPicture};
+use super::report::{Report, Told, ToldPicture, YOU};
 use crate::export::page::Page;
 use crate::export::page::chart::Bars;
 use crate::export::page::plate::{Ink, Plate};
@@ -75,6 +75,10 @@ impl Report {
                 "Calibrated {} times with a part of the pictures left out, the middle of the picture moves by {:.2} mm at most, its corners by {:.2} mm.",
                 again.subsets, again.centre, again.corner
             ));
+        }
+        if let Some(next) = &self.next_view {
+            let seen = if next.helps { format!(" ({YOU})") } else { String::new() };
+            page.say(&format!("Next view: {}{seen}.", next.words));
         }
     }
 

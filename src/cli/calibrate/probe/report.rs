@@ -6,12 +6,15 @@ use std::fmt::Write as _;
 use calibration::phantom::file::Registration;
 use calibration::probe::calibrate::Outcome;
 use calibration::probe::errors::Errors;
+use calibration::probe::next::{Candidate, NextView};
 use calibration::probe::{Calibration, Layout};
 use glam::DVec2;
 use serde::Serialize;
 
 use super::super::outputs::{Input, rows};
 
+/// Who is meant by "you".
+pub(super) const YOU: &str = "as you see the probe with its marked side at the right and its face below";
 /// Numbers along each axis of the lattice on which errors are predicted.
 const LATTICE: usize = 9;
 
@@ -58,6 +61,8 @@ pub(super) struct Report {
     pub(super) predicted_ends_mm: [f64; 2],
     /// How far the result moves when parts of the recording are left out.
     pub(super) reproducibility_mm: Option<Reproducibility>,
+    /// Which view to take next.
+    pub(super) next_view: Option<Next>,
     /// Dots of each wire that were used, from where the calibration has it.
     pub(super) wires: Vec<ToldWire>,
     pub(super) pictures: Vec<ToldPicture>,
@@ -113,6 +118,62 @@ pub(super) struct Reproducibility {
     pub(super) centre: f64,
     /// The same of the corners.
     pub(super) corner: f64,
+}
+
+/// Which view shrinks the largest predicted error most.
+#[derive(Debug, Serialize)]
+pub(super) struct Next {
+    /// The largest predicted error over the picture's corners and middle, as it is.
+    pub(super) error_mm: f64,
+    /// So many further pictures of a view are meant.
+    pub(super) pictures: usize,
+    /// What to do, or that nothing helps, in words.
+    pub(super) words: String,
+    /// Whether the first view gains anything to speak of.
+    pub(super) helps: bool,
+    /// The best first.
+    pub(super) views: Vec<View>,
+}
+
+/// A view and what it would leave.
+#[derive(Debug, Serialize)]
+pub(super) struct View {
+    /// How the probe is moved from where it was held in the middle of all pictures …
+    #[serde(rename = "move")]
+    pub(super) way: &'static str,
+    /// … by how much, with the sign that the words tell …
+    pub(super) by: f64,
+    /// … of this unit.
+    pub(super) unit: &'static str,
+    pub(super) words: String,
+    /// The largest predicted error then.
+    pub(super) error_mm: f64,
+    /// Row major: where the probe's sensor is in the phantom's frame then.
+    pub(super) probe_to_phantom: [f64; 16],
+}
+
+impl From<&NextView> for Next {
+    fn from(next: &NextView) -> Self {
+        let view = |candidate: &Candidate| {
+            let (way, unit) = candidate.way.name();
+            let Candidate { by, after_mm, phantom_from_probe, .. } = candidate;
+            let probe_to_phantom = phantom_from_probe.to_rows();
+            View { way, by: *by, unit, words: candidate.to_string(), error_mm: *after_mm, probe_to_phantom }
+        };
+        Self {
+            error_mm: next.now_mm,
+            pictures: next.pictures,
+            words: next.to_string(),
+            helps: next.best().is_some(),
+            views: next.ranked.iter().map(view).collect(),
+        }
+    }
+}
+
+/// Which view to take next, for people.
+pub(super) fn next_line(next: &NextView) -> String {
+    let seen = if next.best().is_some() { format!(" ({YOU})") } else { String::new() };
+    format!("next view: {next}{seen}\n")
 }
 
 #[derive(Debug, Serialize)]
@@ -237,6 +298,7 @@ impl Report {
             predicted_error_mm: found.predicted_mm(LATTICE),
             predicted_ends_mm: predicted_ends(found),
             reproducibility_mm: None,
+            next_view: None,
             wires: wires.iter().enumerate().filter_map(|(wire, about)| of_wire(found, wire, &about.name)).collect(),
             pictures: pictures.collect(),
             looked_s: 0.0,
@@ -250,6 +312,10 @@ impl Report {
 
     pub(super) fn again(self, reproducibility_mm: Option<Reproducibility>) -> Self {
         Self { reproducibility_mm, ..self }
+    }
+
+    pub(super) fn next(self, next: Option<&NextView>) -> Self {
+        Self { next_view: next.map(Next::from), ..self }
     }
 }
 
