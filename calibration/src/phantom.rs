@@ -6,13 +6,16 @@
 //!
 //! - [`file`](mod@file): our file of it.
 //! - [`nwire`]: the N's among its wires.
+//! - [`plates`]: how it is built of two plates with holes.
 
 use glam::DVec3;
 
 pub mod file;
 pub mod nwire;
+pub mod plates;
 
 pub use nwire::Nwire;
+pub use plates::Plates;
 
 /// A wire shorter than this is a mistake in its numbers, mm.
 const SHORTEST_WIRE_MM: f64 = 1.0;

@@ -5,7 +5,7 @@ use std::path::Path;
 use clap::error::ErrorKind;
 
 /// What is read, from the repository's root.
-const DOCUMENTS: [&str; 9] = [
+const DOCUMENTS: [&str; 10] = [
     "README.md",
     "docs/bedside.md",
     "docs/ea1.md",
@@ -15,6 +15,7 @@ const DOCUMENTS: [&str; 9] = [
     "docs/examples/liberty-usb-grabber.toml",
     "docs/examples/probe.toml",
     "docs/examples/virtual.toml",
+    "docs/phantom/nwire.toml",
 ];
 
 /// What begins with `sonoweave ` in a text.

@@ -1,5 +1,6 @@
 //! `sonoweave calibrate`: what can be calibrated, a file each.
 
+pub mod drawing;
 pub mod guide;
 pub mod landmarks;
 pub mod latency;
@@ -31,6 +32,8 @@ enum What {
     Pivot(Box<pivot::Arguments>),
     /// Find where a phantom is held, from its landmarks touched with the stylus
     Landmarks(Box<landmarks::Arguments>),
+    /// Draw how a phantom of wires between two plates is built, at 1:1 on paper
+    Drawing(drawing::Arguments),
     /// Measure a tracker where it stands: the noise of a still sensor, or a map of where metal bends its field
     Tracker(Box<tracker::Arguments>),
 }
@@ -45,6 +48,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         What::Latency(arguments) => latency::run(arguments),
         What::Pivot(arguments) => pivot::run(arguments),
         What::Landmarks(arguments) => landmarks::run(arguments),
+        What::Drawing(arguments) => drawing::run(arguments),
         What::Tracker(arguments) => tracker::run(arguments),
     }
 }

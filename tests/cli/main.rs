@@ -5,6 +5,7 @@
 mod calibrate;
 mod daemon;
 mod devices;
+mod drawing;
 mod guided;
 mod inspect;
 mod latency;

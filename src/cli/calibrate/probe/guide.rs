@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use calibration::phantom::file::Registration;
-use calibration::probe::{Layout, Observation, Recording, calibrate};
+use calibration::picture::GreyView;
+use calibration::probe::{Layout, Observation, Recording, calibrate, next};
 use calibration::region::ClipRect;
 
 use super::super::guide::{Advice, Guide, lead};
@@ -14,7 +15,6 @@ use super::{Arguments, Failure};
 use crate::config::phantom::FrameNames;
 use crate::ingest::live::Live;
 use crate::slice::Pixels;
-use calibration::picture::GreyView;
 
 /// Pictures that a judgement is made by, at most: evenly over all there are. It takes a second or so with them.
 const MOST_PICTURES: usize = 200;
@@ -115,7 +115,11 @@ impl Guide for Scanned<'_> {
             says += &format!("; what was scanned last is {mm:.2} mm off: was the phantom moved, or is metal near?");
             return Advice::at(0.5, says);
         }
-        says += "; scan on along the wires, and tilt and turn the probe";
+        let next = found.next_view(self.layout, recording, next::PICTURES);
+        says += &match next.as_ref().and_then(|next| next.best()) {
+            Some(best) => format!("; {best}"),
+            None => "; scan on along the wires, and tilt and turn the probe".into(),
+        };
         Advice::at((self.goal_mm / corner).powi(2).min(pictures / ENOUGH_PICTURES), says)
     }
 }
