@@ -15,7 +15,9 @@
 //!
 //! - [`pose`]: where the last link is, in the plane.
 //! - [`inverse`]: which joint values take it there.
-//! - [`mod@fit`], [`mod@check`]: its parameters from touches of known divots, and whether a running arm still has them.
+//! - [`plate`]: places on a plate that are known.
+//! - [`rest`]: the moments at which its joints rest, which are touches.
+//! - [`mod@fit`], [`reach`], [`mod@check`]: its parameters from touches of what is known, how well the tip is known by them, and whether a running arm still has them.
 //! - [`accuracy`]: derivatives by values and by parameters, and what counts that are off do to a point of the picture.
 
 use std::f64::consts::TAU;
@@ -30,7 +32,10 @@ pub mod accuracy;
 pub mod check;
 pub mod fit;
 pub mod inverse;
+pub mod plate;
 pub mod pose;
+pub mod reach;
+pub mod rest;
 #[cfg(test)]
 mod tests;
 

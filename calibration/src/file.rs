@@ -16,6 +16,9 @@
 //! radii_px = [120.0, 360.0]
 //! angles_deg = [-45.0, 45.0]
 //!
+//! [arm]
+//! fit_rms_mm = 0.13                 # what `sonoweave calibrate arm` left of the touches; if not given it is not known
+//!
 //! [[arm.joint]]                     # the arm that carries the probe, if one does: three joints, base first
 //! type = "revolute"
 //! length_mm = 250.0                 # of the link to the next joint; the probe is at the end of the last one
@@ -40,6 +43,15 @@
 //! tracker_ms = -24.8                # only the difference matters to where a slice lies
 //! lag_se_ms = 0.7                   # standard error of that difference; if not given it is not known
 //!
+//! [distortion]                      # where metal bends the tracker's field, as `sonoweave calibrate tracker` has found it
+//! measured = "2026-11-22"
+//! cell_mm = 50.0                    # edge of the cells that the room was divided into
+//! limit_mm = 1.0                    # cells whose error (root mean square) is beyond it are zones
+//!
+//! [[distortion.zone]]               # as many as there are, none of a room without metal
+//! low_mm = [350.0, 0.0, 100.0]      # the corner with the smallest coordinates, in the tracker's frame; whole cells from its origin
+//! rms_mm = 3.9
+//!
 //! [[transform]]                     # further constant transforms, as many as there are
 //! from = "Phantom"
 //! to = "Reference"
@@ -60,10 +72,12 @@ pub use crate::keys::FileError;
 use crate::keys::{Entry, Source, Table};
 use crate::named::StaticTransform;
 use crate::region::{ClipRect, Fan};
+use crate::tracker::zones::Zones;
 use preset::Preset;
 
 mod arm;
 pub mod date;
+mod distortion;
 mod latency;
 pub mod preset;
 
@@ -85,6 +99,8 @@ pub struct CalibrationFile {
     pub probe_from_image: Option<Transform<Probe, Image>>,
     /// The arm that carries the probe.
     pub arm: Option<Arm>,
+    /// What the fit of that arm left of its touches, mm, root mean square; where it is known.
+    pub arm_fit_rms_mm: Option<f64>,
     /// The part of the picture that is data.
     pub clip: Option<ClipRect>,
     /// The sector of the picture that is data.
@@ -95,6 +111,8 @@ pub struct CalibrationFile {
     pub spacing_mm: Option<[f64; 3]>,
     /// What the devices' times lie behind their measurements.
     pub latency: Option<Latency>,
+    /// Where metal bends the tracker's field.
+    pub distortion: Option<Zones>,
     /// Further constant transforms.
     pub transforms: Vec<StaticTransform>,
     /// The probe's calibration at several depths.
@@ -127,6 +145,7 @@ impl CalibrationFile {
             "resolution",
             "volume",
             "latency",
+            "distortion",
             "transform",
             "preset",
         ];
@@ -147,7 +166,9 @@ impl CalibrationFile {
             file.clip = image.get("clip_px").map(|entry| clip(&entry)).transpose()?;
             file.fan = image.get("fan").map(|entry| fan(&entry)).transpose()?;
         }
-        file.arm = root.get("arm").map(|entry| arm::read(&entry)).transpose()?;
+        if let Some((arm, fit_rms_mm)) = root.get("arm").map(|entry| arm::read(&entry)).transpose()? {
+            (file.arm, file.arm_fit_rms_mm) = (Some(arm), fit_rms_mm);
+        }
         if let Some(entry) = root.get("resolution") {
             file.hwhm_mm = Some(entry.table(&["hwhm_mm"])?.need("hwhm_mm")?.positive()?);
         }
@@ -155,6 +176,7 @@ impl CalibrationFile {
             file.spacing_mm = Some(entry.table(&["spacing_mm"])?.need("spacing_mm")?.positive()?);
         }
         file.latency = root.get("latency").map(|entry| latency::read(&entry)).transpose()?;
+        file.distortion = root.get("distortion").map(|entry| distortion::read(&entry)).transpose()?;
         if let Some(entry) = root.get("transform") {
             for item in entry.items("a list of tables, each headed [[transform]]")? {
                 let transform = static_transform(&item)?;
@@ -230,7 +252,7 @@ impl CalibrationFile {
             );
         }
         if let Some(arm) = &self.arm {
-            arm::write(arm, &mut text);
+            arm::write(arm, self.arm_fit_rms_mm, &mut text);
         }
         if let Some(hwhm) = &self.hwhm_mm {
             line(&mut text, format_args!("\n[resolution]\nhwhm_mm = {hwhm:?}"));
@@ -240,6 +262,9 @@ impl CalibrationFile {
         }
         if let Some(latency) = &self.latency {
             latency::write(latency, &mut text);
+        }
+        if let Some(zones) = &self.distortion {
+            distortion::write(zones, &mut text);
         }
         for transform in &self.transforms {
             let [from, to] = [&transform.from, &transform.to].map(|name| toml::Value::String(name.clone()));

@@ -15,13 +15,12 @@ use crate::statistics::Spread;
 
 mod error;
 mod matching;
-mod rest;
 #[cfg(test)]
 mod tests;
 
+pub use crate::rest::Rest;
 pub use error::LandmarksError;
 use matching::{Found, MOST_RESTS, search};
-pub use rest::Rest;
 
 /// A reading of the stylus.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -218,12 +217,12 @@ impl Touch {
             (reading.time_s, pose.matrix3 * tip + pose.translation / factor)
         };
         let positions: Vec<(f64, DVec3)> = readings.iter().map(place).collect();
-        let noise_mm = rest::noise(&positions).ok_or(LandmarksError::NoReadings { readings: readings.len() })?;
+        let noise_mm = crate::rest::noise(&positions).ok_or(LandmarksError::NoReadings { readings: readings.len() })?;
         // Rests at two landmarks are to be told apart.
         let third = spacing_mm / 3.0;
         // A thousand readings of Gaussian noise lie within four standard deviations.
         let radius_mm = (2.0 * settings.tip_error_mm + 4.0 * noise_mm).min(third);
-        let mut rests = rest::find(&positions, radius_mm, settings.least_s);
+        let mut rests = crate::rest::find(&positions, radius_mm, settings.least_s);
         if rests.len() > MOST_RESTS {
             let length = |rest: &Rest| rest.time_s[1] - rest.time_s[0];
             rests.sort_by(|a, b| length(b).total_cmp(&length(a)).then(a.readings.cmp(&b.readings)));

@@ -31,5 +31,6 @@ pub mod picture;
 pub mod pivot;
 pub mod probe;
 pub mod region;
+mod rest;
 pub mod statistics;
 pub mod tracker;

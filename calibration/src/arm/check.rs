@@ -1,8 +1,6 @@
 //! A running arm, held against what it was fitted to.
 
-use glam::DVec2;
-
-use super::fit::{Fitted, Found, NoFit, Options, Touch, fit};
+use super::fit::{Fitted, Found, Known, NoFit, Options, Touch, fit};
 use super::{Arm, JOINTS};
 
 /// An arm whose touches lie so many times as far from the divots as they did when it was fitted is another arm.
@@ -10,13 +8,15 @@ const CHANGED: f64 = 3.0;
 /// A joint's zero explains what has changed if with it so much less of the residuals is left.
 const EXPLAINS: f64 = 0.5;
 
-/// What touches of a plate say of an arm that is taken as it is.
+/// What touches say of an arm that is taken as it is.
 #[derive(Debug, Clone)]
 pub struct Checked {
-    /// Root mean square of the distances between tip and divots, mm; only where the plate lies was found.
+    /// Root mean square of what touches lie off, mm; only where the plate lies was found.
     pub rms_mm: f64,
     /// The longest, mm.
     pub most_mm: f64,
+    /// What each lies off, mm: as of [`Fitted::residuals_mm`].
+    pub residuals_mm: Vec<f64>,
     /// It is not the arm that it was.
     pub changed: bool,
     /// The zero that explains it, where one joint's does: an encoder that has slipped or was not homed.
@@ -43,25 +43,31 @@ impl Checked {
 
 /// Checks an arm by touches; `fitted_mm` is the root mean square distance that its fit left (of [`Fitted::rms_mm`]).
 ///
-/// The zero of the first joint cannot be checked by a plate that lies anywhere; homing it is for its own index mark.
+/// The zero of the first joint cannot be checked by what lies anywhere; homing it is for its own index mark.
 ///
 /// # Errors
-/// [`NoFit`] where there are too few touches, or none of the plate.
+/// [`NoFit`] where there are too few touches, or none of what is known.
 pub fn check(
     arm: &Arm,
-    plate_mm: &[DVec2],
+    known: &Known<'_>,
     touches: &[Touch],
     options: &Options,
     fitted_mm: f64,
 ) -> Result<Checked, NoFit> {
-    let placed = |zeros| Options { lengths: false, zeros, counts_per_unit: false, directions: false, ..*options };
-    let as_it_is = fit(arm, plate_mm, touches, &placed([false; JOINTS]))?;
+    let placed = |zeros| Options {
+        lengths: [false; JOINTS],
+        zeros,
+        counts_per_unit: false,
+        directions: [false; JOINTS],
+        ..*options
+    };
+    let as_it_is = fit(arm, known, touches, &placed([false; JOINTS]))?;
     // Outliers count here: an arm that is right for most places only is not right.
     let rms = |fitted: &Fitted| {
-        let squares: f64 = fitted.residuals_mm.iter().map(|mm| mm.length_squared()).sum();
-        (squares / touches.len() as f64).sqrt()
+        let squares: f64 = fitted.residuals_mm.iter().map(|mm| mm * mm).sum();
+        (squares / fitted.residuals_mm.len() as f64).sqrt()
     };
-    let most_mm = as_it_is.residuals_mm.iter().map(|mm| mm.length()).fold(0.0, f64::max);
+    let most_mm = as_it_is.residuals_mm.iter().copied().fold(0.0, f64::max);
     let rms_mm = rms(&as_it_is);
     let changed = rms_mm > CHANGED * fitted_mm.max(options.seat_mm);
     let mut slipped: Option<(f64, Found)> = None;
@@ -69,11 +75,17 @@ pub fn check(
         let mut zeros = [false; JOINTS];
         zeros[joint] = true;
         // What this joint alone does not determine explains nothing.
-        let Ok(with) = fit(arm, plate_mm, touches, &placed(zeros)) else { continue };
+        let Ok(with) = fit(arm, known, touches, &placed(zeros)) else { continue };
         let left = rms(&with);
         if left < EXPLAINS * rms_mm && slipped.as_ref().is_none_or(|(best, _)| left < *best) {
             slipped = with.found.into_iter().next().map(|found| (left, found));
         }
     }
-    Ok(Checked { rms_mm, most_mm, changed, slipped: slipped.map(|(_, found)| found) })
+    Ok(Checked {
+        rms_mm,
+        most_mm,
+        residuals_mm: as_it_is.residuals_mm,
+        changed,
+        slipped: slipped.map(|(_, found)| found),
+    })
 }

@@ -8,15 +8,21 @@ use crate::keys::{Entry, FileError};
 /// Keys that every joint has.
 const COMMON: [&str; 4] = ["type", "length_mm", "zero_counts", "sign"];
 
-/// Reads the arm's table.
-pub(super) fn read(entry: &Entry<'_>) -> Result<Arm, FileError> {
-    let list = entry.table(&["joint"])?.need("joint")?;
+/// Reads the arm's table: the joints, and what their fit left, if the file says it.
+pub(super) fn read(entry: &Entry<'_>) -> Result<(Arm, Option<f64>), FileError> {
+    let table = entry.table(&["fit_rms_mm", "joint"])?;
+    let fit_rms_mm = match table.get("fit_rms_mm").map(|entry| entry.number().map(|mm| (mm, entry))).transpose()? {
+        Some((mm, entry)) if mm < 0.0 => return Err(entry.error(format!("must be 0 or more, not {mm}"))),
+        given => given.map(|(mm, _)| mm),
+    };
+    let list = table.need("joint")?;
     let items = list.items("a list of tables, each headed [[arm.joint]]")?;
     let joints = items.iter().map(joint).collect::<Result<Vec<_>, _>>()?;
     let Ok(joints) = <[Joint; JOINTS]>::try_from(joints) else {
         return Err(list.error(format!("must hold {JOINTS} joints, base first, not {}", items.len())));
     };
-    Arm::new(joints).map_err(|e| entry.error(e.to_string()))
+    let arm = Arm::new(joints).map_err(|e| entry.error(e.to_string()))?;
+    Ok((arm, fit_rms_mm))
 }
 
 fn joint(entry: &Entry<'_>) -> Result<Joint, FileError> {
@@ -59,7 +65,11 @@ fn joint(entry: &Entry<'_>) -> Result<Joint, FileError> {
 }
 
 /// The arm's tables.
-pub(super) fn write(arm: &Arm, text: &mut String) {
+pub(super) fn write(arm: &Arm, fit_rms_mm: Option<f64>, text: &mut String) {
+    if let Some(mm) = fit_rms_mm {
+        // Writing to a String cannot fail.
+        let _ = writeln!(text, "\n[arm]\nfit_rms_mm = {mm:?}");
+    }
     for joint in arm.joints() {
         let Joint { kind, length_mm, zero_counts, counts_per_unit, sign } = *joint;
         let kind = match kind {

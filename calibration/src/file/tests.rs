@@ -1,7 +1,9 @@
 use proptest::prelude::*;
 
+use super::date::Date;
 use super::*;
 use crate::arm::{Joint, Sign};
+use crate::tracker::zones::Zone;
 
 fn parse(text: &str) -> Result<CalibrationFile, String> {
     CalibrationFile::parse(Path::new("probe.toml"), text).map_err(|e| e.to_string())
@@ -24,11 +26,20 @@ fn full() -> CalibrationFile {
         provenance: "N-wire \"phantom\",\n140 frames".into(),
         probe_from_image: Some(Transform::from_rows(&rows).unwrap()),
         arm: Some(arm()),
+        arm_fit_rms_mm: Some(0.132_7),
         clip: Some(ClipRect::new(192, 16, 420, 580).unwrap()),
         fan: Some(Fan::new([380.0, 20.0], [120.0, 360.0], [-45.0, 45.0]).unwrap()),
         hwhm_mm: Some([0.3, 0.2, 1.1]),
         spacing_mm: Some([0.5, 0.5, 0.25]),
         latency: Some(Latency { video_ms: 40.0, tracker_ms: -24.826_600_000_1, lag_se_ms: Some(0.7) }),
+        distortion: Some(Zones::new(
+            33.3,
+            1.5,
+            Date::parse("2026-11-22"),
+            [[33.3 * 3.0, 0.0, -33.3], [-66.6, 33.3, 0.0]]
+                .map(|low| Zone { low_mm: low.into(), rms_mm: 2.75 })
+                .to_vec(),
+        )),
         transforms: vec![StaticTransform::new("Phantom \"1\"", "Reference", &rows).unwrap()],
         presets: Vec::new(),
     }
@@ -264,4 +275,18 @@ fn a_preset_is_chosen_by_name_or_as_the_only_one() {
     let mut own = CalibrationFile { probe_from_image: Some(Transform::IDENTITY), ..both() };
     assert_eq!(own.choose(None).unwrap(), None);
     assert_eq!(own.probe_from_image, Some(Transform::IDENTITY));
+}
+
+#[test]
+fn zones_that_are_no_cells_and_lengths_that_are_none_are_refused() {
+    let head = "[distortion]\nmeasured = \"2026-11-22\"\ncell_mm = 50\nlimit_mm = 1\n";
+    let clean = parse(&format!("{HEAD}{head}")).unwrap().distortion.unwrap();
+    assert_eq!((clean.count(), clean.measured()), (0, Date::parse("2026-11-22")));
+    let zone = |low: &str| refusal(&format!("{head}[[distortion.zone]]\nlow_mm = {low}\nrms_mm = 2\n"));
+    assert!(zone("[50, 10, 0]").contains("distortion.zone[0].low_mm (line 8): must be a corner of a cell"));
+    assert!(zone("[50, 0]").contains("must hold 3 numbers"));
+    assert!(refusal(&head.replace("50", "-50")).contains("distortion.cell_mm (line 5): must be above 0, not -50"));
+    assert!(refusal(&head.replace("11-22", "11-32")).contains("must be a day as"));
+    assert!(refusal("[distortion]\ncell_mm = 5\n").contains("distortion.limit_mm (line 3): is missing"));
+    assert!(refusal("[arm]\nfit_rms_mm = -1\n").contains("arm.fit_rms_mm (line 4): must be 0 or more"));
 }

@@ -266,11 +266,11 @@ fn the_noise_is_the_tracker_s_whatever_the_hand_does() {
         for (_, place) in row.iter_mut().step_by(17) {
             place.x += 200.0;
         }
-        rest::noise(&row).expect("a noise")
+        crate::rest::noise(&row).expect("a noise")
     };
     for swing_mm in [0.0, 30.0] {
         let noise = drawn(swing_mm);
         assert!((noise / 0.3 - 1.0).abs() < 0.25, "{swing_mm}: {noise}");
     }
-    assert_eq!(rest::noise(&[(0.0, DVec3::ZERO); 2]), None);
+    assert_eq!(crate::rest::noise(&[(0.0, DVec3::ZERO); 2]), None);
 }

@@ -9,6 +9,7 @@ use crate::arm::PlanarPose;
 use crate::arm::Sign;
 use crate::arm::check::check;
 use crate::arm::inverse::Elbow;
+use crate::arm::reach::Reach;
 use crate::least_squares::check_jacobian;
 use crate::noise::Noise as Random;
 
@@ -49,7 +50,7 @@ fn touches(arm: &Arm, seat_mm: f64, seed: u64, sides: usize) -> Vec<Touch> {
                 let heading = 0.9 * (side as f64 / sides as f64) * TAU;
                 let pose = PlanarPose { position_mm: seated, heading_rad: heading };
                 if let Ok(values) = arm.inverse(&pose, elbow) {
-                    touches.push(Touch { counts: arm.counts(&values), divot });
+                    touches.push(Touch { counts: arm.counts(&values), of: divot });
                 }
             }
         }
@@ -62,24 +63,36 @@ fn derivatives_are_those_that_differences_find() {
     let arm =
         Arm::new([Joint::revolute(250.0, TURN), Joint::prismatic(80.0, 40.0, 100.0), Joint::revolute(90.0, 9000.0)])
             .unwrap();
-    let options = Options { counts_per_unit: true, tip_mm: DVec2::new(12.0, -7.0), ..Options::default() };
+    let options = Options {
+        counts_per_unit: true,
+        tip_mm: DVec2::new(12.0, -7.0),
+        directions: [false, true, false],
+        ..Options::default()
+    };
     let some: Vec<Touch> = (0..8)
         .map(|n| Touch {
             counts: [900.0 * f64::from(n), 1500.0 - 340.0 * f64::from(n), 700.0 * f64::from(n % 3)],
-            divot: n as usize % 6,
+            of: n as usize % 6,
         })
         .collect();
     let plate = plate();
-    let model = Model::new(&arm, &plate, &some, &options);
-    let found =
-        check_jacobian(&model.parameters, &model.parameters.start(), |state, blocks| model.put(state, &some, blocks));
-    assert!(found.largest < 1e-7, "{found:?}");
+    let pairs: Vec<Touch> = some.iter().enumerate().map(|(n, touch)| Touch { of: n / 2, ..*touch }).collect();
+    for (known, touches) in [
+        (Known::Divots(&plate), &some),
+        (Known::Divots(&plate[..1]), &some.iter().map(|touch| Touch { of: 0, ..*touch }).collect()),
+        (Known::Distances(&[80.0, 90.0, 100.0, 110.0]), &pairs),
+    ] {
+        let model = Model::new(&arm, &known, touches, &options);
+        let found =
+            check_jacobian(&model.parameters, &model.parameters.start(), |state, blocks| model.put(state, blocks));
+        assert!(found.largest < 1e-7, "{known:?} {found:?}");
+    }
 }
 
 #[test]
 fn without_noise_the_arm_is_found_to_a_millionth() {
     let all = touches(&truth(), 0.0, 1, 5);
-    let fitted = fit(&guess(), &plate(), &all, &Options::default()).unwrap();
+    let fitted = fit(&guess(), &Known::Divots(&plate()), &all, &Options::default()).unwrap();
     for (found, joint) in fitted.found.iter().zip([1, 2, 2, 3, 3]) {
         assert_eq!(found.joint, joint, "{found:?}");
     }
@@ -95,7 +108,7 @@ fn what_is_said_of_the_error_is_so_over_many_arms() {
     let mut sum = 0.0;
     for seed in 0..400 {
         let all = touches(&truth(), 0.1, seed, 4);
-        let fitted = fit(&guess(), &plate(), &all, &Options::default()).unwrap();
+        let fitted = fit(&guess(), &Known::Divots(&plate()), &all, &Options::default()).unwrap();
         for found in &fitted.found {
             let mut joint = truth().joints()[found.joint - 1];
             let value = *found.what.of(&mut joint).unwrap();
@@ -111,7 +124,7 @@ fn what_is_said_of_the_error_is_so_over_many_arms() {
 fn a_tip_that_slipped_out_is_left_out_and_named() {
     let mut all = touches(&truth(), 0.05, 9, 4);
     all[7].counts[1] += 400.0;
-    let fitted = fit(&guess(), &plate(), &all, &Options::default()).unwrap();
+    let fitted = fit(&guess(), &Known::Divots(&plate()), &all, &Options::default()).unwrap();
     assert_eq!(fitted.outliers, [7]);
     assert!((fitted.arm.joints()[1].length_mm - 198.7).abs() < 0.1);
 }
@@ -119,14 +132,14 @@ fn a_tip_that_slipped_out_is_left_out_and_named() {
 #[test]
 fn what_touches_do_not_tell_is_refused_by_name() {
     let said = |touches: &[Touch], plate: &[DVec2], options: &Options| {
-        fit(&guess(), plate, touches, options).unwrap_err().to_string()
+        fit(&guess(), &Known::Divots(plate), touches, options).unwrap_err().to_string()
     };
     let all = touches(&truth(), 0.05, 2, 4);
-    let of_one: Vec<Touch> = all.iter().filter(|touch| touch.divot == 0).copied().collect();
+    let of_one: Vec<Touch> = all.iter().filter(|touch| touch.of == 0).copied().collect();
     assert!(said(&of_one, &plate(), &Options::default()).contains("touch at least two"));
     assert!(said(&[all[0], all[all.len() - 1]], &plate(), &Options::default()).contains("too few"));
-    let missing = [all[0], Touch { divot: 6, ..all[1] }];
-    assert!(said(&missing, &plate(), &Options::default()).contains("touch 2 is of divot 7, and the plate has 6"));
+    let missing = [all[0], Touch { of: 6, ..all[1] }];
+    assert!(said(&missing, &plate(), &Options::default()).contains("touch 2 is of divot 7, and there are 6"));
     // Once from one side each, with the same heading: lengths and zeros are one to them.
     let once: Vec<Touch> = all.iter().step_by(8).copied().collect();
     let refused = said(&once, &plate(), &Options::default());
@@ -140,7 +153,7 @@ fn a_plate_in_other_units_is_told_by_its_factor() {
     let all = touches(&truth(), 0.05, 2, 4);
     for (factor, unit) in [(0.1, "cm"), (1.0 / 25.4, "inches")] {
         let other: Vec<DVec2> = plate().iter().map(|at| *at * factor).collect();
-        let said = fit(&guess(), &other, &all, &Options::default()).unwrap_err().to_string();
+        let said = fit(&guess(), &Known::Divots(&other), &all, &Options::default()).unwrap_err().to_string();
         assert!(said.contains(&format!("in {unit}")), "{said}");
     }
 }
@@ -148,7 +161,7 @@ fn a_plate_in_other_units_is_told_by_its_factor() {
 #[test]
 fn a_running_arm_is_told_from_one_whose_encoder_has_slipped() {
     let well = touches(&truth(), 0.1, 11, 3);
-    let checked = check(&truth(), &plate(), &well, &Options::default(), 0.14).unwrap();
+    let checked = check(&truth(), &Known::Divots(&plate()), &well, &Options::default(), 0.14).unwrap();
     assert!(!checked.changed && checked.advice().is_empty(), "{checked:?}");
     for joint in [1, 2] {
         let slipped: Vec<Touch> = well
@@ -159,7 +172,7 @@ fn a_running_arm_is_told_from_one_whose_encoder_has_slipped() {
                 Touch { counts, ..*touch }
             })
             .collect();
-        let checked = check(&truth(), &plate(), &slipped, &Options::default(), 0.14).unwrap();
+        let checked = check(&truth(), &Known::Divots(&plate()), &slipped, &Options::default(), 0.14).unwrap();
         let advice = checked.advice();
         assert!(
             checked.changed && advice.starts_with(&format!("the zero of joint {} has moved by 2", joint + 1)),
@@ -169,6 +182,188 @@ fn a_running_arm_is_told_from_one_whose_encoder_has_slipped() {
     let mut bent = *truth().joints();
     bent[0].length_mm += 4.0;
     bent[1].length_mm -= 3.0;
-    let checked = check(&Arm::new(bent).unwrap(), &plate(), &well, &Options::default(), 0.14).unwrap();
+    let checked = check(&Arm::new(bent).unwrap(), &Known::Divots(&plate()), &well, &Options::default(), 0.14).unwrap();
     assert!(checked.changed && checked.advice().contains("bent or loose"), "{checked:?}");
+}
+
+/// Touches of one point, from all about and with both elbows; of two ends of a bar that lies here and there.
+fn touched(arm: &Arm, places: &[DVec2], headings: &[f64], seat_mm: f64, seed: u64) -> Vec<[f64; JOINTS]> {
+    let mut random = Random::new(seed);
+    let mut all = Vec::new();
+    for at in places {
+        for (side, heading_rad) in headings.iter().enumerate() {
+            let seated = *at + DVec2::new(random.normal(), random.normal()) * seat_mm;
+            let elbow = if side % 2 == 0 { Elbow::Up } else { Elbow::Down };
+            let pose = PlanarPose { position_mm: seated, heading_rad: *heading_rad };
+            all.extend(arm.inverse(&pose, elbow).ok().map(|values| arm.counts(&values)));
+        }
+    }
+    all
+}
+
+fn of_point(arm: &Arm, seat_mm: f64, seed: u64) -> Vec<Touch> {
+    let headings: Vec<f64> = (0..16).map(|side| f64::from(side) * 0.35).collect();
+    let counts = touched(arm, &[DVec2::new(230.0, 90.0)], &headings, seat_mm, seed);
+    counts.into_iter().map(|counts| Touch { counts, of: 0 }).collect()
+}
+
+/// A bar of 150 mm, near and far and turned.
+fn of_bar(arm: &Arm, seat_mm: f64, seed: u64) -> Vec<Touch> {
+    let mut all = Vec::new();
+    for laid in 0..24_u32 {
+        let n = f64::from(laid);
+        let middle = DVec2::from_angle(0.3 * n) * (180.0 + 60.0 * (1.7 * n).sin());
+        let half = DVec2::from_angle(1.1 * n) * 75.0;
+        for (end, at) in [middle - half, middle + half].into_iter().enumerate() {
+            let heading = at.to_angle() + 2.0 * (2.3 * n + end as f64).sin();
+            let counts =
+                touched(arm, &[at], &[heading, heading], seat_mm, seed * 1000 + u64::from(laid) * 2 + end as u64);
+            // The elbow to one side, and laid anew to the other.
+            all.extend(counts.get(laid as usize % 2).map(|counts| Touch { counts: *counts, of: laid as usize }));
+        }
+    }
+    let is_whole = |of: usize| all.iter().filter(|touch| touch.of == of).count() == 2;
+    let kept: Vec<usize> = (0..24).filter(|of| is_whole(*of)).collect();
+    let place = |of: usize| kept.iter().position(|kept| *kept == of);
+    all.iter().filter_map(|touch| Some(Touch { of: place(touch.of)?, ..*touch })).collect()
+}
+
+/// Over many draws: mean square of what was found off the truth over what is said of it.
+fn said(known: &Known<'_>, touches: impl Fn(u64) -> Vec<Touch>) -> f64 {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for seed in 0..200 {
+        let mut start = guess();
+        let options = Options::of(&start, known);
+        // What is kept is known.
+        for joint in (0..JOINTS).filter(|joint| !options.lengths[*joint]) {
+            start.joints[joint].length_mm = truth().joints()[joint].length_mm;
+        }
+        let fitted = fit(&start, known, &touches(seed), &options).unwrap();
+        for found in &fitted.found {
+            let mut joint = truth().joints()[found.joint - 1];
+            sum += ((found.value - *found.what.of(&mut joint).unwrap()) / found.sd).powi(2);
+            count += 1.0;
+        }
+    }
+    sum / count
+}
+
+#[test]
+fn one_point_tells_the_zeros_and_all_lengths_but_one() {
+    let known = Known::Divots(&[DVec2::ZERO]);
+    let mean = said(&known, |seed| of_point(&truth(), 0.1, seed));
+    assert!((mean - 1.0).abs() < 0.3, "{mean}");
+    let options = Options { lengths: [true; JOINTS], ..Options::of(&guess(), &known) };
+    assert_eq!(fit(&guess(), &known, &of_point(&truth(), 0.1, 3), &options).unwrap_err(), NoFit::OneDivot);
+}
+
+#[test]
+fn known_distances_tell_zeros_and_lengths() {
+    let mut known = 0;
+    let mean = {
+        let pairs = of_bar(&truth(), 0.0, 1);
+        known += pairs.len() / 2;
+        let distances = vec![150.0; known];
+        let exact = fit(&guess(), &Known::Distances(&distances), &pairs, &Options::default()).unwrap();
+        assert!(exact.rms_mm < 1e-6, "{}", exact.rms_mm);
+        said(&Known::Distances(&distances), |seed| of_bar(&truth(), 0.1, seed))
+    };
+    assert!(known >= 16 && (mean - 1.0).abs() < 0.3, "{known} {mean}");
+    let inches = vec![150.0 / 25.4; known];
+    let error = fit(&guess(), &Known::Distances(&inches), &of_bar(&truth(), 0.1, 2), &Options::default()).unwrap_err();
+    assert!(error.to_string().contains("in inches and must be in mm"), "{error}");
+    let one = &of_bar(&truth(), 0.1, 2)[1..];
+    let error = fit(&guess(), &Known::Distances(&inches), one, &Options::default()).unwrap_err();
+    assert_eq!(error, NoFit::Ends { distance: 1, touches: 1 });
+    let checked =
+        check(&truth(), &Known::Distances(&vec![150.0; known]), &of_bar(&truth(), 0.1, 2), &Options::default(), 0.14);
+    assert!(!checked.unwrap().changed);
+}
+
+#[test]
+fn few_distances_are_judged_by_the_seat() {
+    // What is left of 12 distances by 5 numbers is less than their noise; those that are met least are no outliers.
+    let distances = [150.0; 12];
+    let pairs = |seed| of_bar(&truth(), 0.1, seed).into_iter().filter(|touch| touch.of < 12).collect::<Vec<_>>();
+    let mean = said(&Known::Distances(&distances), pairs);
+    // By Student's law of 7 degrees of freedom: 7/5.
+    assert!((mean / 1.4 - 1.0).abs() < 0.3, "{mean}");
+}
+
+#[test]
+fn an_arm_whose_lengths_are_in_other_units_is_told_so() {
+    let all = touches(&truth(), 0.05, 2, 4);
+    for (factor, unit) in [(0.1, "cm"), (1.0 / 25.4, "inches")] {
+        let mut start = guess();
+        start.joints.iter_mut().for_each(|joint| joint.length_mm *= factor);
+        let error = fit(&start, &Known::Divots(&plate()), &all, &Options::default()).unwrap_err().to_string();
+        assert!(error.ends_with(&format!("or the arm's lengths are in {unit}")), "{error}");
+    }
+}
+
+#[test]
+fn touches_in_one_pose_and_joints_that_stay_are_named() {
+    let known = Known::Divots(&[DVec2::ZERO]);
+    let options = Options::of(&guess(), &known);
+    let one = of_point(&truth(), 0.1, 5)[0];
+    let mut random = Random::new(4);
+    let still: Vec<Touch> =
+        (0..12).map(|_| Touch { counts: one.counts.map(|count| count + random.normal()), of: 0 }).collect();
+    assert_eq!(fit(&guess(), &known, &still, &options).unwrap_err(), NoFit::OnePose { touches: 12 });
+    // A wrist that is tied up makes one link of two.
+    let mut tied = touches(&truth(), 0.05, 2, 4);
+    let heading = |touch: &Touch| truth().joints()[2].value(touch.counts[2]);
+    tied.retain(|touch| heading(touch).abs() < 1.0);
+    let plate = plate();
+    for touch in &mut tied {
+        let place = DVec2::from_angle(0.4).rotate(plate[touch.of]) + DVec2::new(180.0, 60.0);
+        let mut stiff = *truth().joints();
+        stiff[1].length_mm += stiff[2].length_mm;
+        stiff[2].length_mm = 0.0;
+        let pose = PlanarPose { position_mm: place, heading_rad: 0.0 };
+        let values = Arm::new(stiff).unwrap().inverse(&pose, Elbow::Up).unwrap();
+        touch.counts = truth().counts(&[values[0], values[1], 0.0]);
+    }
+    let error = fit(&guess(), &Known::Divots(&plate), &tied, &Options::default()).unwrap_err().to_string();
+    assert!(error.contains("joint 3 has turned by 0.0° only"), "{error}");
+}
+
+#[test]
+fn a_slide_gives_one_point_a_size() {
+    let arm =
+        Arm::new([Joint::revolute(250.0, TURN), Joint::prismatic(80.0, 140.0, 100.0), Joint::revolute(90.0, TURN)])
+            .unwrap();
+    let known = Known::Divots(&[DVec2::ZERO]);
+    let touches = of_point(&arm, 0.0, 1);
+    let mut start = arm;
+    (start.joints[0].length_mm, start.joints[2].length_mm, start.joints[2].zero_counts) = (245.0, 92.0, 300.0);
+    start.joints[1].kind = Kind::Prismatic { direction_deg: 78.0 };
+    let fitted = fit(&start, &known, &touches, &Options::of(&start, &known)).unwrap();
+    assert!(fitted.rms_mm < 1e-6, "{}", fitted.rms_mm);
+    let lengths = [0, 2].map(|joint| fitted.arm.joints()[joint].length_mm - arm.joints()[joint].length_mm);
+    assert!(lengths.iter().all(|off| off.abs() < 1e-5), "{lengths:?}");
+}
+
+#[test]
+fn what_is_said_of_the_tip_over_the_reach_is_so() {
+    // The root mean square of what tips are off by, over draws and poses, against what was said.
+    let known = plate();
+    let known = Known::Divots(&known);
+    let (mut off, mut told) = (0.0, 0.0);
+    for seed in 0..100 {
+        let fitted = fit(&guess(), &known, &touches(&truth(), 0.1, seed, 4), &Options::default()).unwrap();
+        for n in 0..20 {
+            let n = f64::from(n);
+            let counts = [2000.0 * n, 12_000.0 * (0.7 * n).sin(), 9000.0 * (1.3 * n).cos()];
+            let touch = Touch { counts, of: 0 };
+            let tip = |arm: &Arm| arm.pose(&model::values(arm, &touch)).position_mm;
+            off += tip(&fitted.arm).distance_squared(tip(&truth()));
+            told += fitted.sd_at(&model::values(&fitted.arm, &touch)).powi(2);
+        }
+        let reach = Reach::of(&fitted);
+        assert!(reach.rms_mm > 0.0 && reach.rms_mm <= reach.most_mm && reach.rings.len() == 4);
+        assert!(reach.rings.windows(2).all(|two| two[0].mm[1] == two[1].mm[0]), "{reach:?}");
+    }
+    let ratio = (off / told).sqrt();
+    assert!((ratio - 1.0).abs() < 0.15, "{ratio}");
 }

@@ -24,7 +24,7 @@ pub struct Rest {
 
 /// A tracker's noise at the tip, mm per axis: by how far readings lie from the middle of their two neighbours, of which motion has little part and jumps have none (by the median). `None`
 /// of fewer than three.
-pub(super) fn noise(positions: &[(f64, DVec3)]) -> Option<f64> {
+pub(crate) fn noise(positions: &[(f64, DVec3)]) -> Option<f64> {
     let bend = |three: &[(f64, DVec3)]| (3, (three[0].1 - 2.0 * three[1].1 + three[2].1).length());
     let bends: Vec<_> = positions.windows(3).map(bend).collect();
     // 1 + 4 + 1 times its variance.
@@ -33,7 +33,7 @@ pub(super) fn noise(positions: &[(f64, DVec3)]) -> Option<f64> {
 
 /// The rests among readings (time in s, place in mm, in the order of time): stretches of at least `least_s` within `radius_mm` of their middle, the longest of those that
 /// overlap. Single readings that jump away and back are heeded no more than those that are missing.
-pub(super) fn find(positions: &[(f64, DVec3)], radius_mm: f64, least_s: f64) -> Vec<Rest> {
+pub(crate) fn find(positions: &[(f64, DVec3)], radius_mm: f64, least_s: f64) -> Vec<Rest> {
     let steady: Vec<usize> = (0..positions.len()).filter(|&i| !jumps(positions, i, radius_mm)).collect();
     let at = |k: usize| positions[steady[k]];
     let mut stretches: Vec<[usize; 2]> = Vec::new();

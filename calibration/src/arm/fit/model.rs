@@ -1,0 +1,232 @@
+//! Touches as residuals: where the tip is by the joints' numbers, less where it should be.
+
+use glam::{DVec2, DVec3};
+
+use super::{Known, NoFit, Number, Options, Touch, refusal};
+use crate::arm::{Arm, JOINTS, Joint, Values};
+use crate::least_squares::{
+    Blocks, Loss, Noise, Parameters, Settings, Solution, State, Unsolved, Vector, Whitening, solve,
+};
+
+/// Of fewer measured numbers than so many times those that are sought some can be met as closely as one likes, and the rest taken for outliers: they do not say how large their noise is.
+const SAY_THEIR_NOISE: usize = 3;
+
+/// A number that is sought: of which joint, which, and its place among the parameters.
+pub(super) type Sought = (usize, Number, Vector<1>);
+
+/// The parameters of a fit, and where they stand among the joints' numbers.
+pub(super) struct Model<'a> {
+    start: &'a Arm,
+    known: Known<'a>,
+    pub(super) touches: &'a [Touch],
+    pub(super) options: &'a Options,
+    pub(super) parameters: Parameters,
+    pub(super) numbers: Vec<Sought>,
+    /// Where the plate lies: its angle, which one divot has not, and its shift; distances lie nowhere.
+    placing: Option<(Option<Vector<1>>, Vector<2>)>,
+}
+
+impl<'a> Model<'a> {
+    pub(super) fn new(start: &'a Arm, known: &Known<'a>, touches: &'a [Touch], options: &'a Options) -> Self {
+        let reach_mm = start.joints().iter().map(|joint| joint.length_mm.abs()).sum::<f64>().max(1.0);
+        let mut parameters = Parameters::new();
+        let mut numbers = Vec::new();
+        for (index, joint) in start.joints().iter().enumerate() {
+            for number in Number::ALL.into_iter().filter(|number| number.is_wanted(index, options)) {
+                let mut copy = *joint;
+                let Some(value) = number.of(&mut copy) else { continue };
+                let name = format!("{} of joint {}", number.name(), index + 1);
+                let typical = number.typical(joint, reach_mm);
+                numbers.push((index, number, parameters.vector(&name, [""], number.unit(), typical, [*value])));
+            }
+        }
+        let placing = match known {
+            Known::Divots(plate_mm) => {
+                let (angle, shift) = placed(start, plate_mm, touches, options.tip_mm);
+                let angle = (!is_one(plate_mm, touches))
+                    .then(|| parameters.vector("the plate's angle", [""], "rad", 1.0 / reach_mm, [angle]));
+                Some((angle, parameters.vector("the plate", ["x", "y"], "mm", 1.0, shift.to_array())))
+            }
+            Known::Distances(_) => None,
+        };
+        Self { start, known: *known, touches, options, parameters, numbers, placing }
+    }
+
+    pub(super) fn joints(&self, state: &State) -> [Joint; JOINTS] {
+        let mut joints = *self.start.joints();
+        for (index, number, place) in &self.numbers {
+            if let Some(value) = number.of(&mut joints[*index]) {
+                [*value] = state.vector(*place);
+            }
+        }
+        joints
+    }
+
+    /// One standard deviation of a residual along an axis, mm. A distance has both its ends'.
+    pub(super) fn sd_of_residual_mm(&self) -> f64 {
+        match self.known {
+            Known::Divots(_) => self.options.seat_mm,
+            Known::Distances(_) => self.options.seat_mm * 2.0_f64.sqrt(),
+        }
+    }
+
+    /// The divot of a touch as the plate lies, less the plate's shift.
+    fn turned(&self, state: &State, plate_mm: &[DVec2], touch: &Touch) -> DVec2 {
+        let angle = self.placing.and_then(|(angle, _)| angle).map_or(0.0, |angle| state.vector(angle)[0]);
+        DVec2::from_angle(angle).rotate(plate_mm[touch.of])
+    }
+
+    fn shift(&self, state: &State) -> DVec2 {
+        self.placing.map_or(DVec2::ZERO, |(_, shift)| DVec2::from_array(state.vector(shift)))
+    }
+
+    /// Of each distance the touches of its two ends, as [`refusal::check`] has found that there are.
+    fn ends(&self, distance: usize) -> [&'a Touch; 2] {
+        let mut own = self.touches.iter().filter(|touch| touch.of == distance);
+        let mut next = || own.next().unwrap_or(&self.touches[0]);
+        [next(), next()]
+    }
+
+    /// The tip less its divot, or the tips' distance less what it should be, mm, and the derivatives.
+    pub(super) fn put(&self, state: &State, blocks: &mut Blocks<'_>) {
+        let arm = Arm { joints: self.joints(state) };
+        match self.known {
+            Known::Divots(plate_mm) => self.put_divots(state, &arm, plate_mm, blocks),
+            Known::Distances(distances_mm) => self.put_distances(&arm, distances_mm, blocks),
+        }
+    }
+
+    fn put_divots(&self, state: &State, arm: &Arm, plate_mm: &[DVec2], blocks: &mut Blocks<'_>) {
+        let seat = Whitening::sd(self.options.seat_mm);
+        let shift = self.shift(state);
+        for touch in self.touches {
+            let values = values(arm, touch);
+            let divot = self.turned(state, plate_mm, touch);
+            let residual = arm.pose(&values).point(self.options.tip_mm) - divot - shift;
+            let mut row = blocks.add(residual.to_array(), &seat);
+            for (index, number, place) in &self.numbers {
+                let moved = moved(arm, &values, self.options.tip_mm, *index, *number);
+                row = row.by(*place, [[moved.x], [moved.y]]);
+            }
+            if let Some((angle, shift)) = self.placing {
+                row = row.by(shift, [[-1.0, 0.0], [0.0, -1.0]]);
+                if let Some(angle) = angle {
+                    let turned = -divot.perp();
+                    row.by(angle, [[turned.x], [turned.y]]);
+                }
+            }
+        }
+    }
+
+    fn put_distances(&self, arm: &Arm, distances_mm: &[f64], blocks: &mut Blocks<'_>) {
+        let seat = Whitening::sd(self.sd_of_residual_mm());
+        for (distance, mm) in distances_mm.iter().enumerate() {
+            let ends = self.ends(distance).map(|touch| values(arm, touch));
+            let [one, other] = ends.map(|values| arm.pose(&values).point(self.options.tip_mm));
+            let along = (one - other).normalize_or_zero();
+            let mut row = blocks.add([(one - other).length() - mm], &seat);
+            for (index, number, place) in &self.numbers {
+                let [one, other] = ends.map(|values| moved(arm, &values, self.options.tip_mm, *index, *number));
+                row = row.by(*place, [[along.dot(one - other)]]);
+            }
+        }
+    }
+
+    /// What [`Self::put`] puts down, each as a length, mm.
+    pub(super) fn residuals_mm(&self, state: &State) -> Vec<f64> {
+        let arm = Arm { joints: self.joints(state) };
+        let tip = |touch: &Touch| arm.pose(&values(&arm, touch)).point(self.options.tip_mm);
+        match self.known {
+            Known::Divots(plate_mm) => {
+                let off = |touch: &Touch| tip(touch) - self.turned(state, plate_mm, touch) - self.shift(state);
+                self.touches.iter().map(|touch| off(touch).length()).collect()
+            }
+            Known::Distances(distances_mm) => {
+                let off = |(distance, mm): (usize, &f64)| {
+                    let [one, other] = self.ends(distance).map(tip);
+                    (one.distance(other) - mm).abs()
+                };
+                distances_mm.iter().enumerate().map(off).collect()
+            }
+        }
+    }
+
+    /// Numbers that are measured.
+    pub(super) fn measured(&self) -> usize {
+        match self.known {
+            Known::Divots(_) => 2 * self.touches.len(),
+            Known::Distances(distances_mm) => distances_mm.len(),
+        }
+    }
+
+    /// What is known of the noise: the residuals say it, where there are many of them.
+    pub(super) fn noise(&self) -> Noise {
+        match self.measured() < SAY_THEIR_NOISE * self.parameters.steps() {
+            true => Noise::Known,
+            false => Noise::Compared,
+        }
+    }
+
+    pub(super) fn solve(&self, loss: Loss, noise: Noise) -> Result<Solution, NoFit> {
+        let settings = Settings { loss, noise, ..Settings::default() };
+        solve(&self.parameters, &settings, |state, blocks| self.put(state, blocks)).map_err(|unsolved| match unsolved {
+            Unsolved::TooFew { parameters, .. } => NoFit::Few { touches: self.touches.len(), numbers: parameters },
+            Unsolved::NotFinite { .. } => NoFit::Senseless("a number is not finite".into()),
+            Unsolved::Undetermined { directions } => refusal::unseen(self, &directions),
+        })
+    }
+}
+
+/// What a touch's counts mean.
+pub(super) fn values(arm: &Arm, touch: &Touch) -> Values {
+    std::array::from_fn(|joint| arm.joints()[joint].value(touch.counts[joint]))
+}
+
+/// From where to where the joints' values went, rad or mm.
+pub(super) fn ranges(arm: &Arm, touches: &[Touch]) -> [[f64; 2]; JOINTS] {
+    let mut ranges = [[f64::INFINITY, f64::NEG_INFINITY]; JOINTS];
+    for touch in touches {
+        for ([least, most], value) in ranges.iter_mut().zip(values(arm, touch)) {
+            (*least, *most) = (least.min(value), most.max(value));
+        }
+    }
+    ranges
+}
+
+/// How the tip moves with a number of a joint, mm a unit of it.
+pub(super) fn moved(arm: &Arm, values: &Values, tip_mm: DVec2, joint: usize, number: Number) -> DVec2 {
+    let by = &arm.derivatives(values)[joint];
+    let by: DVec3 = match number {
+        Number::Length => by.length,
+        Number::Zero => by.zero_counts,
+        Number::CountsPerUnit => by.counts_per_unit,
+        Number::Direction => by.direction,
+    };
+    let lever = DVec2::from_angle(arm.pose(values).heading_rad).rotate(tip_mm).perp();
+    by.truncate() + lever * by.z
+}
+
+/// Whether all touches are of one place, as far as the plate says.
+pub(super) fn is_one(plate_mm: &[DVec2], touches: &[Touch]) -> bool {
+    touches.windows(2).all(|two| plate_mm[two[0].of] == plate_mm[two[1].of])
+}
+
+/// Where the plate lies by the arm as it is taken for: the rigid map of the divots to the touches, in the plane.
+fn placed(arm: &Arm, plate_mm: &[DVec2], touches: &[Touch], tip_mm: DVec2) -> (f64, DVec2) {
+    let tip = |touch: &Touch| (plate_mm[touch.of], arm.pose(&values(arm, touch)).point(tip_mm));
+    let tips: Vec<(DVec2, DVec2)> = touches.iter().map(tip).collect();
+    let count = tips.len() as f64;
+    let [divots, points] =
+        [tips.iter().map(|(a, _)| *a).sum::<DVec2>() / count, tips.iter().map(|(_, b)| *b).sum::<DVec2>() / count];
+    if is_one(plate_mm, touches) {
+        return (0.0, points - divots);
+    }
+    let (mut sine, mut cosine) = (0.0, 0.0);
+    for (divot, point) in &tips {
+        let (a, b) = (*divot - divots, *point - points);
+        sine += a.perp_dot(b);
+        cosine += a.dot(b);
+    }
+    let angle = sine.atan2(cosine);
+    (angle, points - DVec2::from_angle(angle).rotate(divots))
+}

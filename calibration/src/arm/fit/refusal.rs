@@ -1,0 +1,214 @@
+//! What touches do not tell, and what to touch then.
+
+use super::model::{self, Model};
+use super::{Known, Number, Options, Touch};
+use crate::arm::{Arm, BadArm, JOINTS, Kind};
+use crate::least_squares::{Direction, Solution};
+
+/// Touches that move the tip by no more than this, joint by joint, are in one pose, mm.
+const ONE_POSE_MM: f64 = 5.0;
+/// A joint that has turned by no more between its least and its greatest value tells next to nothing of itself, rad …
+const HARDLY_TURNED: f64 = 0.1;
+/// … nor one that has slid by no more, mm.
+const HARDLY_SLID_MM: f64 = 5.0;
+/// So many numbers more than are sought must be measured, or nothing is left by which to see whether they agree.
+const LEAST_FREEDOM: usize = 4;
+
+/// Why touches make no arm.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum NoFit {
+    /// A divot that the plate does not have, or a distance that is not among those given.
+    #[error("touch {touch} is of {what} {of}, and there are {count}")]
+    Unknown {
+        /// From 1.
+        touch: usize,
+        /// Divot or distance.
+        what: &'static str,
+        /// From 1.
+        of: usize,
+        /// As many as there are.
+        count: usize,
+    },
+    /// A distance has two ends.
+    #[error("distance {distance} has {touches} touches, and must have two: one of either end")]
+    Ends {
+        /// From 1.
+        distance: usize,
+        /// As many as there are.
+        touches: usize,
+    },
+    /// No known distance: an arm twice as large would explain the touches as well.
+    #[error(
+        "all touches are of one divot: touch at least two whose distance is known, or the arm's size stays unknown; or keep the length of one link as it is"
+    )]
+    OneDivot,
+    /// Nothing has moved.
+    #[error(
+        "all {touches} touches are in one pose of the arm: bend it otherwise for each touch, the elbow to the left and to the right"
+    )]
+    OnePose {
+        /// As many as there are.
+        touches: usize,
+    },
+    /// Something that the touches do not say.
+    #[error("the touches do not tell {what}: {why}")]
+    Undetermined {
+        /// Combination of parameters.
+        what: String,
+        /// What to do.
+        why: String,
+    },
+    /// Too few.
+    #[error("{touches} touches are too few for {numbers} numbers: touch more, each place from at least three sides")]
+    Few {
+        /// As many as there are.
+        touches: usize,
+        /// As many as are sought.
+        numbers: usize,
+    },
+    /// The numbers make no sense.
+    #[error(
+        "the touches do not belong to this arm and to what is known of the places ({0}): check the arm's start values, the units and which touch is of what"
+    )]
+    Senseless(String),
+    /// The plate, or the arm, is in other units.
+    #[error(
+        "what is known of the places fits an arm {factor:.4} times as large as the one given: its numbers are in {unit} and must be in mm, or the arm's lengths are in {arm_unit}"
+    )]
+    Units {
+        /// About 10, 25.4 or one over them.
+        factor: f64,
+        /// What the plate or the distances seem to be in, if not in mm.
+        unit: &'static str,
+        /// What the arm's lengths seem to be in otherwise.
+        arm_unit: &'static str,
+    },
+}
+
+impl From<BadArm> for NoFit {
+    fn from(bad: BadArm) -> Self {
+        Self::Senseless(bad.to_string())
+    }
+}
+
+/// What can be said before anything is fitted.
+pub(super) fn check(start: &Arm, known: &Known<'_>, touches: &[Touch], options: &Options) -> Result<(), NoFit> {
+    let (what, count) = match known {
+        Known::Divots(_) => ("divot", known.count()),
+        Known::Distances(_) => ("distance", known.count()),
+    };
+    if let Some((index, touch)) = touches.iter().enumerate().find(|(_, touch)| touch.of >= count) {
+        return Err(NoFit::Unknown { touch: index + 1, what, of: touch.of + 1, count });
+    }
+    let slides = start.joints().iter().any(|joint| joint.kind != Kind::Revolute);
+    match known {
+        Known::Divots(plate_mm) => {
+            let is_sized = slides || !options.lengths.iter().all(|wanted| *wanted);
+            if !is_sized && model::is_one(plate_mm, touches) {
+                return Err(NoFit::OneDivot);
+            }
+        }
+        Known::Distances(distances) => {
+            for distance in 0..distances.len() {
+                let own = touches.iter().filter(|touch| touch.of == distance).count();
+                if own != 2 {
+                    return Err(NoFit::Ends { distance: distance + 1, touches: own });
+                }
+            }
+        }
+    }
+    let sought = Model::new(start, known, touches, options);
+    let numbers = sought.parameters.steps();
+    if touches.is_empty() || (!sought.numbers.is_empty() && sought.measured() < numbers + LEAST_FREEDOM) {
+        return Err(NoFit::Few { touches: touches.len(), numbers });
+    }
+    let mut reach_mm = 0.0;
+    let ranges = model::ranges(start, touches);
+    let mut most_mm = 0.0_f64;
+    for (joint, [least, most]) in start.joints().iter().zip(ranges).rev() {
+        reach_mm += joint.length_mm.abs();
+        most_mm = most_mm.max((most - least) * if joint.kind == Kind::Revolute { reach_mm } else { 1.0 });
+    }
+    if !sought.numbers.is_empty() && most_mm < ONE_POSE_MM {
+        return Err(NoFit::OnePose { touches: touches.len() });
+    }
+    Ok(())
+}
+
+/// What touches do not tell, and what to do.
+pub(super) fn unseen(model: &Model<'_>, directions: &[Direction]) -> NoFit {
+    let what = directions.first().map(ToString::to_string).unwrap_or_default();
+    let share = |wanted: Number| -> f64 {
+        let own = directions.first().into_iter().flat_map(|direction| {
+            model
+                .numbers
+                .iter()
+                .filter(|(_, number, _)| *number == wanted)
+                .map(|(_, _, place)| direction.share(*place)[0])
+        });
+        own.map(|share| share * share).sum()
+    };
+    let why = match hardly_moved(model) {
+        Some(sentence) => sentence,
+        None if share(Number::CountsPerUnit) > 0.3 => {
+            "touch places far apart and from all sides, or keep the encoders' counts a turn as the maker states them".into()
+        }
+        None if share(Number::Direction) > 0.3 => "touch from more places along the slide".into(),
+        None => {
+            "touch each place with the elbow bent to the left and to the right, and places near to the base and far from it"
+                .into()
+        }
+    };
+    NoFit::Undetermined { what, why }
+}
+
+/// A joint that has stayed where it was tells nothing of itself.
+fn hardly_moved(model: &Model<'_>) -> Option<String> {
+    let arm = Arm { joints: model.joints(&model.parameters.start()) };
+    let ranges = model::ranges(&arm, model.touches);
+    let of = |joint: usize| -> Option<String> {
+        let moved = ranges[joint][1] - ranges[joint][0];
+        match arm.joints()[joint].kind {
+            Kind::Revolute if moved < HARDLY_TURNED => Some(format!(
+                "joint {} has turned by {:.1}° only in all of them: turn it further",
+                joint + 1,
+                moved.to_degrees()
+            )),
+            Kind::Prismatic { .. } if moved < HARDLY_SLID_MM => {
+                Some(format!("joint {} has slid by {moved:.1} mm only in all of them: move it further", joint + 1))
+            }
+            _ => None,
+        }
+    };
+    (0..JOINTS).find_map(of)
+}
+
+/// An arm all of whose links come out so many times as long is an arm whose plate is in other units.
+pub(super) fn check_scale(near: &Solution, model: &Model<'_>, start: &Arm) -> Result<(), NoFit> {
+    let after = model.joints(&near.state);
+    let sum = |joints: &[crate::arm::Joint; JOINTS]| -> f64 {
+        let sought = model.numbers.iter().filter(|(_, number, _)| *number == Number::Length);
+        sought.map(|(joint, ..)| joints[*joint].length_mm.abs()).sum()
+    };
+    let (before, after) = (sum(start.joints()), sum(&after));
+    if before <= 0.0 {
+        return Ok(());
+    }
+    let ratio = after / before;
+    for (factor, unit, arm_unit) in [
+        (0.1, "cm", "tenths of mm"),
+        (10.0, "tenths of mm", "cm"),
+        (1.0 / 25.4, "inches", "1/25.4 mm"),
+        (25.4, "1/25.4 mm", "inches"),
+        (0.001, "m", "µm"),
+        (1000.0, "µm", "m"),
+    ] {
+        if (ratio / factor - 1.0).abs() < 0.15 {
+            return Err(NoFit::Units { factor: ratio, unit, arm_unit });
+        }
+    }
+    if !(0.5..=2.0).contains(&ratio) {
+        return Err(NoFit::Senseless(format!("links of {after:.0} mm in all instead of {before:.0} mm")));
+    }
+    Ok(())
+}
