@@ -24,6 +24,7 @@ use calibration::file::{CalibrationFile, FileError, Latency, NoPreset};
 use calibration::keys::Source;
 use calibration::named::StaticTransform;
 use calibration::region::{ClipRect, Fan};
+use calibration::tracker::zones::Zones;
 use serde::Serialize;
 
 use crate::mask::{Clip, MaskSettings};
@@ -70,6 +71,12 @@ pub struct Settings {
     /// The arm that carries the probe; whoever writes settings out has its own words for it.
     #[serde(skip)]
     pub arm: Option<Arm>,
+    /// What that arm's fit left of its touches, mm, root mean square.
+    #[serde(skip)]
+    pub arm_fit_rms_mm: Option<f64>,
+    /// Where metal bends the tracker's field; whoever writes settings out has its own words for it.
+    #[serde(skip)]
+    pub distortion: Option<Zones>,
     /// The preset that was chosen, where the file has such; whoever writes settings out names it.
     #[serde(skip)]
     pub preset: Option<Preset>,
@@ -127,6 +134,8 @@ impl Settings {
             hwhm_mm: file.hwhm_mm,
             latency: file.latency,
             arm: file.arm,
+            arm_fit_rms_mm: file.arm_fit_rms_mm,
+            distortion: file.distortion.clone(),
             ..Self::default()
         }
     }

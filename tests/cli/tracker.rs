@@ -1,5 +1,7 @@
 //! `calibrate tracker`: the noise of a still sensor, and a map of a room with metal in it.
 
+use calibration::file::CalibrationFile;
+use calibration::tracker::zones::{Zone, Zones};
 use glam::{DAffine3, DQuat, DVec3};
 
 use super::calibrate::tracked;
@@ -56,13 +58,19 @@ fn the_noise_of_a_still_sensor_is_told_and_one_that_moves_is_refused() {
         &["moved.igs.mha: the sensor has moved", "lay it down"],
     );
     place.refuses("calibrate tracker --sequence lying.igs.mha --sensor Stylus", &["nothing is called Stylus"]);
+    place.refuses(
+        "calibrate tracker --sequence lying.igs.mha -o cal.toml",
+        &["--output: of a sensor's noise nothing goes into a calibration file", "--other"],
+    );
 }
 
 #[test]
 fn a_map_of_the_room_names_the_places_where_metal_is() {
     let place = Place::new();
     place.put("carried.igs.mha", carried());
-    let said = place.does("calibrate tracker --sequence carried.igs.mha --other Reference --report room.json");
+    place.put("cal.toml", "format = \"sonoweave-calibration\"\nversion = 1\n[volume]\nspacing_mm = [0.5, 0.5, 0.5]\n");
+    let said =
+        place.does("calibrate tracker --sequence carried.igs.mha --other Reference -o cal.toml --report room.json");
     let report = place.json("room.json");
     assert!((report["distance_mm"].as_f64().unwrap() - 100.0).abs() < 0.01, "{report}");
     let cells = report["cells"].as_array().unwrap();
@@ -71,7 +79,48 @@ fn a_map_of_the_room_names_the_places_where_metal_is() {
         let x = cell["low_mm"][0].as_f64().unwrap();
         assert_eq!(cell["warned_of"], x >= 350.0, "{cell}");
     }
-    assert!(said.contains("metal bends the field there"), "{said}");
+    assert!(said.contains("metal bends the field there") && said.contains("calibration: cal.toml"), "{said}");
+    let file = CalibrationFile::read(&place.path("cal.toml")).unwrap();
+    let zones = file.distortion.unwrap();
+    assert!(zones.count() > 0 && zones.all().all(|zone| zone.low_mm.x >= 350.0 && zone.rms_mm > 1.0), "{zones:?}");
+    assert_eq!((zones.cell_mm(), zones.limit_mm(), file.spacing_mm), (50.0, 1.0, Some([0.5; 3])));
+    assert!(file.provenance.starts_with("Distortion: "), "{}", file.provenance);
+    let told = place.does("inspect cal.toml");
+    assert!(told.contains("cells of 50 mm where the tracker errs by more than 1 mm"), "{told}");
     let said = place.does("calibrate tracker --sequence carried.igs.mha --other Reference --limit 5");
     assert!(said.contains("are within 5 mm"), "{said}");
+}
+
+#[test]
+fn a_session_counts_the_frames_of_a_bent_field_and_so_does_its_replay() {
+    let place = Place::new();
+    let rows = [0.2, 0.0, 0.0, 0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 0.0, 1.0];
+    // Wherever the probe is.
+    let corners = (0..8).map(|n| DVec3::new((n & 1).into(), (n >> 1 & 1).into(), (n >> 2).into()));
+    let all = corners.map(|corner| Zone { low_mm: (corner - 1.0) * 1e4, rms_mm: 2.0 }).collect();
+    let file = CalibrationFile {
+        probe_from_image: Some(calibration::frames::Transform::from_rows(&rows).unwrap()),
+        distortion: Some(Zones::new(1e4, 1.0, None, all)),
+        ..CalibrationFile::default()
+    };
+    file.write(&place.path("cal.toml")).unwrap();
+    place.put(
+        "bedside.toml",
+        "format = \"sonoweave-bedside\"\nversion = 1\n[calibration]\nfile = \"cal.toml\"\n[tracker]\nmodel = \"fastrak\"\nport = \"virtual\"\n\
+         [grabber]\ndevice = \"virtual\"\nsize = \"96x80\"\n[record]\nfull_frame = true\n",
+    );
+    let run = place.run("live --config bedside.toml --check");
+    assert!(run.stdout.contains("8 cells of 10000 mm where the tracker errs by more than 1 mm"), "{}", run.stdout);
+    let run = place.run("live --config bedside.toml --duration 3 --record sessions --stats live.json --headless");
+    assert_eq!(run.code, 0, "{} {}", run.stdout, run.stderr);
+    let live = place.json("live.json");
+    let frames = live["distortion"]["frames"].as_u64().unwrap();
+    assert!(frames > 0 && frames >= live["frames"]["used"].as_u64().unwrap(), "{live}");
+    assert_eq!((&live["distortion"]["zones"], &live["distortion"]["entered"]), (&8.into(), &1.into()));
+    assert!(run.stderr.contains("has come to where metal bends the tracker's field, by 2.0 mm"), "{}", run.stderr);
+    assert!(run.stdout.contains(&format!("{frames} frames were taken where metal bends")), "{}", run.stdout);
+    let entry = std::fs::read_dir(place.path("sessions")).unwrap().next().unwrap().unwrap();
+    let run = place.run(&format!("replay {} --speed max --stats again.json", entry.path().display()));
+    assert_eq!(run.code, 0, "{} {}", run.stdout, run.stderr);
+    assert_eq!(place.json("again.json")["distortion"]["frames"], frames);
 }

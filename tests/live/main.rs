@@ -21,3 +21,4 @@ mod scanner;
 mod script;
 mod set;
 mod tracker;
+mod zones;

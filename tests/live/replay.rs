@@ -55,7 +55,7 @@ fn eventful() -> (Finished, Memory) {
 }
 
 /// Runs a session's bytes again, or something like it.
-fn again(
+pub(crate) fn again(
     disk: &Memory,
     wait_ns: i64,
     pace: Pace,

@@ -15,7 +15,7 @@ use sonoweave::ledger::Frames;
 use sonoweave::mask::{Clip, MaskSettings};
 use sonoweave::path::PathChoice;
 use sonoweave::pipeline::live::{
-    Account, Bed, Equipment, Finished, Heard, Instrument, Looks, Record, Session, Standing, Written, gather, run,
+    Account, Bed, Equipment, Finished, Heard, Instrument, Looks, Record, Session, Standing, Watch, Written, gather, run,
 };
 use sonoweave::reconstruct::Settings;
 use sonoweave::reconstruct::planar::PlanarSettings;
@@ -40,6 +40,7 @@ pub(crate) struct Set {
     pub(crate) wait_ns: i64,
     pub(crate) looks: Option<Arc<dyn Looks>>,
     pub(crate) record: Option<(SessionWriter, u64)>,
+    pub(crate) watch: Option<Watch>,
 }
 
 /// What was seen on the way.
@@ -93,6 +94,7 @@ impl Set {
             wait_ns: 5 * SECOND,
             looks: None,
             record: None,
+            watch: None,
         }
     }
 
@@ -119,7 +121,7 @@ impl Set {
 
     /// Runs until its devices have ended or it is to end, by the account and the time since it began.
     pub(crate) fn until(self, mut ends: impl FnMut(&Account, Duration) -> bool) -> (Finished, Seen) {
-        let session = stages(self.wait_ns, self.looks.clone());
+        let session = Session { watch: self.watch.clone(), ..stages(self.wait_ns, self.looks.clone()) };
         let bed = self.bed();
         let (told, began) = (AtomicBool::new(false), Instant::now());
         let mut seen = Seen::default();
@@ -200,6 +202,7 @@ pub(crate) fn stages(wait_ns: i64, looks: Option<Arc<dyn Looks>>) -> Session {
         path: PathChoice::General,
         planar: PlanarSettings::default(),
         looks,
+        watch: None,
     }
 }
 

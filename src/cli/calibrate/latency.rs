@@ -132,7 +132,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         file.latency = Some(report.latency());
         originates(file, "latency", &report.provenance());
     };
-    arguments.outputs.write_changed(change, &report, || Ok(String::new()))?;
+    arguments.outputs.write_changed(change, &report)?;
     print(&report.text(&arguments.outputs))
 }
 

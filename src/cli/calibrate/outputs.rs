@@ -52,6 +52,11 @@ impl Input {
 }
 
 impl Outputs {
+    /// Whether a calibration file is written.
+    pub(super) fn changes_file(&self) -> bool {
+        self.output.is_some()
+    }
+
     /// Whether a file is the calibration file that is written.
     pub(super) fn is_output(&self, path: &Path) -> bool {
         self.output.as_deref() == Some(path)
@@ -91,7 +96,7 @@ impl Outputs {
         provenance: &str,
         report: &impl Serialize,
     ) -> Result<(), Failure> {
-        self.write_changed(|file| merge(file, transform, provenance), report, || Ok(String::new()))
+        self.write_changed(|file| merge(file, transform, provenance), report)
     }
 
     /// Writes a probe's calibration and the report.
@@ -115,7 +120,7 @@ impl Outputs {
             file.transforms.retain(|other| !other.relates_same_frames(&named));
             file.probe_from_image = Some(*probe_from_image);
         };
-        self.write_changed(change, report, page)
+        self.write_with_page(change, report, page)
     }
 
     /// Whether anybody reads more than the text.
@@ -123,8 +128,16 @@ impl Outputs {
         !self.report.is_empty()
     }
 
-    /// Writes what was asked for: the calibration file, changed, and the report; the page only where one is.
+    /// Writes what was asked for: the calibration file, changed, and the report, of which there is no page.
     pub(super) fn write_changed(
+        &self,
+        change: impl FnOnce(&mut CalibrationFile),
+        report: &impl Serialize,
+    ) -> Result<(), Failure> {
+        self.write_with_page(change, report, || Ok(String::new()))
+    }
+
+    fn write_with_page(
         &self,
         change: impl FnOnce(&mut CalibrationFile),
         report: &impl Serialize,

@@ -1,20 +1,21 @@
 //! `sonoweave calibrate tracker`: how good a tracker is where it stands.
 
 use std::fmt::Write as _;
-use std::path::PathBuf;
 
+use calibration::file::CalibrationFile;
+use calibration::file::date::Date;
 use calibration::tracker::distortion::{self, Map, NoMap, Pair};
 use calibration::tracker::noise::{self, Noise};
+use calibration::tracker::zones::Zones;
 use clap::Args;
 use glam::DAffine3;
 use serde::Serialize;
 
-use super::super::{Failure, input, values};
+use super::super::{Failure, values};
 use super::guide::Advice;
 use super::guide::poses::gathered;
-use super::outputs::{Input, place, print, rows};
+use super::outputs::{Input, Outputs, originates, place, print, rows};
 use super::poses::{Counts, Poses, Recording, Source, poses};
-use crate::statistics::write_json;
 
 /// Cells that the text tells of.
 const TOLD: usize = 8;
@@ -29,11 +30,12 @@ const USUAL_CELLS: f64 = 200.0;
 #[command(after_help = "\
 Noise: lay a sensor down, let go of it, and record for ten seconds.
 A map of the room: fix two sensors to one piece of wood or plastic, 10 cm apart, and carry it slowly through all of the room that scans are made in. Where the sensors seem to be \
-otherwise apart than elsewhere, metal bends the field: do not scan there, or take the metal away.
+otherwise apart than elsewhere, metal bends the field: do not scan there, or take the metal away. With -o these places go into the calibration file, and `live` warns where the probe \
+is in one.
 
 Examples: sonoweave calibrate tracker --live bedside.toml
           sonoweave calibrate tracker --session SESSION.mcap --sensor Probe
-          sonoweave calibrate tracker --session SESSION.mcap --sensor Probe --other Reference --report room.json")]
+          sonoweave calibrate tracker --session SESSION.mcap --sensor Probe --other Reference -o calibration.toml --report room.json")]
 pub struct Arguments {
     #[command(flatten)]
     source: Source,
@@ -58,9 +60,8 @@ pub struct Arguments {
     /// Leave out what was recorded after: seconds from the recording's beginning
     #[arg(long, value_name = "S", value_parser = values::number)]
     to: Option<f64>,
-    /// Where to write the report as JSON
-    #[arg(long, value_name = "R.json")]
-    report: Option<PathBuf>,
+    #[command(flatten)]
+    outputs: Outputs,
 }
 
 /// What is said of a still sensor. The names say the units.
@@ -116,10 +117,13 @@ struct CellReport {
 /// [`Failure`] when the recording does not say what is sought.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let recording = arguments.recording(&arguments.tracker);
-    if let Some(path) = &arguments.report {
-        input::check_output(path)?;
-        input::check_is_not(path, recording.path())?;
+    if arguments.other.is_none() && arguments.outputs.changes_file() {
+        return Err(Failure(
+            "--output: of a sensor's noise nothing goes into a calibration file; a map of the room does (--other)"
+                .into(),
+        ));
     }
+    arguments.outputs.check(&[recording.path()], false)?;
     let made = gathered(&recording, |tracks| match &arguments.other {
         None => Ok(stillness(&poses(&recording, tracks, recording.path())?)),
         Some(other) => {
@@ -184,24 +188,22 @@ impl Arguments {
         let poses: Vec<DAffine3> = read.poses.iter().map(|(_, pose)| pose.affine()).collect();
         let found = noise::of(&poses)
             .map_err(|e| Failure(format!("{}: {e}{}", recording.path().display(), read.counts.also())))?;
-        if let Some(path) = &self.report {
-            let Noise { position_rms_mm, rotation_rms_deg, fast_rms_mm, farthest_mm, .. } = found;
-            let report = NoiseReport {
-                kind: "tracker_noise",
-                input: Input::of(recording.path())?,
-                sensor: &self.sensor,
-                poses: &read.counts,
-                position_mm: found.position_mm.to_array(),
-                position_sd_mm: found.position_sd_mm.to_array(),
-                position_rms_mm,
-                rotation_sd_deg: found.rotation_sd_deg.to_array(),
-                rotation_rms_deg,
-                fast_rms_mm,
-                farthest_mm,
-            };
-            write_json(path, &report)?;
-        }
-        print(&(self.of_noise(read, &found) + &self.told()))
+        let Noise { position_rms_mm, rotation_rms_deg, fast_rms_mm, farthest_mm, .. } = found;
+        let report = NoiseReport {
+            kind: "tracker_noise",
+            input: Input::of(recording.path())?,
+            sensor: &self.sensor,
+            poses: &read.counts,
+            position_mm: found.position_mm.to_array(),
+            position_sd_mm: found.position_sd_mm.to_array(),
+            position_rms_mm,
+            rotation_sd_deg: found.rotation_sd_deg.to_array(),
+            rotation_rms_deg,
+            fast_rms_mm,
+            farthest_mm,
+        };
+        self.outputs.write_changed(|_| {}, &report)?;
+        print(&(self.of_noise(read, &found) + &self.outputs.told()))
     }
 
     fn of_noise(&self, read: &Poses, found: &Noise) -> String {
@@ -244,34 +246,39 @@ impl Arguments {
         let map = self
             .mapped(&pairs(read, between))
             .map_err(|e| Failure(format!("{}: {e}{}", recording.path().display(), between.counts.also())))?;
-        if let Some(path) = &self.report {
-            let cells = map.cells.iter().enumerate().map(|(index, cell)| CellReport {
-                low_mm: cell.low_mm.to_array(),
-                pairs: cell.pairs,
-                rms_mm: cell.rms_mm,
-                most_mm: cell.most_mm,
-                rms_deg: cell.rms_deg,
-                warned_of: map.zones.contains(&index),
-            });
-            let report = MapReport {
-                kind: "tracker_map",
-                input: Input::of(recording.path())?,
-                sensors: [&self.sensor, other],
-                poses: &between.counts,
-                pairs: map.pairs,
-                distance_mm: map.distance_mm,
-                distance_rms_mm: map.distance_rms_mm,
-                one_from_other: rows(map.one_from_other),
-                rms_mm: map.rms_mm,
-                most_mm: map.most_mm,
-                rms_deg: map.rms_deg,
-                limit_mm: self.limit,
-                cell_mm: map.cell_mm,
-                cells: cells.collect(),
-            };
-            write_json(path, &report)?;
-        }
-        print(&(self.of_map(other, between, &map) + &self.told()))
+        let cells = map.cells.iter().enumerate().map(|(index, cell)| CellReport {
+            low_mm: cell.low_mm.to_array(),
+            pairs: cell.pairs,
+            rms_mm: cell.rms_mm,
+            most_mm: cell.most_mm,
+            rms_deg: cell.rms_deg,
+            warned_of: map.zones.contains(&index),
+        });
+        let input = Input::of(recording.path())?;
+        let zones = Zones::of(&map, self.limit, Date::today());
+        let provenance = format!("{} of {} cells, by {}", zones.count(), map.cells.len(), input.name());
+        let report = MapReport {
+            kind: "tracker_map",
+            input,
+            sensors: [&self.sensor, other],
+            poses: &between.counts,
+            pairs: map.pairs,
+            distance_mm: map.distance_mm,
+            distance_rms_mm: map.distance_rms_mm,
+            one_from_other: rows(map.one_from_other),
+            rms_mm: map.rms_mm,
+            most_mm: map.most_mm,
+            rms_deg: map.rms_deg,
+            limit_mm: self.limit,
+            cell_mm: map.cell_mm,
+            cells: cells.collect(),
+        };
+        let change = |file: &mut CalibrationFile| {
+            file.distortion = Some(zones);
+            originates(file, "Distortion", &provenance);
+        };
+        self.outputs.write_changed(change, &report)?;
+        print(&(self.of_map(other, between, &map) + &self.outputs.told()))
     }
 
     fn of_map(&self, other: &str, between: &Poses, map: &Map) -> String {
@@ -319,9 +326,5 @@ impl Arguments {
             let _ = writeln!(text, "  and {} more, in the report", map.zones.len() - TOLD);
         }
         text
-    }
-
-    fn told(&self) -> String {
-        self.report.as_ref().map_or(String::new(), |path| format!("report: {}\n", path.display()))
     }
 }

@@ -121,6 +121,9 @@ impl ConfigurationReport {
             let sure = latency.lag_se_ms.map_or(String::new(), |ms| format!("; the lag is known to {} ms", short(ms)));
             text.row("latency", format!("video {video} ms, tracker {tracker} ms{sure}"));
         }
+        if let Some(zones) = &settings.distortion {
+            text.row("distortion", zones.to_string());
+        }
         text.rows("arm", self.arm.iter().flatten().map(ToString::to_string));
         text.rows("notes", &settings.notes);
         for transform in &settings.transforms {

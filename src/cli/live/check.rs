@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::net::TcpListener;
 use std::path::PathBuf;
 
+use calibration::tracker::zones::Zones;
 use drivers::clock::{Clock, Monotonic};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -272,6 +273,8 @@ fn of_calibration(bedside: &Bedside, grabber: &Tried) -> Checked {
             checked.wrong(error.to_string());
         }
     }
+    let zones = calibration.distortion.as_ref().filter(|_| matches!(bedside.tracking, Tracking::Tracker(_)));
+    checked.says.extend(zones.map(ToString::to_string));
     if let Tracking::Arm(_) = &bedside.tracking {
         match &calibration.arm {
             Some(arm) => arm.joints().iter().for_each(|joint| checked.say(joint.to_string())),
@@ -290,7 +293,9 @@ fn of_calibration(bedside: &Bedside, grabber: &Tried) -> Checked {
         }
         Some((_, Err(error))) => checked.wrong(error.to_string()),
     }
-    checked.numbers = json!({ "pixel_mm": pixel, "mask": bedside.mask, "transforms": calibration.transforms });
+    checked.numbers = json!({
+        "pixel_mm": pixel, "mask": bedside.mask, "transforms": calibration.transforms, "zones": zones.map(Zones::count),
+    });
     checked
 }
 

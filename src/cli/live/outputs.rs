@@ -74,6 +74,9 @@ pub(in crate::cli) fn troubles(account: &Account) -> String {
             }
         }
     }
+    if account.distortion.is_some_and(|found| found.rms_mm.is_some()) {
+        text += "; the probe is where metal bends the tracker's field";
+    }
     if let Some(seconds) = account.frozen_s {
         text += &format!("; scanner frozen for {seconds:.1} s");
     }
@@ -113,6 +116,9 @@ pub(in crate::cli) fn leave(
 ) -> Result<(), Failure> {
     let Finished { outcome, drawn, account, recording, seal } = finished;
     println!("{}", account.ledger);
+    if let Some(found) = account.distortion.filter(|found| found.frames > 0) {
+        println!("{} frames were taken where metal bends the tracker's field, and may lie off", found.frames);
+    }
     if let (Some(outcome), Some(quantiles)) = (outcome, account.capture_to_volume.quantiles()) {
         println!(
             "{:.1} ms from capture to volume (median; p99 {:.1}, most {:.1}), {} voxels updated",

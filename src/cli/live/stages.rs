@@ -14,7 +14,7 @@ use crate::config::bedside::devices::{PROBE_FRAME, TRACKER_FRAME};
 use crate::config::bedside::{Bedside, Effective, Picture, Tracking};
 use crate::config::texts::ByPath;
 use crate::ingest::live::Gives;
-use crate::pipeline::live::{First, Instrument, Looks, Precedent, Record, Session};
+use crate::pipeline::live::{First, Instrument, Looks, Precedent, Record, Session, Watch};
 use crate::render::RenderSettings;
 use crate::sync::history::Rigid;
 
@@ -103,7 +103,17 @@ pub(in crate::cli) fn stages(bedside: &Bedside, looks: Option<Arc<dyn Looks>>) -
         path: bedside.volume.path,
         planar: bedside.volume.planar,
         looks,
+        watch: watch(bedside),
     })
+}
+
+/// Where the tracker's field is bent, by the calibration file; a room without such places is not looked after.
+fn watch(bedside: &Bedside) -> Option<Watch> {
+    let zones = bedside.calibration.distortion.as_ref().filter(|zones| zones.count() > 0)?;
+    match bedside.tracking {
+        Tracking::Tracker(_) => Some(Watch { sensor: PROBE_FRAME.to_owned(), zones: Arc::new(zones.clone()) }),
+        Tracking::Arm(_) => None,
+    }
 }
 
 /// What the devices are: what carries the probe, and the grabber.

@@ -15,6 +15,7 @@ use super::priority::Granted;
 use super::pulse::{Pulse, Turns};
 use super::recorder::{Recording, Unwritten};
 use super::timing::Spread;
+use super::zones::InZones;
 use crate::ingest::live::Gives;
 use crate::ledger::{Ledger, Queue, Readings};
 use crate::refusal::Refusal;
@@ -85,6 +86,8 @@ pub struct Account {
     pub pictures_skipped: u64,
     /// For how long the scanner has shown one picture while the probe moved, s; `None` while it does not.
     pub frozen_s: Option<f64>,
+    /// Frames that were taken where the tracker's field is bent; `None` where there are no zones.
+    pub distortion: Option<InZones>,
     /// The recording, as the writer has it.
     pub recording: Option<Written>,
     /// What the threads have a right to.
@@ -219,6 +222,11 @@ impl Board {
     pub(super) fn frozen(&self, since_ns: Option<i64>) {
         let after_ns = self.frozen_after_ns.load(Ordering::Relaxed);
         self.lock().frozen_s = since_ns.filter(|ns| *ns >= after_ns).map(|ns| ns as f64 / 1e9);
+    }
+
+    /// How the sensor is to the zones.
+    pub(super) fn in_zones(&self, found: InZones) {
+        self.lock().distortion = Some(found);
     }
 
     /// The devices are those of a recording.

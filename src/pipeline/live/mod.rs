@@ -26,6 +26,7 @@
 //! - `replay`, `precedent`: a recorded session as what comes in, and what it is held against.
 //! - `walk`, `gather`: a recorded session's samples by themselves, and a running one's, of which nothing is woven.
 //! - `priority`: which threads run before others.
+//! - `zones`: frames that were taken where the tracker's field is bent.
 //! - `board`, `timing`, `pulse`, `losses`: what the stages say of themselves.
 
 mod board;
@@ -49,6 +50,7 @@ mod session;
 mod timing;
 mod walk;
 mod weave;
+mod zones;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -71,6 +73,7 @@ pub use seal::Seal;
 pub use session::{Bed, Equipment, Finished, Instrument, Order, Record, Session};
 pub use timing::{Quantiles, Spread};
 pub use walk::walk;
+pub use zones::{InZones, Watch};
 
 use super::PipelineError;
 use board::Board;
@@ -83,6 +86,7 @@ use pairing::{FromDevices, Onward};
 use picture::Wall;
 use priority::Role;
 use recorder::Recorder;
+use zones::Warnings;
 
 /// Readings between capture and pairing.
 const READINGS: usize = 4096;
@@ -137,7 +141,7 @@ pub fn run(
 
     let (board, shared, intake) = (&board, &fabric, &intake);
     let (mut recording, mut drawn, mut seal) = (None, None, None);
-    let mut losses = Losses::default();
+    let (mut losses, mut warnings) = (Losses::default(), Warnings::default());
     let woven = std::thread::scope(|scope| {
         let writer = writing.map(|(queue, file)| {
             spawn(scope, "recorder", (&standing, Role::Usual), move || {
@@ -166,6 +170,7 @@ pub fn run(
             }
             let account = board.snapshot();
             losses.say(&account, Instant::now(), false);
+            warnings.say(&account, Instant::now());
             for order in watch(&account) {
                 match order {
                     Order::Latency(source, latency_ns) => drop(intake.latency(source, latency_ns)),

@@ -13,6 +13,7 @@ use super::frozen::Frozen;
 use super::intake::{Delivery, Intake, Word};
 use super::pulse::Stage;
 use super::weave::{Posed, Times};
+use super::zones::Guard;
 use crate::ingest::Picture;
 use crate::ingest::live::{Live, LiveIngest};
 use crate::ledger::Queue;
@@ -100,6 +101,8 @@ pub(super) struct Pairing<'a> {
     parts: Vec<Part>,
     bracketing: Bracketing<Waiting>,
     frozen: Frozen,
+    /// Where there are zones in which the tracker's field is bent.
+    guard: Option<Guard>,
     onward: Onward,
     /// When something came last, and when clocks were told the time, host ns.
     now_ns: i64,
@@ -120,9 +123,10 @@ impl<'a> Pairing<'a> {
         parts: Vec<Part>,
         bracketing: Bracketing<Waiting>,
         frozen: Frozen,
+        guard: Option<Guard>,
         onward: Onward,
     ) -> Self {
-        Self { common, parts, bracketing, frozen, onward, now_ns: i64::MIN, told_ns: i64::MIN }
+        Self { common, parts, bracketing, frozen, guard, onward, now_ns: i64::MIN, told_ns: i64::MIN }
     }
 
     /// Takes what comes until nothing does any more. Returns what the user should know.
@@ -235,6 +239,7 @@ impl<'a> Pairing<'a> {
             Ok(placed) => {
                 self.common.board.frozen(None);
                 self.common.placed(item, &frame, &placed);
+                self.watch(&frame);
                 if let Some(queue) = self.common.precedent.and_then(|precedent| precedent.was_dropped(item)) {
                     return self.common.drop_before(queue, item);
                 }
@@ -253,6 +258,15 @@ impl<'a> Pairing<'a> {
             }
         };
         self.common.refuse(&refusal);
+    }
+
+    /// Whether a frame was taken where the tracker's field is bent.
+    fn watch(&mut self, frame: &FrameTime) {
+        let Some(guard) = &mut self.guard else { return };
+        let history = self.bracketing.history(guard.source);
+        if let Some(found) = history.and_then(|history| history.at(frame.time_ns).ok()) {
+            guard.look(found.pose().position_mm, self.common.board);
+        }
     }
 
     /// On to the loom.

@@ -15,6 +15,7 @@ use super::priority::Standing;
 use super::recorder::Recording;
 use super::replay::Recorded;
 use super::seal::Seal;
+use super::zones::{Guard, Watch};
 use crate::ingest::live::{Gives, LiveIngest};
 use crate::mask::MaskSettings;
 use crate::path::{Chosen, PathChoice};
@@ -67,6 +68,8 @@ pub struct Session {
     pub planar: PlanarSettings,
     /// How the volume is looked at; nobody looks for `None`, and then nothing is drawn.
     pub looks: Option<Arc<dyn Looks>>,
+    /// Where the tracker's field is bent, if that is known and is to be looked after.
+    pub watch: Option<Watch>,
 }
 
 /// How a session is recorded.
@@ -164,6 +167,10 @@ impl Session {
         onward: Onward,
     ) -> Result<Pairing<'a>, PipelineError> {
         let bracketing = self.bracketing(&instruments)?;
+        let guard = self.watch.as_ref().and_then(|watch| {
+            let mut frames = instruments.iter().flat_map(|instrument| &instrument.frames);
+            Some(Guard::new(frames.position(|[from, _]| *from == watch.sensor)?, &watch.zones, common.board))
+        });
         let mut first = 0;
         let parts = instruments.into_iter().map(|Instrument { name, gives, frames, latency_ns }| {
             let sources = first..first + frames.len();
@@ -173,7 +180,7 @@ impl Session {
         });
         let parts = parts.collect();
         common.board.route(bracketing.route());
-        Ok(Pairing::new(common, parts, bracketing, Frozen::new(self.mask), onward))
+        Ok(Pairing::new(common, parts, bracketing, Frozen::new(self.mask), guard, onward))
     }
 
     pub(super) fn finish(
