@@ -1,5 +1,6 @@
 //! `sonoweave calibrate`: what can be calibrated, a file each.
 
+pub mod arm;
 pub mod drawing;
 pub mod guide;
 pub mod landmarks;
@@ -30,6 +31,8 @@ enum What {
     Latency(Box<latency::Arguments>),
     /// Find the tip of a stylus that is swung while its tip rests in one place
     Pivot(Box<pivot::Arguments>),
+    /// Find an arm's lengths and zeros from touches, or whether it still has them
+    Arm(Box<arm::Arguments>),
     /// Find where a phantom is held, from its landmarks touched with the stylus
     Landmarks(Box<landmarks::Arguments>),
     /// Draw how a phantom of wires between two plates is built, at 1:1 on paper
@@ -47,6 +50,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         What::Probe(arguments) => probe::run(arguments),
         What::Latency(arguments) => latency::run(arguments),
         What::Pivot(arguments) => pivot::run(arguments),
+        What::Arm(arguments) => arm::run(arguments),
         What::Landmarks(arguments) => landmarks::run(arguments),
         What::Drawing(arguments) => drawing::run(arguments),
         What::Tracker(arguments) => tracker::run(arguments),

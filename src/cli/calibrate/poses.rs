@@ -106,7 +106,7 @@ impl Recording {
 
     fn read_sequence(&self, path: &Path) -> Result<Poses, Failure> {
         let within = |problem: String| Failure(format!("{}: {problem}", path.display()));
-        let mut taken = Taken::new(self)?;
+        let mut taken = self.taken()?;
         let readings = readings(path)?;
         let mut names: Vec<(String, String)> = Vec::new();
         for reading in &readings {
@@ -153,40 +153,50 @@ impl Recording {
         }
         let route = pairing.route().map(|route| (route.world().to_owned(), route.describe()));
         let (frame, route) = route.unwrap_or_default();
-        taken.poses(path, frame, route)
+        let (poses, counts) = taken.all(path)?;
+        Ok(Poses { frame, route, poses, counts })
+    }
+
+    fn taken(&self) -> Result<Taken<Transform<Reference, Stylus>>, Failure> {
+        Taken::new(&format!("poses of {}", self.stylus), self.from, self.to)
     }
 }
 
-/// Poses as they come, and what became of them.
-struct Taken<'a> {
-    stylus: &'a str,
+/// Samples as they come, and what became of them.
+pub(super) struct Taken<T> {
+    /// What they are, in words that follow a number.
+    what: String,
     within_s: [f64; 2],
     ledger: Ledger,
-    poses: Vec<(f64, Transform<Reference, Stylus>)>,
+    samples: Vec<(f64, T)>,
     first_refusal: Option<String>,
 }
 
-impl<'a> Taken<'a> {
-    fn new(recording: &'a Recording) -> Result<Self, Failure> {
-        let within_s = [recording.from.unwrap_or(f64::NEG_INFINITY), recording.to.unwrap_or(f64::INFINITY)];
+impl<T> Taken<T> {
+    /// Of those between two times from the recording's beginning, s.
+    ///
+    /// # Errors
+    /// [`Failure`] where nothing lies between.
+    pub(super) fn new(what: &str, from: Option<f64>, to: Option<f64>) -> Result<Self, Failure> {
+        let within_s = [from.unwrap_or(f64::NEG_INFINITY), to.unwrap_or(f64::INFINITY)];
         let [begin, end] = within_s;
         if begin >= end {
             return Err(Failure(format!("--from {begin} is not before --to {end}")));
         }
-        let (ledger, poses) = (Ledger::default(), Vec::new());
-        Ok(Self { stylus: &recording.stylus, within_s, ledger, poses, first_refusal: None })
+        let (ledger, samples) = (Ledger::default(), Vec::new());
+        Ok(Self { what: what.to_owned(), within_s, ledger, samples, first_refusal: None })
     }
 
     /// One, or why there is none, at a time from the recording's beginning, s.
-    fn put(&mut self, time_s: f64, pose: Result<Transform<Reference, Stylus>, Refusal>) {
+    pub(super) fn put(&mut self, time_s: f64, sample: Result<T, Refusal>) {
         if time_s < self.within_s[0] || time_s > self.within_s[1] {
             return;
         }
         self.ledger.arrived();
-        match pose {
-            Ok(pose) => {
+        match sample {
+            Ok(sample) => {
                 self.ledger.used();
-                self.poses.push((time_s, pose));
+                self.samples.push((time_s, sample));
             }
             Err(refusal) => {
                 self.ledger.refused(&refusal);
@@ -196,18 +206,21 @@ impl<'a> Taken<'a> {
     }
 
     /// All of them; one at least.
-    fn poses(self, path: &Path, frame: String, route: String) -> Result<Poses, Failure> {
-        let Self { stylus, ledger, poses, first_refusal, .. } = self;
+    ///
+    /// # Errors
+    /// [`Failure`] where there is none, and why.
+    pub(super) fn all(self, path: &Path) -> Result<(Vec<(f64, T)>, Counts), Failure> {
+        let Self { what, ledger, samples, first_refusal, .. } = self;
         let read = ledger.frames.total;
-        if poses.is_empty() {
+        if samples.is_empty() {
             let why = match first_refusal {
-                Some(why) => format!("none of {read} poses of {stylus} can be used; the first: {why}"),
+                Some(why) => format!("none of {read} {what} can be used; the first: {why}"),
                 None => "nothing was recorded in the time that is asked for".to_owned(),
             };
             return Err(Failure(format!("{}: {why}", path.display())));
         }
-        let counts = Counts { read, usable: poses.len() as u64, refused: ledger.frames.refused, first_refusal };
-        Ok(Poses { frame, route, poses, counts })
+        let counts = Counts { read, usable: samples.len() as u64, refused: ledger.frames.refused, first_refusal };
+        Ok((samples, counts))
     }
 }
 

@@ -5,7 +5,7 @@ use std::path::Path;
 use calibration::frames::{Reference, Stylus, Transform};
 
 use super::super::recorded::Tracks;
-use super::{Poses, Recording, Taken};
+use super::{Poses, Recording};
 use crate::cli::Failure;
 use crate::cli::live::stages::Kept;
 use crate::config::bedside::devices::{REFERENCE_FRAME, TRACKER_FRAME};
@@ -38,7 +38,7 @@ pub(in crate::cli::calibrate) fn poses(recording: &Recording, tracks: &Tracks, p
         name => Some(tracks.history(name).ok_or_else(|| unknown(name, "--reference"))?),
     };
     let first_ns = tracks.first_ns();
-    let mut taken = Taken::new(recording)?;
+    let mut taken = recording.taken()?;
     for refusal in tracks.refused() {
         taken.put(0.0, Err(refusal.clone()));
     }
@@ -59,5 +59,6 @@ pub(in crate::cli::calibrate) fn poses(recording: &Recording, tracks: &Tracks, p
         TRACKER_FRAME => vec![recording.stylus.as_str(), TRACKER_FRAME],
         name => vec![recording.stylus.as_str(), TRACKER_FRAME, name],
     };
-    taken.poses(path, frame.to_owned(), route.join(" → "))
+    let (poses, counts) = taken.all(path)?;
+    Ok(Poses { frame: frame.to_owned(), route: route.join(" → "), poses, counts })
 }

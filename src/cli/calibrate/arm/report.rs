@@ -1,0 +1,216 @@
+//! What is said of an arm: in words, and as JSON whose names say the units.
+
+use std::fmt::Write as _;
+
+use calibration::arm::check::Checked;
+use calibration::arm::fit::{Fitted, Found, Options};
+use calibration::arm::reach::Reach;
+use calibration::arm::{JOINTS, Joint};
+use serde::Serialize;
+
+use super::super::outputs::Input;
+use super::super::poses::Counts;
+use super::touched::Touched;
+
+/// Digits of a number behind its point: enough that its standard deviation has two.
+fn digits(sd: f64) -> usize {
+    if sd > 0.0 { (1.0 - sd.log10().floor()).clamp(0.0, 9.0) as usize } else { 6 }
+}
+
+/// What results are of.
+pub(super) struct Results<'a> {
+    pub(super) touched: &'a Touched,
+    pub(super) counts: &'a Counts,
+    pub(super) seat_mm: f64,
+}
+
+/// A number that was found.
+#[derive(Debug, Serialize)]
+struct ToldNumber {
+    joint: usize,
+    number: &'static str,
+    unit: &'static str,
+    before: f64,
+    value: f64,
+    sd: f64,
+}
+
+impl From<&Found> for ToldNumber {
+    fn from(found: &Found) -> Self {
+        let Found { joint, what, before, value, sd } = *found;
+        Self { joint, number: what.name(), unit: what.unit(), before, value, sd }
+    }
+}
+
+/// A touch, or the two of a distance.
+#[derive(Debug, Serialize)]
+struct ToldTouch {
+    of: String,
+    from_s: f64,
+    to_s: f64,
+    off_mm: f64,
+    /// Left out, as it lies far from all others.
+    outlier: bool,
+}
+
+/// What is said of a fit.
+#[derive(Debug, Serialize)]
+pub(super) struct FitReport<'a> {
+    kind: &'static str,
+    input: Input,
+    readings: &'a Counts,
+    joints: [Joint; JOINTS],
+    found: Vec<ToldNumber>,
+    rms_mm: f64,
+    most_mm: f64,
+    /// Of the residuals over the seat's.
+    spread: f64,
+    seat_mm: f64,
+    limit_mm: f64,
+    condition: f64,
+    tip_mm: [f64; 2],
+    predicted_error: &'a Reach,
+    touches: Vec<ToldTouch>,
+}
+
+/// What is said of a check.
+#[derive(Debug, Serialize)]
+pub(super) struct CheckReport<'a> {
+    kind: &'static str,
+    input: Input,
+    readings: &'a Counts,
+    rms_mm: f64,
+    most_mm: f64,
+    fit_rms_mm: Option<f64>,
+    seat_mm: f64,
+    changed: bool,
+    slipped: Option<ToldNumber>,
+    advice: String,
+    touches: Vec<ToldTouch>,
+}
+
+impl<'a> FitReport<'a> {
+    pub(super) fn new(input: Input, results: &Results<'a>, fitted: &Fitted, reach: &'a Reach, limit_mm: f64) -> Self {
+        let Fitted { rms_mm, most_mm, spread, condition, .. } = *fitted;
+        Self {
+            kind: "arm",
+            input,
+            readings: results.counts,
+            joints: *fitted.arm.joints(),
+            found: fitted.found.iter().map(ToldNumber::from).collect(),
+            rms_mm,
+            most_mm,
+            spread,
+            seat_mm: results.seat_mm,
+            limit_mm,
+            condition,
+            tip_mm: fitted.tip_mm.to_array(),
+            predicted_error: reach,
+            touches: results.told(&fitted.residuals_mm, &fitted.outliers),
+        }
+    }
+}
+
+impl<'a> CheckReport<'a> {
+    pub(super) fn new(input: Input, results: &Results<'a>, checked: &Checked, fit_rms_mm: Option<f64>) -> Self {
+        let Checked { rms_mm, most_mm, changed, .. } = *checked;
+        Self {
+            kind: "arm_check",
+            input,
+            readings: results.counts,
+            rms_mm,
+            most_mm,
+            fit_rms_mm,
+            seat_mm: results.seat_mm,
+            changed,
+            slipped: checked.slipped.as_ref().map(ToldNumber::from),
+            advice: checked.advice(),
+            touches: results.told(&checked.residuals_mm, &[]),
+        }
+    }
+}
+
+impl Results<'_> {
+    fn told(&self, residuals_mm: &[f64], outliers: &[usize]) -> Vec<ToldTouch> {
+        let of = |(at, off_mm): (usize, &f64)| {
+            let [from_s, to_s] = self.touched.time_s(at);
+            ToldTouch { of: self.touched.name(at), from_s, to_s, off_mm: *off_mm, outlier: outliers.contains(&at) }
+        };
+        residuals_mm.iter().enumerate().map(of).collect()
+    }
+
+    fn lines(&self, residuals_mm: &[f64], outliers: &[usize], text: &mut String) {
+        for ToldTouch { of, from_s, to_s, off_mm, outlier } in self.told(residuals_mm, outliers) {
+            let left_out = if outlier { ", left out: it lies far from all others" } else { "" };
+            // Writing to a string does not fail.
+            let _ = writeln!(text, "  {of:24} {off_mm:.3} mm off, {from_s:.1} to {to_s:.1} s{left_out}");
+        }
+    }
+
+    /// A fit in words.
+    pub(super) fn of_fit(&self, fitted: &Fitted, reach: &Reach, options: &Options) -> String {
+        let mut text = format!(
+            "{}: {:.3} mm off (rms; at most {:.3}), {:.2} times what the seat's is said to be{}\n",
+            self.touched.words(),
+            fitted.rms_mm,
+            fitted.most_mm,
+            fitted.spread,
+            self.counts.refusals()
+        );
+        for found in &fitted.found {
+            let Found { joint, what, before, value, sd } = found;
+            let places = digits(*sd);
+            let _ = writeln!(
+                text,
+                "  {:24} {value:.places$} ± {sd:.places$} {} (was {before})",
+                format!("{} of joint {joint}", what.name()),
+                what.unit()
+            );
+        }
+        let is_kept = |joint: &usize| {
+            let turns = fitted.arm.joints()[*joint].kind == calibration::arm::Kind::Revolute;
+            turns && !options.lengths[*joint]
+        };
+        for joint in (0..JOINTS).filter(is_kept) {
+            let mm = fitted.arm.joints()[joint].length_mm;
+            let _ = writeln!(text, "  {:24} {mm} mm, as it was", format!("length of joint {}", joint + 1));
+        }
+        let _ = writeln!(
+            text,
+            "the tip is known to {:.3} mm where the arm was bent as in the touches (rms; at most {:.3}), one standard deviation; encoders put up to {:.3} mm to it",
+            reach.rms_mm, reach.most_mm, reach.rounding_mm
+        );
+        for ring in &reach.rings {
+            let [from, to] = ring.mm;
+            let _ = writeln!(
+                text,
+                "  {:24} {:.3} mm, at most {:.3}",
+                format!("{from:.0} to {to:.0} mm from base"),
+                ring.rms_mm,
+                ring.most_mm
+            );
+        }
+        self.lines(&fitted.residuals_mm, &fitted.outliers, &mut text);
+        text
+    }
+
+    /// A check in words.
+    pub(super) fn of_check(&self, checked: &Checked, fit_rms_mm: Option<f64>) -> String {
+        let fit = match fit_rms_mm {
+            Some(mm) => format!("its fit left {mm:.3}"),
+            None => "what its fit left is not known".to_owned(),
+        };
+        let mut text = format!(
+            "{}: {:.3} mm off (rms; at most {:.3}); {fit}{}\n",
+            self.touched.words(),
+            checked.rms_mm,
+            checked.most_mm,
+            self.counts.refusals()
+        );
+        self.lines(&checked.residuals_mm, &[], &mut text);
+        if !checked.changed {
+            text += "it is the arm that was fitted\n";
+        }
+        text
+    }
+}

@@ -1,0 +1,217 @@
+//! Rests of an arm's joints as touches of what is known.
+
+use std::path::{Path, PathBuf};
+
+use calibration::arm::fit::{Known, Touch};
+use calibration::arm::rest::{Rest, find};
+use calibration::arm::{Arm, plate};
+use clap::Args;
+use glam::DVec2;
+
+use super::session::{self, Recorded};
+use crate::cli::{Failure, values};
+
+/// Rests that a refusal lists.
+const LISTED: usize = 40;
+
+/// What is known of the places that were touched.
+#[derive(Debug, Args)]
+#[group(required = true, multiple = false)]
+pub(super) struct Places {
+    /// A plate with divots (TOML): format = "sonoweave-plate", version = 1, divots_mm = [[x, y], …]
+    #[arg(long, value_name = "PLATE.toml")]
+    plate: Option<PathBuf>,
+    /// All touches are of one place, wherever it is
+    #[arg(long)]
+    point: bool,
+    /// Two touches after each other are so far apart, mm: one distance for all, or one for each two
+    #[arg(long, value_name = "MM", value_delimiter = ',', value_parser = values::positive)]
+    distances: Vec<f64>,
+}
+
+/// Which moments are touches, and of what.
+#[derive(Debug, Args)]
+pub(super) struct Which {
+    /// Which divot each touch is of, by its place in the plate's file, from 1: one number a touch [default: 1, 2, 3 … in rounds]
+    #[arg(long, value_name = "N", value_delimiter = ',', requires = "plate")]
+    order: Vec<usize>,
+    /// Rests that were no touches, by their numbers in the order of time, from 1
+    #[arg(long, value_name = "N", value_delimiter = ',')]
+    skip: Vec<usize>,
+    /// How long the joints rest at least while the tip is set down, s
+    #[arg(long, value_name = "S", default_value_t = 1.0, value_parser = values::positive)]
+    rest: f64,
+    /// Joints that move the tip by no more than this rest, mm
+    #[arg(long, value_name = "MM", default_value_t = 2.0, value_parser = values::positive)]
+    still: f64,
+    /// Leave out what was recorded before: seconds from the recording's beginning
+    #[arg(long, value_name = "S", value_parser = values::number)]
+    from: Option<f64>,
+    /// Leave out what was recorded after: seconds from the recording's beginning
+    #[arg(long, value_name = "S", value_parser = values::number)]
+    to: Option<f64>,
+}
+
+/// The same, read.
+pub(super) enum Place {
+    Divots(Vec<DVec2>),
+    Point,
+    Distances(Vec<f64>),
+}
+
+/// Touches, and what they are of.
+pub(super) struct Touched {
+    place: Place,
+    pub(super) touches: Vec<Touch>,
+    /// The rest of each touch, by its number from 1.
+    pub(super) rests: Vec<(usize, Rest)>,
+}
+
+impl Places {
+    /// The file that it is read from.
+    pub(super) fn file(&self) -> Option<&PathBuf> {
+        self.plate.as_ref()
+    }
+
+    /// Reads what is known.
+    ///
+    /// # Errors
+    /// [`Failure`] for a plate's file that is none.
+    pub(super) fn read(&self) -> Result<Place, Failure> {
+        Ok(match &self.plate {
+            Some(path) => Place::Divots(plate::read(path)?),
+            None if self.point => Place::Point,
+            None => Place::Distances(self.distances.clone()),
+        })
+    }
+}
+
+impl Which {
+    /// The session's counts, within the time that is asked for.
+    ///
+    /// # Errors
+    /// As of [`session::read`].
+    pub(super) fn read(&self, session: &Path) -> Result<Recorded, Failure> {
+        session::read(session, self.from, self.to)
+    }
+
+    /// The touches among the counts.
+    ///
+    /// # Errors
+    /// [`Failure`] when the joints did not rest, or as often as the places do not account for.
+    pub(super) fn touches(
+        &self,
+        session: &Path,
+        arm: &Arm,
+        recorded: &Recorded,
+        place: Place,
+    ) -> Result<Touched, Failure> {
+        let within = |problem: String| Failure(format!("{}: {problem}", session.display()));
+        let rests = find(arm, &recorded.readings, self.still, self.rest);
+        if let Some(none) = self.skip.iter().find(|number| !(1..=rests.len()).contains(*number)) {
+            return Err(within(format!("--skip {none}: the joints rested {} times{}", rests.len(), listed(&rests))));
+        }
+        if rests.is_empty() {
+            return Err(within(format!(
+                "the joints never rested for {} s: hold the tip still for two seconds wherever it is set down",
+                self.rest
+            )));
+        }
+        let numbered = (1..).zip(rests.iter().copied()).filter(|(number, _)| !self.skip.contains(number));
+        let kept: Vec<(usize, Rest)> = numbered.collect();
+        let told = || format!("; leave out by --skip what was no touch{}", listed(&rests));
+        let (place, of): (Place, Vec<usize>) = match place {
+            Place::Point => (Place::Point, vec![0; kept.len()]),
+            Place::Divots(divots) if self.order.is_empty() => {
+                if !kept.len().is_multiple_of(divots.len()) {
+                    return Err(within(format!(
+                        "the joints rested {} times, which is no whole number of rounds over {} divots: name by --order which touch is of which divot{}",
+                        kept.len(),
+                        divots.len(),
+                        told()
+                    )));
+                }
+                let of = (0..kept.len()).map(|touch| touch % divots.len()).collect();
+                (Place::Divots(divots), of)
+            }
+            Place::Divots(divots) => {
+                if self.order.len() != kept.len() {
+                    return Err(within(format!(
+                        "--order names the divots of {} touches, and the joints rested {} times{}",
+                        self.order.len(),
+                        kept.len(),
+                        told()
+                    )));
+                }
+                let of = self.order.iter().map(|number| number.checked_sub(1));
+                let of = of.collect::<Option<Vec<usize>>>();
+                (Place::Divots(divots), of.ok_or_else(|| Failure("--order: divots are counted from 1".into()))?)
+            }
+            Place::Distances(distances) => {
+                let pairs = kept.len() / 2;
+                if !kept.len().is_multiple_of(2) || ![1, pairs].contains(&distances.len()) {
+                    return Err(within(format!(
+                        "the joints rested {} times, which is not two touches for each of {} distances{}",
+                        kept.len(),
+                        if distances.len() == 1 { pairs } else { distances.len() },
+                        told()
+                    )));
+                }
+                let all = if distances.len() == 1 { vec![distances[0]; pairs] } else { distances };
+                (Place::Distances(all), (0..kept.len()).map(|touch| touch / 2).collect())
+            }
+        };
+        let touches = kept.iter().zip(of).map(|((_, rest), of)| Touch { counts: rest.counts, of }).collect();
+        Ok(Touched { place, touches, rests: kept })
+    }
+}
+
+impl Touched {
+    /// What is known of the places.
+    pub(super) fn known(&self) -> Known<'_> {
+        match &self.place {
+            Place::Divots(divots) => Known::Divots(divots),
+            Place::Point => Known::Divots(&[DVec2::ZERO]),
+            Place::Distances(distances) => Known::Distances(distances),
+        }
+    }
+
+    /// How many touches of what.
+    pub(super) fn words(&self) -> String {
+        let touches = self.touches.len();
+        match &self.place {
+            Place::Divots(divots) => format!("{touches} touches of {} divots", divots.len()),
+            Place::Point => format!("{touches} touches of one point"),
+            Place::Distances(distances) => format!("{touches} touches, two of each of {} distances", distances.len()),
+        }
+    }
+
+    /// What a residual is of, in words: a touch, or the two of a distance.
+    pub(super) fn name(&self, residual: usize) -> String {
+        let number = |touch: usize| self.rests[touch].0;
+        match &self.place {
+            Place::Divots(_) => format!("touch {} of divot {}", number(residual), self.touches[residual].of + 1),
+            Place::Point => format!("touch {}", number(residual)),
+            Place::Distances(_) => format!("touches {} and {}", number(2 * residual), number(2 * residual + 1)),
+        }
+    }
+
+    /// When it was touched, s: from the first to the last moment.
+    pub(super) fn time_s(&self, residual: usize) -> [f64; 2] {
+        let [first, last] = match &self.place {
+            Place::Distances(_) => [2 * residual, 2 * residual + 1],
+            _ => [residual; 2],
+        };
+        [self.rests[first].1.time_s[0], self.rests[last].1.time_s[1]]
+    }
+}
+
+/// When the joints rested, for the end of a refusal.
+fn listed(rests: &[Rest]) -> String {
+    let told = rests.iter().take(LISTED).zip(1..);
+    let told: Vec<String> =
+        told.map(|(rest, number)| format!("{number} at {:.1} to {:.1} s", rest.time_s[0], rest.time_s[1])).collect();
+    let more = rests.len().saturating_sub(LISTED);
+    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+    format!(" (rests: {}{more})", told.join(", "))
+}

@@ -1,0 +1,224 @@
+//! `calibrate arm`: an arm whose zeros and lengths are not those of its file is touched down on divots, recorded, and known afterwards.
+
+use std::sync::{Arc, Mutex};
+
+use calibration::arm::inverse::Elbow;
+use calibration::arm::{Arm, JOINTS, Joint, PlanarPose, Sign};
+use calibration::file::CalibrationFile;
+use drivers::clock::{Clock, MS, Monotonic, SECOND};
+use drivers::reading::AXES;
+use drivers::simulated::{Faults, Pty, ea1};
+use glam::DVec2;
+
+use super::place::Place;
+
+const TURN: f64 = 40_000.0;
+/// It lies at home, then it is moved to each place and held there.
+const HOME: i64 = 5 * SECOND;
+const MOVE: i64 = 150 * MS;
+const HOLD: i64 = 450 * MS;
+const DIVOTS: [[f64; 2]; 4] = [[0.0, 0.0], [80.0, 0.0], [80.0, 60.0], [0.0, 60.0]];
+/// The divots in the order of touching, from 1.
+const ORDER: [usize; 22] = [1, 2, 1, 3, 1, 4, 1, 2, 3, 1, 4, 2, 1, 3, 2, 4, 1, 4, 3, 1, 2, 3];
+
+fn arm(lengths: [f64; JOINTS], zeros: [f64; JOINTS]) -> Arm {
+    let mut joints = lengths.map(|mm| Joint::revolute(mm, TURN));
+    joints.iter_mut().zip(zeros).for_each(|(joint, zero)| joint.zero_counts = zero);
+    joints[1].sign = Sign::Minus;
+    Arm::new(joints).unwrap()
+}
+
+fn truth() -> Arm {
+    arm([252.3, 198.7, 81.4], [0.0, 311.25, -87.5])
+}
+
+/// As a ruler and a look at it say.
+fn guess() -> CalibrationFile {
+    let rows = [0.0, 0.2, 0.0, 45.0, 0.0, 0.0, 0.2, 0.0, 0.2, 0.0, 0.0, -6.0, 0.0, 0.0, 0.0, 1.0];
+    CalibrationFile {
+        provenance: "by ruler".into(),
+        probe_from_image: Some(calibration::frames::Transform::from_rows(&rows).unwrap()),
+        arm: Some(arm([250.0, 200.0, 80.0], [0.0; JOINTS])),
+        ..CalibrationFile::default()
+    }
+}
+
+/// Numbers that look like noise of about 1, the same each time.
+fn scatter(n: f64, which: f64) -> f64 {
+    (2.0 * ((n * 7919.0 + which * 104_729.0) * 0.618_033_988_75).fract() - 1.0) * 1.7
+}
+
+/// Counts at home, and in each touch: the elbow to the left and to the right, the wrist turned about, and the tip beside the divot's middle by some hundredths of a mm.
+fn counts() -> Vec<[i64; JOINTS]> {
+    let mut all = vec![[0; JOINTS]];
+    for (n, divot) in (0..).zip(ORDER) {
+        let n = f64::from(n);
+        let seat = DVec2::new(scatter(n, 1.0), scatter(n, 2.0)) * 0.05;
+        let at = DVec2::from_angle(0.4).rotate(DVec2::from_array(DIVOTS[divot - 1])) + DVec2::new(190.0, 60.0) + seat;
+        let elbow = if (n * 0.7).sin() > 0.0 { Elbow::Up } else { Elbow::Down };
+        let pose = PlanarPose { position_mm: at, heading_rad: 0.9 * n };
+        let values = truth().inverse(&pose, elbow).unwrap();
+        all.push(truth().counts(&values).map(|count| count.round() as i64));
+    }
+    all
+}
+
+/// The joints from a time on.
+fn moved(begin_ns: i64, at_ns: i64, places: &[[i64; JOINTS]]) -> [i64; AXES] {
+    let after = at_ns - begin_ns - HOME;
+    let step = usize::try_from(after.div_euclid(MOVE + HOLD) + 1).unwrap_or(0).min(places.len() - 1);
+    let mut all = [0; AXES];
+    let done = if step == 0 { MOVE } else { (after - (step as i64 - 1) * (MOVE + HOLD)).clamp(0, MOVE) };
+    let from = places[step.saturating_sub(1)];
+    for (count, (from, to)) in all.iter_mut().zip(from.into_iter().zip(places[step])) {
+        *count = from + (to - from) * done / MOVE;
+    }
+    all
+}
+
+/// A session of the arm; its path within the place.
+fn recorded(place: &Place) -> String {
+    guess().write(&place.path("guess.toml")).unwrap();
+    let (begin_ns, places) = (Monotonic.now_ns(), counts());
+    let length = HOME + places.len() as i64 * (MOVE + HOLD);
+    let mut twin = ea1::Twin::new(Arc::new(move |at_ns| moved(begin_ns, at_ns, &places)), Faults::default());
+    (twin.starts_when_opened, twin.homed, twin.counts_per_turn) = (false, 7, [TURN as u32; JOINTS]);
+    let line = Pty::run(Arc::new(Mutex::new(twin))).unwrap();
+    place.put(
+        "bedside.toml",
+        format!(
+            "format = \"sonoweave-bedside\"\nversion = 1\n[calibration]\nfile = \"guess.toml\"\n[arm]\nkind = \"ea1\"\nport = \"{}\"\n\
+             [grabber]\ndevice = \"virtual\"\nsize = \"64x64\"\n[virtual]\nscene = \"blobs\"\n[record]\nfull_frame = true\n",
+            line.path().display()
+        ),
+    );
+    let run = place
+        .run(&format!("live --config bedside.toml --duration {} --record sessions --quiet", (length / SECOND) + 1));
+    assert_eq!(run.code, 0, "{} {}", run.stdout, run.stderr);
+    let entry = std::fs::read_dir(place.path("sessions")).unwrap().next().unwrap().unwrap();
+    std::fs::rename(entry.path(), place.path("arm.mcap")).unwrap();
+    std::fs::remove_dir(place.path("sessions")).unwrap();
+    "arm.mcap".into()
+}
+
+fn plate(factor: f64) -> String {
+    let divots: Vec<String> = DIVOTS.iter().map(|[x, y]| format!("[{:?}, {:?}]", x * factor, y * factor)).collect();
+    format!("format = \"sonoweave-plate\"\nversion = 1\ndivots_mm = [{}]\n", divots.join(", "))
+}
+
+fn joined(numbers: impl IntoIterator<Item = impl ToString>) -> String {
+    numbers.into_iter().map(|number| number.to_string()).collect::<Vec<_>>().join(",")
+}
+
+/// What was found lies within four standard deviations of the truth, and those are small.
+fn is_found(report: &serde_json::Value, most_mm: f64) {
+    let found = report["found"].as_array().unwrap();
+    assert!(found.len() >= 4, "{report}");
+    for number in found {
+        let joint = number["joint"].as_u64().unwrap() as usize - 1;
+        let of = |key: &str| number[key].as_f64().unwrap();
+        let (true_value, most) = match number["number"].as_str().unwrap() {
+            "length" => (truth().joints()[joint].length_mm, most_mm),
+            "zero" => (truth().joints()[joint].zero_counts, most_mm / 80.0 * TURN / std::f64::consts::TAU),
+            other => panic!("{other} was not asked for"),
+        };
+        let (off, sd) = ((of("value") - true_value).abs(), of("sd"));
+        assert!(off < 4.0 * sd && sd < most, "{number}: off by {off} in {report}");
+    }
+}
+
+#[test]
+fn an_arm_is_found_by_its_touches_and_a_slipped_encoder_is_named() {
+    let place = Place::new();
+    let session = recorded(&place);
+    place.put("plate.toml", plate(1.0));
+    // The first rest is at home.
+    let by = format!("calibrate arm --session {session} --rest 0.3 --skip 1");
+    let order = format!("--plate plate.toml --order {}", joined(ORDER));
+    place.put("cal.toml", place.get("guess.toml"));
+    let said = place.does(&format!("{by} {order} -o cal.toml --report arm.json"));
+    assert!(said.starts_with("22 touches of 4 divots: 0.0"), "{said}");
+    for part in
+        ["zero of joint 2", "(was 250)", "the tip is known to 0.", "touch 2 of divot 1", "calibration: cal.toml"]
+    {
+        assert!(said.contains(part), "{part}: {said}");
+    }
+    let report = place.json("arm.json");
+    is_found(&report, 0.3);
+    assert_eq!((report["found"].as_array().unwrap().len(), report["touches"].as_array().unwrap().len()), (5, 22));
+    let file = CalibrationFile::read(&place.path("cal.toml")).unwrap();
+    assert!(file.provenance.starts_with("by ruler; Arm: 22 touches of 4 divots in arm.mcap"), "{}", file.provenance);
+    assert_eq!((file.arm_fit_rms_mm, file.probe_from_image), (report["rms_mm"].as_f64(), guess().probe_from_image));
+    let is_near = |one: f64, other: f64| (one - other).abs() < 1.0;
+    assert!(is_near(file.arm.unwrap().joints()[0].length_mm, 252.3), "{file:?}");
+    place.does("inspect cal.toml");
+
+    // One divot tells the zeros, and all lengths but one; so do distances, of which each two touches have their own.
+    let elsewhere = (2..).zip(ORDER).filter(|(_, divot)| *divot != 1).map(|(rest, _)| rest);
+    let exact = CalibrationFile { arm: Some(arm([252.3, 200.0, 80.0], [0.0; JOINTS])), ..guess() };
+    exact.write(&place.path("exact.toml")).unwrap();
+    let skipped = by.replace("--skip 1", &format!("--skip {}", joined([1].into_iter().chain(elsewhere))));
+    let said = place.does(&format!("{skipped} --point --arm exact.toml --report point.json"));
+    assert!(said.contains("touches of one point") && said.contains("252.3 mm, as it was"), "{said}");
+    is_found(&place.json("point.json"), 3.0);
+    let distance = |two: &[usize]| {
+        let [one, other] = [two[0], two[1]].map(|divot| DVec2::from_array(DIVOTS[divot - 1]));
+        one.distance(other)
+    };
+    let distances = joined(ORDER.chunks(2).map(distance));
+    place.does(&format!("{by} --distances {distances} --report distances.json"));
+    is_found(&place.json("distances.json"), 3.0);
+
+    // Held against its fit it is well; an encoder that has slipped since is one whose zero is another by now.
+    let said = place.does(&format!("{by} {order} --arm cal.toml --check --report check.json"));
+    assert!(said.contains("it is the arm that was fitted") && said.contains("its fit left 0.0"), "{said}");
+    assert_eq!(place.json("check.json")["changed"], false);
+    let mut slipped = *file.arm.unwrap().joints();
+    slipped[2].zero_counts += 250.0;
+    CalibrationFile { arm: Some(Arm::new(slipped).unwrap()), ..file }.write(&place.path("slipped.toml")).unwrap();
+    let run = place.run(&format!("{by} {order} --arm slipped.toml --check --report slipped.json"));
+    assert_eq!(run.code, 1, "{} {}", run.stdout, run.stderr);
+    let advice = "no longer the arm that was fitted: the zero of joint 3 has moved by -2";
+    assert!(run.stderr.contains(advice), "{}", run.stderr);
+    assert_eq!(place.json("slipped.json")["slipped"]["joint"], 3);
+
+    // What does not say it is refused.
+    place.put("cm.toml", plate(0.1));
+    place.put("inches.toml", plate(1.0 / 25.4));
+    let refuses = |words: &str, says: &[&str]| place.refuses(&format!("{by} {words} -o new.toml"), says);
+    refuses(&order.replace("plate.toml", "cm.toml"), &["arm.mcap: ", "its numbers are in cm and must be in mm"]);
+    refuses(&order.replace("plate.toml", "inches.toml"), &["its numbers are in inches and must be in mm"]);
+    refuses("--plate plate.toml", &["rested 22 times, which is no whole number of rounds over 4 divots", "2 at "]);
+    refuses("--plate plate.toml --order 1,2,3", &["--order names the divots of 3 touches, and the joints rested 22"]);
+    refuses("--distances 80,60", &["not two touches for each of 2 distances"]);
+    refuses("--point --skip 30", &["--skip 30: the joints rested 23 times"]);
+    place.refuses(
+        &format!("calibrate arm --session {session} --rest 30 --point"),
+        &["arm.mcap: the joints never rested for 30 s"],
+    );
+    let wrong = format!("--plate plate.toml --order {}", joined(ORDER.iter().rev()));
+    refuses(&wrong, &["arm.mcap: "]);
+    let few = joined((1..=20).chain([23]));
+    place.refuses(
+        &format!(
+            "calibrate arm --session {session} --rest 0.3 --plate plate.toml --skip {few} --order 1,2 -o new.toml"
+        ),
+        &["2 touches are too few for 8 numbers"],
+    );
+    let run = place.run("calibrate arm --session arm.mcap");
+    assert!(run.code == 2 && run.stderr.contains("--plate <PLATE.toml>"), "{}", run.stderr);
+}
+
+#[test]
+fn a_session_of_a_tracker_has_no_arm() {
+    let place = Place::new();
+    place.put(
+        "bedside.toml",
+        "format = \"sonoweave-bedside\"\nversion = 1\n[tracker]\nmodel = \"fastrak\"\nport = \"virtual\"\n[grabber]\ndevice = \"virtual\"\nsize = \"96x80\"\n",
+    );
+    let run = place.run("live --config bedside.toml --duration 1 --record sessions --quiet");
+    assert_eq!(run.code, 0, "{} {}", run.stdout, run.stderr);
+    let entry = std::fs::read_dir(place.path("sessions")).unwrap().next().unwrap().unwrap();
+    let words = format!("calibrate arm --session {} --point", entry.path().display());
+    place.check_refusal(&place.run(&words), &words, &["holds no arm, as a tracker carried the probe"]);
+}
