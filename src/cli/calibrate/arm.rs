@@ -1,20 +1,22 @@
 //! `sonoweave calibrate arm`: an arm's lengths and zeros, and whether it still has them.
 
+mod guide;
 mod report;
 mod session;
 mod touched;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use calibration::arm::check::check;
 use calibration::arm::fit::{Fitted, Options, fit};
 use calibration::arm::reach::Reach;
 use calibration::arm::{Arm, JOINTS};
 use calibration::file::CalibrationFile;
-use clap::Args;
+use clap::{ArgGroup, Args};
 use glam::DVec2;
 
 use super::super::{Failure, values};
+use super::guide::Gathering;
 use super::outputs::{Input, Outputs, originates, print};
 use report::{CheckReport, FitReport, Results};
 use session::Recorded;
@@ -25,8 +27,8 @@ const MOST_OUTLIERS: f64 = 0.25;
 
 /// Flags of `calibrate arm`.
 #[derive(Debug, Args)]
-#[command(after_help = "\
-Record a session with the arm (`live --record`), and set its tip down, for two seconds each time: moments at which the joints rest are touches.
+#[command(group(ArgGroup::new("from_arm").required(true).args(["session", "live"])), after_help = "\
+Record a session with the arm (--live, or `live --record`), and set its tip down, for two seconds each time: moments at which the joints rest are touches.
 --plate: on the divots of a plate that lies anywhere, in the file's order, round after round, each round with the arm bent otherwise.
 --point: in one divot, from all sides, with the elbow to the left and to the right. One point tells no size: the longest link keeps its length.
 --distances: on the one end of a bar and on the other; then the bar is laid elsewhere.
@@ -34,12 +36,21 @@ The zero of the first joint only says where the base's x axis points, and stays.
 
 --check holds an arm that is in use against what it was fitted to: touches as above, nothing is written but the report, and the exit code is 0 only if it is still that arm.
 
-Examples: sonoweave calibrate arm --session SESSION.mcap --plate plate.toml -o arm-probe.toml --report arm.json
+Examples: sonoweave calibrate arm --live bedside.toml --plate plate.toml -o arm-probe.toml
+          sonoweave calibrate arm --session SESSION.mcap --plate plate.toml -o arm-probe.toml --report arm.json
           sonoweave calibrate arm --session SESSION.mcap --plate plate.toml --check")]
 pub struct Arguments {
     /// A session that `live --record` wrote, of an arm
     #[arg(long, value_name = "SESSION.mcap")]
-    session: PathBuf,
+    session: Option<PathBuf>,
+    /// A bedside's configuration: records its arm now, says what to do, and ends when there is enough
+    #[arg(long, value_name = "BEDSIDE.toml")]
+    live: Option<PathBuf>,
+    #[command(flatten)]
+    gathering: Gathering,
+    /// With --live: it is enough when the tip is known to this wherever it reaches, mm (one standard deviation)
+    #[arg(long, value_name = "MM", default_value_t = 0.3, value_parser = values::positive)]
+    goal: f64,
     #[command(flatten)]
     places: Places,
     #[command(flatten)]
@@ -100,29 +111,40 @@ fn tip(text: &str) -> Result<DVec2, String> {
 /// # Errors
 /// [`Failure`] when the recording does not say what the arm is like, or it is not the arm that it was.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let inputs = std::iter::once(&arguments.session).chain(arguments.places.file());
-    let inputs: Vec<_> = inputs.map(PathBuf::as_path).collect();
+    let given = [&arguments.session, &arguments.live].into_iter().flatten();
+    let inputs: Vec<&Path> = given.chain(arguments.places.file()).map(PathBuf::as_path).collect();
     arguments.outputs.check(&inputs, false)?;
-    let recorded = arguments.which.read(&arguments.session)?;
-    let (arm, fit_rms_mm) = arguments.start(&recorded)?;
-    let touched = arguments.which.touches(&arguments.session, &arm, &recorded, arguments.places.read()?)?;
+    let made = arguments.live.as_ref().map(|bedside| guide::gathered(bedside, arguments)).transpose()?;
+    // One of the two is there: the command line sees to it.
+    let session = made.as_ref().or(arguments.session.as_ref()).map_or(Path::new(""), PathBuf::as_path);
+    let work = Work { arguments, session };
+    let recorded = arguments.which.read(session)?;
+    let (arm, fit_rms_mm) = work.start(recorded.arm, recorded.fit_rms_mm)?;
+    let touched = arguments.which.touches(session, &arm, &recorded.readings, arguments.places.read()?)?;
     if arguments.check {
-        arguments.hold(&arm, fit_rms_mm, &recorded, &touched)
+        work.hold(&arm, fit_rms_mm, &recorded, &touched)
     } else {
-        arguments.find(&arm, &recorded, &touched)
+        work.find(&arm, &recorded, &touched)
     }
 }
 
-impl Arguments {
+/// What was asked for, of a session.
+#[derive(Clone, Copy)]
+struct Work<'a> {
+    arguments: &'a Arguments,
+    session: &'a Path,
+}
+
+impl Work<'_> {
     fn within(&self, problem: impl std::fmt::Display) -> Failure {
         Failure(format!("{}: {problem}", self.session.display()))
     }
 
-    /// The arm that it begins with, and what its fit left.
-    fn start(&self, recorded: &Recorded) -> Result<(Arm, Option<f64>), Failure> {
-        let Some(path) = &self.arm else {
+    /// The arm that it begins with, and what its fit left; the configuration's, unless another was given.
+    fn start(&self, configured: Option<Arm>, fit_rms_mm: Option<f64>) -> Result<(Arm, Option<f64>), Failure> {
+        let Some(path) = &self.arguments.arm else {
             let none = "its configuration holds no joints, with which to begin: give a calibration file with [[arm.joint]] by --arm, lengths as a ruler says";
-            return Ok((recorded.arm.ok_or_else(|| self.within(none))?, recorded.fit_rms_mm));
+            return Ok((configured.ok_or_else(|| self.within(none))?, fit_rms_mm));
         };
         let file = CalibrationFile::read(path)?;
         let none = "holds no [[arm.joint]]; `sonoweave live --example arm-probe` prints some to begin with";
@@ -131,14 +153,15 @@ impl Arguments {
     }
 
     fn options(&self, arm: &Arm, touched: &Touched) -> Options {
+        let Arguments { tip, seat, counts, keep, .. } = self.arguments;
         let known = touched.known();
         let mut options = Options::of(arm, &known);
-        (options.tip_mm, options.seat_mm, options.counts_per_unit) = (self.tip, self.seat, self.counts);
+        (options.tip_mm, options.seat_mm, options.counts_per_unit) = (*tip, *seat, *counts);
         // Who says what stays takes care of the size.
-        if self.keep.iter().any(|kept| matches!(kept, Kept::Length(_))) {
+        if keep.iter().any(|kept| matches!(kept, Kept::Length(_))) {
             options.lengths = arm.joints().map(|joint| joint.kind == calibration::arm::Kind::Revolute);
         }
-        for kept in &self.keep {
+        for kept in keep {
             match *kept {
                 Kept::Length(joint) => options.lengths[joint] = false,
                 Kept::Zero(joint) => options.zeros[joint] = false,
@@ -153,17 +176,17 @@ impl Arguments {
         let fitted = fit(arm, &touched.known(), &touched.touches, &options).map_err(|e| self.within(e))?;
         self.accept(&fitted, touched)?;
         let reach = Reach::of(&fitted);
-        let results = Results { touched, counts: &recorded.counts, seat_mm: self.seat };
-        let input = Input::of(&self.session)?;
+        let results = Results { touched, counts: &recorded.counts, seat_mm: self.arguments.seat };
+        let input = Input::of(self.session)?;
         let provenance = format!("{} in {}, {:.3} mm", touched.words(), input.name(), fitted.rms_mm);
         let text = results.of_fit(&fitted, &reach, &options);
-        let report = FitReport::new(input, &results, &fitted, &reach, self.limit);
+        let report = FitReport::new(input, &results, &fitted, &reach, self.arguments.limit);
         let change = |file: &mut CalibrationFile| {
             (file.arm, file.arm_fit_rms_mm) = (Some(fitted.arm), Some(fitted.rms_mm));
             originates(file, "Arm", &provenance);
         };
-        self.outputs.write_changed(change, &report)?;
-        print(&(text + &self.outputs.told()))
+        self.arguments.outputs.write_changed(change, &report)?;
+        print(&(text + &self.arguments.outputs.told()))
     }
 
     fn accept(&self, fitted: &Fitted, touched: &Touched) -> Result<(), Failure> {
@@ -175,11 +198,11 @@ impl Arguments {
                 listed.join(", ")
             )));
         }
-        if fitted.rms_mm > self.limit {
+        if fitted.rms_mm > self.arguments.limit {
             return Err(self.within(format!(
                 "the touches lie {:.2} mm off (root mean square), more than the limit of {} mm: look which touch is of what (--order), what was no touch (--skip), and whether the joints' \
                  types, signs and counts a turn are the arm's",
-                fitted.rms_mm, self.limit
+                fitted.rms_mm, self.arguments.limit
             )));
         }
         Ok(())
@@ -192,11 +215,11 @@ impl Arguments {
         let fitted_mm = fit_rms_mm.unwrap_or(0.0);
         let checked =
             check(arm, &touched.known(), &touched.touches, &options, fitted_mm).map_err(|e| self.within(e))?;
-        let results = Results { touched, counts: &recorded.counts, seat_mm: self.seat };
+        let results = Results { touched, counts: &recorded.counts, seat_mm: self.arguments.seat };
         let text = results.of_check(&checked, fit_rms_mm);
-        let report = CheckReport::new(Input::of(&self.session)?, &results, &checked, fit_rms_mm);
-        self.outputs.write_changed(|_| {}, &report)?;
-        print(&(text + &self.outputs.told()))?;
+        let report = CheckReport::new(Input::of(self.session)?, &results, &checked, fit_rms_mm);
+        self.arguments.outputs.write_changed(|_| {}, &report)?;
+        print(&(text + &self.arguments.outputs.told()))?;
         match checked.changed {
             true => Err(self.within(format!("it is no longer the arm that was fitted: {}", checked.advice()))),
             false => Ok(()),

@@ -18,7 +18,7 @@ use super::super::live::session::until_told;
 use super::super::live::stages::record_of;
 use super::super::live::{home, telling};
 use super::super::{Failure, values};
-use super::recorded::without_latency;
+use super::recorded::GRABBER;
 use crate::config::bedside::Bedside;
 use crate::devices::{self, Devices};
 use crate::ingest::live::Live;
@@ -83,30 +83,27 @@ pub struct Gathered {
     pub from_s: Option<f64>,
 }
 
-/// Records the devices of a bedside until the guide has enough, Ctrl-C, or the time is over. `pictures` opens the grabber, too.
+/// Records the devices of a bedside until the guide has enough, Ctrl-C, or the time is over: those of its instruments that are asked for, of which what carries the probe is the first.
 ///
 /// # Errors
 /// [`Failure`] when the devices cannot be opened or nothing can be recorded.
 pub fn lead<G: Guide>(
     path: &Path,
     conduct: &Gathering,
-    pictures: bool,
-    begin: impl FnOnce(&Bedside, &[Instrument]) -> Result<G, Failure>,
+    begin: impl FnOnce(&Bedside) -> Result<(G, Vec<Instrument>), Failure>,
 ) -> Result<Gathered, Failure> {
     let bedside = Bedside::read(path)?;
-    let mut instruments = without_latency(&bedside)?;
-    let mut guide = begin(&bedside, &instruments)?;
+    let (mut guide, instruments) = begin(&bedside)?;
     let here = PathBuf::from(".");
     let folder = conduct.record.as_ref().or(bedside.record.folder.as_ref()).unwrap_or(&here);
     let ends = until_told()?;
     let standing = telling::standing(&bedside)?;
     let Devices { tracking, speech, at_home, grabber, twins } = devices::open(&bedside, Monotonic.now_ns(), true)?;
-    let record = record_of(&bedside, folder, pictures)?;
+    let record = record_of(&bedside, folder, instruments.len() > GRABBER)?;
     if let Some(at_home) = at_home {
         home::listen(at_home, false)?;
     }
     say(&format!("recorded in {}; Ctrl-C ends it and calibrates by what there is", record.writer.path().display()));
-    instruments.truncate(if pictures { 2 } else { 1 });
     let opened = [(tracking, speech), (grabber, None)];
     let equipment = instruments.into_iter().zip(opened);
     let equipment: Vec<Equipment> =

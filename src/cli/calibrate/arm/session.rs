@@ -9,7 +9,7 @@ use glam::{DQuat, DVec3};
 use super::super::poses::{Counts, Taken};
 use crate::cli::Failure;
 use crate::cli::live::stages::{Kept, TRACKING};
-use crate::config::bedside::Tracking;
+use crate::config::bedside::{Bedside, Tracking};
 use crate::ingest::live::{Gives, Live};
 use crate::pipeline::live::{Instrument, Precedent, walk};
 use crate::refusal::{Reason, Refusal};
@@ -27,6 +27,20 @@ pub(super) struct Recorded {
     pub(super) counts: Counts,
 }
 
+/// An arm that gives its joints' counts in the place of its tip's: axes that are read one by one are brought together as in a session.
+pub(super) fn instrument(bedside: &Bedside) -> Instrument {
+    let kinematics = |counts: &[f64]| {
+        let position_mm = DVec3::from_array(counts.get(..JOINTS)?.try_into().ok()?);
+        Some(Rigid { rotation: DQuat::IDENTITY, position_mm })
+    };
+    Instrument {
+        name: TRACKING.to_owned(),
+        gives: Gives::Arm { joints: JOINTS, kinematics: Box::new(kinematics) },
+        frames: Vec::new(),
+        latency_ns: bedside.tracking.latency_ns(),
+    }
+}
+
 /// Reads the counts between two times, s from the recording's beginning.
 ///
 /// # Errors
@@ -39,19 +53,8 @@ pub(super) fn read(path: &Path, from: Option<f64>, to: Option<f64>) -> Result<Re
             path.display()
         )));
     };
-    // The counts themselves take the place's place: axes that are read one by one are brought together as in a session.
-    let kinematics = |counts: &[f64]| {
-        let position_mm = DVec3::from_array(counts.get(..JOINTS)?.try_into().ok()?);
-        Some(Rigid { rotation: DQuat::IDENTITY, position_mm })
-    };
-    let instrument = Instrument {
-        name: TRACKING.to_owned(),
-        gives: Gives::Arm { joints: JOINTS, kinematics: Box::new(kinematics) },
-        frames: Vec::new(),
-        latency_ns: bedside.tracking.latency_ns(),
-    };
     let (mut samples, mut refused) = (Vec::new(), Vec::new());
-    walk(path, false, vec![instrument], |_, live| match live {
+    walk(path, false, vec![instrument(&bedside)], |_, live| match live {
         Live::Pose { sample, .. } => samples.push(sample),
         Live::Refused(refusal) => refused.push(refusal),
         _ => {}

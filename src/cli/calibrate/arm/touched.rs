@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use calibration::arm::fit::{Known, Touch};
 use calibration::arm::rest::{Rest, find};
-use calibration::arm::{Arm, plate};
+use calibration::arm::{Arm, JOINTS, plate};
 use clap::Args;
 use glam::DVec2;
 
@@ -103,11 +103,11 @@ impl Which {
         &self,
         session: &Path,
         arm: &Arm,
-        recorded: &Recorded,
+        readings: &[(f64, [f64; JOINTS])],
         place: Place,
     ) -> Result<Touched, Failure> {
         let within = |problem: String| Failure(format!("{}: {problem}", session.display()));
-        let rests = find(arm, &recorded.readings, self.still, self.rest);
+        let rests = find(arm, readings, self.still, self.rest);
         if let Some(none) = self.skip.iter().find(|number| !(1..=rests.len()).contains(*number)) {
             return Err(within(format!("--skip {none}: the joints rested {} times{}", rests.len(), listed(&rests))));
         }

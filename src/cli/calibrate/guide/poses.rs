@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use super::super::poses::Recording;
-use super::super::recorded::Tracks;
+use super::super::recorded::{GRABBER, Tracks, without_latency};
 use super::{Advice, Gathered, Guide, lead};
 use crate::cli::Failure;
 use crate::ingest::live::Live;
@@ -36,8 +36,10 @@ pub(in crate::cli::calibrate) fn gathered(
     judge: impl FnMut(&Tracks) -> Result<Advice, Failure>,
 ) -> Result<Cow<'_, Recording>, Failure> {
     let Some(path) = &recording.source.live else { return Ok(Cow::Borrowed(recording)) };
-    let Gathered { session, from_s } = lead(path, &recording.source.gathering, false, |bedside, instruments| {
-        Ok(PoseGuide { tracks: Tracks::of_instruments(instruments, bedside), judge })
+    let Gathered { session, from_s } = lead(path, &recording.source.gathering, |bedside| {
+        let mut instruments = without_latency(bedside)?;
+        instruments.truncate(GRABBER);
+        Ok((PoseGuide { tracks: Tracks::of_instruments(&instruments, bedside), judge }, instruments))
     })?;
     let mut made = recording.clone();
     (made.source.live, made.source.session) = (None, Some(session));

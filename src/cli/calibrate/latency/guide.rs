@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use calibration::latency::motion::{Motion, PoseSample};
 
 use super::super::guide::{Advice, Guide, lead};
-use super::super::recorded::Tracks;
+use super::super::recorded::{Tracks, without_latency};
 use super::Arguments;
 use crate::cli::Failure;
 use crate::config::bedside::devices::PROBE_FRAME;
@@ -23,8 +23,11 @@ const LONG_S: f64 = 12.0;
 /// # Errors
 /// [`Failure`] when they cannot be recorded.
 pub(super) fn gathered(bedside: &Path, arguments: &Arguments) -> Result<PathBuf, Failure> {
-    let begin = |bedside: &_, instruments: &[_]| Ok(UpAndDown { tracks: Tracks::of_instruments(instruments, bedside) });
-    Ok(lead(bedside, &arguments.gathering, true, begin)?.session)
+    let begin = |bedside: &_| {
+        let instruments = without_latency(bedside)?;
+        Ok((UpAndDown { tracks: Tracks::of_instruments(&instruments, bedside) }, instruments))
+    };
+    Ok(lead(bedside, &arguments.gathering, begin)?.session)
 }
 
 struct UpAndDown {

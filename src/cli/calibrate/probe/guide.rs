@@ -8,7 +8,7 @@ use calibration::probe::{Layout, Observation, Recording, calibrate, next};
 use calibration::region::ClipRect;
 
 use super::super::guide::{Advice, Guide, lead};
-use super::super::recorded::{GRABBER, Tracks, seconds};
+use super::super::recorded::{GRABBER, Tracks, seconds, without_latency};
 use super::recording::{Looker, number};
 use super::report::predicted_ends;
 use super::{Arguments, Failure};
@@ -33,10 +33,11 @@ pub(super) fn gathered(
     frames: &FrameNames,
     clip: Option<ClipRect>,
 ) -> Result<PathBuf, Failure> {
-    let gathered = lead(path, &arguments.gathering, true, |bedside, instruments| {
-        Ok(Scanned {
+    let gathered = lead(path, &arguments.gathering, |bedside| {
+        let instruments = without_latency(bedside)?;
+        let scanned = Scanned {
             looker: Looker::new(layout, clip, Some(bedside.mask)),
-            tracks: Tracks::of_instruments(instruments, bedside),
+            tracks: Tracks::of_instruments(&instruments, bedside),
             seen: Vec::new(),
             trouble: None,
             layout,
@@ -44,7 +45,8 @@ pub(super) fn gathered(
             frames,
             goal_mm: arguments.goal,
             limit_mm: arguments.limit,
-        })
+        };
+        Ok((scanned, instruments))
     })?;
     Ok(gathered.session)
 }

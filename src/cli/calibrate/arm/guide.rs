@@ -1,0 +1,75 @@
+//! What whoever holds the arm is told while its touches are recorded: how many there are, and how well they tell the arm.
+
+use std::path::{Path, PathBuf};
+
+use calibration::arm::fit::fit;
+use calibration::arm::reach::Reach;
+use calibration::arm::{Arm, JOINTS};
+
+use super::super::guide::{Advice, Guide, lead};
+use super::session::instrument;
+use super::{Arguments, Work};
+use crate::cli::Failure;
+use crate::config::bedside::Tracking;
+use crate::ingest::live::Live;
+
+/// Records the bedside's arm until its touches tell it well enough.
+///
+/// # Errors
+/// [`Failure`] when it has none, or nothing to begin with.
+pub(super) fn gathered(path: &Path, arguments: &Arguments) -> Result<PathBuf, Failure> {
+    let work = Work { arguments, session: path };
+    let gathered = lead(path, &arguments.gathering, |bedside| {
+        let Tracking::Arm(_) = bedside.tracking else {
+            return Err(work.within("a tracker carries the probe, and no arm; it has no [arm]"));
+        };
+        let calibration = &bedside.calibration;
+        let (arm, _) = work.start(calibration.arm, calibration.arm_fit_rms_mm)?;
+        // Said now, and not when all is touched.
+        arguments.places.read()?;
+        Ok((Touching { work, arm, readings: Vec::new(), begin_ns: None }, vec![instrument(bedside)]))
+    })?;
+    Ok(gathered.session)
+}
+
+/// The touches by now.
+struct Touching<'a> {
+    work: Work<'a>,
+    arm: Arm,
+    readings: Vec<(f64, [f64; JOINTS])>,
+    begin_ns: Option<i64>,
+}
+
+impl Guide for Touching<'_> {
+    fn hear(&mut self, _: usize, live: Live) {
+        if let Live::Pose { sample, .. } = live
+            && sample.invalid.is_none()
+        {
+            let begin_ns = *self.begin_ns.get_or_insert(sample.time_ns);
+            self.readings.push(((sample.time_ns - begin_ns) as f64 * 1e-9, sample.pose.position_mm.to_array()));
+        }
+    }
+
+    fn advise(&mut self) -> Advice {
+        if self.readings.is_empty() {
+            return Advice::missing("waiting for an arm that is homed");
+        }
+        self.judged().unwrap_or_else(|Failure(why)| Advice::missing(why))
+    }
+}
+
+impl Touching<'_> {
+    fn judged(&self) -> Result<Advice, Failure> {
+        let Work { arguments, session } = self.work;
+        let touched = arguments.which.touches(session, &self.arm, &self.readings, arguments.places.read()?)?;
+        let known = touched.known();
+        let fitted = fit(&self.arm, &known, &touched.touches, &self.work.options(&self.arm, &touched))?;
+        let most = Reach::of(&fitted).most_mm;
+        let says = format!(
+            "{}: the tip is known to {most:.2} mm at worst, where {} are wanted; go on, the arm bent otherwise each time",
+            touched.words(),
+            arguments.goal
+        );
+        Ok(Advice::at((arguments.goal / most).powi(2), says))
+    }
+}
