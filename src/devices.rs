@@ -13,14 +13,16 @@ use drivers::clock::{Clock, Monotonic};
 use drivers::polhemus::{Model, Port};
 use drivers::recording::session::Speech;
 use drivers::simulated::grabber::{Grabber, Pictures};
-use drivers::simulated::{self, Faults, Motion, Placed, Pty, fastrak, isotrak, liberty, microscribe, qsb, viper};
+use drivers::simulated::{
+    self, Faults, Motion, Placed, Pty, fastrak, isotrak, liberty, microscribe, qsb, trembling, viper,
+};
 use drivers::transport::Peer;
 use drivers::{Device, Error, OpenSettings};
 
 use crate::config::bedside::{Arm, ArmKind, Bedside, Rehearsal, Roles, Tracker, Tracking};
 use crate::ingest::stored;
 use crate::phantom::bedside::{PROBE_STATION, REFERENCE_STATION};
-use crate::phantom::{self, Scan};
+use crate::phantom::{self, Scan, TrackerNoise};
 use homed::Homed;
 
 /// Opened devices, stopped. What is not there yet is no error: a started device says in its health what it waits for.
@@ -64,7 +66,9 @@ pub fn open(bedside: &Bedside, begin_ns: i64, keeps_raw: bool) -> Result<Devices
     let mut twins = Vec::new();
     let settings = match (&bedside.tracking, &hand) {
         (Tracking::Tracker(tracker), Some((hand, rehearsal))) if tracker.port.is_none() => {
-            let twin = twin(tracker, seen_by(tracker.roles, hand.motion()), rehearsal.line);
+            let TrackerNoise { position_mm, rotation_degrees } = hand.scan().settings().tracker_noise;
+            let motion = trembling(hand.motion(), position_mm, rotation_degrees, rehearsal.line.seed);
+            let twin = twin(tracker, seen_by(tracker.roles, motion), rehearsal.line);
             let twin = twin.map_err(OpenError::Line)?;
             let port = Port::Serial { path: twin.path().to_owned(), baud: None };
             twins.push(twin);

@@ -130,6 +130,9 @@ pub struct Arguments {
     /// Write where the wires of a body cross each picture, and where its landmarks are, as CSV
     #[arg(long, value_name = "FILE.csv")]
     crossings: Option<PathBuf>,
+    /// Write a body's wires and landmarks, and where it is held, as `calibrate` takes them
+    #[arg(long, value_name = "FILE.toml")]
+    phantom: Option<PathBuf>,
     #[command(flatten)]
     echoes: echoes::EchoFlags,
 }
@@ -151,6 +154,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         _ => Some(scan.grid(arguments.spacing, 0.0)?),
     };
     let kernel = arguments.kernel(&scan)?;
+    let phantom = arguments.phantom.as_ref().map(|path| Ok::<_, Failure>((path, echoes::held(&scan)?))).transpose()?;
     let sequence = arguments.write_pictures(&scan)?;
     let mut volumes = Vec::new();
     if let (Some(path), Some(grid)) = (&arguments.truth, &grid) {
@@ -181,6 +185,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         std::fs::write(path, echoes::crossings(&scan))
             .map_err(|e| Failure(format!("{}: writing the crossings failed: {e}", path.display())))?;
     }
+    if let Some((path, phantom)) = phantom {
+        std::fs::write(path, phantom.to_text())
+            .map_err(|e| Failure(format!("{}: writing the phantom failed: {e}", path.display())))?;
+    }
     report(arguments, &scan, grid.as_ref(), &kernel);
     Ok(())
 }
@@ -204,9 +212,9 @@ impl Arguments {
             ..SceneOptions::new(self.seed)
         };
         let shown = self.echoes.shown(self.scene, options);
-        if shown.scanned().is_none() && (self.echoes.given() || self.crossings.is_some()) {
+        if shown.scanned().is_none() && (self.echoes.given() || self.crossings.is_some() || self.phantom.is_some()) {
             return Err(Failure(
-                "--probe, --depth, --mhz, --focus, --tgc, --dynamic-range, --without and --crossings are of a scanner, which only --scene doll, thigh, n-wire, \
+                "--probe, --depth, --mhz, --focus, --tgc, --dynamic-range, --without, --crossings and --phantom are of a scanner, which only --scene doll, thigh, n-wire, \
                  cross-wire, tank-floor and stylus have; leave them out or scan one of these"
                     .into(),
             ));
@@ -268,7 +276,7 @@ impl Arguments {
 
     /// All outputs can be written, their names tell MetaImage files, and no two are the same.
     fn check_outputs(&self) -> Result<(), Failure> {
-        let others = [&self.truth, &self.truth_blurred, &self.calibration, &self.crossings];
+        let others = [&self.truth, &self.truth_blurred, &self.calibration, &self.crossings, &self.phantom];
         let outputs: Vec<&PathBuf> =
             std::iter::once(&self.output).chain(others.into_iter().filter_map(Option::as_ref)).collect();
         for (n, path) in outputs.iter().enumerate() {
@@ -445,6 +453,9 @@ fn report(arguments: &Arguments, scan: &Scan, grid: Option<&Grid>, kernel: &Effe
     }
     if let Some(path) = &arguments.crossings {
         println!("{}: where wires cross each picture, and landmarks", path.display());
+    }
+    if let Some(path) = &arguments.phantom {
+        println!("{}: the phantom; give it to `calibrate` with --phantom", path.display());
     }
     if let Some(path) = &arguments.calibration {
         println!("{}: the probe's calibration; give it to `reconstruct` with --config", path.display());

@@ -1,10 +1,15 @@
 //! Flags of `phantom` for bodies, which a scanner looks into.
 
+use calibration::frames::Transform;
+use calibration::phantom::file::{PhantomFile, Registration};
+use calibration::phantom::{Geometry, Landmark, Wire};
 use clap::{Args, ValueEnum};
 use glam::{DVec2, DVec3};
 
+use crate::cli::Failure;
 use crate::phantom::Scan;
 use crate::phantom::bmode::{Effects, Transducer};
+use crate::phantom::body;
 use crate::phantom::named::{ProbeName, SceneName, SceneOptions, Shown};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -113,6 +118,25 @@ pub(super) fn describe(scan: &Scan) -> String {
         ", {probe}, {} MHz, depth {} mm, focus {} mm, dynamic range {} dB, {field}",
         scanner.frequency_mhz, scanner.depth_mm, scanner.lateral.focus_mm, scanner.dynamic_range_db
     )
+}
+
+/// What a scan shows as a phantom, and where it is held: the world is the reference sensor. Wires of one number belong together, and are listed from right to left.
+///
+/// # Errors
+/// [`Failure`] when there is nothing to calibrate by.
+pub(super) fn held(scan: &Scan) -> Result<PhantomFile, Failure> {
+    let within = |problem: String| Failure(format!("--phantom: {problem}"));
+    let Some(bmode) = scan.bmode() else { return Err(within("the scene is no body".into())) };
+    let body = bmode.body();
+    let number = |name: &str| name.trim_end_matches(char::is_alphabetic).to_owned();
+    let patterns = body.wires.chunk_by(|one, other| number(&one.name) == number(&other.name)).map(|wires| {
+        let wires = wires.iter().rev();
+        wires.map(|wire| Wire { name: wire.name.clone(), ends_mm: [wire.from, wire.to] }).collect()
+    });
+    let landmark = |own: &body::Landmark| Landmark { name: own.name.into(), position_mm: own.point };
+    let geometry = Geometry::new(body.name, patterns.collect(), body.landmarks.iter().map(landmark).collect());
+    let registration = Registration::new(Transform::from_affine(body.world_from_body), None).map_err(within)?;
+    Ok(PhantomFile { geometry: geometry.map_err(|e| within(e.to_string()))?, registration: Some(registration) })
 }
 
 /// Where each wire of a scan crosses each picture: a line a crossing, pixels of the picture in MF orientation; places of landmarks in the world first.

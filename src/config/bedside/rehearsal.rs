@@ -66,6 +66,10 @@ impl Rehearsal {
         let gap = keys.number_if("gap_mm", f64::MIN_POSITIVE..=1000.0)?;
         let pixel = keys.number_if("pixel_mm", f64::MIN_POSITIVE..=1000.0)?;
         let noise = keys.number_if("noise_sd", 0.0..=255.0)?;
+        let tracker_noise = TrackerNoise {
+            position_mm: keys.number("tracker_noise_mm", 0.0, 0.0..=10.0)?,
+            rotation_degrees: keys.number("tracker_noise_deg", 0.0, 0.0..=10.0)?,
+        };
         let seed = keys.whole("seed", 1, 0..=u32::MAX)?;
         let painted = keys.truth("painted", false)?;
         let shown = scene.shown(&SceneOptions::new(seed.into()));
@@ -87,7 +91,7 @@ impl Rehearsal {
             depth: Depth::U8,
             fan: None,
             scanner,
-            tracker_noise: TrackerNoise::default(),
+            tracker_noise,
             seed: seed.into(),
             first_ns: 0,
             interval_ns: (1e9 / rate_hz).round() as i64,

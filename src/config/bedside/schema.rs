@@ -381,6 +381,8 @@ pub const SECTIONS: &[Section] = &[
             next("gap_mm", "above 0", "mean distance between them; what sees all of a body, else 0.35, without it"),
             next("pixel_mm", "above 0", "size of a pixel; what shows the scanner's whole field, else 0.1, without it"),
             next("noise_sd", "0 or more", "noise of the pictures, grey levels; what is usual for the scene without it"),
+            next("tracker_noise_mm", "0 to 10", "noise of each sensor of a tracker along each axis; 0 without it"),
+            next("tracker_noise_deg", "0 to 10", "noise of each sensor of a tracker about each axis; 0 without it"),
             next("seed", "0 to 4294967295", "of all that is drawn at random; 1 without it"),
             next(
                 "painted",
