@@ -27,6 +27,13 @@ const BEYOND: f64 = 0.1;
 pub const LEAST_GAIN: f64 = 0.05;
 /// Further pictures: what a recording has of a view that is held for half a second.
 pub const PICTURES: usize = 10;
+/// Of a scan that has many already ten more change little: then as many as make it longer by this part.
+const LONGER: f64 = 0.2;
+
+/// Further pictures to ask for, beside so many that are used.
+pub fn pictures(used: usize) -> usize {
+    PICTURES.max((LONGER * used as f64) as usize)
+}
 
 /// How the probe is moved, from where it was held in the middle of all pictures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

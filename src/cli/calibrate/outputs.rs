@@ -3,8 +3,8 @@
 use std::io::{ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
 
-use calibration::file::CalibrationFile;
 use calibration::file::preset::{self, Preset};
+use calibration::file::{CalibrationFile, Latency};
 use calibration::frames::{Image, Probe, Transform};
 use calibration::named::StaticTransform;
 use clap::Args;
@@ -81,12 +81,19 @@ impl Outputs {
                 page.display()
             )));
         }
-        if let Some(path) = &self.output
-            && path.exists()
-        {
-            CalibrationFile::read(path)?;
-        }
+        self.before()?;
         Ok(())
+    }
+
+    /// The calibration file as it is before it is written; one that holds nothing where there is none.
+    pub(super) fn before(&self) -> Result<CalibrationFile, Failure> {
+        let there = self.output.as_ref().filter(|path| path.exists());
+        Ok(there.map(|path| CalibrationFile::read(path)).transpose()?.unwrap_or_default())
+    }
+
+    /// Whether there is a calibration file to be written.
+    pub(super) fn wants_file(&self) -> bool {
+        self.output.is_some()
     }
 
     /// Writes what was asked for: the transform into the calibration file, with a word of where it comes from, and the report.
@@ -99,17 +106,22 @@ impl Outputs {
         self.write_changed(|file| merge(file, transform, provenance), report)
     }
 
-    /// Writes a probe's calibration and the report.
+    /// Writes a probe's calibration, the latencies if there are any, and the report.
     pub(super) fn write_probe(
         &self,
         probe_from_image: &Transform<Probe, Image>,
         provenance: &str,
         preset: Option<Preset>,
+        latency: Option<Latency>,
         report: &impl Serialize,
         page: impl FnOnce() -> Result<String, Failure>,
     ) -> Result<(), Failure> {
         let named = StaticTransform::image_to_probe(probe_from_image);
         let change = |file: &mut CalibrationFile| {
+            if latency.is_some() {
+                file.latency = latency;
+                originates(file, "latency", provenance);
+            }
             if let Some(preset) = preset {
                 file.presets.retain(|other| other.name != preset.name);
                 file.presets.push(preset);
@@ -146,7 +158,7 @@ impl Outputs {
         // Whatever can fail before something is written does so before.
         let page = if self.report.iter().any(|path| is_page(path)) { page()? } else { String::new() };
         if let Some(path) = &self.output {
-            let mut file = if path.exists() { CalibrationFile::read(path)? } else { CalibrationFile::default() };
+            let mut file = self.before()?;
             change(&mut file);
             file.write(path)?;
         }

@@ -1,6 +1,7 @@
 //! `sonoweave calibrate probe`: where the picture lies in the frame of the sensor on the transducer.
 
 mod guide;
+mod lag;
 mod page;
 mod recording;
 mod report;
@@ -26,6 +27,7 @@ use super::recorded::Recorded;
 use crate::config::Settings as Config;
 use crate::config::phantom::PhantomSettings;
 use crate::mask::Clip;
+use lag::Lag;
 use recording::{Observed, observe, pictures};
 use report::{Report, Reproducibility, text};
 
@@ -185,14 +187,24 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             .map(Input::listed)
             .collect(),
     });
-    let next = found.next_view(&layout, seen.recording(), next::PICTURES);
+    let next = found.next_view(&layout, seen.recording(), next::pictures(found.used()));
+    // Where no lag was sought it has no deviation.
+    let lag = [found.refined.lag_s, found.refined.lag_sd_s];
+    let video_ms = recorded.bedside().map_or(0.0, |bedside| bedside.grabber.latency_ns as f64 * 1e-6);
+    let lag = (lag[1] > 0.0)
+        .then(|| outputs.before().map(|file| Lag::new(lag, video_ms, file.latency.as_ref())))
+        .transpose()?;
+    let latency = lag.as_ref().and_then(Lag::latency);
+    let of_lag = lag.as_ref().filter(|_| outputs.wants_file()).map_or(String::new(), Lag::text);
     let report = Report::new(&found, &layout, input, phantom_input, validation, &held)
         .took(looked_s, solved_s)
         .again(again)
-        .next(next.as_ref());
+        .next(next.as_ref())
+        .with_lag(lag);
     let page = || Ok(report.page(&pictures(&recorded, &report.telling())?, *limit));
-    outputs.write_probe(&found.refined.probe_from_image(), &provenance, preset, &report, page)?;
-    print(&(text(&found, &layout) + &next.as_ref().map_or(String::new(), report::next_line) + &outputs.told()))
+    outputs.write_probe(&found.refined.probe_from_image(), &provenance, preset, latency, &report, page)?;
+    let next = next.as_ref().map_or(String::new(), report::next_line);
+    print(&(text(&found, &layout) + &next + &of_lag + &outputs.told()))
 }
 
 impl Arguments {

@@ -162,11 +162,17 @@ impl Recorded {
     pub(super) fn pictures(&self, mut take: impl FnMut(Shown<'_>) -> Result<(), Failure>) -> Result<Unfit, Failure> {
         let (mut unfit, mut failed) = (Unfit::default(), None);
         let mut show = |frame: u64, stamps: Option<Stamps>, image: &Image| {
-            let Pixels::U8(pixels) = image.pixels() else {
-                let problem = "its pictures are not in 8 bits; convert them first";
-                return Err(Failure(format!("{}: {problem}", self.path().display())));
+            let kind = match image.pixels() {
+                Pixels::U8(pixels) => {
+                    return take(Shown { frame, stamps, size: [image.width(), image.height()], pixels });
+                }
+                Pixels::U16(_) => "16 bits a pixel",
+                Pixels::F32(_) => "pixels that are neither of 8 nor of 16 bits",
             };
-            take(Shown { frame, stamps, size: [image.width(), image.height()], pixels })
+            Err(Failure(format!(
+                "{}: its pictures have {kind}, and 8 bits are wanted here: write it again as MET_UCHAR, black at 0 and white at 255",
+                self.path().display()
+            )))
         };
         match self {
             Self::Sequence(path) => {

@@ -117,7 +117,7 @@ impl Guide for Scanned<'_> {
             says += &format!("; what was scanned last is {mm:.2} mm off: was the phantom moved, or is metal near?");
             return Advice::at(0.5, says);
         }
-        let next = found.next_view(self.layout, recording, next::PICTURES);
+        let next = found.next_view(self.layout, recording, next::pictures(found.used()));
         says += &match next.as_ref().and_then(|next| next.best()) {
             Some(best) => format!("; {best}"),
             None => "; scan on along the wires, and tilt and turn the probe".into(),

@@ -12,6 +12,7 @@ use glam::DVec2;
 use serde::Serialize;
 
 use super::super::outputs::{Input, rows};
+use super::lag::Lag;
 
 /// Who is meant by "you".
 pub(super) const YOU: &str = "as you see the probe with its marked side at the right and its face below";
@@ -46,6 +47,8 @@ pub(super) struct Report {
     /// Above 0: poses come later than pictures.
     pub(super) lag_s: f64,
     pub(super) lag_sd_s: f64,
+    /// What the latencies therefore are, where a lag was sought.
+    pub(super) latency: Option<Lag>,
     /// For how many pictures what scatters them lasts.
     pub(super) scatter_lasts_pictures: f64,
     /// Standard deviations of what scatters dots about their wires.
@@ -285,6 +288,7 @@ impl Report {
             condition: refined.condition(),
             lag_s: refined.lag_s,
             lag_sd_s: refined.lag_sd_s,
+            latency: None,
             scatter_lasts_pictures: refined.lasting,
             scatter: Scattered {
                 position_mm: refined.scatter.position_mm,
@@ -308,6 +312,10 @@ impl Report {
 
     pub(super) fn took(self, looked_s: f64, solved_s: f64) -> Self {
         Self { looked_s, solved_s, ..self }
+    }
+
+    pub(super) fn with_lag(self, latency: Option<Lag>) -> Self {
+        Self { latency, ..self }
     }
 
     pub(super) fn again(self, reproducibility_mm: Option<Reproducibility>) -> Self {

@@ -1,0 +1,80 @@
+//! How late the tracker was found to be, and whether that goes into the calibration file.
+
+use calibration::file::Latency;
+use serde::Serialize;
+
+/// A lag is of use that is known to this, ms: at 50 mm/s a probe moves by a quarter of a millimetre meanwhile.
+const MOST_SE_MS: f64 = 5.0;
+/// No device is later than this, ms.
+const MOST_MS: f64 = 1000.0;
+
+/// What the latencies would be.
+#[derive(Debug, Serialize)]
+pub(super) struct Lag {
+    #[serde(flatten)]
+    latency: Latency,
+    /// Why they stay out of the calibration file: a sentence; `None` where they go into it.
+    kept_out: Option<String>,
+}
+
+impl Lag {
+    /// By a lag and its standard deviation, s: above 0 where poses come later than pictures. The video's latency is given; `known` is what the file says already.
+    pub(super) fn new([lag_s, sd_s]: [f64; 2], video_ms: f64, known: Option<&Latency>) -> Self {
+        let (tracker_ms, se_ms) = (video_ms + 1e3 * lag_s, 1e3 * sd_s);
+        let kept_out = if se_ms > MOST_SE_MS {
+            Some(format!(
+                "{se_ms:.1} ms are too unsure, as {MOST_SE_MS:.0} are wanted; move the probe more briskly, or find it by `calibrate latency`"
+            ))
+        } else if tracker_ms.abs() > MOST_MS {
+            Some(format!("no tracker is {tracker_ms:.0} ms late; are the stamps of one clock?"))
+        } else {
+            known.and_then(|known| match known.lag_se_ms {
+                Some(ms) if ms >= se_ms => None,
+                Some(ms) => Some(format!("the file has one that is known to {ms:.1} ms")),
+                None => Some(
+                    "the file has one, and does not say how well it is known; take its [latency] out to have this one"
+                        .into(),
+                ),
+            })
+        };
+        Self { latency: Latency { video_ms, tracker_ms, lag_se_ms: Some(se_ms) }, kept_out }
+    }
+
+    /// For the calibration file, unless they stay out of it.
+    pub(super) fn latency(&self) -> Option<Latency> {
+        self.kept_out.is_none().then_some(self.latency)
+    }
+
+    /// For people, where there is a file.
+    pub(super) fn text(&self) -> String {
+        let Latency { video_ms, tracker_ms, .. } = self.latency;
+        match &self.kept_out {
+            None => format!("latency: video {video_ms:.1} ms, tracker {tracker_ms:.1} ms, into the calibration file\n"),
+            Some(why) => format!("latency: not into the calibration file: {why}\n"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lag_is_written_where_it_is_sure_and_nothing_better_is_known() {
+        let known = |lag_se_ms| Latency { video_ms: 0.0, tracker_ms: 7.0, lag_se_ms };
+        let lag = |sd_s, known: Option<Latency>| Lag::new([-0.0302, sd_s], 50.0, known.as_ref());
+        let written = lag(0.002, None).latency().unwrap();
+        assert_eq!((written.video_ms, written.lag_se_ms), (50.0, Some(2.0)));
+        // The tracker lags by less than nothing: its poses are less late than the pictures.
+        assert!((written.tracker_ms - 19.8).abs() < 1e-9, "{}", written.tracker_ms);
+        assert!(lag(0.002, Some(known(Some(2.0)))).latency().is_some(), "the same once more");
+        for (unfit, says) in [
+            (lag(0.0051, None), "5.1 ms are too unsure"),
+            (lag(0.002, Some(known(Some(1.9)))), "known to 1.9 ms"),
+            (lag(0.002, Some(known(None))), "does not say how well"),
+            (Lag::new([1.2, 0.001], 0.0, None), "no tracker is 1200 ms late"),
+        ] {
+            assert!(unfit.latency().is_none() && unfit.text().contains(says), "{}", unfit.text());
+        }
+    }
+}
