@@ -1,5 +1,7 @@
 //! A grey picture as it lies in memory.
 
+use crate::region::ClipRect;
+
 /// A grey picture in 8 bits, row by row; u is the column, v the row, and a pixel's centre is at whole numbers ([`Image`](crate::frames::Image)).
 #[derive(Debug, Clone, Copy)]
 pub struct GreyView<'a> {
@@ -31,6 +33,15 @@ impl<'a> GreyView<'a> {
             Some(count) if count == pixels.len() => Self::new(width, height, width, pixels),
             _ => Err(BadView { width, height, stride: width, bytes: pixels.len() }),
         }
+    }
+
+    /// The part of it within a rectangle; `None` where there is none.
+    pub fn part(&self, clip: ClipRect) -> Option<Self> {
+        let [x, y] = [clip.x, clip.y].map(|n| n as usize);
+        let width = (clip.width as usize).min(self.width.checked_sub(x)?);
+        let height = (clip.height as usize).min(self.height.checked_sub(y)?);
+        let from = y.checked_mul(self.stride)?.checked_add(x)?;
+        Self::new(width, height, self.stride, self.pixels.get(from..)?).ok()
     }
 
     /// Pixels along u.
@@ -83,6 +94,17 @@ pub struct BadView {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_part_is_of_its_own_rows_and_no_larger_than_the_whole() {
+        let bytes: Vec<u8> = (0..12).collect();
+        let view = GreyView::packed([4, 3], &bytes).unwrap();
+        let part = |x, y, width, height| view.part(ClipRect { x, y, width, height });
+        let rows = |part: Option<GreyView<'_>>| part.unwrap().rows().map(<[u8]>::to_vec).collect::<Vec<_>>();
+        assert_eq!(rows(part(1, 1, 2, 2)), [[5, 6], [9, 10]]);
+        assert_eq!(rows(part(2, 2, 100, 100)), [[10, 11]]);
+        assert!(part(4, 0, 2, 2).is_none() && part(0, 3, 1, 1).is_none() && part(9, 9, 1, 1).is_none());
+    }
 
     #[test]
     fn rows_are_a_stride_apart_and_the_last_may_end_early() {

@@ -107,7 +107,7 @@ fn median(components: usize) -> f64 {
 }
 
 /// The length of d components that is exceeded as rarely as `constant` is by one.
-fn as_rare(constant: f64, components: usize) -> f64 {
+pub fn as_rare(constant: f64, components: usize) -> f64 {
     if components == 1 {
         return constant;
     }

@@ -16,7 +16,7 @@ pub struct Turning {
 
 impl Turning {
     /// Of poses; a direction v turned by asin √(1 − |R̄·v|²), where R̄ is the mean of the rotations.
-    pub(super) fn of(poses: &[(DMat3, DVec3)]) -> Self {
+    pub(crate) fn of(poses: &[(DMat3, DVec3)]) -> Self {
         let mut sum = DMat3::ZERO;
         for (turn, _) in poses {
             sum += *turn;

@@ -66,8 +66,8 @@ pub enum Outcome {
     Used,
     /// The tracker did not vouch for a pose.
     NoPose,
-    /// No six dots or more lie as the phantom's wires do.
-    NoWires,
+    /// What was scanned is not seen in it: of a phantom, no six dots or more lie as its wires do.
+    Unseen,
     /// There is no pose at the time of the picture and the lag after it.
     NoPoseAtLag,
     /// The other pictures contradict it.
@@ -243,17 +243,16 @@ fn sight(
     }
     let own = || Track::new(observations.iter().filter_map(|observation| observation.poses).collect());
     let track = track.cloned().unwrap_or_else(own);
-    moved(&sightings, &track, registration)?;
+    let map = |s: &Sighting| s.probe_from_phantom(&track, 0.0, &registration.reference_from_phantom);
+    moved(&sightings.iter().filter_map(map).map(|map| map.affine()).collect::<Vec<_>>())?;
     Ok((sightings, track))
 }
 
-/// Whether the probe moved.
-fn moved(sightings: &[Sighting], track: &Track, registration: &Registration) -> Result<(), Refused> {
-    let map = |s: &Sighting| s.probe_from_phantom(track, 0.0, &registration.reference_from_phantom);
-    let maps: Vec<DAffine3> = sightings.iter().filter_map(map).map(|map| map.affine()).collect();
+/// Whether the probe moved: maps between its frame and one that rests.
+pub(super) fn moved(maps: &[DAffine3]) -> Result<(), Refused> {
     let Some(first) = maps.first() else { return Ok(()) };
     let (mut way, mut turn) = (0.0_f64, 0.0_f64);
-    for map in &maps {
+    for map in maps {
         way = way.max(map.translation.distance(first.translation));
         let between = glam::DQuat::from_mat3(&(map.matrix3 * first.matrix3.transpose()));
         turn = turn.max(between.to_scaled_axis().length());
@@ -335,7 +334,7 @@ fn pictures(
     let picture = |observation: &Observation| {
         let frame = observation.frame;
         let Some(number) = sightings.iter().position(|sighting| sighting.frame == frame) else {
-            let outcome = if observation.poses.is_none() { Outcome::NoPose } else { Outcome::NoWires };
+            let outcome = if observation.poses.is_none() { Outcome::NoPose } else { Outcome::Unseen };
             return Picture { frame, outcome, dots: Vec::new() };
         };
         let sighting = &sightings[number];
@@ -364,11 +363,15 @@ impl Calibration {
 
     /// Predicted error of where a pixel lies (one standard deviation, mm) on a lattice over the picture: rows of `count` numbers, from its first pixels to its last.
     pub fn predicted_mm(&self, count: usize) -> Vec<Vec<f64>> {
-        let last = self.size_px.map(|n| f64::from(n) - 1.0);
-        let at = |i: usize, axis: usize| last[axis] * i as f64 / (count.max(2) - 1) as f64;
-        let row = |v: usize| (0..count).map(|u| self.refined.predicted_mm(DVec2::new(at(u, 0), at(v, 1)))).collect();
-        (0..count).map(row).collect()
+        lattice(self.size_px, count, |px| self.refined.predicted_mm(px))
     }
+}
+
+/// Numbers of pixels on a lattice over a picture: rows of `count`, from its first pixels to its last.
+pub(super) fn lattice(size_px: [u32; 2], count: usize, of: impl Fn(DVec2) -> f64) -> Vec<Vec<f64>> {
+    let last = size_px.map(|n| f64::from(n) - 1.0);
+    let at = |i: usize, axis: usize| last[axis] * i as f64 / (count.max(2) - 1) as f64;
+    (0..count).map(|v| (0..count).map(|u| of(DVec2::new(at(u, 0), at(v, 1)))).collect()).collect()
 }
 
 #[cfg(test)]

@@ -86,6 +86,17 @@ impl Unit {
         let size = DVec2::from(size_px.map(f64::from));
         Self { centre: 0.5 * (size - 1.0), half: 0.5 * size.max_element().max(2.0) }
     }
+
+    /// A pixel in these numbers.
+    pub(super) fn brought(&self, px: DVec2) -> DVec2 {
+        (px - self.centre) / self.half
+    }
+
+    /// The plane that in these numbers has such columns.
+    pub(super) fn plane(&self, u: DVec3, v: DVec3, origin: DVec3) -> ImagePlane {
+        let (u, v) = (u / self.half, v / self.half);
+        ImagePlane { u, v, origin: origin - u * self.centre.x - v * self.centre.y }
+    }
 }
 
 /// The sum of what dots say of a plane.
@@ -103,7 +114,7 @@ impl PlaneSum {
 
     /// That the pixel's place, along a direction, is so many mm.
     pub(super) fn add(&mut self, px: DVec2, direction: DVec3, mm: f64, weight: f64) {
-        let at = (px - self.unit.centre) / self.unit.half;
+        let at = self.unit.brought(px);
         let [x, y, z] = direction.to_array();
         let row = [at.x * x, at.x * y, at.x * z, at.y * x, at.y * y, at.y * z, x, y, z];
         for i in 0..UNKNOWN {
@@ -143,9 +154,8 @@ impl PlaneSum {
         let ridge = if open { 1e-9 * trace / UNKNOWN as f64 } else { 0.0 };
         (0..UNKNOWN).for_each(|i| matrix[i][i] += ridge);
         let x = solve(matrix, self.right)?;
-        let [u, v] = [0, 3].map(|i| DVec3::from_slice(&x[i..]) / self.unit.half);
-        let origin = DVec3::from_slice(&x[6..]) - u * self.unit.centre.x - v * self.unit.centre.y;
-        Some(ImagePlane { u, v, origin })
+        let [u, v, origin] = [0, 3, 6].map(|i| DVec3::from_slice(&x[i..]));
+        Some(self.unit.plane(u, v, origin))
     }
 }
 

@@ -8,20 +8,20 @@ mod outliers;
 mod predicted;
 mod problem;
 
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 use nalgebra::DMatrix;
 
 use self::outliers::leave_out;
-pub use self::predicted::PLANE;
 pub(super) use self::predicted::View;
 use self::predicted::{KNOWN, TOGETHER};
-use self::problem::{Picture, Problem, USUAL_LAG_S, Unknown, whitening};
+use self::problem::{Picture, Problem, USUAL_LAG_S, Unknown};
 use super::layout::Layout;
 use super::linear::Start;
 use super::plane::ImagePlane;
-use super::scatter::{Scatter, Scattered, most_likely};
+use super::scatter::{Scatter, Scattered, lasted};
 use super::sighting::{Sighting, off_wire};
 use super::track::Track;
+pub use super::unknown::PLANE;
 use crate::frames::{Image, Probe, Transform};
 use crate::least_squares::{Blocks, Noise, Parameters, Settings, Solution, State, Unsolved, solve};
 use crate::phantom::file::Registration;
@@ -69,7 +69,6 @@ pub struct Refined {
     /// About which it was turned.
     centre: DVec3,
     unknown: Unknown,
-    pivot_px: DVec2,
     solution: Solution,
     /// What is known beforehand, by its information: of the phantom's turn and shift, and of the lag.
     known: [[f64; KNOWN]; KNOWN],
@@ -104,8 +103,9 @@ impl Problem<'_> {
             let state = parameters.start();
             let pictures = self.pictures(&state, &used);
             let scattered: Vec<Scattered> = pictures.iter().map(|picture| self.scattered(&state, picture)).collect();
-            scatter = most_likely(&scattered, scatter);
-            let whitenings: Vec<DMatrix<f64>> = scattered.iter().map(|picture| whitening(picture, scatter)).collect();
+            scatter = Scatter::most_likely(&scattered, scatter);
+            let whitenings: Vec<DMatrix<f64>> =
+                scattered.iter().map(|picture| picture.whitening(scatter.variances())).collect();
             let put = |state: &State, blocks: &mut Blocks<'_>| {
                 self.put(state, &pictures, &whitenings, blocks);
                 self.put_priors(state, prior.as_ref(), sought.lag, blocks);
@@ -136,7 +136,7 @@ impl Problem<'_> {
         let mut any = false;
         for picture in self.pictures(state, &whole.clone()) {
             let scattered = self.scattered(state, &picture);
-            let whitening = whitening(&scattered, scatter);
+            let whitening = scattered.whitening(scatter.variances());
             let own = &mut whole[picture.sighting];
             if !leave_out(own, &picture.dots, &scattered.residuals, &whitening) {
                 used[picture.sighting].fill(true);
@@ -188,11 +188,10 @@ impl Problem<'_> {
             given: self.registration,
             centre: self.centre,
             unknown: self.unknown,
-            pivot_px: self.pivot_px,
             solution,
         };
-        let all = refined.together(refined.solution.certainty(), self.pivot_px);
-        refined.lag_sd_s = refined.lasted(&all, [TOGETHER - 1; 2]).max(0.0).sqrt();
+        let all = refined.together(refined.solution.certainty(), refined.pivot_px());
+        refined.lag_sd_s = lasted(&all, &refined.known, lasting, [TOGETHER - 1; 2]).max(0.0).sqrt();
         refined
     }
 

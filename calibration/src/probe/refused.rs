@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use super::target::Axis;
 use crate::least_squares::Unsolved;
 
 /// Units that are mistaken for mm.
@@ -95,7 +96,7 @@ pub enum Refused {
     },
     /// One pose.
     #[error(
-        "all pictures are from one pose: the probe moved by {way_mm:.1} mm and turned by {turn_deg:.1}°, so that nothing tells the tracker's error from the calibration; move it along the wires, and tilt and turn it"
+        "all pictures are from one pose: the probe moved by {way_mm:.1} mm and turned by {turn_deg:.1}°, so that nothing tells the tracker's error from the calibration; move it, and tilt and turn it"
     )]
     Still {
         /// From the first pose.
@@ -131,6 +132,78 @@ pub enum Refused {
         /// Spread of the distances, mm.
         mm: f64,
     },
+    /// No point and no line.
+    #[error(
+        "{} is seen in {seen} of {pictures} pictures with valid poses, and in {least} it has to be, a hundred are good; is it in the picture, and the gain high enough?",
+        if *.line { "the line of a plane" } else { "a bright spot" }
+    )]
+    Unseen {
+        /// Of a plane.
+        line: bool,
+        /// Pictures that show it and have poses.
+        seen: usize,
+        /// How many there are.
+        pictures: usize,
+        /// As many as are needed.
+        least: usize,
+    },
+    /// The probe was held one way.
+    #[error(
+        "no rotation about {}: the probe turned by {deg:.1}° there (root mean square, and {least:.0}° are needed), so that the picture could lie in many places; {}",
+        listed(.axes, " or "), .axes.iter().map(|axis| axis.advice()).collect::<Vec<_>>().join(", and ")
+    )]
+    NoTurn {
+        /// About which axes of the picture.
+        axes: Vec<Axis>,
+        /// How far it turned.
+        deg: f64,
+        /// As far as it has to.
+        least: f64,
+    },
+    /// The point hardly moved in the picture.
+    #[error(
+        "the point is seen {} of the picture only: its dots are spread by {px:.0} pixels the way they are spread less, and {least:.0} are needed; bring it to all parts of the picture, left and right, near and far",
+        if *.line { "along a line" } else { "in one place" }
+    )]
+    OnePlace {
+        /// Along a line, and not in one place.
+        line: bool,
+        /// Standard deviation across, pixels.
+        px: f64,
+        /// As large as it has to be.
+        least: f64,
+    },
+    /// No one plane and target.
+    #[error(
+        "no one place of the picture explains what is seen: {agreeing} of {pictures} pictures agree; did what is scanned rest, is it all that is bright in the picture (--clip), and are the poses those of these pictures?"
+    )]
+    Disagree {
+        /// Pictures that do.
+        agreeing: usize,
+        /// Pictures that show something.
+        pictures: usize,
+    },
+    /// Pixels that no scanner has.
+    #[error(
+        "a pixel would be {:.5} × {:.5} mm large{}; a sequence's positions are to be in mm", .pixel_mm[0], .pixel_mm[1],
+        .units.map_or(String::new(), |units| format!(", and of a possible size if the poses' positions are in {units}"))
+    )]
+    PixelSize {
+        /// Along u and v.
+        pixel_mm: [f64; 2],
+        /// By which they would be possible.
+        units: Option<Units>,
+    },
+    /// Too little of everything.
+    #[error(
+        "the pictures hardly say where the picture lies: a corner of it is known to {mm:.0} mm (one standard deviation), least of all {weakest}; take more pictures, tilt and turn the probe farther and both ways, and let what is scanned be seen all over the picture"
+    )]
+    Unsure {
+        /// Of the worst corner.
+        mm: f64,
+        /// The parameters that are known least.
+        weakest: String,
+    },
     /// Wires that never tell.
     #[error(
         "the dots that were recognised leave the picture's place open; scan so that wires of two N's at least are seen in most pictures"
@@ -139,4 +212,8 @@ pub enum Refused {
     /// The least squares say what is lacking.
     #[error(transparent)]
     Unsolved(#[from] Unsolved),
+}
+
+fn listed(axes: &[Axis], between: &str) -> String {
+    axes.iter().map(ToString::to_string).collect::<Vec<_>>().join(between)
 }

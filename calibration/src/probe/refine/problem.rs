@@ -3,14 +3,15 @@
 use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
 use nalgebra::{DMatrix, DVector};
 
-use crate::least_squares::{Blocks, Parameters, Rotation, Scale, Side, State, Vector, Whitening, rows, turned};
+use crate::least_squares::{Blocks, Parameters, Rotation, Side, State, Vector, Whitening, rows, turned};
 use crate::phantom::file::Registration;
 use crate::probe::layout::Layout;
 use crate::probe::plane::ImagePlane;
 use crate::probe::refine::Sought;
-use crate::probe::scatter::{Scatter, Scattered};
+use crate::probe::scatter::Scattered;
 use crate::probe::sighting::{Sighting, off_wire};
 use crate::probe::track::Track;
+use crate::probe::unknown::UnknownPlane;
 
 /// Trackers filter, and lag by up to some tenths of a second: a standard deviation that says no more, s.
 pub(super) const USUAL_LAG_S: f64 = 0.5;
@@ -22,10 +23,7 @@ const COLUMNS: usize = 16;
 /// The parameters.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Unknown {
-    pub(super) turn: Rotation,
-    pub(super) place: Vector<3>,
-    pub(super) size: Scale<2>,
-    pub(super) skew: Vector<1>,
+    pub(super) plane: UnknownPlane,
     pub(super) phantom_turn: Rotation,
     pub(super) phantom_shift: Vector<3>,
     pub(super) lag: Vector<1>,
@@ -37,7 +35,6 @@ pub(super) struct Problem<'a> {
     pub(super) sightings: &'a [Sighting],
     pub(super) track: &'a Track,
     pub(super) registration: Registration,
-    pub(super) pivot_px: DVec2,
     /// About which the phantom is turned, mm.
     pub(super) centre: DVec3,
     pub(super) unknown: Unknown,
@@ -58,8 +55,6 @@ pub(super) struct Picture {
 /// A dot at a state: where it is in the probe's frame, and by what.
 pub(super) struct Spot {
     pub(super) probe: DVec3,
-    /// From the pivot, turned.
-    pub(super) lever: DVec3,
     pub(super) phantom: DVec3,
     /// The phantom's point less the centre, turned.
     pub(super) phantom_lever: DVec3,
@@ -75,26 +70,11 @@ impl<'a> Problem<'a> {
         sought: Sought,
     ) -> (Self, Parameters) {
         let marks: Vec<DVec2> = sightings.iter().flat_map(|s| s.marks.iter().map(|mark| mark.at_px)).collect();
-        let pivot_px = marks.iter().sum::<DVec2>() / marks.len().max(1) as f64;
-        let reach = marks.iter().map(|px| px.distance(pivot_px)).fold(1.0, f64::max);
-
-        let [size_u, size_v] = start.pixel_mm();
-        let lever_mm = reach * size_u.max(size_v);
-        let x = start.u / size_u;
-        let y = (start.v - start.v.dot(x) * x).normalize();
-        let turn = DQuat::from_mat3(&DMat3::from_cols(x, y, x.cross(y)));
         let mut parameters = Parameters::new();
+        let plane = UnknownPlane::new(&mut parameters, start, &marks, sought.skew);
+        let lever_mm = plane.lever_mm();
         let unknown = Unknown {
-            turn: parameters.rotation("the picture's turn", Side::Right, 1.0 / lever_mm, turn),
-            place: parameters.point("the picture's place", 1.0, start.point(pivot_px)),
-            size: parameters.scale("pixel size", ["along u", "along v"], 1.0 / lever_mm, [size_u, start.v.dot(y)]),
-            skew: parameters.vector(
-                "skew",
-                [""],
-                "",
-                1.0 / lever_mm,
-                [if sought.skew { start.v.dot(x) / start.v.dot(y) } else { 0.0 }],
-            ),
+            plane,
             phantom_turn: parameters.rotation("the phantom's turn", Side::Left, 1.0 / lever_mm, DQuat::IDENTITY),
             phantom_shift: parameters.point("the phantom's place", 1.0, DVec3::ZERO),
             lag: parameters.vector("the lag", [""], "s", 0.1, [0.0]),
@@ -102,16 +82,13 @@ impl<'a> Problem<'a> {
         if !sought.lag {
             parameters.hold(unknown.lag);
         }
-        if !sought.skew {
-            parameters.hold(unknown.skew);
-        }
         if !sought.registration {
             parameters.hold(unknown.phantom_turn);
             parameters.hold(unknown.phantom_shift);
         }
         let wires = layout.geometry().wires();
         let centre = wires.iter().flat_map(|wire| wire.ends_mm).sum::<DVec3>() / (2 * wires.len()) as f64;
-        let problem = Problem { layout, sightings, track, registration: *registration, pivot_px, centre, unknown };
+        let problem = Problem { layout, sightings, track, registration: *registration, centre, unknown };
         (problem, parameters)
     }
 
@@ -138,11 +115,7 @@ impl<'a> Problem<'a> {
     }
 
     pub(super) fn plane(&self, state: &State) -> ImagePlane {
-        let turn = state.rotation(self.unknown.turn);
-        let ([size_u, size_v], [skew]) = (state.scale(self.unknown.size), state.vector(self.unknown.skew));
-        let (u, v) = (turn * (DVec3::X * size_u), turn * (DVec3::new(skew, 1.0, 0.0) * size_v));
-        let origin = state.point(self.unknown.place) - u * self.pivot_px.x - v * self.pivot_px.y;
-        ImagePlane { u, v, origin }
+        self.unknown.plane.plane(state)
     }
 
     /// From the probe to the phantom as registered, at the state's lag.
@@ -155,14 +128,11 @@ impl<'a> Problem<'a> {
     }
 
     pub(super) fn spot(&self, state: &State, map: &DAffine3, px: DVec2) -> Spot {
-        let plane = self.plane(state);
-        let from = px - self.pivot_px;
-        let lever = plane.u * from.x + plane.v * from.y;
-        let probe = lever + state.point(self.unknown.place);
+        let probe = self.plane(state).point(px);
         let registered = map.transform_point3(probe);
         let phantom_lever = state.rotation(self.unknown.phantom_turn) * (registered - self.centre);
         let phantom = phantom_lever + self.centre + state.point(self.unknown.phantom_shift);
-        Spot { probe, lever, phantom, phantom_lever }
+        Spot { probe, phantom, phantom_lever }
     }
 
     /// A picture's residuals, and what scatters them.
@@ -214,13 +184,10 @@ impl<'a> Problem<'a> {
         whitenings: &[DMatrix<f64>],
         blocks: &mut Blocks<'_>,
     ) {
-        let Unknown { turn, place, size, skew, phantom_turn, phantom_shift, lag } = self.unknown;
+        let Unknown { plane, phantom_turn, phantom_shift, lag } = self.unknown;
         let wires = self.layout.geometry().wires();
         let unit = Whitening::sd(1.0);
-        let sizes = state.scale(size);
-        let image_turn = state.rotation(turn);
         let about_phantom = DMat3::from_quat(state.rotation(phantom_turn));
-        let [skewed] = state.vector(skew);
         for (picture, whitening) in pictures.iter().zip(whitenings) {
             let marks = &self.sightings[picture.sighting].marks;
             let rows = 2 * picture.dots.len();
@@ -230,15 +197,8 @@ impl<'a> Problem<'a> {
             let map = about_phantom * registered.matrix3;
             for (number, mark) in picture.dots.iter().map(|&dot| &marks[dot]).enumerate() {
                 let spot = self.spot(state, &registered, mark.at_px);
-                let from = mark.at_px - self.pivot_px;
                 // How the point changes in the phantom's frame.
-                let own = image_turn.inverse() * spot.lever;
-                let by_turn = map * DMat3::from_quat(image_turn) * turned(own);
-                let by_size = [
-                    map * (image_turn * DVec3::new(sizes[0] * from.x, 0.0, 0.0)),
-                    map * (image_turn * (DVec3::new(skewed, 1.0, 0.0) * (sizes[1] * from.y))),
-                ];
-                let by_skew = map * (image_turn * DVec3::new(sizes[1] * from.y, 0.0, 0.0));
+                let by_plane = plane.changes(state, mark.at_px).map(|change| map * change);
                 let by_lag = about_phantom * picture.rate.transform_point3(spot.probe);
                 let by_phantom = turned(spot.phantom_lever);
                 let wire = &wires[mark.wire];
@@ -246,10 +206,9 @@ impl<'a> Problem<'a> {
                     let row = 2 * number + side;
                     residuals[row] = off;
                     if blocks.wants_derivatives() {
-                        let groups = [by_turn, map, by_phantom].map(|m| (m.transpose() * across).to_array());
-                        let [by_turn, by_place, by_phantom] = groups;
-                        let single = [by_size[0], by_size[1], by_skew, by_lag].map(|column| column.dot(across));
-                        let all = [&by_turn[..], &by_place, &single, &by_phantom, &across.to_array()].concat();
+                        let by_phantom = (by_phantom.transpose() * across).to_array();
+                        let by_plane = by_plane.map(|change| change.dot(across));
+                        let all = [&by_plane[..], &[by_lag.dot(across)], &by_phantom, &across.to_array()].concat();
                         all.into_iter().enumerate().for_each(|(column, x)| derivatives[(row, column)] = x);
                     }
                 }
@@ -258,12 +217,9 @@ impl<'a> Problem<'a> {
             for row in 0..rows {
                 let three = |first: usize| -> [f64; 3] { std::array::from_fn(|i| derivatives[(row, first + i)]) };
                 let one = |column: usize| derivatives[(row, column)];
-                blocks
-                    .add([residuals[row]], &unit)
-                    .by(turn, [three(0)])
-                    .by(place, [three(3)])
-                    .by(size, [[one(6), one(7)]])
-                    .by(skew, [[one(8)]])
+                let by_plane = [std::array::from_fn(one)];
+                plane
+                    .add_to(blocks.add([residuals[row]], &unit), by_plane)
                     .by(lag, [[one(9)]])
                     .by(phantom_turn, [three(10)])
                     .by(phantom_shift, [three(13)]);
@@ -330,12 +286,4 @@ impl<'a> Problem<'a> {
         }
         information
     }
-}
-
-/// What makes a picture's residuals independent and of standard deviation 1.
-pub(super) fn whitening(picture: &Scattered, scatter: Scatter) -> DMatrix<f64> {
-    let n = picture.residuals.len();
-    let factor = picture.factor(scatter).map(|factor| factor.l());
-    let inverse = factor.and_then(|l| l.solve_lower_triangular(&DMatrix::identity(n, n)));
-    inverse.unwrap_or_else(|| DMatrix::identity(n, n))
 }

@@ -1,4 +1,4 @@
-use glam::{DAffine3, DMat3, DQuat};
+use glam::{DAffine3, DMat3, DQuat, DVec2};
 
 use super::*;
 use crate::least_squares::check_jacobian;
@@ -40,8 +40,10 @@ fn derivatives_are_those_of_the_residuals() {
     let start = parameters.start();
     let pictures = problem.pictures(&start, &used);
     assert_eq!(pictures.len(), 5);
-    let whitenings: Vec<_> =
-        pictures.iter().map(|picture| whitening(&problem.scattered(&start, picture), Scatter::USUAL)).collect();
+    let whitenings: Vec<_> = pictures
+        .iter()
+        .map(|picture| problem.scattered(&start, picture).whitening(Scatter::USUAL.variances()))
+        .collect();
     let prior = problem.prior();
     let mut noise = noise::Noise::new(4);
     for _ in 0..5 {

@@ -227,7 +227,7 @@ fn word(outcome: Outcome) -> &'static str {
     match outcome {
         Outcome::Used => "used",
         Outcome::NoPose => "no valid pose",
-        Outcome::NoWires => "wires not recognised",
+        Outcome::Unseen => "wires not recognised",
         Outcome::NoPoseAtLag => "no pose after the lag",
         Outcome::Contradicted => "contradicted by the others",
     }

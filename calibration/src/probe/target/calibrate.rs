@@ -1,0 +1,178 @@
+//! From observed pictures to a calibration, or to the reason why there is none.
+
+use glam::{DAffine3, DMat3, DVec2};
+
+use super::glimpse::{Glimpse, Observation, Recording, Seen};
+use super::refine::{Refined, refine};
+use super::{Place, Target, held, motion, planes, points};
+use crate::probe::calibrate::{LEAST_PICTURES, Outcome, lattice, moved};
+use crate::probe::errors::Errors;
+use crate::probe::refused::{Refused, Units};
+use crate::probe::track::Track;
+
+/// Pixels of ultrasound pictures, mm: from high-frequency probes to whole abdomens.
+const PIXELS_MM: [f64; 2] = [0.01, 2.0];
+/// Of the pictures that show something this part has to agree.
+const AGREEING: f64 = 0.5;
+/// Where a corner of the picture would be known no better, mm (one standard deviation), nothing is known.
+const UNSURE_MM: f64 = 5.0;
+
+/// A picture's part.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Picture {
+    /// Which.
+    pub frame: usize,
+    /// What became of it.
+    pub outcome: Outcome,
+    /// Where the target was seen, pixels: a dot, or two points of a line.
+    pub seen_px: Vec<DVec2>,
+    /// How far from the target each of them lies, mm; empty where there is no pose.
+    pub off_mm: Vec<f64>,
+}
+
+/// A probe's calibration.
+#[derive(Debug, Clone)]
+pub struct Calibration {
+    /// The plane, the target, the lag, and how sure they are.
+    pub refined: Refined,
+    /// Pixels along u and v of the pictures that it holds for.
+    pub size_px: [u32; 2],
+    /// What became of each picture.
+    pub pictures: Vec<Picture>,
+    /// Distances of what is seen from the target, at the lag that was found.
+    pub errors: Errors,
+    /// The same, of pictures that had no part in the calibration.
+    pub validation: Option<Errors>,
+    /// Whether the validation's pictures are of the same recording: of a calibration from its first two thirds.
+    pub split: bool,
+}
+
+/// Calibrates.
+///
+/// # Errors
+/// [`Refused`] says why there is no calibration, and what to do.
+pub fn calibrate(
+    target: Target,
+    recording: Recording<'_>,
+    validation: Option<Recording<'_>>,
+) -> Result<Calibration, Refused> {
+    let (mut glimpses, track) = observed(target, recording)?;
+    let refined = fit(target, &mut glimpses, &track, recording)?;
+    let (mut validated, mut split) = (None, false);
+    if let Some(validation) = validation {
+        let (mut glimpses, track) = observed(target, validation)?;
+        let known = matches!(target, Target::Tip { .. }).then_some(refined.place);
+        validated = held::errors(&refined, &mut glimpses, &track, known);
+    } else if let Some((first, rest)) = glimpses.split_at_checked(2 * glimpses.len() / 3)
+        && let (mut first, mut rest) = (first.to_vec(), rest.to_vec())
+        && let Ok(of_first) = fit(target, &mut first, &track, recording)
+    {
+        // Neighbouring pictures are alike: what is held back is a stretch, not every third.
+        split = true;
+        validated = held::errors(&of_first, &mut rest, &track, Some(of_first.place));
+    }
+    let pictures = pictures(recording, &glimpses, &track, &refined);
+    let used = |picture: &&Picture| picture.outcome == Outcome::Used;
+    let errors = Errors::of(pictures.iter().filter(used).map(|picture| (picture.frame, picture.off_mm.clone())))
+        .ok_or(Refused::Disagree { agreeing: 0, pictures: glimpses.len() })?;
+    Ok(Calibration { refined, size_px: recording.size_px, pictures, errors, validation: validated, split })
+}
+
+/// The pictures that show the target and have poses, from a probe that moved.
+fn observed(target: Target, recording: Recording<'_>) -> Result<(Vec<Glimpse>, Track), Refused> {
+    let pictures = recording.observations.len();
+    if recording.observations.iter().all(|observation| observation.poses.is_none()) {
+        return Err(Refused::NoPoses { pictures });
+    }
+    let is_plane = target == Target::Plane;
+    let glimpses = recording.glimpses(is_plane);
+    if glimpses.len() < LEAST_PICTURES {
+        return Err(Refused::Unseen { line: is_plane, seen: glimpses.len(), pictures, least: LEAST_PICTURES });
+    }
+    let track = recording.poses();
+    let maps: Vec<DAffine3> = glimpses.iter().filter_map(|glimpse| glimpse.reference_from_probe(&track, 0.0)).collect();
+    moved(&maps)?;
+    Ok((glimpses, track))
+}
+
+/// The plane and the target of the glimpses, which take the spots that belong to it.
+fn fit(target: Target, glimpses: &mut [Glimpse], track: &Track, recording: Recording<'_>) -> Result<Refined, Refused> {
+    let Recording { size_px, timed, .. } = recording;
+    let map = |glimpse: &Glimpse| glimpse.reference_from_probe(track, 0.0);
+    let turns: Vec<DMat3> = glimpses.iter().filter_map(map).map(|map| map.matrix3).collect();
+    let refined = if target == Target::Plane {
+        motion::turned_over_plane(&turns, glimpses)?;
+        let refined = planes::find(glimpses, track, size_px, timed).ok_or(Refused::Open)??;
+        if let Place::Plane { normal, .. } = refined.place {
+            motion::saw_plane(&turns, &refined.plane, normal)?;
+        }
+        refined
+    } else {
+        let begun = points::start(target, glimpses, track, size_px, timed).ok_or(Refused::Open)?;
+        motion::spread(glimpses, &begun.agrees, size_px)?;
+        if target == Target::Point {
+            motion::turned_about_point(&turns, &begun.plane)?;
+        }
+        refine(target, glimpses, track, begun, timed)?
+    };
+    let agreeing = refined.used.iter().filter(|used| **used).count();
+    if agreeing < LEAST_PICTURES || (agreeing as f64) < AGREEING * glimpses.len() as f64 {
+        return Err(Refused::Disagree { agreeing, pictures: glimpses.len() });
+    }
+    let pixel_mm = refined.plane.pixel_mm();
+    let possible = |factor: f64| pixel_mm.iter().all(|mm| (PIXELS_MM[0]..=PIXELS_MM[1]).contains(&(mm * factor)));
+    if !possible(1.0) {
+        let units = Units::ALL.into_iter().find(|units| possible(units.factor()));
+        return Err(Refused::PixelSize { pixel_mm, units });
+    }
+    let [u, v] = size_px.map(|n| f64::from(n) - 1.0);
+    let corners = [[0.0, 0.0], [u, 0.0], [0.0, v], [u, v]].map(DVec2::from_array);
+    let mm = corners.map(|px| refined.predicted_mm(px)).into_iter().fold(0.0, f64::max);
+    if mm.is_nan() || mm > UNSURE_MM {
+        let weakest = refined.solution().directions().first().map_or(String::new(), ToString::to_string);
+        return Err(Refused::Unsure { mm, weakest });
+    }
+    Ok(refined)
+}
+
+/// What became of all pictures.
+fn pictures(recording: Recording<'_>, glimpses: &[Glimpse], track: &Track, refined: &Refined) -> Vec<Picture> {
+    let mut of_glimpses = glimpses.iter().zip(&refined.used).peekable();
+    let picture = |observation: &Observation| {
+        let frame = observation.frame;
+        let Some((glimpse, used)) = of_glimpses.next_if(|(glimpse, _)| glimpse.frame == frame) else {
+            let posed = observation.poses.is_some() || observation.seen == Seen::Nothing;
+            let outcome = if posed { Outcome::Unseen } else { Outcome::NoPose };
+            return Picture { frame, outcome, seen_px: Vec::new(), off_mm: Vec::new() };
+        };
+        let seen_px = glimpse.marks.clone();
+        let Some(map) = glimpse.reference_from_probe(track, refined.lag_s) else {
+            return Picture { frame, outcome: Outcome::NoPoseAtLag, seen_px, off_mm: Vec::new() };
+        };
+        let off = |px: &DVec2| refined.place.off_mm(map.transform_point3(refined.plane.point(*px)));
+        let off_mm = glimpse.marks.iter().map(off).collect();
+        let outcome = if *used { Outcome::Used } else { Outcome::Contradicted };
+        Picture { frame, outcome, seen_px, off_mm }
+    };
+    recording.observations.iter().map(picture).collect()
+}
+
+impl Calibration {
+    /// Pictures that have a part.
+    pub fn used(&self) -> usize {
+        self.pictures.iter().filter(|picture| picture.outcome == Outcome::Used).count()
+    }
+
+    /// Predicted error of where a pixel lies (one standard deviation, mm) on a lattice over the picture: rows of `count` numbers, from its first pixels to its last.
+    pub fn predicted_mm(&self, count: usize) -> Vec<Vec<f64>> {
+        lattice(self.size_px, count, |px| self.refined.predicted_mm(px))
+    }
+
+    /// Where the target is in the reference's frame.
+    pub fn place(&self) -> Place {
+        self.refined.place
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,106 @@
+use glam::DVec3;
+
+use super::*;
+use crate::noise::Noise;
+use crate::probe::simulated::places;
+use crate::probe::target::Axis;
+use crate::probe::target::simulated::{GOOD, Imperfect, Motion, Scan};
+use crate::probe::track::Poses;
+
+const TIP: Target = Target::Tip { place_mm: DVec3::new(2.0, -5.0, 140.0), error_mm: 0.2 };
+const USUAL: Imperfect =
+    Imperfect { position_mm: 0.1, turn_deg: 0.05, seen_px: 1.0, across_mm: 0.0, lag_s: 0.1, wrong: 0.25 };
+
+fn apart(found: &Calibration, scan: &Scan) -> f64 {
+    let off = |px| found.refined.plane.point(px).distance(scan.plane.point(px));
+    places().map(off).into_iter().fold(0.0, f64::max)
+}
+
+fn refused(target: Target, tilt: [f64; 3], change: impl Fn(&mut Observation)) -> Refused {
+    let motion = Motion { tilt: DVec3::from_array(tilt), ..GOOD };
+    let mut scan = Scan::new(target, 60, motion, USUAL, &mut Noise::new(30));
+    scan.observations.iter_mut().for_each(change);
+    calibrate(target, scan.recording(true), None).unwrap_err()
+}
+
+#[test]
+fn scans_are_calibrated_from_nothing_but_their_pictures_and_poses() {
+    for (target, most) in [(Target::Point, 0.4), (TIP, 0.4), (Target::Plane, 1.5)] {
+        for seed in 0..6 {
+            let mut noise = Noise::new(30 + seed);
+            let scan = Scan::new(target, 150, GOOD, USUAL, &mut noise);
+            let second = Scan::new(target, 60, GOOD, USUAL, &mut noise);
+            let split = calibrate(target, scan.recording(true), None).unwrap();
+            assert!(apart(&split, &scan) < most, "{target:?} {seed}: {}", apart(&split, &scan));
+            assert!((split.refined.lag_s - 0.1).abs() < 0.004, "{target:?} {seed}: {}", split.refined.lag_s);
+            let held = calibrate(target, scan.recording(true), Some(second.recording(true))).unwrap();
+            assert!(split.split && !held.split && held.refined.plane == split.refined.plane);
+            for errors in [&split.errors, split.validation.as_ref().unwrap(), held.validation.as_ref().unwrap()] {
+                assert!(errors.mean > 0.02 && errors.mean < 0.5, "{target:?} {seed}: {errors:?}");
+            }
+            // A quarter of the pictures show something else: of a point they show it, too.
+            let expected = if target == Target::Plane { 100..125 } else { 140..150 };
+            assert!(expected.contains(&split.used()), "{target:?} {seed}: {}", split.used());
+            assert_eq!(split.pictures.len(), 150);
+        }
+    }
+}
+
+#[test]
+fn the_same_scan_gives_the_same_bits() {
+    for target in [Target::Point, Target::Plane] {
+        let scan = Scan::new(target, 50, GOOD, USUAL, &mut Noise::new(7));
+        let one = || calibrate(target, scan.recording(true), None).unwrap().refined.plane;
+        assert_eq!(one(), one());
+    }
+}
+
+#[test]
+fn motions_that_do_not_do_are_refused_by_what_is_missing() {
+    let missing = |target: Target, tilt: [f64; 3]| match refused(target, tilt, |_| {}) {
+        Refused::NoTurn { axes, .. } => axes,
+        other => panic!("{target:?} {tilt:?}: {other}"),
+    };
+    let [u, v, normal] = [Axis::U, Axis::V, Axis::Normal];
+    assert_eq!(missing(Target::Point, [0.0; 3]), [u, v, normal]);
+    assert_eq!(missing(Target::Point, [0.5, 0.0, 0.0]), [v, normal]);
+    assert_eq!(missing(Target::Point, [0.0, 0.0, 0.5]), [u, v]);
+    assert_eq!(missing(Target::Plane, [0.0; 3]), [u, normal]);
+    assert_eq!(missing(Target::Plane, [0.5, 0.0, 0.0]), [normal]);
+    assert_eq!(missing(Target::Plane, [0.0, 0.0, 0.5]), [u]);
+    let said = refused(Target::Plane, [0.0, 0.0, 0.5], |_| {}).to_string();
+    assert!(said.contains("no rotation about u: ") && said.contains("tilt the probe fore and aft"), "{said}");
+    // A tip's place is known: no turn is needed.
+    let motion = Motion { tilt: DVec3::ZERO, ..GOOD };
+    let scan = Scan::new(TIP, 60, motion, USUAL, &mut Noise::new(30));
+    assert!(apart(&calibrate(TIP, scan.recording(true), None).unwrap(), &scan) < 0.8);
+}
+
+#[test]
+fn recordings_that_say_too_little_are_refused_with_a_sentence() {
+    for target in [Target::Point, TIP, Target::Plane] {
+        let said = |change: &dyn Fn(&mut Observation)| refused(target, [0.5; 3], change).to_string();
+        assert!(said(&|o| o.poses = None).contains("of 60 pictures none has valid poses"));
+        let unseen = said(&|o| {
+            if o.frame % 8 > 0 {
+                o.seen = Seen::Nothing;
+            }
+        });
+        assert!(unseen.contains("is seen in 8 of 60 pictures with valid poses, and in 10 it has to be"), "{unseen}");
+        let still = Scan::new(target, 60, GOOD, USUAL, &mut Noise::new(30));
+        let one = still.observations[0].poses;
+        let held = said(&|o| o.poses = one.map(|poses| Poses { time_s: o.time_s, ..poses }));
+        assert!(held.contains("all pictures are from one pose"), "{held}");
+    }
+    let in_one_place = Motion { part: 0.01, ..GOOD };
+    for target in [Target::Point, TIP] {
+        let scan = Scan::new(target, 60, in_one_place, Imperfect { wrong: 0.0, ..USUAL }, &mut Noise::new(30));
+        let said = calibrate(target, scan.recording(true), None).unwrap_err().to_string();
+        assert!(said.contains("the point is seen in one place of the picture only"), "{said}");
+    }
+    // Metres, by their size: a point says nothing else of it.
+    let said = refused(Target::Point, [0.5; 3], |o| {
+        o.poses = o.poses.map(|poses| Track::new(vec![poses]).scaled(0.001).poses()[0]);
+    });
+    assert!(matches!(said, Refused::PixelSize { units: Some(_), .. }), "{said}");
+}

@@ -1,0 +1,101 @@
+//! How far a calibration is off on pictures that had no part in it.
+//!
+//! Of the same recording the target is where the calibration found it. In another it may lie elsewhere: a point or a plane is put there where the pictures have it by the calibration, and what is told is how far they
+//! disagree about it. A stylus's tip is known in both.
+
+use glam::DVec3;
+use nalgebra::{Matrix3, SymmetricEigen};
+
+use super::Place;
+use super::glimpse::Glimpse;
+use super::refine::Refined;
+use crate::least_squares::Loss;
+use crate::least_squares::loss::spread;
+use crate::probe::errors::Errors;
+use crate::probe::track::Track;
+use crate::statistics::median;
+
+/// Rounds of weights.
+const ROUNDS: usize = 8;
+/// Rounding is no spread, mm.
+const LEAST_SPREAD_MM: f64 = 1e-9;
+
+/// Errors of the target's place by these pictures, but for those that show something else: distances of what is seen from where it is, mm.
+pub(super) fn errors(
+    refined: &Refined,
+    glimpses: &mut [Glimpse],
+    track: &Track,
+    known: Option<Place>,
+) -> Option<Errors> {
+    let mut place = known.or_else(|| place_of(&refined.place, &points(refined, glimpses, track)))?;
+    for _ in 0..ROUNDS {
+        for glimpse in glimpses.iter_mut() {
+            if let Some(map) = glimpse.reference_from_probe(track, refined.lag_s) {
+                glimpse.choose(|px| place.off_mm(map.transform_point3(refined.plane.point(px))));
+            }
+        }
+        if known.is_none() {
+            place = place_of(&place, &points(refined, glimpses, track))?;
+        }
+    }
+    let seen: Vec<(usize, Vec<f64>)> = (glimpses.iter())
+        .filter_map(|glimpse| {
+            let map = glimpse.reference_from_probe(track, refined.lag_s)?;
+            let off = |px| place.off_mm(map.transform_point3(refined.plane.point(px)));
+            Some((glimpse.frame, glimpse.marks.iter().copied().map(off).collect()))
+        })
+        .collect();
+    let components = if matches!(place, Place::Point(_)) { 3 } else { 1 };
+    let lengths: Vec<(usize, f64)> = seen.iter().flat_map(|(_, off)| off).map(|off| (components, *off)).collect();
+    let (scale, law) = (spread(&lengths).max(LEAST_SPREAD_MM), Loss::Tukey.of(components));
+    Errors::of(seen.into_iter().filter(|(_, off)| off.iter().all(|off| law.weight(off / scale) > 0.0)))
+}
+
+/// Where what is seen lies, in the reference's frame.
+fn points(refined: &Refined, glimpses: &[Glimpse], track: &Track) -> Vec<DVec3> {
+    let of_glimpse = |glimpse: &Glimpse| {
+        let map = glimpse.reference_from_probe(track, refined.lag_s)?;
+        Some(glimpse.marks.iter().map(|px| map.transform_point3(refined.plane.point(*px))).collect::<Vec<_>>())
+    };
+    glimpses.iter().filter_map(of_glimpse).flatten().collect()
+}
+
+/// The target that most points lie on; of the kind of another. `None` without points.
+fn place_of(kind: &Place, points: &[DVec3]) -> Option<Place> {
+    if points.is_empty() {
+        return None;
+    }
+    match kind {
+        Place::Point(_) => {
+            let along = |axis: usize| median(&mut points.iter().map(|point| point[axis]).collect::<Vec<_>>());
+            Some(Place::Point(DVec3::new(along(0), along(1), along(2))))
+        }
+        Place::Plane { .. } => {
+            let mut weights = vec![1.0; points.len()];
+            let mut place = *kind;
+            for round in 0..2 * ROUNDS {
+                place = through(points, &weights);
+                let off: Vec<f64> = points.iter().map(|point| place.off_mm(*point)).collect();
+                let scale = spread(&off.iter().map(|off| (1, *off)).collect::<Vec<_>>()).max(LEAST_SPREAD_MM);
+                let law = if round < ROUNDS { Loss::Huber } else { Loss::Tukey }.of(1);
+                weights = off.iter().map(|off| law.weight(off / scale)).collect();
+            }
+            Some(place)
+        }
+    }
+}
+
+/// The plane through weighted points: their distances from it have the least sum of squares.
+fn through(points: &[DVec3], weights: &[f64]) -> Place {
+    let total: f64 = weights.iter().sum();
+    let middle = points.iter().zip(weights).map(|(point, weight)| *point * *weight).sum::<DVec3>() / total;
+    let mut spread = Matrix3::<f64>::zeros();
+    for (point, weight) in points.iter().zip(weights) {
+        let off = (*point - middle).to_array();
+        spread += Matrix3::from_fn(|i, j| weight * off[i] * off[j]);
+    }
+    let eigen = SymmetricEigen::new(spread);
+    let least = (0..3).min_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b])).unwrap_or(0);
+    let normal = DVec3::from_array([0, 1, 2].map(|i| eigen.eigenvectors[(i, least)])).normalize();
+    Place::Plane { normal, distance_mm: normal.dot(middle) }
+}

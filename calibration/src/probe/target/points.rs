@@ -1,0 +1,185 @@
+//! Where to begin with a point: the plane and the point's place from dots and poses, by linear least squares.
+//!
+//! With the pose R, t of the probe in the reference's frame, a dot at (u, v) says u·**u** + v·**v** + **o** − Rᵀ**p** = −Rᵀt: three equations, linear in the plane's nine numbers and the point's
+//! three, and the poses give the scale. Which of a picture's spots is the point is not known, nor whether any is. Of guesses from a few pictures each, by their brightest spots, that is taken which half of all
+//! pictures agree with best (least median; Rousseeuw, J. Am. Stat. Assoc. 79, 1984); then every picture takes the spot that agrees best, and those that do not agree lose their weight.
+
+use glam::{DAffine3, DVec2, DVec3};
+
+use super::glimpse::Glimpse;
+use super::refine::Begun;
+use super::{Place, Target};
+use crate::least_squares::Loss;
+use crate::least_squares::loss::spread;
+use crate::probe::plane::{ImagePlane, Unit, solve};
+use crate::probe::track::Track;
+use crate::statistics::median;
+
+/// Numbers of the plane and the point.
+const UNKNOWN: usize = 12;
+/// Pictures of a guess: four determine all, and more of them determine it better.
+const PICTURES: usize = 7;
+/// Where 60 % of the brightest spots are the point, all guesses have another among theirs once in 10⁵ times.
+const GUESSES: u64 = 400;
+/// Spots of a picture that are looked at for a guess.
+const SPOTS: usize = 5;
+/// Pictures agree that are off by less than so many times what the middle one of all is.
+const AGREES: f64 = 5.0;
+/// Solutions by each loss.
+const ROUNDS: usize = 10;
+/// Rounding is no spread, mm.
+const LEAST_SPREAD_MM: f64 = 1e-9;
+/// The point is no farther from the probe than this, in so far as nothing else says where it is, mm: it keeps the equations solvable, and a degree of turning outweighs it.
+const ANYWHERE_MM: f64 = 1000.0;
+
+/// Lags that are tried where there are times, s: between two of them a hand goes on by some mm.
+const LAGS_S: [f64; 9] = [0.0, 0.1, -0.1, 0.2, -0.2, 0.3, -0.3, 0.4, -0.4];
+
+/// Begins, and lets every glimpse take its spot. `None` where the dots leave the plane open.
+pub(super) fn start(
+    target: Target,
+    glimpses: &mut [Glimpse],
+    track: &Track,
+    size_px: [u32; 2],
+    lag: bool,
+) -> Option<Begun> {
+    let lags = if lag { &LAGS_S[..] } else { &LAGS_S[..1] };
+    let mut best: Option<(f64, f64)> = None;
+    for &lag_s in lags {
+        let sums = Sums::new(target, glimpses, track, lag_s, size_px);
+        let Some((score, ..)) = sums.guessed(glimpses) else { continue };
+        if best.is_none_or(|(least, _)| score < least) {
+            best = Some((score, lag_s));
+        }
+    }
+    let (_, lag_s) = best?;
+    let sums = Sums::new(target, glimpses, track, lag_s, size_px);
+    let agreed = sums.agreeing(glimpses)?;
+    let (mut weights, mut found) = (agreed.clone(), None);
+    for round in 0..2 * ROUNDS {
+        let (plane, point) = sums.solved(sums.posed.iter().map(|&i| (i, glimpses[i].marks[0], weights[i])))?;
+        let mut off = vec![0.0; glimpses.len()];
+        for &i in &sums.posed {
+            glimpses[i].choose(|px| sums.off_mm(i, px, &plane, point));
+            off[i] = sums.off_mm(i, glimpses[i].marks[0], &plane, point);
+        }
+        // Who agrees with most others says where they are to meet; all are heard once they do.
+        let is_heard = |&i: &usize| round >= ROUNDS || agreed[i] > 0.0;
+        let heard: Vec<usize> = sums.posed.iter().copied().filter(is_heard).collect();
+        let spread_mm = spread(&heard.iter().map(|&i| (3, off[i])).collect::<Vec<_>>()).max(LEAST_SPREAD_MM);
+        let law = if round < ROUNDS { Loss::Huber } else { Loss::Tukey }.of(3);
+        weights.fill(0.0);
+        heard.iter().for_each(|&i| weights[i] = law.weight(off[i] / spread_mm));
+        let agrees = weights.iter().map(|weight| *weight > 0.0).collect();
+        found = Some(Begun { plane, place: Place::Point(point), lag_s, agrees });
+    }
+    found
+}
+
+/// Some of the glimpses, each at most once; the same ones for the same guess (Steele, Lea & Flood's SplitMix64).
+fn sample(posed: &[usize], guess: u64) -> [usize; PICTURES] {
+    let mut bits = guess.wrapping_mul(0xD1B5_4A32_D192_ED03);
+    let mut taken = [usize::MAX; PICTURES];
+    for k in 0..PICTURES {
+        while taken[k] == usize::MAX {
+            bits = bits.wrapping_add(0x9E37_79B9_7F4A_7C15);
+            let mut z = bits;
+            z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+            z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+            let one = posed[((z ^ (z >> 31)) % posed.len() as u64) as usize];
+            if !taken[..k].contains(&one) {
+                taken[k] = one;
+            }
+        }
+    }
+    taken
+}
+
+/// The equations of all pictures.
+struct Sums {
+    /// From the probe to the reference, by glimpse.
+    maps: Vec<Option<DAffine3>>,
+    /// The glimpses that have one.
+    posed: Vec<usize>,
+    unit: Unit,
+    /// About which the point is sought, mm, and how sure it is there.
+    about: DVec3,
+    sd_mm: f64,
+}
+
+impl Sums {
+    fn new(target: Target, glimpses: &[Glimpse], track: &Track, lag_s: f64, size_px: [u32; 2]) -> Self {
+        let maps: Vec<Option<DAffine3>> =
+            glimpses.iter().map(|glimpse| glimpse.reference_from_probe(track, lag_s)).collect();
+        let posed: Vec<usize> = (0..maps.len()).filter(|&i| maps[i].is_some()).collect();
+        let middle = maps.iter().flatten().map(|map| map.translation).sum::<DVec3>() / posed.len().max(1) as f64;
+        let (about, sd_mm) = match target {
+            Target::Tip { place_mm, error_mm } => (place_mm, error_mm),
+            Target::Point | Target::Plane => (middle, ANYWHERE_MM),
+        };
+        Self { maps, posed, unit: Unit::of(size_px), about, sd_mm }
+    }
+
+    /// The guess with which most glimpses agree, by whichever of their spots: how far the middle one of them is off, mm, and what is guessed.
+    fn guessed(&self, glimpses: &[Glimpse]) -> Option<(f64, ImagePlane, DVec3)> {
+        if self.posed.len() < PICTURES {
+            return None;
+        }
+        let mut best: Option<(f64, ImagePlane, DVec3)> = None;
+        for guess in 0..GUESSES {
+            let taken = sample(&self.posed, guess);
+            let brightest = taken.iter().map(|&i| (i, glimpses[i].candidates[0], 1.0));
+            let Some((plane, point)) = self.solved(brightest) else { continue };
+            let nearest = |&i: &usize| {
+                let spots = glimpses[i].candidates.iter().take(SPOTS);
+                spots.map(|px| self.off_mm(i, *px, &plane, point)).fold(f64::INFINITY, f64::min)
+            };
+            let score = median(&mut self.posed.iter().map(nearest).collect::<Vec<_>>());
+            if best.as_ref().is_none_or(|(least, ..)| score < *least) {
+                best = Some((score, plane, point));
+            }
+        }
+        best
+    }
+
+    /// Weights, 1 or 0: which glimpses agree with most, by the spots that they take for it.
+    fn agreeing(&self, glimpses: &mut [Glimpse]) -> Option<Vec<f64>> {
+        let (score, plane, point) = self.guessed(glimpses)?;
+        let mut weights = vec![0.0; glimpses.len()];
+        for &i in &self.posed {
+            glimpses[i].choose(|px| self.off_mm(i, px, &plane, point));
+            let off = self.off_mm(i, glimpses[i].marks[0], &plane, point);
+            weights[i] = f64::from(u8::from(off <= AGREES * score.max(LEAST_SPREAD_MM)));
+        }
+        Some(weights)
+    }
+
+    /// The plane and the point of weighted dots, as good as 1 mm each. `None` where they leave the plane open.
+    fn solved(&self, dots: impl Iterator<Item = (usize, DVec2, f64)>) -> Option<(ImagePlane, DVec3)> {
+        let (mut matrix, mut right) = ([[0.0; UNKNOWN]; UNKNOWN], [0.0; UNKNOWN]);
+        (9..UNKNOWN).for_each(|i| matrix[i][i] = self.sd_mm.powi(-2));
+        for (i, px, weight) in dots {
+            let Some(map) = self.maps[i].filter(|_| weight > 0.0) else { continue };
+            let at = self.unit.brought(px);
+            let back = map.matrix3.transpose();
+            let there = back * (self.about - map.translation);
+            for axis in 0..3 {
+                let mut row = [0.0; UNKNOWN];
+                (row[axis], row[3 + axis], row[6 + axis]) = (at.x, at.y, 1.0);
+                (0..3).for_each(|k| row[9 + k] = -back.col(k)[axis]);
+                for (k, entry) in row.iter().enumerate() {
+                    (0..=k).for_each(|l| matrix[k][l] += weight * entry * row[l]);
+                    right[k] += weight * entry * there[axis];
+                }
+            }
+        }
+        let x = solve(matrix, right)?;
+        let vector = |first: usize| DVec3::from_slice(&x[first..]);
+        Some((self.unit.plane(vector(0), vector(3), vector(6)), self.about + vector(9)))
+    }
+
+    /// How far a dot is from where the point is, mm.
+    fn off_mm(&self, i: usize, px: DVec2, plane: &ImagePlane, point: DVec3) -> f64 {
+        self.maps[i].map_or(f64::INFINITY, |map| map.transform_point3(plane.point(px)).distance(point))
+    }
+}

@@ -1,0 +1,479 @@
+//! The image plane and the place of the target that explain all pictures best.
+//!
+//! A residual is how far what is seen lies from the target, by the poses, in the reference's frame: of a point along three axes, of a line's two points along the plane's normal. What scatters
+//! them is found with the rest, as [`crate::probe::scatter`] does. A point's dot is less sure across the picture than in it, for a beam is some mm thick, so that each of the picture's three
+//! directions has a scatter of its own, in which the sensors' positions are contained; a line's two points are moved together by sensors' positions, and each by what its own echoes are worth. Turns of
+//! the sensors count by their levers. Pictures that the others contradict are left out.
+
+use glam::{DAffine3, DVec2, DVec3};
+use nalgebra::{DMatrix, DVector};
+
+use super::glimpse::Glimpse;
+use super::{Place, Target};
+use crate::frames::{Image, Probe, Transform};
+use crate::least_squares::loss::as_rare;
+use crate::least_squares::{Blocks, Noise, Parameters, Settings, Solution, State, Unsolved, Vector, Whitening, solve};
+use crate::probe::plane::ImagePlane;
+use crate::probe::scatter::{SOURCES, Scattered, settled};
+use crate::probe::track::Track;
+use crate::probe::unknown::{NUMBERS, UnknownPlane};
+use crate::statistics::correlation_length;
+
+/// How often scatter and plane are found in turn at most …
+const ROUNDS: usize = 20;
+/// … or until the lag changes by less than this, s, and the same pictures have a part.
+const SAME_LAG_S: f64 = 1e-6;
+/// Rounds before anything is left out: the scatter has to be known.
+const TRUSTING: usize = 2;
+/// A picture is left out that is off by so much that it would be as rare as this many standard deviations of one number: once in a million.
+const REACH: f64 = 4.9;
+/// Trackers filter, and lag by up to some tenths of a second: a standard deviation that says no more, s.
+pub(super) const USUAL_LAG_S: f64 = 0.5;
+
+/// Standard deviations of what scatters.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Scatter {
+    /// Of a point.
+    Point {
+        /// Sensors' orientations, about each axis, rad.
+        turn_rad: f64,
+        /// Along u, v and across the picture, mm: the dot's, and sensors' positions.
+        along_mm: [f64; 3],
+    },
+    /// Of a plane.
+    Plane {
+        /// Sensors' orientations, about each axis, rad.
+        turn_rad: f64,
+        /// Sensors' positions, along each axis, mm.
+        position_mm: f64,
+        /// The line's points across it, pixels.
+        line_px: f64,
+    },
+}
+
+/// What was found.
+#[derive(Debug, Clone)]
+pub struct Refined {
+    /// Where the picture lies in the probe's frame.
+    pub plane: ImagePlane,
+    /// Where the target is.
+    pub place: Place,
+    /// What scatters.
+    pub scatter: Scatter,
+    /// For how many pictures what scatters them lasts; 1 where each has its own. The errors that are predicted take it into account.
+    pub lasting: f64,
+    /// How much later poses come than pictures, s.
+    pub lag_s: f64,
+    /// Its standard error; 0 where it was not sought.
+    pub lag_se_s: f64,
+    /// By glimpse: whether it had a part.
+    pub(super) used: Vec<bool>,
+    pub(super) unknown: Unknown,
+    pub(super) solution: Solution,
+    /// What is known beforehand, by its information: of the target's place, and of the lag.
+    pub(super) known: [f64; KNOWN],
+    /// Squares of whitened residuals over what is left for them when the parameters have taken theirs.
+    pub(super) excess: f64,
+}
+
+/// Numbers of which something may be known beforehand: the target's three, and the lag.
+pub(super) const KNOWN: usize = 4;
+
+/// The parameters.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Unknown {
+    pub(super) plane: UnknownPlane,
+    pub(super) target: Vector<3>,
+    pub(super) lag: Vector<1>,
+}
+
+/// What the target's three numbers mean.
+#[derive(Debug, Clone, Copy)]
+enum Form {
+    /// A point's place.
+    Point,
+    /// How far the plane is turned out of its place at the start towards two directions along it, as far as that moves its points at a lever, and its distance from a point; mm.
+    Plane { along: [DVec3; 2], normal: DVec3, centre: DVec3, lever_mm: f64 },
+}
+
+/// One number of a picture: how far off, along what, and how it changes with the target's numbers.
+struct Off {
+    mm: f64,
+    along: DVec3,
+    by_target: [f64; 3],
+}
+
+impl Form {
+    fn place(&self, state: &State, target: Vector<3>) -> Place {
+        let numbers = state.vector(target);
+        match self {
+            Self::Point => Place::Point(DVec3::from_array(numbers)),
+            Self::Plane { along, normal, centre, lever_mm } => {
+                let [a, b, off] = numbers;
+                let normal = (*normal + (along[0] * a + along[1] * b) / *lever_mm).normalize();
+                Place::Plane { normal, distance_mm: normal.dot(*centre) + off }
+            }
+        }
+    }
+
+    /// How far a point is from the target.
+    fn off(&self, place: &Place, point: DVec3) -> Vec<Off> {
+        match (self, place) {
+            (Self::Plane { along, normal: start, centre, lever_mm }, Place::Plane { normal, distance_mm }) => {
+                // The normal is the start's, with something along the plane, brought to length 1: so long was it before.
+                let length = 1.0 / normal.dot(*start);
+                let from = point - *centre;
+                let by = |along: DVec3| (along - *normal * normal.dot(along)).dot(from) / (length * lever_mm);
+                let mm = normal.dot(point) - distance_mm;
+                vec![Off { mm, along: *normal, by_target: [by(along[0]), by(along[1]), -1.0] }]
+            }
+            (_, Place::Point(place)) => {
+                let off = (point - *place).to_array();
+                let axis = |i: usize| {
+                    let along = DVec3::AXES[i];
+                    Off { mm: off[i], along, by_target: (-along).to_array() }
+                };
+                vec![axis(0), axis(1), axis(2)]
+            }
+            (Self::Point, Place::Plane { .. }) => Vec::new(),
+        }
+    }
+}
+
+/// All that does not change from step to step.
+struct Problem<'a> {
+    target: Target,
+    glimpses: &'a [Glimpse],
+    track: &'a Track,
+    form: Form,
+    unknown: Unknown,
+    has_lag: bool,
+}
+
+/// A picture in a round: where the probe was at the lag of the round, and how that changes with it.
+struct Picture {
+    glimpse: usize,
+    lag_s: f64,
+    /// From the probe to the reference.
+    map: DAffine3,
+    /// Its change a second.
+    rate: DAffine3,
+}
+
+impl Picture {
+    fn map(&self, lag_s: f64) -> DAffine3 {
+        let later = lag_s - self.lag_s;
+        DAffine3 {
+            matrix3: self.map.matrix3 + self.rate.matrix3 * later,
+            translation: self.map.translation + self.rate.translation * later,
+        }
+    }
+}
+
+/// Where to begin.
+#[derive(Debug, Clone)]
+pub(super) struct Begun {
+    pub(super) plane: ImagePlane,
+    pub(super) place: Place,
+    pub(super) lag_s: f64,
+    /// By glimpse: whether it agrees.
+    pub(super) agrees: Vec<bool>,
+}
+
+/// Refines a start.
+///
+/// # Errors
+/// [`Unsolved`]: the pictures do not determine something, which it names.
+pub(super) fn refine(
+    target: Target,
+    glimpses: &[Glimpse],
+    track: &Track,
+    begun: Begun,
+    lag: bool,
+) -> Result<Refined, Unsolved> {
+    let (problem, parameters) = Problem::new(target, glimpses, track, &begun, lag);
+    problem.solve(parameters, begun.agrees)
+}
+
+impl<'a> Problem<'a> {
+    fn new(
+        target: Target,
+        glimpses: &'a [Glimpse],
+        track: &'a Track,
+        Begun { plane, place, lag_s, .. }: &Begun,
+        has_lag: bool,
+    ) -> (Self, Parameters) {
+        let marks: Vec<DVec2> = glimpses.iter().flat_map(|glimpse| glimpse.marks.iter().copied()).collect();
+        let mut parameters = Parameters::new();
+        let unknown_plane = UnknownPlane::new(&mut parameters, plane, &marks, false);
+        let (form, target_numbers) = match place {
+            Place::Point(at) => (Form::Point, parameters.point("the point's place", 1.0, *at)),
+            Place::Plane { normal, distance_mm } => {
+                let centre = middle(glimpses, track, plane, *lag_s);
+                let (first, second) = normal.any_orthonormal_pair();
+                let (along, lever_mm) = ([first, second], unknown_plane.lever_mm());
+                let off = distance_mm - normal.dot(centre);
+                let names = ["tilt", "other tilt", "distance"];
+                let numbers = parameters.vector("the plane's", names, "mm", 1.0, [0.0, 0.0, off]);
+                (Form::Plane { along, normal: *normal, centre, lever_mm }, numbers)
+            }
+        };
+        let lag = parameters.vector("the lag", [""], "s", 0.1, [*lag_s]);
+        if !has_lag {
+            parameters.hold(lag);
+        }
+        let unknown = Unknown { plane: unknown_plane, target: target_numbers, lag };
+        (Self { target, glimpses, track, form, unknown, has_lag }, parameters)
+    }
+
+    /// Variances of what usually scatters, by the sources.
+    fn usual(&self) -> [f64; SOURCES] {
+        match self.form {
+            Form::Point => [0.004, 0.3, 0.3, 0.5],
+            Form::Plane { .. } => [0.004, 0.3, 1.0, 1.0],
+        }
+        .map(|sd| sd * sd)
+    }
+
+    fn solve(&self, mut parameters: Parameters, mut used: Vec<bool>) -> Result<Refined, Unsolved> {
+        let settings = Settings { noise: Noise::Known, ..Settings::default() };
+        let mut variances = self.usual();
+        let mut round = 0;
+        loop {
+            let state = parameters.start();
+            let all = self.pictures(&state);
+            let has_part: Vec<&Picture> = all.iter().filter(|picture| used[picture.glimpse]).collect();
+            let scattered: Vec<Scattered> = has_part.iter().map(|picture| self.scattered(&state, picture)).collect();
+            variances = settled(&scattered, variances, self.usual());
+            let whitenings: Vec<DMatrix<f64>> = scattered.iter().map(|picture| picture.whitening(variances)).collect();
+            let solution = solve(&parameters, &settings, |state, blocks| {
+                self.put(state, &has_part, &whitenings, blocks);
+                self.put_priors(state, blocks);
+            })?;
+            let moved = solution.state.vector(self.unknown.lag)[0] - state.vector(self.unknown.lag)[0];
+            round += 1;
+            let mut agree = vec![false; used.len()];
+            for picture in &all {
+                let scattered = self.scattered(&solution.state, picture);
+                let squares = (scattered.whitening(variances) * &scattered.residuals).norm_squared();
+                agree[picture.glimpse] = squares <= as_rare(REACH, scattered.residuals.len()).powi(2);
+            }
+            let is_found = round > TRUSTING && agree == used && moved.abs() < SAME_LAG_S;
+            if round == ROUNDS || is_found {
+                let with = has_part.iter().map(|picture| picture.glimpse);
+                let mut has = vec![false; used.len()];
+                with.for_each(|glimpse| has[glimpse] = true);
+                return Ok(self.result(&has_part, &whitenings, has, variances, solution));
+            }
+            if round > TRUSTING {
+                used = agree;
+            }
+            parameters.begin_at(&solution.state);
+        }
+    }
+
+    fn result(
+        &self,
+        pictures: &[&Picture],
+        whitenings: &[DMatrix<f64>],
+        used: Vec<bool>,
+        variances: [f64; SOURCES],
+        solution: Solution,
+    ) -> Refined {
+        let state = &solution.state;
+        let (mut squares, mut count) = (0.0, 0);
+        for (picture, whitening) in pictures.iter().zip(whitenings) {
+            squares += (whitening * self.scattered(state, picture).residuals).norm_squared();
+            count += whitening.nrows();
+        }
+        let mut known = [0.0; KNOWN];
+        let mut freedom = 8 + 3 + usize::from(self.has_lag);
+        if let Target::Tip { error_mm, .. } = self.target {
+            known[..3].fill(error_mm.powi(-2));
+            freedom -= 3;
+        }
+        if self.has_lag {
+            known[3] = USUAL_LAG_S.powi(-2);
+        }
+        let [turn_rad, first, second, third] = variances.map(f64::sqrt);
+        let scatter = match self.form {
+            Form::Point => Scatter::Point { turn_rad, along_mm: [first, second, third] },
+            Form::Plane { .. } => Scatter::Plane { turn_rad, position_mm: first, line_px: second },
+        };
+        let refined = Refined {
+            plane: self.unknown.plane.plane(state),
+            place: self.form.place(state, self.unknown.target),
+            scatter,
+            lasting: self.lasting(state, pictures),
+            lag_s: state.vector(self.unknown.lag)[0],
+            lag_se_s: 0.0,
+            used,
+            unknown: self.unknown,
+            known,
+            // The most likely scatter is too small by what the parameters took.
+            excess: squares / count.saturating_sub(freedom).max(1) as f64,
+            solution,
+        };
+        let lag_se_s = refined.lag_variance().max(0.0).sqrt();
+        Refined { lag_se_s, ..refined }
+    }
+
+    /// After how many pictures what they are off by is another: the mean over the numbers of a picture, of a point along the picture's own directions.
+    fn lasting(&self, state: &State, pictures: &[&Picture]) -> f64 {
+        let plane = self.unknown.plane.plane(state);
+        let axes = [plane.u, plane.v, plane.u.cross(plane.v)].map(DVec3::normalize);
+        let numbers = |picture: &&Picture| -> Vec<f64> {
+            let residuals = self.scattered(state, picture).residuals;
+            match self.form {
+                Form::Point => {
+                    let off = DVec3::from_slice(residuals.as_slice());
+                    axes.map(|axis| (picture.map.matrix3 * axis).dot(off)).to_vec()
+                }
+                Form::Plane { .. } => vec![residuals[0] + residuals[1], residuals[0] - residuals[1]],
+            }
+        };
+        let rows: Vec<Vec<f64>> = pictures.iter().map(numbers).collect();
+        let count = rows.first().map_or(0, Vec::len);
+        let along = |i: usize| correlation_length(&rows.iter().map(|row| row[i]).collect::<Vec<_>>());
+        (0..count).map(along).sum::<f64>() / count.max(1) as f64
+    }
+
+    /// The pictures that have poses at the state's lag.
+    fn pictures(&self, state: &State) -> Vec<Picture> {
+        let [lag_s] = state.vector(self.unknown.lag);
+        let picture = |(glimpse, about): (usize, &Glimpse)| {
+            let map = about.reference_from_probe(self.track, lag_s)?;
+            let rate = self.track.rate(about.time_s + lag_s)?;
+            Some(Picture { glimpse, lag_s, map, rate })
+        };
+        self.glimpses.iter().enumerate().filter_map(picture).collect()
+    }
+
+    /// A picture's residuals, and what scatters them.
+    fn scattered(&self, state: &State, picture: &Picture) -> Scattered {
+        let marks = &self.glimpses[picture.glimpse].marks;
+        let has_reference = self.track.poses().first().is_some_and(|poses| poses.tracker_from_reference.is_some());
+        let sensors = if has_reference { 2 } else { 1 };
+        let plane = self.unknown.plane.plane(state);
+        let map = picture.map(state.vector(self.unknown.lag)[0]);
+        let place = self.form.place(state, self.unknown.target);
+        let all: Vec<(DVec3, DVec3, Off)> = (marks.iter())
+            .flat_map(|px| {
+                let probe = plane.point(*px);
+                let point = map.transform_point3(probe);
+                self.form.off(&place, point).into_iter().map(move |off| (probe, point, off))
+            })
+            .collect();
+        let n = all.len();
+        let residuals = DVector::from_iterator(n, all.iter().map(|(.., off)| off.mm));
+        let mut turns = DMatrix::zeros(n, 3 * sensors);
+        let axes = [plane.u, plane.v, plane.u.cross(plane.v)].map(DVec3::normalize);
+        for (row, (probe, point, off)) in all.iter().enumerate() {
+            let in_probe = map.matrix3.transpose() * off.along;
+            let of_probe = probe.cross(in_probe).to_array();
+            (0..3).for_each(|axis| turns[(row, axis)] = of_probe[axis]);
+            if has_reference {
+                let of_reference = point.cross(off.along).to_array();
+                (0..3).for_each(|axis| turns[(row, 3 + axis)] = of_reference[axis]);
+            }
+        }
+        let in_probe = |row: usize| map.matrix3.transpose() * all[row].2.along;
+        let by = match self.form {
+            Form::Point => {
+                let along = |axis: DVec3| DMatrix::from_fn(n, 1, |row, _| in_probe(row).dot(axis));
+                let [u, v, across] = axes.map(along);
+                [turns, u, v, across]
+            }
+            Form::Plane { .. } => {
+                let both = |row: usize| [in_probe(row), all[row].2.along];
+                let positions = DMatrix::from_fn(n, 3 * sensors, |row, at| both(row)[at / 3][at % 3]);
+                let line = marks[1] - marks[0];
+                let across = DVec2::new(-line.y, line.x).normalize_or(DVec2::Y);
+                let pixel_mm = plane.u * across.x + plane.v * across.y;
+                let own = DMatrix::from_fn(n, n, |row, at| if row == at { in_probe(row).dot(pixel_mm) } else { 0.0 });
+                [turns, positions, own, DMatrix::zeros(n, 0)]
+            }
+        };
+        Scattered { residuals, by }
+    }
+
+    /// Puts down the whitened residuals of all pictures.
+    fn put(&self, state: &State, pictures: &[&Picture], whitenings: &[DMatrix<f64>], blocks: &mut Blocks<'_>) {
+        let Unknown { plane, target, lag } = self.unknown;
+        let unit = Whitening::sd(1.0);
+        let (own, place) = (plane.plane(state), self.form.place(state, target));
+        for (picture, whitening) in pictures.iter().zip(whitenings) {
+            let map = picture.map(state.vector(lag)[0]);
+            let mut residuals = DVector::zeros(whitening.nrows());
+            let mut derivatives = DMatrix::zeros(whitening.nrows(), COLUMNS);
+            let mut row = 0;
+            for px in &self.glimpses[picture.glimpse].marks {
+                let probe = own.point(*px);
+                let changes = plane.changes(state, *px).map(|change| map.matrix3 * change);
+                let by_lag = picture.rate.transform_point3(probe);
+                for off in self.form.off(&place, map.transform_point3(probe)) {
+                    residuals[row] = off.mm;
+                    let all = changes.map(|change| change.dot(off.along)).into_iter().chain(off.by_target);
+                    all.chain([by_lag.dot(off.along)]).enumerate().for_each(|(i, x)| derivatives[(row, i)] = x);
+                    row += 1;
+                }
+            }
+            let (residuals, derivatives) = (whitening * residuals, whitening * derivatives);
+            for row in 0..residuals.len() {
+                let by = |i: usize| derivatives[(row, i)];
+                plane
+                    .add_to(blocks.add([residuals[row]], &unit), [std::array::from_fn(by)])
+                    .by(target, [std::array::from_fn(|i| by(NUMBERS + i))])
+                    .by(lag, [[by(COLUMNS - 1)]]);
+            }
+        }
+    }
+
+    /// What is known beforehand: of the tip's place, and of lags.
+    fn put_priors(&self, state: &State, blocks: &mut Blocks<'_>) {
+        let Unknown { target, lag, .. } = self.unknown;
+        if let Target::Tip { place_mm, error_mm } = self.target {
+            let unit = crate::least_squares::rows(glam::DMat3::IDENTITY);
+            blocks.add((state.point(target) - place_mm).to_array(), &Whitening::sd(error_mm)).by(target, unit);
+        }
+        if self.has_lag {
+            blocks.add(state.vector(lag), &Whitening::sd(USUAL_LAG_S)).by(lag, [[1.0]]);
+        }
+    }
+}
+
+/// Columns of all parameters: the plane's, the target's, the lag.
+const COLUMNS: usize = NUMBERS + 4;
+
+/// The middle of all that is seen, in the reference's frame.
+fn middle(glimpses: &[Glimpse], track: &Track, plane: &ImagePlane, lag_s: f64) -> DVec3 {
+    let point = |glimpse: &Glimpse| {
+        let map = glimpse.reference_from_probe(track, lag_s)?;
+        Some(
+            glimpse.marks.iter().map(|px| map.transform_point3(plane.point(*px))).sum::<DVec3>()
+                / glimpse.marks.len() as f64,
+        )
+    };
+    let points: Vec<DVec3> = glimpses.iter().filter_map(point).collect();
+    points.iter().sum::<DVec3>() / points.len().max(1) as f64
+}
+
+impl Refined {
+    /// The plane as a transform.
+    pub fn probe_from_image(&self) -> Transform<Probe, Image> {
+        Transform::from_affine(self.plane.affine())
+    }
+
+    /// Largest over smallest singular value of the problem, by its parameters' typical sizes.
+    pub fn condition(&self) -> f64 {
+        self.solution.condition
+    }
+
+    /// The solution with its parameters' covariance.
+    pub fn solution(&self) -> &Solution {
+        &self.solution
+    }
+}
+
+#[cfg(test)]
+mod tests;

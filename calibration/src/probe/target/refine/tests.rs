@@ -1,0 +1,153 @@
+use super::*;
+use crate::least_squares::check_jacobian;
+use crate::noise::{Noise as Random, mahalanobis};
+use crate::probe::simulated::places;
+use crate::probe::target::simulated::{GOOD, Imperfect, Scan};
+
+const TARGETS: [Target; 3] =
+    [Target::Point, Target::Tip { place_mm: DVec3::new(2.0, -5.0, 140.0), error_mm: 0.2 }, Target::Plane];
+
+/// A scan's glimpses, begun with a plane and a place that are a little off.
+fn begun(scan: &Scan) -> (Vec<Glimpse>, Track, Begun) {
+    let recording = scan.recording(false);
+    let off = DAffine3::from_rotation_translation(
+        glam::DQuat::from_scaled_axis(DVec3::new(0.05, -0.04, 0.06)),
+        DVec3::new(1.0, -2.0, 1.5),
+    );
+    let place = match scan.place {
+        Place::Point(at) => Place::Point(at + DVec3::new(1.0, 0.0, -1.0)),
+        Place::Plane { normal, distance_mm } => {
+            let normal = (normal + DVec3::new(0.05, -0.03, 0.02)).normalize();
+            Place::Plane { normal, distance_mm: distance_mm + 1.0 }
+        }
+    };
+    let glimpses = recording.glimpses(scan.target == Target::Plane);
+    let agrees = vec![true; glimpses.len()];
+    (glimpses, recording.poses(), Begun { plane: scan.plane.seen_by(&off), place, lag_s: 0.0, agrees })
+}
+
+fn found(scan: &Scan, lag: bool) -> Refined {
+    let (glimpses, track, begun) = begun(scan);
+    refine(scan.target, &glimpses, &track, begun, lag).unwrap()
+}
+
+/// Largest distance at the corners and the centre, mm.
+fn apart(a: &ImagePlane, b: &ImagePlane) -> f64 {
+    places().map(|px| a.point(px).distance(b.point(px))).into_iter().fold(0.0, f64::max)
+}
+
+#[test]
+fn derivatives_are_those_of_the_residuals() {
+    let imperfect = Imperfect { position_mm: 1.0, turn_deg: 1.0, seen_px: 3.0, lag_s: 0.05, ..Imperfect::default() };
+    for target in TARGETS {
+        let scan = Scan::new(target, 5, GOOD, imperfect, &mut Random::new(3));
+        let (glimpses, track, begun) = begun(&scan);
+        let (problem, parameters) = Problem::new(target, &glimpses, &track, &begun, true);
+        let start = parameters.start();
+        let pictures = problem.pictures(&start);
+        let pictures: Vec<&Picture> = pictures.iter().collect();
+        assert_eq!(pictures.len(), 5);
+        let whitenings: Vec<_> =
+            pictures.iter().map(|p| problem.scattered(&start, p).whitening(problem.usual())).collect();
+        let mut random = Random::new(4);
+        for _ in 0..5 {
+            let step: Vec<f64> = (0..parameters.steps()).map(|_| 0.02 * random.normal()).collect();
+            let check = check_jacobian(&parameters, &parameters.moved(&start, &step), |state, blocks| {
+                problem.put(state, &pictures, &whitenings, blocks);
+                problem.put_priors(state, blocks);
+            });
+            assert!(check.largest < 1e-6, "{target:?} {check:?}");
+        }
+    }
+}
+
+#[test]
+fn without_noise_the_truth_is_found() {
+    for target in TARGETS {
+        let scan = Scan::new(target, 60, GOOD, Imperfect::default(), &mut Random::new(1));
+        for lag in [false, true] {
+            let refined = found(&scan, lag);
+            assert!(apart(&refined.plane, &scan.plane) < 1e-6, "{target:?} {:?}", refined.plane);
+            assert!(refined.used.iter().all(|used| *used) && refined.lag_s.abs() < 1e-6);
+        }
+    }
+}
+
+#[test]
+fn the_predicted_error_is_the_error() {
+    let seeds = 400;
+    for target in TARGETS {
+        let imperfect =
+            Imperfect { position_mm: 0.2, turn_deg: 0.1, seen_px: 2.0, across_mm: 0.5, ..Imperfect::default() };
+        // A plane tells less: with more noise than this the errors are too large to be linear in it.
+        let of_plane = Imperfect { position_mm: 0.05, turn_deg: 0.03, seen_px: 0.5, ..Imperfect::default() };
+        let (imperfect, pictures) = if target == Target::Plane { (of_plane, 120) } else { (imperfect, 60) };
+        let mut sums = [0.0; 5];
+        for seed in 0..seeds {
+            let mut random = Random::new(1000 + seed);
+            let off = random.vector(0.2);
+            let scan = Scan::new(target, pictures, GOOD, imperfect, &mut random);
+            // A tip is known as well as its error says.
+            let target = match target {
+                Target::Tip { place_mm, error_mm } => Target::Tip { place_mm: place_mm + off, error_mm },
+                other => other,
+            };
+            let refined = found(&Scan { target, ..scan }, false);
+            for (sum, px) in sums.iter_mut().zip(places()) {
+                let error = refined.plane.point(px) - scan.plane.point(px);
+                *sum += mahalanobis(error.to_array(), &refined.covariance_mm2(px));
+            }
+        }
+        let means = sums.map(|sum| sum / seeds as f64);
+        assert!(means.iter().all(|mean| (mean - 3.0).abs() < 0.35), "{target:?} {means:?}");
+    }
+}
+
+#[test]
+fn with_a_good_tracker_and_good_pictures_it_is_found_to_hundredths_of_a_millimetre() {
+    let imperfect = Imperfect { position_mm: 0.05, seen_px: 0.2, ..Imperfect::default() };
+    for target in TARGETS {
+        let target =
+            if let Target::Tip { place_mm, .. } = target { Target::Tip { place_mm, error_mm: 1e-3 } } else { target };
+        let (mut sums, mut turns) = ([0.0; 5], 0.0);
+        for seed in 0..8 {
+            let scan = Scan::new(target, 300, GOOD, imperfect, &mut Random::new(20 + seed));
+            let refined = found(&scan, false);
+            for (sum, px) in sums.iter_mut().zip(places()) {
+                *sum += refined.plane.point(px).distance_squared(scan.plane.point(px)) / 8.0;
+            }
+            let axes =
+                |p: &ImagePlane| glam::DMat3::from_cols(p.u.normalize(), p.v.normalize(), p.u.cross(p.v).normalize());
+            let turn = glam::DQuat::from_mat3(&(axes(&refined.plane) * axes(&scan.plane).transpose()));
+            turns += turn.to_scaled_axis().length_squared() / 8.0;
+        }
+        // Centre, corner and turn: a plane says less of the place than a point.
+        let [far, centre, turn] = [sums[..4].iter().copied().fold(0.0, f64::max), sums[4], turns].map(f64::sqrt);
+        let most = match target {
+            Target::Point => [0.03, 0.02, 0.025],
+            Target::Tip { .. } => [0.025, 0.01, 0.025],
+            Target::Plane => [0.065, 0.06, 0.03],
+        };
+        let reached = [far, centre, turn.to_degrees()];
+        assert!(reached.iter().zip(most).all(|(reached, most)| *reached < most), "{target:?} {reached:?}");
+    }
+}
+
+#[test]
+fn a_lag_is_found() {
+    let imperfect = Imperfect { position_mm: 0.05, turn_deg: 0.03, seen_px: 0.5, lag_s: 0.3, ..Imperfect::default() };
+    for target in TARGETS {
+        let scan = Scan::new(target, 200, GOOD, imperfect, &mut Random::new(5));
+        let refined = found(&scan, true);
+        assert!(
+            (refined.lag_s - 0.3).abs() < 0.001 && refined.lag_se_s < 0.001,
+            "{} {}",
+            refined.lag_s,
+            refined.lag_se_s
+        );
+        assert!((refined.lag_s - 0.3).abs() < 4.0 * refined.lag_se_s && refined.lag_se_s > 1e-5);
+        assert!(apart(&refined.plane, &scan.plane) < 0.4, "{target:?} {}", apart(&refined.plane, &scan.plane));
+        let without = found(&scan, false);
+        assert!(apart(&without.plane, &scan.plane) > 1.0, "{target:?}");
+    }
+}

@@ -1,0 +1,123 @@
+//! The image plane as parameters of least squares: its turn and place in the probe's frame, a pixel's size along u and v, and, where it is asked for, how much they are askew.
+
+use glam::{DMat3, DQuat, DVec2, DVec3};
+
+use super::plane::ImagePlane;
+use crate::least_squares::{Certainty, Parameters, Residual, Rotation, Scale, Side, State, Vector, turned};
+
+/// The plane's numbers and their units: turns about u, v and the picture's normal, the place of the pixel about which it is turned, sizes of a pixel, the cosine between u and v.
+pub const PLANE: [&str; 9] = [
+    "turn about x (rad)",
+    "turn about y (rad)",
+    "turn about z (rad)",
+    "place x (mm)",
+    "place y (mm)",
+    "place z (mm)",
+    "pixel along u (relative)",
+    "pixel along v (relative)",
+    "skew",
+];
+
+/// How many they are.
+pub(super) const NUMBERS: usize = PLANE.len();
+
+/// Where the plane is among the parameters.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct UnknownPlane {
+    turn: Rotation,
+    place: Vector<3>,
+    size: Scale<2>,
+    skew: Vector<1>,
+    pivot_px: DVec2,
+    lever_mm: f64,
+}
+
+impl UnknownPlane {
+    /// Begins at a plane and turns about the middle of the pixels that are seen. What typical turns and sizes are their reach says.
+    pub(super) fn new(parameters: &mut Parameters, start: &ImagePlane, seen_px: &[DVec2], skew: bool) -> Self {
+        let pivot_px = seen_px.iter().sum::<DVec2>() / seen_px.len().max(1) as f64;
+        let reach = seen_px.iter().map(|px| px.distance(pivot_px)).fold(1.0, f64::max);
+        let [size_u, size_v] = start.pixel_mm();
+        let lever_mm = reach * size_u.max(size_v);
+        let x = start.u / size_u;
+        let y = (start.v - start.v.dot(x) * x).normalize();
+        let turn = DQuat::from_mat3(&DMat3::from_cols(x, y, x.cross(y)));
+        let skewed = if skew { start.v.dot(x) / start.v.dot(y) } else { 0.0 };
+        let unknown = Self {
+            turn: parameters.rotation("the picture's turn", Side::Right, 1.0 / lever_mm, turn),
+            place: parameters.point("the picture's place", 1.0, start.point(pivot_px)),
+            size: parameters.scale("pixel size", ["along u", "along v"], 1.0 / lever_mm, [size_u, start.v.dot(y)]),
+            skew: parameters.vector("skew", [""], "", 1.0 / lever_mm, [skewed]),
+            pivot_px,
+            lever_mm,
+        };
+        if !skew {
+            parameters.hold(unknown.skew);
+        }
+        unknown
+    }
+
+    /// The pixel whose place the plane's place is.
+    pub(super) fn pivot_px(&self) -> DVec2 {
+        self.pivot_px
+    }
+
+    /// How far from there the farthest of what is seen is, mm, at the start.
+    pub(super) fn lever_mm(&self) -> f64 {
+        self.lever_mm
+    }
+
+    /// The plane at a state.
+    pub(super) fn plane(&self, state: &State) -> ImagePlane {
+        let turn = state.rotation(self.turn);
+        let ([size_u, size_v], [skew]) = (state.scale(self.size), state.vector(self.skew));
+        let (u, v) = (turn * (DVec3::X * size_u), turn * (DVec3::new(skew, 1.0, 0.0) * size_v));
+        let origin = state.point(self.place) - u * self.pivot_px.x - v * self.pivot_px.y;
+        ImagePlane { u, v, origin }
+    }
+
+    /// How a pixel's place in the probe's frame changes with each of the plane's numbers.
+    pub(super) fn changes(&self, state: &State, px: DVec2) -> [DVec3; NUMBERS] {
+        let turn = DMat3::from_quat(state.rotation(self.turn));
+        let ([size_u, size_v], [skew]) = (state.scale(self.size), state.vector(self.skew));
+        let from = px - self.pivot_px;
+        let own = DVec3::new(size_u * from.x + skew * size_v * from.y, size_v * from.y, 0.0);
+        let by_turn = turn * turned(own);
+        [
+            by_turn.x_axis,
+            by_turn.y_axis,
+            by_turn.z_axis,
+            DVec3::X,
+            DVec3::Y,
+            DVec3::Z,
+            turn * DVec3::new(size_u * from.x, 0.0, 0.0),
+            turn * (DVec3::new(skew, 1.0, 0.0) * (size_v * from.y)),
+            turn * DVec3::new(size_v * from.y, 0.0, 0.0),
+        ]
+    }
+
+    /// Adds derivatives by the plane's numbers to a residual's.
+    pub(super) fn add_to<'b, 'a, const N: usize>(
+        &self,
+        residual: Residual<'b, 'a, N>,
+        derivatives: [[f64; NUMBERS]; N],
+    ) -> Residual<'b, 'a, N> {
+        residual
+            .by(self.turn, derivatives.map(|row| [row[0], row[1], row[2]]))
+            .by(self.place, derivatives.map(|row| [row[3], row[4], row[5]]))
+            .by(self.size, derivatives.map(|row| [row[6], row[7]]))
+            .by(self.skew, derivatives.map(|row| [row[8]]))
+    }
+
+    /// Covariance of the plane's own numbers, as [`PLANE`] names them. Of a skew that was not sought it is 0.
+    pub(super) fn covariance(&self, certainty: &Certainty) -> [[f64; NUMBERS]; NUMBERS] {
+        let unit = std::array::from_fn(|row| std::array::from_fn(|column| f64::from(u8::from(row == column))));
+        certainty.propagated(|numbers| self.add_to(numbers, unit))
+    }
+
+    /// Derivatives of a pixel's place as the first of N numbers; the others do not depend on the plane.
+    pub(super) fn first_of<const N: usize>(&self, state: &State, px: DVec2) -> [[f64; NUMBERS]; N] {
+        let changes = self.changes(state, px);
+        std::array::from_fn(|row| if row < 3 { changes.map(|change| change[row]) } else { [0.0; NUMBERS] })
+    }
+}
