@@ -16,6 +16,7 @@ mod paths;
 mod phantom;
 mod place;
 mod planes;
+mod probe;
 mod refusals;
 mod render;
 mod replay;

@@ -99,7 +99,7 @@ fn shine(surface: &Material, cosine: f64) -> f64 {
     exp(-0.5 * sine_squared / (lobe * lobe)) + surface.diffuse * cosine
 }
 
-/// Adds the echoes of wires, each where its axis is, and behind it weaker ones a diameter apart.
+/// Adds the echoes of wires, each from where sound meets it, half a diameter before its axis, and behind it weaker ones a diameter apart.
 #[derive(Debug)]
 pub(super) struct Wires<'a> {
     pub(super) beams: Beams<'a>,
@@ -129,7 +129,8 @@ impl Wires<'_> {
         let direction = along / length;
         for point in points {
             let p = from + direction * (point as f64 * step);
-            let [lateral, range] = layout.transducer.locate(p.truncate());
+            let [lateral, axis] = layout.transducer.locate(p.truncate());
+            let range = axis - 0.5 * wire.diameter_mm;
             let (column, row) = (layout.column(lateral), range / layout.range_step + layout.above as f64);
             let inside = column >= 0.0 && column + 1.0 < layout.columns as f64 && row >= layout.above as f64;
             if !inside || row + 1.0 >= layout.rows as f64 {

@@ -133,6 +133,7 @@ fn a_wire_is_where_geometry_says_and_as_wide_as_the_beam() {
     for scanner in [Scanner { beams: 400, ..linear(effects) }, curved] {
         for depth in [15.0, 30.0, 50.0] {
             let wire = Wire::nylon("a", [3.3, depth, -25.0], [3.3, depth, 25.0]);
+            let wire_mm = wire.diameter_mm;
             let bmode = over(scanner, Body { wires: vec![wire], ..tissue(0.0) });
             let layout = bmode.layout();
             let amplitudes: Vec<Vec<f64>> =
@@ -146,7 +147,8 @@ fn a_wire_is_where_geometry_says_and_as_wide_as_the_beam() {
                 }
             }
             let middle = first / sum;
-            let found = layout.transducer.place(middle.x, middle.y);
+            // Sound comes back from the wire's surface.
+            let found = layout.transducer.place(middle.x, middle.y + 0.5 * wire_mm);
             assert!(found.distance(DVec2::new(3.3, depth)) < 0.02, "{found} {depth}");
             let sigma = (second / sum - middle * middle).map(f64::sqrt);
             let across = sigma.x * layout.transducer.mm_per_lateral(middle.y);
@@ -184,7 +186,7 @@ fn wires_of_a_tilted_slice_are_painted_at_their_crossings() {
     let body = bmode.body();
     let body_from_image = body.world_from_body.inverse() * world_from_picture.affine() * centre;
     for wire in &body.wires {
-        let at = wire.crossing(&body_from_image).unwrap();
+        let at = wire.crossing(&body_from_image).unwrap() - DVec2::Y * (0.5 * wire.diameter_mm / pixel);
         let (mut sum, mut first) = (0.0, DVec2::ZERO);
         for (k, grey) in picture.iter().enumerate() {
             let p = DVec2::new((k % 300) as f64, (k / 300) as f64);

@@ -1,0 +1,155 @@
+//! `calibrate probe`: a scan of N-wires at a virtual bedside leads to a calibration, and that to a volume in which the wires are where they are.
+
+use glam::{DMat4, DVec2, DVec3};
+use toml::Value;
+
+use super::place::{Place, Volume};
+
+/// A tracker that trembles, and a grabber that is late; the configuration says nothing of either.
+const BEDSIDE: &str = r#"format = "sonoweave-bedside"
+version = 1
+[tracker]
+model = "fastrak"
+port = "virtual"
+reference_station = 2
+[grabber]
+device = "virtual"
+size = "320x240"
+[volume]
+spacing_mm = 0.3
+[virtual]
+scene = "n-wire"
+frames = 240
+tracker_noise_mm = 0.05
+tracker_noise_deg = 0.05
+[virtual.line]
+jitter_ms = 0.5
+[virtual.grabber]
+latency_ms = 40.0
+jitter_ms = 2.0
+"#;
+
+/// Runs the bedside for so many seconds; the session that was recorded.
+fn recorded(place: &Place, bedside: &str, seconds: f64) -> String {
+    place.put("bedside.toml", bedside);
+    let run = place.run(&format!("live --config bedside.toml --duration {seconds} --record sessions --quiet"));
+    assert_eq!(run.code, 0, "{} {}", run.stdout, run.stderr);
+    let entry = std::fs::read_dir(place.path("sessions")).unwrap().next().unwrap().unwrap();
+    format!("sessions/{}", entry.file_name().to_string_lossy())
+}
+
+/// The same phantom, and the transducer's true calibration.
+fn truth(place: &Place) {
+    place.does(
+        "phantom -o scan.mha --scene n-wire --frames 2 --image-size 320x240 --phantom phantom.toml --calibration truth.toml",
+    );
+}
+
+fn table(place: &Place, name: &str) -> Value {
+    Value::Table(std::str::from_utf8(&place.get(name)).unwrap().parse().unwrap())
+}
+
+fn numbers(value: &Value) -> Vec<f64> {
+    value.as_array().unwrap().iter().map(|x| x.as_float().unwrap()).collect()
+}
+
+/// Row major.
+fn matrix(value: &Value) -> DMat4 {
+    DMat4::from_cols_slice(&numbers(value)).transpose()
+}
+
+/// The phantom's wires in the world: their names and ends.
+fn wires(place: &Place) -> Vec<(String, [DVec3; 2])> {
+    let phantom = table(place, "phantom.toml");
+    let held = matrix(&phantom["phantom_to_reference"]["matrix"]);
+    let patterns = phantom["pattern"].as_array().unwrap().iter();
+    let wire = |wire: &Value| {
+        let end = |key: &str| held.transform_point3(DVec3::from_slice(&numbers(&wire[key])));
+        (wire["name"].as_str().unwrap().to_owned(), ["from_mm", "to_mm"].map(end))
+    };
+    patterns.flat_map(|pattern| pattern["wire"].as_array().unwrap().iter().map(wire)).collect()
+}
+
+/// Between voxels, in the world; 0 outside.
+fn grey(volume: &Volume, world: DVec3) -> f64 {
+    let at = (world - DVec3::from_array(volume.header.origin)) / DVec3::from_array(volume.header.spacing);
+    let (low, part) = (at.floor(), at - at.floor());
+    let corner = |k: usize| {
+        let up = DVec3::new((k & 1) as f64, (k >> 1 & 1) as f64, (k >> 2) as f64);
+        let weight = (DVec3::ONE - part) * (DVec3::ONE - up) + part * up;
+        let voxel = (low + up).to_array().map(|x| x as i64);
+        f64::from(volume.at(voxel).unwrap_or(0.0)) * weight.x * weight.y * weight.z
+    };
+    (0..8).map(corner).sum()
+}
+
+/// Where the middle lies of what a volume shows of a wire at a place of its axis, across the wire from there: of what is brighter than half of the brightest, mm. `None` where it is not seen.
+fn middle(volume: &Volume, at: DVec3, direction: DVec3) -> Option<DVec2> {
+    const STEP: f64 = 0.15;
+    let (x, y) = direction.any_orthonormal_pair();
+    let places = (-12..=12).flat_map(|i| (-12..=12).map(move |j| DVec2::new(f64::from(i), f64::from(j)) * STEP));
+    let seen: Vec<(DVec2, f64)> = places.map(|p| (p, grey(volume, at + x * p.x + y * p.y))).collect();
+    let brightest = seen.iter().map(|(_, grey)| *grey).fold(0.0, f64::max);
+    let own = seen.iter().map(|(p, grey)| (*p, (grey - 0.5 * brightest).max(0.0)));
+    let (sum, first) = own.fold((0.0, DVec2::ZERO), |(sum, first), (p, w)| (sum + w, first + p * w));
+    (brightest > 80.0).then_some(first / sum)
+}
+
+/// How far a volume's wires lie from where they are, mm, in their order: at every second millimetre of the middle 28 of each, and at both ends of these the line through all of a wire's middles.
+fn distances(place: &Place, volume: &str) -> [Vec<f64>; 2] {
+    let volume = place.volume(volume);
+    let (mut of_places, mut of_lines) = (Vec::new(), Vec::new());
+    for (name, [from, to]) in wires(place) {
+        let (direction, centre) = ((to - from).normalize(), from.midpoint(to));
+        let own = (-7..=7).map(|n| 2.0 * f64::from(n));
+        let own: Vec<(f64, DVec2)> =
+            own.filter_map(|mm| Some((mm, middle(&volume, centre + direction * mm, direction)?))).collect();
+        assert!(own.len() >= 13, "{name} is seen at {} of 15 places", own.len());
+        of_places.extend(own.iter().map(|(_, off)| off.length()));
+        // The straight line of least squares.
+        let count = own.len() as f64;
+        let (mm, off) = own.iter().fold((0.0, DVec2::ZERO), |(mm, off), own| (mm + own.0 / count, off + own.1 / count));
+        let square: f64 = own.iter().map(|own| (own.0 - mm).powi(2)).sum();
+        let slope = own.iter().map(|own| own.1 * (own.0 - mm)).sum::<DVec2>() / square;
+        of_lines.extend([-14.0, 14.0].map(|end| (off + slope * (end - mm)).length()));
+    }
+    [of_places, of_lines].map(|mut all| {
+        all.sort_by(f64::total_cmp);
+        all
+    })
+}
+
+#[test]
+fn wires_of_a_session_are_where_they_are_once_the_probe_is_calibrated_by_it() {
+    let place = Place::new();
+    let session = recorded(&place, BEDSIDE, 9.0);
+    truth(&place);
+    // What of the picture is data is known; of the place and the latencies nothing is.
+    let clip = table(&place, "truth.toml")["image"]["clip_px"].to_string();
+    place.put("probe.toml", format!("format = \"sonoweave-calibration\"\nversion = 1\n[image]\nclip_px = {clip}\n"));
+    let said = place.does(&format!("calibrate probe --phantom phantom.toml --session {session} -o probe.toml"));
+    assert!(said.contains("(the last third, by a calibration from the others)"), "{said}");
+    assert!(said.contains("latency: video 0.0 ms, tracker -"), "{said}");
+    let found = table(&place, "probe.toml");
+    let lag = found["latency"]["tracker_ms"].as_float().unwrap();
+    assert!((lag + 40.0).abs() < 3.0, "{said}");
+    let matrices = [&found, &table(&place, "truth.toml")].map(|file| matrix(&file["image_to_probe"]["matrix"]));
+    let apart = |u: f64, v: f64| {
+        let [found, true_one] = matrices.map(|matrix| matrix.transform_point3(DVec3::new(u, v, 0.0)));
+        found.distance(true_one)
+    };
+    let (centre, corner) = (apart(160.0, 120.0), apart(80.0, 220.0));
+
+    place.put("found.toml", BEDSIDE.replace("[tracker]", "[calibration]\nfile = \"probe.toml\"\n[tracker]"));
+    let run = place.run(&format!("replay {session} --config found.toml -o volume.mha"));
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    let [places, lines] = distances(&place, "volume.mha");
+    let ends = |all: &[f64]| [all[all.len() / 2], all[all.len() - 1]];
+    let figures = format!(
+        "median and most: places {:.3?}, lines {:.3?}; pixels {centre:.3} {corner:.3}; {said}",
+        ends(&places),
+        ends(&lines)
+    );
+    let ([median, most], [_, most_of_line]) = (ends(&places), ends(&lines));
+    assert!(median < 0.15 && most < 0.6 && most_of_line < 0.3 && centre < 0.3 && corner < 0.35, "{figures}");
+}
