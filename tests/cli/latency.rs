@@ -132,6 +132,52 @@ fn slices_that_cross_tell_the_lag_without_a_phantom() {
     );
 }
 
+/// A virtual bedside whose tracker is late, and configured as if it were not.
+const BEDSIDE: &str = r#"format = "sonoweave-bedside"
+version = 1
+[tracker]
+model = "fastrak"
+port = "virtual"
+reference_station = 2
+[grabber]
+device = "virtual"
+size = "160x150"
+latency_ms = 25.0
+[volume]
+spacing_mm = 1.0
+[record]
+full_frame = true
+[virtual]
+scene = "blobs"
+trajectory = "crossing"
+frames = 140
+gap_mm = 0.7
+pixel_mm = 0.3
+[virtual.line]
+latency_ms = 40.0
+[virtual.grabber]
+jitter_ms = 1.0
+"#;
+
+#[test]
+fn a_session_tells_the_whole_lag_whatever_it_was_paired_by() {
+    let place = Place::new();
+    place.put("bedside.toml", BEDSIDE);
+    let run = place.run("live --config bedside.toml --duration 6 --record sessions --quiet");
+    assert_eq!(run.code, 0, "{} {}", run.stdout, run.stderr);
+    let entry = std::fs::read_dir(place.path("sessions")).unwrap().next().unwrap().unwrap();
+    let session = entry.file_name().to_string_lossy().into_owned();
+    let said = place.does(&format!(
+        "calibrate latency --session sessions/{session} --method crossings -o probe.toml --report r.json"
+    ));
+    let report = place.json("r.json");
+    let number = |key: &str| report[key].as_f64().unwrap();
+    assert!((number("lag_s") - 0.04).abs() < 3e-3 && number("lag_se_s") < 3e-3, "{said}");
+    assert_eq!((number("video_ms"), number("paired_by_ms")), (25.0, -25.0));
+    assert!((number("tracker_ms") - 25.0 - 1e3 * number("lag_s")).abs() < 1e-9, "{report}");
+    assert!(said.contains("the session was woven by a lag of -25.0 ms"), "{said}");
+}
+
 #[test]
 fn what_tells_no_lag_is_refused_and_nothing_is_written() {
     let place = Place::new();
