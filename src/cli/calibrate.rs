@@ -10,6 +10,7 @@ pub mod pivot;
 pub mod poses;
 pub mod probe;
 mod recorded;
+mod tip;
 pub mod tracker;
 
 use clap::{Args, Subcommand};

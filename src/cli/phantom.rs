@@ -27,6 +27,8 @@ use crate::volume::Grid;
 
 /// Frames painted at once: enough for all cores, little enough for memory.
 const BATCH: u32 = 8;
+/// How far a hand goes on from picture to picture round a point, mm.
+const ABOUT_GAP_MM: f64 = 1.0;
 
 /// Flags of `phantom`.
 #[derive(Debug, Args)]
@@ -97,7 +99,7 @@ pub struct Arguments {
     /// Number of pictures
     #[arg(long, value_name = "N", default_value_t = 120)]
     frames: u32,
-    /// Mean distance between neighbouring pictures that move, mm [default: 0.35; of a body what sees all of it]
+    /// Mean distance between neighbouring pictures that move, mm [default: 0.35; of a body what sees all of it; of --trajectory about 1]
     #[arg(long, value_name = "MM")]
     gap: Option<f64>,
     /// Pictures a second
@@ -224,15 +226,20 @@ impl Arguments {
             scanner.check()?;
         }
         let pixel = self.pixel.unwrap_or_else(|| shown.usual_pixel_mm(self.image_size));
-        let gap = self.gap.unwrap_or_else(|| shown.usual_gap_mm(self.frames));
+        let gap = self.gap.unwrap_or_else(|| match self.trajectory {
+            TrajectoryName::About => ABOUT_GAP_MM,
+            _ => shown.usual_gap_mm(self.frames),
+        });
         let noise = self.noise.unwrap_or_else(|| shown.usual_noise_sd());
         let scene = shown.placed(self.image_size, pixel)?;
+        let about = scene.landmark().unwrap_or_default();
         Ok(ScanSettings {
             scene,
             motion: self.trajectory.motion(&MotionOptions {
                 axis_distance_mm: self.axis_distance,
                 radius_mm: self.radius,
                 dwell: self.dwell,
+                about,
             }),
             frames: self.frames,
             gap_mm: gap,

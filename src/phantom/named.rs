@@ -77,6 +77,8 @@ pub enum TrajectoryName {
     Dwell,
     /// A parallel sweep and the same way back
     OutAndBack,
+    /// Round the crossing, the tip or the floor's middle, which stays in the picture: to calibrate a probe by it
+    About,
 }
 
 /// A transducer that scanners have.
@@ -125,6 +127,8 @@ pub struct MotionOptions {
     pub radius_mm: f64,
     /// Pictures of a stand.
     pub dwell: u32,
+    /// The point that stays in the picture, world mm.
+    pub about: DVec3,
 }
 
 /// The usual distance of a fan's axis, mm.
@@ -136,7 +140,7 @@ pub const DWELL: u32 = 30;
 
 impl Default for MotionOptions {
     fn default() -> Self {
-        Self { axis_distance_mm: AXIS_DISTANCE_MM, radius_mm: RADIUS_MM, dwell: DWELL }
+        Self { axis_distance_mm: AXIS_DISTANCE_MM, radius_mm: RADIUS_MM, dwell: DWELL, about: DVec3::ZERO }
     }
 }
 
@@ -247,7 +251,7 @@ impl Scanned {
 impl TrajectoryName {
     /// The motion.
     pub fn motion(self, options: &MotionOptions) -> Motion {
-        let MotionOptions { axis_distance_mm, radius_mm, dwell } = *options;
+        let MotionOptions { axis_distance_mm, radius_mm, dwell, about } = *options;
         match self {
             Self::Parallel => Motion::Parallel,
             Self::Fan => Motion::Fan { axis_distance_mm },
@@ -258,6 +262,7 @@ impl TrajectoryName {
             Self::Crossing => Motion::Crossing,
             Self::Dwell => Motion::Dwell { frames: dwell },
             Self::OutAndBack => Motion::OutAndBack,
+            Self::About => Motion::About { point: about },
         }
     }
 }

@@ -81,6 +81,16 @@ impl Scene {
         Self::Sphere(Sphere { centre: DVec3::ZERO, radius: 10.0, inside: 180.0, outside: 60.0, edge_sigma: 0.0 })
     }
 
+    /// A body's first landmark, world mm.
+    pub fn landmark(&self) -> Option<DVec3> {
+        match self {
+            Self::Body(body) => {
+                body.landmarks.first().map(|landmark| body.world_from_body.transform_point3(landmark.point))
+            }
+            _ => None,
+        }
+    }
+
     /// Whether it changes with time.
     pub fn moves(&self) -> bool {
         matches!(self, Self::Pulsating(_))

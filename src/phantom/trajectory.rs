@@ -63,7 +63,18 @@ pub enum Motion {
     },
     /// A parallel sweep and the same way back: the last frame lies where the first did.
     OutAndBack,
+    /// Round a point of the world that stays in the picture and goes all over its middle: tilted to all sides and turned, as a probe is moved that is calibrated by this point. The gap is how far
+    /// the hand goes on from frame to frame.
+    About {
+        /// The point, world mm.
+        point: DVec3,
+    },
 }
+
+/// How far a picture is tilted and turned that goes round a point, rad.
+const ABOUT_TILT: f64 = 0.3;
+/// How far it takes the point from its middle along u and v, mm.
+const ABOUT_REACH_MM: [f64; 2] = [9.0, 9.0];
 
 /// One pose a frame.
 #[derive(Debug, Clone, PartialEq)]
@@ -128,6 +139,7 @@ impl Trajectory {
                 poses.splice(middle..middle, stand);
                 poses
             }
+            Motion::About { point } => (0..frames).map(|frame| about(point, f64::from(frame) * gap_mm)).collect(),
             Motion::OutAndBack => {
                 let mut poses = parallel(frames.div_ceil(2), gap_mm);
                 // The turning point twice when the number of frames is even.
@@ -169,6 +181,16 @@ fn jittered(frames: u32, gap_mm: f64, seed: u64) -> Vec<DAffine3> {
     }
     let middle = 0.5 * at[at.len() - 1];
     at.into_iter().map(|z| DAffine3::from_translation(DVec3::new(0.0, 0.0, z - middle))).collect()
+}
+
+/// The picture round a point when the hand has gone so far, mm.
+fn about(point: DVec3, way_mm: f64) -> DAffine3 {
+    // Lengths that have no common measure worth mentioning: the picture does not come back to where it was.
+    let wave = |length_mm: f64, phase: f64| sin_cos((way_mm / length_mm + phase).fract() * TAU).0;
+    let tilt = DVec3::new(ABOUT_TILT * wave(37.0, 0.1), ABOUT_TILT * wave(53.0, 0.3), ABOUT_TILT * wave(43.0, 0.7));
+    let matrix3 = small_turn(tilt * 0.5);
+    let at = DVec3::new(ABOUT_REACH_MM[0] * wave(61.0, 0.9), ABOUT_REACH_MM[1] * wave(29.0, 0.4), 0.0);
+    DAffine3 { matrix3, translation: point - matrix3 * at }
 }
 
 /// About x; a positive angle turns y towards z.
@@ -217,8 +239,13 @@ mod tests {
 
     #[test]
     fn rotations_are_orthonormal_and_right_handed() {
-        let others =
-            [Motion::Rotation { radius_mm: 20.0 }, Motion::Crossing, Motion::Dwell { frames: 30 }, Motion::OutAndBack];
+        let others = [
+            Motion::Rotation { radius_mm: 20.0 },
+            Motion::Crossing,
+            Motion::Dwell { frames: 30 },
+            Motion::OutAndBack,
+            Motion::About { point: DVec3::ONE },
+        ];
         for motion in MOTIONS.into_iter().chain(others) {
             for pose in all(motion, 200, 0.3, 9) {
                 let gram = pose.matrix3.transpose() * pose.matrix3 - DMat3::IDENTITY;
@@ -251,6 +278,25 @@ mod tests {
         for pose in all(Motion::Fan { axis_distance_mm: 40.0 }, 80, 0.8, 0) {
             let axis = pose.transform_point3(DVec3::new(3.0, -40.0, 0.0));
             assert!(axis.distance(DVec3::new(3.0, -40.0, 0.0)) < 1e-12);
+        }
+    }
+
+    #[test]
+    fn a_point_stays_in_every_picture_that_goes_round_it() {
+        let point = DVec3::new(3.0, -4.0, 7.0);
+        let poses = all(Motion::About { point }, 300, 1.0, 0);
+        let seen: Vec<DVec3> = poses.iter().map(|pose| pose.inverse().transform_point3(point)).collect();
+        assert!(seen.iter().all(|at| at.z.abs() < 1e-12 && at.x.abs() < 9.1 && at.y.abs() < 9.1));
+        for axis in 0..2 {
+            let most = seen.iter().map(|at| at[axis]).fold(f64::NEG_INFINITY, f64::max);
+            let least = seen.iter().map(|at| at[axis]).fold(f64::INFINITY, f64::min);
+            assert!(most > 8.0 && least < -8.0, "{axis}");
+        }
+        for turned in
+            [|p: &DAffine3| p.matrix3.z_axis.x, |p: &DAffine3| p.matrix3.z_axis.y, |p: &DAffine3| p.matrix3.x_axis.y]
+        {
+            let most = poses.iter().map(turned).fold(0.0, |most: f64, x| most.max(x.abs()));
+            assert!(most > 0.2 && most < 0.4, "{most}");
         }
     }
 

@@ -81,8 +81,13 @@ impl Scan {
             ImagePlane { u, v, origin: centre - u * (0.5 * width) - v * (0.5 * height) }
         };
         let layout = Layout::new(three_ns()).unwrap();
-        let mut scan =
-            Self { layout, plane: plane(), reference_from_phantom, sightings: Vec::new(), track: Track::new(Vec::new()) };
+        let mut scan = Self {
+            layout,
+            plane: plane(),
+            reference_from_phantom,
+            sightings: Vec::new(),
+            track: Track::new(Vec::new()),
+        };
         let mut track = Vec::new();
         for frame in 0..pictures {
             let time_s = 100.0 + PERIOD_S * frame as f64;

@@ -15,7 +15,7 @@ use super::guide::Advice;
 use super::guide::poses::gathered;
 use super::outputs::{Input, Outputs, named, place, print, rows};
 use super::poses::{Counts, Poses, Recording, poses};
-use crate::config::Settings as Config;
+use super::tip::tip;
 use crate::config::phantom::PhantomSettings;
 
 /// Flags of `calibrate landmarks`.
@@ -182,29 +182,6 @@ fn advice(registered: &Registered, landmarks: &[Landmark]) -> Advice {
         registered.error_mm.rms
     );
     Advice::at(touched as f64 / landmarks.len() as f64, says)
-}
-
-/// Where a file says that the stylus's tip is.
-fn tip(path: &std::path::Path, stylus: &str, asked: bool) -> Result<DVec3, Failure> {
-    let missing = || {
-        let hint = if asked { "find it with `calibrate pivot`" } else { "name the file that does with --stylus-tip" };
-        Failure(format!(
-            "{}: does not say where the tip of {stylus} is (no StylusTipTo{stylus}); {hint}",
-            path.display()
-        ))
-    };
-    let text = calibration::file::read_text(path, crate::config::MAX_BYTES)?;
-    // Our phantom's file holds no transforms of a stylus.
-    if !asked && !text.trim_start().starts_with('<') {
-        return Err(missing());
-    }
-    let known = Config::parse(path, &text, None)?.transforms;
-    let found = known.iter().find_map(|t| match (t.from.as_str(), t.to.as_str()) {
-        ("StylusTip", to) if to == stylus => Some(t.affine),
-        (from, "StylusTip") if from == stylus => Some(t.affine.inverse()),
-        _ => None,
-    });
-    found.map(|affine| affine.translation).ok_or_else(missing)
 }
 
 /// How far the phantom's middle, and the worst of its points, may be from where the registration puts them, mm.

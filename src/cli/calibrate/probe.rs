@@ -5,12 +5,14 @@ mod lag;
 mod page;
 mod recording;
 mod report;
+mod target;
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use calibration::file::date::Date;
 use calibration::file::preset::{Covariance, Preset, Quality, Ruler};
+use calibration::frames::{Image, Probe, Transform};
 use calibration::phantom::file::Registration;
 use calibration::probe::errors::Errors;
 use calibration::probe::next;
@@ -39,6 +41,34 @@ const PARTS: usize = 5;
 enum Method {
     /// By a phantom of N-wires
     Nwire,
+    /// By a point that rests, e.g. where two wires cross
+    Point,
+    /// By a plane that rests: the floor of a water tank, or a membrane
+    Plane,
+    /// By the tip of a tracked stylus, held into the picture
+    Stylus,
+}
+
+impl Method {
+    /// As the command line has it.
+    fn name(self) -> &'static str {
+        match self {
+            Self::Nwire => "nwire",
+            Self::Point => "point",
+            Self::Plane => "plane",
+            Self::Stylus => "stylus",
+        }
+    }
+
+    /// By what it is.
+    fn title(self) -> &'static str {
+        match self {
+            Self::Nwire => "N-wire phantom",
+            Self::Point => "a point that rests",
+            Self::Plane => "a plane that rests",
+            Self::Stylus => "a stylus's tip",
+        }
+    }
 }
 
 /// Flags of `calibrate probe`.
@@ -46,17 +76,26 @@ enum Method {
 #[command(
     group(ArgGroup::new("from").required(true).args(["sequence", "session", "live"])),
     after_help = "\
-Scan the phantom's wires slowly for a quarter of a minute: along them and back, and tilt and turn the probe on the way. A second scan tells how good the result is; without one the last third \
-of the first does. The result is the transform ImageToProbe, and how much later the tracker's poses come than pictures.
+The result is the transform ImageToProbe, and how much later the tracker's poses come than pictures. A second scan tells how good it is; without one the last third of the first does. Move slowly, for half a minute.
+
+nwire: scan the phantom's wires along and back, and tilt and turn the probe on the way.
+point: keep the point (wires that cross in water, a bead) in the picture. Bring it to all parts of the picture, left and right, near and far, and tilt the probe fore and aft and from side to side and turn it about \
+its long axis, each by 20° and more.
+stylus: hold the tip of a tracked stylus into the picture, so that it shows as a dot, and bring it to all parts of the picture. Where the tip is on it tells `calibrate pivot`.
+plane: hold the probe above the floor of a water tank so that it shows as a line. Raise and lower it, tilt it fore and aft and from side to side, by 15° and more. A line tells less than a point.
+
+Pictures that are mirrored only an N-wire phantom can tell: by the other methods the result holds for pictures that are mirrored alike.
 
 Examples: sonoweave calibrate probe --phantom phantom.toml --live bedside.toml -o calibration.toml
           sonoweave calibrate probe --phantom phantom.toml --session SESSION-20261121-213000.mcap -o calibration.toml --report probe.html
-          sonoweave calibrate probe --phantom phantom.toml --sequence scan.igs.mha --validate second.igs.mha -o calibration.toml"
+          sonoweave calibrate probe --phantom phantom.toml --sequence scan.igs.mha --validate second.igs.mha -o calibration.toml
+          sonoweave calibrate probe --method point --sequence crossing.igs.mha -o calibration.toml --report probe.json
+          sonoweave calibrate probe --method stylus --stylus-tip calibration.toml --sequence tip.igs.mha -o calibration.toml"
 )]
 pub struct Arguments {
-    /// The phantom with its wires: our file (TOML) or a PLUS XML
+    /// The phantom with its wires, of --method nwire: our file (TOML) or a PLUS XML
     #[arg(long, value_name = "FILE")]
-    phantom: PathBuf,
+    phantom: Option<PathBuf>,
     /// The recording: a tracked sequence with pictures (.igs.mha, .mha)
     #[arg(long, value_name = "SEQUENCE")]
     sequence: Option<PathBuf>,
@@ -80,10 +119,12 @@ pub struct Arguments {
     /// How the probe is calibrated
     #[arg(long, value_enum, default_value_t = Method::Nwire)]
     method: Method,
-    /// Part of the picture where wires are looked for: X,Y,W,H in pixels [default: as the phantom's file says, else the session's configuration, else all of it]
+    #[command(flatten)]
+    target: target::Flags,
+    /// Part of the picture that is looked at: X,Y,W,H in pixels [default: as the phantom's file says, else the session's configuration, else all of it]
     #[arg(long, value_name = "X,Y,W,H", value_parser = clip)]
     clip: Option<ClipRect>,
-    /// Refuse a result whose error on the second recording (mean, mm; PLUS's definition) is larger
+    /// Refuse a result whose error on the second recording (mean, mm; of N-wires by PLUS's definition) is larger
     #[arg(long, value_name = "MM", default_value_t = 2.0, value_parser = values::positive)]
     limit: f64,
     /// Put the result into the calibration file as a preset of that name, for the depth at which the scanner is set, beside others [default: as the file's only one]
@@ -113,7 +154,20 @@ fn clip(text: &str) -> Result<ClipRect, String> {
 /// # Errors
 /// [`Failure`] when the recording does not say where the picture lies; nothing is written then.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let Arguments { phantom, validate, registration, method: Method::Nwire, clip, limit, outputs, .. } = arguments;
+    let Arguments { phantom, validate, registration, method, clip, limit, outputs, target, .. } = arguments;
+    if *method != Method::Nwire {
+        return target::run(arguments);
+    }
+    if let Some(flag) = target.given() {
+        return Err(Failure(format!(
+            "{flag}: --method nwire has no use for it; leave it out, or choose another --method"
+        )));
+    }
+    let Some(phantom) = phantom else {
+        return Err(Failure(
+            "--method nwire has to know the phantom's wires: name their file with --phantom, or choose another --method".into(),
+        ));
+    };
     let path = arguments.path();
     // The registration's file may be the one that is written: it keeps what it holds.
     let mut inputs = vec![path, phantom];
@@ -168,19 +222,11 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let again = outputs.wants_report().then(|| again(&found, &layout, &held, seen.recording())).flatten();
     let validation = validate.as_deref().map(Input::of).transpose()?;
     let phantom_input = Input::of(phantom)?;
-    let preset = arguments.preset.as_ref().map(|name| Preset {
-        name: name.clone(),
+    let preset = arguments.preset(Made {
         probe_from_image: found.refined.probe_from_image(),
-        made: Some(Date::today()),
-        picture_px: Some(found.size_px),
-        ruler: arguments.ruler,
-        clip: None,
-        fan: None,
-        quality: Some(quality(&found)),
-        covariance: Some(Covariance {
-            parameters: PLANE.map(str::to_owned).to_vec(),
-            rows: found.refined.covariance().iter().map(|row| row.to_vec()).collect(),
-        }),
+        size_px: found.size_px,
+        quality: quality(&found),
+        covariance: found.refined.covariance(),
         inputs: [Some(&input), Some(&phantom_input), validation.as_ref()]
             .into_iter()
             .flatten()
@@ -188,12 +234,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             .collect(),
     });
     let next = found.next_view(&layout, seen.recording(), next::pictures(found.used()));
-    // Where no lag was sought it has no deviation.
-    let lag = [found.refined.lag_s, found.refined.lag_sd_s];
-    let video_ms = recorded.bedside().map_or(0.0, |bedside| bedside.grabber.latency_ns as f64 * 1e-6);
-    let lag = (lag[1] > 0.0)
-        .then(|| outputs.before().map(|file| Lag::new(lag, video_ms, file.latency.as_ref())))
-        .transpose()?;
+    let lag = arguments.lag(&recorded, [found.refined.lag_s, found.refined.lag_sd_s])?;
     let latency = lag.as_ref().and_then(Lag::latency);
     let of_lag = lag.as_ref().filter(|_| outputs.wants_file()).map_or(String::new(), Lag::text);
     let report = Report::new(&found, &layout, input, phantom_input, validation, &held)
@@ -207,7 +248,43 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     print(&(text(&found, &layout) + &next + &of_lag + &outputs.told()))
 }
 
+/// What a preset holds of a calibration.
+struct Made {
+    probe_from_image: Transform<Probe, Image>,
+    size_px: [u32; 2],
+    quality: Quality,
+    covariance: [[f64; PLANE.len()]; PLANE.len()],
+    inputs: Vec<calibration::file::preset::Input>,
+}
+
 impl Arguments {
+    /// The preset that is asked for.
+    fn preset(&self, made: Made) -> Option<Preset> {
+        let Made { probe_from_image, size_px, quality, covariance, inputs } = made;
+        self.preset.as_ref().map(|name| Preset {
+            name: name.clone(),
+            probe_from_image,
+            made: Some(Date::today()),
+            picture_px: Some(size_px),
+            ruler: self.ruler,
+            clip: None,
+            fan: None,
+            quality: Some(quality),
+            covariance: Some(Covariance {
+                parameters: PLANE.map(str::to_owned).to_vec(),
+                rows: covariance.iter().map(|row| row.to_vec()).collect(),
+            }),
+            inputs,
+        })
+    }
+
+    /// The latencies by a lag and its standard deviation, s; `None` where none was sought, which has no deviation.
+    fn lag(&self, recorded: &Recorded, [lag_s, sd_s]: [f64; 2]) -> Result<Option<Lag>, Failure> {
+        let video_ms = recorded.bedside().map_or(0.0, |bedside| bedside.grabber.latency_ns as f64 * 1e-6);
+        let known = || self.outputs.before();
+        (sd_s > 0.0).then(|| Ok(Lag::new([lag_s, sd_s], video_ms, known()?.latency.as_ref()))).transpose()
+    }
+
     /// The recording's file.
     fn path(&self) -> &Path {
         // One of them is there: the command line sees to it.

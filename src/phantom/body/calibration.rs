@@ -57,7 +57,7 @@ pub fn cross_wire(depth_mm: f64) -> Body {
     }
 }
 
-/// A tank's floor at a depth below the face's middle, with a slope along x and z (rise over run).
+/// A tank's floor at a depth below the face's middle, with a slope along x and z (rise over run); the landmark `floor` is there.
 pub fn floor(depth_mm: f64, slope: DVec2) -> Body {
     let normal = DVec3::new(slope.x, -1.0, slope.y).normalize();
     let point = DVec3::new(0.0, depth_mm, 0.0);
@@ -65,6 +65,7 @@ pub fn floor(depth_mm: f64, slope: DVec2) -> Body {
         name: "tank-floor",
         materials: vec![Material::water("water"), Material::acrylic("floor")],
         solids: vec![Solid { shape: Shape::HalfSpace { point, normal }, material: 1 }],
+        landmarks: vec![Landmark { name: "floor", point }],
         ..water()
     }
 }

@@ -6,6 +6,7 @@ use calibration::probe::matching::Reading;
 use calibration::probe::track::Track;
 use calibration::probe::{DotFinder, Layout, Matcher, Observation, Recording};
 use calibration::region::ClipRect;
+use glam::DVec2;
 
 use super::super::super::{Failure, input};
 use super::super::recorded::{Recorded, data};
@@ -118,36 +119,45 @@ impl<'a> Looker<'a> {
     /// # Errors
     /// [`Failure`] for a picture of another size than the first.
     pub(super) fn look(&mut self, size: [u32; 2], view: &GreyView<'_>) -> Result<(Vec<Dot>, Option<Reading>), Failure> {
-        let Region { size: first, clip, mask } = match &mut self.region {
-            Some(region) => region,
-            none => none.insert(Region::of(self.mask, self.clip, size)?),
-        };
-        if size != *first {
-            return Err(Failure(format!("its pictures are of different sizes, {first:?} and {size:?}")));
+        let region = Region::within(&mut self.region, self.mask, self.clip, size)?;
+        if size != region.size {
+            return Err(Failure(format!("its pictures are of different sizes, {:?} and {size:?}", region.size)));
         }
-        let mut dots = self.finder.find(view, *clip).to_vec();
-        dots.retain(|dot| {
-            let [u, v] = dot.at_px.to_array().map(|x| x.round() as u32);
-            mask.as_ref().is_none_or(|mask| mask.contains(u, v))
-        });
+        let mut dots = self.finder.find(view, region.clip).to_vec();
+        dots.retain(|dot| region.holds(dot.at_px));
         let reading = self.matcher.read(&dots, size, self.layout);
         Ok((dots, reading))
     }
 }
 
-/// Where in pictures wires are looked for.
-struct Region {
-    size: [u32; 2],
-    clip: Option<ClipRect>,
-    /// Dots beside it are none.
+/// Where in pictures something is looked for.
+pub(super) struct Region {
+    pub(super) size: [u32; 2],
+    pub(super) clip: Option<ClipRect>,
+    /// What is beside it is nothing.
     mask: Option<Mask>,
 }
 
 impl Region {
-    fn of(settings: Option<MaskSettings>, clip: Option<ClipRect>, size: [u32; 2]) -> Result<Self, Failure> {
-        let mask = settings.map_or(Ok(None), |settings| data(&settings, size))?;
-        let clip = clip.or(mask.as_ref().and_then(Mask::bounds));
-        Ok(Self { size, clip, mask })
+    /// That of the first picture: what is asked for, else the session's.
+    pub(super) fn within<'a>(
+        region: &'a mut Option<Self>,
+        settings: Option<MaskSettings>,
+        clip: Option<ClipRect>,
+        size: [u32; 2],
+    ) -> Result<&'a Self, Failure> {
+        if region.is_none() {
+            let mask = settings.map_or(Ok(None), |settings| data(&settings, size))?;
+            let clip = clip.or(mask.as_ref().and_then(Mask::bounds));
+            *region = Some(Self { size, clip, mask });
+        }
+        Ok(region.get_or_insert(Self { size, clip, mask: None }))
+    }
+
+    /// Whether a place is within.
+    pub(super) fn holds(&self, at_px: DVec2) -> bool {
+        let [u, v] = at_px.to_array().map(|x| x.round() as u32);
+        self.mask.as_ref().is_none_or(|mask| mask.contains(u, v))
     }
 }
 

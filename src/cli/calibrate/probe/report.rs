@@ -17,7 +17,7 @@ use super::lag::Lag;
 /// Who is meant by "you".
 pub(super) const YOU: &str = "as you see the probe with its marked side at the right and its face below";
 /// Numbers along each axis of the lattice on which errors are predicted.
-const LATTICE: usize = 9;
+pub(super) const LATTICE: usize = 9;
 
 /// What is said of a result. The names say the units.
 #[derive(Debug, Serialize)]
@@ -222,24 +222,46 @@ fn of_wire(found: &Calibration, wire: usize, name: &str) -> Option<ToldWire> {
     })
 }
 
+/// What a picture in which nothing is seen is called.
+const UNSEEN: &str = "wires not recognised";
+
 /// What became of a picture, in a word or two.
-fn word(outcome: Outcome) -> &'static str {
+pub(super) fn word(outcome: Outcome, unseen: &'static str) -> &'static str {
     match outcome {
         Outcome::Used => "used",
         Outcome::NoPose => "no valid pose",
-        Outcome::Unseen => "wires not recognised",
+        Outcome::Unseen => unseen,
         Outcome::NoPoseAtLag => "no pose after the lag",
         Outcome::Contradicted => "contradicted by the others",
     }
 }
 
-fn frames(found: &Calibration) -> Frames {
-    let mut reasons = BTreeMap::new();
-    for picture in found.pictures.iter().filter(|picture| picture.outcome != Outcome::Used) {
-        *reasons.entry(word(picture.outcome)).or_default() += 1;
+impl Frames {
+    /// By what became of each picture, and what one is called in which nothing is seen.
+    pub(super) fn of(outcomes: impl Iterator<Item = Outcome>, unseen: &'static str) -> Self {
+        let mut frames = Self { total: 0, used: 0, failed: 0, reasons: BTreeMap::new() };
+        for outcome in outcomes {
+            frames.total += 1;
+            if outcome == Outcome::Used {
+                frames.used += 1;
+            } else {
+                frames.failed += 1;
+                *frames.reasons.entry(word(outcome, unseen)).or_default() += 1;
+            }
+        }
+        frames
     }
-    let (total, used) = (found.pictures.len(), found.used());
-    Frames { total, used, failed: total - used, reasons }
+
+    /// For people: `80 of 100 pictures used (20 no valid pose)`.
+    pub(super) fn told(&self, of: &str) -> String {
+        let reasons: Vec<String> = self.reasons.iter().map(|(reason, count)| format!("{count} {reason}")).collect();
+        let reasons = if reasons.is_empty() { String::new() } else { format!(" ({})", reasons.join(", ")) };
+        format!("{} of {} pictures{of} used{reasons}", self.used, self.total)
+    }
+}
+
+fn frames(found: &Calibration) -> Frames {
+    Frames::of(found.pictures.iter().map(|picture| picture.outcome), UNSEEN)
 }
 
 impl Report {
@@ -258,7 +280,7 @@ impl Report {
         let (registration_change_deg, registration_change_mm) = refined.registration_change();
         let pictures = found.pictures.iter().map(|picture| ToldPicture {
             frame: picture.frame,
-            outcome: word(picture.outcome),
+            outcome: word(picture.outcome, UNSEEN),
             dots: (picture.dots.iter())
                 .map(|dot| ToldDot {
                     wire: wires[dot.wire].name.clone(),
@@ -329,10 +351,14 @@ impl Report {
 
 /// Predicted error in the middle of the picture, and in its worst corner: one standard deviation, mm.
 pub(super) fn predicted_ends(found: &Calibration) -> [f64; 2] {
-    let [u, v] = found.size_px.map(|n| f64::from(n) - 1.0);
-    let at = |px: [f64; 2]| found.refined.predicted_mm(DVec2::from_array(px));
-    let corners = [[0.0, 0.0], [u, 0.0], [0.0, v], [u, v]].map(at);
-    [at([0.5 * u, 0.5 * v]), corners.into_iter().fold(0.0, f64::max)]
+    ends(found.size_px, |px| found.refined.predicted_mm(px))
+}
+
+/// A number of the picture's middle, and the largest of its corners'.
+pub(super) fn ends(size_px: [u32; 2], of: impl Fn(DVec2) -> f64) -> [f64; 2] {
+    let [u, v] = size_px.map(|n| f64::from(n) - 1.0);
+    let corners = [[0.0, 0.0], [u, 0.0], [0.0, v], [u, v]].map(|px| of(DVec2::from_array(px)));
+    [of(DVec2::new(0.5 * u, 0.5 * v)), corners.into_iter().fold(0.0, f64::max)]
 }
 
 /// For people.
@@ -341,16 +367,9 @@ pub(super) fn text(found: &Calibration, layout: &Layout) -> String {
     let refined = &found.refined;
     let frames = frames(found);
     let [size_u, size_v] = refined.plane.pixel_mm();
-    let reasons: Vec<String> = frames.reasons.iter().map(|(reason, count)| format!("{count} {reason}")).collect();
-    let reasons = if reasons.is_empty() { String::new() } else { format!(" ({})", reasons.join(", ")) };
     // Writing to a string does not fail.
-    let _ = writeln!(
-        text,
-        "{} of {} pictures of the phantom {} used{reasons}; a pixel is {size_u:.5} × {size_v:.5} mm",
-        frames.used,
-        frames.total,
-        layout.geometry().name()
-    );
+    let told = frames.told(&format!(" of the phantom {}", layout.geometry().name()));
+    let _ = writeln!(text, "{told}; a pixel is {size_u:.5} × {size_v:.5} mm");
     let line = |text: &mut String, what: &str, errors: &Errors| {
         let Errors { mean, sd, rms, max, mean_of_95, .. } = errors;
         let _ = writeln!(
@@ -381,15 +400,7 @@ pub(super) fn text(found: &Calibration, layout: &Layout) -> String {
         corner,
         refined.condition()
     );
-    let (lag_ms, sd_ms) = (1e3 * refined.lag_s, 1e3 * refined.lag_sd_s);
-    if refined.lag_sd_s > 0.0 {
-        let side = if lag_ms > 0.0 { "later" } else { "earlier" };
-        let _ = writeln!(
-            text,
-            "poses come {:.1} ± {sd_ms:.1} ms {side} than pictures: the tracker's latency_ms has to be {lag_ms:.1} more than the video's",
-            lag_ms.abs()
-        );
-    }
+    text += &lag_line(refined.lag_s, refined.lag_sd_s);
     let (turn, shift) = refined.registration_change();
     let _ = writeln!(
         text,
@@ -400,4 +411,17 @@ pub(super) fn text(found: &Calibration, layout: &Layout) -> String {
         refined.scatter.dot_px[1]
     );
     text
+}
+
+/// What a lag says, with its standard deviation, s; nothing where none was sought.
+pub(super) fn lag_line(lag_s: f64, sd_s: f64) -> String {
+    if sd_s <= 0.0 {
+        return String::new();
+    }
+    let (lag_ms, sd_ms) = (1e3 * lag_s, 1e3 * sd_s);
+    let side = if lag_ms > 0.0 { "later" } else { "earlier" };
+    format!(
+        "poses come {:.1} ± {sd_ms:.1} ms {side} than pictures: the tracker's latency_ms has to be {lag_ms:.1} more than the video's\n",
+        lag_ms.abs()
+    )
 }

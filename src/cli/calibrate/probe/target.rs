@@ -1,0 +1,164 @@
+//! A probe's calibration by a point, a stylus or a plane.
+
+mod guide;
+mod look;
+mod report;
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use calibration::file::preset::Quality;
+use calibration::probe::target::{Calibration, Target, calibrate};
+use clap::Args;
+use glam::DVec2;
+
+use super::super::super::{Failure, values};
+use super::super::outputs::{Input, print};
+use super::super::recorded::Recorded;
+use super::super::tip::tip;
+use super::lag::Lag;
+use super::{Arguments, Made, Method};
+use look::{Looked, Names, look};
+use report::{Report, text};
+
+/// Flags of the methods that need no phantom's file.
+#[derive(Debug, Args)]
+pub(super) struct Flags {
+    /// Where the stylus's tip is, of --method stylus: a calibration file (TOML) or a PLUS XML with StylusTipToStylus
+    #[arg(long, value_name = "FILE")]
+    stylus_tip: Option<PathBuf>,
+    /// Name of the frame of the stylus's sensor
+    #[arg(long, value_name = "NAME", default_value = "Stylus")]
+    stylus: String,
+    /// How well the tip's place on the stylus is known along each axis, mm (one standard deviation)
+    #[arg(long, value_name = "MM", default_value_t = 0.3, value_parser = values::positive)]
+    tip_error: f64,
+    /// Name of the frame in which the point or the plane rests [default: Reference if the recording has one, else Tracker]
+    #[arg(long, value_name = "NAME")]
+    reference: Option<String>,
+}
+
+impl Flags {
+    /// Whether any was given that a phantom's method has no use for.
+    pub(super) fn given(&self) -> Option<&'static str> {
+        match () {
+            () if self.stylus_tip.is_some() => Some("--stylus-tip"),
+            () if self.reference.is_some() => Some("--reference"),
+            () => None,
+        }
+    }
+}
+
+/// Runs the command by one of these methods.
+///
+/// # Errors
+/// [`Failure`] when the recording does not say where the picture lies; nothing is written then.
+pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let Arguments { method, target: flags, validate, clip, limit, outputs, .. } = arguments;
+    let path = arguments.path();
+    let tip_file = arguments.checked()?;
+    // The tip's file may be the one that is written: it keeps what it holds.
+    let mut inputs: Vec<&Path> = vec![path];
+    inputs.extend(validate.as_deref());
+    outputs.check(&inputs, false)?;
+    let target = match (method, tip_file) {
+        (Method::Plane, _) => Target::Plane,
+        (_, Some(file)) => Target::Tip { place_mm: tip(file, &flags.stylus, true)?, error_mm: flags.tip_error },
+        _ => Target::Point,
+    };
+    let reference = if tip_file.is_some() { Some(flags.stylus.as_str()) } else { flags.reference.as_deref() };
+    let began = Instant::now();
+    let names = Names { probe: "Probe", reference };
+    let is_plane = target == Target::Plane;
+    let made = arguments.live.as_ref().map(|path| guide::gathered(path, arguments, target, names)).transpose()?;
+    let recorded = arguments.recorded(made.as_deref())?;
+    let path = recorded.path();
+    let within = |problem: String| Failure(format!("{}: {problem}", path.display()));
+    let seen = look(&recorded, names, *clip, is_plane)?;
+    let second = validate.as_ref().map(|path| look(&Recorded::of(path)?, names, *clip, is_plane)).transpose()?;
+    if second.as_ref().is_some_and(|second| second.size_px != seen.size_px) {
+        return Err(within("its pictures are not of the size of the second recording's".into()));
+    }
+    let looked_s = began.elapsed().as_secs_f64();
+    let found = calibrate(target, seen.recording(), second.as_ref().map(Looked::recording))
+        .map_err(|e| within(format!("{e}{}", seen.also())))?;
+    if let Some(errors) = &found.validation
+        && errors.mean > *limit
+    {
+        return Err(within(format!(
+            "the result is {:.2} mm off on pictures that had no part in it, more than --limit {limit} mm; did what was scanned rest, or is the tracker disturbed by metal?",
+            errors.mean
+        )));
+    }
+    let solved_s = began.elapsed().as_secs_f64() - looked_s;
+    let input = Input::of(path)?;
+    let validation = validate.as_deref().map(Input::of).transpose()?;
+    let stylus_tip = tip_file.map(Input::of).transpose()?;
+    let probe_from_image = found.refined.probe_from_image();
+    let provenance =
+        format!("{}, {} pictures of {}, {:.2} mm", method.title(), found.used(), input.name(), found.errors.mean);
+    let made = Made {
+        probe_from_image,
+        size_px: found.size_px,
+        quality: quality(&found),
+        covariance: found.refined.covariance(),
+        inputs: [Some(&input), stylus_tip.as_ref(), validation.as_ref()]
+            .into_iter()
+            .flatten()
+            .map(Input::listed)
+            .collect(),
+    };
+    let preset = arguments.preset(made);
+    let text = text(&found, *method, &seen.reference);
+    let report = Report::new(&found, *method, seen.reference, *limit)
+        .from(input, stylus_tip, validation)
+        .took(looked_s, solved_s);
+    let lag = arguments.lag(&recorded, [found.refined.lag_s, found.refined.lag_se_s])?;
+    let latency = lag.as_ref().and_then(Lag::latency);
+    let of_lag = lag.as_ref().filter(|_| outputs.wants_file()).map_or(String::new(), Lag::text);
+    outputs.write_probe(&probe_from_image, &provenance, preset, latency, &report, || Ok(String::new()))?;
+    print(&(text + &of_lag + &outputs.told()))
+}
+
+impl Arguments {
+    /// What can be said of the flags before the work; where the stylus's tip is, of that method.
+    fn checked(&self) -> Result<Option<&Path>, Failure> {
+        let Self { method, phantom, registration, target: Flags { stylus_tip, reference, .. }, .. } = self;
+        let name = method.name();
+        for (flag, is_given) in [("--phantom", phantom.is_some()), ("--registration", registration.is_some())] {
+            if is_given {
+                return Err(Failure(format!(
+                    "{flag}: --method {name} needs no phantom, for where the target lies is found with the rest; leave it out"
+                )));
+            }
+        }
+        match (method, stylus_tip) {
+            (Method::Stylus, None) => Err(Failure(
+                "--method stylus has to know where the stylus's tip is: name the file that says it with --stylus-tip, or find it with `calibrate pivot`".into(),
+            )),
+            (Method::Stylus, Some(_)) if reference.is_some() => Err(Failure(
+                "--reference: with --method stylus poses are taken in the stylus's frame, which --stylus names; leave it out".into(),
+            )),
+            (Method::Stylus, Some(file)) => Ok(Some(file)),
+            (_, Some(_)) => Err(Failure(format!("--stylus-tip: --method {name} has no stylus; leave it out"))),
+            (_, None) => Ok(None),
+        }
+    }
+}
+
+/// How good it is, in the numbers that a preset keeps.
+fn quality(found: &Calibration) -> Quality {
+    let [centre_mm, corner_mm] = ends(found);
+    Quality {
+        frames: u32::try_from(found.used()).unwrap_or(u32::MAX),
+        error_mm: [found.errors.mean, found.errors.sd],
+        validation_error_mm: found.validation.as_ref().map(|errors| [errors.mean, errors.sd]),
+        centre_mm,
+        corner_mm,
+    }
+}
+
+/// Predicted error in the middle of the picture, and in its worst corner: one standard deviation, mm.
+fn ends(found: &Calibration) -> [f64; 2] {
+    super::report::ends(found.size_px, |px: DVec2| found.refined.predicted_mm(px))
+}

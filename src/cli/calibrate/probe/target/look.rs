@@ -1,0 +1,161 @@
+//! What of a target pictures show, and poses, from a recording.
+
+use calibration::latency::line::{Finder, Still};
+use calibration::picture::GreyView;
+use calibration::probe::DotFinder;
+use calibration::probe::target::{Observation, Recording, Seen};
+use calibration::probe::track::Track;
+use calibration::region::ClipRect;
+use glam::DVec2;
+
+use super::super::super::super::{Failure, input};
+use super::super::super::recorded::{Recorded, Shown, Tracked};
+use super::super::recording::Region;
+use crate::config::bedside::devices::{REFERENCE_FRAME, TRACKER_FRAME};
+use crate::mask::MaskSettings;
+
+/// Spots of a picture that may be the point, those that stand out most.
+const MOST_SPOTS: usize = 12;
+
+/// What frames are called.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Names<'a> {
+    pub(super) probe: &'a str,
+    /// In which the target rests; `None` for the usual one.
+    pub(super) reference: Option<&'a str>,
+}
+
+/// What was seen.
+pub(super) struct Looked {
+    observations: Vec<Observation>,
+    /// Where the sensors were between the pictures, where the recording says it.
+    track: Option<Track>,
+    pub(super) size_px: [u32; 2],
+    timed: bool,
+    /// Why the first of the pictures without poses has none.
+    first_refusal: Option<String>,
+    /// Name of the frame in which the target rests.
+    pub(super) reference: String,
+}
+
+impl Looked {
+    /// For the calibration.
+    pub(super) fn recording(&self) -> Recording<'_> {
+        let Self { observations, track, size_px, timed, .. } = self;
+        Recording { observations, track: track.as_ref(), size_px: *size_px, timed: *timed }
+    }
+
+    /// For the end of a refusal.
+    pub(super) fn also(&self) -> String {
+        let why = |why: &String| format!(" (the first that could not be used: {why})");
+        self.first_refusal.as_ref().map_or(String::new(), why)
+    }
+}
+
+/// Looks at a recording's pictures for a point, or for the line of a plane.
+///
+/// # Errors
+/// [`Failure`] when it cannot be read, holds no grey pictures of 8 bits, or no way from the probe to where the target rests.
+pub(super) fn look(
+    recorded: &Recorded,
+    names: Names<'_>,
+    clip: Option<ClipRect>,
+    is_plane: bool,
+) -> Result<Looked, Failure> {
+    let within = |problem: String| Failure(format!("{}: {problem}", recorded.path().display()));
+    let (tracked, reference) = tracked(recorded, names)?;
+    let mut region: Option<Region> = None;
+    let mut eye = if is_plane { Eye::Line(finder(recorded, clip)?) } else { Eye::Dots(DotFinder::new()) };
+    let bar = input::progress("looking", tracked.pictures());
+    let (mut observations, mut timed, mut first_refusal) = (Vec::new(), true, None);
+    let unfit = recorded.pictures(|shown| {
+        bar.inc(1);
+        let region = Region::within(&mut region, mask(recorded), clip, shown.size)?;
+        if shown.size != region.size {
+            return Err(within(format!("its pictures are of different sizes, {:?} and {:?}", region.size, shown.size)));
+        }
+        timed &= shown.stamps.is_some();
+        let seen = eye.seen(&shown, region)?;
+        let poses = tracked.at(&shown).map_err(|why| first_refusal.get_or_insert(why)).ok();
+        let frame = usize::try_from(shown.frame).unwrap_or(usize::MAX);
+        observations.push(Observation { frame, time_s: shown.time_s(), seen, poses });
+        Ok(())
+    })?;
+    bar.finish_and_clear();
+    let first_refusal = unfit.first().map(str::to_owned).or(first_refusal);
+    let Some(Region { size: size_px, .. }) = region else {
+        let why = first_refusal.map_or(String::new(), |why| format!("; the first: {why}"));
+        return Err(within(format!("holds no picture that can be used{why}")));
+    };
+    let track = tracked.track().cloned();
+    Ok(Looked { observations, track, size_px, timed, first_refusal, reference })
+}
+
+/// Where the probe was, and in which frame.
+fn tracked(recorded: &Recorded, Names { probe, reference }: Names<'_>) -> Result<(Tracked, String), Failure> {
+    if let Some(name) = reference {
+        return Ok((recorded.tracked(probe, name)?, name.to_owned()));
+    }
+    match recorded.tracked(probe, REFERENCE_FRAME) {
+        Ok(tracked) => Ok((tracked, REFERENCE_FRAME.to_owned())),
+        Err(why) => Ok((recorded.tracked(probe, TRACKER_FRAME).map_err(|_| why)?, TRACKER_FRAME.to_owned())),
+    }
+}
+
+/// Who looks at pictures.
+enum Eye {
+    Dots(DotFinder),
+    /// `None` where there is no picture.
+    Line(Option<Finder>),
+}
+
+impl Eye {
+    fn seen(&mut self, shown: &Shown<'_>, region: &Region) -> Result<Seen, Failure> {
+        let view = shown.view()?;
+        Ok(match self {
+            Self::Dots(finder) => of_dots(finder, &view, region),
+            Self::Line(finder) => {
+                let (part, from) = part(&view, region.clip);
+                let line = finder.as_mut().zip(part).and_then(|(finder, part)| finder.find(&part).ok());
+                line.map_or(Seen::Nothing, |line| Seen::line(&line, from))
+            }
+        })
+    }
+}
+
+/// Spots that may be the point.
+pub(super) fn of_dots(finder: &mut DotFinder, view: &GreyView<'_>, region: &Region) -> Seen {
+    let dots = finder.find(view, region.clip).iter().filter(|dot| region.holds(dot.at_px));
+    let dots: Vec<DVec2> = dots.take(MOST_SPOTS).map(|dot| dot.at_px).collect();
+    if dots.is_empty() { Seen::Nothing } else { Seen::Dots(dots) }
+}
+
+/// One that knows what of all pictures stands still.
+fn finder(recorded: &Recorded, clip: Option<ClipRect>) -> Result<Option<Finder>, Failure> {
+    let (mut region, mut still) = (None, None::<Still>);
+    recorded.pictures(|shown| {
+        let region = Region::within(&mut region, mask(recorded), clip, shown.size)?;
+        let view = shown.view()?;
+        let (Some(part), _) = part(&view, region.clip) else { return Ok(()) };
+        match &mut still {
+            // Pictures of another size are refused when they are looked at.
+            Some(still) => _ = still.add(&part),
+            none => *none = Some(Still::new(&part)),
+        }
+        Ok(())
+    })?;
+    Ok(still.map(Finder::new))
+}
+
+/// What of the pictures is data, where a session says it.
+fn mask(recorded: &Recorded) -> Option<MaskSettings> {
+    recorded.bedside().map(|bedside| bedside.mask)
+}
+
+/// The part of a picture that is looked at, and its first pixel.
+fn part<'a>(view: &GreyView<'a>, clip: Option<ClipRect>) -> (Option<GreyView<'a>>, DVec2) {
+    match clip {
+        Some(clip) => (view.part(clip), DVec2::new(f64::from(clip.x), f64::from(clip.y))),
+        None => (Some(*view), DVec2::ZERO),
+    }
+}
