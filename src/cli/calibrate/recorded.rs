@@ -80,10 +80,13 @@ impl Unfit {
     }
 }
 
+/// An item of a sequence and its poses, or why it has none.
+type OfItem = (u64, Result<Poses, String>);
+
 /// Where a sensor was against the reference.
 pub(super) enum Tracked {
-    /// A sequence's: by its items, or why not.
-    Items(Vec<(u64, Result<Poses, String>)>),
+    /// A sequence's: by its items.
+    Items(Vec<OfItem>),
     /// A session's: at the sensor's own samples, the reference's between its own; and how many pictures there are.
     Samples { track: Track, sensor: String, pictures: u64 },
 }

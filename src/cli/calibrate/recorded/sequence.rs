@@ -8,7 +8,7 @@ use drivers::reading::{NamedTransform, Reading, Stamp, transform_name};
 use drivers::recording::SequenceSettings;
 use drivers::{Next, OpenSettings};
 
-use super::stamps;
+use super::{OfItem, stamps};
 use crate::cli::Failure;
 use crate::sync::pairing::RIGID_TOLERANCE;
 use crate::sync::{Pairing, PairingOptions};
@@ -33,7 +33,7 @@ pub(in crate::cli::calibrate) fn each(
 }
 
 /// Where a sensor and the reference were, item by item in their order, or why nobody knows.
-pub(super) fn poses(path: &Path, sensor: &str, reference: &str) -> Result<Vec<(u64, Result<Poses, String>)>, Failure> {
+pub(super) fn poses(path: &Path, sensor: &str, reference: &str) -> Result<Vec<OfItem>, Failure> {
     let mut names: Vec<(String, String)> = Vec::new();
     each(path, false, |reading| {
         if let Reading::NamedTransform(t) = reading
