@@ -20,6 +20,7 @@ check: setup
 bench: setup
 	cargo bench --locked --bench reconstruct
 	cargo bench --locked --bench render
+	cargo bench --locked -p sonoweave-calibration --bench dots
 	cargo bench --locked -p sonoweave-drivers --bench decoders
 	cargo bench --locked -p sonoweave-drivers --bench pixels
 	cargo bench --locked -p sonoweave-drivers --bench latency
