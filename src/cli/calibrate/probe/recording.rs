@@ -140,12 +140,12 @@ pub(super) struct Region {
 
 impl Region {
     /// That of the first picture: what is asked for, else the session's.
-    pub(super) fn within<'a>(
-        region: &'a mut Option<Self>,
+    pub(super) fn within(
+        region: &mut Option<Self>,
         settings: Option<MaskSettings>,
         clip: Option<ClipRect>,
         size: [u32; 2],
-    ) -> Result<&'a Self, Failure> {
+    ) -> Result<&Self, Failure> {
         if region.is_none() {
             let mask = settings.map_or(Ok(None), |settings| data(&settings, size))?;
             let clip = clip.or(mask.as_ref().and_then(Mask::bounds));
