@@ -54,6 +54,7 @@ put docs/examples/probe.toml etc/sonoweave/probe.toml
 
 documents=usr/share/doc/sonoweave
 for example in docs/examples/*.toml; do put "$example" "$documents/examples/${example##*/}"; done
+for drawn in docs/phantom/nwire.*; do put "$drawn" "$documents/phantom/${drawn##*/}"; done
 put packaging/debian/copyright "$documents/copyright"
 pack packaging/debian/changelog "$documents/changelog.Debian"
 pack "$place/made/licences.txt" "$documents/licences.txt"

@@ -24,4 +24,5 @@ mod results;
 mod sequence;
 mod sessions;
 mod settings;
+mod targets;
 mod tracker;

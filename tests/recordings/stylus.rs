@@ -9,6 +9,7 @@ use calibration::pivot::{self, Pivot, PivotError};
 use calibration::statistics::Spread;
 use glam::{DQuat, DVec3};
 use libtest_mimic::Failed;
+use sonoweave::cli::calibrate::guide::Gathering;
 use sonoweave::cli::calibrate::poses::{Recording, Source};
 use sonoweave::config::Settings as Config;
 use sonoweave::config::phantom::PhantomSettings;
@@ -30,7 +31,14 @@ pub(crate) const TESTS: &[Test] = &[
 /// Seconds of a recording.
 fn part(path: &Path, from: f64, to: f64) -> Recording {
     let source = Source { sequence: Some(path.to_owned()), ..Source::default() };
-    Recording { source, stylus: "Stylus".into(), reference: None, from: Some(from), to: Some(to) }
+    Recording {
+        source,
+        gathering: Gathering::default(),
+        stylus: "Stylus".into(),
+        reference: None,
+        from: Some(from),
+        to: Some(to),
+    }
 }
 
 /// The configuration of the recording, and PLUS's results.

@@ -34,9 +34,6 @@ pub struct Source {
     /// A bedside's configuration: records its devices now, says what to do, and ends when there is enough
     #[arg(long, value_name = "BEDSIDE.toml")]
     pub live: Option<PathBuf>,
-    /// How
-    #[command(flatten)]
-    pub gathering: Gathering,
 }
 
 /// Which recording, and what its frames are called.
@@ -45,6 +42,9 @@ pub struct Recording {
     /// Where it is
     #[command(flatten)]
     pub source: Source,
+    /// How it is made where it is still to be made
+    #[command(flatten)]
+    pub gathering: Gathering,
     /// Name of the frame of the stylus's sensor
     #[arg(long, value_name = "NAME", default_value = "Stylus")]
     pub stylus: String,

@@ -14,11 +14,12 @@ use super::super::{Failure, input};
 use crate::cli::live::stages::{Kept, instruments};
 use crate::config::bedside::Bedside;
 use crate::ingest::live::Live;
-use crate::ingest::{Ingest, Sample};
+use crate::ingest::{Ingest, Picture, Sample};
 use crate::mask::{Mask, MaskPlan, MaskSettings};
 use crate::pipeline::live::{Instrument, Precedent, walk};
 use crate::refusal::Refusal;
 use crate::slice::{Image, Pixels};
+use crate::sync::clock::Timed;
 pub(super) use sequence::each;
 pub(super) use tracks::Tracks;
 
@@ -165,17 +166,13 @@ impl Recorded {
     pub(super) fn pictures(&self, mut take: impl FnMut(Shown<'_>) -> Result<(), Failure>) -> Result<Unfit, Failure> {
         let (mut unfit, mut failed) = (Unfit::default(), None);
         let mut show = |frame: u64, stamps: Option<Stamps>, image: &Image| {
-            let kind = match image.pixels() {
-                Pixels::U8(pixels) => {
-                    return take(Shown { frame, stamps, size: [image.width(), image.height()], pixels });
-                }
-                Pixels::U16(_) => "16 bits a pixel",
-                Pixels::F32(_) => "pixels that are neither of 8 nor of 16 bits",
-            };
-            Err(Failure(format!(
-                "{}: its pictures have {kind}, and 8 bits are wanted here: write it again as MET_UCHAR, black at 0 and white at 255",
-                self.path().display()
-            )))
+            let pixels = grey(image).map_err(|kind| {
+                Failure(format!(
+                    "{}: its pictures have {kind}, and 8 bits are wanted here: write it again as MET_UCHAR, black at 0 and white at 255",
+                    self.path().display()
+                ))
+            })?;
+            take(Shown { frame, stamps, size: [image.width(), image.height()], pixels })
         };
         match self {
             Self::Sequence(path) => {
@@ -220,6 +217,28 @@ impl Recorded {
             }
         }
     }
+}
+
+/// Grey levels of 8 bits, or what there is instead.
+fn grey(image: &Image) -> Result<&[u8], &'static str> {
+    match image.pixels() {
+        Pixels::U8(pixels) => Ok(pixels),
+        Pixels::U16(_) => Err("16 bits a pixel"),
+        Pixels::F32(_) => Err("pixels that are neither of 8 nor of 16 bits"),
+    }
+}
+
+/// A picture that a grabber shows now.
+///
+/// # Errors
+/// [`Failure`] where it is not of 8 bits.
+pub(super) fn shown_now<'a>(picture: &'a Picture, timed: &Timed) -> Result<Shown<'a>, Failure> {
+    let image = &picture.image;
+    let pixels = grey(image).map_err(|kind| {
+        Failure(format!("the grabber's pictures have {kind}; choose a format of 8 bits ([grabber] format)"))
+    })?;
+    let stamps = Some(Stamps { given_s: seconds(timed.time_ns), ..Stamps::default() });
+    Ok(Shown { frame: picture.head.stamp.item, stamps, size: [image.width(), image.height()], pixels })
 }
 
 /// What of pictures is data, as far as it is known beforehand.

@@ -12,8 +12,8 @@ use glam::DAffine3;
 use serde::Serialize;
 
 use super::super::{Failure, values};
-use super::guide::Advice;
 use super::guide::poses::gathered;
+use super::guide::{Advice, Gathering};
 use super::outputs::{Input, Outputs, originates, place, print, rows};
 use super::poses::{Counts, Poses, Recording, Source, poses};
 
@@ -39,6 +39,8 @@ Examples: sonoweave calibrate tracker --live bedside.toml
 pub struct Arguments {
     #[command(flatten)]
     source: Source,
+    #[command(flatten)]
+    gathering: Gathering,
     /// Name of the frame of the sensor
     #[arg(long, value_name = "NAME", default_value = "Probe")]
     sensor: String,
@@ -177,6 +179,7 @@ impl Arguments {
     fn recording(&self, reference: &str) -> Recording {
         Recording {
             source: self.source.clone(),
+            gathering: self.gathering.clone(),
             stylus: self.sensor.clone(),
             reference: Some(reference.to_owned()),
             from: self.from,

@@ -36,7 +36,7 @@ pub(in crate::cli::calibrate) fn gathered(
     judge: impl FnMut(&Tracks) -> Result<Advice, Failure>,
 ) -> Result<Cow<'_, Recording>, Failure> {
     let Some(path) = &recording.source.live else { return Ok(Cow::Borrowed(recording)) };
-    let Gathered { session, from_s } = lead(path, &recording.source.gathering, |bedside| {
+    let Gathered { session, from_s } = lead(path, &recording.gathering, |bedside| {
         let mut instruments = without_latency(bedside)?;
         instruments.truncate(GRABBER);
         Ok((PoseGuide { tracks: Tracks::of_instruments(&instruments, bedside), judge }, instruments))

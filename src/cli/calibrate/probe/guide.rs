@@ -3,18 +3,16 @@
 use std::path::{Path, PathBuf};
 
 use calibration::phantom::file::Registration;
-use calibration::picture::GreyView;
 use calibration::probe::{Layout, Observation, Recording, calibrate, next};
 use calibration::region::ClipRect;
 
 use super::super::guide::{Advice, Guide, lead};
-use super::super::recorded::{GRABBER, Tracks, seconds, without_latency};
+use super::super::recorded::{GRABBER, Tracks, shown_now, without_latency};
 use super::recording::{Looker, number};
 use super::report::predicted_ends;
 use super::{Arguments, Failure};
 use crate::config::phantom::FrameNames;
 use crate::ingest::live::Live;
-use crate::slice::Pixels;
 
 /// Pictures that a judgement is made by, at most: evenly over all there are. It takes a second or so with them.
 const MOST_PICTURES: usize = 200;
@@ -74,16 +72,12 @@ impl Guide for Scanned<'_> {
             }
             return;
         };
-        let size = [picture.image.width(), picture.image.height()];
-        let looked = match picture.image.pixels() {
-            Pixels::U8(pixels) => GreyView::packed(size.map(|side| side as usize), pixels)
-                .map_err(Failure::from)
-                .and_then(|view| self.looker.look(size, &view)),
-            _ => Err(Failure("the pictures are not of 8 bits; set the grabber to such a format".into())),
-        };
-        let (frame, time_s) = (number(picture.head.stamp.item), seconds(timed.time_ns));
+        let looked = shown_now(&picture, &timed).and_then(|shown| {
+            let (dots, reading) = self.looker.look(shown.size, &shown.view()?)?;
+            Ok(Observation { frame: number(shown.frame), time_s: shown.time_s(), dots, reading, poses: None })
+        });
         match looked {
-            Ok((dots, reading)) => self.seen.push(Observation { frame, time_s, dots, reading, poses: None }),
+            Ok(seen) => self.seen.push(seen),
             Err(Failure(why)) => self.trouble = Some(why),
         }
     }

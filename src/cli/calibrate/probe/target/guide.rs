@@ -2,20 +2,18 @@
 
 use std::path::{Path, PathBuf};
 
-use calibration::picture::GreyView;
 use calibration::probe::DotFinder;
 use calibration::probe::target::{Observation, Recording, Target, calibrate};
 use calibration::region::ClipRect;
 
 use super::super::super::guide::{Advice, Guide, lead};
-use super::super::super::recorded::{GRABBER, Tracks, seconds, without_latency};
+use super::super::super::recorded::{GRABBER, Tracks, shown_now, without_latency};
 use super::super::recording::{Region, number};
 use super::look::{Names, of_dots};
 use super::{Arguments, Failure, ends};
 use crate::config::bedside::devices::{REFERENCE_FRAME, TRACKER_FRAME};
 use crate::ingest::live::Live;
 use crate::mask::MaskSettings;
-use crate::slice::Pixels;
 
 /// Pictures that a judgement is made by, at most: evenly over all there are.
 const MOST_PICTURES: usize = 150;
@@ -76,19 +74,13 @@ impl Guide for Scanned<'_> {
             }
             return;
         };
-        let size = [picture.image.width(), picture.image.height()];
-        let seen = match picture.image.pixels() {
-            Pixels::U8(pixels) => {
-                GreyView::packed(size.map(|side| side as usize), pixels).map_err(Failure::from).and_then(|view| {
-                    let region = Region::within(&mut self.region, Some(self.mask), self.clip, size)?;
-                    Ok(of_dots(&mut self.finder, &view, region))
-                })
-            }
-            _ => Err(Failure("the pictures are not of 8 bits; set the grabber to such a format".into())),
-        };
-        let (frame, time_s) = (number(picture.head.stamp.item), seconds(timed.time_ns));
-        match seen {
-            Ok(seen) => self.seen.push(Observation { frame, time_s, seen, poses: None }),
+        let looked = shown_now(&picture, &timed).and_then(|shown| {
+            let region = Region::within(&mut self.region, Some(self.mask), self.clip, shown.size)?;
+            let seen = of_dots(&mut self.finder, &shown.view()?, region);
+            Ok(Observation { frame: number(shown.frame), time_s: shown.time_s(), seen, poses: None })
+        });
+        match looked {
+            Ok(seen) => self.seen.push(seen),
             Err(Failure(why)) => self.trouble = Some(why),
         }
     }

@@ -1,0 +1,127 @@
+//! `calibrate probe --method point|stylus|plane`: painted sweeps round wires that cross and over a tank's floor lead to the transducer's calibration.
+
+use glam::{DMat4, DVec3};
+use serde_json::Value;
+
+use super::place::Place;
+
+const SIZE: [f64; 2] = [320.0, 240.0];
+
+/// A sweep that a trembling tracker follows, and the true calibration.
+fn swept(place: &Place, scene: &str) {
+    place.does(&format!(
+        "phantom -o {scene}.igs.mha --scene {scene} --trajectory about --frames 200 --image-size 320x240 --tracker-noise 0.05,0.05 --seed 3 --calibration truth.toml"
+    ));
+}
+
+/// ImageToProbe of a calibration file: what a pixel's place is.
+fn image_to_probe(place: &Place, name: &str) -> DMat4 {
+    let file: toml::Table = std::str::from_utf8(&place.get(name)).unwrap().parse().unwrap();
+    let rows = file["image_to_probe"]["matrix"].as_array().unwrap();
+    let rows: Vec<f64> = rows.iter().map(|x| x.as_float().unwrap()).collect();
+    DMat4::from_cols_slice(&rows).transpose()
+}
+
+/// How far pixels lie from where they are: of the picture's middle, and the most of its corners, mm.
+fn off(place: &Place, name: &str) -> [f64; 2] {
+    let [found, truth] = [name, "truth.toml"].map(|name| image_to_probe(place, name));
+    let at = |u: f64, v: f64| {
+        let pixel = DVec3::new(u * (SIZE[0] - 1.0), v * (SIZE[1] - 1.0), 0.0);
+        found.transform_point3(pixel).distance(truth.transform_point3(pixel))
+    };
+    let corners = [at(0.0, 0.0), at(1.0, 0.0), at(0.0, 1.0), at(1.0, 1.0)];
+    [at(0.5, 0.5), corners.into_iter().fold(0.0, f64::max)]
+}
+
+/// What every report holds, for programs.
+fn report(place: &Place, name: &str) -> Value {
+    let report = place.json(name);
+    assert_eq!(report["image_to_probe"].as_array().unwrap().len(), 16, "{name}");
+    for errors in ["error_mm", "validation_error_mm"] {
+        for key in ["mean", "sd", "rms", "max"] {
+            assert!(report[errors][key].is_number(), "{name}: {errors}.{key}");
+        }
+        assert!(report[errors]["per_frame"].is_array(), "{name}: {errors}");
+    }
+    assert!(report["condition"].is_number() && report["lag_se_s"].is_number());
+    assert!(report["frames"]["used"].as_u64().unwrap() >= 190, "{}", report["frames"]);
+    report
+}
+
+#[test]
+fn a_point_and_a_stylus_s_tip_tell_where_the_picture_lies() {
+    let place = Place::new();
+    swept(&place, "cross-wire");
+    let said =
+        place.does("calibrate probe --method point --sequence cross-wire.igs.mha -o point.toml --report point.json");
+    assert!(said.contains("pictures of a point that rests used"), "{said}");
+    let [middle, corner] = off(&place, "point.toml");
+    assert!(middle < 0.15 && corner < 0.25, "{middle} {corner}");
+    assert!(report(&place, "point.json")["lag_s"].as_f64().unwrap().abs() < 2e-3);
+
+    // The crossing on a stylus: the same place, now known, in the frame of the sensor that it is fixed to.
+    let tip = report(&place, "point.json")["target"]["point_mm"].clone();
+    let [x, y, z]: [f64; 3] = serde_json::from_value(tip).unwrap();
+    place.put(
+        "tip.toml",
+        format!(
+            "format = \"sonoweave-calibration\"\nversion = 1\n[[transform]]\nfrom = \"StylusTip\"\nto = \"Reference\"\nmatrix = [1.0, 0.0, 0.0, {x:?}, 0.0, 1.0, 0.0, {y:?}, 0.0, 0.0, 1.0, {z:?}, 0.0, 0.0, 0.0, 1.0]\n"
+        ),
+    );
+    let by_tip =
+        "calibrate probe --method stylus --stylus Reference --stylus-tip tip.toml --sequence cross-wire.igs.mha";
+    place.does(&format!("{by_tip} --tip-error 0.05 -o stylus.toml --report stylus.json"));
+    let [middle, corner] = off(&place, "stylus.toml");
+    assert!(middle < 0.15 && corner < 0.25, "{middle} {corner}");
+    report(&place, "stylus.json");
+}
+
+#[test]
+fn a_tank_s_floor_tells_it_less_well() {
+    let place = Place::new();
+    swept(&place, "tank-floor");
+    place.does("calibrate probe --method plane --sequence tank-floor.igs.mha -o plane.toml --report plane.json");
+    let [middle, corner] = off(&place, "plane.toml");
+    assert!(middle < 0.5 && corner < 0.7, "{middle} {corner}");
+    let report = report(&place, "plane.json");
+    let [predicted, at_corner]: [f64; 2] = serde_json::from_value(report["predicted_ends_mm"].clone()).unwrap();
+    assert!(middle < 4.0 * predicted && corner < 4.0 * at_corner, "{middle} {predicted}, {corner} {at_corner}");
+}
+
+#[test]
+fn what_does_not_tell_it_is_refused_by_what_is_missing() {
+    let place = Place::new();
+    place.does(
+        "phantom -o still.igs.mha --scene cross-wire --trajectory parallel --gap 0.02 --frames 60 --image-size 320x240 --calibration truth.toml",
+    );
+    place.refuses(
+        "calibrate probe --method point --sequence still.igs.mha -o a.toml",
+        &["still.igs.mha: all pictures are from one pose"],
+    );
+    place.does(
+        "phantom -o fan.igs.mha --scene tank-floor --trajectory fan --gap 0.5 --frames 60 --image-size 320x240 --calibration truth.toml",
+    );
+    place.refuses(
+        "calibrate probe --method plane --sequence fan.igs.mha -o a.toml",
+        &["fan.igs.mha: no rotation about the picture's normal", "tilt the probe from side to side"],
+    );
+    place.does(
+        "phantom -o nothing.igs.mha --scene constant --trajectory freehand --frames 30 --image-size 320x240 --calibration truth.toml",
+    );
+    place.refuses(
+        "calibrate probe --method point --sequence nothing.igs.mha -o a.toml",
+        &["nothing.igs.mha: a bright spot is seen in 0 of 30 pictures"],
+    );
+    place.refuses(
+        "calibrate probe --method plane --sequence nothing.igs.mha -o a.toml",
+        &["nothing.igs.mha: the line of a plane is seen in 0 of 30 pictures"],
+    );
+    let words = "--sequence still.igs.mha -o a.toml";
+    place.refuses(&format!("calibrate probe --method point --phantom p.toml {words}"), &["--phantom: --method point"]);
+    place.refuses(&format!("calibrate probe --method stylus {words}"), &["--stylus-tip", "`calibrate pivot`"]);
+    place.refuses(&format!("calibrate probe --method nwire {words}"), &["name their file with --phantom"]);
+    place.refuses(
+        &format!("calibrate probe --method plane --report a.html {words}"),
+        &["a.html: of this there is no page"],
+    );
+}
