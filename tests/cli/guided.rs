@@ -54,7 +54,9 @@ fn who_does_not_do_what_is_asked_is_told_what_is_missing() {
     assert!(run.stderr.contains(told) && run.stderr.contains(".mcap: the stylus was hardly turned"), "{}", run.stderr);
     assert!(!place.names().contains("tip.toml"));
     place.refuses_with("calibrate pivot --live bedside.toml --sequence a.mha", &[]);
-    place.refuses_with("calibrate pivot --sequence a.mha --record sessions", &[]);
+    for what in ["pivot --sequence a.mha", "latency --sequence a.mha", "tracker --sequence a.mha"] {
+        place.refuses_with(&format!("calibrate {what} --record sessions"), &["--record: is of --live"]);
+    }
     // Pictures are recorded by the same rule as elsewhere.
     place.refuses_with("calibrate latency --live bedside.toml --record sessions --duration 1", &["clip_px"]);
 }

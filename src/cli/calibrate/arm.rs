@@ -114,7 +114,11 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let given = [&arguments.session, &arguments.live].into_iter().flatten();
     let inputs: Vec<&Path> = given.chain(arguments.places.file()).map(PathBuf::as_path).collect();
     arguments.outputs.check(&inputs, false)?;
-    let made = arguments.live.as_ref().map(|bedside| guide::gathered(bedside, arguments)).transpose()?;
+    let made = arguments
+        .gathering
+        .of(arguments.live.as_ref())?
+        .map(|bedside| guide::gathered(bedside, arguments))
+        .transpose()?;
     // One of the two is there: the command line sees to it.
     let session = made.as_ref().or(arguments.session.as_ref()).map_or(Path::new(""), PathBuf::as_path);
     let work = Work { arguments, session };

@@ -37,11 +37,25 @@ const STEPS: f64 = 1000.0;
 #[derive(Debug, Clone, Default, Args)]
 pub struct Gathering {
     /// With --live, the folder for the recording [default: the bedside's, else this one]
-    #[arg(long, value_name = "DIR", requires = "live")]
+    #[arg(long, value_name = "DIR")]
     record: Option<PathBuf>,
     /// With --live, ends after so many seconds, enough or not [default: when it is enough, or by Ctrl-C]
-    #[arg(long, value_name = "S", requires = "live", value_parser = values::positive)]
+    #[arg(long, value_name = "S", value_parser = values::positive)]
     duration: Option<f64>,
+}
+
+impl Gathering {
+    /// The bedside whose devices are to be recorded, if that is asked for.
+    ///
+    /// # Errors
+    /// [`Failure`] for flags that nothing is recorded for. The parser does not say it: what --live excludes excuses its absence.
+    pub fn of<'a>(&self, live: Option<&'a PathBuf>) -> Result<Option<&'a PathBuf>, Failure> {
+        let needless = [("--record", self.record.is_some()), ("--duration", self.duration.is_some())];
+        match needless.into_iter().find(|(_, is_given)| live.is_none() && *is_given) {
+            Some((flag, _)) => Err(Failure(format!("{flag}: is of --live BEDSIDE.toml, which is not there"))),
+            None => Ok(live),
+        }
+    }
 }
 
 /// What to do now.

@@ -94,7 +94,8 @@ enum Method {
 /// [`Failure`] when the recording does not say what the lag is; nothing is written then.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.check()?;
-    let made = arguments.live.as_ref().map(|path| guide::gathered(path, arguments)).transpose()?;
+    let made =
+        arguments.gathering.of(arguments.live.as_ref())?.map(|path| guide::gathered(path, arguments)).transpose()?;
     let source = arguments.source(made.as_deref())?;
     let config = arguments.config.as_deref().map(|path| Settings::read(path, None)).transpose()?;
     let nothing = Settings::default();

@@ -190,7 +190,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let clip = clip.or(settings.clip);
     let began = Instant::now();
     let look = |recorded: &Recorded| observe(recorded, &layout, &settings.frames, clip);
-    let made = arguments.live.as_ref();
+    let made = arguments.gathering.of(arguments.live.as_ref())?;
     let made = made.map(|path| guide::gathered(path, arguments, &layout, &held, &settings.frames, clip)).transpose()?;
     let recorded = arguments.recorded(made.as_deref())?;
     let path = recorded.path();

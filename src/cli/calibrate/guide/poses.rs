@@ -35,7 +35,9 @@ pub(in crate::cli::calibrate) fn gathered(
     recording: &Recording,
     judge: impl FnMut(&Tracks) -> Result<Advice, Failure>,
 ) -> Result<Cow<'_, Recording>, Failure> {
-    let Some(path) = &recording.source.live else { return Ok(Cow::Borrowed(recording)) };
+    let Some(path) = recording.gathering.of(recording.source.live.as_ref())? else {
+        return Ok(Cow::Borrowed(recording));
+    };
     let Gathered { session, from_s } = lead(path, &recording.gathering, |bedside| {
         let mut instruments = without_latency(bedside)?;
         instruments.truncate(GRABBER);

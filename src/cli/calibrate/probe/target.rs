@@ -70,7 +70,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let began = Instant::now();
     let names = Names { probe: "Probe", reference };
     let is_plane = target == Target::Plane;
-    let made = arguments.live.as_ref().map(|path| guide::gathered(path, arguments, target, names)).transpose()?;
+    let made = arguments
+        .gathering
+        .of(arguments.live.as_ref())?
+        .map(|path| guide::gathered(path, arguments, target, names))
+        .transpose()?;
     let recorded = arguments.recorded(made.as_deref())?;
     let path = recorded.path();
     let within = |problem: String| Failure(format!("{}: {problem}", path.display()));
