@@ -111,7 +111,7 @@ fn two_on_one_tracker_the_second_is_told_who_has_it_and_the_first_goes_on() {
     let for_a_while = [&words("second.json")[..], &["--duration", "5"]].concat();
     let (status, said_by_second) = ended(program(&folder, &for_a_while));
     assert!(status.success(), "{said_by_second}");
-    Command::new("kill").args(["-TERM", &process.to_string()]).status().unwrap();
+    Command::new("sh").args(["-c", &format!("kill -TERM {process}")]).status().unwrap();
     assert!(said.count() < 1000 && first.wait().unwrap().success());
     let who = format!("another program has it open, sonoweave (process {process}); close that");
     assert!(said_by_second.contains("tracking is absent") && said_by_second.contains(&who), "{said_by_second}");
