@@ -76,7 +76,7 @@ fn moved(begin_ns: i64, at_ns: i64, places: &[[i64; JOINTS]]) -> [i64; AXES] {
     all
 }
 
-/// A session of the arm; its path within the place.
+/// A session of the arm, recorded while its touches are judged; its path within the place.
 fn recorded(place: &Place) -> String {
     guess().write(&place.path("guess.toml")).unwrap();
     let (begin_ns, places) = (Monotonic.now_ns(), counts());
@@ -92,9 +92,21 @@ fn recorded(place: &Place) -> String {
             line.path().display()
         ),
     );
-    let run = place
-        .run(&format!("live --config bedside.toml --duration {} --record sessions --quiet", (length / SECOND) + 1));
+    // Never enough: who holds the arm is told what is missing until the time is over.
+    place.put("plate.toml", plate(1.0));
+    let seconds = length / SECOND + 1;
+    let run = place.run(&format!(
+        "calibrate arm --live bedside.toml --record sessions --duration {seconds} --goal 0.001 --rest 0.3 --skip 1 --plate plate.toml --order {}",
+        joined(ORDER)
+    ));
     assert_eq!(run.code, 0, "{} {}", run.stdout, run.stderr);
+    for says in [
+        "--order names the divots of 22 touches, and the joints rested ",
+        "22 touches of 4 divots: the tip is known to 0.",
+    ] {
+        assert!(run.stderr.contains(says), "{says}: {}", run.stderr);
+    }
+    assert!(run.stdout.starts_with("22 touches of 4 divots: 0.0"), "{}", run.stdout);
     let entry = std::fs::read_dir(place.path("sessions")).unwrap().next().unwrap().unwrap();
     std::fs::rename(entry.path(), place.path("arm.mcap")).unwrap();
     std::fs::remove_dir(place.path("sessions")).unwrap();
@@ -131,7 +143,6 @@ fn is_found(report: &serde_json::Value, most_mm: f64) {
 fn an_arm_is_found_by_its_touches_and_a_slipped_encoder_is_named() {
     let place = Place::new();
     let session = recorded(&place);
-    place.put("plate.toml", plate(1.0));
     // The first rest is at home.
     let by = format!("calibrate arm --session {session} --rest 0.3 --skip 1");
     let order = format!("--plate plate.toml --order {}", joined(ORDER));
