@@ -12,10 +12,10 @@ use crate::probe::track::Track;
 
 /// Pixels of ultrasound pictures, mm: from high-frequency probes to whole abdomens.
 const PIXELS_MM: [f64; 2] = [0.01, 2.0];
-/// Of the pictures that show something this part has to agree.
-const AGREEING: f64 = 0.5;
+/// Of the pictures that show something this part has to agree. A motion that says too little lets a wrong plane have half of them, and find the others wrong.
+const AGREEING: f64 = 0.65;
 /// Where a corner of the picture would be known no better, mm (one standard deviation), nothing is known.
-const UNSURE_MM: f64 = 5.0;
+const UNSURE_MM: f64 = 3.0;
 
 /// A picture's part.
 #[derive(Debug, Clone, PartialEq)]
