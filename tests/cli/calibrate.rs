@@ -188,11 +188,7 @@ frames = 60
 #[test]
 fn a_session_s_poses_are_read_by_what_its_stations_are() {
     let place = Place::new();
-    place.put("bedside.toml", BEDSIDE);
-    let run = place.run("live --config bedside.toml --duration 2 --record sessions --quiet");
-    assert_eq!(run.code, 0, "{} {}", run.stdout, run.stderr);
-    let entry = std::fs::read_dir(place.path("sessions")).unwrap().next().unwrap().unwrap();
-    let session = format!("sessions/{}", entry.file_name().to_string_lossy());
+    let session = place.recorded(BEDSIDE, 2);
     let refused = |flags: &str| {
         let words = format!("calibrate pivot --session {session} {flags}");
         let run = place.run(&words);

@@ -18,28 +18,27 @@ device = \"/dev/video-of-nobody\"
 ";
 
 #[test]
-fn a_still_sensor_s_noise_is_enough_after_ten_seconds_of_stillness() {
+fn a_sensor_on_who_breathes_never_lies_still() {
     let place = Place::new();
     place.put("bedside.toml", BEDSIDE);
     // Nothing can be woven by it.
     place.refuses("live --config bedside.toml --duration 1", &["where does the picture lie against the probe?"]);
     let run = place.run(
-        "calibrate tracker --live bedside.toml --sensor Reference --record sessions --duration 60 --report noise.json",
+        "calibrate tracker --live bedside.toml --sensor Reference --record sessions --duration 5 --report noise.json",
     );
-    assert!(run.code == 0 && run.stdout.contains("Reference lay at"), "{}{}", run.stdout, run.stderr);
-    for says in ["recorded in sessions/", "lay it down, let go of it", "enough: the sensor lies still for 10 of 10 s"] {
+    assert_eq!((run.code, run.stdout.as_str()), (1, ""), "{}", run.stderr);
+    for says in ["recorded in sessions/", "lay it down, let go of it", "ended: the sensor lies still for ", ".mcap: "] {
         assert!(run.stderr.contains(says), "{says}: {}", run.stderr);
     }
-    let report = place.json("noise.json");
-    // A FASTRAK of two sensors gives 60 poses a second of each, for the ten seconds that were asked for and little more.
-    let usable = report["poses"]["usable"].as_u64().unwrap();
-    assert!((400..900).contains(&usable), "{report}");
-    let input = report["input"]["path"].as_str().unwrap();
-    assert!(input.starts_with("sessions/") && input.ends_with(".mcap"), "{input}");
+    assert!(!run.stderr.contains("enough"), "{}", run.stderr);
     // The recording is one like others.
-    let again = place.does(&format!("calibrate tracker --session {input} --sensor Reference --from 2"));
-    assert!(again.contains("Reference lay at"), "{again}");
-    place.refuses_with(&format!("replay {input}"), &["where does the picture lie against the probe?"]);
+    let entry = std::fs::read_dir(place.path("sessions")).unwrap().next().unwrap().unwrap();
+    let session = format!("sessions/{}", entry.file_name().to_string_lossy());
+    place.refuses_with(
+        &format!("calibrate tracker --session {session} --sensor Reference"),
+        &["the sensor has moved", "lay it down"],
+    );
+    place.refuses_with(&format!("replay {session}"), &["where does the picture lie against the probe?"]);
 }
 
 #[test]
@@ -57,6 +56,7 @@ fn who_does_not_do_what_is_asked_is_told_what_is_missing() {
     for what in ["pivot --sequence a.mha", "latency --sequence a.mha", "tracker --sequence a.mha"] {
         place.refuses_with(&format!("calibrate {what} --record sessions"), &["--record: is of --live"]);
     }
+    place.refuses_with("calibrate pivot --live bedside.toml --duration 1e300", &["must be 0.1 to 1000000 seconds"]);
     // Pictures are recorded by the same rule as elsewhere.
     place.refuses_with("calibrate latency --live bedside.toml --record sessions --duration 1", &["clip_px"]);
 }
@@ -97,13 +97,6 @@ fn who_scans_is_told_how_well_the_picture_s_place_is_known_until_it_is_enough() 
     assert_eq!(run.code, 0, "{}{}", run.stdout, run.stderr);
     assert!(run.stderr.contains("enough: a point is known to 0."), "{}", run.stderr);
     assert!(run.stdout.contains("pictures of the phantom n-wire used"), "{}", run.stdout);
-    // Where the picture begins: at the transducer's face, where an error of its turn shows.
-    let begins = |name: &str| {
-        let file: toml::Table = std::str::from_utf8(&place.get(name)).unwrap().parse().unwrap();
-        let rows: Vec<f64> =
-            file["image_to_probe"]["matrix"].as_array().unwrap().iter().map(|x| x.as_float().unwrap()).collect();
-        glam::DVec3::new(rows[3], rows[7], rows[11])
-    };
-    let off = begins("probe.toml").distance(begins("truth.toml"));
-    assert!(off < 1.5, "{off}");
+    let [middle, corner] = place.pixels_apart(["probe.toml", "truth.toml"], [320, 240]);
+    assert!(middle < 0.5 && corner < 1.5, "{middle} {corner}");
 }

@@ -162,14 +162,9 @@ jitter_ms = 1.0
 #[test]
 fn a_session_tells_the_whole_lag_whatever_it_was_paired_by() {
     let place = Place::new();
-    place.put("bedside.toml", BEDSIDE);
-    let run = place.run("live --config bedside.toml --duration 6 --record sessions --quiet");
-    assert_eq!(run.code, 0, "{} {}", run.stdout, run.stderr);
-    let entry = std::fs::read_dir(place.path("sessions")).unwrap().next().unwrap().unwrap();
-    let session = entry.file_name().to_string_lossy().into_owned();
-    let said = place.does(&format!(
-        "calibrate latency --session sessions/{session} --method crossings -o probe.toml --report r.json"
-    ));
+    let session = place.recorded(BEDSIDE, 6);
+    let said =
+        place.does(&format!("calibrate latency --session {session} --method crossings -o probe.toml --report r.json"));
     let report = place.json("r.json");
     let number = |key: &str| report[key].as_f64().unwrap();
     assert!((number("lag_s") - 0.04).abs() < 3e-3 && number("lag_se_s") < 3e-3, "{said}");

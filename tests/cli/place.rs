@@ -7,6 +7,7 @@ use std::process::{Command, Output, Stdio};
 use drivers::reading::PixelType;
 use drivers::recording::Limits;
 use drivers::recording::metaimage::{VolumeHeader, VolumeReader};
+use glam::{DMat4, DVec3};
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -18,6 +19,15 @@ pub(crate) struct Run {
     pub(crate) code: i32,
     pub(crate) stdout: String,
     pub(crate) stderr: String,
+}
+
+pub(crate) fn numbers(value: &toml::Value) -> Vec<f64> {
+    value.as_array().unwrap().iter().map(|x| x.as_float().unwrap()).collect()
+}
+
+/// Row major.
+pub(crate) fn matrix(value: &toml::Value) -> DMat4 {
+    DMat4::from_cols_slice(&numbers(value)).transpose()
 }
 
 impl Place {
@@ -109,6 +119,31 @@ impl Place {
             self.check_refusal(&run, words, says);
         }
         assert_eq!(before, self.names(), "{words}");
+    }
+
+    /// Runs a virtual bedside for so many seconds; the session that was recorded, the place's only one.
+    pub(crate) fn recorded(&self, bedside: &str, seconds: u32) -> String {
+        self.put("bedside.toml", bedside);
+        let run = self.run(&format!("live --config bedside.toml --duration {seconds} --record sessions --quiet"));
+        assert_eq!(run.code, 0, "{} {}", run.stdout, run.stderr);
+        let entry = std::fs::read_dir(self.path("sessions")).unwrap().next().unwrap().unwrap();
+        format!("sessions/{}", entry.file_name().to_string_lossy())
+    }
+
+    pub(crate) fn toml(&self, name: &str) -> toml::Value {
+        toml::Value::Table(std::str::from_utf8(&self.get(name)).unwrap().parse().unwrap())
+    }
+
+    /// How far a calibration file has pixels from where another has them, mm: of the middle of a picture of that size, and the most of its corners.
+    pub(crate) fn pixels_apart(&self, files: [&str; 2], size: [u32; 2]) -> [f64; 2] {
+        let [one, other] = files.map(|name| matrix(&self.toml(name)["image_to_probe"]["matrix"]));
+        let [width, height] = size.map(|side| f64::from(side - 1));
+        let at = |u: f64, v: f64| {
+            let pixel = DVec3::new(u * width, v * height, 0.0);
+            one.transform_point3(pixel).distance(other.transform_point3(pixel))
+        };
+        let corners = [at(0.0, 0.0), at(1.0, 0.0), at(0.0, 1.0), at(1.0, 1.0)];
+        [at(0.5, 0.5), corners.into_iter().fold(0.0, f64::max)]
     }
 
     /// A volume that the program wrote.

@@ -1,9 +1,9 @@
 //! `calibrate probe`: a scan of N-wires at a virtual bedside leads to a calibration, and that to a volume in which the wires are where they are.
 
-use glam::{DMat4, DVec2, DVec3};
+use glam::{DVec2, DVec3};
 use toml::Value;
 
-use super::place::{Place, Volume};
+use super::place::{Place, Volume, matrix, numbers};
 
 /// A tracker that trembles, and a grabber that is late; the configuration says nothing of either.
 const BEDSIDE: &str = r#"format = "sonoweave-bedside"
@@ -29,15 +29,6 @@ latency_ms = 40.0
 jitter_ms = 2.0
 "#;
 
-/// Runs the bedside for so many seconds; the session that was recorded.
-fn recorded(place: &Place, bedside: &str, seconds: f64) -> String {
-    place.put("bedside.toml", bedside);
-    let run = place.run(&format!("live --config bedside.toml --duration {seconds} --record sessions --quiet"));
-    assert_eq!(run.code, 0, "{} {}", run.stdout, run.stderr);
-    let entry = std::fs::read_dir(place.path("sessions")).unwrap().next().unwrap().unwrap();
-    format!("sessions/{}", entry.file_name().to_string_lossy())
-}
-
 /// The same phantom, and the transducer's true calibration.
 fn truth(place: &Place) {
     place.does(
@@ -45,22 +36,9 @@ fn truth(place: &Place) {
     );
 }
 
-fn table(place: &Place, name: &str) -> Value {
-    Value::Table(std::str::from_utf8(&place.get(name)).unwrap().parse().unwrap())
-}
-
-fn numbers(value: &Value) -> Vec<f64> {
-    value.as_array().unwrap().iter().map(|x| x.as_float().unwrap()).collect()
-}
-
-/// Row major.
-fn matrix(value: &Value) -> DMat4 {
-    DMat4::from_cols_slice(&numbers(value)).transpose()
-}
-
 /// The phantom's wires in the world: their names and ends.
 fn wires(place: &Place) -> Vec<(String, [DVec3; 2])> {
-    let phantom = table(place, "phantom.toml");
+    let phantom = place.toml("phantom.toml");
     let held = matrix(&phantom["phantom_to_reference"]["matrix"]);
     let patterns = phantom["pattern"].as_array().unwrap().iter();
     let wire = |wire: &Value| {
@@ -122,23 +100,18 @@ fn distances(place: &Place, volume: &str) -> [Vec<f64>; 2] {
 #[test]
 fn wires_of_a_session_are_where_they_are_once_the_probe_is_calibrated_by_it() {
     let place = Place::new();
-    let session = recorded(&place, BEDSIDE, 9.0);
+    let session = place.recorded(BEDSIDE, 9);
     truth(&place);
     // What of the picture is data is known; of the place and the latencies nothing is.
-    let clip = table(&place, "truth.toml")["image"]["clip_px"].to_string();
+    let clip = place.toml("truth.toml")["image"]["clip_px"].to_string();
     place.put("probe.toml", format!("format = \"sonoweave-calibration\"\nversion = 1\n[image]\nclip_px = {clip}\n"));
     let said = place.does(&format!("calibrate probe --phantom phantom.toml --session {session} -o probe.toml"));
     assert!(said.contains("(the last third, by a calibration from the others)"), "{said}");
     assert!(said.contains("latency: video 0.0 ms, tracker -"), "{said}");
-    let found = table(&place, "probe.toml");
+    let found = place.toml("probe.toml");
     let lag = found["latency"]["tracker_ms"].as_float().unwrap();
     assert!((lag + 40.0).abs() < 3.0, "{said}");
-    let matrices = [&found, &table(&place, "truth.toml")].map(|file| matrix(&file["image_to_probe"]["matrix"]));
-    let apart = |u: f64, v: f64| {
-        let [found, true_one] = matrices.map(|matrix| matrix.transform_point3(DVec3::new(u, v, 0.0)));
-        found.distance(true_one)
-    };
-    let (centre, corner) = (apart(160.0, 120.0), apart(80.0, 220.0));
+    let [centre, corner] = place.pixels_apart(["probe.toml", "truth.toml"], [320, 240]);
 
     place.put("found.toml", BEDSIDE.replace("[tracker]", "[calibration]\nfile = \"probe.toml\"\n[tracker]"));
     let run = place.run(&format!("replay {session} --config found.toml -o volume.mha"));

@@ -1,11 +1,8 @@
 //! `calibrate probe --method point|stylus|plane`: painted sweeps round wires that cross and over a tank's floor lead to the transducer's calibration.
 
-use glam::{DMat4, DVec3};
 use serde_json::Value;
 
 use super::place::Place;
-
-const SIZE: [f64; 2] = [320.0, 240.0];
 
 /// A sweep that a trembling tracker follows, and the true calibration.
 fn swept(place: &Place, scene: &str) {
@@ -14,23 +11,9 @@ fn swept(place: &Place, scene: &str) {
     ));
 }
 
-/// ImageToProbe of a calibration file: what a pixel's place is.
-fn image_to_probe(place: &Place, name: &str) -> DMat4 {
-    let file: toml::Table = std::str::from_utf8(&place.get(name)).unwrap().parse().unwrap();
-    let rows = file["image_to_probe"]["matrix"].as_array().unwrap();
-    let rows: Vec<f64> = rows.iter().map(|x| x.as_float().unwrap()).collect();
-    DMat4::from_cols_slice(&rows).transpose()
-}
-
 /// How far pixels lie from where they are: of the picture's middle, and the most of its corners, mm.
 fn off(place: &Place, name: &str) -> [f64; 2] {
-    let [found, truth] = [name, "truth.toml"].map(|name| image_to_probe(place, name));
-    let at = |u: f64, v: f64| {
-        let pixel = DVec3::new(u * (SIZE[0] - 1.0), v * (SIZE[1] - 1.0), 0.0);
-        found.transform_point3(pixel).distance(truth.transform_point3(pixel))
-    };
-    let corners = [at(0.0, 0.0), at(1.0, 0.0), at(0.0, 1.0), at(1.0, 1.0)];
-    [at(0.5, 0.5), corners.into_iter().fold(0.0, f64::max)]
+    place.pixels_apart([name, "truth.toml"], [320, 240])
 }
 
 /// What every report holds, for programs.

@@ -80,9 +80,8 @@ pub fn of(poses: &[DAffine3]) -> Result<Noise, NoNoise> {
     let (farthest_mm, farthest_turn) = (farthest(&shifts), farthest(&turns));
     let turn_steps: f64 = turns.windows(2).map(|pair| (pair[1] - pair[0]).length_squared()).sum();
     let fast_turn = (turn_steps / (2.0 * (count - 1.0))).sqrt();
-    // What a tracker does not resolve it repeats: then there are no steps, and no noise, or one that the last digit makes.
-    let moved = |rms: f64, fast: f64, digit: f64| rms > WANDERS * fast.max(digit);
-    if moved(position_sd_mm.length(), fast_rms_mm, DIGIT_MM) || moved(rotation_sd.length(), fast_turn, DIGIT_RAD) {
+    let moved = |rms: f64, fast: f64, still: f64| rms > still.max(WANDERS * fast);
+    if moved(position_sd_mm.length(), fast_rms_mm, STILL_MM) || moved(rotation_sd.length(), fast_turn, STILL_RAD) {
         return Err(NoNoise::Moved { farthest_mm, degrees: farthest_turn.to_degrees(), fast_mm: fast_rms_mm });
     }
     Ok(Noise {
@@ -97,10 +96,11 @@ pub fn of(poses: &[DAffine3]) -> Result<Noise, NoNoise> {
     })
 }
 
-/// What a position is told to by the coarsest of records, 0.01 inch, mm.
-const DIGIT_MM: f64 = 0.254;
-/// The same of an angle, 0.01 degrees in their text.
-const DIGIT_RAD: f64 = 1.8e-4;
+/// What wanders by no more lies still, however little it steps, mm: records that are told to 0.01 inch repeat themselves between two digits, and filtered ones step less than they
+/// wander.
+const STILL_MM: f64 = 0.4;
+/// The same of an angle, whose coarsest digit is 0.01 degrees.
+const STILL_RAD: f64 = 1.1e-3;
 
 /// The mean of vectors.
 pub(super) fn mean(all: impl Iterator<Item = DVec3>, count: f64) -> DVec3 {
@@ -159,6 +159,18 @@ mod tests {
     fn a_sensor_that_repeats_its_last_digit_has_no_noise_that_can_be_seen() {
         let found = of(&vec![DAffine3::from_translation(DVec3::X); 100]).unwrap();
         assert_eq!((found.position_rms_mm, found.rotation_rms_deg), (0.0, 0.0));
+    }
+
+    #[test]
+    fn a_sensor_on_who_breathes_does_not_lie_still() {
+        let sways = |mm: f64| {
+            let at = |n: u32| DVec3::Y * (mm * (f64::from(n) * std::f64::consts::TAU / 240.0).sin());
+            of(&(0..600).map(|n| DAffine3::from_translation(at(n))).collect::<Vec<_>>())
+        };
+        assert!(matches!(sways(2.0), Err(NoNoise::Moved { .. })), "{:?}", sways(2.0));
+        // Two digits of the coarsest record.
+        let digit = |n: u32| DVec3::X * 0.254 * f64::from(n / 300);
+        assert!(of(&(0..600).map(|n| DAffine3::from_translation(digit(n))).collect::<Vec<_>>()).is_ok());
     }
 
     #[test]

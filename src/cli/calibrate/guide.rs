@@ -14,7 +14,7 @@ use drivers::clock::{Clock as _, Monotonic};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::super::live::outputs::{say, troubles};
-use super::super::live::session::until_told;
+use super::super::live::session::{check_duration, until_told};
 use super::super::live::stages::record_of;
 use super::super::live::{home, telling};
 use super::super::{Failure, values};
@@ -48,13 +48,14 @@ impl Gathering {
     /// The bedside whose devices are to be recorded, if that is asked for.
     ///
     /// # Errors
-    /// [`Failure`] for flags that nothing is recorded for. The parser does not say it: what --live excludes excuses its absence.
+    /// [`Failure`] for flags that nothing is recorded for, and for a time that no session lasts. The parser does not say it: what --live excludes excuses its absence.
     pub fn of<'a>(&self, live: Option<&'a PathBuf>) -> Result<Option<&'a PathBuf>, Failure> {
         let needless = [("--record", self.record.is_some()), ("--duration", self.duration.is_some())];
-        match needless.into_iter().find(|(_, is_given)| live.is_none() && *is_given) {
-            Some((flag, _)) => Err(Failure(format!("{flag}: is of --live BEDSIDE.toml, which is not there"))),
-            None => Ok(live),
+        if let Some((flag, _)) = needless.into_iter().find(|(_, is_given)| live.is_none() && *is_given) {
+            return Err(Failure(format!("{flag}: is of --live BEDSIDE.toml, which is not there")));
         }
+        check_duration(self.duration)?;
+        Ok(live)
     }
 }
 
@@ -143,9 +144,12 @@ pub fn lead<G: Guide>(
     drop(twins);
     screen.end(&last);
     let Some(recording) = recording else { return Err(Failure("nothing was recorded".into())) };
+    account.notes.iter().for_each(|note| say(note));
     let lost = recording.lost.total() + recording.after_end.total();
     if lost > 0 {
-        say(&format!("{lost} messages were not recorded{}: the disk is too slow, or full", troubles(&account)));
+        say(&format!(
+            "{lost} messages were not recorded, for want of time or room on the disk; so far as they were poses or pictures, they are missing"
+        ));
     }
     Ok(Gathered { session: recording.path, from_s: last.from_s })
 }

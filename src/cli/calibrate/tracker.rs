@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use calibration::file::CalibrationFile;
 use calibration::file::date::Date;
 use calibration::tracker::distortion::{self, Map, NoMap, Pair};
-use calibration::tracker::noise::{self, Noise};
+use calibration::tracker::noise::{self, NoNoise, Noise};
 use calibration::tracker::zones::Zones;
 use clap::Args;
 use glam::DAffine3;
@@ -168,7 +168,9 @@ fn stillness(read: &Poses) -> Advice {
         let poses: Vec<DAffine3> = read.poses[from..].iter().map(|(_, pose)| pose.affine()).collect();
         noise::of(&poses)
     };
-    let whole = (1..=STILL_S as u32).map(f64::from).take_while(|seconds| *seconds <= end_s && still(*seconds).is_ok());
+    // A slow tracker has too few poses in a second to be judged by, and is not moved for that.
+    let lies = |seconds: &f64| *seconds <= end_s && !matches!(still(*seconds), Err(NoNoise::Moved { .. }));
+    let whole = (1..=STILL_S as u32).map(f64::from).take_while(lies);
     let seconds = whole.last().unwrap_or(0.0);
     let says =
         format!("the sensor lies still for {seconds:.0} of {STILL_S:.0} s; lay it down, let go of it, and keep away");
@@ -329,5 +331,38 @@ impl Arguments {
             let _ = writeln!(text, "  and {} more, in the report", map.zones.len() - TOLD);
         }
         text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use calibration::frames::Transform;
+    use glam::DVec3;
+
+    use super::*;
+
+    /// A sensor that is carried for five seconds and then laid down, by a tracker of so many poses a second.
+    fn laid(rate_hz: u32, seconds: u32) -> Poses {
+        let pose = |n: u32| {
+            let time_s = f64::from(n) / f64::from(rate_hz);
+            let at = DVec3::X * 40.0 * (5.0 - time_s).max(0.0);
+            (time_s, Transform::from_affine(DAffine3::from_translation(at)))
+        };
+        let poses: Vec<_> = (0..=rate_hz * seconds).map(pose).collect();
+        let counts = Counts { read: 0, usable: 0, refused: BTreeMap::new(), first_refusal: None };
+        Poses { frame: "Tracker".into(), route: String::new(), poses, counts }
+    }
+
+    #[test]
+    fn stillness_begins_when_the_sensor_is_laid_down() {
+        for rate_hz in [10, 60, 240] {
+            let early = stillness(&laid(rate_hz, 9));
+            assert!((early.share - 0.4).abs() < 1e-9, "{rate_hz}: {early:?}");
+            let enough = stillness(&laid(rate_hz, 16));
+            assert!(enough.share >= 1.0 && (enough.from_s.unwrap() - 6.0).abs() < 1e-9, "{rate_hz}: {enough:?}");
+        }
+        assert!(stillness(&laid(60, 4)).share < 0.1);
     }
 }

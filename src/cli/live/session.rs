@@ -45,10 +45,18 @@ pub(in crate::cli) struct Conduct {
 
 impl Conduct {
     fn check(&self) -> Result<(), Failure> {
-        if let Some(seconds) = self.duration.filter(|seconds| !(0.1..=1e6).contains(seconds)) {
-            return Err(Failure(format!("--duration {seconds}: must be 0.1 to 1000000 seconds")));
-        }
-        Ok(())
+        check_duration(self.duration)
+    }
+}
+
+/// A time that a session may last.
+///
+/// # Errors
+/// [`Failure`] for one that it may not.
+pub(in crate::cli) fn check_duration(duration: Option<f64>) -> Result<(), Failure> {
+    match duration.filter(|seconds| !(0.1..=1e6).contains(seconds)) {
+        Some(seconds) => Err(Failure(format!("--duration {seconds}: must be 0.1 to 1000000 seconds"))),
+        None => Ok(()),
     }
 }
 
