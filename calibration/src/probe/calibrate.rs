@@ -28,8 +28,6 @@ const WORST_SPREAD_MM: f64 = 2.0;
 const CLEARLY: f64 = 3.0;
 /// Part of the brightest dots, as many as there are wires, that is the phantom's in the median picture at least: of other phantoms' dots some lie alike.
 const EXPLAINED: f64 = 0.7;
-/// Dots of a picture without which no phantom can be in it.
-const LEAST_DOTS: usize = super::matching::LEAST_DOTS;
 
 /// A picture and its poses, as observed.
 #[derive(Debug, Clone)]
@@ -66,7 +64,7 @@ pub enum Outcome {
     Used,
     /// The tracker did not vouch for a pose.
     NoPose,
-    /// What was scanned is not seen in it: of a phantom, no six dots or more lie as its wires do.
+    /// What was scanned is not seen in it: of a phantom, too few dots lie as its wires do.
     Unseen,
     /// There is no pose at the time of the picture and the lag after it.
     NoPoseAtLag,
@@ -131,8 +129,16 @@ pub fn calibrate(
     recording: Recording<'_>,
     validation: Option<Recording<'_>>,
 ) -> Result<Calibration, Refused> {
-    let (sightings, track) = sight(layout, registration, recording)?;
-    let (first, begun) = fit(layout, registration, &sightings, &track, recording)?;
+    let (sightings, track) = sight(layout, registration, recording, Side::Right)?;
+    let (first, begun) = fit(layout, registration, &sightings, &track, recording).map_err(|refused| {
+        // Of a row of dots only the poses tell from which side it is seen.
+        let other = || sight(layout, registration, recording, Side::Left);
+        let fits = |(sightings, track): (Vec<Sighting>, Track)| {
+            fit(layout, registration, &sightings, &track, recording).ok().map(|_| sightings.len())
+        };
+        let mirrored = if layout.is_flat() { other().ok().and_then(fits) } else { None };
+        mirrored.map_or(refused, |pictures| Refused::Mirrored { pictures })
+    })?;
     let (sightings, misread) = reread(layout, &first, &track, recording.observations, &sightings);
     let (refined, begun) =
         if misread > 0 { fit(layout, registration, &sightings, &track, recording)? } else { (first, begun) };
@@ -149,7 +155,7 @@ pub fn calibrate(
 
     let (mut held, mut as_given, mut split) = (None, None, false);
     if let Some(validation) = validation {
-        let (sightings, track) = sight(layout, registration, validation)?;
+        let (sightings, track) = sight(layout, registration, validation, Side::Right)?;
         let (sightings, _) = reread(layout, &refined, &track, validation.observations, &sightings);
         let evidence = Evidence { sightings: &sightings, track: &track, ..own };
         held = both(evidence, &refined.plane);
@@ -192,11 +198,21 @@ fn part(sightings: &[Sighting], refined: &Refined) -> Vec<Sighting> {
     sightings.iter().zip(&refined.used).map(kept).collect()
 }
 
+/// From which side the phantom is seen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Side {
+    /// As its file has it.
+    Right,
+    /// Mirrored.
+    Left,
+}
+
 /// The pictures whose dots are recognised and whose poses are known, all from one side.
 fn sight(
     layout: &Layout,
     registration: &Registration,
     recording: Recording<'_>,
+    side: Side,
 ) -> Result<(Vec<Sighting>, Track), Refused> {
     let Recording { observations, track, .. } = recording;
     let total = observations.len();
@@ -209,7 +225,7 @@ fn sight(
     for reading in read.filter(|reading| reading.mirrored.is_none()) {
         *(if reading.best.rightwards { &mut right } else { &mut left }) += 1;
     }
-    let wires = layout.geometry().wires().len();
+    let wires = layout.looked_for();
     let share = |observation: &Observation| {
         let of = observation.dots.len().min(wires) as f64;
         Some(observation.reading.as_ref()?.best.marks.len() as f64 / of)
@@ -222,16 +238,16 @@ fn sight(
     if left > right {
         return Err(Refused::Mirrored { pictures: left });
     }
-    let from_the_right = |reading: &Reading| -> Option<Match> {
+    let from_that_side = |reading: &Reading| -> Option<Match> {
         [Some(&reading.best), reading.mirrored.as_ref()]
             .into_iter()
             .flatten()
-            .find(|reading| reading.rightwards)
+            .find(|reading| reading.rightwards == (side == Side::Right))
             .cloned()
     };
     let sighting = |observation: &Observation| {
         observation.poses?;
-        let marks = from_the_right(observation.reading.as_ref()?)?.marks;
+        let marks = from_that_side(observation.reading.as_ref()?)?.marks;
         Some(Sighting { frame: observation.frame, time_s: observation.time_s, marks })
     };
     let sightings: Vec<Sighting> = observations.iter().filter_map(sighting).collect();
@@ -270,8 +286,8 @@ fn unread(layout: &Layout, recording: Recording<'_>) -> Refused {
     let mut counts: Vec<usize> = observations.iter().map(|observation| observation.dots.len()).collect();
     counts.sort_unstable();
     let median = counts.get(pictures / 2).copied().unwrap_or(0);
-    if median < LEAST_DOTS {
-        return Refused::NoWires { pictures, dots: median };
+    if median < layout.least_dots() {
+        return Refused::NoWires { pictures, dots: median, least: layout.least_dots() };
     }
     // The same pattern in other units?
     let mut matcher = Matcher::new();

@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3};
 
 use crate::phantom::nwire::PARALLEL_RAD;
-use crate::phantom::{Geometry, Wire};
+use crate::phantom::{Geometry, Nwire, Wire};
 
 /// How far four parallel wires spread across the line through them at least, of how far along it: with less no affine map is told from another.
 const LEAST_DEPTH: f64 = 0.03;
@@ -15,8 +15,14 @@ pub struct Layout {
     /// The wires that are parallel to each other.
     posts: Vec<Post>,
     ns: Vec<N>,
+    /// None where the N's lie in one plane.
     pairs: Vec<Pair>,
 }
+
+/// Dots that tell a picture of two N's at least: what both have.
+const DOTS_OF_TWO: usize = 6;
+/// And of a single one.
+const DOTS_OF_ONE: usize = 3;
 
 /// One of the parallel wires.
 #[derive(Debug, Clone, Copy)]
@@ -36,6 +42,8 @@ pub(super) struct N {
     pub(super) middle: usize,
     /// How far apart the parallel ones are, mm.
     pub(super) width_mm: f64,
+    /// What share of the way from the first to the second its slanted one's first end and second end have.
+    pub(super) ends: [f64; 2],
 }
 
 /// Two N's whose four posts, in the order first's and second's, are not in line: what takes their dots to the affine map between them.
@@ -56,18 +64,37 @@ impl Layout {
     /// [`Unsuitable`]: with these wires dots could not be told from each other.
     pub fn new(geometry: Geometry) -> Result<Self, Unsuitable> {
         let found = geometry.nwires();
+        let alike = Self::parallel_to(&geometry, &found);
+        // N's that are turned to each other cannot be told apart together: the others are looked for once these have said where the picture lies.
+        let of = |first: &Nwire| Self::along(geometry.clone(), &found, geometry.wires()[first.outer[0]].direction());
+        let better = |a: Self, b: Self| {
+            let rank = |layout: &Self| (!layout.is_flat(), layout.ns.len());
+            if rank(&b) > rank(&a) { b } else { a }
+        };
+        let wires = geometry.wires().len();
+        alike.iter().map(|first| of(&found[*first])).reduce(better).ok_or(Unsuitable { wires })
+    }
+
+    /// The first of each of the N's that are parallel to each other.
+    fn parallel_to(geometry: &Geometry, found: &[Nwire]) -> Vec<usize> {
         let wires = geometry.wires();
-        let Some(first) = found.first() else { return Err(Unsuitable::NoN { wires: wires.len() }) };
-        let direction = wires[first.outer[0]].direction();
-        let parallel = |wire: usize| wires[wire].direction().cross(direction).length().asin() <= PARALLEL_RAD;
-        if let Some(other) = found.iter().find(|n| !parallel(n.outer[0])) {
-            let name = |wire: usize| wires[wire].name.clone();
-            return Err(Unsuitable::Turned { first: name(first.outer[0]), other: name(other.outer[0]) });
+        let mut firsts: Vec<usize> = Vec::new();
+        for (number, n) in found.iter().enumerate() {
+            let own = |first: &usize| are_parallel(&wires[found[*first].outer[0]], wires[n.outer[0]].direction());
+            if !firsts.iter().any(own) {
+                firsts.push(number);
+            }
         }
+        firsts
+    }
+
+    /// The wires along a direction, and the N's of them.
+    fn along(geometry: Geometry, found: &[Nwire], direction: DVec3) -> Self {
+        let wires = geometry.wires();
         let (x, y) = direction.any_orthonormal_pair();
         let across = |at: DVec3| DVec2::new(at.dot(x), at.dot(y));
         let posts: Vec<Post> = (0..wires.len())
-            .filter(|&wire| parallel(wire))
+            .filter(|&wire| are_parallel(&wires[wire], direction))
             .map(|wire| Post { wire, at: across(0.5 * (wires[wire].ends_mm[0] + wires[wire].ends_mm[1])) })
             .collect();
         let post = |wire: usize| posts.iter().position(|post| post.wire == wire);
@@ -76,15 +103,29 @@ impl Layout {
             .filter_map(|n| {
                 let outer = [post(n.outer[0])?, post(n.outer[1])?];
                 let width_mm = posts[outer[0]].at.distance(posts[outer[1]].at);
-                Some(N { outer, middle: n.middle, width_mm })
+                let [from, to] = outer.map(|post| posts[post].at);
+                let ends = wires[n.middle].ends_mm.map(|end| (across(end) - from).dot(to - from) / width_mm.powi(2));
+                Some(N { outer, middle: n.middle, width_mm, ends })
             })
             .collect();
         let places = (0..ns.len()).flat_map(|i| (i + 1..ns.len()).map(move |j| [i, j]));
         let pairs: Vec<Pair> = places.filter_map(|two| Pair::of(two, &ns, &posts)).collect();
-        if pairs.is_empty() {
-            return Err(Unsuitable::Flat { ns: ns.len() });
-        }
-        Ok(Self { geometry, posts, ns, pairs })
+        Self { geometry, posts, ns, pairs }
+    }
+
+    /// Whether the N's that are looked for lie in one plane, or are a single one: their dots lie in line, and a picture of them can be of either side.
+    pub fn is_flat(&self) -> bool {
+        self.pairs.is_empty()
+    }
+
+    /// Wires by which pictures are recognised.
+    pub fn looked_for(&self) -> usize {
+        self.posts.len() + self.ns.len()
+    }
+
+    /// Dots by which a picture is recognised, at least.
+    pub fn least_dots(&self) -> usize {
+        if self.ns.len() == 1 { DOTS_OF_ONE } else { DOTS_OF_TWO }
     }
 
     /// The same wires, so many times as large; `None` where no phantom is of that size.
@@ -168,35 +209,19 @@ impl Pair {
     }
 }
 
-/// Why dots of a phantom could not be told from each other.
+/// Whether a wire runs along a direction.
+fn are_parallel(wire: &Wire, direction: DVec3) -> bool {
+    wire.direction().cross(direction).length().asin() <= PARALLEL_RAD
+}
+
+/// Dots of a phantom could not be told from each other: no three wires make an N.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum Unsuitable {
-    /// No three wires make an N.
-    #[error(
-        "of the phantom's {wires} wires no pattern of three makes an N (two parallel wires and one aslant between them, in one plane); is this the file of an N-wire phantom?"
-    )]
-    NoN {
-        /// How many there are.
-        wires: usize,
-    },
-    /// N's whose parallel wires are not parallel to those of others.
-    #[error(
-        "the N's of the phantom are turned to each other ({first} is not parallel to {other}); N's with parallel wires are recognised"
-    )]
-    Turned {
-        /// A wire.
-        first: String,
-        /// One that is not parallel to it.
-        other: String,
-    },
-    /// One N, or several in one plane.
-    #[error(
-        "the phantom has {ns} N, or N's in one plane only; two N's in different planes at least are needed to tell their dots from each other"
-    )]
-    Flat {
-        /// How many there are.
-        ns: usize,
-    },
+#[error(
+    "of the phantom's {wires} wires no pattern of three makes an N (two parallel wires and one aslant between them, in one plane); is this the file of an N-wire phantom?"
+)]
+pub struct Unsuitable {
+    /// How many there are.
+    pub wires: usize,
 }
 
 #[cfg(test)]
@@ -231,12 +256,31 @@ mod tests {
         };
         let posts = vec![wires[0].clone(), wires[2].clone(), wires[3].clone()];
         assert!(refusal(vec![posts]).contains("of the phantom's 3 wires no pattern of three makes an N"));
-        assert!(refusal(vec![wires[..3].to_vec()]).contains("the phantom has 1 N"));
+    }
+
+    #[test]
+    fn n_s_in_one_plane_and_n_s_turned_to_each_other_are_layouts_too() {
+        let wires = three_ns().wires().to_vec();
+        let layout = |patterns: Vec<Vec<Wire>>| Layout::new(Geometry::new("", patterns, Vec::new()).unwrap()).unwrap();
+        let shape = |layout: &Layout| (layout.is_flat(), layout.ns().len(), layout.least_dots());
+        assert_eq!(shape(&layout(vec![wires[..3].to_vec()])), (true, 1, 3));
+        let beside = |wire: &Wire| Wire {
+            name: format!("{}'", wire.name),
+            ends_mm: wire.ends_mm.map(|end| end + DVec3::X * 30.0),
+        };
+        let row = layout(vec![wires[..3].to_vec(), wires[..3].iter().map(beside).collect()]);
+        assert_eq!(shape(&row), (true, 2, 6));
+        assert_eq!(shape(&layout(three_ns().patterns().map(|p| wires[p].to_vec()).collect())), (false, 3, 6));
         let turned = |wire: &Wire| {
             let ends_mm = wire.ends_mm.map(|end| DVec3::new(end.y, end.x, end.z));
             Wire { ends_mm, ..wire.clone() }
         };
-        let second = wires[3..6].iter().map(turned).collect();
-        assert!(refusal(vec![wires[..3].to_vec(), second]).contains("1a is not parallel to 2a"));
+        // Two layers of the one direction are looked for, not the one of the other that comes first.
+        let first: Vec<Wire> = wires[..3].iter().map(turned).collect();
+        let mixed = layout(vec![first, wires[3..6].to_vec(), wires[6..].to_vec()]);
+        assert_eq!(shape(&mixed), (false, 2, 6));
+        assert_eq!(mixed.ns().iter().map(|n| n.middle).collect::<Vec<_>>(), [4, 7]);
+        let crossed = layout(vec![wires[..3].to_vec(), wires[3..6].iter().map(turned).collect()]);
+        assert_eq!((shape(&crossed), crossed.ns()[0].middle), ((true, 1, 3), 1));
     }
 }

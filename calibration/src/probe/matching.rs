@@ -5,7 +5,11 @@
 //! guess is then held against space: the dots have to lie on a plane with pixels that are square, or nearly so, that cuts every wire between its ends; and the plane says where dots are that were
 //! overlooked. The guess that explains most dots is taken.
 //!
+//! Of N's in one plane the dots lie in line, and a row of them is looked for instead ([`flat`]).
+//!
 //! How large a pixel is comes out of it. What is asked beforehand is only that the picture shows something between a fingertip and a torso.
+
+mod flat;
 
 use glam::{DAffine3, DMat2, DVec2};
 
@@ -40,8 +44,6 @@ const MOST_LINES: usize = 120;
 const MOST_MIDDLES: usize = 4;
 /// Ways of choosing one for each N.
 const MOST_CHOICES: usize = 64;
-/// Dots that a match consists of at least: what two whole N's have.
-pub const LEAST_DOTS: usize = 6;
 
 /// A dot, and the wire that it shows.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -135,16 +137,19 @@ impl Matcher {
         Self::default()
     }
 
-    /// Reads the dots of a picture of that size. `None` where no six or more of them lie as the phantom's wires do.
+    /// Reads the dots of a picture of that size. `None` where no [`Layout::least_dots`] or more of them lie as the phantom's wires do.
     pub fn read(&mut self, dots: &[Dot], size_px: [u32; 2], layout: &Layout) -> Option<Reading> {
         let longest = f64::from(size_px[0].max(size_px[1]).max(1));
         let middle = dots.len().min(layout.geometry().wires().len()) / 2;
         let usual = dots.get(middle).map_or(1.0, |dot| f64::from(dot.contrast));
         let scale = Scale { unit: Unit::of(size_px), pixel_mm: PICTURE_MM.map(|mm| mm / longest), usual };
         self.lines(dots, &scale, layout);
-        self.guess(dots, &scale, layout);
-        let mut readings: Vec<Match> =
-            self.guesses.iter().filter_map(|guess| guess.in_space(dots, &scale, layout)).collect();
+        let mut readings: Vec<Match> = if layout.is_flat() {
+            flat::readings(&self.triples, dots, &scale, layout)
+        } else {
+            self.guess(dots, &scale, layout);
+            self.guesses.iter().filter_map(|guess| guess.in_space(dots, &scale, layout)).collect()
+        };
         readings.sort_by(|a, b| b.marks.len().cmp(&a.marks.len()).then(a.cost.total_cmp(&b.cost)));
         let mut readings = readings.into_iter();
         let best = readings.next()?;
@@ -269,7 +274,7 @@ impl Guess {
             let of_dot = |dot: &Dot| scale.against(off_line(back * (dot.at_px - shift), from, to)?, dot);
             explain(best(dots.iter().map(of_dot).enumerate()), &mut guess);
         }
-        (guess.explained >= LEAST_DOTS).then_some(guess)
+        (guess.explained >= layout.least_dots()).then_some(guess)
     }
 
     /// The pixel of a place across the posts.
@@ -370,7 +375,7 @@ impl Match {
         let wires = layout.geometry().wires();
         let along = wires[layout.posts()[0].wire].direction();
         loop {
-            if marks.len() < LEAST_DOTS {
+            if marks.len() < layout.least_dots() {
                 return None;
             }
             let mut sum = PlaneSum::new(scale.unit);
@@ -380,7 +385,8 @@ impl Match {
             // The slanted wires' dots may be in line or too few: then nothing else says how the plane is turned towards the posts.
             let across = sum.solve(true)?.pixel_mm();
             sum.add_tilt(along, USUAL_TILT * across[0].max(across[1]), NEAR_MM / 3.0);
-            let plane = sum.solve(false)?;
+            let plane =
+                if layout.is_flat() { flat::plane(&sum.solve(true)?, &marks, along)? } else { sum.solve(false)? };
             let off: Vec<(f64, f64)> =
                 marks.iter().map(|mark| wires[mark.wire].nearest(plane.point(mark.at_px))).collect();
             let is_on =

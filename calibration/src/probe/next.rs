@@ -10,7 +10,7 @@ use glam::{DAffine3, DQuat, DVec2, DVec3};
 
 use super::calibrate::{Calibration, Outcome, Recording};
 use super::layout::Layout;
-use super::matching::{LEAST_DOTS, Mark, STEEPEST};
+use super::matching::{Mark, STEEPEST};
 use super::plane::ImagePlane;
 use super::refine::{Refined, View};
 use super::track::{Poses, Track};
@@ -299,7 +299,7 @@ fn marks(layout: &Layout, picture: &ImagePlane, region: Region) -> Option<Vec<Ma
         ((0.0..=1.0).contains(&share) && region.has(at_px)).then_some(Mark { wire, at_px, contrast: 0.0 })
     };
     let marks: Vec<Mark> = wires.iter().enumerate().filter_map(mark).collect();
-    (!is_steep && marks.len() >= LEAST_DOTS).then_some(marks)
+    (!is_steep && marks.len() >= layout.least_dots()).then_some(marks)
 }
 
 #[cfg(test)]

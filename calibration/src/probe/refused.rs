@@ -57,13 +57,15 @@ pub enum Refused {
     },
     /// Too dark, or nothing in the water.
     #[error(
-        "no wires are seen: half of the {pictures} pictures hold {dots} bright spots or fewer, and six are the least that can be told apart; is the phantom in the picture, and the gain high enough?"
+        "no wires are seen: half of the {pictures} pictures hold {dots} bright spots or fewer, and {least} are the least that can be told apart; is the phantom in the picture, and the gain high enough?"
     )]
     NoWires {
         /// How many there are.
         pictures: usize,
         /// Median number of spots.
         dots: usize,
+        /// As many as a picture is recognised by.
+        least: usize,
     },
     /// Spots that are not these wires'.
     #[error(

@@ -7,7 +7,7 @@ use glam::DVec2;
 
 use super::calibrate::Observation;
 use super::layout::Layout;
-use super::matching::{LEAST_DOTS, Mark};
+use super::matching::Mark;
 use super::plane::ImagePlane;
 use super::refine::Refined;
 use super::sighting::Sighting;
@@ -46,12 +46,14 @@ pub(super) fn reread(
         let sighting = own.unwrap_or(&unread);
         let map = sighting.probe_from_phantom(track, refined.lag_s, &refined.registration.reference_from_phantom);
         let expected = map.map_or(Vec::new(), |map| expected(wires, &refined.plane.seen_by(&map.inverse().affine())));
-        if own.is_some() && !is_misread(sighting, &expected) {
+        let marks = read(observation, &expected);
+        // Of wires that are not looked for at first nothing could be read.
+        let is_more = layout.is_flat() && marks.len() > sighting.marks.len();
+        if own.is_some() && !is_misread(sighting, &expected) && !is_more {
             all.push(sighting.clone());
             continue;
         }
-        let marks = read(observation, &expected);
-        if marks.len() >= LEAST_DOTS {
+        if marks.len() >= layout.least_dots() {
             all.push(Sighting { frame, time_s, marks });
             count += 1;
         } else if let (Some(own), true) = (own, expected.is_empty()) {

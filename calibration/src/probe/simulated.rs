@@ -9,6 +9,7 @@ use super::sighting::Sighting;
 use super::track::{Poses, Track};
 use crate::frames::{Phantom, Reference, Transform};
 use crate::noise::Noise;
+use crate::phantom::Geometry;
 use crate::phantom::tests::three_ns;
 
 /// Pictures' size, pixels.
@@ -61,6 +62,11 @@ impl Scan {
 
     /// Of so many pictures.
     pub(super) fn by(hand: Hand, pictures: usize, imperfect: Imperfect, noise: &mut Noise) -> Self {
+        Self::of(three_ns(), hand, pictures, imperfect, noise)
+    }
+
+    /// Of a phantom about the same place, and so many pictures.
+    pub(super) fn of(phantom: Geometry, hand: Hand, pictures: usize, imperfect: Imperfect, noise: &mut Noise) -> Self {
         let reference_from_phantom: Transform<Reference, Phantom> =
             Transform::from_affine(DAffine3::from_rotation_translation(
                 DQuat::from_euler(glam::EulerRot::XYZ, 1.5, 0.1, -1.5),
@@ -80,7 +86,7 @@ impl Scan {
             let (u, v) = (turn * DVec3::X * 0.0786, turn * DVec3::Y * 0.0741);
             ImagePlane { u, v, origin: centre - u * (0.5 * width) - v * (0.5 * height) }
         };
-        let layout = Layout::new(three_ns()).unwrap();
+        let layout = Layout::new(phantom).unwrap();
         let mut scan = Self {
             layout,
             plane: plane(),

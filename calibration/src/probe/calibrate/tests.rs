@@ -1,3 +1,5 @@
+mod flat;
+
 use glam::DVec3;
 
 use super::*;

@@ -123,7 +123,7 @@ fn views_without_wires_or_far_from_where_dots_were_are_none() {
     let region = Region::of(&seen(&scan, &refined), SIZE_PX).unwrap();
     for candidate in &next.ranked {
         let picture = refined.plane.seen_by(&candidate.phantom_from_probe.affine());
-        assert!(marks(&scan.layout, &picture, region).unwrap().len() >= LEAST_DOTS);
+        assert!(marks(&scan.layout, &picture, region).unwrap().len() >= scan.layout.least_dots());
     }
     // The wires are 40 mm long, and the picture was about their middle.
     let far = |candidate: &&Candidate| candidate.way == Way::Across && candidate.by.abs() > 15.0;

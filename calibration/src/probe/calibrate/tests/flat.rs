@@ -1,0 +1,110 @@
+//! Phantoms that no single picture tells: one N, N's in one plane, N's turned to each other.
+
+use super::*;
+use crate::phantom::tests::three_ns;
+use crate::probe::simulated::{Hand, places};
+
+/// A hand that brings the dots to all parts of the picture.
+const WIDE: Hand = Hand { turn: [0.35, 0.3, 0.3], shift: [9.0, 8.0, 12.0] };
+
+fn phantom(wires: &[&[Wire]]) -> Geometry {
+    Geometry::new("flat", wires.iter().map(|wires| wires.to_vec()).collect(), Vec::new()).unwrap()
+}
+
+/// The wires of one layer, and the same beside it.
+fn beside(wires: &[Wire], shift_mm: f64) -> Vec<Wire> {
+    let wire = |wire: &Wire| Wire {
+        name: format!("{}'", wire.name),
+        ends_mm: wire.ends_mm.map(|end| end + DVec3::X * shift_mm),
+    };
+    wires.iter().map(wire).collect()
+}
+
+/// The wires of one layer, turned by 40° about the middle of the phantom.
+fn turned(wires: &[Wire]) -> Vec<Wire> {
+    let middle = DVec3::new(35.0, 20.0, 0.0);
+    let turn = |at: DVec3| middle + glam::DQuat::from_rotation_z(0.7) * (at - middle);
+    wires.iter().map(|wire| Wire { ends_mm: wire.ends_mm.map(turn), ..wire.clone() }).collect()
+}
+
+/// Dots that are no wires': an echo of all of them below, and some that lie anywhere, all fainter.
+fn cluttered(observations: &mut [Observation], layout: &Layout, noise: &mut Noise) {
+    let mut matcher = Matcher::new();
+    for observation in observations {
+        let echo = |dot: &Dot| Dot { at_px: dot.at_px + DVec2::new(0.0, 130.0), contrast: 30.0, ..*dot };
+        let echoes: Vec<Dot> = observation.dots.iter().map(echo).collect();
+        observation.dots.extend(echoes);
+        for _ in 0..4 {
+            let at_px = DVec2::new(noise.between(0.0, 819.0), noise.between(0.0, 615.0));
+            observation.dots.push(Dot { at_px, contrast: noise.between(10.0, 50.0) as f32, area_px: 30 });
+        }
+        observation.dots.sort_by(|a, b| b.contrast.total_cmp(&a.contrast));
+        observation.reading = matcher.read(&observation.dots, SIZE_PX, layout);
+    }
+}
+
+/// Farthest of the picture's corners and centre from where they are, mm; and how sure the calibration is of the worst of them.
+fn off(found: &Calibration, scan: &Scan) -> [f64; 2] {
+    let off =
+        |px: DVec2| [found.refined.plane.point(px).distance(scan.plane.point(px)), found.refined.predicted_mm(px)];
+    places().map(off).into_iter().reduce(|a, b| [a[0].max(b[0]), a[1].max(b[1])]).unwrap()
+}
+
+#[test]
+fn one_n_tells_where_the_picture_lies() {
+    let wires = three_ns().wires().to_vec();
+    let mut noise = Noise::new(70);
+    let scan = Scan::of(phantom(&[&wires[..3]]), WIDE, 150, Imperfect::default(), &mut noise);
+    let observations = observed(&scan, &scan.layout);
+    let found = calibrate(&scan.layout, &registration(&scan), recording(&observations), None).unwrap();
+    assert!(found.used() >= 140 && off(&found, &scan)[0] < 1e-6, "{} {:?}", found.used(), off(&found, &scan));
+
+    let scan = Scan::of(phantom(&[&wires[..3]]), WIDE, 150, GOOD, &mut noise);
+    let mut observations = observed(&scan, &scan.layout);
+    cluttered(&mut observations, &scan.layout, &mut noise);
+    let found = calibrate(&scan.layout, &registration(&scan), recording(&observations), None).unwrap();
+    let [mm, predicted] = off(&found, &scan);
+    assert!(found.used() >= 135 && mm < 3.0 * predicted && predicted < 0.5, "{} {mm} {predicted}", found.used());
+    assert!(found.validation.unwrap()[0].mean < 0.5);
+}
+
+#[test]
+fn n_s_beside_each_other_tell_it_too() {
+    let wires = three_ns().wires().to_vec();
+    let mut noise = Noise::new(71);
+    let scan = Scan::of(phantom(&[&wires[..3], &beside(&wires[..3], -28.0)]), WIDE, 120, GOOD, &mut noise);
+    let mut observations = observed(&scan, &scan.layout);
+    cluttered(&mut observations, &scan.layout, &mut noise);
+    let found = calibrate(&scan.layout, &registration(&scan), recording(&observations), None).unwrap();
+    let [mm, predicted] = off(&found, &scan);
+    assert!(found.used() >= 60 && mm < 3.0 * predicted && predicted < 0.5, "{} {mm} {predicted}", found.used());
+}
+
+#[test]
+fn layers_that_are_turned_to_each_other_are_all_of_use() {
+    let wires = three_ns().wires().to_vec();
+    let mut noise = Noise::new(72);
+    let crossed = phantom(&[&wires[..3], &turned(&wires[3..6])]);
+    let scan = Scan::of(crossed, WIDE, 150, GOOD, &mut noise);
+    let mut observations = observed(&scan, &scan.layout);
+    cluttered(&mut observations, &scan.layout, &mut noise);
+    let found = calibrate(&scan.layout, &registration(&scan), recording(&observations), None).unwrap();
+    let [mm, predicted] = off(&found, &scan);
+    assert!(found.used() >= 130 && mm < 3.0 * predicted && predicted < 0.5, "{} {mm} {predicted}", found.used());
+    let of_second = |picture: &Picture| picture.dots.iter().any(|dot| dot.wire >= 3 && dot.used);
+    let count = found.pictures.iter().filter(|picture| of_second(picture)).count();
+    assert!(count >= 30, "{count} pictures use a wire of the second layer");
+}
+
+#[test]
+fn a_row_of_dots_that_is_mirrored_is_found_so_by_the_poses() {
+    let wires = three_ns().wires().to_vec();
+    let scan = Scan::of(phantom(&[&wires[..3]]), WIDE, 80, GOOD, &mut Noise::new(73));
+    let mut observations = observed(&scan, &scan.layout);
+    for dot in observations.iter_mut().flat_map(|observation| &mut observation.dots) {
+        dot.at_px.x = 819.0 - dot.at_px.x;
+    }
+    read_again(&mut observations, &scan.layout);
+    let refused = calibrate(&scan.layout, &registration(&scan), recording(&observations), None).unwrap_err();
+    assert!(matches!(refused, Refused::Mirrored { pictures } if pictures > 60), "{refused}");
+}

@@ -1,0 +1,126 @@
+//! Dots of N's that lie in one plane, or of a single one.
+//!
+//! Where a plane cuts them, all their dots lie in line, and the posts' divide it as the posts divide the way across them. One N's three dots do so wherever they are: what is asked of them is that the
+//! middle one lies between the others, that they are bright, and that a pixel has a possible size. So a picture alone may be misread, and each can be of either side; which of them are right
+//! the poses tell, when all pictures are held against each other. How the picture is turned about the line stays open as long as there is only one.
+
+use glam::DVec2;
+
+use super::{BEYOND, IN_LINE_MM, Mark, Match, NEAR_MM, STEEPEST, Scale, Triple, best};
+use crate::probe::dots::Dot;
+use crate::probe::layout::{Layout, N};
+use crate::probe::plane::ImagePlane;
+
+/// Where posts of one plane are in the picture: along a line, by mm across them.
+#[derive(Debug, Clone, Copy)]
+struct Row {
+    /// The pixel of the place that posts are measured from.
+    from: DVec2,
+    /// Pixels of one mm across the posts.
+    mm: DVec2,
+    /// That place, and the direction in which posts follow each other; across them, mm.
+    at: DVec2,
+    towards: DVec2,
+}
+
+/// What the dots may be, by each line of three as each N in either direction.
+pub(super) fn readings(triples: &[Triple], dots: &[Dot], scale: &Scale, layout: &Layout) -> Vec<Match> {
+    let as_each = |triple: &Triple| {
+        let [a, b] = triple.outer;
+        let middle = triple.middle;
+        layout.ns().iter().enumerate().flat_map(move |(n, _)| [([a, b], middle, n), ([b, a], middle, n)])
+    };
+    triples
+        .iter()
+        .flat_map(as_each)
+        .filter_map(|(outer, middle, n)| {
+            let row = Row::of(&layout.ns()[n], outer.map(|dot| dots[dot].at_px), scale, layout)?;
+            row.read((n, middle), dots, scale, layout)
+        })
+        .collect()
+}
+
+impl Row {
+    /// By one N's outer dots, if a pixel then has a possible size.
+    fn of(n: &N, outer_px: [DVec2; 2], scale: &Scale, layout: &Layout) -> Option<Self> {
+        let [at, to] = n.outer.map(|post| layout.posts()[post].at);
+        let mm = (outer_px[1] - outer_px[0]) / n.width_mm;
+        // Aslant to the posts a plane is cut on a longer way than straight across them.
+        let sizes = scale.pixel_mm[0] * STEEPEST..=scale.pixel_mm[1];
+        let row = Self { from: outer_px[0], mm, at, towards: (to - at) / n.width_mm };
+        sizes.contains(&(1.0 / mm.length())).then_some(row)
+    }
+
+    /// How far along the row something across the posts is, mm; `None` off the row.
+    fn along(&self, across: DVec2) -> Option<f64> {
+        let way = across - self.at;
+        (way.perp_dot(self.towards).abs() <= NEAR_MM).then(|| way.dot(self.towards))
+    }
+
+    /// How far along the row a dot is and how far off it, mm.
+    fn of_dot(&self, dot: &Dot) -> [f64; 2] {
+        let way = (dot.at_px - self.from) / self.mm.length_squared();
+        [way.dot(self.mm), way.perp_dot(self.mm).abs()]
+    }
+
+    /// The reading, with one N's middle dot as it is. Other N's have theirs where the row has them, if they are seen.
+    fn read(&self, own: (usize, usize), dots: &[Dot], scale: &Scale, layout: &Layout) -> Option<Match> {
+        let mut used = vec![false; dots.len()];
+        let (own, middle) = own;
+        used[middle] = true;
+        let mut marks = Vec::new();
+        let mut off_line = 0.0_f64;
+        for post in layout.posts() {
+            let Some(there) = self.along(post.at) else { continue };
+            let against = |dot: &Dot| {
+                let [along, off] = self.of_dot(dot);
+                scale.against((along - there).hypot(off), dot)
+            };
+            let free = dots.iter().map(against).enumerate().filter(|(dot, _)| !used[*dot]);
+            if let Some((dot, _)) = best(free) {
+                used[dot] = true;
+                marks.push(Mark::of(post.wire, &dots[dot]));
+            }
+        }
+        for (number, n) in layout.ns().iter().enumerate() {
+            let [from, to] = n.outer.map(|post| self.along(layout.posts()[post].at));
+            let (Some(from), Some(to)) = (from, to) else { continue };
+            let against = |dot: &Dot| {
+                let [along, off] = self.of_dot(dot);
+                let share = (along - from) / (to - from);
+                (off <= IN_LINE_MM && share > 0.0 && share < 1.0 && is_held(n, share))
+                    .then(|| off / IN_LINE_MM + scale.faint(dot.contrast))
+            };
+            let free = |dot: usize| if number == own { dot == middle } else { !used[dot] };
+            let found = best(dots.iter().map(against).enumerate().filter(|(dot, _)| free(*dot)));
+            if let Some((dot, _)) = found {
+                used[dot] = true;
+                off_line = off_line.max(self.of_dot(&dots[dot])[1] / IN_LINE_MM);
+                marks.push(Mark::of(n.middle, &dots[dot]));
+            }
+        }
+        marks.sort_by_key(|mark| mark.wire);
+        let mut found = Match::of(marks, scale, layout)?;
+        found.cost += off_line * off_line;
+        Some(found)
+    }
+}
+
+/// Whether an N's slanted wire is held where it divides the way between the others so.
+fn is_held(n: &N, share: f64) -> bool {
+    let along = (share - n.ends[0]) / (n.ends[1] - n.ends[0]);
+    (-BEYOND..=1.0 + BEYOND).contains(&along)
+}
+
+/// A plane through the line of the dots that is as one usually holds a probe: straight down on the N's, with square pixels. Of an open plane no more than that line is taken.
+pub(super) fn plane(open: &ImagePlane, marks: &[Mark], along: glam::DVec3) -> Option<ImagePlane> {
+    let first = marks.first()?.at_px;
+    let far = |a: &&Mark, b: &&Mark| a.at_px.distance(first).total_cmp(&b.at_px.distance(first));
+    let line_px = (marks.iter().max_by(far)?.at_px - first).try_normalize()?;
+    let way = open.u * line_px.x + open.v * line_px.y;
+    let pixel_mm = way.length();
+    let (way, down) = (way.try_normalize()?, way.cross(along).try_normalize()?);
+    let u = pixel_mm * (line_px.x * way - line_px.y * down);
+    let v = pixel_mm * (line_px.y * way + line_px.x * down);
+    Some(ImagePlane { u, v, origin: open.point(first) - u * first.x - v * first.y })
+}
