@@ -27,8 +27,6 @@ use crate::volume::Grid;
 
 /// Frames painted at once: enough for all cores, little enough for memory.
 const BATCH: u32 = 8;
-/// How far a hand goes on from picture to picture round a point, mm.
-const ABOUT_GAP_MM: f64 = 1.0;
 
 /// Flags of `phantom`.
 #[derive(Debug, Args)]
@@ -226,21 +224,13 @@ impl Arguments {
             scanner.check()?;
         }
         let pixel = self.pixel.unwrap_or_else(|| shown.usual_pixel_mm(self.image_size));
-        let gap = self.gap.unwrap_or_else(|| match self.trajectory {
-            TrajectoryName::About => ABOUT_GAP_MM,
-            _ => shown.usual_gap_mm(self.frames),
-        });
+        let gap = self.gap.unwrap_or_else(|| self.trajectory.usual_gap_mm(&shown, self.frames));
         let noise = self.noise.unwrap_or_else(|| shown.usual_noise_sd());
         let scene = shown.placed(self.image_size, pixel)?;
-        let about = scene.landmark().unwrap_or_default();
+        let options = MotionOptions { axis_distance_mm: self.axis_distance, radius_mm: self.radius, dwell: self.dwell };
         Ok(ScanSettings {
+            motion: self.trajectory.motion(&options, &scene),
             scene,
-            motion: self.trajectory.motion(&MotionOptions {
-                axis_distance_mm: self.axis_distance,
-                radius_mm: self.radius,
-                dwell: self.dwell,
-                about,
-            }),
             frames: self.frames,
             gap_mm: gap,
             image_size: self.image_size,

@@ -371,9 +371,10 @@ impl Arguments {
 
     /// What the trajectory is of; no picture is painted.
     fn bedside(&self, begin_ns: i64) -> Result<Arc<Bedside>, Failure> {
+        let scene = Scene::Constant(0.0);
         let scan = Scan::new(ScanSettings {
-            scene: Scene::Constant(0.0),
-            motion: self.trajectory().motion(&MotionOptions::default()),
+            motion: self.trajectory().motion(&MotionOptions::default(), &scene),
+            scene,
             frames: self.frames,
             gap_mm: self.gap,
             seed: self.seed,

@@ -127,8 +127,6 @@ pub struct MotionOptions {
     pub radius_mm: f64,
     /// Pictures of a stand.
     pub dwell: u32,
-    /// The point that stays in the picture, world mm.
-    pub about: DVec3,
 }
 
 /// The usual distance of a fan's axis, mm.
@@ -138,9 +136,12 @@ pub const RADIUS_MM: f64 = 24.0;
 /// The usual stand, pictures.
 pub const DWELL: u32 = 30;
 
+/// How far the hand that goes round a point usually goes on from picture to picture, mm.
+const ABOUT_GAP_MM: f64 = 1.0;
+
 impl Default for MotionOptions {
     fn default() -> Self {
-        Self { axis_distance_mm: AXIS_DISTANCE_MM, radius_mm: RADIUS_MM, dwell: DWELL, about: DVec3::ZERO }
+        Self { axis_distance_mm: AXIS_DISTANCE_MM, radius_mm: RADIUS_MM, dwell: DWELL }
     }
 }
 
@@ -249,9 +250,17 @@ impl Scanned {
 }
 
 impl TrajectoryName {
-    /// The motion.
-    pub fn motion(self, options: &MotionOptions) -> Motion {
-        let MotionOptions { axis_distance_mm, radius_mm, dwell, about } = *options;
+    /// How far apart the pictures of a sweep over what is shown usually lie, mm.
+    pub fn usual_gap_mm(self, shown: &Shown, frames: u32) -> f64 {
+        match self {
+            Self::About => ABOUT_GAP_MM,
+            _ => shown.usual_gap_mm(frames),
+        }
+    }
+
+    /// The motion, over a scene: round its landmark goes who goes round something.
+    pub fn motion(self, options: &MotionOptions, scene: &Scene) -> Motion {
+        let MotionOptions { axis_distance_mm, radius_mm, dwell } = *options;
         match self {
             Self::Parallel => Motion::Parallel,
             Self::Fan => Motion::Fan { axis_distance_mm },
@@ -262,7 +271,7 @@ impl TrajectoryName {
             Self::Crossing => Motion::Crossing,
             Self::Dwell => Motion::Dwell { frames: dwell },
             Self::OutAndBack => Motion::OutAndBack,
-            Self::About => Motion::About { point: about },
+            Self::About => Motion::About { point: scene.landmark().unwrap_or_default() },
         }
     }
 }

@@ -149,6 +149,7 @@ fn recordings_that_do_not_say_it_are_refused_and_leave_nothing() {
         &["invalid.mha: none of 240 poses of Stylus can be used; the first: ", "has status INVALID"],
     );
     pivot("--sequence cm.mha", &["cm.mha: the tip ", "check the tracker's units"]);
+    pivot("--sequence swing.mha --report page.html", &["page.html: of this there is no page"]);
     pivot("--sequence swing.mha --to 0.3", &["7 usable poses of the stylus; at least 10 are needed"]);
     pivot("--sequence swing.mha --from 3 --to 2", &["--from 3 is not before --to 2"]);
     pivot(

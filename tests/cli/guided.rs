@@ -84,6 +84,29 @@ tracker_noise_deg = 0.05
 latency_ms = 40.0
 "#;
 
+/// The same under wires that cross, or over a tank's floor, by a hand that turns well.
+fn turning(scene: &str) -> String {
+    SCANNED.replace("scene = \"n-wire\"", &format!("scene = \"{scene}\"\ntrajectory = \"about\""))
+}
+
+#[test]
+fn who_scans_a_point_or_a_plane_is_told_how_well_it_is_known_until_it_is_enough() {
+    for (scene, method, goal, within) in [("cross-wire", "point", "0.5", 0.5), ("tank-floor", "plane", "0.7", 0.8)] {
+        let place = Place::new();
+        place.put("bedside.toml", turning(scene));
+        place.does(&format!(
+            "phantom -o scan.mha --scene {scene} --frames 2 --image-size 320x240 --calibration truth.toml"
+        ));
+        let run = place.run(&format!(
+            "calibrate probe --live bedside.toml --method {method} --record sessions --goal {goal} --duration 100 -o probe.toml"
+        ));
+        assert_eq!(run.code, 0, "{}{}", run.stdout, run.stderr);
+        assert!(run.stderr.contains("enough: a point is known to 0."), "{}", run.stderr);
+        let [middle, corner] = place.pixels_apart(["probe.toml", "truth.toml"], [320, 240]);
+        assert!(middle < within && corner < 2.0 * within, "{method}: {middle} {corner}; {}", run.stdout);
+    }
+}
+
 #[test]
 fn who_scans_is_told_how_well_the_picture_s_place_is_known_until_it_is_enough() {
     let place = Place::new();

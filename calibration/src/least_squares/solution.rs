@@ -39,6 +39,13 @@ impl Direction {
             None => [0.0; K],
         }
     }
+
+    /// For people: the names of what it mostly consists of, at least half as much as of the first.
+    pub fn leading(&self) -> String {
+        let most = self.shares.iter().fold(0.0_f64, |most, share| most.max(share.abs()));
+        let named = self.shares.iter().zip(&self.parts).filter(|(share, _)| share.abs() >= 0.5 * most);
+        named.map(|(_, (name, ..))| name.as_str()).collect::<Vec<_>>().join(" and ")
+    }
 }
 
 impl fmt::Display for Direction {

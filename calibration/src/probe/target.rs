@@ -33,7 +33,9 @@ pub use calibrate::{Calibration, calibrate};
 pub use glimpse::{Observation, Recording, Seen};
 pub use motion::Axis;
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
+
+use super::plane::ImagePlane;
 
 /// What rests.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -72,5 +74,41 @@ impl Place {
             Self::Point(place) => point.distance(*place),
             Self::Plane { normal, distance_mm } => (normal.dot(point) - distance_mm).abs(),
         }
+    }
+
+    /// The pixel of a picture (in the reference's frame) that shows it: a point's foot on the picture, or the place on a plane's line that is nearest to a pixel.
+    pub(super) fn in_picture(&self, picture: &ImagePlane, near_px: DVec2) -> DVec2 {
+        match self {
+            Self::Point(place) => picture.affine().inverse().transform_point3(*place).truncate(),
+            Self::Plane { normal, distance_mm } => {
+                let rise = DVec2::new(normal.dot(picture.u), normal.dot(picture.v));
+                near_px - rise * ((normal.dot(picture.point(near_px)) - distance_mm) / rise.length_squared())
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_place_is_in_the_picture_where_it_is_nearest() {
+        let picture = ImagePlane {
+            u: DVec3::new(0.1, 0.0, 0.0),
+            v: DVec3::new(0.0, 0.06, 0.08),
+            origin: DVec3::new(5.0, 1.0, -2.0),
+        };
+        let px = DVec2::new(120.0, 80.0);
+        let off = 0.7 * picture.u.cross(picture.v).normalize();
+        let point = Place::Point(picture.point(px) + off);
+        assert!(point.in_picture(&picture, DVec2::ZERO).distance(px) < 1e-9);
+        let normal = DVec3::new(0.3, -0.2, 0.9).normalize();
+        let plane = Place::Plane { normal, distance_mm: 4.0 };
+        let found = plane.in_picture(&picture, px);
+        assert!(plane.off_mm(picture.point(found)) < 1e-12);
+        // Nothing of the line is nearer.
+        let along = DVec2::new(-normal.dot(picture.v), normal.dot(picture.u)).normalize();
+        assert!(plane.off_mm(picture.point(found + 9.0 * along)) < 1e-12 && (found - px).dot(along).abs() < 1e-9);
     }
 }

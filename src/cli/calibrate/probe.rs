@@ -1,5 +1,7 @@
 //! `sonoweave calibrate probe`: where the picture lies in the frame of the sensor on the transducer.
 
+mod again;
+mod drawn;
 mod guide;
 mod lag;
 mod page;
@@ -20,7 +22,6 @@ use calibration::probe::refine::PLANE;
 use calibration::probe::{Calibration, Layout, Observation, Recording, calibrate};
 use calibration::region::ClipRect;
 use clap::{ArgGroup, Args, ValueEnum};
-use glam::DVec2;
 
 use super::super::{Failure, values};
 use super::guide::Gathering;
@@ -29,12 +30,10 @@ use super::recorded::Recorded;
 use crate::config::Settings as Config;
 use crate::config::phantom::PhantomSettings;
 use crate::mask::Clip;
+use again::again;
 use lag::Lag;
 use recording::{Observed, observe, pictures};
-use report::{Report, Reproducibility, text};
-
-/// Parts of a recording that are left out in turn.
-const PARTS: usize = 5;
+use report::{Report, text};
 
 /// How a probe is calibrated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -219,7 +218,11 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let provenance =
         format!("N-wire phantom, {} pictures of {}, {:.2} mm", found.used(), input.name(), found.errors[0].mean);
     let solved_s = began.elapsed().as_secs_f64() - looked_s;
-    let again = outputs.wants_report().then(|| again(&found, &layout, &held, seen.recording())).flatten();
+    let without = |observations: &[Observation]| {
+        let recording = Recording { observations, ..seen.recording() };
+        Some(calibrate(&layout, &held, recording, None).ok()?.refined.plane)
+    };
+    let again = outputs.wants_report().then(|| again(&seen.observations, found.size_px, &found.refined.plane, without));
     let validation = validate.as_deref().map(Input::of).transpose()?;
     let phantom_input = Input::of(phantom)?;
     let preset = arguments.preset(Made {
@@ -239,7 +242,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let of_lag = lag.as_ref().filter(|_| outputs.wants_file()).map_or(String::new(), Lag::text);
     let report = Report::new(&found, &layout, input, phantom_input, validation, &held)
         .took(looked_s, solved_s)
-        .again(again)
+        .again(again.flatten())
         .next(next.as_ref())
         .with_lag(lag);
     let page = || Ok(report.page(&pictures(&recorded, &report.telling())?, *limit));
@@ -311,31 +314,6 @@ fn quality(found: &Calibration) -> Quality {
         centre_mm,
         corner_mm,
     }
-}
-
-/// Calibrates with each part of the recording left out in turn: how far the result moves by which pictures there happen to be. `None` where too little is left of any.
-fn again(
-    found: &Calibration,
-    layout: &Layout,
-    held: &Registration,
-    recording: Recording<'_>,
-) -> Option<Reproducibility> {
-    let [u, v] = found.size_px.map(|n| f64::from(n) - 1.0);
-    let places = [[0.5 * u, 0.5 * v], [0.0, 0.0], [u, 0.0], [0.0, v], [u, v]].map(DVec2::from_array);
-    let all = recording.observations;
-    let mut moved = Vec::new();
-    for part in 0..PARTS {
-        let [from, to] = [part, part + 1].map(|n| n * all.len() / PARTS);
-        let kept: Vec<Observation> = [&all[..from], &all[to..]].concat();
-        let Ok(other) = calibrate(layout, held, Recording { observations: &kept, ..recording }, None) else { continue };
-        moved.push(places.map(|px| other.refined.plane.point(px).distance(found.refined.plane.point(px))));
-    }
-    let most = |all: &mut dyn Iterator<Item = f64>| all.fold(0.0, f64::max);
-    (moved.len() > 1).then(|| Reproducibility {
-        subsets: moved.len(),
-        centre: most(&mut moved.iter().map(|of| of[0])),
-        corner: most(&mut moved.iter().flat_map(|of| of[1..].iter().copied())),
-    })
 }
 
 /// Where a file says that the phantom is held.

@@ -77,12 +77,13 @@ impl Rehearsal {
         let rate_hz = grabber.settings.rate_hz.unwrap_or(RATE_HZ);
         let pixel_mm = pixel.unwrap_or_else(|| shown.usual_pixel_mm(image_size));
         let scanner = shown.scanned().map(|scanned| scanned.scanner);
-        let gap_mm = gap.unwrap_or_else(|| shown.usual_gap_mm(frames));
+        let gap_mm = gap.unwrap_or_else(|| trajectory.usual_gap_mm(&shown, frames));
         let noise_sd = noise.unwrap_or_else(|| shown.usual_noise_sd());
         let unfit = |e: PhantomError| keys.unfit(Unfit::whole(e.to_string()), |setting| setting);
+        let scene = shown.placed(image_size, pixel_mm).map_err(unfit)?;
         let scan = Scan::new(ScanSettings {
-            scene: shown.placed(image_size, pixel_mm).map_err(unfit)?,
-            motion: trajectory.motion(&MotionOptions::default()),
+            motion: trajectory.motion(&MotionOptions::default(), &scene),
+            scene,
             frames,
             gap_mm,
             image_size,

@@ -378,7 +378,11 @@ pub const SECTIONS: &[Section] = &[
                 "how the probe moves; freehand without it",
             ),
             next("frames", "2 to 100000", "frames of the video's rate that a sweep takes one way; 300 without it"),
-            next("gap_mm", "above 0", "mean distance between them; what sees all of a body, else 0.35, without it"),
+            next(
+                "gap_mm",
+                "above 0",
+                "mean distance between them; 1 round a point, what sees all of a body, else 0.35, without it",
+            ),
             next("pixel_mm", "above 0", "size of a pixel; what shows the scanner's whole field, else 0.1, without it"),
             next("noise_sd", "0 or more", "noise of the pictures, grey levels; what is usual for the scene without it"),
             next("tracker_noise_mm", "0 to 10", "noise of each sensor of a tracker along each axis; 0 without it"),

@@ -5,6 +5,7 @@ use glam::{DAffine3, DMat3, DVec2};
 use super::glimpse::{Glimpse, Observation, Recording, Seen};
 use super::refine::{Refined, refine};
 use super::{Place, Target, held, motion, planes, points};
+use crate::least_squares::Direction;
 use crate::probe::calibrate::{LEAST_PICTURES, Outcome, lattice, moved};
 use crate::probe::errors::Errors;
 use crate::probe::refused::{Refused, Units};
@@ -26,6 +27,8 @@ pub struct Picture {
     pub outcome: Outcome,
     /// Where the target was seen, pixels: a dot, or two points of a line.
     pub seen_px: Vec<DVec2>,
+    /// Where the calibration has them instead, pixels: the target's own place, or of a plane the nearest point of its line; empty where there is no pose.
+    pub expected_px: Vec<DVec2>,
     /// How far from the target each of them lies, mm; empty where there is no pose.
     pub off_mm: Vec<f64>,
 }
@@ -129,7 +132,7 @@ fn fit(target: Target, glimpses: &mut [Glimpse], track: &Track, recording: Recor
     let corners = [[0.0, 0.0], [u, 0.0], [0.0, v], [u, v]].map(DVec2::from_array);
     let mm = corners.map(|px| refined.predicted_mm(px)).into_iter().fold(0.0, f64::max);
     if mm.is_nan() || mm > UNSURE_MM {
-        let weakest = refined.solution().directions().first().map_or(String::new(), ToString::to_string);
+        let weakest = refined.solution().directions().first().map_or(String::new(), Direction::leading);
         return Err(Refused::Unsure { mm, weakest });
     }
     Ok(refined)
@@ -143,16 +146,19 @@ fn pictures(recording: Recording<'_>, glimpses: &[Glimpse], track: &Track, refin
         let Some((glimpse, used)) = of_glimpses.next_if(|(glimpse, _)| glimpse.frame == frame) else {
             let posed = observation.poses.is_some() || observation.seen == Seen::Nothing;
             let outcome = if posed { Outcome::Unseen } else { Outcome::NoPose };
-            return Picture { frame, outcome, seen_px: Vec::new(), off_mm: Vec::new() };
+            return Picture { frame, outcome, seen_px: Vec::new(), expected_px: Vec::new(), off_mm: Vec::new() };
         };
         let seen_px = glimpse.marks.clone();
         let Some(map) = glimpse.reference_from_probe(track, refined.lag_s) else {
-            return Picture { frame, outcome: Outcome::NoPoseAtLag, seen_px, off_mm: Vec::new() };
+            let (expected_px, off_mm) = (Vec::new(), Vec::new());
+            return Picture { frame, outcome: Outcome::NoPoseAtLag, seen_px, expected_px, off_mm };
         };
         let off = |px: &DVec2| refined.place.off_mm(map.transform_point3(refined.plane.point(*px)));
         let off_mm = glimpse.marks.iter().map(off).collect();
+        let seen_by = refined.plane.seen_by(&map);
+        let expected_px = glimpse.marks.iter().map(|px| refined.place.in_picture(&seen_by, *px)).collect();
         let outcome = if *used { Outcome::Used } else { Outcome::Contradicted };
-        Picture { frame, outcome, seen_px, off_mm }
+        Picture { frame, outcome, seen_px, expected_px, off_mm }
     };
     recording.observations.iter().map(picture).collect()
 }

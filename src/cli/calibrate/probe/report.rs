@@ -12,6 +12,7 @@ use glam::DVec2;
 use serde::Serialize;
 
 use super::super::outputs::{Input, rows};
+use super::again::Reproducibility;
 use super::lag::Lag;
 
 /// Who is meant by "you".
@@ -110,17 +111,6 @@ pub(super) struct Scattered {
     pub(super) position_mm: f64,
     pub(super) turn_deg: f64,
     pub(super) dot_px: [f64; 2],
-}
-
-/// How far pixels' places are apart between calibrations from parts of a recording.
-#[derive(Debug, Clone, Copy, Serialize)]
-pub(super) struct Reproducibility {
-    /// Calibrations, each with another part left out.
-    pub(super) subsets: usize,
-    /// The largest distance of the picture's middle from that of the whole recording's calibration.
-    pub(super) centre: f64,
-    /// The same of the corners.
-    pub(super) corner: f64,
 }
 
 /// Which view shrinks the largest predicted error most.

@@ -2,13 +2,14 @@
 
 mod guide;
 mod look;
+mod page;
 mod report;
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use calibration::file::preset::Quality;
-use calibration::probe::target::{Calibration, Target, calibrate};
+use calibration::probe::target::{Calibration, Observation, Recording, Target, calibrate};
 use clap::Args;
 use glam::DVec2;
 
@@ -16,10 +17,12 @@ use super::super::super::{Failure, values};
 use super::super::outputs::{Input, print};
 use super::super::recorded::Recorded;
 use super::super::tip::tip;
+use super::again::again;
 use super::lag::Lag;
+use super::recording::pictures;
 use super::{Arguments, Made, Method};
 use look::{Looked, Names, look};
-use report::{Report, text};
+use report::{Inputs, Report, text};
 
 /// Flags of the methods that need no phantom's file.
 #[derive(Debug, Args)]
@@ -60,7 +63,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     // The tip's file may be the one that is written: it keeps what it holds.
     let mut inputs: Vec<&Path> = vec![path];
     inputs.extend(validate.as_deref());
-    outputs.check(&inputs, false)?;
+    outputs.check(&inputs, true)?;
     let target = match (method, tip_file) {
         (Method::Plane, _) => Target::Plane,
         (_, Some(file)) => Target::Tip { place_mm: tip(file, &flags.stylus, true)?, error_mm: flags.tip_error },
@@ -95,32 +98,43 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         )));
     }
     let solved_s = began.elapsed().as_secs_f64() - looked_s;
-    let input = Input::of(path)?;
-    let validation = validate.as_deref().map(Input::of).transpose()?;
-    let stylus_tip = tip_file.map(Input::of).transpose()?;
+    let inputs = Inputs {
+        input: Input::of(path)?,
+        stylus_tip: tip_file.map(Input::of).transpose()?,
+        validation: validate.as_deref().map(Input::of).transpose()?,
+    };
     let probe_from_image = found.refined.probe_from_image();
-    let provenance =
-        format!("{}, {} pictures of {}, {:.2} mm", method.title(), found.used(), input.name(), found.errors.mean);
+    let provenance = format!(
+        "{}, {} pictures of {}, {:.2} mm",
+        method.title(),
+        found.used(),
+        inputs.input.name(),
+        found.errors.mean
+    );
     let made = Made {
         probe_from_image,
         size_px: found.size_px,
         quality: quality(&found),
         covariance: found.refined.covariance(),
-        inputs: [Some(&input), stylus_tip.as_ref(), validation.as_ref()]
-            .into_iter()
-            .flatten()
-            .map(Input::listed)
-            .collect(),
+        inputs: inputs.all().map(Input::listed).collect(),
     };
     let preset = arguments.preset(made);
     let text = text(&found, *method, &seen.reference);
-    let report = Report::new(&found, *method, seen.reference, *limit)
-        .from(input, stylus_tip, validation)
-        .took(looked_s, solved_s);
+    let without = |observations: &[Observation]| {
+        let recording = Recording { observations, ..seen.recording() };
+        Some(calibrate(target, recording, None).ok()?.refined.plane)
+    };
+    let again = outputs
+        .wants_report()
+        .then(|| again(seen.recording().observations, found.size_px, &found.refined.plane, without));
+    let report = Report::new(&found, inputs, *method, seen.reference.clone(), *limit)
+        .took(looked_s, solved_s)
+        .again(again.flatten());
     let lag = arguments.lag(&recorded, [found.refined.lag_s, found.refined.lag_se_s])?;
     let latency = lag.as_ref().and_then(Lag::latency);
     let of_lag = lag.as_ref().filter(|_| outputs.wants_file()).map_or(String::new(), Lag::text);
-    outputs.write_probe(&probe_from_image, &provenance, preset, latency, &report, || Ok(String::new()))?;
+    let page = || Ok(report.page(&pictures(&recorded, &report.telling())?));
+    outputs.write_probe(&probe_from_image, &provenance, preset, latency, &report, page)?;
     print(&(text + &of_lag + &outputs.told()))
 }
 

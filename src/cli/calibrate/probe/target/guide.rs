@@ -2,27 +2,29 @@
 
 use std::path::{Path, PathBuf};
 
+use calibration::latency::line::{Finder, Still};
+use calibration::picture::GreyView;
 use calibration::probe::DotFinder;
-use calibration::probe::target::{Observation, Recording, Target, calibrate};
+use calibration::probe::target::{Observation, Recording, Seen, Target, calibrate};
 use calibration::region::ClipRect;
 
 use super::super::super::guide::{Advice, Guide, lead};
 use super::super::super::recorded::{GRABBER, Tracks, shown_now, without_latency};
 use super::super::recording::{Region, number};
-use super::look::{Names, of_dots};
+use super::look::{Names, of_dots, part};
 use super::{Arguments, Failure, ends};
 use crate::config::bedside::devices::{REFERENCE_FRAME, TRACKER_FRAME};
 use crate::ingest::live::Live;
 use crate::mask::MaskSettings;
 
 /// Pictures that a judgement is made by, at most: evenly over all there are.
-const MOST_PICTURES: usize = 150;
+const MOST_PICTURES: usize = 600;
 /// Fewer than these are not enough, however sure they make it.
 const ENOUGH_PICTURES: f64 = 100.0;
-/// A plane's line is found by what stands still in all pictures: it is looked for when there are so many seconds of them.
-const OF_A_PLANE_S: f64 = 30.0;
+/// A plane's line is found by what stands still in all pictures: it is looked for when there are so many.
+const TELL_STILL: usize = 60;
 
-/// Records a scan until the picture's place is known well enough; of a plane for half a minute.
+/// Records a scan until the picture's place is known well enough.
 ///
 /// # Errors
 /// [`Failure`] when the bedside's devices cannot be recorded.
@@ -40,7 +42,11 @@ pub(super) fn gathered(
             clip: arguments.clip,
             mask: bedside.mask,
             goal_mm: arguments.goal,
-            finder: DotFinder::new(),
+            eye: if target == Target::Plane {
+                Eye::Line { still: None, of: 0, finder: None }
+            } else {
+                Eye::Dots(DotFinder::new())
+            },
             region: None,
             tracks: Tracks::of_instruments(&instruments, bedside),
             seen: Vec::new(),
@@ -58,12 +64,51 @@ struct Scanned<'a> {
     clip: Option<ClipRect>,
     mask: MaskSettings,
     goal_mm: f64,
-    finder: DotFinder,
+    eye: Eye,
     region: Option<Region>,
     tracks: Tracks,
     /// Their poses come later.
     seen: Vec<Observation>,
     trouble: Option<String>,
+}
+
+/// Who looks at the pictures.
+enum Eye {
+    Dots(DotFinder),
+    /// Knows by and by what stands still; until it does no line is seen.
+    Line {
+        still: Option<Still>,
+        /// Of so many pictures.
+        of: usize,
+        finder: Option<Finder>,
+    },
+}
+
+impl Eye {
+    fn see(&mut self, view: &GreyView<'_>, region: &Region) -> Seen {
+        match self {
+            Self::Dots(finder) => of_dots(finder, view, region),
+            Self::Line { still, of, finder } => {
+                let (Some(part), from) = part(view, region.clip) else { return Seen::Nothing };
+                match still {
+                    Some(still) => _ = still.add(&part),
+                    none => *none = Some(Still::new(&part)),
+                }
+                *of += 1;
+                let line = finder.as_mut().and_then(|finder| finder.find(&part).ok());
+                line.map_or(Seen::Nothing, |line| Seen::line(&line, from))
+            }
+        }
+    }
+
+    /// Takes in what stood still until now. False where that is of too few pictures.
+    fn learn(&mut self) -> bool {
+        let Self::Line { still, of, finder } = self else { return true };
+        if let Some(still) = still.as_ref().filter(|_| *of >= TELL_STILL) {
+            *finder = Some(Finder::new(still.clone()));
+        }
+        finder.is_some()
+    }
 }
 
 impl Guide for Scanned<'_> {
@@ -76,7 +121,7 @@ impl Guide for Scanned<'_> {
         };
         let looked = shown_now(&picture, &timed).and_then(|shown| {
             let region = Region::within(&mut self.region, Some(self.mask), self.clip, shown.size)?;
-            let seen = of_dots(&mut self.finder, &shown.view()?, region);
+            let seen = self.eye.see(&shown.view()?, region);
             Ok(Observation { frame: number(shown.frame), time_s: shown.time_s(), seen, poses: None })
         });
         match looked {
@@ -86,15 +131,11 @@ impl Guide for Scanned<'_> {
     }
 
     fn advise(&mut self) -> Advice {
-        let (Some(region), Some(first), Some(last)) = (&self.region, self.seen.first(), self.seen.last()) else {
+        let Some(region) = self.region.as_ref().filter(|_| !self.seen.is_empty()) else {
             return Advice::missing(self.trouble.clone().unwrap_or_else(|| "waiting for pictures".into()));
         };
-        let scanned_s = last.time_s - first.time_s;
-        if self.target == Target::Plane {
-            let says = format!(
-                "{scanned_s:.0} of {OF_A_PLANE_S:.0} s; raise and lower the probe, tilt it fore and aft and from side to side, the floor in sight"
-            );
-            return Advice::at(scanned_s / OF_A_PLANE_S, says);
+        if !self.eye.learn() {
+            return Advice::missing("scan on: what stands still in the pictures is being told from what moves");
         }
         let usual = if self.tracks.of(REFERENCE_FRAME).is_some() { REFERENCE_FRAME } else { TRACKER_FRAME };
         let track = match self.tracks.track(self.names.probe, self.names.reference.unwrap_or(usual)) {
@@ -112,8 +153,13 @@ impl Guide for Scanned<'_> {
         };
         let [centre, corner] = ends(&found);
         let says = format!(
-            "a point is known to {centre:.2} mm at the picture's centre, {corner:.2} at the worst corner, where {} are wanted; bring it to all parts of the picture, and tilt and turn the probe",
-            self.goal_mm
+            "a point is known to {centre:.2} mm at the picture's centre, {corner:.2} at the worst corner, where {} are wanted; {}",
+            self.goal_mm,
+            if self.target == Target::Plane {
+                "raise and lower the probe, tilt it fore and aft and from side to side, the plane in sight"
+            } else {
+                "bring it to all parts of the picture, and tilt and turn the probe"
+            }
         );
         Advice::at((self.goal_mm / corner).powi(2).min(self.seen.len() as f64 / ENOUGH_PICTURES), says)
     }

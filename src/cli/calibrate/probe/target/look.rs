@@ -153,7 +153,7 @@ fn mask(recorded: &Recorded) -> Option<MaskSettings> {
 }
 
 /// The part of a picture that is looked at, and its first pixel.
-fn part<'a>(view: &GreyView<'a>, clip: Option<ClipRect>) -> (Option<GreyView<'a>>, DVec2) {
+pub(super) fn part<'a>(view: &GreyView<'a>, clip: Option<ClipRect>) -> (Option<GreyView<'a>>, DVec2) {
     match clip {
         Some(clip) => (view.part(clip), DVec2::new(f64::from(clip.x), f64::from(clip.y))),
         None => (Some(*view), DVec2::ZERO),

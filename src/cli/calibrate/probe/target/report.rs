@@ -2,13 +2,16 @@
 
 use std::fmt::Write as _;
 
+use calibration::probe::calibrate::Outcome;
 use calibration::probe::errors::Errors;
 use calibration::probe::target::refine::Scatter;
 use calibration::probe::target::{Calibration, Place};
+use glam::DVec2;
 use serde::Serialize;
 
 use super::super::super::outputs::{Input, place, rows};
 use super::super::Method;
+use super::super::again::Reproducibility;
 use super::super::report::{Frames, LATTICE, Told, lag_line, word};
 use super::ends;
 
@@ -18,48 +21,66 @@ const UNSEEN: &str = "nothing seen";
 /// What is said of a result. The names say the units.
 #[derive(Debug, Serialize)]
 pub(super) struct Report {
-    kind: &'static str,
-    method: &'static str,
-    input: Option<Input>,
-    stylus_tip: Option<Input>,
-    validation: Option<Input>,
+    pub(super) kind: &'static str,
+    pub(super) method: &'static str,
+    #[serde(flatten)]
+    pub(super) inputs: Inputs,
     /// Row major: pixels of the picture in MF orientation to mm.
-    image_to_probe: [f64; 16],
-    image_size_px: [u32; 2],
-    pixel_mm: [f64; 2],
+    pub(super) image_to_probe: [f64; 16],
+    pub(super) image_size_px: [u32; 2],
+    pub(super) pixel_mm: [f64; 2],
     /// Distances of what is seen from where the target is.
-    error_mm: Told,
+    pub(super) error_mm: Told,
     /// The same of pictures that had no part in the calibration.
-    validation_error_mm: Option<Told>,
+    pub(super) validation_error_mm: Option<Told>,
     /// Whether these are the last third of the recording, held against a calibration from the others.
-    validation_is_split: bool,
-    limit_mm: f64,
-    frames: Frames,
-    condition: f64,
+    pub(super) validation_is_split: bool,
+    pub(super) limit_mm: f64,
+    pub(super) frames: Frames,
+    pub(super) condition: f64,
     /// Combinations of parameters that are known least, and how well, in typical sizes.
-    least_known: Vec<(String, f64)>,
+    pub(super) least_known: Vec<(String, f64)>,
     /// Above 0: poses come later than pictures.
-    lag_s: f64,
-    lag_se_s: f64,
+    pub(super) lag_s: f64,
+    pub(super) lag_se_s: f64,
     /// For how many pictures what scatters them lasts.
-    scatter_lasts_pictures: f64,
-    scatter: Scattered,
+    pub(super) scatter_lasts_pictures: f64,
+    pub(super) scatter: Scattered,
     /// The frame in which the target rests.
-    frame: String,
-    target: Rests,
+    pub(super) frame: String,
+    pub(super) target: Rests,
     /// One standard deviation of where a pixel lies, by the covariance: rows of numbers over the picture, from its first pixels to its last.
-    predicted_error_mm: Vec<Vec<f64>>,
+    pub(super) predicted_error_mm: Vec<Vec<f64>>,
     /// The same in the middle of the picture, and in its worst corner.
-    predicted_ends_mm: [f64; 2],
-    pictures: Vec<ToldPicture>,
-    looked_s: f64,
-    solved_s: f64,
+    pub(super) predicted_ends_mm: [f64; 2],
+    /// Where in the picture to let the target be seen next.
+    pub(super) next_view: String,
+    /// How far the result moves when parts of the recording are left out.
+    pub(super) reproducibility_mm: Option<Reproducibility>,
+    pub(super) pictures: Vec<ToldPicture>,
+    pub(super) looked_s: f64,
+    pub(super) solved_s: f64,
+}
+
+/// What it was made from.
+#[derive(Debug, Serialize)]
+pub(super) struct Inputs {
+    pub(super) input: Input,
+    pub(super) stylus_tip: Option<Input>,
+    pub(super) validation: Option<Input>,
+}
+
+impl Inputs {
+    /// Those that there are.
+    pub(super) fn all(&self) -> impl Iterator<Item = &Input> {
+        [Some(&self.input), self.stylus_tip.as_ref(), self.validation.as_ref()].into_iter().flatten()
+    }
 }
 
 /// Standard deviations.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "snake_case")]
-enum Scattered {
+pub(super) enum Scattered {
     Point { turn_deg: f64, along_u_v_and_normal_mm: [f64; 3] },
     Plane { turn_deg: f64, position_mm: f64, line_px: f64 },
 }
@@ -67,47 +88,82 @@ enum Scattered {
 /// Where the target is.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "snake_case")]
-enum Rests {
+pub(super) enum Rests {
     PointMm([f64; 3]),
     Plane { normal: [f64; 3], distance_mm: f64 },
 }
 
+impl Scattered {
+    fn of(scatter: &Scatter) -> Self {
+        match *scatter {
+            Scatter::Point { turn_rad, along_mm } => {
+                Self::Point { turn_deg: turn_rad.to_degrees(), along_u_v_and_normal_mm: along_mm }
+            }
+            Scatter::Plane { turn_rad, position_mm, line_px } => {
+                Self::Plane { turn_deg: turn_rad.to_degrees(), position_mm, line_px }
+            }
+        }
+    }
+
+    /// For people.
+    pub(super) fn words(&self) -> String {
+        match self {
+            Self::Point { along_u_v_and_normal_mm: [u, v, normal], turn_deg } => format!(
+                "{u:.3} and {v:.3} mm along u and v, {normal:.3} across the picture, sensors' turns {turn_deg:.3}°"
+            ),
+            Self::Plane { position_mm, turn_deg, line_px } => {
+                format!("sensors {position_mm:.3} mm and {turn_deg:.3}°, the line {line_px:.2} px")
+            }
+        }
+    }
+}
+
+impl Rests {
+    fn of(place: Place) -> Self {
+        match place {
+            Place::Point(at) => Self::PointMm(at.to_array()),
+            Place::Plane { normal, distance_mm } => Self::Plane { normal: normal.to_array(), distance_mm },
+        }
+    }
+
+    /// For people.
+    pub(super) fn words(&self, frame: &str) -> String {
+        match self {
+            Self::PointMm(at) => format!("it rests at {} mm in {frame}", place((*at).into())),
+            Self::Plane { normal, distance_mm } => {
+                format!("it rests {distance_mm:.3} mm from the origin of {frame}, across {}", place((*normal).into()))
+            }
+        }
+    }
+}
+
 #[derive(Debug, Serialize)]
-struct ToldPicture {
-    frame: usize,
-    outcome: &'static str,
-    seen_px: Vec<[f64; 2]>,
-    off_mm: Vec<f64>,
+pub(super) struct ToldPicture {
+    pub(super) frame: usize,
+    pub(super) outcome: &'static str,
+    pub(super) seen_px: Vec<[f64; 2]>,
+    pub(super) expected_px: Vec<[f64; 2]>,
+    pub(super) off_mm: Vec<f64>,
+    #[serde(skip)]
+    pub(super) used: bool,
 }
 
 impl Report {
-    pub(super) fn new(found: &Calibration, method: Method, frame: String, limit_mm: f64) -> Self {
+    pub(super) fn new(found: &Calibration, inputs: Inputs, method: Method, frame: String, limit_mm: f64) -> Self {
         let refined = &found.refined;
-        let scatter = match refined.scatter {
-            Scatter::Point { turn_rad, along_mm } => {
-                Scattered::Point { turn_deg: turn_rad.to_degrees(), along_u_v_and_normal_mm: along_mm }
-            }
-            Scatter::Plane { turn_rad, position_mm, line_px } => {
-                Scattered::Plane { turn_deg: turn_rad.to_degrees(), position_mm, line_px }
-            }
-        };
-        let target = match found.place() {
-            Place::Point(at) => Rests::PointMm(at.to_array()),
-            Place::Plane { normal, distance_mm } => Rests::Plane { normal: normal.to_array(), distance_mm },
-        };
         let pictures = found.pictures.iter().map(|picture| ToldPicture {
             frame: picture.frame,
             outcome: word(picture.outcome, UNSEEN),
             seen_px: picture.seen_px.iter().map(|px| px.to_array()).collect(),
+            expected_px: picture.expected_px.iter().map(|px| px.to_array()).collect(),
             off_mm: picture.off_mm.clone(),
+            used: picture.outcome == Outcome::Used,
         });
         let directions = refined.solution().directions();
         Self {
             kind: "probe",
             method: method.name(),
-            input: None,
-            stylus_tip: None,
-            validation: None,
+            inputs,
             image_to_probe: rows(refined.plane.affine()),
             image_size_px: found.size_px,
             pixel_mm: refined.plane.pixel_mm(),
@@ -121,19 +177,21 @@ impl Report {
             lag_s: refined.lag_s,
             lag_se_s: refined.lag_se_s,
             scatter_lasts_pictures: refined.lasting,
-            scatter,
+            scatter: Scattered::of(&refined.scatter),
             frame,
-            target,
+            target: Rests::of(found.place()),
             predicted_error_mm: found.predicted_mm(LATTICE),
             predicted_ends_mm: ends(found),
+            next_view: next(found),
+            reproducibility_mm: None,
             pictures: pictures.collect(),
             looked_s: 0.0,
             solved_s: 0.0,
         }
     }
 
-    pub(super) fn from(self, input: Input, stylus_tip: Option<Input>, validation: Option<Input>) -> Self {
-        Self { input: Some(input), stylus_tip, validation, ..self }
+    pub(super) fn again(self, reproducibility_mm: Option<Reproducibility>) -> Self {
+        Self { reproducibility_mm, ..self }
     }
 
     pub(super) fn took(self, looked_s: f64, solved_s: f64) -> Self {
@@ -143,6 +201,16 @@ impl Report {
 
 fn frames(found: &Calibration) -> Frames {
     Frames::of(found.pictures.iter().map(|picture| picture.outcome), UNSEEN)
+}
+
+/// What most helps: to see the target where a place is known least.
+fn next(found: &Calibration) -> String {
+    let [u, v] = found.size_px.map(|n| f64::from(n) - 1.0);
+    let corners =
+        [("upper left", [0.0, 0.0]), ("upper right", [u, 0.0]), ("lower left", [0.0, v]), ("lower right", [u, v])];
+    let known = corners.map(|(name, px)| (name, found.refined.predicted_mm(DVec2::from_array(px))));
+    let (name, mm) = known.into_iter().fold(("", 0.0), |worst, one| if one.1 > worst.1 { one } else { worst });
+    format!("let it be seen at the picture's {name}, where a place is known least ({mm:.2} mm)")
 }
 
 /// For people.
@@ -171,23 +239,8 @@ pub(super) fn text(found: &Calibration, method: Method, frame: &str) -> String {
         refined.condition()
     );
     text += &lag_line(refined.lag_s, refined.lag_se_s);
-    let _ = match refined.scatter {
-        Scatter::Point { along_mm: [u, v, normal], turn_rad } => writeln!(
-            text,
-            "noise: {u:.3} and {v:.3} mm along u and v, {normal:.3} across the picture, sensors' turns {:.3}°",
-            turn_rad.to_degrees()
-        ),
-        Scatter::Plane { position_mm, turn_rad, line_px } => writeln!(
-            text,
-            "noise: sensors {position_mm:.3} mm and {:.3}°, the line {line_px:.2} px",
-            turn_rad.to_degrees()
-        ),
-    };
-    let _ = match found.place() {
-        Place::Point(at) => writeln!(text, "it rests at {} mm in {frame}", place(at)),
-        Place::Plane { normal, distance_mm } => {
-            writeln!(text, "it rests {distance_mm:.3} mm from the origin of {frame}, across {}", place(normal))
-        }
-    };
+    let _ =
+        writeln!(text, "noise: {}\n{}", Scattered::of(&refined.scatter).words(), Rests::of(found.place()).words(frame));
+    let _ = writeln!(text, "next view: {}", next(found));
     text
 }

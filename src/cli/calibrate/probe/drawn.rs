@@ -1,0 +1,119 @@
+//! What the pages of probes' calibrations have in common, whatever was scanned.
+
+use glam::DVec2;
+
+use super::report::{Frames, Told};
+use crate::export::page::Page;
+use crate::export::page::chart::Bars;
+use crate::export::page::plate::{Ink, Plate};
+
+/// Residuals are drawn so many times as long as they are.
+const LONGER: f64 = 10.0;
+
+/// Pictures worth looking at: the one in the middle of all by its error, and the worst.
+pub(super) fn telling(told: &Told) -> Vec<usize> {
+    let mut by_error: Vec<(f64, usize)> = told.per_frame.iter().copied().zip(told.frame.iter().copied()).collect();
+    by_error.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let places = [by_error.len() / 2, by_error.len().saturating_sub(1)];
+    let mut frames: Vec<usize> = places.into_iter().filter_map(|at| Some(by_error.get(at)?.1)).collect();
+    frames.dedup();
+    frames
+}
+
+/// Whether it is any good, and how many pictures say so.
+pub(super) fn verdict(
+    page: &mut Page,
+    (held, of, limit_mm): (Option<&Told>, &str, f64),
+    [centre, corner]: [f64; 2],
+    frames: &Frames,
+    pixel_mm: [f64; 2],
+) {
+    let good = held.is_some_and(|told| told.mean <= limit_mm);
+    let held = held.map_or_else(
+        || "nothing was held out".to_owned(),
+        |told| format!("{:.2} mm {of}; limit {limit_mm} mm)", told.mean),
+    );
+    let word = if good { "Accepted" } else { "Not proven" };
+    page.verdict(good, &format!("{word}: {held}. A point is known to {centre:.2} mm in the middle of the picture and {corner:.2} mm in its worst corner (one standard deviation)."));
+    let reasons: Vec<String> = frames.reasons.iter().map(|(reason, count)| format!("{count} {reason}")).collect();
+    let reasons = if reasons.is_empty() { String::new() } else { format!("; not used: {}", reasons.join(", ")) };
+    let Frames { used, total, .. } = frames;
+    let [u, v] = pixel_mm;
+    page.say(&format!("{used} of {total} pictures were used{reasons}. A pixel is {u:.5} × {v:.5} mm."));
+}
+
+/// How late the poses come, where that was sought.
+pub(super) fn lag(page: &mut Page, lag_s: f64, sd_s: f64) {
+    if sd_s > 0.0 {
+        let side = if lag_s > 0.0 { "later" } else { "earlier" };
+        page.say(&format!(
+            "The tracker's poses come {:.1} ± {:.1} ms {side} than the pictures.",
+            1e3 * lag_s.abs(),
+            1e3 * sd_s
+        ));
+    }
+}
+
+/// Errors in a table.
+pub(super) fn errors(page: &mut Page, rows: &[(&str, Option<&Told>)]) {
+    page.part("Errors, mm");
+    let row = |(what, told): &(&str, Option<&Told>)| {
+        let told = (*told)?;
+        let numbers = [told.mean, told.sd, told.rms, told.max, told.mean_of_95].map(|x| format!("{x:.3}"));
+        let ends = [(*what).to_owned(), told.count.to_string()];
+        let [what, count] = ends;
+        Some([what].into_iter().chain(numbers).chain([count]).collect::<Vec<_>>())
+    };
+    let rows: Vec<Vec<String>> = rows.iter().filter_map(row).collect();
+    page.table(&["", "mean", "sd", "rms", "largest", "best 95 %", "of"], &rows);
+}
+
+/// Where dots were seen and where the calibration has them, all over the picture; and how well it is known there.
+pub(super) fn over_the_picture(
+    page: &mut Page,
+    size_px: [u32; 2],
+    (dots, what): (&[[DVec2; 2]], &str),
+    predicted_mm: &[Vec<f64>],
+) {
+    page.part(&format!("How far {what} lie from where the calibration has them"));
+    let [u, v] = size_px.map(|n| f64::from(n) - 1.0);
+    let mut vectors = Plate::new(size_px);
+    vectors.outline(&[DVec2::ZERO, DVec2::new(u, 0.0), DVec2::new(u, v), DVec2::new(0.0, v)]);
+    let (down, across) = (predicted_mm.len(), predicted_mm.first().map_or(0, Vec::len));
+    let mut map = Plate::new(size_px);
+    map.map([across, down], &predicted_mm.concat(), "mm");
+    for [seen, expected] in dots {
+        vectors.vector(*expected, (*seen - *expected) * LONGER, Ink::Used);
+        map.speck(*seen);
+    }
+    page.figures(&[
+        (
+            vectors.svg(&format!("residuals of all {what} over the image plane")),
+            format!("All {what} that were used and how far they are off, drawn {LONGER:.0} times as long. Vectors that point alike somewhere are an error of the calibration; those that point anywhere are noise."),
+        ),
+        (
+            map.svg(&format!("predicted error over the image plane, and where {what} were")),
+            format!("Predicted error of where a point lies, one standard deviation, by the covariance of what was fitted: small where {what} are, larger away from them."),
+        ),
+    ]);
+}
+
+/// Each picture's error.
+pub(super) fn bars(page: &mut Page, told: &Told, limit_mm: f64, about: &str, caption: &str) {
+    let limit = (told.max * 4.0 > limit_mm).then_some((limit_mm, "limit of the mean"));
+    let bars = Bars { values: &told.per_frame, unit: "mm", along: "pictures", limit };
+    page.figure(&bars.svg(about), caption);
+}
+
+/// A transform, row by row.
+pub(super) fn matrix(page: &mut Page, what: &str, rows: &[f64; 16]) {
+    page.say(what);
+    let rows = rows.chunks_exact(4).map(|row| row.iter().map(|x| format!("{x:.6}")).collect());
+    page.table(&["", "", "", ""], &rows.collect::<Vec<_>>());
+}
+
+/// What it was made from, and by what.
+pub(super) fn made_from(page: &mut Page, names: Vec<String>) {
+    page.table(&["made from"], &names.into_iter().map(|name| vec![name]).collect::<Vec<_>>());
+    page.note(concat!("sonoweave ", env!("CARGO_PKG_VERSION")));
+}

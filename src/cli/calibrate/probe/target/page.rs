@@ -1,0 +1,91 @@
+//! A probe's calibration by a point, a stylus or a plane as a page to look at.
+
+use glam::DVec2;
+
+use super::super::drawn;
+use super::super::recording::Shown;
+use super::report::{Report, Rests, ToldPicture};
+use crate::export::page::Page;
+use crate::export::page::plate::{Ink, Plate};
+
+impl Report {
+    /// Pictures worth looking at.
+    pub(super) fn telling(&self) -> Vec<usize> {
+        drawn::telling(&self.error_mm)
+    }
+
+    /// The page; `shown` are the pictures of [`Self::telling`].
+    pub(super) fn page(&self, shown: &[Shown]) -> String {
+        let mut page = Page::new(&format!("Calibration of a probe: {}", self.inputs.input.name()));
+        let of = if self.validation_is_split {
+            "mean error on pictures that had no part in it (the last third, by a calibration from the others"
+        } else {
+            "mean error on pictures that had no part in it (a second recording"
+        };
+        let held = (self.validation_error_mm.as_ref(), of, self.limit_mm);
+        drawn::verdict(&mut page, held, self.predicted_ends_mm, &self.frames, self.pixel_mm);
+        drawn::lag(&mut page, self.lag_s, self.lag_se_s);
+        if let Some(again) = &self.reproducibility_mm {
+            page.say(&again.words());
+        }
+        page.say(&format!("Next view: {}.", self.next_view));
+        drawn::errors(
+            &mut page,
+            &[("from where it rests", Some(&self.error_mm)), ("pictures held out", self.validation_error_mm.as_ref())],
+        );
+        page.part("What was seen");
+        let figures: Vec<_> = shown.iter().filter_map(|shown| self.seen(shown)).collect();
+        page.figures(&figures);
+        let (what, seen) = match self.target {
+            Rests::PointMm(_) => ("dots", "the point, where it was seen"),
+            Rests::Plane { .. } => ("lines' points", "two points of the line that was seen"),
+        };
+        page.note(&format!("Green rings: {seen}. Orange crosses: where the calibration has them."));
+        let used = || self.pictures.iter().filter(|picture| picture.used);
+        let dots: Vec<[DVec2; 2]> = used().flat_map(ToldPicture::pairs).collect();
+        drawn::over_the_picture(&mut page, self.image_size_px, (&dots, what), &self.predicted_error_mm);
+        page.part("Picture by picture");
+        drawn::bars(&mut page, &self.error_mm, self.limit_mm, "error of each picture", "Mean error of each picture.");
+        if let Some(held) = self.validation_error_mm.as_ref().filter(|_| !self.validation_is_split) {
+            let caption = "The same of the second recording, which had no part in the calibration.";
+            drawn::bars(&mut page, held, self.limit_mm, "error of each picture that was held out", caption);
+        }
+        self.particulars(&mut page);
+        page.html()
+    }
+
+    /// One picture and what was seen in it.
+    fn seen(&self, shown: &Shown) -> Option<(String, String)> {
+        let picture = self.pictures.iter().find(|picture| picture.frame == shown.frame)?;
+        let mut plate = Plate::new(self.image_size_px);
+        plate.picture(&shown.grey);
+        for [seen, expected] in picture.pairs() {
+            plate.ring(seen, if picture.used { Ink::Used } else { Ink::LeftOut }, "");
+            plate.cross(expected, Ink::Expected);
+        }
+        let error = picture.off_mm.iter().sum::<f64>() / picture.off_mm.len().max(1) as f64;
+        let svg = plate.svg(&format!("picture {} of the recording with what was seen in it", shown.frame));
+        Some((svg, format!("Picture {}: {error:.2} mm off.", shown.frame)))
+    }
+
+    fn particulars(&self, page: &mut Page) {
+        page.part("Particulars");
+        page.say(&format!(
+            "Noise: {}. What was scanned: {}. Condition {:.1}.",
+            self.scatter.words(),
+            self.target.words(&self.frame),
+            self.condition
+        ));
+        let least: Vec<String> = self.least_known.iter().map(|(what, sd)| format!("{what} ({sd:.2e})")).collect();
+        page.say(&format!("Known least (of typical sizes): {}.", least.join("; ")));
+        drawn::matrix(page, "ImageToProbe, pixels of the picture (right, down) to mm:", &self.image_to_probe);
+        drawn::made_from(page, self.inputs.all().map(|input| input.name()).collect());
+    }
+}
+
+impl ToldPicture {
+    /// What was seen, and where the calibration has it.
+    fn pairs(&self) -> impl Iterator<Item = [DVec2; 2]> {
+        self.seen_px.iter().zip(&self.expected_px).map(|(a, b)| [*a, *b].map(DVec2::from_array))
+    }
+}
