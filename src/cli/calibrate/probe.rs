@@ -23,6 +23,7 @@ use calibration::probe::{Calibration, Layout, Observation, Recording, calibrate}
 use calibration::region::ClipRect;
 use clap::{ArgGroup, Args, ValueEnum};
 
+use super::super::live::outputs::say;
 use super::super::{Failure, values};
 use super::guide::Gathering;
 use super::outputs::{Input, Outputs, print};
@@ -194,7 +195,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let recorded = arguments.recorded(made.as_deref())?;
     let path = recorded.path();
     let seen = look(&recorded)?;
-    let second = validate.as_ref().map(|path| look(&Recorded::of(path)?)).transpose()?;
+    let second = arguments.second(&recorded)?.map(|second| look(&second)).transpose()?;
     if second.as_ref().is_some_and(|second| second.size_px != seen.size_px) {
         return Err(within(path, "its pictures are not of the size of the second recording's".into()));
     }
@@ -293,6 +294,17 @@ impl Arguments {
         // One of them is there: the command line sees to it.
         let some = [&self.sequence, &self.session, &self.live].into_iter().flatten().next();
         some.map_or(Path::new(""), PathBuf::as_path)
+    }
+
+    /// The second recording.
+    fn second(&self, first: &Recorded) -> Result<Option<Recorded>, Failure> {
+        let second = self.validate.as_ref().map(|path| Recorded::of(path)).transpose()?;
+        if second.as_ref().is_some_and(|second| second.bedside().is_some() != first.bedside().is_some()) {
+            say(
+                "note: one of the recordings is a sequence and the other a session: how late poses come is found in the first, and may be another in the second, whose errors are then too large",
+            );
+        }
+        Ok(second)
     }
 
     fn recorded(&self, made: Option<&Path>) -> Result<Recorded, Failure> {

@@ -15,7 +15,6 @@ use glam::DVec2;
 
 use super::super::super::{Failure, values};
 use super::super::outputs::{Input, print};
-use super::super::recorded::Recorded;
 use super::super::tip::tip;
 use super::again::again;
 use super::lag::Lag;
@@ -82,7 +81,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let path = recorded.path();
     let within = |problem: String| Failure(format!("{}: {problem}", path.display()));
     let seen = look(&recorded, names, *clip, is_plane)?;
-    let second = validate.as_ref().map(|path| look(&Recorded::of(path)?, names, *clip, is_plane)).transpose()?;
+    let second = arguments.second(&recorded)?.map(|second| look(&second, names, *clip, is_plane)).transpose()?;
     if second.as_ref().is_some_and(|second| second.size_px != seen.size_px) {
         return Err(within("its pictures are not of the size of the second recording's".into()));
     }
