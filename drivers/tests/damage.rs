@@ -8,8 +8,8 @@ use std::io::Write as _;
 use std::path::Path;
 
 use drivers::reading::{NamedTransform, PixelType, Reading, Stamp, Status};
-use drivers::recording::metaimage::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
-use drivers::recording::metaimage::{VolumeHeader, VolumeReader};
+use drivers::recording::image::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
+use drivers::recording::image::{VolumeHeader, VolumeReader};
 use drivers::recording::{Limits, Replay, SequenceSettings};
 use drivers::{Device, Error, Next};
 use flate2::Compression;

@@ -6,8 +6,8 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use drivers::reading::{Frame, PixelType, Reading, Status};
-use drivers::recording::metaimage::write::VolumeWriter;
-use drivers::recording::metaimage::{Content, VolumeReader, content};
+use drivers::recording::image::write::VolumeWriter;
+use drivers::recording::image::{Content, VolumeReader, content};
 use drivers::recording::{Limits, Replay, SequenceSettings};
 use drivers::{Device, Next};
 use libtest_mimic::{Arguments, Completion, Failed, Trial};
@@ -320,7 +320,7 @@ fn volume(path: &Path, size: [u32; 3], origin: [f64; 3]) -> Result<(), Failed> {
 
     let folder = tempfile::tempdir()?;
     let copy = folder.path().join("copy.mha");
-    let compressed = drivers::recording::metaimage::VolumeHeader { compressed: true, ..header };
+    let compressed = drivers::recording::image::VolumeHeader { compressed: true, ..header };
     let mut writer = VolumeWriter::create(&copy, &compressed)?;
     writer.write_all(&voxels)?;
     writer.finish()?;

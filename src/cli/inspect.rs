@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use drivers::recording::Limits;
-use drivers::recording::metaimage::{Content, content};
+use drivers::recording::image::{Content, content};
 use serde::Serialize;
 
 use super::{Failure, input};

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use calibration::file::CalibrationFile;
 use clap::{ArgGroup, Args, ValueEnum as _};
 use drivers::reading::{NamedTransform, PixelType, Stamp, Status};
-use drivers::recording::metaimage::VolumeHeader;
-use drivers::recording::metaimage::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
+use drivers::recording::image::VolumeHeader;
+use drivers::recording::image::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
 use glam::DVec3;
 
 pub(super) mod choices;

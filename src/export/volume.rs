@@ -5,8 +5,8 @@ use std::path::Path;
 
 use calibration::frames::{Transform, Volume, World};
 use drivers::reading::PixelType;
-use drivers::recording::metaimage::VolumeHeader;
-use drivers::recording::metaimage::write::VolumeWriter;
+use drivers::recording::image::VolumeHeader;
+use drivers::recording::image::write::VolumeWriter;
 use glam::DVec3;
 
 use crate::reconstruct::Settings;

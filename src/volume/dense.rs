@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use calibration::frames::{Transform, Volume, World};
 use drivers::reading::PixelType;
 use drivers::recording::Limits;
-use drivers::recording::metaimage::{VolumeHeader, VolumeReader};
+use drivers::recording::image::{VolumeHeader, VolumeReader};
 use glam::{DMat3, DVec3};
 
 use super::Grid;

@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use drivers::reading::{NamedTransform, PixelType, Stamp, Status};
-use drivers::recording::metaimage::write::{SequenceHeader, SequenceItem, SequenceWriter};
+use drivers::recording::image::write::{SequenceHeader, SequenceItem, SequenceWriter};
 
 use super::place::Place;
 

@@ -6,7 +6,7 @@ use std::process::{Command, Output, Stdio};
 
 use drivers::reading::PixelType;
 use drivers::recording::Limits;
-use drivers::recording::metaimage::{VolumeHeader, VolumeReader};
+use drivers::recording::image::{VolumeHeader, VolumeReader};
 use glam::{DMat4, DVec3};
 use serde_json::Value;
 use tempfile::TempDir;

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::Command;
 
 use drivers::recording::Limits;
-use drivers::recording::metaimage::VolumeReader;
+use drivers::recording::image::VolumeReader;
 use libtest_mimic::Failed;
 use serde_json::{Value, json};
 use tempfile::TempDir;

@@ -3,8 +3,8 @@
 use std::io::Write as _;
 
 use drivers::reading::PixelType;
-use drivers::recording::metaimage::VolumeHeader;
-use drivers::recording::metaimage::write::VolumeWriter;
+use drivers::recording::image::VolumeHeader;
+use drivers::recording::image::write::VolumeWriter;
 use glam::{DMat2, DMat3, DVec2, DVec3};
 use sonoweave::render::camera::View;
 use sonoweave::render::light::{Light, Source};

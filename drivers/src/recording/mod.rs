@@ -1,7 +1,7 @@
 //! Recordings: sequence files, sessions and what lines brought, and the devices that replay them at any pace.
 
+pub mod image;
 mod line;
-pub mod metaimage;
 mod pace;
 mod replay;
 pub mod session;

@@ -5,10 +5,10 @@ use std::io::{BufReader, Seek, SeekFrom};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use super::metaimage::layout::Layout;
-use super::metaimage::sequence::{Item, Sequence};
-use super::metaimage::stream::PixelStream;
-use super::metaimage::{self, Content};
+use super::image::layout::Layout;
+use super::image::sequence::{Item, Sequence};
+use super::image::stream::PixelStream;
+use super::image::{self, Content};
 use super::{Pacer, SequenceSettings};
 use crate::health::{Health, State as Well};
 use crate::pool::Pool;
@@ -53,16 +53,12 @@ impl Replay {
     /// [`Error::Limit`] when it asks for more than the settings allow.
     pub fn open(settings: &SequenceSettings) -> Result<Self, Error> {
         let path = settings.path.clone();
-        let opened = metaimage::open(&path, &settings.limits)?;
+        let opened = image::open(&path, &settings.limits)?;
         let layout = opened.layout;
         if layout.content == Content::Volume {
-            let field = opened.header.get("Kinds").or_else(|| opened.header.get("DimSize"));
-            return Err(Error::Header {
-                path,
-                field: field.map_or_else(|| "Kinds".into(), |field| field.name.to_string()),
-                offset: field.map_or(0, |field| field.offset),
-                problem: "makes this a volume, not a sequence of frames (whose last axis is of kind list, or which has Seq_Frame… fields); give a sequence".into(),
-            });
+            let field = opened.header.kinds().unwrap_or(&layout.shape);
+            let why = "makes this a volume, not a sequence of frames (whose last axis is of kind list, or which has Seq_Frame… fields); give a sequence";
+            return Err(field.fault(why).at(&path));
         }
         let sequence = Sequence::new(opened.header, &layout).map_err(|fault| fault.at(&path))?;
         let description = Description {
@@ -92,7 +88,7 @@ impl Replay {
             let failed = |source| Error::Io { path: self.path.clone(), doing: "going to the first frame", source };
             let mut file = self.file.try_clone().map_err(failed)?;
             file.seek(SeekFrom::Start(self.layout.data_at)).map_err(failed)?;
-            Some(Box::new(PixelStream::new(BufReader::with_capacity(metaimage::BUFFER, file), &self.layout)))
+            Some(Box::new(PixelStream::new(BufReader::with_capacity(image::BUFFER, file), &self.layout)))
         } else {
             None
         };
@@ -141,7 +137,7 @@ impl Replay {
             Some(stream) => self
                 .pool
                 .fill(|pixels| stream.read(pixels))
-                .map_err(|trouble| metaimage::trouble_at(trouble, &self.path))?,
+                .map_err(|trouble| image::trouble_at(trouble, &self.path))?,
             None => Arc::default(),
         };
         (*index, *given) = (*index + 1, 0);

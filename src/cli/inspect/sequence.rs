@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use drivers::reading::{Frame, NamedTransform, Status};
-use drivers::recording::SequenceSettings;
-use drivers::recording::metaimage::STRUCTURE;
+use drivers::recording::image::About;
+use drivers::recording::{Limits, SequenceSettings};
 use drivers::{Next, OpenSettings, Reading};
 use glam::DVec3;
 use serde::Serialize;
@@ -20,12 +20,8 @@ use crate::refusal::{Reason, Refusal};
 use crate::sync::survey::{SurveyError, gaps};
 use crate::sync::{PairingOptions, Survey, survey};
 
-/// Fields of the whole file whose meaning is shown by other words, beside those of its structure.
-const KNOWN: [&str; 3] = ["AnatomicalOrientation", "UltrasoundImageOrientation", "UltrasoundImageType"];
-
-fn is_known(field: &str) -> bool {
-    KNOWN.contains(&field) || STRUCTURE.contains(&field)
-}
+/// Field of the whole file that says nothing of a sequence, in which no volume lies.
+const ANATOMY: &str = "AnatomicalOrientation";
 
 /// A sequence's content.
 #[derive(Debug, Serialize)]
@@ -58,6 +54,8 @@ struct Picture {
     size: [u32; 2],
     scalar: String,
     channels: u32,
+    format: &'static str,
+    encoding: &'static str,
     compressed: bool,
     big_endian: bool,
 }
@@ -165,14 +163,15 @@ impl SequenceReport {
             Err(SurveyError::NoPath(problem)) => Placement::none(problem.to_string(), walk.ledger, config.notes),
             Err(SurveyError::Device(error)) => return Err(error.into()),
         };
-        let field = |name: &str| description.fields.iter().find(|(n, _)| n == name).map(|(_, value)| value.as_str());
-        let truth = |name: &str| field(name).is_some_and(|v| v.eq_ignore_ascii_case("true") || v == "1");
+        let about = About::read(path, &Limits::default())?;
         let picture = description.image_size.zip(description.pixel).map(|(size, (pixel, channels))| Picture {
             size,
             scalar: scalar_name(pixel),
             channels,
-            compressed: truth("CompressedData"),
-            big_endian: truth("BinaryDataByteOrderMSB") || truth("ElementByteOrderMSB"),
+            format: about.format,
+            encoding: about.encoding,
+            compressed: about.compressed,
+            big_endian: about.big_endian,
         });
         Ok(Self {
             path: path.to_owned(),
@@ -186,7 +185,7 @@ impl SequenceReport {
             frame_numbers: walk.numbers,
             transforms: walk.transforms,
             frame_fields: walk.fields,
-            header_fields: description.fields.into_iter().filter(|(name, _)| !is_known(name)).collect(),
+            header_fields: description.fields.into_iter().filter(|(name, _)| name != ANATOMY).collect(),
             placement,
         })
     }
@@ -195,11 +194,10 @@ impl SequenceReport {
         text.heading(&format!("{}: tracked sequence, {}", self.path.display(), bytes(self.bytes)));
         text.row("frames", self.items.to_string());
         match &self.picture {
-            Some(Picture { size, scalar, channels, compressed, big_endian }) => {
-                let packing = if *compressed { "compressed (zlib)" } else { "not compressed" };
+            Some(Picture { size, scalar, channels, encoding, big_endian, .. }) => {
                 let order = if *big_endian { ", big-endian" } else { "" };
                 let channels = count(u64::from(*channels), "channel");
-                text.row("picture", format!("{} pixels, {scalar}, {channels}, {packing}{order}", times(*size)));
+                text.row("picture", format!("{} pixels, {scalar}, {channels}, {encoding}{order}", times(*size)));
                 let or_not = |text: &str| if text.is_empty() { "not given".to_owned() } else { text.to_owned() };
                 text.row("orientation", or_not(&self.orientation));
                 text.row("image type", or_not(&self.image_type));

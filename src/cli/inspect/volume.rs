@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use drivers::reading::PixelType;
 use drivers::recording::Limits;
-use drivers::recording::metaimage::{VolumeHeader, VolumeReader};
+use drivers::recording::image::{VolumeHeader, VolumeReader};
 use serde::Serialize;
 
 use super::super::{Failure, input};

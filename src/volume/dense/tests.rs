@@ -2,7 +2,7 @@
 
 use std::io::Write as _;
 
-use drivers::recording::metaimage::write::VolumeWriter;
+use drivers::recording::image::write::VolumeWriter;
 use tempfile::TempDir;
 
 use super::*;

@@ -4,7 +4,7 @@ use std::io::{self, BufRead};
 
 use flate2::{Decompress, FlushDecompress, Status};
 
-use super::layout::Layout;
+use super::layout::{Encoding, Layout};
 
 /// What ended the stream, not yet tied to a file.
 #[derive(Debug)]
@@ -44,7 +44,7 @@ impl<R: BufRead> PixelStream<R> {
         let swap = if layout.big_endian == cfg!(target_endian = "big") { 1 } else { layout.pixel.bytes() };
         Self {
             reader,
-            inflate: layout.zlib.then(|| Decompress::new(true)),
+            inflate: (layout.encoding == Encoding::Zlib).then(|| Decompress::new(true)),
             ended: false,
             data_at: layout.data_at,
             consumed: 0,
@@ -139,8 +139,9 @@ impl<R: BufRead> PixelStream<R> {
     fn check_end(&mut self) -> Result<(), Trouble> {
         if self.inflate.is_some() {
             if self.inflate(&mut [0])? != 0 {
-                return Err(self
-                    .data("more pixels follow the last frame that DimSize promises; correct DimSize or record again"));
+                return Err(
+                    self.data("more pixels follow the last frame that the header promises; correct it or record again")
+                );
             }
             if self.consumed != self.data_bytes {
                 let after = self.data_bytes - self.consumed;
@@ -161,18 +162,20 @@ mod tests {
 
     use super::*;
     use crate::reading::PixelType;
-    use crate::recording::metaimage::Content;
+    use crate::recording::image::Content;
+    use crate::recording::image::header::Field;
 
     fn layout(layers: u64, layer_bytes: usize, pixel: PixelType, big_endian: bool, zlib: bool, data: &[u8]) -> Layout {
         Layout {
             content: Content::Sequence,
+            shape: Field { name: "DimSize".into(), value: "".into(), offset: 0 },
             size: [u32::try_from(layer_bytes / pixel.bytes()).unwrap(), 1],
             layers,
             pixel,
             channels: 1,
             layer_bytes,
             big_endian,
-            zlib,
+            encoding: if zlib { Encoding::Zlib } else { Encoding::Raw },
             data_at: 1000,
             data_bytes: data.len() as u64,
         }

@@ -4,39 +4,26 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-use super::header::{Fault, Header, numbers};
-use super::layout::{Content, Layout};
+use super::header::{Fault, Header};
+use super::layout::{Content, Encoding, Layout, names_list};
 use super::stream::PixelStream;
 use crate::Error;
 use crate::reading::PixelType;
 use crate::recording::Limits;
 
-/// Fields that say how the pixels are stored and where they lie; the readers give their meaning in other words.
-pub const STRUCTURE: [&str; 23] = [
-    "ObjectType",
-    "NDims",
-    "BinaryData",
-    "BinaryDataByteOrderMSB",
-    "ElementByteOrderMSB",
-    "CompressedData",
-    "CompressedDataSize",
-    "CompressionLevel",
-    "HeaderSize",
-    "TransformMatrix",
-    "Rotation",
-    "Orientation",
-    "Offset",
-    "Position",
-    "Origin",
-    "CenterOfRotation",
-    "ElementSpacing",
-    "ElementSize",
-    "DimSize",
-    "Kinds",
-    "ElementNumberOfChannels",
-    "ElementType",
-    "ElementDataFile",
-];
+/// Where a volume lies.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Place {
+    pub(crate) spacing: [f64; 3],
+    pub(crate) origin: [f64; 3],
+    pub(crate) axes: [[f64; 3]; 3],
+}
+
+impl Place {
+    /// Spacing 1 mm, origin 0, axes along x, y, z.
+    pub(crate) const PLAIN: Self =
+        Self { spacing: [1.0; 3], origin: [0.0; 3], axes: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]] };
+}
 
 /// What a volume file says of itself, without the voxels. The same struct is read and written.
 #[derive(Debug, Clone, PartialEq)]
@@ -63,16 +50,8 @@ pub struct VolumeHeader {
 impl VolumeHeader {
     /// A raw volume of that size and type: spacing 1 mm, origin 0, axes along x, y, z.
     pub fn new(size: [u32; 3], pixel: PixelType) -> Self {
-        Self {
-            size,
-            spacing: [1.0; 3],
-            origin: [0.0; 3],
-            axes: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-            pixel,
-            channels: 1,
-            compressed: false,
-            fields: Vec::new(),
-        }
+        let Place { spacing, origin, axes } = Place::PLAIN;
+        Self { size, spacing, origin, axes, pixel, channels: 1, compressed: false, fields: Vec::new() }
     }
 
     /// Bytes of one slice, `None` beyond 64 bits.
@@ -82,56 +61,40 @@ impl VolumeHeader {
     }
 
     fn new_from(header: Header, layout: &Layout) -> Result<Self, Fault> {
-        let dims = header.required("DimSize")?;
-        if &*header.required("NDims")?.value != "3" {
-            return Err(header.required("NDims")?.fault("is 2: this is a single image; a volume has 3 axes"));
-        }
+        let shape = &layout.shape;
         if layout.content == Content::Sequence {
-            let why = header.get("Kinds").unwrap_or(dims);
-            return Err(why.fault("makes this a sequence of frames, not a volume; reconstruct it first"));
+            let list = header.kinds().filter(|kinds| names_list(&kinds.value));
+            return Err(match list {
+                Some(kinds) => kinds.fault("makes this a sequence of frames, not a volume; reconstruct it first"),
+                None if layout.layers == 1 => {
+                    shape.fault(format!("is {:?}: this is a single image; a volume has 3 axes", &*shape.value))
+                }
+                None => shape
+                    .fault("is that of a sequence of frames, which have fields Seq_Frame…, not of a volume; reconstruct it first"),
+            });
         }
         if !layout.has_images() {
-            return Err(dims.fault("promises no voxels; the volume is empty"));
+            return Err(shape.fault("promises no voxels; the volume is empty"));
         }
-        let spacing = placement(&header, &["ElementSpacing", "ElementSize"])?.unwrap_or([1.0; 3]);
-        if let Some(field) = header.get("ElementSpacing").or_else(|| header.get("ElementSize"))
-            && spacing.iter().any(|&mm| mm <= 0.0)
-        {
-            return Err(field.fault(format!("is {:?}; a spacing must be positive", &*field.value)));
-        }
-        let matrix = placement(&header, &["TransformMatrix", "Rotation", "Orientation"])?;
-        let axes = matrix.map(|m: [f64; 9]| [[m[0], m[1], m[2]], [m[3], m[4], m[5]], [m[6], m[7], m[8]]]);
-        let origin = placement(&header, &["Offset", "Position", "Origin"])?.unwrap_or([0.0; 3]);
-        let slices = u32::try_from(layout.layers).map_err(|_| dims.fault("has more than 2³² slices"))?;
-        let others = header.global.into_iter().filter(|field| !STRUCTURE.contains(&&*field.name));
-        let plain = Self::new([layout.size[0], layout.size[1], slices], layout.pixel);
+        let Place { spacing, origin, axes } = (header.grammar.place)(&header)?;
+        let slices = u32::try_from(layout.layers).map_err(|_| shape.fault("has more than 2³² slices"))?;
         Ok(Self {
             spacing,
             origin,
-            axes: axes.unwrap_or(plain.axes),
+            axes,
             channels: layout.channels,
-            compressed: layout.zlib,
-            fields: others.map(|field| (field.name.into(), field.value.into())).collect(),
-            ..plain
+            compressed: layout.encoding != Encoding::Raw,
+            fields: header.further_fields(),
+            ..Self::new([layout.size[0], layout.size[1], slices], layout.pixel)
         })
     }
-}
-
-/// The first of the fields that mean the same, as finite numbers.
-fn placement<const N: usize>(header: &Header, names: &[&str]) -> Result<Option<[f64; N]>, Fault> {
-    let Some(field) = names.iter().find_map(|name| header.get(name)) else { return Ok(None) };
-    let values = numbers::<N>(&field.value).map_err(|problem| field.fault(problem))?;
-    if values.iter().any(|value| !value.is_finite()) {
-        return Err(field.fault(format!("is {:?}; its numbers must be finite", &*field.value)));
-    }
-    Ok(Some(values))
 }
 
 /// Reads a volume slice by slice. Memory: the header and one slice.
 ///
 /// ```no_run
 /// # fn main() -> Result<(), drivers::Error> {
-/// use drivers::recording::{Limits, metaimage::VolumeReader};
+/// use drivers::recording::{Limits, image::VolumeReader};
 /// let mut volume = VolumeReader::open("volume.mha".as_ref(), &Limits::default())?;
 /// while let Some(slice) = volume.next_slice()? {
 ///     // size[0]·size[1]·channels scalars, x fastest

@@ -1,13 +1,19 @@
 //! What the per-frame fields of a sequence mean: times, numbers, transforms and whether the source vouches for them.
 
-use super::header::{Fault, FrameField, Header, number, numbers, whole};
+use super::header::{Fault, FrameField, Header};
 use super::layout::Layout;
+use super::numbers::{number, numbers, whole};
 use crate::reading::Status;
+
+/// Field of the whole file with the orientation of its pictures.
+pub(crate) const ORIENTATION: &str = "UltrasoundImageOrientation";
+/// Field of the whole file with the type of its pictures.
+pub(crate) const IMAGE_TYPE: &str = "UltrasoundImageType";
 
 /// The header of a sequence, interpreted. Memory is proportional to the header's length, whatever it claims.
 #[derive(Debug)]
 pub(crate) struct Sequence {
-    /// Fields of the whole file, in file order.
+    /// Fields of the whole file that nothing else here says, in file order.
     pub(crate) fields: Vec<(String, String)>,
     /// As written, empty if not given.
     pub(crate) orientation: String,
@@ -72,29 +78,30 @@ impl Sequence {
     pub(crate) fn new(header: Header, layout: &Layout) -> Result<Self, Fault> {
         let (roles, bases) = roles(&header);
         if header.frames.is_empty() && !layout.has_images() {
-            let dims = header.required("DimSize")?;
-            return Err(
-                dims.fault("promises no images, and no field Seq_Frame… holds a reading; the recording is empty")
-            );
+            return Err(layout
+                .shape
+                .fault("promises no images, and no field Seq_Frame… holds a reading; the recording is empty"));
         }
         let mut items = Vec::new();
         for fields in header.frames.chunk_by(|a, b| a.frame == b.frame) {
-            check_order(&header, &fields[0], items.len() as u64, layout.layers)?;
+            check_order(&header, &fields[0], items.len() as u64, layout)?;
             items.push(item(&header, fields, &roles)?);
         }
         if !items.is_empty() && (items.len() as u64) < layout.layers {
-            return Err(header.required("DimSize")?.fault(format!(
+            return Err(layout.shape.fault(format!(
                 "promises {} frames, but fields Seq_Frame… are given for the first {} only; correct it or record again",
                 layout.layers,
                 items.len()
             )));
         }
         let text = |name: &str| header.get(name).map_or_else(String::new, |field| field.value.to_string());
+        let mut fields = header.further_fields();
+        fields.retain(|(name, _)| name != ORIENTATION && name != IMAGE_TYPE);
         Ok(Self {
-            orientation: text("UltrasoundImageOrientation"),
-            image_type: text("UltrasoundImageType"),
+            orientation: text(ORIENTATION),
+            image_type: text(IMAGE_TYPE),
             transforms: bases.iter().map(|base| split_transform_name(base)).collect(),
-            fields: header.global.into_iter().map(|field| (field.name.into(), field.value.into())).collect(),
+            fields,
             names: header.names,
             items,
             bare: Item::bare(),
@@ -108,10 +115,11 @@ impl Sequence {
 }
 
 /// Frames must be numbered 0, 1, 2, … without gaps: with one missing, nobody knows to which images the rest belong.
-fn check_order(header: &Header, field: &FrameField, expected: u64, frames: u64) -> Result<(), Fault> {
-    if field.frame >= frames {
+fn check_order(header: &Header, field: &FrameField, expected: u64, layout: &Layout) -> Result<(), Fault> {
+    if field.frame >= layout.layers {
+        let (shape, frames) = (&layout.shape.name, layout.layers);
         let problem =
-            format!("belongs to frame {}, but DimSize promises only {frames}; correct one of them", field.frame);
+            format!("belongs to frame {}, but {shape} promises only {frames}; correct one of them", field.frame);
         return Err(header.frame_fault(field, problem));
     }
     if field.frame != expected {
@@ -238,6 +246,7 @@ pub(crate) fn split_transform_name(base: &str) -> (String, String) {
 #[cfg(test)]
 mod tests {
     use super::super::header::Parser;
+    use super::super::metaimage::grammar::GRAMMAR;
     use super::*;
     use crate::recording::Limits;
 
@@ -245,14 +254,15 @@ mod tests {
 
     /// A sequence of `frames` without images.
     fn sequence(frames: u64, lines: &str) -> Result<Sequence, Fault> {
-        let mut parser = Parser::new(Limits::default());
+        let mut parser = Parser::new(&GRAMMAR, Limits::default());
         let head = format!("NDims = 3\nDimSize = 0 0 {frames}\nElementType = MET_OTHER\nKinds = domain domain list\n");
         for line in head.split_inclusive('\n').chain(lines.split_inclusive('\n')) {
             parser.line(line.as_bytes())?;
         }
         parser.line(b"ElementDataFile = LOCAL\n")?;
         let header = parser.finish()?;
-        let layout = Layout::new(&header, header.end, &Limits::default())?;
+        let claims = (header.grammar.claims)(&header)?;
+        let layout = Layout::new(&claims, header.end, 0, &Limits::default())?;
         Sequence::new(header, &layout)
     }
 

@@ -1,0 +1,134 @@
+//! What MetaImage's fields say of the pixel data: how many, of which type, packed how.
+
+use super::grammar::truth;
+use crate::reading::PixelType;
+use crate::recording::image::header::{Fault, Field, Header};
+use crate::recording::image::layout::{Claims, Content, Encoding};
+use crate::recording::image::numbers::whole;
+
+pub(super) fn claims(header: &Header) -> Result<Claims<'_>, Fault> {
+    if let Some(object) = header.get("ObjectType").filter(|field| &*field.value != "Image") {
+        return Err(object.fault(format!("is {:?}; only Image is read", &*object.value)));
+    }
+    let data_file = header.required("ElementDataFile")?;
+    if !data_file.value.eq_ignore_ascii_case("LOCAL") {
+        return Err(data_file.fault(format!(
+            "is {:?}: pixel data in a file of its own is not read; write header and data into one file (LOCAL)",
+            &*data_file.value
+        )));
+    }
+    let (shape, axes, size, layers) = dimensions(header)?;
+    let zlib = header.get("CompressedData").map_or(Ok(false), truth)?;
+    if let Some(field) = header.get("BinaryData")
+        && !truth(field)?
+    {
+        return Err(field.fault("is False: pixels written as text are not read; write the file with BinaryData = True"));
+    }
+    if let Some(field) = header.get("HeaderSize").filter(|field| &*field.value != "0") {
+        return Err(field.fault("asks to skip bytes before the data; only data right behind the header is read"));
+    }
+    let stated = match header.get("CompressedDataSize").filter(|_| zlib) {
+        Some(field) => Some((field, whole(&field.value).map_err(|problem| field.fault(problem))?)),
+        None => None,
+    };
+    Ok(Claims {
+        content: content(header, axes)?,
+        shape,
+        size,
+        layers,
+        channels: channels(header)?,
+        pixel: pixel_type(header.required("ElementType")?, !size.contains(&0))?,
+        big_endian: big_endian(header)?,
+        encoding: if zlib { Encoding::Zlib } else { Encoding::Raw },
+        stated,
+    })
+}
+
+/// `DimSize`, the number of axes, pixels along the first two, and the number of layers (1 if the file has no axis for them).
+fn dimensions(header: &Header) -> Result<(&Field, usize, [u64; 2], u64), Fault> {
+    let ndims = header.required("NDims")?;
+    let axes = match &*ndims.value {
+        "2" => 2,
+        "3" => 3,
+        "4" => {
+            return Err(ndims.fault(
+                "is 4: a sequence of volumes is not read; only images (2) and lists of images or volumes (3) are",
+            ));
+        }
+        other => return Err(ndims.fault(format!("is {other:?}; it must be 2 or 3"))),
+    };
+    let dims = header.required("DimSize")?;
+    let size = dims
+        .value
+        .split_whitespace()
+        .map(whole)
+        .take(axes + 1)
+        .collect::<Result<Vec<u64>, String>>()
+        .map_err(|problem| dims.fault(problem))?;
+    match *size {
+        [x, y] if axes == 2 => Ok((dims, axes, [x, y], 1)),
+        [x, y, layers] if axes == 3 => Ok((dims, axes, [x, y], layers)),
+        _ => Err(dims.fault(format!("is {:?}, but NDims asks for exactly {axes} whole numbers", &*dims.value))),
+    }
+}
+
+/// `Kinds` decides; older files have none, and of these a sequence is known by its per-frame fields.
+fn content(header: &Header, axes: usize) -> Result<Content, Fault> {
+    let Some(field) = header.get("Kinds") else {
+        let sequence = axes == 2 || !header.frames.is_empty();
+        return Ok(if sequence { Content::Sequence } else { Content::Volume });
+    };
+    let kinds: Vec<&str> = field.value.split_whitespace().take(axes + 1).collect();
+    if kinds.len() != axes {
+        return Err(field.fault(format!("is {:?}, but NDims asks for exactly {axes} words", &*field.value)));
+    }
+    match kinds.iter().position(|kind| kind.eq_ignore_ascii_case("list")) {
+        None if axes == 2 => Ok(Content::Sequence),
+        None => Ok(Content::Volume),
+        Some(2) => Ok(Content::Sequence),
+        Some(_) => Err(field.fault(format!("is {:?}: the list must be the last of three axes", &*field.value))),
+    }
+}
+
+fn channels(header: &Header) -> Result<u32, Fault> {
+    let Some(field) = header.get("ElementNumberOfChannels") else { return Ok(1) };
+    match whole(&field.value) {
+        Ok(channels @ 1..=4) => Ok(channels as u32),
+        Ok(_) => Err(field.fault(format!("is {}; images have 1 to 4 channels", &*field.value))),
+        Err(problem) => Err(field.fault(problem)),
+    }
+}
+
+fn big_endian(header: &Header) -> Result<bool, Fault> {
+    let binary = header.get("BinaryDataByteOrderMSB").map(truth).transpose()?;
+    let Some(field) = header.get("ElementByteOrderMSB") else { return Ok(binary.unwrap_or(false)) };
+    let element = truth(field)?;
+    if binary.is_some_and(|binary| binary != element) {
+        return Err(field.fault("contradicts BinaryDataByteOrderMSB; remove the wrong one"));
+    }
+    Ok(element)
+}
+
+/// MetaIO's `LONG` has 4 bytes on every machine; 8 are `LONG_LONG`.
+fn pixel_type(field: &Field, images: bool) -> Result<PixelType, Fault> {
+    let name = field.value.strip_prefix("MET_").unwrap_or("");
+    Ok(match name.strip_suffix("_ARRAY").unwrap_or(name) {
+        "UCHAR" => PixelType::U8,
+        "CHAR" => PixelType::I8,
+        "USHORT" => PixelType::U16,
+        "SHORT" => PixelType::I16,
+        "UINT" | "ULONG" => PixelType::U32,
+        "INT" | "LONG" => PixelType::I32,
+        "ULONG_LONG" => PixelType::U64,
+        "LONG_LONG" => PixelType::I64,
+        "FLOAT" => PixelType::F32,
+        "DOUBLE" => PixelType::F64,
+        _ if !images => PixelType::U8,
+        _ => {
+            return Err(field.fault(format!(
+                "is {:?}, which is no pixel type that is read; use MET_UCHAR to MET_DOUBLE",
+                &*field.value
+            )));
+        }
+    })
+}

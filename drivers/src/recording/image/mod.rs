@@ -1,0 +1,178 @@
+//! Image files: tracked sequences as PLUS and 3D Slicer write them, and volumes.
+//!
+//! What a header means is here once; formats are grammars in front of it. In the order of the data: `header` (lines to fields, by the format's grammar), `layout`
+//! (what the pixel data is, and whether that can be true), `sequence` (what the per-frame fields mean), `stream` (pixels, a frame at a time), `volume`
+//! (a volume, a slice at a time), [`write`](mod@write). Formats: `metaimage` (`.mha`). Reading needs memory for the header and one frame, whatever the
+//! file's length.
+
+pub(crate) mod header;
+pub(crate) mod layout;
+mod metaimage;
+pub(crate) mod numbers;
+pub(crate) mod sequence;
+pub(crate) mod stream;
+mod volume;
+pub mod write;
+
+use std::fs::{self, File};
+use std::io::{self, BufRead, BufReader, Read};
+use std::path::Path;
+
+use header::{Grammar, Header, Parser};
+pub use layout::Content;
+use layout::{Encoding, Layout};
+use stream::Trouble;
+pub use volume::{VolumeHeader, VolumeReader};
+
+use super::Limits;
+use crate::Error;
+
+/// Large enough that reading raw frames is not bound by system calls.
+pub(crate) const BUFFER: usize = 256 << 10;
+
+/// An opened file whose header was read and found possible. The reader stands where the pixel data begins.
+pub(crate) struct Opened {
+    pub(crate) reader: BufReader<File>,
+    pub(crate) header: Header,
+    pub(crate) layout: Layout,
+}
+
+/// Opens a file that must be a regular one; its length.
+fn open_file(path: &Path) -> Result<(BufReader<File>, u64), Error> {
+    let failed = |source| Error::Io { path: path.to_owned(), doing: "opening", source };
+    // Asked before opening: opening a pipe would wait for its other end.
+    let metadata = fs::metadata(path).map_err(failed)?;
+    if !metadata.is_file() {
+        let source = io::Error::new(io::ErrorKind::InvalidInput, "it is not a regular file; give the recording's file");
+        return Err(failed(source));
+    }
+    Ok((BufReader::with_capacity(BUFFER, File::open(path).map_err(failed)?), metadata.len()))
+}
+
+pub(crate) fn open(path: &Path, limits: &Limits) -> Result<Opened, Error> {
+    let (mut reader, bytes) = open_file(path)?;
+    let header = read_header(&mut reader, path, &metaimage::grammar::GRAMMAR, limits)?;
+    let claims = (header.grammar.claims)(&header).map_err(|fault| fault.at(path))?;
+    let layout = Layout::new(&claims, header.end, bytes.saturating_sub(header.end), limits);
+    let layout = layout.map_err(|fault| fault.at(path))?;
+    Ok(Opened { reader, header, layout })
+}
+
+fn read_header(
+    reader: &mut impl BufRead,
+    path: &Path,
+    grammar: &'static Grammar,
+    limits: &Limits,
+) -> Result<Header, Error> {
+    let mut parser = Parser::new(grammar, *limits);
+    let mut line = Vec::new();
+    loop {
+        line.clear();
+        let room = parser.room();
+        let read = reader.by_ref().take(room as u64 + 1).read_until(b'\n', &mut line);
+        read.map_err(|source| Error::Io { path: path.to_owned(), doing: "reading the header", source })?;
+        if line.is_empty() {
+            parser.file_ends().map_err(|fault| fault.at(path))?;
+            return parser.finish().map_err(|fault| fault.at(path));
+        }
+        if parser.line(&line).map_err(|fault| fault.at(path))? {
+            return parser.finish().map_err(|fault| fault.at(path));
+        }
+    }
+}
+
+/// Names the file of a trouble in its pixel data.
+pub(crate) fn trouble_at(trouble: Trouble, path: &Path) -> Error {
+    let path = path.to_owned();
+    match trouble {
+        Trouble::Io(source) => Error::Io { path, doing: "reading pixels", source },
+        Trouble::Data { frame, offset, problem } => Error::Data { path, frame, offset, problem },
+    }
+}
+
+/// What the header of an image file says of its format.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct About {
+    /// A sequence or a volume: by the kinds of the axes (the last is a list or not); without them, by the per-frame fields.
+    pub content: Content,
+    /// The format's name.
+    pub format: &'static str,
+    /// How the scalars are stored, in words.
+    pub encoding: &'static str,
+    /// Whether they are stored compressed.
+    pub compressed: bool,
+    /// Whether their bytes are stored the most significant first.
+    pub big_endian: bool,
+}
+
+impl About {
+    /// Reads the header of an image file, and nothing else.
+    ///
+    /// # Errors
+    /// [`Error`] when the file cannot be read, is none of the formats, or its header cannot be true.
+    pub fn read(path: &Path, limits: &Limits) -> Result<Self, Error> {
+        let Opened { header, layout, .. } = open(path, limits)?;
+        let encoding = match layout.encoding {
+            Encoding::Raw => "not compressed",
+            Encoding::Zlib => "compressed (zlib)",
+        };
+        Ok(Self {
+            content: layout.content,
+            format: header.grammar.name,
+            encoding,
+            compressed: layout.encoding != Encoding::Raw,
+            big_endian: layout.big_endian,
+        })
+    }
+}
+
+/// Whether an image file is a sequence or a volume.
+///
+/// # Errors
+/// As of [`About::read`].
+pub fn content(path: &Path, limits: &Limits) -> Result<Content, Error> {
+    About::read(path, limits).map(|about| about.content)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(bytes: &[u8], header_bytes: u64) -> Result<Header, Error> {
+        read_header(
+            &mut &*bytes,
+            Path::new("f.mha"),
+            &metaimage::grammar::GRAMMAR,
+            &Limits { header_bytes, ..Limits::default() },
+        )
+    }
+
+    #[test]
+    fn a_header_is_bounded_by_its_limit_and_its_lines_by_theirs() {
+        let text = b"A = 1\nElementDataFile = LOCAL\npixels";
+        assert_eq!(read(text, 30).unwrap().end, 30);
+        let error = read(text, 29).err().unwrap();
+        assert!(matches!(error, Error::Limit { value: 30, limit: 29, .. }), "{error}");
+        let endless = vec![b'x'; 3 << 20];
+        let error = read(&endless, 256 << 20).err().unwrap();
+        assert!(error.to_string().contains("line 1 (byte 0): is longer than 1048576 bytes"), "{error}");
+    }
+
+    #[test]
+    fn a_file_that_ends_in_its_header_is_refused_where_it_ends() {
+        for text in [&b""[..], b"A = 1\n", b"A = 1\nB = 2"] {
+            let error = read(text, 1000).err().unwrap();
+            let says = format!("f.mha: field ElementDataFile (byte {}): was not reached", text.len());
+            assert!(error.to_string().starts_with(&says), "{error}");
+        }
+    }
+
+    #[test]
+    fn what_is_not_a_regular_file_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let error = content(folder.path(), &Limits::default()).unwrap_err();
+        assert!(error.to_string().contains("not a regular file"), "{error}");
+        let error = content(&folder.path().join("none.mha"), &Limits::default()).unwrap_err();
+        assert!(matches!(&error, Error::Io { source, .. } if source.kind() == io::ErrorKind::NotFound), "{error}");
+    }
+}

@@ -1,0 +1,196 @@
+//! Writing image files: tracked sequences and volumes.
+//!
+//! Both writers stream: the header is written first, then pixels as they come. They write to a temporary file in the target's folder that takes the
+//! target's name in `finish`, so that a file of that name is always whole: after an error, or when a writer is dropped, the target is as before.
+
+mod file;
+pub(crate) mod text;
+
+use std::io::{self, Write};
+use std::path::Path;
+
+use super::header::{Fault, Parser};
+use super::layout::Layout;
+use super::metaimage;
+use super::sequence::Sequence;
+use super::volume::VolumeHeader;
+use crate::Error;
+use crate::reading::{NamedTransform, PixelType, Stamp, Status};
+use crate::recording::Limits;
+use file::PixelFile;
+use text::Text;
+
+/// What a sequence file says before its pixels.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SequenceHeader {
+    /// Pixels along the first (fastest) and second axis; both 0 for a sequence without images.
+    pub size: [u32; 2],
+    /// Scalar type.
+    pub pixel: PixelType,
+    /// Channels per pixel, interleaved, 1 to 4.
+    pub channels: u32,
+    /// Orientation code (`MFA`, …); not written if empty.
+    pub orientation: String,
+    /// Image type (`BRIGHTNESS`, …); not written if empty.
+    pub image_type: String,
+    /// Whether to compress the pixels with zlib.
+    pub compressed: bool,
+    /// Further fields of the whole file.
+    pub fields: Vec<(String, String)>,
+    /// What is known of each frame (or tracker sample).
+    pub items: Vec<SequenceItem>,
+}
+
+/// What a sequence file says of one frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SequenceItem {
+    /// Its time; `source_s` and `unfiltered_s` are written, the rest is not.
+    pub stamp: Stamp,
+    /// The source's running number.
+    pub frame_number: Option<u64>,
+    /// Whether the source vouches for the picture.
+    pub status: Status,
+    /// Its transforms; their own stamps are not written.
+    pub transforms: Vec<NamedTransform>,
+    /// Further fields.
+    pub fields: Vec<(String, String)>,
+}
+
+/// Writes a tracked sequence.
+pub struct SequenceWriter {
+    file: PixelFile,
+    frame_bytes: u64,
+}
+
+impl SequenceWriter {
+    /// Begins a file: all that is known of the frames comes first, as the format has it.
+    ///
+    /// # Errors
+    /// [`Error::Misuse`] when the header cannot be written so that it reads back the same (line ends in a text, a frame name that cannot be told
+    /// from its neighbour, no items, …); [`Error::Io`] when the folder cannot be written.
+    pub fn create(path: &Path, header: &SequenceHeader) -> Result<Self, Error> {
+        let refuse = |problem: String| Error::Misuse(format!("{}: {problem}", path.display()));
+        let images = header.size != [0, 0];
+        if header.items.is_empty() || (images && header.size.contains(&0)) {
+            return Err(refuse("a sequence needs at least one item, and an image two axes that are not empty".into()));
+        }
+        let mut plain = VolumeHeader::new([header.size[0], header.size[1], 0], header.pixel);
+        plain.channels = header.channels;
+        let frame_bytes = plain.slice_bytes();
+        let items = header.items.len() as u64;
+        let expected = frame_bytes.and_then(|bytes| bytes.checked_mul(items));
+        let (Some(frame_bytes), Some(expected)) = (frame_bytes, expected) else {
+            return Err(refuse("the images would take more than 2⁶⁴ bytes".into()));
+        };
+        check_channels(header.channels).map_err(refuse)?;
+        let compressed = header.compressed && images;
+        let text = metaimage::text::sequence(header, compressed).map_err(refuse)?;
+        check_reading(&text, header).map_err(refuse)?;
+        Ok(Self { file: PixelFile::create(path, &text, compressed, expected)?, frame_bytes })
+    }
+
+    /// Writes the next frame: scalars in native byte order, first axis fastest. A sequence without images has none to write.
+    ///
+    /// # Errors
+    /// [`Error::Misuse`] when the frame has not the size of the header or is one too many, [`Error::Io`] when it cannot be written.
+    pub fn write_frame(&mut self, pixels: &[u8]) -> Result<(), Error> {
+        if pixels.len() as u64 != self.frame_bytes {
+            let (got, wanted) = (pixels.len(), self.frame_bytes);
+            return Err(self.file.misuse(format!("a frame of {got} bytes was given, the header promises {wanted}")));
+        }
+        self.file.write_all(pixels).map_err(|source| self.file.failed("writing pixels", source))
+    }
+
+    /// Completes the file and gives it its name.
+    ///
+    /// # Errors
+    /// [`Error::Misuse`] when frames are missing, [`Error::Io`] when the file cannot be written. Nothing of that name is changed then.
+    pub fn finish(self) -> Result<(), Error> {
+        self.file.finish()
+    }
+}
+
+/// Writes a volume: voxels go in through [`Write`], in native byte order, x fastest, in pieces of any length.
+pub struct VolumeWriter {
+    file: PixelFile,
+}
+
+impl VolumeWriter {
+    /// Begins a file. The world is not an anatomical one, and the file says so unless `header.fields` holds an `AnatomicalOrientation`.
+    ///
+    /// # Errors
+    /// [`Error::Misuse`] when the header cannot be written so that it reads back the same, [`Error::Io`] when the folder cannot
+    /// be written.
+    pub fn create(path: &Path, header: &VolumeHeader) -> Result<Self, Error> {
+        let refuse = |problem: &str| Error::Misuse(format!("{}: {problem}", path.display()));
+        let expected = header.slice_bytes().and_then(|bytes| bytes.checked_mul(u64::from(header.size[2])));
+        let Some(expected) = expected else { return Err(refuse("the volume would take more than 2⁶⁴ bytes")) };
+        if expected == 0 {
+            return Err(refuse("a volume needs at least one voxel along each axis, of at least one channel"));
+        }
+        let placed = header.axes.as_flattened().iter().chain(&header.origin).all(|v| v.is_finite());
+        if !placed || !header.spacing.iter().all(|&mm| mm.is_finite() && mm > 0.0) {
+            return Err(refuse("a volume's spacing must be positive, and its origin and axes finite"));
+        }
+        check_channels(header.channels).map_err(|problem| refuse(&problem))?;
+        let text = metaimage::text::volume(header).map_err(|problem| refuse(&problem))?;
+        Ok(Self { file: PixelFile::create(path, &text, header.compressed, expected)? })
+    }
+
+    /// Completes the file and gives it its name.
+    ///
+    /// # Errors
+    /// [`Error::Misuse`] when voxels are missing, [`Error::Io`] when the file cannot be written. Nothing of that name is changed then.
+    pub fn finish(self) -> Result<(), Error> {
+        self.file.finish()
+    }
+}
+
+impl Write for VolumeWriter {
+    /// Refuses voxels beyond those that the header promises.
+    fn write(&mut self, voxels: &[u8]) -> io::Result<usize> {
+        self.file.write(voxels)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+fn check_channels(channels: u32) -> Result<(), String> {
+    if (1..=4).contains(&channels) {
+        Ok(())
+    } else {
+        Err(format!("{channels} channels were asked for; images have 1 to 4"))
+    }
+}
+
+/// Reads the header back: a field's name may take on a meaning that its writer did not have in mind.
+fn check_reading(text: &Text, header: &SequenceHeader) -> Result<(), String> {
+    let limits = Limits { header_bytes: u64::MAX, frame_bytes: u64::MAX, items: u64::MAX };
+    let mut parser = Parser::new(text.style.grammar, limits);
+    for line in text.text.split_inclusive('\n') {
+        parser.line(line.as_bytes()).map_err(Fault::sentence)?;
+    }
+    let fields = parser.finish().map_err(Fault::sentence)?;
+    let layout = Layout::to_be_written(header.items.len() as u64, header.size != [0, 0]);
+    let read = Sequence::new(fields, &layout).map_err(Fault::sentence)?;
+    let bits = |matrix: &[f64; 16]| matrix.map(|v| if v.is_nan() { f64::NAN } else { v }.to_bits());
+    for (frame, put) in (0..).zip(&header.items) {
+        let got = read.item(frame);
+        let times = (got.source_s, got.unfiltered_s) == (put.stamp.source_s, put.stamp.unfiltered_s);
+        let picture = (got.frame_number, &got.image) == (put.frame_number, &put.status);
+        let transforms = got.transforms.len() == put.transforms.len()
+            && got.transforms.iter().zip(&put.transforms).all(|(got, put)| {
+                let (from, to) = &read.transforms[got.name as usize];
+                (from, to, &got.status) == (&put.from, &put.to, &put.status) && bits(&got.matrix) == bits(&put.matrix)
+            });
+        let others = got.fields.iter().map(|(name, value)| (&*read.names[*name as usize], &**value));
+        if !(times && picture && transforms && others.eq(put.fields.iter().map(|(name, value)| (&**name, &**value)))) {
+            return Err(format!(
+                "frame {frame} would not read back as given: one of its fields has a name that means something else; rename it"
+            ));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,136 @@
+//! A header under construction: what is the same whatever grammar it is written in.
+
+use std::fmt::Write as _;
+
+use super::SequenceItem;
+use crate::reading::Status;
+use crate::recording::image::header::{Grammar, full_name};
+use crate::recording::image::sequence::{IMAGE_TYPE, ORIENTATION, split_transform_name};
+
+/// How a format writes fields that are no part of its own structure.
+pub(crate) struct Style {
+    pub(crate) grammar: &'static Grammar,
+    /// Between name and value.
+    pub(crate) separator: &'static str,
+    /// What a name cannot hold.
+    pub(crate) reserved: char,
+    /// What the status of a frame's picture is called.
+    pub(crate) image_status: &'static str,
+}
+
+/// A header, and where in it the length of the compressed data belongs.
+pub(crate) struct Text {
+    pub(crate) style: &'static Style,
+    pub(crate) text: String,
+    /// Where [`SIZE_DIGITS`] digits have room.
+    pub(crate) size_at: Option<u64>,
+}
+
+/// Digits of the largest 64-bit number: room in which the compressed size is written when it is known.
+pub(crate) const SIZE_DIGITS: usize = 20;
+
+impl Text {
+    pub(crate) fn new(style: &'static Style) -> Self {
+        Self { style, text: String::new(), size_at: None }
+    }
+
+    pub(crate) fn line(&mut self, name: &str, value: &str) {
+        // Writing to a string cannot fail.
+        let _ = writeln!(self.text, "{name}{}{value}", self.style.separator);
+    }
+
+    /// A line whose texts come from outside.
+    pub(crate) fn field(&mut self, name: &str, value: &str) -> Result<(), String> {
+        let clean = |text: &str| !text.contains(char::is_control) && text.trim() == text;
+        let reserved = self.style.reserved;
+        if name.is_empty() || !clean(name) || name.contains(reserved) || name.starts_with('#') {
+            return Err(format!(
+                "{name:?} is no name of a field: it must not be empty, hold {reserved} or line ends, begin with #, or begin or end in a space"
+            ));
+        }
+        if !clean(value) {
+            return Err(format!(
+                "the value {value:?} of field {name} must not hold line ends or begin or end in a space"
+            ));
+        }
+        self.line(name, value);
+        Ok(())
+    }
+
+    /// Orientation and type of a sequence's pictures, where they are given.
+    pub(crate) fn pictures(&mut self, [orientation, image_type]: [(&str, &str); 2]) -> Result<(), String> {
+        for (name, value) in [orientation, image_type].into_iter().filter(|(_, value)| !value.is_empty()) {
+            self.field(name, value)?;
+        }
+        Ok(())
+    }
+
+    /// Further fields of the whole file; `taken` are said by others already.
+    pub(crate) fn extra(&mut self, fields: &[(String, String)], taken: &[&str]) -> Result<(), String> {
+        for (n, (name, value)) in fields.iter().enumerate() {
+            let own = (self.style.grammar.is_structure)(name) || name.starts_with("Seq_Frame");
+            if own || taken.contains(&&**name) || fields[..n].iter().any(|(earlier, _)| earlier == name) {
+                return Err(format!("field {name} is given twice, or is one that the writer sets itself"));
+            }
+            self.field(name, value)?;
+        }
+        Ok(())
+    }
+
+    pub(crate) fn item(&mut self, frame: u64, item: &SequenceItem) -> Result<(), String> {
+        for transform in &item.transforms {
+            let base = if transform.to.is_empty() {
+                transform.from.clone()
+            } else {
+                format!("{}To{}", transform.from, transform.to)
+            };
+            if split_transform_name(&base) != (transform.from.clone(), transform.to.clone()) {
+                return Err(format!(
+                    "the frame names {:?} and {:?} could not be told apart in {base}Transform; the second must begin with a capital letter",
+                    transform.from, transform.to
+                ));
+            }
+            self.field(&full_name(frame, &format!("{base}Transform")), &list(&transform.matrix))?;
+            self.field(&full_name(frame, &format!("{base}TransformStatus")), word(&transform.status)?)?;
+        }
+        let times = [("Timestamp", item.stamp.source_s), ("UnfilteredTimestamp", item.stamp.unfiltered_s)];
+        for (name, seconds) in times {
+            let Some(seconds) = seconds else { continue };
+            if !seconds.is_finite() {
+                return Err(format!("the {name} {seconds} of frame {frame} is no time; it must be finite"));
+            }
+            self.line(&full_name(frame, name), &seconds.to_string());
+        }
+        if let Some(number) = item.frame_number {
+            self.line(&full_name(frame, "FrameNumber"), &number.to_string());
+        }
+        self.field(&full_name(frame, self.style.image_status), word(&item.status)?)?;
+        for (name, value) in &item.fields {
+            self.field(&full_name(frame, name), value)?;
+        }
+        Ok(())
+    }
+}
+
+/// The shortest decimals that read back as the same numbers.
+pub(crate) fn list(values: &[f64]) -> String {
+    let values: Vec<String> = values.iter().map(f64::to_string).collect();
+    values.join(" ")
+}
+
+fn word(status: &Status) -> Result<&str, String> {
+    match status {
+        Status::Ok => Ok("OK"),
+        Status::Other(word) if word.eq_ignore_ascii_case("OK") => {
+            Err(format!("the status {word:?} would read back as valid; use Status::Ok"))
+        }
+        Status::Other(word) => Ok(word),
+    }
+}
+
+/// Fields that a sequence's orientation and type of pictures are written to; those that are not given leave their names free.
+pub(crate) fn taken(orientation: &str, image_type: &str) -> Vec<&'static str> {
+    let given =
+        [(ORIENTATION, orientation), (IMAGE_TYPE, image_type)].into_iter().filter(|(_, value)| !value.is_empty());
+    given.map(|(name, _)| name).collect()
+}
