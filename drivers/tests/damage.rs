@@ -17,7 +17,7 @@ use flate2::write::ZlibEncoder;
 use proptest::prelude::*;
 
 const EYE: &str = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1";
-const SMALL: Limits = Limits { header_bytes: 4096, frame_bytes: 4096, items: 64 };
+const SMALL: Limits = Limits { header_bytes: 4096, frame_bytes: 4096, items: 64, transposed_bytes: 16_384 };
 
 /// A recording of three frames of 4×2, with all the fields that mean something.
 fn recording(compressed: bool) -> Vec<u8> {
@@ -116,7 +116,11 @@ fn refusals_name_file_field_and_offset_and_say_what_to_do() {
         ("NDims = 3", "NDims = 4", "NDims", "sequence of volumes"),
         ("domain domain list", "list domain domain", "Kinds", "must be the last"),
         ("UltrasoundImageOrientation = MFA", "NDims = 3", "NDims", "repetition"),
-        ("ElementDataFile = LOCAL", "ElementDataFile = a.raw", "ElementDataFile", "file of its own"),
+        ("ElementDataFile = LOCAL", "ElementDataFile = a.raw", "ElementDataFile", "which is not there"),
+        ("ElementDataFile = LOCAL", "ElementDataFile = ../a.raw", "ElementDataFile", "must lie beside the header"),
+        ("ElementDataFile = LOCAL", "ElementDataFile = /etc/passwd", "ElementDataFile", "must lie beside the header"),
+        ("ElementDataFile = LOCAL", "ElementDataFile = LIST", "ElementDataFile", "several files"),
+        ("ElementDataFile = LOCAL", "ElementDataFile = a%03d.raw 1 3 1", "ElementDataFile", "several files"),
         ("Seq_Frame0001_Tim", "Seq_Frame0000_Tim", "Seq_Frame0000_Timestamp", "repetition"),
     ];
     for (from, to, field, says) in cases {
@@ -149,7 +153,7 @@ fn claims_beyond_the_limits_are_refused_before_anything_is_allocated() {
     );
     // Within the default limits, but a gigabyte cannot be in a few bytes.
     let text = sentence(&replaced(true, "DimSize = 4 2 3", "DimSize = 4096 8192 16"), Limits::default());
-    assert!(text.contains("compressed bytes in the file can hold"), "{text}");
+    assert!(text.contains("compressed bytes of data in the file can hold"), "{text}");
 }
 
 #[test]

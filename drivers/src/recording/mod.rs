@@ -31,12 +31,30 @@ pub struct SequenceSettings {
     pub pace: Pace,
     /// What the file may ask for at most.
     pub limits: Limits,
+    /// Told how far it is before the first reading, of a file all of whose frames must be read for that.
+    pub told: Progress,
+}
+
+/// Who is told how far something is: how many of how many parts are done.
+#[derive(Clone, Default)]
+pub struct Progress(pub Option<image::Told>);
+
+impl std::fmt::Debug for Progress {
+    fn fmt(&self, to: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        to.write_str(if self.0.is_some() { "told" } else { "not told" })
+    }
 }
 
 impl SequenceSettings {
     /// All of `path`, with default limits.
     pub fn new(path: impl Into<PathBuf>) -> Self {
-        Self { path: path.into(), images: true, pace: Pace::Unpaced, limits: Limits::default() }
+        Self {
+            path: path.into(),
+            images: true,
+            pace: Pace::Unpaced,
+            limits: Limits::default(),
+            told: Progress::default(),
+        }
     }
 }
 
@@ -49,11 +67,13 @@ pub struct Limits {
     pub frame_bytes: u64,
     /// Frames (or tracker samples, or a volume's slices).
     pub items: u64,
+    /// Bytes of all frames together where they must be held at once: their list is the first axis, so that each lies all over the file.
+    pub transposed_bytes: u64,
 }
 
 impl Default for Limits {
     fn default() -> Self {
-        Self { header_bytes: 128 << 20, frame_bytes: 64 << 20, items: 1 << 24 }
+        Self { header_bytes: 128 << 20, frame_bytes: 64 << 20, items: 1 << 24, transposed_bytes: 2 << 30 }
     }
 }
 

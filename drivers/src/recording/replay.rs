@@ -5,11 +5,11 @@ use std::io::{BufReader, Seek, SeekFrom};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use super::image::layout::Layout;
+use super::image::layout::{Layout, ListAxis};
 use super::image::sequence::{Item, Sequence};
 use super::image::stream::PixelStream;
 use super::image::{self, Content};
-use super::{Pacer, SequenceSettings};
+use super::{Pacer, Progress, SequenceSettings};
 use crate::health::{Health, State as Well};
 use crate::pool::Pool;
 use crate::reading::{Frame, NamedTransform, Reading, Stamp};
@@ -20,7 +20,10 @@ use crate::{Description, Device, Error, Next, Timing};
 /// Memory: the header, and a frame for each that the consumer holds (at least one).
 pub struct Replay {
     path: PathBuf,
+    /// The file of the pixels, which need not be the header's.
+    data_path: PathBuf,
     images: bool,
+    told: Progress,
     /// Kept open, so that a file replaced meanwhile does not give its pixels to the old header.
     file: File,
     layout: Layout,
@@ -32,14 +35,22 @@ pub struct Replay {
     health: Health,
 }
 
+/// Where the frames' pixels come from.
+enum Pixels {
+    /// They are not wanted, or there are none.
+    None,
+    Stream(Box<PixelStream<BufReader<File>>>),
+    /// All are held, since none of them is whole before the last byte.
+    Held(Vec<u8>),
+}
+
 enum State {
     Stopped,
     Running {
         item: u64,
         /// Transforms of the item that were delivered.
         given: usize,
-        /// `None` when pixels are not wanted or there are none.
-        stream: Option<Box<PixelStream<BufReader<File>>>>,
+        pixels: Pixels,
     },
     Ended,
     Failed,
@@ -49,7 +60,7 @@ impl Replay {
     /// Opens the file and reads its whole header: what is wrong with it is said here, before the first reading.
     ///
     /// # Errors
-    /// [`Error::Io`] when the file cannot be read, [`Error::Header`] when it is no MetaImage sequence or its header cannot be true,
+    /// [`Error::Io`] when the file cannot be read, [`Error::Header`] when it is no sequence or its header cannot be true,
     /// [`Error::Limit`] when it asks for more than the settings allow.
     pub fn open(settings: &SequenceSettings) -> Result<Self, Error> {
         let path = settings.path.clone();
@@ -71,7 +82,9 @@ impl Replay {
         };
         Ok(Self {
             path,
+            data_path: opened.data_path,
             images: settings.images,
+            told: settings.told.clone(),
             file: opened.reader.into_inner(),
             pool: Pool::new(layout.layer_bytes),
             layout,
@@ -84,20 +97,26 @@ impl Replay {
     }
 
     fn begin(&mut self) -> Result<(), Error> {
-        let stream = if self.images && self.layout.has_images() {
-            let failed = |source| Error::Io { path: self.path.clone(), doing: "going to the first frame", source };
+        let mut pixels = Pixels::None;
+        if self.images && self.layout.has_images() {
+            let failed = |source| Error::Io { path: self.data_path.clone(), doing: "going to the first frame", source };
             let mut file = self.file.try_clone().map_err(failed)?;
             file.seek(SeekFrom::Start(self.layout.data_at)).map_err(failed)?;
-            Some(Box::new(PixelStream::new(BufReader::with_capacity(image::BUFFER, file), &self.layout)))
-        } else {
-            None
-        };
-        self.state = State::Running { item: 0, given: 0, stream };
+            let reader = BufReader::with_capacity(image::BUFFER, file);
+            pixels = match self.layout.list {
+                ListAxis::Last => Pixels::Stream(Box::new(PixelStream::new(reader, &self.layout))),
+                ListAxis::First => Pixels::Held(
+                    image::transposed::frames(reader, &self.layout, self.told.0.as_ref())
+                        .map_err(|trouble| image::trouble_at(trouble, &self.data_path))?,
+                ),
+            };
+        }
+        self.state = State::Running { item: 0, given: 0, pixels };
         Ok(())
     }
 
     fn advance(&mut self, deadline_ns: i64) -> Result<Next, Error> {
-        let State::Running { item: index, given, stream } = &mut self.state else {
+        let State::Running { item: index, given, pixels } = &mut self.state else {
             return match self.state {
                 State::Ended => Ok(Next::End),
                 State::Failed => Err(Error::Misuse(format!(
@@ -133,12 +152,16 @@ impl Replay {
                 status: transform.status.clone(),
             })));
         }
-        let pixels = match stream {
-            Some(stream) => self
+        let pixels = match pixels {
+            Pixels::None => Arc::default(),
+            Pixels::Stream(stream) => self
                 .pool
                 .fill(|pixels| stream.read(pixels))
-                .map_err(|trouble| image::trouble_at(trouble, &self.path))?,
-            None => Arc::default(),
+                .map_err(|trouble| image::trouble_at(trouble, &self.data_path))?,
+            Pixels::Held(all) => {
+                let bytes = self.layout.layer_bytes;
+                Arc::from(&all[*index as usize * bytes..][..bytes])
+            }
         };
         (*index, *given) = (*index + 1, 0);
         Ok(Next::Reading(Reading::Frame(frame(&self.sequence, &self.layout, item, stamp, pixels))))

@@ -32,6 +32,8 @@ pub(crate) struct Grammar {
     pub(crate) claims: fn(&Header) -> Result<Claims<'_>, Fault>,
     /// Where a volume lies.
     pub(crate) place: fn(&Header) -> Result<Place, Fault>,
+    /// The items' times, s, where something other than their fields says them.
+    pub(crate) times: fn(&Header) -> Result<Option<Vec<f64>>, Fault>,
     /// Whether a field says how the pixels are stored and where they lie, which the readers say in other words.
     pub(crate) is_structure: fn(&str) -> bool,
 }
@@ -197,6 +199,16 @@ impl Parser {
     /// A fault of the line that is being taken, which does not look like one of this format.
     pub(crate) fn foreign(&self, what: &str) -> Fault {
         self.unnamed(format!("{what}; this is no {} header, or it is damaged", self.header.grammar.name))
+    }
+
+    /// A fault of the field of that name in the line that is being taken.
+    pub(crate) fn named(&self, name: &str, problem: impl Into<String>) -> Fault {
+        Fault::field(name, self.header.end, problem)
+    }
+
+    /// Whether no line was taken yet.
+    pub(crate) fn is_first(&self) -> bool {
+        self.lines == 0
     }
 
     /// Takes the next line, line end included and not longer than [`Parser::room`]; true when it was the last.

@@ -21,6 +21,39 @@ pub enum Content {
 pub(crate) enum Encoding {
     Raw,
     Zlib,
+    /// One or more members.
+    Gzip,
+    /// Numbers as text, space between them.
+    Text,
+}
+
+/// Which axis counts the frames.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum ListAxis {
+    /// The slowest: frame after frame.
+    Last,
+    /// The fastest (behind the channels): all frames' first pixels, then all frames' second.
+    First,
+}
+
+/// What stands before the data in its file.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Skip<'a> {
+    None,
+    /// So many bytes, decompressed, and the field that says it.
+    Bytes(&'a Field, u64),
+    /// All but as many bytes as the pixels need.
+    ToTheLast,
+}
+
+/// Where the data are.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct DataPlace<'a> {
+    /// The field that names their file, if it is one of its own.
+    pub(crate) file: Option<&'a Field>,
+    /// Lines before the data, as stored.
+    pub(crate) skip_lines: u64,
+    pub(crate) skip: Skip<'a>,
 }
 
 /// What a header says of its pixel data, checked against neither limits nor the file.
@@ -37,6 +70,8 @@ pub(crate) struct Claims<'a> {
     pub(crate) pixel: PixelType,
     pub(crate) big_endian: bool,
     pub(crate) encoding: Encoding,
+    pub(crate) list: ListAxis,
+    pub(crate) data: DataPlace<'a>,
     /// The length of the compressed data and the field that says it.
     pub(crate) stated: Option<(&'a Field, u64)>,
 }
@@ -58,6 +93,11 @@ pub(crate) struct Layout {
     pub(crate) layer_bytes: usize,
     pub(crate) big_endian: bool,
     pub(crate) encoding: Encoding,
+    pub(crate) list: ListAxis,
+    /// The name of the data's file, if it is one of its own.
+    pub(crate) data_file: Option<Box<str>>,
+    /// Decompressed bytes before the first pixel.
+    pub(crate) skip_bytes: u64,
     /// Where the data begins in its file, bytes.
     pub(crate) data_at: u64,
     /// How much data the file holds, bytes as stored.
@@ -104,7 +144,7 @@ impl Layout {
             return Err(too_large());
         }
         let axis = |n: u64| u32::try_from(n).map_err(|_| too_large());
-        let layout = Self {
+        let mut layout = Self {
             content: claims.content,
             shape: shape.clone(),
             size: [axis(size[0])?, axis(size[1])?],
@@ -114,10 +154,24 @@ impl Layout {
             layer_bytes: usize::try_from(layer).map_err(|_| too_large())?,
             big_endian: claims.big_endian,
             encoding: claims.encoding,
+            list: if layers == 1 { ListAxis::Last } else { claims.list },
+            data_file: claims.data.file.map(|field| field.value.clone()),
+            skip_bytes: 0,
             data_at,
             data_bytes,
         };
+        if layout.list == ListAxis::First && layout.promised() > u128::from(limits.transposed_bytes) {
+            return Err(Fault::Limit {
+                what: named(
+                    "the list of frames is the first axis, so that all of them must be held at once; their size in bytes",
+                ),
+                value: layout.promised(),
+                limit: u128::from(limits.transposed_bytes),
+                advice: "write the file with the list as its last axis, or crop it",
+            });
+        }
         if images {
+            layout.skip(claims.data.skip)?;
             layout.check_length(claims.stated)?;
         }
         Ok(layout)
@@ -135,6 +189,9 @@ impl Layout {
             layer_bytes: usize::from(images),
             big_endian: false,
             encoding: Encoding::Raw,
+            list: ListAxis::Last,
+            data_file: None,
+            skip_bytes: 0,
             data_at: 0,
             data_bytes: 0,
         }
@@ -145,20 +202,55 @@ impl Layout {
         self.layer_bytes != 0
     }
 
+    /// Bytes of all pixels.
+    pub(crate) fn promised(&self) -> u128 {
+        self.layer_bytes as u128 * u128::from(self.layers)
+    }
+
+    /// The data file and how many bytes of data it holds, in words.
+    fn held(&self) -> String {
+        match &self.data_file {
+            Some(name) => format!("its data file {name} holds {}", self.data_bytes),
+            None => format!("the file holds {} behind its header", self.data_bytes),
+        }
+    }
+
+    /// Leaves out what stands before the data.
+    fn skip(&mut self, skip: Skip<'_>) -> Result<(), Fault> {
+        let over = match skip {
+            Skip::None => 0,
+            Skip::Bytes(field, bytes) if self.encoding == Encoding::Raw => {
+                if bytes > self.data_bytes {
+                    return Err(field.fault(format!("skips {bytes} bytes, but {}; correct it", self.held())));
+                }
+                bytes
+            }
+            Skip::Bytes(_, bytes) => {
+                self.skip_bytes = bytes;
+                0
+            }
+            // A file that is too short is told so by its length.
+            Skip::ToTheLast => u64::try_from(self.promised()).map_or(0, |bytes| self.data_bytes.saturating_sub(bytes)),
+        };
+        self.data_at += over;
+        self.data_bytes -= over;
+        Ok(())
+    }
+
     /// Files without images may carry a byte or so a sample behind the header (PLUS writes them); there is nothing to misread in it, so it is not
     /// checked.
     fn check_length(&self, stated: Option<(&Field, u64)>) -> Result<(), Fault> {
-        let promised = self.layer_bytes as u128 * u128::from(self.layers);
+        let promised = self.promised();
         let held = u128::from(self.data_bytes);
-        let shape = &self.shape;
+        let (shape, holds) = (&self.shape, self.held());
         if self.encoding == Encoding::Raw {
             return match promised.cmp(&held) {
                 std::cmp::Ordering::Equal => Ok(()),
                 std::cmp::Ordering::Greater => Err(shape.fault(format!(
-                    "promises {promised} bytes of pixels, but the file holds {held} behind its header: it is cut short or the header is wrong; copy or record it again"
+                    "promises {promised} bytes of pixels, but {holds}: it is cut short or the header is wrong; copy or record it again"
                 ))),
                 std::cmp::Ordering::Less => Err(shape.fault(format!(
-                    "promises {promised} bytes of pixels, but the file holds {held} behind its header: data after the last frame; correct {} or remove them",
+                    "promises {promised} bytes of pixels, but {holds}: data after the last frame; correct {} or remove them",
                     shape.name
                 ))),
             };
@@ -168,12 +260,18 @@ impl Layout {
         {
             let how = if stated > self.data_bytes { "it is cut short" } else { "data follow the compressed stream" };
             return Err(field.fault(format!(
-                "promises {stated} bytes of compressed pixels, but the file holds {held} behind its header: {how}; copy or record it again"
+                "promises {stated} bytes of compressed pixels, but {holds}: {how}; copy or record it again"
             )));
         }
-        if promised > held * DEFLATE_RATIO {
+        let most = match self.encoding {
+            // A digit and a space each, and no space behind the last.
+            Encoding::Text => held.div_ceil(2) * self.pixel.bytes() as u128,
+            _ => held * DEFLATE_RATIO,
+        };
+        if promised + u128::from(self.skip_bytes) > most {
+            let packed = if self.encoding == Encoding::Text { "" } else { "compressed " };
             return Err(shape.fault(format!(
-                "promises {promised} bytes of pixels, more than the {held} compressed bytes in the file can hold: it is cut short or the header is wrong"
+                "promises {promised} bytes of pixels, more than the {held} {packed}bytes of data in the file can hold: it is cut short or the header is wrong"
             )));
         }
         Ok(())
@@ -290,7 +388,7 @@ mod tests {
                 with("4 3 2", "4 3 200000") + "CompressedData = True\n",
                 48,
                 "DimSize",
-                "more than the 48 compressed bytes in the file can hold",
+                "more than the 48 compressed bytes of data in the file can hold",
             ),
         ];
         for (lines, bytes, field, says) in cases {

@@ -2,26 +2,34 @@
 //!
 //! What a header means is here once; formats are grammars in front of it. In the order of the data: `header` (lines to fields, by the format's grammar), `layout`
 //! (what the pixel data is, and whether that can be true), `sequence` (what the per-frame fields mean), `stream` (pixels, a frame at a time), `volume`
-//! (a volume, a slice at a time), [`write`](mod@write). Formats: `metaimage` (`.mha`). Reading needs memory for the header and one frame, whatever the
-//! file's length.
+//! (a volume, a slice at a time), [`write`](mod@write). Formats: `metaimage`, `nrrd`. Reading needs memory for the header and one frame, whatever the
+//! file's length; only of frames that lie side by side (`transposed`) all are held.
 
+mod container;
+mod data;
+mod digits;
 pub(crate) mod header;
 pub(crate) mod layout;
 mod metaimage;
+mod nrrd;
 pub(crate) mod numbers;
 pub(crate) mod sequence;
 pub(crate) mod stream;
+pub(crate) mod transposed;
 mod volume;
 pub mod write;
 
 use std::fs::{self, File};
-use std::io::{self, BufRead, BufReader, Read};
-use std::path::Path;
+use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
 
+pub use container::Container;
+use data::Data;
 use header::{Grammar, Header, Parser};
 pub use layout::Content;
 use layout::{Encoding, Layout};
 use stream::Trouble;
+pub use transposed::Told;
 pub use volume::{VolumeHeader, VolumeReader};
 
 use super::Limits;
@@ -33,6 +41,8 @@ pub(crate) const BUFFER: usize = 256 << 10;
 /// An opened file whose header was read and found possible. The reader stands where the pixel data begins.
 pub(crate) struct Opened {
     pub(crate) reader: BufReader<File>,
+    /// The file that it reads, which is not the header's where the data have one of their own.
+    pub(crate) data_path: PathBuf,
     pub(crate) header: Header,
     pub(crate) layout: Layout,
 }
@@ -51,11 +61,21 @@ fn open_file(path: &Path) -> Result<(BufReader<File>, u64), Error> {
 
 pub(crate) fn open(path: &Path, limits: &Limits) -> Result<Opened, Error> {
     let (mut reader, bytes) = open_file(path)?;
-    let header = read_header(&mut reader, path, &metaimage::grammar::GRAMMAR, limits)?;
+    let begins = reader.fill_buf().map_err(|source| Error::Io { path: path.to_owned(), doing: "opening", source })?;
+    let grammar = if begins.starts_with(b"NRRD") { &nrrd::grammar::GRAMMAR } else { &metaimage::grammar::GRAMMAR };
+    let header = read_header(&mut reader, path, grammar, limits)?;
     let claims = (header.grammar.claims)(&header).map_err(|fault| fault.at(path))?;
-    let layout = Layout::new(&claims, header.end, bytes.saturating_sub(header.end), limits);
-    let layout = layout.map_err(|fault| fault.at(path))?;
-    Ok(Opened { reader, header, layout })
+    let mut data = Data { reader, path: path.to_owned(), at: header.end, bytes: bytes.saturating_sub(header.end) };
+    if let Some(field) = claims.data.file {
+        data = Data::beside(path, field)?;
+    }
+    data.skip_lines(claims.data.skip_lines)?;
+    let layout = Layout::new(&claims, data.at, data.bytes, limits).map_err(|fault| fault.at(path))?;
+    let Data { mut reader, path: data_path, .. } = data;
+    match reader.seek(SeekFrom::Start(layout.data_at)) {
+        Ok(_) => Ok(Opened { reader, data_path, header, layout }),
+        Err(source) => Err(Error::Io { path: data_path, doing: "going to the first pixel", source }),
+    }
 }
 
 fn read_header(
@@ -115,12 +135,14 @@ impl About {
         let encoding = match layout.encoding {
             Encoding::Raw => "not compressed",
             Encoding::Zlib => "compressed (zlib)",
+            Encoding::Gzip => "compressed (gzip)",
+            Encoding::Text => "as text",
         };
         Ok(Self {
             content: layout.content,
             format: header.grammar.name,
             encoding,
-            compressed: layout.encoding != Encoding::Raw,
+            compressed: matches!(layout.encoding, Encoding::Zlib | Encoding::Gzip),
             big_endian: layout.big_endian,
         })
     }

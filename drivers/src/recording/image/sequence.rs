@@ -77,7 +77,7 @@ impl Sequence {
     /// Interprets all per-frame fields, so that a bad one is refused before the first frame is delivered.
     pub(crate) fn new(header: Header, layout: &Layout) -> Result<Self, Fault> {
         let (roles, bases) = roles(&header);
-        if header.frames.is_empty() && !layout.has_images() {
+        if header.frames.is_empty() && !layout.has_images() && (header.grammar.times)(&header)?.is_none() {
             return Err(layout
                 .shape
                 .fault("promises no images, and no field Seq_Frame… holds a reading; the recording is empty"));
@@ -93,6 +93,19 @@ impl Sequence {
                 layout.layers,
                 items.len()
             )));
+        }
+        if let Some(times) = (header.grammar.times)(&header)?
+            && items.iter().all(|item| item.source_s.is_none())
+        {
+            if times.len() as u64 != layout.layers {
+                return Err(layout.shape.fault(format!(
+                    "promises {} frames, but the index of their axis holds {} times; correct one of them",
+                    layout.layers,
+                    times.len()
+                )));
+            }
+            items.resize(times.len(), Item::bare());
+            items.iter_mut().zip(times).for_each(|(item, time)| item.source_s = Some(time));
         }
         let text = |name: &str| header.get(name).map_or_else(String::new, |field| field.value.to_string());
         let mut fields = header.further_fields();

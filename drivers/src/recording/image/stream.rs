@@ -1,10 +1,15 @@
-//! Pixel data as a stream: one frame after the other, raw or zlib, in native byte order.
+//! Pixel data as a stream: one frame after the other, raw, compressed or as text, in native byte order.
 
 use std::io::{self, BufRead};
 
 use flate2::{Decompress, FlushDecompress, Status};
 
+use super::digits;
 use super::layout::{Encoding, Layout};
+use crate::reading::PixelType;
+
+/// What gzip's window may need, as a power of two.
+const GZIP_WINDOW: u8 = 15;
 
 /// What ended the stream, not yet tied to a file.
 #[derive(Debug)]
@@ -26,8 +31,12 @@ impl From<io::Error> for Trouble {
 /// The decompressor is driven by hand: the adapters of `flate2` report a stream whose end is cut off like one that ended well.
 pub(crate) struct PixelStream<R> {
     reader: R,
+    encoding: Encoding,
     inflate: Option<Decompress>,
     ended: bool,
+    pixel: PixelType,
+    /// Decompressed bytes that are still to be left out.
+    skip: u64,
     /// Where the data begins in the file, and how many bytes of it were consumed.
     data_at: u64,
     consumed: u64,
@@ -41,11 +50,15 @@ pub(crate) struct PixelStream<R> {
 impl<R: BufRead> PixelStream<R> {
     /// `reader` stands where the data begins.
     pub(crate) fn new(reader: R, layout: &Layout) -> Self {
-        let swap = if layout.big_endian == cfg!(target_endian = "big") { 1 } else { layout.pixel.bytes() };
+        let native = layout.encoding == Encoding::Text || layout.big_endian == cfg!(target_endian = "big");
+        let swap = if native { 1 } else { layout.pixel.bytes() };
         Self {
             reader,
-            inflate: (layout.encoding == Encoding::Zlib).then(|| Decompress::new(true)),
+            encoding: layout.encoding,
+            inflate: decompress(layout.encoding),
             ended: false,
+            pixel: layout.pixel,
+            skip: layout.skip_bytes,
             data_at: layout.data_at,
             consumed: 0,
             data_bytes: layout.data_bytes,
@@ -58,7 +71,10 @@ impl<R: BufRead> PixelStream<R> {
     /// Fills `out`, which is as long as a layer. With the last layer the end of the stream and its checksum are verified too, so that a
     /// damaged stream never ends well.
     pub(crate) fn read(&mut self, out: &mut [u8]) -> Result<(), Trouble> {
-        if self.inflate.is_some() {
+        self.leave_out()?;
+        if self.encoding == Encoding::Text {
+            self.parse(out)?;
+        } else if self.inflate.is_some() {
             let filled = self.inflate(out)?;
             if filled < out.len() {
                 return Err(self.data(format!(
@@ -75,6 +91,40 @@ impl<R: BufRead> PixelStream<R> {
         self.next += 1;
         if self.swap > 1 {
             out.chunks_exact_mut(self.swap).for_each(<[u8]>::reverse);
+        }
+        Ok(())
+    }
+
+    /// Passes what stands before the first pixel.
+    fn leave_out(&mut self) -> Result<(), Trouble> {
+        let mut scratch = [0; 4096];
+        while self.skip > 0 {
+            let wanted = usize::try_from(self.skip).unwrap_or(usize::MAX).min(scratch.len());
+            let filled = match self.encoding {
+                Encoding::Text => self.reader.read(&mut scratch[..wanted])?,
+                _ => self.inflate(&mut scratch[..wanted])?,
+            };
+            if filled == 0 {
+                return Err(self.data(
+                    "the data end before the bytes to be skipped do; correct the field that says how many they are",
+                ));
+            }
+            if self.encoding == Encoding::Text {
+                self.consumed += filled as u64;
+            }
+            self.skip -= filled as u64;
+        }
+        Ok(())
+    }
+
+    /// Reads numbers written as text.
+    fn parse(&mut self, out: &mut [u8]) -> Result<(), Trouble> {
+        for scalar in out.chunks_exact_mut(self.pixel.bytes()) {
+            let token = digits::token(&mut self.reader, &mut self.consumed)?;
+            match token {
+                Some(token) => digits::put(&token, self.pixel, scalar).map_err(|problem| self.data(problem))?,
+                None => return Err(self.data("the numbers end before it does; the file is cut short or its header promises too much: copy it again")),
+            }
         }
         Ok(())
     }
@@ -116,6 +166,10 @@ impl<R: BufRead> PixelStream<R> {
             self.consumed += taken;
             filled += made as usize;
             match outcome {
+                // Gzip may go on with a further member, as parallel compressors write them.
+                Ok(Status::StreamEnd) if self.encoding == Encoding::Gzip && self.consumed < self.data_bytes => {
+                    self.inflate = decompress(self.encoding);
+                }
                 Ok(Status::StreamEnd) => self.ended = true,
                 Ok(_) if taken == 0 && made == 0 => {
                     let why = if nothing_left {
@@ -137,6 +191,11 @@ impl<R: BufRead> PixelStream<R> {
     }
 
     fn check_end(&mut self) -> Result<(), Trouble> {
+        if self.encoding == Encoding::Text && digits::token(&mut self.reader, &mut self.consumed)?.is_some() {
+            return Err(self.data(
+                "more numbers follow the last frame that the header promises; correct it or write the file again",
+            ));
+        }
         if self.inflate.is_some() {
             if self.inflate(&mut [0])? != 0 {
                 return Err(
@@ -151,6 +210,14 @@ impl<R: BufRead> PixelStream<R> {
             }
         }
         Ok(())
+    }
+}
+
+fn decompress(encoding: Encoding) -> Option<Decompress> {
+    match encoding {
+        Encoding::Zlib => Some(Decompress::new(true)),
+        Encoding::Gzip => Some(Decompress::new_gzip(GZIP_WINDOW)),
+        Encoding::Raw | Encoding::Text => None,
     }
 }
 
@@ -176,6 +243,9 @@ mod tests {
             layer_bytes,
             big_endian,
             encoding: if zlib { Encoding::Zlib } else { Encoding::Raw },
+            list: crate::recording::image::layout::ListAxis::Last,
+            data_file: None,
+            skip_bytes: 0,
             data_at: 1000,
             data_bytes: data.len() as u64,
         }

@@ -83,7 +83,7 @@ impl VolumeHeader {
             origin,
             axes,
             channels: layout.channels,
-            compressed: layout.encoding != Encoding::Raw,
+            compressed: matches!(layout.encoding, Encoding::Zlib | Encoding::Gzip),
             fields: header.further_fields(),
             ..Self::new([layout.size[0], layout.size[1], slices], layout.pixel)
         })
@@ -113,7 +113,7 @@ pub struct VolumeReader {
 }
 
 impl VolumeReader {
-    /// Opens a MetaImage volume (3 axes, not a list of frames) and reads its header. `limits.frame_bytes` bounds a slice, `limits.items` their
+    /// Opens a volume (3 axes, not a list of frames) and reads its header. `limits.frame_bytes` bounds a slice, `limits.items` their
     /// number.
     ///
     /// # Errors
@@ -122,7 +122,7 @@ impl VolumeReader {
         let opened = super::open(path, limits)?;
         let header = VolumeHeader::new_from(opened.header, &opened.layout).map_err(|fault| fault.at(path))?;
         Ok(Self {
-            path: path.to_owned(),
+            path: opened.data_path,
             left: header.size[2],
             header,
             stream: PixelStream::new(opened.reader, &opened.layout),

@@ -3,19 +3,12 @@
 use super::grammar::truth;
 use crate::reading::PixelType;
 use crate::recording::image::header::{Fault, Field, Header};
-use crate::recording::image::layout::{Claims, Content, Encoding};
+use crate::recording::image::layout::{Claims, Content, DataPlace, Encoding, ListAxis, Skip};
 use crate::recording::image::numbers::whole;
 
 pub(super) fn claims(header: &Header) -> Result<Claims<'_>, Fault> {
     if let Some(object) = header.get("ObjectType").filter(|field| &*field.value != "Image") {
         return Err(object.fault(format!("is {:?}; only Image is read", &*object.value)));
-    }
-    let data_file = header.required("ElementDataFile")?;
-    if !data_file.value.eq_ignore_ascii_case("LOCAL") {
-        return Err(data_file.fault(format!(
-            "is {:?}: pixel data in a file of its own is not read; write header and data into one file (LOCAL)",
-            &*data_file.value
-        )));
     }
     let (shape, axes, size, layers) = dimensions(header)?;
     let zlib = header.get("CompressedData").map_or(Ok(false), truth)?;
@@ -23,9 +16,6 @@ pub(super) fn claims(header: &Header) -> Result<Claims<'_>, Fault> {
         && !truth(field)?
     {
         return Err(field.fault("is False: pixels written as text are not read; write the file with BinaryData = True"));
-    }
-    if let Some(field) = header.get("HeaderSize").filter(|field| &*field.value != "0") {
-        return Err(field.fault("asks to skip bytes before the data; only data right behind the header is read"));
     }
     let stated = match header.get("CompressedDataSize").filter(|_| zlib) {
         Some(field) => Some((field, whole(&field.value).map_err(|problem| field.fault(problem))?)),
@@ -40,8 +30,33 @@ pub(super) fn claims(header: &Header) -> Result<Claims<'_>, Fault> {
         pixel: pixel_type(header.required("ElementType")?, !size.contains(&0))?,
         big_endian: big_endian(header)?,
         encoding: if zlib { Encoding::Zlib } else { Encoding::Raw },
+        list: ListAxis::Last,
+        data: data_place(header, zlib)?,
         stated,
     })
+}
+
+fn data_place(header: &Header, zlib: bool) -> Result<DataPlace<'_>, Fault> {
+    let field = header.required("ElementDataFile")?;
+    let file = (!field.value.eq_ignore_ascii_case("LOCAL")).then_some(field);
+    if let Some(field) = file.filter(|field| field.value.starts_with("LIST") || field.value.contains('%')) {
+        return Err(field.fault(format!(
+            "is {:?}: data in several files are not read; write them into one (ITK does, into .mha)",
+            &*field.value
+        )));
+    }
+    let skip = match header.get("HeaderSize") {
+        None => Skip::None,
+        Some(size) if &*size.value == "0" => Skip::None,
+        Some(size) if file.is_none() || zlib => {
+            return Err(size.fault(
+                "asks to skip bytes before the data; only before raw data in a file of their own are any skipped",
+            ));
+        }
+        Some(size) if &*size.value == "-1" => Skip::ToTheLast,
+        Some(size) => Skip::Bytes(size, whole(&size.value).map_err(|problem| size.fault(problem))?),
+    };
+    Ok(DataPlace { file, skip_lines: 0, skip })
 }
 
 /// `DimSize`, the number of axes, pixels along the first two, and the number of layers (1 if the file has no axis for them).

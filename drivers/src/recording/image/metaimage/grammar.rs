@@ -5,17 +5,21 @@ use super::claims::claims;
 use super::place::{STRUCTURE, place};
 use crate::recording::image::header::{Fault, Field, Grammar, Header, Parser};
 
-pub(crate) static GRAMMAR: Grammar =
-    Grammar { name: "MetaImage", line, truncated, claims, place, is_structure: |name| STRUCTURE.contains(&name) };
+pub(crate) static GRAMMAR: Grammar = Grammar {
+    name: "MetaImage",
+    line,
+    truncated,
+    claims,
+    place,
+    times: |_| Ok(None),
+    is_structure: |name| STRUCTURE.contains(&name),
+};
 
 fn line(parser: &mut Parser, text: &str) -> Result<bool, Fault> {
     if text.is_empty() {
         return Ok(false);
     }
     let Some((name, value)) = text.split_once('=') else {
-        if text.starts_with("NRRD") {
-            return Err(parser.unnamed("is an NRRD file's; only MetaImage sequences are read: convert it to .igs.mha"));
-        }
         return Err(parser.foreign("has no `=`"));
     };
     let (name, value) = (name.trim_end(), value.trim_start());

@@ -7,10 +7,11 @@ use crate::recording::image::volume::VolumeHeader;
 use crate::recording::image::write::SequenceHeader;
 use crate::recording::image::write::text::{SIZE_DIGITS, Style, Text, list, taken};
 
-static STYLE: Style = Style { grammar: &GRAMMAR, separator: " = ", reserved: '=', image_status: "ImageStatus" };
+static STYLE: Style =
+    Style { grammar: &GRAMMAR, separator: " = ", reserved: '=', image_status: "ImageStatus", escape: str::to_owned };
 
-/// The header of a sequence of `compressed` pixels.
-pub(crate) fn sequence(header: &SequenceHeader, compressed: bool) -> Result<Text, String> {
+/// The header of a sequence of `compressed` pixels; `data_file` is where they are, if not behind it.
+pub(crate) fn sequence(header: &SequenceHeader, compressed: bool, data_file: Option<&str>) -> Result<Text, String> {
     let mut text = begin(compressed);
     text.line("TransformMatrix", "1 0 0 0 1 0 0 0 1");
     text.line("Offset", "0 0 0");
@@ -23,12 +24,12 @@ pub(crate) fn sequence(header: &SequenceHeader, compressed: bool) -> Result<Text
     for (frame, item) in (0..).zip(&header.items) {
         text.item(frame, item)?;
     }
-    end(&mut text, header.channels, header.pixel);
+    end(&mut text, header.channels, header.pixel, data_file);
     Ok(text)
 }
 
 /// The header of a volume.
-pub(crate) fn volume(header: &VolumeHeader) -> Result<Text, String> {
+pub(crate) fn volume(header: &VolumeHeader, data_file: Option<&str>) -> Result<Text, String> {
     let mut text = begin(header.compressed);
     // MetaIO's matrix is the transpose of ITK's direction: each triple is the direction of an index axis.
     text.line("TransformMatrix", &list(header.axes.as_flattened()));
@@ -41,7 +42,7 @@ pub(crate) fn volume(header: &VolumeHeader) -> Result<Text, String> {
     text.line("DimSize", &format!("{} {} {}", header.size[0], header.size[1], header.size[2]));
     text.line("Kinds", "domain domain domain");
     text.extra(&header.fields, &[])?;
-    end(&mut text, header.channels, header.pixel);
+    end(&mut text, header.channels, header.pixel, data_file);
     Ok(text)
 }
 
@@ -60,10 +61,10 @@ fn begin(compressed: bool) -> Text {
     text
 }
 
-fn end(text: &mut Text, channels: u32, pixel: PixelType) {
+fn end(text: &mut Text, channels: u32, pixel: PixelType, data_file: Option<&str>) {
     text.line("ElementNumberOfChannels", &channels.to_string());
     text.line("ElementType", element_type(pixel));
-    text.line("ElementDataFile", "LOCAL");
+    text.line("ElementDataFile", data_file.unwrap_or("LOCAL"));
 }
 
 /// The name that [`claims`](super::claims) read back.

@@ -1,22 +1,42 @@
-//! A header and the pixels behind it, under a temporary name until whole.
+//! A header and the pixels, under temporary names until whole.
 
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use flate2::Compression;
-use flate2::write::ZlibEncoder;
+use flate2::write::{GzEncoder, ZlibEncoder};
 use tempfile::NamedTempFile;
 
-use super::text::Text;
 use crate::Error;
 use crate::recording::image::BUFFER;
 
-/// A header and the pixels behind it, under a temporary name until whole.
+/// On speckle within 2 % of level 6 at half its time; level 1 leaves files a third larger.
+const LEVEL: Compression = Compression::new(3);
+
+/// How pixels are packed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Packing {
+    Raw,
+    Zlib,
+    Gzip,
+    /// And the header with them.
+    GzipWhole,
+}
+
+/// What comes before the pixels.
+pub(super) struct Head {
+    pub(super) bytes: Vec<u8>,
+    /// Where in it the length of the compressed data belongs, as digits.
+    pub(super) size_at: Option<u64>,
+    /// The name of the pixels' file beside it, if it is one of its own.
+    pub(super) data_file: Option<String>,
+}
+
+/// A file being written, or two.
 pub(super) struct PixelFile {
     path: PathBuf,
+    head: Head,
     body: Body,
-    data_at: u64,
-    size_at: Option<u64>,
     expected: u64,
     written: u64,
 }
@@ -24,27 +44,26 @@ pub(super) struct PixelFile {
 enum Body {
     Raw(BufWriter<NamedTempFile>),
     Zlib(ZlibEncoder<BufWriter<NamedTempFile>>),
+    Gzip(GzEncoder<BufWriter<NamedTempFile>>),
 }
 
 impl PixelFile {
-    pub(super) fn create(path: &Path, text: &Text, compressed: bool, expected: u64) -> Result<Self, Error> {
+    pub(super) fn create(path: &Path, head: Head, packing: Packing, expected: u64) -> Result<Self, Error> {
         let failed = |source| Error::Io { path: path.to_owned(), doing: "creating the file", source };
-        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(".sonoweave-").suffix(".part");
-        // Temporary files are private by default; this one becomes the user's file and gets the rights of any other new file.
-        #[cfg(unix)]
-        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        let mut file = BufWriter::with_capacity(BUFFER, builder.tempfile_in(folder).map_err(failed)?);
-        file.write_all(text.text.as_bytes()).map_err(failed)?;
-        let body = if compressed {
-            // On speckle within 2 % of level 6 at half its time; level 1 leaves files a third larger.
-            Body::Zlib(ZlibEncoder::new(file, Compression::new(3)))
-        } else {
-            Body::Raw(file)
+        let mut file = temporary(path).map_err(failed)?;
+        let before = if head.data_file.is_none() { &head.bytes[..] } else { &[] };
+        if packing != Packing::GzipWhole {
+            file.write_all(before).map_err(failed)?;
+        }
+        let mut body = match packing {
+            Packing::Raw => Body::Raw(file),
+            Packing::Zlib => Body::Zlib(ZlibEncoder::new(file, LEVEL)),
+            Packing::Gzip | Packing::GzipWhole => Body::Gzip(GzEncoder::new(file, LEVEL)),
         };
-        let data_at = text.text.len() as u64;
-        Ok(Self { path: path.to_owned(), body, data_at, size_at: text.size_at, expected, written: 0 })
+        if packing == Packing::GzipWhole {
+            body.as_write().write_all(before).map_err(failed)?;
+        }
+        Ok(Self { path: path.to_owned(), head, body, expected, written: 0 })
     }
 
     pub(super) fn failed(&self, doing: &'static str, source: io::Error) -> Error {
@@ -62,28 +81,62 @@ impl PixelFile {
                 self.written, self.expected
             )));
         }
-        let Self { path, body, data_at, size_at, .. } = self;
-        complete(body, data_at, size_at)
-            .and_then(|file| file.persist(&path).map_err(|error| error.error))
-            .map(|_| ())
-            .map_err(|source| Error::Io { path, doing: "completing the file", source })
+        let Self { path, head, body, .. } = self;
+        complete(&path, head, body).map_err(|source| Error::Io { path, doing: "completing the file", source })
     }
 }
 
-fn complete(body: Body, data_at: u64, size_at: Option<u64>) -> io::Result<NamedTempFile> {
+/// A file in the folder of `path` that takes a name when it is whole.
+fn temporary(path: &Path) -> io::Result<BufWriter<NamedTempFile>> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".sonoweave-").suffix(".part");
+    // Temporary files are private by default; this one becomes the user's file and gets the rights of any other new file.
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    Ok(BufWriter::with_capacity(BUFFER, builder.tempfile_in(folder)?))
+}
+
+fn complete(path: &Path, mut head: Head, body: Body) -> io::Result<()> {
     let buffered = match body {
         Body::Raw(file) => file,
         Body::Zlib(encoder) => encoder.finish()?,
+        Body::Gzip(encoder) => encoder.finish()?,
     };
     let mut file = buffered.into_inner().map_err(io::IntoInnerError::into_error)?;
-    if let Some(size_at) = size_at {
-        let size = file.stream_position()? - data_at;
-        file.seek(SeekFrom::Start(size_at))?;
-        file.write_all(size.to_string().as_bytes())?;
+    let Some(name) = &head.data_file else {
+        if let Some(size_at) = head.size_at {
+            let size = file.stream_position()? - head.bytes.len() as u64;
+            file.seek(SeekFrom::Start(size_at))?;
+            file.write_all(size.to_string().as_bytes())?;
+        }
+        return persist(file, path);
+    };
+    if let Some(size_at) = head.size_at {
+        let digits = file.stream_position()?.to_string();
+        head.bytes[size_at as usize..][..digits.len()].copy_from_slice(digits.as_bytes());
     }
+    // The pixels first: a header is never there without them.
+    persist(file, &path.with_file_name(name))?;
+    let mut file = temporary(path)?;
+    file.write_all(&head.bytes)?;
+    persist(file.into_inner().map_err(io::IntoInnerError::into_error)?, path)
+}
+
+fn persist(file: NamedTempFile, path: &Path) -> io::Result<()> {
     // Else a power cut could leave the name on an empty file.
     file.as_file().sync_all()?;
-    Ok(file)
+    file.persist(path).map(|_| ()).map_err(|error| error.error)
+}
+
+impl Body {
+    fn as_write(&mut self) -> &mut dyn Write {
+        match self {
+            Self::Raw(file) => file,
+            Self::Zlib(encoder) => encoder,
+            Self::Gzip(encoder) => encoder,
+        }
+    }
 }
 
 impl Write for PixelFile {
@@ -93,18 +146,12 @@ impl Write for PixelFile {
                 format!("more than the {} bytes of pixels that the header promises were given", self.expected);
             return Err(io::Error::new(io::ErrorKind::InvalidInput, problem));
         }
-        let written = match &mut self.body {
-            Body::Raw(file) => file.write(pixels)?,
-            Body::Zlib(encoder) => encoder.write(pixels)?,
-        };
+        let written = self.body.as_write().write(pixels)?;
         self.written += written as u64;
         Ok(written)
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        match &mut self.body {
-            Body::Raw(file) => file.flush(),
-            Body::Zlib(encoder) => encoder.flush(),
-        }
+        self.body.as_write().flush()
     }
 }

@@ -1,7 +1,8 @@
 //! Writing image files: tracked sequences and volumes.
 //!
-//! Both writers stream: the header is written first, then pixels as they come. They write to a temporary file in the target's folder that takes the
-//! target's name in `finish`, so that a file of that name is always whole: after an error, or when a writer is dropped, the target is as before.
+//! The name of the file says its format ([`Container`]). Both writers stream: the header is written first, then pixels as they come. They write to a temporary
+//! file in the target's folder that takes the target's name in `finish`, so that a file of that name is always whole: after an error, or when a writer is
+//! dropped, the target is as before. Pixels in a file of their own take its name just before the header does.
 
 mod file;
 pub(crate) mod text;
@@ -11,13 +12,14 @@ use std::path::Path;
 
 use super::header::{Fault, Parser};
 use super::layout::Layout;
-use super::metaimage;
+use super::nrrd::text::Habit;
 use super::sequence::Sequence;
 use super::volume::VolumeHeader;
+use super::{Container, metaimage, nrrd};
 use crate::Error;
 use crate::reading::{NamedTransform, PixelType, Stamp, Status};
 use crate::recording::Limits;
-use file::PixelFile;
+use file::{Head, Packing, PixelFile};
 use text::Text;
 
 /// What a sequence file says before its pixels.
@@ -83,10 +85,21 @@ impl SequenceWriter {
             return Err(refuse("the images would take more than 2⁶⁴ bytes".into()));
         };
         check_channels(header.channels).map_err(refuse)?;
+        let container = Container::of_sequence(path).map_err(refuse)?;
         let compressed = header.compressed && images;
-        let text = metaimage::text::sequence(header, compressed).map_err(refuse)?;
+        let data_file = container.data_file(path, compressed);
+        let beside = data_file.as_deref();
+        let (text, packing) = match container {
+            Container::Mha | Container::Mhd => (metaimage::text::sequence(header, compressed, beside), Packing::Zlib),
+            Container::Nrrd | Container::Nhdr => {
+                (nrrd::text::sequence(header, compressed, Habit::Plus, beside), Packing::Gzip)
+            }
+            Container::SeqNrrd => (nrrd::text::sequence(header, compressed, Habit::Slicer, beside), Packing::Gzip),
+        };
+        let text = text.map_err(refuse)?;
         check_reading(&text, header).map_err(refuse)?;
-        Ok(Self { file: PixelFile::create(path, &text, compressed, expected)?, frame_bytes })
+        let packing = if compressed { packing } else { Packing::Raw };
+        Ok(Self { file: PixelFile::create(path, text.into_head(data_file), packing, expected)?, frame_bytes })
     }
 
     /// Writes the next frame: scalars in native byte order, first axis fastest. A sequence without images has none to write.
@@ -133,8 +146,18 @@ impl VolumeWriter {
             return Err(refuse("a volume's spacing must be positive, and its origin and axes finite"));
         }
         check_channels(header.channels).map_err(|problem| refuse(&problem))?;
-        let text = metaimage::text::volume(header).map_err(|problem| refuse(&problem))?;
-        Ok(Self { file: PixelFile::create(path, &text, header.compressed, expected)? })
+        let container = Container::of_volume(path).map_err(|problem| refuse(&problem))?;
+        let data_file = container.data_file(path, header.compressed);
+        let beside = data_file.as_deref();
+        let (text, packing) = match container {
+            Container::Mha | Container::Mhd => (metaimage::text::volume(header, beside), Packing::Zlib),
+            Container::Nrrd | Container::Nhdr | Container::SeqNrrd => {
+                (nrrd::text::volume(header, beside), Packing::Gzip)
+            }
+        };
+        let text = text.map_err(|problem| refuse(&problem))?;
+        let packing = if header.compressed { packing } else { Packing::Raw };
+        Ok(Self { file: PixelFile::create(path, text.into_head(data_file), packing, expected)? })
     }
 
     /// Completes the file and gives it its name.
@@ -157,6 +180,12 @@ impl Write for VolumeWriter {
     }
 }
 
+impl Text {
+    fn into_head(self, data_file: Option<String>) -> Head {
+        Head { bytes: self.text.into_bytes(), size_at: self.size_at, data_file }
+    }
+}
+
 fn check_channels(channels: u32) -> Result<(), String> {
     if (1..=4).contains(&channels) {
         Ok(())
@@ -167,7 +196,7 @@ fn check_channels(channels: u32) -> Result<(), String> {
 
 /// Reads the header back: a field's name may take on a meaning that its writer did not have in mind.
 fn check_reading(text: &Text, header: &SequenceHeader) -> Result<(), String> {
-    let limits = Limits { header_bytes: u64::MAX, frame_bytes: u64::MAX, items: u64::MAX };
+    let limits = Limits { header_bytes: u64::MAX, frame_bytes: u64::MAX, items: u64::MAX, transposed_bytes: u64::MAX };
     let mut parser = Parser::new(text.style.grammar, limits);
     for line in text.text.split_inclusive('\n') {
         parser.line(line.as_bytes()).map_err(Fault::sentence)?;

@@ -16,6 +16,8 @@ pub(crate) struct Style {
     pub(crate) reserved: char,
     /// What the status of a frame's picture is called.
     pub(crate) image_status: &'static str,
+    /// How names and values are written that could be taken for something else.
+    pub(crate) escape: fn(&str) -> String,
 }
 
 /// A header, and where in it the length of the compressed data belongs.
@@ -35,8 +37,9 @@ impl Text {
     }
 
     pub(crate) fn line(&mut self, name: &str, value: &str) {
+        let Style { separator, escape, .. } = self.style;
         // Writing to a string cannot fail.
-        let _ = writeln!(self.text, "{name}{}{value}", self.style.separator);
+        let _ = writeln!(self.text, "{}{separator}{}", escape(name), escape(value));
     }
 
     /// A line whose texts come from outside.
@@ -48,7 +51,7 @@ impl Text {
                 "{name:?} is no name of a field: it must not be empty, hold {reserved} or line ends, begin with #, or begin or end in a space"
             ));
         }
-        if !clean(value) {
+        if !clean(&(self.style.escape)(value)) || value.trim() != value {
             return Err(format!(
                 "the value {value:?} of field {name} must not hold line ends or begin or end in a space"
             ));

@@ -1,0 +1,92 @@
+//! The files that images are written to, by their names.
+
+use std::path::Path;
+
+/// What a file's name says that it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Container {
+    /// MetaImage in one file (`.mha`, `.igs.mha`).
+    Mha,
+    /// MetaImage with the pixels in a file beside it (`.mhd` with `.raw` or `.zraw`).
+    Mhd,
+    /// NRRD in one file (`.nrrd`, `.igs.nrrd`).
+    Nrrd,
+    /// NRRD in one file, as 3D Slicer's sequences are (`.seq.nrrd`).
+    SeqNrrd,
+    /// NRRD with the pixels in a file beside it (`.nhdr` with `.raw` or `.raw.gz`).
+    Nhdr,
+}
+
+impl Container {
+    /// Names of sequences.
+    pub const SEQUENCES: &str = ".mha, .mhd, .nrrd, .seq.nrrd or .nhdr";
+    /// Names of volumes.
+    pub const VOLUMES: &str = ".mha, .mhd, .nrrd or .nhdr";
+
+    /// By the end of the name, in letters of either size.
+    pub fn of(path: &Path) -> Option<Self> {
+        let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
+        let (stem, extension) = name.rsplit_once('.')?;
+        Some(match extension {
+            "mha" => Self::Mha,
+            "mhd" => Self::Mhd,
+            "nrrd" if stem.ends_with(".seq") => Self::SeqNrrd,
+            "nrrd" => Self::Nrrd,
+            "nhdr" => Self::Nhdr,
+            _ => return None,
+        })
+    }
+
+    /// Of a sequence that is to be written.
+    ///
+    /// # Errors
+    /// A sentence: which names there are.
+    pub fn of_sequence(path: &Path) -> Result<Self, String> {
+        Self::of(path).ok_or_else(|| format!("sequences are written as {}; give such a name", Self::SEQUENCES))
+    }
+
+    /// Of a volume that is to be written.
+    ///
+    /// # Errors
+    /// A sentence: which names there are.
+    pub fn of_volume(path: &Path) -> Result<Self, String> {
+        let named = Self::of(path).filter(|container| *container != Self::SeqNrrd);
+        named.ok_or_else(|| format!("volumes are written as {}; give such a name", Self::VOLUMES))
+    }
+
+    /// The name of the file beside `path` that holds the pixels, if they do not lie behind the header.
+    pub(super) fn data_file(self, path: &Path, compressed: bool) -> Option<String> {
+        let extension = match (self, compressed) {
+            (Self::Mhd, false) | (Self::Nhdr, false) => "raw",
+            (Self::Mhd, true) => "zraw",
+            (Self::Nhdr, true) => "raw.gz",
+            _ => return None,
+        };
+        Some(format!("{}.{extension}", path.file_stem()?.to_string_lossy()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_says_what_a_file_is() {
+        let cases = [
+            ("a.igs.mha", Some(Container::Mha)),
+            ("A.MHD", Some(Container::Mhd)),
+            ("a.igs.nrrd", Some(Container::Nrrd)),
+            ("a.seq.nrrd", Some(Container::SeqNrrd)),
+            ("b/a.nhdr", Some(Container::Nhdr)),
+            ("a.nrrd.bak", None),
+            ("mha", None),
+        ];
+        for (name, container) in cases {
+            assert_eq!(Container::of(Path::new(name)), container, "{name}");
+        }
+        assert!(Container::of_volume(Path::new("a.seq.nrrd")).unwrap_err().contains(".nrrd"));
+        assert_eq!(Container::Mhd.data_file(Path::new("b/a.igs.mhd"), true).unwrap(), "a.igs.zraw");
+        assert_eq!(Container::Nhdr.data_file(Path::new("a.nhdr"), true).unwrap(), "a.raw.gz");
+        assert_eq!(Container::Nrrd.data_file(Path::new("a.nrrd"), true), None);
+    }
+}

@@ -1,0 +1,100 @@
+//! Pixels written as numbers in text.
+
+use std::io::{self, BufRead};
+
+use super::numbers::number;
+use crate::reading::PixelType;
+
+/// No number is written longer.
+const LONGEST: usize = 400;
+
+/// The next number's text; `None` at the end. Numbers are parted by space or commas. Counts the bytes that are taken.
+pub(super) fn token(reader: &mut impl BufRead, consumed: &mut u64) -> io::Result<Option<String>> {
+    let parts = |byte: &u8| byte.is_ascii_whitespace() || *byte == b',';
+    let mut token = Vec::new();
+    loop {
+        let bytes = match reader.fill_buf() {
+            Ok(bytes) => bytes,
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
+            Err(error) => return Err(error),
+        };
+        let before = if token.is_empty() { bytes.iter().take_while(|byte| parts(byte)).count() } else { 0 };
+        let length = bytes[before..].iter().position(parts);
+        let until = length.map_or(bytes.len(), |length| before + length);
+        token.extend_from_slice(&bytes[before..until.min(before + LONGEST)]);
+        let (ends, taken) = (bytes.is_empty() || (length.is_some() && !token.is_empty()), until);
+        reader.consume(taken);
+        *consumed += taken as u64;
+        if ends || token.len() >= LONGEST {
+            break;
+        }
+    }
+    Ok((!token.is_empty()).then(|| String::from_utf8_lossy(&token).into_owned()))
+}
+
+/// Writes the number into `scalar`, in native byte order.
+pub(super) fn put(token: &str, pixel: PixelType, scalar: &mut [u8]) -> Result<(), String> {
+    macro_rules! whole {
+        ($kind:ty) => {
+            token.parse::<$kind>().ok().map(|value| scalar.copy_from_slice(&value.to_ne_bytes()))
+        };
+    }
+    let put = match pixel {
+        PixelType::U8 => whole!(u8),
+        PixelType::I8 => whole!(i8),
+        PixelType::U16 => whole!(u16),
+        PixelType::I16 => whole!(i16),
+        PixelType::U32 => whole!(u32),
+        PixelType::I32 => whole!(i32),
+        PixelType::U64 => whole!(u64),
+        PixelType::I64 => whole!(i64),
+        // Read as what it is: by way of double precision it would be rounded twice.
+        PixelType::F32 => {
+            let value = token.parse().ok().or_else(|| number(token).map(|value| value as f32));
+            value.map(|value: f32| scalar.copy_from_slice(&value.to_ne_bytes()))
+        }
+        PixelType::F64 => number(token).map(|value| scalar.copy_from_slice(&value.to_ne_bytes())),
+    };
+    put.ok_or_else(|| {
+        let token: String = token.chars().take(40).collect();
+        format!("{token:?} is no {pixel:?}; the file is damaged or of another type")
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::BufReader;
+
+    use super::*;
+
+    #[test]
+    fn numbers_are_found_wherever_the_buffer_ends() {
+        let text = b"  12, -3\n4.5e-3\t7";
+        for capacity in 1..=text.len() {
+            let mut reader = BufReader::with_capacity(capacity, &text[..]);
+            let mut consumed = 0;
+            let mut found = Vec::new();
+            while let Some(token) = token(&mut reader, &mut consumed).unwrap() {
+                found.push(token);
+            }
+            assert_eq!((found, consumed), (["12", "-3", "4.5e-3", "7"].map(str::to_owned).to_vec(), text.len() as u64));
+        }
+        let endless = vec![b'1'; 1 << 20];
+        let got = token(&mut &*endless, &mut 0).unwrap().unwrap();
+        assert_eq!(got.len(), LONGEST, "no more than a number may have is held");
+    }
+
+    #[test]
+    fn numbers_keep_to_their_type() {
+        let mut two = [0; 2];
+        put("-300", PixelType::I16, &mut two).unwrap();
+        assert_eq!(i16::from_ne_bytes(two), -300);
+        assert!(put("-1", PixelType::U16, &mut two).unwrap_err().contains("\"-1\" is no U16"));
+        assert!(put("1.0", PixelType::I16, &mut two).is_err());
+        let mut four = [0; 4];
+        put("nan", PixelType::F32, &mut four).unwrap();
+        assert!(f32::from_ne_bytes(four).is_nan());
+        put("0.1", PixelType::F32, &mut four).unwrap();
+        assert_eq!(f32::from_ne_bytes(four), 0.1);
+    }
+}

@@ -1,0 +1,254 @@
+//! Every container holds the same: what is written into one reads back the same out of any, and pixels in a file of their own come and go with their header.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
+
+use std::fs;
+use std::io::Write as _;
+use std::path::Path;
+
+use drivers::reading::{NamedTransform, PixelType, Reading, Stamp, Status};
+use drivers::recording::image::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
+use drivers::recording::image::{About, Content, VolumeHeader, VolumeReader};
+use drivers::recording::{Limits, Replay, SequenceSettings};
+use drivers::{Device, Error, Next};
+use proptest::prelude::*;
+
+const SEQUENCES: [&str; 5] = ["a.igs.mha", "a.mhd", "a.igs.nrrd", "a.seq.nrrd", "a.nhdr"];
+const VOLUMES: [&str; 4] = ["a.mha", "a.mhd", "a.nrrd", "a.nhdr"];
+const TYPES: [PixelType; 10] = [
+    PixelType::U8,
+    PixelType::I8,
+    PixelType::U16,
+    PixelType::I16,
+    PixelType::U32,
+    PixelType::I32,
+    PixelType::U64,
+    PixelType::I64,
+    PixelType::F32,
+    PixelType::F64,
+];
+
+/// Names of fields that mean nothing to a reader, and are not those of a format.
+fn names() -> impl Strategy<Value = String> {
+    prop::sample::subsequence(vec!["Operator", "Söite", "CustomFrameField", "a b", "X\\n", "Kernel"], 0..4)
+        .prop_map(|names| names.join("|"))
+}
+
+fn texts() -> impl Strategy<Value = String> {
+    prop_oneof![
+        Just(String::new()),
+        "[ -~äµ]{0,20}".prop_map(|text| text.trim().to_owned()),
+        Just("C:\\new\\\\path".to_owned()),
+        Just("key:=value = x: y # z".to_owned()),
+    ]
+}
+
+fn fields() -> impl Strategy<Value = Vec<(String, String)>> {
+    (names(), prop::collection::vec(texts(), 4)).prop_map(|(names, texts)| {
+        let names = names.split('|').filter(|name| !name.is_empty()).map(str::to_owned);
+        names.zip(texts).collect()
+    })
+}
+
+fn status() -> impl Strategy<Value = Status> {
+    prop_oneof![Just(Status::Ok), Just(Status::Other("INVALID".into())), Just(Status::Other("MISSING".into()))]
+}
+
+fn number() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        Just(0.0),
+        Just(-1.0),
+        Just(1.0e-300),
+        -1.0e6..1.0e6,
+        any::<f64>().prop_filter("no NaN", |v| !v.is_nan())
+    ]
+}
+
+fn item(timed: bool) -> impl Strategy<Value = SequenceItem> {
+    let transform = |from: &'static str, to: &'static str| {
+        (prop::array::uniform16(number()), status()).prop_map(move |(matrix, status)| NamedTransform {
+            stamp: Stamp::default(),
+            from: from.into(),
+            to: to.into(),
+            matrix,
+            status,
+        })
+    };
+    let transforms = (prop::option::of(transform("Probe", "Tracker")), prop::option::of(transform("Stylus", "")));
+    (0.0..1e9, prop::option::of(0.0..1e9), any::<Option<u64>>(), status(), transforms, fields()).prop_map(
+        move |(source_s, unfiltered_s, frame_number, status, (first, second), fields)| SequenceItem {
+            stamp: Stamp { source_s: timed.then_some(source_s), unfiltered_s, ..Stamp::default() },
+            frame_number,
+            status,
+            transforms: first.into_iter().chain(second).collect(),
+            fields,
+        },
+    )
+}
+
+prop_compose! {
+    fn sequence()(
+        images in any::<bool>(),
+        size in [1..5_u32, 1..5_u32],
+        pixel in prop::sample::select(&TYPES[..]),
+        channels in 1..=4_u32,
+        orientation in prop::sample::select(vec!["", "MFA", "UN"]),
+        image_type in prop::sample::select(vec!["", "BRIGHTNESS"]),
+        compressed in any::<bool>(),
+        fields in fields(),
+        items in any::<bool>().prop_flat_map(|timed| prop::collection::vec(item(timed), 1..5)),
+    ) -> SequenceHeader {
+        SequenceHeader {
+            size: if images { size } else { [0, 0] },
+            pixel,
+            channels,
+            orientation: orientation.into(),
+            image_type: image_type.into(),
+            compressed,
+            fields,
+            items,
+        }
+    }
+}
+
+fn pixels(header: &SequenceHeader, frame: usize) -> Vec<u8> {
+    let bytes = header.size[0] as usize * header.size[1] as usize * header.channels as usize * header.pixel.bytes();
+    (0..bytes).map(|at| (at * 37 + frame * 101) as u8).collect()
+}
+
+fn check(path: &Path, header: &SequenceHeader) {
+    let mut writer = SequenceWriter::create(path, header).unwrap();
+    let images = header.size != [0, 0];
+    for frame in (0..header.items.len()).filter(|_| images) {
+        writer.write_frame(&pixels(header, frame)).unwrap();
+    }
+    writer.finish().unwrap();
+    let mut device = Replay::open(&SequenceSettings::new(path)).unwrap();
+    assert_eq!(device.describe().fields, header.fields);
+    assert_eq!(device.describe().pixel, images.then_some((header.pixel, header.channels)));
+    device.start().unwrap();
+    for (n, put) in header.items.iter().enumerate() {
+        for transform in &put.transforms {
+            let Next::Reading(Reading::NamedTransform(got)) = device.next(drivers::NO_DEADLINE).unwrap() else {
+                panic!("no transform")
+            };
+            assert_eq!((&got.from, &got.to, &got.status), (&transform.from, &transform.to, &transform.status));
+            assert_eq!(got.matrix.map(f64::to_bits), transform.matrix.map(f64::to_bits));
+        }
+        let Next::Reading(Reading::Frame(got)) = device.next(drivers::NO_DEADLINE).unwrap() else { panic!("no frame") };
+        assert_eq!(got.stamp, Stamp { item: n as u64, ..put.stamp });
+        assert_eq!((got.frame_number, &got.status, &got.fields), (put.frame_number, &put.status, &put.fields));
+        assert_eq!((&*got.orientation, &*got.image_type), (&*header.orientation, &*header.image_type));
+        assert_eq!(*got.pixels, pixels(header, n));
+    }
+    assert!(matches!(device.next(drivers::NO_DEADLINE).unwrap(), Next::End));
+    let about = About::read(path, &Limits::default()).unwrap();
+    assert_eq!((about.content, about.compressed), (Content::Sequence, header.compressed && images));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 100, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn a_sequence_reads_back_the_same_from_every_container(header in sequence()) {
+        let folder = tempfile::tempdir().unwrap();
+        for name in SEQUENCES {
+            check(&folder.path().join(name), &header);
+        }
+    }
+
+    #[test]
+    fn a_volume_reads_back_the_same_from_every_container(
+        size in [1..5_u32, 1..5_u32, 1..5_u32],
+        spacing in prop::array::uniform3(1e-3..1e3),
+        origin in prop::array::uniform3(-1e4..1e4),
+        turned in any::<bool>(),
+        pixel in prop::sample::select(&TYPES[..]),
+        channels in 1..=4_u32,
+        compressed in any::<bool>(),
+        fields in fields(),
+    ) {
+        let folder = tempfile::tempdir().unwrap();
+        let (c, s) = (0.8, 0.6);
+        let plain = VolumeHeader::new(size, pixel);
+        let axes = if turned { [[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, -1.0]] } else { plain.axes };
+        let header = VolumeHeader { spacing, origin, axes, channels, compressed, fields, ..plain };
+        let bytes = header.slice_bytes().unwrap() as usize * size[2] as usize;
+        let voxels: Vec<u8> = (0..bytes).map(|at| (at * 31) as u8).collect();
+        for name in VOLUMES {
+            let path = folder.path().join(name);
+            let mut writer = VolumeWriter::create(&path, &header).unwrap();
+            writer.write_all(&voxels).unwrap();
+            writer.finish().unwrap();
+            let mut reader = VolumeReader::open(&path, &Limits::default()).unwrap();
+            let mut got = reader.header().clone();
+            let near = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 4.0 * f64::EPSILON * b.abs().max(1.0));
+            prop_assert!(near(&got.spacing, &header.spacing), "{:?} is not {:?}", got.spacing, header.spacing);
+            prop_assert!(near(got.axes.as_flattened(), header.axes.as_flattened()), "{:?}", got.axes);
+            got.fields.retain(|(name, _)| name != "AnatomicalOrientation");
+            prop_assert_eq!(&got, &VolumeHeader { spacing: got.spacing, axes: got.axes, ..header.clone() });
+            let mut back = Vec::new();
+            while let Some(slice) = reader.next_slice().unwrap() {
+                back.extend_from_slice(slice);
+            }
+            prop_assert_eq!(&back, &voxels);
+        }
+    }
+}
+
+fn read_slices(path: &Path) -> Result<(), Error> {
+    let mut reader = VolumeReader::open(path, &Limits::default())?;
+    while reader.next_slice()?.is_some() {}
+    Ok(())
+}
+
+#[test]
+fn pixels_of_their_own_file_come_and_go_with_their_header() {
+    let folder = tempfile::tempdir().unwrap();
+    let entries = || {
+        let mut names: Vec<_> =
+            fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    };
+    for (name, compressed, data) in [
+        ("s.igs.mhd", false, "s.igs.raw"),
+        ("s.igs.mhd", true, "s.igs.zraw"),
+        ("s.nhdr", false, "s.raw"),
+        ("s.nhdr", true, "s.raw.gz"),
+    ] {
+        let path = folder.path().join(name);
+        let header = VolumeHeader { compressed, ..VolumeHeader::new([3, 2, 2], PixelType::U8) };
+        let mut writer = VolumeWriter::create(&path, &header).unwrap();
+        writer.write_all(&[7; 11]).unwrap();
+        assert!(matches!(writer.finish(), Err(Error::Misuse(_))));
+        assert!(entries().is_empty(), "half a file is none");
+        let mut writer = VolumeWriter::create(&path, &header).unwrap();
+        writer.write_all(&[7; 12]).unwrap();
+        writer.finish().unwrap();
+        let mut expected = vec![name.to_owned(), data.to_owned()];
+        expected.sort();
+        assert_eq!(entries(), expected);
+        let header = fs::read_to_string(&path).unwrap();
+        assert!(
+            header.contains(&format!("ElementDataFile = {data}\n")) || header.contains(&format!("data file: {data}\n"))
+        );
+        let opened = VolumeReader::open(&path, &Limits::default());
+        assert_eq!(opened.unwrap().next_slice().unwrap().unwrap(), [7; 6]);
+        fs::write(folder.path().join(data), [7; 5]).unwrap();
+        let text = read_slices(&path).unwrap_err().to_string();
+        assert!(text.contains(data), "{text}");
+        fs::remove_file(folder.path().join(data)).unwrap();
+        fs::remove_file(&path).unwrap();
+    }
+}
+
+#[test]
+fn a_name_that_says_no_format_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["a.png", "a", "a.seq.nrrd"] {
+        let error =
+            VolumeWriter::create(&folder.path().join(name), &VolumeHeader::new([1; 3], PixelType::U8)).err().unwrap();
+        assert!(error.to_string().contains("volumes are written as .mha, .mhd, .nrrd or .nhdr"), "{error}");
+    }
+}
