@@ -15,14 +15,15 @@ use drivers::grabber::pixels::{
     Colour, Converter, Field, Layout, Matrix, PixelFormat, Range as Levels, Rows, Scan, Take,
 };
 use drivers::polhemus::{fastrak, isotrak, liberty, viper};
-use drivers::recording::Limits;
+use drivers::recording::image::{About, VolumeReader};
 use drivers::recording::session::{Event, Maker, SessionReader};
+use drivers::recording::{Limits, Replay, SequenceSettings};
 
 /// Tries one kind of input.
 pub(crate) type Target = fn(&[u8]);
 
 /// All of them by name.
-pub(crate) const ALL: [(&str, Target); 11] = [
+pub(crate) const ALL: [(&str, Target); 14] = [
     ("fastrak", fastrak),
     ("isotrak", isotrak),
     ("liberty", liberty),
@@ -34,6 +35,9 @@ pub(crate) const ALL: [(&str, Target); 11] = [
     ("pixels", pixels),
     ("jpeg", jpeg),
     ("session", session),
+    ("metaimage", image),
+    ("nrrd", image),
+    ("nifti", image),
 ];
 
 fn decode<F: Format>(format: F, stream: &[u8], piece: usize) -> (Vec<(String, Range<u64>)>, Losses)
@@ -273,4 +277,59 @@ pub(crate) fn session(data: &[u8]) {
     whole.extend_from_slice(&size.to_le_bytes());
     whole.extend_from_slice(file);
     assert_eq!(read_session(&whole), read_session(&whole));
+}
+
+/// What there is to read in an image file, in words; the same each time, and never more than the limits allow.
+fn read_image(path: &std::path::Path, limits: &Limits) -> Vec<String> {
+    use drivers::{Device as _, Next, Reading};
+    let mut said = vec![format!("{:?}", About::read(path, limits).map_err(|error| error.to_string()))];
+    match Replay::open(&SequenceSettings { limits: *limits, ..SequenceSettings::new(path) }) {
+        Err(error) => said.push(error.to_string()),
+        Ok(mut device) => {
+            said.extend(device.start().err().map(|error| error.to_string()));
+            loop {
+                match device.next(drivers::NO_DEADLINE) {
+                    Ok(Next::Reading(reading)) => {
+                        if let Reading::Frame(frame) = &reading {
+                            assert!(frame.pixels.len() as u64 <= limits.frame_bytes && frame.stamp.item < limits.items);
+                        }
+                        said.push(format!("{reading:?}"));
+                    }
+                    Ok(Next::Pending) => panic!("a file never waits"),
+                    Ok(Next::End) => break,
+                    Err(error) => {
+                        said.push(error.to_string());
+                        break;
+                    }
+                }
+            }
+        }
+    }
+    match VolumeReader::open(path, limits) {
+        Err(error) => said.push(error.to_string()),
+        Ok(mut volume) => loop {
+            match volume.next_slice() {
+                Ok(Some(slice)) => said.push(format!("{slice:?}")),
+                Ok(None) => break,
+                Err(error) => {
+                    said.push(error.to_string());
+                    break;
+                }
+            }
+        },
+    }
+    said
+}
+
+/// An image file: MetaImage, NRRD or NIfTI, by its first bytes.
+pub(crate) fn image(data: &[u8]) {
+    let [choice, _, file @ ..] = data else { return };
+    let folder = tempfile::tempdir().expect("there is room");
+    let path = folder.path().join("a");
+    std::fs::write(&path, file).expect("there is room");
+    // Pixels that a header may name.
+    std::fs::write(folder.path().join("a.raw"), [7; 24]).expect("there is room");
+    let frame_bytes = if choice % 2 == 0 { 4096 } else { 16 };
+    let limits = Limits { header_bytes: 1 << 16, frame_bytes, items: 256, transposed_bytes: 4096 };
+    assert_eq!(read_image(&path, &limits), read_image(&path, &limits));
 }

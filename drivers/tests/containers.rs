@@ -249,6 +249,171 @@ fn a_name_that_says_no_format_is_refused() {
     for name in ["a.png", "a", "a.seq.nrrd"] {
         let error =
             VolumeWriter::create(&folder.path().join(name), &VolumeHeader::new([1; 3], PixelType::U8)).err().unwrap();
-        assert!(error.to_string().contains("volumes are written as .mha, .mhd, .nrrd or .nhdr"), "{error}");
+        assert!(
+            error.to_string().contains("volumes are written as .mha, .mhd, .nrrd, .nhdr, .nii or .nii.gz"),
+            "{error}"
+        );
     }
+}
+
+fn put(path: &Path, header: &VolumeHeader) -> Vec<u8> {
+    let bytes = header.slice_bytes().unwrap() as usize * header.size[2] as usize;
+    let voxels: Vec<u8> = (0..bytes).map(|at| (at * 31) as u8).collect();
+    let mut writer = VolumeWriter::create(path, header).unwrap();
+    writer.write_all(&voxels).unwrap();
+    writer.finish().unwrap();
+    voxels
+}
+
+#[test]
+fn a_nifti_reads_back_within_its_single_precision() {
+    let folder = tempfile::tempdir().unwrap();
+    let kinds = TYPES.map(|pixel| (pixel, 1)).into_iter().chain([(PixelType::U8, 3), (PixelType::U8, 4)]);
+    for ((pixel, channels), name) in kinds.flat_map(|kind| [(kind, "v.nii"), (kind, "v.nii.gz")]) {
+        let path = folder.path().join(name);
+        let header = VolumeHeader {
+            spacing: [0.5, 0.3, 2.0],
+            origin: [-74.5217, 165.573, 1.0e-3],
+            axes: [[0.8, 0.6, 0.0], [-0.6, 0.8, 0.0], [0.0, 0.0, -1.0]],
+            channels,
+            compressed: name.ends_with("gz"),
+            fields: vec![
+                ("Kernel".into(), "a = b".into()),
+                ("Empty".into(), String::new()),
+                ("M".into(), "März".into()),
+            ],
+            ..VolumeHeader::new([4, 3, 6], pixel)
+        };
+        let voxels = put(&path, &header);
+        let mut reader = VolumeReader::open(&path, &Limits::default()).unwrap();
+        let got = reader.header().clone();
+        let near = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1e-6 * b.abs().max(1.0));
+        assert!(near(&got.spacing, &header.spacing) && near(&got.origin, &header.origin), "{got:?}");
+        assert!(near(got.axes.as_flattened(), header.axes.as_flattened()), "{:?}", got.axes);
+        let VolumeHeader { spacing, origin, axes, .. } = got;
+        assert_eq!(got, VolumeHeader { spacing, origin, axes, ..header });
+        let mut back = Vec::new();
+        while let Some(slice) = reader.next_slice().unwrap() {
+            back.extend_from_slice(slice);
+        }
+        assert_eq!(back, voxels, "{name} {pixel:?}");
+        assert_eq!(About::read(&path, &Limits::default()).unwrap().content, Content::Volume);
+        assert!(
+            Replay::open(&SequenceSettings::new(&path)).err().unwrap().to_string().contains("not a sequence of frames")
+        );
+    }
+}
+
+#[test]
+fn the_quaternion_of_a_nifti_says_what_its_matrix_says() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("v.nii");
+    for axes in [
+        [[0.8, 0.6, 0.0], [-0.6, 0.8, 0.0], [0.0, 0.0, 1.0]],
+        [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]],
+        [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]],
+    ] {
+        let header = VolumeHeader {
+            origin: [1.0, 2.0, 3.0],
+            spacing: [0.5, 1.0, 2.0],
+            axes,
+            ..VolumeHeader::new([2; 3], PixelType::U8)
+        };
+        put(&path, &header);
+        let by_matrix = VolumeReader::open(&path, &Limits::default()).unwrap().header().clone();
+        let mut bytes = fs::read(&path).unwrap();
+        bytes[254] = 0;
+        fs::write(&path, &bytes).unwrap();
+        let by_quaternion = VolumeReader::open(&path, &Limits::default()).unwrap().header().clone();
+        let apart = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(by_quaternion.placed && by_matrix.placed);
+        assert!(apart(by_quaternion.axes.as_flattened(), by_matrix.axes.as_flattened()) < 1e-6, "{axes:?}");
+        assert_eq!((by_quaternion.origin, by_quaternion.spacing), (header.origin, header.spacing));
+        bytes[252] = 0;
+        fs::write(&path, &bytes).unwrap();
+        let nowhere = VolumeReader::open(&path, &Limits::default()).unwrap().header().clone();
+        assert_eq!((nowhere.placed, nowhere.origin), (false, [0.0; 3]));
+    }
+}
+
+#[test]
+fn a_nifti_of_the_other_byte_order_and_of_scaled_values_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("v.nii");
+    let header = VolumeHeader::new([2, 1, 1], PixelType::I16);
+    put(&path, &header);
+    let mut bytes = fs::read(&path).unwrap();
+    let data = bytes.len() - 4;
+    bytes[112..116].copy_from_slice(&0.5_f32.to_ne_bytes());
+    bytes[116..120].copy_from_slice(&(-10.0_f32).to_ne_bytes());
+    bytes[data..].copy_from_slice([4_i16, -6].map(i16::to_ne_bytes).as_flattened());
+    fs::write(&path, &bytes).unwrap();
+    let values = |path: &Path| {
+        let mut reader = VolumeReader::open(path, &Limits::default()).unwrap();
+        assert_eq!(reader.header().pixel, PixelType::F64);
+        let slice = reader.next_slice().unwrap().unwrap().to_vec();
+        slice.as_chunks::<8>().0.iter().map(|word| f64::from_ne_bytes(*word)).collect::<Vec<_>>()
+    };
+    assert_eq!(values(&path), [-8.0, -13.0]);
+    // Every number of the header the other way round.
+    let words = [
+        (0, 4, 1),
+        (40, 2, 8),
+        (70, 2, 2),
+        (76, 4, 8),
+        (108, 4, 3),
+        (252, 2, 2),
+        (256, 4, 6),
+        (280, 4, 12),
+        (data, 2, 2),
+    ];
+    for (at, width, count) in words {
+        bytes[at..at + width * count].chunks_exact_mut(width).for_each(<[u8]>::reverse);
+    }
+    fs::write(&path, &bytes).unwrap();
+    assert_eq!(values(&path), [-8.0, -13.0]);
+    assert_eq!(VolumeReader::open(&path, &Limits::default()).unwrap().header().size, [2, 1, 1]);
+}
+
+#[test]
+fn damaged_niftis_are_refused_by_field_and_byte() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("v.nii");
+    put(&path, &VolumeHeader::new([3, 2, 2], PixelType::U8));
+    let whole = fs::read(&path).unwrap();
+    let small = Limits { header_bytes: 4096, frame_bytes: 4096, items: 64, transposed_bytes: 0 };
+    let refused = |bytes: &[u8], says: &str| {
+        fs::write(&path, bytes).unwrap();
+        let opened = VolumeReader::open(&path, &small);
+        let text = opened.and_then(|mut v| v.next_slice().map(|_| ())).unwrap_err().to_string();
+        assert!(text.starts_with(&path.display().to_string()) && text.contains(says), "{text:?} does not say {says:?}");
+    };
+    let with = |at: usize, word: &[u8]| {
+        let mut bytes = whole.clone();
+        bytes[at..at + word.len()].copy_from_slice(word);
+        bytes
+    };
+    let short = |n: i16| n.to_ne_bytes();
+    refused(&whole[..200], "field sizeof_hdr (byte 0)");
+    refused(&with(344, b"ni1\0"), "field magic (byte 344): is not n+1");
+    refused(&with(40, &short(2)), "field dim (byte 40): is \"2 3 2 2");
+    refused(&with(42, &short(-3)), "an axis of -3 voxels");
+    refused(&with(40, &[short(4), short(3), short(2), short(2), short(2)].concat()), "several volumes");
+    refused(&with(42, &short(i16::MAX)), "the size of one frame");
+    refused(&with(46, &short(65)), "the number of frames");
+    refused(&with(70, &short(32)), "field datatype (byte 70): is 32");
+    refused(&with(108, &100.0_f32.to_ne_bytes()), "field vox_offset (byte 108): is 100");
+    refused(&with(108, &f32::NAN.to_ne_bytes()), "field vox_offset");
+    refused(&with(108, &1.0e9_f32.to_ne_bytes()), "the header's size in bytes is 1000000000");
+    refused(&with(108, &4000.0_f32.to_ne_bytes()), "the file ends after");
+    refused(&with(112, &f32::INFINITY.to_ne_bytes()), "not finite");
+    refused(&with(280, &f32::NAN.to_ne_bytes()), "field srow (byte 280)");
+    refused(&with(280, &[0; 48]), "gives an axis no length");
+    refused(&whole[..whole.len() - 1], "promises 12 bytes of pixels, but the file holds 11");
+    refused(&[&whole[..], &[0]].concat(), "data after the last frame");
+    refused(&[0x1f, 0x8b, 8, 0], "reading the header failed");
+    let wide = VolumeHeader::new([40_000, 1, 1], PixelType::U8);
+    assert!(VolumeWriter::create(&path, &wide).err().unwrap().to_string().contains("at most 32767 voxels"));
+    let two = VolumeHeader { channels: 2, ..VolumeHeader::new([1; 3], PixelType::U8) };
+    assert!(VolumeWriter::create(&path, &two).err().unwrap().to_string().contains("no voxels of 2 channels"));
 }

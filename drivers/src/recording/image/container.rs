@@ -1,6 +1,6 @@
 //! The files that images are written to, by their names.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// What a file's name says that it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -15,13 +15,17 @@ pub enum Container {
     SeqNrrd,
     /// NRRD with the pixels in a file beside it (`.nhdr` with `.raw` or `.raw.gz`).
     Nhdr,
+    /// A NIfTI volume (`.nii`).
+    Nifti,
+    /// A NIfTI volume, compressed (`.nii.gz`).
+    NiftiGz,
 }
 
 impl Container {
     /// Names of sequences.
     pub const SEQUENCES: &str = ".mha, .mhd, .nrrd, .seq.nrrd or .nhdr";
     /// Names of volumes.
-    pub const VOLUMES: &str = ".mha, .mhd, .nrrd or .nhdr";
+    pub const VOLUMES: &str = ".mha, .mhd, .nrrd, .nhdr, .nii or .nii.gz";
 
     /// By the end of the name, in letters of either size.
     pub fn of(path: &Path) -> Option<Self> {
@@ -33,6 +37,8 @@ impl Container {
             "nrrd" if stem.ends_with(".seq") => Self::SeqNrrd,
             "nrrd" => Self::Nrrd,
             "nhdr" => Self::Nhdr,
+            "nii" => Self::Nifti,
+            "gz" if stem.ends_with(".nii") => Self::NiftiGz,
             _ => return None,
         })
     }
@@ -42,7 +48,8 @@ impl Container {
     /// # Errors
     /// A sentence: which names there are.
     pub fn of_sequence(path: &Path) -> Result<Self, String> {
-        Self::of(path).ok_or_else(|| format!("sequences are written as {}; give such a name", Self::SEQUENCES))
+        let named = Self::of(path).filter(|container| !matches!(container, Self::Nifti | Self::NiftiGz));
+        named.ok_or_else(|| format!("sequences are written as {}; give such a name", Self::SEQUENCES))
     }
 
     /// Of a volume that is to be written.
@@ -52,6 +59,11 @@ impl Container {
     pub fn of_volume(path: &Path) -> Result<Self, String> {
         let named = Self::of(path).filter(|container| *container != Self::SeqNrrd);
         named.ok_or_else(|| format!("volumes are written as {}; give such a name", Self::VOLUMES))
+    }
+
+    /// The file beside `path` that would hold the pixels, if they do not lie behind the header.
+    pub fn data_path(self, path: &Path, compressed: bool) -> Option<PathBuf> {
+        self.data_file(path, compressed).map(|name| path.with_file_name(name))
     }
 
     /// The name of the file beside `path` that holds the pixels, if they do not lie behind the header.
@@ -78,6 +90,9 @@ mod tests {
             ("a.igs.nrrd", Some(Container::Nrrd)),
             ("a.seq.nrrd", Some(Container::SeqNrrd)),
             ("b/a.nhdr", Some(Container::Nhdr)),
+            ("a.nii", Some(Container::Nifti)),
+            ("a.b.nii.gz", Some(Container::NiftiGz)),
+            ("a.tar.gz", None),
             ("a.nrrd.bak", None),
             ("mha", None),
         ];
@@ -85,6 +100,7 @@ mod tests {
             assert_eq!(Container::of(Path::new(name)), container, "{name}");
         }
         assert!(Container::of_volume(Path::new("a.seq.nrrd")).unwrap_err().contains(".nrrd"));
+        assert!(Container::of_sequence(Path::new("a.nii")).unwrap_err().contains(".seq.nrrd"));
         assert_eq!(Container::Mhd.data_file(Path::new("b/a.igs.mhd"), true).unwrap(), "a.igs.zraw");
         assert_eq!(Container::Nhdr.data_file(Path::new("a.nhdr"), true).unwrap(), "a.raw.gz");
         assert_eq!(Container::Nrrd.data_file(Path::new("a.nrrd"), true), None);

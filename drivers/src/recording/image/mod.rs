@@ -2,7 +2,7 @@
 //!
 //! What a header means is here once; formats are grammars in front of it. In the order of the data: `header` (lines to fields, by the format's grammar), `layout`
 //! (what the pixel data is, and whether that can be true), `sequence` (what the per-frame fields mean), `stream` (pixels, a frame at a time), `volume`
-//! (a volume, a slice at a time), [`write`](mod@write). Formats: `metaimage`, `nrrd`. Reading needs memory for the header and one frame, whatever the
+//! (a volume, a slice at a time), [`write`](mod@write). Formats: `metaimage`, `nrrd`, and `nifti` (volumes). Reading needs memory for the header and one frame, whatever the
 //! file's length; only of frames that lie side by side (`transposed`) all are held.
 
 mod container;
@@ -11,6 +11,7 @@ mod digits;
 pub(crate) mod header;
 pub(crate) mod layout;
 mod metaimage;
+mod nifti;
 mod nrrd;
 pub(crate) mod numbers;
 pub(crate) mod sequence;
@@ -25,7 +26,7 @@ use std::path::{Path, PathBuf};
 
 pub use container::Container;
 use data::Data;
-use header::{Grammar, Header, Parser};
+use header::{Fault, Grammar, Header, Parser};
 pub use layout::Content;
 use layout::{Encoding, Layout};
 use stream::Trouble;
@@ -62,6 +63,10 @@ fn open_file(path: &Path) -> Result<(BufReader<File>, u64), Error> {
 pub(crate) fn open(path: &Path, limits: &Limits) -> Result<Opened, Error> {
     let (mut reader, bytes) = open_file(path)?;
     let begins = reader.fill_buf().map_err(|source| Error::Io { path: path.to_owned(), doing: "opening", source })?;
+    if nifti::read::is_nifti(begins) {
+        let problem = "makes this a NIfTI volume (or a compressed file), not a sequence of frames; give a sequence";
+        return Err(Fault::field("sizeof_hdr", 0, problem).at(path));
+    }
     let grammar = if begins.starts_with(b"NRRD") { &nrrd::grammar::GRAMMAR } else { &metaimage::grammar::GRAMMAR };
     let header = read_header(&mut reader, path, grammar, limits)?;
     let claims = (header.grammar.claims)(&header).map_err(|fault| fault.at(path))?;
@@ -76,6 +81,17 @@ pub(crate) fn open(path: &Path, limits: &Limits) -> Result<Opened, Error> {
         Ok(_) => Ok(Opened { reader, data_path, header, layout }),
         Err(source) => Err(Error::Io { path: data_path, doing: "going to the first pixel", source }),
     }
+}
+
+/// Opens a NIfTI volume; `None` if the file is none.
+fn open_nifti(path: &Path, limits: &Limits) -> Result<Option<nifti::read::Opened>, Error> {
+    let (mut reader, bytes) = open_file(path)?;
+    let begins = reader.fill_buf().map_err(|source| Error::Io { path: path.to_owned(), doing: "opening", source })?;
+    if !nifti::read::is_nifti(begins) {
+        return Ok(None);
+    }
+    let compressed = begins.starts_with(b"\x1f\x8b");
+    nifti::read::open(reader, bytes, path, compressed, limits).map(Some)
 }
 
 fn read_header(
@@ -131,7 +147,13 @@ impl About {
     /// # Errors
     /// [`Error`] when the file cannot be read, is none of the formats, or its header cannot be true.
     pub fn read(path: &Path, limits: &Limits) -> Result<Self, Error> {
-        let Opened { header, layout, .. } = open(path, limits)?;
+        let (format, layout) = match open_nifti(path, limits)? {
+            Some(opened) => ("NIfTI", opened.layout),
+            None => {
+                let Opened { header, layout, .. } = open(path, limits)?;
+                (header.grammar.name, layout)
+            }
+        };
         let encoding = match layout.encoding {
             Encoding::Raw => "not compressed",
             Encoding::Zlib => "compressed (zlib)",
@@ -140,7 +162,7 @@ impl About {
         };
         Ok(Self {
             content: layout.content,
-            format: header.grammar.name,
+            format,
             encoding,
             compressed: matches!(layout.encoding, Encoding::Zlib | Encoding::Gzip),
             big_endian: layout.big_endian,

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::header::{Fault, Header};
 use super::layout::{Content, Encoding, Layout, names_list};
+use super::nifti;
 use super::stream::PixelStream;
 use crate::Error;
 use crate::reading::PixelType;
@@ -41,8 +42,10 @@ pub struct VolumeHeader {
     pub pixel: PixelType,
     /// Channels per voxel, interleaved, 1 to 4.
     pub channels: u32,
-    /// Whether the file holds the voxels compressed with zlib.
+    /// Whether the file holds the voxels compressed. Of NIfTI the name says it (`.nii.gz`).
     pub compressed: bool,
+    /// Whether the file says where the volume lies. NIfTI may not; spacing, origin and axes are then 1, 0 and along x, y, z.
+    pub placed: bool,
     /// Further fields of the file, in file order, names as in the file. Per-frame fields, which have no place in a volume, are left out.
     pub fields: Vec<(String, String)>,
 }
@@ -51,7 +54,7 @@ impl VolumeHeader {
     /// A raw volume of that size and type: spacing 1 mm, origin 0, axes along x, y, z.
     pub fn new(size: [u32; 3], pixel: PixelType) -> Self {
         let Place { spacing, origin, axes } = Place::PLAIN;
-        Self { size, spacing, origin, axes, pixel, channels: 1, compressed: false, fields: Vec::new() }
+        Self { size, spacing, origin, axes, pixel, channels: 1, compressed: false, placed: true, fields: Vec::new() }
     }
 
     /// Bytes of one slice, `None` beyond 64 bits.
@@ -90,6 +93,39 @@ impl VolumeHeader {
     }
 }
 
+/// Values that are stored by another scale: `slope` × what is stored + `offset`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Scaling {
+    pub(crate) slope: f64,
+    pub(crate) offset: f64,
+}
+
+impl Scaling {
+    /// What they are read as.
+    pub(crate) const PIXEL: PixelType = PixelType::F64;
+
+    fn apply(self, stored: &[u8], pixel: PixelType, values: &mut Vec<u8>) {
+        fn each<const N: usize>(stored: &[u8], values: &mut Vec<u8>, value: impl Fn([u8; N]) -> f64) {
+            values.extend(stored.as_chunks::<N>().0.iter().flat_map(|word| value(*word).to_ne_bytes()));
+        }
+        let Self { slope, offset } = self;
+        let of = |value: f64| value * slope + offset;
+        values.clear();
+        match pixel {
+            PixelType::U8 => each(stored, values, |b| of(u8::from_ne_bytes(b).into())),
+            PixelType::I8 => each(stored, values, |b| of(i8::from_ne_bytes(b).into())),
+            PixelType::U16 => each(stored, values, |b| of(u16::from_ne_bytes(b).into())),
+            PixelType::I16 => each(stored, values, |b| of(i16::from_ne_bytes(b).into())),
+            PixelType::U32 => each(stored, values, |b| of(u32::from_ne_bytes(b).into())),
+            PixelType::I32 => each(stored, values, |b| of(i32::from_ne_bytes(b).into())),
+            PixelType::U64 => each(stored, values, |b| of(u64::from_ne_bytes(b) as f64)),
+            PixelType::I64 => each(stored, values, |b| of(i64::from_ne_bytes(b) as f64)),
+            PixelType::F32 => each(stored, values, |b| of(f32::from_ne_bytes(b).into())),
+            PixelType::F64 => each(stored, values, |b| of(f64::from_ne_bytes(b))),
+        }
+    }
+}
+
 /// Reads a volume slice by slice. Memory: the header and one slice.
 ///
 /// ```no_run
@@ -110,6 +146,9 @@ pub struct VolumeReader {
     left: u32,
     slice: Vec<u8>,
     bytes: usize,
+    /// As stored, and how the values are scaled; if they are.
+    scaling: Option<(PixelType, Scaling)>,
+    scaled: Vec<u8>,
 }
 
 impl VolumeReader {
@@ -119,16 +158,19 @@ impl VolumeReader {
     /// # Errors
     /// [`Error`] when the file cannot be read, is no such volume, or its header cannot be true.
     pub fn open(path: &Path, limits: &Limits) -> Result<Self, Error> {
+        if let Some(nifti::read::Opened { reader, header, layout, scaling }) = super::open_nifti(path, limits)? {
+            let scaling = scaling.map(|scaling| (layout.pixel, scaling));
+            return Ok(Self { scaling, ..Self::new(path.to_owned(), header, reader, &layout) });
+        }
         let opened = super::open(path, limits)?;
         let header = VolumeHeader::new_from(opened.header, &opened.layout).map_err(|fault| fault.at(path))?;
-        Ok(Self {
-            path: opened.data_path,
-            left: header.size[2],
-            header,
-            stream: PixelStream::new(opened.reader, &opened.layout),
-            slice: Vec::new(),
-            bytes: opened.layout.layer_bytes,
-        })
+        Ok(Self::new(opened.data_path, header, opened.reader, &opened.layout))
+    }
+
+    fn new(path: PathBuf, header: VolumeHeader, reader: BufReader<File>, layout: &Layout) -> Self {
+        let (left, stream) = (header.size[2], PixelStream::new(reader, layout));
+        let (slice, scaled) = (Vec::new(), Vec::new());
+        Self { path, header, stream, left, slice, bytes: layout.layer_bytes, scaling: None, scaled }
     }
 
     /// What the file says of the volume.
@@ -149,7 +191,13 @@ impl VolumeReader {
         self.left -= 1;
         self.slice.resize(self.bytes, 0);
         match self.stream.read(&mut self.slice) {
-            Ok(()) => Ok(Some(&self.slice)),
+            Ok(()) => Ok(Some(match self.scaling {
+                None => &self.slice,
+                Some((stored, scaling)) => {
+                    scaling.apply(&self.slice, stored, &mut self.scaled);
+                    &self.scaled
+                }
+            })),
             Err(trouble) => {
                 self.left = 0;
                 Err(super::trouble_at(trouble, &self.path))

@@ -46,6 +46,13 @@ pub(crate) fn volume(header: &VolumeHeader, data_file: Option<&str>) -> Result<T
     Ok(text)
 }
 
+/// Further fields alone, a line each.
+pub(crate) fn fields(fields: &[(String, String)]) -> Result<String, String> {
+    let mut text = Text::new(&STYLE);
+    text.extra(fields, &[])?;
+    Ok(text.text)
+}
+
 fn begin(compressed: bool) -> Text {
     let mut text = Text::new(&STYLE);
     let truth = |yes| if yes { "True" } else { "False" };

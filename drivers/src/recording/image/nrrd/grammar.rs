@@ -155,7 +155,7 @@ pub(super) fn escaped(text: &str) -> String {
 }
 
 fn truncated(header: &Header) -> Option<Fault> {
-    let problem = "was not reached: the file ends inside its header; copy or record it again";
+    let problem = "was not reached: the file ends inside its NRRD header; copy or record it again";
     header.get(DATA_FILE).is_none().then(|| Fault::field("blank line", header.end, problem))
 }
 

@@ -15,7 +15,7 @@ use super::layout::Layout;
 use super::nrrd::text::Habit;
 use super::sequence::Sequence;
 use super::volume::VolumeHeader;
-use super::{Container, metaimage, nrrd};
+use super::{Container, metaimage, nifti, nrrd};
 use crate::Error;
 use crate::reading::{NamedTransform, PixelType, Stamp, Status};
 use crate::recording::Limits;
@@ -94,12 +94,17 @@ impl SequenceWriter {
             Container::Nrrd | Container::Nhdr => {
                 (nrrd::text::sequence(header, compressed, Habit::Plus, beside), Packing::Gzip)
             }
-            Container::SeqNrrd => (nrrd::text::sequence(header, compressed, Habit::Slicer, beside), Packing::Gzip),
+            // Names of volumes were refused.
+            Container::SeqNrrd | Container::Nifti | Container::NiftiGz => {
+                (nrrd::text::sequence(header, compressed, Habit::Slicer, beside), Packing::Gzip)
+            }
         };
         let text = text.map_err(refuse)?;
         check_reading(&text, header).map_err(refuse)?;
         let packing = if compressed { packing } else { Packing::Raw };
-        Ok(Self { file: PixelFile::create(path, text.into_head(data_file), packing, expected)?, frame_bytes })
+        let (bytes, size_at) = text.into_bytes();
+        let head = Head { bytes, size_at, data_file };
+        Ok(Self { file: PixelFile::create(path, head, packing, expected)?, frame_bytes })
     }
 
     /// Writes the next frame: scalars in native byte order, first axis fastest. A sequence without images has none to write.
@@ -149,15 +154,19 @@ impl VolumeWriter {
         let container = Container::of_volume(path).map_err(|problem| refuse(&problem))?;
         let data_file = container.data_file(path, header.compressed);
         let beside = data_file.as_deref();
-        let (text, packing) = match container {
-            Container::Mha | Container::Mhd => (metaimage::text::volume(header, beside), Packing::Zlib),
-            Container::Nrrd | Container::Nhdr | Container::SeqNrrd => {
-                (nrrd::text::volume(header, beside), Packing::Gzip)
+        let (head, packing) = match container {
+            Container::Mha | Container::Mhd => {
+                (metaimage::text::volume(header, beside).map(Text::into_bytes), Packing::Zlib)
             }
+            Container::Nrrd | Container::Nhdr | Container::SeqNrrd => {
+                (nrrd::text::volume(header, beside).map(Text::into_bytes), Packing::Gzip)
+            }
+            Container::Nifti => (nifti(header), Packing::Raw),
+            Container::NiftiGz => (nifti(header), Packing::GzipWhole),
         };
-        let text = text.map_err(|problem| refuse(&problem))?;
-        let packing = if header.compressed { packing } else { Packing::Raw };
-        Ok(Self { file: PixelFile::create(path, text.into_head(data_file), packing, expected)? })
+        let (bytes, size_at) = head.map_err(|problem| refuse(&problem))?;
+        let packing = if header.compressed || container == Container::NiftiGz { packing } else { Packing::Raw };
+        Ok(Self { file: PixelFile::create(path, Head { bytes, size_at, data_file }, packing, expected)? })
     }
 
     /// Completes the file and gives it its name.
@@ -181,9 +190,15 @@ impl Write for VolumeWriter {
 }
 
 impl Text {
-    fn into_head(self, data_file: Option<String>) -> Head {
-        Head { bytes: self.text.into_bytes(), size_at: self.size_at, data_file }
+    /// With the place of the compressed data's length.
+    fn into_bytes(self) -> (Vec<u8>, Option<u64>) {
+        (self.text.into_bytes(), self.size_at)
     }
+}
+
+fn nifti(header: &VolumeHeader) -> Result<(Vec<u8>, Option<u64>), String> {
+    let fields = metaimage::text::fields(&header.fields)?;
+    nifti::write::header(header, &fields).map(|bytes| (bytes, None))
 }
 
 fn check_channels(channels: u32) -> Result<(), String> {
