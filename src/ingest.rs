@@ -4,11 +4,13 @@
 //!   axis first): M or U, the lateral axis grows towards the marked or the unmarked side of the transducer; F or N, the depth axis grows
 //!   away from it or towards it. A third letter (A or D, how slices of a stack ascend) says nothing about a single picture. From here on
 //!   every picture is MF.
-//! - **Grey values.** 8 and 16 bit unsigned stay as they are, all else becomes f32. A picture in 8 bits and MF is not copied.
+//! - **Grey values.** 8 and 16 bit unsigned stay as they are, all else becomes f32. Of colours their luma remains ([`grey`]). A picture in 8 bits, one channel and
+//!   MF is not copied.
 //! - **Clock.** Host nanoseconds where the source has them, else the source's seconds as nanoseconds, else the frame's number.
 //!
 //! Named transforms are in mm already and pass unchanged. What hardware delivers as it happens is [`live`]'s.
 
+pub mod grey;
 pub mod live;
 
 use std::sync::Arc;
@@ -62,6 +64,7 @@ pub struct Head {
 pub struct Ingest {
     assumed_mf: bool,
     rounded: bool,
+    greyed: bool,
     notes: Vec<String>,
 }
 
@@ -105,11 +108,11 @@ impl Ingest {
             return refuse(Reason::ImageMissing, format!("the picture is {}×{} pixels", frame.size[0], frame.size[1]));
         }
         let kind = frame.image_type.trim().to_ascii_uppercase();
-        if frame.channels != 1 || kind == "RGB_COLOR" {
-            let detail = format!("{} channels a pixel; only grey pictures can be reconstructed", frame.channels);
+        if !(1..=4).contains(&frame.channels) {
+            let detail = format!("{} channels a pixel; pictures have 1 to 4 of them", frame.channels);
             return refuse(Reason::Colour, detail);
         }
-        if !matches!(kind.as_str(), "" | "BRIGHTNESS") {
+        if !(matches!(kind.as_str(), "" | "BRIGHTNESS") || kind == "RGB_COLOR" && frame.channels > 2) {
             return refuse(Reason::ImageType, format!("the image type is {kind}, not BRIGHTNESS"));
         }
         let code = frame.orientation.trim();
@@ -150,12 +153,12 @@ impl Ingest {
     pub fn picture(&mut self, frame: &Frame) -> Result<Picture, Refusal> {
         let head = self.head(frame)?;
         let refuse = |reason, detail: String| Err(Refusal::new(frame.stamp.item, reason, detail));
-        let pixels = frame.size[0] as usize * frame.size[1] as usize;
+        let pixels = frame.size[0] as usize * frame.size[1] as usize * frame.channels as usize;
         if pixels.checked_mul(frame.pixel.bytes()) != Some(frame.pixels.len()) {
             let ([w, h], bytes) = (frame.size, frame.pixels.len());
             return refuse(
                 Reason::ImageMissing,
-                format!("{bytes} bytes of pixels are not {w}×{h} of {:?}", frame.pixel),
+                format!("{bytes} bytes of pixels are not {w}×{h} of {} {:?}", frame.channels, frame.pixel),
             );
         }
         if matches!(frame.pixel, PixelType::U32 | PixelType::I32 | PixelType::U64 | PixelType::I64 | PixelType::F64)
@@ -163,13 +166,20 @@ impl Ingest {
         {
             self.notes.push(format!("pixels of type {:?} are rounded to single precision (24 bits)", frame.pixel));
         }
-        let place = head.orientation;
+        if let Some(note) = grey::described(frame.channels).filter(|_| !self.greyed) {
+            self.greyed = true;
+            self.notes.push(note);
+        }
+        let (place, channels) = (head.orientation, frame.channels);
         let bytes = &frame.pixels;
         let pixels = match frame.pixel {
-            PixelType::U8 if place == Orientation::MF => Pixels::U8(Arc::clone(bytes)),
-            PixelType::U8 => Pixels::U8(place.arrange(bytes.to_vec(), frame.size).into()),
-            PixelType::U16 => Pixels::U16(place.arrange(scalars(bytes, u16::from_ne_bytes), frame.size).into()),
-            other => Pixels::F32(place.arrange(floats(bytes, other), frame.size).into()),
+            PixelType::U8 if place == Orientation::MF && channels == 1 => Pixels::U8(Arc::clone(bytes)),
+            PixelType::U8 => Pixels::U8(place.arrange(grey::of(bytes.to_vec(), channels), frame.size).into()),
+            PixelType::U16 => {
+                let grey = grey::of(scalars(bytes, u16::from_ne_bytes), channels);
+                Pixels::U16(place.arrange(grey, frame.size).into())
+            }
+            other => Pixels::F32(place.arrange(grey::of(floats(bytes, other), channels), frame.size).into()),
         };
         if let Pixels::F32(values) = &pixels
             && let Some(at) = values.iter().position(|x| !x.is_finite())
@@ -254,8 +264,20 @@ pub fn stored_rect(size: [u32; 2], code: &str, rect: impl FnOnce([u32; 2]) -> Cl
     })
 }
 
+/// Width and height of stored pictures of that size and code of orientation once they are MF, or of MF ones once they are stored so; `None` for a code that is
+/// none.
+pub fn mf_size([first, second]: [u32; 2], code: &str) -> Option<[u32; 2]> {
+    let transposed = Orientation::from_code(code.trim())?.transposed;
+    Some(if transposed { [second, first] } else { [first, second] })
+}
+
+/// The pixels of an MF picture, u fastest, of stored ones of that size; `None` for a code that is none.
+pub fn to_mf<T: Copy>(pixels: Vec<T>, size: [u32; 2], code: &str) -> Option<Vec<T>> {
+    Orientation::from_code(code.trim()).map(|orientation| orientation.arrange(pixels, size))
+}
+
 /// The pixels of an MF picture of that size, u fastest, as a source of this orientation stores them, first axis fastest; of a code that is none as they are.
-pub fn stored(mf: &[u8], [width, height]: [u32; 2], code: &str) -> Vec<u8> {
+pub fn stored<T: Copy>(mf: &[T], [width, height]: [u32; 2], code: &str) -> Vec<T> {
     let place = Orientation::from_code(code).unwrap_or(Orientation::MF);
     let [width, height] = [width, height].map(|n| n as usize);
     let (first, second) = if place.transposed { (height, width) } else { (width, height) };

@@ -16,6 +16,7 @@
 //! - [`render`]: the volume to its picture.
 //! - [`annotation`]: what is drawn over finished pictures.
 //! - [`export`]: volumes and pictures to files.
+//! - [`convert`]: recordings and volumes from one file to another.
 //! - [`pipeline`]: the stages in flow order.
 //! - [`ledger`], [`refusal`]: what became of every frame, and the reasons.
 //! - [`statistics`]: what a run did, in numbers.
@@ -28,6 +29,7 @@ pub mod annotation;
 pub mod cli;
 pub mod config;
 pub mod console;
+pub mod convert;
 pub mod devices;
 pub mod export;
 pub mod ingest;

@@ -16,7 +16,7 @@ pub enum Reason {
     ImageOrientation,
     /// Not a brightness picture (RF, I/Q, unknown).
     ImageType,
-    /// More than one channel.
+    /// Channels of which no grey can be made.
     Colour,
     /// A pixel is NaN, infinite or beyond single precision.
     PixelNotFinite,

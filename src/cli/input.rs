@@ -6,6 +6,7 @@ use std::io::Read;
 use std::path::Path;
 use std::time::Duration;
 
+use drivers::recording::image::Container;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use sha2::{Digest, Sha256};
 
@@ -58,6 +59,15 @@ pub fn check_output(path: &Path) -> Result<(), Failure> {
         return Err(Failure(format!("{}: is there already and is no file; give another name", path.display())));
     }
     Ok(())
+}
+
+/// A volume is written there: its name says a format that there is.
+///
+/// # Errors
+/// [`Failure`] when it says none.
+pub fn check_volume(path: &Path) -> Result<(), Failure> {
+    let named = Container::of_volume(path).map_err(|why| Failure(format!("{}: {why}", path.display())));
+    named.map(|_| ())
 }
 
 /// The folder of a file exists.

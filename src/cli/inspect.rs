@@ -34,7 +34,7 @@ Examples:
   sonoweave inspect sweep.igs.mha --config PlusConfiguration.xml
   sonoweave inspect SESSION-20261121-213000.mcap --repair whole.mcap")]
 pub struct Arguments {
-    /// A tracked sequence or a volume (.igs.mha, .mha), a session (.mcap), our calibration TOML or a PLUS XML
+    /// A tracked sequence or a volume (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz), a session (.mcap), our calibration TOML or a PLUS XML
     file: PathBuf,
     /// Write JSON, for programs
     #[arg(long)]
@@ -153,7 +153,9 @@ fn kind(path: &Path) -> Result<Kind, Failure> {
     }
     // The grammars of a MetaImage header and of our TOML's first lines overlap; the keys do not.
     let has = |keys: &[&str]| text.lines().map(str::trim).any(|line| keys.iter().any(|key| begins(line, key)));
-    if text.starts_with("NRRD") || has(&["ObjectType", "NDims", "DimSize", "ElementType"]) {
+    // What NIfTI begins with in either order of bytes, and what is compressed: only volumes are.
+    let nifti = [&b"\x5c\x01\0\0"[..], b"\0\0\x01\x5c", b"\x1f\x8b"].iter().any(|magic| head.starts_with(magic));
+    if nifti || text.starts_with("NRRD") || has(&["ObjectType", "NDims", "DimSize", "ElementType"]) {
         return Ok(match content(path, &Limits::default())? {
             Content::Sequence => Kind::Sequence,
             Content::Volume => Kind::Volume,
@@ -163,7 +165,7 @@ fn kind(path: &Path) -> Result<Kind, Failure> {
         return Ok(Kind::Configuration);
     }
     Err(Failure(format!(
-        "{}: is neither a MetaImage sequence or volume (no ObjectType, NDims or DimSize in its first {} bytes), nor a session, nor a \
+        "{}: is neither a MetaImage sequence or volume (no ObjectType, NDims or DimSize in its first {} bytes), nor NRRD, nor NIfTI, nor a session, nor a \
          sonoweave calibration file, nor XML",
         path.display(),
         head.len()

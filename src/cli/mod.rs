@@ -1,6 +1,7 @@
 //! The command line: one file a subcommand, with its flags, help and tests.
 
 pub mod calibrate;
+pub mod convert;
 pub mod demo;
 pub mod devices;
 pub mod input;
@@ -82,6 +83,8 @@ enum Command {
     Render(Box<render::Arguments>),
     /// Run a recorded session again, or weave a recorded sweep while a picture follows
     Replay(Box<replay::Arguments>),
+    /// Write a sequence, session or volume as another kind of file
+    Convert(convert::Arguments),
     /// Say what is in a sequence, volume or calibration file
     Inspect(inspect::Arguments),
     /// Run a session at the bedside: devices to a volume and its picture, recorded
@@ -129,6 +132,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Command::Reconstruct(arguments) => reconstruct::run(arguments),
         Command::Render(arguments) => render::run(arguments),
         Command::Replay(of_replay) => replay::run(of_replay, &arguments.given),
+        Command::Convert(arguments) => convert::run(arguments),
         Command::Inspect(arguments) => inspect::run(arguments),
         Command::Live(arguments) => live::run(arguments),
         Command::Calibrate(arguments) => calibrate::run(arguments),

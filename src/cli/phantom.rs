@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use calibration::file::CalibrationFile;
 use clap::{ArgGroup, Args, ValueEnum as _};
 use drivers::reading::{NamedTransform, PixelType, Stamp, Status};
-use drivers::recording::image::VolumeHeader;
 use drivers::recording::image::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
+use drivers::recording::image::{Container, VolumeHeader};
 use glam::DVec3;
 
 pub(super) mod choices;
@@ -45,7 +45,7 @@ outside the scanner's field is black and no data: the sequence tells the fan or 
 
 Example: sonoweave phantom -o sweep.igs.mha --truth truth.mha --scene blobs --trajectory freehand --spacing 0.5")]
 pub struct Arguments {
-    /// Where to write the sweep, a tracked sequence (.igs.mha, .mha)
+    /// Where to write the sweep, a tracked sequence (.mha, .mhd, .nrrd, .nhdr)
     #[arg(short, long, value_name = "SEQ.igs.mha")]
     output: PathBuf,
     /// Write the scene on the lattice that `reconstruct --spacing` uses, over the box that holds all pictures
@@ -271,7 +271,7 @@ impl Arguments {
         })
     }
 
-    /// All outputs can be written, their names tell MetaImage files, and no two are the same.
+    /// All outputs can be written, their names tell what files they are, and no two are the same.
     fn check_outputs(&self) -> Result<(), Failure> {
         let others = [&self.truth, &self.truth_blurred, &self.calibration, &self.crossings, &self.phantom];
         let outputs: Vec<&PathBuf> =
@@ -282,14 +282,11 @@ impl Arguments {
                 return Err(Failure(format!("{}: is named for two outputs; give another name", path.display())));
             }
         }
-        let volumes = [&self.truth, &self.truth_blurred].map(|path| (path.as_ref(), "volumes"));
-        for (path, what) in [(Some(&self.output), "sequences")].into_iter().chain(volumes) {
-            if let Some(path) = path
-                && path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("mha"))
-            {
-                return Err(Failure(format!("{}: {what} are written as .mha; give such a name", path.display())));
-            }
+        for path in [&self.truth, &self.truth_blurred].into_iter().flatten() {
+            input::check_volume(path)?;
         }
+        let named = Container::of_sequence(&self.output);
+        named.map_err(|why| Failure(format!("{}: {why}", self.output.display())))?;
         Ok(())
     }
 

@@ -22,9 +22,9 @@ ImageToTracker needs no calibration.
 
 Example: sonoweave reconstruct sweep.igs.mha --config PlusConfiguration.xml -o volume.mha --planes volume.png")]
 pub struct Arguments {
-    /// The recorded sweep: a tracked sequence (.igs.mha, .mha)
+    /// The recorded sweep: a tracked sequence (.mha, .mhd, .nrrd, .nhdr)
     sequence: PathBuf,
-    /// Where to write the volume (.mha)
+    /// Where to write the volume (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz)
     #[arg(short, long, value_name = "VOL.mha")]
     output: PathBuf,
     #[command(flatten)]

@@ -29,7 +29,7 @@ is the one that `replay` ends in.
 
 Example: sonoweave render volume.mha --weights weights.mha -o picture.png --view 30,20 --transfer bone")]
 pub struct Arguments {
-    /// The volume (.mha)
+    /// The volume (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz)
     volume: PathBuf,
     /// Where to write the picture (.png)
     #[arg(short, long, value_name = "IMG.png")]

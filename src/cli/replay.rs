@@ -38,10 +38,10 @@ To a sequence all flags of `reconstruct` and of `render` apply; --window says wh
 Examples: sonoweave replay SESSION-20261121-213000.mcap -o volume.mha --picture last.png
           sonoweave replay sweep.igs.mha --config PlusConfiguration.xml --picture last.png --stats replay.json")]
 pub struct Arguments {
-    /// The recorded session (.mcap), or a recorded sweep: a tracked sequence (.igs.mha, .mha)
+    /// The recorded session (.mcap), or a recorded sweep: a tracked sequence (.mha, .mhd, .nrrd, .nhdr)
     #[arg(value_name = "SESSION|SEQUENCE")]
     sequence: PathBuf,
-    /// Where to write the volume (.mha) [default: nowhere]
+    /// Where to write the volume (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz) [default: nowhere]
     #[arg(short, long, value_name = "VOL.mha")]
     output: Option<PathBuf>,
     /// How fast: so many times as it was recorded, or max: a sequence's next slice comes when the picture of the last one is finished

@@ -1,8 +1,9 @@
-//! A rendered picture to a PNG file.
+//! A picture, rendered or as it came, to a PNG file.
 
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
+use drivers::reading::PixelType;
 use image::{ExtendedColorType, ImageEncoder as _, RgbImage, codecs::png::PngEncoder};
 
 use super::whole::write_whole;
@@ -18,6 +19,16 @@ pub enum PictureError {
         path: PathBuf,
         /// Why not.
         source: image::ImageError,
+    },
+    /// Pixels that PNG does not hold.
+    #[error("{path}: PNG holds 1 to 4 channels of 8 or 16 bits, not {channels} of {pixel:?}; write a sequence", path = path.display())]
+    Type {
+        /// Where it should have gone.
+        path: PathBuf,
+        /// Their type.
+        pixel: PixelType,
+        /// How many each has.
+        channels: u32,
     },
     /// The file system's complaint; nothing was left at the place.
     #[error("{path}: writing the picture failed: {source}", path = path.display())]
@@ -45,10 +56,45 @@ pub fn write_rgb(picture: &RgbImage, path: &Path) -> Result<(), PictureError> {
     write_bytes(picture.as_raw(), [picture.width(), picture.height()], path)
 }
 
-fn write_bytes(values: &[u8], [width, height]: [u32; 2], path: &Path) -> Result<(), PictureError> {
+/// Writes a picture as a device delivers it: 1 to 4 channels of 8 or 16 bits, in native byte order, so that nothing is lost.
+///
+/// # Errors
+/// [`PictureError`] for other types too; the place is as before then.
+pub fn write_stored(
+    values: &[u8],
+    size: [u32; 2],
+    pixel: PixelType,
+    channels: u32,
+    path: &Path,
+) -> Result<(), PictureError> {
+    use ExtendedColorType::{L8, L16, La8, La16, Rgb8, Rgb16, Rgba8, Rgba16};
+    let kind = match (pixel, channels) {
+        (PixelType::U8, 1) => L8,
+        (PixelType::U8, 2) => La8,
+        (PixelType::U8, 3) => Rgb8,
+        (PixelType::U8, 4) => Rgba8,
+        (PixelType::U16, 1) => L16,
+        (PixelType::U16, 2) => La16,
+        (PixelType::U16, 3) => Rgb16,
+        (PixelType::U16, 4) => Rgba16,
+        _ => return Err(PictureError::Type { path: path.to_owned(), pixel, channels }),
+    };
+    write_as(values, size, kind, path)
+}
+
+fn write_bytes(values: &[u8], size: [u32; 2], path: &Path) -> Result<(), PictureError> {
+    write_as(values, size, ExtendedColorType::Rgb8, path)
+}
+
+fn write_as(
+    values: &[u8],
+    [width, height]: [u32; 2],
+    kind: ExtendedColorType,
+    path: &Path,
+) -> Result<(), PictureError> {
     let mut png = Cursor::new(Vec::new());
     PngEncoder::new(&mut png)
-        .write_image(values, width, height, ExtendedColorType::Rgb8)
+        .write_image(values, width, height, kind)
         .map_err(|source| PictureError::Encode { path: path.to_owned(), source })?;
     write_whole(path, |to| to.write_all(png.get_ref()))
         .map_err(|source| PictureError::Write { path: path.to_owned(), source })

@@ -119,7 +119,9 @@ fn refusals_name_their_reason() {
     assert_eq!(with(|f| f.orientation = "AMF".into()), Reason::ImageOrientation);
     assert_eq!(with(|f| f.image_type = "RF_I_LINE_Q_LINE".into()), Reason::ImageType);
     assert_eq!(with(|f| f.image_type = "XX".into()), Reason::ImageType);
-    assert_eq!(with(|f| f.channels = 3), Reason::Colour);
+    assert_eq!(with(|f| f.channels = 5), Reason::Colour);
+    assert_eq!(with(|f| f.channels = 3), Reason::ImageMissing, "there are pixels of one channel");
+    assert_eq!(with(|f| f.image_type = "RGB_COLOR".into()), Reason::ImageType);
     assert_eq!(with(|f| f.stamp.source_s = Some(1e300)), Reason::TimeInvalid);
     assert_eq!(with(|f| f.stamp.source_s = Some(f64::NAN)), Reason::TimeInvalid);
     for bad in [f32::NAN, f32::INFINITY] {
@@ -248,4 +250,23 @@ fn a_rectangle_of_the_picture_is_found_in_frames_however_they_are_stored() {
         assert_eq!(cut(&stored, size[0], found.unwrap()), cut(&picture, 5, rect), "{code}");
     }
     assert_eq!(stored_rect([5, 3], "XX", |_| rect), None);
+}
+
+#[test]
+fn of_colours_the_luma_is_taken_and_said_once() {
+    let mut given = frame();
+    given.channels = 3;
+    given.image_type = "RGB_COLOR".into();
+    given.orientation = "UF".into();
+    given.size = [2, 1];
+    given.pixels = Arc::from([255, 0, 0, 9, 9, 9].as_slice());
+    let mut ingest = Ingest::new();
+    for _ in 0..2 {
+        assert_eq!(u8s(&ingest.picture(&given).unwrap().image), [9, 76]);
+    }
+    assert!(matches!(ingest.notes(), [note] if note.contains("luma") && note.contains("BT.601")));
+    given.pixel = PixelType::U16;
+    given.pixels = [65_535_u16, 0, 0, 9, 9, 9].iter().flat_map(|p| p.to_ne_bytes()).collect();
+    let picture = ingest.picture(&given).unwrap();
+    assert!(matches!(picture.image.pixels(), Pixels::U16(p) if **p == [9, 19_595]), "{:?}", picture.image.pixels());
 }

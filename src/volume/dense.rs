@@ -1,4 +1,4 @@
-//! A volume in memory as a file holds it: dense, from .mha, ours or another program's.
+//! A volume in memory as a file holds it: dense, ours or another program's.
 
 use std::path::{Path, PathBuf};
 
@@ -61,8 +61,14 @@ pub enum DenseError {
         channels: u32,
     },
     /// Axes that span no space.
-    #[error("{path}: field TransformMatrix has axes that lie in one plane, so the volume has no place in space: correct it", path = path.display())]
+    #[error("{path}: field TransformMatrix (space directions, srow) has axes that lie in one plane, so the volume has no place in space: correct it", path = path.display())]
     Flat {
+        /// The file.
+        path: PathBuf,
+    },
+    /// No axes at all.
+    #[error("{path}: has no place in space: neither sform nor qform of this NIfTI is given (their codes are 0); give it one, or take the file it was made of", path = path.display())]
+    Nowhere {
         /// The file.
         path: PathBuf,
     },
@@ -122,6 +128,9 @@ impl DenseVolume {
         let too_large = || DenseError::Memory { path: path.into(), size: header.size, needed_bytes, limit_bytes };
         let voxels = voxels.and_then(|n| usize::try_from(n).ok()).filter(|_| needed_bytes <= limit_bytes);
         let voxels = voxels.ok_or_else(too_large)?;
+        if !header.placed {
+            return Err(DenseError::Nowhere { path: path.into() });
+        }
         let grid = grid(&header);
         if grid.direction.determinant().abs() < 1e-6 {
             return Err(DenseError::Flat { path: path.into() });

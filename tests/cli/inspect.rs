@@ -26,7 +26,10 @@ fn a_sequence_is_described() {
     assert_eq!((&r["kind"], &r["items"]), (&json!("sequence"), &json!(6)));
     assert_eq!(
         r["picture"],
-        json!({ "size": [40, 30], "scalar": "u8", "channels": 1, "compressed": true, "big_endian": false })
+        json!({
+            "size": [40, 30], "scalar": "u8", "channels": 1, "format": "MetaImage", "encoding": "compressed (zlib)", "compressed": true,
+            "big_endian": false
+        })
     );
     assert_eq!((&r["orientation"], &r["image_type"]), (&json!("FM"), &json!("BRIGHTNESS")));
     assert_eq!(r["transforms"], json!([{ "name": "ImageToReference", "status": { "INVALID": 2, "OK": 4 } }]));

@@ -164,7 +164,7 @@ fn a_phantom_that_cannot_be_is_refused_and_nothing_is_written() {
             "larger smallest σ",
         ),
         ("-o s.mha --truth t.mha --truth-blurred t.mha", "t.mha: is named for two outputs"),
-        ("-o s.mha --truth-blurred b.nii", "b.nii: volumes are written as .mha"),
+        ("-o s.mha --truth-blurred b.seq.nrrd", "b.seq.nrrd: volumes are written as .mha"),
         ("-o s.mha --trajectory fan --axis-distance 1", "the fan would turn by"),
         ("-o s.mha --image-size 100000x100000", "cannot be painted"),
         ("-o s.mha --image-size 9x1 --fan", "--fan: "),
@@ -172,8 +172,8 @@ fn a_phantom_that_cannot_be_is_refused_and_nothing_is_written() {
         ("-o s.mha --truth s.mha", "s.mha: is named for two outputs"),
         ("-o s.mha --calibration none/c.toml", "none/c.toml: the folder none does not exist"),
         ("-o none/s.mha", "none/s.mha: the folder none does not exist"),
-        ("-o s.nrrd", "s.nrrd: sequences are written as .mha"),
-        ("-o s.mha --truth t.nii", "t.nii: volumes are written as .mha"),
+        ("-o s.nii", "s.nii: sequences are written as .mha"),
+        ("-o s.mha --truth t.png", "t.png: volumes are written as .mha"),
         ("-o .", "is no file"),
     ] {
         place.refuses(&format!("phantom {flags}"), &[says]);

@@ -46,7 +46,7 @@ Examples:
   sonoweave calibrate latency --video tank-video.igs.mha --tracker tank-tracker.igs.mha --report latency.json"
 )]
 pub struct Arguments {
-    /// The pictures: a sequence (.igs.mha, .mha); the poses are --tracker's
+    /// The pictures: a sequence (.mha, .mhd, .nrrd, .nhdr); the poses are --tracker's
     #[arg(long, value_name = "SEQUENCE", requires = "tracker")]
     video: Option<PathBuf>,
     /// The poses: a tracked sequence, which needs no pictures

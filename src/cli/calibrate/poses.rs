@@ -25,7 +25,7 @@ use crate::sync::{Pairing, PairingOptions};
 #[derive(Debug, Clone, Default, Args)]
 #[group(required = true, multiple = false)]
 pub struct Source {
-    /// A tracked sequence (.igs.mha, .mha), with or without pictures
+    /// A tracked sequence (.mha, .mhd, .nrrd, .nhdr), with or without pictures
     #[arg(long, value_name = "SEQUENCE")]
     pub sequence: Option<PathBuf>,
     /// A session that `live --record` wrote, of a tracker with a stylus

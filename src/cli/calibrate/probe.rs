@@ -96,7 +96,7 @@ pub struct Arguments {
     /// The phantom with its wires, of --method nwire: our file (TOML) or a PLUS XML
     #[arg(long, value_name = "FILE")]
     phantom: Option<PathBuf>,
-    /// The recording: a tracked sequence with pictures (.igs.mha, .mha)
+    /// The recording: a tracked sequence with pictures (.mha, .mhd, .nrrd, .nhdr)
     #[arg(long, value_name = "SEQUENCE")]
     sequence: Option<PathBuf>,
     /// The recording: a session that `live --record` wrote (.mcap). The latencies that it had do not count

@@ -14,6 +14,7 @@ use super::super::Failure;
 use super::text::{Text, bytes, count, short, times};
 use super::volume::scalar_name;
 use crate::config::Settings as Config;
+use crate::ingest::grey::described;
 use crate::ingest::{Head, Ingest};
 use crate::ledger::Ledger;
 use crate::refusal::{Reason, Refusal};
@@ -194,10 +195,13 @@ impl SequenceReport {
         text.heading(&format!("{}: tracked sequence, {}", self.path.display(), bytes(self.bytes)));
         text.row("frames", self.items.to_string());
         match &self.picture {
-            Some(Picture { size, scalar, channels, encoding, big_endian, .. }) => {
+            Some(Picture { size, scalar, channels: of, encoding, big_endian, .. }) => {
                 let order = if *big_endian { ", big-endian" } else { "" };
-                let channels = count(u64::from(*channels), "channel");
+                let channels = count(u64::from(*of), "channel");
                 text.row("picture", format!("{} pixels, {scalar}, {channels}, {encoding}{order}", times(*size)));
+                if let Some(how) = described(*of) {
+                    text.row("", how);
+                }
                 let or_not = |text: &str| if text.is_empty() { "not given".to_owned() } else { text.to_owned() };
                 text.row("orientation", or_not(&self.orientation));
                 text.row("image type", or_not(&self.image_type));

@@ -31,6 +31,8 @@ pub(super) struct VolumeReport {
     scalar: String,
     channels: u32,
     compressed: bool,
+    /// Whether the file says where it lies.
+    placed: bool,
     values: Values,
     /// Further fields of the header: what `reconstruct` says of the volume's making, and others.
     fields: Vec<(String, String)>,
@@ -109,6 +111,7 @@ impl VolumeReport {
             scalar: scalar_name(header.pixel),
             channels: header.channels,
             compressed: header.compressed,
+            placed: header.placed,
             values,
             fields: header.fields,
             comparison,
@@ -118,8 +121,11 @@ impl VolumeReport {
     pub(super) fn write(&self, text: &mut Text) {
         text.heading(&format!("{}: volume, {}", self.path.display(), bytes(self.bytes)));
         let channels = if self.channels == 1 { String::new() } else { format!(", {} channels", self.channels) };
-        let packing = if self.compressed { ", compressed (zlib)" } else { "" };
+        let packing = if self.compressed { ", compressed" } else { "" };
         text.row("size", format!("{} voxels of {}{channels}{packing}", times(self.size), self.scalar));
+        if !self.placed {
+            text.row("place", "not given: neither sform nor qform of this NIfTI; what follows is assumed");
+        }
         text.row("spacing", format!("{} mm", times(self.spacing)));
         text.row("extent", format!("{} mm between the outermost voxels' centres", times(self.extent_mm.map(short))));
         text.row("origin", format!("{} mm", point(self.origin)));
@@ -197,6 +203,9 @@ impl Overlap {
     /// # Errors
     /// A sentence: what differs.
     fn of(a: &VolumeHeader, b: &VolumeHeader) -> Result<Self, String> {
+        if !(a.placed && b.placed) {
+            return Err("one is a NIfTI that does not say where it lies (the codes of sform and qform are 0)".into());
+        }
         if a.channels != 1 || b.channels != 1 {
             return Err("volumes of several channels are not compared".into());
         }

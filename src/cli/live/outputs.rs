@@ -19,10 +19,10 @@ use crate::statistics::{LiveStatistics, write_json};
 /// What a session leaves.
 #[derive(Debug, Clone, Default, Args)]
 pub(in crate::cli) struct Outputs {
-    /// Where to write the volume at the end (.mha)
+    /// Where to write the volume at the end (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz)
     #[arg(long, value_name = "VOL.mha")]
     pub(in crate::cli) volume: Option<PathBuf>,
-    /// Where to write its weights (.mha)
+    /// Where to write its weights (as the volume)
     #[arg(long, value_name = "W.mha")]
     pub(in crate::cli) weights: Option<PathBuf>,
     /// Where to write the picture at the end
@@ -40,9 +40,7 @@ impl Outputs {
     /// [`Failure`]: the file, and why.
     pub(in crate::cli) fn check(&self) -> Result<(), Failure> {
         for path in [&self.volume, &self.weights].into_iter().flatten() {
-            if path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("mha")) {
-                return Err(Failure(format!("{}: volumes are written as .mha; give such a name", path.display())));
-            }
+            input::check_volume(path)?;
             input::check_output(path)?;
         }
         if let Some(path) = &self.picture {

@@ -217,9 +217,7 @@ impl Flags {
             input::check_is_not(path, sequence)?;
         }
         for path in volumes.into_iter().flatten() {
-            if path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("mha")) {
-                return Err(Failure(format!("{}: volumes are written as .mha; give such a name", path.display())));
-            }
+            input::check_volume(path)?;
         }
         Ok(())
     }

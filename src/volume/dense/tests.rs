@@ -51,7 +51,7 @@ fn row<const N: usize>(volume: &DenseVolume, start: [i64; 3]) -> ([f32; N], [f32
 fn every_scalar_type_is_read() {
     let files = Files::new();
     let check = |name: &str, pixel: PixelType, bytes: &[u8], values: [f32; 2]| {
-        let path = files.put(name, &VolumeHeader { pixel, ..header([2, 1, 1], &[]) }, bytes);
+        let path = files.put(&format!("{name}.mha"), &VolumeHeader { pixel, ..header([2, 1, 1], &[]) }, bytes);
         let volume = DenseVolume::open(&path, None, PLENTY).unwrap();
         assert_eq!(row::<2>(&volume, [-1, 7, 2]), (values, [1.0; 2]), "{name}");
         assert_eq!((volume.seen(), volume.notes().len(), volume.bytes()), (2, 0, 8));

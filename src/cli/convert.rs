@@ -1,0 +1,199 @@
+//! `sonoweave convert`: sequences, sessions and volumes from one file to another.
+
+use std::path::{Path, PathBuf};
+
+use calibration::region::ClipRect;
+use clap::Args;
+use drivers::recording::image::{About, Container, Content};
+use drivers::recording::session::SessionSettings;
+use drivers::recording::{Limits, Progress, SequenceSettings};
+use drivers::{Device, OpenSettings};
+
+use super::{Failure, input, values};
+use crate::convert::{Changes, sequence, write};
+
+/// Flags of `convert`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+The name of OUT says what is written. Of a sequence or a session: .mha, .mhd, .nrrd, .seq.nrrd (3D Slicer), .nhdr; .mcap, a session; a folder that is there or a name \
+such as frame%04d.png, pictures. Of a volume: .mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz.
+
+A session's poses that come between frames have no place in a sequence: each frame gets the one of each sensor that is nearest in time. --anonymize leaves out all fields \
+but those that place and time need (transforms, their status, times, frame numbers, orientation, the image's type) and says which; what is written into the pictures is cut off by \
+--crop.
+
+Examples:
+  sonoweave convert sweep.igs.mha sweep.seq.nrrd --compress
+  sonoweave convert SESSION-20261121-213000.mcap sweep.igs.mha --station 1=Probe --station 2=Reference
+  sonoweave convert sweep.igs.mha frame%04d.png --frames 10..20
+  sonoweave convert volume.mha volume.nii.gz")]
+pub struct Arguments {
+    /// A tracked sequence, a session or a volume
+    input: PathBuf,
+    /// What is written
+    output: PathBuf,
+    /// Take frames A up to, but not including, B
+    #[arg(long, value_name = "A..B", value_parser = values::frames)]
+    frames: Option<FrameRange>,
+    /// Keep a part of the picture, in pixels of the picture in MF orientation
+    #[arg(long, value_name = "X,Y,W,H", value_parser = crop)]
+    crop: Option<ClipRect>,
+    /// Write pictures in this orientation (MF, UN, FM, …) [default: as they are; of .png MF]
+    #[arg(long, value_name = "CODE")]
+    orientation: Option<String>,
+    /// Leave out every field that may tell of whom, by whom or where it was recorded
+    #[arg(long)]
+    anonymize: bool,
+    /// Compress pixels
+    #[arg(long)]
+    compress: bool,
+    /// What a tracker's station is called in the sequence made of a session [default: Sensor1, Sensor2, …]
+    #[arg(long = "station", value_name = "N=NAME", value_parser = station)]
+    stations: Vec<(u8, String)>,
+}
+
+// A named type is a single value to clap.
+type FrameRange = std::ops::Range<u64>;
+
+fn crop(text: &str) -> Result<ClipRect, String> {
+    let numbers: Result<Vec<u32>, _> = text.split(',').map(|number| number.trim().parse()).collect();
+    match numbers.as_deref() {
+        Ok(&[x, y, width, height]) => Ok(ClipRect { x, y, width, height }),
+        _ => Err("must be X,Y,W,H: four whole numbers of pixels".into()),
+    }
+}
+
+fn station(text: &str) -> Result<(u8, String), String> {
+    let help = "must be N=NAME: the station's number, and a name of letters and digits that begins with a capital";
+    let (number, name) = text.split_once('=').ok_or(help)?;
+    let is_name = name.starts_with(|c: char| c.is_ascii_uppercase()) && name.chars().all(|c| c.is_ascii_alphanumeric());
+    // `To` parts the two frames of a transform's name.
+    if !is_name || name.contains("To") {
+        return Err(help.into());
+    }
+    Ok((number.parse().map_err(|_| help)?, name.to_owned()))
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// [`Failure`]: the output is not there then, but pictures before the one that failed.
+#[allow(clippy::print_stdout, reason = "the command's output")]
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let Arguments { input, output, .. } = arguments;
+    input::check_is_not(output, input)?;
+    let is_session = input::is_session(input)?;
+    let about = if is_session { None } else { Some(About::read(input, &Limits::default())?) };
+    let changes = Changes {
+        frames: arguments.frames.clone(),
+        crop: arguments.crop,
+        orientation: arguments.orientation.clone(),
+        anonymize: arguments.anonymize,
+        compressed: arguments.compress,
+    };
+    let (what, removed) = match about {
+        Some(About { content: Content::Volume, .. }) => ("volume".to_owned(), arguments.volume(&changes)?),
+        _ => arguments.recording(changes, is_session)?,
+    };
+    println!("{}: {what} of {}", output.display(), input.display());
+    if arguments.anonymize {
+        let names = if removed.is_empty() { "no field".to_owned() } else { removed.join(", ") };
+        println!("left out: {names}");
+    }
+    Ok(())
+}
+
+impl Arguments {
+    fn volume(&self, changes: &Changes) -> Result<Vec<String>, Failure> {
+        if self.frames.is_some() || self.crop.is_some() || self.orientation.is_some() || !self.stations.is_empty() {
+            return Err(Failure(format!(
+                "{}: is a volume; --frames, --crop, --orientation and --station are of recordings",
+                self.input.display()
+            )));
+        }
+        input::check_volume(&self.output)?;
+        input::check_output(&self.output)?;
+        self.check_pixels()?;
+        Ok(write::volume(&self.input, &self.output, changes, &|_| {})?)
+    }
+
+    /// What was written, and the fields that were left out.
+    fn recording(&self, mut changes: Changes, is_session: bool) -> Result<(String, Vec<String>), Failure> {
+        let name = self.output.file_name().map_or_else(String::new, |name| name.to_string_lossy().to_ascii_lowercase());
+        let pictures = self.output.is_dir() || (name.ends_with(".png") && write::number_in(&name).is_some());
+        let session = name.ends_with(".mcap");
+        if pictures {
+            changes.orientation.get_or_insert("MF".into());
+        } else if !session {
+            let named = Container::of_sequence(&self.output);
+            named.map_err(|why| {
+                Failure(format!("{}: {why}, or frame%04d.png, a folder, or .mcap", self.output.display()))
+            })?;
+        }
+        if !self.output.is_dir() {
+            input::check_output(&self.output)?;
+        }
+        self.check_pixels()?;
+        if !self.stations.is_empty() && !is_session {
+            return Err(Failure(format!(
+                "{}: is no session; --station names a session's sensors",
+                self.input.display()
+            )));
+        }
+        let gathered = sequence::gather(&mut *self.open(is_session, false)?, &self.input, &changes, &self.stations)?;
+        let count = gathered.header.items.len();
+        let bar = input::progress("converting", count as u64);
+        let told = |done| bar.set_position(done);
+        let mut device = self.open(is_session, true)?;
+        let what = if pictures {
+            write::pictures(&mut *device, &gathered, &self.output, &told)?;
+            format!("{count} pictures")
+        } else if session {
+            write::session(&mut *device, &gathered, &self.output, &told)?;
+            format!("session with {count} frames")
+        } else {
+            write::sequence(&mut *device, &gathered, &self.output, &told)?;
+            format!("sequence of {count} frames")
+        };
+        bar.finish_and_clear();
+        Ok((what, gathered.removed))
+    }
+
+    fn open(&self, is_session: bool, images: bool) -> Result<Box<dyn Device>, Failure> {
+        let path = &self.input;
+        if is_session {
+            let settings = SessionSettings { images, ..SessionSettings::new(path) };
+            return Ok(drivers::open(&OpenSettings::Session(settings))?);
+        }
+        // All frames of a file whose list is the first axis are read before the first of them.
+        let bar = input::progress("turning", 0);
+        let told = move |done, of| {
+            bar.set_length(of);
+            bar.set_position(done);
+            if done == of {
+                bar.finish_and_clear();
+            }
+        };
+        let told = Progress(images.then(|| std::sync::Arc::new(told) as _));
+        let settings = SequenceSettings { images, told, ..SequenceSettings::new(path) };
+        Ok(drivers::open(&OpenSettings::Sequence(settings))?)
+    }
+
+    /// The pixels' file beside the output is not one of the input's.
+    fn check_pixels(&self) -> Result<(), Failure> {
+        let Some(data) = Container::of(&self.output).and_then(|kind| kind.data_path(&self.output, self.compress))
+        else {
+            return Ok(());
+        };
+        let stem = |path: &Path| path.file_stem().map(std::ffi::OsStr::to_owned);
+        if data.exists() && stem(&self.input) == stem(&self.output) {
+            return Err(Failure(format!(
+                "{}: {} is there already and may be the input's pixels; give another name",
+                self.output.display(),
+                data.display()
+            )));
+        }
+        input::check_output(&data)?;
+        input::check_is_not(&data, &self.input)
+    }
+}

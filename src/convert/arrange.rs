@@ -1,0 +1,100 @@
+//! Which stored pixel comes where when a picture is cropped and brought into another orientation.
+
+use calibration::region::ClipRect;
+
+use crate::ingest::{mf_size, stored, to_mf};
+
+/// From pictures as they are stored to pictures as they are wanted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Arrangement {
+    /// Pixels along the first and second axis, as wanted.
+    pub size: [u32; 2],
+    /// Their orientation; empty where it is not known.
+    pub orientation: String,
+    /// For each wanted pixel the stored one; `None` where all stay where they are.
+    places: Option<Vec<u32>>,
+}
+
+impl Arrangement {
+    /// Of pictures of a size and orientation. An orientation that is not given is MF; the crop is of the picture in MF.
+    ///
+    /// # Errors
+    /// A sentence: the orientation is none, or the crop is outside the picture.
+    pub fn new(size: [u32; 2], code: &str, crop: Option<ClipRect>, wanted: Option<&str>) -> Result<Self, String> {
+        if crop.is_none() && wanted.is_none_or(|wanted| wanted == code) {
+            return Ok(Self { size, orientation: code.to_owned(), places: None });
+        }
+        let none =
+            |code: &str| format!("{code:?} is no orientation of a 2D picture (MF, MN, UF, UN, FM, FU, NM or NU)");
+        let given = if code.trim().is_empty() { "MF" } else { code };
+        let wanted = wanted.unwrap_or(given);
+        let [width, height] = mf_size(size, given).ok_or_else(|| none(given))?;
+        let rect = crop.unwrap_or(ClipRect { x: 0, y: 0, width, height });
+        let inside =
+            |from: u32, extent: u32, of: u32| from.checked_add(extent).is_some_and(|to| extent > 0 && to <= of);
+        if !(inside(rect.x, rect.width, width) && inside(rect.y, rect.height, height)) {
+            return Err(format!(
+                "the crop of {}×{} pixels from ({}, {}) is not inside the picture, which has {width}×{height} in MF orientation",
+                rect.width, rect.height, rect.x, rect.y
+            ));
+        }
+        let number =
+            u32::try_from(u64::from(width) * u64::from(height)).map_err(|_| "the picture has more than 2³² pixels")?;
+        let mf = to_mf((0..number).collect(), size, given).ok_or_else(|| none(given))?;
+        let row = |v: u32| {
+            let from = (v * width + rect.x) as usize;
+            mf[from..from + rect.width as usize].iter().copied()
+        };
+        let cropped: Vec<u32> = (rect.y..rect.y + rect.height).flat_map(row).collect();
+        let mf_of_crop = [rect.width, rect.height];
+        // Transposed orientations transpose the size of an MF picture, too.
+        let size = mf_size(mf_of_crop, wanted).ok_or_else(|| none(wanted))?;
+        let places = stored(&cropped, mf_of_crop, wanted);
+        Ok(Self { size, orientation: wanted.to_owned(), places: Some(places) })
+    }
+
+    /// The wanted pixels of stored ones of so many bytes each; `None` where they are the same.
+    pub fn apply(&self, pixels: &[u8], bytes: usize) -> Option<Vec<u8>> {
+        let places = self.places.as_ref()?;
+        Some(places.iter().flat_map(|at| &pixels[*at as usize * bytes..][..bytes]).copied().collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PART: ClipRect = ClipRect { x: 1, y: 0, width: 2, height: 2 };
+
+    #[test]
+    fn a_crop_is_of_the_mf_picture_whatever_is_stored_and_wanted() {
+        // What MF stores as rows 1 2 3 / 4 5 6.
+        for (code, size, pixels) in [
+            ("MFA", [3, 2], [1_u8, 2, 3, 4, 5, 6]),
+            ("UN", [3, 2], [6, 5, 4, 3, 2, 1]),
+            ("FM", [2, 3], [1, 4, 2, 5, 3, 6]),
+        ] {
+            for (wanted, expected) in [("MF", [2_u8, 3, 5, 6]), ("UF", [3, 2, 6, 5]), ("NM", [5, 2, 6, 3])] {
+                let arrangement = Arrangement::new(size, code, Some(PART), Some(wanted)).unwrap();
+                assert_eq!((arrangement.size, arrangement.orientation.as_str()), ([2, 2], wanted));
+                assert_eq!(arrangement.apply(&pixels, 1).unwrap(), expected, "{code} to {wanted}");
+            }
+            let turned = Arrangement::new(size, code, None, Some("FM")).unwrap();
+            let pixels = turned.apply(&pixels, 1).unwrap_or(pixels.to_vec());
+            assert_eq!((turned.size, pixels), ([2, 3], vec![1, 4, 2, 5, 3, 6]));
+        }
+        let wide = Arrangement::new([3, 2], "", Some(PART), None).unwrap();
+        assert_eq!(wide.orientation, "MF", "what was assumed is said");
+        let pixels: Vec<u8> = (0..12).collect();
+        assert_eq!(wide.apply(&pixels, 2).unwrap(), [2, 3, 4, 5, 8, 9, 10, 11]);
+    }
+
+    #[test]
+    fn what_is_no_part_or_orientation_is_refused() {
+        let outside = ClipRect { x: 2, ..PART };
+        assert!(Arrangement::new([3, 2], "MF", Some(outside), None).unwrap_err().contains("has 3×2 in MF orientation"));
+        assert!(Arrangement::new([3, 2], "XX", Some(PART), None).unwrap_err().contains("\"XX\" is no orientation"));
+        assert!(Arrangement::new([3, 2], "MF", None, Some("MU")).unwrap_err().contains("\"MU\" is no orientation"));
+        assert_eq!(Arrangement::new([3, 2], "XX", None, None).unwrap().orientation, "XX", "left as it is");
+    }
+}

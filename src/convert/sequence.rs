@@ -1,0 +1,222 @@
+//! What a device delivers, as the header of a sequence.
+//!
+//! Of a sequence file nothing is lost. Of a session each frame is an item, with its host time in seconds (exact to the nanosecond for the first hundred days of a
+//! machine's uptime) and, as a field, in nanoseconds; a sequence holds one pose a frame and sensor, so of poses that came between frames the nearest in time is taken,
+//! as it was sent: nothing is interpolated, and one that is farther than [`FARTHEST_NS`] has the status MISSING.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use drivers::reading::{Frame, NamedTransform, PixelType, Pose, Stamp, Status};
+use drivers::recording::image::write::{SequenceHeader, SequenceItem};
+use drivers::{Device, Next, Reading};
+use glam::DMat4;
+
+use super::arrange::Arrangement;
+use super::{Changes, ConvertError, identity};
+use crate::ingest::live::rigid;
+
+/// Frame field with the host's time, ns.
+pub const HOST_FIELD: &str = "SonoweaveHostNs";
+/// Field with the part of the picture that was kept: first column and row in MF, and how many.
+pub const CROP_FIELD: &str = "SonoweaveCrop";
+/// A pose farther from its frame is of another time.
+pub const FARTHEST_NS: i64 = 100_000_000;
+
+/// A recording that was looked through.
+#[derive(Debug)]
+pub struct Gathered {
+    /// What is to be written.
+    pub header: SequenceHeader,
+    /// How each picture is to be arranged; `None` without pictures.
+    pub arrangement: Option<Arrangement>,
+    /// The first frame that is taken; as many follow as the header has items.
+    pub first: u64,
+    /// Fields that were left out, by name.
+    pub removed: Vec<String>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Shape {
+    size: [u32; 2],
+    pixel: PixelType,
+    channels: u32,
+}
+
+/// By station, in the order of their time: host ns, matrix in mm, status.
+type Poses = BTreeMap<u8, Vec<(i64, [f64; 16], Status)>>;
+
+/// What a walk over a device's readings finds.
+#[derive(Default)]
+struct Walk {
+    items: Vec<SequenceItem>,
+    shape: Option<Shape>,
+    orientation: String,
+    image_type: String,
+    waiting: Vec<NamedTransform>,
+    poses: Poses,
+}
+
+/// Looks through a device that was opened without images; `path` is for sentences, `names` are those of a tracker's stations.
+///
+/// # Errors
+/// [`ConvertError`] when it cannot be read, has no frames, frames of several kinds, or what is wanted of it does not go.
+pub fn gather(
+    device: &mut dyn Device,
+    path: &Path,
+    changes: &Changes,
+    names: &[(u8, String)],
+) -> Result<Gathered, ConvertError> {
+    let unfit = |why: String| ConvertError::Unfit { path: path.to_owned(), why };
+    let mut walk = Walk::default();
+    device.start()?;
+    loop {
+        match device.next(drivers::NO_DEADLINE)? {
+            Next::Reading(Reading::Frame(frame)) => walk.frame(frame).map_err(unfit)?,
+            Next::Reading(Reading::NamedTransform(transform)) => walk.waiting.push(transform),
+            Next::Reading(Reading::Pose(pose)) => walk.pose(&pose),
+            Next::Reading(_) | Next::Pending => {}
+            Next::End => break,
+        }
+    }
+    device.stop()?;
+    let Walk { mut items, shape, orientation, image_type, poses, .. } = walk;
+    let Some(Shape { size, pixel, channels }) = shape else {
+        return Err(unfit("holds no frames, so there is nothing to be written as a sequence".into()));
+    };
+    attach(&mut items, &poses, names);
+    let range = changes.frames.clone().unwrap_or(0..u64::MAX);
+    let count = items.len() as u64;
+    if range.start >= count {
+        return Err(unfit(format!("has {count} frames, none of which is in --frames {}..", range.start)));
+    }
+    let (first, last) = (range.start, range.end.min(count));
+    items.truncate(last as usize);
+    items.drain(..first as usize);
+    let mut fields = device.describe().fields.clone();
+    let mut removed = Vec::new();
+    if changes.anonymize {
+        identity::leave_out(&mut fields, &mut removed);
+        items.iter_mut().for_each(|item| identity::leave_out(&mut item.fields, &mut removed));
+    }
+    let images = size != [0, 0];
+    let arrangement = if images {
+        Some(Arrangement::new(size, &orientation, changes.crop, changes.orientation.as_deref()).map_err(unfit)?)
+    } else if changes.crop.is_some() || changes.orientation.is_some() {
+        return Err(unfit("holds no pictures; --crop and --orientation are of pictures".into()));
+    } else {
+        None
+    };
+    if let Some(crop) = changes.crop {
+        if fields.iter().any(|(name, _)| name == CROP_FIELD) {
+            return Err(unfit(format!("was cropped before (field {CROP_FIELD}); crop the whole recording instead")));
+        }
+        fields.push((CROP_FIELD.into(), format!("{} {} {} {}", crop.x, crop.y, crop.width, crop.height)));
+        items.iter_mut().for_each(|item| shift(item, [crop.x, crop.y].map(f64::from)));
+    }
+    let header = SequenceHeader {
+        size: arrangement.as_ref().map_or([0, 0], |a| a.size),
+        pixel,
+        channels,
+        orientation: arrangement.as_ref().map_or(orientation, |a| a.orientation.clone()),
+        image_type,
+        compressed: changes.compressed,
+        fields,
+        items,
+    };
+    Ok(Gathered { header, arrangement, first, removed })
+}
+
+impl Walk {
+    fn frame(&mut self, frame: Frame) -> Result<(), String> {
+        let shape = Shape { size: frame.size, pixel: frame.pixel, channels: frame.channels };
+        let known = *self.shape.get_or_insert(shape);
+        let n = self.items.len();
+        if n == 0 {
+            (self.orientation, self.image_type) = (frame.orientation.to_string(), frame.image_type.clone());
+        }
+        if known != shape || *frame.orientation != *self.orientation || frame.image_type != self.image_type {
+            return Err(format!(
+                "frame {n} is of another size, type or orientation than those before it; choose frames of one kind with --frames"
+            ));
+        }
+        let mut fields = frame.fields;
+        let mut stamp = frame.stamp;
+        if let Some(host_ns) = stamp.host_ns {
+            stamp.source_s = stamp.source_s.or(Some(host_ns as f64 / 1e9));
+            fields.push((HOST_FIELD.into(), host_ns.to_string()));
+        }
+        let mut transforms: Vec<NamedTransform> = Vec::new();
+        for transform in self.waiting.drain(..) {
+            // Of several since the last frame the newest is the frame's.
+            match transforms.iter_mut().find(|known| known.name() == transform.name()) {
+                Some(known) => *known = transform,
+                None => transforms.push(transform),
+            }
+        }
+        self.items.push(SequenceItem {
+            stamp,
+            frame_number: frame.frame_number,
+            status: frame.status,
+            transforms,
+            fields,
+        });
+        Ok(())
+    }
+
+    fn pose(&mut self, pose: &Pose) {
+        let Some(at) = pose.stamp.host_ns else { return };
+        let (matrix, status) = match rigid(pose) {
+            Ok(rigid) => {
+                let matrix = DMat4::from_rotation_translation(rigid.rotation, rigid.position_mm);
+                (matrix.transpose().to_cols_array(), pose.status.clone())
+            }
+            Err(_) => (DMat4::IDENTITY.to_cols_array(), Status::Other("INVALID".into())),
+        };
+        self.poses.entry(pose.station).or_default().push((at, matrix, status));
+    }
+}
+
+/// Gives each frame the nearest pose of each station.
+fn attach(items: &mut [SequenceItem], poses: &Poses, names: &[(u8, String)]) {
+    for (station, poses) in poses {
+        let from = names.iter().find(|(known, _)| known == station);
+        let from = from.map_or_else(|| format!("Sensor{station}"), |(_, name)| name.clone());
+        for item in &mut *items {
+            let Some(at) = item.stamp.host_ns else { continue };
+            let next = poses.partition_point(|(time, ..)| *time < at);
+            let near = [next.checked_sub(1), Some(next)].into_iter().flatten().filter_map(|n| poses.get(n));
+            let Some((time, matrix, status)) = near.min_by_key(|(time, ..)| (time - at).abs()) else { continue };
+            let is_near = (time - at).abs() <= FARTHEST_NS;
+            item.transforms.push(NamedTransform {
+                stamp: Stamp::default(),
+                from: from.clone(),
+                to: "Tracker".into(),
+                matrix: *matrix,
+                status: if is_near { status.clone() } else { Status::Other("MISSING".into()) },
+            });
+        }
+    }
+}
+
+/// Pixel (0, 0) is another one: transforms from the image are of the new one; without any, the frames say where the new one lies in the old, as PLUS does.
+fn shift(item: &mut SequenceItem, [x, y]: [f64; 2]) {
+    let mut of_image = item.transforms.iter_mut().filter(|transform| transform.from == "Image").peekable();
+    if of_image.peek().is_none() {
+        let matrix = [1.0, 0.0, 0.0, -x, 0.0, 1.0, 0.0, -y, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+        item.transforms.push(NamedTransform {
+            stamp: Stamp::default(),
+            from: "Image".into(),
+            to: "CroppedImage".into(),
+            matrix,
+            status: Status::Ok,
+        });
+        return;
+    }
+    for transform in of_image {
+        let m = &mut transform.matrix;
+        for row in 0..4 {
+            m[4 * row + 3] += m[4 * row] * x + m[4 * row + 1] * y;
+        }
+    }
+}

@@ -1,0 +1,192 @@
+//! To sequences, sessions, pictures and volumes.
+
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use drivers::reading::{Frame, Reading, Stamp};
+use drivers::recording::Limits;
+use drivers::recording::image::write::{SequenceWriter, VolumeWriter};
+use drivers::recording::image::{VolumeHeader, VolumeReader};
+use drivers::recording::session::{About, SessionWriter, WriterOptions};
+use drivers::{Description, Device, Next};
+
+use super::identity;
+use super::sequence::{Gathered, HOST_FIELD};
+use super::{Changes, ConvertError};
+use crate::export::picture::write_stored;
+
+/// Told how many frames or slices are done.
+pub type Told<'a> = &'a dyn Fn(u64);
+
+/// Writes a sequence; `device` delivers the pictures of what was gathered.
+///
+/// # Errors
+/// [`ConvertError`]: nothing is left at the place then.
+pub fn sequence(device: &mut dyn Device, gathered: &Gathered, to: &Path, told: Told<'_>) -> Result<(), ConvertError> {
+    let mut writer = SequenceWriter::create(to, &gathered.header)?;
+    if gathered.arrangement.is_some() {
+        each(device, gathered, |n, frame| {
+            writer.write_frame(&frame.pixels)?;
+            told(n + 1);
+            Ok(())
+        })?;
+    }
+    Ok(writer.finish()?)
+}
+
+/// Writes a session with one device, whose readings are the sequence's.
+///
+/// # Errors
+/// [`ConvertError`]: nothing is left at the place then.
+pub fn session(device: &mut dyn Device, gathered: &Gathered, to: &Path, told: Told<'_>) -> Result<(), ConvertError> {
+    let io = |source| ConvertError::Io { path: to.to_owned(), source };
+    let folder = to.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let file = tempfile::Builder::new().prefix(".sonoweave-").suffix(".part").tempfile_in(folder).map_err(io)?;
+    let program = concat!("sonoweave ", env!("CARGO_PKG_VERSION"));
+    let header = &gathered.header;
+    let host = |stamp: &Stamp| stamp.host_ns.or_else(|| stamp.source_s.map(|s| (s * 1e9).round() as i64));
+    let begins = header.items.iter().find_map(|item| host(&item.stamp)).unwrap_or(0);
+    let about = About { monotonic_ns: begins, realtime_ns: About::now(program).realtime_ns, program: program.into() };
+    let store = Box::new(file.reopen().map_err(io)?);
+    let mut writer = SessionWriter::on(store, to, about, WriterOptions::new(program))?;
+    let description = Description {
+        name: "sequence".into(),
+        items: Some(header.items.len() as u64),
+        image_size: gathered.arrangement.as_ref().map(|a| a.size),
+        pixel: gathered.arrangement.as_ref().map(|_| (header.pixel, header.channels)),
+        fields: header.fields.clone(),
+        ..Description::default()
+    };
+    let source = writer.device("sequence", None, &description, None)?;
+    let mut last = begins;
+    each(device, gathered, |n, frame| {
+        let item = &header.items[n as usize];
+        // A session's messages never go back in time.
+        last = host(&item.stamp).map_or(last, |at| at.max(last));
+        let stamp = Stamp { item: n, ..frame.stamp };
+        for transform in &item.transforms {
+            let mut transform = transform.clone();
+            transform.stamp = stamp;
+            writer.write(source, &Reading::NamedTransform(transform), last)?;
+        }
+        writer.write(source, &Reading::Frame(Frame { stamp, ..frame }), last)?;
+        told(n + 1);
+        Ok(())
+    })?;
+    let account = writer.finish(last)?;
+    if account.lost > 0 {
+        let source = std::io::Error::other("the disk took not all of it; make room and convert again");
+        return Err(io(source));
+    }
+    file.persist(to).map_err(|error| io(error.error))?;
+    Ok(())
+}
+
+/// Writes each frame as PNG into a folder, or by a name with a number in it (`%04d`); the names.
+///
+/// # Errors
+/// [`ConvertError`]: frames before the one that failed are there.
+pub fn pictures(device: &mut dyn Device, gathered: &Gathered, to: &Path, told: Told<'_>) -> Result<(), ConvertError> {
+    let header = &gathered.header;
+    if gathered.arrangement.is_none() {
+        return Err(ConvertError::Unfit {
+            path: to.to_owned(),
+            why: "the recording holds no pictures to be written".into(),
+        });
+    }
+    each(device, gathered, |n, frame| {
+        write_stored(&frame.pixels, header.size, header.pixel, header.channels, &numbered(to, gathered.first + n))?;
+        told(n + 1);
+        Ok(())
+    })
+}
+
+/// The name of a frame's picture.
+fn numbered(to: &Path, number: u64) -> PathBuf {
+    let name = to.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+    let Some((before, digits, after)) = number_in(&name) else { return to.join(format!("frame-{number:04}.png")) };
+    to.with_file_name(format!("{before}{number:0digits$}{after}"))
+}
+
+/// What is before a number's place in a name, how many digits it has at least, and what is behind.
+pub fn number_in(name: &str) -> Option<(&str, usize, &str)> {
+    let (before, rest) = name.split_once("%0")?;
+    let (digits, after) = rest.split_once('d')?;
+    Some((before, digits.parse().ok().filter(|digits| (1..=18).contains(digits))?, after))
+}
+
+/// Delivers the frames that were chosen, as they are to be written, numbered from 0.
+fn each(
+    device: &mut dyn Device,
+    gathered: &Gathered,
+    mut with: impl FnMut(u64, Frame) -> Result<(), ConvertError>,
+) -> Result<(), ConvertError> {
+    let header = &gathered.header;
+    let bytes = header.pixel.bytes() * header.channels as usize;
+    let (mut number, count) = (0, header.items.len() as u64);
+    device.start()?;
+    while number < gathered.first + count {
+        match device.next(drivers::NO_DEADLINE)? {
+            Next::Reading(Reading::Frame(mut frame)) => {
+                if number >= gathered.first {
+                    let n = number - gathered.first;
+                    if let Some(arrangement) = &gathered.arrangement {
+                        if let Some(pixels) = arrangement.apply(&frame.pixels, bytes) {
+                            frame.pixels = pixels.into();
+                        }
+                        (frame.size, frame.orientation) = (arrangement.size, arrangement.orientation.clone().into());
+                    }
+                    let item = &header.items[n as usize];
+                    frame.fields = item.fields.iter().filter(|(name, _)| name != HOST_FIELD).cloned().collect();
+                    // What a session once told comes back into one.
+                    let noted = item.fields.iter().find(|(name, _)| name == HOST_FIELD);
+                    frame.stamp.host_ns = frame.stamp.host_ns.or_else(|| noted.and_then(|(_, ns)| ns.parse().ok()));
+                    with(n, frame)?;
+                }
+                number += 1;
+            }
+            Next::Reading(_) | Next::Pending => {}
+            Next::End => break,
+        }
+    }
+    Ok(device.stop()?)
+}
+
+/// Copies a volume; the fields that were left out.
+///
+/// # Errors
+/// [`ConvertError`]: nothing is left at the place then.
+pub fn volume(from: &Path, to: &Path, changes: &Changes, told: Told<'_>) -> Result<Vec<String>, ConvertError> {
+    let mut reader = VolumeReader::open(from, &Limits::default())?;
+    let mut header = VolumeHeader { compressed: changes.compressed, ..reader.header().clone() };
+    if !header.placed {
+        let why = "has no place in space (neither sform nor qform), which other formats cannot say: give it one";
+        return Err(ConvertError::Unfit { path: from.to_owned(), why: why.into() });
+    }
+    let mut removed = Vec::new();
+    if changes.anonymize {
+        identity::leave_out(&mut header.fields, &mut removed);
+    }
+    let mut writer = VolumeWriter::create(to, &header)?;
+    let mut done = 0;
+    while let Some(slice) = reader.next_slice()? {
+        writer.write_all(slice).map_err(|source| ConvertError::Io { path: to.to_owned(), source })?;
+        done += 1;
+        told(done);
+    }
+    writer.finish()?;
+    Ok(removed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_are_numbered_in_a_folder_or_by_the_name() {
+        assert_eq!(numbered("out".as_ref(), 7), PathBuf::from("out/frame-0007.png"));
+        assert_eq!(numbered("out/a%03d.png".as_ref(), 7), PathBuf::from("out/a007.png"));
+        assert_eq!(number_in("a%d.png"), None, "a number of unsteady length does not sort");
+        assert_eq!(number_in("a%099d.png"), None);
+    }
+}

@@ -1,0 +1,181 @@
+//! Image files of every kind, in and out of the commands: the same sweep, volume and picture whatever file they lie in.
+
+use drivers::recording::{Replay, SequenceSettings};
+use drivers::{Device as _, Next, Reading};
+
+use super::place::Place;
+use super::sequence::Sequence;
+
+const SEQUENCES: [&str; 5] = ["s.igs.mha", "s.mhd", "s.igs.nrrd", "s.seq.nrrd", "s.nhdr"];
+const VOLUMES: [&str; 6] = ["v.mha", "v.mhd", "v.nrrd", "v.nhdr", "v.nii", "v.nii.gz"];
+const SWEEP: &str = "--frames 6 --image-size 40x30 --pixel 0.5 --gap 0.6";
+
+/// Whatever the program notes of planes, kernels and what was not seen.
+fn weaves(place: &Place, words: &str) {
+    let run = place.run(words);
+    assert_eq!(run.code, 0, "{words}: {}", run.stderr);
+}
+
+#[test]
+fn a_sweep_weaves_to_the_same_volume_from_every_container() {
+    let place = Place::new();
+    let mut first = None;
+    for (name, packed) in SEQUENCES.iter().flat_map(|name| [(name, ""), (name, "--compress")]) {
+        place.does(&format!("phantom -o {name} {SWEEP} {packed}"));
+        weaves(&place, &format!("reconstruct {name} -o v.mha --spacing 0.5"));
+        let volume = place.volume("v.mha");
+        let (header, values) = first.get_or_insert_with(|| (volume.header.clone(), volume.values.clone()));
+        assert!(*values == volume.values, "{name} {packed}");
+        assert_eq!(
+            (header.size, header.origin, header.axes),
+            (volume.header.size, volume.header.origin, volume.header.axes)
+        );
+        let said = place.does(&format!("inspect {name}"));
+        assert!(said.contains("tracked sequence") && said.contains("SonoweavePhantom = "), "{said}");
+    }
+}
+
+#[test]
+fn a_volume_lies_at_the_same_place_with_the_same_provenance_and_picture_in_every_file() {
+    let place = Place::new();
+    place.does(&format!("phantom -o s.mha {SWEEP} --trajectory freehand"));
+    let mut pictures = Vec::new();
+    weaves(&place, "reconstruct s.mha -o first.mha --spacing 0.5 --type f32");
+    let first = place.volume("first.mha");
+    for name in VOLUMES {
+        weaves(&place, &format!("reconstruct s.mha -o {name} --spacing 0.5 --type f32"));
+        let volume = place.volume(name);
+        assert!(volume.values == first.values, "{name}");
+        for (got, put) in [(volume.header.spacing, first.header.spacing), (volume.header.origin, first.header.origin)] {
+            // NIfTI has single precision.
+            assert!((0..3).all(|a| (got[a] - put[a]).abs() < 1e-5), "{name}: {got:?} is not {put:?}");
+        }
+        for field in ["SonoweaveFrame", "SonoweaveInput", "SonoweaveUnseen", "SonoweaveSlicesBox"] {
+            assert_eq!(volume.field(field), first.field(field), "{name}");
+        }
+        weaves(&place, &format!("render {name} -o p.png --image-size 40x30"));
+        pictures.push(place.get("p.png"));
+        let said = place.does(&format!("inspect {name} --against first.mha"));
+        assert!(said.contains("volume") && said.contains("RMSE"), "{said}");
+    }
+    assert!(pictures.iter().all(|picture| *picture == pictures[0]), "one picture of all files");
+}
+
+#[test]
+fn a_colour_sweep_is_woven_by_its_luma_and_says_so() {
+    let place = Place::new();
+    place.put("grey.mha", Sequence::default().bytes());
+    let lines = "UltrasoundImageOrientation = MFA\nUltrasoundImageType = RGB_COLOR\n";
+    place.put("colour.mha", Sequence { channels: 3, lines: lines.into(), ..Sequence::default() }.bytes());
+    weaves(&place, "reconstruct grey.mha -o grey-v.mha --spacing 0.5");
+    let run = place.run("reconstruct colour.mha -o colour-v.mha --spacing 0.5 --stats s.json");
+    assert!(run.code == 0 && run.stderr.contains("the luma is the grey value (ITU-R BT.601)"), "{}", run.stderr);
+    assert!(place.volume("grey-v.mha").values == place.volume("colour-v.mha").values, "grey stays what it was");
+    assert!(place.json("s.json")["notes"].to_string().contains("BT.601"));
+    let said = place.does("inspect colour.mha");
+    assert!(said.contains("3 channels") && said.contains("the luma is the grey value"), "{said}");
+}
+
+#[test]
+fn a_nifti_without_a_place_is_inspected_and_nothing_more() {
+    let place = Place::new();
+    place.does(&format!("phantom -o s.mha {SWEEP} --truth t.nii --spacing 1"));
+    place.does("inspect t.nii --against t.nii");
+    let mut bytes = place.get("t.nii");
+    bytes[252..256].fill(0);
+    place.put("t.nii", bytes);
+    let said = place.does("inspect t.nii");
+    assert!(said.contains("not given: neither sform nor qform"), "{said}");
+    place.refuses("render t.nii -o p.png", &["t.nii: has no place in space", "sform"]);
+    place.refuses("inspect t.nii --against t.nii", &["does not say where it lies"]);
+    place.refuses("reconstruct t.nii -o v.mha", &["t.nii: field sizeof_hdr", "not a sequence of frames"]);
+}
+
+/// Two sequences with the same frames: all readings, and the fields of the whole.
+fn same(place: &Place, names: [&str; 2]) {
+    let [first, second] = names.map(|name| {
+        let mut device = Replay::open(&SequenceSettings::new(place.path(name))).unwrap();
+        device.start().unwrap();
+        let mut readings = Vec::new();
+        while let Next::Reading(reading) = device.next(drivers::NO_DEADLINE).unwrap() {
+            readings.push(match reading {
+                Reading::Frame(frame) => format!("{frame:?}"),
+                other => format!("{other:?}"),
+            });
+        }
+        (readings, device.describe().fields.clone())
+    });
+    assert!(first == second, "{names:?} differ");
+    assert!(!first.0.is_empty());
+}
+
+#[test]
+fn a_sequence_goes_through_every_container_a_session_and_back() {
+    let place = Place::new();
+    place.does(&format!("phantom -o s.igs.mha {SWEEP} --calibration c.toml"));
+    let mut last = "s.igs.mha".to_owned();
+    for (n, name) in ["a.igs.nrrd", "b.seq.nrrd", "c.mhd", "d.nhdr", "e.mcap", "f.igs.mha"].iter().enumerate() {
+        let packed = if n % 2 == 0 { "" } else { "--compress" };
+        let said = place.does(&format!("convert {last} {name} {packed}"));
+        assert!(said.starts_with(name) && said.contains("6 frames"), "{said}");
+        last = (*name).to_owned();
+    }
+    // A session gives each frame the time at which it came; all else is as it was.
+    same(&place, ["s.igs.mha", "d.nhdr"]);
+    same(&place, ["s.igs.mha", "f.igs.mha"]);
+}
+
+#[test]
+fn parts_of_a_recording_lie_where_the_whole_does() {
+    let place = Place::new();
+    place.does(&format!("phantom -o s.mha {SWEEP}"));
+    place.does("convert s.mha part.nrrd --frames 1..5 --crop 10,5,20,15 --orientation FU");
+    weaves(&place, "reconstruct s.mha -o whole.mha --spacing 0.5 --frames 1..5 --clip 10,5,20,15 --path general");
+    weaves(&place, "reconstruct part.nrrd -o part.mha --spacing 0.5 --path general --clip none");
+    let (whole, part) = (place.volume("whole.mha"), place.volume("part.mha"));
+    assert_eq!((whole.header.size, whole.header.origin), (part.header.size, part.header.origin));
+    let worst = whole.values.iter().zip(&part.values).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(worst <= 1.0, "a voxel differs by {worst} grey levels");
+    assert!(place.does("inspect part.nrrd").contains("SonoweaveCrop = 10 5 20 15"));
+    place.refuses("convert s.mha x.mha --crop 30,0,20,5", &["s.mha: the crop of 20×5 pixels", "40×30"]);
+    place.refuses("convert s.mha x.mha --frames 6..", &["s.mha: has 6 frames, none of which"]);
+    place.refuses("convert s.mha x.mha --orientation XX", &["\"XX\" is no orientation"]);
+    place.refuses("convert part.nrrd x.mha --crop 0,0,5,5", &["was cropped before"]);
+    place.refuses("convert s.mha s.mha", &["is the input"]);
+    place.refuses("convert s.mha x.nii", &["x.nii: sequences are written as .mha"]);
+    place.refuses("convert s.mha x.mha --station 1=Probe", &["is no session"]);
+}
+
+#[test]
+fn pictures_of_frames_are_the_frames() {
+    let place = Place::new();
+    place.does(&format!("phantom -o s.mha {SWEEP}"));
+    place.does("convert s.mha f%03d.png --frames 2..4");
+    let names: Vec<_> = place.names().into_iter().collect();
+    assert_eq!(names, ["f002.png", "f003.png", "s.mha"]);
+    let bytes = place.get("s.mha");
+    let pixels = &bytes[bytes.len() - 6 * 1200..];
+    let picture = image::load_from_memory(&place.get("f003.png")).unwrap();
+    assert_eq!(picture.to_luma8().into_raw(), pixels[3 * 1200..4 * 1200]);
+    std::fs::create_dir(place.path("out")).unwrap();
+    place.does("convert s.mha out --crop 1,2,3,4");
+    let picture = image::open(place.path("out/frame-0005.png")).unwrap().to_luma8();
+    assert_eq!((picture.dimensions(), picture.get_pixel(0, 0).0[0]), ((3, 4), pixels[5 * 1200 + 2 * 40 + 1]));
+}
+
+#[test]
+fn what_may_identify_somebody_is_left_out_and_named() {
+    let place = Place::new();
+    let lines = "UltrasoundImageOrientation = MFA\nPatientName = B. Doe\n";
+    place.put("s.mha", Sequence { lines: lines.into(), ..Sequence::default() }.bytes());
+    let said = place.does("convert s.mha a.seq.nrrd --anonymize");
+    assert!(said.contains("left out: PatientName\n"), "{said}");
+    assert!(!String::from_utf8_lossy(&place.get("a.seq.nrrd")).contains("Doe"));
+    weaves(&place, "reconstruct s.mha -o v.mha --spacing 0.5");
+    place.does("convert v.mha a.nii.gz --anonymize");
+    let (before, after) = (place.volume("v.mha"), place.volume("a.nii.gz"));
+    assert_eq!(before.field("SonoweaveUnseen"), after.field("SonoweaveUnseen"));
+    assert!(!after.header.fields.iter().any(|(name, value)| name == "SonoweaveInput" || value.contains("s.mha")));
+    assert!(before.values == after.values);
+    place.refuses("convert v.mha x.mha --frames 1..2", &["v.mha: is a volume; --frames"]);
+}
