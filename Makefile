@@ -1,5 +1,5 @@
 # Each target first installs what the machine lacks (scripts/setup.sh says what and asks sudo when not root).
-.PHONY: all demo test hardware-test bench fuzz peers stress reach paper pareto check setup deb deb-test fresh-machine
+.PHONY: all demo test hardware-test interop bench fuzz peers stress reach paper pareto check setup deb deb-test fresh-machine
 
 all: test
 
@@ -38,6 +38,13 @@ hardware-test: setup
 # What the bench of the renderer then also times: VTK, in an environment of its own in out/peers (600 MB, from the package index that pip is set up for).
 peers:
 	scripts/peers/environment.sh
+
+# Image files both ways with SimpleITK, VTK, pynrrd and nibabel: the same voxels at the same place. They go into an environment of their own in out/interop (800 MB, from
+# the package index that pip is set up for).
+interop: setup
+	scripts/interop/environment.sh
+	cargo build --locked --bin sonoweave
+	scripts/interop/run.sh
 
 # Numerical stability: 10⁶ slices and days of stamps (STRESS=quick: seconds), a session that goes on and on, and errors put into the source, which tests must notice.
 STRESS ?= full

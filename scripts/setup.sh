@@ -1,5 +1,5 @@
 #!/bin/sh
-# Installs what building and testing need and the machine lacks, and with the word `package` what making a Debian package needs, too. Rust is expected
+# Installs what building and testing need and the machine lacks, with the word `package` what making a Debian package needs, too, and with `interop` what Python environments need. Rust is expected
 # (https://rustup.rs); the rest are Debian packages.
 set -eu
 
@@ -14,6 +14,8 @@ need() { [ -e "$2" ] || missing="$missing $1"; }
 command -v cc >/dev/null 2>&1 || missing="$missing gcc"
 need libc6-dev /usr/include/stdlib.h
 [ "${1:-}" != package ] || need dpkg-dev /usr/bin/dpkg-shlibdeps
+# Debian's Python comes without the module that makes environments.
+[ "${1:-}" != interop ] || python3 -c 'import ensurepip, venv' 2>/dev/null || missing="$missing python3-venv"
 
 [ -n "$missing" ] || exit 0
 command -v apt-get >/dev/null 2>&1 || {
