@@ -14,6 +14,7 @@ pub use picture::{PictureNumbers, PictureStatistics};
 pub use process::ProcessNumbers;
 
 use crate::config::Settings as Config;
+use crate::export::fill::{FillWork, Filled};
 use crate::export::volume::DenseBox;
 use crate::export::whole::write_whole;
 use crate::ledger::Ledger;
@@ -104,6 +105,33 @@ impl DecayNumbers {
     }
 }
 
+/// Holes that were filled in what was written.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FillNumbers {
+    /// What with.
+    pub law: &'static str,
+    /// From how far away, mm.
+    pub radius_mm: f64,
+    /// Bricks of 8³ voxels of the box that seen voxels may reach.
+    pub bricks_considered: u64,
+    /// Those that were worked on.
+    pub bricks_touched: u64,
+    /// Their voxels that were not seen.
+    pub holes: u64,
+    /// Those that were filled.
+    pub filled: u64,
+}
+
+impl FillNumbers {
+    /// Of a filled volume.
+    pub fn of(filled: &Filled<'_>) -> Self {
+        let (FillWork { bricks_considered, bricks_touched, holes, filled: count }, how) =
+            (filled.work(), filled.filling());
+        let (law, radius_mm) = (how.law.name(), how.radius_mm);
+        Self { law, radius_mm, bricks_considered, bricks_touched, holes, filled: count }
+    }
+}
+
 /// The numbers of a reconstruction.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Statistics {
@@ -134,6 +162,8 @@ pub struct Statistics {
     pub world: String,
     /// Transforms from the image to that frame.
     pub route: String,
+    /// Holes that were filled in the files, if that was asked for.
+    pub fill: Option<FillNumbers>,
     /// Scalar type of the file, if one was written.
     pub scalar: Option<&'static str>,
     /// The kernel's kind.
@@ -207,6 +237,7 @@ impl Statistics {
             },
             world: outcome.world.clone(),
             route: outcome.route.clone(),
+            fill: None,
             scalar,
             method: settings.method.name(),
             compounding: settings.compounding.name(),

@@ -8,6 +8,7 @@
 //! - [`blobs`]: the comparison scan with known truth: speed and accuracy, with the same baselines.
 //! - [`cube`]: large slices in all orientations, full and fan, instruction sets, threads.
 //! - [`planar`]: a 3-DOF arm's scan by the general path and by the planar one.
+//! - [`filling`]: the recording's holes, filled.
 //! - [`memory`]: bytes a voxel.
 //! - [`baselines`], [`check`], [`loading`], [`timing`], [`report`]: what they share; all but the last also with `make pareto`.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a bench speaks to its user")]
@@ -16,6 +17,7 @@ mod baselines;
 mod blobs;
 mod check;
 mod cube;
+mod filling;
 mod loading;
 mod memory;
 mod planar;
@@ -48,7 +50,7 @@ const WHOLE: Effort = Effort { rounds: 10, blob_frames: 120, cube_slices: 40, me
 const QUICK: Effort = Effort { rounds: 2, blob_frames: 24, cube_slices: 12, memory_slices: 24 };
 
 /// What `--only` knows, in order.
-const SECTIONS: [&str; 5] = ["recording", "blobs", "cube", "planar", "memory"];
+const SECTIONS: [&str; 6] = ["recording", "blobs", "cube", "planar", "filling", "memory"];
 
 fn main() -> ExitCode {
     let mut effort = WHOLE;
@@ -107,7 +109,7 @@ fn run(effort: Effort, only: Option<&str>, folder: &Path) -> Result<bool, Box<dy
     // First, while the process is small.
     let wanted = |section: &str| only.is_none_or(|only| only == section);
     let memory = if wanted("memory") { Some(memory::measure(effort)?) } else { None };
-    let sections = [recording::bench, blobs::bench, cube::bench, planar::bench];
+    let sections = [recording::bench, blobs::bench, cube::bench, planar::bench, filling::bench];
     for (name, bench) in SECTIONS.into_iter().zip(sections) {
         if wanted(name) {
             bench(effort, &mut report)?;

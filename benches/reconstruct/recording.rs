@@ -14,9 +14,9 @@ use crate::loading::{folder, load};
 use crate::report::{Cell, Goal, Report, Table};
 use crate::timing::{Contestant, Times, arithmetic, each, interleaved, ours, reconstructed};
 
-const SEQUENCE: &str = "freehand/SpinePhantomFreehand.igs.mha";
-const CONFIG: &str = "freehand/PlusDeviceSet_VolumeReconstructionOnly_SpinePhantom_NN_MEAN.xml";
-const SPACING_MM: f64 = 0.5;
+pub(crate) const SEQUENCE: &str = "freehand/SpinePhantomFreehand.igs.mha";
+pub(crate) const CONFIG: &str = "freehand/PlusDeviceSet_VolumeReconstructionOnly_SpinePhantom_NN_MEAN.xml";
+pub(crate) const SPACING_MM: f64 = 0.5;
 const GOAL: (&str, Goal) = ("spine recording, 0.5 mm, defaults, 1 thread: ms a frame", Goal::AtMost(1.0));
 
 /// Sums in f32 keep seven digits, and trilinear weights are exact to 1e-7: voxels with less weight than this would show little else.

@@ -59,6 +59,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         weights: Some(out.join("weights.mha")),
         picture: Some(out.join("picture.png")),
         stats: Some(out.join("statistics.json")),
+        ..Outputs::default()
     };
     let recorded = session(&bedside, &conduct, &outputs)?;
     if let Some(recorded) = recorded {

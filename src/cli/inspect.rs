@@ -48,8 +48,8 @@ pub struct Arguments {
     /// Compare a volume, voxel by voxel, with this one on the same lattice; voxels of either's unseen value (0 if it notes none) do not count
     #[arg(long, value_name = "VOL.mha")]
     against: Option<PathBuf>,
-    /// The volume's weights, as `reconstruct --weights` wrote them: where they are 0 was nothing seen, and every value counts elsewhere
-    #[arg(long, value_name = "FILE.mha", requires = "against")]
+    /// The volume's weights, as `reconstruct --weights` wrote them: where they are 0 was nothing seen, where −1 a hole was filled, and every value counts elsewhere
+    #[arg(long, value_name = "FILE.mha")]
     weights: Option<PathBuf>,
     /// Write what is whole of a damaged or broken-off session to a new file, which says what is missing
     #[arg(long, value_name = "OUT.mcap")]
@@ -113,8 +113,10 @@ impl Arguments {
                 path.display()
             )));
         }
-        if !matches!(kind, Kind::Volume) && self.against.is_some() {
-            return Err(Failure(format!("{}: is no volume; --against compares volumes only", path.display())));
+        let flag =
+            self.against.as_ref().map(|_| "--against compares").or(self.weights.as_ref().map(|_| "--weights are of"));
+        if let (false, Some(flag)) = (matches!(kind, Kind::Volume), flag) {
+            return Err(Failure(format!("{}: is no volume; {flag} volumes only", path.display())));
         }
         if !matches!(kind, Kind::Session) && self.repair.is_some() {
             return Err(Failure(format!("{}: is no session; --repair repairs sessions only", path.display())));
@@ -126,8 +128,7 @@ impl Arguments {
                 Report::Sequence(Box::new(report))
             }
             Kind::Volume => {
-                let against = self.against.as_deref().map(|other| (other, self.weights.as_deref()));
-                Report::Volume(Box::new(VolumeReport::read(path, against)?))
+                Report::Volume(Box::new(VolumeReport::read(path, self.against.as_deref(), self.weights.as_deref())?))
             }
             Kind::Configuration => Report::Configuration(Box::new(ConfigurationReport::read(path)?)),
         })

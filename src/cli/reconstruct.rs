@@ -1,5 +1,6 @@
 //! `sonoweave reconstruct`: a recorded sweep becomes a volume.
 
+pub(super) mod filling;
 pub(super) mod flags;
 pub(super) mod outputs;
 mod weighing;

@@ -145,8 +145,21 @@ fn weave(job: Job, onlooker: &mut impl Onlooker) -> Result<Outcome, Failure> {
 impl Arguments {
     /// What there is to say of a session, which has its own settings; `given` are the flags that are there.
     fn of_session(&self, given: &[String]) -> Result<session::Wanted<'_>, Failure> {
-        const KNOWN: [&str; 11] =
-            ["sequence", "output", "speed", "all", "picture", "pictures", "every", "config", "weights", "stats", "log"];
+        const KNOWN: [&str; 13] = [
+            "sequence",
+            "output",
+            "speed",
+            "all",
+            "picture",
+            "pictures",
+            "every",
+            "config",
+            "weights",
+            "fill",
+            "fill_radius",
+            "stats",
+            "log",
+        ];
         if let Some(flag) = given.iter().find(|flag| !KNOWN.contains(&flag.as_str())) {
             return Err(Failure(format!(
                 "--{}: a session is woven and drawn by the configuration that it was recorded with; give --config with another bedside's file to try something else",
@@ -162,6 +175,7 @@ impl Arguments {
             outputs: Outputs {
                 volume: self.output.clone(),
                 weights: self.flags.weights.clone(),
+                filling: self.flags.filling.clone(),
                 picture: self.picture.clone(),
                 stats: self.flags.stats.clone(),
             },

@@ -1,6 +1,7 @@
 //! Volumes and pictures to files.
 //!
 //! - [`volume`]: values and weights to MetaImage.
+//! - [`fill`]: holes between slices, filled and marked.
 //! - [`planes`]: a volume's three middle planes side by side, for a first look.
 //! - [`sections`]: planes of a volume or of slices, in a picture of a given size.
 //! - [`picture`]: pictures to PNG.
@@ -12,6 +13,7 @@
 //! - `lettering`: the letters that pictures need.
 
 pub mod drawing;
+pub mod fill;
 pub(crate) mod legend;
 pub(crate) mod lettering;
 pub mod page;

@@ -9,6 +9,7 @@ use drivers::recording::image::VolumeHeader;
 use drivers::recording::image::write::VolumeWriter;
 use glam::DVec3;
 
+use super::fill::FILLED;
 use crate::reconstruct::Settings;
 use crate::volume::sparse::SEEN;
 use crate::volume::{Grid, Voxels};
@@ -205,12 +206,12 @@ pub fn write_values(
     let header = header(space, encoding.scalar.pixel(), fields)?;
     write_rows(volume, space, path, &header, |r, w, bytes| {
         for (r, w) in r.iter().zip(w) {
-            encoding.push(if *w > SEEN { encoding.value(r / w) } else { encoding.unseen }, bytes);
+            encoding.push(if *w > SEEN || *w == FILLED { encoding.value(r / w) } else { encoding.unseen }, bytes);
         }
     })
 }
 
-/// Writes the weights of a box of voxels as f32: 0 where nothing was seen.
+/// Writes the weights of a box of voxels as f32: 0 where nothing was seen, and [`FILLED`] where that was filled.
 ///
 /// # Errors
 /// As [`write_values`].
@@ -223,7 +224,7 @@ pub fn write_weights(
     let header = header(space, PixelType::F32, fields)?;
     write_rows(volume, space, path, &header, |_, w, bytes| {
         for w in w {
-            bytes.extend(if *w > SEEN { *w } else { 0.0 }.to_ne_bytes());
+            bytes.extend(if *w > SEEN || *w == FILLED { *w } else { 0.0 }.to_ne_bytes());
         }
     })
 }

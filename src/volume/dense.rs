@@ -23,6 +23,11 @@ pub const SLICE_AXES_FIELD: &str = "SonoweaveSliceAxes";
 /// Header field with the values that black and white of the scanner's picture have.
 pub const RANGE_FIELD: &str = "SonoweaveRange";
 
+/// Header field that says how holes were filled; see [`crate::export::fill`].
+pub const FILL_FIELD: &str = "SonoweaveFill";
+/// Header field with the number of voxels that were.
+pub const FILLED_FIELD: &str = "SonoweaveFilled";
+
 /// Grey levels where nothing says which there are.
 const GREY_LEVELS: [f32; 2] = [0.0, 255.0];
 /// A box farther from the file's voxels than this cannot be meant, in voxels.
@@ -108,7 +113,7 @@ fn gib(bytes: u64) -> f64 {
 
 impl DenseVolume {
     /// Reads a volume, slice by slice, and its weights if there are any; both take 4 bytes a voxel, together no more than `limit_bytes`. With weights, a voxel
-    /// of no more than [`SEEN`] was not seen. Without, all were, each with weight 1, but those that have exactly the value that the header's
+    /// of no more than [`SEEN`] was not seen, which those that were [filled](crate::export::fill) are, too. Without, all were, each with weight 1, but those that have exactly the value that the header's
     /// [`UNSEEN_FIELD`] names. Values that are not finite count as not seen.
     ///
     /// # Errors
@@ -346,6 +351,7 @@ fn append(bytes: &[u8], pixel: PixelType, values: &mut Vec<f32>) {
 fn hide_unseen(header: &VolumeHeader, value: &mut [f32], weight: Option<&mut [f32]>) -> Vec<String> {
     let (mut not_finite, mut named) = (0_u64, 0_u64);
     let unseen = field::<f32, 1>(header, UNSEEN_FIELD).map(|[value]| value);
+    let has_weights = weight.is_some();
     match weight {
         Some(weight) => {
             for (value, weight) in value.iter_mut().zip(weight) {
@@ -376,6 +382,11 @@ fn hide_unseen(header: &VolumeHeader, value: &mut [f32], weight: Option<&mut [f3
     if let Some(unseen) = unseen.filter(|_| named > 0) {
         notes.push(format!(
             "{named} voxels of the value {unseen}, the header's {UNSEEN_FIELD}, count as not seen; --weights would tell those that were"
+        ));
+    }
+    if let (false, Some([count])) = (has_weights, field::<u64, 1>(header, FILLED_FIELD).filter(|[count]| *count > 0)) {
+        notes.push(format!(
+            "{count} voxels were filled from those around them, by the header's {FILLED_FIELD}, and are shown like seen ones; --weights would tell them apart"
         ));
     }
     notes

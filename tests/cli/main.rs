@@ -8,6 +8,7 @@ mod containers;
 mod daemon;
 mod devices;
 mod drawing;
+mod filling;
 mod guided;
 mod inspect;
 mod latency;

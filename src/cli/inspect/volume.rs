@@ -9,6 +9,8 @@ use serde::Serialize;
 
 use super::super::{Failure, input};
 use super::text::{Text, bytes, point, short, times};
+use crate::export::fill::FILLED;
+use crate::volume::sparse::SEEN;
 
 /// Two lattices are one when they are nowhere farther apart than this, voxels.
 const SAME_LATTICE: f64 = 1e-3;
@@ -34,6 +36,8 @@ pub(super) struct VolumeReport {
     /// Whether the file says where it lies.
     placed: bool,
     values: Values,
+    /// By the weights, if they were given.
+    coverage: Option<Coverage>,
     /// Further fields of the header: what `reconstruct` says of the volume's making, and others.
     fields: Vec<(String, String)>,
     comparison: Option<Comparison>,
@@ -50,6 +54,15 @@ struct Values {
     zero: u64,
     /// Values that are NaN or infinite.
     not_finite: u64,
+}
+
+/// How many voxels were seen.
+#[derive(Debug, Default, Serialize)]
+struct Coverage {
+    seen: u64,
+    /// Not seen, but filled from those nearby.
+    filled: u64,
+    unseen: u64,
 }
 
 /// The volume less another.
@@ -73,12 +86,10 @@ struct Comparison {
 
 impl VolumeReport {
     /// Reads a volume whole, a slice at a time, and compares it if asked to: with a volume, and by the weights where something was seen.
-    pub(super) fn read(path: &Path, against: Option<(&Path, Option<&Path>)>) -> Result<Self, Failure> {
+    pub(super) fn read(path: &Path, against: Option<&Path>, weights: Option<&Path>) -> Result<Self, Failure> {
         // Before the voxels: what cannot be compared is said at once.
-        let comparison = match against {
-            Some((other, weights)) => Some(compare(path, other, weights)?),
-            None => None,
-        };
+        let comparison = against.map(|other| compare(path, other, weights)).transpose()?;
+        let coverage = weights.map(|weights| Coverage::read(path, weights)).transpose()?;
         let mut layers = Layers::open(path)?;
         let bar = input::progress("reading", u64::from(layers.reader.header().size[2]));
         let mut values = Values::default();
@@ -113,6 +124,7 @@ impl VolumeReport {
             compressed: header.compressed,
             placed: header.placed,
             values,
+            coverage,
             fields: header.fields,
             comparison,
         })
@@ -144,10 +156,36 @@ impl VolumeReport {
         if values.not_finite > 0 {
             text.row("not finite", format!("{} values are NaN or infinite", values.not_finite));
         }
+        if let Some(Coverage { seen, filled, unseen }) = self.coverage {
+            let share = |n: u64| 100.0 * n as f64 / all as f64;
+            text.row(
+                "seen",
+                format!("{seen} ({:.1} %); {filled} filled ({:.1} %), {unseen} unseen", share(seen), share(filled)),
+            );
+        }
         text.rows("header fields", self.fields.iter().map(|(name, value)| format!("{name} = {value}")));
         if let Some(comparison) = &self.comparison {
             comparison.write(text);
         }
+    }
+}
+
+impl Coverage {
+    fn read(path: &Path, weights: &Path) -> Result<Self, Failure> {
+        let mut layers = Layers::of_volume(&Layers::open(path)?, path, weights)?;
+        let mut this = Self::default();
+        while let Some(layer) = layers.next()? {
+            for &weight in layer {
+                if weight > f64::from(SEEN) {
+                    this.seen += 1;
+                } else if weight == f64::from(FILLED) {
+                    this.filled += 1;
+                } else {
+                    this.unseen += 1;
+                }
+            }
+        }
+        Ok(this)
     }
 }
 
@@ -174,6 +212,18 @@ struct Layers {
 impl Layers {
     fn open(path: &Path) -> Result<Self, Failure> {
         Ok(Self { reader: VolumeReader::open(path, &Limits::default())?, values: Vec::new() })
+    }
+
+    /// A volume's weights.
+    fn of_volume(volume: &Self, path: &Path, weights: &Path) -> Result<Self, Failure> {
+        let this = Self::open(weights)?;
+        let (of_volume, own) = (volume.reader.header(), this.reader.header());
+        let why = match Overlap::of(of_volume, own) {
+            Err(why) => why,
+            Ok(same) if same.size == of_volume.size && same.size == own.size => return Ok(this),
+            Ok(_) => "the weights are not those of this volume".into(),
+        };
+        Err(Failure(format!("{} and {} cannot be compared: {why}", path.display(), weights.display())))
     }
 
     fn next(&mut self) -> Result<Option<&[f64]>, Failure> {
@@ -294,13 +344,7 @@ fn compare(path: &Path, other: &Path, weights: Option<&Path>) -> Result<Comparis
         Failure(format!("{} and {} cannot be compared: {why}", path.display(), other.display()))
     };
     let overlap = Overlap::of(a.reader.header(), b.reader.header()).map_err(|why| refused(other, why))?;
-    let mut w = weights.map(Layers::open).transpose()?;
-    if let (Some(w), Some(weights)) = (&w, weights) {
-        let same = Overlap::of(a.reader.header(), w.reader.header()).map_err(|why| refused(weights, why))?;
-        if same.size != a.reader.header().size || same.size != w.reader.header().size {
-            return Err(refused(weights, "the weights are not those of this volume".into()));
-        }
-    }
+    let mut w = weights.map(|weights| Layers::of_volume(&a, path, weights)).transpose()?;
     a.skip(overlap.first[0][2])?;
     b.skip(overlap.first[1][2])?;
     if let Some(w) = &mut w {

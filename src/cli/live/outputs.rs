@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use crate::cli::Failure;
 use crate::cli::input;
+use crate::cli::reconstruct::filling::{self, FillFlags};
 use crate::cli::render::check_png;
 use crate::cli::render::drawing::Over;
 use crate::config::bedside::Bedside;
@@ -15,6 +16,7 @@ use crate::export::volume::{DenseBox, Encoding, Scalar, write_values, write_weig
 use crate::pipeline::live::{Account, Differences, Finished, REPLAYED, Seal};
 use crate::pipeline::{Outcome, PixelKind};
 use crate::statistics::{LiveStatistics, write_json};
+use crate::volume::Voxels;
 
 /// What a session leaves.
 #[derive(Debug, Clone, Default, Args)]
@@ -25,6 +27,8 @@ pub(in crate::cli) struct Outputs {
     /// Where to write its weights (as the volume)
     #[arg(long, value_name = "W.mha")]
     pub(in crate::cli) weights: Option<PathBuf>,
+    #[command(flatten)]
+    pub(in crate::cli) filling: FillFlags,
     /// Where to write the picture at the end
     #[arg(long, value_name = "IMG.png")]
     pub(in crate::cli) picture: Option<PathBuf>,
@@ -38,7 +42,8 @@ impl Outputs {
     ///
     /// # Errors
     /// [`Failure`]: the file, and why.
-    pub(in crate::cli) fn check(&self) -> Result<(), Failure> {
+    pub(in crate::cli) fn check(&self, bedside: &Bedside) -> Result<(), Failure> {
+        self.filling.check(&bedside.volume.settings, self.volume.is_some() || self.weights.is_some())?;
         for path in [&self.volume, &self.weights].into_iter().flatten() {
             input::check_volume(path)?;
             input::check_output(path)?;
@@ -173,19 +178,25 @@ fn write_volumes(outputs: &Outputs, outcome: &Outcome) -> Result<(), Failure> {
         PixelKind::F32 => Scalar::F32,
     };
     let encoding = Encoding { scalar, window: None, unseen: 0.0 };
-    let fields = [
+    let mut fields = vec![
         ("SonoweaveVersion".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
         ("SonoweaveFrame".to_owned(), format!("{} (mm, not anatomical)", outcome.world)),
         ("SonoweaveRoute".to_owned(), outcome.route.clone()),
     ];
+    let filled = outputs.filling.fill(weaver.volume(), &space, weaver.settings())?;
+    fields.extend(filled.iter().flat_map(filling::fields));
+    let volume = filled.as_ref().map_or(weaver.volume(), |filled| filled as &dyn Voxels);
     if let Some(path) = &outputs.volume {
-        write_values(weaver.volume(), &space, path, &encoding, &fields)?;
+        write_values(volume, &space, path, &encoding, &fields)?;
         let [x, y, z] = space.grid.size;
         println!("volume: {} ({x}×{y}×{z} voxels in {})", path.display(), outcome.world);
     }
     if let Some(path) = &outputs.weights {
-        write_weights(weaver.volume(), &space, path, &fields)?;
+        write_weights(volume, &space, path, &fields)?;
         println!("weights: {}", path.display());
+    }
+    if let Some(filled) = &filled {
+        println!("{}", filling::sentence(filled));
     }
     Ok(())
 }

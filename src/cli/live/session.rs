@@ -84,7 +84,7 @@ pub(in crate::cli) fn session(
     outputs: &Outputs,
 ) -> Result<Option<PathBuf>, Failure> {
     conduct.check()?;
-    outputs.check()?;
+    outputs.check(bedside)?;
     bedside.calibrated()?;
     let ends = until_told()?;
     let mut reload = Reload::new(bedside)?;

@@ -7,6 +7,7 @@ use drivers::OpenSettings;
 use drivers::recording::SequenceSettings;
 use glam::DVec3;
 
+use super::filling::FillFlags;
 use super::weighing::Weighing;
 use crate::cli::{Failure, input, values};
 use crate::config::Settings as Config;
@@ -70,7 +71,7 @@ pub(in crate::cli) struct Flags {
     /// Value of voxels that were not seen
     #[arg(long, value_name = "V", default_value_t = 0.0, allow_hyphen_values = true)]
     pub(in crate::cli) unseen: f32,
-    /// Write the weights too: 0 where nothing was seen
+    /// Write the weights too: 0 where nothing was seen, −1 where that was filled
     #[arg(long, value_name = "FILE.mha")]
     pub(in crate::cli) weights: Option<PathBuf>,
     /// Draw the three middle planes
@@ -91,6 +92,8 @@ pub(in crate::cli) struct Flags {
     /// Write what was done, as JSON
     #[arg(long, value_name = "FILE.json")]
     pub(in crate::cli) stats: Option<PathBuf>,
+    #[command(flatten)]
+    pub(in crate::cli) filling: FillFlags,
     #[command(flatten)]
     pub(in crate::cli) weighing: Weighing,
 }

@@ -5,15 +5,18 @@ use std::time::Instant;
 
 use serde::Serialize;
 
+use super::filling;
 use super::flags::Flags;
 use crate::cli::{Failure, input};
 use crate::config::Settings as Config;
+use crate::export::fill::Filled;
 use crate::export::planes::{PlanesOptions, Window, planes};
 use crate::export::volume::{DenseBox, Encoding, write_values, write_weights};
 use crate::mask::MaskSettings;
 use crate::pipeline::{Job, Outcome, PixelKind};
 use crate::reconstruct::Path as Way;
-use crate::statistics::{Source, Statistics};
+use crate::statistics::{FillNumbers, Source, Statistics};
+use crate::volume::Voxels;
 use crate::volume::dense::{RANGE_FIELD, SLICE_AXES_FIELD, SLICES_BOX_FIELD, UNSEEN_FIELD};
 use crate::volume::sparse::SEEN;
 
@@ -41,6 +44,7 @@ impl<'a> Request<'a> {
         let began = Instant::now();
         let job = flags.job(sequence)?;
         flags.check_outputs(sequence, output)?;
+        flags.filling.check(&job.settings, output.is_some() || flags.weights.is_some())?;
         let frames = (job.frames != (0..u64::MAX)).then_some([job.frames.start, job.frames.end]);
         let (config, mask) = (job.config.clone(), job.mask);
         Ok((Self { sequence, output, flags, began, config, mask, frames }, job))
@@ -59,8 +63,11 @@ impl<'a> Request<'a> {
 
         let hash = input::hash(self.sequence)?;
         let volume = outcome.reconstructor.volume();
+        let filled = flags.filling.fill(volume, &space, outcome.reconstructor.settings())?;
         if let Some(encoding) = &encoding {
-            let fields = self.provenance(&outcome, &space, encoding, &hash)?;
+            let mut fields = self.provenance(&outcome, &space, encoding, &hash)?;
+            fields.extend(filled.iter().flat_map(filling::fields));
+            let volume = filled.as_ref().map_or(volume, |filled| filled as &dyn Voxels);
             if let Some(path) = self.output {
                 write_values(volume, &space, path, encoding, &fields)?;
             }
@@ -72,7 +79,8 @@ impl<'a> Request<'a> {
             draw(&outcome, &space, path)?;
         }
         let scalar = encoding.map(|e| e.scalar.name());
-        let statistics = Statistics::new(&outcome, &space, scalar, self.began.elapsed());
+        let mut statistics = Statistics::new(&outcome, &space, scalar, self.began.elapsed());
+        statistics.fill = filled.as_ref().map(FillNumbers::of);
         if let Some(path) = &flags.stats {
             let source = Source {
                 input: self.sequence,
@@ -83,7 +91,7 @@ impl<'a> Request<'a> {
             };
             statistics.write(path, &source, picture)?;
         }
-        self.report(&outcome, &statistics);
+        self.report(&outcome, &statistics, filled.as_ref());
         Ok(())
     }
 
@@ -141,7 +149,7 @@ impl<'a> Request<'a> {
 
     /// What was done, in a few lines on stdout; what the user should know, on stderr.
     #[allow(clippy::print_stdout, clippy::print_stderr, reason = "the command's output")]
-    fn report(&self, outcome: &Outcome, statistics: &Statistics) {
+    fn report(&self, outcome: &Outcome, statistics: &Statistics, filled: Option<&Filled<'_>>) {
         for note in &outcome.notes {
             eprintln!("sonoweave: note: {note}");
         }
@@ -178,6 +186,9 @@ impl<'a> Request<'a> {
         let [su, sv, sn] = statistics.sigma_mm;
         let [eu, ev, en] = statistics.sigma_effective_mm;
         println!("kernel σ {su:.3}, {sv:.3}, {sn:.3} mm along u, v, n; effective {eu:.3}, {ev:.3}, {en:.3}");
+        if let Some(filled) = filled {
+            println!("{}", filling::sentence(filled));
+        }
         if let Some(path) = &self.flags.weights {
             println!("weights: {}", path.display());
         }

@@ -37,7 +37,6 @@ pub(super) struct Wanted<'a> {
 /// [`Failure`] when it cannot be read, what it leaves cannot be written, or it comes to something else than when it was live.
 pub(super) fn run(wanted: &Wanted<'_>) -> Result<(), Failure> {
     let Wanted { session, config, pace, all, series, outputs } = wanted;
-    outputs.check()?;
     for output in [&outputs.volume, &outputs.weights, &outputs.picture, &outputs.stats].into_iter().flatten() {
         input::check_is_not(output, session)?;
     }
@@ -47,6 +46,7 @@ pub(super) fn run(wanted: &Wanted<'_>) -> Result<(), Failure> {
         Some(path) => Bedside::read(path)?,
         None => Kept::bedside(session, precedent)?,
     };
+    outputs.check(&bedside)?;
     let (missing, dropped) = (precedent.missing(), precedent.dropped());
     if missing > 0 {
         say(&format!(

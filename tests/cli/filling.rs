@@ -1,0 +1,109 @@
+//! `--fill`: holes are filled in files, can be told apart ever after, and are no data to anybody.
+
+use serde_json::{Value, json};
+
+use super::place::Place;
+use super::sequence::{Sequence, pose};
+
+/// Slices 2 mm apart woven with a thin kernel: two voxels in three between them are not seen.
+fn gaps() -> Place {
+    let place = Place::new();
+    let sequence = Sequence {
+        pixel: |_, _, f| vec![50 + 10 * f as u8],
+        pose: |f| pose(2.0 * f64::from(f)),
+        ..Sequence::default()
+    };
+    place.put("s.mha", sequence.bytes());
+    place
+}
+
+const WEAVE: &str = "reconstruct s.mha --path general --clip none --spacing 0.5 --sigma 0.4,0.4,0.2";
+
+#[test]
+fn filled_voxels_weigh_minus_one_and_seen_ones_stay_as_they_were() {
+    let place = gaps();
+    place.does_narrowly(&format!("{WEAVE} -o v.mha --weights w.mha"));
+    for law in ["nearest", "gaussian"] {
+        let said = place
+            .does_narrowly(&format!("{WEAVE} -o f.mha --weights wf.mha --fill {law} --fill-radius 1 --stats s.json"));
+        let [v, w, f, wf] = ["v.mha", "w.mha", "f.mha", "wf.mha"].map(|name| place.volume(name));
+        assert_eq!((v.header.size, w.header.size), (f.header.size, wf.header.size));
+        let (mut seen, mut filled) = (0, 0);
+        for i in 0..v.values.len() {
+            match wf.values[i] {
+                -1.0 => {
+                    filled += 1;
+                    assert_eq!((w.values[i], v.values[i]), (0.0, 0.0), "only holes are filled");
+                    assert!((50.0..=100.0).contains(&f.values[i]), "{}", f.values[i]);
+                }
+                weight => {
+                    seen += u64::from(weight > 0.0);
+                    assert_eq!((weight, f.values[i]), (w.values[i], v.values[i]), "what is not filled is as it was");
+                }
+            }
+        }
+        assert!(seen > 1000 && filled > 1000, "{seen} seen, {filled} filled");
+        assert_eq!(
+            (f.field("SonoweaveFill"), f.field("SonoweaveFilled")),
+            (format!("{law} within 1 mm").as_str(), filled.to_string().as_str())
+        );
+        let fill = &place.json("s.json")["fill"];
+        assert_eq!((&fill["law"], &fill["radius_mm"], &fill["filled"]), (&json!(law), &json!(1.0), &json!(filled)));
+        assert!(fill["bricks_touched"].as_u64() <= fill["bricks_considered"].as_u64(), "{fill}");
+        assert!(said.contains(&format!("filled: {filled} of ")), "{said}");
+        // `inspect` counts them, and a comparison by the weights leaves them out.
+        let report: Value =
+            serde_json::from_str(&place.does("inspect --json f.mha --weights wf.mha --against v.mha")).unwrap();
+        let unseen = v.values.len() as u64 - seen - filled;
+        assert_eq!(report["coverage"], json!({ "seen": seen, "filled": filled, "unseen": unseen }));
+        assert_eq!((&report["comparison"]["voxels"], &report["comparison"]["max"]), (&json!(seen), &json!(0.0)));
+        assert!(place.does("inspect f.mha --weights wf.mha").contains(&format!("; {filled} filled (")));
+    }
+    assert!(place.json("s.json")["fill"].is_object());
+    place.does_narrowly(&format!("{WEAVE} -o v.mha --stats s.json"));
+    assert_eq!(place.json("s.json")["fill"], Value::Null, "off unless asked for");
+}
+
+#[test]
+fn those_who_draw_do_not_take_filled_voxels_for_seen_ones() {
+    let place = gaps();
+    place.does_narrowly(&format!("{WEAVE} -o v.mha --weights w.mha"));
+    place.does_narrowly(&format!("{WEAVE} -o f.mha --weights wf.mha --fill nearest"));
+    for look in ["--mode mip", "--mode slice"] {
+        place.does(&format!("render v.mha --weights w.mha -o v.png {look}"));
+        place.does(&format!("render f.mha --weights wf.mha -o f.png {look}"));
+        assert_eq!(place.get("v.png"), place.get("f.png"), "{look}");
+    }
+    // Without the weights nobody can tell, and that is said.
+    let run = place.run("render f.mha -o g.png --mode mip");
+    let filled = place.volume("f.mha").field("SonoweaveFilled").to_owned();
+    assert!(run.code == 0 && run.stderr.contains(&format!("{filled} voxels were filled")), "{}", run.stderr);
+    assert!(place.get("g.png") != place.get("v.png"));
+}
+
+#[test]
+fn any_number_of_threads_fills_the_same_and_a_replay_does() {
+    let place = gaps();
+    let fill = "--fill gaussian --fill-radius 2";
+    place.does_narrowly(&format!("{WEAVE} -o 1.mha --weights w1.mha {fill} --threads 1"));
+    place.does_narrowly(&format!("{WEAVE} -o 3.mha --weights w3.mha {fill} --threads 3"));
+    assert!(place.get("1.mha") == place.get("3.mha") && place.get("w1.mha") == place.get("w3.mha"));
+    let replay = WEAVE.replace("reconstruct", "replay");
+    place.does_narrowly(&format!("{replay} -o r.mha --weights wr.mha {fill} --picture p.png"));
+    assert!(place.get("1.mha") == place.get("r.mha") && place.get("w1.mha") == place.get("wr.mha"));
+}
+
+#[test]
+fn a_radius_that_reaches_nothing_or_too_far_is_refused_before_the_work() {
+    let place = gaps();
+    place.refuses(
+        &format!("{WEAVE} -o v.mha --fill nearest --fill-radius 0.4"),
+        &["--fill-radius: ", "0.4 mm", "0.5 mm apart"],
+    );
+    place.refuses(&format!("{WEAVE} -o v.mha --fill nearest --fill-radius -1"), &["-1 mm"]);
+    place.refuses(&format!("{WEAVE} -o v.mha --fill gaussian --fill-radius 17"), &["more than 32 voxels"]);
+    place.refuses("replay s.mha --fill nearest --picture p.png", &["--fill: ", "none is written"]);
+    assert_eq!(place.run(&format!("{WEAVE} -o v.mha --fill-radius 2")).code, 2, "a radius without a law");
+    place.put("bedside.toml", place.does("live --example virtual"));
+    place.refuses("live --config bedside.toml --duration 1 --fill nearest", &["--fill: ", "none is written"]);
+}
