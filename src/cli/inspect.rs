@@ -1,9 +1,10 @@
 //! `sonoweave inspect`: what is in a sequence, session, volume or calibration file.
 
 mod configuration;
+mod histograms;
 mod sequence;
 mod session;
-mod text;
+pub(in crate::cli) mod text;
 mod volume;
 
 use std::fs::File;

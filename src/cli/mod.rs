@@ -1,9 +1,11 @@
 //! The command line: one file a subcommand, with its flags, help and tests.
 
 pub mod calibrate;
+pub mod compare;
 pub mod convert;
 pub mod demo;
 pub mod devices;
+mod histogram;
 pub mod input;
 pub mod inspect;
 pub mod live;
@@ -87,6 +89,8 @@ enum Command {
     Convert(convert::Arguments),
     /// Say what is in a sequence, volume or calibration file
     Inspect(inspect::Arguments),
+    /// Say how far two volumes are from each other, where, and which settings differ
+    Compare(compare::Arguments),
     /// Run a session at the bedside: devices to a volume and its picture, recorded
     Live(Box<live::Arguments>),
     /// Find where the picture lies on the probe, how late the tracker is, and how sure that is
@@ -134,6 +138,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Command::Replay(of_replay) => replay::run(of_replay, &arguments.given),
         Command::Convert(arguments) => convert::run(arguments),
         Command::Inspect(arguments) => inspect::run(arguments),
+        Command::Compare(arguments) => compare::run(arguments),
         Command::Live(arguments) => live::run(arguments),
         Command::Calibrate(arguments) => calibrate::run(arguments),
         Command::Demo(arguments) => demo::run(arguments),

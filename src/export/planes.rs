@@ -46,6 +46,63 @@ pub enum Window {
     },
 }
 
+/// Which colours values have.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Shades {
+    /// From black to white.
+    #[default]
+    Greys,
+    /// Of differences, with a window that has 0 in its middle: blue below, white at 0, orange above, darker the farther. Told apart whatever the eye's colour vision,
+    /// and in grey by how dark they are that there is one. Voxels without a difference are grey.
+    Diverging,
+}
+
+/// The diverging colours from the lowest value to the highest, between which colours are mixed.
+const DIVERGING: [[u8; 3]; 5] = [[12, 44, 116], [70, 146, 206], [247, 247, 247], [238, 142, 50], [124, 48, 4]];
+/// Where there is no difference: a grey, which no difference has.
+const NO_DIFFERENCE: Rgb<u8> = Rgb([72, 72, 74]);
+
+impl Shades {
+    fn colour(self, value: f32, window: [f32; 2]) -> Rgb<u8> {
+        let grey = grey(value, window);
+        match self {
+            Self::Greys => Rgb([grey; 3]),
+            Self::Diverging => {
+                let at = f32::from(grey) / 255.0 * (DIVERGING.len() - 1) as f32;
+                let low = (at.floor() as usize).min(DIVERGING.len() - 2);
+                let part = at - low as f32;
+                let mix = |c: usize| {
+                    let [a, b] = [DIVERGING[low][c], DIVERGING[low + 1][c]].map(f32::from);
+                    (a + part * (b - a)).round() as u8
+                };
+                Rgb([mix(0), mix(1), mix(2)])
+            }
+        }
+    }
+
+    fn nothing(self) -> Rgb<u8> {
+        match self {
+            Self::Greys => UNSEEN,
+            Self::Diverging => NO_DIFFERENCE,
+        }
+    }
+
+    /// What the colours mean.
+    fn entries(self, window: [f32; 2]) -> [Entry; 2] {
+        match self {
+            Self::Greys => [Entry::greys(window), Entry::unseen()],
+            Self::Diverging => {
+                let colours = (0..=u8::MAX).map(|step| self.colour(f32::from(step), [0.0, 255.0])).collect();
+                let [low, high] = window.map(|end| short(f64::from(end)));
+                [
+                    Entry::Ramp { low: format!("first lower {low}"), high: format!("{high} higher"), colours },
+                    Entry::Swatch { colour: NO_DIFFERENCE, label: "not in both" },
+                ]
+            }
+        }
+    }
+}
+
 /// What the picture shows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlanesOptions {
@@ -55,11 +112,13 @@ pub struct PlanesOptions {
     pub through: Option<[u64; 3]>,
     /// Length of the volume's longest edge in the picture, pixels (at most 1600); raised to one pixel a voxel where that fits.
     pub edge_px: u32,
+    /// Which colours values have.
+    pub shades: Shades,
 }
 
 impl Default for PlanesOptions {
     fn default() -> Self {
-        Self { window: Window::Percentiles, through: None, edge_px: 400 }
+        Self { window: Window::Percentiles, through: None, edge_px: 400, shades: Shades::Greys }
     }
 }
 
@@ -253,14 +312,14 @@ pub fn planes(
     let values = panels.map(|panel| panel.sample(&voxel));
     let window = resolve(options.window, &values)?;
 
-    let entries = Entry::bar(px_per_mm, u32::MAX).into_iter().chain([Entry::greys(window), Entry::unseen()]);
+    let entries = Entry::bar(px_per_mm, u32::MAX).into_iter().chain(options.shades.entries(window));
     let legend = Legend::new(entries.collect());
     let tallest = panels.iter().map(|p| p.size[1]).max().unwrap_or(1);
     let legend_top = top + tallest + GUTTER + GAP;
     let size = [left.max(legend.width() + 2 * GAP + GUTTER), legend_top + legend::HEIGHT + GAP];
     let mut picture = RgbImage::from_pixel(size[0], size[1], PAPER);
     for ((panel, values), title) in panels.iter().zip(&values).zip(&titles) {
-        draw_panel(&mut picture, panel, values, window, title);
+        draw_panel(&mut picture, panel, values, (options.shades, window), title);
     }
     legend.draw(&mut picture, GAP + GUTTER, legend_top);
     Ok(PlanesPicture { picture, panels, window })
@@ -304,10 +363,16 @@ fn resolve(window: Window, values: &[Vec<Option<f32>>; 3]) -> Result<[f32; 2], P
     Ok(if low < high { [low, high] } else { [low - 1.0, high + 1.0] })
 }
 
-fn draw_panel(picture: &mut RgbImage, panel: &Panel, values: &[Option<f32>], window: [f32; 2], title: &str) {
+fn draw_panel(
+    picture: &mut RgbImage,
+    panel: &Panel,
+    values: &[Option<f32>],
+    (shades, window): (Shades, [f32; 2]),
+    title: &str,
+) {
     let frame = Frame { corner: panel.corner, size: panel.size };
     frame.border(picture);
-    frame.fill(picture, values.iter().map(|value| value.map_or(UNSEEN, |x| Rgb([grey(x, window); 3]))));
+    frame.fill(picture, values.iter().map(|value| value.map_or(shades.nothing(), |x| shades.colour(x, window))));
     frame.title(picture, panel.corner[1] - GAP, DOT, title);
     let [right, down, _] = panel.axes.map(|k| AXES[k].to_string());
     frame.arrows(picture, [&right, &down]);
@@ -327,8 +392,12 @@ mod tests {
         drawn.picture.get_pixel(x, y).0
     }
 
-    const RANGE: PlanesOptions =
-        PlanesOptions { window: Window::Range { low: 0.0, high: 255.0 }, through: None, edge_px: 400 };
+    const RANGE: PlanesOptions = PlanesOptions {
+        window: Window::Range { low: 0.0, high: 255.0 },
+        through: None,
+        edge_px: 400,
+        shades: Shades::Greys,
+    };
 
     #[test]
     fn a_voxel_appears_where_its_indices_say_in_each_plane() {
@@ -356,6 +425,28 @@ mod tests {
         assert!(last.corner[0] + last.size[0] < drawn.picture.width());
         let fine = planes(&grid([900, 10, 10], [0.1; 3]), |_| Some(1.0), &RANGE).unwrap();
         assert_eq!(fine.panels[0].size, [900, 10]);
+    }
+
+    #[test]
+    fn differences_are_blue_below_white_at_zero_and_orange_above_and_none_is_grey() {
+        let options = PlanesOptions {
+            window: Window::Range { low: -10.0, high: 10.0 },
+            shades: Shades::Diverging,
+            ..PlanesOptions::default()
+        };
+        let value = |[x, ..]: [u64; 3]| [Some(-10.0), Some(-3.0), Some(0.0), Some(3.0), Some(99.0), None][x as usize];
+        let drawn = planes(&grid([6, 6, 6], [1.0; 3]), value, &options).unwrap();
+        let colours: Vec<[i32; 3]> = (0..6).map(|x| pixel(&drawn, 0, [x, 3]).map(i32::from)).collect();
+        let [r, g, b] = colours[2];
+        assert!(r.min(g).min(b) > 235, "white: {:?}", colours[2]);
+        for (below, above) in [(0, 4), (1, 3)] {
+            assert!(colours[below][2] > colours[below][0] + 40, "blue: {:?}", colours[below]);
+            assert!(colours[above][0] > colours[above][2] + 40, "orange: {:?}", colours[above]);
+        }
+        // Darker the farther, so that it reads without colour, too.
+        let sum = |at: usize| colours[at].iter().sum::<i32>();
+        assert!(sum(0) < sum(1) && sum(1) < sum(2) && sum(4) < sum(3) && sum(3) < sum(2));
+        assert_eq!(pixel(&drawn, 0, [5, 3]), NO_DIFFERENCE.0);
     }
 
     #[test]

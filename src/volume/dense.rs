@@ -202,6 +202,16 @@ impl DenseVolume {
         &self.header
     }
 
+    /// Canonical index of a voxel that is given by its index in the file.
+    pub fn index(&self, voxel: [i64; 3]) -> [i64; 3] {
+        self.canonical.index(voxel)
+    }
+
+    /// Where the file's voxels lie, by their indices in the file.
+    pub fn grid(&self) -> Grid {
+        grid(&self.header)
+    }
+
     /// Canonical voxel indices to world mm.
     pub fn world_from_lattice(&self) -> Transform<World, Volume> {
         self.canonical.world_from_lattice

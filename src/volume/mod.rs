@@ -7,6 +7,7 @@
 //! - [`prism`]: a piece of it between planes.
 //! - [`lattice`]: one form for all descriptions of a lattice.
 //! - [`dense`]: a volume read from a file.
+//! - [`difference`]: one volume less another, where both were seen.
 //! - [`read`]: what both have in common for those who only look.
 //! - `arena`: the memory of both.
 
@@ -14,6 +15,7 @@ pub(crate) mod arena;
 pub mod brick;
 pub mod columns;
 pub mod dense;
+pub mod difference;
 pub mod grid;
 pub mod lattice;
 pub mod prism;

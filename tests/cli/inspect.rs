@@ -45,6 +45,22 @@ fn a_sequence_is_described() {
     );
     assert_eq!(p["pixel_mm"], json!([0.5, 0.5]));
     assert_eq!((&p["sweep_mm"], &p["gap_mm"]["max"]), (&json!(3.0), &json!(1.0)));
+    // Slices 1 mm apart every 0.1 s, at the default spacing of 0.5 mm; six transforms, of which four are vouched for.
+    let h = &r["histograms"];
+    let filled = |name: &str| {
+        let [from, width] = ["from", "width"].map(|key| h[name][key].as_f64().unwrap());
+        let counts = h[name]["counts"].as_array().unwrap().iter().map(|n| n.as_u64().unwrap());
+        let bins = counts.enumerate().filter(|(_, n)| *n > 0).map(|(i, n)| (from + i as f64 * width, width, n));
+        bins.collect::<Vec<_>>()
+    };
+    for (name, value, n) in
+        [("interval_ms", 100.0, 5), ("speed_mm_s", 10.0, 3), ("gap_mm", 1.0, 15), ("gap_voxels", 2.0, 15)]
+    {
+        let (from, width, count) =
+            (filled(name)[0].0, filled(name)[0].1, filled(name).iter().map(|b| b.2).sum::<u64>());
+        assert!(count == n && (from - value).abs() <= width * 1.01, "{name}: {:?}", filled(name));
+    }
+    assert_eq!((&h["status"], &h["spacing_mm"]), (&json!({ "INVALID": 2, "OK": 4 }), &json!(0.5)));
     // FM: the first stored axis is depth.
     assert_eq!(p["bounds_mm"], json!([[0.0, 0.0, 2.0], [14.5, 19.5, 5.0]]));
     assert_eq!(p["frames"], json!({ "total": 6, "used": 4, "waiting": 0, "refused": { "pose_invalid": 2 } }));
@@ -57,6 +73,10 @@ fn a_sequence_is_described() {
         "  transforms      ImageToReference  4 OK, 2 INVALID\n",
         "  gaps            1.000 mm between slices on average; 90 % up to 1.000, the largest 1.000\n",
         "2 × pose_invalid, first frame 0: ",
+        "the sweep\n  intervals, ms   ",
+        "  speed, mm/s     ",
+        "voxels of 0.500 mm\n",
+        "  status          INVALID  2 ████████████████████\n                       OK  4 ████████████████████████████████████████\n",
     ] {
         assert!(text.contains(line), "{text} lacks {line:?}");
     }

@@ -4,6 +4,7 @@
 
 mod arm;
 mod calibrate;
+mod compare;
 mod containers;
 mod daemon;
 mod devices;

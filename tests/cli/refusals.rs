@@ -308,7 +308,7 @@ fn words_that_are_no_command_are_usage() {
         "phantom -o p.mha --scene moon",
         "phantom -o p.mha --image-size 0x5",
         "inspect",
-        "inspect s.mha --weights w.mha",
+        "compare a.mha",
     ] {
         let run = place.run(words);
         assert_eq!((run.code, run.stdout.as_str()), (2, ""), "{words}: {}", run.stderr);

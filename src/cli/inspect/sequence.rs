@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use drivers::reading::{Frame, NamedTransform, Status};
+use drivers::reading::{Frame, NamedTransform};
 use drivers::recording::image::About;
 use drivers::recording::{Limits, SequenceSettings};
 use drivers::{Next, OpenSettings, Reading};
@@ -11,6 +11,8 @@ use glam::DVec3;
 use serde::Serialize;
 
 use super::super::Failure;
+use super::super::reconstruct::flags::SPACING_MM;
+use super::histograms::{Histograms, word};
 use super::text::{Text, bytes, count, short, times};
 use super::volume::scalar_name;
 use crate::config::Settings as Config;
@@ -47,6 +49,7 @@ pub(super) struct SequenceReport {
     /// Further fields of the file.
     header_fields: Vec<(String, String)>,
     placement: Placement,
+    histograms: Histograms,
 }
 
 #[derive(Debug, Serialize)]
@@ -159,12 +162,20 @@ impl SequenceReport {
         }
         device.stop()?;
         let options = PairingOptions::new(&config, world);
-        let placement = match survey(device.as_mut(), &options) {
-            Ok(survey) => Placement::of(&survey, config.notes),
-            Err(SurveyError::NoPath(problem)) => Placement::none(problem.to_string(), walk.ledger, config.notes),
+        let spacing = config.spacing_mm.map_or(SPACING_MM, |mm| DVec3::from_array(mm).max_element());
+        let (placement, poses) = match survey(device.as_mut(), &options) {
+            Ok(survey) => (Placement::of(&survey, config.notes), survey.poses),
+            Err(SurveyError::NoPath(problem)) => {
+                (Placement::none(problem.to_string(), walk.ledger, config.notes), Vec::new())
+            }
             Err(SurveyError::Device(error)) => return Err(error.into()),
         };
         let about = About::read(path, &Limits::default())?;
+        let mut status = BTreeMap::new();
+        for (word, count) in walk.transforms.iter().flat_map(|transform| &transform.status) {
+            *status.entry(word.clone()).or_default() += count;
+        }
+        let histograms = Histograms::of_sequence(&walk.times, &poses, &gaps(&poses), spacing, status);
         let picture = description.image_size.zip(description.pixel).map(|(size, (pixel, channels))| Picture {
             size,
             scalar: scalar_name(pixel),
@@ -188,6 +199,7 @@ impl SequenceReport {
             frame_fields: walk.fields,
             header_fields: description.fields.into_iter().filter(|(name, _)| name != ANATOMY).collect(),
             placement,
+            histograms,
         })
     }
 
@@ -227,6 +239,7 @@ impl SequenceReport {
         );
         text.rows("header fields", self.header_fields.iter().map(|(name, value)| format!("{name} = {value}")));
         self.placement.write(text);
+        self.histograms.write("the sweep", text);
     }
 }
 
@@ -394,13 +407,6 @@ impl Placement {
             );
         }
         text.rows("notes", &self.notes);
-    }
-}
-
-fn word(status: &Status) -> String {
-    match status {
-        Status::Ok => "OK".into(),
-        Status::Other(word) => word.clone().into_owned(),
     }
 }
 

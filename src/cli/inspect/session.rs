@@ -11,6 +11,7 @@ use drivers::recording::session::{
 use serde::Serialize;
 
 use super::super::Failure;
+use super::histograms::{StreamReport, Streams};
 use super::text::{Text, bytes, count, short, times};
 
 /// Notes that say how a session was made, shown with their text.
@@ -35,6 +36,8 @@ pub(super) struct SessionReport {
     finished: bool,
     devices: Vec<DeviceReport>,
     topics: Vec<Topic>,
+    /// How the sweep went, a stream of frames or a sensor each.
+    histograms: Vec<StreamReport>,
     /// Notes of the daemon's, by their kinds.
     notes: BTreeMap<String, u64>,
     /// Notes that say how it was made: kind and text, the last of each.
@@ -144,6 +147,7 @@ impl SessionReport {
             finished: false,
             devices: Vec::new(),
             topics: Vec::new(),
+            histograms: Vec::new(),
             notes: BTreeMap::new(),
             shown: BTreeMap::new(),
             losses: Vec::new(),
@@ -151,7 +155,7 @@ impl SessionReport {
             repaired: None,
         };
         let mut topics: BTreeMap<String, Topic> = BTreeMap::new();
-        let (mut span_ns, mut losses) = (None, Vec::new());
+        let (mut span_ns, mut losses, mut streams) = (None, Vec::new(), Streams::default());
         while let Some(event) = reader.next_event()? {
             match event {
                 Event::Damage(damage) => report.damage.push(DamageReport::from(&damage)),
@@ -166,17 +170,24 @@ impl SessionReport {
                         Some(topic) => topic.take(&message),
                         None => topics.entry(message.channel.topic.clone()).or_default().take(&message),
                     }
-                    if message.channel.topic.starts_with("/note/")
-                        && let Ok(Some(Reading::Recorded(note))) = maker.read(&message)
-                    {
-                        *report.notes.entry(note.topic.clone()).or_default() += 1;
-                        if SHOWN.contains(&note.topic.as_str()) {
-                            report.shown.insert(note.topic, note.text);
+                    if message.is_frame() {
+                        streams.frame(&message.channel.topic, message.stamp_ns());
+                        continue;
+                    }
+                    match maker.read(&message) {
+                        Ok(Some(Reading::Recorded(note))) => {
+                            *report.notes.entry(note.topic.clone()).or_default() += 1;
+                            if SHOWN.contains(&note.topic.as_str()) {
+                                report.shown.insert(note.topic, note.text);
+                            }
                         }
+                        Ok(Some(reading)) => streams.reading(&message.channel.topic, message.stamp_ns(), &reading),
+                        Ok(None) | Err(_) => {}
                     }
                 }
             }
         }
+        report.histograms = streams.finish();
         report.finished = reader.ending() == Some(Ending::Finished);
         report.say(reader.about());
         for channel in reader.channels() {
@@ -251,6 +262,7 @@ impl SessionReport {
         for device in &self.devices {
             self.write_device(device, text);
         }
+        self.histograms.iter().for_each(|stream| stream.write(text));
         if !self.losses.is_empty() || self.topics.iter().any(|topic| topic.missing > 0) || !self.damage.is_empty() {
             self.write_missing(text);
         }

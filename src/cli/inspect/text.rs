@@ -7,11 +7,11 @@ const LABEL: usize = 16;
 
 /// Headed lists of labels and values, the values in one column.
 #[derive(Debug, Default)]
-pub(super) struct Text(String);
+pub(in crate::cli) struct Text(String);
 
 impl Text {
     /// A line of its own; an empty one before it, unless it is the first.
-    pub(super) fn heading(&mut self, text: &str) {
+    pub(in crate::cli) fn heading(&mut self, text: &str) {
         if !self.0.is_empty() {
             self.0.push('\n');
         }
@@ -19,12 +19,12 @@ impl Text {
     }
 
     /// One value.
-    pub(super) fn row(&mut self, label: &str, value: impl AsRef<str>) {
+    pub(in crate::cli) fn row(&mut self, label: &str, value: impl AsRef<str>) {
         self.rows(label, [value]);
     }
 
     /// Values below each other, the label before the first; nothing without values.
-    pub(super) fn rows<S: AsRef<str>>(&mut self, label: &str, values: impl IntoIterator<Item = S>) {
+    pub(in crate::cli) fn rows<S: AsRef<str>>(&mut self, label: &str, values: impl IntoIterator<Item = S>) {
         for (n, value) in values.into_iter().enumerate() {
             let label = if n == 0 { label } else { "" };
             // A value of several lines keeps its column.
@@ -38,28 +38,28 @@ impl Text {
         let _ = writeln!(self.0, "{text}");
     }
 
-    pub(super) fn finish(self) -> String {
+    pub(in crate::cli) fn finish(self) -> String {
         self.0
     }
 }
 
 /// Three numbers with a sign between them, as sizes and spacings are written.
-pub(super) fn times<T: std::fmt::Display, const N: usize>(values: [T; N]) -> String {
+pub(in crate::cli) fn times<T: std::fmt::Display, const N: usize>(values: [T; N]) -> String {
     values.map(|v| v.to_string()).join("×")
 }
 
 /// Three numbers as a point.
-pub(super) fn point(values: [f64; 3]) -> String {
+pub(in crate::cli) fn point(values: [f64; 3]) -> String {
     values.map(|v| v.to_string()).join(", ")
 }
 
 /// Rounded for reading; the JSON form has all digits.
-pub(super) fn short(value: f64) -> String {
+pub(in crate::cli) fn short(value: f64) -> String {
     if value != 0.0 && value.abs() < 1e-3 { format!("{value:.2e}") } else { format!("{value:.3}") }
 }
 
 /// A file's size.
-pub(super) fn bytes(count: u64) -> String {
+pub(in crate::cli) fn bytes(count: u64) -> String {
     match count {
         0..10_000 => format!("{count} bytes"),
         10_000..1_000_000 => format!("{:.1} kB", count as f64 / 1e3),
@@ -69,7 +69,7 @@ pub(super) fn bytes(count: u64) -> String {
 }
 
 /// A count with its noun.
-pub(super) fn count(n: u64, one: &str) -> String {
+pub(in crate::cli) fn count(n: u64, one: &str) -> String {
     if n == 1 { format!("1 {one}") } else { format!("{n} {one}s") }
 }
 

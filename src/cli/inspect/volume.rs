@@ -10,10 +10,8 @@ use serde::Serialize;
 use super::super::{Failure, input};
 use super::text::{Text, bytes, point, short, times};
 use crate::export::fill::FILLED;
+use crate::volume::difference::{Overlap, Sums};
 use crate::volume::sparse::SEEN;
-
-/// Two lattices are one when they are nowhere farther apart than this, voxels.
-const SAME_LATTICE: f64 = 1e-3;
 
 /// A volume's content.
 #[derive(Debug, Serialize)]
@@ -219,7 +217,7 @@ impl Layers {
         let this = Self::open(weights)?;
         let (of_volume, own) = (volume.reader.header(), this.reader.header());
         let why = match Overlap::of(of_volume, own) {
-            Err(why) => why,
+            Err(apart) => apart.to_string(),
             Ok(same) if same.size == of_volume.size && same.size == own.size => return Ok(this),
             Ok(_) => "the weights are not those of this volume".into(),
         };
@@ -242,91 +240,6 @@ impl Layers {
     }
 }
 
-/// Where two lattices that are one overlap.
-struct Overlap {
-    /// First voxel in either volume.
-    first: [[u32; 3]; 2],
-    size: [u32; 3],
-}
-
-impl Overlap {
-    /// # Errors
-    /// A sentence: what differs.
-    fn of(a: &VolumeHeader, b: &VolumeHeader) -> Result<Self, String> {
-        if !(a.placed && b.placed) {
-            return Err("one is a NIfTI that does not say where it lies (the codes of sform and qform are 0)".into());
-        }
-        if a.channels != 1 || b.channels != 1 {
-            return Err("volumes of several channels are not compared".into());
-        }
-        let mut this = Self { first: [[0; 3]; 2], size: [0; 3] };
-        for axis in 0..3 {
-            let (along, spacing) = (a.axes[axis], a.spacing[axis]);
-            let longest = f64::from(a.size[axis].max(b.size[axis]));
-            if (b.spacing[axis] / spacing - 1.0).abs() * longest > SAME_LATTICE {
-                return Err(format!("their spacings differ, {} and {} mm", times(a.spacing), times(b.spacing)));
-            }
-            let turned = (0..3).map(|k| (along[k] - b.axes[axis][k]).abs()).fold(0.0, f64::max);
-            if turned * longest > SAME_LATTICE {
-                return Err(
-                    "their axes have different directions, as those of a planar scan and of the world: reconstruct both with --path general"
-                        .into(),
-                );
-            }
-            let shift = (0..3).map(|k| (b.origin[k] - a.origin[k]) * along[k]).sum::<f64>() / spacing;
-            if (shift - shift.round()).abs() > SAME_LATTICE || shift.abs() > 1e9 {
-                return Err(format!(
-                    "their lattices are {} of a voxel apart along axis {axis}; reconstruct with --origin of the other",
-                    short(shift - shift.round())
-                ));
-            }
-            let shift = shift.round() as i64;
-            let first = shift.max(0);
-            let last = i64::from(a.size[axis]).min(shift + i64::from(b.size[axis]));
-            let whole = |n: i64| u32::try_from(n).map_err(|_| "they do not overlap".to_owned());
-            this.first[0][axis] = whole(first)?;
-            this.first[1][axis] = whole(first - shift)?;
-            this.size[axis] = whole(last - first)?;
-        }
-        if this.size.contains(&0) { Err("they do not overlap".into()) } else { Ok(this) }
-    }
-}
-
-/// Sums over pairs of values.
-#[derive(Default)]
-struct Sums {
-    n: u64,
-    a: f64,
-    b: f64,
-    aa: f64,
-    bb: f64,
-    ab: f64,
-    squares: f64,
-    max: f64,
-}
-
-impl Sums {
-    fn add(&mut self, a: f64, b: f64) {
-        let difference = a - b;
-        self.n += 1;
-        self.a += a;
-        self.b += b;
-        self.aa += a * a;
-        self.bb += b * b;
-        self.ab += a * b;
-        self.squares += difference * difference;
-        // `f64::max` would drop a NaN.
-        self.max = if difference.is_nan() { f64::NAN } else { self.max.max(difference.abs()) };
-    }
-
-    fn correlation(&self) -> Option<f64> {
-        let n = self.n as f64;
-        let variances = (self.aa - self.a * self.a / n) * (self.bb - self.b * self.b / n);
-        let correlation = (self.ab - self.a * self.b / n) / variances.sqrt();
-        correlation.is_finite().then_some(correlation)
-    }
-}
-
 /// What a volume holds where nothing was seen: what `reconstruct` noted, else 0.
 fn unseen_value(header: &VolumeHeader) -> f64 {
     let noted = header.fields.iter().find(|(name, _)| name == "SonoweaveUnseen");
@@ -343,7 +256,8 @@ fn compare(path: &Path, other: &Path, weights: Option<&Path>) -> Result<Comparis
     let refused = |other: &Path, why: String| {
         Failure(format!("{} and {} cannot be compared: {why}", path.display(), other.display()))
     };
-    let overlap = Overlap::of(a.reader.header(), b.reader.header()).map_err(|why| refused(other, why))?;
+    let overlap =
+        Overlap::of(a.reader.header(), b.reader.header()).map_err(|apart| refused(other, apart.to_string()))?;
     let mut w = weights.map(|weights| Layers::of_volume(&a, path, weights)).transpose()?;
     a.skip(overlap.first[0][2])?;
     b.skip(overlap.first[1][2])?;
@@ -376,15 +290,14 @@ fn compare(path: &Path, other: &Path, weights: Option<&Path>) -> Result<Comparis
     if sums.n == 0 {
         return Err(refused(other, "no voxel was seen in both".into()));
     }
-    let n = sums.n as f64;
     Ok(Comparison {
         against: other.to_owned(),
         weights: weights.map(Path::to_owned),
         voxels: sums.n,
         overlap: overlap.size.map(u64::from).iter().product(),
-        rmse: (sums.squares / n).sqrt(),
-        max: if sums.squares.is_nan() { f64::NAN } else { sums.max },
-        bias: (sums.a - sums.b) / n,
+        rmse: sums.rmse(),
+        max: sums.max,
+        bias: sums.bias(),
         correlation: sums.correlation(),
     })
 }
@@ -415,40 +328,6 @@ fn read_values(bytes: &[u8], pixel: PixelType, values: &mut Vec<f64>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn header(size: [u32; 3], origin: [f64; 3]) -> VolumeHeader {
-        VolumeHeader { origin, spacing: [0.5; 3], ..VolumeHeader::new(size, PixelType::U8) }
-    }
-
-    #[test]
-    fn lattices_overlap_by_whole_voxels_or_are_refused() {
-        let a = header([10, 10, 10], [0.0; 3]);
-        let overlap = Overlap::of(&a, &header([10, 4, 20], [1.0, -1.0, -2.5])).unwrap();
-        assert_eq!((overlap.first, overlap.size), ([[2, 0, 0], [0, 2, 5]], [8, 2, 10]));
-        let fails = |b: &VolumeHeader, says: &str| {
-            let why = Overlap::of(&a, b).err().unwrap();
-            assert!(why.contains(says), "{why}");
-        };
-        fails(&header([10, 10, 10], [0.1, 0.0, 0.0]), "0.200 of a voxel apart along axis 0");
-        fails(&header([10, 10, 10], [5.0, 0.0, 0.0]), "do not overlap");
-        fails(&header([10, 10, 10], [-50.0, 0.0, 0.0]), "do not overlap");
-        fails(&VolumeHeader { spacing: [0.5, 0.5, 0.6], ..a.clone() }, "spacings differ");
-        fails(&VolumeHeader { axes: [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], ..a.clone() }, "directions");
-        fails(&VolumeHeader { channels: 3, ..a.clone() }, "several channels");
-    }
-
-    #[test]
-    fn sums_of_known_numbers() {
-        let mut sums = Sums::default();
-        for (a, b) in [(1.0, 2.0), (2.0, 4.0), (3.0, 6.0)] {
-            sums.add(a, b);
-        }
-        assert_eq!((sums.n, sums.squares, sums.max, sums.a - sums.b), (3, 14.0, 3.0, -6.0));
-        assert!((sums.correlation().unwrap() - 1.0).abs() < 1e-12);
-        sums.add(f64::NAN, 1.0);
-        sums.add(1.0, 1.0);
-        assert!(sums.squares.is_nan() && sums.correlation().is_none());
-    }
 
     #[test]
     fn every_type_is_read_as_numbers() {

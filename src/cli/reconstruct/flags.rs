@@ -19,7 +19,7 @@ use crate::reconstruct::planar::{OnDeparture, PlanarSettings};
 use crate::reconstruct::{Settings, Simd};
 
 /// Voxel spacing when neither the command line nor the configuration has one, mm.
-const SPACING_MM: f64 = 0.5;
+pub(in crate::cli) const SPACING_MM: f64 = 0.5;
 
 /// What to weave, how, and what to write of it beside the volume.
 #[derive(Debug, Args)]
