@@ -1,5 +1,6 @@
 #!/bin/sh
-# Installs what building and testing need and the machine lacks, with the word `package` what making a Debian package needs, too, and with `interop` what Python environments need. Rust is expected
+# Installs what building and testing need and the machine lacks, with the word `package` what making a Debian package needs, too, and with `interop` what Python environments need and a
+# verifier and an archive for DICOM (Debian starts the archive's service where there is systemd; `systemctl disable --now orthanc` ends that). Rust is expected
 # (https://rustup.rs); the rest are Debian packages.
 set -eu
 
@@ -16,6 +17,8 @@ need libc6-dev /usr/include/stdlib.h
 [ "${1:-}" != package ] || need dpkg-dev /usr/bin/dpkg-shlibdeps
 # Debian's Python comes without the module that makes environments.
 [ "${1:-}" != interop ] || python3 -c 'import ensurepip, venv' 2>/dev/null || missing="$missing python3-venv"
+[ "${1:-}" != interop ] || need dicom3tools /usr/bin/dciodvfy
+[ "${1:-}" != interop ] || need orthanc /usr/sbin/Orthanc
 
 [ -n "$missing" ] || exit 0
 command -v apt-get >/dev/null 2>&1 || {

@@ -23,4 +23,4 @@ python3 -m venv --clear "$into"
     exit 1
 }
 cp "$wanted" "$into/installed.txt"
-echo "interop: SimpleITK, VTK, pynrrd and nibabel are in $into"
+echo "interop: SimpleITK, VTK, pynrrd, nibabel and pydicom are in $into"

@@ -5,6 +5,7 @@ pub mod compare;
 pub mod convert;
 pub mod demo;
 pub mod devices;
+pub mod dicom;
 mod histogram;
 pub mod input;
 pub mod inspect;
@@ -99,6 +100,8 @@ enum Command {
     Demo(demo::Arguments),
     /// Say what is plugged in, what can be opened, and why not
     Devices(devices::Arguments),
+    /// Write a recorded sweep or a volume as DICOM, for a picture archive
+    Dicom(dicom::Arguments),
     /// Make a synthetic sweep whose truth is known
     Phantom(Box<phantom::Arguments>),
     /// Play a tracker or an arm on a pseudo-terminal, for drivers to open
@@ -143,6 +146,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Command::Calibrate(arguments) => calibrate::run(arguments),
         Command::Demo(arguments) => demo::run(arguments),
         Command::Devices(arguments) => devices::run(arguments),
+        Command::Dicom(arguments) => dicom::run(arguments),
         Command::Phantom(arguments) => phantom::run(arguments),
         Command::Twin(arguments) => twin::run(arguments),
     }

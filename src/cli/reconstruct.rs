@@ -25,7 +25,7 @@ Example: sonoweave reconstruct sweep.igs.mha --config PlusConfiguration.xml -o v
 pub struct Arguments {
     /// The recorded sweep: a tracked sequence (.mha, .mhd, .nrrd, .nhdr)
     sequence: PathBuf,
-    /// Where to write the volume (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz)
+    /// Where to write the volume (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz, or .dcm for DICOM)
     #[arg(short, long, value_name = "VOL.mha")]
     output: PathBuf,
     #[command(flatten)]

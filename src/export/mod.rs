@@ -2,6 +2,7 @@
 //!
 //! - [`volume`]: values and weights to MetaImage.
 //! - [`fill`]: holes between slices, filled and marked.
+//! - [`dicom`]: volumes and sweeps to DICOM.
 //! - [`planes`]: a volume's three middle planes side by side, for a first look.
 //! - [`sections`]: planes of a volume or of slices, in a picture of a given size.
 //! - [`picture`]: pictures to PNG.
@@ -9,9 +10,11 @@
 //! - [`page`]: text, tables and drawings in one file for a browser.
 //! - [`whole`]: files that are whole or not there.
 //! - `legend`: what a picture's colours and lengths mean.
+//! - `shades`: which colours values have.
 //! - `panel`: a plane in a picture, with its title and axes.
 //! - `lettering`: the letters that pictures need.
 
+pub mod dicom;
 pub mod drawing;
 pub mod fill;
 pub(crate) mod legend;
@@ -21,5 +24,6 @@ mod panel;
 pub mod picture;
 pub mod planes;
 pub mod sections;
+mod shades;
 pub mod volume;
 pub mod whole;

@@ -83,6 +83,11 @@ impl Encoding {
         }
     }
 
+    /// What is written of a numerator and its weight, as a number: a value where there was seen or filled, else that of the unseen.
+    pub fn written(&self, r: f32, w: f32) -> f32 {
+        if w > SEEN || w == FILLED { self.value(r / w) } else { self.unseen }
+    }
+
     fn push(&self, value: f32, bytes: &mut Vec<u8>) {
         match self.scalar {
             Scalar::U8 => bytes.push(value as u8),
@@ -206,7 +211,7 @@ pub fn write_values(
     let header = header(space, encoding.scalar.pixel(), fields)?;
     write_rows(volume, space, path, &header, |r, w, bytes| {
         for (r, w) in r.iter().zip(w) {
-            encoding.push(if *w > SEEN || *w == FILLED { encoding.value(r / w) } else { encoding.unseen }, bytes);
+            encoding.push(encoding.written(*r, *w), bytes);
         }
     })
 }

@@ -8,6 +8,7 @@ mod compare;
 mod containers;
 mod daemon;
 mod devices;
+mod dicom;
 mod drawing;
 mod filling;
 mod guided;

@@ -9,6 +9,7 @@ use glam::DVec3;
 
 use super::filling::FillFlags;
 use super::weighing::Weighing;
+use crate::cli::dicom::flags::{DicomFlags, is_dicom};
 use crate::cli::{Failure, input, values};
 use crate::config::Settings as Config;
 use crate::export::volume::{DenseBox, Encoding, Scalar};
@@ -92,6 +93,8 @@ pub(in crate::cli) struct Flags {
     /// Write what was done, as JSON
     #[arg(long, value_name = "FILE.json")]
     pub(in crate::cli) stats: Option<PathBuf>,
+    #[command(flatten)]
+    pub(in crate::cli) dicom: DicomFlags,
     #[command(flatten)]
     pub(in crate::cli) filling: FillFlags,
     #[command(flatten)]
@@ -219,7 +222,15 @@ impl Flags {
             input::check_folder(path)?;
             input::check_is_not(path, sequence)?;
         }
+        if !volume.is_some_and(is_dicom) && !self.dicom.identifiers()?.is_empty() {
+            return Err(Failure(
+                "patient, study and series are told in DICOM files only: give -o VOL.dcm, or leave them out".into(),
+            ));
+        }
         for path in volumes.into_iter().flatten() {
+            if volume == Some(path) && is_dicom(path) {
+                continue;
+            }
             input::check_volume(path)?;
         }
         Ok(())

@@ -7,8 +7,10 @@ use serde::Serialize;
 
 use super::filling;
 use super::flags::Flags;
+use crate::cli::dicom::flags::is_dicom;
 use crate::cli::{Failure, input};
 use crate::config::Settings as Config;
+use crate::export::dicom::volume::VolumeImage;
 use crate::export::fill::Filled;
 use crate::export::planes::{PlanesOptions, Window, planes};
 use crate::export::volume::{DenseBox, Encoding, write_values, write_weights};
@@ -69,7 +71,11 @@ impl<'a> Request<'a> {
             fields.extend(filled.iter().flat_map(filling::fields));
             let volume = filled.as_ref().map_or(volume, |filled| filled as &dyn Voxels);
             if let Some(path) = self.output {
-                write_values(volume, &space, path, encoding, &fields)?;
+                if is_dicom(path) {
+                    self.write_dicom(volume, &space, path, encoding, (&hash, &outcome.world))?;
+                } else {
+                    write_values(volume, &space, path, encoding, &fields)?;
+                }
             }
             if let Some(path) = &flags.weights {
                 write_weights(volume, &space, path, &fields)?;
@@ -93,6 +99,27 @@ impl<'a> Request<'a> {
         }
         self.report(&outcome, &statistics, filled.as_ref());
         Ok(())
+    }
+
+    /// The volume for a picture archive, of a recording and in a world.
+    fn write_dicom(
+        &self,
+        volume: &dyn Voxels,
+        space: &DenseBox,
+        path: &Path,
+        encoding: &Encoding,
+        (recording, world): (&str, &str),
+    ) -> Result<(), Failure> {
+        let identifiers = &self.flags.dicom.identifiers()?;
+        let Encoding { scalar, unseen, .. } = *encoding;
+        let image = VolumeImage { grid: &space.grid, scalar, unseen, recording, world, identifiers };
+        let mut weights = vec![0.0; usize::try_from(space.grid.size[0]).unwrap_or(0)];
+        image.check()?;
+        Ok(image.write(path, |y, z, row| {
+            let [x0, y0, z0] = space.first;
+            volume.row([x0, y0 + y as i64, z0 + z as i64], row, &mut weights);
+            row.iter_mut().zip(&weights).for_each(|(value, weight)| *value = encoding.written(*value, *weight));
+        })?)
     }
 
     /// What the volume was made of, for its header.

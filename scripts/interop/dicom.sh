@@ -1,0 +1,76 @@
+#!/usr/bin/env bash
+# Proves that others take our DICOM: dciodvfy (dicom3tools) finds no error in a volume and a sweep, pydicom reads the same voxels in the same places, and an Orthanc
+# server on loopback stores both and gives the same bytes back.
+#
+# `make interop` has installed what it needs and built the program. Nothing is left running; what was written stays in out/dicom.
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+
+say() { echo "dicom: $*"; }
+fail() {
+    say "$*" >&2
+    exit 1
+}
+
+python=$PWD/out/interop/bin/python
+program=$(cd "${CARGO_TARGET_DIR:-target}/debug" && pwd)/sonoweave
+
+place=out/dicom
+rm -rf "$place"
+mkdir -p "$place"
+place=$(cd "$place" && pwd)
+
+say "== a sweep and volumes of it, of 8 and 16 bits, along the world and turned"
+who=(--patient-name "Müller^Jörg" --patient-id 4711 --study-description "Phantom study")
+(
+    cd "$place"
+    "$program" phantom -o sweep.mha --image-size 96x80 --pixel 0.3 --frames 31 --gap 0.6 --trajectory fan --seed 3
+    "$program" phantom -o other.mha --image-size 96x80 --pixel 0.3 --frames 31 --gap 0.6 --trajectory parallel
+    for name in volume:sweep:general:u8 turned:other:planar:u16; do
+        IFS=: read -r volume sweep path type <<<"$name"
+        weave=(reconstruct "$sweep.mha" --path "$path" --type "$type" --sigma auto --fill nearest --fill-radius 1)
+        "$program" "${weave[@]}" -o "$volume.mha"
+        "$program" "${weave[@]}" -o "$volume.dcm" "${who[@]}"
+    done
+    "$program" dicom volume.mha again.dcm "${who[@]}"
+    "$program" dicom sweep.mha sweep.dcm "${who[@]}"
+    "$program" dicom sweep.mha nobody.dcm
+) >"$place/made.log"
+cmp "$place/volume.dcm" "$place/again.dcm" || fail "the volume's file and the volume itself gave different images"
+
+say "== dciodvfy"
+for file in "$place"/*.dcm; do
+    dciodvfy "$file" >"$file.txt" 2>&1 || true
+    if grep -q '^Error\|- Error' "$file.txt"; then
+        grep '^Error\|- Error' "$file.txt" >&2
+        fail "dciodvfy finds errors in $file"
+    fi
+    grep -q '^EnhancedUltrasoundVolume$\|^USMultiFrameImage$' "$file.txt" || fail "dciodvfy does not know what $file is"
+    say "$(basename "$file"): $(grep '^[A-Z][A-Za-z]*$' "$file.txt"), no error"
+done
+
+say "== pydicom"
+"$python" scripts/interop/dicom_check.py "$place"
+
+say "== Orthanc"
+store=$(mktemp -d)
+server=""
+stop() {
+    [ -z "$server" ] || kill "$server" 2>/dev/null || true
+    [ -z "$server" ] || wait "$server" 2>/dev/null || true
+    rm -rf "$store"
+}
+trap stop EXIT
+trap 'exit 1' INT TERM
+port=$("$python" -c 'import socket; s = socket.socket(); s.bind(("127.0.0.1", 0)); print(s.getsockname()[1])')
+cat >"$store/orthanc.json" <<JSON
+{ "StorageDirectory": "$store/files", "IndexDirectory": "$store/files", "HttpPort": $port, "HttpBindAddresses": ["127.0.0.1"], "RemoteAccessAllowed": false,
+  "AuthenticationEnabled": false, "DicomServerEnabled": false, "Plugins": [] }
+JSON
+Orthanc "$store/orthanc.json" >"$place/orthanc.log" 2>&1 &
+server=$!
+"$python" scripts/interop/dicom_archive.py "http://127.0.0.1:$port" "$place" || {
+    tail -5 "$place/orthanc.log" >&2
+    fail "Orthanc did not store and return the images"
+}
+say "all well"

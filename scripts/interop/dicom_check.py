@@ -1,0 +1,84 @@
+"""Reads the DICOM files of scripts/interop/dicom.sh with pydicom, and holds voxels, pixels, places and identifiers against the MetaImage files beside them."""
+
+import sys
+from pathlib import Path
+
+import numpy
+import pydicom
+
+TYPES = {"MET_UCHAR": "u1", "MET_USHORT": "<u2"}
+
+
+def metaimage(path):
+    """Header fields and voxels (slices, rows, columns) of a raw MetaImage file."""
+    data = path.read_bytes()
+    at = data.index(b"ElementDataFile = LOCAL\n") + len(b"ElementDataFile = LOCAL\n")
+    fields = dict(line.split(" = ", 1) for line in data[:at].decode().splitlines())
+    size = [int(n) for n in fields["DimSize"].split()]
+    return fields, numpy.frombuffer(data[at:], TYPES[fields["ElementType"]]).reshape(size[::-1])
+
+
+def numbers(text):
+    return numpy.array([float(x) for x in text.split()])
+
+
+def volume(folder, name):
+    image = pydicom.dcmread(folder / f"{name}.dcm")
+    fields, voxels = metaimage(folder / f"{name}.mha")
+    assert image.SOPClassUID == "1.2.840.10008.5.1.4.1.1.6.2", image.SOPClassUID
+    assert numpy.array_equal(image.pixel_array, voxels), f"{name}: other voxels"
+    assert voxels.max() > 0 and voxels.min() < voxels.max()
+    spacing, origin = numbers(fields["ElementSpacing"]), numbers(fields["Offset"])
+    axes = numbers(fields["TransformMatrix"]).reshape(3, 3)
+    shared = image.SharedFunctionalGroupsSequence[0]
+    along = numpy.array(shared.PlaneOrientationVolumeSequence[0].ImageOrientationVolume).reshape(2, 3)
+    rows, columns = (float(mm) for mm in shared.PixelMeasuresSequence[0].PixelSpacing)
+    # Any voxel's place by DICOM's rule and by ITK's.
+    for x, y, z in [(0, 0, 0), (5, 3, 2), (1, 7, voxels.shape[0] - 1)]:
+        frame = image.PerFrameFunctionalGroupsSequence[z]
+        first = numpy.array(frame.PlanePositionVolumeSequence[0].ImagePositionVolume)
+        ours = first + along[0] * columns * x + along[1] * rows * y
+        theirs = origin + (numpy.array([x, y, z]) * spacing) @ axes
+        assert numpy.abs(ours - theirs).max() < 1e-9, f"{name}: voxel {x, y, z} at {ours}, not {theirs}"
+    print(f"{name}.dcm: {voxels.size} voxels of {voxels.dtype}, the same, in the same places")
+    return image
+
+
+def sweep(folder):
+    image = pydicom.dcmread(folder / "sweep.dcm")
+    fields, pixels = metaimage(folder / "sweep.mha")
+    assert image.SOPClassUID == "1.2.840.10008.5.1.4.1.1.3.1", image.SOPClassUID
+    assert numpy.array_equal(image.pixel_array, pixels), "sweep: other pixels"
+    poses = numpy.array(image.private_block(0x0009, "SONOWEAVE")[0x01].value).reshape(-1, 4, 4)
+    assert len(poses) == len(pixels) == image.NumberOfFrames
+    for frame, pose in enumerate(poses):
+        # What the sequence says of the same frame.
+        names = [f"Seq_Frame{frame:04}_{name}Transform" for name in ("ImageToReference", "ImageToWorld", "ImageToTracker")]
+        given = next(numbers(fields[name]).reshape(4, 4) for name in names if name in fields)
+        assert numpy.abs(pose[:, [0, 1, 3]] - given[:, [0, 1, 3]]).max() < 1e-6, (frame, pose, given)
+    steps = numpy.array([float(ms) for ms in image.FrameTimeVector])
+    times = numpy.array([float(fields[f"Seq_Frame{frame:04}_Timestamp"]) for frame in range(len(pixels))])
+    assert numpy.abs(steps[1:] - 1e3 * numpy.diff(times)).max() < 1e-3 and steps[0] == 0
+    region = image.SequenceOfUltrasoundRegions[0]
+    lengths = numpy.linalg.norm(poses[0][:3, :2], axis=0)
+    assert numpy.abs(numpy.array([region.PhysicalDeltaX, region.PhysicalDeltaY]) - 0.1 * lengths).max() < 1e-9
+    print(f"sweep.dcm: {len(pixels)} frames, the same, with their times, scale and poses")
+    return image
+
+
+def main():
+    folder = Path(sys.argv[1])
+    images = [volume(folder, "volume"), sweep(folder)]
+    volume(folder, "turned")
+    for image in images:
+        who = (str(image.PatientName), image.PatientID, image.StudyDescription)
+        assert who == ("Müller^Jörg", "4711", "Phantom study"), who
+    for name in ("StudyInstanceUID", "FrameOfReferenceUID"):
+        assert images[0][name].value == images[1][name].value, f"{name} of the volume and of its sweep"
+    nobody = pydicom.dcmread(folder / "nobody.dcm")
+    given = [e.keyword for e in nobody if e.tag.group == 0x0010 and e.value not in ("", None)]
+    assert not given, f"identifiers that nobody gave: {given}"
+    print("identifiers are those that were given")
+
+
+main()

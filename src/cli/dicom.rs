@@ -1,0 +1,246 @@
+//! `sonoweave dicom`: a sweep or a volume to DICOM, for a picture archive.
+
+pub(super) mod flags;
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use drivers::reading::PixelType;
+use drivers::recording::image::{Content, content};
+use drivers::recording::{Limits, SequenceSettings};
+use drivers::{Next, OpenSettings};
+use glam::DVec3;
+
+use super::{Failure, input, values};
+use crate::config::Settings as Config;
+use crate::export::dicom::Identifiers;
+use crate::export::dicom::sweep::Sweep;
+use crate::export::dicom::volume::VolumeImage;
+use crate::export::volume::Scalar;
+use crate::ingest::{Ingest, Sample};
+use crate::slice::Pixels;
+use crate::sync::survey::SurveyError;
+use crate::sync::{PairingOptions, survey};
+use crate::volume::dense::UNSEEN_FIELD;
+use crate::volume::{DenseVolume, Values};
+use flags::DicomFlags;
+
+/// Header field with the recording's name and hash.
+const INPUT_FIELD: &str = "SonoweaveInput";
+/// Header field with the name of the frame where a volume lies.
+const FRAME_FIELD: &str = "SonoweaveFrame";
+
+/// Flags of `dicom`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+A sweep becomes an ultrasound multi-frame image (8 bits): with its frames' times, its pixel size where a calibration gives it, and its frames' poses in private \
+elements. A volume becomes an enhanced ultrasound volume (8 or 16 bits), each plane with its place; voxels that were not seen have the value that the file has for \
+them. What is made of one recording with the same identifiers is of one study. The same input gives the same bytes.
+
+Examples:
+  sonoweave dicom sweep.igs.mha sweep.dcm --config PlusConfiguration.xml --patient-id 4711
+  sonoweave dicom volume.mha volume.dcm --patient-id 4711")]
+pub struct Arguments {
+    /// A tracked sequence or a volume (.igs.mha, .mha)
+    input: PathBuf,
+    /// Where to write the image (.dcm)
+    output: PathBuf,
+    /// Place a sequence's pictures with this calibration: our TOML or a PLUS XML
+    #[arg(short, long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Frame in which to place them [default: Reference if the sequence has one, else Tracker]
+    #[arg(long, value_name = "NAME")]
+    world: Option<String>,
+    /// Frames of a sequence to write: from A up to, but not including, B
+    #[arg(long, value_name = "A..B", value_parser = values::frames)]
+    frames: Option<FrameRange>,
+    /// Memory that a volume may take, GiB
+    #[arg(long, value_name = "GIB", default_value_t = 8.0)]
+    max_memory: f64,
+    #[command(flatten)]
+    identifiers: DicomFlags,
+}
+
+// clap takes an array for its own notation of repeated values; named types are single values to it.
+type FrameRange = std::ops::Range<u64>;
+
+/// Runs the command.
+///
+/// # Errors
+/// [`Failure`]: nothing was written then.
+#[allow(clippy::print_stdout, reason = "the command's output")]
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let identifiers = arguments.identifiers.identifiers()?;
+    let Arguments { input, output, .. } = arguments;
+    input::check_output(output)?;
+    input::check_is_not(output, input)?;
+    if !flags::is_dicom(output) {
+        return Err(Failure(format!("{}: DICOM files are written as .dcm; give such a name", output.display())));
+    }
+    let said = match content(input, &Limits::default())? {
+        Content::Sequence => write_sweep(arguments, &identifiers)?,
+        Content::Volume => write_volume(arguments, &identifiers)?,
+    };
+    println!("{}: {said}", output.display());
+    Ok(())
+}
+
+/// A file's header field.
+fn field<'a>(fields: &'a [(String, String)], name: &str) -> Option<&'a str> {
+    fields.iter().find(|(n, _)| n == name).map(|(_, value)| value.as_str())
+}
+
+fn write_volume(arguments: &Arguments, identifiers: &Identifiers) -> Result<String, Failure> {
+    let Arguments { input, output, config, world, frames, max_memory, .. } = arguments;
+    if config.is_some() || world.is_some() || frames.is_some() {
+        return Err(Failure(format!(
+            "{}: is a volume; --config, --world and --frames are of sequences only",
+            input.display()
+        )));
+    }
+    let most = max_memory * f64::from(1 << 30);
+    if !(most > 0.0 && most.is_finite()) {
+        return Err(Failure(format!("--max-memory {max_memory}: must be a positive number of GiB")));
+    }
+    let volume = DenseVolume::open(input, None, most as u64)?;
+    let header = volume.header();
+    let scalar = match header.pixel {
+        PixelType::U8 => Scalar::U8,
+        PixelType::U16 => Scalar::U16,
+        other => {
+            return Err(Failure(format!(
+                "{}: has voxels of {other:?}; DICOM's ultrasound volumes have 8 or 16 bit unsigned ones: reconstruct with --type u8 or u16 and --window",
+                input.display()
+            )));
+        }
+    };
+    let unseen = field(&header.fields, UNSEEN_FIELD).and_then(|text| text.parse().ok()).unwrap_or(0.0_f32);
+    let unseen = unseen.clamp(0.0, scalar.top());
+    // The recording's, so that the volume is of its study; else its own.
+    let recording = match field(&header.fields, INPUT_FIELD).and_then(|text| text.rsplit_once(" sha256 ")) {
+        Some((_, hash)) => hash.to_owned(),
+        None => input::hash(input)?,
+    };
+    let world =
+        field(&header.fields, FRAME_FIELD).and_then(|text| text.split_once(" (")).map_or("World", |(name, _)| name);
+    let grid = volume.grid();
+    let image = VolumeImage { grid: &grid, scalar, unseen, recording: &recording, world, identifiers };
+    let mut weights = vec![0.0; grid.size[0] as usize];
+    image.write(output, |y, z, row| {
+        volume.values(volume.index([0, y as i64, z as i64]), row, &mut weights);
+        for (value, weight) in row.iter_mut().zip(&weights) {
+            if *weight <= 0.0 {
+                *value = unseen;
+            }
+        }
+    })?;
+    let [nx, ny, nz] = grid.size;
+    Ok(format!("{nx}×{ny}×{nz} voxels of {}, an enhanced ultrasound volume", scalar.name()))
+}
+
+fn write_sweep(arguments: &Arguments, identifiers: &Identifiers) -> Result<String, Failure> {
+    let Arguments { input, output, .. } = arguments;
+    let within = |problem: String| Failure(format!("{}: {problem}", input.display()));
+    let frames = arguments.frames.clone().unwrap_or(0..u64::MAX);
+    let config = arguments.config.as_deref().map(|path| Config::read(path, None)).transpose()?.unwrap_or_default();
+    let options = PairingOptions::new(&config, arguments.world.as_deref());
+    let open =
+        |images| drivers::open(&OpenSettings::Sequence(SequenceSettings { images, ..SequenceSettings::new(input) }));
+    let placed = match survey(open(false)?.as_mut(), &options) {
+        Ok(survey) => Some(survey),
+        // Without a way to the world it is a sweep without poses, unless one was asked for.
+        Err(SurveyError::NoPath(_)) if arguments.config.is_none() && arguments.world.is_none() => None,
+        Err(error) => return Err(within(error.to_string())),
+    };
+    let mut sweep = Frames::default();
+    let mut device = open(true)?;
+    let mut ingest = Ingest::new();
+    device.start()?;
+    loop {
+        match device.next(drivers::NO_DEADLINE)? {
+            Next::Reading(reading) => match ingest.take(reading) {
+                Sample::Picture(picture) if frames.contains(&picture.head.stamp.item) => {
+                    sweep.take(picture.head.stamp.item, picture.head.time_ns, &picture.image).map_err(within)?;
+                }
+                Sample::Refused(refusal) if frames.contains(&refusal.item) => return Err(within(refusal.to_string())),
+                _ => {}
+            },
+            Next::Pending => {}
+            Next::End => break,
+        }
+    }
+    device.stop()?;
+    sweep.write(placed.as_ref(), output, &input::hash(input)?, identifiers).map_err(|e| within(e.0))
+}
+
+/// Frames of a sweep, one after the other.
+#[derive(Default)]
+struct Frames {
+    size: [u32; 2],
+    items: Vec<u64>,
+    times_ns: Vec<i64>,
+    pixels: Vec<u8>,
+}
+
+impl Frames {
+    fn take(&mut self, item: u64, time_ns: i64, image: &crate::slice::Image) -> Result<(), String> {
+        let Pixels::U8(pixels) = image.pixels() else {
+            return Err(format!(
+                "item {item}: has pixels of more than 8 bits, which DICOM's multi-frame ultrasound has not"
+            ));
+        };
+        let size = [image.width(), image.height()];
+        if self.items.is_empty() {
+            self.size = size;
+        } else if self.size != size {
+            return Err(format!("item {item}: has {size:?} pixels, and the first frame {:?}", self.size));
+        }
+        // Before memory is taken for it.
+        Sweep::bytes(self.items.len() as u64 + 1, size).map_err(|e| e.to_string())?;
+        self.items.push(item);
+        self.times_ns.push(time_ns);
+        self.pixels.extend_from_slice(pixels);
+        Ok(())
+    }
+
+    fn write(
+        &self,
+        placed: Option<&crate::sync::Survey>,
+        output: &Path,
+        recording: &str,
+        identifiers: &Identifiers,
+    ) -> Result<String, Failure> {
+        let poses: Option<Vec<[f64; 16]>> = placed.map(|survey| {
+            let place = |item: &u64| {
+                let at = survey.poses.binary_search_by_key(item, |pose| pose.item).ok()?;
+                let columns = glam::DMat4::from(survey.poses[at].world_from_image.affine()).transpose();
+                Some(columns.to_cols_array())
+            };
+            self.items.iter().map(|item| place(item).unwrap_or([f64::NAN; 16])).collect()
+        });
+        let pixel_mm = placed
+            .and_then(|survey| survey.poses.first())
+            .map(|pose| [DVec3::X, DVec3::Y].map(|axis| pose.world_from_image.vector(axis).length()));
+        let sweep = Sweep {
+            size: self.size,
+            pixels: &self.pixels,
+            times_ns: &self.times_ns,
+            poses: poses.as_deref(),
+            pixel_mm,
+            recording,
+            world: placed.map_or("", |survey| survey.route.world()),
+            identifiers,
+        };
+        sweep.write(output)?;
+        let [width, height] = self.size;
+        let place = placed.map_or_else(
+            || "without poses".to_owned(),
+            |survey| {
+                let known =
+                    self.items.iter().filter(|item| survey.poses.binary_search_by_key(item, |p| &p.item).is_ok());
+                format!("{} of them placed in {}", known.count(), survey.route.world())
+            },
+        );
+        Ok(format!("{} frames of {width}×{height} pixels, {place}, an ultrasound multi-frame image", self.items.len()))
+    }
+}

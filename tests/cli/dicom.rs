@@ -1,0 +1,67 @@
+//! DICOM out: volumes and sweeps, as flags ask for them.
+
+use super::place::Place;
+use super::sequence::Sequence;
+
+fn place() -> Place {
+    let place = Place::new();
+    place.put("s.mha", Sequence::default().bytes());
+    place
+}
+
+const WEAVE: &str = "reconstruct s.mha --path general --clip none --spacing 0.5 --sigma 0.5,0.5,0.7";
+
+/// Whether bytes hold others.
+fn holds(bytes: &[u8], part: &[u8]) -> bool {
+    bytes.windows(part.len()).any(|window| window == part)
+}
+
+#[test]
+fn a_volume_woven_to_dicom_is_the_one_that_its_file_becomes() {
+    let place = place();
+    let who = "--patient-id 4711 --patient-name Doe^Jane --study-description Knee";
+    place.does(&format!("{WEAVE} -o v.dcm {who}"));
+    place.does(&format!("{WEAVE} -o v.mha"));
+    let said = place.does(&format!("dicom v.mha w.dcm {who}"));
+    assert!(said.contains("an enhanced ultrasound volume"), "{said}");
+    assert!(place.get("v.dcm") == place.get("w.dcm"));
+    let bytes = place.get("v.dcm");
+    assert_eq!(&bytes[128..132], b"DICM");
+    for text in ["1.2.840.10008.5.1.4.1.1.6.2", "Doe^Jane", "4711", "Knee"] {
+        assert!(holds(&bytes, text.as_bytes()), "{text}");
+    }
+    // The voxels as the other file has them, as the last thing.
+    let voxels: Vec<u8> = place.volume("v.mha").values.iter().map(|v| *v as u8).collect();
+    assert!(bytes.ends_with(&voxels) || bytes[..bytes.len() - 1].ends_with(&voxels));
+}
+
+#[test]
+fn a_sweep_has_its_poses_where_there_is_a_way_to_the_world() {
+    let place = place();
+    let said = place.does("dicom s.mha s.dcm --frames 1..4");
+    assert!(said.contains("3 frames of 40×30 pixels, 3 of them placed in Reference"), "{said}");
+    assert!(holds(&place.get("s.dcm"), b"1.2.840.10008.5.1.4.1.1.3.1") && holds(&place.get("s.dcm"), b"SONOWEAVE"));
+    place.put("t.mha", Sequence { transform: "ProbeToTracker", ..Sequence::default() }.bytes());
+    let said = place.does("dicom t.mha t.dcm");
+    assert!(said.contains("6 frames of 40×30 pixels, without poses"), "{said}");
+    place.refuses("dicom t.mha u.dcm --world Table", &["t.mha: ", "Table"]);
+}
+
+#[test]
+fn what_dicom_does_not_have_is_refused_and_leaves_nothing() {
+    let place = place();
+    place.refuses(&format!("{WEAVE} -o v.dcm --type f32"), &["no floating point", "--type u8 or u16"]);
+    place.refuses(&format!("{WEAVE} -o v.mha --patient-id 4711"), &["DICOM files only", "-o VOL.dcm"]);
+    place.refuses(&format!("{WEAVE} -o v.dcm --acquired 2024"), &["time of acquisition \"2024\"", "fourteen digits"]);
+    place.refuses("dicom s.mha s.dcm --study-uid 1.02", &["study UID \"1.02\""]);
+    place.refuses("dicom s.mha s.png", &["s.png", ".dcm"]);
+    place.refuses("dicom s.mha none/s.dcm", &["none"]);
+    place.refuses("dicom none.mha s.dcm", &["none.mha"]);
+    place.refuses("dicom s.mha s.dcm --frames 90..95", &["no frame"]);
+    let deep = Sequence { element: "MET_USHORT", pixel: |_, _, _| vec![1, 2], ..Sequence::default() };
+    place.put("d.mha", deep.bytes());
+    place.refuses("dicom d.mha d.dcm", &["d.mha: ", "more than 8 bits"]);
+    place.does(&format!("{WEAVE} -o f.mha --type f32"));
+    place.refuses("dicom f.mha f.dcm", &["f.mha: ", "8 or 16 bit"]);
+    place.refuses("dicom f.mha f.dcm --frames 0..1", &["of sequences only"]);
+}
