@@ -15,7 +15,7 @@
 //! - [`reading`]: what a device can deliver.
 //! - [`clock`]: the host's time, and one that tests turn by hand.
 //! - [`simulated`]: virtual twins of all of them.
-//! - [`recording`]: sequence files (MetaImage), sessions (MCAP) and the devices that replay them.
+//! - [`recording`]: image files (MetaImage, NRRD, NIfTI), sessions (MCAP) and the devices that replay them.
 //! - [`grabber`]: frame grabbers over V4L2, and their video to pictures.
 //! - [`error`]: what can go wrong, in sentences that say what, where and what to do.
 

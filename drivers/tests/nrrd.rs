@@ -3,17 +3,19 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
 
 use std::fs;
-use std::io::Write as _;
+use std::io::{Read as _, Write as _};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use drivers::reading::{Frame, PixelType, Reading, Status};
-use drivers::recording::image::{About, Content, VolumeReader};
+use drivers::recording::image::write::VolumeWriter;
+use drivers::recording::image::{About, Content, VolumeHeader, VolumeReader};
 use drivers::recording::{Limits, Progress, Replay, SequenceSettings};
 use drivers::{Device, Error, Next};
 use flate2::Compression;
 use flate2::write::GzEncoder;
+use proptest::prelude::*;
 
 fn gzip(bytes: &[u8]) -> Vec<u8> {
     let mut encoder = GzEncoder::new(Vec::new(), Compression::fast());
@@ -303,4 +305,84 @@ fn what_cannot_be_read_is_refused_by_field_and_byte() {
     assert!(text.contains("\"65536\" is no U16"), "{text}");
     let text = refused(&with("raw", "ascii"), b"1 2 3 256 5 6 7 8 9 10 11 65535 1");
     assert!(text.contains("more numbers follow"), "{text}");
+}
+
+/// Files that a flipped bit is to make nonsense of.
+fn whole(choice: usize) -> Vec<u8> {
+    let data = big(VALUES.concat());
+    let keys = "axis 2 item 0 Note:=a\\nb\nSeq_Frame0000_AToBTransform:=1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\naxis 2 item 1 Note:=\n\n";
+    match choice {
+        0 => [format!("{HEAD}{keys}").as_bytes(), &data].concat(),
+        1 => [
+            format!("{}byte skip: 2\n{keys}", HEAD.replace("raw", "gzip")).as_bytes(),
+            &gzip(&[b"ab", &data[..]].concat()),
+        ]
+        .concat(),
+        2 => [format!("{}{keys}", HEAD.replace("raw", "ascii")).as_bytes(), b"1 2 3 4 5 6 7 8 9 10 11 12"].concat(),
+        3 => [
+            HEAD.replace("3 2 2", "2 3 2").replace("domain domain list", "list domain domain").as_bytes(),
+            b"byte skip: -1\n\n",
+            &data,
+        ]
+        .concat(),
+        4 => [
+            HEAD.replace("list", "domain").as_bytes(),
+            b"space: RAS\nspace directions: (1,0,0) (0,2,0) (0,0,3)\n\n",
+            &data,
+        ]
+        .concat(),
+        _ => {
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("v.nii.gz");
+            let fields = vec![("Kernel".to_owned(), "gaussian".to_owned())];
+            let header = VolumeHeader { fields, ..VolumeHeader::new([3, 2, 2], PixelType::U16) };
+            let mut writer = VolumeWriter::create(&path, &header).unwrap();
+            writer.write_all(&data).unwrap();
+            writer.finish().unwrap();
+            let packed = fs::read(&path).unwrap();
+            if choice == 5 {
+                return packed;
+            }
+            let mut plain = Vec::new();
+            flate2::read::GzDecoder::new(&packed[..]).read_to_end(&mut plain).unwrap();
+            plain
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 600, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn flipped_bits_never_panic_nor_exceed_the_limits(
+        choice in 0..7_usize,
+        flips in prop::collection::vec((any::<prop::sample::Index>(), 0..8_u32), 1..6),
+    ) {
+        let mut bytes = whole(choice);
+        for (at, bit) in flips {
+            let at = at.index(bytes.len());
+            bytes[at] ^= 1 << bit;
+        }
+        let limits = Limits { header_bytes: 4096, frame_bytes: 4096, items: 64, transposed_bytes: 4096 };
+        of("", &bytes, |path| {
+            let says = |error: Error| assert!(error.to_string().contains("a.nrrd"), "{error}");
+            match read(&SequenceSettings { limits, ..SequenceSettings::new(path) }) {
+                Ok(readings) => assert!(readings.len() as u64 <= 4 * limits.items),
+                Err(error) => says(error),
+            }
+            match VolumeReader::open(path, &limits) {
+                Ok(mut volume) => loop {
+                    match volume.next_slice() {
+                        Ok(Some(slice)) => assert!(slice.len() as u64 <= 8 * limits.frame_bytes),
+                        Ok(None) => break,
+                        Err(error) => {
+                            says(error);
+                            break;
+                        }
+                    }
+                },
+                Err(error) => says(error),
+            }
+        });
+    }
 }
