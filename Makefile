@@ -25,6 +25,7 @@ bench: setup
 	cargo bench --locked -p sonoweave-drivers --bench pixels
 	cargo bench --locked -p sonoweave-drivers --bench latency
 	cargo bench --locked -p sonoweave-drivers --bench session
+	cargo bench --locked -p sonoweave-drivers --bench images
 
 # Searches for bytes that break a decoder of the devices' wire formats, FUZZ_SECONDS for each format; says so where it cannot.
 FUZZ_SECONDS ?= 60

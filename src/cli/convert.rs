@@ -9,8 +9,11 @@ use drivers::recording::session::SessionSettings;
 use drivers::recording::{Limits, Progress, SequenceSettings};
 use drivers::{Device, OpenSettings};
 
+use super::live::stages::Kept;
 use super::{Failure, input, values};
+use crate::config::bedside::devices::Tracking;
 use crate::convert::{Changes, sequence, write};
+use crate::pipeline::live::Precedent;
 
 /// Flags of `convert`.
 #[derive(Debug, Args)]
@@ -18,13 +21,13 @@ use crate::convert::{Changes, sequence, write};
 The name of OUT says what is written. Of a sequence or a session: .mha, .mhd, .nrrd, .seq.nrrd (3D Slicer), .nhdr; .mcap, a session; a folder that is there or a name \
 such as frame%04d.png, pictures. Of a volume: .mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz.
 
-A session's poses that come between frames have no place in a sequence: each frame gets the one of each sensor that is nearest in time. --anonymize leaves out all fields \
+A session's poses that come between frames have no place in a sequence: each frame gets the one of each sensor that came nearest to it in time. An arm's counts are no poses and stay out. --anonymize leaves out all fields \
 but those that place and time need (transforms, their status, times, frame numbers, orientation, the image's type) and says which; what is written into the pictures is cut off by \
 --crop.
 
 Examples:
   sonoweave convert sweep.igs.mha sweep.seq.nrrd --compress
-  sonoweave convert SESSION-20261121-213000.mcap sweep.igs.mha --station 1=Probe --station 2=Reference
+  sonoweave convert SESSION-20261121-213000.mcap sweep.igs.mha
   sonoweave convert sweep.igs.mha frame%04d.png --frames 10..20
   sonoweave convert volume.mha volume.nii.gz")]
 pub struct Arguments {
@@ -47,7 +50,7 @@ pub struct Arguments {
     /// Compress pixels
     #[arg(long)]
     compress: bool,
-    /// What a tracker's station is called in the sequence made of a session [default: Sensor1, Sensor2, …]
+    /// What a tracker's station is called in the sequence made of a session [default: as in the session's settings, else Sensor1, Sensor2, …]
     #[arg(long = "station", value_name = "N=NAME", value_parser = station)]
     stations: Vec<(u8, String)>,
 }
@@ -140,7 +143,8 @@ impl Arguments {
                 self.input.display()
             )));
         }
-        let gathered = sequence::gather(&mut *self.open(is_session, false)?, &self.input, &changes, &self.stations)?;
+        let names = if is_session { self.names() } else { Vec::new() };
+        let gathered = sequence::gather(&mut *self.open(is_session, false)?, &self.input, &changes, &names)?;
         let count = gathered.header.items.len();
         let bar = input::progress("converting", count as u64);
         let told = |done| bar.set_position(done);
@@ -159,22 +163,27 @@ impl Arguments {
         Ok((what, gathered.removed))
     }
 
+    /// What stations are called: by the flags, else by the settings that a session recorded at a bedside holds.
+    fn names(&self) -> Vec<(u8, String)> {
+        let mut names = self.stations.clone();
+        let bedside = Precedent::read(&self.input).ok().and_then(|told| Kept::bedside(&self.input, &told).ok());
+        if let Some(Tracking::Tracker(tracker)) = bedside.map(|bedside| bedside.tracking) {
+            for (station, frame) in tracker.roles.all() {
+                if !names.iter().any(|(known, name)| *known == station || name == frame) {
+                    names.push((station, frame.to_owned()));
+                }
+            }
+        }
+        names
+    }
+
     fn open(&self, is_session: bool, images: bool) -> Result<Box<dyn Device>, Failure> {
         let path = &self.input;
         if is_session {
             let settings = SessionSettings { images, ..SessionSettings::new(path) };
             return Ok(drivers::open(&OpenSettings::Session(settings))?);
         }
-        // All frames of a file whose list is the first axis are read before the first of them.
-        let bar = input::progress("turning", 0);
-        let told = move |done, of| {
-            bar.set_length(of);
-            bar.set_position(done);
-            if done == of {
-                bar.finish_and_clear();
-            }
-        };
-        let told = Progress(images.then(|| std::sync::Arc::new(told) as _));
+        let told = if images { input::turning() } else { Progress::default() };
         let settings = SequenceSettings { images, told, ..SequenceSettings::new(path) };
         Ok(drivers::open(&OpenSettings::Sequence(settings))?)
     }

@@ -4,8 +4,10 @@ use std::fmt::Write as _;
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
+use drivers::recording::Progress;
 use drivers::recording::image::Container;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use sha2::{Digest, Sha256};
@@ -110,4 +112,17 @@ pub fn progress(doing: &'static str, total: u64) -> ProgressBar {
     bar.set_message(doing);
     bar.enable_steady_tick(Duration::from_millis(200));
     bar
+}
+
+/// A progress bar for files all of whose frames are read before the first of them is there: those whose list is the first axis.
+pub fn turning() -> Progress {
+    // Nothing is shown of other files.
+    let bar = OnceLock::new();
+    Progress(Some(Arc::new(move |done, of| {
+        let bar: &ProgressBar = bar.get_or_init(|| progress("turning", of));
+        bar.set_position(done);
+        if done == of {
+            bar.finish_and_clear();
+        }
+    })))
 }

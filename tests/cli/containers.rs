@@ -179,3 +179,59 @@ fn what_may_identify_somebody_is_left_out_and_named() {
     assert!(before.values == after.values);
     place.refuses("convert v.mha x.mha --frames 1..2", &["v.mha: is a volume; --frames"]);
 }
+
+const BEDSIDE: &str = r#"format = "sonoweave-bedside"
+version = 1
+[tracker]
+model = "fastrak"
+port = "virtual"
+reference_station = 2
+[grabber]
+device = "virtual"
+size = "96x80"
+[volume]
+spacing_mm = 1.0
+[virtual]
+frames = 60
+"#;
+
+#[test]
+fn a_recorded_session_becomes_a_sequence_with_a_pose_of_each_sensor_and_its_own_times() {
+    let place = Place::new();
+    let session = place.recorded(BEDSIDE, 2);
+    place.does(&format!("convert {session} s.igs.mha"));
+    let mut device = Replay::open(&SequenceSettings::new(place.path("s.igs.mha"))).unwrap();
+    device.start().unwrap();
+    let (mut frames, mut found, mut last) = (0, std::collections::BTreeMap::new(), 0);
+    while let Next::Reading(reading) = device.next(drivers::NO_DEADLINE).unwrap() {
+        match reading {
+            Reading::Frame(frame) => {
+                let host = frame.fields.iter().find(|(name, _)| name == "SonoweaveHostNs").unwrap();
+                let host: i64 = host.1.parse().unwrap();
+                let seconds = frame.stamp.source_s.unwrap();
+                assert!((seconds * 1e9).round() as i64 == host && host > last, "{seconds} s is not {host} ns");
+                assert_eq!(frame.pixels.len(), 96 * 80);
+                (last, frames) = (host, frames + 1);
+            }
+            Reading::NamedTransform(transform) => {
+                let count: &mut u32 = found.entry(transform.name()).or_default();
+                *count += u32::from(transform.status == drivers::reading::Status::Ok);
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+    assert!(frames > 30, "{frames} frames");
+    assert_eq!(found.keys().collect::<Vec<_>>(), ["ProbeToTracker", "ReferenceToTracker"]);
+    assert!(
+        found.values().all(|ok| *ok + 6 >= frames),
+        "{found:?} of {frames}: only before the first pose is none near"
+    );
+    let said = place.does("inspect s.igs.mha");
+    assert!(said.contains("ProbeToTracker"), "{said}");
+    place.does(&format!("convert {session} named.nrrd --station 2=Patient --frames 0..9"));
+    assert!(String::from_utf8_lossy(&place.get("named.nrrd")).contains("Seq_Frame0008_PatientToTrackerTransform:="));
+    // And back, and out again: nothing is lost that a sequence can hold.
+    place.does("convert s.igs.mha back.mcap");
+    place.does("convert back.mcap again.seq.nrrd");
+    same(&place, ["s.igs.mha", "again.seq.nrrd"]);
+}
