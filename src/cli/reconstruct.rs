@@ -1,16 +1,18 @@
 //! `sonoweave reconstruct`: a recorded sweep becomes a volume.
 
+mod batch;
 pub(super) mod filling;
 pub(super) mod flags;
 pub(super) mod outputs;
 mod weighing;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 
 use super::{Failure, input};
 use crate::pipeline;
+use crate::statistics::Statistics;
 use flags::Flags;
 use outputs::Request;
 
@@ -21,11 +23,13 @@ A sequence needs a way from its pictures to the world: transforms like ProbeToTr
 probe's calibration ImageToProbe in --config or --image-to-probe. A sequence that holds ImageToReference, ImageToWorld or \
 ImageToTracker needs no calibration.
 
-Example: sonoweave reconstruct sweep.igs.mha --config PlusConfiguration.xml -o volume.mha --planes volume.png")]
+Example: sonoweave reconstruct sweep.igs.mha --config PlusConfiguration.xml -o volume.mha --planes volume.png
+         sonoweave reconstruct monday.igs.mha tuesday.igs.mha --config PlusConfiguration.xml -o volumes")]
 pub struct Arguments {
-    /// The recorded sweep: a tracked sequence (.mha, .mhd, .nrrd, .nhdr)
-    sequence: PathBuf,
-    /// Where to write the volume (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz, or .dcm for DICOM)
+    /// The recorded sweep: a tracked sequence (.mha, .mhd, .nrrd, .nhdr); of several each becomes a volume of its name
+    #[arg(required = true, value_name = "SEQUENCE")]
+    sequences: Vec<PathBuf>,
+    /// Where to write the volume (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz, or .dcm for DICOM); of several sweeps the folder for their volumes
     #[arg(short, long, value_name = "VOL.mha")]
     output: PathBuf,
     #[command(flatten)]
@@ -35,9 +39,18 @@ pub struct Arguments {
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure`]: nothing was written then.
+/// [`Failure`]: nothing was written then; of several sweeps, not those that failed.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let (request, job) = Request::new(&arguments.sequence, Some(&arguments.output), &arguments.flags)?;
+    let Arguments { sequences, output, flags } = arguments;
+    match sequences.as_slice() {
+        [sequence] => weave(sequence, output, flags).map(drop),
+        _ => batch::run(sequences, output, flags),
+    }
+}
+
+/// A recorded sweep to a volume; what was done, in numbers.
+fn weave(sequence: &Path, output: &Path, flags: &Flags) -> Result<Statistics, Failure> {
+    let (request, job) = Request::new(sequence, Some(output), flags)?;
     let bar = input::progress("weaving", 1);
     let result = pipeline::reconstruct(job, &mut (), |p| {
         bar.set_length(p.total);

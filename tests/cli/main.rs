@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
 mod arm;
+mod batch;
 mod calibrate;
 mod compare;
 mod containers;

@@ -52,11 +52,15 @@ impl<'a> Request<'a> {
         Ok((Self { sequence, output, flags, began, config, mask, frames }, job))
     }
 
-    /// Writes all that was asked for, and says what was done; `picture` is what a rendering on the side did.
+    /// Writes all that was asked for, says what was done, and returns the numbers of it; `picture` is what a rendering on the side did.
     ///
     /// # Errors
     /// [`Failure`]: the file that failed is not there.
-    pub(in crate::cli) fn finish(&self, mut outcome: Outcome, picture: Option<&impl Serialize>) -> Result<(), Failure> {
+    pub(in crate::cli) fn finish(
+        &self,
+        mut outcome: Outcome,
+        picture: Option<&impl Serialize>,
+    ) -> Result<Statistics, Failure> {
         let flags = self.flags;
         outcome.notes.extend(flags.weighing.note());
         let writes = self.output.is_some() || flags.weights.is_some();
@@ -98,7 +102,7 @@ impl<'a> Request<'a> {
             statistics.write(path, &source, picture)?;
         }
         self.report(&outcome, &statistics, filled.as_ref());
-        Ok(())
+        Ok(statistics)
     }
 
     /// The volume for a picture archive, of a recording and in a world.

@@ -1,0 +1,86 @@
+//! Several recordings by one command: a volume each, and a table of what became of them.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use super::flags::Flags;
+use super::weave;
+use crate::cli::Failure;
+use crate::statistics::Statistics;
+
+/// Weaves each recording into a volume of its name in a folder; one that fails does not keep the others from it.
+///
+/// # Errors
+/// [`Failure`] before any work where the folder or names do not fit, else where a recording failed: the others' volumes are written then.
+#[allow(clippy::print_stdout, reason = "the command's output")]
+pub(super) fn run(sequences: &[PathBuf], folder: &Path, flags: &Flags) -> Result<(), Failure> {
+    let outputs = outputs(sequences, folder)?;
+    if [&flags.weights, &flags.planes, &flags.stats].into_iter().any(Option::is_some) {
+        return Err(Failure("--weights, --planes and --stats name one file, and there are several recordings: give one, or leave them out".into()));
+    }
+    let mut rows = vec![["recording", "frames", "voxels", "s", "volume"].map(str::to_owned)];
+    let mut failed = 0;
+    for (sequence, output) in sequences.iter().zip(&outputs) {
+        let name = sequence.display().to_string();
+        rows.push(match weave(sequence, output, flags) {
+            Ok(statistics) => done(name, &statistics, output),
+            Err(Failure(why)) => {
+                failed += 1;
+                [name, "–".into(), "–".into(), "–".into(), format!("failed: {why}")]
+            }
+        });
+    }
+    print!("\n{}", table(&rows));
+    match failed {
+        0 => Ok(()),
+        n => Err(Failure(format!("{n} of {} recordings failed; the table says why", sequences.len()))),
+    }
+}
+
+fn done(name: String, statistics: &Statistics, output: &Path) -> [String; 5] {
+    let frames = &statistics.ledger.frames;
+    let size = statistics.grid.size.map(|n| n.to_string()).join("×");
+    let wall = format!("{:.1}", statistics.wall_s);
+    [name, format!("{} of {}", frames.used, frames.total), size, wall, output.display().to_string()]
+}
+
+/// A recording's name up to its first point, in the folder, each once.
+fn outputs(sequences: &[PathBuf], folder: &Path) -> Result<Vec<PathBuf>, Failure> {
+    if !folder.is_dir() {
+        return Err(Failure(format!(
+            "{}: is no folder, and several recordings become a volume each: make the folder, and give it with -o",
+            folder.display()
+        )));
+    }
+    let mut taken = BTreeSet::new();
+    let mut outputs = Vec::new();
+    for sequence in sequences {
+        let name = sequence.file_name().unwrap_or(sequence.as_os_str()).to_string_lossy();
+        let stem = name.split('.').next().filter(|stem| !stem.is_empty()).unwrap_or("volume");
+        let output = folder.join(format!("{stem}.mha"));
+        if !taken.insert(output.clone()) {
+            return Err(Failure(format!(
+                "{}: its volume would be {}, as another recording's: weave them by a command each",
+                sequence.display(),
+                output.display()
+            )));
+        }
+        // Not only its own recording: any of them.
+        sequences.iter().try_for_each(|sequence| crate::cli::input::check_is_not(&output, sequence))?;
+        outputs.push(output);
+    }
+    Ok(outputs)
+}
+
+/// Cells in columns.
+fn table(rows: &[[String; 5]]) -> String {
+    let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
+    let widths: [usize; 5] = std::array::from_fn(width);
+    let mut text = String::new();
+    for row in rows {
+        let cells: Vec<String> = row.iter().zip(widths).map(|(cell, width)| format!("{cell:width$}")).collect();
+        text += cells.join("  ").trim_end();
+        text.push('\n');
+    }
+    text
+}
