@@ -27,7 +27,7 @@ bench: setup
 	cargo bench --locked -p sonoweave-drivers --bench session
 	cargo bench --locked -p sonoweave-drivers --bench images
 
-# Searches for bytes that break a decoder of the devices' wire formats, FUZZ_SECONDS for each format; says so where it cannot.
+# Searches for bytes that break a decoder of the devices' wire formats or a reader of files and configurations, FUZZ_SECONDS for each; says so where it cannot.
 FUZZ_SECONDS ?= 60
 fuzz: setup
 	FUZZ_SECONDS=$(FUZZ_SECONDS) scripts/fuzz.sh

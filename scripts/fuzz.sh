@@ -1,6 +1,6 @@
 #!/bin/sh
-# Searches for bytes that break a decoder: `make fuzz`, or scripts/fuzz.sh [TARGET…]. FUZZ_SECONDS a target, 60 by default. What is found on the way is kept
-# in out/fuzz; what breaks something is named at the end and belongs into drivers/fuzz/corpus, where the tests try it again.
+# Searches for bytes that break a decoder or a reader of files: `make fuzz`, or scripts/fuzz.sh [TARGET…]. FUZZ_SECONDS a target, 60 by default. What is found on the way is
+# kept in out/fuzz; what breaks something is named at the end and belongs into the corpus beside its target, in drivers/fuzz or tests/fuzz, where the tests try it again.
 set -eu
 cd "$(dirname "$0")/.."
 
@@ -15,11 +15,14 @@ fi
 
 seconds=${FUZZ_SECONDS:-60}
 host=$(rustc -vV | sed -n 's/^host: //p')
-[ $# -gt 0 ] || set -- $(sed -n 's/^name = "\(.*\)"$/\1/p' drivers/fuzz/Cargo.toml | sed 1d)
+targets() { sed -n 's/^name = "\(.*\)"$/\1/p' "$1/Cargo.toml" | sed 1d; }
+[ $# -gt 0 ] || set -- $(targets drivers/fuzz) $(targets tests/fuzz)
 for target in "$@"; do
+    folder=drivers/fuzz
+    [ -f "$folder/fuzz_targets/$target.rs" ] || folder=tests/fuzz
     mkdir -p "out/fuzz/$target"
     echo "fuzz: $target for $seconds s"
     # cargo-fuzz would build for musl where it was itself built so: the host is named.
-    cargo +nightly fuzz run --fuzz-dir drivers/fuzz --target-dir "${CARGO_TARGET_DIR:-target}/fuzz" --target "$host" "$target" \
-        "out/fuzz/$target" "drivers/fuzz/corpus/$target" -- -max_total_time="$seconds" -max_len=2048 -timeout=10 -rss_limit_mb=512 -print_final_stats=1
+    cargo +nightly fuzz run --fuzz-dir "$folder" --target-dir "${CARGO_TARGET_DIR:-target}/fuzz" --target "$host" "$target" \
+        "out/fuzz/$target" "$folder/corpus/$target" -- -max_total_time="$seconds" -max_len=8192 -timeout=10 -rss_limit_mb=512 -print_final_stats=1
 done

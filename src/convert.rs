@@ -3,10 +3,12 @@
 //! - [`sequence`]: what a device delivers, as the header of a sequence: of sequence files and sessions alike.
 //! - [`arrange`]: which stored pixel comes where: crop and orientation.
 //! - [`identity`]: what may tell of whom a recording is, and is left out if asked for.
+//! - [`pictures`]: numbered pictures as a device.
 //! - [`write`](mod@write): to sequences, sessions and pictures; volumes to volumes.
 
 pub mod arrange;
 pub mod identity;
+pub mod pictures;
 pub mod sequence;
 pub mod write;
 

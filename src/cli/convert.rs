@@ -12,6 +12,7 @@ use drivers::{Device, OpenSettings};
 use super::live::stages::Kept;
 use super::{Failure, input, values};
 use crate::config::bedside::devices::Tracking;
+use crate::convert::pictures::Pictures;
 use crate::convert::{Changes, sequence, write};
 use crate::pipeline::live::Precedent;
 
@@ -21,7 +22,7 @@ use crate::pipeline::live::Precedent;
 The name of OUT says what is written. Of a sequence or a session: .mha, .mhd, .nrrd, .seq.nrrd (3D Slicer), .nhdr; .mcap, a session; a folder that is there or a name \
 such as frame%04d.png, pictures. Of a volume: .mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz.
 
-A session's poses that come between frames have no place in a sequence: each frame gets the one of each sensor that came nearest to it in time. An arm's counts are no poses and stay out. --anonymize leaves out all fields \
+Numbered pictures become a sequence without poses, and without times but by --rate. A session's poses that come between frames have no place in a sequence: each frame gets the one of each sensor that came nearest to it in time. An arm's counts are no poses and stay out. --anonymize leaves out all fields \
 but those that place and time need (transforms, their status, times, frame numbers, orientation, the image's type) and says which; what is written into the pictures is cut off by \
 --crop.
 
@@ -29,9 +30,10 @@ Examples:
   sonoweave convert sweep.igs.mha sweep.seq.nrrd --compress
   sonoweave convert SESSION-20261121-213000.mcap sweep.igs.mha
   sonoweave convert sweep.igs.mha frame%04d.png --frames 10..20
+  sonoweave convert frame%04d.png pictures.mha --rate 30
   sonoweave convert volume.mha volume.nii.gz")]
 pub struct Arguments {
-    /// A tracked sequence, a session or a volume
+    /// A tracked sequence, a session, a volume, or numbered pictures (a folder, or frame%04d.png)
     input: PathBuf,
     /// What is written
     output: PathBuf,
@@ -53,6 +55,9 @@ pub struct Arguments {
     /// What a tracker's station is called in the sequence made of a session [default: as in the session's settings, else Sensor1, Sensor2, …]
     #[arg(long = "station", value_name = "N=NAME", value_parser = station)]
     stations: Vec<(u8, String)>,
+    /// How many numbered pictures were taken a second [default: they have no times]
+    #[arg(long, value_name = "HZ", value_parser = values::positive)]
+    rate: Option<f64>,
 }
 
 // A named type is a single value to clap.
@@ -85,8 +90,12 @@ fn station(text: &str) -> Result<(u8, String), String> {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { input, output, .. } = arguments;
     input::check_is_not(output, input)?;
-    let is_session = input::is_session(input)?;
-    let about = if is_session { None } else { Some(About::read(input, &Limits::default())?) };
+    let is_numbered = Pictures::are_at(input);
+    let is_session = !is_numbered && input::is_session(input)?;
+    let about = if is_session || is_numbered { None } else { Some(About::read(input, &Limits::default())?) };
+    if arguments.rate.is_some() && !is_numbered {
+        return Err(Failure(format!("{}: has times of its own; --rate is of numbered pictures", input.display())));
+    }
     let changes = Changes {
         frames: arguments.frames.clone(),
         crop: arguments.crop,
@@ -179,6 +188,9 @@ impl Arguments {
 
     fn open(&self, is_session: bool, images: bool) -> Result<Box<dyn Device>, Failure> {
         let path = &self.input;
+        if Pictures::are_at(path) {
+            return Ok(Box::new(Pictures::open(path, images, self.rate)?));
+        }
         if is_session {
             let settings = SessionSettings { images, ..SessionSettings::new(path) };
             return Ok(drivers::open(&OpenSettings::Session(settings))?);

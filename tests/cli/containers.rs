@@ -164,6 +164,32 @@ fn pictures_of_frames_are_the_frames() {
 }
 
 #[test]
+fn numbered_pictures_become_a_sequence_again() {
+    let place = Place::new();
+    place.does(&format!("phantom -o s.mha {SWEEP}"));
+    place.does("convert s.mha f%03d.png --frames 2..5");
+    std::fs::create_dir(place.path("out")).unwrap();
+    place.does("convert s.mha out --frames 2..5");
+    place.does("convert f%03d.png back.mha --rate 20");
+    place.does("convert out folder.mha");
+    place.does("convert s.mha part.mha --frames 2..5");
+    let pixels = |name: &str| {
+        let bytes = place.get(name);
+        bytes[bytes.len() - 3 * 1200..].to_vec()
+    };
+    assert!(pixels("back.mha") == pixels("part.mha") && pixels("folder.mha") == pixels("part.mha"));
+    let text = |name: &str| String::from_utf8_lossy(&place.get(name)).into_owned();
+    assert!(text("back.mha").contains("Seq_Frame0002_Timestamp = 0.1\n"), "{}", text("back.mha"));
+    assert!(!text("folder.mha").contains("Timestamp"), "{}", text("folder.mha"));
+    place.refuses_with("convert g%03d.png x.mha", &["names no picture that is there"]);
+    place.refuses_with("convert s.mha x.mha --rate 30", &["--rate is of numbered pictures"]);
+    place.put("f004.png", &place.get("f004.png")[..60]);
+    place.refuses_with("convert f%03d.png x.mha", &["f004.png", "is no PNG that can be read"]);
+    std::fs::remove_file(place.path("f003.png")).unwrap();
+    place.refuses_with("convert f%03d.png x.mha", &["f002.png and ", "f004.png", "a frame is missing"]);
+}
+
+#[test]
 fn what_may_identify_somebody_is_left_out_and_named() {
     let place = Place::new();
     let lines = "UltrasoundImageOrientation = MFA\nPatientName = B. Doe\n";

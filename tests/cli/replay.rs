@@ -161,7 +161,7 @@ fn what_cannot_be_replayed_is_refused() {
         ("replay s.mha --picture p.png --image-size 100000x100000", &["100000"]),
         ("replay s.mha --picture p.png --transfer muscle", &["muscle", "tissue"]),
         ("replay s.mha --picture p.png --perspective -3", &["view"]),
-        ("replay s.mha --picture p.png -o v.nii", &["v.nii", ".mha"]),
+        ("replay s.mha --picture p.png -o v.vtk", &["v.vtk", ".mha"]),
         ("replay s.mha --picture p.png --step 1e-4", &["--step"]),
     ] {
         let words = words.replace("--perspective -3", "--perspective=-3");

@@ -1,0 +1,193 @@
+//! Numbered pictures (PNG) as a device: what other programs make of a recording, one frame a file.
+//!
+//! They say neither when they were taken nor where the probe was. Who knows at what rate they follow each other says so; poses they have none, and a sequence of
+//! them is for programs that want pictures, or that have the poses from elsewhere.
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use drivers::reading::{Frame, PixelType, Stamp, Status};
+use drivers::recording::Limits;
+use drivers::{Description, Device, Error, Health, Next, Reading};
+use image::codecs::png::PngDecoder;
+use image::{ColorType, ImageDecoder as _};
+
+use super::ConvertError;
+use super::write::number_in;
+
+/// Numbered pictures, in the order of their numbers.
+pub struct Pictures {
+    /// Their files.
+    paths: Vec<PathBuf>,
+    /// How many a second; without it they have no times.
+    rate_hz: Option<f64>,
+    images: bool,
+    limits: Limits,
+    description: Description,
+    health: Health,
+    /// The next one; `None` while stopped.
+    next: Option<usize>,
+}
+
+impl Pictures {
+    /// Whether a name is one of numbered pictures: a folder, or a file's name with the number's place in it (`frame%04d.png`).
+    pub fn are_at(path: &Path) -> bool {
+        path.is_dir() || file_name(path).is_some_and(|name| is_png(&name) && number_in(&name).is_some())
+    }
+
+    /// Finds the files; `images` says whether their pixels are wanted, or what is known of them only.
+    ///
+    /// # Errors
+    /// [`ConvertError`] where there are none, or one is missing between others.
+    pub fn open(path: &Path, images: bool, rate_hz: Option<f64>) -> Result<Self, ConvertError> {
+        let unfit = |why: String| ConvertError::Unfit { path: path.to_owned(), why };
+        let name = file_name(path).unwrap_or_default();
+        let (folder, pattern) = if path.is_dir() {
+            (path, None)
+        } else {
+            (path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(".".as_ref()), number_in(&name))
+        };
+        let listing = std::fs::read_dir(folder).map_err(|e| unfit(format!("cannot be listed: {e}")))?;
+        let mut found: Vec<(u64, PathBuf)> = Vec::new();
+        for entry in listing {
+            let file = entry.map_err(|e| unfit(format!("cannot be listed: {e}")))?.path();
+            let Some(name) = file_name(&file).filter(|name| is_png(name)) else { continue };
+            let number = match pattern {
+                Some((before, digits, after)) => {
+                    name.strip_prefix(before).and_then(|rest| rest.strip_suffix(after)).filter(|n| n.len() >= digits)
+                }
+                None => name.rsplit_once('.').map(|(stem, _)| last_number(stem)),
+            };
+            let number = number.filter(|n| n.bytes().all(|b| b.is_ascii_digit())).and_then(|n| n.parse().ok());
+            match (number, pattern) {
+                (Some(number), _) => found.push((number, file)),
+                (None, Some(_)) => {}
+                (None, None) => {
+                    return Err(unfit(format!(
+                        "{name} in it has no number; name the others by a pattern, as in frame%04d.png"
+                    )));
+                }
+            }
+        }
+        found.sort();
+        if found.is_empty() {
+            return Err(unfit(
+                "names no picture that is there; frames are numbered PNG files, as in frame%04d.png".into(),
+            ));
+        }
+        if found.len() as u64 > Limits::default().items {
+            return Err(unfit(format!("{} pictures are more than {}", found.len(), Limits::default().items)));
+        }
+        if let Some(two) = found.windows(2).find(|two| two[1].0 != two[0].0 + 1) {
+            let (after, before) = (two[0].1.display(), two[1].1.display());
+            return Err(unfit(format!(
+                "between {after} and {before} is not one number: a frame is missing, or there are two of one number"
+            )));
+        }
+        let paths: Vec<PathBuf> = found.into_iter().map(|(_, file)| file).collect();
+        let description =
+            Description { name: path.display().to_string(), items: Some(paths.len() as u64), ..Description::default() };
+        Ok(Self {
+            paths,
+            rate_hz,
+            images,
+            limits: Limits::default(),
+            description,
+            health: Health::default(),
+            next: None,
+        })
+    }
+
+    fn frame(&self, number: usize) -> Result<Frame, Error> {
+        let path = &self.paths[number];
+        let problem = |problem: String| Error::Data { path: path.clone(), frame: number as u64, offset: 0, problem };
+        let file = File::open(path).map_err(|source| Error::Io { path: path.clone(), doing: "opening", source })?;
+        let broken = |e: image::ImageError| problem(format!("is no PNG that can be read: {e}"));
+        let decoder = PngDecoder::new(BufReader::new(file)).map_err(broken)?;
+        let (width, height) = decoder.dimensions();
+        let (pixel, channels) = match decoder.color_type() {
+            ColorType::L8 => (PixelType::U8, 1),
+            ColorType::La8 => (PixelType::U8, 2),
+            ColorType::Rgb8 => (PixelType::U8, 3),
+            ColorType::Rgba8 => (PixelType::U8, 4),
+            ColorType::L16 => (PixelType::U16, 1),
+            ColorType::La16 => (PixelType::U16, 2),
+            ColorType::Rgb16 => (PixelType::U16, 3),
+            ColorType::Rgba16 => (PixelType::U16, 4),
+            other => return Err(problem(format!("has pixels of {other:?}, which are not read"))),
+        };
+        let bytes = decoder.total_bytes();
+        if bytes > self.limits.frame_bytes {
+            return Err(problem(format!("has {bytes} bytes of pixels, more than {}", self.limits.frame_bytes)));
+        }
+        let mut pixels = vec![0; if self.images { bytes as usize } else { 0 }];
+        if self.images {
+            decoder.read_image(&mut pixels).map_err(broken)?;
+        }
+        Ok(Frame {
+            stamp: Stamp {
+                item: number as u64,
+                source_s: self.rate_hz.map(|hz| number as f64 / hz),
+                ..Stamp::default()
+            },
+            frame_number: None,
+            status: Status::Ok,
+            size: [width, height],
+            channels,
+            pixel,
+            orientation: "MF".into(),
+            image_type: String::new(),
+            pixels: Arc::from(pixels),
+            fields: Vec::new(),
+        })
+    }
+}
+
+fn file_name(path: &Path) -> Option<String> {
+    Some(path.file_name()?.to_string_lossy().into_owned())
+}
+
+fn is_png(name: &str) -> bool {
+    name.to_ascii_lowercase().ends_with(".png")
+}
+
+/// The digits at the end of a name without its ending.
+fn last_number(stem: &str) -> &str {
+    &stem[stem.trim_end_matches(|c: char| c.is_ascii_digit()).len()..]
+}
+
+impl Device for Pictures {
+    fn start(&mut self) -> Result<(), Error> {
+        self.next = Some(0);
+        Ok(())
+    }
+
+    fn next(&mut self, _deadline_ns: i64) -> Result<Next, Error> {
+        let Some(number) = self.next else {
+            return Err(Error::Misuse(format!("{}: is stopped; start it first", self.description.name)));
+        };
+        if number == self.paths.len() {
+            return Ok(Next::End);
+        }
+        // After an error it is to be started again.
+        self.next = None;
+        let frame = self.frame(number)?;
+        self.next = Some(number + 1);
+        Ok(Next::Reading(Reading::Frame(frame)))
+    }
+
+    fn stop(&mut self) -> Result<(), Error> {
+        self.next = None;
+        Ok(())
+    }
+
+    fn describe(&self) -> &Description {
+        &self.description
+    }
+
+    fn health(&self) -> &Health {
+        &self.health
+    }
+}
