@@ -9,6 +9,7 @@ use drivers::recording::session::SessionSettings;
 use drivers::recording::{Limits, Progress, SequenceSettings};
 use drivers::{Device, OpenSettings};
 
+use super::dicom::flags::is_dicom;
 use super::live::stages::Kept;
 use super::{Failure, input, values};
 use crate::config::bedside::devices::Tracking;
@@ -90,6 +91,12 @@ fn station(text: &str) -> Result<(u8, String), String> {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { input, output, .. } = arguments;
     input::check_is_not(output, input)?;
+    if is_dicom(output) {
+        return Err(Failure(format!(
+            "{}: DICOM is written by `sonoweave dicom`, which asks for a patient's and a study's names",
+            output.display()
+        )));
+    }
     let is_numbered = Pictures::are_at(input);
     let is_session = !is_numbered && input::is_session(input)?;
     let about = if is_session || is_numbered { None } else { Some(About::read(input, &Limits::default())?) };

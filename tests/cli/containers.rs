@@ -144,6 +144,7 @@ fn parts_of_a_recording_lie_where_the_whole_does() {
     place.refuses("convert s.mha s.mha", &["is the input"]);
     place.refuses("convert s.mha x.nii", &["x.nii: sequences are written as .mha"]);
     place.refuses("convert s.mha x.mha --station 1=Probe", &["is no session"]);
+    place.refuses("convert s.mha x.dcm", &["x.dcm: DICOM is written by `sonoweave dicom`"]);
 }
 
 #[test]

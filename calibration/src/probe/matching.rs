@@ -5,7 +5,7 @@
 //! guess is then held against space: the dots have to lie on a plane with pixels that are square, or nearly so, that cuts every wire between its ends; and the plane says where dots are that were
 //! overlooked. The guess that explains most dots is taken.
 //!
-//! Of N's in one plane the dots lie in line, and a row of them is looked for instead ([`flat`]).
+//! Of N's in one plane the dots lie in line, and a row of them is looked for instead (`flat`).
 //!
 //! How large a pixel is comes out of it. What is asked beforehand is only that the picture shows something between a fingertip and a torso.
 
