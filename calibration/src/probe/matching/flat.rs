@@ -124,3 +124,43 @@ pub(super) fn plane(open: &ImagePlane, marks: &[Mark], along: glam::DVec3) -> Op
     let v = pixel_mm * (line_px.y * way + line_px.x * down);
     Some(ImagePlane { u, v, origin: open.point(first) - u * first.x - v * first.y })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::Matcher;
+    use super::*;
+    use crate::phantom::Geometry;
+    use crate::phantom::tests::three_ns;
+
+    #[test]
+    fn a_row_is_read_in_either_direction_whichever_dot_comes_first() {
+        let one = Geometry::new("one N", vec![three_ns().wires()[..3].to_vec()], Vec::new()).unwrap();
+        let layout = Layout::new(one).unwrap();
+        let dot = |u: f64| Dot { at_px: DVec2::new(u, 200.0 + 0.1 * u), contrast: 100.0, area_px: 50 };
+        let [left, middle, right] = [150.0, 290.0, 450.0].map(dot);
+        for dots in [[left, middle, right], [right, left, middle], [middle, right, left]] {
+            let reading = Matcher::new().read(&dots, [820, 616], &layout).unwrap();
+            let mirrored = reading.mirrored.unwrap();
+            assert_ne!(reading.best.rightwards, mirrored.rightwards);
+            let of = |found: &Match, wire: usize| found.marks.iter().find(|mark| mark.wire == wire).unwrap().at_px;
+            for (first, last) in [(0, 2), (2, 0)] {
+                assert_eq!(of(&reading.best, first), of(&mirrored, last));
+            }
+            assert!([&reading.best, &mirrored].iter().all(|found| of(found, 1) == middle.at_px));
+        }
+    }
+
+    #[test]
+    fn three_dots_that_no_plane_makes_of_an_n_are_none() {
+        let one = Geometry::new("one N", vec![three_ns().wires()[..3].to_vec()], Vec::new()).unwrap();
+        let layout = Layout::new(one).unwrap();
+        let read = |places: [[f64; 2]; 3]| {
+            let dots = places.map(|at| Dot { at_px: at.into(), contrast: 100.0, area_px: 50 });
+            Matcher::new().read(&dots, [820, 616], &layout)
+        };
+        assert!(read([[150.0, 200.0], [290.0, 200.0], [450.0, 200.0]]).is_some());
+        assert!(read([[150.0, 200.0], [290.0, 240.0], [450.0, 200.0]]).is_none(), "not in line");
+        assert!(read([[150.0, 200.0], [153.0, 200.0], [156.0, 200.0]]).is_none(), "pixels of centimetres");
+        assert!(read([[150.0, 200.0], [155.0, 200.0], [450.0, 200.0]]).is_none(), "beyond the slanted wire's end");
+    }
+}
