@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use glam::{DAffine3, DMat4, DQuat, DVec3};
 use serde_json::Value;
 
-use super::place::Place;
+use super::place::{Place, SMALL_BEDSIDE};
 
 const TIP: DVec3 = DVec3::new(2.0, -5.0, 140.0);
 const LANDMARKS: [[f64; 3]; 5] =
@@ -170,26 +170,10 @@ fn recordings_that_do_not_say_it_are_refused_and_leave_nothing() {
     );
 }
 
-/// A virtual bedside, whose probe is swept over a phantom: it is no stylus, and its poses are read.
-const BEDSIDE: &str = r#"format = "sonoweave-bedside"
-version = 1
-[tracker]
-model = "fastrak"
-port = "virtual"
-reference_station = 2
-[grabber]
-device = "virtual"
-size = "96x80"
-[volume]
-spacing_mm = 1.0
-[virtual]
-frames = 60
-"#;
-
 #[test]
 fn a_session_s_poses_are_read_by_what_its_stations_are() {
     let place = Place::new();
-    let session = place.recorded(BEDSIDE, 2);
+    let session = place.recorded(SMALL_BEDSIDE, 2);
     let refused = |flags: &str| {
         let words = format!("calibrate pivot --session {session} {flags}");
         let run = place.run(&words);

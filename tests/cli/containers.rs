@@ -3,7 +3,7 @@
 use drivers::recording::{Replay, SequenceSettings};
 use drivers::{Device as _, Next, Reading};
 
-use super::place::Place;
+use super::place::{Place, SMALL_BEDSIDE};
 use super::sequence::Sequence;
 
 const SEQUENCES: [&str; 5] = ["s.igs.mha", "s.mhd", "s.igs.nrrd", "s.seq.nrrd", "s.nhdr"];
@@ -207,25 +207,10 @@ fn what_may_identify_somebody_is_left_out_and_named() {
     place.refuses("convert v.mha x.mha --frames 1..2", &["v.mha: is a volume; --frames"]);
 }
 
-const BEDSIDE: &str = r#"format = "sonoweave-bedside"
-version = 1
-[tracker]
-model = "fastrak"
-port = "virtual"
-reference_station = 2
-[grabber]
-device = "virtual"
-size = "96x80"
-[volume]
-spacing_mm = 1.0
-[virtual]
-frames = 60
-"#;
-
 #[test]
 fn a_recorded_session_becomes_a_sequence_with_a_pose_of_each_sensor_and_its_own_times() {
     let place = Place::new();
-    let session = place.recorded(BEDSIDE, 2);
+    let session = place.recorded(SMALL_BEDSIDE, 2);
     place.does(&format!("convert {session} s.igs.mha"));
     let mut device = Replay::open(&SequenceSettings::new(place.path("s.igs.mha"))).unwrap();
     device.start().unwrap();

@@ -11,6 +11,22 @@ use glam::{DMat4, DVec3};
 use serde_json::Value;
 use tempfile::TempDir;
 
+/// A virtual bedside with small pictures, whose probe is swept over a doll in two seconds; nothing goes wrong at it.
+pub(crate) const SMALL_BEDSIDE: &str = r#"format = "sonoweave-bedside"
+version = 1
+[tracker]
+model = "fastrak"
+port = "virtual"
+reference_station = 2
+[grabber]
+device = "virtual"
+size = "96x80"
+[volume]
+spacing_mm = 1.0
+[virtual]
+frames = 60
+"#;
+
 /// An empty folder in which the program runs; gone when dropped.
 pub(crate) struct Place(TempDir);
 

@@ -297,6 +297,9 @@ fn what_the_data_do_not_say_is_named() {
     };
     let error = solve(&parameters, &Settings::default(), more).unwrap_err();
     assert_eq!(error.to_string(), "the measurements do not determine 0.71·tip z + 0.71·pivot z");
+    let Unsolved::Undetermined { directions } = error else { panic!("one direction is not determined") };
+    // What is a rounding's share of it is not named.
+    assert_eq!(directions[0].leading(), "tip z and pivot z");
 }
 
 #[test]
