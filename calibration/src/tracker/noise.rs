@@ -4,6 +4,8 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 /// Fewer poses say too little of their spread: of 30 the standard deviation is known to 13 %.
 pub const LEAST: usize = 30;
+/// A sensor on who breathes rests between two breaths: what lay for less than a breath, s, need not lie still.
+pub const LEAST_S: f64 = 5.0;
 /// A sensor whose poses wander so many times as far as their noise from one to the next explains has not lain still.
 const WANDERS: f64 = 6.0;
 
@@ -37,6 +39,14 @@ pub enum NoNoise {
         /// Poses that there are.
         poses: usize,
     },
+    /// Too short.
+    #[error(
+        "the sensor lay still for {seconds:.1} s only, as it does between two breaths: leave it where it lies for {LEAST_S} s or more"
+    )]
+    Short {
+        /// From the first pose to the last, s.
+        seconds: f64,
+    },
     /// It was moved.
     #[error(
         "the sensor has moved {farthest_mm:.2} mm, {degrees:.2}° while its poses scatter by {fast_mm:.3} mm from one to the next: lay it down, let go of it, and keep people and metal away"
@@ -55,9 +65,11 @@ pub enum NoNoise {
 ///
 /// The mean rotation is the nearest rotation to the mean matrix (Moakher, SIAM J. Matrix Anal. Appl. 24, 2002: the chordal mean).
 ///
+/// `seconds` is the time from the first pose to the last.
+///
 /// # Errors
-/// [`NoNoise`]: too few poses, or it has moved.
-pub fn of(poses: &[DAffine3]) -> Result<Noise, NoNoise> {
+/// [`NoNoise`]: too few poses, it has moved, or it was not looked at for long enough to say that it has not.
+pub fn of(poses: &[DAffine3], seconds: f64) -> Result<Noise, NoNoise> {
     if poses.len() < LEAST {
         return Err(NoNoise::Few { poses: poses.len() });
     }
@@ -83,6 +95,9 @@ pub fn of(poses: &[DAffine3]) -> Result<Noise, NoNoise> {
     let moved = |rms: f64, fast: f64, still: f64| rms > still.max(WANDERS * fast);
     if moved(position_sd_mm.length(), fast_rms_mm, STILL_MM) || moved(rotation_sd.length(), fast_turn, STILL_RAD) {
         return Err(NoNoise::Moved { farthest_mm, degrees: farthest_turn.to_degrees(), fast_mm: fast_rms_mm });
+    }
+    if seconds < LEAST_S {
+        return Err(NoNoise::Short { seconds });
     }
     Ok(Noise {
         poses: poses.len(),
@@ -139,7 +154,7 @@ mod tests {
 
     #[test]
     fn the_noise_is_the_one_that_there_is() {
-        let found = of(&lying(20_000, 0.05, 0.03, 0.0)).unwrap();
+        let found = of(&lying(20_000, 0.05, 0.03, 0.0), 400.0).unwrap();
         for k in 0..3 {
             assert!((found.position_sd_mm[k] / 0.05 - 1.0).abs() < 0.03, "{found:?}");
             assert!((found.rotation_sd_deg[k] / 0.03 - 1.0).abs() < 0.03, "{found:?}");
@@ -151,32 +166,41 @@ mod tests {
 
     #[test]
     fn a_slow_drift_is_told_from_noise() {
-        let found = of(&lying(2000, 0.05, 0.03, 0.3)).unwrap();
+        let found = of(&lying(2000, 0.05, 0.03, 0.3), 40.0).unwrap();
         assert!(found.position_rms_mm > 0.12 && found.fast_rms_mm < 0.09, "{found:?}");
     }
 
     #[test]
     fn a_sensor_that_repeats_its_last_digit_has_no_noise_that_can_be_seen() {
-        let found = of(&vec![DAffine3::from_translation(DVec3::X); 100]).unwrap();
+        let found = of(&vec![DAffine3::from_translation(DVec3::X); 300], LEAST_S).unwrap();
         assert_eq!((found.position_rms_mm, found.rotation_rms_deg), (0.0, 0.0));
     }
 
     #[test]
     fn a_sensor_on_who_breathes_does_not_lie_still() {
-        let sways = |mm: f64| {
+        // Sixty poses a second, a breath of four seconds.
+        let sways = |mm: f64, from: u32, poses: u32| {
             let at = |n: u32| DVec3::Y * (mm * (f64::from(n) * std::f64::consts::TAU / 240.0).sin());
-            of(&(0..600).map(|n| DAffine3::from_translation(at(n))).collect::<Vec<_>>())
+            let poses: Vec<_> = (from..from + poses).map(|n| DAffine3::from_translation(at(n))).collect();
+            of(&poses, poses.len() as f64 / 60.0)
         };
-        assert!(matches!(sways(2.0), Err(NoNoise::Moved { .. })), "{:?}", sways(2.0));
+        assert!(matches!(sways(2.0, 0, 600), Err(NoNoise::Moved { .. })), "{:?}", sways(2.0, 0, 600));
+        // Wherever one begins to look, for as short as it is looked at.
+        for (from, poses) in (0..240).step_by(8).flat_map(|from| [(from, 40), (from, 80), (from, 299), (from, 300)]) {
+            let said = sways(2.0, from, poses).unwrap_err();
+            assert!(matches!(said, NoNoise::Moved { .. } | NoNoise::Short { .. }), "{from}, {poses}: {said}");
+        }
+        let said = sways(2.0, 30, 60).unwrap_err().to_string();
+        assert!(said.contains("for 1.0 s only") && said.contains("for 5 s or more"), "{said}");
         // Two digits of the coarsest record.
         let digit = |n: u32| DVec3::X * 0.254 * f64::from(n / 300);
-        assert!(of(&(0..600).map(|n| DAffine3::from_translation(digit(n))).collect::<Vec<_>>()).is_ok());
+        assert!(of(&(0..600).map(|n| DAffine3::from_translation(digit(n))).collect::<Vec<_>>(), 10.0).is_ok());
     }
 
     #[test]
     fn too_few_and_a_sensor_that_moves_are_refused() {
-        assert_eq!(of(&lying(29, 0.05, 0.03, 0.0)), Err(NoNoise::Few { poses: 29 }));
-        let said = of(&lying(500, 0.05, 0.03, 20.0)).unwrap_err().to_string();
+        assert_eq!(of(&lying(29, 0.05, 0.03, 0.0), 10.0), Err(NoNoise::Few { poses: 29 }));
+        let said = of(&lying(500, 0.05, 0.03, 20.0), 10.0).unwrap_err().to_string();
         assert!(said.starts_with("the sensor has moved 10.") && said.contains("lay it down"), "{said}");
     }
 }

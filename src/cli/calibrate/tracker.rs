@@ -166,7 +166,7 @@ fn stillness(read: &Poses) -> Advice {
     let still = |seconds: f64| {
         let from = read.poses.partition_point(|(time_s, _)| *time_s < end_s - seconds);
         let poses: Vec<DAffine3> = read.poses[from..].iter().map(|(_, pose)| pose.affine()).collect();
-        noise::of(&poses)
+        noise::of(&poses, seconds)
     };
     // A slow tracker has too few poses in a second to be judged by, and is not moved for that.
     let lies = |seconds: &f64| *seconds <= end_s && !matches!(still(*seconds), Err(NoNoise::Moved { .. }));
@@ -191,7 +191,9 @@ impl Arguments {
 
     fn noise(&self, recording: &Recording, read: &Poses) -> Result<(), Failure> {
         let poses: Vec<DAffine3> = read.poses.iter().map(|(_, pose)| pose.affine()).collect();
-        let found = noise::of(&poses)
+        let ends = |(first, last): (&(f64, _), &(f64, _))| last.0 - first.0;
+        let seconds = read.poses.first().zip(read.poses.last()).map_or(0.0, ends);
+        let found = noise::of(&poses, seconds)
             .map_err(|e| Failure(format!("{}: {e}{}", recording.path().display(), read.counts.also())))?;
         let Noise { position_rms_mm, rotation_rms_deg, fast_rms_mm, farthest_mm, .. } = found;
         let report = NoiseReport {
