@@ -17,11 +17,11 @@ fn lying(drift_mm: f64) -> String {
     let reading = |index: usize| {
         let noise = DVec3::new(scatter(index, 1), scatter(index, 2), scatter(index, 3)) * 0.05;
         let turn = DQuat::from_scaled_axis(DVec3::new(scatter(index, 4), scatter(index, 5), scatter(index, 6)) * 5e-4);
-        let at = DVec3::new(200.0 + drift_mm * index as f64 / 300.0, -40.0, 90.0) + noise;
+        let at = DVec3::new(200.0 + drift_mm * index as f64 / 600.0, -40.0, 90.0) + noise;
         let status = if index == 7 { "INVALID" } else { "OK" };
         (index as f64 / 60.0, vec![("Probe", DAffine3::from_rotation_translation(turn, at), status)])
     };
-    tracked(&(0..300).map(reading).collect::<Vec<_>>())
+    tracked(&(0..600).map(reading).collect::<Vec<_>>())
 }
 
 /// Two sensors on a piece of 100 mm, carried along x; beyond x = 350 metal pulls the second one away.
@@ -50,7 +50,7 @@ fn the_noise_of_a_still_sensor_is_told_and_one_that_moves_is_refused() {
     let rms = report["position_rms_mm"].as_f64().unwrap();
     // Evenly spread over ±1.7·0.05 mm along three axes.
     assert!((rms / 0.085 - 1.0).abs() < 0.1, "{rms}");
-    assert_eq!((&report["poses"]["usable"], &report["poses"]["read"]), (&299.into(), &300.into()));
+    assert_eq!((&report["poses"]["usable"], &report["poses"]["read"]), (&599.into(), &600.into()));
     assert!(said.contains("refused: 1 pose_invalid") && said.contains("report: noise.json"), "{said}");
     place.put("moved.igs.mha", lying(30.0));
     place.refuses(
