@@ -3,12 +3,14 @@
 //! - [`sequence`]: what a device delivers, as the header of a sequence: of sequence files and sessions alike.
 //! - [`arrange`]: which stored pixel comes where: crop and orientation.
 //! - [`identity`]: what may tell of whom a recording is, and is left out if asked for.
+//! - [`placing`]: where a session's sensors were when its pictures were seen.
 //! - [`pictures`]: numbered pictures as a device.
 //! - [`write`](mod@write): to sequences, sessions and pictures; volumes to volumes.
 
 pub mod arrange;
 pub mod identity;
 pub mod pictures;
+pub mod placing;
 pub mod sequence;
 pub mod write;
 

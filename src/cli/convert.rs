@@ -10,12 +10,14 @@ use drivers::recording::{Limits, Progress, SequenceSettings};
 use drivers::{Device, OpenSettings};
 
 use super::dicom::flags::is_dicom;
-use super::live::stages::Kept;
+use super::live::stages::{Kept, instruments};
 use super::{Failure, input, values};
-use crate::config::bedside::devices::Tracking;
+use crate::config::bedside::devices::TRACKER_FRAME;
 use crate::convert::pictures::Pictures;
+use crate::convert::placing::{self, Delivered, Placing, Rules};
 use crate::convert::{Changes, sequence, write};
-use crate::pipeline::live::Precedent;
+use crate::ingest::live::Gives;
+use crate::pipeline::live::{Instrument, Precedent};
 
 /// Flags of `convert`.
 #[derive(Debug, Args)]
@@ -23,9 +25,11 @@ use crate::pipeline::live::Precedent;
 The name of OUT says what is written. Of a sequence or a session: .mha, .mhd, .nrrd, .seq.nrrd (3D Slicer), .nhdr; .mcap, a session; a folder that is there or a name \
 such as frame%04d.png, pictures. Of a volume: .mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz.
 
-Numbered pictures become a sequence without poses, and without times but by --rate. A session's poses that come between frames have no place in a sequence: each frame gets the one of each sensor that came nearest to it in time. An arm's counts are no poses and stay out. --anonymize leaves out all fields \
-but those that place and time need (transforms, their status, times, frame numbers, orientation, the image's type) and says which; what is written into the pictures is cut off by \
---crop.
+Numbered pictures become a sequence without poses, and without times but by --rate. A session becomes a sequence with one pose of each sensor a frame: the one that a replay pairs the frame with, between two poses that were received, latencies taken off; an arm's is made by its kinematics. What \
+else was received has no place in a sequence.
+
+--anonymize leaves out all fields but those that place and time need (transforms, their status, times, frame numbers, orientation, the image's type) and says which; what is written \
+into the pictures is cut off by --crop.
 
 Examples:
   sonoweave convert sweep.igs.mha sweep.seq.nrrd --compress
@@ -159,8 +163,8 @@ impl Arguments {
                 self.input.display()
             )));
         }
-        let names = if is_session { self.names() } else { Vec::new() };
-        let gathered = sequence::gather(&mut *self.open(is_session, false)?, &self.input, &changes, &names)?;
+        let placing = if is_session { self.placing()? } else { Placing::default() };
+        let gathered = sequence::gather(&mut *self.open(is_session, false)?, &self.input, &changes, &placing)?;
         let count = gathered.header.items.len();
         let bar = input::progress("converting", count as u64);
         let told = |done| bar.set_position(done);
@@ -179,18 +183,45 @@ impl Arguments {
         Ok((what, gathered.removed))
     }
 
-    /// What stations are called: by the flags, else by the settings that a session recorded at a bedside holds.
-    fn names(&self) -> Vec<(u8, String)> {
-        let mut names = self.stations.clone();
-        let bedside = Precedent::read(&self.input).ok().and_then(|told| Kept::bedside(&self.input, &told).ok());
-        if let Some(Tracking::Tracker(tracker)) = bedside.map(|bedside| bedside.tracking) {
-            for (station, frame) in tracker.roles.all() {
-                if !names.iter().any(|(known, name)| *known == station || name == frame) {
-                    names.push((station, frame.to_owned()));
+    /// Where a session's sensors were, by its own configuration if it holds one.
+    #[allow(clippy::print_stderr, reason = "the command's output on the way")]
+    fn placing(&self) -> Result<Placing, Failure> {
+        let told = Precedent::read(&self.input)?;
+        let bedside = Kept::at_first(&self.input, &told).ok();
+        let rules = bedside.as_ref().map_or_else(Rules::default, |bedside| Rules {
+            wait_ns: bedside.pairing.wait_ns,
+            longest_gap_ns: bedside.pairing.longest_gap_ns,
+        });
+        let mut instruments: Vec<Instrument> =
+            bedside.as_ref().and_then(|bedside| instruments(bedside).ok()).map_or_else(Vec::new, Vec::from);
+        for Delivered { device, stations, pictures } in placing::delivered(&self.input)? {
+            if instruments.iter().all(|one| one.name != device) && !stations.is_empty() {
+                eprintln!(
+                    "sonoweave: note: {}: no configuration tells of {device}'s latency or the pictures': both are taken as of when they were received",
+                    self.input.display()
+                );
+            }
+            let at = instruments.iter().position(|one| one.name == device).unwrap_or_else(|| {
+                let gives = if pictures { Gives::Pictures } else { Gives::Stations(Vec::new()) };
+                instruments.push(Instrument { name: device, gives, frames: Vec::new(), latency_ns: 0 });
+                instruments.len() - 1
+            });
+            let Instrument { gives: Gives::Stations(known), frames, .. } = &mut instruments[at] else { continue };
+            for station in stations.into_iter().filter(|station| !known.contains(station)).collect::<Vec<_>>() {
+                known.push(station);
+                frames.push([format!("Sensor{station}"), TRACKER_FRAME.to_owned()]);
+            }
+            for (station, [from, _]) in known.iter().zip(frames) {
+                if let Some((_, name)) = self.stations.iter().find(|(named, _)| named == station) {
+                    name.clone_into(from);
                 }
             }
         }
-        names
+        // Of a sequence that became a session the transforms and times are its own.
+        if instruments.iter().all(|instrument| instrument.frames.is_empty()) {
+            return Ok(Placing::default());
+        }
+        Ok(Placing::read(&self.input, instruments, rules)?)
     }
 
     fn open(&self, is_session: bool, images: bool) -> Result<Box<dyn Device>, Failure> {

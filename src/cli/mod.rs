@@ -11,6 +11,7 @@ pub mod input;
 pub mod inspect;
 pub mod live;
 pub mod phantom;
+mod provenance;
 pub mod reconstruct;
 pub mod render;
 pub mod replay;

@@ -1,27 +1,25 @@
 //! What a device delivers, as the header of a sequence.
 //!
-//! Of a sequence file nothing is lost. Of a session each frame is an item, with its host time in seconds (exact to the nanosecond for the first hundred days of a
-//! machine's uptime) and, as a field, in nanoseconds; a sequence holds one pose a frame and sensor, so of poses that came between frames the nearest in time is taken,
-//! as it was sent: nothing is interpolated, and one that is farther than [`FARTHEST_NS`] has the status MISSING.
+//! Of a sequence file nothing is lost. Of a session each frame is an item. A sequence holds one pose a frame and sensor: the one that a replay of the session pairs the frame
+//! with ([`placing`](super::placing)), and the status MISSING or INVALID where there is none. The item's time is then when the picture was seen, latencies taken off, in
+//! seconds (exact to the nanosecond for the first hundred days of a machine's uptime); when it was received is in a field, in nanoseconds.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 
-use drivers::reading::{Frame, NamedTransform, PixelType, Pose, Stamp, Status};
+use drivers::reading::{Frame, NamedTransform, PixelType, Stamp, Status};
 use drivers::recording::image::write::{SequenceHeader, SequenceItem};
 use drivers::{Device, Next, Reading};
 use glam::DMat4;
 
 use super::arrange::Arrangement;
+use super::placing::Placing;
 use super::{Changes, ConvertError, identity};
-use crate::ingest::live::rigid;
+use crate::sync::history::{Rigid, Unavailable};
 
-/// Frame field with the host's time, ns.
+/// Frame field with the host's time of receipt, ns.
 pub const HOST_FIELD: &str = "SonoweaveHostNs";
 /// Field with the part of the picture that was kept: first column and row in MF, and how many.
 pub const CROP_FIELD: &str = "SonoweaveCrop";
-/// A pose farther from its frame is of another time.
-pub const FARTHEST_NS: i64 = 100_000_000;
 
 /// A recording that was looked through.
 #[derive(Debug)]
@@ -43,9 +41,6 @@ struct Shape {
     channels: u32,
 }
 
-/// By station, in the order of their time: host ns, matrix in mm, status.
-type Poses = BTreeMap<u8, Vec<(i64, [f64; 16], Status)>>;
-
 /// What a walk over a device's readings finds.
 #[derive(Default)]
 struct Walk {
@@ -54,10 +49,11 @@ struct Walk {
     orientation: String,
     image_type: String,
     waiting: Vec<NamedTransform>,
-    poses: Poses,
+    /// The frames' numbers.
+    numbers: Vec<u64>,
 }
 
-/// Looks through a device that was opened without images; `path` is for sentences, `names` are those of a tracker's stations.
+/// Looks through a device that was opened without images; `path` is for sentences, `placing` is of a session.
 ///
 /// # Errors
 /// [`ConvertError`] when it cannot be read, has no frames, frames of several kinds, or what is wanted of it does not go.
@@ -65,7 +61,7 @@ pub fn gather(
     device: &mut dyn Device,
     path: &Path,
     changes: &Changes,
-    names: &[(u8, String)],
+    placing: &Placing,
 ) -> Result<Gathered, ConvertError> {
     let unfit = |why: String| ConvertError::Unfit { path: path.to_owned(), why };
     let mut walk = Walk::default();
@@ -74,17 +70,16 @@ pub fn gather(
         match device.next(drivers::NO_DEADLINE)? {
             Next::Reading(Reading::Frame(frame)) => walk.frame(frame).map_err(unfit)?,
             Next::Reading(Reading::NamedTransform(transform)) => walk.waiting.push(transform),
-            Next::Reading(Reading::Pose(pose)) => walk.pose(&pose),
             Next::Reading(_) | Next::Pending => {}
             Next::End => break,
         }
     }
     device.stop()?;
-    let Walk { mut items, shape, orientation, image_type, poses, .. } = walk;
+    let Walk { mut items, shape, orientation, image_type, numbers, .. } = walk;
     let Some(Shape { size, pixel, channels }) = shape else {
         return Err(unfit("holds no frames, so there is nothing to be written as a sequence".into()));
     };
-    attach(&mut items, &poses, names);
+    items.iter_mut().zip(numbers).for_each(|(item, number)| attach(item, number, placing));
     let range = changes.frames.clone().unwrap_or(0..u64::MAX);
     let count = items.len() as u64;
     if range.start >= count {
@@ -154,6 +149,7 @@ impl Walk {
                 None => transforms.push(transform),
             }
         }
+        self.numbers.push(stamp.item);
         self.items.push(SequenceItem {
             stamp,
             frame_number: frame.frame_number,
@@ -163,40 +159,39 @@ impl Walk {
         });
         Ok(())
     }
+}
 
-    fn pose(&mut self, pose: &Pose) {
-        let Some(at) = pose.stamp.host_ns else { return };
-        let (matrix, status) = match rigid(pose) {
-            Ok(rigid) => {
-                let matrix = DMat4::from_rotation_translation(rigid.rotation, rigid.position_mm);
-                (matrix.transpose().to_cols_array(), pose.status.clone())
-            }
-            Err(_) => (DMat4::IDENTITY.to_cols_array(), Status::Other("INVALID".into())),
+/// Gives a frame the poses that its session's sensors had, and the time of which they are.
+fn attach(item: &mut SequenceItem, number: u64, placing: &Placing) {
+    let sensed = placing.of(number);
+    if let Some(time_ns) = sensed.and_then(|sensed| sensed.time_ns) {
+        item.stamp.source_s = Some(time_ns as f64 / 1e9);
+    }
+    for (at, [from, to]) in placing.sensors.iter().enumerate() {
+        let pose = sensed.map_or(&Err(Unavailable::Nothing), |sensed| &sensed.poses[at]);
+        let (rigid, status) = match pose {
+            Ok(rigid) => (*rigid, Status::Ok),
+            Err(why) => (Rigid::IDENTITY, status_of(why)),
         };
-        self.poses.entry(pose.station).or_default().push((at, matrix, status));
+        let matrix = DMat4::from_rotation_translation(rigid.rotation, rigid.position_mm);
+        item.transforms.push(NamedTransform {
+            stamp: Stamp::default(),
+            from: from.clone(),
+            to: to.clone(),
+            matrix: matrix.transpose().to_cols_array(),
+            status,
+        });
     }
 }
 
-/// Gives each frame the nearest pose of each station.
-fn attach(items: &mut [SequenceItem], poses: &Poses, names: &[(u8, String)]) {
-    for (station, poses) in poses {
-        let from = names.iter().find(|(known, _)| known == station);
-        let from = from.map_or_else(|| format!("Sensor{station}"), |(_, name)| name.clone());
-        for item in &mut *items {
-            let Some(at) = item.stamp.host_ns else { continue };
-            let next = poses.partition_point(|(time, ..)| *time < at);
-            let near = [next.checked_sub(1), Some(next)].into_iter().flatten().filter_map(|n| poses.get(n));
-            let Some((time, matrix, status)) = near.min_by_key(|(time, ..)| (time - at).abs()) else { continue };
-            let is_near = (time - at).abs() <= FARTHEST_NS;
-            item.transforms.push(NamedTransform {
-                stamp: Stamp::default(),
-                from: from.clone(),
-                to: "Tracker".into(),
-                matrix: *matrix,
-                status: if is_near { status.clone() } else { Status::Other("MISSING".into()) },
-            });
-        }
-    }
+/// As sequences have it: the device's own word where it is one.
+fn status_of(why: &Unavailable) -> Status {
+    let is_word = |word: &str| word.bytes().all(|c| c.is_ascii_uppercase() || c == b'_') && !word.is_empty();
+    Status::Other(match why {
+        Unavailable::Invalid { word } if is_word(word) => word.clone(),
+        Unavailable::Invalid { .. } => "INVALID".into(),
+        _ => "MISSING".into(),
+    })
 }
 
 /// Pixel (0, 0) is another one: transforms from the image are of the new one; without any, the frames say where the new one lies in the old, as PLUS does.

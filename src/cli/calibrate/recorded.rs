@@ -16,7 +16,7 @@ use crate::config::bedside::Bedside;
 use crate::ingest::live::Live;
 use crate::ingest::{Ingest, Picture, Sample};
 use crate::mask::{Mask, MaskPlan, MaskSettings};
-use crate::pipeline::live::{Instrument, Precedent, walk};
+use crate::pipeline::live::{Instrument, Latencies, Precedent, walk};
 use crate::refusal::Refusal;
 use crate::slice::{Image, Pixels};
 use crate::sync::clock::Timed;
@@ -189,7 +189,7 @@ impl Recorded {
                 })?;
             }
             Self::Session { path, bedside } => {
-                walk(path, true, without_latency(bedside)?, |source, live| match live {
+                walk(path, true, without_latency(bedside)?, Latencies::Given, |source, live| match live {
                     Live::Picture { picture, timed } if source == GRABBER && failed.is_none() => {
                         let stamps = Stamps { given_s: seconds(timed.time_ns), ..Stamps::default() };
                         failed = show(picture.head.stamp.item, Some(stamps), &picture.image).err();

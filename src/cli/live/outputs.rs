@@ -1,6 +1,6 @@
 //! What a session leaves: a volume, its weights, a picture, numbers; and what is said of it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::Args;
@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use crate::cli::Failure;
 use crate::cli::input;
+use crate::cli::provenance::Made;
 use crate::cli::reconstruct::filling::{self, FillFlags};
 use crate::cli::render::check_png;
 use crate::cli::render::drawing::Over;
@@ -105,7 +106,7 @@ struct Numbers<'a> {
     seal: Option<&'a Seal>,
 }
 
-/// Writes what was asked for, and says what was done; of a recording, how it differs from what was recorded.
+/// Writes what was asked for, and says what was done; of a recording that was `replayed`, how it differs from what was recorded.
 ///
 /// # Errors
 /// [`Failure`]: the file that failed is not there.
@@ -115,6 +116,7 @@ pub(in crate::cli) fn leave(
     outputs: &Outputs,
     finished: &Finished,
     wall: Duration,
+    replayed: Option<&Path>,
     differences: Option<&Differences>,
 ) -> Result<(), Failure> {
     let Finished { outcome, drawn, account, recording, seal } = finished;
@@ -129,7 +131,12 @@ pub(in crate::cli) fn leave(
         );
     }
     if let Some(outcome) = outcome {
-        write_volumes(outputs, outcome)?;
+        let input = match (replayed, recording) {
+            (Some(session), _) => format!("{} sha256 {}", name_of(session), input::hash(session)?),
+            (None, Some(recording)) => name_of(&recording.path),
+            (None, None) => "devices, not recorded".into(),
+        };
+        write_volumes(outputs, outcome, bedside, input)?;
     } else if outputs.volume.is_some() || outputs.weights.is_some() || outputs.picture.is_some() {
         say("no slice was woven: there is no volume and no picture");
     }
@@ -162,7 +169,7 @@ pub(in crate::cli) fn leave(
 }
 
 #[allow(clippy::print_stdout, reason = "the command's output")]
-fn write_volumes(outputs: &Outputs, outcome: &Outcome) -> Result<(), Failure> {
+fn write_volumes(outputs: &Outputs, outcome: &Outcome, bedside: &Bedside, input: String) -> Result<(), Failure> {
     if outputs.volume.is_none() && outputs.weights.is_none() {
         return Ok(());
     }
@@ -178,11 +185,9 @@ fn write_volumes(outputs: &Outputs, outcome: &Outcome) -> Result<(), Failure> {
         PixelKind::F32 => Scalar::F32,
     };
     let encoding = Encoding { scalar, window: None, unseen: 0.0 };
-    let mut fields = vec![
-        ("SonoweaveVersion".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
-        ("SonoweaveFrame".to_owned(), format!("{} (mm, not anatomical)", outcome.world)),
-        ("SonoweaveRoute".to_owned(), outcome.route.clone()),
-    ];
+    let calibration = name_of(&bedside.path);
+    let made = Made { outcome, space: &space, encoding: &encoding, input, calibration, cropped: false };
+    let mut fields = made.fields();
     let filled = outputs.filling.fill(weaver.volume(), &space, weaver.settings())?;
     fields.extend(filled.iter().flat_map(filling::fields));
     let volume = filled.as_ref().map_or(weaver.volume(), |filled| filled as &dyn Voxels);
@@ -199,4 +204,9 @@ fn write_volumes(outputs: &Outputs, outcome: &Outcome) -> Result<(), Failure> {
         println!("{}", filling::sentence(filled));
     }
     Ok(())
+}
+
+/// A file's name without its folder.
+fn name_of(path: &Path) -> String {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }

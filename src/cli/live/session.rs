@@ -148,6 +148,6 @@ pub(in crate::cli) fn session(
     if let Some(terminal) = &terminal {
         terminal.leave();
     }
-    leave(reload.bedside(), outputs, &finished, began.elapsed(), None)?;
+    leave(reload.bedside(), outputs, &finished, began.elapsed(), None, None)?;
     Ok(finished.recording.map(|recording| recording.path))
 }

@@ -8,6 +8,7 @@ use serde::Serialize;
 use super::filling;
 use super::flags::Flags;
 use crate::cli::dicom::flags::is_dicom;
+use crate::cli::provenance::Made;
 use crate::cli::{Failure, input};
 use crate::config::Settings as Config;
 use crate::export::dicom::volume::VolumeImage;
@@ -15,11 +16,10 @@ use crate::export::fill::Filled;
 use crate::export::planes::{PlanesOptions, Window, planes};
 use crate::export::volume::{DenseBox, Encoding, write_values, write_weights};
 use crate::mask::MaskSettings;
-use crate::pipeline::{Job, Outcome, PixelKind};
+use crate::pipeline::{Job, Outcome};
 use crate::reconstruct::Path as Way;
 use crate::statistics::{FillNumbers, Source, Statistics};
 use crate::volume::Voxels;
-use crate::volume::dense::{RANGE_FIELD, SLICE_AXES_FIELD, SLICES_BOX_FIELD, UNSEEN_FIELD};
 use crate::volume::sparse::SEEN;
 
 /// A command that weaves, and what it was asked.
@@ -144,38 +144,8 @@ impl<'a> Request<'a> {
             None if flags.image_to_probe.is_some() => "command line".into(),
             None => "in the sequence".into(),
         };
-        let three = |values: [f64; 3]| values.map(|v| format!("{v}")).join(" ");
-        let kernels = outcome.reconstructor.kernels();
-        let per_axis =
-            |f: fn(&crate::reconstruct::kernel::AxisKernel) -> f64| kernels.map(|k| three(k.each_ref().map(f)));
-        let line = |key: &str, value: String| (format!("Sonoweave{key}"), one_line(&value));
-        let mut fields = vec![
-            line("Version", env!("CARGO_PKG_VERSION").into()),
-            line("Frame", format!("{} (mm, not anatomical)", outcome.world)),
-            line("Input", format!("{} sha256 {hash}", name.to_string_lossy())),
-            line("Calibration", calibration),
-            line("Route", outcome.route.clone()),
-            line("Method", flags.weighing.method().name().into()),
-            line("Compounding", outcome.reconstructor.settings().compounding.to_string()),
-            line("Path", outcome.reconstructor.path().name().into()),
-        ];
-        if let (Some(sigma), Some(support)) = (per_axis(|k| k.sigma_mm), per_axis(|k| k.support_mm)) {
-            fields.push(line("SigmaMm", sigma));
-            fields.push(line("SupportMm", support));
-        }
-        fields.push((UNSEEN_FIELD.into(), format!("{}", flags.unseen)));
-        fields.push((RANGE_FIELD.into(), range(outcome.pixels, encoding).map(|v| v.to_string()).join(" ")));
-        // Of a volume that was cropped, the picture is what is left.
-        if let (Some(bounds), None) = (outcome.reached, flags.size) {
-            let relative =
-                bounds.map(|corner| std::array::from_fn::<_, 3, _>(|a| (corner[a] - space.first[a]).to_string()));
-            fields.push((SLICES_BOX_FIELD.into(), relative.map(|corner| corner.join(" ")).join(" ")));
-        }
-        if let Some([u, v]) = outcome.slice_axes {
-            fields.push((SLICE_AXES_FIELD.into(), format!("{} {}", three(u.to_array()), three(v.to_array()))));
-        }
-        fields.push(line("Frames", format!("{} of {}", outcome.ledger.frames.used, outcome.ledger.frames.total)));
-        Ok(fields)
+        let input = format!("{} sha256 {hash}", name.to_string_lossy());
+        Ok(Made { outcome, space, encoding, input, calibration, cropped: flags.size.is_some() }.fields())
     }
 
     /// What was done, in a few lines on stdout; what the user should know, on stderr.
@@ -227,19 +197,6 @@ impl<'a> Request<'a> {
             println!("middle planes: {}", path.display());
         }
     }
-}
-
-/// What black and white of the pictures are in the written values.
-fn range(pixels: PixelKind, encoding: &Encoding) -> [f32; 2] {
-    match (encoding.window, pixels) {
-        (Some(_), _) => [0.0, encoding.scalar.top()],
-        (None, kind) => kind.grey_levels(),
-    }
-}
-
-/// Header fields end with the line.
-fn one_line(text: &str) -> String {
-    text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect::<String>().trim().to_owned()
 }
 
 fn draw(outcome: &Outcome, space: &DenseBox, path: &Path) -> Result<(), Failure> {

@@ -78,7 +78,7 @@ pub(super) fn run(wanted: &Wanted<'_>) -> Result<(), Failure> {
         say(&format!("{} pictures in {}", gallery.written()?, folder.display()));
     }
     let differences = config.is_none().then(|| precedent.differences());
-    leave(&bedside, outputs, &finished, began.elapsed(), differences.as_ref())?;
+    leave(&bedside, outputs, &finished, began.elapsed(), Some(session), differences.as_ref())?;
     match differences {
         Some(Differences { count: 0, .. }) if !all && was_sealed => {
             say("the volume is the one that there was when it was live, bit by bit");

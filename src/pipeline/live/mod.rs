@@ -72,7 +72,7 @@ pub use replay::Recorded;
 pub use seal::Seal;
 pub use session::{Bed, Equipment, Finished, Instrument, Order, Record, Session};
 pub use timing::{Quantiles, Spread};
-pub use walk::walk;
+pub use walk::{Latencies, walk};
 pub use zones::{InZones, Watch};
 
 use super::PipelineError;

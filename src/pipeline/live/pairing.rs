@@ -27,7 +27,7 @@ use crate::trace::STAGE;
 /// The longest that the thread waits before it looks whether frames have waited long enough.
 const TURN: Duration = Duration::from_millis(20);
 /// Between two times that clocks are told the time, ns.
-const TOLD_EVERY_NS: i64 = 20 * MS;
+pub(super) const TOLD_EVERY_NS: i64 = 20 * MS;
 
 /// A device of the session.
 pub(super) struct Part {

@@ -2,16 +2,27 @@
 
 use std::path::Path;
 
+use drivers::reading::{Frame, PixelType};
 use drivers::recording::session::{SessionReplay, SessionSettings};
 use drivers::{Device, Error, NO_DEADLINE, Next, Reading};
 
 use super::Instrument;
-use super::intake::{SET_UP, SetUp};
+use super::intake::{LATENCY, Latency, SET_UP, SetUp};
+use super::pairing::TOLD_EVERY_NS;
 use super::precedent::of_json;
 use crate::ingest::live::{Live, LiveIngest};
 
-/// Walks through a session: every sample with its device's place among the instruments, at the times that its clock gives less the instrument's latency. Latencies that the
-/// session itself had, or took over while it ran, do not count.
+/// Which latencies are taken off.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Latencies {
+    /// The instruments', from the beginning to the end; what the session itself had counts for nothing.
+    Given,
+    /// The instruments' at first, then those that the session took over while it ran; clocks are told the time as they were then. So times are those of its replay.
+    AsTold,
+}
+
+/// Walks through a session: every sample with its device's place among the instruments, at the times that its clock gives less the latency.
+/// Without `images` a picture is one black pixel.
 ///
 /// # Errors
 /// The recording's: damage before its end, notes that no version of this program wrote.
@@ -19,6 +30,7 @@ pub fn walk(
     session: &Path,
     images: bool,
     instruments: Vec<Instrument>,
+    latencies: Latencies,
     mut take: impl FnMut(usize, Live),
 ) -> Result<(), Error> {
     let mut replay = SessionReplay::open(&SessionSettings { images, ..SessionSettings::new(session) })?;
@@ -31,6 +43,7 @@ pub fn walk(
             LiveIngest::new(gives, timing, latency_ns)
         })
         .collect();
+    let mut told_ns = i64::MIN;
     replay.start()?;
     loop {
         let reading = match replay.next(NO_DEADLINE)? {
@@ -38,6 +51,11 @@ pub fn walk(
             Next::Pending => continue,
             Next::End => break,
         };
+        let at_ns = replay.handed_over_ns();
+        if latencies == Latencies::AsTold && at_ns.saturating_sub(told_ns) >= TOLD_EVERY_NS {
+            told_ns = at_ns;
+            ingests.iter_mut().for_each(|ingest| ingest.advance(at_ns));
+        }
         match reading {
             Reading::Recorded(note) if note.topic == SET_UP => {
                 let SetUp { device } = of_json(session, SET_UP, &note.text)?;
@@ -47,13 +65,28 @@ pub fn walk(
                     ingests[place].set_up(timing);
                 }
             }
+            Reading::Recorded(note) if note.topic == LATENCY && latencies == Latencies::AsTold => {
+                let Latency { device, latency_ns } = of_json(session, LATENCY, &note.text)?;
+                if let Some(place) = names.iter().position(|name| *name == device) {
+                    ingests[place].set_latency(latency_ns);
+                }
+            }
             Reading::Recorded(_) | Reading::Raw(_) => {}
             reading => {
                 let place = replay.source().and_then(|source| names.iter().position(|name| name == source));
                 let Some(place) = place else { continue };
+                let reading = match reading {
+                    Reading::Frame(frame) if !images => Reading::Frame(blank(frame)),
+                    reading => reading,
+                };
                 take(place, ingests[place].take(reading));
             }
         }
     }
     replay.stop()
+}
+
+/// What was not read, in the place of a picture that is wanted for its time: one whose pixels are missing is refused.
+fn blank(frame: Frame) -> Frame {
+    Frame { size: [1, 1], pixel: PixelType::U8, channels: 1, pixels: vec![0].into(), ..frame }
 }

@@ -11,7 +11,7 @@ use crate::cli::Failure;
 use crate::cli::live::stages::{Kept, TRACKING};
 use crate::config::bedside::{Bedside, Tracking};
 use crate::ingest::live::{Gives, Live};
-use crate::pipeline::live::{Instrument, Precedent, walk};
+use crate::pipeline::live::{Instrument, Latencies, Precedent, walk};
 use crate::refusal::{Reason, Refusal};
 use crate::sync::history::Rigid;
 
@@ -54,7 +54,7 @@ pub(super) fn read(path: &Path, from: Option<f64>, to: Option<f64>) -> Result<Re
         )));
     };
     let (mut samples, mut refused) = (Vec::new(), Vec::new());
-    walk(path, false, vec![instrument(&bedside)], |_, live| match live {
+    walk(path, false, vec![instrument(&bedside)], Latencies::Given, |_, live| match live {
         Live::Pose { sample, .. } => samples.push(sample),
         Live::Refused(refusal) => refused.push(refusal),
         _ => {}

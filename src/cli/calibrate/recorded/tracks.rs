@@ -10,7 +10,7 @@ use crate::cli::Failure;
 use crate::config::bedside::Bedside;
 use crate::config::bedside::devices::TRACKER_FRAME;
 use crate::ingest::live::Live;
-use crate::pipeline::live::{Instrument, walk};
+use crate::pipeline::live::{Instrument, Latencies, walk};
 use crate::refusal::Refusal;
 use crate::sync::history::{PoseHistory, PoseSample};
 
@@ -37,7 +37,7 @@ impl Tracks {
     pub(in crate::cli::calibrate) fn read(path: &Path, bedside: &Bedside) -> Result<Self, Failure> {
         let instruments = without_latency(bedside)?;
         let mut tracks = Self::of_instruments(&instruments, bedside);
-        walk(path, false, instruments, |device, live| tracks.take(device, live))?;
+        walk(path, false, instruments, Latencies::Given, |device, live| tracks.take(device, live))?;
         Ok(tracks)
     }
 

@@ -1,0 +1,69 @@
+//! What a volume was made of and how, as fields of its file: what tells its unseen voxels from black ones, and one file's settings from another's.
+
+use crate::export::volume::{DenseBox, Encoding};
+use crate::pipeline::{Outcome, PixelKind};
+use crate::reconstruct::kernel::AxisKernel;
+use crate::volume::dense::{RANGE_FIELD, SLICE_AXES_FIELD, SLICES_BOX_FIELD, UNSEEN_FIELD};
+
+/// A volume, and what its voxels do not say.
+pub(in crate::cli) struct Made<'a> {
+    pub(in crate::cli) outcome: &'a Outcome,
+    pub(in crate::cli) space: &'a DenseBox,
+    pub(in crate::cli) encoding: &'a Encoding,
+    /// Of what recording, or by which devices.
+    pub(in crate::cli) input: String,
+    pub(in crate::cli) calibration: String,
+    /// Whether the box was given, so that it may be less than what slices reach.
+    pub(in crate::cli) cropped: bool,
+}
+
+impl Made<'_> {
+    pub(in crate::cli) fn fields(&self) -> Vec<(String, String)> {
+        let Self { outcome, space, encoding, .. } = self;
+        let weaver = &outcome.reconstructor;
+        let three = |values: [f64; 3]| values.map(|v| format!("{v}")).join(" ");
+        let kernels = weaver.kernels();
+        let per_axis = |f: fn(&AxisKernel) -> f64| kernels.map(|k| three(k.each_ref().map(f)));
+        let line = |key: &str, value: &str| (format!("Sonoweave{key}"), one_line(value));
+        let mut fields = vec![
+            line("Version", env!("CARGO_PKG_VERSION")),
+            line("Frame", &format!("{} (mm, not anatomical)", outcome.world)),
+            line("Input", &self.input),
+            line("Calibration", &self.calibration),
+            line("Route", &outcome.route),
+            line("Method", weaver.settings().method.name()),
+            line("Compounding", &weaver.settings().compounding.to_string()),
+            line("Path", weaver.path().name()),
+        ];
+        if let (Some(sigma), Some(support)) = (per_axis(|k| k.sigma_mm), per_axis(|k| k.support_mm)) {
+            fields.push(line("SigmaMm", &sigma));
+            fields.push(line("SupportMm", &support));
+        }
+        fields.push((UNSEEN_FIELD.into(), format!("{}", encoding.unseen)));
+        fields.push((RANGE_FIELD.into(), range(outcome.pixels, encoding).map(|v| v.to_string()).join(" ")));
+        // Of a volume that was cropped, the picture is what is left.
+        if let (Some(bounds), false) = (outcome.reached, self.cropped) {
+            let relative =
+                bounds.map(|corner| std::array::from_fn::<_, 3, _>(|a| (corner[a] - space.first[a]).to_string()));
+            fields.push((SLICES_BOX_FIELD.into(), relative.map(|corner| corner.join(" ")).join(" ")));
+        }
+        if let Some([u, v]) = outcome.slice_axes {
+            fields.push((SLICE_AXES_FIELD.into(), format!("{} {}", three(u.to_array()), three(v.to_array()))));
+        }
+        fields.push(line("Frames", &format!("{} of {}", outcome.ledger.frames.used, outcome.ledger.frames.total)));
+        fields
+    }
+}
+
+/// The levels that lie between black and white in the file.
+fn range(pixels: PixelKind, encoding: &Encoding) -> [f32; 2] {
+    match (encoding.window, pixels) {
+        (Some(_), _) => [0.0, encoding.scalar.top()],
+        (None, kind) => kind.grey_levels(),
+    }
+}
+
+/// Header fields end with the line.
+fn one_line(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect::<String>().trim().to_owned()
+}
