@@ -65,12 +65,21 @@ impl View {
         let (aside, ca) = libm::sincos(20.0_f64.to_radians());
         let (against, across) = libm::sincos(60.0_f64.to_radians());
         let forward = -v * against - (along * ca + u * aside) * across;
-        let elevation = libm::asin((-forward.z).clamp(-1.0, 1.0));
-        let azimuth = libm::atan2(-forward.x, forward.y);
-        let [azimuth, elevation] = [azimuth, elevation].map(|angle| angle.to_degrees().round());
-        let level = Self { azimuth, elevation, ..Self::default() };
+        let level = Self::along(forward, DVec3::Z);
+        let level = Self { azimuth: level.azimuth.round(), elevation: level.elevation.round(), ..Self::default() };
         let Axes { right, up, .. } = level.axes();
         Self { roll: libm::atan2(-v.dot(right), -v.dot(up)).to_degrees().round(), ..level }
+    }
+
+    /// The view in a direction, with another one upwards as far as it is; neither zero nor the same.
+    pub fn along(forward: DVec3, up: DVec3) -> Self {
+        let forward = forward.normalize_or_zero();
+        let elevation = libm::asin((-forward.z).clamp(-1.0, 1.0));
+        let azimuth = libm::atan2(-forward.x, forward.y);
+        let [azimuth, elevation] = [azimuth, elevation].map(f64::to_degrees);
+        let level = Self { azimuth, elevation, ..Self::default() };
+        let Axes { right, up: above, .. } = level.axes();
+        Self { roll: libm::atan2(up.dot(right), up.dot(above)).to_degrees(), ..level }
     }
 
     fn check(&self) -> Result<(), RenderError> {
@@ -269,6 +278,18 @@ mod tests {
     use glam::{DMat3, DQuat};
 
     use super::*;
+
+    #[test]
+    fn a_view_is_told_by_its_directions() {
+        for (azimuth, elevation, roll) in
+            [(0.0, 0.0, 0.0), (33.0, 21.0, -50.0), (-170.0, -80.0, 170.0), (10.0, 90.0, 0.0)]
+        {
+            let Axes { forward, up, right } = View { azimuth, elevation, roll, ..View::default() }.axes();
+            let found = View::along(forward, up).axes();
+            let off = (found.forward - forward).length() + (found.up - up).length() + (found.right - right).length();
+            assert!(off < 1e-7, "{azimuth} {elevation} {roll}: {off}");
+        }
+    }
 
     #[test]
     fn a_scan_is_looked_at_from_the_deep_side_with_the_probe_on_top_however_it_lay() {

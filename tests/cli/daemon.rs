@@ -59,7 +59,7 @@ impl Session {
     fn address(&self) -> String {
         self.waits_for("an address", || {
             let said = self.said();
-            let rest = said.split_once("status at http://")?.1;
+            let rest = said.split_once("console: http://")?.1;
             rest.split_once("/status\n").map(|(address, _)| address.to_owned())
         })
     }

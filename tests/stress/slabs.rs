@@ -164,7 +164,7 @@ fn absorption(sheet: &mut Sheet) {
         (-20.0, 40.0, Some(90.0)),
     ] {
         for step in [0.25, 0.5, 1.0, 2.0] {
-            let view = View { azimuth, elevation, roll: 10.0, perspective, turns: false };
+            let view = View { azimuth, elevation, roll: 10.0, perspective, turns: false, ..View::default() };
             let settings = RenderSettings { view, step, ..whole([25, 25], fog(alpha)) };
             let camera = Camera::new(&view, settings.size, step, &stage).unwrap();
             let picture = drawn(&settings, stage, &even);
