@@ -15,18 +15,6 @@ use proptest::prelude::*;
 
 const SEQUENCES: [&str; 5] = ["a.igs.mha", "a.mhd", "a.igs.nrrd", "a.seq.nrrd", "a.nhdr"];
 const VOLUMES: [&str; 4] = ["a.mha", "a.mhd", "a.nrrd", "a.nhdr"];
-const TYPES: [PixelType; 10] = [
-    PixelType::U8,
-    PixelType::I8,
-    PixelType::U16,
-    PixelType::I16,
-    PixelType::U32,
-    PixelType::I32,
-    PixelType::U64,
-    PixelType::I64,
-    PixelType::F32,
-    PixelType::F64,
-];
 
 /// Names of fields that mean nothing to a reader, and are not those of a format.
 fn names() -> impl Strategy<Value = String> {
@@ -90,7 +78,7 @@ prop_compose! {
     fn sequence()(
         images in any::<bool>(),
         size in [1..5_u32, 1..5_u32],
-        pixel in prop::sample::select(&TYPES[..]),
+        pixel in prop::sample::select(&PixelType::ALL[..]),
         channels in 1..=4_u32,
         orientation in prop::sample::select(vec!["", "MFA", "UN"]),
         image_type in prop::sample::select(vec!["", "BRIGHTNESS"]),
@@ -163,7 +151,7 @@ proptest! {
         spacing in prop::array::uniform3(1e-3..1e3),
         origin in prop::array::uniform3(-1e4..1e4),
         turned in any::<bool>(),
-        pixel in prop::sample::select(&TYPES[..]),
+        pixel in prop::sample::select(&PixelType::ALL[..]),
         channels in 1..=4_u32,
         compressed in any::<bool>(),
         fields in fields(),
@@ -268,7 +256,7 @@ fn put(path: &Path, header: &VolumeHeader) -> Vec<u8> {
 #[test]
 fn a_nifti_reads_back_within_its_single_precision() {
     let folder = tempfile::tempdir().unwrap();
-    let kinds = TYPES.map(|pixel| (pixel, 1)).into_iter().chain([(PixelType::U8, 3), (PixelType::U8, 4)]);
+    let kinds = PixelType::ALL.map(|pixel| (pixel, 1)).into_iter().chain([(PixelType::U8, 3), (PixelType::U8, 4)]);
     for ((pixel, channels), name) in kinds.flat_map(|kind| [(kind, "v.nii"), (kind, "v.nii.gz")]) {
         let path = folder.path().join(name);
         let header = VolumeHeader {

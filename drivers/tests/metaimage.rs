@@ -15,18 +15,6 @@ use drivers::recording::image::{Content, VolumeHeader, VolumeReader, content};
 use drivers::recording::{Limits, Pace, Replay, SequenceDriver, SequenceSettings};
 use drivers::{Device, Driver, Error, Next, OpenSettings};
 
-const TYPES: [PixelType; 10] = [
-    PixelType::U8,
-    PixelType::I8,
-    PixelType::U16,
-    PixelType::I16,
-    PixelType::U32,
-    PixelType::I32,
-    PixelType::U64,
-    PixelType::I64,
-    PixelType::F32,
-    PixelType::F64,
-];
 const EYE: [f64; 16] = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
 const EYE_TEXT: &str = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1";
 
@@ -126,7 +114,7 @@ fn write(path: &Path, header: &SequenceHeader, pixels: &[u8]) {
 fn a_sequence_reads_back_the_same_for_every_type_and_packing() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("s.igs.mha");
-    for pixel in TYPES {
+    for pixel in PixelType::ALL {
         for (channels, compressed) in [(1, false), (3, true)] {
             let header = sample(pixel, channels, compressed);
             let pixels = noise(2 * 5 * 3 * pixel.bytes() * channels as usize);
@@ -305,7 +293,7 @@ fn odd_but_right_headers_are_read() {
 fn a_volume_reads_back_the_same_raw_and_compressed() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("v.mha");
-    for pixel in TYPES {
+    for pixel in PixelType::ALL {
         for compressed in [false, true] {
             let header = VolumeHeader {
                 spacing: [0.5, 0.1 + 0.2, 2.0],
