@@ -232,6 +232,39 @@ fn pixels_of_their_own_file_come_and_go_with_their_header() {
 }
 
 #[test]
+fn pixels_whose_header_cannot_take_its_name_are_taken_away_and_earlier_ones_come_back() {
+    for (name, data) in [("s.mhd", "s.raw"), ("s.nhdr", "s.raw")] {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, data) = (folder.path().join(name), folder.path().join(data));
+        let write = |value: u8| {
+            let mut writer = VolumeWriter::create(&path, &VolumeHeader::new([3, 2, 2], PixelType::U8)).unwrap();
+            writer.write_all(&[value; 12]).unwrap();
+            writer.finish()
+        };
+        let count = || fs::read_dir(folder.path()).unwrap().count();
+        // A folder of the header's name is in its way.
+        fs::create_dir(&path).unwrap();
+        let error = write(1).unwrap_err();
+        assert!(matches!(&error, Error::Io { path: at, .. } if *at == path), "{error}");
+        assert!(!data.exists() && count() == 1, "{name}");
+        fs::write(&data, [2; 12]).unwrap();
+        write(3).unwrap_err();
+        assert_eq!((fs::read(&data).unwrap(), count()), (vec![2; 12], 2), "{name}");
+        // One of the pixels' name is in theirs.
+        fs::remove_dir(&path).unwrap();
+        fs::remove_file(&data).unwrap();
+        fs::create_dir(&data).unwrap();
+        write(4).unwrap_err();
+        assert!(data.is_dir() && count() == 1, "{name}");
+        fs::remove_dir(&data).unwrap();
+        for value in [5, 6] {
+            write(value).unwrap();
+            assert_eq!((fs::read(&data).unwrap(), count()), (vec![value; 12], 2), "{name}");
+        }
+    }
+}
+
+#[test]
 fn a_name_that_says_no_format_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     for name in ["a.png", "a", "a.seq.nrrd"] {
