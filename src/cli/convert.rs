@@ -42,7 +42,7 @@ pub struct Arguments {
     #[arg(long, value_name = "A..B", value_parser = values::frames)]
     frames: Option<FrameRange>,
     /// Keep a part of the picture, in pixels of the picture in MF orientation
-    #[arg(long, value_name = "X,Y,W,H", value_parser = crop)]
+    #[arg(long, value_name = "X,Y,W,H", value_parser = values::rectangle)]
     crop: Option<ClipRect>,
     /// Write pictures in this orientation (MF, UN, FM, …) [default: as they are; of .png MF]
     #[arg(long, value_name = "CODE")]
@@ -63,14 +63,6 @@ pub struct Arguments {
 
 // A named type is a single value to clap.
 type FrameRange = std::ops::Range<u64>;
-
-fn crop(text: &str) -> Result<ClipRect, String> {
-    let numbers: Result<Vec<u32>, _> = text.split(',').map(|number| number.trim().parse()).collect();
-    match numbers.as_deref() {
-        Ok(&[x, y, width, height]) => Ok(ClipRect { x, y, width, height }),
-        _ => Err("must be X,Y,W,H: four whole numbers of pixels".into()),
-    }
-}
 
 fn station(text: &str) -> Result<(u8, String), String> {
     let help = "must be N=NAME: the station's number, and a name of letters and digits that begins with a capital";
