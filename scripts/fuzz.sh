@@ -22,7 +22,7 @@ for target in "$@"; do
     [ -f "$folder/fuzz_targets/$target.rs" ] || folder=tests/fuzz
     mkdir -p "out/fuzz/$target"
     echo "fuzz: $target for $seconds s"
-    # cargo-fuzz would build for musl where it was itself built so: the host is named.
+    # Inputs become as long as the longest of the corpus: a whole session is one of 34 KB. cargo-fuzz would build for musl where it was itself built so: the host is named.
     cargo +nightly fuzz run --fuzz-dir "$folder" --target-dir "${CARGO_TARGET_DIR:-target}/fuzz" --target "$host" "$target" \
-        "out/fuzz/$target" "$folder/corpus/$target" -- -max_total_time="$seconds" -max_len=8192 -timeout=10 -rss_limit_mb=512 -print_final_stats=1
+        "out/fuzz/$target" "$folder/corpus/$target" -- -max_total_time="$seconds" -timeout=10 -rss_limit_mb=512 -print_final_stats=1
 done
