@@ -389,7 +389,7 @@ fn numbers_written_as_text_are_read_of_every_type_beside_the_header_and_behind_i
         for text in [plain, lines, spelled.join("\n")] {
             for local in [true, false] {
                 // Where the pixels lie, and as whom a volume of the same file reads them.
-                let head = as_text(element_type(pixel), if local { "LOCAL" } else { "t.txt" });
+                let head = as_text(&element_type(pixel), if local { "LOCAL" } else { "t.txt" });
                 fs::write(&data, &text).unwrap();
                 fs::write(&path, format!("{head}{}", if local { &*text } else { "" })).unwrap();
                 let readings = replay(&path).unwrap();
@@ -407,20 +407,16 @@ fn numbers_written_as_text_are_read_of_every_type_beside_the_header_and_behind_i
     }
 }
 
-/// The name that MetaImage has for a type.
-fn element_type(pixel: PixelType) -> &'static str {
-    match pixel {
-        PixelType::U8 => "MET_UCHAR",
-        PixelType::I8 => "MET_CHAR",
-        PixelType::U16 => "MET_USHORT",
-        PixelType::I16 => "MET_SHORT",
-        PixelType::U32 => "MET_UINT",
-        PixelType::I32 => "MET_INT",
-        PixelType::U64 => "MET_ULONG_LONG",
-        PixelType::I64 => "MET_LONG_LONG",
-        PixelType::F32 => "MET_FLOAT",
-        PixelType::F64 => "MET_DOUBLE",
-    }
+/// The name that MetaImage has for a type, as the writer has it.
+fn element_type(pixel: PixelType) -> String {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("v.mha");
+    let mut writer = VolumeWriter::create(&path, &VolumeHeader::new([1; 3], pixel)).unwrap();
+    writer.write_all(&[0; 8][..pixel.bytes()]).unwrap();
+    writer.finish().unwrap();
+    let bytes = fs::read(&path).unwrap();
+    let text = String::from_utf8_lossy(&bytes);
+    text.lines().find_map(|line| line.strip_prefix("ElementType = ")).unwrap().to_owned()
 }
 
 #[test]
