@@ -8,7 +8,7 @@ use std::path::Path;
 
 use drivers::reading::{NamedTransform, PixelType, Reading, Stamp, Status};
 use drivers::recording::image::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
-use drivers::recording::image::{About, Content, VolumeHeader, VolumeReader};
+use drivers::recording::image::{About, Content, ELEMENT_SPACING, VolumeHeader, VolumeReader};
 use drivers::recording::{Limits, Replay, SequenceSettings};
 use drivers::{Device, Error, Next};
 use proptest::prelude::*;
@@ -83,6 +83,7 @@ prop_compose! {
         orientation in prop::sample::select(vec!["", "MFA", "UN"]),
         image_type in prop::sample::select(vec!["", "BRIGHTNESS"]),
         compressed in any::<bool>(),
+        spacing in prop::option::of((1e-3..1e3, prop_oneof![Just(1.0), 1e-3..1e3])),
         fields in fields(),
         items in any::<bool>().prop_flat_map(|timed| prop::collection::vec(item(timed), 1..5)),
     ) -> SequenceHeader {
@@ -93,7 +94,7 @@ prop_compose! {
             orientation: orientation.into(),
             image_type: image_type.into(),
             compressed,
-            fields,
+            fields: spacing.map(|(x, y)| (ELEMENT_SPACING.to_owned(), format!("{x} {y}"))).into_iter().chain(fields).collect(),
             items,
         }
     }

@@ -24,7 +24,7 @@ The name of OUT says what is written. Of a sequence or a session: .mha, .mhd, .n
 such as frame%04d.png, pictures. Of a volume: .mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz.
 
 Numbered pictures become a sequence without poses, and without times but by --rate. A session's poses that come between frames have no place in a sequence: each frame gets the one of each sensor that came nearest to it in time. An arm's counts are no poses and stay out. --anonymize leaves out all fields \
-but those that place and time need (transforms, their status, times, frame numbers, orientation, the image's type) and says which; what is written into the pictures is cut off by \
+but those that place and time need (transforms, their status, times, frame numbers, orientation, the image's type, how far pixels are apart) and says which; what is written into the pictures is cut off by \
 --crop.
 
 Examples:
@@ -152,7 +152,10 @@ impl Arguments {
             )));
         }
         let names = if is_session { self.names() } else { Vec::new() };
-        let gathered = sequence::gather(&mut *self.open(is_session, false)?, &self.input, &changes, &names)?;
+        let mut gathered = sequence::gather(&mut *self.open(is_session, false)?, &self.input, &changes, &names)?;
+        if let Some(arrangement) = &gathered.arrangement {
+            arrangement.turn_spacing(&mut gathered.header.fields);
+        }
         let count = gathered.header.items.len();
         let bar = input::progress("converting", count as u64);
         let told = |done| bar.set_position(done);

@@ -247,3 +247,21 @@ fn a_recorded_session_becomes_a_sequence_with_a_pose_of_each_sensor_and_its_own_
     place.does("convert back.mcap again.seq.nrrd");
     same(&place, ["s.igs.mha", "again.seq.nrrd"]);
 }
+
+#[test]
+fn how_far_pixels_are_apart_goes_through_every_container_a_session_and_a_turn() {
+    let place = Place::new();
+    let lines = "UltrasoundImageOrientation = MFA\nElementSpacing = 0.2 0.125 1\nPatientName = B. Doe\n";
+    place.put("s.igs.mha", Sequence { lines: lines.into(), ..Sequence::default() }.bytes());
+    let mut last = "s.igs.mha";
+    for name in ["a.igs.nrrd", "b.seq.nrrd", "c.mhd", "d.mcap", "e.nhdr", "f.igs.mha"] {
+        place.does(&format!("convert {last} {name}"));
+        last = name;
+    }
+    let text = |name: &str| String::from_utf8_lossy(&place.get(name)).into_owned();
+    assert!(text("f.igs.mha").contains("\nElementSpacing = 0.2 0.125 1\n"));
+    assert!(text("e.nhdr").contains("\nspace directions: (0.2,0) (0,0.125) none\n"), "{}", text("e.nhdr"));
+    assert!(place.does("inspect e.nhdr").contains("ElementSpacing = 0.2 0.125"));
+    place.does("convert e.nhdr t.mha --orientation FM --anonymize");
+    assert!(text("t.mha").contains("\nElementSpacing = 0.125 0.2 1\n") && !text("t.mha").contains("Doe"));
+}
