@@ -249,6 +249,21 @@ fn a_recorded_session_becomes_a_sequence_with_a_pose_of_each_sensor_and_its_own_
 }
 
 #[test]
+fn a_session_s_pictures_are_compressed_where_that_is_asked_for() {
+    let place = Place::new();
+    let session = place.recorded(SMALL_BEDSIDE, 1);
+    for (plain, small) in [("p.igs.mha", "c.igs.mha"), ("p.seq.nrrd", "c.seq.nrrd")] {
+        place.does(&format!("convert {session} {plain}"));
+        place.does(&format!("convert {session} {small} --compress"));
+        let [of_plain, of_small] = [plain, small].map(|name| place.get(name).len());
+        assert!(of_small < of_plain * 9 / 10, "{small}: {of_small} bytes, {of_plain} without");
+        assert!(place.does(&format!("inspect {small}")).contains("compressed ("), "{small}");
+        same(&place, [plain, small]);
+    }
+    same(&place, ["p.igs.mha", "c.seq.nrrd"]);
+}
+
+#[test]
 fn how_far_pixels_are_apart_goes_through_every_container_a_session_and_a_turn() {
     let place = Place::new();
     let lines = "UltrasoundImageOrientation = MFA\nElementSpacing = 0.2 0.125 1\nPatientName = B. Doe\n";
