@@ -75,7 +75,7 @@ pub(in crate::cli) struct Flags {
     /// Write the weights too: 0 where nothing was seen, −1 where that was filled
     #[arg(long, value_name = "FILE.mha")]
     pub(in crate::cli) weights: Option<PathBuf>,
-    /// Draw the three middle planes
+    /// Draw the three middle planes; what was filled is tinted
     #[arg(long, value_name = "FILE.png")]
     pub(in crate::cli) planes: Option<PathBuf>,
     /// Frames to use: from A up to, but not including, B

@@ -11,8 +11,8 @@ use crate::cli::dicom::flags::is_dicom;
 use crate::cli::{Failure, input};
 use crate::config::Settings as Config;
 use crate::export::dicom::volume::VolumeImage;
-use crate::export::fill::Filled;
-use crate::export::planes::{PlanesOptions, Window, planes};
+use crate::export::fill::{FILLED, Filled};
+use crate::export::planes::{PlanesOptions, Shown, Window, planes};
 use crate::export::volume::{DenseBox, Encoding, write_values, write_weights};
 use crate::mask::MaskSettings;
 use crate::pipeline::{Job, Outcome, PixelKind};
@@ -46,7 +46,7 @@ impl<'a> Request<'a> {
         let began = Instant::now();
         let job = flags.job(sequence)?;
         flags.check_outputs(sequence, output)?;
-        flags.filling.check(&job.settings, output.is_some() || flags.weights.is_some())?;
+        flags.filling.check(&job.settings, output.is_some() || flags.weights.is_some() || flags.planes.is_some())?;
         let frames = (job.frames != (0..u64::MAX)).then_some([job.frames.start, job.frames.end]);
         let (config, mask) = (job.config.clone(), job.mask);
         Ok((Self { sequence, output, flags, began, config, mask, frames }, job))
@@ -86,7 +86,7 @@ impl<'a> Request<'a> {
             }
         }
         if let Some(path) = &flags.planes {
-            draw(&outcome, &space, path)?;
+            draw(filled.as_ref().map_or(volume, |filled| filled as &dyn Voxels), &space, path)?;
         }
         let scalar = encoding.map(|e| e.scalar.name());
         let mut statistics = Statistics::new(&outcome, &space, scalar, self.began.elapsed());
@@ -242,13 +242,15 @@ fn one_line(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect::<String>().trim().to_owned()
 }
 
-fn draw(outcome: &Outcome, space: &DenseBox, path: &Path) -> Result<(), Failure> {
-    let volume = outcome.reconstructor.volume();
-    let value = |voxel: [u64; 3]| {
+fn draw(volume: &dyn Voxels, space: &DenseBox, path: &Path) -> Result<(), Failure> {
+    let shown = |voxel: [u64; 3]| {
         let at: [i64; 3] = std::array::from_fn(|a| space.first[a] + voxel[a] as i64);
-        let (r, w) = volume.voxel(at);
-        (w > SEEN).then(|| r / w)
+        match volume.voxel(at) {
+            (r, w) if w > SEEN => Some(Shown::Seen(r / w)),
+            (r, w) if w == FILLED => Some(Shown::Filled(r / w)),
+            _ => None,
+        }
     };
     let options = PlanesOptions { window: Window::Percentiles, ..PlanesOptions::default() };
-    Ok(planes(&space.grid, value, &options)?.write_png(path)?)
+    Ok(planes(&space.grid, shown, &options)?.write_png(path)?)
 }
