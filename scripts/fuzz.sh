@@ -13,6 +13,13 @@ if ! cargo fuzz --version >/dev/null 2>&1; then
     exit 0
 fi
 
+# Targets that read files write them first: in memory that is three times as fast.
+if TMPDIR=$(mktemp -d -p /dev/shm 2>/dev/null); then
+    export TMPDIR
+    trap 'rm -rf "$TMPDIR"' EXIT
+else
+    unset TMPDIR
+fi
 seconds=${FUZZ_SECONDS:-60}
 host=$(rustc -vV | sed -n 's/^host: //p')
 targets() { sed -n 's/^name = "\(.*\)"$/\1/p' "$1/Cargo.toml" | sed 1d; }
