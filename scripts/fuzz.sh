@@ -24,6 +24,7 @@ seconds=${FUZZ_SECONDS:-60}
 host=$(rustc -vV | sed -n 's/^host: //p')
 targets() { sed -n 's/^name = "\(.*\)"$/\1/p' "$1/Cargo.toml" | sed 1d; }
 [ $# -gt 0 ] || set -- $(targets drivers/fuzz) $(targets tests/fuzz)
+broken=
 for target in "$@"; do
     folder=drivers/fuzz
     [ -f "$folder/fuzz_targets/$target.rs" ] || folder=tests/fuzz
@@ -31,5 +32,10 @@ for target in "$@"; do
     echo "fuzz: $target for $seconds s"
     # Inputs become as long as the longest of the corpus: a whole session is one of 34 KB. cargo-fuzz would build for musl where it was itself built so: the host is named.
     cargo +nightly fuzz run --fuzz-dir "$folder" --target-dir "${CARGO_TARGET_DIR:-target}/fuzz" --target "$host" "$target" \
-        "out/fuzz/$target" "$folder/corpus/$target" -- -max_total_time="$seconds" -timeout=10 -rss_limit_mb=512 -print_final_stats=1
+        "out/fuzz/$target" "$folder/corpus/$target" -- -max_total_time="$seconds" -timeout=10 -rss_limit_mb=512 -print_final_stats=1 ||
+        broken="$broken $target"
 done
+if [ -n "$broken" ]; then
+    echo "fuzz: broken:$broken; the inputs are in drivers/fuzz/artifacts and tests/fuzz/artifacts, in a folder each."
+    exit 1
+fi
