@@ -89,6 +89,10 @@ pub enum PixelType {
 }
 
 impl PixelType {
+    /// All of them.
+    pub const ALL: [Self; 10] =
+        [Self::U8, Self::I8, Self::U16, Self::I16, Self::U32, Self::I32, Self::U64, Self::I64, Self::F32, Self::F64];
+
     /// Bytes per channel.
     pub const fn bytes(self) -> usize {
         match self {

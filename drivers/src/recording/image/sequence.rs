@@ -3,6 +3,7 @@
 use super::header::{Fault, FrameField, Header};
 use super::layout::Layout;
 use super::numbers::{number, numbers, whole};
+use super::spacing::{self, ELEMENT_SPACING};
 use crate::reading::Status;
 
 /// Field of the whole file with the orientation of its pictures.
@@ -110,6 +111,10 @@ impl Sequence {
         let text = |name: &str| header.get(name).map_or_else(String::new, |field| field.value.to_string());
         let mut fields = header.further_fields();
         fields.retain(|(name, _)| name != ORIENTATION && name != IMAGE_TYPE);
+        if let Some(text) = (header.grammar.spacing)(&header).and_then(spacing::text) {
+            fields.retain(|(name, _)| name != ELEMENT_SPACING);
+            fields.insert(0, (ELEMENT_SPACING.into(), text));
+        }
         Ok(Self {
             orientation: text(ORIENTATION),
             image_type: text(IMAGE_TYPE),
