@@ -25,11 +25,11 @@ use crate::pipeline::live::{Instrument, Precedent};
 The name of OUT says what is written. Of a sequence or a session: .mha, .mhd, .nrrd, .seq.nrrd (3D Slicer), .nhdr; .mcap, a session; a folder that is there or a name \
 such as frame%04d.png, pictures. Of a volume: .mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz.
 
-Numbered pictures become a sequence without poses, and without times but by --rate. A session becomes a sequence with one pose of each sensor a frame: the one that a replay pairs the frame with, between two poses that were received, latencies taken off; an arm's is made by its kinematics. What \
-else was received has no place in a sequence.
+Numbered pictures become a sequence without poses, and without times but by --rate. A session becomes a sequence with one pose of each sensor a frame: the one that a replay \
+pairs the frame with, between two poses that were received, latencies taken off; an arm's is made by its kinematics. What else was received has no place in a sequence.
 
---anonymize leaves out all fields but those that place and time need (transforms, their status, times, frame numbers, orientation, the image's type, how far pixels are apart) and says which; what is written \
-into the pictures is cut off by --crop.
+--anonymize leaves out all fields but those that place and time need (transforms, their status, times, frame numbers, orientation, the image's type, how far pixels are apart) and \
+says which; what is written into the pictures is cut off by --crop.
 
 Examples:
   sonoweave convert sweep.igs.mha sweep.seq.nrrd --compress

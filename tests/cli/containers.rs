@@ -266,7 +266,7 @@ fn a_recorded_session_becomes_a_sequence_whose_slices_lie_where_its_replay_has_t
         assert_eq!(replayed.field(name), woven.field(name), "{name}");
     }
     let input = replayed.field("SonoweaveInput");
-    assert!(input.starts_with("SESSION-") && input.contains(".mcap sha256 "), "{input}");
+    assert!(input.starts_with("SESSION-") && input.ends_with(".mcap"), "{input}");
     let said = place.does("inspect s.igs.mha");
     assert!(said.contains("ProbeToTracker"), "{said}");
     place.does(&format!("convert {session} named.nrrd --station 2=Patient --frames 0..9"));
