@@ -25,7 +25,7 @@ use crate::{Description, Device, Error, Next};
 const RETRY: i64 = 200 * MS;
 /// Pause after a read that failed, ns, lest a line that fails at once is read without end.
 const TROUBLED: i64 = 2 * MS;
-/// Bytes that one read may bring: more than a device sends between two reads.
+/// Bytes that one read may bring of a serial line or USB.
 const BUFFER: usize = 4096;
 
 /// What to do next to set a device up.
@@ -118,6 +118,21 @@ pub trait Protocol: Send {
         ""
     }
 
+    /// Bytes that one read may bring: more than a device sends between two reads.
+    fn buffer_bytes(&self) -> usize {
+        BUFFER
+    }
+
+    /// Why nothing more is to be made of this line, if so: it is closed, and opened anew.
+    fn broken(&self) -> Option<String> {
+        None
+    }
+
+    /// Whether a device that has fallen silent is to be found by opening its line anew. A line that has lost nothing has nothing else to be set right by.
+    fn begins_by_opening(&self) -> bool {
+        false
+    }
+
     /// What to send before the line is closed, so that the device is found quiet.
     fn farewell(&self) -> &[u8];
 
@@ -178,6 +193,7 @@ enum After {
 impl<P: Protocol> Connection<P> {
     /// Stopped. With `keeps_raw` each piece of what is received is a reading too, before those that it completes.
     pub fn new(opener: Box<dyn Opener>, clock: Arc<dyn Clock>, protocol: P, keeps_raw: bool) -> Self {
+        let buffer = vec![0; protocol.buffer_bytes()].into();
         Self {
             opener,
             clock,
@@ -185,7 +201,7 @@ impl<P: Protocol> Connection<P> {
             keeps_raw,
             stage: Stage::Stopped,
             found: VecDeque::with_capacity(64),
-            buffer: vec![0; BUFFER].into(),
+            buffer,
             health: Health::default(),
             before: Lost::default(),
             raw_items: 0,
@@ -351,6 +367,9 @@ impl<P: Protocol> Connection<P> {
             Ok(received) => {
                 self.health.received.bytes += received.bytes as u64;
                 let makes_sense = self.take(received.bytes, received.at_ns);
+                if let Some(why) = self.protocol.broken() {
+                    return After::Gone(LineError::Failed(why));
+                }
                 if may_wait || makes_sense || was_away { After::Same } else { self.fallen_silent(patience) }
             }
             Err(error @ LineError::Gone(_)) => After::Gone(error),
@@ -367,6 +386,12 @@ impl<P: Protocol> Connection<P> {
     fn fallen_silent(&mut self, patience: i64) -> After {
         let why = format!("{}: is open and has said nothing for {} ms", self.opener.name(), patience / MS);
         self.health.enter(State::Silent, &why, self.clock.now_ns());
+        if self.protocol.begins_by_opening() {
+            return After::Gone(LineError::Failed(format!(
+                "has said nothing for {} ms; it is connected to anew",
+                patience / MS
+            )));
+        }
         match std::mem::replace(&mut self.stage, Stage::Stopped) {
             Stage::Running { line, .. } => After::Anew(line),
             _ => After::Same,

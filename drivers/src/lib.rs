@@ -47,6 +47,7 @@ pub static DRIVERS: &[&dyn Driver] = &[
     &arm::ArmDriver,
     &polhemus::TrackerDriver,
     &grabber::GrabberDriver,
+    &openigtlink::RemoteDriver,
     &recording::SequenceDriver,
     &recording::SessionDriver,
 ];
@@ -62,6 +63,7 @@ pub fn open(settings: &OpenSettings) -> Result<Box<dyn Device>, Error> {
         OpenSettings::Sequence(_) => recording::SequenceDriver.open(settings),
         OpenSettings::Session(_) => recording::SessionDriver.open(settings),
         OpenSettings::Grabber(_) => grabber::GrabberDriver.open(settings),
+        OpenSettings::Remote(_) => openigtlink::RemoteDriver.open(settings),
     }
 }
 
@@ -105,6 +107,8 @@ pub enum OpenSettings {
     Session(recording::SessionSettings),
     /// A frame grabber.
     Grabber(grabber::GrabberSettings),
+    /// An OpenIGTLink server.
+    Remote(openigtlink::RemoteSettings),
 }
 
 impl OpenSettings {

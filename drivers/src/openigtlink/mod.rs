@@ -1,6 +1,6 @@
-//! OpenIGTLink: the protocol of image-guided therapy, versions 1 to 3, as bytes.
+//! OpenIGTLink: the protocol of image-guided therapy, versions 1 to 3, as bytes; and a server of it as a device.
 //!
-//! No transport and no clock, as in every wire format here. By the protocol's documents (openigtlink/OpenIGTLink, Documents/Protocol); what they leave open is as the
+//! The bytes are without transport and clock, as in every wire format here. By the protocol's documents (openigtlink/OpenIGTLink, Documents/Protocol); what they leave open is as the
 //! reference library writes it, whose own vectors are among the tests.
 //!
 //! ```text
@@ -17,8 +17,11 @@
 //! - [`message`]: a message, whole.
 //! - [`header`]: what each begins with. [`extended`]: what version 3 adds.
 //! - [`image`], [`pose`], [`words`], [`query`]: what messages hold.
+//! - [`client`]: what is said to a server, and what its messages are as readings; [`driver`] opens it.
 
+pub mod client;
 mod cursor;
+pub mod driver;
 pub mod extended;
 pub mod fixed;
 pub mod header;
@@ -29,7 +32,9 @@ pub mod query;
 pub mod stream;
 pub mod words;
 
+pub use client::{Client, RemotePictures, RemoteSettings, RemoteTransforms};
 pub use cursor::Fault;
+pub use driver::RemoteDriver;
 pub use extended::{Datum, Text};
 pub use fixed::{Fixed, Unfit};
 pub use header::{Header, TimeStamp, Version};
