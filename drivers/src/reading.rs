@@ -207,6 +207,20 @@ pub fn transform_name(from: &str, to: &str) -> String {
     if to.is_empty() { from.to_owned() } else { format!("{from}To{to}") }
 }
 
+/// Splits `ProbeToTracker` into `Probe` and `Tracker`: at the first `To` that has something before it and an upper-case letter or a digit behind it,
+/// so that `To` within a word (`TorsoToTracker`, `ToolToTracker`, `StylusToTool`) does not count. A name without such a `To` is the frame
+/// that points come from, and the frame they go to is empty: the source does not say it.
+pub fn split_transform_name(base: &str) -> (String, String) {
+    let at = base.match_indices("To").map(|(at, _)| at).find(|&at| {
+        let next = base[at + 2..].chars().next();
+        at > 0 && next.is_some_and(|next| next.is_uppercase() || next.is_ascii_digit())
+    });
+    match at {
+        Some(at) => (base[..at].to_owned(), base[at + 2..].to_owned()),
+        None => (base.to_owned(), String::new()),
+    }
+}
+
 /// A decision or setting of an earlier run, as recorded.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Recorded {
