@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::Failure;
+use super::igtl::Sharing;
 use super::live::outputs::{Outputs, say};
 use super::live::session::{Conduct, session};
 use crate::config::bedside::Bedside;
@@ -34,6 +35,8 @@ pub struct Arguments {
     /// Does not show the volume in the terminal, but says how it goes
     #[arg(long)]
     headless: bool,
+    #[command(flatten, next_help_heading = "OpenIGTLink")]
+    sharing: Sharing,
 }
 
 /// Runs the command.
@@ -52,6 +55,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         record: Some(out.clone()),
         duration: arguments.duration,
         headless: arguments.headless,
+        sharing: arguments.sharing.clone(),
         ..Conduct::default()
     };
     let outputs = Outputs {

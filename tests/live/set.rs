@@ -203,6 +203,7 @@ pub(crate) fn stages(wait_ns: i64, looks: Option<Arc<dyn Looks>>) -> Session {
         planar: PlanarSettings::default(),
         looks,
         watch: None,
+        tap: None,
     }
 }
 

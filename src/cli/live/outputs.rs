@@ -12,9 +12,9 @@ use crate::cli::reconstruct::filling::{self, FillFlags};
 use crate::cli::render::check_png;
 use crate::cli::render::drawing::Over;
 use crate::config::bedside::Bedside;
-use crate::export::volume::{DenseBox, Encoding, Scalar, write_values, write_weights};
+use crate::export::volume::{DenseBox, Encoding, write_values, write_weights};
+use crate::pipeline::Outcome;
 use crate::pipeline::live::{Account, Differences, Finished, REPLAYED, Seal};
-use crate::pipeline::{Outcome, PixelKind};
 use crate::statistics::{LiveStatistics, write_json};
 use crate::volume::Voxels;
 
@@ -172,12 +172,7 @@ fn write_volumes(outputs: &Outputs, outcome: &Outcome) -> Result<(), Failure> {
         return Ok(());
     };
     let space = DenseBox::around([low, high], weaver.world_from_lattice(), weaver.settings());
-    let scalar = match outcome.pixels {
-        PixelKind::U8 => Scalar::U8,
-        PixelKind::U16 => Scalar::U16,
-        PixelKind::F32 => Scalar::F32,
-    };
-    let encoding = Encoding { scalar, window: None, unseen: 0.0 };
+    let encoding = Encoding { scalar: outcome.pixels.scalar(), window: None, unseen: 0.0 };
     let mut fields = vec![
         ("SonoweaveVersion".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
         ("SonoweaveFrame".to_owned(), format!("{} (mm, not anatomical)", outcome.world)),

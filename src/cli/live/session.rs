@@ -16,9 +16,10 @@ use super::stages::{instruments, record, stages};
 use super::telling::{Telling, standing};
 use super::terminal::Terminal;
 use crate::cli::Failure;
+use crate::cli::igtl::{Shared, Sharing};
 use crate::config::bedside::Bedside;
 use crate::devices::{self, Devices};
-use crate::pipeline::live::{Bed, Equipment, Looks, run};
+use crate::pipeline::live::{Bed, Equipment, Looks, Session as Stages, run};
 
 /// Between two lines on the way.
 const SAID_EVERY: Duration = Duration::from_secs(2);
@@ -41,6 +42,8 @@ pub(in crate::cli) struct Conduct {
     /// Does not show the volume in the terminal, but says how it goes
     #[arg(long)]
     pub(in crate::cli) headless: bool,
+    #[command(flatten)]
+    pub(in crate::cli) sharing: Sharing,
 }
 
 impl Conduct {
@@ -94,6 +97,7 @@ pub(in crate::cli) fn session(
         standing.granted().why.iter().for_each(|why| say(why));
         telling.address().iter().for_each(|address| say(&format!("status at {address}")));
     }
+    let mut shared = conduct.sharing.begin(&ends, conduct.quiet)?;
     let folder = conduct.record.as_ref().or(bedside.record.folder.as_ref());
     let resumed =
         conduct.resume.as_ref().map(|session| resume::open(session, bedside)).transpose()?.unwrap_or_default();
@@ -125,11 +129,15 @@ pub(in crate::cli) fn session(
         None => outputs.picture.as_ref().map(|_| Arc::new(bedside.picture.clone()) as Arc<dyn Looks>),
     };
     let (began, mut said) = (Instant::now(), Instant::now());
-    let finished = run(&stages(bedside, looks)?, bed, &Monotonic, &ends, |account| {
+    let tap = shared.as_ref().map(Shared::tap);
+    let finished = run(&Stages { tap, ..stages(bedside, looks)? }, bed, &Monotonic, &ends, |account| {
         if conduct.duration.is_some_and(|seconds| began.elapsed() >= Duration::from_secs_f64(seconds)) {
             ends.store(true, Ordering::Relaxed);
         }
         telling.look(account, line, ends.load(Ordering::Relaxed));
+        if let Some(shared) = &mut shared {
+            shared.tell(|| line(account));
+        }
         if let Some(terminal) = &terminal {
             terminal.say(&line(account));
         } else if !conduct.quiet && said.elapsed() >= SAID_EVERY {
@@ -145,6 +153,9 @@ pub(in crate::cli) fn session(
         orders
     })?;
     drop(twins);
+    if let Some(shared) = shared {
+        shared.leave(conduct.quiet);
+    }
     if let Some(terminal) = &terminal {
         terminal.leave();
     }

@@ -104,6 +104,7 @@ pub(in crate::cli) fn stages(bedside: &Bedside, looks: Option<Arc<dyn Looks>>) -
         planar: bedside.volume.planar,
         looks,
         watch: watch(bedside),
+        tap: None,
     })
 }
 

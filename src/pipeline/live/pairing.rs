@@ -1,5 +1,6 @@
 //! The pairing thread: readings become samples with times, frames wait for poses about them, and what has a place goes on to the loom.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender};
@@ -12,6 +13,7 @@ use super::decision::Common;
 use super::frozen::Frozen;
 use super::intake::{Delivery, Intake, Word};
 use super::pulse::Stage;
+use super::tap::Tap;
 use super::weave::{Posed, Times};
 use super::zones::Guard;
 use crate::ingest::Picture;
@@ -21,7 +23,7 @@ use crate::refusal::{Reason, Refusal};
 use crate::slice::{Image, Slice};
 use crate::sync::bracket::{Answered, Bracketing, FrameTime, Unplaced};
 use crate::sync::clock::Mapping;
-use crate::sync::history::Unavailable;
+use crate::sync::history::{PoseSample, Unavailable};
 use crate::trace::STAGE;
 
 /// The longest that the thread waits before it looks whether frames have waited long enough.
@@ -44,6 +46,20 @@ pub(super) struct Waiting {
     captured_ns: i64,
     /// The time that it waits.
     waits: Span,
+}
+
+/// Who looks on, and the frames of all sources of poses.
+pub(super) struct Tapped {
+    pub(super) tap: Arc<dyn Tap>,
+    pub(super) frames: Vec<[String; 2]>,
+}
+
+impl Tapped {
+    fn pose(&self, source: usize, sample: &PoseSample) {
+        if let Some([from, to]) = self.frames.get(source) {
+            self.tap.pose([from, to], sample);
+        }
+    }
 }
 
 /// The kind of note that a clock is published by.
@@ -103,6 +119,7 @@ pub(super) struct Pairing<'a> {
     frozen: Frozen,
     /// Where there are zones in which the tracker's field is bent.
     guard: Option<Guard>,
+    tapped: Option<Tapped>,
     onward: Onward,
     /// When something came last, and when clocks were told the time, host ns.
     now_ns: i64,
@@ -124,9 +141,10 @@ impl<'a> Pairing<'a> {
         bracketing: Bracketing<Waiting>,
         frozen: Frozen,
         guard: Option<Guard>,
+        tapped: Option<Tapped>,
         onward: Onward,
     ) -> Self {
-        Self { common, parts, bracketing, frozen, guard, onward, now_ns: i64::MIN, told_ns: i64::MIN }
+        Self { common, parts, bracketing, frozen, guard, tapped, onward, now_ns: i64::MIN, told_ns: i64::MIN }
     }
 
     /// Takes what comes until nothing does any more. Returns what the user should know.
@@ -196,6 +214,9 @@ impl<'a> Pairing<'a> {
             Live::Pose { source: own, sample, .. } => {
                 board.sampled(source, sample.invalid.is_some().then_some("not valid, by the device's word"));
                 if let Some(into) = self.parts[source].sources.get(own) {
+                    if let Some(tapped) = &self.tapped {
+                        tapped.pose(*into, &sample);
+                    }
                     self.bracketing.pose(*into, sample);
                 }
             }
@@ -244,6 +265,9 @@ impl<'a> Pairing<'a> {
                     return self.common.drop_before(queue, item);
                 }
                 let slice = Slice { image, time_ns: frame.time_ns, world_from_image: placed.world_from_image };
+                if let Some(Tapped { tap, .. }) = &self.tapped {
+                    tap.slice(self.bracketing.route().world(), item, &slice);
+                }
                 return self.pass(item, slice, captured_ns);
             }
             Err(unplaced) => {

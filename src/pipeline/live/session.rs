@@ -9,12 +9,13 @@ use super::board::Account;
 use super::decision::Common;
 use super::fabric::Shared;
 use super::frozen::Frozen;
-use super::pairing::{Onward, Pairing, Part, Waiting};
+use super::pairing::{Onward, Pairing, Part, Tapped, Waiting};
 use super::picture::{Drawn, Looks};
 use super::priority::Standing;
 use super::recorder::Recording;
 use super::replay::Recorded;
 use super::seal::Seal;
+use super::tap::Tap;
 use super::zones::{Guard, Watch};
 use crate::ingest::live::{Gives, LiveIngest};
 use crate::mask::MaskSettings;
@@ -70,6 +71,8 @@ pub struct Session {
     pub looks: Option<Arc<dyn Looks>>,
     /// Where the tracker's field is bent, if that is known and is to be looked after.
     pub watch: Option<Watch>,
+    /// Who looks on, if somebody does.
+    pub tap: Option<Arc<dyn Tap>>,
 }
 
 /// How a session is recorded.
@@ -171,6 +174,8 @@ impl Session {
             let mut frames = instruments.iter().flat_map(|instrument| &instrument.frames);
             Some(Guard::new(frames.position(|[from, _]| *from == watch.sensor)?, &watch.zones, common.board))
         });
+        let frames: Vec<[String; 2]> = instruments.iter().flat_map(|instrument| instrument.frames.clone()).collect();
+        let tapped = self.tap.clone().map(|tap| Tapped { tap, frames });
         let mut first = 0;
         let parts = instruments.into_iter().map(|Instrument { name, gives, frames, latency_ns }| {
             let sources = first..first + frames.len();
@@ -180,7 +185,7 @@ impl Session {
         });
         let parts = parts.collect();
         common.board.route(bracketing.route());
-        Ok(Pairing::new(common, parts, bracketing, Frozen::new(self.mask), guard, onward))
+        Ok(Pairing::new(common, parts, bracketing, Frozen::new(self.mask), guard, tapped, onward))
     }
 
     pub(super) fn finish(
