@@ -42,13 +42,14 @@ peers:
 
 # Image files both ways with SimpleITK, VTK, pynrrd and nibabel: the same voxels at the same place. They go into an environment of their own in out/interop (800 MB, from
 # the package index that pip is set up for). And our DICOM: dciodvfy finds no error in it, pydicom the same voxels in the same places, and an Orthanc server on loopback
-# returns what it is given.
+# returns what it is given. And OpenIGTLink with the reference library and pyigtl, as clients and as servers.
 interop:
 	@scripts/setup.sh interop
 	scripts/interop/environment.sh
 	cargo build --locked --bin sonoweave
 	scripts/interop/run.sh
 	scripts/interop/dicom.sh
+	scripts/interop/igtl.sh
 
 # Numerical stability: 10⁶ slices and days of stamps (STRESS=quick: seconds), a session that goes on and on, and errors put into the source, which tests must notice.
 STRESS ?= full

@@ -1,6 +1,6 @@
 #!/bin/sh
-# Installs what building and testing need and the machine lacks, with the word `package` what making a Debian package needs, too, and with `interop` what Python environments need and a
-# verifier and an archive for DICOM (Debian starts the archive's service where there is systemd; `systemctl disable --now orthanc` ends that). Rust is expected
+# Installs what building and testing need and the machine lacks, with the word `package` what making a Debian package needs, too, and with `interop` what Python environments need, a
+# verifier and an archive for DICOM, and OpenIGTLink's reference library (Debian starts the archive's service where there is systemd; `systemctl disable --now orthanc` ends that). Rust is expected
 # (https://rustup.rs); the rest are Debian packages.
 set -eu
 
@@ -19,6 +19,8 @@ need libc6-dev /usr/include/stdlib.h
 [ "${1:-}" != interop ] || python3 -c 'import ensurepip, venv' 2>/dev/null || missing="$missing python3-venv"
 [ "${1:-}" != interop ] || need dicom3tools /usr/bin/dciodvfy
 [ "${1:-}" != interop ] || need orthanc /usr/sbin/Orthanc
+[ "${1:-}" != interop ] || command -v c++ >/dev/null 2>&1 || missing="$missing g++"
+[ "${1:-}" != interop ] || need libopenigtlink-dev /usr/include/openigtlink/igtlClientSocket.h
 
 [ -n "$missing" ] || exit 0
 command -v apt-get >/dev/null 2>&1 || {

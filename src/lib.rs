@@ -21,6 +21,7 @@
 //! - [`ledger`], [`refusal`]: what became of every frame, and the reasons.
 //! - [`statistics`]: what a run did, in numbers.
 //! - [`console`], [`service`]: the same while it runs, over HTTP, and to a service manager.
+//! - [`igtl`]: slices, sensors and the volume while it runs, over OpenIGTLink.
 //! - [`trace`]: where the time of each frame went.
 //! - [`cli`]: the commands.
 //! - [`phantom`]: scans of scenes whose truth is known, for demonstration, tests and benches.
@@ -32,6 +33,7 @@ pub mod console;
 pub mod convert;
 pub mod devices;
 pub mod export;
+pub mod igtl;
 pub mod ingest;
 pub mod ledger;
 pub mod mask;

@@ -18,9 +18,10 @@ fi
 mkdir -p out
 # A half-made environment is made anew.
 python3 -m venv --clear "$into"
-"$into/bin/python" -m pip --disable-pip-version-check install --quiet --only-binary :all: --requirement "$wanted" || {
+# pyigtl needs crcmod, of which there is no wheel: it is built, in C or without.
+"$into/bin/python" -m pip --disable-pip-version-check install --quiet --only-binary :all: --no-binary crcmod --requirement "$wanted" || {
     echo "interop: $wanted could not be installed for $(python3 --version); pip's message is above." >&2
     exit 1
 }
 cp "$wanted" "$into/installed.txt"
-echo "interop: SimpleITK, VTK, pynrrd, nibabel and pydicom are in $into"
+echo "interop: SimpleITK, VTK, pynrrd, nibabel, pydicom and pyigtl are in $into"

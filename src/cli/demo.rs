@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use super::igtl::Sharing;
 use super::live::outputs::{Outputs, say};
 use super::live::session::{Conduct, session};
 use super::{Failure, values};
@@ -38,6 +39,8 @@ pub struct Arguments {
     /// Does not show the volume in the terminal, but says how it goes
     #[arg(long)]
     headless: bool,
+    #[command(flatten, next_help_heading = "OpenIGTLink")]
+    sharing: Sharing,
 }
 
 /// Runs the command.
@@ -58,6 +61,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         headless: arguments.headless,
         console: Some(arguments.console),
         demo: true,
+        sharing: arguments.sharing.clone(),
         ..Conduct::default()
     };
     let outputs = Outputs {

@@ -7,6 +7,7 @@ pub mod demo;
 pub mod devices;
 pub mod dicom;
 mod histogram;
+mod igtl;
 pub mod input;
 pub mod inspect;
 pub mod live;

@@ -12,6 +12,7 @@ use clap::{Args, ValueEnum};
 use drivers::OpenSettings;
 use drivers::recording::Pace;
 
+use super::igtl::Sharing;
 use super::live::outputs::Outputs;
 use super::reconstruct::flags::Flags;
 use super::reconstruct::outputs::Request;
@@ -72,6 +73,8 @@ pub struct Arguments {
     look: Look,
     #[command(flatten, next_help_heading = "Reconstruction")]
     flags: Flags,
+    #[command(flatten, next_help_heading = "OpenIGTLink, of a session")]
+    sharing: Sharing,
 }
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
@@ -94,6 +97,11 @@ enum CacheName {
 pub fn run(arguments: &Arguments, given: &[String]) -> Result<(), Failure> {
     if input::is_session(&arguments.sequence)? {
         return session::run(&arguments.of_session(given)?);
+    }
+    if arguments.sharing.is_wanted() {
+        return Err(Failure(
+            "--igtl: is of recorded sessions; a sequence is woven at once, and nobody could look on".into(),
+        ));
     }
     if arguments.all {
         return Err(Failure("--all: of a sequence nothing was ever dropped; leave it out".into()));
@@ -148,7 +156,7 @@ fn weave(job: Job, onlooker: &mut impl Onlooker) -> Result<Outcome, Failure> {
 impl Arguments {
     /// What there is to say of a session, which has its own settings; `given` are the flags that are there.
     fn of_session(&self, given: &[String]) -> Result<session::Wanted<'_>, Failure> {
-        const KNOWN: [&str; 13] = [
+        const KNOWN: [&str; 16] = [
             "sequence",
             "output",
             "speed",
@@ -162,6 +170,9 @@ impl Arguments {
             "fill_radius",
             "stats",
             "log",
+            "igtl",
+            "igtl_save",
+            "igtl_wait",
         ];
         if let Some(flag) = given.iter().find(|flag| !KNOWN.contains(&flag.as_str())) {
             return Err(Failure(format!(
@@ -182,6 +193,7 @@ impl Arguments {
                 picture: self.picture.clone(),
                 stats: self.flags.beside.stats.clone(),
             },
+            sharing: self.sharing.clone(),
         })
     }
 

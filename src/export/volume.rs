@@ -1,6 +1,7 @@
 //! A volume to a MetaImage file: values, and weights beside them if asked for.
 
 use std::io::Write;
+use std::ops::Range;
 use std::path::Path;
 
 use calibration::frames::{Transform, Volume, World};
@@ -38,7 +39,13 @@ impl Scalar {
         }
     }
 
-    fn pixel(self) -> PixelType {
+    /// Bytes of a value.
+    pub fn bytes(self) -> u64 {
+        self.pixel().bytes() as u64
+    }
+
+    /// The scalar type in a file.
+    pub fn pixel(self) -> PixelType {
         match self {
             Self::U8 => PixelType::U8,
             Self::U16 => PixelType::U16,
@@ -154,6 +161,22 @@ pub enum ExportError {
     },
 }
 
+/// Writes values that were taken from a volume by [`planes`], whole or not at all. `fields` go into the header.
+///
+/// # Errors
+/// As [`write_values`].
+pub fn write_taken(
+    space: &DenseBox,
+    scalar: Scalar,
+    values: &[u8],
+    path: &Path,
+    fields: &[(String, String)],
+) -> Result<(), ExportError> {
+    let mut file = VolumeWriter::create(path, &header(space, scalar.pixel(), fields)?)?;
+    file.write_all(values).map_err(|source| ExportError::Io { path: path.to_owned(), source })?;
+    Ok(file.finish()?)
+}
+
 fn header(space: &DenseBox, pixel: PixelType, fields: &[(String, String)]) -> Result<VolumeHeader, ExportError> {
     let grid = &space.grid;
     let too_large = || ExportError::TooLarge { size: grid.size };
@@ -182,19 +205,35 @@ fn write_rows(
     mut row: impl FnMut(&[f32], &[f32], &mut Vec<u8>),
 ) -> Result<(), ExportError> {
     let mut file = VolumeWriter::create(path, header)?;
-    let [nx, ny, nz] = header.size.map(|n| n as usize);
-    let (mut r, mut w) = (vec![0.0; nx], vec![0.0; nx]);
     let mut bytes = Vec::new();
-    for z in 0..nz {
+    for z in 0..space.grid.size[2] {
         bytes.clear();
-        for y in 0..ny {
-            let [x0, y0, z0] = space.first;
-            volume.row([x0, y0 + y as i64, z0 + z as i64], &mut r, &mut w);
-            row(&r, &w, &mut bytes);
-        }
+        rows_of(volume, space, z..z + 1, |r, w| row(r, w, &mut bytes));
         file.write_all(&bytes).map_err(|source| ExportError::Io { path: path.to_owned(), source })?;
     }
     Ok(file.finish()?)
+}
+
+/// Gives the rows of planes of a box, numerators and weights, in order.
+fn rows_of(volume: &dyn Voxels, space: &DenseBox, planes: Range<u64>, mut row: impl FnMut(&[f32], &[f32])) {
+    let [nx, ny, _] = space.grid.size;
+    let (mut r, mut w) = (vec![0.0; nx as usize], vec![0.0; nx as usize]);
+    let [x0, y0, z0] = space.first;
+    for z in planes {
+        for y in 0..ny {
+            volume.row([x0, y0 + y as i64, z0 + z as i64], &mut r, &mut w);
+            row(&r, &w);
+        }
+    }
+}
+
+/// Adds the values of planes of a box of voxels, x fastest, in native byte order.
+pub fn planes(volume: &dyn Voxels, space: &DenseBox, encoding: &Encoding, planes: Range<u64>, bytes: &mut Vec<u8>) {
+    rows_of(volume, space, planes, |r, w| {
+        for (r, w) in r.iter().zip(w) {
+            encoding.push(encoding.written(*r, *w), bytes);
+        }
+    });
 }
 
 /// Writes the values of a box of voxels, whole or not at all. `fields` go into the header.

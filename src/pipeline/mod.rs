@@ -16,6 +16,7 @@ pub use onlooker::{Onlooker, Woven};
 
 use std::ops::Range;
 
+use crate::export::volume::Scalar;
 use crate::ledger::Ledger;
 use crate::path::NotPlanar;
 use crate::reconstruct::{Refused, SettingsError};
@@ -34,6 +35,15 @@ pub enum PixelKind {
 }
 
 impl PixelKind {
+    /// The scalar type that a volume of them is kept in.
+    pub fn scalar(self) -> Scalar {
+        match self {
+            Self::U8 => Scalar::U8,
+            Self::U16 => Scalar::U16,
+            Self::F32 => Scalar::F32,
+        }
+    }
+
     /// Black and white. Of floating point they are as in pictures of 8 bits: that is how grey levels are converted.
     pub fn grey_levels(self) -> [f32; 2] {
         match self {

@@ -13,6 +13,7 @@ mod dicom;
 mod drawing;
 mod filling;
 mod guided;
+mod igtl;
 mod inspect;
 mod latency;
 mod live;

@@ -204,6 +204,7 @@ pub(crate) fn stages(wait_ns: i64, looks: Option<Arc<dyn Looks>>) -> Session {
         looks,
         glance: None,
         watch: None,
+        tap: None,
     }
 }
 

@@ -13,9 +13,9 @@ use crate::cli::reconstruct::filling::{self, FillFlags};
 use crate::cli::render::check_png;
 use crate::cli::render::drawing::Over;
 use crate::config::bedside::Bedside;
-use crate::export::volume::{DenseBox, Encoding, Scalar, write_values, write_weights};
+use crate::export::volume::{DenseBox, Encoding, write_values, write_weights};
+use crate::pipeline::Outcome;
 use crate::pipeline::live::{Account, Differences, Finished, REPLAYED, Seal};
-use crate::pipeline::{Outcome, PixelKind};
 use crate::statistics::{LiveStatistics, write_json};
 use crate::volume::Voxels;
 
@@ -179,12 +179,7 @@ fn write_volumes(outputs: &Outputs, outcome: &Outcome, input: String) -> Result<
         return Ok(());
     };
     let space = DenseBox::around([low, high], weaver.world_from_lattice(), weaver.settings());
-    let scalar = match outcome.pixels {
-        PixelKind::U8 => Scalar::U8,
-        PixelKind::U16 => Scalar::U16,
-        PixelKind::F32 => Scalar::F32,
-    };
-    let encoding = Encoding { scalar, window: None, unseen: 0.0 };
+    let encoding = Encoding { scalar: outcome.pixels.scalar(), window: None, unseen: 0.0 };
     // What the session's configuration says is in the session; by which file it came there makes no other volume.
     let calibration = "in the configuration".to_owned();
     let made = Made { outcome, space: &space, encoding: &encoding, input, calibration, cropped: false };

@@ -17,6 +17,7 @@ use super::stages::{instruments, record, stages};
 use super::telling::{Telling, standing};
 use super::terminal::Terminal;
 use super::viewers::Viewers;
+use crate::cli::igtl::{Shared, Sharing};
 use crate::cli::{Failure, values};
 use crate::config::bedside::Bedside;
 use crate::devices::{self, Devices};
@@ -49,6 +50,8 @@ pub(in crate::cli) struct Conduct {
     /// Of the virtual bedside that comes with the program
     #[arg(skip)]
     pub(in crate::cli) demo: bool,
+    #[command(flatten)]
+    pub(in crate::cli) sharing: Sharing,
 }
 
 impl Conduct {
@@ -107,6 +110,7 @@ pub(in crate::cli) fn session(
         standing.granted().why.iter().for_each(|why| say(why));
         telling.address().iter().for_each(|address| say(&format!("console: {address}")));
     }
+    let mut shared = conduct.sharing.begin(&ends, conduct.quiet)?;
     let folder = conduct.record.as_ref().or(bedside.record.folder.as_ref());
     let resumed =
         conduct.resume.as_ref().map(|session| resume::open(session, bedside)).transpose()?.unwrap_or_default();
@@ -138,11 +142,15 @@ pub(in crate::cli) fn session(
     let looks = viewers.clone().map(|viewers| viewers as Arc<dyn Looks>);
     let glance = screen.map(|screen| screen as Arc<dyn Glance>);
     let (began, mut said) = (Instant::now(), Instant::now());
-    let finished = run(&Session { glance, ..stages(bedside, looks)? }, bed, &Monotonic, &ends, |account| {
+    let tap = shared.as_ref().map(Shared::tap);
+    let finished = run(&Session { glance, tap, ..stages(bedside, looks)? }, bed, &Monotonic, &ends, |account| {
         if conduct.duration.is_some_and(|seconds| began.elapsed() >= Duration::from_secs_f64(seconds)) {
             ends.store(true, Ordering::Relaxed);
         }
         telling.look(account, line, ends.load(Ordering::Relaxed));
+        if let Some(shared) = &mut shared {
+            shared.tell(|| line(account));
+        }
         if let Some(terminal) = &terminal {
             terminal.say(&line(account));
         } else if !conduct.quiet && said.elapsed() >= SAID_EVERY {
@@ -158,6 +166,9 @@ pub(in crate::cli) fn session(
         orders
     })?;
     drop(twins);
+    if let Some(shared) = shared {
+        shared.leave(conduct.quiet);
+    }
     if let Some(terminal) = &terminal {
         terminal.leave();
     }

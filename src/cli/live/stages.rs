@@ -105,6 +105,7 @@ pub(in crate::cli) fn stages(bedside: &Bedside, looks: Option<Arc<dyn Looks>>) -
         looks,
         glance: None,
         watch: watch(bedside),
+        tap: None,
     })
 }
 

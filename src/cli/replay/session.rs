@@ -7,13 +7,14 @@ use std::time::{Duration, Instant};
 use drivers::recording::Pace;
 
 use super::series::{Gallery, Series};
+use crate::cli::igtl::{Shared, Sharing};
 use crate::cli::live::outputs::{Outputs, leave, line, say};
 use crate::cli::live::resume::Chain;
 use crate::cli::live::session::until_told;
 use crate::cli::live::stages::{Kept, stages};
 use crate::cli::{Failure, input};
 use crate::config::bedside::Bedside;
-use crate::pipeline::live::{Differences, Looks, rerun};
+use crate::pipeline::live::{Differences, Looks, Session as Stages, rerun};
 
 /// Between two lines on the way.
 const SAID_EVERY: Duration = Duration::from_secs(2);
@@ -29,6 +30,8 @@ pub(super) struct Wanted<'a> {
     /// Pictures on the way.
     pub(super) series: Option<Series>,
     pub(super) outputs: Outputs,
+    /// Who looks on.
+    pub(super) sharing: Sharing,
 }
 
 /// Runs it again.
@@ -36,7 +39,7 @@ pub(super) struct Wanted<'a> {
 /// # Errors
 /// [`Failure`] when it cannot be read, what it leaves cannot be written, or it comes to something else than when it was live.
 pub(super) fn run(wanted: &Wanted<'_>) -> Result<(), Failure> {
-    let Wanted { session, config, pace, all, series, outputs } = wanted;
+    let Wanted { session, config, pace, all, series, outputs, sharing } = wanted;
     for output in [&outputs.volume, &outputs.weights, &outputs.picture, &outputs.stats].into_iter().flatten() {
         input::check_is_not(output, session)?;
     }
@@ -64,16 +67,25 @@ pub(super) fn run(wanted: &Wanted<'_>) -> Result<(), Failure> {
     let mut recorded = chain.recorded(config.is_some().then_some(&bedside), *pace)?;
     let Some(last) = recorded.pop() else { unreachable!("a chain has a session") };
     let ends = until_told()?;
+    let mut shared = sharing.begin(&ends, false)?;
     let (began, mut said) = (Instant::now(), Instant::now());
     let is_looked_at = outputs.picture.is_some() || series.is_some();
     let gallery = is_looked_at.then(|| Arc::new(Gallery::new(bedside.picture.clone(), series.clone())));
     let looks = gallery.clone().map(|gallery| gallery as Arc<dyn Looks>);
-    let (finished, precedent) = rerun(&stages(&bedside, looks)?, recorded, last, &ends, |account| {
+    let tap = shared.as_ref().map(Shared::tap);
+    let stages = Stages { tap, ..stages(&bedside, looks)? };
+    let (finished, precedent) = rerun(&stages, recorded, last, &ends, |account| {
+        if let Some(shared) = &mut shared {
+            shared.tell(|| line(account));
+        }
         if said.elapsed() >= SAID_EVERY {
             said = Instant::now();
             say(&line(account));
         }
     })?;
+    if let Some(shared) = shared {
+        shared.leave(false);
+    }
     if let (Some(gallery), Some(Series { folder, .. })) = (gallery, series) {
         say(&format!("{} pictures in {}", gallery.written()?, folder.display()));
     }

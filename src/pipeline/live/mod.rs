@@ -22,6 +22,7 @@
 //! - `glance`: who sees pictures as they come in.
 //! - `weave`, `fabric`: slices into the volume, and the lock that weaving and drawing share it by.
 //! - `picture`, `reach`: the picture, and the box it is of.
+//! - `tap`: who looks on, and what they are shown.
 //! - `decision`, `seal`: what is decided upon frames, and what came of it all, as the recording has it.
 //! - `recorder`: the session's file.
 //! - `replay`, `precedent`: a recorded session as what comes in, and what it is held against.
@@ -49,6 +50,7 @@ mod recorder;
 mod replay;
 mod seal;
 mod session;
+mod tap;
 mod timing;
 mod walk;
 mod weave;
@@ -74,6 +76,7 @@ pub use recorder::{Recording, Unwritten};
 pub use replay::Recorded;
 pub use seal::Seal;
 pub use session::{Bed, Equipment, Finished, Instrument, Order, Record, Session};
+pub use tap::{Snapshot, Tap, Wants};
 pub use timing::{Quantiles, Spread};
 pub use walk::{Latencies, walk};
 pub use zones::{InZones, Watch};
@@ -156,6 +159,9 @@ pub fn run(
                 picture::run(shared, wall, false, clock, |drawn| board.drawn(drawn))
             })
         });
+        if let Some(tap) = &session.tap {
+            spawn(scope, "tap", (&standing, Role::Usual), move || tap::run(shared, &**tap));
+        }
         let weave =
             spawn(scope, "weave", (&standing, Role::Weaving), move || weave::run(shared, &posed, common, true, None));
         let pair = spawn(scope, "pairing", (&standing, Role::Pairing), move || {
@@ -288,6 +294,9 @@ impl Session {
                     picture::run(shared, wall, pictured.is_some(), clock, |drawn| board.drawn(drawn))
                 })
             });
+            if let (Some(tap), true) = (&self.tap, is_last) {
+                spawn(scope, "tap", usual, move || tap::run(shared, &**tap));
+            }
             let weave = spawn(scope, "weave", usual, move || weave::run(shared, &posed, common, is_last, pictured));
             let pair = spawn(scope, "pairing", usual, move || stage.run(&mut replay::FromRecording(delivered)));
             let feed = spawn(scope, "replay", usual, move || replay::run(replay, &names, common, ends, &deliver));

@@ -14,6 +14,7 @@ use super::frozen::Frozen;
 use super::glance::{Glance, Glimpsed};
 use super::intake::{Delivery, Intake, Word};
 use super::pulse::Stage;
+use super::tap::Tap;
 use super::weave::{Posed, Times};
 use super::zones::Guard;
 use crate::ingest::Picture;
@@ -23,7 +24,7 @@ use crate::refusal::{Reason, Refusal};
 use crate::slice::{Image, Slice};
 use crate::sync::bracket::{Answered, Bracketing, FrameTime, Unplaced};
 use crate::sync::clock::Mapping;
-use crate::sync::history::Unavailable;
+use crate::sync::history::{PoseSample, Unavailable};
 use crate::trace::STAGE;
 
 /// The longest that the thread waits before it looks whether frames have waited long enough.
@@ -46,6 +47,20 @@ pub(super) struct Waiting {
     captured_ns: i64,
     /// The time that it waits.
     waits: Span,
+}
+
+/// Who looks on, and the frames of all sources of poses.
+pub(super) struct Tapped {
+    pub(super) tap: Arc<dyn Tap>,
+    pub(super) frames: Vec<[String; 2]>,
+}
+
+impl Tapped {
+    fn pose(&self, source: usize, sample: &PoseSample) {
+        if let Some([from, to]) = self.frames.get(source) {
+            self.tap.pose([from, to], sample);
+        }
+    }
 }
 
 /// The kind of note that a clock is published by.
@@ -116,6 +131,8 @@ pub(super) struct Onlookers {
     pub(super) guard: Option<Guard>,
     /// Who sees pictures as they come in.
     pub(super) glance: Option<Arc<dyn Glance>>,
+    /// Who is told of slices and poses that have found their times.
+    pub(super) tapped: Option<Tapped>,
 }
 
 /// The way to the loom.
@@ -205,6 +222,9 @@ impl<'a> Pairing<'a> {
             Live::Pose { source: own, sample, .. } => {
                 board.sampled(source, sample.invalid.is_some().then_some("not valid, by the device's word"));
                 if let Some(into) = self.parts[source].sources.get(own) {
+                    if let Some(tapped) = &self.onlookers.tapped {
+                        tapped.pose(*into, &sample);
+                    }
                     self.bracketing.pose(*into, sample);
                 }
             }
@@ -256,6 +276,9 @@ impl<'a> Pairing<'a> {
                     return self.common.drop_before(queue, item);
                 }
                 let slice = Slice { image, time_ns: frame.time_ns, world_from_image: placed.world_from_image };
+                if let Some(Tapped { tap, .. }) = &self.onlookers.tapped {
+                    tap.slice(self.bracketing.route().world(), item, &slice);
+                }
                 return self.pass(item, slice, captured_ns);
             }
             Err(unplaced) => {

@@ -10,12 +10,13 @@ use super::decision::Common;
 use super::fabric::Shared;
 use super::frozen::Frozen;
 use super::glance::Glance;
-use super::pairing::{Onlookers, Onward, Pairing, Part, Waiting};
+use super::pairing::{Onlookers, Onward, Pairing, Part, Tapped, Waiting};
 use super::picture::{Drawn, Looks};
 use super::priority::Standing;
 use super::recorder::Recording;
 use super::replay::Recorded;
 use super::seal::Seal;
+use super::tap::Tap;
 use super::zones::{Guard, Watch};
 use crate::ingest::live::{Gives, LiveIngest};
 use crate::mask::MaskSettings;
@@ -73,6 +74,8 @@ pub struct Session {
     pub glance: Option<Arc<dyn Glance>>,
     /// Where the tracker's field is bent, if that is known and is to be looked after.
     pub watch: Option<Watch>,
+    /// Who looks on, if somebody does.
+    pub tap: Option<Arc<dyn Tap>>,
 }
 
 /// How a session is recorded.
@@ -174,6 +177,8 @@ impl Session {
             let mut frames = instruments.iter().flat_map(|instrument| &instrument.frames);
             Some(Guard::new(frames.position(|[from, _]| *from == watch.sensor)?, &watch.zones, common.board))
         });
+        let frames: Vec<[String; 2]> = instruments.iter().flat_map(|instrument| instrument.frames.clone()).collect();
+        let tapped = self.tap.clone().map(|tap| Tapped { tap, frames });
         let mut first = 0;
         let parts = instruments.into_iter().map(|Instrument { name, gives, frames, latency_ns }| {
             let sources = first..first + frames.len();
@@ -183,7 +188,7 @@ impl Session {
         });
         let parts = parts.collect();
         common.board.route(bracketing.route());
-        let onlookers = Onlookers { guard, glance: self.glance.clone() };
+        let onlookers = Onlookers { guard, glance: self.glance.clone(), tapped };
         Ok(Pairing::new(common, parts, bracketing, Frozen::new(self.mask), onlookers, onward))
     }
 

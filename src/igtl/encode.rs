@@ -1,0 +1,166 @@
+//! What is shown, as messages.
+
+use std::sync::Arc;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use drivers::clock::{Clock as _, Monotonic, SECOND};
+use drivers::openigtlink::{
+    Content, Coordinates, Datum, Fixed, Image, Matrix, Message, Position, Status, TimeStamp, Tool, ToolKind,
+    Unwritable, Version,
+};
+use drivers::reading::{PixelType, transform_name};
+use glam::DAffine3;
+
+use super::outbox::Wire;
+use crate::pipeline::live::Snapshot;
+use crate::slice::{Pixels, Slice};
+use crate::sync::history::{PoseSample, Rigid};
+
+/// A host time that lies further back is of a recording; such and times to come are now's.
+const LIVE_NS: i64 = 60 * SECOND;
+
+/// A device's name: as much of it as a message holds.
+pub(super) fn device(name: &str) -> Fixed<20> {
+    let end = (0..=name.len().min(20)).rev().find(|at| name.is_char_boundary(*at)).unwrap_or(0);
+    Fixed::new(&name[..end]).unwrap_or(Fixed::EMPTY)
+}
+
+/// The wall clock's time of a host time.
+pub(super) fn stamp(host_ns: i64) -> TimeStamp {
+    let ago = Monotonic.now_ns() - host_ns;
+    let ago = if (0..LIVE_NS).contains(&ago) { ago } else { 0 };
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    // Nanoseconds since 1970 fit until 2554.
+    let now = u64::try_from(now.as_nanos()).unwrap_or(u64::MAX);
+    TimeStamp::of_unix_ns(now.saturating_sub(ago.unsigned_abs()))
+}
+
+/// Of this moment.
+pub(super) fn now() -> TimeStamp {
+    stamp(Monotonic.now_ns())
+}
+
+fn rows(affine: &DAffine3) -> [f64; 16] {
+    let [x, y, z] = affine.matrix3.to_cols_array_2d();
+    let t = affine.translation;
+    [x[0], y[0], z[0], t.x, x[1], y[1], z[1], t.y, x[2], y[2], z[2], t.z, 0.0, 0.0, 0.0, 1.0]
+}
+
+/// A message for clients of either header version, made once for each.
+#[derive(Debug, Clone)]
+pub(super) struct Both {
+    message: Message,
+    wires: [Option<Wire>; 2],
+}
+
+impl Both {
+    pub(super) fn new(message: Message) -> Self {
+        Self { message, wires: [None, None] }
+    }
+
+    /// By type and device.
+    pub(super) fn name(&self) -> String {
+        format!("{} {}", self.message.content.kind(), self.message.device)
+    }
+
+    /// As bytes.
+    pub(super) fn wire(&mut self, version: Version) -> Result<Wire, Unwritable> {
+        let place = version as usize - 1;
+        if let Some(wire) = &self.wires[place] {
+            return Ok(Arc::clone(wire));
+        }
+        self.message.version = version;
+        let wire: Wire = self.message.bytes()?.into();
+        self.wires[place] = Some(Arc::clone(&wire));
+        Ok(wire)
+    }
+}
+
+fn native<T: bytemuck::NoUninit>(values: &[T]) -> Arc<[u8]> {
+    bytemuck::cast_slice(values).into()
+}
+
+/// A slice where it lies. Its third axis is that of its matrix, or across it where it has none; a millimetre thick.
+pub(super) fn slice(world: &str, item: u64, slice: &Slice) -> Message {
+    let affine = slice.world_from_image.affine();
+    let [u, v] = [affine.matrix3.x_axis, affine.matrix3.y_axis];
+    let mut place = affine;
+    place.matrix3.z_axis = u.cross(v).normalize_or_zero();
+    let (pixel, pixels) = match slice.image.pixels() {
+        Pixels::U8(pixels) => (PixelType::U8, Arc::clone(pixels)),
+        Pixels::U16(pixels) => (PixelType::U16, native(pixels)),
+        Pixels::F32(pixels) => (PixelType::F32, native(pixels)),
+    };
+    // What does not fit is no picture: the encoder says so.
+    let size = [slice.image.width(), slice.image.height()].map(|n| u16::try_from(n).unwrap_or(0));
+    let image = Image::whole([size[0], size[1], 1], (pixel, 1), pixels, &rows(&place), Coordinates::Ras);
+    let mut message = Message::new(device(&format!("Image_{world}")), stamp(slice.time_ns), Content::Image(image));
+    message.metadata = told(world);
+    message.metadata.push(Datum::new("FrameNumber", &item.to_string()));
+    message
+}
+
+/// From pixels to the world.
+pub(super) fn image_to(world: &str, slice: &Slice) -> Message {
+    let matrix = Matrix::of(&slice.world_from_image.to_rows());
+    let name = device(&transform_name("Image", world));
+    let mut message = Message::new(name, stamp(slice.time_ns), Content::Transform(matrix));
+    message.metadata = vec![Datum::new("Status", "OK")];
+    message
+}
+
+/// A sensor.
+pub(super) fn pose(name: &str, sample: &PoseSample) -> Message {
+    let matrix = Matrix::of(&rows(&sample.pose.affine()));
+    let mut message = Message::new(device(name), stamp(sample.time_ns), Content::Transform(matrix));
+    message.metadata = vec![Datum::new("Status", if sample.invalid.is_some() { "INVALID" } else { "OK" })];
+    message
+}
+
+/// The same as a place and a quaternion.
+pub(super) fn position(name: &str, sample: &PoseSample) -> Message {
+    let Rigid { rotation, position_mm } = sample.pose;
+    let position = position_mm.to_array().map(|x| x as f32);
+    let quaternion_xyzw = rotation.to_array().map(|x| x as f32);
+    let content = Content::Position(Position { position, quaternion_xyzw });
+    Message { content, ..pose(name, sample) }
+}
+
+/// All sensors that are where they say.
+pub(super) fn tools<'a>(poses: impl Iterator<Item = (&'a String, &'a PoseSample)>) -> Message {
+    let mut newest = i64::MIN;
+    let tools = poses.filter(|(_, sample)| sample.invalid.is_none()).map(|(name, sample)| {
+        newest = newest.max(sample.time_ns);
+        Tool { name: device(name), kind: ToolKind::Six, matrix: Matrix::of(&rows(&sample.pose.affine())) }
+    });
+    let tools = tools.collect();
+    Message::new(device("Tracker"), stamp(newest), Content::Tools(tools))
+}
+
+/// The volume where it lies, by the lattice's own axes; unseen voxels are 0, as a message has no weights.
+pub(super) fn volume(world: &str, snapshot: &Snapshot) -> Message {
+    let grid = &snapshot.space.grid;
+    let mut place = DAffine3::from_translation(grid.origin);
+    place.matrix3 = grid.direction * glam::DMat3::from_diagonal(grid.spacing);
+    let size = grid.size.map(|n| u16::try_from(n).unwrap_or(0));
+    let bytes = Arc::clone(&snapshot.bytes);
+    let image = Image::whole(size, (snapshot.scalar.pixel(), 1), bytes, &rows(&place), Coordinates::Ras);
+    let mut message = Message::new(device(&format!("Volume_{world}")), now(), Content::Image(image));
+    message.metadata = told(world);
+    message.metadata.push(Datum::new("Slices", &snapshot.slices.to_string()));
+    message
+}
+
+fn told(world: &str) -> Vec<Datum> {
+    vec![
+        Datum::new("Frame", &format!("{world} (mm, not anatomical)")),
+        Datum::new("SonoweaveVersion", env!("CARGO_PKG_VERSION")),
+    ]
+}
+
+/// How it goes.
+pub(super) fn status(code: u16, sentence: &str) -> Message {
+    let name = Fixed::new(if code == Status::OK { "OK" } else { "NOT_READY" }).unwrap_or(Fixed::EMPTY);
+    let status = Status { code, subcode: 0, name, message: sentence.into() };
+    Message::new(device("Sonoweave"), now(), Content::Status(status))
+}

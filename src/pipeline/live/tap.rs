@@ -1,0 +1,123 @@
+//! Who looks on while a session runs, and what they are shown. Stages show and go on; a volume is read by a thread of its own, a few planes at a time, between which it is
+//! woven on.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::fabric::Shared;
+use crate::export::volume::{DenseBox, Encoding, Scalar, planes};
+use crate::slice::Slice;
+use crate::sync::history::PoseSample;
+
+/// The longest that the thread waits before it looks whether a volume is wanted.
+const TURN: Duration = Duration::from_millis(50);
+/// Voxels that are read while weaving waits: a few milliseconds'.
+const PART: u64 = 1 << 19;
+/// For how long weaving does not wait between two of them.
+const PAUSE: Duration = Duration::from_micros(200);
+
+/// Looks on. What it is told is told by the stages' own threads: it must come back at once.
+pub trait Tap: Send + Sync {
+    /// A frame was posed, in a world of that name.
+    fn slice(&self, world: &str, item: u64, slice: &Slice);
+
+    /// A sensor's pose, from and to frames of these names.
+    fn pose(&self, frames: [&str; 2], sample: &PoseSample);
+
+    /// Whether a volume is wanted.
+    fn wants(&self) -> Wants;
+
+    /// The volume as it is, or why there is none to be shown.
+    fn volume(&self, volume: Result<Snapshot, String>);
+
+    /// The most bytes that a volume may have; a larger one is not made.
+    fn most_bytes(&self) -> u64;
+}
+
+/// Whether a volume is wanted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Wants {
+    /// Not now.
+    Nothing,
+    /// If it has changed.
+    Changed,
+    /// Whether it has changed or not.
+    Any,
+}
+
+/// A volume at a time. Slices that came while it was made may be in parts of it.
+#[derive(Debug, Clone)]
+pub struct Snapshot {
+    /// Where it lies.
+    pub space: DenseBox,
+    /// Scalar type.
+    pub scalar: Scalar,
+    /// Values, x fastest, in native byte order; 0 where nothing was seen.
+    pub bytes: Arc<[u8]>,
+    /// Slices in it.
+    pub slices: u64,
+}
+
+/// Shows volumes until no slice follows; the last one is shown if it is wanted at all.
+pub(super) fn run(shared: &Shared, tap: &dyn Tap) {
+    let mut seen = 0;
+    loop {
+        let (woven, ended) = {
+            let fabric = shared.lock();
+            (fabric.news.woven, fabric.ended)
+        };
+        let is_wanted = match tap.wants() {
+            Wants::Nothing => false,
+            Wants::Changed => woven != seen,
+            Wants::Any => true,
+        };
+        if is_wanted {
+            let taken = loop {
+                if let Some(taken) = snapshot(shared, tap.most_bytes()) {
+                    break taken;
+                }
+            };
+            seen = taken.as_ref().map_or(woven, |snapshot| snapshot.slices);
+            tap.volume(taken);
+        }
+        if ended {
+            return;
+        }
+        shared.rest(TURN);
+    }
+}
+
+/// The volume, or why there is none to be shown; `None` where the lattice has become another one meanwhile.
+fn snapshot(shared: &Shared, most_bytes: u64) -> Option<Result<Snapshot, String>> {
+    let nothing = || Some(Err("no voxel was seen yet".to_owned()));
+    let (space, encoding, lattice, slices) = {
+        let fabric = shared.lock();
+        let (Some(weaver), Some(begun)) = (fabric.loom.weaver(), fabric.news.begun) else { return nothing() };
+        let Some((low, high)) = weaver.volume().seen_bounds() else { return nothing() };
+        let space = DenseBox::around([low, high], weaver.world_from_lattice(), weaver.settings());
+        let encoding = Encoding { scalar: begun.pixels.scalar(), window: None, unseen: 0.0 };
+        (space, encoding, weaver.world_from_lattice(), fabric.news.woven)
+    };
+    let [nx, ny, nz] = space.grid.size;
+    let bytes = space.grid.voxels().and_then(|voxels| voxels.checked_mul(encoding.scalar.bytes()));
+    let Some(bytes) = bytes.filter(|bytes| *bytes <= most_bytes) else {
+        return Some(Err(format!(
+            "the volume has {nx}×{ny}×{nz} voxels, more than {most_bytes} bytes; choose a coarser volume.spacing_mm"
+        )));
+    };
+    // No more than the limit, which was looked at.
+    let mut values = Vec::with_capacity(bytes as usize);
+    let at_once = (PART / (nx * ny).max(1)).max(1);
+    let mut z = 0;
+    while z < nz {
+        let until = (z + at_once).min(nz);
+        let fabric = shared.lock();
+        let weaver = fabric.loom.weaver().filter(|weaver| weaver.world_from_lattice() == lattice)?;
+        planes(weaver.volume(), &space, &encoding, z..until, &mut values);
+        drop(fabric);
+        z = until;
+        // Who has waited for the volume gets it before it is asked for again.
+        std::thread::sleep(PAUSE);
+    }
+    Some(Ok(Snapshot { space, scalar: encoding.scalar, bytes: values.into(), slices }))
+}
