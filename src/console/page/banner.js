@@ -1,0 +1,58 @@
+// The troubles where everybody sees them, and for those who listen: a change is spoken once, its numbers are not.
+
+const SIGNS = { bad: "✕", heed: "!", ended: "■", wait: "…", well: "✓" };
+// More than these are too many to read at once.
+const SHOWN = 3;
+// What the session refuses stays for this long, ms.
+const REFUSED = 8000;
+
+export class Banner {
+  #element;
+  #announcer;
+  #spoken = "";
+  #refused = null;
+
+  constructor(element, announcer) {
+    this.#element = element;
+    this.#announcer = announcer;
+  }
+
+  /// The session will not do what was asked for.
+  refuse(sentence) {
+    this.#refused = { sentence, until: Date.now() + REFUSED };
+  }
+
+  show(troubles) {
+    const all = [...troubles];
+    if (this.#refused && Date.now() > this.#refused.until) this.#refused = null;
+    if (this.#refused) all.splice(1, 0, { how: "heed", key: this.#refused.sentence, sentence: this.#refused.sentence, more: "" });
+    const shown = all.slice(0, SHOWN);
+    this.#element.className = `banner ${shown[0].how}`;
+    while (this.#element.children.length > shown.length) this.#element.lastElementChild.remove();
+    while (this.#element.children.length < shown.length) this.#element.append(line());
+    shown.forEach((trouble, n) => fill(this.#element.children[n], trouble));
+    const spoken = shown.map(({ sentence }) => sentence).join(" ");
+    const keys = shown.map(({ key }) => key).join("|");
+    if (keys !== this.#spoken) {
+      this.#spoken = keys;
+      this.#announcer.textContent = spoken;
+    }
+  }
+}
+
+function line() {
+  const p = document.createElement("p");
+  const sign = document.createElement("span");
+  sign.className = "sign";
+  sign.setAttribute("aria-hidden", "true");
+  p.append(sign, document.createElement("strong"), document.createElement("span"));
+  return p;
+}
+
+function fill(p, { how, sentence, more }) {
+  p.className = how;
+  const texts = [SIGNS[how], sentence, more];
+  texts.forEach((text, n) => {
+    if (p.children[n].textContent !== text) p.children[n].textContent = text;
+  });
+}

@@ -1,0 +1,92 @@
+// Mouse, fingers and pen on the view, as turns of what is seen. What is dragged follows the hand as the surface of a ball would that fills the picture.
+
+const DEGREES = 180 / Math.PI;
+// A wheel's notch is 100 to 120 of its pixels, or 3 lines, and a quarter of a doubling; a pinch on a touchpad comes as a wheel of small steps with Ctrl held.
+const WHEEL = 1 / 440;
+const PINCH = 1 / 100;
+const LINE = 36;
+// Two taps are one double tap within this time, ms, and this distance, CSS pixels; a tap that goes farther is a drag.
+const TWICE = 350;
+const NEAR = 24;
+const STILL = 4;
+
+/// `wish` takes `turn(right, up, clockwise)` in degrees, `zoom(doublings)` and `centre(x, y)` in fractions of the picture.
+export function hand(canvas, wish) {
+  const fingers = new Map();
+  let went = 0;
+  let tapped = { at: -Infinity, x: 0, y: 0 };
+
+  canvas.addEventListener("pointerdown", (event) => {
+    if (event.button !== 0) return;
+    canvas.setPointerCapture(event.pointerId);
+    fingers.set(event.pointerId, { x: event.clientX, y: event.clientY });
+    went = fingers.size === 1 ? 0 : Infinity;
+    canvas.classList.add("held");
+  });
+
+  canvas.addEventListener("pointermove", (event) => {
+    const from = fingers.get(event.pointerId);
+    if (!from) return;
+    const to = { x: event.clientX, y: event.clientY };
+    went += Math.hypot(to.x - from.x, to.y - from.y);
+    const still = went <= STILL;
+    // A hand that means to tap trembles: nothing turns until it has moved.
+    if (still) return;
+    if (fingers.size === 2) {
+      const [other] = [...fingers].filter(([id]) => id !== event.pointerId).map(([, at]) => at);
+      twist(from, to, other);
+    } else if (event.shiftKey) {
+      wish.turn(0, 0, angle(middle(), from, to));
+    } else if (fingers.size === 1) {
+      const { width, height } = canvas.getBoundingClientRect();
+      const perPixel = DEGREES / (Math.min(width, height) / 2);
+      wish.turn((to.x - from.x) * perPixel, (from.y - to.y) * perPixel, 0);
+    }
+    fingers.set(event.pointerId, to);
+  });
+
+  const released = (event) => {
+    if (!fingers.delete(event.pointerId)) return;
+    if (fingers.size === 0) canvas.classList.remove("held");
+    if (event.type !== "pointerup" || went > STILL) return;
+    const { clientX: x, clientY: y, timeStamp: at } = event;
+    if (at - tapped.at < TWICE && Math.hypot(x - tapped.x, y - tapped.y) < NEAR) {
+      const { left, top, width, height } = canvas.getBoundingClientRect();
+      wish.centre((x - left) / width, (y - top) / height);
+      tapped = { at: -Infinity, x: 0, y: 0 };
+    } else {
+      tapped = { at, x, y };
+    }
+  };
+  canvas.addEventListener("pointerup", released);
+  canvas.addEventListener("pointercancel", released);
+
+  canvas.addEventListener(
+    "wheel",
+    (event) => {
+      event.preventDefault();
+      const pixels = event.deltaMode === WheelEvent.DOM_DELTA_PIXEL ? event.deltaY : event.deltaY * LINE;
+      wish.zoom(-pixels * (event.ctrlKey ? PINCH : WHEEL));
+    },
+    { passive: false },
+  );
+
+  function middle() {
+    const { left, top, width, height } = canvas.getBoundingClientRect();
+    return { x: left + width / 2, y: top + height / 2 };
+  }
+
+  // One of two fingers has moved, the other one lies still meanwhile.
+  function twist(from, to, other) {
+    const before = Math.hypot(from.x - other.x, from.y - other.y);
+    const after = Math.hypot(to.x - other.x, to.y - other.y);
+    if (before > 1 && after > 1) wish.zoom(Math.log2(after / before));
+    wish.turn(0, 0, angle(other, from, to));
+  }
+}
+
+/// Degrees from one point to another about a third, with the clock (the screen's y points down).
+function angle(about, from, to) {
+  const turned = Math.atan2(to.y - about.y, to.x - about.x) - Math.atan2(from.y - about.y, from.x - about.x);
+  return Math.atan2(Math.sin(turned), Math.cos(turned)) * DEGREES;
+}

@@ -1,0 +1,62 @@
+// What whoever scans must know at once, the worst first, without a page. A sentence keeps its `key` while it is the same trouble, whatever numbers are in it.
+
+import { device, duration, many } from "./words.js";
+
+// For how long no picture may come before that is said, s.
+const PATIENCE = 2;
+const WEIGHT = { bad: 0, heed: 1, ended: 2, wait: 3, well: 4 };
+
+/// `line`: `{ open, ever, lost_s, next_s }` of the connection; `account`: the last one, or null; `blank_s`: for how long no live picture has come though one was asked for.
+export function troubles({ line, account, blank_s: blank }) {
+  const all = [];
+  const say = (how, key, sentence, more = "") => all.push({ how, key, sentence, more });
+
+  if (!line.open) {
+    if (account?.ended) {
+      say("ended", "ended", "The session has ended.", tries(line));
+    } else if (line.ever) {
+      say("bad", "line", "Connection lost: what you see is old.", `For ${duration(line.lost_s)}. ${tries(line)} The session may go on without this page.`);
+    } else {
+      say("wait", "line", "Connecting to the session …", line.next_s === null ? "" : tries(line));
+    }
+    return all;
+  }
+  if (!account) {
+    say("wait", "account", "Connected; the session has not told yet how it is.");
+    return all;
+  }
+  if (account.ended) {
+    say("ended", "ended", "The session has ended.", "What you see is its last picture.");
+    return all;
+  }
+  let explained = false;
+  for (const one of account.devices) {
+    const { how, name, says, more } = device(one);
+    if (how !== "bad" && how !== "heed") continue;
+    const sentence = says === "runs" ? `${name}: ${more}.` : `${name} ${says}.`;
+    say(how, `device ${name} ${one.state} ${one.clock}`, sentence, says === "runs" ? "" : one.why);
+    explained ||= says !== "runs";
+  }
+  if (account.frozen_s !== null && account.frozen_s !== undefined) {
+    say("bad", "frozen", "The scanner is frozen: unfreeze it to go on.", `One picture for ${duration(account.frozen_s)} while the probe moved.`);
+    explained = true;
+  }
+  if (account.recording?.trouble) say("bad", `disk ${account.recording.trouble}`, "The recording is in trouble.", account.recording.trouble);
+  if (!explained && blank !== null && blank >= PATIENCE) say("bad", "blank", "No picture comes from the scanner.", `For ${duration(blank)}.`);
+  const left = account.recording?.minutes_left;
+  if (left !== null && left !== undefined && left < 10) {
+    say("heed", "room", `The disk has room for ${many(Math.floor(left), "more minute")}.`);
+  }
+  if (account.bent) say("heed", "bent", "Metal bends the tracker's field here.", "Slices are taken, but lie less surely.");
+  if (all.length === 0) {
+    const starting = account.devices.filter(({ state }) => state === "starting").map(({ name }) => name);
+    if (starting.length > 0) say("wait", "starting", `Starting: ${starting.join(", ")}.`);
+    else if (account.slices === 0) say("wait", "first", "Ready: the first slice is waited for.");
+    else say("well", "well", account.recording ? "All is well; it is recorded." : "All is well; it is not recorded.");
+  }
+  return all.sort((a, b) => WEIGHT[a.how] - WEIGHT[b.how]);
+}
+
+function tries({ next_s: next }) {
+  return next === null ? "Trying again …" : `Trying again in ${duration(Math.max(1, Math.ceil(next)))}.`;
+}

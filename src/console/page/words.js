@@ -1,0 +1,133 @@
+// The session's account in words, without a page: what is said, and how it stands (`well`, `heed`, `bad`, `plain`).
+
+/// With thin spaces between thousands, as it is read in every language.
+export function count(n) {
+  return String(Math.round(n)).replace(/\B(?=(\d{3})+$)/g, "\u202f");
+}
+
+/// `1 frame`, `2 frames`.
+export function many(n, one, more = `${one}s`) {
+  return `${count(n)} ${n === 1 ? one : more}`;
+}
+
+/// `0.3 s`, `12 s`, `3 min 20 s`, `2 h 5 min`.
+export function duration(seconds) {
+  const s = Math.max(0, seconds);
+  if (s < 1) return `${s.toFixed(1)} s`;
+  const whole = Math.round(s);
+  if (whole < 60) return `${whole} s`;
+  if (whole < 3600) return `${Math.floor(whole / 60)} min ${whole % 60} s`;
+  return `${Math.floor(whole / 3600)} h ${Math.floor((whole % 3600) / 60)} min`;
+}
+
+/// `812 kB`, `1.2 GB`.
+export function bytes(n) {
+  const units = ["bytes", "kB", "MB", "GB", "TB"];
+  let power = 0;
+  let value = n;
+  while (value >= 1000 && power < units.length - 1) {
+    value /= 1000;
+    power += 1;
+  }
+  return `${power === 0 || value >= 100 ? Math.round(value) : value.toFixed(1)} ${units[power]}`;
+}
+
+/// `19.6`; nothing where nothing was measured.
+export function milliseconds(ms) {
+  if (ms === null || ms === undefined || !Number.isFinite(ms)) return "–";
+  return ms < 100 ? ms.toFixed(1) : ms.toFixed(0);
+}
+
+const KINDS = { live: "Live", demo: "Demonstration: a virtual bedside", replay: "Replay of a recording" };
+
+/// What kind of session this is.
+export function kind({ kind, name }) {
+  return [KINDS[kind] ?? kind, name].filter(Boolean).join(" · ");
+}
+
+const CLOCKS = {
+  acquiring: ["wait", "its clock is being found"],
+  locked: ["well", "clock locked"],
+  holdover: ["heed", "clock goes on by its last rate"],
+  lost: ["bad", "clock lost"],
+};
+const STATES = {
+  stopped: ["heed", "is stopped"],
+  absent: ["bad", "is not there"],
+  starting: ["wait", "is being set up"],
+  running: ["well", "runs"],
+  silent: ["bad", "is silent"],
+  ended: ["plain", "has ended"],
+};
+
+/// A device: how it stands, and its line.
+export function device({ name, state, why, clock }) {
+  const [how, says] = STATES[state] ?? ["heed", state];
+  const running = state === "running";
+  const [clockHow, clockSays] = (running && clock && (CLOCKS[clock] ?? ["plain", `clock ${clock}`])) || ["plain", ""];
+  const worse = how === "well" && clockSays ? clockHow : how;
+  return { how: worse, name, says, more: [why, clockSays].filter(Boolean).join("; ") };
+}
+
+/// All devices in a few words.
+export function devices(all) {
+  if (all.length === 0) return { how: "plain", says: "none" };
+  const lines = all.map(device);
+  const bad = lines.filter(({ how }) => how === "bad" || how === "heed");
+  if (bad.length > 0) {
+    const how = bad.some(({ how }) => how === "bad") ? "bad" : "heed";
+    return { how, says: bad.length === 1 ? `${bad[0].name} ${all.length > 1 ? "needs you" : bad[0].says}` : `${bad.length} of ${all.length} need you` };
+  }
+  if (lines.some(({ how }) => how === "wait")) return { how: "wait", says: "starting" };
+  if (lines.some(({ says }) => says === STATES.ended[1])) return { how: "plain", says: "ended" };
+  return { how: "well", says: all.length === 1 ? "runs" : `all ${all.length} run` };
+}
+
+/// What became of the frames. Their fates add up to what came and what never came: nothing is unaccounted for.
+export function frames({ slices, frames, refused, dropped, lost }) {
+  const reasons = Object.entries(refused ?? {}).sort((a, b) => b[1] - a[1] || a[0].localeCompare(b[0]));
+  const refusals = reasons.reduce((sum, [, n]) => sum + n, 0);
+  const waiting = Math.max(0, frames - slices - refusals - dropped);
+  const lines = [{ how: "well", key: "used", n: slices, says: "in the volume" }];
+  for (const [reason, n] of reasons) lines.push({ how: "heed", key: "refused", n, says: `refused: ${reason}` });
+  if (dropped > 0) lines.push({ how: "bad", key: "dropped", n: dropped, says: "dropped: there was no time for them" });
+  if (lost > 0) lines.push({ how: "bad", key: "lost", n: lost, says: "lost before they came" });
+  if (waiting > 0) lines.push({ how: "wait", key: "waiting", n: waiting, says: "under way" });
+  const parts = [["used", slices], ["refused", refusals], ["dropped", dropped], ["lost", lost]];
+  const whole = Math.max(1, slices + refusals + dropped + lost);
+  const decided = slices + refusals + dropped + lost;
+  return {
+    how: dropped + lost > 0 ? "bad" : refusals > 0 ? "heed" : "well",
+    says: decided === 0 ? "none yet" : `${share(slices, decided)} used`,
+    lines,
+    parts: parts.map(([key, n]) => ({ key, share: n / whole })),
+  };
+}
+
+// Rounded down: not all is not 100 %.
+function share(n, of) {
+  const percent = (100 * n) / of;
+  return percent === 100 ? "100 %" : `${(Math.floor(percent * 10) / 10).toFixed(1)} %`;
+}
+
+const SHORT = 10;
+
+/// The recording: what is on the disk, and for how long there is room.
+export function recording(told) {
+  if (!told) return { how: "plain", says: "not recorded", lines: [{ how: "plain", says: "nothing of this session is kept" }] };
+  const { path, bytes: size, minutes_left: left, lost, trouble } = told;
+  const lines = [{ how: "plain", says: path.split("/").at(-1), title: path }, { how: "plain", says: `${bytes(size)} written` }];
+  const short = left !== null && left !== undefined && left < SHORT;
+  if (left !== null && left !== undefined) lines.push({ how: short ? "heed" : "well", says: `${duration(left * 60)} of disk left` });
+  if (lost > 0) lines.push({ how: "bad", says: `${count(lost)} of what came are not in it` });
+  if (trouble) lines.push({ how: "bad", says: trouble });
+  const how = trouble || lost > 0 ? "bad" : short ? "heed" : "rec";
+  const says = trouble ? "in trouble" : lost > 0 ? "incomplete" : left === null || left === undefined ? "recording" : `${count(Math.floor(left))} min left`;
+  return { how, says, lines, short };
+}
+
+/// The volume's extent.
+export function volume(told) {
+  if (!told) return "no volume yet";
+  return `${told.voxels.map(count).join(" × ")} voxels, ${told.mm.map((mm) => count(mm)).join(" × ")} mm`;
+}
