@@ -110,7 +110,7 @@ function look() {
   of("again").hidden = stream.open || !ever;
   const old = all.some(({ key }) => ["line", "ended", "blank"].includes(key)) && ever;
   const frozen = all.some(({ key }) => key === "frozen");
-  mark("slice", frozen ? "frozen" : old && came !== null ? `not live: of ${new Date(came).toLocaleTimeString()}` : "");
+  mark("slice", frozen ? "frozen" : old && came !== null ? `not live: of ${new Date(came).toLocaleTimeString([], { hourCycle: "h23" })}` : "");
   mark("view", old && !stream.open ? "not live" : "");
   of("cards").classList.toggle("old", !stream.open);
 }
