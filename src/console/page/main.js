@@ -55,6 +55,7 @@ function picture(header, pixels) {
 
 function word(key, value) {
   if (key === "about") {
+    measured.open.about = value;
     cards.about(value);
     slice.about(value);
   } else if (key === "account") {

@@ -1,0 +1,56 @@
+// The line to the session: lost, found again, and at the session's end.
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { banner, drawn, measured, open, says, shot } from "./page.js";
+import { Session } from "./session.js";
+
+test("a lost connection is said and found again, and so is the session's end", async (t) => {
+  const session = await Session.begin();
+  const { port } = session;
+  const seen = await open(session.address);
+  const { page } = seen;
+  await drawn(page, "slice", 5);
+  await drawn(page, "view", 2);
+  await session.end("SIGKILL");
+  await says(page, "Connection lost");
+  assert.match(await banner(page), /what you see is old/);
+  await page.locator("#slice-word", { hasText: /not live/i }).waitFor();
+  await page.getByRole("button", { name: "Try now" }).waitFor();
+  assert.match(await page.locator("#announcer").textContent(), /Connection lost/, "it is spoken, too");
+  await shot(page, "lost");
+  const before = (await measured(page)).pictures.slice.drawn;
+
+  const again = await Session.begin(port);
+  const began = Date.now();
+  await page.waitForFunction(() => window.sonoweave.connected, null, { timeout: 15_000 });
+  t.diagnostic(`found again ${Date.now() - began} ms after the session was back`);
+  await drawn(page, "slice", 5);
+  assert.ok((await measured(page)).pictures.slice.drawn > before);
+  await page.locator("#slice-word").waitFor({ state: "hidden" });
+  assert.doesNotMatch(await banner(page), /lost/);
+
+  await again.end("SIGINT");
+  await says(page, "The session has ended");
+  await shot(page, "ended");
+});
+
+test("whoever does not want to wait tries now", async () => {
+  const session = await Session.begin();
+  const { page } = await open(session.address);
+  await drawn(page, "slice", 2);
+  await session.end("SIGKILL");
+  await says(page, /again in [45] s/);
+  await page.evaluate(() => {
+    window.tried = 0;
+    const Socket = WebSocket;
+    window.WebSocket = function (address) {
+      window.tried += 1;
+      return new Socket(address);
+    };
+  });
+  await page.getByRole("button", { name: "Try now" }).click();
+  assert.equal(await page.evaluate(() => window.tried), 1);
+  await says(page, "Connection lost");
+});
