@@ -1,9 +1,10 @@
 // The line to the session: lost, found again, and at the session's end.
 
 import assert from "node:assert/strict";
+import { setTimeout as wait } from "node:timers/promises";
 import { test } from "node:test";
 
-import { banner, drawn, measured, open, says, shot } from "./page.js";
+import { banner, drawn, look, measured, open, says, shot } from "./page.js";
 import { Session } from "./session.js";
 
 test("a lost connection is said and found again, and so is the session's end", async (t) => {
@@ -36,6 +37,21 @@ test("a lost connection is said and found again, and so is the session's end", a
   await shot(page, "ended");
 });
 
+test("a page that is not looked at does not look for its session, either, and does when it is", async () => {
+  const session = await Session.begin();
+  const { page } = await open(session.address);
+  await drawn(page, "slice", 2);
+  await look(page, "hidden");
+  await session.end("SIGKILL");
+  await page.waitForFunction(() => !window.sonoweave.connected);
+  const again = await Session.begin(session.port);
+  await wait(2000);
+  assert.equal((await measured(page)).connected, false);
+  await look(page, "visible");
+  await drawn(page, "slice", 2);
+  await again.end();
+});
+
 test("whoever does not want to wait tries now", async () => {
   const session = await Session.begin();
   const { page } = await open(session.address);
@@ -53,4 +69,16 @@ test("whoever does not want to wait tries now", async () => {
   await page.getByRole("button", { name: "Try now" }).click();
   assert.equal(await page.evaluate(() => window.tried), 1);
   await says(page, "Connection lost");
+});
+
+test("a session that hangs is a lost one, though its socket stays, until it goes on", async () => {
+  const session = await Session.begin();
+  const { page } = await open(session.address);
+  await drawn(page, "slice", 2);
+  session.hang(true);
+  await says(page, "Connection lost");
+  session.hang(false);
+  await drawn(page, "slice", 3);
+  assert.doesNotMatch(await banner(page), /lost/);
+  await session.end();
 });

@@ -119,5 +119,12 @@ export const banner = (page) => page.locator("#banner p").first().innerText();
 /// Waits until the top says so.
 export const says = (page, words, timeout = 30_000) => page.locator("#banner", { hasText: words }).waitFor({ timeout });
 
+/// Covers the page's window (`hidden`), or uncovers it (`visible`), as far as the page is told.
+export const look = (page, state) =>
+  page.evaluate((state) => {
+    Object.defineProperty(document, "visibilityState", { value: state, configurable: true });
+    document.dispatchEvent(new Event("visibilitychange"));
+  }, state);
+
 /// A picture of the page, to be looked at by people.
 export const shot = (page, name) => page.screenshot({ path: join(OUT, `${name}.png`) });

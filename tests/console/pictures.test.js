@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { setTimeout as wait } from "node:timers/promises";
 import { test } from "node:test";
 
-import { close, difference, drawn, greys, measured, open, says, SIZES, shot } from "./page.js";
+import { close, difference, drawn, greys, look, measured, open, says, SIZES, shot } from "./page.js";
 import { shared } from "./session.js";
 
 // Latest, ms: it is right or wrong here, not fast or slow, and other things run beside.
@@ -63,13 +63,6 @@ test("a hidden page is sent nothing, and one that is seen again goes on", async 
   await drawn(seen.page, "view", 2);
 });
 
-// As the browser would when its window is covered.
-const look = (page, state) =>
-  page.evaluate((state) => {
-    Object.defineProperty(document, "visibilityState", { value: state, configurable: true });
-    document.dispatchEvent(new Event("visibilitychange"));
-  }, state);
-
 test("the picture is as wide and high as the tissue, with its scale and marker, and lies wholly on the screen", async () => {
   const { address } = await shared();
   for (const [name, size] of Object.entries(SIZES)) {
@@ -110,4 +103,46 @@ test("the page asks nobody but its own session", async () => {
   assert.ok(seen.requests.length > 5);
   const policy = (await seen.page.request.get(address)).headers()["content-security-policy"];
   assert.match(policy, /default-src 'none'; script-src 'self'; style-src 'self'/);
+});
+
+test("grey, colour and JPEG are drawn as they are, the newest only, and each is answered once", async () => {
+  const { address } = await shared();
+  const { page } = await open(address);
+  const { answers, seen } = await page.evaluate(async () => {
+    const { Picture } = await import("/page/picture.js");
+    const canvas = document.createElement("canvas");
+    const answers = [];
+    const picture = new Picture(canvas, (header, drawn) => answers.push([header.sequence, drawn]));
+    const frame = () => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve)));
+    const pixels = () => [...canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data];
+    const seen = {};
+    picture.offer({ encoding: 0, width: 2, height: 1, sequence: 1 }, new Uint8Array([9, 9]));
+    picture.offer({ encoding: 0, width: 2, height: 1, sequence: 2 }, new Uint8Array([0, 200]));
+    await frame();
+    seen.grey = pixels();
+    picture.offer({ encoding: 1, width: 1, height: 2, sequence: 4 }, new Uint8Array([10, 20, 30, 255, 0, 128]));
+    await frame();
+    seen.colour = pixels();
+    picture.offer({ encoding: 0, width: 2, height: 1, sequence: 3 }, new Uint8Array([9, 9]));
+    await frame();
+    const source = Object.assign(document.createElement("canvas"), { width: 16, height: 16 });
+    const context = source.getContext("2d");
+    context.fillStyle = "rgb(200, 100, 50)";
+    context.fillRect(0, 0, 16, 16);
+    const blob = await new Promise((resolve) => source.toBlob(resolve, "image/jpeg", 0.95));
+    await picture.offer({ encoding: 2, width: 16, height: 16, sequence: 5 }, new Uint8Array(await blob.arrayBuffer()));
+    await frame();
+    seen.jpeg = pixels().slice(0, 3);
+    await picture.offer({ encoding: 2, width: 16, height: 16, sequence: 6 }, new Uint8Array([1, 2, 3]));
+    picture.offer({ encoding: 0, width: 2, height: 1, sequence: 7 }, new Uint8Array([9, 9]));
+    picture.forget();
+    await frame();
+    seen.kept = pixels().length;
+    return { answers, seen };
+  });
+  assert.deepEqual(seen.grey, [0, 0, 0, 255, 200, 200, 200, 255]);
+  assert.deepEqual(seen.colour, [10, 20, 30, 255, 255, 0, 128, 255]);
+  assert.ok([200, 100, 50].every((value, n) => Math.abs(value - seen.jpeg[n]) <= 4), seen.jpeg.join());
+  assert.equal(seen.kept, 16 * 16 * 4, "what was forgotten was not drawn");
+  assert.deepEqual(answers, [[1, false], [2, true], [4, true], [3, false], [5, true], [6, false], [7, false]]);
 });

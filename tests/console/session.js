@@ -42,6 +42,11 @@ export class Session {
     return Number(new URL(this.address).port);
   }
 
+  /// Stops it in the middle of whatever it does, as a machine without memory would; or lets it go on.
+  hang(whether) {
+    this.#child.kill(whether ? "SIGSTOP" : "SIGCONT");
+  }
+
   /// Ends it: by SIGINT as its user would, or by SIGKILL as a power cut would.
   async end(signal = "SIGINT") {
     this.#child.kill(signal);

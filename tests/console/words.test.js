@@ -1,7 +1,7 @@
 // What is said, without a browser: the page's own modules, from a copy that node takes for modules.
 
 import assert from "node:assert/strict";
-import { cpSync } from "node:fs";
+import { cpSync, readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
 import { pathToFileURL } from "node:url";
@@ -38,6 +38,14 @@ test("every frame is accounted for, and a share is never rounded up to all", () 
   assert.equal(words.frames({ ...WELL, slices: 0, frames: 0, refused: {}, dropped: 0, lost: 0 }).says, "none yet");
 });
 
+test("every reason that frames are refused for has its words", () => {
+  const source = readFileSync(join(PAGE, "../../refusal.rs"), "utf8");
+  const names = [...source.matchAll(/Self::\w+ => "(\w+)",/g)].map(([, name]) => name.replaceAll("_", " "));
+  assert.ok(names.length > 20, names.join());
+  for (const name of names) assert.notEqual(words.reason(name), name);
+  assert.equal(words.reason("a reason of tomorrow"), "a reason of tomorrow");
+});
+
 test("numbers are written as people read them", () => {
   assert.equal(words.count(1234567), "1\u202f234\u202f567");
   assert.equal(words.many(1, "frame"), "1 frame");
@@ -67,6 +75,8 @@ test("what is wrong is said, the worst first, and what explains it keeps its con
   assert.deepEqual(keys({}, null), ["account"]);
   assert.deepEqual(keys({}, { ...WELL, ended: true }), ["ended"]);
   assert.deepEqual(keys({ open: false, lost_s: 3 }, { ...WELL, ended: true }), ["ended"]);
+  assert.deepEqual(keys({ open: false, gone: true, lost_s: 3 }, WELL), ["ended"]);
+  assert.deepEqual(keys({}, { ...WELL, still: ["weaving"] }), ["still weaving"]);
   assert.deepEqual(keys({}, { ...WELL, frozen_s: 4 }, 9), ["frozen"]);
   assert.deepEqual(keys({}, WELL, 3), ["blank"]);
   assert.deepEqual(keys({}, WELL, 1.5), ["well"]);

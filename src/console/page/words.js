@@ -82,6 +82,37 @@ export function devices(all) {
   return { how: "well", says: ["", "runs", "both run"][all.length] ?? `all ${all.length} run` };
 }
 
+// Why frames are refused, by the session's names for it.
+const REASONS = {
+  "image status": "no valid picture came from the scanner",
+  "image missing": "the picture was not whole",
+  "image orientation": "how the picture lies is not known",
+  "image type": "not a brightness picture",
+  colour: "a coloured picture without a grey one in it",
+  "pixel not finite": "pixels that are no numbers",
+  "time invalid": "no valid time",
+  "pose missing": "no pose for the moment",
+  "pose invalid": "the tracker did not see the probe",
+  "pose not finite": "a pose that is no numbers",
+  "pose mirrored": "a mirrored pose",
+  "pose not rigid": "a pose that stretches",
+  "pose singular": "a pose that flattens",
+  "no path": "the way from probe to world was not known yet",
+  "size changed": "a picture of another size",
+  repeated: "the same picture and pose again",
+  "out of range": "too far away",
+  "out of time": "too far off in time",
+  "out of plane": "outside the plane of the scan",
+  "pixel size": "pixels too small or too large",
+  "same picture": "the same picture at another pose",
+  "volume full": "the volume has all the memory it may take",
+};
+
+/// Why, in words; what has no words here is said as it was told.
+export function reason(name) {
+  return REASONS[name] ?? name;
+}
+
 // Of the frames: more dropped or lost than this are bad, fewer are to be heeded.
 const MANY = 0.01;
 
@@ -91,7 +122,7 @@ export function frames({ slices, frames, refused, dropped, lost }) {
   const refusals = reasons.reduce((sum, [, n]) => sum + n, 0);
   const waiting = Math.max(0, frames - slices - refusals - dropped);
   const lines = [{ how: "well", key: "used", n: slices, says: "in the volume" }];
-  for (const [reason, n] of reasons) lines.push({ how: "heed", key: "refused", n, says: `refused: ${reason}` });
+  for (const [name, n] of reasons) lines.push({ how: "heed", key: "refused", n, says: `refused: ${reason(name)}` });
   if (dropped > 0) lines.push({ how: "bad", key: "dropped", n: dropped, says: "dropped: there was no time for them" });
   if (lost > 0) lines.push({ how: "bad", key: "lost", n: lost, says: "lost before they came" });
   if (waiting > 0) lines.push({ how: "wait", key: "waiting", n: waiting, says: "under way" });
@@ -135,8 +166,9 @@ export function recording(told) {
   return { how, says, lines, short };
 }
 
-/// The volume's extent.
+/// The volume's extent; nothing where the session does not tell it.
 export function volume(told) {
-  if (!told) return "no volume yet";
+  if (told === undefined) return "";
+  if (told === null) return "no volume yet";
   return `${told.voxels.map(count).join(" × ")} voxels, ${told.mm.map((mm) => count(mm)).join(" × ")} mm`;
 }
