@@ -72,6 +72,60 @@ test("dragging turns what is seen, with Shift it rolls, and home leads back", as
   assert.ok(difference(home, back) < difference(home, turned) / 2, "home again");
 });
 
+test("hand, wheel and keys wish what they are for, in its direction and once", async () => {
+  const { page } = await steering();
+  const asked = await listen(page);
+  const at = await middle(page);
+  const degrees = 180 / Math.PI;
+  const nothing = { do: "turn", right: 0, up: 0, clockwise: 0 };
+  const sum = (wishes) =>
+    wishes.reduce((sum, wish) => {
+      assert.equal(wish.do, "turn");
+      return { ...sum, right: sum.right + wish.right, up: sum.up + wish.up, clockwise: sum.clockwise + wish.clockwise };
+    }, nothing);
+  const drag = async (from, to) => {
+    await page.mouse.move(at.x + from[0], at.y + from[1]);
+    await page.mouse.down();
+    await page.mouse.move(at.x + to[0], at.y + to[1], { steps: 10 });
+    await page.mouse.up();
+    return sum(await asked());
+  };
+  const near = (a, b, within) => Object.keys(b).forEach((key) => key === "do" || assert.ok(Math.abs(a[key] - b[key]) <= within, `${key}: ${a[key]} instead of ${b[key]}`));
+  const ball = degrees / (Math.min(at.width, at.height) / 2);
+  near(await drag([-40, 30], [60, 30]), { ...nothing, right: 100 * ball }, 6);
+  near(await drag([50, 40], [50, -30]), { ...nothing, up: 70 * ball }, 6);
+  await page.keyboard.down("Shift");
+  near(await drag([0, -80], [80, 0]), { ...nothing, clockwise: 90 }, 5);
+  await page.keyboard.up("Shift");
+  const presses = {
+    ArrowRight: { ...nothing, right: 5 }, ArrowLeft: { ...nothing, right: -5 }, ArrowUp: { ...nothing, up: 5 }, ArrowDown: { ...nothing, up: -5 },
+    "Shift+ArrowRight": { ...nothing, clockwise: 5 }, "Shift+ArrowLeft": { ...nothing, clockwise: -5 },
+    "+": { do: "zoom", by: 0.25 }, "-": { do: "zoom", by: -0.25 },
+    w: { do: "centre", at: [0.5, 0.6] }, a: { do: "centre", at: [0.6, 0.5] }, s: { do: "centre", at: [0.5, 0.4] }, d: { do: "centre", at: [0.4, 0.5] },
+    1: { do: "look", from: "home" }, 2: { do: "look", from: "front" }, 3: { do: "look", from: "back" }, 4: { do: "look", from: "left" },
+    5: { do: "look", from: "right" }, 6: { do: "look", from: "above" }, 7: { do: "look", from: "below" }, Home: { do: "look", from: "home" },
+  };
+  for (const [key, wish] of Object.entries(presses)) {
+    await page.keyboard.press(key);
+    assert.deepEqual(await asked(), [wish], key);
+  }
+  const buttons = { Larger: { do: "zoom", by: 0.5 }, Smaller: { do: "zoom", by: -0.5 }, "Roll with the clock": { ...nothing, clockwise: 15 }, "Roll against the clock": { ...nothing, clockwise: -15 } };
+  for (const side of ["Home", "Front", "Back", "Left", "Right", "Above", "Below"]) buttons[side] = { do: "look", from: side.toLowerCase() };
+  for (const [name, wish] of Object.entries(buttons)) {
+    await page.getByRole("button", { name, exact: true }).click();
+    assert.deepEqual(await asked(), [wish], name);
+  }
+  await page.mouse.move(at.x, at.y);
+  await page.mouse.wheel(0, -110);
+  assert.deepEqual(await asked(), [{ do: "zoom", by: 0.25 }]);
+  await page.mouse.dblclick(at.x + at.width / 4, at.y - at.height / 4);
+  const [{ do: what, at: place }, ...more] = await asked();
+  assert.deepEqual([what, more], ["centre", []]);
+  assert.ok(Math.abs(place[0] - 0.75) < 0.01 && Math.abs(place[1] - 0.25) < 0.01, place.join());
+  await page.locator("#view").focus();
+  await key(page, "1");
+});
+
 test("arrows turn as far as they turn back, and Shift rolls", async () => {
   const seen = await steering();
   const { page } = seen;
