@@ -179,9 +179,15 @@ fn the_cube_shows_the_faces_that_look_at_the_eye() {
     assert_eq!(names(210.0, -20.0), ["+Y", "-X", "-Z"]);
     // However the picture is rolled, no name stands on its head.
     for roll in 0..24 {
-        let axes =
-            View { azimuth: 40.0, elevation: 60.0, roll: 15.0 * f64::from(roll), perspective: None, turns: false }
-                .axes();
+        let axes = View {
+            azimuth: 40.0,
+            elevation: 60.0,
+            roll: 15.0 * f64::from(roll),
+            perspective: None,
+            turns: false,
+            ..View::default()
+        }
+        .axes();
         for face in faces(&axes) {
             assert!(face.up.dot(face.normal) == 0.0 && face.up.dot(axes.up) > 0.2, "{roll}: {face:?}");
         }

@@ -1,12 +1,13 @@
 //! `sonoweave demo`: a session on a virtual bedside, from the hand to the picture, for who has no hardware.
 
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::Failure;
 use super::live::outputs::{Outputs, say};
 use super::live::session::{Conduct, session};
+use super::{Failure, values};
 use crate::config::bedside::Bedside;
 
 /// The bedside, as `live --example virtual` prints it.
@@ -31,6 +32,9 @@ pub struct Arguments {
     /// Of all that is drawn at random: the hand's tremor, speckle, delays
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u32,
+    /// Shows the session to browsers on this machine, at http://ADDR:PORT/; port 0 takes one that is free
+    #[arg(long, value_name = "ADDR:PORT", value_parser = values::loopback)]
+    console: Option<SocketAddr>,
     /// Does not show the volume in the terminal, but says how it goes
     #[arg(long)]
     headless: bool,
@@ -52,6 +56,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         record: Some(out.clone()),
         duration: arguments.duration,
         headless: arguments.headless,
+        console: arguments.console,
+        demo: true,
         ..Conduct::default()
     };
     let outputs = Outputs {

@@ -175,7 +175,7 @@ impl Look {
     pub fn view(&self, slice_axes: Option<[DVec3; 2]>, turned: f64, turns: bool) -> View {
         let usual = View::of_slices(slice_axes);
         let [azimuth, elevation, roll] = self.view.unwrap_or([usual.azimuth, usual.elevation, usual.roll]);
-        View { azimuth: azimuth + turned, elevation, roll, perspective: self.perspective, turns }
+        View { azimuth: azimuth + turned, elevation, roll, perspective: self.perspective, turns, ..View::default() }
     }
 
     /// How to render a volume whose slices lie along some axes, where grey levels go from black to white over `range`.

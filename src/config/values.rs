@@ -1,5 +1,7 @@
 //! Values of flags and keys that hold several numbers or a criterion.
 
+use std::net::SocketAddr;
+
 use drivers::recording::Pace;
 use std::ops::Range;
 
@@ -71,6 +73,23 @@ pub fn light(text: &str) -> Result<Source, String> {
 /// Brightness near and far.
 pub fn depth_cue(text: &str) -> Result<[f64; 2], String> {
     numbers::<2>(text)
+}
+
+/// An address with a port, on this machine only.
+///
+/// # Errors
+/// A sentence for what is none, and for one that others can reach.
+pub fn loopback(text: &str) -> Result<SocketAddr, String> {
+    let address: SocketAddr = text
+        .parse()
+        .map_err(|_| format!("\"{text}\" is no address with a port; give one, such as \"127.0.0.1:9110\""))?;
+    match address.ip().is_loopback() {
+        true => Ok(address),
+        false => Err(format!(
+            "{} can be reached from outside, and there is no password: give 127.0.0.1 or [::1], and a tunnel to it where one is needed",
+            address.ip()
+        )),
+    }
 }
 
 /// How fast a recording goes by: as fast as can be, or so many times as fast as it was recorded.

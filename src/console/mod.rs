@@ -1,19 +1,26 @@
-//! What a session tells of itself while it runs, over HTTP on this machine.
+//! What a session tells and shows of itself while it runs, over HTTP on this machine.
 //!
 //! | path | what |
 //! |---|---|
+//! | `GET /` | the page: the scanner's picture and the volume's, live |
+//! | `GET /v1/stream` | the page's connection (WebSocket): [`stream`] |
 //! | `GET /status` | everything, as JSON: what `--stats` writes at the end |
 //! | `GET /metrics` | the same in Prometheus' text form |
 //! | `GET /healthz` | 200 while the session moves, 503 and who stands still when it does not |
 //!
-//! Handlers read the [`Latest`] account and nothing else, so that no client, slow or stuck as it may be, is waited for by a stage. They work without a socket ([`routes`]);
+//! Handlers read the [`Latest`] account and what stages leave on the [`Screen`], so that no client, slow or stuck as it may be, is waited for by a stage. They work without a socket ([`routes`]);
 //! [`Console`] gives them one. Whoever asks must call this machine by a loopback name (`hosts`): a web page elsewhere, whose name was made to lead here, gets nothing.
 
 mod hosts;
 mod metrics;
+mod page;
+pub mod screen;
 mod server;
+pub mod sight;
+mod stream;
 #[cfg(test)]
 mod tests;
+mod told;
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -25,7 +32,10 @@ use axum::middleware;
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 
+pub use screen::Screen;
 pub use server::{Console, ConsoleError};
+use tokio::sync::{Semaphore, watch};
+pub use told::About;
 
 use crate::config::bedside::Effective;
 use crate::pipeline::live::Account;
@@ -83,19 +93,46 @@ impl Latest {
     }
 }
 
+/// Pages that may look on at a time.
+const PAGES: usize = 8;
+
+/// What handlers have to do with.
+#[derive(Debug, Clone)]
+pub struct Served {
+    /// What is told.
+    pub latest: Arc<Latest>,
+    /// What is shown.
+    pub screen: Arc<Screen>,
+    /// What it is of.
+    pub about: Arc<About>,
+    places: Arc<Semaphore>,
+    /// Tells connections that last to end.
+    stopped: watch::Receiver<()>,
+}
+
+impl Served {
+    /// Until `stopped` says otherwise, or nobody is left who could.
+    pub fn new(latest: Arc<Latest>, screen: Arc<Screen>, about: About, stopped: watch::Receiver<()>) -> Self {
+        Self { latest, screen, about: Arc::new(about), places: Arc::new(Semaphore::new(PAGES)), stopped }
+    }
+}
+
 /// Everything that there is to ask for.
-pub fn routes(latest: Arc<Latest>) -> Router {
+pub fn routes(served: Served) -> Router {
     Router::new()
+        .route("/", get(page::index))
+        .route("/page/{name}", get(page::asset))
+        .route("/v1/stream", get(stream::stream).layer(middleware::from_fn(stream::only_own_pages)))
         .route("/status", get(status))
         .route("/metrics", get(prometheus))
         .route("/healthz", get(health))
         .fallback(nothing)
         .layer(middleware::map_response(guarded))
         .layer(middleware::from_fn(hosts::only_loopback))
-        .with_state(latest)
+        .with_state(served)
 }
 
-async fn status(State(latest): State<Arc<Latest>>) -> Response {
+async fn status(State(Served { latest, .. }): State<Served>) -> Response {
     let told = latest.told();
     match serde_json::to_vec_pretty(&latest.statistics(&told)) {
         Ok(json) => ([(header::CONTENT_TYPE, "application/json")], json).into_response(),
@@ -105,13 +142,13 @@ async fn status(State(latest): State<Arc<Latest>>) -> Response {
     }
 }
 
-async fn prometheus(State(latest): State<Arc<Latest>>) -> Response {
+async fn prometheus(State(Served { latest, .. }): State<Served>) -> Response {
     let told = latest.told();
     let text = metrics::text(&latest.statistics(&told));
     ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text).into_response()
 }
 
-async fn health(State(latest): State<Arc<Latest>>) -> Response {
+async fn health(State(Served { latest, .. }): State<Served>) -> Response {
     let Told { at, still, .. } = latest.told();
     let age = at.elapsed();
     if !still.is_empty() {
@@ -125,7 +162,7 @@ async fn health(State(latest): State<Arc<Latest>>) -> Response {
 }
 
 async fn nothing() -> Response {
-    (StatusCode::NOT_FOUND, "there is nothing here; ask for /status, /metrics or /healthz\n").into_response()
+    (StatusCode::NOT_FOUND, "there is nothing here; ask for /, /status, /metrics or /healthz\n").into_response()
 }
 
 /// What holds for every answer: it is of this moment, and no browser guesses what it is.

@@ -12,7 +12,7 @@ use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use tokio::sync::{Semaphore, watch};
 
-use super::{Latest, routes};
+use super::{About, Latest, Screen, Served, routes};
 
 /// Connections at a time; more wait in the kernel.
 const CONNECTIONS: usize = 16;
@@ -65,7 +65,12 @@ impl Console {
     ///
     /// # Errors
     /// [`ConsoleError`] when the address is taken, or there is no thread to be had.
-    pub fn new(address: SocketAddr, latest: Arc<Latest>) -> Result<Self, ConsoleError> {
+    pub fn new(
+        address: SocketAddr,
+        latest: Arc<Latest>,
+        screen: Arc<Screen>,
+        about: About,
+    ) -> Result<Self, ConsoleError> {
         let taken = |source| ConsoleError::Taken { address, source };
         let listener = TcpListener::bind(address).map_err(taken)?;
         listener.set_nonblocking(true).map_err(taken)?;
@@ -73,10 +78,11 @@ impl Console {
         let runtime =
             tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(ConsoleError::Thread)?;
         let (stop, stopped) = watch::channel(());
+        let served = Served::new(latest, screen, about, stopped.clone());
         let serve = move || {
             runtime.block_on(async {
                 match tokio::net::TcpListener::from_std(listener) {
-                    Ok(listener) => accept(&listener, latest, stopped).await,
+                    Ok(listener) => accept(&listener, served, stopped).await,
                     Err(error) => tracing::error!("{address}: the status cannot be asked for: {error}"),
                 }
             });
@@ -101,8 +107,8 @@ impl Drop for Console {
 }
 
 /// Takes connections until it is told to stop, or whoever would tell it is gone.
-async fn accept(listener: &tokio::net::TcpListener, latest: Arc<Latest>, mut stopped: watch::Receiver<()>) {
-    let routes = routes(latest);
+async fn accept(listener: &tokio::net::TcpListener, served: Served, mut stopped: watch::Receiver<()>) {
+    let routes = routes(served);
     let places = Arc::new(Semaphore::new(CONNECTIONS));
     loop {
         let taken = async {
@@ -124,7 +130,7 @@ async fn accept(listener: &tokio::net::TcpListener, latest: Arc<Latest>, mut sto
         tokio::spawn(async move {
             let mut builder = http1::Builder::new();
             builder.timer(TokioTimer::new()).header_read_timeout(ASKING).max_buf_size(HEAD);
-            let mut connection = pin!(builder.serve_connection(TokioIo::new(stream), service));
+            let mut connection = pin!(builder.serve_connection(TokioIo::new(stream), service).with_upgrades());
             let connection = async {
                 tokio::select! {
                     result = connection.as_mut() => return result,

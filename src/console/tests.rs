@@ -73,10 +73,20 @@ fn session() -> Arc<Latest> {
     Arc::new(latest)
 }
 
+fn served(latest: &Arc<Latest>) -> Served {
+    // Whoever would tell it to stop is gone, which only connections that last would notice.
+    let (_, stopped) = watch::channel(());
+    Served::new(Arc::clone(latest), Arc::default(), About::default(), stopped)
+}
+
+fn listening(address: std::net::SocketAddr, latest: &Arc<Latest>) -> Result<Console, ConsoleError> {
+    Console::new(address, Arc::clone(latest), Arc::default(), About::default())
+}
+
 fn asked(latest: &Arc<Latest>, request: Request<Body>) -> (StatusCode, axum::http::HeaderMap, String) {
     let runtime = tokio::runtime::Builder::new_current_thread().build().unwrap();
     runtime.block_on(async {
-        let response = TowerToHyperService::new(routes(Arc::clone(latest))).call(request).await.unwrap();
+        let response = TowerToHyperService::new(routes(served(latest))).call(request).await.unwrap();
         let (head, body) = response.into_parts();
         let body = to_bytes(body, usize::MAX).await.unwrap();
         (head.status, head.headers, String::from_utf8(body.to_vec()).unwrap())
@@ -212,7 +222,7 @@ fn other_names_paths_and_methods_are_refused() {
     assert_eq!(code, StatusCode::BAD_REQUEST, "no host at all");
     let proxied = plain("GET", "http://example.org/status").header("host", "localhost").body(Body::empty()).unwrap();
     assert_eq!(asked(&latest, proxied).0, StatusCode::FORBIDDEN);
-    let (code, _, body) = get_as(&latest, "localhost", "/");
+    let (code, _, body) = get_as(&latest, "localhost", "/elsewhere");
     assert_eq!(code, StatusCode::NOT_FOUND);
     assert!(body.contains("/status"), "{body}");
     for method in ["POST", "PUT", "DELETE", "OPTIONS"] {
@@ -228,11 +238,42 @@ fn other_names_paths_and_methods_are_refused() {
 }
 
 #[test]
+fn the_page_is_all_there_and_may_do_nothing_but_be_the_page() {
+    let latest = session();
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src/console/page");
+    let mut count = 0;
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_str().unwrap().to_owned();
+        let place = if name == "index.html" { "/".into() } else { format!("/page/{name}") };
+        let (code, headers, body) = get_as(&latest, "127.0.0.1:9110", &place);
+        assert_eq!((code, body), (StatusCode::OK, std::fs::read_to_string(&path).unwrap()), "{name}");
+        let policy = headers["content-security-policy"].to_str().unwrap();
+        assert!(policy.starts_with("default-src 'none'; script-src 'self'; ") && !policy.contains("unsafe"));
+        assert_eq!(headers["x-content-type-options"], "nosniff");
+        let kind = headers["content-type"].to_str().unwrap();
+        let expected = match path.extension().unwrap().to_str().unwrap() {
+            "html" => "text/html; charset=utf-8",
+            "css" => "text/css; charset=utf-8",
+            "js" => "text/javascript; charset=utf-8",
+            "svg" => "image/svg+xml",
+            other => panic!("{other}"),
+        };
+        assert_eq!(kind, expected, "{name}");
+        count += 1;
+    }
+    assert!(count >= 4);
+    for nothing in ["/page/", "/page/../mod.rs", "/page/%2e%2e%2fmod.rs", "/page/x.js"] {
+        assert_eq!(get_as(&latest, "localhost", nothing).0, StatusCode::NOT_FOUND, "{nothing}");
+    }
+}
+
+#[test]
 fn clients_that_say_nothing_do_not_keep_others_from_asking_and_the_end_waits_for_none() {
     let latest = session();
-    let console = Console::new((Ipv4Addr::LOCALHOST, 0).into(), Arc::clone(&latest)).unwrap();
+    let console = listening((Ipv4Addr::LOCALHOST, 0).into(), &latest).unwrap();
     let address = console.address();
-    let again = Console::new(address, Arc::clone(&latest)).unwrap_err().to_string();
+    let again = listening(address, &latest).unwrap_err().to_string();
     assert!(again.contains(&address.to_string()) && again.contains("give another port"), "{again}");
     // One says nothing, one half a sentence, one asks and does not listen.
     let mut stuck: Vec<TcpStream> = (0..3).map(|_| TcpStream::connect(address).unwrap()).collect();

@@ -10,6 +10,9 @@ pub const MOST_PIXELS: u32 = 8192;
 /// Samples along a ray, at most: their numbers are kept in 16 bits.
 pub const MOST_SAMPLES: u32 = 65_000;
 
+/// Times that a picture is twice as large, or as small, at most: a thousandfold.
+pub const MOST_ZOOM: f64 = 10.0;
+
 /// The side from which one looks, degrees. Azimuth 0 looks along the world's +y, 90 along −x; elevation 90 looks down along −z. Up in the picture is the
 /// world's +z, turned clockwise by the roll.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -24,6 +27,10 @@ pub struct View {
     pub perspective: Option<f64>,
     /// Whether this is one of the pictures of a turn: then all are to one scale. Else parallel rays show the box as large as it fits.
     pub turns: bool,
+    /// How much closer than that: so many times twice as large.
+    pub zoom: f64,
+    /// What lies in the middle of the picture, world mm; `None` for the middle of the box.
+    pub aim: Option<DVec3>,
 }
 
 /// Directions of a view in the world, each of length 1.
@@ -58,19 +65,29 @@ impl View {
         let (aside, ca) = libm::sincos(20.0_f64.to_radians());
         let (against, across) = libm::sincos(60.0_f64.to_radians());
         let forward = -v * against - (along * ca + u * aside) * across;
-        let elevation = libm::asin((-forward.z).clamp(-1.0, 1.0));
-        let azimuth = libm::atan2(-forward.x, forward.y);
-        let [azimuth, elevation] = [azimuth, elevation].map(|angle| angle.to_degrees().round());
-        let level = Self { azimuth, elevation, ..Self::default() };
+        let level = Self::along(forward, DVec3::Z);
+        let level = Self { azimuth: level.azimuth.round(), elevation: level.elevation.round(), ..Self::default() };
         let Axes { right, up, .. } = level.axes();
         Self { roll: libm::atan2(-v.dot(right), -v.dot(up)).to_degrees().round(), ..level }
+    }
+
+    /// The view in a direction, with another one upwards as far as it is; neither zero nor the same.
+    pub fn along(forward: DVec3, up: DVec3) -> Self {
+        let forward = forward.normalize_or_zero();
+        let elevation = libm::asin((-forward.z).clamp(-1.0, 1.0));
+        let azimuth = libm::atan2(-forward.x, forward.y);
+        let [azimuth, elevation] = [azimuth, elevation].map(f64::to_degrees);
+        let level = Self { azimuth, elevation, ..Self::default() };
+        let Axes { right, up: above, .. } = level.axes();
+        Self { roll: libm::atan2(up.dot(right), up.dot(above)).to_degrees(), ..level }
     }
 
     fn check(&self) -> Result<(), RenderError> {
         let angles = [self.azimuth, self.elevation, self.roll];
         let perspective = self.perspective.unwrap_or(1.0);
         let sees = perspective > 0.0 && perspective <= 170.0;
-        if angles.iter().all(|a| a.is_finite() && a.abs() <= 1e6) && sees {
+        let is_near = self.zoom.abs() <= MOST_ZOOM && self.aim.is_none_or(|aim| aim.is_finite() && aim.length() <= 1e6);
+        if angles.iter().all(|a| a.is_finite() && a.abs() <= 1e6) && sees && is_near {
             return Ok(());
         }
         Err(RenderError::View { view: *self })
@@ -109,7 +126,7 @@ pub struct Ray {
 }
 
 impl Camera {
-    /// Looks at the middle of a stage, all of which is in the picture; samples are `step` times the finest
+    /// Looks at the middle of a stage, all of which is in the picture, unless the view says otherwise; samples are `step` times the finest
     /// voxel spacing apart.
     ///
     /// # Errors
@@ -127,7 +144,10 @@ impl Camera {
             return Err(RenderError::Step { step, samples });
         }
         let axes = view.axes();
-        let centre = stage.centre_mm();
+        // Rays begin and end where they did, however far aside the picture's middle is.
+        let aside = view.aim.map_or(DVec3::ZERO, |aim| aim - stage.centre_mm());
+        let centre = stage.centre_mm() + (aside - axes.forward * aside.dot(axes.forward));
+        let closer = libm::exp2(-view.zoom);
         let stage_from_world = stage.stage_from_world();
         let [width, height] = size.map(f64::from);
         // From the middle of the picture to the middle of pixel (0, 0).
@@ -138,14 +158,15 @@ impl Camera {
                     true => radius,
                     false => stage.diagonals_mm().map(|d| d.dot(axis).abs()).into_iter().fold(0.0, f64::max),
                 };
-                let pixel = (2.0 * extent(axes.right) / width).max(2.0 * extent(axes.up) / height);
+                let pixel = (2.0 * extent(axes.right) / width).max(2.0 * extent(axes.up) / height) * closer;
                 let first = centre - axes.forward * radius + axes.right * (i0 * pixel) - axes.up * (j0 * pixel);
                 (first, pixel, 0.0)
             }
             Some(degrees) => {
                 let half = 0.5 * degrees.to_radians();
                 let distance = radius / libm::sin(half);
-                (centre - axes.forward * distance, 2.0 * libm::tan(half) / width.min(height), distance - radius)
+                let pixel = 2.0 * libm::tan(half) / width.min(height) * closer;
+                (centre - axes.forward * distance, pixel, distance - radius)
             }
         };
         let linear = |v: DVec3| stage_from_world.transform_vector3(v);
@@ -257,6 +278,18 @@ mod tests {
     use glam::{DMat3, DQuat};
 
     use super::*;
+
+    #[test]
+    fn a_view_is_told_by_its_directions() {
+        for (azimuth, elevation, roll) in
+            [(0.0, 0.0, 0.0), (33.0, 21.0, -50.0), (-170.0, -80.0, 170.0), (10.0, 90.0, 0.0)]
+        {
+            let Axes { forward, up, right } = View { azimuth, elevation, roll, ..View::default() }.axes();
+            let found = View::along(forward, up).axes();
+            let off = (found.forward - forward).length() + (found.up - up).length() + (found.right - right).length();
+            assert!(off < 1e-7, "{azimuth} {elevation} {roll}: {off}");
+        }
+    }
 
     #[test]
     fn a_scan_is_looked_at_from_the_deep_side_with_the_probe_on_top_however_it_lay() {

@@ -121,13 +121,27 @@ fn what_is_projected_lies_on_its_own_ray() {
     let stage =
         Stage::new(lattice(turned, DVec3::new(0.4, 0.5, 0.8), DVec3::new(100.0, -7.0, 3.0)), [-20, 5, 0], [30, 40, 21]);
     let stage = stage.unwrap();
-    for perspective in [None, Some(40.0)] {
-        let view = View { azimuth: 37.0, elevation: 21.0, roll: 12.0, perspective, turns: true };
+    let aim = DVec3::new(97.0, -1.0, 12.0);
+    for (perspective, zoom) in [(None, 0.0), (None, 1.7), (Some(40.0), 0.0), (Some(40.0), -1.1)] {
+        let aim = (zoom != 0.0).then_some(aim);
+        let view = View { azimuth: 37.0, elevation: 21.0, roll: 12.0, perspective, turns: true, zoom, aim };
         let camera = Camera::new(&view, [97, 61], 0.7, &stage).unwrap();
         for (i, j, k) in [(0, 0, 3), (96, 60, 50), (48, 30, 20), (13, 55, 77)] {
             let ray = camera.ray(i, j);
             let [x, y] = camera.project(ray.base + ray.step * f64::from(k)).unwrap();
             assert!((x - f64::from(i)).abs() < 1e-9 && (y - f64::from(j)).abs() < 1e-9, "{x} {y} for {i} {j}");
+        }
+        // What is aimed at is in the middle, and as much larger as is wanted.
+        let plain = Camera::new(&View { zoom: 0.0, ..view }, [97, 61], 0.7, &stage).unwrap();
+        let across = |camera: &Camera| {
+            let [middle, aside] = [DVec3::ZERO, view.axes().right].map(|by| stage.centre_mm() + by);
+            let [a, b] = [middle, aside].map(|at| camera.project_world(at).unwrap());
+            (b[0] - a[0]).hypot(b[1] - a[1])
+        };
+        assert!((across(&camera) / across(&plain) - zoom.exp2()).abs() < 1e-9, "{zoom}");
+        if let Some(aim) = aim {
+            let [x, y] = camera.project_world(aim).unwrap();
+            assert!((x - 48.0).abs() < 1e-9 && (y - 30.0).abs() < 1e-9, "{x} {y}");
         }
         let ray = camera.ray(20, 20);
         let mm = stage.world_from_stage().transform_vector3(ray.step).length();
@@ -155,16 +169,21 @@ pub(super) fn sweep(frames: u32, motion: Motion, direction: DMat3) -> (Scan, Set
 }
 
 pub(super) fn looks() -> Vec<RenderSettings> {
-    let view = View { azimuth: 30.0, elevation: 25.0, roll: 5.0, perspective: None, turns: false };
+    let view = View { azimuth: 30.0, elevation: 25.0, roll: 5.0, perspective: None, turns: false, ..View::default() };
     let base = RenderSettings { view, ..RenderSettings::new([80, 64], tissue()) };
     let colour = Colour::perceptual([0.0, 255.0]).unwrap();
     let curve = Curve::new(&[(40.0, 0.0), (160.0, 0.7)]).unwrap();
     let coloured = Transfer::new(Opacity::Curve(curve), 1.0, colour).unwrap();
     vec![
         base.clone(),
-        RenderSettings { cache: Cache::OneLevel, threads: 3, ..base.clone() },
         RenderSettings {
-            view: View { perspective: Some(35.0), ..view },
+            view: View { zoom: 1.4, aim: Some(DVec3::new(4.0, -3.0, 6.0)), ..view },
+            cache: Cache::OneLevel,
+            threads: 3,
+            ..base.clone()
+        },
+        RenderSettings {
+            view: View { perspective: Some(35.0), zoom: 0.7, aim: Some(DVec3::new(-5.0, 2.0, 3.0)), ..view },
             threads: 2,
             cache: Cache::Linear,
             ..base.clone()

@@ -55,12 +55,12 @@ impl Session {
         String::from_utf8(self.place.get("stderr")).unwrap()
     }
 
-    /// Where it says that the status is to be had.
+    /// Where it says that it is to be seen.
     fn address(&self) -> String {
         self.waits_for("an address", || {
             let said = self.said();
-            let rest = said.split_once("status at http://")?.1;
-            rest.split_once("/status\n").map(|(address, _)| address.to_owned())
+            let rest = said.split_once("console: http://")?.1;
+            rest.split_once("/\n").map(|(address, _)| address.to_owned())
         })
     }
 

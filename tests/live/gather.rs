@@ -3,7 +3,7 @@
 use drivers::clock::SECOND;
 use drivers::recording::session::WriterOptions;
 use sonoweave::ingest::live::Live;
-use sonoweave::pipeline::live::walk;
+use sonoweave::pipeline::live::{Latencies, walk};
 use tempfile::NamedTempFile;
 
 use crate::script::{Act, FRAME, Script, begin, frame, measured, pose, poses_timing, video};
@@ -48,7 +48,8 @@ fn what_is_heard_is_what_a_walk_through_the_recording_gives() {
     let file = NamedTempFile::new().unwrap();
     std::fs::write(file.path(), disk.bytes()).unwrap();
     let mut walked = Vec::new();
-    walk(file.path(), true, instruments().into(), |device, live| walked.push((device, live))).unwrap();
+    walk(file.path(), true, instruments().into(), Latencies::Given, |device, live| walked.push((device, live)))
+        .unwrap();
     let [heard, walked]: [Vec<_>; 2] = [&heard, &walked].map(|all| all.iter().filter_map(short).collect());
     assert_eq!(heard.len() as u64, 59 + poses);
     assert_eq!(heard, walked);

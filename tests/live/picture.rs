@@ -4,8 +4,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use sonoweave::pipeline::live::{First, Looks};
+use sonoweave::pipeline::live::{Drawn, First, Looks};
 use sonoweave::render::RenderSettings;
+use sonoweave::render::camera::View;
 use sonoweave::render::transfer::Transfer;
 
 use crate::script::{begin, frames as all_frames, poses};
@@ -88,4 +89,98 @@ fn no_more_pictures_are_drawn_than_are_asked_for_and_the_last_is_of_all_slices()
     assert!(drawn.pictures as f64 <= 4.0 * seconds + 2.0, "{} in {seconds} s", drawn.pictures);
     assert!(drawn.pictures >= 2);
     assert_eq!(drawn.pictures + drawn.skipped, COUNT);
+}
+
+/// Somebody who comes when he is told to, looks from another side then, and leaves.
+struct Visitor {
+    there: AtomicBool,
+    turned: AtomicBool,
+    lasting: bool,
+    seen: std::sync::Mutex<Vec<(bool, u64)>>,
+}
+
+impl Visitor {
+    fn new(lasting: bool) -> Arc<Self> {
+        let (there, turned) = (false.into(), false.into());
+        Arc::new(Self { there, turned, lasting, seen: Default::default() })
+    }
+
+    fn seen(&self) -> Vec<(bool, u64)> {
+        self.seen.lock().unwrap().clone()
+    }
+}
+
+const ASIDE: f64 = 55.0;
+
+impl Looks for Visitor {
+    fn settings(&self, _: &First) -> Result<RenderSettings, Box<dyn std::error::Error + Send + Sync>> {
+        Ok(RenderSettings::new([64, 64], Transfer::preset("tissue", [0.0, 255.0])?))
+    }
+
+    fn is_watched(&self) -> bool {
+        self.there.load(Ordering::Relaxed)
+    }
+
+    fn keeps_last(&self) -> bool {
+        self.lasting
+    }
+
+    fn view(&self, home: View) -> View {
+        if self.turned.load(Ordering::Relaxed) { View { azimuth: ASIDE, zoom: 0.5, ..home } } else { home }
+    }
+
+    fn turn(&self) -> Duration {
+        Duration::from_millis(5)
+    }
+
+    fn shown(&self, drawn: &Drawn) {
+        let forward = View { azimuth: ASIDE, ..View::default() }.axes().forward;
+        let is_aside = (drawn.renderer.camera().axes().forward - forward).length() < 1e-9;
+        self.seen.lock().unwrap().push((is_aside && !drawn.refining, drawn.slices));
+    }
+}
+
+/// A session that goes on until it is told to end.
+fn visited(visitor: &Arc<Visitor>, mut ends: impl FnMut(u64) -> bool) -> sonoweave::pipeline::live::Finished {
+    let begin_ns = begin();
+    let set = Set::of(poses(begin_ns, COUNT).that_stays(), all_frames(begin_ns, COUNT));
+    let begun = Instant::now();
+    let set = Set { looks: Some(Arc::clone(visitor) as Arc<dyn Looks>), ..set };
+    let (finished, _) =
+        set.until(|account, _| ends(account.ledger.frames.used) || begun.elapsed() > Duration::from_secs(20));
+    assert_eq!(frames(&finished), (COUNT, COUNT, vec![]));
+    finished
+}
+
+#[test]
+fn while_nobody_looks_nothing_is_drawn_and_in_the_end_only_what_is_wanted() {
+    let visitor = Visitor::new(false);
+    let finished = visited(&visitor, |used| used == COUNT);
+    assert_eq!((visitor.seen(), finished.account.pictures), (Vec::new(), 0));
+    assert!(finished.drawn.is_none());
+    let visitor = Visitor::new(true);
+    let finished = visited(&visitor, |used| used == COUNT);
+    let drawn = finished.drawn.unwrap();
+    assert_eq!((visitor.seen(), drawn.pictures, drawn.slices), (vec![(false, COUNT)], 1, COUNT));
+}
+
+#[test]
+fn who_comes_late_sees_all_that_there_is_turns_it_and_the_last_picture_is_from_home_to_the_bit() {
+    let never = Visitor::new(true);
+    let expected = visited(&never, |used| used == COUNT).drawn.unwrap();
+    let visitor = Visitor::new(true);
+    let finished = visited(&visitor, |used| {
+        if used < COUNT {
+            return false;
+        }
+        // All is woven, and nobody has looked yet.
+        visitor.there.store(true, Ordering::Relaxed);
+        let seen = visitor.seen();
+        visitor.turned.store(seen.contains(&(false, COUNT)), Ordering::Relaxed);
+        seen.contains(&(true, COUNT))
+    });
+    assert!(visitor.seen().contains(&(true, COUNT)), "the new view was refined to its end: {:?}", visitor.seen());
+    let drawn = finished.drawn.unwrap();
+    assert!(drawn.renderer.picture() == expected.renderer.picture(), "the last one is from home");
+    assert!(drawn.pictures <= visitor.seen().len() as u64);
 }

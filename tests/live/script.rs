@@ -48,6 +48,13 @@ impl Script {
 }
 
 impl Script {
+    /// One that stays when it has delivered all, for a minute or until the session ends.
+    pub(crate) fn that_stays(mut self) -> Self {
+        let long = Monotonic.now_ns() + 60 * SECOND;
+        self.acts.push_back((long, Act::Be(State::Running, "")));
+        self
+    }
+
     /// A grabber that says its frames have this size.
     pub(crate) fn that_seems(mut self, size: [u32; 2]) -> Self {
         self.description.image_size = Some(size);

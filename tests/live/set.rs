@@ -202,6 +202,7 @@ pub(crate) fn stages(wait_ns: i64, looks: Option<Arc<dyn Looks>>) -> Session {
         path: PathChoice::General,
         planar: PlanarSettings::default(),
         looks,
+        glance: None,
         watch: None,
     }
 }

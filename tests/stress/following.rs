@@ -66,7 +66,7 @@ fn stage(direction: DMat3) -> Stage {
 /// Grey, colour, perspective; depth cue and a light from one side, borders, a view along an axis.
 fn looks() -> [(&'static str, RenderSettings); 6] {
     let preset = |name| Transfer::preset(name, [0.0, 255.0]).unwrap();
-    let view = View { azimuth: 30.0, elevation: 25.0, roll: 5.0, perspective: None, turns: false };
+    let view = View { azimuth: 30.0, elevation: 25.0, roll: 5.0, perspective: None, turns: false, ..View::default() };
     let base = RenderSettings { view, ..RenderSettings::new([36, 30], preset("tissue")) };
     let curve = |points: &[(f64, f64)]| Curve::new(points).unwrap();
     let coloured = Opacity::Curve(curve(&[(40.0, 0.0), (160.0, 0.7)]));

@@ -132,7 +132,7 @@ fn body(sheet: &mut Sheet) {
             (30.0, 20.0, 15.0, Some(50.0)),
             (200.0, 60.0, -70.0, Some(20.0)),
         ] {
-            let view = View { azimuth, elevation, roll, perspective, turns: false };
+            let view = View { azimuth, elevation, roll, perspective, turns: false, ..View::default() };
             // So thin that what lies in front takes nothing from what lies behind.
             let thin = rising(&[(0.0, 0.0), (255.0, 2e-4)]);
             let settings = RenderSettings { view, step: 0.5, ..whole([72, 60], thin) };

@@ -27,7 +27,8 @@ pub(crate) fn tests() -> Vec<Test> {
 
 /// From the front, from the side and from above: view, size of a picture, and which axes are to the right and down.
 const ALONG: [(View, [u32; 2], [usize; 3]); 3] = {
-    const FRONT: View = View { azimuth: 0.0, elevation: 0.0, roll: 0.0, perspective: None, turns: false };
+    const FRONT: View =
+        View { azimuth: 0.0, elevation: 0.0, roll: 0.0, perspective: None, turns: false, zoom: 0.0, aim: None };
     [
         (FRONT, [13, 21], [0, 2, 1]),
         (View { azimuth: 90.0, ..FRONT }, [17, 21], [1, 2, 0]),
@@ -163,7 +164,7 @@ fn absorption(sheet: &mut Sheet) {
         (-20.0, 40.0, Some(90.0)),
     ] {
         for step in [0.25, 0.5, 1.0, 2.0] {
-            let view = View { azimuth, elevation, roll: 10.0, perspective, turns: false };
+            let view = View { azimuth, elevation, roll: 10.0, perspective, turns: false, ..View::default() };
             let settings = RenderSettings { view, step, ..whole([25, 25], fog(alpha)) };
             let camera = Camera::new(&view, settings.size, step, &stage).unwrap();
             let picture = drawn(&settings, stage, &even);

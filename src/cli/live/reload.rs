@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use super::outputs::say;
 use super::stages::{ADOPTED, Kept};
 use super::terminal::Terminal;
+use super::viewers::Viewers;
 use crate::cli::Failure;
 use crate::config::bedside::Bedside;
 use crate::pipeline::live::{Looks, Order};
@@ -38,12 +39,12 @@ impl Reload {
     }
 
     /// What the session is to do otherwise, if it was told to read again. A file that cannot be used changes nothing, and is said.
-    pub(super) fn orders(&mut self, terminal: Option<&Arc<Terminal>>) -> Vec<Order> {
+    pub(super) fn orders(&mut self, terminal: Option<&Arc<Terminal>>, viewers: Option<&Arc<Viewers>>) -> Vec<Order> {
         if !self.told.swap(false, Ordering::Relaxed) {
             return Vec::new();
         }
         match Bedside::read(&self.bedside.path) {
-            Ok(newer) => self.adopt(&newer, terminal),
+            Ok(newer) => self.adopt(&newer, terminal, viewers),
             Err(error) => {
                 let note =
                     format!("the configuration was read again and cannot be used, so that the old one holds: {error}");
@@ -53,7 +54,12 @@ impl Reload {
         }
     }
 
-    fn adopt(&mut self, newer: &Bedside, terminal: Option<&Arc<Terminal>>) -> Vec<Order> {
+    fn adopt(
+        &mut self,
+        newer: &Bedside,
+        terminal: Option<&Arc<Terminal>>,
+        viewers: Option<&Arc<Viewers>>,
+    ) -> Vec<Order> {
         let changes = self.bedside.changes(newer);
         let mut said = vec!["the configuration was read again".to_owned()];
         if changes.is_empty() {
@@ -73,14 +79,10 @@ impl Reload {
         orders.push(Order::Latency(1, bedside.grabber.latency_ns));
         orders.push(Order::Frozen(bedside.scanner.frozen_ns));
         orders.push(Order::KeepFree(bedside.record.keep_free_bytes));
-        if changes.at_once.iter().any(|change| change.key.starts_with("picture.")) {
-            orders.push(Order::Looks(match terminal {
-                Some(terminal) => {
-                    terminal.look(&bedside.picture);
-                    Arc::clone(terminal) as Arc<dyn Looks>
-                }
-                None => Arc::new(bedside.picture.clone()) as Arc<dyn Looks>,
-            }));
+        let is_otherwise = changes.at_once.iter().any(|change| change.key.starts_with("picture."));
+        if let Some(viewers) = viewers.filter(|_| is_otherwise) {
+            viewers.look(&bedside.picture);
+            orders.push(Order::Looks(Arc::clone(viewers) as Arc<dyn Looks>));
         }
         // A replay adopts it, too, but for latencies, which come in as they were told.
         match serde_json::to_value(Kept::of(newer)) {

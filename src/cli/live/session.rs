@@ -1,5 +1,6 @@
 //! A session: the bedside's devices through the pipeline, and what is left of it.
 
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -15,10 +16,11 @@ use super::resume;
 use super::stages::{instruments, record, stages};
 use super::telling::{Telling, standing};
 use super::terminal::Terminal;
-use crate::cli::Failure;
+use super::viewers::Viewers;
+use crate::cli::{Failure, values};
 use crate::config::bedside::Bedside;
 use crate::devices::{self, Devices};
-use crate::pipeline::live::{Bed, Equipment, Looks, run};
+use crate::pipeline::live::{Bed, Equipment, Glance, Looks, Session, run};
 
 /// Between two lines on the way.
 const SAID_EVERY: Duration = Duration::from_secs(2);
@@ -35,15 +37,25 @@ pub(in crate::cli) struct Conduct {
     /// Goes on with a recorded session, as after a crash: its slices are in the volume first. The configuration must be the one that it was recorded by
     #[arg(long, value_name = "SESSION")]
     pub(in crate::cli) resume: Option<PathBuf>,
+    /// Shows the session to browsers on this machine: the page with its picture and its volume, and the status [default: the configuration's status.listen, or nowhere]
+    #[arg(long, value_name = "ADDR:PORT", value_parser = values::loopback)]
+    pub(in crate::cli) console: Option<SocketAddr>,
     /// Says nothing on the way
     #[arg(long)]
     pub(in crate::cli) quiet: bool,
     /// Does not show the volume in the terminal, but says how it goes
     #[arg(long)]
     pub(in crate::cli) headless: bool,
+    /// Of the virtual bedside that comes with the program
+    #[arg(skip)]
+    pub(in crate::cli) demo: bool,
 }
 
 impl Conduct {
+    fn kind(&self) -> &'static str {
+        if self.demo { "demo" } else { "live" }
+    }
+
     fn check(&self) -> Result<(), Failure> {
         check_duration(self.duration)
     }
@@ -89,10 +101,11 @@ pub(in crate::cli) fn session(
     let ends = until_told()?;
     let mut reload = Reload::new(bedside)?;
     let standing = standing(bedside)?;
-    let mut telling = Telling::begin(bedside)?;
+    let listen = conduct.console.or(bedside.status.listen);
+    let mut telling = Telling::begin(bedside, listen, conduct.kind())?;
     if !conduct.quiet {
         standing.granted().why.iter().for_each(|why| say(why));
-        telling.address().iter().for_each(|address| say(&format!("status at {address}")));
+        telling.address().iter().for_each(|address| say(&format!("console: {address}")));
     }
     let folder = conduct.record.as_ref().or(bedside.record.folder.as_ref());
     let resumed =
@@ -120,12 +133,12 @@ pub(in crate::cli) fn session(
     ];
     let bed = Bed { equipment, record, resumed, standing };
     let terminal = if conduct.quiet || conduct.headless { None } else { Terminal::of(&bedside.picture) };
-    let looks = match &terminal {
-        Some(terminal) => Some(Arc::clone(terminal) as Arc<dyn Looks>),
-        None => outputs.picture.as_ref().map(|_| Arc::new(bedside.picture.clone()) as Arc<dyn Looks>),
-    };
+    let screen = telling.screen();
+    let viewers = Viewers::of(&bedside.picture, terminal.as_ref(), outputs.picture.is_some(), screen.as_ref());
+    let looks = viewers.clone().map(|viewers| viewers as Arc<dyn Looks>);
+    let glance = screen.map(|screen| screen as Arc<dyn Glance>);
     let (began, mut said) = (Instant::now(), Instant::now());
-    let finished = run(&stages(bedside, looks)?, bed, &Monotonic, &ends, |account| {
+    let finished = run(&Session { glance, ..stages(bedside, looks)? }, bed, &Monotonic, &ends, |account| {
         if conduct.duration.is_some_and(|seconds| began.elapsed() >= Duration::from_secs_f64(seconds)) {
             ends.store(true, Ordering::Relaxed);
         }
@@ -140,7 +153,7 @@ pub(in crate::cli) fn session(
             return Vec::new();
         }
         telling.reloading();
-        let orders = reload.orders(terminal.as_ref());
+        let orders = reload.orders(terminal.as_ref(), viewers.as_ref());
         telling.reloaded(reload.bedside());
         orders
     })?;

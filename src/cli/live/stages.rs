@@ -103,6 +103,7 @@ pub(in crate::cli) fn stages(bedside: &Bedside, looks: Option<Arc<dyn Looks>>) -
         path: bedside.volume.path,
         planar: bedside.volume.planar,
         looks,
+        glance: None,
         watch: watch(bedside),
     })
 }

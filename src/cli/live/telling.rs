@@ -1,11 +1,12 @@
 //! To whom a running session tells how it is: whoever asks over HTTP, and the service manager.
 
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use crate::cli::Failure;
-use crate::config::bedside::{Bedside, Realtime};
-use crate::console::{Console, Latest};
+use crate::config::bedside::{Bedside, Realtime, pixel_mm};
+use crate::console::{About, Console, Latest, Screen};
 use crate::pipeline::live::{Account, Standing};
 use crate::service::Service;
 
@@ -17,6 +18,7 @@ pub(super) struct Telling {
     service: Service,
     latest: Arc<Latest>,
     console: Option<Console>,
+    screen: Option<Arc<Screen>>,
     told: Option<Instant>,
 }
 
@@ -25,15 +27,26 @@ impl Telling {
     ///
     /// # Errors
     /// [`Failure`] where the status was to be had is taken.
-    pub(super) fn begin(bedside: &Bedside) -> Result<Self, Failure> {
+    pub(super) fn begin(bedside: &Bedside, listen: Option<SocketAddr>, kind: &'static str) -> Result<Self, Failure> {
         let latest = Arc::new(Latest::new(&bedside.effective));
-        let console = bedside.status.listen.map(|address| Console::new(address, Arc::clone(&latest))).transpose()?;
-        Ok(Self { service: Service::new(), latest, console, told: None })
+        let screen = listen.map(|_| Arc::new(Screen::default()));
+        let console = match (listen, &screen) {
+            (Some(address), Some(screen)) => {
+                Some(Console::new(address, Arc::clone(&latest), Arc::clone(screen), about(bedside, kind))?)
+            }
+            _ => None,
+        };
+        Ok(Self { service: Service::new(), latest, console, screen, told: None })
     }
 
-    /// Where the status is to be had, if it is.
+    /// Where it is to be seen, if it is.
     pub(super) fn address(&self) -> Option<String> {
-        self.console.as_ref().map(|console| format!("http://{}/status", console.address()))
+        self.console.as_ref().map(|console| format!("http://{}/", console.address()))
+    }
+
+    /// What browsers see, where they may.
+    pub(super) fn screen(&self) -> Option<Arc<Screen>> {
+        self.screen.clone()
     }
 
     /// The settings are about to be read again.
@@ -60,6 +73,13 @@ impl Telling {
             self.latest.tell(account, self.service.still());
         }
     }
+}
+
+/// The session, to pages.
+fn about(bedside: &Bedside, kind: &'static str) -> About {
+    let name = bedside.path.file_name().unwrap_or(bedside.path.as_os_str()).to_string_lossy().into_owned();
+    let size = bedside.grabber.settings.size.map(|size| bedside.grabber.turned(size));
+    About { name, kind, size, pixel_mm: pixel_mm(&bedside.calibration) }
 }
 
 /// The session's standing with the scheduler, as the configuration wants it. A virtual bedside paints what its grabber shows, in the thread that captures: that is no work to

@@ -7,6 +7,7 @@ use calibration::file::preset::{Preset, Ruler};
 use calibration::keys::FileError;
 
 use super::reader::Reader;
+use crate::config::values;
 
 /// How a frame finds its pose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -75,19 +76,8 @@ pub struct Status {
 
 impl Status {
     pub(super) fn read(mut keys: Reader<'_, '_>) -> Result<Self, FileError> {
-        let listen = keys.value_if("listen", |entry| {
-            let text = entry.text()?;
-            let address: SocketAddr = text.parse().map_err(|_| {
-                entry.error(format!("\"{text}\" is no address with a port; give one, such as \"127.0.0.1:9110\""))
-            })?;
-            match address.ip().is_loopback() {
-                true => Ok(address),
-                false => Err(entry.error(format!(
-                    "{} can be reached from outside, and there is no password: give 127.0.0.1 or [::1], and a tunnel to it where one is needed",
-                    address.ip()
-                ))),
-            }
-        })?;
+        let listen =
+            keys.value_if("listen", |entry| values::loopback(entry.text()?).map_err(|why| entry.error(why)))?;
         Ok(Self { listen })
     }
 }

@@ -19,6 +19,7 @@
 //! - `session`: what a session is, and what it leaves.
 //! - `capture`, `intake`: a device's thread, and the one way in.
 //! - `pairing`, `frozen`: readings to posed slices; pictures that come again.
+//! - `glance`: who sees pictures as they come in.
 //! - `weave`, `fabric`: slices into the volume, and the lock that weaving and drawing share it by.
 //! - `picture`, `reach`: the picture, and the box it is of.
 //! - `decision`, `seal`: what is decided upon frames, and what came of it all, as the recording has it.
@@ -35,6 +36,7 @@ mod decision;
 mod fabric;
 mod frozen;
 mod gather;
+mod glance;
 mod intake;
 mod losses;
 mod pairing;
@@ -63,6 +65,7 @@ use drivers::Device;
 use drivers::clock::{Clock, Monotonic};
 use drivers::recording::session::Speech;
 pub use gather::{Heard, gather};
+pub use glance::{Glance, Glimpsed};
 pub use picture::{Drawn, First, Looks};
 pub use precedent::{Differences, Precedent};
 pub use priority::{Granted, Standing};

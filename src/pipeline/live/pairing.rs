@@ -1,5 +1,6 @@
 //! The pairing thread: readings become samples with times, frames wait for poses about them, and what has a place goes on to the loom.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender};
@@ -10,6 +11,7 @@ use tracing::{Span, trace_span};
 
 use super::decision::Common;
 use super::frozen::Frozen;
+use super::glance::{Glance, Glimpsed};
 use super::intake::{Delivery, Intake, Word};
 use super::pulse::Stage;
 use super::weave::{Posed, Times};
@@ -101,12 +103,19 @@ pub(super) struct Pairing<'a> {
     parts: Vec<Part>,
     bracketing: Bracketing<Waiting>,
     frozen: Frozen,
-    /// Where there are zones in which the tracker's field is bent.
-    guard: Option<Guard>,
+    onlookers: Onlookers,
     onward: Onward,
     /// When something came last, and when clocks were told the time, host ns.
     now_ns: i64,
     told_ns: i64,
+}
+
+/// Who looks on, and changes nothing.
+pub(super) struct Onlookers {
+    /// Where there are zones in which the tracker's field is bent.
+    pub(super) guard: Option<Guard>,
+    /// Who sees pictures as they come in.
+    pub(super) glance: Option<Arc<dyn Glance>>,
 }
 
 /// The way to the loom.
@@ -123,10 +132,10 @@ impl<'a> Pairing<'a> {
         parts: Vec<Part>,
         bracketing: Bracketing<Waiting>,
         frozen: Frozen,
-        guard: Option<Guard>,
+        onlookers: Onlookers,
         onward: Onward,
     ) -> Self {
-        Self { common, parts, bracketing, frozen, guard, onward, now_ns: i64::MIN, told_ns: i64::MIN }
+        Self { common, parts, bracketing, frozen, onlookers, onward, now_ns: i64::MIN, told_ns: i64::MIN }
     }
 
     /// Takes what comes until nothing does any more. Returns what the user should know.
@@ -203,6 +212,9 @@ impl<'a> Pairing<'a> {
             Live::Picture { picture: Picture { head, image }, timed } => {
                 let captured_ns = captured_ns.unwrap_or(timed.time_ns);
                 let item = head.stamp.item;
+                if let Some(glance) = &self.onlookers.glance {
+                    glance.glimpsed(&Glimpsed { item, captured_ns, image: &image });
+                }
                 // Of no other span: it outlasts them.
                 let waits = trace_span!(target: STAGE, parent: None, "wait for pose", frame = item);
                 let waiting = Waiting { item, image, captured_ns, waits };
@@ -262,7 +274,7 @@ impl<'a> Pairing<'a> {
 
     /// Whether a frame was taken where the tracker's field is bent.
     fn watch(&mut self, frame: &FrameTime) {
-        let Some(guard) = &mut self.guard else { return };
+        let Some(guard) = &mut self.onlookers.guard else { return };
         let history = self.bracketing.history(guard.source);
         if let Some(found) = history.and_then(|history| history.at(frame.time_ns).ok()) {
             guard.look(found.pose().position_mm, self.common.board);

@@ -13,6 +13,7 @@ use tracing::trace_span;
 use super::fabric::{Begun, Fabric, News, Shared};
 use super::reach::Reach;
 use super::timing::Spread;
+use crate::render::camera::View;
 use crate::render::{RenderSettings, Renderer, Stage};
 use crate::trace::STAGE;
 use crate::volume::brick::BrickIndex;
@@ -27,6 +28,8 @@ const PART: usize = 1024;
 const MOST_PARTS: u32 = 512;
 /// For how long weaving does not wait between two of them.
 const PAUSE: Duration = Duration::from_micros(100);
+/// For how long a view is refined before slices and other views are looked after.
+const REFINED: Duration = Duration::from_millis(15);
 /// Pictures a second that there are at least while slices come, whatever is asked for.
 const LEAST_HZ: f64 = 0.01;
 
@@ -45,6 +48,27 @@ pub trait Looks: Send + Sync {
     /// how fast both are, as live.
     fn every(&self) -> Option<NonZeroU64> {
         None
+    }
+
+    /// From where it is looked at now; `home` is what the settings say. Asked before each picture, and every [turn](Self::turn) while none is due. The last picture is from
+    /// home whatever this says.
+    fn view(&self, home: View) -> View {
+        home
+    }
+
+    /// Whether anybody looks. While nobody does, nothing is read, shaded or cast.
+    fn is_watched(&self) -> bool {
+        true
+    }
+
+    /// Whether there is to be a picture of all slices in the end.
+    fn keeps_last(&self) -> bool {
+        true
+    }
+
+    /// For how long nobody needs to be asked anything while no slice comes.
+    fn turn(&self) -> Duration {
+        TURN
     }
 
     /// Pictures a second at most; asked before each. As many as there is time for, unless it is said. The last one is drawn at once.
@@ -70,6 +94,10 @@ pub struct Drawn {
     pub slices: u64,
     /// The frame of the last of them.
     pub item: u64,
+    /// When it was captured, host ns; `None` of a recording.
+    pub captured_ns: Option<i64>,
+    /// Whether the view is new, so that the picture is coarser than it will be.
+    pub refining: bool,
     /// Pictures drawn.
     pub pictures: u64,
     /// Slices that came while another picture was drawn, and were drawn with the next.
@@ -111,14 +139,26 @@ struct Easel<'a> {
     reach: Option<Reach>,
     /// The renderer has seen nothing of the volume yet.
     blank: bool,
+    /// What the settings look from, and what is looked from now.
+    home: View,
+    view: View,
     drawn: Option<Drawn>,
 }
 
 impl Easel<'_> {
-    /// A renderer for a box, which has seen nothing.
-    fn stretch(&mut self, begun: &Begun, reach: Reach) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
+    /// A renderer for a box, which has seen nothing; from home at last.
+    fn stretch(
+        &mut self,
+        begun: &Begun,
+        reach: Reach,
+        is_last: bool,
+    ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
         let first = First { slice_axes: begun.slice_axes, grey_levels: begun.pixels.grey_levels() };
-        let settings = self.wall.looks().settings(&first)?;
+        let looks = self.wall.looks();
+        let mut settings = looks.settings(&first)?;
+        self.home = settings.view;
+        self.view = if is_last { self.home } else { looks.view(self.home) };
+        settings.view = self.view;
         let [low, high] = reach.voxels();
         let stage = Stage::new(begun.lattice.world_from_lattice, low, high)?;
         let renderer = Renderer::new(&settings, stage)?;
@@ -129,6 +169,8 @@ impl Easel<'_> {
                     renderer,
                     slices: 0,
                     item: 0,
+                    captured_ns: None,
+                    refining: false,
                     pictures: 0,
                     skipped: 0,
                     capture_to_picture: Spread::default(),
@@ -139,6 +181,29 @@ impl Easel<'_> {
         }
         (self.reach, self.blank) = (Some(reach), true);
         Ok(())
+    }
+
+    /// Goes on with the view that is wanted, for as long as nobody is kept waiting by it: whether there is another picture to be shown. At last it is finished, from home.
+    fn turn(&mut self, is_last: bool) -> bool {
+        let (looks, home) = (self.wall.looks(), self.home);
+        let view = if is_last { home } else { looks.view(home) };
+        let Some(drawn) = self.drawn.as_mut().filter(|_| !self.blank) else { return false };
+        let is_new = view != self.view;
+        if is_new {
+            self.view = view;
+            // A view that is none leaves the one before.
+            drawn.refining |= drawn.renderer.look(view).is_ok();
+        }
+        if !drawn.refining {
+            return false;
+        }
+        // The first coarse picture of a view is shown at once.
+        if !is_new || is_last {
+            let time = if is_last { Duration::MAX } else { REFINED };
+            drawn.refining = !drawn.renderer.refine(time).finished;
+        }
+        drawn.pictures += 1;
+        true
     }
 }
 
@@ -163,16 +228,36 @@ pub(super) fn run(
     mut shown: impl FnMut(&Drawn),
 ) -> Result<Option<Drawn>, Box<dyn std::error::Error + Send + Sync>> {
     let _gone = Gone(shared);
-    let mut easel = Easel { wall, changes: 0, reach: None, blank: true, drawn: None };
-    let mut seen = 0;
+    let (home, view) = <(View, View)>::default();
+    let mut easel = Easel { wall, changes: 0, reach: None, blank: true, home, view, drawn: None };
+    // Slices that are drawn, and those of which is known that they came.
+    let (mut seen, mut known) = (0, 0);
     let mut due = Instant::now();
     loop {
-        let fabric = shared.wait(seen, certain, TURN);
+        let looks = wall.looks();
+        let is_watched = looks.is_watched();
+        let is_refining = easel.drawn.as_ref().is_some_and(|drawn| drawn.refining);
+        let fabric = match is_watched {
+            true => shared.wait(seen, certain, if is_refining { Duration::ZERO } else { looks.turn() }),
+            false => shared.wait(known, certain, TURN),
+        };
         let changes = wall.changes.load(Ordering::Relaxed);
+        let is_last = fabric.ended;
+        if is_last && !looks.keeps_last() {
+            return Ok(None);
+        }
+        known = fabric.news.woven;
+        if !is_last && !is_watched {
+            continue;
+        }
         // What is looked at otherwise is drawn again though no slice has come since.
         let is_shown = changes == easel.changes && !easel.blank;
         if fabric.news.woven == seen && (is_shown || seen == 0) {
-            if fabric.ended {
+            drop(fabric);
+            if easel.turn(is_last) {
+                present(&easel, &mut shown);
+            }
+            if is_last {
                 return Ok(easel.drawn);
             }
             continue;
@@ -197,7 +282,7 @@ pub(super) fn run(
             // Weaving goes on meanwhile; where it leaves this box, too, the next one is larger by half.
             drop(fabric);
             easel.changes = changes;
-            easel.stretch(&begun, reach)?;
+            easel.stretch(&begun, reach, is_last)?;
             continue;
         }
         let Some(drawn) = &mut easel.drawn else { continue };
@@ -216,7 +301,7 @@ pub(super) fn run(
         // From here on the volume is woven on.
         drop(fabric);
         drawn.renderer.draw();
-        (drawn.slices, drawn.item) = (woven, item);
+        (drawn.slices, drawn.item, drawn.captured_ns) = (woven, item, captured_ns);
         drawn.pictures += 1;
         drawn.skipped += (woven - seen).saturating_sub(1);
         drawn.draw.add_ns(ns(began.elapsed()));
@@ -225,9 +310,18 @@ pub(super) fn run(
         }
         seen = woven;
         due = began + Duration::from_secs_f64(1.0 / wall.looks().most_hz().max(LEAST_HZ));
-        shown(drawn);
-        wall.looks().shown(drawn);
+        // Whoever turns the view meanwhile is not kept waiting by slices, nor they by him.
+        easel.turn(is_last);
+        present(&easel, &mut shown);
         shared.shown(woven);
+    }
+}
+
+/// The picture as it is, to all who are to have it.
+fn present(easel: &Easel<'_>, shown: &mut impl FnMut(&Drawn)) {
+    if let Some(drawn) = &easel.drawn {
+        shown(drawn);
+        easel.wall.looks().shown(drawn);
     }
 }
 

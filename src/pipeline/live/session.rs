@@ -9,7 +9,8 @@ use super::board::Account;
 use super::decision::Common;
 use super::fabric::Shared;
 use super::frozen::Frozen;
-use super::pairing::{Onward, Pairing, Part, Waiting};
+use super::glance::Glance;
+use super::pairing::{Onlookers, Onward, Pairing, Part, Waiting};
 use super::picture::{Drawn, Looks};
 use super::priority::Standing;
 use super::recorder::Recording;
@@ -68,6 +69,8 @@ pub struct Session {
     pub planar: PlanarSettings,
     /// How the volume is looked at; nobody looks for `None`, and then nothing is drawn.
     pub looks: Option<Arc<dyn Looks>>,
+    /// Who sees the scanner's pictures as they come in.
+    pub glance: Option<Arc<dyn Glance>>,
     /// Where the tracker's field is bent, if that is known and is to be looked after.
     pub watch: Option<Watch>,
 }
@@ -180,7 +183,8 @@ impl Session {
         });
         let parts = parts.collect();
         common.board.route(bracketing.route());
-        Ok(Pairing::new(common, parts, bracketing, Frozen::new(self.mask), guard, onward))
+        let onlookers = Onlookers { guard, glance: self.glance.clone() };
+        Ok(Pairing::new(common, parts, bracketing, Frozen::new(self.mask), onlookers, onward))
     }
 
     pub(super) fn finish(

@@ -79,7 +79,7 @@ fn intervals_hold_every_sample_that_changes_and_two_more_at_most() {
     let straight = [DVec3::X, DVec3::Y, DVec3::Z];
     for perspective in [None, Some(50.0)] {
         for (azimuth, elevation) in [(0.0, 0.0), (90.0, 0.0), (0.0, 90.0), (33.0, 21.0), (200.0, -40.0)] {
-            let view = View { azimuth, elevation, roll: 7.0, perspective, turns: false };
+            let view = View { azimuth, elevation, roll: 7.0, perspective, turns: false, ..View::default() };
             for (axes, half) in [(axes, [12.0, 9.0, 1.7]), (straight, [15.0, 15.0, 2.0]), (axes, [0.2, 0.2, 0.2])] {
                 // Several places, so that the smallest holds a voxel somewhere.
                 let [changed, _] = check(view, &prism(centre.floor(), axes, half));

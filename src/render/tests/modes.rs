@@ -36,7 +36,7 @@ fn a_ball_s_maximum_is_that_of_the_nearest_place_to_its_middle() {
         value: |at: [i64; 3]| (off(at) < 15.0 * 15.0).then(|| (200.0 - 0.2 * off(at)) as f32),
     };
     for perspective in [None, Some(30.0)] {
-        let view = View { azimuth: 33.0, elevation: 21.0, roll: 7.0, perspective, turns: false };
+        let view = View { azimuth: 33.0, elevation: 21.0, roll: 7.0, perspective, turns: false, ..View::default() };
         let settings =
             RenderSettings { view, mode: Mode::Maximum, step: 0.25, ..RenderSettings::new([61, 47], window()) };
         let (picture, camera, stage) = drawn(&volume, &settings);
@@ -183,7 +183,7 @@ fn the_end_of_coverage_is_the_isosurface_of_what_is_bright_there() {
 
 /// Ways to look with all laws, in grey and colour, parallel and in perspective.
 pub(in super::super) fn ways() -> Vec<RenderSettings> {
-    let view = View { azimuth: 30.0, elevation: 25.0, roll: 5.0, perspective: None, turns: false };
+    let view = View { azimuth: 30.0, elevation: 25.0, roll: 5.0, perspective: None, turns: false, ..View::default() };
     let far = View { perspective: Some(35.0), ..view };
     let base = RenderSettings { view, ..RenderSettings::new([72, 56], tissue()) };
     let colour = RenderSettings { transfer: coloured(), view: far, step: 0.7, ..base.clone() };

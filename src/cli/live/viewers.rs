@@ -1,0 +1,88 @@
+//! All who look at the volume while it grows: the terminal, a picture that is wanted in the end, and pages.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use super::terminal::Terminal;
+use crate::config::bedside::Picture;
+use crate::console::Screen;
+use crate::pipeline::live::{Drawn, First, Looks};
+use crate::render::RenderSettings;
+use crate::render::camera::View;
+
+/// Settings that may change, and those who look by them.
+pub(super) struct Viewers {
+    picture: Mutex<Picture>,
+    terminal: Option<Arc<Terminal>>,
+    /// Whether a picture is wanted in the end.
+    lasting: bool,
+    screen: Option<Arc<Screen>>,
+}
+
+impl Viewers {
+    /// `None` where nobody looks at all.
+    pub(super) fn of(
+        picture: &Picture,
+        terminal: Option<&Arc<Terminal>>,
+        lasting: bool,
+        screen: Option<&Arc<Screen>>,
+    ) -> Option<Arc<Self>> {
+        (terminal.is_some() || lasting || screen.is_some()).then(|| {
+            let (terminal, screen) = (terminal.cloned(), screen.cloned());
+            Arc::new(Self { picture: Mutex::new(picture.clone()), terminal, lasting, screen })
+        })
+    }
+
+    /// Another way to look, from the next picture on.
+    pub(super) fn look(&self, picture: &Picture) {
+        if let Some(terminal) = &self.terminal {
+            terminal.look(picture);
+        }
+        picture.clone_into(&mut self.picture());
+    }
+
+    fn picture(&self) -> MutexGuard<'_, Picture> {
+        self.picture.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Looks for Viewers {
+    fn settings(&self, first: &First) -> Result<RenderSettings, Box<dyn std::error::Error + Send + Sync>> {
+        Looks::settings(&*self.picture(), first)
+    }
+
+    fn most_hz(&self) -> f64 {
+        self.picture().most_hz
+    }
+
+    fn view(&self, home: View) -> View {
+        self.screen.as_ref().map_or(home, |screen| screen.view(home))
+    }
+
+    fn is_watched(&self) -> bool {
+        // Without pages a picture that is wanted in the end follows the volume all the time, so that it is there at once then.
+        let Some(screen) = &self.screen else { return true };
+        self.terminal.is_some() || screen.is_watched()
+    }
+
+    fn keeps_last(&self) -> bool {
+        self.terminal.is_some() || self.lasting
+    }
+
+    fn turn(&self) -> Duration {
+        self.screen.as_ref().map_or(TURN, |screen| screen.turn())
+    }
+
+    fn shown(&self, drawn: &Drawn) {
+        if let Some(terminal) = &self.terminal {
+            terminal.shown(drawn);
+        }
+        if let Some(screen) = &self.screen {
+            let background = self.picture().background;
+            screen.drawn(drawn, background);
+        }
+    }
+}
+
+/// For how long nobody needs to be asked where no page looks.
+const TURN: Duration = Duration::from_millis(100);

@@ -1,0 +1,214 @@
+//! From where the volume is looked at by whoever steers: turns, zooms and places in the middle, one after the other.
+
+use glam::{DAffine3, DQuat, DVec3};
+use serde::Deserialize;
+
+use crate::render::Renderer;
+use crate::render::camera::{Axes, Camera, View};
+
+/// Doublings that a page may zoom out and in.
+const ZOOMS: [f64; 2] = [-2.0, 6.0];
+/// Degrees that a view may turn at a time.
+const MOST_TURN: f64 = 360.0;
+
+/// Where the picture is looked at from, by name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum From {
+    /// As the settings say.
+    Home,
+    /// Along the world's +y.
+    Front,
+    /// Along −y.
+    Back,
+    /// Along +x.
+    Left,
+    /// Along −x.
+    Right,
+    /// Along −z.
+    Above,
+    /// Along +z.
+    Below,
+}
+
+/// What somebody who steers does.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Steer {
+    /// Turns what is seen: its near side to the right, upwards, and all of it clockwise; degrees.
+    Turn {
+        /// To the right.
+        right: f64,
+        /// Upwards.
+        up: f64,
+        /// About the middle.
+        clockwise: f64,
+    },
+    /// Makes it larger, in doublings.
+    Zoom(f64),
+    /// Brings a place into the middle, by its share of the picture's width from the left and of its height from above.
+    Centre([f64; 2]),
+    /// Goes to one of the sides.
+    Look(From),
+}
+
+/// What the last picture was of: which point of the world is where in it.
+#[derive(Debug, Clone, Copy)]
+struct Shown {
+    camera: Camera,
+    world_from_stage: DAffine3,
+}
+
+/// The view that is wanted.
+#[derive(Debug, Default)]
+pub struct Sight {
+    /// `None` follows the settings.
+    view: Option<View>,
+    home: View,
+    shown: Option<Shown>,
+}
+
+impl Sight {
+    /// The view, where the settings have another one.
+    pub fn view(&mut self, home: View) -> View {
+        self.home = home;
+        self.view.unwrap_or(home)
+    }
+
+    /// A picture was drawn.
+    pub fn drawn(&mut self, renderer: &Renderer) {
+        let (camera, world_from_stage) = (*renderer.camera(), renderer.stage().world_from_stage());
+        self.shown = Some(Shown { camera, world_from_stage });
+    }
+
+    /// Changes the view.
+    ///
+    /// # Errors
+    /// A sentence for what is no turn, zoom or place; the view stays.
+    pub fn steer(&mut self, steer: Steer) -> Result<(), String> {
+        let view = self.view.unwrap_or(self.home);
+        self.view = match steer {
+            Steer::Turn { right, up, clockwise } => {
+                if [right, up, clockwise].iter().any(|angle| !(-MOST_TURN..=MOST_TURN).contains(angle)) {
+                    return Err(format!("a view is turned by {MOST_TURN}° at most at a time"));
+                }
+                Some(turned(&view, right, up, clockwise))
+            }
+            Steer::Zoom(by) => {
+                if !by.is_finite() {
+                    return Err("a zoom is a number of doublings".into());
+                }
+                Some(View { zoom: (view.zoom + by).clamp(ZOOMS[0], ZOOMS[1]), ..view })
+            }
+            Steer::Centre(at) => Some(View { aim: self.place(at)?, ..view }),
+            Steer::Look(From::Home) => None,
+            Steer::Look(from) => Some(View { perspective: view.perspective, turns: view.turns, ..side(from) }),
+        };
+        Ok(())
+    }
+
+    /// The world's point at a place of the picture, in the middle of its depth.
+    fn place(&self, at: [f64; 2]) -> Result<Option<DVec3>, String> {
+        if at.iter().any(|share| !(0.0..=1.0).contains(share)) {
+            return Err("a place in the picture is told by two shares of its sides, from 0 to 1".into());
+        }
+        let Some(Shown { camera, world_from_stage }) = self.shown else {
+            return Err("there is no picture yet whose place could come into the middle".into());
+        };
+        let [width, height] = camera.size().map(f64::from);
+        let ray = camera.ray_through([at[0] * width - 0.5, at[1] * height - 0.5]);
+        let middle = ray.base + ray.step * (0.5 * f64::from(camera.samples() - 1));
+        Ok(Some(world_from_stage.transform_point3(middle)))
+    }
+}
+
+/// As a hand turns what it holds.
+fn turned(view: &View, right_deg: f64, up_deg: f64, clockwise_deg: f64) -> View {
+    let Axes { right, up, forward } = view.axes();
+    // What is looked at turns one way, so who looks goes the other.
+    let by = DQuat::from_axis_angle(up, -right_deg.to_radians())
+        * DQuat::from_axis_angle(right, up_deg.to_radians())
+        * DQuat::from_axis_angle(forward, -clockwise_deg.to_radians());
+    let View { azimuth, elevation, roll, .. } = View::along(by * forward, by * up);
+    View { azimuth, elevation, roll, ..*view }
+}
+
+fn side(from: From) -> View {
+    let (azimuth, elevation) = match from {
+        From::Home | From::Front => (0.0, 0.0),
+        From::Back => (180.0, 0.0),
+        From::Left => (-90.0, 0.0),
+        From::Right => (90.0, 0.0),
+        From::Above => (0.0, 90.0),
+        From::Below => (0.0, -90.0),
+    };
+    View { azimuth, elevation, ..View::default() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use calibration::frames::Transform;
+
+    use crate::render::transfer::Transfer;
+    use crate::render::{RenderSettings, Stage};
+
+    #[test]
+    fn what_is_dragged_goes_where_it_is_dragged_to() {
+        let stage = Stage::new(Transform::from_affine(DAffine3::IDENTITY), [0; 3], [40; 3]).unwrap();
+        let camera = |view: &View| Camera::new(view, [100, 100], 1.0, &stage).unwrap();
+        for (azimuth, elevation, roll) in [(0.0, 0.0, 0.0), (40.0, -20.0, 70.0), (0.0, 90.0, 0.0)] {
+            let view = View { azimuth, elevation, roll, ..View::default() };
+            let Axes { forward, up, .. } = view.axes();
+            // Of the near side, and of what is on top.
+            let near = stage.centre_mm() - forward * 10.0;
+            let top = stage.centre_mm() + up * 10.0;
+            let seen = |view: &View, at: DVec3| camera(view).project_world(at).unwrap();
+            let before = [seen(&view, near), seen(&view, top)];
+            let right = seen(&turned(&view, 10.0, 0.0, 0.0), near);
+            assert!(right[0] > before[0][0] + 1.0 && (right[1] - before[0][1]).abs() < 1e-6, "{right:?} {before:?}");
+            let upwards = seen(&turned(&view, 0.0, 10.0, 0.0), near);
+            assert!(upwards[1] < before[0][1] - 1.0 && (upwards[0] - before[0][0]).abs() < 1e-6, "{upwards:?}");
+            let clockwise = seen(&turned(&view, 0.0, 0.0, 10.0), top);
+            assert!(clockwise[0] > before[1][0] + 1.0, "{clockwise:?} {before:?}");
+        }
+    }
+
+    #[test]
+    fn a_place_that_is_brought_into_the_middle_is_there_and_home_is_where_it_was() {
+        let stage =
+            Stage::new(Transform::from_affine(DAffine3::from_scale(DVec3::splat(0.5))), [-9; 3], [60, 40, 30]).unwrap();
+        let home = View { azimuth: 30.0, elevation: 20.0, ..View::default() };
+        let settings = RenderSettings {
+            view: home,
+            ..RenderSettings::new([120, 80], Transfer::preset("tissue", [0.0, 255.0]).unwrap())
+        };
+        let mut renderer = Renderer::new(&settings, stage).unwrap();
+        let mut sight = Sight::default();
+        assert_eq!(sight.view(home), home);
+        assert!(sight.steer(Steer::Centre([0.2, 0.3])).unwrap_err().contains("no picture yet"));
+        sight.drawn(&renderer);
+        sight.steer(Steer::Zoom(1.5)).unwrap();
+        sight.steer(Steer::Centre([0.2, 0.3])).unwrap();
+        let view = sight.view(home);
+        let aim = view.aim.unwrap();
+        let before = renderer.camera().project_world(aim).unwrap();
+        assert!((before[0] - 23.5).abs() < 1e-9 && (before[1] - 23.5).abs() < 1e-9, "{before:?}");
+        renderer.look(view).unwrap();
+        let after = renderer.camera().project_world(aim).unwrap();
+        assert!((after[0] - 59.5).abs() < 1e-9 && (after[1] - 39.5).abs() < 1e-9, "{after:?}");
+        for (steer, says) in [
+            (Steer::Turn { right: f64::NAN, up: 0.0, clockwise: 0.0 }, "360°"),
+            (Steer::Zoom(f64::INFINITY), "doublings"),
+            (Steer::Centre([0.5, 1.1]), "from 0 to 1"),
+        ] {
+            assert!(sight.steer(steer).unwrap_err().contains(says));
+            assert_eq!(sight.view(home), view, "what is refused changes nothing");
+        }
+        for _ in 0..9 {
+            sight.steer(Steer::Zoom(3.0)).unwrap();
+        }
+        assert_eq!(sight.view(home).zoom, 6.0);
+        sight.steer(Steer::Look(From::Home)).unwrap();
+        assert_eq!(sight.view(home), home);
+    }
+}

@@ -1,0 +1,287 @@
+//! A page's connection: pictures and accounts to it, what it wants from it.
+//!
+//! Binary messages are pictures, a header of 40 bytes (little-endian) before the pixels:
+//!
+//! | at | type | what |
+//! |---|---|---|
+//! | 0 | u8 | 1 the scanner's picture, 2 the volume's |
+//! | 1 | u8 | 0 grey, 1 red, green and blue; 8 bits each |
+//! | 2 | u16 | bit 0: a finer one follows; bit 1: when it was captured is not known |
+//! | 4, 8 | u32 | pixels to the right and down |
+//! | 12 | u32 | its number among those of its kind, from 1 |
+//! | 16, 24 | f64 | when its frame was captured, and when it was sent, ms since the UNIX epoch |
+//! | 32 | u64 | its frame's number |
+//!
+//! Text messages are JSON. A page answers each picture when it has drawn it, and has two of a kind on their way at most: so one that is slow gets fewer, always the newest, and
+//! nothing piles up for it.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
+use axum::extract::{Request, State};
+use axum::http::{StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use serde::Deserialize;
+use tokio::sync::watch;
+use tokio::time::{Instant, MissedTickBehavior, interval, timeout};
+
+use super::screen::{Kind, Pixmap, Seat, Shot, now_ms};
+use super::sight::{From, Steer};
+use super::{Served, told};
+
+/// Pictures of a kind on their way to a page.
+const ON_THEIR_WAY: u32 = 2;
+/// A page that answers none of them for so long is asked nothing more of: its pictures count as lost.
+const FORGIVEN: Duration = Duration::from_secs(2);
+/// Between two accounts.
+const OFTEN: Duration = Duration::from_millis(250);
+/// For how long a page may keep a message waiting.
+const SENDING: Duration = Duration::from_secs(5);
+/// Bytes of a message of a page.
+const MOST_BYTES: usize = 4096;
+/// Messages of a page in a second: a hand that drags makes 120, and pictures are answered.
+const MOST_MESSAGES: u32 = 400;
+
+/// Only pages of this very server may connect: a browser says whose page asks. Programs that are no browsers say nothing.
+pub(super) async fn only_own_pages(request: Request, next: Next) -> Response {
+    let headers = request.headers();
+    let of = |name| headers.get(name).map(|value: &header::HeaderValue| value.to_str().unwrap_or_default());
+    let own = match (of(header::ORIGIN), of(header::HOST)) {
+        (None, _) => true,
+        (Some(origin), Some(host)) => origin.split_once("://").is_some_and(|(_, own)| own.eq_ignore_ascii_case(host)),
+        (Some(_), None) => false,
+    };
+    if own {
+        return next.run(request).await;
+    }
+    (StatusCode::FORBIDDEN, "only this server's own pages may connect\n").into_response()
+}
+
+pub(super) async fn stream(State(served): State<Served>, upgrade: WebSocketUpgrade) -> Response {
+    let Ok(place) = Arc::clone(&served.places).try_acquire_owned() else {
+        let sentence = "as many pages look on as there are places; close one\n";
+        return (StatusCode::SERVICE_UNAVAILABLE, sentence).into_response();
+    };
+    upgrade.max_message_size(MOST_BYTES).max_frame_size(MOST_BYTES).write_buffer_size(0).on_upgrade(
+        async move |socket| {
+            let reason = Page::new(&served, socket).run(served.stopped.clone()).await;
+            tracing::debug!("a page has gone: {reason}");
+            drop(place);
+        },
+    )
+}
+
+/// What a page wants.
+#[derive(Debug, Deserialize)]
+#[serde(tag = "do", rename_all = "lowercase", deny_unknown_fields)]
+enum Wish {
+    Show { slice: bool, view: bool },
+    Shown { kind: u8, sequence: u32 },
+    Turn { right: f64, up: f64, clockwise: f64 },
+    Zoom { by: f64 },
+    Centre { at: [f64; 2] },
+    Look { from: From },
+    Control,
+}
+
+/// What of a kind is on its way.
+struct Channel {
+    kind: Kind,
+    looks: bool,
+    pictures: watch::Receiver<Option<Arc<Shot>>>,
+    sent: u32,
+    /// The number of the last one that was sent, and of the last that was answered.
+    last: u32,
+    since: Instant,
+}
+
+impl Channel {
+    fn new(kind: Kind, seat: &Seat) -> Self {
+        Self { kind, looks: false, pictures: seat.pictures(kind), sent: 0, last: 0, since: Instant::now() }
+    }
+
+    /// The next picture, once there is room for it.
+    async fn next(&mut self) -> Arc<Shot> {
+        loop {
+            if self.looks && self.sent < ON_THEIR_WAY {
+                let newest = self.pictures.borrow_and_update().clone();
+                if let Some(shot) = newest.filter(|shot| shot.sequence != self.last) {
+                    return shot;
+                }
+            } else if self.looks && self.since.elapsed() >= FORGIVEN {
+                self.sent = 0;
+                continue;
+            }
+            let waits = async {
+                if self.looks && self.sent >= ON_THEIR_WAY {
+                    tokio::time::sleep_until(self.since + FORGIVEN).await;
+                } else if self.pictures.changed().await.is_err() {
+                    std::future::pending::<()>().await;
+                }
+            };
+            waits.await;
+        }
+    }
+
+    fn answered(&mut self, sequence: u32) {
+        if sequence <= self.last {
+            self.sent = self.sent.saturating_sub(1);
+        }
+    }
+}
+
+struct Page<'a> {
+    served: &'a Served,
+    socket: WebSocket,
+    seat: Seat,
+    channels: [Channel; 2],
+    /// Messages in this second.
+    messages: u32,
+    second: Instant,
+}
+
+impl<'a> Page<'a> {
+    fn new(served: &'a Served, socket: WebSocket) -> Self {
+        let seat = served.screen.enter();
+        let channels = [Kind::Slice, Kind::View].map(|kind| Channel::new(kind, &seat));
+        Self { served, socket, seat, channels, messages: 0, second: Instant::now() }
+    }
+
+    /// Until the page is gone, or the server is; why.
+    async fn run(mut self, mut stopped: watch::Receiver<()>) -> &'static str {
+        let mut turns = self.seat.turns();
+        let mut accounts = interval(OFTEN);
+        accounts.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut account = told::Teller::default();
+        let about = told::about(self.served);
+        if !self.say(about).await || !self.say(self.control()).await {
+            return "it took nothing";
+        }
+        loop {
+            let [slice, view] = &mut self.channels;
+            let message = tokio::select! {
+                _ = stopped.changed() => return "the session is over",
+                Ok(()) = turns.changed() => Out::Text(self.control()),
+                shot = slice.next() => Out::Shot(shot),
+                shot = view.next() => Out::Shot(shot),
+                _ = accounts.tick() => Out::Text(account.tell(self.served)),
+                came = self.socket.recv() => match came {
+                    Some(Ok(message)) => match self.heard(message) {
+                        Heard::Fine => continue,
+                        Heard::Refused(why) => Out::Text(serde_json::json!({ "refused": why })),
+                        Heard::Over(why) => return why,
+                    },
+                    _ => return "it went away",
+                },
+            };
+            let taken = match message {
+                Out::Text(value) => self.say(value).await,
+                Out::Shot(shot) => self.send(&shot).await,
+            };
+            if !taken {
+                return "it took nothing";
+            }
+        }
+    }
+
+    fn control(&self) -> serde_json::Value {
+        serde_json::json!({ "control": self.seat.steers() })
+    }
+
+    async fn say(&mut self, value: serde_json::Value) -> bool {
+        let message = Message::Text(value.to_string().into());
+        matches!(timeout(SENDING, self.socket.send(message)).await, Ok(Ok(())))
+    }
+
+    async fn send(&mut self, shot: &Shot) -> bool {
+        let channel = &mut self.channels[shot.kind as usize - 1];
+        (channel.sent, channel.last, channel.since) = (channel.sent + 1, shot.sequence, Instant::now());
+        let message = Message::Binary(packed(shot, now_ms()).into());
+        matches!(timeout(SENDING, self.socket.send(message)).await, Ok(Ok(())))
+    }
+
+    fn heard(&mut self, message: Message) -> Heard {
+        if self.second.elapsed() >= Duration::from_secs(1) {
+            (self.messages, self.second) = (0, Instant::now());
+        }
+        self.messages += 1;
+        if self.messages > MOST_MESSAGES {
+            return Heard::Over("it said too much");
+        }
+        let text = match message {
+            Message::Text(text) => text,
+            Message::Ping(_) | Message::Pong(_) => return Heard::Fine,
+            Message::Close(_) => return Heard::Over("it closed"),
+            Message::Binary(_) => return Heard::Refused("pages speak in text".into()),
+        };
+        let steer = match serde_json::from_str(&text) {
+            Ok(Wish::Show { slice, view }) => {
+                for (channel, looks) in self.channels.iter_mut().zip([slice, view]) {
+                    self.seat.look(channel.kind, looks);
+                    channel.looks = looks;
+                }
+                return Heard::Fine;
+            }
+            Ok(Wish::Shown { kind, sequence }) => {
+                let channel = self.channels.iter_mut().find(|channel| channel.kind as u8 == kind);
+                return match channel {
+                    Some(channel) => {
+                        channel.answered(sequence);
+                        Heard::Fine
+                    }
+                    None => Heard::Refused(format!("there are no pictures of a kind {kind}")),
+                };
+            }
+            Ok(Wish::Control) => {
+                self.seat.take_over();
+                return Heard::Fine;
+            }
+            Ok(Wish::Turn { right, up, clockwise }) => Steer::Turn { right, up, clockwise },
+            Ok(Wish::Zoom { by }) => Steer::Zoom(by),
+            Ok(Wish::Centre { at }) => Steer::Centre(at),
+            Ok(Wish::Look { from }) => Steer::Look(from),
+            Err(error) => return Heard::Refused(format!("this is nothing that a page can want: {error}")),
+        };
+        match self.seat.steer(steer) {
+            Ok(()) => Heard::Fine,
+            Err(why) => Heard::Refused(why),
+        }
+    }
+}
+
+enum Out {
+    Text(serde_json::Value),
+    Shot(Arc<Shot>),
+}
+
+enum Heard {
+    Fine,
+    Refused(String),
+    Over(&'static str),
+}
+
+/// A picture as a message.
+pub(super) fn packed(shot: &Shot, sent_ms: f64) -> Vec<u8> {
+    let (encoding, pixels) = match &shot.pixels {
+        Pixmap::Grey(pixels) => (0, pixels),
+        Pixmap::Colour(pixels) => (1, pixels),
+    };
+    let flags = u16::from(shot.refining) | u16::from(shot.captured_ms.is_none()) << 1;
+    let mut bytes = Vec::with_capacity(40 + pixels.len());
+    bytes.extend([shot.kind as u8, encoding]);
+    bytes.extend(flags.to_le_bytes());
+    for number in [shot.size[0], shot.size[1], shot.sequence] {
+        bytes.extend(number.to_le_bytes());
+    }
+    for time in [shot.captured_ms.unwrap_or(f64::NAN), sent_ms] {
+        bytes.extend(time.to_le_bytes());
+    }
+    bytes.extend(shot.item.to_le_bytes());
+    bytes.extend_from_slice(pixels);
+    bytes
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,296 @@
+//! Pages that look, steer, dawdle and babble, over a socket.
+
+use std::net::{Ipv4Addr, SocketAddr, TcpStream};
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+use tungstenite::client::IntoClientRequest as _;
+use tungstenite::{Message, WebSocket};
+
+use super::*;
+use crate::config::bedside::Effective;
+use crate::console::{About, Console, Latest, Screen};
+use crate::pipeline::live::{Account, Glance as _, Glimpsed};
+use crate::slice::{Image, Pixels};
+
+struct Session {
+    console: Console,
+    screen: Arc<Screen>,
+    latest: Arc<Latest>,
+}
+
+impl Session {
+    fn new() -> Self {
+        let (latest, screen) = (Arc::new(Latest::new(&Effective::new())), Arc::new(Screen::default()));
+        latest.tell(&Account::default(), &[]);
+        let about = About { name: "b.toml".into(), kind: "live", size: Some([2, 1]), pixel_mm: Some([0.2, 0.3]) };
+        let address = (Ipv4Addr::LOCALHOST, 0).into();
+        let console = Console::new(address, Arc::clone(&latest), Arc::clone(&screen), about).unwrap();
+        Self { console, screen, latest }
+    }
+
+    fn address(&self) -> SocketAddr {
+        self.console.address()
+    }
+
+    fn page(&self) -> Client {
+        let (mut client, about) = Client::enter(self.address());
+        assert_eq!(about["about"]["name"], "b.toml");
+        assert_eq!(about["about"]["pixel_mm"], json!([0.2, 0.3]));
+        let control = client.word("control");
+        client.steers = control.as_bool().unwrap();
+        client
+    }
+
+    /// A picture comes in.
+    fn shows(&self, item: u64) {
+        let image = Image::new(2, 1, Pixels::U8(vec![item as u8, 7].into()));
+        self.screen.glimpsed(&Glimpsed { item, captured_ns: 0, image: &image });
+    }
+}
+
+/// A page that is a program.
+struct Client {
+    socket: WebSocket<TcpStream>,
+    steers: bool,
+    pictures: Vec<Vec<u8>>,
+}
+
+impl Client {
+    fn enter(address: SocketAddr) -> (Self, Value) {
+        let stream = TcpStream::connect(address).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
+        let request = format!("ws://{address}/v1/stream").into_client_request().unwrap();
+        let (socket, _) = tungstenite::client(request, stream).unwrap();
+        let mut client = Self { socket, steers: false, pictures: Vec::new() };
+        let about = client.next_word();
+        (client, about)
+    }
+
+    fn say(&mut self, wish: &Value) {
+        self.socket.send(Message::Text(wish.to_string().into())).unwrap();
+    }
+
+    fn next_word(&mut self) -> Value {
+        loop {
+            match self.socket.read().unwrap() {
+                Message::Text(text) => return serde_json::from_str(&text).unwrap(),
+                Message::Binary(bytes) => self.pictures.push(bytes.to_vec()),
+                other => panic!("{other:?}"),
+            }
+        }
+    }
+
+    /// The next word of a kind; what else is said meanwhile is passed over.
+    fn word(&mut self, key: &str) -> Value {
+        let begun = Instant::now();
+        while begun.elapsed() < Duration::from_secs(10) {
+            if let Some(value) = self.next_word().get(key) {
+                return value.clone();
+            }
+        }
+        panic!("nothing was said of {key}");
+    }
+
+    fn picture(&mut self) -> Vec<u8> {
+        loop {
+            if !self.pictures.is_empty() {
+                return self.pictures.remove(0);
+            }
+            match self.socket.read().unwrap() {
+                Message::Binary(bytes) => return bytes.to_vec(),
+                Message::Text(_) => {}
+                other => panic!("{other:?}"),
+            }
+        }
+    }
+
+    /// What comes until two more accounts have been told: half a second.
+    fn for_a_while(&mut self) -> usize {
+        self.word("account");
+        self.word("account");
+        self.word("account");
+        self.pictures.len()
+    }
+}
+
+fn item(picture: &[u8]) -> u64 {
+    u64::from_le_bytes(picture[32..40].try_into().unwrap())
+}
+
+fn sequence(picture: &[u8]) -> u32 {
+    u32::from_le_bytes(picture[12..16].try_into().unwrap())
+}
+
+fn until(what: &str, mut is: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !is() {
+        assert!(begun.elapsed() < Duration::from_secs(10), "{what}");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+#[test]
+fn of_what_nobody_looks_at_nothing_is_made_and_a_page_gets_what_it_looks_at() {
+    let session = Session::new();
+    session.shows(1);
+    assert_eq!(session.screen.made(Kind::Slice), 0, "nobody is there");
+    let mut page = session.page();
+    session.shows(2);
+    assert_eq!((session.screen.made(Kind::Slice), page.for_a_while()), (0, 0), "nobody looks");
+    page.say(&json!({ "do": "show", "slice": true, "view": false }));
+    until("somebody looks", || {
+        session.shows(3);
+        session.screen.made(Kind::Slice) > 0
+    });
+    assert!(!session.screen.is_watched(), "at the volume nobody does");
+    let picture = page.picture();
+    assert_eq!(picture.len(), 42);
+    assert_eq!((picture[0], picture[1], item(&picture), sequence(&picture)), (1, 0, 3, 1));
+    assert_eq!(&picture[4..12], [2, 0, 0, 0, 1, 0, 0, 0]);
+    assert_eq!(&picture[40..], [3, 7]);
+    let time = |at: usize| f64::from_le_bytes(picture[at..at + 8].try_into().unwrap());
+    // The machine began to count at 0 ns.
+    assert!(time(24) - time(16) > 0.0 && (time(24) - now_ms()).abs() < 60_000.0);
+    page.say(&json!({ "do": "show", "slice": false, "view": true }));
+    until("the volume is looked at", || session.screen.is_watched());
+    let made = session.screen.made(Kind::Slice);
+    session.shows(4);
+    assert_eq!(session.screen.made(Kind::Slice), made);
+    drop(page);
+    until("nobody looks any more", || !session.screen.is_watched());
+}
+
+#[test]
+fn a_page_that_answers_nothing_gets_two_pictures_and_then_the_newest() {
+    let session = Session::new();
+    let mut page = session.page();
+    page.say(&json!({ "do": "show", "slice": true, "view": true }));
+    until("somebody looks", || session.screen.is_watched());
+    session.shows(1);
+    let first = page.picture();
+    session.shows(2);
+    let second = page.picture();
+    assert_eq!([item(&first), item(&second)], [1, 2]);
+    (3..=200).for_each(|item| session.shows(item));
+    assert_eq!(page.for_a_while(), 0, "two are on their way");
+    page.say(&json!({ "do": "shown", "kind": 1, "sequence": sequence(&first) }));
+    let third = page.picture();
+    assert_eq!((item(&third), sequence(&third)), (200, 200), "the newest, and none of those between");
+    // One who never answers is not given up for good.
+    session.shows(201);
+    assert_eq!(item(&page.picture()), 201);
+}
+
+#[test]
+fn who_comes_first_steers_until_another_takes_over_or_it_goes() {
+    let session = Session::new();
+    let home = crate::render::camera::View::default();
+    let mut first = session.page();
+    let mut second = session.page();
+    assert!(first.steers && !second.steers);
+    second.say(&json!({ "do": "zoom", "by": 1.0 }));
+    let refused = second.word("refused");
+    assert!(refused.as_str().unwrap().contains("take over control"), "{refused}");
+    assert_eq!(session.screen.view(home), home);
+    first.say(&json!({ "do": "zoom", "by": 1.0 }));
+    until("the first one steers", || session.screen.view(home).zoom == 1.0);
+    second.say(&json!({ "do": "control" }));
+    assert_eq!(second.word("control"), json!(true));
+    assert_eq!(first.word("control"), json!(false));
+    second.say(&json!({ "do": "turn", "right": 10.0, "up": 0.0, "clockwise": 0.0 }));
+    until("the second one steers", || session.screen.view(home).azimuth != 0.0);
+    second.say(&json!({ "do": "look", "from": "home" }));
+    until("home", || session.screen.view(home) == home);
+    drop(second);
+    assert_eq!(first.word("control"), json!(true));
+}
+
+#[test]
+fn nonsense_is_refused_with_a_sentence_and_a_babbler_is_cut_off() {
+    let session = Session::new();
+    let mut page = session.page();
+    for (wish, says) in [
+        (json!({ "do": "dance" }), "unknown variant `dance`"),
+        (json!({ "do": "zoom" }), "missing field `by`"),
+        (json!({ "do": "zoom", "by": 1.0, "also": 2 }), "unknown field `also`"),
+        (json!([1]), "nothing that a page can want"),
+        (json!({ "do": "centre", "at": [0.5, 0.5] }), "no picture yet"),
+        (json!({ "do": "shown", "kind": 9, "sequence": 1 }), "no pictures of a kind 9"),
+    ] {
+        page.say(&wish);
+        let refused = page.word("refused");
+        assert!(refused.as_str().unwrap().contains(says), "{wish}: {refused}");
+    }
+    page.socket.send(Message::Binary(vec![1].into())).unwrap();
+    assert!(page.word("refused").as_str().unwrap().contains("text"));
+    let mut others: Vec<Client> = (0..7).map(|_| session.page()).collect();
+    let stream = TcpStream::connect(session.address()).unwrap();
+    let request = format!("ws://{}/v1/stream", session.address()).into_client_request().unwrap();
+    let refused = tungstenite::client(request, stream).unwrap_err().to_string();
+    assert!(refused.contains("503"), "{refused}");
+    // A long message, and a thousand short ones.
+    let long = json!({ "do": "x".repeat(5000) });
+    others[0].say(&long);
+    assert!(ends(&mut others[0]), "too long a message");
+    for _ in 0..1000 {
+        if others[1].socket.send(Message::Text("{}".into())).is_err() {
+            break;
+        }
+    }
+    assert!(ends(&mut others[1]), "too many messages");
+    page.say(&json!({ "do": "zoom", "by": 0.5 }));
+    until("the first page is served on", || session.screen.view(Default::default()).zoom == 0.5);
+}
+
+fn ends(client: &mut Client) -> bool {
+    for _ in 0..5000 {
+        if client.socket.read().is_err() {
+            return true;
+        }
+    }
+    false
+}
+
+#[test]
+fn pages_of_others_are_not_let_in() {
+    let session = Session::new();
+    let own = format!("http://{}", session.address());
+    let elsewhere = ["http://example.org", "null", "http://localhost.example.org", "http://127.0.0.1:1"];
+    for origin in elsewhere.into_iter().chain([own.as_str()]) {
+        let stream = TcpStream::connect(session.address()).unwrap();
+        let mut request = format!("ws://{}/v1/stream", session.address()).into_client_request().unwrap();
+        request.headers_mut().insert("origin", origin.parse().unwrap());
+        let entered = tungstenite::client(request, stream);
+        match origin == own {
+            true => drop(entered.unwrap()),
+            false => assert!(entered.unwrap_err().to_string().contains("403"), "{origin}"),
+        }
+    }
+}
+
+#[test]
+fn an_account_tells_rates_and_what_became_of_frames_and_the_end_is_no_secret() {
+    let session = Session::new();
+    let mut page = session.page();
+    let mut account = Account::default();
+    page.word("account");
+    for _ in 0..30 {
+        account.ledger.arrived();
+        account.ledger.used();
+    }
+    session.latest.tell(&account, &[]);
+    let begun = Instant::now();
+    let told = loop {
+        let told = page.word("account");
+        if told["slices"] == 30 {
+            break told;
+        }
+        assert!(begun.elapsed() < Duration::from_secs(10), "{told}");
+    };
+    assert!(told["rates"]["frames"].as_f64().unwrap() > 0.0, "{told}");
+    assert_eq!((&told["frames"], &told["dropped"], &told["refused"]), (&json!(30), &json!(0), &json!({})));
+    let Session { console, .. } = session;
+    drop(console);
+    assert!(ends(&mut page));
+}

@@ -1,0 +1,135 @@
+//! What a page is told in words and numbers.
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use serde_json::{Value, json};
+
+use super::Served;
+use super::screen::Kind;
+use crate::pipeline::live::{Account, DeviceBoard};
+use crate::sync::clock::State;
+
+/// What does not change while the session runs.
+pub(super) fn about(served: &Served) -> Value {
+    let About { name, kind, size, pixel_mm } = &*served.about;
+    let recording = served.latest.told().account.recording.as_ref().map(|written| written.path.display().to_string());
+    json!({ "about": {
+        "version": env!("CARGO_PKG_VERSION"),
+        "name": name,
+        "kind": kind,
+        "size": size,
+        "pixel_mm": pixel_mm,
+        "marker": "left",
+        "recording": recording,
+    } })
+}
+
+/// A session, to a page.
+#[derive(Debug, Clone, Default)]
+pub struct About {
+    /// What it is called: its configuration's name.
+    pub name: String,
+    /// One word: live or demo.
+    pub kind: &'static str,
+    /// Pixels of the scanner's picture to the right and down, where that is known.
+    pub size: Option<[u32; 2]>,
+    /// Their distances, mm, by the calibration.
+    pub pixel_mm: Option<[f64; 2]>,
+}
+
+/// Counts that rates are told of.
+#[derive(Debug, Clone, Copy)]
+struct Counts {
+    at: Instant,
+    frames: u64,
+    poses: u64,
+    views: u32,
+}
+
+/// Tells a page, time after time.
+#[derive(Debug, Default)]
+pub(super) struct Teller {
+    before: Option<Counts>,
+    /// Rates, a second, smoothed over about a second.
+    rates: [f64; 3],
+}
+
+impl Teller {
+    /// The account of this moment.
+    pub(super) fn tell(&mut self, served: &Served) -> Value {
+        let told = served.latest.told();
+        let account = &*told.account;
+        let now = Counts {
+            at: told.at,
+            frames: account.ledger.frames.total,
+            poses: account.ledger.readings.iter().map(|readings| readings.used).sum(),
+            views: served.screen.made(Kind::View),
+        };
+        self.update(now);
+        let [frames, poses, pictures] = self.rates.map(|rate| (rate * 10.0).round() / 10.0);
+        let ledger = &account.ledger.frames;
+        let refused: BTreeMap<String, u64> =
+            ledger.refused.iter().map(|(reason, count)| (reason.name().replace('_', " "), *count)).collect();
+        let dropped: u64 = ledger.dropped.values().sum();
+        json!({ "account": {
+            "slices": ledger.used,
+            "frames": ledger.total,
+            "refused": refused,
+            "dropped": dropped,
+            "lost": ledger.lost,
+            "rates": { "frames": frames, "poses": poses, "pictures": pictures },
+            "capture_to_volume_ms": account.capture_to_volume.quantiles().map(|q| json!({ "median": q.median_ms, "p99": q.p99_ms })),
+            "capture_to_picture_ms": account.capture_to_picture.quantiles().map(|q| json!({ "median": q.median_ms, "p99": q.p99_ms })),
+            "devices": account.devices.iter().map(device).collect::<Vec<_>>(),
+            "frozen_s": account.frozen_s,
+            "bent": account.distortion.is_some_and(|found| found.rms_mm.is_some()),
+            "recording": recording(account),
+            "notes": account.notes,
+            "still": told.still,
+            "ended": false,
+        } })
+    }
+
+    fn update(&mut self, now: Counts) {
+        let Some(before) = self.before.replace(now) else { return };
+        let seconds = now.at.duration_since(before.at).as_secs_f64();
+        if seconds <= 0.0 {
+            self.before = Some(before);
+            return;
+        }
+        let passed = [
+            now.frames.saturating_sub(before.frames) as f64,
+            now.poses.saturating_sub(before.poses) as f64,
+            f64::from(now.views.wrapping_sub(before.views)),
+        ];
+        let share = 1.0 - (-seconds).exp();
+        for (rate, count) in self.rates.iter_mut().zip(passed) {
+            // The first is taken as it is.
+            let weight = if *rate == 0.0 { 1.0 } else { share };
+            *rate += weight * (count / seconds - *rate);
+        }
+    }
+}
+
+fn device(device: &DeviceBoard) -> Value {
+    json!({ "name": device.name, "state": device.state, "why": device.why, "clock": worst(device) })
+}
+
+/// The least believed of its clocks.
+fn worst(device: &DeviceBoard) -> Option<State> {
+    let order =
+        |state: &State| [State::Locked, State::Holdover, State::Acquiring, State::Lost].iter().position(|s| s == state);
+    device.clocks.iter().map(|clock| clock.state).max_by_key(order)
+}
+
+fn recording(account: &Account) -> Option<Value> {
+    let written = account.recording.as_ref()?;
+    Some(json!({
+        "path": written.path.display().to_string(),
+        "bytes": written.bytes,
+        "minutes_left": written.minutes_left,
+        "lost": written.lost,
+        "trouble": written.trouble,
+    }))
+}
