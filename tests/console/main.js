@@ -3,15 +3,19 @@
 import { after, afterEach } from "node:test";
 
 import { closeAll, quit } from "./page.js";
-import { endShared } from "./session.js";
+import { endLeft, endShared } from "./session.js";
 
 await import("./words.test.js");
 await import("./pictures.test.js");
 await import("./steering.test.js");
 await import("./access.test.js");
+await import("./troubles.test.js");
 await import("./line.test.js");
 
-afterEach(closeAll);
+afterEach(async () => {
+  await closeAll();
+  await endLeft();
+});
 after(async () => {
   await quit();
   await endShared();

@@ -24,9 +24,11 @@ export const quit = () => browser?.close();
 export const closeAll = () => Promise.all((browser?.contexts() ?? []).map((context) => context.close()));
 
 /// Opens the page at this address. `complaints` fills with whatever the browser complains of, `binary` counts the pictures that come.
-export async function open(address, { size = SIZES.desk, ...settings } = {}) {
+/// `through(socket)`, where it is given, stands between the page and the session: it is playwright's WebSocketRoute.
+export async function open(address, { size = SIZES.desk, through, ...settings } = {}) {
   const context = await (await launch()).newContext({ viewport: size, ...settings });
   const page = await context.newPage();
+  if (through) await page.routeWebSocket(/\/v1\/stream$/, through);
   const seen = { page, complaints: [], requests: [], binary: 0 };
   page.on("console", (message) => {
     if (["error", "warning"].includes(message.type())) seen.complaints.push(message.text());

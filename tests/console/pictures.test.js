@@ -43,7 +43,7 @@ test("from when a picture was due to its pixels on the screen", async (t) => {
     assert.ok(of.every((ms) => ms > 0), `${name}: none is on the screen before it was due`);
     assert.ok(share(of, 0.95) < LATEST, `${name}: p95 ${share(of, 0.95)} ms`);
     const { width, height, left_out: out } = pictures[name];
-    t.diagnostic(`${name} ${width} × ${height}: on the screen after p50 ${share(of, 0.5)} ms, p95 ${share(of, 0.95)} ms, of which here p95 ${share(decodes[name], 0.95).toFixed(1)} ms; ${of.length} pictures, ${out} left out`);
+    t.diagnostic(`${name} ${width} × ${height}: on the screen after p50 ${share(of, 0.5).toFixed(0)} ms, p95 ${share(of, 0.95).toFixed(0)} ms, of which here p95 ${share(decodes[name], 0.95).toFixed(1)} ms; ${of.length} pictures, ${out} left out`);
   }
 });
 

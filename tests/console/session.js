@@ -37,6 +37,11 @@ export class Session {
     return session;
   }
 
+  /// Whether this is its process.
+  has(child) {
+    return this.#child === child;
+  }
+
   /// The port that its console listens at.
   get port() {
     return Number(new URL(this.address).port);
@@ -85,3 +90,9 @@ export const shared = () => (common ??= Session.begin());
 
 /// Ends it, if there was one.
 export const endShared = async () => (await common)?.end();
+
+/// Ends what a test that has failed has left running.
+export async function endLeft() {
+  const kept = await common;
+  for (const child of running) if (!kept?.has(child)) child.kill("SIGKILL");
+}

@@ -35,6 +35,8 @@ test("every frame is accounted for, and a share is never rounded up to all", () 
   assert.ok(Math.abs(parts.reduce((sum, { share }) => sum + share, 0) - 1) < 1e-9);
   assert.equal(words.frames({ ...WELL, slices: 99_999, frames: 100_000, refused: { "no pose": 1 }, dropped: 0, lost: 0 }).says, "99.9 % used");
   assert.equal(words.frames({ ...WELL, slices: 5, frames: 5, refused: {}, dropped: 0, lost: 0 }).how, "well");
+  const how = (slices, refused, lost) => words.frames({ ...WELL, slices, frames: slices + refused, refused: { "no pose": refused }, dropped: 0, lost }).how;
+  assert.deepEqual([how(99, 1, 0), how(90, 10, 0), how(999, 0, 1), how(90, 0, 10)], ["well", "heed", "heed", "bad"]);
   assert.equal(words.frames({ ...WELL, slices: 0, frames: 0, refused: {}, dropped: 0, lost: 0 }).says, "none yet");
 });
 

@@ -113,8 +113,9 @@ export function reason(name) {
   return REASONS[name] ?? name;
 }
 
-// Of the frames: more dropped or lost than this are bad, fewer are to be heeded.
-const MANY = 0.01;
+// Of the frames: more dropped or lost than this are bad, and fewer are to be heeded; so are more refused than that.
+const MANY_GONE = 0.01;
+const MANY_REFUSED = 0.05;
 
 /// What became of the frames. Their fates add up to what came and what never came: nothing is unaccounted for.
 export function frames({ slices, frames, refused, dropped, lost }) {
@@ -130,7 +131,7 @@ export function frames({ slices, frames, refused, dropped, lost }) {
   const decided = slices + refusals + dropped + lost;
   const gone = dropped + lost;
   return {
-    how: gone > MANY * decided ? "bad" : gone + refusals > 0 ? "heed" : "well",
+    how: gone > MANY_GONE * decided ? "bad" : gone > 0 || refusals > MANY_REFUSED * decided ? "heed" : "well",
     says: decided === 0 ? "none yet" : `${share(slices, decided)} used`,
     lines,
     parts: parts.map(([key, n]) => ({ key, share: n / Math.max(1, decided) })),
