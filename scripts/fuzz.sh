@@ -13,16 +13,29 @@ if ! cargo fuzz --version >/dev/null 2>&1; then
     exit 0
 fi
 
+# Targets that read files write them first: in memory that is three times as fast.
+if TMPDIR=$(mktemp -d -p /dev/shm 2>/dev/null); then
+    export TMPDIR
+    trap 'rm -rf "$TMPDIR"' EXIT
+else
+    unset TMPDIR
+fi
 seconds=${FUZZ_SECONDS:-60}
 host=$(rustc -vV | sed -n 's/^host: //p')
 targets() { sed -n 's/^name = "\(.*\)"$/\1/p' "$1/Cargo.toml" | sed 1d; }
 [ $# -gt 0 ] || set -- $(targets drivers/fuzz) $(targets tests/fuzz)
+broken=
 for target in "$@"; do
     folder=drivers/fuzz
     [ -f "$folder/fuzz_targets/$target.rs" ] || folder=tests/fuzz
     mkdir -p "out/fuzz/$target"
     echo "fuzz: $target for $seconds s"
-    # cargo-fuzz would build for musl where it was itself built so: the host is named.
+    # Inputs become as long as the longest of the corpus: a whole session is one of 34 KB. cargo-fuzz would build for musl where it was itself built so: the host is named.
     cargo +nightly fuzz run --fuzz-dir "$folder" --target-dir "${CARGO_TARGET_DIR:-target}/fuzz" --target "$host" "$target" \
-        "out/fuzz/$target" "$folder/corpus/$target" -- -max_total_time="$seconds" -max_len=8192 -timeout=10 -rss_limit_mb=512 -print_final_stats=1
+        "out/fuzz/$target" "$folder/corpus/$target" -- -max_total_time="$seconds" -timeout=10 -rss_limit_mb=512 -print_final_stats=1 ||
+        broken="$broken $target"
 done
+if [ -n "$broken" ]; then
+    echo "fuzz: broken:$broken; the inputs are in drivers/fuzz/artifacts and tests/fuzz/artifacts, in a folder each."
+    exit 1
+fi

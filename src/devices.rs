@@ -78,6 +78,7 @@ pub fn open(bedside: &Bedside, begin_ns: i64, keeps_raw: bool) -> Result<Devices
             let port = tracker.port.clone().unwrap_or(Port::Usb(None));
             tracker.open_settings(port, keeps_raw)
         }
+        (Tracking::Remote(remote), _) => remote.open_settings(),
         (Tracking::Arm(arm), hand) => {
             let ports = match (&arm.ports, hand) {
                 (Some(ports), _) => ports.clone(),

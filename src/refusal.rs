@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use calibration::frames::{BadMatrix, NotRigid};
 use serde::Serialize;
 
 /// The reasons a frame can be refused for, by name.
@@ -52,6 +53,25 @@ pub enum Reason {
     SamePicture,
     /// The volume has all the memory that it may take.
     VolumeFull,
+}
+
+impl From<&BadMatrix> for Reason {
+    fn from(bad: &BadMatrix) -> Self {
+        match bad {
+            BadMatrix::NotFinite { .. } => Self::PoseNotFinite,
+            BadMatrix::LastRow { .. } => Self::PoseNotRigid,
+            BadMatrix::Singular { .. } => Self::PoseSingular,
+        }
+    }
+}
+
+impl From<&NotRigid> for Reason {
+    fn from(bad: &NotRigid) -> Self {
+        match bad {
+            NotRigid::Mirrored { .. } => Self::PoseMirrored,
+            NotRigid::Distorted { .. } => Self::PoseNotRigid,
+        }
+    }
 }
 
 impl Reason {

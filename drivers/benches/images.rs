@@ -2,7 +2,7 @@
 //!
 //! A zlib sequence through the replay device, beside the inflating of its stream alone, in memory; and a raw volume of single precision into every format, and back. Times are the
 //! thread's own, so that others on the machine count for little, and the wall's, which has the disk in it (a file is on the disk before it takes its name). What was read is
-//! compared with what was written: a wrong byte ends in an error.
+//! compared with what was written: a wrong byte ends in an error. All is done several times over, in turns, and printed as the median with the quartiles behind it.
 #![allow(clippy::print_stdout, reason = "a bench speaks to its user")]
 
 use std::error::Error;
@@ -29,12 +29,28 @@ fn main() -> Result<ExitCode, Box<dyn Error>> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../out");
     std::fs::create_dir_all(&folder)?;
     let folder = tempfile::tempdir_in(&folder)?;
-    let mut wrong = sequence(folder.path(), if quick { 60 } else { 600 })?;
-    println!("volume            written: MB/s   on the disk, MB/s   read: MB/s   bytes wrong");
+    let rounds = if quick { 3 } else { 9 };
+    let mut wrong = sequence(folder.path(), if quick { 60 } else { 300 }, rounds)?;
+    println!("{:16}  {:>20}  {:>20}  {:>20}  bytes wrong", "volume, MB/s", "written", "on the disk", "read");
     for name in ["v.mha", "v.nrrd", "v.nii"] {
-        wrong += volume(&folder.path().join(name), if quick { 32 } else { 256 })?;
+        wrong += volume(&folder.path().join(name), if quick { 32 } else { 128 }, rounds)?;
     }
     Ok(if wrong == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// The median of what the rounds gave, and the quartiles.
+struct Spread([f64; 3]);
+
+impl Spread {
+    fn of(mut rounds: Vec<f64>) -> Self {
+        rounds.sort_by(f64::total_cmp);
+        Self([0.25, 0.5, 0.75].map(|q| rounds[((rounds.len() - 1) as f64 * q).round() as usize]))
+    }
+
+    fn text(&self, decimals: usize) -> String {
+        let [low, median, high] = self.0.map(|value| format!("{value:.decimals$}"));
+        format!("{median} ({low} to {high})")
+    }
 }
 
 /// This thread's time, s.
@@ -56,7 +72,7 @@ fn painted(frame: u64) -> Vec<u8> {
     (0..width * height).map(&mut pixel).collect()
 }
 
-fn sequence(folder: &Path, frames: u64) -> Result<u64, Box<dyn Error>> {
+fn sequence(folder: &Path, frames: u64, rounds: usize) -> Result<u64, Box<dyn Error>> {
     let path = folder.join("s.igs.mha");
     let items = (0..frames).map(|item| SequenceItem {
         stamp: Stamp { source_s: Some(item as f64 / 30.0), ..Stamp::default() },
@@ -76,12 +92,35 @@ fn sequence(folder: &Path, frames: u64) -> Result<u64, Box<dyn Error>> {
         items: items.collect(),
     };
     let pictures: Vec<Vec<u8>> = (0..8).map(painted).collect();
-    let picture = |n: u64| &pictures[(n % 8) as usize];
     let mut writer = SequenceWriter::create(&path, &header)?;
-    (0..frames).try_for_each(|n| writer.write_frame(picture(n)))?;
+    (0..frames).try_for_each(|n| writer.write_frame(&pictures[(n % 8) as usize]))?;
     writer.finish()?;
 
-    let mut device = Replay::open(&SequenceSettings::new(&path))?;
+    let bytes = std::fs::read(&path)?;
+    let end = b"ElementDataFile = LOCAL\n";
+    let at = bytes.windows(end.len()).position(|window| window == end).ok_or("the header has no end")? + end.len();
+    let (mut read, mut alone, mut ratios, mut wrong) = (Vec::new(), Vec::new(), Vec::new(), 0);
+    let plain = frames as f64 * f64::from(SIZE[0]) * f64::from(SIZE[1]) / 1e6;
+    for _ in 0..rounds {
+        let (read_s, bad) = read_frames(&path, frames, &pictures)?;
+        let alone_s = inflate(&bytes[at..], frames)?;
+        wrong += bad;
+        read.push(plain / read_s);
+        alone.push(plain / alone_s);
+        ratios.push(read_s / alone_s);
+    }
+    println!(
+        "zlib .igs.mha, {frames} frames: {} MB/s read, {} MB/s inflated alone: {} times the time (goal {RATIO}); {wrong} bytes wrong",
+        Spread::of(read).text(0),
+        Spread::of(alone).text(0),
+        Spread::of(ratios).text(2),
+    );
+    Ok(wrong)
+}
+
+/// Through the device: how long its own work takes, s, and how many bytes are not as they were written.
+fn read_frames(path: &Path, frames: u64, pictures: &[Vec<u8>]) -> Result<(f64, u64), Box<dyn Error>> {
+    let mut device = Replay::open(&SequenceSettings::new(path))?;
     let (mut wrong, mut read_s, mut n) = (0, 0.0, 0);
     let began = own_s();
     device.start()?;
@@ -92,18 +131,19 @@ fn sequence(folder: &Path, frames: u64) -> Result<u64, Box<dyn Error>> {
         read_s += own_s() - began;
         match next {
             Next::Reading(Reading::Frame(frame)) => {
-                wrong += frame.pixels.iter().zip(picture(n)).filter(|(a, b)| a != b).count() as u64;
+                let picture = &pictures[(n % 8) as usize];
+                wrong += frame.pixels.iter().zip(picture).filter(|(a, b)| a != b).count() as u64;
                 n += 1;
             }
             Next::End => break,
             _ => {}
         }
     }
-    wrong += frames - n;
+    Ok((read_s, wrong + frames - n))
+}
 
-    let bytes = std::fs::read(&path)?;
-    let end = b"ElementDataFile = LOCAL\n";
-    let at = bytes.windows(end.len()).position(|window| window == end).ok_or("the header has no end")? + end.len();
+/// The stream alone, from memory, s.
+fn inflate(stream: &[u8], frames: u64) -> Result<f64, Box<dyn Error>> {
     let mut frame = vec![0; SIZE[0] as usize * SIZE[1] as usize];
     let mut inflate = Decompress::new(true);
     let began = own_s();
@@ -111,47 +151,44 @@ fn sequence(folder: &Path, frames: u64) -> Result<u64, Box<dyn Error>> {
         let mut filled = 0;
         while filled < frame.len() {
             let (taken, made) = (inflate.total_in(), inflate.total_out());
-            inflate.decompress(&bytes[at + taken as usize..], &mut frame[filled..], FlushDecompress::None)?;
+            inflate.decompress(&stream[taken as usize..], &mut frame[filled..], FlushDecompress::None)?;
             if (inflate.total_in(), inflate.total_out()) == (taken, made) {
                 return Err("the stream ends early".into());
             }
             filled += (inflate.total_out() - made) as usize;
         }
     }
-    let alone_s = own_s() - began;
-    let plain = (frames * frame.len() as u64) as f64 / 1e6;
-    let ratio = read_s / alone_s;
-    println!(
-        "zlib .igs.mha, {frames} frames: {:.0} MB/s read, {:.0} MB/s inflated alone: {ratio:.2} times the time (goal {RATIO}); {wrong} bytes wrong",
-        plain / read_s,
-        plain / alone_s
-    );
-    Ok(wrong)
+    Ok(own_s() - began)
 }
 
-fn volume(path: &Path, slices: u32) -> Result<u64, Box<dyn Error>> {
+fn volume(path: &Path, slices: u32, rounds: usize) -> Result<u64, Box<dyn Error>> {
     let header = VolumeHeader::new([512, 512, slices], PixelType::F32);
     let slice: Vec<u8> = (0..512 * 512).flat_map(|n: u32| (n as f32 * 0.25).to_ne_bytes()).collect();
     let megabytes = (slice.len() * slices as usize) as f64 / 1e6;
-    let (wall, began) = (Instant::now(), own_s());
-    let mut writer = VolumeWriter::create(path, &header)?;
-    (0..slices).try_for_each(|_| writer.write_all(&slice))?;
-    let written = megabytes / (own_s() - began);
-    writer.finish()?;
-    let on_disk = megabytes / wall.elapsed().as_secs_f64();
-    let mut reader = VolumeReader::open(path, &Limits::default())?;
-    let (mut read_s, mut wrong, mut left) = (0.0, 0, slices);
-    loop {
-        let began = own_s();
-        let next = reader.next_slice()?;
-        read_s += own_s() - began;
-        let Some(got) = next else { break };
-        wrong += got.iter().zip(&slice).filter(|(a, b)| a != b).count() as u64;
-        left -= 1;
+    let (mut written, mut on_disk, mut read, mut wrong) = (Vec::new(), Vec::new(), Vec::new(), 0);
+    for _ in 0..rounds {
+        let (wall, began) = (Instant::now(), own_s());
+        let mut writer = VolumeWriter::create(path, &header)?;
+        (0..slices).try_for_each(|_| writer.write_all(&slice))?;
+        written.push(megabytes / (own_s() - began));
+        writer.finish()?;
+        on_disk.push(megabytes / wall.elapsed().as_secs_f64());
+        let mut reader = VolumeReader::open(path, &Limits::default())?;
+        let (mut read_s, mut left) = (0.0, slices);
+        loop {
+            let began = own_s();
+            let next = reader.next_slice()?;
+            read_s += own_s() - began;
+            let Some(got) = next else { break };
+            wrong += got.iter().zip(&slice).filter(|(a, b)| a != b).count() as u64;
+            left -= 1;
+        }
+        wrong += u64::from(left);
+        read.push(megabytes / read_s);
+        std::fs::remove_file(path)?;
     }
-    wrong += u64::from(left);
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    println!("{name:16}  {written:13.0}   {on_disk:17.0}   {:10.0}   {wrong} (goal {RATE} MB/s)", megabytes / read_s);
-    std::fs::remove_file(path)?;
+    let [written, on_disk, read] = [written, on_disk, read].map(|rates| Spread::of(rates).text(0));
+    println!("{name:16}  {written:>20}  {on_disk:>20}  {read:>20}  {wrong} (goal {RATE} MB/s)");
     Ok(wrong)
 }

@@ -14,6 +14,7 @@ use drivers::framing::{Decoder, Format, Losses};
 use drivers::grabber::pixels::{
     Colour, Converter, Field, Layout, Matrix, PixelFormat, Range as Levels, Rows, Scan, Take,
 };
+use drivers::openigtlink;
 use drivers::polhemus::{fastrak, isotrak, liberty, viper};
 use drivers::recording::image::{About, VolumeReader};
 use drivers::recording::session::{Event, Maker, SessionReader};
@@ -23,7 +24,7 @@ use drivers::recording::{Limits, Replay, SequenceSettings};
 pub(crate) type Target = fn(&[u8]);
 
 /// All of them by name.
-pub(crate) const ALL: [(&str, Target); 14] = [
+pub(crate) const ALL: [(&str, Target); 15] = [
     ("fastrak", fastrak),
     ("isotrak", isotrak),
     ("liberty", liberty),
@@ -31,6 +32,7 @@ pub(crate) const ALL: [(&str, Target); 14] = [
     ("ea1", ea1),
     ("qsb", qsb),
     ("microscribe", microscribe),
+    ("openigtlink", openigtlink),
     ("commands", commands),
     ("pixels", pixels),
     ("jpeg", jpeg),
@@ -142,6 +144,61 @@ pub(crate) fn microscribe(data: &[u8]) {
     };
     cut_anywhere(&Answers::to(awaited), stream, *cut);
     Links::read(stream);
+}
+
+/// What a stream of OpenIGTLink brings, in pieces of that length, and what broke it.
+fn read_messages(
+    stream: &[u8],
+    piece: usize,
+    limits: openigtlink::Limits,
+) -> (Vec<openigtlink::Event>, Option<String>) {
+    let mut decoder = openigtlink::Decoder::new(limits);
+    let mut found = Vec::new();
+    let mut broken = None;
+    for bytes in stream.chunks(piece) {
+        let outcome = decoder.feed(bytes, &mut |event| found.push(event));
+        broken = outcome.err().map(|why| why.to_string());
+        assert!(
+            decoder.pending() as u64 <= openigtlink::header::HEADER as u64 + limits.body,
+            "more waits than the limit"
+        );
+    }
+    let taken: u64 = found
+        .iter()
+        .map(|event| match event {
+            openigtlink::Event::Message(_, range) => range.end - range.start,
+            openigtlink::Event::Refused(_) => 0,
+        })
+        .sum();
+    // A body that is passed over counts as soon as its header is here.
+    assert!(taken + decoder.skipped() + decoder.pending() as u64 >= stream.len() as u64, "bytes that went nowhere");
+    (found, broken)
+}
+
+/// A stream of OpenIGTLink; or, as no arbitrary bytes have their checksum, a body that has it: what is understood is written so that it is understood the same.
+pub(crate) fn openigtlink(data: &[u8]) {
+    use openigtlink::{Event, Limits, header};
+    let [choice, cut, stream @ ..] = data else { return };
+    let limits = if choice & 2 == 0 { Limits { body: 96, passed: 4096 } } else { Limits::SMALL };
+    let mut stream = stream.to_vec();
+    if choice & 1 == 0 && stream.len() >= header::HEADER {
+        let size = (stream.len() - header::HEADER) as u64;
+        let sum = header::checksum(&stream[header::HEADER..]);
+        stream[42..50].copy_from_slice(&size.to_be_bytes());
+        stream[50..58].copy_from_slice(&sum.to_be_bytes());
+    }
+    let whole = read_messages(&stream, stream.len().max(1), limits);
+    // Numbers that are none are not equal to themselves.
+    let said = |(found, broken): &(Vec<Event>, Option<String>)| format!("{found:?} {broken:?}");
+    assert_eq!(said(&read_messages(&stream, 1 + usize::from(*cut), limits)), said(&whole));
+    for event in &whole.0 {
+        let Event::Message(message, _) = event else { continue };
+        // A text that had to be made readable may be longer than it was.
+        let Ok(bytes) = message.bytes() else { continue };
+        let again = read_messages(&bytes, bytes.len(), Limits::default());
+        let [Event::Message(again, _)] = &again.0[..] else { panic!("{message:?} is written as {again:?}") };
+        assert_eq!(again.bytes().ok().as_ref(), Some(&bytes), "{message:?}");
+    }
 }
 
 /// What virtual devices read: every command that is understood is written as bytes that are understood the same.

@@ -16,6 +16,7 @@
 //! - [`clock`]: the host's time, and one that tests turn by hand.
 //! - [`simulated`]: virtual twins of all of them.
 //! - [`recording`]: image files (MetaImage, NRRD, NIfTI), sessions (MCAP) and the devices that replay them.
+//! - [`openigtlink`]: what other programs send over a network.
 //! - [`grabber`]: frame grabbers over V4L2, and their video to pictures.
 //! - [`error`]: what can go wrong, in sentences that say what, where and what to do.
 
@@ -27,6 +28,7 @@ pub mod framing;
 pub mod grabber;
 pub mod health;
 mod numerals;
+pub mod openigtlink;
 pub mod polhemus;
 mod pool;
 pub mod reading;
@@ -45,6 +47,7 @@ pub static DRIVERS: &[&dyn Driver] = &[
     &arm::ArmDriver,
     &polhemus::TrackerDriver,
     &grabber::GrabberDriver,
+    &openigtlink::RemoteDriver,
     &recording::SequenceDriver,
     &recording::SessionDriver,
 ];
@@ -60,6 +63,7 @@ pub fn open(settings: &OpenSettings) -> Result<Box<dyn Device>, Error> {
         OpenSettings::Sequence(_) => recording::SequenceDriver.open(settings),
         OpenSettings::Session(_) => recording::SessionDriver.open(settings),
         OpenSettings::Grabber(_) => grabber::GrabberDriver.open(settings),
+        OpenSettings::Remote(_) => openigtlink::RemoteDriver.open(settings),
     }
 }
 
@@ -103,6 +107,8 @@ pub enum OpenSettings {
     Session(recording::SessionSettings),
     /// A frame grabber.
     Grabber(grabber::GrabberSettings),
+    /// An OpenIGTLink server.
+    Remote(openigtlink::RemoteSettings),
 }
 
 impl OpenSettings {

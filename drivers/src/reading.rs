@@ -89,6 +89,10 @@ pub enum PixelType {
 }
 
 impl PixelType {
+    /// All of them.
+    pub const ALL: [Self; 10] =
+        [Self::U8, Self::I8, Self::U16, Self::I16, Self::U32, Self::I32, Self::U64, Self::I64, Self::F32, Self::F64];
+
     /// Bytes per channel.
     pub const fn bytes(self) -> usize {
         match self {
@@ -201,6 +205,20 @@ impl NamedTransform {
 /// `FromToTo`, or the first name alone where a source gives no second.
 pub fn transform_name(from: &str, to: &str) -> String {
     if to.is_empty() { from.to_owned() } else { format!("{from}To{to}") }
+}
+
+/// Splits `ProbeToTracker` into `Probe` and `Tracker`: at the first `To` that has something before it and an upper-case letter or a digit behind it,
+/// so that `To` within a word (`TorsoToTracker`, `ToolToTracker`, `StylusToTool`) does not count. A name without such a `To` is the frame
+/// that points come from, and the frame they go to is empty: the source does not say it.
+pub fn split_transform_name(base: &str) -> (String, String) {
+    let at = base.match_indices("To").map(|(at, _)| at).find(|&at| {
+        let next = base[at + 2..].chars().next();
+        at > 0 && next.is_some_and(|next| next.is_uppercase() || next.is_ascii_digit())
+    });
+    match at {
+        Some(at) => (base[..at].to_owned(), base[at + 2..].to_owned()),
+        None => (base.to_owned(), String::new()),
+    }
 }
 
 /// A decision or setting of an earlier run, as recorded.

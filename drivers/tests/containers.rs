@@ -8,25 +8,13 @@ use std::path::Path;
 
 use drivers::reading::{NamedTransform, PixelType, Reading, Stamp, Status};
 use drivers::recording::image::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
-use drivers::recording::image::{About, Content, VolumeHeader, VolumeReader};
+use drivers::recording::image::{About, Content, ELEMENT_SPACING, VolumeHeader, VolumeReader};
 use drivers::recording::{Limits, Replay, SequenceSettings};
 use drivers::{Device, Error, Next};
 use proptest::prelude::*;
 
 const SEQUENCES: [&str; 5] = ["a.igs.mha", "a.mhd", "a.igs.nrrd", "a.seq.nrrd", "a.nhdr"];
 const VOLUMES: [&str; 4] = ["a.mha", "a.mhd", "a.nrrd", "a.nhdr"];
-const TYPES: [PixelType; 10] = [
-    PixelType::U8,
-    PixelType::I8,
-    PixelType::U16,
-    PixelType::I16,
-    PixelType::U32,
-    PixelType::I32,
-    PixelType::U64,
-    PixelType::I64,
-    PixelType::F32,
-    PixelType::F64,
-];
 
 /// Names of fields that mean nothing to a reader, and are not those of a format.
 fn names() -> impl Strategy<Value = String> {
@@ -90,11 +78,12 @@ prop_compose! {
     fn sequence()(
         images in any::<bool>(),
         size in [1..5_u32, 1..5_u32],
-        pixel in prop::sample::select(&TYPES[..]),
+        pixel in prop::sample::select(&PixelType::ALL[..]),
         channels in 1..=4_u32,
         orientation in prop::sample::select(vec!["", "MFA", "UN"]),
         image_type in prop::sample::select(vec!["", "BRIGHTNESS"]),
         compressed in any::<bool>(),
+        spacing in prop::option::of((1e-3..1e3, prop_oneof![Just(1.0), 1e-3..1e3])),
         fields in fields(),
         items in any::<bool>().prop_flat_map(|timed| prop::collection::vec(item(timed), 1..5)),
     ) -> SequenceHeader {
@@ -105,7 +94,7 @@ prop_compose! {
             orientation: orientation.into(),
             image_type: image_type.into(),
             compressed,
-            fields,
+            fields: spacing.map(|(x, y)| (ELEMENT_SPACING.to_owned(), format!("{x} {y}"))).into_iter().chain(fields).collect(),
             items,
         }
     }
@@ -163,7 +152,7 @@ proptest! {
         spacing in prop::array::uniform3(1e-3..1e3),
         origin in prop::array::uniform3(-1e4..1e4),
         turned in any::<bool>(),
-        pixel in prop::sample::select(&TYPES[..]),
+        pixel in prop::sample::select(&PixelType::ALL[..]),
         channels in 1..=4_u32,
         compressed in any::<bool>(),
         fields in fields(),
@@ -244,6 +233,39 @@ fn pixels_of_their_own_file_come_and_go_with_their_header() {
 }
 
 #[test]
+fn pixels_whose_header_cannot_take_its_name_are_taken_away_and_earlier_ones_come_back() {
+    for (name, data) in [("s.mhd", "s.raw"), ("s.nhdr", "s.raw")] {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, data) = (folder.path().join(name), folder.path().join(data));
+        let write = |value: u8| {
+            let mut writer = VolumeWriter::create(&path, &VolumeHeader::new([3, 2, 2], PixelType::U8)).unwrap();
+            writer.write_all(&[value; 12]).unwrap();
+            writer.finish()
+        };
+        let count = || fs::read_dir(folder.path()).unwrap().count();
+        // A folder of the header's name is in its way.
+        fs::create_dir(&path).unwrap();
+        let error = write(1).unwrap_err();
+        assert!(matches!(&error, Error::Io { path: at, .. } if *at == path), "{error}");
+        assert!(!data.exists() && count() == 1, "{name}");
+        fs::write(&data, [2; 12]).unwrap();
+        write(3).unwrap_err();
+        assert_eq!((fs::read(&data).unwrap(), count()), (vec![2; 12], 2), "{name}");
+        // One of the pixels' name is in theirs.
+        fs::remove_dir(&path).unwrap();
+        fs::remove_file(&data).unwrap();
+        fs::create_dir(&data).unwrap();
+        write(4).unwrap_err();
+        assert!(data.is_dir() && count() == 1, "{name}");
+        fs::remove_dir(&data).unwrap();
+        for value in [5, 6] {
+            write(value).unwrap();
+            assert_eq!((fs::read(&data).unwrap(), count()), (vec![value; 12], 2), "{name}");
+        }
+    }
+}
+
+#[test]
 fn a_name_that_says_no_format_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     for name in ["a.png", "a", "a.seq.nrrd"] {
@@ -268,7 +290,7 @@ fn put(path: &Path, header: &VolumeHeader) -> Vec<u8> {
 #[test]
 fn a_nifti_reads_back_within_its_single_precision() {
     let folder = tempfile::tempdir().unwrap();
-    let kinds = TYPES.map(|pixel| (pixel, 1)).into_iter().chain([(PixelType::U8, 3), (PixelType::U8, 4)]);
+    let kinds = PixelType::ALL.map(|pixel| (pixel, 1)).into_iter().chain([(PixelType::U8, 3), (PixelType::U8, 4)]);
     for ((pixel, channels), name) in kinds.flat_map(|kind| [(kind, "v.nii"), (kind, "v.nii.gz")]) {
         let path = folder.path().join(name);
         let header = VolumeHeader {

@@ -11,22 +11,10 @@ use std::sync::Arc;
 use drivers::clock::{Clock, MS, Monotonic};
 use drivers::reading::{Frame, NamedTransform, PixelType, Reading, Stamp, Status};
 use drivers::recording::image::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
-use drivers::recording::image::{Content, VolumeHeader, VolumeReader, content};
+use drivers::recording::image::{About, Content, VolumeHeader, VolumeReader, content};
 use drivers::recording::{Limits, Pace, Replay, SequenceDriver, SequenceSettings};
 use drivers::{Device, Driver, Error, Next, OpenSettings};
 
-const TYPES: [PixelType; 10] = [
-    PixelType::U8,
-    PixelType::I8,
-    PixelType::U16,
-    PixelType::I16,
-    PixelType::U32,
-    PixelType::I32,
-    PixelType::U64,
-    PixelType::I64,
-    PixelType::F32,
-    PixelType::F64,
-];
 const EYE: [f64; 16] = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
 const EYE_TEXT: &str = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1";
 
@@ -126,7 +114,7 @@ fn write(path: &Path, header: &SequenceHeader, pixels: &[u8]) {
 fn a_sequence_reads_back_the_same_for_every_type_and_packing() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("s.igs.mha");
-    for pixel in TYPES {
+    for pixel in PixelType::ALL {
         for (channels, compressed) in [(1, false), (3, true)] {
             let header = sample(pixel, channels, compressed);
             let pixels = noise(2 * 5 * 3 * pixel.bytes() * channels as usize);
@@ -305,7 +293,7 @@ fn odd_but_right_headers_are_read() {
 fn a_volume_reads_back_the_same_raw_and_compressed() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("v.mha");
-    for pixel in TYPES {
+    for pixel in PixelType::ALL {
         for compressed in [false, true] {
             let header = VolumeHeader {
                 spacing: [0.5, 0.1 + 0.2, 2.0],
@@ -365,4 +353,108 @@ fn volumes_are_refused_where_they_are_none() {
         "field Offset (byte 50): is \"1 nan 1\"; its numbers must be finite",
     );
     refused(&format!("{head}TransformMatrix = 1 0 0 1\n{end}"), "must hold exactly 9");
+}
+
+/// A sequence of two frames of 3×1 pixels with two channels, as text of that type.
+fn as_text(pixel: &str, data_file: &str) -> String {
+    format!(
+        "ObjectType = Image\nNDims = 3\nBinaryData = False\nCompressedData = False\nDimSize = 3 1 2\nKinds = domain domain list\n\
+         ElementNumberOfChannels = 2\nElementType = {pixel}\nElementDataFile = {data_file}\n"
+    )
+}
+
+#[test]
+fn numbers_written_as_text_are_read_of_every_type_beside_the_header_and_behind_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, data) = (folder.path().join("t.mhd"), folder.path().join("t.txt"));
+    let values: [i8; 12] = [1, 0, 100, 2, 127, 3, 64, 99, 5, 6, 7, 8];
+    for pixel in PixelType::ALL {
+        let signed = !matches!(pixel, PixelType::U8 | PixelType::U16 | PixelType::U32 | PixelType::U64);
+        let value = |n: usize| if signed && n % 3 == 1 { -values[n] } else { values[n] };
+        // As MetaIO writes them, a space behind each; as people do; and in the spelling of double precision.
+        let plain: String = (0..12).map(|n| format!("{} ", value(n))).collect();
+        let lines: String =
+            (0..12).map(|n| format!("{}{}", value(n), if n % 4 == 3 { "\r\n" } else { ", " })).collect();
+        let spelled: Vec<String> = (0..12).map(|n| format!("{:e}", f64::from(value(n)))).collect();
+        let native: Vec<u8> = (0..12)
+            .flat_map(|n| match pixel {
+                PixelType::U8 | PixelType::I8 => value(n).to_ne_bytes().to_vec(),
+                PixelType::U16 | PixelType::I16 => i16::from(value(n)).to_ne_bytes().to_vec(),
+                PixelType::U32 | PixelType::I32 => i32::from(value(n)).to_ne_bytes().to_vec(),
+                PixelType::U64 | PixelType::I64 => i64::from(value(n)).to_ne_bytes().to_vec(),
+                PixelType::F32 => f32::from(value(n)).to_ne_bytes().to_vec(),
+                PixelType::F64 => f64::from(value(n)).to_ne_bytes().to_vec(),
+            })
+            .collect();
+        for text in [plain, lines, spelled.join("\n")] {
+            for local in [true, false] {
+                // Where the pixels lie, and as whom a volume of the same file reads them.
+                let head = as_text(&element_type(pixel), if local { "LOCAL" } else { "t.txt" });
+                fs::write(&data, &text).unwrap();
+                fs::write(&path, format!("{head}{}", if local { &*text } else { "" })).unwrap();
+                let readings = replay(&path).unwrap();
+                let got: Vec<u8> = frames(&readings).iter().flat_map(|frame| frame.pixels.to_vec()).collect();
+                assert_eq!(got, native, "{pixel:?} {text:?} {local}");
+                let about = About::read(&path, &Limits::default()).unwrap();
+                assert_eq!((about.encoding, about.compressed), ("as text", false));
+                fs::write(&path, fs::read_to_string(&path).unwrap().replace("domain list", "domain domain")).unwrap();
+                let mut volume = VolumeReader::open(&path, &Limits::default()).unwrap();
+                let mut got = volume.next_slice().unwrap().unwrap().to_vec();
+                got.extend_from_slice(volume.next_slice().unwrap().unwrap());
+                assert_eq!(got, native);
+            }
+        }
+    }
+}
+
+/// The name that MetaImage has for a type, as the writer has it.
+fn element_type(pixel: PixelType) -> String {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("v.mha");
+    let mut writer = VolumeWriter::create(&path, &VolumeHeader::new([1; 3], pixel)).unwrap();
+    writer.write_all(&[0; 8][..pixel.bytes()]).unwrap();
+    writer.finish().unwrap();
+    let bytes = fs::read(&path).unwrap();
+    let text = String::from_utf8_lossy(&bytes);
+    text.lines().find_map(|line| line.strip_prefix("ElementType = ")).unwrap().to_owned()
+}
+
+#[test]
+fn text_that_is_too_short_too_long_or_no_numbers_is_refused_where_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, data) = (folder.path().join("t.mhd"), folder.path().join("t.txt"));
+    let head = as_text("MET_SHORT", "LOCAL");
+    let refused = |header: &str, text: &str, says: &str| {
+        fs::write(&data, text).unwrap();
+        fs::write(&path, format!("{header}{}", if header.contains("LOCAL") { text } else { "" })).unwrap();
+        let error = replay(&path).unwrap_err().to_string();
+        assert!(error.contains(says), "{error:?} does not say {says:?}");
+        error
+    };
+    let few = "the numbers end before it does";
+    refused(&head, "1 2 3 4 5 6 7 8 9 10 11", few);
+    refused(&head, "1 2 3 4 5 6 7 8 9 10 11 12 13", "more numbers follow the last frame");
+    refused(&head, "1 2 3", "promises 24 bytes of pixels, more than the 5 bytes of data");
+    refused(&head, "1 2 3 4 5 6 7 8 9 10 11 40000", "\"40000\" is no I16");
+    refused(&head, "1 2 3 4 5 6 7 8 9 10 11 1.5", "\"1.5\" is no I16");
+    let binary = refused(
+        &head,
+        "1 2 3 4 \u{1}\u{2}\u{7f} 6 7 8 9 10 11 12",
+        "is no I16; the file is damaged or of another type",
+    );
+    assert!(binary.contains(&format!("{}", head.len() + 11)), "{binary} does not say where");
+    let endless = "7".repeat(1 << 20);
+    let error = refused(&head, &endless, "is no I16");
+    assert!(error.len() < 500, "{}", error.len());
+    let beside = as_text("MET_SHORT", "t.txt");
+    let error = refused(&beside, "1 2 3 4 5 6 7 8 9 10 11  ", few);
+    assert!(error.contains("t.txt"), "{error}");
+    let packed = beside.replace("CompressedData = False", "CompressedData = True");
+    refused(&packed, "1 2 3 4 5 6 7 8 9 10 11 12", "field BinaryData (byte 29): is False, which means numbers as text");
+    let from_behind = beside.replace("ElementDataFile", "HeaderSize = -1\nElementDataFile");
+    refused(&from_behind, "1 2 3 4 5 6 7 8 9 10 11 12", "it is not known how many these are");
+    let behind = beside.replace("ElementDataFile", "HeaderSize = 6\nElementDataFile");
+    fs::write(&path, behind).unwrap();
+    fs::write(&data, "title 1 2 3 4 5 6 7 8 9 10 11 12").unwrap();
+    assert_eq!(frames(&replay(&path).unwrap())[1].pixels[..2], 7_i16.to_ne_bytes());
 }

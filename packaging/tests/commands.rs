@@ -5,7 +5,7 @@ use std::path::Path;
 use clap::error::ErrorKind;
 
 /// What is read, from the repository's root.
-const DOCUMENTS: [&str; 10] = [
+const DOCUMENTS: [&str; 11] = [
     "README.md",
     "docs/bedside.md",
     "docs/ea1.md",
@@ -13,6 +13,7 @@ const DOCUMENTS: [&str; 10] = [
     "docs/examples/arm-probe.toml",
     "docs/examples/fastrak-grabber.toml",
     "docs/examples/liberty-usb-grabber.toml",
+    "docs/examples/plus-server.toml",
     "docs/examples/probe.toml",
     "docs/examples/virtual.toml",
     "docs/phantom/nwire.toml",

@@ -25,11 +25,11 @@ use crate::pipeline::live::{Instrument, Precedent};
 The name of OUT says what is written. Of a sequence or a session: .mha, .mhd, .nrrd, .seq.nrrd (3D Slicer), .nhdr; .mcap, a session; a folder that is there or a name \
 such as frame%04d.png, pictures. Of a volume: .mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz.
 
-Numbered pictures become a sequence without poses, and without times but by --rate. A session becomes a sequence with one pose of each sensor a frame: the one that a replay pairs the frame with, between two poses that were received, latencies taken off; an arm's is made by its kinematics. What \
-else was received has no place in a sequence.
+Numbered pictures become a sequence without poses, and without times but by --rate. A session becomes a sequence with one pose of each sensor a frame: the one that a replay \
+pairs the frame with, between two poses that were received, latencies taken off; an arm's is made by its kinematics. What else was received has no place in a sequence.
 
---anonymize leaves out all fields but those that place and time need (transforms, their status, times, frame numbers, orientation, the image's type) and says which; what is written \
-into the pictures is cut off by --crop.
+--anonymize leaves out all fields but those that place and time need (transforms, their status, times, frame numbers, orientation, the image's type, how far pixels are apart) and \
+says which; what is written into the pictures is cut off by --crop.
 
 Examples:
   sonoweave convert sweep.igs.mha sweep.seq.nrrd --compress
@@ -46,7 +46,7 @@ pub struct Arguments {
     #[arg(long, value_name = "A..B", value_parser = values::frames)]
     frames: Option<FrameRange>,
     /// Keep a part of the picture, in pixels of the picture in MF orientation
-    #[arg(long, value_name = "X,Y,W,H", value_parser = crop)]
+    #[arg(long, value_name = "X,Y,W,H", value_parser = values::rectangle)]
     crop: Option<ClipRect>,
     /// Write pictures in this orientation (MF, UN, FM, …) [default: as they are; of .png MF]
     #[arg(long, value_name = "CODE")]
@@ -67,14 +67,6 @@ pub struct Arguments {
 
 // A named type is a single value to clap.
 type FrameRange = std::ops::Range<u64>;
-
-fn crop(text: &str) -> Result<ClipRect, String> {
-    let numbers: Result<Vec<u32>, _> = text.split(',').map(|number| number.trim().parse()).collect();
-    match numbers.as_deref() {
-        Ok(&[x, y, width, height]) => Ok(ClipRect { x, y, width, height }),
-        _ => Err("must be X,Y,W,H: four whole numbers of pixels".into()),
-    }
-}
 
 fn station(text: &str) -> Result<(u8, String), String> {
     let help = "must be N=NAME: the station's number, and a name of letters and digits that begins with a capital";
@@ -164,7 +156,10 @@ impl Arguments {
             )));
         }
         let placing = if is_session { self.placing()? } else { Placing::default() };
-        let gathered = sequence::gather(&mut *self.open(is_session, false)?, &self.input, &changes, &placing)?;
+        let mut gathered = sequence::gather(&mut *self.open(is_session, false)?, &self.input, &changes, &placing)?;
+        if let Some(arrangement) = &gathered.arrangement {
+            arrangement.turn_spacing(&mut gathered.header.fields);
+        }
         let count = gathered.header.items.len();
         let bar = input::progress("converting", count as u64);
         let told = |done| bar.set_position(done);

@@ -17,7 +17,7 @@ const BEDSIDE: &str = include_str!("../../docs/examples/virtual.toml");
 #[derive(Debug, Args)]
 #[command(after_help = "\
 A virtual hand sweeps a virtual probe over a doll in a water tank; a virtual FASTRAK and a virtual frame grabber deliver what they see to their own drivers, late and \
-unevenly as at a bedside, and the session goes the way of every other: it is recorded, woven slice by slice, and drawn. It leaves the session, the volume with its weights, the \
+unevenly as at a bedside, and the session goes the way of every other: it is recorded, woven slice by slice, and drawn, in the terminal and on the page whose address it says. It leaves the session, the volume with its weights, the \
 picture, the numbers, and the configuration, which `live` takes.
 
 Example: sonoweave demo --duration 12 --out demo
@@ -32,9 +32,9 @@ pub struct Arguments {
     /// Of all that is drawn at random: the hand's tremor, speckle, delays
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u32,
-    /// Shows the session to browsers on this machine, at http://ADDR:PORT/; port 0 takes one that is free
-    #[arg(long, value_name = "ADDR:PORT", value_parser = values::loopback)]
-    console: Option<SocketAddr>,
+    /// Where browsers on this machine are shown the session; port 0 takes one that is free
+    #[arg(long, value_name = "ADDR:PORT", default_value = "127.0.0.1:0", value_parser = values::loopback)]
+    console: SocketAddr,
     /// Does not show the volume in the terminal, but says how it goes
     #[arg(long)]
     headless: bool,
@@ -56,7 +56,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         record: Some(out.clone()),
         duration: arguments.duration,
         headless: arguments.headless,
-        console: arguments.console,
+        console: Some(arguments.console),
         demo: true,
         ..Conduct::default()
     };

@@ -68,7 +68,9 @@ enum Example {
     Fastrak,
     /// A LIBERTY on USB, and an HDMI grabber
     Liberty,
-    /// The calibration that goes with both
+    /// A PLUS server in the place of tracker and grabber
+    PlusServer,
+    /// The calibration that goes with all but the arm's
     Probe,
     /// No hardware at all
     Virtual,
@@ -81,6 +83,7 @@ impl Example {
             Self::ArmProbe => include_str!("../../docs/examples/arm-probe.toml"),
             Self::Fastrak => include_str!("../../docs/examples/fastrak-grabber.toml"),
             Self::Liberty => include_str!("../../docs/examples/liberty-usb-grabber.toml"),
+            Self::PlusServer => include_str!("../../docs/examples/plus-server.toml"),
             Self::Probe => include_str!("../../docs/examples/probe.toml"),
             Self::Virtual => include_str!("../../docs/examples/virtual.toml"),
         }

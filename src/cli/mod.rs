@@ -17,6 +17,7 @@ pub mod render;
 pub mod replay;
 pub mod twin;
 
+use std::ffi::OsString;
 use std::path::PathBuf;
 
 use clap::parser::ValueSource;
@@ -50,13 +51,24 @@ pub struct Arguments {
 impl Arguments {
     /// The process's own; what cannot be parsed ends it, with a sentence.
     pub fn of_process() -> Self {
-        let matches = Self::command().get_matches();
-        let mut arguments = Self::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
-        if let Some((_, own)) = matches.subcommand() {
+        Self::of(std::env::args_os()).unwrap_or_else(|error| error.exit())
+    }
+
+    /// Of words, the program's name first.
+    fn of(words: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Result<Self, clap::Error> {
+        let mut command = Self::command();
+        let matches = command.try_get_matches_from_mut(words)?;
+        let mut arguments = Self::from_arg_matches(&matches).map_err(|error| error.format(&mut command))?;
+        if let Some((name, own)) = matches.subcommand() {
             let is_there = |id: &&str| own.value_source(id) == Some(ValueSource::CommandLine);
-            arguments.given = own.ids().map(clap::Id::as_str).filter(is_there).map(str::to_owned).collect();
+            // Flags that are kept in one struct are a group to clap, which is no flag.
+            let flags: Vec<&str> = command
+                .find_subcommand(name)
+                .map_or_else(Vec::new, |sub| sub.get_arguments().map(|flag| flag.get_id().as_str()).collect());
+            let given = own.ids().map(clap::Id::as_str).filter(|id| flags.contains(id)).filter(is_there);
+            arguments.given = given.map(str::to_owned).collect();
         }
-        arguments
+        Ok(arguments)
     }
 }
 
@@ -156,6 +168,15 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_given_are_flags_and_not_the_groups_that_hold_them() {
+        let words = "sonoweave replay s.mcap --fill nearest --stats s.json --log info";
+        let mut given = Arguments::of(words.split(' ')).unwrap().given;
+        given.sort_unstable();
+        assert_eq!(given, ["fill", "log", "sequence", "stats"]);
+        assert!(Arguments::of(["sonoweave", "replay", "--no-such-flag"]).is_err());
+    }
 
     #[test]
     fn the_definitions_are_consistent_and_every_command_explains_itself() {

@@ -1,6 +1,7 @@
 //! `sonoweave reconstruct`: a recorded sweep becomes a volume.
 
 mod batch;
+pub(super) mod beside;
 pub(super) mod filling;
 pub(super) mod flags;
 pub(super) mod outputs;
@@ -13,6 +14,7 @@ use clap::Args;
 use super::{Failure, input};
 use crate::pipeline;
 use crate::statistics::Statistics;
+use beside::Beside;
 use flags::Flags;
 use outputs::Request;
 
@@ -23,8 +25,11 @@ A sequence needs a way from its pictures to the world: transforms like ProbeToTr
 probe's calibration ImageToProbe in --config or --image-to-probe. A sequence that holds ImageToReference, ImageToWorld or \
 ImageToTracker needs no calibration.
 
+Of several sweeps -o, --weights, --planes and --stats name folders, which may be the same: a sweep NAME.igs.mha has NAME.mha, NAME.weights.mha, NAME.planes.png and \
+NAME.stats.json there.
+
 Example: sonoweave reconstruct sweep.igs.mha --config PlusConfiguration.xml -o volume.mha --planes volume.png
-         sonoweave reconstruct monday.igs.mha tuesday.igs.mha --config PlusConfiguration.xml -o volumes")]
+         sonoweave reconstruct monday.igs.mha tuesday.igs.mha --config PlusConfiguration.xml -o volumes --stats volumes")]
 pub struct Arguments {
     /// The recorded sweep: a tracked sequence (.mha, .mhd, .nrrd, .nhdr); of several each becomes a volume of its name
     #[arg(required = true, value_name = "SEQUENCE")]
@@ -43,14 +48,14 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { sequences, output, flags } = arguments;
     match sequences.as_slice() {
-        [sequence] => weave(sequence, output, flags).map(drop),
+        [sequence] => weave(sequence, output, flags, flags.beside.clone()).map(drop),
         _ => batch::run(sequences, output, flags),
     }
 }
 
-/// A recorded sweep to a volume; what was done, in numbers.
-fn weave(sequence: &Path, output: &Path, flags: &Flags) -> Result<Statistics, Failure> {
-    let (request, job) = Request::new(sequence, Some(output), flags)?;
+/// A recorded sweep to a volume and what is beside it; what was done, in numbers.
+fn weave(sequence: &Path, output: &Path, flags: &Flags, beside: Beside) -> Result<Statistics, Failure> {
+    let (request, job) = Request::new(sequence, Some(output), flags, beside)?;
     let bar = input::progress("weaving", 1);
     let result = pipeline::reconstruct(job, &mut (), |p| {
         bar.set_length(p.total);

@@ -98,7 +98,10 @@ pub fn run(arguments: &Arguments, given: &[String]) -> Result<(), Failure> {
     if arguments.all {
         return Err(Failure("--all: of a sequence nothing was ever dropped; leave it out".into()));
     }
-    let (request, mut job) = Request::new(&arguments.sequence, arguments.output.as_deref(), &arguments.flags)?;
+    let (request, mut job) = {
+        let Arguments { sequence, output, flags, .. } = arguments;
+        Request::new(sequence, output.as_deref(), flags, flags.beside.clone())?
+    };
     if let OpenSettings::Sequence(sequence) = &mut job.input {
         sequence.pace = arguments.speed;
     }
@@ -174,10 +177,10 @@ impl Arguments {
             series: self.on_the_way()?,
             outputs: Outputs {
                 volume: self.output.clone(),
-                weights: self.flags.weights.clone(),
+                weights: self.flags.beside.weights.clone(),
                 filling: self.flags.filling.clone(),
                 picture: self.picture.clone(),
-                stats: self.flags.stats.clone(),
+                stats: self.flags.beside.stats.clone(),
             },
         })
     }

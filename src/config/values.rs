@@ -1,13 +1,14 @@
 //! Values of flags and keys that hold several numbers or a criterion.
 
 use std::net::SocketAddr;
-
-use drivers::recording::Pace;
 use std::ops::Range;
 
+use calibration::region::ClipRect;
+use drivers::recording::Pace;
 use glam::DVec3;
 
 use super::numbers;
+use crate::mask::Clip;
 use crate::reconstruct::kernel::Support;
 use crate::render::light::Source;
 
@@ -30,6 +31,14 @@ pub fn size(text: &str) -> Result<[u64; 3], String> {
     match <[u64; 3]>::try_from(size) {
         Ok(size) if parts.len() == 3 && !size.contains(&0) => Ok(size),
         _ => Err("must hold 3 positive whole numbers NX,NY,NZ".into()),
+    }
+}
+
+/// A part of a picture: its first column and row, and how many, in pixels.
+pub fn rectangle(text: &str) -> Result<ClipRect, String> {
+    match text.parse() {
+        Ok(Clip::Rect(rectangle)) => Ok(rectangle),
+        _ => Err("must be X,Y,W,H: four whole numbers of pixels, the last two above 0".into()),
     }
 }
 
@@ -185,6 +194,7 @@ mod tests {
         assert_eq!(spacing("1,2,3"), Ok(DVec3::new(1.0, 2.0, 3.0)));
         assert_eq!(size("10, 20,30"), Ok([10, 20, 30]));
         assert_eq!(picture_size("640x480"), Ok([640, 480]));
+        assert_eq!(rectangle("1, 2,3,4"), Ok(ClipRect { x: 1, y: 2, width: 3, height: 4 }));
         assert_eq!((view("30,-20"), view("30, -20, 5")), (Ok([30.0, -20.0, 0.0]), Ok([30.0, -20.0, 5.0])));
         assert_eq!(colour("0,0.5,1"), Ok([0.0, 0.5, 1.0]));
         assert_eq!(sigma("auto"), Ok(None));
@@ -202,6 +212,9 @@ mod tests {
         }
         for bad in ["1,2", "0,1,1", "1,2,3,4", "a,b,c", "1,2,3,x", "-1,2,3"] {
             assert!(size(bad).is_err(), "{bad}");
+        }
+        for bad in ["auto", "none", "1,2,3", "1,2,3,4,5", "1,2,3,0", "1,2,-3,4", "1.5,2,3,4", ""] {
+            assert!(rectangle(bad).unwrap_err().contains("four whole numbers"), "{bad}");
         }
         for bad in ["energy", "energy=0", "energy=1", "width=3", "peak=-1", "gradient=nan"] {
             assert!(supports(bad).is_err(), "{bad}");

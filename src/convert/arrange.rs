@@ -1,6 +1,7 @@
 //! Which stored pixel comes where when a picture is cropped and brought into another orientation.
 
 use calibration::region::ClipRect;
+use drivers::recording::image::ELEMENT_SPACING;
 
 use crate::ingest::{mf_size, stored, to_mf};
 
@@ -11,6 +12,8 @@ pub struct Arrangement {
     pub size: [u32; 2],
     /// Their orientation; empty where it is not known.
     pub orientation: String,
+    /// Whether what is stored along one axis is wanted along the other.
+    transposed: bool,
     /// For each wanted pixel the stored one; `None` where all stay where they are.
     places: Option<Vec<u32>>,
 }
@@ -22,7 +25,7 @@ impl Arrangement {
     /// A sentence: the orientation is none, or the crop is outside the picture.
     pub fn new(size: [u32; 2], code: &str, crop: Option<ClipRect>, wanted: Option<&str>) -> Result<Self, String> {
         if crop.is_none() && wanted.is_none_or(|wanted| wanted == code) {
-            return Ok(Self { size, orientation: code.to_owned(), places: None });
+            return Ok(Self { size, orientation: code.to_owned(), transposed: false, places: None });
         }
         let none =
             |code: &str| format!("{code:?} is no orientation of a 2D picture (MF, MN, UF, UN, FM, FU, NM or NU)");
@@ -50,7 +53,21 @@ impl Arrangement {
         // Transposed orientations transpose the size of an MF picture, too.
         let size = mf_size(mf_of_crop, wanted).ok_or_else(|| none(wanted))?;
         let places = stored(&cropped, mf_of_crop, wanted);
-        Ok(Self { size, orientation: wanted.to_owned(), places: Some(places) })
+        let turns = |code: &str| mf_size([1, 2], code) == Some([2, 1]);
+        let transposed = turns(given) != turns(wanted);
+        Ok(Self { size, orientation: wanted.to_owned(), transposed, places: Some(places) })
+    }
+
+    /// How far pixels are apart, where fields of a file say it: along the axes as they are wanted.
+    pub fn turn_spacing(&self, fields: &mut [(String, String)]) {
+        let spacing = fields.iter_mut().filter(|(name, _)| self.transposed && name == ELEMENT_SPACING);
+        for (_, text) in spacing {
+            let mut numbers: Vec<&str> = text.split_whitespace().collect();
+            if let [x, y, ..] = &mut numbers[..] {
+                std::mem::swap(x, y);
+            }
+            *text = numbers.join(" ");
+        }
     }
 
     /// The wanted pixels of stored ones of so many bytes each; `None` where they are the same.
@@ -82,6 +99,10 @@ mod tests {
             let turned = Arrangement::new(size, code, None, Some("FM")).unwrap();
             let pixels = turned.apply(&pixels, 1).unwrap_or(pixels.to_vec());
             assert_eq!((turned.size, pixels), ([2, 3], vec![1, 4, 2, 5, 3, 6]));
+            let mut fields = [("Other", "1 2"), (ELEMENT_SPACING, "0.1 0.2 3")].map(|(a, b)| (a.into(), b.into()));
+            turned.turn_spacing(&mut fields);
+            let expected = if code == "FM" { "0.1 0.2 3" } else { "0.2 0.1 3" };
+            assert_eq!((&*fields[0].1, &*fields[1].1), ("1 2", expected), "{code}");
         }
         let wide = Arrangement::new([3, 2], "", Some(PART), None).unwrap();
         assert_eq!(wide.orientation, "MF", "what was assumed is said");

@@ -4,10 +4,13 @@
 //! times, frame numbers, the pictures' status, orientation and type; of volumes the place, and the numbers that rendering needs. Names of files and of calibrations
 //! go, as they are often a patient's. What is written into the pictures stays: `--crop` cuts it off.
 
+use drivers::recording::image::ELEMENT_SPACING;
+
 use crate::volume::dense::{RANGE_FIELD, SLICE_AXES_FIELD, SLICES_BOX_FIELD, UNSEEN_FIELD};
 
-/// Fields that are numbers of ours, and say nothing of anybody.
-const OURS: [&str; 14] = [
+/// Fields that are numbers, most of them ours, and say nothing of anybody.
+const NUMBERS: [&str; 15] = [
+    ELEMENT_SPACING,
     UNSEEN_FIELD,
     RANGE_FIELD,
     SLICES_BOX_FIELD,
@@ -27,7 +30,7 @@ const OURS: [&str; 14] = [
 /// Leaves out fields that may identify somebody; their names are added to `removed`, each once.
 pub fn leave_out(fields: &mut Vec<(String, String)>, removed: &mut Vec<String>) {
     fields.retain(|(name, _)| {
-        let stays = OURS.contains(&&**name);
+        let stays = NUMBERS.contains(&&**name);
         if !stays && !removed.contains(name) {
             removed.push(name.clone());
         }
@@ -41,12 +44,13 @@ mod tests {
 
     #[test]
     fn unknown_fields_and_names_of_files_go_and_numbers_stay() {
-        let mut fields: Vec<(String, String)> = ["Patient", "SonoweaveUnseen", "SonoweaveInput", "Comment", "Patient"]
-            .map(|name| (name.into(), "x".into()))
-            .to_vec();
+        let mut fields: Vec<(String, String)> =
+            ["Patient", "SonoweaveUnseen", "SonoweaveInput", "ElementSpacing", "Comment", "Patient"]
+                .map(|name| (name.into(), "x".into()))
+                .to_vec();
         let mut removed = Vec::new();
         leave_out(&mut fields, &mut removed);
-        assert_eq!(fields, [("SonoweaveUnseen".to_owned(), "x".to_owned())]);
+        assert_eq!(fields, ["SonoweaveUnseen", "ElementSpacing"].map(|name| (name.to_owned(), "x".to_owned())));
         assert_eq!(removed, ["Patient", "SonoweaveInput", "Comment"]);
     }
 }

@@ -173,6 +173,8 @@ fn attach(item: &mut SequenceItem, number: u64, placing: &Placing) {
             Ok(rigid) => (*rigid, Status::Ok),
             Err(why) => (Rigid::IDENTITY, status_of(why)),
         };
+        // Of a server's own the one of this time stands for the one that came last.
+        item.transforms.retain(|other| (&other.from, &other.to) != (from, to));
         let matrix = DMat4::from_rotation_translation(rigid.rotation, rigid.position_mm);
         item.transforms.push(NamedTransform {
             stamp: Stamp::default(),

@@ -1,7 +1,9 @@
 //! A picture of a volume's three middle planes, side by side in equal millimetres per pixel.
 //!
 //! Left to right the planes xy, xz and yz of the volume's index axes; of each plane the first axis runs right, the second down. Below them a scale bar, the
-//! grey levels' range and the colour of voxels that no slice reached: unseen is not black.
+//! grey levels' range and the colour of voxels that no slice reached: unseen is not black. Voxels that were filled where nothing was seen are tinted.
+
+mod plane;
 
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
@@ -11,9 +13,10 @@ use image::{ImageFormat, Rgb, RgbImage};
 use super::legend::{self, Entry, Legend, short};
 use super::lettering;
 use super::panel::{Frame, GUTTER};
-pub use super::shades::Shades;
+pub use super::shades::{Shades, Shown};
 use super::whole::write_whole;
 use crate::volume::Grid;
+pub use plane::Panel;
 
 /// Colour of unseen voxels: a muted blue, which no grey level is.
 pub const UNSEEN: Rgb<u8> = Rgb([46, 64, 96]);
@@ -106,82 +109,6 @@ pub enum PlanesError {
     },
 }
 
-/// Where a plane lies in the picture.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Panel {
-    /// Index axes (0 = x) that run right and down, and the one that the plane cuts.
-    pub axes: [usize; 3],
-    /// Voxel index along the axis that the plane cuts.
-    pub at: u64,
-    /// The plane's first pixel, right and down from the picture's corner.
-    pub corner: [u32; 2],
-    /// The plane's pixels, right and down.
-    pub size: [u32; 2],
-    voxels: [u64; 2],
-}
-
-impl Panel {
-    /// The pixel at the centre of a voxel that lies in the plane, by its indices along the rightward and the downward axis.
-    pub fn pixel_of(&self, voxel: [u64; 2]) -> [u32; 2] {
-        std::array::from_fn(|k| {
-            let at = (voxel[k] as f64 + 0.5) / self.voxels[k] as f64 * f64::from(self.size[k]);
-            self.corner[k] + (at as u32).min(self.size[k] - 1)
-        })
-    }
-
-    /// Grey levels of the plane's pixels, `None` where the nearest voxel is unseen. Between seen voxels the values are interpolated; unseen ones have no say.
-    fn sample(&self, voxel: &impl Fn([u64; 3]) -> Option<f32>) -> Vec<Option<f32>> {
-        let [right, down, cut] = self.axes;
-        let value = |u: u64, v: u64| {
-            let mut index = [0; 3];
-            (index[right], index[down], index[cut]) = (u, v, self.at);
-            voxel(index).filter(|x| x.is_finite())
-        };
-        let along = |k: usize| -> Vec<Between> {
-            (0..self.size[k]).map(|pixel| Between::of(pixel, self.size[k], self.voxels[k])).collect()
-        };
-        let (columns, rows) = (along(0), along(1));
-        let mut plane = Vec::with_capacity(columns.len() * rows.len());
-        for row in &rows {
-            for column in &columns {
-                let seen = value(column.nearest, row.nearest).map(|_| {
-                    let (mut sum, mut weights) = (0.0, 0.0);
-                    for (u, wu) in column.ends {
-                        for (v, wv) in row.ends {
-                            if let Some(x) = value(u, v) {
-                                sum += wu * wv * f64::from(x);
-                                weights += wu * wv;
-                            }
-                        }
-                    }
-                    // The nearest voxel is seen and has a quarter of the weight at least.
-                    (sum / weights) as f32
-                });
-                plane.push(seen);
-            }
-        }
-        plane
-    }
-}
-
-/// A pixel's place between two voxels of an axis.
-struct Between {
-    nearest: u64,
-    /// The voxels on both sides and their weights; the same one twice at the volume's faces.
-    ends: [(u64, f64); 2],
-}
-
-impl Between {
-    fn of(pixel: u32, pixels: u32, voxels: u64) -> Self {
-        let at = (f64::from(pixel) + 0.5) / f64::from(pixels) * voxels as f64 - 0.5;
-        let low = at.floor();
-        let part = at - low;
-        let clamp = |index: f64| (index.max(0.0) as u64).min(voxels - 1);
-        let ends = [(clamp(low), 1.0 - part), (clamp(low + 1.0), part)];
-        Self { nearest: ends[usize::from(part >= 0.5)].0, ends }
-    }
-}
-
 /// The picture, and where the planes lie in it.
 #[derive(Debug, Clone)]
 pub struct PlanesPicture {
@@ -217,13 +144,13 @@ impl PlanesPicture {
 
 /// Draws the three planes of a volume.
 ///
-/// `voxel` gives the grey level of a voxel, or `None` when no slice reached it; values that are not finite count as unseen.
+/// `voxel` gives the grey level of a voxel, seen or filled, or `None` when no slice reached it; values that are not finite count as unseen.
 ///
 /// # Errors
 /// [`PlanesError`] when the volume is empty, the window has no width or the planes lie outside.
-pub fn planes(
+pub fn planes<V: Into<Shown>>(
     grid: &Grid,
-    voxel: impl Fn([u64; 3]) -> Option<f32>,
+    voxel: impl Fn([u64; 3]) -> Option<V>,
     options: &PlanesOptions,
 ) -> Result<PlanesPicture, PlanesError> {
     let spacing = grid.spacing.to_array();
@@ -253,11 +180,15 @@ pub fn planes(
         left += GUTTER + panel.size[0].max(lettering::width(&titles[n], DOT)) + GAP;
         panel
     });
-    let values = panels.map(|panel| panel.sample(&voxel));
+    let values = panels.map(|panel| panel.sample(&|at| voxel(at).map(V::into)));
     let window = resolve(options.window, &values)?;
 
-    let entries = Entry::bar(px_per_mm, u32::MAX).into_iter().chain(options.shades.entries(window));
-    let legend = Legend::new(entries.collect());
+    let mut entries: Vec<Entry> = Entry::bar(px_per_mm, u32::MAX).into_iter().collect();
+    entries.extend(options.shades.entries(window));
+    if values.iter().flatten().flatten().any(|shown| matches!(shown, Shown::Filled(_))) {
+        entries.push(options.shades.filled(window));
+    }
+    let legend = Legend::new(entries);
     let tallest = panels.iter().map(|p| p.size[1]).max().unwrap_or(1);
     let legend_top = top + tallest + GUTTER + GAP;
     let size = [left.max(legend.width() + 2 * GAP + GUTTER), legend_top + legend::HEIGHT + GAP];
@@ -291,12 +222,12 @@ fn title(grid: &Grid, axes: [usize; 3], at: u64) -> String {
     }
 }
 
-fn resolve(window: Window, values: &[Vec<Option<f32>>; 3]) -> Result<[f32; 2], PlanesError> {
+fn resolve(window: Window, values: &[Vec<Option<Shown>>; 3]) -> Result<[f32; 2], PlanesError> {
     if let Window::Range { low, high } = window {
         let good = low.is_finite() && high.is_finite() && low < high;
         return if good { Ok([low, high]) } else { Err(PlanesError::Window { low, high }) };
     }
-    let mut seen: Vec<f32> = values.iter().flatten().flatten().copied().collect();
+    let mut seen: Vec<f32> = values.iter().flatten().flatten().filter_map(|shown| shown.seen()).collect();
     if seen.is_empty() {
         return Ok([0.0, 1.0]);
     }
@@ -310,13 +241,13 @@ fn resolve(window: Window, values: &[Vec<Option<f32>>; 3]) -> Result<[f32; 2], P
 fn draw_panel(
     picture: &mut RgbImage,
     panel: &Panel,
-    values: &[Option<f32>],
+    values: &[Option<Shown>],
     (shades, window): (Shades, [f32; 2]),
     title: &str,
 ) {
     let frame = Frame { corner: panel.corner, size: panel.size };
     frame.border(picture);
-    frame.fill(picture, values.iter().map(|value| value.map_or(shades.nothing(), |x| shades.colour(x, window))));
+    frame.fill(picture, values.iter().map(|value| value.map_or(shades.nothing(), |shown| shades.of(shown, window))));
     frame.title(picture, panel.corner[1] - GAP, DOT, title);
     let [right, down, _] = panel.axes.map(|k| AXES[k].to_string());
     frame.arrows(picture, [&right, &down]);
@@ -348,7 +279,7 @@ mod tests {
         // Middle: [6, 4, 3].
         let grid = grid([12, 8, 6], [1.0, 2.0, 3.0]);
         for (panel, lit, at) in [(0, [9, 2, 3], [9, 2]), (1, [1, 4, 5], [1, 5]), (2, [6, 7, 0], [7, 0])] {
-            let drawn = planes(&grid, |v| Some(if v == lit { 255.0 } else { 20.0 }), &RANGE).unwrap();
+            let drawn = planes(&grid, |v| Some(if v == lit { 255.0_f32 } else { 20.0 }), &RANGE).unwrap();
             let [nx, ny] = drawn.panels[panel].voxels;
             for voxel in (0..ny).flat_map(|v| (0..nx).map(move |u| [u, v])) {
                 let grey = pixel(&drawn, panel, voxel)[0];
@@ -359,7 +290,7 @@ mod tests {
 
     #[test]
     fn planes_share_millimetres_per_pixel_and_leave_room_for_each_other() {
-        let drawn = planes(&grid([40, 10, 30], [0.5, 1.0, 3.0]), |_| Some(1.0), &RANGE).unwrap();
+        let drawn = planes(&grid([40, 10, 30], [0.5, 1.0, 3.0]), |_| Some(1.0_f32), &RANGE).unwrap();
         // 20 × 10 × 90 mm; 90 mm are 400 pixels, and a voxel's 0.5 mm at least one.
         assert_eq!(drawn.panels.map(|p| p.size), [[89, 44], [89, 400], [44, 400]]);
         for pair in drawn.panels.windows(2) {
@@ -367,14 +298,17 @@ mod tests {
         }
         let last = drawn.panels[2];
         assert!(last.corner[0] + last.size[0] < drawn.picture.width());
-        let fine = planes(&grid([900, 10, 10], [0.1; 3]), |_| Some(1.0), &RANGE).unwrap();
+        let fine = planes(&grid([900, 10, 10], [0.1; 3]), |_| Some(1.0_f32), &RANGE).unwrap();
         assert_eq!(fine.panels[0].size, [900, 10]);
     }
 
     #[test]
     fn unseen_is_neither_black_nor_any_grey_and_does_not_darken_its_neighbours() {
-        let drawn =
-            planes(&grid([8, 8, 8], [1.0; 3]), |[x, ..]| (x >= 4).then_some(if x == 7 { 0.0 } else { 200.0 }), &RANGE);
+        let drawn = planes(
+            &grid([8, 8, 8], [1.0; 3]),
+            |[x, ..]| (x >= 4).then_some(if x == 7 { 0.0_f32 } else { 200.0 }),
+            &RANGE,
+        );
         let drawn = drawn.unwrap();
         assert_eq!(pixel(&drawn, 0, [2, 3]), UNSEEN.0);
         assert_eq!(pixel(&drawn, 0, [7, 3]), [0; 3]);
@@ -395,17 +329,47 @@ mod tests {
     }
 
     #[test]
+    fn what_was_filled_is_tinted_and_named_and_leaves_what_was_seen_as_it_was() {
+        let grid = grid([8, 8, 8], [1.0; 3]);
+        let seen = |[x, ..]: [u64; 3]| (x >= 4).then_some(200.0_f32);
+        let plain = planes(&grid, seen, &RANGE).unwrap();
+        let voxel = |at: [u64; 3]| match at {
+            [2..4, ..] => Some(Shown::Filled(100.0)),
+            at => seen(at).map(Shown::Seen),
+        };
+        let filled = planes(&grid, voxel, &RANGE).unwrap();
+        let [r, g, b] = pixel(&filled, 0, [2, 3]);
+        assert!(r > g && g > b, "{r} {g} {b}");
+        assert_eq!((pixel(&filled, 0, [0, 3]), pixel(&filled, 0, [5, 3])), (UNSEEN.0, [200; 3]));
+        let panel = filled.panels[0];
+        let row = panel.corner[1] + 200;
+        for x in (200..400).map(|x| panel.corner[0] + x) {
+            assert_eq!(filled.picture.get_pixel(x, row), plain.picture.get_pixel(x, row), "pixel {x}");
+        }
+        assert!(filled.picture.width() >= plain.picture.width());
+        let legend = |drawn: &PlanesPicture| {
+            let top = panel.corner[1] + panel.size[1] + GUTTER;
+            let tinted = |[r, g, b]: [u8; 3]| r > g && g > b && r - b > 40;
+            let below = drawn.picture.enumerate_pixels().filter(|(_, y, _)| *y > top);
+            below.filter(|(.., colour)| tinted(colour.0)).count()
+        };
+        assert_eq!((legend(&plain), legend(&filled) > 100), (0, true), "the legend tells the tint where there is any");
+        let only = planes(&grid, |_| Some(Shown::Filled(7.0)), &PlanesOptions::default()).unwrap();
+        assert_eq!(only.window, [0.0, 1.0], "what was filled has no say in what is black");
+    }
+
+    #[test]
     fn percentiles_ignore_outliers_and_the_unseen() {
         let options = PlanesOptions::default();
         let voxel = |[x, y, z]: [u64; 3]| match (x, y, z) {
-            (0, 0, 10) => Some(1e6),
+            (0, 0, 10) => Some(1e6_f32),
             (_, y, _) if y < 5 => None,
             (x, ..) => Some(100.0 + x as f32),
         };
         let drawn = planes(&grid([20; 3], [1.0; 3]), voxel, &options).unwrap();
         let [low, high] = drawn.window;
         assert!((100.0..101.0).contains(&low) && (118.0..=119.0).contains(&high), "{low} {high}");
-        let flat = planes(&grid([4; 3], [1.0; 3]), |_| Some(7.0), &options).unwrap();
+        let flat = planes(&grid([4; 3], [1.0; 3]), |_| Some(7.0_f32), &options).unwrap();
         assert_eq!(pixel(&flat, 0, [1, 1]), [128; 3]);
     }
 
@@ -421,7 +385,7 @@ mod tests {
 
     #[test]
     fn what_cannot_be_drawn_is_refused_and_files_are_whole() {
-        let voxel = |_| Some(1.0);
+        let voxel = |_| Some(1.0_f32);
         let good = grid([4; 3], [1.0; 3]);
         assert!(matches!(planes(&grid([4, 0, 4], [1.0; 3]), voxel, &RANGE), Err(PlanesError::Grid { .. })));
         let empty = PlanesOptions { window: Window::Range { low: 3.0, high: 3.0 }, ..RANGE };

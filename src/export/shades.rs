@@ -17,6 +17,50 @@ pub enum Shades {
     Diverging,
 }
 
+/// What is drawn of a voxel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Shown {
+    /// The value of one that slices reached.
+    Seen(f32),
+    /// Of one that none reached, which was [filled](crate::export::fill).
+    Filled(f32),
+}
+
+impl From<f32> for Shown {
+    fn from(value: f32) -> Self {
+        Self::Seen(value)
+    }
+}
+
+impl Shown {
+    pub(super) fn value(self) -> f32 {
+        match self {
+            Self::Seen(value) | Self::Filled(value) => value,
+        }
+    }
+
+    /// The value, if it was seen.
+    pub(super) fn seen(self) -> Option<f32> {
+        if let Self::Seen(value) = self { Some(value) } else { None }
+    }
+
+    /// The value, where it counts for a pixel whose nearest voxel is `nearest`: what was seen is drawn by nothing else.
+    pub(super) fn beside(self, nearest: Self) -> Option<f32> {
+        if matches!(nearest, Self::Filled(_)) { Some(self.value()) } else { self.seen() }
+    }
+
+    /// Another value of the same kind.
+    pub(super) fn with(self, value: f32) -> Self {
+        match self {
+            Self::Seen(_) => Self::Seen(value),
+            Self::Filled(_) => Self::Filled(value),
+        }
+    }
+}
+
+/// What filled voxels are mixed with: orange, which neither greys nor the unseen's blue are, and how much of it.
+const FILLED: ([f32; 3], f32) = ([235.0, 140.0, 20.0], 0.4);
+
 /// The diverging colours from the lowest value to the highest, between which colours are mixed.
 const DIVERGING: [[u8; 3]; 5] = [[12, 44, 116], [70, 146, 206], [247, 247, 247], [238, 142, 50], [124, 48, 4]];
 /// Where there is no difference: a grey, which no difference has.
@@ -38,6 +82,24 @@ impl Shades {
                 Rgb([mix(0), mix(1), mix(2)])
             }
         }
+    }
+
+    /// Of what is drawn of a voxel: filled ones are tinted.
+    pub(super) fn of(self, shown: Shown, window: [f32; 2]) -> Rgb<u8> {
+        let Rgb(plain) = self.colour(shown.value(), window);
+        let (tint, share) = FILLED;
+        match shown {
+            Shown::Seen(_) => Rgb(plain),
+            Shown::Filled(_) => {
+                let mixed = |c: usize| f32::from(plain[c]) + share * (tint[c] - f32::from(plain[c]));
+                Rgb([0, 1, 2].map(|c| mixed(c).round() as u8))
+            }
+        }
+    }
+
+    /// What the tint means, in a middle grey.
+    pub(super) fn filled(self, [low, high]: [f32; 2]) -> Entry {
+        Entry::Swatch { colour: self.of(Shown::Filled(0.5 * (low + high)), [low, high]), label: "filled" }
     }
 
     pub(super) fn nothing(self) -> Rgb<u8> {
@@ -66,6 +128,16 @@ impl Shades {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn every_grey_that_was_filled_is_told_from_all_that_were_seen_and_from_unseen() {
+        for value in 0..=255_u8 {
+            let Rgb([r, g, b]) = Shades::Greys.of(Shown::Filled(value.into()), [0.0, 255.0]);
+            assert!(r >= g + 20 && g >= b + 20, "{value}: {r} {g} {b}");
+            assert_eq!(Shades::Greys.of(Shown::Seen(value.into()), [0.0, 255.0]), Rgb([value; 3]));
+        }
+        assert!(UNSEEN.0[2] > UNSEEN.0[0], "blue, not orange");
+    }
 
     #[test]
     fn differences_are_blue_below_white_at_zero_and_orange_above_and_none_is_grey() {

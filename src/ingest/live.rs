@@ -1,13 +1,15 @@
 //! Readings of hardware → poses and pictures in mm and on the host's one clock.
 //!
-//! - **Units.** Trackers' positions are cm on the wire and mm from here on; quaternions are made unit ones. Arms' counts become poses by their kinematics.
+//! - **Units.** Trackers' positions are cm on the wire and mm from here on; quaternions are made unit ones. Arms' counts become poses by their kinematics. Transforms with
+//!   names are mm already; what is nearly a rotation becomes the nearest.
 //! - **Clock.** Each device has a [`ClockMap`], or one for each stream of it that counts for itself: stations of a tracker without ticks, axes of an arm that has a line
 //!   each. A station's record that has waited for another's on the wire was measured earlier by that one's length.
 //! - **Validity.** What a device says of a pose goes on with it; a pose that cannot be is refused. Its time counts all the same.
 
 use std::borrow::Cow;
 
-use drivers::reading::{AXES, Counts, Frame, Pose, Reading, Stamp, Status};
+use calibration::frames::{affine_from_rows, nearest_rigid};
+use drivers::reading::{AXES, Counts, Frame, NamedTransform, Pose, Reading, Stamp, Status};
 use drivers::{Ticks, Timing};
 use glam::{DQuat, DVec3};
 
@@ -15,6 +17,7 @@ use super::{Ingest, Picture};
 use crate::refusal::{Reason, Refusal};
 use crate::sync::clock::{ClockMap, ClockSettings, Mapping, TimeFlags, Timed};
 use crate::sync::history::{PoseSample, Rigid};
+use crate::sync::pairing::RIGID_TOLERANCE;
 
 /// A quaternion whose length is further from 1 than this is none: single precision and four digits leave 10⁻⁴.
 const UNIT_TOLERANCE: f64 = 0.02;
@@ -38,6 +41,8 @@ impl<F: Fn(&[f64]) -> Option<Rigid> + Send> Kinematics for F {
 pub enum Gives {
     /// Poses of these stations (from 1), in the order in which their records are sent.
     Stations(Vec<u8>),
+    /// Transforms by these names, such as `ProbeToTracker`, from a server that has one clock for all.
+    Named(Vec<String>),
     /// Counts of an arm with so many joints.
     Arm {
         /// Joints.
@@ -143,7 +148,7 @@ impl LiveIngest {
             Gives::Stations(stations) if timing.ticks == Ticks::None => {
                 stations.iter().map(|_| ClockMap::new(ClockSettings::new(&timing, latency))).collect()
             }
-            Gives::Stations(_) => vec![ClockMap::new(ClockSettings::new(&timing, latency))],
+            Gives::Stations(_) | Gives::Named(_) => vec![ClockMap::new(ClockSettings::new(&timing, latency))],
             Gives::Arm { joints, .. } => {
                 (0..(*joints).clamp(1, AXES)).map(|_| ClockMap::new(ClockSettings::new(&timing, latency))).collect()
             }
@@ -211,7 +216,7 @@ impl LiveIngest {
             Reading::Pose(pose) => self.pose(pose),
             Reading::Counts(counts) => self.counts(counts),
             Reading::Frame(frame) => self.frame(&frame),
-            Reading::NamedTransform(_) => Ok(Live::Unused("named transform")),
+            Reading::NamedTransform(transform) => self.named(&transform),
             Reading::Recorded(_) => Ok(Live::Unused("recorded")),
             Reading::Raw(_) => Ok(Live::Unused("raw")),
             _ => Ok(Live::Unused("unknown")),
@@ -227,19 +232,36 @@ impl LiveIngest {
         let Some(source) = stations.iter().position(|station| *station == pose.station) else {
             return Ok(Live::Unused("pose of a station that was not asked for"));
         };
-        let host_ns = received(&pose.stamp)?;
+        let timed = self.measured(source, &pose.stamp)?;
+        let rigid = rigid(&pose)?;
+        Ok(Live::Pose { source, sample: sample(&timed, rigid, invalid(pose.status)), timed })
+    }
+
+    fn named(&mut self, transform: &NamedTransform) -> Result<Live, Refusal> {
+        let Gives::Named(names) = &self.gives else { return Ok(Live::Unused("named transform")) };
+        let name = transform.name();
+        let Some(source) = names.iter().position(|known| *known == name) else {
+            return Ok(Live::Unused("transform that was not asked for"));
+        };
+        let timed = self.measured(source, &transform.stamp)?;
+        let rigid = rigid_of(transform)?;
+        Ok(Live::Pose { source, sample: sample(&timed, rigid, invalid(transform.status.clone())), timed })
+    }
+
+    /// When a source's pose was measured.
+    fn measured(&mut self, source: usize, stamp: &Stamp) -> Result<Timed, Refusal> {
+        let host_ns = received(stamp)?;
         let last = self.heard;
-        let before = self.sent_before(source, host_ns, pose.stamp.ticks);
+        let before = self.sent_before(source, host_ns, stamp.ticks);
         let waited_ns = self.timing.wire_ns.saturating_mul(before);
         let counts = self.timing.ticks != Ticks::None;
         let mut timed =
-            self.clocks[if counts { 0 } else { source }].push(host_ns.saturating_sub(waited_ns), pose.stamp.ticks);
+            self.clocks[if counts { 0 } else { source }].push(host_ns.saturating_sub(waited_ns), stamp.ticks);
         if counts && last.is_some_and(|last| last.source != source) {
             // The stations of a measurement have its ticks in common.
             timed.flags = timed.flags.without(TimeFlags::REPEATED);
         }
-        let rigid = rigid(&pose)?;
-        Ok(Live::Pose { source, sample: sample(&timed, rigid, invalid(pose.status)), timed })
+        Ok(timed)
     }
 
     /// Records of the same measurement that this one has waited for on the wire: those that were heard. One that was sent and lost makes this one late; one that was never
@@ -373,6 +395,17 @@ pub fn rigid(pose: &Pose) -> Result<Rigid, Refusal> {
         return Err(Refusal::new(pose.stamp.item, Reason::PoseNotRigid, detail));
     }
     Ok(Rigid { rotation: quaternion.normalize(), position_mm: position * MM_PER_CM })
+}
+
+/// A transform with a name as a pose.
+fn rigid_of(transform: &NamedTransform) -> Result<Rigid, Refusal> {
+    let refusal = |reason, problem: String| {
+        Refusal::new(transform.stamp.item, reason, format!("{} cannot be used: {problem}", transform.name()))
+    };
+    let affine = affine_from_rows(&transform.matrix).map_err(|bad| refusal(Reason::from(&bad), bad.to_string()))?;
+    let (nearest, _) =
+        nearest_rigid(&affine, RIGID_TOLERANCE).map_err(|bad| refusal(Reason::from(&bad), bad.to_string()))?;
+    Ok(Rigid { rotation: DQuat::from_mat3(&nearest.matrix3).normalize(), position_mm: nearest.translation })
 }
 
 #[cfg(test)]

@@ -1,8 +1,6 @@
 //! Pictures and the transforms of their stamp → posed slices.
 
-use calibration::frames::{
-    BadMatrix, Image as ImageFrame, NotRigid, Transform, World, affine_from_rows, nearest_rigid,
-};
+use calibration::frames::{Image as ImageFrame, Transform, World, affine_from_rows, nearest_rigid};
 use calibration::named::StaticTransform;
 use drivers::reading::{NamedTransform, Stamp, Status, transform_name};
 use glam::DAffine3;
@@ -292,24 +290,13 @@ impl Held {
         if let Status::Other(word) = &transform.status {
             return Err(refusal(Reason::PoseInvalid, format!("has status {word}")));
         }
-        let affine = affine_from_rows(&transform.matrix).map_err(|bad| {
-            let reason = match bad {
-                BadMatrix::NotFinite { .. } => Reason::PoseNotFinite,
-                BadMatrix::LastRow { .. } => Reason::PoseNotRigid,
-                BadMatrix::Singular { .. } => Reason::PoseSingular,
-            };
-            refusal(reason, format!("cannot be used: {bad}"))
-        })?;
+        let affine = affine_from_rows(&transform.matrix)
+            .map_err(|bad| refusal(Reason::from(&bad), format!("cannot be used: {bad}")))?;
         if !self.tracker {
             return Ok((affine, 0.0));
         }
-        nearest_rigid(&affine, RIGID_TOLERANCE).map_err(|bad| {
-            let reason = match bad {
-                NotRigid::Mirrored { .. } => Reason::PoseMirrored,
-                NotRigid::Distorted { .. } => Reason::PoseNotRigid,
-            };
-            refusal(reason, format!("cannot be used: {bad}"))
-        })
+        nearest_rigid(&affine, RIGID_TOLERANCE)
+            .map_err(|bad| refusal(Reason::from(&bad), format!("cannot be used: {bad}")))
     }
 }
 

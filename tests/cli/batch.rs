@@ -28,6 +28,28 @@ fn several_recordings_become_a_volume_each_and_one_that_fails_keeps_none_from_it
 }
 
 #[test]
+fn each_recording_has_its_weights_planes_and_numbers_in_the_folders_that_are_named() {
+    let place = Place::new();
+    place.put("a.igs.mha", Sequence::default().bytes());
+    place.put("b.mha", Sequence { pose: |f| pose(2.0 * f64::from(f)), ..Sequence::default() }.bytes());
+    for folder in ["out", "said"] {
+        std::fs::create_dir(place.path(folder)).unwrap();
+    }
+    let flags = "--clip none --path general";
+    place.does(&format!("reconstruct a.igs.mha b.mha -o out --weights out --planes out --stats said {flags}"));
+    place.does(&format!("reconstruct b.mha -o v.mha --weights w.mha --planes p.png --stats s.json {flags}"));
+    for (one, own) in [("out/b.mha", "v.mha"), ("out/b.weights.mha", "w.mha"), ("out/b.planes.png", "p.png")] {
+        assert!(place.get(one) == place.get(own), "{one}: the same bytes as by a command of its own");
+    }
+    for (name, input) in [("said/a.stats.json", "a.igs.mha"), ("said/b.stats.json", "b.mha")] {
+        let statistics = place.json(name);
+        assert_eq!(statistics["input"]["path"].as_str().or(statistics["input"].as_str()).unwrap(), input, "{name}");
+    }
+    assert_eq!(std::fs::read_dir(place.path("out")).unwrap().count(), 6);
+    assert_eq!(std::fs::read_dir(place.path("said")).unwrap().count(), 2);
+}
+
+#[test]
 fn names_that_meet_and_files_of_one_recording_are_refused_before_the_work() {
     let place = Place::new();
     place.put("a.mha", Sequence::default().bytes());
@@ -36,7 +58,10 @@ fn names_that_meet_and_files_of_one_recording_are_refused_before_the_work() {
     place.refuses("reconstruct a.mha b.mha -o v.mha", &["v.mha: is no folder"]);
     std::fs::create_dir(place.path("out")).unwrap();
     place.refuses_with("reconstruct a.mha a.igs.mha -o out", &["a.igs.mha: its volume would be out/a.mha"]);
-    place.refuses_with("reconstruct a.mha b.mha -o out --stats s.json", &["--stats name one file"]);
+    for flag in ["--stats s.json", "--planes p.png", "--weights none/w.mha"] {
+        let says = format!("{flag}: is no folder, and of several recordings each has a file of its own there (NAME.");
+        place.refuses_with(&format!("reconstruct a.mha b.mha -o out {flag}"), &[&says]);
+    }
     place.refuses_with("reconstruct a.mha b.mha -o .", &["is the input"]);
     assert_eq!(std::fs::read_dir(place.path("out")).unwrap().count(), 0);
 }

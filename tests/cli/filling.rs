@@ -82,6 +82,19 @@ fn those_who_draw_do_not_take_filled_voxels_for_seen_ones() {
 }
 
 #[test]
+fn the_planes_show_what_was_filled_in_a_tint_of_its_own() {
+    let place = gaps();
+    place.does_narrowly(&format!("{WEAVE} -o v.mha --planes plain.png"));
+    place.does_narrowly(&format!("{WEAVE} -o f.mha --planes filled.png --fill nearest --fill-radius 1"));
+    let tinted = |name: &str| {
+        let picture = image::load_from_memory(&place.get(name)).unwrap().to_rgb8();
+        picture.pixels().filter(|colour| colour.0[0].saturating_sub(colour.0[2]) >= 40).count()
+    };
+    assert_eq!(tinted("plain.png"), 0);
+    assert!(tinted("filled.png") > 1000, "{}", tinted("filled.png"));
+}
+
+#[test]
 fn any_number_of_threads_fills_the_same_and_a_replay_does() {
     let place = gaps();
     let fill = "--fill gaussian --fill-radius 2";

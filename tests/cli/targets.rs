@@ -76,6 +76,35 @@ fn a_point_and_a_stylus_s_tip_tell_where_the_picture_lies() {
 }
 
 #[test]
+fn the_next_view_is_the_corner_where_a_place_is_known_least() {
+    let place = Place::new();
+    swept(&place, "cross-wire");
+    let mut named = Vec::new();
+    // What is looked at is a part at one side: the far corner is known least.
+    for clip in ["0,0,320,240", "0,0,180,240", "140,0,180,240"] {
+        place.does(&format!(
+            "calibrate probe --method point --sequence cross-wire.igs.mha --clip {clip} --limit 50 -o c.toml --report r.json"
+        ));
+        let report = place.json("r.json");
+        let rows: Vec<Vec<f64>> = serde_json::from_value(report["predicted_error_mm"].clone()).unwrap();
+        let ends = |row: &[f64]| [row[0], row[row.len() - 1]];
+        let [upper, lower] = [ends(&rows[0]), ends(&rows[rows.len() - 1])];
+        let corners =
+            [("upper left", upper[0]), ("upper right", upper[1]), ("lower left", lower[0]), ("lower right", lower[1])];
+        let (name, mm) = corners.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
+        let said = report["next_view"].as_str().unwrap();
+        assert_eq!(
+            said,
+            format!("let it be seen at the picture's {name}, where a place is known least ({mm:.2} mm)"),
+            "{corners:?}"
+        );
+        assert_eq!(report["predicted_ends_mm"][1].as_f64().unwrap(), mm);
+        named.push(name);
+    }
+    assert!(named[1].ends_with("right") && named[2].ends_with("left"), "{named:?}");
+}
+
+#[test]
 fn a_tank_s_floor_tells_it_less_well() {
     let place = Place::new();
     swept(&place, "tank-floor");

@@ -1,15 +1,17 @@
-//! How bytes come and go: a serial line, USB, and a line within the process.
+//! How bytes come and go: a serial line, USB, a network, and a line within the process.
 //!
 //! A transport knows nothing of records. It says when bytes were here, and that the other end is gone.
 
 mod holder;
 mod memory;
 pub mod serial;
+pub mod tcp;
 pub mod usb;
 
 pub(crate) use holder::holder;
 pub use memory::{MemoryOpener, Peer};
 pub use serial::{PortPath, SerialOpener};
+pub use tcp::TcpOpener;
 pub use usb::{UsbId, UsbOpener};
 
 use std::os::fd::BorrowedFd;

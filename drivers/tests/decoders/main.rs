@@ -8,6 +8,8 @@ mod fastrak;
 mod isotrak;
 mod liberty;
 mod microscribe;
+mod openigtlink;
+mod openigtlink_vectors;
 mod qsb;
 mod stream;
 mod viper;

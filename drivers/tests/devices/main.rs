@@ -9,6 +9,7 @@ mod isotrak;
 mod joints;
 mod liberty;
 mod microscribe;
+mod openigtlink;
 mod qsb;
 mod sessions;
 mod stuck;

@@ -30,7 +30,6 @@ use super::outputs::{Input, Outputs, print};
 use super::recorded::Recorded;
 use crate::config::Settings as Config;
 use crate::config::phantom::PhantomSettings;
-use crate::mask::Clip;
 use again::again;
 use lag::Lag;
 use recording::{Observed, observe, pictures};
@@ -122,7 +121,7 @@ pub struct Arguments {
     #[command(flatten)]
     target: target::Flags,
     /// Part of the picture that is looked at: X,Y,W,H in pixels [default: as the phantom's file says, else the session's configuration, else all of it]
-    #[arg(long, value_name = "X,Y,W,H", value_parser = clip)]
+    #[arg(long, value_name = "X,Y,W,H", value_parser = values::rectangle)]
     clip: Option<ClipRect>,
     /// Refuse a result whose error on the second recording (mean, mm; of N-wires by PLUS's definition) is larger
     #[arg(long, value_name = "MM", default_value_t = 2.0, value_parser = values::positive)]
@@ -140,13 +139,6 @@ pub struct Arguments {
 fn ruler(text: &str) -> Result<Ruler, String> {
     let numbers = text.split_once(',').and_then(|(px, mm)| Some((px.trim().parse().ok()?, mm.trim().parse().ok()?)));
     numbers.and_then(|(px, mm)| Ruler::new(px, mm)).ok_or_else(|| "must be two lengths above 0: pixels,mm".into())
-}
-
-fn clip(text: &str) -> Result<ClipRect, String> {
-    match text.parse::<Clip>().map_err(|e| e.to_string())? {
-        Clip::Rect(rect) => Ok(rect),
-        _ => Err("must be four whole numbers of pixels X,Y,W,H".into()),
-    }
 }
 
 /// Runs the command.

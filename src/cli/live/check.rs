@@ -97,22 +97,31 @@ pub(super) fn check(bedside: &Bedside) -> Result<Report, Failure> {
 fn of_tracking(bedside: &Bedside, tried: &Tried) -> Checked {
     let (what, stations) = match &bedside.tracking {
         Tracking::Tracker(tracker) => {
-            ("tracker", tracker.roles.all().map(|(n, frame)| (n, frame.to_lowercase())).collect())
+            let station = |(n, frame): (u8, &str)| (Some(n), frame.to_lowercase(), format!("station {n}"));
+            ("tracker", tracker.roles.all().map(station).collect())
         }
         Tracking::Arm(_) => ("arm", Vec::new()),
+        Tracking::Remote(remote) => (
+            "server",
+            remote
+                .transforms
+                .iter()
+                .map(|(name, frame)| (tried.station(name), frame.to_lowercase(), name.clone()))
+                .collect(),
+        ),
     };
     let is_virtual = bedside.tracking.is_virtual();
     let mut checked = of_device(what, tried, is_virtual, bedside.tracking.latency_ns());
     if tried.ran_after.is_none() {
         return checked;
     }
-    for (station, frame) in &stations {
-        let Some(stream) = tried.streams.get(station) else {
-            checked.wrong(format!("{frame}: station {station} sends nothing; is its sensor plugged in?"));
+    for (station, frame, called) in &stations {
+        let Some(stream) = station.and_then(|station| tried.streams.get(&station)) else {
+            checked.wrong(format!("{frame}: {called} sends nothing; is its sensor plugged in?"));
             continue;
         };
         let hz = stream.seen_hz.map_or(String::new(), |hz| format!(", {hz:.1} a second"));
-        checked.say(format!("{frame:<10} station {station} at {}{hz}", stream.first));
+        checked.say(format!("{frame:<10} {called} at {}{hz}", stream.first));
         rate(&mut checked, &format!("{frame}: "), stream.seen_hz, tried, is_virtual);
         if stream.doubtful > 0 {
             let why = stream.doubt.as_deref().unwrap_or_default();
@@ -273,7 +282,7 @@ fn of_calibration(bedside: &Bedside, grabber: &Tried) -> Checked {
             checked.wrong(error.to_string());
         }
     }
-    let zones = calibration.distortion.as_ref().filter(|_| matches!(bedside.tracking, Tracking::Tracker(_)));
+    let zones = calibration.distortion.as_ref().filter(|_| !matches!(bedside.tracking, Tracking::Arm(_)));
     checked.says.extend(zones.map(ToString::to_string));
     if let Tracking::Arm(_) = &bedside.tracking {
         match &calibration.arm {

@@ -50,6 +50,8 @@ pub(super) struct Tried {
     pub(super) harmed: [u64; 3],
     /// What came, by station; frames and counts are 0.
     pub(super) streams: BTreeMap<u8, Stream>,
+    /// Names of transforms, whose stations are their places here, from 1.
+    pub(super) names: Vec<String>,
     /// Size of its pictures.
     pub(super) picture: Option<[u32; 2]>,
     /// All pictures were one grey level.
@@ -66,6 +68,7 @@ pub(super) fn try_out(device: &mut dyn Device) -> Tried {
         health: device.health().clone(),
         harmed: [0; 3],
         streams: BTreeMap::new(),
+        names: Vec::new(),
         picture: None,
         flat: true,
     };
@@ -122,6 +125,16 @@ impl Tried {
                     format!("{width}×{height} pixels, {colour}, levels {} to {high}", low.min(high))
                 });
             }
+            Reading::NamedTransform(transform) => {
+                let name = transform.name();
+                let place = self.names.iter().position(|known| *known == name).unwrap_or_else(|| {
+                    self.names.push(name);
+                    self.names.len() - 1
+                });
+                let [x, y, z] = [3, 7, 11].map(|at| transform.matrix[at]);
+                let station = u8::try_from(place + 1).unwrap_or(u8::MAX);
+                self.note(station, transform.stamp.host_ns, &transform.status, || format!("{x:.2}, {y:.2}, {z:.2} mm"));
+            }
             _ => {}
         }
     }
@@ -144,6 +157,12 @@ impl Tried {
             stream.doubtful += 1;
             stream.doubt = Some(word.clone().into_owned());
         }
+    }
+
+    /// The station of a transform by its name, if it came.
+    pub(super) fn station(&self, name: &str) -> Option<u8> {
+        let place = self.names.iter().position(|known| known == name)?;
+        u8::try_from(place + 1).ok()
     }
 
     /// Its clock in words.

@@ -132,11 +132,11 @@ pub(in crate::cli) fn leave(
     }
     if let Some(outcome) = outcome {
         let input = match (replayed, recording) {
-            (Some(session), _) => format!("{} sha256 {}", name_of(session), input::hash(session)?),
+            (Some(session), _) => name_of(session),
             (None, Some(recording)) => name_of(&recording.path),
             (None, None) => "devices, not recorded".into(),
         };
-        write_volumes(outputs, outcome, bedside, input)?;
+        write_volumes(outputs, outcome, input)?;
     } else if outputs.volume.is_some() || outputs.weights.is_some() || outputs.picture.is_some() {
         say("no slice was woven: there is no volume and no picture");
     }
@@ -169,7 +169,7 @@ pub(in crate::cli) fn leave(
 }
 
 #[allow(clippy::print_stdout, reason = "the command's output")]
-fn write_volumes(outputs: &Outputs, outcome: &Outcome, bedside: &Bedside, input: String) -> Result<(), Failure> {
+fn write_volumes(outputs: &Outputs, outcome: &Outcome, input: String) -> Result<(), Failure> {
     if outputs.volume.is_none() && outputs.weights.is_none() {
         return Ok(());
     }
@@ -185,7 +185,8 @@ fn write_volumes(outputs: &Outputs, outcome: &Outcome, bedside: &Bedside, input:
         PixelKind::F32 => Scalar::F32,
     };
     let encoding = Encoding { scalar, window: None, unseen: 0.0 };
-    let calibration = name_of(&bedside.path);
+    // What the session's configuration says is in the session; by which file it came there makes no other volume.
+    let calibration = "in the configuration".to_owned();
     let made = Made { outcome, space: &space, encoding: &encoding, input, calibration, cropped: false };
     let mut fields = made.fields();
     let filled = outputs.filling.fill(weaver.volume(), &space, weaver.settings())?;

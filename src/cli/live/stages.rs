@@ -112,7 +112,9 @@ pub(in crate::cli) fn stages(bedside: &Bedside, looks: Option<Arc<dyn Looks>>) -
 fn watch(bedside: &Bedside) -> Option<Watch> {
     let zones = bedside.calibration.distortion.as_ref().filter(|zones| zones.count() > 0)?;
     match bedside.tracking {
-        Tracking::Tracker(_) => Some(Watch { sensor: PROBE_FRAME.to_owned(), zones: Arc::new(zones.clone()) }),
+        Tracking::Tracker(_) | Tracking::Remote(_) => {
+            Some(Watch { sensor: PROBE_FRAME.to_owned(), zones: Arc::new(zones.clone()) })
+        }
         Tracking::Arm(_) => None,
     }
 }
@@ -136,6 +138,11 @@ fn of_tracking(bedside: &Bedside) -> Result<(Gives, Vec<[String; 2]>), Failure> 
         Tracking::Tracker(tracker) => {
             let (stations, frames) = tracker.roles.all().map(|(station, frame)| (station, to_tracker(frame))).unzip();
             Ok((Gives::Stations(stations), frames))
+        }
+        Tracking::Remote(remote) => {
+            let of = remote.transforms.iter().map(|(name, frame)| (name.clone(), to_tracker(frame)));
+            let (names, frames) = of.unzip();
+            Ok((Gives::Named(names), frames))
         }
         Tracking::Arm(_) => {
             let Some(arm) = bedside.calibration.arm else {

@@ -3,9 +3,10 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use super::beside::Beside;
 use super::flags::Flags;
 use super::weave;
-use crate::cli::Failure;
+use crate::cli::{Failure, input};
 use crate::statistics::Statistics;
 
 /// Weaves each recording into a volume of its name in a folder; one that fails does not keep the others from it.
@@ -14,16 +15,13 @@ use crate::statistics::Statistics;
 /// [`Failure`] before any work where the folder or names do not fit, else where a recording failed: the others' volumes are written then.
 #[allow(clippy::print_stdout, reason = "the command's output")]
 pub(super) fn run(sequences: &[PathBuf], folder: &Path, flags: &Flags) -> Result<(), Failure> {
-    let outputs = outputs(sequences, folder)?;
-    if [&flags.weights, &flags.planes, &flags.stats].into_iter().any(Option::is_some) {
-        return Err(Failure("--weights, --planes and --stats name one file, and there are several recordings: give one, or leave them out".into()));
-    }
+    let outputs = outputs(sequences, folder, &flags.beside)?;
     let mut rows = vec![["recording", "frames", "voxels", "s", "volume"].map(str::to_owned)];
     let mut failed = 0;
-    for (sequence, output) in sequences.iter().zip(&outputs) {
+    for (sequence, (output, beside)) in sequences.iter().zip(outputs) {
         let name = sequence.display().to_string();
-        rows.push(match weave(sequence, output, flags) {
-            Ok(statistics) => done(name, &statistics, output),
+        rows.push(match weave(sequence, &output, flags, beside) {
+            Ok(statistics) => done(name, &statistics, &output),
             Err(Failure(why)) => {
                 failed += 1;
                 [name, "–".into(), "–".into(), "–".into(), format!("failed: {why}")]
@@ -44,14 +42,15 @@ fn done(name: String, statistics: &Statistics, output: &Path) -> [String; 5] {
     [name, format!("{} of {}", frames.used, frames.total), size, wall, output.display().to_string()]
 }
 
-/// A recording's name up to its first point, in the folder, each once.
-fn outputs(sequences: &[PathBuf], folder: &Path) -> Result<Vec<PathBuf>, Failure> {
+/// A recording's name up to its first point, in the folder and in those of what is beside its volume, each once.
+fn outputs(sequences: &[PathBuf], folder: &Path, folders: &Beside) -> Result<Vec<(PathBuf, Beside)>, Failure> {
     if !folder.is_dir() {
         return Err(Failure(format!(
             "{}: is no folder, and several recordings become a volume each: make the folder, and give it with -o",
             folder.display()
         )));
     }
+    folders.check_folders()?;
     let mut taken = BTreeSet::new();
     let mut outputs = Vec::new();
     for sequence in sequences {
@@ -66,8 +65,11 @@ fn outputs(sequences: &[PathBuf], folder: &Path) -> Result<Vec<PathBuf>, Failure
             )));
         }
         // Not only its own recording: any of them.
-        sequences.iter().try_for_each(|sequence| crate::cli::input::check_is_not(&output, sequence))?;
-        outputs.push(output);
+        let beside = folders.of(stem);
+        for path in beside.all().chain([&*output]) {
+            sequences.iter().try_for_each(|sequence| input::check_is_not(path, sequence))?;
+        }
+        outputs.push((output, beside));
     }
     Ok(outputs)
 }

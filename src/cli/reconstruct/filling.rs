@@ -49,7 +49,7 @@ impl FillFlags {
         let Some(filling) = self.filling() else { return Ok(()) };
         if !is_written {
             return Err(Failure(
-                "--fill: only files are filled, and none is written: give a volume or --weights".into(),
+                "--fill: only files are filled, and none is written: give a volume, --weights or --planes".into(),
             ));
         }
         filling.check(settings.spacing_mm).map_err(|e| Failure(format!("--fill-radius: {e}")))

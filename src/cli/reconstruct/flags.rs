@@ -7,6 +7,7 @@ use drivers::OpenSettings;
 use drivers::recording::SequenceSettings;
 use glam::DVec3;
 
+use super::beside::Beside;
 use super::filling::FillFlags;
 use super::weighing::Weighing;
 use crate::cli::dicom::flags::{DicomFlags, is_dicom};
@@ -72,12 +73,8 @@ pub(in crate::cli) struct Flags {
     /// Value of voxels that were not seen
     #[arg(long, value_name = "V", default_value_t = 0.0, allow_hyphen_values = true)]
     pub(in crate::cli) unseen: f32,
-    /// Write the weights too: 0 where nothing was seen, −1 where that was filled
-    #[arg(long, value_name = "FILE.mha")]
-    pub(in crate::cli) weights: Option<PathBuf>,
-    /// Draw the three middle planes
-    #[arg(long, value_name = "FILE.png")]
-    pub(in crate::cli) planes: Option<PathBuf>,
+    #[command(flatten)]
+    pub(in crate::cli) beside: Beside,
     /// Frames to use: from A up to, but not including, B
     #[arg(long, value_name = "A..B", value_parser = values::frames)]
     pub(in crate::cli) frames: Option<FrameRange>,
@@ -90,9 +87,6 @@ pub(in crate::cli) struct Flags {
     /// Memory that the volume may take, GiB
     #[arg(long, value_name = "GIB", default_value_t = 8.0)]
     pub(in crate::cli) max_memory: f64,
-    /// Write what was done, as JSON
-    #[arg(long, value_name = "FILE.json")]
-    pub(in crate::cli) stats: Option<PathBuf>,
     #[command(flatten)]
     pub(in crate::cli) dicom: DicomFlags,
     #[command(flatten)]
@@ -215,9 +209,14 @@ impl Flags {
     ///
     /// # Errors
     /// [`Failure`] with the first that is not so.
-    pub(in crate::cli) fn check_outputs(&self, sequence: &Path, volume: Option<&Path>) -> Result<(), Failure> {
-        let volumes = [volume, self.weights.as_deref()];
-        let others = [self.planes.as_deref(), self.stats.as_deref()];
+    pub(in crate::cli) fn check_outputs(
+        &self,
+        sequence: &Path,
+        volume: Option<&Path>,
+        beside: &Beside,
+    ) -> Result<(), Failure> {
+        let volumes = [volume, beside.weights.as_deref()];
+        let others = [beside.planes.as_deref(), beside.stats.as_deref()];
         for path in volumes.into_iter().chain(others).flatten() {
             input::check_folder(path)?;
             input::check_is_not(path, sequence)?;

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use serde::Serialize;
 
+use super::beside::Beside;
 use super::filling;
 use super::flags::Flags;
 use crate::cli::dicom::flags::is_dicom;
@@ -12,8 +13,8 @@ use crate::cli::provenance::Made;
 use crate::cli::{Failure, input};
 use crate::config::Settings as Config;
 use crate::export::dicom::volume::VolumeImage;
-use crate::export::fill::Filled;
-use crate::export::planes::{PlanesOptions, Window, planes};
+use crate::export::fill::{FILLED, Filled};
+use crate::export::planes::{PlanesOptions, Shown, Window, planes};
 use crate::export::volume::{DenseBox, Encoding, write_values, write_weights};
 use crate::mask::MaskSettings;
 use crate::pipeline::{Job, Outcome};
@@ -27,6 +28,7 @@ pub(in crate::cli) struct Request<'a> {
     pub(in crate::cli) sequence: &'a Path,
     pub(in crate::cli) output: Option<&'a Path>,
     pub(in crate::cli) flags: &'a Flags,
+    beside: Beside,
     began: Instant,
     config: Config,
     mask: MaskSettings,
@@ -34,7 +36,7 @@ pub(in crate::cli) struct Request<'a> {
 }
 
 impl<'a> Request<'a> {
-    /// Asked just now; fails before the work, not after it, where an output cannot be.
+    /// Asked just now, with what is written beside the volume; fails before the work, not after it, where an output cannot be.
     ///
     /// # Errors
     /// [`Failure`] when flags contradict each other or files are out of reach.
@@ -42,14 +44,15 @@ impl<'a> Request<'a> {
         sequence: &'a Path,
         output: Option<&'a Path>,
         flags: &'a Flags,
+        beside: Beside,
     ) -> Result<(Self, Job), Failure> {
         let began = Instant::now();
         let job = flags.job(sequence)?;
-        flags.check_outputs(sequence, output)?;
-        flags.filling.check(&job.settings, output.is_some() || flags.weights.is_some())?;
+        flags.check_outputs(sequence, output, &beside)?;
+        flags.filling.check(&job.settings, output.is_some() || beside.weights.is_some() || beside.planes.is_some())?;
         let frames = (job.frames != (0..u64::MAX)).then_some([job.frames.start, job.frames.end]);
         let (config, mask) = (job.config.clone(), job.mask);
-        Ok((Self { sequence, output, flags, began, config, mask, frames }, job))
+        Ok((Self { sequence, output, flags, beside, began, config, mask, frames }, job))
     }
 
     /// Writes all that was asked for, says what was done, and returns the numbers of it; `picture` is what a rendering on the side did.
@@ -61,9 +64,9 @@ impl<'a> Request<'a> {
         mut outcome: Outcome,
         picture: Option<&impl Serialize>,
     ) -> Result<Statistics, Failure> {
-        let flags = self.flags;
+        let (flags, beside) = (self.flags, &self.beside);
         outcome.notes.extend(flags.weighing.note());
-        let writes = self.output.is_some() || flags.weights.is_some();
+        let writes = self.output.is_some() || beside.weights.is_some();
         let encoding = if writes { Some(flags.encoding(outcome.pixels)?) } else { None };
         let space = flags.dense_box(&outcome)?;
 
@@ -81,17 +84,17 @@ impl<'a> Request<'a> {
                     write_values(volume, &space, path, encoding, &fields)?;
                 }
             }
-            if let Some(path) = &flags.weights {
+            if let Some(path) = &beside.weights {
                 write_weights(volume, &space, path, &fields)?;
             }
         }
-        if let Some(path) = &flags.planes {
-            draw(&outcome, &space, path)?;
+        if let Some(path) = &beside.planes {
+            draw(filled.as_ref().map_or(volume, |filled| filled as &dyn Voxels), &space, path)?;
         }
         let scalar = encoding.map(|e| e.scalar.name());
         let mut statistics = Statistics::new(&outcome, &space, scalar, self.began.elapsed());
         statistics.fill = filled.as_ref().map(FillNumbers::of);
-        if let Some(path) = &flags.stats {
+        if let Some(path) = &beside.stats {
             let source = Source {
                 input: self.sequence,
                 sha256: &hash,
@@ -190,22 +193,24 @@ impl<'a> Request<'a> {
         if let Some(filled) = filled {
             println!("{}", filling::sentence(filled));
         }
-        if let Some(path) = &self.flags.weights {
+        if let Some(path) = &self.beside.weights {
             println!("weights: {}", path.display());
         }
-        if let Some(path) = &self.flags.planes {
+        if let Some(path) = &self.beside.planes {
             println!("middle planes: {}", path.display());
         }
     }
 }
 
-fn draw(outcome: &Outcome, space: &DenseBox, path: &Path) -> Result<(), Failure> {
-    let volume = outcome.reconstructor.volume();
-    let value = |voxel: [u64; 3]| {
+fn draw(volume: &dyn Voxels, space: &DenseBox, path: &Path) -> Result<(), Failure> {
+    let shown = |voxel: [u64; 3]| {
         let at: [i64; 3] = std::array::from_fn(|a| space.first[a] + voxel[a] as i64);
-        let (r, w) = volume.voxel(at);
-        (w > SEEN).then(|| r / w)
+        match volume.voxel(at) {
+            (r, w) if w > SEEN => Some(Shown::Seen(r / w)),
+            (r, w) if w == FILLED => Some(Shown::Filled(r / w)),
+            _ => None,
+        }
     };
     let options = PlanesOptions { window: Window::Percentiles, ..PlanesOptions::default() };
-    Ok(planes(&space.grid, value, &options)?.write_png(path)?)
+    Ok(planes(&space.grid, shown, &options)?.write_png(path)?)
 }

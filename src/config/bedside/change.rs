@@ -77,7 +77,8 @@ impl Bedside {
         }
         match (&mut self.tracking, &newer.tracking) {
             (own @ Tracking::Tracker(_), other @ Tracking::Tracker(_))
-            | (own @ Tracking::Arm(_), other @ Tracking::Arm(_)) => own.set_latency_ns(other.latency_ns()),
+            | (own @ Tracking::Arm(_), other @ Tracking::Arm(_))
+            | (own @ Tracking::Remote(_), other @ Tracking::Remote(_)) => own.set_latency_ns(other.latency_ns()),
             _ => {}
         }
         self.grabber.latency_ns = newer.grabber.latency_ns;

@@ -12,6 +12,7 @@ use drivers::{Error, OpenSettings};
 use serde::Serialize;
 
 use super::reader::Reader;
+use super::remote::{self, Remote};
 use crate::config::values;
 use crate::sync::graph::Names;
 
@@ -37,6 +38,8 @@ pub enum Tracking {
     Tracker(Tracker),
     /// An arm holds it.
     Arm(Arm),
+    /// A server knows where it is.
+    Remote(Remote),
 }
 
 impl Tracking {
@@ -45,6 +48,7 @@ impl Tracking {
         match self {
             Self::Tracker(tracker) => tracker.latency_ns,
             Self::Arm(arm) => arm.latency_ns,
+            Self::Remote(remote) => remote.latency_ns,
         }
     }
 
@@ -52,6 +56,7 @@ impl Tracking {
         match self {
             Self::Tracker(tracker) => tracker.latency_ns = ns,
             Self::Arm(arm) => arm.latency_ns = ns,
+            Self::Remote(remote) => remote.latency_ns = ns,
         }
     }
 
@@ -60,6 +65,7 @@ impl Tracking {
         match self {
             Self::Tracker(tracker) => tracker.port.is_none(),
             Self::Arm(arm) => arm.ports.is_none(),
+            Self::Remote(_) => false,
         }
     }
 
@@ -69,6 +75,7 @@ impl Tracking {
         match self {
             Self::Tracker(tracker) => tracker.roles.all().map(|(_, frame)| to_tracker(frame)).collect(),
             Self::Arm(_) => vec![to_tracker(PROBE_FRAME)],
+            Self::Remote(remote) => remote.transforms.iter().map(|(_, frame)| to_tracker(frame)).collect(),
         }
     }
 }
@@ -343,7 +350,7 @@ impl Grabber {
 
     /// What to open, where it is not virtual.
     pub fn open_settings(&self) -> OpenSettings {
-        OpenSettings::Grabber(self.settings.clone())
+        remote::pictures(&self.settings).unwrap_or_else(|| OpenSettings::Grabber(self.settings.clone()))
     }
 
     pub(super) fn read(mut keys: Reader<'_, '_>, latency_ms: f64) -> Result<Self, FileError> {
@@ -403,18 +410,21 @@ fn format(entry: &Entry<'_>) -> Result<Format, FileError> {
 }
 
 /// The file's, or the calibration's.
-fn latency(keys: &mut Reader<'_, '_>, calibrated_ms: f64) -> Result<i64, FileError> {
+pub(super) fn latency(keys: &mut Reader<'_, '_>, calibrated_ms: f64) -> Result<i64, FileError> {
     keys.ms("latency_ms", calibrated_ms, -1000.0..=1000.0)
 }
 
 /// A driver's complaint about settings, at the key that it is about. Drivers name theirs `device.setting: what is wrong`.
-fn misuse(keys: &Reader<'_, '_>, error: &Error) -> FileError {
+pub(super) fn misuse(keys: &Reader<'_, '_>, error: &Error) -> FileError {
     let sentence = error.to_string();
     let split = sentence.split_once(": ").and_then(|(name, problem)| Some((name.split_once('.')?.1, problem)));
     match split {
         Some(("stations", problem)) => keys.error("probe_station", problem),
         Some(("stylus", problem)) => keys.error("stylus_station", problem),
         Some(("fastest", problem)) => keys.error("fastest_counts_per_s", problem),
+        // Of a server's settings: names of transforms, and of the image.
+        Some(("transforms", problem)) => keys.error("probe", problem),
+        Some(("image", problem)) => keys.error("input", problem),
         Some((setting, problem)) if keys.knows(setting) => keys.error(setting, problem),
         _ => keys.error(if keys.knows("port") { "port" } else { "device" }, sentence),
     }

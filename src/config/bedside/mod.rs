@@ -15,6 +15,7 @@ pub mod devices;
 pub mod plus;
 mod reader;
 pub mod rehearsal;
+mod remote;
 pub mod schema;
 pub mod session;
 #[cfg(test)]
@@ -43,6 +44,7 @@ pub use devices::{Arm, ArmKind, Grabber, Roles, Tracker, Tracking};
 pub use reader::Effective;
 use reader::Reader;
 pub use rehearsal::Rehearsal;
+pub use remote::Remote;
 pub use session::{Pairing, Process, Realtime, Record, Scanner, Status};
 pub use weave::{Picture, Volume};
 
@@ -167,24 +169,26 @@ impl Bedside {
         let calibrated = told.as_ref().and_then(|settings| settings.latency);
         let [of_tracking_ms, of_grabber_ms] = calibrated.map_or([0.0; 2], |ms| [ms.tracker_ms, ms.video_ms]);
         let given = |name: &str| root.get(name);
-        let tracking = match (given("tracker"), given("arm")) {
-            (Some(_), None) => Tracking::Tracker(Tracker::read(
-                Reader::new(path, Some(root), "tracker", &mut effective)?,
-                of_tracking_ms,
-            )?),
-            (None, Some(_)) => {
-                Tracking::Arm(Arm::read(Reader::new(path, Some(root), "arm", &mut effective)?, of_tracking_ms)?)
+        let carriers = ["tracker", "arm", "remote"].map(|name| given(name).map(|entry| (name, entry)));
+        let mut carriers = carriers.into_iter().flatten();
+        let tracking = match (carriers.next(), carriers.next()) {
+            (Some((name, _)), None) => {
+                let keys = Reader::new(path, Some(root), name, &mut effective)?;
+                match name {
+                    "tracker" => Tracking::Tracker(Tracker::read(keys, of_tracking_ms)?),
+                    "arm" => Tracking::Arm(Arm::read(keys, of_tracking_ms)?),
+                    _ => Tracking::Remote(Remote::read(keys, of_tracking_ms)?),
+                }
             }
-            (Some(_), Some(arm)) => {
-                return Err(arm
-                    .error("[tracker] is there too, and one of them carries the probe; leave the other out")
-                    .into());
+            (Some((first, _)), Some((_, other))) => {
+                let problem = format!("[{first}] is there too, and one of them carries the probe; leave the other out");
+                return Err(other.error(problem).into());
             }
-            (None, None) => {
+            (None, _) => {
                 return Err(whole_file(
                     path,
                     "tracker",
-                    "neither [tracker] nor [arm] is there; one of them carries the probe",
+                    "neither [tracker] nor [arm] nor [remote] is there; one of them carries the probe",
                 ));
             }
         };
@@ -196,7 +200,7 @@ impl Bedside {
 
         let rehearsal = if tracking.is_virtual() || grabber.is_virtual {
             let usual = match tracking {
-                Tracking::Tracker(_) => TrajectoryName::Freehand,
+                Tracking::Tracker(_) | Tracking::Remote(_) => TrajectoryName::Freehand,
                 Tracking::Arm(_) => TrajectoryName::Arm,
             };
             let (hand, inner) =

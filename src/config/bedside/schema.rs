@@ -148,15 +148,35 @@ pub const SECTIONS: &[Section] = &[
         ],
     },
     Section {
+        name: "remote",
+        about: "The OpenIGTLink server that knows where the probe is, such as PLUS's, in the place of a tracker",
+        keys: &[
+            next("address", "\"HOST:PORT\"", "where the server is; 18944 is the usual port"),
+            next("probe", "a transform's name", "the one from the probe to the tracker; ProbeToTracker without it"),
+            next(
+                "reference",
+                "a transform's name",
+                "the one from the sensor on the patient, in whose frame the volume then lives; none without it",
+            ),
+            next("stylus", "a transform's name", "the one from the stylus; none without it"),
+            next("interval_ms", "0 to 1000", "the least time between two messages that are asked for; 5 without it"),
+            once("latency_ms", "-1000 to 1000", LATENCY),
+        ],
+    },
+    Section {
         name: "grabber",
         about: "The frame grabber at the scanner's video output",
         keys: &[
             next(
                 "device",
-                "a video node, a grabber's name or place as listed, or \"virtual\"",
-                "which it is; names stay the same when it is plugged in again",
+                "a video node, a grabber's name or place as listed, \"openigtlink:HOST:PORT\", or \"virtual\"",
+                "which it is; names stay the same when it is plugged in again. Of an OpenIGTLink server its IMAGEs are taken, and of what is below input, orientation and latency_ms count",
             ),
-            next("input", "a name or a number", "the input, of grabbers with several; the one in force without it"),
+            next(
+                "input",
+                "a name or a number",
+                "the input, of grabbers with several, the one in force without it; of a server its image by name, the first slice that comes without it",
+            ),
             next("standard", "ntsc, pal or secam", "the analogue standard; what the grabber sees without it"),
             next("format", "a V4L2 name such as YUYV", "format of the video; what costs least without it"),
             next(

@@ -13,10 +13,11 @@ use crate::path::PathChoice;
 use crate::reconstruct::{Compounding, Decay};
 
 /// The examples of bedsides, by name, as they lie in the project.
-const EXAMPLES: [(&str, &str); 4] = [
+const EXAMPLES: [(&str, &str); 5] = [
     ("arm-grabber.toml", include_str!("../../../docs/examples/arm-grabber.toml")),
     ("fastrak-grabber.toml", include_str!("../../../docs/examples/fastrak-grabber.toml")),
     ("liberty-usb-grabber.toml", include_str!("../../../docs/examples/liberty-usb-grabber.toml")),
+    ("plus-server.toml", include_str!("../../../docs/examples/plus-server.toml")),
     ("virtual.toml", include_str!("../../../docs/examples/virtual.toml")),
 ];
 
@@ -92,6 +93,7 @@ fn every_example_is_read_and_every_key_of_the_schema_is_in_one() {
 fn every_key_of_the_schema_is_read_and_no_other() {
     let mut read: BTreeSet<String> = example("virtual.toml").effective.into_keys().collect();
     read.extend(example("arm-grabber.toml").effective.into_keys());
+    read.extend(example("plus-server.toml").effective.into_keys());
     let sections = schema::SECTIONS.iter();
     let known = sections.flat_map(|section| section.keys.iter().map(|key| format!("{}.{}", section.name, key.name)));
     assert_eq!(read, known.collect());
@@ -238,7 +240,7 @@ fn devices_that_cannot_be_are_refused_by_their_keys() {
     let head = "format = \"sonoweave-bedside\"\nversion = 1\n";
     let grabber = "[grabber]\ndevice = \"virtual\"\n";
     let cases = [
-        ("", "[tracker] (line 1): neither [tracker] nor [arm] is there"),
+        ("", "[tracker] (line 1): neither [tracker] nor [arm] nor [remote] is there"),
         ("[tracker]\n", "tracker.model (line 3): is missing: which tracker is it?"),
         ("[tracker]\nmodel = \"aurora\"\n", "tracker.model (line 4): \"aurora\" is none of isotrak, fastrak"),
         ("[tracker]\nmodel = \"viper\"\n", "tracker.port (line 3): is missing: where is the tracker?"),

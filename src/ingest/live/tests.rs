@@ -274,3 +274,48 @@ fn axes_that_come_one_by_one_are_brought_to_one_time() {
     }
     assert!(poses > 3500 && waits > 1, "{poses} {waits}");
 }
+
+#[test]
+fn transforms_with_names_are_poses_of_their_sources_on_one_clock() {
+    let timing = Timing { ticks: Ticks::Time, tick_hz: Some(1e6), ..Timing::default() };
+    let names = ["ProbeToTracker", "ReferenceToTracker"].map(String::from).to_vec();
+    let mut live = LiveIngest::new(Gives::Named(names), timing, 0);
+    live.set_up(timing);
+    let transform = |n: i64, from: &str, matrix: [f64; 16]| NamedTransform {
+        stamp: Stamp {
+            host_ns: Some(SECOND + n * 10 * MS),
+            ticks: Some(1_795_339_800_000_000 + n as u64 * 10_000),
+            ..Stamp::default()
+        },
+        from: from.into(),
+        to: "Tracker".into(),
+        matrix,
+        status: if n == 3 { Status::Other("INVALID".into()) } else { Status::Ok },
+    };
+    // A quarter about z, as single precision leaves it.
+    let place = |x: f64| [1e-8, -1.0, 0.0, x, 1.0, 1e-8, 0.0, -2.0, 0.0, 0.0, 1.0, 3.0, 0.0, 0.0, 0.0, 1.0];
+    for n in 0..5 {
+        for (source, from) in ["Probe", "Reference"].iter().enumerate() {
+            let x = 10.0 * (n as f64) + source as f64;
+            let live = live.take(Reading::NamedTransform(transform(n, from, place(x))));
+            let Live::Pose { source: of, sample, timed } = live else { panic!("{live:?}") };
+            assert_eq!((of, sample.pose.position_mm), (source, DVec3::new(x, -2.0, 3.0)));
+            assert!(sample.pose.rotation.angle_between(DQuat::from_rotation_z(std::f64::consts::FRAC_PI_2)) < 1e-6);
+            assert_eq!(sample.invalid.is_some(), n == 3);
+            assert!((sample.time_ns - (SECOND + n * 10 * MS)).abs() < MS, "{sample:?}");
+            assert!(!timed.flags.has(TimeFlags::REPEATED), "both have the message's time");
+        }
+    }
+    assert_eq!(live.clocks().len(), 1);
+    let other = live.take(Reading::NamedTransform(transform(6, "Stylus", place(0.0))));
+    assert!(matches!(other, Live::Unused(_)), "{other:?}");
+    let mut mirrored = place(0.0);
+    mirrored[10] = -1.0;
+    for (matrix, reason) in
+        [(mirrored, Reason::PoseMirrored), ([0.0; 16], Reason::PoseNotRigid), ([f64::NAN; 16], Reason::PoseNotFinite)]
+    {
+        let live = live.take(Reading::NamedTransform(transform(7, "Probe", matrix)));
+        let Live::Refused(refusal) = live else { panic!("{live:?}") };
+        assert!(refusal.reason == reason && refusal.to_string().contains("ProbeToTracker"), "{refusal}");
+    }
+}

@@ -8,6 +8,9 @@ use crate::reading::PixelType;
 /// No number is written longer.
 const LONGEST: usize = 400;
 
+/// Up to here double precision has every whole number: 2⁵³.
+const MOST_EXACT: f64 = 9_007_199_254_740_992.0;
+
 /// The next number's text; `None` at the end. Numbers are parted by space or commas. Counts the bytes that are taken.
 pub(super) fn token(reader: &mut impl BufRead, consumed: &mut u64) -> io::Result<Option<String>> {
     let parts = |byte: &u8| byte.is_ascii_whitespace() || *byte == b',';
@@ -32,11 +35,15 @@ pub(super) fn token(reader: &mut impl BufRead, consumed: &mut u64) -> io::Result
     Ok((!token.is_empty()).then(|| String::from_utf8_lossy(&token).into_owned()))
 }
 
-/// Writes the number into `scalar`, in native byte order.
+/// Writes the number into `scalar`, in native byte order. A whole number may be spelled as another (`7.0`, `1e+06`): MetaIO writes all through double precision.
 pub(super) fn put(token: &str, pixel: PixelType, scalar: &mut [u8]) -> Result<(), String> {
     macro_rules! whole {
         ($kind:ty) => {
-            token.parse::<$kind>().ok().map(|value| scalar.copy_from_slice(&value.to_ne_bytes()))
+            token
+                .parse()
+                .ok()
+                .or_else(|| spelled_out(token)?.parse().ok())
+                .map(|value: $kind| scalar.copy_from_slice(&value.to_ne_bytes()))
         };
     }
     let put = match pixel {
@@ -59,6 +66,12 @@ pub(super) fn put(token: &str, pixel: PixelType, scalar: &mut [u8]) -> Result<()
         let token: String = token.chars().take(40).collect();
         format!("{token:?} is no {pixel:?}; the file is damaged or of another type")
     })
+}
+
+/// The digits of a whole number that is written with a point or an exponent. Beyond 2⁵³ double precision, by way of which it goes, has not all of them.
+fn spelled_out(token: &str) -> Option<String> {
+    let value: f64 = token.parse().ok()?;
+    (value.fract() == 0.0 && value.abs() <= MOST_EXACT).then(|| format!("{:.0}", value + 0.0))
 }
 
 #[cfg(test)]
@@ -90,7 +103,18 @@ mod tests {
         put("-300", PixelType::I16, &mut two).unwrap();
         assert_eq!(i16::from_ne_bytes(two), -300);
         assert!(put("-1", PixelType::U16, &mut two).unwrap_err().contains("\"-1\" is no U16"));
-        assert!(put("1.0", PixelType::I16, &mut two).is_err());
+        for (spelled, whole) in [("1.0", 1), ("-3e+02", -300), ("3.2767e4", i16::MAX)] {
+            put(spelled, PixelType::I16, &mut two).unwrap();
+            assert_eq!(i16::from_ne_bytes(two), whole, "{spelled}");
+        }
+        for odd in ["1.5", "1e5", "1e", "nan", "inf", "1e400", "0x10", ""] {
+            assert!(put(odd, PixelType::I16, &mut two).is_err(), "{odd}");
+        }
+        let mut eight = [0; 8];
+        put("9007199254740992.0", PixelType::U64, &mut eight).unwrap();
+        assert_eq!(u64::from_ne_bytes(eight), 1 << 53);
+        assert!(put("1e18", PixelType::U64, &mut eight).is_err(), "its digits are not all there");
+        assert!(put("-0.0", PixelType::U16, &mut two).is_ok());
         let mut four = [0; 4];
         put("nan", PixelType::F32, &mut four).unwrap();
         assert!(f32::from_ne_bytes(four).is_nan());

@@ -32,6 +32,8 @@ pub(crate) struct Grammar {
     pub(crate) claims: fn(&Header) -> Result<Claims<'_>, Fault>,
     /// Where a volume lies.
     pub(crate) place: fn(&Header) -> Result<Place, Fault>,
+    /// How far a sequence's pixels are apart along the first and second axis, mm, and what the file says so of the frames; `None` where it says nothing that can be read.
+    pub(crate) spacing: fn(&Header) -> Option<[f64; 3]>,
     /// The items' times, s, where something other than their fields says them.
     pub(crate) times: fn(&Header) -> Result<Option<Vec<f64>>, Fault>,
     /// Whether a field says how the pixels are stored and where they lie, which the readers say in other words.

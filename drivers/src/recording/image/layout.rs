@@ -311,13 +311,12 @@ mod tests {
 
     #[test]
     fn every_type_is_known_by_its_own_name() {
-        use PixelType::{F32, F64, I8, I16, I32, I64, U8, U16, U32, U64};
-        for pixel in [U8, I8, U16, I16, U32, I32, U64, I64, F32, F64] {
+        for pixel in PixelType::ALL {
             let lines = format!("NDims = 2\nDimSize = 1 1\nElementType = {}\n", element_type(pixel));
             assert_eq!(layout(&lines, pixel.bytes() as u64).unwrap().pixel, pixel);
         }
         let long = layout("NDims = 2\nDimSize = 1 1\nElementType = MET_ULONG\n", 4).unwrap();
-        assert_eq!(long.pixel, U32);
+        assert_eq!(long.pixel, PixelType::U32);
     }
 
     #[test]
@@ -362,7 +361,8 @@ mod tests {
             (with("domain list", "list"), 48, "Kinds", "exactly 3 words"),
             (format!("{IMAGES}ElementNumberOfChannels = 5\n"), 48, "ElementNumberOfChannels", "1 to 4"),
             (format!("{IMAGES}ElementNumberOfChannels = 0\n"), 48, "ElementNumberOfChannels", "1 to 4"),
-            (format!("{IMAGES}BinaryData = False\n"), 48, "BinaryData", "text"),
+            (format!("{IMAGES}BinaryData = False\n"), 46, "DimSize", "more than the 46 bytes of data"),
+            (format!("{IMAGES}BinaryData = False\nCompressedData = True\n"), 48, "BinaryData", "numbers as text"),
             (format!("{IMAGES}BinaryData = perhaps\n"), 48, "BinaryData", "neither True nor False"),
             (format!("{IMAGES}HeaderSize = -1\n"), 48, "HeaderSize", "skip bytes"),
             (format!("{IMAGES}ObjectType = Tube\n"), 48, "ObjectType", "only Image"),

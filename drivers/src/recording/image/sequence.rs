@@ -3,7 +3,8 @@
 use super::header::{Fault, FrameField, Header};
 use super::layout::Layout;
 use super::numbers::{number, numbers, whole};
-use crate::reading::Status;
+use super::spacing::{self, ELEMENT_SPACING};
+use crate::reading::{Status, split_transform_name};
 
 /// Field of the whole file with the orientation of its pictures.
 pub(crate) const ORIENTATION: &str = "UltrasoundImageOrientation";
@@ -110,6 +111,10 @@ impl Sequence {
         let text = |name: &str| header.get(name).map_or_else(String::new, |field| field.value.to_string());
         let mut fields = header.further_fields();
         fields.retain(|(name, _)| name != ORIENTATION && name != IMAGE_TYPE);
+        if let Some(text) = (header.grammar.spacing)(&header).and_then(spacing::text) {
+            fields.retain(|(name, _)| name != ELEMENT_SPACING);
+            fields.insert(0, (ELEMENT_SPACING.into(), text));
+        }
         Ok(Self {
             orientation: text(ORIENTATION),
             image_type: text(IMAGE_TYPE),
@@ -239,20 +244,6 @@ fn seconds(text: &str) -> Result<f64, String> {
         Some(seconds) if seconds.is_finite() => Ok(seconds),
         Some(_) => Err(format!("is {text}, which is no time; it must be a finite number of seconds")),
         None => Err(format!("is {text:?}, which is not a number; it must be a number of seconds")),
-    }
-}
-
-/// Splits `ProbeToTracker` into `Probe` and `Tracker`: at the first `To` that has something before it and an upper-case letter or a digit behind it,
-/// so that `To` within a word (`TorsoToTracker`, `ToolToTracker`, `StylusToTool`) does not count. A name without such a `To` is the frame
-/// that points come from, and the frame they go to is empty: the source does not say it.
-pub(crate) fn split_transform_name(base: &str) -> (String, String) {
-    let at = base.match_indices("To").map(|(at, _)| at).find(|&at| {
-        let next = base[at + 2..].chars().next();
-        at > 0 && next.is_some_and(|next| next.is_uppercase() || next.is_ascii_digit())
-    });
-    match at {
-        Some(at) => (base[..at].to_owned(), base[at + 2..].to_owned()),
-        None => (base.to_owned(), String::new()),
     }
 }
 

@@ -45,6 +45,7 @@ mod picture;
 mod place;
 mod proto;
 mod reader;
+mod record;
 mod repair;
 mod replay;
 mod schema;

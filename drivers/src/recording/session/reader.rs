@@ -11,7 +11,7 @@ use super::about::{About, Loss, RecordedDevice};
 use super::proto::{Malformed, Reader as Fields};
 use super::schema::{self, Schema};
 use super::walk::{Damage, Piece, Walker};
-use super::{CHANNELS, PROFILE};
+use super::{CHANNELS, PROFILE, record};
 use crate::Error;
 use crate::recording::Limits;
 
@@ -246,10 +246,10 @@ impl<R: Read + Seek> SessionReader<R> {
         while let Some((kind, body, after)) = record(rest) {
             rest = after;
             match kind {
-                op::SCHEMA | op::CHANNEL => match mcap::parse_record(kind, body) {
-                    Ok(Record::Schema { header, .. }) => drop(self.schemas.insert(header.id, header.name)),
+                op::SCHEMA | op::CHANNEL => match record::parse(kind, body) {
+                    Some(Record::Schema { header, .. }) => drop(self.schemas.insert(header.id, header.name)),
                     // One whose schema was in a chunk that is lost is in the table that follows.
-                    Ok(Record::Channel(channel)) => {
+                    Some(Record::Channel(channel)) => {
                         if let Some(schema) = self.schemas.get(&channel.schema_id) {
                             add(&mut self.channels, channel.id, &channel.topic, schema);
                         }

@@ -7,7 +7,7 @@ use std::io::{self, Read, Seek, SeekFrom};
 
 use mcap::records::{Record, op};
 
-use super::PROFILE;
+use super::{PROFILE, record};
 
 /// Bytes of a record's number and length.
 const HEAD: u64 = 9;
@@ -232,14 +232,14 @@ impl<R: Read + Seek> Walker<R> {
         if kind == op::MESSAGE_INDEX {
             return body.len() >= 6 && u64::from(short(body, 2)) == body.len() as u64 - 6;
         }
-        match mcap::parse_record(kind, body) {
-            Ok(Record::Header(header)) if at == 8 => {
+        match record::parse(kind, body) {
+            Some(Record::Header(header)) if at == 8 => {
                 let length = 8 + header.profile.len() + header.library.len();
                 let is_ours = header.profile == PROFILE && length == body.len();
                 self.header = Some([header.profile, header.library]);
                 is_ours
             }
-            Ok(Record::Metadata(metadata)) => {
+            Some(Record::Metadata(metadata)) => {
                 let entries = metadata.metadata.iter().map(|(name, text)| 8 + name.len() + text.len());
                 let length = 8 + metadata.name.len() + entries.sum::<usize>();
                 metadata.name == PROFILE && length == body.len()

@@ -12,11 +12,7 @@ pub(super) fn claims(header: &Header) -> Result<Claims<'_>, Fault> {
     }
     let (shape, axes, size, layers) = dimensions(header)?;
     let zlib = header.get("CompressedData").map_or(Ok(false), truth)?;
-    if let Some(field) = header.get("BinaryData")
-        && !truth(field)?
-    {
-        return Err(field.fault("is False: pixels written as text are not read; write the file with BinaryData = True"));
-    }
+    let encoding = encoding(header, zlib)?;
     let stated = match header.get("CompressedDataSize").filter(|_| zlib) {
         Some(field) => Some((field, whole(&field.value).map_err(|problem| field.fault(problem))?)),
         None => None,
@@ -29,14 +25,27 @@ pub(super) fn claims(header: &Header) -> Result<Claims<'_>, Fault> {
         channels: channels(header)?,
         pixel: pixel_type(header.required("ElementType")?, !size.contains(&0))?,
         big_endian: big_endian(header)?,
-        encoding: if zlib { Encoding::Zlib } else { Encoding::Raw },
+        encoding,
         list: ListAxis::Last,
-        data: data_place(header, zlib)?,
+        data: data_place(header, encoding)?,
         stated,
     })
 }
 
-fn data_place(header: &Header, zlib: bool) -> Result<DataPlace<'_>, Fault> {
+/// `BinaryData = False` means numbers as text, which are not compressed.
+fn encoding(header: &Header, zlib: bool) -> Result<Encoding, Fault> {
+    let Some(field) = header.get("BinaryData") else { return Ok(if zlib { Encoding::Zlib } else { Encoding::Raw }) };
+    match (truth(field)?, zlib) {
+        (true, true) => Ok(Encoding::Zlib),
+        (true, false) => Ok(Encoding::Raw),
+        (false, false) => Ok(Encoding::Text),
+        (false, true) => {
+            Err(field.fault("is False, which means numbers as text, but CompressedData is True; correct the wrong one"))
+        }
+    }
+}
+
+fn data_place(header: &Header, encoding: Encoding) -> Result<DataPlace<'_>, Fault> {
     let field = header.required("ElementDataFile")?;
     let file = (!field.value.eq_ignore_ascii_case("LOCAL")).then_some(field);
     if let Some(field) = file.filter(|field| field.value.starts_with("LIST") || field.value.contains('%')) {
@@ -48,10 +57,13 @@ fn data_place(header: &Header, zlib: bool) -> Result<DataPlace<'_>, Fault> {
     let skip = match header.get("HeaderSize") {
         None => Skip::None,
         Some(size) if &*size.value == "0" => Skip::None,
-        Some(size) if file.is_none() || zlib => {
+        Some(size) if file.is_none() || encoding == Encoding::Zlib => {
             return Err(size.fault(
-                "asks to skip bytes before the data; only before raw data in a file of their own are any skipped",
+                "asks to skip bytes before the data; only before data in a file of their own that is not compressed are any skipped",
             ));
+        }
+        Some(size) if &*size.value == "-1" && encoding == Encoding::Text => {
+            return Err(size.fault("is -1, which means the file's last bytes; of numbers written as text it is not known how many these are"));
         }
         Some(size) if &*size.value == "-1" => Skip::ToTheLast,
         Some(size) => Skip::Bytes(size, whole(&size.value).map_err(|problem| size.fault(problem))?),

@@ -2,7 +2,7 @@
 //! files add `Seq_FrameNNNN_Name = value` for each frame.
 
 use super::claims::claims;
-use super::place::{STRUCTURE, place};
+use super::place::{STRUCTURE, place, spacing};
 use crate::recording::image::header::{Fault, Field, Grammar, Header, Parser};
 
 pub(crate) static GRAMMAR: Grammar = Grammar {
@@ -11,6 +11,7 @@ pub(crate) static GRAMMAR: Grammar = Grammar {
     truncated,
     claims,
     place,
+    spacing,
     times: |_| Ok(None),
     is_structure: |name| STRUCTURE.contains(&name),
 };

@@ -1,7 +1,7 @@
 //! Where a MetaImage volume lies in space.
 
 use crate::recording::image::header::{Fault, Header};
-use crate::recording::image::numbers::finite;
+use crate::recording::image::numbers::{finite, number};
 use crate::recording::image::volume::Place;
 
 /// Fields that say how the pixels are stored and where they lie.
@@ -42,6 +42,14 @@ pub(super) fn place(header: &Header) -> Result<Place, Fault> {
     let axes = matrix.map(|m: [f64; 9]| [[m[0], m[1], m[2]], [m[3], m[4], m[5]], [m[6], m[7], m[8]]]);
     let origin = of(header, &["Offset", "Position", "Origin"])?.unwrap_or([0.0; 3]);
     Ok(Place { spacing, origin, axes: axes.unwrap_or(Place::PLAIN.axes) })
+}
+
+/// How far a sequence's pixels are apart, and its frames.
+pub(super) fn spacing(header: &Header) -> Option<[f64; 3]> {
+    let field = header.get("ElementSpacing").or_else(|| header.get("ElementSize"))?;
+    let mut numbers = field.value.split_whitespace().map(number);
+    let [x, y] = [numbers.next()??, numbers.next()??];
+    Some([x, y, numbers.next().unwrap_or(Some(1.0))?])
 }
 
 /// The first of the fields that mean the same, as finite numbers.

@@ -3,6 +3,7 @@
 use super::grammar::GRAMMAR;
 use crate::reading::PixelType;
 use crate::recording::image::sequence::{IMAGE_TYPE, ORIENTATION};
+use crate::recording::image::spacing;
 use crate::recording::image::volume::VolumeHeader;
 use crate::recording::image::write::SequenceHeader;
 use crate::recording::image::write::text::{SIZE_DIGITS, Style, Text, list, taken};
@@ -12,15 +13,16 @@ static STYLE: Style =
 
 /// The header of a sequence of `compressed` pixels; `data_file` is where they are, if not behind it.
 pub(crate) fn sequence(header: &SequenceHeader, compressed: bool, data_file: Option<&str>) -> Result<Text, String> {
+    let (spacing, fields) = spacing::split(&header.fields)?;
     let mut text = begin(compressed);
     text.line("TransformMatrix", "1 0 0 0 1 0 0 0 1");
     text.line("Offset", "0 0 0");
-    text.line("ElementSpacing", "1 1 1");
+    text.line("ElementSpacing", &list(&spacing));
     text.line("DimSize", &format!("{} {} {}", header.size[0], header.size[1], header.items.len()));
     text.line("Kinds", "domain domain list");
     let SequenceHeader { orientation, image_type, .. } = header;
     text.pictures([(ORIENTATION, orientation), (IMAGE_TYPE, image_type)])?;
-    text.extra(&header.fields, &taken(orientation, image_type))?;
+    text.extra(&fields, &taken(orientation, image_type))?;
     for (frame, item) in (0..).zip(&header.items) {
         text.item(frame, item)?;
     }

@@ -11,6 +11,7 @@ pub(crate) static GRAMMAR: Grammar = Grammar {
     truncated,
     claims: claims::claims,
     place: place::place,
+    spacing: place::spacing,
     times: index::times,
     is_structure,
 };

@@ -42,6 +42,26 @@ pub(super) fn place(header: &Header) -> Result<Place, Fault> {
     Ok(place)
 }
 
+/// How far a sequence's pixels are apart, and its image's slices, of which there is one: by the directions of its axes in space, which may be two, else by their spacings.
+pub(super) fn spacing(header: &Header) -> Option<[f64; 3]> {
+    let lengths: Vec<f64> = if let Some(field) = header.get("space directions") {
+        let vectors = field.value.split('(').skip(1).map(|rest| {
+            let inside = rest.split_once(')')?.0;
+            inside.split(',').try_fold(0.0, |sum: f64, token| Some(sum.hypot(number(token.trim())?)))
+        });
+        vectors.collect::<Option<_>>()?
+    } else {
+        let numbers: Option<Vec<f64>> = header.get("spacings")?.value.split_whitespace().map(number).collect();
+        // Of axes that lie in no space there is no spacing.
+        numbers?.into_iter().filter(|mm| !mm.is_nan()).collect()
+    };
+    match lengths[..] {
+        [x, y] => Some([x, y, 1.0]),
+        [x, y, z] => Some([x, y, z]),
+        _ => None,
+    }
+}
+
 /// The length, exact along an axis.
 fn length(v: [f64; 3]) -> f64 {
     match v {

@@ -3,6 +3,7 @@
 use super::grammar::{GRAMMAR, KEYS, escaped};
 use crate::reading::PixelType;
 use crate::recording::image::sequence::{IMAGE_TYPE, ORIENTATION};
+use crate::recording::image::spacing;
 use crate::recording::image::volume::VolumeHeader;
 use crate::recording::image::write::SequenceHeader;
 use crate::recording::image::write::text::{Style, Text, list, taken};
@@ -11,7 +12,7 @@ use crate::recording::image::write::text::{Style, Text, list, taken};
 static STYLE: Style =
     Style { grammar: &GRAMMAR, separator: ":=", reserved: ':', image_status: "Status", escape: escaped };
 
-/// Whose sequence it is.
+/// Whose sequence it is. What a file says of the distance between frames has a place in Slicer's only, as that of its images' one slice.
 #[derive(Clone, Copy, PartialEq)]
 pub(crate) enum Habit {
     /// Images in a plane.
@@ -35,8 +36,9 @@ pub(crate) fn sequence(
         Habit::Plus => structure(&mut text, "space dimension", "2"),
         Habit::Slicer => structure(&mut text, "space", NOT_ANATOMICAL),
     }
-    let unit = |k: usize| (0..space).map(|i| f64::from(u8::from(i == k))).collect::<Vec<f64>>();
-    let steps: Vec<Vec<f64>> = (0..space).map(unit).collect();
+    let (spacing, fields) = spacing::split(&header.fields)?;
+    let step = |k: usize| (0..space).map(|i| if i == k { spacing[k] } else { 0.0 }).collect::<Vec<f64>>();
+    let steps: Vec<Vec<f64>> = (0..space).map(step).collect();
     placed(&mut text, header.channels, &steps, &vec![0.0; space], true);
     packed(&mut text, compressed, data_file);
     if habit == Habit::Slicer {
@@ -45,7 +47,7 @@ pub(crate) fn sequence(
     let SequenceHeader { orientation, image_type, .. } = header;
     text.pictures([(KEYS[0].0, orientation), (KEYS[1].0, image_type)])?;
     debug_assert_eq!((KEYS[0].1, KEYS[1].1), (ORIENTATION, IMAGE_TYPE));
-    text.extra(&header.fields, &taken(orientation, image_type))?;
+    text.extra(&fields, &taken(orientation, image_type))?;
     for (frame, item) in (0..).zip(&header.items) {
         text.item(frame, item)?;
     }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use flate2::Compression;
 use flate2::write::{GzEncoder, ZlibEncoder};
-use tempfile::NamedTempFile;
+use tempfile::{NamedTempFile, TempPath};
 
 use crate::Error;
 use crate::recording::image::BUFFER;
@@ -116,11 +116,42 @@ fn complete(path: &Path, mut head: Head, body: Body) -> io::Result<()> {
         let digits = file.stream_position()?.to_string();
         head.bytes[size_at as usize..][..digits.len()].copy_from_slice(digits.as_bytes());
     }
-    // The pixels first: a header is never there without them.
-    persist(file, &path.with_file_name(name))?;
-    let mut file = temporary(path)?;
-    file.write_all(&head.bytes)?;
-    persist(file.into_inner().map_err(io::IntoInnerError::into_error)?, path)
+    let mut header = temporary(path)?;
+    header.write_all(&head.bytes)?;
+    let header = header.into_inner().map_err(io::IntoInnerError::into_error)?;
+    persist_both((file, &path.with_file_name(name)), (header, path))
+}
+
+/// Gives pixels and header their names when both are on the disk: the pixels first, so that no header is there without them. Where either fails, both places are as
+/// before; a machine that stops between the two leaves the pixels.
+fn persist_both(
+    (pixels, pixels_path): (NamedTempFile, &Path),
+    (header, path): (NamedTempFile, &Path),
+) -> io::Result<()> {
+    pixels.as_file().sync_all()?;
+    header.as_file().sync_all()?;
+    let earlier = set_aside(pixels_path)?;
+    let put = pixels.persist(pixels_path).map_err(|error| error.error).and_then(|_| {
+        let put = header.persist(path).map_err(|error| error.error);
+        put.map(drop).inspect_err(|_| drop(std::fs::remove_file(pixels_path)))
+    });
+    if put.is_err()
+        && let Some(earlier) = earlier
+    {
+        // Rather under its temporary name than not at all.
+        earlier.persist(pixels_path).or_else(|error| error.path.keep().map(drop)).map_err(|error| error.error)?;
+    }
+    put
+}
+
+/// What is at a place, under a temporary name, under which it ends; `None` if nothing is.
+fn set_aside(path: &Path) -> io::Result<Option<TempPath>> {
+    if path.symlink_metadata().is_err() {
+        return Ok(None);
+    }
+    let aside = temporary(path)?.into_inner().map_err(io::IntoInnerError::into_error)?.into_temp_path();
+    std::fs::rename(path, &aside)?;
+    Ok(Some(aside))
 }
 
 fn persist(file: NamedTempFile, path: &Path) -> io::Result<()> {

@@ -2,7 +2,8 @@
 //!
 //! The name of the file says its format ([`Container`]). Both writers stream: the header is written first, then pixels as they come. They write to a temporary
 //! file in the target's folder that takes the target's name in `finish`, so that a file of that name is always whole: after an error, or when a writer is
-//! dropped, the target is as before. Pixels in a file of their own take its name just before the header does.
+//! dropped, the target is as before. Pixels in a file of their own take its name just before the header does, when both are whole; if the header cannot take its name, they are
+//! taken away again.
 
 mod file;
 pub(crate) mod text;

@@ -3,9 +3,9 @@
 use std::fmt::Write as _;
 
 use super::SequenceItem;
-use crate::reading::Status;
+use crate::reading::{Status, split_transform_name};
 use crate::recording::image::header::{Grammar, full_name};
-use crate::recording::image::sequence::{IMAGE_TYPE, ORIENTATION, split_transform_name};
+use crate::recording::image::sequence::{IMAGE_TYPE, ORIENTATION};
 
 /// How a format writes fields that are no part of its own structure.
 pub(crate) struct Style {

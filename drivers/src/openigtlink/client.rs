@@ -1,0 +1,285 @@
+//! What is said to a server, a PLUS server for one, and what its messages are as readings.
+//!
+//! - IMAGE of one slice is a [`Frame`]. Its place is not used: pictures are placed by poses and the calibration. Volumes and parts of images are passed over.
+//! - TRANSFORM, POSITION and each thing of a TDATA is a [`NamedTransform`], whose frames are those of its name: `ProbeToTracker`.
+//! - A message's time is microseconds of the server's clock ([`Stamp::ticks`]); of what has none the time of receipt is all there is.
+//! - Metadata say more (protocol version 3): `Status` other than `OK` makes a datum doubtful, `FrameNumber` numbers pictures, so that those left out are counted.
+//!
+//! A server that sends nothing of use, and a stream that is none, are connected to anew.
+
+use std::borrow::Cow;
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use super::fixed::Fixed;
+use super::header::TimeStamp;
+use super::image::Image;
+use super::message::{Content, Message};
+use super::query::{Pace, Subject};
+use super::stream::{Decoder, Event, Limits};
+use crate::clock::SECOND;
+use crate::connection::{Lost, Met, Protocol, Rung};
+use crate::reading::{Frame, NamedTransform, Reading, Stamp, Status, split_transform_name};
+use crate::{Description, Error, Ticks, Timing};
+
+/// For so long a server may send nothing of use, ns.
+const PATIENCE: i64 = 5 * SECOND;
+/// Ticks a second: of what is counted in microseconds, 2⁵³ is reached in 285 years.
+const TICK_HZ: f64 = 1e6;
+/// Pictures that may have been left out between two; a number that runs further is another count's.
+const MOST_LOST: u64 = 1000;
+
+/// What of a server's is taken.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct RemoteSettings {
+    /// Where the server is, `HOST:PORT`.
+    pub address: String,
+    /// Its pictures, if they are.
+    pub pictures: Option<RemotePictures>,
+    /// Its transforms, if they are.
+    pub transforms: Option<RemoteTransforms>,
+}
+
+/// Which pictures.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct RemotePictures {
+    /// The image by its device name, such as `Image_Reference`; the first that comes without it.
+    pub device: Option<String>,
+    /// Which way their first and second axis grow, as a code that files have (`MF`); empty where that is not known.
+    pub orientation: &'static str,
+}
+
+/// Which transforms.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct RemoteTransforms {
+    /// By name, such as `ProbeToTracker`; all where there is none.
+    pub names: Vec<String>,
+    /// Least time between two TDATA that are asked for, ms.
+    pub interval_ms: u32,
+}
+
+/// What is said on a connection.
+pub struct Client {
+    settings: RemoteSettings,
+    decoder: Decoder,
+    broken: Option<String>,
+    /// The image that is taken, once that is known.
+    image: Option<Fixed<20>>,
+    last_number: Option<u64>,
+    lost: Lost,
+    trouble: String,
+    description: Description,
+    farewell: Vec<u8>,
+}
+
+impl Client {
+    /// Of these settings.
+    ///
+    /// # Errors
+    /// [`Error::Misuse`] for an address that is none, for names that no message has, and where nothing is to be taken.
+    pub fn new(settings: RemoteSettings) -> Result<Self, Error> {
+        let misuse = |setting: &str, problem: String| Error::Misuse(format!("remote.{setting}: {problem}"));
+        let address = &settings.address;
+        let port = address.rsplit_once(':').filter(|(host, _)| !host.is_empty());
+        if port.is_none_or(|(_, port)| port.parse::<u16>().is_err()) {
+            let problem = format!("\"{address}\" is no address; give HOST:PORT, such as \"127.0.0.1:18944\"");
+            return Err(misuse("address", problem));
+        }
+        if settings.pictures.is_none() && settings.transforms.is_none() {
+            return Err(misuse("address", "neither pictures nor transforms are taken; ask for one of them".into()));
+        }
+        let image = settings.pictures.as_ref().and_then(|pictures| pictures.device.as_deref());
+        let image = image.map(Fixed::new).transpose().map_err(|unfit| misuse("image", unfit.to_string()))?;
+        for name in settings.transforms.iter().flat_map(|transforms| &transforms.names) {
+            Fixed::<20>::new(name).map_err(|unfit| misuse("transforms", unfit.to_string()))?;
+        }
+        let name = settings.address.clone();
+        let farewell = match settings.transforms {
+            Some(_) => question(Content::Stop(Subject::of("TDATA"))),
+            None => Vec::new(),
+        };
+        let timing = Timing { ticks: Ticks::Time, tick_hz: Some(TICK_HZ), ..Timing::default() };
+        let fields = vec![("Protocol".into(), "OpenIGTLink".into())];
+        Ok(Self {
+            settings,
+            decoder: Decoder::new(Limits::default()),
+            broken: None,
+            image,
+            last_number: None,
+            lost: Lost::default(),
+            trouble: String::new(),
+            description: Description { name, fields, timing, ..Description::default() },
+            farewell,
+        })
+    }
+
+    fn message(&mut self, message: Message, at_ns: i64, found: &mut VecDeque<Reading>) {
+        let Message { device, time, ref metadata, .. } = message;
+        let micros = time.unix_ns().map(|ns| ns / 1000);
+        let stamp = Stamp {
+            host_ns: Some(at_ns),
+            ticks: micros,
+            source_s: time.unix_ns().map(|ns| ns as f64 * 1e-9),
+            ..Stamp::default()
+        };
+        let status = match message.metadatum("Status") {
+            None => Status::Ok,
+            Some(word) if word == "OK" => Status::Ok,
+            Some(word) => Status::Other(word.into_owned().into()),
+        };
+        match message.content {
+            Content::Transform(matrix) => self.transform(&device, matrix.rows(), stamp, status, found),
+            Content::Position(position) => self.transform(&device, position.rows(), stamp, status, found),
+            Content::Tools(tools) => {
+                for tool in tools {
+                    self.transform(&tool.name, tool.matrix.rows(), stamp, status.clone(), found);
+                }
+            }
+            Content::Image(ref image) => {
+                let number = message.metadatum("FrameNumber").and_then(|text| text.trim().parse().ok());
+                let fields = || metadata.iter().map(|datum| (datum.key.clone(), datum.value.as_text().into_owned()));
+                if let Some(frame) = self.picture(device, image, stamp, status, number) {
+                    found.push_back(Reading::Frame(Frame { fields: fields().collect(), ..frame }));
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn transform(
+        &self,
+        name: &Fixed<20>,
+        matrix: [f64; 16],
+        stamp: Stamp,
+        status: Status,
+        found: &mut VecDeque<Reading>,
+    ) {
+        let Some(wanted) = &self.settings.transforms else { return };
+        if !wanted.names.is_empty() && !wanted.names.iter().any(|wanted| name == wanted.as_str()) {
+            return;
+        }
+        let (from, to) = split_transform_name(name.as_str());
+        found.push_back(Reading::NamedTransform(NamedTransform { stamp, from, to, matrix, status }));
+    }
+
+    fn picture(
+        &mut self,
+        device: Fixed<20>,
+        image: &Image,
+        stamp: Stamp,
+        status: Status,
+        frame_number: Option<u64>,
+    ) -> Option<Frame> {
+        let wanted = self.settings.pictures.as_ref()?;
+        let [width, height, depth] = image.size;
+        let is_picture = depth == 1 && image.is_whole();
+        if self.image.is_none() && is_picture {
+            self.image = Some(device);
+        }
+        if self.image != Some(device) {
+            return None;
+        }
+        if !is_picture {
+            let Image { size, part, .. } = image;
+            self.trouble =
+                format!("{device} is a part of {part:?} of {size:?} voxels and no whole slice; choose another image");
+            return None;
+        }
+        if let (Some(last), Some(number)) = (self.last_number, frame_number) {
+            let left_out = number.saturating_sub(last).saturating_sub(1);
+            if left_out < MOST_LOST {
+                self.lost.readings += left_out;
+            }
+        }
+        self.last_number = frame_number;
+        let (size, channels) = ([width.into(), height.into()], image.channels.into());
+        (self.description.image_size, self.description.pixel) = (Some(size), Some((image.pixel, channels)));
+        Some(Frame {
+            stamp,
+            frame_number,
+            status,
+            size,
+            channels,
+            pixel: image.pixel,
+            orientation: Cow::Borrowed(wanted.orientation),
+            image_type: String::new(),
+            pixels: Arc::clone(&image.native()),
+            fields: Vec::new(),
+        })
+    }
+}
+
+/// A question to a server, which always fits.
+fn question(content: Content) -> Vec<u8> {
+    Message::new(Fixed::EMPTY, TimeStamp::default(), content).bytes().unwrap_or_default()
+}
+
+impl Protocol for Client {
+    fn reset(&mut self) {
+        self.decoder = Decoder::new(Limits::default());
+        self.broken = None;
+        self.lost = Lost::default();
+        self.last_number = None;
+        self.trouble.clear();
+        let named = self.settings.pictures.as_ref().and_then(|pictures| pictures.device.as_deref());
+        self.image = named.and_then(|name| Fixed::new(name).ok());
+    }
+
+    fn resume(&mut self) {}
+
+    /// Transforms are asked for; what a server sends unasked, as PLUS sends pictures, is taken.
+    fn climb(&mut self, met: Met<'_>) -> Rung {
+        match (met, &self.settings.transforms) {
+            (Met::Begin, Some(RemoteTransforms { interval_ms, .. })) => {
+                let pace = Pace { interval_ms: *interval_ms, frame: Fixed::EMPTY };
+                Rung::Send(question(Content::Start(Subject::of("TDATA"), Some(pace))))
+            }
+            _ => Rung::Top { keep: false },
+        }
+    }
+
+    fn take(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>) {
+        let mut events = Vec::new();
+        let outcome = self.decoder.feed(bytes, &mut |event| events.push(event));
+        for event in events {
+            match event {
+                Event::Message(message, _) => self.message(*message, at_ns, found),
+                Event::Refused(why) => tracing::debug!("{}: {why}", self.settings.address),
+            }
+        }
+        (self.lost.refused, self.lost.skipped) = (self.decoder.refused(), self.decoder.skipped());
+        self.broken = outcome.err().map(|why| format!("sends what is no OpenIGTLink: {why}"));
+    }
+
+    fn patience_ns(&self) -> i64 {
+        PATIENCE
+    }
+
+    fn broken(&self) -> Option<String> {
+        self.broken.clone()
+    }
+
+    fn begins_by_opening(&self) -> bool {
+        true
+    }
+
+    fn buffer_bytes(&self) -> usize {
+        1 << 16
+    }
+
+    fn trouble(&self) -> &str {
+        &self.trouble
+    }
+
+    fn farewell(&self) -> &[u8] {
+        &self.farewell
+    }
+
+    fn lost(&self) -> Lost {
+        self.lost
+    }
+
+    fn describe(&self) -> &Description {
+        &self.description
+    }
+}

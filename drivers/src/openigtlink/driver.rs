@@ -1,0 +1,97 @@
+//! Servers as devices.
+
+use std::sync::Arc;
+
+use super::client::{Client, RemoteSettings};
+use crate::clock::{Clock, Monotonic};
+use crate::connection::Connection;
+use crate::transport::TcpOpener;
+use crate::{Device, Driver, Error, Listing, OpenSettings};
+
+/// The port that the protocol is registered for.
+pub const PORT: u16 = 18944;
+
+/// OpenIGTLink servers.
+pub struct RemoteDriver;
+
+impl RemoteDriver {
+    /// Opens a server by a clock of one's own, which has to be one that goes on by itself.
+    ///
+    /// # Errors
+    /// [`Error::Misuse`] for settings that lead nowhere.
+    pub fn open_with(settings: &RemoteSettings, clock: Arc<dyn Clock>) -> Result<Box<dyn Device>, Error> {
+        let client = Client::new(settings.clone())?;
+        let opener = TcpOpener::new(&settings.address, Arc::clone(&clock));
+        Ok(Box::new(Connection::new(Box::new(opener), clock, client, false)))
+    }
+}
+
+impl Driver for RemoteDriver {
+    fn name(&self) -> &'static str {
+        "openigtlink"
+    }
+
+    /// A server on this machine, at the usual port, if the kernel says that one listens. Nobody is connected to.
+    fn list(&self) -> Vec<Listing> {
+        let listens = ["/proc/net/tcp", "/proc/net/tcp6"]
+            .iter()
+            .filter_map(|path| std::fs::read_to_string(path).ok())
+            .any(|table| listens(&table, PORT));
+        let listing = || Listing {
+            id: format!("openigtlink:127.0.0.1:{PORT}"),
+            description: "OpenIGTLink server on this machine".into(),
+            unavailable: None,
+        };
+        listens.then(listing).into_iter().collect()
+    }
+
+    fn open(&self, settings: &OpenSettings) -> Result<Box<dyn Device>, Error> {
+        match settings {
+            OpenSettings::Remote(settings) => Self::open_with(settings, Arc::new(Monotonic)),
+            _ => Err(Error::Misuse("these settings are not an OpenIGTLink server's".into())),
+        }
+    }
+}
+
+/// Whether the kernel's table of sockets has one that listens at a port.
+fn listens(table: &str, port: u16) -> bool {
+    let port = format!(":{port:04X}");
+    table.lines().skip(1).any(|line| {
+        let mut fields = line.split_whitespace().skip(1);
+        // Its own address, the other end's, and its state, which is 0A where it listens.
+        let (own, state) = (fields.next(), fields.nth(1));
+        own.is_some_and(|own| own.ends_with(&port)) && state == Some("0A")
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_server_is_listed_by_the_kernel_s_word_alone() {
+        let table = "  sl  local_address rem_address   st tx_queue\n   0: 0100007F:4A00 00000000:0000 0A 0:0\n   1: 0100007F:0016 0100007F:4A00 01 0:0\n";
+        assert!(listens(table, PORT));
+        assert!(!listens(table, 22), "connected, and does not listen");
+        assert!(!listens(table, 80));
+    }
+
+    #[test]
+    fn settings_that_lead_nowhere_are_refused() {
+        let refused = |settings| RemoteDriver.open(&OpenSettings::Remote(settings)).err().unwrap().to_string();
+        let transforms = Some(super::super::RemoteTransforms::default());
+        for address in ["", "plus", ":18944", "plus:", "plus:99999"] {
+            let why =
+                refused(RemoteSettings { address: address.into(), transforms: transforms.clone(), pictures: None });
+            assert!(why.starts_with("remote.address: ") && why.contains("HOST:PORT"), "{why}");
+        }
+        let address = "plus:18944".to_owned();
+        let why = refused(RemoteSettings { address: address.clone(), ..RemoteSettings::default() });
+        assert!(why.contains("neither pictures nor transforms"), "{why}");
+        let names = vec!["AVeryLongNameOfAFrameToTracker".to_owned()];
+        let transforms = Some(super::super::RemoteTransforms { names, interval_ms: 0 });
+        let why = refused(RemoteSettings { address, transforms, pictures: None });
+        assert!(why.starts_with("remote.transforms: ") && why.contains("30 bytes where 20 fit"), "{why}");
+        assert!(RemoteDriver.open(&OpenSettings::sequence("x.mha")).is_err());
+    }
+}

@@ -1,0 +1,162 @@
+//! A connection to a server over TCP.
+
+use std::io::{ErrorKind, Read, Write};
+use std::net::{TcpStream, ToSocketAddrs};
+use std::os::fd::{AsFd, BorrowedFd};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::time::Duration;
+
+use rustix::event::{PollFd, PollFlags, Timespec};
+
+use super::{LineError, Opener, Received, Transport};
+use crate::clock::{Clock, MS, SECOND};
+
+/// For so long a connection may take.
+const CONNECT: Duration = Duration::from_secs(5);
+/// Pause after the first attempt that failed, ns; it doubles with each further one,
+const PAUSE: i64 = 200 * MS;
+/// up to this.
+const LONGEST_PAUSE: i64 = 5 * SECOND;
+/// The longest time that bytes written may wait for the other end, ns.
+const WRITE: i64 = 500 * MS;
+
+/// Connects to a server, again and again if it must. Neither the search for its name nor an answer that does not come is waited for: both happen on a thread of their own.
+#[derive(Debug)]
+pub struct TcpOpener {
+    address: String,
+    clock: Arc<dyn Clock>,
+    attempt: Option<Receiver<Result<TcpStream, String>>>,
+    failed: u32,
+    not_before_ns: i64,
+    why: String,
+}
+
+impl TcpOpener {
+    /// Of that server, `HOST:PORT`; times are the clock's.
+    pub fn new(address: &str, clock: Arc<dyn Clock>) -> Self {
+        let why = "it is being connected to".into();
+        Self { address: address.into(), clock, attempt: None, failed: 0, not_before_ns: i64::MIN, why }
+    }
+
+    fn begin(&self) -> Receiver<Result<TcpStream, String>> {
+        let (told, outcome) = channel();
+        let address = self.address.clone();
+        let connecting = std::thread::Builder::new().name("connect".into()).spawn(move || {
+            // Nobody may be there any more to be told.
+            let _ = told.send(connect(&address));
+        });
+        if let Err(error) = connecting {
+            let (told, outcome) = channel();
+            let _ = told.send(Err(format!("no thread to connect by: {error}")));
+            return outcome;
+        }
+        outcome
+    }
+}
+
+fn connect(address: &str) -> Result<TcpStream, String> {
+    let addresses = address.to_socket_addrs().map_err(|error| format!("{error}; is the name right?"))?;
+    let mut why = "the name has no address; is it right?".to_owned();
+    for address in addresses {
+        match TcpStream::connect_timeout(&address, CONNECT) {
+            Ok(stream) => {
+                stream.set_nonblocking(true).map_err(|error| error.to_string())?;
+                // Questions are short and not to be kept waiting; where that is refused they wait.
+                let _ = stream.set_nodelay(true);
+                return Ok(stream);
+            }
+            Err(error) => why = format!("{error}; does the server run there?"),
+        }
+    }
+    Err(why)
+}
+
+impl Opener for TcpOpener {
+    fn name(&self) -> &str {
+        &self.address
+    }
+
+    fn open(&mut self) -> Result<Box<dyn Transport>, LineError> {
+        let now_ns = self.clock.now_ns();
+        if self.attempt.is_none() {
+            if now_ns < self.not_before_ns {
+                return Err(LineError::Refused(self.why.clone()));
+            }
+            self.attempt = Some(self.begin());
+        }
+        let outcome = match self.attempt.as_ref().map(Receiver::try_recv) {
+            Some(Err(TryRecvError::Empty)) | None => return Err(LineError::Refused(self.why.clone())),
+            Some(Err(TryRecvError::Disconnected)) => Err("the attempt to connect came to nothing".to_owned()),
+            Some(Ok(outcome)) => outcome,
+        };
+        self.attempt = None;
+        match outcome {
+            Ok(stream) => {
+                self.failed = 0;
+                // A server that takes connections and ends them at once is not asked without end.
+                self.not_before_ns = now_ns + PAUSE;
+                Ok(Box::new(Connected { stream, clock: Arc::clone(&self.clock) }))
+            }
+            Err(why) => {
+                let pause = PAUSE.saturating_mul(1 << self.failed.min(10)).min(LONGEST_PAUSE);
+                self.failed += 1;
+                self.not_before_ns = now_ns + pause;
+                self.why.clone_from(&why);
+                Err(LineError::Refused(why))
+            }
+        }
+    }
+}
+
+struct Connected {
+    stream: TcpStream,
+    clock: Arc<dyn Clock>,
+}
+
+fn gone(error: &std::io::Error) -> LineError {
+    LineError::Gone(format!("the connection broke: {error}"))
+}
+
+impl Transport for Connected {
+    fn read(&mut self, into: &mut [u8], deadline_ns: i64) -> Result<Received, LineError> {
+        super::wait([Some(self.stream.as_fd())], deadline_ns.saturating_sub(self.clock.now_ns()));
+        let bytes = match self.stream.read(into) {
+            Ok(0) => return Err(LineError::Gone("the other end closed the connection".into())),
+            Ok(bytes) => bytes,
+            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => 0,
+            Err(error) => return Err(gone(&error)),
+        };
+        Ok(Received { bytes, at_ns: self.clock.now_ns() })
+    }
+
+    fn wakes_by(&self) -> Option<BorrowedFd<'_>> {
+        Some(self.stream.as_fd())
+    }
+
+    fn write(&mut self, mut bytes: &[u8]) -> Result<(), LineError> {
+        let until_ns = self.clock.now_ns() + WRITE;
+        while !bytes.is_empty() {
+            match self.stream.write(bytes) {
+                Ok(written) => bytes = &bytes[written..],
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) if error.kind() == ErrorKind::WouldBlock => {
+                    let left = until_ns - self.clock.now_ns();
+                    if left <= 0 {
+                        return Err(LineError::Stuck);
+                    }
+                    let left = Timespec { tv_sec: left / SECOND, tv_nsec: left % SECOND };
+                    let mut file = [PollFd::new(&self.stream, PollFlags::OUT)];
+                    // Interrupted or not, it is tried again.
+                    let _ = rustix::event::poll(&mut file, Some(&left));
+                }
+                Err(error) => return Err(gone(&error)),
+            }
+        }
+        Ok(())
+    }
+
+    fn set_baud(&mut self, _baud: u32) -> Result<(), LineError> {
+        Ok(())
+    }
+}
