@@ -1,5 +1,5 @@
 # Each target first installs what the machine lacks (scripts/setup.sh says what and asks sudo when not root).
-.PHONY: all demo test hardware-test interop bench fuzz peers stress reach paper pareto check setup deb deb-test fresh-machine
+.PHONY: all demo test hardware-test interop console-test bench fuzz peers stress reach paper pareto check setup deb deb-test fresh-machine
 
 all: test
 
@@ -50,6 +50,11 @@ interop:
 	scripts/interop/run.sh
 	scripts/interop/dicom.sh
 	scripts/interop/igtl.sh
+
+# The console's page in Debian's Chromium, which looks at a session at the virtual bedside, steers it, and loses and finds it again; pictures of it are in out/console-test.
+console-test:
+	@scripts/setup.sh console
+	scripts/console-test.sh
 
 # Numerical stability: 10⁶ slices and days of stamps (STRESS=quick: seconds), a session that goes on and on, and errors put into the source, which tests must notice.
 STRESS ?= full

@@ -1,7 +1,7 @@
 #!/bin/sh
-# Installs what building and testing need and the machine lacks, with the word `package` what making a Debian package needs, too, and with `interop` what Python environments need, a
-# verifier and an archive for DICOM, and OpenIGTLink's reference library (Debian starts the archive's service where there is systemd; `systemctl disable --now orthanc` ends that). Rust is expected
-# (https://rustup.rs); the rest are Debian packages.
+# Installs what building and testing need and the machine lacks, with the word `package` what making a Debian package needs, too, with `interop` what Python environments need, a
+# verifier and an archive for DICOM, and OpenIGTLink's reference library (Debian starts the archive's service where there is systemd; `systemctl disable --now orthanc` ends that),
+# and with `console` a browser and what drives it. Rust is expected (https://rustup.rs); the rest are Debian packages.
 set -eu
 
 command -v cargo >/dev/null 2>&1 || {
@@ -21,6 +21,12 @@ need libc6-dev /usr/include/stdlib.h
 [ "${1:-}" != interop ] || need orthanc /usr/sbin/Orthanc
 [ "${1:-}" != interop ] || command -v c++ >/dev/null 2>&1 || missing="$missing g++"
 [ "${1:-}" != interop ] || need libopenigtlink-dev /usr/include/openigtlink/igtlClientSocket.h
+if [ "${1:-}" = console ]; then
+    # Whoever has a node of another source keeps it: Debian's would not go beside it.
+    command -v node >/dev/null 2>&1 || missing="$missing nodejs"
+    command -v npm >/dev/null 2>&1 || missing="$missing npm"
+    need chromium /usr/bin/chromium
+fi
 
 [ -n "$missing" ] || exit 0
 command -v apt-get >/dev/null 2>&1 || {

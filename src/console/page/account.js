@@ -52,7 +52,8 @@ export class AccountCards {
 
     const kept = recording(account.recording);
     this.#vital("recording", kept);
-    rows(this.#of("recording"), [...kept.lines, { how: "plain", says: volume(account.volume) }]);
+    rows(this.#of("recording"), kept.lines);
+    write(this.#of("volume"), volume(account.volume));
     rows(this.#of("notes"), account.notes.length > 0 ? account.notes.map((says) => ({ how: "plain", says })) : [{ how: "plain", says: "none" }]);
   }
 
@@ -84,7 +85,7 @@ function rows(list, entries) {
     const sign = document.createElement("span");
     sign.className = "sign";
     sign.setAttribute("aria-hidden", "true");
-    item.append(sign, document.createElement("strong"), document.createElement("span"));
+    item.append(sign, document.createElement("strong"), " ", document.createElement("span"));
     list.append(item);
   }
   entries.forEach(({ how, key, strong, says, title }, n) => {

@@ -45,7 +45,7 @@ function line() {
   const sign = document.createElement("span");
   sign.className = "sign";
   sign.setAttribute("aria-hidden", "true");
-  p.append(sign, document.createElement("strong"), document.createElement("span"));
+  p.append(sign, document.createElement("strong"), " ", document.createElement("span"));
   return p;
 }
 

@@ -55,6 +55,7 @@ function picture(header, pixels) {
 
 function word(key, value) {
   if (key === "about") {
+    measured.open.about = value;
     cards.about(value);
     slice.about(value);
   } else if (key === "account") {
@@ -103,14 +104,14 @@ function show() {
 function look() {
   const now = Date.now();
   const since = (at) => (at === null ? null : (now - at) / 1000);
-  const line = { open: stream.open, ever, lost_s: since(stream.lostAt) ?? 0, next_s: stream.nextAt === null ? null : (stream.nextAt - now) / 1000 };
+  const line = { open: stream.open, ever, gone: stream.gone, lost_s: since(stream.lostAt) ?? 0, next_s: stream.nextAt === null ? null : (stream.nextAt - now) / 1000 };
   const blank = asked === null ? null : since(Math.max(asked, came ?? 0));
   const all = troubles({ line, account, blank_s: blank });
   banner.show(all);
   of("again").hidden = stream.open || !ever;
   const old = all.some(({ key }) => ["line", "ended", "blank"].includes(key)) && ever;
   const frozen = all.some(({ key }) => key === "frozen");
-  mark("slice", frozen ? "frozen" : old && came !== null ? `not live: of ${new Date(came).toLocaleTimeString()}` : "");
+  mark("slice", frozen ? "frozen" : old && came !== null ? `not live · ${new Date(came).toLocaleTimeString([], { hourCycle: "h23" })}` : "");
   mark("view", old && !stream.open ? "not live" : "");
   of("cards").classList.toggle("old", !stream.open);
 }

@@ -5,7 +5,7 @@
 //   decodes.slice, .view     ms of work that a picture takes here, likewise
 //   pictures.slice, .view    { drawn, left_out, sequence, frame, width, height, refining } of the pictures that came
 //   connected, control       whether the session is heard; whether this page steers the view (null before it was told)
-//   account                  what the session told last
+//   about, account           what the session told last of itself and of how it goes; null before it did
 
 const KEPT = 2000;
 // What is shown is of this long, ms.
@@ -67,6 +67,7 @@ export class Measurements {
       pictures: { slice: pictures(), view: pictures() },
       connected: false,
       control: null,
+      about: null,
       account: null,
     };
     this.#paint.port1.onmessage = () => this.#after();

@@ -15,6 +15,8 @@ export class Picture {
   #scheduled = false;
   // The newest that was drawn.
   #drawn = 0;
+  // Counts the sessions: a picture that is decoded when its session is over is not drawn over the next one's.
+  #session = 0;
 
   /// `settled(header, drawn, decode_ms)` is called once for every picture: drawn, or left out because a newer one was there, or because it could not be read.
   constructor(canvas, settled) {
@@ -29,13 +31,12 @@ export class Picture {
       this.#wait({ header, pixels });
       return;
     }
-    const began = performance.now();
-    try {
-      const bitmap = await createImageBitmap(new Blob([pixels], { type: "image/jpeg" }));
-      this.#wait({ header, bitmap, decode: performance.now() - began });
-    } catch {
-      this.#settled(header, false, performance.now() - began);
-    }
+    const [began, session] = [performance.now(), this.#session];
+    const bitmap = await createImageBitmap(new Blob([pixels], { type: "image/jpeg" })).catch(() => null);
+    const decode = performance.now() - began;
+    if (session !== this.#session) bitmap?.close();
+    else if (bitmap) this.#wait({ header, bitmap, decode });
+    else this.#settled(header, false, decode);
   }
 
   /// Nobody looks: what waits is not drawn.
@@ -44,10 +45,12 @@ export class Picture {
     this.#waiting = null;
   }
 
-  /// A new session counts from the beginning.
+  /// A new session counts from the beginning, and is not told of the pictures of the one before.
   restart() {
-    this.forget();
+    this.#waiting?.bitmap?.close();
+    this.#waiting = null;
     this.#drawn = 0;
+    this.#session += 1;
   }
 
   #wait(next) {

@@ -88,7 +88,7 @@ export class Slice {
     const parts = [`${width} × ${height} pixels`];
     if (this.#pixel) {
       const [u, v] = this.#pixel;
-      parts.push(`${(width * u).toFixed(0)} mm wide, ${(height * v).toFixed(0)} mm deep`);
+      parts.push(`${(width * u).toFixed(0)} × ${(height * v).toFixed(0)} mm`);
     } else {
       parts.push("no scale: the pixels' size is not known");
     }

@@ -2,6 +2,8 @@
 
 import { parse } from "./header.js";
 
+// The code by which an end of a WebSocket says that it goes away (RFC 6455, 7.4.1).
+const GOES = 1001;
 // Waits between tries, ms; the last one holds from then on.
 const WAITS = [250, 500, 1000, 2000, 4000, 5000];
 // The session tells four times a second how it is. Nothing for this long, ms: the line is dead, whatever the socket says.
@@ -18,6 +20,8 @@ export class Stream {
   #heard = 0;
   /// Whether the session is heard.
   open = false;
+  /// Whether the session itself has closed the line because it goes.
+  gone = false;
   /// When the line broke, ms since the epoch; null before it was ever open and while it is.
   lostAt = null;
   /// When the next try comes, ms since the epoch; null while there is none to come.
@@ -41,7 +45,7 @@ export class Stream {
     socket.binaryType = "arraybuffer";
     socket.onopen = () => this.#opened(socket);
     socket.onmessage = ({ data }) => this.#message(socket, data);
-    socket.onclose = () => this.#closed(socket);
+    socket.onclose = ({ code }) => this.#closed(socket, code === GOES);
     this.#socket = socket;
     this.#heard = Date.now();
     this.#told.changed();
@@ -80,10 +84,13 @@ export class Stream {
     }
   }
 
-  #closed(socket) {
+  #closed(socket, gone) {
     if (socket !== this.#socket) return;
     this.#socket = null;
-    if (this.open) this.lostAt = Date.now();
+    if (this.open) {
+      this.lostAt = Date.now();
+      this.gone = gone;
+    }
     this.open = false;
     const wait = WAITS[Math.min(this.#tries, WAITS.length - 1)];
     this.#tries += 1;
@@ -100,7 +107,7 @@ export class Stream {
     const dead = this.#socket;
     dead.close();
     // A dead line does not answer to being closed, either.
-    this.#closed(dead);
+    this.#closed(dead, false);
   }
 
   #seen() {

@@ -6,13 +6,13 @@ import { device, duration, many } from "./words.js";
 const PATIENCE = 2;
 const WEIGHT = { bad: 0, heed: 1, ended: 2, wait: 3, well: 4 };
 
-/// `line`: `{ open, ever, lost_s, next_s }` of the connection; `account`: the last one, or null; `blank_s`: for how long no live picture has come though one was asked for.
+/// `line`: `{ open, ever, gone, lost_s, next_s }` of the connection; `account`: the last one, or null; `blank_s`: for how long no live picture has come though one was asked for.
 export function troubles({ line, account, blank_s: blank }) {
   const all = [];
   const say = (how, key, sentence, more = "") => all.push({ how, key, sentence, more });
 
   if (!line.open) {
-    if (account?.ended) {
+    if (account?.ended || line.gone) {
       say("ended", "ended", "The session has ended.", tries(line));
     } else if (line.ever) {
       say("bad", "line", "Connection lost: what you see is old.", `For ${duration(line.lost_s)}. ${tries(line)} The session may go on without this page.`);
@@ -29,6 +29,7 @@ export function troubles({ line, account, blank_s: blank }) {
     say("ended", "ended", "The session has ended.", "What you see is its last picture.");
     return all;
   }
+  if (account.still?.length > 0) say("bad", `still ${account.still}`, `The session stands still: ${account.still.join(", ")}.`, "End it and begin anew if it does not go on.");
   let explained = false;
   for (const one of account.devices) {
     const { how, name, says, more } = device(one);

@@ -9,6 +9,7 @@ export class View {
   #canvas;
   #onlooker;
   #refined;
+  #buttons;
   #send;
   #steers = false;
   #aspect = 1;
@@ -26,9 +27,9 @@ export class View {
     new ResizeObserver(() => this.#lay()).observe(room);
     hand(canvas, this);
     keys(panel, this);
-    for (const button of panel.querySelectorAll("[data-look]")) button.addEventListener("click", () => this.look(button.dataset.look));
-    for (const button of panel.querySelectorAll("[data-zoom]")) button.addEventListener("click", () => this.zoom(Number(button.dataset.zoom)));
-    for (const button of panel.querySelectorAll("[data-roll]")) button.addEventListener("click", () => this.turn(0, 0, Number(button.dataset.roll)));
+    this.#buttons = panel.querySelectorAll("[data-look], [data-zoom], [data-roll]");
+    for (const button of this.#buttons) button.addEventListener("click", () => this.#pressed(button.dataset));
+    this.control(null);
     control.addEventListener("click", () => {
       send({ do: "control" });
       canvas.focus();
@@ -40,6 +41,7 @@ export class View {
     this.#steers = steers === true;
     this.#onlooker.hidden = steers !== false;
     this.#canvas.classList.toggle("steered", this.#steers);
+    for (const button of this.#buttons) button.disabled = !this.#steers;
   }
 
   /// A picture was drawn.
@@ -68,6 +70,12 @@ export class View {
 
   look(from) {
     this.#now({ do: "look", from });
+  }
+
+  #pressed({ look, zoom, roll }) {
+    if (look) this.look(look);
+    if (zoom) this.zoom(Number(zoom));
+    if (roll) this.turn(0, 0, Number(roll));
   }
 
   #lay() {

@@ -10,11 +10,10 @@ export function many(n, one, more = `${one}s`) {
   return `${count(n)} ${n === 1 ? one : more}`;
 }
 
-/// `0.3 s`, `12 s`, `3 min 20 s`, `2 h 5 min`.
+/// `12 s`, `3 min 20 s`, `2 h 5 min`.
 export function duration(seconds) {
   const s = Math.max(0, seconds);
-  if (s < 1) return `${s.toFixed(1)} s`;
-  const whole = Math.round(s);
+    const whole = Math.round(s);
   if (whole < 60) return `${whole} s`;
   if (whole < 3600) return `${Math.floor(whole / 60)} min ${whole % 60} s`;
   return `${Math.floor(whole / 3600)} h ${Math.floor((whole % 3600) / 60)} min`;
@@ -38,7 +37,7 @@ export function milliseconds(ms) {
   return ms < 100 ? ms.toFixed(1) : ms.toFixed(0);
 }
 
-const KINDS = { live: "Live", demo: "Demonstration: a virtual bedside", replay: "Replay of a recording" };
+const KINDS = { live: "Live", demo: "Demo: a virtual bedside", replay: "Replay" };
 
 /// What kind of session this is.
 export function kind({ kind, name }) {
@@ -76,12 +75,47 @@ export function devices(all) {
   const bad = lines.filter(({ how }) => how === "bad" || how === "heed");
   if (bad.length > 0) {
     const how = bad.some(({ how }) => how === "bad") ? "bad" : "heed";
-    return { how, says: bad.length === 1 ? `${bad[0].name} ${all.length > 1 ? "needs you" : bad[0].says}` : `${bad.length} of ${all.length} need you` };
+    return { how, says: bad.length === 1 ? "one needs you" : `${bad.length} need you` };
   }
   if (lines.some(({ how }) => how === "wait")) return { how: "wait", says: "starting" };
   if (lines.some(({ says }) => says === STATES.ended[1])) return { how: "plain", says: "ended" };
-  return { how: "well", says: all.length === 1 ? "runs" : `all ${all.length} run` };
+  return { how: "well", says: ["", "runs", "both run"][all.length] ?? `all ${all.length} run` };
 }
+
+// Why frames are refused, by the session's names for it.
+const REASONS = {
+  "image status": "no valid picture came from the scanner",
+  "image missing": "the picture was not whole",
+  "image orientation": "how the picture lies is not known",
+  "image type": "not a brightness picture",
+  colour: "a coloured picture without a grey one in it",
+  "pixel not finite": "pixels that are no numbers",
+  "time invalid": "no valid time",
+  "pose missing": "no pose for the moment",
+  "pose invalid": "the tracker did not see the probe",
+  "pose not finite": "a pose that is no numbers",
+  "pose mirrored": "a mirrored pose",
+  "pose not rigid": "a pose that stretches",
+  "pose singular": "a pose that flattens",
+  "no path": "the way from probe to world was not known yet",
+  "size changed": "a picture of another size",
+  repeated: "the same picture and pose again",
+  "out of range": "too far away",
+  "out of time": "too far off in time",
+  "out of plane": "outside the plane of the scan",
+  "pixel size": "pixels too small or too large",
+  "same picture": "the same picture at another pose",
+  "volume full": "the volume has all the memory it may take",
+};
+
+/// Why, in words; what has no words here is said as it was told.
+export function reason(name) {
+  return REASONS[name] ?? name;
+}
+
+// Of the frames: more dropped or lost than this are bad, and fewer are to be heeded; so are more refused than that.
+const MANY_GONE = 0.01;
+const MANY_REFUSED = 0.05;
 
 /// What became of the frames. Their fates add up to what came and what never came: nothing is unaccounted for.
 export function frames({ slices, frames, refused, dropped, lost }) {
@@ -89,18 +123,18 @@ export function frames({ slices, frames, refused, dropped, lost }) {
   const refusals = reasons.reduce((sum, [, n]) => sum + n, 0);
   const waiting = Math.max(0, frames - slices - refusals - dropped);
   const lines = [{ how: "well", key: "used", n: slices, says: "in the volume" }];
-  for (const [reason, n] of reasons) lines.push({ how: "heed", key: "refused", n, says: `refused: ${reason}` });
+  for (const [name, n] of reasons) lines.push({ how: "heed", key: "refused", n, says: `refused: ${reason(name)}` });
   if (dropped > 0) lines.push({ how: "bad", key: "dropped", n: dropped, says: "dropped: there was no time for them" });
   if (lost > 0) lines.push({ how: "bad", key: "lost", n: lost, says: "lost before they came" });
   if (waiting > 0) lines.push({ how: "wait", key: "waiting", n: waiting, says: "under way" });
   const parts = [["used", slices], ["refused", refusals], ["dropped", dropped], ["lost", lost]];
-  const whole = Math.max(1, slices + refusals + dropped + lost);
   const decided = slices + refusals + dropped + lost;
+  const gone = dropped + lost;
   return {
-    how: dropped + lost > 0 ? "bad" : refusals > 0 ? "heed" : "well",
+    how: gone > MANY_GONE * decided ? "bad" : gone > 0 || refusals > MANY_REFUSED * decided ? "heed" : "well",
     says: decided === 0 ? "none yet" : `${share(slices, decided)} used`,
     lines,
-    parts: parts.map(([key, n]) => ({ key, share: n / whole })),
+    parts: parts.map(([key, n]) => ({ key, share: n / Math.max(1, decided) })),
   };
 }
 
@@ -110,24 +144,32 @@ function share(n, of) {
   return percent === 100 ? "100 %" : `${(Math.floor(percent * 10) / 10).toFixed(1)} %`;
 }
 
+// Minutes; less room is too little to begin anything.
 const SHORT = 10;
+
+// Rounded down: no room is promised that is not there.
+function minutes(left) {
+  const whole = Math.max(0, Math.floor(left));
+  return whole < 60 ? `${whole} min` : `${count(Math.floor(whole / 60))} h ${whole % 60} min`;
+}
 
 /// The recording: what is on the disk, and for how long there is room.
 export function recording(told) {
   if (!told) return { how: "plain", says: "not recorded", lines: [{ how: "plain", says: "nothing of this session is kept" }] };
   const { path, bytes: size, minutes_left: left, lost, trouble } = told;
-  const lines = [{ how: "plain", says: path.split("/").at(-1), title: path }, { how: "plain", says: `${bytes(size)} written` }];
   const short = left !== null && left !== undefined && left < SHORT;
-  if (left !== null && left !== undefined) lines.push({ how: short ? "heed" : "well", says: `${duration(left * 60)} of disk left` });
+  const room = left === null || left === undefined ? "" : `, the disk has room for ${minutes(left)}`;
+  const lines = [{ how: "plain", says: path.split("/").at(-1), title: path }, { how: short ? "heed" : "plain", says: `${bytes(size)} written${room}` }];
   if (lost > 0) lines.push({ how: "bad", says: `${count(lost)} of what came are not in it` });
   if (trouble) lines.push({ how: "bad", says: trouble });
   const how = trouble || lost > 0 ? "bad" : short ? "heed" : "rec";
-  const says = trouble ? "in trouble" : lost > 0 ? "incomplete" : left === null || left === undefined ? "recording" : `${count(Math.floor(left))} min left`;
+  const says = trouble ? "in trouble" : lost > 0 ? "incomplete" : left === null || left === undefined ? "on" : `on · ${minutes(left)}`;
   return { how, says, lines, short };
 }
 
-/// The volume's extent.
+/// The volume's extent; nothing where the session does not tell it.
 export function volume(told) {
-  if (!told) return "no volume yet";
+  if (told === undefined) return "";
+  if (told === null) return "no volume yet";
   return `${told.voxels.map(count).join(" × ")} voxels, ${told.mm.map((mm) => count(mm)).join(" × ")} mm`;
 }

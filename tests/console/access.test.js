@@ -1,0 +1,121 @@
+// For every hand, eye and ear: axe-core's rules, everything by keyboard, words for what is seen, and no motion for who wants none.
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { close, drawn, listen, open, says, shot, SIZES, steers } from "./page.js";
+import { installed } from "./place.js";
+import { shared } from "./session.js";
+
+const axe = installed("axe-core");
+
+// What axe-core finds wrong, a line each.
+async function wrong(page) {
+  // The page's policy lets no foreign script in; the browser's own door is another.
+  await page.evaluate(axe.source);
+  const { violations, passes } = await page.evaluate(() => axe.run());
+  assert.ok(passes.length > 10, "it looked");
+  return violations.map(({ impact, id, nodes }) => `${impact} ${id}: ${nodes.map(({ html }) => html).join(" | ")}`);
+}
+
+test("axe-core finds nothing wrong, on a desk and on a tablet, with the help open, looking on", async (t) => {
+  const { address } = await shared();
+  for (const [name, size] of Object.entries(SIZES)) {
+    const seen = await open(address, { size });
+    const { page } = seen;
+    await drawn(page, "view", 2);
+    await says(page, "All is well", 60_000);
+    assert.deepEqual(await wrong(page), [], name);
+    await page.keyboard.press("?");
+    await page.getByRole("dialog").waitFor();
+    assert.deepEqual(await wrong(page), [], `${name}, help`);
+    await shot(page, `help-${name}`);
+    await page.keyboard.press("Escape");
+    if (name === "desk") {
+      const second = await open(address, { size });
+      await second.page.getByRole("button", { name: "Take control" }).waitFor();
+      assert.deepEqual(await wrong(second.page), [], "looking on");
+      await close(second);
+    }
+    await close(seen);
+    t.diagnostic(`${name} ${size.width} × ${size.height}: no violation of any weight`);
+  }
+});
+
+test("every control is reached by Tab, in the order in which it is read, is seen to be, and says what it does", async () => {
+  const { address } = await shared();
+  const seen = await open(address);
+  const { page } = seen;
+  await steers(page, true);
+  assert.equal(await page.evaluate(() => document.activeElement.id), "view", "the view's keys act at once");
+  const wanted = await page.evaluate(() => {
+    const all = [...document.querySelectorAll("button, [tabindex='0']")].filter((element) => element.checkVisibility() && !element.closest("dialog"));
+    return all.map((element) => element.id || element.textContent);
+  });
+  assert.ok(wanted.length >= 13, wanted.join());
+  await page.evaluate(() => document.activeElement.blur());
+  await page.locator("h1").click();
+  const reached = [];
+  for (let n = 0; n < wanted.length; n += 1) {
+    await page.keyboard.press("Tab");
+    const at = await page.evaluate(() => {
+      const element = document.activeElement;
+      const ringed = [element, element.parentElement].some((one) => {
+        const { outlineStyle, outlineWidth } = getComputedStyle(one);
+        return outlineStyle !== "none" && parseFloat(outlineWidth) >= 2;
+      });
+      const { width, height } = element.getBoundingClientRect();
+      return { name: element.id || element.textContent, ringed, title: element.title, width, height };
+    });
+    reached.push(at.name);
+    assert.ok(at.ringed, `${at.name}: the focus is seen`);
+    assert.ok(at.title.length > 8, `${at.name}: says what it does`);
+    assert.ok(at.width >= 44 && at.height >= 44, `${at.name}: a finger hits it (${at.width} × ${at.height})`);
+  }
+  assert.deepEqual(reached, wanted);
+});
+
+test("the help opens and closes by keyboard and gives the focus back, and no key of the view acts elsewhere", async () => {
+  const { address } = await shared();
+  const seen = await open(address);
+  const { page } = seen;
+  await steers(page, true);
+  const focus = () => page.evaluate(() => document.activeElement.id);
+  await page.keyboard.press("?");
+  assert.equal(await focus(), "help-close");
+  await page.keyboard.press("Enter");
+  assert.equal(await focus(), "view");
+  await page.locator("#help-open").focus();
+  await page.keyboard.press("Enter");
+  assert.ok(await page.getByRole("dialog").isVisible());
+  await page.keyboard.press("Escape");
+  assert.equal(await focus(), "help-open");
+  const wishes = await listen(page);
+  for (const key of ["ArrowLeft", "2", "w", "+"]) await page.keyboard.press(key);
+  assert.deepEqual(await wishes(), []);
+});
+
+test("what is spoken does not chatter", async () => {
+  const { address } = await shared();
+  const seen = await open(address);
+  const { page } = seen;
+  await says(page, "All is well", 60_000);
+  const live = await page.evaluate(() => [...document.querySelectorAll("[aria-live], [role=status], [role=alert], [role=log]")].map(({ id }) => id));
+  assert.deepEqual(live, ["announcer"]);
+  await page.evaluate(() => {
+    window.spoken = 0;
+    new MutationObserver(() => (window.spoken += 1)).observe(document.getElementById("announcer"), { childList: true, characterData: true, subtree: true });
+  });
+  await drawn(page, "slice", 60);
+  assert.equal(await page.evaluate(() => window.spoken), 0);
+});
+
+test("who wants no motion gets none", async () => {
+  const { address } = await shared();
+  const seen = await open(address, { reducedMotion: "reduce" });
+  const moving = await seen.page.evaluate(() => {
+    const durations = [...document.querySelectorAll("*")].map((element) => getComputedStyle(element));
+    return durations.filter((of) => parseFloat(of.transitionDuration) > 0 || of.animationName !== "none").length;
+  });
+  assert.equal(moving, 0);
+});

@@ -1,0 +1,22 @@
+// All tests of the console's page, one after the other: two cores do not draw two sessions.
+
+import { after, afterEach } from "node:test";
+
+import { closeAll, quit } from "./page.js";
+import { endLeft, endShared } from "./session.js";
+
+await import("./words.test.js");
+await import("./pictures.test.js");
+await import("./steering.test.js");
+await import("./access.test.js");
+await import("./troubles.test.js");
+await import("./line.test.js");
+
+afterEach(async () => {
+  await closeAll();
+  await endLeft();
+});
+after(async () => {
+  await quit();
+  await endShared();
+});

@@ -1,0 +1,132 @@
+// A page of the console in a real browser, and what can be asked of it.
+
+import { join } from "node:path";
+
+import { BROWSER, installed, OUT } from "./place.js";
+
+const { chromium } = installed("playwright-core");
+
+/// A desk's screen, and a tablet lying and upright.
+export const SIZES = {
+  desk: { width: 1280, height: 800 },
+  lying: { width: 1024, height: 768 },
+  upright: { width: 820, height: 1180 },
+};
+
+// Root has no sandbox; the pages are our own.
+let browser;
+const launch = async () => (browser ??= await chromium.launch({ executablePath: BROWSER, args: process.getuid?.() === 0 ? ["--no-sandbox"] : [] }));
+
+/// Closes the browser.
+export const quit = () => browser?.close();
+
+/// Closes what a test has opened, and a test that has failed has left open.
+export const closeAll = () => Promise.all((browser?.contexts() ?? []).map((context) => context.close()));
+
+/// Opens the page at this address. `complaints` fills with whatever the browser complains of, `binary` counts the pictures that come.
+/// `through(socket)`, where it is given, stands between the page and the session: it is playwright's WebSocketRoute.
+export async function open(address, { size = SIZES.desk, through, ...settings } = {}) {
+  const context = await (await launch()).newContext({ viewport: size, ...settings });
+  const page = await context.newPage();
+  if (through) await page.routeWebSocket(/\/v1\/stream$/, through);
+  const seen = { page, complaints: [], requests: [], binary: 0 };
+  page.on("console", (message) => {
+    if (["error", "warning"].includes(message.type())) seen.complaints.push(message.text());
+  });
+  page.on("pageerror", (error) => seen.complaints.push(error.message));
+  page.on("request", (request) => seen.requests.push(request.url()));
+  page.on("websocket", (socket) =>
+    socket.on("framereceived", ({ payload }) => {
+      if (typeof payload !== "string") seen.binary += 1;
+    }),
+  );
+  await page.goto(address);
+  return seen;
+}
+
+/// Closes a page and all that belongs to it.
+export const close = ({ page }) => page.context().close();
+
+/// What the page has measured (`window.sonoweave`).
+export const measured = (page) => page.evaluate(() => window.sonoweave);
+
+/// Waits until this page steers the view, or looks on.
+export const steers = (page, whether) =>
+  page.waitForFunction((whether) => window.sonoweave.control === whether, whether, { timeout: 10_000 });
+
+/// Listens to what the page asks of its session from now on, answers to pictures left out; what it gives tells what was asked.
+export async function listen(page) {
+  await page.evaluate(() => {
+    window.wishes = [];
+    const send = WebSocket.prototype.send;
+    WebSocket.prototype.send = function (text) {
+      const wish = JSON.parse(text);
+      if (wish.do !== "shown") window.wishes.push(wish);
+      send.call(this, text);
+    };
+  });
+  // Wishes wait for the screen's next frame.
+  return () => page.evaluate(() => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(() => resolve(window.wishes.splice(0))))));
+}
+
+/// Waits until so many more pictures of this name (`slice`, `view`) were drawn.
+export async function drawn(page, name, more = 1, timeout = 30_000) {
+  const before = (await measured(page)).pictures[name].drawn;
+  await page.waitForFunction(([name, n]) => window.sonoweave.pictures[name].drawn >= n, [name, before + more], { timeout });
+}
+
+/// Waits until no finer view of the volume is to be had, or what comes shows for a while what was wished for.
+export async function settled(page) {
+  await drawn(page, "view", 2);
+  const finest = () => !window.sonoweave.pictures.view.refining;
+  await page.waitForFunction(finest, null, { timeout: 1500, polling: "raf" }).catch(() => {});
+}
+
+/// The greys of a canvas, made 96 pixels wide so that they compare quickly: `{ width, height, grey }`.
+export function greys(page, id) {
+  return page.evaluate((id) => {
+    const from = document.getElementById(id);
+    const width = 96;
+    const height = Math.round((width * from.height) / from.width);
+    const to = Object.assign(document.createElement("canvas"), { width, height }).getContext("2d");
+    to.drawImage(from, 0, 0, width, height);
+    const { data } = to.getImageData(0, 0, width, height);
+    const grey = Array.from({ length: width * height }, (_, n) => Math.round((data[4 * n] + data[4 * n + 1] + data[4 * n + 2]) / 3));
+    return { width, height, grey };
+  }, id);
+}
+
+/// Mean difference of two such, of 255.
+export function difference(a, b) {
+  return a.grey.reduce((sum, grey, n) => sum + Math.abs(grey - b.grey[n]), 0) / a.grey.length;
+}
+
+/// What of it is no background, which its corners are: the share of its area, and the middle in fractions of its width and height.
+export function body({ width, height, grey }) {
+  const corners = [0, width - 1, width * (height - 1), width * height - 1].map((n) => grey[n]).sort((a, b) => a - b);
+  const ground = corners[1];
+  let [n, x, y] = [0, 0, 0];
+  grey.forEach((value, at) => {
+    if (Math.abs(value - ground) < 20) return;
+    n += 1;
+    x += at % width;
+    y += Math.floor(at / width);
+  });
+  return { share: n / grey.length, x: x / Math.max(1, n) / width, y: y / Math.max(1, n) / height };
+}
+
+/// The first and gravest sentence at the top.
+export const banner = (page) => page.locator("#banner p").first().innerText();
+
+/// Waits until the top says so.
+export const says = (page, words, timeout = 30_000) => page.locator("#banner", { hasText: words }).waitFor({ timeout });
+
+/// Covers the page's window (`hidden`), or uncovers it (`visible`), as far as the page is told.
+export const look = (page, state) =>
+  page.evaluate((state) => {
+    Object.defineProperty(document, "visibilityState", { value: state, configurable: true });
+    document.dispatchEvent(new Event("visibilitychange"));
+  }, state);
+
+/// A picture of the page, to be looked at by people.
+export const shot = (page, name) => page.screenshot({ path: join(OUT, `${name}.png`) });

@@ -1,0 +1,155 @@
+// The live picture and the view of the volume: they move, at the pace of the screen, and only while somebody looks.
+
+import assert from "node:assert/strict";
+import { setTimeout as wait } from "node:timers/promises";
+import { test } from "node:test";
+
+import { close, difference, drawn, greys, look, measured, open, says, SIZES, shot } from "./page.js";
+import { shared } from "./session.js";
+
+// Latest, ms: it is right or wrong here, not fast or slow, and other things run beside.
+const LATEST = 3000;
+
+test("the page stands at once, and both pictures move", async (t) => {
+  const { address } = await shared();
+  const seen = await open(address);
+  const { page } = seen;
+  const paint = await page.waitForFunction(() => performance.getEntriesByType("paint").find(({ name }) => name === "first-contentful-paint")?.startTime);
+  t.diagnostic(`first paint after ${(await paint.jsonValue()).toFixed(0)} ms`);
+  for (const name of ["slice", "view"]) {
+    await drawn(page, name, 3);
+    const before = await greys(page, name);
+    assert.ok(Math.max(...before.grey) > 40, `${name}: something is in it`);
+    await drawn(page, name, 10);
+    const moved = difference(before, await greys(page, name));
+    assert.ok(moved > 0.05, `${name}: it moves (by ${moved.toFixed(2)} of 255)`);
+  }
+  await says(page, "All is well", 60_000);
+  const { account, pictures } = await measured(page);
+  assert.ok(account.slices > 0);
+  assert.ok(pictures.slice.width > 0 && pictures.slice.frame > 0);
+  assert.deepEqual(seen.complaints, []);
+});
+
+test("from when a picture was due to its pixels on the screen", async (t) => {
+  const { address } = await shared();
+  const seen = await open(address);
+  await drawn(seen.page, "slice", 60);
+  const { latencies, decodes, pictures } = await measured(seen.page);
+  const share = (values, q) => [...values].sort((a, b) => a - b)[Math.max(0, Math.ceil(q * values.length) - 1)];
+  for (const name of ["slice", "view"]) {
+    const of = latencies[name];
+    assert.ok(of.length > 5, `${name}: ${of.length} were measured`);
+    assert.ok(of.every((ms) => ms > 0), `${name}: none is on the screen before it was due`);
+    assert.ok(share(of, 0.95) < LATEST, `${name}: p95 ${share(of, 0.95)} ms`);
+    const { width, height, left_out: out } = pictures[name];
+    t.diagnostic(`${name} ${width} × ${height}: on the screen after p50 ${share(of, 0.5).toFixed(0)} ms, p95 ${share(of, 0.95).toFixed(0)} ms, of which here p95 ${share(decodes[name], 0.95).toFixed(1)} ms; ${of.length} pictures, ${out} left out`);
+  }
+});
+
+test("a hidden page is sent nothing, and one that is seen again goes on", async () => {
+  const { address } = await shared();
+  const seen = await open(address);
+  await drawn(seen.page, "slice", 5);
+  await look(seen.page, "hidden");
+  // What was under way arrives.
+  await wait(1500);
+  const before = seen.binary;
+  await wait(3000);
+  assert.equal(seen.binary - before, 0);
+  assert.ok((await measured(seen.page)).connected, "the line stays");
+  await look(seen.page, "visible");
+  await drawn(seen.page, "slice", 5);
+  await drawn(seen.page, "view", 2);
+});
+
+test("the picture is as wide and high as the tissue, with its scale and marker, and lies wholly on the screen", async () => {
+  const { address } = await shared();
+  for (const [name, size] of Object.entries(SIZES)) {
+    const seen = await open(address, { size });
+    const { page } = seen;
+    await drawn(page, "slice", 3);
+    await drawn(page, "view", 3);
+    await page.waitForFunction(() => window.sonoweave.account !== null);
+    const { pictures } = await measured(page);
+    const about = await page.evaluate(() => window.sonoweave.about);
+    const [u, v] = about.pixel_mm;
+    const box = await page.locator("#slice").boundingBox();
+    const aspect = (pictures.slice.width * u) / (pictures.slice.height * v);
+    assert.ok(Math.abs(box.width / box.height / aspect - 1) < 0.02, `${name}: ${box.width} × ${box.height} for ${aspect}`);
+    assert.ok(box.y + box.height <= size.height && box.width > 380, `${name}: seen, and large`);
+    const depths = await page.locator("#slice-scale .depth").allTextContents();
+    const last = Number(depths.at(-1));
+    assert.ok(last * 10 <= pictures.slice.height * v && last * 10 > (pictures.slice.height * v) / 2, `${name}: numbers to ${last} cm`);
+    const marker = await page.locator("#slice-scale .marker").boundingBox();
+    const left = marker.x + marker.width / 2 < box.x + box.width / 2;
+    assert.equal(left ? "left" : "right", about.marker, name);
+    const [across, down] = await page.evaluate(() => [document.documentElement.scrollWidth - innerWidth, document.documentElement.scrollHeight]);
+    assert.ok(across <= 0, `${name}: nothing lies beside the screen`);
+    assert.ok(down < 2 * size.height, `${name}: ${down} pixels high`);
+    await says(page, "All is well", 60_000);
+    await shot(page, `page-${name}`);
+    assert.deepEqual(seen.complaints, []);
+    await close(seen);
+  }
+});
+
+test("the page asks nobody but its own session", async () => {
+  const { address } = await shared();
+  const seen = await open(address);
+  await drawn(seen.page, "slice", 1);
+  const origin = new URL(address).origin;
+  assert.deepEqual(seen.requests.filter((url) => new URL(url).origin !== origin), []);
+  assert.ok(seen.requests.length > 5);
+  const policy = (await seen.page.request.get(address)).headers()["content-security-policy"];
+  assert.match(policy, /default-src 'none'; script-src 'self'; style-src 'self'/);
+});
+
+test("grey, colour and JPEG are drawn as they are, the newest only, and each is answered once", async () => {
+  const { address } = await shared();
+  const { page } = await open(address);
+  const { answers, seen } = await page.evaluate(async () => {
+    const { Picture } = await import("/page/picture.js");
+    const canvas = document.createElement("canvas");
+    const answers = [];
+    const picture = new Picture(canvas, (header, drawn) => answers.push([header.sequence, drawn]));
+    const frame = () => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve)));
+    const pixels = () => [...canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data];
+    const seen = {};
+    picture.offer({ encoding: 0, width: 2, height: 1, sequence: 1 }, new Uint8Array([9, 9]));
+    picture.offer({ encoding: 0, width: 2, height: 1, sequence: 2 }, new Uint8Array([0, 200]));
+    await frame();
+    seen.grey = pixels();
+    picture.offer({ encoding: 1, width: 1, height: 2, sequence: 4 }, new Uint8Array([10, 20, 30, 255, 0, 128]));
+    await frame();
+    seen.colour = pixels();
+    picture.offer({ encoding: 0, width: 2, height: 1, sequence: 3 }, new Uint8Array([9, 9]));
+    await frame();
+    const source = Object.assign(document.createElement("canvas"), { width: 16, height: 16 });
+    const context = source.getContext("2d");
+    context.fillStyle = "rgb(200, 100, 50)";
+    context.fillRect(0, 0, 16, 16);
+    const blob = await new Promise((resolve) => source.toBlob(resolve, "image/jpeg", 0.95));
+    await picture.offer({ encoding: 2, width: 16, height: 16, sequence: 5 }, new Uint8Array(await blob.arrayBuffer()));
+    await frame();
+    seen.jpeg = pixels().slice(0, 3);
+    await picture.offer({ encoding: 2, width: 16, height: 16, sequence: 6 }, new Uint8Array([1, 2, 3]));
+    picture.offer({ encoding: 0, width: 2, height: 1, sequence: 7 }, new Uint8Array([9, 9]));
+    picture.forget();
+    await frame();
+    seen.kept = pixels().length;
+    const late = picture.offer({ encoding: 2, width: 16, height: 16, sequence: 99 }, new Uint8Array(await blob.arrayBuffer()));
+    picture.restart();
+    await late;
+    picture.offer({ encoding: 0, width: 2, height: 1, sequence: 1 }, new Uint8Array([5, 6]));
+    await frame();
+    seen.next = pixels();
+    return { answers, seen };
+  });
+  assert.deepEqual(seen.grey, [0, 0, 0, 255, 200, 200, 200, 255]);
+  assert.deepEqual(seen.colour, [10, 20, 30, 255, 255, 0, 128, 255]);
+  assert.ok([200, 100, 50].every((value, n) => Math.abs(value - seen.jpeg[n]) <= 4), seen.jpeg.join());
+  assert.equal(seen.kept, 16 * 16 * 4, "what was forgotten was not drawn");
+  assert.deepEqual(seen.next, [5, 5, 5, 255, 6, 6, 6, 255], "the next session's first, and not the last one's last");
+  assert.deepEqual(answers, [[1, false], [2, true], [4, true], [3, false], [5, true], [6, false], [7, false], [1, true]]);
+});

@@ -1,0 +1,20 @@
+// Where things are: the program under test, and the folder that the tests write to. scripts/console-test.sh has filled it with the packages of package.json.
+
+import { createRequire } from "node:module";
+import { mkdirSync } from "node:fs";
+import { fileURLToPath } from "node:url";
+
+const root = new URL("../../", import.meta.url);
+
+/// The page's files.
+export const PAGE = fileURLToPath(new URL("src/console/page/", root));
+/// Pictures of the page, and what sessions wrote.
+export const OUT = fileURLToPath(new URL("out/console-test/", root));
+/// The program, as scripts/console-test.sh names it.
+export const PROGRAM = process.env.SONOWEAVE ?? fileURLToPath(new URL("target/release/sonoweave", root));
+/// The browser.
+export const BROWSER = process.env.CHROMIUM ?? "/usr/bin/chromium";
+/// A package of package.json.
+export const installed = createRequire(new URL("out/console-test/package.json", root));
+
+mkdirSync(OUT, { recursive: true });

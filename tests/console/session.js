@@ -1,0 +1,98 @@
+// A session at the virtual bedside, with its console.
+
+import { spawn } from "node:child_process";
+import { mkdtempSync, rmSync } from "node:fs";
+import { join } from "node:path";
+
+import { OUT, PROGRAM } from "./place.js";
+
+// For how long a session may take to begin or to end, ms.
+const PATIENCE = 60_000;
+const TELLS = /console: (http:\/\/\S+)/;
+
+// None outlives the tests, however they end.
+const running = new Set();
+process.on("exit", () => running.forEach((child) => child.kill("SIGKILL")));
+
+export class Session {
+  #child;
+  #place;
+  #ended;
+  /// Where its page is.
+  address;
+
+  /// Begins one whose console listens at this port, 0 for any that is free.
+  static async begin(port = 0) {
+    const session = new Session();
+    session.#place = mkdtempSync(join(OUT, "session-"));
+    const flags = ["demo", "--headless", "--out", session.#place, "--console", `127.0.0.1:${port}`];
+    const child = spawn(PROGRAM, flags, { stdio: ["ignore", "ignore", "pipe"] });
+    running.add(child);
+    session.#child = child;
+    session.#ended = new Promise((resolve) => {
+      child.on("error", resolve);
+      child.on("exit", resolve);
+    }).then(() => running.delete(child));
+    session.address = await told(child);
+    return session;
+  }
+
+  /// Whether this is its process.
+  has(child) {
+    return this.#child === child;
+  }
+
+  /// The port that its console listens at.
+  get port() {
+    return Number(new URL(this.address).port);
+  }
+
+  /// Stops it in the middle of whatever it does, as a machine without memory would; or lets it go on.
+  hang(whether) {
+    this.#child.kill(whether ? "SIGSTOP" : "SIGCONT");
+  }
+
+  /// Ends it: by SIGINT as its user would, or by SIGKILL as a power cut would.
+  async end(signal = "SIGINT") {
+    this.#child.kill(signal);
+    const late = setTimeout(() => this.#child.kill("SIGKILL"), PATIENCE);
+    await this.#ended;
+    clearTimeout(late);
+    rmSync(this.#place, { recursive: true, force: true });
+  }
+}
+
+// The address, once the program says it.
+function told(child) {
+  return new Promise((resolve, reject) => {
+    let said = "";
+    const fail = (why) => reject(new Error(`${PROGRAM} ${why}; it said:\n${said}`));
+    const late = setTimeout(() => fail("did not say where its console is"), PATIENCE);
+    child.stderr.on("data", (data) => {
+      said += data;
+      const found = TELLS.exec(said);
+      if (!found) return;
+      clearTimeout(late);
+      resolve(found[1]);
+    });
+    child.on("error", (error) => fail(`could not be started: ${error.message}`));
+    child.on("exit", (code, signal) => {
+      clearTimeout(late);
+      fail(`ended by ${signal ?? `exit code ${code}`} before its console was there`);
+    });
+  });
+}
+
+let common;
+
+/// The session that tests look at which neither end nor disturb it.
+export const shared = () => (common ??= Session.begin());
+
+/// Ends it, if there was one.
+export const endShared = async () => (await common)?.end();
+
+/// Ends what a test that has failed has left running.
+export async function endLeft() {
+  const kept = await common;
+  for (const child of running) if (!kept?.has(child)) child.kill("SIGKILL");
+}
