@@ -58,13 +58,20 @@ struct Told {
     account: Arc<Account>,
     config: Arc<Effective>,
     still: Vec<String>,
+    ended: bool,
 }
 
 impl Latest {
     /// Of a session that begins now, with these settings.
     pub fn new(config: &Effective) -> Self {
         let began = Instant::now();
-        let told = Told { at: began, account: Arc::default(), config: Arc::new(config.clone()), still: Vec::new() };
+        let told = Told {
+            at: began,
+            account: Arc::default(),
+            config: Arc::new(config.clone()),
+            still: Vec::new(),
+            ended: false,
+        };
         Self { began, told: Mutex::new(told) }
     }
 
@@ -72,7 +79,12 @@ impl Latest {
     pub fn tell(&self, account: &Account, still: &[String]) {
         let (account, still) = (Arc::new(account.clone()), still.to_vec());
         let mut told = self.lock();
-        *told = Told { at: Instant::now(), account, config: Arc::clone(&told.config), still };
+        *told = Told { at: Instant::now(), account, config: Arc::clone(&told.config), still, ended: told.ended };
+    }
+
+    /// The session is told to end, or ends by itself: what follows is only written.
+    pub fn end(&self) {
+        self.lock().ended = true;
     }
 
     /// These settings hold from now on.

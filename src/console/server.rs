@@ -12,7 +12,7 @@ use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use tokio::sync::{Semaphore, watch};
 
-use super::{About, Latest, Screen, Served, routes};
+use super::{About, Latest, PAGES, Screen, Served, routes};
 
 /// Connections at a time; more wait in the kernel.
 const CONNECTIONS: usize = 16;
@@ -108,6 +108,7 @@ impl Drop for Console {
 
 /// Takes connections until it is told to stop, or whoever would tell it is gone.
 async fn accept(listener: &tokio::net::TcpListener, served: Served, mut stopped: watch::Receiver<()>) {
+    let pages = Arc::clone(&served.places);
     let routes = routes(served);
     let places = Arc::new(Semaphore::new(CONNECTIONS));
     loop {
@@ -148,6 +149,7 @@ async fn accept(listener: &tokio::net::TcpListener, served: Served, mut stopped:
         });
     }
     // Whoever has asked already gets the answer, and whoever only holds a connection open is cut off.
-    let all = u32::try_from(CONNECTIONS).unwrap_or(u32::MAX);
-    let _ = tokio::time::timeout(LEAVING, places.acquire_many(all)).await;
+    let [all, looking] = [CONNECTIONS, PAGES].map(|count| u32::try_from(count).unwrap_or(u32::MAX));
+    let gone = async { tokio::join!(places.acquire_many(all), pages.acquire_many(looking)) };
+    let _ = tokio::time::timeout(LEAVING, gone).await;
 }

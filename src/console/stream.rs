@@ -18,7 +18,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
+use axum::extract::ws::{CloseFrame, Message, WebSocket, WebSocketUpgrade, close_code};
 use axum::extract::{Request, State};
 use axum::http::{StatusCode, header};
 use axum::middleware::Next;
@@ -155,18 +155,30 @@ impl<'a> Page<'a> {
         let mut accounts = interval(OFTEN);
         accounts.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut account = told::Teller::default();
-        let about = told::about(self.served);
-        if !self.say(about).await || !self.say(self.control()).await {
+        let mut about = told::about(self.served);
+        if !self.say(about.clone()).await || !self.say(self.control()).await {
             return "it took nothing";
         }
         loop {
             let [slice, view] = &mut self.channels;
             let message = tokio::select! {
-                _ = stopped.changed() => return "the session is over",
+                _ = stopped.changed() => {
+                    self.leave(account.tell(self.served)).await;
+                    return "the session is over";
+                }
                 Ok(()) = turns.changed() => Out::Text(self.control()),
                 shot = slice.next() => Out::Shot(shot),
                 shot = view.next() => Out::Shot(shot),
-                _ = accounts.tick() => Out::Text(account.tell(self.served)),
+                _ = accounts.tick() => {
+                    let newer = told::about(self.served);
+                    if newer != about {
+                        about.clone_from(&newer);
+                        if !self.say(newer).await {
+                            return "it took nothing";
+                        }
+                    }
+                    Out::Text(account.tell(self.served))
+                }
                 came = self.socket.recv() => match came {
                     Some(Ok(message)) => match self.heard(message) {
                         Heard::Fine => continue,
@@ -183,6 +195,14 @@ impl<'a> Page<'a> {
             if !taken {
                 return "it took nothing";
             }
+        }
+    }
+
+    /// The last that is told.
+    async fn leave(&mut self, account: serde_json::Value) {
+        if self.say(account).await {
+            let close = CloseFrame { code: close_code::AWAY, reason: "the session is over".into() };
+            let _ = timeout(SENDING, self.socket.send(Message::Close(Some(close)))).await;
         }
     }
 

@@ -87,7 +87,7 @@ impl Teller {
             "recording": recording(account),
             "notes": account.notes,
             "still": told.still,
-            "ended": false,
+            "ended": told.ended,
         } })
     }
 

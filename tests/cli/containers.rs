@@ -262,7 +262,7 @@ fn a_recorded_session_becomes_a_sequence_whose_slices_lie_where_its_replay_has_t
     assert_eq!(place_of(&replayed), place_of(&woven));
     assert!(replayed.values.iter().any(|value| *value > 0.0) && replayed.values == woven.values);
     // Of both it can be told what was not seen, and what they were made of.
-    for name in ["SonoweaveUnseen", "SonoweaveSigmaMm", "SonoweaveFrames"] {
+    for name in ["SonoweaveUnseen", "SonoweaveMethod", "SonoweaveFrames"] {
         assert_eq!(replayed.field(name), woven.field(name), "{name}");
     }
     let input = replayed.field("SonoweaveInput");

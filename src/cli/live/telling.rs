@@ -63,6 +63,7 @@ impl Telling {
     /// Now and then while the session runs, and once when it begins to end.
     pub(super) fn look(&mut self, account: &Account, line: fn(&Account) -> String, ends: bool) {
         if ends {
+            self.latest.end();
             self.service.stopping();
             self.service.status(&format!("ends: {}", line(account)));
         } else {

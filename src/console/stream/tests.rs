@@ -10,7 +10,7 @@ use tungstenite::{Message, WebSocket};
 use super::*;
 use crate::config::bedside::Effective;
 use crate::console::{About, Console, Latest, Screen};
-use crate::pipeline::live::{Account, Glance as _, Glimpsed};
+use crate::pipeline::live::{Account, Glance as _, Glimpsed, Unwritten, Written};
 use crate::slice::{Image, Pixels};
 
 struct Session {
@@ -290,7 +290,32 @@ fn an_account_tells_rates_and_what_became_of_frames_and_the_end_is_no_secret() {
     };
     assert!(told["rates"]["frames"].as_f64().unwrap() > 0.0, "{told}");
     assert_eq!((&told["frames"], &told["dropped"], &told["refused"]), (&json!(30), &json!(0), &json!({})));
+    assert_eq!(told["ended"], false);
+    // What is recorded is told when it is.
+    account.recording = Some(Written {
+        path: "late.mcap".into(),
+        messages: 0,
+        stored: 0,
+        lost: 0,
+        lost_before_writer: Unwritten::default(),
+        after_end: Unwritten::default(),
+        bytes: 0,
+        minutes_left: None,
+        trouble: String::new(),
+    });
+    session.latest.tell(&account, &[]);
+    assert_eq!(page.word("about")["recording"], "late.mcap");
+    // The end is told, and is no lost line.
+    session.latest.end();
     let Session { console, .. } = session;
     drop(console);
-    assert!(ends(&mut page));
+    let mut last = Value::Null;
+    loop {
+        match page.socket.read().unwrap() {
+            Message::Text(text) => last = serde_json::from_str(&text).unwrap(),
+            Message::Close(Some(close)) => break assert_eq!(u16::from(close.code), 1001),
+            other => panic!("{other:?}"),
+        }
+    }
+    assert_eq!(last["account"]["ended"], true);
 }
