@@ -3,7 +3,7 @@
 //! | path | what |
 //! |---|---|
 //! | `GET /` | the page: the scanner's picture and the volume's, live |
-//! | `GET /v1/stream` | the page's connection (WebSocket): [`stream`] |
+//! | `GET /v1/stream` | the page's connection (WebSocket), see `stream` |
 //! | `GET /status` | everything, as JSON: what `--stats` writes at the end |
 //! | `GET /metrics` | the same in Prometheus' text form |
 //! | `GET /healthz` | 200 while the session moves, 503 and who stands still when it does not |
