@@ -375,7 +375,7 @@ pub const SECTIONS: &[Section] = &[
         keys: &[next(
             "listen",
             "\"127.0.0.1:PORT\" or \"[::1]:PORT\"",
-            "where status and metrics are to be had over HTTP, on this machine only; nowhere without it",
+            "where the page, status and metrics are to be had over HTTP, on this machine only; nowhere without it",
         )],
     },
     Section {
