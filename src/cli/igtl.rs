@@ -11,7 +11,7 @@ use clap::Args;
 use super::Failure;
 use super::live::outputs::say;
 use crate::igtl::{Commands, Hub, Server};
-use crate::pipeline::live::Tap;
+use crate::pipeline::live::{Reader, Session, Witness};
 
 /// Between two looks at whether a session may begin.
 const LOOK: Duration = Duration::from_millis(20);
@@ -72,9 +72,10 @@ impl Sharing {
 }
 
 impl Shared {
-    /// Who looks on.
-    pub(in crate::cli) fn tap(&self) -> Arc<dyn Tap> {
-        Arc::clone(&self.hub) as Arc<dyn Tap>
+    /// Looks on at a session, and reads its volume.
+    pub(in crate::cli) fn joins(&self, session: &mut Session) {
+        session.witnesses.push(Arc::clone(&self.hub) as Arc<dyn Witness>);
+        session.readers.push(Arc::clone(&self.hub) as Arc<dyn Reader>);
     }
 
     /// How it goes.

@@ -11,7 +11,7 @@ use rustix::time::{ClockId, clock_gettime};
 use tokio::sync::watch;
 
 use super::sight::{Sight, Steer};
-use crate::pipeline::live::{Drawn, Glance, Glimpsed};
+use crate::pipeline::live::{Drawn, Glimpsed, Witness};
 use crate::render::camera::View;
 use crate::slice::Pixels;
 
@@ -159,7 +159,7 @@ impl Screen {
     }
 }
 
-impl Glance for Screen {
+impl Witness for Screen {
     fn glimpsed(&self, glimpsed: &Glimpsed<'_>) {
         if !self.is_looked_at(Kind::Slice) {
             return;

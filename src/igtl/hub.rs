@@ -9,7 +9,7 @@ use drivers::openigtlink::Status;
 use tokio::sync::Notify;
 
 use super::VOLUME_EVERY;
-use crate::pipeline::live::{Snapshot, Tap, Wants};
+use crate::pipeline::live::{Reader, Snapshot, Wants, Witness};
 use crate::slice::Slice;
 use crate::sync::history::PoseSample;
 
@@ -115,7 +115,7 @@ impl Hub {
     }
 }
 
-impl Tap for Hub {
+impl Witness for Hub {
     fn slice(&self, world: &str, item: u64, slice: &Slice) {
         let mut news = self.news();
         if news.world != world {
@@ -136,7 +136,9 @@ impl Tap for Hub {
         drop(news);
         self.told.notify_one();
     }
+}
 
+impl Reader for Hub {
     fn wants(&self) -> Wants {
         let [unasked, asked] = *self.next_volume.lock().unwrap_or_else(PoisonError::into_inner);
         let now = Instant::now();

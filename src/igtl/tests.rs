@@ -18,7 +18,7 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use super::*;
 use crate::export::volume::{DenseBox, Scalar};
-use crate::pipeline::live::{Snapshot, Tap as _, Wants};
+use crate::pipeline::live::{Reader as _, Snapshot, Wants, Witness as _};
 use crate::slice::{Pixels, Slice};
 use crate::sync::clock::TimeFlags;
 use crate::sync::history::{PoseSample, Rigid};

@@ -202,9 +202,9 @@ pub(crate) fn stages(wait_ns: i64, looks: Option<Arc<dyn Looks>>) -> Session {
         path: PathChoice::General,
         planar: PlanarSettings::default(),
         looks,
-        glance: None,
+        witnesses: Vec::new(),
         watch: None,
-        tap: None,
+        readers: Vec::new(),
     }
 }
 

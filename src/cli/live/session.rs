@@ -17,11 +17,11 @@ use super::stages::{instruments, record, stages};
 use super::telling::{Telling, standing};
 use super::terminal::Terminal;
 use super::viewers::Viewers;
-use crate::cli::igtl::{Shared, Sharing};
+use crate::cli::igtl::Sharing;
 use crate::cli::{Failure, values};
 use crate::config::bedside::Bedside;
 use crate::devices::{self, Devices};
-use crate::pipeline::live::{Bed, Equipment, Glance, Looks, Session, run};
+use crate::pipeline::live::{Bed, Equipment, Looks, Witness, run};
 
 /// Between two lines on the way.
 const SAID_EVERY: Duration = Duration::from_secs(2);
@@ -140,10 +140,13 @@ pub(in crate::cli) fn session(
     let screen = telling.screen();
     let viewers = Viewers::of(&bedside.picture, terminal.as_ref(), outputs.picture.is_some(), screen.as_ref());
     let looks = viewers.clone().map(|viewers| viewers as Arc<dyn Looks>);
-    let glance = screen.map(|screen| screen as Arc<dyn Glance>);
     let (began, mut said) = (Instant::now(), Instant::now());
-    let tap = shared.as_ref().map(Shared::tap);
-    let finished = run(&Session { glance, tap, ..stages(bedside, looks)? }, bed, &Monotonic, &ends, |account| {
+    let mut stages = stages(bedside, looks)?;
+    stages.witnesses.extend(screen.map(|screen| screen as Arc<dyn Witness>));
+    if let Some(shared) = &shared {
+        shared.joins(&mut stages);
+    }
+    let finished = run(&stages, bed, &Monotonic, &ends, |account| {
         if conduct.duration.is_some_and(|seconds| began.elapsed() >= Duration::from_secs_f64(seconds)) {
             ends.store(true, Ordering::Relaxed);
         }

@@ -103,9 +103,9 @@ pub(in crate::cli) fn stages(bedside: &Bedside, looks: Option<Arc<dyn Looks>>) -
         path: bedside.volume.path,
         planar: bedside.volume.planar,
         looks,
-        glance: None,
+        witnesses: Vec::new(),
         watch: watch(bedside),
-        tap: None,
+        readers: Vec::new(),
     })
 }
 

@@ -7,14 +7,14 @@ use std::time::{Duration, Instant};
 use drivers::recording::Pace;
 
 use super::series::{Gallery, Series};
-use crate::cli::igtl::{Shared, Sharing};
+use crate::cli::igtl::Sharing;
 use crate::cli::live::outputs::{Outputs, leave, line, say};
 use crate::cli::live::resume::Chain;
 use crate::cli::live::session::until_told;
 use crate::cli::live::stages::{Kept, stages};
 use crate::cli::{Failure, input};
 use crate::config::bedside::Bedside;
-use crate::pipeline::live::{Differences, Looks, Session as Stages, rerun};
+use crate::pipeline::live::{Differences, Looks, rerun};
 
 /// Between two lines on the way.
 const SAID_EVERY: Duration = Duration::from_secs(2);
@@ -72,8 +72,10 @@ pub(super) fn run(wanted: &Wanted<'_>) -> Result<(), Failure> {
     let is_looked_at = outputs.picture.is_some() || series.is_some();
     let gallery = is_looked_at.then(|| Arc::new(Gallery::new(bedside.picture.clone(), series.clone())));
     let looks = gallery.clone().map(|gallery| gallery as Arc<dyn Looks>);
-    let tap = shared.as_ref().map(Shared::tap);
-    let stages = Stages { tap, ..stages(&bedside, looks)? };
+    let mut stages = stages(&bedside, looks)?;
+    if let Some(shared) = &shared {
+        shared.joins(&mut stages);
+    }
     let (finished, precedent) = rerun(&stages, recorded, last, &ends, |account| {
         if let Some(shared) = &mut shared {
             shared.tell(|| line(account));

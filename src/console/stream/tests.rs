@@ -10,7 +10,7 @@ use tungstenite::{Message, WebSocket};
 use super::*;
 use crate::config::bedside::Effective;
 use crate::console::{About, Console, Latest, Screen};
-use crate::pipeline::live::{Account, Glance as _, Glimpsed, Unwritten, Written};
+use crate::pipeline::live::{Account, Glimpsed, Unwritten, Witness as _, Written};
 use crate::slice::{Image, Pixels};
 
 struct Session {

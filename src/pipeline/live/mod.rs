@@ -19,10 +19,10 @@
 //! - `session`: what a session is, and what it leaves.
 //! - `capture`, `intake`: a device's thread, and the one way in.
 //! - `pairing`, `frozen`: readings to posed slices; pictures that come again.
-//! - `glance`: who sees pictures as they come in.
+//! - `witness`: who looks on, at pictures, slices and sensors.
 //! - `weave`, `fabric`: slices into the volume, and the lock that weaving and drawing share it by.
 //! - `picture`, `reach`: the picture, and the box it is of.
-//! - `tap`: who looks on, and what they are shown.
+//! - `reader`: who reads the volume while it grows.
 //! - `decision`, `seal`: what is decided upon frames, and what came of it all, as the recording has it.
 //! - `recorder`: the session's file.
 //! - `replay`, `precedent`: a recorded session as what comes in, and what it is held against.
@@ -37,7 +37,6 @@ mod decision;
 mod fabric;
 mod frozen;
 mod gather;
-mod glance;
 mod intake;
 mod losses;
 mod pairing;
@@ -46,14 +45,15 @@ mod precedent;
 mod priority;
 mod pulse;
 mod reach;
+mod reader;
 mod recorder;
 mod replay;
 mod seal;
 mod session;
-mod tap;
 mod timing;
 mod walk;
 mod weave;
+mod witness;
 mod zones;
 
 use std::sync::Arc;
@@ -67,18 +67,18 @@ use drivers::Device;
 use drivers::clock::{Clock, Monotonic};
 use drivers::recording::session::Speech;
 pub use gather::{Heard, gather};
-pub use glance::{Glance, Glimpsed};
 pub use picture::{Drawn, First, Looks};
 pub use precedent::{Differences, Precedent};
 pub use priority::{Granted, Standing};
 pub use pulse::{Movement, Turns};
+pub use reader::{Reader, Snapshot, Wants};
 pub use recorder::{Recording, Unwritten};
 pub use replay::Recorded;
 pub use seal::Seal;
 pub use session::{Bed, Equipment, Finished, Instrument, Order, Record, Session};
-pub use tap::{Snapshot, Tap, Wants};
 pub use timing::{Quantiles, Spread};
 pub use walk::{Latencies, walk};
+pub use witness::{Glimpsed, Witness};
 pub use zones::{InZones, Watch};
 
 use super::PipelineError;
@@ -159,8 +159,8 @@ pub fn run(
                 picture::run(shared, wall, false, clock, |drawn| board.drawn(drawn))
             })
         });
-        if let Some(tap) = &session.tap {
-            spawn(scope, "tap", (&standing, Role::Usual), move || tap::run(shared, &**tap));
+        for reader in &session.readers {
+            spawn(scope, "reader", (&standing, Role::Usual), move || reader::run(shared, &**reader));
         }
         let weave =
             spawn(scope, "weave", (&standing, Role::Weaving), move || weave::run(shared, &posed, common, true, None));
@@ -294,8 +294,8 @@ impl Session {
                     picture::run(shared, wall, pictured.is_some(), clock, |drawn| board.drawn(drawn))
                 })
             });
-            if let (Some(tap), true) = (&self.tap, is_last) {
-                spawn(scope, "tap", usual, move || tap::run(shared, &**tap));
+            for reader in self.readers.iter().filter(|_| is_last) {
+                spawn(scope, "reader", usual, move || reader::run(shared, &**reader));
             }
             let weave = spawn(scope, "weave", usual, move || weave::run(shared, &posed, common, is_last, pictured));
             let pair = spawn(scope, "pairing", usual, move || stage.run(&mut replay::FromRecording(delivered)));

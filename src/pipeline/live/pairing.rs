@@ -11,11 +11,10 @@ use tracing::{Span, trace_span};
 
 use super::decision::Common;
 use super::frozen::Frozen;
-use super::glance::{Glance, Glimpsed};
 use super::intake::{Delivery, Intake, Word};
 use super::pulse::Stage;
-use super::tap::Tap;
 use super::weave::{Posed, Times};
+use super::witness::{Glimpsed, Witness};
 use super::zones::Guard;
 use crate::ingest::Picture;
 use crate::ingest::live::{Live, LiveIngest};
@@ -24,7 +23,7 @@ use crate::refusal::{Reason, Refusal};
 use crate::slice::{Image, Slice};
 use crate::sync::bracket::{Answered, Bracketing, FrameTime, Unplaced};
 use crate::sync::clock::Mapping;
-use crate::sync::history::{PoseSample, Unavailable};
+use crate::sync::history::Unavailable;
 use crate::trace::STAGE;
 
 /// The longest that the thread waits before it looks whether frames have waited long enough.
@@ -47,20 +46,6 @@ pub(super) struct Waiting {
     captured_ns: i64,
     /// The time that it waits.
     waits: Span,
-}
-
-/// Who looks on, and the frames of all sources of poses.
-pub(super) struct Tapped {
-    pub(super) tap: Arc<dyn Tap>,
-    pub(super) frames: Vec<[String; 2]>,
-}
-
-impl Tapped {
-    fn pose(&self, source: usize, sample: &PoseSample) {
-        if let Some([from, to]) = self.frames.get(source) {
-            self.tap.pose([from, to], sample);
-        }
-    }
 }
 
 /// The kind of note that a clock is published by.
@@ -129,10 +114,9 @@ pub(super) struct Pairing<'a> {
 pub(super) struct Onlookers {
     /// Where there are zones in which the tracker's field is bent.
     pub(super) guard: Option<Guard>,
-    /// Who sees pictures as they come in.
-    pub(super) glance: Option<Arc<dyn Glance>>,
-    /// Who is told of slices and poses that have found their times.
-    pub(super) tapped: Option<Tapped>,
+    pub(super) witnesses: Vec<Arc<dyn Witness>>,
+    /// The frames of all sources of poses, for them.
+    pub(super) frames: Vec<[String; 2]>,
 }
 
 /// The way to the loom.
@@ -222,8 +206,8 @@ impl<'a> Pairing<'a> {
             Live::Pose { source: own, sample, .. } => {
                 board.sampled(source, sample.invalid.is_some().then_some("not valid, by the device's word"));
                 if let Some(into) = self.parts[source].sources.get(own) {
-                    if let Some(tapped) = &self.onlookers.tapped {
-                        tapped.pose(*into, &sample);
+                    if let Some([from, to]) = self.onlookers.frames.get(*into) {
+                        self.onlookers.witnesses.iter().for_each(|witness| witness.pose([from, to], &sample));
                     }
                     self.bracketing.pose(*into, sample);
                 }
@@ -232,9 +216,8 @@ impl<'a> Pairing<'a> {
             Live::Picture { picture: Picture { head, image }, timed } => {
                 let captured_ns = captured_ns.unwrap_or(timed.time_ns);
                 let item = head.stamp.item;
-                if let Some(glance) = &self.onlookers.glance {
-                    glance.glimpsed(&Glimpsed { item, captured_ns, image: &image });
-                }
+                let glimpsed = Glimpsed { item, captured_ns, image: &image };
+                self.onlookers.witnesses.iter().for_each(|witness| witness.glimpsed(&glimpsed));
                 // Of no other span: it outlasts them.
                 let waits = trace_span!(target: STAGE, parent: None, "wait for pose", frame = item);
                 let waiting = Waiting { item, image, captured_ns, waits };
@@ -276,9 +259,8 @@ impl<'a> Pairing<'a> {
                     return self.common.drop_before(queue, item);
                 }
                 let slice = Slice { image, time_ns: frame.time_ns, world_from_image: placed.world_from_image };
-                if let Some(Tapped { tap, .. }) = &self.onlookers.tapped {
-                    tap.slice(self.bracketing.route().world(), item, &slice);
-                }
+                let world = self.bracketing.route().world();
+                self.onlookers.witnesses.iter().for_each(|witness| witness.slice(world, item, &slice));
                 return self.pass(item, slice, captured_ns);
             }
             Err(unplaced) => {

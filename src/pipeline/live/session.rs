@@ -9,14 +9,14 @@ use super::board::Account;
 use super::decision::Common;
 use super::fabric::Shared;
 use super::frozen::Frozen;
-use super::glance::Glance;
-use super::pairing::{Onlookers, Onward, Pairing, Part, Tapped, Waiting};
+use super::pairing::{Onlookers, Onward, Pairing, Part, Waiting};
 use super::picture::{Drawn, Looks};
 use super::priority::Standing;
+use super::reader::Reader;
 use super::recorder::Recording;
 use super::replay::Recorded;
 use super::seal::Seal;
-use super::tap::Tap;
+use super::witness::Witness;
 use super::zones::{Guard, Watch};
 use crate::ingest::live::{Gives, LiveIngest};
 use crate::mask::MaskSettings;
@@ -70,12 +70,12 @@ pub struct Session {
     pub planar: PlanarSettings,
     /// How the volume is looked at; nobody looks for `None`, and then nothing is drawn.
     pub looks: Option<Arc<dyn Looks>>,
-    /// Who sees the scanner's pictures as they come in.
-    pub glance: Option<Arc<dyn Glance>>,
+    /// Who looks on.
+    pub witnesses: Vec<Arc<dyn Witness>>,
+    /// Who reads the volume, each by a thread of its own.
+    pub readers: Vec<Arc<dyn Reader>>,
     /// Where the tracker's field is bent, if that is known and is to be looked after.
     pub watch: Option<Watch>,
-    /// Who looks on, if somebody does.
-    pub tap: Option<Arc<dyn Tap>>,
 }
 
 /// How a session is recorded.
@@ -178,7 +178,6 @@ impl Session {
             Some(Guard::new(frames.position(|[from, _]| *from == watch.sensor)?, &watch.zones, common.board))
         });
         let frames: Vec<[String; 2]> = instruments.iter().flat_map(|instrument| instrument.frames.clone()).collect();
-        let tapped = self.tap.clone().map(|tap| Tapped { tap, frames });
         let mut first = 0;
         let parts = instruments.into_iter().map(|Instrument { name, gives, frames, latency_ns }| {
             let sources = first..first + frames.len();
@@ -188,7 +187,7 @@ impl Session {
         });
         let parts = parts.collect();
         common.board.route(bracketing.route());
-        let onlookers = Onlookers { guard, glance: self.glance.clone(), tapped };
+        let onlookers = Onlookers { guard, witnesses: self.witnesses.clone(), frames };
         Ok(Pairing::new(common, parts, bracketing, Frozen::new(self.mask), onlookers, onward))
     }
 

@@ -1,13 +1,10 @@
-//! Who looks on while a session runs, and what they are shown. Stages show and go on; a volume is read by a thread of its own, a few planes at a time, between which it is
-//! woven on.
+//! Who reads the volume while it grows. Each has a thread of its own, which reads a few planes at a time, between which the volume is woven on.
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use super::fabric::Shared;
 use crate::export::volume::{DenseBox, Encoding, Scalar, planes};
-use crate::slice::Slice;
-use crate::sync::history::PoseSample;
 
 /// The longest that the thread waits before it looks whether a volume is wanted.
 const TURN: Duration = Duration::from_millis(50);
@@ -16,14 +13,8 @@ const PART: u64 = 1 << 19;
 /// For how long weaving does not wait between two of them.
 const PAUSE: Duration = Duration::from_micros(200);
 
-/// Looks on. What it is told is told by the stages' own threads: it must come back at once.
-pub trait Tap: Send + Sync {
-    /// A frame was posed, in a world of that name.
-    fn slice(&self, world: &str, item: u64, slice: &Slice);
-
-    /// A sensor's pose, from and to frames of these names.
-    fn pose(&self, frames: [&str; 2], sample: &PoseSample);
-
+/// Reads the volume whenever it wants to.
+pub trait Reader: Send + Sync {
     /// Whether a volume is wanted.
     fn wants(&self) -> Wants;
 
@@ -59,26 +50,26 @@ pub struct Snapshot {
 }
 
 /// Shows volumes until no slice follows; the last one is shown if it is wanted at all.
-pub(super) fn run(shared: &Shared, tap: &dyn Tap) {
+pub(super) fn run(shared: &Shared, reader: &dyn Reader) {
     let mut seen = 0;
     loop {
         let (woven, ended) = {
             let fabric = shared.lock();
             (fabric.news.woven, fabric.ended)
         };
-        let is_wanted = match tap.wants() {
+        let is_wanted = match reader.wants() {
             Wants::Nothing => false,
             Wants::Changed => woven != seen,
             Wants::Any => true,
         };
         if is_wanted {
             let taken = loop {
-                if let Some(taken) = snapshot(shared, tap.most_bytes()) {
+                if let Some(taken) = snapshot(shared, reader.most_bytes()) {
                     break taken;
                 }
             };
             seen = taken.as_ref().map_or(woven, |snapshot| snapshot.slices);
-            tap.volume(taken);
+            reader.volume(taken);
         }
         if ended {
             return;
