@@ -20,6 +20,8 @@
 //! - [`pipeline`]: the stages in flow order.
 //! - [`ledger`], [`refusal`]: what became of every frame, and the reasons.
 //! - [`statistics`]: what a run did, in numbers.
+//! - [`measure`]: lengths, areas and volumes with their errors, and the slices that a place was made of.
+//! - [`desk`]: what whoever looks at a running session may tell it to do.
 //! - [`console`], [`service`]: the same while it runs, over HTTP, and to a service manager.
 //! - [`igtl`]: slices, sensors and the volume while it runs, over OpenIGTLink.
 //! - [`trace`]: where the time of each frame went.
@@ -31,12 +33,14 @@ pub mod cli;
 pub mod config;
 pub mod console;
 pub mod convert;
+pub mod desk;
 pub mod devices;
 pub mod export;
 pub mod igtl;
 pub mod ingest;
 pub mod ledger;
 pub mod mask;
+pub mod measure;
 pub mod path;
 pub mod phantom;
 pub mod pipeline;

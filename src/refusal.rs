@@ -51,6 +51,8 @@ pub enum Reason {
     PixelSize,
     /// The picture is the last one's at another pose: the grabber repeats it, or the scanner is frozen.
     SamePicture,
+    /// Whoever looks at the session has frozen it.
+    Paused,
     /// The volume has all the memory that it may take.
     VolumeFull,
 }
@@ -76,7 +78,7 @@ impl From<&NotRigid> for Reason {
 
 impl Reason {
     /// All reasons, in the order of the stages that find them.
-    pub const ALL: [Self; 22] = [
+    pub const ALL: [Self; 23] = [
         Self::ImageStatus,
         Self::ImageMissing,
         Self::ImageOrientation,
@@ -98,6 +100,7 @@ impl Reason {
         Self::OutOfPlane,
         Self::PixelSize,
         Self::SamePicture,
+        Self::Paused,
         Self::VolumeFull,
     ];
 
@@ -125,6 +128,7 @@ impl Reason {
             Self::OutOfPlane => "out_of_plane",
             Self::PixelSize => "pixel_size",
             Self::SamePicture => "same_picture",
+            Self::Paused => "paused",
             Self::VolumeFull => "volume_full",
         }
     }

@@ -9,6 +9,7 @@ mod reload;
 pub(in crate::cli) mod resume;
 mod room;
 pub(in crate::cli) mod session;
+mod sitting;
 pub(in crate::cli) mod stages;
 pub(in crate::cli) mod telling;
 mod terminal;
@@ -26,7 +27,7 @@ use crate::config::bedside::Bedside;
 #[derive(Debug, Args)]
 #[command(
     group(ArgGroup::new("modes")),
-    group(ArgGroup::new("of_a_session").multiple(true).requires("config").conflicts_with_all(["keys", "example", "check"]).args(["record", "console", "duration", "resume", "quiet", "headless", "volume", "weights", "fill", "fill_radius", "picture", "stats", "igtl", "igtl_save", "igtl_wait"])),
+    group(ArgGroup::new("of_a_session").multiple(true).requires("config").conflicts_with_all(["keys", "example", "check"]).args(["record", "console", "duration", "resume", "keep", "quiet", "headless", "volume", "weights", "fill", "fill_radius", "picture", "stats", "igtl", "igtl_save", "igtl_wait"])),
     after_help = "\
 With --config alone a session is run until it is told to end, by Ctrl-C, SIGTERM or --duration; what it leaves is written then. Told a second time, it ends at once and writes nothing more. A check opens every device at once, waits at most 5 s for each to \
 run, listens to it for a moment and says what it found, what is wrong and what to do; nothing is recorded. The exit code is 0 only if all is well. Virtual devices are \

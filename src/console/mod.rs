@@ -4,6 +4,12 @@
 //! |---|---|
 //! | `GET /` | the page: the scanner's picture and the volume's, live |
 //! | `GET /v1/stream` | the page's connection (WebSocket), see `stream` |
+//! | `POST /v1/do` | a wish, as pages say them: to record, stop, freeze, clear, save, turn the view, …, see `wish` |
+//! | `POST /v1/measure` | a length, angle, area or volume between places, and how far it may be off |
+//! | `POST /v1/slices` | the slices that a place was made of |
+//! | `GET /v1/account`, `/v1/about` | what pages are told |
+//! | `GET /v1/pictures/slice.png`, `view.png` | the newest picture |
+//! | `GET /v1/openapi.json` | all of this in OpenAPI's form |
 //! | `GET /status` | everything, as JSON: what `--stats` writes at the end |
 //! | `GET /metrics` | the same in Prometheus' text form |
 //! | `GET /healthz` | 200 while the session moves, 503 and who stands still when it does not |
@@ -11,17 +17,21 @@
 //! Handlers read the [`Latest`] account and what stages leave on the [`Screen`], so that no client, slow or stuck as it may be, is waited for by a stage. They work without a socket ([`routes`]);
 //! [`Console`] gives them one. Whoever asks must call this machine by a loopback name (`hosts`): a web page elsewhere, whose name was made to lead here, gets nothing.
 
+mod api;
 mod hosts;
 mod metrics;
 mod page;
 pub mod screen;
 mod server;
 pub mod sight;
+mod snapshot;
 mod stream;
 #[cfg(test)]
 mod tests;
 mod told;
+mod wish;
 
+use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -30,7 +40,7 @@ use axum::extract::State;
 use axum::http::{StatusCode, header};
 use axum::middleware;
 use axum::response::{IntoResponse, Response};
-use axum::routing::get;
+use axum::routing::{get, post};
 
 pub use screen::Screen;
 pub use server::{Console, ConsoleError};
@@ -38,6 +48,8 @@ use tokio::sync::{Semaphore, watch};
 pub use told::About;
 
 use crate::config::bedside::Effective;
+use crate::desk::Desk;
+use crate::measure::{Doubt, Slices};
 use crate::pipeline::live::Account;
 use crate::statistics::LiveStatistics;
 
@@ -59,6 +71,12 @@ struct Told {
     config: Arc<Effective>,
     still: Vec<String>,
     ended: bool,
+}
+
+impl Default for Latest {
+    fn default() -> Self {
+        Self::new(&Effective::default())
+    }
 }
 
 impl Latest {
@@ -108,15 +126,30 @@ impl Latest {
 /// Pages that may look on at a time.
 const PAGES: usize = 8;
 
+/// What is shown of a session, and by whom it is told what to do.
+#[derive(Debug, Clone, Default)]
+pub struct Shown {
+    /// What is told.
+    pub latest: Arc<Latest>,
+    /// What is seen.
+    pub screen: Arc<Screen>,
+    /// What may be wished.
+    pub desk: Arc<Desk>,
+    /// How far places may be off that are measured,
+    pub doubt: Doubt,
+    /// and the slices that they were made of.
+    pub slices: Arc<Slices>,
+    /// What it is of.
+    pub about: Arc<About>,
+}
+
 /// What handlers have to do with.
 #[derive(Debug, Clone)]
 pub struct Served {
-    /// What is told.
-    pub latest: Arc<Latest>,
-    /// What is shown.
-    pub screen: Arc<Screen>,
-    /// What it is of.
-    pub about: Arc<About>,
+    /// What it is all about.
+    pub shown: Shown,
+    /// Pictures are just being kept.
+    snapping: Arc<AtomicBool>,
     places: Arc<Semaphore>,
     /// Tells connections that last to end.
     stopped: watch::Receiver<()>,
@@ -124,8 +157,9 @@ pub struct Served {
 
 impl Served {
     /// Until `stopped` says otherwise, or nobody is left who could.
-    pub fn new(latest: Arc<Latest>, screen: Arc<Screen>, about: About, stopped: watch::Receiver<()>) -> Self {
-        Self { latest, screen, about: Arc::new(about), places: Arc::new(Semaphore::new(PAGES)), stopped }
+    pub fn new(shown: Shown, stopped: watch::Receiver<()>) -> Self {
+        let places = Arc::new(Semaphore::new(PAGES));
+        Self { shown, snapping: Arc::default(), places, stopped }
     }
 }
 
@@ -135,6 +169,13 @@ pub fn routes(served: Served) -> Router {
         .route("/", get(page::index))
         .route("/page/{name}", get(page::asset))
         .route("/v1/stream", get(stream::stream).layer(middleware::from_fn(stream::only_own_pages)))
+        .route("/v1/do", post(api::wish).layer(middleware::from_fn(stream::only_own_pages)))
+        .route("/v1/measure", post(api::measure))
+        .route("/v1/slices", post(api::slices))
+        .route("/v1/account", get(api::account))
+        .route("/v1/about", get(api::about))
+        .route("/v1/pictures/{name}", get(api::picture))
+        .route("/v1/openapi.json", get(api::description))
         .route("/status", get(status))
         .route("/metrics", get(prometheus))
         .route("/healthz", get(health))
@@ -144,7 +185,8 @@ pub fn routes(served: Served) -> Router {
         .with_state(served)
 }
 
-async fn status(State(Served { latest, .. }): State<Served>) -> Response {
+async fn status(State(served): State<Served>) -> Response {
+    let latest = &served.shown.latest;
     let told = latest.told();
     match serde_json::to_vec_pretty(&latest.statistics(&told)) {
         Ok(json) => ([(header::CONTENT_TYPE, "application/json")], json).into_response(),
@@ -154,14 +196,15 @@ async fn status(State(Served { latest, .. }): State<Served>) -> Response {
     }
 }
 
-async fn prometheus(State(Served { latest, .. }): State<Served>) -> Response {
+async fn prometheus(State(served): State<Served>) -> Response {
+    let latest = &served.shown.latest;
     let told = latest.told();
     let text = metrics::text(&latest.statistics(&told));
     ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text).into_response()
 }
 
-async fn health(State(Served { latest, .. }): State<Served>) -> Response {
-    let Told { at, still, .. } = latest.told();
+async fn health(State(served): State<Served>) -> Response {
+    let Told { at, still, .. } = served.shown.latest.told();
     let age = at.elapsed();
     if !still.is_empty() {
         return (StatusCode::SERVICE_UNAVAILABLE, format!("stands still: {}\n", still.join(", "))).into_response();

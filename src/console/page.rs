@@ -24,6 +24,7 @@ const INDEX: Asset = asset!("index.html", "text/html; charset=utf-8");
 const ASSETS: &[Asset] = &[
     asset!("account.js", "text/javascript; charset=utf-8"),
     asset!("banner.js", "text/javascript; charset=utf-8"),
+    asset!("deeds.js", "text/javascript; charset=utf-8"),
     asset!("favicon.svg", "image/svg+xml"),
     asset!("fit.js", "text/javascript; charset=utf-8"),
     asset!("hand.js", "text/javascript; charset=utf-8"),

@@ -130,6 +130,25 @@ impl Screen {
         self.made[place(kind)].load(Ordering::Relaxed)
     }
 
+    /// Steers.
+    ///
+    /// # Errors
+    /// A sentence for what cannot be; the view stays.
+    pub(super) fn steer(&self, steer: Steer) -> Result<(), String> {
+        self.sight().steer(steer)
+    }
+
+    /// The newest picture of a kind, if there is one.
+    pub(super) fn newest(&self, kind: Kind) -> Option<Arc<Shot>> {
+        self.shots[place(kind)].borrow().clone()
+    }
+
+    /// Looks at a kind of picture without a seat, until it is dropped.
+    pub(super) fn glance(self: &Arc<Self>, kind: Kind) -> Glance {
+        self.looked_at[place(kind)].fetch_add(1, Ordering::Relaxed);
+        Glance { screen: Arc::clone(self), kind, pictures: self.shots[place(kind)].subscribe() }
+    }
+
     fn is_looked_at(&self, kind: Kind) -> bool {
         self.looked_at[place(kind)].load(Ordering::Relaxed) > 0
     }
@@ -175,6 +194,20 @@ impl Witness for Screen {
     }
 }
 
+/// Somebody who looks at a kind of picture for a moment.
+#[derive(Debug)]
+pub(super) struct Glance {
+    screen: Arc<Screen>,
+    kind: Kind,
+    pub(super) pictures: watch::Receiver<Option<Arc<Shot>>>,
+}
+
+impl Drop for Glance {
+    fn drop(&mut self) {
+        self.screen.looked_at[place(self.kind)].fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
 /// One who looks; gone when dropped.
 #[derive(Debug)]
 pub(super) struct Seat {
@@ -214,17 +247,6 @@ impl Seat {
     pub(super) fn take_over(&self) {
         self.screen.audience().steering = Some(self.number);
         self.screen.turns.send_modify(|turns| *turns += 1);
-    }
-
-    /// Steers.
-    ///
-    /// # Errors
-    /// A sentence, for one who does not steer or for what cannot be.
-    pub(super) fn steer(&self, steer: Steer) -> Result<(), String> {
-        if !self.steers() {
-            return Err("another page steers the view; take over control first".into());
-        }
-        self.screen.sight().steer(steer)
     }
 }
 

@@ -12,7 +12,7 @@ use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use tokio::sync::{Semaphore, watch};
 
-use super::{About, Latest, PAGES, Screen, Served, routes};
+use super::{PAGES, Served, Shown, routes};
 
 /// Connections at a time; more wait in the kernel.
 const CONNECTIONS: usize = 16;
@@ -65,12 +65,7 @@ impl Console {
     ///
     /// # Errors
     /// [`ConsoleError`] when the address is taken, or there is no thread to be had.
-    pub fn new(
-        address: SocketAddr,
-        latest: Arc<Latest>,
-        screen: Arc<Screen>,
-        about: About,
-    ) -> Result<Self, ConsoleError> {
+    pub fn new(address: SocketAddr, shown: Shown) -> Result<Self, ConsoleError> {
         let taken = |source| ConsoleError::Taken { address, source };
         let listener = TcpListener::bind(address).map_err(taken)?;
         listener.set_nonblocking(true).map_err(taken)?;
@@ -78,7 +73,7 @@ impl Console {
         let runtime =
             tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(ConsoleError::Thread)?;
         let (stop, stopped) = watch::channel(());
-        let served = Served::new(latest, screen, about, stopped.clone());
+        let served = Served::new(shown, stopped.clone());
         let serve = move || {
             runtime.block_on(async {
                 match tokio::net::TcpListener::from_std(listener) {

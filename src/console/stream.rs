@@ -23,12 +23,11 @@ use axum::extract::{Request, State};
 use axum::http::{StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
-use serde::Deserialize;
 use tokio::sync::watch;
 use tokio::time::{Instant, MissedTickBehavior, interval, timeout};
 
 use super::screen::{Kind, Pixmap, Seat, Shot, now_ms};
-use super::sight::{From, Steer};
+use super::wish::Wish;
 use super::{Served, told};
 
 /// Pictures of a kind on their way to a page.
@@ -71,19 +70,6 @@ pub(super) async fn stream(State(served): State<Served>, upgrade: WebSocketUpgra
             drop(place);
         },
     )
-}
-
-/// What a page wants.
-#[derive(Debug, Deserialize)]
-#[serde(tag = "do", rename_all = "lowercase", deny_unknown_fields)]
-enum Wish {
-    Show { slice: bool, view: bool },
-    Shown { kind: u8, sequence: u32 },
-    Turn { right: f64, up: f64, clockwise: f64 },
-    Zoom { by: f64 },
-    Centre { at: [f64; 2] },
-    Look { from: From },
-    Control,
 }
 
 /// What of a kind is on its way.
@@ -144,7 +130,7 @@ struct Page<'a> {
 
 impl<'a> Page<'a> {
     fn new(served: &'a Served, socket: WebSocket) -> Self {
-        let seat = served.screen.enter();
+        let seat = served.shown.screen.enter();
         let channels = [Kind::Slice, Kind::View].map(|kind| Channel::new(kind, &seat));
         Self { served, socket, seat, channels, messages: 0, second: Instant::now() }
     }
@@ -182,6 +168,7 @@ impl<'a> Page<'a> {
                 came = self.socket.recv() => match came {
                     Some(Ok(message)) => match self.heard(message) {
                         Heard::Fine => continue,
+                        Heard::Done(says) => Out::Text(serde_json::json!({ "done": says })),
                         Heard::Refused(why) => Out::Text(serde_json::json!({ "refused": why })),
                         Heard::Over(why) => return why,
                     },
@@ -236,7 +223,7 @@ impl<'a> Page<'a> {
             Message::Close(_) => return Heard::Over("it closed"),
             Message::Binary(_) => return Heard::Refused("pages speak in text".into()),
         };
-        let steer = match serde_json::from_str(&text) {
+        let act = match Wish::parse(&text) {
             Ok(Wish::Show { slice, view }) => {
                 for (channel, looks) in self.channels.iter_mut().zip([slice, view]) {
                     self.seat.look(channel.kind, looks);
@@ -258,14 +245,16 @@ impl<'a> Page<'a> {
                 self.seat.take_over();
                 return Heard::Fine;
             }
-            Ok(Wish::Turn { right, up, clockwise }) => Steer::Turn { right, up, clockwise },
-            Ok(Wish::Zoom { by }) => Steer::Zoom(by),
-            Ok(Wish::Centre { at }) => Steer::Centre(at),
-            Ok(Wish::Look { from }) => Steer::Look(from),
-            Err(error) => return Heard::Refused(format!("this is nothing that a page can want: {error}")),
+            Ok(Wish::Act(act)) => act,
+            Err(why) => return Heard::Refused(why),
         };
-        match self.seat.steer(steer) {
-            Ok(()) => Heard::Fine,
+        if !self.seat.steers() {
+            return Heard::Refused("another page steers this session; take over control first".into());
+        }
+        match act.act(self.served) {
+            // What is turned is seen to turn.
+            Ok(None) => Heard::Fine,
+            Ok(Some(says)) => Heard::Done(says),
             Err(why) => Heard::Refused(why),
         }
     }
@@ -278,6 +267,7 @@ enum Out {
 
 enum Heard {
     Fine,
+    Done(String),
     Refused(String),
     Over(&'static str),
 }

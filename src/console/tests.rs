@@ -1,5 +1,7 @@
 //! The handlers without a socket, and the socket with clients that misbehave.
 
+mod api;
+
 use std::collections::BTreeMap;
 use std::io::{Read as _, Write as _};
 use std::net::{Ipv4Addr, TcpStream};
@@ -76,21 +78,29 @@ fn session() -> Arc<Latest> {
 fn served(latest: &Arc<Latest>) -> Served {
     // Whoever would tell it to stop is gone, which only connections that last would notice.
     let (_, stopped) = watch::channel(());
-    Served::new(Arc::clone(latest), Arc::default(), About::default(), stopped)
+    Served::new(Shown { latest: Arc::clone(latest), ..Shown::default() }, stopped)
 }
 
 fn listening(address: std::net::SocketAddr, latest: &Arc<Latest>) -> Result<Console, ConsoleError> {
-    Console::new(address, Arc::clone(latest), Arc::default(), About::default())
+    Console::new(address, Shown { latest: Arc::clone(latest), ..Shown::default() })
+}
+
+fn bytes_of(served: Served, request: Request<Body>) -> (StatusCode, axum::http::HeaderMap, Vec<u8>) {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().unwrap();
+    runtime.block_on(async {
+        let response = TowerToHyperService::new(routes(served)).call(request).await.unwrap();
+        let (head, body) = response.into_parts();
+        (head.status, head.headers, to_bytes(body, usize::MAX).await.unwrap().to_vec())
+    })
+}
+
+fn answered(served: Served, request: Request<Body>) -> (StatusCode, axum::http::HeaderMap, String) {
+    let (status, headers, body) = bytes_of(served, request);
+    (status, headers, String::from_utf8(body).unwrap())
 }
 
 fn asked(latest: &Arc<Latest>, request: Request<Body>) -> (StatusCode, axum::http::HeaderMap, String) {
-    let runtime = tokio::runtime::Builder::new_current_thread().build().unwrap();
-    runtime.block_on(async {
-        let response = TowerToHyperService::new(routes(served(latest))).call(request).await.unwrap();
-        let (head, body) = response.into_parts();
-        let body = to_bytes(body, usize::MAX).await.unwrap();
-        (head.status, head.headers, String::from_utf8(body.to_vec()).unwrap())
-    })
+    answered(served(latest), request)
 }
 
 fn get_as(latest: &Arc<Latest>, host: &str, path: &str) -> (StatusCode, axum::http::HeaderMap, String) {

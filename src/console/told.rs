@@ -12,8 +12,9 @@ use crate::sync::clock::State;
 
 /// What does not change while the session runs.
 pub(super) fn about(served: &Served) -> Value {
-    let About { name, kind, size, pixel_mm } = &*served.about;
-    let recording = served.latest.told().account.recording.as_ref().map(|written| written.path.display().to_string());
+    let About { name, kind, size, pixel_mm } = &*served.shown.about;
+    let recording =
+        served.shown.latest.told().account.recording.as_ref().map(|written| written.path.display().to_string());
     json!({ "about": {
         "version": env!("CARGO_PKG_VERSION"),
         "name": name,
@@ -58,13 +59,13 @@ pub(super) struct Teller {
 impl Teller {
     /// The account of this moment.
     pub(super) fn tell(&mut self, served: &Served) -> Value {
-        let told = served.latest.told();
+        let told = served.shown.latest.told();
         let account = &*told.account;
         let now = Counts {
             at: told.at,
             frames: account.ledger.frames.total,
             poses: account.ledger.readings.iter().map(|readings| readings.used).sum(),
-            views: served.screen.made(Kind::View),
+            views: served.shown.screen.made(Kind::View),
         };
         self.update(now);
         let [frames, poses, pictures] = self.rates.map(|rate| (rate * 10.0).round() / 10.0);
@@ -73,6 +74,9 @@ impl Teller {
             ledger.refused.iter().map(|(reason, count)| (reason.name().replace('_', " "), *count)).collect();
         let dropped: u64 = ledger.dropped.values().sum();
         json!({ "account": {
+            "desk": served.shown.desk.told(),
+            "paused": account.paused,
+            "volume": account.volume,
             "slices": ledger.used,
             "frames": ledger.total,
             "refused": refused,

@@ -266,11 +266,18 @@ pub fn write_weights(
     fields: &[(String, String)],
 ) -> Result<(), ExportError> {
     let header = header(space, PixelType::F32, fields)?;
-    write_rows(volume, space, path, &header, |_, w, bytes| {
-        for w in w {
-            bytes.extend(if *w > SEEN || *w == FILLED { *w } else { 0.0 }.to_ne_bytes());
-        }
-    })
+    write_rows(volume, space, path, &header, |_, w, bytes| push_weights(w, bytes))
+}
+
+fn push_weights(weights: &[f32], bytes: &mut Vec<u8>) {
+    for w in weights {
+        bytes.extend(if *w > SEEN || *w == FILLED { *w } else { 0.0 }.to_ne_bytes());
+    }
+}
+
+/// Adds the weights of planes of a box of voxels as [`write_weights`] writes them, x fastest, in native byte order.
+pub fn planes_of_weights(volume: &dyn Voxels, space: &DenseBox, planes: Range<u64>, bytes: &mut Vec<u8>) {
+    rows_of(volume, space, planes, |_, w| push_weights(w, bytes));
 }
 
 #[cfg(test)]

@@ -5,9 +5,9 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::export::volume::write_taken;
+use crate::desk::keep;
 use crate::pipeline::live::Snapshot;
 
 /// Something to be done.
@@ -43,13 +43,12 @@ pub struct Commands {
     ends: Arc<AtomicBool>,
     started: AtomicBool,
     folder: Option<PathBuf>,
-    saved: AtomicU64,
 }
 
 impl Commands {
     /// Of a session that ends by that flag, and whose volumes are saved in that folder, if anywhere. `waits` for the command to start.
     pub fn new(ends: Arc<AtomicBool>, folder: Option<PathBuf>, waits: bool) -> Self {
-        Self { ends, started: AtomicBool::new(!waits), folder, saved: AtomicU64::new(0) }
+        Self { ends, started: AtomicBool::new(!waits), folder }
     }
 
     /// Whether it may begin.
@@ -90,21 +89,7 @@ impl Commands {
     /// A sentence: there is no file then.
     pub(super) fn write(&self, world: &str, snapshot: &Snapshot) -> Result<PathBuf, String> {
         let folder = self.folder()?;
-        std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
-        let fields = [
-            ("SonoweaveVersion".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
-            ("SonoweaveFrame".to_owned(), format!("{world} (mm, not anatomical)")),
-        ];
-        loop {
-            let number = self.saved.fetch_add(1, Ordering::Relaxed) + 1;
-            let path = folder.join(format!("volume-{number:03}.mha"));
-            if path.exists() {
-                continue;
-            }
-            let Snapshot { space, scalar, bytes, .. } = snapshot;
-            write_taken(space, *scalar, bytes, &path, &fields).map_err(|error| error.to_string())?;
-            return Ok(path);
-        }
+        keep::volume(folder, "devices", world, snapshot)
     }
 }
 

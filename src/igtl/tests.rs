@@ -140,7 +140,14 @@ fn snapshot(size: [u64; 3], slices: u64) -> Snapshot {
     let direction = DMat3::from_quat(DQuat::from_rotation_x(0.1));
     let grid = Grid { origin: DVec3::new(-5.0, 6.0, 7.0), spacing: DVec3::new(0.5, 0.75, 1.0), direction, size };
     let bytes: Vec<u8> = (0..size.iter().product::<u64>()).map(|n| n as u8).collect();
-    Snapshot { space: DenseBox { first: [0; 3], grid }, scalar: Scalar::U8, bytes: bytes.into(), slices }
+    Snapshot {
+        space: DenseBox { first: [0; 3], grid },
+        scalar: Scalar::U8,
+        bytes: bytes.into(),
+        weights: None,
+        slices,
+        grey_levels: [0.0, 255.0],
+    }
 }
 
 /// Where the image of an index lies, against where it should.

@@ -233,6 +233,21 @@ impl Loom {
         Ok(())
     }
 
+    /// What was woven is thrown away, and what is taken from now on goes into an empty volume on the same settings. Slices that wait for the mask are woven before; the mask
+    /// stays.
+    ///
+    /// # Errors
+    /// As [`Self::take`].
+    pub(super) fn clear(&mut self, fates: &mut impl Fates) -> Result<(), PipelineError> {
+        self.end(fates)?;
+        if let Some(mask) = &self.mask {
+            // What there is to say was said when the mask was found.
+            self.stage = self.plan.begin(mask, &mut Vec::new())?;
+        }
+        (self.used, self.reached, self.slice_axes) = (0, None, None);
+        Ok(())
+    }
+
     /// The volume as it is; `None` while slices wait for the mask.
     pub(super) fn weaver(&self) -> Option<&Weaver> {
         match &self.stage {

@@ -18,9 +18,9 @@ const SMALL: &str = "format = \"sonoweave-bedside\"\nversion = 1\n[tracker]\nmod
 const PATIENCE: Duration = Duration::from_secs(120);
 
 /// A session that runs; killed if the test fails.
-struct Session {
+pub(super) struct Session {
     child: Child,
-    place: Place,
+    pub(super) place: Place,
     socket: UnixDatagram,
 }
 
@@ -32,7 +32,7 @@ impl Drop for Session {
 }
 
 impl Session {
-    fn begin(words: &str, variables: &[(&str, &str)]) -> Self {
+    pub(super) fn begin(words: &str, variables: &[(&str, &str)]) -> Self {
         let place = Place::new();
         place.put("b.toml", SMALL);
         let socket = UnixDatagram::bind(place.path("notify")).unwrap();
@@ -51,12 +51,12 @@ impl Session {
         Self { child, place, socket }
     }
 
-    fn said(&self) -> String {
+    pub(super) fn said(&self) -> String {
         String::from_utf8(self.place.get("stderr")).unwrap()
     }
 
     /// Where it says that it is to be seen.
-    fn address(&self) -> String {
+    pub(super) fn address(&self) -> String {
         self.waits_for("an address", || {
             let said = self.said();
             let rest = said.split_once("console: http://")?.1;
@@ -64,7 +64,7 @@ impl Session {
         })
     }
 
-    fn waits_for<T>(&self, what: &str, mut look: impl FnMut() -> Option<T>) -> T {
+    pub(super) fn waits_for<T>(&self, what: &str, mut look: impl FnMut() -> Option<T>) -> T {
         let begin = Instant::now();
         loop {
             if let Some(found) = look() {
@@ -96,16 +96,21 @@ impl Session {
         assert!(killed.success());
     }
 
-    fn ends(&mut self, signal: &str) -> i32 {
+    pub(super) fn ends(&mut self, signal: &str) -> i32 {
         self.signal(signal);
         self.child.wait().unwrap().code().unwrap_or(-1)
     }
 }
 
-fn ask(address: &str, host: &str, path: &str) -> (u16, String) {
+pub(super) fn ask(address: &str, host: &str, path: &str) -> (u16, String) {
+    request(address, &format!("GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n"))
+}
+
+/// What is answered to a request.
+pub(super) fn request(address: &str, request: &str) -> (u16, String) {
     let mut stream = TcpStream::connect(address).unwrap();
     stream.set_read_timeout(Some(PATIENCE)).unwrap();
-    write!(stream, "GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n").unwrap();
+    stream.write_all(request.as_bytes()).unwrap();
     let mut answer = String::new();
     stream.read_to_string(&mut answer).unwrap();
     let code = answer.split(' ').nth(1).unwrap().parse().unwrap();

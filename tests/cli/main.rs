@@ -32,3 +32,4 @@ mod sessions;
 mod settings;
 mod targets;
 mod tracker;
+mod wishes;

@@ -3,20 +3,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { close, drawn, listen, open, says, shot, SIZES, steers } from "./page.js";
-import { installed } from "./place.js";
+import { audit, close, drawn, listen, open, says, shot, SIZES, steers } from "./page.js";
 import { shared } from "./session.js";
-
-const axe = installed("axe-core");
-
-// What axe-core finds wrong, a line each.
-async function wrong(page) {
-  // The page's policy lets no foreign script in; the browser's own door is another.
-  await page.evaluate(axe.source);
-  const { violations, passes } = await page.evaluate(() => axe.run());
-  assert.ok(passes.length > 10, "it looked");
-  return violations.map(({ impact, id, nodes }) => `${impact} ${id}: ${nodes.map(({ html }) => html).join(" | ")}`);
-}
 
 test("axe-core finds nothing wrong, on a desk and on a tablet, with the help open, looking on", async (t) => {
   const { address } = await shared();
@@ -25,16 +13,16 @@ test("axe-core finds nothing wrong, on a desk and on a tablet, with the help ope
     const { page } = seen;
     await drawn(page, "view", 2);
     await says(page, "All is well", 60_000);
-    assert.deepEqual(await wrong(page), [], name);
+    assert.deepEqual(await audit(page), [], name);
     await page.keyboard.press("?");
     await page.getByRole("dialog").waitFor();
-    assert.deepEqual(await wrong(page), [], `${name}, help`);
+    assert.deepEqual(await audit(page), [], `${name}, help`);
     await shot(page, `help-${name}`);
     await page.keyboard.press("Escape");
     if (name === "desk") {
       const second = await open(address, { size });
       await second.page.getByRole("button", { name: "Take control" }).waitFor();
-      assert.deepEqual(await wrong(second.page), [], "looking on");
+      assert.deepEqual(await audit(second.page), [], "looking on");
       await close(second);
     }
     await close(seen);

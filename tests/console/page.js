@@ -1,10 +1,12 @@
 // A page of the console in a real browser, and what can be asked of it.
 
+import assert from "node:assert/strict";
 import { join } from "node:path";
 
 import { BROWSER, installed, OUT } from "./place.js";
 
 const { chromium } = installed("playwright-core");
+const axe = installed("axe-core");
 
 /// A desk's screen, and a tablet lying and upright.
 export const SIZES = {
@@ -130,3 +132,12 @@ export const look = (page, state) =>
 
 /// A picture of the page, to be looked at by people.
 export const shot = (page, name) => page.screenshot({ path: join(OUT, `${name}.png`) });
+
+/// What axe-core finds wrong, a line each.
+export async function audit(page) {
+  // The page's policy lets no foreign script in; the browser's own door is another.
+  await page.evaluate(axe.source);
+  const { violations, passes } = await page.evaluate(() => axe.run());
+  assert.ok(passes.length > 10, "it looked");
+  return violations.map(({ impact, id, nodes }) => `${impact} ${id}: ${nodes.map(({ html }) => html).join(" | ")}`);
+}

@@ -37,6 +37,11 @@ export class Session {
     return session;
   }
 
+  /// Where it leaves what it leaves.
+  get folder() {
+    return this.#place;
+  }
+
   /// Whether this is its process.
   has(child) {
     return this.#child === child;

@@ -21,4 +21,5 @@ mod scanner;
 mod script;
 mod set;
 mod tracker;
+mod wishes;
 mod zones;

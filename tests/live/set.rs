@@ -15,7 +15,8 @@ use sonoweave::ledger::Frames;
 use sonoweave::mask::{Clip, MaskSettings};
 use sonoweave::path::PathChoice;
 use sonoweave::pipeline::live::{
-    Account, Bed, Equipment, Finished, Heard, Instrument, Looks, Record, Session, Standing, Watch, Written, gather, run,
+    Account, Bed, Equipment, Finished, Heard, Instrument, Looks, Order, Record, Session, Standing, Watch, Written,
+    gather, run,
 };
 use sonoweave::reconstruct::Settings;
 use sonoweave::reconstruct::planar::PlanarSettings;
@@ -121,6 +122,11 @@ impl Set {
 
     /// Runs until its devices have ended or it is to end, by the account and the time since it began.
     pub(crate) fn until(self, mut ends: impl FnMut(&Account, Duration) -> bool) -> (Finished, Seen) {
+        self.ordered(|account, since| if ends(account, since) { None } else { Some(Vec::new()) })
+    }
+
+    /// Runs until its devices have ended or there is nothing more to be ordered.
+    pub(crate) fn ordered(self, mut orders: impl FnMut(&Account, Duration) -> Option<Vec<Order>>) -> (Finished, Seen) {
         let session = Session { watch: self.watch.clone(), ..stages(self.wait_ns, self.looks.clone()) };
         let bed = self.bed();
         let (told, began) = (AtomicBool::new(false), Instant::now());
@@ -129,10 +135,10 @@ impl Set {
             seen.look(account);
             adds_up(account);
             assert!(began.elapsed() < PATIENCE, "{account:?}");
-            if ends(account, began.elapsed()) {
+            orders(account, began.elapsed()).unwrap_or_else(|| {
                 told.store(true, Ordering::Relaxed);
-            }
-            Vec::new()
+                Vec::new()
+            })
         });
         let finished = finished.unwrap();
         seen.look(&finished.account);
@@ -145,7 +151,7 @@ impl Set {
 }
 
 impl Set {
-    fn bed(self) -> Bed {
+    pub(crate) fn bed(self) -> Bed {
         let [tracking, grabber] = instruments();
         let frames = self.of.iter().map(|of| [(*of).to_owned(), "Tracker".to_owned()]).collect();
         let tracking = Instrument { gives: self.gives, frames, latency_ns: self.tracking_latency_ns, ..tracking };

@@ -16,7 +16,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use super::super::live::outputs::{say, troubles};
 use super::super::live::session::{check_duration, until_told};
 use super::super::live::stages::record_of;
-use super::super::live::{home, telling};
+use super::super::live::{home::Home, telling};
 use super::super::{Failure, values};
 use super::recorded::GRABBER;
 use crate::config::bedside::Bedside;
@@ -116,7 +116,7 @@ pub fn lead<G: Guide>(
     let Devices { tracking, speech, at_home, grabber, twins } = devices::open(&bedside, Monotonic.now_ns(), true)?;
     let record = record_of(&bedside, folder, instruments.len() > GRABBER)?;
     if let Some(at_home) = at_home {
-        home::listen(at_home, false)?;
+        Home::default().listen(at_home, false)?;
     }
     say(&format!("recorded in {}; Ctrl-C ends it and calibrates by what there is", record.writer.path().display()));
     let opened = [(tracking, speech), (grabber, None)];

@@ -14,6 +14,8 @@ use crate::pipeline::live::{Looks, Order};
 /// The configuration that holds, and whether it is to be read again.
 pub(super) struct Reload {
     bedside: Bedside,
+    /// What was read last, where that holds in part only.
+    newer: Option<Bedside>,
     told: Arc<AtomicBool>,
 }
 
@@ -25,12 +27,19 @@ impl Reload {
     pub(super) fn new(bedside: &Bedside) -> Result<Self, Failure> {
         let told = Arc::new(AtomicBool::new(false));
         signal_hook::flag::register(signal_hook::consts::SIGHUP, Arc::clone(&told))?;
-        Ok(Self { bedside: bedside.clone(), told })
+        Ok(Self { bedside: bedside.clone(), newer: None, told })
     }
 
     /// The configuration that holds.
     pub(super) fn bedside(&self) -> &Bedside {
         &self.bedside
+    }
+
+    /// Another session begins: what was read last holds whole.
+    pub(super) fn begins_anew(&mut self) {
+        if let Some(newer) = self.newer.take() {
+            self.bedside = newer;
+        }
     }
 
     /// Whether it is to be read again.
@@ -61,6 +70,7 @@ impl Reload {
         viewers: Option<&Arc<Viewers>>,
     ) -> Vec<Order> {
         let changes = self.bedside.changes(newer);
+        self.newer = Some(newer.clone());
         let mut said = vec!["the configuration was read again".to_owned()];
         if changes.is_empty() {
             said.push("nothing has changed".into());

@@ -3,28 +3,22 @@
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
 
 use clap::Args;
-use drivers::clock::{Clock, Monotonic};
 
-use super::home;
-use super::outputs::{Outputs, leave, line, say};
+use super::home::Home;
+use super::outputs::{Outputs, say};
 use super::reload::Reload;
-use super::resume;
-use super::stages::{instruments, record, stages};
+use super::sitting::Sitting;
 use super::telling::{Telling, standing};
 use super::terminal::Terminal;
 use super::viewers::Viewers;
 use crate::cli::igtl::Sharing;
 use crate::cli::{Failure, values};
 use crate::config::bedside::Bedside;
-use crate::devices::{self, Devices};
-use crate::pipeline::live::{Bed, Equipment, Looks, Witness, run};
-
-/// Between two lines on the way.
-const SAID_EVERY: Duration = Duration::from_secs(2);
+use crate::desk::Desk;
 
 /// How a session goes.
 #[derive(Debug, Clone, Default, Args)]
@@ -41,6 +35,9 @@ pub(in crate::cli) struct Conduct {
     /// Shows the session to browsers on this machine: the page with its picture and its volume, and the status [default: the configuration's status.listen, or nowhere]
     #[arg(long, value_name = "ADDR:PORT", value_parser = values::loopback)]
     pub(in crate::cli) console: Option<SocketAddr>,
+    /// A folder for what pages record, save and keep; it is made if it is not there [default: where the session is recorded, or nowhere]
+    #[arg(long, value_name = "DIR")]
+    pub(in crate::cli) keep: Option<PathBuf>,
     /// Says nothing on the way
     #[arg(long)]
     pub(in crate::cli) quiet: bool,
@@ -89,7 +86,7 @@ pub(in crate::cli) fn until_told() -> Result<Arc<AtomicBool>, Failure> {
     Ok(ends)
 }
 
-/// Runs a session; where it was recorded, if it was.
+/// Runs a session, and those that pages begin after it; where the last one was recorded, if it was.
 ///
 /// # Errors
 /// [`Failure`] when it cannot begin, or what it leaves cannot be written.
@@ -101,80 +98,34 @@ pub(in crate::cli) fn session(
     conduct.check()?;
     outputs.check(bedside)?;
     bedside.calibrated()?;
-    let ends = until_told()?;
-    let mut reload = Reload::new(bedside)?;
+    let quit = until_told()?;
+    let reload = Reload::new(bedside)?;
     let standing = standing(bedside)?;
     let listen = conduct.console.or(bedside.status.listen);
-    let mut telling = Telling::begin(bedside, listen, conduct.kind())?;
+    let folder = conduct.record.as_ref().or(bedside.record.folder.as_ref());
+    let desk = Arc::new(Desk::new(conduct.keep.as_ref().or(folder).cloned()));
+    let telling = Telling::begin(bedside, listen, conduct.kind(), &desk)?;
     if !conduct.quiet {
         standing.granted().why.iter().for_each(|why| say(why));
         telling.address().iter().for_each(|address| say(&format!("console: {address}")));
     }
-    let mut shared = conduct.sharing.begin(&ends, conduct.quiet)?;
-    let folder = conduct.record.as_ref().or(bedside.record.folder.as_ref());
-    let resumed =
-        conduct.resume.as_ref().map(|session| resume::open(session, bedside)).transpose()?.unwrap_or_default();
-    let [tracking_is, grabber_is] = instruments(bedside)?;
-    let opened = devices::open(bedside, Monotonic.now_ns(), folder.is_some())?;
-    let Devices { tracking, speech, at_home, grabber, twins } = opened;
-    if let (Some(preset), Some(size)) = (&bedside.calibration.preset, grabber.describe().image_size) {
-        preset.fits(Some(bedside.grabber.turned(size)), None)?;
-    }
-    // Devices that cannot be opened leave no session behind.
-    let mut record = folder.map(|folder| record(bedside, folder)).transpose()?;
-    if let Some(at_home) = at_home {
-        home::listen(at_home, conduct.quiet)?;
-    }
-    if let (Some(record), false) = (&record, conduct.quiet) {
-        say(&format!("recorded in {}", record.writer.path().display()));
-    }
-    if let (Some(record), Some(session)) = (&mut record, &conduct.resume) {
-        record.notes.push(resume::note(session)?);
-    }
-    let equipment = vec![
-        Equipment { instrument: tracking_is, device: tracking, speech },
-        Equipment { instrument: grabber_is, device: grabber, speech: None },
-    ];
-    let bed = Bed { equipment, record, resumed, standing };
+    let shared = conduct.sharing.begin(&quit, conduct.quiet)?;
     let terminal = if conduct.quiet || conduct.headless { None } else { Terminal::of(&bedside.picture) };
     let screen = telling.screen();
     let viewers = Viewers::of(&bedside.picture, terminal.as_ref(), outputs.picture.is_some(), screen.as_ref());
-    let looks = viewers.clone().map(|viewers| viewers as Arc<dyn Looks>);
-    let (began, mut said) = (Instant::now(), Instant::now());
-    let mut stages = stages(bedside, looks)?;
-    stages.witnesses.extend(screen.map(|screen| screen as Arc<dyn Witness>));
-    if let Some(shared) = &shared {
-        shared.joins(&mut stages);
-    }
-    let finished = run(&stages, bed, &Monotonic, &ends, |account| {
-        if conduct.duration.is_some_and(|seconds| began.elapsed() >= Duration::from_secs_f64(seconds)) {
-            ends.store(true, Ordering::Relaxed);
-        }
-        telling.look(account, line, ends.load(Ordering::Relaxed));
-        if let Some(shared) = &mut shared {
-            shared.tell(|| line(account));
-        }
-        if let Some(terminal) = &terminal {
-            terminal.say(&line(account));
-        } else if !conduct.quiet && said.elapsed() >= SAID_EVERY {
-            said = Instant::now();
-            say(&line(account));
-        }
-        if !reload.is_told() {
-            return Vec::new();
-        }
-        telling.reloading();
-        let orders = reload.orders(terminal.as_ref(), viewers.as_ref());
-        telling.reloaded(reload.bedside());
-        orders
-    })?;
-    drop(twins);
-    if let Some(shared) = shared {
-        shared.leave(conduct.quiet);
-    }
-    if let Some(terminal) = &terminal {
-        terminal.leave();
-    }
-    leave(reload.bedside(), outputs, &finished, began.elapsed(), None, None)?;
-    Ok(finished.recording.map(|recording| recording.path))
+    let sitting = Sitting {
+        conduct,
+        quit,
+        desk,
+        standing,
+        reload,
+        telling,
+        shared,
+        terminal,
+        viewers,
+        home: Home::default(),
+        began: Instant::now(),
+        said: Instant::now(),
+    };
+    sitting.run(outputs)
 }

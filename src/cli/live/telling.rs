@@ -6,8 +6,11 @@ use std::time::{Duration, Instant};
 
 use crate::cli::Failure;
 use crate::config::bedside::{Bedside, Realtime, pixel_mm};
-use crate::console::{About, Console, Latest, Screen};
+use crate::console::{About, Console, Latest, Screen, Shown};
+use crate::desk::Desk;
+use crate::measure::{Doubt, Slices};
 use crate::pipeline::live::{Account, Standing};
+use crate::reconstruct::kernel::AxisKernel;
 use crate::service::Service;
 
 /// Between two accounts for those who ask.
@@ -19,6 +22,7 @@ pub(super) struct Telling {
     latest: Arc<Latest>,
     console: Option<Console>,
     screen: Option<Arc<Screen>>,
+    slices: Arc<Slices>,
     told: Option<Instant>,
 }
 
@@ -27,16 +31,31 @@ impl Telling {
     ///
     /// # Errors
     /// [`Failure`] where the status was to be had is taken.
-    pub(super) fn begin(bedside: &Bedside, listen: Option<SocketAddr>, kind: &'static str) -> Result<Self, Failure> {
+    pub(super) fn begin(
+        bedside: &Bedside,
+        listen: Option<SocketAddr>,
+        kind: &'static str,
+        desk: &Arc<Desk>,
+    ) -> Result<Self, Failure> {
         let latest = Arc::new(Latest::new(&bedside.effective));
         let screen = listen.map(|_| Arc::new(Screen::default()));
+        let kernels = kernels(bedside);
+        let slices = Arc::new(Slices::new(kernels.map(|[_, _, across]| across)));
         let console = match (listen, &screen) {
             (Some(address), Some(screen)) => {
-                Some(Console::new(address, Arc::clone(&latest), Arc::clone(screen), about(bedside, kind))?)
+                let shown = Shown {
+                    latest: Arc::clone(&latest),
+                    screen: Arc::clone(screen),
+                    desk: Arc::clone(desk),
+                    doubt: doubt(bedside),
+                    slices: Arc::clone(&slices),
+                    about: Arc::new(about(bedside, kind)),
+                };
+                Some(Console::new(address, shown)?)
             }
             _ => None,
         };
-        Ok(Self { service: Service::new(), latest, console, screen, told: None })
+        Ok(Self { service: Service::new(), latest, console, screen, slices, told: None })
     }
 
     /// Where it is to be seen, if it is.
@@ -47,6 +66,11 @@ impl Telling {
     /// What browsers see, where they may.
     pub(super) fn screen(&self) -> Option<Arc<Screen>> {
         self.screen.clone()
+    }
+
+    /// Who keeps where all slices lie.
+    pub(super) fn slices(&self) -> Arc<Slices> {
+        Arc::clone(&self.slices)
     }
 
     /// The settings are about to be read again.
@@ -73,6 +97,22 @@ impl Telling {
             self.told = Some(Instant::now());
             self.latest.tell(account, self.service.still());
         }
+    }
+}
+
+/// The kernels of its slices, where the calibration says how large their pixels are.
+fn kernels(bedside: &Bedside) -> Option<[AxisKernel; 3]> {
+    bedside.volume.settings.kernels(pixel_mm(&bedside.calibration)?).ok()
+}
+
+/// How far places of its volume may be off.
+fn doubt(bedside: &Bedside) -> Doubt {
+    let quality = bedside.calibration.preset.as_ref().and_then(|preset| preset.quality);
+    let widest = |kernels: [AxisKernel; 3]| kernels.map(|k| k.hwhm() * k.sigma_mm).into_iter().fold(0.0, f64::max);
+    Doubt {
+        calibration_mm: quality.map(|quality| quality.corner_mm),
+        voxel_mm: bedside.volume.settings.spacing_mm.max_element(),
+        hwhm_mm: kernels(bedside).map_or(0.0, widest),
     }
 }
 

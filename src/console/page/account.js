@@ -50,7 +50,7 @@ export class AccountCards {
     rates.push({ how: "plain", strong: shown.toFixed(1), says: "shown/s" });
     rows(this.#of("rates"), rates);
 
-    const kept = recording(account.recording);
+    const kept = recording(account.recording, account.desk?.phase === "over");
     this.#vital("recording", kept);
     rows(this.#of("recording"), kept.lines);
     write(this.#of("volume"), volume(account.volume));

@@ -3,29 +3,29 @@
 const SIGNS = { bad: "✕", heed: "!", ended: "■", wait: "…", well: "✓" };
 // More than these are too many to read at once.
 const SHOWN = 3;
-// What the session refuses stays for this long, ms.
-const REFUSED = 8000;
+// What the session answers stays for this long, ms.
+const ANSWERED = 8000;
 
 export class Banner {
   #element;
   #announcer;
   #spoken = "";
-  #refused = null;
+  #answer = null;
 
   constructor(element, announcer) {
     this.#element = element;
     this.#announcer = announcer;
   }
 
-  /// The session will not do what was asked for.
-  refuse(sentence) {
-    this.#refused = { sentence, until: Date.now() + REFUSED };
+  /// What the session answers to what was asked for: what it has done, or why not.
+  say(how, sentence) {
+    this.#answer = { how, sentence, until: Date.now() + ANSWERED };
   }
 
   show(troubles) {
     const all = [...troubles];
-    if (this.#refused && Date.now() > this.#refused.until) this.#refused = null;
-    if (this.#refused) all.splice(1, 0, { how: "heed", key: this.#refused.sentence, sentence: this.#refused.sentence, more: "" });
+    if (this.#answer && Date.now() > this.#answer.until) this.#answer = null;
+    if (this.#answer) all.splice(1, 0, { how: this.#answer.how, key: this.#answer.sentence, sentence: this.#answer.sentence, more: "" });
     const shown = all.slice(0, SHOWN);
     this.#element.className = `banner ${shown[0].how}`;
     while (this.#element.children.length > shown.length) this.#element.lastElementChild.remove();

@@ -2,6 +2,7 @@
 
 import { AccountCards } from "./account.js";
 import { Banner } from "./banner.js";
+import { Deeds } from "./deeds.js";
 import { SLICE, VIEW } from "./header.js";
 import { Measurements } from "./measurements.js";
 import { Picture } from "./picture.js";
@@ -19,6 +20,7 @@ window.sonoweave = measured.open;
 
 const cards = new AccountCards(of);
 const banner = new Banner(of("banner"), of("announcer"));
+const deeds = new Deeds(of("deeds"), of("ask"), (wish) => stream.send(wish));
 const slice = new Slice({ room: of("slice-room"), canvas: of("slice"), scale: of("slice-scale"), caption: of("slice-caption") });
 const view = new View(
   { panel: of("view-panel"), room: of("view-room"), canvas: of("view"), onlooker: of("onlooker"), control: of("control"), refined: of("refined") },
@@ -33,6 +35,7 @@ const screens = {
 let asked = null;
 let came = null;
 let account = null;
+let heard = null;
 let ever = false;
 
 const address = new URL("/v1/stream", location.href);
@@ -63,14 +66,27 @@ function word(key, value) {
     measured.open.account = value;
     const spread = { screen: measured.spread("slice"), view: measured.spread("view"), shown: measured.rate("slice") };
     cards.tell(value, spread);
+    deeds.tell(value.desk, value.volume);
+    happened(value.desk.events);
     look();
   } else if (key === "control") {
     measured.open.control = value;
     view.control(value);
+    deeds.control(value);
   } else if (key === "refused") {
-    banner.refuse(value);
+    banner.say("heed", value);
+    look();
+  } else if (key === "done") {
+    banner.say("wait", value);
     look();
   }
+}
+
+// What has happened since the page was opened is said once.
+function happened(events) {
+  const newest = events.at(-1);
+  if (newest && heard !== null && newest.number > heard) banner.say(newest.how === "failed" ? "bad" : "well", newest.says);
+  heard = newest?.number ?? 0;
 }
 
 function changed() {
@@ -83,11 +99,14 @@ function changed() {
     ever = true;
     // Another session may be there now: what the last one told does not hold, and its pictures were numbered anew.
     account = null;
+    heard = null;
     for (const kind of [SLICE, VIEW]) screens[kind].restart();
     show();
   } else {
     asked = null;
     view.control(null);
+    deeds.control(null);
+    deeds.tell(null, null);
     measured.open.control = null;
   }
   look();
@@ -110,8 +129,9 @@ function look() {
   banner.show(all);
   of("again").hidden = stream.open || !ever;
   const old = all.some(({ key }) => ["line", "ended", "blank"].includes(key)) && ever;
-  const frozen = all.some(({ key }) => key === "frozen");
-  mark("slice", frozen ? "frozen" : old && came !== null ? `not live · ${new Date(came).toLocaleTimeString([], { hourCycle: "h23" })}` : "");
+  const frozen = all.some(({ key }) => key === "frozen" || key === "held");
+  const over = stream.open && account?.desk?.phase === "over";
+  mark("slice", frozen ? "frozen" : over ? "stopped" : old && came !== null ? `not live · ${new Date(came).toLocaleTimeString([], { hourCycle: "h23" })}` : "");
   mark("view", old && !stream.open ? "not live" : "");
   of("cards").classList.toggle("old", !stream.open);
 }

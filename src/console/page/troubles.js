@@ -29,8 +29,20 @@ export function troubles({ line, account, blank_s: blank }) {
     say("ended", "ended", "The session has ended.", "What you see is its last picture.");
     return all;
   }
+  const { phase, frozen, saving } = account.desk ?? {};
+  if (saving !== null && saving !== undefined) say("wait", "saving", `Saving the volume: ${Math.floor(100 * saving)} %.`);
+  if (phase === "over") {
+    const kept = account.recording ? "The recording is complete." : "It was not recorded; it can be saved.";
+    say("ended", "over", "Stopped: this volume is looked at.", `${kept} Record or Scan begins a new one.`);
+    return all;
+  }
+  if (phase === "opening" || phase === "ending") {
+    say("wait", phase, phase === "opening" ? "Devices are being opened …" : "The last slices are woven and written …");
+    return all;
+  }
   if (account.still?.length > 0) say("bad", `still ${account.still}`, `The session stands still: ${account.still.join(", ")}.`, "End it and begin anew if it does not go on.");
-  let explained = false;
+  let explained = frozen === true;
+  if (frozen) say("heed", "held", "Frozen: no slice goes into the volume.", "Freeze again to go on (key F).");
   for (const one of account.devices) {
     const { how, name, says, more } = device(one);
     if (how !== "bad" && how !== "heed") continue;

@@ -153,8 +153,8 @@ function minutes(left) {
   return whole < 60 ? `${whole} min` : `${count(Math.floor(whole / 60))} h ${whole % 60} min`;
 }
 
-/// The recording: what is on the disk, and for how long there is room.
-export function recording(told) {
+/// The recording: what is on the disk, and for how long there is room; `over` when nothing more comes.
+export function recording(told, over = false) {
   if (!told) return { how: "plain", says: "not recorded", lines: [{ how: "plain", says: "nothing of this session is kept" }] };
   const { path, bytes: size, minutes_left: left, lost, trouble } = told;
   const short = left !== null && left !== undefined && left < SHORT;
@@ -162,6 +162,7 @@ export function recording(told) {
   const lines = [{ how: "plain", says: path.split("/").at(-1), title: path }, { how: short ? "heed" : "plain", says: `${bytes(size)} written${room}` }];
   if (lost > 0) lines.push({ how: "bad", says: `${count(lost)} of what came are not in it` });
   if (trouble) lines.push({ how: "bad", says: trouble });
+  if (over && !trouble && lost === 0) return { how: "well", says: "complete", lines: [lines[0], { how: "plain", says: `${bytes(size)} written` }], short: false };
   const how = trouble || lost > 0 ? "bad" : short ? "heed" : "rec";
   const says = trouble ? "in trouble" : lost > 0 ? "incomplete" : left === null || left === undefined ? "on" : `on · ${minutes(left)}`;
   return { how, says, lines, short };

@@ -9,7 +9,7 @@ use tungstenite::{Message, WebSocket};
 
 use super::*;
 use crate::config::bedside::Effective;
-use crate::console::{About, Console, Latest, Screen};
+use crate::console::{About, Console, Latest, Screen, Shown};
 use crate::pipeline::live::{Account, Glimpsed, Unwritten, Witness as _, Written};
 use crate::slice::{Image, Pixels};
 
@@ -25,7 +25,9 @@ impl Session {
         latest.tell(&Account::default(), &[]);
         let about = About { name: "b.toml".into(), kind: "live", size: Some([2, 1]), pixel_mm: Some([0.2, 0.3]) };
         let address = (Ipv4Addr::LOCALHOST, 0).into();
-        let console = Console::new(address, Arc::clone(&latest), Arc::clone(&screen), about).unwrap();
+        let (shown, about) = ((Arc::clone(&latest), Arc::clone(&screen)), Arc::new(about));
+        let shown = Shown { latest: shown.0, screen: shown.1, about, ..Shown::default() };
+        let console = Console::new(address, shown).unwrap();
         Self { console, screen, latest }
     }
 

@@ -10,6 +10,7 @@ use drivers::health::State;
 use serde::Serialize;
 
 use super::Instrument;
+use super::fabric::Extent;
 use super::picture::Drawn;
 use super::priority::Granted;
 use super::pulse::{Pulse, Turns};
@@ -88,6 +89,10 @@ pub struct Account {
     pub frozen_s: Option<f64>,
     /// Frames that were taken where the tracker's field is bent; `None` where there are no zones.
     pub distortion: Option<InZones>,
+    /// The volume's extent, while slices are in it.
+    pub volume: Option<Extent>,
+    /// Whether pictures are not used at present, by the wish of who looks on.
+    pub paused: bool,
     /// The recording, as the writer has it.
     pub recording: Option<Written>,
     /// What the threads have a right to.
@@ -222,6 +227,11 @@ impl Board {
     pub(super) fn frozen(&self, since_ns: Option<i64>) {
         let after_ns = self.frozen_after_ns.load(Ordering::Relaxed);
         self.lock().frozen_s = since_ns.filter(|ns| *ns >= after_ns).map(|ns| ns as f64 / 1e9);
+    }
+
+    /// Pictures are not used from now on, or are again.
+    pub(super) fn paused(&self, paused: bool) {
+        self.lock().paused = paused;
     }
 
     /// How the sensor is to the zones.

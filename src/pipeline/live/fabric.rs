@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use calibration::region::ClipRect;
 use glam::DVec3;
+use serde::Serialize;
 
 use super::picture::Drawn;
 use super::reach::Reach;
@@ -14,7 +15,7 @@ use crate::pipeline::{PixelKind, Woven};
 use crate::slice::Slice;
 use crate::sync::FramePose;
 use crate::sync::extent::mean_axes;
-use crate::volume::brick::BrickIndex;
+use crate::volume::brick::{BrickIndex, EDGE};
 use crate::volume::lattice::{Canonical, canonical, shift};
 
 /// Bricks that are noted one by one for who draws; of more, all are taken to have changed. Where nobody looks, or not for long, no more memory is taken than that.
@@ -27,8 +28,14 @@ pub(super) struct News {
     pub(super) touched: Vec<BrickIndex>,
     /// Any brick may have changed.
     pub(super) all: bool,
-    /// Slices in the volume.
+    /// Slices that were woven, whether they are in the volume or it was cleared since.
     pub(super) woven: u64,
+    /// Of these, those before it was cleared last.
+    pub(super) cleared: u64,
+    /// First and last brick of the volume.
+    bounds: Option<[[i64; 3]; 2]>,
+    /// Distances of its voxels, mm.
+    spacing_mm: [f64; 3],
     /// The slice that came last, and the rectangle of its data.
     pub(super) last: Option<(Slice, ClipRect)>,
     /// When its frame was captured, host ns; `None` of a recording.
@@ -39,6 +46,17 @@ pub(super) struct News {
     pub(super) begun: Option<Begun>,
     /// The box that pictures are of.
     pub(super) reach: Option<Reach>,
+}
+
+/// How large a volume is.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Extent {
+    /// Slices in it.
+    pub slices: u64,
+    /// Voxels along its axes, in whole bricks,
+    pub voxels: [u64; 3],
+    /// and millimetres.
+    pub mm: [f64; 3],
 }
 
 /// What the first slice settles for all pictures.
@@ -72,6 +90,13 @@ impl News {
             self.touched.extend_from_slice(&shifted);
         }
         let touched = &self.touched[from..];
+        for brick in touched {
+            let [low, high] = self.bounds.get_or_insert([brick.map(i64::from); 2]);
+            for (a, &at) in brick.iter().enumerate() {
+                (low[a], high[a]) = (low[a].min(i64::from(at)), high[a].max(i64::from(at)));
+            }
+        }
+        self.spacing_mm = woven.weaver.settings().spacing_mm.to_array();
         match &mut self.reach {
             Some(reach) => drop(reach.widen(touched)),
             None => self.reach = Reach::around(touched),
@@ -82,6 +107,24 @@ impl News {
         self.last = woven.mask.bounds().map(|data| (woven.slice.clone(), data));
         self.captured_ns = captured_ns;
         self.item = woven.item;
+    }
+
+    /// The volume is empty again. Slices are counted on, so that whoever has seen so many notices the next.
+    pub(super) fn clear(&mut self) {
+        *self = Self { woven: self.woven, cleared: self.woven, all: true, ..Self::default() };
+    }
+
+    /// Slices in the volume.
+    pub(super) fn slices(&self) -> u64 {
+        self.woven - self.cleared
+    }
+
+    /// The volume's extent, where there is one.
+    pub(super) fn extent(&self) -> Option<Extent> {
+        let [low, high] = self.bounds?;
+        let voxels = std::array::from_fn(|a| (high[a] - low[a] + 1).unsigned_abs() * EDGE as u64);
+        let mm = std::array::from_fn(|a| voxels[a] as f64 * self.spacing_mm[a]);
+        Some(Extent { slices: self.slices(), voxels, mm })
     }
 
     /// Keeps the list of what changed short: each brick once, and no list at all where that would be most of the volume.
@@ -177,7 +220,7 @@ impl Shared {
     pub(super) fn seal(&self, drawn: Option<&Drawn>) -> Seal {
         let fabric = self.lock();
         Seal {
-            slices: fabric.news.woven,
+            slices: fabric.news.slices(),
             volume_sha256: fabric.loom.weaver().map(|weaver| seal::of_volume(weaver.volume())),
             picture_sha256: drawn.map(|drawn| seal::of_picture(&drawn.renderer)),
         }
@@ -188,6 +231,12 @@ impl Shared {
         let mut fabric = self.lock();
         (fabric.ended, fabric.undrawn) = (false, false);
         fabric.news.woven
+    }
+
+    /// Who looks at what goes on no longer is to end.
+    pub(super) fn is_over(&self) {
+        self.lock().ended = true;
+        self.changed.notify_all();
     }
 
     /// The loom, when all who shared it are gone.

@@ -78,7 +78,8 @@ pub fn gather(
             match delivered.recv_timeout(TURN) {
                 Ok(delivery) => {
                     let source = delivery.source;
-                    if let Some(live) = sample(&mut ingests[source], delivery.word, source, common) {
+                    let live = ingests.get_mut(source).and_then(|ingest| sample(ingest, delivery.word, source, common));
+                    if let Some(live) = live {
                         hear(Heard::Sample(source, live));
                     }
                 }
@@ -115,6 +116,8 @@ fn sample(ingest: &mut LiveIngest, word: Word, source: usize, common: Common<'_>
             ingest.set_latency(latency_ns);
             return None;
         }
+        // Nothing is woven that could be paused or cleared.
+        Word::Paused(_) | Word::Cleared => return None,
         Word::Reading(reading) => reading,
     };
     let is_frame = matches!(reading, Reading::Frame(_));

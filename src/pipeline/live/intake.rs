@@ -13,6 +13,9 @@ use crate::ledger::Queue;
 /// Between two tries to hand over what must not be dropped.
 const PAUSE: Duration = Duration::from_millis(1);
 
+/// The place of words that are of no device.
+pub(super) const NO_DEVICE: usize = usize::MAX;
+
 /// What a device has to say.
 pub(super) struct Delivery {
     /// Which device, by its place in the session.
@@ -29,6 +32,10 @@ pub(super) enum Word {
     SetUp(Timing),
     /// So much more do its stamps lie behind its measurements from now on, ns.
     Latency(i64),
+    /// Of no device: pictures are looked at from now on, or are not.
+    Paused(bool),
+    /// Of no device: the volume begins anew.
+    Cleared,
     /// A reading.
     Reading(Reading),
 }
@@ -46,6 +53,16 @@ pub(super) struct Latency {
     pub(super) latency_ns: i64,
 }
 
+/// In the recording: pictures are not used from here on, or are again.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Paused {
+    pub(super) paused: bool,
+}
+
+/// In the recording: the volume begins anew here.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Cleared {}
+
 /// In the recording: the device's next reading was not paired, for want of room. A frame has its number.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Unpaired {
@@ -53,7 +70,9 @@ pub(super) struct Unpaired {
     pub(super) item: u64,
 }
 
-/// Kinds of notes that the three are.
+/// Kinds of notes that these are.
+pub(super) const PAUSED: &str = "paused";
+pub(super) const CLEARED: &str = "cleared";
 pub(super) const SET_UP: &str = "set_up";
 pub(super) const LATENCY: &str = "latency";
 pub(super) const UNPAIRED: &str = "unpaired";
@@ -101,6 +120,22 @@ impl<'a> Intake<'a> {
             let device = self.names[source].clone();
             recorder.comes_in(LATENCY, &Latency { device, latency_ns }, at_ns);
             Word::Latency(latency_ns)
+        })
+    }
+
+    /// From now on pictures are used, or are not. False where nobody takes anything any more.
+    pub(super) fn pause(&self, paused: bool) -> bool {
+        self.must(NO_DEVICE, |at_ns| {
+            self.common.recorder.comes_in(PAUSED, &Paused { paused }, at_ns);
+            Word::Paused(paused)
+        })
+    }
+
+    /// The volume begins anew. False where nobody takes anything any more.
+    pub(super) fn clear(&self) -> bool {
+        self.must(NO_DEVICE, |at_ns| {
+            self.common.recorder.comes_in(CLEARED, &Cleared {}, at_ns);
+            Word::Cleared
         })
     }
 

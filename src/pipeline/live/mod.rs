@@ -23,6 +23,7 @@
 //! - `weave`, `fabric`: slices into the volume, and the lock that weaving and drawing share it by.
 //! - `picture`, `reach`: the picture, and the box it is of.
 //! - `reader`: who reads the volume while it grows.
+//! - `held`: a session that is over, while its volume is looked at.
 //! - `decision`, `seal`: what is decided upon frames, and what came of it all, as the recording has it.
 //! - `recorder`: the session's file.
 //! - `replay`, `precedent`: a recorded session as what comes in, and what it is held against.
@@ -37,6 +38,7 @@ mod decision;
 mod fabric;
 mod frozen;
 mod gather;
+mod held;
 mod intake;
 mod losses;
 mod pairing;
@@ -66,7 +68,9 @@ use crossbeam_channel::bounded;
 use drivers::Device;
 use drivers::clock::{Clock, Monotonic};
 use drivers::recording::session::Speech;
+pub use fabric::Extent;
 pub use gather::{Heard, gather};
+pub use held::Held;
 pub use picture::{Drawn, First, Looks};
 pub use precedent::{Differences, Precedent};
 pub use priority::{Granted, Standing};
@@ -117,8 +121,22 @@ pub fn run(
     bed: Bed,
     clock: &dyn Clock,
     ends: &AtomicBool,
-    mut watch: impl FnMut(&Account) -> Vec<Order>,
+    watch: impl FnMut(&Account) -> Vec<Order>,
 ) -> Result<Finished, PipelineError> {
+    Ok(hold(session, bed, clock, ends, watch)?.finish())
+}
+
+/// The same; what it has come to can still be looked at.
+///
+/// # Errors
+/// As of [`run`].
+pub fn hold<'a>(
+    session: &'a Session,
+    bed: Bed,
+    clock: &dyn Clock,
+    ends: &AtomicBool,
+    mut watch: impl FnMut(&Account) -> Vec<Order>,
+) -> Result<Held<'a>, PipelineError> {
     let Bed { equipment, record, resumed, mut standing } = bed;
     let fabric = session.loom();
     let begun = session.weave_earlier(resumed, &fabric, ends)?;
@@ -145,7 +163,7 @@ pub fn run(
     let stage = session.pairing_stage(instruments, common, Onward::OrDrop(pose))?;
     let wall = session.looks.clone().map(Wall::new);
 
-    let (board, shared, intake) = (&board, &fabric, &intake);
+    let (board, shared, wall_of, intake) = (&board, &fabric, wall.as_ref(), &intake);
     let (mut recording, mut drawn, mut seal) = (None, None, None);
     let (mut losses, mut warnings) = (Losses::default(), Warnings::default());
     let woven = std::thread::scope(|scope| {
@@ -154,7 +172,7 @@ pub fn run(
                 recorder::run(&queue, file, clock, |recording| board.recording(recording))
             })
         });
-        let picture = wall.as_ref().map(|wall| {
+        let picture = wall_of.map(|wall| {
             spawn(scope, "picture", (&standing, Role::Picture), move || {
                 picture::run(shared, wall, false, clock, |drawn| board.drawn(drawn))
             })
@@ -184,7 +202,9 @@ pub fn run(
                 match order {
                     Order::Latency(source, latency_ns) => drop(intake.latency(source, latency_ns)),
                     Order::Frozen(after_ns) => board.frozen_after(after_ns),
-                    Order::Looks(looks) => wall.iter().for_each(|wall| wall.hang(&looks)),
+                    Order::Looks(looks) => wall_of.iter().for_each(|wall| wall.hang(&looks)),
+                    Order::Pause(paused) => drop(intake.pause(paused)),
+                    Order::Clear => drop(intake.clear()),
                     Order::KeepFree(bytes) => keep_free.store(bytes, Ordering::Relaxed),
                     Order::Note(kind, value) => common.recorder.note(kind, &value, clock.now_ns()),
                     Order::Say(note) => board.note(note),
@@ -211,7 +231,7 @@ pub fn run(
     woven?;
     let account = board.snapshot();
     losses.say(&account, Instant::now(), true);
-    Ok(session.finish(fabric.into_inner().loom, drawn, account, recording, seal))
+    Ok(Held { session, fabric, wall, drawn, account, recording, seal })
 }
 
 /// Runs a recorded session again, after those that it goes on with: every reading at its turn, every decision made anew and held against the recorded one. Where it comes

@@ -13,7 +13,7 @@ use super::decision::Common;
 use super::frozen::Frozen;
 use super::intake::{Delivery, Intake, Word};
 use super::pulse::Stage;
-use super::weave::{Posed, Times};
+use super::weave::{Onto, Posed, Times};
 use super::witness::{Glimpsed, Witness};
 use super::zones::Guard;
 use crate::ingest::Picture;
@@ -103,6 +103,8 @@ pub(super) struct Pairing<'a> {
     parts: Vec<Part>,
     bracketing: Bracketing<Waiting>,
     frozen: Frozen,
+    /// Pictures are not used at present.
+    paused: bool,
     onlookers: Onlookers,
     onward: Onward,
     /// When something came last, and when clocks were told the time, host ns.
@@ -122,9 +124,17 @@ pub(super) struct Onlookers {
 /// The way to the loom.
 pub(super) enum Onward {
     /// Of devices, which nothing holds up: what finds the queue full is dropped.
-    OrDrop(Sender<Posed>),
+    OrDrop(Sender<Onto>),
     /// Of a recording, which waits.
-    Waits(Sender<Posed>),
+    Waits(Sender<Onto>),
+}
+
+impl Onward {
+    /// The volume begins anew behind the slices that are on their way. That is never dropped: weaving takes what is before it soon, or is over.
+    fn clear(&self) {
+        let (Self::OrDrop(onward) | Self::Waits(onward)) = self;
+        drop(onward.send(Onto::Cleared));
+    }
 }
 
 impl<'a> Pairing<'a> {
@@ -136,7 +146,8 @@ impl<'a> Pairing<'a> {
         onlookers: Onlookers,
         onward: Onward,
     ) -> Self {
-        Self { common, parts, bracketing, frozen, onlookers, onward, now_ns: i64::MIN, told_ns: i64::MIN }
+        let (now_ns, told_ns) = (i64::MIN, i64::MIN);
+        Self { common, parts, bracketing, frozen, paused: false, onlookers, onward, now_ns, told_ns }
     }
 
     /// Takes what comes until nothing does any more. Returns what the user should know.
@@ -191,6 +202,14 @@ impl<'a> Pairing<'a> {
                 self.parts[source].ingest.set_latency(latency_ns);
                 return self.publish(source);
             }
+            Word::Paused(paused) => {
+                self.paused = paused;
+                return self.common.board.paused(paused);
+            }
+            Word::Cleared => {
+                self.onlookers.witnesses.iter().for_each(|witness| witness.cleared());
+                return self.onward.clear();
+            }
             Word::Reading(reading) => reading,
         };
         let captured_ns = match &reading {
@@ -213,6 +232,10 @@ impl<'a> Pairing<'a> {
                 }
             }
             Live::Waits(_) => board.sampled(source, None),
+            Live::Picture { picture: Picture { head, .. }, .. } if self.paused => {
+                let why = "the session is frozen, by whoever looks at it";
+                self.common.refuse(&Refusal::new(head.stamp.item, Reason::Paused, why));
+            }
             Live::Picture { picture: Picture { head, image }, timed } => {
                 let captured_ns = captured_ns.unwrap_or(timed.time_ns);
                 let item = head.stamp.item;
@@ -291,9 +314,9 @@ impl<'a> Pairing<'a> {
         let is_full = match &self.onward {
             Onward::OrDrop(onward) => {
                 let times = Some(Times { captured_ns, known_ns: self.now_ns });
-                onward.try_send(Posed { item, slice, times }).is_err()
+                onward.try_send(Onto::Slice(Posed { item, slice, times })).is_err()
             }
-            Onward::Waits(onward) => onward.send(Posed { item, slice, times: None }).is_err(),
+            Onward::Waits(onward) => onward.send(Onto::Slice(Posed { item, slice, times: None })).is_err(),
         };
         if is_full {
             self.common.drop_before(Queue::Weaving, item);

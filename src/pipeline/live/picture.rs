@@ -90,7 +90,7 @@ pub struct First {
 pub struct Drawn {
     /// The renderer, with the picture of all slices.
     pub renderer: Renderer,
-    /// Slices that it shows.
+    /// Slices that were woven until then: those that it shows, and those before the volume was cleared.
     pub slices: u64,
     /// The frame of the last of them.
     pub item: u64,
@@ -136,6 +136,7 @@ impl Wall {
 struct Easel<'a> {
     wall: &'a Wall,
     changes: u64,
+    begun: Option<Begun>,
     reach: Option<Reach>,
     /// The renderer has seen nothing of the volume yet.
     blank: bool,
@@ -179,8 +180,24 @@ impl Easel<'_> {
                 });
             }
         }
-        (self.reach, self.blank) = (Some(reach), true);
+        (self.begun, self.reach, self.blank) = (Some(*begun), Some(reach), true);
         Ok(())
+    }
+
+    /// The volume was cleared: whether there is a picture that is to become one of nothing. The next slice says what the next one is of.
+    ///
+    /// # Errors
+    /// As of [`Self::stretch`].
+    fn wipe(&mut self) -> Result<bool, Box<dyn std::error::Error + Send + Sync>> {
+        let (Some(begun), Some(reach)) = (self.begun.take(), self.reach.take()) else { return Ok(false) };
+        self.stretch(&begun, reach, false)?;
+        self.reach = None;
+        let Some(drawn) = &mut self.drawn else { return Ok(false) };
+        drawn.renderer.draw();
+        drawn.refining = false;
+        drawn.captured_ns = None;
+        drawn.pictures += 1;
+        Ok(true)
     }
 
     /// Goes on with the view that is wanted, for as long as nobody is kept waiting by it: whether there is another picture to be shown. At last it is finished, from home.
@@ -229,9 +246,11 @@ pub(super) fn run(
 ) -> Result<Option<Drawn>, Box<dyn std::error::Error + Send + Sync>> {
     let _gone = Gone(shared);
     let (home, view) = <(View, View)>::default();
-    let mut easel = Easel { wall, changes: 0, reach: None, blank: true, home, view, drawn: None };
+    let mut easel = Easel { wall, changes: 0, begun: None, reach: None, blank: true, home, view, drawn: None };
     // Slices that are drawn, and those of which is known that they came.
     let (mut seen, mut known) = (0, 0);
+    // Of the latter, those before the volume was cleared last.
+    let mut cleared = 0;
     let mut due = Instant::now();
     loop {
         let looks = wall.looks();
@@ -247,12 +266,25 @@ pub(super) fn run(
             return Ok(None);
         }
         known = fabric.news.woven;
+        if is_last && fabric.news.slices() == 0 {
+            return Ok(None);
+        }
         if !is_last && !is_watched {
+            continue;
+        }
+        if fabric.news.cleared != cleared {
+            cleared = fabric.news.cleared;
+            seen = cleared;
+            drop(fabric);
+            // Pictures of certain slices only are none of nothing.
+            if easel.wipe()? && !certain {
+                present(&easel, &mut shown);
+            }
             continue;
         }
         // What is looked at otherwise is drawn again though no slice has come since.
         let is_shown = changes == easel.changes && !easel.blank;
-        if fabric.news.woven == seen && (is_shown || seen == 0) {
+        if fabric.news.woven == seen && (is_shown || seen == cleared) {
             drop(fabric);
             if easel.turn(is_last) {
                 present(&easel, &mut shown);

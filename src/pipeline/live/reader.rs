@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::fabric::Shared;
-use crate::export::volume::{DenseBox, Encoding, Scalar, planes};
+use crate::export::volume::{DenseBox, Encoding, Scalar, planes, planes_of_weights};
 
 /// The longest that the thread waits before it looks whether a volume is wanted.
 const TURN: Duration = Duration::from_millis(50);
@@ -20,6 +20,14 @@ pub trait Reader: Send + Sync {
 
     /// The volume as it is, or why there is none to be shown.
     fn volume(&self, volume: Result<Snapshot, String>);
+
+    /// Whether the weights are wanted, too.
+    fn weighs(&self) -> bool {
+        false
+    }
+
+    /// So much of a volume that was wanted is read, 0 to 1.
+    fn taking(&self, _share: f64) {}
 
     /// The most bytes that a volume may have; a larger one is not made.
     fn most_bytes(&self) -> u64;
@@ -45,30 +53,34 @@ pub struct Snapshot {
     pub scalar: Scalar,
     /// Values, x fastest, in native byte order; 0 where nothing was seen.
     pub bytes: Arc<[u8]>,
+    /// Weights, if they were wanted: single precision, in the same order; 0 where nothing was seen.
+    pub weights: Option<Arc<[u8]>>,
     /// Slices in it.
     pub slices: u64,
+    /// Black and white of the scanner's picture.
+    pub grey_levels: [f32; 2],
 }
 
 /// Shows volumes until no slice follows; the last one is shown if it is wanted at all.
 pub(super) fn run(shared: &Shared, reader: &dyn Reader) {
-    let mut seen = 0;
+    let mut seen = None;
     loop {
         let (woven, ended) = {
             let fabric = shared.lock();
-            (fabric.news.woven, fabric.ended)
+            ((fabric.news.woven, fabric.news.cleared), fabric.ended)
         };
         let is_wanted = match reader.wants() {
             Wants::Nothing => false,
-            Wants::Changed => woven != seen,
+            Wants::Changed => Some(woven) != seen,
             Wants::Any => true,
         };
         if is_wanted {
             let taken = loop {
-                if let Some(taken) = snapshot(shared, reader.most_bytes()) {
+                if let Some(taken) = snapshot(shared, reader) {
                     break taken;
                 }
             };
-            seen = taken.as_ref().map_or(woven, |snapshot| snapshot.slices);
+            seen = Some(woven);
             reader.volume(taken);
         }
         if ended {
@@ -79,25 +91,30 @@ pub(super) fn run(shared: &Shared, reader: &dyn Reader) {
 }
 
 /// The volume, or why there is none to be shown; `None` where the lattice has become another one meanwhile.
-fn snapshot(shared: &Shared, most_bytes: u64) -> Option<Result<Snapshot, String>> {
+fn snapshot(shared: &Shared, reader: &dyn Reader) -> Option<Result<Snapshot, String>> {
     let nothing = || Some(Err("no voxel was seen yet".to_owned()));
-    let (space, encoding, lattice, slices) = {
+    let most_bytes = reader.most_bytes();
+    let (space, encoding, lattice, slices, grey_levels) = {
         let fabric = shared.lock();
         let (Some(weaver), Some(begun)) = (fabric.loom.weaver(), fabric.news.begun) else { return nothing() };
         let Some((low, high)) = weaver.volume().seen_bounds() else { return nothing() };
         let space = DenseBox::around([low, high], weaver.world_from_lattice(), weaver.settings());
         let encoding = Encoding { scalar: begun.pixels.scalar(), window: None, unseen: 0.0 };
-        (space, encoding, weaver.world_from_lattice(), fabric.news.woven)
+        (space, encoding, weaver.world_from_lattice(), fabric.news.slices(), begun.pixels.grey_levels())
     };
     let [nx, ny, nz] = space.grid.size;
-    let bytes = space.grid.voxels().and_then(|voxels| voxels.checked_mul(encoding.scalar.bytes()));
+    let of_weights = if reader.weighs() { Scalar::F32.bytes() } else { 0 };
+    let of_voxel = encoding.scalar.bytes() + of_weights;
+    let bytes = space.grid.voxels().and_then(|voxels| voxels.checked_mul(of_voxel));
     let Some(bytes) = bytes.filter(|bytes| *bytes <= most_bytes) else {
         return Some(Err(format!(
             "the volume has {nx}×{ny}×{nz} voxels, more than {most_bytes} bytes; choose a coarser volume.spacing_mm"
         )));
     };
     // No more than the limit, which was looked at.
-    let mut values = Vec::with_capacity(bytes as usize);
+    let voxels = (bytes / of_voxel) as usize;
+    let mut values = Vec::with_capacity(voxels * encoding.scalar.bytes() as usize);
+    let mut weights = Vec::with_capacity(voxels * of_weights as usize);
     let at_once = (PART / (nx * ny).max(1)).max(1);
     let mut z = 0;
     while z < nz {
@@ -105,10 +122,15 @@ fn snapshot(shared: &Shared, most_bytes: u64) -> Option<Result<Snapshot, String>
         let fabric = shared.lock();
         let weaver = fabric.loom.weaver().filter(|weaver| weaver.world_from_lattice() == lattice)?;
         planes(weaver.volume(), &space, &encoding, z..until, &mut values);
+        if of_weights > 0 {
+            planes_of_weights(weaver.volume(), &space, z..until, &mut weights);
+        }
         drop(fabric);
         z = until;
+        reader.taking(z as f64 / nz as f64);
         // Who has waited for the volume gets it before it is asked for again.
         std::thread::sleep(PAUSE);
     }
-    Some(Ok(Snapshot { space, scalar: encoding.scalar, bytes: values.into(), slices }))
+    let weights = (of_weights > 0).then(|| weights.into());
+    Some(Ok(Snapshot { space, scalar: encoding.scalar, bytes: values.into(), weights, slices, grey_levels }))
 }

@@ -10,7 +10,9 @@ use drivers::{Device, Error, Next, Reading};
 
 use super::Instrument;
 use super::decision::Common;
-use super::intake::{Delivery, LATENCY, Latency, SET_UP, SetUp, UNPAIRED, Unpaired, Word};
+use super::intake::{
+    CLEARED, Delivery, LATENCY, Latency, NO_DEVICE, PAUSED, Paused, SET_UP, SetUp, UNPAIRED, Unpaired, Word,
+};
 use super::pairing::{Came, Feed};
 use super::precedent::{Precedent, of_json};
 use crate::ledger::Queue;
@@ -73,6 +75,8 @@ pub(super) fn run(
                     let Latency { device, latency_ns } = of_json(&path, LATENCY, &note.text)?;
                     (place(names, &device, &path)?, Word::Latency(latency_ns))
                 }
+                PAUSED => (NO_DEVICE, Word::Paused(of_json::<Paused>(&path, PAUSED, &note.text)?.paused)),
+                CLEARED => (NO_DEVICE, Word::Cleared),
                 UNPAIRED => {
                     unpaired = Some(of_json::<Unpaired>(&path, UNPAIRED, &note.text)?);
                     continue;

@@ -110,6 +110,10 @@ pub enum Order {
     Frozen(i64),
     /// How the volume is looked at, where it is.
     Looks(Arc<dyn Looks>),
+    /// Pictures are not used from now on, or are again.
+    Pause(bool),
+    /// The volume begins anew.
+    Clear,
     /// The recording ends before less is left on the disk, bytes.
     KeepFree(u64),
     /// Notes something in the recording, of a kind.

@@ -25,6 +25,15 @@ pub(super) struct Posed {
     pub(super) times: Option<Times>,
 }
 
+/// What weaving is given, in order.
+#[allow(clippy::large_enum_variant, reason = "nearly all values are the large ones, moved twice")]
+pub(super) enum Onto {
+    /// A slice.
+    Slice(Posed),
+    /// What follows goes into an empty volume.
+    Cleared,
+}
+
 /// Host ns.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Times {
@@ -55,6 +64,7 @@ impl Fates for Teller<'_> {
         let Common { clock, board, .. } = self.common;
         self.news.note(woven, times.map(|times| times.captured_ns));
         let mut account = board.lock();
+        account.volume = self.news.extent();
         account.ledger.used();
         if let Some(times) = times {
             let now_ns = clock.now_ns();
@@ -73,6 +83,22 @@ impl Fates for Teller<'_> {
     }
 }
 
+/// Empties the volume, when what waits for the mask has gone into it.
+fn clear(
+    shared: &Shared,
+    common: Common<'_>,
+    waiting: &mut VecDeque<(u64, Option<Times>)>,
+) -> Result<(), PipelineError> {
+    let mut fabric = shared.lock();
+    let Fabric { loom, news, .. } = &mut *fabric;
+    loom.clear(&mut Teller { common, waiting, news })?;
+    news.clear();
+    common.board.lock().volume = None;
+    drop(fabric);
+    shared.tell();
+    Ok(())
+}
+
 /// Weaves until no slice follows. Where that is the volume's end, slices that wait for the mask go on. Where one of so many slices is to be pictured, that picture is waited
 /// for; where the mask made some wait, that of the last of them.
 ///
@@ -80,7 +106,7 @@ impl Fates for Teller<'_> {
 /// What no slice could be woven with. A full volume is none: its slices are refused.
 pub(super) fn run(
     shared: &Shared,
-    from: &Receiver<Posed>,
+    from: &Receiver<Onto>,
     common: Common<'_>,
     ends: bool,
     pictured: Option<NonZeroU64>,
@@ -91,7 +117,14 @@ pub(super) fn run(
     loop {
         beat.turn();
         let Posed { item, slice, times } = match from.recv_timeout(TURN) {
-            Ok(posed) => posed,
+            Ok(Onto::Slice(posed)) => posed,
+            Ok(Onto::Cleared) => {
+                result = clear(shared, common, &mut waiting);
+                match result {
+                    Ok(()) => continue,
+                    Err(_) => break,
+                }
+            }
             Err(RecvTimeoutError::Timeout) => continue,
             Err(RecvTimeoutError::Disconnected) => break,
         };

@@ -22,6 +22,9 @@ pub trait Witness: Send + Sync {
     /// A frame was posed, in a world of that name.
     fn slice(&self, _world: &str, _item: u64, _slice: &Slice) {}
 
+    /// The volume begins anew: slices until now are no longer in it.
+    fn cleared(&self) {}
+
     /// A sensor's pose, from and to frames of these names.
     fn pose(&self, _frames: [&str; 2], _sample: &PoseSample) {}
 }

@@ -1,0 +1,127 @@
+//! What pages and programs may want, in the words that they say it by: JSON, one thing at a time.
+
+use serde::Deserialize;
+
+use super::sight::{From, Steer};
+use super::{Served, snapshot};
+use crate::desk::Deed;
+
+/// What is said.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(tag = "do", rename_all = "lowercase", deny_unknown_fields)]
+enum Said {
+    Show { slice: bool, view: bool },
+    Shown { kind: u8, sequence: u32 },
+    Control {},
+    Turn { right: f64, up: f64, clockwise: f64 },
+    Zoom { by: f64 },
+    Centre { at: [f64; 2] },
+    Look { from: From },
+    Record {},
+    Scan {},
+    Stop {},
+    Freeze { on: bool },
+    Clear {},
+    Save {},
+    Snapshot {},
+}
+
+/// What is wanted.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Wish {
+    /// To be sent these kinds of pictures.
+    Show {
+        /// The scanner's.
+        slice: bool,
+        /// The volume's.
+        view: bool,
+    },
+    /// Nothing: a picture was drawn, or left out.
+    Shown {
+        /// Its kind.
+        kind: u8,
+        /// Its number.
+        sequence: u32,
+    },
+    /// To steer.
+    Control,
+    /// Something that changes what all see, or what the session does.
+    Act(Act),
+}
+
+/// Something that changes what all see, or what the session does.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Act {
+    /// The view.
+    Steer(Steer),
+    /// The session.
+    Deed(Deed),
+    /// The pictures that are seen are kept.
+    Snapshot,
+}
+
+impl Wish {
+    /// What a text says.
+    ///
+    /// # Errors
+    /// A sentence for one that says nothing that there is to want.
+    pub(super) fn parse(text: &str) -> Result<Self, String> {
+        let said = serde_json::from_str(text);
+        let said = said.map_err(|error| format!("this is nothing that a page can want: {error}"))?;
+        Ok(match said {
+            Said::Show { slice, view } => Self::Show { slice, view },
+            Said::Shown { kind, sequence } => Self::Shown { kind, sequence },
+            Said::Control {} => Self::Control,
+            Said::Turn { right, up, clockwise } => Self::Act(Act::Steer(Steer::Turn { right, up, clockwise })),
+            Said::Zoom { by } => Self::Act(Act::Steer(Steer::Zoom(by))),
+            Said::Centre { at } => Self::Act(Act::Steer(Steer::Centre(at))),
+            Said::Look { from } => Self::Act(Act::Steer(Steer::Look(from))),
+            Said::Record {} => Self::Act(Act::Deed(Deed::Record)),
+            Said::Scan {} => Self::Act(Act::Deed(Deed::Scan)),
+            Said::Stop {} => Self::Act(Act::Deed(Deed::Stop)),
+            Said::Freeze { on } => Self::Act(Act::Deed(Deed::Freeze(on))),
+            Said::Clear {} => Self::Act(Act::Deed(Deed::Clear)),
+            Said::Save {} => Self::Act(Act::Deed(Deed::Save)),
+            Said::Snapshot {} => Self::Act(Act::Snapshot),
+        })
+    }
+}
+
+impl Act {
+    /// Does it, or begins to; what is done, in a sentence, where it is not seen anyway.
+    ///
+    /// # Errors
+    /// A sentence, and nothing has changed.
+    pub(super) fn act(self, served: &Served) -> Result<Option<String>, String> {
+        match self {
+            Self::Steer(steer) => served.shown.screen.steer(steer).map(|()| None),
+            Self::Deed(deed) => served.shown.desk.wish(deed).map(Some),
+            Self::Snapshot => snapshot::keep(served).map(Some),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_wish_is_understood_and_nothing_else_is() {
+        for (text, deed) in [
+            ("{\"do\":\"record\"}", Deed::Record),
+            ("{\"do\":\"scan\"}", Deed::Scan),
+            ("{\"do\":\"stop\"}", Deed::Stop),
+            ("{\"do\":\"freeze\",\"on\":true}", Deed::Freeze(true)),
+            ("{\"do\":\"clear\"}", Deed::Clear),
+            ("{\"do\":\"save\"}", Deed::Save),
+        ] {
+            assert_eq!(Wish::parse(text), Ok(Wish::Act(Act::Deed(deed))), "{text}");
+        }
+        assert_eq!(Wish::parse("{\"do\":\"control\"}"), Ok(Wish::Control));
+        for text in ["", "{}", "{\"do\":\"reboot\"}", "{\"do\":\"freeze\"}", "{\"do\":\"save\",\"to\":\"/etc\"}", "[1]"]
+        {
+            let why = Wish::parse(text).unwrap_err();
+            assert!(why.starts_with("this is nothing that a page can want: "), "{text}: {why}");
+        }
+    }
+}

@@ -1,0 +1,181 @@
+//! What whoever looks on wishes of a session that runs: to freeze it, to clear its volume, to look at it when it is over. All of it is in the recording.
+
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use drivers::clock::{Monotonic, SECOND};
+use drivers::recording::Pace;
+use drivers::recording::session::WriterOptions;
+use sonoweave::pipeline::live::{Drawn, First, Looks, Order, Reader, Session, Snapshot, Wants, hold};
+use sonoweave::refusal::Reason;
+use sonoweave::render::RenderSettings;
+use sonoweave::render::transfer::Transfer;
+
+use crate::replay::again;
+use crate::script::{FRAME, begin, frames as all_frames, height_mm, poses};
+use crate::set::{Memory, Set, frames, seen_at, stages};
+
+const FRAMES: u64 = 90;
+
+/// Looks, and counts.
+#[derive(Default)]
+struct Eye {
+    pictures: AtomicU64,
+    /// Whether the last picture showed nothing.
+    blank: AtomicBool,
+    blanks: AtomicU64,
+}
+
+impl Looks for Eye {
+    fn settings(&self, _: &First) -> Result<RenderSettings, Box<dyn std::error::Error + Send + Sync>> {
+        Ok(RenderSettings::new([32, 32], Transfer::preset("tissue", [0.0, 255.0])?))
+    }
+
+    fn shown(&self, drawn: &Drawn) {
+        let blank = drawn.renderer.picture().pixels.iter().all(|[red, green, blue, _]| red + green + blue == 0.0);
+        self.pictures.fetch_add(1, Ordering::Relaxed);
+        self.blanks.fetch_add(u64::from(blank), Ordering::Relaxed);
+        self.blank.store(blank, Ordering::Relaxed);
+    }
+}
+
+#[test]
+fn what_is_frozen_and_cleared_is_so_again_when_it_is_replayed() {
+    let begin_ns = begin();
+    let disk = Memory::default();
+    let eye = Arc::new(Eye::default());
+    let mut set = Set::of(poses(begin_ns, FRAMES), all_frames(begin_ns, FRAMES)).waits(SECOND).recorded(
+        disk.clone(),
+        WriterOptions::new("a test"),
+        0,
+    );
+    set.looks = Some(Arc::clone(&eye) as Arc<dyn Looks>);
+    let mut done = 0;
+    let (live, _) = set.ordered(|account, _| {
+        let used = account.ledger.frames.used;
+        let paused = account.ledger.frames.refused.get(&Reason::Paused).copied().unwrap_or(0);
+        let (due, order) = match done {
+            0 => (used >= 20, Order::Pause(true)),
+            1 => (paused >= 10, Order::Pause(false)),
+            2 => (used >= 40, Order::Clear),
+            _ => (false, Order::Clear),
+        };
+        assert!(account.paused || done != 1 || paused == 0, "what is frozen says so");
+        Some(if due {
+            done += 1;
+            vec![order]
+        } else {
+            Vec::new()
+        })
+    });
+    assert_eq!(done, 3);
+    let (total, used, refused) = frames(&live);
+    let [(Reason::Paused, paused)] = refused[..] else { panic!("{refused:?}") };
+    assert!(paused >= 10, "{paused}");
+    assert_eq!((total, used + paused), (FRAMES, FRAMES));
+    // What was before is no longer there, nor what came while it was frozen; what came since is.
+    assert!(!seen_at(&live, height_mm(5 * FRAME)) && seen_at(&live, height_mm((FRAMES as i64 - 2) * FRAME)));
+    let seal = live.seal.clone().unwrap();
+    assert!(seal.slices < used && seal.slices >= 5, "{seal:?} of {used}");
+    assert_eq!(live.account.volume.unwrap().slices, seal.slices);
+    assert!(eye.blanks.load(Ordering::Relaxed) >= 1, "a volume that is cleared is seen to be empty");
+    assert!(!eye.blank.load(Ordering::Relaxed));
+    for pace in [Pace::Unpaced, Pace::Factor(4.0)] {
+        let (replayed, precedent) = again(&disk, SECOND, pace, false, |session, _| {
+            session.looks = Some(Arc::new(Eye::default()) as Arc<dyn Looks>);
+        });
+        assert_eq!(precedent.differences().first, None);
+        assert_eq!(replayed.seal.as_ref(), Some(&seal));
+        assert_eq!(frames(&replayed), (total, used, refused.clone()));
+    }
+}
+
+#[test]
+fn a_volume_that_is_cleared_and_stays_empty_leaves_no_picture_and_no_volume() {
+    let begin_ns = begin();
+    let disk = Memory::default();
+    let mut set = Set::of(poses(begin_ns, 40), all_frames(begin_ns, 40)).waits(SECOND).recorded(
+        disk.clone(),
+        WriterOptions::new("a test"),
+        0,
+    );
+    set.looks = Some(Arc::new(Eye::default()) as Arc<dyn Looks>);
+    let mut done = false;
+    let (live, _) = set.ordered(|account, _| {
+        let due = !done && account.ledger.frames.used >= 20;
+        done |= due;
+        Some(if due { vec![Order::Pause(true), Order::Clear] } else { Vec::new() })
+    });
+    assert!(live.outcome.is_none() && live.drawn.is_none() && live.account.volume.is_none());
+    let (replayed, precedent) = again(&disk, SECOND, Pace::Unpaced, false, |session, _| {
+        session.looks = Some(Arc::new(Eye::default()) as Arc<dyn Looks>);
+    });
+    assert_eq!(precedent.differences().first, None);
+    assert_eq!(replayed.seal, live.seal);
+}
+
+/// Wants a volume, once.
+#[derive(Default)]
+struct Once {
+    wants: AtomicBool,
+    got: Mutex<Option<Result<Snapshot, String>>>,
+    shares: Mutex<Vec<f64>>,
+}
+
+impl Reader for Once {
+    fn wants(&self) -> Wants {
+        if self.wants.swap(false, Ordering::Relaxed) { Wants::Any } else { Wants::Nothing }
+    }
+
+    fn volume(&self, volume: Result<Snapshot, String>) {
+        *self.got.lock().unwrap() = Some(volume);
+    }
+
+    fn weighs(&self) -> bool {
+        true
+    }
+
+    fn taking(&self, share: f64) {
+        self.shares.lock().unwrap().push(share);
+    }
+
+    fn most_bytes(&self) -> u64 {
+        1 << 30
+    }
+}
+
+#[test]
+fn what_is_over_is_still_drawn_and_read_until_nobody_looks() {
+    let begin_ns = begin();
+    let eye = Arc::new(Eye::default());
+    let once = Arc::new(Once::default());
+    let set = Set::of(poses(begin_ns, 30), all_frames(begin_ns, 30));
+    let session = Session {
+        readers: vec![Arc::clone(&once) as Arc<dyn Reader>],
+        ..stages(SECOND, Some(Arc::clone(&eye) as Arc<dyn Looks>))
+    };
+    let held = hold(&session, set.bed(), &Monotonic, &AtomicBool::new(false), |_| Vec::new()).unwrap();
+    assert_eq!(held.account().ledger.frames.used, 30);
+    assert!(held.is_woven() && once.got.lock().unwrap().is_none());
+    let before = eye.pictures.load(Ordering::Relaxed);
+    once.wants.store(true, Ordering::Relaxed);
+    let (ends, began) = (AtomicBool::new(false), Instant::now());
+    held.linger(&ends, |account| {
+        assert_eq!(account.ledger.frames.used, 30);
+        let seen = eye.pictures.load(Ordering::Relaxed) > before && once.got.lock().unwrap().is_some();
+        ends.store(seen || began.elapsed() > Duration::from_secs(30), Ordering::Relaxed);
+        Vec::new()
+    });
+    assert!(eye.pictures.load(Ordering::Relaxed) > before && !eye.blank.load(Ordering::Relaxed));
+    let snapshot = once.got.lock().unwrap().take().unwrap().unwrap();
+    let voxels = snapshot.space.grid.voxels().unwrap() as usize;
+    let weights = snapshot.weights.unwrap();
+    assert_eq!((snapshot.slices, snapshot.bytes.len(), weights.len()), (30, voxels, 4 * voxels));
+    let seen = weights.chunks_exact(4).filter(|weight| f32::from_ne_bytes((*weight).try_into().unwrap()) > 0.0).count();
+    assert!(seen > voxels / 4, "{seen} of {voxels}");
+    assert_eq!(once.shares.lock().unwrap().last(), Some(&1.0));
+    // It was only looked at: what it leaves is what it was.
+    let (low, _) = held.finish().outcome.unwrap().reconstructor.volume().seen_bounds().unwrap();
+    assert_eq!(low, snapshot.space.first);
+}
