@@ -1,12 +1,11 @@
 //! To whom a running session tells how it is: whoever asks over HTTP, and the service manager.
 
-use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use crate::cli::Failure;
 use crate::config::bedside::{Bedside, Realtime, pixel_mm};
-use crate::console::{About, Console, Latest, Screen};
+use crate::console::{About, Console, Latest, Listen, Screen};
 use crate::pipeline::live::{Account, Standing};
 use crate::service::Service;
 
@@ -26,13 +25,13 @@ impl Telling {
     /// Before any device is opened.
     ///
     /// # Errors
-    /// [`Failure`] where the status was to be had is taken.
-    pub(super) fn begin(bedside: &Bedside, listen: Option<SocketAddr>, kind: &'static str) -> Result<Self, Failure> {
+    /// [`Failure`] where the status was to be had is taken, or others could ask for it who must not.
+    pub(super) fn begin(bedside: &Bedside, listen: Option<Listen>, kind: &'static str) -> Result<Self, Failure> {
         let latest = Arc::new(Latest::new(&bedside.effective));
-        let screen = listen.map(|_| Arc::new(Screen::default()));
-        let console = match (listen, &screen) {
-            (Some(address), Some(screen)) => {
-                Some(Console::new(address, Arc::clone(&latest), Arc::clone(screen), about(bedside, kind))?)
+        let screen = listen.as_ref().map(|_| Arc::new(Screen::default()));
+        let console = match (&listen, &screen) {
+            (Some(listen), Some(screen)) => {
+                Some(Console::open(listen, Arc::clone(&latest), Arc::clone(screen), about(bedside, kind))?)
             }
             _ => None,
         };
@@ -41,7 +40,7 @@ impl Telling {
 
     /// Where it is to be seen, if it is.
     pub(super) fn address(&self) -> Option<String> {
-        self.console.as_ref().map(|console| format!("http://{}/", console.address()))
+        self.console.as_ref().map(|console| console.url().to_owned())
     }
 
     /// What browsers see, where they may.
