@@ -84,18 +84,24 @@ pub fn depth_cue(text: &str) -> Result<[f64; 2], String> {
     numbers::<2>(text)
 }
 
+/// An address with a port.
+///
+/// # Errors
+/// A sentence for what is none.
+pub fn address(text: &str) -> Result<SocketAddr, String> {
+    text.parse().map_err(|_| format!("\"{text}\" is no address with a port; give one, such as \"127.0.0.1:9110\""))
+}
+
 /// An address with a port, on this machine only.
 ///
 /// # Errors
 /// A sentence for what is none, and for one that others can reach.
 pub fn loopback(text: &str) -> Result<SocketAddr, String> {
-    let address: SocketAddr = text
-        .parse()
-        .map_err(|_| format!("\"{text}\" is no address with a port; give one, such as \"127.0.0.1:9110\""))?;
+    let address = address(text)?;
     match address.ip().is_loopback() {
         true => Ok(address),
         false => Err(format!(
-            "{} can be reached from outside, and there is no password: give 127.0.0.1 or [::1], and a tunnel to it where one is needed",
+            "{} can be reached from outside, and a demo has no password: give 127.0.0.1 or [::1], and a tunnel to it where one is needed; a session of `live` may be shown to others",
             address.ip()
         )),
     }

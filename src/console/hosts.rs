@@ -1,42 +1,80 @@
 //! By which name this machine may be called.
 //!
-//! A browser asks in the name of the page that it shows. If that page's name is made to lead to 127.0.0.1 after it was loaded ("DNS rebinding"), the page could read what is
-//! meant for this machine's users only. Its requests still carry its own name, and are refused for that.
+//! A browser asks in the name of the page that it shows. If that page's name is made to lead here after it was loaded ("DNS rebinding"), the page could read what is meant for
+//! this session's users only. Its requests still carry its own name, and are refused for that. An address of numbers cannot be made to lead elsewhere: that at which the
+//! connection came is answered to.
 
-use axum::extract::Request;
+use std::net::IpAddr;
+
+use axum::extract::{Request, State};
 use axum::http::uri::Authority;
 use axum::http::{StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
-/// Lets those pass that call this machine by a loopback name, with any port: a tunnel may have another.
-pub(super) async fn only_loopback(request: Request, next: Next) -> Response {
+use super::Served;
+use super::server::Line;
+
+/// Lets those pass that call this machine by one of its names, with any port: a tunnel may have another.
+pub(super) async fn only_own_names(State(served): State<Served>, request: Request, next: Next) -> Response {
     let told = request.headers().get(header::HOST).map(|host| host.to_str().unwrap_or_default());
     // A request in a proxy's form names its host in its first line too; both must be right.
     let named = request.uri().host();
+    let at = request.extensions().get::<Line>().map(|line| line.local.ip().to_canonical());
+    let is_own = |host: &str| is_own(host, at, &served.gate.names);
     match (told, named) {
         (None, None) => (StatusCode::BAD_REQUEST, "the request does not say which host it asks for\n").into_response(),
-        (told, named) if told.is_none_or(is_loopback) && named.is_none_or(is_loopback) => next.run(request).await,
-        _ => {
+        (told, named) if told.is_none_or(is_own) && named.is_none_or(is_own) => next.run(request).await,
+        _ if at.is_none_or(|at| at.is_loopback()) => {
             let sentence = "only requests to localhost, 127.0.0.1 or [::1] are answered\n";
+            (StatusCode::FORBIDDEN, sentence).into_response()
+        }
+        _ => {
+            let sentence = "only requests to this machine's address, to a name of its certificate or to one of [status] names are answered\n";
             (StatusCode::FORBIDDEN, sentence).into_response()
         }
     }
 }
 
-/// Whether a host, perhaps with a port, is a loopback name.
-fn is_loopback(host: &str) -> bool {
+/// Whether a host, perhaps with a port, is this machine: a loopback name where the connection came in at one (or it is not known where), the very address at which it came, or
+/// one of these names, of which `*.` stands for one part at the beginning.
+pub fn is_own(host: &str, at: Option<IpAddr>, names: &[String]) -> bool {
     let Ok(authority) = host.parse::<Authority>() else { return false };
     let name = authority.host();
     let port_is_fine = authority.as_str().len() == name.len() || authority.port_u16().is_some();
-    let literal = name.trim_start_matches('[').trim_end_matches(']');
-    let is_address = literal.parse::<std::net::IpAddr>().is_ok_and(|address| address.is_loopback());
-    port_is_fine && !host.contains('@') && (name.eq_ignore_ascii_case("localhost") || is_address)
+    if !port_is_fine || host.contains('@') {
+        return false;
+    }
+    let literal = name.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')).unwrap_or(name);
+    let is_named = names.iter().any(|own| matches(own, literal));
+    match literal.parse::<IpAddr>().map(|address| address.to_canonical()) {
+        Ok(address) => is_named || at.map_or(address.is_loopback(), |at| address == at || both_loop(address, at)),
+        Err(_) => is_named || at.is_none_or(|at| at.is_loopback()) && name.eq_ignore_ascii_case("localhost"),
+    }
+}
+
+fn both_loop(one: IpAddr, other: IpAddr) -> bool {
+    one.is_loopback() && other.is_loopback()
+}
+
+fn matches(own: &str, name: &str) -> bool {
+    match own.strip_prefix("*.") {
+        Some(rest) => {
+            name.split_once('.').is_some_and(|(first, own)| !first.is_empty() && own.eq_ignore_ascii_case(rest))
+        }
+        None => own.eq_ignore_ascii_case(name),
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn is_loopback(host: &str) -> bool {
+        let at = [None, Some([127, 0, 0, 1].into())].map(|at| is_own(host, at, &[]));
+        assert_eq!(at[0], at[1], "{host}");
+        at[0]
+    }
 
     #[test]
     fn loopback_names_are_told_from_all_others() {
@@ -62,5 +100,37 @@ mod tests {
         ] {
             assert!(!is_loopback(host), "{host}");
         }
+    }
+
+    #[test]
+    fn beyond_loopback_the_address_that_was_reached_and_the_names_are_answered_to() {
+        let at = |address: &str| Some(address.parse().unwrap());
+        let names = ["bedside-3.local".to_owned(), "*.ward.example".into(), "10.0.0.9".into()];
+        let own = |host: &str| is_own(host, at("192.168.0.7"), &names);
+        for host in [
+            "192.168.0.7",
+            "192.168.0.7:9110",
+            "[::ffff:192.168.0.7]:1",
+            "Bedside-3.LOCAL:9110",
+            "a.ward.example",
+            "10.0.0.9:80",
+        ] {
+            assert!(own(host), "{host}");
+        }
+        for host in [
+            "localhost",
+            "127.0.0.1:9110",
+            "192.168.0.8",
+            "ward.example",
+            "a.b.ward.example",
+            ".ward.example",
+            "bedside-3.local.example.org",
+            "bedside-3.local@example.org",
+            "bedside-3.local:x",
+        ] {
+            assert!(!own(host), "{host}");
+        }
+        assert!(is_own("[fe80::1]:9110", at("fe80::1"), &[]) && !is_own("fe80::1", at("fe80::2"), &[]));
+        assert!(is_own("bedside-3.local", None, &names));
     }
 }

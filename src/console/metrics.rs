@@ -4,6 +4,7 @@
 
 use std::fmt::Write as _;
 
+use super::Counts;
 use crate::pipeline::live::{Account, Spread, Written};
 use crate::statistics::LiveStatistics;
 use crate::sync::clock::State;
@@ -92,6 +93,39 @@ pub(super) fn text(statistics: &LiveStatistics<'_>) -> String {
         .sample(&[], process.cpu_s);
     to.gauge("process_threads", "Its threads.").sample(&[], process.threads as f64);
     to.gauge("process_open_fds", "Its open files, devices and connections.").sample(&[], process.open_files as f64);
+    to.0
+}
+
+/// What became of those who asked.
+pub(super) fn of_console(counts: &Counts) -> String {
+    let mut to = Exposition::default();
+    for (name, help, count) in [
+        ("sonoweave_console_connections_total", "Connections that were taken.", &counts.connections),
+        (
+            "sonoweave_console_gave_way_total",
+            "Connections that gave way to others as they asked for nothing.",
+            &counts.gave_way,
+        ),
+        ("sonoweave_console_no_tls_total", "Connections that did not come as far as to speak TLS.", &counts.no_tls),
+        (
+            "sonoweave_console_pages_sent_away_total",
+            "Pages that were sent away as all places were taken.",
+            &counts.pages_sent_away,
+        ),
+        (
+            "sonoweave_console_pages_cut_off_total",
+            "Pages that were cut off as they took nothing, said too much, or fell silent.",
+            &counts.pages_cut_off,
+        ),
+        ("sonoweave_console_wrong_tokens_total", "Wrong tokens that were shown.", &counts.tokens_wrong),
+        (
+            "sonoweave_console_unheard_tokens_total",
+            "Tokens that were not looked at, as too many wrong ones came from their address.",
+            &counts.tokens_unheard,
+        ),
+    ] {
+        to.counter(name, help).sample(&[], Counts::of(count) as f64);
+    }
     to.0
 }
 

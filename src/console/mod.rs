@@ -1,4 +1,4 @@
-//! What a session tells and shows of itself while it runs, over HTTP on this machine.
+//! What a session tells and shows of itself while it runs, over HTTP on this machine, and over HTTPS to others.
 //!
 //! | path | what |
 //! |---|---|
@@ -12,22 +12,30 @@
 //! | `GET /v1/openapi.json` | all of this in OpenAPI's form |
 //! | `GET /status` | everything, as JSON: what `--stats` writes at the end |
 //! | `GET /metrics` | the same in Prometheus' text form |
+//! | `POST /v1/login` | where a token is wanted: a browser shows it, see `gate` |
 //! | `GET /healthz` | 200 while the session moves, 503 and who stands still when it does not |
 //!
 //! Handlers read the [`Latest`] account and what stages leave on the [`Screen`], so that no client, slow or stuck as it may be, is waited for by a stage. They work without a socket ([`routes`]);
-//! [`Console`] gives them one. Whoever asks must call this machine by a loopback name (`hosts`): a web page elsewhere, whose name was made to lead here, gets nothing.
+//! [`Console`] gives them one. Who asks passes four doors, whatever is asked for: it must call this machine by a name of its own ([`hosts`]), must be no page of others where
+//! more than reading is asked for ([`origin`]), must have the token where there is one (`gate`), and gives way to others while it asks for nothing (`crowd`).
 
 mod api;
-mod hosts;
+mod counts;
+mod crowd;
+mod gate;
+pub mod hosts;
+mod listen;
 mod metrics;
+pub mod origin;
 mod page;
 pub mod screen;
 mod server;
 pub mod sight;
 mod snapshot;
-mod stream;
+pub mod stream;
 #[cfg(test)]
 mod tests;
+pub mod token;
 mod told;
 mod wish;
 
@@ -36,16 +44,20 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use axum::Router;
-use axum::extract::State;
+use axum::extract::{DefaultBodyLimit, State};
 use axum::http::{StatusCode, header};
 use axum::middleware;
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 
+pub use counts::Counts;
+pub use listen::{AccessError, Listen};
 pub use screen::Screen;
 pub use server::{Console, ConsoleError};
 use tokio::sync::{Semaphore, watch};
 pub use told::About;
+
+use gate::Gate;
 
 use crate::config::bedside::Effective;
 use crate::desk::Desk;
@@ -153,35 +165,51 @@ pub struct Served {
     places: Arc<Semaphore>,
     /// Tells connections that last to end.
     stopped: watch::Receiver<()>,
+    gate: Arc<Gate>,
 }
 
 impl Served {
     /// Until `stopped` says otherwise, or nobody is left who could.
     pub fn new(shown: Shown, stopped: watch::Receiver<()>) -> Self {
-        let places = Arc::new(Semaphore::new(PAGES));
-        Self { shown, snapping: Arc::default(), places, stopped }
+        let (places, gate) = (Arc::new(Semaphore::new(PAGES)), Arc::default());
+        Self { shown, snapping: Arc::default(), places, stopped, gate }
+    }
+
+    /// To those only who pass.
+    fn behind(self, gate: Gate) -> Self {
+        Self { gate: Arc::new(gate), ..self }
     }
 }
 
 /// Everything that there is to ask for.
 pub fn routes(served: Served) -> Router {
-    Router::new()
+    let routes = Router::new()
         .route("/", get(page::index))
         .route("/page/{name}", get(page::asset))
-        .route("/v1/stream", get(stream::stream).layer(middleware::from_fn(stream::only_own_pages)))
-        .route("/v1/do", post(api::wish).layer(middleware::from_fn(stream::only_own_pages)))
+        .route("/v1/stream", get(stream::stream))
+        .route("/v1/do", post(api::wish))
         .route("/v1/measure", post(api::measure))
         .route("/v1/slices", post(api::slices))
         .route("/v1/account", get(api::account))
         .route("/v1/about", get(api::about))
         .route("/v1/pictures/{name}", get(api::picture))
         .route("/v1/openapi.json", get(api::description))
+        .route(gate::LOGIN, post(gate::login))
         .route("/status", get(status))
         .route("/metrics", get(prometheus))
         .route("/healthz", get(health))
-        .fallback(nothing)
-        .layer(middleware::map_response(guarded))
-        .layer(middleware::from_fn(hosts::only_loopback))
+        .fallback(nothing);
+    guarded(routes, served)
+}
+
+/// Routes behind the doors that whoever asks must pass. The last one here is the first that is come to.
+fn guarded(routes: Router<Served>, served: Served) -> Router {
+    routes
+        .layer(middleware::from_fn_with_state(served.clone(), gate::only_known))
+        .layer(middleware::from_fn(origin::only_own_pages))
+        .layer(middleware::from_fn_with_state(served.clone(), hosts::only_own_names))
+        .layer(DefaultBodyLimit::max(origin::MOST_BODY))
+        .layer(middleware::map_response(headed))
         .with_state(served)
 }
 
@@ -196,10 +224,10 @@ async fn status(State(served): State<Served>) -> Response {
     }
 }
 
-async fn prometheus(State(served): State<Served>) -> Response {
-    let latest = &served.shown.latest;
+async fn prometheus(State(Served { shown, gate, .. }): State<Served>) -> Response {
+    let latest = &shown.latest;
     let told = latest.told();
-    let text = metrics::text(&latest.statistics(&told));
+    let text = metrics::text(&latest.statistics(&told)) + &metrics::of_console(&gate.counts);
     ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text).into_response()
 }
 
@@ -220,10 +248,18 @@ async fn nothing() -> Response {
     (StatusCode::NOT_FOUND, "there is nothing here; ask for /, /status, /metrics or /healthz\n").into_response()
 }
 
-/// What holds for every answer: it is of this moment, and no browser guesses what it is.
-async fn guarded(mut response: Response) -> Response {
+/// What holds for every answer: it is of this moment, no browser guesses what it is, and no page of others shows it or has it as its own.
+async fn headed(mut response: Response) -> Response {
     let headers = response.headers_mut();
-    headers.insert(header::CACHE_CONTROL, header::HeaderValue::from_static("no-store"));
-    headers.insert(header::X_CONTENT_TYPE_OPTIONS, header::HeaderValue::from_static("nosniff"));
+    for (name, value) in [
+        (header::CACHE_CONTROL, "no-store"),
+        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (header::REFERRER_POLICY, "no-referrer"),
+        (header::HeaderName::from_static("cross-origin-resource-policy"), "same-origin"),
+        (header::HeaderName::from_static("cross-origin-opener-policy"), "same-origin"),
+    ] {
+        headers.insert(name, header::HeaderValue::from_static(value));
+    }
+    headers.entry(header::CONTENT_SECURITY_POLICY).or_insert(header::HeaderValue::from_static(page::NOTHING));
     response
 }

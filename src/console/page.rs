@@ -1,11 +1,14 @@
 //! The page, compiled in: no file, no download and no other server is needed for it.
 
 use axum::extract::Path;
-use axum::http::{HeaderName, HeaderValue, StatusCode, header};
+use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
 /// What the page may do: its own script and style, and its own connection; nothing from elsewhere, and nobody may frame it.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+
+/// The same for what is no page: it may do nothing.
+pub(super) const NOTHING: &str = "default-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
 /// A file of the page.
 struct Asset {
@@ -21,6 +24,7 @@ macro_rules! asset {
 }
 
 const INDEX: Asset = asset!("index.html", "text/html; charset=utf-8");
+const LOGIN: Asset = asset!("login.html", "text/html; charset=utf-8");
 const ASSETS: &[Asset] = &[
     asset!("account.js", "text/javascript; charset=utf-8"),
     asset!("banner.js", "text/javascript; charset=utf-8"),
@@ -30,6 +34,8 @@ const ASSETS: &[Asset] = &[
     asset!("hand.js", "text/javascript; charset=utf-8"),
     asset!("header.js", "text/javascript; charset=utf-8"),
     asset!("keys.js", "text/javascript; charset=utf-8"),
+    asset!("known.js", "text/javascript; charset=utf-8"),
+    asset!("login.js", "text/javascript; charset=utf-8"),
     asset!("main.js", "text/javascript; charset=utf-8"),
     asset!("measurements.js", "text/javascript; charset=utf-8"),
     asset!("picture.js", "text/javascript; charset=utf-8"),
@@ -45,6 +51,11 @@ pub(super) async fn index() -> Response {
     INDEX.response()
 }
 
+/// The page that asks for the token, instead of the page.
+pub(super) fn login() -> Response {
+    (StatusCode::UNAUTHORIZED, LOGIN.response()).into_response()
+}
+
 pub(super) async fn asset(Path(name): Path<String>) -> Response {
     match ASSETS.iter().find(|asset| asset.name == name) {
         Some(asset) => asset.response(),
@@ -57,7 +68,6 @@ impl Asset {
         let headers = [
             (header::CONTENT_TYPE, HeaderValue::from_static(self.kind)),
             (header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(POLICY)),
-            (HeaderName::from_static("referrer-policy"), HeaderValue::from_static("no-referrer")),
         ];
         (headers, self.text).into_response()
     }

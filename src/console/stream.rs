@@ -18,17 +18,16 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use axum::extract::State;
 use axum::extract::ws::{CloseFrame, Message, WebSocket, WebSocketUpgrade, close_code};
-use axum::extract::{Request, State};
-use axum::http::{StatusCode, header};
-use axum::middleware::Next;
+use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use tokio::sync::watch;
 use tokio::time::{Instant, MissedTickBehavior, interval, timeout};
 
 use super::screen::{Kind, Pixmap, Seat, Shot, now_ms};
 use super::wish::Wish;
-use super::{Served, told};
+use super::{Counts, Served, told};
 
 /// Pictures of a kind on their way to a page.
 const ON_THEIR_WAY: u32 = 2;
@@ -40,36 +39,36 @@ const OFTEN: Duration = Duration::from_millis(250);
 const SENDING: Duration = Duration::from_secs(5);
 /// Bytes of a message of a page.
 const MOST_BYTES: usize = 4096;
+/// A page is asked this often whether it is there, which its browser answers by itself, and has gone when it has said nothing for so long.
+const ASKED: Duration = Duration::from_secs(10);
+const SILENT: Duration = Duration::from_secs(30);
 /// Messages of a page in a second: a hand that drags makes 120, and pictures are answered.
 const MOST_MESSAGES: u32 = 400;
 
-/// Only pages of this very server may connect: a browser says whose page asks. Programs that are no browsers say nothing.
-pub(super) async fn only_own_pages(request: Request, next: Next) -> Response {
-    let headers = request.headers();
-    let of = |name| headers.get(name).map(|value: &header::HeaderValue| value.to_str().unwrap_or_default());
-    let own = match (of(header::ORIGIN), of(header::HOST)) {
-        (None, _) => true,
-        (Some(origin), Some(host)) => origin.split_once("://").is_some_and(|(_, own)| own.eq_ignore_ascii_case(host)),
-        (Some(_), None) => false,
-    };
-    if own {
-        return next.run(request).await;
-    }
-    (StatusCode::FORBIDDEN, "only this server's own pages may connect\n").into_response()
-}
-
 pub(super) async fn stream(State(served): State<Served>, upgrade: WebSocketUpgrade) -> Response {
     let Ok(place) = Arc::clone(&served.places).try_acquire_owned() else {
+        Counts::add(&served.gate.counts.pages_sent_away);
         let sentence = "as many pages look on as there are places; close one\n";
         return (StatusCode::SERVICE_UNAVAILABLE, sentence).into_response();
     };
     upgrade.max_message_size(MOST_BYTES).max_frame_size(MOST_BYTES).write_buffer_size(0).on_upgrade(
         async move |socket| {
-            let reason = Page::new(&served, socket).run(served.stopped.clone()).await;
-            tracing::debug!("a page has gone: {reason}");
+            let end = Page::new(&served, socket).run(served.stopped.clone()).await;
+            if let End::CutOff(_) = end {
+                Counts::add(&served.gate.counts.pages_cut_off);
+            }
+            tracing::debug!("a page has gone: {}", end.reason());
             drop(place);
         },
     )
+}
+
+/// Whether a text is something that a page can want.
+///
+/// # Errors
+/// Why it is not.
+pub fn understood(text: &str) -> Result<(), String> {
+    Wish::parse(text).map(drop)
 }
 
 /// What of a kind is on its way.
@@ -118,9 +117,28 @@ impl Channel {
     }
 }
 
+/// Why a page is served no longer.
+enum End {
+    /// By itself, or with the session.
+    Gone(&'static str),
+    /// By this server.
+    CutOff(&'static str),
+}
+
+impl End {
+    const TOOK_NOTHING: Self = Self::CutOff("it took nothing");
+
+    fn reason(&self) -> &'static str {
+        let (Self::Gone(reason) | Self::CutOff(reason)) = self;
+        reason
+    }
+}
+
 struct Page<'a> {
     served: &'a Served,
     socket: WebSocket,
+    /// When it said something last, if only that it is there.
+    heard: Instant,
     seat: Seat,
     channels: [Channel; 2],
     /// Messages in this second.
@@ -132,25 +150,28 @@ impl<'a> Page<'a> {
     fn new(served: &'a Served, socket: WebSocket) -> Self {
         let seat = served.shown.screen.enter();
         let channels = [Kind::Slice, Kind::View].map(|kind| Channel::new(kind, &seat));
-        Self { served, socket, seat, channels, messages: 0, second: Instant::now() }
+        let now = Instant::now();
+        Self { served, socket, heard: now, seat, channels, messages: 0, second: now }
     }
 
     /// Until the page is gone, or the server is; why.
-    async fn run(mut self, mut stopped: watch::Receiver<()>) -> &'static str {
+    async fn run(mut self, mut stopped: watch::Receiver<()>) -> End {
         let mut turns = self.seat.turns();
         let mut accounts = interval(OFTEN);
         accounts.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut questions = interval(ASKED);
+        questions.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut account = told::Teller::default();
         let mut about = told::about(self.served);
         if !self.say(about.clone()).await || !self.say(self.control()).await {
-            return "it took nothing";
+            return End::TOOK_NOTHING;
         }
         loop {
             let [slice, view] = &mut self.channels;
             let message = tokio::select! {
                 _ = stopped.changed() => {
                     self.leave(account.tell(self.served)).await;
-                    return "the session is over";
+                    return End::Gone("the session is over");
                 }
                 Ok(()) = turns.changed() => Out::Text(self.control()),
                 shot = slice.next() => Out::Shot(shot),
@@ -160,27 +181,34 @@ impl<'a> Page<'a> {
                     if newer != about {
                         about.clone_from(&newer);
                         if !self.say(newer).await {
-                            return "it took nothing";
+                            return End::TOOK_NOTHING;
                         }
                     }
                     Out::Text(account.tell(self.served))
+                }
+                _ = questions.tick() => {
+                    if self.heard.elapsed() >= SILENT {
+                        return End::CutOff("it fell silent");
+                    }
+                    Out::Question
                 }
                 came = self.socket.recv() => match came {
                     Some(Ok(message)) => match self.heard(message) {
                         Heard::Fine => continue,
                         Heard::Done(says) => Out::Text(serde_json::json!({ "done": says })),
                         Heard::Refused(why) => Out::Text(serde_json::json!({ "refused": why })),
-                        Heard::Over(why) => return why,
+                        Heard::Over(end) => return end,
                     },
-                    _ => return "it went away",
+                    _ => return End::Gone("it went away"),
                 },
             };
             let taken = match message {
                 Out::Text(value) => self.say(value).await,
                 Out::Shot(shot) => self.send(&shot).await,
+                Out::Question => self.hand(Message::Ping(Vec::new().into())).await,
             };
             if !taken {
-                return "it took nothing";
+                return End::TOOK_NOTHING;
             }
         }
     }
@@ -198,29 +226,33 @@ impl<'a> Page<'a> {
     }
 
     async fn say(&mut self, value: serde_json::Value) -> bool {
-        let message = Message::Text(value.to_string().into());
+        self.hand(Message::Text(value.to_string().into())).await
+    }
+
+    /// Whether it was taken.
+    async fn hand(&mut self, message: Message) -> bool {
         matches!(timeout(SENDING, self.socket.send(message)).await, Ok(Ok(())))
     }
 
     async fn send(&mut self, shot: &Shot) -> bool {
         let channel = &mut self.channels[shot.kind as usize - 1];
         (channel.sent, channel.last, channel.since) = (channel.sent + 1, shot.sequence, Instant::now());
-        let message = Message::Binary(packed(shot, now_ms()).into());
-        matches!(timeout(SENDING, self.socket.send(message)).await, Ok(Ok(())))
+        self.hand(Message::Binary(packed(shot, now_ms()).into())).await
     }
 
     fn heard(&mut self, message: Message) -> Heard {
+        self.heard = Instant::now();
         if self.second.elapsed() >= Duration::from_secs(1) {
             (self.messages, self.second) = (0, Instant::now());
         }
         self.messages += 1;
         if self.messages > MOST_MESSAGES {
-            return Heard::Over("it said too much");
+            return Heard::Over(End::CutOff("it said too much"));
         }
         let text = match message {
             Message::Text(text) => text,
             Message::Ping(_) | Message::Pong(_) => return Heard::Fine,
-            Message::Close(_) => return Heard::Over("it closed"),
+            Message::Close(_) => return Heard::Over(End::Gone("it closed")),
             Message::Binary(_) => return Heard::Refused("pages speak in text".into()),
         };
         let act = match Wish::parse(&text) {
@@ -263,13 +295,14 @@ impl<'a> Page<'a> {
 enum Out {
     Text(serde_json::Value),
     Shot(Arc<Shot>),
+    Question,
 }
 
 enum Heard {
     Fine,
     Done(String),
     Refused(String),
-    Over(&'static str),
+    Over(End),
 }
 
 /// A picture as a message.

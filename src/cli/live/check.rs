@@ -13,6 +13,7 @@ use super::device::{PATIENCE, Tried, try_out};
 use crate::cli::Failure;
 use crate::config::bedside::devices::{PROBE_FRAME, REFERENCE_FRAME, TRACKER_FRAME};
 use crate::config::bedside::{Bedside, Tracking, pixel_mm};
+use crate::console::Listen;
 use crate::devices;
 use crate::sync::Pairing;
 
@@ -385,6 +386,10 @@ fn of_status(bedside: &Bedside) -> Checked {
     checked.say(format!("http://{address}"));
     if let Err(error) = TcpListener::bind(address) {
         checked.wrong(format!("cannot be listened at: {error}; give another port by [status] listen"));
+    }
+    let listen = Listen { address, access: bedside.status.access.clone() };
+    if let Err(error) = listen.check() {
+        checked.wrong(error.to_string());
     }
     checked.numbers = json!({ "listen": address });
     checked

@@ -18,6 +18,7 @@ use super::viewers::Viewers;
 use crate::cli::igtl::Sharing;
 use crate::cli::{Failure, values};
 use crate::config::bedside::Bedside;
+use crate::console::Listen;
 use crate::desk::Desk;
 
 /// How a session goes.
@@ -32,8 +33,8 @@ pub(in crate::cli) struct Conduct {
     /// Goes on with a recorded session, as after a crash: its slices are in the volume first. The configuration must be the one that it was recorded by
     #[arg(long, value_name = "SESSION")]
     pub(in crate::cli) resume: Option<PathBuf>,
-    /// Shows the session to browsers on this machine: the page with its picture and its volume, and the status [default: the configuration's status.listen, or nowhere]
-    #[arg(long, value_name = "ADDR:PORT", value_parser = values::loopback)]
+    /// Shows the session to browsers: the page with its picture and its volume, and the status; beyond this machine with [status] certificate, key and token_file only [default: the configuration's status.listen, or nowhere]
+    #[arg(long, value_name = "ADDR:PORT", value_parser = values::address)]
     pub(in crate::cli) console: Option<SocketAddr>,
     /// A folder for what pages record, save and keep; it is made if it is not there [default: where the session is recorded, or nowhere]
     #[arg(long, value_name = "DIR")]
@@ -102,6 +103,7 @@ pub(in crate::cli) fn session(
     let reload = Reload::new(bedside)?;
     let standing = standing(bedside)?;
     let listen = conduct.console.or(bedside.status.listen);
+    let listen = listen.map(|address| Listen { address, access: bedside.status.access.clone() });
     let folder = conduct.record.as_ref().or(bedside.record.folder.as_ref());
     let desk = Arc::new(Desk::new(conduct.keep.as_ref().or(folder).cloned()));
     let telling = Telling::begin(bedside, listen, conduct.kind(), &desk)?;

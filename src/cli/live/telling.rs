@@ -1,12 +1,11 @@
 //! To whom a running session tells how it is: whoever asks over HTTP, and the service manager.
 
-use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use crate::cli::Failure;
 use crate::config::bedside::{Bedside, Realtime, pixel_mm};
-use crate::console::{About, Console, Latest, Screen, Shown};
+use crate::console::{About, Console, Latest, Listen, Screen, Shown};
 use crate::desk::Desk;
 use crate::measure::{Doubt, Slices};
 use crate::pipeline::live::{Account, Standing};
@@ -30,19 +29,19 @@ impl Telling {
     /// Before any device is opened.
     ///
     /// # Errors
-    /// [`Failure`] where the status was to be had is taken.
+    /// [`Failure`] where the status was to be had is taken, or others could ask for it who must not.
     pub(super) fn begin(
         bedside: &Bedside,
-        listen: Option<SocketAddr>,
+        listen: Option<Listen>,
         kind: &'static str,
         desk: &Arc<Desk>,
     ) -> Result<Self, Failure> {
         let latest = Arc::new(Latest::new(&bedside.effective));
-        let screen = listen.map(|_| Arc::new(Screen::default()));
+        let screen = listen.as_ref().map(|_| Arc::new(Screen::default()));
         let kernels = kernels(bedside);
         let slices = Arc::new(Slices::new(kernels.map(|[_, _, across]| across)));
-        let console = match (listen, &screen) {
-            (Some(address), Some(screen)) => {
+        let console = match (&listen, &screen) {
+            (Some(listen), Some(screen)) => {
                 let shown = Shown {
                     latest: Arc::clone(&latest),
                     screen: Arc::clone(screen),
@@ -51,7 +50,7 @@ impl Telling {
                     slices: Arc::clone(&slices),
                     about: Arc::new(about(bedside, kind)),
                 };
-                Some(Console::new(address, shown)?)
+                Some(Console::open(listen, shown)?)
             }
             _ => None,
         };
@@ -60,7 +59,7 @@ impl Telling {
 
     /// Where it is to be seen, if it is.
     pub(super) fn address(&self) -> Option<String> {
-        self.console.as_ref().map(|console| format!("http://{}/", console.address()))
+        self.console.as_ref().map(|console| console.url().to_owned())
     }
 
     /// What browsers see, where they may.

@@ -45,7 +45,7 @@ pub use reader::Effective;
 use reader::Reader;
 pub use rehearsal::Rehearsal;
 pub use remote::Remote;
-pub use session::{Pairing, Process, Realtime, Record, Scanner, Status};
+pub use session::{Access, Pairing, Process, Realtime, Record, Scanner, Status};
 pub use weave::{Picture, Volume};
 
 /// The value of `format`.

@@ -371,12 +371,34 @@ pub const SECTIONS: &[Section] = &[
     },
     Section {
         name: "status",
-        about: "What the session tells of itself",
-        keys: &[next(
-            "listen",
-            "\"127.0.0.1:PORT\" or \"[::1]:PORT\"",
-            "where the page, status and metrics are to be had over HTTP, on this machine only; nowhere without it",
-        )],
+        about: "What the session tells of itself, and to whom",
+        keys: &[
+            next(
+                "listen",
+                "\"ADDRESS:PORT\", such as \"127.0.0.1:9110\"",
+                "where the page, status and metrics are to be had; nowhere without it. An address that other machines reach wants certificate, key and token_file",
+            ),
+            next(
+                "certificate",
+                "a path, from this file's folder",
+                "the server's certificate, PEM, those between it and a known one behind it: it is then HTTPS; plain HTTP without it",
+            ),
+            next(
+                "key",
+                "a path, from this file's folder",
+                "the certificate's private key, PEM; only its owner and group may read it",
+            ),
+            next(
+                "token_file",
+                "a path, from this file's folder",
+                "a file of one line, 32 characters or more, which only its owner may read: whoever looks or asks must have it; nobody is asked for one without it",
+            ),
+            next(
+                "names",
+                "a list of names or addresses",
+                "what this machine is called beside the certificate's names and the addresses that it has itself; none without it",
+            ),
+        ],
     },
     Section {
         name: "process",

@@ -1,6 +1,6 @@
 //! The session: how frames find their poses, what is recorded, what is told.
 
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 
 use calibration::file::preset::{Preset, Ruler};
@@ -68,18 +68,58 @@ impl Record {
 }
 
 /// What the session tells of itself.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Status {
-    /// Where, on this machine only; nowhere for `None`.
+    /// Where; nowhere for `None`.
     pub listen: Option<SocketAddr>,
+    /// To whom.
+    pub access: Access,
+}
+
+/// Who may see the session in a browser, and by which names. Its files are read when the session begins, and are no part of what is recorded.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Access {
+    /// The server's certificate, and those between it and one that browsers know; PEM.
+    pub certificate: Option<PathBuf>,
+    /// Its private key, PEM.
+    pub key: Option<PathBuf>,
+    /// The file of the token that whoever asks must have.
+    pub token_file: Option<PathBuf>,
+    /// Names and addresses of this machine beside those of the certificate, in small letters.
+    pub names: Vec<String>,
 }
 
 impl Status {
     pub(super) fn read(mut keys: Reader<'_, '_>) -> Result<Self, FileError> {
-        let listen =
-            keys.value_if("listen", |entry| values::loopback(entry.text()?).map_err(|why| entry.error(why)))?;
-        Ok(Self { listen })
+        let listen = keys.value_if("listen", |entry| values::address(entry.text()?).map_err(|why| entry.error(why)))?;
+        let mut path = |key| keys.text_if(key).map(|told| told.map(|told| keys.path_of(&told)));
+        let [certificate, key, token_file] = [path("certificate")?, path("key")?, path("token_file")?];
+        let names = keys.value("names", Vec::new(), |entry| {
+            let items = entry.items("a list of names, such as [\"bedside-3.local\"]")?;
+            items
+                .iter()
+                .map(|item| item.text().and_then(|name| host_name(name).map_err(|why| item.error(why))))
+                .collect()
+        })?;
+        Ok(Self { listen, access: Access { certificate, key, token_file, names } })
     }
+}
+
+/// A machine's name or address, as browsers call it.
+fn host_name(text: &str) -> Result<String, String> {
+    let name = text.to_ascii_lowercase();
+    let is_name = name.len() <= 253
+        && name.split('.').all(|part| {
+            (1..=63).contains(&part.len())
+                && part.bytes().all(|b| b.is_ascii_alphanumeric() || matches!(b, b'-' | b'_'))
+        });
+    let is_address = name.parse::<IpAddr>().is_ok();
+    if is_name || is_address {
+        return Ok(name);
+    }
+    Err(format!(
+        "\"{text}\" is no machine's name; give it as browsers call it, without a port, such as \"bedside-3.local\""
+    ))
 }
 
 /// Real time, and memory that is not paged out.

@@ -1,6 +1,7 @@
 // The socket to the session: pictures and words come in, wishes go out, and when it breaks it is tried again.
 
 import { parse } from "./header.js";
+import { known } from "./known.js";
 
 // The code by which an end of a WebSocket says that it goes away (RFC 6455, 7.4.1).
 const GOES = 1001;
@@ -90,6 +91,8 @@ export class Stream {
     if (this.open) {
       this.lostAt = Date.now();
       this.gone = gone;
+    } else {
+      known();
     }
     this.open = false;
     const wait = WAITS[Math.min(this.#tries, WAITS.length - 1)];

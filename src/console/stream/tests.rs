@@ -7,6 +7,8 @@ use serde_json::{Value, json};
 use tungstenite::client::IntoClientRequest as _;
 use tungstenite::{Message, WebSocket};
 
+mod bad;
+
 use super::*;
 use crate::config::bedside::Effective;
 use crate::console::{About, Console, Latest, Screen, Shown};

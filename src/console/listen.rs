@@ -1,0 +1,187 @@
+//! Where the console is to be had, and by whom: what the configuration says of it, checked before a session begins.
+//!
+//! Other machines reach it by TLS only, and whoever asks must have a token.
+
+use std::fs::File;
+use std::io::Read as _;
+use std::net::SocketAddr;
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use rustls_pki_types::pem::PemObject as _;
+use rustls_pki_types::{CertificateDer, PrivateKeyDer};
+use tokio_rustls::TlsAcceptor;
+use tokio_rustls::rustls::{self, ServerConfig, crypto};
+
+use super::gate::Gate;
+use super::token::Token;
+use crate::config::bedside::Access;
+
+/// Bytes of a certificate's or a key's file.
+const MOST_BYTES: u64 = 1 << 20;
+
+/// Why nobody can be let in.
+#[derive(Debug, thiserror::Error)]
+pub enum AccessError {
+    /// Other machines reach it.
+    #[error(
+        "status.listen: {address} can be reached by other machines, and [status] has no {missing}: give {those}, as the README says under \"From other machines\", or listen at 127.0.0.1"
+    )]
+    Open {
+        /// As configured.
+        address: SocketAddr,
+        /// Keys that are missing, as a list.
+        missing: String,
+        /// It, or them.
+        those: &'static str,
+    },
+    /// A certificate without a key, or the other way round.
+    #[error("status.{has}: is no use without {lacks}; give both, or neither")]
+    Half {
+        /// The key that is given.
+        has: &'static str,
+        /// The other one.
+        lacks: &'static str,
+    },
+    /// A file that cannot be used.
+    #[error("status.{key}: {path}: {problem}")]
+    File {
+        /// The configuration's key.
+        key: &'static str,
+        /// As configured.
+        path: PathBuf,
+        /// What is the matter, and what to do.
+        problem: String,
+    },
+}
+
+/// Where it is to be had, and by whom.
+#[derive(Debug, Clone)]
+pub struct Listen {
+    /// The address; port 0 is any that is free.
+    pub address: SocketAddr,
+    /// Certificate, token and names.
+    pub access: Access,
+}
+
+impl From<SocketAddr> for Listen {
+    fn from(address: SocketAddr) -> Self {
+        Self { address, access: Access::default() }
+    }
+}
+
+/// What connections come in through.
+pub(super) struct Door {
+    pub(super) tls: Option<TlsAcceptor>,
+    token: Option<Token>,
+    names: Vec<String>,
+}
+
+impl Listen {
+    /// Whether it can be listened at like this. No address is taken for it.
+    ///
+    /// # Errors
+    /// [`AccessError`] for an address that others reach without what this needs, and for files that cannot be used.
+    pub fn check(&self) -> Result<(), AccessError> {
+        self.door().map(drop)
+    }
+
+    pub(super) fn door(&self) -> Result<Door, AccessError> {
+        let Access { certificate, key, token_file, names } = &self.access;
+        let given = [("certificate", certificate), ("key", key), ("token_file", token_file)];
+        if !self.address.ip().is_loopback() {
+            let missing: Vec<&str> = given.iter().filter(|(_, path)| path.is_none()).map(|(name, _)| *name).collect();
+            let those = if missing.len() == 1 { "it" } else { "them" };
+            if !missing.is_empty() {
+                let missing = match missing.as_slice() {
+                    [head @ .., last] if !head.is_empty() => format!("{} and no {last}", head.join(", no ")),
+                    _ => missing.concat(),
+                };
+                return Err(AccessError::Open { address: self.address, missing, those });
+            }
+        }
+        let mut names = names.clone();
+        let tls = match (certificate, key) {
+            (Some(certificate), Some(key)) => {
+                let (tls, own) = tls(certificate, key)?;
+                names.extend(own);
+                Some(tls)
+            }
+            (None, None) => None,
+            (Some(_), None) => return Err(AccessError::Half { has: "certificate", lacks: "key" }),
+            (None, Some(_)) => return Err(AccessError::Half { has: "key", lacks: "certificate" }),
+        };
+        let token = token_file.as_ref().map(|path| Token::read(path).map_err(|why| unfit("token_file", path, why)));
+        Ok(Door { tls, token: token.transpose()?, names })
+    }
+}
+
+impl Door {
+    /// Of a server that listens at this port.
+    pub(super) fn gate(&self, port: u16) -> Gate {
+        Gate::new(self.token.clone(), self.names.clone(), self.tls.is_some(), port)
+    }
+
+    /// What to call this machine, if it has a name.
+    pub(super) fn name(&self) -> Option<&str> {
+        self.names.iter().map(String::as_str).find(|name| !name.starts_with('*'))
+    }
+}
+
+fn unfit(key: &'static str, path: &Path, problem: impl Into<String>) -> AccessError {
+    AccessError::File { key, path: path.to_owned(), problem: problem.into() }
+}
+
+/// TLS by a certificate, and the names that it is of.
+fn tls(certificate: &Path, key: &Path) -> Result<(TlsAcceptor, Vec<String>), AccessError> {
+    let bad_certificate = |why: String| unfit("certificate", certificate, why);
+    let bad_key = |why: String| unfit("key", key, why);
+    let (text, _) = read(certificate).map_err(bad_certificate)?;
+    let chain = CertificateDer::pem_slice_iter(&text).collect::<Result<Vec<_>, _>>();
+    let chain = chain.map_err(|error| bad_certificate(format!("is no PEM: {error}")))?;
+    let Some(first) = chain.first() else {
+        return Err(bad_certificate(
+            "holds no certificate in PEM, which begins with -----BEGIN CERTIFICATE-----".into(),
+        ));
+    };
+    let own = webpki::EndEntityCert::try_from(first)
+        .map_err(|error| bad_certificate(format!("its first certificate cannot be read: {error}")))?;
+    let names: Vec<String> = own.valid_dns_names().map(str::to_ascii_lowercase).collect();
+
+    let (text, mode) = read(key).map_err(bad_key)?;
+    if mode & 0o007 != 0 {
+        let mode = mode & 0o777;
+        return Err(bad_key(format!(
+            "everybody may read or write it (mode {mode:o}): chmod o=, and a new key if somebody has read it"
+        )));
+    }
+    let secret = PrivateKeyDer::from_pem_slice(&text).map_err(|_| {
+        bad_key("holds no private key in PEM without a password, which begins with -----BEGIN PRIVATE KEY-----".into())
+    })?;
+    let mut config = ServerConfig::builder_with_provider(Arc::new(crypto::ring::default_provider()))
+        .with_safe_default_protocol_versions()
+        .and_then(|config| config.with_no_client_auth().with_single_cert(chain.clone(), secret))
+        .map_err(|error| match error {
+            rustls::Error::InconsistentKeys(_) => bad_key("is not the key of the certificate".into()),
+            other => bad_key(format!("certificate and key cannot be used: {other}")),
+        })?;
+    config.alpn_protocols = vec![b"http/1.1".to_vec()];
+    Ok((TlsAcceptor::from(Arc::new(config)), names))
+}
+
+/// A file's bytes and its mode.
+fn read(path: &Path) -> Result<(Vec<u8>, u32), String> {
+    let cannot = |error: std::io::Error| format!("cannot be read: {error}");
+    if !path.metadata().map_err(cannot)?.is_file() {
+        return Err("is no file".into());
+    }
+    let file = File::open(path).map_err(cannot)?;
+    let mode = file.metadata().map_err(cannot)?.permissions().mode();
+    let mut bytes = Vec::new();
+    file.take(MOST_BYTES + 1).read_to_end(&mut bytes).map_err(cannot)?;
+    if bytes.len() as u64 > MOST_BYTES {
+        return Err(format!("is longer than {MOST_BYTES} bytes"));
+    }
+    Ok((bytes, mode))
+}

@@ -1,0 +1,113 @@
+//! Who may make something happen: this server's own pages, and programs that are no browsers.
+//!
+//! A browser also asks in the name of pages of others, with whatever it knows its user by. It says so: in `Origin` whose page asks, in `Sec-Fetch-Site` whether that is the
+//! same. Whatever does more than read must come from nobody else: the page's own connection, and all methods but GET and HEAD. Their bodies are JSON, which no form of another's
+//! page can send, and small.
+
+use axum::RequestExt as _;
+use axum::extract::Request;
+use axum::http::{HeaderMap, HeaderName, Method, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+
+use super::server::Line;
+
+/// Bytes of a request's body.
+pub(super) const MOST_BODY: usize = 64 << 10;
+
+const FETCH_SITE: HeaderName = HeaderName::from_static("sec-fetch-site");
+
+/// Refuses what others' pages ask for, and bodies that are no JSON or too long.
+pub(super) async fn only_own_pages(request: Request, next: Next) -> Response {
+    let headers = request.headers();
+    let only_reads = matches!(*request.method(), Method::GET | Method::HEAD) && !headers.contains_key(header::UPGRADE);
+    if only_reads {
+        return next.run(request).await;
+    }
+    let secured = request.extensions().get::<Line>().is_some_and(|line| line.secured);
+    if !is_own(headers, secured) {
+        return (StatusCode::FORBIDDEN, "only this server's own pages may do this\n").into_response();
+    }
+    let length = text(headers, &header::CONTENT_LENGTH).map(|length| length.parse::<u64>());
+    let has_body = headers.contains_key(header::TRANSFER_ENCODING) || length.as_ref().is_some_and(|n| *n != Ok(0));
+    if length.is_some_and(|length| length.is_ok_and(|length| length > MOST_BODY as u64)) {
+        let sentence = format!("a request has {MOST_BODY} bytes at most\n");
+        return (StatusCode::PAYLOAD_TOO_LARGE, sentence).into_response();
+    }
+    if has_body && !text(headers, &header::CONTENT_TYPE).is_some_and(is_json) {
+        let sentence = "a request's body is JSON: say content-type: application/json\n";
+        return (StatusCode::UNSUPPORTED_MEDIA_TYPE, sentence).into_response();
+    }
+    next.run(request.with_limited_body()).await
+}
+
+/// Whether a request that says this of itself comes from a page of this server, or from no page.
+pub fn is_own(headers: &HeaderMap, secured: bool) -> bool {
+    // Told twice it is of two minds.
+    if [header::ORIGIN, header::HOST, FETCH_SITE].iter().any(|name| headers.get_all(name).iter().nth(1).is_some()) {
+        return false;
+    }
+    let same = match (text(headers, &header::ORIGIN), text(headers, &header::HOST)) {
+        (None, _) => true,
+        (Some(origin), Some(host)) => origin.split_once("://").is_some_and(|(scheme, own)| {
+            let scheme_is_fine = scheme == "https" || scheme == "http" && !secured;
+            scheme_is_fine && !own.is_empty() && own.eq_ignore_ascii_case(host)
+        }),
+        (Some(_), None) => false,
+    };
+    same && text(headers, &FETCH_SITE).is_none_or(|site| matches!(site, "same-origin" | "none"))
+}
+
+/// A header's text; one that is none is told as empty.
+fn text<'h>(headers: &'h HeaderMap, name: &HeaderName) -> Option<&'h str> {
+    headers.get(name).map(|value| value.to_str().unwrap_or_default())
+}
+
+/// Whether a content type is that of JSON, whatever is said behind it.
+pub fn is_json(kind: &str) -> bool {
+    kind.split(';').next().is_some_and(|kind| kind.trim().eq_ignore_ascii_case("application/json"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn says(pairs: &[(&'static str, &'static str)]) -> HeaderMap {
+        let mut headers = HeaderMap::new();
+        for (name, value) in pairs {
+            headers.append(*name, value.parse().unwrap());
+        }
+        headers
+    }
+
+    #[test]
+    fn own_pages_and_programs_are_told_from_pages_of_others() {
+        let host = ("host", "localhost:9110");
+        for own in [
+            &[host][..],
+            &[host, ("origin", "http://localhost:9110")],
+            &[host, ("origin", "https://LOCALHOST:9110"), ("sec-fetch-site", "same-origin")],
+            &[host, ("sec-fetch-site", "none")],
+        ] {
+            assert!(is_own(&says(own), false), "{own:?}");
+        }
+        for foreign in [
+            &[host, ("origin", "http://example.org")][..],
+            &[host, ("origin", "null")],
+            &[host, ("origin", "http://localhost")],
+            &[host, ("origin", "http://localhost:9111")],
+            &[host, ("origin", "ftp://localhost:9110")],
+            &[host, ("origin", "http://localhost:9110"), ("sec-fetch-site", "cross-site")],
+            &[host, ("sec-fetch-site", "same-site")],
+            &[host, ("origin", "http://localhost:9110"), ("origin", "http://example.org")],
+            &[("host", ""), ("origin", "http://")],
+            &[("origin", "http://localhost:9110")],
+        ] {
+            assert!(!is_own(&says(foreign), false), "{foreign:?}");
+        }
+        assert!(!is_own(&says(&[host, ("origin", "http://localhost:9110")]), true), "not by TLS, as this server is");
+        assert!(is_own(&says(&[host, ("origin", "https://localhost:9110")]), true));
+        assert!(is_json("application/json") && is_json("Application/JSON ; charset=utf-8"));
+        assert!(!is_json("text/plain") && !is_json("text/plain;application/json") && !is_json(""));
+    }
+}
