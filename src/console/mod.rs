@@ -11,9 +11,11 @@
 //! Handlers read the [`Latest`] account and what stages leave on the [`Screen`], so that no client, slow or stuck as it may be, is waited for by a stage. They work without a socket ([`routes`]);
 //! [`Console`] gives them one. Whoever asks must call this machine by a loopback name (`hosts`): a web page elsewhere, whose name was made to lead here, gets nothing.
 
+pub mod dress;
 mod hosts;
 mod metrics;
 mod page;
+pub mod planes;
 pub mod screen;
 mod server;
 pub mod sight;

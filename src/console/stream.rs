@@ -4,7 +4,7 @@
 //!
 //! | at | type | what |
 //! |---|---|---|
-//! | 0 | u8 | 1 the scanner's picture, 2 the volume's |
+//! | 0 | u8 | 1 the scanner's picture, 2 the volume's, 3 to 5 planes across the volume's z, y and x axis, 6 a free plane |
 //! | 1 | u8 | 0 grey, 1 red, green and blue; 8 bits each |
 //! | 2 | u16 | bit 0: a finer one follows; bit 1: when it was captured is not known |
 //! | 4, 8 | u32 | pixels to the right and down |
@@ -12,7 +12,7 @@
 //! | 16, 24 | f64 | when its frame was captured, and when it was sent, ms since the UNIX epoch |
 //! | 32 | u64 | its frame's number |
 //!
-//! Text messages are JSON. A page answers each picture when it has drawn it, and has two of a kind on their way at most: so one that is slow gets fewer, always the newest, and
+//! Text messages are JSON; before the picture of a plane comes `plane`, which has its kind and number and says where it lies. A page answers each picture when it has drawn it, and has two of a kind on their way at most: so one that is slow gets fewer, always the newest, and
 //! nothing piles up for it.
 
 use std::sync::Arc;
@@ -27,7 +27,9 @@ use serde::Deserialize;
 use tokio::sync::watch;
 use tokio::time::{Instant, MissedTickBehavior, interval, timeout};
 
-use super::screen::{Kind, Pixmap, Seat, Shot, now_ms};
+use super::dress::Choice;
+use super::planes::Move;
+use super::screen::{KINDS, Kind, Pixmap, Seat, Shot, now_ms};
 use super::sight::{From, Steer};
 use super::{Served, told};
 
@@ -77,13 +79,41 @@ pub(super) async fn stream(State(served): State<Served>, upgrade: WebSocketUpgra
 #[derive(Debug, Deserialize)]
 #[serde(tag = "do", rename_all = "lowercase", deny_unknown_fields)]
 enum Wish {
-    Show { slice: bool, view: bool },
+    Show {
+        slice: bool,
+        view: bool,
+        #[serde(default)]
+        planes: bool,
+    },
     Shown { kind: u8, sequence: u32 },
     Turn { right: f64, up: f64, clockwise: f64 },
     Zoom { by: f64 },
     Centre { at: [f64; 2] },
     Look { from: From },
+    /// All planes go through this point, world mm.
+    Cross { at: [f64; 3] },
+    /// Turns the free plane, degrees.
+    Tilt { right: f64, up: f64, clockwise: f64 },
+    /// The planes' greys.
+    Window { black: f64, white: f64 },
+    /// How the volume's picture looks: a preset or the configuration's transfer function, and points in the place of its opacities.
+    Transfer {
+        #[serde(default)]
+        preset: Option<String>,
+        #[serde(default)]
+        points: Option<Vec<[f64; 2]>>,
+    },
+    /// As at the beginning.
+    Reset { of: Reset },
     Control,
+}
+
+/// What is to be as at the beginning; the transfer function is where nothing is chosen of it.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Reset {
+    Planes,
+    Window,
 }
 
 /// What of a kind is on its way.
@@ -136,7 +166,7 @@ struct Page<'a> {
     served: &'a Served,
     socket: WebSocket,
     seat: Seat,
-    channels: [Channel; 2],
+    channels: [Channel; KINDS],
     /// Messages in this second.
     messages: u32,
     second: Instant,
@@ -145,7 +175,7 @@ struct Page<'a> {
 impl<'a> Page<'a> {
     fn new(served: &'a Served, socket: WebSocket) -> Self {
         let seat = served.screen.enter();
-        let channels = [Kind::Slice, Kind::View].map(|kind| Channel::new(kind, &seat));
+        let channels = Kind::ALL.map(|kind| Channel::new(kind, &seat));
         Self { served, socket, seat, channels, messages: 0, second: Instant::now() }
     }
 
@@ -156,11 +186,12 @@ impl<'a> Page<'a> {
         accounts.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut account = told::Teller::default();
         let mut about = told::about(self.served);
-        if !self.say(about.clone()).await || !self.say(self.control()).await {
+        let mut dressed = self.seat.dressed();
+        if !self.say(about.clone()).await || !self.say(self.control()).await || !self.say(self.dress()).await {
             return "it took nothing";
         }
         loop {
-            let [slice, view] = &mut self.channels;
+            let [slice, view, across_z, across_y, across_x, free] = &mut self.channels;
             let message = tokio::select! {
                 _ = stopped.changed() => {
                     self.leave(account.tell(self.served)).await;
@@ -169,6 +200,11 @@ impl<'a> Page<'a> {
                 Ok(()) = turns.changed() => Out::Text(self.control()),
                 shot = slice.next() => Out::Shot(shot),
                 shot = view.next() => Out::Shot(shot),
+                shot = across_z.next() => Out::Shot(shot),
+                shot = across_y.next() => Out::Shot(shot),
+                shot = across_x.next() => Out::Shot(shot),
+                shot = free.next() => Out::Shot(shot),
+                Ok(()) = dressed.changed() => Out::Text(self.dress()),
                 _ = accounts.tick() => {
                     let newer = told::about(self.served);
                     if newer != about {
@@ -210,12 +246,21 @@ impl<'a> Page<'a> {
         serde_json::json!({ "control": self.seat.steers() })
     }
 
+    fn dress(&self) -> serde_json::Value {
+        self.served.screen.told_dress()
+    }
+
     async fn say(&mut self, value: serde_json::Value) -> bool {
         let message = Message::Text(value.to_string().into());
         matches!(timeout(SENDING, self.socket.send(message)).await, Ok(Ok(())))
     }
 
     async fn send(&mut self, shot: &Shot) -> bool {
+        if let Some(words) = &shot.words
+            && !self.say(words.clone()).await
+        {
+            return false;
+        }
         let channel = &mut self.channels[shot.kind as usize - 1];
         (channel.sent, channel.last, channel.since) = (channel.sent + 1, shot.sequence, Instant::now());
         let message = Message::Binary(packed(shot, now_ms()).into());
@@ -237,8 +282,13 @@ impl<'a> Page<'a> {
             Message::Binary(_) => return Heard::Refused("pages speak in text".into()),
         };
         let steer = match serde_json::from_str(&text) {
-            Ok(Wish::Show { slice, view }) => {
-                for (channel, looks) in self.channels.iter_mut().zip([slice, view]) {
+            Ok(Wish::Show { slice, view, planes }) => {
+                for channel in &mut self.channels {
+                    let looks = match channel.kind {
+                        Kind::Slice => slice,
+                        Kind::View => view,
+                        _ => planes,
+                    };
                     self.seat.look(channel.kind, looks);
                     channel.looks = looks;
                 }
@@ -258,16 +308,28 @@ impl<'a> Page<'a> {
                 self.seat.take_over();
                 return Heard::Fine;
             }
+            Ok(Wish::Cross { at }) => return done(self.seat.move_planes(Move::Cross(at))),
+            Ok(Wish::Tilt { right, up, clockwise }) => {
+                return done(self.seat.move_planes(Move::Tilt { right, up, clockwise }));
+            }
+            Ok(Wish::Window { black, white }) => return done(self.seat.move_planes(Move::Window([black, white]))),
+            Ok(Wish::Reset { of: Reset::Planes }) => return done(self.seat.move_planes(Move::Home)),
+            Ok(Wish::Reset { of: Reset::Window }) => return done(self.seat.move_planes(Move::HomeWindow)),
+            Ok(Wish::Transfer { preset, points }) => return done(self.seat.choose(Choice { preset, points })),
             Ok(Wish::Turn { right, up, clockwise }) => Steer::Turn { right, up, clockwise },
             Ok(Wish::Zoom { by }) => Steer::Zoom(by),
             Ok(Wish::Centre { at }) => Steer::Centre(at),
             Ok(Wish::Look { from }) => Steer::Look(from),
             Err(error) => return Heard::Refused(format!("this is nothing that a page can want: {error}")),
         };
-        match self.seat.steer(steer) {
-            Ok(()) => Heard::Fine,
-            Err(why) => Heard::Refused(why),
-        }
+        done(self.seat.steer(steer))
+    }
+}
+
+fn done(result: Result<(), String>) -> Heard {
+    match result {
+        Ok(()) => Heard::Fine,
+        Err(why) => Heard::Refused(why),
     }
 }
 

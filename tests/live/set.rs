@@ -205,6 +205,7 @@ pub(crate) fn stages(wait_ns: i64, looks: Option<Arc<dyn Looks>>) -> Session {
         witnesses: Vec::new(),
         watch: None,
         readers: Vec::new(),
+        cutter: None,
     }
 }
 

@@ -21,7 +21,7 @@ use crate::cli::igtl::Sharing;
 use crate::cli::{Failure, values};
 use crate::config::bedside::Bedside;
 use crate::devices::{self, Devices};
-use crate::pipeline::live::{Bed, Equipment, Looks, Witness, run};
+use crate::pipeline::live::{Bed, Cutter, Equipment, Looks, Witness, run};
 
 /// Between two lines on the way.
 const SAID_EVERY: Duration = Duration::from_secs(2);
@@ -142,6 +142,7 @@ pub(in crate::cli) fn session(
     let looks = viewers.clone().map(|viewers| viewers as Arc<dyn Looks>);
     let (began, mut said) = (Instant::now(), Instant::now());
     let mut stages = stages(bedside, looks)?;
+    stages.cutter = screen.clone().map(|screen| screen as Arc<dyn Cutter>);
     stages.witnesses.extend(screen.map(|screen| screen as Arc<dyn Witness>));
     if let Some(shared) = &shared {
         shared.joins(&mut stages);

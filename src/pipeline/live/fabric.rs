@@ -8,6 +8,7 @@ use glam::DVec3;
 
 use super::picture::Drawn;
 use super::reach::Reach;
+use super::swatch::Changes;
 use super::seal::{self, Seal};
 use crate::pipeline::loom::Loom;
 use crate::pipeline::{PixelKind, Woven};
@@ -18,7 +19,7 @@ use crate::volume::brick::BrickIndex;
 use crate::volume::lattice::{Canonical, canonical, shift};
 
 /// Bricks that are noted one by one for who draws; of more, all are taken to have changed. Where nobody looks, or not for long, no more memory is taken than that.
-const NOTED: usize = 1 << 16;
+pub(super) const NOTED: usize = 1 << 16;
 
 /// What changed since somebody last asked, and what there is to see now.
 #[derive(Default)]
@@ -27,6 +28,8 @@ pub(super) struct News {
     pub(super) touched: Vec<BrickIndex>,
     /// Any brick may have changed.
     pub(super) all: bool,
+    /// The same for who looks at planes; `None` where nobody does, or not since the volume is this one.
+    pub(super) aside: Option<Changes>,
     /// Slices in the volume.
     pub(super) woven: u64,
     /// The slice that came last, and the rectangle of its data.
@@ -72,6 +75,9 @@ impl News {
             self.touched.extend_from_slice(&shifted);
         }
         let touched = &self.touched[from..];
+        if let Some(aside) = &mut self.aside {
+            aside.note(touched, woven.upgraded);
+        }
         match &mut self.reach {
             Some(reach) => drop(reach.widen(touched)),
             None => self.reach = Reach::around(touched),

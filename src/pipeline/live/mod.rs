@@ -23,6 +23,7 @@
 //! - `weave`, `fabric`: slices into the volume, and the lock that weaving and drawing share it by.
 //! - `picture`, `reach`: the picture, and the box it is of.
 //! - `reader`: who reads the volume while it grows.
+//! - `sections`, `swatch`: who looks at planes through it meanwhile, and the bricks that these are made of.
 //! - `decision`, `seal`: what is decided upon frames, and what came of it all, as the recording has it.
 //! - `recorder`: the session's file.
 //! - `replay`, `precedent`: a recorded session as what comes in, and what it is held against.
@@ -49,7 +50,9 @@ mod reader;
 mod recorder;
 mod replay;
 mod seal;
+mod sections;
 mod session;
+mod swatch;
 mod timing;
 mod walk;
 mod weave;
@@ -75,6 +78,7 @@ pub use reader::{Reader, Snapshot, Wants};
 pub use recorder::{Recording, Unwritten};
 pub use replay::Recorded;
 pub use seal::Seal;
+pub use sections::{Cut, CutWork, Cutter, Extent, Wanted};
 pub use session::{Bed, Equipment, Finished, Instrument, Order, Record, Session};
 pub use timing::{Quantiles, Spread};
 pub use walk::{Latencies, walk};
@@ -161,6 +165,9 @@ pub fn run(
         });
         for reader in &session.readers {
             spawn(scope, "reader", (&standing, Role::Usual), move || reader::run(shared, &**reader));
+        }
+        if let Some(cutter) = &session.cutter {
+            spawn(scope, "sections", (&standing, Role::Usual), move || sections::run(shared, &**cutter));
         }
         let weave =
             spawn(scope, "weave", (&standing, Role::Weaving), move || weave::run(shared, &posed, common, true, None));
@@ -296,6 +303,9 @@ impl Session {
             });
             for reader in self.readers.iter().filter(|_| is_last) {
                 spawn(scope, "reader", usual, move || reader::run(shared, &**reader));
+            }
+            if let Some(cutter) = self.cutter.as_ref().filter(|_| is_last) {
+                spawn(scope, "sections", usual, move || sections::run(shared, &**cutter));
             }
             let weave = spawn(scope, "weave", usual, move || weave::run(shared, &posed, common, is_last, pictured));
             let pair = spawn(scope, "pairing", usual, move || stage.run(&mut replay::FromRecording(delivered)));
