@@ -127,7 +127,12 @@ mod tests {
 
     fn ground() -> Ground {
         let range = [0.0, 255.0];
-        Ground { transfer: Transfer::preset("phantom", range.map(f64::from)).unwrap(), name: "phantom".into(), range, heeded: true }
+        Ground {
+            transfer: Transfer::preset("phantom", range.map(f64::from)).unwrap(),
+            name: "phantom".into(),
+            range,
+            heeded: true,
+        }
     }
 
     fn worn(dress: &Dress) -> Transfer {
@@ -150,7 +155,8 @@ mod tests {
         dress.choose(bone).unwrap();
         assert_eq!(dress.number(), number, "the same again is no change");
 
-        let curved = Choice { preset: Some("tissue".into()), points: Some(vec![[30.0, 0.0], [90.5, 0.25], [200.0, 1.0]]) };
+        let curved =
+            Choice { preset: Some("tissue".into()), points: Some(vec![[30.0, 0.0], [90.5, 0.25], [200.0, 1.0]]) };
         dress.choose(curved).unwrap();
         assert_ne!(dress.number(), number);
         let (tissue, transfer) = (Transfer::preset("tissue", [0.0, 255.0]).unwrap(), worn(&dress));

@@ -128,7 +128,9 @@ impl Planes {
         self.extent = Some(*extent);
         let looked_at = KINDS.iter().enumerate().filter(|(_, kind)| is_looked_at(**kind));
         let section = |number| self.plane(number, extent).cover(&extent.place, extent.voxel_mm, MOST_PX);
-        looked_at.filter_map(|(number, _)| Some(Wanted { number, section: section(number).ok()?, look: self.look })).collect()
+        looked_at
+            .filter_map(|(number, _)| Some(Wanted { number, section: section(number).ok()?, look: self.look }))
+            .collect()
     }
 
     /// There is no volume.
@@ -187,13 +189,23 @@ impl Planes {
         }
         let [low, high] = extent.place.world_bounds();
         let text = |at: DVec3| at.to_array().map(|x| format!("{x:.1}")).join(", ");
-        Err(format!("the point {} mm lies outside of the volume, which goes from {} to {} mm", text(at), text(low), text(high)))
+        Err(format!(
+            "the point {} mm lies outside of the volume, which goes from {} to {} mm",
+            text(at),
+            text(low),
+            text(high)
+        ))
     }
 
     /// What is told of a plane before its picture.
     pub(super) fn told(&self, cut: &Cut<'_>, sequence: u32) -> Value {
         let Cut { wanted, extent, sampled, slices, work, .. } = cut;
-        let [first, right, down] = [wanted.section.first, wanted.section.right, wanted.section.down].map(|v| v.to_array());
+        let [first, right, down] =
+            [wanted.section.first, wanted.section.right, wanted.section.down].map(|v| v.to_array());
+        let [low, high] = [extent.place.low, extent.place.high].map(|end| DVec3::from_array(end.map(|x| x as f64)));
+        let to_world = extent.place.world_from_lattice;
+        let edges =
+            [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| to_world.transform_vector3(axis * (high - low)).to_array());
         json!({ "plane": {
             "kind": KINDS[wanted.number] as u8,
             "sequence": sequence,
@@ -204,6 +216,7 @@ impl Planes {
             "mm_per_px": wanted.section.mm_per_px(),
             "voxel_mm": extent.voxel_mm,
             "slices": slices,
+            "volume": { "corner": to_world.transform_point3(low).to_array(), "edges": edges },
             "turn": self.turn,
             "cross": self.cross(extent).to_array(),
             "home": self.cross.is_none() && self.free.is_none(),
@@ -271,7 +284,8 @@ mod tests {
 
     fn extent() -> Extent {
         let turn = DQuat::from_scaled_axis(DVec3::new(0.2, 0.5, -0.4));
-        let affine = DAffine3::from_scale_rotation_translation(DVec3::new(0.5, 0.5, 0.8), turn, DVec3::new(30.0, -4.0, 9.0));
+        let affine =
+            DAffine3::from_scale_rotation_translation(DVec3::new(0.5, 0.5, 0.8), turn, DVec3::new(30.0, -4.0, 9.0));
         let place = Box3::new(Transform::from_affine(affine), [[-32, 0, 64], [127, 95, 127]]);
         Extent { place, voxel_mm: 0.5, grey_levels: [0.0, 255.0] }
     }
@@ -329,7 +343,9 @@ mod tests {
         }
         let Wanted { section, .. } = all(&mut planes)[3];
         assert!(section.right.dot(section.down).abs() < 1e-12);
-        assert!((section.first - extent().place.middle()).dot(section.right.cross(section.down).normalize()).abs() < 1e-5);
+        assert!(
+            (section.first - extent().place.middle()).dot(section.right.cross(section.down).normalize()).abs() < 1e-5
+        );
         planes.steer(Move::Home).unwrap();
         // With the clock by a quarter: what was up is to the right, so that down in the picture is what was to the right.
         let [_, _, _, home] = all(&mut planes)[..] else { panic!("four") };
@@ -343,7 +359,9 @@ mod tests {
     fn what_cannot_be_is_refused_with_a_sentence_and_changes_nothing() {
         let mut planes = Planes::default();
         assert!(planes.steer(Move::Cross([0.0; 3])).unwrap_err().contains("no volume yet"));
-        assert!(planes.steer(Move::Tilt { right: 1.0, up: 0.0, clockwise: 0.0 }).unwrap_err().contains("no volume yet"));
+        assert!(
+            planes.steer(Move::Tilt { right: 1.0, up: 0.0, clockwise: 0.0 }).unwrap_err().contains("no volume yet")
+        );
         let before = all(&mut planes);
         for (what, says) in [
             (Move::Cross([1e9, 0.0, 0.0]), "outside of the volume, which goes from"),
@@ -370,14 +388,18 @@ mod tests {
     #[test]
     fn seen_black_is_black_unseen_is_hatched_blue_and_a_window_is_another_look_alone() {
         let seen = |value| Sampled { value, weight: 1.0, share: 1.0 };
-        let sampled: Vec<Sampled> = (0..40).map(|n| if n % 2 == 0 { seen(n as f32) } else { Sampled::UNSEEN }).collect();
+        let sampled: Vec<Sampled> =
+            (0..40).map(|n| if n % 2 == 0 { seen(n as f32) } else { Sampled::UNSEEN }).collect();
         let colours = |window| match coloured(&sampled, 10, window) {
             Pixmap::Colour(pixels) => pixels.to_vec(),
             Pixmap::Grey(_) => panic!("colours"),
         };
         let pixels = colours([10.0, 30.0]);
         let pixel = |n: usize| [pixels[3 * n], pixels[3 * n + 1], pixels[3 * n + 2]];
-        assert_eq!([pixel(0), pixel(10), pixel(20), pixel(30), pixel(38)], [[0; 3], [0; 3], [128; 3], [255; 3], [255; 3]]);
+        assert_eq!(
+            [pixel(0), pixel(10), pixel(20), pixel(30), pixel(38)],
+            [[0; 3], [0; 3], [128; 3], [255; 3], [255; 3]]
+        );
         for n in (1..40).step_by(2) {
             let [r, g, b] = pixel(n);
             assert!(b > g && g > r && r > 0, "{n}: blue, and not black");
@@ -398,9 +420,20 @@ mod tests {
         assert_eq!(planes.window(), [20.0, 80.0], "what somebody has chosen holds");
         planes.steer(Move::HomeWindow).unwrap();
         assert_eq!(planes.window(), [0.0, 200.0]);
-        let cut = Cut { wanted: after[3], extent: extent(), sampled: &sampled, slices: 5, item: 6, captured_ns: None, work: CutWork::default() };
+        let cut = Cut {
+            wanted: after[3],
+            extent: extent(),
+            sampled: &sampled,
+            slices: 5,
+            item: 6,
+            captured_ns: None,
+            work: CutWork::default(),
+        };
         let told = planes.told(&cut, 9);
-        assert_eq!((&told["plane"]["kind"], &told["plane"]["sequence"], &told["plane"]["slices"]), (&json!(6), &json!(9), &json!(5)));
+        assert_eq!(
+            (&told["plane"]["kind"], &told["plane"]["sequence"], &told["plane"]["slices"]),
+            (&json!(6), &json!(9), &json!(5))
+        );
         assert_eq!(told["plane"]["window"], json!([0.0, 200.0]));
     }
 }

@@ -263,7 +263,8 @@ impl Cutter for Screen {
         self.planes().without();
         for kind in planes::KINDS.into_iter().filter(|kind| self.is_looked_at(*kind)) {
             let pixel = Pixmap::Colour(planes::unseen(0, 0).into());
-            let words = |sequence| serde_json::json!({ "plane": { "kind": kind as u8, "sequence": sequence, "none": why } });
+            let words =
+                |sequence| serde_json::json!({ "plane": { "kind": kind as u8, "sequence": sequence, "none": why } });
             self.show(kind, [1, 1], pixel, (0, None), false, |sequence| Some(words(sequence)));
         }
     }

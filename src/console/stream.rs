@@ -85,17 +85,39 @@ enum Wish {
         #[serde(default)]
         planes: bool,
     },
-    Shown { kind: u8, sequence: u32 },
-    Turn { right: f64, up: f64, clockwise: f64 },
-    Zoom { by: f64 },
-    Centre { at: [f64; 2] },
-    Look { from: From },
+    Shown {
+        kind: u8,
+        sequence: u32,
+    },
+    Turn {
+        right: f64,
+        up: f64,
+        clockwise: f64,
+    },
+    Zoom {
+        by: f64,
+    },
+    Centre {
+        at: [f64; 2],
+    },
+    Look {
+        from: From,
+    },
     /// All planes go through this point, world mm.
-    Cross { at: [f64; 3] },
+    Cross {
+        at: [f64; 3],
+    },
     /// Turns the free plane, degrees.
-    Tilt { right: f64, up: f64, clockwise: f64 },
+    Tilt {
+        right: f64,
+        up: f64,
+        clockwise: f64,
+    },
     /// The planes' greys.
-    Window { black: f64, white: f64 },
+    Window {
+        black: f64,
+        white: f64,
+    },
     /// How the volume's picture looks: a preset or the configuration's transfer function, and points in the place of its opacities.
     Transfer {
         #[serde(default)]
@@ -104,7 +126,9 @@ enum Wish {
         points: Option<Vec<[f64; 2]>>,
     },
     /// As at the beginning.
-    Reset { of: Reset },
+    Reset {
+        of: Reset,
+    },
     Control,
 }
 

@@ -8,8 +8,8 @@ use crate::config::bedside::Picture;
 use crate::console::Screen;
 use crate::console::dress::Ground;
 use crate::pipeline::live::{Drawn, First, Looks};
-use crate::render::{Mode, RenderSettings};
 use crate::render::camera::View;
+use crate::render::{Mode, RenderSettings};
 
 /// Settings that may change, and those who look by them.
 pub(super) struct Viewers {

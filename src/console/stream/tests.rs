@@ -13,6 +13,8 @@ use crate::console::{About, Console, Latest, Screen};
 use crate::pipeline::live::{Account, Glimpsed, Unwritten, Witness as _, Written};
 use crate::slice::{Image, Pixels};
 
+mod planes;
+
 struct Session {
     console: Console,
     screen: Arc<Screen>,

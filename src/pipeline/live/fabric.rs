@@ -8,8 +8,8 @@ use glam::DVec3;
 
 use super::picture::Drawn;
 use super::reach::Reach;
-use super::swatch::Changes;
 use super::seal::{self, Seal};
+use super::swatch::Changes;
 use crate::pipeline::loom::Loom;
 use crate::pipeline::{PixelKind, Woven};
 use crate::slice::Slice;

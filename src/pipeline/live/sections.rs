@@ -228,8 +228,6 @@ impl Table {
         let wanted = cutter.wants(&extent);
         let sheets: Vec<Sheet> = wanted.iter().map(|wanted| Sheet::new(&wanted.section, &extent.place)).collect();
         let moved: Vec<bool> = wanted.iter().map(|wanted| self.is_moved(wanted) || changes.all).collect();
-        let hit = |sheet: &Sheet| changes.bricks.iter().any(|brick| sheet.meets(*brick));
-        let stale: Vec<bool> = sheets.iter().zip(&moved).map(|(sheet, moved)| *moved || hit(sheet)).collect();
         self.shown.retain(|number, _| wanted.iter().any(|wanted| wanted.number == *number));
         if moved.contains(&true) {
             self.swatch.keep(&sheets);
@@ -242,8 +240,18 @@ impl Table {
         }
         self.read(shared, &begun, &fresh);
         self.nothing.clear();
-        for (wanted, stale) in wanted.into_iter().zip(stale) {
-            if self.renew(wanted, &extent, stale) {
+        for ((wanted, sheet), moved) in wanted.into_iter().zip(sheets).zip(moved) {
+            let hit: Vec<_> = match moved {
+                true => Vec::new(),
+                false => changes
+                    .bricks
+                    .iter()
+                    .filter(|brick| sheet.meets(**brick))
+                    .filter_map(|brick| sheet.pixels(*brick))
+                    .collect(),
+            };
+            let is_other = if moved { self.sample(wanted, &extent) } else { self.renew(wanted, &extent, &hit) };
+            if is_other {
                 self.work.shown += 1;
                 let Some(Shown { sampled, .. }) = self.shown.get(&wanted.number) else { continue };
                 let Glance { slices, item, captured_ns, .. } = glance;
@@ -260,7 +268,8 @@ impl Table {
 
     /// The bricks that are to be read, each once.
     fn fresh(&self, changes: &Changes, sheets: &[Sheet], moved: &[bool]) -> Vec<BrickIndex> {
-        let missing = |brick: &&BrickIndex| !self.swatch.has(**brick) && sheets.iter().any(|sheet| sheet.meets(**brick));
+        let missing =
+            |brick: &&BrickIndex| !self.swatch.has(**brick) && sheets.iter().any(|sheet| sheet.meets(**brick));
         match moved.contains(&true) {
             true => self.known.iter().filter(missing).copied().collect(),
             false => changes.bricks.iter().filter(missing).copied().collect(),
@@ -284,23 +293,30 @@ impl Table {
         }
     }
 
-    /// A plane as it is wanted; whether that is another picture than was shown.
-    fn renew(&mut self, wanted: Wanted, extent: &Extent, stale: bool) -> bool {
-        let before = self.shown.remove(&wanted.number);
-        let (sampled, is_other) = match before {
-            Some(before) if !stale => {
-                let is_other = before.wanted.look != wanted.look;
-                (before.sampled, is_other)
-            }
-            before => {
-                self.work.planes += 1;
-                let planar = Planar { volume: &self.swatch, place: extent.place, pool: None };
-                let (sampled, _) = planar.sample(&wanted.section);
-                let is_same = before.is_some_and(|before| before.wanted == wanted && before.sampled == sampled);
-                (sampled, !is_same)
-            }
-        };
-        self.shown.insert(wanted.number, Shown { wanted, sampled });
+    /// Samples a plane that lies elsewhere; whether that is another picture than was shown.
+    fn sample(&mut self, wanted: Wanted, extent: &Extent) -> bool {
+        self.work.planes += 1;
+        let planar = Planar { volume: &self.swatch, place: extent.place, pool: None };
+        let (sampled, _) = planar.sample(&wanted.section);
+        let before = self.shown.insert(wanted.number, Shown { wanted, sampled });
+        let now = self.shown.get(&wanted.number);
+        before.zip(now).is_none_or(|(before, now)| before.wanted != wanted || before.sampled != now.sampled)
+    }
+
+    /// Samples again what has changed of one that lies where it lay; whether that is another picture than was shown.
+    fn renew(&mut self, wanted: Wanted, extent: &Extent, hit: &[[[u32; 2]; 2]]) -> bool {
+        let area = |[low, high]: &[[u32; 2]; 2]| u64::from(high[0] - low[0] + 1) * u64::from(high[1] - low[1] + 1);
+        if hit.iter().map(area).sum::<u64>() > wanted.section.pixels() as u64 {
+            return self.sample(wanted, extent);
+        }
+        let Some(shown) = self.shown.get_mut(&wanted.number) else { return false };
+        let mut is_other = shown.wanted.look != wanted.look;
+        shown.wanted = wanted;
+        self.work.planes += u64::from(!hit.is_empty());
+        let planar = Planar { volume: &self.swatch, place: extent.place, pool: None };
+        for pixels in hit {
+            is_other |= planar.sample_again(&wanted.section, *pixels, &mut shown.sampled);
+        }
         is_other
     }
 }
@@ -317,6 +333,9 @@ fn extent(begun: &Begun, [low, high]: [[i64; 3]; 2]) -> Extent {
     let last = high.map(|high| (high.div_euclid(STEP) + 1) * STEP * edge - 1);
     let place = Box3::new(begun.lattice.world_from_lattice, [first, last]);
     let matrix = place.world_from_lattice.matrix3;
-    let voxel_mm = [matrix.x_axis, matrix.y_axis, matrix.z_axis].map(|axis| axis.length()).into_iter().fold(f64::INFINITY, f64::min);
+    let voxel_mm = [matrix.x_axis, matrix.y_axis, matrix.z_axis]
+        .map(|axis| axis.length())
+        .into_iter()
+        .fold(f64::INFINITY, f64::min);
     Extent { place, voxel_mm, grey_levels: begun.pixels.grey_levels() }
 }

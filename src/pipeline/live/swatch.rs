@@ -20,11 +20,15 @@ pub(super) struct Changes {
 impl Changes {
     /// Takes note of a slice's. Who asks seldom is told that all may have changed, so that no memory is taken without end.
     pub(super) fn note(&mut self, touched: &[BrickIndex], all: bool) {
-        self.all |= all || self.bricks.len() + touched.len() > NOTED;
+        self.bricks.extend_from_slice(touched);
+        if self.bricks.len() > NOTED {
+            self.bricks.sort_unstable();
+            self.bricks.dedup();
+            self.all |= self.bricks.len() > NOTED / 2;
+        }
+        self.all |= all;
         if self.all {
             self.bricks.clear();
-        } else {
-            self.bricks.extend_from_slice(touched);
         }
     }
 }
@@ -118,6 +122,11 @@ pub(super) type Known = FxHashSet<BrickIndex>;
 /// A plane on the lattice: which bricks a picture of it is made of.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sheet {
+    /// From voxels to the section's pixels, and how far a brick goes in these to the right and down.
+    pixel: [(DVec3, f64); 2],
+    span: [f64; 2],
+    size: [u32; 2],
+    /// The plane: places by their voxels, of which this is the offset along the normal.
     normal: DVec3,
     offset: f64,
     /// Half of what a brick takes up across the plane, with the voxels that are interpolated with its own.
@@ -132,14 +141,42 @@ impl Sheet {
         let offset = normal.dot(lattice_from_world.transform_point3(section.first));
         // A voxel has a say up to one voxel away from its centre; a little more, so that rounding loses none.
         let half = 0.5 * (EDGE as f64 - 1.0) + 1.0 + 1e-6;
-        Self { normal, offset, reach: half * normal.abs().element_sum() }
+        // A pixel's number is a linear function of the world's place, and that of the voxel's.
+        let world_from_lattice = place.world_from_lattice;
+        let pixel = [section.right, section.down].map(|axis| {
+            let per_mm = axis / axis.length_squared();
+            let along = world_from_lattice.matrix3.transpose() * per_mm;
+            (along, per_mm.dot(world_from_lattice.translation - section.first))
+        });
+        let span = pixel.map(|(along, _)| half * along.abs().element_sum());
+        Self { pixel, span, size: section.size, normal, offset, reach: half * normal.abs().element_sum() }
+    }
+
+    /// The first and the last pixel in which a voxel of the brick can have a say, both inclusive; `None` where that is none.
+    pub(super) fn pixels(&self, brick: BrickIndex) -> Option<[[u32; 2]; 2]> {
+        let middle = middle(brick);
+        let mut pixels = [[0; 2]; 2];
+        for (k, (along, offset)) in self.pixel.into_iter().enumerate() {
+            let at = along.dot(middle) + offset;
+            let (low, high) = ((at - self.span[k]).floor(), (at + self.span[k]).ceil());
+            if high < 0.0 || low > f64::from(self.size[k] - 1) {
+                return None;
+            }
+            // Within the picture, by what was just asked.
+            (pixels[0][k], pixels[1][k]) = (low.max(0.0) as u32, high.min(f64::from(self.size[k] - 1)) as u32);
+        }
+        Some(pixels)
     }
 
     /// Whether a voxel of the brick can have a say in the picture.
     pub(super) fn meets(&self, brick: BrickIndex) -> bool {
-        let middle = DVec3::from_array(brick.map(|b| f64::from(b) * EDGE as f64 + 0.5 * (EDGE as f64 - 1.0)));
-        (self.normal.dot(middle) - self.offset).abs() <= self.reach
+        (self.normal.dot(middle(brick)) - self.offset).abs() <= self.reach
     }
+}
+
+/// The middle of a brick, by the voxels' indices.
+fn middle(brick: BrickIndex) -> DVec3 {
+    DVec3::from_array(brick.map(|b| f64::from(b) * EDGE as f64 + 0.5 * (EDGE as f64 - 1.0)))
 }
 
 #[cfg(test)]
@@ -155,11 +192,14 @@ mod tests {
         let mut changes = Changes::default();
         changes.note(&[[1, 2, 3]], false);
         assert_eq!((changes.bricks.as_slice(), changes.all), ([[1, 2, 3]].as_slice(), false));
-        let slice: Vec<BrickIndex> = (0..500).map(|x| [x, 0, 0]).collect();
-        (0..1000).for_each(|_| changes.note(&slice, false));
-        assert!(changes.all && changes.bricks.capacity() <= 2 * NOTED);
+        let slice = |z| (0..500).map(|x| [x, 0, z]).collect::<Vec<BrickIndex>>();
+        // The same again and again is the same.
+        (0..1000).for_each(|_| changes.note(&slice(0), false));
+        assert!(!changes.all && changes.bricks.len() <= NOTED);
+        (0..1000).for_each(|z| changes.note(&slice(z), false));
+        assert!(changes.all && changes.bricks.is_empty() && changes.bricks.capacity() <= 2 * NOTED + 1000);
         let mut changes = Changes::default();
-        changes.note(&slice, true);
+        changes.note(&slice(0), true);
         assert!(changes.all);
     }
 
@@ -206,7 +246,17 @@ mod tests {
             let middle = brick_of(at).unwrap();
             assert!(swatch.has(middle));
             swatch.remove(middle);
-            assert!(Planar { volume: &swatch, place, pool: None }.sample(&section).0 != whole);
+            let (mut without, _) = Planar { volume: &swatch, place, pool: None }.sample(&section);
+            assert!(without != whole);
+            // And is whole again where its pixels are sampled again.
+            swatch.put(middle, Leaf::of(&volume, middle));
+            let planar = Planar { volume: &swatch, place, pool: None };
+            let pixels = sheet.pixels(middle).unwrap();
+            assert!(planar.sample_again(&section, pixels, &mut without) && without == whole);
+            assert!(!planar.sample_again(&section, pixels, &mut without), "the same again is no other one");
+            let [low, high] = pixels;
+            assert!((0..2).all(|k| high[k] - low[k] < 70), "no more than about it: {pixels:?}");
+            assert_eq!(sheet.pixels([4000, 4000, 4000]), None);
         }
     }
 }
