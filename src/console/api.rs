@@ -95,7 +95,11 @@ pub(super) async fn picture(State(served): State<Served>, Path(name): Path<Strin
     let kind = match name.as_str() {
         "slice.png" => Kind::Slice,
         "view.png" => Kind::View,
-        _ => return refused(StatusCode::NOT_FOUND, "there are slice.png and view.png"),
+        "across-z.png" => Kind::AcrossZ,
+        "across-y.png" => Kind::AcrossY,
+        "across-x.png" => Kind::AcrossX,
+        "free.png" => Kind::Free,
+        _ => return refused(StatusCode::NOT_FOUND, "there are slice, view, across-z, across-y, across-x and free.png"),
     };
     let mut glance = served.shown.screen.glance(kind);
     // One that was made before may be long past.

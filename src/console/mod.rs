@@ -22,12 +22,14 @@
 mod api;
 mod counts;
 mod crowd;
+pub mod dress;
 mod gate;
 pub mod hosts;
 mod listen;
 mod metrics;
 pub mod origin;
 mod page;
+pub mod planes;
 pub mod screen;
 mod server;
 pub mod sight;

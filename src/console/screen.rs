@@ -10,8 +10,11 @@ use std::time::{Duration, SystemTime};
 use rustix::time::{ClockId, clock_gettime};
 use tokio::sync::watch;
 
+use super::dress::{Choice, Dress, Ground};
+use super::planes::{self, Move, Planes};
 use super::sight::{Sight, Steer};
-use crate::pipeline::live::{Drawn, Glimpsed, Witness};
+use crate::pipeline::live::{Cut, Cutter, Drawn, Extent, Glimpsed, Wanted, Witness};
+use crate::render::RenderSettings;
 use crate::render::camera::View;
 use crate::slice::Pixels;
 
@@ -28,7 +31,24 @@ pub enum Kind {
     Slice = 1,
     /// The volume.
     View = 2,
+    /// The plane through the volume across its z axis,
+    AcrossZ = 3,
+    /// across its y axis,
+    AcrossY = 4,
+    /// across its x axis,
+    AcrossX = 5,
+    /// and the one that is turned freely.
+    Free = 6,
 }
+
+impl Kind {
+    /// All, in the order of their numbers.
+    pub(super) const ALL: [Self; KINDS] =
+        [Self::Slice, Self::View, Self::AcrossZ, Self::AcrossY, Self::AcrossX, Self::Free];
+}
+
+/// Kinds of pictures.
+pub(super) const KINDS: usize = 6;
 
 /// Grey or colour, 8 bits.
 #[derive(Debug, Clone)]
@@ -56,6 +76,8 @@ pub struct Shot {
     pub captured_ms: Option<f64>,
     /// Whether a finer one follows.
     pub refining: bool,
+    /// What is told before it.
+    pub words: Option<serde_json::Value>,
 }
 
 /// Who looks, and who steers.
@@ -69,10 +91,14 @@ struct Audience {
 /// The newest pictures.
 #[derive(Debug)]
 pub struct Screen {
-    shots: [watch::Sender<Option<Arc<Shot>>>; 2],
-    looked_at: [AtomicU32; 2],
-    made: [AtomicU32; 2],
+    shots: [watch::Sender<Option<Arc<Shot>>>; KINDS],
+    looked_at: [AtomicU32; KINDS],
+    made: [AtomicU32; KINDS],
     sight: Mutex<Sight>,
+    planes: Mutex<Planes>,
+    dress: Mutex<Dress>,
+    /// Changes whenever the volume's picture looks otherwise.
+    dressed: watch::Sender<u64>,
     audience: Mutex<Audience>,
     /// Changes whenever somebody else steers.
     turns: watch::Sender<u64>,
@@ -80,12 +106,14 @@ pub struct Screen {
 
 impl Default for Screen {
     fn default() -> Self {
-        let shot = || watch::Sender::new(None);
         Self {
-            shots: [shot(), shot()],
+            shots: Kind::ALL.map(|_| watch::Sender::new(None)),
             looked_at: Default::default(),
             made: Default::default(),
             sight: Mutex::default(),
+            planes: Mutex::default(),
+            dress: Mutex::default(),
+            dressed: watch::Sender::new(0),
             audience: Mutex::default(),
             turns: watch::Sender::new(0),
         }
@@ -122,7 +150,30 @@ impl Screen {
         let picture = drawn.renderer.picture();
         let pixels = Pixmap::Colour(picture.over(background).into());
         let Drawn { item, captured_ns, refining, .. } = *drawn;
-        self.show(Kind::View, picture.size, pixels, item, captured_ns.map(unix_ms), refining);
+        self.show(Kind::View, picture.size, pixels, (item, captured_ns.map(unix_ms)), refining, |_| None);
+    }
+
+    /// The configuration's look.
+    pub fn ground(&self, ground: Ground) {
+        self.planes().usual(ground.range);
+        if self.dress().ground(ground) {
+            self.dressed.send_modify(|changes| *changes += 1);
+        }
+    }
+
+    /// A number that is another one whenever pictures of the volume are to look otherwise; 0 as configured.
+    pub fn dressing(&self) -> u64 {
+        self.dress().number()
+    }
+
+    /// Lets pictures of the volume look as somebody who steers wants them to.
+    pub fn put_on(&self, settings: &mut RenderSettings) {
+        self.dress().put_on(settings);
+    }
+
+    /// How pictures of the volume look, to a page.
+    pub(super) fn told_dress(&self) -> serde_json::Value {
+        self.dress().told()
     }
 
     /// Pictures of a kind that were made for browsers.
@@ -136,6 +187,24 @@ impl Screen {
     /// A sentence for what cannot be; the view stays.
     pub(super) fn steer(&self, steer: Steer) -> Result<(), String> {
         self.sight().steer(steer)
+    }
+
+    /// Moves planes, or changes how they look.
+    ///
+    /// # Errors
+    /// A sentence for what cannot be; planes stay.
+    pub(super) fn move_planes(&self, what: Move) -> Result<(), String> {
+        self.planes().steer(what)
+    }
+
+    /// Changes how pictures of the volume look.
+    ///
+    /// # Errors
+    /// A sentence for what cannot be; they look as before.
+    pub(super) fn choose(&self, choice: Choice) -> Result<(), String> {
+        self.dress().choose(choice)?;
+        self.dressed.send_modify(|changes| *changes += 1);
+        Ok(())
     }
 
     /// The newest picture of a kind, if there is one.
@@ -153,14 +222,30 @@ impl Screen {
         self.looked_at[place(kind)].load(Ordering::Relaxed) > 0
     }
 
-    fn show(&self, kind: Kind, size: [u32; 2], pixels: Pixmap, item: u64, captured_ms: Option<f64>, refining: bool) {
+    fn show(
+        &self,
+        kind: Kind,
+        size: [u32; 2],
+        pixels: Pixmap,
+        (item, captured_ms): (u64, Option<f64>),
+        refining: bool,
+        words: impl FnOnce(u32) -> Option<serde_json::Value>,
+    ) {
         let sequence = self.made[place(kind)].fetch_add(1, Ordering::Relaxed).wrapping_add(1);
-        let shot = Shot { kind, sequence, size, pixels, item, captured_ms, refining };
+        let shot = Shot { kind, sequence, size, pixels, item, captured_ms, refining, words: words(sequence) };
         self.shots[place(kind)].send_replace(Some(Arc::new(shot)));
     }
 
     fn sight(&self) -> MutexGuard<'_, Sight> {
         self.sight.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn planes(&self) -> MutexGuard<'_, Planes> {
+        self.planes.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn dress(&self) -> MutexGuard<'_, Dress> {
+        self.dress.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn audience(&self) -> MutexGuard<'_, Audience> {
@@ -174,7 +259,7 @@ impl Screen {
         let number = audience.next;
         audience.present.insert(number);
         audience.steering.get_or_insert(number);
-        Seat { screen: Arc::clone(self), number, looks: [false; 2] }
+        Seat { screen: Arc::clone(self), number, looks: [false; KINDS] }
     }
 }
 
@@ -190,7 +275,35 @@ impl Witness for Screen {
             Pixels::F32(grey) => grey.iter().map(|value| value.round().clamp(0.0, 255.0) as u8).collect(),
         };
         let size = [image.width(), image.height()];
-        self.show(Kind::Slice, size, Pixmap::Grey(grey), item, Some(unix_ms(captured_ns)), false);
+        self.show(Kind::Slice, size, Pixmap::Grey(grey), (item, Some(unix_ms(captured_ns))), false, |_| None);
+    }
+}
+
+impl Cutter for Screen {
+    fn is_watched(&self) -> bool {
+        planes::KINDS.into_iter().any(|kind| self.is_looked_at(kind))
+    }
+
+    fn wants(&self, extent: &Extent) -> Vec<Wanted> {
+        self.planes().wanted(extent, |kind| self.is_looked_at(kind))
+    }
+
+    fn cut(&self, cut: &Cut<'_>) {
+        let (kind, size) = (planes::KINDS[cut.wanted.number], cut.wanted.section.size);
+        let window = self.planes().window();
+        let pixels = planes::coloured(cut.sampled, size[0], window);
+        let times = (cut.item, cut.captured_ns.map(unix_ms));
+        self.show(kind, size, pixels, times, false, |sequence| Some(self.planes().told(cut, sequence)));
+    }
+
+    fn nothing(&self, why: &str) {
+        self.planes().without();
+        for kind in planes::KINDS.into_iter().filter(|kind| self.is_looked_at(*kind)) {
+            let pixel = Pixmap::Colour(planes::unseen(0, 0).into());
+            let words =
+                |sequence| serde_json::json!({ "plane": { "kind": kind as u8, "sequence": sequence, "none": why } });
+            self.show(kind, [1, 1], pixel, (0, None), false, |sequence| Some(words(sequence)));
+        }
     }
 }
 
@@ -213,7 +326,7 @@ impl Drop for Glance {
 pub(super) struct Seat {
     screen: Arc<Screen>,
     number: u64,
-    looks: [bool; 2],
+    looks: [bool; KINDS],
 }
 
 impl Seat {
@@ -231,6 +344,11 @@ impl Seat {
     /// The newest picture of a kind, from now on.
     pub(super) fn pictures(&self, kind: Kind) -> watch::Receiver<Option<Arc<Shot>>> {
         self.screen.shots[place(kind)].subscribe()
+    }
+
+    /// Tells whenever the volume's picture looks otherwise.
+    pub(super) fn dressed(&self) -> watch::Receiver<u64> {
+        self.screen.dressed.subscribe()
     }
 
     /// Tells whenever somebody else steers.
@@ -252,7 +370,7 @@ impl Seat {
 
 impl Drop for Seat {
     fn drop(&mut self) {
-        [Kind::Slice, Kind::View].into_iter().for_each(|kind| self.look(kind, false));
+        Kind::ALL.into_iter().for_each(|kind| self.look(kind, false));
         let mut audience = self.screen.audience();
         audience.present.remove(&self.number);
         if audience.steering == Some(self.number) {

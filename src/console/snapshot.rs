@@ -30,7 +30,7 @@ impl Drop for Busy {
 pub(super) fn keep(served: &Served) -> Result<String, String> {
     let (desk, screen) = (&served.shown.desk, &served.shown.screen);
     let folder = desk.folder()?.to_owned();
-    let shots: Vec<_> = [Kind::Slice, Kind::View].into_iter().filter_map(|kind| screen.newest(kind)).collect();
+    let shots: Vec<_> = Kind::ALL.into_iter().filter_map(|kind| screen.newest(kind)).collect();
     if shots.is_empty() {
         return Err("there is no picture yet that could be kept".into());
     }
@@ -55,6 +55,10 @@ fn name(kind: Kind) -> &'static str {
     match kind {
         Kind::Slice => "scanner",
         Kind::View => "volume",
+        Kind::AcrossZ => "across-z",
+        Kind::AcrossY => "across-y",
+        Kind::AcrossX => "across-x",
+        Kind::Free => "free",
     }
 }
 

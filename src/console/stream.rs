@@ -4,7 +4,7 @@
 //!
 //! | at | type | what |
 //! |---|---|---|
-//! | 0 | u8 | 1 the scanner's picture, 2 the volume's |
+//! | 0 | u8 | 1 the scanner's picture, 2 the volume's, 3 to 5 planes across the volume's z, y and x axis, 6 a free plane |
 //! | 1 | u8 | 0 grey, 1 red, green and blue; 8 bits each |
 //! | 2 | u16 | bit 0: a finer one follows; bit 1: when it was captured is not known |
 //! | 4, 8 | u32 | pixels to the right and down |
@@ -12,7 +12,7 @@
 //! | 16, 24 | f64 | when its frame was captured, and when it was sent, ms since the UNIX epoch |
 //! | 32 | u64 | its frame's number |
 //!
-//! Text messages are JSON. A page answers each picture when it has drawn it, and has two of a kind on their way at most: so one that is slow gets fewer, always the newest, and
+//! Text messages are JSON; before the picture of a plane comes `plane`, which has its kind and number and says where it lies. A page answers each picture when it has drawn it, and has two of a kind on their way at most: so one that is slow gets fewer, always the newest, and
 //! nothing piles up for it.
 
 use std::sync::Arc;
@@ -25,7 +25,7 @@ use axum::response::{IntoResponse, Response};
 use tokio::sync::watch;
 use tokio::time::{Instant, MissedTickBehavior, interval, timeout};
 
-use super::screen::{Kind, Pixmap, Seat, Shot, now_ms};
+use super::screen::{KINDS, Kind, Pixmap, Seat, Shot, now_ms};
 use super::wish::Wish;
 use super::{Counts, Served, told};
 
@@ -140,7 +140,7 @@ struct Page<'a> {
     /// When it said something last, if only that it is there.
     heard: Instant,
     seat: Seat,
-    channels: [Channel; 2],
+    channels: [Channel; KINDS],
     /// Messages in this second.
     messages: u32,
     second: Instant,
@@ -149,7 +149,7 @@ struct Page<'a> {
 impl<'a> Page<'a> {
     fn new(served: &'a Served, socket: WebSocket) -> Self {
         let seat = served.shown.screen.enter();
-        let channels = [Kind::Slice, Kind::View].map(|kind| Channel::new(kind, &seat));
+        let channels = Kind::ALL.map(|kind| Channel::new(kind, &seat));
         let now = Instant::now();
         Self { served, socket, heard: now, seat, channels, messages: 0, second: now }
     }
@@ -163,11 +163,12 @@ impl<'a> Page<'a> {
         questions.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut account = told::Teller::default();
         let mut about = told::about(self.served);
-        if !self.say(about.clone()).await || !self.say(self.control()).await {
+        let mut dressed = self.seat.dressed();
+        if !self.say(about.clone()).await || !self.say(self.control()).await || !self.say(self.dress()).await {
             return End::TOOK_NOTHING;
         }
         loop {
-            let [slice, view] = &mut self.channels;
+            let [slice, view, across_z, across_y, across_x, free] = &mut self.channels;
             let message = tokio::select! {
                 _ = stopped.changed() => {
                     self.leave(account.tell(self.served)).await;
@@ -176,6 +177,11 @@ impl<'a> Page<'a> {
                 Ok(()) = turns.changed() => Out::Text(self.control()),
                 shot = slice.next() => Out::Shot(shot),
                 shot = view.next() => Out::Shot(shot),
+                shot = across_z.next() => Out::Shot(shot),
+                shot = across_y.next() => Out::Shot(shot),
+                shot = across_x.next() => Out::Shot(shot),
+                shot = free.next() => Out::Shot(shot),
+                Ok(()) = dressed.changed() => Out::Text(self.dress()),
                 _ = accounts.tick() => {
                     let newer = told::about(self.served);
                     if newer != about {
@@ -225,6 +231,10 @@ impl<'a> Page<'a> {
         serde_json::json!({ "control": self.seat.steers() })
     }
 
+    fn dress(&self) -> serde_json::Value {
+        self.served.shown.screen.told_dress()
+    }
+
     async fn say(&mut self, value: serde_json::Value) -> bool {
         self.hand(Message::Text(value.to_string().into())).await
     }
@@ -235,6 +245,11 @@ impl<'a> Page<'a> {
     }
 
     async fn send(&mut self, shot: &Shot) -> bool {
+        if let Some(words) = &shot.words
+            && !self.say(words.clone()).await
+        {
+            return false;
+        }
         let channel = &mut self.channels[shot.kind as usize - 1];
         (channel.sent, channel.last, channel.since) = (channel.sent + 1, shot.sequence, Instant::now());
         self.hand(Message::Binary(packed(shot, now_ms()).into())).await
@@ -256,8 +271,13 @@ impl<'a> Page<'a> {
             Message::Binary(_) => return Heard::Refused("pages speak in text".into()),
         };
         let act = match Wish::parse(&text) {
-            Ok(Wish::Show { slice, view }) => {
-                for (channel, looks) in self.channels.iter_mut().zip([slice, view]) {
+            Ok(Wish::Show { slice, view, planes }) => {
+                for channel in &mut self.channels {
+                    let looks = match channel.kind {
+                        Kind::Slice => slice,
+                        Kind::View => view,
+                        _ => planes,
+                    };
                     self.seat.look(channel.kind, looks);
                     channel.looks = looks;
                 }

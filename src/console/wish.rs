@@ -2,6 +2,8 @@
 
 use serde::Deserialize;
 
+use super::dress::Choice;
+use super::planes::Move;
 use super::sight::{From, Steer};
 use super::{Served, snapshot};
 use crate::desk::Deed;
@@ -10,20 +12,74 @@ use crate::desk::Deed;
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(tag = "do", rename_all = "lowercase", deny_unknown_fields)]
 enum Said {
-    Show { slice: bool, view: bool },
-    Shown { kind: u8, sequence: u32 },
+    Show {
+        slice: bool,
+        view: bool,
+        #[serde(default)]
+        planes: bool,
+    },
+    Shown {
+        kind: u8,
+        sequence: u32,
+    },
     Control {},
-    Turn { right: f64, up: f64, clockwise: f64 },
-    Zoom { by: f64 },
-    Centre { at: [f64; 2] },
-    Look { from: From },
+    Turn {
+        right: f64,
+        up: f64,
+        clockwise: f64,
+    },
+    Zoom {
+        by: f64,
+    },
+    Centre {
+        at: [f64; 2],
+    },
+    Look {
+        from: From,
+    },
+    /// All planes go through this point, world mm.
+    Cross {
+        at: [f64; 3],
+    },
+    /// Turns the free plane, degrees.
+    Tilt {
+        right: f64,
+        up: f64,
+        clockwise: f64,
+    },
+    /// The planes' greys.
+    Window {
+        black: f64,
+        white: f64,
+    },
+    /// How the volume's picture looks: a preset or the configuration's transfer function, and points in the place of its opacities.
+    Transfer {
+        #[serde(default)]
+        preset: Option<String>,
+        #[serde(default)]
+        points: Option<Vec<[f64; 2]>>,
+    },
+    /// As at the beginning.
+    Reset {
+        of: Reset,
+    },
     Record {},
     Scan {},
     Stop {},
-    Freeze { on: bool },
+    Freeze {
+        on: bool,
+    },
     Clear {},
     Save {},
     Snapshot {},
+}
+
+/// What is to be as at the beginning; the transfer function is where nothing is chosen of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Reset {
+    Planes,
+    Window,
 }
 
 /// What is wanted.
@@ -35,6 +91,8 @@ pub(super) enum Wish {
         slice: bool,
         /// The volume's.
         view: bool,
+        /// The planes'.
+        planes: bool,
     },
     /// Nothing: a picture was drawn, or left out.
     Shown {
@@ -50,10 +108,14 @@ pub(super) enum Wish {
 }
 
 /// Something that changes what all see, or what the session does.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(super) enum Act {
     /// The view.
     Steer(Steer),
+    /// The planes.
+    Move(Move),
+    /// How the volume looks.
+    Choose(Choice),
     /// The session.
     Deed(Deed),
     /// The pictures that are seen are kept.
@@ -69,13 +131,19 @@ impl Wish {
         let said = serde_json::from_str(text);
         let said = said.map_err(|error| format!("this is nothing that a page can want: {error}"))?;
         Ok(match said {
-            Said::Show { slice, view } => Self::Show { slice, view },
+            Said::Show { slice, view, planes } => Self::Show { slice, view, planes },
             Said::Shown { kind, sequence } => Self::Shown { kind, sequence },
             Said::Control {} => Self::Control,
             Said::Turn { right, up, clockwise } => Self::Act(Act::Steer(Steer::Turn { right, up, clockwise })),
             Said::Zoom { by } => Self::Act(Act::Steer(Steer::Zoom(by))),
             Said::Centre { at } => Self::Act(Act::Steer(Steer::Centre(at))),
             Said::Look { from } => Self::Act(Act::Steer(Steer::Look(from))),
+            Said::Cross { at } => Self::Act(Act::Move(Move::Cross(at))),
+            Said::Tilt { right, up, clockwise } => Self::Act(Act::Move(Move::Tilt { right, up, clockwise })),
+            Said::Window { black, white } => Self::Act(Act::Move(Move::Window([black, white]))),
+            Said::Transfer { preset, points } => Self::Act(Act::Choose(Choice { preset, points })),
+            Said::Reset { of: Reset::Planes } => Self::Act(Act::Move(Move::Home)),
+            Said::Reset { of: Reset::Window } => Self::Act(Act::Move(Move::HomeWindow)),
             Said::Record {} => Self::Act(Act::Deed(Deed::Record)),
             Said::Scan {} => Self::Act(Act::Deed(Deed::Scan)),
             Said::Stop {} => Self::Act(Act::Deed(Deed::Stop)),
@@ -95,6 +163,8 @@ impl Act {
     pub(super) fn act(self, served: &Served) -> Result<Option<String>, String> {
         match self {
             Self::Steer(steer) => served.shown.screen.steer(steer).map(|()| None),
+            Self::Move(what) => served.shown.screen.move_planes(what).map(|()| None),
+            Self::Choose(choice) => served.shown.screen.choose(choice).map(|()| None),
             Self::Deed(deed) => served.shown.desk.wish(deed).map(Some),
             Self::Snapshot => snapshot::keep(served).map(Some),
         }

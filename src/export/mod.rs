@@ -20,7 +20,7 @@ pub mod fill;
 pub(crate) mod legend;
 pub(crate) mod lettering;
 pub mod page;
-mod panel;
+pub(crate) mod panel;
 pub mod picture;
 pub mod planes;
 pub mod sections;

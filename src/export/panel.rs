@@ -59,7 +59,7 @@ impl Frame {
 }
 
 /// The grey of a value where `low` is black and `high` white.
-pub(super) fn grey(value: f32, [low, high]: [f32; 2]) -> u8 {
+pub(crate) fn grey(value: f32, [low, high]: [f32; 2]) -> u8 {
     // From 0 to 255 by the clamp; the cast cannot wrap.
     ((value - low) / (high - low) * 255.0).round().clamp(0.0, 255.0) as u8
 }

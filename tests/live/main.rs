@@ -19,6 +19,7 @@ mod process;
 mod replay;
 mod scanner;
 mod script;
+mod sections;
 mod set;
 mod tracker;
 mod wishes;

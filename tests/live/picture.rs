@@ -1,7 +1,7 @@
 //! Whoever looks may be slow, stuck or unable to: what is woven is not.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use sonoweave::pipeline::live::{Drawn, First, Looks};
@@ -183,4 +183,79 @@ fn who_comes_late_sees_all_that_there_is_turns_it_and_the_last_picture_is_from_h
     let drawn = finished.drawn.unwrap();
     assert!(drawn.renderer.picture() == expected.renderer.picture(), "the last one is from home");
     assert!(drawn.pictures <= visitor.seen().len() as u64);
+}
+
+/// Somebody who puts another look on what is drawn, and takes it off again.
+#[derive(Default)]
+struct Dresser {
+    worn: AtomicU64,
+    asked: AtomicU64,
+    seen: std::sync::Mutex<Vec<(u64, sonoweave::render::Picture)>>,
+}
+
+impl Dresser {
+    fn pictures(&self) -> usize {
+        self.seen.lock().unwrap().len()
+    }
+}
+
+impl Looks for Dresser {
+    fn settings(&self, _: &First) -> Result<RenderSettings, Box<dyn std::error::Error + Send + Sync>> {
+        Ok(RenderSettings::new([64, 64], Transfer::preset("tissue", [0.0, 255.0])?))
+    }
+
+    fn dressing(&self) -> u64 {
+        self.asked.fetch_add(1, Ordering::Relaxed);
+        self.worn.load(Ordering::Relaxed)
+    }
+
+    fn dress(&self, settings: &mut RenderSettings) {
+        if self.worn.load(Ordering::Relaxed) > 0 {
+            settings.transfer = Transfer::preset("xray", [0.0, 255.0]).unwrap();
+        }
+    }
+
+    fn turn(&self) -> Duration {
+        Duration::from_millis(5)
+    }
+
+    fn shown(&self, drawn: &Drawn) {
+        self.seen.lock().unwrap().push((drawn.slices, drawn.renderer.picture().clone()));
+    }
+}
+
+#[test]
+fn another_look_is_drawn_once_and_the_last_picture_is_as_configured_to_the_bit() {
+    let never = Visitor::new(true);
+    let expected = visited(&never, |used| used == COUNT).drawn.unwrap();
+    let dresser = Arc::new(Dresser::default());
+    let begin_ns = begin();
+    let set = Set::of(poses(begin_ns, COUNT).that_stays(), all_frames(begin_ns, COUNT));
+    let set = Set { looks: Some(Arc::clone(&dresser) as Arc<dyn Looks>), ..set };
+    let begun = Instant::now();
+    let (mut step, mut asked, mut pictures) = (0, 0, 0);
+    let (finished, _) = set.until(|_, _| {
+        assert!(begun.elapsed() < Duration::from_secs(20), "step {step}");
+        let now = dresser.asked.load(Ordering::Relaxed);
+        let whole = dresser.seen.lock().unwrap().last().is_some_and(|(slices, _)| *slices == COUNT);
+        match step {
+            0 if whole => (step, pictures) = (1, dresser.pictures()),
+            1 => {
+                dresser.worn.store(1, Ordering::Relaxed);
+                step = 2;
+            }
+            2 if dresser.pictures() > pictures => (step, asked) = (3, now),
+            // It was drawn, and is not drawn again.
+            3 if now > asked + 5 => {
+                assert_eq!(dresser.pictures(), pictures + 1);
+                return true;
+            }
+            _ => {}
+        }
+        false
+    });
+    let seen = dresser.seen.lock().unwrap();
+    assert!(seen[pictures - 1].1 == expected.renderer.picture() && seen[pictures].1 != expected.renderer.picture());
+    let drawn = finished.drawn.unwrap();
+    assert!(drawn.renderer.picture() == expected.renderer.picture(), "the last one is as configured");
 }

@@ -15,8 +15,8 @@ use sonoweave::ledger::Frames;
 use sonoweave::mask::{Clip, MaskSettings};
 use sonoweave::path::PathChoice;
 use sonoweave::pipeline::live::{
-    Account, Bed, Equipment, Finished, Heard, Instrument, Looks, Order, Record, Session, Standing, Watch, Written,
-    gather, run,
+    Account, Bed, Cutter, Equipment, Finished, Heard, Instrument, Looks, Order, Record, Session, Standing, Watch,
+    Written, gather, run,
 };
 use sonoweave::reconstruct::Settings;
 use sonoweave::reconstruct::planar::PlanarSettings;
@@ -40,6 +40,7 @@ pub(crate) struct Set {
     pub(crate) grabber: Box<dyn Device>,
     pub(crate) wait_ns: i64,
     pub(crate) looks: Option<Arc<dyn Looks>>,
+    pub(crate) cutter: Option<Arc<dyn Cutter>>,
     pub(crate) record: Option<(SessionWriter, u64)>,
     pub(crate) watch: Option<Watch>,
 }
@@ -94,6 +95,7 @@ impl Set {
             grabber: Box::new(grabber),
             wait_ns: 5 * SECOND,
             looks: None,
+            cutter: None,
             record: None,
             watch: None,
         }
@@ -127,7 +129,8 @@ impl Set {
 
     /// Runs until its devices have ended or there is nothing more to be ordered.
     pub(crate) fn ordered(self, mut orders: impl FnMut(&Account, Duration) -> Option<Vec<Order>>) -> (Finished, Seen) {
-        let session = Session { watch: self.watch.clone(), ..stages(self.wait_ns, self.looks.clone()) };
+        let (watch, cutter) = (self.watch.clone(), self.cutter.clone());
+        let session = Session { watch, cutter, ..stages(self.wait_ns, self.looks.clone()) };
         let bed = self.bed();
         let (told, began) = (AtomicBool::new(false), Instant::now());
         let mut seen = Seen::default();
@@ -211,6 +214,7 @@ pub(crate) fn stages(wait_ns: i64, looks: Option<Arc<dyn Looks>>) -> Session {
         witnesses: Vec::new(),
         watch: None,
         readers: Vec::new(),
+        cutter: None,
     }
 }
 

@@ -23,7 +23,7 @@ use crate::config::bedside::Bedside;
 use crate::desk::{Desk, How};
 use crate::devices::{self, Devices};
 use crate::pipeline::live::{
-    Account, Bed, Equipment, Held, Looks, Order, Reader, Recorded, Session, Standing, Witness, hold,
+    Account, Bed, Cutter, Equipment, Held, Looks, Order, Reader, Recorded, Session, Standing, Witness, hold,
 };
 
 /// Between two lines on the way.
@@ -88,6 +88,7 @@ impl Sitting<'_> {
         let looks = self.viewers.clone().map(|viewers| viewers as Arc<dyn Looks>);
         let mut stages = stages(bedside, looks)?;
         if let Some(screen) = self.telling.screen() {
+            stages.cutter = Some(Arc::clone(&screen) as Arc<dyn Cutter>);
             stages.witnesses.push(screen as Arc<dyn Witness>);
             stages.witnesses.push(self.telling.slices() as Arc<dyn Witness>);
             stages.readers.push(Arc::clone(&self.desk) as Arc<dyn Reader>);

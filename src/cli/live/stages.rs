@@ -106,6 +106,7 @@ pub(in crate::cli) fn stages(bedside: &Bedside, looks: Option<Arc<dyn Looks>>) -
         witnesses: Vec::new(),
         watch: watch(bedside),
         readers: Vec::new(),
+        cutter: None,
     })
 }
 

@@ -6,9 +6,10 @@ use std::time::Duration;
 use super::terminal::Terminal;
 use crate::config::bedside::Picture;
 use crate::console::Screen;
+use crate::console::dress::Ground;
 use crate::pipeline::live::{Drawn, First, Looks};
-use crate::render::RenderSettings;
 use crate::render::camera::View;
+use crate::render::{Mode, RenderSettings};
 
 /// Settings that may change, and those who look by them.
 pub(super) struct Viewers {
@@ -29,8 +30,20 @@ impl Viewers {
     ) -> Option<Arc<Self>> {
         (terminal.is_some() || lasting || screen.is_some()).then(|| {
             let (terminal, screen) = (terminal.cloned(), screen.cloned());
-            Arc::new(Self { picture: Mutex::new(picture.clone()), terminal, lasting, screen })
+            let viewers = Self { picture: Mutex::new(picture.clone()), terminal, lasting, screen };
+            viewers.ground(picture);
+            Arc::new(viewers)
         })
+    }
+
+    /// Pages learn what the configuration's look is.
+    fn ground(&self, picture: &Picture) {
+        // Where it makes no picture, its thread says why.
+        if let (Some(screen), Ok(settings)) = (&self.screen, picture.settings(None)) {
+            let (name, range) = (picture.look.transfer_name().to_owned(), picture.window);
+            let heeded = matches!(settings.mode, Mode::Shaded(_) | Mode::Opacity(_));
+            screen.ground(Ground { transfer: settings.transfer, name, range, heeded });
+        }
     }
 
     /// Another way to look, from the next picture on.
@@ -39,6 +52,7 @@ impl Viewers {
             terminal.look(picture);
         }
         picture.clone_into(&mut self.picture());
+        self.ground(picture);
     }
 
     fn picture(&self) -> MutexGuard<'_, Picture> {
@@ -53,6 +67,16 @@ impl Looks for Viewers {
 
     fn most_hz(&self) -> f64 {
         self.picture().most_hz
+    }
+
+    fn dressing(&self) -> u64 {
+        self.screen.as_ref().map_or(0, |screen| screen.dressing())
+    }
+
+    fn dress(&self, settings: &mut RenderSettings) {
+        if let Some(screen) = &self.screen {
+            screen.put_on(settings);
+        }
     }
 
     fn view(&self, home: View) -> View {

@@ -6,6 +6,8 @@ const WIDEST = 8192;
 
 export const SLICE = 1;
 export const VIEW = 2;
+// Planes through the volume are 3 to 6.
+const LAST = 6;
 export const GREY = 0;
 export const COLOUR = 1;
 export const JPEG = 2;
@@ -31,7 +33,7 @@ export function parse(buffer) {
     frame: Number(of.getBigUint64(32, true)),
   };
   const { kind, encoding, width, height } = header;
-  if (kind !== SLICE && kind !== VIEW) throw new Error(`a picture of kind ${kind}, which this page does not know`);
+  if (kind < SLICE || kind > LAST) throw new Error(`a picture of kind ${kind}, which this page does not know`);
   if (width < 1 || height < 1 || width > WIDEST || height > WIDEST) throw new Error(`a picture of ${width} × ${height} pixels`);
   const pixels = new Uint8Array(buffer, LENGTH);
   const each = { [GREY]: 1, [COLOUR]: 3 }[encoding];

@@ -6,6 +6,7 @@ import { Deeds } from "./deeds.js";
 import { SLICE, VIEW } from "./header.js";
 import { Measurements } from "./measurements.js";
 import { Picture } from "./picture.js";
+import { Planes } from "./planes.js";
 import { Slice } from "./slice.js";
 import { Stream } from "./stream.js";
 import { troubles } from "./troubles.js";
@@ -26,6 +27,8 @@ const view = new View(
   { panel: of("view-panel"), room: of("view-room"), canvas: of("view"), onlooker: of("onlooker"), control: of("control"), refined: of("refined") },
   (wish) => stream.send(wish),
 );
+const planes = new Planes(of, (wish) => stream.send(wish), () => show());
+measured.open.planes = planes.open;
 const screens = {
   [SLICE]: screen("slice", SLICE, (header) => slice.drawn(header)),
   [VIEW]: screen("view", VIEW, (header) => view.drawn(header)),
@@ -53,7 +56,7 @@ function screen(name, kind, drawn) {
 
 function picture(header, pixels) {
   if (header.kind === SLICE) came = Date.now();
-  screens[header.kind].offer(header, pixels);
+  if (!planes.offer(header, pixels)) screens[header.kind].offer(header, pixels);
 }
 
 function word(key, value) {
@@ -73,6 +76,11 @@ function word(key, value) {
     measured.open.control = value;
     view.control(value);
     deeds.control(value);
+    planes.control(value);
+  } else if (key === "plane") {
+    planes.told(value);
+  } else if (key === "dress") {
+    planes.dress(value);
   } else if (key === "refused") {
     banner.say("heed", value);
     look();
@@ -101,12 +109,14 @@ function changed() {
     account = null;
     heard = null;
     for (const kind of [SLICE, VIEW]) screens[kind].restart();
+    planes.restart();
     show();
   } else {
     asked = null;
     view.control(null);
     deeds.control(null);
     deeds.tell(null, null);
+    planes.control(null);
     measured.open.control = null;
   }
   look();
@@ -115,8 +125,8 @@ function changed() {
 // What is looked at; a hidden page looks at nothing.
 function show() {
   const seen = document.visibilityState === "visible";
-  if (!seen) for (const kind of [SLICE, VIEW]) screens[kind].forget();
-  if (!stream.send({ do: "show", slice: seen, view: seen })) return;
+  if (!seen) for (const one of [screens[SLICE], screens[VIEW], planes]) one.forget();
+  if (!stream.send({ do: "show", slice: seen, view: seen, planes: seen && planes.shown })) return;
   asked = seen ? Date.now() : null;
 }
 
@@ -151,6 +161,9 @@ document.addEventListener("keydown", (event) => {
   if (event.key === "?" && !help.open && !event.ctrlKey && !event.altKey && !event.metaKey) {
     event.preventDefault();
     help.showModal();
+  } else if (event.key.toLowerCase() === "p" && !help.open && !event.ctrlKey && !event.altKey && !event.metaKey && event.target.localName !== "select") {
+    event.preventDefault();
+    planes.toggle();
   }
 });
 document.addEventListener("visibilitychange", show);

@@ -15,6 +15,8 @@ use crate::console::{About, Console, Latest, Screen, Shown};
 use crate::pipeline::live::{Account, Glimpsed, Unwritten, Witness as _, Written};
 use crate::slice::{Image, Pixels};
 
+mod planes;
+
 struct Session {
     console: Console,
     screen: Arc<Screen>,

@@ -135,7 +135,9 @@ fn the_description_has_every_path_and_every_wish() {
     for wish in wishes {
         let value = |(key, what): (&String, &serde_json::Value)| {
             let value = match key.as_str() {
-                "at" => serde_json::json!([0.5, 0.5]),
+                "at" => serde_json::json!(vec![0.5; what["maxItems"].as_u64().unwrap() as usize]),
+                "points" => serde_json::json!([[0, 0], [255, 1]]),
+                "preset" => serde_json::json!("tissue"),
                 _ => what.get("const").or_else(|| what["enum"].get(0)).cloned().unwrap_or_else(|| {
                     if what["type"] == "boolean" { serde_json::json!(true) } else { serde_json::json!(0.5) }
                 }),

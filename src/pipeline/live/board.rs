@@ -10,7 +10,7 @@ use drivers::health::State;
 use serde::Serialize;
 
 use super::Instrument;
-use super::fabric::Extent;
+use super::fabric::Bulk;
 use super::picture::Drawn;
 use super::priority::Granted;
 use super::pulse::{Pulse, Turns};
@@ -90,7 +90,7 @@ pub struct Account {
     /// Frames that were taken where the tracker's field is bent; `None` where there are no zones.
     pub distortion: Option<InZones>,
     /// The volume's extent, while slices are in it.
-    pub volume: Option<Extent>,
+    pub volume: Option<Bulk>,
     /// Whether pictures are not used at present, by the wish of who looks on.
     pub paused: bool,
     /// The recording, as the writer has it.

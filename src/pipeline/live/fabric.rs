@@ -10,6 +10,7 @@ use serde::Serialize;
 use super::picture::Drawn;
 use super::reach::Reach;
 use super::seal::{self, Seal};
+use super::swatch::Changes;
 use crate::pipeline::loom::Loom;
 use crate::pipeline::{PixelKind, Woven};
 use crate::slice::Slice;
@@ -19,7 +20,7 @@ use crate::volume::brick::{BrickIndex, EDGE};
 use crate::volume::lattice::{Canonical, canonical, shift};
 
 /// Bricks that are noted one by one for who draws; of more, all are taken to have changed. Where nobody looks, or not for long, no more memory is taken than that.
-const NOTED: usize = 1 << 16;
+pub(super) const NOTED: usize = 1 << 16;
 
 /// What changed since somebody last asked, and what there is to see now.
 #[derive(Default)]
@@ -28,6 +29,8 @@ pub(super) struct News {
     pub(super) touched: Vec<BrickIndex>,
     /// Any brick may have changed.
     pub(super) all: bool,
+    /// The same for who looks at planes; `None` where nobody does, or not since the volume is this one.
+    pub(super) aside: Option<Changes>,
     /// Slices that were woven, whether they are in the volume or it was cleared since.
     pub(super) woven: u64,
     /// Of these, those before it was cleared last.
@@ -50,7 +53,7 @@ pub(super) struct News {
 
 /// How large a volume is.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Extent {
+pub struct Bulk {
     /// Slices in it.
     pub slices: u64,
     /// Voxels along its axes, in whole bricks,
@@ -97,6 +100,9 @@ impl News {
             }
         }
         self.spacing_mm = woven.weaver.settings().spacing_mm.to_array();
+        if let Some(aside) = &mut self.aside {
+            aside.note(touched, woven.upgraded);
+        }
         match &mut self.reach {
             Some(reach) => drop(reach.widen(touched)),
             None => self.reach = Reach::around(touched),
@@ -120,11 +126,11 @@ impl News {
     }
 
     /// The volume's extent, where there is one.
-    pub(super) fn extent(&self) -> Option<Extent> {
+    pub(super) fn bulk(&self) -> Option<Bulk> {
         let [low, high] = self.bounds?;
         let voxels = std::array::from_fn(|a| (high[a] - low[a] + 1).unsigned_abs() * EDGE as u64);
         let mm = std::array::from_fn(|a| voxels[a] as f64 * self.spacing_mm[a]);
-        Some(Extent { slices: self.slices(), voxels, mm })
+        Some(Bulk { slices: self.slices(), voxels, mm })
     }
 
     /// Keeps the list of what changed short: each brick once, and no list at all where that would be most of the volume.

@@ -11,7 +11,7 @@ use super::priority::{Role, Standing};
 use super::recorder::Recording;
 use super::seal::Seal;
 use super::session::{Finished, Order, Session};
-use super::{TURN, reader, spawn};
+use super::{TURN, reader, sections, spawn};
 
 /// What a session has come to.
 pub struct Held<'a> {
@@ -52,6 +52,9 @@ impl Held<'_> {
                         tracing::warn!("no picture of the volume: {error}");
                     }
                 });
+            }
+            if let Some(cutter) = &self.session.cutter {
+                spawn(scope, "sections", (&standing, Role::Usual), move || sections::run(shared, &**cutter));
             }
             for reader in &self.session.readers {
                 spawn(scope, "reader", (&standing, Role::Usual), move || reader::run(shared, &**reader));

@@ -24,6 +24,7 @@
 //! - `picture`, `reach`: the picture, and the box it is of.
 //! - `reader`: who reads the volume while it grows.
 //! - `held`: a session that is over, while its volume is looked at.
+//! - `sections`, `swatch`: who looks at planes through it meanwhile, and the bricks that these are made of.
 //! - `decision`, `seal`: what is decided upon frames, and what came of it all, as the recording has it.
 //! - `recorder`: the session's file.
 //! - `replay`, `precedent`: a recorded session as what comes in, and what it is held against.
@@ -51,7 +52,9 @@ mod reader;
 mod recorder;
 mod replay;
 mod seal;
+mod sections;
 mod session;
+mod swatch;
 mod timing;
 mod walk;
 mod weave;
@@ -68,7 +71,7 @@ use crossbeam_channel::bounded;
 use drivers::Device;
 use drivers::clock::{Clock, Monotonic};
 use drivers::recording::session::Speech;
-pub use fabric::Extent;
+pub use fabric::Bulk;
 pub use gather::{Heard, gather};
 pub use held::Held;
 pub use picture::{Drawn, First, Looks};
@@ -79,6 +82,7 @@ pub use reader::{Reader, Snapshot, Wants};
 pub use recorder::{Recording, Unwritten};
 pub use replay::Recorded;
 pub use seal::Seal;
+pub use sections::{Cut, CutWork, Cutter, Extent, Wanted};
 pub use session::{Bed, Equipment, Finished, Instrument, Order, Record, Session};
 pub use timing::{Quantiles, Spread};
 pub use walk::{Latencies, walk};
@@ -179,6 +183,9 @@ pub fn hold<'a>(
         });
         for reader in &session.readers {
             spawn(scope, "reader", (&standing, Role::Usual), move || reader::run(shared, &**reader));
+        }
+        if let Some(cutter) = &session.cutter {
+            spawn(scope, "sections", (&standing, Role::Usual), move || sections::run(shared, &**cutter));
         }
         let weave =
             spawn(scope, "weave", (&standing, Role::Weaving), move || weave::run(shared, &posed, common, true, None));
@@ -316,6 +323,9 @@ impl Session {
             });
             for reader in self.readers.iter().filter(|_| is_last) {
                 spawn(scope, "reader", usual, move || reader::run(shared, &**reader));
+            }
+            if let Some(cutter) = self.cutter.as_ref().filter(|_| is_last) {
+                spawn(scope, "sections", usual, move || sections::run(shared, &**cutter));
             }
             let weave = spawn(scope, "weave", usual, move || weave::run(shared, &posed, common, is_last, pictured));
             let pair = spawn(scope, "pairing", usual, move || stage.run(&mut replay::FromRecording(delivered)));

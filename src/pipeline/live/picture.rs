@@ -41,6 +41,14 @@ pub trait Looks: Send + Sync {
     /// A sentence, when they make no picture.
     fn settings(&self, begun: &First) -> Result<RenderSettings, Box<dyn std::error::Error + Send + Sync>>;
 
+    /// A number that is another one whenever [`Self::dress`] does something else; 0 where it does nothing. Asked before each picture, and every [turn](Self::turn).
+    fn dressing(&self) -> u64 {
+        0
+    }
+
+    /// Changes what was asked for by [`Self::settings`], as somebody who looks wants it. The last picture has the settings themselves whatever this does.
+    fn dress(&self, _settings: &mut RenderSettings) {}
+
     /// A picture is drawn. The next one waits for whoever looks at this one; slices do not.
     fn shown(&self, _drawn: &Drawn) {}
 
@@ -135,7 +143,8 @@ impl Wall {
 /// The thread's state.
 struct Easel<'a> {
     wall: &'a Wall,
-    changes: u64,
+    /// Of the wall, and the dressing that the renderer wears.
+    changes: [u64; 2],
     begun: Option<Begun>,
     reach: Option<Reach>,
     /// The renderer has seen nothing of the volume yet.
@@ -157,6 +166,9 @@ impl Easel<'_> {
         let first = First { slice_axes: begun.slice_axes, grey_levels: begun.pixels.grey_levels() };
         let looks = self.wall.looks();
         let mut settings = looks.settings(&first)?;
+        if !is_last {
+            looks.dress(&mut settings);
+        }
         self.home = settings.view;
         self.view = if is_last { self.home } else { looks.view(self.home) };
         settings.view = self.view;
@@ -246,7 +258,8 @@ pub(super) fn run(
 ) -> Result<Option<Drawn>, Box<dyn std::error::Error + Send + Sync>> {
     let _gone = Gone(shared);
     let (home, view) = <(View, View)>::default();
-    let mut easel = Easel { wall, changes: 0, begun: None, reach: None, blank: true, home, view, drawn: None };
+    let (begun, reach, changes) = (None, None, [0; 2]);
+    let mut easel = Easel { wall, changes, begun, reach, blank: true, home, view, drawn: None };
     // Slices that are drawn, and those of which is known that they came.
     let (mut seen, mut known) = (0, 0);
     // Of the latter, those before the volume was cleared last.
@@ -260,8 +273,8 @@ pub(super) fn run(
             true => shared.wait(seen, certain, if is_refining { Duration::ZERO } else { looks.turn() }),
             false => shared.wait(known, certain, TURN),
         };
-        let changes = wall.changes.load(Ordering::Relaxed);
         let is_last = fabric.ended;
+        let changes = [wall.changes.load(Ordering::Relaxed), if is_last { 0 } else { looks.dressing() }];
         if is_last && !looks.keeps_last() {
             return Ok(None);
         }

@@ -16,6 +16,7 @@ use super::reader::Reader;
 use super::recorder::Recording;
 use super::replay::Recorded;
 use super::seal::Seal;
+use super::sections::Cutter;
 use super::witness::Witness;
 use super::zones::{Guard, Watch};
 use crate::ingest::live::{Gives, LiveIngest};
@@ -74,6 +75,8 @@ pub struct Session {
     pub witnesses: Vec<Arc<dyn Witness>>,
     /// Who reads the volume, each by a thread of its own.
     pub readers: Vec<Arc<dyn Reader>>,
+    /// Who looks at planes through it, if somebody does.
+    pub cutter: Option<Arc<dyn Cutter>>,
     /// Where the tracker's field is bent, if that is known and is to be looked after.
     pub watch: Option<Watch>,
 }

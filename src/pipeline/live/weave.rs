@@ -64,7 +64,7 @@ impl Fates for Teller<'_> {
         let Common { clock, board, .. } = self.common;
         self.news.note(woven, times.map(|times| times.captured_ns));
         let mut account = board.lock();
-        account.volume = self.news.extent();
+        account.volume = self.news.bulk();
         account.ledger.used();
         if let Some(times) = times {
             let now_ns = clock.now_ns();

@@ -143,7 +143,7 @@ impl Arrangement {
 }
 
 /// Directions of length 1 at right angles along the columns of a matrix, as near to them as the earlier ones allow.
-fn basis(matrix: DMat3) -> DMat3 {
+pub(super) fn basis(matrix: DMat3) -> DMat3 {
     let x = matrix.x_axis.normalize();
     let y = (matrix.y_axis - x * matrix.y_axis.dot(x)).normalize();
     let z = matrix.z_axis - x * matrix.z_axis.dot(x) - y * matrix.z_axis.dot(y);

@@ -3,6 +3,7 @@
 use calibration::frames::{Transform, Volume, World};
 use glam::{DAffine3, DVec3};
 
+use super::layout::basis;
 use super::{SectionError, numbers};
 
 /// Normals nearer to the world's z axis than this (cosine) have the world's +y upwards in the picture, not its +z.
@@ -50,11 +51,8 @@ impl Plane {
         Ok(Self { point, normal, right, down: right.cross(normal) })
     }
 
-    /// The rectangle of the plane that holds all that meets a volume's box, in the middle of `size` pixels, as large as it fits.
-    ///
-    /// # Errors
-    /// [`SectionError::Misses`] where it meets nothing.
-    pub fn fit(&self, volume: &Box3, size: [u32; 2]) -> Result<Section, SectionError> {
+    /// From where to where along `right` and along `down` the plane meets a volume's box, mm from its point.
+    fn extent(&self, volume: &Box3) -> Result<[[f64; 2]; 2], SectionError> {
         let cut = volume.cut(self);
         if cut.is_empty() {
             let what = format!("the plane through {} mm across {}", numbers(self.point), numbers(self.normal));
@@ -65,14 +63,41 @@ impl Plane {
             let places = cut.iter().map(|p| (*p - self.point).dot(axis));
             places.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| [low.min(x), high.max(x)])
         };
-        let ([u0, u1], [v0, v1]) = (along(self.right), along(self.down));
+        Ok([along(self.right), along(self.down)])
+    }
+
+    /// The rectangle of the plane that holds all that meets a volume's box, in the middle of `size` pixels, as large as it fits.
+    ///
+    /// # Errors
+    /// [`SectionError::Misses`] where it meets nothing.
+    pub fn fit(&self, volume: &Box3, size: [u32; 2]) -> Result<Section, SectionError> {
+        let [[u0, u1], [v0, v1]] = self.extent(volume)?;
         let [width, height] = size.map(f64::from);
         // A plane that only touches the box has no extent: a thousandth of the box is shown about it.
         let least = 1e-3 * volume.diagonal_mm();
         let mm = ((u1 - u0).max(least) / width).max((v1 - v0).max(least) / height);
-        let middle = self.point + self.right * (0.5 * (u0 + u1)) + self.down * (0.5 * (v0 + v1));
+        Ok(self.about([0.5 * (u0 + u1), 0.5 * (v0 + v1)], mm, size))
+    }
+
+    /// The pixels that hold all that meets a volume's box: of `least_mm`, or larger where a side would have more than `most_px` of them.
+    ///
+    /// # Errors
+    /// [`SectionError::Misses`] where it meets nothing.
+    pub fn cover(&self, volume: &Box3, least_mm: f64, most_px: u32) -> Result<Section, SectionError> {
+        let [[u0, u1], [v0, v1]] = self.extent(volume)?;
+        let most = most_px.max(1);
+        let mm = least_mm.max((u1 - u0).max(v1 - v0) / f64::from(most));
+        // Where a side is a whole number of pixels rounding makes no further one of it.
+        let pixels = |mm_long: f64| ((mm_long / mm - 1e-6).ceil().max(1.0) as u32).min(most);
+        Ok(self.about([0.5 * (u0 + u1), 0.5 * (v0 + v1)], mm, [pixels(u1 - u0), pixels(v1 - v0)]))
+    }
+
+    /// So many pixels about a place of the plane, mm from its point to the right and down.
+    fn about(&self, [u, v]: [f64; 2], mm: f64, size: [u32; 2]) -> Section {
+        let [width, height] = size.map(f64::from);
+        let middle = self.point + self.right * u + self.down * v;
         let first = middle - self.right * (0.5 * mm * (width - 1.0)) - self.down * (0.5 * mm * (height - 1.0));
-        Ok(Section { first, right: self.right * mm, down: self.down * mm, size })
+        Section { first, right: self.right * mm, down: self.down * mm, size }
     }
 }
 
@@ -177,6 +202,12 @@ impl Box3 {
     pub fn world_bounds(&self) -> [DVec3; 2] {
         let corners = self.corners();
         [corners.iter().copied().fold(corners[0], DVec3::min), corners.iter().copied().fold(corners[0], DVec3::max)]
+    }
+
+    /// Directions of its axes in the world, of length 1 and at right angles: as near to the axes themselves as the earlier ones allow.
+    pub fn directions(&self) -> [DVec3; 3] {
+        let basis = basis(self.world_from_lattice.matrix3);
+        [basis.x_axis, basis.y_axis, basis.z_axis]
     }
 
     /// Where a plane crosses the box's edges: the corners of what they have in common.

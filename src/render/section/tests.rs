@@ -326,3 +326,30 @@ fn three_planes_share_their_scale_and_fill_the_picture_without_overlap() {
     assert!(beside.contains("the point 1000.00, 1000.00, 1000.00 mm misses the volume"), "{beside}");
     assert!(three(&place, None, [60, 60], room).unwrap_err().to_string().contains("no room"));
 }
+
+#[test]
+fn a_plane_s_pixels_cover_what_it_meets_and_no_more() {
+    let place = place([-7, 3, -2], [25, 30, 14]);
+    for normal in [DVec3::Z, DVec3::new(0.3, -0.8, 0.5), place.directions()[1]] {
+        let plane = Plane::new(place.middle(), normal, None).unwrap();
+        let (section, fitted) = (plane.cover(&place, 0.3, 512).unwrap(), plane.fit(&place, [400, 400]).unwrap());
+        assert!((section.mm_per_px() - 0.3).abs() < 1e-12);
+        // As long as the one that fills a picture, to a pixel.
+        let long = f64::from(section.size[0].max(section.size[1])) * 0.3;
+        assert!((long - 400.0 * fitted.mm_per_px()).abs() <= 0.3, "{long} {fitted:?}");
+        let middle = |s: &Section| 0.5 * (s.at(0, 0) + s.at(s.size[0] - 1, s.size[1] - 1));
+        assert!((middle(&section) - middle(&fitted)).length() < 1e-9);
+        let coarse = plane.cover(&place, 0.3, 40).unwrap();
+        assert_eq!(coarse.size.into_iter().max(), Some(40));
+    }
+    // A whole number of pixels is that number: the box is 33 voxels of 0.3 mm long.
+    let across = Plane {
+        point: place.middle(),
+        normal: place.directions()[2],
+        right: place.directions()[0],
+        down: -place.directions()[1],
+    };
+    assert_eq!(across.cover(&place, 0.3, 512).unwrap().size, [33, 47]);
+    let beside = Plane::new(place.middle() + DVec3::splat(1e3), DVec3::Z, None).unwrap();
+    assert!(beside.cover(&place, 0.3, 512).unwrap_err().to_string().contains("misses the volume"));
+}

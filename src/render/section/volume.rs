@@ -45,7 +45,7 @@ impl<V: Values + ?Sized> Planar<'_, V> {
         Sharing::within(self.pool, |sharing| {
             sharing.chunks_beside(&mut pixels, width, &mut works, |work, j, row| {
                 // There are fewer than 2³² rows.
-                self.row(section, j as u32, row, work);
+                self.row(section, j as u32, [0, section.size[0]], row, work);
             });
         });
         let mut work = PlanarWork::default();
@@ -53,17 +53,35 @@ impl<V: Values + ?Sized> Planar<'_, V> {
         (pixels, work)
     }
 
-    fn row(&self, section: &Section, j: u32, pixels: &mut [Sampled], work: &mut PlanarWork) {
+    /// Samples again the pixels of a section from `low` to `high`, both inclusive, among all of them, row by row: the bits of [`Self::sample`]. Whether any is another one.
+    pub fn sample_again(&self, section: &Section, [low, high]: [[u32; 2]; 2], pixels: &mut [Sampled]) -> bool {
+        let (width, mut work, mut is_other) = (section.size[0], PlanarWork::default(), false);
+        let mut row = vec![Sampled::UNSEEN; width as usize];
+        for j in low[1]..=high[1].min(section.size[1].saturating_sub(1)) {
+            let range = [low[0].min(width), width.min(high[0].saturating_add(1))];
+            let of_row = range.map(|i| i as usize);
+            row[of_row[0]..of_row[1]].fill(Sampled::UNSEEN);
+            self.row(section, j, range, &mut row, &mut work);
+            let from = j as usize * width as usize;
+            let (new, old) = (&row[of_row[0]..of_row[1]], &mut pixels[from + of_row[0]..from + of_row[1]]);
+            is_other |= new != old;
+            old.copy_from_slice(new);
+        }
+        is_other
+    }
+
+    fn row(&self, section: &Section, j: u32, range: [u32; 2], pixels: &mut [Sampled], work: &mut PlanarWork) {
         let lattice_from_world = self.place.lattice_from_world();
         let base = lattice_from_world.transform_point3(section.at(0, j));
         let step = lattice_from_world.transform_vector3(section.right);
-        let mut range = [0, section.size[0]];
+        let [from, to] = range;
+        let mut range = range;
         for a in 0..3 {
             let (low, high) = (self.place.low[a] as f64 - 1.0, self.place.high[a] as f64 + 1.0);
             range = Section::between(range, base[a], step[a], low, high);
         }
-        work.pixels += u64::from(section.size[0]);
-        work.pixels_outside += u64::from(section.size[0] - (range[1] - range[0]));
+        work.pixels += u64::from(to - from);
+        work.pixels_outside += u64::from((to - from) - (range[1] - range[0]));
         for i in range[0]..range[1] {
             let at = lattice_from_world.transform_point3(section.at(i, j));
             pixels[i as usize] = self.between(at, work);

@@ -1,0 +1,167 @@
+// The planes through the volume: shown or not, where they cross, what the page wishes of them, and what is told of them.
+//
+// For tests and for whoever debugs, as `window.sonoweave.planes`: { shown, cross, window, told, pictures: { 3: { drawn, left_out }, … } }; `told` is what came last with each kind's picture.
+
+import { Levels } from "./levels.js";
+import { LOOKS, Plane } from "./plane.js";
+import { add, within } from "./space.js";
+
+// The page's own wishes hold for this long, ms: what the session tells meanwhile may be of before.
+const OWN = 500;
+
+export const KINDS = Object.keys(LOOKS).map(Number);
+
+export class Planes {
+  #of;
+  #send;
+  #planes = {};
+  #levels;
+  #changed;
+  #steers = false;
+  #cross = null;
+  #turn = -1;
+  #wished = -Infinity;
+  #tilt = null;
+  #moved = false;
+  #scheduled = false;
+  #volume = null;
+  /// Whether they are looked at.
+  shown = false;
+  /// As described above.
+  open = { shown: false, cross: null, window: null, told: {}, pictures: {} };
+
+  /// `of(id)` is the element of that id; `send(wish)` brings it to the session; `changed()` is called when planes are looked at, or no more.
+  constructor(of, send, changed) {
+    this.#of = of;
+    this.#send = send;
+    this.#changed = changed;
+    const wish = {
+      cross: (point) => this.#to(point),
+      move: (by) => this.#cross && this.#to(add(this.#cross, by)),
+      tilt: (right, up, clockwise) => this.#lean(right, up, clockwise),
+      home: () => this.#home(),
+    };
+    const settled = (kind, header, whether) => {
+      this.open.pictures[kind][whether ? "drawn" : "left_out"] += 1;
+      send({ do: "shown", kind, sequence: header.sequence });
+    };
+    for (const kind of KINDS) {
+      this.open.pictures[kind] = { drawn: 0, left_out: 0 };
+      this.#planes[kind] = new Plane(kind, wish, settled, (plane, lies) => this.#drawn(plane, lies));
+      of("planes-grid").append(this.#planes[kind].element);
+    }
+    this.#levels = new Levels({ room: of("levels-room"), preset: of("levels-preset"), says: of("levels-says"), greys: of("levels-greys"), looks: of("levels-looks") }, send);
+    of("planes-open").addEventListener("click", () => this.toggle());
+    of("planes-home").addEventListener("click", () => this.#home());
+    this.control(null);
+  }
+
+  /// Shows them, or shows them no more.
+  toggle() {
+    this.shown = !this.shown;
+    this.open.shown = this.shown;
+    this.#of("planes-open").setAttribute("aria-pressed", String(this.shown));
+    this.#of("planes-panel").hidden = !this.shown;
+    document.querySelector("main").classList.toggle("with-planes", this.shown);
+    if (!this.shown) this.forget();
+    this.#changed();
+    this.#draw();
+  }
+
+  /// Whether this page steers: true, false, or null while that is not known.
+  control(steers) {
+    this.#steers = steers === true;
+    this.#of("planes-home").disabled = !this.#steers;
+    for (const plane of Object.values(this.#planes)) plane.control(this.#steers);
+    this.#levels.control(this.#steers);
+  }
+
+  /// How the volume's picture looks.
+  dress(told) {
+    this.#levels.dress(told);
+  }
+
+  /// What is told before a plane's picture.
+  told(lies) {
+    this.open.told[lies.kind] = lies;
+    this.#planes[lies.kind]?.told(lies);
+  }
+
+  /// Takes a picture if it is a plane's.
+  offer(header, pixels) {
+    const plane = this.#planes[header.kind];
+    plane?.offer(header, pixels);
+    return plane !== undefined;
+  }
+
+  /// Nobody looks: what waits is not drawn.
+  forget() {
+    for (const plane of Object.values(this.#planes)) plane.forget();
+  }
+
+  /// Another session may be there.
+  restart() {
+    this.#turn = -1;
+    for (const plane of Object.values(this.#planes)) plane.restart();
+  }
+
+  #drawn(plane, lies) {
+    if (!lies.none) {
+      this.#volume = lies.volume;
+      if (lies.turn >= this.#turn && (!this.#steers || performance.now() - this.#wished > OWN)) {
+        this.#turn = lies.turn;
+        this.#hold(lies.cross);
+      }
+      this.open.window = lies.window;
+      this.#levels.counts(lies);
+    }
+    this.#draw();
+  }
+
+  #hold(cross) {
+    this.#cross = cross;
+    this.open.cross = cross;
+    const text = `cross at ${cross.map((mm) => mm.toFixed(1)).join(", ")} mm`;
+    if (this.#of("planes-caption").textContent !== text) this.#of("planes-caption").textContent = text;
+  }
+
+  #draw() {
+    if (!this.shown || !this.#cross) return;
+    const all = Object.values(this.#planes);
+    for (const plane of all) plane.draw(all, this.#cross);
+  }
+
+  #to(point) {
+    if (!this.#steers || !this.#volume) return;
+    this.#wished = performance.now();
+    this.#moved = true;
+    this.#hold(within(this.#volume, point));
+    this.#soon();
+  }
+
+  #lean(right, up, clockwise) {
+    if (!this.#steers) return;
+    const before = this.#tilt ?? { right: 0, up: 0, clockwise: 0 };
+    this.#tilt = { right: before.right + right, up: before.up + up, clockwise: before.clockwise + clockwise };
+    this.#soon();
+  }
+
+  #home() {
+    if (!this.#steers) return;
+    [this.#tilt, this.#moved, this.#wished] = [null, false, -Infinity];
+    this.#send({ do: "reset", of: "planes" });
+  }
+
+  // At most once a frame of the screen.
+  #soon() {
+    if (this.#scheduled) return;
+    this.#scheduled = true;
+    requestAnimationFrame(() => {
+      this.#scheduled = false;
+      if (this.#moved) this.#send({ do: "cross", at: this.#cross });
+      if (this.#tilt) this.#send({ do: "tilt", ...this.#tilt });
+      [this.#moved, this.#tilt] = [false, null];
+      this.#draw();
+    });
+  }
+}

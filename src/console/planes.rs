@@ -1,0 +1,439 @@
+//! Planes through the volume as pages look at them: three across its axes and a free one, all through one point; which greys are black and white; and the pictures of them.
+
+use glam::{DQuat, DVec3};
+use serde_json::{Value, json};
+
+use super::screen::{Kind, Pixmap};
+use crate::export::panel::grey;
+use crate::pipeline::live::{Cut, Extent, Wanted};
+use crate::render::section::{Plane, Sampled};
+
+/// Pixels along a side, at most.
+const MOST_PX: u32 = 512;
+/// Planes lie at whole numbers of these, mm: what moves along a plane leaves it where it is, whatever rounding does.
+const GRAIN_MM: f64 = 1e-6;
+/// Degrees that the free plane may turn at a time.
+const MOST_TURN: f64 = 360.0;
+/// Grey levels beyond are none.
+const MOST_GREY: f64 = 1e6;
+/// Parts of the grey levels' range that are counted.
+const BINS: usize = 64;
+/// What was not seen is no grey: a dark blue, hatched with a brighter one.
+const UNSEEN: [u8; 3] = [27, 42, 58];
+const HATCH: [u8; 3] = [52, 82, 110];
+/// Pixels from one line of the hatch to the next, and of a line.
+const HATCHED: [u32; 2] = [8, 2];
+
+/// The planes in the order of their numbers.
+pub(super) const KINDS: [Kind; 4] = [Kind::AcrossZ, Kind::AcrossY, Kind::AcrossX, Kind::Free];
+/// Which axes of the volume run right and down in the first three, as in the pictures of `render`.
+const AXES: [[usize; 2]; 3] = [[0, 1], [0, 2], [1, 2]];
+
+/// What somebody who steers does with planes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Move {
+    /// All of them go through this point, world mm.
+    Cross([f64; 3]),
+    /// Turns the free one as a hand turns what it holds: its near side to the right, upwards, all of it clockwise; degrees.
+    Tilt {
+        /// To the right.
+        right: f64,
+        /// Upwards.
+        up: f64,
+        /// About the middle.
+        clockwise: f64,
+    },
+    /// Which grey levels are black and white.
+    Window([f64; 2]),
+    /// As at the beginning: through the volume's middle, the free one between the axes.
+    Home,
+    /// The greys of the configuration.
+    HomeWindow,
+}
+
+/// Where planes lie, and how they look.
+#[derive(Debug)]
+pub struct Planes {
+    /// `None` is the volume's middle, as it grows.
+    cross: Option<DVec3>,
+    /// The free plane's directions to the right and down, by the volume's axes; `None` lies between them.
+    free: Option<[DVec3; 2]>,
+    window: Option<[f32; 2]>,
+    /// The configuration's.
+    usual: [f32; 2],
+    extent: Option<Extent>,
+    /// Counts what was moved or changed: of two that are told the later is what holds.
+    turn: u64,
+    /// Counts the windows.
+    look: u64,
+}
+
+impl Default for Planes {
+    fn default() -> Self {
+        Self { cross: None, free: None, window: None, usual: [0.0, 255.0], extent: None, turn: 0, look: 0 }
+    }
+}
+
+/// Directions of length 1 to the right and down, at right angles.
+fn squared(right: DVec3, down: DVec3) -> [DVec3; 2] {
+    let right = right.normalize();
+    [right, (down - right * down.dot(right)).normalize()]
+}
+
+impl Planes {
+    /// The configuration's greys.
+    pub(super) fn usual(&mut self, window: [f32; 2]) {
+        if self.usual != window {
+            self.usual = window;
+            self.look += 1;
+        }
+    }
+
+    /// Which greys are black and white.
+    pub(super) fn window(&self) -> [f32; 2] {
+        self.window.unwrap_or(self.usual)
+    }
+
+    /// Where all planes cross: always in the volume.
+    fn cross(&self, extent: &Extent) -> DVec3 {
+        let Some(cross) = self.cross else { return extent.place.middle() };
+        let lattice = extent.place.lattice_from_world().transform_point3(cross);
+        let [low, high] = [extent.place.low, extent.place.high].map(|end| DVec3::from_array(end.map(|x| x as f64)));
+        match lattice.cmpge(low).all() && lattice.cmple(high).all() {
+            true => cross,
+            false => extent.place.world_from_lattice.transform_point3(lattice.clamp(low, high)),
+        }
+    }
+
+    fn free(&self, extent: &Extent) -> [DVec3; 2] {
+        let [x, y, z] = extent.place.directions();
+        self.free.unwrap_or_else(|| squared(x + y, z))
+    }
+
+    fn plane(&self, number: usize, extent: &Extent) -> Plane {
+        let directions = extent.place.directions();
+        let [right, down] = match AXES.get(number) {
+            Some(axes) => axes.map(|axis| directions[axis]),
+            None => self.free(extent),
+        };
+        let normal = down.cross(right);
+        let middle = extent.place.middle();
+        let off = (self.cross(extent) - middle).dot(normal);
+        let point = middle + normal * ((off / GRAIN_MM).round() * GRAIN_MM);
+        Plane { point, normal, right, down }
+    }
+
+    /// The planes that are looked at through a volume that lies there.
+    pub(super) fn wanted(&mut self, extent: &Extent, is_looked_at: impl Fn(Kind) -> bool) -> Vec<Wanted> {
+        self.extent = Some(*extent);
+        let looked_at = KINDS.iter().enumerate().filter(|(_, kind)| is_looked_at(**kind));
+        let section = |number| self.plane(number, extent).cover(&extent.place, extent.voxel_mm, MOST_PX);
+        looked_at
+            .filter_map(|(number, _)| Some(Wanted { number, section: section(number).ok()?, look: self.look }))
+            .collect()
+    }
+
+    /// There is no volume.
+    pub(super) fn without(&mut self) {
+        self.extent = None;
+    }
+
+    /// Moves or changes something.
+    ///
+    /// # Errors
+    /// A sentence for what cannot be; everything stays as it is.
+    pub(super) fn steer(&mut self, what: Move) -> Result<(), String> {
+        match what {
+            Move::Cross(at) => self.cross = Some(self.inside(at)?),
+            Move::Tilt { right, up, clockwise } => {
+                if [right, up, clockwise].iter().any(|angle| !(-MOST_TURN..=MOST_TURN).contains(angle)) {
+                    return Err(format!("the free plane is turned by {MOST_TURN}° at most at a time"));
+                }
+                let extent = self.extent.ok_or("there is no volume yet in which a plane could be turned")?;
+                self.free = Some(turned(self.free(&extent), right, up, clockwise));
+            }
+            Move::Window([black, white]) => {
+                let fits = [black, white].iter().all(|grey| (-MOST_GREY..=MOST_GREY).contains(grey));
+                // Single precision must tell them apart, too.
+                if !fits || white as f32 <= black as f32 {
+                    return Err(format!(
+                        "a window goes from the grey level that is black to a larger one that is white, within ±{MOST_GREY}"
+                    ));
+                }
+                self.window = Some([black as f32, white as f32]);
+                self.look += 1;
+            }
+            Move::Home => (self.cross, self.free) = (None, None),
+            Move::HomeWindow => {
+                self.window = None;
+                self.look += 1;
+            }
+        }
+        self.turn += 1;
+        Ok(())
+    }
+
+    fn inside(&self, at: [f64; 3]) -> Result<DVec3, String> {
+        if at.iter().any(|x| !x.is_finite()) {
+            return Err("planes cross at a point of three finite numbers, world mm".into());
+        }
+        let extent = self.extent.ok_or("there is no volume yet in which planes could cross")?;
+        let at = DVec3::from_array(at);
+        let lattice = extent.place.lattice_from_world().transform_point3(at);
+        let is_inside = (0..3).all(|a| {
+            // As far as the box of voxels goes, each of which has a half about it.
+            (extent.place.low[a] as f64 - 0.5..=extent.place.high[a] as f64 + 0.5).contains(&lattice[a])
+        });
+        if is_inside {
+            return Ok(at);
+        }
+        let [low, high] = extent.place.world_bounds();
+        let text = |at: DVec3| at.to_array().map(|x| format!("{x:.1}")).join(", ");
+        Err(format!(
+            "the point {} mm lies outside of the volume, which goes from {} to {} mm",
+            text(at),
+            text(low),
+            text(high)
+        ))
+    }
+
+    /// What is told of a plane before its picture.
+    pub(super) fn told(&self, cut: &Cut<'_>, sequence: u32) -> Value {
+        let Cut { wanted, extent, sampled, slices, work, .. } = cut;
+        let [first, right, down] =
+            [wanted.section.first, wanted.section.right, wanted.section.down].map(|v| v.to_array());
+        let [low, high] = [extent.place.low, extent.place.high].map(|end| DVec3::from_array(end.map(|x| x as f64)));
+        let to_world = extent.place.world_from_lattice;
+        let edges =
+            [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| to_world.transform_vector3(axis * (high - low)).to_array());
+        json!({ "plane": {
+            "kind": KINDS[wanted.number] as u8,
+            "sequence": sequence,
+            "origin": first,
+            "right": right,
+            "down": down,
+            "size": wanted.section.size,
+            "mm_per_px": wanted.section.mm_per_px(),
+            "voxel_mm": extent.voxel_mm,
+            "slices": slices,
+            "volume": { "corner": to_world.transform_point3(low).to_array(), "edges": edges },
+            "turn": self.turn,
+            "cross": self.cross(extent).to_array(),
+            "home": self.cross.is_none() && self.free.is_none(),
+            "window": self.window(),
+            "usual_window": self.usual,
+            "levels": extent.grey_levels,
+            "histogram": histogram(sampled, extent.grey_levels).as_slice(),
+            "work": { "bricks": work.bricks, "planes": work.planes, "shown": work.shown },
+        } })
+    }
+}
+
+/// As a hand turns what it holds: what is seen goes to the right, upwards, with the clock; so the plane's directions go the other way.
+fn turned([right, down]: [DVec3; 2], right_deg: f64, up_deg: f64, clockwise_deg: f64) -> [DVec3; 2] {
+    let forward = right.cross(down);
+    let by = DQuat::from_axis_angle(down, right_deg.to_radians())
+        * DQuat::from_axis_angle(right, up_deg.to_radians())
+        * DQuat::from_axis_angle(forward, -clockwise_deg.to_radians());
+    squared(by * right, by * down)
+}
+
+/// Red, green and blue of a plane's pixels.
+pub(super) fn coloured(sampled: &[Sampled], width: u32, window: [f32; 2]) -> Pixmap {
+    let mut pixels = Vec::with_capacity(3 * sampled.len());
+    let (mut i, mut j) = (0, 0);
+    for sampled in sampled {
+        pixels.extend(match sampled.is_seen() {
+            true => [grey(sampled.value, window); 3],
+            false => unseen(i, j),
+        });
+        i += 1;
+        if i == width {
+            (i, j) = (0, j + 1);
+        }
+    }
+    Pixmap::Colour(pixels.into())
+}
+
+/// The colour of what was not seen.
+pub(super) fn unseen(i: u32, j: u32) -> [u8; 3] {
+    let [apart, thick] = HATCHED;
+    if (i + j) % apart < thick { HATCH } else { UNSEEN }
+}
+
+/// How many of the pixels that were seen have their grey in each part of the range; what lies beyond counts to its ends.
+fn histogram(sampled: &[Sampled], [low, high]: [f32; 2]) -> [u32; BINS] {
+    let mut counts = [0; BINS];
+    let scale = BINS as f32 / (high - low);
+    for sampled in sampled.iter().filter(|sampled| sampled.is_seen()) {
+        // Casts saturate, at 0 too.
+        let bin = ((sampled.value - low) * scale) as usize;
+        counts[bin.min(BINS - 1)] += 1;
+    }
+    counts
+}
+
+#[cfg(test)]
+mod tests {
+    use calibration::frames::Transform;
+    use glam::DAffine3;
+
+    use super::*;
+    use crate::pipeline::live::CutWork;
+    use crate::render::section::Box3;
+
+    fn extent() -> Extent {
+        let turn = DQuat::from_scaled_axis(DVec3::new(0.2, 0.5, -0.4));
+        let affine =
+            DAffine3::from_scale_rotation_translation(DVec3::new(0.5, 0.5, 0.8), turn, DVec3::new(30.0, -4.0, 9.0));
+        let place = Box3::new(Transform::from_affine(affine), [[-32, 0, 64], [127, 95, 127]]);
+        Extent { place, voxel_mm: 0.5, grey_levels: [0.0, 255.0] }
+    }
+
+    fn all(planes: &mut Planes) -> Vec<Wanted> {
+        planes.wanted(&extent(), |_| true)
+    }
+
+    #[test]
+    fn planes_cross_in_the_middle_at_right_angles_and_hold_no_more_pixels_than_voxels() {
+        let mut planes = Planes::default();
+        let wanted = all(&mut planes);
+        assert_eq!(wanted.iter().map(|wanted| wanted.number).collect::<Vec<_>>(), [0, 1, 2, 3]);
+        let place = extent().place;
+        for wanted in &wanted {
+            let section = wanted.section;
+            let normal = section.right.cross(section.down).normalize();
+            assert!((section.first - place.middle()).dot(normal).abs() < 1e-6, "through the middle");
+            assert!((section.mm_per_px() - 0.5).abs() < 1e-9 && section.size.iter().all(|side| *side <= MOST_PX));
+        }
+        assert_eq!(wanted[0].section.size, [160, 96]);
+        assert_eq!(planes.wanted(&extent(), |kind| kind == Kind::Free), wanted[3..]);
+        // One that is larger has larger pixels.
+        let mut far = extent();
+        far.place.high = [4000, 95, 127];
+        let large = planes.wanted(&far, |_| true);
+        assert!(large.iter().all(|wanted| wanted.section.size.iter().all(|side| *side <= MOST_PX)));
+    }
+
+    #[test]
+    fn what_moves_in_a_plane_leaves_it_where_it_is_to_the_bit_and_moves_the_others() {
+        let mut planes = Planes::default();
+        let before = all(&mut planes);
+        let Wanted { section, .. } = before[0];
+        let at = extent().place.middle() + section.right * 7.3 + section.down * -11.9;
+        planes.steer(Move::Cross(at.to_array())).unwrap();
+        let after = all(&mut planes);
+        assert_eq!(before[0], after[0], "it moved within it");
+        (1..4).for_each(|n| assert_ne!(before[n].section, after[n].section, "{n}"));
+        // Through the point they all go.
+        for wanted in &after {
+            let section = wanted.section;
+            assert!((section.first - at).dot(section.right.cross(section.down).normalize()).abs() < 1e-5);
+        }
+        planes.steer(Move::Home).unwrap();
+        assert_eq!(all(&mut planes), before);
+    }
+
+    #[test]
+    fn the_free_plane_turns_about_the_cross_and_stays_a_plane() {
+        let mut planes = Planes::default();
+        let before = all(&mut planes);
+        for _ in 0..500 {
+            planes.steer(Move::Tilt { right: 7.0, up: -3.0, clockwise: 11.0 }).unwrap();
+        }
+        let Wanted { section, .. } = all(&mut planes)[3];
+        assert!(section.right.dot(section.down).abs() < 1e-12);
+        assert!(
+            (section.first - extent().place.middle()).dot(section.right.cross(section.down).normalize()).abs() < 1e-5
+        );
+        planes.steer(Move::Home).unwrap();
+        // With the clock by a quarter: what was up is to the right, so that down in the picture is what was to the right.
+        let [_, _, _, home] = all(&mut planes)[..] else { panic!("four") };
+        planes.steer(Move::Tilt { right: 0.0, up: 0.0, clockwise: 90.0 }).unwrap();
+        let rolled = all(&mut planes)[3].section;
+        assert!((rolled.down.normalize() - home.section.right.normalize()).length() < 1e-9, "{rolled:?}");
+        assert_eq!(all(&mut planes)[..3], before[..3], "the others stay");
+    }
+
+    #[test]
+    fn what_cannot_be_is_refused_with_a_sentence_and_changes_nothing() {
+        let mut planes = Planes::default();
+        assert!(planes.steer(Move::Cross([0.0; 3])).unwrap_err().contains("no volume yet"));
+        assert!(
+            planes.steer(Move::Tilt { right: 1.0, up: 0.0, clockwise: 0.0 }).unwrap_err().contains("no volume yet")
+        );
+        let before = all(&mut planes);
+        for (what, says) in [
+            (Move::Cross([1e9, 0.0, 0.0]), "outside of the volume, which goes from"),
+            (Move::Cross([f64::NAN, 0.0, 0.0]), "finite"),
+            (Move::Tilt { right: 361.0, up: 0.0, clockwise: 0.0 }, "360°"),
+            (Move::Tilt { right: 0.0, up: f64::NAN, clockwise: 0.0 }, "360°"),
+            (Move::Window([100.0, 100.0]), "larger one"),
+            (Move::Window([f64::NEG_INFINITY, 100.0]), "larger one"),
+            (Move::Window([0.0, f64::NAN]), "larger one"),
+            (Move::Window([1e6, 1e6 + 1e-9]), "larger one"),
+        ] {
+            let refused = planes.steer(what).unwrap_err();
+            assert!(refused.contains(says), "{refused}");
+            assert_eq!((all(&mut planes), planes.window(), planes.turn), (before.clone(), [0.0, 255.0], 0));
+        }
+        // A cross that a smaller volume leaves outside comes to its edge.
+        let corner = extent().place.corners()[7] * 0.999 + extent().place.middle() * 0.001;
+        planes.steer(Move::Cross(corner.to_array())).unwrap();
+        let mut small = extent();
+        small.place.high = [0, 31, 95];
+        assert_eq!(planes.wanted(&small, |_| true).len(), 4);
+    }
+
+    #[test]
+    fn seen_black_is_black_unseen_is_hatched_blue_and_a_window_is_another_look_alone() {
+        let seen = |value| Sampled { value, weight: 1.0, share: 1.0 };
+        let sampled: Vec<Sampled> =
+            (0..40).map(|n| if n % 2 == 0 { seen(n as f32) } else { Sampled::UNSEEN }).collect();
+        let colours = |window| match coloured(&sampled, 10, window) {
+            Pixmap::Colour(pixels) => pixels.to_vec(),
+            Pixmap::Grey(_) => panic!("colours"),
+        };
+        let pixels = colours([10.0, 30.0]);
+        let pixel = |n: usize| [pixels[3 * n], pixels[3 * n + 1], pixels[3 * n + 2]];
+        assert_eq!(
+            [pixel(0), pixel(10), pixel(20), pixel(30), pixel(38)],
+            [[0; 3], [0; 3], [128; 3], [255; 3], [255; 3]]
+        );
+        for n in (1..40).step_by(2) {
+            let [r, g, b] = pixel(n);
+            assert!(b > g && g > r && r > 0, "{n}: blue, and not black");
+        }
+        assert_eq!((pixel(1), pixel(3)), (HATCH, UNSEEN));
+        // Even and odd bins of 4 levels: two seen of each four.
+        let counts = histogram(&sampled, [0.0, 255.0]);
+        assert_eq!(counts.iter().sum::<u32>(), 20);
+        assert_eq!(histogram(&[seen(-5.0), seen(300.0)], [0.0, 255.0])[BINS - 1], 1);
+
+        let mut planes = Planes::default();
+        let before = all(&mut planes);
+        planes.steer(Move::Window([20.0, 80.0])).unwrap();
+        let after = all(&mut planes);
+        assert!(before.iter().zip(&after).all(|(a, b)| a.section == b.section && a.look != b.look));
+        assert_eq!(planes.window(), [20.0, 80.0]);
+        planes.usual([0.0, 200.0]);
+        assert_eq!(planes.window(), [20.0, 80.0], "what somebody has chosen holds");
+        planes.steer(Move::HomeWindow).unwrap();
+        assert_eq!(planes.window(), [0.0, 200.0]);
+        let cut = Cut {
+            wanted: after[3],
+            extent: extent(),
+            sampled: &sampled,
+            slices: 5,
+            item: 6,
+            captured_ns: None,
+            work: CutWork::default(),
+        };
+        let told = planes.told(&cut, 9);
+        assert_eq!(
+            (&told["plane"]["kind"], &told["plane"]["sequence"], &told["plane"]["slices"]),
+            (&json!(6), &json!(9), &json!(5))
+        );
+        assert_eq!(told["plane"]["window"], json!([0.0, 200.0]));
+    }
+}

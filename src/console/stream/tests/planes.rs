@@ -1,0 +1,192 @@
+//! Pages that look at planes, move them, and choose how the volume looks.
+
+use calibration::frames::Transform;
+use glam::{DAffine3, DVec3};
+
+use super::*;
+use crate::console::dress::Ground;
+use crate::pipeline::live::{Cut, CutWork, Cutter as _, Extent, Wanted};
+use crate::render::RenderSettings;
+use crate::render::section::{Box3, Sampled};
+use crate::render::transfer::Transfer;
+
+const RANGE: [f32; 2] = [0.0, 255.0];
+
+fn extent() -> Extent {
+    let affine =
+        DAffine3::from_scale_rotation_translation(DVec3::splat(0.5), Default::default(), DVec3::new(3.0, -5.0, 7.0));
+    let place = Box3::new(Transform::from_affine(affine), [[0; 3], [31, 23, 15]]);
+    Extent { place, voxel_mm: 0.5, grey_levels: RANGE }
+}
+
+fn ground() -> Ground {
+    let transfer = Transfer::preset("tissue", [0.0, 255.0]).unwrap();
+    Ground { transfer, name: "tissue".into(), range: RANGE, heeded: true }
+}
+
+/// A page that looks at planes.
+fn looking(session: &Session) -> Client {
+    let mut page = session.page();
+    page.say(&json!({ "do": "show", "slice": false, "view": false, "planes": true }));
+    until("planes are looked at", || session.screen.is_watched_in_planes());
+    page
+}
+
+impl Screen {
+    fn is_watched_in_planes(&self) -> bool {
+        crate::pipeline::live::Cutter::is_watched(self)
+    }
+}
+
+/// The planes are shown as they are wanted: half of each was seen.
+fn cut(session: &Session, slices: u64) -> Vec<Wanted> {
+    let extent = extent();
+    let wanted = session.screen.wants(&extent);
+    for wanted in &wanted {
+        let seen = Sampled { value: 100.0, weight: 1.0, share: 1.0 };
+        let pixels = wanted.section.pixels();
+        let sampled: Vec<Sampled> = (0..pixels).map(|n| if n < pixels / 2 { seen } else { Sampled::UNSEEN }).collect();
+        let (wanted, work) = (*wanted, CutWork::default());
+        session.screen.cut(&Cut { wanted, extent, sampled: &sampled, slices, item: 4, captured_ns: Some(0), work });
+    }
+    wanted
+}
+
+#[test]
+fn of_planes_that_nobody_looks_at_nothing_is_made_and_each_comes_with_where_it_lies() {
+    let session = Session::new();
+    let mut page = session.page();
+    // As pages said it before there were planes.
+    page.say(&json!({ "do": "show", "slice": true, "view": true }));
+    until("somebody looks", || session.screen.is_watched());
+    assert!(!session.screen.is_watched_in_planes() && cut(&session, 1).is_empty());
+    page.say(&json!({ "do": "show", "slice": true, "view": true, "planes": true }));
+    until("planes are looked at", || session.screen.is_watched_in_planes());
+    let wanted = cut(&session, 7);
+    assert_eq!(wanted.len(), 4);
+    for wanted in &wanted {
+        let told = page.word("plane");
+        let picture = page.picture();
+        let kind = 3 + wanted.number as u8;
+        assert_eq!((picture[0], picture[1], sequence(&picture), item(&picture)), (kind, 1, 1, 4));
+        assert_eq!((&told["kind"], &told["sequence"], &told["slices"]), (&json!(kind), &json!(1), &json!(7)));
+        assert_eq!(told["origin"], json!(wanted.section.first.to_array()));
+        assert_eq!(told["right"], json!(wanted.section.right.to_array()));
+        assert_eq!(told["down"], json!(wanted.section.down.to_array()));
+        assert_eq!(told["size"], json!(wanted.section.size));
+        assert_eq!(told["histogram"].as_array().unwrap()[25], json!(wanted.section.pixels() / 2));
+        let pixels = &picture[40..];
+        assert_eq!(pixels.len(), 3 * wanted.section.pixels());
+        assert_eq!(pixels[..3], [100; 3]);
+        let last = &pixels[pixels.len() - 3..];
+        assert!(last[2] > last[0], "not seen: {last:?}");
+        page.say(&json!({ "do": "shown", "kind": kind, "sequence": 1 }));
+    }
+    // The volume is another one, in which nothing was seen.
+    session.screen.nothing("no voxel was seen yet");
+    let told = page.word("plane");
+    assert_eq!((&told["none"], &told["sequence"]), (&json!("no voxel was seen yet"), &json!(2)));
+    assert_eq!(page.picture().len(), 43);
+    page.say(&json!({ "do": "show", "slice": true, "view": true, "planes": false }));
+    until("nobody looks at planes any more", || !session.screen.is_watched_in_planes());
+    let made = session.screen.made(Kind::Free);
+    session.screen.nothing("no voxel was seen yet");
+    assert_eq!((cut(&session, 8).len(), session.screen.made(Kind::Free)), (0, made));
+}
+
+#[test]
+fn who_steers_moves_planes_and_their_greys_and_nobody_else_does() {
+    let session = Session::new();
+    let mut first = looking(&session);
+    let mut second = session.page();
+    let before = cut(&session, 1);
+    let middle = extent().place.middle();
+    let cross = json!({ "do": "cross", "at": [middle.x, middle.y, middle.z + 2.0] });
+    for wish in [
+        cross.clone(),
+        json!({ "do": "tilt", "right": 5.0, "up": 0.0, "clockwise": 0.0 }),
+        json!({ "do": "window", "black": 10.0, "white": 20.0 }),
+        json!({ "do": "transfer", "preset": "bone" }),
+        json!({ "do": "reset", "of": "planes" }),
+    ] {
+        second.say(&wish);
+        assert!(second.word("refused").as_str().unwrap().contains("take over control"), "{wish}");
+    }
+    assert_eq!(session.screen.wants(&extent()), before);
+    for (wish, says) in [
+        (json!({ "do": "cross", "at": [1e9, 0.0, 0.0] }), "outside of the volume"),
+        (json!({ "do": "cross", "at": [1.0, 2.0] }), "nothing that a page can want"),
+        (json!({ "do": "tilt", "right": 1e4, "up": 0.0, "clockwise": 0.0 }), "360°"),
+        (json!({ "do": "window", "black": 20.0, "white": 10.0 }), "larger one"),
+        (json!({ "do": "reset", "of": "patient" }), "unknown variant `patient`"),
+        (json!({ "do": "transfer", "preset": "bone" }), "no volume is drawn"),
+    ] {
+        first.say(&wish);
+        let refused = first.word("refused");
+        assert!(refused.as_str().unwrap().contains(says), "{wish}: {refused}");
+        assert_eq!(session.screen.wants(&extent()), before, "{wish}");
+    }
+    first.say(&cross);
+    until("the plane across z moves", || session.screen.wants(&extent())[0] != before[0]);
+    let after = session.screen.wants(&extent());
+    assert_eq!(after[1..], before[1..], "the others hold the way that it went");
+    first.say(&json!({ "do": "tilt", "right": 30.0, "up": 0.0, "clockwise": 0.0 }));
+    until("the free one turns", || session.screen.wants(&extent())[3] != after[3]);
+    first.say(&json!({ "do": "reset", "of": "planes" }));
+    until("all are as they were", || session.screen.wants(&extent()) == before);
+    first.say(&json!({ "do": "window", "black": 50.0, "white": 150.0 }));
+    until("they look otherwise", || session.screen.wants(&extent())[0].look != before[0].look);
+    first.pictures.clear();
+    cut(&session, 2);
+    // The greys of the window, and the window itself.
+    let begun = Instant::now();
+    while first.word("plane")["window"] != json!([50.0, 150.0]) {
+        assert!(begun.elapsed() < Duration::from_secs(10));
+    }
+    until("its picture comes", || first.picture()[40..43] == [128; 3]);
+    first.say(&json!({ "do": "reset", "of": "window" }));
+    until("as configured", || session.screen.wants(&extent())[0].look > before[0].look + 1);
+}
+
+#[test]
+fn who_steers_chooses_how_the_volume_looks_all_are_told_and_what_is_refused_changes_nothing() {
+    let session = Session::new();
+    session.screen.ground(ground());
+    let mut first = session.page();
+    let mut second = session.page();
+    let worn = || {
+        let mut settings = RenderSettings::new([8, 8], ground().transfer);
+        session.screen.put_on(&mut settings);
+        settings.transfer
+    };
+    for page in [&mut first, &mut second] {
+        let told = page.word("dress");
+        assert_eq!((&told["preset"], &told["configured"]), (&Value::Null, &json!("tissue")));
+        assert_eq!(told["presets"].as_array().unwrap().len(), Transfer::PRESETS.len());
+    }
+    assert_eq!(session.screen.dressing(), 0);
+    first.say(&json!({ "do": "transfer", "preset": "bone" }));
+    for page in [&mut first, &mut second] {
+        assert_eq!(page.word("dress")["preset"], "bone");
+    }
+    assert_eq!(worn(), Transfer::preset("bone", [0.0, 255.0]).unwrap());
+    let number = session.screen.dressing();
+    assert_ne!(number, 0);
+    for (wish, says) in [
+        (json!({ "do": "transfer", "preset": "velvet" }), "velvet"),
+        (json!({ "do": "transfer", "points": [[20.0, 0.5], [10.0, 0.5]] }), "after a point at 20"),
+        (json!({ "do": "transfer", "points": [[20.0, 2.0]] }), "from 0 to 1"),
+        (json!({ "do": "transfer", "points": [[20.0]] }), "nothing that a page can want"),
+    ] {
+        first.say(&wish);
+        let refused = first.word("refused");
+        assert!(refused.as_str().unwrap().contains(says), "{wish}: {refused}");
+        assert_eq!(session.screen.dressing(), number, "{wish}");
+    }
+    first.say(&json!({ "do": "transfer", "preset": "bone", "points": [[20.0, 0.0], [200.0, 0.9]] }));
+    assert_eq!(second.word("dress")["points"], json!([[20.0, 0.0], [200.0, 0.9]]));
+    assert_ne!(session.screen.dressing(), number);
+    first.say(&json!({ "do": "transfer" }));
+    assert_eq!(second.word("dress")["preset"], Value::Null);
+    assert_eq!((session.screen.dressing(), worn()), (0, ground().transfer));
+}

@@ -1,0 +1,197 @@
+//! Planes through the volume while it grows: what is shown is what the volume holds, nothing is done twice, and weaving waits for nobody who looks.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use glam::DVec3;
+use sonoweave::pipeline::live::{Cut, CutWork, Cutter, Extent, Finished, Wanted};
+use sonoweave::render::section::{Planar, Plane, Sampled};
+
+use crate::script::{begin, frames as all_frames, poses};
+use crate::set::{Set, frames};
+
+/// Frames of each of these sessions.
+const COUNT: u64 = 75;
+/// From so many slices on none reaches the bricks that the plane across the sweep meets.
+const PAST: u64 = 35;
+/// A session in which nothing more happens has hung.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+/// Somebody who looks at a plane across the sweep, near its beginning, at one along it, and at an oblique one.
+#[derive(Default)]
+struct Surgeon {
+    looks: AtomicBool,
+    /// How far the plane along the sweep is moved, mm, and the number of the look.
+    aside: AtomicU64,
+    look: AtomicU64,
+    asked: AtomicU64,
+    /// Nothing is answered until this is set.
+    stuck: AtomicBool,
+    seen: Mutex<Vec<Seen>>,
+}
+
+#[derive(Clone)]
+struct Seen {
+    wanted: Wanted,
+    extent: Extent,
+    sampled: Vec<Sampled>,
+    slices: u64,
+    work: CutWork,
+}
+
+const ACROSS: usize = 0;
+const ALONG: usize = 1;
+const OBLIQUE: usize = 2;
+
+impl Surgeon {
+    fn seen(&self) -> Vec<Seen> {
+        self.seen.lock().unwrap().clone()
+    }
+
+    fn of(&self, number: usize) -> Vec<Seen> {
+        self.seen().into_iter().filter(|seen| seen.wanted.number == number).collect()
+    }
+
+    fn asked(&self) -> u64 {
+        self.asked.load(Ordering::Relaxed)
+    }
+}
+
+impl Cutter for Surgeon {
+    fn is_watched(&self) -> bool {
+        self.looks.load(Ordering::Relaxed)
+    }
+
+    fn wants(&self, extent: &Extent) -> Vec<Wanted> {
+        self.asked.fetch_add(1, Ordering::Relaxed);
+        let aside = 10.0 + self.aside.load(Ordering::Relaxed) as f64;
+        let planes = [
+            (DVec3::new(16.0, 16.0, 2.0), DVec3::Z),
+            (DVec3::new(aside, 16.0, 20.0), DVec3::X),
+            (DVec3::new(16.0, 16.0, 20.0), DVec3::new(0.5, 0.3, 0.7)),
+        ];
+        let look = self.look.load(Ordering::Relaxed);
+        let wanted = planes.into_iter().enumerate().map(|(number, (point, normal))| {
+            let plane = Plane::new(point, normal, None).unwrap();
+            Wanted { number, section: plane.cover(&extent.place, 0.7, 256).unwrap(), look }
+        });
+        wanted.collect()
+    }
+
+    fn cut(&self, cut: &Cut<'_>) {
+        let Cut { wanted, extent, sampled, slices, work, .. } = *cut;
+        self.seen.lock().unwrap().push(Seen { wanted, extent, sampled: sampled.to_vec(), slices, work });
+        let begun = Instant::now();
+        while self.stuck.load(Ordering::Relaxed) && begun.elapsed() < PATIENCE {
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+
+    fn nothing(&self, why: &str) {
+        assert_eq!(why, "no voxel was seen yet");
+    }
+}
+
+fn looked_at(surgeon: &Arc<Surgeon>) -> Set {
+    let begin_ns = begin();
+    let set = Set::of(poses(begin_ns, COUNT).that_stays(), all_frames(begin_ns, COUNT));
+    Set { cutter: Some(Arc::clone(surgeon) as Arc<dyn Cutter>), ..set }
+}
+
+/// The last picture of each plane is what sampling the finished volume gives.
+fn are_the_volume_s(surgeon: &Surgeon, finished: &Finished) {
+    let volume = finished.outcome.as_ref().unwrap().reconstructor.volume();
+    let last: BTreeMap<usize, Seen> = surgeon.seen().into_iter().map(|seen| (seen.wanted.number, seen)).collect();
+    assert_eq!(last.len(), 3);
+    for (number, Seen { wanted, extent, sampled, .. }) in last {
+        let (expected, _) = Planar { volume, place: extent.place, pool: None }.sample(&wanted.section);
+        let seen = expected.iter().filter(|sampled| sampled.is_seen()).count();
+        assert!(seen > 500 && seen < expected.len(), "{number}: {seen} of {}", expected.len());
+        assert!(sampled == expected, "{number}: the bits of the volume");
+    }
+}
+
+#[test]
+fn planes_are_the_volume_s_to_the_bit_whenever_they_were_read() {
+    let surgeon = Arc::new(Surgeon { looks: true.into(), ..Surgeon::default() });
+    let (finished, _) = looked_at(&surgeon).until(|account, _| account.ledger.frames.used == COUNT);
+    assert_eq!(frames(&finished), (COUNT, COUNT, vec![]));
+    are_the_volume_s(&surgeon, &finished);
+    let seen = surgeon.seen();
+    let work = seen.last().unwrap().work;
+    println!("{} pictures, {work:?}", seen.len());
+    assert_eq!(work.shown, seen.len() as u64);
+}
+
+#[test]
+fn a_plane_is_sampled_when_it_moves_or_a_slice_reaches_it_and_shown_when_that_is_another_picture() {
+    let surgeon = Arc::new(Surgeon::default());
+    let mut steps = Vec::new();
+    let (mut asked, mut last) = (0, CutWork::default());
+    let begun = Instant::now();
+    let (finished, _) = looked_at(&surgeon).until(|account, _| {
+        assert!(begun.elapsed() < PATIENCE, "{steps:?}");
+        let now = surgeon.asked();
+        let work = surgeon.seen().last().map_or(CutWork::default(), |seen| seen.work);
+        match steps.len() {
+            // Nobody looks at first, and nothing is asked or read.
+            0 if account.ledger.frames.used >= PAST => {
+                assert_eq!((now, surgeon.seen().len()), (0, 0));
+                surgeon.looks.store(true, Ordering::Relaxed);
+            }
+            // Those who come see all that there is, and what comes.
+            1 if account.ledger.frames.used == COUNT && !surgeon.seen().is_empty() => asked = now,
+            2 if now >= asked + 4 => (asked, last) = (now, work),
+            // Nothing changes: nothing is done.
+            3 if now >= asked + 4 => {
+                assert_eq!(work, last);
+                asked = now;
+                surgeon.look.store(1, Ordering::Relaxed);
+            }
+            // Another look reads and samples nothing.
+            4 if now >= asked + 3 => {
+                assert_eq!(work, CutWork { shown: last.shown + 3, ..last });
+                (asked, last) = (now, work);
+                surgeon.aside.store(9, Ordering::Relaxed);
+            }
+            // A plane that moves is read alone.
+            5 if now >= asked + 3 => {
+                let CutWork { bricks, planes, shown } = work;
+                assert!(bricks > last.bricks);
+                assert_eq!((planes, shown), (last.planes + 1, last.shown + 1));
+                surgeon.looks.store(false, Ordering::Relaxed);
+                asked = now;
+            }
+            6 => return true,
+            _ => return false,
+        }
+        steps.push(begun.elapsed());
+        false
+    });
+    assert_eq!(frames(&finished), (COUNT, COUNT, vec![]));
+    // Of the plane that the sweep has passed there is one picture in each look, of the other as many as there was time for.
+    let slices: Vec<u64> = surgeon.of(ACROSS).iter().map(|seen| seen.slices).collect();
+    assert_eq!(slices.len(), 2, "{slices:?}");
+    let along: Vec<u64> = surgeon.of(ALONG).iter().map(|seen| seen.slices).collect();
+    println!("across {slices:?}, along {along:?}, oblique {}", surgeon.of(OBLIQUE).len());
+    assert!(slices[0] == COUNT || along.len() > 3, "{along:?}");
+    are_the_volume_s(&surgeon, &finished);
+}
+
+#[test]
+fn who_is_stuck_over_a_plane_holds_up_no_slice() {
+    let surgeon = Arc::new(Surgeon { looks: true.into(), stuck: true.into(), ..Surgeon::default() });
+    let mut woven_meanwhile = 0;
+    let (finished, _) = looked_at(&surgeon).until(|account, _| {
+        if surgeon.stuck.load(Ordering::Relaxed) && !surgeon.seen().is_empty() {
+            woven_meanwhile = account.ledger.frames.used;
+            surgeon.stuck.store(woven_meanwhile < 50, Ordering::Relaxed);
+        }
+        account.ledger.frames.used == COUNT
+    });
+    assert!(woven_meanwhile >= 50, "slices are woven while nobody answers: {woven_meanwhile}");
+    assert_eq!(frames(&finished), (COUNT, COUNT, vec![]));
+    are_the_volume_s(&surgeon, &finished);
+}
