@@ -220,7 +220,7 @@ impl Looks for Dresser {
     }
 
     fn shown(&self, drawn: &Drawn) {
-        self.seen.lock().unwrap().push((drawn.slices, drawn.renderer.picture().clone()));
+        self.seen.lock().unwrap().push((drawn.slices, drawn.renderer.picture()));
     }
 }
 
@@ -255,7 +255,7 @@ fn another_look_is_drawn_once_and_the_last_picture_is_as_configured_to_the_bit()
         false
     });
     let seen = dresser.seen.lock().unwrap();
-    assert!(seen[pictures - 1].1 == *expected.renderer.picture() && seen[pictures].1 != *expected.renderer.picture());
+    assert!(seen[pictures - 1].1 == expected.renderer.picture() && seen[pictures].1 != expected.renderer.picture());
     let drawn = finished.drawn.unwrap();
     assert!(drawn.renderer.picture() == expected.renderer.picture(), "the last one is as configured");
 }
