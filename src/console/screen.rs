@@ -336,7 +336,13 @@ impl Seat {
         let count = &self.screen.looked_at[place(kind)];
         match (was, looks) {
             (false, true) => drop(count.fetch_add(1, Ordering::Relaxed)),
-            (true, false) => drop(count.fetch_sub(1, Ordering::Relaxed)),
+            (true, false) => {
+                let others = count.fetch_sub(1, Ordering::Relaxed) - 1;
+                // Who comes next sees a plane as it is then, not as it was.
+                if others == 0 && planes::KINDS.contains(&kind) {
+                    self.screen.shots[place(kind)].send_replace(None);
+                }
+            }
             _ => {}
         }
     }

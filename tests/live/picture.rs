@@ -220,7 +220,7 @@ impl Looks for Dresser {
     }
 
     fn shown(&self, drawn: &Drawn) {
-        self.seen.lock().unwrap().push((drawn.slices, drawn.renderer.picture().clone()));
+        self.seen.lock().unwrap().push((drawn.slices, drawn.renderer.picture()));
     }
 }
 

@@ -28,6 +28,9 @@ export class Levels {
   #held = null;
   #own = -Infinity;
   #sent = new Map();
+  #ground = svg("g", {});
+  #grips = new Map();
+  #drawing = false;
 
   /// `send(wish)` brings it to the session.
   constructor({ room, preset, says, greys, looks }, send) {
@@ -38,11 +41,11 @@ export class Levels {
     this.#looks = looks;
     this.#send = send;
     this.#svg = svg("svg", { id: "levels", role: "group", "aria-label": "Grey levels: window of the planes and opacity of the volume" });
+    this.#svg.append(this.#ground);
     room.append(this.#svg);
     new ResizeObserver(() => this.#draw()).observe(room);
     preset.addEventListener("change", () => {
-      this.#own = -Infinity;
-      send({ do: "transfer", preset: preset.value || null });
+      this.#reset({ do: "transfer", preset: preset.value || null });
     });
     greys.addEventListener("click", () => this.#reset({ do: "reset", of: "window" }));
     looks.addEventListener("click", () => this.#reset({ do: "transfer" }));
@@ -75,7 +78,7 @@ export class Levels {
       ...options.map(([value, text, title]) => Object.assign(document.createElement("option"), { value, textContent: text, title })),
     );
     this.#preset.value = told.preset ?? "";
-    const says = !told.heeded ? "This session's picture heeds no opacities." : told.points ? "" : "This look shows surfaces: it has no curve to drag.";
+    const says = !told.heeded ? "This session's picture heeds no opacities." : told.points ? "Bars: greys of what the planes show." : "This look shows surfaces: it has no curve to drag.";
     if (this.#says.textContent !== says) this.#says.textContent = says;
     this.#draw();
   }
@@ -86,6 +89,11 @@ export class Levels {
 
   #reset(wish) {
     [this.#own, this.#held] = [-Infinity, null];
+    // What waits to be sent is of before.
+    for (const last of this.#sent.values()) {
+      clearTimeout(last.timer);
+      last.timer = null;
+    }
     this.#send(wish);
   }
 
@@ -234,16 +242,56 @@ export class Levels {
     else last.timer = setTimeout(send, wait);
   }
 
+  // With the screen's next frame, however often something has changed.
   #draw() {
-    const { width, height } = this.#size();
-    const focused = this.#svg.contains(document.activeElement) ? document.activeElement.dataset.name : null;
-    this.#svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
-    const floor = this.#y(0);
-    const parts = [svg("rect", { x: ROOM.left, y: ROOM.top, width: width - ROOM.left - ROOM.right, height: floor - ROOM.top, class: "levels-ground" })];
-    parts.push(...this.#bars(floor), ...this.#ramp(height));
-    if (this.#edits()) parts.push(...this.#line());
-    this.#svg.replaceChildren(...parts);
-    if (focused) this.#focus(focused);
+    if (this.#drawing) return;
+    this.#drawing = true;
+    requestAnimationFrame(() => {
+      this.#drawing = false;
+      const { width, height } = this.#size();
+      this.#svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
+      const floor = this.#y(0);
+      const parts = [svg("rect", { x: ROOM.left, y: ROOM.top, width: width - ROOM.left - ROOM.right, height: floor - ROOM.top, class: "levels-ground" })];
+      parts.push(...this.#bars(floor), ...this.#ramp(height));
+      if (this.#edits()) parts.push(...this.#line());
+      this.#ground.replaceChildren(...parts);
+      this.#grip();
+    });
+  }
+
+  // The handles stay what they are, so that who has one in focus keeps it.
+  #grip() {
+    const { height } = this.#size();
+    const points = this.#edits() ? this.#points : [];
+    const wanted = [
+      ...["black", "white"].map((name, n) => {
+        const [x, y] = [this.#x(clamp(this.#window[n], ...this.#levels)), height - ROOM.bottom];
+        const shape = ["path", { d: `M${x} ${y}l6 -7h-12zM${x} ${y}v${ROOM.bottom - 2}`, class: "levels-end" }];
+        return { name, label: `${name} from grey level`, grey: this.#window[n], text: `grey ${Math.round(this.#window[n])}`, shape };
+      }),
+      ...points.map(([grey, opacity], n) => {
+        const shape = ["circle", { cx: this.#x(clamp(grey, ...this.#levels)), cy: this.#y(opacity), r: 7, class: "levels-point" }];
+        return { name: `point-${n}`, label: `Opacity, point ${n + 1} of ${points.length}`, grey, text: `grey ${Math.round(grey)}, opacity ${opacity.toFixed(2)}`, shape };
+      }),
+    ];
+    const [low, high] = this.#levels;
+    for (const name of this.#grips.keys()) {
+      if (wanted.some((one) => one.name === name)) continue;
+      this.#grips.get(name).remove();
+      this.#grips.delete(name);
+    }
+    for (const { name, label, grey, text, shape: [kind, shape] } of wanted) {
+      let grip = this.#grips.get(name);
+      if (!grip) {
+        grip = svg("g", { "data-name": name, role: "slider" });
+        grip.append(svg(kind, {}));
+        this.#svg.append(grip);
+        this.#grips.set(name, grip);
+      }
+      const told = { tabindex: this.#steers ? 0 : -1, "aria-label": label, "aria-valuemin": low, "aria-valuemax": high, "aria-valuenow": Math.round(grey), "aria-valuetext": text, "aria-disabled": String(!this.#steers) };
+      set(grip, told);
+      set(grip.firstChild, shape);
+    }
   }
 
   #bars(floor) {
@@ -265,18 +313,11 @@ export class Levels {
     const gradient = svg("linearGradient", { id: "levels-greys-ramp" });
     gradient.append(svg("stop", { offset: 0, "stop-color": "#000" }), svg("stop", { offset: 1, "stop-color": "#fff" }));
     const [left, right] = this.#levels.map((grey) => this.#x(grey));
-    const ends = ["black", "white"].map((name, n) => {
-      const x = n === 0 ? black : white;
-      const handle = this.#handle(name, `${name} from grey level`, this.#window[n], `grey ${Math.round(this.#window[n])}`);
-      handle.append(svg("path", { d: `M${x} ${top - 5}l6 -7h-12zM${x} ${top - 5}v${tall + 8}`, class: "levels-end" }));
-      return handle;
-    });
     return [
       gradient,
       svg("rect", { x: left, y: top, width: right - left, height: tall, fill: "#000", class: "levels-edge" }),
       svg("rect", { x: white, y: top, width: Math.max(0, right - white), height: tall, fill: "#fff" }),
       svg("rect", { x: black, y: top, width: Math.max(1, white - black), height: tall, fill: "url(#levels-greys-ramp)" }),
-      ...ends,
     ];
   }
 
@@ -284,31 +325,11 @@ export class Levels {
     const points = this.#points;
     const all = [[this.#levels[0], points[0][1]], ...points, [this.#levels[1], points.at(-1)[1]]];
     const path = all.map(([grey, opacity]) => `${this.#x(clamp(grey, ...this.#levels))},${this.#y(opacity)}`).join(" ");
-    const handles = points.map(([grey, opacity], n) => {
-      const handle = this.#handle(`point-${n}`, `Opacity, point ${n + 1} of ${points.length}`, grey, `grey ${Math.round(grey)}, opacity ${opacity.toFixed(2)}`);
-      handle.append(svg("circle", { cx: this.#x(grey), cy: this.#y(opacity), r: 7, class: "levels-point" }));
-      return handle;
-    });
-    return [svg("polyline", { points: path, class: "levels-curve-ground" }), svg("polyline", { points: path, class: "levels-curve" }), ...handles];
-  }
-
-  #handle(name, label, grey, text) {
-    const [low, high] = this.#levels;
-    return svg("g", {
-      "data-name": name,
-      tabindex: this.#steers ? 0 : -1,
-      role: "slider",
-      "aria-label": label,
-      "aria-valuemin": low,
-      "aria-valuemax": high,
-      "aria-valuenow": Math.round(grey),
-      "aria-valuetext": text,
-      "aria-disabled": String(!this.#steers),
-    });
+    return [svg("polyline", { points: path, class: "levels-curve-ground" }), svg("polyline", { points: path, class: "levels-curve" })];
   }
 
   #focus(name) {
-    this.#svg.querySelector(`[data-name="${name}"]`)?.focus({ preventScroll: true });
+    this.#grips.get(name)?.focus({ preventScroll: true });
   }
 }
 
@@ -324,6 +345,11 @@ const round = (x) => Math.round(x * 1000) / 1000;
 
 function svg(name, attributes) {
   const made = document.createElementNS(SVG, name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  set(made, attributes);
   return made;
+}
+
+// Only what is another one.
+function set(element, attributes) {
+  for (const [key, value] of Object.entries(attributes)) if (element.getAttribute(key) !== String(value)) element.setAttribute(key, value);
 }
