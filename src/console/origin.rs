@@ -25,7 +25,7 @@ pub(super) async fn only_own_pages(request: Request, next: Next) -> Response {
         return next.run(request).await;
     }
     let secured = request.extensions().get::<Line>().is_some_and(|line| line.secured);
-    if !is_own(headers, secured) {
+    if !comes_from_own(headers, secured) {
         return (StatusCode::FORBIDDEN, "only this server's own pages may do this\n").into_response();
     }
     let length = text(headers, &header::CONTENT_LENGTH).map(|length| length.parse::<u64>());
@@ -41,13 +41,19 @@ pub(super) async fn only_own_pages(request: Request, next: Next) -> Response {
     next.run(request.with_limited_body()).await
 }
 
-/// Whether a request that says this of itself comes from a page of this server, or from no page.
-pub fn is_own(headers: &HeaderMap, secured: bool) -> bool {
+/// Whether a request with these headers comes from a page of this server, or from no page.
+fn comes_from_own(headers: &HeaderMap, secured: bool) -> bool {
     // Told twice it is of two minds.
-    if [header::ORIGIN, header::HOST, FETCH_SITE].iter().any(|name| headers.get_all(name).iter().nth(1).is_some()) {
+    let told_twice = |name: &HeaderName| headers.get_all(name).iter().nth(1).is_some();
+    if [header::ORIGIN, header::HOST, FETCH_SITE].iter().any(told_twice) {
         return false;
     }
-    let same = match (text(headers, &header::ORIGIN), text(headers, &header::HOST)) {
+    is_own(text(headers, &header::ORIGIN), text(headers, &header::HOST), text(headers, &FETCH_SITE), secured)
+}
+
+/// Whether a request that says this of itself, or nothing, comes from a page of this server, or from no page; `secured` if this server speaks TLS.
+pub fn is_own(origin: Option<&str>, host: Option<&str>, site: Option<&str>, secured: bool) -> bool {
+    let same = match (origin, host) {
         (None, _) => true,
         (Some(origin), Some(host)) => origin.split_once("://").is_some_and(|(scheme, own)| {
             let scheme_is_fine = scheme == "https" || scheme == "http" && !secured;
@@ -55,7 +61,7 @@ pub fn is_own(headers: &HeaderMap, secured: bool) -> bool {
         }),
         (Some(_), None) => false,
     };
-    same && text(headers, &FETCH_SITE).is_none_or(|site| matches!(site, "same-origin" | "none"))
+    same && site.is_none_or(|site| matches!(site, "same-origin" | "none"))
 }
 
 /// A header's text; one that is none is told as empty.
@@ -89,7 +95,7 @@ mod tests {
             &[host, ("origin", "https://LOCALHOST:9110"), ("sec-fetch-site", "same-origin")],
             &[host, ("sec-fetch-site", "none")],
         ] {
-            assert!(is_own(&says(own), false), "{own:?}");
+            assert!(comes_from_own(&says(own), false), "{own:?}");
         }
         for foreign in [
             &[host, ("origin", "http://example.org")][..],
@@ -103,10 +109,13 @@ mod tests {
             &[("host", ""), ("origin", "http://")],
             &[("origin", "http://localhost:9110")],
         ] {
-            assert!(!is_own(&says(foreign), false), "{foreign:?}");
+            assert!(!comes_from_own(&says(foreign), false), "{foreign:?}");
         }
-        assert!(!is_own(&says(&[host, ("origin", "http://localhost:9110")]), true), "not by TLS, as this server is");
-        assert!(is_own(&says(&[host, ("origin", "https://localhost:9110")]), true));
+        assert!(
+            !comes_from_own(&says(&[host, ("origin", "http://localhost:9110")]), true),
+            "not by TLS, as this server is"
+        );
+        assert!(comes_from_own(&says(&[host, ("origin", "https://localhost:9110")]), true));
         assert!(is_json("application/json") && is_json("Application/JSON ; charset=utf-8"));
         assert!(!is_json("text/plain") && !is_json("text/plain;application/json") && !is_json(""));
     }

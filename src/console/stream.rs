@@ -23,7 +23,7 @@ use axum::extract::ws::{CloseFrame, Message, WebSocket, WebSocketUpgrade, close_
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use tokio::sync::watch;
-use tokio::time::{Instant, MissedTickBehavior, interval, timeout};
+use tokio::time::{Instant, MissedTickBehavior, interval, interval_at, timeout};
 
 use super::screen::{KINDS, Kind, Pixmap, Seat, Shot, now_ms};
 use super::wish::Wish;
@@ -35,6 +35,8 @@ const ON_THEIR_WAY: u32 = 2;
 const FORGIVEN: Duration = Duration::from_secs(2);
 /// Between two accounts.
 const OFTEN: Duration = Duration::from_millis(250);
+/// Between two for a page that looks at nothing: nobody reads them, but it knows that the line is there.
+const SELDOM: Duration = Duration::from_secs(1);
 /// For how long a page may keep a message waiting.
 const SENDING: Duration = Duration::from_secs(5);
 /// Bytes of a message of a page.
@@ -159,9 +161,10 @@ impl<'a> Page<'a> {
         let mut turns = self.seat.turns();
         let mut accounts = interval(OFTEN);
         accounts.set_missed_tick_behavior(MissedTickBehavior::Delay);
-        let mut questions = interval(ASKED);
+        let mut questions = interval_at(Instant::now() + ASKED, ASKED);
         questions.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut account = told::Teller::default();
+        let mut told_at = Instant::now();
         let mut about = told::about(self.served);
         let mut dressed = self.seat.dressed();
         if !self.say(about.clone()).await || !self.say(self.control()).await || !self.say(self.dress()).await {
@@ -183,6 +186,11 @@ impl<'a> Page<'a> {
                 shot = free.next() => Out::Shot(shot),
                 Ok(()) = dressed.changed() => Out::Text(self.dress()),
                 _ = accounts.tick() => {
+                    let is_due = self.channels.iter().any(|channel| channel.looks) || told_at.elapsed() >= SELDOM;
+                    if !is_due {
+                        continue;
+                    }
+                    told_at = Instant::now();
                     let newer = told::about(self.served);
                     if newer != about {
                         about.clone_from(&newer);

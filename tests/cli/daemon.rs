@@ -307,6 +307,29 @@ fn a_port_that_is_taken_is_said_before_anything_begins() {
 }
 
 #[test]
+fn an_address_that_others_reach_is_refused_before_anything_begins_unless_all_is_there_for_it() {
+    let place = Place::new();
+    place.put("b.toml", SMALL.replace("127.0.0.1:0", "0.0.0.0:0"));
+    let says = [
+        "status.listen: 0.0.0.0:0 can be reached by other machines",
+        "[status] has no certificate, no key and no token_file: give them",
+    ];
+    place.refuses("live --quiet --config b.toml --record rec --stats s.json", &says);
+    place.put("b.toml", SMALL);
+    place.refuses("live --quiet --config b.toml --record rec --console 0.0.0.0:0", &says);
+    let checked = place.run("live --config b.toml --check");
+    assert_eq!(checked.code, 0, "{}", checked.stderr);
+    // The key's file is another one's.
+    place.put("b.toml", SMALL.replace("[status]\n", "[status]\ncertificate = \"c.crt\"\nkey = \"c.crt\"\n"));
+    place.put("c.crt", include_str!("../../src/console/tests/bedside-3.crt"));
+    let checked = place.run("live --config b.toml --check");
+    assert!(checked.code == 1 && checked.stdout.contains("status.key: "), "{} {}", checked.stdout, checked.stderr);
+    place.refuses("live --quiet --config b.toml --record rec", &["status.key: ", "c.crt: "]);
+    let demo = place.run("demo --console 0.0.0.0:0");
+    assert!(demo.code == 2 && demo.stderr.contains("0.0.0.0 can be reached from outside, and a demo has no password"));
+}
+
+#[test]
 fn what_threads_have_a_right_to_is_wanted_or_not() {
     let place = Place::new();
     let run = |realtime: &str| {

@@ -114,6 +114,13 @@ fn examples_say_what_is_opened() {
     assert_eq!(fastrak.grabber.latency_ns, 40_000_000);
     assert_eq!(fastrak.record.keep_free_bytes, 2_048_000_000);
     assert_eq!(fastrak.status.listen.unwrap().port(), 9110);
+    assert_eq!(fastrak.status.access, Access::default());
+    let others = with(
+        "[status]\nlisten = \"0.0.0.0:9110\"\ntoken_file = \"t\"\nnames = [\"Bedside-3\", \"192.0.2.1\", \"::1\"]\n",
+    )
+    .unwrap();
+    assert_eq!(others.status.access.token_file.as_deref(), Some(Path::new("t")), "from the file's folder");
+    assert_eq!(others.status.access.names, ["bedside-3", "192.0.2.1", "::1"]);
     // The calibration file's resolution across the plane, where nothing else is said.
     let across = fastrak.volume.settings.sigma_mm[2].unwrap();
     assert!((across - 1.1 / 1.177_41).abs() < 1e-4, "{across}");
@@ -204,7 +211,10 @@ fn mistakes_name_the_file_the_line_the_key_and_what_may_stand_there() {
             "[process]\nrealtime = \"yes\"\n",
             "process.realtime (line 10): \"yes\" is none of if-permitted, never and required",
         ),
-        ("[status]\nlisten = \"0.0.0.0:80\"\n", "status.listen (line 10): 0.0.0.0 can be reached from outside"),
+        (
+            "[status]\nnames = [\"a.b\", \"b:80\"]\n",
+            "\"b:80\" is no machine's name; give it as browsers call it, without a port",
+        ),
         (
             "[status]\nlisten = \"9110\"\n",
             "status.listen (line 10): \"9110\" is no address with a port; give one, such as \"127.0.0.1:9110\"",

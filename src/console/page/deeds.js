@@ -20,7 +20,7 @@ export class Deeds {
       button.addEventListener("click", () => this.#wish(button.dataset.deed));
     }
     document.addEventListener("keydown", (event) => {
-      if (event.ctrlKey || event.altKey || event.metaKey || event.repeat || document.querySelector("dialog[open]")) return;
+      if (event.defaultPrevented || event.ctrlKey || event.altKey || event.metaKey || event.repeat || document.querySelector("dialog[open]")) return;
       if (event.target.closest?.("input, select, textarea")) return;
       const deed = KEYS[event.key] ?? KEYS[event.key.toLowerCase()];
       if (!deed) return;

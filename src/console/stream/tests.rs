@@ -82,6 +82,7 @@ impl Client {
             match self.socket.read().unwrap() {
                 Message::Text(text) => return serde_json::from_str(&text).unwrap(),
                 Message::Binary(bytes) => self.pictures.push(bytes.to_vec()),
+                Message::Ping(_) => {}
                 other => panic!("{other:?}"),
             }
         }
@@ -105,13 +106,13 @@ impl Client {
             }
             match self.socket.read().unwrap() {
                 Message::Binary(bytes) => return bytes.to_vec(),
-                Message::Text(_) => {}
+                Message::Text(_) | Message::Ping(_) => {}
                 other => panic!("{other:?}"),
             }
         }
     }
 
-    /// What comes until two more accounts have been told: half a second.
+    /// What comes until two more accounts have been told: half a second for a page that looks at something.
     fn for_a_while(&mut self) -> usize {
         self.word("account");
         self.word("account");
@@ -186,6 +187,26 @@ fn a_page_that_answers_nothing_gets_two_pictures_and_then_the_newest() {
     // One who never answers is not given up for good.
     session.shows(201);
     assert_eq!(item(&page.picture()), 201);
+}
+
+#[test]
+fn a_page_that_looks_at_nothing_is_told_less() {
+    let session = Session::new();
+    let mut page = session.page();
+    let three = |page: &mut Client| {
+        page.word("account");
+        let begun = Instant::now();
+        (0..3).for_each(|_| drop(page.word("account")));
+        begun.elapsed()
+    };
+    let hidden = three(&mut page);
+    assert!(hidden >= Duration::from_millis(2500), "{hidden:?}");
+    page.say(&json!({ "do": "show", "slice": true, "view": false }));
+    let seen = three(&mut page);
+    assert!(seen < Duration::from_millis(2500), "{seen:?}");
+    page.say(&json!({ "do": "show", "slice": false, "view": false }));
+    three(&mut page);
+    assert!(three(&mut page) >= Duration::from_millis(2500));
 }
 
 #[test]
