@@ -19,6 +19,7 @@
 //! - [`convert`]: recordings and volumes from one file to another.
 //! - [`pipeline`]: the stages in flow order.
 //! - [`ledger`], [`refusal`]: what became of every frame, and the reasons.
+//! - [`coach`]: what tells whoever scans how to scan better.
 //! - [`statistics`]: what a run did, in numbers.
 //! - [`console`], [`service`]: the same while it runs, over HTTP, and to a service manager.
 //! - [`igtl`]: slices, sensors and the volume while it runs, over OpenIGTLink.
@@ -28,6 +29,7 @@
 
 pub mod annotation;
 pub mod cli;
+pub mod coach;
 pub mod config;
 pub mod console;
 pub mod convert;
