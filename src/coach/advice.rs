@@ -4,7 +4,7 @@
 
 use std::borrow::Cow;
 
-use drivers::clock::{MS, SECOND};
+use drivers::clock::MS;
 use serde::Serialize;
 
 use super::contact::Contact;
@@ -86,18 +86,13 @@ impl Counsel {
                 Some(kept) => {
                     (kept.advice, kept.last_ns) = (advice.clone(), now_ns);
                 }
-                None => self.kept.push(Kept {
-                    advice: advice.clone(),
-                    first_ns: now_ns,
-                    last_ns: now_ns,
-                    is_said: false,
-                }),
+                None => {
+                    self.kept.push(Kept { advice: advice.clone(), first_ns: now_ns, last_ns: now_ns, is_said: false })
+                }
             }
         }
         // What is not believed yet must be seen each time.
-        self.kept.retain(|kept| {
-            if kept.is_said { now_ns - kept.last_ns < GONE_NS } else { kept.last_ns == now_ns }
-        });
+        self.kept.retain(|kept| if kept.is_said { now_ns - kept.last_ns < GONE_NS } else { kept.last_ns == now_ns });
         for kept in &mut self.kept {
             kept.is_said |= now_ns - kept.first_ns >= BELIEVED_NS;
         }

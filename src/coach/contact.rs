@@ -7,11 +7,12 @@
 //! - *Something stands out of its depth.* Along a row of the far field the noise has one level and Rayleigh's law: of some thousand samples the strongest is 11 dB above the median. A
 //!   wall, a wire or a bone is more than that above. What stands [`OUT`] grey levels above its row's median (19 dB of a range of 60 dB, 13 dB of one of 40 dB) is an echo; there
 //!   must be [`LEAST_OUT`] samples of it, so that a speck of interference is none.
-//! - *The depth is as bright as the near field.* Speckle of a uniform tissue has the same law as noise, but it is bright: of the near field's mean at least [`AS_BRIGHT`], and more than [`DARK`].
+//! - *The depth is bright.* Speckle of a uniform tissue has the same law as noise, but it fills near field and depth alike: the near field's mean is at least [`BRIGHT`], which a band at
+//!   the face does not make, and that of the depth at least [`DARK`] and [`AS_BRIGHT`] of it.
 //!
 //! The near field is the first quarter of the data's rows. Nothing of this compares with what was seen before: there may have been no contact from the beginning. A tank of water
-//! with nothing in it looks like air, and so does tissue that swallows all; the advice says what is seen, and what to try. At a gain that makes noise half as bright as the near
-//! field, a loss of contact is not noticed.
+//! with nothing in it looks like air, and so does tissue that swallows all; the advice says what is seen, and what to try. Where bands fill the near field and the gain makes the noise
+//! a quarter as bright, a loss of contact is not noticed. Painted pictures of a thigh, of speckle and of air are told apart from 12 dB too little gain to 12 dB too much.
 //!
 //! At most ten pictures a second are looked at, and of each [`ROWS`] × [`COLUMNS`] pixels at most.
 
@@ -22,17 +23,19 @@ use crate::mask::Mask;
 use crate::slice::{Image, Pixels};
 
 /// Samples of a picture at most, along v and u.
-pub const ROWS: usize = 96;
+pub const ROWS: usize = 128;
 /// Samples of a row at most.
-pub const COLUMNS: usize = 128;
+pub const COLUMNS: usize = 160;
 /// Grey levels above the median of the row.
 pub const OUT: u8 = 80;
 /// So many samples must be that far above.
 pub const LEAST_OUT: u32 = 4;
-/// The far field's mean, as part of the near field's,
-pub const AS_BRIGHT: f64 = 0.5;
-/// and what it must be at least, grey levels.
-pub const DARK: f64 = 48.0;
+/// The near field's mean, grey levels,
+pub const BRIGHT: f64 = 60.0;
+/// that of the depth as part of it,
+pub const AS_BRIGHT: f64 = 0.25;
+/// and what that must be at least, grey levels.
+pub const DARK: f64 = 24.0;
 /// Between two looks, ns.
 const EVERY_NS: i64 = 100 * MS;
 /// For how long nothing must have come back before that is told, ns: an empty moment passes by.
@@ -99,7 +102,7 @@ impl Depth {
     /// Whether anything comes back.
     pub fn answers(&self) -> bool {
         let [near, far] = self.means;
-        self.out >= LEAST_OUT || (far >= DARK && far >= AS_BRIGHT * near)
+        self.out >= LEAST_OUT || (near >= BRIGHT && far >= DARK && far >= AS_BRIGHT * near)
     }
 }
 

@@ -1,7 +1,8 @@
 //! What lies between two slices that are too far apart.
 //!
 //! From each of a fixed grid of pixels of the first slice a line goes along its normal to the second one's plane. It is part of the gap where it begins and ends on data and is longer
-//! than what both slices see of it together. On what neither sees lie points, no farther apart than a slice sees: when all of them have been seen, so has the gap.
+//! than what both slices see of it together. On what neither sees lie points, half as far apart as a slice sees to a side: when all of them have been seen, so has
+//! the gap, but for what lies within a quarter of that at its borders.
 
 use glam::DVec3;
 
@@ -14,6 +15,8 @@ const GRID: usize = 6;
 const LAYERS: usize = 6;
 /// Slices farther apart than this are of different places, mm.
 pub const MOST_MM: f64 = 30.0;
+/// A pixel is as wide as this at most, mm.
+const BORDER_MM: f64 = 2.0;
 /// So are slices whose planes meet at more than 60°.
 const LEAST_COSINE: f64 = 0.5;
 
@@ -75,7 +78,7 @@ pub fn between(a: &Pane, b: &Pane, mask: &Mask, reach_mm: f64) -> Between {
             continue;
         }
         width_mm = width_mm.max(way.abs());
-        let layers = ((unseen / reach_mm).ceil() as usize).clamp(1, LAYERS);
+        let layers = ((2.0 * unseen / reach_mm).ceil() as usize).clamp(1, LAYERS);
         for layer in 0..layers {
             let depth = reach_mm + unseen * (layer as f64 + 0.5) / layers as f64;
             points.push(from + along * (depth * way.signum()));
@@ -118,7 +121,8 @@ impl Gap {
 
     /// A slice has seen what it sees of it. How many points were looked at for that.
     pub fn see(&mut self, pane: &Pane, mask: &Mask, reach_mm: f64) -> u64 {
-        if pane.distance(self.centre).abs() > self.radius + reach_mm {
+        let far = pane.distance(self.centre).abs() > self.radius + reach_mm;
+        if far || (pane.beside(self.centre).abs() - pane.half_mm()).max_element() > self.radius + BORDER_MM {
             return 0;
         }
         let looked_at = self.points.len() as u64;

@@ -8,7 +8,7 @@
 //! - what follows a pause, when the sweep goes back towards it. Only once it goes on away from it, so that there is scanned tissue on both sides, it is one.
 //!
 //! A slice closes the points of gaps that it sees. What a slice costs is bounded by [`MOST_GAPS`] of fixed grids of points, of which only those near its plane are looked at, and by
-//! [`MOST_PLANES`] planes, each of which is a product of three numbers unless it is near; what is beyond either bound is counted.
+//! [`MOST_PLANES`] planes, of which those near a new gap are tried until [`MOST_LOOKS`]; what is beyond a bound is counted.
 
 use drivers::clock::SECOND;
 use glam::DVec3;
@@ -25,6 +25,8 @@ pub const PAUSE_NS: i64 = SECOND;
 pub const MOST_GAPS: usize = 96;
 /// Planes of earlier slices that are kept.
 pub const MOST_PLANES: usize = 1024;
+/// Points that are looked at, at most, to find out whether a gap was seen before.
+pub const MOST_LOOKS: u64 = 20_000;
 /// No hand sweeps faster, mm/s.
 const MOST_SPEED: f64 = 500.0;
 /// Planes whose middles are farther apart in the plane are kept both, mm.
@@ -167,11 +169,17 @@ impl Holes {
 
     /// What of a gap no earlier slice has seen.
     fn unseen(&mut self, mut gap: Gap, mask: &Mask) -> Option<Gap> {
+        let mut looks = 0;
         for plane in &self.planes {
-            self.points += gap.see(plane, mask, self.spacing.reach_mm());
-            if gap.is_closed() {
-                return None;
+            looks += gap.see(plane, mask, self.spacing.reach_mm());
+            if gap.is_closed() || looks > MOST_LOOKS {
+                break;
             }
+        }
+        self.points += looks;
+        self.beyond += u64::from(looks > MOST_LOOKS);
+        if gap.is_closed() || looks > MOST_LOOKS {
+            return None;
         }
         Some(gap)
     }

@@ -7,6 +7,7 @@
 //! - [`speed`]: how fast the picture moves, and what part of that is across it.
 //! - [`gap`], [`holes`]: what lies between two slices and was seen by neither, and what became of it since.
 //! - [`contact`]: whether anything comes back from the depth of the picture.
+//! - [`age`]: what there is to say of the day on which the probe was calibrated.
 //! - [`sensors`]: which share of the tracker's poses is valid.
 //! - [`outlines`]: where the holes and the present slice lie, to be drawn, also in a plane.
 //! - [`advice`]: all of it in sentences, the worst first, that do not flicker.
@@ -14,6 +15,7 @@
 //! A slice costs a bounded number of steps, whatever was scanned before: see [`holes`]. Nothing of the volume is read, so that the weaver is never waited for.
 
 pub mod advice;
+pub mod age;
 pub mod contact;
 pub mod gap;
 pub mod holes;

@@ -33,8 +33,15 @@ impl Pane {
         let corners = [[0, 0], [1, 0], [1, 1], [0, 1]].map(|[u, v]| at(columns[u], rows[v]));
         let middle = at(0.5 * (columns[0] + columns[1]), 0.5 * (rows[0] + rows[1]));
         let pixel_mm = [u.length(), v.length()];
-        (pane_from_world.is_finite() && world_from_pane.is_finite())
-            .then_some(Self { world_from_pane, pane_from_world, corners, middle, pixel_mm, columns, rows })
+        (pane_from_world.is_finite() && world_from_pane.is_finite()).then_some(Self {
+            world_from_pane,
+            pane_from_world,
+            corners,
+            middle,
+            pixel_mm,
+            columns,
+            rows,
+        })
     }
 
     /// World position of a pixel, mm.

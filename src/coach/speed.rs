@@ -123,7 +123,8 @@ impl Speed {
         let Motion { middle, normal, edge, rate } = self.motion()?;
         let (gapless, even) = (spacing.gapless_mm * rate, spacing.even_mm * rate);
         let was = self.verdict;
-        let over = |limit: f64, is: &[Verdict]| edge > limit * if was.is_some_and(|v| is.contains(&v)) { AGAIN } else { 1.0 };
+        let over =
+            |limit: f64, is: &[Verdict]| edge > limit * if was.is_some_and(|v| is.contains(&v)) { AGAIN } else { 1.0 };
         let verdict = if over(gapless, &[Verdict::TooFast]) {
             Verdict::TooFast
         } else if over(even, &[Verdict::Fast, Verdict::TooFast]) {

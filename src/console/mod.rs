@@ -12,6 +12,7 @@
 //! [`Console`] gives them one. Whoever asks must call this machine by a loopback name (`hosts`): a web page elsewhere, whose name was made to lead here, gets nothing.
 
 mod hosts;
+mod marks;
 mod metrics;
 mod page;
 pub mod screen;
@@ -37,6 +38,7 @@ pub use server::{Console, ConsoleError};
 use tokio::sync::{Semaphore, watch};
 pub use told::About;
 
+use crate::coach::CoachTold;
 use crate::config::bedside::Effective;
 use crate::pipeline::live::Account;
 use crate::statistics::LiveStatistics;
@@ -56,6 +58,7 @@ pub struct Latest {
 struct Told {
     at: Instant,
     account: Arc<Account>,
+    coach: Option<Arc<CoachTold>>,
     config: Arc<Effective>,
     still: Vec<String>,
     ended: bool,
@@ -68,6 +71,7 @@ impl Latest {
         let told = Told {
             at: began,
             account: Arc::default(),
+            coach: None,
             config: Arc::new(config.clone()),
             still: Vec::new(),
             ended: false,
@@ -79,7 +83,12 @@ impl Latest {
     pub fn tell(&self, account: &Account, still: &[String]) {
         let (account, still) = (Arc::new(account.clone()), still.to_vec());
         let mut told = self.lock();
-        *told = Told { at: Instant::now(), account, config: Arc::clone(&told.config), still, ended: told.ended };
+        (told.at, told.account, told.still) = (Instant::now(), account, still);
+    }
+
+    /// What the coach tells at this moment.
+    pub fn coached(&self, coach: CoachTold) {
+        self.lock().coach = Some(Arc::new(coach));
     }
 
     /// The session is told to end, or ends by itself: what follows is only written.
@@ -102,6 +111,7 @@ impl Latest {
 
     fn statistics<'a>(&'a self, told: &'a Told) -> LiveStatistics<'a> {
         LiveStatistics::new(&told.account, told.at.duration_since(self.began), &told.config)
+            .with_coach(told.coach.as_deref())
     }
 }
 

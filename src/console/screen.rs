@@ -4,13 +4,15 @@
 
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, SystemTime};
 
 use rustix::time::{ClockId, clock_gettime};
 use tokio::sync::watch;
 
+use super::marks::Marks;
 use super::sight::{Sight, Steer};
+use crate::coach::Coach;
 use crate::pipeline::live::{Drawn, Glimpsed, Witness};
 use crate::render::camera::View;
 use crate::slice::Pixels;
@@ -74,6 +76,9 @@ pub struct Screen {
     made: [AtomicU32; 2],
     sight: Mutex<Sight>,
     audience: Mutex<Audience>,
+    /// Who knows what is to be marked in the view.
+    coach: OnceLock<Arc<Coach>>,
+    marked: AtomicU32,
     /// Changes whenever somebody else steers.
     turns: watch::Sender<u64>,
 }
@@ -87,6 +92,8 @@ impl Default for Screen {
             made: Default::default(),
             sight: Mutex::default(),
             audience: Mutex::default(),
+            coach: OnceLock::new(),
+            marked: AtomicU32::new(0),
             turns: watch::Sender::new(0),
         }
     }
@@ -123,6 +130,28 @@ impl Screen {
         let pixels = Pixmap::Colour(picture.over(background).into());
         let Drawn { item, captured_ns, refining, .. } = *drawn;
         self.show(Kind::View, picture.size, pixels, item, captured_ns.map(unix_ms), refining);
+    }
+
+    /// Marks in the view from now on what this coach knows. The first one stays.
+    pub fn follow(&self, coach: &Arc<Coach>) {
+        self.coach.get_or_init(|| Arc::clone(coach));
+    }
+
+    /// What is to be marked in the view's last picture; `None` without a picture, and where nobody looks or knows.
+    pub(super) fn marks(&self, now_ns: i64) -> Option<Marks> {
+        let coach = self.coach.get().filter(|_| self.is_watched())?;
+        let sequence = self.made(Kind::View);
+        if sequence == 0 {
+            return None;
+        }
+        self.marked.fetch_add(1, Ordering::Relaxed);
+        let outlines = coach.outlines(now_ns);
+        Marks::of(&outlines, &self.sight(), sequence)
+    }
+
+    /// Times that it was worked out what is to be marked.
+    pub fn marked(&self) -> u32 {
+        self.marked.load(Ordering::Relaxed)
     }
 
     /// Pictures of a kind that were made for browsers.

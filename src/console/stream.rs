@@ -12,7 +12,7 @@
 //! | 16, 24 | f64 | when its frame was captured, and when it was sent, ms since the UNIX epoch |
 //! | 32 | u64 | its frame's number |
 //!
-//! Text messages are JSON. A page answers each picture when it has drawn it, and has two of a kind on their way at most: so one that is slow gets fewer, always the newest, and
+//! Text messages are JSON: what the session tells of itself, and what is to be marked in the volume's picture, when that has changed. A page answers each picture when it has drawn it, and has two of a kind on their way at most: so one that is slow gets fewer, always the newest, and
 //! nothing piles up for it.
 
 use std::sync::Arc;
@@ -23,10 +23,12 @@ use axum::extract::{Request, State};
 use axum::http::{StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use drivers::clock::{Clock as _, Monotonic};
 use serde::Deserialize;
 use tokio::sync::watch;
 use tokio::time::{Instant, MissedTickBehavior, interval, timeout};
 
+use super::marks::Marks;
 use super::screen::{Kind, Pixmap, Seat, Shot, now_ms};
 use super::sight::{From, Steer};
 use super::{Served, told};
@@ -37,6 +39,8 @@ const ON_THEIR_WAY: u32 = 2;
 const FORGIVEN: Duration = Duration::from_secs(2);
 /// Between two accounts.
 const OFTEN: Duration = Duration::from_millis(250);
+/// Between two looks whether there is something else to be marked in the view.
+const MARKED: Duration = Duration::from_millis(100);
 /// For how long a page may keep a message waiting.
 const SENDING: Duration = Duration::from_secs(5);
 /// Bytes of a message of a page.
@@ -154,6 +158,9 @@ impl<'a> Page<'a> {
         let mut turns = self.seat.turns();
         let mut accounts = interval(OFTEN);
         accounts.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut marking = interval(MARKED);
+        marking.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut marked: Option<Marks> = None;
         let mut account = told::Teller::default();
         let mut about = told::about(self.served);
         if !self.say(about.clone()).await || !self.say(self.control()).await {
@@ -161,6 +168,7 @@ impl<'a> Page<'a> {
         }
         loop {
             let [slice, view] = &mut self.channels;
+            let looks = view.looks;
             let message = tokio::select! {
                 _ = stopped.changed() => {
                     self.leave(account.tell(self.served)).await;
@@ -169,6 +177,14 @@ impl<'a> Page<'a> {
                 Ok(()) = turns.changed() => Out::Text(self.control()),
                 shot = slice.next() => Out::Shot(shot),
                 shot = view.next() => Out::Shot(shot),
+                _ = marking.tick(), if looks => match self.served.screen.marks(Monotonic.now_ns()) {
+                    Some(marks) if marked.as_ref().is_none_or(|was| was.differ(&marks)) => {
+                        let value = marks.told();
+                        marked = Some(marks);
+                        Out::Text(value)
+                    }
+                    _ => continue,
+                },
                 _ = accounts.tick() => {
                     let newer = told::about(self.served);
                     if newer != about {

@@ -143,6 +143,7 @@ pub(in crate::cli) fn session(
     let (began, mut said) = (Instant::now(), Instant::now());
     let mut stages = stages(bedside, looks)?;
     stages.witnesses.extend(screen.map(|screen| screen as Arc<dyn Witness>));
+    stages.witnesses.extend(telling.coach().map(|coach| coach as Arc<dyn Witness>));
     if let Some(shared) = &shared {
         shared.joins(&mut stages);
     }

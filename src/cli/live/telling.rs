@@ -4,7 +4,13 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use calibration::file::date::Date;
+use drivers::clock::{Clock as _, Monotonic};
+
 use crate::cli::Failure;
+use crate::coach::age::calibration_age;
+use crate::coach::spacing::Spacing;
+use crate::coach::{Coach, CoachSettings};
 use crate::config::bedside::{Bedside, Realtime, pixel_mm};
 use crate::console::{About, Console, Latest, Screen};
 use crate::pipeline::live::{Account, Standing};
@@ -19,6 +25,7 @@ pub(super) struct Telling {
     latest: Arc<Latest>,
     console: Option<Console>,
     screen: Option<Arc<Screen>>,
+    coach: Option<Arc<Coach>>,
     told: Option<Instant>,
 }
 
@@ -30,13 +37,17 @@ impl Telling {
     pub(super) fn begin(bedside: &Bedside, listen: Option<SocketAddr>, kind: &'static str) -> Result<Self, Failure> {
         let latest = Arc::new(Latest::new(&bedside.effective));
         let screen = listen.map(|_| Arc::new(Screen::default()));
+        let coach = listen.map(|_| coach(bedside)).transpose()?;
+        if let (Some(screen), Some(coach)) = (&screen, &coach) {
+            screen.follow(coach);
+        }
         let console = match (listen, &screen) {
             (Some(address), Some(screen)) => {
                 Some(Console::new(address, Arc::clone(&latest), Arc::clone(screen), about(bedside, kind))?)
             }
             _ => None,
         };
-        Ok(Self { service: Service::new(), latest, console, screen, told: None })
+        Ok(Self { service: Service::new(), latest, console, screen, coach, told: None })
     }
 
     /// Where it is to be seen, if it is.
@@ -47,6 +58,11 @@ impl Telling {
     /// What browsers see, where they may.
     pub(super) fn screen(&self) -> Option<Arc<Screen>> {
         self.screen.clone()
+    }
+
+    /// Who knows how the scan goes, where a page could show it.
+    pub(super) fn coach(&self) -> Option<Arc<Coach>> {
+        self.coach.clone()
     }
 
     /// The settings are about to be read again.
@@ -71,6 +87,9 @@ impl Telling {
         }
         if ends || self.told.is_none_or(|told| told.elapsed() >= OFTEN) {
             self.told = Some(Instant::now());
+            if let Some(coach) = &self.coach {
+                self.latest.coached(coach.tell(account, Monotonic.now_ns()));
+            }
             self.latest.tell(account, self.service.still());
         }
     }
@@ -81,6 +100,26 @@ fn about(bedside: &Bedside, kind: &'static str) -> About {
     let name = bedside.path.file_name().unwrap_or(bedside.path.as_os_str()).to_string_lossy().into_owned();
     let size = bedside.grabber.settings.size.map(|size| bedside.grabber.turned(size));
     About { name, kind, size, pixel_mm: pixel_mm(&bedside.calibration) }
+}
+
+/// Who knows how the scan goes, by what the volume is woven with.
+///
+/// # Errors
+/// [`Failure`] for a kernel that is none.
+fn coach(bedside: &Bedside) -> Result<Arc<Coach>, Failure> {
+    let settings = &bedside.volume.settings;
+    let pixel_mm = pixel_mm(&bedside.calibration).unwrap_or([settings.spacing_mm.max_element(); 2]);
+    let preset = bedside.calibration.preset.as_ref();
+    let worth_a_word_days = bedside.effective.get("calibration.warn_after_days").and_then(|days| days.as_i64());
+    let calibration = preset
+        .and_then(|preset| preset.made)
+        .zip(worth_a_word_days)
+        .and_then(|(made, days)| calibration_age(made, Date::today(), days));
+    Ok(Arc::new(Coach::new(CoachSettings {
+        spacing: Spacing::of(settings, pixel_mm)?,
+        mask: bedside.mask,
+        calibration,
+    })))
 }
 
 /// The session's standing with the scheduler, as the configuration wants it. A virtual bedside paints what its grabber shows, in the thread that captures: that is no work to

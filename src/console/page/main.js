@@ -2,7 +2,9 @@
 
 import { AccountCards } from "./account.js";
 import { Banner } from "./banner.js";
+import { CoachCard } from "./coach.js";
 import { SLICE, VIEW } from "./header.js";
+import { Marks } from "./marks.js";
 import { Measurements } from "./measurements.js";
 import { Picture } from "./picture.js";
 import { Slice } from "./slice.js";
@@ -18,10 +20,12 @@ const measured = new Measurements();
 window.sonoweave = measured.open;
 
 const cards = new AccountCards(of);
+const coach = new CoachCard(of);
+const marks = new Marks(of("view-marks"), of("view-legend"));
 const banner = new Banner(of("banner"), of("announcer"));
 const slice = new Slice({ room: of("slice-room"), canvas: of("slice"), scale: of("slice-scale"), caption: of("slice-caption") });
 const view = new View(
-  { panel: of("view-panel"), room: of("view-room"), canvas: of("view"), onlooker: of("onlooker"), control: of("control"), refined: of("refined") },
+  { panel: of("view-panel"), room: of("view-room"), canvas: of("view"), onlooker: of("onlooker"), control: of("control"), refined: of("refined"), marks },
   (wish) => stream.send(wish),
 );
 const screens = {
@@ -63,7 +67,10 @@ function word(key, value) {
     measured.open.account = value;
     const spread = { screen: measured.spread("slice"), view: measured.spread("view"), shown: measured.rate("slice") };
     cards.tell(value, spread);
+    coach.tell(value.coach);
     look();
+  } else if (key === "marks") {
+    marks.show(value);
   } else if (key === "control") {
     measured.open.control = value;
     view.control(value);
@@ -84,6 +91,7 @@ function changed() {
     // Another session may be there now: what the last one told does not hold, and its pictures were numbered anew.
     account = null;
     for (const kind of [SLICE, VIEW]) screens[kind].restart();
+    marks.clear();
     show();
   } else {
     asked = null;
