@@ -19,6 +19,7 @@
 //! - [`convert`]: recordings and volumes from one file to another.
 //! - [`pipeline`]: the stages in flow order.
 //! - [`ledger`], [`refusal`]: what became of every frame, and the reasons.
+//! - [`coach`]: what tells whoever scans how to scan better.
 //! - [`statistics`]: what a run did, in numbers.
 //! - [`measure`]: lengths, areas and volumes with their errors, and the slices that a place was made of.
 //! - [`desk`]: what whoever looks at a running session may tell it to do.
@@ -30,6 +31,7 @@
 
 pub mod annotation;
 pub mod cli;
+pub mod coach;
 pub mod config;
 pub mod console;
 pub mod convert;

@@ -26,6 +26,7 @@ pub mod dress;
 mod gate;
 pub mod hosts;
 mod listen;
+mod marks;
 mod metrics;
 pub mod origin;
 mod page;
@@ -61,6 +62,7 @@ pub use told::About;
 
 use gate::Gate;
 
+use crate::coach::CoachTold;
 use crate::config::bedside::Effective;
 use crate::desk::Desk;
 use crate::measure::{Doubt, Slices};
@@ -82,6 +84,7 @@ pub struct Latest {
 struct Told {
     at: Instant,
     account: Arc<Account>,
+    coach: Option<Arc<CoachTold>>,
     config: Arc<Effective>,
     still: Vec<String>,
     ended: bool,
@@ -100,6 +103,7 @@ impl Latest {
         let told = Told {
             at: began,
             account: Arc::default(),
+            coach: None,
             config: Arc::new(config.clone()),
             still: Vec::new(),
             ended: false,
@@ -111,7 +115,12 @@ impl Latest {
     pub fn tell(&self, account: &Account, still: &[String]) {
         let (account, still) = (Arc::new(account.clone()), still.to_vec());
         let mut told = self.lock();
-        *told = Told { at: Instant::now(), account, config: Arc::clone(&told.config), still, ended: told.ended };
+        (told.at, told.account, told.still) = (Instant::now(), account, still);
+    }
+
+    /// What the coach tells at this moment.
+    pub fn coached(&self, coach: CoachTold) {
+        self.lock().coach = Some(Arc::new(coach));
     }
 
     /// The session is told to end, or ends by itself: what follows is only written.
@@ -134,6 +143,7 @@ impl Latest {
 
     fn statistics<'a>(&'a self, told: &'a Told) -> LiveStatistics<'a> {
         LiveStatistics::new(&told.account, told.at.duration_since(self.began), &told.config)
+            .with_coach(told.coach.as_deref())
     }
 }
 

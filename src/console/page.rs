@@ -28,6 +28,7 @@ const LOGIN: Asset = asset!("login.html", "text/html; charset=utf-8");
 const ASSETS: &[Asset] = &[
     asset!("account.js", "text/javascript; charset=utf-8"),
     asset!("banner.js", "text/javascript; charset=utf-8"),
+    asset!("coach.js", "text/javascript; charset=utf-8"),
     asset!("deeds.js", "text/javascript; charset=utf-8"),
     asset!("favicon.svg", "image/svg+xml"),
     asset!("fit.js", "text/javascript; charset=utf-8"),
@@ -38,6 +39,7 @@ const ASSETS: &[Asset] = &[
     asset!("levels.js", "text/javascript; charset=utf-8"),
     asset!("login.js", "text/javascript; charset=utf-8"),
     asset!("main.js", "text/javascript; charset=utf-8"),
+    asset!("marks.js", "text/javascript; charset=utf-8"),
     asset!("measurements.js", "text/javascript; charset=utf-8"),
     asset!("picture.js", "text/javascript; charset=utf-8"),
     asset!("plane.js", "text/javascript; charset=utf-8"),

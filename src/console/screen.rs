@@ -4,15 +4,17 @@
 
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, SystemTime};
 
 use rustix::time::{ClockId, clock_gettime};
 use tokio::sync::watch;
 
 use super::dress::{Choice, Dress, Ground};
+use super::marks::Marks;
 use super::planes::{self, Move, Planes};
 use super::sight::{Sight, Steer};
+use crate::coach::Coach;
 use crate::pipeline::live::{Cut, Cutter, Drawn, Extent, Glimpsed, Wanted, Witness};
 use crate::render::RenderSettings;
 use crate::render::camera::View;
@@ -100,6 +102,9 @@ pub struct Screen {
     /// Changes whenever the volume's picture looks otherwise.
     dressed: watch::Sender<u64>,
     audience: Mutex<Audience>,
+    /// Who knows what is to be marked in the view.
+    coach: OnceLock<Arc<Coach>>,
+    marked: AtomicU32,
     /// Changes whenever somebody else steers.
     turns: watch::Sender<u64>,
 }
@@ -115,6 +120,8 @@ impl Default for Screen {
             dress: Mutex::default(),
             dressed: watch::Sender::new(0),
             audience: Mutex::default(),
+            coach: OnceLock::new(),
+            marked: AtomicU32::new(0),
             turns: watch::Sender::new(0),
         }
     }
@@ -174,6 +181,28 @@ impl Screen {
     /// How pictures of the volume look, to a page.
     pub(super) fn told_dress(&self) -> serde_json::Value {
         self.dress().told()
+    }
+
+    /// Marks in the view from now on what this coach knows. The first one stays.
+    pub fn follow(&self, coach: &Arc<Coach>) {
+        self.coach.get_or_init(|| Arc::clone(coach));
+    }
+
+    /// What is to be marked in the view's last picture; `None` without a picture, and where nobody looks or knows.
+    pub(super) fn marks(&self, now_ns: i64) -> Option<Marks> {
+        let coach = self.coach.get().filter(|_| self.is_watched())?;
+        let sequence = self.made(Kind::View);
+        if sequence == 0 {
+            return None;
+        }
+        self.marked.fetch_add(1, Ordering::Relaxed);
+        let outlines = coach.outlines(now_ns);
+        Marks::of(&outlines, &self.sight(), sequence)
+    }
+
+    /// Times that it was worked out what is to be marked.
+    pub fn marked(&self) -> u32 {
+        self.marked.load(Ordering::Relaxed)
     }
 
     /// Pictures of a kind that were made for browsers.

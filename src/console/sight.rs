@@ -80,6 +80,16 @@ impl Sight {
         self.shown = Some(Shown { camera, world_from_stage });
     }
 
+    /// Where a point of the world (mm) is in the last picture, in pixels, whole at their centres; `None` where it is not, and before the first.
+    pub fn project(&self, at: DVec3) -> Option<[f64; 2]> {
+        self.shown?.camera.project_world(at)
+    }
+
+    /// Pixels of the last picture.
+    pub fn size(&self) -> Option<[u32; 2]> {
+        Some(self.shown?.camera.size())
+    }
+
     /// Changes the view.
     ///
     /// # Errors

@@ -12,7 +12,8 @@
 //! | 16, 24 | f64 | when its frame was captured, and when it was sent, ms since the UNIX epoch |
 //! | 32 | u64 | its frame's number |
 //!
-//! Text messages are JSON; before the picture of a plane comes `plane`, which has its kind and number and says where it lies. A page answers each picture when it has drawn it, and has two of a kind on their way at most: so one that is slow gets fewer, always the newest, and
+//! Text messages are JSON: what the session tells of itself; what is to be marked in the volume's picture, when that has changed; and before the picture of a plane `plane`, which has its
+//! kind and number and says where it lies. A page answers each picture when it has drawn it, and has two of a kind on their way at most: so one that is slow gets fewer, always the newest, and
 //! nothing piles up for it.
 
 use std::sync::Arc;
@@ -22,9 +23,11 @@ use axum::extract::State;
 use axum::extract::ws::{CloseFrame, Message, WebSocket, WebSocketUpgrade, close_code};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
+use drivers::clock::{Clock as _, Monotonic};
 use tokio::sync::watch;
 use tokio::time::{Instant, MissedTickBehavior, interval, interval_at, timeout};
 
+use super::marks::Marks;
 use super::screen::{KINDS, Kind, Pixmap, Seat, Shot, now_ms};
 use super::wish::Wish;
 use super::{Counts, Served, told};
@@ -37,6 +40,8 @@ const FORGIVEN: Duration = Duration::from_secs(2);
 const OFTEN: Duration = Duration::from_millis(250);
 /// Between two for a page that looks at nothing: nobody reads them, but it knows that the line is there.
 const SELDOM: Duration = Duration::from_secs(1);
+/// Between two looks whether there is something else to be marked in the view.
+const MARKED: Duration = Duration::from_millis(100);
 /// For how long a page may keep a message waiting.
 const SENDING: Duration = Duration::from_secs(5);
 /// Bytes of a message of a page.
@@ -163,6 +168,9 @@ impl<'a> Page<'a> {
         accounts.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut questions = interval_at(Instant::now() + ASKED, ASKED);
         questions.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut marking = interval(MARKED);
+        marking.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut marked: Option<Marks> = None;
         let mut account = told::Teller::default();
         let mut told_at = Instant::now();
         let mut about = told::about(self.served);
@@ -172,6 +180,7 @@ impl<'a> Page<'a> {
         }
         loop {
             let [slice, view, across_z, across_y, across_x, free] = &mut self.channels;
+            let looks = view.looks;
             let message = tokio::select! {
                 _ = stopped.changed() => {
                     self.leave(account.tell(self.served)).await;
@@ -185,6 +194,14 @@ impl<'a> Page<'a> {
                 shot = across_x.next() => Out::Shot(shot),
                 shot = free.next() => Out::Shot(shot),
                 Ok(()) = dressed.changed() => Out::Text(self.dress()),
+                _ = marking.tick(), if looks => match self.served.shown.screen.marks(Monotonic.now_ns()) {
+                    Some(marks) if marked.as_ref().is_none_or(|was| was.differ(&marks)) => {
+                        let value = marks.told();
+                        marked = Some(marks);
+                        Out::Text(value)
+                    }
+                    _ => continue,
+                },
                 _ = accounts.tick() => {
                     let is_due = self.channels.iter().any(|channel| channel.looks) || told_at.elapsed() >= SELDOM;
                     if !is_due {

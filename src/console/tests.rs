@@ -15,7 +15,10 @@ use hyper_util::service::TowerToHyperService;
 use serde_json::Value;
 
 use super::*;
+use crate::coach::spacing::Spacing;
+use crate::coach::{Coach, CoachSettings};
 use crate::ledger::{Queue, Readings};
+use crate::mask::MaskSettings;
 use crate::pipeline::live::{ClockBoard, DeviceBoard, Unwritten, Written};
 use crate::refusal::{Reason, Refusal};
 use crate::sync::clock;
@@ -137,6 +140,18 @@ fn the_status_is_the_statistics_of_this_moment() {
     assert_eq!((&told["capture_to_volume"]["count"], &told["capture_to_picture"]), (&1.into(), &Value::Null));
     assert!(told["wall_s"].as_f64().unwrap() >= 0.0 && told["process"]["resident_bytes"].as_u64().unwrap() > 0);
     assert_eq!(told["config"]["volume.spacing_mm"], 0.5);
+    assert!(told.get("coach").is_none(), "nobody looks on");
+    let spacing = Spacing { gapless_mm: 4.0, even_mm: 2.0 };
+    let settings = CoachSettings { spacing, mask: MaskSettings::default(), calibration: Some("It is old.".into()) };
+    let (latest, coach) = (session(), Coach::new(settings));
+    for at_ns in [0, 1_000_000_000] {
+        latest.coached(coach.tell(&eventful(), at_ns));
+    }
+    let (_, _, body) = get_as(&latest, "localhost:9110", "/status");
+    let told: Value = serde_json::from_str(&body).unwrap();
+    assert_eq!((&told["coach"]["speed"], &told["coach"]["spacing"]["gapless_mm"]), (&Value::Null, &4.0.into()));
+    let keys = told["coach"]["advice"].as_array().unwrap().iter().map(|advice| advice["key"].as_str().unwrap());
+    assert_eq!(keys.collect::<Vec<_>>(), ["frozen", "calibration"]);
 }
 
 /// Samples by name and labels; every family is described before its samples, and stands in one place.

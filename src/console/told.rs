@@ -89,6 +89,7 @@ impl Teller {
             "frozen_s": account.frozen_s,
             "bent": account.distortion.is_some_and(|found| found.rms_mm.is_some()),
             "recording": recording(account),
+            "coach": told.coach.as_deref(),
             "notes": account.notes,
             "still": told.still,
             "ended": told.ended,

@@ -5,6 +5,7 @@ use std::time::Duration;
 use serde::Serialize;
 
 use super::process::ProcessNumbers;
+use crate::coach::CoachTold;
 use crate::config::bedside::Effective;
 use crate::pipeline::live::Account;
 
@@ -18,6 +19,9 @@ pub struct LiveStatistics<'a> {
     /// What became of frames and readings, how each device is and how long things took.
     #[serde(flatten)]
     pub account: &'a Account,
+    /// How the scan goes, for who holds the probe; where a page could show it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub coach: Option<&'a CoachTold>,
     /// From the program's start until the first slice was in the volume, s.
     pub start_to_first_slice_s: Option<f64>,
     /// What it took.
@@ -35,8 +39,15 @@ impl<'a> LiveStatistics<'a> {
             version: env!("CARGO_PKG_VERSION"),
             wall_s: wall.as_secs_f64(),
             account,
+            coach: None,
             process,
             config,
         }
+    }
+
+    /// With what the coach tells.
+    #[must_use]
+    pub fn with_coach(self, coach: Option<&'a CoachTold>) -> Self {
+        Self { coach, ..self }
     }
 }

@@ -33,8 +33,12 @@ impl Drop for Session {
 
 impl Session {
     pub(super) fn begin(words: &str, variables: &[(&str, &str)]) -> Self {
+        Self::of(SMALL, words, variables)
+    }
+
+    fn of(bedside: &str, words: &str, variables: &[(&str, &str)]) -> Self {
         let place = Place::new();
-        place.put("b.toml", SMALL);
+        place.put("b.toml", bedside);
         let socket = UnixDatagram::bind(place.path("notify")).unwrap();
         socket.set_read_timeout(Some(PATIENCE)).unwrap();
         let said = std::fs::File::create(place.path("stderr")).unwrap();
@@ -358,4 +362,32 @@ fn what_threads_have_a_right_to_is_wanted_or_not() {
             "{refused}"
         );
     }
+}
+
+#[test]
+fn a_sweep_that_is_too_fast_is_told_and_what_it_leaves_out_and_one_that_is_not_is_good() {
+    // 30 frames a second, 8 mm apart, where the kernel closes 5.2 mm.
+    let fast = SMALL.replace("scene = \"ramp\"", "scene = \"ramp\"\ngap_mm = 8.0\nframes = 300");
+    let session = Session::of(&fast, "", &[]);
+    let address = session.address();
+    let coach = session.waits_for("word of the speed", || {
+        let coach = json(&address)["coach"].clone();
+        let keys: Vec<_> = coach["advice"].as_array()?.iter().map(|advice| advice["key"].clone()).collect();
+        (keys.contains(&"too-fast".into()) && keys.contains(&"holes".into())).then_some(coach)
+    });
+    assert_eq!(coach["speed"]["verdict"], "too-fast", "{coach}");
+    let says = coach["speed"]["says"].as_str().unwrap();
+    assert!(says.starts_with("too fast: ") && says.ends_with(" mm/s leaves no gaps"), "{says}");
+    let number = |key: &str| coach["speed"][key].as_f64().unwrap();
+    assert!((number("edge_mm_per_s") / 240.0 - 1.0).abs() < 0.1, "{coach}");
+    assert!((number("gapless_mm_per_s") / (30.0 * 5.1517) - 1.0).abs() < 0.1, "{coach}");
+    assert!(coach["holes"]["open"].as_u64() > Some(0) && coach["holes"]["points"].as_u64() > Some(0), "{coach}");
+    drop(session);
+    let session =
+        Session::of(&SMALL.replace("scene = \"ramp\"", "scene = \"ramp\"\ngap_mm = 0.6\nframes = 300"), "", &[]);
+    let address = session.address();
+    let good = session.waits_for("a good speed", || {
+        Some(json(&address)["coach"].clone()).filter(|coach| coach["speed"]["verdict"] == "good")
+    });
+    assert_eq!((&good["holes"]["open"], &good["holes"]["closed"]), (&0.into(), &0.into()), "{good}");
 }

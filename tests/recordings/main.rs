@@ -10,6 +10,7 @@
 )]
 
 mod config;
+mod contact;
 mod latency;
 mod nwire;
 mod reconstruct;
@@ -61,6 +62,7 @@ fn main() {
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
     let modules = [
         ("config", config::TESTS),
+        ("contact", contact::TESTS),
         ("latency", latency::TESTS),
         ("nwire", nwire::TESTS),
         ("reconstruct", reconstruct::TESTS),

@@ -93,6 +93,7 @@ impl Sitting<'_> {
             stages.witnesses.push(self.telling.slices() as Arc<dyn Witness>);
             stages.readers.push(Arc::clone(&self.desk) as Arc<dyn Reader>);
         }
+        stages.witnesses.extend(self.telling.coach().map(|coach| coach as Arc<dyn Witness>));
         if let Some(shared) = &self.shared {
             shared.joins(&mut stages);
         }

@@ -3,7 +3,13 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use calibration::file::date::Date;
+use drivers::clock::{Clock as _, Monotonic};
+
 use crate::cli::Failure;
+use crate::coach::age::calibration_age;
+use crate::coach::spacing::Spacing;
+use crate::coach::{Coach, CoachSettings};
 use crate::config::bedside::{Bedside, Realtime, pixel_mm};
 use crate::console::{About, Console, Latest, Listen, Screen, Shown};
 use crate::desk::Desk;
@@ -22,6 +28,7 @@ pub(super) struct Telling {
     console: Option<Console>,
     screen: Option<Arc<Screen>>,
     slices: Arc<Slices>,
+    coach: Option<Arc<Coach>>,
     told: Option<Instant>,
 }
 
@@ -38,6 +45,10 @@ impl Telling {
     ) -> Result<Self, Failure> {
         let latest = Arc::new(Latest::new(&bedside.effective));
         let screen = listen.as_ref().map(|_| Arc::new(Screen::default()));
+        let coach = listen.as_ref().map(|_| coach(bedside)).transpose()?;
+        if let (Some(screen), Some(coach)) = (&screen, &coach) {
+            screen.follow(coach);
+        }
         let kernels = kernels(bedside);
         let slices = Arc::new(Slices::new(kernels.map(|[_, _, across]| across)));
         let console = match (&listen, &screen) {
@@ -54,7 +65,7 @@ impl Telling {
             }
             _ => None,
         };
-        Ok(Self { service: Service::new(), latest, console, screen, slices, told: None })
+        Ok(Self { service: Service::new(), latest, console, screen, slices, coach, told: None })
     }
 
     /// Where it is to be seen, if it is.
@@ -70,6 +81,11 @@ impl Telling {
     /// Who keeps where all slices lie.
     pub(super) fn slices(&self) -> Arc<Slices> {
         Arc::clone(&self.slices)
+    }
+
+    /// Who knows how the scan goes, where a page could show it.
+    pub(super) fn coach(&self) -> Option<Arc<Coach>> {
+        self.coach.clone()
     }
 
     /// The settings are about to be read again.
@@ -94,6 +110,9 @@ impl Telling {
         }
         if ends || self.told.is_none_or(|told| told.elapsed() >= OFTEN) {
             self.told = Some(Instant::now());
+            if let Some(coach) = &self.coach {
+                self.latest.coached(coach.tell(account, Monotonic.now_ns()));
+            }
             self.latest.tell(account, self.service.still());
         }
     }
@@ -120,6 +139,26 @@ fn about(bedside: &Bedside, kind: &'static str) -> About {
     let name = bedside.path.file_name().unwrap_or(bedside.path.as_os_str()).to_string_lossy().into_owned();
     let size = bedside.grabber.settings.size.map(|size| bedside.grabber.turned(size));
     About { name, kind, size, pixel_mm: pixel_mm(&bedside.calibration) }
+}
+
+/// Who knows how the scan goes, by what the volume is woven with.
+///
+/// # Errors
+/// [`Failure`] for a kernel that is none.
+fn coach(bedside: &Bedside) -> Result<Arc<Coach>, Failure> {
+    let settings = &bedside.volume.settings;
+    let pixel_mm = pixel_mm(&bedside.calibration).unwrap_or([settings.spacing_mm.max_element(); 2]);
+    let preset = bedside.calibration.preset.as_ref();
+    let worth_a_word_days = bedside.effective.get("calibration.warn_after_days").and_then(|days| days.as_i64());
+    let calibration = preset
+        .and_then(|preset| preset.made)
+        .zip(worth_a_word_days)
+        .and_then(|(made, days)| calibration_age(made, Date::today(), days));
+    Ok(Arc::new(Coach::new(CoachSettings {
+        spacing: Spacing::of(settings, pixel_mm)?,
+        mask: bedside.mask,
+        calibration,
+    })))
 }
 
 /// The session's standing with the scheduler, as the configuration wants it. A virtual bedside paints what its grabber shows, in the thread that captures: that is no work to

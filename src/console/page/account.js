@@ -2,7 +2,7 @@
 
 import { count, device, devices, frames, kind, milliseconds, recording, volume } from "./words.js";
 
-const SIGNS = { well: "✓", heed: "!", bad: "✕", wait: "…", plain: "·", rec: "●" };
+export const SIGNS = { well: "✓", heed: "!", bad: "✕", wait: "…", plain: "·", rec: "●" };
 const RATES = [
   ["frames", "frames"],
   ["poses", "poses"],
@@ -74,11 +74,11 @@ export class AccountCards {
   }
 }
 
-function write(element, text) {
+export function write(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
-function rows(list, entries) {
+export function rows(list, entries) {
   while (list.children.length > entries.length) list.lastElementChild.remove();
   while (list.children.length < entries.length) {
     const item = document.createElement("li");

@@ -2,8 +2,10 @@
 
 import { AccountCards } from "./account.js";
 import { Banner } from "./banner.js";
+import { CoachCard } from "./coach.js";
 import { Deeds } from "./deeds.js";
 import { SLICE, VIEW } from "./header.js";
+import { Marks } from "./marks.js";
 import { Measurements } from "./measurements.js";
 import { Picture } from "./picture.js";
 import { Planes } from "./planes.js";
@@ -20,11 +22,13 @@ const measured = new Measurements();
 window.sonoweave = measured.open;
 
 const cards = new AccountCards(of);
+const coach = new CoachCard(of);
+const marks = new Marks(of("view-marks"), of("view-legend"));
 const banner = new Banner(of("banner"), of("announcer"));
 const deeds = new Deeds(of("deeds"), of("ask"), (wish) => stream.send(wish));
 const slice = new Slice({ room: of("slice-room"), canvas: of("slice"), scale: of("slice-scale"), caption: of("slice-caption") });
 const view = new View(
-  { panel: of("view-panel"), room: of("view-room"), canvas: of("view"), onlooker: of("onlooker"), control: of("control"), refined: of("refined") },
+  { panel: of("view-panel"), room: of("view-room"), canvas: of("view"), onlooker: of("onlooker"), control: of("control"), refined: of("refined"), marks },
   (wish) => stream.send(wish),
 );
 const planes = new Planes(of, (wish) => stream.send(wish), () => show());
@@ -71,7 +75,10 @@ function word(key, value) {
     cards.tell(value, spread);
     deeds.tell(value.desk, value.volume);
     happened(value.desk.events);
+    coach.tell(value.coach);
     look();
+  } else if (key === "marks") {
+    marks.show(value);
   } else if (key === "control") {
     measured.open.control = value;
     view.control(value);
@@ -110,6 +117,7 @@ function changed() {
     heard = null;
     for (const kind of [SLICE, VIEW]) screens[kind].restart();
     planes.restart();
+    marks.clear();
     show();
   } else {
     asked = null;

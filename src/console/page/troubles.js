@@ -54,6 +54,10 @@ export function troubles({ line, account, blank_s: blank }) {
     say("bad", "frozen", "The scanner is frozen: unfreeze it to go on.", `One picture for ${duration(account.frozen_s)} while the probe moved.`);
     explained = true;
   }
+  // What the coach calls bad is lost while it lasts; the rest is on its card. What it says of the scanner is said here already.
+  for (const { how, key, sentence, more } of account.coach?.advice ?? []) {
+    if (how === "bad" && key !== "frozen") say("bad", `coach ${key}`, sentence, more);
+  }
   if (account.recording?.trouble) say("bad", `disk ${account.recording.trouble}`, "The recording is in trouble.", account.recording.trouble);
   if (!explained && blank !== null && blank >= PATIENCE) say("bad", "blank", "No picture comes from the scanner.", `For ${duration(blank)}.`);
   const left = account.recording?.minutes_left;

@@ -9,6 +9,7 @@ export class View {
   #canvas;
   #onlooker;
   #refined;
+  #marks;
   #buttons;
   #send;
   #steers = false;
@@ -18,11 +19,12 @@ export class View {
   #scheduled = false;
 
   /// `send(wish)` brings it to the session.
-  constructor({ panel, room, canvas, onlooker, control, refined }, send) {
+  constructor({ panel, room, canvas, onlooker, control, refined, marks }, send) {
     this.#room = room;
     this.#canvas = canvas;
     this.#onlooker = onlooker;
     this.#refined = refined;
+    this.#marks = marks;
     this.#send = send;
     new ResizeObserver(() => this.#lay()).observe(room);
     hand(canvas, this);
@@ -79,7 +81,9 @@ export class View {
   }
 
   #lay() {
-    place(this.#canvas, fit(this.#room, this.#aspect));
+    const at = fit(this.#room, this.#aspect);
+    place(this.#canvas, at);
+    this.#marks.place(at);
   }
 
   #soon() {

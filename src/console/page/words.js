@@ -174,3 +174,51 @@ export function volume(told) {
   if (told === null) return "no volume yet";
   return `${told.voxels.map(count).join(" × ")} voxels, ${told.mm.map((mm) => count(mm)).join(" × ")} mm`;
 }
+
+const VERDICTS = {
+  still: ["plain", "still"],
+  sideways: ["plain", "sideways"],
+  good: ["well", "good"],
+  fast: ["heed", "fast"],
+  "too-fast": ["bad", "too fast"],
+};
+// The gauge ends at so many times the speed that leaves no gaps.
+const FULL = 1.25;
+
+/// What the coach tells: the speed in large, where it stands among what the volume needs, what was counted, and what to do.
+export function coach(told) {
+  if (!told) return { how: "plain", says: "–", facts: [], gauge: null, advice: [] };
+  const { speed, holes, spacing, contact, advice } = told;
+  const [how, word] = speed ? (VERDICTS[speed.verdict] ?? ["plain", speed.verdict]) : ["wait", "no slices"];
+  const moves = speed && speed.verdict !== "still";
+  const mm = moves ? Math.round(speed.verdict === "sideways" ? speed.mm_per_s : speed.edge_mm_per_s) : null;
+  const facts = [];
+  if (speed) facts.push(density(speed, spacing));
+  facts.push(left(holes));
+  if (contact === "lost") facts.push({ how: "bad", strong: "no contact", says: "nothing comes back from the depth" });
+  return { how, says: mm === null ? word : `${word} · ${mm} mm/s`, facts, gauge: speed ? gauge(speed) : null, advice };
+}
+
+// Slices a centimetre, and how many there must be.
+function density({ verdict, images_per_cm: per }, { gapless_mm: gapless }) {
+  const least = 10 / gapless;
+  const how = { fast: "heed", "too-fast": "bad" }[verdict] ?? "plain";
+  if (per === null || per === undefined) return { how: "plain", strong: "–", says: `images/cm; ${least.toFixed(1)} are the fewest` };
+  return { how, strong: per < 10 ? per.toFixed(1) : count(per), says: `images/cm; ${least.toFixed(1)} are the fewest` };
+}
+
+function left({ open, closed, beyond, nearest }) {
+  const more = beyond > 0 ? `, and ${many(beyond, "gap")} beyond` : "";
+  if (open > 0) return { how: "heed", strong: many(open, "part"), says: `left out${more}${nearest ? `: ${nearest}` : ""}` };
+  if (closed > 0) return { how: "well", strong: "nothing", says: `left out any more; ${many(closed, "part")} found again` };
+  return { how: "plain", strong: "nothing", says: "left out" };
+}
+
+function gauge({ verdict, says, edge_mm_per_s: edge, even_mm_per_s: even, gapless_mm_per_s: gapless }) {
+  const full = FULL * gapless;
+  return {
+    zones: [even / full, (gapless - even) / full, (full - gapless) / full],
+    at: verdict === "sideways" ? 0 : Math.min(1, edge / full),
+    says: `Speed across the picture: ${says}; even up to ${Math.round(even)} mm/s, without gaps up to ${Math.round(gapless)} mm/s`,
+  };
+}

@@ -3,6 +3,8 @@
 use std::net::{Ipv4Addr, SocketAddr, TcpStream};
 use std::time::{Duration, Instant};
 
+use calibration::frames::Transform;
+use glam::{DAffine3, DVec3};
 use serde_json::{Value, json};
 use tungstenite::client::IntoClientRequest as _;
 use tungstenite::{Message, WebSocket};
@@ -10,10 +12,15 @@ use tungstenite::{Message, WebSocket};
 mod bad;
 
 use super::*;
+use crate::coach::spacing::Spacing;
+use crate::coach::{Coach, CoachSettings};
 use crate::config::bedside::Effective;
 use crate::console::{About, Console, Latest, Screen, Shown};
-use crate::pipeline::live::{Account, Glimpsed, Unwritten, Witness as _, Written};
-use crate::slice::{Image, Pixels};
+use crate::mask::{Clip, MaskSettings};
+use crate::pipeline::live::{Account, Drawn, Glimpsed, Spread, Unwritten, Witness as _, Written};
+use crate::render::transfer::Transfer;
+use crate::render::{RenderSettings, Renderer, Stage};
+use crate::slice::{Image, Pixels, Slice};
 
 mod planes;
 
@@ -345,4 +352,78 @@ fn an_account_tells_rates_and_what_became_of_frames_and_the_end_is_no_secret() {
         }
     }
     assert_eq!(last["account"]["ended"], true);
+}
+
+/// A picture of the volume, of a box of 60 mm.
+fn drawn(item: u64) -> Drawn {
+    let stage = Stage::new(Transform::from_affine(DAffine3::IDENTITY), [-30; 3], [60; 3]).unwrap();
+    let settings = RenderSettings::new([80, 60], Transfer::preset("tissue", [0.0, 255.0]).unwrap());
+    Drawn {
+        renderer: Renderer::new(&settings, stage).unwrap(),
+        slices: 0,
+        item,
+        captured_ns: None,
+        refining: false,
+        pictures: 0,
+        skipped: 0,
+        capture_to_picture: Spread::default(),
+        draw: Spread::default(),
+        held: Spread::default(),
+    }
+}
+
+#[test]
+fn what_was_left_out_is_marked_where_it_is_in_the_picture_once_and_for_those_who_look() {
+    let session = Session::new();
+    let spacing = Spacing { gapless_mm: 4.0, even_mm: 2.0 };
+    let mask = MaskSettings { clip: Clip::None, ..MaskSettings::default() };
+    let coach = Arc::new(Coach::new(CoachSettings { spacing, mask, calibration: None }));
+    session.screen.follow(&coach);
+    // The present slice stays present for as long as the test lasts.
+    let mut now_ns = Monotonic.now_ns() + 3_600_000_000_000;
+    let mut slice = |z: f64| {
+        now_ns += 40_000_000;
+        let image = Image::new(11, 11, Pixels::U8(vec![0; 121].into()));
+        let world_from_image = Transform::from_affine(DAffine3::from_translation(DVec3::new(0.0, 0.0, z)));
+        coach.slice("Tracker", 0, &Slice { image, time_ns: now_ns, world_from_image });
+    };
+    [0.0, 1.0, 9.0, 10.0].into_iter().for_each(&mut slice);
+    let mut page = session.page();
+    page.for_a_while();
+    assert_eq!(session.screen.marked(), 0, "nobody looks");
+    page.say(&json!({ "do": "show", "slice": false, "view": true }));
+    until("somebody looks", || session.screen.is_watched());
+    let picture = drawn(1);
+    session.screen.drawn(&picture, [0.0; 3]);
+    let marks = page.word("marks");
+    assert_eq!((&marks["sequence"], &marks["size"]), (&json!(1), &json!([80, 60])));
+    let is_at = |found: &Value, at: DVec3| {
+        let expected = picture.renderer.camera().project_world(at).unwrap().map(|place| place + 0.5);
+        let found = [0, 1].map(|axis| found[axis].as_f64().unwrap());
+        assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() <= 0.051), "{found:?} {expected:?}");
+    };
+    is_at(&marks["present"][2], DVec3::new(10.0, 10.0, 10.0));
+    is_at(&marks["holes"][0][1], DVec3::new(10.0, 0.0, 5.0));
+    assert_eq!(marks["holes"].as_array().unwrap().len(), 1);
+    // The same again is not told, a slice that is elsewhere is.
+    let counts = |page: &mut Client| {
+        let (mut marks, mut accounts) = (0, 0);
+        while accounts < 4 {
+            let word = page.next_word();
+            marks += u32::from(word.get("marks").is_some());
+            accounts += u32::from(word.get("account").is_some());
+        }
+        marks
+    };
+    let before = session.screen.marked();
+    session.screen.drawn(&drawn(2), [0.0; 3]);
+    assert_eq!(counts(&mut page), 0);
+    assert!(session.screen.marked() > before, "it was looked at");
+    slice(11.0);
+    is_at(&page.word("marks")["present"][0], DVec3::new(0.0, 0.0, 11.0));
+    page.say(&json!({ "do": "show", "slice": false, "view": false }));
+    until("nobody looks", || !session.screen.is_watched());
+    let before = session.screen.marked();
+    slice(12.0);
+    assert_eq!((counts(&mut page), session.screen.marked()), (0, before));
 }
