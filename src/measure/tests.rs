@@ -45,7 +45,7 @@ fn figures_are_as_large_as_they_are_wherever_they_lie() {
     assert!((ellipsoid.value - PI / 6.0 * 480.0).abs() < 1e-9 && ellipsoid.notes.is_empty());
     // A ball of 10 mm in 20 slabs, from below and from above.
     let heights: Vec<f64> = (0..20).map(|n| -9.5 + f64::from(n)).collect();
-    let mut contours: Vec<_> = heights.iter().map(|z| circle((100.0 - z * z).sqrt(), *z, 360)).collect();
+    let mut contours: Vec<_> = heights.iter().map(|z| circle((100.0 - z * z).sqrt(), *z, 90)).collect();
     for _ in 0..2 {
         contours.reverse();
         let stack = Asked { contours: contours.clone(), ..asked(Kind::Stack, &[]) };
