@@ -10,6 +10,7 @@ await import("./pictures.test.js");
 await import("./steering.test.js");
 await import("./deeds.test.js");
 await import("./planes.test.js");
+await import("./measure.test.js");
 await import("./access.test.js");
 await import("./troubles.test.js");
 await import("./line.test.js");

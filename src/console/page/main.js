@@ -6,6 +6,7 @@ import { CoachCard } from "./coach.js";
 import { Deeds } from "./deeds.js";
 import { SLICE, VIEW } from "./header.js";
 import { Marks } from "./marks.js";
+import { Measure } from "./measure.js";
 import { Measurements } from "./measurements.js";
 import { Picture } from "./picture.js";
 import { Planes } from "./planes.js";
@@ -33,6 +34,9 @@ const view = new View(
 );
 const planes = new Planes(of, (wish) => stream.send(wish), () => show());
 measured.open.planes = planes.open;
+const measure = new Measure(of, { at: () => planes.at(), draw: (figures, slices) => planes.mark(figures, slices), ask });
+measured.open.measure = measure.open;
+planes.clicked = () => measure.mark();
 const screens = {
   [SLICE]: screen("slice", SLICE, (header) => slice.drawn(header)),
   [VIEW]: screen("view", VIEW, (header) => view.drawn(header)),
@@ -75,6 +79,7 @@ function word(key, value) {
     cards.tell(value, spread);
     deeds.tell(value.desk, value.volume);
     happened(value.desk.events);
+    if (!value.volume && measure.open.results.length + measure.open.points.length > 0) measure.clear();
     coach.tell(value.coach);
     look();
   } else if (key === "marks") {
@@ -154,6 +159,17 @@ function look() {
   of("cards").classList.toggle("old", !stream.open);
 }
 
+// Asks the session something that has an answer.
+async function ask(path, body) {
+  try {
+    const answer = await fetch(path, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) });
+    const text = await answer.text();
+    return answer.headers.get("Content-Type") === "application/json" ? JSON.parse(text) : { refused: text.trim() };
+  } catch {
+    return { refused: "The session does not answer." };
+  }
+}
+
 // Over a picture that is not of now; it is greyed, too.
 function mark(name, words) {
   const word = of(`${name}-word`);
@@ -166,13 +182,12 @@ of("again").addEventListener("click", () => stream.connect());
 const help = of("help");
 of("help-open").addEventListener("click", () => help.showModal());
 document.addEventListener("keydown", (event) => {
-  if (event.key === "?" && !help.open && !event.ctrlKey && !event.altKey && !event.metaKey) {
-    event.preventDefault();
-    help.showModal();
-  } else if (event.key.toLowerCase() === "p" && !help.open && !event.ctrlKey && !event.altKey && !event.metaKey && event.target.localName !== "select") {
-    event.preventDefault();
-    planes.toggle();
-  }
+  if (event.defaultPrevented || event.ctrlKey || event.altKey || event.metaKey || document.querySelector("dialog[open]") || event.target.localName === "select") return;
+  const acts = { "?": () => help.showModal(), p: () => planes.toggle(), m: () => planes.shown && measure.toggle() };
+  const act = acts[event.key.toLowerCase()];
+  if (!act) return;
+  event.preventDefault();
+  act();
 });
 document.addEventListener("visibilitychange", show);
 setInterval(look, LOOK);

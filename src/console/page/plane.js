@@ -1,6 +1,7 @@
 // One plane through the volume: its picture, where the others cross it, a scale, and what hand and keys do on it.
 
 import { fit, place } from "./fit.js";
+import { marked } from "./figures.js";
 import { Picture } from "./picture.js";
 import { across, add, crossing, pixel, point, times } from "./space.js";
 
@@ -13,6 +14,8 @@ const LINE = 36;
 const TILT = 5;
 // Around the point where planes cross nothing is drawn over the tissue, CSS pixels.
 const GAP = 9;
+// A hand that moves no further clicks, CSS pixels.
+const STILL = 4;
 // Lengths of the scale, mm; the longest that takes no more than this share of the picture.
 const SCALES = [100, 50, 20, 10, 5, 2, 1];
 const SHARE = 0.4;
@@ -106,8 +109,8 @@ export class Plane {
   }
 
   /// Lays out the picture, and draws over it where these planes cross it in a point.
-  draw(others = [], at = null) {
-    if (others.length > 0) this.#at = { others, at };
+  draw(others = [], at = null, over = null) {
+    if (others.length > 0) this.#at = { others, at, over };
     const lies = this.lies;
     const { width, height } = lies ? { width: lies.size[0], height: lies.size[1] } : { width: 1, height: 1 };
     const lain = fit(this.#room, width / height);
@@ -116,6 +119,7 @@ export class Plane {
     this.#lines.setAttribute("viewBox", `0 0 ${this.#room.clientWidth} ${this.#room.clientHeight}`);
     if (!lies || !this.#at) return;
     this.#cross(lies, lain);
+    if (this.#at.over) this.#lines.append(marked(lies, lain, this.#at.over));
     this.#scale(lies, lain);
     this.#tell();
   }
@@ -206,11 +210,13 @@ export class Plane {
   #listen() {
     const canvas = this.#canvas;
     let from = null;
+    let begun = null;
     let turns = false;
     canvas.addEventListener("pointerdown", (event) => {
       if (event.button !== 0 || !this.#steers) return;
       canvas.setPointerCapture(event.pointerId);
       from = [event.clientX, event.clientY];
+      begun = from;
       turns = event.shiftKey && this.kind === 6;
       if (!turns) this.#to(event);
     });
@@ -220,7 +226,12 @@ export class Plane {
       else this.#to(event);
       from = [event.clientX, event.clientY];
     });
-    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => (from = null));
+    canvas.addEventListener("pointerup", (event) => {
+      const still = from && Math.hypot(event.clientX - begun[0], event.clientY - begun[1]) <= STILL;
+      from = null;
+      if (still && !turns && this.lies) this.#wish.clicked();
+    });
+    canvas.addEventListener("pointercancel", () => (from = null));
     canvas.addEventListener(
       "wheel",
       (event) => {

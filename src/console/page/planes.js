@@ -25,6 +25,9 @@ export class Planes {
   #moved = false;
   #scheduled = false;
   #volume = null;
+  #figures = { figures: [], slices: [] };
+  /// Called when somebody who steers has clicked on a plane: the cross is there.
+  clicked = () => {};
   /// Whether they are looked at.
   shown = false;
   /// As described above.
@@ -40,6 +43,7 @@ export class Planes {
       move: (by) => this.#cross && this.#to(add(this.#cross, by)),
       tilt: (right, up, clockwise) => this.#lean(right, up, clockwise),
       home: () => this.#home(),
+      clicked: () => this.clicked(),
     };
     const settled = (kind, header, whether) => {
       this.open.pictures[kind][whether ? "drawn" : "left_out"] += 1;
@@ -74,6 +78,18 @@ export class Planes {
     this.#of("planes-home").disabled = !this.#steers;
     for (const plane of Object.values(this.#planes)) plane.control(this.#steers);
     this.#levels.control(this.#steers);
+  }
+
+  /// The place where they cross, and the width of a pixel of theirs; null before there is one.
+  at() {
+    const lies = Object.values(this.#planes).find((plane) => plane.lies)?.lies;
+    return this.#cross && lies ? { point: this.#cross, pixel_mm: lies.mm_per_px } : null;
+  }
+
+  /// Figures to be drawn over them, and slices by their corners.
+  mark(figures, slices) {
+    this.#figures = { figures, slices };
+    this.#draw();
   }
 
   /// How the volume's picture looks.
@@ -128,7 +144,7 @@ export class Planes {
   #draw() {
     if (!this.shown || !this.#cross) return;
     const all = Object.values(this.#planes);
-    for (const plane of all) plane.draw(all, this.#cross);
+    for (const plane of all) plane.draw(all, this.#cross, this.#figures);
   }
 
   #to(point) {

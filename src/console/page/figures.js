@@ -1,0 +1,61 @@
+// What was measured, drawn over a plane: figures by their points, and slices by where they cross it.
+
+import { across, dot, minus, pixel } from "./space.js";
+
+const SVG = "http://www.w3.org/2000/svg";
+const OPEN = ["distance", "angle"];
+
+/// A group for the plane's lines. `lies`: where the plane lies; `lain`: where its picture is on the screen; `over`: `{ figures, slices }`.
+export function marked(lies, lain, { figures, slices }) {
+  const scale = lain.width / lies.size[0];
+  const screen = (point) => pixel(lies, point).map((x, n) => (n === 0 ? lain.left : lain.top) + (x + 0.5) * scale);
+  const normal = across(lies);
+  const height = (point) => dot(minus(point, lies.origin), normal);
+  const all = element("g", {});
+  for (const corners of slices) {
+    const ends = meets(corners, height);
+    if (ends) {
+      const [[x1, y1], [x2, y2]] = ends.map(screen);
+      all.append(element("line", { class: "slice-line", x1, y1, x2, y2 }));
+    }
+  }
+  for (const { points, kind, done } of figures) {
+    // What lies in another plane is seen through this one, and says so.
+    const off = points.some((point) => Math.abs(height(point)) > lies.voxel_mm);
+    const group = element("g", { class: off ? "figure-off" : "", "data-figure": kind });
+    for (const line of lines(points, kind, done)) {
+      const path = line.map((point) => screen(point).map((x) => x.toFixed(1)).join(",")).join(" ");
+      for (const name of ["figure-ground", "figure"]) group.append(element("polyline", { class: name, points: path }));
+    }
+    for (const point of points) {
+      const [cx, cy] = screen(point);
+      group.append(element("circle", { class: "figure-point", cx, cy, r: 4 }));
+    }
+    all.append(group);
+  }
+  return all;
+}
+
+// A figure's lines: diameters in pairs, areas closed, the others from point to point.
+function lines(points, kind, done) {
+  if (points.length < 2) return [];
+  if (kind === "ellipsoid") return Array.from({ length: Math.floor(points.length / 2) }, (_, n) => points.slice(2 * n, 2 * n + 2));
+  return [OPEN.includes(kind) || !done ? points : [...points, points[0]]];
+}
+
+// The two points in which a slice's edges meet a plane, if they do.
+function meets(corners, height) {
+  const ends = [];
+  corners.forEach((from, n) => {
+    const to = corners[(n + 1) % corners.length];
+    const [a, b] = [height(from), height(to)];
+    if (a * b < 0) ends.push(from.map((x, axis) => x + ((to[axis] - x) * a) / (a - b)));
+  });
+  return ends.length === 2 ? ends : null;
+}
+
+function element(name, attributes) {
+  const made = document.createElementNS(SVG, name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  return made;
+}

@@ -1,0 +1,187 @@
+// Lengths, angles, areas and volumes on the planes: points are marked where the planes cross, and the session says how large what they make is and how far that may be off.
+//
+// For tests and for whoever debugs, as `window.sonoweave.measure`: { open, kind, points, results, sources }.
+
+/// Figures: how many points they take, at least and at most, and how they are called.
+const FIGURES = {
+  distance: { says: "Distance", least: 2, most: 2, more: "two points" },
+  angle: { says: "Angle", least: 3, most: 3, more: "three points, the vertex second" },
+  area: { says: "Area", least: 3, most: 200, more: "points around it, then Done" },
+  ellipsoid: { says: "Volume, three diameters", least: 6, most: 6, more: "the ends of three diameters" },
+  stack: { says: "Volume, outlines", least: 3, most: 200, more: "points around each outline, Next between them, then Done" },
+};
+// Results that are kept.
+const KEPT = 20;
+// Slices of a place that are drawn.
+const DRAWN = 12;
+
+export class Measure {
+  #of;
+  #draw;
+  #at = () => null;
+  #ask;
+  #points = [];
+  #contours = [];
+  #results = [];
+  #sources = null;
+  #says = "";
+  /// As described above.
+  open = { open: false, kind: "distance", points: [], results: [], sources: null };
+
+  /// `of(id)` is the element of that id; `at()` tells the marked place, `{ point, pixel_mm }`, or null; `draw(figures, slices)` shows them on the planes; `ask(path, body)` asks the session.
+  constructor(of, { at, draw, ask }) {
+    this.#of = of;
+    this.#draw = draw;
+    this.#at = at;
+    this.#ask = ask;
+    const kinds = of("measure-kind");
+    for (const [kind, { says }] of Object.entries(FIGURES)) kinds.add(new Option(says, kind));
+    kinds.addEventListener("change", () => this.#begin(kinds.value));
+    of("measure-open").addEventListener("click", () => this.toggle());
+    of("measure-mark").addEventListener("click", () => this.mark());
+    of("measure-undo").addEventListener("click", () => this.#undo());
+    of("measure-done").addEventListener("click", () => this.#done());
+    of("measure-next").addEventListener("click", () => this.#next());
+    of("measure-clear").addEventListener("click", () => this.clear());
+    of("measure-slices").addEventListener("click", () => this.#slices());
+    of("planes-panel").addEventListener("keydown", (event) => {
+      if (!this.open.open || event.ctrlKey || event.altKey || event.metaKey || event.target.closest("select, button")) return;
+      if (event.key === "Enter") this.mark();
+      else if (event.key === "Backspace") this.#undo();
+      else return;
+      event.preventDefault();
+    });
+    this.#show();
+  }
+
+  /// Measures instead of dragging greys, or no longer.
+  toggle() {
+    this.open.open = !this.open.open;
+    this.#of("measure-open").setAttribute("aria-pressed", String(this.open.open));
+    this.#of("measure").hidden = !this.open.open;
+    this.#of("levels-panel").hidden = this.open.open;
+    this.#show();
+  }
+
+  /// Marks the place where the planes cross.
+  mark() {
+    const at = this.#at();
+    if (!this.open.open || !at) return;
+    this.#points.push(at.point);
+    this.#width = at.pixel_mm;
+    const { most } = FIGURES[this.open.kind];
+    if (this.#points.length === most) this.#done();
+    else this.#show();
+  }
+
+  #width = 0;
+
+  #begin(kind) {
+    this.open.kind = kind;
+    this.#of("measure-kind").value = kind;
+    [this.#points, this.#contours, this.#says] = [[], [], ""];
+    this.#show();
+  }
+
+  #undo() {
+    if (this.#points.length > 0) this.#points.pop();
+    else if (this.#contours.length > 0) this.#points = this.#contours.pop();
+    this.#show();
+  }
+
+  #next() {
+    this.#contours.push(this.#points);
+    this.#points = [];
+    this.#show();
+  }
+
+  /// Takes away all that was measured, as when the volume is another one.
+  clear() {
+    this.#results = [];
+    this.#sources = null;
+    this.#begin(this.open.kind);
+  }
+
+  async #done() {
+    const { kind } = this.open;
+    const contours = this.#points.length > 0 ? [...this.#contours, this.#points] : this.#contours;
+    const points = this.#points;
+    const body = { kind, pixel_mm: this.#width, ...(kind === "stack" ? { contours } : { points }) };
+    const figures = kind === "stack" ? contours : [points];
+    this.#begin(kind);
+    const told = await this.#ask("/v1/measure", body);
+    if (told.refused) this.#says = told.refused;
+    else this.#results = [{ ...told, figures }, ...this.#results].slice(0, KEPT);
+    this.#show();
+  }
+
+  async #slices() {
+    const at = this.#at();
+    if (!at) return;
+    const told = await this.#ask("/v1/slices", { at: at.point });
+    this.#sources = told.refused ? null : { ...told, at: at.point };
+    this.#says = told.refused ?? "";
+    this.#show();
+  }
+
+  #show() {
+    const { kind } = this.open;
+    const { least, most, more } = FIGURES[kind];
+    const count = this.#points.length;
+    const open = this.open.open;
+    const enough = kind === "stack" ? this.#contours.length + (count >= least ? 1 : 0) >= 2 && (count === 0 || count >= least) : count >= least;
+    const flexible = least !== most;
+    this.#of("measure-done").hidden = !flexible;
+    this.#of("measure-done").disabled = !enough;
+    this.#of("measure-next").hidden = kind !== "stack";
+    this.#of("measure-next").disabled = count < least;
+    this.#of("measure-undo").disabled = count === 0 && this.#contours.length === 0;
+    this.#of("measure-clear").disabled = this.#results.length === 0 && this.#sources === null && count === 0 && this.#contours.length === 0;
+    const marked = `${count} marked${kind === "stack" ? `, ${this.#contours.length} outlines before` : ""}`;
+    write(this.#of("measure-says"), this.#says || (count > 0 || this.#contours.length > 0 ? marked : `Mark ${more}: click on a plane, or go there and press Enter.`));
+    this.#of("measure-says").classList.toggle("bad", this.#says !== "");
+    this.#list();
+    Object.assign(this.open, { points: this.#points, results: this.#results, sources: this.#sources });
+    const figures = [...this.#results.flatMap(({ kind, figures }) => figures.map((points) => ({ points, kind, done: true }))), ...[...this.#contours, this.#points].map((points) => ({ points, kind, done: false }))];
+    this.#draw(open ? figures : [], open && this.#sources ? this.#sources.slices.slice(0, DRAWN).map(({ corners }) => corners) : []);
+  }
+
+  #list() {
+    const lines = this.#results.map((result) => [figure(result), [parts(result), ...result.notes].join(" ")]);
+    if (this.#sources) lines.unshift(sources(this.#sources));
+    const list = this.#of("measure-results");
+    while (list.children.length > lines.length) list.lastElementChild.remove();
+    while (list.children.length < lines.length) {
+      const item = document.createElement("li");
+      item.append(document.createElement("strong"), " ", document.createElement("span"));
+      list.append(item);
+    }
+    lines.forEach(([strong, more], n) => {
+      write(list.children[n].firstElementChild, strong);
+      write(list.children[n].lastElementChild, more);
+    });
+  }
+}
+
+/// `23.4 ± 0.6 mm`: as many digits as the error leaves.
+export function figure({ value, error, unit }) {
+  const digits = error >= 10 || error === 0 ? 0 : Math.min(2, 1 - Math.floor(Math.log10(error)));
+  const scale = unit === "mm³" && value >= 1000 ? [1000, "ml"] : unit === "mm²" && value >= 100 ? [100, "cm²"] : [1, unit];
+  const shown = scale[0] === 1 ? Math.max(0, digits) : Math.min(3, Math.max(0, digits + Math.round(Math.log10(scale[0]))));
+  return `${(value / scale[0]).toFixed(shown)} ± ${(error / scale[0]).toFixed(shown)} ${scale[1]}`;
+}
+
+function parts({ kind, of_calibration: calibration, of_sampling: sampling, unit }) {
+  const known = calibration === null ? "" : `calibration ${calibration.toFixed(2)}, `;
+  return `${FIGURES[kind].says.toLowerCase()}; 95 of 100 lie within (${known}sampling ${sampling.toFixed(2)} ${unit}).`;
+}
+
+function sources({ count, slices }) {
+  if (count === 0) return ["No slice", "reaches this place."];
+  const [{ frame, off_mm: off, share, time_s: time }] = slices;
+  return [`${count} ${count === 1 ? "slice" : "slices"}`, `made this place; most of it frame ${frame}, ${Math.abs(off).toFixed(2)} mm off, ${Math.round(100 * share)} %, ${time.toFixed(1)} s into the volume. Their planes are drawn.`];
+}
+
+function write(element, text) {
+  if (element.textContent !== text) element.textContent = text;
+}
