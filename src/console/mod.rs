@@ -2,7 +2,7 @@
 //!
 //! | path | what |
 //! |---|---|
-//! | `GET /` | the page: the scanner's picture and the volume's, live |
+//! | `GET /` | the page: the scanner's picture, the volume's and planes through it, live |
 //! | `GET /v1/stream` | the page's connection (WebSocket), see `stream` |
 //! | `GET /status` | everything, as JSON: what `--stats` writes at the end |
 //! | `GET /metrics` | the same in Prometheus' text form |
