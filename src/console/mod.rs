@@ -2,7 +2,7 @@
 //!
 //! | path | what |
 //! |---|---|
-//! | `GET /` | the page: the scanner's picture and the volume's, live |
+//! | `GET /` | the page: the scanner's picture, the volume's and planes through it, live |
 //! | `GET /v1/stream` | the page's connection (WebSocket), see `stream` |
 //! | `POST /v1/do` | a wish, as pages say them: to record, stop, freeze, clear, save, turn the view, …, see `wish` |
 //! | `POST /v1/measure` | a length, angle, area or volume between places, and how far it may be off |

@@ -221,7 +221,6 @@ impl Planes {
             "cross": self.cross(extent).to_array(),
             "home": self.cross.is_none() && self.free.is_none(),
             "window": self.window(),
-            "usual_window": self.usual,
             "levels": extent.grey_levels,
             "histogram": histogram(sampled, extent.grey_levels).as_slice(),
             "work": { "bricks": work.bricks, "planes": work.planes, "shown": work.shown },

@@ -221,7 +221,7 @@ test("black and white of the planes are dragged and reset, and the volume's look
   const plain = await greys(page, "view");
   await page.locator("#levels-preset").selectOption("xray");
   const other = async (than, more) => {
-    for (let n = 0; n < 60; n += 1) {
+    for (let n = 0; n < 300; n += 1) {
       const now = await greys(page, "view");
       if (difference(now, than) > more) return now;
       await page.waitForTimeout(100);

@@ -96,6 +96,9 @@ pub struct CutWork {
     pub shown: u64,
 }
 
+/// First and last brick of a box, both inclusive.
+type Span = [[i64; 3]; 2];
+
 /// A plane that was shown.
 struct Shown {
     wanted: Wanted,
@@ -107,8 +110,8 @@ struct Shown {
 struct Table {
     /// The lattice that all of this is on; `None` knows nothing.
     begun: Option<Begun>,
-    /// First and last brick of what was seen.
-    span: Option<[[i64; 3]; 2]>,
+    /// Of what was seen.
+    span: Option<Span>,
     known: Known,
     swatch: Swatch,
     shown: BTreeMap<usize, Shown>,
@@ -150,8 +153,8 @@ pub(super) fn run(shared: &Shared, cutter: &dyn Cutter) {
 struct Glance {
     begun: Option<Begun>,
     changes: Changes,
-    /// Of all bricks, where all may have changed, and the box that was seen then.
-    all: Option<(Vec<BrickIndex>, Option<[[i64; 3]; 2]>)>,
+    /// All bricks, where all may have changed, and those between which something was seen.
+    all: Option<(Vec<BrickIndex>, Option<Span>)>,
     slices: u64,
     item: u64,
     captured_ns: Option<i64>,
@@ -321,13 +324,13 @@ impl Table {
     }
 }
 
-fn widened(span: Option<[[i64; 3]; 2]>, brick: [i64; 3]) -> [[i64; 3]; 2] {
+fn widened(span: Option<Span>, brick: [i64; 3]) -> Span {
     let [low, high] = span.unwrap_or([brick; 2]);
     [0, 1].map(|end| std::array::from_fn(|a| if end == 0 { low[a].min(brick[a]) } else { high[a].max(brick[a]) }))
 }
 
 /// The box about some bricks, which ends at every so many of them.
-fn extent(begun: &Begun, [low, high]: [[i64; 3]; 2]) -> Extent {
+fn extent(begun: &Begun, [low, high]: Span) -> Extent {
     let edge = EDGE as i64;
     let first = low.map(|low| low.div_euclid(STEP) * STEP * edge);
     let last = high.map(|high| (high.div_euclid(STEP) + 1) * STEP * edge - 1);

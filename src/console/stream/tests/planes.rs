@@ -92,6 +92,10 @@ fn of_planes_that_nobody_looks_at_nothing_is_made_and_each_comes_with_where_it_l
     let made = session.screen.made(Kind::Free);
     session.screen.nothing("no voxel was seen yet");
     assert_eq!((cut(&session, 8).len(), session.screen.made(Kind::Free)), (0, made));
+    // Who looks again sees none of before.
+    page.say(&json!({ "do": "show", "slice": true, "view": true, "planes": true }));
+    until("planes are looked at again", || session.screen.is_watched_in_planes());
+    assert_eq!(page.for_a_while(), 0);
 }
 
 #[test]
