@@ -10,6 +10,7 @@ await import("./pictures.test.js");
 await import("./steering.test.js");
 await import("./access.test.js");
 await import("./troubles.test.js");
+await import("./coach.test.js");
 await import("./line.test.js");
 
 afterEach(async () => {

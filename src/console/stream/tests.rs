@@ -360,7 +360,7 @@ fn what_was_left_out_is_marked_where_it_is_in_the_picture_once_and_for_those_who
         let world_from_image = Transform::from_affine(DAffine3::from_translation(DVec3::new(0.0, 0.0, z)));
         coach.slice("Tracker", 0, &Slice { image, time_ns: now_ns, world_from_image });
     };
-    [0.0, 1.0, 9.0, 10.0].map(&mut slice);
+    [0.0, 1.0, 9.0, 10.0].into_iter().for_each(&mut slice);
     let mut page = session.page();
     page.for_a_while();
     assert_eq!(session.screen.marked(), 0, "nobody looks");
