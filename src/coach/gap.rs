@@ -26,7 +26,7 @@ pub enum Between {
     /// Nothing was left out between them.
     Close,
     /// Something was.
-    Apart(Gap),
+    Apart(Box<Gap>),
     /// They are of different places: beside each other, too far apart, or too much turned.
     Elsewhere,
 }
@@ -95,7 +95,7 @@ pub fn between(a: &Pane, b: &Pane, mask: &Mask, reach_mm: f64) -> Between {
     let far = near.map(|from| from + along * way(from));
     let centre = points.iter().sum::<DVec3>() / points.len() as f64;
     let radius = points.iter().map(|point| point.distance(centre)).fold(0.0, f64::max);
-    Between::Apart(Gap { prism: [near, far], points, centre, radius, width_mm })
+    Between::Apart(Box::new(Gap { prism: [near, far], points, centre, radius, width_mm }))
 }
 
 impl Gap {

@@ -113,7 +113,7 @@ impl Holes {
             && let passed @ 1.. = time_ns - last_ns
             && let Between::Apart(gap) = between(&last, pane, mask, self.spacing.reach_mm())
             && gap.width_mm() / (passed as f64 / 1e9) <= MOST_SPEED
-            && let Some(gap) = self.unseen(gap, mask)
+            && let Some(gap) = self.unseen(*gap, mask)
         {
             if passed <= PAUSE_NS {
                 self.touching = self.keep(gap, touching);

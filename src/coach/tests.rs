@@ -262,6 +262,7 @@ fn a_new_sweep_is_no_hole_and_a_sweep_that_goes_on_behind_a_pause_is() {
 }
 
 #[test]
+#[allow(clippy::print_stdout, reason = "figures for who asks with --nocapture")]
 fn what_is_beyond_the_bounds_is_counted_and_the_work_of_a_slice_is_bounded() {
     let coach = coach();
     let mut hand = Hand::of(&coach);
@@ -430,7 +431,7 @@ mod painted {
         let pixel = scanner.pixel_mm(SIZE);
         let layout = Layout::new(scanner, SIZE, [pixel; 2]).unwrap();
         let body = Arc::new(body.placed_at(layout.face_below_middle_mm()));
-        let bmode = BMode::new(scanner.clone(), body, SIZE, [pixel; 2]).unwrap();
+        let bmode = BMode::new(*scanner, body, SIZE, [pixel; 2]).unwrap();
         let (painter, mut room) = (bmode.clone(), bmode.workspace());
         let paint = move |n: u32| {
             let at = DVec3::new(0.0, 0.0, 20.0 * f64::from(n) - 40.0);

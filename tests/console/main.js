@@ -13,6 +13,7 @@ await import("./planes.test.js");
 await import("./measure.test.js");
 await import("./access.test.js");
 await import("./troubles.test.js");
+await import("./coach.test.js");
 await import("./line.test.js");
 
 afterEach(async () => {

@@ -22,7 +22,9 @@ export class CoachCard {
     write(vital, `${SIGNS[how]} ${says}`);
     this.#gauge(gauge);
     rows(this.#of("coach-facts"), facts);
-    rows(this.#of("coach-advice"), advice.slice(0, SHOWN).map(({ how, sentence, more }) => ({ how, strong: sentence, says: more })));
+    // What was left out is said above already.
+    const more = advice.filter(({ key }) => key !== "holes");
+    rows(this.#of("coach-advice"), more.slice(0, SHOWN).map(({ how, sentence, more }) => ({ how, strong: sentence, says: more })));
   }
 
   #gauge(gauge) {

@@ -203,8 +203,8 @@ export function coach(told) {
 function density({ verdict, images_per_cm: per }, { gapless_mm: gapless }) {
   const least = 10 / gapless;
   const how = { fast: "heed", "too-fast": "bad" }[verdict] ?? "plain";
-  if (per === null || per === undefined) return { how: "plain", strong: "–", says: `images/cm; ${least.toFixed(1)} are the fewest` };
-  return { how, strong: per < 10 ? per.toFixed(1) : count(per), says: `images/cm; ${least.toFixed(1)} are the fewest` };
+  const strong = per === null || per === undefined ? "–" : per < 10 ? per.toFixed(1) : count(per);
+  return { how, strong, says: `images/cm; at least ${least.toFixed(1)}` };
 }
 
 function left({ open, closed, beyond, nearest }) {

@@ -1,0 +1,109 @@
+// The coach: how fast the probe moves is read at a glance, what is bad is said at the top, and what was left out is marked in the view.
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { banner, drawn, open, says, shot, SIZES } from "./page.js";
+import { installed } from "./place.js";
+import { shared } from "./session.js";
+
+const axe = installed("axe-core");
+
+const TOO_FAST = {
+  spacing: { gapless_mm: 5.15, even_mm: 2.35 },
+  speed: {
+    verdict: "too-fast", says: "too fast: 182 mm/s where 155 mm/s leaves no gaps", mm_per_s: 170, across_mm_per_s: 165, edge_mm_per_s: 182,
+    slices_per_s: 30, gapless_mm_per_s: 155, even_mm_per_s: 71, images_per_cm: 1.65,
+  },
+  holes: { open: 2, closed: 1, beyond: 0, forgotten: 0, widest_mm: 9, nearest: "go back 14 mm", points: 100 },
+  contact: "there",
+  sensors: [],
+  advice: [
+    { how: "bad", key: "too-fast", sentence: "Slow down: 182 mm/s where 155 mm/s leaves no gaps.", more: "Slices lie too far apart across the picture." },
+    { how: "heed", key: "holes", sentence: "2 parts were left out: go back 14 mm.", more: "" },
+  ],
+  slices: 100,
+  pictures: 30,
+};
+const HOLES = [[[100, 120], [200, 110], [210, 260], [110, 270]], [[230, 120], [300, 110], [310, 260], [240, 270]]];
+const PRESENT = [[320, 120], [420, 110], [430, 260], [330, 270]];
+
+// A page whose session's coach tells what is given here; where there are holes, they are marked instead of what the session marks.
+async function coached({ coach, holes, size = SIZES.desk }) {
+  const { address } = await shared();
+  const through = (socket) => {
+    const server = socket.connectToServer();
+    server.onMessage((message) => {
+      if (typeof message !== "string") return socket.send(message);
+      const word = JSON.parse(message);
+      if (word.marks && holes) return undefined;
+      if (word.account && coach) Object.assign(word.account.coach, coach);
+      if (word.account && holes) socket.send(JSON.stringify({ marks: { sequence: 1, size: [512, 512], present: PRESENT, holes } }));
+      return socket.send(JSON.stringify(word));
+    });
+  };
+  const seen = await open(address, { through, size });
+  await drawn(seen.page, "slice", 2);
+  return seen;
+}
+
+const vital = (page, words) => page.locator("#coach-vital", { hasText: words }).waitFor({ timeout: 30_000 });
+
+test("a sweep at a good speed is told as one, and the present slice is marked where the view is", async () => {
+  const { page, complaints } = await coached({});
+  await drawn(page, "view", 1, 60_000);
+  await vital(page, /✓ good · \d+ mm\/s/);
+  assert.match(await page.locator("#coach-gauge").getAttribute("aria-label"), /good: \d+ mm\/s; even up to \d+ mm\/s, without gaps up to \d+ mm\/s/);
+  assert.match(await page.locator("#coach-facts").innerText(), /images\/cm/);
+  assert.match(await page.locator(".card.coach").innerText(), /Nothing|nothing/);
+  const needle = await page.locator("#coach-gauge .needle").boundingBox();
+  const even = await page.locator("#coach-gauge .even").boundingBox();
+  assert.ok(needle.x + needle.width / 2 <= even.x + even.width + 1, "the needle is in the zone that is good");
+  await page.locator("#view-marks .present").waitFor({ state: "attached" });
+  const [marks, view] = await Promise.all(["#view-marks", "#view"].map((id) => page.locator(id).boundingBox()));
+  assert.deepEqual(marks, view);
+  const [width, height] = (await page.locator("#view-marks").getAttribute("viewBox")).split(" ").slice(2).map(Number);
+  const path = await page.locator("#view-marks .present").getAttribute("d");
+  const corners = path.match(/-?[\d.]+/g).map(Number);
+  assert.equal(corners.length, 8);
+  // It lies in the picture, or hardly beside it.
+  assert.ok(corners.every((place, n) => place > -0.5 * [width, height][n % 2] && place < 1.5 * [width, height][n % 2]), path);
+  assert.ok(await page.locator("#view-legend").isHidden());
+  assert.deepEqual(complaints, []);
+  await shot(page, "coach-good");
+});
+
+test("what is too fast is said at the top, large on the card, and beside the zone that is good", async () => {
+  for (const [name, size] of Object.entries(SIZES)) {
+    const { page, complaints } = await coached({ coach: TOO_FAST, holes: HOLES, size });
+    await says(page, "Slow down: 182 mm/s where 155 mm/s leaves no gaps.");
+    assert.match(await banner(page), /✕/);
+    await vital(page, "✕ too fast · 182 mm/s");
+    const { fontSize } = await page.locator("#coach-vital").evaluate((element) => ({ fontSize: parseFloat(getComputedStyle(element).fontSize) }));
+    assert.ok(fontSize >= 25, `${fontSize} px`);
+    const cut = await page.locator("#coach-vital").evaluate((element) => element.scrollWidth > element.clientWidth);
+    assert.equal(cut, false, `${name}: the speed is read whole`);
+    assert.match(await page.locator("#coach-facts").innerText(), /1\.6|1\.7/);
+    assert.match(await page.locator("#coach-facts").innerText(), /2 parts\s+left out: go back 14 mm/);
+    assert.match(await page.locator("#coach-advice").innerText(), /Slow down: 182/);
+    const needle = await page.locator("#coach-gauge .needle").boundingBox();
+    const gaps = await page.locator("#coach-gauge .gaps").boundingBox();
+    assert.ok(needle.x + needle.width / 2 >= gaps.x, "the needle is where gaps are");
+    await page.locator("#view-marks .hole").first().waitFor({ state: "attached" });
+    assert.equal(await page.locator("#view-marks .hole").count(), 2);
+    assert.match(await page.locator("#view-legend").innerText(), /left out[^]*slice now/);
+    await page.evaluate(axe.source);
+    const { violations } = await page.evaluate(() => axe.run());
+    assert.deepEqual(violations.map(({ id, nodes }) => `${id} ${nodes.map(({ html }) => html).join()}`), [], name);
+    assert.deepEqual(complaints, []);
+    await shot(page, `coach-${name}`);
+  }
+});
+
+test("lost contact is said at the top with what to do", async () => {
+  const advice = [{ how: "bad", key: "contact", sentence: "No contact: add gel and press the probe on.", more: "Nothing comes back from the depth of the picture." }];
+  const { page } = await coached({ coach: { contact: "lost", advice } });
+  await says(page, "No contact: add gel and press the probe on.");
+  assert.match(await page.locator("#coach-facts").innerText(), /no contact/);
+  assert.match(await page.locator("#announcer").textContent(), /No contact/);
+});
