@@ -21,6 +21,7 @@ mod listen;
 mod metrics;
 pub mod origin;
 mod page;
+mod quality;
 pub mod screen;
 mod server;
 pub mod sight;
@@ -48,6 +49,7 @@ use tokio::sync::{Semaphore, watch};
 pub use told::About;
 
 use gate::Gate;
+use quality::Shelf;
 
 use crate::config::bedside::Effective;
 use crate::pipeline::live::Account;
@@ -133,13 +135,14 @@ pub struct Served {
     /// Tells connections that last to end.
     stopped: watch::Receiver<()>,
     gate: Arc<Gate>,
+    shelf: Arc<Shelf>,
 }
 
 impl Served {
     /// Until `stopped` says otherwise, or nobody is left who could.
     pub fn new(latest: Arc<Latest>, screen: Arc<Screen>, about: About, stopped: watch::Receiver<()>) -> Self {
-        let (places, gate) = (Arc::new(Semaphore::new(PAGES)), Arc::default());
-        Self { latest, screen, about: Arc::new(about), places, stopped, gate }
+        let (places, gate, shelf) = (Arc::new(Semaphore::new(PAGES)), Arc::default(), Arc::default());
+        Self { latest, screen, about: Arc::new(about), places, stopped, gate, shelf }
     }
 
     /// To those only who pass.

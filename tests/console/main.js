@@ -11,6 +11,8 @@ await import("./steering.test.js");
 await import("./access.test.js");
 await import("./troubles.test.js");
 await import("./line.test.js");
+await import("./slow.test.js");
+await import("./token.test.js");
 
 afterEach(async () => {
   await closeAll();
