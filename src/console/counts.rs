@@ -15,6 +15,8 @@ pub struct Counts {
     pub pages_sent_away: AtomicU64,
     /// Pages that were cut off as they took nothing, said too much, or fell silent.
     pub pages_cut_off: AtomicU64,
+    /// Pictures that were packed for slow lines, once for all pages.
+    pub pictures_packed: AtomicU64,
     /// Wrong tokens.
     pub tokens_wrong: AtomicU64,
     /// Tokens that were not looked at, as too many wrong ones came from their address.

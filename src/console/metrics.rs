@@ -117,6 +117,11 @@ pub(super) fn of_console(counts: &Counts) -> String {
             "Pages that were cut off as they took nothing, said too much, or fell silent.",
             &counts.pages_cut_off,
         ),
+        (
+            "sonoweave_console_packed_pictures_total",
+            "Pictures that were packed for slow lines, once for all pages.",
+            &counts.pictures_packed,
+        ),
         ("sonoweave_console_wrong_tokens_total", "Wrong tokens that were shown.", &counts.tokens_wrong),
         (
             "sonoweave_console_unheard_tokens_total",

@@ -31,6 +31,7 @@ mod metrics;
 pub mod origin;
 mod page;
 pub mod planes;
+mod quality;
 pub mod screen;
 mod server;
 pub mod sight;
@@ -61,6 +62,7 @@ use tokio::sync::{Semaphore, watch};
 pub use told::About;
 
 use gate::Gate;
+use quality::Shelf;
 
 use crate::coach::CoachTold;
 use crate::config::bedside::Effective;
@@ -178,13 +180,14 @@ pub struct Served {
     /// Tells connections that last to end.
     stopped: watch::Receiver<()>,
     gate: Arc<Gate>,
+    shelf: Arc<Shelf>,
 }
 
 impl Served {
     /// Until `stopped` says otherwise, or nobody is left who could.
     pub fn new(shown: Shown, stopped: watch::Receiver<()>) -> Self {
-        let (places, gate) = (Arc::new(Semaphore::new(PAGES)), Arc::default());
-        Self { shown, snapping: Arc::default(), places, stopped, gate }
+        let (places, gate, shelf) = (Arc::new(Semaphore::new(PAGES)), Arc::default(), Arc::default());
+        Self { shown, snapping: Arc::default(), places, stopped, gate, shelf }
     }
 
     /// To those only who pass.

@@ -247,7 +247,7 @@ impl Screen {
         Glance { screen: Arc::clone(self), kind, pictures: self.shots[place(kind)].subscribe() }
     }
 
-    fn is_looked_at(&self, kind: Kind) -> bool {
+    pub(super) fn is_looked_at(&self, kind: Kind) -> bool {
         self.looked_at[place(kind)].load(Ordering::Relaxed) > 0
     }
 

@@ -5,7 +5,7 @@
 //! | at | type | what |
 //! |---|---|---|
 //! | 0 | u8 | 1 the scanner's picture, 2 the volume's, 3 to 5 planes across the volume's z, y and x axis, 6 a free plane |
-//! | 1 | u8 | 0 grey, 1 red, green and blue; 8 bits each |
+//! | 1 | u8 | 0 grey, 1 red, green and blue; 8 bits each; 2 a JPEG, which may have half as many pixels a side |
 //! | 2 | u16 | bit 0: a finer one follows; bit 1: when it was captured is not known |
 //! | 4, 8 | u32 | pixels to the right and down |
 //! | 12 | u32 | its number among those of its kind, from 1 |
@@ -14,7 +14,7 @@
 //!
 //! Text messages are JSON: what the session tells of itself; what is to be marked in the volume's picture, when that has changed; and before the picture of a plane `plane`, which has its
 //! kind and number and says where it lies. A page answers each picture when it has drawn it, and has two of a kind on their way at most: so one that is slow gets fewer, always the newest, and
-//! nothing piles up for it.
+//! nothing piles up for it. One whose line is slow gets them as JPEGs for as long as it is (`quality`).
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -28,6 +28,7 @@ use tokio::sync::watch;
 use tokio::time::{Instant, MissedTickBehavior, interval, interval_at, timeout};
 
 use super::marks::Marks;
+use super::quality::Grade;
 use super::screen::{KINDS, Kind, Pixmap, Seat, Shot, now_ms};
 use super::wish::Wish;
 use super::{Counts, Served, told};
@@ -87,11 +88,20 @@ struct Channel {
     /// The number of the last one that was sent, and of the last that was answered.
     last: u32,
     since: Instant,
+    grade: Grade,
 }
 
 impl Channel {
     fn new(kind: Kind, seat: &Seat) -> Self {
-        Self { kind, looks: false, pictures: seat.pictures(kind), sent: 0, last: 0, since: Instant::now() }
+        Self {
+            kind,
+            looks: false,
+            pictures: seat.pictures(kind),
+            sent: 0,
+            last: 0,
+            since: Instant::now(),
+            grade: Grade::default(),
+        }
     }
 
     /// The next picture, once there is room for it.
@@ -104,6 +114,7 @@ impl Channel {
                 }
             } else if self.looks && self.since.elapsed() >= FORGIVEN {
                 self.sent = 0;
+                self.grade.forgiven();
                 continue;
             }
             let waits = async {
@@ -120,6 +131,7 @@ impl Channel {
     fn answered(&mut self, sequence: u32) {
         if sequence <= self.last {
             self.sent = self.sent.saturating_sub(1);
+            self.grade.answered(sequence, Instant::now());
         }
     }
 }
@@ -276,8 +288,11 @@ impl<'a> Page<'a> {
             return false;
         }
         let channel = &mut self.channels[shot.kind as usize - 1];
-        (channel.sent, channel.last, channel.since) = (channel.sent + 1, shot.sequence, Instant::now());
-        self.hand(Message::Binary(packed(shot, now_ms()).into())).await
+        let now = Instant::now();
+        (channel.sent, channel.last, channel.since) = (channel.sent + 1, shot.sequence, now);
+        channel.grade.sent(shot.sequence, now);
+        let jpeg = self.served.shelf.packed(shot, channel.grade.quality(), &self.served.gate.counts);
+        self.hand(Message::Binary(packed(shot, jpeg.as_deref(), now_ms()).into())).await
     }
 
     fn heard(&mut self, message: Message) -> Heard {
@@ -350,11 +365,12 @@ enum Heard {
     Over(End),
 }
 
-/// A picture as a message.
-pub(super) fn packed(shot: &Shot, sent_ms: f64) -> Vec<u8> {
-    let (encoding, pixels) = match &shot.pixels {
-        Pixmap::Grey(pixels) => (0, pixels),
-        Pixmap::Colour(pixels) => (1, pixels),
+/// A picture as a message: its pixels, or its JPEG.
+fn packed(shot: &Shot, jpeg: Option<&[u8]>, sent_ms: f64) -> Vec<u8> {
+    let (encoding, pixels) = match (jpeg, &shot.pixels) {
+        (Some(jpeg), _) => (2, jpeg),
+        (None, Pixmap::Grey(pixels)) => (0, &**pixels),
+        (None, Pixmap::Colour(pixels)) => (1, &**pixels),
     };
     let flags = u16::from(shot.refining) | u16::from(shot.captured_ms.is_none()) << 1;
     let mut bytes = Vec::with_capacity(40 + pixels.len());

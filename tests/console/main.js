@@ -15,6 +15,8 @@ await import("./access.test.js");
 await import("./troubles.test.js");
 await import("./coach.test.js");
 await import("./line.test.js");
+await import("./slow.test.js");
+await import("./token.test.js");
 
 afterEach(async () => {
   await closeAll();

@@ -1,14 +1,14 @@
 // A session at the virtual bedside, with its console.
 
-import { spawn } from "node:child_process";
-import { mkdtempSync, rmSync } from "node:fs";
+import { execFileSync, spawn } from "node:child_process";
+import { mkdtempSync, rmSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
 
 import { OUT, PROGRAM } from "./place.js";
 
 // For how long a session may take to begin or to end, ms.
 const PATIENCE = 60_000;
-const TELLS = /console: (http:\/\/\S+)/;
+const TELLS = /console: (https?:\/\/\S+)/;
 
 // None outlives the tests, however they end.
 const running = new Set();
@@ -23,9 +23,20 @@ export class Session {
 
   /// Begins one whose console listens at this port, 0 for any that is free.
   static async begin(port = 0) {
+    const place = mkdtempSync(join(OUT, "session-"));
+    return Session.#run(place, ["demo", "--headless", "--out", place, "--console", `127.0.0.1:${port}`]);
+  }
+
+  /// Begins one by the virtual bedside's own configuration with more behind it, in a folder that is left as it is.
+  static async with(folder, more, host, port = 0) {
+    const config = join(folder, "bedside.toml");
+    writeFileSync(config, execFileSync(PROGRAM, ["live", "--example", "virtual"]) + more);
+    return Session.#run(null, ["live", "--config", config, "--headless", "--console", `${host}:${port}`]);
+  }
+
+  static async #run(place, flags) {
     const session = new Session();
-    session.#place = mkdtempSync(join(OUT, "session-"));
-    const flags = ["demo", "--headless", "--out", session.#place, "--console", `127.0.0.1:${port}`];
+    session.#place = place;
     const child = spawn(PROGRAM, flags, { stdio: ["ignore", "ignore", "pipe"] });
     running.add(child);
     session.#child = child;
@@ -63,7 +74,7 @@ export class Session {
     const late = setTimeout(() => this.#child.kill("SIGKILL"), PATIENCE);
     await this.#ended;
     clearTimeout(late);
-    rmSync(this.#place, { recursive: true, force: true });
+    if (this.#place) rmSync(this.#place, { recursive: true, force: true });
   }
 }
 

@@ -176,6 +176,7 @@ impl Sitting<'_> {
         if !desk.stopped() {
             return Ok(None);
         }
+        self.telling.over(held.account());
         if let Some(recording) = held.recording() {
             desk.happened(How::Done, format!("the recording is complete: {}", recording.path.display()));
         }

@@ -99,6 +99,12 @@ impl Telling {
         self.service.reloaded();
     }
 
+    /// What it has come to.
+    pub(super) fn over(&mut self, account: &Account) {
+        self.told = Some(Instant::now());
+        self.latest.tell(account, &[]);
+    }
+
     /// Now and then while the session runs, and once when it begins to end.
     pub(super) fn look(&mut self, account: &Account, line: fn(&Account) -> String, ends: bool) {
         if ends {

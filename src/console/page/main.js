@@ -4,7 +4,7 @@ import { AccountCards } from "./account.js";
 import { Banner } from "./banner.js";
 import { CoachCard } from "./coach.js";
 import { Deeds } from "./deeds.js";
-import { SLICE, VIEW } from "./header.js";
+import { JPEG, SLICE, VIEW } from "./header.js";
 import { Marks } from "./marks.js";
 import { Measure } from "./measure.js";
 import { Measurements } from "./measurements.js";
@@ -56,7 +56,11 @@ const stream = new Stream(address, { picture, word, changed });
 function screen(name, kind, drawn) {
   return new Picture(of(name), (header, whether, decode) => {
     measured.settled(name, header, whether, decode);
-    if (whether) drawn(header);
+    if (whether) {
+      drawn(header);
+      const reduced = of(`${name}-reduced`);
+      if (reduced) reduced.hidden = header.encoding !== JPEG;
+    }
     // Left out or drawn, it is answered: the session sends the next one only then.
     stream.send({ do: "shown", kind, sequence: header.sequence });
   });

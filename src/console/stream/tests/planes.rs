@@ -61,7 +61,8 @@ fn of_planes_that_nobody_looks_at_nothing_is_made_and_each_comes_with_where_it_l
     until("somebody looks", || session.screen.is_watched());
     assert!(!session.screen.is_watched_in_planes() && cut(&session, 1).is_empty());
     page.say(&json!({ "do": "show", "slice": true, "view": true, "planes": true }));
-    until("planes are looked at", || session.screen.is_watched_in_planes());
+    // Kind by kind, the free one last.
+    until("planes are looked at", || session.screen.is_looked_at(Kind::Free));
     let wanted = cut(&session, 7);
     assert_eq!(wanted.len(), 4);
     for wanted in &wanted {
