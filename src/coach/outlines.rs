@@ -30,6 +30,11 @@ impl Outlines {
         self.holes.iter().map(|[a, b]| [0, 1, 2, 3].map(|corner| a[corner].midpoint(b[corner])))
     }
 
+    /// Where a plane cuts the present slice: a segment within the rectangle, as of [`Self::in_plane`].
+    pub fn present_in(&self, plane: &PlaneRect) -> Option<[[f64; 2]; 2]> {
+        clipped(cut(self.present?, plane)?, plane.size)
+    }
+
     /// Where a plane cuts the gaps' surfaces: segments within the rectangle, from its upper left corner, mm to the right and down.
     pub fn in_plane(&self, plane: &PlaneRect) -> Vec<[[f64; 2]; 2]> {
         self.holes.iter().flat_map(faces).filter_map(|face| clipped(cut(face, plane)?, plane.size)).collect()

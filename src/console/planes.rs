@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 use super::screen::{Kind, Pixmap};
 use crate::export::panel::grey;
 use crate::pipeline::live::{Cut, Extent, Wanted};
-use crate::render::section::{Plane, Sampled};
+use crate::render::section::{Plane, Sampled, Section};
 
 /// Pixels along a side, at most.
 const MOST_PX: u32 = 512;
@@ -62,6 +62,8 @@ pub struct Planes {
     /// The configuration's.
     usual: [f32; 2],
     extent: Option<Extent>,
+    /// Those that were shown last.
+    shown: [Option<Section>; KINDS.len()],
     /// Counts what was moved or changed: of two that are told the later is what holds.
     turn: u64,
     /// Counts the windows.
@@ -70,7 +72,16 @@ pub struct Planes {
 
 impl Default for Planes {
     fn default() -> Self {
-        Self { cross: None, free: None, window: None, usual: [0.0, 255.0], extent: None, turn: 0, look: 0 }
+        Self {
+            cross: None,
+            free: None,
+            window: None,
+            usual: [0.0, 255.0],
+            extent: None,
+            shown: [None; KINDS.len()],
+            turn: 0,
+            look: 0,
+        }
     }
 }
 
@@ -135,7 +146,18 @@ impl Planes {
 
     /// There is no volume.
     pub(super) fn without(&mut self) {
-        self.extent = None;
+        (self.extent, self.shown) = (None, [None; KINDS.len()]);
+    }
+
+    /// A plane is shown where it lies.
+    pub(super) fn show(&mut self, wanted: &Wanted) {
+        self.shown[wanted.number] = Some(wanted.section);
+    }
+
+    /// Planes as they were shown last, of the kinds that are looked at.
+    pub(super) fn shown(&self, is_looked_at: impl Fn(Kind) -> bool) -> Vec<(Kind, Section)> {
+        let all = KINDS.into_iter().zip(self.shown).filter(|(kind, _)| is_looked_at(*kind));
+        all.filter_map(|(kind, section)| Some((kind, section?))).collect()
     }
 
     /// Moves or changes something.

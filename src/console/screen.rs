@@ -197,7 +197,8 @@ impl Screen {
         }
         self.marked.fetch_add(1, Ordering::Relaxed);
         let outlines = coach.outlines(now_ns);
-        Marks::of(&outlines, &self.sight(), sequence)
+        let planes = self.planes().shown(|kind| self.is_looked_at(kind));
+        Marks::of(&outlines, &self.sight(), sequence, &planes)
     }
 
     /// Times that it was worked out what is to be marked.
@@ -319,7 +320,11 @@ impl Cutter for Screen {
 
     fn cut(&self, cut: &Cut<'_>) {
         let (kind, size) = (planes::KINDS[cut.wanted.number], cut.wanted.section.size);
-        let window = self.planes().window();
+        let window = {
+            let mut planes = self.planes();
+            planes.show(&cut.wanted);
+            planes.window()
+        };
         let pixels = planes::coloured(cut.sampled, size[0], window);
         let times = (cut.item, cut.captured_ns.map(unix_ms));
         self.show(kind, size, pixels, times, false, |sequence| Some(self.planes().told(cut, sequence)));

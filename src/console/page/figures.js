@@ -1,17 +1,24 @@
-// What was measured, drawn over a plane: figures by their points, and slices by where they cross it.
+// What is drawn over a plane: what the scan has left out and the present slice, what was measured, and slices by where they cross it.
 
 import { across, dot, minus, pixel } from "./space.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const OPEN = ["distance", "angle"];
 
-/// A group for the plane's lines. `lies`: where the plane lies; `lain`: where its picture is on the screen; `over`: `{ figures, slices }`.
-export function marked(lies, lain, { figures, slices }) {
+/// A group for the plane's lines. `lies`: where the plane lies; `lain`: where its picture is on the screen; `over`: `{ figures, slices, outline }`.
+export function marked(lies, lain, { figures, slices, outline }) {
   const scale = lain.width / lies.size[0];
   const screen = (point) => pixel(lies, point).map((x, n) => (n === 0 ? lain.left : lain.top) + (x + 0.5) * scale);
   const normal = across(lies);
   const height = (point) => dot(minus(point, lies.origin), normal);
   const all = element("g", {});
+  const at = ([i, j]) => [lain.left + (i + 0.5) * scale, lain.top + (j + 0.5) * scale];
+  for (const [name, segments] of [["hole", outline?.holes ?? []], ["present", outline?.present ? [outline.present] : []]]) {
+    for (const segment of segments) {
+      const [[x1, y1], [x2, y2]] = segment.map(at);
+      all.append(element("line", { class: name, x1, y1, x2, y2 }));
+    }
+  }
   for (const corners of slices) {
     const ends = meets(corners, height);
     if (ends) {

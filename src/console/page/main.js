@@ -88,6 +88,7 @@ function word(key, value) {
     look();
   } else if (key === "marks") {
     marks.show(value);
+    planes.outline(value.planes);
   } else if (key === "control") {
     measured.open.control = value;
     view.control(value);

@@ -26,6 +26,7 @@ export class Planes {
   #scheduled = false;
   #volume = null;
   #figures = { figures: [], slices: [] };
+  #outlines = new Map();
   /// Called when somebody who steers has clicked on a plane: the cross is there.
   clicked = () => {};
   /// Whether they are looked at.
@@ -86,6 +87,12 @@ export class Planes {
     return this.#cross && lies ? { point: this.#cross, pixel_mm: lies.mm_per_px } : null;
   }
 
+  /// Where they cut what the scan has left out, and the present slice.
+  outline(told) {
+    this.#outlines = new Map(told.map((one) => [one.kind, one]));
+    this.#draw();
+  }
+
   /// Figures to be drawn over them, and slices by their corners.
   mark(figures, slices) {
     this.#figures = { figures, slices };
@@ -118,6 +125,7 @@ export class Planes {
   /// Another session may be there.
   restart() {
     this.#turn = -1;
+    this.#outlines = new Map();
     for (const plane of Object.values(this.#planes)) plane.restart();
   }
 
@@ -144,7 +152,7 @@ export class Planes {
   #draw() {
     if (!this.shown || !this.#cross) return;
     const all = Object.values(this.#planes);
-    for (const plane of all) plane.draw(all, this.#cross, this.#figures);
+    for (const plane of all) plane.draw(all, this.#cross, { ...this.#figures, outline: this.#outlines.get(plane.kind) });
   }
 
   #to(point) {
