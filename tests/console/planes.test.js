@@ -3,9 +3,9 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { close, difference, drawn, greys, listen, look, measured, open, settled, shot, SIZES, steers } from "./page.js";
+import { close, difference, drawn, greys, listen, look, measured, open, shot, SIZES, steers } from "./page.js";
 import { installed } from "./place.js";
-import { shared } from "./session.js";
+import { Session, shared } from "./session.js";
 
 const axe = installed("axe-core");
 const NAMES = { 3: "z", 4: "y", 5: "x", 6: "free" };
@@ -13,10 +13,14 @@ const NAMES = { 3: "z", 4: "y", 5: "x", 6: "free" };
 // Opens a page that steers and shows planes, when the volume has its first sweep.
 async function planes(settings) {
   const { address } = await shared();
+  return showing(address, 250, settings);
+}
+
+async function showing(address, slices, settings) {
   const seen = await open(address, settings);
   const { page } = seen;
   await steers(page, true);
-  await page.waitForFunction(() => window.sonoweave.account?.slices > 250, null, { timeout: 60_000 });
+  await page.waitForFunction((slices) => window.sonoweave.account?.slices > slices, slices, { timeout: 60_000 });
   await page.keyboard.press("p");
   await all(page);
   return seen;
@@ -192,7 +196,7 @@ test("the free plane is turned by Shift and drag, by its knob and by keys, and t
   await until(page, 6, ({ home }) => home);
 });
 
-test("black and white of the planes are dragged and reset, and the volume's look is chosen, dragged and reset", async () => {
+test("black and white of the planes are dragged and reset", async () => {
   const seen = await planes();
   const { page } = seen;
   const asked = await listen(page);
@@ -213,11 +217,16 @@ test("black and white of the planes are dragged and reset, and the volume's look
   assert.ok((await asked()).every((wish) => wish.do === "window"));
   await page.getByRole("button", { name: "Reset greys" }).click();
   await until(page, 4, ({ window: [black, white] }) => black === 0 && white === 255);
+  assert.deepEqual(seen.complaints, []);
+});
 
-  // The volume: a preset, then its curve.
-  await page.locator("#view").focus();
-  await page.keyboard.press("1");
-  await settled(page);
+test("the volume's look is chosen, its opacities are dragged, and it is reset", async () => {
+  const session = await Session.small();
+  const seen = await showing(session.address, 75);
+  const { page } = seen;
+  await drawn(page, "view", 2);
+  const asked = await listen(page);
+  const levels = await page.locator("#levels").boundingBox();
   const plain = await greys(page, "view");
   await page.locator("#levels-preset").selectOption("xray");
   const other = async (than, more) => {
@@ -249,7 +258,13 @@ test("black and white of the planes are dragged and reset, and the volume's look
   await page.getByRole("button", { name: "Reset look" }).click();
   await page.waitForFunction(() => document.querySelectorAll("[data-name^=point]").length === 4);
   assert.equal(await page.locator("#levels-preset").inputValue(), "");
+  for (let n = 0; difference(await greys(page, "view"), plain) > 2; n += 1) {
+    assert.ok(n < 100, "as at the beginning");
+    await page.waitForTimeout(100);
+  }
   assert.deepEqual(seen.complaints, []);
+  await close(seen);
+  await session.end();
 });
 
 test("who looks on sees the planes of who steers, and moves none", async () => {

@@ -1,10 +1,10 @@
 // A session at the virtual bedside, with its console.
 
 import { spawn } from "node:child_process";
-import { mkdtempSync, rmSync } from "node:fs";
+import { mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
 
-import { OUT, PROGRAM } from "./place.js";
+import { EXAMPLE, OUT, PROGRAM } from "./place.js";
 
 // For how long a session may take to begin or to end, ms.
 const PATIENCE = 60_000;
@@ -22,10 +22,28 @@ export class Session {
   address;
 
   /// Begins one whose console listens at this port, 0 for any that is free.
-  static async begin(port = 0) {
+  static begin(port = 0) {
+    return Session.#of((place) => ["demo", "--out", place], port);
+  }
+
+  /// One with small pictures and coarse voxels, whose volume is drawn anew at once however busy the machine is.
+  static small() {
+    const smaller = { size: '"160x120"', rate_hz: "8", spacing_mm: "2.0", image_size: '"160x160"', frames: "60" };
+    const lines = readFileSync(EXAMPLE, "utf8").split("\n").map((line) => {
+      const [, key] = /^(\w+) = /.exec(line) ?? [];
+      return key in smaller ? `${key} = ${smaller[key]}` : line;
+    });
+    return Session.#of((place) => {
+      const config = join(place, "small.toml");
+      writeFileSync(config, lines.join("\n"));
+      return ["live", "--config", config];
+    });
+  }
+
+  static async #of(command, port = 0) {
     const session = new Session();
     session.#place = mkdtempSync(join(OUT, "session-"));
-    const flags = ["demo", "--headless", "--out", session.#place, "--console", `127.0.0.1:${port}`];
+    const flags = [...command(session.#place), "--headless", "--console", `127.0.0.1:${port}`];
     const child = spawn(PROGRAM, flags, { stdio: ["ignore", "ignore", "pipe"] });
     running.add(child);
     session.#child = child;
