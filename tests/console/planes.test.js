@@ -59,7 +59,11 @@ async function at(page, name, x, y) {
 const colours = (page, name) =>
   page.evaluate((name) => {
     const canvas = document.getElementById(`plane-${name}`);
-    const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+    // Of the page's own canvas the browser would complain that it is read.
+    const { width, height } = canvas;
+    const copy = Object.assign(document.createElement("canvas"), { width, height }).getContext("2d");
+    copy.drawImage(canvas, 0, 0);
+    const { data } = copy.getImageData(0, 0, width, height);
     const found = { grey: 0, bright: 0, black: 0, blue: 0, other: 0 };
     for (let n = 0; n < data.length; n += 4) {
       const [r, g, b] = data.subarray(n, n + 3);
