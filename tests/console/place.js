@@ -8,6 +8,8 @@ const root = new URL("../../", import.meta.url);
 
 /// The page's files.
 export const PAGE = fileURLToPath(new URL("src/console/page/", root));
+/// A configuration of the virtual bedside.
+export const EXAMPLE = fileURLToPath(new URL("docs/examples/virtual.toml", root));
 /// Pictures of the page, and what sessions wrote.
 export const OUT = fileURLToPath(new URL("out/console-test/", root));
 /// The program, as scripts/console-test.sh names it.

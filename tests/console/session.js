@@ -1,10 +1,10 @@
 // A session at the virtual bedside, with its console.
 
 import { execFileSync, spawn } from "node:child_process";
-import { mkdtempSync, rmSync, writeFileSync } from "node:fs";
+import { mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
 
-import { OUT, PROGRAM } from "./place.js";
+import { EXAMPLE, OUT, PROGRAM } from "./place.js";
 
 // For how long a session may take to begin or to end, ms.
 const PATIENCE = 60_000;
@@ -25,6 +25,19 @@ export class Session {
   static async begin(port = 0) {
     const place = mkdtempSync(join(OUT, "session-"));
     return Session.#run(place, ["demo", "--headless", "--out", place, "--console", `127.0.0.1:${port}`]);
+  }
+
+  /// One with small pictures and coarse voxels, whose volume is drawn anew at once however busy the machine is.
+  static async small() {
+    const smaller = { size: '"160x120"', rate_hz: "8", spacing_mm: "2.0", image_size: '"160x160"', frames: "60" };
+    const lines = readFileSync(EXAMPLE, "utf8").split("\n").map((line) => {
+      const [, key] = /^(\w+) = /.exec(line) ?? [];
+      return key in smaller ? `${key} = ${smaller[key]}` : line;
+    });
+    const place = mkdtempSync(join(OUT, "session-"));
+    const config = join(place, "small.toml");
+    writeFileSync(config, lines.join("\n"));
+    return Session.#run(place, ["live", "--config", config, "--headless", "--console", "127.0.0.1:0"]);
   }
 
   /// Begins one by the virtual bedside's own configuration with more behind it, in a folder that is left as it is.
