@@ -74,7 +74,7 @@ pub struct HolesTold {
     pub open: usize,
     /// Those that were closed by later slices.
     pub closed: u64,
-    /// Gaps that were not kept, as there were too many.
+    /// Gaps that were not kept, as there were too many, or as it took too long to tell whether they had been seen before.
     pub beyond: u64,
     /// Planes of earlier slices that were forgotten, as there were too many: what is swept again there fast may count as a hole.
     pub forgotten: u64,

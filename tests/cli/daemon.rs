@@ -390,7 +390,11 @@ fn a_sweep_that_is_too_fast_is_told_and_what_it_leaves_out_and_one_that_is_not_i
         Session::of(&SMALL.replace("scene = \"ramp\"", "scene = \"ramp\"\ngap_mm = 0.6\nframes = 300"), "", &[]);
     let address = session.address();
     let good = session.waits_for("a good speed", || {
-        Some(json(&address)["coach"].clone()).filter(|coach| coach["speed"]["verdict"] == "good")
+        let coach = json(&address)["coach"].clone();
+        (coach["slices"].as_u64() > Some(60) && coach["speed"]["verdict"] == "good").then_some(coach)
     });
-    assert_eq!((&good["holes"]["open"], &good["holes"]["closed"]), (&0.into(), &0.into()), "{good}");
+    // What a busy machine loses of the frames is left out, but no fault of the hand.
+    assert!(good["advice"].as_array().unwrap().iter().all(|advice| advice["key"] != "too-fast"), "{good}");
+    // 18 mm/s on average, by a hand that trembles.
+    assert!((9.0..36.0).contains(&good["speed"]["mm_per_s"].as_f64().unwrap()), "{good}");
 }
