@@ -35,7 +35,7 @@ const HEAD: usize = 16 << 10;
 const LEAVING: Duration = Duration::from_secs(1);
 /// After a connection that could not be taken, as when no file may be opened any more.
 const PAUSE: Duration = Duration::from_millis(200);
-/// How nice the thread is: where everybody wants the processor, capture, pairing and weaving get three times as much of it as whoever asks, and drawing half.
+/// How nice the thread is: where everybody wants the processor, capture, pairing and weaving get three times as much of it as whoever asks, and drawing a third as much.
 const NICE: i32 = 5;
 
 /// Why nothing is told.
@@ -168,28 +168,27 @@ async fn accept(listener: &tokio::net::TcpListener, door: Door, served: Served, 
     let crowd = Arc::new(Crowd::default());
     let mut serving = JoinSet::new();
     loop {
-        let taken = async {
-            let accepted = listener.accept().await?;
-            io::Result::Ok((accepted, crowd.enter().await))
-        };
-        let (stream, peer, place) = tokio::select! {
+        let accepted = tokio::select! {
             _ = stopped.changed() => break,
             Some(_) = serving.join_next() => continue,
-            taken = taken => match taken {
-                Ok(((stream, peer), (place, gave_way))) => {
-                    Counts::add(&counts.connections);
-                    if gave_way {
-                        Counts::add(&counts.gave_way);
-                    }
-                    (stream, peer, place)
-                }
-                Err(error) => {
-                    tracing::warn!("the status was asked for, and could not answer: {error}");
-                    tokio::time::sleep(PAUSE).await;
-                    continue;
-                }
-            },
+            accepted = listener.accept() => accepted,
         };
+        let (stream, peer) = match accepted {
+            Ok(accepted) => accepted,
+            Err(error) => {
+                tracing::warn!("the status was asked for, and could not answer: {error}");
+                tokio::time::sleep(PAUSE).await;
+                continue;
+            }
+        };
+        let (place, gave_way) = tokio::select! {
+            _ = stopped.changed() => break,
+            entered = crowd.enter() => entered,
+        };
+        Counts::add(&counts.connections);
+        if gave_way {
+            Counts::add(&counts.gave_way);
+        }
         let Ok(local) = stream.local_addr() else { continue };
         let line = Line { local, peer, secured: door.tls.is_some() };
         let (tls, service, counts, stopped) = (door.tls.clone(), service.clone(), Arc::clone(&counts), stopped.clone());

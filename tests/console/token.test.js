@@ -41,6 +41,7 @@ test("a page that is not known is asked for the token, which is shown once", asy
   await shot(page, "token-wrong");
   await token.fill(TOKEN);
   await page.keyboard.press("Enter");
+  await page.waitForFunction(() => window.sonoweave?.connected);
   await drawn(page, "slice", 3);
   assert.equal(await page.evaluate(() => document.cookie), "", "no script reads what it is known by");
   await page.reload();
