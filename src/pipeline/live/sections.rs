@@ -7,6 +7,8 @@
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
+use rustix::time::{ClockId, clock_gettime};
+
 use super::fabric::{Begun, Fabric, Shared};
 use super::swatch::{Changes, Known, Leaf, Sheet, Swatch};
 use crate::render::section::{Box3, Planar, Sampled, Section};
@@ -18,7 +20,7 @@ use crate::volume::read::Values as _;
 const IDLE: Duration = Duration::from_millis(50);
 /// Between two looks at what planes are wanted and what has changed: 12 pictures a second of each at most.
 const PERIOD: Duration = Duration::from_millis(80);
-/// After some work, so many times as long is rested: a machine of two cores has a session to run.
+/// After some work, so many times as long is rested: a machine of two cores has a session to run. Waiting for the volume is no work.
 const RESTS: u32 = 2;
 /// Bricks that are read while weaving waits: about half a millisecond's.
 const PART: usize = 512;
@@ -27,7 +29,7 @@ const PAUSE: Duration = Duration::from_micros(200);
 /// Bricks that may be kept, 4 KiB each.
 const MOST_BRICKS: usize = 1 << 15;
 /// The box that planes are of ends at every so many bricks, so that it grows seldom.
-const STEP: i64 = 4;
+const STEP: i64 = 2;
 
 /// Who looks at planes through the volume while it grows.
 pub trait Cutter: Send + Sync {
@@ -125,7 +127,7 @@ pub(super) fn run(shared: &Shared, cutter: &dyn Cutter) {
     let mut table: Option<Table> = None;
     let mut work = CutWork::default();
     loop {
-        let began = Instant::now();
+        let (began, spent) = (Instant::now(), spent());
         if cutter.is_watched() {
             let table = table.get_or_insert_with(|| Table { work, ..Table::default() });
             let ended = table.turn(shared, cutter);
@@ -133,8 +135,8 @@ pub(super) fn run(shared: &Shared, cutter: &dyn Cutter) {
             if ended {
                 return;
             }
-            let busy = began.elapsed();
-            shared.rest((busy * RESTS).max(PERIOD.saturating_sub(busy)));
+            let busy = self::spent().saturating_sub(spent);
+            shared.rest((busy * RESTS).max(PERIOD.saturating_sub(began.elapsed())));
             continue;
         }
         let mut fabric = shared.lock();
@@ -147,6 +149,13 @@ pub(super) fn run(shared: &Shared, cutter: &dyn Cutter) {
         }
         shared.rest(IDLE);
     }
+}
+
+/// What this thread has worked since it began.
+fn spent() -> Duration {
+    let time = clock_gettime(ClockId::ThreadCPUTime);
+    // Neither is ever below 0, nor is there a second of nanoseconds.
+    Duration::new(time.tv_sec as u64, time.tv_nsec as u32)
 }
 
 /// What a look under the lock has brought.

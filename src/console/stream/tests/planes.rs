@@ -65,10 +65,15 @@ fn of_planes_that_nobody_looks_at_nothing_is_made_and_each_comes_with_where_it_l
     until("planes are looked at", || session.screen.is_looked_at(Kind::Free));
     let wanted = cut(&session, 7);
     assert_eq!(wanted.len(), 4);
-    for wanted in &wanted {
+    let mut came = Vec::new();
+    for _ in 0..4 {
+        // They come in any order, each behind its word.
         let told = page.word("plane");
         let picture = page.picture();
-        let kind = 3 + wanted.number as u8;
+        let kind = picture[0];
+        came.push(kind);
+        let wanted = &wanted[usize::from(kind) - 3];
+        assert_eq!(wanted.number, usize::from(kind) - 3);
         assert_eq!((picture[0], picture[1], sequence(&picture), item(&picture)), (kind, 1, 1, 4));
         assert_eq!((&told["kind"], &told["sequence"], &told["slices"]), (&json!(kind), &json!(1), &json!(7)));
         assert_eq!(told["origin"], json!(wanted.section.first.to_array()));
@@ -83,6 +88,8 @@ fn of_planes_that_nobody_looks_at_nothing_is_made_and_each_comes_with_where_it_l
         assert!(last[2] > last[0], "not seen: {last:?}");
         page.say(&json!({ "do": "shown", "kind": kind, "sequence": 1 }));
     }
+    came.sort_unstable();
+    assert_eq!(came, [3, 4, 5, 6]);
     // The volume is another one, in which nothing was seen.
     session.screen.nothing("no voxel was seen yet");
     let told = page.word("plane");
