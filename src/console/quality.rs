@@ -19,9 +19,12 @@ const SLOW: Duration = Duration::from_millis(150);
 const FAST: Duration = Duration::from_millis(75);
 /// So many slow ones in a row are no accident.
 const ENOUGH: u32 = 3;
-/// So many fast ones in a row are worth a try; twice as many after each one that failed.
+/// So many fast ones more than others are worth a try; twice as many after each try that failed.
 const PATIENCE: u32 = 30;
 const MOST_PATIENCE: u32 = 960;
+/// So many fast ones make up for one that is slow, and for one that is neither.
+const LATE: u32 = 10;
+const MIDDLING: u32 = 2;
 /// Packed pictures that are kept for other pages.
 const KEPT: usize = 12;
 
@@ -43,13 +46,15 @@ pub(super) struct Grade {
     slow: u32,
     fast: u32,
     patience: u32,
+    /// Whether more was tried since it last became less.
+    tried: bool,
     /// Pictures on their way, and since when.
     sent: VecDeque<(u32, Instant)>,
 }
 
 impl Default for Grade {
     fn default() -> Self {
-        Self { quality: Quality::Whole, slow: 0, fast: 0, patience: PATIENCE, sent: VecDeque::new() }
+        Self { quality: Quality::Whole, slow: 0, fast: 0, patience: PATIENCE, tried: false, sent: VecDeque::new() }
     }
 }
 
@@ -79,18 +84,25 @@ impl Grade {
 
     fn took(&mut self, time: Duration) {
         self.slow = if time > SLOW { self.slow + 1 } else { 0 };
-        self.fast = if time < FAST { self.fast + 1 } else { 0 };
+        // One that is late now and then does not undo what many have shown.
+        self.fast = if time < FAST {
+            self.fast + 1
+        } else {
+            self.fast.saturating_sub(if time > SLOW { LATE } else { MIDDLING })
+        };
         if self.slow >= ENOUGH && self.quality != Quality::Halved {
             self.quality = if self.quality == Quality::Whole { Quality::Packed } else { Quality::Halved };
-            self.patience = (self.patience * 2).min(MOST_PATIENCE);
-            self.slow = 0;
+            if std::mem::take(&mut self.tried) {
+                self.patience = (self.patience * 2).min(MOST_PATIENCE);
+            }
+            (self.slow, self.fast) = (0, 0);
         } else if self.fast >= self.patience {
             self.fast = 0;
             match self.quality {
                 // It has gone well for long.
                 Quality::Whole => self.patience = PATIENCE,
-                Quality::Packed => self.quality = Quality::Whole,
-                Quality::Halved => self.quality = Quality::Packed,
+                Quality::Packed => (self.quality, self.tried) = (Quality::Whole, true),
+                Quality::Halved => (self.quality, self.tried) = (Quality::Packed, true),
             }
         }
     }
@@ -193,23 +205,24 @@ mod tests {
         }
         assert_eq!([taking(2, 151), taking(1, 151)], [Quality::Whole, Quality::Packed]);
         assert_eq!([taking(100, 150), taking(100, 75)], [Quality::Packed; 2], "in between");
-        assert_eq!(
-            [taking(59, 20), taking(1, 20)],
-            [Quality::Packed, Quality::Whole],
-            "twice as many: it was not as good as it seemed"
-        );
+        assert_eq!([taking(29, 20), taking(1, 20)], [Quality::Packed, Quality::Whole]);
         assert_eq!(
             [taking(3, 900), taking(3, 900), taking(99, 900)],
             [Quality::Packed, Quality::Halved, Quality::Halved]
         );
-        assert_eq!([taking(239, 20), taking(1, 20)], [Quality::Halved, Quality::Packed]);
-        assert_eq!([taking(239, 20), taking(1, 20)], [Quality::Packed, Quality::Whole]);
+        // Twice as many: it was not as good as it had seemed.
+        assert_eq!([taking(59, 20), taking(1, 20)], [Quality::Halved, Quality::Packed]);
+        // One in twenty is late, and one in ten is neither.
+        for _ in 0..60 {
+            assert_ne!([taking(17, 20), taking(2, 100), taking(1, 160)], [Quality::Halved; 3]);
+        }
+        assert_eq!(taking(0, 0), Quality::Whole);
         // After a long time it counts as at the beginning.
-        taking(240, 20);
-        assert_eq!([taking(3, 200), taking(59, 20), taking(1, 20)], [Quality::Packed, Quality::Packed, Quality::Whole]);
+        taking(120, 20);
+        assert_eq!([taking(3, 200), taking(29, 20), taking(1, 20)], [Quality::Packed, Quality::Packed, Quality::Whole]);
         for _ in 0..20 {
             (0..3).for_each(|_| grade.took(MS(500)));
-            grade.quality = Quality::Whole;
+            (grade.quality, grade.tried) = (Quality::Whole, true);
         }
         assert_eq!(grade.patience, MOST_PATIENCE);
     }

@@ -100,7 +100,7 @@ impl Slices {
         let mut found: Vec<(f64, Source)> = Vec::new();
         for slice in &log.slices {
             let Some(source) = reaching(slice, at, across, first_ns) else { continue };
-            found.push((f64::from(across.weight(source.off_mm)), source));
+            found.push((across.weight(source.off_mm), source));
         }
         let forgotten = log.forgotten;
         drop(log);

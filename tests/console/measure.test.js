@@ -36,8 +36,8 @@ const legs = (page) =>
       for (let x = 0; x < width; x += 1) {
         const [r, g, b] = data.subarray(4 * (y * width + x), 4 * (y * width + x) + 3);
         const at = [0, 1, 2].map((n) => origin[n] + right[n] * x + down[n] * y);
-        // Between the water's surface and the tank's floor, and no more than a leg aside.
-        if (r !== g || g !== b || r < 60 || at[1] < 30 || at[1] > 62 || Math.abs(at[0]) > 25) continue;
+        // Neither the probe's face nor the tank's floor, and no more than a leg aside.
+        if (r !== g || g !== b || r < 60 || at[1] < -22 || at[1] > 6 || Math.abs(at[0]) > 26) continue;
         const side = found[at[0] < 0 ? 0 : 1];
         side.n += 1;
         side.x += x;

@@ -319,7 +319,7 @@ test("axe-core finds nothing wrong with planes, on a desk and on a tablet, and a
       for (const wanted of ["plane-z", "plane-y", "plane-x", "plane-free", "Turn the free plane", "planes-home", "black", "white", "point-0", "levels-preset", "levels-greys", "levels-looks"]) {
         assert.ok(reached.has(wanted), `${wanted} of ${[...reached].join(", ")}`);
       }
-      const small = await page.evaluate(() => [...document.querySelectorAll("#planes-panel button, #planes-panel select")].filter((one) => one.getBoundingClientRect().height < 44).map(({ id }) => id));
+      const small = await page.evaluate(() => [...document.querySelectorAll("#planes-panel button, #planes-panel select")].filter((one) => one.checkVisibility() && one.getBoundingClientRect().height < 44).map(({ id }) => id));
       assert.deepEqual(small, [], "a finger hits them");
     }
     await close(seen);

@@ -151,8 +151,8 @@ test("a picture's header is read, and what is none is refused by a sentence", ()
   assert.throws(() => parse(bytes.slice(0, 45)), /5 bytes instead of 6/);
   to.setUint32(4, 0xffffffff, true);
   assert.throws(() => parse(bytes), /4294967295 × 1 pixels/);
-  to.setUint8(0, 3);
-  assert.throws(() => parse(bytes), /kind 3/);
+  to.setUint8(0, 7);
+  assert.throws(() => parse(bytes), /kind 7/);
 });
 
 test("quantiles are samples of the nearest rank", () => {

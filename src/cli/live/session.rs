@@ -33,7 +33,7 @@ pub(in crate::cli) struct Conduct {
     /// Goes on with a recorded session, as after a crash: its slices are in the volume first. The configuration must be the one that it was recorded by
     #[arg(long, value_name = "SESSION")]
     pub(in crate::cli) resume: Option<PathBuf>,
-    /// Shows the session to browsers: the page with its picture and its volume, and the status; beyond this machine with [status] certificate, key and token_file only [default: the configuration's status.listen, or nowhere]
+    /// Shows the session to browsers: the page with its picture and its volume, and the status; beyond this machine only with certificate, key and token_file under status [default: the configuration's status.listen, or nowhere]
     #[arg(long, value_name = "ADDR:PORT", value_parser = values::address)]
     pub(in crate::cli) console: Option<SocketAddr>,
     /// A folder for what pages record, save and keep; it is made if it is not there [default: where the session is recorded, or nowhere]

@@ -34,7 +34,7 @@ const view = new View(
 );
 const planes = new Planes(of, (wish) => stream.send(wish), () => show());
 measured.open.planes = planes.open;
-const measure = new Measure(of, { at: () => planes.at(), draw: (figures, slices) => planes.mark(figures, slices), ask });
+const measure = new Measure(of, { at: () => planes.at(), draw: (figures, slices) => planes.mark(figures, slices), ask, speak: (words) => (of("announcer").textContent = words) });
 measured.open.measure = measure.open;
 planes.clicked = () => measure.mark();
 const screens = {

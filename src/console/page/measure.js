@@ -20,6 +20,7 @@ export class Measure {
   #draw;
   #at = () => null;
   #ask;
+  #speak;
   #points = [];
   #contours = [];
   #results = [];
@@ -28,12 +29,13 @@ export class Measure {
   /// As described above.
   open = { open: false, kind: "distance", points: [], results: [], sources: null };
 
-  /// `of(id)` is the element of that id; `at()` tells the marked place, `{ point, pixel_mm }`, or null; `draw(figures, slices)` shows them on the planes; `ask(path, body)` asks the session.
-  constructor(of, { at, draw, ask }) {
+  /// `of(id)` is the element of that id; `at()` tells the marked place, `{ point, pixel_mm }`, or null; `draw(figures, slices)` shows them on the planes; `ask(path, body)` asks the session; `speak(words)` tells those who listen.
+  constructor(of, { at, draw, ask, speak }) {
     this.#of = of;
     this.#draw = draw;
     this.#at = at;
     this.#ask = ask;
+    this.#speak = speak;
     const kinds = of("measure-kind");
     for (const [kind, { says }] of Object.entries(FIGURES)) kinds.add(new Option(says, kind));
     kinds.addEventListener("change", () => this.#begin(kinds.value));
@@ -110,8 +112,12 @@ export class Measure {
     const figures = kind === "stack" ? contours : [points];
     this.#begin(kind);
     const told = await this.#ask("/v1/measure", body);
-    if (told.refused) this.#says = told.refused;
-    else this.#results = [{ ...told, figures }, ...this.#results].slice(0, KEPT);
+    if (told.refused) {
+      this.#says = told.refused;
+    } else {
+      this.#results = [{ ...told, figures }, ...this.#results].slice(0, KEPT);
+      this.#speak(figure(told));
+    }
     this.#show();
   }
 
@@ -139,6 +145,7 @@ export class Measure {
     this.#of("measure-clear").disabled = this.#results.length === 0 && this.#sources === null && count === 0 && this.#contours.length === 0;
     const marked = `${count} marked${kind === "stack" ? `, ${this.#contours.length} outlines before` : ""}`;
     write(this.#of("measure-says"), this.#says || (count > 0 || this.#contours.length > 0 ? marked : `Mark ${more}: click on a plane, or go there and press Enter.`));
+    if (this.#says) this.#speak(this.#says);
     this.#of("measure-says").classList.toggle("bad", this.#says !== "");
     this.#list();
     Object.assign(this.open, { points: this.#points, results: this.#results, sources: this.#sources });

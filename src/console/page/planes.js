@@ -89,7 +89,7 @@ export class Planes {
 
   /// Where they cut what the scan has left out, and the present slice.
   outline(told) {
-    this.#outlines = new Map(told.map((one) => [one.kind, one]));
+    this.#outlines = new Map((told ?? []).map((one) => [one.kind, one]));
     this.#draw();
   }
 

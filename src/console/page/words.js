@@ -105,6 +105,7 @@ const REASONS = {
   "out of plane": "outside the plane of the scan",
   "pixel size": "pixels too small or too large",
   "same picture": "the same picture at another pose",
+  paused: "the session was frozen",
   "volume full": "the volume has all the memory it may take",
 };
 
