@@ -36,6 +36,8 @@ test("every control is reached by Tab, in the order in which it is read, is seen
   const { page } = seen;
   await steers(page, true);
   assert.equal(await page.evaluate(() => document.activeElement.id), "view", "the view's keys act at once");
+  // What can be done is known with the first account.
+  await page.waitForFunction(() => !document.querySelector("[data-deed=save]").disabled, null, { timeout: 20_000 });
   const wanted = await page.evaluate(() => {
     const all = [...document.querySelectorAll("button, [tabindex='0']")].filter((element) => element.checkVisibility() && !element.disabled && !element.closest("dialog"));
     return all.map((element) => element.id || element.textContent);

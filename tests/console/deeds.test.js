@@ -64,9 +64,9 @@ test("one key freezes, and what would be lost is asked about first", async () =>
   await page.locator("#slice-word", { hasText: "frozen" }).waitFor();
   assert.equal(await button(page, "Freeze").getAttribute("aria-pressed"), "true");
   // Those that were on their way when it was pressed are in it, too.
-  await until(page, () => window.sonoweave.account.refused.paused > 5);
+  await until(page, () => window.sonoweave.account.refused.paused > 45);
   const held = await slices(page);
-  await until(page, () => window.sonoweave.account.refused.paused > 30);
+  await until(page, () => window.sonoweave.account.refused.paused > 75);
   assert.equal(await slices(page), held);
   await shot(page, "held");
   // Who looks on may not.

@@ -27,8 +27,10 @@ export class AccountCards {
 
   /// Four times a second. `screen` and `view`: the delays until they are on this screen; `shown`: live pictures a second here.
   tell(account, { screen, view, shown }) {
-    this.#vital("devices", devices(account.devices));
-    rows(this.#of("devices"), account.devices.map((one) => {
+    // Of a session that is over they are closed, and that is as it should be.
+    const over = account.desk?.phase === "over";
+    this.#vital("devices", over ? { how: "plain", says: "closed" } : devices(account.devices));
+    rows(this.#of("devices"), over ? [] : account.devices.map((one) => {
       const { how, name, says, more } = device(one);
       return { how, strong: name, says: more ? `${says}; ${more}` : says };
     }));
@@ -50,7 +52,7 @@ export class AccountCards {
     rates.push({ how: "plain", strong: shown.toFixed(1), says: "shown/s" });
     rows(this.#of("rates"), rates);
 
-    const kept = recording(account.recording, account.desk?.phase === "over");
+    const kept = recording(account.recording, over);
     this.#vital("recording", kept);
     rows(this.#of("recording"), kept.lines);
     write(this.#of("volume"), volume(account.volume));

@@ -110,7 +110,7 @@ function word(key, value) {
 // What has happened since the page was opened is said once.
 function happened(events) {
   const newest = events.at(-1);
-  if (newest && heard !== null && newest.number > heard) banner.say(newest.how === "failed" ? "bad" : "well", newest.says);
+  if (newest && heard !== null && newest.number > heard) banner.say(newest.how === "failed" ? "bad" : "well", short(newest.says));
   heard = newest?.number ?? 0;
 }
 
@@ -163,6 +163,9 @@ function look() {
   mark("view", old && !stream.open ? "not live" : "");
   of("cards").classList.toggle("old", !stream.open);
 }
+
+// A file without its folder: the banner has little room, and the folder is the session's.
+const short = (says) => says.replace(/(^|\s)\S*\/(\S+)$/, "$1$2");
 
 // Asks the session something that has an answer.
 async function ask(path, body) {

@@ -154,7 +154,7 @@ export class Measure {
   }
 
   #list() {
-    const lines = this.#results.map((result) => [figure(result), [parts(result), ...result.notes].join(" ")]);
+    const lines = this.#results.map((result) => [figure(result), `${[parts(result), ...result.notes].join("; ")}.`]);
     if (this.#sources) lines.unshift(sources(this.#sources));
     const list = this.#of("measure-results");
     while (list.children.length > lines.length) list.lastElementChild.remove();
@@ -180,7 +180,7 @@ export function figure({ value, error, unit }) {
 
 function parts({ kind, of_calibration: calibration, of_sampling: sampling, unit }) {
   const known = calibration === null ? "" : `calibration ${calibration.toFixed(2)}, `;
-  return `${FIGURES[kind].says.toLowerCase()}; 95 of 100 lie within (${known}sampling ${sampling.toFixed(2)} ${unit}).`;
+  return `${FIGURES[kind].says.toLowerCase()}; 95 of 100 lie within (${known}sampling ${sampling.toFixed(2)} ${unit})`;
 }
 
 function sources({ count, slices }) {
