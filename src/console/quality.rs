@@ -100,7 +100,7 @@ impl Grade {
             self.fast = 0;
             match self.quality {
                 // It has gone well for long.
-                Quality::Whole => self.patience = PATIENCE,
+                Quality::Whole => (self.patience, self.tried) = (PATIENCE, false),
                 Quality::Packed => (self.quality, self.tried) = (Quality::Whole, true),
                 Quality::Halved => (self.quality, self.tried) = (Quality::Packed, true),
             }
