@@ -20,7 +20,14 @@ async function showing(address, slices, settings) {
   const seen = await open(address, settings);
   const { page } = seen;
   await steers(page, true);
-  await page.waitForFunction((slices) => window.sonoweave.account?.slices > slices, slices, { timeout: 60_000 });
+  const enough = () => page.waitForFunction((slices) => window.sonoweave.account?.slices > slices, slices, { timeout: 30_000 });
+  await enough().catch(async () => {
+    // What keeps slices from coming is said, for whoever looks for it; a page that is loaded anew gets another try.
+    console.log(JSON.stringify((await measured(page)).account));
+    await page.reload();
+    await steers(page, true);
+    await enough();
+  });
   await page.keyboard.press("p");
   await all(page);
   return seen;
@@ -134,10 +141,10 @@ test("a click moves the cross there, the wheel goes through, arrows step by a vo
   const { origin, right, down, size } = before[3];
   const wanted = origin.map((x, n) => x + right[n] * (0.3 * size[0] - 0.5) + down[n] * (0.6 * size[1] - 0.5));
   wanted.forEach((mm, n) => assert.ok(Math.abs(mm - moved[n]) < 1.5 * before[3].mm_per_px, `${moved} where ${wanted} was clicked at`));
-  await until(page, 5, ({ cross }) => Math.abs(cross[0] - moved[0]) < 1e-9);
+  // The plane across x goes through it, in one of the next pictures.
+  await until(page, 5, (last) => Math.abs(last.cross[0] - moved[0]) < 1e-9 && Math.abs(offset(last) - offset(before[5])) > 1);
   const after = await told(page);
   assert.ok(Math.abs(offset(after[3]) - offset(before[3])) < 1e-5, "it moved within it");
-  assert.ok(Math.abs(offset(after[5]) - offset(before[5])) > 1, "the plane across x goes through it");
   // The wheel, away from who looks.
   const asked = await listen(page);
   await page.mouse.move(...(await at(page, "z", 0.3, 0.6)));
@@ -168,6 +175,10 @@ test("the free plane is turned by Shift and drag, by its knob and by keys, and t
   const { page } = seen;
   await page.locator("#planes-home").click();
   await until(page, 6, ({ home }) => home);
+  // Where nobody has put it, the cross is in the middle of what grows.
+  await page.mouse.click(...(await at(page, "z", 0.5, 0.5)));
+  for (const kind of [3, 4, 5, 6]) await until(page, kind, ({ home }) => !home);
+  await page.waitForTimeout(300);
   const before = await told(page);
   const turned = async (act) => {
     const { right } = (await told(page))[6];
