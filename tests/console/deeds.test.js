@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { readdirSync } from "node:fs";
 import { test } from "node:test";
 
-import { audit, banner, drawn, measured, open, says, shot, steers } from "./page.js";
+import { audit, banner, difference, drawn, greys, measured, open, says, shot, steers } from "./page.js";
 import { Session } from "./session.js";
 
 const button = (page, name) => page.getByRole("button", { name, exact: true });
@@ -31,9 +31,12 @@ test("a newcomer comes from the demo to a saved volume and a recording by what t
   await says(page, "Stopped: this volume is looked at.");
   await happened(page, "the recording is complete");
   // What is over is still turned.
-  const before = (await measured(page)).pictures.view.drawn;
-  await page.keyboard.press("6");
-  await until(page, ([before]) => window.sonoweave.pictures.view.drawn > before, before);
+  const before = await greys(page, "view");
+  await button(page, "Above").click();
+  for (let n = 0; difference(await greys(page, "view"), before) < 2; n += 1) {
+    assert.ok(n < 300, "seen from above");
+    await page.waitForTimeout(100);
+  }
   await page.locator("#slice-word", { hasText: "stopped" }).waitFor();
   assert.equal(await page.locator("#recording-vital").innerText(), "✓ complete");
   await shot(page, "over");

@@ -20,13 +20,10 @@ async function showing(address, slices, settings) {
   const seen = await open(address, settings);
   const { page } = seen;
   await steers(page, true);
-  const enough = () => page.waitForFunction((slices) => window.sonoweave.account?.slices > slices, slices, { timeout: 30_000 });
-  await enough().catch(async () => {
-    // What keeps slices from coming is said, for whoever looks for it; a page that is loaded anew gets another try.
+  await page.waitForFunction((slices) => window.sonoweave.account?.slices > slices, slices, { timeout: 60_000 }).catch(async (error) => {
+    // What keeps slices from coming is said, for whoever looks for it.
     console.log(JSON.stringify((await measured(page)).account));
-    await page.reload();
-    await steers(page, true);
-    await enough();
+    throw error;
   });
   await page.keyboard.press("p");
   await all(page);

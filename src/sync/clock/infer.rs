@@ -11,6 +11,8 @@ const BELIEVED: u32 = 8;
 const NOISE: i64 = 2;
 /// ns: what is held back for a moment may come late for a moment longer.
 const BELIEVED_NS: i64 = 1_000_000_000;
+/// One gap after another for so long, ns, is no loss: the device measures at another period.
+const HOPELESS_NS: i64 = 5_000_000_000;
 
 /// Where the count may have to go back to.
 #[derive(Debug, Clone, Copy)]
@@ -28,6 +30,8 @@ struct Gap {
 pub(super) struct Inference {
     last: Option<(i64, i64)>,
     gap: Option<Gap>,
+    /// Since when there is a gap that is not believed.
+    doubted_ns: Option<i64>,
     /// A gap of so many periods was none.
     packets: i64,
     late: u32,
@@ -36,7 +40,7 @@ pub(super) struct Inference {
 }
 
 /// What a record was found to be.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct Inferred {
     /// Number of the measurement.
     pub(super) tick: i64,
@@ -50,6 +54,8 @@ pub(super) struct Inferred {
     pub(super) in_doubt: bool,
     /// It comes too soon for anything that can be counted: the clock is not right.
     pub(super) impossible: bool,
+    /// Records were in doubt for so long that the period must be another.
+    pub(super) hopeless: bool,
 }
 
 impl Inference {
@@ -69,7 +75,7 @@ impl Inference {
     ) -> Inferred {
         let Some((last, last_ns)) = self.last else {
             self.last = Some((0, time_ns));
-            return Inferred { tick: 0, open: 0, missing: 0, repeated: false, in_doubt: false, impossible: false };
+            return Inferred::default();
         };
         let period = period_ns.max(1);
         let half = period / 2;
@@ -83,7 +89,7 @@ impl Inference {
             late.saturating_add(if late > 0 { within } else { sooner }).div_euclid(period)
         };
         let later = periods(next);
-        let plain = Inferred { tick: next, open: 0, missing: 0, repeated: false, in_doubt: false, impossible: false };
+        let plain = Inferred { tick: next, ..Inferred::default() };
         let inferred = if later < 0 {
             let unlost = self.gap.take().map(|gap| (gap.without_loss + i64::from(gap.since), gap.lost));
             match unlost.map(|(tick, lost)| (tick, lost, periods(tick))) {
@@ -133,7 +139,10 @@ impl Inference {
             }
         }
         self.last = Some((inferred.tick, time_ns.max(last_ns)));
-        Inferred { open, in_doubt: self.gap.is_some(), ..inferred }
+        let in_doubt = self.gap.is_some();
+        self.doubted_ns = in_doubt.then(|| self.doubted_ns.unwrap_or(time_ns));
+        let hopeless = self.doubted_ns.is_some_and(|since| time_ns.saturating_sub(since) > HOPELESS_NS);
+        Inferred { open, in_doubt, hopeless, ..inferred }
     }
 }
 

@@ -6,6 +6,7 @@
 //! - `settings`: what a clock is told of its device.
 //! - `hull`, `envelope`: the line under a window of samples, and how far it may be off.
 //! - `infer`: which measurement a record is of, where the device does not say.
+//! - `rate`: how long a tick takes, where the device does not say or may say something else.
 //! - `mapping`: the clock as it is published and recorded: whole numbers, from which the same times come bit for bit.
 //! - `flags`: what there is to say of a time.
 //! - `publish`: when that is done, and the times that come of it.
@@ -23,6 +24,7 @@ mod hull;
 mod infer;
 mod mapping;
 mod publish;
+mod rate;
 mod settings;
 #[cfg(test)]
 mod simulation;
@@ -41,6 +43,7 @@ use infer::Inference;
 use mapping::clamped;
 pub use mapping::{Basis, Mapping, State};
 pub use publish::{PUBLISHED_EVERY_NS, PUBLISHED_NS};
+use rate::BOOTSTRAP;
 pub use settings::ClockSettings;
 use watch::Watch;
 
@@ -56,10 +59,6 @@ const CONFIRMED: usize = 3;
 const CONFIRMED_ORDER: usize = 8;
 /// How far they may disagree among themselves, ns.
 const AGREE_NS: i64 = 250_000_000;
-/// Samples by which a rate is told that nobody said.
-const BOOTSTRAP: usize = 16;
-/// A rate that is told must be so near to what the first records say to be believed.
-const NEAR: f64 = 0.25;
 /// After so long a silence the count of a device without ticks begins anew, ns: it may have been switched off.
 const UNCOUNTED_NS: i64 = 1_000_000_000;
 
@@ -97,8 +96,10 @@ type Sample = (i64, i64);
 pub struct ClockMap {
     settings: ClockSettings,
     origin: Option<Origin>,
-    /// Samples that wait until the rate is known.
+    /// Samples that wait until the rate is known,
     waiting: Vec<Sample>,
+    /// and what those before them said: ns from tick to tick, and since when they say so.
+    seen: Option<(f64, i64)>,
     envelope: Envelope,
     inference: Inference,
     /// The newest tick that follows from those before, and when it came.
@@ -133,6 +134,7 @@ impl ClockMap {
             settings,
             origin: None,
             waiting: Vec::with_capacity(BOOTSTRAP),
+            seen: None,
             envelope: Envelope::new(limit),
             inference: Inference::default(),
             last: None,
@@ -179,6 +181,7 @@ impl ClockMap {
         self.epoch += 1;
         self.origin = None;
         self.waiting.clear();
+        self.seen = None;
         self.envelope.clear(limit_ppb);
         self.inference = Inference::default();
         self.last = None;
@@ -288,6 +291,12 @@ impl ClockMap {
             return self.received(host_ns, bound, flags);
         }
         self.suspects.clear();
+        if inferred.hopeless {
+            // Another period explains it, and the next records tell which.
+            let limit = self.envelope.limit_ppb();
+            self.begin(limit);
+            return self.received(host_ns, UNKNOWN_NS, flags | TimeFlags::STEP);
+        }
         if inferred.repeated {
             flags |= TimeFlags::REPEATED;
         } else if inferred.missing > 0 {
@@ -336,47 +345,6 @@ impl ClockMap {
         };
         let about = i128::from(last) + passed;
         clamped(ticks + (about - ticks + wraps / 2).div_euclid(wraps) * wraps)
-    }
-
-    /// Whether there is an origin now: where the rate is known, or enough has come to tell it.
-    fn know_rate(&mut self, sample: Sample) -> bool {
-        let nominal = self.settings.tick_hz.map(|hz| 1e9 / hz);
-        if self.settings.ticks != Ticks::None
-            && let Some(period) = nominal
-        {
-            self.set_origin(sample, period);
-            return true;
-        }
-        self.waiting.push(sample);
-        self.last = Some(sample);
-        if self.waiting.len() < BOOTSTRAP {
-            return false;
-        }
-        let (first, last) = (self.waiting[0], sample);
-        let (ticks, passed) = (last.0.saturating_sub(first.0), last.1.saturating_sub(first.1));
-        if ticks <= 0 || passed <= 0 {
-            // All at once, or a count that stands or goes back: they say nothing.
-            self.waiting.clear();
-            return false;
-        }
-        let measured = passed as f64 / ticks as f64;
-        let period = nominal.filter(|nominal| (measured / nominal - 1.0).abs() < NEAR).unwrap_or(measured);
-        self.set_origin(first, period);
-        self.last = None;
-        if self.settings.ticks != Ticks::None {
-            let waiting = std::mem::take(&mut self.waiting);
-            for sample in &waiting[..waiting.len() - 1] {
-                self.fit(*sample);
-            }
-            self.waiting = waiting;
-        }
-        true
-    }
-
-    fn set_origin(&mut self, sample: Sample, period_ns: f64) {
-        // Rates are from 0.5 to 10⁹ a second: it fits.
-        let period_q32 = (period_ns * 4_294_967_296.0).round() as i64;
-        self.origin = Some(Origin { tick: sample.0, time_ns: sample.1, period_q32: period_q32.max(1) });
     }
 
     fn point(&self, (tick, time_ns): Sample) -> Option<Point> {

@@ -208,6 +208,51 @@ fn a_rate_far_from_the_one_told_is_found() {
 }
 
 #[test]
+fn what_lay_in_a_buffer_at_the_beginning_tells_no_rate() {
+    for (told, hz) in [(true, 60.0), (true, 120.0), (false, 120.0)] {
+        let device = Device { told, hz, tick_hz: hz, loss: 0.0, ..Device::FASTRAK };
+        for held in [2, 5, 9, 15, 16, 17, 25, 32, 40, 146] {
+            let mut samples = device.samples(40);
+            let read_ns = samples[held].host_ns;
+            for (n, sample) in samples[..held].iter_mut().enumerate() {
+                sample.host_ns = read_ns - (held - n) as i64 * 30_000;
+            }
+            let mut run = Run::of(device.settings(), &samples);
+            // For how long they lay there nobody knows.
+            run.timed.drain(..held);
+            let name = format!("{held} records of {hz} Hz at once, {}", if told { "told" } else { "untold" });
+            check(&name, &run);
+            let [locked, _] = run.within(State::Locked);
+            assert!(locked as f64 > if told { 34.0 } else { 30.0 } * hz, "{name}: {locked}");
+            let last = run.timed.last().unwrap();
+            assert!((last.1.time_ns - last.0.true_ns).abs() < MS, "{name}");
+        }
+    }
+}
+
+#[test]
+fn a_device_without_ticks_that_measures_at_another_rate_is_found_again() {
+    for (before, after) in [(120.0, 60.0), (120.0, 40.0), (60.0, 7.5)] {
+        let device = Device { hz: before, tick_hz: before, loss: 0.0, ..Device::FASTRAK };
+        let mut samples = device.samples(20);
+        let last_ns = samples.last().unwrap().true_ns + (1e9 / after) as i64;
+        let slower = Device { hz: after, ..device }.samples(60);
+        let first = slower[0].true_ns;
+        samples.extend(slower.into_iter().map(|sample| Sample {
+            true_ns: last_ns + sample.true_ns - first,
+            host_ns: last_ns + sample.host_ns - first,
+            ..sample
+        }));
+        let run = Run::of(device.settings(), &samples);
+        let name = format!("{before} Hz, then {after} Hz");
+        check(&name, &run);
+        assert_eq!((run.clock.state(), run.clock.mapping().epoch), (State::Locked, 1), "{name}");
+        let period_ns = run.clock.mapping().ns_per_tick_q32 as f64 / 4_294_967_296.0;
+        assert!((period_ns * after / 1e9 - 1.0).abs() < 1e-3, "{name}: {period_ns} ns");
+    }
+}
+
+#[test]
 fn a_recording_of_the_mappings_gives_the_same_times_bit_for_bit() {
     for (device, jitter) in [
         (Device::LIBERTY, Jitter::Stalls(MS, 0.1)),
