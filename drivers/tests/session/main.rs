@@ -5,6 +5,7 @@
 mod damage;
 mod exact;
 mod faults;
+mod frames;
 mod kill;
 mod replayed;
 

@@ -1,7 +1,7 @@
 //! Sessions: all that the devices delivered and the daemon decided, in one MCAP file, as it happened.
 //!
 //! [`SessionWriter`] writes it, [`SessionReader`] reads it, whole or damaged, [`repair()`] makes a whole one of a damaged one, and [`SessionReplay`] is the device that
-//! delivers it again.
+//! delivers it again; [`Frames`] are its pictures in any order.
 //!
 //! # What is in the file
 //!
@@ -39,6 +39,7 @@
 mod about;
 mod account;
 mod decode;
+mod frames;
 mod held;
 mod message;
 mod picture;
@@ -55,6 +56,7 @@ mod writer;
 pub use about::{About, Loss, RecordedDevice};
 pub use account::{Account, Room};
 pub use decode::Speech;
+pub use frames::Frames;
 pub use held::Store;
 pub use message::{Crop, Maker, Unreadable};
 pub use reader::{Channel, Ending, Event, Message, SessionReader};

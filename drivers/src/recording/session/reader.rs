@@ -129,7 +129,8 @@ pub struct SessionReader<R = BufReader<File>> {
     about: About,
     channels: HashMap<u16, Channel>,
     schemas: HashMap<u16, String>,
-    /// Where the next record of the chunk begins.
+    /// Where the chunk begins in the file, and its next record in the chunk.
+    chunk: u64,
     at: usize,
     in_chunk: bool,
     /// Told before the next piece.
@@ -166,6 +167,7 @@ impl<R: Read + Seek> SessionReader<R> {
             about: About::default(),
             channels: HashMap::new(),
             schemas: HashMap::new(),
+            chunk: 0,
             at: 0,
             in_chunk: false,
             told: None,
@@ -232,6 +234,22 @@ impl<R: Read + Seek> SessionReader<R> {
         self.ending
     }
 
+    /// Where the chunk begins that the last message was in, bytes from the file's beginning.
+    pub(super) fn chunk(&self) -> u64 {
+        self.chunk
+    }
+
+    /// Goes on with a chunk that was read before. What is counted of the topics counts on.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when the file cannot be read.
+    pub(super) fn return_to(&mut self, chunk: u64) -> Result<(), Error> {
+        (self.in_chunk, self.told, self.ending) = (false, None, None);
+        self.first.clear();
+        let Self { walker, path, .. } = self;
+        walker.return_to(chunk).map_err(|source| Error::Io { path: path.clone(), doing: "reading the session", source })
+    }
+
     fn piece(&mut self) -> Result<Piece, Error> {
         let Self { walker, path, .. } = self;
         walker.next().map_err(|source| Error::Io { path: path.clone(), doing: "reading the session", source })
@@ -239,7 +257,7 @@ impl<R: Read + Seek> SessionReader<R> {
 
     /// Looks through a chunk's records, whose checksum fits: which topics there are, and whether its times are those that it says.
     fn enter(&mut self, at: u64, times: [u64; 2]) {
-        (self.at, self.in_chunk) = (0, true);
+        (self.chunk, self.at, self.in_chunk) = (at, 0, true);
         let records = self.walker.records();
         let (mut rest, mut met) = (records, [u64::MAX, 0]);
         let mut is_sound = true;

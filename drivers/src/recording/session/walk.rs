@@ -175,6 +175,12 @@ impl<R: Read + Seek> Walker<R> {
         }
     }
 
+    /// Goes on where a chunk began that was met before. The checksum of everything, which needs all bytes once, is compared no more.
+    pub(super) fn return_to(&mut self, chunk: u64) -> io::Result<()> {
+        (self.begun, self.is_whole, self.damage, self.ended) = (true, false, None, None);
+        self.go_to(chunk)
+    }
+
     fn begin_damage(&mut self, at: u64, what: &'static str) {
         self.is_whole = false;
         self.damage.get_or_insert((at, what));
