@@ -13,7 +13,7 @@ mod sitting;
 pub(in crate::cli) mod stages;
 pub(in crate::cli) mod telling;
 mod terminal;
-mod viewers;
+pub(in crate::cli) mod viewers;
 
 use std::io::Write as _;
 use std::path::PathBuf;

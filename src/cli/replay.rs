@@ -2,9 +2,12 @@
 
 mod following;
 mod planes;
+mod reel;
 mod series;
 mod session;
+mod showing;
 
+use std::net::SocketAddr;
 use std::num::NonZeroU64;
 use std::path::PathBuf;
 
@@ -69,6 +72,12 @@ pub struct Arguments {
     /// What planes show, with --mode slice
     #[arg(long, value_enum, default_value_t, value_name = "SOURCE")]
     from: Source,
+    /// Of a session: shows it to browsers at this address, where its frames are looked at one by one and it is run again by other settings, until Ctrl-C; beyond this machine only with certificate, key and token_file under its configuration's status
+    #[arg(long, value_name = "ADDR:PORT", value_parser = values::address)]
+    console: Option<SocketAddr>,
+    /// A folder for what pages save and keep; it is made if it is not there [default: nowhere]
+    #[arg(long, value_name = "DIR", requires = "console")]
+    keep: Option<PathBuf>,
     #[command(flatten)]
     look: Look,
     #[command(flatten, next_help_heading = "Reconstruction")]
@@ -96,7 +105,16 @@ enum CacheName {
 /// [`Failure`]; pictures on the way may have been written then.
 pub fn run(arguments: &Arguments, given: &[String]) -> Result<(), Failure> {
     if input::is_session(&arguments.sequence)? {
-        return session::run(&arguments.of_session(given)?);
+        let wanted = arguments.of_session(given)?;
+        return match arguments.console {
+            Some(address) => showing::run(&wanted, address, arguments.keep.as_deref()),
+            None => session::run(&wanted),
+        };
+    }
+    if arguments.console.is_some() {
+        return Err(Failure(
+            "--console: shows recorded sessions; a sequence is woven at once, and nobody could look on".into(),
+        ));
     }
     if arguments.sharing.is_wanted() {
         return Err(Failure(
@@ -156,7 +174,9 @@ fn weave(job: Job, onlooker: &mut impl Onlooker) -> Result<Outcome, Failure> {
 impl Arguments {
     /// What there is to say of a session, which has its own settings; `given` are the flags that are there.
     fn of_session(&self, given: &[String]) -> Result<session::Wanted<'_>, Failure> {
-        const KNOWN: [&str; 16] = [
+        const KNOWN: [&str; 18] = [
+            "console",
+            "keep",
             "sequence",
             "output",
             "speed",

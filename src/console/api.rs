@@ -52,7 +52,7 @@ pub(super) async fn measure(State(served): State<Served>, body: String) -> Respo
             return refused(StatusCode::UNPROCESSABLE_ENTITY, &format!("this is nothing to be measured: {error}"));
         }
     };
-    match crate::measure::measure(&asked, &served.shown.doubt) {
+    match crate::measure::measure(&asked, &served.shown.latest.told().basis.doubt) {
         Ok(measured) => told(StatusCode::OK, &json!(measured)),
         Err(why) => refused(StatusCode::UNPROCESSABLE_ENTITY, &why),
     }
@@ -73,6 +73,16 @@ pub(super) async fn slices(State(served): State<Served>, body: String) -> Respon
     match found {
         Ok(found) => told(StatusCode::OK, &json!(found)),
         Err(why) => refused(StatusCode::UNPROCESSABLE_ENTITY, &why),
+    }
+}
+
+/// What a recording can be run again by.
+pub(super) async fn settings(State(served): State<Served>) -> Response {
+    match served.shown.desk.replayed() {
+        Some(replayed) => told(StatusCode::OK, &json!({ "settings": replayed.settings() })),
+        None => {
+            refused(StatusCode::NOT_FOUND, "this session is live; only a recorded one is run again by other settings")
+        }
     }
 }
 

@@ -74,6 +74,17 @@ use crate::statistics::LiveStatistics;
 /// An account that is older tells of a session that does not move.
 const STALE: Duration = Duration::from_secs(5);
 
+/// What a session runs by.
+#[derive(Debug, Clone, Default)]
+pub struct Basis {
+    /// Its settings, key by key.
+    pub config: Effective,
+    /// How far places may be off that are measured.
+    pub doubt: Doubt,
+    /// What there is to say of its pictures.
+    pub about: About,
+}
+
 /// The newest account of a session, for whoever asks.
 #[derive(Debug)]
 pub struct Latest {
@@ -87,26 +98,26 @@ struct Told {
     at: Instant,
     account: Arc<Account>,
     coach: Option<Arc<CoachTold>>,
-    config: Arc<Effective>,
+    basis: Arc<Basis>,
     still: Vec<String>,
     ended: bool,
 }
 
 impl Default for Latest {
     fn default() -> Self {
-        Self::new(&Effective::default())
+        Self::new(Basis::default())
     }
 }
 
 impl Latest {
     /// Of a session that begins now, with these settings.
-    pub fn new(config: &Effective) -> Self {
+    pub fn new(basis: Basis) -> Self {
         let began = Instant::now();
         let told = Told {
             at: began,
             account: Arc::default(),
             coach: None,
-            config: Arc::new(config.clone()),
+            basis: Arc::new(basis),
             still: Vec::new(),
             ended: false,
         };
@@ -131,8 +142,8 @@ impl Latest {
     }
 
     /// These settings hold from now on.
-    pub fn adopt(&self, config: &Effective) {
-        self.lock().config = Arc::new(config.clone());
+    pub fn adopt(&self, basis: Basis) {
+        self.lock().basis = Arc::new(basis);
     }
 
     fn lock(&self) -> MutexGuard<'_, Told> {
@@ -144,7 +155,7 @@ impl Latest {
     }
 
     fn statistics<'a>(&'a self, told: &'a Told) -> LiveStatistics<'a> {
-        LiveStatistics::new(&told.account, told.at.duration_since(self.began), &told.config)
+        LiveStatistics::new(&told.account, told.at.duration_since(self.began), &told.basis.config)
             .with_coach(told.coach.as_deref())
     }
 }
@@ -161,12 +172,8 @@ pub struct Shown {
     pub screen: Arc<Screen>,
     /// What may be wished.
     pub desk: Arc<Desk>,
-    /// How far places may be off that are measured,
-    pub doubt: Doubt,
-    /// and the slices that they were made of.
+    /// The slices that places were made of.
     pub slices: Arc<Slices>,
-    /// What it is of.
-    pub about: Arc<About>,
 }
 
 /// What handlers have to do with.
@@ -207,6 +214,7 @@ pub fn routes(served: Served) -> Router {
         .route("/v1/slices", post(api::slices))
         .route("/v1/account", get(api::account))
         .route("/v1/about", get(api::about))
+        .route("/v1/settings", get(api::settings))
         .route("/v1/pictures/{name}", get(api::picture))
         .route("/v1/openapi.json", get(api::description))
         .route(gate::LOGIN, post(gate::login))

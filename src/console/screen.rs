@@ -4,9 +4,10 @@
 
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime};
 
+use glam::DVec3;
 use rustix::time::{ClockId, clock_gettime};
 use tokio::sync::watch;
 
@@ -18,7 +19,7 @@ use crate::coach::Coach;
 use crate::pipeline::live::{Cut, Cutter, Drawn, Extent, Glimpsed, Wanted, Witness};
 use crate::render::RenderSettings;
 use crate::render::camera::View;
-use crate::slice::Pixels;
+use crate::slice::{Image, Pixels};
 
 /// Between two questions of who draws, while somebody looks: a hand that turns what it sees notices no more.
 const ASKED: Duration = Duration::from_millis(8);
@@ -102,8 +103,10 @@ pub struct Screen {
     /// Changes whenever the volume's picture looks otherwise.
     dressed: watch::Sender<u64>,
     audience: Mutex<Audience>,
-    /// Who knows what is to be marked in the view.
-    coach: OnceLock<Arc<Coach>>,
+    /// Who knows what is to be marked in the view,
+    coach: Mutex<Option<Arc<Coach>>>,
+    /// and the corners of a slice that is pointed out in the place of the present one.
+    pointed: Mutex<Option<[DVec3; 4]>>,
     marked: AtomicU32,
     /// Changes whenever somebody else steers.
     turns: watch::Sender<u64>,
@@ -120,7 +123,8 @@ impl Default for Screen {
             dress: Mutex::default(),
             dressed: watch::Sender::new(0),
             audience: Mutex::default(),
-            coach: OnceLock::new(),
+            coach: Mutex::default(),
+            pointed: Mutex::default(),
             marked: AtomicU32::new(0),
             turns: watch::Sender::new(0),
         }
@@ -183,20 +187,51 @@ impl Screen {
         self.dress().told()
     }
 
-    /// Marks in the view from now on what this coach knows. The first one stays.
+    /// Marks in the view from now on what this coach knows.
     pub fn follow(&self, coach: &Arc<Coach>) {
-        self.coach.get_or_init(|| Arc::clone(coach));
+        *self.coach.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::clone(coach));
+    }
+
+    /// Marks a slice with these corners in the place of the present one, world mm; or that one again.
+    pub fn point_out(&self, corners: Option<[DVec3; 4]>) {
+        *self.pointed() = corners;
+    }
+
+    fn pointed(&self) -> MutexGuard<'_, Option<[DVec3; 4]>> {
+        self.pointed.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// A picture of a recording, by its frame's number: when it was captured is long past.
+    pub fn recorded(&self, item: u64, image: &Image) {
+        self.glimpse(item, None, image);
+    }
+
+    fn glimpse(&self, item: u64, captured_ms: Option<f64>, image: &Image) {
+        if !self.is_looked_at(Kind::Slice) {
+            return;
+        }
+        let grey = match image.pixels() {
+            Pixels::U8(grey) => Arc::clone(grey),
+            Pixels::U16(grey) => grey.iter().map(|value| (value >> 8) as u8).collect(),
+            Pixels::F32(grey) => grey.iter().map(|value| value.round().clamp(0.0, 255.0) as u8).collect(),
+        };
+        let size = [image.width(), image.height()];
+        self.show(Kind::Slice, size, Pixmap::Grey(grey), (item, captured_ms), false, |_| None);
     }
 
     /// What is to be marked in the view's last picture; `None` without a picture, and where nobody looks or knows.
     pub(super) fn marks(&self, now_ns: i64) -> Option<Marks> {
-        let coach = self.coach.get().filter(|_| self.is_watched())?;
+        let coach = self.coach.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let coach = coach.filter(|_| self.is_watched())?;
         let sequence = self.made(Kind::View);
         if sequence == 0 {
             return None;
         }
         self.marked.fetch_add(1, Ordering::Relaxed);
-        let outlines = coach.outlines(now_ns);
+        let mut outlines = coach.outlines(now_ns);
+        if let Some(corners) = *self.pointed() {
+            outlines.present = Some(corners);
+        }
         let planes = self.planes().shown(|kind| self.is_looked_at(kind));
         Marks::of(&outlines, &self.sight(), sequence, &planes)
     }
@@ -295,17 +330,8 @@ impl Screen {
 
 impl Witness for Screen {
     fn glimpsed(&self, glimpsed: &Glimpsed<'_>) {
-        if !self.is_looked_at(Kind::Slice) {
-            return;
-        }
         let Glimpsed { item, captured_ns, image } = *glimpsed;
-        let grey = match image.pixels() {
-            Pixels::U8(grey) => Arc::clone(grey),
-            Pixels::U16(grey) => grey.iter().map(|value| (value >> 8) as u8).collect(),
-            Pixels::F32(grey) => grey.iter().map(|value| value.round().clamp(0.0, 255.0) as u8).collect(),
-        };
-        let size = [image.width(), image.height()];
-        self.show(Kind::Slice, size, Pixmap::Grey(grey), (item, Some(unix_ms(captured_ns))), false, |_| None);
+        self.glimpse(item, Some(unix_ms(captured_ns)), image);
     }
 }
 

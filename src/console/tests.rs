@@ -73,9 +73,15 @@ fn eventful() -> Account {
     account
 }
 
+/// What a session of this spacing runs by.
+fn held(spacing_mm: f64) -> Basis {
+    let config = Effective::from([("volume.spacing_mm".to_owned(), serde_json::json!(spacing_mm))]);
+    Basis { config, ..Basis::default() }
+}
+
 fn session() -> Arc<Latest> {
-    let latest = Latest::new(&Effective::from([("volume.spacing_mm".to_owned(), serde_json::json!(0.25))]));
-    latest.adopt(&Effective::from([("volume.spacing_mm".to_owned(), serde_json::json!(0.5))]));
+    let latest = Latest::new(held(0.25));
+    latest.adopt(held(0.5));
     latest.tell(&eventful(), &[]);
     Arc::new(latest)
 }

@@ -12,9 +12,9 @@ use crate::sync::clock::State;
 
 /// What does not change while the session runs.
 pub(super) fn about(served: &Served) -> Value {
-    let About { name, kind, size, pixel_mm } = &*served.shown.about;
-    let recording =
-        served.shown.latest.told().account.recording.as_ref().map(|written| written.path.display().to_string());
+    let told = served.shown.latest.told();
+    let About { name, kind, size, pixel_mm } = &told.basis.about;
+    let recording = told.account.recording.as_ref().map(|written| written.path.display().to_string());
     json!({ "about": {
         "version": env!("CARGO_PKG_VERSION"),
         "name": name,
@@ -31,7 +31,7 @@ pub(super) fn about(served: &Served) -> Value {
 pub struct About {
     /// What it is called: its configuration's name.
     pub name: String,
-    /// One word: live or demo.
+    /// One word: live, demo or replay.
     pub kind: &'static str,
     /// Pixels of the scanner's picture to the right and down, where that is known.
     pub size: Option<[u32; 2]>,

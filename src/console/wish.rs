@@ -6,6 +6,7 @@ use super::dress::Choice;
 use super::planes::Move;
 use super::sight::{From, Steer};
 use super::{Served, snapshot};
+use crate::config::bedside::Trial;
 use crate::desk::Deed;
 
 /// What is said.
@@ -72,6 +73,15 @@ enum Said {
     Clear {},
     Save {},
     Snapshot {},
+    /// Runs a recording again, by what it was recorded by but for these keys.
+    Again {
+        #[serde(default)]
+        settings: Trial,
+    },
+    /// Shows a frame of a recording.
+    Frame {
+        number: u64,
+    },
 }
 
 /// What is to be as at the beginning; the transfer function is where nothing is chosen of it.
@@ -120,6 +130,10 @@ pub(super) enum Act {
     Deed(Deed),
     /// The pictures that are seen are kept.
     Snapshot,
+    /// A recording is run again.
+    Again(Trial),
+    /// A frame of a recording is shown.
+    Frame(u64),
 }
 
 impl Wish {
@@ -151,6 +165,8 @@ impl Wish {
             Said::Clear {} => Self::Act(Act::Deed(Deed::Clear)),
             Said::Save {} => Self::Act(Act::Deed(Deed::Save)),
             Said::Snapshot {} => Self::Act(Act::Snapshot),
+            Said::Again { settings } => Self::Act(Act::Again(settings)),
+            Said::Frame { number } => Self::Act(Act::Frame(number)),
         })
     }
 }
@@ -167,6 +183,8 @@ impl Act {
             Self::Choose(choice) => served.shown.screen.choose(choice).map(|()| None),
             Self::Deed(deed) => served.shown.desk.wish(deed).map(Some),
             Self::Snapshot => snapshot::keep(served).map(Some),
+            Self::Again(trial) => served.shown.desk.again(trial).map(Some),
+            Self::Frame(number) => served.shown.desk.look(number).map(|()| None),
         }
     }
 }

@@ -11,9 +11,13 @@
 //! A session that is recorded has all of its volume in its recording, so that it can be run again: so recording begins a new volume, and ends with the session. What is over is
 //! looked at until the next begins. To freeze and to clear are words that go the way of all readings ([`crate::pipeline::live`]) and are in the recording, too.
 //!
+//! A recorded session ([`Replayed`]) runs and is over in the same way; nothing is recorded or left out of it, but it is run again by other settings, and its frames are looked at
+//! one by one when it is over.
+//!
 //! Who wishes is answered at once, and waited for by nobody; what takes longer is told by [`Told::events`].
 
 pub mod keep;
+mod replayed;
 #[cfg(test)]
 mod tests;
 
@@ -24,8 +28,14 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use serde::Serialize;
 
+use crate::config::bedside::Trial;
 use crate::pipeline::live::{Order, Reader, Snapshot, Wants};
 
+pub use replayed::{Replayed, Seen, Told as ReplayedTold};
+
+/// Where it is of no use to ask for a recording's.
+const NO_RECORDING: &str =
+    "this session is live; only a recorded one is run again or looked at frame by frame (sonoweave replay)";
 /// Events that are told.
 const EVENTS: usize = 8;
 /// The most bytes of a volume that is saved while it grows: it is in memory twice then.
@@ -101,6 +111,8 @@ pub struct Told {
     pub saving: Option<f64>,
     /// What happened last, the oldest first.
     pub events: Vec<Event>,
+    /// Of a recorded session.
+    pub replayed: Option<ReplayedTold>,
 }
 
 /// What follows when a session is over.
@@ -140,6 +152,8 @@ impl State {
 #[derive(Debug, Default)]
 pub struct Desk {
     folder: Option<PathBuf>,
+    /// The recording, where it is no live session.
+    replayed: Option<Replayed>,
     /// What goes on at present is to end.
     turn: AtomicBool,
     wants_volume: AtomicBool,
@@ -150,6 +164,16 @@ impl Desk {
     /// Of a session that keeps things in this folder, if anywhere.
     pub fn new(folder: Option<PathBuf>) -> Self {
         Self { folder, ..Self::default() }
+    }
+
+    /// Of a recorded session.
+    pub fn of_recording(folder: Option<PathBuf>, replayed: Replayed) -> Self {
+        Self { folder, replayed: Some(replayed), ..Self::default() }
+    }
+
+    /// The recorded session that it is of, if it is of one.
+    pub fn replayed(&self) -> Option<&Replayed> {
+        self.replayed.as_ref()
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
@@ -174,6 +198,9 @@ impl Desk {
         let busy = || Err("the session is just beginning or ending; wait a moment".to_owned());
         let over = || Err("the session is over; record or scan to begin a new one".to_owned());
         let (phase, records) = (state.phase, state.records);
+        if self.replayed.is_some() && matches!(deed, Deed::Record | Deed::Scan | Deed::Freeze(_) | Deed::Clear) {
+            return Err("this session is a recording, in which nothing is left out or added; run it again by other settings instead".into());
+        }
         match (deed, phase) {
             (
                 Deed::Record | Deed::Scan | Deed::Stop | Deed::Freeze(_) | Deed::Clear,
@@ -224,6 +251,38 @@ impl Desk {
         }
     }
 
+    /// Begins to run a recorded session again, by what it was recorded by but for what is tried; what is done, in a sentence.
+    ///
+    /// # Errors
+    /// A sentence, and nothing has changed.
+    pub fn again(&self, trial: Trial) -> Result<String, String> {
+        let Some(replayed) = &self.replayed else { return Err(NO_RECORDING.into()) };
+        let mut state = self.state();
+        if matches!(state.phase, Phase::Opening | Phase::Ending) {
+            return Err("the recording is just being opened, or its run is ending; wait a moment".into());
+        }
+        let says =
+            if trial.is_empty() { "it is run again as it was recorded" } else { "it is run again by these settings" };
+        replayed.prepare(trial)?;
+        (state.next, state.stopped) = (Some(Next { records: false }), true);
+        self.turn.store(true, Ordering::Relaxed);
+        Ok(says.into())
+    }
+
+    /// Looks at a frame of a recorded session, by its place among all, from 1.
+    ///
+    /// # Errors
+    /// A sentence, and nothing has changed.
+    pub fn look(&self, number: u64) -> Result<(), String> {
+        let Some(replayed) = &self.replayed else { return Err(NO_RECORDING.into()) };
+        if self.state().phase != Phase::Over {
+            return Err(
+                "the recording is run; its frames are looked at one by one when it is over, or was stopped".into()
+            );
+        }
+        replayed.want(number)
+    }
+
     /// What there is to tell.
     pub fn told(&self) -> Told {
         let state = self.state();
@@ -234,6 +293,7 @@ impl Desk {
             keeps: self.folder.is_some(),
             saving: state.saving,
             events: state.events.iter().cloned().collect(),
+            replayed: self.replayed.as_ref().map(Replayed::told),
         }
     }
 

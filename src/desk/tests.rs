@@ -123,3 +123,41 @@ fn what_happened_is_told_a_while() {
     let events = desk.told().events;
     assert_eq!(events.iter().map(|event| event.number).collect::<Vec<_>>(), (13..=20).collect::<Vec<_>>());
 }
+
+#[test]
+fn a_recording_is_run_again_and_looked_at_when_it_is_over() {
+    let text = "format = \"sonoweave-bedside\"\nversion = 1\n[tracker]\nmodel = \"fastrak\"\nport = \"virtual\"\n[grabber]\ndevice = \"virtual\"\nsize = \"64x48\"\nrate_hz = 30\n";
+    let bedside = crate::config::bedside::Bedside::parse(Path::new("bed.toml"), text).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let desk = Desk::of_recording(None, Replayed::new(bedside, folder.path().to_owned(), 10));
+    let replayed = desk.replayed().unwrap();
+    let trial = |value: serde_json::Value| Trial::from([("volume.spacing_mm".to_owned(), value)]);
+    assert!(desk.again(Trial::new()).unwrap_err().contains("wait a moment"));
+    assert!(!replayed.begins().1, "the first run is as it was recorded");
+    desk.runs(false, String::new());
+    assert!(desk.look(1).unwrap_err().contains("when it is over"));
+    for deed in [Deed::Record, Deed::Scan, Deed::Freeze(true), Deed::Clear] {
+        assert!(desk.wish(deed).unwrap_err().contains("is a recording"), "{deed:?}");
+    }
+    assert!(desk.again(trial((-1).into())).unwrap_err().starts_with("volume.spacing_mm"));
+    assert!(!desk.turns().load(Ordering::Relaxed) && !desk.stopped(), "nothing has changed");
+    desk.is_over();
+    for number in [0, 11] {
+        assert!(desk.look(number).unwrap_err().contains("1 to 10"));
+    }
+    assert_eq!(replayed.wanted(), None);
+    desk.look(3).unwrap();
+    desk.look(10).unwrap();
+    assert_eq!((replayed.wanted(), replayed.wanted()), (Some(9), None), "the newest, once");
+    replayed.sees(Seen { number: 10, frame: 41, time_s: 0.3, posed: true });
+    assert_eq!(desk.told().replayed.unwrap().seen.unwrap().frame, 41);
+    // While it runs, too: that run ends.
+    desk.runs(false, String::new());
+    desk.again(trial(2.into())).unwrap();
+    assert!(desk.turns().load(Ordering::Relaxed) && desk.opens().is_some());
+    let (bedside, is_tried) = replayed.begins();
+    assert!(is_tried && bedside.volume.settings.spacing_mm.x == 2.0);
+    let told = desk.told().replayed.unwrap();
+    assert_eq!((told.tried, told.seen), (trial(2.into()), None));
+    assert!(Desk::new(None).look(1).unwrap_err().contains("this session is live"));
+}

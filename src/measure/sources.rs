@@ -25,6 +25,16 @@ struct Placed {
     size: [u32; 2],
 }
 
+impl Placed {
+    /// Around the picture, from its first pixel along u.
+    fn corners(&self) -> [DVec3; 4] {
+        let map = self.world_from_image.affine();
+        let (u, v) = (map.matrix3.x_axis, map.matrix3.y_axis);
+        let [right, low] = self.size.map(|n| f64::from(n) - 0.5);
+        [[-0.5, -0.5], [right, -0.5], [right, low], [-0.5, low]].map(|[x, y]| map.translation + u * x + v * y)
+    }
+}
+
 /// A slice that a place was made of.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Source {
@@ -55,6 +65,8 @@ pub struct Sources {
 
 #[derive(Debug, Default)]
 struct Log {
+    /// The kernel across the plane, where it is known.
+    across: Option<AxisKernel>,
     slices: VecDeque<Placed>,
     forgotten: u64,
     first_ns: Option<i64>,
@@ -64,14 +76,26 @@ struct Log {
 #[derive(Debug, Default)]
 pub struct Slices {
     log: Mutex<Log>,
-    /// The kernel across the plane, where it is known.
-    across: Option<AxisKernel>,
 }
 
 impl Slices {
     /// Of a volume that is woven with this kernel across the plane.
     pub fn new(across: Option<AxisKernel>) -> Self {
-        Self { across, ..Self::default() }
+        let slices = Self::default();
+        slices.weave(across);
+        slices
+    }
+
+    /// Of a volume that begins anew, with this kernel.
+    pub fn weave(&self, across: Option<AxisKernel>) {
+        *self.log() = Log { across, ..Log::default() };
+    }
+
+    /// Corners of the picture of a frame that was posed, world mm, around it.
+    pub fn corners(&self, item: u64) -> Option<[DVec3; 4]> {
+        let log = self.log();
+        let slice = log.slices.iter().rev().find(|slice| slice.item == item)?;
+        Some(slice.corners())
     }
 
     fn log(&self) -> MutexGuard<'_, Log> {
@@ -88,18 +112,18 @@ impl Slices {
     /// # Errors
     /// A sentence for no place, and where the kernel is not known.
     pub fn of(&self, at: [f64; 3]) -> Result<Sources, String> {
-        let Some(across) = &self.across else {
+        let log = self.log();
+        let Some(across) = log.across else {
             return Err("how far slices reach is not known: the calibration says nothing of the pixels' size".into());
         };
         let at = DVec3::from_array(at);
         if !at.is_finite() {
             return Err("a place is three finite numbers of mm".into());
         }
-        let log = self.log();
         let first_ns = log.first_ns.unwrap_or_default();
         let mut found: Vec<(f64, Source)> = Vec::new();
         for slice in &log.slices {
-            let Some(source) = reaching(slice, at, across, first_ns) else { continue };
+            let Some(source) = reaching(slice, at, &across, first_ns) else { continue };
             found.push((across.weight(source.off_mm), source));
         }
         let forgotten = log.forgotten;
@@ -129,21 +153,20 @@ fn reaching(slice: &Placed, at: DVec3, across: &AxisKernel, first_ns: i64) -> Op
     let determinant = uu * vv - uv * uv;
     let pixel = [(fu * vv - fv * uv) / determinant, (fv * uu - fu * uv) / determinant];
     let inside = pixel.iter().zip(slice.size).all(|(x, n)| (-0.5..=f64::from(n) - 0.5).contains(x));
-    let [right, low] = slice.size.map(|n| f64::from(n) - 0.5);
-    let corners = [[-0.5, -0.5], [right, -0.5], [right, low], [-0.5, low]];
     inside.then(|| Source {
         frame: slice.item,
         time_s: (slice.time_ns - first_ns) as f64 * 1e-9,
         off_mm,
         pixel,
         share: 0.0,
-        corners: corners.map(|[x, y]| (map.translation + u * x + v * y).to_array()),
+        corners: slice.corners().map(|corner| corner.to_array()),
     })
 }
 
 impl Witness for Slices {
     fn cleared(&self) {
-        *self.log() = Log::default();
+        let mut log = self.log();
+        *log = Log { across: log.across.take(), ..Log::default() };
     }
 
     fn slice(&self, _world: &str, item: u64, slice: &Slice) {

@@ -12,7 +12,7 @@ use serde_json::Value;
 use super::place::Place;
 
 /// A small virtual bedside, quickly painted, that tells how it is; port 0 is any that is free.
-const SMALL: &str = "format = \"sonoweave-bedside\"\nversion = 1\n[tracker]\nmodel = \"fastrak\"\nport = \"virtual\"\nreference_station = 2\n\
+pub(super) const SMALL: &str = "format = \"sonoweave-bedside\"\nversion = 1\n[tracker]\nmodel = \"fastrak\"\nport = \"virtual\"\nreference_station = 2\n\
      [grabber]\ndevice = \"virtual\"\nsize = \"96x80\"\n[volume]\nspacing_mm = 1.0\n[picture]\nimage_size = \"64x64\"\n[record]\nfull_frame = true\n[virtual]\nscene = \"ramp\"\n[status]\nlisten = \"127.0.0.1:0\"\n";
 /// Longer than anything takes on a machine that has other things to do.
 const PATIENCE: Duration = Duration::from_secs(120);
@@ -39,11 +39,16 @@ impl Session {
     fn of(bedside: &str, words: &str, variables: &[(&str, &str)]) -> Self {
         let place = Place::new();
         place.put("b.toml", bedside);
+        Self::at(place, &format!("live --config b.toml --stats s.json {words}"), variables)
+    }
+
+    /// Of whatever runs until it is told to end.
+    pub(super) fn at(place: Place, words: &str, variables: &[(&str, &str)]) -> Self {
         let socket = UnixDatagram::bind(place.path("notify")).unwrap();
         socket.set_read_timeout(Some(PATIENCE)).unwrap();
         let said = std::fs::File::create(place.path("stderr")).unwrap();
         let child = Command::new(env!("CARGO_BIN_EXE_sonoweave"))
-            .args("live --config b.toml --stats s.json".split(' ').chain(words.split_whitespace()))
+            .args(words.split_whitespace())
             .current_dir(place.path(""))
             .env("NOTIFY_SOCKET", place.path("notify"))
             .envs(variables.iter().copied())

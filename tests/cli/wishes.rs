@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 use super::daemon::{Session, ask, request};
 
-fn wish(address: &str, wish: &Value) -> (u16, Value) {
+pub(super) fn wish(address: &str, wish: &Value) -> (u16, Value) {
     let body = wish.to_string();
     let head = format!("POST /v1/do HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n");
     let head = format!("{head}Content-Type: application/json\r\nContent-Length: {}\r\n\r\n", body.len());
@@ -12,19 +12,19 @@ fn wish(address: &str, wish: &Value) -> (u16, Value) {
     (code, serde_json::from_str(&answer).unwrap_or_else(|_| json!(answer)))
 }
 
-fn done(address: &str, what: &Value) {
+pub(super) fn done(address: &str, what: &Value) {
     let (code, answer) = wish(address, what);
     assert_eq!(code, 200, "{what}: {answer}");
 }
 
-fn account(address: &str) -> Value {
+pub(super) fn account(address: &str) -> Value {
     let (code, body) = ask(address, address, "/v1/account");
     assert_eq!(code, 200, "{body}");
     serde_json::from_str(&body).unwrap()
 }
 
 /// Waits until the account is such.
-fn until(session: &Session, address: &str, what: &str, is: impl Fn(&Value) -> bool) -> Value {
+pub(super) fn until(session: &Session, address: &str, what: &str, is: impl Fn(&Value) -> bool) -> Value {
     session.waits_for(what, || Some(account(address)).filter(&is))
 }
 

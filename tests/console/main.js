@@ -11,6 +11,7 @@ await import("./steering.test.js");
 await import("./deeds.test.js");
 await import("./planes.test.js");
 await import("./measure.test.js");
+await import("./replay.test.js");
 await import("./access.test.js");
 await import("./troubles.test.js");
 await import("./coach.test.js");

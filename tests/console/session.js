@@ -29,15 +29,18 @@ export class Session {
 
   /// One with small pictures and coarse voxels, whose volume is drawn anew at once however busy the machine is.
   static async small() {
-    const smaller = { size: '"160x120"', rate_hz: "8", spacing_mm: "2.0", image_size: '"160x160"', frames: "60" };
-    const lines = readFileSync(EXAMPLE, "utf8").split("\n").map((line) => {
-      const [, key] = /^(\w+) = /.exec(line) ?? [];
-      return key in smaller ? `${key} = ${smaller[key]}` : line;
-    });
     const place = mkdtempSync(join(OUT, "session-"));
-    const config = join(place, "small.toml");
-    writeFileSync(config, lines.join("\n"));
-    return Session.#run(place, ["live", "--config", config, "--headless", "--console", "127.0.0.1:0"]);
+    return Session.#run(place, ["live", "--config", small(place, "8"), "--headless", "--console", "127.0.0.1:0"]);
+  }
+
+  /// The same at more pictures a second, recorded in a folder that is left as it is.
+  static async recorded(folder) {
+    return Session.#run(null, ["live", "--config", small(folder, "20"), "--record", folder, "--headless", "--console", "127.0.0.1:0"]);
+  }
+
+  /// Shows a recorded session, and keeps what it is told to keep in a folder.
+  static async replay(recording, keep) {
+    return Session.#run(null, ["replay", recording, "--keep", keep, "--console", "127.0.0.1:0"]);
   }
 
   /// Begins one by the virtual bedside's own configuration with more behind it, in a folder that is left as it is.
@@ -91,12 +94,27 @@ export class Session {
   }
 }
 
+// The virtual bedside's own configuration, but for what makes it small, as a file in a folder.
+function small(folder, hz) {
+  const smaller = { size: '"160x120"', rate_hz: hz, spacing_mm: "2.0", image_size: '"160x160"', frames: "60" };
+  const lines = readFileSync(EXAMPLE, "utf8").split("\n").map((line) => {
+    const [, key] = /^(\w+) = /.exec(line) ?? [];
+    return key in smaller ? `${key} = ${smaller[key]}` : line;
+  });
+  const config = join(folder, "small.toml");
+  writeFileSync(config, lines.join("\n"));
+  return config;
+}
+
 // The address, once the program says it.
 function told(child) {
   return new Promise((resolve, reject) => {
     let said = "";
-    const fail = (why) => reject(new Error(`${PROGRAM} ${why}; it said:\n${said}`));
     const late = setTimeout(() => fail("did not say where its console is"), PATIENCE);
+    const fail = (why) => {
+      clearTimeout(late);
+      reject(new Error(`${PROGRAM} ${why}; it said:\n${said}`));
+    };
     child.stderr.on("data", (data) => {
       said += data;
       const found = TELLS.exec(said);
@@ -106,7 +124,6 @@ function told(child) {
     });
     child.on("error", (error) => fail(`could not be started: ${error.message}`));
     child.on("exit", (code, signal) => {
-      clearTimeout(late);
       fail(`ended by ${signal ?? `exit code ${code}`} before its console was there`);
     });
   });

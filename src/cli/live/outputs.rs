@@ -203,6 +203,6 @@ fn write_volumes(outputs: &Outputs, outcome: &Outcome, input: String) -> Result<
 }
 
 /// A file's name without its folder.
-fn name_of(path: &Path) -> String {
+pub(in crate::cli) fn name_of(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }

@@ -69,6 +69,7 @@ impl Sitting<'_> {
         loop {
             let bedside = self.reload.bedside().clone();
             let Made { bed, twins, input } = made;
+            self.telling.weaves(&bedside)?;
             let stages = self.stages(&bedside)?;
             // Of the session before, nothing is in the volume.
             stages.witnesses.iter().for_each(|witness| witness.cleared());

@@ -11,18 +11,21 @@ use crate::coach::age::calibration_age;
 use crate::coach::spacing::Spacing;
 use crate::coach::{Coach, CoachSettings};
 use crate::config::bedside::{Bedside, Realtime, pixel_mm};
-use crate::console::{About, Console, Latest, Listen, Screen, Shown};
+use crate::console::{About, Basis, Console, Latest, Listen, Screen, Shown};
 use crate::desk::Desk;
 use crate::measure::{Doubt, Slices};
 use crate::pipeline::live::{Account, Standing};
 use crate::reconstruct::kernel::AxisKernel;
 use crate::service::Service;
 
+/// The kind of a recorded session.
+pub(in crate::cli) const REPLAY: &str = "replay";
 /// Between two accounts for those who ask.
 const OFTEN: Duration = Duration::from_millis(200);
 
 /// Those who are told.
-pub(super) struct Telling {
+pub(in crate::cli) struct Telling {
+    kind: &'static str,
     service: Service,
     latest: Arc<Latest>,
     console: Option<Console>,
@@ -37,54 +40,65 @@ impl Telling {
     ///
     /// # Errors
     /// [`Failure`] where the status was to be had is taken, or others could ask for it who must not.
-    pub(super) fn begin(
+    pub(in crate::cli) fn begin(
         bedside: &Bedside,
         listen: Option<Listen>,
         kind: &'static str,
         desk: &Arc<Desk>,
     ) -> Result<Self, Failure> {
-        let latest = Arc::new(Latest::new(&bedside.effective));
+        let latest = Arc::new(Latest::new(basis(bedside, kind)));
         let screen = listen.as_ref().map(|_| Arc::new(Screen::default()));
-        let coach = listen.as_ref().map(|_| coach(bedside)).transpose()?;
-        if let (Some(screen), Some(coach)) = (&screen, &coach) {
-            screen.follow(coach);
-        }
-        let kernels = kernels(bedside);
-        let slices = Arc::new(Slices::new(kernels.map(|[_, _, across]| across)));
+        let slices = Arc::new(Slices::default());
         let console = match (&listen, &screen) {
             (Some(listen), Some(screen)) => {
                 let shown = Shown {
                     latest: Arc::clone(&latest),
                     screen: Arc::clone(screen),
                     desk: Arc::clone(desk),
-                    doubt: doubt(bedside),
                     slices: Arc::clone(&slices),
-                    about: Arc::new(about(bedside, kind)),
                 };
                 Some(Console::open(listen, shown)?)
             }
             _ => None,
         };
-        Ok(Self { service: Service::new(), latest, console, screen, slices, coach, told: None })
+        let service = Service::new();
+        let mut telling = Self { kind, service, latest, console, screen, slices, coach: None, told: None };
+        telling.weaves(bedside)?;
+        Ok(telling)
+    }
+
+    /// A volume begins that is woven by these settings.
+    ///
+    /// # Errors
+    /// [`Failure`] for a kernel that is none.
+    pub(in crate::cli) fn weaves(&mut self, bedside: &Bedside) -> Result<(), Failure> {
+        if let Some(screen) = &self.screen {
+            let coach = coach(bedside)?;
+            screen.follow(&coach);
+            self.coach = Some(coach);
+        }
+        self.slices.weave(kernels(bedside).map(|[_, _, across]| across));
+        self.latest.adopt(basis(bedside, self.kind));
+        Ok(())
     }
 
     /// Where it is to be seen, if it is.
-    pub(super) fn address(&self) -> Option<String> {
+    pub(in crate::cli) fn address(&self) -> Option<String> {
         self.console.as_ref().map(|console| console.url().to_owned())
     }
 
     /// What browsers see, where they may.
-    pub(super) fn screen(&self) -> Option<Arc<Screen>> {
+    pub(in crate::cli) fn screen(&self) -> Option<Arc<Screen>> {
         self.screen.clone()
     }
 
     /// Who keeps where all slices lie.
-    pub(super) fn slices(&self) -> Arc<Slices> {
+    pub(in crate::cli) fn slices(&self) -> Arc<Slices> {
         Arc::clone(&self.slices)
     }
 
     /// Who knows how the scan goes, where a page could show it.
-    pub(super) fn coach(&self) -> Option<Arc<Coach>> {
+    pub(in crate::cli) fn coach(&self) -> Option<Arc<Coach>> {
         self.coach.clone()
     }
 
@@ -95,18 +109,18 @@ impl Telling {
 
     /// These hold now.
     pub(super) fn reloaded(&mut self, bedside: &Bedside) {
-        self.latest.adopt(&bedside.effective);
+        self.latest.adopt(basis(bedside, self.kind));
         self.service.reloaded();
     }
 
     /// What it has come to.
-    pub(super) fn over(&mut self, account: &Account) {
+    pub(in crate::cli) fn over(&mut self, account: &Account) {
         self.told = Some(Instant::now());
         self.latest.tell(account, &[]);
     }
 
     /// Now and then while the session runs, and once when it begins to end.
-    pub(super) fn look(&mut self, account: &Account, line: fn(&Account) -> String, ends: bool) {
+    pub(in crate::cli) fn look(&mut self, account: &Account, line: fn(&Account) -> String, ends: bool) {
         if ends {
             self.latest.end();
             self.service.stopping();
@@ -116,12 +130,18 @@ impl Telling {
         }
         if ends || self.told.is_none_or(|told| told.elapsed() >= OFTEN) {
             self.told = Some(Instant::now());
-            if let Some(coach) = &self.coach {
+            // What there is to do better is of no use afterwards.
+            if let Some(coach) = self.coach.as_ref().filter(|_| self.kind != REPLAY) {
                 self.latest.coached(coach.tell(account, Monotonic.now_ns()));
             }
             self.latest.tell(account, self.service.still());
         }
     }
+}
+
+/// What there is to tell of what a session runs by.
+fn basis(bedside: &Bedside, kind: &'static str) -> Basis {
+    Basis { config: bedside.effective.clone(), doubt: doubt(bedside), about: about(bedside, kind) }
 }
 
 /// The kernels of its slices, where the calibration says how large their pixels are.

@@ -20,7 +20,7 @@ const MOST_COLUMNS: usize = 72;
 const WORDS: usize = 3;
 
 /// A picture that follows the volume, shown in the terminal, with a line below.
-pub(super) struct Terminal {
+pub(in crate::cli) struct Terminal {
     picture: Mutex<Picture>,
     bar: ProgressBar,
     shown: Mutex<Shown>,

@@ -12,7 +12,7 @@ use crate::render::camera::View;
 use crate::render::{Mode, RenderSettings};
 
 /// Settings that may change, and those who look by them.
-pub(super) struct Viewers {
+pub(in crate::cli) struct Viewers {
     picture: Mutex<Picture>,
     terminal: Option<Arc<Terminal>>,
     /// Whether a picture is wanted in the end.
@@ -22,7 +22,7 @@ pub(super) struct Viewers {
 
 impl Viewers {
     /// `None` where nobody looks at all.
-    pub(super) fn of(
+    pub(in crate::cli) fn of(
         picture: &Picture,
         terminal: Option<&Arc<Terminal>>,
         lasting: bool,
@@ -47,7 +47,7 @@ impl Viewers {
     }
 
     /// Another way to look, from the next picture on.
-    pub(super) fn look(&self, picture: &Picture) {
+    pub(in crate::cli) fn look(&self, picture: &Picture) {
         if let Some(terminal) = &self.terminal {
             terminal.look(picture);
         }

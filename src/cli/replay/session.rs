@@ -34,22 +34,35 @@ pub(super) struct Wanted<'a> {
     pub(super) sharing: Sharing,
 }
 
+impl Wanted<'_> {
+    /// What was decided in it and in those that it goes on with, and the settings that it is to be run by.
+    ///
+    /// # Errors
+    /// [`Failure`] when it cannot be read, or what is wanted of it cannot be written.
+    pub(super) fn open(&self) -> Result<(Chain, Bedside), Failure> {
+        let Self { session, config, outputs, .. } = self;
+        for output in [&outputs.volume, &outputs.weights, &outputs.picture, &outputs.stats].into_iter().flatten() {
+            input::check_is_not(output, session)?;
+        }
+        let mut chain = Chain::read(session)?;
+        let (_, precedent) = chain.last();
+        let bedside = match config {
+            Some(path) => Bedside::read(path)?,
+            None => Kept::bedside(session, precedent)?,
+        };
+        outputs.check(&bedside)?;
+        Ok((chain, bedside))
+    }
+}
+
 /// Runs it again.
 ///
 /// # Errors
 /// [`Failure`] when it cannot be read, what it leaves cannot be written, or it comes to something else than when it was live.
 pub(super) fn run(wanted: &Wanted<'_>) -> Result<(), Failure> {
     let Wanted { session, config, pace, all, series, outputs, sharing } = wanted;
-    for output in [&outputs.volume, &outputs.weights, &outputs.picture, &outputs.stats].into_iter().flatten() {
-        input::check_is_not(output, session)?;
-    }
-    let mut chain = Chain::read(session)?;
+    let (mut chain, bedside) = wanted.open()?;
     let (_, precedent) = chain.last();
-    let bedside = match config {
-        Some(path) => Bedside::read(path)?,
-        None => Kept::bedside(session, precedent)?,
-    };
-    outputs.check(&bedside)?;
     let (missing, dropped) = (precedent.missing(), precedent.dropped());
     if missing > 0 {
         say(&format!(

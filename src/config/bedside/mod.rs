@@ -6,6 +6,7 @@
 //! - [`schema`]: every section and key, what it takes and when a change of it takes effect.
 //! - [`devices`], [`weave`], [`session`], [`rehearsal`]: the sections as typed settings.
 //! - [`change`]: what has changed from one configuration to another, and what a session that runs takes over.
+//! - [`trial`]: a recorded session's with some keys set otherwise.
 //! - [`plus`]: the devices of a PLUS device set.
 //!
 //! Reading opens no device and changes nothing. What is wrong is told with the file, the line and the key, and what may stand there.
@@ -20,6 +21,7 @@ pub mod schema;
 pub mod session;
 #[cfg(test)]
 mod tests;
+pub mod trial;
 pub mod weave;
 
 use std::path::{Path, PathBuf};
@@ -46,6 +48,7 @@ use reader::Reader;
 pub use rehearsal::Rehearsal;
 pub use remote::Remote;
 pub use session::{Access, Pairing, Process, Realtime, Record, Scanner, Status};
+pub use trial::{Setting, Trial};
 pub use weave::{Picture, Volume};
 
 /// The value of `format`.

@@ -10,6 +10,7 @@ import { Measure } from "./measure.js";
 import { Measurements } from "./measurements.js";
 import { Picture } from "./picture.js";
 import { Planes } from "./planes.js";
+import { Replay } from "./replay.js";
 import { Slice } from "./slice.js";
 import { Stream } from "./stream.js";
 import { troubles } from "./troubles.js";
@@ -37,6 +38,8 @@ measured.open.planes = planes.open;
 const measure = new Measure(of, { at: () => planes.at(), draw: (figures, slices) => planes.mark(figures, slices), ask, speak: (words) => (of("announcer").textContent = words) });
 measured.open.measure = measure.open;
 planes.clicked = () => measure.mark();
+const replay = new Replay(of, { send: (wish) => stream.send(wish), fetch: () => tellMe("/v1/settings"), speak: (words) => (of("announcer").textContent = words) });
+measured.open.replay = replay.open;
 const screens = {
   [SLICE]: screen("slice", SLICE, (header) => slice.drawn(header)),
   [VIEW]: screen("view", VIEW, (header) => view.drawn(header)),
@@ -76,12 +79,14 @@ function word(key, value) {
     measured.open.about = value;
     cards.about(value);
     slice.about(value);
+    replay.about(value);
   } else if (key === "account") {
     account = value;
     measured.open.account = value;
     const spread = { screen: measured.spread("slice"), view: measured.spread("view"), shown: measured.rate("slice") };
     cards.tell(value, spread);
     deeds.tell(value.desk, value.volume);
+    replay.tell(value.desk);
     happened(value.desk.events);
     if (!value.volume && measure.open.results.length + measure.open.points.length > 0) measure.clear();
     coach.tell(value.coach);
@@ -93,6 +98,7 @@ function word(key, value) {
     measured.open.control = value;
     view.control(value);
     deeds.control(value);
+    replay.control(value);
     planes.control(value);
   } else if (key === "plane") {
     planes.told(value);
@@ -100,9 +106,11 @@ function word(key, value) {
     planes.dress(value);
   } else if (key === "refused") {
     banner.say("heed", value);
+    replay.refused(value);
     look();
   } else if (key === "done") {
     banner.say("wait", value);
+    replay.begun();
     look();
   }
 }
@@ -134,6 +142,7 @@ function changed() {
     view.control(null);
     deeds.control(null);
     deeds.tell(null, null);
+    replay.control(null);
     planes.control(null);
     measured.open.control = null;
   }
@@ -159,7 +168,7 @@ function look() {
   const old = all.some(({ key }) => ["line", "ended", "blank"].includes(key)) && ever;
   const frozen = all.some(({ key }) => key === "frozen" || key === "held");
   const over = stream.open && account?.desk?.phase === "over";
-  mark("slice", frozen ? "frozen" : over ? "stopped" : old && came !== null ? `not live · ${new Date(came).toLocaleTimeString([], { hourCycle: "h23" })}` : "");
+  mark("slice", frozen ? "frozen" : over && !account.desk.replayed ? "stopped" : old && came !== null ? `not live · ${new Date(came).toLocaleTimeString([], { hourCycle: "h23" })}` : "");
   mark("view", old && !stream.open ? "not live" : "");
   of("cards").classList.toggle("old", !stream.open);
 }
@@ -168,9 +177,13 @@ function look() {
 const short = (says) => says.replace(/(^|\s)\S*\/(\S+)$/, "$1$2");
 
 // Asks the session something that has an answer.
-async function ask(path, body) {
+function ask(path, body) {
+  return tellMe(path, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) });
+}
+
+async function tellMe(path, request) {
   try {
-    const answer = await fetch(path, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) });
+    const answer = await fetch(path, request);
     const text = await answer.text();
     return answer.headers.get("Content-Type") === "application/json" ? JSON.parse(text) : { refused: text.trim() };
   } catch {

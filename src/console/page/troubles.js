@@ -31,6 +31,10 @@ export function troubles({ line, account, blank_s: blank }) {
   }
   const { phase, frozen, saving } = account.desk ?? {};
   if (saving !== null && saving !== undefined) say("wait", "saving", `Saving the volume: ${Math.floor(100 * saving)} %.`);
+  if (account.desk?.replayed) {
+    replayed(account, say);
+    return all.sort((a, b) => WEIGHT[a.how] - WEIGHT[b.how]);
+  }
   if (phase === "over") {
     const kept = account.recording ? "The recording is complete." : "It was not recorded; it can be saved.";
     say("ended", "over", "Stopped: this volume is looked at.", `${kept} Record or Scan begins a new one.`);
@@ -72,6 +76,15 @@ export function troubles({ line, account, blank_s: blank }) {
     else say("well", "well", account.recording ? "All is well; it is recorded." : "All is well; it is not recorded.");
   }
   return all.sort((a, b) => WEIGHT[a.how] - WEIGHT[b.how]);
+}
+
+// Of a recording: how far it was run, and by what.
+function replayed({ desk: { phase, replayed: told }, frames, slices }, say) {
+  const tried = Object.keys(told.tried).length;
+  const by = tried === 0 ? "As it was recorded." : `${many(tried, "setting is", "settings are")} tried: ${Object.entries(told.tried).map(([key, value]) => `${key} = ${JSON.stringify(value)}`).join(", ")}.`;
+  if (phase === "over") say("ended", "over", `Replayed: ${many(slices, "slice")} of ${many(told.frames, "frame")}.`, `${by} Drag below the picture to look at the frames.`);
+  else if (phase === "running") say("wait", "running", `Replaying: ${Math.floor((100 * frames) / Math.max(1, told.frames))} %.`, by);
+  else say("wait", phase, phase === "opening" ? "The recording is being opened …" : "The last slices are woven …");
 }
 
 function tries({ next_s: next }) {

@@ -14,7 +14,7 @@ mod bad;
 use super::*;
 use crate::coach::spacing::Spacing;
 use crate::coach::{Coach, CoachSettings};
-use crate::config::bedside::Effective;
+use crate::console::Basis;
 use crate::console::{About, Console, Latest, Screen, Shown};
 use crate::mask::{Clip, MaskSettings};
 use crate::pipeline::live::{Account, Drawn, Glimpsed, Spread, Unwritten, Witness as _, Written};
@@ -32,12 +32,12 @@ struct Session {
 
 impl Session {
     fn new() -> Self {
-        let (latest, screen) = (Arc::new(Latest::new(&Effective::new())), Arc::new(Screen::default()));
-        latest.tell(&Account::default(), &[]);
         let about = About { name: "b.toml".into(), kind: "live", size: Some([2, 1]), pixel_mm: Some([0.2, 0.3]) };
+        let latest = Arc::new(Latest::new(Basis { about, ..Basis::default() }));
+        let screen = Arc::new(Screen::default());
+        latest.tell(&Account::default(), &[]);
         let address = (Ipv4Addr::LOCALHOST, 0).into();
-        let (shown, about) = ((Arc::clone(&latest), Arc::clone(&screen)), Arc::new(about));
-        let shown = Shown { latest: shown.0, screen: shown.1, about, ..Shown::default() };
+        let shown = Shown { latest: Arc::clone(&latest), screen: Arc::clone(&screen), ..Shown::default() };
         let console = Console::new(address, shown).unwrap();
         Self { console, screen, latest }
     }

@@ -138,6 +138,8 @@ fn the_description_has_every_path_and_every_wish() {
                 "at" => serde_json::json!(vec![0.5; what["maxItems"].as_u64().unwrap() as usize]),
                 "points" => serde_json::json!([[0, 0], [255, 1]]),
                 "preset" => serde_json::json!("tissue"),
+                "settings" => serde_json::json!({ "volume.spacing_mm": 1 }),
+                "number" => serde_json::json!(1),
                 _ => what.get("const").or_else(|| what["enum"].get(0)).cloned().unwrap_or_else(|| {
                     if what["type"] == "boolean" { serde_json::json!(true) } else { serde_json::json!(0.5) }
                 }),

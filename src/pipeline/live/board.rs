@@ -242,6 +242,7 @@ impl Board {
     /// The devices are those of a recording.
     pub(super) fn replayed(&self) {
         self.lock().devices.iter_mut().for_each(|device| device.state = REPLAYED);
+        self.pulse.without_captures();
     }
 
     /// From how long a time on that is told, ns.

@@ -251,8 +251,23 @@ pub fn rerun(
     earlier: Vec<Recorded>,
     recorded: Recorded,
     ends: &AtomicBool,
-    mut watch: impl FnMut(&Account),
+    watch: impl FnMut(&Account),
 ) -> Result<(Finished, Precedent), PipelineError> {
+    let (held, precedent) = rerun_and_hold(session, earlier, recorded, ends, watch)?;
+    Ok((held.finish(), precedent))
+}
+
+/// The same; what it has come to can still be looked at.
+///
+/// # Errors
+/// As of [`rerun`].
+pub fn rerun_and_hold<'a>(
+    session: &'a Session,
+    earlier: Vec<Recorded>,
+    recorded: Recorded,
+    ends: &AtomicBool,
+    mut watch: impl FnMut(&Account),
+) -> Result<(Held<'a>, Precedent), PipelineError> {
     let fabric = session.loom();
     let begun = session.weave_earlier(earlier, &fabric, ends)?;
     let wall = session.looks.clone().map(Wall::new);
@@ -263,7 +278,7 @@ pub fn rerun(
     if !ends.load(Ordering::Relaxed) {
         precedent.sealed(&made);
     }
-    Ok((session.finish(fabric.into_inner().loom, drawn, account, None, Some(made)), precedent))
+    Ok((Held { session, fabric, wall, drawn, account, recording: None, seal: Some(made) }, precedent))
 }
 
 impl Session {

@@ -43,6 +43,12 @@ impl Pulse {
         Self { names, turns }
     }
 
+    /// No device is captured from: what comes in comes from a recording.
+    pub(super) fn without_captures(&self) {
+        let captures = self.turns.len() - 2;
+        self.turns[..captures].iter().for_each(|turns| turns.store(ENDED, Ordering::Relaxed));
+    }
+
     /// A stage begins; it ends when what is returned is dropped, however that comes about.
     pub(super) fn of(&self, stage: Stage) -> Beat<'_> {
         let others = self.turns.len() - 2;
@@ -114,5 +120,7 @@ mod tests {
         assert!(movement.still(&pulse.turns()).is_empty(), "a device may end by itself");
         assert_eq!(pulse.turns()[1].turns, None);
         assert_eq!(movement.still(&pulse.turns()), ["capture-tracking", "pairing", "weave"]);
+        pulse.without_captures();
+        assert_eq!(movement.still(&pulse.turns()), ["pairing", "weave"], "a recording has no captures");
     }
 }

@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 
 use super::message::Maker;
 use super::reader::{Event, Message, SessionReader};
-use crate::recording::Limits;
 use crate::Error;
 use crate::reading::{Frame, Reading};
+use crate::recording::Limits;
 
 /// Where a frame is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

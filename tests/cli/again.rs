@@ -1,0 +1,107 @@
+//! A recorded session that is shown: run again by other settings over HTTP, frame by frame, and what it leaves.
+
+use serde_json::{Value, json};
+
+use super::daemon::{SMALL, Session, ask};
+use super::place::Place;
+use super::wishes::{account, done, until, wish};
+
+/// The file of a session of some seconds.
+const RECORDING: &str = "s.mcap";
+
+fn recorded(place: &Place) {
+    place.put("b.toml", SMALL);
+    let run = place.run("live --config b.toml --record rec --duration 4 --volume live.mha --headless");
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    let mut names = std::fs::read_dir(place.path("rec")).unwrap().map(|entry| entry.unwrap().path());
+    std::fs::rename(names.next().unwrap(), place.path(RECORDING)).unwrap();
+    std::fs::remove_dir(place.path("rec")).unwrap();
+}
+
+/// Run to its end by these settings.
+fn over(session: &Session, address: &str, tried: &Value) -> Value {
+    until(session, address, "the end of a run", |account| {
+        account["desk"]["phase"] == "over" && account["desk"]["replayed"]["tried"] == *tried
+    })
+}
+
+#[test]
+fn a_recorded_session_is_run_again_by_other_settings_and_comes_to_what_it_would_have_with_them() {
+    let place = Place::new();
+    recorded(&place);
+    // By other settings, in a file of their own.
+    place.put("coarse.toml", SMALL.replace("[volume]\nspacing_mm = 1.0", "[volume]\nspacing_mm = 3.0"));
+    assert_ne!(place.get("coarse.toml"), place.get("b.toml"));
+    place.does(&format!("replay {RECORDING} --config coarse.toml -o coarse.mha"));
+    let mut session = Session::at(place, &format!("replay {RECORDING} -o last.mha --console 127.0.0.1:0"), &[]);
+    let address = session.address();
+    let first = over(&session, &address, &json!({}));
+    let events = first["desk"]["events"].as_array().unwrap();
+    assert!(events[0]["says"].as_str().unwrap().contains("with the same outcome"), "{first}");
+    let (code, settings) = ask(&address, &address, "/v1/settings");
+    assert!(code == 200 && settings.contains("\"volume.spacing_mm\""), "{settings}");
+    // Frames, in any order; none of another recording.
+    let frames = first["desk"]["replayed"]["frames"].as_u64().unwrap();
+    assert_eq!(frames, first["frames"].as_u64().unwrap());
+    for number in [frames, 1, frames / 2] {
+        done(&address, &json!({ "do": "frame", "number": number }));
+        let seen = until(&session, &address, "a frame", |a| a["desk"]["replayed"]["seen"]["number"] == number);
+        assert!(seen["desk"]["replayed"]["seen"]["time_s"].as_f64().unwrap() < 10.0);
+    }
+    for (what, says) in [
+        (json!({ "do": "frame", "number": 0 }), "there is no frame 0; the recording has 1 to"),
+        (json!({ "do": "frame", "number": frames + 1 }), "there is no frame"),
+        (json!({ "do": "again", "settings": { "volume.spacing_mm": 0 } }), "volume.spacing_mm: must be positive"),
+        (json!({ "do": "again", "settings": { "record.folder": "/tmp" } }), "record.folder: is nothing that"),
+        (json!({ "do": "again", "settings": { "calibration.file": "/etc/passwd" } }), "there is no \"/etc/passwd\""),
+        (json!({ "do": "record" }), "this session is a recording"),
+        (json!({ "do": "clear" }), "this session is a recording"),
+        (json!({ "do": "save" }), "--keep DIR"),
+    ] {
+        let (code, answer) = wish(&address, &what);
+        assert!(code == 409 && answer["refused"].as_str().unwrap().contains(says), "{what}: {code} {answer}");
+    }
+    assert_eq!(account(&address)["desk"]["replayed"]["tried"], json!({}), "nothing has changed");
+    // What cannot be woven at all is said, and the recording is there as it was.
+    done(&address, &json!({ "do": "again", "settings": { "volume.spacing_mm": 3 } }));
+    let coarse = over(&session, &address, &json!({ "volume.spacing_mm": 3 }));
+    assert_eq!(coarse["slices"], first["slices"]);
+    done(&address, &json!({ "do": "again" }));
+    assert_eq!(over(&session, &address, &json!({}))["volume"], first["volume"]);
+    done(&address, &json!({ "do": "again", "settings": { "volume.spacing_mm": 3.0 } }));
+    over(&session, &address, &json!({ "volume.spacing_mm": 3.0 }));
+    assert_eq!(session.ends("-INT"), 0, "{}", session.said());
+    let said = session.said();
+    assert!(!said.contains("stands still"), "{said}");
+    // What was looked at last is left, and is what the settings make of it.
+    let [last, coarse] = ["last.mha", "coarse.mha"].map(|name| session.place.volume(name));
+    assert!(last.values == coarse.values && last.header.origin == coarse.header.origin);
+    assert_ne!(last.header.size, session.place.volume("live.mha").header.size);
+}
+
+#[test]
+fn a_live_session_is_neither_run_again_nor_scrubbed_through() {
+    let mut session = Session::begin("", &[]);
+    let address = session.address();
+    for what in [json!({ "do": "again" }), json!({ "do": "frame", "number": 1 })] {
+        let (code, answer) = wish(&address, &what);
+        assert!(code == 409 && answer["refused"].as_str().unwrap().contains("this session is live"), "{answer}");
+    }
+    assert_eq!(ask(&address, &address, "/v1/settings").0, 404);
+    assert_eq!(session.ends("-TERM"), 0, "{}", session.said());
+}
+
+#[test]
+fn what_cannot_be_shown_is_refused() {
+    let place = Place::new();
+    recorded(&place);
+    place.does("phantom -o s.mha --frames 6 --image-size 40x30 --pixel 0.5 --gap 0.6");
+    place.refuses("replay s.mha --picture p.png --console 127.0.0.1:0", &["--console: shows recorded sessions"]);
+    place.refuses(
+        &format!("replay {RECORDING} --pictures . --console 127.0.0.1:0"),
+        &["--pictures: with --console", "leave one of them out"],
+    );
+    place.refuses(&format!("replay {RECORDING} --console 0.0.0.0:0"), &["certificate", "token_file"]);
+    let run = place.run(&format!("replay {RECORDING} --keep kept"));
+    assert!(run.code == 2 && run.stderr.contains("--console"), "{}", run.stderr);
+}

@@ -1,0 +1,135 @@
+// A session is recorded from the page; then it is shown by another program, scrubbed through, run again by other settings, and measured.
+
+import assert from "node:assert/strict";
+import { mkdirSync, mkdtempSync, readdirSync, rmSync, writeFileSync } from "node:fs";
+import { join } from "node:path";
+import { test } from "node:test";
+
+import { LEGS_MM, markLegs } from "./doll.js";
+import { audit, difference, greys, measured, open, says, shot, steers } from "./page.js";
+import { OUT } from "./place.js";
+import { Session } from "./session.js";
+
+const button = (page, name) => page.getByRole("button", { name, exact: true });
+const until = (page, is, ...with_) => page.waitForFunction(is, with_, { timeout: 60_000 });
+const phase = (page, name) => until(page, ([name]) => window.sonoweave.account?.desk.phase === name, name);
+const account = async (page) => (await measured(page)).account;
+
+// Run until its end, `runs` runs after the page was opened.
+const ran = (page, tried) => until(page, ([tried]) => {
+  const desk = window.sonoweave.account?.desk;
+  return desk?.phase === "over" && JSON.stringify(desk.replayed.tried) === tried;
+}, JSON.stringify(tried)).catch(async (error) => {
+  // What came of it instead is said, for whoever looks for it.
+  console.log(JSON.stringify((await account(page)).desk), await page.locator("#settings-says").innerText());
+  throw error;
+});
+
+async function run(page, settings) {
+  await button(page, "Settings").click();
+  for (const [key, value] of Object.entries(settings)) await page.locator(`[data-key="${key}"]`).fill(value);
+  await button(page, "Run again").click();
+}
+
+test("a session is recorded, shown again, scrubbed through, run by other settings, and measured", async (t) => {
+  const folder = mkdtempSync(join(OUT, "session-"));
+  const kept = join(folder, "kept");
+  mkdirSync(kept);
+  // Recorded by the page's buttons.
+  const live = await Session.recorded(folder);
+  const first = await open(live.address);
+  await steers(first.page, true);
+  await until(first.page, () => window.sonoweave.account?.volume?.slices > 120);
+  assert.ok(await first.page.locator("#replay").isHidden(), "a live session has no frames to go back to");
+  assert.ok(await first.page.locator("#settings-open").isHidden());
+  await button(first.page, "Stop").click();
+  await phase(first.page, "over");
+  await says(first.page, "The recording is complete.");
+  const was = await account(first.page);
+  await live.end();
+  const [recording] = readdirSync(folder).filter((name) => name.endsWith(".mcap"));
+
+  // A calibration that lies beside it, half as large.
+  writeFileSync(join(folder, "half.toml"), HALF);
+  const session = await Session.replay(join(folder, recording), kept);
+  const { page, complaints } = await open(session.address);
+  await steers(page, true);
+  await phase(page, "over");
+  await says(page, "Replayed: ");
+  await says(page, "As it was recorded.");
+  const now = await account(page);
+  assert.deepEqual([now.volume, now.slices, now.frames], [was.volume, was.slices, was.frames], "the same came of it");
+  assert.match(now.desk.events.at(-1).says, /with the same outcome/);
+  for (const name of ["Record", "Freeze", "Clear", "Stop", "Scan"]) assert.equal(await button(page, name).count(), 0, name);
+  assert.deepEqual(await audit(page), []);
+
+  // Frame by frame.
+  const scrub = page.getByRole("slider", { name: "Recorded frame" });
+  const frames = now.desk.replayed.frames;
+  assert.equal(Number(await scrub.getAttribute("max")), frames);
+  await scrub.fill("10");
+  await page.locator("#scrub-says", { hasText: `frame 10 of ${frames}` }).waitFor();
+  const early = await greys(page, "slice");
+  await scrub.fill("100");
+  await page.locator("#scrub-says", { hasText: `frame 100 of ${frames}` }).waitFor();
+  for (let n = 0; difference(await greys(page, "slice"), early) < 1; n += 1) {
+    assert.ok(n < 100, "another picture");
+    await page.waitForTimeout(50);
+  }
+  assert.match(await page.locator("#scrub-says").innerText(), /its place is marked/);
+  await page.locator("#view-marks .present").waitFor({ state: "attached" });
+  await scrub.focus();
+  await page.keyboard.press("ArrowRight");
+  await page.locator("#scrub-says", { hasText: `frame 101 of ${frames}` }).waitFor();
+  await shot(page, "replayed");
+
+  // By other voxels; what is wrong is said where it was written, and changes nothing.
+  await run(page, { "volume.spacing_mm": "-3" });
+  await page.locator("#settings-says", { hasText: "volume.spacing_mm: must be positive" }).waitFor();
+  await shot(page, "settings");
+  assert.deepEqual(await audit(page), []);
+  assert.deepEqual((await account(page)).desk.replayed.tried, {});
+  await page.locator(`[data-key="volume.spacing_mm"]`).fill("4");
+  await button(page, "Run again").click();
+  await ran(page, { "volume.spacing_mm": 4 });
+  const coarse = await account(page);
+  assert.equal(coarse.slices, was.slices);
+  assert.ok(coarse.volume.voxels[0] < was.volume.voxels[0], `${coarse.volume.voxels}`);
+  await says(page, "volume.spacing_mm = 4");
+  // By a calibration beside the session: what was seen is half as large.
+  await run(page, { "calibration.file": "half.toml", "volume.spacing_mm": "2" });
+  await ran(page, { "calibration.file": "half.toml", "volume.spacing_mm": 2 });
+  // By another latency.
+  await run(page, { "calibration.file": "", "grabber.latency_ms": "0" });
+  await ran(page, { "grabber.latency_ms": 0, "volume.spacing_mm": 2 });
+  await button(page, "Save volume").click();
+  await until(page, () => window.sonoweave.account.desk.events.some(({ says }) => says.includes("the volume is saved")));
+  assert.ok(readdirSync(kept).includes("volume-001.mha"));
+  // Back.
+  await button(page, "Settings").click();
+  await button(page, "As recorded").click();
+  await ran(page, {});
+  assert.deepEqual((await account(page)).volume, was.volume);
+  assert.match((await account(page)).desk.events.at(-1).says, /with the same outcome/);
+  // What is known of the doll is within the error that is told.
+  await page.keyboard.press("p");
+  await until(page, () => Object.values(window.sonoweave.planes.pictures).every(({ drawn }) => drawn > 0));
+  await page.keyboard.press("m");
+  await markLegs(page);
+  await until(page, () => window.sonoweave.measure.results.length === 1);
+  const [{ value, error }] = (await measured(page)).measure.results;
+  t.diagnostic(`the legs are ${value.toFixed(2)} ± ${error.toFixed(2)} mm apart in the replay, ${LEGS_MM} by the doll's description`);
+  assert.ok(error < 6 && Math.abs(value - LEGS_MM) <= error, `${value} ± ${error}`);
+  await shot(page, "replay-measured");
+  assert.deepEqual(await audit(page), []);
+  assert.deepEqual(complaints, []);
+  await session.end();
+  rmSync(folder, { recursive: true });
+});
+
+const HALF = `format = "sonoweave-calibration"
+version = 1
+
+[image_to_probe]
+matrix = [0.5, 0, 0, -40, 0, 0.5, 0, 0, 0, 0, 0.5, 0, 0, 0, 0, 1]
+`;
