@@ -342,7 +342,7 @@ pub(super) fn run(
         }
         easel.blank = false;
         let News { woven, item, captured_ns, .. } = fabric.news;
-        fabric.news.touched.clear();
+        fabric.news.changes.bricks.clear();
         // From here on the volume is woven on.
         drop(fabric);
         drawn.renderer.draw();
@@ -385,12 +385,12 @@ fn catch_up<'a>(
         let Fabric { loom, news, .. } = &mut *fabric;
         let Some(weaver) = loom.weaver() else { return fabric };
         let volume = Shifted::new(weaver.volume(), begun.lattice.offset);
-        all |= std::mem::take(&mut news.all);
+        all |= std::mem::take(&mut news.changes.all);
         if std::mem::take(&mut all) {
             waits = volume.bricks().collect();
-            news.touched.clear();
+            news.changes.bricks.clear();
         } else {
-            waits.append(&mut news.touched);
+            waits.append(&mut news.changes.bricks);
         }
         // A machine that weaves faster than it reads would never come to draw.
         let most = if round < MOST_PARTS { PART } else { usize::MAX };
