@@ -5,9 +5,9 @@
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 
-use rustix::time::{ClockId, clock_gettime};
+use drivers::clock::wall_ns;
 use tokio::sync::watch;
 
 use super::dress::{Choice, Dress, Ground};
@@ -422,13 +422,6 @@ impl Drop for Seat {
 }
 
 /// Host ns as ms since the UNIX epoch, which a browser's clock counts from.
-fn unix_ms(host_ns: i64) -> f64 {
-    let now = clock_gettime(ClockId::Monotonic);
-    let now_ns = now.tv_sec.saturating_mul(1_000_000_000).saturating_add(now.tv_nsec);
-    now_ms() - now_ns.saturating_sub(host_ns) as f64 / 1e6
-}
-
-/// The time, ms since the UNIX epoch.
-pub(super) fn now_ms() -> f64 {
-    SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64() * 1e3)
+pub(super) fn unix_ms(host_ns: i64) -> f64 {
+    wall_ns(host_ns) as f64 / 1e6
 }

@@ -29,7 +29,7 @@ use tokio::time::{Instant, MissedTickBehavior, interval, interval_at, timeout};
 
 use super::marks::Marks;
 use super::quality::Grade;
-use super::screen::{KINDS, Kind, Pixmap, Seat, Shot, now_ms};
+use super::screen::{KINDS, Kind, Pixmap, Seat, Shot, unix_ms};
 use super::wish::Wish;
 use super::{Counts, Served, told};
 
@@ -292,7 +292,7 @@ impl<'a> Page<'a> {
         (channel.sent, channel.last, channel.since) = (channel.sent + 1, shot.sequence, now);
         channel.grade.sent(shot.sequence, now);
         let jpeg = self.served.shelf.packed(shot, channel.grade.quality(), &self.served.gate.counts);
-        self.hand(Message::Binary(packed(shot, jpeg.as_deref(), now_ms()).into())).await
+        self.hand(Message::Binary(packed(shot, jpeg.as_deref(), unix_ms(Monotonic.now_ns())).into())).await
     }
 
     fn heard(&mut self, message: Message) -> Heard {
