@@ -17,7 +17,8 @@
 //!
 //! Handlers read the [`Latest`] account and what stages leave on the [`Screen`], so that no client, slow or stuck as it may be, is waited for by a stage. They work without a socket ([`routes`]);
 //! [`Console`] gives them one. Who asks passes four doors, whatever is asked for: it must call this machine by a name of its own ([`hosts`]), must be no page of others where
-//! more than reading is asked for ([`origin`]), must have the token where there is one (`gate`), and gives way to others while it asks for nothing (`crowd`).
+//! more than reading is asked for ([`origin`]), must have the token where there is one (`gate`), and gives way to others while it asks for nothing (`crowd`) or
+//! is a page that nobody looks at (`places`).
 
 mod api;
 mod counts;
@@ -31,6 +32,7 @@ mod metrics;
 pub mod origin;
 mod page;
 pub mod planes;
+mod places;
 mod quality;
 pub mod screen;
 mod server;
@@ -58,11 +60,12 @@ pub use counts::Counts;
 pub use listen::{AccessError, Listen};
 pub use screen::Screen;
 pub use server::{Console, ConsoleError};
-use tokio::sync::{Semaphore, watch};
+use tokio::sync::watch;
 pub use told::About;
 
 use gate::Gate;
 use quality::Shelf;
+use places::Places;
 
 use crate::coach::CoachTold;
 use crate::config::bedside::Effective;
@@ -149,9 +152,6 @@ impl Latest {
     }
 }
 
-/// Pages that may look on at a time.
-const PAGES: usize = 8;
-
 /// What is shown of a session, and by whom it is told what to do.
 #[derive(Debug, Clone, Default)]
 pub struct Shown {
@@ -176,7 +176,7 @@ pub struct Served {
     pub shown: Shown,
     /// Pictures are just being kept.
     snapping: Arc<AtomicBool>,
-    places: Arc<Semaphore>,
+    places: Arc<Places>,
     /// Tells connections that last to end.
     stopped: watch::Receiver<()>,
     gate: Arc<Gate>,
@@ -186,11 +186,16 @@ pub struct Served {
 impl Served {
     /// Until `stopped` says otherwise, or nobody is left who could.
     pub fn new(shown: Shown, stopped: watch::Receiver<()>) -> Self {
-        let (places, gate, shelf) = (Arc::new(Semaphore::new(PAGES)), Arc::default(), Arc::default());
+        let (places, gate, shelf) = (Arc::new(Places::new(places::PATIENCE)), Arc::default(), Arc::default());
         Self { shown, snapping: Arc::default(), places, stopped, gate, shelf }
     }
 
     /// To those only who pass.
+    /// Pages that rest for longer than that give way to newcomers.
+    fn patient_for(self, patience: Duration) -> Self {
+        Self { places: Arc::new(Places::new(patience)), ..self }
+    }
+
     fn behind(self, gate: Gate) -> Self {
         Self { gate: Arc::new(gate), ..self }
     }

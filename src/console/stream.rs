@@ -28,6 +28,7 @@ use tokio::sync::watch;
 use tokio::time::{Instant, MissedTickBehavior, interval, interval_at, timeout};
 
 use super::marks::Marks;
+use super::places::Place;
 use super::quality::Grade;
 use super::screen::{KINDS, Kind, Pixmap, Seat, Shot, unix_ms};
 use super::wish::Wish;
@@ -54,19 +55,21 @@ const SILENT: Duration = Duration::from_secs(30);
 const MOST_MESSAGES: u32 = 400;
 
 pub(super) async fn stream(State(served): State<Served>, upgrade: WebSocketUpgrade) -> Response {
-    let Ok(place) = Arc::clone(&served.places).try_acquire_owned() else {
+    let Some((place, gave_way)) = served.places.enter().await else {
         Counts::add(&served.gate.counts.pages_sent_away);
         let sentence = "as many pages look on as there are places; close one\n";
         return (StatusCode::SERVICE_UNAVAILABLE, sentence).into_response();
     };
+    if gave_way {
+        Counts::add(&served.gate.counts.gave_way);
+    }
     upgrade.max_message_size(MOST_BYTES).max_frame_size(MOST_BYTES).write_buffer_size(0).on_upgrade(
         async move |socket| {
-            let end = Page::new(&served, socket).run(served.stopped.clone()).await;
+            let end = Page::new(&served, socket, place).run(served.stopped.clone()).await;
             if let End::CutOff(_) = end {
                 Counts::add(&served.gate.counts.pages_cut_off);
             }
             tracing::debug!("a page has gone: {}", end.reason());
-            drop(place);
         },
     )
 }
@@ -159,6 +162,7 @@ struct Page<'a> {
     /// When it said something last, if only that it is there.
     heard: Instant,
     seat: Seat,
+    place: Place,
     channels: [Channel; KINDS],
     /// Messages in this second.
     messages: u32,
@@ -166,11 +170,11 @@ struct Page<'a> {
 }
 
 impl<'a> Page<'a> {
-    fn new(served: &'a Served, socket: WebSocket) -> Self {
+    fn new(served: &'a Served, socket: WebSocket, place: Place) -> Self {
         let seat = served.shown.screen.enter();
         let channels = Kind::ALL.map(|kind| Channel::new(kind, &seat));
         let now = Instant::now();
-        Self { served, socket, heard: now, seat, channels, messages: 0, second: now }
+        Self { served, socket, place, heard: now, seat, channels, messages: 0, second: now }
     }
 
     /// Until the page is gone, or the server is; why.
@@ -193,12 +197,20 @@ impl<'a> Page<'a> {
         loop {
             let [slice, view, across_z, across_y, across_x, free] = &mut self.channels;
             let looks = view.looks;
+        self.rests();
             let message = tokio::select! {
                 _ = stopped.changed() => {
                     self.leave(account.tell(self.served)).await;
                     return End::Gone("the session is over");
                 }
-                Ok(()) = turns.changed() => Out::Text(self.control()),
+                () = self.place.sent_away() => {
+                    self.close(close_code::AGAIN, "nobody looks here, and another page has come").await;
+                    return End::Gone("it looked at nothing, and gave its place to another");
+                }
+                Ok(()) = turns.changed() => {
+                    self.rests();
+                    Out::Text(self.control())
+                }
                 shot = slice.next() => Out::Shot(shot),
                 shot = view.next() => Out::Shot(shot),
                 shot = across_z.next() => Out::Shot(shot),
@@ -259,14 +271,24 @@ impl<'a> Page<'a> {
     /// The last that is told.
     async fn leave(&mut self, account: serde_json::Value) {
         if self.say(account).await {
-            let close = CloseFrame { code: close_code::AWAY, reason: "the session is over".into() };
-            let _ = timeout(SENDING, self.socket.send(Message::Close(Some(close)))).await;
+            self.close(close_code::AWAY, "the session is over").await;
         }
     }
 
     fn control(&self) -> serde_json::Value {
         serde_json::json!({ "control": self.seat.steers() })
     }
+    async fn close(&mut self, code: u16, reason: &'static str) {
+        let close = CloseFrame { code, reason: reason.into() };
+        let _ = timeout(SENDING, self.socket.send(Message::Close(Some(close)))).await;
+    }
+
+    /// Whether it would be missed by nobody is known to who gives places away.
+    fn rests(&self) {
+        let looks = self.channels.iter().any(|channel| channel.looks);
+        self.place.rests(!looks && !self.seat.steers());
+    }
+
 
     fn dress(&self) -> serde_json::Value {
         self.served.shown.screen.told_dress()
@@ -328,6 +350,7 @@ impl<'a> Page<'a> {
                 return match channel {
                     Some(channel) => {
                         channel.answered(sequence);
+                self.rests();
                         Heard::Fine
                     }
                     None => Heard::Refused(format!("there are no pictures of a kind {kind}")),

@@ -15,7 +15,7 @@ use super::*;
 use crate::coach::spacing::Spacing;
 use crate::coach::{Coach, CoachSettings};
 use crate::config::bedside::Effective;
-use crate::console::{About, Console, Latest, Screen, Shown};
+use crate::console::{About, Console, Latest, Screen, Shown, places};
 use crate::mask::{Clip, MaskSettings};
 use crate::pipeline::live::{Account, Drawn, Glimpsed, Spread, Unwritten, Witness as _, Written};
 use crate::render::transfer::Transfer;
@@ -32,13 +32,18 @@ struct Session {
 
 impl Session {
     fn new() -> Self {
+        Self::patient_for(places::PATIENCE)
+    }
+
+    /// Pages that rest for so long give way.
+    fn patient_for(patience: Duration) -> Self {
         let (latest, screen) = (Arc::new(Latest::new(&Effective::new())), Arc::new(Screen::default()));
         latest.tell(&Account::default(), &[]);
         let about = About { name: "b.toml".into(), kind: "live", size: Some([2, 1]), pixel_mm: Some([0.2, 0.3]) };
-        let address = (Ipv4Addr::LOCALHOST, 0).into();
+        let address = SocketAddr::from((Ipv4Addr::LOCALHOST, 0)).into();
         let (shown, about) = ((Arc::clone(&latest), Arc::clone(&screen)), Arc::new(about));
         let shown = Shown { latest: shown.0, screen: shown.1, about, ..Shown::default() };
-        let console = Console::new(address, shown).unwrap();
+        let console = Console::serve(&address, shown, patience).unwrap();
         Self { console, screen, latest }
     }
 
@@ -316,6 +321,34 @@ fn nonsense_is_refused_with_a_sentence_and_a_babbler_is_cut_off() {
     assert!(ends(&mut others[1]), "too many messages");
     page.say(&json!({ "do": "zoom", "by": 0.5 }));
     until("the first page is served on", || session.screen.view(Default::default()).zoom == 0.5);
+}
+
+#[test]
+fn pages_that_nobody_looks_at_give_way_to_newcomers_and_none_that_steers_or_looks() {
+    let session = Session::patient_for(Duration::from_millis(50));
+    let mut steers = session.page();
+    let mut looks = session.page();
+    looks.say(&json!({ "do": "show", "slice": true, "view": false }));
+    until("somebody looks", || session.screen.is_looked_at(Kind::Slice));
+    let mut resting: Vec<Client> = (0..6).map(|_| session.page()).collect();
+    std::thread::sleep(Duration::from_millis(100));
+    // All places are taken, and whoever comes gets one.
+    let mut newcomers: Vec<Client> = (0..6)
+        .map(|_| {
+            let mut page = session.page();
+            page.say(&json!({ "do": "show", "slice": true, "view": false }));
+            page.for_a_while();
+            page
+        })
+        .collect();
+    assert_eq!(Counts::of(&session.console.counts().gave_way), 6);
+    assert!(resting.iter_mut().all(ends), "those that rested gave way");
+    let stream = TcpStream::connect(session.address()).unwrap();
+    let request = format!("ws://{}/v1/stream", session.address()).into_client_request().unwrap();
+    assert!(tungstenite::client(request, stream).unwrap_err().to_string().contains("503"), "the others look, or steer");
+    for page in newcomers.iter_mut().chain([&mut looks, &mut steers]) {
+        page.word("account");
+    }
 }
 
 fn ends(client: &mut Client) -> bool {
