@@ -6,6 +6,7 @@
 //! | `GET /v1/stream` | the page's connection (WebSocket), see `stream` |
 //! | `POST /v1/do` | a wish, as pages say them: to record, stop, freeze, clear, save, turn the view, …, see `wish` |
 //! | `POST /v1/measure` | a length, angle, area or volume between places, and how far it may be off |
+//! | `POST /v1/pick` | the place of the volume that is seen at a place of its picture, see `pick` |
 //! | `POST /v1/slices` | the slices that a place was made of |
 //! | `GET /v1/account`, `/v1/about` | what pages are told |
 //! | `GET /v1/pictures/slice.png`, `view.png` | the newest picture |
@@ -31,8 +32,9 @@ mod marks;
 mod metrics;
 pub mod origin;
 mod page;
-pub mod planes;
+mod pick;
 mod places;
+pub mod planes;
 mod quality;
 pub mod screen;
 mod server;
@@ -64,8 +66,8 @@ use tokio::sync::watch;
 pub use told::About;
 
 use gate::Gate;
-use quality::Shelf;
 use places::Places;
+use quality::Shelf;
 
 use crate::coach::CoachTold;
 use crate::config::bedside::Effective;
@@ -190,12 +192,12 @@ impl Served {
         Self { shown, snapping: Arc::default(), places, stopped, gate, shelf }
     }
 
-    /// To those only who pass.
     /// Pages that rest for longer than that give way to newcomers.
     fn patient_for(self, patience: Duration) -> Self {
         Self { places: Arc::new(Places::new(patience)), ..self }
     }
 
+    /// To those only who pass.
     fn behind(self, gate: Gate) -> Self {
         Self { gate: Arc::new(gate), ..self }
     }
@@ -209,6 +211,7 @@ pub fn routes(served: Served) -> Router {
         .route("/v1/stream", get(stream::stream))
         .route("/v1/do", post(api::wish))
         .route("/v1/measure", post(api::measure))
+        .route("/v1/pick", post(api::pick))
         .route("/v1/slices", post(api::slices))
         .route("/v1/account", get(api::account))
         .route("/v1/about", get(api::about))

@@ -47,6 +47,7 @@ const ASSETS: &[Asset] = &[
     asset!("plane.js", "text/javascript; charset=utf-8"),
     asset!("planes.css", "text/css; charset=utf-8"),
     asset!("planes.js", "text/javascript; charset=utf-8"),
+    asset!("sight.js", "text/javascript; charset=utf-8"),
     asset!("slice.js", "text/javascript; charset=utf-8"),
     asset!("space.js", "text/javascript; charset=utf-8"),
     asset!("stream.js", "text/javascript; charset=utf-8"),

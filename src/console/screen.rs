@@ -8,16 +8,17 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
 use drivers::clock::wall_ns;
-use tokio::sync::watch;
+use tokio::sync::{oneshot, watch};
 
 use super::dress::{Choice, Dress, Ground};
 use super::marks::Marks;
+use super::pick::{Answer, Picks};
 use super::planes::{self, Move, Planes};
 use super::sight::{Sight, Steer};
 use crate::coach::Coach;
 use crate::pipeline::live::{Cut, Cutter, Drawn, Extent, Glimpsed, Wanted, Witness};
-use crate::render::RenderSettings;
 use crate::render::camera::View;
+use crate::render::{RenderSettings, Renderer};
 use crate::slice::Pixels;
 
 /// Between two questions of who draws, while somebody looks: a hand that turns what it sees notices no more.
@@ -97,6 +98,7 @@ pub struct Screen {
     looked_at: [AtomicU32; KINDS],
     made: [AtomicU32; KINDS],
     sight: Mutex<Sight>,
+    picks: Picks,
     planes: Mutex<Planes>,
     dress: Mutex<Dress>,
     /// Changes whenever the volume's picture looks otherwise.
@@ -116,6 +118,7 @@ impl Default for Screen {
             looked_at: Default::default(),
             made: Default::default(),
             sight: Mutex::default(),
+            picks: Picks::default(),
             planes: Mutex::default(),
             dress: Mutex::default(),
             dressed: watch::Sender::new(0),
@@ -157,7 +160,26 @@ impl Screen {
         let picture = drawn.renderer.picture();
         let pixels = Pixmap::Colour(picture.over(background).into());
         let Drawn { item, captured_ns, refining, .. } = *drawn;
-        self.show(Kind::View, picture.size, pixels, (item, captured_ns.map(unix_ms)), refining, |_| None);
+        let words = serde_json::json!({ "sight": { "projection": drawn.renderer.camera().projection() } });
+        self.show(Kind::View, picture.size, pixels, (item, captured_ns.map(unix_ms)), refining, |_| Some(words));
+    }
+
+    /// Whoever points at places of the volume's picture is answered by the one that is shown; `None` is that of an empty volume.
+    pub fn answer(&self, shown: Option<&Renderer>) {
+        self.picks.answer(shown);
+    }
+
+    /// Asks for the place that is seen at a place of the volume's picture, by shares of its width and height.
+    ///
+    /// # Errors
+    /// A sentence for what is no place of a picture.
+    pub(super) fn pick(&self, at: [f64; 2]) -> Result<oneshot::Receiver<Answer>, String> {
+        self.picks.ask(at)
+    }
+
+    /// Rays that were cast for whoever points at places.
+    pub fn picked(&self) -> u64 {
+        self.picks.cast()
     }
 
     /// The configuration's look.

@@ -12,8 +12,9 @@
 //! | 16, 24 | f64 | when its frame was captured, and when it was sent, ms since the UNIX epoch |
 //! | 32 | u64 | its frame's number |
 //!
-//! Text messages are JSON: what the session tells of itself; what is to be marked in the volume's picture, when that has changed; and before the picture of a plane `plane`, which has its
-//! kind and number and says where it lies. A page answers each picture when it has drawn it, and has two of a kind on their way at most: so one that is slow gets fewer, always the newest, and
+//! Text messages are JSON: what the session tells of itself; what is to be marked in the volume's picture, when that has changed; before the volume's picture `sight`, when that has
+//! changed, which says what place of the world is where in it; and before the picture of a plane `plane`, which has its kind and number and says where it lies. A page answers each
+//! picture when it has drawn it, and has two of a kind on their way at most: so one that is slow gets fewer, always the newest, and
 //! nothing piles up for it. One whose line is slow gets them as JPEGs for as long as it is (`quality`).
 
 use std::sync::Arc;
@@ -92,6 +93,8 @@ struct Channel {
     last: u32,
     since: Instant,
     grade: Grade,
+    /// What was told before the last of its pictures.
+    told: Option<serde_json::Value>,
 }
 
 impl Channel {
@@ -104,6 +107,7 @@ impl Channel {
             last: 0,
             since: Instant::now(),
             grade: Grade::default(),
+            told: None,
         }
     }
 
@@ -159,10 +163,10 @@ impl End {
 struct Page<'a> {
     served: &'a Served,
     socket: WebSocket,
+    place: Place,
     /// When it said something last, if only that it is there.
     heard: Instant,
     seat: Seat,
-    place: Place,
     channels: [Channel; KINDS],
     /// Messages in this second.
     messages: u32,
@@ -194,10 +198,10 @@ impl<'a> Page<'a> {
         if !self.say(about.clone()).await || !self.say(self.control()).await || !self.say(self.dress()).await {
             return End::TOOK_NOTHING;
         }
+        self.rests();
         loop {
             let [slice, view, across_z, across_y, across_x, free] = &mut self.channels;
             let looks = view.looks;
-        self.rests();
             let message = tokio::select! {
                 _ = stopped.changed() => {
                     self.leave(account.tell(self.served)).await;
@@ -275,9 +279,6 @@ impl<'a> Page<'a> {
         }
     }
 
-    fn control(&self) -> serde_json::Value {
-        serde_json::json!({ "control": self.seat.steers() })
-    }
     async fn close(&mut self, code: u16, reason: &'static str) {
         let close = CloseFrame { code, reason: reason.into() };
         let _ = timeout(SENDING, self.socket.send(Message::Close(Some(close)))).await;
@@ -289,6 +290,9 @@ impl<'a> Page<'a> {
         self.place.rests(!looks && !self.seat.steers());
     }
 
+    fn control(&self) -> serde_json::Value {
+        serde_json::json!({ "control": self.seat.steers() })
+    }
 
     fn dress(&self) -> serde_json::Value {
         self.served.shown.screen.told_dress()
@@ -304,10 +308,14 @@ impl<'a> Page<'a> {
     }
 
     async fn send(&mut self, shot: &Shot) -> bool {
-        if let Some(words) = &shot.words
-            && !self.say(words.clone()).await
-        {
-            return false;
+        let channel = &mut self.channels[shot.kind as usize - 1];
+        // What is told of a view holds until it is turned.
+        let is_new = channel.told != shot.words;
+        if let Some(words) = shot.words.as_ref().filter(|_| is_new) {
+            channel.told = Some(words.clone());
+            if !self.say(words.clone()).await {
+                return false;
+            }
         }
         let channel = &mut self.channels[shot.kind as usize - 1];
         let now = Instant::now();
@@ -343,6 +351,7 @@ impl<'a> Page<'a> {
                     self.seat.look(channel.kind, looks);
                     channel.looks = looks;
                 }
+                self.rests();
                 return Heard::Fine;
             }
             Ok(Wish::Shown { kind, sequence }) => {
@@ -350,7 +359,6 @@ impl<'a> Page<'a> {
                 return match channel {
                     Some(channel) => {
                         channel.answered(sequence);
-                self.rests();
                         Heard::Fine
                     }
                     None => Heard::Refused(format!("there are no pictures of a kind {kind}")),

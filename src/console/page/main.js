@@ -10,6 +10,7 @@ import { Measure } from "./measure.js";
 import { Measurements } from "./measurements.js";
 import { Picture } from "./picture.js";
 import { Planes } from "./planes.js";
+import { Sight } from "./sight.js";
 import { Slice } from "./slice.js";
 import { Stream } from "./stream.js";
 import { troubles } from "./troubles.js";
@@ -26,18 +27,35 @@ const cards = new AccountCards(of);
 const coach = new CoachCard(of);
 const marks = new Marks(of("view-marks"), of("view-legend"));
 const banner = new Banner(of("banner"), of("announcer"));
+const sight = new Sight(of("view-figures"));
+measured.open.sight = sight.open;
 const deeds = new Deeds(of("deeds"), of("ask"), (wish) => stream.send(wish));
 const slice = new Slice({ room: of("slice-room"), canvas: of("slice"), scale: of("slice-scale"), caption: of("slice-caption") });
 const view = new View(
-  { panel: of("view-panel"), room: of("view-room"), canvas: of("view"), onlooker: of("onlooker"), control: of("control"), refined: of("refined"), marks },
+  { panel: of("view-panel"), room: of("view-room"), canvas: of("view"), onlooker: of("onlooker"), control: of("control"), refined: of("refined"), marks, sight },
   (wish) => stream.send(wish),
 );
-const planes = new Planes(of, (wish) => stream.send(wish), () => show());
+const planes = new Planes(of, (wish) => stream.send(wish), () => {
+  measure.settle(planes.shown);
+  show();
+});
 measured.open.planes = planes.open;
-const measure = new Measure(of, { at: () => planes.at(), draw: (figures, slices) => planes.mark(figures, slices), ask, speak: (words) => (of("announcer").textContent = words) });
+const measure = new Measure(of, {
+  at: () => (planes.shown ? planes.at() : null),
+  draw: (figures, slices, open) => {
+    planes.mark(figures, slices);
+    sight.show(figures, open);
+  },
+  ask,
+  speak: (words) => (of("announcer").textContent = words),
+});
 measured.open.measure = measure.open;
 planes.clicked = () => measure.mark();
 const screens = {
+view.clicked = (x, y) => {
+  measure.see([x, y]);
+  return measure.open.open;
+};
   [SLICE]: screen("slice", SLICE, (header) => slice.drawn(header)),
   [VIEW]: screen("view", VIEW, (header) => view.drawn(header)),
 };
@@ -90,6 +108,8 @@ function word(key, value) {
     marks.show(value);
     planes.outline(value.planes);
   } else if (key === "control") {
+  } else if (key === "sight") {
+    sight.told(value);
     measured.open.control = value;
     view.control(value);
     deeds.control(value);
@@ -128,6 +148,7 @@ function changed() {
     for (const kind of [SLICE, VIEW]) screens[kind].restart();
     planes.restart();
     marks.clear();
+    sight.restart();
     show();
   } else {
     asked = null;
@@ -191,7 +212,7 @@ const help = of("help");
 of("help-open").addEventListener("click", () => help.showModal());
 document.addEventListener("keydown", (event) => {
   if (event.defaultPrevented || event.ctrlKey || event.altKey || event.metaKey || document.querySelector("dialog[open]") || event.target.localName === "select") return;
-  const acts = { "?": () => help.showModal(), p: () => planes.toggle(), m: () => planes.shown && measure.toggle() };
+  const acts = { "?": () => help.showModal(), p: () => planes.toggle(), m: () => measure.toggle() };
   const act = acts[event.key.toLowerCase()];
   if (!act) return;
   event.preventDefault();
