@@ -286,8 +286,8 @@ impl<'a> Page<'a> {
 
     /// Whether it would be missed by nobody is known to who gives places away.
     fn rests(&self) {
-        let looks = self.channels.iter().any(|channel| channel.looks);
-        self.place.rests(!looks && !self.seat.steers());
+        let is_missed = self.seat.steers() || self.channels.iter().any(|channel| channel.looks);
+        self.place.rests(!is_missed);
     }
 
     fn control(&self) -> serde_json::Value {

@@ -15,14 +15,17 @@ use super::*;
 use crate::coach::spacing::Spacing;
 use crate::coach::{Coach, CoachSettings};
 use crate::config::bedside::Effective;
-use crate::console::{About, Console, Latest, Screen, Shown, places};
+use crate::console::places::PATIENCE;
+use crate::console::{About, Console, Latest, Screen, Shown};
 use crate::mask::{Clip, MaskSettings};
 use crate::pipeline::live::{Account, Drawn, Glimpsed, Spread, Unwritten, Witness as _, Written};
 use crate::render::transfer::Transfer;
 use crate::render::{RenderSettings, Renderer, Stage};
 use crate::slice::{Image, Pixels, Slice};
 
+mod places;
 mod planes;
+mod view;
 
 struct Session {
     console: Console,
@@ -32,7 +35,7 @@ struct Session {
 
 impl Session {
     fn new() -> Self {
-        Self::patient_for(places::PATIENCE)
+        Self::patient_for(PATIENCE)
     }
 
     /// Pages that rest for so long give way.
@@ -321,63 +324,6 @@ fn nonsense_is_refused_with_a_sentence_and_a_babbler_is_cut_off() {
     assert!(ends(&mut others[1]), "too many messages");
     page.say(&json!({ "do": "zoom", "by": 0.5 }));
     until("the first page is served on", || session.screen.view(Default::default()).zoom == 0.5);
-}
-
-#[test]
-fn pages_that_nobody_looks_at_give_way_to_newcomers_and_none_that_steers_or_looks() {
-    let session = Session::patient_for(Duration::from_millis(50));
-    let mut steers = session.page();
-    let mut looks = session.page();
-    looks.say(&json!({ "do": "show", "slice": true, "view": false }));
-    until("somebody looks", || session.screen.is_looked_at(Kind::Slice));
-    let mut resting: Vec<Client> = (0..6).map(|_| session.page()).collect();
-    std::thread::sleep(Duration::from_millis(100));
-    // All places are taken, and whoever comes gets one.
-    let mut newcomers: Vec<Client> = (0..6)
-        .map(|_| {
-            let mut page = session.page();
-            page.say(&json!({ "do": "show", "slice": true, "view": false }));
-            page.for_a_while();
-            page
-        })
-        .collect();
-    assert_eq!(Counts::of(&session.console.counts().gave_way), 6);
-    assert!(resting.iter_mut().all(ends), "those that rested gave way");
-    let stream = TcpStream::connect(session.address()).unwrap();
-    let request = format!("ws://{}/v1/stream", session.address()).into_client_request().unwrap();
-    assert!(tungstenite::client(request, stream).unwrap_err().to_string().contains("503"), "the others look, or steer");
-    for page in newcomers.iter_mut().chain([&mut looks, &mut steers]) {
-        page.word("account");
-    }
-}
-
-#[test]
-fn what_lies_where_in_the_view_is_told_before_its_picture_and_again_when_it_is_another() {
-    let session = Session::new();
-    let mut page = session.page();
-    page.say(&json!({ "do": "show", "slice": false, "view": true }));
-    until("somebody looks", || session.screen.is_watched());
-    let mut picture = drawn(1);
-    session.screen.drawn(&picture, [0.0; 3]);
-    assert_eq!(page.word("sight")["projection"], json!(picture.renderer.camera().projection()));
-    assert!(page.pictures.is_empty(), "before the picture");
-    page.picture();
-    let told = |page: &mut Client| {
-        let (mut told, mut accounts) = (0, 0);
-        while accounts < 3 {
-            let word = page.next_word();
-            told += u32::from(word.get("sight").is_some());
-            accounts += u32::from(word.get("account").is_some());
-        }
-        (told, page.pictures.len())
-    };
-    page.say(&json!({ "do": "shown", "kind": 2, "sequence": 1 }));
-    session.screen.drawn(&picture, [0.0; 3]);
-    assert_eq!(told(&mut page), (0, 1), "it is the same view");
-    page.say(&json!({ "do": "shown", "kind": 2, "sequence": 2 }));
-    picture.renderer.look(crate::render::camera::View { azimuth: 70.0, ..Default::default() }).unwrap();
-    session.screen.drawn(&picture, [0.0; 3]);
-    assert_eq!(told(&mut page), (1, 2));
 }
 
 fn ends(client: &mut Client) -> bool {
