@@ -52,6 +52,7 @@ const ASSETS: &[Asset] = &[
     asset!("space.js", "text/javascript; charset=utf-8"),
     asset!("stream.js", "text/javascript; charset=utf-8"),
     asset!("style.css", "text/css; charset=utf-8"),
+    asset!("tone.js", "text/javascript; charset=utf-8"),
     asset!("troubles.js", "text/javascript; charset=utf-8"),
     asset!("view.js", "text/javascript; charset=utf-8"),
     asset!("words.js", "text/javascript; charset=utf-8"),

@@ -13,6 +13,7 @@ import { Planes } from "./planes.js";
 import { Sight } from "./sight.js";
 import { Slice } from "./slice.js";
 import { Stream } from "./stream.js";
+import { Tone } from "./tone.js";
 import { troubles } from "./troubles.js";
 import { View } from "./view.js";
 
@@ -26,9 +27,9 @@ window.sonoweave = measured.open;
 const cards = new AccountCards(of);
 const coach = new CoachCard(of);
 const marks = new Marks(of("view-marks"), of("view-legend"));
-const banner = new Banner(of("banner"), of("announcer"));
 const sight = new Sight(of("view-figures"));
 measured.open.sight = sight.open;
+const banner = new Banner(of("banner"), of("announcer"));
 const deeds = new Deeds(of("deeds"), of("ask"), (wish) => stream.send(wish));
 const slice = new Slice({ room: of("slice-room"), canvas: of("slice"), scale: of("slice-scale"), caption: of("slice-caption") });
 const view = new View(
@@ -51,14 +52,24 @@ const measure = new Measure(of, {
 });
 measured.open.measure = measure.open;
 planes.clicked = () => measure.mark();
-const screens = {
 view.clicked = (x, y) => {
   measure.see([x, y]);
   return measure.open.open;
 };
+const screens = {
   [SLICE]: screen("slice", SLICE, (header) => slice.drawn(header)),
   [VIEW]: screen("view", VIEW, (header) => view.drawn(header)),
 };
+
+const tone = new Tone(
+  of("slice"),
+  (table, words) => {
+    screens[SLICE].tone(words ? table : null);
+    slice.toned(words);
+  },
+  (words) => (of("announcer").textContent = words),
+);
+measured.open.tone = tone.open;
 
 // When live pictures were asked for, and when the last one came, ms since the epoch.
 let asked = null;
@@ -107,9 +118,9 @@ function word(key, value) {
   } else if (key === "marks") {
     marks.show(value);
     planes.outline(value.planes);
-  } else if (key === "control") {
   } else if (key === "sight") {
     sight.told(value);
+  } else if (key === "control") {
     measured.open.control = value;
     view.control(value);
     deeds.control(value);
@@ -147,8 +158,8 @@ function changed() {
     heard = null;
     for (const kind of [SLICE, VIEW]) screens[kind].restart();
     planes.restart();
-    marks.clear();
     sight.restart();
+    marks.clear();
     show();
   } else {
     asked = null;
