@@ -39,6 +39,17 @@ impl Clock for Monotonic {
     }
 }
 
+/// CLOCK_REALTIME, the wall clock: ns since 1970.
+pub fn wall_now_ns() -> i64 {
+    let now = rustix::time::clock_gettime(rustix::time::ClockId::Realtime);
+    now.tv_sec * SECOND + now.tv_nsec
+}
+
+/// The wall clock's time of a host time, ns since 1970, as both clocks stand now.
+pub fn wall_ns(host_ns: i64) -> i64 {
+    wall_now_ns().saturating_sub(Monotonic.now_ns().saturating_sub(host_ns))
+}
+
 /// Stands still until it is told to go on; waiting is what moves it. Clones are the same clock.
 #[derive(Debug, Clone, Default)]
 pub struct Manual(Arc<AtomicI64>);
@@ -77,6 +88,13 @@ mod tests {
         assert!(after >= before + 2 * MS, "{before} {after}");
         Monotonic.wait_until(before);
         assert!(Monotonic.now_ns() < after + SECOND, "what has passed is not waited for");
+    }
+
+    #[test]
+    fn a_host_time_is_as_long_ago_by_the_wall_clock() {
+        let (host_ns, wall) = (Monotonic.now_ns(), wall_now_ns());
+        assert!((wall_ns(host_ns) - wall).abs() < SECOND && wall > 1_500_000_000 * SECOND);
+        assert!((wall_ns(host_ns - 90 * SECOND) - wall + 90 * SECOND).abs() < SECOND);
     }
 
     #[test]

@@ -14,9 +14,12 @@ use tokio::time::timeout;
 use super::screen::{Kind, Shot};
 use super::wish::Wish;
 use super::{Served, snapshot};
+use crate::measure::Place;
 
 /// For how long a picture is waited for that nobody else looks at.
 const PATIENCE: Duration = Duration::from_secs(2);
+/// For how long somebody who points at a place is kept waiting by who draws.
+const POINTING: Duration = Duration::from_secs(1);
 /// The description of all this.
 const DESCRIPTION: &str = include_str!("openapi.json");
 
@@ -55,6 +58,35 @@ pub(super) async fn measure(State(served): State<Served>, body: String) -> Respo
     match crate::measure::measure(&asked, &served.shown.latest.told().basis.doubt) {
         Ok(measured) => told(StatusCode::OK, &json!(measured)),
         Err(why) => refused(StatusCode::UNPROCESSABLE_ENTITY, &why),
+    }
+}
+
+/// A place of the volume's picture, by its share of the width from the left and of the height from above.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Pointed {
+    at: [f64; 2],
+}
+
+/// The place that is seen there. A picture is drawn for who asks, if nobody else looks.
+pub(super) async fn pick(State(served): State<Served>, body: String) -> Response {
+    let screen = &served.shown.screen;
+    let asked = serde_json::from_str::<Pointed>(&body)
+        .map_err(|error| format!("this is no place of the picture: {error}"))
+        .and_then(|Pointed { at }| screen.pick(at));
+    let answered = match asked {
+        Ok(answered) => answered,
+        Err(why) => return refused(StatusCode::UNPROCESSABLE_ENTITY, &why),
+    };
+    let glance = screen.glance(Kind::View);
+    let answer = timeout(POINTING, answered).await;
+    drop(glance);
+    match answer {
+        Ok(Ok(Ok(picked))) => told(StatusCode::OK, &json!(Place::from(picked))),
+        Ok(Ok(Err(why))) => refused(StatusCode::UNPROCESSABLE_ENTITY, &why),
+        Ok(Err(_)) | Err(_) => {
+            refused(StatusCode::SERVICE_UNAVAILABLE, "the picture is still being drawn: point at it again in a moment")
+        }
     }
 }
 

@@ -6,6 +6,7 @@
 //! | `GET /v1/stream` | the page's connection (WebSocket), see `stream` |
 //! | `POST /v1/do` | a wish, as pages say them: to record, stop, freeze, clear, save, turn the view, …, see `wish` |
 //! | `POST /v1/measure` | a length, angle, area or volume between places, and how far it may be off |
+//! | `POST /v1/pick` | the place of the volume that is seen at a place of its picture, see `pick` |
 //! | `POST /v1/slices` | the slices that a place was made of |
 //! | `GET /v1/account`, `/v1/about` | what pages are told |
 //! | `GET /v1/pictures/slice.png`, `view.png` | the newest picture |
@@ -17,7 +18,8 @@
 //!
 //! Handlers read the [`Latest`] account and what stages leave on the [`Screen`], so that no client, slow or stuck as it may be, is waited for by a stage. They work without a socket ([`routes`]);
 //! [`Console`] gives them one. Who asks passes four doors, whatever is asked for: it must call this machine by a name of its own ([`hosts`]), must be no page of others where
-//! more than reading is asked for ([`origin`]), must have the token where there is one (`gate`), and gives way to others while it asks for nothing (`crowd`).
+//! more than reading is asked for ([`origin`]), must have the token where there is one (`gate`), and gives way to others while it asks for nothing (`crowd`) or
+//! is a page that nobody looks at (`places`).
 
 mod api;
 mod counts;
@@ -30,6 +32,8 @@ mod marks;
 mod metrics;
 pub mod origin;
 mod page;
+mod pick;
+mod places;
 pub mod planes;
 mod quality;
 pub mod screen;
@@ -58,10 +62,11 @@ pub use counts::Counts;
 pub use listen::{AccessError, Listen};
 pub use screen::Screen;
 pub use server::{Console, ConsoleError};
-use tokio::sync::{Semaphore, watch};
+use tokio::sync::watch;
 pub use told::About;
 
 use gate::Gate;
+use places::Places;
 use quality::Shelf;
 
 use crate::coach::CoachTold;
@@ -160,9 +165,6 @@ impl Latest {
     }
 }
 
-/// Pages that may look on at a time.
-const PAGES: usize = 8;
-
 /// What is shown of a session, and by whom it is told what to do.
 #[derive(Debug, Clone, Default)]
 pub struct Shown {
@@ -183,7 +185,7 @@ pub struct Served {
     pub shown: Shown,
     /// Pictures are just being kept.
     snapping: Arc<AtomicBool>,
-    places: Arc<Semaphore>,
+    places: Arc<Places>,
     /// Tells connections that last to end.
     stopped: watch::Receiver<()>,
     gate: Arc<Gate>,
@@ -193,8 +195,13 @@ pub struct Served {
 impl Served {
     /// Until `stopped` says otherwise, or nobody is left who could.
     pub fn new(shown: Shown, stopped: watch::Receiver<()>) -> Self {
-        let (places, gate, shelf) = (Arc::new(Semaphore::new(PAGES)), Arc::default(), Arc::default());
+        let (places, gate, shelf) = (Arc::new(Places::new(places::PATIENCE)), Arc::default(), Arc::default());
         Self { shown, snapping: Arc::default(), places, stopped, gate, shelf }
+    }
+
+    /// Pages that rest for longer than that give way to newcomers.
+    fn patient_for(self, patience: Duration) -> Self {
+        Self { places: Arc::new(Places::new(patience)), ..self }
     }
 
     /// To those only who pass.
@@ -211,6 +218,7 @@ pub fn routes(served: Served) -> Router {
         .route("/v1/stream", get(stream::stream))
         .route("/v1/do", post(api::wish))
         .route("/v1/measure", post(api::measure))
+        .route("/v1/pick", post(api::pick))
         .route("/v1/slices", post(api::slices))
         .route("/v1/account", get(api::account))
         .route("/v1/about", get(api::about))

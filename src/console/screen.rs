@@ -5,20 +5,21 @@
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 
+use drivers::clock::wall_ns;
 use glam::DVec3;
-use rustix::time::{ClockId, clock_gettime};
-use tokio::sync::watch;
+use tokio::sync::{oneshot, watch};
 
 use super::dress::{Choice, Dress, Ground};
 use super::marks::Marks;
+use super::pick::{Answer, Picks};
 use super::planes::{self, Move, Planes};
 use super::sight::{Sight, Steer};
 use crate::coach::Coach;
 use crate::pipeline::live::{Cut, Cutter, Drawn, Extent, Glimpsed, Wanted, Witness};
-use crate::render::RenderSettings;
 use crate::render::camera::View;
+use crate::render::{RenderSettings, Renderer};
 use crate::slice::{Image, Pixels};
 
 /// Between two questions of who draws, while somebody looks: a hand that turns what it sees notices no more.
@@ -98,6 +99,7 @@ pub struct Screen {
     looked_at: [AtomicU32; KINDS],
     made: [AtomicU32; KINDS],
     sight: Mutex<Sight>,
+    picks: Picks,
     planes: Mutex<Planes>,
     dress: Mutex<Dress>,
     /// Changes whenever the volume's picture looks otherwise.
@@ -119,6 +121,7 @@ impl Default for Screen {
             looked_at: Default::default(),
             made: Default::default(),
             sight: Mutex::default(),
+            picks: Picks::default(),
             planes: Mutex::default(),
             dress: Mutex::default(),
             dressed: watch::Sender::new(0),
@@ -161,7 +164,26 @@ impl Screen {
         let picture = drawn.renderer.picture();
         let pixels = Pixmap::Colour(picture.over(background).into());
         let Drawn { item, captured_ns, refining, .. } = *drawn;
-        self.show(Kind::View, picture.size, pixels, (item, captured_ns.map(unix_ms)), refining, |_| None);
+        let words = serde_json::json!({ "sight": { "projection": drawn.renderer.camera().projection() } });
+        self.show(Kind::View, picture.size, pixels, (item, captured_ns.map(unix_ms)), refining, |_| Some(words));
+    }
+
+    /// Whoever points at places of the volume's picture is answered by the one that is shown; `None` is that of an empty volume.
+    pub fn answer(&self, shown: Option<&Renderer>) {
+        self.picks.answer(shown);
+    }
+
+    /// Asks for the place that is seen at a place of the volume's picture, by shares of its width and height.
+    ///
+    /// # Errors
+    /// A sentence for what is no place of a picture.
+    pub(super) fn pick(&self, at: [f64; 2]) -> Result<oneshot::Receiver<Answer>, String> {
+        self.picks.ask(at)
+    }
+
+    /// Rays that were cast for whoever points at places.
+    pub fn picked(&self) -> u64 {
+        self.picks.cast()
     }
 
     /// The configuration's look.
@@ -448,13 +470,6 @@ impl Drop for Seat {
 }
 
 /// Host ns as ms since the UNIX epoch, which a browser's clock counts from.
-fn unix_ms(host_ns: i64) -> f64 {
-    let now = clock_gettime(ClockId::Monotonic);
-    let now_ns = now.tv_sec.saturating_mul(1_000_000_000).saturating_add(now.tv_nsec);
-    now_ms() - now_ns.saturating_sub(host_ns) as f64 / 1e6
-}
-
-/// The time, ms since the UNIX epoch.
-pub(super) fn now_ms() -> f64 {
-    SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64() * 1e3)
+pub(super) fn unix_ms(host_ns: i64) -> f64 {
+    wall_ns(host_ns) as f64 / 1e6
 }

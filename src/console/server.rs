@@ -23,7 +23,7 @@ use tokio_rustls::TlsAcceptor;
 use super::counts::Counts;
 use super::crowd::{Crowd, Place};
 use super::listen::{AccessError, Door, Listen};
-use super::{PAGES, Served, Shown, routes};
+use super::{Served, Shown, places, routes};
 
 /// For how long a client may take to ask, and before that to agree on how it is kept secret.
 const ASKING: Duration = Duration::from_secs(5);
@@ -101,6 +101,11 @@ impl Console {
     /// # Errors
     /// [`ConsoleError`] when others could reach it who must not, when a file of [`Listen`] cannot be used, when the address is taken, or there is no thread to be had.
     pub fn open(listen: &Listen, shown: Shown) -> Result<Self, ConsoleError> {
+        Self::serve(listen, shown, places::PATIENCE)
+    }
+
+    /// As [`Self::open`], where pages that rest for so long give way.
+    pub(super) fn serve(listen: &Listen, shown: Shown, patience: Duration) -> Result<Self, ConsoleError> {
         let door = listen.door()?;
         let address = listen.address;
         let taken = |source| ConsoleError::Taken { address, source };
@@ -110,7 +115,7 @@ impl Console {
         let runtime =
             tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(ConsoleError::Thread)?;
         let (stop, stopped) = watch::channel(());
-        let served = Served::new(shown, stopped.clone()).behind(door.gate(address.port()));
+        let served = Served::new(shown, stopped.clone()).patient_for(patience).behind(door.gate(address.port()));
         let (url, counts) = (url(address, &door), Arc::clone(&served.gate.counts));
         let serve = move || {
             if let Err(error) = setpriority_process(None, NICE) {
@@ -200,9 +205,7 @@ async fn accept(listener: &tokio::net::TcpListener, door: Door, served: Served, 
         });
     }
     // Whoever has asked already gets the answer, and whoever only holds a connection open is cut off.
-    let looking = u32::try_from(PAGES).unwrap_or(u32::MAX);
-    let gone =
-        async { tokio::join!(async { while serving.join_next().await.is_some() {} }, pages.acquire_many(looking)) };
+    let gone = async { tokio::join!(async { while serving.join_next().await.is_some() {} }, pages.left()) };
     let _ = tokio::time::timeout(LEAVING, gone).await;
 }
 

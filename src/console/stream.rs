@@ -12,8 +12,9 @@
 //! | 16, 24 | f64 | when its frame was captured, and when it was sent, ms since the UNIX epoch |
 //! | 32 | u64 | its frame's number |
 //!
-//! Text messages are JSON: what the session tells of itself; what is to be marked in the volume's picture, when that has changed; and before the picture of a plane `plane`, which has its
-//! kind and number and says where it lies. A page answers each picture when it has drawn it, and has two of a kind on their way at most: so one that is slow gets fewer, always the newest, and
+//! Text messages are JSON: what the session tells of itself; what is to be marked in the volume's picture, when that has changed; before the volume's picture `sight`, when that has
+//! changed, which says what place of the world is where in it; and before the picture of a plane `plane`, which has its kind and number and says where it lies. A page answers each
+//! picture when it has drawn it, and has two of a kind on their way at most: so one that is slow gets fewer, always the newest, and
 //! nothing piles up for it. One whose line is slow gets them as JPEGs for as long as it is (`quality`).
 
 use std::sync::Arc;
@@ -28,8 +29,9 @@ use tokio::sync::watch;
 use tokio::time::{Instant, MissedTickBehavior, interval, interval_at, timeout};
 
 use super::marks::Marks;
+use super::places::Place;
 use super::quality::Grade;
-use super::screen::{KINDS, Kind, Pixmap, Seat, Shot, now_ms};
+use super::screen::{KINDS, Kind, Pixmap, Seat, Shot, unix_ms};
 use super::wish::Wish;
 use super::{Counts, Served, told};
 
@@ -54,19 +56,21 @@ const SILENT: Duration = Duration::from_secs(30);
 const MOST_MESSAGES: u32 = 400;
 
 pub(super) async fn stream(State(served): State<Served>, upgrade: WebSocketUpgrade) -> Response {
-    let Ok(place) = Arc::clone(&served.places).try_acquire_owned() else {
+    let Some((place, gave_way)) = served.places.enter().await else {
         Counts::add(&served.gate.counts.pages_sent_away);
         let sentence = "as many pages look on as there are places; close one\n";
         return (StatusCode::SERVICE_UNAVAILABLE, sentence).into_response();
     };
+    if gave_way {
+        Counts::add(&served.gate.counts.gave_way);
+    }
     upgrade.max_message_size(MOST_BYTES).max_frame_size(MOST_BYTES).write_buffer_size(0).on_upgrade(
         async move |socket| {
-            let end = Page::new(&served, socket).run(served.stopped.clone()).await;
+            let end = Page::new(&served, socket, place).run(served.stopped.clone()).await;
             if let End::CutOff(_) = end {
                 Counts::add(&served.gate.counts.pages_cut_off);
             }
             tracing::debug!("a page has gone: {}", end.reason());
-            drop(place);
         },
     )
 }
@@ -89,6 +93,8 @@ struct Channel {
     last: u32,
     since: Instant,
     grade: Grade,
+    /// What was told before the last of its pictures.
+    told: Option<serde_json::Value>,
 }
 
 impl Channel {
@@ -101,6 +107,7 @@ impl Channel {
             last: 0,
             since: Instant::now(),
             grade: Grade::default(),
+            told: None,
         }
     }
 
@@ -156,6 +163,7 @@ impl End {
 struct Page<'a> {
     served: &'a Served,
     socket: WebSocket,
+    place: Place,
     /// When it said something last, if only that it is there.
     heard: Instant,
     seat: Seat,
@@ -166,11 +174,11 @@ struct Page<'a> {
 }
 
 impl<'a> Page<'a> {
-    fn new(served: &'a Served, socket: WebSocket) -> Self {
+    fn new(served: &'a Served, socket: WebSocket, place: Place) -> Self {
         let seat = served.shown.screen.enter();
         let channels = Kind::ALL.map(|kind| Channel::new(kind, &seat));
         let now = Instant::now();
-        Self { served, socket, heard: now, seat, channels, messages: 0, second: now }
+        Self { served, socket, place, heard: now, seat, channels, messages: 0, second: now }
     }
 
     /// Until the page is gone, or the server is; why.
@@ -190,6 +198,7 @@ impl<'a> Page<'a> {
         if !self.say(about.clone()).await || !self.say(self.control()).await || !self.say(self.dress()).await {
             return End::TOOK_NOTHING;
         }
+        self.rests();
         loop {
             let [slice, view, across_z, across_y, across_x, free] = &mut self.channels;
             let looks = view.looks;
@@ -198,7 +207,14 @@ impl<'a> Page<'a> {
                     self.leave(account.tell(self.served)).await;
                     return End::Gone("the session is over");
                 }
-                Ok(()) = turns.changed() => Out::Text(self.control()),
+                () = self.place.sent_away() => {
+                    self.close(close_code::AGAIN, "nobody looks here, and another page has come").await;
+                    return End::Gone("it looked at nothing, and gave its place to another");
+                }
+                Ok(()) = turns.changed() => {
+                    self.rests();
+                    Out::Text(self.control())
+                }
                 shot = slice.next() => Out::Shot(shot),
                 shot = view.next() => Out::Shot(shot),
                 shot = across_z.next() => Out::Shot(shot),
@@ -259,9 +275,19 @@ impl<'a> Page<'a> {
     /// The last that is told.
     async fn leave(&mut self, account: serde_json::Value) {
         if self.say(account).await {
-            let close = CloseFrame { code: close_code::AWAY, reason: "the session is over".into() };
-            let _ = timeout(SENDING, self.socket.send(Message::Close(Some(close)))).await;
+            self.close(close_code::AWAY, "the session is over").await;
         }
+    }
+
+    async fn close(&mut self, code: u16, reason: &'static str) {
+        let close = CloseFrame { code, reason: reason.into() };
+        let _ = timeout(SENDING, self.socket.send(Message::Close(Some(close)))).await;
+    }
+
+    /// Whether it would be missed by nobody is known to who gives places away.
+    fn rests(&self) {
+        let is_missed = self.seat.steers() || self.channels.iter().any(|channel| channel.looks);
+        self.place.rests(!is_missed);
     }
 
     fn control(&self) -> serde_json::Value {
@@ -282,17 +308,21 @@ impl<'a> Page<'a> {
     }
 
     async fn send(&mut self, shot: &Shot) -> bool {
-        if let Some(words) = &shot.words
-            && !self.say(words.clone()).await
-        {
-            return false;
+        let channel = &mut self.channels[shot.kind as usize - 1];
+        // What is told of a view holds until it is turned.
+        let is_new = channel.told != shot.words;
+        if let Some(words) = shot.words.as_ref().filter(|_| is_new) {
+            channel.told = Some(words.clone());
+            if !self.say(words.clone()).await {
+                return false;
+            }
         }
         let channel = &mut self.channels[shot.kind as usize - 1];
         let now = Instant::now();
         (channel.sent, channel.last, channel.since) = (channel.sent + 1, shot.sequence, now);
         channel.grade.sent(shot.sequence, now);
         let jpeg = self.served.shelf.packed(shot, channel.grade.quality(), &self.served.gate.counts);
-        self.hand(Message::Binary(packed(shot, jpeg.as_deref(), now_ms()).into())).await
+        self.hand(Message::Binary(packed(shot, jpeg.as_deref(), unix_ms(Monotonic.now_ns())).into())).await
     }
 
     fn heard(&mut self, message: Message) -> Heard {
@@ -321,6 +351,7 @@ impl<'a> Page<'a> {
                     self.seat.look(channel.kind, looks);
                     channel.looks = looks;
                 }
+                self.rests();
                 return Heard::Fine;
             }
             Ok(Wish::Shown { kind, sequence }) => {

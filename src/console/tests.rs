@@ -3,6 +3,7 @@
 mod api;
 mod foreign;
 mod others;
+mod pick;
 
 use std::collections::BTreeMap;
 use std::io::{Read as _, Write as _};

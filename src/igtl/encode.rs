@@ -1,9 +1,8 @@
 //! What is shown, as messages.
 
 use std::sync::Arc;
-use std::time::{SystemTime, UNIX_EPOCH};
 
-use drivers::clock::{Clock as _, Monotonic, SECOND};
+use drivers::clock::{Clock as _, Monotonic, SECOND, wall_ns};
 use drivers::openigtlink::{
     Content, Coordinates, Datum, Fixed, Image, Matrix, Message, Position, Status, TimeStamp, Tool, ToolKind,
     Unwritable, Version,
@@ -27,12 +26,11 @@ pub(super) fn device(name: &str) -> Fixed<20> {
 
 /// The wall clock's time of a host time.
 pub(super) fn stamp(host_ns: i64) -> TimeStamp {
-    let ago = Monotonic.now_ns() - host_ns;
-    let ago = if (0..LIVE_NS).contains(&ago) { ago } else { 0 };
-    let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    // Nanoseconds since 1970 fit until 2554.
-    let now = u64::try_from(now.as_nanos()).unwrap_or(u64::MAX);
-    TimeStamp::of_unix_ns(now.saturating_sub(ago.unsigned_abs()))
+    let now_ns = Monotonic.now_ns();
+    let is_live = (0..LIVE_NS).contains(&(now_ns - host_ns));
+    let wall_ns = wall_ns(if is_live { host_ns } else { now_ns });
+    // A wall clock that says that it is before 1970 says nothing.
+    TimeStamp::of_unix_ns(u64::try_from(wall_ns).unwrap_or(0))
 }
 
 /// Of this moment.

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 
-use super::Kind;
+use super::{Kind, Place};
 
 /// Points of a plane may lie off it by this part of the figure's size before that is said.
 const FLAT: f64 = 0.02;
@@ -23,17 +23,19 @@ pub struct Figure {
     kind: Kind,
     /// Of a stack all contours' points, in the order of their heights.
     points: Vec<DVec3>,
+    /// The same, as they were pointed at.
+    places: Vec<Place>,
     /// Where a stack's contours end.
     ends: Vec<usize>,
 }
 
 impl Figure {
-    /// Of points.
+    /// Of places.
     ///
     /// # Errors
     /// A sentence for points that are no such figure.
-    pub(super) fn new(kind: Kind, points: Vec<DVec3>) -> Result<Self, String> {
-        let count = points.len();
+    pub(super) fn new(kind: Kind, places: &[Place]) -> Result<Self, String> {
+        let count = places.len();
         let (is_fine, wanted) = match kind {
             Kind::Distance => (count == 2, "two points"),
             Kind::Angle => (count == 3, "three points, the vertex in the middle"),
@@ -44,7 +46,8 @@ impl Figure {
         if !is_fine {
             return Err(format!("this takes {wanted}, not {count}"));
         }
-        let figure = Self { kind, points, ends: Vec::new() };
+        let (points, places) = (points(places), places.to_vec());
+        let figure = Self { kind, points, places, ends: Vec::new() };
         let apart = |a: usize, b: usize| figure.points[a].distance(figure.points[b]) > SAME_MM;
         let sound = match kind {
             Kind::Distance => true,
@@ -59,13 +62,13 @@ impl Figure {
     ///
     /// # Errors
     /// A sentence for contours that are not one above the other.
-    pub(super) fn stack(mut contours: Vec<Vec<DVec3>>) -> Result<Self, String> {
+    pub(super) fn stack(mut contours: Vec<Vec<Place>>) -> Result<Self, String> {
         if contours.len() < 2 {
             return Err("a stack takes two contours or more".into());
         }
         let mut up: Option<DVec3> = None;
         for contour in &contours {
-            let normal = spanned(contour);
+            let normal = spanned(&points(contour));
             if contour.len() < 3 || normal.length() <= SAME_MM {
                 return Err("a contour takes three points or more that are not on one line".into());
             }
@@ -76,7 +79,7 @@ impl Figure {
             }
         }
         let up = up.unwrap_or(DVec3::Z);
-        let height = |contour: &Vec<DVec3>| middle(contour).dot(up);
+        let height = |contour: &Vec<Place>| middle(&points(contour)).dot(up);
         contours.sort_by(|a, b| height(a).total_cmp(&height(b)));
         if contours.windows(2).any(|pair| height(&pair[1]) - height(&pair[0]) <= SAME_MM) {
             return Err("two contours are at one height".into());
@@ -87,7 +90,8 @@ impl Figure {
             end
         });
         let ends = ends.collect();
-        Ok(Self { kind: Kind::Stack, points: contours.concat(), ends })
+        let places = contours.concat();
+        Ok(Self { kind: Kind::Stack, points: points(&places), places, ends })
     }
 
     /// How large it is, in its [unit](Self::unit).
@@ -126,22 +130,23 @@ impl Figure {
         contours.iter().enumerate().map(|(at, contour)| [spanned(contour).length(), thickness(at)]).collect()
     }
 
-    /// The root of the sum of the squares of what it changes by, a mm that a coordinate changes by.
-    pub(super) fn slope(&self) -> f64 {
+    /// Each of its places, and what it changes by, a mm that the place moves along each axis.
+    pub(super) fn slopes(&self) -> Vec<(Place, DVec3)> {
         let mut points = self.points.clone();
-        let mut sum = 0.0;
-        for n in 0..points.len() {
-            for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
-                let at = self.points[n];
-                let [above, below] = [STEP_MM, -STEP_MM].map(|step| {
-                    points[n] = at + axis * step;
-                    self.of(&points)
-                });
-                points[n] = at;
-                sum += ((above - below) / (2.0 * STEP_MM)).powi(2);
-            }
-        }
-        sum.sqrt()
+        let mut slope = |n: usize, axis: DVec3| {
+            let at = self.points[n];
+            let [above, below] = [STEP_MM, -STEP_MM].map(|step| {
+                points[n] = at + axis * step;
+                self.of(&points)
+            });
+            points[n] = at;
+            (above - below) / (2.0 * STEP_MM)
+        };
+        let slopes = self.places.iter().enumerate().map(|(n, place)| {
+            let [x, y, z] = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| slope(n, axis));
+            (*place, DVec3::new(x, y, z))
+        });
+        slopes.collect()
     }
 
     /// Standard deviation of what lies between its points and beyond them, which nobody has pointed at: of a stack, how far beyond its ends the body goes.
@@ -197,6 +202,10 @@ impl Figure {
             Kind::Distance | Kind::Angle | Kind::Stack => Vec::new(),
         }
     }
+}
+
+fn points(places: &[Place]) -> Vec<DVec3> {
+    places.iter().map(|place| DVec3::from_array(place.point)).collect()
 }
 
 /// The area within a closed line as a vector across it (half the sum of the cross products of its points): of a flat line its length is the area, whichever way it is seen.

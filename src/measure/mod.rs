@@ -1,24 +1,28 @@
 //! Lengths, angles, areas and volumes between places of the world, each with how far it may be off; and which slices a place was made of.
 //!
 //! A place that somebody points at is off by what the calibration is off, by where within a voxel and a pixel of the screen it was meant, and by how wide the kernel blurs
-//! what is there. Of each place these are taken as independent of the others': errors that neighbouring places share make lengths between them better than is said, never
-//! worse. An error is carried on to first order, σ² = Σ |∂f/∂pᵢ|² σᵢ², and told as twice that σ, within which about 95 of 100 lie.
+//! what is there; one that was pointed at in the view of the volume, too, by how deep along its ray it is seen, anywhere within a width dᵢ along the direction aᵢ. Of each
+//! place these are taken as independent of the others': errors that neighbouring places share make lengths between them better than is said, never worse. An error is
+//! carried on to first order, σ² = Σ |∂f/∂pᵢ|² σᵢ² + (∂f/∂pᵢ · aᵢ)² dᵢ² / 12, and told as twice that σ, within which about 95 of 100 lie.
 
 mod figure;
+mod place;
 pub mod sources;
 #[cfg(test)]
 mod tests;
 
-use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 pub use figure::Figure;
+pub use place::Place;
 pub use sources::{Slices, Source};
 
 /// Points of a figure.
 const MOST_POINTS: usize = 2000;
 /// Places are within this of the world's origin, mm.
 const MOST_MM: f64 = 1e5;
+/// Pixels and depths are no wider than this, mm.
+const MOST_WIDE_MM: f64 = 100.0;
 /// Standard deviations of the error that is told.
 const SIGMAS: f64 = 2.0;
 
@@ -49,14 +53,14 @@ impl Doubt {
 pub struct Asked {
     /// What kind of figure it is.
     pub kind: Kind,
-    /// Its points, in the world's mm: two of a distance, three of an angle with the vertex in the middle, three or more around an area; of an ellipsoid the ends of its three
+    /// Its places: two of a distance, three of an angle with the vertex in the middle, three or more around an area; of an ellipsoid the ends of its three
     /// diameters. None of a stack.
     #[serde(default)]
-    pub points: Vec<[f64; 3]>,
+    pub points: Vec<Place>,
     /// Areas one above the other, of a stack.
     #[serde(default)]
-    pub contours: Vec<Vec<[f64; 3]>>,
-    /// Width of a pixel where they were pointed at, mm.
+    pub contours: Vec<Vec<Place>>,
+    /// Width of a pixel where those were pointed at that do not say it themselves, mm.
     #[serde(default)]
     pub pixel_mm: f64,
 }
@@ -90,7 +94,7 @@ pub struct Measured {
     pub error: f64,
     /// What of that is the calibration's; `None` where nobody knows how good that is.
     pub of_calibration: Option<f64>,
-    /// What of it is due to voxels, kernel and screen.
+    /// What of it is due to voxels, kernel and screen, and to how deep in a view places are seen.
     pub of_sampling: f64,
     /// What whoever measures should know.
     pub notes: Vec<String>,
@@ -106,22 +110,27 @@ pub fn measure(asked: &Asked, doubt: &Doubt) -> Result<Measured, String> {
     if count > MOST_POINTS {
         return Err(format!("{count} points are too many; {MOST_POINTS} are measured at most"));
     }
-    if points.iter().chain(contours.iter().flatten()).flatten().any(|x| !x.is_finite() || x.abs() > MOST_MM) {
-        return Err(format!("a point is no place within {MOST_MM} mm of the world's origin"));
-    }
-    if !(0.0..=100.0).contains(pixel_mm) {
-        return Err("pixel_mm is 0 to 100".into());
+    points.iter().chain(contours.iter().flatten()).try_for_each(Place::check)?;
+    if !(0.0..=MOST_WIDE_MM).contains(pixel_mm) {
+        return Err(format!("pixel_mm is 0 to {MOST_WIDE_MM}"));
     }
     if (*kind == Kind::Stack) != points.is_empty() || (*kind == Kind::Stack) == contours.is_empty() {
         return Err("a stack has contours, and every other figure has points".into());
     }
-    let vectors = |points: &Vec<[f64; 3]>| -> Vec<DVec3> { points.iter().copied().map(DVec3::from_array).collect() };
     let figure = match kind {
-        Kind::Stack => Figure::stack(contours.iter().map(vectors).collect())?,
-        kind => Figure::new(*kind, vectors(points))?,
+        Kind::Stack => Figure::stack(contours.clone())?,
+        kind => Figure::new(*kind, points)?,
     };
-    let (value, slope) = (figure.value(), figure.slope());
-    let [calibration, sampling] = doubt.of_place(*pixel_mm).map(|sigma| SIGMAS * slope * sigma);
+    let value = figure.value();
+    // Variances.
+    let mut sums = [0.0; 2];
+    for (place, slope) in figure.slopes() {
+        let parts =
+            doubt.of_place(place.pixel_mm.unwrap_or(*pixel_mm)).map(|sigma| sigma * sigma * slope.length_squared());
+        let depth = slope.dot(place.along()) * place.depth_mm;
+        sums = [sums[0] + parts[0], sums[1] + parts[1] + depth * depth / 12.0];
+    }
+    let [calibration, sampling] = sums.map(|sum: f64| SIGMAS * sum.sqrt());
     let unsampled = SIGMAS * figure.unsampled();
     let of_sampling = sampling.hypot(unsampled);
     let mut notes = figure.notes();

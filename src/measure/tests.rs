@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use glam::{DAffine3, DMat3, DQuat};
+use glam::{DAffine3, DMat3, DQuat, DVec3};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
@@ -15,7 +15,11 @@ use calibration::frames::Transform;
 const DOUBT: Doubt = Doubt { calibration_mm: Some(0.3), voxel_mm: 0.5, hwhm_mm: 0.6 };
 
 fn asked(kind: Kind, points: &[[f64; 3]]) -> Asked {
-    Asked { kind, points: points.to_vec(), contours: Vec::new(), pixel_mm: 0.2 }
+    Asked { kind, points: places(points), contours: Vec::new(), pixel_mm: 0.2 }
+}
+
+fn places(points: &[[f64; 3]]) -> Vec<Place> {
+    points.iter().copied().map(Place::from).collect()
 }
 
 fn turned(at: [f64; 3]) -> [f64; 3] {
@@ -48,7 +52,8 @@ fn figures_are_as_large_as_they_are_wherever_they_lie() {
     let mut contours: Vec<_> = heights.iter().map(|z| circle((100.0 - z * z).sqrt(), *z, 90)).collect();
     for _ in 0..2 {
         contours.reverse();
-        let stack = Asked { contours: contours.clone(), ..asked(Kind::Stack, &[]) };
+        let stack =
+            Asked { contours: contours.iter().map(|contour| places(contour)).collect(), ..asked(Kind::Stack, &[]) };
         let ball = value(&stack);
         let truth = 4.0 / 3.0 * PI * 1000.0;
         assert!((ball.value - truth).abs() < 0.005 * truth, "{} of {truth}", ball.value);
@@ -84,7 +89,8 @@ fn the_error_that_is_told_is_the_spread_that_there_is() {
         let rounds = 4000;
         let values: Vec<f64> = (0..rounds)
             .map(|_| {
-                let points = figure.points.iter().map(|point| point.map(|x| x + sigma * normal())).collect();
+                let points =
+                    figure.points.iter().map(|place| place.point.map(|x| x + sigma * normal()).into()).collect();
                 measure(&Asked { points, ..figure.clone() }, &DOUBT).unwrap().value
             })
             .collect();
@@ -93,6 +99,63 @@ fn the_error_that_is_told_is_the_spread_that_there_is() {
         assert!((0.94..0.97).contains(&share), "{:?}: {share}", figure.kind);
         let parts = told.of_calibration.unwrap().hypot(told.of_sampling);
         assert!((parts - told.error).abs() < 1e-12);
+    }
+}
+
+#[test]
+fn how_deep_in_a_view_a_place_is_seen_counts_along_its_ray_and_nowhere_else() {
+    let deep = |point: [f64; 3], along: DVec3, depth_mm| Place {
+        along: along.to_array(),
+        depth_mm,
+        pixel_mm: Some(0.2),
+        ..Place::from(point)
+    };
+    let of = |points: Vec<Place>| measure(&Asked { points, ..asked(Kind::Distance, &[]) }, &DOUBT).unwrap();
+    let ends = [[0.0; 3], [0.0, 0.0, 20.0]];
+    let flat = of(places(&ends));
+    let across = of(ends.map(|end| deep(end, DVec3::X, 3.0)).to_vec());
+    assert!((across.error - flat.error).abs() < 1e-9 && across.of_calibration == flat.of_calibration);
+    // Along the distance it is added as a width of which a place may be anywhere.
+    let along = of(ends.map(|end| deep(end, DVec3::Z, 3.0)).to_vec());
+    let added = (along.of_sampling.powi(2) - flat.of_sampling.powi(2)).sqrt();
+    assert!((added - 2.0 * (2.0 * 9.0 / 12.0_f64).sqrt()).abs() < 1e-9, "{added}");
+    let wide = of(ends.map(|end| Place { pixel_mm: Some(2.0), ..end.into() }).to_vec());
+    assert!(wide.of_sampling > flat.of_sampling, "a pixel of its own counts");
+    // The error that is told is the spread that there is, where depth is most of it.
+    let mut random = ChaCha8Rng::seed_from_u64(11);
+    let [calibration, sampling] = DOUBT.of_place(0.2);
+    let sigma = calibration.hypot(sampling);
+    let rays = [DVec3::new(0.6, 0.0, 0.8), DVec3::new(0.0, 0.6, 0.8), DVec3::new(0.6, 0.64, 0.48)];
+    let points = [[20.0, 0.0, 0.0], [0.0; 3], [0.0, 25.0, 3.0]];
+    for kind in [Kind::Angle, Kind::Area] {
+        let figure: Vec<Place> = points.iter().zip(rays).map(|(point, ray)| deep(*point, ray, 5.0)).collect();
+        let told = measure(&Asked { points: figure.clone(), ..asked(kind, &[]) }, &DOUBT).unwrap();
+        let mut uniform = || random.random::<f64>() - 0.5;
+        let rounds = 4000;
+        let within = (0..rounds).filter(|_| {
+            let drawn = figure.iter().map(|place| {
+                let blur = [0; 3].map(|_| sigma * (0..12).map(|_| uniform()).sum::<f64>());
+                (DVec3::from_array(place.point) + DVec3::from_array(blur) + place.along() * 5.0 * uniform()).to_array()
+            });
+            let drawn: Vec<[f64; 3]> = drawn.collect();
+            (measure(&asked(kind, &drawn), &DOUBT).unwrap().value - told.value).abs() <= told.error
+        });
+        let share = within.count() as f64 / f64::from(rounds);
+        assert!((0.94..0.985).contains(&share), "{kind:?}: {share}");
+    }
+}
+
+#[test]
+fn a_place_is_said_by_three_numbers_or_by_all_that_a_view_tells_of_it() {
+    let said = |text: &str| serde_json::from_str::<Place>(text);
+    assert_eq!(said("[1, 2, 3]").unwrap(), [1.0, 2.0, 3.0].into());
+    let known = said("{\"point\": [1, 2, 3], \"along\": [0, 0, 1], \"depth_mm\": 0.5, \"pixel_mm\": 0.25}").unwrap();
+    let expected = Place { along: [0.0, 0.0, 1.0], depth_mm: 0.5, pixel_mm: Some(0.25), ..[1.0, 2.0, 3.0].into() };
+    assert_eq!(known, expected);
+    assert_eq!(said(&serde_json::to_string(&known).unwrap()).unwrap(), known);
+    assert_eq!(said("{\"point\": [1, 2, 3]}").unwrap(), [1.0, 2.0, 3.0].into());
+    for text in ["[1, 2]", "{\"point\": [1, 2, 3], \"width\": 1}", "{\"along\": [0, 0, 1]}"] {
+        assert!(said(text).is_err(), "{text}");
     }
 }
 
@@ -115,7 +178,14 @@ fn what_is_not_known_is_said() {
 fn what_is_no_figure_is_refused() {
     let square = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0]];
     let lifted = |dz: f64, tilt: f64| square.map(|[x, y, _]| [x, y, dz + tilt * x]).to_vec();
-    let stack = |contours: Vec<Vec<[f64; 3]>>| Asked { contours, ..asked(Kind::Stack, &[]) };
+    let stack = |contours: Vec<Vec<[f64; 3]>>| Asked {
+        contours: contours.iter().map(|contour| places(contour)).collect(),
+        ..asked(Kind::Stack, &[])
+    };
+    let deep = |along, depth_mm, pixel_mm| {
+        let place = Place { along, depth_mm, pixel_mm, ..Place::from([0.0; 3]) };
+        Asked { points: vec![place, [9.0; 3].into()], ..asked(Kind::Distance, &[]) }
+    };
     for (asked, says) in [
         (asked(Kind::Distance, &square), "two points, not 3"),
         (asked(Kind::Angle, &square[..2]), "the vertex in the middle"),
@@ -128,6 +198,10 @@ fn what_is_no_figure_is_refused() {
         (asked(Kind::Distance, &[]), "every other figure has points"),
         (Asked { pixel_mm: -1.0, ..asked(Kind::Distance, &square[..2]) }, "pixel_mm"),
         (asked(Kind::Area, &vec![[0.0; 3]; 3000]), "too many"),
+        (deep([0.0; 3], 1.0, None), "along which way"),
+        (deep([f64::NAN, 1.0, 0.0], 1.0, None), "along which way"),
+        (deep([1.0, 0.0, 0.0], -1.0, None), "depth_mm and pixel_mm"),
+        (deep([1.0, 0.0, 0.0], 0.0, Some(f64::INFINITY)), "depth_mm and pixel_mm"),
         (stack(vec![lifted(0.0, 0.0)]), "two contours or more"),
         (stack(vec![lifted(0.0, 0.0), lifted(0.0, 0.0)]), "at one height"),
         (stack(vec![lifted(0.0, 0.0), lifted(3.0, 0.5)]), "not parallel"),

@@ -241,6 +241,20 @@ impl Camera {
         self.project(self.stage_from_world.transform_point3(at))
     }
 
+    /// What takes a place of the world (x, y, z in mm, 1) to a place in the picture: the first two numbers over the third, pixels to the right and down, whole at their
+    /// centres; in a perspective view only where the third is positive.
+    pub fn projection(&self) -> [[f64; 4]; 3] {
+        let Axes { right, up, forward } = self.axes;
+        let origin = self.stage_from_world.inverse().transform_point3(self.origin);
+        let row = |axis: DVec3| [axis.x, axis.y, axis.z, -axis.dot(origin)];
+        let [to_right, down] = [right / self.pixel, -up / self.pixel];
+        if !self.perspective {
+            return [row(to_right), row(down), [0.0, 0.0, 0.0, 1.0]];
+        }
+        let [i, j] = self.size.map(|side| forward * (0.5 * (f64::from(side) - 1.0)));
+        [row(to_right + i), row(down + j), row(forward)]
+    }
+
     /// The first pixel's ray, and how rays differ from it per pixel to the right and down; stage coordinates. Parallel: sample 0 and the step to the next; by how
     /// much sample 0 is moved. Perspective: the eye, and its way to the point at 1 mm along the view's axis; by how much that point is moved.
     pub(super) fn first_ray(&self) -> (Ray, [DVec3; 2]) {

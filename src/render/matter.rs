@@ -61,6 +61,15 @@ impl<'a> MatterReader<'a> {
         }
         true
     }
+
+    /// Where along a line the surface lies that its sample `k` is of, in samples; `None` where samples are classified.
+    pub(super) fn surface(&self, line: &Line, k: u32) -> Option<f64> {
+        let isovalue = self.shader.isovalue()?;
+        let (field, ends) = (self.all, [line.before(k), line.at(k)]);
+        let heights = ends.map(|at| height(field.between(at), isovalue));
+        let share = if is_inside(heights[0]) { 1.0 } else { crossing(&field, isovalue, ends, heights) };
+        Some(f64::from(k) - 1.0 + f64::from(share))
+    }
 }
 
 /// What is seen of the matter at a sample, and of that between it and the sample before.

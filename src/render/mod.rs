@@ -13,7 +13,8 @@
 //! - `adaptive`: fewer rays where the picture is even; `features`: what is too small for that. `preview`, `refine`: the first coarse picture of a new view, and its
 //!   way to the exact one.
 //! - [`partition`]: the same for workers that hold a part of the world each.
-//! - [`section`]: planes through the volume, and through the slices themselves; `hidden`: what lies behind matter, for what is drawn over pictures.
+//! - [`section`]: planes through the volume, and through the slices themselves; `hidden`: what lies behind matter, for what is drawn over pictures;
+//!   [`pick`]: the place that is seen at a pixel.
 //! - [`renderer`]: all of it; [`picture`]: the result; [`work`]: what was done for it.
 //! - [`mod@reference`]: the measure of it all, in f64.
 //!
@@ -38,6 +39,7 @@ mod marks;
 mod matter;
 pub mod mode;
 pub mod partition;
+pub mod pick;
 pub mod picture;
 mod preview;
 pub mod real;
@@ -62,6 +64,7 @@ pub mod work;
 mod tests;
 
 pub use mode::{Mode, Shading};
+pub use pick::Picked;
 pub use picture::Picture;
 pub use renderer::{Progress, RenderMemory, Renderer, Updated};
 pub use settings::{Cache, RenderSettings};

@@ -1,5 +1,6 @@
 mod adaptive;
 mod interval;
+mod pick;
 mod refine;
 mod slab;
 
@@ -130,6 +131,9 @@ fn what_is_projected_lies_on_its_own_ray() {
             let ray = camera.ray(i, j);
             let [x, y] = camera.project(ray.base + ray.step * f64::from(k)).unwrap();
             assert!((x - f64::from(i)).abs() < 1e-9 && (y - f64::from(j)).abs() < 1e-9, "{x} {y} for {i} {j}");
+            let at = stage.world_from_stage().transform_point3(ray.base + ray.step * f64::from(k));
+            let [x, y, w] = camera.projection().map(|row| DVec3::new(row[0], row[1], row[2]).dot(at) + row[3]);
+            assert!((x / w - f64::from(i)).abs() < 1e-9 && (y / w - f64::from(j)).abs() < 1e-9, "{x} {y} {w}");
         }
         // What is aimed at is in the middle, and as much larger as is wanted.
         let plain = Camera::new(&View { zoom: 0.0, ..view }, [97, 61], 0.7, &stage).unwrap();

@@ -79,4 +79,12 @@ impl<'a, const C: usize> Sampler<'a, C> {
             Self::Matter(reader) => reader.run(line, k, n, run, work),
         }
     }
+
+    /// As [`MatterReader::surface`].
+    pub(super) fn surface(&self, line: &Line, k: u32) -> Option<f64> {
+        match self {
+            Self::Lit(_) => None,
+            Self::Matter(reader) => reader.surface(line, k),
+        }
+    }
 }

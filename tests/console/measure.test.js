@@ -1,11 +1,15 @@
-// Figures on the planes: a distance of the phantom that is known lies within the error that is told, and a place knows the slices that it was made of.
+// Figures on the planes and in the view: a distance of the phantom that is known lies within the error that is told, and a place knows the slices that it was made of.
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { LEGS_MM, markLegs } from "./doll.js";
-import { audit, measured, open, shot, SIZES, steers } from "./page.js";
+import { audit, measured, open, settled, shot, SIZES, steers } from "./page.js";
 import { shared } from "./session.js";
+
+// How far apart the middles of the doll's feet are, across y = −11 mm; see src/phantom/body/doll.rs.
+const FEET_MM = 31.5;
+const FEET_Y = -11;
 
 async function planes(settings) {
   const { address } = await shared();
@@ -63,6 +67,87 @@ test("a distance of the doll is what it is, within the error that is told, by mo
   await page.getByRole("button", { name: "Clear all" }).click();
   assert.deepEqual((await state(page)).results, []);
   assert.deepEqual(seen.complaints, []);
+});
+
+// Where a place of the world is in the view, in shares of its width and height.
+const inView = (page, at) =>
+  page.evaluate((at) => {
+    const [i, j, w] = window.sonoweave.sight.projection.map((row) => row.reduce((sum, x, n) => sum + x * [...at, 1][n], 0));
+    const { width, height } = document.getElementById("view");
+    return [(i / w + 0.5) / width, (j / w + 0.5) / height];
+  }, at);
+
+// Grey of the plane across x at a place of the world that lies in it.
+const greyAt = (page, at) =>
+  page.evaluate((at) => {
+    const { origin, right, down } = window.sonoweave.planes.told[5];
+    const along = (axis) => at.reduce((sum, x, n) => sum + (x - origin[n]) * axis[n], 0) / axis.reduce((sum, x) => sum + x * x, 0);
+    const canvas = document.getElementById("plane-x");
+    // Of the page's own canvas the browser would complain that it is read.
+    const copy = Object.assign(document.createElement("canvas"), { width: canvas.width, height: canvas.height }).getContext("2d");
+    copy.drawImage(canvas, 0, 0);
+    return copy.getImageData(Math.round(along(right)), Math.round(along(down)), 1, 1).data[0];
+  }, at);
+
+test("what is seen in the view is pointed at by mouse and by keys, without planes, and lies where they show it", async (t) => {
+  const { address } = await shared();
+  const seen = await open(address);
+  const { page } = seen;
+  await steers(page, true);
+  await page.waitForFunction(() => window.sonoweave.account?.slices > 290, null, { timeout: 60_000 });
+  await page.keyboard.press("m");
+  await page.locator("#view-panel #measure").waitFor();
+  assert.ok(!(await page.locator("#planes-panel").isVisible()));
+  // From below, along +z, the soles of the feet come first.
+  await page.keyboard.press("7");
+  await page.waitForFunction(() => Math.abs(window.sonoweave.sight.projection?.[0][2]) < 1e-9, null, { timeout: 30_000 });
+  await settled(page);
+  const box = await page.locator("#view").boundingBox();
+  const clickAt = async ([x, y]) => page.mouse.click(box.x + x * box.width, box.y + y * box.height);
+  const feet = [[-FEET_MM / 2, FEET_Y, 0], [FEET_MM / 2, FEET_Y, 0]];
+  await clickAt(await inView(page, feet[0]));
+  await page.waitForFunction(() => window.sonoweave.measure.points.length === 1, null, { timeout: 10_000 });
+  await page.locator("#view-figures circle").waitFor({ state: "attached" });
+  await clickAt(await inView(page, feet[1]));
+  await results(page, 1);
+  const [{ value, error, of_sampling: sampling, figures }] = (await state(page)).results;
+  const [left, right] = figures[0];
+  t.diagnostic(`the feet are ${value.toFixed(2)} ± ${error.toFixed(2)} mm apart, ${FEET_MM} by the doll's description; seen at z ${left.point[2].toFixed(1)} and ${right.point[2].toFixed(1)} mm, each within ${left.depth_mm.toFixed(2)} mm`);
+  assert.ok(Math.abs(value - FEET_MM) <= error, `${value} ± ${error}`);
+  assert.ok(sampling <= error && left.depth_mm > 0.1 && left.along[2] > 0.999, JSON.stringify(left));
+  // Drawn where it lies, and again when the view is turned.
+  const drawnAt = () => page.locator('#view-figures [data-figure="distance"] circle').first().evaluate((circle) => [Number(circle.getAttribute("cx")), Number(circle.getAttribute("cy"))]);
+  const where = async () => (await inView(page, left.point)).map((share, n) => share * [box.width, box.height][n]);
+  const meet = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]) < 1.5;
+  const before = await drawnAt();
+  assert.ok(meet(before, await where()), `${before}`);
+  await shot(page, "measured-view");
+  for (let n = 0; n < 3; n += 1) await page.keyboard.press("ArrowRight");
+  await page.waitForFunction(() => Math.abs(window.sonoweave.sight.projection[0][2]) > 0.1, null, { timeout: 30_000 });
+  await settled(page);
+  const after = await drawnAt();
+  assert.ok(meet(after, await where()) && !meet(after, before), `${before} ${after}`);
+  // Beside the volume nothing is seen, and the keys point at the middle, which the cross-hair shows.
+  assert.equal(await page.locator("#view-figures [data-hair]").count(), 8);
+  await page.mouse.click(box.x + 2, box.y + 2);
+  await page.locator("#measure-says", { hasText: "nothing is seen there" }).waitFor();
+  assert.equal((await state(page)).points.length, 0);
+  await page.keyboard.press("Enter");
+  await page.waitForFunction(() => window.sonoweave.measure.points.length === 1, null, { timeout: 10_000 });
+  await page.keyboard.press("Backspace");
+  assert.equal((await state(page)).points.length, 0);
+  assert.deepEqual(await audit(page), []);
+  // Where the planes cross it grows brighter along the ray.
+  await page.keyboard.press("p");
+  await page.locator("#planes-panel #measure").waitFor();
+  await page.evaluate((at) => fetch("/v1/do", { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify({ do: "cross", at }) }), left.point);
+  await page.waitForFunction((x) => Math.abs(window.sonoweave.planes.told[5]?.origin[0] - x) < 0.5, left.point[0], { timeout: 10_000 });
+  await page.waitForTimeout(500);
+  const along = (mm) => greyAt(page, left.point.map((x, n) => x + left.along[n] * mm));
+  const [near, there] = [await along(-6), await along(1.5)];
+  assert.ok(there > near + 30, `${near} before it, ${there} behind`);
+  // The browser's own log tells that an answer was a refusal.
+  assert.deepEqual(seen.complaints.filter((text) => !text.includes("422")), []);
 });
 
 test("what is no figure is refused with a sentence, on a tablet", async () => {

@@ -153,3 +153,87 @@ test("grey, colour and JPEG are drawn as they are, the newest only, and each is 
   assert.deepEqual(seen.next, [5, 5, 5, 255, 6, 6, 6, 255], "the next session's first, and not the last one's last");
   assert.deepEqual(answers, [[1, false], [2, true], [4, true], [3, false], [5, true], [6, false], [7, false], [1, true]]);
 });
+
+// All pixels of the scanner's picture as the canvas has them.
+const pixels = (page) =>
+  page.evaluate(() => {
+    const canvas = document.getElementById("slice");
+    const copy = Object.assign(document.createElement("canvas"), { width: canvas.width, height: canvas.height }).getContext("2d");
+    copy.drawImage(canvas, 0, 0);
+    const { data } = copy.getImageData(0, 0, canvas.width, canvas.height);
+    return Array.from({ length: data.length / 4 }, (_, n) => data[4 * n]);
+  });
+
+test("the scanner's greys are dragged and pressed as far as is said, on this page alone, and a double-click leads back", async () => {
+  const { address } = await shared();
+  const seen = await open(address);
+  const { page } = seen;
+  await drawn(page, "slice", 5);
+  const caption = page.locator("#slice-caption");
+  assert.doesNotMatch(await caption.innerText(), /greys/);
+  // The last picture stays while nobody looks, so that it can be compared.
+  await look(page, "hidden");
+  await wait(1500);
+  const before = await pixels(page);
+  assert.ok(before.some((grey) => grey > 40 && grey < 200));
+  const shown = async () => {
+    await page.evaluate(() => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve))));
+    const { level, width } = (await measured(page)).tone;
+    const expected = (grey) => Math.min(255, Math.max(0, 255 * ((grey - level) / width + 0.5)));
+    const found = await pixels(page);
+    const off = found.reduce((most, grey, n) => Math.max(most, Math.abs(grey - expected(before[n]))), 0);
+    assert.ok(off <= 0.51, `${off} levels off at level ${level}, width ${width}`);
+    return { level, width };
+  };
+  assert.deepEqual(await shown(), { level: 127.5, width: 255 });
+  const box = await page.locator("#slice").boundingBox();
+  const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
+  await page.mouse.move(x, y);
+  await page.mouse.down();
+  await page.mouse.move(x - 100, y - 60, { steps: 5 });
+  await page.mouse.up();
+  const dragged = await shown();
+  assert.ok(dragged.width < 255 && dragged.level < 127.5, JSON.stringify(dragged));
+  const says = `greys: level ${Math.round(dragged.level)}, width ${Math.round(dragged.width)}`;
+  assert.ok((await caption.innerText()).startsWith(says), "before all that may be cut");
+  assert.equal(await page.locator("#announcer").innerText(), says);
+  await page.locator("#slice").focus();
+  for (const key of ["ArrowRight", "ArrowDown", "ArrowDown"]) await page.keyboard.press(key);
+  const pressed = await shown();
+  assert.ok(pressed.width > dragged.width && pressed.level > dragged.level);
+  await shot(page, "greys-dragged");
+  await page.mouse.dblclick(x, y);
+  assert.deepEqual(await shown(), { level: 127.5, width: 255 });
+  assert.doesNotMatch(await caption.innerText(), /greys/);
+  // What comes next is shown likewise.
+  await page.keyboard.press("ArrowUp");
+  await look(page, "visible");
+  await drawn(page, "slice", 3);
+  assert.match(await caption.innerText(), /^greys: level 120, width 255/);
+  await page.keyboard.press("Home");
+  assert.doesNotMatch(await caption.innerText(), /greys/);
+  assert.deepEqual(seen.complaints, []);
+});
+
+test("nothing that matters is cut on a tablet with planes", async () => {
+  const { address } = await shared();
+  for (const name of ["lying", "upright"]) {
+    const seen = await open(address, { size: SIZES[name] });
+    const { page } = seen;
+    await says(page, "All is well", 60_000);
+    await page.keyboard.press("p");
+    await page.waitForFunction(() => Object.values(window.sonoweave.planes.pictures).every(({ drawn }) => drawn > 0), null, { timeout: 30_000 });
+    const cut = () =>
+      page.evaluate(() => {
+        const all = [...document.querySelectorAll(".vital, .sides button, .plane-head, .plane-head span, .measure button, .measure-says, .levels-side button, #planes-caption")];
+        return all.filter((one) => one.checkVisibility() && one.scrollWidth > one.clientWidth && one.clientWidth > 0).map(({ textContent }) => textContent);
+      });
+    assert.deepEqual(await cut(), [], name);
+    await shot(page, `planes-whole-${name}`);
+    await page.keyboard.press("m");
+    assert.deepEqual(await cut(), [], `${name}, measuring`);
+    const wide = await page.evaluate(() => [document.documentElement.scrollWidth, innerWidth]);
+    assert.ok(wide[0] <= wide[1], `${name}: ${wide}`);
+    await close(seen);
+  }
+});

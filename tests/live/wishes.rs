@@ -9,8 +9,8 @@ use drivers::recording::Pace;
 use drivers::recording::session::WriterOptions;
 use sonoweave::pipeline::live::{Drawn, First, Looks, Order, Reader, Session, Snapshot, Wants, hold};
 use sonoweave::refusal::Reason;
-use sonoweave::render::RenderSettings;
 use sonoweave::render::transfer::Transfer;
+use sonoweave::render::{RenderSettings, Renderer};
 
 use crate::replay::again;
 use crate::script::{FRAME, begin, frames as all_frames, height_mm, poses};
@@ -25,11 +25,17 @@ struct Eye {
     /// Whether the last picture showed nothing.
     blank: AtomicBool,
     blanks: AtomicU64,
+    /// Times that it could have asked what is seen somewhere.
+    moments: AtomicU64,
 }
 
 impl Looks for Eye {
     fn settings(&self, _: &First) -> Result<RenderSettings, Box<dyn std::error::Error + Send + Sync>> {
         Ok(RenderSettings::new([32, 32], Transfer::preset("tissue", [0.0, 255.0])?))
+    }
+
+    fn answer(&self, shown: Option<&Renderer>) {
+        self.moments.fetch_add(u64::from(shown.is_some()), Ordering::Relaxed);
     }
 
     fn shown(&self, drawn: &Drawn) {
@@ -159,15 +165,18 @@ fn what_is_over_is_still_drawn_and_read_until_nobody_looks() {
     assert_eq!(held.account().ledger.frames.used, 30);
     assert!(held.is_woven() && once.got.lock().unwrap().is_none());
     let before = eye.pictures.load(Ordering::Relaxed);
+    assert!(eye.moments.swap(0, Ordering::Relaxed) > 0, "who looks may ask");
     once.wants.store(true, Ordering::Relaxed);
     let (ends, began) = (AtomicBool::new(false), Instant::now());
     held.linger(&ends, |account| {
         assert_eq!(account.ledger.frames.used, 30);
-        let seen = eye.pictures.load(Ordering::Relaxed) > before && once.got.lock().unwrap().is_some();
+        let drawn = eye.pictures.load(Ordering::Relaxed) > before && eye.moments.load(Ordering::Relaxed) > 2;
+        let seen = drawn && once.got.lock().unwrap().is_some();
         ends.store(seen || began.elapsed() > Duration::from_secs(30), Ordering::Relaxed);
         Vec::new()
     });
     assert!(eye.pictures.load(Ordering::Relaxed) > before && !eye.blank.load(Ordering::Relaxed));
+    assert!(eye.moments.load(Ordering::Relaxed) > 2, "of what is over, too");
     let snapshot = once.got.lock().unwrap().take().unwrap().unwrap();
     let voxels = snapshot.space.grid.voxels().unwrap() as usize;
     let weights = snapshot.weights.unwrap();

@@ -9,7 +9,7 @@ use crate::console::Screen;
 use crate::console::dress::Ground;
 use crate::pipeline::live::{Drawn, First, Looks};
 use crate::render::camera::View;
-use crate::render::{Mode, RenderSettings};
+use crate::render::{Mode, RenderSettings, Renderer};
 
 /// Settings that may change, and those who look by them.
 pub(in crate::cli) struct Viewers {
@@ -81,6 +81,12 @@ impl Looks for Viewers {
 
     fn view(&self, home: View) -> View {
         self.screen.as_ref().map_or(home, |screen| screen.view(home))
+    }
+
+    fn answer(&self, shown: Option<&Renderer>) {
+        if let Some(screen) = &self.screen {
+            screen.answer(shown);
+        }
     }
 
     fn is_watched(&self) -> bool {

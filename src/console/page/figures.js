@@ -1,4 +1,4 @@
-// What is drawn over a plane: what the scan has left out and the present slice, what was measured, and slices by where they cross it.
+// What is drawn over pictures of the volume. Over a plane: what the scan has left out and the present slice, what was measured, and slices by where they cross it.
 
 import { across, dot, minus, pixel } from "./space.js";
 
@@ -26,21 +26,28 @@ export function marked(lies, lain, { figures, slices, outline }) {
       all.append(element("line", { class: "slice-line", x1, y1, x2, y2 }));
     }
   }
-  for (const { points, kind, done } of figures) {
+  for (const one of figures) {
     // What lies in another plane is seen through this one, and says so.
-    const off = points.some((point) => Math.abs(height(point)) > lies.voxel_mm);
-    const group = element("g", { class: off ? "figure-off" : "", "data-figure": kind });
-    for (const line of lines(points, kind, done)) {
-      const path = line.map((point) => screen(point).map((x) => x.toFixed(1)).join(",")).join(" ");
-      for (const name of ["figure-ground", "figure"]) group.append(element("polyline", { class: name, points: path }));
-    }
-    for (const point of points) {
-      const [cx, cy] = screen(point);
-      group.append(element("circle", { class: "figure-point", cx, cy, r: 4 }));
-    }
+    const off = one.points.some((point) => Math.abs(height(point)) > lies.voxel_mm);
+    const group = figure(one, screen);
+    if (off) group.setAttribute("class", "figure-off");
     all.append(group);
   }
   return all;
+}
+
+/// A group for what was measured, or is being marked. `screen(point)`: where on the screen a point of the world is.
+export function figure({ points, kind, done }, screen) {
+  const group = element("g", { "data-figure": kind });
+  for (const line of lines(points, kind, done)) {
+    const path = line.map((point) => screen(point).map((x) => x.toFixed(1)).join(",")).join(" ");
+    for (const name of ["figure-ground", "figure"]) group.append(element("polyline", { class: name, points: path }));
+  }
+  for (const point of points) {
+    const [cx, cy] = screen(point);
+    group.append(element("circle", { class: "figure-point", cx, cy, r: 4 }));
+  }
+  return group;
 }
 
 // A figure's lines: diameters in pairs, areas closed, the others from point to point.
@@ -61,7 +68,8 @@ function meets(corners, height) {
   return ends.length === 2 ? ends : null;
 }
 
-function element(name, attributes) {
+/// An element of a drawing.
+export function element(name, attributes) {
   const made = document.createElementNS(SVG, name);
   for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
   return made;

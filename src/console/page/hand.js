@@ -10,7 +10,7 @@ const TWICE = 350;
 const NEAR = 24;
 const STILL = 4;
 
-/// `wish` takes `turn(right, up, clockwise)` in degrees, `zoom(doublings)` and `centre(x, y)` in fractions of the picture.
+/// `wish` takes `turn(right, up, clockwise)` in degrees, `zoom(doublings)`, and `tap(x, y, twice)` in fractions of the picture.
 export function hand(canvas, wish) {
   const fingers = new Map();
   let went = 0;
@@ -50,13 +50,10 @@ export function hand(canvas, wish) {
     if (fingers.size === 0) canvas.classList.remove("held");
     if (event.type !== "pointerup" || went > STILL) return;
     const { clientX: x, clientY: y, timeStamp: at } = event;
-    if (at - tapped.at < TWICE && Math.hypot(x - tapped.x, y - tapped.y) < NEAR) {
-      const { left, top, width, height } = canvas.getBoundingClientRect();
-      wish.centre((x - left) / width, (y - top) / height);
-      tapped = { at: -Infinity, x: 0, y: 0 };
-    } else {
-      tapped = { at, x, y };
-    }
+    const twice = at - tapped.at < TWICE && Math.hypot(x - tapped.x, y - tapped.y) < NEAR;
+    const { left, top, width, height } = canvas.getBoundingClientRect();
+    wish.tap((x - left) / width, (y - top) / height, twice);
+    tapped = twice ? { at: -Infinity, x: 0, y: 0 } : { at, x, y };
   };
   canvas.addEventListener("pointerup", released);
   canvas.addEventListener("pointercancel", released);

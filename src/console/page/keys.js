@@ -9,10 +9,10 @@ const TURNS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDo
 const MOVES = { w: [0, 1], s: [0, -1], a: [1, 0], d: [-1, 0] };
 const ZOOMS = { "+": 1, "=": 1, "-": -1, "−": -1, _: -1 };
 
-/// `wish` as for the hand, and `look(side)`.
+/// `wish` takes `turn` and `zoom` as for the hand, `centre(x, y)` and `look(side)`.
 export function keys(panel, wish) {
   panel.addEventListener("keydown", (event) => {
-    if (event.ctrlKey || event.altKey || event.metaKey) return;
+    if (event.ctrlKey || event.altKey || event.metaKey || event.target.closest(".measure")) return;
     if (act(event.key, event.shiftKey, wish)) event.preventDefault();
   });
 }

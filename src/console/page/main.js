@@ -11,8 +11,10 @@ import { Measurements } from "./measurements.js";
 import { Picture } from "./picture.js";
 import { Planes } from "./planes.js";
 import { Replay } from "./replay.js";
+import { Sight } from "./sight.js";
 import { Slice } from "./slice.js";
 import { Stream } from "./stream.js";
+import { Tone } from "./tone.js";
 import { troubles } from "./troubles.js";
 import { View } from "./view.js";
 
@@ -26,24 +28,51 @@ window.sonoweave = measured.open;
 const cards = new AccountCards(of);
 const coach = new CoachCard(of);
 const marks = new Marks(of("view-marks"), of("view-legend"));
+const sight = new Sight(of("view-figures"));
+measured.open.sight = sight.open;
 const banner = new Banner(of("banner"), of("announcer"));
 const deeds = new Deeds(of("deeds"), of("ask"), (wish) => stream.send(wish));
 const slice = new Slice({ room: of("slice-room"), canvas: of("slice"), scale: of("slice-scale"), caption: of("slice-caption") });
 const view = new View(
-  { panel: of("view-panel"), room: of("view-room"), canvas: of("view"), onlooker: of("onlooker"), control: of("control"), refined: of("refined"), marks },
+  { panel: of("view-panel"), room: of("view-room"), canvas: of("view"), onlooker: of("onlooker"), control: of("control"), refined: of("refined"), marks, sight },
   (wish) => stream.send(wish),
 );
-const planes = new Planes(of, (wish) => stream.send(wish), () => show());
+const planes = new Planes(of, (wish) => stream.send(wish), () => {
+  measure.settle(planes.shown);
+  show();
+});
 measured.open.planes = planes.open;
-const measure = new Measure(of, { at: () => planes.at(), draw: (figures, slices) => planes.mark(figures, slices), ask, speak: (words) => (of("announcer").textContent = words) });
+const measure = new Measure(of, {
+  at: () => (planes.shown ? planes.at() : null),
+  draw: (figures, slices, open) => {
+    planes.mark(figures, slices);
+    sight.show(figures, open);
+  },
+  ask,
+  speak: (words) => (of("announcer").textContent = words),
+});
 measured.open.measure = measure.open;
 planes.clicked = () => measure.mark();
 const replay = new Replay(of, { send: (wish) => stream.send(wish), fetch: () => tellMe("/v1/settings"), speak: (words) => (of("announcer").textContent = words) });
 measured.open.replay = replay.open;
+view.clicked = (x, y) => {
+  measure.see([x, y]);
+  return measure.open.open;
+};
 const screens = {
   [SLICE]: screen("slice", SLICE, (header) => slice.drawn(header)),
   [VIEW]: screen("view", VIEW, (header) => view.drawn(header)),
 };
+
+const tone = new Tone(
+  of("slice"),
+  (table, words) => {
+    screens[SLICE].tone(words ? table : null);
+    slice.toned(words);
+  },
+  (words) => (of("announcer").textContent = words),
+);
+measured.open.tone = tone.open;
 
 // When live pictures were asked for, and when the last one came, ms since the epoch.
 let asked = null;
@@ -94,6 +123,8 @@ function word(key, value) {
   } else if (key === "marks") {
     marks.show(value);
     planes.outline(value.planes);
+  } else if (key === "sight") {
+    sight.told(value);
   } else if (key === "control") {
     measured.open.control = value;
     view.control(value);
@@ -135,6 +166,7 @@ function changed() {
     heard = null;
     for (const kind of [SLICE, VIEW]) screens[kind].restart();
     planes.restart();
+    sight.restart();
     marks.clear();
     show();
   } else {
@@ -204,7 +236,7 @@ const help = of("help");
 of("help-open").addEventListener("click", () => help.showModal());
 document.addEventListener("keydown", (event) => {
   if (event.defaultPrevented || event.ctrlKey || event.altKey || event.metaKey || document.querySelector("dialog[open]") || event.target.localName === "select") return;
-  const acts = { "?": () => help.showModal(), p: () => planes.toggle(), m: () => planes.shown && measure.toggle() };
+  const acts = { "?": () => help.showModal(), p: () => planes.toggle(), m: () => measure.toggle() };
   const act = acts[event.key.toLowerCase()];
   if (!act) return;
   event.preventDefault();

@@ -1,4 +1,5 @@
-// Lengths, angles, areas and volumes on the planes: points are marked where the planes cross, and the session says how large what they make is and how far that may be off.
+// Lengths, angles, areas and volumes: places are marked where the planes cross, or where something is seen in the view, and the session says how large what they make is and how far
+// that may be off.
 //
 // For tests and for whoever debugs, as `window.sonoweave.measure`: { open, kind, points, results, sources }.
 
@@ -14,6 +15,8 @@ const FIGURES = {
 const KEPT = 20;
 // Slices of a place that are drawn.
 const DRAWN = 12;
+// Where keys point to in the view: shares of its width and height.
+const MIDDLE = [0.5, 0.5];
 
 export class Measure {
   #of;
@@ -29,7 +32,8 @@ export class Measure {
   /// As described above.
   open = { open: false, kind: "distance", points: [], results: [], sources: null };
 
-  /// `of(id)` is the element of that id; `at()` tells the marked place, `{ point, pixel_mm }`, or null; `draw(figures, slices)` shows them on the planes; `ask(path, body)` asks the session; `speak(words)` tells those who listen.
+  /// `of(id)` is the element of that id; `at()` tells where the planes cross, `{ point, pixel_mm }`, or null where none are shown; `draw(figures, slices, open)` shows them on the
+  /// planes and in the view; `ask(path, body)` asks the session; `speak(words)` tells those who listen.
   constructor(of, { at, draw, ask, speak }) {
     this.#of = of;
     this.#draw = draw;
@@ -38,7 +42,7 @@ export class Measure {
     this.#speak = speak;
     const kinds = of("measure-kind");
     for (const [kind, { says }] of Object.entries(FIGURES)) kinds.add(new Option(says, kind));
-    kinds.addEventListener("change", () => this.#begin(kinds.value));
+    kinds.addEventListener("change", () => this.#anew(kinds.value));
     of("measure-open").addEventListener("click", () => this.toggle());
     of("measure-mark").addEventListener("click", () => this.mark());
     of("measure-undo").addEventListener("click", () => this.#undo());
@@ -46,13 +50,17 @@ export class Measure {
     of("measure-next").addEventListener("click", () => this.#next());
     of("measure-clear").addEventListener("click", () => this.clear());
     of("measure-slices").addEventListener("click", () => this.#slices());
-    of("planes-panel").addEventListener("keydown", (event) => {
-      if (!this.open.open || event.ctrlKey || event.altKey || event.metaKey || event.target.closest("select, button")) return;
-      if (event.key === "Enter") this.mark();
-      else if (event.key === "Backspace") this.#undo();
-      else return;
-      event.preventDefault();
-    });
+    const keys = (element, mark) =>
+      element.addEventListener("keydown", (event) => {
+        if (!this.open.open || event.ctrlKey || event.altKey || event.metaKey || event.target.closest("select, button")) return;
+        if (event.key === "Enter") mark();
+        else if (event.key === "Backspace") this.#undo();
+        else return;
+        event.preventDefault();
+      });
+    keys(of("planes-panel"), () => this.mark());
+    keys(of("view"), () => this.see(MIDDLE));
+    this.settle(false);
     this.#show();
   }
 
@@ -62,21 +70,56 @@ export class Measure {
     this.#of("measure-open").setAttribute("aria-pressed", String(this.open.open));
     this.#of("measure").hidden = !this.open.open;
     this.#of("levels-panel").hidden = this.open.open;
+    this.#of("view").classList.toggle("pointed", this.open.open);
     this.#show();
   }
 
-  /// Marks the place where the planes cross.
+  /// Stands beside the planes where these are shown, else below the view.
+  settle(planes) {
+    this.#of(planes ? "planes-panel" : "view-panel").append(this.#of("measure"));
+  }
+
+  /// Marks the place where the planes cross; without planes, what is seen in the middle of the view.
   mark() {
+    if (!this.open.open) return;
     const at = this.#at();
-    if (!this.open.open || !at) return;
-    this.#points.push(at.point);
-    this.#width = at.pixel_mm;
+    if (at) this.#mark(at);
+    else this.see(MIDDLE);
+  }
+
+  /// Marks the place that is seen in the view at these shares of its width and height, once the session has said which it is.
+  async see(at) {
+    if (!this.open.open) return;
+    const round = this.#round;
+    // One after the other, as they were pointed at.
+    this.#seen = this.#seen.then(() => this.#ask("/v1/pick", { at }));
+    const told = await this.#seen;
+    if (round !== this.#round || !this.open.open) return;
+    if (told.refused) this.#refused(told.refused);
+    else this.#mark(told);
+  }
+
+  #seen = Promise.resolve();
+  // Counts what was begun by hand: a place that comes later is none of it.
+  #round = 0;
+
+  #mark(place) {
+    this.#says = "";
+    this.#points.push(place);
     const { most } = FIGURES[this.open.kind];
     if (this.#points.length === most) this.#done();
     else this.#show();
   }
 
-  #width = 0;
+  #refused(why) {
+    this.#says = why;
+    this.#show();
+  }
+
+  #anew(kind) {
+    this.#round += 1;
+    this.#begin(kind);
+  }
 
   #begin(kind) {
     this.open.kind = kind;
@@ -101,14 +144,14 @@ export class Measure {
   clear() {
     this.#results = [];
     this.#sources = null;
-    this.#begin(this.open.kind);
+    this.#anew(this.open.kind);
   }
 
   async #done() {
     const { kind } = this.open;
     const contours = this.#points.length > 0 ? [...this.#contours, this.#points] : this.#contours;
     const points = this.#points;
-    const body = { kind, pixel_mm: this.#width, ...(kind === "stack" ? { contours } : { points }) };
+    const body = { kind, ...(kind === "stack" ? { contours } : { points }) };
     const figures = kind === "stack" ? contours : [points];
     this.#begin(kind);
     const told = await this.#ask("/v1/measure", body);
@@ -122,12 +165,10 @@ export class Measure {
   }
 
   async #slices() {
-    const at = this.#at();
-    if (!at) return;
-    const told = await this.#ask("/v1/slices", { at: at.point });
+    const at = this.#at() ?? (await this.#ask("/v1/pick", { at: MIDDLE }));
+    const told = at.refused ? at : await this.#ask("/v1/slices", { at: at.point });
     this.#sources = told.refused ? null : { ...told, at: at.point };
-    this.#says = told.refused ?? "";
-    this.#show();
+    this.#refused(told.refused ?? "");
   }
 
   #show() {
@@ -144,13 +185,14 @@ export class Measure {
     this.#of("measure-undo").disabled = count === 0 && this.#contours.length === 0;
     this.#of("measure-clear").disabled = this.#results.length === 0 && this.#sources === null && count === 0 && this.#contours.length === 0;
     const marked = `${count} marked${kind === "stack" ? `, ${this.#contours.length} outlines before` : ""}`;
-    write(this.#of("measure-says"), this.#says || (count > 0 || this.#contours.length > 0 ? marked : `Mark ${more}: click on a plane, or go there and press Enter.`));
+    write(this.#of("measure-says"), this.#says || (count > 0 || this.#contours.length > 0 ? marked : `Mark ${more}: click on the volume or a plane, or press Enter there.`));
     if (this.#says) this.#speak(this.#says);
     this.#of("measure-says").classList.toggle("bad", this.#says !== "");
     this.#list();
     Object.assign(this.open, { points: this.#points, results: this.#results, sources: this.#sources });
-    const figures = [...this.#results.flatMap(({ kind, figures }) => figures.map((points) => ({ points, kind, done: true }))), ...[...this.#contours, this.#points].map((points) => ({ points, kind, done: false }))];
-    this.#draw(open ? figures : [], open && this.#sources ? this.#sources.slices.slice(0, DRAWN).map(({ corners }) => corners) : []);
+    const drawn = (places, kind, done) => ({ points: places.map(({ point }) => point), kind, done });
+    const figures = [...this.#results.flatMap(({ kind, figures }) => figures.map((places) => drawn(places, kind, true))), ...[...this.#contours, this.#points].map((places) => drawn(places, kind, false))];
+    this.#draw(open ? figures : [], open && this.#sources ? this.#sources.slices.slice(0, DRAWN).map(({ corners }) => corners) : [], open);
   }
 
   #list() {

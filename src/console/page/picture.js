@@ -15,6 +15,10 @@ export class Picture {
   #scheduled = false;
   // The newest that was drawn.
   #drawn = 0;
+  // What each grey is shown as, and the picture that is shown: it is drawn again when that changes.
+  #tone = null;
+  #shown = null;
+  #aside = null;
   // Counts the sessions: a picture that is decoded when its session is over is not drawn over the next one's.
   #session = 0;
 
@@ -37,6 +41,12 @@ export class Picture {
     if (session !== this.#session) bitmap?.close();
     else if (bitmap) this.#wait({ header, bitmap, decode });
     else this.#settled(header, false, decode);
+  }
+
+  /// What each of 256 greys is shown as from now on; null as it is.
+  tone(table) {
+    this.#tone = table;
+    this.#soon();
   }
 
   /// Nobody looks: what waits is not drawn.
@@ -63,10 +73,15 @@ export class Picture {
     this.#waiting = next;
     if (document.visibilityState !== "visible") {
       this.forget();
-    } else if (!this.#scheduled) {
-      this.#scheduled = true;
-      requestAnimationFrame(() => this.#draw());
+    } else {
+      this.#soon();
     }
+  }
+
+  #soon() {
+    if (this.#scheduled) return;
+    this.#scheduled = true;
+    requestAnimationFrame(() => this.#draw());
   }
 
   #leave({ header, bitmap, decode }) {
@@ -77,25 +92,43 @@ export class Picture {
   #draw() {
     this.#scheduled = false;
     const next = this.#waiting;
-    if (!next) return;
     this.#waiting = null;
-    const { header, pixels, bitmap } = next;
+    if (!next) {
+      if (this.#shown) this.#paint(this.#shown);
+      return;
+    }
+    const { header } = next;
     const began = performance.now();
+    this.#shown?.bitmap?.close();
+    this.#shown = next;
+    this.#paint(next);
+    this.#canvas.classList.remove("empty");
+    this.#drawn = header.sequence;
+    this.#settled(header, true, (next.decode ?? 0) + performance.now() - began);
+  }
+
+  #paint({ header, pixels, bitmap }) {
     const { width, height } = header;
     if (this.#canvas.width !== width || this.#canvas.height !== height) {
       this.#canvas.width = width;
       this.#canvas.height = height;
       this.#image = null;
     }
-    if (bitmap) {
-      this.#context.drawImage(bitmap, 0, 0, width, height);
-      bitmap.close();
-    } else {
-      this.#raw(header, pixels);
+    if (!bitmap) this.#raw(header, pixels);
+    else if (this.#tone) this.#toned(bitmap, width, height);
+    else this.#context.drawImage(bitmap, 0, 0, width, height);
+  }
+
+  // A bitmap's greys are read from a canvas that is meant for it.
+  #toned(bitmap, width, height) {
+    if (this.#aside?.canvas.width !== width || this.#aside.canvas.height !== height) {
+      this.#aside = new OffscreenCanvas(width, height).getContext("2d", { willReadFrequently: true });
     }
-    this.#canvas.classList.remove("empty");
-    this.#drawn = header.sequence;
-    this.#settled(header, true, (next.decode ?? 0) + performance.now() - began);
+    this.#aside.drawImage(bitmap, 0, 0, width, height);
+    const image = this.#aside.getImageData(0, 0, width, height);
+    const bytes = image.data;
+    for (let n = 0; n < bytes.length; n += 4) bytes[n] = bytes[n + 1] = bytes[n + 2] = this.#tone[bytes[n]];
+    this.#context.putImageData(image, 0, 0);
   }
 
   #raw({ encoding, width, height }, pixels) {
@@ -106,7 +139,8 @@ export class Picture {
     // A word is alpha, blue, green, red from its highest byte on: every machine with a browser is little-endian.
     const words = this.#words;
     if (encoding === GREY) {
-      for (let n = 0; n < words.length; n += 1) words[n] = OPAQUE | (pixels[n] * 0x010101);
+      const tone = this.#tone;
+      for (let n = 0; n < words.length; n += 1) words[n] = OPAQUE | ((tone ? tone[pixels[n]] : pixels[n]) * 0x010101);
     } else if (encoding === COLOUR) {
       for (let n = 0, from = 0; n < words.length; n += 1, from += 3) {
         words[n] = OPAQUE | (pixels[from + 2] << 16) | (pixels[from + 1] << 8) | pixels[from];

@@ -279,7 +279,7 @@ export class Plane {
 function offset(lies, kind, at) {
   if (kind === 6) {
     const way = across(lies).map((x) => (Math.abs(x) < 0.005 ? 0 : x).toFixed(2));
-    return `looks along ${way.join(", ")}`;
+    return `along ${way.join(", ")}`;
   }
   const { name } = LOOKS[kind];
   const axis = lies.volume.edges[["x", "y", "z"].indexOf(name)];

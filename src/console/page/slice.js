@@ -18,6 +18,7 @@ export class Slice {
   #pixel = null;
   #marker = "";
   #size = null;
+  #greys = "";
 
   constructor({ room, canvas, scale, caption }) {
     this.#room = room;
@@ -32,6 +33,12 @@ export class Slice {
     this.#pixel = pixel ?? null;
     this.#marker = marker ?? "";
     this.#size ??= size ?? null;
+    this.#lay();
+  }
+
+  /// Which greys are shown how, in words; empty as the scanner shows them.
+  toned(words) {
+    this.#greys = words;
     this.#lay();
   }
 
@@ -85,7 +92,8 @@ export class Slice {
   }
 
   #tell(width, height) {
-    const parts = [`${width} × ${height} pixels`];
+    // What matters most comes first: there may be little room.
+    const parts = this.#greys ? [this.#greys] : [];
     if (this.#pixel) {
       const [u, v] = this.#pixel;
       parts.push(`${(width * u).toFixed(0)} × ${(height * v).toFixed(0)} mm`);
@@ -93,6 +101,7 @@ export class Slice {
       parts.push("no scale: the pixels' size is not known");
     }
     if (this.#marker) parts.push(`marker ${this.#marker}`);
+    parts.push(`${width} × ${height} pixels`);
     this.#caption.textContent = parts.join(" · ");
     this.#canvas.setAttribute("aria-label", `The scanner's live picture, ${parts.join(", ")}`);
   }

@@ -10,6 +10,7 @@ export class View {
   #onlooker;
   #refined;
   #marks;
+  #sight;
   #buttons;
   #send;
   #steers = false;
@@ -17,14 +18,17 @@ export class View {
   #turn = { right: 0, up: 0, clockwise: 0 };
   #zoom = 0;
   #scheduled = false;
+  /// Called with shares of the picture's width and height when somebody has clicked on it; whether that is what a click is for now.
+  clicked = () => false;
 
   /// `send(wish)` brings it to the session.
-  constructor({ panel, room, canvas, onlooker, control, refined, marks }, send) {
+  constructor({ panel, room, canvas, onlooker, control, refined, marks, sight }, send) {
     this.#room = room;
     this.#canvas = canvas;
     this.#onlooker = onlooker;
     this.#refined = refined;
     this.#marks = marks;
+    this.#sight = sight;
     this.#send = send;
     new ResizeObserver(() => this.#lay()).observe(room);
     hand(canvas, this);
@@ -48,6 +52,7 @@ export class View {
 
   /// A picture was drawn.
   drawn({ width, height, refining }) {
+    this.#sight.drawn({ width, height });
     this.#refined.hidden = !refining;
     if (this.#aspect === width / height) return;
     this.#aspect = width / height;
@@ -65,6 +70,15 @@ export class View {
     this.#zoom += doublings;
     this.#soon();
   }
+
+  /// A tap, or the second one of two.
+  tap(x, y, twice) {
+    const taken = twice ? this.#taken : this.clicked(x, y);
+    if (twice && !taken) this.centre(x, y);
+    this.#taken = taken;
+  }
+
+  #taken = false;
 
   centre(x, y) {
     this.#now({ do: "centre", at: [round(x), round(y)] });
@@ -84,6 +98,7 @@ export class View {
     const at = fit(this.#room, this.#aspect);
     place(this.#canvas, at);
     this.#marks.place(at);
+    this.#sight.place(at);
   }
 
   #soon() {

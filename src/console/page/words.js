@@ -173,7 +173,7 @@ export function recording(told, over = false) {
 export function volume(told) {
   if (told === undefined) return "";
   if (told === null) return "no volume yet";
-  return `${told.voxels.map(count).join(" × ")} voxels, ${told.mm.map((mm) => count(mm)).join(" × ")} mm`;
+  return `${told.mm.map((mm) => count(mm)).join(" × ")} mm, ${told.voxels.map(count).join(" × ")} voxels`;
 }
 
 const VERDICTS = {

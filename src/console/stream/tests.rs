@@ -15,6 +15,7 @@ use super::*;
 use crate::coach::spacing::Spacing;
 use crate::coach::{Coach, CoachSettings};
 use crate::console::Basis;
+use crate::console::places::PATIENCE;
 use crate::console::{About, Console, Latest, Screen, Shown};
 use crate::mask::{Clip, MaskSettings};
 use crate::pipeline::live::{Account, Drawn, Glimpsed, Spread, Unwritten, Witness as _, Written};
@@ -22,7 +23,9 @@ use crate::render::transfer::Transfer;
 use crate::render::{RenderSettings, Renderer, Stage};
 use crate::slice::{Image, Pixels, Slice};
 
+mod places;
 mod planes;
+mod view;
 
 struct Session {
     console: Console,
@@ -32,13 +35,18 @@ struct Session {
 
 impl Session {
     fn new() -> Self {
+        Self::patient_for(PATIENCE)
+    }
+
+    /// Pages that rest for so long give way.
+    fn patient_for(patience: Duration) -> Self {
         let about = About { name: "b.toml".into(), kind: "live", size: Some([2, 1]), pixel_mm: Some([0.2, 0.3]) };
         let latest = Arc::new(Latest::new(Basis { about, ..Basis::default() }));
         let screen = Arc::new(Screen::default());
         latest.tell(&Account::default(), &[]);
-        let address = (Ipv4Addr::LOCALHOST, 0).into();
+        let address = SocketAddr::from((Ipv4Addr::LOCALHOST, 0)).into();
         let shown = Shown { latest: Arc::clone(&latest), screen: Arc::clone(&screen), ..Shown::default() };
-        let console = Console::new(address, shown).unwrap();
+        let console = Console::serve(&address, shown, patience).unwrap();
         Self { console, screen, latest }
     }
 
@@ -165,7 +173,7 @@ fn of_what_nobody_looks_at_nothing_is_made_and_a_page_gets_what_it_looks_at() {
     assert_eq!(&picture[40..], [3, 7]);
     let time = |at: usize| f64::from_le_bytes(picture[at..at + 8].try_into().unwrap());
     // The machine began to count at 0 ns.
-    assert!(time(24) - time(16) > 0.0 && (time(24) - now_ms()).abs() < 60_000.0);
+    assert!(time(24) - time(16) > 0.0 && (time(24) - unix_ms(Monotonic.now_ns())).abs() < 60_000.0);
     page.say(&json!({ "do": "show", "slice": false, "view": true }));
     until("the volume is looked at", || session.screen.is_watched());
     let made = session.screen.made(Kind::Slice);

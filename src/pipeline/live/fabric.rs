@@ -7,28 +7,23 @@ use calibration::region::ClipRect;
 use glam::DVec3;
 use serde::Serialize;
 
+use super::changes::Changes;
 use super::picture::Drawn;
 use super::reach::Reach;
 use super::seal::{self, Seal};
-use super::swatch::Changes;
 use crate::pipeline::loom::Loom;
 use crate::pipeline::{PixelKind, Woven};
 use crate::slice::Slice;
 use crate::sync::FramePose;
 use crate::sync::extent::mean_axes;
-use crate::volume::brick::{BrickIndex, EDGE};
+use crate::volume::brick::EDGE;
 use crate::volume::lattice::{Canonical, canonical, shift};
-
-/// Bricks that are noted one by one for who draws; of more, all are taken to have changed. Where nobody looks, or not for long, no more memory is taken than that.
-pub(super) const NOTED: usize = 1 << 16;
 
 /// What changed since somebody last asked, and what there is to see now.
 #[derive(Default)]
 pub(super) struct News {
-    /// Bricks on the canonical lattice, some more than once; none of use where all may have changed.
-    pub(super) touched: Vec<BrickIndex>,
-    /// Any brick may have changed.
-    pub(super) all: bool,
+    /// Of the volume, for who draws it.
+    pub(super) changes: Changes,
     /// The same for who looks at planes; `None` where nobody does, or not since the volume is this one.
     pub(super) aside: Option<Changes>,
     /// Slices that were woven, whether they are in the volume or it was cleared since.
@@ -84,15 +79,13 @@ impl News {
                 pixels: woven.pixels,
             }
         });
-        let from = self.touched.len();
         let mut shifted = Vec::new();
-        if begun.lattice.offset == [0; 3] {
-            self.touched.extend_from_slice(woven.touched);
+        let touched = if begun.lattice.offset == [0; 3] {
+            woven.touched
         } else {
             shift(woven.touched, begun.lattice.offset, &mut shifted);
-            self.touched.extend_from_slice(&shifted);
-        }
-        let touched = &self.touched[from..];
+            &shifted
+        };
         for brick in touched {
             let [low, high] = self.bounds.get_or_insert([brick.map(i64::from); 2]);
             for (a, &at) in brick.iter().enumerate() {
@@ -100,15 +93,13 @@ impl News {
             }
         }
         self.spacing_mm = woven.weaver.settings().spacing_mm.to_array();
-        if let Some(aside) = &mut self.aside {
-            aside.note(touched, woven.upgraded);
+        for changes in [Some(&mut self.changes), self.aside.as_mut()].into_iter().flatten() {
+            changes.note(touched, woven.upgraded);
         }
         match &mut self.reach {
             Some(reach) => drop(reach.widen(touched)),
             None => self.reach = Reach::around(touched),
         }
-        self.all |= woven.upgraded;
-        self.forget();
         self.woven += 1;
         self.last = woven.mask.bounds().map(|data| (woven.slice.clone(), data));
         self.captured_ns = captured_ns;
@@ -117,7 +108,7 @@ impl News {
 
     /// The volume is empty again. Slices are counted on, so that whoever has seen so many notices the next.
     pub(super) fn clear(&mut self) {
-        *self = Self { woven: self.woven, cleared: self.woven, all: true, ..Self::default() };
+        *self = Self { woven: self.woven, cleared: self.woven, changes: Changes::unknown(), ..Self::default() };
     }
 
     /// Slices in the volume.
@@ -131,18 +122,6 @@ impl News {
         let voxels = std::array::from_fn(|a| (high[a] - low[a] + 1).unsigned_abs() * EDGE as u64);
         let mm = std::array::from_fn(|a| voxels[a] as f64 * self.spacing_mm[a]);
         Some(Bulk { slices: self.slices(), voxels, mm })
-    }
-
-    /// Keeps the list of what changed short: each brick once, and no list at all where that would be most of the volume.
-    fn forget(&mut self) {
-        if self.touched.len() > NOTED {
-            self.touched.sort_unstable();
-            self.touched.dedup();
-            self.all |= self.touched.len() > NOTED / 2;
-        }
-        if self.all {
-            self.touched.clear();
-        }
     }
 }
 
@@ -248,28 +227,5 @@ impl Shared {
     /// The loom, when all who shared it are gone.
     pub(super) fn into_inner(self) -> Fabric {
         self.fabric.into_inner().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_nobody_asks_for_takes_no_memory_without_end() {
-        let mut news = News::default();
-        // The same slice again and again: its bricks are noted once.
-        for _ in 0..1000 {
-            news.touched.extend((0..500).map(|x| [x, 0, 0]));
-            news.forget();
-            assert!(news.touched.len() <= NOTED && !news.all);
-        }
-        // Slices of a scan that goes on and on.
-        for z in 0..1000 {
-            news.touched.extend((0..500).map(|x| [x, 0, z]));
-            news.forget();
-            assert!(news.touched.len() <= NOTED);
-        }
-        assert!(news.all && news.touched.is_empty());
     }
 }

@@ -20,7 +20,7 @@
 //! - `capture`, `intake`: a device's thread, and the one way in.
 //! - `pairing`, `frozen`: readings to posed slices; pictures that come again.
 //! - `witness`: who looks on, at pictures, slices and sensors.
-//! - `weave`, `fabric`: slices into the volume, and the lock that weaving and drawing share it by.
+//! - `weave`, `fabric`, `changes`: slices into the volume, the lock that weaving and drawing share it by, and what has changed for who looks.
 //! - `picture`, `reach`: the picture, and the box it is of.
 //! - `reader`: who reads the volume while it grows.
 //! - `held`: a session that is over, while its volume is looked at.
@@ -35,6 +35,7 @@
 
 mod board;
 mod capture;
+mod changes;
 mod decision;
 mod fabric;
 mod frozen;

@@ -52,6 +52,10 @@ pub trait Looks: Send + Sync {
     /// A picture is drawn. The next one waits for whoever looks at this one; slices do not.
     fn shown(&self, _drawn: &Drawn) {}
 
+    /// The picture is as it was shown last, and its thread has a moment: whoever has a question about it is answered now. `None` where the volume is empty. Called after each
+    /// picture, and every [turn](Self::turn) while none is due.
+    fn answer(&self, _shown: Option<&Renderer>) {}
+
     /// Of a recording: the slices of which there is a picture each, one of so many; weaving waits for it then, and of others none is drawn but the last. `None` leaves it to
     /// how fast both are, as live.
     fn every(&self) -> Option<NonZeroU64> {
@@ -234,6 +238,11 @@ impl Easel<'_> {
         drawn.pictures += 1;
         true
     }
+
+    /// Whoever points at the picture is answered.
+    fn answer(&self, looks: &dyn Looks) {
+        looks.answer(self.drawn.as_ref().filter(|_| !self.blank).map(|drawn| &drawn.renderer));
+    }
 }
 
 /// Whoever waits for a picture is told when its thread is gone, whatever ended it.
@@ -302,6 +311,7 @@ pub(super) fn run(
             if easel.turn(is_last) {
                 present(&easel, &mut shown);
             }
+            easel.answer(&*looks);
             if is_last {
                 return Ok(easel.drawn);
             }
@@ -313,7 +323,10 @@ pub(super) fn run(
         let early = due.saturating_duration_since(Instant::now());
         if !fabric.ended && !fabric.awaited && !early.is_zero() {
             drop(fabric);
-            shared.rest(early);
+            if !easel.blank {
+                easel.answer(&*looks);
+            }
+            shared.rest(early.min(TURN));
             continue;
         }
         let (Some(begun), Some(reach)) = (fabric.news.begun, fabric.news.reach) else {
@@ -342,7 +355,7 @@ pub(super) fn run(
         }
         easel.blank = false;
         let News { woven, item, captured_ns, .. } = fabric.news;
-        fabric.news.touched.clear();
+        fabric.news.changes.bricks.clear();
         // From here on the volume is woven on.
         drop(fabric);
         drawn.renderer.draw();
@@ -359,6 +372,7 @@ pub(super) fn run(
         easel.turn(is_last);
         present(&easel, &mut shown);
         shared.shown(woven);
+        easel.answer(&*looks);
     }
 }
 
@@ -385,12 +399,12 @@ fn catch_up<'a>(
         let Fabric { loom, news, .. } = &mut *fabric;
         let Some(weaver) = loom.weaver() else { return fabric };
         let volume = Shifted::new(weaver.volume(), begun.lattice.offset);
-        all |= std::mem::take(&mut news.all);
+        all |= std::mem::take(&mut news.changes.all);
         if std::mem::take(&mut all) {
             waits = volume.bricks().collect();
-            news.touched.clear();
+            news.changes.bricks.clear();
         } else {
-            waits.append(&mut news.touched);
+            waits.append(&mut news.changes.bricks);
         }
         // A machine that weaves faster than it reads would never come to draw.
         let most = if round < MOST_PARTS { PART } else { usize::MAX };

@@ -9,8 +9,9 @@ use std::time::{Duration, Instant};
 
 use rustix::time::{ClockId, clock_gettime};
 
+use super::changes::Changes;
 use super::fabric::{Begun, Fabric, Shared};
-use super::swatch::{Changes, Known, Leaf, Sheet, Swatch};
+use super::swatch::{Known, Leaf, Sheet, Swatch};
 use crate::render::section::{Box3, Planar, Sampled, Section};
 use crate::volume::brick::{BrickIndex, EDGE};
 use crate::volume::lattice::Shifted;
@@ -173,8 +174,7 @@ struct Glance {
 fn glance(shared: &Shared) -> Glance {
     let mut fabric = shared.lock();
     let Fabric { loom, news, ended, .. } = &mut *fabric;
-    let unknown = || Changes { all: true, ..Changes::default() };
-    let changes = news.aside.replace(Changes::default()).unwrap_or_else(unknown);
+    let changes = news.aside.replace(Changes::default()).unwrap_or_else(Changes::unknown);
     let all = match (loom.weaver(), news.begun) {
         (Some(weaver), Some(begun)) if changes.all => {
             let bricks = Shifted::new(weaver.volume(), begun.lattice.offset).bricks().collect();

@@ -3,35 +3,9 @@
 use glam::DVec3;
 use rustc_hash::{FxHashMap, FxHashSet};
 
-use super::fabric::NOTED;
 use crate::render::section::{Box3, Section};
 use crate::volume::brick::{BrickIndex, EDGE, VOXELS};
 use crate::volume::read::Values;
-
-/// Bricks that have changed since somebody last asked, on the canonical lattice.
-#[derive(Debug, Default)]
-pub(super) struct Changes {
-    /// Each once at least; of no use where all may have changed.
-    pub(super) bricks: Vec<BrickIndex>,
-    /// Any brick may have changed.
-    pub(super) all: bool,
-}
-
-impl Changes {
-    /// Takes note of a slice's. Who asks seldom is told that all may have changed, so that no memory is taken without end.
-    pub(super) fn note(&mut self, touched: &[BrickIndex], all: bool) {
-        self.bricks.extend_from_slice(touched);
-        if self.bricks.len() > NOTED {
-            self.bricks.sort_unstable();
-            self.bricks.dedup();
-            self.all |= self.bricks.len() > NOTED / 2;
-        }
-        self.all |= all;
-        if self.all {
-            self.bricks.clear();
-        }
-    }
-}
 
 /// A brick's values and weights, x fastest; 0 where nothing was seen.
 pub(super) struct Leaf {
@@ -186,22 +160,6 @@ mod tests {
 
     use super::*;
     use crate::render::section::{Planar, Plane, Sampled};
-
-    #[test]
-    fn who_asks_seldom_is_told_that_all_may_have_changed() {
-        let mut changes = Changes::default();
-        changes.note(&[[1, 2, 3]], false);
-        assert_eq!((changes.bricks.as_slice(), changes.all), ([[1, 2, 3]].as_slice(), false));
-        let slice = |z| (0..500).map(|x| [x, 0, z]).collect::<Vec<BrickIndex>>();
-        // The same again and again is the same.
-        (0..1000).for_each(|_| changes.note(&slice(0), false));
-        assert!(!changes.all && changes.bricks.len() <= NOTED);
-        (0..1000).for_each(|z| changes.note(&slice(z), false));
-        assert!(changes.all && changes.bricks.is_empty() && changes.bricks.capacity() <= 2 * NOTED + 1000);
-        let mut changes = Changes::default();
-        changes.note(&slice(0), true);
-        assert!(changes.all);
-    }
 
     /// A volume of a box of voxels, of which every third was not seen.
     struct Painted([i64; 3]);

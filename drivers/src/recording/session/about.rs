@@ -4,6 +4,7 @@ use super::decode::Speech;
 use super::message::{name_of, named_text, pixel_of, texts};
 use super::proto::{Fields, Malformed, Reader};
 use super::schema::{OWN, VERSION};
+use crate::clock::{Clock as _, Monotonic, wall_now_ns};
 use crate::{Description, Ticks, Timing};
 
 /// Two clocks at one time, and who wrote the session.
@@ -20,12 +21,7 @@ pub struct About {
 impl About {
     /// By both clocks, now.
     pub fn now(program: &str) -> Self {
-        use rustix::time::{ClockId, clock_gettime};
-        let ns = |clock| {
-            let now = clock_gettime(clock);
-            now.tv_sec * crate::clock::SECOND + now.tv_nsec
-        };
-        Self { monotonic_ns: ns(ClockId::Monotonic), realtime_ns: ns(ClockId::Realtime), program: program.to_owned() }
+        Self { monotonic_ns: Monotonic.now_ns(), realtime_ns: wall_now_ns(), program: program.to_owned() }
     }
 
     /// What is added to a time of the session to have it since 1970, ns.
