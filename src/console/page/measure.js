@@ -76,7 +76,11 @@ export class Measure {
 
   /// Stands beside the planes where these are shown, else below the view.
   settle(planes) {
-    this.#of(planes ? "planes-panel" : "view-panel").append(this.#of("measure"));
+    const panel = this.#of("measure");
+    const focused = panel.contains(document.activeElement) ? document.activeElement : null;
+    this.#of(planes ? "planes-panel" : "view-panel").append(panel);
+    // What is moved loses it.
+    focused?.focus();
   }
 
   /// Marks the place where the planes cross; without planes, what is seen in the middle of the view.
