@@ -41,10 +41,11 @@ begin alone
 sleep "$seconds"
 end
 begin calm
-python3 scripts/console-attack.py "$address" "$seconds" "$session" --calm >"$folder/calm-page.json"
+nice -n 19 python3 scripts/console-attack.py "$address" "$seconds" "$session" --calm >"$folder/calm-page.json"
 end
+# They are other machines: here they take what the session leaves of this one.
 begin attacked
-python3 scripts/console-attack.py "$address" "$seconds" "$session" >"$folder/attacked-page.json"
+nice -n 19 python3 scripts/console-attack.py "$address" "$seconds" "$session" >"$folder/attacked-page.json"
 curl --silent --fail --max-time 20 "http://$address/metrics" | grep '^sonoweave_console' || true
 end
 begin idle

@@ -48,19 +48,31 @@ pub(super) struct Grade {
     patience: u32,
     /// Whether more was tried since it last became less.
     tried: bool,
+    /// Whether the last answer came fast.
+    is_fast: bool,
     /// Pictures on their way, and since when.
     sent: VecDeque<(u32, Instant)>,
 }
 
 impl Default for Grade {
     fn default() -> Self {
-        Self { quality: Quality::Whole, slow: 0, fast: 0, patience: PATIENCE, tried: false, sent: VecDeque::new() }
+        let (quality, patience, sent) = (Quality::Whole, PATIENCE, VecDeque::new());
+        Self { quality, slow: 0, fast: 0, patience, tried: false, is_fast: false, sent }
     }
 }
 
 impl Grade {
     pub(super) fn quality(&self) -> Quality {
         self.quality
+    }
+
+    /// As what a picture that was sent so may be sent once more, as nothing newer comes; `None` where it could be no better, or the page was slow to answer it.
+    pub(super) fn better(&self, sent: Quality) -> Option<Quality> {
+        match sent {
+            Quality::Packed if self.is_fast => Some(Quality::Whole),
+            Quality::Halved if self.is_fast => Some(Quality::Packed),
+            _ => None,
+        }
     }
 
     /// A picture goes to the page.
@@ -83,6 +95,7 @@ impl Grade {
     }
 
     fn took(&mut self, time: Duration) {
+        self.is_fast = time < FAST;
         self.slow = if time > SLOW { self.slow + 1 } else { 0 };
         // One that is late now and then does not undo what many have shown.
         self.fast = if time < FAST {

@@ -15,7 +15,7 @@
 //! Text messages are JSON: what the session tells of itself; what is to be marked in the volume's picture, when that has changed; before the volume's picture `sight`, when that has
 //! changed, which says what place of the world is where in it; and before the picture of a plane `plane`, which has its kind and number and says where it lies. A page answers each
 //! picture when it has drawn it, and has two of a kind on their way at most: so one that is slow gets fewer, always the newest, and
-//! nothing piles up for it. One whose line is slow gets them as JPEGs for as long as it is (`quality`).
+//! nothing piles up for it. One whose line is slow gets them as JPEGs for as long as it is (`quality`); the last one, if none newer comes and it was answered in time, once more and better.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -30,7 +30,7 @@ use tokio::time::{Instant, MissedTickBehavior, interval, interval_at, timeout};
 
 use super::marks::Marks;
 use super::places::Place;
-use super::quality::Grade;
+use super::quality::{Grade, Quality};
 use super::screen::{KINDS, Kind, Pixmap, Seat, Shot, unix_ms};
 use super::wish::Wish;
 use super::{Counts, Served, told};
@@ -39,6 +39,8 @@ use super::{Counts, Served, told};
 const ON_THEIR_WAY: u32 = 2;
 /// A page that answers none of them for so long is asked nothing more of: its pictures count as lost.
 const FORGIVEN: Duration = Duration::from_secs(2);
+/// A picture that was sent with less quality, and that no newer one follows for so long, is sent with more.
+const STILL: Duration = Duration::from_secs(1);
 /// Between two accounts.
 const OFTEN: Duration = Duration::from_millis(250);
 /// Between two for a page that looks at nothing: nobody reads them, but it knows that the line is there.
@@ -92,6 +94,8 @@ struct Channel {
     /// The number of the last one that was sent, and of the last that was answered.
     last: u32,
     since: Instant,
+    /// How good that one was.
+    quality: Quality,
     grade: Grade,
     /// What was told before the last of its pictures.
     told: Option<serde_json::Value>,
@@ -106,18 +110,23 @@ impl Channel {
             sent: 0,
             last: 0,
             since: Instant::now(),
+            quality: Quality::Whole,
             grade: Grade::default(),
             told: None,
         }
     }
 
-    /// The next picture, once there is room for it.
-    async fn next(&mut self) -> Arc<Shot> {
+    /// The next picture and how good it is to be, once there is room for it.
+    async fn next(&mut self) -> (Arc<Shot>, Quality) {
         loop {
+            // Nothing is on its way, and what is there could be better.
+            let better = if self.looks && self.sent == 0 { self.grade.better(self.quality) } else { None };
             if self.looks && self.sent < ON_THEIR_WAY {
                 let newest = self.pictures.borrow_and_update().clone();
-                if let Some(shot) = newest.filter(|shot| shot.sequence != self.last) {
-                    return shot;
+                match (newest, better) {
+                    (Some(shot), _) if shot.sequence != self.last => return (shot, self.grade.quality()),
+                    (Some(shot), Some(better)) if self.since.elapsed() >= STILL => return (shot, better),
+                    _ => {}
                 }
             } else if self.looks && self.since.elapsed() >= FORGIVEN {
                 self.sent = 0;
@@ -127,6 +136,8 @@ impl Channel {
             let waits = async {
                 if self.looks && self.sent >= ON_THEIR_WAY {
                     tokio::time::sleep_until(self.since + FORGIVEN).await;
+                } else if better.is_some() {
+                    let _ = tokio::time::timeout_at(self.since + STILL, self.pictures.changed()).await;
                 } else if self.pictures.changed().await.is_err() {
                     std::future::pending::<()>().await;
                 }
@@ -215,12 +226,12 @@ impl<'a> Page<'a> {
                     self.rests();
                     Out::Text(self.control())
                 }
-                shot = slice.next() => Out::Shot(shot),
-                shot = view.next() => Out::Shot(shot),
-                shot = across_z.next() => Out::Shot(shot),
-                shot = across_y.next() => Out::Shot(shot),
-                shot = across_x.next() => Out::Shot(shot),
-                shot = free.next() => Out::Shot(shot),
+                (shot, quality) = slice.next() => Out::Shot(shot, quality),
+                (shot, quality) = view.next() => Out::Shot(shot, quality),
+                (shot, quality) = across_z.next() => Out::Shot(shot, quality),
+                (shot, quality) = across_y.next() => Out::Shot(shot, quality),
+                (shot, quality) = across_x.next() => Out::Shot(shot, quality),
+                (shot, quality) = free.next() => Out::Shot(shot, quality),
                 Ok(()) = dressed.changed() => Out::Text(self.dress()),
                 _ = marking.tick(), if looks => match self.served.shown.screen.marks(Monotonic.now_ns()) {
                     Some(marks) if marked.as_ref().is_none_or(|was| was.differ(&marks)) => {
@@ -263,7 +274,7 @@ impl<'a> Page<'a> {
             };
             let taken = match message {
                 Out::Text(value) => self.say(value).await,
-                Out::Shot(shot) => self.send(&shot).await,
+                Out::Shot(shot, quality) => self.send(&shot, quality).await,
                 Out::Question => self.hand(Message::Ping(Vec::new().into())).await,
             };
             if !taken {
@@ -307,7 +318,7 @@ impl<'a> Page<'a> {
         matches!(timeout(SENDING, self.socket.send(message)).await, Ok(Ok(())))
     }
 
-    async fn send(&mut self, shot: &Shot) -> bool {
+    async fn send(&mut self, shot: &Shot, quality: Quality) -> bool {
         let channel = &mut self.channels[shot.kind as usize - 1];
         // What is told of a view holds until it is turned.
         let is_new = channel.told != shot.words;
@@ -319,10 +330,16 @@ impl<'a> Page<'a> {
         }
         let channel = &mut self.channels[shot.kind as usize - 1];
         let now = Instant::now();
+        // What comes once more tells nothing of how long new ones take.
+        let is_new = shot.sequence != channel.last;
+        if is_new {
+            channel.grade.sent(shot.sequence, now);
+        }
         (channel.sent, channel.last, channel.since) = (channel.sent + 1, shot.sequence, now);
-        channel.grade.sent(shot.sequence, now);
-        let jpeg = self.served.shelf.packed(shot, channel.grade.quality(), &self.served.gate.counts);
-        self.hand(Message::Binary(packed(shot, jpeg.as_deref(), unix_ms(Monotonic.now_ns())).into())).await
+        channel.quality = quality;
+        let jpeg = self.served.shelf.packed(shot, quality, &self.served.gate.counts);
+        let captured_ms = shot.captured_ms.filter(|_| is_new);
+        self.hand(Message::Binary(packed(shot, captured_ms, jpeg.as_deref(), unix_ms(Monotonic.now_ns())).into())).await
     }
 
     fn heard(&mut self, message: Message) -> Heard {
@@ -385,7 +402,7 @@ impl<'a> Page<'a> {
 
 enum Out {
     Text(serde_json::Value),
-    Shot(Arc<Shot>),
+    Shot(Arc<Shot>, Quality),
     Question,
 }
 
@@ -397,20 +414,20 @@ enum Heard {
 }
 
 /// A picture as a message: its pixels, or its JPEG.
-fn packed(shot: &Shot, jpeg: Option<&[u8]>, sent_ms: f64) -> Vec<u8> {
+fn packed(shot: &Shot, captured_ms: Option<f64>, jpeg: Option<&[u8]>, sent_ms: f64) -> Vec<u8> {
     let (encoding, pixels) = match (jpeg, &shot.pixels) {
         (Some(jpeg), _) => (2, jpeg),
         (None, Pixmap::Grey(pixels)) => (0, &**pixels),
         (None, Pixmap::Colour(pixels)) => (1, &**pixels),
     };
-    let flags = u16::from(shot.refining) | u16::from(shot.captured_ms.is_none()) << 1;
+    let flags = u16::from(shot.refining) | u16::from(captured_ms.is_none()) << 1;
     let mut bytes = Vec::with_capacity(40 + pixels.len());
     bytes.extend([shot.kind as u8, encoding]);
     bytes.extend(flags.to_le_bytes());
     for number in [shot.size[0], shot.size[1], shot.sequence] {
         bytes.extend(number.to_le_bytes());
     }
-    for time in [shot.captured_ms.unwrap_or(f64::NAN), sent_ms] {
+    for time in [captured_ms.unwrap_or(f64::NAN), sent_ms] {
         bytes.extend(time.to_le_bytes());
     }
     bytes.extend(shot.item.to_le_bytes());

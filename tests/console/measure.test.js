@@ -138,9 +138,9 @@ test("what is seen in the view is pointed at by mouse and by keys, without plane
   assert.equal((await state(page)).points.length, 0);
   assert.deepEqual(await audit(page), []);
   // Where the planes cross it grows brighter along the ray.
-  await page.locator("#measure-undo").focus();
+  await page.locator("#measure-mark").focus();
   await page.keyboard.press("p");
-  assert.equal(await page.evaluate(() => document.activeElement.id), "measure-undo", "the focus stays where it was");
+  assert.equal(await page.evaluate(() => document.activeElement.id), "measure-mark", "the focus stays where it was");
   await page.locator("#planes-panel #measure").waitFor();
   await page.evaluate((at) => fetch("/v1/do", { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify({ do: "cross", at }) }), left.point);
   await page.waitForFunction((x) => Math.abs(window.sonoweave.planes.told[5]?.origin[0] - x) < 0.5, left.point[0], { timeout: 10_000 });

@@ -97,7 +97,12 @@ test("planes are drawn only when they are shown, fit a desk's screen and show wh
   const height = await page.evaluate(() => [document.documentElement.scrollHeight, innerHeight]);
   assert.ok(height[0] <= height[1], `everything is seen at once: ${height}`);
   for (const name of Object.values(NAMES)) {
-    const found = await colours(page, name);
+    let found = await colours(page, name);
+    // A machine that was busy when they came first has sent them packed, and sends them whole again once they are answered in time.
+    for (let n = 0; n < 60 && found.other > 0; n += 1) {
+      await page.waitForTimeout(500);
+      found = await colours(page, name);
+    }
     assert.equal(found.other, 0, `${name}: greys and the blue of what was not seen alone`);
     assert.ok(found.bright > 200 && found.black > 0 && found.blue > 200, `${name}: ${JSON.stringify(found)}`);
     const { width, height } = await page.locator(`#plane-${name}`).boundingBox();

@@ -103,7 +103,8 @@ export class Picture {
     this.#shown = next;
     this.#paint(next);
     this.#canvas.classList.remove("empty");
-    this.#drawn = header.sequence;
+    // One that comes once more without loss is newer than its JPEG.
+    this.#drawn = header.sequence - (header.encoding === JPEG ? 0.5 : 0);
     this.#settled(header, true, (next.decode ?? 0) + performance.now() - began);
   }
 

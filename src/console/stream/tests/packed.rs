@@ -1,0 +1,80 @@
+//! Slow lines: what is packed for them, and what comes whole.
+
+use super::*;
+
+#[test]
+fn pages_whose_answers_come_late_get_jpegs_packed_once_and_whole_pictures_again_when_they_do_not() {
+    let session = Session::new();
+    let mut pages = [session.page(), session.page(), session.page()];
+    let look = json!({ "do": "show", "slice": true, "view": false });
+    pages.iter_mut().for_each(|page| page.say(&look));
+    let mut shown = 0;
+    // A picture to all, the first of which answers at once, and the others after so long.
+    let mut round = |late: u64| {
+        shown += 1;
+        until("all look", || {
+            session.shows(shown);
+            session.screen.made(Kind::Slice) > 0
+        });
+        let pictures = pages.each_mut().map(Client::picture);
+        for (n, (page, picture)) in pages.iter_mut().zip(&pictures).enumerate() {
+            if n == 1 {
+                std::thread::sleep(Duration::from_millis(late));
+            }
+            page.say(&json!({ "do": "shown", "kind": 1, "sequence": sequence(picture) }));
+        }
+        // They have come to the server before the next picture does.
+        std::thread::sleep(Duration::from_millis(20));
+        pictures.map(|picture| (picture[1], picture[40..42] == [0xff, 0xd8]))
+    };
+    let [raw, jpeg] = [(0, false), (2, true)];
+    // That all look is known when each has got one.
+    std::thread::sleep(Duration::from_millis(300));
+    for _ in 0..3 {
+        assert_eq!(round(200), [raw; 3]);
+    }
+    assert_eq!(round(200), [raw, jpeg, jpeg]);
+    let counts = session.console.counts();
+    assert_eq!(Counts::of(&counts.pictures_packed), 1, "once for both");
+    let rounds = (0..600).position(|_| round(0) == [raw; 3]);
+    assert!(rounds.is_some_and(|rounds| (25..200).contains(&rounds)), "{rounds:?}");
+    let before = Counts::of(&counts.pictures_packed);
+    (0..5).for_each(|_| assert_eq!(round(0), [raw; 3]));
+    assert_eq!(Counts::of(&counts.pictures_packed), before, "nobody wants any");
+}
+
+#[test]
+fn a_picture_that_was_packed_is_sent_whole_when_none_newer_comes() {
+    let session = Session::new();
+    let mut page = session.page();
+    page.say(&json!({ "do": "show", "slice": true, "view": false }));
+    until("it looks", || {
+        session.shows(0);
+        session.screen.made(Kind::Slice) > 0
+    });
+    let mut shown = 0;
+    let mut next = |page: &mut Client, late: u64| {
+        let picture = page.picture();
+        std::thread::sleep(Duration::from_millis(late));
+        page.say(&json!({ "do": "shown", "kind": 1, "sequence": sequence(&picture) }));
+        std::thread::sleep(Duration::from_millis(20));
+        shown += 1;
+        session.shows(shown);
+        picture
+    };
+    for _ in 0..3 {
+        assert_eq!(next(&mut page, 200)[1], 0);
+    }
+    assert_eq!(next(&mut page, 0)[1], 2, "a JPEG");
+    // The last one is answered at once, and nothing comes after it.
+    let last = page.picture();
+    page.say(&json!({ "do": "shown", "kind": 1, "sequence": sequence(&last) }));
+    let begun = Instant::now();
+    let again = page.picture();
+    assert!(begun.elapsed() > Duration::from_millis(800), "{:?}", begun.elapsed());
+    assert_eq!((last[1], again[1], sequence(&again)), (2, 0, sequence(&last)));
+    assert_eq!(again[2] & 2, 2, "when it was captured tells nothing of the line");
+    page.say(&json!({ "do": "shown", "kind": 1, "sequence": sequence(&again) }));
+    session.shows(99);
+    assert_eq!(page.picture()[1], 2, "the next one is packed as before");
+}
