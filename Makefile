@@ -1,5 +1,5 @@
 # Each target first installs what the machine lacks (scripts/setup.sh says what and asks sudo when not root).
-.PHONY: all demo test hardware-test interop console-test bench fuzz peers stress reach console-cost paper pareto check setup deb deb-test fresh-machine
+.PHONY: all demo test hardware-test interop console-test bench fuzz peers stress reach console-cost console-reach paper pareto check setup deb deb-test fresh-machine
 
 all: test
 
@@ -74,6 +74,11 @@ reach: setup
 SECONDS_EACH ?= 60
 console-cost: setup
 	SECONDS_EACH=$(SECONDS_EACH) scripts/console-cost.sh
+
+# In Debian's Chromium: how long pictures take to its screen, what pages cost that look at a session that stands still, and that nobody's pictures are drawn. Nothing else should run meanwhile.
+console-reach:
+	@scripts/setup.sh console
+	SECONDS_EACH=$(SECONDS_EACH) scripts/console-test.sh reach
 
 # The 1992 paper's figures and claims with ours beside them: out/paper/index.html. `make paper QUICK=--quick` for a smoke test.
 paper: setup

@@ -3,7 +3,7 @@
 #
 # What is missing is installed: node, npm and chromium as Debian packages, and the packages of tests/console/package.json, some 20 MB, into out/console-test, from the
 # registry that npm is set up for. Nothing else outside of that folder is changed. SONOWEAVE names another program than the one that cargo builds. Pictures of the page
-# are in out/console-test afterwards.
+# are in out/console-test afterwards. With the word "reach" it measures instead what pages attain and cost (tests/console/reach.js).
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -29,6 +29,9 @@ export SONOWEAVE
 CHROMIUM=$(command -v chromium)
 export CHROMIUM
 rm -rf "$place"/session-* "$place"/*.png
+if [ "${1:-}" = reach ]; then
+    exec node tests/console/reach.js
+fi
 # One file: its tests run one after the other.
 node --test-reporter=spec tests/console/main.js
 say "pictures of the page are in $place"

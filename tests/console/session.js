@@ -38,6 +38,14 @@ export class Session {
     return Session.#run(null, ["live", "--config", small(folder, "20"), "--record", folder, "--headless", "--console", "127.0.0.1:0"]);
   }
 
+  /// One whose pictures are painted beforehand, so that painting takes no time from what is measured; pictures are so large.
+  static async painted(folder, size) {
+    const text = readFileSync(EXAMPLE, "utf8").replace(/^reference_station.*$/m, "").replace(/^#painted = true.*$/m, "painted = true").replace(/^size = .*$/m, `size = "${size}"`);
+    const config = join(folder, "painted.toml");
+    writeFileSync(config, text);
+    return Session.#run(null, ["live", "--config", config, "--headless", "--console", "127.0.0.1:0"]);
+  }
+
   /// Shows a recorded session, and keeps what it is told to keep in a folder.
   static async replay(recording, keep) {
     return Session.#run(null, ["replay", recording, "--keep", keep, "--console", "127.0.0.1:0"]);
@@ -67,6 +75,11 @@ export class Session {
   /// Where it leaves what it leaves.
   get folder() {
     return this.#place;
+  }
+
+  /// Its process.
+  get pid() {
+    return this.#child.pid;
   }
 
   /// Whether this is its process.

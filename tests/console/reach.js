@@ -1,0 +1,71 @@
+// What pages attain and cost, in figures: how long a picture takes from when it was due to this browser's screen while a session captures, what three pages cost that look at a
+// session that stands still, and that nothing is drawn when the last page is closed. Frames are painted beforehand. SECONDS of each, 30 by default; nothing else should run meanwhile.
+
+import { mkdtempSync, readFileSync, rmSync } from "node:fs";
+import { join } from "node:path";
+
+import { close, measured, open, quit, steers } from "./page.js";
+import { OUT } from "./place.js";
+import { Session } from "./session.js";
+
+const SECONDS = Number(process.env.SECONDS_EACH ?? 30);
+const HZ = 100; // USER_HZ of every Linux
+
+const share = (values, of) => {
+  const sorted = [...values].sort((a, b) => a - b);
+  return sorted.length === 0 ? NaN : sorted[Math.min(sorted.length - 1, Math.floor(of * sorted.length))];
+};
+const ms = (values) => `p50 ${share(values, 0.5).toFixed(0)}, p95 ${share(values, 0.95).toFixed(0)}, most ${Math.max(...values).toFixed(0)} ms (${values.length} of the last seconds)`;
+const cpu = (pid) => {
+  const fields = readFileSync(`/proc/${pid}/stat`, "utf8").split(") ")[1].split(" ");
+  return (Number(fields[11]) + Number(fields[12])) / HZ;
+};
+const account = async (address) => (await fetch(`${address}v1/account`)).json();
+const metric = async (address, name) => Number(new RegExp(`^${name} (\\S+)`, "m").exec(await (await fetch(`${address}metrics`)).text())?.[1]);
+const rest = (seconds) => new Promise((resolve) => setTimeout(resolve, 1000 * seconds));
+const busy = async (pid, seconds) => {
+  const before = cpu(pid);
+  await rest(seconds);
+  return (100 * (cpu(pid) - before)) / seconds;
+};
+
+const folder = mkdtempSync(join(OUT, "session-"));
+const session = await Session.painted(folder, "512x512");
+const { address, pid } = session;
+try {
+  const first = await open(address);
+  await steers(first.page, true);
+  await first.page.waitForFunction(() => window.sonoweave.account?.slices > 60, null, { timeout: 120_000 });
+  const before = await account(address);
+  const drawn = async () => (await measured(first.page)).pictures;
+  const [from, began] = [await drawn(), Date.now()];
+  await rest(SECONDS);
+  const [until, seconds] = [await drawn(), (Date.now() - began) / 1000];
+  const { latencies } = await measured(first.page);
+  const after = await account(address);
+  const lost = (told) => told.lost + told.dropped;
+  for (const name of ["slice", "view"]) {
+    const { width, height } = until[name];
+    console.log(`${name} ${width} × ${height}: due until on the screen ${ms(latencies[name])}; ${((until[name].drawn - from[name].drawn) / seconds).toFixed(1)} a second`);
+  }
+  console.log(`meanwhile ${after.frames - before.frames} frames, ${lost(after) - lost(before)} lost or dropped`);
+
+  await fetch(`${address}v1/do`, { method: "POST", headers: { "Content-Type": "application/json" }, body: '{"do":"stop"}' });
+  await first.page.waitForFunction(() => window.sonoweave.account?.desk.phase === "over", null, { timeout: 60_000 });
+  const others = [await open(address), await open(address)];
+  await rest(5);
+  const three = await busy(pid, SECONDS);
+  for (const page of [first, ...others]) await close(page);
+  await rest(5);
+  const none = await busy(pid, SECONDS);
+  console.log(`a session that stands still: ${three.toFixed(2)} % of a core with three pages that see it, ${none.toFixed(2)} % with none`);
+  await fetch(`${address}v1/do`, { method: "POST", headers: { "Content-Type": "application/json" }, body: '{"do":"scan"}' });
+  await rest(5);
+  const [pictures, slices] = [await metric(address, "sonoweave_pictures_total"), (await account(address)).slices];
+  await rest(SECONDS);
+  console.log(`nobody looks: ${(await account(address)).slices - slices} slices woven, ${(await metric(address, "sonoweave_pictures_total")) - pictures} pictures of them drawn`);
+} finally {
+  await session.end();
+  await quit();
+  rmSync(folder, { recursive: true, force: true });
+}
