@@ -327,7 +327,7 @@ impl Desk {
     }
 
     /// What runs comes to its end.
-    pub fn ends(&self) {
+    fn ends(&self) {
         self.state().phase = Phase::Ending;
     }
 
@@ -347,8 +347,14 @@ impl Desk {
         next
     }
 
-    /// Where the volume lies, by the frame's name.
-    pub fn lies_in(&self, world: &str) {
+    /// Now and then while something goes on, whose volume lies in the world of this name: once the program `quits`, it is to end.
+    pub fn goes_on(&self, world: &str, quits: bool) {
+        if quits {
+            self.turn.store(true, Ordering::Relaxed);
+        }
+        if self.turn.load(Ordering::Relaxed) {
+            self.ends();
+        }
         let mut state = self.state();
         if state.world != world {
             world.clone_into(&mut state.world);

@@ -90,7 +90,7 @@ fn snapshot() -> Snapshot {
 fn a_volume_is_saved_by_names_of_its_own_and_black_is_told_from_unseen() {
     let place = tempfile::tempdir().unwrap();
     let desk = running(Some(place.path().join("kept")), false);
-    desk.lies_in("Tracker");
+    desk.goes_on("Tracker", false);
     assert_eq!(desk.wants(), Wants::Nothing);
     for number in 1..=2 {
         assert!(desk.wish(Deed::Save).is_ok());

@@ -145,13 +145,7 @@ impl Sitting<'_> {
             self.quit.store(true, Ordering::Relaxed);
         }
         let quits = self.quit.load(Ordering::Relaxed);
-        if quits {
-            self.desk.turns().store(true, Ordering::Relaxed);
-        }
-        if self.desk.turns().load(Ordering::Relaxed) {
-            self.desk.ends();
-        }
-        self.desk.lies_in(&account.world);
+        self.desk.goes_on(&account.world, quits);
         self.telling.look(account, line, quits);
         if let Some(shared) = &mut self.shared {
             shared.tell(|| line(account));

@@ -175,13 +175,7 @@ impl Showing<'_> {
     /// Now and then: who looks on is told.
     fn watch(&mut self, account: &Account) {
         let quits = self.quit.load(Ordering::Relaxed);
-        if quits {
-            self.desk.turns().store(true, Ordering::Relaxed);
-        }
-        if self.desk.turns().load(Ordering::Relaxed) {
-            self.desk.ends();
-        }
-        self.desk.lies_in(&account.world);
+        self.desk.goes_on(&account.world, quits);
         self.telling.look(account, line, quits);
         if let Some(shared) = &mut self.shared {
             shared.tell(|| line(account));
