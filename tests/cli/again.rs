@@ -18,6 +18,11 @@ fn recorded(place: &Place) {
     std::fs::remove_dir(place.path("rec")).unwrap();
 }
 
+/// The bedside's file with coarser voxels and another latency.
+fn other() -> String {
+    SMALL.replace("spacing_mm = 1.0", "spacing_mm = 3.0").replace("[volume]", "latency_ms = 120\n[volume]")
+}
+
 /// Run to its end by these settings.
 fn over(session: &Session, address: &str, tried: &Value) -> Value {
     until(session, address, "the end of a run", |account| {
@@ -30,9 +35,12 @@ fn a_recorded_session_is_run_again_by_other_settings_and_comes_to_what_it_would_
     let place = Place::new();
     recorded(&place);
     // By other settings, in a file of their own.
-    place.put("coarse.toml", SMALL.replace("[volume]\nspacing_mm = 1.0", "[volume]\nspacing_mm = 3.0"));
+    place.put("coarse.toml", other());
     assert_ne!(place.get("coarse.toml"), place.get("b.toml"));
     place.does(&format!("replay {RECORDING} --config coarse.toml -o coarse.mha"));
+    place.put("prompt.toml", other().replace("latency_ms = 120\n", ""));
+    place.does(&format!("replay {RECORDING} --config prompt.toml -o prompt.mha"));
+    assert!(place.volume("prompt.mha").values != place.volume("coarse.mha").values, "a latency is seen");
     let mut session = Session::at(place, &format!("replay {RECORDING} -o last.mha --console 127.0.0.1:0"), &[]);
     let address = session.address();
     let first = over(&session, &address, &json!({}));
@@ -68,8 +76,8 @@ fn a_recorded_session_is_run_again_by_other_settings_and_comes_to_what_it_would_
     assert_eq!(coarse["slices"], first["slices"]);
     done(&address, &json!({ "do": "again" }));
     assert_eq!(over(&session, &address, &json!({}))["volume"], first["volume"]);
-    done(&address, &json!({ "do": "again", "settings": { "volume.spacing_mm": 3.0 } }));
-    over(&session, &address, &json!({ "volume.spacing_mm": 3.0 }));
+    done(&address, &json!({ "do": "again", "settings": { "volume.spacing_mm": 3.0, "grabber.latency_ms": 120 } }));
+    over(&session, &address, &json!({ "volume.spacing_mm": 3.0, "grabber.latency_ms": 120 }));
     assert_eq!(session.ends("-INT"), 0, "{}", session.said());
     let said = session.said();
     assert!(!said.contains("stands still"), "{said}");

@@ -99,6 +99,7 @@ test("a session is recorded, shown again, scrubbed through, run by other setting
   // By a calibration beside the session: what was seen is half as large.
   await run(page, { "calibration.file": "half.toml", "volume.spacing_mm": "2" });
   await ran(page, { "calibration.file": "half.toml", "volume.spacing_mm": 2 });
+  assert.ok((await account(page)).volume.mm.some((mm, n) => mm < was.volume.mm[n]), "it is smaller");
   // By another latency.
   await run(page, { "calibration.file": "", "grabber.latency_ms": "0" });
   await ran(page, { "grabber.latency_ms": 0, "volume.spacing_mm": 2 });

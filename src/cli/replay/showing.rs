@@ -104,7 +104,8 @@ impl Showing<'_> {
                 Err(failure) => return Err(failure),
             };
             let differences = (self.wanted.config.is_none() && !is_tried).then(|| precedent.differences());
-            if !self.desk.stopped() {
+            // A run that was ended came to nothing that could be told.
+            if !self.desk.stopped() && !self.quit.load(Ordering::Relaxed) {
                 self.tell(&held, differences.as_ref());
             }
             self.telling.over(held.account());
