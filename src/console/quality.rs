@@ -1,7 +1,7 @@
 //! How good a page's pictures are: as they were made while its line carries them, and packed, then halved, while it does not.
 //!
-//! What decides is how long a page takes to answer a picture ([`Grade`]), of each kind for itself. What is packed is packed once for all pages that want it ([`Shelf`]), and
-//! only for them.
+//! What decides is how long a picture and its answer are on the line ([`Grade`]), of each kind for itself: a page tells how long it had the picture itself, as to unpack a JPEG
+//! helps no page that is slow to draw. What is packed is packed once for all pages that want it ([`Shelf`]), and only for them.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -13,18 +13,26 @@ use tokio::time::Instant;
 use super::counts::Counts;
 use super::screen::{Pixmap, Shot};
 
-/// An answer that takes longer comes over a slow line, or from a slow page.
+/// An answer that takes longer on the line comes over a slow one.
 const SLOW: Duration = Duration::from_millis(150);
 /// One that takes less leaves room for more.
 const FAST: Duration = Duration::from_millis(75);
-/// So many slow ones in a row are no accident.
+/// So many slow ones in a row, the first of them so long before the last, are no accident: a machine that stalls holds up all that is on its way, once.
 const ENOUGH: u32 = 3;
+const LONG: Duration = Duration::from_secs(1);
 /// So many fast ones more than others are worth a try; twice as many after each try that failed.
 const PATIENCE: u32 = 30;
 const MOST_PATIENCE: u32 = 960;
 /// So many fast ones make up for one that is slow, and for one that is neither.
 const LATE: u32 = 10;
 const MIDDLING: u32 = 2;
+/// A picture that was sent with less quality, and that no newer one follows for so long, is sent with more.
+const STILL: Duration = Duration::from_secs(1);
+/// What has more quality takes up to so many times as long. No newer one has come for as long, so most likely none has to wait for it.
+const MORE: u32 = 16;
+/// Over a line that was slow it is sent as it was after so long, to see whether the line still is; twice as long after each time that it was.
+const ASKED: Duration = Duration::from_secs(4);
+const MOST_ASKED: u32 = 4;
 /// Packed pictures that are kept for other pages.
 const KEPT: usize = 12;
 
@@ -43,21 +51,43 @@ pub(super) enum Quality {
 #[derive(Debug)]
 pub(super) struct Grade {
     quality: Quality,
+    /// Slow answers in a row, and when the first of them came.
     slow: u32,
+    slow_since: Instant,
     fast: u32,
     patience: u32,
     /// Whether more was tried since it last became less.
     tried: bool,
-    /// Whether the last answer came fast.
-    is_fast: bool,
-    /// Pictures on their way, and since when.
-    sent: VecDeque<(u32, Instant)>,
+    /// How long the last answer was on the line.
+    last: Duration,
+    /// How often the last picture was sent to see whether the line still is slow.
+    asked: u32,
+    /// Pictures on their way.
+    sent: VecDeque<Sent>,
+}
+
+/// A picture on its way.
+#[derive(Debug)]
+struct Sent {
+    sequence: u32,
+    since: Instant,
+    /// Once more: it tells how the line is now, and nothing of how long new ones take.
+    again: bool,
 }
 
 impl Default for Grade {
     fn default() -> Self {
-        let (quality, patience, sent) = (Quality::Whole, PATIENCE, VecDeque::new());
-        Self { quality, slow: 0, fast: 0, patience, tried: false, is_fast: false, sent }
+        Self {
+            quality: Quality::Whole,
+            slow: 0,
+            slow_since: Instant::now(),
+            fast: 0,
+            patience: PATIENCE,
+            tried: false,
+            last: Duration::ZERO,
+            asked: 0,
+            sent: VecDeque::new(),
+        }
     }
 }
 
@@ -66,44 +96,62 @@ impl Grade {
         self.quality
     }
 
-    /// As what a picture that was sent so may be sent once more, as nothing newer comes; `None` where it could be no better, or the page was slow to answer it.
-    pub(super) fn better(&self, sent: Quality) -> Option<Quality> {
-        match sent {
-            Quality::Packed if self.is_fast => Some(Quality::Whole),
-            Quality::Halved if self.is_fast => Some(Quality::Packed),
-            _ => None,
-        }
+    /// As what a picture that was sent so, and is answered, is sent once more when nothing newer has come for so long; `None` where it could be no better.
+    pub(super) fn again(&self, sent: Quality) -> Option<(Quality, Duration)> {
+        let better = match sent {
+            Quality::Whole => return None,
+            Quality::Packed => Quality::Whole,
+            Quality::Halved => Quality::Packed,
+        };
+        Some(if self.last <= SLOW {
+            (better, STILL.max(self.last * MORE))
+        } else {
+            (sent, ASKED * (1 << self.asked.min(MOST_ASKED)))
+        })
     }
 
-    /// A picture goes to the page.
-    pub(super) fn sent(&mut self, sequence: u32, now: Instant) {
-        self.sent.push_back((sequence, now));
+    /// A picture goes to the page, for the first time or once more.
+    pub(super) fn sent(&mut self, sequence: u32, since: Instant, again: bool) {
+        self.asked = if again { self.asked.saturating_add(1) } else { 0 };
+        self.sent.push_back(Sent { sequence, since, again });
     }
 
-    /// The page has answered it. What was sent before it and has no answer was left out.
-    pub(super) fn answered(&mut self, sequence: u32, now: Instant) {
-        let Some(at) = self.sent.iter().position(|(sent, _)| *sent == sequence) else { return };
-        let since = self.sent[at].1;
+    /// The page has answered it, and has had it for so long. What was sent before it and has no answer was left out.
+    pub(super) fn answered(&mut self, sequence: u32, now: Instant, had: Duration) {
+        let Some(at) = self.sent.iter().position(|sent| sent.sequence == sequence) else { return };
+        let Sent { since, again, .. } = self.sent[at];
         self.sent.drain(..=at);
-        self.took(now.saturating_duration_since(since));
+        self.took(now.saturating_duration_since(since).saturating_sub(had), now, again);
     }
 
     /// No answer has come for so long that none is waited for.
-    pub(super) fn forgiven(&mut self) {
-        (0..self.sent.len()).for_each(|_| self.took(Duration::MAX));
-        self.sent.clear();
+    pub(super) fn forgiven(&mut self, now: Instant) {
+        for sent in std::mem::take(&mut self.sent) {
+            self.took(Duration::MAX, now, sent.again);
+        }
     }
 
-    fn took(&mut self, time: Duration) {
-        self.is_fast = time < FAST;
-        self.slow = if time > SLOW { self.slow + 1 } else { 0 };
+    fn took(&mut self, time: Duration, now: Instant, again: bool) {
+        self.last = time;
+        if again {
+            return;
+        }
+        if time <= SLOW {
+            self.slow = 0;
+        } else {
+            if self.slow == 0 {
+                self.slow_since = now;
+            }
+            self.slow += 1;
+        }
         // One that is late now and then does not undo what many have shown.
         self.fast = if time < FAST {
             self.fast + 1
         } else {
             self.fast.saturating_sub(if time > SLOW { LATE } else { MIDDLING })
         };
-        if self.slow >= ENOUGH && self.quality != Quality::Halved {
+        let is_slow = self.slow >= ENOUGH && now.saturating_duration_since(self.slow_since) >= LONG;
+        if is_slow && self.quality != Quality::Halved {
             self.quality = if self.quality == Quality::Whole { Quality::Packed } else { Quality::Halved };
             if std::mem::take(&mut self.tried) {
                 self.patience = (self.patience * 2).min(MOST_PATIENCE);
@@ -207,16 +255,22 @@ mod tests {
 
     #[test]
     fn a_line_that_is_slow_for_long_gets_less_and_one_that_is_fast_for_long_more() {
-        let mut grade = Grade::default();
+        let (mut grade, mut now) = (Grade::default(), Instant::now());
         let mut taking = |count: u32, ms| {
-            (0..count).for_each(|_| grade.took(MS(ms)));
+            for _ in 0..count {
+                now += MS(ms);
+                grade.took(MS(ms), now, false);
+            }
             grade.quality()
         };
         // One that is late now and then, and one that is neither fast nor slow, stay what they are.
         for _ in 0..50 {
             assert_eq!([taking(2, 200), taking(1, 100)], [Quality::Whole; 2]);
         }
-        assert_eq!([taking(2, 151), taking(1, 151)], [Quality::Whole, Quality::Packed]);
+        // A stall: three were on their way, and are late at once.
+        assert_eq!([taking(1, 900), taking(2, 160), taking(5, 20)], [Quality::Whole; 3]);
+        // Slow ones, from the first until more than a second later.
+        assert_eq!([taking(7, 160), taking(1, 160)], [Quality::Whole, Quality::Packed]);
         assert_eq!([taking(100, 150), taking(100, 75)], [Quality::Packed; 2], "in between");
         assert_eq!([taking(29, 20), taking(1, 20)], [Quality::Packed, Quality::Whole]);
         assert_eq!(
@@ -232,9 +286,12 @@ mod tests {
         assert_eq!(taking(0, 0), Quality::Whole);
         // After a long time it counts as at the beginning.
         taking(120, 20);
-        assert_eq!([taking(3, 200), taking(29, 20), taking(1, 20)], [Quality::Packed, Quality::Packed, Quality::Whole]);
+        assert_eq!([taking(6, 200), taking(29, 20), taking(1, 20)], [Quality::Packed, Quality::Packed, Quality::Whole]);
         for _ in 0..20 {
-            (0..3).for_each(|_| grade.took(MS(500)));
+            for _ in 0..3 {
+                now += MS(500);
+                grade.took(MS(500), now, false);
+            }
             (grade.quality, grade.tried) = (Quality::Whole, true);
         }
         assert_eq!(grade.patience, MOST_PATIENCE);
@@ -245,20 +302,57 @@ mod tests {
         let begun = Instant::now();
         let mut grade = Grade::default();
         for n in 0..10 {
-            grade.sent(2 * n, begun);
-            grade.sent(2 * n + 1, begun + MS(100));
-            grade.answered(99, begun + MS(999));
+            grade.sent(2 * n, begun, false);
+            grade.sent(2 * n + 1, begun + MS(100), false);
+            grade.answered(99, begun + MS(999), Duration::ZERO);
             // The first of them was left out.
-            grade.answered(2 * n + 1, begun + MS(200));
-            grade.answered(2 * n, begun + MS(999));
+            grade.answered(2 * n + 1, begun + MS(200), Duration::ZERO);
+            grade.answered(2 * n, begun + MS(999), Duration::ZERO);
         }
         assert_eq!((grade.quality(), grade.sent.len()), (Quality::Whole, 0));
+        // A page that had them for long is no slow line, nor is one that says it had them for longer than they were away.
+        for n in 0..10 {
+            grade.sent(50 + n, begun, false);
+            grade.answered(50 + n, begun + MS(900), if n % 2 == 0 { MS(850) } else { Duration::MAX });
+        }
+        assert_eq!(grade.quality(), Quality::Whole);
         for n in 0..2 {
-            grade.sent(100 + n, begun);
-            grade.sent(200 + n, begun);
-            grade.forgiven();
+            grade.sent(100 + n, begun, false);
+            grade.sent(200 + n, begun, false);
+            grade.forgiven(begun + MS(2000 * u64::from(n)));
         }
         assert_eq!((grade.quality(), grade.sent.len()), (Quality::Packed, 0));
+    }
+
+    #[test]
+    fn what_stands_still_comes_better_after_as_long_as_that_may_take_and_a_slow_line_is_asked_ever_more_seldom() {
+        let begun = Instant::now();
+        let mut grade = Grade::default();
+        assert_eq!(grade.again(Quality::Whole), None);
+        for (ms, wait) in [(0, 1000), (62, 1000), (100, 1600), (150, 2400)] {
+            grade.took(MS(ms), begun, false);
+            assert_eq!(grade.again(Quality::Packed), Some((Quality::Whole, MS(wait))));
+            assert_eq!(grade.again(Quality::Halved), Some((Quality::Packed, MS(wait))));
+        }
+        // Asking takes no part in what new ones get.
+        for wait in [4, 8, 16, 32, 64, 64, 64] {
+            grade.took(MS(151), begun, true);
+            assert_eq!(grade.again(Quality::Packed), Some((Quality::Packed, MS(1000 * wait))));
+            grade.sent(1, begun, true);
+        }
+        assert_eq!(grade.quality(), Quality::Whole);
+        grade.forgiven(begun + MS(9000));
+        assert_eq!((grade.quality(), grade.sent.len()), (Quality::Whole, 0));
+        grade.sent(1, begun, true);
+        grade.answered(1, begun + MS(20), MS(10));
+        assert_eq!(grade.again(Quality::Packed), Some((Quality::Whole, MS(1000))), "it is slow no more");
+        grade.sent(2, begun, false);
+        grade.answered(2, begun + MS(200), MS(10));
+        assert_eq!(
+            grade.again(Quality::Packed),
+            Some((Quality::Packed, MS(4000))),
+            "another picture is asked about anew"
+        );
     }
 
     fn shot(sequence: u32, pixels: Pixmap, size: [u32; 2]) -> Shot {

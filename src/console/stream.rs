@@ -15,7 +15,7 @@
 //! Text messages are JSON: what the session tells of itself; what is to be marked in the volume's picture, when that has changed; before the volume's picture `sight`, when that has
 //! changed, which says what place of the world is where in it; and before the picture of a plane `plane`, which has its kind and number and says where it lies. A page answers each
 //! picture when it has drawn it, and has two of a kind on their way at most: so one that is slow gets fewer, always the newest, and
-//! nothing piles up for it. One whose line is slow gets them as JPEGs for as long as it is (`quality`); the last one, if none newer comes and it was answered in time, once more and better.
+//! nothing piles up for it. One whose line is slow gets them as JPEGs for as long as it is (`quality`); the last one, if none newer comes, once more and better.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -39,8 +39,6 @@ use super::{Counts, Served, told};
 const ON_THEIR_WAY: u32 = 2;
 /// A page that answers none of them for so long is asked nothing more of: its pictures count as lost.
 const FORGIVEN: Duration = Duration::from_secs(2);
-/// A picture that was sent with less quality, and that no newer one follows for so long, is sent with more.
-const STILL: Duration = Duration::from_secs(1);
 /// Between two accounts.
 const OFTEN: Duration = Duration::from_millis(250);
 /// Between two for a page that looks at nothing: nobody reads them, but it knows that the line is there.
@@ -120,24 +118,24 @@ impl Channel {
     async fn next(&mut self) -> (Arc<Shot>, Quality) {
         loop {
             // Nothing is on its way, and what is there could be better.
-            let better = if self.looks && self.sent == 0 { self.grade.better(self.quality) } else { None };
+            let again = if self.looks && self.sent == 0 { self.grade.again(self.quality) } else { None };
             if self.looks && self.sent < ON_THEIR_WAY {
                 let newest = self.pictures.borrow_and_update().clone();
-                match (newest, better) {
+                match (newest, again) {
                     (Some(shot), _) if shot.sequence != self.last => return (shot, self.grade.quality()),
-                    (Some(shot), Some(better)) if self.since.elapsed() >= STILL => return (shot, better),
+                    (Some(shot), Some((quality, wait))) if self.since.elapsed() >= wait => return (shot, quality),
                     _ => {}
                 }
             } else if self.looks && self.since.elapsed() >= FORGIVEN {
                 self.sent = 0;
-                self.grade.forgiven();
+                self.grade.forgiven(Instant::now());
                 continue;
             }
             let waits = async {
                 if self.looks && self.sent >= ON_THEIR_WAY {
                     tokio::time::sleep_until(self.since + FORGIVEN).await;
-                } else if better.is_some() {
-                    let _ = tokio::time::timeout_at(self.since + STILL, self.pictures.changed()).await;
+                } else if let Some((_, wait)) = again {
+                    let _ = tokio::time::timeout_at(self.since + wait, self.pictures.changed()).await;
                 } else if self.pictures.changed().await.is_err() {
                     std::future::pending::<()>().await;
                 }
@@ -146,10 +144,10 @@ impl Channel {
         }
     }
 
-    fn answered(&mut self, sequence: u32) {
+    fn answered(&mut self, sequence: u32, had: Duration) {
         if sequence <= self.last {
             self.sent = self.sent.saturating_sub(1);
-            self.grade.answered(sequence, Instant::now());
+            self.grade.answered(sequence, Instant::now(), had);
         }
     }
 }
@@ -332,9 +330,7 @@ impl<'a> Page<'a> {
         let now = Instant::now();
         // What comes once more tells nothing of how long new ones take.
         let is_new = shot.sequence != channel.last;
-        if is_new {
-            channel.grade.sent(shot.sequence, now);
-        }
+        channel.grade.sent(shot.sequence, now, !is_new);
         (channel.sent, channel.last, channel.since) = (channel.sent + 1, shot.sequence, now);
         channel.quality = quality;
         let jpeg = self.served.shelf.packed(shot, quality, &self.served.gate.counts);
@@ -371,11 +367,11 @@ impl<'a> Page<'a> {
                 self.rests();
                 return Heard::Fine;
             }
-            Ok(Wish::Shown { kind, sequence }) => {
+            Ok(Wish::Shown { kind, sequence, had }) => {
                 let channel = self.channels.iter_mut().find(|channel| channel.kind as u8 == kind);
                 return match channel {
                     Some(channel) => {
-                        channel.answered(sequence);
+                        channel.answered(sequence, had);
                         Heard::Fine
                     }
                     None => Heard::Refused(format!("there are no pictures of a kind {kind}")),

@@ -1,5 +1,7 @@
 //! What pages and programs may want, in the words that they say it by: JSON, one thing at a time.
 
+use std::time::Duration;
+
 use serde::Deserialize;
 
 use super::dress::Choice;
@@ -22,6 +24,8 @@ enum Said {
     Shown {
         kind: u8,
         sequence: u32,
+        #[serde(default)]
+        had_ms: f64,
     },
     Control {},
     Turn {
@@ -110,6 +114,8 @@ pub(super) enum Wish {
         kind: u8,
         /// Its number.
         sequence: u32,
+        /// From when it came to the page until now: what is left of the time since it was sent, the line took.
+        had: Duration,
     },
     /// To steer.
     Control,
@@ -146,7 +152,11 @@ impl Wish {
         let said = said.map_err(|error| format!("this is nothing that a page can want: {error}"))?;
         Ok(match said {
             Said::Show { slice, view, planes } => Self::Show { slice, view, planes },
-            Said::Shown { kind, sequence } => Self::Shown { kind, sequence },
+            Said::Shown { kind, sequence, had_ms } => {
+                let had = Duration::try_from_secs_f64(had_ms / 1e3);
+                let had = had.map_err(|_| format!("a page cannot have had a picture for {had_ms} ms"))?;
+                Self::Shown { kind, sequence, had }
+            }
             Said::Control {} => Self::Control,
             Said::Turn { right, up, clockwise } => Self::Act(Act::Steer(Steer::Turn { right, up, clockwise })),
             Said::Zoom { by } => Self::Act(Act::Steer(Steer::Zoom(by))),
@@ -210,6 +220,20 @@ mod tests {
         {
             let why = Wish::parse(text).unwrap_err();
             assert!(why.starts_with("this is nothing that a page can want: "), "{text}: {why}");
+        }
+    }
+
+    #[test]
+    fn how_long_a_page_has_had_a_picture_is_a_time() {
+        let shown = |had: &str| Wish::parse(&format!("{{\"do\":\"shown\",\"kind\":2,\"sequence\":7{had}}}"));
+        let had = |had| Ok(Wish::Shown { kind: 2, sequence: 7, had });
+        assert_eq!([shown(",\"had_ms\":12.5"), shown("")], [had(Duration::from_micros(12_500)), had(Duration::ZERO)]);
+        for wrong in ["-1", "1e300"] {
+            assert!(
+                shown(&format!(",\"had_ms\":{wrong}"))
+                    .unwrap_err()
+                    .starts_with("a page cannot have had a picture for ")
+            );
         }
     }
 }

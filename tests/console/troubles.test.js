@@ -6,12 +6,15 @@ import { test } from "node:test";
 import { banner, drawn, open, says, shot } from "./page.js";
 import { shared } from "./session.js";
 
-// A page whose session tells of itself what is changed here: `tell` changes the account that it tells from now on, `leave` closes the line as one who goes.
+// A page whose session tells of itself what is changed here: `tell` changes the account that it tells from now on, `leave` closes the line as one who goes
+// and does not come back: who tries again waits.
 async function changed() {
   const { address } = await shared();
   let change = {};
   let line;
-  const through = (socket) => {
+  let left = false;
+  const through = async (socket) => {
+    if (left) await new Promise(() => {});
     line = socket;
     const server = socket.connectToServer();
     server.onMessage((message) => {
@@ -23,7 +26,11 @@ async function changed() {
   const seen = await open(address, { through });
   await drawn(seen.page, "slice", 2);
   await drawn(seen.page, "view", 1);
-  return { ...seen, tell: (next) => (change = next), leave: () => line.close({ code: 1001 }) };
+  const leave = () => {
+    left = true;
+    return line.close({ code: 1001 });
+  };
+  return { ...seen, tell: (next) => (change = next), leave };
 }
 
 const spoken = (page) => page.locator("#announcer").textContent();

@@ -37,7 +37,8 @@ const view = new View(
   { panel: of("view-panel"), room: of("view-room"), canvas: of("view"), onlooker: of("onlooker"), control: of("control"), refined: of("refined"), marks, sight },
   (wish) => stream.send(wish),
 );
-const planes = new Planes(of, (wish) => stream.send(wish), () => {
+const line = { send: (wish) => stream.send(wish), answer: (header) => stream.answer(header) };
+const planes = new Planes(of, line, () => {
   measure.settle(planes.shown);
   show();
 });
@@ -60,8 +61,8 @@ view.clicked = (x, y) => {
   return measure.open.open;
 };
 const screens = {
-  [SLICE]: screen("slice", SLICE, (header) => slice.drawn(header)),
-  [VIEW]: screen("view", VIEW, (header) => view.drawn(header)),
+  [SLICE]: screen("slice", (header) => slice.drawn(header)),
+  [VIEW]: screen("view", (header) => view.drawn(header)),
 };
 
 const tone = new Tone(
@@ -85,7 +86,7 @@ const address = new URL("/v1/stream", location.href);
 address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
 const stream = new Stream(address, { picture, word, changed });
 
-function screen(name, kind, drawn) {
+function screen(name, drawn) {
   return new Picture(of(name), (header, whether, decode) => {
     measured.settled(name, header, whether, decode);
     if (whether) {
@@ -93,8 +94,7 @@ function screen(name, kind, drawn) {
       const reduced = of(`${name}-reduced`);
       if (reduced) reduced.hidden = header.encoding !== JPEG;
     }
-    // Left out or drawn, it is answered: the session sends the next one only then.
-    stream.send({ do: "shown", kind, sequence: header.sequence });
+    stream.answer(header);
   });
 }
 

@@ -1,7 +1,9 @@
 // The planes through the volume: shown or not, where they cross, what the page wishes of them, and what is told of them.
 //
-// For tests and for whoever debugs, as `window.sonoweave.planes`: { shown, cross, window, told, pictures: { 3: { drawn, left_out }, … } }; `told` is what came last with each kind's picture.
+// For tests and for whoever debugs, as `window.sonoweave.planes`: { shown, cross, window, told, pictures: { 3: { drawn, left_out, whole }, … } }; `told` is what came last with each kind's picture,
+// `whole` whether the one that is drawn is no JPEG.
 
+import { JPEG } from "./header.js";
 import { Levels } from "./levels.js";
 import { LOOKS, Plane } from "./plane.js";
 import { add, within } from "./space.js";
@@ -34,8 +36,8 @@ export class Planes {
   /// As described above.
   open = { shown: false, cross: null, window: null, told: {}, pictures: {} };
 
-  /// `of(id)` is the element of that id; `send(wish)` brings it to the session; `changed()` is called when planes are looked at, or no more.
-  constructor(of, send, changed) {
+  /// `of(id)` is the element of that id; `send(wish)` brings it to the session, `answer(header)` answers a picture; `changed()` is called when planes are looked at, or no more.
+  constructor(of, { send, answer }, changed) {
     this.#of = of;
     this.#send = send;
     this.#changed = changed;
@@ -48,10 +50,11 @@ export class Planes {
     };
     const settled = (kind, header, whether) => {
       this.open.pictures[kind][whether ? "drawn" : "left_out"] += 1;
-      send({ do: "shown", kind, sequence: header.sequence });
+      if (whether) this.open.pictures[kind].whole = header.encoding !== JPEG;
+      answer(header);
     };
     for (const kind of KINDS) {
-      this.open.pictures[kind] = { drawn: 0, left_out: 0 };
+      this.open.pictures[kind] = { drawn: 0, left_out: 0, whole: true };
       this.#planes[kind] = new Plane(kind, wish, settled, (plane, lies) => this.#drawn(plane, lies));
       of("planes-grid").append(this.#planes[kind].element);
     }

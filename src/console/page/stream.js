@@ -45,7 +45,7 @@ export class Stream {
     const socket = new WebSocket(this.#address);
     socket.binaryType = "arraybuffer";
     socket.onopen = () => this.#opened(socket);
-    socket.onmessage = ({ data }) => this.#message(socket, data);
+    socket.onmessage = ({ data, timeStamp }) => this.#message(socket, data, timeStamp);
     socket.onclose = ({ code }) => this.#closed(socket, code === GOES);
     this.#socket = socket;
     this.#heard = Date.now();
@@ -59,6 +59,11 @@ export class Stream {
     return true;
   }
 
+  /// Answers a picture, drawn or left out: the session sends the next one only then. How long it was here tells the session how long it was on the line.
+  answer({ kind, sequence, came }) {
+    this.send({ do: "shown", kind, sequence, had_ms: Math.max(0, performance.now() - came) });
+  }
+
   #opened(socket) {
     if (socket !== this.#socket) return;
     this.#tries = 0;
@@ -68,14 +73,14 @@ export class Stream {
     this.#told.changed();
   }
 
-  #message(socket, data) {
+  #message(socket, data, came) {
     if (socket !== this.#socket) return;
     this.#heard = Date.now();
     // What cannot be read is left out and told: one bad message is no reason to see nothing more.
     try {
       if (typeof data !== "string") {
         const { header, pixels } = parse(data);
-        this.#told.picture(header, pixels);
+        this.#told.picture({ ...header, came }, pixels);
         return;
       }
       for (const [key, value] of Object.entries(JSON.parse(data))) this.#told.word(key, value);
