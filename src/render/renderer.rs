@@ -161,7 +161,8 @@ impl Renderer {
     }
 
     fn take(&mut self, volume: &(impl Values + ?Sized), bricks: &[BrickIndex], slab: Option<&Prism>) -> Updated {
-        let read = self.read(volume, bricks);
+        let pool = self.pool.clone();
+        let read = self.read_within(pool.as_deref(), volume, bricks);
         let mut updated = self.draw_within(slab);
         updated.shade += read.shade;
         updated.work.bricks_read = read.work.bricks_read;
@@ -170,25 +171,29 @@ impl Renderer {
 
     /// Takes over what a volume holds in some bricks, as the first half of [`Self::update`]: the volume is not needed for the second, [`Self::draw`], so that it can be
     /// woven on meanwhile. The picture stays as it is until then. May be called several times before.
+    ///
+    /// The calling thread does it alone, whatever the settings say: whoever waits for the volume waits for no thread that has come by less of a processor.
     pub fn read(&mut self, volume: &(impl Values + ?Sized), bricks: &[BrickIndex]) -> Updated {
+        self.read_within(None, volume, bricks)
+    }
+
+    fn read_within(
+        &mut self,
+        pool: Option<&rayon::ThreadPool>,
+        volume: &(impl Values + ?Sized),
+        bricks: &[BrickIndex],
+    ) -> Updated {
         if let Some(missed) = &mut self.missed {
             missed.extend(bricks);
             return Updated::default();
         }
         let began = Instant::now();
         let work = RenderWork { bricks_read: bricks.len() as u64, ..RenderWork::default() };
-        let pool = self.pool.clone();
-        Sharing::within(pool.as_deref(), |sharing| {
+        Sharing::within(pool, |sharing| {
             self.shown.take(volume, bricks, self.settings.simd, sharing, &mut self.changed);
         });
         self.work += work;
         Updated { shade: began.elapsed(), work, ..Updated::default() }
-    }
-
-    /// As [`Self::read`] with all bricks of a volume.
-    pub fn read_all(&mut self, volume: &(impl Values + ?Sized)) -> Updated {
-        let bricks: Vec<BrickIndex> = volume.bricks().collect();
-        self.read(volume, &bricks)
     }
 
     /// Brings the picture up to date with what was [read](Self::read).

@@ -91,6 +91,47 @@ fn no_more_pictures_are_drawn_than_are_asked_for_and_the_last_is_of_all_slices()
     assert_eq!(drawn.pictures + drawn.skipped, COUNT);
 }
 
+/// Somebody who notes how nice the threads are that ask him something.
+#[derive(Default)]
+struct Weighed {
+    /// Those that draw, and that which reads the volume.
+    draw: std::sync::Mutex<Vec<i32>>,
+    read: std::sync::Mutex<Vec<i32>>,
+}
+
+fn nice() -> i32 {
+    rustix::process::getpriority_process(None).unwrap()
+}
+
+impl Looks for Weighed {
+    fn settings(&self, _: &First) -> Result<RenderSettings, Box<dyn std::error::Error + Send + Sync>> {
+        self.draw.lock().unwrap().push(nice());
+        Ok(RenderSettings::new([64, 64], Transfer::preset("tissue", [0.0, 255.0])?))
+    }
+
+    fn shown(&self, _: &Drawn) {
+        self.draw.lock().unwrap().push(nice());
+    }
+
+    fn is_watched(&self) -> bool {
+        self.read.lock().unwrap().push(nice());
+        true
+    }
+}
+
+#[test]
+fn drawing_gives_way_and_who_holds_the_volume_does_not() {
+    let weighed = Arc::new(Weighed::default());
+    let begin_ns = begin();
+    let set = Set::of(poses(begin_ns, COUNT), all_frames(begin_ns, COUNT));
+    let (finished, _) = Set { looks: Some(Arc::clone(&weighed) as Arc<dyn Looks>), ..set }.run();
+    assert_eq!(frames(&finished), (COUNT, COUNT, vec![]));
+    let [draw, read] = [&weighed.draw, &weighed.read].map(|of| of.lock().unwrap().clone());
+    let own = nice();
+    assert!(draw.len() > 1 && draw.iter().all(|nice| *nice == own.max(10)), "{draw:?}");
+    assert!(!read.is_empty() && read.iter().all(|nice| *nice == own), "{read:?}");
+}
+
 /// Somebody who comes when he is told to, looks from another side then, and leaves.
 struct Visitor {
     there: AtomicBool,

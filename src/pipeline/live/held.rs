@@ -47,7 +47,7 @@ impl Held<'_> {
         std::thread::scope(|scope| {
             let standing = Standing::default();
             if let Some(wall) = &self.wall {
-                spawn(scope, "picture", (&standing, Role::Picture), move || {
+                spawn(scope, "picture", (&standing, Role::Usual), move || {
                     if let Err(error) = picture::run(shared, wall, false, clock, |_| {}) {
                         tracing::warn!("no picture of the volume: {error}");
                     }

@@ -178,7 +178,7 @@ pub fn hold<'a>(
             })
         });
         let picture = wall_of.map(|wall| {
-            spawn(scope, "picture", (&standing, Role::Picture), move || {
+            spawn(scope, "picture", (&standing, Role::Usual), move || {
                 picture::run(shared, wall, false, clock, |drawn| board.drawn(drawn))
             })
         });
@@ -333,7 +333,7 @@ impl Session {
         std::thread::scope(|scope| {
             let usual = (&Standing::default(), Role::Usual);
             let picture = wall.map(|wall| {
-                spawn(scope, "picture", (&Standing::default(), Role::Picture), move || {
+                spawn(scope, "picture", (&Standing::default(), Role::Usual), move || {
                     picture::run(shared, wall, pictured.is_some(), clock, |drawn| board.drawn(drawn))
                 })
             });

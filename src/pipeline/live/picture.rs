@@ -1,6 +1,7 @@
 //! The picture's thread: after each slice, or after as many as came while the last picture was drawn, the picture of what there is.
 //!
-//! Weaving waits while the volume is read, and for nothing else: settings are asked for, renderers made and pictures drawn while it goes on.
+//! Weaving waits while the volume is read, and for nothing else: settings are asked for, renderers made and pictures drawn while it goes on, by a thread that gives way to it
+//! ([`Background`]). The volume is read by one that does not, or weaving would on a busy machine have to wait for whatever that gives way to.
 
 use std::num::NonZeroU64;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -11,6 +12,7 @@ use drivers::clock::Clock;
 use tracing::trace_span;
 
 use super::fabric::{Begun, Fabric, News, Shared};
+use super::priority::Background;
 use super::reach::Reach;
 use super::timing::Spread;
 use crate::render::camera::View;
@@ -23,9 +25,9 @@ use crate::volume::read::Values as _;
 /// The longest that the thread waits before it looks whether it is to end.
 const TURN: Duration = Duration::from_millis(100);
 /// Bricks that are read while weaving waits: about a millisecond's.
-const PART: usize = 1024;
+const PART: usize = 256;
 /// So many of such parts are read one by one; then all that is left is.
-const MOST_PARTS: u32 = 512;
+const MOST_PARTS: u32 = 2048;
 /// For how long weaving does not wait between two of them.
 const PAUSE: Duration = Duration::from_micros(100);
 /// For how long a view is refined before slices and other views are looked after.
@@ -216,10 +218,20 @@ impl Easel<'_> {
         Ok(true)
     }
 
+    /// The view that is wanted.
+    fn wanted(&self, is_last: bool) -> View {
+        if is_last { self.home } else { self.wall.looks().view(self.home) }
+    }
+
+    /// Whether there is anything to go on with.
+    fn is_due(&self, is_last: bool) -> bool {
+        let is_refining = self.drawn.as_ref().is_some_and(|drawn| drawn.refining);
+        !self.blank && (is_refining || self.wanted(is_last) != self.view)
+    }
+
     /// Goes on with the view that is wanted, for as long as nobody is kept waiting by it: whether there is another picture to be shown. At last it is finished, from home.
     fn turn(&mut self, is_last: bool) -> bool {
-        let (looks, home) = (self.wall.looks(), self.home);
-        let view = if is_last { home } else { looks.view(home) };
+        let view = self.wanted(is_last);
         let Some(drawn) = self.drawn.as_mut().filter(|_| !self.blank) else { return false };
         let is_new = view != self.view;
         if is_new {
@@ -263,9 +275,10 @@ pub(super) fn run(
     wall: &Wall,
     certain: bool,
     clock: &dyn Clock,
-    mut shown: impl FnMut(&Drawn),
+    mut shown: impl FnMut(&Drawn) + Send,
 ) -> Result<Option<Drawn>, Box<dyn std::error::Error + Send + Sync>> {
     let _gone = Gone(shared);
+    let background = Background::new("draw")?;
     let (home, view) = <(View, View)>::default();
     let (begun, reach, changes) = (None, None, [0; 2]);
     let mut easel = Easel { wall, changes, begun, reach, blank: true, home, view, drawn: None };
@@ -299,17 +312,25 @@ pub(super) fn run(
             seen = cleared;
             drop(fabric);
             // Pictures of certain slices only are none of nothing.
-            if easel.wipe()? && !certain {
-                present(&easel, &mut shown);
-            }
+            background.run(|| {
+                if easel.wipe()? && !certain {
+                    present(&easel, &mut shown);
+                }
+                Ok::<_, Box<dyn std::error::Error + Send + Sync>>(())
+            })?;
             continue;
         }
         // What is looked at otherwise is drawn again though no slice has come since.
         let is_shown = changes == easel.changes && !easel.blank;
         if fabric.news.woven == seen && (is_shown || seen == cleared) {
             drop(fabric);
-            if easel.turn(is_last) {
-                present(&easel, &mut shown);
+            // Nobody is woken for nothing.
+            if easel.is_due(is_last) {
+                background.run(|| {
+                    if easel.turn(is_last) {
+                        present(&easel, &mut shown);
+                    }
+                });
             }
             easel.answer(&*looks);
             if is_last {
@@ -340,7 +361,7 @@ pub(super) fn run(
             // Weaving goes on meanwhile; where it leaves this box, too, the next one is larger by half.
             drop(fabric);
             easel.changes = changes;
-            easel.stretch(&begun, reach, is_last)?;
+            background.run(|| easel.stretch(&begun, reach, is_last))?;
             continue;
         }
         let Some(drawn) = &mut easel.drawn else { continue };
@@ -358,7 +379,7 @@ pub(super) fn run(
         fabric.news.changes.bricks.clear();
         // From here on the volume is woven on.
         drop(fabric);
-        drawn.renderer.draw();
+        background.run(|| drawn.renderer.draw());
         (drawn.slices, drawn.item, drawn.captured_ns) = (woven, item, captured_ns);
         drawn.pictures += 1;
         drawn.skipped += (woven - seen).saturating_sub(1);
@@ -369,8 +390,10 @@ pub(super) fn run(
         seen = woven;
         due = began + Duration::from_secs_f64(1.0 / wall.looks().most_hz().max(LEAST_HZ));
         // Whoever turns the view meanwhile is not kept waiting by slices, nor they by him.
-        easel.turn(is_last);
-        present(&easel, &mut shown);
+        background.run(|| {
+            easel.turn(is_last);
+            present(&easel, &mut shown);
+        });
         shared.shown(woven);
         easel.answer(&*looks);
     }

@@ -5,8 +5,8 @@
 //! | capture | 6 | `poll` or a wait with a deadline, for its device, 50 ms at most |
 //! | pairing | 5 | its queue, 20 ms at most |
 //! | weaving, its pool and what prepares its memory | 4 | its queue, 100 ms at most; the pool sleeps when there is nothing to weave |
-//! | recorder, status, the caller's | none | |
-//! | picture and its pool | none, and nice: whatever else wants the core gets nine tenths of it, in any session | |
+//! | recorder, status, picture, the caller's | none | |
+//! | drawing and its pool | none, and nice: whatever else wants the core gets nine tenths of it, in any session | |
 //!
 //! The numbers are small: the kernel's own threads for interrupts have 50. What reads a device comes first, since what is not read in time is lost; what is late further on only
 //! waits. Nothing that a user looks at, and nothing that writes to a disk, may take a core from that.
@@ -38,7 +38,7 @@ const UNBLOCKED_US: u64 = 500_000;
 /// Memory besides the volume: frames on their way, the renderer's caches, the program.
 const BESIDES_BYTES: u64 = 1 << 30;
 
-/// How nice the thread that draws is, and its pool, which it begins: of a core that weaving wants, too, it gets a tenth.
+/// How nice a thread is that gives way: of a core that weaving wants, too, it gets a tenth.
 const NICE: i32 = 10;
 
 /// What a thread does, by which it gets its priority.
@@ -47,8 +47,6 @@ pub(super) enum Role {
     Capture,
     Pairing,
     Weaving,
-    /// Drawing, which gives way to everything else.
-    Picture,
     /// Whatever may wait.
     Usual,
 }
@@ -60,13 +58,41 @@ impl Role {
             Self::Capture => Some(6),
             Self::Pairing => Some(5),
             Self::Weaving => Some(4),
-            Self::Picture | Self::Usual => None,
+            Self::Usual => None,
         }
     }
 
     /// Whether threads that it begins are of the usual policy: drivers have helpers that need not be as quick; the weaver's pool is what weaves.
     fn alone(self) -> bool {
         self != Self::Weaving
+    }
+}
+
+/// A thread for what gives way to everything else, as do those that it begins.
+///
+/// It may hold nothing that others wait for: on a busy machine they would have to wait until everything else has had its nine tenths.
+pub(super) struct Background(rayon::ThreadPool);
+
+impl Background {
+    /// # Errors
+    /// The system's, where there can be no other thread.
+    pub(super) fn new(name: &'static str) -> Result<Self, rayon::ThreadPoolBuildError> {
+        let give_way = move |_| {
+            if let Err(error) = setpriority_process(None, NICE) {
+                tracing::warn!("thread {name} does not give way to the others: {error}");
+            }
+        };
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(1)
+            .thread_name(|_| name.into())
+            .start_handler(give_way)
+            .build()
+            .map(Self)
+    }
+
+    /// Does it there; the calling thread waits.
+    pub(super) fn run<T: Send>(&self, job: impl FnOnce() -> T + Send) -> T {
+        self.0.install(job)
     }
 }
 
@@ -117,11 +143,6 @@ impl Standing {
 
     /// Gives the calling thread what its role has a right to.
     pub(super) fn enter(&self, role: Role) {
-        if role == Role::Picture
-            && let Err(error) = setpriority_process(None, NICE)
-        {
-            tracing::warn!("drawing does not give way to the other threads: {error}");
-        }
         let Some(priority) = role.priority().filter(|_| self.granted.realtime) else { return };
         let policy = libc::SCHED_FIFO | if role.alone() { libc::SCHED_RESET_ON_FORK } else { 0 };
         if let Err(error) = schedule(0, policy, priority) {
@@ -242,6 +263,16 @@ mod tests {
         standing.enter(Role::Capture);
         assert_eq!((own(), standing.watch()), (before, false));
         assert_eq!(*standing.granted(), Granted::default());
+    }
+
+    #[test]
+    fn what_is_done_in_the_background_and_what_that_begins_gives_way() {
+        let nice = || rustix::process::getpriority_process(None).unwrap();
+        let before = nice();
+        let background = Background::new("aside").unwrap();
+        let there = background.run(|| (nice(), std::thread::spawn(nice).join().unwrap()));
+        assert_eq!(there, (before.max(NICE), before.max(NICE)));
+        assert_eq!(nice(), before, "who waits for it does not");
     }
 
     #[test]
