@@ -9,7 +9,7 @@ export class Deeds {
   #steers = false;
   #desk = null;
   #volume = null;
-  #confirmed = null;
+  #asked = null;
 
   /// `row` holds the buttons, `ask` is the dialog that asks, `send(wish)` brings it to the session.
   constructor(row, ask, send) {
@@ -27,11 +27,9 @@ export class Deeds {
       event.preventDefault();
       this.#wish(deed === "record" && this.#desk?.records && this.#desk.phase === "running" ? "stop" : deed);
     });
-    ask.addEventListener("close", () => {
-      const confirmed = this.#confirmed;
-      this.#confirmed = null;
-      if (ask.returnValue === "yes" && confirmed) this.#send(confirmed);
-      ask.returnValue = "";
+    // The dialog's own `close` comes with the screen's next frame, when the next question may be open already.
+    ask.querySelector("form").addEventListener("submit", ({ submitter }) => {
+      if (submitter.value === "yes") this.#send(this.#asked);
     });
     this.#show();
   }
@@ -60,7 +58,7 @@ export class Deeds {
   }
 
   #sure(wish, question, consequence, yes) {
-    this.#confirmed = wish;
+    this.#asked = wish;
     this.#ask.querySelector("h2").textContent = question;
     this.#ask.querySelector("p").textContent = consequence;
     this.#ask.querySelector("[value=yes]").textContent = yes;
