@@ -60,7 +60,7 @@ pub(super) struct Grade {
     tried: bool,
     /// How long the last answer was on the line.
     last: Duration,
-    /// How often the last picture was sent to see whether the line still is slow.
+    /// How often the last picture was sent once more and the line was still slow.
     asked: u32,
     /// Pictures on their way.
     sent: VecDeque<Sent>,
@@ -112,7 +112,9 @@ impl Grade {
 
     /// A picture goes to the page, for the first time or once more.
     pub(super) fn sent(&mut self, sequence: u32, since: Instant, again: bool) {
-        self.asked = if again { self.asked.saturating_add(1) } else { 0 };
+        if !again {
+            self.asked = 0;
+        }
         self.sent.push_back(Sent { sequence, since, again });
     }
 
@@ -134,6 +136,7 @@ impl Grade {
     fn took(&mut self, time: Duration, now: Instant, again: bool) {
         self.last = time;
         if again {
+            self.asked = self.asked.saturating_add(u32::from(time > SLOW));
             return;
         }
         if time <= SLOW {
@@ -335,10 +338,12 @@ mod tests {
             assert_eq!(grade.again(Quality::Halved), Some((Quality::Packed, MS(wait))));
         }
         // Asking takes no part in what new ones get.
+        grade.took(MS(151), begun, false);
         for wait in [4, 8, 16, 32, 64, 64, 64] {
-            grade.took(MS(151), begun, true);
             assert_eq!(grade.again(Quality::Packed), Some((Quality::Packed, MS(1000 * wait))));
             grade.sent(1, begun, true);
+            assert_eq!(grade.again(Quality::Packed), Some((Quality::Packed, MS(1000 * wait))), "not answered yet");
+            grade.answered(1, begun + MS(151), Duration::ZERO);
         }
         assert_eq!(grade.quality(), Quality::Whole);
         grade.forgiven(begun + MS(9000));

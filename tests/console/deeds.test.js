@@ -65,6 +65,7 @@ test("one key freezes, and what would be lost is asked about first", async () =>
   await page.keyboard.press("f");
   await says(page, "Frozen: no slice goes into the volume.");
   await page.locator("#slice-word", { hasText: "frozen" }).waitFor();
+  assert.equal(await page.locator("#banner p", { hasText: /frozen/i }).count(), 1, "it is said once");
   assert.equal(await button(page, "Freeze").getAttribute("aria-pressed"), "true");
   // Those that were on their way when it was pressed are in it, too.
   await until(page, () => window.sonoweave.account.refused.paused > 45);

@@ -35,6 +35,7 @@ test("from when a picture was due to its pixels on the screen", async (t) => {
   const { address } = await shared();
   const seen = await open(address);
   await drawn(seen.page, "slice", 60);
+  await seen.page.waitForFunction(() => Object.values(window.sonoweave.latencies).every(({ length }) => length > 5), null, { timeout: 60_000 });
   const { latencies, decodes, pictures } = await measured(seen.page);
   const share = (values, q) => [...values].sort((a, b) => a - b)[Math.max(0, Math.ceil(q * values.length) - 1)];
   for (const name of ["slice", "view"]) {

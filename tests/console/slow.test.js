@@ -13,6 +13,7 @@ test("a slow line has pictures of reduced quality, which is said, and a fast one
   const { address } = await shared();
   let late = 0;
   const encodings = [];
+  const had = [];
   let bytes = 0;
   const through = (socket) => {
     const server = socket.connectToServer();
@@ -24,7 +25,11 @@ test("a slow line has pictures of reduced quality, which is said, and a fast one
       socket.send(message);
     });
     // In their order, however late.
-    socket.onMessage((message) => setTimeout(() => server.send(message), late));
+    socket.onMessage((message) => {
+      const wish = JSON.parse(message);
+      if (wish.do === "shown") had.push(wish.had_ms);
+      setTimeout(() => server.send(message), late);
+    });
   };
   const seen = await open(address, { through });
   const { page } = seen;
@@ -48,6 +53,8 @@ test("a slow line has pictures of reduced quality, which is said, and a fast one
   assert.ok(difference(reduced, later) > 0.05, "it moves");
   late = 0;
   await marked("hidden");
+  // The page's own time is told with each answer, so that a slow page is no slow line.
+  assert.ok(had.length > 50 && had.every((ms) => ms >= 0 && ms < 120_000) && had.some((ms) => ms > 0), `${had.length}: ${had.slice(0, 9)}`);
   assert.deepEqual(seen.complaints, []);
   await close(seen);
 });

@@ -25,6 +25,8 @@ export class Banner {
   show(troubles) {
     const all = [...troubles];
     if (this.#answer && Date.now() > this.#answer.until) this.#answer = null;
+    // What it is from now on says the same for longer.
+    if (this.#answer && all.some(({ sentence }) => plain(sentence) === plain(this.#answer.sentence))) this.#answer = null;
     if (this.#answer) all.splice(1, 0, { how: this.#answer.how, key: this.#answer.sentence, sentence: this.#answer.sentence, more: "" });
     const shown = all.slice(0, SHOWN);
     this.#element.className = `banner ${shown[0].how}`;
@@ -39,6 +41,9 @@ export class Banner {
     }
   }
 }
+
+// Without what makes it a sentence.
+const plain = (sentence) => sentence.replace(/\.$/, "").toLowerCase();
 
 function line() {
   const p = document.createElement("p");

@@ -2,6 +2,17 @@
 
 use super::*;
 
+/// A page that looks at the scanner's picture, number 0.
+fn looking(session: &Session) -> Client {
+    let mut page = session.page();
+    page.say(&json!({ "do": "show", "slice": true, "view": false }));
+    until("it looks", || {
+        session.shows(0);
+        session.screen.made(Kind::Slice) > 0
+    });
+    page
+}
+
 #[test]
 fn pages_whose_answers_come_late_get_jpegs_packed_once_and_whole_pictures_again_when_they_do_not() {
     let session = Session::new();
@@ -47,12 +58,7 @@ fn pages_whose_answers_come_late_get_jpegs_packed_once_and_whole_pictures_again_
 #[test]
 fn a_picture_that_was_packed_is_sent_whole_when_none_newer_comes() {
     let session = Session::new();
-    let mut page = session.page();
-    page.say(&json!({ "do": "show", "slice": true, "view": false }));
-    until("it looks", || {
-        session.shows(0);
-        session.screen.made(Kind::Slice) > 0
-    });
+    let mut page = looking(&session);
     let mut shown = 0;
     let mut next = |page: &mut Client, late: u64| {
         let picture = page.picture();
@@ -80,12 +86,7 @@ fn a_picture_that_was_packed_is_sent_whole_when_none_newer_comes() {
 #[test]
 fn a_page_that_is_slow_itself_gets_whole_pictures() {
     let session = Session::new();
-    let mut page = session.page();
-    page.say(&json!({ "do": "show", "slice": true, "view": false }));
-    until("it looks", || {
-        session.shows(0);
-        session.screen.made(Kind::Slice) > 0
-    });
+    let mut page = looking(&session);
     // Of 200 ms it has had it for most: unpacking a JPEG would make it slower still.
     for shown in 1..10 {
         let picture = page.picture();
@@ -101,12 +102,7 @@ fn a_page_that_is_slow_itself_gets_whole_pictures() {
 #[test]
 fn a_line_that_was_slow_is_asked_once_more_and_what_stands_still_comes_whole() {
     let session = Session::new();
-    let mut page = session.page();
-    page.say(&json!({ "do": "show", "slice": true, "view": false }));
-    until("it looks", || {
-        session.shows(0);
-        session.screen.made(Kind::Slice) > 0
-    });
+    let mut page = looking(&session);
     let mut answered = |late: u64| {
         let picture = page.picture();
         std::thread::sleep(Duration::from_millis(late));
