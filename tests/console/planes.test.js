@@ -176,6 +176,41 @@ test("a click moves the cross there, the wheel goes through, arrows step by a vo
   assert.deepEqual(seen.complaints, []);
 });
 
+test("the cross stays where the hand has put it, however late the session's pictures come", async () => {
+  let late = 0;
+  const through = (socket) => {
+    const server = socket.connectToServer();
+    // In their order, however late.
+    server.onMessage((message) => setTimeout(() => socket.send(message), late));
+  };
+  const session = await Session.small();
+  const seen = await showing(session.address, 20, { through });
+  const { page } = seen;
+  await drawn(page, "slice", 2);
+  late = 1500;
+  await page.mouse.click(...(await at(page, "z", 0.3, 0.6)));
+  const put = (await measured(page)).planes.cross;
+  // What was under way when it was put there, and what was made of it, come meanwhile.
+  const places = await page.evaluate(async (put) => {
+    const { planes } = window.sonoweave;
+    const places = new Set();
+    for (const begun = performance.now(); performance.now() - begun < 15_000 && !(planes.told[5].cross.every((x, n) => Math.abs(x - put[n]) < 1e-6)); ) {
+      await new Promise(requestAnimationFrame);
+      places.add(planes.cross.join());
+    }
+    return [...places];
+  }, put);
+  assert.deepEqual(places, [put.join()]);
+  await until(page, 5, ({ cross }) => cross.every((x, n) => Math.abs(x - put[n]) < 1e-6));
+  // Nothing is waited for then: where the session brings it, it is.
+  late = 0;
+  await page.locator("#planes-home").click();
+  await page.waitForFunction((put) => window.sonoweave.planes.cross.join() !== put, put.join(), { timeout: 20_000 });
+  assert.deepEqual(seen.complaints, []);
+  await close(seen);
+  await session.end();
+});
+
 test("the free plane is turned by Shift and drag, by its knob and by keys, and the others stay", async () => {
   const seen = await planes();
   const { page } = seen;

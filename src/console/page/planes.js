@@ -8,8 +8,10 @@ import { Levels } from "./levels.js";
 import { LOOKS, Plane } from "./plane.js";
 import { add, within } from "./space.js";
 
-// The page's own wishes hold for this long, ms: what the session tells meanwhile may be of before.
-const OWN = 500;
+// Where this page has brought the cross it stays until the session tells so, or tells another place for so long, ms: what it tells before may be of before.
+const OWN = 5000;
+// The session tells it as it was told, mm.
+const SAME = 1e-6;
 
 export const KINDS = Object.keys(LOOKS).map(Number);
 
@@ -127,7 +129,7 @@ export class Planes {
 
   /// Another session may be there.
   restart() {
-    this.#turn = -1;
+    [this.#turn, this.#wished] = [-1, -Infinity];
     this.#outlines = new Map();
     for (const plane of Object.values(this.#planes)) plane.restart();
   }
@@ -135,8 +137,9 @@ export class Planes {
   #drawn(plane, lies) {
     if (!lies.none) {
       this.#volume = lies.volume;
-      if (lies.turn >= this.#turn && (!this.#steers || performance.now() - this.#wished > OWN)) {
+      if (lies.turn >= this.#turn && (!this.#steers || performance.now() - this.#wished > OWN || lies.cross.every((x, n) => Math.abs(x - this.#cross[n]) < SAME))) {
         this.#turn = lies.turn;
+        this.#wished = -Infinity;
         this.#hold(lies.cross);
       }
       this.open.window = lies.window;
