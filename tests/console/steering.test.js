@@ -15,10 +15,21 @@ async function steering() {
   return seen;
 }
 
+// From where the picture that is shown sees the volume.
+const lies = (page) => page.evaluate(() => JSON.stringify(window.sonoweave.sight.projection));
+
 // What is seen when that has had its effect.
 async function after(page, act) {
+  let before = await lies(page);
   await act();
-  await settled(page);
+  // Pictures that were under way show what was before. What changes nothing is told by nothing.
+  const elsewhere = (before) => JSON.stringify(window.sonoweave.sight.projection) !== before;
+  await page.waitForFunction(elsewhere, before, { timeout: 1500 }).catch(() => {});
+  for (let n = 0; n < 5; n += 1) {
+    before = await lies(page);
+    await settled(page);
+    if ((await lies(page)) === before) break;
+  }
   return greys(page, "view");
 }
 
