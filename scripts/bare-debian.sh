@@ -1,7 +1,7 @@
-# A bare Debian 12 in a folder, for scripts that prove something on one. To be sourced; `say` and `fail` are the caller's.
+# Makes a bare Debian 12 in a folder. To be sourced by scripts that have functions `say` and `fail`.
 # SONOWEAVE_DEBIAN_MIRROR names a mirror other than debootstrap's own choice.
 
-# install_here PACKAGE COMMAND: on this machine, where the command is missing.
+# install_here PACKAGE COMMAND: installs a package on this machine if the command is missing.
 install_here() {
     command -v "$2" >/dev/null || {
         say "installing $1"
@@ -10,7 +10,8 @@ install_here() {
     }
 }
 
-# remove_machines PLACE NAME…: folders in PLACE, unless something is mounted there that is not ours.
+# remove_machines PLACE NAME…: removes folders in PLACE, unless something is mounted there: the
+# mount would be another's, as the scripts make theirs in namespaces that end with them.
 remove_machines() {
     local place=$1 name
     shift
@@ -21,7 +22,8 @@ remove_machines() {
     for name in "$@"; do rm -rf --one-file-system "${place:?}/$name"; done
 }
 
-# bare_debian ROOT LOG PACKAGE,PACKAGE,…: names, certificates, proxies and apt's manner of fetching are this machine's; what it installs, and from where, is its own.
+# bare_debian ROOT LOG PACKAGE,PACKAGE,…: makes it with these packages. It has this machine's way to
+# the network: names, certificates, proxies and apt's settings for fetching.
 bare_debian() {
     local root=$1 log=$2 packages=$3 bundle
     install_here debootstrap debootstrap

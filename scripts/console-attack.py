@@ -1,8 +1,10 @@
-"""Clients of a session's console that are no good, all at once, for so many seconds: ADDRESS:PORT SECONDS [PID].
+"""Attacks a session's console with bad clients: ADDRESS:PORT SECONDS [PID] [--calm].
 
-A thousand connections that say nothing and as many that are opened anew all the time, requests a letter at a time, garbage, requests without end whose answers nobody reads, pages that say more
-than they may, that take a byte a second of their pictures, and that take nothing. Beside them a good page that looks at both pictures and answers each: how many it got, and its
-longest wait, is told in the end as JSON, with the most memory and threads that the process PID had meanwhile.
+A thousand connections stay silent, and as many are opened again and again. Others send requests a
+letter at a time, garbage, or endless requests whose answers they do not read. Pages send more than
+they may, read a byte a second of their pictures, or read nothing. Beside them a good page views both
+pictures and answers each. Its pictures and longest wait are printed as JSON, with the most memory
+and threads of the process PID. With --calm there is only the good page.
 """
 
 import base64
@@ -31,7 +33,7 @@ def connect(patience=5.0):
 
 
 def masked(opcode, payload=b""):
-    """A page's frame."""
+    """Returns a WebSocket frame as pages send it."""
     length = len(payload)
     head = bytes([0x80 | opcode]) + (bytes([0x80 | length]) if length < 126 else bytes([0xFE]) + struct.pack(">H", length))
     return head + bytes(4) + payload
@@ -42,7 +44,7 @@ def say(stream, **wish):
 
 
 def page(patience=5.0):
-    """A connection that is a page's, and what was read beyond the answer's head."""
+    """Connects like a page; returns the connection and the bytes after the answer's head."""
     stream = connect(patience)
     key = base64.b64encode(os.urandom(16)).decode()
     stream.sendall(f"GET /v1/stream HTTP/1.1\r\nHost: {host}:{port}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: {key}\r\n\r\n".encode())
@@ -58,7 +60,7 @@ def page(patience=5.0):
 
 
 def again(name, does, pause=0.05):
-    """Does it over and over; what the server does about it is counted, and no reason to stop."""
+    """Repeats an attack and counts it; errors caused by the server do not end it."""
 
     def run():
         while goes_on():
@@ -134,12 +136,12 @@ def nothing():
         say(stream, do="show", slice=True, view=True)
         while goes_on():
             time.sleep(0.5)
-            # Whether it was cut off shows when something is said.
+            # A closed connection shows when something is sent.
             stream.sendall(masked(10))
 
 
 def good(result):
-    """Comes before the others, looks, and answers."""
+    """Connects before the others, views both pictures and answers them."""
     stream, data = page(30)
     say(stream, do="show", slice=True, view=True)
     began = last = time.monotonic()

@@ -1,8 +1,12 @@
 #!/usr/bin/env bash
-# What those who look at a session cost it: pages that look at nothing, and clients that are no good. The same session at the virtual bedside, its pictures painted beforehand, is run
-# alone, with a good page, and with that page and an attack (scripts/console-attack.py); and once with none and with three hidden pages, whose share of a core is told.
-# SECONDS_EACH of each, 60 by default. Nothing else should run meanwhile. SONOWEAVE names another program than the one that cargo builds. It fails where the attack made the
-# session lose or drop anything that it did not lose without.
+# Measures the cost of the console to a session. The same session at the virtual bedside, with its
+# frames painted beforehand, runs alone, with a good page, and with that page and an attack
+# (scripts/console-attack.py). Another one runs with no page and with three hidden ones, and their
+# share of a core is printed.
+#
+# Each takes SECONDS_EACH, 60 by default. Nothing else should run meanwhile. SONOWEAVE names another
+# program than the one that cargo builds. The script fails if the attack made the session lose or
+# drop anything that it did not lose without.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -18,7 +22,8 @@ fi
 grep -q '^painted = true' "$folder/bedside.toml"
 trap 'kill "${session:-}" 2>/dev/null || true' EXIT
 
-begin() { # name: a session that runs, at $address
+# begin NAME: starts a session, and waits until it runs at $address.
+begin() {
     "$SONOWEAVE" live --config "$folder/bedside.toml" --console 127.0.0.1:0 --headless --stats "$folder/$1.json" >/dev/null 2>"$folder/$1.log" &
     session=$!
     address=
@@ -43,7 +48,7 @@ end
 begin calm
 nice -n 19 python3 scripts/console-attack.py "$address" "$seconds" "$session" --calm >"$folder/calm-page.json"
 end
-# They are other machines: here they take what the session leaves of this one.
+# Attackers are other machines in practice: here they yield to the session.
 begin attacked
 nice -n 19 python3 scripts/console-attack.py "$address" "$seconds" "$session" >"$folder/attacked-page.json"
 curl --silent --fail --max-time 20 "http://$address/metrics" | grep '^sonoweave_console' || true

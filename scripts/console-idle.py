@@ -1,4 +1,7 @@
-"""What pages that look at nothing cost a session: ADDRESS:PORT PID SECONDS. CPU of the whole process and of the thread that serves pages, with none and with three."""
+"""Measures the cost of hidden pages to a session: ADDRESS:PORT PID SECONDS.
+
+Prints the CPU time of the process and of the thread that serves pages, with none and with three.
+"""
 
 import base64
 import os
@@ -33,7 +36,7 @@ def page():
 
     def reads():
         while stream.recv(1 << 16):
-            # That it is there: a browser says so by itself.
+            # Answers pings, as browsers do by themselves.
             stream.sendall(bytes([0x8A, 0x80, 0, 0, 0, 0]))
 
     threading.Thread(target=reads, daemon=True).start()

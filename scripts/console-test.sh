@@ -1,9 +1,13 @@
 #!/usr/bin/env bash
-# Proves the console's page in a real browser: a session at the virtual bedside, its page in Debian's Chromium, looked at, steered, hidden, cut off and found again.
+# Tests the console's page in Debian's Chromium: a session at the virtual bedside is viewed,
+# steered, hidden, disconnected and found again.
 #
-# What is missing is installed: node, npm and chromium as Debian packages, and the packages of tests/console/package.json, some 20 MB, into out/console-test, from the
-# registry that npm is set up for. Nothing else outside of that folder is changed. SONOWEAVE names another program than the one that cargo builds. Pictures of the page
-# are in out/console-test afterwards. With the word "reach" it measures instead what pages attain and cost (tests/console/reach.js).
+#   scripts/console-test.sh [reach]     with the word, measures instead (tests/console/reach.js)
+#
+# Missing Debian packages are installed by scripts/setup.sh. The packages of
+# tests/console/package.json (20 MB) are installed into out/console-test, from the registry that npm
+# is set up for. SONOWEAVE names another program than the one that cargo builds. Pictures of the
+# page are written to out/console-test.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -11,7 +15,7 @@ say() { echo "console: $*"; }
 
 place=out/console-test
 mkdir -p "$place"
-# What was installed is what is wanted; a half-made folder is made anew.
+# The lock file is copied last: a folder without it is incomplete, and is made again.
 if ! cmp -s tests/console/package-lock.json "$place/installed.json"; then
     cp tests/console/package.json tests/console/package-lock.json "$place/"
     (cd "$place" && npm ci --ignore-scripts --no-audit --no-fund --loglevel=error) || {
@@ -22,8 +26,7 @@ if ! cmp -s tests/console/package-lock.json "$place/installed.json"; then
 fi
 
 if [ -z "${SONOWEAVE:-}" ]; then
-    cargo build --release --locked
-    SONOWEAVE=$(cd "${CARGO_TARGET_DIR:-target}/release" && pwd)/sonoweave
+    SONOWEAVE=$(scripts/build.sh)
 fi
 export SONOWEAVE
 CHROMIUM=$(command -v chromium)
@@ -32,6 +35,6 @@ rm -rf "$place"/session-* "$place"/*.png
 if [ "${1:-}" = reach ]; then
     exec node tests/console/reach.js
 fi
-# One file: its tests run one after the other.
+# One file, so that its tests run one after the other.
 node --test-reporter=spec tests/console/main.js
 say "pictures of the page are in $place"

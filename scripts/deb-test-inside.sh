@@ -1,8 +1,9 @@
 #!/bin/bash
-# What scripts/deb-test.sh tries in the booted container. Every wait has an end, far beyond what it takes.
+# Tests the installed package in the booted container of scripts/deb-test.sh. Every wait has a time
+# limit, far beyond the usual time.
 set -euo pipefail
 
-# check WHAT COMMAND…: the command does it, or what it said is shown and all ends here.
+# check NAME COMMAND…: runs a command; if it fails, prints its output and ends all.
 check() {
     local what=$1
     shift
@@ -15,7 +16,7 @@ check() {
         exit 1
     fi
 }
-# within SECONDS COMMAND…: sooner or later.
+# within SECONDS COMMAND…: repeats a command until it succeeds or the time is over.
 within() {
     local end=$((SECONDS + $1))
     shift
@@ -42,7 +43,7 @@ silent() {
 
 commands=$(sonoweave --help | sed -n '/^Commands:/,/^$/s/^  \([a-z]\+\) .*/\1/p' | grep -v help)
 [ "$(echo "$commands" | wc -l)" -ge 8 ] || exit 1
-# Its words about macros that are not groff's are of no interest, those about what cannot be set are.
+# Warnings about macros of others are ignored; those about characters that cannot be set count.
 set_by_groff() { silent sh -c 'man --warnings -E UTF-8 -l -Tutf8 -Z "$1" 2>&1 >/dev/null' sh "$1"; }
 for page in sonoweave $(printf 'sonoweave-%s ' $commands) sonoweave-bedside; do
     check "man $page" man -w "$page"
@@ -65,7 +66,7 @@ check "zsh reads its completions" zsh -n /usr/share/zsh/vendor-completions/_sono
 check "fish reads its completions" fish --no-execute /usr/share/fish/vendor_completions.d/sonoweave.fish
 
 rules=/usr/lib/udev/rules.d/70-sonoweave.rules
-# Debian 12's udev cannot verify, but says what it does not understand when it reads rules for a device.
+# Debian 12's udev has no `verify`, but reports faulty rules when it reads them for a device.
 understood() {
     if udevadm verify --help >/dev/null 2>&1; then
         udevadm verify "$1"
@@ -87,7 +88,7 @@ check "systemd understands the unit" silent systemd-analyze verify sonoweave.ser
 check "the service is not enabled" is "$(systemctl is-enabled sonoweave || true)" disabled
 check "its user has the devices' groups" is "$(id -Gn sonoweave | tr ' ' '\n' | sort | xargs)" "dialout plugdev sonoweave video"
 
-# As it is shipped: a bedside whose hardware is not here.
+# With the shipped configuration, whose hardware is absent.
 check "it starts without its hardware" systemctl start sonoweave
 status() {
     exec 3<>"/dev/tcp/127.0.0.1/9110"
@@ -103,7 +104,7 @@ check "and says that it is absent" within 30 status /status '"absent"'
 check "it stops" systemctl stop sonoweave
 check "well" shown Result success
 
-# And at a virtual bedside.
+# At a virtual bedside.
 {
     cat /virtual.toml
     printf '\n[record]\nfolder = "/var/lib/sonoweave/sessions"\n\n[status]\nlisten = "127.0.0.1:9110"\n'
@@ -118,7 +119,7 @@ check "a session grows" within 60 grows "$first"
 check "which others cannot read" is "$(stat -c '%a %U %G' "$first")" "640 sonoweave sonoweave"
 check "metrics are told" status /metrics sonoweave_
 main=$(systemctl show --value -p MainPID sonoweave)
-# Limits are raised by who has CAP_SYS_RESOURCE, which not every machine gives its root.
+# Raising limits needs CAP_SYS_RESOURCE, which not every machine gives its root.
 if (($((16#$(sed -n 's/^CapEff:\t//p' /proc/1/status))) >> 24 & 1)); then
     check "it may have real time" grep -E '^Max realtime priority +20 ' "/proc/$main/limits"
     check "and lock its memory" grep -E '^Max locked memory +unlimited ' "/proc/$main/limits"

@@ -1,9 +1,12 @@
 #!/usr/bin/env bash
-# Proves the package of scripts/deb.sh on a bare Debian 12 in a folder: it is made twice to the same bytes, installs with all that it needs, is read by man, shells, udev and
-# systemd, and in a booted container its service records a session, is reloaded and stopped, killed and back. Removed it leaves settings and sessions, purged sessions.
+# Tests the package of scripts/deb.sh on a bare Debian 12 in a folder. It is made twice with the
+# same bytes, installs with its dependencies, and is accepted by man, shells, udev and systemd. In a
+# booted container its service records a session, and is reloaded, stopped, killed and restarted.
+# After removal settings and sessions are left, after a purge only sessions.
 #
-# Needs root (chroot, containers), network as this machine has it, 1 GB of disk and two minutes beside the building. The folder is target/deb-test, or the one that
-# SONOWEAVE_DEB_TEST names; it is removed at the end. `lintian`, where it is installed, has its say too.
+# Needs root (chroot, containers), network as this machine has it, 1 GB of disk and two minutes
+# beside the building. The folder is target/deb-test, or the one that SONOWEAVE_DEB_TEST names; it
+# is removed at the end. `lintian` is run if it is installed.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -31,15 +34,16 @@ cmp "$package" "$place/second/${package##*/}" || fail "the same source gave anot
 say "the same bytes"
 if command -v lintian >/dev/null; then
     say "== lintian"
-    # The package is not Debian's: no bug of theirs asked for it, and no address of theirs keeps it.
+    # The package is not Debian's: it closes none of their bugs, and its maintainer is not theirs.
     lintian --allow-root --fail-on error,warning "$package" \
-        --suppress-tags initial-upload-closes-no-bugs,bogus-mail-host,bogus-mail-host-in-debian-changelog || fail "lintian has found something"
+        --suppress-tags initial-upload-closes-no-bugs,bogus-mail-host,bogus-mail-host-in-debian-changelog ||
+        fail "lintian has found something"
     say "nothing to complain about"
 fi
 
 root=$place/machine
 in_machine() { chroot "$root" env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin LANG=C.UTF-8 DEBIAN_FRONTEND=noninteractive "$@"; }
-# What there is outside of what changes by itself.
+# The installed files, without those that change by themselves.
 listing() { (cd "$root" && find etc usr var home opt srv -path var/cache -prune -o -path var/lib/apt -prune -o -path var/lib/dpkg -prune -o -path var/log -prune -o -print | LC_ALL=C sort); }
 quietly() { "$@" >"$place/log" 2>&1 || {
     cat "$place/log" >&2
@@ -79,7 +83,7 @@ TimeoutStartSec=300
 END
 mkdir -p "$root/etc/systemd/system/multi-user.target.wants"
 ln -s ../deb-test.service "$root/etc/systemd/system/multi-user.target.wants/deb-test.service"
-# A network of its own, which has nothing but loopback.
+# Its network has only loopback.
 passed=yes
 timeout 400 systemd-nspawn --quiet --directory="$root" --private-network --register=no --keep-unit --console=pipe --boot \
     </dev/null >"$place/boot.log" 2>&1 || passed=
@@ -91,7 +95,7 @@ timeout 400 systemd-nspawn --quiet --directory="$root" --private-network --regis
 
 say "== removed, while it is enabled"
 rm "$root/etc/systemd/system/multi-user.target.wants/deb-test.service" "$root/etc/systemd/system/deb-test.service"
-# What the container's own boot made is no doing of the package's.
+# Other files may come from the container's own boot.
 listing | grep -E 'sonoweave' >"$place/installed"
 sessions=$(ls "$root/var/lib/sonoweave/sessions")
 quietly in_machine apt-get remove -y sonoweave

@@ -1,14 +1,17 @@
 #!/usr/bin/env bash
-# A Debian package of the program as it is in this folder: scripts/deb.sh [FOLDER], out/deb by default. Needs what scripts/setup.sh package installs. The same commit and
-# compiler give the same bytes.
+# Makes a Debian package of this source. The same commit and compiler give the same bytes. Needs the
+# packages that `scripts/setup.sh package` installs.
 #
-# dpkg's own tools make it: dpkg-shlibdeps finds what the program needs of which package, dpkg-gencontrol and dpkg-deb do the rest. All files that are made and not
-# written by hand (manual pages, completions, licences, udev rules) come from the program's own definitions, as of now.
+#   scripts/deb.sh [FOLDER]     out/deb by default
+#
+# dpkg's own tools make it: dpkg-shlibdeps finds the packages that the program needs,
+# dpkg-gencontrol and dpkg-deb do the rest. Manual pages, completions, licences and udev rules are
+# made from the program's own definitions.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 folder=${1:-out/deb}
 
-# Whoever builds, and when, must not show.
+# The bytes must not depend on the user or the time.
 umask 022
 export LC_ALL=C.UTF-8 TZ=UTC
 SOURCE_DATE_EPOCH=$(git log -1 --format=%ct)
@@ -28,12 +31,13 @@ mkdir -p "$folder"
 place=$(mktemp -d "$folder/making.XXXXXX")
 trap 'rm -rf "$place"' EXIT
 stage=$place/stage
-# Through cargo, which knows where it built to.
+# Cargo knows where it built to.
 cargo run --release --locked --quiet -p sonoweave-packaging -- "$place/made" "$machine"
-built=$(cargo build --release --locked --quiet -p sonoweave --message-format=json | sed -n 's/.*"executable":"\([^"]*\)".*/\1/p' | tail -n 1)
+built=$(cargo build --release --locked --quiet -p sonoweave --message-format=json |
+    sed -n 's/.*"executable":"\([^"]*\)".*/\1/p' | tail -n 1)
 
 put() { install -D -m "${3:-644}" "$1" "$stage/$2"; }
-# Compressed, without a name and a time.
+# Compresses without name and time, which would differ from build to build.
 pack() { gzip -9nc "$1" >"$place/packed" && put "$place/packed" "$2.gz"; }
 
 put "$built" usr/bin/sonoweave 755
@@ -61,7 +65,7 @@ pack "$place/made/licences.txt" "$documents/licences.txt"
 pack docs/bedside.md "$documents/bedside.md"
 pack docs/ea1.md "$documents/ea1.md"
 
-# dpkg's tools look for debian/control and debian/changelog where they are called.
+# dpkg's tools look for debian/control and debian/changelog in the current folder.
 mkdir -p "$stage/DEBIAN" "$place/debian"
 cp packaging/debian/control packaging/debian/changelog "$place/debian/"
 control=$(cd "$stage/DEBIAN" && pwd)

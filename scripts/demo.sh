@@ -1,20 +1,21 @@
 #!/bin/sh
-# A session on a virtual bedside, and the same session once more from its recording: what the program does, without any hardware.
+# Shows the program without any hardware: a session on a virtual bedside, and the same session again
+# from its recording.
 set -eu
 cd "$(dirname "$0")/.."
 
 folder=${1:-out/demo}
 rm -rf "$folder"
-cargo build --release --locked
-# Through cargo, which knows where it built to.
-sonoweave() { cargo run --release --locked --quiet -- "$@"; }
+program=$(scripts/build.sh)
+sonoweave() { "$program" "$@"; }
 
 echo
-echo "== 12 s at a virtual bedside: a hand sweeps a probe to and fro over a doll in a water tank; tracker and video come late and unevenly"
+echo "== 12 s at a virtual bedside: a hand sweeps a probe to and fro over a doll in a water tank;"
+echo "   tracker and video come late and unevenly"
 sonoweave demo --duration 12 --out "$folder"
 session=$(echo "$folder"/SESSION-*.mcap)
 echo
-echo "== the same session from its recording: every decision made once more, and held against what was decided then"
+echo "== the same session from its recording: every decision is made again and compared"
 sonoweave replay "$session" -o "$folder/again.mha" --picture "$folder/again.png"
 cmp "$folder/volume.mha" "$folder/again.mha"
 cmp "$folder/picture.png" "$folder/again.png"

@@ -1,11 +1,13 @@
 #!/usr/bin/env bash
-# Proves that a bare Debian 12 with only git, make, curl and Rust can `make demo` and `make test`: a machine without a compiler is made in a
-# folder, the last commit is cloned into it, and both are run there, once as root and once as an unprivileged user with sudo.
+# Tests `make demo` and `make test` on a bare Debian 12 with only git, make, curl and Rust. A
+# machine without a compiler is made in a folder, and the last commit is cloned into it. Both
+# targets run there, once as root and once as an unprivileged user with sudo.
 #
-#   scripts/fresh-machine.sh [root|user]...     which of the two to be; both by default
+#   scripts/fresh-machine.sh [root|user]...     one of the two; both by default
 #
-# Needs root (chroot, mounts), network as this machine has it, some 4 GB of disk and half an hour. The folder is target/fresh-machine, or the one
-# that SONOWEAVE_FRESH_MACHINE names; it is removed at the end. SONOWEAVE_DEBIAN_MIRROR names a mirror other than debootstrap's own choice.
+# Needs root (chroot, mounts), network as this machine has it, 4 GB of disk and half an hour. The
+# folder is target/fresh-machine, or the one that SONOWEAVE_FRESH_MACHINE names; it is removed at
+# the end. SONOWEAVE_DEBIAN_MIRROR names a mirror other than debootstrap's own choice.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -26,7 +28,8 @@ done
 place=${SONOWEAVE_FRESH_MACHINE:-$PWD/target/fresh-machine}
 mkdir -p "$place"
 place=$(cd "$place" && pwd)
-# All mounts are made in a namespace of their own and end with it, so that nothing here can reach through one.
+# Mounts are made in a namespace that ends with its process, so that removing folders cannot reach
+# through one.
 clean() { remove_machines "$place" base machine clone; }
 trap clean EXIT
 trap 'exit 1' INT TERM
@@ -64,7 +67,7 @@ run_as() {
         chroot "$root" env DEBIAN_FRONTEND=noninteractive sh -c 'apt-get update -qq && apt-get install -y -qq --no-install-recommends sudo' \
             >"$place/sudo.log" 2>&1 || fail "sudo could not be installed; the log is $place/sudo.log"
         echo 'maker ALL=(ALL) NOPASSWD: ALL' >"$root/etc/sudoers.d/maker"
-        # Nothing of this machine's package lists is left for the setup step to live on.
+        # The setup step must fetch its own package lists.
         rm -rf "$root/var/lib/apt/lists"
     fi
     cp -a "$place/clone" "$root$home/sonoweave"
@@ -86,7 +89,7 @@ run_as() {
         ' fresh-machine "$root" "$name" "$target" "$home" "${carried[@]}"
         say "== $name: make $target passed in $((SECONDS - began)) s"
     done
-    # The proof that something was missing and came by the setup step.
+    # A compiler was missing, so the setup step must have installed one.
     [ -e "$root/usr/bin/cc" ] || fail "make $target passed without a compiler; what did it build?"
 }
 

@@ -1,6 +1,11 @@
 #!/bin/sh
-# Searches for bytes that break a decoder or a reader of files: `make fuzz`, or scripts/fuzz.sh [TARGET…]. FUZZ_SECONDS a target, 60 by default. What is found on the way is
-# kept in out/fuzz; what breaks something is named at the end and belongs into the corpus beside its target, in drivers/fuzz or tests/fuzz, where the tests try it again.
+# Searches for bytes that break a decoder or a reader of files.
+#
+#   scripts/fuzz.sh [TARGET…]       all targets by default, FUZZ_SECONDS (60) each
+#
+# Inputs that reach new code are kept in out/fuzz. Inputs that break something are named at the end.
+# They belong into the corpus beside their target, in drivers/fuzz or tests/fuzz, where the tests
+# try them again.
 set -eu
 cd "$(dirname "$0")/.."
 
@@ -13,7 +18,7 @@ if ! cargo fuzz --version >/dev/null 2>&1; then
     exit 0
 fi
 
-# Targets that read files write them first: in memory that is three times as fast.
+# Targets that read files write them first, which is three times as fast in memory.
 if TMPDIR=$(mktemp -d -p /dev/shm 2>/dev/null); then
     export TMPDIR
     trap 'rm -rf "$TMPDIR"' EXIT
@@ -30,7 +35,8 @@ for target in "$@"; do
     [ -f "$folder/fuzz_targets/$target.rs" ] || folder=tests/fuzz
     mkdir -p "out/fuzz/$target"
     echo "fuzz: $target for $seconds s"
-    # Inputs become as long as the longest of the corpus: a whole session is one of 34 KB. cargo-fuzz would build for musl where it was itself built so: the host is named.
+    # Inputs become as long as the longest of the corpus, a session of 34 KB. The host is named
+    # because a cargo-fuzz that was built for musl would build for musl.
     cargo +nightly fuzz run --fuzz-dir "$folder" --target-dir "${CARGO_TARGET_DIR:-target}/fuzz" --target "$host" "$target" \
         "out/fuzz/$target" "$folder/corpus/$target" -- -max_total_time="$seconds" -timeout=10 -rss_limit_mb=512 -print_final_stats=1 ||
         broken="$broken $target"

@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# The drivers against the kernel's own: each test binary runs in a guest whose kernel has the devices that it needs. scripts/guest/README.md tells more.
+# Tests the drivers against the kernel's own: each test binary runs in a guest whose kernel has the
+# devices that it needs. scripts/guest/README.md describes the guest.
 #
 #   scripts/hardware-test.sh [FILTER]   only tests whose names contain FILTER
 set -euo pipefail
@@ -7,31 +8,34 @@ cd "$(dirname "$0")/.."
 
 scripts/guest/prepare.sh
 
-# What the next guest's machine has beside a processor and memory: options of scripts/guest/run.sh.
+# Further hardware of the next guest's machine: options of scripts/guest/run.sh.
 machine=()
 found=
-# Builds a test binary of the drivers and runs it with the given modules.
+# in_guest TEST MODULES FILTER…: builds a test binary of the drivers and runs it with these modules.
 in_guest() {
     local test=$1 modules=$2 program
     shift 2
-    # The last line that names an executable is the test's.
-    program=$(cargo test --locked -p sonoweave-drivers --test "$test" --no-run --message-format=json-render-diagnostics |
-        sed -n 's/.*"executable":"\([^"]*\)".*/\1/p' | tail -n 1)
-    # No guest is booted for tests that it has not.
+    # With the packages of `make test`, so that both share one build.
+    program=$(cargo test --workspace --exclude sonoweave-figures --locked --test "$test" --no-run \
+        --message-format=json-render-diagnostics |
+        sed -n "s#.*\"executable\":\"\([^\"]*/$test-[^\"]*\)\".*#\1#p" | tail -n 1)
+    # No guest is booted if no test has the filter in its name.
     [[ $("$program" --list "$@") == *": test"* ]] || return 0
     found=yes
     scripts/guest/run.sh "${machine[@]}" "$modules" "$program" --test-threads=1 --color=never "$@"
 }
 
-# vivid: /dev/video0 captures (inputs: a camera, HDMI, S-Video), /dev/video1 is an HDMI output that can be looped back; with its controls of faults.
+# vivid: /dev/video0 captures (inputs: a camera, HDMI, S-Video), and /dev/video1 is an HDMI output
+# that can be looped back. Its controls inject faults.
 in_guest guest_grabber "vivid n_devs=1 node_types=0x0101 num_inputs=3 input_types=0x2c num_outputs=1 output_types=0x1 no_error_inj=0" "$@"
 
-# vhci: USB devices that the test itself plays. One of them the kernel takes for a serial line.
+# vhci: USB devices that the test itself simulates. The kernel takes one of them for a serial line.
 in_guest guest_usb "vhci-hcd
 usbserial vendor=0x0f44 product=0xff12" "$@"
 
-# The kernel's two sides of USB at once: a gadget that is a serial line (ttyGS0) plugged into its own host (ttyACM0). And QEMU's FTDI adapter (ttyUSB0), which is
-# connected to QEMU's second serial port (ttyS1) as by a null-modem cable.
+# Both of the kernel's sides of USB: a gadget that is a serial line (ttyGS0), plugged into its own
+# host (ttyACM0). And QEMU's FTDI adapter (ttyUSB0), which is connected to QEMU's second serial port
+# (ttyS1) as by a null-modem cable.
 machine=(
     --qemu -device --qemu qemu-xhci,id=xhci
     --qemu -chardev --qemu socket,id=near,path=cable,server=on,wait=off

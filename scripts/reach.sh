@@ -1,5 +1,6 @@
 #!/bin/sh
-# What a session attains on this machine, alone: 640×480 at 30 and 60 a second, FASTRAK with one sensor at 120 a second, 0.5 mm voxels, a 512² picture, recording on.
+# Measures a session alone on this machine: video of 640×480 at 30 and 60 frames a second, a FASTRAK
+# with one sensor at 120 readings a second, 0.5 mm voxels, a 512² picture and a recording.
 set -eu
 cd "$(dirname "$0")/.."
 
@@ -9,7 +10,7 @@ mkdir -p "$folder"
 cargo build --release --locked
 sonoweave() { cargo run --release --locked --quiet -- "$@"; }
 
-# Painted beforehand: a scanner paints its own pictures.
+# Frames are painted beforehand, as a scanner paints its own.
 for rate in 30 60; do
     sonoweave live --example virtual |
         sed -e '/^reference_station/d' -e "s/^rate_hz = 30/rate_hz = $rate/" -e 's/^#painted = true/painted = true/' -e "s/^frames = 300 /frames = $((rate * 10)) /" >"$folder/$rate.toml"
@@ -35,7 +36,8 @@ print(f"  pictures {numbers['pictures']}, slices between {numbers['pictures_skip
 PYTHON
 }
 
-session() { # name, configuration, seconds
+# session NAME CONFIGURATION SECONDS
+session() {
     sonoweave live --config "$folder/$2.toml" --duration "$3" --record "$folder/sessions-$1" --picture "$folder/$1.png" --stats "$folder/$1.json" --quiet >/dev/null
     report "$1" "$folder/$1.json"
 }

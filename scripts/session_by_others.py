@@ -1,11 +1,13 @@
 #!/usr/bin/env python3
 """Reads a session with the tools of others, in an environment of its own:
 
-    python3 -m venv out/venv && out/venv/bin/pip install mcap mcap-protobuf-support foxglove-schemas-protobuf pillow
+    python3 -m venv out/venv
+    out/venv/bin/pip install mcap mcap-protobuf-support foxglove-schemas-protobuf pillow
     out/venv/bin/python scripts/session_by_others.py out/session-bench.mcap
 
-Every chunk's checksum is compared by the crate-independent reader `mcap`; every message is taken apart by the descriptors in the file; those of Foxglove's schemas are
-compared field by field with Foxglove's own, and parsed by Foxglove's own classes, which must see the same picture and the same pose.
+The independent reader `mcap` compares every chunk's checksum. Every message is decoded by the
+descriptors in the file. Messages of Foxglove's schemas are compared field by field with Foxglove's
+own, and decoded by Foxglove's own classes, which must find the same picture and pose.
 """
 import io
 import sys
@@ -23,12 +25,12 @@ THEIRS = {"foxglove.CompressedImage": CompressedImage, "foxglove.PoseInFrame": P
 
 
 def fields(message):
-    """Name, type, label and message type of each field by number."""
+    """Returns name, type, label and message type of each field by number."""
     return {f.number: (f.name, f.type, f.label, f.type_name) for f in message.field}
 
 
 def compare(schema):
-    """Foxglove's fields are in the file's descriptors as Foxglove has them; returns how many."""
+    """Compares Foxglove's fields with the file's descriptors; returns their number."""
     described = {}
     for file in FileDescriptorSet.FromString(schema.data).file:
         for message in file.message_type:

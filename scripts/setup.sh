@@ -1,7 +1,14 @@
 #!/bin/sh
-# Installs what building and testing need and the machine lacks, with the word `package` what making a Debian package needs, too, with `interop` what Python environments need, a
-# verifier and an archive for DICOM, and OpenIGTLink's reference library (Debian starts the archive's service where there is systemd; `systemctl disable --now orthanc` ends that),
-# and with `console` a browser and what drives it. Rust is expected (https://rustup.rs); the rest are Debian packages.
+# Installs the Debian packages that building and testing need and the machine lacks. Rust must be
+# there (https://rustup.rs).
+#
+#   scripts/setup.sh [package|interop|console]
+#
+# package: the tools that make a Debian package.
+# interop: Python environments, a verifier and an archive for DICOM, and OpenIGTLink's reference
+#   library. Debian starts the archive's service on systems with systemd;
+#   `systemctl disable --now orthanc` ends it.
+# console: a browser, and node to drive it.
 set -eu
 
 command -v cargo >/dev/null 2>&1 || {
@@ -10,19 +17,19 @@ command -v cargo >/dev/null 2>&1 || {
 }
 
 missing=""
-# Package by package: the file that shows it is there.
+# need PACKAGE FILE: the package is there if the file is.
 need() { [ -e "$2" ] || missing="$missing $1"; }
 command -v cc >/dev/null 2>&1 || missing="$missing gcc"
 need libc6-dev /usr/include/stdlib.h
 [ "${1:-}" != package ] || need dpkg-dev /usr/bin/dpkg-shlibdeps
-# Debian's Python comes without the module that makes environments.
+# Debian's Python lacks the module that makes environments.
 [ "${1:-}" != interop ] || python3 -c 'import ensurepip, venv' 2>/dev/null || missing="$missing python3-venv"
 [ "${1:-}" != interop ] || need dicom3tools /usr/bin/dciodvfy
 [ "${1:-}" != interop ] || need orthanc /usr/sbin/Orthanc
 [ "${1:-}" != interop ] || command -v c++ >/dev/null 2>&1 || missing="$missing g++"
 [ "${1:-}" != interop ] || need libopenigtlink-dev /usr/include/openigtlink/igtlClientSocket.h
 if [ "${1:-}" = console ]; then
-    # Whoever has a node of another source keeps it: Debian's would not go beside it.
+    # A node of another source is kept, as Debian's conflicts with it.
     command -v node >/dev/null 2>&1 || missing="$missing nodejs"
     command -v npm >/dev/null 2>&1 || missing="$missing npm"
     need chromium /usr/bin/chromium
@@ -42,6 +49,6 @@ if [ "$(id -u)" -ne 0 ]; then
     as_root="sudo"
 fi
 echo "setup: installing Debian packages:$missing${as_root:+ (with sudo)}"
-# sudo keeps no variables of the caller's: they are set behind it.
+# sudo drops the caller's variables, so they are set after it.
 $as_root env DEBIAN_FRONTEND=noninteractive apt-get update -qq
 $as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $missing

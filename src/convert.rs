@@ -1,11 +1,12 @@
-//! Recordings and volumes from one file to another: stages between a device and a writer.
+//! Conversion of recordings and volumes between files: stages between a device and a writer.
 //!
-//! - [`sequence`]: what a device delivers, as the header of a sequence: of sequence files and sessions alike.
-//! - [`arrange`]: which stored pixel comes where: crop and orientation.
-//! - [`identity`]: what may tell of whom a recording is, and is left out if asked for.
-//! - [`placing`]: where a session's sensors were when its pictures were seen.
-//! - [`pictures`]: numbered pictures as a device.
-//! - [`write`](mod@write): to sequences, sessions and pictures; volumes to volumes.
+//! - [`sequence`]: the content of a device as the header of a sequence, for sequence files and
+//!   sessions.
+//! - [`arrange`]: crop and orientation: maps stored pixels to written ones.
+//! - [`identity`]: fields that may identify a person; they are left out on request.
+//! - [`placing`]: poses of a session's sensors at the times of its frames.
+//! - [`pictures`]: numbered image files as a device.
+//! - [`write`](mod@write): writes sequences, sessions, image files and volumes.
 
 pub mod arrange;
 pub mod identity;
@@ -17,41 +18,41 @@ pub mod write;
 use std::ops::Range;
 use std::path::PathBuf;
 
-use calibration::region::ClipRect;
+use sonoweave_core::region::ClipRect;
 
-/// What is changed on the way.
+/// Changes made during a conversion.
 #[derive(Debug, Clone, Default)]
 pub struct Changes {
-    /// Which frames, by their number in the input; all without.
+    /// The frames to keep, by their number in the input; `None` keeps all.
     pub frames: Option<Range<u64>>,
-    /// Which part of the picture, by its pixels in MF orientation; all without.
+    /// The part of the frame to keep, in pixels in MF orientation; `None` keeps the whole frame.
     pub crop: Option<ClipRect>,
-    /// The orientation that pictures are written in; as they are without.
+    /// Orientation of the written frames; `None` leaves it unchanged.
     pub orientation: Option<String>,
-    /// Whether what may identify somebody is left out.
+    /// Whether fields that may identify a person are left out.
     pub anonymize: bool,
-    /// Whether pixels are compressed; as they are without.
+    /// Whether pixels are compressed.
     pub compressed: bool,
 }
 
-/// Why something cannot be converted.
+/// Reason why an input cannot be converted.
 #[derive(Debug, thiserror::Error)]
 pub enum ConvertError {
-    /// A file, as its driver has it.
+    /// An error of a file's driver.
     #[error(transparent)]
-    File(#[from] drivers::Error),
-    /// A picture's file.
+    File(#[from] sonoweave_core::Error),
+    /// An error of an image file.
     #[error(transparent)]
-    Picture(#[from] crate::export::picture::PictureError),
-    /// What is asked for does not go with what is there.
+    Picture(#[from] export::picture::PictureError),
+    /// The request does not fit the input.
     #[error("{path}: {why}", path = path.display())]
     Unfit {
         /// The input, or the output.
         path: PathBuf,
-        /// What does not go, and what to do.
+        /// The problem, and the remedy.
         why: String,
     },
-    /// The output, while it is written.
+    /// An error while writing the output.
     #[error("{path}: writing failed: {source}", path = path.display())]
     Io {
         /// The output.

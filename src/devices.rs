@@ -1,59 +1,65 @@
-//! The devices of a bedside, opened: real ones by their drivers, virtual ones as twins that see one hand.
+//! Opens the devices of a session configuration: real ones by their drivers, virtual ones as
+//! simulations of one hand movement.
 //!
-//! A virtual tracker or arm speaks on a pseudo-terminal, in its model's own bytes, so that its driver does all that it does at the bedside; a virtual grabber delivers its
-//! pictures in process.
+//! A virtual tracker or arm uses a pseudo-terminal and its model's own protocol, so that its
+//! driver works as with the real device. A virtual grabber delivers its frames in process.
 
 mod homed;
 
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 
+use config::bedside::{Arm, ArmKind, Bedside, Roles, Tracker, Tracking, VirtualBedside};
+use drivers::OpenSettings;
 use drivers::arm::ea1;
-use drivers::clock::{Clock, Monotonic};
-use drivers::polhemus::{Model, Port};
-use drivers::recording::session::Speech;
+use drivers::replay::line_protocol;
 use drivers::simulated::grabber::{Grabber, Pictures};
 use drivers::simulated::{
     self, Faults, Motion, Placed, Pty, fastrak, isotrak, liberty, microscribe, qsb, trembling, viper,
 };
+use drivers::tracker::polhemus::{Model, Port};
 use drivers::transport::Peer;
-use drivers::{Device, Error, OpenSettings};
+use formats::session::LineProtocol;
+use phantom::bedside::{PROBE_STATION, REFERENCE_STATION};
+use phantom::{self, Scan, TrackerNoise};
+use sonoweave_core::clock::{Clock, Monotonic};
+use sonoweave_core::{Device, Error};
+use sync::ingest::stored;
 
-use crate::config::bedside::{Arm, ArmKind, Bedside, Rehearsal, Roles, Tracker, Tracking};
-use crate::ingest::stored;
-use crate::phantom::bedside::{PROBE_STATION, REFERENCE_STATION};
-use crate::phantom::{self, Scan, TrackerNoise};
 use homed::Homed;
 
-/// Opened devices, stopped. What is not there yet is no error: a started device says in its health what it waits for.
+/// Opened devices, stopped. A device that is absent is not an error: once started, its health
+/// reports what it waits for.
 pub struct Devices {
-    /// What carries the probe.
+    /// The tracker or arm that carries the probe.
     pub tracking: Box<dyn Device>,
-    /// What its lines speak, so that a recording's bytes can be decoded anew.
-    pub speech: Option<Speech>,
-    /// To be set when the arm is in its home position, where an arm carries the probe.
+    /// Protocol of its lines, so that a recording's bytes can be decoded again.
+    pub speech: Option<LineProtocol>,
+    /// To be set when the arm is in its home position; `None` without an arm.
     pub at_home: Option<Arc<AtomicBool>>,
     /// The frame grabber.
     pub grabber: Box<dyn Device>,
-    /// Twins of what carries the probe. They hang up when this is dropped, so the devices go first.
+    /// Simulations of the tracker or arm. Dropping them closes their lines, so the devices are
+    /// dropped first.
     pub twins: Vec<Pty>,
 }
 
-/// Why devices cannot be opened.
+/// Reason why devices cannot be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
     /// Settings that no such device has.
     #[error(transparent)]
     Device(#[from] Error),
-    /// A twin has no line.
+    /// There is no line for a simulated device.
     #[error("no pseudo-terminal for a virtual device: {0}; is /dev/pts mounted?")]
     Line(#[source] std::io::Error),
-    /// What there is no twin of.
+    /// There is no simulation of the device.
     #[error("{0}")]
     NoTwin(String),
 }
 
-/// Opens all devices of a bedside. The hand of a virtual one begins to move at `begin_ns`, host ns. With `keeps_raw` bytes that come are readings, too.
+/// Opens all devices of a session configuration. The hand of a virtual bedside begins to move at
+/// `begin_ns`, host ns. If `keeps_raw`, received bytes become readings, too.
 ///
 /// # Errors
 /// [`OpenError`].
@@ -91,7 +97,7 @@ pub fn open(bedside: &Bedside, begin_ns: i64, keeps_raw: bool) -> Result<Devices
             arm.open_settings(&ports, keeps_raw)
         }
     };
-    let speech = Speech::of(&settings);
+    let speech = line_protocol(&settings);
     let (tracking, at_home) = match &settings {
         OpenSettings::Arm(_) => {
             let (arm, at_home) = Homed::new(drivers::open(&settings)?);
@@ -100,7 +106,7 @@ pub fn open(bedside: &Bedside, begin_ns: i64, keeps_raw: bool) -> Result<Devices
         _ => (drivers::open(&settings)?, None),
     };
     let grabber: Box<dyn Device> = match &hand {
-        Some((hand, Rehearsal { rate_hz, painted, grabber: faults, scan, .. })) if bedside.grabber.is_virtual => {
+        Some((hand, VirtualBedside { rate_hz, painted, grabber: faults, scan, .. })) if bedside.grabber.is_virtual => {
             let (size, orientation) = (scan.settings().image_size, bedside.grabber.settings.orientation);
             let pictures = if *painted { hand.painted() } else { hand.pictures() };
             let pictures = lying(pictures, size, orientation);
@@ -113,7 +119,7 @@ pub fn open(bedside: &Bedside, begin_ns: i64, keeps_raw: bool) -> Result<Devices
     Ok(Devices { tracking, speech, at_home, grabber, twins })
 }
 
-/// MF pictures of that size as a grabber shows them whose video lies otherwise.
+/// Converts MF frames of that size to the grabber's orientation.
 fn lying(mut pictures: Pictures, size: [u32; 2], orientation: &'static str) -> Pictures {
     if orientation == "MF" {
         return pictures;
@@ -125,7 +131,7 @@ fn lying(mut pictures: Pictures, size: [u32; 2], orientation: &'static str) -> P
     })
 }
 
-/// The hand as the stations see it that a tracker has for its sensors.
+/// Returns the hand's movement in terms of the tracker's stations for its sensors.
 fn seen_by(roles: Roles, motion: Motion) -> Motion {
     Arc::new(move |station, at_ns| -> Placed {
         let of_hand = if station == roles.probe { PROBE_STATION } else { REFERENCE_STATION };
@@ -133,7 +139,7 @@ fn seen_by(roles: Roles, motion: Motion) -> Motion {
     })
 }
 
-/// A tracker's twin, with the sensors that are asked for plugged in.
+/// Starts a simulated tracker, with the requested sensors plugged in.
 fn twin(tracker: &Tracker, motion: Motion, faults: Faults) -> std::io::Result<Pty> {
     let sensors = tracker.roles.all().fold(0, |sensors: u16, (station, _)| sensors | 1 << (station - 1));
     match tracker.model {
@@ -153,10 +159,10 @@ fn twin(tracker: &Tracker, motion: Motion, faults: Faults) -> std::io::Result<Pt
     }
 }
 
-/// The twins of an arm's lines, base first; homed where the hand begins.
+/// Starts the simulated lines of an arm, base first; its home position is where the hand begins.
 fn carrying(arm: &Arm, hand: Arc<phantom::Bedside>, faults: Faults, now_ns: i64) -> Result<Vec<Pty>, OpenError> {
     let counts_per_turn = arm.twin_counts_per_turn();
-    let carried = Rehearsal::carried(hand, counts_per_turn).map_err(|unfit| OpenError::NoTwin(unfit.problem))?;
+    let carried = VirtualBedside::carried(hand, counts_per_turn).map_err(|unfit| OpenError::NoTwin(unfit.problem))?;
     let joints = Arc::new(carried).joints();
     let lines: std::io::Result<Vec<Pty>> = match arm.kind {
         ArmKind::Ea1(speech) => {
@@ -166,7 +172,7 @@ fn carrying(arm: &Arm, hand: Arc<phantom::Bedside>, faults: Faults, now_ns: i64)
             twin.set_clock(now_ns, 0);
             twin.bare = speech == ea1::Speech::BareNumbers;
             if twin.bare {
-                // Nobody can tell it.
+                // The driver cannot query this setting.
                 twin.rate_hz = arm.settings.rate_hz;
             }
             play(twin).map(|line| vec![line])

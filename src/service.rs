@@ -1,31 +1,34 @@
-//! What a service manager is told of a session: systemd's notifications, by the socket that it names in `NOTIFY_SOCKET`. Without one nothing is told, and nothing is missing.
+//! Notifications of a session to systemd, through the socket named in `NOTIFY_SOCKET`. Without
+//! that variable, nothing is sent.
 //!
-//! | when | what |
+//! | when | message |
 //! |---|---|
-//! | every device has been tried: it runs, or it was said why not | `READY=1` |
-//! | now and then, when it has changed | `STATUS=`, a line |
-//! | with `WATCHDOG_USEC`, three times as often as it asks for | `WATCHDOG=1`, if every stage has moved since |
+//! | every device has been tried: it runs, or its error is reported | `READY=1` |
+//! | periodically, if it has changed | `STATUS=`, a line |
+//! | with `WATCHDOG_USEC`, three times as often as it asks for | `WATCHDOG=1`, if every stage has progressed since |
 //! | the settings are read again | `RELOADING=1` and the time, then `READY=1` |
-//! | the session is told to end | `STOPPING=1` |
+//! | the session is to end | `STOPPING=1` |
 //!
-//! A stage that stands still leaves the watchdog without its word, and the manager starts the daemon anew; which stage, the log says.
+//! If a stage is blocked, the watchdog gets no message and systemd restarts the daemon; the log
+//! names the stage.
 
 use std::time::{Duration, Instant};
 
 use sd_notify::NotifyState;
 
-use crate::pipeline::live::{Account, Movement};
+use pipeline::live::{Movement, SessionStatus};
 
-/// Between two looks at whether stages have moved, where nobody asks for them more often. A turn takes a fraction of a second, and a few seconds where a device is opened.
+/// Interval of the progress checks, unless the watchdog requires shorter ones. A turn takes a
+/// fraction of a second, or a few seconds while a device is opened.
 const LOOK: Duration = Duration::from_secs(5);
-/// And at least, where somebody does.
+/// Shortest interval of the progress checks.
 const LEAST_LOOK: Duration = Duration::from_millis(500);
-/// Between two status lines.
+/// Interval of status lines.
 const STATUS: Duration = Duration::from_secs(2);
-/// A device that cannot be opened does not keep the session from being ready for longer.
+/// Longest time for which a device that cannot be opened delays `READY=1`.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// The service that a session is, to its manager.
+/// The session as a service of systemd.
 #[derive(Debug)]
 pub struct Service {
     began: Instant,
@@ -42,7 +45,7 @@ pub struct Service {
 }
 
 impl Service {
-    /// As the environment has it.
+    /// Returns the service, configured by the environment.
     pub fn new() -> Self {
         let watchdog = sd_notify::watchdog_enabled();
         Self {
@@ -60,8 +63,9 @@ impl Service {
         }
     }
 
-    /// Looks at the session, and tells what is due; `line` makes a line of it. To be called several times a second.
-    pub fn look(&mut self, account: &Account, line: impl FnOnce(&Account) -> String) {
+    /// Checks the session, and sends the notifications that are due; `line` formats its status
+    /// line. Call it several times a second.
+    pub fn look(&mut self, account: &SessionStatus, line: impl FnOnce(&SessionStatus) -> String) {
         let now = Instant::now();
         if !self.ready && (started(account) || now.duration_since(self.began) >= PATIENCE) {
             self.ready = true;
@@ -86,12 +90,12 @@ impl Service {
         }
     }
 
-    /// The stages that stood still between the last two looks.
+    /// Returns the stages that were blocked between the last two checks.
     pub fn still(&self) -> &[String] {
         &self.still
     }
 
-    /// What is told in one line, if it is not what was told last.
+    /// Sends a status line, if it has changed.
     pub fn status(&mut self, line: &str) {
         // A line break would begin another assignment.
         let line = line.replace(['\n', '\r'], "; ");
@@ -101,7 +105,7 @@ impl Service {
         }
     }
 
-    /// The settings are being read again; [`Self::reloaded`] follows.
+    /// Reports that the settings are being read again; [`Self::reloaded`] follows.
     pub fn reloading(&mut self) {
         match NotifyState::monotonic_usec_now() {
             Ok(at) => self.tell(&[NotifyState::Reloading, at]),
@@ -109,12 +113,12 @@ impl Service {
         }
     }
 
-    /// They have been read, or refused; the session goes on.
+    /// Reports that the settings have been read, or refused; the session continues.
     pub fn reloaded(&mut self) {
         self.tell(&[NotifyState::Ready]);
     }
 
-    /// The session ends; what it leaves is written next.
+    /// Reports that the session ends; its results are written next.
     pub fn stopping(&mut self) {
         if !std::mem::replace(&mut self.stopping, true) {
             self.tell(&[NotifyState::Stopping]);
@@ -122,7 +126,7 @@ impl Service {
     }
 
     fn tell(&mut self, states: &[NotifyState<'_>]) {
-        // A manager that does not listen is said once: the session needs nothing of it.
+        // A failure is logged once: the session does not depend on systemd.
         if let Err(error) = sd_notify::notify(states)
             && !std::mem::replace(&mut self.refused, true)
         {
@@ -137,8 +141,9 @@ impl Default for Service {
     }
 }
 
-/// Whether every device has been tried: none is still to be opened for the first time.
-fn started(account: &Account) -> bool {
+/// Returns whether every device has been tried, that is, none is still being opened for the
+/// first time.
+fn started(account: &SessionStatus) -> bool {
     let tried = |state: &str, set_up: u64| state == "running" || state == "ended" || state == "silent" || set_up > 0;
     account.devices.iter().all(|device| tried(device.state, device.set_up) || !device.why.is_empty())
 }
@@ -146,10 +151,10 @@ fn started(account: &Account) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pipeline::live::DeviceBoard;
+    use pipeline::live::DeviceBoard;
 
     #[test]
-    fn a_session_has_started_when_each_device_runs_or_says_why_not() {
+    fn session_started_when_devices_run_or_report_errors() {
         let device = |state, why: &str, set_up| DeviceBoard {
             name: "tracking".into(),
             state,
@@ -161,7 +166,7 @@ mod tests {
             last_reading_s_ago: None,
             clocks: Vec::new(),
         };
-        let of = |devices: Vec<DeviceBoard>| started(&Account { devices, ..Account::default() });
+        let of = |devices: Vec<DeviceBoard>| started(&SessionStatus { devices, ..SessionStatus::default() });
         assert!(of(vec![device("running", "", 1), device("absent", "no such file; plug it in", 0)]));
         assert!(!of(vec![device("running", "", 1), device("starting", "", 0)]));
         assert!(!of(vec![device("stopped", "", 0)]));

@@ -1,5 +1,6 @@
-//! The virtual bedside from the wire to the slice's pose: trackers and a grabber whose clocks run off, whose data is late, early enough, held back and jittered, and the poses
-//! of their frames against the hand's.
+//! Tests the virtual bedside from the device's bytes to the slice's pose. The clocks of trackers
+//! and grabber drift, and their data are late, early, delayed and jittered. The poses of the
+//! frames are compared with the hand's.
 
 #![allow(
     clippy::print_stdout,
@@ -9,25 +10,26 @@
 
 use std::sync::{Arc, Mutex};
 
-use calibration::named::StaticTransform;
-use drivers::clock::{Clock, MS, Manual, SECOND};
+use glam::DVec3;
+
 use drivers::connection::{Connection, Protocol};
-use drivers::polhemus::{Settings, fastrak, liberty};
 use drivers::simulated::grabber::Grabber;
 use drivers::simulated::{Faults, fastrak as virtual_fastrak, liberty as virtual_liberty};
+use drivers::tracker::polhemus::{Settings, fastrak, liberty};
 use drivers::transport::{MemoryOpener, Peer};
-use drivers::{Device, Next};
-use glam::DVec3;
-use sonoweave::ingest::live::{Gives, Live, LiveIngest};
-use sonoweave::phantom::bedside::{PROBE_STATION, REFERENCE_STATION};
-use sonoweave::phantom::{Bedside, Scan, ScanSettings};
-use sonoweave::sync::bracket::{Answered, BracketOptions, Bracketing, FrameTime, Placed, Source};
-use sonoweave::sync::clock::{State, TimeFlags};
-use sonoweave::sync::history::How;
+use phantom::bedside::{PROBE_STATION, REFERENCE_STATION};
+use phantom::{Bedside, Scan, ScanSettings};
+use sonoweave_core::clock::{Clock, MS, Manual, SECOND};
+use sonoweave_core::named::StaticTransform;
+use sonoweave_core::{Device, Next};
+use sync::bracket::{Answered, BracketOptions, Bracketing, FrameTime, Placed, Source};
+use sync::clock::{State, TimeFlags};
+use sync::history::How;
+use sync::ingest::live::{Gives, Live, LiveIngest};
 
 const BEGIN: i64 = 7 * SECOND;
 const SIZE: [u32; 2] = [64, 48];
-/// What the grabber's pictures are late by beyond what is seen, as a calibration would have it.
+/// Latency of the grabber's frames beyond their acquisition, as a calibration would give it.
 const VIDEO_LATENCY: i64 = 40 * MS;
 const TRACKER_LATENCY: i64 = 6 * MS;
 
@@ -37,15 +39,16 @@ fn bedside() -> Arc<Bedside> {
     Arc::new(Bedside::new(Scan::new(settings).unwrap(), BEGIN))
 }
 
-/// What became of the frames of a run.
+/// Outcome of the frames of a run.
 struct Run {
     bedside: Arc<Bedside>,
-    /// Number of the frame, when it was seen in truth, and what was answered.
+    /// Frame number, true acquisition time, and result.
     answered: Vec<(i64, Answered<i64>)>,
     states: [State; 2],
 }
 
-/// Runs a tracker and a grabber for so many seconds. A picture carries when it was seen, for the comparison only.
+/// Runs a tracker and a grabber for `seconds`. A frame carries its acquisition time, for the
+/// comparison only.
 fn run<P: Protocol, T: Peer + 'static>(
     bedside: &Arc<Bedside>,
     twin: T,
@@ -91,7 +94,7 @@ fn run<P: Protocol, T: Peer + 'static>(
         }
         while let Next::Reading(reading) = grabber.next(clock.now_ns()).unwrap() {
             if let Live::Picture { picture, timed } = pictures.take(reading) {
-                let sonoweave::slice::Pixels::U8(pixels) = picture.image.pixels() else { panic!("8 bits") };
+                let sonoweave_core::slice::Pixels::U8(pixels) = picture.image.pixels() else { panic!("8 bits") };
                 let seen_ns = i64::from_le_bytes(pixels[..8].try_into().unwrap());
                 let crowded = stage.frame(FrameTime::new(&timed, SIZE), clock.now_ns(), seen_ns);
                 assert!(crowded.is_none(), "the queue is long enough");
@@ -111,7 +114,7 @@ fn run<P: Protocol, T: Peer + 'static>(
 }
 
 impl Run {
-    /// How far the worst corner is from where it was, mm.
+    /// Returns the error of the worst corner, mm.
     fn off_mm(&self, seen_ns: i64, placed: &Placed) -> f64 {
         let truth = self.bedside.world_from_image(seen_ns);
         let [right, bottom] = SIZE.map(|n| f64::from(n) - 1.0);
@@ -122,7 +125,8 @@ impl Run {
             .fold(0.0, f64::max)
     }
 
-    /// Prints and checks: p50, p99 and largest error of frames whose clocks were locked, and that 99 of 100 of all lie within their bound.
+    /// Prints and checks p50, p99 and the largest error of frames whose clocks were locked. Also
+    /// checks that 99 of 100 frames lie within their bound.
     fn check(&self, name: &str, from_ns: i64) -> [f64; 3] {
         let placed: Vec<_> =
             self.answered.iter().filter_map(|(seen, ready)| Some((*seen, ready.answer.as_ref().ok()?))).collect();
@@ -192,7 +196,7 @@ fn fastrak_run(
 }
 
 #[test]
-fn a_fastrak_and_a_grabber_place_each_frame_where_the_hand_was() {
+fn fastrak_and_grabber_give_correct_frame_poses() {
     let run = fastrak_run(tracking(), video(), 40, |_, _| {});
     let [p50, p99, most] = run.check("FASTRAK, 4 ms of jitter, 90 ppm", BEGIN + 15 * SECOND);
     assert!(p50 < 0.02 && p99 < 0.1 && most < 0.2, "{p50} {p99} {most}");
@@ -200,7 +204,7 @@ fn a_fastrak_and_a_grabber_place_each_frame_where_the_hand_was() {
 }
 
 #[test]
-fn a_liberty_and_a_grabber_place_each_frame_where_the_hand_was() {
+fn liberty_and_grabber_give_correct_frame_poses() {
     let bedside = bedside();
     let mut twin = virtual_liberty::Twin::new(bedside.motion(), tracking());
     twin.active = 3;
@@ -211,10 +215,10 @@ fn a_liberty_and_a_grabber_place_each_frame_where_the_hand_was() {
 }
 
 #[test]
-fn adapters_that_collect_and_bursts_do_not_move_the_hand() {
+fn packets_and_bursts_do_not_change_poses() {
     let slow = Faults { packet_ns: 16 * MS, ..tracking() };
     fastrak_run(slow, video(), 40, |_, _| {}).check("FASTRAK, packets of 16 ms", BEGIN + 15 * SECOND);
-    // Held back by 200 ms now and then, and all at once after.
+    // Occasionally delayed by 200 ms, then delivered at once.
     let run = fastrak_run(tracking(), video(), 40, |now, twin| {
         let is_held = now > BEGIN + 10 * SECOND && now % (5 * SECOND) < 30 * MS;
         let packet_ns = if is_held { 200 * MS } else { 0 };
@@ -226,7 +230,7 @@ fn adapters_that_collect_and_bursts_do_not_move_the_hand() {
 }
 
 #[test]
-fn a_pulled_plug_and_a_silent_station_are_said_and_nothing_is_made_up() {
+fn unplugged_tracker_is_reported_without_invented_poses() {
     let run = fastrak_run(tracking(), video(), 30, |now, twin| {
         let mut twin = twin.lock().unwrap();
         let is_out = (BEGIN + 10 * SECOND..BEGIN + 14 * SECOND).contains(&now);

@@ -1,4 +1,5 @@
-//! Texts that were found by fuzzing or written down as its beginnings, tried again by the functions that `make fuzz` tries them with: whole, cut short, and damaged.
+//! Tests texts found by fuzzing, or written as its seeds, with the functions of `make fuzz`:
+//! whole, truncated, and damaged.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
 
@@ -9,13 +10,13 @@ mod targets;
 
 use std::path::Path;
 
-/// Places of a text that are damaged, evenly over it.
+/// Number of damaged positions, evenly distributed over a text.
 const PLACES: usize = 200;
-/// What comes there instead.
+/// The bytes that replace them.
 const DAMAGE: [u8; 8] = *b"<\"9-.e]\n";
 
 #[test]
-fn every_text_of_the_corpus_does_no_harm() {
+fn corpus_texts_cause_no_failure() {
     corpus::each(&Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fuzz"), &targets::ALL, |target, input| {
         target(input);
         for place in (0..input.len()).step_by(input.len().div_ceil(PLACES).max(1)) {

@@ -1,4 +1,5 @@
-//! The painter of echoes: the same bits whoever paints, and no memory asked for while it paints.
+//! The echo simulation: equal bits for any number of threads, and no allocation during a
+//! simulation.
 
 #![allow(clippy::unwrap_used, reason = "tests fail so")]
 
@@ -6,28 +7,29 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::sync::Arc;
 
-use drivers::clock::{Clock, MS, Manual, SECOND};
-use drivers::reading::Reading;
 use drivers::simulated::Faults;
 use drivers::simulated::grabber::Grabber;
-use drivers::{Device, Next};
-use sonoweave::phantom::body::{doll, thigh};
-use sonoweave::phantom::{Bedside, Body, Motion, Scan, ScanSettings, Scanner, Scene};
-use sonoweave::slice::Pixels;
+use phantom::body::{doll, thigh};
+use phantom::{Bedside, Body, Motion, Scan, ScanSettings, Scanner, Scene};
+use sonoweave_core::clock::{Clock, MS, Manual, SECOND};
+use sonoweave_core::reading::Reading;
+use sonoweave_core::slice::Pixels;
+use sonoweave_core::{Device, Next};
 
 thread_local! {
     static ASKED: Cell<usize> = const { Cell::new(0) };
 }
 
-/// The system's allocator, counting what each thread asks for.
+/// The system's allocator, counting each thread's allocations.
 struct Counting;
 
 #[allow(unsafe_code, reason = "an allocator is unsafe by its trait; this one hands everything to the system's")]
-// SAFETY: every call is passed on unchanged to the system's allocator, which keeps the contract; counting touches a number of this thread only.
+// SAFETY: every call is passed on unchanged to the system's allocator, which keeps the contract;
+// counting changes only a number of this thread.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         ASKED.with(|asked| asked.set(asked.get() + 1));
-        // SAFETY: the caller's promises are the system's conditions.
+        // SAFETY: the caller guarantees the same conditions as for the system's allocator.
         unsafe { System.alloc(layout) }
     }
 
@@ -46,10 +48,10 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-/// Allocations of this thread meanwhile.
-fn asked(deed: impl FnOnce()) -> usize {
+/// Returns this thread's allocations during the call.
+fn asked(action: impl FnOnce()) -> usize {
     let before = ASKED.with(Cell::get);
-    deed();
+    action();
     ASKED.with(Cell::get) - before
 }
 
@@ -87,10 +89,11 @@ fn greys(scan: &Scan) -> Vec<Vec<u8>> {
 }
 
 #[test]
-fn pictures_are_the_same_bits_for_any_number_of_threads() {
+fn frames_are_bit_identical_for_any_thread_count() {
     for scan in scans() {
         let bmode = scan.bmode().unwrap();
-        // One after the other, in room that others were painted in; and last to first, each in room of its own.
+        // First in sequence, in a workspace used for other frames; then in reverse order, each
+        // in a new workspace.
         let mut room = bmode.workspace();
         let paint = |frame: u32, room: &mut _| {
             let mut picture = vec![7; 96 * 80];
@@ -111,11 +114,11 @@ fn pictures_are_the_same_bits_for_any_number_of_threads() {
 }
 
 #[test]
-fn a_further_picture_asks_for_no_memory() {
+fn simulated_frame_allocates_nothing() {
     for scan in scans() {
         let bmode = scan.bmode().unwrap();
         let (mut room, mut picture) = (bmode.workspace(), vec![0; 96 * 80]);
-        // Not even the first: the room is made for the worst that the body can ask for.
+        // Not even for the first: the workspace is made for the worst case of the body.
         for frame in 0..12 {
             let count = asked(|| assert!(scan.paint_echoes(frame, &mut room, &mut picture)));
             assert_eq!(count, 0, "frame {frame}");
@@ -124,7 +127,7 @@ fn a_further_picture_asks_for_no_memory() {
 }
 
 #[test]
-fn a_grabber_s_picture_asks_for_no_memory_once_its_pool_is_full() {
+fn grabber_frame_allocates_nothing_once_pool_is_full() {
     let [scan, _] = scans();
     let bedside = Arc::new(Bedside::new(scan, 0));
     let clock = Manual::at(0);
@@ -145,7 +148,7 @@ fn a_grabber_s_picture_asks_for_no_memory_once_its_pool_is_full() {
 }
 
 #[test]
-fn the_count_counts() {
+fn allocation_counter_counts() {
     let count = asked(|| assert_eq!(*std::hint::black_box(Box::new(7)), 7));
     assert_eq!(count, 1);
 }

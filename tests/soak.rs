@@ -1,6 +1,8 @@
-//! A session that goes on and on takes no more memory for it: 64² frames at 30 a second into a volume that is scanned again and again, recorded and drawn.
+//! Constant memory of a long session: 64² frames at 30 Hz into a volume that is scanned
+//! repeatedly, with recording and rendering.
 //!
-//! Twelve seconds by itself, two minutes with SONOWEAVE_STRESS=quick, twenty with SONOWEAVE_STRESS=full.
+//! The test takes twelve seconds, two minutes with SONOWEAVE_STRESS=quick, twenty with
+//! SONOWEAVE_STRESS=full.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
@@ -32,7 +34,7 @@ jitter_ms = 0.5
 jitter_ms = 2.0
 "#;
 
-/// What may come and go beside what grows: a page table, an arena that a thread has begun.
+/// Permitted fluctuation: a page table, a thread's new arena.
 const SLACK_BYTES: u64 = 3 << 20;
 
 fn resident_bytes(pid: u32) -> Option<u64> {
@@ -43,7 +45,7 @@ fn resident_bytes(pid: u32) -> Option<u64> {
 
 #[test]
 #[allow(clippy::print_stdout, reason = "the figure is wanted beside the verdict")]
-fn a_session_that_goes_on_and_on_holds_no_more_memory_for_it() {
+fn long_session_uses_constant_memory() {
     let seconds = match std::env::var("SONOWEAVE_STRESS").as_deref() {
         Ok("full") => 1200,
         Ok("quick") => 120,
@@ -63,7 +65,7 @@ fn a_session_that_goes_on_and_on_holds_no_more_memory_for_it() {
         .unwrap();
     let (began, mut held) = (Instant::now(), Vec::new());
     while daemon.try_wait().unwrap().is_none() {
-        // What is written at the end takes memory of its own.
+        // Writing the results at the end takes additional memory.
         if began.elapsed() < Duration::from_secs(seconds) {
             held.extend(resident_bytes(daemon.id()).filter(|bytes| *bytes > 0));
         }
@@ -78,7 +80,7 @@ fn a_session_that_goes_on_and_on_holds_no_more_memory_for_it() {
     assert_eq!(count("total"), count("used") + refused, "none waits and none is dropped: {frames}");
     assert!(count("used") > 20 * seconds && refused < 30, "{frames}");
     assert_eq!((count("lost"), &stats["recording"]["lost"]), (0, &0.into()), "{stats}");
-    // The whole sweep has been seen, there and back, after four seconds.
+    // After four seconds the whole sweep has been seen, there and back.
     let third = held.len() / 3;
     let most = |part: &[u64]| part.iter().copied().max().unwrap_or(0);
     let (middle, last) = (most(&held[third..2 * third]), most(&held[2 * third..]));

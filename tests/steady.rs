@@ -1,16 +1,18 @@
-//! From a reading's ticks to a frame's place nothing is allocated once the first seconds are over: not for samples, not for frames, not where they are late or lost.
+//! No allocation from a reading's ticks to a frame's pose after the first seconds: not for
+//! samples, frames, or late and lost readings.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
-use calibration::named::StaticTransform;
-use drivers::{Ticks, Timing};
 use glam::{DQuat, DVec3};
-use sonoweave::sync::bracket::{BracketOptions, Bracketing, FrameTime, Source};
-use sonoweave::sync::clock::{ClockMap, ClockSettings};
-use sonoweave::sync::history::{PoseSample, Rigid};
+
+use sonoweave_core::named::StaticTransform;
+use sonoweave_core::{Ticks, Timing};
+use sync::bracket::{BracketOptions, Bracketing, FrameTime, Source};
+use sync::clock::{ClockMap, ClockSettings};
+use sync::history::{PoseSample, Rigid};
 
 const MS: i64 = 1_000_000;
 
@@ -18,15 +20,16 @@ thread_local! {
     static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
 }
 
-/// The system's allocator, counting what each thread asks for.
+/// The system's allocator, counting each thread's allocations.
 struct Counting;
 
 #[allow(unsafe_code, reason = "an allocator is unsafe by its trait; this one hands everything to the system's")]
-// SAFETY: every call is passed on unchanged to the system's allocator, which keeps the contract; counting touches a number of this thread only.
+// SAFETY: every call is passed on unchanged to the system's allocator, which keeps the contract;
+// counting changes only a number of this thread.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         ALLOCATIONS.with(|count| count.set(count.get() + 1));
-        // SAFETY: the caller's promises are the system's conditions.
+        // SAFETY: the caller guarantees the same conditions as for the system's allocator.
         unsafe { System.alloc(layout) }
     }
 
@@ -70,7 +73,8 @@ fn samples_and_frames_allocate_nothing() {
             (before, placed, refused) = (ALLOCATIONS.with(Cell::get), 0, 0);
         }
         let at = n * 1_000_000_000 / 240;
-        // Jitter, and a stall of 300 ms now and then; a wrong stamp, a reset and a lost record too.
+        // Jitter, and an occasional stall of 300 ms; also a wrong stamp, a reset and a lost
+        // record.
         let stalled = if n % 2000 > 1928 { (2000 - n % 2000) * 1_000_000_000 / 240 } else { 0 };
         let host = at + (3 * MS - draw(3 * MS)).max(stalled) - if n % 1777 == 0 { 60 * MS } else { 0 };
         if n % 331 == 0 {

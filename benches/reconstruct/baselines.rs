@@ -1,31 +1,34 @@
-//! What others do, on the same pictures with the same mask: every pixel is dropped into the voxel where it lands, or shared between the eight
-//! around it.
+//! Baseline methods, on the same frames with the same mask: every pixel is added to the nearest
+//! voxel, or distributed over the eight voxels around it.
 //!
-//! Both are forward mappings into a dense grid, as IGSIO's (the engine of PLUS and of 3D Slicer's live reconstruction), written with the care that
-//! makes a comparison fair: a row of pixels is walked in fixed point with 40 fractional bits, so that a pixel costs three additions, and its
-//! error over a row stays below 1e-9 voxels; the grid holds the whole scan, so that no pixel is tested against its borders; sums are
-//! kept in single precision beside their weights. One thread.
+//! Both are forward mappings into a dense grid, like IGSIO's (the engine of PLUS and of 3D
+//! Slicer's live reconstruction), optimised for a fair comparison. A row of pixels is traversed
+//! in fixed point with 40 fractional bits. A pixel then costs three additions, and its error over
+//! a row stays below 1e-9 voxels. The grid holds the whole scan, so no pixel is tested against
+//! its borders. Sums are kept in single precision beside their weights. One thread.
 
 use std::error::Error;
 
 use glam::{DAffine3, DVec3};
-use sonoweave::mask::Mask;
-use sonoweave::slice::{Pixels, Slice};
-use sonoweave::volume::Grid;
+
+use mask::Mask;
+use sonoweave_core::slice::{Pixels, Slice};
+use volume::Grid;
 
 /// Fractional bits of a position in the grid.
 const FRACTION: u32 = 40;
 const ONE: f64 = (1_u64 << FRACTION) as f64;
 
-/// How a pixel is dropped.
+/// Method of adding a pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Drop {
-    /// Into the nearest voxel.
+    /// Adds to the nearest voxel.
     Nearest,
-    /// Into the nearest voxel, whose mean is kept as a byte: every hit rounds it down, as the peers' nearest mode does. The weight, 256 a hit in 16
-    /// bits, stays at its largest value once it is there. Not a fair baseline; it shows where their bias comes from.
+    /// Adds to the nearest voxel, whose mean is kept as a byte: every hit rounds it down, as the
+    /// peers' nearest mode does. The weight, 256 per hit in 16 bits, saturates. This is not a
+    /// fair baseline; it shows the origin of their bias.
     NearestInBytes,
-    /// Into the eight voxels around it, with trilinear weights.
+    /// Adds to the eight voxels around the pixel, with trilinear weights.
     Trilinear,
 }
 
@@ -39,7 +42,7 @@ impl Drop {
     }
 }
 
-/// A dense volume that pixels are dropped into.
+/// A dense volume that pixels are added to.
 pub(crate) struct Splat {
     drop: Drop,
     size: [i64; 3],
@@ -51,10 +54,10 @@ pub(crate) struct Splat {
 }
 
 impl Splat {
-    /// An empty volume.
+    /// Creates an empty volume.
     ///
     /// # Errors
-    /// When the grid does not fit memory.
+    /// If the grid does not fit into memory.
     pub(crate) fn new(drop: Drop, grid: &Grid) -> Result<Self, Box<dyn Error>> {
         let voxels = usize::try_from(grid.voxels().ok_or("the grid has too many voxels")?)?;
         let in_bytes = drop == Drop::NearestInBytes;
@@ -67,10 +70,10 @@ impl Splat {
         })
     }
 
-    /// Drops a picture's data into the volume.
+    /// Adds a frame's data to the volume.
     ///
     /// # Errors
-    /// When the picture is not of 8 bits or leaves the grid.
+    /// If the frame does not have 8 bits or leaves the grid.
     pub(crate) fn insert(&mut self, slice: &Slice, mask: &Mask) -> Result<(), Box<dyn Error>> {
         let Pixels::U8(pixels) = slice.image.pixels() else {
             return Err("the baselines take pictures of 8 bits".into());
@@ -79,7 +82,7 @@ impl Splat {
         let width = mask.width() as usize;
         let inside = |u: u32, v: u32| {
             let at = voxel_from_image.transform_point3(DVec3::new(f64::from(u), f64::from(v), 0.0));
-            // Both methods reach half a voxel or one further.
+            // Both methods reach at most one voxel further.
             (0..3).all(|a| at[a] >= 0.0 && at[a] < (self.size[a] - 1) as f64)
         };
         let (right, bottom) = (mask.width() - 1, mask.height() - 1);
@@ -88,7 +91,7 @@ impl Splat {
         }
         let fixed = |p: DVec3| p.to_array().map(|x| (x * ONE).round() as i64);
         let step = fixed(voxel_from_image.matrix3.x_axis);
-        // The nearest voxel is half a voxel on, rounded down.
+        // Adding half a voxel and rounding down gives the nearest voxel.
         let rounding = DVec3::splat(if self.drop == Drop::Trilinear { 0.0 } else { 0.5 });
         for v in 0..mask.height() {
             for span in mask.row(v) {
@@ -134,7 +137,7 @@ impl Splat {
         for pixel in row {
             let at = (((z >> FRACTION) * ny + (y >> FRACTION)) * nx + (x >> FRACTION)) as usize;
             let value = f32::from(*pixel);
-            // The upper 32 bits of the fraction are more than single precision keeps.
+            // The upper 32 bits of the fraction exceed single precision.
             let [fx, fy, fz] = [x, y, z].map(|p| (p >> (FRACTION - 32)) as u32 as f32 * (1.0 / 4_294_967_296.0));
             let along_x = [1.0 - fx, fx];
             for (layer, wz) in [(at, 1.0 - fz), (at + layer_on, fz)] {
@@ -150,7 +153,7 @@ impl Splat {
         }
     }
 
-    /// The mean at a voxel where more than `weight` was dropped.
+    /// Returns the mean at a voxel with a total weight above `weight`.
     pub(crate) fn value(&self, voxel: usize, weight: f32) -> Option<f32> {
         match self.drop {
             Drop::NearestInBytes => {
@@ -165,10 +168,10 @@ impl Splat {
     }
 }
 
-/// Σ weight·value and Σ weight as they should be: each pixel by itself, in f64.
+/// Returns the expected Σ weight·value and Σ weight: each pixel separately, in f64.
 ///
 /// # Errors
-/// As [`Splat`]; the mean in bytes has no other definition than its code.
+/// The same as [`Splat`]; the mean in bytes has no definition other than its code.
 pub(crate) fn plain(drop: Drop, grid: &Grid, slices: &[Slice], mask: &Mask) -> Result<Vec<[f64; 2]>, Box<dyn Error>> {
     let voxels = usize::try_from(grid.voxels().ok_or("the grid has too many voxels")?)?;
     let [nx, ny, _] = grid.size.map(|n| n as usize);

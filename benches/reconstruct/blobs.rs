@@ -1,16 +1,18 @@
-//! The scan on which reconstructions are compared, 512×480 pixels of 0.1 mm into voxels of 0.5 mm, with known truth: how fast, and how near it.
+//! The comparison scan of reconstructions, 512×480 pixels of 0.1 mm into voxels of 0.5 mm, with
+//! known truth: speed and error.
 
 use std::error::Error;
 
 use glam::DVec3;
-use sonoweave::mask::Mask;
-use sonoweave::phantom::{Errors, Scan, ScanSettings, truth};
-use sonoweave::reconstruct::settings::IN_PLANE_SIGMA;
-use sonoweave::reconstruct::{Reconstructor, Settings};
-use sonoweave::sync::FramePose;
-use sonoweave::sync::survey::gap;
-use sonoweave::volume::Grid;
-use sonoweave::volume::sparse::SEEN;
+
+use mask::Mask;
+use phantom::{Errors, Scan, ScanSettings, truth};
+use reconstruct::settings::IN_PLANE_SIGMA;
+use reconstruct::{Reconstructor, Settings};
+use sync::FramePose;
+use sync::survey::gap;
+use volume::Grid;
+use volume::brick_volume::SEEN;
 
 use crate::Effort;
 use crate::baselines::{Drop, Splat};
@@ -20,9 +22,9 @@ use crate::timing::{Contestant, Times, arithmetic, each, interleaved, ours, reco
 
 const SPACING_MM: f64 = 0.5;
 const SIGMA_MM: f64 = 0.3;
-/// Voxels within this of some slice count.
+/// Only voxels within this distance of a slice count, mm.
 const REACH_MM: f64 = 0.25;
-/// An answer this far from the truth is another answer; the peers' worst is 7.0.
+/// An RMSE above this counts as a wrong result; the peers' worst is 7.0.
 const ABSURD_RMSE: f64 = 15.0;
 
 /// A method with its results.
@@ -36,7 +38,7 @@ struct Method {
     deviation: Option<Deviation>,
 }
 
-/// The truth and which voxels of it count.
+/// The truth, and the voxels that count.
 struct Truth {
     grid: Grid,
     values: Vec<f32>,
@@ -86,7 +88,7 @@ pub(crate) fn bench(effort: Effort, report: &mut Report) -> Result<(), Box<dyn E
             world_from_image: slice.world_from_image,
         })
         .collect();
-    // The one that `--sigma auto` uses.
+    // The gap that `--sigma auto` uses.
     let widest = gap(&poses).ok_or("the scan has no gap")?;
     let auto = Settings { sigma_mm: [None, None, Some(0.5 * widest)], ..Settings::new(spacing) };
     let two = Settings { threads: 2, ..fixed.clone() };

@@ -1,42 +1,45 @@
-//! Whether what is timed is the right answer: against the equations in f64 at a sample of voxels.
+//! Checks timed results against the equations in f64 at a sample of voxels.
 
 use std::error::Error;
 
-use calibration::frames::{Transform, Volume, World};
 use glam::DVec3;
-use sonoweave::mask::Mask;
-use sonoweave::reconstruct::reference::Reference;
-use sonoweave::reconstruct::{Reconstructor, Settings};
-use sonoweave::slice::Slice;
-use sonoweave::volume::brick::{BrickIndex, EDGE, VOXELS};
-use sonoweave::volume::sparse::SEEN;
-use sonoweave::volume::{Grid, Voxels};
+
+use mask::Mask;
+use reconstruct::reference::Reference;
+use reconstruct::{Reconstructor, Settings};
+use sonoweave_core::frames::{Transform, Volume, World};
+use sonoweave_core::slice::Slice;
+use volume::brick::{BrickIndex, EDGE, VOXELS};
+use volume::brick_volume::SEEN;
+use volume::{Grid, Voxels};
 
 use crate::report::Report;
 
-/// Cubes of voxels that are compared, and their edge.
+/// Number of compared cubes of voxels, and their edge in voxels.
 const CUBES: usize = 40;
 const CUBE: i64 = 4;
-/// Voxels with less weight lie at the end of the support or of the data, where a rounding error decides what is seen.
+/// Voxels with less weight lie at the end of the support or of the data, where rounding decides
+/// whether they are seen.
 const FIRM: f64 = 0.05;
-/// Weights further apart than this part, or than what the filter promises, are not of the same slices.
+/// Relative difference above which two weights, beyond the filter's error bound, cannot come from
+/// the same slices.
 const SAME_WEIGHT: f64 = 0.02;
-/// Voxels that only one of the two sees, or that have other weights, as a part of those that are compared.
+/// Maximum share of compared voxels that only one of the two sees, or that have other weights.
 const ONE_SIDED: f64 = 0.02;
 
-/// How far values are from those they should be, grey levels.
+/// Deviation of values from the expected ones, grey values.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Deviation {
     pub(crate) voxels: u64,
     pub(crate) one_sided: u64,
     pub(crate) rms: f64,
     pub(crate) max: f64,
-    /// The largest deviation that is right, root mean square and of any one voxel.
+    /// Maximum permitted deviation, root mean square and of any one voxel.
     pub(crate) bounds: [f64; 2],
 }
 
 impl Deviation {
-    /// Over pairs of a value and what it should be.
+    /// Calculates the deviation over pairs of a value and its expected value.
     pub(crate) fn over(pairs: impl Iterator<Item = (Option<f64>, Option<f64>)>, bounds: [f64; 2]) -> Self {
         let mut deviation = Self { bounds, ..Self::default() };
         let mut squares = 0.0;
@@ -58,13 +61,13 @@ impl Deviation {
     }
 
     fn is_right(&self) -> bool {
-        // Without a voxel compared, and with a NaN, this is false.
+        // False if no voxel was compared, and for NaN.
         self.rms <= self.bounds[0]
             && self.max <= self.bounds[1]
             && self.one_sided as f64 <= ONE_SIDED * self.voxels as f64
     }
 
-    /// Remembers a wrong answer.
+    /// Notes a wrong result in the report.
     pub(crate) fn note(&self, what: &str, report: &mut Report) {
         if !self.is_right() {
             report.wrong(format!("{what}: {self:?}"));
@@ -74,13 +77,14 @@ impl Deviation {
 
 /// Compares a volume with the equations on cubes spread evenly over its bricks.
 ///
-/// At any one voxel the bound is what the in-plane filter promises of its samples, for a picture of 8 bits, times ten: numerator and weight may both
-/// deviate, and where only a fifth of the kernel lies on data (less does not count as seen) the quotient deviates five times as far. Such a bound
-/// alone would let a slip of a tenth of a pixel pass; but deviations are rarely near the promise and fall on both sides, so that their root mean
-/// square stays below a tenth of it.
+/// The bound at any one voxel is ten times the in-plane filter's error bound for its samples, for
+/// a frame of 8 bits. Numerator and weight may both deviate. If only a fifth of the kernel lies
+/// on data (less does not count as seen), the quotient deviates five times as far. Such a bound
+/// alone would permit an error of a tenth of a pixel. But deviations are rarely near the bound
+/// and have both signs, so their root mean square stays below a tenth of it.
 ///
 /// # Errors
-/// When nothing was inserted.
+/// If nothing was inserted.
 pub(crate) fn against_equations(
     reconstructor: &Reconstructor,
     slices: &[Slice],
@@ -97,8 +101,8 @@ pub(crate) fn against_equations(
     Ok(Deviation::over(pairs, [0.1, 10.0].map(|part| part * promised * 255.0)))
 }
 
-/// Values of a volume on cubes spread evenly over its blocks, with those that `weave` puts into a reference there; weights may deviate by the part
-/// that is `promised`.
+/// Returns the values of a volume on cubes spread evenly over its blocks, with those that `weave`
+/// inserts into a reference there. Weights may deviate by the relative error `promised`.
 pub(crate) fn against_sums(
     volume: &dyn Voxels,
     settings: &Settings,
@@ -107,7 +111,8 @@ pub(crate) fn against_sums(
     weave: impl Fn(&mut Reference),
 ) -> impl Iterator<Item = (Option<f64>, Option<f64>)> {
     let mut pairs = Vec::new();
-    // Blocks come in the order of the sweep: among those at its sides, of which a stride may find no others, nothing is firm.
+    // Blocks come in the order of the sweep. A regular stride may select only blocks at its
+    // sides, where no weight is firm; so these are excluded.
     let middle = |place: BrickIndex| place.map(|b| i64::from(b) * EDGE as i64 + EDGE as i64 / 2);
     let inner: Vec<BrickIndex> =
         volume.blocks().filter(|place| f64::from(volume.voxel(middle(*place)).1) > FIRM).collect();
@@ -126,9 +131,10 @@ pub(crate) fn against_sums(
             let (x, y, z) = (at % CUBE, at / CUBE % CUBE, at / (CUBE * CUBE));
             let (r, w) = volume.voxel([first[0] + x, first[1] + y, first[2] + z]);
             let value = (w > SEEN).then(|| f64::from(r) / f64::from(w));
-            // At the border of the data rounding decides whether a slice counts: where the sums are of other slices, values are not compared.
+            // At the border of the data, rounding decides whether a slice counts. If the sums
+            // come from different slices, values are not compared.
             let alike = (f64::from(w) - expected).abs() <= SAME_WEIGHT.max(promised) * expected;
-            // Where neither is firm, neither is compared.
+            // Voxels are compared if either weight is firm.
             if f64::from(w).max(*expected) > FIRM {
                 pairs.push((value, reference.value(i).filter(|_| alike)));
             }
@@ -137,7 +143,7 @@ pub(crate) fn against_sums(
     pairs.into_iter()
 }
 
-/// Same bricks with the same bits.
+/// Returns whether both have the same bricks with the same bits.
 pub(crate) fn same_bits(a: &Reconstructor, b: &Reconstructor) -> bool {
     let bits = |x: &[f32; VOXELS], y: &[f32; VOXELS]| x.iter().zip(y).all(|(x, y)| x.to_bits() == y.to_bits());
     a.volume().len() == b.volume().len()

@@ -1,17 +1,19 @@
-//! Large slices in every orientation: 512×512 pixels of 0.25 mm, 128 mm square, into voxels of 0.5 mm, as for a volume of 256³.
+//! Large slices in every orientation: 512×512 pixels of 0.25 mm, 128 mm square, into voxels of
+//! 0.5 mm, as for a volume of 256³.
 //!
-//! A slice is the same work whatever its orientation, so that times differ by what orientation does to memory, vectors and skipping.
+//! A slice has the same number of operations in every orientation. Times therefore differ only
+//! through the effect of orientation on memory, vectors and skipping.
 
 use std::error::Error;
 
 use glam::{DAffine3, DMat3, DVec3};
-use sonoweave::mask::Mask;
-use sonoweave::phantom::scan::convex_fan;
-use sonoweave::phantom::{Motion, Scan, ScanSettings};
-use sonoweave::reconstruct::{Settings, Simd};
-use sonoweave::slice::Slice;
 
-use calibration::frames::{Transform, World};
+use mask::Mask;
+use phantom::scan::convex_fan;
+use phantom::{Motion, Scan, ScanSettings};
+use reconstruct::{Settings, Simd};
+use sonoweave_core::frames::{Transform, World};
+use sonoweave_core::slice::Slice;
 
 use crate::Effort;
 use crate::check::{against_equations, same_bits};
@@ -23,10 +25,11 @@ const SIGMA_N_MM: f64 = 1.0;
 const PIXELS: [u32; 2] = [512, 512];
 const PIXEL_MM: f64 = 0.25;
 const GAP_MM: f64 = 0.5;
-/// No plane of pixels meets a plane of voxels: a favour that no hand does.
+/// Offset that keeps planes of pixels off planes of voxels, mm: they would not coincide in a
+/// freehand scan.
 const OFFSET_MM: DVec3 = DVec3::new(0.13, 0.21, 0.17);
 
-/// Slice normals, and the picture's turn about them in degrees.
+/// Slice normals, and the rotation of the frame about them in degrees.
 const ORIENTATIONS: [(&str, DVec3, f64); 9] = [
     ("x", DVec3::X, 0.0),
     ("y", DVec3::Y, 0.0),
@@ -38,7 +41,7 @@ const ORIENTATIONS: [(&str, DVec3, f64); 9] = [
     ("(1,1,1)", DVec3::new(1.0, 1.0, 1.0), 0.0),
     ("(3,-2,1), turned by 20°", DVec3::new(3.0, -2.0, 1.0), 20.0),
 ];
-/// The one on which instruction sets and threads are compared.
+/// Index of the orientation in which instruction sets and threads are compared.
 const DIAGONAL: usize = 7;
 
 pub(crate) fn bench(effort: Effort, report: &mut Report) -> Result<(), Box<dyn Error>> {
@@ -60,11 +63,13 @@ pub(crate) fn bench(effort: Effort, report: &mut Report) -> Result<(), Box<dyn E
     threads(effort, &settings, &masks, &sweeps[DIAGONAL], report)
 }
 
-/// The sweep with its slices' normal, z, laid along another, after a turn about it.
+/// Returns the sweep with its slices' normal, z, along another direction, after a rotation about
+/// it.
 fn turned(level: &[Slice], normal: DVec3, turn_degrees: f64) -> Vec<Slice> {
     let n = normal.normalize();
     let (u, v) = n.any_orthonormal_pair();
-    // The pair may be left-handed; a mirrored sweep is still a sweep of planes, but no scanner makes one.
+    // The pair may be left-handed. A mirrored sweep would still be a sweep of planes, but no
+    // scanner makes one.
     let v = if u.cross(v).dot(n) < 0.0 { -v } else { v };
     let turn = DAffine3 { matrix3: DMat3::from_cols(u, v, n), translation: OFFSET_MM }
         * DAffine3::from_axis_angle(DVec3::Z, turn_degrees.to_radians());
@@ -140,7 +145,8 @@ fn instruction_sets(
     sweep: &[Slice],
     report: &mut Report,
 ) -> Result<(), Box<dyn Error>> {
-    // Without instructions for fused multiply-add, portable code is some fifty times slower: few slices must do.
+    // Without fused multiply-add instructions, portable code is some fifty times slower, so few
+    // slices are used.
     let sweep = &sweep[..sweep.len().min(6)];
     let available: Vec<Settings> = Simd::ALL
         .into_iter()

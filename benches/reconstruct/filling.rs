@@ -1,15 +1,17 @@
-//! Holes of the spine recording's volume at 0.5 mm, filled: how long it takes, whether it is the right answer, and how near that is to what was there.
+//! Fills the holes of the spine recording's volume at 0.5 mm: measures the time, checks the
+//! result, and compares it with omitted data.
 
 use std::error::Error;
 use std::path::Path;
 use std::time::Instant;
 
 use glam::DVec3;
-use sonoweave::export::fill::{FILLED, Filled, Filling, Law};
-use sonoweave::export::volume::DenseBox;
-use sonoweave::reconstruct::{Reconstructor, Settings};
-use sonoweave::volume::Voxels;
-use sonoweave::volume::sparse::SEEN;
+
+use export::fill::{FILLED, FillMethod, Filled, Filling};
+use export::volume::DenseBox;
+use reconstruct::{Reconstructor, Settings};
+use volume::Voxels;
+use volume::brick_volume::SEEN;
 
 use crate::Effort;
 use crate::check::Deviation;
@@ -21,19 +23,20 @@ use crate::timing::{Contestant, Times, arithmetic, interleaved, reconstructed};
 const RADIUS_MM: f64 = 1.5;
 const THREADS: [usize; 2] = [1, 2];
 const GOAL: Goal = Goal::AtMost(40.0);
-/// Of the holes one in so many is also filled by a plain search.
+/// One in this many holes is also filled by a plain search.
 const SAMPLED: usize = 97;
-/// Of f32 sums of a hundred terms of up to 255, as rms and as maximum; the nearest is exact.
+/// Error bounds of f32 sums of a hundred terms of up to 255, as rms and as maximum; the nearest
+/// is exact.
 const BOUNDS: [f64; 2] = [1e-4, 1e-3];
 
-fn goal(law: Law) -> String {
+fn goal(law: FillMethod) -> String {
     format!("holes of the spine volume, {}, 2 threads: ms", law.name())
 }
 
 pub(crate) fn bench(effort: Effort, report: &mut Report) -> Result<(), Box<dyn Error>> {
     let folder = folder(Path::new(env!("CARGO_MANIFEST_DIR")));
     let (sequence, config) = (folder.join(SEQUENCE), folder.join(CONFIG));
-    let laws = [Law::Nearest, Law::Gaussian];
+    let laws = [FillMethod::Nearest, FillMethod::Gaussian];
     if !(sequence.is_file() && config.is_file()) {
         println!(
             "\nHoles of the spine recording: skipped, because {SEQUENCE} or its configuration is not in the folder of recordings"
@@ -50,7 +53,8 @@ pub(crate) fn bench(effort: Effort, report: &mut Report) -> Result<(), Box<dyn E
     let half = reconstructed(&settings, &mask, &half)?;
     let space = space(&whole)?;
 
-    let jobs: Vec<(Law, usize)> = laws.into_iter().flat_map(|law| THREADS.map(|threads| (law, threads))).collect();
+    let jobs: Vec<(FillMethod, usize)> =
+        laws.into_iter().flat_map(|law| THREADS.map(|threads| (law, threads))).collect();
     let mut contestants: Vec<Contestant<'_>> = Vec::new();
     for (law, threads) in &jobs {
         let (whole, space) = (&whole, &space);
@@ -104,7 +108,7 @@ fn space(whole: &Reconstructor) -> Result<DenseBox, Box<dyn Error>> {
 }
 
 fn fill<'a>(
-    law: Law,
+    law: FillMethod,
     threads: usize,
     whole: &'a Reconstructor,
     space: &DenseBox,
@@ -117,8 +121,8 @@ fn voxels(space: &DenseBox) -> impl Iterator<Item = [i64; 3]> {
     (0..nx * ny * nz).map(move |i| [x0 + i % nx, y0 + i / nx % ny, z0 + i / (nx * ny)])
 }
 
-/// From a plain search of the ball around sampled holes.
-fn deviation(law: Law, filled: &Filled<'_>, whole: &Reconstructor, space: &DenseBox) -> Deviation {
+/// Compares with a plain search of the ball around sampled holes.
+fn deviation(law: FillMethod, filled: &Filled<'_>, whole: &Reconstructor, space: &DenseBox) -> Deviation {
     let steps = (RADIUS_MM / SPACING_MM).floor() as i64;
     let holes = voxels(space).filter(|at| whole.volume().voxel(*at).1 <= SEEN).step_by(SAMPLED);
     let pairs = holes.map(|at| {
@@ -134,7 +138,8 @@ fn deviation(law: Law, filled: &Filled<'_>, whole: &Reconstructor, space: &Dense
                     let (value, weight) = (f64::from(r / w), (-2.0 * square as f64 / (steps * steps) as f64).exp());
                     sum += weight * value;
                     weights += weight;
-                    // z outermost: the first of equals is the one of the rule.
+                    // Z is the outermost loop, so the first of equals is the one that the rule
+                    // selects.
                     if nearest.is_none_or(|(least, _)| square < least) {
                         nearest = Some((square, value));
                     }
@@ -142,13 +147,14 @@ fn deviation(law: Law, filled: &Filled<'_>, whole: &Reconstructor, space: &Dense
             }
         }
         let (r, w) = filled.voxel(at);
-        let expected = nearest.map(|(_, value)| if law == Law::Nearest { value } else { sum / weights });
+        let expected = nearest.map(|(_, value)| if law == FillMethod::Nearest { value } else { sum / weights });
         ((w == FILLED).then(|| f64::from(r / w)), expected)
     });
     Deviation::over(pairs, BOUNDS)
 }
 
-/// Voxels that are filled here and seen there, and how far off they are.
+/// Returns the number of voxels that are filled in `filled` and seen in `whole`, and their rms
+/// difference.
 fn left_out(filled: &Filled<'_>, whole: &Reconstructor, space: &DenseBox) -> (u64, f64) {
     let (mut count, mut squares) = (0, 0.0);
     for at in voxels(space) {

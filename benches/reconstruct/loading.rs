@@ -1,28 +1,30 @@
-//! Recordings as posed slices: where they are looked for, and the stages that every source goes through.
+//! Loads recordings as posed slices, through the same stages as every source.
 
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
-use drivers::recording::{SequenceDriver, SequenceSettings};
-use drivers::{Device, Driver, Next, OpenSettings};
-use sonoweave::config;
-use sonoweave::ingest::{Ingest, Sample};
-use sonoweave::mask::{AutoMask, Mask, MaskPlan};
-use sonoweave::slice::Slice;
-use sonoweave::sync::{Pairing, PairingOptions, survey};
+use drivers::replay::{SequenceDriver, SequenceSettings};
+use drivers::{Driver, OpenSettings};
+use mask::{AutoMask, Mask, MaskPlan};
+use sonoweave_core::slice::Slice;
+use sonoweave_core::{Device, Next};
+use sync::ingest::{Ingest, Sample};
+use sync::{Pairing, survey};
 
-/// The folder of recordings: the one that `SONOWEAVE_TEST_DATA` names, else `../shared/data` beside the project's folder.
+/// Returns the folder of recordings: `SONOWEAVE_TEST_DATA` if set, else `../shared/data` beside
+/// the project's folder.
 pub(crate) fn folder(project: &Path) -> PathBuf {
     std::env::var_os("SONOWEAVE_TEST_DATA").map_or_else(|| project.join("../shared/data"), PathBuf::from)
 }
 
-/// A recording's slices, and which pixels are data: device, ingest, pairing, automatic mask.
+/// Returns a recording's slices, and the mask of its data pixels: device, ingest, pairing,
+/// automatic mask.
 ///
 /// # Errors
-/// When the recording or its configuration cannot be read, or a frame cannot be used.
+/// If the recording or its configuration cannot be read, or a frame cannot be used.
 pub(crate) fn load(sequence: &Path, config: &Path) -> Result<(Vec<Slice>, Mask), Box<dyn Error>> {
     let config = config::Settings::read(config, None)?;
-    let options = PairingOptions::new(&config, None);
+    let options = config.pairing_options(None);
     let open = |images| {
         SequenceDriver.open(&OpenSettings::Sequence(SequenceSettings { images, ..SequenceSettings::new(sequence) }))
     };
@@ -33,7 +35,7 @@ pub(crate) fn load(sequence: &Path, config: &Path) -> Result<(Vec<Slice>, Mask),
     let mut device: Box<dyn Device> = open(true)?;
     device.start()?;
     loop {
-        match device.next(drivers::NO_DEADLINE)? {
+        match device.next(sonoweave_core::NO_DEADLINE)? {
             Next::Reading(reading) => match ingest.take(reading) {
                 Sample::Picture(picture) => slices.push(pairing.frame(picture).map_err(|r| r.to_string())?.slice),
                 Sample::Transform(transform) => pairing.transform(transform),

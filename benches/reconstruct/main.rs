@@ -1,16 +1,21 @@
-//! Run time against error of the reconstruction: `make bench`, or `cargo bench --bench reconstruct -- [--quick] [--only SECTION]`.
+//! Run time and error of the reconstruction: `make bench`, or `cargo bench --bench reconstruct --
+//! [--quick] [--only SECTION]`.
 //!
-//! Every timed answer is also checked, against the equations in f64 or against the phantom's truth, and a wrong one fails the run; a goal that is not
-//! met is printed and fails nothing, because machines differ. Tables are printed as they are finished and written to `out/bench` (a quick
-//! run's, which is a smoke test with too few repeats to measure anything, to `out/bench/quick`).
+//! Every timed result is also checked, against the equations in f64 or against the phantom's
+//! truth, and a wrong one fails the run. A missed goal is printed but fails nothing, because
+//! machines differ. Tables are printed when finished and written to `out/bench`. A quick run
+//! writes to `out/bench/quick`; it is a smoke test with too few repeats to measure anything.
 //!
-//! - [`recording`]: a real freehand recording, beside IGSIO and our own nearest and trilinear baselines.
-//! - [`blobs`]: the comparison scan with known truth: speed and accuracy, with the same baselines.
+//! - [`recording`]: a real freehand recording, beside IGSIO and our own nearest and trilinear
+//!   baselines.
+//! - [`blobs`]: the comparison scan with known truth: speed and accuracy, with the same
+//!   baselines.
 //! - [`cube`]: large slices in all orientations, full and fan, instruction sets, threads.
-//! - [`planar`]: a 3-DOF arm's scan by the general path and by the planar one.
-//! - [`filling`]: the recording's holes, filled.
-//! - [`memory`]: bytes a voxel.
-//! - [`baselines`], [`check`], [`loading`], [`timing`], [`report`]: what they share; all but the last also with `make pareto`.
+//! - [`planar`]: a 3-DOF arm's scan with the general and the planar insertion path.
+//! - [`filling`]: filling the recording's holes.
+//! - [`memory`]: bytes per voxel.
+//! - [`baselines`], [`check`], [`loading`], [`timing`], [`report`]: shared parts; `make pareto`
+//!   uses all but the last too.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a bench speaks to its user")]
 
 mod baselines;
@@ -31,12 +36,13 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use serde_json::{Value, json};
-use sonoweave::reconstruct::Simd;
 
-/// How much of it.
+use reconstruct::Simd;
+
+/// Amount of work of a run.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Effort {
-    /// Runs of each contestant.
+    /// Runs of each method.
     pub(crate) rounds: usize,
     /// Frames of the scan with known truth.
     pub(crate) blob_frames: u32,
@@ -49,7 +55,7 @@ pub(crate) struct Effort {
 const WHOLE: Effort = Effort { rounds: 10, blob_frames: 120, cube_slices: 40, memory_slices: 200 };
 const QUICK: Effort = Effort { rounds: 2, blob_frames: 24, cube_slices: 12, memory_slices: 24 };
 
-/// What `--only` knows, in order.
+/// Sections that `--only` accepts, in order.
 const SECTIONS: [&str; 6] = ["recording", "blobs", "cube", "planar", "filling", "memory"];
 
 fn main() -> ExitCode {
@@ -60,7 +66,7 @@ fn main() -> ExitCode {
     while let Some(argument) = arguments.next() {
         match argument.as_str() {
             "--only" => only = Some(arguments.next().unwrap_or_default()),
-            // What cargo passes to every bench.
+            // Cargo passes this to every bench.
             "--bench" => {}
             "--quick" => {
                 effort = QUICK;
@@ -106,7 +112,7 @@ fn run(effort: Effort, only: Option<&str>, folder: &Path) -> Result<bool, Box<dy
     );
 
     let mut report = report::Report::new();
-    // First, while the process is small.
+    // Memory is measured first, while the process is small.
     let wanted = |section: &str| only.is_none_or(|only| only == section);
     let memory = if wanted("memory") { Some(memory::measure(effort)?) } else { None };
     let sections = [recording::bench, blobs::bench, cube::bench, planar::bench, filling::bench];
@@ -130,7 +136,7 @@ fn run(effort: Effort, only: Option<&str>, folder: &Path) -> Result<bool, Box<dy
     Ok(right)
 }
 
-/// The figures of a one-line file of the kernel's, or "unknown" where there is none.
+/// Returns the numbers in a one-line file of the kernel, or "unknown" if there is none.
 fn first_line(path: &str) -> String {
     let text = std::fs::read_to_string(path).unwrap_or_default();
     let figures: Vec<&str> = text.split_whitespace().take(3).collect();

@@ -1,14 +1,15 @@
-//! Bytes a voxel: what the volume says that it holds, and what the process grew by.
+//! Bytes per voxel: as the volume reports them, and as the growth of the process.
 
 use std::error::Error;
 use std::sync::Arc;
 
-use calibration::frames::Transform;
 use glam::{DAffine3, DMat3, DVec3};
-use sonoweave::mask::Mask;
-use sonoweave::reconstruct::{Reconstructor, Settings};
-use sonoweave::slice::{Image, Pixels, Slice};
-use sonoweave::volume::brick::VOXELS;
+
+use mask::Mask;
+use reconstruct::{Reconstructor, Settings};
+use sonoweave_core::frames::Transform;
+use sonoweave_core::slice::{Image, Pixels, Slice};
+use volume::brick::VOXELS;
 
 use crate::Effort;
 use crate::report::{Cell, Goal, Report, Table};
@@ -16,26 +17,29 @@ use crate::report::{Cell, Goal, Report, Table};
 const PIXELS: u32 = 512;
 const PIXEL_MM: f64 = 0.25;
 const GAP_MM: f64 = 0.5;
-/// What may be used beside the voxels.
+/// Memory allowance beside the voxels, in bytes.
 const FIXED_BYTES: f64 = 64.0 * 1024.0 * 1024.0;
 const MIB: f64 = 1024.0 * 1024.0;
 
-/// A sweep's memory.
+/// Memory of a sweep.
 pub(crate) struct Memory {
     slices: u32,
     voxels: u64,
     held: u64,
-    /// Growth of the process's resident memory; `None` where the system does not say.
+    /// Growth of the process's resident memory, in bytes; `None` if the system does not report
+    /// it.
     grown: Option<f64>,
 }
 
-/// Sweeps two pictures along (1, 1, 1) through a cube: oblique, so that bricks are touched in part, at the sweep's whole surface.
+/// Sweeps two frames along (1, 1, 1) through a cube: oblique, so that bricks are touched in part
+/// at the sweep's whole surface.
 ///
 /// # Errors
-/// When a slice is refused.
+/// If a slice is refused.
 pub(crate) fn measure(effort: Effort) -> Result<Memory, Box<dyn Error>> {
     let pictures = [0_u32, 1].map(|seed| {
-        // A multiplicative hash: pictures whose content does not matter, made without memory that could be used again afterwards.
+        // A multiplicative hash: the content does not matter, and computing it leaves no freed
+        // memory for later use.
         let pixels: Arc<[u8]> =
             (0..PIXELS * PIXELS).map(|i| ((i + seed).wrapping_mul(2_654_435_761) >> 24) as u8).collect();
         Image::new(PIXELS, PIXELS, Pixels::U8(pixels))
@@ -64,7 +68,7 @@ pub(crate) fn measure(effort: Effort) -> Result<Memory, Box<dyn Error>> {
     })
 }
 
-/// Bytes of the process that are in memory.
+/// Returns the resident memory of the process, in bytes.
 fn resident() -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;

@@ -1,17 +1,20 @@
-//! A 3-DOF arm's scan by both paths, turning as it sweeps: 128×128 pixels into 128×128×256 voxels, u along the 256; and a scanner's fine pixels.
+//! A 3-DOF arm's scan with both insertion paths, turning as it sweeps: 128×128 pixels into
+//! 128×128×256 voxels, u along the 256; and a scan with a scanner's fine pixels.
 //!
-//! Both weave the same slices into the same lattice, in turns, so that times and errors compare.
+//! Both insert the same slices into the same lattice, in turns, so that times and errors are
+//! comparable.
 
 use std::error::Error;
 
 use glam::DVec3;
-use sonoweave::mask::Mask;
-use sonoweave::phantom::{Errors, Motion, Scan, ScanSettings, truth};
-use sonoweave::reconstruct::planar::{PlanarReconstructor, PlanarSettings, reference};
-use sonoweave::reconstruct::{Reconstructor, Settings};
-use sonoweave::slice::Slice;
-use sonoweave::volume::sparse::SEEN;
-use sonoweave::volume::{Grid, Voxels};
+
+use mask::Mask;
+use phantom::{Errors, Motion, Scan, ScanSettings, truth};
+use reconstruct::planar::{PlanarReconstructor, PlanarSettings, reference};
+use reconstruct::{Reconstructor, Settings};
+use sonoweave_core::slice::Slice;
+use volume::brick_volume::SEEN;
+use volume::{Grid, Voxels};
 
 use crate::Effort;
 use crate::check::{Deviation, against_equations, against_sums};
@@ -25,22 +28,26 @@ struct Case {
     pixels: [u32; 2],
     pixel_mm: [f64; 2],
     spacing_mm: f64,
-    /// Whether it is the one that goals are about.
+    /// Whether goals apply to it.
     goals: bool,
 }
 
 const CASES: [Case; 2] = [
-    // Along u two voxels to the pixel but for a little, so that columns are 256 voxels with what the kernel reaches beyond; along v one.
+    // Along u almost two voxels per pixel, so that columns have 256 voxels including the kernel
+    // support at the ends; along v one.
     Case { id: "planar", name: "128²", pixels: [128; 2], pixel_mm: [0.99, 0.5], spacing_mm: 0.5, goals: true },
-    // Pixels finer than voxels, as scanners give them: every pixel is a product, where the general path samples a decimated picture.
+    // Pixels finer than voxels, as scanners give them. Here every pixel is a product, where the
+    // general path samples a decimated frame.
     Case { id: "planar-fine", name: "512×480", pixels: [512, 480], pixel_mm: [0.1; 2], spacing_mm: 0.5, goals: false },
 ];
-/// Across, about the volume's 128 voxels between the first slice's middle and the last's.
+/// Gap between slices: about the volume's 128 voxels between the middles of the first and the
+/// last slice, mm.
 const GAP_MM: f64 = 0.5;
 const SLICES: u32 = 128;
-/// Where the slices' planes meet: the sweep turns by 36°.
+/// Distance of the axis in which the slices' planes meet, mm: the sweep turns by 36°.
 const AXIS_DISTANCE_MM: f64 = 100.0;
-/// Of the planar path, relative to the range of grey levels: root mean square and of any one voxel.
+/// Error bounds of the planar path, relative to the range of grey values: root mean square, and
+/// maximum over voxels.
 const ROUNDING: [f64; 2] = [2e-6, 1e-5];
 
 fn woven(settings: &Settings, mask: &Mask, slices: &[Slice]) -> Result<PlanarReconstructor, Box<dyn Error>> {
@@ -58,7 +65,7 @@ fn planar<'a>(settings: &'a Settings, mask: &'a Mask, slices: &'a [Slice]) -> Co
     })
 }
 
-/// What is compared: voxels that both paths have seen.
+/// Truth at the voxels that both paths have seen.
 struct Truth {
     grid: Grid,
     first: [i64; 3],
@@ -98,7 +105,7 @@ fn bench_case(case: &Case, effort: Effort, report: &mut Report) -> Result<(), Bo
     let slices = scan.slices(0..scan.frames());
     let mask = &Mask::full(case.pixels[0], case.pixels[1]);
     let columns = woven(&Settings::new(DVec3::splat(case.spacing_mm)), mask, &slices)?;
-    // On the lattice that the planar path finds by itself.
+    // Uses the lattice that the planar path selects itself.
     let one = columns.settings().clone();
     let two = Settings { threads: 2, ..one.clone() };
     let bricks = reconstructed(&one, mask, &slices)?;
@@ -178,13 +185,14 @@ fn bench_case(case: &Case, effort: Effort, report: &mut Report) -> Result<(), Bo
         report.judge("planar scan, planar path: ms a slice on 1 thread", Goal::AtMost(0.25), times[1].median());
         report.judge("planar scan, planar path: bytes a voxel", Goal::AtMost(4.2), held[1]);
     }
-    // Some tens of microseconds are near what it costs to wake a thread: told, not judged.
+    // Some tens of microseconds are close to the cost of waking a thread: the ratio is printed,
+    // not judged.
     let gained = times[1].over(&times[3])[1];
     println!("  planar, 2 threads over 1: {gained:.2}; arithmetic {:.2}", 2.0 * times[4].over(&times[5])[1]);
     Ok(())
 }
 
-/// The scene at the voxels that both paths have seen.
+/// Returns the scene at the voxels that both paths have seen.
 fn common(scan: &Scan, columns: &PlanarReconstructor, bricks: &Reconstructor) -> Result<Truth, Box<dyn Error>> {
     let (low, high) = columns.volume().seen_bounds().ok_or("nothing was seen")?;
     let settings = columns.settings();

@@ -1,11 +1,13 @@
-//! A real freehand recording: PLUS's spine phantom, 21 frames of 820×616, at 0.5 mm with no setting but its configuration.
+//! A real freehand recording: PLUS's spine phantom, 21 frames of 820×616, at 0.5 mm, with no
+//! settings beyond its configuration.
 
 use std::error::Error;
 use std::path::Path;
 
 use glam::DVec3;
-use sonoweave::phantom::truth::covering_grid;
-use sonoweave::reconstruct::Settings;
+
+use phantom::truth::covering_grid;
+use reconstruct::Settings;
 
 use crate::Effort;
 use crate::baselines::{Drop, Splat, plain};
@@ -19,7 +21,8 @@ pub(crate) const CONFIG: &str = "freehand/PlusDeviceSet_VolumeReconstructionOnly
 pub(crate) const SPACING_MM: f64 = 0.5;
 const GOAL: (&str, Goal) = ("spine recording, 0.5 mm, defaults, 1 thread: ms a frame", Goal::AtMost(1.0));
 
-/// Sums in f32 keep seven digits, and trilinear weights are exact to 1e-7: voxels with less weight than this would show little else.
+/// Sums in f32 keep seven digits, and trilinear weights are exact to 1e-7. Voxels with less
+/// weight than this would mainly show these errors.
 const BASELINE_WEIGHT: f32 = 0.05;
 const BASELINE_BOUNDS: [f64; 2] = [0.001, 0.01];
 

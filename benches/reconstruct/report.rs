@@ -1,4 +1,5 @@
-//! Tables: printed aligned, and written with all digits as CSV (one file a table) and JSON (all of them).
+//! Tables: printed with aligned columns, and written with all digits as CSV (one file per table)
+//! and JSON (all of them).
 
 use std::error::Error;
 use std::fs;
@@ -11,11 +12,11 @@ use crate::timing::Times;
 /// One entry of a table.
 #[derive(Debug, Clone)]
 pub(crate) enum Cell {
-    /// Words.
+    /// A text.
     Text(String),
-    /// A number, printed with so many decimals and written with all.
+    /// A number, printed with this many decimals and written with all.
     Number(f64, usize),
-    /// Nothing to say.
+    /// An empty cell.
     Empty,
 }
 
@@ -39,7 +40,7 @@ impl Cell {
     fn json(&self) -> Value {
         match self {
             Self::Text(text) => json!(text),
-            // JSON has no NaN; null says that there is no number.
+            // JSON has no NaN; null marks a missing number.
             Self::Number(value, _) => json!(value),
             Self::Empty => Value::Null,
         }
@@ -55,7 +56,7 @@ impl Cell {
     }
 }
 
-/// A number to reach.
+/// A goal for a measured number.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Goal {
     AtMost(f64),
@@ -78,7 +79,7 @@ impl Goal {
     }
 }
 
-/// Columns with names, rows of cells.
+/// A table with named columns and rows of cells.
 #[derive(Debug)]
 pub(crate) struct Table {
     id: &'static str,
@@ -89,7 +90,7 @@ pub(crate) struct Table {
 }
 
 impl Table {
-    /// `id` names the CSV file.
+    /// Creates an empty table; `id` names the CSV file.
     pub(crate) fn new(id: &'static str, title: impl Into<String>, columns: &[&'static str]) -> Self {
         Self { id, title: title.into(), notes: Vec::new(), columns: columns.to_vec(), rows: Vec::new() }
     }
@@ -98,8 +99,10 @@ impl Table {
         self.notes.push(note.into());
     }
 
+    /// Appends a row.
+    ///
     /// # Panics
-    /// When the row has not one cell a column: the caller has both before it.
+    /// If the row does not have one cell per column, which the caller must ensure.
     pub(crate) fn row(&mut self, cells: Vec<Cell>) {
         assert_eq!(cells.len(), self.columns.len(), "{}: a cell a column", self.title);
         self.rows.push(cells);
@@ -112,7 +115,7 @@ impl Table {
             cells.max(self.columns[c].chars().count())
         };
         let widths: Vec<usize> = (0..self.columns.len()).map(width).collect();
-        // A column of numbers is aligned right, with its gaps; words are aligned left.
+        // Columns of numbers, with their gaps, are aligned right; texts are aligned left.
         let is_text = |c: usize| self.rows.iter().any(|row| matches!(row[c], Cell::Text(_)));
         let line = |cells: &[String]| {
             let padded = cells.iter().enumerate().map(|(c, cell)| {
@@ -147,7 +150,7 @@ impl Table {
     }
 }
 
-/// All that a run says.
+/// All results of a run.
 pub(crate) struct Report {
     tables: Vec<Table>,
     threads: Table,
@@ -165,7 +168,8 @@ impl Report {
         Self { tables: Vec::new(), threads, goals, wrong: Vec::new(), missed: 0 }
     }
 
-    /// Measures a number against its goal: the two cells "goal" and "verdict", and a line of the last table.
+    /// Compares a number with its goal: returns the two cells "goal" and "verdict", and adds a
+    /// line to the last table.
     pub(crate) fn judge(&mut self, what: impl Into<String>, goal: Goal, measured: f64) -> [Cell; 2] {
         let met = goal.is_met(measured);
         self.missed += usize::from(!met);
@@ -179,12 +183,13 @@ impl Report {
         [Cell::Text(goal.shown()), verdict]
     }
 
-    /// The two cells where nothing was asked.
+    /// Returns the two cells of a row without a goal.
     pub(crate) fn no_goal() -> [Cell; 2] {
         [Cell::Empty, Cell::Empty]
     }
 
-    /// Compares the times of one thread with those of two, and with what [plain arithmetic](crate::timing::arithmetic) gained meanwhile.
+    /// Compares the times of one thread with those of two, and with the gain of [plain
+    /// arithmetic](crate::timing::arithmetic) at the same time.
     pub(crate) fn threads(&mut self, what: &str, [one, two]: [&Times; 2], [alone, both]: [&Times; 2]) {
         let [low, ratio, high] = one.over(two);
         let mut row = vec![Cell::text(what), Cell::Number(one.median(), 3), Cell::Number(two.median(), 3)];
@@ -193,27 +198,27 @@ impl Report {
         self.threads.row(row);
     }
 
-    /// A goal that could not be measured.
+    /// Adds a goal that could not be measured.
     pub(crate) fn skipped(&mut self, what: impl Into<String>, goal: Goal) {
         let row = vec![Cell::Text(what.into()), Cell::Text(goal.shown()), Cell::Empty, Cell::text("skipped")];
         self.goals.row(row);
     }
 
-    /// A timed answer that is not the right one. The run goes on, and fails in the end.
+    /// Notes a wrong timed result. The run continues, but fails at its end.
     pub(crate) fn wrong(&mut self, what: impl Into<String>) {
         self.wrong.push(what.into());
     }
 
-    /// Prints a finished table at once: a run takes minutes.
+    /// Prints a finished table at once, because a run takes minutes.
     pub(crate) fn add(&mut self, table: Table) {
         table.print();
         self.tables.push(table);
     }
 
-    /// Prints the goals, writes the files, and says whether every timed answer was right.
+    /// Prints the goals, writes the files, and returns whether every timed result was correct.
     ///
     /// # Errors
-    /// When a file cannot be written.
+    /// If a file cannot be written.
     pub(crate) fn finish(mut self, machine: Value, folder: &Path) -> Result<bool, Box<dyn Error>> {
         let empty = || Table::new("", "", &[]);
         let mut threads = std::mem::replace(&mut self.threads, empty());

@@ -1,14 +1,14 @@
-//! Times of inserts: contestants take turns, so that what else the machine does falls on all of them.
+//! Times inserts: the methods take turns, so that other load on the machine affects all of them.
 
 use std::error::Error;
 use std::hint::black_box;
 use std::time::Instant;
 
-use sonoweave::mask::Mask;
-use sonoweave::reconstruct::{Reconstructor, Settings};
-use sonoweave::slice::Slice;
+use mask::Mask;
+use reconstruct::{Reconstructor, Settings};
+use sonoweave_core::slice::Slice;
 
-/// The value below which the fraction `q` of the samples lies, between neighbours by line; NaN of none.
+/// Returns the quantile `q` of the samples, interpolated linearly; NaN without samples.
 pub(crate) fn quantile(samples: &[f64], q: f64) -> f64 {
     let mut sorted = samples.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -18,7 +18,7 @@ pub(crate) fn quantile(samples: &[f64], q: f64) -> f64 {
     sorted[low] + (sorted[(low + 1).min(last)] - sorted[low]) * at.fract()
 }
 
-/// Milliseconds an insert, run by run.
+/// Milliseconds per insert, run by run.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Times {
     runs: Vec<Vec<f64>>,
@@ -29,7 +29,7 @@ impl Times {
         self.runs.concat()
     }
 
-    /// Over all inserts of all runs.
+    /// Returns the quantile over all inserts of all runs.
     pub(crate) fn quantile(&self, q: f64) -> f64 {
         quantile(&self.all(), q)
     }
@@ -38,13 +38,15 @@ impl Times {
         self.quantile(0.5)
     }
 
-    /// The median of the first inserts, which pay for what depends on the pixel size and for most of the first bricks.
+    /// Returns the median of the first inserts, which include set-up that depends on the pixel
+    /// size and most of the first bricks.
     pub(crate) fn first(&self) -> f64 {
         let firsts: Vec<f64> = self.runs.iter().filter_map(|run| run.first().copied()).collect();
         quantile(&firsts, 0.5)
     }
 
-    /// How many times slower this is than `other`: quartiles over rounds of the ratio of the two runs' medians.
+    /// Returns how many times slower this is than `other`: quartiles over rounds of the ratio of
+    /// the two runs' medians.
     pub(crate) fn over(&self, other: &Self) -> [f64; 3] {
         let ratios: Vec<f64> =
             self.runs.iter().zip(&other.runs).map(|(a, b)| quantile(a, 0.5) / quantile(b, 0.5)).collect();
@@ -52,10 +54,10 @@ impl Times {
     }
 }
 
-/// Gives the milliseconds of each insert of one run.
+/// A timed method: returns the milliseconds of each insert of one run.
 pub(crate) type Contestant<'a> = Box<dyn FnMut() -> Result<Vec<f64>, Box<dyn Error>> + 'a>;
 
-/// Runs all contestants in every round, to and fro.
+/// Runs all methods in every round, in alternating order.
 pub(crate) fn interleaved(rounds: usize, contestants: &mut [Contestant<'_>]) -> Result<Vec<Times>, Box<dyn Error>> {
     let mut times = vec![Times::default(); contestants.len()];
     for round in 0..rounds {
@@ -85,7 +87,8 @@ pub(crate) fn each<E: Into<Box<dyn Error>>>(
         .collect()
 }
 
-/// A new reconstructor for every run: its memory, its filter and its threads' start are part of what a scan costs. Making it is not timed.
+/// Times a new reconstructor for every run: its memory, its filter and the start of its threads
+/// are part of a scan's cost. Creating it is not timed.
 pub(crate) fn ours<'a>(settings: &'a Settings, mask: &'a Mask, slices: &'a [Slice]) -> Contestant<'a> {
     Box::new(move || {
         let mut reconstructor = Reconstructor::new(settings.clone(), mask.clone())?;
@@ -93,8 +96,9 @@ pub(crate) fn ours<'a>(settings: &'a Settings, mask: &'a Mask, slices: &'a [Slic
     })
 }
 
-/// Plain arithmetic on all threads of a pool at once, a few milliseconds each, as often as a scan has slices: how much of a second core there is to
-/// be had just now, for threads that sleep and wake like the reconstructor's.
+/// Times plain arithmetic on all threads of a pool at once, a few milliseconds each, twenty
+/// times. It shows how much of a second core is available at the moment, for threads that sleep
+/// and wake like the reconstructor's.
 pub(crate) fn arithmetic<'a>(threads: usize) -> Contestant<'a> {
     Box::new(move || {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
@@ -113,7 +117,8 @@ pub(crate) fn arithmetic<'a>(threads: usize) -> Contestant<'a> {
     })
 }
 
-/// All slices in a new reconstructor, untimed: warms up, and its volume is what is checked.
+/// Inserts all slices into a new reconstructor, untimed: warms up, and gives the volume for
+/// checking.
 pub(crate) fn reconstructed(
     settings: &Settings,
     mask: &Mask,

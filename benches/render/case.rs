@@ -1,18 +1,19 @@
-//! The scans, and what is made of each before anything is timed.
+//! The scans, and their preparation before the timing.
 
 use std::error::Error;
 
 use glam::DVec3;
-use sonoweave::phantom::scene::{Blobs, Scene};
-use sonoweave::phantom::{Motion, Scan, ScanSettings};
-use sonoweave::reconstruct::planar::PlanarSettings;
-use sonoweave::reconstruct::{Settings, SettingsError, Weaver};
-use sonoweave::render::camera::View;
-use sonoweave::render::transfer::Transfer;
-use sonoweave::render::{RenderSettings, Stage};
-use sonoweave::slice::Slice;
 
-/// A scan and its picture.
+use phantom::scene::{Blobs, Scene};
+use phantom::{Motion, Scan, ScanSettings};
+use reconstruct::planar::PlanarSettings;
+use reconstruct::{PathReconstructor, Settings, SettingsError};
+use render::camera::View;
+use render::classify::transfer::Transfer;
+use render::{RenderRegion, RenderSettings};
+use sonoweave_core::slice::Slice;
+
+/// A scan and its rendered picture.
 pub(crate) struct Case {
     pub(crate) id: &'static str,
     pub(crate) title: &'static str,
@@ -24,19 +25,19 @@ pub(crate) struct Case {
     pub(crate) image: [u32; 2],
     /// Transfer function.
     pub(crate) preset: &'static str,
-    /// Median and 99th percentile of a slice to its picture, ms.
+    /// Goals from a slice to its picture, ms: median and 99th percentile.
     pub(crate) goals: [f64; 2],
-    /// Name of the table of whole pictures; their sizes, and ms that each may take.
+    /// Name of the table of whole pictures; their sizes, and the maximum ms of each.
     pub(crate) stills: (&'static str, &'static [([u32; 2], f64)]),
-    /// Name of the table of changed planes, where there is one.
+    /// Name of the table of changed planes, if any.
     pub(crate) slab: Option<&'static str>,
 }
 
 const SPACING_MM: f64 = 0.5;
-/// Of all that is timed.
+/// Threads of everything that is timed.
 pub(crate) const THREADS: usize = 2;
 
-// Along u, which becomes the columns' axis, two voxels to the pixel.
+// Two voxels per pixel along u, which becomes the columns' axis.
 const PAPER: Case = Case {
     id: "paper",
     title: "90 slices of 128×128 pixels, 128×128×256 voxels, picture of 256×256",
@@ -79,12 +80,12 @@ pub(crate) const CASES: [Case; 3] = [
     },
 ];
 
-/// A case with all that is not timed done.
+/// A case with all untimed preparation done.
 pub(crate) struct Ready {
     pub(crate) slices: Vec<Slice>,
     /// The volume of all slices.
-    pub(crate) whole: Weaver,
-    pub(crate) stage: Stage,
+    pub(crate) whole: PathReconstructor,
+    pub(crate) stage: RenderRegion,
     pub(crate) look: RenderSettings,
     scan: Scan,
     weave: Settings,
@@ -92,10 +93,10 @@ pub(crate) struct Ready {
 }
 
 impl Ready {
-    /// Scans the phantom and weaves it.
+    /// Scans the phantom and reconstructs it.
     ///
     /// # Errors
-    /// Where the case itself is wrong.
+    /// If the case itself is invalid.
     pub(crate) fn new(case: &Case) -> Result<Self, Box<dyn Error>> {
         let scan = Scan::new(ScanSettings {
             scene: Scene::Blobs(Blobs::draw(2)),
@@ -115,7 +116,7 @@ impl Ready {
             whole.insert(slice)?;
         }
         let (low, high) = whole.volume().seen_bounds().ok_or("nothing was seen")?;
-        let stage = Stage::new(whole.world_from_lattice(), low, high)?;
+        let stage = RenderRegion::new(whole.world_from_lattice(), low, high)?;
         let look = RenderSettings {
             view: View { azimuth: 30.0, elevation: 20.0, ..View::default() },
             threads: THREADS,
@@ -124,15 +125,15 @@ impl Ready {
         Ok(Self { slices, whole, stage, look, scan, weave, planar })
     }
 
-    /// An empty volume for the same scan.
+    /// Returns an empty volume for the same scan.
     ///
     /// # Errors
-    /// None that [`Self::new`] has not met.
-    pub(crate) fn weaver(&self) -> Result<Weaver, SettingsError> {
+    /// None that [`Self::new`] would not have returned.
+    pub(crate) fn weaver(&self) -> Result<PathReconstructor, SettingsError> {
         weaver(&self.scan, &self.weave, self.planar)
     }
 
-    /// The axis of the volume along which slices follow each other.
+    /// Returns the axis of the volume that is closest to the sweep direction.
     pub(crate) fn sweep_axis(&self) -> usize {
         let normal = self.scan.true_world_from_image(self.slices.len() as u32 / 2).affine().matrix3.z_axis;
         let along = self.stage.stage_from_world().transform_vector3(normal).abs();
@@ -140,14 +141,14 @@ impl Ready {
     }
 }
 
-fn weaver(scan: &Scan, weave: &Settings, planar: bool) -> Result<Weaver, SettingsError> {
+fn weaver(scan: &Scan, weave: &Settings, planar: bool) -> Result<PathReconstructor, SettingsError> {
     match planar {
-        true => Weaver::planar(weave.clone(), PlanarSettings::default(), scan.mask().clone()),
-        false => Weaver::general(weave.clone(), scan.mask().clone()),
+        true => PathReconstructor::planar(weave.clone(), PlanarSettings::default(), scan.mask().clone()),
+        false => PathReconstructor::general(weave.clone(), scan.mask().clone()),
     }
 }
 
-/// The view along a direction of the world.
+/// Returns the view along a direction of the world.
 pub(crate) fn along(direction: DVec3) -> View {
     let d = direction.normalize();
     let elevation = libm::asin((-d.z).clamp(-1.0, 1.0)).to_degrees();

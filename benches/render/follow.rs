@@ -1,25 +1,25 @@
-//! A slice arrives: what it costs until its picture is finished, for every way to keep rays.
+//! Times a new slice until its picture is finished, for every ray cache.
 
 use std::error::Error;
 use std::time::Instant;
 
-use sonoweave::reconstruct::Weaver;
-use sonoweave::render::{Cache, Picture, RenderSettings, RenderWork, Renderer, Stage, reference};
-use sonoweave::slice::Slice;
+use reconstruct::PathReconstructor;
+use render::{Cache, Picture, RenderRegion, RenderSettings, RenderWork, Renderer, reference};
+use sonoweave_core::slice::Slice;
 
 use super::case::{Case, Ready};
 use super::report::{Cell, Goal, Report, Table};
 use super::timing::{self, Contestant, Times, interleaved};
 
-/// One way to keep the picture.
+/// One way to update the picture.
 struct Way {
     name: String,
     settings: RenderSettings,
 }
 
-/// What following a scan took and made.
+/// Results of following a scan.
 struct Followed {
-    /// Insert, shading, rays of each slice.
+    /// Insertion, shading and rays of each slice, ms.
     ms: Vec<[f64; 3]>,
     work: RenderWork,
     cache: Cache,
@@ -44,7 +44,7 @@ pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Re
             settings,
         });
     }
-    // Untimed: the right answers.
+    // The correct results, untimed.
     let mut plain = Renderer::new(&RenderSettings { cache: Cache::None, ..look.clone() }, stage)?;
     plain.update_all(ready.whole.volume());
     let exact = plain.picture();
@@ -70,9 +70,9 @@ pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Re
 
 fn follow(
     settings: &RenderSettings,
-    stage: Stage,
+    stage: RenderRegion,
     slices: &[Slice],
-    weaver: Weaver,
+    weaver: PathReconstructor,
 ) -> Result<Followed, Box<dyn Error>> {
     let (mut weaver, mut renderer) = (weaver, Renderer::new(settings, stage)?);
     let mut ms = Vec::with_capacity(slices.len());

@@ -1,12 +1,17 @@
-//! What a slice costs until its picture is finished: `make bench`, or `cargo bench --bench render -- [--quick]`.
+//! Cost of a slice until its picture is finished: `make bench`, or `cargo bench --bench render --
+//! [--quick]`.
 //!
-//! A scan like that of Ohbuchi, Chen & Fuchs (1992), 90 slices of 128×128 pixels into 128×128×256 voxels at a picture of 256×256, and one of 256³ voxels at
-//! 512×512. Every timed picture is compared with the one of the whole volume, bit for bit, and with the equations in f64; a wrong one fails the run, a goal
-//! that is not met is printed and fails nothing.
+//! One scan is like that of Ohbuchi, Chen & Fuchs (1992): 90 slices of 128×128 pixels into
+//! 128×128×256 voxels, with a picture of 256×256. The other has 256³ voxels and a picture of
+//! 512×512. Every timed picture is compared with the one of the whole volume, bit for bit, and
+//! with the equations in f64. A wrong picture fails the run; a missed goal is printed but fails
+//! nothing.
 //!
 //! - [`case`]: the scans.
-//! - [`follow`]: a slice arrives. [`still`]: a new view. [`slab`]: a few planes change, with and without caches.
-//! - [`snapshot`]: volumes of bytes that others can be given; [`peer`]: VTK on the same, where `make peers` has made its environment.
+//! - [`follow`]: a slice arrives. [`still`]: a new view. [`slab`]: a few planes change, with and
+//!   without caches.
+//! - [`snapshot`]: volumes of bytes for other renderers; [`peer`]: VTK on the same volumes, if
+//!   `make peers` has created its environment.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a bench speaks to its user")]
 
 mod case;
@@ -27,12 +32,13 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use serde_json::json;
-use sonoweave::simd::Simd;
+
+use simd::Simd;
 
 use case::{CASES, Ready};
 use report::Report;
 
-/// How much of it: how often all are timed, and from how many sides beside VTK.
+/// Amount of work of a run: cases, rounds, and view directions beside VTK.
 #[derive(Clone, Copy)]
 struct Effort {
     cases: usize,
@@ -45,7 +51,7 @@ fn main() -> ExitCode {
     let mut folder = "out/bench/render";
     for argument in std::env::args().skip(1) {
         match argument.as_str() {
-            // What cargo passes to every bench.
+            // Cargo passes this to every bench.
             "--bench" => {}
             "--quick" => {
                 effort = Effort { cases: 1, rounds: 1, sides: 1 };

@@ -1,8 +1,10 @@
-//! VTK's ray caster on the same volume, from the same side, with the same classification, in turns with ours.
+//! Compares VTK's ray caster with ours on the same volume, from the same side, with the same
+//! classification, in turns.
 //!
-//! It runs in a process of its own (`scripts/peers/vtk_caster.py`, in the environment that `make peers` makes), which is told what to do line by line. Both are
-//! given a volume of bytes. VTK classifies between voxels and in 15 bits, we classify voxels and interpolate: pictures differ, by how much is measured, and
-//! more than that is another picture, which fails the run.
+//! VTK runs in a process of its own (`scripts/peers/vtk_caster.py`, in the environment that `make
+//! peers` creates), controlled line by line. Both receive a volume of bytes. VTK classifies
+//! between voxels and in 15 bits; we classify voxels and interpolate. The pictures therefore
+//! differ; the difference is measured, and an excessive one fails the run.
 
 use std::error::Error;
 use std::fs;
@@ -13,10 +15,11 @@ use std::time::{Duration, Instant};
 
 use glam::DVec3;
 use serde_json::json;
-use sonoweave::render::camera::{Camera, View};
-use sonoweave::render::light::Light;
-use sonoweave::render::transfer::{Opacity, Transfer};
-use sonoweave::render::{Picture, RenderSettings, Renderer, Stage};
+
+use render::camera::{Camera, View};
+use render::classify::light::Light;
+use render::classify::transfer::{Opacity, Transfer};
+use render::{Picture, RenderRegion, RenderSettings, Renderer};
 
 use super::case::{Case, Ready, THREADS};
 use super::report::{Cell, Goal, Report, Table};
@@ -24,14 +27,16 @@ use super::snapshot::{PLANES, Snapshot};
 use super::timing::{self, Contestant, Times};
 
 const SIDES: u32 = 6;
-/// Parts of the light, and the highlight's exponent: those of [`Light::default`], which VTK has as well.
+/// Parts of the light, and the highlight's exponent: those of [`Light::default`] that VTK
+/// supports too.
 const LIT: ([f64; 3], u32) = ([0.3, 0.7, 0.2], 16);
-/// Root mean square difference of two pictures of the same, grey levels of 255.
+/// Maximum root mean square difference of the two pictures, grey values of 255.
 const APART: f64 = 2.0;
-/// Pixels beside the silhouette that are not compared: the pitch of a voxel in the picture, and a pixel.
+/// Pixels beside the silhouette that are not compared: the size of a voxel in the picture, and a
+/// pixel.
 const BORDER: i64 = 3;
 
-/// What is compared.
+/// One comparison.
 struct Setting {
     what: &'static str,
     preset: &'static str,
@@ -39,7 +44,7 @@ struct Setting {
     size: [u32; 2],
 }
 
-/// What one case compares.
+/// Returns the comparisons of one case.
 fn settings(case: &Case) -> Vec<Setting> {
     let lit = |size| Setting { what: "lit", preset: "phantom", lit: true, size };
     match case.id {
@@ -53,17 +58,17 @@ fn settings(case: &Case) -> Vec<Setting> {
     }
 }
 
-/// The project's folder.
+/// Returns the project's folder.
 fn project() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// The Python that has VTK, if `make peers` was run.
+/// Returns the Python with VTK, if `make peers` was run.
 pub(crate) fn environment() -> Option<PathBuf> {
     Some(project().join("out/peers/bin/python")).filter(|python| python.exists())
 }
 
-/// The table that all cases share.
+/// Returns the empty table that all cases share.
 pub(crate) fn table() -> Table {
     let names = [
         "volume",
@@ -88,7 +93,7 @@ pub(crate) fn table() -> Table {
     table
 }
 
-/// One case's rows.
+/// Measures one case and adds its rows.
 pub(crate) fn measure(
     case: &Case,
     ready: &Ready,
@@ -134,7 +139,7 @@ pub(crate) fn measure(
     Ok(())
 }
 
-/// What both are given.
+/// Input of both renderers.
 struct Job {
     folder: PathBuf,
     looks: Vec<RenderSettings>,
@@ -159,7 +164,7 @@ impl Job {
         let views = looks.iter().map(|look| seen(look, &ready.stage)).collect::<Result<Vec<_>, _>>()?;
         let spacing = ready.stage.spacing_mm();
         let Opacity::Curve(curve) = transfer.opacity() else { return Err("VTK has opacity curves only".into()) };
-        // 0 is what was not seen.
+        // 0 marks unseen voxels.
         let mut opacity = vec![[0.0, 0.0], [1.0, curve.value(1.0)]];
         opacity.extend(curve.points().filter(|(at, _)| *at > 1.0).map(|(at, [alpha])| [at, alpha]));
         let lit = json!({ "ambient": ambient, "diffuse": diffuse, "specular": specular, "shininess": shininess });
@@ -186,8 +191,8 @@ impl Job {
     }
 }
 
-/// A view in mm along the volume's own axes from its first voxel.
-fn seen(look: &RenderSettings, stage: &Stage) -> Result<serde_json::Value, Box<dyn Error>> {
+/// Returns a view in mm along the volume's own axes from its first voxel.
+fn seen(look: &RenderSettings, stage: &RenderRegion) -> Result<serde_json::Value, Box<dyn Error>> {
     let camera = Camera::new(&look.view, look.size, look.step, stage)?;
     let [low, _] = stage.bounds();
     let corner = DVec3::from_array(std::array::from_fn(|a| (low[a] - stage.first()[a]) as f64));
@@ -207,13 +212,19 @@ fn seen(look: &RenderSettings, stage: &Stage) -> Result<serde_json::Value, Box<d
     }))
 }
 
-/// How far two pictures are apart, grey levels of 255.
+/// Difference of two pictures, grey values of 255.
 struct Apart {
     rms: f64,
     most: f64,
 }
 
-fn compare(job: &Job, volume: &Snapshot, stage: &Stage, vtk: &mut Vtk, sides: usize) -> Result<Apart, Box<dyn Error>> {
+fn compare(
+    job: &Job,
+    volume: &Snapshot,
+    stage: &RenderRegion,
+    vtk: &mut Vtk,
+    sides: usize,
+) -> Result<Apart, Box<dyn Error>> {
     let mut apart = Apart { rms: 0.0, most: 0.0 };
     vtk.ms("change")?;
     for (side, look) in job.looks.iter().take(sides).enumerate() {
@@ -241,8 +252,9 @@ fn compare(job: &Job, volume: &Snapshot, stage: &Stage, vtk: &mut Vtk, sides: us
     Ok(apart)
 }
 
-/// Both pictures without the pixels next to the silhouette: VTK's volume ends at its last voxels, ours fades over one more, and along an axis a pixel there is a
-/// whole face of the volume seen on its edge.
+/// Removes the pixels next to the silhouette from both pictures. VTK's volume ends at its last
+/// voxels, ours fades over one more. Along an axis, a pixel there is a whole face of the volume
+/// seen edge-on.
 fn within(mut ours: Picture, mut theirs: Picture) -> (Picture, Picture) {
     let [width, height] = theirs.size.map(i64::from);
     let empty: Vec<bool> = theirs.pixels.iter().map(|[.., through]| *through >= 1.0).collect();
@@ -260,7 +272,7 @@ fn within(mut ours: Picture, mut theirs: Picture) -> (Picture, Picture) {
     (ours, theirs)
 }
 
-/// VTK and ours, ms of each new view.
+/// Times each new view of VTK and of ours, ms.
 fn new_views(
     job: &Job,
     volume: &Snapshot,
@@ -268,7 +280,7 @@ fn new_views(
     vtk: &mut Vtk,
     [rounds, sides]: [usize; 2],
 ) -> Result<Vec<Times>, Box<dyn Error>> {
-    // Each view is another than the one before it.
+    // Two sides at least, so that each view differs from the one before.
     let sides = sides.max(2);
     let mut ours = Renderer::new(&job.looks[0], ready.stage)?;
     ours.update_all(volume);
@@ -281,13 +293,13 @@ fn new_views(
             while !ours.refine(Duration::from_secs(1)).finished {}
             Ok(began.elapsed().as_secs_f64() * 1e3)
         };
-        // From the last side, so that each is another view.
+        // Starts with the last side, so that each view differs from the one before.
         job.looks.iter().take(sides).rev().map(&mut each).collect()
     }));
     timing::interleaved(rounds, &mut turns)
 }
 
-/// VTK and ours, ms of each picture after some planes changed; the view rests.
+/// Times each picture of VTK and of ours after some planes changed, ms; the view is static.
 fn changes(
     job: &Job,
     volumes: &[Snapshot; 2],
@@ -313,7 +325,7 @@ fn changes(
     timing::interleaved(rounds, &mut turns)
 }
 
-/// The other process.
+/// The VTK process.
 struct Vtk {
     child: Child,
     tell: ChildStdin,
@@ -323,7 +335,8 @@ struct Vtk {
 impl Vtk {
     fn start(python: &Path, job: &Path) -> Result<Self, Box<dyn Error>> {
         let script = project().join("scripts/peers/vtk_caster.py");
-        // What VTK says of a missing display is of no interest; its errors come as no answer.
+        // VTK's warnings about a missing display are irrelevant; its errors show as a missing
+        // answer.
         let mut child = Command::new(python)
             .arg(script)
             .arg(job)
@@ -377,7 +390,7 @@ impl Vtk {
 
 impl Drop for Vtk {
     fn drop(&mut self) {
-        // Its input ends with ours, and it with its input; that it has gone already is no error.
+        // Errors only mean that the process has already ended.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }

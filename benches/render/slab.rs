@@ -1,27 +1,29 @@
-//! A few planes of a volume change: what the caches save of the rays, and what they take.
+//! A few planes of a volume change: measures the ray time that the caches save, and their memory.
 
 use std::error::Error;
 
 use glam::DVec3;
-use sonoweave::render::{Cache, Picture, RenderSettings, RenderWork, Renderer};
+
+use render::{Cache, Picture, RenderSettings, RenderWork, Renderer};
 
 use super::case::{Case, Ready, along};
 use super::report::{Cell, Goal, Report, Table};
 use super::snapshot::{PLANES, Snapshot};
 use super::timing::{self, Contestant, Times};
 
-/// Two-level against recasting every ray.
+/// Goal: speed-up of the two-level cache over casting every ray again.
 const FASTER: f64 = 8.0;
-/// One-level against two-level: times its time, at this part of its memory.
+/// Goal: time of the one-level cache relative to the two-level one, with this share of its
+/// memory.
 const SLOWER: f64 = 1.5;
 const SMALLER: f64 = 0.1;
 
-/// One way to bring the picture up to date.
+/// One way to update the picture.
 #[derive(Clone, Copy, PartialEq)]
 enum Way {
-    /// Every ray is cast again, to its end.
+    /// Casts every ray again, to its end.
     Recast,
-    /// What the changed planes reach.
+    /// Updates only the rays that the changed planes reach.
     Update(Cache),
 }
 
@@ -43,15 +45,15 @@ impl Way {
     }
 }
 
-/// What a way took and made.
+/// Results of one way.
 #[derive(Default)]
 struct Found {
     shade: Vec<f64>,
     work: RenderWork,
     bytes: u64,
-    /// Changes after which the picture was not that of the volume.
+    /// Changes after which the picture did not match the volume.
     wrong: usize,
-    /// The largest difference from the picture of rays that end early.
+    /// The largest difference from the picture with early ray termination.
     off: f64,
     fits: bool,
 }
@@ -93,7 +95,7 @@ pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Re
     Ok(())
 }
 
-/// All ways over both volumes in turns.
+/// Runs all ways over both volumes in turns.
 fn turns(
     ready: &Ready,
     look: &RenderSettings,
@@ -108,7 +110,7 @@ fn turns(
         expected.push(renderer.picture());
     }
     let bricks = volumes[0].bricks_of_planes(axis);
-    // Pixels and rays themselves, with nothing kept.
+    // Memory of pixels and rays without a cache.
     let bare = Renderer::new(&RenderSettings { cache: Cache::None, ..look.clone() }, ready.stage)?.memory().rays;
     let mut found: Vec<Found> = Way::ALL.iter().map(|_| Found::default()).collect();
     let mut turns: Vec<Contestant<'_>> = Vec::new();
@@ -154,9 +156,9 @@ fn tell(seen: &str, times: &[Times], found: &[Found], table: &mut Table, report:
     for (way, (times, found)) in Way::ALL.into_iter().zip(times.iter().zip(found)) {
         let [_, faster, _] = recast.over(times);
         let right = match way {
-            // What lies behind where a ray may end.
+            // The difference comes from behind the point of early termination.
             Way::Recast => {
-                if found.off > f64::from(sonoweave::render::settings::STOP) + 1e-5 {
+                if found.off > f64::from(render::settings::STOP) + 1e-5 {
                     report.wrong(format!("{seen}: {} between rays to their ends and those that end early", found.off));
                 }
                 Cell::Number(found.off * 255.0, 3)

@@ -1,13 +1,14 @@
-//! A volume of bytes that two renderers can be given: what was not seen is 0, what was is at least 1. And the same with a few planes changed.
+//! A volume of bytes for two renderers: unseen voxels are 0, seen ones at least 1. A second
+//! version has a few planes changed.
 
-use sonoweave::render::Stage;
-use sonoweave::volume::brick::{BrickIndex, EDGE};
-use sonoweave::volume::{Values, Voxels};
+use render::RenderRegion;
+use volume::brick::{BrickIndex, EDGE};
+use volume::{Values, Voxels};
 
-/// Planes that change: as many as VTK was given.
+/// Number of changed planes: as many as VTK was given.
 pub(crate) const PLANES: i64 = 4;
 
-/// Voxels of a stage's box, x fastest.
+/// Voxels of the box of a render region, x fastest.
 #[derive(Clone)]
 pub(crate) struct Snapshot {
     low: [i64; 3],
@@ -16,8 +17,8 @@ pub(crate) struct Snapshot {
 }
 
 impl Snapshot {
-    /// Of a volume's values, rounded.
-    pub(crate) fn new(volume: &dyn Voxels, stage: &Stage) -> Self {
+    /// Copies a volume's values, rounded.
+    pub(crate) fn new(volume: &dyn Voxels, stage: &RenderRegion) -> Self {
         let [low, high] = stage.bounds();
         let size: [usize; 3] = std::array::from_fn(|a| (high[a] - low[a] + 1) as usize);
         let mut bytes = vec![0; size.iter().product()];
@@ -44,7 +45,8 @@ impl Snapshot {
         self.size[axis] as i64 / 2
     }
 
-    /// The same but for [`PLANES`] planes in the middle of an axis, whose content has moved by a few voxels within them.
+    /// Returns a copy in which the content of [`PLANES`] planes in the middle of an axis is
+    /// shifted by a few voxels within them.
     pub(crate) fn with_planes_changed(&self, axis: usize) -> Self {
         const MOVED: usize = 3;
         let mut changed = self.clone();
@@ -60,7 +62,7 @@ impl Snapshot {
         changed
     }
 
-    /// The bricks in which those planes lie.
+    /// Returns the bricks that contain those planes.
     pub(crate) fn bricks_of_planes(&self, axis: usize) -> Vec<BrickIndex> {
         let first = self.low[axis] + self.first_plane(axis);
         let span = first.div_euclid(EDGE as i64)..=(first + PLANES - 1).div_euclid(EDGE as i64);

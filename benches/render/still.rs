@@ -1,21 +1,21 @@
-//! The whole picture from sides that nobody has looked from yet.
+//! Times the whole picture from new view directions.
 
 use std::error::Error;
 use std::time::{Duration, Instant};
 
-use sonoweave::render::camera::View;
-use sonoweave::render::{Cache, RenderSettings, RenderWork, Renderer, reference};
+use render::camera::View;
+use render::{Cache, RenderSettings, RenderWork, Renderer, reference};
 
 use super::case::{Case, Ready, THREADS};
 use super::report::{Cell, Goal, Report, Table};
 use super::timing;
 
-/// Sides that are looked from.
+/// Number of view directions.
 const SIDES: u32 = 6;
 
-/// A coarse picture, and the exact one while the view rests; ms.
+/// Goals while the view is static, ms: a coarse picture, and the exact one.
 const RESTING: [f64; 2] = [20.0, 300.0];
-/// A caller with a slice waiting comes to it after about this.
+/// Time after which a caller with a waiting slice gets control.
 const TURN: Duration = Duration::from_millis(10);
 
 pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Report) -> Result<(), Box<dyn Error>> {
@@ -50,7 +50,7 @@ pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Re
                 work = updated.work;
             }
         }
-        // The equations in f64 take seconds for a picture: they judge the last side.
+        // The equations in f64 take seconds per picture, so only the last side is checked.
         let last = settings(SIDES - 1);
         let mut timed = Renderer::new(&last, ready.stage)?;
         timed.update_all(ready.whole.volume());
@@ -84,7 +84,7 @@ pub(crate) fn measure(case: &Case, ready: &Ready, rounds: usize, report: &mut Re
     Ok(())
 }
 
-/// The middle of the ms until there is a coarse picture of a new view, and until it is the exact one.
+/// Returns the median ms until a coarse picture of a new view, and until the exact one.
 fn resting(
     ready: &Ready,
     settings: &dyn Fn(u32) -> RenderSettings,

@@ -1,21 +1,24 @@
-//! N-wires in pictures: how long it takes on one core to find their dots and to tell which wire each is, and how far off they are. A wrong answer fails the run.
+//! Benchmark of N-wire images: time on one core to find the dots and to identify the wire of
+//! each, and the errors of both. A wrong answer fails the run.
 
 #![allow(clippy::unwrap_used, reason = "a bench fails so")]
 #![allow(clippy::print_stdout, reason = "its figures are its output")]
 
 use std::time::Instant;
 
+use glam::{DMat3, DQuat, DVec2, DVec3, EulerRot};
+
 use calibration::phantom::{Geometry, Wire};
 use calibration::picture::GreyView;
 use calibration::probe::matching::Mark;
 use calibration::probe::plane::ImagePlane;
 use calibration::probe::{DotFinder, Layout, Matcher};
-use glam::{DMat3, DQuat, DVec2, DVec3, EulerRot};
 
 const SIZE: [usize; 2] = [640, 480];
 const PIXEL_MM: f64 = 0.09;
 
-/// Even numbers in [0, 1): Marsaglia's xorshift of 64 bits (Journal of Statistical Software 8(14), 2003).
+/// Uniform numbers in [0, 1): Marsaglia's 64-bit xorshift (Journal of Statistical Software
+/// 8(14), 2003).
 struct Random(u64);
 
 impl Random {
@@ -27,7 +30,7 @@ impl Random {
     }
 }
 
-/// Three N's one above the other, 5 mm apart and not alike, right to left.
+/// Returns three N's one above the other, 5 mm apart, unlike each other, from right to left.
 fn three_ns() -> Geometry {
     let pattern = |(number, [right, left, from, to]): (usize, [f64; 4])| {
         let wire = |name: &str, from: f64, to: f64| Wire {
@@ -40,7 +43,7 @@ fn three_ns() -> Geometry {
     Geometry::new("three N's", patterns.into_iter().enumerate().map(pattern).collect(), Vec::new()).unwrap()
 }
 
-/// A picture's plane in the phantom, tilted and turned as a hand does; u leads to −x.
+/// Returns an image plane in the phantom, tilted and turned as by hand; u points to −x.
 fn plane(random: &mut Random) -> ImagePlane {
     let mut by = |most: f64| most * (2.0 * random.even() - 1.0);
     let tilt = DQuat::from_euler(EulerRot::XYZ, by(0.25), by(0.15), by(0.15));
@@ -50,10 +53,10 @@ fn plane(random: &mut Random) -> ImagePlane {
     ImagePlane { u, v, origin: centre - u * (0.5 * SIZE[0] as f64) - v * (0.5 * SIZE[1] as f64) }
 }
 
-/// Dots on speckle, wider than high.
+/// Renders dots on speckle, wider than high.
 fn painted(marks: &[Mark], random: &mut Random) -> Vec<u8> {
     let mut picture: Vec<f64> = Vec::with_capacity(SIZE[0] * SIZE[1]);
-    // Of grains that are three pixels wide, Rayleigh's amplitudes.
+    // Rayleigh amplitudes; the speckle grains are three pixels wide.
     picture.extend((0..SIZE[0] * SIZE[1]).map(|_| 6.0 * (-2.0 * (1.0 - random.even()).ln()).sqrt()));
     for v in 0..SIZE[1] {
         let row = &mut picture[v * SIZE[0]..][..SIZE[0]];
@@ -102,7 +105,7 @@ fn main() {
             if round > 0 {
                 continue;
             }
-            // These N's are alike from both sides: of two readings the one from the marked side.
+            // These N's look alike from both sides: take the reading from the marked side.
             let readings = reading.into_iter().flat_map(|reading| [Some(reading.best), reading.mirrored]).flatten();
             let found =
                 readings.filter(|reading| reading.rightwards).flat_map(|reading| reading.marks).collect::<Vec<_>>();
@@ -110,7 +113,8 @@ fn main() {
                 let distances = dots.iter().map(|dot| dot.at_px.distance(mark.at_px));
                 off_px.push(distances.fold(f64::INFINITY, f64::min));
                 let own = found.iter().find(|found| found.wire == mark.wire);
-                // Another layer's, where layers are alike: a calibration reads such a picture anew.
+                // Layers that look alike may be confused here; a calibration reads such an
+                // image again.
                 misread += usize::from(own.is_none_or(|own| own.at_px.distance(mark.at_px) > 3.0));
             }
         }

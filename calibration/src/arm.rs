@@ -1,6 +1,7 @@
-//! The 3-DOF arm: what its joints' counts say of where the probe is.
+//! The 3-DOF arm: forward kinematics from joint counts to the probe's pose.
 //!
-//! A planar chain of three joints, base first, in the x-y plane of the base ([`Tracker`]). Each joint turns or slides, and the next one sits at the end of its link:
+//! The arm is a planar chain of three joints, base first, in the x-y plane of the base
+//! ([`Tracker`]). Each joint turns or slides, and the next one sits at the end of its link:
 //!
 //! ```text
 //! tracker_from_probe = Π  turn(aᵢ) · shift(lᵢ, 0)
@@ -10,15 +11,19 @@
 //! value = sign · (count − zero_counts) / counts_per_unit      a unit is a turn, or a mm
 //! ```
 //!
-//! So the probe's frame has its origin at the end of the last link, x along it, and z is the base's. Image axis u is to lie along that z; slices then move in the
-//! plane and turn about z, and stay perpendicular to one plane however the arm is moved.
+//! The probe's frame has its origin at the end of the last link, with x along that link and z
+//! along the base's z. Image axis u is meant to lie along that z. Slices then move in the plane
+//! and turn about z, so they all stay perpendicular to one plane.
 //!
-//! - [`pose`]: where the last link is, in the plane.
-//! - [`inverse`]: which joint values take it there.
-//! - [`plate`]: places on a plate that are known.
-//! - [`rest`]: the moments at which its joints rest, which are touches.
-//! - [`mod@fit`], [`reach`], [`mod@check`]: its parameters from touches of what is known, how well the tip is known by them, and whether a running arm still has them.
-//! - [`accuracy`]: derivatives by values and by parameters, and what counts that are off do to a point of the picture.
+//! - [`pose`]: the pose of the last link, in the plane.
+//! - [`inverse`]: the joint values for a given pose.
+//! - [`plate`]: known places on a plate.
+//! - [`rest`]: the moments at which the joints rest, which are touches.
+//! - [`mod@fit`], [`reach`], [`mod@check`]: its parameters fitted to touches of known places,
+//!   the resulting accuracy of the tip, and a check that a running arm still has these
+//!   parameters.
+//! - [`accuracy`]: derivatives by values and by parameters, and the effect of count errors on a
+//!   point of the image.
 
 use std::f64::consts::TAU;
 use std::fmt;
@@ -26,7 +31,7 @@ use std::fmt;
 use glam::DVec2;
 use serde::Serialize;
 
-use crate::frames::{Probe, Tracker, Transform};
+use sonoweave_core::frames::{Probe, Tracker, Transform};
 
 pub mod accuracy;
 pub mod check;
@@ -43,38 +48,38 @@ pub use accuracy::{Derivatives, Displacement};
 pub use inverse::{Elbow, Unreachable};
 pub use pose::{NotPlanar, PlanarPose};
 
-/// Joints of an arm.
+/// Number of joints of an arm.
 pub const JOINTS: usize = 3;
 
-/// Values of the joints, base first: rad of those that turn, mm of those that slide.
+/// Values of the joints, base first: rad for revolute joints, mm for prismatic ones.
 pub type Values = [f64; JOINTS];
 
-/// How a joint moves.
+/// The type of a joint.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(tag = "type", rename_all = "lowercase")]
 pub enum Kind {
-    /// It turns about the base's z; positive from x to y.
+    /// Turns about the base's z; positive from x to y.
     Revolute,
-    /// It slides.
+    /// Slides.
     Prismatic {
-        /// Its direction against the link before it, degrees; positive from x to y.
+        /// Direction against the link before it, degrees; positive from x to y.
         direction_deg: f64,
     },
 }
 
-/// Which way a joint's count grows.
+/// The direction in which a joint's count grows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 #[serde(into = "i8")]
 pub enum Sign {
-    /// With its value.
+    /// The count grows with the value.
     #[default]
     Plus,
-    /// Against it.
+    /// The count grows against the value.
     Minus,
 }
 
 impl Sign {
-    /// 1 or −1.
+    /// Returns 1 or −1.
     pub fn factor(self) -> f64 {
         i8::from(self).into()
     }
@@ -92,50 +97,52 @@ impl From<Sign> for i8 {
 /// A joint and the link that it moves.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Joint {
-    /// How it moves.
+    /// Its type.
     #[serde(flatten)]
     pub kind: Kind,
-    /// Length of its link, mm; of one that slides, at value 0.
+    /// Length of its link, mm; for a prismatic joint, the length at value 0.
     pub length_mm: f64,
-    /// The count at value 0; not whole as a rule.
+    /// Count at value 0; in general not a whole number.
     pub zero_counts: f64,
-    /// Counts a turn, or a mm. Above 0.
+    /// Counts per turn, or per mm. Above 0.
     pub counts_per_unit: f64,
-    /// Which way its count grows.
+    /// The direction in which its count grows.
     pub sign: Sign,
 }
 
 impl Joint {
-    /// One that turns, and counts so many times a turn, from 0 where the links are in line.
+    /// Returns a revolute joint with `counts_per_turn`, which counts from 0 at the position in
+    /// line with the previous link.
     pub fn revolute(length_mm: f64, counts_per_turn: f64) -> Self {
         Self { kind: Kind::Revolute, length_mm, zero_counts: 0.0, counts_per_unit: counts_per_turn, sign: Sign::Plus }
     }
 
-    /// One that slides in a direction (degrees) against the link before it, and counts so many times a mm, from 0 at the given length.
+    /// Returns a prismatic joint that slides along `direction_deg` against the link before it
+    /// and counts from 0 at `length_mm`.
     pub fn prismatic(direction_deg: f64, length_mm: f64, counts_per_mm: f64) -> Self {
         let kind = Kind::Prismatic { direction_deg };
         Self { kind, length_mm, zero_counts: 0.0, counts_per_unit: counts_per_mm, sign: Sign::Plus }
     }
 
-    /// Rad or mm of one count more.
+    /// Returns the change of the value per count, rad or mm.
     pub fn value_per_count(&self) -> f64 {
         let unit = if self.kind == Kind::Revolute { TAU } else { 1.0 };
         self.sign.factor() * unit / self.counts_per_unit
     }
 
-    /// The value that a count means; a count need not be whole.
+    /// Returns the value at a count; the count need not be whole.
     pub fn value(&self, count: f64) -> f64 {
         (count - self.zero_counts) * self.value_per_count()
     }
 
-    /// The count at a value; not whole.
+    /// Returns the count at a value; not rounded.
     pub fn count(&self, value: f64) -> f64 {
         value / self.value_per_count() + self.zero_counts
     }
 }
 
 impl fmt::Display for Joint {
-    /// For people: what it is, in a row.
+    /// Describes the joint in one line, for people.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { kind, length_mm, zero_counts, counts_per_unit, sign } = self;
         match kind {
@@ -149,59 +156,59 @@ impl fmt::Display for Joint {
     }
 }
 
-/// An arm whose numbers make sense.
+/// An arm with valid parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Arm {
     joints: [Joint; JOINTS],
 }
 
-/// Why numbers are no arm.
+/// Reasons why numbers do not describe an arm.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum BadArm {
-    /// NaN or infinity.
+    /// A number is NaN or infinite.
     #[error("joint {joint} of 3: its {what} is not a finite number")]
     NotFinite {
-        /// Which, from 1.
+        /// Number of the joint, from 1.
         joint: usize,
-        /// Which of its numbers.
+        /// Name of the parameter.
         what: &'static str,
     },
-    /// No counts, or fewer.
+    /// The number of counts per unit is 0 or negative.
     #[error(
         "joint {joint} of 3: {counts} counts a turn or a mm; give a number above 0, and sign = -1 for one that counts the other way"
     )]
     Counts {
-        /// Which, from 1.
+        /// Number of the joint, from 1.
         joint: usize,
-        /// As given.
+        /// The given number.
         counts: f64,
     },
-    /// A link that points backwards.
+    /// A revolute joint's link has a negative length.
     #[error("joint {joint} of 3: a link of {mm} mm; give its length, and turn it by the joint's zero")]
     Length {
-        /// Which, from 1.
+        /// Number of the joint, from 1.
         joint: usize,
-        /// As given.
+        /// The given length.
         mm: f64,
     },
 }
 
-/// A link as it lies.
+/// A link at given joint values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Link {
-    /// Where its joint is, mm in the base's plane.
+    /// Position of its joint, mm in the base's plane.
     joint: DVec2,
     /// Unit vector along it.
     along: DVec2,
-    /// Where it ends.
+    /// Position of its end, mm.
     end: DVec2,
 }
 
 impl Arm {
-    /// Of three joints, base first.
+    /// Returns an arm of three joints, base first.
     ///
     /// # Errors
-    /// [`BadArm`] names the joint and the number that makes no sense.
+    /// [`BadArm`] names the joint and the invalid number.
     pub fn new(joints: [Joint; JOINTS]) -> Result<Self, BadArm> {
         for (joint, number) in joints.iter().zip(1..) {
             let direction = match joint.kind {
@@ -227,12 +234,13 @@ impl Arm {
         Ok(Self { joints })
     }
 
-    /// Its joints, base first.
+    /// Returns its joints, base first.
     pub fn joints(&self) -> &[Joint; JOINTS] {
         &self.joints
     }
 
-    /// The same arm, whose counts are 0 at these values: as when its encoders are set there, in its home position.
+    /// Returns the same arm with zeros such that its counts are 0 at these values, as after
+    /// setting its encoders in the home position.
     pub fn zeroed_at(&self, values: &Values) -> Self {
         let mut arm = *self;
         for (joint, value) in arm.joints.iter_mut().zip(values) {
@@ -242,18 +250,18 @@ impl Arm {
         arm
     }
 
-    /// What counts mean.
+    /// Returns the joint values at these counts.
     pub fn values(&self, counts: &[i64; JOINTS]) -> Values {
         // Exact: no counter of an arm reaches 2⁵³.
         std::array::from_fn(|i| self.joints[i].value(counts[i] as f64))
     }
 
-    /// The counts at these values; not whole.
+    /// Returns the counts at these values; not rounded.
     pub fn counts(&self, values: &Values) -> [f64; JOINTS] {
         std::array::from_fn(|i| self.joints[i].count(values[i]))
     }
 
-    /// Turn and length of each joint's link against the one before.
+    /// Returns the turn and length of each joint's link against the one before.
     fn steps(&self, values: &Values) -> [(f64, f64); JOINTS] {
         std::array::from_fn(|i| match self.joints[i].kind {
             Kind::Revolute => (values[i], self.joints[i].length_mm),
@@ -261,7 +269,7 @@ impl Arm {
         })
     }
 
-    /// Its links, base first, and the last one's heading.
+    /// Returns its links, base first, and the heading of the last one.
     fn links(&self, values: &Values) -> ([Link; JOINTS], f64) {
         let (mut joint, mut heading) = (DVec2::ZERO, 0.0);
         let links = self.steps(values).map(|(turn, length)| {
@@ -274,13 +282,13 @@ impl Arm {
         (links, heading)
     }
 
-    /// Where its last link is.
+    /// Returns the pose of its last link.
     pub fn pose(&self, values: &Values) -> PlanarPose {
         let (links, heading_rad) = self.links(values);
         PlanarPose { position_mm: links[JOINTS - 1].end, heading_rad }
     }
 
-    /// Where the probe is by its joints' counts.
+    /// Returns the probe's pose at these joint counts.
     pub fn tracker_from_probe(&self, counts: &[i64; JOINTS]) -> Transform<Tracker, Probe> {
         self.pose(&self.values(counts)).tracker_from_probe()
     }

@@ -1,14 +1,15 @@
-//! The versioned calibration file: where the image plane is, what of the picture is data, how fine it resolves.
+//! The versioned calibration file: pose of the image plane, valid part of the image,
+//! resolution.
 //!
 //! ```toml
 //! format = "sonoweave-calibration"
 //! version = 1
 //! provenance = "N-wire phantom, 140 frames, 2024-05-02"
 //!
-//! [image_to_probe]                  # pixels of the picture in MF orientation → mm at the probe's sensor
+//! [image_to_probe]                  # image pixels in MF orientation → mm at the sensor
 //! matrix = [ 16 numbers, row major, column vectors ]
 //!
-//! [image]                           # what of the picture is data; both optional
+//! [image]                           # valid part of the image; both optional
 //! clip_px = { x = 192, y = 16, width = 420, height = 580 }
 //!
 //! [image.fan]                       # degrees from straight down, positive to the right
@@ -17,18 +18,18 @@
 //! angles_deg = [-45.0, 45.0]
 //!
 //! [arm]
-//! fit_rms_mm = 0.13                 # what `sonoweave calibrate arm` left of the touches; if not given it is not known
+//! fit_rms_mm = 0.13                 # residual of `sonoweave calibrate arm`; optional
 //!
-//! [[arm.joint]]                     # the arm that carries the probe, if one does: three joints, base first
+//! [[arm.joint]]                     # the arm that carries the probe: three joints, base first
 //! type = "revolute"
-//! length_mm = 250.0                 # of the link to the next joint; the probe is at the end of the last one
+//! length_mm = 250.0                 # of the link to the next joint; the probe is at the last end
 //! counts_per_turn = 40000
-//! zero_counts = -120.5              # the count where the link goes on straight from the one before; 0 if not given
-//! sign = -1                         # 1 if not given
+//! zero_counts = -120.5              # count if in line with the link before; default 0
+//! sign = -1                         # default 1
 //!
 //! [[arm.joint]]
 //! type = "prismatic"
-//! direction_deg = 90.0              # against the link before; 0 if not given
+//! direction_deg = 90.0              # against the link before; default 0
 //! length_mm = 40.0
 //! counts_per_mm = 100
 //!
@@ -38,45 +39,47 @@
 //! [volume]
 //! spacing_mm = [0.5, 0.5, 0.5]
 //!
-//! [latency]                         # what the devices' times lie behind their measurements
+//! [latency]                         # delay of the devices' times after their measurements
 //! video_ms = 40.0
-//! tracker_ms = -24.8                # only the difference matters to where a slice lies
-//! lag_se_ms = 0.7                   # standard error of that difference; if not given it is not known
+//! tracker_ms = -24.8                # only the difference affects the slices' positions
+//! lag_se_ms = 0.7                   # standard error of that difference; unknown if missing
 //!
-//! [distortion]                      # where metal bends the tracker's field, as `sonoweave calibrate tracker` has found it
+//! [distortion]                      # by metal; found by `sonoweave calibrate tracker`
 //! measured = "2026-11-22"
-//! cell_mm = 50.0                    # edge of the cells that the room was divided into
-//! limit_mm = 1.0                    # cells whose error (root mean square) is beyond it are zones
+//! cell_mm = 50.0                    # edge of the cells that divide the room
+//! limit_mm = 1.0                    # cells with a larger error (root mean square) are zones
 //!
-//! [[distortion.zone]]               # as many as there are, none of a room without metal
-//! low_mm = [350.0, 0.0, 100.0]      # the corner with the smallest coordinates, in the tracker's frame; whole cells from its origin
+//! [[distortion.zone]]               # any number; none in a room without metal
+//! # corner with the smallest coordinates, in the tracker's frame; whole cells from its origin
+//! low_mm = [350.0, 0.0, 100.0]
 //! rms_mm = 3.9
 //!
-//! [[transform]]                     # further constant transforms, as many as there are
+//! [[transform]]                     # further constant transforms, any number
 //! from = "Phantom"
 //! to = "Reference"
 //! matrix = [ 16 numbers ]
 //! ```
 //!
-//! A file may hold [presets](preset) instead of one `image_to_probe`: one a scanner depth, with what it fits and how good it is.
+//! Instead of one `image_to_probe` a file may hold [presets](preset): one per scanner depth,
+//! with its conditions of use and its quality.
 //!
-//! `format` and `version` are required, all else is optional; keys that are not listed here are refused.
+//! `format` and `version` are required, everything else is optional. Keys that are not listed
+//! here are refused.
 
 use std::fmt::Write as _;
-use std::io::Read as _;
 use std::path::Path;
 
+use sonoweave_core::frames::{Image, Probe, Transform};
+
 use crate::arm::Arm;
-use crate::frames::{Image, Probe, Transform};
-pub use crate::keys::FileError;
-use crate::keys::{Entry, Source, Table};
-use crate::named::StaticTransform;
-use crate::region::{ClipRect, Fan};
 use crate::tracker::zones::Zones;
 use preset::Preset;
+pub use sonoweave_core::keys::FileError;
+use sonoweave_core::keys::{Entry, Source, Table, read_text};
+use sonoweave_core::named::StaticTransform;
+use sonoweave_core::region::{ClipRect, Fan};
 
 mod arm;
-pub mod date;
 mod distortion;
 mod latency;
 pub mod preset;
@@ -87,31 +90,31 @@ pub use latency::Latency;
 pub const FORMAT: &str = "sonoweave-calibration";
 /// The version that is written, and the newest that is read.
 pub const VERSION: u32 = 1;
-/// Larger files are refused unread, bytes.
+/// Size limit in bytes; larger files are refused unread.
 pub const MAX_BYTES: u64 = 4 << 20;
 
-/// What a calibration file holds.
+/// Contents of a calibration file.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct CalibrationFile {
-    /// Where the numbers come from, for people.
+    /// Origin of the numbers, for people.
     pub provenance: String,
-    /// Pixels to mm at the probe's sensor; may carry scale and skew.
+    /// Transform from pixels to mm at the probe's sensor; may carry scale and skew.
     pub probe_from_image: Option<Transform<Probe, Image>>,
     /// The arm that carries the probe.
     pub arm: Option<Arm>,
-    /// What the fit of that arm left of its touches, mm, root mean square; where it is known.
+    /// Residual of that arm's fit to its touches, mm, root mean square; if known.
     pub arm_fit_rms_mm: Option<f64>,
-    /// The part of the picture that is data.
+    /// Clip rectangle: the part of the image that is data.
     pub clip: Option<ClipRect>,
-    /// The sector of the picture that is data.
+    /// Fan: the sector of the image that is data.
     pub fan: Option<Fan>,
     /// Half width at half maximum along u, v and the plane's normal, mm.
     pub hwhm_mm: Option<[f64; 3]>,
-    /// Distance between voxels along x, y, z, mm.
+    /// Voxel spacing along x, y, z, mm.
     pub spacing_mm: Option<[f64; 3]>,
-    /// What the devices' times lie behind their measurements.
+    /// Delay of the devices' times after their measurements.
     pub latency: Option<Latency>,
-    /// Where metal bends the tracker's field.
+    /// Zones in which metal distorts the tracker's field.
     pub distortion: Option<Zones>,
     /// Further constant transforms.
     pub transforms: Vec<StaticTransform>,
@@ -122,13 +125,13 @@ pub struct CalibrationFile {
 impl CalibrationFile {
     /// Reads a file.
     ///
-    /// # Errors
-    /// [`FileError`]: unreadable, larger than [`MAX_BYTES`], not TOML, or a key that is unknown, missing or out of range.
+    /// # Errors [`FileError`]: unreadable, larger than [`MAX_BYTES`], not TOML, or a key that
+    /// is unknown, missing or out of range.
     pub fn read(path: &Path) -> Result<Self, FileError> {
         Self::parse(path, &read_text(path, MAX_BYTES)?)
     }
 
-    /// Reads a file's text; `path` is for sentences only.
+    /// Parses a file's text; `path` is for error messages only.
     ///
     /// # Errors
     /// [`FileError`]: not TOML, or a key that is unknown, missing or out of range.
@@ -202,11 +205,12 @@ impl CalibrationFile {
         Ok(file)
     }
 
-    /// Takes a preset over: where the picture lies, and what of it is data, are the preset's from here on. Without a name it is the one that there is, unless the file says by itself
-    /// where the picture lies. What was chosen, if anything was.
+    /// Selects a preset: its image pose, clip rectangle and fan replace the file's. Without a
+    /// name it selects the only preset, unless the file itself has an `image_to_probe`. Returns
+    /// the selected preset, if any.
     ///
     /// # Errors
-    /// [`NoPreset`]: none of that name, or several and no name.
+    /// [`NoPreset`] if none has that name, or if there are several and no name.
     pub fn choose(&mut self, name: Option<&str>) -> Result<Option<Preset>, NoPreset> {
         let known = || self.presets.iter().map(|preset| preset.name.clone()).collect();
         let chosen = match (name, &self.presets[..]) {
@@ -225,7 +229,7 @@ impl CalibrationFile {
         Ok(Some(chosen))
     }
 
-    /// The file's text. Numbers are written with the digits that give them back bit for bit.
+    /// Returns the file's text. The digits of the numbers restore them bit for bit.
     pub fn to_text(&self) -> String {
         let mut text = format!("format = \"{FORMAT}\"\nversion = {VERSION}\n");
         if !self.provenance.is_empty() {
@@ -275,10 +279,10 @@ impl CalibrationFile {
         text
     }
 
-    /// Writes the file whole or not at all.
+    /// Writes the file atomically.
     ///
     /// # Errors
-    /// [`FileError::Io`]; a file that was there before is then unharmed.
+    /// [`FileError::Io`]; an earlier file is then unharmed.
     pub fn write(&self, path: &Path) -> Result<(), FileError> {
         let io = |source| FileError::Io { path: path.to_owned(), doing: "writing", source };
         // Beside the target, so that the rename stays within one file system.
@@ -287,34 +291,35 @@ impl CalibrationFile {
         let part = path.with_file_name(name);
         let written = std::fs::write(&part, self.to_text()).and_then(|()| std::fs::rename(&part, path));
         written.map_err(|error| {
-            // The first error is the one to report; a part that cannot be removed was most likely never made.
+            // Report the first error; a part that cannot be removed was most likely never made.
             let _ = std::fs::remove_file(&part);
             io(error)
         })
     }
 
-    /// All its constant transforms, the probe's calibration first, under the names that sequences use.
+    /// Returns all constant transforms, the probe's calibration first, under the names that
+    /// sequences use.
     pub fn named_transforms(&self) -> Vec<StaticTransform> {
         let calibration = self.probe_from_image.as_ref().map(StaticTransform::image_to_probe);
         calibration.into_iter().chain(self.transforms.iter().cloned()).collect()
     }
 }
 
-/// Why no preset is chosen.
+/// Reasons why no preset is selected.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum NoPreset {
     /// There is none of that name.
     #[error("there is no preset \"{name}\"; {}", listed(known))]
     Unknown {
-        /// As asked for.
+        /// The requested name.
         name: String,
-        /// Those that there are.
+        /// The existing names.
         known: Vec<String>,
     },
-    /// There are several.
+    /// There are several, and no name was given.
     #[error("has several presets, and one must be chosen by its name (preset): {}", listed(known))]
     Unnamed {
-        /// Those that there are.
+        /// The existing names.
         known: Vec<String>,
     },
 }
@@ -324,21 +329,6 @@ fn listed(known: &[String]) -> String {
         [] => "the file has none".into(),
         _ => format!("there are {}", known.iter().map(|name| format!("\"{name}\"")).collect::<Vec<_>>().join(", ")),
     }
-}
-
-/// The text of a file of at most `limit` bytes.
-///
-/// # Errors
-/// [`FileError`]: unreadable, not UTF-8, or larger; no more than `limit` bytes are then held.
-pub fn read_text(path: &Path, limit: u64) -> Result<String, FileError> {
-    let io = |source| FileError::Io { path: path.to_owned(), doing: "reading", source };
-    let mut text = String::new();
-    // The limit is on what is read: the size that a pipe or a device states is none.
-    std::fs::File::open(path).map_err(io)?.take(limit + 1).read_to_string(&mut text).map_err(io)?;
-    if text.len() as u64 > limit {
-        return Err(FileError::TooLarge { path: path.to_owned(), limit });
-    }
-    Ok(text)
 }
 
 fn check_version(root: &Table<'_>) -> Result<(), FileError> {

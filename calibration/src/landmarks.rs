@@ -1,12 +1,16 @@
-//! Where a phantom is held: from landmarks that were touched with a stylus whose tip is known.
+//! Registers a phantom from landmarks touched with a stylus of known tip.
 //!
-//! The tip rests at a landmark while it is touched, be the stylus swung meanwhile or not. Rests are found by the tip's own motion; how far it may stray in one follows from how well the tip is
-//! known and from the tracker's noise, which is measured in the same readings. Which rest was at which landmark follows from their distances from each other: a rest beside the phantom, a
-//! landmark that was left out or touched twice, and any order make no difference. The order counts only where landmarks are symmetric.
+//! The tip rests at a landmark during a touch, whether the stylus is swung or not. Rests are
+//! found by the tip's own motion. The tip's permitted motion in a rest follows from its own
+//! uncertainty and from the tracker's noise, which is measured in the same readings. Rests are
+//! assigned to landmarks by their mutual distances. A rest beside the phantom, a landmark left
+//! out or touched twice, and the order therefore make no difference. The order counts only if
+//! landmarks are symmetric.
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
-use crate::frames::{Phantom, Reference, Stylus, Transform};
+use sonoweave_core::frames::{Phantom, Reference, Stylus, Transform};
+
 use crate::least_squares::{
     Blocks, Parameters, Rotation, Settings as Solver, Side, State, Vector, Whitening, rows, solve, turned,
 };
@@ -22,25 +26,28 @@ pub use crate::rest::Rest;
 pub use error::LandmarksError;
 use matching::{Found, MOST_RESTS, search};
 
-/// A reading of the stylus.
+/// One reading of the stylus.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reading {
-    /// When, s of any clock.
+    /// Time, s of any clock.
     pub time_s: f64,
-    /// Where the stylus was; rigid.
+    /// Pose of the stylus; rigid.
     pub reference_from_stylus: Transform<Reference, Stylus>,
 }
 
-/// What is taken for a rest, and what is accepted.
+/// Criteria for rests and for accepting the result.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
-    /// How well the tip's place on the stylus is known, mm: by as much, and again as much, it strays when the stylus is swung about a landmark.
+    /// Uncertainty of the tip's place on the stylus, mm. Swinging the stylus about a landmark
+    /// moves the computed tip by up to twice this.
     pub tip_error_mm: f64,
-    /// Rests last at least so long, s.
+    /// Minimum duration of a rest, s.
     pub least_s: f64,
-    /// How far a rest may be from its landmark, mm: the tip's error, the hole's width, and the phantom's making.
+    /// Largest distance of a rest from its landmark, mm: the tip's error, the hole's width, and
+    /// the phantom's tolerances.
     pub near_mm: f64,
-    /// How far rests may be from their landmarks (root mean square), and how sure each landmark's place is to be, mm.
+    /// Limit for the rests' distances from their landmarks (root mean square), and for each
+    /// landmark's standard deviation, mm.
     pub limit_mm: f64,
 }
 
@@ -50,46 +57,48 @@ impl Default for Settings {
     }
 }
 
-/// A landmark that was touched.
+/// A touched landmark.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Touched {
-    /// Its place in the list.
+    /// Its index in the list.
     pub landmark: usize,
-    /// Where the tip rested, in the reference's frame, mm; the mean where it was touched more than once.
+    /// Position of the tip, in the reference's frame, mm; the mean of several touches.
     pub at_mm: DVec3,
-    /// How far that is from where the registration puts it, mm.
+    /// Distance from the registered landmark, mm.
     pub error_mm: f64,
     /// The rests.
     pub rests: Vec<Rest>,
 }
 
-/// A phantom whose place is known.
+/// A registered phantom.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Registered {
-    /// Where it is held.
+    /// Pose of the phantom.
     pub reference_from_phantom: Transform<Reference, Phantom>,
-    /// Landmarks that were touched, in the list's order.
+    /// Touched landmarks, in the list's order.
     pub touched: Vec<Touched>,
-    /// Landmarks that were not.
+    /// Landmarks that were not touched.
     pub missed: Vec<usize>,
-    /// Landmarks are symmetric, and it is by their order alone that they are told apart.
+    /// The landmarks are symmetric, and only their order decided.
     pub by_order: bool,
-    /// Rests that were at none.
+    /// Rests at no landmark.
     pub elsewhere: Vec<Rest>,
     /// Distances of rests from landmarks, mm. PLUS's registration error is their mean.
     pub error_mm: Spread,
     /// The tracker's noise at the tip, per axis, mm.
     pub noise_mm: f64,
-    /// Within what a rest stays, mm.
+    /// Radius within which a rest stays, mm.
     pub radius_mm: f64,
-    /// Covariance of a small turn about the reference's axes (rad), of all that is mapped about the reference's origin, and of a shift after it (mm).
+    /// Covariance of a small rotation (rad) of the mapped points about the reference's origin
+    /// and axes, followed by a shift (mm).
     pub covariance: [[f64; 6]; 6],
-    /// Condition of the problem; see [`crate::least_squares::Solution::condition`].
+    /// Condition number; see [`crate::least_squares::Solution::condition`].
     pub condition: f64,
 }
 
 impl Registered {
-    /// Covariance of where a point of the phantom (mm) is in the reference's frame, mm², as far as the registration is not sure.
+    /// Returns the covariance of a phantom point (mm) in the reference's frame, mm², due to the
+    /// registration's uncertainty.
     pub fn covariance_at(&self, point_mm: DVec3) -> [[f64; 3]; 3] {
         let there = self.reference_from_phantom.point(point_mm);
         let by = [turned(there), DMat3::IDENTITY].map(rows);
@@ -100,17 +109,17 @@ impl Registered {
         std::array::from_fn(|i| std::array::from_fn(|j| product(row(i), row(j))))
     }
 
-    /// The same as one number: the root of the sum of the variances along the axes, mm.
+    /// Returns the same as one number: the root of the sum of the variances along the axes, mm.
     pub fn sd_at(&self, point_mm: DVec3) -> f64 {
         let covariance = self.covariance_at(point_mm);
         (0..3).map(|i| covariance[i][i]).sum::<f64>().sqrt()
     }
 }
 
-/// Finds where a phantom is held, from readings of the stylus in the order of time.
+/// Registers a phantom from readings of the stylus in the order of time.
 ///
 /// # Errors
-/// [`LandmarksError`] says what is missing, or what is wrong.
+/// [`LandmarksError`] names the missing data or the problem.
 pub fn register(
     readings: &[Reading],
     tip_mm: DVec3,
@@ -123,7 +132,7 @@ pub fn register(
     let found = touch.search(&places);
     let count = |found: &Option<Found>| found.as_ref().map_or(0, |found| found.best.count);
     let matched = count(&found);
-    // One that is mirrored fits a few landmarks of one side, at most: then the mirror image fits more.
+    // A mirrored phantom fits at most a few landmarks of one side; its mirror image fits more.
     let mirrored: Vec<DVec3> = places.iter().map(|p| DVec3::new(-p.x, p.y, p.z)).collect();
     let mirrored = count(&touch.search(&mirrored));
     let wanted = least(places.len());
@@ -145,17 +154,18 @@ pub fn register(
     match found {
         Some(found) if found.tied => Err(LandmarksError::Symmetric),
         Some(found) => touch.refined(&found, &places, settings),
-        // Fewer than are wanted.
+        // Fewer landmarks than required.
         None => Err(LandmarksError::TooFew { landmarks: places.len() }),
     }
 }
 
-/// Landmarks that have to be found: three could lie to each other as any three rests do; a fourth is no chance.
+/// Returns the number of landmarks to be found. Any three rests may match three landmarks by
+/// chance; a fourth match is significant.
 fn least(landmarks: usize) -> usize {
     landmarks.min(4)
 }
 
-/// The least distance between two landmarks, mm.
+/// Returns the least distance between two landmarks, mm.
 fn spacing(places: &[DVec3]) -> f64 {
     let pairs = places.iter().enumerate().flat_map(|(i, p)| places[i + 1..].iter().map(|q| p.distance(*q)));
     pairs.fold(f64::INFINITY, f64::min)
@@ -176,7 +186,7 @@ fn check_landmarks(places: &[DVec3]) -> Result<(), LandmarksError> {
     Ok(())
 }
 
-/// The sentence for readings or landmarks that fit in other units, if they do.
+/// Returns the error for readings or landmarks that fit in other units, if they do.
 fn in_other_units(readings: &[Reading], tip: DVec3, places: &[DVec3], settings: &Settings) -> Option<LandmarksError> {
     let fits = |touch: Result<Touch, LandmarksError>, places: &[DVec3]| {
         let found = touch.ok().and_then(|touch| touch.search(places));
@@ -195,7 +205,7 @@ fn in_other_units(readings: &[Reading], tip: DVec3, places: &[DVec3], settings: 
     None
 }
 
-/// A recording's rests.
+/// The rests of a recording.
 struct Touch {
     rests: Vec<Rest>,
     noise_mm: f64,
@@ -204,7 +214,8 @@ struct Touch {
 }
 
 impl Touch {
-    /// Of readings whose positions are `factor` times too large, where landmarks are `spacing_mm` apart at least.
+    /// Finds rests in readings whose positions are `factor` times too large, for landmarks at
+    /// least `spacing_mm` apart.
     fn of(
         readings: &[Reading],
         tip: DVec3,
@@ -218,7 +229,7 @@ impl Touch {
         };
         let positions: Vec<(f64, DVec3)> = readings.iter().map(place).collect();
         let noise_mm = crate::rest::noise(&positions).ok_or(LandmarksError::NoReadings { readings: readings.len() })?;
-        // Rests at two landmarks are to be told apart.
+        // Keeps rests at two landmarks apart.
         let third = spacing_mm / 3.0;
         // A thousand readings of Gaussian noise lie within four standard deviations.
         let radius_mm = (2.0 * settings.tip_error_mm + 4.0 * noise_mm).min(third);
@@ -237,7 +248,7 @@ impl Touch {
         search(&rests, places, self.near_mm)
     }
 
-    /// Least squares over the landmarks that were touched, each once.
+    /// Refines the pose by least squares over the touched landmarks, each counted once.
     fn refined(&self, found: &Found, places: &[DVec3], settings: &Settings) -> Result<Registered, LandmarksError> {
         let mut touched = Vec::new();
         let mut missed = Vec::new();
@@ -269,7 +280,8 @@ impl Touch {
         if error_mm.rms > settings.limit_mm {
             return Err(LandmarksError::Limit { rms_mm: error_mm.rms, limit_mm: settings.limit_mm });
         }
-        // The turn is about the landmarks' centre: about the origin, it takes the centre along.
+        // The rotation is about the landmarks' centre; a rotation about the origin also moves
+        // the centre.
         let about_centre = rows(-turned(shift));
         let unit = |first: usize| -> [[f64; 3]; 6] {
             std::array::from_fn(|i| match i.checked_sub(3) {
@@ -306,7 +318,8 @@ impl Touch {
     }
 }
 
-/// Landmarks as touched and as mapped: a turn about the landmarks' centre, and where that comes to lie.
+/// Residuals between touched and mapped landmarks. Parameters: a rotation about the landmarks'
+/// centre, and the position of that centre.
 struct Problem {
     pairs: Vec<(DVec3, DVec3)>,
     centre: DVec3,

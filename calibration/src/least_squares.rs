@@ -1,23 +1,39 @@
-//! Least squares: what numbers explain measurements best, how sure they are, and what the measurements do not say at all.
+//! Least squares: the parameters that explain measurements best, their covariance, and the
+//! parameters that the measurements do not determine.
 //!
-//! A problem is a list of parameters with names, units and typical sizes ([`Parameters`]), and a function that puts down, for a state of theirs, every residual with
-//! its derivatives and its noise ([`Blocks`]). [`solve`](solve()) does the rest: damped Gauss–Newton, robust losses with a scale from the residuals' own spread, covariance, condition
-//! and undetermined directions ([`Solution`]). A point that was measured three times, and once badly:
+//! A problem has two parts. One is a list of parameters with names, units and typical sizes
+//! ([`Parameters`]). The other is a function that adds, for a state, every residual with its
+//! derivatives and its noise ([`Blocks`]). [`solve`](solve()) does the rest: damped
+//! Gauss–Newton, robust losses scaled by the residuals' own spread, covariance, condition
+//! number and undetermined directions ([`Solution`]). Example: a point measured three times
+//! well and once badly:
 //!
 //! ```
-//! use calibration::least_squares::{Blocks, Loss, Parameters, Settings, State, Whitening, rows, solve};
+//! use calibration::least_squares::{
+//!     Blocks, Loss, Parameters, Settings, State, Whitening, rows, solve,
+//! };
 //! use glam::{DMat3, DVec3};
 //!
-//! let measured = [DVec3::new(10.1, 0.0, 5.0), DVec3::new(9.9, 0.1, 5.0), DVec3::new(10.0, -0.1, 5.0), DVec3::new(60.0, 0.0, 5.0)];
+//! let measured = [
+//!     DVec3::new(10.1, 0.0, 5.0),
+//!     DVec3::new(9.9, 0.1, 5.0),
+//!     DVec3::new(10.0, -0.1, 5.0),
+//!     DVec3::new(60.0, 0.0, 5.0),
+//! ];
 //! let mut parameters = Parameters::new();
-//! let point = parameters.point("the point", 10.0, DVec3::ZERO); // typical size in mm, and where to begin
+//! // Typical size in mm, and start value.
+//! let point = parameters.point("the point", 10.0, DVec3::ZERO);
 //! let noise = Whitening::sd(0.1);
-//! let solution = solve(&parameters, &Settings::robust(Loss::Tukey), |state: &State, blocks: &mut Blocks<'_>| {
-//!     for p in measured {
-//!         let residual = state.point(point) - p;
-//!         blocks.add(residual.to_array(), &noise).by(point, rows(DMat3::IDENTITY));
-//!     }
-//! })
+//! let solution = solve(
+//!     &parameters,
+//!     &Settings::robust(Loss::Tukey),
+//!     |state: &State, blocks: &mut Blocks<'_>| {
+//!         for p in measured {
+//!             let residual = state.point(point) - p;
+//!             blocks.add(residual.to_array(), &noise).by(point, rows(DMat3::IDENTITY));
+//!         }
+//!     },
+//! )
 //! .unwrap();
 //! assert!((solution.state.point(point) - DVec3::new(10.0, 0.0, 5.0)).length() < 0.01);
 //! assert!(solution.weights[3] == 0.0); // the bad one
@@ -25,15 +41,20 @@
 //! # assert!(sd_mm[0] > 0.01 && sd_mm[0] < 1.0);
 //! ```
 //!
-//! - [`parameters`]: blocks of parameters on their manifolds: points and other vectors are added to, scales multiplied, rotations turned from the left or the right.
-//! - [`blocks`]: residuals, derivatives and noise. [`check_jacobian`] holds the derivatives against finite differences; every problem's tests call it.
+//! - [`parameters`]: blocks of parameters on their manifolds: points and other vectors are
+//!   added to, scales multiplied, rotations turned from the left or the right.
+//! - [`blocks`]: residuals, derivatives and noise. [`check_jacobian`] compares the derivatives
+//!   with finite differences; every problem's tests call it.
 //! - [`loss`]: quadratic, Huber, Cauchy, Tukey, for residuals of any number of components.
-//! - [`solution`]: what comes out; [`certainty`]: how sure it is, and how sure it would be with more.
+//! - [`solution`]: the result; [`certainty`]: covariances of results, and predicted ones with
+//!   more measurements.
 //!
 //! # Numbers
 //!
-//! Residuals are whitened by their noise. Columns of the Jacobian are scaled by the parameters' typical sizes, so that mm and rad compare. A step is found from the singular values of
-//! the triangle of a QR decomposition, never from normal equations, which would square the condition number. All sums have a fixed order: the same input gives the same bits.
+//! Residuals are whitened by their noise. Columns of the Jacobian are scaled by the parameters'
+//! typical sizes, so that mm and rad compare. A step uses the singular values of the triangle
+//! of a QR decomposition. Normal equations are never formed, because they would square the
+//! condition number. All sums have a fixed order: the same input gives the same bits.
 
 pub mod blocks;
 pub mod certainty;

@@ -1,36 +1,29 @@
-//! Geometry and least squares. Knows nothing of devices or volumes.
+//! Geometry, calibration and least squares. Independent of devices and volumes.
 //!
-//! - [`frames`]: transforms that carry the names of the frames they map between; mismatched frames do not compile.
 //! - [`arm`]: the 3-DOF arm, from its joints' counts to poses and back.
-//! - [`landmarks`]: where a phantom is held, from landmarks that a stylus touched.
-//! - [`least_squares`](mod@least_squares): what numbers explain measurements best, how sure they are, and what the measurements do not say.
-//! - [`named`]: constant transforms between frames that are known by name, as files hold them.
-//! - [`phantom`]: what a phantom consists of: wires and landmarks.
-//! - [`pivot`]: where a stylus's tip is.
-//! - [`statistics`]: numbers that say how others are spread.
-//! - [`picture`]: a grey picture as it lies in memory.
-//! - [`probe`]: where the image plane is, from dots of wires.
-//! - [`region`]: the part of a picture that is data: rectangle and fan.
+//! - [`landmarks`]: registration of a phantom by landmarks that a stylus touched.
+//! - [`least_squares`](mod@least_squares): parameters that explain measurements best, their
+//!   covariance, and undetermined parameters.
+//! - [`phantom`]: geometry of a phantom: wires and landmarks.
+//! - [`pivot`]: pivot calibration of a stylus's tip.
+//! - [`statistics`]: spread, median and correlation of numbers.
+//! - [`picture`]: a grey image in memory.
+//! - [`probe`]: calibration of the image plane, from dots of wires.
 //! - [`file`](mod@file): the versioned calibration file.
-//! - [`tracker`]: how good a tracker is where it stands: noise, and metal that bends its field.
-//! - [`latency`]: how late the tracker is against the video.
-//! - [`keys`]: TOML files read key by key, for every file of ours.
+//! - [`tracker`]: accuracy of a tracker in its room: noise, and field distortion by metal.
+//! - [`latency`]: latency of the tracker against the video.
 
 pub mod arm;
 pub mod file;
-pub mod frames;
-pub mod keys;
 pub mod landmarks;
 pub mod latency;
 pub mod least_squares;
-pub mod named;
 #[cfg(test)]
 mod noise;
 pub mod phantom;
 pub mod picture;
 pub mod pivot;
 pub mod probe;
-pub mod region;
 mod rest;
 pub mod statistics;
 pub mod tracker;

@@ -1,4 +1,4 @@
-//! Noise for tests: the same numbers for the same seed, on every machine.
+//! Random numbers for tests: the same for the same seed, on every machine.
 
 use std::f64::consts::TAU;
 
@@ -10,7 +10,8 @@ pub(crate) struct Noise(u64);
 
 impl Noise {
     pub(crate) fn new(seed: u64) -> Self {
-        // Through the generator itself: the streams of neighbouring seeds would be one stream otherwise, begun a number later.
+        // The generator itself scatters the seed. Otherwise the streams of neighbouring seeds
+        // would be the same stream, shifted by one number.
         let mut scattered = Self(seed);
         Self(scattered.bits() ^ scattered.bits().rotate_left(32))
     }
@@ -23,39 +24,39 @@ impl Noise {
         z ^ (z >> 31)
     }
 
-    /// From 0 to below 1.
+    /// Returns a uniform number from 0 to below 1.
     pub(crate) fn uniform(&mut self) -> f64 {
         (self.bits() >> 11) as f64 / 9_007_199_254_740_992.0
     }
 
-    /// Between two numbers.
+    /// Returns a uniform number between two limits.
     pub(crate) fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.uniform()
     }
 
-    /// Of standard deviation 1.
+    /// Returns a normal number of standard deviation 1.
     pub(crate) fn normal(&mut self) -> f64 {
         let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
         radius * (TAU * self.uniform()).cos()
     }
 
-    /// Of a standard deviation along each axis.
+    /// Returns a normal vector with this standard deviation along each axis.
     pub(crate) fn vector(&mut self, sd: f64) -> DVec3 {
         DVec3::new(self.normal(), self.normal(), self.normal()) * sd
     }
 
-    /// A small turn, of a standard deviation (rad) about each axis.
+    /// Returns a small rotation with this standard deviation (rad) about each axis.
     pub(crate) fn turn(&mut self, sd_rad: f64) -> DQuat {
         DQuat::from_scaled_axis(self.vector(sd_rad))
     }
 
-    /// Any rotation, all alike.
+    /// Returns a uniformly distributed rotation.
     pub(crate) fn rotation(&mut self) -> DQuat {
         DQuat::from_xyzw(self.normal(), self.normal(), self.normal(), self.normal()).normalize()
     }
 }
 
-/// eᵀ·Σ⁻¹·e: about N on average where Σ is the covariance of e.
+/// Returns eᵀ·Σ⁻¹·e: about N on average if Σ is the covariance of e.
 pub(crate) fn mahalanobis<const N: usize>(error: [f64; N], covariance: &[[f64; N]; N]) -> f64 {
     let matrix = nalgebra::DMatrix::from_fn(N, N, |i, j| covariance[i][j]);
     let error = nalgebra::DVector::from_column_slice(&error);

@@ -1,12 +1,15 @@
-//! A phantom of wires: lines between known points and landmarks to be touched, in the phantom's own frame ([`Phantom`](crate::frames::Phantom)).
+//! Geometry of a wire phantom: wires between known points and landmarks to be touched, in the
+//! phantom's own frame ([`Phantom`](sonoweave_core::frames::Phantom)).
 //!
-//! Where a plane cuts a wire the picture shows a dot. Wires that are parallel are cut in an affine image of how they lie to each other, wherever the plane is; what
-//! tells where it is are the wires that run aslant between them. An [`Nwire`] is the least of it: two parallel wires and one that leads from the one to the other, whose dot
-//! divides the way between the other two dots as it does in the phantom (Pagoulatos, Haynor and Kim, Ultrasound in Medicine and Biology 27, 2001).
+//! A wire appears as a dot in the image plane that cuts it. The dots of parallel wires are an
+//! affine image of the wires' arrangement, for any plane. Slanted wires between them determine
+//! the plane's position. The minimum is an [`Nwire`]: two parallel wires and one that leads
+//! from one to the other. Its dot divides the distance of the other two dots as in the phantom
+//! (Pagoulatos, Haynor and Kim, Ultrasound in Medicine and Biology 27, 2001).
 //!
-//! - [`file`](mod@file): our file of it.
+//! - [`file`](mod@file): this program's file format of it.
 //! - [`nwire`]: the N's among its wires.
-//! - [`plates`]: how it is built of two plates with holes.
+//! - [`plates`]: its construction from two plates with holes.
 
 use glam::DVec3;
 
@@ -17,39 +20,40 @@ pub mod plates;
 pub use nwire::Nwire;
 pub use plates::Plates;
 
-/// A wire shorter than this is a mistake in its numbers, mm.
+/// Shortest plausible wire, mm; a shorter one is an error in the numbers.
 const SHORTEST_WIRE_MM: f64 = 1.0;
-/// Sizes between which the box around all wires and landmarks lies, along its longest side, mm: smaller than what a picture shows, larger than a tank. Beyond them the numbers are in
-/// other units.
+/// Range of the longest side of the box around all wires and landmarks, mm: from less than an
+/// image shows to more than a tank. Beyond it the numbers are in other units.
 const SIZE_MM: [f64; 2] = [8.0, 1000.0];
 
 /// A straight wire.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Wire {
-    /// What it is called; no two of a phantom are called the same.
+    /// Its name, unique in the phantom.
     pub name: String,
-    /// Two points of it, as far apart as it is held, mm.
+    /// Its end points, between which it is held, mm.
     pub ends_mm: [DVec3; 2],
 }
 
 impl Wire {
-    /// Unit vector from its first end to its second.
+    /// Returns the unit vector from its first end to its second.
     pub fn direction(&self) -> DVec3 {
         (self.ends_mm[1] - self.ends_mm[0]).normalize()
     }
 
-    /// How long it is, mm.
+    /// Returns its length, mm.
     pub fn length_mm(&self) -> f64 {
         self.ends_mm[0].distance(self.ends_mm[1])
     }
 
-    /// Two unit vectors across it, at right angles to it and to each other.
+    /// Returns two unit vectors perpendicular to it and to each other.
     pub fn across(&self) -> [DVec3; 2] {
         let (first, second) = self.direction().any_orthonormal_pair();
         [first, second]
     }
 
-    /// How far a point lies from its line, and where along it the nearest point is: 0 at the first end, 1 at the second.
+    /// Returns the distance of a point from its line, and the nearest point along it: 0 at the
+    /// first end, 1 at the second.
     pub fn nearest(&self, point_mm: DVec3) -> (f64, f64) {
         let along = self.ends_mm[1] - self.ends_mm[0];
         let share = (point_mm - self.ends_mm[0]).dot(along) / along.length_squared();
@@ -57,30 +61,33 @@ impl Wire {
     }
 }
 
-/// A place to be touched with a stylus.
+/// A point to be touched with a stylus.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Landmark {
-    /// What it is called; no two of a phantom are called the same.
+    /// Its name, unique in the phantom.
     pub name: String,
-    /// Where it is, mm.
+    /// Its position, mm.
     pub position_mm: DVec3,
 }
 
-/// What a phantom consists of. There is a wire or a landmark at least.
+/// The wires and landmarks of a phantom; at least one of either.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Geometry {
     name: String,
     wires: Vec<Wire>,
-    /// Where in `wires` each pattern begins.
+    /// Index in `wires` where each pattern begins.
     starts: Vec<usize>,
     landmarks: Vec<Landmark>,
 }
 
 impl Geometry {
-    /// Of patterns (wires that belong together, such as an N's three; top to bottom as the picture shows them, the wires of each from right to left, see [`Self::wires`]) and landmarks.
+    /// Builds a phantom of patterns and landmarks. A pattern is a group of wires, such as the
+    /// three of an N. Patterns go from top to bottom in the image, the wires of each from right
+    /// to left; see [`Self::wires`].
     ///
     /// # Errors
-    /// [`BadPhantom`]: nothing in it, a name that is there twice, a number that is not finite, a wire without length, or a size that no phantom has.
+    /// [`BadPhantom`]: an empty phantom, a duplicate name, a number that is not finite, a wire
+    /// without length, or an implausible size.
     pub fn new(
         name: impl Into<String>,
         patterns: Vec<Vec<Wire>>,
@@ -125,43 +132,46 @@ impl Geometry {
         Ok(())
     }
 
-    /// What it is called; may be empty.
+    /// Returns its name; may be empty.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// All wires, pattern by pattern. A wire's position in this list is what the rest of the crate knows it by.
+    /// Returns all wires, pattern by pattern. The rest of the crate refers to wires by their
+    /// index in this list.
     ///
-    /// Their order says how the phantom is meant to be scanned: in a picture in MF orientation, with the probe's marked side where it belongs, the first pattern is uppermost and the first
-    /// wire of each is at the right. PLUS's phantom definitions are written so (it names the dots of a line from right to left, lines from top to bottom), and ours too.
+    /// Their order tells the direction of scanning. The image is in MF orientation, with the
+    /// probe's marked side as intended. Then the first pattern is uppermost, and the first wire
+    /// of each is at the right. PLUS's phantom definitions have the same order (the dots of a
+    /// line from right to left, lines from top to bottom), and so have ours.
     pub fn wires(&self) -> &[Wire] {
         &self.wires
     }
 
-    /// The patterns, as ranges of [`Self::wires`].
+    /// Returns the patterns, as ranges of [`Self::wires`].
     pub fn patterns(&self) -> impl Iterator<Item = std::ops::Range<usize>> {
         let ends = self.starts.iter().skip(1).copied().chain([self.wires.len()]);
         self.starts.iter().zip(ends).map(|(&start, end)| start..end)
     }
 
-    /// The places to be touched, in the file's order.
+    /// Returns the landmarks, in the file's order.
     pub fn landmarks(&self) -> &[Landmark] {
         &self.landmarks
     }
 
-    /// The N's among its patterns.
+    /// Returns the N's among its patterns.
     pub fn nwires(&self) -> Vec<Nwire> {
         self.patterns().filter_map(|pattern| Nwire::of(&self.wires, pattern)).collect()
     }
 }
 
-/// Why numbers are no phantom.
+/// Reasons why numbers do not describe a phantom.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum BadPhantom {
-    /// Neither wires nor landmarks.
+    /// There are neither wires nor landmarks.
     #[error("the phantom has neither wires nor landmarks")]
     Empty,
-    /// Two things of one name.
+    /// Two items have the same name.
     #[error("two {what} are called {name}; give each a name of its own")]
     Twice {
         /// Wires or landmarks.
@@ -169,24 +179,24 @@ pub enum BadPhantom {
         /// Their name.
         name: String,
     },
-    /// NaN or infinity.
+    /// A coordinate is NaN or infinite.
     #[error("a coordinate of {name} is not a finite number")]
     NotFinite {
-        /// Which wire or landmark.
+        /// Name of the wire or landmark.
         name: String,
     },
-    /// Both ends in one place.
+    /// Both ends of a wire coincide.
     #[error("the wire {name} is {mm} mm long; give two points of it that are further apart")]
     Short {
-        /// Which.
+        /// Name of the wire.
         name: String,
-        /// As given.
+        /// Its length, mm.
         mm: f64,
     },
-    /// Beyond all phantoms.
+    /// The size is implausible.
     #[error("the phantom measures {mm} mm along its longest side, and none does; its numbers are to be in mm")]
     Size {
-        /// As given.
+        /// The longest side, mm.
         mm: f64,
     },
 }
@@ -195,7 +205,7 @@ pub enum BadPhantom {
 pub(crate) mod tests {
     use super::*;
 
-    /// Three N's one above the other, 10 mm apart, as many phantoms have them.
+    /// Returns three N's one above the other, 10 mm apart, as in many phantoms.
     pub(crate) fn three_ns() -> Geometry {
         let wire = |name: &str, from: [f64; 3], to: [f64; 3]| Wire {
             name: name.into(),
@@ -228,7 +238,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_point_s_way_to_a_wire_is_across_it() {
+    fn nearest_point_on_wire_is_perpendicular() {
         let wire = three_ns().wires()[1].clone();
         let [first, second] = wire.across();
         for (a, b) in [(first, second), (first, wire.direction()), (second, wire.direction())] {
@@ -240,7 +250,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn numbers_that_are_no_phantom_are_refused_by_name() {
+    fn invalid_phantom_is_refused_by_name() {
         let whole = three_ns();
         let refusal = |change: fn(&mut Vec<Wire>, &mut Vec<Landmark>)| {
             let (mut wires, mut landmarks) = (whole.wires().to_vec(), whole.landmarks().to_vec());

@@ -1,8 +1,9 @@
-//! A grey picture as it lies in memory.
+//! A grey image in memory.
 
-use crate::region::ClipRect;
+use sonoweave_core::region::ClipRect;
 
-/// A grey picture in 8 bits, row by row; u is the column, v the row, and a pixel's centre is at whole numbers ([`Image`](crate::frames::Image)).
+/// A grey image in 8 bits, row by row; u is the column, v the row, and pixel centres are at
+/// whole numbers ([`Image`](sonoweave_core::frames::Image)).
 #[derive(Debug, Clone, Copy)]
 pub struct GreyView<'a> {
     width: usize,
@@ -12,10 +13,11 @@ pub struct GreyView<'a> {
 }
 
 impl<'a> GreyView<'a> {
-    /// `stride` bytes lie from a row's first pixel to the next row's.
+    /// Views pixels with `stride` bytes from a row's first pixel to the next row's.
     ///
     /// # Errors
-    /// [`BadView`] unless there is a pixel, rows do not overlap, and `pixels` holds all of the last row.
+    /// [`BadView`] unless there is a pixel, rows do not overlap, and `pixels` holds all of the
+    /// last row.
     pub fn new(width: usize, height: usize, stride: usize, pixels: &'a [u8]) -> Result<Self, BadView> {
         let needed = stride.checked_mul(height.saturating_sub(1)).and_then(|bytes| bytes.checked_add(width));
         if width == 0 || height == 0 || stride < width || needed.is_none_or(|needed| pixels.len() < needed) {
@@ -24,10 +26,10 @@ impl<'a> GreyView<'a> {
         Ok(Self { width, height, stride, pixels })
     }
 
-    /// Of pixels without gaps between rows.
+    /// Views pixels without gaps between rows.
     ///
     /// # Errors
-    /// [`BadView`] unless there is a pixel, and as many as the size says.
+    /// [`BadView`] unless there is a pixel, and the number of bytes matches the size.
     pub fn packed([width, height]: [usize; 2], pixels: &'a [u8]) -> Result<Self, BadView> {
         match width.checked_mul(height) {
             Some(count) if count == pixels.len() => Self::new(width, height, width, pixels),
@@ -35,7 +37,7 @@ impl<'a> GreyView<'a> {
         }
     }
 
-    /// The part of it within a rectangle; `None` where there is none.
+    /// Returns its part within a rectangle; `None` if they do not overlap.
     pub fn part(&self, clip: ClipRect) -> Option<Self> {
         let [x, y] = [clip.x, clip.y].map(|n| n as usize);
         let width = (clip.width as usize).min(self.width.checked_sub(x)?);
@@ -44,22 +46,22 @@ impl<'a> GreyView<'a> {
         Self::new(width, height, self.stride, self.pixels.get(from..)?).ok()
     }
 
-    /// Pixels along u.
+    /// Returns the number of pixels along u.
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Pixels along v.
+    /// Returns the number of pixels along v.
     pub fn height(&self) -> usize {
         self.height
     }
 
-    /// Pixels along u and v.
+    /// Returns the number of pixels along u and v.
     pub fn size(&self) -> [usize; 2] {
         [self.width, self.height]
     }
 
-    /// All rows, from the top.
+    /// Returns all rows, from the top.
     pub fn rows(&self) -> impl Iterator<Item = &'a [u8]> + use<'a> {
         self.pixels.chunks(self.stride).take(self.height).map({
             let width = self.width;
@@ -67,17 +69,17 @@ impl<'a> GreyView<'a> {
         })
     }
 
-    /// The pixels of a row.
+    /// Returns the pixels of a row.
     ///
     /// # Panics
-    /// Below the last.
+    /// Panics below the last row.
     pub fn row(&self, v: usize) -> &'a [u8] {
         assert!(v < self.height, "row {v} of {}", self.height);
         &self.pixels[v * self.stride..][..self.width]
     }
 }
 
-/// Why bytes are no picture.
+/// The bytes do not make an image.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{bytes} bytes are no picture of {width}×{height} pixels whose rows lie {stride} bytes apart")]
 pub struct BadView {
@@ -96,7 +98,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_part_is_of_its_own_rows_and_no_larger_than_the_whole() {
+    fn part_is_clipped_to_whole() {
         let bytes: Vec<u8> = (0..12).collect();
         let view = GreyView::packed([4, 3], &bytes).unwrap();
         let part = |x, y, width, height| view.part(ClipRect { x, y, width, height });
@@ -107,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_are_a_stride_apart_and_the_last_may_end_early() {
+    fn rows_are_stride_apart_and_last_may_be_short() {
         let bytes: Vec<u8> = (0..11).collect();
         let view = GreyView::new(3, 3, 4, &bytes).unwrap();
         assert_eq!((view.row(0), view.row(2)), (&[0, 1, 2][..], &[8, 9, 10][..]));

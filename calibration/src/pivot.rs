@@ -1,15 +1,20 @@
-//! Where a stylus's tip is: from poses of the stylus while its tip rests in one place.
+//! Pivot calibration: finds a stylus's tip from poses of the stylus while its tip rests in one
+//! place.
 //!
-//! Each pose puts the tip at the same place, R·tip + t = pivot, which is linear in the six numbers sought. The start is algebraic, from the sets of four poses that most others
-//! agree with; then least squares with Tukey's loss. A tracker's noise is not the same in all directions there: errors of its orientation move the tip across the shaft and
-//! not along it, by the shaft's length, so that residuals along and across are weighed each by its own spread.
+//! Each pose puts the tip at the same place, R·tip + t = pivot, which is linear in the six
+//! unknowns. The start is algebraic, from the sets of four poses that most others agree with.
+//! Least squares with Tukey's loss follow. A tracker's noise at the tip is not isotropic:
+//! orientation errors move the tip across the shaft and not along it, in proportion to the
+//! shaft's length. Residuals along and across are therefore weighted each by its own spread.
 //!
-//! What is refused: poses that are too few or no rotation, a stylus that was not turned or about one axis only, a tip that did not rest, and one that is farther away or nearer than on
-//! any stylus, which is how wrong units show.
+//! The calibration refuses poses that are too few or no rotation. It refuses a stylus that was
+//! not turned or about one axis only, and a tip that did not rest. A tip farther or nearer than
+//! on any stylus is refused as well, because it indicates wrong units.
 
 use glam::{DMat3, DVec3};
 
-use crate::frames::{Stylus, StylusTip, Transform};
+use sonoweave_core::frames::{Stylus, StylusTip, Transform};
+
 use crate::least_squares::{
     Blocks, Loss, Parameters, Settings as Solver, State, Unsolved, Vector, Whitening, rows, solve,
 };
@@ -22,30 +27,32 @@ mod turning;
 
 pub use turning::Turning;
 
-/// How much a pose may be off a rotation: printed digits and drift.
+/// Tolerance for a pose's rotation: printed digits and drift.
 const ROTATION_TOLERANCE: f64 = 1e-2;
-/// Typical size of what is sought, mm: a stylus's length.
+/// Typical size of the unknowns, mm: a stylus's length.
 const TYPICAL_MM: f64 = 100.0;
-/// Residuals along and across the shaft differ in spread by no more: a tracker whose orientation has errors has errors in its position, too.
+/// Largest ratio of the residuals' spreads along and across the shaft: a tracker with
+/// orientation errors has position errors, too.
 const MOST_UNEVEN: f64 = 30.0;
-/// Spreads are no less, mm: what data without noise leave is rounding.
+/// Least spread, mm: residuals of exact data are rounding errors.
 const LEAST_SPREAD_MM: f64 = 1e-6;
-/// Solutions with spreads of the one before.
+/// Number of solutions, each with the spreads of the one before.
 const ROUNDS: usize = 4;
 
-/// What is accepted.
+/// Acceptance criteria.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
-    /// Poses at least: three determine a tip, and outliers must be told from what is right.
+    /// Minimum number of poses: three determine a tip, more are needed to find outliers.
     pub least_poses: usize,
-    /// How far the stylus's directions must be spread about each of its axes, degrees (root mean square). Trackers err by up to half a degree, which turns a direction as
-    /// well; by six times as much, the error that this makes is less than 3 %.
+    /// Required spread of the stylus's directions about each of its axes, degrees (root mean
+    /// square). Trackers err by up to half a degree, which spreads directions as well. At six
+    /// times as much, this error is less than 3 %.
     pub least_turn_deg: f64,
-    /// Between which lengths a tip lies from its sensor, mm.
+    /// Range of distances of a tip from its sensor, mm.
     pub length_mm: [f64; 2],
-    /// Poses that may disagree with the others, of all.
+    /// Largest share of poses that may disagree with the others.
     pub most_outliers: f64,
-    /// How far the tip may stray from its place on average (root mean square), mm.
+    /// Limit of the tip's distance from its place (root mean square), mm.
     pub limit_mm: f64,
 }
 
@@ -55,72 +62,75 @@ impl Default for Settings {
     }
 }
 
-/// A stylus whose tip is known.
+/// A calibrated stylus.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pivot {
-    /// The tip's frame: origin at the tip, z along the shaft away from the sensor, y at right angles to z and to the sensor's x (its y, where x is within 20° of the shaft). So does
-    /// PLUS's pivot calibration have it.
+    /// The tip's frame: origin at the tip, z along the shaft away from the sensor. y is
+    /// perpendicular to z and to the sensor's x (its y, if x is within 20° of the shaft).
+    /// PLUS's pivot calibration has the same frame.
     pub stylus_from_tip: Transform<Stylus, StylusTip>,
-    /// Where the tip is in the sensor's frame, mm.
+    /// Position of the tip in the sensor's frame, mm.
     pub tip_mm: DVec3,
     /// Its covariance, mm².
     pub tip_covariance_mm2: [[f64; 3]; 3],
-    /// Where it rested, in the frame that the poses are in, mm.
+    /// Position where the tip rested, in the frame of the poses, mm.
     pub pivot_mm: DVec3,
-    /// Distances of the tip, pose by pose, from where it rested, mm; without outliers. PLUS's calibration error is their mean.
+    /// Distances of the tip, pose by pose, from its resting place, mm; without outliers. PLUS's
+    /// calibration error is their mean.
     pub residual_mm: Spread,
     /// Standard deviations of the tip along the shaft and across it (per axis), mm.
     pub noise_mm: [f64; 2],
-    /// The same distances of all poses, mm.
+    /// The same distances for all poses, mm.
     pub distances_mm: Vec<f64>,
-    /// Poses that have no part in the result, by their place in the list.
+    /// Indices of the poses that were left out.
     pub outliers: Vec<usize>,
-    /// How far the stylus was turned.
+    /// Extent of the stylus's rotation.
     pub turning: Turning,
-    /// After how many readings the errors are independent: 1 where each is. The covariance counts this in.
+    /// Number of readings after which the errors are independent: 1 if each is. The covariance
+    /// accounts for it.
     pub correlation_length: f64,
-    /// Condition of the problem; see [`crate::least_squares::Solution::condition`].
+    /// Condition number; see [`crate::least_squares::Solution::condition`].
     pub condition: f64,
 }
 
-/// Why poses do not say where the tip is.
+/// Reasons why poses do not determine the tip.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PivotError {
-    /// Fewer than can be judged.
+    /// There are too few poses.
     #[error("{poses} usable poses of the stylus; at least {least} are needed, and some hundreds are good")]
     TooFew {
-        /// As many as there are.
+        /// Number of usable poses.
         poses: usize,
-        /// As many as there have to be.
+        /// Number required.
         least: usize,
     },
-    /// No rotation.
+    /// A pose is no rotation.
     #[error("pose {index} (from 0) is not rigid: {problem}")]
     NotRigid {
-        /// Its place in the list.
+        /// Its index.
         index: usize,
-        /// What is wrong with it.
+        /// The problem.
         problem: String,
     },
-    /// The same over and over.
+    /// All poses are equal.
     #[error(
         "all {poses} poses are one and the same: the stylus was not moved, or the tracker hangs; turn the stylus while its tip rests"
     )]
     OnePose {
-        /// As many as there are.
+        /// Number of poses.
         poses: usize,
     },
-    /// Not turned, about no axis.
+    /// The stylus was hardly turned about any axis.
     #[error(
         "the stylus was hardly turned ({deg:.1}° at most, root mean square; {least:.0}° are needed): keep the tip where it is and tilt the stylus by 30° and more, to all sides"
     )]
     HardlyTurned {
-        /// By how much about the axis about which it was turned most.
+        /// Rotation about the most turned axis, degrees.
         deg: f64,
-        /// As much as is needed.
+        /// Rotation required, degrees.
         least: f64,
     },
-    /// Turned about an axis that itself did not turn.
+    /// The stylus was turned about one axis that itself did not turn.
     #[error(
         "the stylus was turned about one axis only, ({}) in its sensor's frame, which itself turned by {deg:.1}° ({least:.0}° are needed, root mean square): where along it the \
          tip is the poses do not say; tilt the stylus along another axis, too", [axis.x, axis.y, axis.z].map(|x| format!("{x:.2}")).join(", ")
@@ -128,43 +138,43 @@ pub enum PivotError {
     OneAxis {
         /// The axis.
         axis: DVec3,
-        /// By how much its direction turned.
+        /// Rotation of its direction, degrees.
         deg: f64,
-        /// As much as is needed.
+        /// Rotation required, degrees.
         least: f64,
     },
-    /// No place that most poses agree on.
+    /// Most poses do not agree on one place.
     #[error(
         "{outliers} of {poses} poses put the tip elsewhere than the others{}: the tip slipped or did not rest, or the tracker jumped; keep the tip in a divot, and metal away",
         within(.runs)
     )]
     Unsteady {
-        /// Poses that disagree.
+        /// Number of poses that disagree.
         outliers: usize,
-        /// All.
+        /// Number of all poses.
         poses: usize,
-        /// The longest stretches of them: first and last, from 0.
+        /// Their longest runs: first and last index.
         runs: Vec<[usize; 2]>,
     },
-    /// A tip that no stylus has.
+    /// The tip's distance is implausible.
     #[error("{}", length_sentence(*.mm, *.plausible))]
     Length {
-        /// How far the tip would be from the sensor.
+        /// Distance of the tip from the sensor, mm.
         mm: f64,
-        /// Between which lengths it lies on a stylus.
+        /// Plausible range, mm.
         plausible: [f64; 2],
     },
-    /// Worse than is accepted.
+    /// The residuals exceed the limit.
     #[error(
         "the tip strays by {rms_mm:.2} mm (root mean square), more than the limit of {limit_mm} mm: the tip did not rest, or the tracker is disturbed (metal, its range)"
     )]
     Stray {
-        /// By how much.
+        /// The residuals, root mean square, mm.
         rms_mm: f64,
-        /// As much as is accepted.
+        /// The limit, mm.
         limit_mm: f64,
     },
-    /// The core's refusal, where none of the above is the reason.
+    /// The solver's error, if none of the above is the reason.
     #[error(transparent)]
     Unsolved(#[from] Unsolved),
 }
@@ -174,7 +184,7 @@ fn within(runs: &[[usize; 2]]) -> String {
     if named.is_empty() { String::new() } else { format!(" (poses {})", named.join(", ")) }
 }
 
-/// Units that positions are mistaken for, and by how much they then are too large.
+/// Factors of commonly confused units, with their descriptions.
 const MISTAKEN: [(f64, &str); 4] = [
     (10.0, "10 times too large"),
     (25.4, "25.4 times too large"),
@@ -196,10 +206,11 @@ fn length_sentence(mm: f64, plausible: [f64; 2]) -> String {
     )
 }
 
-/// Finds the tip from poses of the stylus, in the order in which they were measured, while its tip rested in one place.
+/// Finds the tip from poses of the stylus, in the order of measurement, while its tip rested in
+/// one place.
 ///
 /// # Errors
-/// [`PivotError`] says what is missing, or what is wrong.
+/// [`PivotError`] names the missing data or the problem.
 pub fn calibrate<W>(poses: &[Transform<W, Stylus>], settings: &Settings) -> Result<Pivot, PivotError> {
     if poses.len() < settings.least_poses {
         return Err(PivotError::TooFew { poses: poses.len(), least: settings.least_poses });
@@ -222,7 +233,7 @@ pub fn calibrate<W>(poses: &[Transform<W, Stylus>], settings: &Settings) -> Resu
     if outliers.len() as f64 > settings.most_outliers * rigid.len() as f64 {
         return Err(PivotError::Unsteady { outliers: outliers.len(), poses: rigid.len(), runs: runs(&outliers) });
     }
-    // Poses that jumped may have been all that turned.
+    // The rotation may have been due to outliers only.
     let turning = Turning::of(&kept_poses);
     turning.check(&kept_poses, settings.least_turn_deg)?;
     let length = solved.tip.length();
@@ -249,7 +260,7 @@ pub fn calibrate<W>(poses: &[Transform<W, Stylus>], settings: &Settings) -> Resu
     })
 }
 
-/// The longest stretches of neighbouring numbers, at most three, in their order.
+/// Returns the longest runs of consecutive numbers, at most three, in order.
 fn runs(indices: &[usize]) -> Vec<[usize; 2]> {
     let mut runs: Vec<[usize; 2]> = Vec::new();
     for &index in indices {
@@ -264,7 +275,7 @@ fn runs(indices: &[usize]) -> Vec<[usize; 2]> {
     runs
 }
 
-/// See [`Pivot::stylus_from_tip`].
+/// Returns the tip's frame; see [`Pivot::stylus_from_tip`].
 fn tip_frame(tip: DVec3) -> Transform<Stylus, StylusTip> {
     let z = tip.normalize();
     let aside = if z.x.abs() < 20_f64.to_radians().cos() { DVec3::X } else { DVec3::Y };
@@ -273,31 +284,31 @@ fn tip_frame(tip: DVec3) -> Transform<Stylus, StylusTip> {
     Transform::from_affine(glam::DAffine3 { matrix3: rotation, translation: tip })
 }
 
-/// What least squares say.
+/// Result of least squares.
 struct Solved {
     tip: DVec3,
     pivot: DVec3,
     covariance: [[f64; 3]; 3],
-    /// Along the shaft and across it.
+    /// Standard deviations along the shaft and across it.
     noise: [f64; 2],
     weights: Vec<f64>,
     correlation_length: f64,
     condition: f64,
 }
 
-/// The problem: see the top of the file.
+/// The least squares problem; see the module documentation.
 struct Problem<'a> {
     poses: &'a [(DMat3, DVec3)],
     parameters: Parameters,
     tip: Vector<3>,
     pivot: Vector<3>,
-    /// Columns are the shaft and two directions across it, in the sensor's frame.
+    /// Columns: the shaft and two directions across it, in the sensor's frame.
     shaft: DMat3,
     whitening: Whitening<3>,
 }
 
 impl Problem<'_> {
-    /// The tip's distance from the pivot, along the shaft and across it.
+    /// Returns the tip's offset from the pivot, along the shaft and across it.
     fn residual(&self, state: &State, (turn, at): &(DMat3, DVec3)) -> DVec3 {
         let apart = *turn * state.point(self.tip) + *at - state.point(self.pivot);
         (*turn * self.shaft).transpose() * apart
@@ -348,7 +359,8 @@ impl Solved {
     }
 }
 
-/// Standard deviations of residuals along the shaft and across it, by their medians.
+/// Returns the standard deviations of residuals along the shaft and across it, from their
+/// medians.
 fn spreads(problem: &Problem<'_>, state: &State, weights: &[f64]) -> [f64; 2] {
     let kept = problem.poses.iter().zip(weights).filter(|(_, weight)| **weight > 0.0);
     let (along, across): (Vec<_>, Vec<_>) = kept

@@ -1,16 +1,20 @@
-//! The probe's calibration: where the pixels of the picture lie in the frame of the sensor on the transducer.
+//! Probe calibration: the pose of the image's pixels in the frame of the sensor on the
+//! transducer.
 //!
-//! From a scan of something that rests and whose place is found with the rest ([`target`]), or from one of a phantom of wires ([`crate::phantom`]), whose poses are known:
+//! The input is a scan of a static target whose pose is also fitted ([`target`]), or of a wire
+//! phantom ([`crate::phantom`]) at a known pose:
 //!
-//! - [`dots`]: bright spots of a picture.
-//! - [`layout`], [`matching`]: which of them is which wire's.
-//! - [`sighting`], [`track`]: recognised pictures, and poses between poses.
-//! - [`plane`], [`linear`]: the plane from dots and poses, where the rest begins.
-//! - [`refine`](mod@refine), [`scatter`]: the plane that explains all dots best, the tracker's lag, and how sure they are.
+//! - [`dots`]: detects bright spots of an image.
+//! - [`layout`], [`matching`]: assign them to wires.
+//! - [`sighting`], [`track`]: recognised images, and poses between poses.
+//! - [`plane`], [`linear`]: the plane from dots and poses, as the start of the fit.
+//! - [`refine`](mod@refine), [`scatter`]: the plane that explains all dots best, the tracker's
+//!   lag, and their accuracy.
 //! - `unknown`: the plane as parameters.
-//! - [`errors`]: how far it is off, by PLUS's definition and by ours, on pictures that had no part in it.
-//! - [`next`]: which view to take next.
-//! - [`calibrate`](mod@calibrate), [`refused`]: all of it in turn, or the reason why there is none.
+//! - [`errors`]: errors by PLUS's definition and by ours, on images that the fit did not use.
+//! - [`next`]: the view to take next.
+//! - [`calibrate`](mod@calibrate), [`refused`]: the whole procedure, or the reason for a
+//!   refusal.
 
 pub mod calibrate;
 pub mod dots;

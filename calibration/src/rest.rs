@@ -1,38 +1,40 @@
-//! The moments when a tip rests.
+//! Detects the moments when a tip rests.
 
 use glam::DVec3;
 
 use crate::least_squares::{Blocks, Loss, Parameters, Settings as Solver, State, Whitening, loss::spread, rows, solve};
 
-/// Neighbours on each side by which a reading is judged to be a jump.
+/// Number of neighbours on each side for detecting jumps.
 const NEIGHBOURS: usize = 2;
-/// Two readings further apart in time have nothing between them, s.
+/// Longest gap in time within a rest, s.
 const LONGEST_GAP_S: f64 = 1.0;
 
 /// A place where the tip rested.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rest {
-    /// Where, mm.
+    /// Position, mm.
     pub at: DVec3,
-    /// Readings that say so: from 0, the first and the last of them.
+    /// Indices of the first and the last reading, from 0.
     pub readings: [usize; 2],
-    /// When it began and ended, s.
+    /// Start and end, s.
     pub time_s: [f64; 2],
-    /// How the tip strayed about the place (standard deviation per axis), mm.
+    /// Standard deviation of the tip about the position, per axis, mm.
     pub spread_mm: f64,
 }
 
-/// A tracker's noise at the tip, mm per axis: by how far readings lie from the middle of their two neighbours, of which motion has little part and jumps have none (by the median). `None`
-/// of fewer than three.
+/// Returns a tracker's noise at the tip, mm per axis, from the distances of readings from the
+/// middle of their two neighbours. Motion contributes little to these, and the median ignores
+/// jumps. `None` for fewer than three readings.
 pub(crate) fn noise(positions: &[(f64, DVec3)]) -> Option<f64> {
     let bend = |three: &[(f64, DVec3)]| (3, (three[0].1 - 2.0 * three[1].1 + three[2].1).length());
     let bends: Vec<_> = positions.windows(3).map(bend).collect();
-    // 1 + 4 + 1 times its variance.
+    // The second difference has 1 + 4 + 1 times the variance.
     (!bends.is_empty()).then(|| spread(&bends) / 6_f64.sqrt())
 }
 
-/// The rests among readings (time in s, place in mm, in the order of time): stretches of at least `least_s` within `radius_mm` of their middle, the longest of those that
-/// overlap. Single readings that jump away and back are heeded no more than those that are missing.
+/// Finds the rests among readings (time in s, place in mm, in the order of time). A rest is a
+/// stretch of at least `least_s` within `radius_mm` of its mean; of overlapping ones the
+/// longest counts. Single readings that jump away and back are ignored like missing ones.
 pub(crate) fn find(positions: &[(f64, DVec3)], radius_mm: f64, least_s: f64) -> Vec<Rest> {
     let steady: Vec<usize> = (0..positions.len()).filter(|&i| !jumps(positions, i, radius_mm)).collect();
     let at = |k: usize| positions[steady[k]];
@@ -53,13 +55,13 @@ pub(crate) fn find(positions: &[(f64, DVec3)], radius_mm: f64, least_s: f64) -> 
         }
         if at(last).0 - at(first).0 >= least_s {
             match stretches.last_mut() {
-                // The same, one reading longer.
+                // The same stretch, one reading longer.
                 Some([known, end]) if *known == first => *end = last,
                 _ => stretches.push([first, last]),
             }
         }
     }
-    // The longest first; what overlaps with one is a worse view of the same rest.
+    // The longest first; shorter ones that overlap belong to the same rest.
     stretches.sort_by(|a, b| (at(b[1]).0 - at(b[0]).0).total_cmp(&(at(a[1]).0 - at(a[0]).0)).then(a[0].cmp(&b[0])));
     let mut chosen: Vec<[usize; 2]> = Vec::new();
     for stretch in stretches {
@@ -76,7 +78,8 @@ pub(crate) fn find(positions: &[(f64, DVec3)], radius_mm: f64, least_s: f64) -> 
     chosen.into_iter().map(rest).collect()
 }
 
-/// Whether a reading is away from the median of its neighbourhood, coordinate by coordinate, by more than a rest's width while its neighbours are not.
+/// Returns whether a reading lies more than a rest's width from the median of its
+/// neighbourhood, by coordinates.
 fn jumps(positions: &[(f64, DVec3)], index: usize, radius_mm: f64) -> bool {
     let around = index.saturating_sub(NEIGHBOURS)..(index + NEIGHBOURS + 1).min(positions.len());
     let middle = DVec3::from_array([0, 1, 2].map(|axis| {
@@ -87,7 +90,7 @@ fn jumps(positions: &[(f64, DVec3)], index: usize, radius_mm: f64) -> bool {
     positions[index].1.distance(middle) > 2.0 * radius_mm
 }
 
-/// The place that most agree on (Tukey's loss), and the spread about it.
+/// Returns the place that most readings agree on (Tukey's loss), and the spread about it.
 fn middle(places: &[DVec3]) -> (DVec3, f64) {
     let mean = places.iter().sum::<DVec3>() / places.len() as f64;
     let mut parameters = Parameters::new();
@@ -101,7 +104,7 @@ fn middle(places: &[DVec3]) -> (DVec3, f64) {
     };
     match solve(&parameters, &Solver::robust(Loss::Tukey), put) {
         Ok(solution) => (solution.state.point(point), solution.spread),
-        // Too few to say more.
+        // Too few readings for more.
         Err(_) => (mean, 0.0),
     }
 }

@@ -1,26 +1,26 @@
-//! Numbers that say how others are spread.
+//! Statistics of spread.
 
 use serde::Serialize;
 
-/// How distances are spread.
+/// Spread of distances.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct Spread {
-    /// How many.
+    /// Number of values.
     pub count: usize,
     /// Their mean.
     pub mean: f64,
     /// Standard deviation about the mean.
     pub sd: f64,
-    /// Root of the mean of their squares.
+    /// Root mean square.
     pub rms: f64,
-    /// The middle one.
+    /// Median.
     pub median: f64,
     /// The largest.
     pub max: f64,
 }
 
 impl Spread {
-    /// Of numbers from 0; all 0 of none.
+    /// Summarises numbers of 0 or more; returns all 0 for none.
     pub fn of(numbers: impl IntoIterator<Item = f64>) -> Self {
         let mut sorted: Vec<f64> = numbers.into_iter().collect();
         if sorted.is_empty() {
@@ -37,7 +37,7 @@ impl Spread {
     }
 }
 
-/// The median; 0 of nothing. Reorders the values.
+/// Returns the median; 0 for no values. Reorders the values.
 pub fn median(values: &mut [f64]) -> f64 {
     if values.is_empty() {
         return 0.0;
@@ -52,8 +52,10 @@ pub fn median(values: &mut [f64]) -> f64 {
     0.5 * (below + at)
 }
 
-/// After how many numbers of a row the next one is independent: 1 + 2·Σ of the autocorrelation, up to where that is no more than chance gives (Sokal, *Monte Carlo Methods in Statistical
-/// Mechanics*, 1989). The mean of n such numbers errs as that of n over this many independent ones does. 1 at least.
+/// Returns the number of values after which the next one is independent: 1 + 2·Σ of the
+/// autocorrelation, up to the first value that chance explains (Sokal, *Monte Carlo Methods in
+/// Statistical Mechanics*, 1989). The mean of n such values is as accurate as that of n over
+/// this many independent ones. At least 1.
 pub fn correlation_length(numbers: &[f64]) -> f64 {
     let n = numbers.len();
     let mean = numbers.iter().sum::<f64>() / n.max(1) as f64;
@@ -73,7 +75,7 @@ mod tests {
     use crate::noise::Noise;
 
     #[test]
-    fn spreads_are_those_of_the_textbook() {
+    fn spread_matches_hand_computed_values() {
         let spread = Spread::of([3.0, 1.0, 2.0, 6.0]);
         assert_eq!((spread.count, spread.mean, spread.median, spread.max), (4, 3.0, 2.5, 6.0));
         assert!((spread.sd - 3.5_f64.sqrt()).abs() < 1e-15 && (spread.rms - 12.5_f64.sqrt()).abs() < 1e-15);
@@ -81,15 +83,15 @@ mod tests {
     }
 
     #[test]
-    fn medians_are_of_even_and_odd_numbers_of_values() {
+    fn median_handles_even_and_odd_counts() {
         assert_eq!(median(&mut [3.0, 1.0, 2.0]), 2.0);
         assert_eq!(median(&mut [4.0, 1.0, 2.0, 3.0]), 2.5);
         assert_eq!(median(&mut []), 0.0);
     }
 
-    /// Of an autoregressive row with factor a it is (1 + a)/(1 − a).
+    /// An autoregressive series with factor a has (1 + a)/(1 − a).
     #[test]
-    fn the_correlation_length_is_that_of_the_process() {
+    fn correlation_length_matches_process() {
         let mut random = Noise::new(1);
         for factor in [0.0, 0.5, 0.9] {
             let mut last = 0.0;

@@ -1,10 +1,14 @@
-//! How good a tracker is where it stands: the noise of a sensor that lies still, and the places where metal bends the field.
+//! Accuracy of a tracker in its room: noise of a static sensor, and distortion of the field by
+//! metal.
 //!
-//! - [`noise`]: a sensor that does not move says how much of what it tells is noise.
-//! - [`distortion`]: two sensors on one rigid piece, moved through the room, have one constant transform between them. Where it seems to be another one, the field is bent.
-//! - [`zones`]: these places, kept, and whether a sensor is in one.
+//! - [`noise`]: noise of the poses of a sensor that does not move.
+//! - [`distortion`]: map of the field's distortion. Two sensors on one rigid piece, moved
+//!   through the room, have one constant transform between them. If it appears to change, the
+//!   field is distorted.
+//! - [`zones`]: the distorted places, for lookup of a sensor's position.
 //!
-//! The first two take poses as rigid maps to the tracker's frame in mm, in the order of their times, and know nothing of where these come from.
+//! The first two take poses as rigid maps to the tracker's frame in mm, in the order of time,
+//! from any source.
 
 pub mod distortion;
 pub mod noise;

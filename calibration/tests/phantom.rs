@@ -1,18 +1,20 @@
-//! The phantom whose file ships with the project can be built, and its dots are told from each other however a hand holds the probe.
+//! The phantom file that ships with the project can be built. Its dots are recognised for any
+//! hold of the probe.
 
 use std::path::Path;
+
+use glam::{DQuat, DVec3};
 
 use calibration::phantom::Plates;
 use calibration::phantom::file::PhantomFile;
 use calibration::probe::dots::Dot;
 use calibration::probe::plane::ImagePlane;
 use calibration::probe::{Layout, Matcher};
-use glam::{DQuat, DVec3};
 
 const SIZE_PX: [u32; 2] = [640, 480];
 
 #[test]
-fn the_shipped_phantom_is_built_of_two_plates_and_its_dots_are_recognised() {
+fn shipped_phantom_is_buildable_and_recognised() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/phantom/nwire.toml");
     let geometry = PhantomFile::read(&path).unwrap().geometry;
     let plates = Plates::of(&geometry).unwrap();
@@ -23,7 +25,7 @@ fn the_shipped_phantom_is_built_of_two_plates_and_its_dots_are_recognised() {
     let mut matcher = Matcher::new();
     let turns = [[0.0; 3], [0.3, 0.0, 0.0], [-0.3, 0.1, 0.0], [0.0, 0.25, 0.0], [0.1, -0.2, 0.2], [0.0, 0.0, -0.4]];
     for (number, [about_u, about_n, about_v]) in turns.into_iter().enumerate() {
-        // u to the right, v down, away from who looks.
+        // u to the right, v down, the normal away from the viewer.
         let turn = DQuat::from_euler(glam::EulerRot::XYZ, about_u, about_n, about_v);
         let (u, v) = (turn * DVec3::X * 0.1, turn * DVec3::NEG_Z * 0.1);
         let middle = DVec3::new(28.0, 22.0 + 3.0 * number as f64, 30.0);

@@ -1,8 +1,10 @@
-//! How fast records are read: `make bench`, or `cargo bench -p sonoweave-drivers --bench decoders -- [--quick] [--only NAME]`.
+//! Measures decoder speed: `make bench`, or
+//! `cargo bench -p sonoweave-drivers --bench decoders -- [--quick] [--only NAME]`.
 //!
-//! Streams of records whose numbers vary as a moving probe's do, in pieces as large reads and as small ones deliver them, on one core. Before a stream is timed,
-//! what was read from it is written again and has to be the same bytes; while it is timed, every record read is counted. A wrong answer
-//! fails the run; a goal that is not met is printed and fails nothing, because machines differ.
+//! The streams hold records with values that vary like a moving probe's. They arrive in pieces
+//! of large and small reads, on one core. Before timing a stream, the bench encodes the decoded
+//! records again and compares the bytes. While timing, it counts every record. A wrong result
+//! fails the run; a missed goal is only printed, because machines differ.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a bench speaks to its user")]
 
 use std::f64::consts::TAU;
@@ -12,13 +14,13 @@ use std::time::Instant;
 
 use drivers::arm::{ea1, microscribe, qsb};
 use drivers::framing::{Decoder, Format};
-use drivers::polhemus::{fastrak, isotrak, liberty, viper};
+use drivers::tracker::polhemus::{fastrak, isotrak, liberty, viper};
 
-/// Bytes a second that every decoder is to reach.
+/// Goal for every decoder, bytes per second.
 const GOAL: f64 = 500e6;
-/// Bytes of a stream.
+/// Length of a stream, bytes.
 const STREAM: usize = 4 << 20;
-/// Bytes of the pieces it comes in: a large read's, and a serial port's.
+/// Lengths of the pieces, bytes: of a large read, and of a serial port's.
 const PIECES: [usize; 2] = [4096, 61];
 
 struct Bench {
@@ -28,7 +30,8 @@ struct Bench {
 }
 
 impl Bench {
-    /// Times a format over a stream made of what `write` appends for each number, `again` being the way back from what is read.
+    /// Times a format over a stream of records. `write` appends the record of each number;
+    /// `again` encodes a decoded record.
     fn time<F: Format + Clone>(
         &mut self,
         name: &str,
@@ -90,7 +93,7 @@ impl Bench {
     }
 }
 
-/// A pose on a path that repeats after a long time: position in cm, unit quaternion.
+/// Returns a pose on a path with a long period: position in cm, unit quaternion.
 fn pose(number: u32) -> ([f64; 3], [f64; 4]) {
     let phase = f64::from(number) / 997.0;
     let (sin, cos) = (phase * TAU / 13.0).sin_cos();
@@ -250,7 +253,7 @@ fn main() -> ExitCode {
         match argument.as_str() {
             "--only" => bench.only = arguments.next(),
             "--quick" => bench.rounds = 3,
-            // What cargo passes to every bench.
+            // Cargo passes this to every bench.
             "--bench" => {}
             other => {
                 eprintln!("unknown argument {other}; this bench takes --quick and --only NAME");

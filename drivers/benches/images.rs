@@ -1,8 +1,12 @@
-//! Image files read and written: `make bench`, or `cargo bench -p sonoweave-drivers --bench images -- [--quick]`.
+//! Measures reading and writing of image files: `make bench`, or
+//! `cargo bench -p sonoweave-drivers --bench images -- [--quick]`.
 //!
-//! A zlib sequence through the replay device, beside the inflating of its stream alone, in memory; and a raw volume of single precision into every format, and back. Times are the
-//! thread's own, so that others on the machine count for little, and the wall's, which has the disk in it (a file is on the disk before it takes its name). What was read is
-//! compared with what was written: a wrong byte ends in an error. All is done several times over, in turns, and printed as the median with the quartiles behind it.
+//! Two cases. A zlib sequence is read by the replay device, compared with inflating its stream
+//! alone, in memory. A raw volume of single precision is written in every format and read back.
+//! The bench measures the thread's CPU time, which other processes hardly affect, and the wall
+//! time, which includes the disk (a file is on the disk before it is renamed). Data read is
+//! compared with data written; a wrong byte is an error. All cases are repeated in turns; the
+//! output is the median, followed by the quartiles.
 #![allow(clippy::print_stdout, reason = "a bench speaks to its user")]
 
 use std::error::Error;
@@ -11,16 +15,19 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::time::Instant;
 
-use drivers::clock::SECOND;
-use drivers::reading::{PixelType, Reading, Stamp, Status};
-use drivers::recording::image::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
-use drivers::recording::image::{VolumeHeader, VolumeReader};
-use drivers::recording::{Limits, Replay, SequenceSettings};
-use drivers::{Device, NO_DEADLINE, Next};
 use flate2::{Decompress, FlushDecompress};
 
+use drivers::replay::{Replay, SequenceSettings};
+use formats::Limits;
+use formats::image::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
+use formats::image::{VolumeHeader, VolumeReader};
+use sonoweave_core::clock::SECOND;
+use sonoweave_core::reading::{PixelType, Reading, Stamp, Status};
+use sonoweave_core::{Device, NO_DEADLINE, Next};
+
 const SIZE: [u32; 2] = [640, 480];
-/// What reading a compressed sequence may take, beside inflating alone; and what writing must do, MB a second.
+/// Goals: time to read a compressed sequence, relative to inflating alone; and write rate, MB
+/// per second.
 const RATIO: f64 = 1.3;
 const RATE: f64 = 500.0;
 
@@ -38,7 +45,7 @@ fn main() -> Result<ExitCode, Box<dyn Error>> {
     Ok(if wrong == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// The median of what the rounds gave, and the quartiles.
+/// Quartiles of the rounds, the median in the middle.
 struct Spread([f64; 3]);
 
 impl Spread {
@@ -53,13 +60,13 @@ impl Spread {
     }
 }
 
-/// This thread's time, s.
+/// Returns this thread's CPU time, s.
 fn own_s() -> f64 {
     let now = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
     (now.tv_sec * SECOND + now.tv_nsec) as f64 * 1e-9
 }
 
-/// Speckle on a smooth ground: about as compressible as a scanner's pictures.
+/// Returns speckle on a smooth background, about as compressible as ultrasound frames.
 fn painted(frame: u64) -> Vec<u8> {
     let mut state = frame.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
     let [width, height] = SIZE.map(u64::from);
@@ -118,7 +125,8 @@ fn sequence(folder: &Path, frames: u64, rounds: usize) -> Result<u64, Box<dyn Er
     Ok(wrong)
 }
 
-/// Through the device: how long its own work takes, s, and how many bytes are not as they were written.
+/// Reads the frames through the device. Returns the device's own time, s, and the number of
+/// wrong bytes.
 fn read_frames(path: &Path, frames: u64, pictures: &[Vec<u8>]) -> Result<(f64, u64), Box<dyn Error>> {
     let mut device = Replay::open(&SequenceSettings::new(path))?;
     let (mut wrong, mut read_s, mut n) = (0, 0.0, 0);
@@ -142,7 +150,7 @@ fn read_frames(path: &Path, frames: u64, pictures: &[Vec<u8>]) -> Result<(f64, u
     Ok((read_s, wrong + frames - n))
 }
 
-/// The stream alone, from memory, s.
+/// Inflates the stream from memory; returns the time, s.
 fn inflate(stream: &[u8], frames: u64) -> Result<f64, Box<dyn Error>> {
     let mut frame = vec![0; SIZE[0] as usize * SIZE[1] as usize];
     let mut inflate = Decompress::new(true);

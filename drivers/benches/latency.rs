@@ -1,4 +1,5 @@
-//! From the last byte on a pseudo-terminal to the reading with its stamp: median and 99th percentile.
+//! Measures the time from the last byte on a pseudo-terminal to the stamped reading: median and
+//! 99th percentile.
 
 #![allow(clippy::unwrap_used, reason = "a bench fails so")]
 #![allow(clippy::print_stdout, reason = "its figures are its output")]
@@ -6,17 +7,17 @@
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
-use drivers::clock::{Clock, Monotonic, SECOND};
 use drivers::connection::Connection;
-use drivers::polhemus::Settings;
-use drivers::polhemus::fastrak::Unit;
-use drivers::reading::Reading;
 use drivers::simulated::fastrak::Twin;
 use drivers::simulated::{Faults, Placed, Pty};
+use drivers::tracker::polhemus::Settings;
+use drivers::tracker::polhemus::fastrak::Unit;
 use drivers::transport::{LineError, Peer, PortPath, SerialOpener};
-use drivers::{Device, Next};
+use sonoweave_core::clock::{Clock, Monotonic, SECOND};
+use sonoweave_core::reading::Reading;
+use sonoweave_core::{Device, Next};
 
-/// A twin that notes when it hands out each record.
+/// A twin that records when it hands out each record.
 struct Noting {
     twin: Twin,
     handed: Arc<Mutex<VecDeque<i64>>>,

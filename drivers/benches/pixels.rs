@@ -1,7 +1,9 @@
-//! Video to pictures, on one core: `make bench`, or `cargo bench -p sonoweave-drivers --bench pixels -- [--quick]`.
+//! Measures conversion of video to frames, on one core: `make bench`, or
+//! `cargo bench -p sonoweave-drivers --bench pixels -- [--quick]`.
 //!
-//! Frames of 1920×1080 pixels of every format, grey and in colour, in their usual range. Beside each time is the largest error against the equations
-//! in f64, in levels, over all pixels; one that is too large fails the run, a goal that is not met is printed and fails nothing.
+//! Frames of 1920×1080 pixels in every format, grey and in colour, in their usual range. Each
+//! time is printed with the largest error against the equations in f64, in levels, over all
+//! pixels. An error that is too large fails the run; a missed goal is only printed.
 #![allow(clippy::print_stdout, reason = "a bench speaks to its user")]
 
 use std::error::Error;
@@ -13,7 +15,7 @@ use drivers::grabber::pixels::reference::reference;
 use drivers::grabber::pixels::{Colour, Converter, Layout, Matrix, PixelFormat, Range, Rows};
 
 const SIZE: [u32; 2] = [1920, 1080];
-/// Bytes of video a second; JPEG pictures a second.
+/// Goals: GB of video per second; JPEG frames per second.
 const GOAL_GB: f64 = 1.0;
 const GOAL_JPEG: f64 = 60.0;
 
@@ -25,7 +27,8 @@ fn main() -> Result<ExitCode, Box<dyn Error>> {
     for format in PixelFormat::ALL {
         for colour in [Colour::Grey, Colour::Rgb] {
             for range in [Range::Full, Range::Limited] {
-                // Grey and RGB are full as a rule, video is limited; JPEG is full always.
+                // Grey and RGB usually have full range, video limited range; JPEG always has
+                // full range.
                 let usual =
                     (range == Range::Full) == (format.is_grey() || format.is_rgb() || format == PixelFormat::Mjpg);
                 if usual {
@@ -52,7 +55,7 @@ fn measure(format: PixelFormat, range: Range, colour: Colour, rounds: usize) -> 
         times.push(start.elapsed().as_secs_f64());
     }
     times.sort_by(f64::total_cmp);
-    // What else the machine does lengthens times: one of the shortest is what the conversion takes.
+    // Other processes lengthen times, so one of the shortest is taken as the conversion time.
     let time = times[times.len() / 10];
 
     let channels = colour.channels();
@@ -66,7 +69,8 @@ fn measure(format: PixelFormat, range: Range, colour: Colour, rounds: usize) -> 
         .zip(&expected)
         .flat_map(|(got, want)| got.iter().zip(want).map(|(&got, want)| (f64::from(got) - want).abs()))
         .fold(0.0, f64::max);
-    // Half a level of rounding and the coefficients' own; of JPEG what its encoder lost at quality 90.
+    // Errors: half a level of rounding, and the coefficients'. For JPEG, the loss of its
+    // encoder at quality 90.
     let (bound, met) = if format == PixelFormat::Mjpg {
         (20.0, 1.0 / time >= GOAL_JPEG)
     } else {
@@ -89,7 +93,7 @@ fn measure(format: PixelFormat, range: Range, colour: Colour, rounds: usize) -> 
     Ok(error <= bound)
 }
 
-/// Bytes that are the same everywhere: every level in every place.
+/// Returns deterministic bytes: every level occurs at every position.
 fn noise(bytes: usize) -> Vec<u8> {
     let mut state = 0x9e37_79b9_7f4a_7c15_u64;
     (0..bytes)
@@ -102,7 +106,8 @@ fn noise(bytes: usize) -> Vec<u8> {
         .collect()
 }
 
-/// What a scanner's picture is to JPEG: speckle of a few pixels in smooth shades, within a fan on black.
+/// Returns a frame as demanding for JPEG as ultrasound: speckle of a few pixels in smooth
+/// shades, within a fan on black.
 fn scene() -> Vec<u8> {
     let [width, height] = SIZE;
     let grain = noise((width * height) as usize);
@@ -116,7 +121,7 @@ fn scene() -> Vec<u8> {
             pixels.push(if inside { (shade + speckle).clamp(0.0, 255.0) as u8 } else { 0 });
         }
     }
-    // The speckle has edges that no transducer makes: what is next to each other is averaged.
+    // Averages neighbours, because the speckle has sharper edges than any transducer produces.
     let at = |n: usize| u32::from(pixels[n.min(pixels.len() - 1)]);
     let w = width as usize;
     (0..pixels.len()).map(|n| ((at(n) + at(n + 1) + at(n + w) + at(n + w + 1)) / 4) as u8).collect()

@@ -1,10 +1,14 @@
-//! A session written and read: `make bench`, or `cargo bench -p sonoweave-drivers --bench session -- [--quick]`.
+//! Measures writing and reading of a session: `make bench`, or
+//! `cargo bench -p sonoweave-drivers --bench session -- [--quick]`.
 //!
-//! Frames of 640×480 go through the writer into a file as they would at the bedside, poses among them, and back through the reader, each on one core: frames and plain
-//! megabytes a second of the thread's own time, so that others on the machine count for little, how much smaller they became, and the share of a core that 60 frames a
-//! second take. The pictures: what is painted here
-//! (speckle in a fan), noise alone, which nothing makes smaller, and recordings where they are (`SONOWEAVE_TEST_DATA`, else `../shared/data`). The last file stays, as
-//! `out/session-bench.mcap`, for other programs to look at: `scripts/session_by_others.py`.
+//! Frames of 640×480, mixed with poses, pass through the writer into a file as in live use, and
+//! back through the reader, each on one core. The bench prints frames and plain megabytes per
+//! second of the thread's own time, which other processes hardly affect. It also prints the
+//! compression ratio, and the share of a core used at 60 frames per second.
+//!
+//! Test images: painted speckle in a fan; noise alone, which is incompressible; and recordings
+//! if present (`SONOWEAVE_TEST_DATA`, else `../shared/data`). The last file remains as
+//! `out/session-bench.mcap`, for `scripts/session_by_others.py`.
 #![allow(clippy::print_stdout, reason = "a bench speaks to its user")]
 
 use std::error::Error;
@@ -12,14 +16,14 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 
-use drivers::clock::{Clock, Monotonic, SECOND};
-use drivers::reading::{Counts, Frame, PixelType, Pose, Raw, Reading, Stamp, Status};
-use drivers::recording::session::{Crop, SessionReplay, SessionWriter, WriterOptions};
-use drivers::recording::{Replay, SequenceSettings, SessionSettings};
-use drivers::{Description, Device, NO_DEADLINE, Next};
+use drivers::replay::{Replay, SequenceSettings, SessionReplay, SessionSettings};
+use formats::session::{Crop, SessionWriter, WriterOptions};
+use sonoweave_core::clock::{Clock, Monotonic, SECOND};
+use sonoweave_core::reading::{Counts, Frame, PixelType, Pose, Raw, Reading, Stamp, Status};
+use sonoweave_core::{Description, Device, NO_DEADLINE, Next};
 
 const SIZE: [u32; 2] = [640, 480];
-/// Frames a second at the bedside, and the share of a core that they may take.
+/// Live frame rate, frames per second, and the goal for the used share of a core.
 const RATE: f64 = 60.0;
 const GOAL: f64 = 0.10;
 
@@ -48,7 +52,7 @@ fn main() -> Result<ExitCode, Box<dyn Error>> {
     Ok(if right { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// This thread's time, s.
+/// Returns this thread's CPU time, s.
 fn own_s() -> f64 {
     let now = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
     (now.tv_sec * SECOND + now.tv_nsec) as f64 * 1e-9
@@ -116,7 +120,7 @@ fn frame(item: u64, at_ns: i64, pixels: &Arc<[u8]>) -> Reading {
     })
 }
 
-/// What else comes meanwhile: poses of two stations, bytes, counts.
+/// Returns the other data recorded meanwhile: poses of two stations, bytes, counts.
 fn others(item: u64, at_ns: i64) -> [Reading; 4] {
     let stamp = |item| Stamp { item, host_ns: Some(at_ns), ..Stamp::default() };
     let pose = |station: u8| {
@@ -143,7 +147,8 @@ fn noise(seed: u64) -> Arc<[u8]> {
     (0..SIZE[0] * SIZE[1]).map(|_| random.u8(..)).collect()
 }
 
-/// Speckle of a few pixels in smooth shades, within a fan on black, another each time.
+/// Returns speckle of a few pixels in smooth shades, within a fan on black; different for each
+/// `nth`.
 fn painted(nth: u64) -> Arc<[u8]> {
     let grain = noise(nth + 10);
     let [width, height] = SIZE;
@@ -152,7 +157,7 @@ fn painted(nth: u64) -> Arc<[u8]> {
         let (x, y) = (n % width, n / width);
         let (dx, dy) = (f64::from(x) - 320.0, f64::from(y) + 60.0);
         let inside = dx.abs() < 0.6 * dy && (100.0..520.0).contains(&dx.hypot(dy));
-        // Each grain is 3 by 2 pixels, smooth between.
+        // Each grain is 3 by 2 pixels, smooth in between.
         let (u, v) = (x / 3, y / 2);
         let share = f64::from(x % 3) / 3.0;
         let speckle = (1.0 - share) * at(u, v) + share * at(u + 1, v);
@@ -162,7 +167,7 @@ fn painted(nth: u64) -> Arc<[u8]> {
     (0..width * height).map(pixel).collect()
 }
 
-/// The middle of a recording's frames.
+/// Returns the middle frames of a recording.
 fn recording(file: &str) -> Option<Vec<Arc<[u8]>>> {
     let data = std::env::var_os("SONOWEAVE_TEST_DATA")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"), PathBuf::from);
@@ -180,7 +185,7 @@ fn recording(file: &str) -> Option<Vec<Arc<[u8]>>> {
             pictures.push(lines.flat_map(|line| line[left..left + columns].to_vec()).collect());
         }
     }
-    // Black beginnings say nothing.
+    // Black frames at the beginning are not representative.
     pictures.retain(|picture: &Arc<[u8]>| picture.iter().any(|grey| *grey > 20));
     (!pictures.is_empty()).then_some(pictures)
 }

@@ -1,4 +1,5 @@
-//! Walks a fuzzer's corpus: for the ordinary tests that try again what is in it, of `drivers/fuzz` and of `tests/fuzz`.
+//! Walks a fuzzer's corpus, so that ordinary tests repeat its inputs, of `drivers/fuzz` and of
+//! `tests/fuzz`.
 
 use std::fs;
 use std::path::Path;
@@ -7,10 +8,12 @@ use rustix::process::{Resource, Rlimit, setrlimit};
 
 use super::targets::Target;
 
-/// What the process may have mapped meanwhile, its program and stacks among it: room that an input only claims to need ends it.
+/// Limit on the process's mapped memory, including program and stacks. An input that causes
+/// allocation of a merely claimed size ends the process.
 const MOST_BYTES: u64 = 1 << 30;
 
-/// Gives each input of each target's corpus, with the target, to `again`. Every program of the fuzzer must be among the targets, and have a corpus.
+/// Passes each input of each target's corpus, with the target, to `again`. Every fuzz program
+/// must be among the targets, and have a corpus.
 pub(crate) fn each(fuzz: &Path, targets: &[(&str, Target)], again: impl Fn(Target, &[u8])) {
     setrlimit(Resource::As, Rlimit { current: Some(MOST_BYTES), maximum: None }).unwrap();
     for (name, target) in targets {

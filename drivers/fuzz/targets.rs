@@ -1,8 +1,11 @@
-//! What is tried with arbitrary bytes: each decoder, and each reader of commands. `make fuzz` searches for bytes that break them; an ordinary test
-//! (`drivers/tests/fuzz_corpus.rs`) tries those in `corpus/` again.
+//! Fuzz targets: each decoder, and each reader of commands. `make fuzz` searches for bytes that
+//! break them; an ordinary test (`drivers/tests/fuzz_corpus.rs`) repeats the inputs in
+//! `corpus/`.
 //!
-//! Besides not panicking: the bytes in one piece and cut anywhere give the same records and counts, every byte is in one record, skipped or
-//! waits, and no more waits than the format's window. The first two bytes of the input choose the settings and how the rest is cut.
+//! Besides not panicking, the targets check: the bytes give the same records and counts in one
+//! piece and divided anywhere. Every byte is in one record, skipped or pending; pending bytes
+//! never exceed the format's window. The first two bytes of the input choose the settings and
+//! the division of the rest.
 
 #![allow(dead_code, reason = "each program of the fuzzer uses one of these functions")]
 
@@ -15,15 +18,16 @@ use drivers::grabber::pixels::{
     Colour, Converter, Field, Layout, Matrix, PixelFormat, Range as Levels, Rows, Scan, Take,
 };
 use drivers::openigtlink;
-use drivers::polhemus::{fastrak, isotrak, liberty, viper};
-use drivers::recording::image::{About, VolumeReader};
-use drivers::recording::session::{Event, Maker, SessionReader};
-use drivers::recording::{Limits, Replay, SequenceSettings};
+use drivers::replay::{Replay, SequenceSettings};
+use drivers::tracker::polhemus::{fastrak, isotrak, liberty, viper};
+use formats::Limits;
+use formats::image::{About, VolumeReader};
+use formats::session::{Event, Maker, SessionReader};
 
-/// Tries one kind of input.
+/// A function that tests one kind of input.
 pub(crate) type Target = fn(&[u8]);
 
-/// All of them by name.
+/// All targets by name.
 pub(crate) const ALL: [(&str, Target); 15] = [
     ("fastrak", fastrak),
     ("isotrak", isotrak),
@@ -146,7 +150,8 @@ pub(crate) fn microscribe(data: &[u8]) {
     Links::read(stream);
 }
 
-/// What a stream of OpenIGTLink brings, in pieces of that length, and what broke it.
+/// Reads a stream of OpenIGTLink in pieces of that length; returns the events, and the error
+/// that broke it.
 fn read_messages(
     stream: &[u8],
     piece: usize,
@@ -170,12 +175,13 @@ fn read_messages(
             openigtlink::Event::Refused(_) => 0,
         })
         .sum();
-    // A body that is passed over counts as soon as its header is here.
+    // A skipped body counts as soon as its header has been read.
     assert!(taken + decoder.skipped() + decoder.pending() as u64 >= stream.len() as u64, "bytes that went nowhere");
     (found, broken)
 }
 
-/// A stream of OpenIGTLink; or, as no arbitrary bytes have their checksum, a body that has it: what is understood is written so that it is understood the same.
+/// Tests a stream of OpenIGTLink, or a body with a valid checksum, which arbitrary bytes never
+/// have. A message that was understood must be understood the same after writing it.
 pub(crate) fn openigtlink(data: &[u8]) {
     use openigtlink::{Event, Limits, header};
     let [choice, cut, stream @ ..] = data else { return };
@@ -188,12 +194,12 @@ pub(crate) fn openigtlink(data: &[u8]) {
         stream[50..58].copy_from_slice(&sum.to_be_bytes());
     }
     let whole = read_messages(&stream, stream.len().max(1), limits);
-    // Numbers that are none are not equal to themselves.
+    // Compared as text, because NaN differs from itself.
     let said = |(found, broken): &(Vec<Event>, Option<String>)| format!("{found:?} {broken:?}");
     assert_eq!(said(&read_messages(&stream, 1 + usize::from(*cut), limits)), said(&whole));
     for event in &whole.0 {
         let Event::Message(message, _) = event else { continue };
-        // A text that had to be made readable may be longer than it was.
+        // A text that was made readable may be longer than before.
         let Ok(bytes) = message.bytes() else { continue };
         let again = read_messages(&bytes, bytes.len(), Limits::default());
         let [Event::Message(again, _)] = &again.0[..] else { panic!("{message:?} is written as {again:?}") };
@@ -201,7 +207,8 @@ pub(crate) fn openigtlink(data: &[u8]) {
     }
 }
 
-/// What virtual devices read: every command that is understood is written as bytes that are understood the same.
+/// Tests the command parsers of the virtual devices: a parsed command must be parsed the same
+/// after writing it.
 pub(crate) fn commands(data: &[u8]) {
     let [choice, line @ ..] = data else { return };
     match choice % 4 {
@@ -249,10 +256,11 @@ fn rows(choice: u8) -> Rows {
     Rows { scan, take }
 }
 
-/// A frame of video of any format and layout: a picture, unless the layout cannot be or bytes are missing.
+/// Tests a video frame of any format and layout: it converts, unless the layout is impossible
+/// or bytes are missing.
 pub(crate) fn pixels(data: &[u8]) {
     let [choice, order, width, height, row_bytes, video @ ..] = data else { return };
-    // The last format is JPEG, which has a function of its own.
+    // The last format is JPEG, which has its own function.
     let formats = &PixelFormat::ALL[..PixelFormat::ALL.len() - 1];
     let layout = Layout {
         format: formats[usize::from(choice % 16) % formats.len()],
@@ -267,7 +275,7 @@ pub(crate) fn pixels(data: &[u8]) {
     assert_eq!(converter.convert(video, &mut picture).is_ok(), video.len() >= converter.video_bytes());
 }
 
-/// A JPEG picture: itself or a refusal, the same each time.
+/// Tests a JPEG frame: it is decoded or refused, the same each time.
 pub(crate) fn jpeg(data: &[u8]) {
     let [choice, order, video @ ..] = data else { return };
     let layout = Layout {
@@ -285,7 +293,7 @@ pub(crate) fn jpeg(data: &[u8]) {
     assert!(outcomes[0].is_err() || pictures[0] == pictures[1]);
 }
 
-/// What there is to read in a session's file, in words; the same each time.
+/// Returns the content of a session's file as text.
 fn read_session(file: &[u8]) -> Vec<String> {
     let limits = Limits { frame_bytes: 1 << 20, ..Limits::default() };
     let mut said = Vec::new();
@@ -315,14 +323,16 @@ fn read_session(file: &[u8]) -> Vec<String> {
     said
 }
 
-/// A session's file; or, as no arbitrary bytes have their checksum, the records of a chunk of one.
+/// Tests a session's file, or the records of a chunk with a valid checksum, which arbitrary
+/// bytes never have.
 pub(crate) fn session(data: &[u8]) {
     let [choice, _, file @ ..] = data else { return };
     if choice % 2 == 0 {
         assert_eq!(read_session(file), read_session(file));
         return;
     }
-    // Magic, and a chunk: number, length, two times, size, checksum, no compression, size, records.
+    // Magic, and a chunk: number, length, two times, size, checksum, no compression, size,
+    // records.
     let size = file.len() as u64;
     let mut whole = mcap::MAGIC.to_vec();
     whole.push(6);
@@ -336,16 +346,16 @@ pub(crate) fn session(data: &[u8]) {
     assert_eq!(read_session(&whole), read_session(&whole));
 }
 
-/// What there is to read in an image file, in words; the same each time, and never more than the limits allow.
+/// Returns the content of an image file as text, within the limits.
 fn read_image(path: &std::path::Path, limits: &Limits) -> Vec<String> {
-    use drivers::{Device as _, Next, Reading};
+    use sonoweave_core::{Device as _, Next, Reading};
     let mut said = vec![format!("{:?}", About::read(path, limits).map_err(|error| error.to_string()))];
     match Replay::open(&SequenceSettings { limits: *limits, ..SequenceSettings::new(path) }) {
         Err(error) => said.push(error.to_string()),
         Ok(mut device) => {
             said.extend(device.start().err().map(|error| error.to_string()));
             loop {
-                match device.next(drivers::NO_DEADLINE) {
+                match device.next(sonoweave_core::NO_DEADLINE) {
                     Ok(Next::Reading(reading)) => {
                         if let Reading::Frame(frame) = &reading {
                             assert!(frame.pixels.len() as u64 <= limits.frame_bytes && frame.stamp.item < limits.items);
@@ -378,13 +388,13 @@ fn read_image(path: &std::path::Path, limits: &Limits) -> Vec<String> {
     said
 }
 
-/// An image file: MetaImage, NRRD or NIfTI, by its first bytes.
+/// Tests an image file: MetaImage, NRRD or NIfTI, by its first bytes.
 pub(crate) fn image(data: &[u8]) {
     let [choice, _, file @ ..] = data else { return };
     let folder = tempfile::tempdir().expect("there is room");
     let path = folder.path().join("a");
     std::fs::write(&path, file).expect("there is room");
-    // Pixels that a header may name.
+    // Pixel file that a header may name.
     std::fs::write(folder.path().join("a.raw"), [7; 24]).expect("there is room");
     let frame_bytes = if choice % 2 == 0 { 4096 } else { 16 };
     let limits = Limits { header_bytes: 1 << 16, frame_bytes, items: 256, transposed_bytes: 4096 };

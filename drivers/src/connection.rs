@@ -1,4 +1,5 @@
-//! Keeps a device on a line going: opened, set up, read, and all of it again when it goes away or falls silent.
+//! Keeps a device on a line connected: opens it, sets it up and reads it; repeats this after a
+//! loss or a silence.
 //!
 //! ```text
 //!            opened              set up               nothing for long
@@ -7,9 +8,11 @@
 //!    └───────────────────────┴──── gone ───────┴───────────────────────────┘
 //! ```
 //!
-//! What is said on the line is a [`Protocol`]'s, which neither waits nor reads a clock: it is told what came and says what to do next. So every ladder is tested without
-//! a line, and no call of [`Connection::next`] takes longer than its deadline, however long the setting-up takes; but a device that does not take what is sent to it
-//! is waited for.
+//! A [`Protocol`] defines the exchange on the line. It neither waits nor reads a clock: it
+//! receives bytes and returns the next step. Every set-up sequence can therefore be tested
+//! without a line. No call of [`Connection::next`] exceeds its deadline, however long the
+//! set-up takes. The exception is a device that does not accept the bytes sent to it: the call
+//! waits for that write.
 
 mod protocol;
 
@@ -17,20 +20,22 @@ use std::collections::VecDeque;
 use std::os::fd::BorrowedFd;
 use std::sync::Arc;
 
-pub use protocol::{Lost, Met, Protocol, Rung};
+pub use protocol::{Lost, Met, Protocol, SetupStep};
 
-use crate::clock::{Clock, MS};
-use crate::health::{Health, State};
-use crate::reading::{Raw, Reading, Stamp};
 use crate::transport::{LineError, Opener, Transport};
-use crate::{Description, Device, Error, Next};
+use sonoweave_core::clock::{Clock, MS};
+use sonoweave_core::health::{Health, State};
+use sonoweave_core::reading::{Raw, Reading, Stamp};
+use sonoweave_core::{Description, Device, Error, Next};
 
-/// Pause between two attempts to open a line, ns: a device that is plugged in is found within it.
+/// Pause between two attempts to open a line, ns: the time within which a newly plugged device
+/// is found.
 const RETRY: i64 = 200 * MS;
-/// Pause after a read that failed, ns, lest a line that fails at once is read without end.
+/// Pause after a failed read, ns, so that a line that fails at once is not polled in a busy
+/// loop.
 const TROUBLED: i64 = 2 * MS;
 
-/// Where the connection stands.
+/// State of the connection.
 enum Stage {
     Stopped,
     Absent {
@@ -38,11 +43,11 @@ enum Stage {
     },
     Climbing {
         line: Box<dyn Transport>,
-        rung: Rung,
+        rung: SetupStep,
         since_ns: i64,
         heard_ns: i64,
     },
-    /// `heard_ns`: the last reading; `read_ns`: the last time that the line was read.
+    /// `heard_ns`: time of the last reading; `read_ns`: time of the last read of the line.
     Running {
         line: Box<dyn Transport>,
         heard_ns: i64,
@@ -51,7 +56,7 @@ enum Stage {
     },
 }
 
-/// A device on a line, whatever it says.
+/// A device on a line, for any protocol.
 pub struct Connection<P> {
     opener: Box<dyn Opener>,
     clock: Arc<dyn Clock>,
@@ -61,24 +66,25 @@ pub struct Connection<P> {
     found: VecDeque<Reading>,
     buffer: Box<[u8]>,
     health: Health,
-    /// Lost before the last reset.
+    /// Losses before the last reset.
     before: Lost,
     raw_items: u64,
     items: u64,
 }
 
-/// What is to be done after a step.
+/// Action to take after a step.
 enum After {
-    /// Go on.
+    /// Continue.
     Same,
-    /// The line is to be set up from its first rung.
+    /// Set up the line again from its first step.
     Anew(Box<dyn Transport>),
-    /// The line is gone, or was never there.
+    /// The line is gone, or could not be opened.
     Gone(LineError),
 }
 
 impl<P: Protocol> Connection<P> {
-    /// Stopped. With `keeps_raw` each piece of what is received is a reading too, before those that it completes.
+    /// Creates a stopped connection. With `keeps_raw`, each received piece also becomes a
+    /// [`Reading::Raw`], before the readings that it completes.
     pub fn new(opener: Box<dyn Opener>, clock: Arc<dyn Clock>, protocol: P, keeps_raw: bool) -> Self {
         let buffer = vec![0; protocol.buffer_bytes()].into();
         Self {
@@ -96,17 +102,18 @@ impl<P: Protocol> Connection<P> {
         }
     }
 
-    /// The protocol, for what it knows of the device.
+    /// Returns the protocol, which holds the facts known about the device.
     pub fn protocol(&self) -> &P {
         &self.protocol
     }
 
-    /// The same, to ask something of the device while it runs.
+    /// Returns the protocol, to send the device a request while it runs.
     pub fn protocol_mut(&mut self) -> &mut P {
         &mut self.protocol
     }
 
-    /// What becomes readable when the device says something, so that several can be waited for at once; `None` while its line is not open, or is no file.
+    /// Returns a descriptor that becomes readable when the device sends data, for waiting on
+    /// several devices. `None` while the line is not open or has no descriptor.
     pub(crate) fn wakes_by(&self) -> Option<BorrowedFd<'_>> {
         match &self.stage {
             Stage::Climbing { line, .. } | Stage::Running { line, .. } => line.wakes_by(),
@@ -126,7 +133,7 @@ impl<P: Protocol> Connection<P> {
         }
     }
 
-    /// The first rung of an open line.
+    /// Starts the set-up sequence on an open line.
     fn begin(&mut self, line: Box<dyn Transport>) {
         let now_ns = self.clock.now_ns();
         let lost = self.protocol.lost();
@@ -136,28 +143,28 @@ impl<P: Protocol> Connection<P> {
         self.protocol.reset();
         let rung = self.protocol.climb(Met::Begin);
         self.stage = Stage::Climbing { line, rung, since_ns: now_ns, heard_ns: now_ns };
-        // A silent device stays silent, and an absent one absent by its reason, until it is set up.
+        // The states silent and absent, with their reasons, stay until the set-up succeeds.
         if self.health.state != State::Silent {
             self.health.enter(State::Starting, "", now_ns);
         }
     }
 
-    /// Does a rung, or as much of it as there is time for.
+    /// Performs one set-up step, or as much of it as the deadline allows.
     fn climb(&mut self, now_ns: i64, deadline_ns: i64) -> After {
         let Stage::Climbing { line, rung, since_ns, heard_ns } = &mut self.stage else { return After::Same };
         let mut kept = 0;
         let until = match rung {
-            Rung::Pause(ns) => *since_ns + *ns,
-            Rung::Hush { quiet_ns, at_most_ns } => (*heard_ns + *quiet_ns).min(*since_ns + *at_most_ns),
-            Rung::Listen(ns) => *since_ns + *ns,
+            SetupStep::Pause(ns) => *since_ns + *ns,
+            SetupStep::Hush { quiet_ns, at_most_ns } => (*heard_ns + *quiet_ns).min(*since_ns + *at_most_ns),
+            SetupStep::Listen(ns) => *since_ns + *ns,
             _ => now_ns,
         };
-        let waits = matches!(rung, Rung::Pause(_) | Rung::Hush { .. } | Rung::Listen(_));
+        let waits = matches!(rung, SetupStep::Pause(_) | SetupStep::Hush { .. } | SetupStep::Listen(_));
         let met = if waits && now_ns < until {
             let received = match line.read(&mut self.buffer, until.min(deadline_ns)) {
                 Ok(received) => received,
                 Err(error @ LineError::Gone(_)) => return After::Gone(error),
-                // Framing errors while the rate is still looked for.
+                // Framing errors are normal while the baud rate is still being searched.
                 Err(error) => {
                     tracing::debug!("{}: {error}", self.opener.name());
                     self.clock.wait_until(now_ns + TROUBLED);
@@ -169,31 +176,32 @@ impl<P: Protocol> Connection<P> {
                 return After::Same;
             }
             *heard_ns = received.at_ns;
-            if !matches!(rung, Rung::Listen(_)) {
+            if !matches!(rung, SetupStep::Listen(_)) {
                 return After::Same;
             }
             kept = received.bytes;
             Met::Heard(&self.buffer[..kept])
         } else {
             match rung {
-                Rung::Send(bytes) => match line.write(bytes) {
-                    // One that takes nothing is there: it answers nothing either, and counts as silent.
+                SetupStep::Send(bytes) => match line.write(bytes) {
+                    // A device that accepts no bytes is present; it will not answer either and
+                    // counts as silent.
                     Ok(()) | Err(LineError::Stuck) => Met::Done,
                     Err(error) => return After::Gone(error),
                 },
-                Rung::Baud(baud) => match line.set_baud(*baud) {
+                SetupStep::Baud(baud) => match line.set_baud(*baud) {
                     Ok(()) => Met::Done,
                     Err(error) => return After::Gone(error),
                 },
-                Rung::Hush { at_most_ns, .. } if now_ns >= *since_ns + *at_most_ns => Met::Noisy,
-                Rung::Hush { .. } => Met::Quiet,
-                Rung::Listen(_) => Met::Deaf,
+                SetupStep::Hush { at_most_ns, .. } if now_ns >= *since_ns + *at_most_ns => Met::Noisy,
+                SetupStep::Hush { .. } => Met::Quiet,
+                SetupStep::Listen(_) => Met::Deaf,
                 _ => Met::Done,
             }
         };
         match self.protocol.climb(met) {
-            Rung::More => {}
-            Rung::Top { keep } => {
+            SetupStep::More => {}
+            SetupStep::Top { keep } => {
                 self.health.received.set_up += 1;
                 let at_ns = *heard_ns;
                 let stage = std::mem::replace(&mut self.stage, Stage::Stopped);
@@ -205,7 +213,7 @@ impl<P: Protocol> Connection<P> {
                     self.take(kept, at_ns);
                 }
             }
-            Rung::Fall(why) => {
+            SetupStep::Fall(why) => {
                 let stage = std::mem::replace(&mut self.stage, Stage::Stopped);
                 self.health.enter(State::Silent, &format!("{}: {why}", self.opener.name()), now_ns);
                 if let Stage::Climbing { line, .. } = stage {
@@ -220,12 +228,13 @@ impl<P: Protocol> Connection<P> {
         After::Same
     }
 
-    /// Reads what a device says that was set up.
+    /// Reads from a device that has been set up.
     fn run(&mut self, now_ns: i64, deadline_ns: i64) -> After {
         let patience = self.protocol.patience_ns();
         let Stage::Running { line, heard_ns, read_ns, ask_ns } = &mut self.stage else { return After::Same };
         let silent_ns = *heard_ns + patience;
-        // After a while in which nobody asked, what has come meanwhile is heard first.
+        // After a pause of the caller, buffered data is read before the device counts as
+        // silent.
         let was_away = now_ns - *read_ns > patience / 2;
         if now_ns >= *ask_ns {
             match self.protocol.ask(now_ns) {
@@ -261,7 +270,8 @@ impl<P: Protocol> Connection<P> {
             }
             Err(error @ LineError::Gone(_)) => After::Gone(error),
             Err(error) => {
-                // What was damaged is told by the records; without an end to it the device is silent.
+                // The decoder counts damaged records; a line with endless errors counts as
+                // silent.
                 tracing::debug!("{}: {error}", self.opener.name());
                 self.clock.wait_until(now_ns + TROUBLED);
                 if may_wait { After::Same } else { self.fallen_silent(patience) }
@@ -269,7 +279,7 @@ impl<P: Protocol> Connection<P> {
         }
     }
 
-    /// A device that was set up has said nothing that makes sense for so long.
+    /// Handles a running device that sent nothing valid for `patience`, ns.
     fn fallen_silent(&mut self, patience: i64) -> After {
         let why = format!("{}: is open and has said nothing for {} ms", self.opener.name(), patience / MS);
         self.health.enter(State::Silent, &why, self.clock.now_ns());
@@ -285,7 +295,7 @@ impl<P: Protocol> Connection<P> {
         }
     }
 
-    /// Gives bytes of the buffer to the protocol. Whether there were readings in them.
+    /// Passes bytes of the buffer to the protocol. Returns whether they contained readings.
     fn take(&mut self, bytes: usize, at_ns: i64) -> bool {
         let bytes = &self.buffer[..bytes];
         if self.keeps_raw {
@@ -306,14 +316,14 @@ impl<P: Protocol> Connection<P> {
             if let Stage::Running { heard_ns, .. } = &mut self.stage {
                 *heard_ns = at_ns;
             }
-            // Running is what delivers: the last rung alone proves nothing.
+            // Only readings prove that the device runs; a completed set-up sequence does not.
             self.health.enter(State::Running, self.protocol.trouble(), at_ns);
         }
         makes_sense
     }
 }
 
-/// Gives readings the numbers that follow.
+/// Numbers readings consecutively, from `next`.
 pub(crate) fn number<'a>(readings: impl Iterator<Item = &'a mut Reading>, next: &mut u64) {
     for reading in readings {
         reading.stamp_mut().item = *next;
@@ -345,7 +355,7 @@ impl<P: Protocol> Device for Connection<P> {
     }
 
     fn next(&mut self, deadline_ns: i64) -> Result<Next, Error> {
-        // What has come already is found after the deadline, too: one look is always taken.
+        // Reads at least once, even after the deadline, so that data already received is found.
         let mut looked = false;
         loop {
             if let Some(reading) = self.found.pop_front() {

@@ -1,63 +1,70 @@
-//! From a stream of bytes, cut anywhere, to records with their place in the stream.
+//! Splits a byte stream, received in arbitrary pieces, into records with their positions in the
+//! stream.
 //!
-//! A wire format is a [`Format`]: a pure judge of the bytes in front of it. A [`Decoder`] gives it the stream in whatever pieces the transport
-//! delivers, holds back what is not yet a whole record, and counts what had to be skipped. There is no clock and no transport here: a record
-//! comes with its position in the stream, from which a driver that knows when which byte arrived derives the time of its first byte.
+//! A wire format implements [`Format`], which examines the bytes in front of it and has no side
+//! effects. A [`Decoder`] passes it the stream in the pieces that the transport delivers. The
+//! decoder keeps incomplete records and counts skipped bytes. This module uses no clock and no
+//! transport. Each record carries its position in the stream; a driver that knows each byte's
+//! arrival time derives the time of the record's first byte.
 //!
-//! The same bytes give the same records, positions and counts however they are cut. Nothing is allocated after a decoder was made, and what it
-//! holds never exceeds two windows of its format.
+//! The same bytes give the same records, positions and counts, however they are divided. The
+//! decoder allocates only when it is created; it buffers at most two windows of its format.
 
 use std::ops::Range;
 
-/// Judges bytes at the front of a stream.
+/// Examines the bytes at the front of a stream.
 ///
-/// The answer to a window must not change when more bytes follow it, unless it was [`Look::Short`]; and a window of [`window`](Self::window)
-/// bytes is never short. On a short window the state must stay as it was.
+/// The result for a window must not change when more bytes follow it, unless it was
+/// [`Look::Short`]. A window of [`window`](Self::window) bytes is never short. The state must
+/// not change on a short window.
 pub trait Format: 'static {
-    /// What a record says; may borrow from the bytes it was read from, and from the format where the numbers of the last record stay.
+    /// Content of a record; may borrow from the bytes read, and from the format, which keeps
+    /// the last record's values.
     type Record<'a>;
 
-    /// As many bytes as it can take at most to judge what begins at a byte.
+    /// Returns the largest number of bytes needed to judge the record at a position.
     fn window(&self) -> usize;
 
-    /// When garbage is followed by good bytes, every record that ends later than this many good bytes is found, and nothing else.
+    /// Returns the resynchronisation length, bytes. After garbage, every record that ends later
+    /// than this many good bytes is found, and nothing else.
     fn lock_bytes(&self) -> usize;
 
-    /// Judges what begins at the first byte of `window`, which is not empty.
+    /// Judges the record that begins at the first byte of `window`, which is not empty.
     fn look<'a>(&'a mut self, window: &'a [u8]) -> Look<Self::Record<'a>>;
 
-    /// The stream broke off: what was learnt from the bytes before it no longer holds.
+    /// Notifies the format that the stream was interrupted: state learnt from earlier bytes is
+    /// no longer valid.
     fn interrupted(&mut self) {}
 }
 
-/// What begins at the front of a window.
+/// Result of judging the front of a window.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Look<R> {
-    /// A whole record.
+    /// A complete record.
     Record {
-        /// Its bytes, at least 1.
+        /// Its length in bytes, at least 1.
         length: usize,
-        /// What it says.
+        /// Its content.
         record: R,
     },
-    /// Perhaps a record: more bytes will tell.
+    /// Possibly a record: more bytes are needed.
     Short,
-    /// No record: so many bytes, at least 1, belong to none.
+    /// No record: the first `bytes` bytes belong to none.
     Skip {
-        /// How many.
+        /// Number of bytes to skip, at least 1.
         bytes: usize,
-        /// Why.
+        /// Reason.
         why: Refusal,
     },
 }
 
 impl<R> Look<R> {
-    /// No record begins with this byte: the next may be the first of one.
+    /// Skips one byte: no record begins with it, but the next byte may begin one.
     pub const fn skip_byte(why: Refusal) -> Self {
         Self::Skip { bytes: 1, why }
     }
 
-    /// The same of a record made from this one.
+    /// Converts the record and keeps everything else.
     #[inline]
     pub fn map<S>(self, change: impl FnOnce(R) -> S) -> Look<S> {
         match self {
@@ -68,32 +75,32 @@ impl<R> Look<R> {
     }
 }
 
-/// Why bytes were not taken as a record.
+/// Reason why bytes were not accepted as a record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Refusal {
     /// No record of this format begins with such a byte. Counted in bytes only.
     Noise,
     /// A header that the device cannot have sent: an unknown station, type or tag.
     Header,
-    /// A length other than the one that the settings lead to, or no end where there has to be one.
+    /// A length that contradicts the settings, or a missing end.
     Length,
-    /// A field that does not read as what it should be.
+    /// A field that cannot be parsed.
     Field,
-    /// Numbers beyond what the device can measure, or an orientation that is none.
+    /// Values beyond the device's range, or an invalid orientation.
     Range,
-    /// A checksum that does not fit.
+    /// A wrong checksum.
     Checksum,
-    /// Well-formed, but not followed by a second record, while the decoder was still looking for the beginning of one.
+    /// Well-formed, but not followed by a second record while the decoder was synchronising.
     Unconfirmed,
 }
 
 impl Refusal {
-    /// All of them.
+    /// All reasons.
     pub const ALL: [Self; 7] =
         [Self::Noise, Self::Header, Self::Length, Self::Field, Self::Range, Self::Checksum, Self::Unconfirmed];
 }
 
-/// What a decoder could not use.
+/// Counts of data that a decoder could not use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Losses {
     /// Bytes that belong to no record.
@@ -102,12 +109,13 @@ pub struct Losses {
 }
 
 impl Losses {
-    /// How many times what began like a record was refused for this reason. Always 0 for [`Refusal::Noise`].
+    /// Returns how many candidate records were refused for this reason. Always 0 for
+    /// [`Refusal::Noise`].
     pub fn refused(&self, why: Refusal) -> u64 {
         self.refused[why as usize]
     }
 
-    /// How many times what began like a record was refused.
+    /// Returns how many candidate records were refused.
     pub fn refusals(&self) -> u64 {
         self.refused.iter().sum()
     }
@@ -125,26 +133,27 @@ impl Losses {
 pub struct Decoder<F> {
     format: F,
     window: usize,
-    /// Bytes of the stream that are not judged yet; fewer than two windows.
+    /// Bytes of the stream not yet judged; fewer than two windows.
     held: Vec<u8>,
-    /// Position in the stream of the first byte that is not judged yet.
+    /// Position in the stream of the first byte not yet judged.
     position: u64,
     losses: Losses,
 }
 
 impl<F: Format> Decoder<F> {
-    /// A decoder at the beginning of its stream.
+    /// Creates a decoder at the beginning of its stream.
     pub fn new(format: F) -> Self {
         let window = format.window();
         Self { format, window, held: Vec::with_capacity(2 * window), position: 0, losses: Losses::default() }
     }
 
-    /// Takes the next bytes of the stream and gives each record found, with the positions, counted in bytes from the beginning of the
-    /// stream, of its first byte and of the one behind its last.
+    /// Takes the next bytes of the stream and passes each record to `found`. The range is the
+    /// record's position, in bytes from the beginning of the stream, end exclusive.
     pub fn feed(&mut self, bytes: &[u8], found: &mut impl FnMut(F::Record<'_>, Range<u64>)) {
         let mut fresh = bytes;
         if !self.held.is_empty() {
-            // What begins in the bytes held may end in the fresh ones, within a window.
+            // A record that begins in the held bytes may end in the fresh ones, within one
+            // window.
             let held = self.held.len();
             let joined = fresh.len().min(2 * self.window - held);
             self.held.extend_from_slice(&fresh[..joined]);
@@ -163,17 +172,17 @@ impl<F: Format> Decoder<F> {
         self.held.extend_from_slice(&fresh[judged..]);
     }
 
-    /// What could not be used since the decoder was made.
+    /// Returns the losses since the decoder was created.
     pub fn losses(&self) -> Losses {
         self.losses
     }
 
-    /// Position in the stream of the next byte to be fed.
+    /// Returns the position in the stream of the next byte to be fed.
     pub fn position(&self) -> u64 {
         self.position + self.held.len() as u64
     }
 
-    /// Bytes that wait for more.
+    /// Returns the number of bytes that wait for more.
     pub fn pending(&self) -> usize {
         self.held.len()
     }
@@ -183,12 +192,13 @@ impl<F: Format> Decoder<F> {
         self.format.lock_bytes()
     }
 
-    /// The format, as it was given and with what it has learnt.
+    /// Returns the format, with the state it has learnt.
     pub fn format(&self) -> &F {
         &self.format
     }
 
-    /// The stream broke off (silence, a port opened again): bytes that waited for more are given up and counted.
+    /// Handles an interrupted stream (silence, a reopened port): pending bytes are discarded
+    /// and counted.
     pub fn interrupt(&mut self) {
         if !self.held.is_empty() {
             self.losses.count(self.held.len(), Refusal::Length);
@@ -198,7 +208,8 @@ impl<F: Format> Decoder<F> {
         self.format.interrupted();
     }
 
-    /// From here on the stream has another format (the device was given other settings): positions and counts go on.
+    /// Changes the format from here on, after the device received other settings; positions and
+    /// counts continue.
     pub fn reformat(&mut self, format: F) {
         self.interrupt();
         self.window = format.window();
@@ -207,7 +218,8 @@ impl<F: Format> Decoder<F> {
     }
 }
 
-/// Judges what begins in the first `begin_before` of `bytes`; returns how many bytes are done with.
+/// Judges records that begin in the first `begin_before` of `bytes`; returns how many bytes are
+/// done with.
 #[inline]
 fn judge<F: Format>(
     format: &mut F,

@@ -1,27 +1,31 @@
-//! Numbers in text of fixed columns and of fields, eight characters at a time.
+//! Parses numbers in fixed columns and in delimited fields, eight characters at a time.
 //!
-//! A tracker's text is mostly digits, and reading it a digit at a time is what would limit a decoder. The functions here look at eight bytes as
-//! one word: which are digits, where they end, what they amount to. Each is tested against a plain reading of the same characters.
+//! A tracker's text is mostly digits, so parsing digit by digit would limit the decoder's
+//! speed. The functions here treat eight bytes as one word: they find the digits, their end and
+//! their value. Tests compare each function with a plain parser of the same characters.
 
 const ONES: u64 = 0x0101_0101_0101_0101;
 const TOPS: u64 = 0x8080_8080_8080_8080;
 
-/// Bit 7 of each byte that is not an ASCII digit; `digits` is the text with `'0'` taken from each byte by exclusive or.
+/// Sets bit 7 of each byte that is not an ASCII digit; `digits` is the text with each byte
+/// XORed with `'0'`.
 fn not_digits(digits: u64) -> u64 {
-    // 0..=9 plus 0x76 stays below 0x80; everything else reaches or has bit 7.
+    // 0..=9 plus 0x76 stays below 0x80; every other value reaches bit 7 or has it set.
     (((digits & !TOPS) + 0x76 * ONES) | digits) & TOPS
 }
 
-/// Eight decimal digits as values, the first in the lowest byte.
+/// Converts eight decimal digit values to a number; the first digit is in the lowest byte.
 fn decimal(digits: u64) -> u32 {
     let pairs = (digits * 10 + (digits >> 8)) & 0x00ff_00ff_00ff_00ff;
     let fours = (pairs * 100 + (pairs >> 16)) & 0x0000_ffff_0000_ffff;
     ((fours * 10_000 + (fours >> 32)) & 0xffff_ffff) as u32
 }
 
-/// A number right-aligned in seven columns with `WHOLE` columns before the point: blanks, a sign or none, digits, point, digits.
+/// Parses a number right-aligned in seven columns, with `WHOLE` columns before the point:
+/// blanks, an optional sign, digits, point, digits.
 ///
-/// Returns whether it is negative and its digits without the point; a negative zero stays negative.
+/// Returns whether it is negative, and its digits without the point; a negative zero stays
+/// negative.
 #[inline]
 pub(crate) fn fixed_point<const WHOLE: u32>(field: [u8; 7]) -> Option<(bool, u32)> {
     let [a, b, c, d, e, f, g] = field;
@@ -30,9 +34,9 @@ pub(crate) fn fixed_point<const WHOLE: u32>(field: [u8; 7]) -> Option<(bool, u32
     let not_digits = not_digits(digits);
     let whole = (1_u64 << (8 * WHOLE)) - 1;
     let point = 0xff_u64 << (8 * WHOLE);
-    // Bytes before the first digit, all bits set.
+    // Bytes before the first digit, with all bits set.
     let lead = ((not_digits & whole) >> 7) * 0xff;
-    // Blanks there, but for a sign in the last of them.
+    // These bytes are blanks, except that the last may be a sign.
     let odd = (text ^ (ONES * u64::from(b' '))) & lead;
     let last = (lead ^ (lead >> 8)) & ONES;
     let minus = last * u64::from(b' ' ^ b'-');
@@ -50,16 +54,16 @@ pub(crate) fn fixed_point<const WHOLE: u32>(field: [u8; 7]) -> Option<(bool, u32
     Some((odd != 0 && odd == minus, decimal(joined << 16)))
 }
 
-/// Eight hexadecimal digits of either case.
+/// Parses eight hexadecimal digits of either case.
 #[inline]
 pub(crate) fn hex(field: [u8; 8]) -> Option<u32> {
     let text = u64::from_le_bytes(field);
     let digits = text ^ (ONES * u64::from(b'0'));
     let letters = not_digits(digits);
-    // Upper case becomes lower; of the digits this keeps what matters.
+    // Upper case becomes lower; the significant bits of digits stay.
     let lower = text | (ONES * 0x20);
     if letters != 0 {
-        // a..=f, as distance from a, must be below 6 wherever there is no digit.
+        // Each non-digit must be a..=f: its distance from 0x60 must be 1..=6.
         let marks = (letters >> 7) * 0xff;
         let distance = (lower ^ (ONES * 0x60)) & marks;
         // 1..=6 plus 0x79 stays below 0x80; 0 must not be.
@@ -76,7 +80,8 @@ pub(crate) fn hex(field: [u8; 8]) -> Option<u32> {
     Some(((fours << 16 | fours >> 32) & 0xffff_ffff) as u32)
 }
 
-/// The decimal digits at the front of `text`, as a number, and how many they are: 1 to 10, below 2³².
+/// Parses the decimal digits at the front of `text`. Returns their value, below 2³², and their
+/// number, 1 to 10.
 #[inline]
 pub(crate) fn unsigned(text: &[u8]) -> Option<(u32, usize)> {
     let eight = match text.first_chunk() {
@@ -90,7 +95,7 @@ pub(crate) fn unsigned(text: &[u8]) -> Option<(u32, usize)> {
     let digits = u64::from_le_bytes(eight) ^ (ONES * u64::from(b'0'));
     let not_digits = not_digits(digits);
     if not_digits == 0 {
-        // Two more at most.
+        // At most two more digits.
         let mut value = u64::from(decimal(digits));
         let mut count = 8;
         for &byte in text[8..].iter().take(3) {
@@ -115,7 +120,7 @@ mod tests {
 
     use super::*;
 
-    /// The same, a character at a time.
+    /// Parses the same field character by character.
     fn plain(field: &[u8; 7], whole: usize) -> Option<(bool, u32)> {
         let text = std::str::from_utf8(field).ok()?.trim_start_matches(' ');
         let (negative, text) = match text.as_bytes().first()? {
@@ -131,33 +136,33 @@ mod tests {
 
     proptest! {
         #[test]
-        fn columns_are_read_as_a_character_at_a_time(field in proptest::collection::vec("[ 0-9.+-]", 7)) {
+        fn fixed_point_of_column_characters_matches_plain(field in proptest::collection::vec("[ 0-9.+-]", 7)) {
             let field: [u8; 7] = field.concat().into_bytes().try_into().unwrap();
             prop_assert_eq!(fixed_point::<4>(field), plain(&field, 4));
             prop_assert_eq!(fixed_point::<2>(field), plain(&field, 2));
         }
 
         #[test]
-        fn any_bytes_are_read_as_a_character_at_a_time(field in any::<[u8; 7]>()) {
+        fn fixed_point_of_any_bytes_matches_plain(field in any::<[u8; 7]>()) {
             prop_assert_eq!(fixed_point::<4>(field), plain(&field, 4));
             prop_assert_eq!(fixed_point::<2>(field), plain(&field, 2));
         }
 
         #[test]
-        fn hexadecimal_is_read_as_a_character_at_a_time(field in prop_oneof!["[0-9a-fA-F]{8}", "[0-9a-gA-G@`:/]{8}", "[ -~]{8}"]) {
+        fn hex_of_text_matches_from_str_radix(field in prop_oneof!["[0-9a-fA-F]{8}", "[0-9a-gA-G@`:/]{8}", "[ -~]{8}"]) {
             let bytes: [u8; 8] = field.as_bytes().try_into().unwrap();
             let all = field.bytes().all(|byte| byte.is_ascii_hexdigit());
             prop_assert_eq!(hex(bytes), u32::from_str_radix(&field, 16).ok().filter(|_| all));
         }
 
         #[test]
-        fn any_bytes_are_hexadecimal_or_not(bytes in any::<[u8; 8]>()) {
+        fn hex_of_any_bytes_matches_from_str_radix(bytes in any::<[u8; 8]>()) {
             let text = std::str::from_utf8(&bytes).ok().filter(|text| text.bytes().all(|byte| byte.is_ascii_hexdigit()));
             prop_assert_eq!(hex(bytes), text.and_then(|text| u32::from_str_radix(text, 16).ok()));
         }
 
         #[test]
-        fn digits_are_read_up_to_where_they_end(number in prop_oneof!["[0-9]{0,12}", any::<u32>().prop_map(|number| number.to_string())], rest in "[,*\r -~]{0,9}") {
+        fn unsigned_stops_at_first_non_digit(number in prop_oneof!["[0-9]{0,12}", any::<u32>().prop_map(|number| number.to_string())], rest in "[,*\r -~]{0,9}") {
             let text = format!("{number}{rest}");
             let count = text.bytes().take_while(u8::is_ascii_digit).count();
             let expected = text[..count].parse().ok().filter(|_| count <= 10).map(|value: u32| (value, count));
@@ -165,7 +170,7 @@ mod tests {
         }
 
         #[test]
-        fn what_was_written_is_read(hundredths in -99_999_i32..=99_999) {
+        fn fixed_point_roundtrips_formatted_values(hundredths in -99_999_i32..=99_999) {
             let field: [u8; 7] = format!("{:7.2}", f64::from(hundredths) / 100.0).into_bytes().try_into().unwrap();
             prop_assert_eq!(fixed_point::<4>(field), Some((hundredths < 0, hundredths.unsigned_abs())));
             let field: [u8; 7] = format!("{:7.4}", f64::from(hundredths) / 1e4).into_bytes().try_into().unwrap();

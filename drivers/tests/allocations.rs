@@ -1,4 +1,5 @@
-//! Decoders allocate nothing once they are made: not for records, not for garbage, not for records cut anywhere.
+//! Decoders do not allocate after construction: not for records, nor garbage, nor divided
+//! records.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
 
@@ -7,21 +8,22 @@ use std::cell::Cell;
 
 use drivers::arm::{ea1, microscribe, qsb};
 use drivers::framing::{Decoder, Format};
-use drivers::polhemus::{fastrak, isotrak, liberty, viper};
+use drivers::tracker::polhemus::{fastrak, isotrak, liberty, viper};
 
 thread_local! {
     static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
 }
 
-/// The system's allocator, counting what each thread asks for.
+/// The system's allocator, counting each thread's requests.
 struct Counting;
 
 #[allow(unsafe_code, reason = "an allocator is unsafe by its trait; this one hands everything to the system's")]
-// SAFETY: every call is passed on unchanged to the system's allocator, which keeps the contract; counting touches a number of this thread only.
+// SAFETY: every call is passed unchanged to the system's allocator, which keeps the contract.
+// Counting accesses only a number of this thread.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         ALLOCATIONS.with(|count| count.set(count.get() + 1));
-        // SAFETY: the caller's promises are the system's conditions.
+        // SAFETY: the caller's promises are the system allocator's conditions.
         unsafe { System.alloc(layout) }
     }
 
@@ -40,12 +42,13 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-/// Good records with garbage among them, in pieces of many lengths: `records` are found, and nothing is allocated.
+/// Feeds good records with garbage between them, in pieces of many lengths. Checks that
+/// `records` are found per good part, and nothing is allocated.
 fn allocates_nothing<F: Format>(name: &str, format: F, good: &[u8], records: usize) {
     let mut stream = Vec::new();
     for round in 0..50_u8 {
         stream.extend(good.repeat(3));
-        // Too short to begin anything for long, and different every time.
+        // Too short to be the beginning of a record for long, and different every time.
         stream.extend([round, b'0', b'2', b'$', round ^ 0xff, b'L', b'V', b's', 0x83, 0xB0]);
     }
     let mut decoder = Decoder::new(format);
@@ -64,14 +67,14 @@ fn allocates_nothing<F: Format>(name: &str, format: F, good: &[u8], records: usi
 }
 
 #[test]
-fn the_count_counts() {
+fn allocator_counts_requests() {
     let before = ALLOCATIONS.with(Cell::get);
     let boxed = std::hint::black_box(Box::new(7));
     assert_eq!((ALLOCATIONS.with(Cell::get) - before, *boxed), (1, 7));
 }
 
 #[test]
-fn nothing_is_allocated_while_decoding() {
+fn decoding_allocates_nothing() {
     let written = |write: &dyn Fn(&mut Vec<u8>)| {
         let mut bytes = Vec::new();
         write(&mut bytes);
@@ -101,7 +104,7 @@ fn nothing_is_allocated_while_decoding() {
         let good = written(&|to| ea1::Record::Sample(sample).write(to));
         allocates_nothing("EA1", ea1::Ea1::or_bare_numbers(), &good, 1);
     }
-    // Its checksum in lower case: read with more care.
+    // The checksum is in lower case, which takes the slower path.
     allocates_nothing("EA1, unusual", ea1::Ea1::new(), b"$EA,42,1000000,1024,-300,65536,07*1e\r\n", 1);
     allocates_nothing("EA1's answers", ea1::Ea1::new(), &written(&|to| ea1::Record::Error(3).write(to)), 1);
     allocates_nothing("QSB", qsb::Qsb, b"s 0E FFFFFED4 00001234 !\r\ns0E00000001!\r\n", 2);
@@ -111,14 +114,14 @@ fn nothing_is_allocated_while_decoding() {
 }
 
 #[test]
-fn a_message_of_a_session_allocates_nothing_but_its_place_in_the_index() {
-    use drivers::reading::{Pose, Reading, Stamp, Status};
-    use drivers::recording::session::{SessionWriter, WriterOptions};
+fn session_message_allocates_only_its_index_entry() {
+    use formats::session::{SessionWriter, WriterOptions};
+    use sonoweave_core::reading::{Pose, Reading, Stamp, Status};
     let folder = tempfile::tempdir().unwrap();
     let mut session = SessionWriter::create(folder.path(), WriterOptions::new("a test")).unwrap();
-    let source = session.device("tracker", None, &drivers::Description::default(), None).unwrap();
+    let source = session.device("tracker", None, &sonoweave_core::Description::default(), None).unwrap();
     let mut write = |n: i64, apart_ns: i64| {
-        let at_ns = drivers::clock::SECOND * 1_000_000 + n * apart_ns;
+        let at_ns = sonoweave_core::clock::SECOND * 1_000_000 + n * apart_ns;
         let pose = Pose {
             stamp: Stamp { host_ns: Some(at_ns), ..Stamp::default() },
             station: 1,
@@ -131,11 +134,11 @@ fn a_message_of_a_session_allocates_nothing_but_its_place_in_the_index() {
         };
         session.write(source, &Reading::Pose(pose), at_ns).unwrap();
     };
-    // Chunks come and go, so that every buffer has its size.
+    // Several chunks pass, so that every buffer reaches its final size.
     (0..1000).for_each(|n| write(n, 10_000_000));
     let before = ALLOCATIONS.with(Cell::get);
     (0..4096).for_each(|n| write(n + 1_000_000, 10_000));
     let allocations = ALLOCATIONS.with(Cell::get) - before;
-    // The index of a chunk doubles: 4, 8, 16, … 4096 entries; and the chunk before was closed.
+    // A chunk's index doubles: 4, 8, 16, … 4096 entries; and the chunk before was closed.
     assert!(allocations < 60, "{allocations} for 4096 messages");
 }

@@ -1,4 +1,5 @@
-//! Every container holds the same: what is written into one reads back the same out of any, and pixels in a file of their own come and go with their header.
+//! Every container is equivalent: files written in any of them read back the same. Separate
+//! pixel files appear and disappear with their header.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
 
@@ -6,17 +7,19 @@ use std::fs;
 use std::io::Write as _;
 use std::path::Path;
 
-use drivers::reading::{NamedTransform, PixelType, Reading, Stamp, Status};
-use drivers::recording::image::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
-use drivers::recording::image::{About, Content, ELEMENT_SPACING, VolumeHeader, VolumeReader};
-use drivers::recording::{Limits, Replay, SequenceSettings};
-use drivers::{Device, Error, Next};
 use proptest::prelude::*;
+
+use drivers::replay::{Replay, SequenceSettings};
+use formats::Limits;
+use formats::image::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
+use formats::image::{About, Content, ELEMENT_SPACING, VolumeHeader, VolumeReader};
+use sonoweave_core::reading::{NamedTransform, PixelType, Reading, Stamp, Status};
+use sonoweave_core::{Device, Error, Next};
 
 const SEQUENCES: [&str; 5] = ["a.igs.mha", "a.mhd", "a.igs.nrrd", "a.seq.nrrd", "a.nhdr"];
 const VOLUMES: [&str; 4] = ["a.mha", "a.mhd", "a.nrrd", "a.nhdr"];
 
-/// Names of fields that mean nothing to a reader, and are not those of a format.
+/// Generates field names without a meaning to readers or formats.
 fn names() -> impl Strategy<Value = String> {
     prop::sample::subsequence(vec!["Operator", "Söite", "CustomFrameField", "a b", "X\\n", "Kernel"], 0..4)
         .prop_map(|names| names.join("|"))
@@ -118,19 +121,21 @@ fn check(path: &Path, header: &SequenceHeader) {
     device.start().unwrap();
     for (n, put) in header.items.iter().enumerate() {
         for transform in &put.transforms {
-            let Next::Reading(Reading::NamedTransform(got)) = device.next(drivers::NO_DEADLINE).unwrap() else {
+            let Next::Reading(Reading::NamedTransform(got)) = device.next(sonoweave_core::NO_DEADLINE).unwrap() else {
                 panic!("no transform")
             };
             assert_eq!((&got.from, &got.to, &got.status), (&transform.from, &transform.to, &transform.status));
             assert_eq!(got.matrix.map(f64::to_bits), transform.matrix.map(f64::to_bits));
         }
-        let Next::Reading(Reading::Frame(got)) = device.next(drivers::NO_DEADLINE).unwrap() else { panic!("no frame") };
+        let Next::Reading(Reading::Frame(got)) = device.next(sonoweave_core::NO_DEADLINE).unwrap() else {
+            panic!("no frame")
+        };
         assert_eq!(got.stamp, Stamp { item: n as u64, ..put.stamp });
         assert_eq!((got.frame_number, &got.status, &got.fields), (put.frame_number, &put.status, &put.fields));
         assert_eq!((&*got.orientation, &*got.image_type), (&*header.orientation, &*header.image_type));
         assert_eq!(*got.pixels, pixels(header, n));
     }
-    assert!(matches!(device.next(drivers::NO_DEADLINE).unwrap(), Next::End));
+    assert!(matches!(device.next(sonoweave_core::NO_DEADLINE).unwrap(), Next::End));
     let about = About::read(path, &Limits::default()).unwrap();
     assert_eq!((about.content, about.compressed), (Content::Sequence, header.compressed && images));
 }
@@ -139,7 +144,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 100, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn a_sequence_reads_back_the_same_from_every_container(header in sequence()) {
+    fn sequence_roundtrips_in_every_container(header in sequence()) {
         let folder = tempfile::tempdir().unwrap();
         for name in SEQUENCES {
             check(&folder.path().join(name), &header);
@@ -147,7 +152,7 @@ proptest! {
     }
 
     #[test]
-    fn a_volume_reads_back_the_same_from_every_container(
+    fn volume_roundtrips_in_every_container(
         size in [1..5_u32, 1..5_u32, 1..5_u32],
         spacing in prop::array::uniform3(1e-3..1e3),
         origin in prop::array::uniform3(-1e4..1e4),
@@ -192,7 +197,7 @@ fn read_slices(path: &Path) -> Result<(), Error> {
 }
 
 #[test]
-fn pixels_of_their_own_file_come_and_go_with_their_header() {
+fn separate_pixel_file_follows_its_header() {
     let folder = tempfile::tempdir().unwrap();
     let entries = || {
         let mut names: Vec<_> =
@@ -233,7 +238,7 @@ fn pixels_of_their_own_file_come_and_go_with_their_header() {
 }
 
 #[test]
-fn pixels_whose_header_cannot_take_its_name_are_taken_away_and_earlier_ones_come_back() {
+fn failed_rename_restores_earlier_pixels() {
     for (name, data) in [("s.mhd", "s.raw"), ("s.nhdr", "s.raw")] {
         let folder = tempfile::tempdir().unwrap();
         let (path, data) = (folder.path().join(name), folder.path().join(data));
@@ -243,7 +248,7 @@ fn pixels_whose_header_cannot_take_its_name_are_taken_away_and_earlier_ones_come
             writer.finish()
         };
         let count = || fs::read_dir(folder.path()).unwrap().count();
-        // A folder of the header's name is in its way.
+        // A folder with the header's name blocks it.
         fs::create_dir(&path).unwrap();
         let error = write(1).unwrap_err();
         assert!(matches!(&error, Error::Io { path: at, .. } if *at == path), "{error}");
@@ -251,7 +256,7 @@ fn pixels_whose_header_cannot_take_its_name_are_taken_away_and_earlier_ones_come
         fs::write(&data, [2; 12]).unwrap();
         write(3).unwrap_err();
         assert_eq!((fs::read(&data).unwrap(), count()), (vec![2; 12], 2), "{name}");
-        // One of the pixels' name is in theirs.
+        // A folder with the pixel file's name blocks the pixel file.
         fs::remove_dir(&path).unwrap();
         fs::remove_file(&data).unwrap();
         fs::create_dir(&data).unwrap();
@@ -266,7 +271,7 @@ fn pixels_whose_header_cannot_take_its_name_are_taken_away_and_earlier_ones_come
 }
 
 #[test]
-fn a_name_that_says_no_format_is_refused() {
+fn name_without_format_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     for name in ["a.png", "a", "a.seq.nrrd"] {
         let error =
@@ -288,7 +293,7 @@ fn put(path: &Path, header: &VolumeHeader) -> Vec<u8> {
 }
 
 #[test]
-fn a_nifti_reads_back_within_its_single_precision() {
+fn nifti_roundtrips_within_single_precision() {
     let folder = tempfile::tempdir().unwrap();
     let kinds = PixelType::ALL.map(|pixel| (pixel, 1)).into_iter().chain([(PixelType::U8, 3), (PixelType::U8, 4)]);
     for ((pixel, channels), name) in kinds.flat_map(|kind| [(kind, "v.nii"), (kind, "v.nii.gz")]) {
@@ -327,7 +332,7 @@ fn a_nifti_reads_back_within_its_single_precision() {
 }
 
 #[test]
-fn the_quaternion_of_a_nifti_says_what_its_matrix_says() {
+fn nifti_quaternion_matches_matrix() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("v.nii");
     for axes in [
@@ -359,7 +364,7 @@ fn the_quaternion_of_a_nifti_says_what_its_matrix_says() {
 }
 
 #[test]
-fn a_nifti_of_the_other_byte_order_and_of_scaled_values_is_read() {
+fn nifti_of_other_byte_order_and_scaling_is_read() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("v.nii");
     let header = VolumeHeader::new([2, 1, 1], PixelType::I16);
@@ -377,7 +382,7 @@ fn a_nifti_of_the_other_byte_order_and_of_scaled_values_is_read() {
         slice.as_chunks::<8>().0.iter().map(|word| f64::from_ne_bytes(*word)).collect::<Vec<_>>()
     };
     assert_eq!(values(&path), [-8.0, -13.0]);
-    // Every number of the header the other way round.
+    // Reverses the bytes of every number in the header.
     let words = [
         (0, 4, 1),
         (40, 2, 8),
@@ -398,7 +403,7 @@ fn a_nifti_of_the_other_byte_order_and_of_scaled_values_is_read() {
 }
 
 #[test]
-fn damaged_niftis_are_refused_by_field_and_byte() {
+fn damaged_nifti_is_refused_by_field_and_byte() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("v.nii");
     put(&path, &VolumeHeader::new([3, 2, 2], PixelType::U8));

@@ -1,5 +1,6 @@
-//! Damaged, hostile and contradictory files: a sentence that names file, field and offset; never a panic, never memory beyond the
-//! limits. And writers that fail leave nothing behind.
+//! Damaged, hostile and contradictory files give a sentence that names file, field and offset.
+//! They never cause a panic, nor memory use beyond the limits. Failing writers leave no files
+//! behind.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
 
@@ -7,19 +8,21 @@ use std::fs;
 use std::io::Write as _;
 use std::path::Path;
 
-use drivers::reading::{NamedTransform, PixelType, Reading, Stamp, Status};
-use drivers::recording::image::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
-use drivers::recording::image::{VolumeHeader, VolumeReader};
-use drivers::recording::{Limits, Replay, SequenceSettings};
-use drivers::{Device, Error, Next};
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use proptest::prelude::*;
 
+use drivers::replay::{Replay, SequenceSettings};
+use formats::Limits;
+use formats::image::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
+use formats::image::{VolumeHeader, VolumeReader};
+use sonoweave_core::reading::{NamedTransform, PixelType, Reading, Stamp, Status};
+use sonoweave_core::{Device, Error, Next};
+
 const EYE: &str = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1";
 const SMALL: Limits = Limits { header_bytes: 4096, frame_bytes: 4096, items: 64, transposed_bytes: 16_384 };
 
-/// A recording of three frames of 4×2, with all the fields that mean something.
+/// Returns a recording of three frames of 4×2, with all meaningful fields.
 fn recording(compressed: bool) -> Vec<u8> {
     let mut text = format!(
         "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nCompressedData = {}\nDimSize = 4 2 3\n\
@@ -51,7 +54,7 @@ fn deflated(pixels: &[u8]) -> Vec<u8> {
     encoder.finish().unwrap()
 }
 
-/// Reads all there is: the frames' pixels until the end or the first error.
+/// Reads everything: the frames' pixels until the end or the first error.
 fn read(path: &Path, limits: Limits) -> (Vec<Vec<u8>>, Result<(), Error>) {
     let mut frames = Vec::new();
     let mut device = match Replay::open(&SequenceSettings { limits, ..SequenceSettings::new(path) }) {
@@ -62,13 +65,13 @@ fn read(path: &Path, limits: Limits) -> (Vec<Vec<u8>>, Result<(), Error>) {
         return (frames, Err(error));
     }
     loop {
-        match device.next(drivers::NO_DEADLINE) {
+        match device.next(sonoweave_core::NO_DEADLINE) {
             Ok(Next::Reading(Reading::Frame(frame))) => frames.push(frame.pixels.to_vec()),
             Ok(Next::Reading(_)) => {}
             Ok(Next::Pending) => panic!("a file never waits"),
             Ok(Next::End) => return (frames, Ok(())),
             Err(error) => {
-                let after = device.next(drivers::NO_DEADLINE);
+                let after = device.next(sonoweave_core::NO_DEADLINE);
                 assert!(matches!(after, Err(Error::Misuse(_))), "no reading follows an error: {after:?}");
                 return (frames, Err(error));
             }
@@ -103,7 +106,7 @@ fn offset(compressed: bool, field: &str) -> usize {
 }
 
 #[test]
-fn refusals_name_file_field_and_offset_and_say_what_to_do() {
+fn refusal_names_file_field_offset_and_remedy() {
     let cases = [
         (EYE, "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0", "Seq_Frame0000_ProbeToTrackerTransform", "holds 15 numbers"),
         (EYE, "1 0 0 0 0 one 0 0 0 0 1 0 0 0 0 1", "Seq_Frame0000_ProbeToTrackerTransform", "\"one\", number 6 of 16"),
@@ -134,7 +137,7 @@ fn refusals_name_file_field_and_offset_and_say_what_to_do() {
 }
 
 #[test]
-fn claims_beyond_the_limits_are_refused_before_anything_is_allocated() {
+fn claims_beyond_limits_are_refused_before_allocation() {
     let cases = [
         ("DimSize = 100000 100000 10", "size of one frame in bytes is 20000000000, more than the limit of 4096"),
         ("DimSize = 4 2 1000000000000000", "number of frames is 1000000000000000, more than the limit of 64"),
@@ -151,13 +154,13 @@ fn claims_beyond_the_limits_are_refused_before_anything_is_allocated() {
     assert!(
         sentence(&recording(false), header).contains("the header's size in bytes is 101, more than the limit of 100")
     );
-    // Within the default limits, but a gigabyte cannot be in a few bytes.
+    // Within the default limits, but a few bytes cannot hold a gigabyte.
     let text = sentence(&replaced(true, "DimSize = 4 2 3", "DimSize = 4096 8192 16"), Limits::default());
     assert!(text.contains("compressed bytes of data in the file can hold"), "{text}");
 }
 
 #[test]
-fn a_decompression_bomb_is_not_inflated() {
+fn decompression_bomb_is_not_inflated() {
     let mut encoder = ZlibEncoder::new(Vec::new(), Compression::best());
     for _ in 0..256 {
         encoder.write_all(&vec![0; 1 << 20]).unwrap();
@@ -181,7 +184,7 @@ fn a_decompression_bomb_is_not_inflated() {
 }
 
 #[test]
-fn a_file_cut_anywhere_is_an_error_and_what_came_before_is_right() {
+fn cut_file_gives_valid_frames_then_error() {
     for compressed in [false, true] {
         let whole = recording(compressed);
         let pixels: Vec<u8> = (0..48).collect();
@@ -197,7 +200,7 @@ fn a_file_cut_anywhere_is_an_error_and_what_came_before_is_right() {
 }
 
 #[test]
-fn a_compressed_stream_damaged_under_an_honest_header_is_refused_with_its_frame() {
+fn damaged_compressed_stream_is_refused_with_frame() {
     let mut whole = recording(true);
     let last = whole.len() - 1;
     whole[last] ^= 0x40;
@@ -257,7 +260,7 @@ fn one_frame(path: &Path) -> (SequenceHeader, Result<SequenceWriter, Error>) {
 }
 
 #[test]
-fn an_unfinished_file_leaves_nothing_and_what_was_there_stays() {
+fn unfinished_file_leaves_target_unchanged() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("s.mha");
     fs::write(&path, "before").unwrap();
@@ -297,7 +300,7 @@ fn an_unfinished_file_leaves_nothing_and_what_was_there_stays() {
 
 #[cfg(unix)]
 #[test]
-fn a_written_file_has_the_rights_of_any_new_file() {
+fn written_file_has_default_permissions() {
     use std::os::unix::fs::PermissionsExt;
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("s.mha");
@@ -311,7 +314,7 @@ fn a_written_file_has_the_rights_of_any_new_file() {
 }
 
 #[test]
-fn what_would_not_read_back_the_same_is_not_written() {
+fn header_without_roundtrip_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("s.mha");
     let refused = |change: &dyn Fn(&mut SequenceHeader), says: &str| {

@@ -1,4 +1,5 @@
-//! Bytes that were found by fuzzing or written down as its beginnings, tried again by the functions that `make fuzz` tries them with.
+//! Repeats the fuzzing corpus, of found inputs and hand-written seeds, with the functions of
+//! `make fuzz`.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot be set up has failed")]
 
@@ -10,10 +11,10 @@ mod targets;
 use std::path::Path;
 
 #[test]
-fn every_input_of_the_corpus_does_no_harm() {
+fn corpus_inputs_never_panic() {
     corpus::each(&Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz"), &targets::ALL, |target, input| {
         target(input);
-        // Shorter by a byte at either end, and with other settings and cuts.
+        // Also one byte shorter, and with other settings and divisions.
         target(&input[..input.len().saturating_sub(1)]);
         for choice in 0..=255 {
             let mut other = input.to_vec();

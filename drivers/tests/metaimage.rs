@@ -1,5 +1,5 @@
-//! MetaImage through the public interface: what is written reads back the same, what is odd but right is read, and the replay device keeps
-//! its contract.
+//! MetaImage through the public interface: written files read back the same, unusual but valid
+//! files are read, and the replay device keeps its contract.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
 
@@ -8,21 +8,23 @@ use std::io::Write as _;
 use std::path::Path;
 use std::sync::Arc;
 
-use drivers::clock::{Clock, MS, Monotonic};
-use drivers::reading::{Frame, NamedTransform, PixelType, Reading, Stamp, Status};
-use drivers::recording::image::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
-use drivers::recording::image::{About, Content, VolumeHeader, VolumeReader, content};
-use drivers::recording::{Limits, Pace, Replay, SequenceDriver, SequenceSettings};
-use drivers::{Device, Driver, Error, Next, OpenSettings};
+use drivers::replay::{Pace, Replay, SequenceDriver, SequenceSettings};
+use drivers::{Driver, OpenSettings};
+use formats::Limits;
+use formats::image::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
+use formats::image::{About, Content, VolumeHeader, VolumeReader, content};
+use sonoweave_core::clock::{Clock, MS, Monotonic};
+use sonoweave_core::reading::{Frame, NamedTransform, PixelType, Reading, Stamp, Status};
+use sonoweave_core::{Device, Error, Next};
 
 const EYE: [f64; 16] = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
 const EYE_TEXT: &str = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1";
 
-/// All readings of a device, which must be started.
+/// Reads all remaining readings of a started device.
 fn drain(device: &mut dyn Device) -> Result<Vec<Reading>, Error> {
     let mut readings = Vec::new();
     loop {
-        match device.next(drivers::NO_DEADLINE)? {
+        match device.next(sonoweave_core::NO_DEADLINE)? {
             Next::Reading(reading) => readings.push(reading),
             Next::End => return Ok(readings),
             Next::Pending => panic!("a file never waits"),
@@ -53,7 +55,7 @@ fn noise(bytes: usize) -> Vec<u8> {
     (0..bytes).map(|_| next()).collect()
 }
 
-/// Two frames of 5×3, the second with odd numbers everywhere.
+/// Returns two frames of 5×3, the second with unusual values everywhere.
 fn sample(pixel: PixelType, channels: u32, compressed: bool) -> SequenceHeader {
     let transform = |from: &str, to: &str, matrix, status| NamedTransform {
         stamp: Stamp::default(),
@@ -111,7 +113,7 @@ fn write(path: &Path, header: &SequenceHeader, pixels: &[u8]) {
 }
 
 #[test]
-fn a_sequence_reads_back_the_same_for_every_type_and_packing() {
+fn sequence_roundtrips_for_every_type_and_packing() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("s.igs.mha");
     for pixel in PixelType::ALL {
@@ -143,7 +145,7 @@ fn a_sequence_reads_back_the_same_for_every_type_and_packing() {
 }
 
 #[test]
-fn a_sequence_without_images_reads_back() {
+fn sequence_without_images_roundtrips() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.mha");
     let header = SequenceHeader { size: [0, 0], compressed: true, ..sample(PixelType::U8, 1, true) };
@@ -157,7 +159,7 @@ fn a_sequence_without_images_reads_back() {
 }
 
 #[test]
-fn the_description_names_everything_the_header_says_of_the_whole() {
+fn description_holds_all_global_header_values() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("s.mha");
     write(&path, &sample(PixelType::U16, 2, false), &noise(120));
@@ -172,32 +174,34 @@ fn the_description_names_everything_the_header_says_of_the_whole() {
 }
 
 #[test]
-fn a_replay_begins_anew_and_keeps_its_states_apart() {
+fn replay_restarts_and_checks_its_state() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("s.mha");
     let pixels = noise(30);
     write(&path, &sample(PixelType::U8, 1, true), &pixels);
     let mut device = Replay::open(&SequenceSettings::new(&path)).unwrap();
-    assert!(matches!(device.next(drivers::NO_DEADLINE), Err(Error::Misuse(text)) if text.contains("start it first")));
+    assert!(
+        matches!(device.next(sonoweave_core::NO_DEADLINE), Err(Error::Misuse(text)) if text.contains("start it first"))
+    );
     device.start().unwrap();
     assert!(matches!(device.start(), Err(Error::Misuse(text)) if text.contains("stop it first")));
     for _ in 0..3 {
-        assert!(matches!(device.next(drivers::NO_DEADLINE).unwrap(), Next::Reading(_)));
+        assert!(matches!(device.next(sonoweave_core::NO_DEADLINE).unwrap(), Next::Reading(_)));
     }
     device.stop().unwrap();
-    assert!(matches!(device.next(drivers::NO_DEADLINE), Err(Error::Misuse(_))));
+    assert!(matches!(device.next(sonoweave_core::NO_DEADLINE), Err(Error::Misuse(_))));
     for _ in 0..2 {
         device.start().unwrap();
         let readings = drain(&mut device).unwrap();
         let got: Vec<u8> = frames(&readings).iter().flat_map(|frame| frame.pixels.to_vec()).collect();
         assert_eq!(got, pixels);
-        assert!(matches!(device.next(drivers::NO_DEADLINE).unwrap(), Next::End), "the end stays the end");
+        assert!(matches!(device.next(sonoweave_core::NO_DEADLINE).unwrap(), Next::End), "the end stays the end");
         device.stop().unwrap();
     }
 }
 
 #[test]
-fn frames_that_are_dropped_give_their_memory_to_the_next() {
+fn dropped_frames_memory_is_reused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("s.mha");
     let mut header = sample(PixelType::U8, 1, true);
@@ -207,7 +211,7 @@ fn frames_that_are_dropped_give_their_memory_to_the_next() {
     device.start().unwrap();
     let mut addresses = std::collections::HashSet::new();
     let mut held: Option<Arc<[u8]>> = None;
-    while let Next::Reading(reading) = device.next(drivers::NO_DEADLINE).unwrap() {
+    while let Next::Reading(reading) = device.next(sonoweave_core::NO_DEADLINE).unwrap() {
         if let Reading::Frame(frame) = reading {
             addresses.insert(frame.pixels.as_ptr());
             held = Some(frame.pixels);
@@ -218,7 +222,7 @@ fn frames_that_are_dropped_give_their_memory_to_the_next() {
 }
 
 #[test]
-fn without_images_no_pixel_is_read() {
+fn replay_without_images_reads_no_pixels() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("s.mha");
     write(&path, &sample(PixelType::U8, 1, true), &noise(30));
@@ -237,7 +241,7 @@ fn without_images_no_pixel_is_read() {
 }
 
 #[test]
-fn at_its_own_pace_a_sequence_takes_its_time() {
+fn replay_in_real_time_takes_recorded_duration() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("s.mha");
     write(&path, &sample(PixelType::U8, 1, true), &noise(30));
@@ -266,7 +270,7 @@ fn at_its_own_pace_a_sequence_takes_its_time() {
 }
 
 #[test]
-fn odd_but_right_headers_are_read() {
+fn unusual_valid_headers_are_read() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("s.mha");
     let crlf = format!(
@@ -290,7 +294,7 @@ fn odd_but_right_headers_are_read() {
 }
 
 #[test]
-fn a_volume_reads_back_the_same_raw_and_compressed() {
+fn volume_roundtrips_raw_and_compressed() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("v.mha");
     for pixel in PixelType::ALL {
@@ -332,7 +336,7 @@ fn a_volume_reads_back_the_same_raw_and_compressed() {
 }
 
 #[test]
-fn volumes_are_refused_where_they_are_none() {
+fn invalid_volumes_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("v.mha");
     let refused = |text: &str, says: &str| {
@@ -355,7 +359,7 @@ fn volumes_are_refused_where_they_are_none() {
     refused(&format!("{head}TransformMatrix = 1 0 0 1\n{end}"), "must hold exactly 9");
 }
 
-/// A sequence of two frames of 3×1 pixels with two channels, as text of that type.
+/// Returns the header of a text sequence: two frames of 3×1 pixels with two channels.
 fn as_text(pixel: &str, data_file: &str) -> String {
     format!(
         "ObjectType = Image\nNDims = 3\nBinaryData = False\nCompressedData = False\nDimSize = 3 1 2\nKinds = domain domain list\n\
@@ -364,14 +368,15 @@ fn as_text(pixel: &str, data_file: &str) -> String {
 }
 
 #[test]
-fn numbers_written_as_text_are_read_of_every_type_beside_the_header_and_behind_it() {
+fn text_pixels_are_read_for_every_type_and_location() {
     let folder = tempfile::tempdir().unwrap();
     let (path, data) = (folder.path().join("t.mhd"), folder.path().join("t.txt"));
     let values: [i8; 12] = [1, 0, 100, 2, 127, 3, 64, 99, 5, 6, 7, 8];
     for pixel in PixelType::ALL {
         let signed = !matches!(pixel, PixelType::U8 | PixelType::U16 | PixelType::U32 | PixelType::U64);
         let value = |n: usize| if signed && n % 3 == 1 { -values[n] } else { values[n] };
-        // As MetaIO writes them, a space behind each; as people do; and in the spelling of double precision.
+        // Three spellings: MetaIO's, with a space after each number; a hand-written one; and
+        // double precision.
         let plain: String = (0..12).map(|n| format!("{} ", value(n))).collect();
         let lines: String =
             (0..12).map(|n| format!("{}{}", value(n), if n % 4 == 3 { "\r\n" } else { ", " })).collect();
@@ -388,7 +393,7 @@ fn numbers_written_as_text_are_read_of_every_type_beside_the_header_and_behind_i
             .collect();
         for text in [plain, lines, spelled.join("\n")] {
             for local in [true, false] {
-                // Where the pixels lie, and as whom a volume of the same file reads them.
+                // The same file must also be readable as a volume.
                 let head = as_text(&element_type(pixel), if local { "LOCAL" } else { "t.txt" });
                 fs::write(&data, &text).unwrap();
                 fs::write(&path, format!("{head}{}", if local { &*text } else { "" })).unwrap();
@@ -407,7 +412,7 @@ fn numbers_written_as_text_are_read_of_every_type_beside_the_header_and_behind_i
     }
 }
 
-/// The name that MetaImage has for a type, as the writer has it.
+/// Returns the type name that the MetaImage writer uses.
 fn element_type(pixel: PixelType) -> String {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("v.mha");
@@ -420,7 +425,7 @@ fn element_type(pixel: PixelType) -> String {
 }
 
 #[test]
-fn text_that_is_too_short_too_long_or_no_numbers_is_refused_where_it_is() {
+fn invalid_text_pixels_are_refused_with_location() {
     let folder = tempfile::tempdir().unwrap();
     let (path, data) = (folder.path().join("t.mhd"), folder.path().join("t.txt"));
     let head = as_text("MET_SHORT", "LOCAL");

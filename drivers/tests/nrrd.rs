@@ -1,4 +1,5 @@
-//! NRRD through the public interface: files as others write them, whole or refused with what is wrong.
+//! NRRD through the public interface: files of other programs are read, or refused with the
+//! fault.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
 
@@ -8,14 +9,16 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use drivers::reading::{Frame, PixelType, Reading, Status};
-use drivers::recording::image::write::VolumeWriter;
-use drivers::recording::image::{About, Content, VolumeHeader, VolumeReader};
-use drivers::recording::{Limits, Progress, Replay, SequenceSettings};
-use drivers::{Device, Error, Next};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use proptest::prelude::*;
+
+use drivers::replay::{Progress, Replay, SequenceSettings};
+use formats::Limits;
+use formats::image::write::VolumeWriter;
+use formats::image::{About, Content, VolumeHeader, VolumeReader};
+use sonoweave_core::reading::{Frame, PixelType, Reading, Status};
+use sonoweave_core::{Device, Error, Next};
 
 fn gzip(bytes: &[u8]) -> Vec<u8> {
     let mut encoder = GzEncoder::new(Vec::new(), Compression::fast());
@@ -27,7 +30,7 @@ fn read(settings: &SequenceSettings) -> Result<Vec<Reading>, Error> {
     let mut device = Replay::open(settings)?;
     device.start()?;
     let mut readings = Vec::new();
-    while let Next::Reading(reading) = device.next(drivers::NO_DEADLINE)? {
+    while let Next::Reading(reading) = device.next(sonoweave_core::NO_DEADLINE)? {
         readings.push(reading);
     }
     Ok(readings)
@@ -38,7 +41,7 @@ fn frames(path: &Path) -> Result<Vec<Frame>, Error> {
     Ok(read(&SequenceSettings::new(path))?.into_iter().filter_map(only).collect())
 }
 
-/// Writes a file of that header and data into a folder of its own and asks what is read.
+/// Writes a file with that header and data into a new folder, and passes its path to `then`.
 fn of<T>(header: &str, data: &[u8], then: impl FnOnce(&Path) -> T) -> T {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.nrrd");
@@ -81,7 +84,7 @@ fn check(path: &Path) {
 }
 
 #[test]
-fn every_encoding_holds_the_same_pixels() {
+fn every_encoding_gives_same_pixels() {
     let data = big(VALUES.concat());
     of(&format!("{HEAD}\n"), &data, check);
     of(&format!("{}\n", HEAD.replace("raw", "gzip")), &gzip(&data), check);
@@ -97,7 +100,7 @@ fn every_encoding_holds_the_same_pixels() {
 }
 
 #[test]
-fn data_may_lie_in_a_file_beside_the_header() {
+fn data_in_file_beside_header_is_read() {
     let folder = tempfile::tempdir().unwrap();
     fs::create_dir(folder.path().join("pixels")).unwrap();
     let path = folder.path().join("a.nhdr");
@@ -134,8 +137,8 @@ fn data_may_lie_in_a_file_beside_the_header() {
 }
 
 #[test]
-fn a_list_that_is_the_first_axis_is_turned_within_its_limit() {
-    // Pixel by pixel, the frames side by side.
+fn list_on_first_axis_is_transposed_within_limit() {
+    // Frames interleaved pixel by pixel.
     let data: Vec<u16> = (0..6).flat_map(|pixel| VALUES.map(|frame| frame[pixel])).collect();
     let head = HEAD.replace("3 2 2", "2 3 2").replace("domain domain list", "list domain domain");
     of(&format!("{head}\n"), &big(data.clone()), check);
@@ -158,7 +161,7 @@ fn a_list_that_is_the_first_axis_is_turned_within_its_limit() {
         assert!(matches!(error, Error::Limit { value: 24, limit: 23, .. }), "{error}");
         assert!(error.to_string().contains("field sizes (byte 35): the list of frames is the first axis"), "{error}");
     });
-    // With channels before it, and larger than what is turned at once.
+    // Also with channels before the list, and larger than one transposed block.
     let (frames_of, width, height) = (70_usize, 130_usize, 3_usize);
     let value = |frame: usize, x: usize, y: usize, c: usize| (frame * 7 + x * 3 + y * 31 + c * 101) as u8;
     let mut data = Vec::new();
@@ -183,7 +186,7 @@ fn a_list_that_is_the_first_axis_is_turned_within_its_limit() {
 }
 
 #[test]
-fn items_have_the_times_of_their_axis_and_the_fields_of_their_keys() {
+fn items_get_axis_times_and_key_fields() {
     let slicer = "NRRD0005\ntype: unsigned char\ndimension: 4\nspace: left-posterior-superior\nsizes: 1 1 1 3\n\
                   space directions: (1,0,0) (0,1,0) (0,0,1) none\nkinds: domain domain domain list\nlabels: \"\" \"\" \"\" \"time\"\n\
                   units: \"\" \"\" \"\" \"ms\"\nencoding: raw\nspace origin: (0,0,0)\nDataNodeClassName:=vtkMRMLScalarVolumeNode\n\
@@ -207,7 +210,7 @@ fn items_have_the_times_of_their_axis_and_the_fields_of_their_keys() {
 }
 
 #[test]
-fn a_file_without_images_is_read() {
+fn file_without_images_is_read() {
     let eye = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1";
     let head = format!(
         "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 0 0 2\nkinds: domain domain list\n\
@@ -227,7 +230,7 @@ fn a_file_without_images_is_read() {
 }
 
 #[test]
-fn colours_and_single_images_and_volumes_are_told_by_their_kinds() {
+fn kinds_select_colour_image_or_volume() {
     let head = |dimension: u32, sizes: &str, kinds: &str| {
         format!("NRRD0001\ntype: uint8\ndimension: {dimension}\nsizes: {sizes}\nkinds: {kinds}\nencoding: raw\n\n")
     };
@@ -249,7 +252,7 @@ fn colours_and_single_images_and_volumes_are_told_by_their_kinds() {
 }
 
 #[test]
-fn what_cannot_be_read_is_refused_by_field_and_byte() {
+fn unsupported_files_are_refused_by_field_and_byte() {
     let with = |from: &str, to: &str| format!("{}\n", HEAD.replace(from, to));
     let data = big(VALUES.concat());
     for (header, says) in [
@@ -307,7 +310,7 @@ fn what_cannot_be_read_is_refused_by_field_and_byte() {
     assert!(text.contains("more numbers follow"), "{text}");
 }
 
-/// Files that a flipped bit is to make nonsense of.
+/// Returns an intact file, in which the test flips bits.
 fn whole(choice: usize) -> Vec<u8> {
     let data = big(VALUES.concat());
     let keys = "axis 2 item 0 Note:=a\\nb\nSeq_Frame0000_AToBTransform:=1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\naxis 2 item 1 Note:=\n\n";

@@ -1,39 +1,42 @@
-//! Recordings of real scanners and trackers, read whole. They are not part of the project: a test looks for them in `../shared/data` beside the
-//! workspace or in the folder named by `SONOWEAVE_TEST_DATA`, and where one is absent it is reported as ignored, by name.
+//! Reads recordings of real scanners and trackers completely. They are not part of the project:
+//! a test looks for them in `../shared/data` beside the workspace or in the folder named by
+//! `SONOWEAVE_TEST_DATA`. A test with an absent recording is reported as ignored, by name.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-use drivers::reading::{Frame, PixelType, Reading, Status};
-use drivers::recording::image::write::VolumeWriter;
-use drivers::recording::image::{Content, VolumeReader, content};
-use drivers::recording::{Limits, Replay, SequenceSettings};
-use drivers::{Device, Next};
 use libtest_mimic::{Arguments, Completion, Failed, Trial};
+
+use drivers::replay::{Replay, SequenceSettings};
+use formats::Limits;
+use formats::image::write::VolumeWriter;
+use formats::image::{Content, VolumeReader, content};
+use sonoweave_core::reading::{Frame, PixelType, Reading, Status};
+use sonoweave_core::{Device, Next};
 
 fn folder() -> PathBuf {
     std::env::var_os("SONOWEAVE_TEST_DATA")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"), PathBuf::from)
 }
 
-/// What is known of a sequence file, from a reading of it by other means.
+/// Known properties of a sequence file, determined by other means.
 struct Known {
     file: &'static str,
     items: u64,
-    /// Of an image; 0×0 without images.
+    /// Size of an image; 0×0 without images.
     size: [u32; 2],
     pixel: PixelType,
-    /// Frames that each transform maps between, and how many of its items are not OK.
+    /// Source and target frame of each transform, and the number of its items that are not OK.
     transforms: &'static [(&'static str, &'static str, usize)],
     /// First and last time, s.
     times: [f64; 2],
-    /// Items with an unfiltered time and a frame number.
+    /// Number of items with an unfiltered time and a frame number.
     numbered: usize,
     images_not_ok: usize,
     orientation: &'static str,
     image_type: &'static str,
-    /// Of all pixels as little-endian bytes.
+    /// Checksum of all pixels as little-endian bytes.
     adler: u32,
 }
 
@@ -192,7 +195,7 @@ const KNOWN: [Known; 14] = [
     },
 ];
 
-/// Volumes that another program reconstructed: file, size, origin in mm.
+/// Volumes reconstructed by another program: file, size, origin in mm.
 const VOLUMES: [(&str, [u32; 3], [f64; 3]); 2] = [
     ("freehand/vtkVolumeReconstructorTestNNMEANvolumeRef.mha", [147, 106, 105], [-74.5217, 165.573, 29.072]),
     ("freehand/vtkVolumeReconstructorTestLNMEANvolumeRef.mha", [80, 93, 98], [-57.0272, 168.545, 30.5384]),
@@ -201,7 +204,7 @@ const VOLUMES: [(&str, [u32; 3], [f64; 3]); 2] = [
 const NRRDS: [&str; 3] =
     ["freehand/NwirePhantomFreehand.igs.nrrd", "formats/ColorNrrdSample.igs.nrrd", "formats/NrrdSample.igs.nrrd"];
 
-/// Sums of the NRRDs' pixels, by zlib in Python.
+/// Adler checksums of the NRRDs' pixels, computed with zlib in Python.
 const COLOUR: u32 = 0xf839_f03b;
 const SINGLE: u32 = 0x7a6b_8156;
 
@@ -241,14 +244,14 @@ impl Adler {
     }
 }
 
-/// Sums of what a whole replay delivered.
+/// Sums over the readings of a whole replay.
 #[derive(Default)]
 struct Seen {
     frames: u64,
     numbered: usize,
     images_not_ok: usize,
     times: Vec<f64>,
-    /// For each pair of frames: how often, and how often not OK.
+    /// For each pair of frames: the number of transforms, and of those that are not OK.
     transforms: BTreeMap<(String, String), (u64, usize)>,
 }
 
@@ -263,10 +266,10 @@ fn sequence(path: &Path, known: &Known) -> Result<(), Failed> {
     let mut seen = Seen::default();
     let mut adler = Adler(1, 0);
     loop {
-        match device.next(drivers::NO_DEADLINE)? {
+        match device.next(sonoweave_core::NO_DEADLINE)? {
             Next::Reading(Reading::Frame(frame)) => {
                 check_frame(&frame, known, &mut seen);
-                // The file's order of bytes; no recording here is big-endian.
+                // The file's byte order; no recording here is big-endian.
                 let mut stored = frame.pixels.to_vec();
                 if cfg!(target_endian = "big") {
                     stored.chunks_exact_mut(frame.pixel.bytes()).for_each(<[u8]>::reverse);
@@ -329,7 +332,7 @@ fn volume(path: &Path, size: [u32; 3], origin: [f64; 3]) -> Result<(), Failed> {
 
     let folder = tempfile::tempdir()?;
     let copy = folder.path().join("copy.mha");
-    let compressed = drivers::recording::image::VolumeHeader { compressed: true, ..header };
+    let compressed = formats::image::VolumeHeader { compressed: true, ..header };
     let mut writer = VolumeWriter::create(&copy, &compressed)?;
     writer.write_all(&voxels)?;
     writer.finish()?;
@@ -343,13 +346,13 @@ fn volume(path: &Path, size: [u32; 3], origin: [f64; 3]) -> Result<(), Failed> {
     Ok(())
 }
 
-/// All readings, and what the device says of itself.
-fn all(path: &Path) -> Result<(drivers::Description, Vec<Reading>), Failed> {
+/// Returns all readings, and the device's description.
+fn all(path: &Path) -> Result<(sonoweave_core::Description, Vec<Reading>), Failed> {
     let mut device = Replay::open(&SequenceSettings::new(path))?;
     device.start()?;
     let mut readings = Vec::new();
     loop {
-        match device.next(drivers::NO_DEADLINE)? {
+        match device.next(sonoweave_core::NO_DEADLINE)? {
             Next::Reading(reading) => readings.push(reading),
             Next::End => return Ok((device.describe().clone(), readings)),
             Next::Pending => return Err("a file never waits".into()),
@@ -357,7 +360,7 @@ fn all(path: &Path) -> Result<(drivers::Description, Vec<Reading>), Failed> {
     }
 }
 
-/// PLUS wrote the type of the pictures into one of the files only; all else is the same, bit for bit.
+/// PLUS wrote the image type into only one of the files; all else is equal, bit for bit.
 fn the_same_twice(path: &Path) -> Result<(), Failed> {
     let (about, readings) = all(path)?;
     let (other_about, others) = all(&folder().join(format!("{TWICE}.mha")))?;
@@ -389,7 +392,7 @@ fn the_same_twice(path: &Path) -> Result<(), Failed> {
     Ok(())
 }
 
-/// The only frame of a file, checked against sums that another program has of its pixels.
+/// Checks the only frame of a file against another program's checksum of its pixels.
 fn only_frame(path: &Path, size: [u32; 2], pixel: PixelType, channels: u32, adler: u32) -> Result<(), Failed> {
     let (about, readings) = all(path)?;
     assert_eq!((about.items, about.image_size, about.pixel), (Some(1), Some(size), Some((pixel, channels))));
@@ -410,7 +413,7 @@ fn single(path: &Path) -> Result<(), Failed> {
     only_frame(path, [256, 256], PixelType::I16, 1, SINGLE)
 }
 
-/// A recording that is added must be added here too.
+/// Checks that every recording in the folder is listed here.
 fn all_known() -> Result<Completion, Failed> {
     let known: BTreeSet<PathBuf> =
         KNOWN.iter().map(|k| k.file).chain(VOLUMES.map(|v| v.0)).chain(NRRDS).map(|file| folder().join(file)).collect();

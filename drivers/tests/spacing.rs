@@ -1,17 +1,18 @@
-//! How far a sequence's pixels are apart: read wherever a file says it, told as a field, and refused where the field holds no lengths.
+//! Pixel spacing of a sequence: read from every format, reported as a field, and refused if the
+//! field holds no lengths.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
 
 use std::fs;
 
-use drivers::Device;
-use drivers::reading::{PixelType, Stamp, Status};
-use drivers::recording::image::ELEMENT_SPACING;
-use drivers::recording::image::write::{SequenceHeader, SequenceItem, SequenceWriter};
-use drivers::recording::{Replay, SequenceSettings};
+use drivers::replay::{Replay, SequenceSettings};
+use formats::image::ELEMENT_SPACING;
+use formats::image::write::{SequenceHeader, SequenceItem, SequenceWriter};
+use sonoweave_core::Device;
+use sonoweave_core::reading::{PixelType, Stamp, Status};
 
 #[test]
-fn how_far_pixels_are_apart_is_read_wherever_a_file_says_it() {
+fn spacing_is_read_from_every_format() {
     let folder = tempfile::tempdir().unwrap();
     let said = |name: &str, header: &str| {
         let path = folder.path().join(name);

@@ -1,4 +1,4 @@
-//! A session goes on for a day: nothing grows, and a reading allocates nothing.
+//! A session runs for a day: memory does not grow, and a reading allocates nothing.
 
 #![allow(clippy::unwrap_used, reason = "tests fail so")]
 #![allow(clippy::print_stdout, reason = "what was held is the test's figure")]
@@ -11,18 +11,18 @@ use std::sync::{Arc, Mutex};
 
 use drivers::arm::microscribe::{self, Family};
 use drivers::arm::{self, ea1, qsb};
-use drivers::clock::{Clock, MS, Manual, Monotonic, SECOND};
 use drivers::connection::{Connection, Protocol};
-use drivers::health::State;
-use drivers::polhemus::fastrak::Unit;
-use drivers::polhemus::{Settings, isotrak, liberty, viper};
-use drivers::reading::{Counts, Reading};
 use drivers::simulated::fastrak::Twin;
 use drivers::simulated::{self, Faults, Joints, Placed, Pty};
+use drivers::tracker::polhemus::fastrak::Unit;
+use drivers::tracker::polhemus::{Settings, isotrak, liberty, viper};
 use drivers::transport::{MemoryOpener, Opener, Peer, PortPath, SerialOpener};
-use drivers::{Device, Next};
+use sonoweave_core::clock::{Clock, MS, Manual, Monotonic, SECOND};
+use sonoweave_core::health::State;
+use sonoweave_core::reading::{Counts, Reading};
+use sonoweave_core::{Device, Next};
 
-/// Counts what this process holds, and what this thread asks for.
+/// Counts the memory held by this process, and the requests of this thread.
 struct Counting;
 
 static HELD: AtomicI64 = AtomicI64::new(0);
@@ -31,18 +31,20 @@ thread_local! {
     static ASKED: Cell<u64> = const { Cell::new(0) };
 }
 
-// SAFETY: everything is passed on to the system's allocator as it came; counting neither allocates nor unwinds (the thread's cell is constant and without a destructor).
+// SAFETY: every call is passed unchanged to the system's allocator. Counting neither allocates
+// nor unwinds (the thread's cell is constant and without a destructor).
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         HELD.fetch_add(layout.size() as i64, Ordering::Relaxed);
         ASKED.with(|asked| asked.set(asked.get() + 1));
-        // SAFETY: the caller's promise is the system's condition.
+        // SAFETY: the caller's promise is the system allocator's condition.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
         HELD.fetch_sub(layout.size() as i64, Ordering::Relaxed);
-        // SAFETY: it came from the system's allocator, by `alloc` above, with this layout.
+        // SAFETY: the memory came from the system's allocator, by `alloc` above, with this
+        // layout.
         unsafe { System.dealloc(at, layout) }
     }
 }
@@ -50,14 +52,15 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-/// One at a time: what is held is the whole process's.
+/// Runs the tests one at a time, because the held memory is counted for the whole process.
 static ALONE: Mutex<()> = Mutex::new(());
 
 fn still() -> drivers::simulated::Motion {
     Arc::new(|_, _| Placed { position_cm: [10.0, -5.5, 30.25], quaternion_wxyz: [0.5, -0.5, 0.5, -0.5] })
 }
 
-/// Lets a unit read its twin on a pseudo-terminal: readings that are as they should be allocate nothing once it runs.
+/// Reads a unit's twin on a pseudo-terminal. Checks that correct readings allocate nothing once
+/// the unit runs.
 fn allocates_nothing(name: &str, twin: impl Peer + 'static, unit: impl Protocol) {
     let pty = Pty::run(Arc::new(Mutex::new(twin))).unwrap();
     let mut device = Connection::new(opener(&pty), Arc::new(Monotonic), unit, false);
@@ -79,7 +82,8 @@ fn allocates_nothing(name: &str, twin: impl Peer + 'static, unit: impl Protocol)
     assert_eq!(ASKED.get() - before, 0, "{name}: allocations in 120 readings");
 }
 
-/// Reads an arm until it runs, and then on: no reading allocates, nor does a wait that ends without one.
+/// Reads an arm until it runs, and further. Checks that neither a reading nor an empty wait
+/// allocates.
 fn arm_allocates_nothing(name: &str, device: &mut dyn Device, is_true: impl Fn(&Counts) -> bool) {
     device.start().unwrap();
     let end = Monotonic.now_ns() + 30 * SECOND;
@@ -110,10 +114,10 @@ fn opener(pty: &Pty) -> Box<dyn Opener> {
 }
 
 #[test]
-fn a_reading_of_an_arm_allocates_nothing() {
+fn arm_reading_allocates_nothing() {
     let _alone = ALONE.lock().unwrap();
     let joints: Joints = Arc::new(|_| [1, 2, 3, 0, 0, 0]);
-    // Homed or not, in lines or in blocks; pings are sent meanwhile.
+    // Homed or not, as lines or blocks; pings are sent meanwhile.
     for (homed, speech) in [(7, ea1::Speech::Lines), (5, ea1::Speech::Blocks)] {
         let mut left = simulated::ea1::Twin::new(Arc::clone(&joints), Faults::default());
         (left.rate_hz, left.homed) = (100, homed);
@@ -133,12 +137,12 @@ fn a_reading_of_an_arm_allocates_nothing() {
     let pty = Pty::run(Arc::new(Mutex::new(twin))).unwrap();
     let unit = microscribe::Unit::new("a terminal", arm::Settings::default(), Family::MicroScribe, 6).unwrap();
     let mut device = Connection::new(opener(&pty), Arc::new(Monotonic), unit, false);
-    // Counted from where its encoders are at home.
+    // Counts start at the encoders' values at home.
     arm_allocates_nothing("MicroScribe", &mut device, |counts| counts.as_slice()[..3] == [8193, 12_002, 14_003]);
 }
 
 #[test]
-fn a_reading_allocates_nothing() {
+fn tracker_reading_allocates_nothing() {
     let _alone = ALONE.lock().unwrap();
     let (settings, faults) = (Settings::default(), Faults::default());
     let text = Settings { binary: false, ..Settings::default() };
@@ -155,9 +159,10 @@ fn a_reading_allocates_nothing() {
 }
 
 #[test]
-fn a_day_leaves_no_trace() {
+fn day_of_faults_keeps_memory_constant() {
     let _alone = ALONE.lock().unwrap();
-    // Faults, pulled plugs and silences included. A day at full length, else an hour.
+    // The run includes faults, pulled plugs and silences. The full length is a day, else an
+    // hour.
     let hours = if std::env::var("SONOWEAVE_STRESS").is_ok_and(|length| length == "full") { 24 } else { 1 };
     let faults = Faults { drop: 1e-4, dropout: 1e-3, jitter_ns: 3 * MS, ..Faults::default() };
     let twin = Arc::new(Mutex::new(Twin::new(still(), faults)));
@@ -180,7 +185,7 @@ fn a_day_leaves_no_trace() {
         match minute % 60 {
             20 => twin.unplug(),
             40 => twin.hung = true,
-            // Once an hour all is well again, and as much is held as ever.
+            // Once an hour all is well again, and the held memory must be unchanged.
             0 => {
                 twin.obeyed = Vec::new();
                 held.push(HELD.load(Ordering::Relaxed));
@@ -191,7 +196,7 @@ fn a_day_leaves_no_trace() {
     let received = device.health().received;
     assert_eq!(device.health().state, State::Running);
     assert!(received.opened == 1 + hours as u64 && received.set_up > 2 * hours as u64, "{received:?}");
-    // 120 a second, less two minutes of each hour and what the faults cost.
+    // 120 poses per second, less two minutes of each hour and the cost of the faults.
     let expected = 120 * 58 * 60 * hours as u64;
     assert!((expected * 95 / 100..expected).contains(&poses), "{poses} of {expected}");
     let [low, high] = [held.iter().min().unwrap(), held.iter().max().unwrap()];

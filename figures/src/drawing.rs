@@ -1,4 +1,5 @@
-//! A figure as SVG, 800 pixels wide: title, panels, legend and caption beneath each other, so that nothing covers the data.
+//! A figure as SVG, 800 pixels wide: title, panels, legend and caption below each other, so that
+//! nothing covers the data.
 
 use std::fmt::Write as _;
 
@@ -10,23 +11,23 @@ use crate::scale::Tick;
 /// Width of every figure, pixels.
 pub const WIDTH: f64 = 800.0;
 const MARGIN: f64 = 18.0;
-/// Between panels of a row, and between rows.
+/// Gap between panels of a row, and between rows.
 const GAP: f64 = 22.0;
-/// Sizes of letters.
+/// Font sizes.
 const TITLE: f64 = 17.0;
 const HEADING: f64 = 12.5;
 const LABEL: f64 = 12.0;
 const TICK: f64 = 11.0;
 const CAPTION: f64 = 12.0;
-/// A line of text takes this much of its letters' size.
+/// Line height relative to the font size.
 const LEADING: f64 = 1.4;
-/// Ticks are no nearer than this, about.
+/// Approximate minimal distance of ticks.
 const TICK_DISTANCE: f64 = 42.0;
 const TEXT_INK: &str = "#222222";
 const CAPTION_INK: &str = "#444444";
 const GRID_INK: &str = "#e4e4e4";
 
-/// Where the text is with regard to its place.
+/// Alignment of a text relative to its position.
 #[derive(Clone, Copy)]
 enum Anchor {
     Start,
@@ -34,21 +35,21 @@ enum Anchor {
     End,
 }
 
-/// Where a figure shows a picture of pixels: left, top, width and height.
+/// Position of a raster image in a figure: left, top, width and height.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Placed<'a> {
     pub(crate) raster: &'a Raster,
     pub(crate) place: [f64; 4],
 }
 
-/// SVG under way.
+/// An SVG in construction.
 struct Canvas<'a> {
     body: String,
     pictures: Vec<Placed<'a>>,
 }
 
 impl<'a> Canvas<'a> {
-    /// A picture as large as fits, in the middle.
+    /// Adds an image as large as fits, centred.
     fn picture(&mut self, raster: &'a Raster, [left, top]: [f64; 2], [wide, high]: [f64; 2]) {
         let size = [wide.min(high * raster.aspect()), high.min(wide / raster.aspect())];
         let at = [left + 0.5 * (wide - size[0]), top + 0.5 * (high - size[1])];
@@ -103,7 +104,7 @@ fn subscripts(text: &str, size: f64) -> String {
     set
 }
 
-/// A panel with its ranges and ticks found.
+/// A panel with its ranges and ticks.
 struct Prepared<'a> {
     panel: &'a Panel,
     x: [f64; 2],
@@ -113,7 +114,7 @@ struct Prepared<'a> {
 }
 
 impl<'a> Prepared<'a> {
-    /// For a coordinate system of about this size.
+    /// Prepares a panel for a coordinate system of about this size.
     fn new(panel: &'a Panel, [wide, high]: [f64; 2]) -> Self {
         let range = |axis: &Axis, c: usize| {
             let all = panel.series.iter().flat_map(|s| s.points.iter().map(move |p| p[c]));
@@ -127,7 +128,7 @@ impl<'a> Prepared<'a> {
         Self { panel, x, y, x_ticks: ticks(&panel.x, x, wide), y_ticks: ticks(&panel.y, y, high) }
     }
 
-    /// Room left of the coordinate system.
+    /// Returns the space left of the coordinate system.
     fn gutter(&self) -> f64 {
         if self.panel.raster.is_some() {
             return 0.0;
@@ -140,7 +141,7 @@ impl<'a> Prepared<'a> {
         wrap(&self.panel.title, HEADING * width_bold("n", 1.0) / width("n", 1.0), wide)
     }
 
-    /// What is written at a tick of x, in lines.
+    /// Returns the text at a tick of x, in lines.
     fn x_lines(&self, text: &str, wide: f64) -> Vec<String> {
         match self.panel.x.categories.len() {
             0 => vec![text.to_owned()],
@@ -148,7 +149,7 @@ impl<'a> Prepared<'a> {
         }
     }
 
-    /// Room below the coordinate system.
+    /// Returns the space below the coordinate system.
     fn footer(&self, wide: f64) -> f64 {
         if self.panel.raster.is_some() {
             return 8.0;
@@ -234,7 +235,7 @@ impl<'a> Prepared<'a> {
     }
 }
 
-/// Lines and marks at places in pixels; a missing place breaks the line.
+/// Draws lines and marks at positions in pixels; a missing position breaks the line.
 fn draw_series(canvas: &mut Canvas<'_>, series: &Series, places: &[Option<[f64; 2]>]) {
     let ink = series.ink.hex();
     let dash = match series.look {
@@ -250,7 +251,7 @@ fn draw_series(canvas: &mut Canvas<'_>, series: &Series, places: &[Option<[f64; 
     let mut joined = false;
     for place in places {
         if let Some([x, y]) = place {
-            // Far outside the panel, numbers would only grow.
+            // Avoids very large numbers far outside the panel.
             let y = y.clamp(-1e4, 1e4);
             let _ = write!(path, "{}{x:.2} {y:.2}", if joined { "L" } else { "M" });
         }
@@ -278,7 +279,7 @@ fn mark(canvas: &mut Canvas<'_>, look: Look, ink: &str, [x, y]: [f64; 2]) {
     canvas.push(&format!(r#"{shape} fill="{ink}" stroke="white" stroke-width="0.6"/>"#));
 }
 
-/// Entries of the legend, each name once.
+/// Returns the entries of the legend, each name once.
 fn entries(figure: &Figure) -> Vec<&Series> {
     let mut entries: Vec<&Series> = Vec::new();
     for series in figure.panels.iter().flat_map(|p| &p.series) {
@@ -289,7 +290,7 @@ fn entries(figure: &Figure) -> Vec<&Series> {
     entries
 }
 
-/// Draws the legend from `top` on; its height.
+/// Draws the legend from `top` on; returns its height.
 fn draw_legend(canvas: &mut Canvas<'_>, figure: &Figure, top: f64) -> f64 {
     const SAMPLE: f64 = 28.0;
     let (mut x, mut y) = (MARGIN, top + 8.0);
@@ -317,12 +318,12 @@ fn draw_legend(canvas: &mut Canvas<'_>, figure: &Figure, top: f64) -> f64 {
     if entries.is_empty() { 0.0 } else { y - top + 14.0 }
 }
 
-/// The figure as an SVG document.
+/// Returns the figure as an SVG document.
 pub fn svg(figure: &Figure) -> String {
     drawn(figure).0
 }
 
-/// As [`svg`], and where it shows pictures of pixels.
+/// Same as [`svg`], with the positions of raster images.
 pub(crate) fn drawn(figure: &Figure) -> (String, Vec<Placed<'_>>) {
     let mut canvas = Canvas { body: String::new(), pictures: Vec::new() };
     let mut y = MARGIN;

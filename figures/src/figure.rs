@@ -1,14 +1,14 @@
-//! What a picture shows.
+//! Description of a figure: panels, axes and series.
 
 use crate::raster::Raster;
 use crate::scale::Scale;
 
-/// A colour of the palette of Okabe and Ito (2008), darkened where it would be faint on white.
+/// A colour of the palette of Okabe and Ito (2008), darkened if it would be faint on white.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ink {
     /// For truths and references.
     Black,
-    /// For what is beside the point.
+    /// For side information.
     Grey,
     /// First choice for ours.
     Blue,
@@ -25,7 +25,7 @@ pub enum Ink {
 }
 
 impl Ink {
-    /// As SVG names it.
+    /// Returns the colour in SVG notation.
     pub fn hex(self) -> &'static str {
         match self {
             Self::Black => "#1a1a1a",
@@ -40,90 +40,90 @@ impl Ink {
     }
 }
 
-/// How the points of a series are drawn.
+/// Style of a series' points.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Look {
-    /// Joined; where a number is missing the line breaks.
+    /// Joined; a missing number breaks the line.
     Line,
     /// Joined by dashes.
     Dashed,
     /// Joined by dots.
     Dotted,
-    /// A disc each.
+    /// Discs.
     Discs,
-    /// A square each.
+    /// Squares.
     Squares,
-    /// A triangle each.
+    /// Triangles.
     Triangles,
-    /// An upright cross each.
+    /// Upright crosses.
     Crosses,
-    /// A bar each, from the axis' low end; bars of several series stand side by side.
+    /// Bars from the axis' low end; bars of several series are side by side.
     Bars,
 }
 
-/// Points of one name.
+/// Named points.
 #[derive(Debug, Clone)]
 pub struct Series {
-    /// In the legend; series of one name in several panels share an entry.
+    /// Name in the legend; series of one name in several panels share an entry.
     pub name: String,
-    /// How.
+    /// Style.
     pub look: Look,
-    /// In which colour.
+    /// Colour.
     pub ink: Ink,
-    /// x and y; what is not finite, or not positive on a logarithmic axis, is left out.
+    /// x and y. Values that are not finite, or not positive on a logarithmic axis, are left out.
     pub points: Vec<[f64; 2]>,
-    /// Whether the legend names it; its numbers have their name in any case.
+    /// Whether the legend names it; the CSV always has the name.
     pub listed: bool,
 }
 
 impl Series {
-    /// Of points.
+    /// Returns a series of points.
     pub fn new(name: impl Into<String>, look: Look, ink: Ink, points: Vec<[f64; 2]>) -> Self {
         Self { name: name.into(), look, ink, points, listed: true }
     }
 
-    /// Without an entry in the legend.
+    /// Removes its entry from the legend.
     pub fn unlisted(self) -> Self {
         Self { listed: false, ..self }
     }
 
-    /// A bar for each category, from the first on.
+    /// Returns one bar for each category, from the first on.
     pub fn bars(name: impl Into<String>, ink: Ink, heights: &[f64]) -> Self {
         Self::new(name, Look::Bars, ink, heights.iter().zip(0..).map(|(y, i)| [f64::from(i), *y]).collect())
     }
 }
 
-/// One side of a panel.
+/// An axis of a panel.
 #[derive(Debug, Clone)]
 pub struct Axis {
-    /// What, and in which unit.
+    /// Quantity and unit.
     pub label: String,
-    /// Lines or powers.
+    /// Linear or logarithmic.
     pub scale: Scale,
-    /// From where to where; `None` for what the series need.
+    /// Ends of the axis; `None` derives them from the series.
     pub range: Option<[f64; 2]>,
-    /// Names of the places 0, 1, 2 …, in the place of numbers.
+    /// Names of the positions 0, 1, 2 …, in place of numbers.
     pub categories: Vec<String>,
 }
 
 impl Axis {
-    /// A linear axis.
+    /// Returns a linear axis.
     pub fn linear(label: impl Into<String>) -> Self {
         Self { label: label.into(), scale: Scale::Linear, range: None, categories: Vec::new() }
     }
 
-    /// A logarithmic axis.
+    /// Returns a logarithmic axis.
     pub fn log(label: impl Into<String>) -> Self {
         Self { scale: Scale::Log, ..Self::linear(label) }
     }
 
-    /// An axis of names.
+    /// Returns an axis of names.
     pub fn categories<S: Into<String>>(label: impl Into<String>, names: impl IntoIterator<Item = S>) -> Self {
         let categories: Vec<String> = names.into_iter().map(Into::into).collect();
         Self { range: Some([-0.5, categories.len() as f64 - 0.5]), categories, ..Self::linear(label) }
     }
 
-    /// From where to where.
+    /// Sets the ends of the axis.
     pub fn from_to(mut self, low: f64, high: f64) -> Self {
         self.range = Some([low, high]);
         self
@@ -133,43 +133,43 @@ impl Axis {
 /// A coordinate system with series in it.
 #[derive(Debug, Clone)]
 pub struct Panel {
-    /// Above it.
+    /// Text above it.
     pub title: String,
-    /// Below it.
+    /// Axis below it.
     pub x: Axis,
-    /// Left of it.
+    /// Axis left of it.
     pub y: Axis,
-    /// In it, the last on top.
+    /// Its series, the last on top.
     pub series: Vec<Series>,
-    /// What it shows in the place of axes and series.
+    /// Image shown in place of axes and series.
     pub raster: Option<Raster>,
 }
 
 impl Panel {
-    /// Of its parts.
+    /// Returns a panel of these parts.
     pub fn new(title: impl Into<String>, x: Axis, y: Axis, series: Vec<Series>) -> Self {
         Self { title: title.into(), x, y, series, raster: None }
     }
 
-    /// A picture of pixels, as large as fits.
+    /// Returns a panel with an image, as large as fits.
     pub fn picture(title: impl Into<String>, raster: Raster) -> Self {
         Self { raster: Some(raster), ..Self::new(title, Axis::linear(""), Axis::linear(""), Vec::new()) }
     }
 }
 
-/// A picture.
+/// A figure.
 #[derive(Debug, Clone)]
 pub struct Figure {
     /// Name of its files.
     pub id: &'static str,
-    /// Above it.
+    /// Text above it.
     pub title: String,
-    /// Below it: what is seen, and what follows.
+    /// Text below it: content and conclusion.
     pub caption: String,
-    /// Panels of a row.
+    /// Panels per row.
     pub columns: usize,
     /// Height of a panel's coordinate system, pixels.
     pub height: f64,
-    /// Row by row.
+    /// Panels, row by row.
     pub panels: Vec<Panel>,
 }

@@ -12,13 +12,13 @@ use resvg::usvg::{Options, Tree, fontdb};
 use crate::drawing::{Placed, drawn};
 use crate::figure::Figure;
 
-/// Pixels of the PNG for one of the SVG.
+/// Pixels of the PNG per pixel of the SVG.
 const PNG_SCALE: f32 = 2.0;
 
-/// Writes `id.svg`, `id.png` and `id.csv` to a folder that exists.
+/// Writes `id.svg`, `id.png` and `id.csv` to an existing folder.
 ///
 /// # Errors
-/// When a file cannot be written, or the picture is larger than memory.
+/// If a file cannot be written, or the image is larger than memory.
 pub fn write(figure: &Figure, folder: &Path) -> Result<(), Box<dyn Error>> {
     let (svg, pictures) = drawn(figure);
     let named = |ending: &str| folder.join(format!("{}.{ending}", figure.id));
@@ -28,15 +28,16 @@ pub fn write(figure: &Figure, folder: &Path) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// An SVG as PNG, with the font that is compiled in and no other.
+/// Converts an SVG to PNG, with only the compiled-in font.
 ///
 /// # Errors
-/// When the SVG is none, or the picture is larger than memory.
+/// If the SVG is invalid, or the image is larger than memory.
 pub fn png(svg: &str) -> Result<Vec<u8>, Box<dyn Error>> {
     png_with(svg, &[])
 }
 
-/// As [`png`], with pictures of pixels at their places: what draws the rest reads no picture files.
+/// Same as [`png`], with raster images at their positions, because the SVG renderer reads no
+/// image files.
 fn png_with(svg: &str, pictures: &[Placed<'_>]) -> Result<Vec<u8>, Box<dyn Error>> {
     let mut fonts = fontdb::Database::new();
     fonts.load_font_data(dejavu::sans::regular().to_vec());
@@ -56,7 +57,7 @@ fn png_with(svg: &str, pictures: &[Placed<'_>]) -> Result<Vec<u8>, Box<dyn Error
     Ok(pixels.encode_png()?)
 }
 
-/// What was drawn, a point a line, with all digits.
+/// Returns the plotted data, one point per line, with all digits.
 pub fn csv(figure: &Figure) -> String {
     let mut text = String::from("panel,series,x,y\n");
     for panel in &figure.panels {
@@ -71,12 +72,12 @@ pub fn csv(figure: &Figure) -> String {
     text
 }
 
-/// A field of a CSV file, in quotes where it needs them.
+/// Returns a field of a CSV file, quoted if necessary.
 pub fn field(text: &str) -> String {
     if text.contains([',', '"', '\n']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
 }
 
-/// A page of figures, with what else it is to say as HTML before them.
+/// Returns a page of figures, with introductory HTML before them.
 pub fn page(title: &str, introduction: &str, figures: &[Figure]) -> String {
     let mut text = format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<meta charset=\"utf-8\">\n<title>{title}</title>\n<style>\n\

@@ -1,11 +1,11 @@
-//! What a run finds: its pictures, and the statements that held or did not.
+//! Results of a run: its figures, and the checks that passed or failed.
 
 use std::error::Error;
 use std::path::Path;
 
 use crate::{Figure, files};
 
-/// Pictures and checks of one run.
+/// Figures and checks of one run.
 #[derive(Debug, Default)]
 pub struct Findings {
     figures: Vec<Figure>,
@@ -14,17 +14,17 @@ pub struct Findings {
 }
 
 impl Findings {
-    /// Adds a picture and writes it at once.
+    /// Adds a figure and writes it at once.
     ///
     /// # Errors
-    /// When a file cannot be written.
+    /// If a file cannot be written.
     pub fn figure(&mut self, figure: Figure, folder: &Path) -> Result<(), Box<dyn Error>> {
         files::write(&figure, folder)?;
         self.figures.push(figure);
         Ok(())
     }
 
-    /// What must be so on every machine; what is not fails the run in its end.
+    /// Checks a statement that must hold on every machine; a failure fails the run at its end.
     pub fn check(&mut self, holds: bool, what: impl Into<String>) {
         self.checks += 1;
         if !holds {
@@ -32,22 +32,22 @@ impl Findings {
         }
     }
 
-    /// A check that says itself what is [wrong](Self::wrong).
+    /// Counts a check that reports [`Self::wrong`] itself.
     pub fn counted(&mut self) {
         self.checks += 1;
     }
 
-    /// What is not as it must be.
+    /// Reports a failed check.
     pub fn wrong(&mut self, what: impl Into<String>) {
         self.wrong.push(what.into());
     }
 
-    /// The pictures so far.
+    /// Returns the figures so far.
     pub fn figures(&self) -> &[Figure] {
         &self.figures
     }
 
-    /// Says on stdout what was wrong and how much was checked; whether nothing was.
+    /// Prints the failures and the number of checks; returns whether all passed.
     #[allow(clippy::print_stdout, reason = "the last words of a run")]
     pub fn tell(&self) -> bool {
         for what in &self.wrong {
@@ -63,7 +63,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_wrong_statement_among_many_fails_the_run() {
+    fn one_failed_check_fails_the_run() {
         let mut findings = Findings::default();
         findings.check(true, "two and two are four");
         findings.counted();

@@ -1,29 +1,29 @@
-//! How wide a text is in the font that is compiled in, and where it wraps.
+//! Width of texts in the compiled-in font, and line wrapping.
 
 use std::sync::LazyLock;
 
 use skrifa::instance::{LocationRef, Size};
 use skrifa::{FontRef, MetadataProvider};
 
-/// Of the font as an SVG asks for it; where it is missing, the next is as wide.
+/// Font families in the SVG; the second has the same widths as the first.
 pub const FAMILY: &str = "DejaVu Sans, Verdana, sans-serif";
 
-/// Advance of each character below U+2300 in parts of the letters' size.
+/// Advance of each character below U+2300, relative to the font size.
 static ADVANCES: LazyLock<Vec<f32>> = LazyLock::new(|| {
     let Ok(font) = FontRef::new(dejavu::sans::regular()) else { return Vec::new() };
     let (glyphs, metrics) = (font.charmap(), font.glyph_metrics(Size::new(1.0), LocationRef::default()));
     (0..0x2300_u32).map(|c| glyphs.map(c).and_then(|glyph| metrics.advance_width(glyph)).unwrap_or(USUAL)).collect()
 });
 
-/// For a character that the font lacks.
+/// Advance of a character that the font lacks.
 const USUAL: f32 = 0.6;
-/// Bold letters are wider by this.
+/// Width of bold letters relative to regular ones.
 const BOLD: f64 = 1.12;
 
-/// Size of subscripts in parts of the letters' size.
+/// Size of subscripts relative to the font size.
 pub const SUBSCRIPT: f64 = 0.72;
 
-/// Width of one line of letters of `size` pixels; what follows an underscore is a subscript.
+/// Returns the width of one line at `size` pixels; an underscore begins a subscript.
 pub fn width(text: &str, size: f64) -> f64 {
     let (mut total, mut part) = (0.0, 1.0);
     for c in text.chars() {
@@ -39,17 +39,18 @@ pub fn width(text: &str, size: f64) -> f64 {
     size * total
 }
 
-/// What follows an underscore: the subscript, up to the first character that is no letter or digit, and the rest.
+/// Splits the text after an underscore: the subscript, up to the first character that is not
+/// alphanumeric, and the rest.
 pub fn subscript(after: &str) -> (&str, &str) {
     after.split_at(after.find(|c: char| !c.is_ascii_alphanumeric()).unwrap_or(after.len()))
 }
 
-/// Width of one line of bold letters, at most.
+/// Returns an upper bound of the width of one line of bold letters.
 pub fn width_bold(text: &str, size: f64) -> f64 {
     BOLD * width(text, size)
 }
 
-/// Lines no wider than `most` pixels, unless a word alone is.
+/// Wraps text into lines of at most `most` pixels; a longer word gets its own line.
 pub fn wrap(text: &str, size: f64, most: f64) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for word in text.split_whitespace() {
@@ -69,7 +70,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_font_has_every_letter_that_figures_use_and_their_own_widths() {
+    fn font_has_all_used_characters_and_their_widths() {
         let font = FontRef::new(dejavu::sans::regular()).unwrap();
         for c in "aZ09 −×·±≤≥≈√σπ∞µ⁻⁰¹²³⁴⁵⁶⁷⁸⁹–→ΣφΔ°′".chars() {
             assert!(font.charmap().map(c).is_some(), "{c}");
@@ -80,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn wrapped_lines_fit_and_lose_no_word() {
+    fn wrapped_lines_fit_and_keep_all_words() {
         let text = "Samples are taken at irregular distances, as by a hand, and each counts by its distance.";
         let lines = wrap(text, 12.0, 150.0);
         assert!(lines.len() > 2 && lines.iter().all(|line| width(line, 12.0) <= 150.0));

@@ -1,17 +1,20 @@
-//! Pictures of numbers: curves, points and bars over linear and logarithmic axes, as SVG, as PNG of the same picture, and as CSV of what was drawn.
+//! Plots: curves, points and bars over linear and logarithmic axes, as SVG, as PNG of the same
+//! figure, and as CSV of the plotted data.
 //!
-//! - [`figure`]: what a picture shows: panels, axes, series, caption.
-//! - [`raster`]: pictures of pixels, which a panel shows in the place of axes.
-//! - [`scale`]: from numbers to places along an axis, and where its ticks are.
-//! - [`lettering`]: how wide a text is, and where it wraps.
-//! - [`drawing`]: the picture as SVG.
+//! - [`figure`]: content of a figure: panels, axes, series, caption.
+//! - [`raster`]: raster images, which a panel shows in place of axes.
+//! - [`scale`]: map from numbers to positions along an axis, and its ticks.
+//! - [`lettering`]: text widths and wrapping.
+//! - [`drawing`]: the figure as SVG.
 //! - [`files`]: the three files of a figure, and the page that shows several.
-//! - [`findings`]: the pictures of a run, and what it checked.
+//! - [`findings`]: the figures and checks of a run.
 //!
-//! A crate of its own, because what draws letters takes as long to build as everything else here, and nothing else needs it.
+//! This is a separate crate, because the text renderer takes as long to build as everything else
+//! here, and nothing else needs it.
 //!
-//! The letters are of a font that is compiled in, so that a picture needs none of the machine's and looks the same on every one; an SVG's text
-//! remains text. Colours are Okabe and Ito's, which remain distinct for every kind of colour vision; series differ in dash or shape besides.
+//! The font is compiled in, so that a figure is independent of the machine's fonts; an SVG's
+//! text remains text. The colours, by Okabe and Ito, remain distinct for every kind of colour
+//! vision; series also differ in dash or shape.
 
 pub mod drawing;
 pub mod figure;

@@ -1,4 +1,4 @@
-//! Pictures of pixels within a figure.
+//! Raster images within a figure.
 
 use std::error::Error;
 
@@ -9,24 +9,25 @@ use resvg::tiny_skia::{ColorU8, Pixmap};
 pub struct Raster {
     width: u32,
     height: u32,
-    /// Red, green, blue of each.
+    /// Red, green, blue of each pixel.
     rgb: Vec<u8>,
 }
 
 impl Raster {
-    /// Of three bytes a pixel; `None` when they do not fill the size.
+    /// Makes an image of three bytes per pixel; `None` if they do not match the size.
     pub fn rgb(size: [u32; 2], rgb: Vec<u8>) -> Option<Self> {
         let [width, height] = size;
         let whole = u64::from(width) * u64::from(height) * 3 == rgb.len() as u64 && !rgb.is_empty();
         whole.then_some(Self { width, height, rgb })
     }
 
-    /// Of one byte a pixel, black to white; `None` when they do not fill the size.
+    /// Makes an image of one byte per pixel, black to white; `None` if they do not match the
+    /// size.
     pub fn grey(size: [u32; 2], grey: &[u8]) -> Option<Self> {
         Self::rgb(size, grey.iter().flat_map(|g| [*g; 3]).collect())
     }
 
-    /// Width over height.
+    /// Returns width over height.
     pub(crate) fn aspect(&self) -> f64 {
         f64::from(self.width) / f64::from(self.height)
     }
@@ -35,10 +36,10 @@ impl Raster {
         self.width
     }
 
-    /// As a pixmap.
+    /// Returns a pixmap.
     ///
     /// # Errors
-    /// When it is larger than memory.
+    /// If it is larger than memory.
     pub(crate) fn pixmap(&self) -> Result<Pixmap, Box<dyn Error>> {
         let mut pixmap = Pixmap::new(self.width, self.height).ok_or("the picture is larger than memory")?;
         for (to, from) in pixmap.pixels_mut().iter_mut().zip(self.rgb.chunks_exact(3)) {
@@ -47,14 +48,14 @@ impl Raster {
         Ok(pixmap)
     }
 
-    /// As a PNG in an address of its own, which an SVG can show.
+    /// Returns a PNG as a data URL, which an SVG can show.
     pub(crate) fn address(&self) -> String {
         let png = self.pixmap().and_then(|pixmap| Ok(pixmap.encode_png()?)).unwrap_or_default();
         format!("data:image/png;base64,{}", base64(&png))
     }
 }
 
-/// RFC 4648, section 4.
+/// Base64 as in RFC 4648, section 4.
 fn base64(bytes: &[u8]) -> String {
     const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
@@ -73,7 +74,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bytes_become_the_letters_of_the_standards_own_examples() {
+    fn base64_matches_rfc_examples() {
         for (bytes, text) in [
             ("", ""),
             ("f", "Zg=="),
@@ -89,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_that_does_not_fill_its_size_is_none() {
+    fn image_with_wrong_byte_count_is_none() {
         assert!(Raster::grey([2, 2], &[0; 3]).is_none() && Raster::rgb([1, 1], vec![0; 4]).is_none());
         assert!(Raster::grey([0, 2], &[]).is_none());
         let picture = Raster::grey([2, 1], &[0, 255]).unwrap();

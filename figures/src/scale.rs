@@ -1,6 +1,6 @@
-//! From numbers to places along an axis, and where its ticks are.
+//! Map from numbers to positions along an axis, and its ticks.
 
-/// How numbers are spread along an axis.
+/// Scale of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scale {
     /// Equal differences are equally far apart.
@@ -9,22 +9,22 @@ pub enum Scale {
     Log,
 }
 
-/// A tick and what is written at it; without text it is a minor one.
+/// A tick and its text; without text it is a minor one.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tick {
-    /// Where.
+    /// Its position.
     pub at: f64,
-    /// What.
+    /// Its text.
     pub text: Option<String>,
 }
 
 impl Scale {
-    /// Whether a number has a place.
+    /// Returns whether a number has a position.
     pub fn places(self, value: f64) -> bool {
         value.is_finite() && (self == Self::Linear || value > 0.0)
     }
 
-    /// Where `value` lies between `low` (0) and `high` (1).
+    /// Returns the position of `value` between `low` (0) and `high` (1).
     pub fn place(self, value: f64, [low, high]: [f64; 2]) -> f64 {
         match self {
             Self::Linear => (value - low) / (high - low),
@@ -32,7 +32,8 @@ impl Scale {
         }
     }
 
-    /// A range with round ends that holds all values that have a place; [0, 1], or [1, 10], when none has.
+    /// Returns a range with round ends that contains all values with a position; [0, 1], or [1,
+    /// 10], if none has.
     pub fn range(self, values: impl Iterator<Item = f64>) -> [f64; 2] {
         let (low, high) = values
             .filter(|v| self.places(*v))
@@ -52,12 +53,12 @@ impl Scale {
         }
     }
 
-    /// Ticks within a range, the low end first; about `wanted` of them are named.
+    /// Returns ticks within a range, the low end first; about `wanted` of them are labelled.
     pub fn ticks(self, [low, high]: [f64; 2], wanted: f64) -> Vec<Tick> {
         match self {
             Self::Linear => {
                 let step = step((high - low) / wanted.clamp(2.0, 8.0));
-                // Enough digits that neighbouring ticks differ, and no more.
+                // Just enough digits that neighbouring ticks differ.
                 let decimals =
                     (0..9).find(|d| ((step * 10_f64.powi(*d)).round() - step * 10_f64.powi(*d)).abs() < 1e-6);
                 let decimals = usize::try_from(decimals.unwrap_or(9)).unwrap_or(9);
@@ -73,7 +74,7 @@ impl Scale {
                 let (first, last) = ((low.log10() + 1e-9).floor() as i32, (high.log10() - 1e-9).ceil() as i32);
                 let every = ((f64::from(last - first) / wanted.clamp(2.0, 8.0)).ceil() as i32).max(1);
                 let decades = first..=last;
-                // The less is spanned the more digits are named, but none so near to the next that their texts touch.
+                // Over a smaller range, more digits are labelled, but without overlapping texts.
                 let digits: &[u8] = match last - first {
                     _ if high <= low * 4.0 => &[2, 3, 4, 5, 6, 8],
                     _ if high <= low * 10.0 => &[2, 3, 5],
@@ -96,7 +97,7 @@ impl Scale {
     }
 }
 
-/// The round distance of ticks next to this.
+/// Returns the round tick distance next to this one.
 fn step(distance: f64) -> f64 {
     let decade = 10_f64.powf(distance.log10().floor());
     decade
@@ -108,7 +109,7 @@ fn step(distance: f64) -> f64 {
         }
 }
 
-/// A number with a minus in the place of a hyphen; what rounds to zero has no sign.
+/// Returns a number with a minus sign in place of a hyphen; a rounded zero has no sign.
 fn minus(text: &str) -> String {
     match text.strip_prefix('-') {
         Some(digits) if digits.chars().all(|c| matches!(c, '0' | '.')) => digits.to_owned(),
@@ -117,7 +118,7 @@ fn minus(text: &str) -> String {
     }
 }
 
-/// A small number to its first digit, as its order is told: 5·10⁻¹⁵.
+/// Formats a number by its first digit and order of magnitude: 5·10⁻¹⁵.
 pub fn order(value: f64) -> String {
     let decade = value.log10().floor();
     match (value / 10_f64.powf(decade)).round() {
@@ -128,7 +129,7 @@ pub fn order(value: f64) -> String {
     }
 }
 
-/// digit·10^decade: written out from a thousandth to ten thousand, as a power beyond.
+/// Formats digit·10^decade: written out from a thousandth to ten thousand, as a power beyond.
 fn power(digit: u8, decade: i32) -> String {
     if (-3..=4).contains(&decade) {
         let decimals = usize::try_from(-decade).unwrap_or(0);
@@ -155,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn linear_ticks_are_round_within_the_range_and_have_a_proper_minus() {
+    fn linear_ticks_are_round_with_proper_minus() {
         assert_eq!(written(Scale::Linear, [-0.5, 0.5]), ["−0.4", "−0.2", "0.0", "0.2", "0.4"]);
         assert_eq!(written(Scale::Linear, [0.0, 50.0]), ["0", "10", "20", "30", "40", "50"]);
         for width in [0.013, 0.7, 1.0, 3.3, 99.0, 12_345.0] {
@@ -165,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn logarithmic_ticks_name_decades_and_within_few_decades_also_two_and_five() {
+    fn log_ticks_label_decades_and_also_two_and_five_if_few() {
         assert_eq!(written(Scale::Log, [0.1, 10.0]), ["0.1", "0.2", "0.5", "1", "2", "5", "10"]);
         assert_eq!(written(Scale::Log, [0.3, 0.62]), ["0.3", "0.4", "0.5", "0.6"]);
         assert_eq!(written(Scale::Log, [1e-6, 1e-3]), ["10⁻⁶", "10⁻⁵", "10⁻⁴", "0.001"]);
@@ -174,13 +175,13 @@ mod tests {
     }
 
     #[test]
-    fn orders_are_told_to_one_digit() {
+    fn orders_of_magnitude_have_one_digit() {
         let told = [5.3e-15, 9.7e-8, 0.0, 0.0042, 1e-9].map(order);
         assert_eq!(told, ["5·10⁻¹⁵", "10⁻⁷", "0", "0.004", "10⁻⁹"]);
     }
 
     #[test]
-    fn ranges_hold_every_value_that_has_a_place() {
+    fn ranges_contain_all_placeable_values() {
         let [low, high] = Scale::Linear.range([0.13, f64::NAN, 7.9].into_iter());
         assert!(low <= 0.13 && high >= 7.9 && high - low < 12.0);
         assert_eq!(Scale::Log.range([0.02, 0.0, -3.0, 30.0].into_iter()), [0.01, 100.0]);

@@ -1,4 +1,5 @@
-//! Pictures as their readers get them: real text that keeps apart, the same bytes every time, and every number beside them.
+//! Figures as delivered: real text without overlaps, reproducible bytes, and every number in the
+//! CSV.
 
 use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series, drawing, files, lettering};
 
@@ -53,7 +54,7 @@ fn texts(svg: &str) -> Vec<([f64; 4], String)> {
 }
 
 #[test]
-fn text_is_text_within_the_picture_and_no_two_overlap() {
+fn texts_are_within_the_figure_and_do_not_overlap() {
     let svg = drawing::svg(&figure());
     let texts = texts(&svg);
     for words in ["A sample &amp; its &lt;limits&gt;", "ms a slice", "a sine, sampled", "10⁻⁷", "trilinear"] {
@@ -70,7 +71,7 @@ fn text_is_text_within_the_picture_and_no_two_overlap() {
 }
 
 #[test]
-fn a_bar_beyond_the_axis_ends_at_its_panel_and_what_has_no_place_is_left_out() {
+fn bars_are_clipped_to_panel_and_invalid_points_skipped() {
     let mut figure = figure();
     figure.panels[1].series[0].points.extend([[0.0, 1.0], [1.0, -1.0], [f64::NAN, 1.0]]);
     let svg = drawing::svg(&figure);
@@ -80,20 +81,21 @@ fn a_bar_beyond_the_axis_ends_at_its_panel_and_what_has_no_place_is_left_out() {
 }
 
 #[test]
-fn the_same_numbers_give_the_same_bytes_and_the_png_is_twice_as_fine() {
+fn output_is_reproducible_and_png_has_double_resolution() {
     let (a, b) = (drawing::svg(&figure()), drawing::svg(&figure()));
     assert_eq!(a, b);
     let png = files::png(&a).unwrap();
     assert_eq!(png, files::png(&b).unwrap());
     let side = |at: usize| u32::from_be_bytes(png[at..at + 4].try_into().unwrap());
     assert_eq!(side(16), 1600);
-    // Without a font the letters would be missing: a picture with them is larger than one without.
+    // Without a font the letters would be missing: an image with them is larger than one
+    // without.
     let bare: String = a.lines().filter(|l| !l.starts_with("<text")).collect();
     assert!(png.len() > files::png(&bare).unwrap().len() + 10_000);
 }
 
 #[test]
-fn every_number_is_beside_the_picture_with_all_its_digits() {
+fn csv_has_every_number_with_all_digits() {
     let csv = files::csv(&figure());
     assert_eq!(csv.lines().next(), Some("panel,series,x,y"));
     assert_eq!(csv.lines().count(), 1 + 50 + 2 + 8 + 3 + 3);
@@ -102,7 +104,7 @@ fn every_number_is_beside_the_picture_with_all_its_digits() {
 }
 
 #[test]
-fn what_the_legend_does_not_name_is_drawn_and_has_its_name_beside_the_picture() {
+fn unlisted_series_is_drawn_and_named_in_csv() {
     let mut figure = figure();
     let hidden = Series::new("hidden", Look::Crosses, Ink::Purple, vec![[1.0, 0.5]]).unlisted();
     let before = drawing::svg(&figure);
@@ -114,7 +116,7 @@ fn what_the_legend_does_not_name_is_drawn_and_has_its_name_beside_the_picture() 
 }
 
 #[test]
-fn three_files_and_a_page_are_written() {
+fn three_files_and_page_are_written() {
     let folder = std::env::temp_dir().join(format!("sonoweave-figures-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     files::write(&figure(), &folder).unwrap();

@@ -1,14 +1,14 @@
-//! What a shell offers when Tab is pressed.
+//! Shell completions of the command line.
 
 use clap_complete::{Shell, generate};
 
 use crate::Document;
 
-/// The shells, and what each expects its file to be called.
+/// The shells, and the file name that each expects.
 pub const SHELLS: [(Shell, &str); 3] =
     [(Shell::Bash, "sonoweave"), (Shell::Zsh, "_sonoweave"), (Shell::Fish, "sonoweave.fish")];
 
-/// A file for each shell.
+/// Returns one file per shell.
 pub fn all(command: &clap::Command) -> Vec<Document> {
     let of_shell = |(shell, name): (Shell, &str)| {
         let mut content = Vec::new();
@@ -23,7 +23,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_command_and_flag_is_offered_in_every_shell() {
+    fn completions_contain_every_command_and_flag() {
         let command = crate::command_line();
         let subcommands: Vec<_> = command.get_subcommands().collect();
         assert!(subcommands.iter().any(|sub| sub.get_name() == "live"));

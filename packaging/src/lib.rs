@@ -1,7 +1,8 @@
-//! What goes into a package beside the program itself, made from the program's own definitions: manual pages and completions of its command line, and the licences of
-//! the crates that are linked into it.
+//! Additional files of a package, made from the program's own definitions: manual pages,
+//! completions of its command line, and the licences of the linked crates.
 //!
-//! Nothing of this is committed, so that nothing of it can be out of date: `scripts/deb.sh` runs the binary of this crate for every package.
+//! None of these files is committed, so none can be out of date: `scripts/deb.sh` runs the binary
+//! of this crate for every package.
 
 pub mod completions;
 pub mod manual;
@@ -10,16 +11,17 @@ pub mod notices;
 use clap::CommandFactory;
 use sonoweave::cli;
 
-/// A file to be.
+/// A file to write.
 #[derive(Debug)]
 pub struct Document {
-    /// Its name, without a folder.
+    /// File name, without a folder.
     pub name: String,
-    /// What stands in it.
+    /// Contents of the file.
     pub content: Vec<u8>,
 }
 
-/// The command line, with all that clap adds to it. The subcommand `help` is left out: what it says stands in the manual.
+/// Returns the command line, with everything that clap adds to it. The subcommand `help` is
+/// omitted, because the manual has its contents.
 pub fn command_line() -> clap::Command {
     let mut command = cli::Arguments::command().disable_help_subcommand(true);
     command.build();

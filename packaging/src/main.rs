@@ -1,4 +1,5 @@
-//! `sonoweave-packaging FOLDER MACHINE`: manual pages, completions and licences into a folder, for a program that is built for MACHINE, as rustc calls it.
+//! `sonoweave-packaging FOLDER MACHINE`: writes manual pages, completions and licences to a
+//! folder, for a program built for MACHINE (rustc's target name).
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;

@@ -1,28 +1,30 @@
-//! Manual pages: one of the program, one of each subcommand, and one of the bedside's configuration.
+//! Manual pages: one of the program, one of each subcommand, and one of the session
+//! configuration.
 
 use std::io;
 
 use clap_mangen::Man;
 use clap_mangen::roff::{Roff, bold, italic, roman};
-use sonoweave::config::bedside::schema::{Applies, SECTIONS};
+
+use config::bedside::schema::{Applies, SECTIONS};
 
 use crate::Document;
 
-/// What the pages belong to.
+/// Name of the manual that contains the pages.
 const MANUAL: &str = "sonoweave";
 const SOURCE: &str = concat!("sonoweave ", env!("CARGO_PKG_VERSION"));
-/// The page of the configuration.
+/// Name of the configuration's page.
 const CONFIGURATION: &str = "sonoweave-bedside";
 
-/// All pages.
+/// Returns all pages.
 ///
 /// # Errors
-/// Never, but that what writes them could fail.
+/// None in practice; the writers' signatures allow errors.
 pub fn pages(command: &clap::Command) -> io::Result<Vec<Document>> {
     let mut pages = vec![Document { name: "sonoweave.1".into(), content: page(command)? }];
     for sub in command.get_subcommands() {
         pages.push(Document { name: format!("{}.1", title(sub)), content: page(sub)? });
-        // What can be calibrated has flags of its own.
+        // Each kind of calibration has flags of its own.
         for kind in sub.get_subcommands().filter(|kind| kind.get_name() != "help") {
             pages.push(Document { name: format!("{}.1", title(kind)), content: page(kind)? });
         }
@@ -31,12 +33,12 @@ pub fn pages(command: &clap::Command) -> io::Result<Vec<Document>> {
     Ok(pages)
 }
 
-/// `sonoweave-live` of the subcommand `live`.
+/// Returns the page name, such as `sonoweave-live` for the subcommand `live`.
 fn title(command: &clap::Command) -> &str {
     command.get_display_name().unwrap_or_else(|| command.get_name())
 }
 
-/// The page of a command.
+/// Returns the page of a command.
 fn page(command: &clap::Command) -> io::Result<Vec<u8>> {
     let man = Man::new(command.clone()).source(SOURCE).manual(MANUAL);
     let mut page = Vec::new();
@@ -86,10 +88,10 @@ fn see_also(end: &mut Roff, command: &clap::Command) {
     end.text(line);
 }
 
-/// What a command's help says behind its flags.
+/// Text of a command's help after its flags.
 #[derive(Debug, PartialEq, Eq)]
 struct Afterword {
-    /// Prose, a paragraph each.
+    /// Prose paragraphs.
     paragraphs: Vec<String>,
     /// Lines of the paragraph that begins with "Example:" or "Examples:", without that word.
     examples: Vec<String>,
@@ -110,7 +112,8 @@ impl Afterword {
     }
 }
 
-/// The page of the bedside's configuration: every section and key of the list that the program itself goes by.
+/// Returns the page of the session configuration: every section and key of the program's own
+/// list.
 fn configuration() -> io::Result<Vec<u8>> {
     let mut page = Roff::new();
     page.control("TH", [CONFIGURATION, "5", "", SOURCE, MANUAL]);
@@ -151,7 +154,7 @@ fn configuration() -> io::Result<Vec<u8>> {
 mod tests {
     use super::*;
 
-    /// As a reader sees it: roff's escapes of what a text has are taken back.
+    /// Returns the text as a reader sees it, without roff's escapes.
     fn read(document: &Document) -> String {
         let text = String::from_utf8(document.content.clone()).unwrap();
         [("\\-", "-"), ("\\fB", ""), ("\\fI", ""), ("\\fR", ""), ("\\*(Aq", "'"), ("\\&", ""), ("\\\\", "\\")]
@@ -160,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn every_command_has_a_page_that_says_what_each_of_its_flags_does() {
+    fn every_command_page_documents_all_flags() {
         let command = crate::command_line();
         let pages = pages(&command).unwrap();
         let names: Vec<&str> = pages.iter().map(|page| page.name.as_str()).collect();
@@ -195,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn the_page_of_the_configuration_has_every_key() {
+    fn configuration_page_has_every_key() {
         let pages = pages(&crate::command_line()).unwrap();
         let page = read(pages.last().unwrap());
         for section in SECTIONS {
@@ -209,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn examples_are_told_from_prose() {
+    fn examples_are_separated_from_prose() {
         let text = "One\nsentence.\n\nExamples: a b\n          c d\n\nAnother.";
         let want = Afterword {
             paragraphs: vec!["One sentence.".into(), "Another.".into()],

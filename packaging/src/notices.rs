@@ -1,4 +1,5 @@
-//! The crates that are linked into the program, under which licences, with the texts that these want to be handed on.
+//! The crates that are linked into the program, their licences, and the licence texts that must
+//! be distributed.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -8,21 +9,21 @@ use std::process::Command;
 
 use serde::Deserialize;
 
-/// A file is a licence's text if its name begins with one of these, in capitals or not.
+/// A file is a licence text if its name begins with one of these, in upper or lower case.
 const TEXTS: [&str; 6] = ["license", "licence", "copying", "copyright", "notice", "unlicense"];
 
-/// A crate from elsewhere.
+/// A third-party crate.
 #[derive(Debug)]
 pub struct Linked {
     /// Name and version.
     pub name: String,
-    /// What its author says of its licence, an SPDX expression.
+    /// Licence as its author declares it, an SPDX expression.
     pub licence: String,
-    /// Where its source lies.
+    /// Folder of its source.
     folder: PathBuf,
 }
 
-/// What `cargo metadata` tells, as far as it is needed.
+/// The used part of the output of `cargo metadata`.
 #[derive(Deserialize)]
 struct Metadata {
     packages: Vec<Package>,
@@ -64,21 +65,22 @@ struct Edge {
 
 #[derive(Deserialize)]
 struct Kind {
-    /// "dev" or "build"; of what is linked, nothing.
+    /// "dev" or "build"; absent for linked dependencies.
     kind: Option<String>,
 }
 
 impl Package {
-    /// What runs in the compiler is not linked.
+    /// Returns whether the crate is a macro, which runs in the compiler and is not linked.
     fn is_macro(&self) -> bool {
         self.targets.iter().flat_map(|target| &target.kind).any(|kind| kind == "proc-macro")
     }
 }
 
-/// What cargo says of the workspace in `root` for the machine that the program is for, such as x86_64-unknown-linux-gnu.
+/// Returns cargo's metadata of the workspace in `root` for the target machine, such as
+/// x86_64-unknown-linux-gnu.
 ///
 /// # Errors
-/// When cargo cannot be asked, or refuses.
+/// If cargo cannot be run, or refuses.
 pub fn metadata(root: &Path, machine: &str) -> io::Result<Vec<u8>> {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let output = Command::new(cargo)
@@ -91,10 +93,10 @@ pub fn metadata(root: &Path, machine: &str) -> io::Result<Vec<u8>> {
     Ok(output.stdout)
 }
 
-/// The crates from elsewhere that `package` is linked with, by name and version.
+/// Returns the third-party crates that `package` is linked with, by name and version.
 ///
 /// # Errors
-/// When cargo's word is not what it used to be.
+/// If cargo's output has another format.
 pub fn linked(metadata: &[u8], package: &str) -> io::Result<Vec<Linked>> {
     let Metadata { packages, resolve } = serde_json::from_slice(metadata)?;
     let begin = packages.iter().find(|p| p.name == package && p.source.is_none());
@@ -123,10 +125,10 @@ pub fn linked(metadata: &[u8], package: &str) -> io::Result<Vec<Linked>> {
     Ok(all)
 }
 
-/// All crates, then each distinct text once, with the crates that it came with.
+/// Lists all crates, then each distinct text once, with the crates that contain it.
 ///
 /// # Errors
-/// When a crate's source cannot be read.
+/// If a crate's source cannot be read.
 pub fn notices(linked: &[Linked]) -> io::Result<String> {
     let mut all = String::from(
         "sonoweave is linked with these crates, and with Rust's standard library (MIT OR Apache-2.0, by the Rust project's developers).\n\n",
@@ -141,7 +143,7 @@ pub fn notices(linked: &[Linked]) -> io::Result<String> {
             }
         }
     }
-    // In the order of the first crate that brings a text.
+    // Sorts the texts by the first crate that contains them.
     let mut texts: Vec<_> = texts.into_iter().collect();
     texts.sort_by(|(text, names), (other, others)| names.cmp(others).then(text.cmp(other)));
     for (text, names) in texts {
@@ -150,7 +152,7 @@ pub fn notices(linked: &[Linked]) -> io::Result<String> {
     Ok(all)
 }
 
-/// The licences' texts in a crate's folder, in the order of their names, as lines without blanks at their ends.
+/// Returns the licence texts in a crate's folder, ordered by file name, without trailing blanks.
 fn texts_of(folder: &Path) -> io::Result<Vec<String>> {
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder)? {
@@ -173,7 +175,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_linked_is_named_with_its_text_and_what_only_builds_or_tests_is_not() {
+    fn notices_list_linked_crates_only() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
         let metadata = metadata(&root, "x86_64-unknown-linux-gnu").unwrap();
         let linked = linked(&metadata, "sonoweave").unwrap();
@@ -181,7 +183,8 @@ mod tests {
         for name in ["clap", "glam", "mcap", "serialport", "nusb"] {
             assert!(has(name), "{name}");
         }
-        // Of macros, tests, figures, this crate, another system, and our own.
+        // A macro, a test dependency, one of the figures, one of this crate, another system's,
+        // and our own.
         for name in ["serde_derive", "proptest", "resvg", "clap_mangen", "core-foundation", "sonoweave-drivers"] {
             assert!(!has(name), "{name}");
         }
@@ -194,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn texts_are_those_of_licences_by_name() {
+    fn licence_texts_are_found_by_file_name() {
         let folder = tempfile::tempdir().unwrap();
         let put = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
         put("LICENSE-MIT", "\nmine \r\nyours\n\n");

@@ -1,10 +1,10 @@
-//! Every `sonoweave …` that the documentation tells to type is a command that the program understands.
+//! Checks that the program understands every `sonoweave …` command in the documentation.
 
 use std::path::Path;
 
 use clap::error::ErrorKind;
 
-/// What is read, from the repository's root.
+/// Documents to check, relative to the repository's root.
 const DOCUMENTS: [&str; 11] = [
     "README.md",
     "docs/bedside.md",
@@ -19,15 +19,17 @@ const DOCUMENTS: [&str; 11] = [
     "docs/phantom/nwire.toml",
 ];
 
-/// What begins with `sonoweave ` in a text.
+/// A command that begins with `sonoweave ` in a text.
 #[derive(Debug, PartialEq, Eq)]
 struct Told {
     command: String,
-    /// It is meant to be typed as it is: a line of a block, behind `$ ` or by itself. Between backticks only what is spoken of is named.
+    /// Whether it is a complete command: a line of a block, behind `$ ` or alone. Text between
+    /// backticks may only mention a command.
     whole: bool,
 }
 
-/// What a text tells to type, also behind `sudo` and its flags; up to a comment, a pipe or a redirection.
+/// Returns the commands in a text, also behind `sudo` and its flags, up to a comment, a pipe or a
+/// redirection.
 fn commands(text: &str) -> Vec<Told> {
     let mut all = Vec::new();
     let mut in_block = false;
@@ -47,13 +49,13 @@ fn commands(text: &str) -> Vec<Told> {
 
 fn command(line: &str) -> Option<String> {
     let line = line.strip_prefix("sudo ").map_or(line, |line| line.strip_prefix("-u sonoweave ").unwrap_or(line));
-    // "sonoweave: …" is what it says, and not what it is told.
+    // "sonoweave: …" is output, not a command.
     line.strip_prefix("sonoweave ")?;
     let end = [" #", " | ", " > ", "   "].iter().filter_map(|end| line.find(end)).min();
     Some(line[..end.unwrap_or(line.len())].trim_end().to_owned())
 }
 
-/// As a shell takes it apart; of quotation marks, double ones.
+/// Splits a command like a shell, with double quotation marks only.
 fn words(command: &str) -> Vec<String> {
     let parts = command.split('"').enumerate();
     parts
@@ -64,7 +66,7 @@ fn words(command: &str) -> Vec<String> {
         .collect()
 }
 
-/// Why the program would not take it.
+/// Returns why the program would refuse the command.
 fn refused(told: &Told) -> Option<String> {
     let error = sonoweave_packaging::command_line().try_get_matches_from(words(&told.command)).err()?;
     let unknown = matches!(error.kind(), ErrorKind::UnknownArgument | ErrorKind::InvalidSubcommand);
@@ -73,7 +75,7 @@ fn refused(told: &Told) -> Option<String> {
 }
 
 #[test]
-fn what_the_documentation_tells_to_type_is_understood() {
+fn documented_commands_are_understood() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let mut found = Vec::new();
     for name in DOCUMENTS {
@@ -90,7 +92,7 @@ fn what_the_documentation_tells_to_type_is_understood() {
 }
 
 #[test]
-fn a_command_that_is_none_is_found_and_noticed() {
+fn invalid_commands_are_detected() {
     let text = "Say `sonoweave live --key` or:\n```\n$ sonoweave devices --watch   # all\nsonoweave: no\n$ sudo -u sonoweave sonoweave phantom > f\n```\n";
     let told = commands(text);
     let seen: Vec<_> = told.iter().map(|told| (told.command.as_str(), told.whole)).collect();

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
-# Gets what the guest is made of into out/guest: Debian's kernel with its modules, busybox, and QEMU where the machine has none. Nothing is installed and
-# nothing needs root: packages are downloaded, checked by apt against its signed lists, and unpacked. What is there and whole is not fetched again;
-# `rm -r out/guest` renews it.
+# Fetches the parts of the guest into out/guest: Debian's kernel with its modules, busybox, and QEMU
+# if the machine has none. Nothing is installed and nothing needs root: packages are downloaded,
+# checked by apt against its signed lists, and unpacked. Complete packages are not fetched again;
+# `rm -r out/guest` renews them.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 
@@ -25,7 +26,7 @@ fi
 rm -rf "$place"
 mkdir -p "$place/packages"
 
-# The machine's package lists, or fresh ones of our own where they are missing or outdated.
+# The machine's package lists, or fresh ones in out/guest if those are missing or outdated.
 apt_options=()
 own_lists() {
     say "fetching package lists into out/guest/apt"
@@ -37,7 +38,7 @@ own_lists() {
 kernel_package() {
     apt-cache "${apt_options[@]}" depends linux-image-amd64 2>/dev/null | sed -n 's/^ *Depends: \(linux-image-[0-9].*\)$/\1/p' | head -n 1
 }
-# What installing would add to the machine, the package itself included.
+# added_by PACKAGE…: prints the packages that installing these would add to the machine.
 added_by() {
     apt-get "${apt_options[@]}" install --simulate --no-install-recommends "$@" 2>>"$place/apt.log" | sed -n 's/^Inst \([^ ]*\) .*/\1/p'
 }
@@ -63,10 +64,10 @@ for package in "$place"/packages/*.deb; do
     dpkg --extract "$package" "$tree"
 done
 
-# The kernel as QEMU can enter it at once: unpacked, it boots in a third of the time.
+# An unpacked kernel boots in a third of the time.
 image=$(echo "$tree"/boot/vmlinuz-*)
 xz=$(command -v xz || echo "$tree/usr/bin/xz")
-# Where its compressed part begins; behind its end stands something else.
+# The compressed part begins at the magic number, and other data follow it.
 LC_ALL=C grep --only-matching --byte-offset --binary --text --max-count=1 --perl-regexp '\xfd7zXZ\x00' "$image" | cut -d: -f1 | while read -r at; do
     tail -c "+$((at + 1))" "$image" | "$xz" --decompress --stdout --single-stream >"$place/vmlinux" 2>/dev/null && break
 done || true

@@ -1,13 +1,16 @@
 #!/usr/bin/env bash
-# Boots the guest, loads kernel modules in it and runs a program there; its exit code is this script's.
+# Boots the guest, loads kernel modules in it and runs a program there. The program's exit code is
+# this script's.
 #
 #   scripts/guest/run.sh [--qemu ARGUMENT]... [--plugged ID DEVICE]... MODULES PROGRAM [ARGUMENT]...
 #
-# MODULES are lines of a module's name and its parameters; what they depend on is loaded before them. The program may be dynamically linked: the libraries
-# that it has here go with it. SONOWEAVE_GUEST_SECONDS (240) is how long it may take, QEMU's start included.
+# MODULES are lines of a module's name and its parameters. Modules that they depend on are loaded
+# before them. The program may be dynamically linked: its libraries are copied with it.
+# SONOWEAVE_GUEST_SECONDS (240) is the time limit, which includes QEMU's start.
 #
-# --qemu is a further argument of QEMU's, whose folder is one of this run's own. --plugged is a device of QEMU's (its name and properties) that is plugged in; the
-# program pulls it out by a line GUEST-UNPLUG:ID, and plugs it in again by GUEST-PLUG:ID.
+# --qemu is a further argument of QEMU, which runs in a folder of its own. --plugged is a device of
+# QEMU (its name and properties) that is plugged in. The program unplugs it by a line
+# GUEST-UNPLUG:ID, and plugs it in again by GUEST-PLUG:ID.
 set -euo pipefail
 machine=()
 declare -A plugged
@@ -48,16 +51,17 @@ mkdir -p "$root"/{bin,dev,dev/pts,proc,sys,tmp,modules,lib64}
 cp "$tree/bin/busybox" "$root/bin/busybox"
 cp scripts/guest/init "$root/init"
 cp "$program" "$root/program"
-# By this file a test knows that it is here.
+# Tests recognise the guest by this file.
 touch "$root/sonoweave-guest"
 
-# The program's libraries, at the places where its loader looks.
+# The program's libraries, where its loader looks for them.
 ldd "$program" 2>/dev/null | grep -o '/[^ ]*' | while read -r library; do
     mkdir -p "$root$(dirname "$library")"
     cp --dereference "$library" "$root$library"
 done
 
-# Modules in the order in which they can be loaded: first what one depends on, by its own word.
+# load NAME PARAMETER…: puts a module into the load order, after the modules that it names as its
+# dependencies.
 loaded=" "
 load() {
     local name=$1 file pattern of
@@ -66,7 +70,7 @@ load() {
     pattern=$(echo "$name" | sed 's/[-_]/[-_]/g')
     file=$(find "$kernel" -name "$pattern.ko" | head -n 1)
     if [ -z "$file" ]; then
-        # It may be part of the kernel itself.
+        # The module may be built into the kernel.
         grep -q "/$pattern\.ko$" "$tree/lib/modules/$version/modules.builtin" || fail "the kernel $version has no module $name"
         return 0
     fi
@@ -93,9 +97,9 @@ if [ -z "$qemu" ]; then
     export LD_LIBRARY_PATH=$tree/usr/lib/x86_64-linux-gnu:$tree/lib/x86_64-linux-gnu
 fi
 log=$(mktemp "$place/log.XXXXXX")
-# QEMU's own ear, for plugs.
+# QEMU's monitor, which plugs devices in and out.
 mkfifo "$root/monitor.in" "$root/monitor.out"
-# Shows what the guest says, and does what is meant for QEMU.
+# Prints the guest's output, and passes lines for QEMU on to its monitor.
 follow() {
     local line
     exec 3<>"$root/monitor.in"
@@ -108,10 +112,10 @@ follow() {
         esac
     done
 }
-# The guest keeps real time: where it may, it goes before what else this machine has to do.
+# The guest keeps real time, so it has priority over other work if this is permitted.
 first=()
 nice -n -10 true 2>&1 | grep -q . || first=(nice -n -10)
-# One processor and no acceleration: the same machine everywhere. `timeout` for one that hangs.
+# One processor and no acceleration make the same machine everywhere. `timeout` ends one that hangs.
 began=$(date +%s)
 (cd "$root" && exec "${first[@]}" timeout --kill-after=5 "${SONOWEAVE_GUEST_SECONDS:-240}" "$qemu" "${data[@]}" \
     -M pc -accel tcg -cpu max -smp 1 -m 512 -nodefaults -no-user-config -display none -no-reboot -serial stdio \

@@ -1,6 +1,8 @@
-"""Image files both ways: what sonoweave writes, SimpleITK, VTK, pynrrd and nibabel read, and what these write, sonoweave reads: the same voxels at the same physical place.
+"""Exchanges image files in both directions: SimpleITK, VTK, pynrrd and nibabel read files of sonoweave,
+and sonoweave reads theirs. Both find the same voxels at the same physical place.
 
-Usage: both_ways.py SONOWEAVE FOLDER. Writes into the folder, which is empty, and ends with an error at the first difference.
+Usage: both_ways.py SONOWEAVE FOLDER. Writes into the empty folder, and ends with an error at the
+first difference.
 """
 
 import subprocess
@@ -23,11 +25,11 @@ from vtkmodules.vtkIOImage import (
 )
 
 SONOWEAVE, FOLDER = Path(sys.argv[1]).resolve(), Path(sys.argv[2]).resolve()
-# VTK's NRRD reader takes a short first axis for one of channels, whoever wrote it.
+# VTK's NRRD reader takes any short first axis for channels.
 SIZE = (20, 16, 12)
 SPACING = (0.5, 0.75, 1.25)
 ORIGIN = (-74.5, 165.625, 29.0)
-# Turned about all three axes, so that no two numbers of it are the same.
+# A rotation about all three axes, so that all its numbers differ.
 ANGLES = (0.3, -0.5, 0.8)
 TYPES = ["uint8", "int8", "uint16", "int16", "uint32", "int32", "float32", "float64"]
 LPS_FROM_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -50,7 +52,7 @@ def rotation():
 
 
 def voxels(kind):
-    """Indexed z, y, x; no plane like another, negative ones where the type has them."""
+    """Returns voxels by z, y, x. All planes differ, and signed types have negative ones."""
     values = (np.arange(np.prod(SIZE)) * 7 % 101).reshape(SIZE[::-1])
     if np.dtype(kind).kind != "u":
         values = values - 20
@@ -58,7 +60,7 @@ def voxels(kind):
 
 
 def affine(direction, spacing, origin):
-    """Voxel indices to LPS mm."""
+    """Returns the transform of voxel indices to LPS mm."""
     matrix = np.eye(4)
     matrix[:3, :3] = np.asarray(direction) * np.asarray(spacing)
     matrix[:3, 3] = origin
@@ -119,7 +121,7 @@ def by_vtk(path):
     if ".nii" in name:
         matrix = reader.GetSFormMatrix()
         ras = np.array([[matrix.GetElement(i, j) for j in range(4)] for i in range(4)])
-        # The matrix is of indices scaled by the spacing.
+        # The matrix expects indices scaled by the spacing.
         return array, LPS_FROM_RAS @ ras @ np.diag([*SPACING, 1.0]) if np.allclose(np.linalg.norm(ras[:3, :3], axis=0), 1, atol=1e-5) else LPS_FROM_RAS @ ras
     return array, None
 
@@ -138,7 +140,7 @@ def ours_to_others():
                 readers = [by_itk]
                 readers += [by_pynrrd] if extension in ["nrrd", "nhdr"] else []
                 readers += [by_nibabel] if "nii" in extension else []
-                # VTK's NRRD reader knows no gzip beside the header, and its MetaImage reader no int8.
+                # VTK's NRRD reader supports no separate gzip file, its MetaImage reader no int8.
                 readers += [] if (extension == "nhdr" and packed) or kind == "int8" else [by_vtk]
                 for reader in readers:
                     array, place = reader(path)
@@ -154,7 +156,7 @@ def ours_to_others():
 
 
 def back(path, name, wanted, place, within=1e-9):
-    """Through sonoweave and out of the plainest of its files."""
+    """Converts a file by sonoweave, and reads the simplest of its formats."""
     sonoweave("convert", path.name, "back.mha")
     array, got = by_itk(FOLDER / "back.mha")
     check(name, array, wanted, got, place, within)
@@ -209,7 +211,7 @@ def others_to_ours():
     for writer, name in [(vtkMetaImageWriter(), "vtk.mha"), (vtkMetaImageWriter(), "vtk.mhd"), (vtkNIFTIImageWriter(), "vtk.nii")]:
         writer.SetFileName(str(FOLDER / name)), writer.SetInputData(image)
         writer.Write()
-        # VTK tells NIfTI nothing of its origin; where it says the file lies is what ITK finds.
+        # VTK's NIfTI writer ignores the origin; ITK reads the position that the file has.
         array, place = by_itk(FOLDER / name)
         back(FOLDER / name, name, voxels("int16"), place, 1e-4)
 
@@ -235,7 +237,7 @@ def sequences():
     times = [float(fields[f"Seq_Frame{n:04}_Timestamp"]) for n in range(7)]
     if [float(t) for t in header["axis 3 index values"].split()] != times:
         sys.exit(f"ours.seq.nrrd: the index is {header['axis 3 index values']}")
-    # As 3D Slicer wrote them for years: the list first.
+    # The order of 3D Slicer's older versions: the list first.
     listed = {
         "space": "left-posterior-superior",
         "kinds": ["list", "domain", "domain", "domain"],
@@ -251,7 +253,7 @@ def sequences():
         check(f"slicer.seq.nrrd {encoding}", by_itk(FOLDER / "back.igs.mha")[0], wanted)
         if f"Seq_Frame0006_Timestamp = {times[6]}\n".encode() not in (FOLDER / "back.igs.mha").read_bytes():
             sys.exit("slicer.seq.nrrd: the times are lost")
-    # A tracker's samples, without pictures: only the header can be read by others.
+    # Samples of a tracker, without pictures: others can read only the header.
     eye = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1"
     (FOLDER / "tracker.mha").write_text(
         "NDims = 3\nDimSize = 0 0 2\nKinds = domain domain list\nElementType = MET_UCHAR\n"

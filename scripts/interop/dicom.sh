@@ -1,8 +1,10 @@
 #!/usr/bin/env bash
-# Proves that others take our DICOM: dciodvfy (dicom3tools) finds no error in a volume and a sweep, pydicom reads the same voxels in the same places, and an Orthanc
-# server on loopback stores both and gives the same bytes back.
+# Tests that other programs accept our DICOM. dciodvfy (dicom3tools) finds no error in a volume and
+# a sweep, pydicom reads the same voxels in the same places, and an Orthanc server on loopback
+# stores both and returns the same bytes.
 #
-# `make interop` has installed what it needs and built the program. Nothing is left running; what was written stays in out/dicom.
+# `make interop` installs the other programs first. Nothing is left running; the files stay in
+# out/dicom.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 
@@ -13,7 +15,7 @@ fail() {
 }
 
 python=$PWD/out/interop/bin/python
-program=$(cd "${CARGO_TARGET_DIR:-target}/debug" && pwd)/sonoweave
+program=$(scripts/build.sh)
 
 place=out/dicom
 rm -rf "$place"
@@ -64,8 +66,9 @@ trap stop EXIT
 trap 'exit 1' INT TERM
 port=$("$python" -c 'import socket; s = socket.socket(); s.bind(("127.0.0.1", 0)); print(s.getsockname()[1])')
 cat >"$store/orthanc.json" <<JSON
-{ "StorageDirectory": "$store/files", "IndexDirectory": "$store/files", "HttpPort": $port, "HttpBindAddresses": ["127.0.0.1"], "RemoteAccessAllowed": false,
-  "AuthenticationEnabled": false, "DicomServerEnabled": false, "Plugins": [] }
+{ "StorageDirectory": "$store/files", "IndexDirectory": "$store/files", "HttpPort": $port,
+  "HttpBindAddresses": ["127.0.0.1"], "RemoteAccessAllowed": false, "AuthenticationEnabled": false,
+  "DicomServerEnabled": false, "Plugins": [] }
 JSON
 Orthanc "$store/orthanc.json" >"$place/orthanc.log" 2>&1 &
 server=$!

@@ -1,4 +1,6 @@
-"""Stores the DICOM files of scripts/interop/dicom.sh in an Orthanc server over its REST interface, and holds what it returns against what it was given."""
+"""Stores the DICOM files of scripts/interop/dicom.sh in an Orthanc server over its REST interface, and
+compares the files that it returns.
+"""
 
 import json
 import sys
@@ -11,7 +13,7 @@ SECONDS = 30
 
 
 def ask(url, data=None):
-    # What is on loopback is reached without a proxy.
+    # Loopback is reached without a proxy.
     opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
     with opener.open(urllib.request.Request(url, data=data), timeout=SECONDS) as answer:
         return answer.read()
@@ -36,7 +38,7 @@ def main():
     for file in files:
         given = file.read_bytes()
         instance = json.loads(ask(f"{server}/instances", given))
-        # The same volume twice is one instance.
+        # A volume that is stored twice is one instance.
         expected = "AlreadyStored" if given in stored.values() else "Success"
         assert instance["Status"] == expected, (file.name, instance)
         stored[file.name] = given
@@ -47,7 +49,7 @@ def main():
     patients = json.loads(ask(f"{server}/patients?expand"))
     named = [p for p in patients if p["MainDicomTags"].get("PatientID") == "4711"]
     assert len(named) == 1, patients
-    # The two recordings are a study each; a sweep and its volume are of one.
+    # Each recording is a study, which contains its sweep and its volume.
     assert len(named[0]["Studies"]) == 2, named
     print("sweep and volume are two series of one study")
 

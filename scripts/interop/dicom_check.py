@@ -1,4 +1,6 @@
-"""Reads the DICOM files of scripts/interop/dicom.sh with pydicom, and holds voxels, pixels, places and identifiers against the MetaImage files beside them."""
+"""Reads the DICOM files of scripts/interop/dicom.sh with pydicom, and compares voxels, pixels, places
+and identifiers with the MetaImage files beside them.
+"""
 
 import sys
 from pathlib import Path
@@ -10,7 +12,7 @@ TYPES = {"MET_UCHAR": "u1", "MET_USHORT": "<u2"}
 
 
 def metaimage(path):
-    """Header fields and voxels (slices, rows, columns) of a raw MetaImage file."""
+    """Returns header fields and voxels (slices, rows, columns) of a raw MetaImage file."""
     data = path.read_bytes()
     at = data.index(b"ElementDataFile = LOCAL\n") + len(b"ElementDataFile = LOCAL\n")
     fields = dict(line.split(" = ", 1) for line in data[:at].decode().splitlines())
@@ -33,7 +35,7 @@ def volume(folder, name):
     shared = image.SharedFunctionalGroupsSequence[0]
     along = numpy.array(shared.PlaneOrientationVolumeSequence[0].ImageOrientationVolume).reshape(2, 3)
     rows, columns = (float(mm) for mm in shared.PixelMeasuresSequence[0].PixelSpacing)
-    # Any voxel's place by DICOM's rule and by ITK's.
+    # The place of any voxel by DICOM's rule and by ITK's.
     for x, y, z in [(0, 0, 0), (5, 3, 2), (1, 7, voxels.shape[0] - 1)]:
         frame = image.PerFrameFunctionalGroupsSequence[z]
         first = numpy.array(frame.PlanePositionVolumeSequence[0].ImagePositionVolume)
@@ -52,7 +54,7 @@ def sweep(folder):
     poses = numpy.array(image.private_block(0x0009, "SONOWEAVE")[0x01].value).reshape(-1, 4, 4)
     assert len(poses) == len(pixels) == image.NumberOfFrames
     for frame, pose in enumerate(poses):
-        # What the sequence says of the same frame.
+        # The sequence's fields of the same frame.
         names = [f"Seq_Frame{frame:04}_{name}Transform" for name in ("ImageToReference", "ImageToWorld", "ImageToTracker")]
         given = next(numbers(fields[name]).reshape(4, 4) for name in names if name in fields)
         assert numpy.abs(pose[:, [0, 1, 3]] - given[:, [0, 1, 3]]).max() < 1e-6, (frame, pose, given)

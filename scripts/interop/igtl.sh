@@ -1,8 +1,11 @@
 #!/usr/bin/env bash
-# Proves that others take our OpenIGTLink, and we theirs: the reference library (C++, versions 1 and 2) and pyigtl (version 3) look on at a virtual session, save its volume
-# and end it; slices and volume are then held against the file. And both send a sweep that a session of ours weaves, which is held against the same sweep reconstructed.
+# Tests that other programs accept our OpenIGTLink, and we theirs. The reference library (C++,
+# versions 1 and 2) and pyigtl (version 3) view a virtual session, save its volume and end it;
+# slices and volume are then compared with the file. Both also send a sweep that a session of ours
+# weaves, which is compared with the same sweep reconstructed.
 #
-# `make interop` has installed what it needs and built the program. Nothing is left running; what was written stays in out/igtl.
+# `make interop` installs the other programs first. Nothing is left running; the files stay in
+# out/igtl.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 
@@ -13,7 +16,7 @@ fail() {
 }
 
 python=$PWD/out/interop/bin/python
-program=$(cd "${CARGO_TARGET_DIR:-target}/debug" && pwd)/sonoweave
+program=$(scripts/build.sh)
 place=out/igtl
 rm -rf "$place"
 mkdir -p "$place/library" "$place/pyigtl" "$place/sent"
@@ -34,7 +37,7 @@ read -r first second third fourth <<<"$(ports)"
 say "== the reference library is built against"
 c++ -std=c++17 -O1 -Wall -Werror -I/usr/include/openigtlink scripts/interop/igtl/peer.cc -o "$place/peer" -lOpenIGTLink -lpthread
 
-# A session to be looked at, at that port.
+# session FOLDER PORT OPTION…: a session that can be viewed at that port.
 "$program" live --example virtual | sed 's/^size = .*/size = "320x240"/; s/^spacing_mm = .*/spacing_mm = 1.0/' >"$place/bedside.toml"
 session() {
     local folder=$1 port=$2
@@ -59,7 +62,7 @@ hz=30
 "$python" scripts/interop/igtl/frames.py "$place/sent/sweep.mha" "$place/sent" "$hz"
 "$program" reconstruct "$place/sent/sweep.mha" --config "$place/sent/probe.toml" -o "$place/sent/volume.mha" --spacing 0.5 --path general >>"$place/sent/log"
 
-# A session of ours that is sent frames and poses from these ports.
+# weave FOLDER POSES PICTURES: a session that receives poses and frames from these ports.
 weave() {
     local folder=$1 poses=$2 pictures=$3
     mkdir -p "$folder"

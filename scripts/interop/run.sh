@@ -1,8 +1,10 @@
 #!/bin/sh
-# Runs the program that cargo has built against the others, in an empty folder.
+# Exchanges image files with SimpleITK, VTK, pynrrd and nibabel in both directions, in an empty
+# folder.
 set -eu
 cd "$(dirname "$0")/../.."
 
+program=$(scripts/build.sh)
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
-out/interop/bin/python scripts/interop/both_ways.py "${CARGO_TARGET_DIR:-target}/debug/sonoweave" "$folder"
+out/interop/bin/python scripts/interop/both_ways.py "$program" "$folder"

@@ -1,5 +1,6 @@
 #!/bin/sh
-# Makes the environment of what sonoweave is measured against: out/peers, some 600 MB. Nothing outside of it is changed; remove it by removing the folder.
+# Installs VTK, which the renderer is compared with, into out/peers (600 MB). Nothing outside of
+# that folder is changed.
 set -eu
 cd "$(dirname "$0")/../.."
 
@@ -15,9 +16,9 @@ if ! python3 -c 'import ensurepip, venv' 2>/dev/null; then
     exit 1
 fi
 mkdir -p out
-# A half-made environment is made anew.
+# An incomplete environment is made again.
 python3 -m venv --clear "$into"
-# Of what the package names as its dependencies the caster needs none.
+# The caster needs none of the package's dependencies.
 "$into/bin/python" -m pip --disable-pip-version-check install --quiet --no-deps --only-binary :all: "vtk==$version" || {
     echo "peers: VTK $version could not be installed for $(python3 --version) from the package index that pip is set up for; its message is above." >&2
     exit 1

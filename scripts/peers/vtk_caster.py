@@ -1,12 +1,14 @@
-"""VTK's fixed-point ray caster (vtkFixedPointVolumeRayCastMapper) over a job that the bench wrote: one command a line on stdin, one answer a line on stdout.
+"""Runs VTK's fixed-point ray caster (vtkFixedPointVolumeRayCastMapper) on a job that the bench wrote.
+Each command is a line on stdin, and each answer a line on stdout.
 
-    view N      looks from view N of the job            -> ms
-    change      shows the job's other volume            -> ms
+    view N      renders view N of the job               -> ms
+    change      takes the job's other volume            -> ms
     picture P   writes the last picture to the file P   -> ok
 
-Times are of casting alone: the tables that depend on the volume and on the view, and the rays. What a window system does with the picture is left out, and so is
-copying a changed volume. A picture is width * height * 4 numbers of 16 bits in the machine's order, from the top left: red, green and blue times opacity,
-and opacity, 32767 being 1.
+Times are of casting alone: the tables that depend on volume and view, and the rays. They include
+neither the window system nor the copy of a changed volume. A picture is width * height * 4 numbers
+of 16 bits in the machine's order, from the top left: red, green and blue times opacity, and
+opacity. 32767 means 1.
 """
 
 import ctypes
@@ -44,7 +46,7 @@ class Caster:
         self.mapper = mapper = vtkFixedPointVolumeRayCastMapper()
         mapper.SetInputData(image)
         mapper.SetNumberOfThreads(job["threads"])
-        # Every pixel has its ray, and every ray its samples: nothing is coarser because it took long.
+        # Every pixel has a ray with all samples: slow pictures are not made coarser.
         mapper.AutoAdjustSampleDistancesOff()
         mapper.LockSampleDistanceToInputSpacingOff()
         mapper.SetMinimumImageSampleDistance(1.0)
@@ -58,13 +60,13 @@ class Caster:
         self.volume.SetProperty(self.classification(job))
         self.light = vtkLight()
         self.light.SetLightTypeToSceneLight()
-        # Black by default: a volume's ambient part would be of nothing.
+        # The default is black, which would remove the ambient part.
         self.light.SetAmbientColor(1.0, 1.0, 1.0)
         self.renderer = renderer = vtkRenderer()
         renderer.AutomaticLightCreationOff()
         renderer.AddLight(self.light)
         renderer.AddVolume(self.volume)
-        # Only its size is asked for; it is never drawn to.
+        # Only its size is used; nothing is drawn to it.
         self.window = vtkRenderWindow()
         self.window.SetOffScreenRendering(1)
         self.window.SetSize(job["size"])
@@ -119,14 +121,14 @@ class Caster:
 
     def picture(self):
         held = self.mapper.GetRayCastImage()
-        # VTK's own wrapping hands the pixels out as the text of their address.
+        # VTK's wrapper returns the address of the pixels as text.
         address = int(held.GetImage().split("_")[1], 16)
         (row, rows), (wide, high), (left, bottom) = held.GetImageMemorySize(), held.GetImageInUseSize(), held.GetImageOrigin()
         pixels = ctypes.string_at(address, row * rows * 8)
         width, height = self.job["size"]
         whole = bytearray(width * height * 8)
         for y in range(high):
-            # Its first row is the lowest.
+            # The first row is the lowest.
             to = ((height - 1 - bottom - y) * width + left) * 8
             whole[to : to + wide * 8] = pixels[y * row * 8 : (y * row + wide) * 8]
         return whole

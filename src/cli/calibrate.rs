@@ -1,4 +1,4 @@
-//! `sonoweave calibrate`: what can be calibrated, a file each.
+//! `sonoweave calibrate`: the calibration subcommands, one file each.
 
 pub mod arm;
 pub mod drawing;
@@ -17,7 +17,7 @@ use clap::{Args, Subcommand};
 
 use super::Failure;
 
-/// What is to be calibrated.
+/// Flags of `calibrate`: the quantity to calibrate.
 #[derive(Debug, Args)]
 pub struct Arguments {
     #[command(subcommand)]
@@ -26,26 +26,28 @@ pub struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum What {
-    /// Find where the picture lies in the frame of the probe's sensor, from a scan of a phantom of wires
+    /// Find the image plane's transform to the probe's sensor, from a scan of a wire phantom
     Probe(Box<probe::Arguments>),
-    /// Find how much later the tracker's poses come than the pictures
+    /// Find the latency of the tracker's poses relative to the video frames
     Latency(Box<latency::Arguments>),
     /// Find the tip of a stylus that is swung while its tip rests in one place
     Pivot(Box<pivot::Arguments>),
-    /// Find an arm's lengths and zeros from touches, or whether it still has them
+    /// Find an arm's link lengths and encoder zeros from touches, or check that they still hold
     Arm(Box<arm::Arguments>),
-    /// Find where a phantom is held, from its landmarks touched with the stylus
+    /// Find the pose of a phantom, from its landmarks touched with the stylus
     Landmarks(Box<landmarks::Arguments>),
-    /// Draw how a phantom of wires between two plates is built, at 1:1 on paper
+    /// Draw the construction of a wire phantom with two plates, at 1:1 on paper
     Drawing(drawing::Arguments),
-    /// Measure a tracker where it stands: the noise of a still sensor, or a map of where metal bends its field
+    /// Measure a tracker on site: the noise of a resting sensor, or a map of its field's
+    /// distortion by metal
     Tracker(Box<tracker::Arguments>),
 }
 
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure`] when the recording does not say what is sought, or is not good enough; nothing is written then.
+/// [`Failure`] when the recording does not determine the result, or is not good enough; nothing
+/// is written then.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     match &arguments.what {
         What::Probe(arguments) => probe::run(arguments),

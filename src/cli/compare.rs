@@ -1,4 +1,5 @@
-//! `sonoweave compare`: how far two volumes are from each other, where, and which settings differ.
+//! `sonoweave compare`: the difference between two volumes, its places, and the settings that
+//! differ.
 
 mod report;
 
@@ -7,23 +8,25 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use export::planes::{PlanesOptions, Shades, Window, planes};
+use volume::DenseVolume;
+use volume::difference::{Apart, Difference};
+
 use super::{Failure, input};
-use crate::export::planes::{PlanesOptions, Shades, Window, planes};
-use crate::volume::DenseVolume;
-use crate::volume::difference::{Apart, Difference};
 use report::Report;
 
-/// Part of all differences that the picture's colours tell apart; the rest has the last colour.
+/// Share of all differences within the image's colour range; the rest has the last colour.
 const SHOWN: f64 = 0.995;
 
 /// Flags of `compare`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-What counts is what both volumes saw: by their weights where they are given, else what has not the unseen value that `reconstruct` noted in the header, else all. \
-Filled holes were not seen.
+Only voxels that are seen in both volumes count. A voxel is seen by its weight, if weights are given; else by the \
+header's unseen value; else always. Filled holes count as unseen.
 
-Volumes on one lattice are compared voxel by voxel, however their boxes lie on it. Of others, the second is interpolated at the first one's voxels if --resample says so: \
-trilinear, which smooths, and only where all neighbours of a place were seen.
+Volumes on the same lattice are compared voxel by voxel, whatever their extents. For other volumes, --resample \
+interpolates the second one at the voxels of the first. The interpolation is trilinear, which smooths, and needs all \
+neighbours to be seen.
 
 The exit code is 0 whatever the difference, unless --limit is given.
 
@@ -31,29 +34,30 @@ Examples:
   sonoweave compare volume.mha truth.mha --weights weights.mha -o difference.png
   sonoweave compare a.mha b.mha --json --limit 1.5")]
 pub struct Arguments {
-    /// The first volume (.mha), which the second is subtracted from
+    /// First volume (.mha), which the second is subtracted from
     first: PathBuf,
-    /// The second volume (.mha)
+    /// Second volume (.mha)
     second: PathBuf,
-    /// The first volume's weights, as `reconstruct --weights` wrote them
+    /// First volume's weights, as `reconstruct --weights` wrote them
     #[arg(long, value_name = "FILE.mha")]
     weights: Option<PathBuf>,
-    /// The second volume's weights
+    /// Second volume's weights
     #[arg(long, value_name = "FILE.mha")]
     other_weights: Option<PathBuf>,
-    /// Interpolate the second volume at the first one's voxels where they have not one lattice
+    /// Interpolate the second volume at the first one's voxels if their lattices differ
     #[arg(long)]
     resample: bool,
-    /// Draw the difference in the first volume's three middle planes: blue where the first is lower, orange where it is higher
+    /// Draw the difference in the first volume's three middle planes: blue if the first is
+    /// lower, orange if it is higher
     #[arg(short, long, value_name = "DIFF.png")]
     output: Option<PathBuf>,
-    /// Fail, with exit code 1, where the root mean square of the difference is more than this
+    /// Fail, with exit code 1, if the root mean square of the difference is larger
     #[arg(long, value_name = "RMSE", allow_hyphen_values = true)]
     limit: Option<f64>,
     /// Write JSON, for programs
     #[arg(long)]
     json: bool,
-    /// Memory that the volumes and their difference may take, GiB
+    /// Memory limit for the volumes and their difference, GiB
     #[arg(long, value_name = "GIB", default_value_t = 8.0)]
     max_memory: f64,
 }
@@ -61,7 +65,8 @@ pub struct Arguments {
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure`] when a volume cannot be read, they cannot be compared, or they are farther apart than the limit; what was found is said then.
+/// [`Failure`] when a volume cannot be read, they cannot be compared, or their difference
+/// exceeds the limit. In the last case the result is printed first.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.check()?;
     let Arguments { first, second, weights, other_weights, .. } = arguments;
@@ -102,7 +107,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 impl Arguments {
-    /// Refuses what cannot be done, before the work.
+    /// Refuses impossible requests before the work.
     fn check(&self) -> Result<(), Failure> {
         if let Some(limit) = self.limit.filter(|limit| !(limit.is_finite() && *limit >= 0.0)) {
             return Err(Failure(format!("--limit {limit}: must be a number that is not negative")));
@@ -125,7 +130,7 @@ impl Arguments {
     }
 }
 
-/// What the user should know of a volume.
+/// Prints the notes on a volume.
 #[allow(clippy::print_stderr, reason = "the command's output")]
 fn say(volume: &DenseVolume, path: &Path) {
     for note in volume.notes() {
@@ -135,7 +140,7 @@ fn say(volume: &DenseVolume, path: &Path) {
 
 fn print(text: &str) -> Result<(), Failure> {
     match std::io::stdout().write_all(text.as_bytes()) {
-        // Who reads no further (`| head`) has read enough.
+        // A closed pipe (`| head`) is no error.
         Err(e) if e.kind() == ErrorKind::BrokenPipe => Ok(()),
         Err(e) => Err(Failure(format!("writing to stdout failed: {e}"))),
         Ok(()) => Ok(()),

@@ -1,35 +1,40 @@
-//! `sonoweave convert`: sequences, sessions and volumes from one file to another.
+//! `sonoweave convert`: converts sequences, sessions and volumes between file formats.
 
 use std::path::{Path, PathBuf};
 
-use calibration::region::ClipRect;
 use clap::Args;
-use drivers::recording::image::{About, Container, Content};
-use drivers::recording::session::SessionSettings;
-use drivers::recording::{Limits, Progress, SequenceSettings};
-use drivers::{Device, OpenSettings};
+
+use config::bedside::devices::TRACKER_FRAME;
+use drivers::OpenSettings;
+use drivers::replay::{Progress, SequenceSettings, SessionSettings};
+use formats::Limits;
+use formats::image::{About, Container, Content};
+use pipeline::live::{DeviceRole, RecordedDecisions};
+use sonoweave_core::Device;
+use sonoweave_core::region::ClipRect;
+use sync::ingest::live::Gives;
 
 use super::dicom::flags::is_dicom;
 use super::live::stages::{Kept, instruments};
 use super::{Failure, input, values};
-use crate::config::bedside::devices::TRACKER_FRAME;
 use crate::convert::pictures::Pictures;
 use crate::convert::placing::{self, Delivered, Placing, Rules};
 use crate::convert::{Changes, sequence, write};
-use crate::ingest::live::Gives;
-use crate::pipeline::live::{Instrument, Precedent};
 
 /// Flags of `convert`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-The name of OUT says what is written. Of a sequence or a session: .mha, .mhd, .nrrd, .seq.nrrd (3D Slicer), .nhdr; .mcap, a session; a folder that is there or a name \
-such as frame%04d.png, pictures. Of a volume: .mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz.
+The name of OUT selects the format. From a sequence or a session: .mha, .mhd, .nrrd, .seq.nrrd (3D Slicer) or .nhdr \
+for a sequence; .mcap for a session; an existing folder or a name such as frame%04d.png for pictures. From a volume: \
+.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz.
 
-Numbered pictures become a sequence without poses, and without times but by --rate. A session becomes a sequence with one pose of each sensor a frame: the one that a replay \
-pairs the frame with, between two poses that were received, latencies taken off; an arm's is made by its kinematics. What else was received has no place in a sequence.
+Numbered pictures become a sequence without poses; --rate gives it times. A session becomes a sequence with one pose \
+of each sensor for each frame. The pose is the same as in a replay: interpolated between two received poses, with \
+latencies subtracted. An arm's pose comes from its kinematics. A sequence contains no other data of the session.
 
---anonymize leaves out all fields but those that place and time need (transforms, their status, times, frame numbers, orientation, the image's type, how far pixels are apart) and \
-says which; what is written into the pictures is cut off by --crop.
+--anonymize keeps only the fields for position and time: transforms, their status, times, frame numbers, \
+orientation, image type and pixel spacing. It lists the fields that it leaves out. Use --crop to remove text in the \
+frames.
 
 Examples:
   sonoweave convert sweep.igs.mha sweep.seq.nrrd --compress
@@ -38,41 +43,43 @@ Examples:
   sonoweave convert frame%04d.png pictures.mha --rate 30
   sonoweave convert volume.mha volume.nii.gz")]
 pub struct Arguments {
-    /// A tracked sequence, a session, a volume, or numbered pictures (a folder, or frame%04d.png)
+    /// Tracked sequence, session, volume, or numbered images (a folder, or frame%04d.png)
     input: PathBuf,
-    /// What is written
+    /// Output file, or the name of numbered images
     output: PathBuf,
     /// Take frames A up to, but not including, B
     #[arg(long, value_name = "A..B", value_parser = values::frames)]
     frames: Option<FrameRange>,
-    /// Keep a part of the picture, in pixels of the picture in MF orientation
+    /// Keep a part of the image, in pixels of the image in MF orientation
     #[arg(long, value_name = "X,Y,W,H", value_parser = values::rectangle)]
     crop: Option<ClipRect>,
-    /// Write pictures in this orientation (MF, UN, FM, …) [default: as they are; of .png MF]
+    /// Write images in this orientation (MF, UN, FM, …) [default: unchanged; for .png MF]
     #[arg(long, value_name = "CODE")]
     orientation: Option<String>,
-    /// Leave out every field that may tell of whom, by whom or where it was recorded
+    /// Leave out every field that may identify the patient, the operator or the place
     #[arg(long)]
     anonymize: bool,
     /// Compress pixels
     #[arg(long)]
     compress: bool,
-    /// What a tracker's station is called in the sequence made of a session [default: as in the session's settings, else Sensor1, Sensor2, …]
+    /// Name of a tracker's station in the sequence made from a session [default: from the
+    /// session's settings, else Sensor1, Sensor2, …]
     #[arg(long = "station", value_name = "N=NAME", value_parser = station)]
     stations: Vec<(u8, String)>,
-    /// How many numbered pictures were taken a second [default: they have no times]
+    /// Rate at which the numbered images were taken, images a second [default: they have no
+    /// times]
     #[arg(long, value_name = "HZ", value_parser = values::positive)]
     rate: Option<f64>,
 }
 
-// A named type is a single value to clap.
+// clap treats a named type as a single value.
 type FrameRange = std::ops::Range<u64>;
 
 fn station(text: &str) -> Result<(u8, String), String> {
     let help = "must be N=NAME: the station's number, and a name of letters and digits that begins with a capital";
     let (number, name) = text.split_once('=').ok_or(help)?;
     let is_name = name.starts_with(|c: char| c.is_ascii_uppercase()) && name.chars().all(|c| c.is_ascii_alphanumeric());
-    // `To` parts the two frames of a transform's name.
+    // `To` separates the two frames of a transform's name.
     if !is_name || name.contains("To") {
         return Err(help.into());
     }
@@ -82,14 +89,14 @@ fn station(text: &str) -> Result<(u8, String), String> {
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure`]: the output is not there then, but pictures before the one that failed.
+/// [`Failure`]: no output remains then, except images before the one that failed.
 #[allow(clippy::print_stdout, reason = "the command's output")]
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { input, output, .. } = arguments;
     input::check_is_not(output, input)?;
     if is_dicom(output) {
         return Err(Failure(format!(
-            "{}: DICOM is written by `sonoweave dicom`, which asks for a patient's and a study's names",
+            "{}: use `sonoweave dicom` to write DICOM, with names of patient and study",
             output.display()
         )));
     }
@@ -97,7 +104,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let is_session = !is_numbered && input::is_session(input)?;
     let about = if is_session || is_numbered { None } else { Some(About::read(input, &Limits::default())?) };
     if arguments.rate.is_some() && !is_numbered {
-        return Err(Failure(format!("{}: has times of its own; --rate is of numbered pictures", input.display())));
+        return Err(Failure(format!(
+            "{}: has its own times; --rate applies to numbered pictures only",
+            input.display()
+        )));
     }
     let changes = Changes {
         frames: arguments.frames.clone(),
@@ -122,7 +132,7 @@ impl Arguments {
     fn volume(&self, changes: &Changes) -> Result<Vec<String>, Failure> {
         if self.frames.is_some() || self.crop.is_some() || self.orientation.is_some() || !self.stations.is_empty() {
             return Err(Failure(format!(
-                "{}: is a volume; --frames, --crop, --orientation and --station are of recordings",
+                "{}: is a volume; --frames, --crop, --orientation and --station apply to recordings only",
                 self.input.display()
             )));
         }
@@ -132,7 +142,8 @@ impl Arguments {
         Ok(write::volume(&self.input, &self.output, changes, &|_| {})?)
     }
 
-    /// What was written, and the fields that were left out.
+    /// Converts a recording. Returns a description of the output, and the fields that were left
+    /// out.
     fn recording(&self, mut changes: Changes, is_session: bool) -> Result<(String, Vec<String>), Failure> {
         let name = self.output.file_name().map_or_else(String::new, |name| name.to_string_lossy().to_ascii_lowercase());
         let pictures = self.output.is_dir() || (name.ends_with(".png") && write::number_in(&name).is_some());
@@ -151,7 +162,7 @@ impl Arguments {
         self.check_pixels()?;
         if !self.stations.is_empty() && !is_session {
             return Err(Failure(format!(
-                "{}: is no session; --station names a session's sensors",
+                "{}: is not a session; --station applies to sessions only",
                 self.input.display()
             )));
         }
@@ -178,30 +189,31 @@ impl Arguments {
         Ok((what, gathered.removed))
     }
 
-    /// Where a session's sensors were, by its own configuration if it holds one.
+    /// Reads the session's sensor poses, by its own configuration if it holds one.
     #[allow(clippy::print_stderr, reason = "the command's output on the way")]
     fn placing(&self) -> Result<Placing, Failure> {
-        let told = Precedent::read(&self.input)?;
+        let told = RecordedDecisions::read(&self.input)?;
         let bedside = Kept::at_first(&self.input, &told).ok();
         let rules = bedside.as_ref().map_or_else(Rules::default, |bedside| Rules {
             wait_ns: bedside.pairing.wait_ns,
             longest_gap_ns: bedside.pairing.longest_gap_ns,
         });
-        let mut instruments: Vec<Instrument> =
+        let mut instruments: Vec<DeviceRole> =
             bedside.as_ref().and_then(|bedside| instruments(bedside).ok()).map_or_else(Vec::new, Vec::from);
         for Delivered { device, stations, pictures } in placing::delivered(&self.input)? {
             if instruments.iter().all(|one| one.name != device) && !stations.is_empty() {
                 eprintln!(
-                    "sonoweave: note: {}: no configuration tells of {device}'s latency or the pictures': both are taken as of when they were received",
+                    "sonoweave: note: {}: the latencies of {device} and of the frames are unknown; times of reception \
+                    are used",
                     self.input.display()
                 );
             }
             let at = instruments.iter().position(|one| one.name == device).unwrap_or_else(|| {
                 let gives = if pictures { Gives::Pictures } else { Gives::Stations(Vec::new()) };
-                instruments.push(Instrument { name: device, gives, frames: Vec::new(), latency_ns: 0 });
+                instruments.push(DeviceRole { name: device, gives, frames: Vec::new(), latency_ns: 0 });
                 instruments.len() - 1
             });
-            let Instrument { gives: Gives::Stations(known), frames, .. } = &mut instruments[at] else { continue };
+            let DeviceRole { gives: Gives::Stations(known), frames, .. } = &mut instruments[at] else { continue };
             for station in stations.into_iter().filter(|station| !known.contains(station)).collect::<Vec<_>>() {
                 known.push(station);
                 frames.push([format!("Sensor{station}"), TRACKER_FRAME.to_owned()]);
@@ -212,7 +224,7 @@ impl Arguments {
                 }
             }
         }
-        // Of a sequence that became a session the transforms and times are its own.
+        // A session made from a sequence already contains the sequence's transforms and times.
         if instruments.iter().all(|instrument| instrument.frames.is_empty()) {
             return Ok(Placing::default());
         }
@@ -233,7 +245,7 @@ impl Arguments {
         Ok(drivers::open(&OpenSettings::Sequence(settings))?)
     }
 
-    /// The pixels' file beside the output is not one of the input's.
+    /// Refuses a separate pixel file that would overwrite one of the input's.
     fn check_pixels(&self) -> Result<(), Failure> {
         let Some(data) = Container::of(&self.output).and_then(|kind| kind.data_path(&self.output, self.compress))
         else {
@@ -242,7 +254,7 @@ impl Arguments {
         let stem = |path: &Path| path.file_stem().map(std::ffi::OsStr::to_owned);
         if data.exists() && stem(&self.input) == stem(&self.output) {
             return Err(Failure(format!(
-                "{}: {} is there already and may be the input's pixels; give another name",
+                "{}: {} exists and may hold the input's pixels; give another name",
                 self.output.display(),
                 data.display()
             )));

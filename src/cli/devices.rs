@@ -1,34 +1,37 @@
-//! `sonoweave devices`: what is plugged in, what can be opened, and why not.
+//! `sonoweave devices`: lists the connected devices, their drivers, and problems in opening
+//! them.
 
 use std::collections::BTreeSet;
 use std::io::Write;
 use std::time::Duration;
 
 use clap::Args;
-use drivers::{DRIVERS, Listing};
 use serde::Serialize;
+
+use drivers::{DRIVERS, Listing};
 
 use super::Failure;
 
-/// What gives those who sit at the machine the devices, and tells FTDI's adapters to hurry.
+/// udev rules that give local users access to the devices, and set FTDI adapters to low latency.
 const RULES: &str = include_str!("../../drivers/udev/70-sonoweave.rules");
-/// How often --watch looks. It looks and does not listen: what `nusb::watch_devices` hears is udev's word, which never comes where there is no udev (containers, small
-/// systems), and which is of USB alone, while lines and grabbers come by other buses too.
+/// Polling interval of --watch. `nusb::watch_devices` depends on udev events, which are missing
+/// in containers and small systems. It also covers USB only, while lines and grabbers use other
+/// buses too.
 const WATCH: Duration = Duration::from_millis(500);
 
 /// Flags of `devices`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Serial lines do not tell what is on them: the settings of a session say it.
+A serial line does not identify its device; the session configuration names it.
 
 Examples: sonoweave devices
           sonoweave devices --watch
           sonoweave devices --udev | sudo tee /etc/udev/rules.d/70-sonoweave.rules")]
 pub struct Arguments {
-    /// Go on and say what is plugged in and out, until interrupted
+    /// Keep running and report connected and disconnected devices, until interrupted
     #[arg(long)]
     watch: bool,
-    /// As JSON: an array of devices; with --watch one such array a line, whenever anything changes
+    /// Write JSON: an array of devices; with --watch one such array a line, after every change
     #[arg(long)]
     json: bool,
     /// Print the udev rules to install, and nothing else
@@ -39,19 +42,19 @@ pub struct Arguments {
 /// A device, and the drivers that could open it.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 struct Found {
-    /// What to call it in settings.
+    /// Its name in settings.
     id: String,
     /// The drivers, by name.
     drivers: Vec<&'static str>,
     description: String,
-    /// Why it cannot be opened, and what to do; `null` where it can.
+    /// Reason why it cannot be opened, and the remedy; `null` if it can.
     unavailable: Option<String>,
 }
 
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure`] when what was found cannot be written.
+/// [`Failure`] when the list cannot be written.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut out = std::io::stdout().lock();
     if arguments.udev {
@@ -66,7 +69,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
                 (false, None) => whole(&found),
                 (false, Some(before)) => changes(before, &found),
             };
-            // Whoever reads it may have had enough.
+            // The reader may have closed the pipe.
             if let Err(error) = out.write_all(said.as_bytes()).and_then(|()| out.flush()) {
                 return match error.kind() {
                     std::io::ErrorKind::BrokenPipe => Ok(()),
@@ -82,7 +85,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
 }
 
-/// One entry a device, whatever number of drivers see it.
+/// Merges the lists into one entry per device, even if several drivers see it.
 fn merged(lists: impl Iterator<Item = (&'static str, Vec<Listing>)>) -> Vec<Found> {
     let mut all: Vec<Found> = Vec::new();
     for (driver, list) in lists {
@@ -97,7 +100,7 @@ fn merged(lists: impl Iterator<Item = (&'static str, Vec<Listing>)>) -> Vec<Foun
     all
 }
 
-/// A device's lines.
+/// Formats a device's lines.
 fn entry(found: &Found) -> String {
     let Found { id, drivers, description, unavailable } = found;
     let mark = if unavailable.is_some() { "✗" } else { "✓" };
@@ -108,7 +111,7 @@ fn entry(found: &Found) -> String {
     said
 }
 
-/// Everything there is.
+/// Formats the whole list.
 fn whole(all: &[Found]) -> String {
     if all.is_empty() {
         return "No serial line, tracker on USB or frame grabber is plugged in.\n".into();
@@ -117,15 +120,16 @@ fn whole(all: &[Found]) -> String {
     let closed = all.iter().filter(|found| found.unavailable.is_some()).count();
     said += &match closed {
         0 => format!("{} found; all can be opened.\n", all.len()),
-        _ => format!("{} found, of which {closed} cannot be opened.\n", all.len()),
+        _ => format!("{} found; {closed} of them cannot be opened.\n", all.len()),
     };
     if all.iter().any(|found| found.unavailable.as_ref().is_some_and(|why| why.contains("permission"))) {
-        said += "The udev rules give them to whoever sits at the machine: sonoweave devices --udev | sudo tee /etc/udev/rules.d/70-sonoweave.rules\n";
+        said += "The udev rules give access to the user at this machine: sonoweave devices --udev | sudo tee \
+            /etc/udev/rules.d/70-sonoweave.rules\n";
     }
     said
 }
 
-/// What has come, gone or become another.
+/// Formats added, removed and changed devices.
 fn changes(before: &[Found], now: &[Found]) -> String {
     let ids = |all: &[Found]| all.iter().map(|found| found.id.clone()).collect::<BTreeSet<_>>();
     let (old, new) = (ids(before), ids(now));
@@ -145,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_two_drivers_see_is_one_device() {
+    fn line_seen_by_two_drivers_is_one_device() {
         let found = merged(
             [
                 ("tracker", vec![listing("/dev/ttyB", None), listing("usb:1-2", Some("permission denied; install"))]),
@@ -157,12 +161,12 @@ mod tests {
         assert_eq!(found[0].drivers, ["tracker", "arm"]);
         let said = whole(&found);
         assert!(said.contains("✓ /dev/ttyB\n    a thing at /dev/ttyB; for: tracker, arm\n"), "{said}");
-        assert!(said.contains("✗ usb:1-2") && said.contains("2 found, of which 1 cannot be opened"), "{said}");
+        assert!(said.contains("✗ usb:1-2") && said.contains("2 found; 1 of them cannot be opened"), "{said}");
         assert!(said.contains("--udev"), "{said}");
     }
 
     #[test]
-    fn only_what_changes_is_said() {
+    fn changes_lists_only_differences() {
         let all = |lists: Vec<Listing>| merged([("tracker", lists)].into_iter());
         let before = all(vec![listing("a", None), listing("b", None), listing("c", None)]);
         let now = all(vec![listing("b", Some("busy")), listing("c", None), listing("d", None)]);

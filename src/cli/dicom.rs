@@ -1,51 +1,55 @@
-//! `sonoweave dicom`: a sweep or a volume to DICOM, for a picture archive.
+//! `sonoweave dicom`: converts a sweep or a volume to DICOM, for a picture archive.
 
 pub(super) mod flags;
 
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use drivers::reading::PixelType;
-use drivers::recording::image::{Content, content};
-use drivers::recording::{Limits, SequenceSettings};
-use drivers::{Next, OpenSettings};
 use glam::DVec3;
 
+use config::Settings as Config;
+use drivers::OpenSettings;
+use drivers::replay::SequenceSettings;
+use export::dicom::Identifiers;
+use export::dicom::sweep::Sweep;
+use export::dicom::volume::VolumeImage;
+use export::volume::Scalar;
+use formats::Limits;
+use formats::image::{Content, content};
+use sonoweave_core::Next;
+use sonoweave_core::reading::PixelType;
+use sonoweave_core::slice::Pixels;
+use sync::ingest::{Ingest, Sample};
+use sync::survey;
+use sync::survey::SurveyError;
+use volume::dense::UNSEEN_FIELD;
+use volume::{DenseVolume, Values};
+
 use super::{Failure, input, values};
-use crate::config::Settings as Config;
-use crate::export::dicom::Identifiers;
-use crate::export::dicom::sweep::Sweep;
-use crate::export::dicom::volume::VolumeImage;
-use crate::export::volume::Scalar;
-use crate::ingest::{Ingest, Sample};
-use crate::slice::Pixels;
-use crate::sync::survey::SurveyError;
-use crate::sync::{PairingOptions, survey};
-use crate::volume::dense::UNSEEN_FIELD;
-use crate::volume::{DenseVolume, Values};
 use flags::DicomFlags;
 
 /// Header field with the recording's name and hash.
 const INPUT_FIELD: &str = "SonoweaveInput";
-/// Header field with the name of the frame where a volume lies.
+/// Header field with the name of the volume's frame.
 const FRAME_FIELD: &str = "SonoweaveFrame";
 
 /// Flags of `dicom`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-A sweep becomes an ultrasound multi-frame image (8 bits): with its frames' times, its pixel size where a calibration gives it, and its frames' poses in private \
-elements. A volume becomes an enhanced ultrasound volume (8 or 16 bits), each plane with its place; voxels that were not seen have the value that the file has for \
-them. What is made of one recording with the same identifiers is of one study. The same input gives the same bytes.
+A sweep becomes an ultrasound multi-frame image (8 bits), with the frames' times and with poses in private elements. \
+Its pixel size comes from the calibration, if given. A volume becomes an enhanced ultrasound volume (8 or 16 bits), \
+with the position of each plane. Unseen voxels keep their value. Files from one recording with the same identifiers \
+belong to one study. The same input gives the same bytes.
 
 Examples:
   sonoweave dicom sweep.igs.mha sweep.dcm --config PlusConfiguration.xml --patient-id 4711
   sonoweave dicom volume.mha volume.dcm --patient-id 4711")]
 pub struct Arguments {
-    /// A tracked sequence or a volume (.igs.mha, .mha)
+    /// Tracked sequence or volume (.igs.mha, .mha)
     input: PathBuf,
-    /// Where to write the image (.dcm)
+    /// Write the image to this file (.dcm)
     output: PathBuf,
-    /// Place a sequence's pictures with this calibration: our TOML or a PLUS XML
+    /// Place a sequence's images with this calibration: our TOML or a PLUS XML
     #[arg(short, long, value_name = "FILE")]
     config: Option<PathBuf>,
     /// Frame in which to place them [default: Reference if the sequence has one, else Tracker]
@@ -54,14 +58,15 @@ pub struct Arguments {
     /// Frames of a sequence to write: from A up to, but not including, B
     #[arg(long, value_name = "A..B", value_parser = values::frames)]
     frames: Option<FrameRange>,
-    /// Memory that a volume may take, GiB
+    /// Memory limit for a volume, GiB
     #[arg(long, value_name = "GIB", default_value_t = 8.0)]
     max_memory: f64,
     #[command(flatten)]
     identifiers: DicomFlags,
 }
 
-// clap takes an array for its own notation of repeated values; named types are single values to it.
+// clap takes an array for its own notation of repeated values; named types are single values to
+// it.
 type FrameRange = std::ops::Range<u64>;
 
 /// Runs the command.
@@ -75,7 +80,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     input::check_output(output)?;
     input::check_is_not(output, input)?;
     if !flags::is_dicom(output) {
-        return Err(Failure(format!("{}: DICOM files are written as .dcm; give such a name", output.display())));
+        return Err(Failure(format!(
+            "{}: is not a name of a DICOM file; give a name that ends in .dcm",
+            output.display()
+        )));
     }
     let said = match content(input, &Limits::default())? {
         Content::Sequence => write_sweep(arguments, &identifiers)?,
@@ -85,7 +93,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// A file's header field.
+/// Returns a file's header field.
 fn field<'a>(fields: &'a [(String, String)], name: &str) -> Option<&'a str> {
     fields.iter().find(|(n, _)| n == name).map(|(_, value)| value.as_str())
 }
@@ -94,7 +102,7 @@ fn write_volume(arguments: &Arguments, identifiers: &Identifiers) -> Result<Stri
     let Arguments { input, output, config, world, frames, max_memory, .. } = arguments;
     if config.is_some() || world.is_some() || frames.is_some() {
         return Err(Failure(format!(
-            "{}: is a volume; --config, --world and --frames are of sequences only",
+            "{}: is a volume; --config, --world and --frames apply to sequences only",
             input.display()
         )));
     }
@@ -116,7 +124,7 @@ fn write_volume(arguments: &Arguments, identifiers: &Identifiers) -> Result<Stri
     };
     let unseen = field(&header.fields, UNSEEN_FIELD).and_then(|text| text.parse().ok()).unwrap_or(0.0_f32);
     let unseen = unseen.clamp(0.0, scalar.top());
-    // The recording's, so that the volume is of its study; else its own.
+    // Uses the recording's hash, so that the volume belongs to its study; else the file's own.
     let recording = match field(&header.fields, INPUT_FIELD).and_then(|text| text.rsplit_once(" sha256 ")) {
         Some((_, hash)) => hash.to_owned(),
         None => input::hash(input)?,
@@ -143,12 +151,12 @@ fn write_sweep(arguments: &Arguments, identifiers: &Identifiers) -> Result<Strin
     let within = |problem: String| Failure(format!("{}: {problem}", input.display()));
     let frames = arguments.frames.clone().unwrap_or(0..u64::MAX);
     let config = arguments.config.as_deref().map(|path| Config::read(path, None)).transpose()?.unwrap_or_default();
-    let options = PairingOptions::new(&config, arguments.world.as_deref());
+    let options = config.pairing_options(arguments.world.as_deref());
     let open =
         |images| drivers::open(&OpenSettings::Sequence(SequenceSettings { images, ..SequenceSettings::new(input) }));
     let placed = match survey(open(false)?.as_mut(), &options) {
         Ok(survey) => Some(survey),
-        // Without a way to the world it is a sweep without poses, unless one was asked for.
+        // Without a way to the world, it is a sweep without poses, unless poses were requested.
         Err(SurveyError::NoPath(_)) if arguments.config.is_none() && arguments.world.is_none() => None,
         Err(error) => return Err(within(error.to_string())),
     };
@@ -157,7 +165,7 @@ fn write_sweep(arguments: &Arguments, identifiers: &Identifiers) -> Result<Strin
     let mut ingest = Ingest::new();
     device.start()?;
     loop {
-        match device.next(drivers::NO_DEADLINE)? {
+        match device.next(sonoweave_core::NO_DEADLINE)? {
             Next::Reading(reading) => match ingest.take(reading) {
                 Sample::Picture(picture) if frames.contains(&picture.head.stamp.item) => {
                     sweep.take(picture.head.stamp.item, picture.head.time_ns, &picture.image).map_err(within)?;
@@ -173,7 +181,7 @@ fn write_sweep(arguments: &Arguments, identifiers: &Identifiers) -> Result<Strin
     sweep.write(placed.as_ref(), output, &input::hash(input)?, identifiers).map_err(|e| within(e.0))
 }
 
-/// Frames of a sweep, one after the other.
+/// Frames of a sweep, in order.
 #[derive(Default)]
 struct Frames {
     size: [u32; 2],
@@ -183,19 +191,19 @@ struct Frames {
 }
 
 impl Frames {
-    fn take(&mut self, item: u64, time_ns: i64, image: &crate::slice::Image) -> Result<(), String> {
+    fn take(&mut self, item: u64, time_ns: i64, image: &sonoweave_core::slice::Image) -> Result<(), String> {
         let Pixels::U8(pixels) = image.pixels() else {
             return Err(format!(
-                "item {item}: has pixels of more than 8 bits, which DICOM's multi-frame ultrasound has not"
+                "item {item}: has pixels of more than 8 bits, which DICOM's multi-frame ultrasound does not allow"
             ));
         };
         let size = [image.width(), image.height()];
         if self.items.is_empty() {
             self.size = size;
         } else if self.size != size {
-            return Err(format!("item {item}: has {size:?} pixels, and the first frame {:?}", self.size));
+            return Err(format!("item {item}: has {size:?} pixels, but the first frame has {:?}", self.size));
         }
-        // Before memory is taken for it.
+        // Checks the size before memory is allocated.
         Sweep::bytes(self.items.len() as u64 + 1, size).map_err(|e| e.to_string())?;
         self.items.push(item);
         self.times_ns.push(time_ns);
@@ -205,7 +213,7 @@ impl Frames {
 
     fn write(
         &self,
-        placed: Option<&crate::sync::Survey>,
+        placed: Option<&sync::Survey>,
         output: &Path,
         recording: &str,
         identifiers: &Identifiers,

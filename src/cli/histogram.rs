@@ -1,22 +1,22 @@
-//! How numbers are spread, as counts and as bars of text.
+//! Histograms of numbers, as counts and as bars of text.
 
 use serde::Serialize;
 
 /// Characters of the longest bar.
 const LONGEST: usize = 40;
-/// Bins that a histogram of what begins at 0 has at most.
+/// Largest number of bins of a histogram that begins at 0.
 const BINS: usize = 16;
 /// Bins of a signed histogram to either side of the middle one.
 const SIDE: usize = 8;
-/// A bin is so many standard deviations wide, or the next longer round length.
+/// Smallest width of a bin, standard deviations; it is rounded up to a round number.
 const BIN_SPREAD: f64 = 0.3;
-/// Of a bin's width.
+/// Tolerance at bin edges, relative to a bin's width.
 const ROUNDING: f64 = 1e-9;
 
 /// Counts of numbers in bins of equal width.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(in crate::cli) struct Histogram {
-    /// Where the first bin begins.
+    /// Start of the first bin.
     from: f64,
     /// A bin's width; a number on the edge of two bins is in the higher one.
     width: f64,
@@ -25,16 +25,18 @@ pub(in crate::cli) struct Histogram {
     below: u64,
     /// Numbers from the end of the last bin on.
     above: u64,
-    /// Numbers that are none, or infinite.
+    /// Numbers that are NaN or infinite.
     not_finite: u64,
 }
 
-/// The shortest of 1, 2, 5 times a power of ten that is not shorter than `least`; 1 where that is no length.
+/// Returns the smallest of 1, 2, 5 times a power of ten that is not below `least`; 1 if `least`
+/// is not a positive finite number.
 pub(in crate::cli) fn round_up(least: f64) -> f64 {
     if !(least > 0.0 && least.is_finite()) {
         return 1.0;
     }
-    // A power of ten by its digits is the nearest number to it, and prints as such.
+    // Parsing the digits gives the nearest number to the power of ten, which also prints as
+    // such.
     let decade: f64 = format!("1e{}", least.log10().floor()).parse().unwrap_or(1.0);
     [1.0, 2.0, 5.0, 10.0].into_iter().map(|n| n * decade).find(|width| *width >= least * (1.0 - 1e-12)).unwrap_or(least)
 }
@@ -47,7 +49,8 @@ impl Histogram {
                 this.not_finite += 1;
                 continue;
             }
-            // Edges are meant in decimals: what is nearer to one than their rounding is on it.
+            // Edges are meant as decimals: a number within their rounding error of an edge is on
+            // it.
             let guess = ((sample - from) / width).floor();
             let bin = [guess - 1.0, guess, guess + 1.0]
                 .into_iter()
@@ -66,22 +69,23 @@ impl Histogram {
         self.from + bin * self.width
     }
 
-    /// Of numbers of either sign, with a bin around 0; what is farther than about 2.5 times their root mean square `rms` is counted below or above.
+    /// Makes a histogram of numbers of either sign, with a bin around 0. Numbers beyond about
+    /// 2.5 times their root mean square `rms` are counted below or above.
     pub(in crate::cli) fn signed(samples: impl Iterator<Item = f64>, rms: f64) -> Self {
         let width = round_up(BIN_SPREAD * rms);
         Self::of(samples, -(SIDE as f64 + 0.5) * width, width, 2 * SIDE + 1)
     }
 
-    /// Of numbers from 0 on, up to the largest; `None` of none.
+    /// Makes a histogram of numbers from 0 up to the largest; `None` without numbers.
     pub(in crate::cli) fn positive(samples: &[f64]) -> Option<Self> {
         let most = samples.iter().copied().filter(|s| s.is_finite()).fold(0.0, f64::max);
         let width = round_up(most / (BINS - 1) as f64);
-        // One more than needed where the largest is on an edge: it is in the bin that begins there.
+        // One more than needed if the largest is on an edge: it is in the bin that begins there.
         let bins = (most / width + ROUNDING).floor() as usize + 1;
         (!samples.is_empty()).then(|| Self::of(samples.iter().copied(), 0.0, width, bins))
     }
 
-    /// A line a bin, the longest bar for the fullest.
+    /// Formats a line a bin, the longest bar for the fullest.
     pub(in crate::cli) fn lines(&self) -> Vec<String> {
         let mut rows: Vec<(String, u64)> = Vec::new();
         if self.below > 0 {
@@ -99,7 +103,7 @@ impl Histogram {
         bars(&rows)
     }
 
-    /// An edge with as many decimals as the bins' width needs.
+    /// Formats an edge with as many decimals as the bins' width needs.
     fn label(&self, edge: usize) -> String {
         let half = if self.from == 0.0 { self.width } else { 0.5 * self.width };
         let decimals = (-half.log10().floor()).max(0.0) as usize;
@@ -107,13 +111,13 @@ impl Histogram {
     }
 }
 
-/// Labelled counts with bars, the labels to the right, the counts below each other.
+/// Formats labelled counts with bars: labels right-aligned, counts in one column.
 pub(in crate::cli) fn bars(rows: &[(String, u64)]) -> Vec<String> {
     let most = rows.iter().map(|(_, count)| *count).max().unwrap_or(0).max(1);
     let widest = rows.iter().map(|(label, _)| label.chars().count()).max().unwrap_or(0);
     let digits = most.to_string().len();
     let line = |(label, count): &(String, u64)| {
-        // In eighths of a character, and at least one where there is anything.
+        // The length is in eighths of a character, and at least one if the count is not 0.
         let eighths =
             ((*count as f64 / most as f64 * (8 * LONGEST) as f64).round() as usize).max(usize::from(*count > 0));
         let part = ["", "▏", "▎", "▍", "▌", "▋", "▊", "▉"][eighths % 8];
@@ -127,7 +131,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_number_is_in_one_bin_and_those_on_an_edge_in_the_higher() {
+    fn number_on_edge_falls_in_higher_bin() {
         let samples = [0.0, 0.1, 0.3, 0.7, 1.2, 1.5, 1.5];
         let h = Histogram::positive(&samples).unwrap();
         assert_eq!((h.from, h.width), (0.0, 0.1));
@@ -139,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn signed_numbers_have_a_bin_around_zero_and_tails() {
+    fn signed_has_bin_around_zero_and_tails() {
         let samples = [0.0, 0.49, -0.5, -0.51, 0.5, 8.4, 8.5, -100.0, f64::INFINITY];
         let h = Histogram::signed(samples.into_iter(), 3.0);
         assert_eq!((h.from, h.width, h.counts.len()), (-8.5, 1.0, 17));
@@ -149,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn widths_are_round() {
+    fn round_up_gives_1_2_5_decades() {
         for (least, width) in
             [(0.3, 0.5), (1.0, 1.0), (1.1, 2.0), (0.011, 0.02), (7.0, 10.0), (0.0, 1.0), (f64::NAN, 1.0)]
         {
@@ -158,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn bars_are_as_long_as_counts_are_large() {
+    fn bars_lengths_proportional_to_counts() {
         let lines = bars(&[("a".into(), 80), ("bb".into(), 41), ("c".into(), 0), ("d".into(), 1)]);
         assert_eq!(lines[0], format!(" a  80 {}", "█".repeat(40)));
         assert_eq!(lines[1], format!("bb  41 {}▌", "█".repeat(20)));

@@ -1,4 +1,4 @@
-//! `--igtl`: a session that other programs look at over OpenIGTLink.
+//! `--igtl`: serves a session to other programs over OpenIGTLink.
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -8,31 +8,34 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 
+use igtl::{Commands, Hub, Server};
+use pipeline::live::{FrameObserver, Reader, Session};
+
 use super::Failure;
 use super::live::outputs::say;
-use crate::igtl::{Commands, Hub, Server};
-use crate::pipeline::live::{Reader, Session, Witness};
 
-/// Between two looks at whether a session may begin.
+/// Polling interval for the start of a session.
 const LOOK: Duration = Duration::from_millis(20);
-/// Between two sentences of how it goes.
+/// Time between two status sentences.
 const TELL_EVERY: Duration = Duration::from_millis(500);
 
-/// Flags of who looks on.
+/// Flags of the OpenIGTLink server.
 #[derive(Debug, Clone, Default, Args)]
 pub(in crate::cli) struct Sharing {
-    /// Shows slices, sensors and the volume over OpenIGTLink (3D Slicer, PLUS) at this address; whoever reaches it sees them. Without an address on this machine only
+    /// Serve slices, sensors and the volume over OpenIGTLink (3D Slicer, PLUS) at this address;
+    /// everybody who reaches it sees them. Without an address: on this machine only
     #[arg(long, value_name = "ADDR:PORT", num_args = 0..=1, require_equals = true, default_missing_value = "127.0.0.1:18944")]
     igtl: Option<SocketAddr>,
-    /// A folder for the volumes that clients of this machine save by the command save; it is made if it is not there [default: they may save none]
+    /// Folder for the volumes that clients on this machine save with the command save; it is
+    /// created if missing [default: saving is disabled]
     #[arg(long, value_name = "DIR", requires = "igtl")]
     igtl_save: Option<PathBuf>,
-    /// Begins only when a client of this machine sends the command start
+    /// Begin only when a client on this machine sends the command start
     #[arg(long, requires = "igtl")]
     igtl_wait: bool,
 }
 
-/// A server of a session.
+/// A session's server.
 pub(in crate::cli) struct Shared {
     hub: Arc<Hub>,
     commands: Arc<Commands>,
@@ -41,12 +44,12 @@ pub(in crate::cli) struct Shared {
 }
 
 impl Sharing {
-    /// Whether anything of it is asked for.
+    /// Whether the server is requested.
     pub(in crate::cli) fn is_wanted(&self) -> bool {
         self.igtl.is_some()
     }
 
-    /// Serves from now on, where it is asked for, a session that ends by that flag.
+    /// Starts the server, if requested. The session ends by the flag `ends`.
     ///
     /// # Errors
     /// [`Failure`] when the address is taken.
@@ -60,7 +63,9 @@ impl Sharing {
         if !quiet {
             say(&format!("OpenIGTLink at {}", server.address()));
             if !address.ip().is_loopback() {
-                say("whoever reaches this address sees slices and volume; commands are taken from this machine only");
+                say(
+                    "all clients of this address see slices and volume; only clients on this machine can send commands",
+                );
             }
         }
         let shared = Shared { hub, commands, server, told: None };
@@ -72,13 +77,13 @@ impl Sharing {
 }
 
 impl Shared {
-    /// Looks on at a session, and reads its volume.
+    /// Registers as an observer of the session and as a reader of its volume.
     pub(in crate::cli) fn joins(&self, session: &mut Session) {
-        session.witnesses.push(Arc::clone(&self.hub) as Arc<dyn Witness>);
+        session.witnesses.push(Arc::clone(&self.hub) as Arc<dyn FrameObserver>);
         session.readers.push(Arc::clone(&self.hub) as Arc<dyn Reader>);
     }
 
-    /// How it goes.
+    /// Sends the session's status to clients.
     pub(in crate::cli) fn tell(&mut self, sentence: impl FnOnce() -> String) {
         if self.told.is_none_or(|told| told.elapsed() >= TELL_EVERY) {
             self.told = Some(Instant::now());
@@ -86,7 +91,7 @@ impl Shared {
         }
     }
 
-    /// What became of clients, where there were any.
+    /// Reports the clients' connection counts at the end, if there were any.
     pub(in crate::cli) fn leave(self, quiet: bool) {
         if let (Some(sentence), false) = (self.server.counts().sentence(), quiet) {
             say(&sentence);

@@ -1,4 +1,4 @@
-//! What commands that read files share: hashing, progress, formatting.
+//! Functions shared by commands that read files: hashing, progress, formatting.
 
 use std::fmt::Write as _;
 use std::fs::File;
@@ -7,17 +7,18 @@ use std::path::Path;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
-use drivers::recording::Progress;
-use drivers::recording::image::Container;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use sha2::{Digest, Sha256};
 
+use drivers::replay::Progress;
+use formats::image::Container;
+
 use super::Failure;
 
-/// What a session's file begins with.
+/// Magic bytes of a session's file.
 const SESSION: &[u8] = b"\x89MCAP";
 
-/// SHA-256 of a file, as `sha256sum` prints it.
+/// Returns the SHA-256 of a file, as `sha256sum` prints it.
 ///
 /// # Errors
 /// [`Failure`] when the file cannot be read.
@@ -40,7 +41,8 @@ pub fn hash(path: &Path) -> Result<String, Failure> {
     Ok(text)
 }
 
-/// Whether a file is a recorded session: by its first bytes, or by its name where the beginning may be damaged.
+/// Whether a file is a recorded session: by its first bytes, or by its name if the beginning may
+/// be damaged.
 ///
 /// # Errors
 /// [`Failure`] when the file cannot be read.
@@ -51,28 +53,28 @@ pub fn is_session(path: &Path) -> Result<bool, Failure> {
     Ok(head == SESSION || path.extension().is_some_and(|extension| extension == "mcap"))
 }
 
-/// A file can be written there: said before the work, not after it.
+/// Checks before the work that a file can be written there.
 ///
 /// # Errors
 /// [`Failure`] when its folder does not exist, or something that is no file has its name.
 pub fn check_output(path: &Path) -> Result<(), Failure> {
     check_folder(path)?;
     if path.exists() && !path.is_file() {
-        return Err(Failure(format!("{}: is there already and is no file; give another name", path.display())));
+        return Err(Failure(format!("{}: exists and is not a file; give another name", path.display())));
     }
     Ok(())
 }
 
-/// A volume is written there: its name says a format that there is.
+/// Checks that a path's name has a known volume format.
 ///
 /// # Errors
-/// [`Failure`] when it says none.
+/// [`Failure`] for an unknown format.
 pub fn check_volume(path: &Path) -> Result<(), Failure> {
     let named = Container::of_volume(path).map_err(|why| Failure(format!("{}: {why}", path.display())));
     named.map(|_| ())
 }
 
-/// The folder of a file exists.
+/// Checks that the folder of a file exists.
 ///
 /// # Errors
 /// [`Failure`] when it does not.
@@ -84,7 +86,7 @@ pub fn check_folder(path: &Path) -> Result<(), Failure> {
     Err(Failure(format!("{}: the folder {} does not exist", path.display(), folder.display())))
 }
 
-/// An output is not an input.
+/// Checks that an output is not an input.
 ///
 /// # Errors
 /// [`Failure`] when it is.
@@ -95,7 +97,7 @@ pub fn check_is_not(output: &Path, input: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Threads as asked for, else one a core.
+/// Returns the requested number of threads, else one per core.
 pub fn threads(asked: Option<u16>) -> usize {
     match asked {
         Some(n) => usize::from(n),
@@ -103,7 +105,7 @@ pub fn threads(asked: Option<u16>) -> usize {
     }
 }
 
-/// A progress bar on a terminal, nothing in a pipe.
+/// Returns a progress bar on a terminal; it is hidden in a pipe.
 pub fn progress(doing: &'static str, total: u64) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::stderr());
     if let Ok(style) = ProgressStyle::with_template("{msg:12} {wide_bar} {pos}/{len} {eta:>4}") {
@@ -114,9 +116,10 @@ pub fn progress(doing: &'static str, total: u64) -> ProgressBar {
     bar
 }
 
-/// A progress bar for files all of whose frames are read before the first of them is there: those whose list is the first axis.
+/// Returns a progress bar for files whose list is the first axis. All their frames are read
+/// before the first one is available.
 pub fn turning() -> Progress {
-    // Nothing is shown of other files.
+    // No bar is shown for other files.
     let bar = OnceLock::new();
     Progress(Some(Arc::new(move |done, of| {
         let bar: &ProgressBar = bar.get_or_init(|| progress("turning", of));

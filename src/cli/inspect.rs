@@ -1,4 +1,4 @@
-//! `sonoweave inspect`: what is in a sequence, session, volume or calibration file.
+//! `sonoweave inspect`: describes a sequence, session, volume or calibration file.
 
 mod configuration;
 mod histograms;
@@ -12,9 +12,10 @@ use std::io::{ErrorKind, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use drivers::recording::Limits;
-use drivers::recording::image::{Content, content};
 use serde::Serialize;
+
+use formats::Limits;
+use formats::image::{Content, content};
 
 use super::{Failure, input};
 use configuration::ConfigurationReport;
@@ -23,41 +24,46 @@ use session::SessionReport;
 use text::Text;
 use volume::VolumeReport;
 
-/// Enough of a file to tell what it is.
+/// Bytes of a file that suffice to recognise its type.
 const HEAD_BYTES: u64 = 4096;
 
 /// Flags of `inspect`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-The content tells what a file is, not its name. Of a sequence only the header is read, a session is read to its end.
+The command identifies a file by its content, not by its name. It reads only the header of a sequence, but the whole \
+of a session.
 
 Examples:
   sonoweave inspect sweep.igs.mha --config PlusConfiguration.xml
   sonoweave inspect SESSION-20261121-213000.mcap --repair whole.mcap")]
 pub struct Arguments {
-    /// A tracked sequence or a volume (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz), a session (.mcap), our calibration TOML or a PLUS XML
+    /// Tracked sequence or volume (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz), session (.mcap),
+    /// our calibration TOML or a PLUS XML
     file: PathBuf,
     /// Write JSON, for programs
     #[arg(long)]
     json: bool,
-    /// Place a sequence's pictures with this calibration: our TOML or a PLUS XML
+    /// Place a sequence's images with this calibration: our TOML or a PLUS XML
     #[arg(short, long, value_name = "FILE")]
     config: Option<PathBuf>,
     /// Frame in which to place them [default: Reference if the sequence has one, else Tracker]
     #[arg(long, value_name = "NAME")]
     world: Option<String>,
-    /// Compare a volume, voxel by voxel, with this one on the same lattice; voxels of either's unseen value (0 if it notes none) do not count
+    /// Compare a volume, voxel by voxel, with this one on the same lattice; voxels of either's
+    /// unseen value (0 if it notes none) do not count
     #[arg(long, value_name = "VOL.mha")]
     against: Option<PathBuf>,
-    /// The volume's weights, as `reconstruct --weights` wrote them: where they are 0 was nothing seen, where −1 a hole was filled, and every value counts elsewhere
+    /// Volume's weights, as `reconstruct --weights` wrote them: 0 marks unseen voxels, −1 filled
+    /// holes, and every value counts elsewhere
     #[arg(long, value_name = "FILE.mha")]
     weights: Option<PathBuf>,
-    /// Write what is whole of a damaged or broken-off session to a new file, which says what is missing
+    /// Write the intact part of a damaged or interrupted session to a new file, which lists the
+    /// missing parts
     #[arg(long, value_name = "OUT.mcap")]
     repair: Option<PathBuf>,
 }
 
-/// What was found. The JSON form is this, with `kind` telling which.
+/// The report; its fields are the JSON form, tagged by `kind`.
 #[derive(Debug, Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 enum Report {
@@ -67,7 +73,7 @@ enum Report {
     Configuration(Box<ConfigurationReport>),
 }
 
-/// What kind of file it is.
+/// Type of a file.
 enum Kind {
     Sequence,
     Session,
@@ -78,7 +84,7 @@ enum Kind {
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure`] when the file cannot be read or is nothing that is known.
+/// [`Failure`] when the file cannot be read or its type is unknown.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let report = arguments.report()?;
     let mut out = if arguments.json {
@@ -97,7 +103,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         out.push('\n');
     }
     match std::io::stdout().write_all(out.as_bytes()) {
-        // Who reads no further (`| head`) has read enough.
+        // A closed pipe (`| head`) is no error.
         Err(e) if e.kind() == ErrorKind::BrokenPipe => Ok(()),
         Err(e) => Err(Failure(format!("writing to stdout failed: {e}"))),
         Ok(()) => Ok(()),
@@ -110,7 +116,7 @@ impl Arguments {
         let kind = kind(path)?;
         if !matches!(kind, Kind::Sequence) && (self.config.is_some() || self.world.is_some()) {
             return Err(Failure(format!(
-                "{}: is no sequence; --config and --world place sequences only",
+                "{}: is not a sequence; --config and --world apply to sequences only",
                 path.display()
             )));
         }
@@ -120,7 +126,7 @@ impl Arguments {
             return Err(Failure(format!("{}: is no volume; {flag} volumes only", path.display())));
         }
         if !matches!(kind, Kind::Session) && self.repair.is_some() {
-            return Err(Failure(format!("{}: is no session; --repair repairs sessions only", path.display())));
+            return Err(Failure(format!("{}: is not a session; --repair applies to sessions only", path.display())));
         }
         Ok(match kind {
             Kind::Session => Report::Session(Box::new(SessionReport::read(path, self.repair.as_deref())?)),
@@ -136,7 +142,7 @@ impl Arguments {
     }
 }
 
-/// Tells a file by its content.
+/// Recognises a file by its content.
 fn kind(path: &Path) -> Result<Kind, Failure> {
     let failed = |e: std::io::Error| Failure(format!("{}: reading failed: {e}", path.display()));
     if std::fs::metadata(path).map_err(failed)?.is_dir() {
@@ -155,7 +161,7 @@ fn kind(path: &Path) -> Result<Kind, Failure> {
     }
     // The grammars of a MetaImage header and of our TOML's first lines overlap; the keys do not.
     let has = |keys: &[&str]| text.lines().map(str::trim).any(|line| keys.iter().any(|key| begins(line, key)));
-    // What NIfTI begins with in either order of bytes, and what is compressed: only volumes are.
+    // NIfTI's first bytes in either byte order, and gzip's: only volumes are compressed whole.
     let nifti = [&b"\x5c\x01\0\0"[..], b"\0\0\x01\x5c", b"\x1f\x8b"].iter().any(|magic| head.starts_with(magic));
     if nifti || text.starts_with("NRRD") || has(&["ObjectType", "NDims", "DimSize", "ElementType"]) {
         return Ok(match content(path, &Limits::default())? {

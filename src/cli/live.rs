@@ -1,5 +1,7 @@
-//! `sonoweave live`: what a bedside's configuration may hold, and whether all that it names works.
+//! `sonoweave live`: runs sessions, checks configurations and their devices, and prints keys and
+//! examples.
 
+mod app;
 mod check;
 mod device;
 pub(in crate::cli) mod home;
@@ -9,9 +11,8 @@ mod reload;
 pub(in crate::cli) mod resume;
 mod room;
 pub(in crate::cli) mod session;
-mod sitting;
 pub(in crate::cli) mod stages;
-pub(in crate::cli) mod telling;
+pub(in crate::cli) mod status_publisher;
 mod terminal;
 pub(in crate::cli) mod viewers;
 
@@ -20,8 +21,9 @@ use std::path::PathBuf;
 
 use clap::{ArgGroup, Args, ValueEnum};
 
+use config::bedside::Bedside;
+
 use super::Failure;
-use crate::config::bedside::Bedside;
 
 /// Flags of `live`.
 #[derive(Debug, Args)]
@@ -29,39 +31,41 @@ use crate::config::bedside::Bedside;
     group(ArgGroup::new("modes")),
     group(ArgGroup::new("of_a_session").multiple(true).requires("config").conflicts_with_all(["keys", "example", "check"]).args(["record", "console", "duration", "resume", "keep", "quiet", "headless", "volume", "weights", "fill", "fill_radius", "picture", "stats", "igtl", "igtl_save", "igtl_wait"])),
     after_help = "\
-With --config alone a session is run until it is told to end, by Ctrl-C, SIGTERM or --duration; what it leaves is written then. Told a second time, it ends at once and writes nothing more. A check opens every device at once, waits at most 5 s for each to \
-run, listens to it for a moment and says what it found, what is wrong and what to do; nothing is recorded. The exit code is 0 only if all is well. Virtual devices are \
-played by the program itself.
+With --config alone, a session runs until Ctrl-C, SIGTERM or the end of --duration, and then writes its outputs. A \
+second signal ends it at once, without further outputs. --check opens all devices and waits 5 s at most for each. It \
+reports the results, the faults and their remedies, and records nothing. The exit code is 0 only if there is no \
+fault. The program simulates virtual devices itself.
 
 Examples: sonoweave live --example virtual > bedside.toml
           sonoweave live --config bedside.toml --check
           sonoweave live --keys"
 )]
 pub struct Arguments {
-    /// The bedside: our TOML, or a PLUS device set whose devices there are drivers for
+    /// Session configuration: our TOML, or a PLUS device set with supported devices
     #[arg(short, long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Open every device of the configuration, and say what was found
+    /// Open every device of the configuration, and report the results
     #[arg(long, group = "modes", requires = "config")]
     check: bool,
-    /// As JSON, for programs
+    /// Write JSON, for programs
     #[arg(long, requires = "check")]
     json: bool,
-    /// Print every key that a configuration may have, what it takes, and when a change of it takes effect
+    /// Print every key that a configuration may have, its values, and when a change of it takes
+    /// effect
     #[arg(long, group = "modes", conflicts_with = "config")]
     keys: bool,
     /// Print a commented configuration to begin with
     #[arg(long, group = "modes", value_enum, value_name = "NAME", conflicts_with = "config")]
     example: Option<Example>,
     #[command(flatten, next_help_heading = "Session")]
-    conduct: session::Conduct,
+    conduct: session::SessionArguments,
     #[command(flatten, next_help_heading = "What it leaves")]
     outputs: outputs::Outputs,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Example {
-    /// An arm that speaks EA1, and a frame grabber
+    /// An arm with protocol EA1, and a frame grabber
     Arm,
     /// The calibration that goes with it: joints and probe
     ArmProbe,
@@ -69,7 +73,7 @@ enum Example {
     Fastrak,
     /// A LIBERTY on USB, and an HDMI grabber
     Liberty,
-    /// A PLUS server in the place of tracker and grabber
+    /// A PLUS server in place of tracker and grabber
     PlusServer,
     /// The calibration that goes with all but the arm's
     Probe,
@@ -94,7 +98,7 @@ impl Example {
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure`] when the configuration cannot be used, or something of it is not well.
+/// [`Failure`] when the configuration cannot be used, or a check fails.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut out = std::io::stdout().lock();
     if let Some(example) = arguments.example {
@@ -105,7 +109,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let Some(path) = &arguments.config else {
         return Err(Failure(
-            "--config: is missing: which bedside? `sonoweave live --example virtual` prints one that needs no hardware"
+            "--config: is missing; give a session configuration. `sonoweave live --example virtual` prints one without \
+            hardware"
                 .into(),
         ));
     };

@@ -28,41 +28,41 @@ use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 use tracing_subscriber::{EnvFilter, Layer as _};
 
-use crate::config::Unfit;
-pub use crate::config::values;
-use crate::trace::{self, TraceFile};
+use config::Unfit;
+pub use config::values;
+use pipeline::trace::{self, TraceFile};
 
-/// Freehand 3D ultrasound: tracked slices woven into a volume as they arrive.
+/// Freehand 3D ultrasound: reconstructs tracked slices into a volume as they arrive.
 #[derive(Debug, Parser)]
 #[command(name = "sonoweave", version, propagate_version = true, max_term_width = 110)]
 pub struct Arguments {
     #[command(subcommand)]
     command: Command,
-    /// What to log to stderr: error, warn, info, debug, or a tracing filter
+    /// Log to stderr with this filter: error, warn, info, debug, or a tracing filter
     #[arg(long, global = true, value_name = "FILTER", default_value = "warn")]
     log: String,
-    /// Where to write where the time of each frame went, stage by stage, for Perfetto (ui.perfetto.dev) or chrome://tracing
+    /// Write per-frame stage timings, for Perfetto (ui.perfetto.dev) or chrome://tracing
     #[arg(long, global = true, value_name = "FILE.json")]
     trace: Option<PathBuf>,
-    /// Flags of the subcommand that are there, by their names.
+    /// Names of the flags that were given to the subcommand.
     #[arg(skip)]
     given: Vec<String>,
 }
 
 impl Arguments {
-    /// The process's own; what cannot be parsed ends it, with a sentence.
+    /// Parses the process's arguments; ends the process with a message if they are invalid.
     pub fn of_process() -> Self {
         Self::of(std::env::args_os()).unwrap_or_else(|error| error.exit())
     }
 
-    /// Of words, the program's name first.
+    /// Parses arguments, the program's name first.
     fn of(words: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Result<Self, clap::Error> {
         let mut command = Self::command();
         let matches = command.try_get_matches_from_mut(words)?;
         let mut arguments = Self::from_arg_matches(&matches).map_err(|error| error.format(&mut command))?;
         if let Some((name, own)) = matches.subcommand() {
             let is_there = |id: &&str| own.value_source(id) == Some(ValueSource::CommandLine);
-            // Flags that are kept in one struct are a group to clap, which is no flag.
+            // clap treats flags that share a struct as a group; such groups are not flags.
             let flags: Vec<&str> = command
                 .find_subcommand(name)
                 .map_or_else(Vec::new, |sub| sub.get_arguments().map(|flag| flag.get_id().as_str()).collect());
@@ -74,7 +74,7 @@ impl Arguments {
 }
 
 impl Arguments {
-    /// Begins to log, and to trace where that is asked for; the trace's file.
+    /// Starts logging, and tracing if requested. Returns the trace's file.
     fn listen(&self) -> Result<Option<TraceFile>, Failure> {
         let filter = EnvFilter::try_new(&self.log).map_err(|e| Failure(format!("--log {}: {e}", self.log)))?;
         let log = tracing_subscriber::fmt::layer().with_writer(std::io::stderr).with_filter(filter);
@@ -94,35 +94,35 @@ impl Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Weave a recorded sweep into a volume
+    /// Reconstruct a recorded sweep into a volume
     Reconstruct(Box<reconstruct::Arguments>),
     /// Render a volume
     Render(Box<render::Arguments>),
-    /// Run a recorded session again, or weave a recorded sweep while a picture follows
+    /// Replay a recorded session, or reconstruct a recorded sweep while a picture follows
     Replay(Box<replay::Arguments>),
-    /// Write a sequence, session or volume as another kind of file
+    /// Convert a sequence, session or volume to another file format
     Convert(convert::Arguments),
-    /// Say what is in a sequence, volume or calibration file
+    /// Describe a sequence, volume or calibration file
     Inspect(inspect::Arguments),
-    /// Say how far two volumes are from each other, where, and which settings differ
+    /// Compare two volumes: their difference, its places, and the settings that differ
     Compare(compare::Arguments),
-    /// Run a session at the bedside: devices to a volume and its picture, recorded
+    /// Run a live session: devices to a volume and its picture, recorded
     Live(Box<live::Arguments>),
-    /// Find where the picture lies on the probe, how late the tracker is, and how sure that is
+    /// Calibrate image plane, latency, stylus, arm, phantom or tracker, with error estimates
     Calibrate(calibrate::Arguments),
     /// Run a session on a virtual bedside, which needs no hardware
     Demo(demo::Arguments),
-    /// Say what is plugged in, what can be opened, and why not
+    /// List connected devices, their drivers, and problems in opening them
     Devices(devices::Arguments),
     /// Write a recorded sweep or a volume as DICOM, for a picture archive
     Dicom(dicom::Arguments),
-    /// Make a synthetic sweep whose truth is known
+    /// Make a synthetic sweep with known ground truth
     Phantom(Box<phantom::Arguments>),
-    /// Play a tracker or an arm on a pseudo-terminal, for drivers to open
+    /// Simulate a tracker or an arm on a pseudo-terminal, for drivers to open
     Twin(Box<twin::Arguments>),
 }
 
-/// Why a command failed: a sentence for stderr, exit code 1.
+/// Reason why a command failed: a sentence for stderr, exit code 1.
 #[derive(Debug)]
 pub struct Failure(pub String);
 
@@ -133,7 +133,7 @@ impl<E: std::error::Error> From<E> for Failure {
 }
 
 impl Failure {
-    /// Of the flags that have the settings' names.
+    /// Converts a problem of settings whose flags have the settings' names.
     fn flag(Unfit { setting, problem }: Unfit) -> Self {
         match setting {
             "" => Self(problem),
@@ -142,12 +142,12 @@ impl Failure {
     }
 }
 
-/// Runs what the command line asks for.
+/// Runs the requested command.
 ///
 /// # Errors
-/// [`Failure`] when the command did not do it.
+/// [`Failure`] when the command failed.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    // Dropped when the command is done: then the file is whole.
+    // Dropped when the command is done, which completes the file.
     let _trace = arguments.listen()?;
     match &arguments.command {
         Command::Reconstruct(arguments) => reconstruct::run(arguments),
@@ -171,7 +171,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_given_are_flags_and_not_the_groups_that_hold_them() {
+    fn given_lists_flags_without_groups() {
         let words = "sonoweave replay s.mcap --fill nearest --stats s.json --log info";
         let mut given = Arguments::of(words.split(' ')).unwrap().given;
         given.sort_unstable();
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn the_definitions_are_consistent_and_every_command_explains_itself() {
+    fn definitions_consistent_all_commands_have_help() {
         let mut command = Arguments::command();
         command.clone().debug_assert();
         for sub in command.get_subcommands_mut() {

@@ -1,14 +1,15 @@
-//! `sonoweave phantom`: a synthetic sweep whose truth is known.
+//! `sonoweave phantom`: makes a synthetic sweep with known ground truth.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-use calibration::file::CalibrationFile;
 use clap::{ArgGroup, Args, ValueEnum as _};
-use drivers::reading::{NamedTransform, PixelType, Stamp, Status};
-use drivers::recording::image::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
-use drivers::recording::image::{Container, VolumeHeader};
 use glam::DVec3;
+
+use calibration::file::CalibrationFile;
+use formats::image::write::{SequenceHeader, SequenceItem, SequenceWriter, VolumeWriter};
+use formats::image::{Container, VolumeHeader};
+use sonoweave_core::reading::{NamedTransform, PixelType, Stamp, Status};
 
 pub(super) mod choices;
 mod echoes;
@@ -16,128 +17,136 @@ mod echoes;
 use choices::{ScalarName, direction, frequency, tracker_noise};
 
 use super::{Failure, input, values};
-use crate::phantom::named::{
-    AXIS_DISTANCE_MM, DWELL, MotionOptions, RADIUS_MM, SceneName, SceneOptions, TrajectoryName,
-};
-use crate::phantom::scan::{Depth, convex_fan};
-use crate::phantom::scene::Speckle;
-use crate::phantom::{EffectiveKernel, Scan, ScanSettings, TrackerNoise, blur, truth};
-use crate::slice::Pixels;
-use crate::volume::Grid;
+use phantom::named::{AXIS_DISTANCE_MM, DWELL, MotionOptions, RADIUS_MM, SceneName, SceneOptions, TrajectoryName};
+use phantom::scan::{Depth, convex_fan};
+use phantom::scene::Speckle;
+use phantom::{EffectiveKernel, Scan, ScanSettings, TrackerNoise, blur, truth};
+use sonoweave_core::slice::Pixels;
+use volume::Grid;
 
-/// Frames painted at once: enough for all cores, little enough for memory.
+/// Frames rendered at once: enough for all cores, few enough for memory.
 const BATCH: u32 = 8;
 
 /// Flags of `phantom`.
 #[derive(Debug, Args)]
 #[command(group(ArgGroup::new("truths").multiple(true)), after_help = "\
-The sequence holds ImageToReference, so that `sonoweave reconstruct SEQ -o VOL` needs no calibration. With --calibration it holds what a \
-tracker records instead, ProbeToTracker and ReferenceToTracker, and the probe's calibration is written to a file of its own. The same flags \
-give the same bits on every machine.
+The sequence holds ImageToReference, so that `sonoweave reconstruct SEQ -o VOL` needs no calibration. With \
+--calibration it holds what a tracker records instead, ProbeToTracker and ReferenceToTracker, and the probe's \
+calibration is written to a file of its own. The same flags give the same bits on every machine.
 
-A reconstruction is the scene under its kernel, so that even a perfect one differs from --truth: a kernel as wide as the scanner's own blur \
-widens the result by √2. --truth-blurred is the scene under the kernel that `reconstruct --spacing` uses, turned with the pictures, or under \
-that of --sigma: what then remains is the reconstruction's own error. A sweep is undersampled twice or three times by two or three times the \
---gap and as many fewer --frames.
+A reconstruction is the scene blurred by its kernel, so even a perfect one differs from --truth. A kernel as wide as \
+the scanner's own blur widens the result by √2. --truth-blurred is the scene blurred by the kernel of `reconstruct \
+--spacing`, turned with the frames, or by that of --sigma. Its difference from a reconstruction is the \
+reconstruction's own error. To undersample a sweep twice, double --gap and halve --frames.
 
-Dolls, thighs, wires, floors and styli are bodies: an ultrasound scanner looks into them, and their truth is the mean echo of what is there. What is \
-outside the scanner's field is black and no data: the sequence tells the fan or the clip, and --calibration writes it for `reconstruct --config`.
+Dolls, thighs, wires, floors and styli are bodies for a simulated ultrasound scanner, and their truth is the mean \
+echo. Pixels outside the scanner's field are black and no data. The sequence contains the fan or the clip, and \
+--calibration writes it for `reconstruct --config`.
 
 Example: sonoweave phantom -o sweep.igs.mha --truth truth.mha --scene blobs --trajectory freehand --spacing 0.5")]
 pub struct Arguments {
-    /// Where to write the sweep, a tracked sequence (.mha, .mhd, .nrrd, .nhdr)
+    /// Write the sweep to this file, a tracked sequence (.mha, .mhd, .nrrd, .nhdr)
     #[arg(short, long, value_name = "SEQ.igs.mha")]
     output: PathBuf,
-    /// Write the scene on the lattice that `reconstruct --spacing` uses, over the box that holds all pictures
+    /// Write the scene on the lattice that `reconstruct --spacing` uses, over the box around all
+    /// images
     #[arg(long, value_name = "VOL.mha", group = "truths")]
     truth: Option<PathBuf>,
     /// Write the scene under the reconstruction's kernel on the same lattice
     #[arg(long, value_name = "VOL.mha", group = "truths")]
     truth_blurred: Option<PathBuf>,
-    /// σ that the kernel of --truth-blurred really has along u, v and the picture's normal, mm [default: those of `reconstruct` at this
-    /// --spacing and --pixel; its statistics tell others]
+    /// Effective σ of the kernel of --truth-blurred along u, v and the image's normal, mm
+    /// [default: those of `reconstruct` at this --spacing and --pixel; its statistics show
+    /// others]
     #[arg(long, value_name = "SU,SV,SN", value_parser = values::lengths, requires = "truth_blurred")]
     sigma: Option<[f64; 3]>,
-    /// When the truths are taken of a scene that moves, s [default: the last picture's time]
+    /// Time of the truths of a moving scene, s [default: the last image's time]
     #[arg(long, value_name = "S", requires = "truths", allow_hyphen_values = true)]
     truth_time: Option<f64>,
     /// Distance between the truths' voxels, mm
     #[arg(long, value_name = "MM[,MM,MM]", value_parser = values::spacing, default_value = "0.5")]
     spacing: DVec3,
-    /// What lies in the world
+    /// Scene to scan
     #[arg(long, value_enum, default_value_t)]
     scene: SceneName,
-    /// Grey level of --scene constant
+    /// Grey value of --scene constant
     #[arg(long, value_name = "GREY", default_value_t = 100.0, allow_hyphen_values = true)]
     grey: f64,
     /// Normal of --scene plane and sheet, of any length
     #[arg(long, value_name = "X,Y,Z", value_parser = direction, default_value = "1,2,3", allow_hyphen_values = true)]
     normal: DVec3,
-    /// One wave for --scene sinusoid, cycles per mm along x, y and z [default: one of 0.25 along each axis]
+    /// Frequency of a single wave for --scene sinusoid, cycles per mm along x, y and z [default:
+    /// one of 0.25 along each axis]
     #[arg(long, value_name = "FX,FY,FZ", value_parser = frequency, allow_hyphen_values = true)]
     frequency: Option<DVec3>,
-    /// Where the correlation of --scene speckle has fallen to a half, mm
+    /// Distance at which the correlation of --scene speckle has fallen to a half, mm
     #[arg(long, value_name = "MM", default_value_t = Speckle::STANDARD_PITCH_MM)]
     grain: f64,
-    /// How the probe moves
+    /// Motion of the probe
     #[arg(long, value_enum, default_value_t)]
     trajectory: TrajectoryName,
-    /// Distance of the axis of --trajectory fan from the picture's middle, mm
+    /// Distance of the axis of --trajectory fan from the image's centre, mm
     #[arg(long, value_name = "MM", default_value_t = AXIS_DISTANCE_MM)]
     axis_distance: f64,
-    /// Distance from the axis of --trajectory rotation at which neighbouring pictures lie the gap apart, mm
+    /// Distance from the axis of --trajectory rotation at which neighbouring images lie the gap
+    /// apart, mm
     #[arg(long, value_name = "MM", default_value_t = RADIUS_MM)]
     radius: f64,
-    /// Pictures of the stand of --trajectory dwell
+    /// Number of images in the pause of --trajectory dwell
     #[arg(long, value_name = "N", default_value_t = DWELL)]
     dwell: u32,
-    /// Standard deviations of the recorded poses' errors: position along each axis, mm, and rotation about each, degrees
+    /// Standard deviations of the recorded poses' errors: position along each axis, mm, and
+    /// rotation about each, degrees
     #[arg(long, value_name = "MM,DEG", value_parser = tracker_noise, default_value = "0,0")]
     tracker_noise: TrackerNoise,
-    /// Number of pictures
+    /// Number of images
     #[arg(long, value_name = "N", default_value_t = 120)]
     frames: u32,
-    /// Mean distance between neighbouring pictures that move, mm [default: 0.35; of a body what sees all of it; of --trajectory about 1]
+    /// Mean distance between neighbouring images of a moving probe, mm [default: 0.35; for a
+    /// body, enough to see all of it; for --trajectory about, 1]
     #[arg(long, value_name = "MM")]
     gap: Option<f64>,
-    /// Pictures a second
+    /// Images a second
     #[arg(long, value_name = "HZ", default_value_t = 30.0)]
     rate: f64,
-    /// Size of a picture, pixels
+    /// Size of an image, pixels
     #[arg(long, value_name = "WxH", value_parser = values::picture_size, default_value = "512x480")]
     image_size: PictureSize,
-    /// Size of a pixel, mm [default: 0.1; of a body what shows the scanner's whole field]
+    /// Size of a pixel, mm [default: 0.1; for a body, enough to show the scanner's whole field]
     #[arg(long, value_name = "MM")]
     pixel: Option<f64>,
-    /// Show the sector of a convex probe; the rest of the picture is black and no data
+    /// Show the sector of a convex probe; the rest of the image is black and no data
     #[arg(long)]
     fan: bool,
-    /// Standard deviation of the noise, grey levels [default: 6; of a body 0, as its scanner has noise of its own]
+    /// Standard deviation of the noise, grey values [default: 6; for a body 0, because its
+    /// scanner has noise of its own]
     #[arg(long, value_name = "SD")]
     noise: Option<f64>,
     /// Seed of the blobs, the speckle, the probe's walk and all noise
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// Scalar type of the pictures
+    /// Scalar type of the images
     #[arg(long = "type", value_enum, value_name = "TYPE", default_value_t)]
     scalar: ScalarName,
-    /// Compress the pictures (zlib)
+    /// Compress the images (zlib)
     #[arg(long)]
     compress: bool,
-    /// Write the probe's calibration here, and into the sequence what a tracker records
+    /// Write the probe's calibration to this file, and the tracker's raw transforms into the
+    /// sequence
     #[arg(long, value_name = "FILE.toml")]
     calibration: Option<PathBuf>,
-    /// Write where the wires of a body cross each picture, and where its landmarks are, as CSV
+    /// Write the intersections of a body's wires with each image, and the positions of its
+    /// landmarks, as CSV
     #[arg(long, value_name = "FILE.csv")]
     crossings: Option<PathBuf>,
-    /// Write a body's wires and landmarks, and where it is held, as `calibrate` takes them
+    /// Write a body's wires and landmarks, and its pose, as `calibrate` takes them
     #[arg(long, value_name = "FILE.toml")]
     phantom: Option<PathBuf>,
     #[command(flatten)]
     echoes: echoes::EchoFlags,
 }
 
-// A named type is a single value to clap.
+// clap treats a named type as a single value.
 type PictureSize = [u32; 2];
 
 /// Runs the command.
@@ -148,7 +157,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.check_outputs()?;
     let scan = Scan::new(arguments.settings()?)?;
     let time_ns = arguments.truth_time_ns(&scan)?;
-    // The grid and the kernel may be refused: before the painting, not after it.
+    // The grid and the kernel may be refused; check them before rendering.
     let grid = match (&arguments.truth, &arguments.truth_blurred) {
         (None, None) => None,
         _ => Some(scan.grid(arguments.spacing, 0.0)?),
@@ -165,7 +174,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         let voxels = blur::sample_under(&scan, &kernel, grid, time_ns)?;
         volumes.push(arguments.write_truth(&scan, time_ns, Some(&kernel), &voxels, grid, path)?);
     }
-    // All that can take long or fail for lack of room is behind: the files take their names together.
+    // All slow or failing steps are done: now the files get their names together.
     sequence.finish()?;
     for volume in volumes {
         volume.finish()?;
@@ -214,8 +223,9 @@ impl Arguments {
         let shown = self.echoes.shown(self.scene, options);
         if shown.scanned().is_none() && (self.echoes.given() || self.crossings.is_some() || self.phantom.is_some()) {
             return Err(Failure(
-                "--probe, --depth, --mhz, --focus, --tgc, --dynamic-range, --without, --crossings and --phantom are of a scanner, which only --scene doll, thigh, n-wire, \
-                 cross-wire, tank-floor and stylus have; leave them out or scan one of these"
+                "--probe, --depth, --mhz, --focus, --tgc, --dynamic-range, --without, --crossings and --phantom need a \
+                simulated scanner; leave them out, or give --scene doll, thigh, n-wire, cross-wire, tank-floor or \
+                stylus"
                     .into(),
             ));
         }
@@ -253,7 +263,7 @@ impl Arguments {
         })
     }
 
-    /// When the truths are taken, ns.
+    /// Returns the time of the truths, ns.
     fn truth_time_ns(&self, scan: &Scan) -> Result<i64, Failure> {
         match self.truth_time {
             None => Ok(scan.time_ns(scan.frames() - 1)),
@@ -263,7 +273,7 @@ impl Arguments {
         }
     }
 
-    /// The kernel of the blurred truth.
+    /// Returns the kernel of the blurred truth.
     fn kernel(&self, scan: &Scan) -> Result<EffectiveKernel, Failure> {
         Ok(match self.sigma {
             Some(sigma) => EffectiveKernel::new(sigma)?,
@@ -271,7 +281,8 @@ impl Arguments {
         })
     }
 
-    /// All outputs can be written, their names tell what files they are, and no two are the same.
+    /// Checks that all outputs can be written, that their names have known formats, and that no
+    /// two are the same.
     fn check_outputs(&self) -> Result<(), Failure> {
         let others = [&self.truth, &self.truth_blurred, &self.calibration, &self.crossings, &self.phantom];
         let outputs: Vec<&PathBuf> =
@@ -279,7 +290,7 @@ impl Arguments {
         for (n, path) in outputs.iter().enumerate() {
             input::check_output(path)?;
             if outputs[..n].contains(path) {
-                return Err(Failure(format!("{}: is named for two outputs; give another name", path.display())));
+                return Err(Failure(format!("{}: is the name of two outputs; give another name", path.display())));
             }
         }
         for path in [&self.truth, &self.truth_blurred].into_iter().flatten() {
@@ -290,7 +301,7 @@ impl Arguments {
         Ok(())
     }
 
-    /// What determines the bits, for people.
+    /// Describes the settings that determine the output, for people.
     fn describe(&self, scan: &Scan) -> String {
         let settings = scan.settings();
         let scene = self.scene.to_possible_value().map_or(String::new(), |v| v.get_name().to_owned());
@@ -323,7 +334,7 @@ impl Arguments {
             settings.gap_mm,
             self.image_size[0],
             self.image_size[1],
-            // A scanner's default is a quotient: its last digits are rounding's.
+            // A scanner's default is a quotient: its last digits come from rounding.
             (settings.pixel_mm[0] * 1e9).round() / 1e9,
             if self.fan { " in a fan" } else { "" },
             settings.noise_sd,
@@ -332,7 +343,7 @@ impl Arguments {
         )
     }
 
-    /// Paints and writes all pictures; the file has its name only when the writer is finished.
+    /// Renders and writes all images. The file gets its name only when the writer is finished.
     fn write_pictures(&self, scan: &Scan) -> Result<SequenceWriter, Failure> {
         let header = SequenceHeader {
             size: self.image_size,
@@ -385,7 +396,7 @@ impl Arguments {
         SequenceItem { stamp, frame_number: Some(u64::from(frame)), status: Status::Ok, transforms, fields: Vec::new() }
     }
 
-    /// Writes a truth's voxels; the file has its name only when the writer is finished.
+    /// Writes a truth's voxels. The file gets its name only when the writer is finished.
     fn write_truth(
         &self,
         scan: &Scan,
@@ -429,24 +440,24 @@ impl Arguments {
     }
 }
 
-/// What was made, on stdout.
+/// Prints a report to stdout.
 #[allow(clippy::print_stdout, reason = "the command's output")]
 fn report(arguments: &Arguments, scan: &Scan, grid: Option<&Grid>, kernel: &EffectiveKernel) {
     println!("{}: {}", arguments.output.display(), arguments.describe(scan));
     if let (Some(path), Some(grid)) = (&arguments.truth, grid) {
         let [nx, ny, nz] = grid.size;
         let [sx, sy, sz] = grid.spacing.to_array();
-        println!("{}: its truth, {nx}×{ny}×{nz} voxels of {sx}×{sy}×{sz} mm", path.display());
+        println!("{}: the truth, {nx}×{ny}×{nz} voxels of {sx}×{sy}×{sz} mm", path.display());
     }
     if let Some(path) = &arguments.truth_blurred {
         let [u, v, n] = kernel.sigma_mm();
         println!(
-            "{}: its truth under a kernel of σ {u:.3}, {v:.3} and {n:.3} mm along u, v and the normal",
+            "{}: the truth blurred by a kernel of σ {u:.3}, {v:.3} and {n:.3} mm along u, v and the normal",
             path.display()
         );
     }
     if let Some(path) = &arguments.crossings {
-        println!("{}: where wires cross each picture, and landmarks", path.display());
+        println!("{}: crossings of wires with each frame, and landmarks", path.display());
     }
     if let Some(path) = &arguments.phantom {
         println!("{}: the phantom; give it to `calibrate` with --phantom", path.display());

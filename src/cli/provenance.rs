@@ -1,19 +1,20 @@
-//! What a volume was made of and how, as fields of its file: what tells its unseen voxels from black ones, and one file's settings from another's.
+//! Provenance of a volume, as fields of its file. The fields distinguish unseen voxels from
+//! black ones, and the settings of different files.
 
-use crate::export::volume::{DenseBox, Encoding};
-use crate::pipeline::{Outcome, PixelKind};
-use crate::reconstruct::kernel::AxisKernel;
-use crate::volume::dense::{RANGE_FIELD, SLICE_AXES_FIELD, SLICES_BOX_FIELD, UNSEEN_FIELD};
+use export::volume::{DenseBox, Encoding};
+use pipeline::{Outcome, PixelKind};
+use reconstruct::kernel::AxisKernel;
+use volume::dense::{RANGE_FIELD, SLICE_AXES_FIELD, SLICES_BOX_FIELD, UNSEEN_FIELD};
 
-/// A volume, and what its voxels do not say.
+/// A volume's facts that its voxels do not contain.
 pub(in crate::cli) struct Made<'a> {
     pub(in crate::cli) outcome: &'a Outcome,
     pub(in crate::cli) space: &'a DenseBox,
     pub(in crate::cli) encoding: &'a Encoding,
-    /// Of what recording, or by which devices.
+    /// The recording or the devices.
     pub(in crate::cli) input: String,
     pub(in crate::cli) calibration: String,
-    /// Whether the box was given, so that it may be less than what slices reach.
+    /// Whether the box was given, so that it may be smaller than the slices' extent.
     pub(in crate::cli) cropped: bool,
 }
 
@@ -41,7 +42,7 @@ impl Made<'_> {
         }
         fields.push((UNSEEN_FIELD.into(), format!("{}", encoding.unseen)));
         fields.push((RANGE_FIELD.into(), range(outcome.pixels, encoding).map(|v| v.to_string()).join(" ")));
-        // Of a volume that was cropped, the picture is what is left.
+        // In a cropped volume, the image covers only what is left.
         if let (Some(bounds), false) = (outcome.reached, self.cropped) {
             let relative =
                 bounds.map(|corner| std::array::from_fn::<_, 3, _>(|a| (corner[a] - space.first[a]).to_string()));
@@ -55,7 +56,7 @@ impl Made<'_> {
     }
 }
 
-/// The levels that lie between black and white in the file.
+/// Returns the grey values that mean black and white in the file.
 fn range(pixels: PixelKind, encoding: &Encoding) -> [f32; 2] {
     match (encoding.window, pixels) {
         (Some(_), _) => [0.0, encoding.scalar.top()],
@@ -63,7 +64,7 @@ fn range(pixels: PixelKind, encoding: &Encoding) -> [f32; 2] {
     }
 }
 
-/// Header fields end with the line.
+/// Removes line ends, which would end a header field.
 fn one_line(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect::<String>().trim().to_owned()
 }

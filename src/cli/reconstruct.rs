@@ -1,4 +1,4 @@
-//! `sonoweave reconstruct`: a recorded sweep becomes a volume.
+//! `sonoweave reconstruct`: reconstructs a recorded sweep into a volume.
 
 mod batch;
 pub(super) mod beside;
@@ -11,9 +11,10 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use pipeline;
+use statistics::Statistics;
+
 use super::{Failure, input};
-use crate::pipeline;
-use crate::statistics::Statistics;
 use beside::Beside;
 use flags::Flags;
 use outputs::Request;
@@ -21,20 +22,23 @@ use outputs::Request;
 /// Flags of `reconstruct`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-A sequence needs a way from its pictures to the world: transforms like ProbeToTracker and ReferenceToTracker in the sequence, and the \
-probe's calibration ImageToProbe in --config or --image-to-probe. A sequence that holds ImageToReference, ImageToWorld or \
-ImageToTracker needs no calibration.
+A sequence needs a chain of transforms from its frames to the world: ProbeToTracker and ReferenceToTracker in the \
+sequence, and the probe's calibration ImageToProbe in --config or --image-to-probe. A sequence that holds \
+ImageToReference, ImageToWorld or ImageToTracker needs no calibration.
 
-Of several sweeps -o, --weights, --planes and --stats name folders, which may be the same: a sweep NAME.igs.mha has NAME.mha, NAME.weights.mha, NAME.planes.png and \
-NAME.stats.json there.
+For several sweeps, give folders as -o, --weights, --planes and --stats; they may be the same. A sweep NAME.igs.mha \
+results in NAME.mha, NAME.weights.mha, NAME.planes.png and NAME.stats.json.
 
 Example: sonoweave reconstruct sweep.igs.mha --config PlusConfiguration.xml -o volume.mha --planes volume.png
-         sonoweave reconstruct monday.igs.mha tuesday.igs.mha --config PlusConfiguration.xml -o volumes --stats volumes")]
+         sonoweave reconstruct monday.igs.mha tuesday.igs.mha --config PlusConfiguration.xml -o volumes --stats \
+volumes")]
 pub struct Arguments {
-    /// The recorded sweep: a tracked sequence (.mha, .mhd, .nrrd, .nhdr); of several each becomes a volume of its name
+    /// Recorded sweep: a tracked sequence (.mha, .mhd, .nrrd, .nhdr); each of several becomes a
+    /// volume of its name
     #[arg(required = true, value_name = "SEQUENCE")]
     sequences: Vec<PathBuf>,
-    /// Where to write the volume (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz, or .dcm for DICOM); of several sweeps the folder for their volumes
+    /// Write the volume to this file (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz, or .dcm for
+    /// DICOM); for several sweeps, to this folder
     #[arg(short, long, value_name = "VOL.mha")]
     output: PathBuf,
     #[command(flatten)]
@@ -44,7 +48,7 @@ pub struct Arguments {
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure`]: nothing was written then; of several sweeps, not those that failed.
+/// [`Failure`]: nothing was written then; for several sweeps, the failed ones were not written.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { sequences, output, flags } = arguments;
     match sequences.as_slice() {
@@ -53,7 +57,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
 }
 
-/// A recorded sweep to a volume and what is beside it; what was done, in numbers.
+/// Reconstructs a recorded sweep into a volume and its other outputs. Returns the statistics.
 fn weave(sequence: &Path, output: &Path, flags: &Flags, beside: Beside) -> Result<Statistics, Failure> {
     let (request, job) = Request::new(sequence, Some(output), flags, beside)?;
     let bar = input::progress("weaving", 1);

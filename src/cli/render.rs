@@ -1,4 +1,4 @@
-//! `sonoweave render`: a volume becomes a picture.
+//! `sonoweave render`: renders a volume to a picture.
 
 pub(super) mod drawing;
 mod lighting;
@@ -12,11 +12,12 @@ use std::time::Instant;
 use clap::Args;
 use serde::Serialize;
 
+use render::camera::View;
+use render::{Cache, RenderRegion, RenderSettings, Renderer};
+use statistics::{PictureNumbers, write_json};
+use volume::DenseVolume;
+
 use super::{Failure, input, values};
-use crate::render::camera::View;
-use crate::render::{Cache, RenderSettings, Renderer, Stage};
-use crate::statistics::{PictureNumbers, write_json};
-use crate::volume::DenseVolume;
 use drawing::Over;
 use look::{Look, Mode};
 use planar::Draw;
@@ -24,21 +25,21 @@ use planar::Draw;
 /// Flags of `render`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-With --weights, what was not seen is told from what was seen to be black. Of a volume written by `reconstruct --type f32` with its weights, the picture \
-is the one that `replay` ends in.
+With --weights, unseen voxels differ from seen black ones. For a volume from `reconstruct --type f32` with its \
+weights, the picture equals the last picture of `replay`.
 
 Example: sonoweave render volume.mha --weights weights.mha -o picture.png --view 30,20 --transfer bone")]
 pub struct Arguments {
-    /// The volume (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz)
+    /// Volume (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz)
     volume: PathBuf,
-    /// Where to write the picture (.png)
+    /// Write the picture to this file (.png)
     #[arg(short, long, value_name = "IMG.png")]
     output: PathBuf,
-    /// The volume's weights, as `reconstruct --weights` wrote them: where they are 0 was nothing seen
+    /// Volume's weights, as `reconstruct --weights` wrote them: 0 marks unseen voxels
     #[arg(long, value_name = "FILE.mha")]
     weights: Option<PathBuf>,
-    /// Grey levels that are black and white to presets [default: those of the scanner's picture if the file tells them, else of the scalar type, else the
-    /// smallest and the largest]
+    /// Grey values that are black and white to presets [default: those of the scanner's image if
+    /// the file gives them, else of the scalar type, else the smallest and the largest]
     #[arg(long, value_name = "LO,HI", value_parser = values::window, allow_hyphen_values = true)]
     window: Option<WindowValue>,
     /// Draw so many pictures all around the vertical: IMG-000.png, IMG-001.png, …
@@ -47,26 +48,27 @@ pub struct Arguments {
     /// Threads; any number gives the same picture [default: one a core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
-    /// Memory that the volume may take, GiB
+    /// Memory limit for the volume, GiB
     #[arg(long, value_name = "GIB", default_value_t = 8.0)]
     max_memory: f64,
-    /// Write what was done, as JSON
+    /// Write the statistics, as JSON
     #[arg(long, value_name = "FILE.json")]
     stats: Option<PathBuf>,
     #[command(flatten)]
     look: Look,
 }
 
-// clap takes an array for its own notation of repeated values; a named type is a single value to it.
+// clap takes an array for its own notation of repeated values; a named type is a single value to
+// it.
 type WindowValue = [f32; 2];
 
-/// What `--stats` says first: of which volume the pictures are.
+/// The first part of `--stats`: the rendered volume.
 #[derive(Debug, Serialize)]
 struct Source<'a> {
     version: &'static str,
     input: &'a Path,
     weights: Option<&'a Path>,
-    /// Voxels along x, y, z, and those of them that were seen.
+    /// Voxels along x, y, z, and the number of seen ones.
     size: [u32; 3],
     voxels_seen: u64,
 }
@@ -93,13 +95,13 @@ struct Statistics<'a> {
     window: [f32; 2],
     perspective: Option<f64>,
     step: f64,
-    /// `null` where rays do not end early.
+    /// `null` if rays do not end early.
     stop: Option<f32>,
     background: [f32; 3],
     threads: usize,
-    /// Reading the volume, ms.
+    /// Time to read the volume, ms.
     read_ms: f64,
-    /// From the command's begin to the last picture, s.
+    /// Time from the command's start to the last picture, s.
     wall_s: f64,
     pictures: Vec<Drawn>,
     notes: Vec<String>,
@@ -109,17 +111,17 @@ struct Statistics<'a> {
 #[derive(Debug, Serialize)]
 struct Drawn {
     path: PathBuf,
-    /// What was drawn over it.
+    /// Annotations drawn over it.
     drawn: Vec<&'static str>,
     /// Azimuth, elevation, roll, degrees.
     view: [f64; 3],
-    /// Setting up the rays.
+    /// Time to set up the rays.
     prepare_ms: f64,
-    /// Reading, classifying and lighting voxels.
+    /// Time to read, classify and light voxels.
     shade_ms: f64,
-    /// Sampling and compositing rays.
+    /// Time to sample and composite rays.
     rays_ms: f64,
-    /// Encoding and writing the file.
+    /// Time to encode and write the file.
     write_ms: f64,
     #[serde(flatten)]
     numbers: PictureNumbers,
@@ -149,7 +151,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         ..look.settings(window, volume.slice_axes(), input::threads(arguments.threads))?
     };
     let [low, high] = volume.bounds();
-    let stage = Stage::new(volume.world_from_lattice(), low, high)?;
+    let stage = RenderRegion::new(volume.world_from_lattice(), low, high)?;
     let turns = arguments.turntable.map_or(1, u64::from);
     let bar = input::progress("rendering", turns);
     let mut pictures = Vec::new();
@@ -204,7 +206,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 impl Arguments {
-    /// Fails before the work, not after it, where an output cannot be or no volume could be rendered so.
+    /// Refuses, before the work, impossible outputs and settings that suit no volume.
     fn check(&self) -> Result<(), Failure> {
         check_png(&self.output)?;
         for output in [Some(&self.output), self.stats.as_ref()].into_iter().flatten() {
@@ -215,7 +217,7 @@ impl Arguments {
         }
         if let Some(what) = self.look.planar.drawn(&[]).into_iter().find(|w| matches!(w, Draw::Slice | Draw::Probe)) {
             return Err(Failure(format!(
-                "--draw {}: a volume's file has no slice that is the current one; `replay` has, and here scale and cube can be drawn",
+                "--draw {}: a volume's file has no current slice; draw scale or cube, or use `replay`",
                 what.name()
             )));
         }
@@ -224,27 +226,29 @@ impl Arguments {
         }
         if self.look.planar.wants_weights() && self.weights.is_none() {
             return Err(Failure(
-                "--overlay weight: the volume's file has no weights in it; give --weights, as `reconstruct --weights` wrote them".into(),
+                "--overlay weight: the volume's file has no weights; give --weights with a file from `reconstruct \
+                --weights`"
+                    .into(),
             ));
         }
         self.look.check()
     }
 }
 
-/// Pictures are written as PNG.
+/// Checks that a picture's name is that of a PNG file.
 ///
 /// # Errors
-/// [`Failure`] when the name promises something else.
+/// [`Failure`] when the name has another extension.
 pub(super) fn check_png(path: &Path) -> Result<(), Failure> {
     if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
         return Ok(());
     }
-    Err(Failure(format!("{}: pictures are written as .png; give such a name", path.display())))
+    Err(Failure(format!("{}: pictures are PNG files; give a name that ends in .png", path.display())))
 }
 
 fn draw(
     volume: &DenseVolume,
-    stage: Stage,
+    stage: RenderRegion,
     settings: &RenderSettings,
     look: &Look,
     turned: Option<f64>,
@@ -270,7 +274,7 @@ fn draw(
     })
 }
 
-/// `IMG.png` as `IMG-007.png`.
+/// Converts `IMG.png` to `IMG-007.png`.
 fn numbered(path: &Path, number: u64) -> PathBuf {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     path.with_file_name(format!("{stem}-{number:03}.png"))

@@ -1,4 +1,5 @@
-//! `sonoweave replay`: a recorded sweep becomes a volume, and a picture follows it slice by slice.
+//! `sonoweave replay`: reconstructs a recorded sweep into a volume, while a picture follows it
+//! slice by slice.
 
 mod following;
 mod planes;
@@ -12,8 +13,12 @@ use std::num::NonZeroU64;
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
+
 use drivers::OpenSettings;
-use drivers::recording::Pace;
+use drivers::replay::Pace;
+use pipeline::{self, Job, Outcome, SliceObserver};
+use render::Cache;
+use render::settings::CACHE_BYTES;
 
 use super::igtl::Sharing;
 use super::live::outputs::Outputs;
@@ -22,9 +27,6 @@ use super::reconstruct::outputs::Request;
 use super::render::check_png;
 use super::render::look::{Look, Mode};
 use super::{Failure, input, values};
-use crate::pipeline::{self, Job, Onlooker, Outcome};
-use crate::render::Cache;
-use crate::render::settings::CACHE_BYTES;
 use following::Following;
 use planes::{Planes, Source};
 use series::Series;
@@ -32,50 +34,56 @@ use series::Series;
 /// Flags of `replay`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-A session is woven and drawn as when it was live, by the configuration that it holds: every reading at its turn, every decision made anew. What comes out is held against \
-what the session says came out then, bit by bit; the exit code is 1 where they differ, and the first sample that does is named. With --config another bedside's settings are \
-tried, of which there is nothing to compare.
+The command reconstructs and draws a session as it ran live, with its recorded configuration, readings in their \
+order, and new decisions. It compares the outcome with the recorded one, bit by bit. If they differ, it names the \
+first different sample, and the exit code is 1. With --config it uses other settings, and compares nothing.
 
-To a sequence all flags of `reconstruct` and of `render` apply; --window says which grey levels are black and white in both the picture and a written volume, and \
---weights writes.
+All flags of `reconstruct` and `render` apply to a sequence. --window sets the grey levels of black and white, both \
+in the picture and in a written volume; --weights writes a file.
 
 Examples: sonoweave replay SESSION-20261121-213000.mcap -o volume.mha --picture last.png
           sonoweave replay sweep.igs.mha --config PlusConfiguration.xml --picture last.png --stats replay.json")]
 pub struct Arguments {
-    /// The recorded session (.mcap), or a recorded sweep: a tracked sequence (.mha, .mhd, .nrrd, .nhdr)
+    /// Recorded session (.mcap), or a recorded sweep: a tracked sequence (.mha, .mhd, .nrrd,
+    /// .nhdr)
     #[arg(value_name = "SESSION|SEQUENCE")]
     sequence: PathBuf,
-    /// Where to write the volume (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz) [default: nowhere]
+    /// Write the volume to this file (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz) [default: not
+    /// written]
     #[arg(short, long, value_name = "VOL.mha")]
     output: Option<PathBuf>,
-    /// How fast: so many times as it was recorded, or max: a sequence's next slice comes when the picture of the last one is finished
+    /// Speed: a multiple of the recorded speed, or max: a sequence's next slice comes when the
+    /// picture of the last one is finished
     #[arg(long, value_name = "N|max", default_value = "max", value_parser = values::speed)]
     speed: Pace,
-    /// Of a session: use also what was dropped when it was live, as a stage had no time for it. The volume is another one then
+    /// Insert also the frames of a session that the live stages dropped for lack of time. The
+    /// volume differs then
     #[arg(long)]
     all: bool,
-    /// Where to write the picture after the last slice
+    /// Write the picture after the last slice to this file
     #[arg(long, value_name = "IMG.png")]
     picture: Option<PathBuf>,
-    /// A folder for pictures on the way, named by the frame: frame-00012.png
+    /// Folder for intermediate pictures, named by the frame: frame-00012.png
     #[arg(long, value_name = "DIR")]
     pictures: Option<PathBuf>,
-    /// Of how many slices one is pictured there
+    /// Number of slices between two intermediate pictures
     #[arg(long, value_name = "N", default_value = "1", requires = "pictures")]
     every: NonZeroU64,
-    /// What is kept of rays between pictures; all give the same picture
+    /// Contents of the ray cache between pictures; all give the same picture
     #[arg(long, value_enum, default_value_t, value_name = "CACHE")]
     cache: CacheName,
-    /// Memory that the cache may take; where it would take more, less is kept
+    /// Memory limit for the cache; beyond it, less is kept
     #[arg(long, value_name = "BYTES", default_value_t = CACHE_BYTES)]
     cache_bytes: u64,
-    /// What planes show, with --mode slice
+    /// Source of the planes' values, with --mode slice
     #[arg(long, value_enum, default_value_t, value_name = "SOURCE")]
     from: Source,
-    /// Of a session: shows it to browsers at this address, where its frames are looked at one by one and it is run again by other settings, until Ctrl-C; beyond this machine only with certificate, key and token_file under its configuration's status
+    /// Serve a session to browsers at this address, to look at single frames and to rerun it
+    /// with other settings, until Ctrl-C; other machines need certificate, key and token_file
+    /// under its configuration's status
     #[arg(long, value_name = "ADDR:PORT", value_parser = values::address)]
     console: Option<SocketAddr>,
-    /// A folder for what pages save and keep; it is made if it is not there [default: nowhere]
+    /// Folder for the files that pages save and keep; it is created if missing [default: none]
     #[arg(long, value_name = "DIR", requires = "console")]
     keep: Option<PathBuf>,
     #[command(flatten)]
@@ -92,17 +100,17 @@ enum CacheName {
     None,
     /// Every sample: only changed samples are interpolated again
     Linear,
-    /// Every sample and the fold of every block: only changed blocks are folded again
+    /// Every sample and every block's composite: only changed blocks are composited again
     #[default]
     TwoLevel,
-    /// The fold of every block: a changed block's samples are interpolated again
+    /// Every block's composite: a changed block's samples are interpolated again
     OneLevel,
 }
 
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure`]; pictures on the way may have been written then.
+/// [`Failure`]; intermediate pictures may have been written then.
 pub fn run(arguments: &Arguments, given: &[String]) -> Result<(), Failure> {
     if input::is_session(&arguments.sequence)? {
         let wanted = arguments.of_session(given)?;
@@ -113,16 +121,18 @@ pub fn run(arguments: &Arguments, given: &[String]) -> Result<(), Failure> {
     }
     if arguments.console.is_some() {
         return Err(Failure(
-            "--console: shows recorded sessions; a sequence is woven at once, and nobody could look on".into(),
+            "--console: applies to recorded sessions only; a sequence is reconstructed without pause".into(),
         ));
     }
     if arguments.sharing.is_wanted() {
         return Err(Failure(
-            "--igtl: is of recorded sessions; a sequence is woven at once, and nobody could look on".into(),
+            "--igtl: applies to recorded sessions only; a sequence is reconstructed without pause".into(),
         ));
     }
     if arguments.all {
-        return Err(Failure("--all: of a sequence nothing was ever dropped; leave it out".into()));
+        return Err(Failure(
+            "--all: has no effect for a sequence, whose frames are never dropped; leave it out".into(),
+        ));
     }
     let (request, mut job) = {
         let Arguments { sequence, output, flags, .. } = arguments;
@@ -160,8 +170,8 @@ pub fn run(arguments: &Arguments, given: &[String]) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Weaves a recording while somebody looks on.
-fn weave(job: Job, onlooker: &mut impl Onlooker) -> Result<Outcome, Failure> {
+/// Reconstructs a recording with an observer.
+fn weave(job: Job, onlooker: &mut impl SliceObserver) -> Result<Outcome, Failure> {
     let bar = input::progress("replaying", 1);
     let result = pipeline::reconstruct(job, onlooker, |p| {
         bar.set_length(p.total);
@@ -172,7 +182,8 @@ fn weave(job: Job, onlooker: &mut impl Onlooker) -> Result<Outcome, Failure> {
 }
 
 impl Arguments {
-    /// What there is to say of a session, which has its own settings; `given` are the flags that are there.
+    /// Returns the request for a session, which has its own settings; `given` are the flags on
+    /// the command line.
     fn of_session(&self, given: &[String]) -> Result<session::Wanted<'_>, Failure> {
         const KNOWN: [&str; 18] = [
             "console",
@@ -196,7 +207,8 @@ impl Arguments {
         ];
         if let Some(flag) = given.iter().find(|flag| !KNOWN.contains(&flag.as_str())) {
             return Err(Failure(format!(
-                "--{}: a session is woven and drawn by the configuration that it was recorded with; give --config with another bedside's file to try something else",
+                "--{}: a session is replayed with its recorded configuration; to try another, give --config with a \
+                session configuration",
                 flag.replace('_', "-")
             )));
         }
@@ -217,12 +229,13 @@ impl Arguments {
         })
     }
 
-    /// The pictures on the way; fails before the work, not after it, where there is nothing to draw, or no way to.
+    /// Returns the settings of intermediate pictures. Refuses, before the work, a request
+    /// without pictures or with impossible ones.
     fn series(&self) -> Result<Option<Series>, Failure> {
         if self.picture.is_none() && self.pictures.is_none() {
             return Err(Failure(
-                "nothing to draw: give --picture, for the picture after the last slice, or --pictures, for those on the way; \
-                 or choose `reconstruct`"
+                "there is nothing to draw: give --picture for the last picture, or --pictures for all pictures; or use \
+                `reconstruct`"
                     .into(),
             ));
         }
@@ -237,25 +250,24 @@ impl Arguments {
             let other =
                 [("--cache", self.cache != CacheName::default()), ("--cache-bytes", self.cache_bytes != CACHE_BYTES)];
             if let Some((flag, _)) = other.iter().find(|(_, given)| *given) {
-                return Err(Failure(format!("{flag}: is for rays, and --mode slice has none; leave it out")));
+                return Err(Failure(format!("{flag}: applies to rays, and --mode slice has none; leave it out")));
             }
             if self.from == Source::Raw && self.look.planar.wants_weights() {
                 return Err(Failure(
-                    "--overlay weight: slices by themselves have no weights; give --from volume, or --overlay coverage"
-                        .into(),
+                    "--overlay weight: single slices have no weights; give --from volume, or --overlay coverage".into(),
                 ));
             }
         } else if self.from == Source::Raw {
-            return Err(Failure("--from raw: is of planes; give --mode slice, or leave it out".into()));
+            return Err(Failure("--from raw: applies to planes only; give --mode slice, or leave it out".into()));
         }
         Ok(series)
     }
 
-    /// The folder of the pictures on the way, which is there.
+    /// Returns the existing folder of the intermediate pictures.
     fn on_the_way(&self) -> Result<Option<Series>, Failure> {
         let Some(folder) = &self.pictures else { return Ok(None) };
         if !folder.is_dir() {
-            return Err(Failure(format!("--pictures {}: there is no such folder; make it first", folder.display())));
+            return Err(Failure(format!("--pictures {}: the folder does not exist; make it first", folder.display())));
         }
         Ok(Some(Series { folder: folder.clone(), every: self.every }))
     }

@@ -1,4 +1,4 @@
-//! `sonoweave twin`: a tracker or an arm that is not there, on a pseudo-terminal.
+//! `sonoweave twin`: simulates a tracker or an arm on a pseudo-terminal.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -8,8 +8,9 @@ use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
 use clap::Args;
-use drivers::clock::{Clock, MS, Monotonic, SECOND};
+
 use drivers::simulated::{Faults, Joints, Motion, Pty, Tally, trembling};
+use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
 
 mod units;
 
@@ -17,39 +18,42 @@ use units::{Found, Left, Port, Unit, name};
 
 use super::Failure;
 use super::phantom::choices::tracker_noise;
-use crate::phantom::bedside::arm::{BedsideArm, standard_arm};
-use crate::phantom::named::{MotionOptions, TrajectoryName};
-use crate::phantom::{Bedside, Scan, ScanSettings, Scene, TrackerNoise};
+use phantom::bedside::arm::{BedsideArm, standard_arm};
+use phantom::named::{MotionOptions, TrajectoryName};
+use phantom::{Bedside, Scan, ScanSettings, Scene, TrackerNoise};
 
-/// How long a plug stays out, ns.
+/// Duration of an unplugging, ns.
 const OUT: i64 = 2 * SECOND;
-/// How often it is looked whether there is anything to do.
+/// Polling interval.
 const TURN: Duration = Duration::from_millis(20);
-/// Commands that are told apart in the end; others are counted together.
+/// Largest number of commands listed in the summary; others are counted together.
 const MOST_COMMANDS: usize = 20;
 
 /// Flags of `twin`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-The terminal is a serial line to whoever opens it: to our drivers, to other programs, to `cat`. A pseudo-terminal has no rate and does not tell that it was opened: any rate \
-is right, and no unit starts anew. The hand goes to and fro without end; the same flags play the same. What `phantom` lets one choose further of a trajectory is at its default.
+The pseudo-terminal is a serial line for every program: for our drivers, for other programs, for `cat`. It accepts \
+any rate, and a unit does not restart when a program opens the line. The hand moves to and fro without end; the same \
+flags give the same data. All other settings of `phantom` for a trajectory have their defaults.
 
-An arm carries its probe in a plane: its trajectory must be one (arm, parallel, jittered, fan, rotation, dwell, out-and-back), and where it begins the arm is at home.
+An arm moves its probe in a plane, so its trajectory must be arm, parallel, jittered, fan, rotation, dwell or \
+out-and-back. The arm's home position is the trajectory's first pose.
 
 Examples: sonoweave twin fastrak --link /tmp/fastrak
           sonoweave twin liberty --found inches --noise 0.3,0.1 --garble 0.001 --dropout 0.01
           sonoweave twin qsb --link /tmp/arm --unplug-every 30   # /tmp/arm1 to /tmp/arm3")]
 pub struct Arguments {
-    /// What to play
+    /// Unit to simulate
     #[arg(value_enum, value_name = "UNIT")]
     unit: Unit,
-    /// Link to the terminal under this name, also after it was plugged out and in; of three axes with 1, 2 and 3 at its end
+    /// Link to the terminal with this name, also after reconnection; three axes append 1, 2 and
+    /// 3
     #[arg(long, value_name = "PATH")]
     link: Option<PathBuf>,
-    /// How it is found
+    /// Initial state of the unit
     #[arg(long, value_enum, default_value_t)]
     found: Found,
-    /// How the probe moves [default: freehand; of an arm arm]
+    /// Motion of the probe [default: freehand; for an arm arm]
     #[arg(long, value_enum)]
     trajectory: Option<TrajectoryName>,
     /// Poses of the trajectory, 30 a second
@@ -61,16 +65,18 @@ pub struct Arguments {
     /// Seed of the walk and of all faults
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// Sensors in use: the first is on the probe, all others on the patient, who breathes [default: 2, or as many as it has]
+    /// Sensors in use: the first is on the probe, all others on the breathing patient [default:
+    /// 2, or as many as it has]
     #[arg(long, value_name = "N")]
     stations: Option<u8>,
-    /// Readings a second at which it was left; a driver may set others
+    /// Initial rate, readings a second; a driver may set others
     #[arg(long, value_name = "HZ")]
     rate: Option<u32>,
     /// Counts a turn of an arm's encoders [default: 40000; of a MicroScribe 16384]
     #[arg(long, value_name = "N")]
     counts_per_turn: Option<u32>,
-    /// Standard deviations of a sensor's noise: position along each axis, mm, and rotation about each, degrees
+    /// Standard deviations of a sensor's noise: position along each axis, mm, and rotation about
+    /// each, degrees
     #[arg(long, help_heading = "Faults", value_name = "MM,DEG", value_parser = tracker_noise)]
     noise: Option<TrackerNoise>,
     /// Share of bytes that are lost on the line
@@ -82,16 +88,17 @@ pub struct Arguments {
     /// Share of records that are not sent
     #[arg(long, help_heading = "Faults", value_name = "P", value_parser = share, default_value_t = 0.0)]
     dropout: f64,
-    /// How much faster than the host's the unit's clock runs, parts in a million
+    /// Rate error of the unit's clock, parts in a million; positive runs faster than the host's
     #[arg(long, help_heading = "Faults", value_name = "PPM", default_value_t = 0.0, allow_hyphen_values = true)]
     drift: f64,
-    /// Everything arrives later by this, ms
+    /// Delay everything by this, ms
     #[arg(long, help_heading = "Faults", value_name = "MS", default_value_t = 0.0)]
     latency: f64,
-    /// And by up to this, each time anew, ms; nothing overtakes
+    /// Delay further by a random time up to this, ms; the order is kept
     #[arg(long, help_heading = "Faults", value_name = "MS", default_value_t = 0.0)]
     jitter: f64,
-    /// Bytes arrive in packets, one every so many ms, as from an adapter that collects them (FTDI's: 16)
+    /// Deliver bytes in packets, one every so many ms, as from an adapter that collects them
+    /// (FTDI's: 16)
     #[arg(long, help_heading = "Faults", value_name = "MS", default_value_t = 0.0)]
     packets: f64,
     /// Pull the plug after every so many s, for 2 s
@@ -102,15 +109,15 @@ pub struct Arguments {
     duration: Option<f64>,
 }
 
-/// A share of 0 to 1.
+/// Parses a share of 0 to 1.
 fn share(text: &str) -> Result<f64, String> {
     match text.trim().parse() {
         Ok(share) if (0.0..=1.0).contains(&share) => Ok(share),
-        _ => Err("must be a share of 0 to 1".into()),
+        _ => Err("must be a fraction from 0 to 1".into()),
     }
 }
 
-/// A length of time; hours and no more.
+/// Converts a duration to ns. Refuses durations that are negative, or longer than 1e6 units.
 fn ns(flag: &str, value: f64, unit_ns: i64) -> Result<i64, Failure> {
     if !(0.0..=1e6).contains(&value) {
         return Err(Failure(format!("--{flag} {value}: must lie between 0 and 1000000")));
@@ -121,7 +128,7 @@ fn ns(flag: &str, value: f64, unit_ns: i64) -> Result<i64, Failure> {
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure`] when there is no such unit, or no pseudo-terminal to be had.
+/// [`Failure`] when there is no such unit, or no pseudo-terminal is available.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let ends = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
@@ -130,13 +137,14 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     play(arguments, Monotonic.now_ns(), &ends, &mut std::io::stdout().lock())
 }
 
-/// Plays until told to end; the trajectory begins at that time.
+/// Runs the simulation until a signal or its duration ends it; the trajectory begins at
+/// `begin_ns`.
 fn play(arguments: &Arguments, begin_ns: i64, ends: &AtomicBool, out: &mut impl Write) -> Result<(), Failure> {
     let out_of = |name: &str, value: Option<f64>| value.map(|s| ns(name, s, SECOND)).transpose();
     let duration = out_of("duration", arguments.duration)?;
     let every = out_of("unplug-every", arguments.unplug_every)?;
     if every.is_some_and(|every| every < SECOND / 10) {
-        return Err(Failure("--unplug-every: a plug can be pulled every 0.1 s and no oftener".into()));
+        return Err(Failure("--unplug-every: must be 0.1 s or more".into()));
     }
     let ports = arguments.ports(begin_ns)?;
     let mut links: Vec<Option<Link>> = (1..)
@@ -176,7 +184,7 @@ fn play(arguments: &Arguments, begin_ns: i64, ends: &AtomicBool, out: &mut impl 
             lines = open(&ports, &mut links, out)?;
             turns_ns = Some(now_ns + every);
         } else {
-            // The terminals hang up first: what is pulled out has nobody to tell.
+            // The terminals close first: an unplugged unit must not reach its host.
             lines.clear();
             for Port { machine, .. } in &ports {
                 machine.lock().unwrap_or_else(PoisonError::into_inner).pull();
@@ -194,12 +202,12 @@ fn play(arguments: &Arguments, begin_ns: i64, ends: &AtomicBool, out: &mut impl 
     Ok(())
 }
 
-/// Terminals for all, said and linked to.
+/// Opens terminals for all ports, prints their names, and links to them.
 fn open(ports: &[Port], links: &mut [Option<Link>], out: &mut impl Write) -> Result<Vec<Pty>, Failure> {
     let mut lines = Vec::new();
     for (Port { name, machine }, link) in ports.iter().zip(links) {
         let pty = Pty::run(Arc::clone(machine))
-            .map_err(|e| Failure(format!("no pseudo-terminal can be had: {e}; is /dev/pts mounted?")))?;
+            .map_err(|e| Failure(format!("cannot open a pseudo-terminal: {e}; check that /dev/pts is mounted")))?;
         match link {
             Some(link) => {
                 link.point_to(pty.path())?;
@@ -212,7 +220,7 @@ fn open(ports: &[Port], links: &mut [Option<Link>], out: &mut impl Write) -> Res
     Ok(lines)
 }
 
-/// Counts what was obeyed since.
+/// Counts the commands obeyed since the last call.
 fn note_commands(ports: &[Port], asked: &mut BTreeMap<String, u64>) {
     for Port { machine, .. } in ports {
         for command in machine.lock().unwrap_or_else(PoisonError::into_inner).take_obeyed() {
@@ -223,9 +231,10 @@ fn note_commands(ports: &[Port], asked: &mut BTreeMap<String, u64>) {
     }
 }
 
-/// A command as people read it.
+/// Formats a command for people.
 fn words(command: &[u8]) -> String {
-    // VIPER's begin with a mark, and a length, and say what they are after the unit's number.
+    // VIPER commands begin with a marker and a length; the command word follows the unit's
+    // number.
     let word = |at: usize| {
         command.get(at..at + 4).and_then(|word| word.try_into().ok()).map(u32::from_le_bytes).unwrap_or_default()
     };
@@ -245,14 +254,15 @@ fn words(command: &[u8]) -> String {
     if text.is_empty() { "end of line".into() } else { text }
 }
 
-/// What it did.
+/// Summarises the simulation.
 fn summary(seconds: f64, tally: Tally, asked: &BTreeMap<String, u64>) -> String {
     let Tally { bytes, dropped, garbled, withheld } = tally;
     let mut said = format!(
-        "{seconds:.1} s: {bytes} bytes sent, of which {dropped} were lost and {garbled} garbled; {withheld} records not sent\n"
+        "{seconds:.1} s: {bytes} bytes sent, {dropped} of them lost and {garbled} garbled; {withheld} records not \
+        sent\n"
     );
     said += &match asked.is_empty() {
-        true => "nobody asked for anything\n".to_owned(),
+        true => "no program sent a command\n".to_owned(),
         false => {
             let list: Vec<String> = asked.iter().map(|(what, times)| format!("{what} ×{times}")).collect();
             format!("obeyed: {}\n", list.join("; "))
@@ -261,31 +271,31 @@ fn summary(seconds: f64, tally: Tally, asked: &BTreeMap<String, u64>) -> String 
     said
 }
 
-/// A name that stays while terminals come and go.
+/// A stable name for terminals that come and go.
 struct Link {
     path: PathBuf,
-    /// What it points to by our doing.
+    /// Its target, as set by this program.
     target: Option<PathBuf>,
 }
 
 impl Link {
-    /// Refuses to take the place of anything but a link.
+    /// Refuses to replace anything but a link.
     fn check(&self) -> Result<(), Failure> {
         match std::fs::symlink_metadata(&self.path) {
-            Ok(there) if !there.is_symlink() => Err(Failure(format!(
-                "--link {}: something is there that is no link; give another name",
-                self.path.display()
-            ))),
+            Ok(there) if !there.is_symlink() => {
+                Err(Failure(format!("--link {}: exists and is not a link; give another name", self.path.display())))
+            }
             _ => Ok(()),
         }
     }
 
-    /// There is a link at every time, to the old terminal or to the new one.
+    /// Replaces the link atomically, so that it always points to the old terminal or to the new
+    /// one.
     fn point_to(&mut self, target: &Path) -> Result<(), Failure> {
         self.check()?;
         let path = self.path.display().to_string();
         let failed = |e: std::io::Error| {
-            Failure(format!("--link {path}: cannot be made: {e}; give a name in a folder of yours"))
+            Failure(format!("--link {path}: cannot make the link: {e}; give a name in your own folder"))
         };
         let mut beside = self.path.clone().into_os_string();
         beside.push(format!(".{}", std::process::id()));
@@ -325,7 +335,9 @@ impl Arguments {
     fn stations(&self) -> Result<u8, Failure> {
         let (unit, most) = (name(self.unit), self.unit.most_stations());
         match self.stations {
-            Some(_) if self.unit.is_arm() => Err(Failure(format!("--stations: {unit} is an arm and has none"))),
+            Some(_) if self.unit.is_arm() => {
+                Err(Failure(format!("--stations: {unit} is an arm and has no stations; leave it out")))
+            }
             Some(stations) if !(1..=most).contains(&stations) => {
                 Err(Failure(format!("--stations {stations}: {unit} has {most}; give 1 to {most}")))
             }
@@ -333,32 +345,34 @@ impl Arguments {
         }
     }
 
-    /// Refuses what the unit cannot be.
+    /// Refuses settings that the unit does not support.
     fn check(&self) -> Result<(), Failure> {
         let (unit, rates) = (name(self.unit), self.unit.rates());
         let states = self.unit.states();
         if !states.contains(&self.found) {
             let states: Vec<String> = states.iter().map(|found| name(*found)).collect();
             return Err(Failure(format!(
-                "--found {}: {unit} cannot be; give one of {}",
+                "--found {}: is not possible for {unit}; give one of {}",
                 name(self.found),
                 states.join(", ")
             )));
         }
         match self.rate {
             Some(_) if rates.is_empty() => {
-                return Err(Failure(format!(
-                    "--rate: {unit} has no rate that could be set; its readings come as fast as it can, or as they are asked for"
-                )));
+                return Err(Failure(format!("--rate: {unit} has a fixed rate; leave it out")));
             }
             Some(rate) if !rates.contains(&rate) => {
-                return Err(Failure(format!("--rate {rate}: {unit} is played at {rates:?} readings a second")));
+                return Err(Failure(format!("--rate {rate}: {unit} supports {rates:?} readings a second only")));
             }
             _ => {}
         }
         match (self.unit.is_arm(), self.noise.is_some(), self.counts_per_turn) {
-            (true, true, _) => Err(Failure(format!("--noise: {unit} counts, and counts have no noise"))),
-            (false, _, Some(_)) => Err(Failure(format!("--counts-per-turn: {unit} is a tracker and counts nothing"))),
+            (true, true, _) => {
+                Err(Failure(format!("--noise: does not apply to {unit}, whose counts have no noise; leave it out")))
+            }
+            (false, _, Some(_)) => {
+                Err(Failure(format!("--counts-per-turn: {unit} is a tracker and has no counts; leave it out")))
+            }
             (true, _, Some(0)) => Err(Failure("--counts-per-turn 0: must be at least 1".into())),
             _ => Ok(()),
         }
@@ -369,7 +383,7 @@ impl Arguments {
         self.trajectory.unwrap_or(usual)
     }
 
-    /// What the trajectory is of; no picture is painted.
+    /// Returns the simulated scan with its trajectory; no image is rendered.
     fn bedside(&self, begin_ns: i64) -> Result<Arc<Bedside>, Failure> {
         let scene = Scene::Constant(0.0);
         let scan = Scan::new(ScanSettings {
@@ -387,7 +401,7 @@ impl Arguments {
         self.counts_per_turn.unwrap_or(if self.unit == Unit::Microscribe { 16_384 } else { 40_000 })
     }
 
-    /// What the sensors of a tracker measure.
+    /// Returns the motion that a tracker's sensors measure.
     fn motion(&self, begin_ns: i64) -> Result<Motion, Failure> {
         let motion = self.bedside(begin_ns)?.motion();
         Ok(match self.noise {
@@ -401,7 +415,7 @@ impl Arguments {
         })
     }
 
-    /// What the encoders of an arm show.
+    /// Returns the motion that an arm's encoders measure.
     fn joints(&self, begin_ns: i64) -> Result<Joints, Failure> {
         let arm = standard_arm(self.arm_counts().into())?;
         Ok(Arc::new(BedsideArm::new(self.bedside(begin_ns)?, arm)?).joints())
@@ -419,7 +433,7 @@ impl Arguments {
         }
     }
 
-    /// What is played, in words.
+    /// Describes the simulation.
     fn describe(&self) -> Result<String, Failure> {
         let of = match (self.unit.is_arm(), self.stations()?) {
             (true, _) => format!("arm of 3 joints, {} counts a turn", self.arm_counts()),

@@ -1,28 +1,28 @@
-//! Which stored pixel comes where when a picture is cropped and brought into another orientation.
+//! Map of stored pixels to written ones, for crops and changes of orientation.
 
-use calibration::region::ClipRect;
-use drivers::recording::image::ELEMENT_SPACING;
+use formats::image::ELEMENT_SPACING;
+use sonoweave_core::region::ClipRect;
+use sync::ingest::{mf_size, stored, to_mf};
 
-use crate::ingest::{mf_size, stored, to_mf};
-
-/// From pictures as they are stored to pictures as they are wanted.
+/// Map from frames as stored to frames as requested.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Arrangement {
-    /// Pixels along the first and second axis, as wanted.
+    /// Requested size along the first and second axis, pixels.
     pub size: [u32; 2],
-    /// Their orientation; empty where it is not known.
+    /// Requested orientation; empty if unknown.
     pub orientation: String,
-    /// Whether what is stored along one axis is wanted along the other.
+    /// Whether the axes are exchanged.
     transposed: bool,
-    /// For each wanted pixel the stored one; `None` where all stay where they are.
+    /// Index of the stored pixel for each requested one; `None` if all stay in place.
     places: Option<Vec<u32>>,
 }
 
 impl Arrangement {
-    /// Of pictures of a size and orientation. An orientation that is not given is MF; the crop is of the picture in MF.
+    /// Returns the map for frames of a size and orientation. An empty orientation means MF; the
+    /// crop is in MF pixels.
     ///
     /// # Errors
-    /// A sentence: the orientation is none, or the crop is outside the picture.
+    /// A sentence: an invalid orientation, or a crop outside the frame.
     pub fn new(size: [u32; 2], code: &str, crop: Option<ClipRect>, wanted: Option<&str>) -> Result<Self, String> {
         if crop.is_none() && wanted.is_none_or(|wanted| wanted == code) {
             return Ok(Self { size, orientation: code.to_owned(), transposed: false, places: None });
@@ -50,7 +50,7 @@ impl Arrangement {
         };
         let cropped: Vec<u32> = (rect.y..rect.y + rect.height).flat_map(row).collect();
         let mf_of_crop = [rect.width, rect.height];
-        // Transposed orientations transpose the size of an MF picture, too.
+        // Transposed orientations transpose the size of an MF frame, too.
         let size = mf_size(mf_of_crop, wanted).ok_or_else(|| none(wanted))?;
         let places = stored(&cropped, mf_of_crop, wanted);
         let turns = |code: &str| mf_size([1, 2], code) == Some([2, 1]);
@@ -58,7 +58,7 @@ impl Arrangement {
         Ok(Self { size, orientation: wanted.to_owned(), transposed, places: Some(places) })
     }
 
-    /// How far pixels are apart, where fields of a file say it: along the axes as they are wanted.
+    /// Exchanges the pixel spacings in a file's fields if the axes are exchanged.
     pub fn turn_spacing(&self, fields: &mut [(String, String)]) {
         let spacing = fields.iter_mut().filter(|(name, _)| self.transposed && name == ELEMENT_SPACING);
         for (_, text) in spacing {
@@ -70,7 +70,8 @@ impl Arrangement {
         }
     }
 
-    /// The wanted pixels of stored ones of so many bytes each; `None` where they are the same.
+    /// Returns the requested pixels, for stored pixels of `bytes` bytes each; `None` if nothing
+    /// changes.
     pub fn apply(&self, pixels: &[u8], bytes: usize) -> Option<Vec<u8>> {
         let places = self.places.as_ref()?;
         Some(places.iter().flat_map(|at| &pixels[*at as usize * bytes..][..bytes]).copied().collect())
@@ -84,8 +85,8 @@ mod tests {
     const PART: ClipRect = ClipRect { x: 1, y: 0, width: 2, height: 2 };
 
     #[test]
-    fn a_crop_is_of_the_mf_picture_whatever_is_stored_and_wanted() {
-        // What MF stores as rows 1 2 3 / 4 5 6.
+    fn crop_is_in_mf_pixels_for_all_orientations() {
+        // The frame that MF stores as rows 1 2 3 / 4 5 6.
         for (code, size, pixels) in [
             ("MFA", [3, 2], [1_u8, 2, 3, 4, 5, 6]),
             ("UN", [3, 2], [6, 5, 4, 3, 2, 1]),
@@ -111,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_part_or_orientation_is_refused() {
+    fn invalid_crop_or_orientation_is_refused() {
         let outside = ClipRect { x: 2, ..PART };
         assert!(Arrangement::new([3, 2], "MF", Some(outside), None).unwrap_err().contains("has 3×2 in MF orientation"));
         assert!(Arrangement::new([3, 2], "XX", Some(PART), None).unwrap_err().contains("\"XX\" is no orientation"));

@@ -1,14 +1,15 @@
-//! What may tell of whom, by whom or where a recording was made.
+//! Fields that may tell who made a recording, of whom, or where.
 //!
-//! Nobody knows what programs write into fields of their own, so these all go: what stays is what the pictures' place and time need. Left are transforms, their status,
-//! times, frame numbers, the pictures' status, orientation and type; of volumes the place, and the numbers that rendering needs. Names of files and of calibrations
-//! go, as they are often a patient's. What is written into the pictures stays: `--crop` cuts it off.
+//! Programs may write anything into fields of their own, so all of these are removed. Only the
+//! data needed for the frames' position and time are kept: transforms, their status, times,
+//! frame numbers, and the frames' status, orientation and type. Volumes keep their position, and
+//! the numbers that rendering needs. Names of files and of calibrations are removed, as they are
+//! often a patient's. Text within the image stays; `--crop` cuts it off.
 
-use drivers::recording::image::ELEMENT_SPACING;
+use formats::image::ELEMENT_SPACING;
+use volume::dense::{RANGE_FIELD, SLICE_AXES_FIELD, SLICES_BOX_FIELD, UNSEEN_FIELD};
 
-use crate::volume::dense::{RANGE_FIELD, SLICE_AXES_FIELD, SLICES_BOX_FIELD, UNSEEN_FIELD};
-
-/// Fields that are numbers, most of them ours, and say nothing of anybody.
+/// Numeric fields, most of them ours, which identify nobody.
 const NUMBERS: [&str; 15] = [
     ELEMENT_SPACING,
     UNSEEN_FIELD,
@@ -27,7 +28,7 @@ const NUMBERS: [&str; 15] = [
     "AnatomicalOrientation",
 ];
 
-/// Leaves out fields that may identify somebody; their names are added to `removed`, each once.
+/// Removes fields that may identify a person; adds their names to `removed`, each once.
 pub fn leave_out(fields: &mut Vec<(String, String)>, removed: &mut Vec<String>) {
     fields.retain(|(name, _)| {
         let stays = NUMBERS.contains(&&**name);
@@ -43,7 +44,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unknown_fields_and_names_of_files_go_and_numbers_stay() {
+    fn unknown_fields_and_file_names_go_numbers_stay() {
         let mut fields: Vec<(String, String)> =
             ["Patient", "SonoweaveUnseen", "SonoweaveInput", "ElementSpacing", "Comment", "Patient"]
                 .map(|name| (name.into(), "x".into()))

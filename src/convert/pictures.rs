@@ -1,46 +1,51 @@
-//! Numbered pictures (PNG) as a device: what other programs make of a recording, one frame a file.
+//! Numbered image files (PNG) as a device: recordings exported by other programs, one frame per
+//! file.
 //!
-//! They say neither when they were taken nor where the probe was. Who knows at what rate they follow each other says so; poses they have none, and a sequence of
-//! them is for programs that want pictures, or that have the poses from elsewhere.
+//! The files contain neither times nor poses. The user can give the frame rate. A sequence of
+//! them has no poses; it is for programs that need only images, or that have the poses from
+//! elsewhere.
 
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use drivers::reading::{Frame, PixelType, Stamp, Status};
-use drivers::recording::Limits;
-use drivers::{Description, Device, Error, Health, Next, Reading};
 use image::codecs::png::PngDecoder;
 use image::{ColorType, ImageDecoder as _};
+
+use formats::Limits;
+use sonoweave_core::reading::{Frame, PixelType, Stamp, Status};
+use sonoweave_core::{Description, Device, Error, Health, Next, Reading};
 
 use super::ConvertError;
 use super::write::number_in;
 
-/// Numbered pictures, in the order of their numbers.
+/// Numbered image files, in the order of their numbers.
 pub struct Pictures {
-    /// Their files.
+    /// The files.
     paths: Vec<PathBuf>,
-    /// How many a second; without it they have no times.
+    /// Frame rate, Hz; without it the frames have no times.
     rate_hz: Option<f64>,
     images: bool,
     limits: Limits,
     description: Description,
     health: Health,
-    /// The next one; `None` while stopped.
+    /// Index of the next file; `None` while stopped.
     next: Option<usize>,
 }
 
 impl Pictures {
-    /// Whether a name is one of numbered pictures: a folder, or a file's name with the number's place in it (`frame%04d.png`).
+    /// Returns whether a path names numbered image files: a folder, or a file name with a
+    /// placeholder for the number (`frame%04d.png`).
     pub fn are_at(path: &Path) -> bool {
         path.is_dir() || file_name(path).is_some_and(|name| is_png(&name) && number_in(&name).is_some())
     }
 
-    /// Finds the files; `images` says whether their pixels are wanted, or what is known of them only.
+    /// Finds the files; `images` chooses between reading pixels and reading the description
+    /// only.
     ///
     /// # Errors
-    /// [`ConvertError`] where there are none, or one is missing between others.
+    /// [`ConvertError`] if there are none, or a number is missing between others.
     pub fn open(path: &Path, images: bool, rate_hz: Option<f64>) -> Result<Self, ConvertError> {
         let unfit = |why: String| ConvertError::Unfit { path: path.to_owned(), why };
         let name = file_name(path).unwrap_or_default();
@@ -153,7 +158,7 @@ fn is_png(name: &str) -> bool {
     name.to_ascii_lowercase().ends_with(".png")
 }
 
-/// The digits at the end of a name without its ending.
+/// Returns the digits at the end of a file name without its extension.
 fn last_number(stem: &str) -> &str {
     &stem[stem.trim_end_matches(|c: char| c.is_ascii_digit()).len()..]
 }
@@ -171,7 +176,7 @@ impl Device for Pictures {
         if number == self.paths.len() {
             return Ok(Next::End);
         }
-        // After an error it is to be started again.
+        // After an error, the device must be started again.
         self.next = None;
         let frame = self.frame(number)?;
         self.next = Some(number + 1);

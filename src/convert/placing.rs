@@ -1,37 +1,38 @@
-//! Where each sensor of a session was when each of its pictures was seen: by the clocks, the latencies and the rules of its replay.
+//! Pose of each sensor of a session at the time of each frame, by the clocks, latencies and
+//! rules of its replay.
 //!
-//! A picture waits until every sensor has a pose at its time or after it, and what lies between two poses is interpolated ([`crate::sync::history`]). So the slices of a
-//! sequence made of a session lie where the session's own do.
+//! A frame waits until every sensor has a pose at or after its time; the pose is interpolated
+//! between two poses ([`sync::history`]). So the slices of a converted sequence have the
+//! same poses as those of the session.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::path::Path;
 
-use drivers::recording::session::{SessionReplay, SessionSettings};
-use drivers::{Device, Error, NO_DEADLINE, Next, Reading};
+use drivers::replay::{SessionReplay, SessionSettings};
+use pipeline::live::{DeviceRole, Latencies, walk};
+use sonoweave_core::{Device, Error, NO_DEADLINE, Next, Reading};
+use sync::clock::{TimeFlags, Timed};
+use sync::history::{PoseHistory, PoseSample, Rigid, Unavailable};
+use sync::ingest::live::{Gives, Live};
 
-use crate::ingest::live::{Gives, Live};
-use crate::pipeline::live::{Instrument, Latencies, walk};
-use crate::sync::clock::{TimeFlags, Timed};
-use crate::sync::history::{PoseHistory, PoseSample, Rigid, Unavailable};
-
-/// Poses of a sensor that are kept: at 240 a second those of eight seconds.
+/// Number of poses kept per sensor: eight seconds at 240 Hz.
 const KEPT: usize = 2048;
 
-/// What a device of a session has delivered.
+/// Deliveries of one device of a session.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Delivered {
     /// Its name in the session.
     pub device: String,
-    /// Stations of which there are poses, in the order in which they came.
+    /// Stations that have poses, in the order of their first pose.
     pub stations: Vec<u8>,
-    /// Whether there are pictures.
+    /// Whether there are frames.
     pub pictures: bool,
 }
 
-/// What the devices of a session have delivered, in the order in which they are first heard of.
+/// Returns the deliveries of a session's devices, in the order of their first reading.
 ///
 /// # Errors
-/// The recording's.
+/// Errors of the recording.
 pub fn delivered(session: &Path) -> Result<Vec<Delivered>, Error> {
     let mut replay = SessionReplay::open(&SessionSettings { images: false, ..SessionSettings::new(session) })?;
     let mut all: Vec<Delivered> = Vec::new();
@@ -62,35 +63,35 @@ pub fn delivered(session: &Path) -> Result<Vec<Delivered>, Error> {
     Ok(all)
 }
 
-/// How frames find their poses.
+/// Rules for the poses of frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Rules {
-    /// How much later than a frame a sensor may be heard of again, ns.
+    /// Longest wait for a sensor after a frame, ns.
     pub wait_ns: i64,
-    /// Poses further apart have nothing between them, ns.
+    /// Longest gap between poses that are interpolated, ns.
     pub longest_gap_ns: i64,
 }
 
 impl Default for Rules {
-    /// Those that a bedside has that says nothing of it.
+    /// Returns the default values of a session configuration.
     fn default() -> Self {
         Self { wait_ns: 500_000_000, longest_gap_ns: 100_000_000 }
     }
 }
 
-/// A picture's time, and where each sensor was at it.
+/// A frame's time, and each sensor's pose at that time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sensed {
-    /// When it was seen, host ns; `None` where its clock was lost.
+    /// Acquisition time, host ns; `None` if its clock was lost.
     pub time_ns: Option<i64>,
-    /// By sensor: its pose in the tracker's frame, or why there is none.
+    /// For each sensor: its pose in the tracker's frame, or why there is none.
     pub poses: Vec<Result<Rigid, Unavailable>>,
 }
 
-/// Where the sensors of a session were.
+/// Sensor poses of a session.
 #[derive(Debug, Clone, Default)]
 pub struct Placing {
-    /// Of each sensor the frames that its pose maps between.
+    /// For each sensor, the coordinate frames between which its pose maps.
     pub sensors: Vec<[String; 2]>,
     pictures: BTreeMap<u64, Sensed>,
 }
@@ -99,8 +100,8 @@ impl Placing {
     /// Reads a session.
     ///
     /// # Errors
-    /// The recording's.
-    pub fn read(session: &Path, instruments: Vec<Instrument>, rules: Rules) -> Result<Self, Error> {
+    /// Errors of the recording.
+    pub fn read(session: &Path, instruments: Vec<DeviceRole>, rules: Rules) -> Result<Self, Error> {
         let mut first_sensors = Vec::new();
         let mut sensors = Vec::new();
         for instrument in &instruments {
@@ -118,13 +119,13 @@ impl Placing {
         Ok(Self { sensors, pictures: waiting.end() })
     }
 
-    /// Of a picture, by its number.
+    /// Returns the time and the poses of a frame, by its number.
     pub fn of(&self, item: u64) -> Option<&Sensed> {
         self.pictures.get(&item)
     }
 }
 
-/// Pictures that wait for poses.
+/// Frames that wait for poses.
 struct Waiting {
     rules: Rules,
     histories: Vec<PoseHistory>,
@@ -151,13 +152,13 @@ impl Waiting {
         self.settle();
     }
 
-    /// A picture of no known time.
+    /// Adds a frame of unknown time.
     fn see_nothing(&mut self, item: u64) {
         let poses = self.histories.iter().map(|_| Err(Unavailable::Nothing)).collect();
         self.done.insert(item, Sensed { time_ns: None, poses });
     }
 
-    /// Those that need not wait any longer.
+    /// Resolves the frames that need not wait any longer.
     fn settle(&mut self) {
         while let Some(&(_, time_ns)) = self.queue.front() {
             let newest = self.histories.iter().map(|history| history.newest_ns().unwrap_or(i64::MIN));
@@ -186,16 +187,17 @@ impl Waiting {
 
 #[cfg(test)]
 mod tests {
-    use drivers::reading::{Frame, PixelType, Pose, Stamp, Status};
-    use drivers::recording::session::{About, SessionWriter, WriterOptions};
-    use drivers::{Description, Timing};
+    use formats::session::{About, SessionWriter, WriterOptions};
     use glam::DVec3;
+    use sonoweave_core::reading::{Frame, PixelType, Pose, Stamp, Status};
+    use sonoweave_core::{Description, Timing};
 
     use super::*;
 
     const MS: i64 = 1_000_000;
 
-    /// A session without a configuration: a sensor that moves 1 mm in 10 ms along x, heard of every 10 ms but between 200 and 350; a picture every 33 ms.
+    /// A session without a configuration: a sensor that moves along x, 1 mm in 10 ms. It is
+    /// sampled every 10 ms, except between 200 and 350 ms; a frame comes every 33 ms.
     fn session(folder: &Path) -> std::path::PathBuf {
         let begin = 1_000 * MS;
         let path = folder.join("s.mcap");
@@ -242,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn each_picture_has_the_pose_of_its_time_and_where_there_is_none_it_is_said_why() {
+    fn frames_get_poses_at_their_times_or_reasons() {
         let folder = tempfile::tempdir().unwrap();
         let path = session(folder.path());
         let all = delivered(&path).unwrap();
@@ -253,13 +255,13 @@ mod tests {
         );
         let latency_ns = 4 * MS;
         let instruments = vec![
-            Instrument {
+            DeviceRole {
                 name: "a tracker".into(),
                 gives: Gives::Stations(vec![7]),
                 frames: vec![["Probe".into(), "Tracker".into()]],
                 latency_ns: 0,
             },
-            Instrument { name: "a grabber".into(), gives: Gives::Pictures, frames: Vec::new(), latency_ns },
+            DeviceRole { name: "a grabber".into(), gives: Gives::Pictures, frames: Vec::new(), latency_ns },
         ];
         let placing = Placing::read(&path, instruments, Rules::default()).unwrap();
         assert_eq!(placing.sensors, [["Probe".to_owned(), "Tracker".to_owned()]]);

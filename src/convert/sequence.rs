@@ -1,36 +1,40 @@
-//! What a device delivers, as the header of a sequence.
+//! Conversion of a device's content to the header of a sequence.
 //!
-//! Of a sequence file nothing is lost. Of a session each frame is an item. A sequence holds one pose a frame and sensor: the one that a replay of the session pairs the frame
-//! with ([`placing`](super::placing)), and the status MISSING or INVALID where there is none. The item's time is then when the picture was seen, latencies taken off, in
-//! seconds (exact to the nanosecond for the first hundred days of a machine's uptime); when it was received is in a field, in nanoseconds.
+//! A sequence file is converted without loss. For a session, each frame becomes an item. A
+//! sequence holds one pose per frame and sensor: the pose with which a replay of the session
+//! pairs the frame ([`placing`](super::placing)), or the status MISSING or INVALID. The item's
+//! time is the frame's acquisition time, without latencies, in seconds. This is exact to the
+//! nanosecond for the first hundred days of a machine's uptime. A field holds the time of
+//! receipt, in nanoseconds.
 
 use std::path::Path;
 
-use drivers::reading::{Frame, NamedTransform, PixelType, Stamp, Status};
-use drivers::recording::image::write::{SequenceHeader, SequenceItem};
-use drivers::{Device, Next, Reading};
 use glam::DMat4;
+
+use formats::image::write::{SequenceHeader, SequenceItem};
+use sonoweave_core::reading::{Frame, NamedTransform, PixelType, Stamp, Status};
+use sonoweave_core::{Device, Next, Reading};
+use sync::history::{Rigid, Unavailable};
 
 use super::arrange::Arrangement;
 use super::placing::Placing;
 use super::{Changes, ConvertError, identity};
-use crate::sync::history::{Rigid, Unavailable};
 
 /// Frame field with the host's time of receipt, ns.
 pub const HOST_FIELD: &str = "SonoweaveHostNs";
-/// Field with the part of the picture that was kept: first column and row in MF, and how many.
+/// Field with the part of the frame that was kept: first column and row in MF, width and height.
 pub const CROP_FIELD: &str = "SonoweaveCrop";
 
-/// A recording that was looked through.
+/// A recording that was read through.
 #[derive(Debug)]
 pub struct Gathered {
-    /// What is to be written.
+    /// The header to be written.
     pub header: SequenceHeader,
-    /// How each picture is to be arranged; `None` without pictures.
+    /// Rearrangement of each frame; `None` without pixels.
     pub arrangement: Option<Arrangement>,
     /// The first frame that is taken; as many follow as the header has items.
     pub first: u64,
-    /// Fields that were left out, by name.
+    /// Names of the fields that were left out.
     pub removed: Vec<String>,
 }
 
@@ -41,7 +45,7 @@ struct Shape {
     channels: u32,
 }
 
-/// What a walk over a device's readings finds.
+/// Collected data of a device's readings.
 #[derive(Default)]
 struct Walk {
     items: Vec<SequenceItem>,
@@ -53,10 +57,12 @@ struct Walk {
     numbers: Vec<u64>,
 }
 
-/// Looks through a device that was opened without images; `path` is for sentences, `placing` is of a session.
+/// Reads through a device that was opened without images. Sentences name `path`; `placing` holds
+/// a session's poses.
 ///
 /// # Errors
-/// [`ConvertError`] when it cannot be read, has no frames, frames of several kinds, or what is wanted of it does not go.
+/// [`ConvertError`] if it cannot be read, has no frames or frames of several kinds, or does not
+/// permit the requested changes.
 pub fn gather(
     device: &mut dyn Device,
     path: &Path,
@@ -67,7 +73,7 @@ pub fn gather(
     let mut walk = Walk::default();
     device.start()?;
     loop {
-        match device.next(drivers::NO_DEADLINE)? {
+        match device.next(sonoweave_core::NO_DEADLINE)? {
             Next::Reading(Reading::Frame(frame)) => walk.frame(frame).map_err(unfit)?,
             Next::Reading(Reading::NamedTransform(transform)) => walk.waiting.push(transform),
             Next::Reading(_) | Next::Pending => {}
@@ -143,7 +149,7 @@ impl Walk {
         }
         let mut transforms: Vec<NamedTransform> = Vec::new();
         for transform in self.waiting.drain(..) {
-            // Of several since the last frame the newest is the frame's.
+            // If there were several since the last frame, the newest belongs to the frame.
             match transforms.iter_mut().find(|known| known.name() == transform.name()) {
                 Some(known) => *known = transform,
                 None => transforms.push(transform),
@@ -161,7 +167,7 @@ impl Walk {
     }
 }
 
-/// Gives a frame the poses that its session's sensors had, and the time of which they are.
+/// Adds the poses of the session's sensors to a frame, and their time.
 fn attach(item: &mut SequenceItem, number: u64, placing: &Placing) {
     let sensed = placing.of(number);
     if let Some(time_ns) = sensed.and_then(|sensed| sensed.time_ns) {
@@ -173,7 +179,7 @@ fn attach(item: &mut SequenceItem, number: u64, placing: &Placing) {
             Ok(rigid) => (*rigid, Status::Ok),
             Err(why) => (Rigid::IDENTITY, status_of(why)),
         };
-        // Of a server's own the one of this time stands for the one that came last.
+        // A server's own transform of that name is replaced by the one of this time.
         item.transforms.retain(|other| (&other.from, &other.to) != (from, to));
         let matrix = DMat4::from_rotation_translation(rigid.rotation, rigid.position_mm);
         item.transforms.push(NamedTransform {
@@ -186,7 +192,7 @@ fn attach(item: &mut SequenceItem, number: u64, placing: &Placing) {
     }
 }
 
-/// As sequences have it: the device's own word where it is one.
+/// Returns the status for sequences: the device's own word if it is valid there.
 fn status_of(why: &Unavailable) -> Status {
     let is_word = |word: &str| word.bytes().all(|c| c.is_ascii_uppercase() || c == b'_') && !word.is_empty();
     Status::Other(match why {
@@ -196,7 +202,8 @@ fn status_of(why: &Unavailable) -> Status {
     })
 }
 
-/// Pixel (0, 0) is another one: transforms from the image are of the new one; without any, the frames say where the new one lies in the old, as PLUS does.
+/// Adapts transforms to the new pixel (0, 0). Transforms from the image refer to the new one.
+/// Without any, each frame gets the offset in the old image, like PLUS.
 fn shift(item: &mut SequenceItem, [x, y]: [f64; 2]) {
     let mut of_image = item.transforms.iter_mut().filter(|transform| transform.from == "Image").peekable();
     if of_image.peek().is_none() {

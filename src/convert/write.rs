@@ -1,27 +1,26 @@
-//! To sequences, sessions, pictures and volumes.
+//! Writers for sequences, sessions, image files and volumes.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-use drivers::reading::{Frame, Reading, Stamp};
-use drivers::recording::Limits;
-use drivers::recording::image::write::{SequenceWriter, VolumeWriter};
-use drivers::recording::image::{VolumeHeader, VolumeReader};
-use drivers::recording::session::{About, SessionWriter, WriterOptions};
-use drivers::{Description, Device, Next};
+use export::picture::write_stored;
+use formats::Limits;
+use formats::image::write::{SequenceWriter, VolumeWriter};
+use formats::image::{VolumeHeader, VolumeReader};
+use formats::session::{About, SessionWriter, WriterOptions};
+use sonoweave_core::reading::{Frame, Reading, Stamp};
+use sonoweave_core::{Description, Device, Next};
 
-use super::identity;
 use super::sequence::{Gathered, HOST_FIELD};
-use super::{Changes, ConvertError};
-use crate::export::picture::write_stored;
+use super::{Changes, ConvertError, identity};
 
-/// Told how many frames or slices are done.
+/// Progress callback; receives the number of frames or slices done.
 pub type Told<'a> = &'a dyn Fn(u64);
 
-/// Writes a sequence; `device` delivers the pictures of what was gathered.
+/// Writes a sequence; `device` delivers the frames of what was gathered.
 ///
 /// # Errors
-/// [`ConvertError`]: nothing is left at the place then.
+/// [`ConvertError`]: no file is left then.
 pub fn sequence(device: &mut dyn Device, gathered: &Gathered, to: &Path, told: Told<'_>) -> Result<(), ConvertError> {
     let mut writer = SequenceWriter::create(to, &gathered.header)?;
     if gathered.arrangement.is_some() {
@@ -34,10 +33,10 @@ pub fn sequence(device: &mut dyn Device, gathered: &Gathered, to: &Path, told: T
     Ok(writer.finish()?)
 }
 
-/// Writes a session with one device, whose readings are the sequence's.
+/// Writes a session with one device, which has the sequence's readings.
 ///
 /// # Errors
-/// [`ConvertError`]: nothing is left at the place then.
+/// [`ConvertError`]: no file is left then.
 pub fn session(device: &mut dyn Device, gathered: &Gathered, to: &Path, told: Told<'_>) -> Result<(), ConvertError> {
     let io = |source| ConvertError::Io { path: to.to_owned(), source };
     let folder = to.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -82,10 +81,10 @@ pub fn session(device: &mut dyn Device, gathered: &Gathered, to: &Path, told: To
     Ok(())
 }
 
-/// Writes each frame as PNG into a folder, or by a name with a number in it (`%04d`); the names.
+/// Writes each frame as PNG into a folder, or by a name with a number placeholder (`%04d`).
 ///
 /// # Errors
-/// [`ConvertError`]: frames before the one that failed are there.
+/// [`ConvertError`]: frames before the one that failed remain.
 pub fn pictures(device: &mut dyn Device, gathered: &Gathered, to: &Path, told: Told<'_>) -> Result<(), ConvertError> {
     let header = &gathered.header;
     if gathered.arrangement.is_none() {
@@ -101,21 +100,22 @@ pub fn pictures(device: &mut dyn Device, gathered: &Gathered, to: &Path, told: T
     })
 }
 
-/// The name of a frame's picture.
+/// Returns the file name of a frame.
 fn numbered(to: &Path, number: u64) -> PathBuf {
     let name = to.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
     let Some((before, digits, after)) = number_in(&name) else { return to.join(format!("frame-{number:04}.png")) };
     to.with_file_name(format!("{before}{number:0digits$}{after}"))
 }
 
-/// What is before a number's place in a name, how many digits it has at least, and what is behind.
+/// Returns the text before a number placeholder, its minimal number of digits, and the text
+/// behind it.
 pub fn number_in(name: &str) -> Option<(&str, usize, &str)> {
     let (before, rest) = name.split_once("%0")?;
     let (digits, after) = rest.split_once('d')?;
     Some((before, digits.parse().ok().filter(|digits| (1..=18).contains(digits))?, after))
 }
 
-/// Delivers the frames that were chosen, as they are to be written, numbered from 0.
+/// Passes on the chosen frames, as they are to be written, numbered from 0.
 fn each(
     device: &mut dyn Device,
     gathered: &Gathered,
@@ -126,7 +126,7 @@ fn each(
     let (mut number, count) = (0, header.items.len() as u64);
     device.start()?;
     while number < gathered.first + count {
-        match device.next(drivers::NO_DEADLINE)? {
+        match device.next(sonoweave_core::NO_DEADLINE)? {
             Next::Reading(Reading::Frame(mut frame)) => {
                 if number >= gathered.first {
                     let n = number - gathered.first;
@@ -138,7 +138,7 @@ fn each(
                     }
                     let item = &header.items[n as usize];
                     frame.fields = item.fields.iter().filter(|(name, _)| name != HOST_FIELD).cloned().collect();
-                    // What a session once told comes back into one.
+                    // A time of receipt that once came from a session goes into the new session.
                     let noted = item.fields.iter().find(|(name, _)| name == HOST_FIELD);
                     frame.stamp.host_ns = frame.stamp.host_ns.or_else(|| noted.and_then(|(_, ns)| ns.parse().ok()));
                     with(n, frame)?;
@@ -152,10 +152,10 @@ fn each(
     Ok(device.stop()?)
 }
 
-/// Copies a volume; the fields that were left out.
+/// Copies a volume; returns the fields that were left out.
 ///
 /// # Errors
-/// [`ConvertError`]: nothing is left at the place then.
+/// [`ConvertError`]: no file is left then.
 pub fn volume(from: &Path, to: &Path, changes: &Changes, told: Told<'_>) -> Result<Vec<String>, ConvertError> {
     let mut reader = VolumeReader::open(from, &Limits::default())?;
     let mut header = VolumeHeader { compressed: changes.compressed, ..reader.header().clone() };
@@ -183,7 +183,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pictures_are_numbered_in_a_folder_or_by_the_name() {
+    fn image_files_numbered_in_folder_or_by_name() {
         assert_eq!(numbered("out".as_ref(), 7), PathBuf::from("out/frame-0007.png"));
         assert_eq!(numbered("out/a%03d.png".as_ref(), 7), PathBuf::from("out/a007.png"));
         assert_eq!(number_in("a%d.png"), None, "a number of unsteady length does not sort");

@@ -1,21 +1,22 @@
-//! An arm that can be told while it runs that it is in its home position.
+//! An arm whose home position can be confirmed while it runs.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use drivers::{Description, Device, Error, Health, Next};
+use sonoweave_core::{Description, Device, Error, Health, Next};
 
 /// All axes that there can be.
 const ALL: u8 = u8::MAX;
 
-/// An arm, and the word that it is at home. Nobody but the user knows when it is: encoders know movements, and no places.
+/// An arm with a flag for the home position. Only the user knows when the arm is there: encoders
+/// measure movements, not positions.
 pub(super) struct Homed {
     arm: Box<dyn Device>,
     at_home: Arc<AtomicBool>,
 }
 
 impl Homed {
-    /// An arm, and what to set when it is at home.
+    /// Returns the arm, and the flag to set when it is at home.
     pub(super) fn new(arm: Box<dyn Device>) -> (Self, Arc<AtomicBool>) {
         let at_home = Arc::new(AtomicBool::new(false));
         (Self { arm, at_home: Arc::clone(&at_home) }, at_home)

@@ -1,4 +1,5 @@
-//! A recorded session that is shown: run again by other settings over HTTP, frame by frame, and what it leaves.
+//! A recorded session that is shown: replayed with other settings over HTTP, frame by frame, and
+//! its outputs.
 
 use serde_json::{Value, json};
 
@@ -6,7 +7,7 @@ use super::daemon::{SMALL, Session, ask};
 use super::place::Place;
 use super::wishes::{account, done, until, wish};
 
-/// The file of a session of some seconds.
+/// File of a session of some seconds.
 const RECORDING: &str = "s.mcap";
 
 fn recorded(place: &Place) {
@@ -18,12 +19,12 @@ fn recorded(place: &Place) {
     std::fs::remove_dir(place.path("rec")).unwrap();
 }
 
-/// The bedside's file with coarser voxels and another latency.
+/// Returns the session configuration with coarser voxels and another latency.
 fn other() -> String {
     SMALL.replace("spacing_mm = 1.0", "spacing_mm = 3.0").replace("[volume]", "latency_ms = 120\n[volume]")
 }
 
-/// Run to its end by these settings.
+/// Waits for the end of a replay with these settings.
 fn over(session: &Session, address: &str, tried: &Value) -> Value {
     until(session, address, "the end of a run", |account| {
         account["desk"]["phase"] == "over" && account["desk"]["replayed"]["tried"] == *tried
@@ -31,10 +32,10 @@ fn over(session: &Session, address: &str, tried: &Value) -> Value {
 }
 
 #[test]
-fn a_recorded_session_is_run_again_by_other_settings_and_comes_to_what_it_would_have_with_them() {
+fn replay_with_other_settings_equals_their_result() {
     let place = Place::new();
     recorded(&place);
-    // By other settings, in a file of their own.
+    // Other settings, in a separate file.
     place.put("coarse.toml", other());
     assert_ne!(place.get("coarse.toml"), place.get("b.toml"));
     place.does(&format!("replay {RECORDING} --config coarse.toml -o coarse.mha"));
@@ -48,7 +49,7 @@ fn a_recorded_session_is_run_again_by_other_settings_and_comes_to_what_it_would_
     assert!(events[0]["says"].as_str().unwrap().contains("with the same outcome"), "{first}");
     let (code, settings) = ask(&address, &address, "/v1/settings");
     assert!(code == 200 && settings.contains("\"volume.spacing_mm\""), "{settings}");
-    // Frames, in any order; none of another recording.
+    // Frames in any order; none outside the recording.
     let frames = first["desk"]["replayed"]["frames"].as_u64().unwrap();
     assert_eq!(frames, first["frames"].as_u64().unwrap());
     for number in [frames, 1, frames / 2] {
@@ -60,8 +61,11 @@ fn a_recorded_session_is_run_again_by_other_settings_and_comes_to_what_it_would_
         (json!({ "do": "frame", "number": 0 }), "there is no frame 0; the recording has 1 to"),
         (json!({ "do": "frame", "number": frames + 1 }), "there is no frame"),
         (json!({ "do": "again", "settings": { "volume.spacing_mm": 0 } }), "volume.spacing_mm: must be positive"),
-        (json!({ "do": "again", "settings": { "record.folder": "/tmp" } }), "record.folder: is nothing that"),
-        (json!({ "do": "again", "settings": { "calibration.file": "/etc/passwd" } }), "there is no \"/etc/passwd\""),
+        (json!({ "do": "again", "settings": { "record.folder": "/tmp" } }), "record.folder: cannot be changed"),
+        (
+            json!({ "do": "again", "settings": { "calibration.file": "/etc/passwd" } }),
+            "there is no file \"/etc/passwd\"",
+        ),
         (json!({ "do": "record" }), "this session is a recording"),
         (json!({ "do": "clear" }), "this session is a recording"),
         (json!({ "do": "save" }), "--keep DIR"),
@@ -70,7 +74,7 @@ fn a_recorded_session_is_run_again_by_other_settings_and_comes_to_what_it_would_
         assert!(code == 409 && answer["refused"].as_str().unwrap().contains(says), "{what}: {code} {answer}");
     }
     assert_eq!(account(&address)["desk"]["replayed"]["tried"], json!({}), "nothing has changed");
-    // What cannot be woven at all is said, and the recording is there as it was.
+    // Settings that permit no insertion are reported, and the recording is unchanged.
     done(&address, &json!({ "do": "again", "settings": { "volume.spacing_mm": 3 } }));
     let coarse = over(&session, &address, &json!({ "volume.spacing_mm": 3 }));
     assert_eq!(coarse["slices"], first["slices"]);
@@ -81,14 +85,14 @@ fn a_recorded_session_is_run_again_by_other_settings_and_comes_to_what_it_would_
     assert_eq!(session.ends("-INT"), 0, "{}", session.said());
     let said = session.said();
     assert!(!said.contains("stands still"), "{said}");
-    // What was looked at last is left, and is what the settings make of it.
+    // The last result is saved, and equals that of its settings.
     let [last, coarse] = ["last.mha", "coarse.mha"].map(|name| session.place.volume(name));
     assert!(last.values == coarse.values && last.header.origin == coarse.header.origin);
     assert_ne!(last.header.size, session.place.volume("live.mha").header.size);
 }
 
 #[test]
-fn a_live_session_is_neither_run_again_nor_scrubbed_through() {
+fn live_session_refuses_replay_and_frame_commands() {
     let mut session = Session::begin("", &[]);
     let address = session.address();
     for what in [json!({ "do": "again" }), json!({ "do": "frame", "number": 1 })] {
@@ -100,14 +104,14 @@ fn a_live_session_is_neither_run_again_nor_scrubbed_through() {
 }
 
 #[test]
-fn what_cannot_be_shown_is_refused() {
+fn unsuitable_input_is_refused() {
     let place = Place::new();
     recorded(&place);
     place.does("phantom -o s.mha --frames 6 --image-size 40x30 --pixel 0.5 --gap 0.6");
-    place.refuses("replay s.mha --picture p.png --console 127.0.0.1:0", &["--console: shows recorded sessions"]);
+    place.refuses("replay s.mha --picture p.png --console 127.0.0.1:0", &["--console: applies to recorded sessions"]);
     place.refuses(
         &format!("replay {RECORDING} --pictures . --console 127.0.0.1:0"),
-        &["--pictures: with --console", "leave one of them out"],
+        &["--pictures: cannot be combined with --console", "leave one of them out"],
     );
     place.refuses(&format!("replay {RECORDING} --console 0.0.0.0:0"), &["certificate", "token_file"]);
     let run = place.run(&format!("replay {RECORDING} --keep kept"));

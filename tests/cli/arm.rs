@@ -1,19 +1,21 @@
-//! `calibrate arm`: an arm whose zeros and lengths are not those of its file is touched down on divots, recorded, and known afterwards.
+//! `calibrate arm`: an arm with wrong zeros and lengths in its file touches divots, is recorded,
+//! and is then calibrated.
 
 use std::sync::{Arc, Mutex};
+
+use glam::DVec2;
 
 use calibration::arm::inverse::Elbow;
 use calibration::arm::{Arm, JOINTS, Joint, PlanarPose, Sign};
 use calibration::file::CalibrationFile;
-use drivers::clock::{Clock, MS, Monotonic, SECOND};
-use drivers::reading::AXES;
 use drivers::simulated::{Faults, Pty, ea1};
-use glam::DVec2;
+use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
+use sonoweave_core::reading::AXES;
 
 use super::place::Place;
 
 const TURN: f64 = 40_000.0;
-/// It lies at home, then it is moved to each place and held there.
+/// The arm rests at home; then it is moved to each position and held there.
 const HOME: i64 = 5 * SECOND;
 const MOVE: i64 = 150 * MS;
 const HOLD: i64 = 450 * MS;
@@ -32,23 +34,24 @@ fn truth() -> Arm {
     arm([252.3, 198.7, 81.4], [0.0, 311.25, -87.5])
 }
 
-/// As a ruler and a look at it say.
+/// The calibration as estimated with a ruler and by eye.
 fn guess() -> CalibrationFile {
     let rows = [0.0, 0.2, 0.0, 45.0, 0.0, 0.0, 0.2, 0.0, 0.2, 0.0, 0.0, -6.0, 0.0, 0.0, 0.0, 1.0];
     CalibrationFile {
         provenance: "by ruler".into(),
-        probe_from_image: Some(calibration::frames::Transform::from_rows(&rows).unwrap()),
+        probe_from_image: Some(sonoweave_core::frames::Transform::from_rows(&rows).unwrap()),
         arm: Some(arm([250.0, 200.0, 80.0], [0.0; JOINTS])),
         ..CalibrationFile::default()
     }
 }
 
-/// Numbers that look like noise of about 1, the same each time.
+/// Returns reproducible pseudo-noise with a standard deviation of about 1.
 fn scatter(n: f64, which: f64) -> f64 {
     (2.0 * ((n * 7919.0 + which * 104_729.0) * 0.618_033_988_75).fract() - 1.0) * 1.7
 }
 
-/// Counts at home, and in each touch: the elbow to the left and to the right, the wrist turned about, and the tip beside the divot's middle by some hundredths of a mm.
+/// Returns the counts at home and in each touch. The elbow is left or right, the wrist turned,
+/// and the tip off the divot's middle by some hundredths of a mm.
 fn counts() -> Vec<[i64; JOINTS]> {
     let mut all = vec![[0; JOINTS]];
     for (n, divot) in (0..).zip(ORDER) {
@@ -63,7 +66,7 @@ fn counts() -> Vec<[i64; JOINTS]> {
     all
 }
 
-/// The joints from a time on.
+/// Returns the joints' counts over time.
 fn moved(begin_ns: i64, at_ns: i64, places: &[[i64; JOINTS]]) -> [i64; AXES] {
     let after = at_ns - begin_ns - HOME;
     let step = usize::try_from(after.div_euclid(MOVE + HOLD) + 1).unwrap_or(0).min(places.len() - 1);
@@ -76,7 +79,7 @@ fn moved(begin_ns: i64, at_ns: i64, places: &[[i64; JOINTS]]) -> [i64; AXES] {
     all
 }
 
-/// A session of the arm, recorded while its touches are judged; its path within the place.
+/// Records a session of the arm while its touches are judged; returns its path.
 fn recorded(place: &Place) -> String {
     guess().write(&place.path("guess.toml")).unwrap();
     let (begin_ns, places) = (Monotonic.now_ns(), counts());
@@ -92,7 +95,7 @@ fn recorded(place: &Place) -> String {
             line.path().display()
         ),
     );
-    // Never enough: who holds the arm is told what is missing until the time is over.
+    // The goal is never reached: the user is told what is missing until the time is over.
     place.put("plate.toml", plate(1.0));
     let seconds = length / SECOND + 1;
     let run = place.run(&format!(
@@ -122,7 +125,8 @@ fn joined(numbers: impl IntoIterator<Item = impl ToString>) -> String {
     numbers.into_iter().map(|number| number.to_string()).collect::<Vec<_>>().join(",")
 }
 
-/// What was found lies within four standard deviations of the truth, and those are small.
+/// Checks that the result lies within four standard deviations of the truth, and that these are
+/// small.
 fn is_found(report: &serde_json::Value, most_mm: f64) {
     let found = report["found"].as_array().unwrap();
     assert!(found.len() >= 4, "{report}");
@@ -140,7 +144,7 @@ fn is_found(report: &serde_json::Value, most_mm: f64) {
 }
 
 #[test]
-fn an_arm_is_found_by_its_touches_and_a_slipped_encoder_is_named() {
+fn arm_is_calibrated_and_slipped_encoder_is_named() {
     let place = Place::new();
     let session = recorded(&place);
     // The first rest is at home.
@@ -164,7 +168,8 @@ fn an_arm_is_found_by_its_touches_and_a_slipped_encoder_is_named() {
     assert!(is_near(file.arm.unwrap().joints()[0].length_mm, 252.3), "{file:?}");
     place.does("inspect cal.toml");
 
-    // One divot tells the zeros, and all lengths but one; so do distances, of which each two touches have their own.
+    // One divot determines the zeros and all lengths but one. So do distances, if every two
+    // touches have their own.
     let elsewhere = (2..).zip(ORDER).filter(|(_, divot)| *divot != 1).map(|(rest, _)| rest);
     let exact = CalibrationFile { arm: Some(arm([252.3, 200.0, 80.0], [0.0; JOINTS])), ..guess() };
     exact.write(&place.path("exact.toml")).unwrap();
@@ -180,7 +185,8 @@ fn an_arm_is_found_by_its_touches_and_a_slipped_encoder_is_named() {
     place.does(&format!("{by} --distances {distances} --report distances.json"));
     is_found(&place.json("distances.json"), 3.0);
 
-    // Held against its fit it is well; an encoder that has slipped since is one whose zero is another by now.
+    // The check confirms the arm against its own fit. An encoder that has slipped since shows as
+    // a changed zero.
     let said = place.does(&format!("{by} {order} --arm cal.toml --check --report check.json"));
     assert!(said.contains("it is the arm that was fitted") && said.contains("its fit left 0.0"), "{said}");
     assert_eq!(place.json("check.json")["changed"], false);
@@ -189,11 +195,11 @@ fn an_arm_is_found_by_its_touches_and_a_slipped_encoder_is_named() {
     CalibrationFile { arm: Some(Arm::new(slipped).unwrap()), ..file }.write(&place.path("slipped.toml")).unwrap();
     let run = place.run(&format!("{by} {order} --arm slipped.toml --check --report slipped.json"));
     assert_eq!(run.code, 1, "{} {}", run.stdout, run.stderr);
-    let advice = "no longer the arm that was fitted: the zero of joint 3 has moved by -2";
+    let advice = "the arm no longer agrees with its calibration: the zero of joint 3 has moved by -2";
     assert!(run.stderr.contains(advice), "{}", run.stderr);
     assert_eq!(place.json("slipped.json")["slipped"]["joint"], 3);
 
-    // What does not say it is refused.
+    // Unsuitable files are refused.
     place.put("cm.toml", plate(0.1));
     place.put("inches.toml", plate(1.0 / 25.4));
     let refuses = |words: &str, says: &[&str]| place.refuses(&format!("{by} {words} -o new.toml"), says);
@@ -221,9 +227,9 @@ fn an_arm_is_found_by_its_touches_and_a_slipped_encoder_is_named() {
 }
 
 #[test]
-fn a_session_of_a_tracker_has_no_arm() {
+fn tracker_session_is_refused_as_without_arm() {
     let place = Place::new();
     let bedside = "format = \"sonoweave-bedside\"\nversion = 1\n[tracker]\nmodel = \"fastrak\"\nport = \"virtual\"\n[grabber]\ndevice = \"virtual\"\nsize = \"96x80\"\n";
     let words = format!("calibrate arm --session {} --point", place.recorded(bedside, 1));
-    place.check_refusal(&place.run(&words), &words, &["holds no arm, as a tracker carried the probe"]);
+    place.check_refusal(&place.run(&words), &words, &["holds no arm; record a session with [arm]"]);
 }

@@ -1,10 +1,10 @@
-//! `reconstruct` of several recordings: a volume each and a table.
+//! `reconstruct` of several recordings: one volume each, and a table.
 
 use super::place::Place;
 use super::sequence::{Sequence, pose};
 
 #[test]
-fn several_recordings_become_a_volume_each_and_one_that_fails_keeps_none_from_it() {
+fn several_recordings_give_volumes_despite_one_failure() {
     let place = Place::new();
     place.put("a.igs.mha", Sequence::default().bytes());
     place.put("b.mha", Sequence { pose: |f| pose(2.0 * f64::from(f)), ..Sequence::default() }.bytes());
@@ -14,7 +14,7 @@ fn several_recordings_become_a_volume_each_and_one_that_fails_keeps_none_from_it
     assert_eq!(table.len(), 3, "{said}");
     assert!(table[1].starts_with("a.igs.mha  6 of 6") && table[1].ends_with("out/a.mha"), "{said}");
     assert!(table[2].starts_with("b.mha      6 of 6") && table[2].ends_with("out/b.mha"), "{said}");
-    // The same bytes as by a command each.
+    // The same bytes as from a separate command for each.
     place.does("reconstruct b.mha -o alone.mha --clip none --path general");
     assert!(place.get("out/b.mha") == place.get("alone.mha"));
 
@@ -28,7 +28,7 @@ fn several_recordings_become_a_volume_each_and_one_that_fails_keeps_none_from_it
 }
 
 #[test]
-fn each_recording_has_its_weights_planes_and_numbers_in_the_folders_that_are_named() {
+fn each_recording_has_outputs_in_the_given_folders() {
     let place = Place::new();
     place.put("a.igs.mha", Sequence::default().bytes());
     place.put("b.mha", Sequence { pose: |f| pose(2.0 * f64::from(f)), ..Sequence::default() }.bytes());
@@ -50,16 +50,19 @@ fn each_recording_has_its_weights_planes_and_numbers_in_the_folders_that_are_nam
 }
 
 #[test]
-fn names_that_meet_and_files_of_one_recording_are_refused_before_the_work() {
+fn name_clashes_and_single_files_are_refused_first() {
     let place = Place::new();
     place.put("a.mha", Sequence::default().bytes());
     place.put("a.igs.mha", Sequence::default().bytes());
     place.put("b.mha", Sequence::default().bytes());
-    place.refuses("reconstruct a.mha b.mha -o v.mha", &["v.mha: is no folder"]);
+    place.refuses("reconstruct a.mha b.mha -o v.mha", &["v.mha: is not a folder"]);
     std::fs::create_dir(place.path("out")).unwrap();
-    place.refuses_with("reconstruct a.mha a.igs.mha -o out", &["a.igs.mha: its volume would be out/a.mha"]);
+    place.refuses_with(
+        "reconstruct a.mha a.igs.mha -o out",
+        &["a.igs.mha: its volume and another recording's would both be out/a.mha"],
+    );
     for flag in ["--stats s.json", "--planes p.png", "--weights none/w.mha"] {
-        let says = format!("{flag}: is no folder, and of several recordings each has a file of its own there (NAME.");
+        let says = format!("{flag}: is not a folder, but several recordings need one for their files (NAME.");
         place.refuses_with(&format!("reconstruct a.mha b.mha -o out {flag}"), &[&says]);
     }
     place.refuses_with("reconstruct a.mha b.mha -o .", &["is the input"]);

@@ -1,4 +1,5 @@
-//! `calibrate`: a stylus's tip and a phantom's place from recordings whose truth is known, into one calibration file.
+//! `calibrate`: a stylus's tip and a phantom's pose from recordings with known truth, into one
+//! calibration file.
 
 use std::fmt::Write as _;
 
@@ -14,7 +15,7 @@ const LANDMARKS: [[f64; 3]; 5] =
 /// A sensor's name, pose in the tracker's frame, and status.
 type Sensor = (&'static str, DAffine3, &'static str);
 
-/// A tracked sequence without pictures: of each reading its time and its sensors.
+/// Returns a tracked sequence without images: the time and the sensors of each reading.
 pub(super) fn tracked(readings: &[(f64, Vec<Sensor>)]) -> String {
     let mut text = format!(
         "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nCompressedData = False\nDimSize = 0 0 {}\n\
@@ -34,7 +35,8 @@ pub(super) fn tracked(readings: &[(f64, Vec<Sensor>)]) -> String {
     text + "ElementDataFile = LOCAL\n"
 }
 
-/// 20 readings a second: poses of the stylus in the tracker's frame, where the reference moves about.
+/// Returns 20 readings per second: poses of the stylus in the tracker's frame, in which the
+/// reference moves.
 fn sequence(tips: &[DVec3], factor: f64, status: fn(usize) -> &'static str) -> String {
     let reading = |(index, tip): (usize, &DVec3)| {
         let time = index as f64 / 20.0;
@@ -58,7 +60,7 @@ fn swing(factor: f64, status: fn(usize) -> &'static str) -> String {
     sequence(&[DVec3::new(30.0, 10.0, -20.0); 240], factor, status)
 }
 
-/// Where the phantom is held.
+/// Returns the phantom's pose.
 fn held() -> DAffine3 {
     DAffine3::from_rotation_translation(
         DQuat::from_scaled_axis(DVec3::new(0.2, -0.9, 0.4)),
@@ -66,7 +68,7 @@ fn held() -> DAffine3 {
     )
 }
 
-/// Each landmark for 2 s, with 0.7 s between them.
+/// Touches each landmark for 2 s, with 0.7 s in between.
 fn touches() -> String {
     let mut tips = Vec::new();
     let mut at = DVec3::new(-90.0, 0.0, 120.0);
@@ -92,7 +94,7 @@ fn numbers(value: &Value) -> Vec<f64> {
 }
 
 #[test]
-fn a_tip_and_a_phantom_s_place_go_into_one_file_that_keeps_what_it_holds() {
+fn tip_and_phantom_pose_extend_one_calibration_file() {
     let place = Place::new();
     place.put("swing.mha", swing(1.0, |index| if index % 12 == 5 { "INVALID" } else { "OK" }));
     place.put("cal.toml", "format = \"sonoweave-calibration\"\nversion = 1\nprovenance = \"by hand\"\n\n[volume]\nspacing_mm = [0.5, 0.5, 0.5]\n");
@@ -134,7 +136,7 @@ fn a_tip_and_a_phantom_s_place_go_into_one_file_that_keeps_what_it_holds() {
 }
 
 #[test]
-fn recordings_that_do_not_say_it_are_refused_and_leave_nothing() {
+fn unsuitable_recordings_are_refused_without_output() {
     let place = Place::new();
     place.put("swing.mha", swing(1.0, |_| "OK"));
     place.put("invalid.mha", swing(1.0, |_| "INVALID"));
@@ -149,7 +151,7 @@ fn recordings_that_do_not_say_it_are_refused_and_leave_nothing() {
         &["invalid.mha: none of 240 poses of Stylus can be used; the first: ", "has status INVALID"],
     );
     pivot("--sequence cm.mha", &["cm.mha: the tip ", "check the tracker's units"]);
-    pivot("--sequence swing.mha --report page.html", &["page.html: of this there is no page"]);
+    pivot("--sequence swing.mha --report page.html", &["page.html: there is no page for this report"]);
     pivot("--sequence swing.mha --to 0.3", &["7 usable poses of the stylus; at least 10 are needed"]);
     pivot("--sequence swing.mha --from 3 --to 2", &["--from 3 is not before --to 2"]);
     pivot(
@@ -158,20 +160,21 @@ fn recordings_that_do_not_say_it_are_refused_and_leave_nothing() {
     );
     pivot("--sequence swing.mha --reference Table", &["no way leads from Stylus to Table"]);
     place.refuses("calibrate pivot --sequence swing.mha -o swing.mha", &["swing.mha: is the input"]);
-    place.refuses("calibrate pivot --sequence swing.mha -o a --report a", &["--output and --report are one file"]);
+    place
+        .refuses("calibrate pivot --sequence swing.mha -o a --report a", &["--output and --report name the same file"]);
     place.refuses(
         "calibrate landmarks --phantom phantom.toml --sequence touched.mha -o cal.toml",
-        &["phantom.toml: does not say where the tip of Stylus is", "--stylus-tip"],
+        &["phantom.toml: lacks the position of the tip of Stylus", "--stylus-tip"],
     );
     place.put("cal.toml", "format = \"sonoweave-calibration\"\nversion = 1\n");
     place.refuses(
         "calibrate landmarks --phantom phantom.toml --sequence touched.mha --stylus-tip cal.toml",
-        &["cal.toml: does not say where the tip of Stylus is", "calibrate pivot"],
+        &["cal.toml: lacks the position of the tip of Stylus", "calibrate pivot"],
     );
 }
 
 #[test]
-fn a_session_s_poses_are_read_by_what_its_stations_are() {
+fn session_poses_are_read_by_station_names() {
     let place = Place::new();
     let session = place.recorded(SMALL_BEDSIDE, 2);
     let refused = |flags: &str| {
@@ -187,7 +190,7 @@ fn a_session_s_poses_are_read_by_what_its_stations_are() {
     );
     let said = refused("--stylus Probe --reference Table");
     assert!(said.contains("nothing is called Table in it") && said.contains("--reference"), "{said}");
-    // A second's poses are there, and a sweep is no swing.
+    // There are poses of one second, and a sweep is not a pivot.
     for reference in ["", "--reference Tracker"] {
         let said = refused(&format!("--stylus Probe {reference}"));
         let swung = [

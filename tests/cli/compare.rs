@@ -1,4 +1,4 @@
-//! `compare`: how far two volumes are from each other, where both were seen.
+//! `compare`: the difference of two volumes at the voxels that both have seen.
 
 use serde_json::{Value, json};
 
@@ -7,7 +7,8 @@ use super::sequence::{Sequence, pose};
 
 const WEAVE: &str = "reconstruct s.mha --path general --clip none --spacing 0.5";
 
-/// Two volumes of constant grey, 3 apart, the second 2 mm farther on, woven with other kernels.
+/// Two volumes of constant grey, 3 apart, the second shifted by 2 mm, made with different
+/// kernels.
 fn two() -> Place {
     let place = Place::new();
     place.put("s.mha", Sequence { pixel: |_, _, _| vec![103], ..Sequence::default() }.bytes());
@@ -23,7 +24,7 @@ fn report(place: &Place, words: &str) -> Value {
 }
 
 #[test]
-fn volumes_of_one_lattice_are_compared_where_both_were_seen() {
+fn volumes_on_one_lattice_are_compared_where_both_seen() {
     let place = two();
     let r = report(&place, "a.mha b.mha --weights wa.mha --other-weights wb.mha");
     assert_eq!(
@@ -41,7 +42,7 @@ fn volumes_of_one_lattice_are_compared_where_both_were_seen() {
     assert!(count("both") + count("only_first") + count("neither") <= all);
     let counts: u64 = r["histogram"]["counts"].as_array().unwrap().iter().map(|n| n.as_u64().unwrap()).sum();
     assert_eq!(counts + r["histogram"]["above"].as_u64().unwrap(), count("both"));
-    // The kernel differs, the route does not.
+    // The kernels differ, the routes do not.
     let settings: Vec<&str> = r["settings"].as_array().unwrap().iter().map(|s| s["name"].as_str().unwrap()).collect();
     assert!(settings.contains(&"SonoweaveSigmaMm") && settings.contains(&"SonoweaveInput"), "{settings:?}");
     assert!(!settings.contains(&"SonoweaveRoute") && !settings.contains(&"spacing"), "{settings:?}");
@@ -56,7 +57,7 @@ fn volumes_of_one_lattice_are_compared_where_both_were_seen() {
 }
 
 #[test]
-fn other_lattices_are_refused_or_interpolated() {
+fn other_lattices_are_refused_or_resampled() {
     let place = two();
     place.does(&format!("{WEAVE} -o c.mha --weights wc.mha --origin 0.2,0.1,0.3 --sigma 0.5,0.5,0.8"));
     let both = "a.mha c.mha --weights wa.mha --other-weights wc.mha";
@@ -69,7 +70,7 @@ fn other_lattices_are_refused_or_interpolated() {
 }
 
 #[test]
-fn a_limit_decides_the_exit_code_and_what_was_found_is_said_all_the_same() {
+fn limit_sets_exit_code_and_result_is_printed() {
     let place = two();
     let within = "compare a.mha b.mha --weights wa.mha --other-weights wb.mha --limit";
     assert!(place.does(&format!("{within} 3.0")).contains("RMSE"));
@@ -80,12 +81,12 @@ fn a_limit_decides_the_exit_code_and_what_was_found_is_said_all_the_same() {
 }
 
 #[test]
-fn the_difference_is_drawn_and_bad_input_is_refused_before_anything_is_written() {
+fn difference_is_drawn_and_bad_input_writes_nothing() {
     let place = two();
     let both = "compare a.mha b.mha --weights wa.mha --other-weights wb.mha";
     assert!(place.does(&format!("{both} -o d.png")).contains("picture         d.png"));
     let picture = image::load_from_memory(&place.get("d.png")).unwrap().to_rgb8();
-    // The first is 3 higher everywhere: orange, and no blue but in the legend's scale.
+    // The first is 3 higher everywhere: orange, and blue only in the legend's scale.
     let count = |is: fn(&[u8; 3]) -> bool| picture.pixels().filter(|p| is(&p.0)).count();
     let (orange, grey) = (count(|[r, _, b]| i32::from(*r) > i32::from(*b) + 60), count(|p| *p == [72, 72, 74]));
     assert!(orange > 5000 && grey > 100, "{orange} {grey}");

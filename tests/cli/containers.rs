@@ -1,7 +1,8 @@
-//! Image files of every kind, in and out of the commands: the same sweep, volume and picture whatever file they lie in.
+//! Image files of every kind, in and out of the commands: the same sweep, volume and picture in
+//! every file format.
 
-use drivers::recording::{Replay, SequenceSettings};
-use drivers::{Device as _, Next, Reading};
+use drivers::replay::{Replay, SequenceSettings};
+use sonoweave_core::{Device as _, Next, Reading};
 
 use super::place::{Place, SMALL_BEDSIDE, Volume};
 use super::sequence::Sequence;
@@ -10,14 +11,14 @@ const SEQUENCES: [&str; 5] = ["s.igs.mha", "s.mhd", "s.igs.nrrd", "s.seq.nrrd", 
 const VOLUMES: [&str; 6] = ["v.mha", "v.mhd", "v.nrrd", "v.nhdr", "v.nii", "v.nii.gz"];
 const SWEEP: &str = "--frames 6 --image-size 40x30 --pixel 0.5 --gap 0.6";
 
-/// Whatever the program notes of planes, kernels and what was not seen.
+/// Runs a reconstruction; notes on planes, kernels and unseen voxels are permitted.
 fn weaves(place: &Place, words: &str) {
     let run = place.run(words);
     assert_eq!(run.code, 0, "{words}: {}", run.stderr);
 }
 
 #[test]
-fn a_sweep_weaves_to_the_same_volume_from_every_container() {
+fn sweep_gives_the_same_volume_from_every_container() {
     let place = Place::new();
     let mut first = None;
     for (name, packed) in SEQUENCES.iter().flat_map(|name| [(name, ""), (name, "--compress")]) {
@@ -36,7 +37,7 @@ fn a_sweep_weaves_to_the_same_volume_from_every_container() {
 }
 
 #[test]
-fn a_volume_lies_at_the_same_place_with_the_same_provenance_and_picture_in_every_file() {
+fn volume_keeps_geometry_and_provenance_in_every_format() {
     let place = Place::new();
     place.does(&format!("phantom -o s.mha {SWEEP} --trajectory freehand"));
     let mut pictures = Vec::new();
@@ -62,7 +63,7 @@ fn a_volume_lies_at_the_same_place_with_the_same_provenance_and_picture_in_every
 }
 
 #[test]
-fn a_colour_sweep_is_woven_by_its_luma_and_says_so() {
+fn colour_sweep_uses_luma_and_says_so() {
     let place = Place::new();
     place.put("grey.mha", Sequence::default().bytes());
     let lines = "UltrasoundImageOrientation = MFA\nUltrasoundImageType = RGB_COLOR\n";
@@ -77,7 +78,7 @@ fn a_colour_sweep_is_woven_by_its_luma_and_says_so() {
 }
 
 #[test]
-fn a_nifti_without_a_place_is_inspected_and_nothing_more() {
+fn nifti_without_geometry_can_only_be_inspected() {
     let place = Place::new();
     place.does(&format!("phantom -o s.mha {SWEEP} --truth t.nii --spacing 1"));
     place.does("inspect t.nii --against t.nii");
@@ -91,13 +92,14 @@ fn a_nifti_without_a_place_is_inspected_and_nothing_more() {
     place.refuses("reconstruct t.nii -o v.mha", &["t.nii: field sizeof_hdr", "not a sequence of frames"]);
 }
 
-/// Two sequences with the same frames: all readings, and the fields of the whole.
+/// Checks that two sequences have the same frames: all readings, and the fields of the whole
+/// file.
 fn same(place: &Place, names: [&str; 2]) {
     let [first, second] = names.map(|name| {
         let mut device = Replay::open(&SequenceSettings::new(place.path(name))).unwrap();
         device.start().unwrap();
         let mut readings = Vec::new();
-        while let Next::Reading(reading) = device.next(drivers::NO_DEADLINE).unwrap() {
+        while let Next::Reading(reading) = device.next(sonoweave_core::NO_DEADLINE).unwrap() {
             readings.push(match reading {
                 Reading::Frame(frame) => format!("{frame:?}"),
                 other => format!("{other:?}"),
@@ -110,7 +112,7 @@ fn same(place: &Place, names: [&str; 2]) {
 }
 
 #[test]
-fn a_sequence_goes_through_every_container_a_session_and_back() {
+fn sequence_survives_every_container_and_a_session() {
     let place = Place::new();
     place.does(&format!("phantom -o s.igs.mha {SWEEP} --calibration c.toml"));
     let mut last = "s.igs.mha".to_owned();
@@ -120,13 +122,13 @@ fn a_sequence_goes_through_every_container_a_session_and_back() {
         assert!(said.starts_with(name) && said.contains("6 frames"), "{said}");
         last = (*name).to_owned();
     }
-    // A session gives each frame the time at which it came; all else is as it was.
+    // A session gives each frame its arrival time; the rest is unchanged.
     same(&place, ["s.igs.mha", "d.nhdr"]);
     same(&place, ["s.igs.mha", "f.igs.mha"]);
 }
 
 #[test]
-fn parts_of_a_recording_lie_where_the_whole_does() {
+fn parts_of_a_recording_keep_their_position() {
     let place = Place::new();
     place.does(&format!("phantom -o s.mha {SWEEP}"));
     place.does("convert s.mha part.nrrd --frames 1..5 --crop 10,5,20,15 --orientation FU");
@@ -143,12 +145,12 @@ fn parts_of_a_recording_lie_where_the_whole_does() {
     place.refuses("convert part.nrrd x.mha --crop 0,0,5,5", &["was cropped before"]);
     place.refuses("convert s.mha s.mha", &["is the input"]);
     place.refuses("convert s.mha x.nii", &["x.nii: sequences are written as .mha"]);
-    place.refuses("convert s.mha x.mha --station 1=Probe", &["is no session"]);
-    place.refuses("convert s.mha x.dcm", &["x.dcm: DICOM is written by `sonoweave dicom`"]);
+    place.refuses("convert s.mha x.mha --station 1=Probe", &["is not a session"]);
+    place.refuses("convert s.mha x.dcm", &["x.dcm: use `sonoweave dicom` to write DICOM"]);
 }
 
 #[test]
-fn pictures_of_frames_are_the_frames() {
+fn exported_images_equal_the_frames() {
     let place = Place::new();
     place.does(&format!("phantom -o s.mha {SWEEP}"));
     place.does("convert s.mha f%03d.png --frames 2..4");
@@ -165,7 +167,7 @@ fn pictures_of_frames_are_the_frames() {
 }
 
 #[test]
-fn numbered_pictures_become_a_sequence_again() {
+fn numbered_images_convert_back_to_a_sequence() {
     let place = Place::new();
     place.does(&format!("phantom -o s.mha {SWEEP}"));
     place.does("convert s.mha f%03d.png --frames 2..5");
@@ -183,7 +185,7 @@ fn numbered_pictures_become_a_sequence_again() {
     assert!(text("back.mha").contains("Seq_Frame0002_Timestamp = 0.1\n"), "{}", text("back.mha"));
     assert!(!text("folder.mha").contains("Timestamp"), "{}", text("folder.mha"));
     place.refuses_with("convert g%03d.png x.mha", &["names no picture that is there"]);
-    place.refuses_with("convert s.mha x.mha --rate 30", &["--rate is of numbered pictures"]);
+    place.refuses_with("convert s.mha x.mha --rate 30", &["--rate applies to numbered pictures"]);
     place.put("f004.png", &place.get("f004.png")[..60]);
     place.refuses_with("convert f%03d.png x.mha", &["f004.png", "is no PNG that can be read"]);
     std::fs::remove_file(place.path("f003.png")).unwrap();
@@ -191,7 +193,7 @@ fn numbered_pictures_become_a_sequence_again() {
 }
 
 #[test]
-fn what_may_identify_somebody_is_left_out_and_named() {
+fn identifying_fields_are_left_out_and_named() {
     let place = Place::new();
     let lines = "UltrasoundImageOrientation = MFA\nPatientName = B. Doe\n";
     place.put("s.mha", Sequence { lines: lines.into(), ..Sequence::default() }.bytes());
@@ -207,7 +209,7 @@ fn what_may_identify_somebody_is_left_out_and_named() {
     place.refuses("convert v.mha x.mha --frames 1..2", &["v.mha: is a volume; --frames"]);
 }
 
-/// The small bedside, with latencies of its own and a picture whose place is given.
+/// Returns the small configuration with latencies, and with a given image pose.
 fn late() -> String {
     let latency = "size = \"96x80\"\nlatency_ms = 40.0\n";
     let late = SMALL_BEDSIDE
@@ -222,19 +224,19 @@ fn late() -> String {
 const IMAGE_TO_PROBE: &str = "1.8,0.0,0.0,-86.0,0.0,1.8,0.0,12.0,0.0,0.0,1.8,0.0,0.0,0.0,0.0,1.0";
 
 #[test]
-fn a_recorded_session_becomes_a_sequence_whose_slices_lie_where_its_replay_has_them() {
+fn converted_session_has_the_poses_of_its_replay() {
     let place = Place::new();
     let session = place.recorded(&late(), 2);
     place.does(&format!("convert {session} s.igs.mha"));
     let mut device = Replay::open(&SequenceSettings::new(place.path("s.igs.mha"))).unwrap();
     device.start().unwrap();
     let (mut frames, mut found, mut last) = (0, std::collections::BTreeMap::new(), 0);
-    while let Next::Reading(reading) = device.next(drivers::NO_DEADLINE).unwrap() {
+    while let Next::Reading(reading) = device.next(sonoweave_core::NO_DEADLINE).unwrap() {
         match reading {
             Reading::Frame(frame) => {
                 let host = frame.fields.iter().find(|(name, _)| name == "SonoweaveHostNs").unwrap();
                 let host: i64 = host.1.parse().unwrap();
-                // When it was seen, 40 ms before it was received.
+                // Acquired 40 ms before it was received.
                 let before_ns = host - (frame.stamp.source_s.unwrap() * 1e9).round() as i64;
                 assert!((before_ns - 40_000_000).abs() < 3_000_000 && host > last, "{before_ns} ns before {host}");
                 assert_eq!(frame.pixels.len(), 96 * 80);
@@ -242,7 +244,7 @@ fn a_recorded_session_becomes_a_sequence_whose_slices_lie_where_its_replay_has_t
             }
             Reading::NamedTransform(transform) => {
                 let count: &mut u32 = found.entry(transform.name()).or_default();
-                *count += u32::from(transform.status == drivers::reading::Status::Ok);
+                *count += u32::from(transform.status == sonoweave_core::reading::Status::Ok);
             }
             other => panic!("{other:?}"),
         }
@@ -250,7 +252,7 @@ fn a_recorded_session_becomes_a_sequence_whose_slices_lie_where_its_replay_has_t
     assert!(frames > 30, "{frames} frames");
     assert_eq!(found.keys().collect::<Vec<_>>(), ["ProbeToTracker", "ReferenceToTracker"]);
     assert!(found.values().all(|ok| *ok + 8 >= frames), "{found:?} of {frames}: only the first have none");
-    // The same volume by either way.
+    // The volume is the same both ways.
     let run = place.run(&format!("replay {session} --all -o replayed.mha"));
     assert_eq!(run.code, 0, "{}", run.stderr);
     weaves(
@@ -261,7 +263,7 @@ fn a_recorded_session_becomes_a_sequence_whose_slices_lie_where_its_replay_has_t
     let place_of = |volume: &Volume| (volume.header.size, volume.header.origin, volume.header.spacing);
     assert_eq!(place_of(&replayed), place_of(&woven));
     assert!(replayed.values.iter().any(|value| *value > 0.0) && replayed.values == woven.values);
-    // Of both it can be told what was not seen, and what they were made of.
+    // Both record the unseen value and the settings.
     for name in ["SonoweaveUnseen", "SonoweaveMethod", "SonoweaveFrames"] {
         assert_eq!(replayed.field(name), woven.field(name), "{name}");
     }
@@ -271,14 +273,14 @@ fn a_recorded_session_becomes_a_sequence_whose_slices_lie_where_its_replay_has_t
     assert!(said.contains("ProbeToTracker"), "{said}");
     place.does(&format!("convert {session} named.nrrd --station 2=Patient --frames 0..9"));
     assert!(String::from_utf8_lossy(&place.get("named.nrrd")).contains("Seq_Frame0008_PatientToTrackerTransform:="));
-    // And back, and out again: nothing is lost that a sequence can hold.
+    // There and back again, nothing is lost that a sequence can hold.
     place.does("convert s.igs.mha back.mcap");
     place.does("convert back.mcap again.seq.nrrd");
     same(&place, ["s.igs.mha", "again.seq.nrrd"]);
 }
 
 #[test]
-fn a_session_s_pictures_are_compressed_where_that_is_asked_for() {
+fn session_frames_are_compressed_on_request() {
     let place = Place::new();
     let session = place.recorded(SMALL_BEDSIDE, 1);
     for (plain, small) in [("p.igs.mha", "c.igs.mha"), ("p.seq.nrrd", "c.seq.nrrd")] {
@@ -293,7 +295,7 @@ fn a_session_s_pictures_are_compressed_where_that_is_asked_for() {
 }
 
 #[test]
-fn how_far_pixels_are_apart_goes_through_every_container_a_session_and_a_turn() {
+fn pixel_spacing_survives_containers_session_and_rotation() {
     let place = Place::new();
     let lines = "UltrasoundImageOrientation = MFA\nElementSpacing = 0.2 0.125 1\nPatientName = B. Doe\n";
     place.put("s.igs.mha", Sequence { lines: lines.into(), ..Sequence::default() }.bytes());

@@ -1,4 +1,5 @@
-//! A session as a daemon: what it tells while it runs, over HTTP and to its service manager, and how it ends.
+//! A session as a daemon: its reports while it runs, over HTTP and to the service manager, and
+//! its end.
 
 use std::collections::BTreeSet;
 use std::io::{Read as _, Write as _};
@@ -11,13 +12,13 @@ use serde_json::Value;
 
 use super::place::Place;
 
-/// A small virtual bedside, quickly painted, that tells how it is; port 0 is any that is free.
+/// A small virtual bedside, quickly simulated, with a status server; port 0 is any free port.
 pub(super) const SMALL: &str = "format = \"sonoweave-bedside\"\nversion = 1\n[tracker]\nmodel = \"fastrak\"\nport = \"virtual\"\nreference_station = 2\n\
      [grabber]\ndevice = \"virtual\"\nsize = \"96x80\"\n[volume]\nspacing_mm = 1.0\n[picture]\nimage_size = \"64x64\"\n[record]\nfull_frame = true\n[virtual]\nscene = \"ramp\"\n[status]\nlisten = \"127.0.0.1:0\"\n";
-/// Longer than anything takes on a machine that has other things to do.
+/// Longer than anything takes on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// A session that runs; killed if the test fails.
+/// A running session; killed if the test fails.
 pub(super) struct Session {
     child: Child,
     pub(super) place: Place,
@@ -42,7 +43,7 @@ impl Session {
         Self::at(place, &format!("live --config b.toml --stats s.json {words}"), variables)
     }
 
-    /// Of whatever runs until it is told to end.
+    /// Starts a command that runs until it is told to end.
     pub(super) fn at(place: Place, words: &str, variables: &[(&str, &str)]) -> Self {
         let socket = UnixDatagram::bind(place.path("notify")).unwrap();
         socket.set_read_timeout(Some(PATIENCE)).unwrap();
@@ -64,7 +65,7 @@ impl Session {
         String::from_utf8(self.place.get("stderr")).unwrap()
     }
 
-    /// Where it says that it is to be seen.
+    /// Returns the address that the session prints.
     pub(super) fn address(&self) -> String {
         self.waits_for("an address", || {
             let said = self.said();
@@ -84,7 +85,7 @@ impl Session {
         }
     }
 
-    /// What the service manager is told next.
+    /// Returns the next notification to the service manager.
     fn told(&self) -> String {
         let mut bytes = [0; 4096];
         let length = self.socket.recv(&mut bytes).unwrap_or_else(|e| panic!("{e}: {}", self.said()));
@@ -99,7 +100,7 @@ impl Session {
         all
     }
 
-    /// By the shell's own `kill`: a bare machine has no other.
+    /// Uses the shell's own `kill`: a bare machine has no other.
     fn signal(&self, signal: &str) {
         let killed = Command::new("sh").args(["-c", &format!("kill {signal} {}", self.child.id())]).status().unwrap();
         assert!(killed.success());
@@ -115,7 +116,7 @@ pub(super) fn ask(address: &str, host: &str, path: &str) -> (u16, String) {
     request(address, &format!("GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n"))
 }
 
-/// What is answered to a request.
+/// Returns the answer to a request.
 pub(super) fn request(address: &str, request: &str) -> (u16, String) {
     let mut stream = TcpStream::connect(address).unwrap();
     stream.set_read_timeout(Some(PATIENCE)).unwrap();
@@ -136,7 +137,7 @@ fn sum(counts: &Value) -> u64 {
     counts.as_object().map_or(0, |counts| counts.values().map(|count| count.as_u64().unwrap()).sum())
 }
 
-/// Every frame and reading is accounted for exactly once; how many frames there are.
+/// Checks that every frame and reading is counted exactly once; returns the number of frames.
 fn adds_up(numbers: &Value) -> u64 {
     let of = |value: &Value, key: &str| value[key].as_u64().unwrap_or(0);
     let frames = &numbers["frames"];
@@ -150,10 +151,11 @@ fn adds_up(numbers: &Value) -> u64 {
 }
 
 #[test]
-fn a_session_tells_how_it_is_and_ends_when_it_is_told_to() {
+fn session_reports_status_and_ends_on_request() {
     let mut session = Session::begin("--record rec --picture p.png", &[("WATCHDOG_USEC", "6000000")]);
     let address = session.address();
-    // It is ready once the devices run, and says how it goes; the watchdog hears of it as long as it moves.
+    // It reports that it is ready once the devices run, and its status. The watchdog is notified
+    // while it progresses.
     let told = session.told_until("READY=1");
     assert!(
         told.iter().all(|told| told.starts_with("STATUS=") || told == "READY=1" || told == "WATCHDOG=1"),
@@ -164,7 +166,7 @@ fn a_session_tells_how_it_is_and_ends_when_it_is_told_to() {
     let used = |numbers: &Value| numbers["frames"]["used"].as_u64().unwrap();
     let first = session.waits_for("frame in the volume", || Some(json(&address)).filter(|numbers| used(numbers) > 5));
     adds_up(&first);
-    // Somebody who asks and never listens.
+    // A client that sends a request and never reads.
     let mut stuck = TcpStream::connect(&address).unwrap();
     stuck.write_all(b"GET /status HTTP/1.1\r\nHost: localhost\r\n").unwrap();
     let later = session.waits_for("progress", || Some(json(&address)).filter(|n| used(n) > used(&first) + 30));
@@ -206,13 +208,13 @@ fn a_session_tells_how_it_is_and_ends_when_it_is_told_to() {
     assert_eq!(stats["pictures"], 1, "the one that was wanted in the end");
     let recording = &stats["recording"];
     assert_eq!((&recording["messages"], &recording["lost"]), (&recording["stored"], &0.into()), "{recording}");
-    // The same words for the same things.
+    // The same keys are used for the same values.
     let keys = |numbers: &Value| numbers.as_object().unwrap().keys().cloned().collect::<BTreeSet<_>>();
-    // The coach speaks of the moment only.
+    // The scan guidance concerns the present only.
     let mut said = keys(&later);
     assert!(said.remove("coach"), "{said:?}");
     assert!(said.is_subset(&keys(&stats)), "{said:?} {:?}", keys(&stats));
-    // What was lost was said, and as an error; on a machine with time to spare that is nothing.
+    // Losses are reported as errors; on a machine with enough time there are none.
     let lost = |list: &Value| list.as_array().unwrap().iter().map(|of| of["lost"].as_u64().unwrap()).sum::<u64>();
     let dropped = stats["readings"][0]["dropped"].as_u64().unwrap() + sum(&stats["frames"]["dropped"]);
     let lost = lost(&stats["devices"]) + dropped;
@@ -220,7 +222,7 @@ fn a_session_tells_how_it_is_and_ends_when_it_is_told_to() {
 }
 
 #[test]
-fn a_trace_has_every_stage_of_every_frame_and_is_whole_after_ctrl_c() {
+fn trace_is_complete_after_sigint() {
     let mut session = Session::begin("--record rec --picture p.png --trace t.json", &[]);
     let address = session.address();
     session.waits_for("frames", || Some(json(&address)).filter(|n| n["frames"]["used"].as_u64() > Some(20)));
@@ -257,7 +259,7 @@ fn a_trace_has_every_stage_of_every_frame_and_is_whole_after_ctrl_c() {
 }
 
 #[test]
-fn told_twice_it_ends_at_once_and_the_recording_is_whole_as_far_as_it_came() {
+fn second_signal_ends_at_once_with_usable_recording() {
     let mut session = Session::begin("--record r --volume v.mha --quiet", &[]);
     session.told_until("READY=1");
     let recorded = session.waits_for("recording", || {
@@ -283,7 +285,7 @@ fn told_twice_it_ends_at_once_and_the_recording_is_whole_as_far_as_it_came() {
 }
 
 #[test]
-fn a_recorded_sweep_is_traced_too() {
+fn reconstruct_writes_trace() {
     let place = Place::new();
     place.does("phantom -o s.mha --image-size 150x136 --pixel 0.2 --frames 12 --gap 0.4");
     place.does("reconstruct s.mha -o v.mha --clip none --trace t.json");
@@ -293,7 +295,7 @@ fn a_recorded_sweep_is_traced_too() {
 }
 
 #[test]
-fn a_session_reads_its_settings_again_and_says_so_to_its_manager() {
+fn sighup_reloads_settings_and_notifies_manager() {
     let mut session = Session::begin("", &[]);
     let address = session.address();
     session.told_until("READY=1");
@@ -308,22 +310,22 @@ fn a_session_reads_its_settings_again_and_says_so_to_its_manager() {
 }
 
 #[test]
-fn a_port_that_is_taken_is_said_before_anything_begins() {
+fn occupied_port_is_refused_at_start() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let place = Place::new();
     place.put("b.toml", SMALL.replace("127.0.0.1:0", &taken.local_addr().unwrap().to_string()));
     place.refuses(
         "live --quiet --config b.toml --record rec --stats s.json",
-        &["status.listen: 127.0.0.1:", "cannot be listened at", "another session, or another program, has this port"],
+        &["status.listen: ", "cannot listen at", "another session or program uses this port"],
     );
 }
 
 #[test]
-fn an_address_that_others_reach_is_refused_before_anything_begins_unless_all_is_there_for_it() {
+fn public_address_without_tls_and_token_is_refused() {
     let place = Place::new();
     place.put("b.toml", SMALL.replace("127.0.0.1:0", "0.0.0.0:0"));
     let says = [
-        "status.listen: 0.0.0.0:0 can be reached by other machines",
+        "status.listen: other machines can reach 0.0.0.0:0",
         "[status] has no certificate, no key and no token_file: give them",
     ];
     place.refuses("live --quiet --config b.toml --record rec --stats s.json", &says);
@@ -331,18 +333,21 @@ fn an_address_that_others_reach_is_refused_before_anything_begins_unless_all_is_
     place.refuses("live --quiet --config b.toml --record rec --console 0.0.0.0:0", &says);
     let checked = place.run("live --config b.toml --check");
     assert_eq!(checked.code, 0, "{}", checked.stderr);
-    // The key's file is another one's.
+    // The key file belongs to another certificate.
     place.put("b.toml", SMALL.replace("[status]\n", "[status]\ncertificate = \"c.crt\"\nkey = \"c.crt\"\n"));
-    place.put("c.crt", include_str!("../../src/console/tests/bedside-3.crt"));
+    place.put("c.crt", include_str!("../../crates/console/src/tests/bedside-3.crt"));
     let checked = place.run("live --config b.toml --check");
     assert!(checked.code == 1 && checked.stdout.contains("status.key: "), "{} {}", checked.stdout, checked.stderr);
     place.refuses("live --quiet --config b.toml --record rec", &["status.key: ", "c.crt: "]);
     let demo = place.run("demo --console 0.0.0.0:0");
-    assert!(demo.code == 2 && demo.stderr.contains("0.0.0.0 can be reached from outside, and a demo has no password"));
+    assert!(
+        demo.code == 2
+            && demo.stderr.contains("0.0.0.0 can be reached from other machines, and a demo has no password")
+    );
 }
 
 #[test]
-fn what_threads_have_a_right_to_is_wanted_or_not() {
+fn realtime_setting_controls_scheduling_request() {
     let place = Place::new();
     let run = |realtime: &str| {
         let volume = "[volume]\nmax_memory_gib = 0.1\n";
@@ -373,8 +378,8 @@ fn what_threads_have_a_right_to_is_wanted_or_not() {
 }
 
 #[test]
-fn a_sweep_that_is_too_fast_is_told_and_what_it_leaves_out_and_one_that_is_not_is_good() {
-    // 30 frames a second, 8 mm apart, where the kernel closes 5.2 mm.
+fn fast_sweep_is_reported_with_holes_and_slow_is_good() {
+    // 30 frames per second, 8 mm apart; the kernel closes gaps of 5.2 mm.
     let fast = SMALL.replace("scene = \"ramp\"", "scene = \"ramp\"\ngap_mm = 8.0\nframes = 300");
     let session = Session::of(&fast, "", &[]);
     let address = session.address();
@@ -398,7 +403,7 @@ fn a_sweep_that_is_too_fast_is_told_and_what_it_leaves_out_and_one_that_is_not_i
         let coach = json(&address)["coach"].clone();
         (coach["slices"].as_u64() > Some(60) && coach["speed"]["verdict"] == "good").then_some(coach)
     });
-    // What a busy machine loses of the frames is left out, but no fault of the hand.
+    // A busy machine may drop frames, but that is not the user's fault.
     assert!(good["advice"].as_array().unwrap().iter().all(|advice| advice["key"] != "too-fast"), "{good}");
     // 18 mm/s on average, by a hand that trembles.
     assert!((9.0..36.0).contains(&good["speed"]["mm_per_s"].as_f64().unwrap()), "{good}");

@@ -1,9 +1,9 @@
-//! `devices`: whatever this machine has.
+//! `devices`: lists the devices of this machine.
 
 use super::place::Place;
 
 #[test]
-fn what_is_plugged_in_is_said_in_words_and_as_json_and_the_rules_can_be_installed() {
+fn devices_are_listed_as_text_and_json_with_udev_rules() {
     let place = Place::new();
     let said = place.does("devices");
     assert!(said.contains("found") || said.contains("plugged in"), "{said}");

@@ -1,4 +1,4 @@
-//! DICOM out: volumes and sweeps, as flags ask for them.
+//! DICOM output: volumes and sweeps, as requested by flags.
 
 use super::place::Place;
 use super::sequence::Sequence;
@@ -11,13 +11,13 @@ fn place() -> Place {
 
 const WEAVE: &str = "reconstruct s.mha --path general --clip none --spacing 0.5 --sigma 0.5,0.5,0.7";
 
-/// Whether bytes hold others.
+/// Returns whether bytes contain others.
 fn holds(bytes: &[u8], part: &[u8]) -> bool {
     bytes.windows(part.len()).any(|window| window == part)
 }
 
 #[test]
-fn a_volume_woven_to_dicom_is_the_one_that_its_file_becomes() {
+fn dicom_from_reconstruct_equals_converted_volume() {
     let place = place();
     let who = "--patient-id 4711 --patient-name Doe^Jane --study-description Knee";
     place.does(&format!("{WEAVE} -o v.dcm {who}"));
@@ -30,13 +30,13 @@ fn a_volume_woven_to_dicom_is_the_one_that_its_file_becomes() {
     for text in ["1.2.840.10008.5.1.4.1.1.6.2", "Doe^Jane", "4711", "Knee"] {
         assert!(holds(&bytes, text.as_bytes()), "{text}");
     }
-    // The voxels as the other file has them, as the last thing.
+    // The voxels of the other file come last.
     let voxels: Vec<u8> = place.volume("v.mha").values.iter().map(|v| *v as u8).collect();
     assert!(bytes.ends_with(&voxels) || bytes[..bytes.len() - 1].ends_with(&voxels));
 }
 
 #[test]
-fn a_sweep_has_its_poses_where_there_is_a_way_to_the_world() {
+fn sweep_has_poses_if_a_route_to_the_world_exists() {
     let place = place();
     let said = place.does("dicom s.mha s.dcm --frames 1..4");
     assert!(said.contains("3 frames of 40×30 pixels, 3 of them placed in Reference"), "{said}");
@@ -48,7 +48,7 @@ fn a_sweep_has_its_poses_where_there_is_a_way_to_the_world() {
 }
 
 #[test]
-fn what_dicom_does_not_have_is_refused_and_leaves_nothing() {
+fn content_unsupported_by_dicom_is_refused() {
     let place = place();
     place.refuses(&format!("{WEAVE} -o v.dcm --type f32"), &["no floating point", "--type u8 or u16"]);
     place.refuses(&format!("{WEAVE} -o v.mha --patient-id 4711"), &["DICOM files only", "-o VOL.dcm"]);
@@ -63,5 +63,5 @@ fn what_dicom_does_not_have_is_refused_and_leaves_nothing() {
     place.refuses("dicom d.mha d.dcm", &["d.mha: ", "more than 8 bits"]);
     place.does(&format!("{WEAVE} -o f.mha --type f32"));
     place.refuses("dicom f.mha f.dcm", &["f.mha: ", "8 or 16 bit"]);
-    place.refuses("dicom f.mha f.dcm --frames 0..1", &["of sequences only"]);
+    place.refuses("dicom f.mha f.dcm --frames 0..1", &["apply to sequences only"]);
 }

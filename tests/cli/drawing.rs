@@ -6,7 +6,7 @@ use roxmltree::Document;
 
 use super::place::Place;
 
-/// The file and the drawing that ship with the project.
+/// Returns a file of the shipped phantom.
 fn shipped(name: &str) -> String {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/phantom").join(name);
     std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
@@ -21,7 +21,7 @@ fn drawn(place: &Place) -> String {
     String::from_utf8(place.get("drawing.svg")).unwrap()
 }
 
-/// Middles and diameters of circles, mm.
+/// Returns middles and diameters of circles, mm.
 fn circles(svg: &str) -> Vec<[f64; 3]> {
     let document = Document::parse(svg).unwrap();
     let number = |node: &roxmltree::Node<'_, '_>, key: &str| node.attribute(key).unwrap().parse::<f64>().unwrap();
@@ -30,7 +30,7 @@ fn circles(svg: &str) -> Vec<[f64; 3]> {
 }
 
 #[test]
-fn the_shipped_drawing_is_what_the_program_makes_of_the_shipped_file() {
+fn shipped_drawing_matches_the_shipped_file() {
     let place = Place::new();
     place.put("phantom.toml", shipped("nwire.toml"));
     let same = drawn(&place) == shipped("nwire.svg");
@@ -41,7 +41,7 @@ fn the_shipped_drawing_is_what_the_program_makes_of_the_shipped_file() {
 }
 
 #[test]
-fn holes_are_where_the_file_has_the_wires_ends() {
+fn holes_are_at_the_wire_ends() {
     let place = Place::new();
     place.put("phantom.toml", shipped("nwire.toml"));
     let svg = drawn(&place);
@@ -54,7 +54,8 @@ fn holes_are_where_the_file_has_the_wires_ends() {
         all.iter().filter(move |circle| (circle[2] - wide).abs() < 1e-9).map(|[x, y, _]| [*x, *y]).collect::<Vec<_>>()
     });
     assert_eq!([wires.len(), rods.len(), landmarks.len()], [18, 8, 8]);
-    // x and z of the wires' ends in the file, at y = 0 and at y = 60: the back plate is seen from behind.
+    // x and z of the wires' ends in the file, at y = 0 and at y = 60: the back plate is seen
+    // from behind.
     let front = [
         [40.0, 40.0],
         [35.0, 40.0],
@@ -86,12 +87,12 @@ fn holes_are_where_the_file_has_the_wires_ends() {
             );
         }
     }
-    // No text leaves the paper, and the rule is 100 mm long.
+    // All text is on the paper, and the ruler is 100 mm long.
     assert!(svg.contains("M10 ") && svg.contains(">100 mm<") && all.iter().all(|[x, y, _]| *x < 200.0 && *y < 269.0));
 }
 
 #[test]
-fn phantoms_of_other_kinds_are_refused() {
+fn other_phantoms_are_refused() {
     let place = Place::new();
     let whole = shipped("nwire.toml");
     let refused = |from: &str, to: &str, says: &[&str]| {
@@ -111,7 +112,7 @@ fn phantoms_of_other_kinds_are_refused() {
     );
     place.put("phantom.toml", &whole);
     place.refuses("calibrate drawing --phantom phantom.toml -o phantom.toml", &["phantom.toml: is the input"]);
-    // A landmark between the plates is no part of them, and the drawing says so.
+    // A landmark between the plates is on neither, and the drawing says so.
     place.put("phantom.toml", whole.replace("[55.0, -5.0, 35.0]", "[55.0, 30.0, 35.0]"));
     let svg = drawn(&place);
     assert!(svg.contains(">neither<") && svg.contains(">55, 30, 35<"), "{svg}");

@@ -1,11 +1,11 @@
-//! `--fill`: holes are filled in files, can be told apart ever after, and are no data to anybody.
+//! `--fill`: filled holes in files are distinguishable, and never count as data.
 
 use serde_json::{Value, json};
 
 use super::place::Place;
 use super::sequence::{Sequence, pose};
 
-/// Slices 2 mm apart woven with a thin kernel: two voxels in three between them are not seen.
+/// Slices 2 mm apart, inserted with a thin kernel: two voxels in three between them are unseen.
 fn gaps() -> Place {
     let place = Place::new();
     let sequence = Sequence {
@@ -20,7 +20,7 @@ fn gaps() -> Place {
 const WEAVE: &str = "reconstruct s.mha --path general --clip none --spacing 0.5 --sigma 0.4,0.4,0.2";
 
 #[test]
-fn filled_voxels_weigh_minus_one_and_seen_ones_stay_as_they_were() {
+fn filled_voxels_have_weight_minus_one() {
     let place = gaps();
     place.does_narrowly(&format!("{WEAVE} -o v.mha --weights w.mha"));
     for law in ["nearest", "gaussian"] {
@@ -51,7 +51,7 @@ fn filled_voxels_weigh_minus_one_and_seen_ones_stay_as_they_were() {
         assert_eq!((&fill["law"], &fill["radius_mm"], &fill["filled"]), (&json!(law), &json!(1.0), &json!(filled)));
         assert!(fill["bricks_touched"].as_u64() <= fill["bricks_considered"].as_u64(), "{fill}");
         assert!(said.contains(&format!("filled: {filled} of ")), "{said}");
-        // `inspect` counts them, and a comparison by the weights leaves them out.
+        // `inspect` counts them, and a comparison with weights excludes them.
         let report: Value =
             serde_json::from_str(&place.does("inspect --json f.mha --weights wf.mha --against v.mha")).unwrap();
         let unseen = v.values.len() as u64 - seen - filled;
@@ -65,7 +65,7 @@ fn filled_voxels_weigh_minus_one_and_seen_ones_stay_as_they_were() {
 }
 
 #[test]
-fn those_who_draw_do_not_take_filled_voxels_for_seen_ones() {
+fn rendering_treats_filled_voxels_as_unseen() {
     let place = gaps();
     place.does_narrowly(&format!("{WEAVE} -o v.mha --weights w.mha"));
     place.does_narrowly(&format!("{WEAVE} -o f.mha --weights wf.mha --fill nearest"));
@@ -74,7 +74,7 @@ fn those_who_draw_do_not_take_filled_voxels_for_seen_ones() {
         place.does(&format!("render f.mha --weights wf.mha -o f.png {look}"));
         assert_eq!(place.get("v.png"), place.get("f.png"), "{look}");
     }
-    // Without the weights nobody can tell, and that is said.
+    // Without weights they are indistinguishable, and the program says so.
     let run = place.run("render f.mha -o g.png --mode mip");
     let filled = place.volume("f.mha").field("SonoweaveFilled").to_owned();
     assert!(run.code == 0 && run.stderr.contains(&format!("{filled} voxels were filled")), "{}", run.stderr);
@@ -82,7 +82,7 @@ fn those_who_draw_do_not_take_filled_voxels_for_seen_ones() {
 }
 
 #[test]
-fn the_planes_show_what_was_filled_in_a_tint_of_its_own() {
+fn plane_images_tint_filled_voxels() {
     let place = gaps();
     place.does_narrowly(&format!("{WEAVE} -o v.mha --planes plain.png"));
     place.does_narrowly(&format!("{WEAVE} -o f.mha --planes filled.png --fill nearest --fill-radius 1"));
@@ -95,7 +95,7 @@ fn the_planes_show_what_was_filled_in_a_tint_of_its_own() {
 }
 
 #[test]
-fn any_number_of_threads_fills_the_same_and_a_replay_does() {
+fn filling_is_equal_for_all_threads_and_replay() {
     let place = gaps();
     let fill = "--fill gaussian --fill-radius 2";
     place.does_narrowly(&format!("{WEAVE} -o 1.mha --weights w1.mha {fill} --threads 1"));
@@ -107,7 +107,7 @@ fn any_number_of_threads_fills_the_same_and_a_replay_does() {
 }
 
 #[test]
-fn a_radius_that_reaches_nothing_or_too_far_is_refused_before_the_work() {
+fn invalid_fill_radius_is_refused_first() {
     let place = gaps();
     place.refuses(
         &format!("{WEAVE} -o v.mha --fill nearest --fill-radius 0.4"),

@@ -1,8 +1,9 @@
-//! `calibrate … --live`: devices are recorded while it is said what to do, and the recording is what is calibrated.
+//! `calibrate … --live`: devices are recorded while the program instructs the user, and the
+//! recording is used for the calibration.
 
 use super::place::Place;
 
-/// A bedside before its probe is calibrated: nobody knows where the picture lies.
+/// A configuration before the probe calibration: the pose of the image is unknown.
 const BEDSIDE: &str = "\
 format = \"sonoweave-bedside\"
 version = 1
@@ -18,11 +19,11 @@ device = \"/dev/video-of-nobody\"
 ";
 
 #[test]
-fn a_sensor_on_who_breathes_never_lies_still() {
+fn sensor_on_breathing_patient_is_never_static() {
     let place = Place::new();
     place.put("bedside.toml", BEDSIDE);
-    // Nothing can be woven by it.
-    place.refuses("live --config bedside.toml --duration 1", &["where does the picture lie against the probe?"]);
+    // It permits no insertion.
+    place.refuses("live --config bedside.toml --duration 1", &["[calibration] (line 1): is missing: give file = "]);
     let run = place.run(
         "calibrate tracker --live bedside.toml --sensor Reference --record sessions --duration 5 --report noise.json",
     );
@@ -31,37 +32,37 @@ fn a_sensor_on_who_breathes_never_lies_still() {
         assert!(run.stderr.contains(says), "{says}: {}", run.stderr);
     }
     assert!(!run.stderr.contains("enough"), "{}", run.stderr);
-    // The recording is one like others.
+    // The recording is an ordinary one.
     let entry = std::fs::read_dir(place.path("sessions")).unwrap().next().unwrap().unwrap();
     let session = format!("sessions/{}", entry.file_name().to_string_lossy());
     place.refuses_with(
         &format!("calibrate tracker --session {session} --sensor Reference"),
         &["the sensor has moved", "lay it down"],
     );
-    place.refuses_with(&format!("replay {session}"), &["where does the picture lie against the probe?"]);
+    place.refuses_with(&format!("replay {session}"), &["[calibration] (line 1): is missing: give file = "]);
 }
 
 #[test]
-fn who_does_not_do_what_is_asked_is_told_what_is_missing() {
+fn missing_motion_is_reported_to_the_user() {
     let place = Place::new();
     place.put("bedside.toml", BEDSIDE);
     let run =
         place.run("calibrate pivot --live bedside.toml --stylus Reference --record sessions --duration 3 -o tip.toml");
     assert_eq!((run.code, run.stdout.as_str()), (1, ""), "{}", run.stderr);
-    // On the way, and in the end.
+    // While it runs, and at its end.
     let told = "sonoweave:   0 %: the stylus was hardly turned";
     assert!(run.stderr.contains(told) && run.stderr.contains(".mcap: the stylus was hardly turned"), "{}", run.stderr);
     assert!(!place.names().contains("tip.toml"));
     place.refuses_with("calibrate pivot --live bedside.toml --sequence a.mha", &[]);
     for what in ["pivot --sequence a.mha", "latency --sequence a.mha", "tracker --sequence a.mha"] {
-        place.refuses_with(&format!("calibrate {what} --record sessions"), &["--record: is of --live"]);
+        place.refuses_with(&format!("calibrate {what} --record sessions"), &["--record: applies to --live"]);
     }
     place.refuses_with("calibrate pivot --live bedside.toml --duration 1e300", &["must be 0.1 to 1000000 seconds"]);
-    // Pictures are recorded by the same rule as elsewhere.
+    // Frames are recorded by the same rule as elsewhere.
     place.refuses_with("calibrate latency --live bedside.toml --record sessions --duration 1", &["clip_px"]);
 }
 
-/// A phantom of N-wires under a grabber that is late by 40 ms; of the place of its picture nothing is known.
+/// A phantom of N-wires under a grabber with 40 ms of latency; the pose of its image is unknown.
 const SCANNED: &str = r#"format = "sonoweave-bedside"
 version = 1
 [calibration]
@@ -84,13 +85,13 @@ tracker_noise_deg = 0.05
 latency_ms = 40.0
 "#;
 
-/// The same under wires that cross, or over a tank's floor, by a hand that turns well.
+/// The same with crossing wires, or over a tank's floor, with ample rotation of the probe.
 fn turning(scene: &str) -> String {
     SCANNED.replace("scene = \"n-wire\"", &format!("scene = \"{scene}\"\ntrajectory = \"about\""))
 }
 
 #[test]
-fn who_scans_a_point_or_a_plane_is_told_how_well_it_is_known_until_it_is_enough() {
+fn point_or_plane_scan_reports_uncertainty_until_goal() {
     for (scene, method, goal, within) in [("cross-wire", "point", "0.5", 0.5), ("tank-floor", "plane", "0.7", 0.8)] {
         let place = Place::new();
         place.put("bedside.toml", turning(scene));
@@ -108,7 +109,7 @@ fn who_scans_a_point_or_a_plane_is_told_how_well_it_is_known_until_it_is_enough(
 }
 
 #[test]
-fn who_scans_is_told_how_well_the_picture_s_place_is_known_until_it_is_enough() {
+fn nwire_scan_reports_uncertainty_until_goal() {
     let place = Place::new();
     place.put("bedside.toml", SCANNED);
     place.does(

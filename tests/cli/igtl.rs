@@ -1,4 +1,5 @@
-//! `--igtl`: a session that shows itself, and another one whose devices it is.
+//! `--igtl`: a session as an OpenIGTLink server, and another session that uses it as its
+//! devices.
 
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -7,12 +8,12 @@ use serde_json::Value;
 
 use super::place::Place;
 
-/// A small virtual bedside, quickly painted.
+/// A small virtual bedside, quickly simulated.
 const SHOWN: &str = "format = \"sonoweave-bedside\"\nversion = 1\n[tracker]\nmodel = \"fastrak\"\nport = \"virtual\"\nreference_station = 2\n[grabber]\ndevice = \"virtual\"\nsize = \"96x80\"\n[volume]\nspacing_mm = 1.0\n";
-/// What is said, longer than anything takes on a machine that has other things to do.
+/// Longest wait for a message; longer than anything takes on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// A session that is looked at; killed if the test fails.
+/// A session that serves data; killed if the test fails.
 struct Shown {
     child: Child,
     port: String,
@@ -53,7 +54,7 @@ impl Shown {
 }
 
 #[test]
-fn a_session_s_devices_may_be_another_session() {
+fn session_can_use_another_session_as_devices() {
     let place = Place::new();
     let shown = Shown::begin(&place);
     let port = &shown.port;
@@ -82,9 +83,9 @@ fn a_session_s_devices_may_be_another_session() {
     let statistics: Value = serde_json::from_slice(&place.get("s.json")).unwrap();
     let frames = &statistics["frames"];
     let used = frames["used"].as_u64().unwrap();
-    // Thirty a second, of which the first find no pose yet.
+    // 30 per second; the first ones have no pose yet.
     assert!(used > 30, "{frames}");
-    // What came over the network is recorded, and comes to the same again.
+    // Network data are recorded, and the replay gives the same result.
     let recorded = std::fs::read_dir(place.path("r")).unwrap().next().unwrap().unwrap().file_name();
     let again = place.run(&format!("replay r/{} -o again.mha", recorded.to_str().unwrap()));
     assert!(again.code == 0 && again.stderr.contains("bit by bit"), "{}", again.stderr);
@@ -95,17 +96,13 @@ fn a_session_s_devices_may_be_another_session() {
 }
 
 #[test]
-fn an_address_that_is_taken_and_flags_that_lack_it_are_refused() {
+fn occupied_address_and_incomplete_flags_are_refused() {
     let place = Place::new();
     place.put("b.toml", SHOWN);
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap();
     let run = place.run(&format!("live --config b.toml --headless --duration 1 --igtl={address} --record r"));
-    assert!(
-        run.code == 1 && run.stderr.contains(&format!("--igtl {address}: cannot be listened at")),
-        "{}",
-        run.stderr
-    );
+    assert!(run.code == 1 && run.stderr.contains(&format!("--igtl: cannot listen at {address}")), "{}", run.stderr);
     assert!(!place.path("r").exists(), "and nothing was begun");
     let run = place.run("live --config b.toml --igtl-save x");
     assert!(run.code == 2 && run.stderr.contains("--igtl"), "{}", run.stderr);

@@ -1,4 +1,4 @@
-//! `inspect`: every kind of file is told by its content, in words and as JSON.
+//! `inspect`: every kind of file is recognised by its content, as text and as JSON.
 
 use std::process::{Command, Stdio};
 
@@ -12,7 +12,7 @@ fn report(place: &Place, words: &str) -> Value {
 }
 
 #[test]
-fn a_sequence_is_described() {
+fn sequence_is_described() {
     let place = Place::new();
     let sequence = Sequence {
         zlib: true,
@@ -20,7 +20,7 @@ fn a_sequence_is_described() {
         lines: "UltrasoundImageOrientation = FM\nUltrasoundImageType = BRIGHTNESS\nWard = 7\n".into(),
         ..Sequence::default()
     };
-    // A name says nothing.
+    // The file name is irrelevant.
     place.put("anything.dat", sequence.bytes());
     let r = report(&place, "anything.dat");
     assert_eq!((&r["kind"], &r["items"]), (&json!("sequence"), &json!(6)));
@@ -45,7 +45,8 @@ fn a_sequence_is_described() {
     );
     assert_eq!(p["pixel_mm"], json!([0.5, 0.5]));
     assert_eq!((&p["sweep_mm"], &p["gap_mm"]["max"]), (&json!(3.0), &json!(1.0)));
-    // Slices 1 mm apart every 0.1 s, at the default spacing of 0.5 mm; six transforms, of which four are vouched for.
+    // Slices 1 mm apart every 0.1 s, at the default spacing of 0.5 mm; six transforms, of which
+    // four are valid.
     let h = &r["histograms"];
     let filled = |name: &str| {
         let [from, width] = ["from", "width"].map(|key| h[name][key].as_f64().unwrap());
@@ -83,7 +84,7 @@ fn a_sequence_is_described() {
 }
 
 #[test]
-fn a_sequence_without_a_place_says_why_and_what_is_unfit_all_the_same() {
+fn unplaced_sequence_reports_reason_and_refusals() {
     let place = Place::new();
     place.put("s.mha", Sequence { transform: "ProbeToTracker", ..Sequence::default() }.bytes());
     let p = &report(&place, "s.mha")["placement"];
@@ -108,7 +109,7 @@ fn a_sequence_without_a_place_says_why_and_what_is_unfit_all_the_same() {
 }
 
 #[test]
-fn a_volume_is_described_with_its_values_and_its_making() {
+fn volume_is_described_with_values_and_provenance() {
     let place = Place::new();
     place.put("s.mha", Sequence { pixel: |_, _, f| vec![50 + f as u8], ..Sequence::default() }.bytes());
     place.does_narrowly("reconstruct s.mha -o v.mha --type f32 --spacing 0.5,0.5,1 --sigma 0.5,0.5,0.3 --clip none");
@@ -127,7 +128,7 @@ fn a_volume_is_described_with_its_values_and_its_making() {
 }
 
 #[test]
-fn volumes_are_compared_where_both_were_seen() {
+fn volumes_are_compared_where_both_seen() {
     let place = Place::new();
     let at = |grey: fn(u32, u32, u32) -> Vec<u8>, z: fn(u32) -> String, flags: &str, name: &str| {
         place.put("s.mha", Sequence { pixel: grey, pose: z, ..Sequence::default() }.bytes());
@@ -140,14 +141,14 @@ fn volumes_are_compared_where_both_were_seen() {
     let c = &report(&place, "a.mha --against b.mha")["comparison"];
     assert_eq!((&c["rmse"], &c["bias"], &c["max"]), (&json!(3.0), &json!(3.0), &json!(3.0)));
     assert!(c["voxels"].as_u64().unwrap() > 1000 && c["voxels"].as_u64() <= c["overlap"].as_u64(), "{c}");
-    // Half of this picture is black: with the weights, black is a value.
+    // Half of this frame is black: with the weights, black is a value.
     at(|u, _, _| vec![if u < 20 { 0 } else { 103 }], |f| pose(f64::from(f)), "", "h.mha");
     let c = &report(&place, "h.mha --against a.mha")["comparison"];
     assert!(c["bias"].as_f64().unwrap() > -15.0, "{c}");
     let c = &report(&place, "h.mha --against a.mha --weights w_h.mha")["comparison"];
     assert!((c["bias"].as_f64().unwrap() + 51.5).abs() < 3.0 && c["max"] == json!(103.0), "{c}");
 
-    // With another unseen value, which the header notes, black is a value without weights too.
+    // If the header notes another unseen value, black is a value without weights too.
     at(|u, _, _| vec![if u < 20 { 0 } else { 103 }], |f| pose(f64::from(f)), "--unseen 255", "u.mha");
     at(|_, _, _| vec![103], |f| pose(f64::from(f)), "--unseen 255", "v.mha");
     let c = &report(&place, "u.mha --against v.mha")["comparison"];
@@ -199,7 +200,7 @@ fn configurations_are_described() {
 }
 
 #[test]
-fn what_is_nothing_known_is_refused() {
+fn unknown_files_are_refused() {
     let place = Place::new();
     place.put("empty", "");
     place.put("text", "Dear diary,\n");
@@ -220,18 +221,18 @@ fn what_is_nothing_known_is_refused() {
 }
 
 #[test]
-fn a_sequence_s_pixels_are_not_read() {
+fn pixels_are_not_read() {
     let place = Place::new();
     let mut bytes = Sequence { zlib: true, ..Sequence::default() }.bytes();
     let length = bytes.len();
-    // Damage that every reader of pixels would meet.
+    // Damage that every reader of pixels would detect.
     bytes[length - 40..].fill(0xff);
     place.put("s.mha", bytes);
     assert_eq!(report(&place, "s.mha")["items"], 6);
 }
 
 #[test]
-fn a_reader_that_reads_no_further_is_no_failure() {
+fn closed_stdout_is_not_an_error() {
     let place = Place::new();
     place.put("s.mha", Sequence::default().bytes());
     let mut child = Command::new(env!("CARGO_BIN_EXE_sonoweave"))
@@ -246,19 +247,19 @@ fn a_reader_that_reads_no_further_is_no_failure() {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
-/// A session of two seconds with poses, pictures and notes.
+/// A session of two seconds with poses, frames and notes.
 fn session(place: &Place) -> Vec<u8> {
-    use drivers::reading::{Frame, PixelType, Pose, Reading, Stamp, Status};
-    use drivers::recording::session::{About, SessionWriter, WriterOptions};
+    use formats::session::{About, SessionWriter, WriterOptions};
+    use sonoweave_core::reading::{Frame, PixelType, Pose, Reading, Stamp, Status};
 
     let path = place.path("session.mcap");
     let file = std::fs::File::create_new(&path).unwrap();
     let second = 1_000_000_000;
     let about = About { monotonic_ns: second, realtime_ns: 1_795_303_817 * second, program: "sonoweave 1.2".into() };
     let mut session = SessionWriter::on(Box::new(file), &path, about, WriterOptions::new("sonoweave 1.2")).unwrap();
-    let said = drivers::Description { name: "a unit".into(), ..drivers::Description::default() };
+    let said = sonoweave_core::Description { name: "a unit".into(), ..sonoweave_core::Description::default() };
     let tracker = session.device("tracker", None, &said, None).unwrap();
-    let grabber = session.device("grabber", None, &drivers::Description::default(), None).unwrap();
+    let grabber = session.device("grabber", None, &sonoweave_core::Description::default(), None).unwrap();
     session.note("settings", "{\"spacing_mm\": 0.5}", second).unwrap();
     for n in 0..200 {
         let at_ns = second + n * 10_000_000;
@@ -296,7 +297,7 @@ fn session(place: &Place) -> Vec<u8> {
 }
 
 #[test]
-fn a_session_is_described_and_repaired() {
+fn session_is_described_and_repaired() {
     let place = Place::new();
     let bytes = session(&place);
     let r = report(&place, "session.mcap");
@@ -329,7 +330,7 @@ fn a_session_is_described_and_repaired() {
     }
     assert!(!text.contains("missing"), "{text}");
 
-    // A byte of a picture in the midst of it, and no end.
+    // One damaged byte in a frame, and a truncated end.
     let mut harmed = bytes.clone();
     let pictures: Vec<usize> =
         bytes.windows(4).enumerate().filter(|(_, four)| *four == b"IDAT").map(|(at, _)| at).collect();

@@ -1,16 +1,17 @@
-//! `calibrate latency`: by a floor and by slices that cross, from files to the calibration file that a bedside takes.
+//! `calibrate latency`: from a tank's floor and from crossing slices, from files to the
+//! calibration file of a session.
 
 use std::f64::consts::TAU;
 
-use drivers::reading::{NamedTransform, PixelType, Stamp, Status};
-use drivers::recording::image::write::{SequenceHeader, SequenceItem, SequenceWriter};
+use formats::image::write::{SequenceHeader, SequenceItem, SequenceWriter};
+use sonoweave_core::reading::{NamedTransform, PixelType, Stamp, Status};
 
 use super::place::Place;
 
 const WIDTH: u32 = 160;
 const HEIGHT: u32 = 140;
 
-/// A probe that goes up and down, mm; never twice alike.
+/// Height of a probe that moves up and down, mm, without repetition.
 fn height(time: f64) -> f64 {
     7.0 * (TAU * 0.9 * time + 1.4 * (TAU * 0.13 * time).sin()).sin() + 1.0 * (TAU * 0.31 * time).cos()
 }
@@ -44,7 +45,8 @@ fn header(items: Vec<SequenceItem>) -> SequenceHeader {
     }
 }
 
-/// Pictures of a floor, 0.2 mm a pixel, and poses that are stamped `lag` later than measured.
+/// Frames of a floor, 0.2 mm per pixel, and poses whose time stamps are `lag` later than the
+/// measurement.
 fn tank(place: &Place, lag: f64) {
     let time = |i: u32| 100.0 + 0.07 * f64::from(i) + 0.004 * (f64::from(i) * 2.3).sin();
     let mut writer = SequenceWriter::create(&place.path("video.mha"), &header(items(200, time, None))).unwrap();
@@ -53,7 +55,7 @@ fn tank(place: &Place, lag: f64) {
         let pixel = |at: u32| {
             let (u, v) = (f64::from(at % WIDTH), f64::from(at / WIDTH));
             let off = v - row - 0.1 * (u - 80.0);
-            // A letter that stands still, brighter than the floor.
+            // A static letter, brighter than the floor.
             let still = if at % WIDTH < 12 && at / WIDTH < 12 { 250.0 } else { 0.0 };
             let grain = 0.7 + 0.3 * (1.3 * u + 0.2 * f64::from(i)).sin();
             (150.0 * grain * (-0.2 * off * off).exp() + still).min(255.0) as u8
@@ -69,7 +71,7 @@ fn tank(place: &Place, lag: f64) {
     writer.finish().unwrap();
 }
 
-/// A copy of a sequence whose stamps are later.
+/// Copies a sequence with later time stamps.
 fn later(place: &Place, from: &str, to: &str, by: f64) {
     let bytes = place.get(from);
     let mark = b"ElementDataFile = LOCAL\n";
@@ -83,7 +85,7 @@ fn later(place: &Place, from: &str, to: &str, by: f64) {
 }
 
 #[test]
-fn a_floor_tells_the_lag_and_the_calibration_file_keeps_what_else_it_holds() {
+fn floor_gives_lag_and_calibration_file_is_extended() {
     let place = Place::new();
     tank(&place, -0.0413);
     place.put(
@@ -104,13 +106,13 @@ fn a_floor_tells_the_lag_and_the_calibration_file_keeps_what_else_it_holds() {
     let text = String::from_utf8(place.get("probe.toml")).unwrap();
     assert!(text.contains("provenance = \"N-wire; latency: by a tank's floor in video.mha (sha256 "), "{text}");
     assert!(text.contains("[latency]\nvideo_ms = 60.0\ntracker_ms = 18.") && text.contains("spacing_mm"), "{text}");
-    // Once more is the same again, and not twice.
+    // A second run gives the same file, without duplicates.
     place.does(words);
     assert_eq!(String::from_utf8(place.get("probe.toml")).unwrap(), text);
 }
 
 #[test]
-fn slices_that_cross_tell_the_lag_without_a_phantom() {
+fn crossing_slices_give_lag_without_phantom() {
     let place = Place::new();
     let sweep = "phantom -o video.mha --calibration probe.toml --trajectory crossing --image-size 160x150 --pixel 0.3 --frames 140 --gap 0.7 --seed 5";
     place.does(sweep);
@@ -124,7 +126,7 @@ fn slices_that_cross_tell_the_lag_without_a_phantom() {
         let text = String::from_utf8(place.get("probe.toml")).unwrap();
         assert!(text.contains("[image_to_probe]") && text.contains("[latency]\nvideo_ms = 0.0\n"), "{text}");
     }
-    // A sweep that crosses itself nowhere says so.
+    // A sweep without crossings is reported.
     place.does("phantom -o one.mha --trajectory parallel --image-size 60x50 --pixel 0.5 --frames 60");
     place.refuses(
         "calibrate latency --sequence one.mha --method crossings -o other.toml",
@@ -132,7 +134,7 @@ fn slices_that_cross_tell_the_lag_without_a_phantom() {
     );
 }
 
-/// A virtual bedside whose tracker is late, and configured as if it were not.
+/// A virtual bedside whose tracker has a latency that its configuration lacks.
 const BEDSIDE: &str = r#"format = "sonoweave-bedside"
 version = 1
 [tracker]
@@ -160,7 +162,7 @@ jitter_ms = 1.0
 "#;
 
 #[test]
-fn a_session_tells_the_whole_lag_whatever_it_was_paired_by() {
+fn session_gives_total_lag_despite_pairing() {
     let place = Place::new();
     let session = place.recorded(BEDSIDE, 6);
     let said =
@@ -174,7 +176,7 @@ fn a_session_tells_the_whole_lag_whatever_it_was_paired_by() {
 }
 
 #[test]
-fn what_tells_no_lag_is_refused_and_nothing_is_written() {
+fn unsuitable_recordings_are_refused_without_output() {
     let place = Place::new();
     tank(&place, 0.02);
     later(&place, "tracker.mha", "other.mha", 500.0);

@@ -1,10 +1,10 @@
-//! `live`: a bedside's configuration is read, its devices tried out, and what is wrong is said with what to do.
+//! `live`: reads a session configuration, tests its devices, and reports errors with remedies.
 
 use serde_json::Value;
 
 use super::place::{Place, Run};
 
-/// A small virtual bedside, quickly painted.
+/// A small virtual bedside, quickly simulated.
 const SMALL: &str = "format = \"sonoweave-bedside\"\nversion = 1\n[tracker]\nmodel = \"fastrak\"\nport = \"virtual\"\nreference_station = 2\n[grabber]\ndevice = \"virtual\"\nsize = \"96x80\"\n";
 
 fn check(place: &Place, name: &str) -> (Run, Value) {
@@ -13,7 +13,7 @@ fn check(place: &Place, name: &str) -> (Run, Value) {
     (run, report)
 }
 
-/// What was found of one thing.
+/// Returns the report on one device or file.
 fn of<'r>(report: &'r Value, what: &str) -> &'r Value {
     report["checks"].as_array().unwrap().iter().find(|checked| checked["what"] == what).unwrap()
 }
@@ -23,7 +23,7 @@ fn sentences(checked: &Value, key: &str) -> String {
 }
 
 #[test]
-fn the_virtual_example_is_well_and_says_what_it_found() {
+fn virtual_example_passes_check_and_reports_findings() {
     let place = Place::new();
     place.put("bedside.toml", place.does("live --example virtual"));
     let (run, report) = check(&place, "bedside.toml");
@@ -32,7 +32,7 @@ fn the_virtual_example_is_well_and_says_what_it_found() {
     let says = sentences(tracker, "says");
     assert!(says.starts_with("FASTRAK on /dev/pts/") && says.contains(", a virtual one; runs after"), "{says}");
     assert!(says.contains("probe      station 1 at ") && says.contains("reference  station 2 at "), "{says}");
-    assert!(says.contains("of latency as configured"), "{says}");
+    assert!(says.contains("ms of configured latency"), "{says}");
     assert!(tracker["numbers"]["streams"]["1"]["seen_hz"].as_f64().unwrap() > 20.0, "{tracker}");
     let grabber = of(&report, "grabber");
     assert_eq!(grabber["numbers"]["picture_size"], serde_json::json!([640, 480]));
@@ -43,7 +43,7 @@ fn the_virtual_example_is_well_and_says_what_it_found() {
 }
 
 #[test]
-fn every_model_of_tracker_has_a_twin_that_is_well() {
+fn every_tracker_model_has_a_working_simulation() {
     let place = Place::new();
     for model in ["isotrak", "liberty", "patriot", "viper"] {
         place.put("b.toml", SMALL.replace("fastrak", model));
@@ -60,7 +60,7 @@ fn every_model_of_tracker_has_a_twin_that_is_well() {
 }
 
 #[test]
-fn virtual_arms_are_there_and_bring_their_own_joints() {
+fn virtual_arms_work_and_provide_their_joints() {
     let place = Place::new();
     let device = "[tracker]\nmodel = \"fastrak\"\nport = \"virtual\"\nreference_station = 2\n";
     for kind in ["ea1", "qsb", "microscribe"] {
@@ -76,7 +76,7 @@ fn virtual_arms_are_there_and_bring_their_own_joints() {
 }
 
 #[test]
-fn what_is_wrong_is_said_with_what_to_do_and_the_exit_code() {
+fn errors_are_reported_with_remedy_and_exit_code() {
     let place = Place::new();
     let away = SMALL
         .replace("port = \"virtual\"", "port = \"/dev/nothing\"")
@@ -96,7 +96,8 @@ fn what_is_wrong_is_said_with_what_to_do_and_the_exit_code() {
     }
     assert_eq!(of(&report, "calibration")["well"], true);
 
-    // A sensor that is not there, a rectangle of another picture, a world that cannot be reached, a folder that is none, a port that is taken.
+    // A missing sensor, a rectangle of another frame size, an unreachable world, an invalid
+    // folder, an occupied port.
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port();
     let broken = format!(
@@ -112,19 +113,19 @@ fn what_is_wrong_is_said_with_what_to_do_and_the_exit_code() {
             "no way leads from Image to Room: the devices deliver ProbeToTracker, ReferenceToTracker, the calibration has ImageToProbe",
         ),
         ("calibration", "the rectangle of 400×50 pixels from 10, 10 reaches beyond the picture of 96×80"),
-        ("recording", "no file can be written there"),
-        ("status", "cannot be listened at"),
+        ("recording", "cannot write a file there"),
+        ("status", "cannot listen there"),
     ] {
         let wrong = sentences(of(&report, what), "wrong");
         assert!(wrong.contains(says), "{what}: {wrong}");
     }
     assert_eq!(of(&report, "tracker")["well"], true, "{report}");
     let doubts = sentences(of(&report, "grabber"), "doubts");
-    assert!(doubts.contains("of 30.0 a second, as it is set to, only "), "{doubts}");
+    assert!(doubts.contains(" of the configured 30.0 a second arrive"), "{doubts}");
 }
 
 #[test]
-fn an_arm_wants_joints() {
+fn arm_without_joints_is_refused() {
     let place = Place::new();
     let text =
         place.does("live --example arm").replace("/dev/video0", "virtual").replace("/dev/ttyACM0", "/dev/nothing");
@@ -149,15 +150,13 @@ fn an_arm_wants_joints() {
 }
 
 #[test]
-fn files_that_are_no_bedside_are_refused_and_so_is_a_bedside_where_a_calibration_is_wanted() {
+fn wrong_kind_of_configuration_is_refused() {
     let place = Place::new();
     place.put("probe.toml", place.does("live --example probe"));
     place.refuses("live --config probe.toml --check", &["probe.toml: is a calibration file", "file = \"probe.toml\""]);
     place.put("b.toml", SMALL);
-    place.refuses(
-        "inspect b.toml",
-        &["b.toml: is a bedside's configuration, for `live`", "a calibration is wanted here"],
-    );
+    place
+        .refuses("inspect b.toml", &["b.toml: is a session configuration, for `live`", "a calibration is wanted here"]);
     place.put("b.toml", SMALL.replace("model", "modell"));
     place.refuses(
         "live --config b.toml --check",

@@ -1,4 +1,4 @@
-//! The program as its users run it: the built binary, its files, its words and its exit codes.
+//! The program as its users run it: the built binary, its files, messages and exit codes.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
@@ -16,6 +16,7 @@ mod filling;
 mod guided;
 mod igtl;
 mod inspect;
+mod interface;
 mod latency;
 mod live;
 mod modes;

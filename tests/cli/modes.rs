@@ -1,14 +1,15 @@
-//! Ways to look at the command line: what each mode draws, which flags it heeds, and that a picture that follows is the one made afterwards.
+//! View settings on the command line: the result of each mode, the flags that it accepts, and
+//! that an incremental picture equals the one rendered afterwards.
 
 use std::io::Write as _;
 
-use drivers::reading::PixelType;
-use drivers::recording::image::VolumeHeader;
-use drivers::recording::image::write::VolumeWriter;
+use formats::image::VolumeHeader;
+use formats::image::write::VolumeWriter;
+use sonoweave_core::reading::PixelType;
 
 use super::place::Place;
 
-/// A bright ball in a dim box, grey levels 40 and 220.
+/// A bright ball in a dim box, grey values 40 and 220.
 fn ball() -> Place {
     let place = Place::new();
     let size = [24_u32; 3];
@@ -29,7 +30,7 @@ fn middle_and_edge(place: &Place) -> [u8; 2] {
 }
 
 #[test]
-fn each_mode_draws_what_it_says() {
+fn each_mode_gives_its_expected_picture() {
     let place = ball();
     let draw = |flags: &str| {
         let said = place.does(&format!("render v.mha -o p.png --view 0,0 {SMALL} {flags}"));
@@ -39,7 +40,7 @@ fn each_mode_draws_what_it_says() {
         middle_and_edge(&place)
     };
     assert_eq!(draw("--mode mip"), [220, 40]);
-    // 14 of 24 voxels, and half a voxel at either end, where intensities go over into each other.
+    // 14 of 24 voxels, and half a voxel at either end, where the values are interpolated.
     let [middle, edge] = draw("--mode average");
     assert!((i32::from(middle) - (40 + 180 * 14 / 24)).abs() < 6 && edge == 40, "{middle} {edge}");
     let [middle, edge] = draw("--mode iso");
@@ -52,12 +53,12 @@ fn each_mode_draws_what_it_says() {
     let [middle, edge] = draw("--mode opacity --transfer phantom");
     assert!(middle == 255 && edge == 0, "{middle} {edge}");
     assert_eq!(place.json("s.json")["pictures"][0]["light"], serde_json::Value::Null);
-    // The window is that of all modes.
+    // All modes share the same window.
     assert_eq!(draw("--mode mip --window 40,400"), [128, 0]);
 }
 
 #[test]
-fn samples_are_shaded_where_it_is_asked_for() {
+fn shading_flag_selects_samples() {
     let place = ball();
     let draw = |flags: &str| {
         place.does(&format!("render v.mha -o p.png {SMALL} --transfer phantom {flags}"));
@@ -72,7 +73,7 @@ fn samples_are_shaded_where_it_is_asked_for() {
 }
 
 #[test]
-fn the_light_s_flags_reach_it_and_statistics_hold_it() {
+fn light_flags_take_effect_and_appear_in_statistics() {
     let place = ball();
     for mode in ["--transfer phantom", "--mode iso"] {
         let draw = |flags: &str| {
@@ -107,7 +108,7 @@ fn the_light_s_flags_reach_it_and_statistics_hold_it() {
 }
 
 #[test]
-fn a_replay_s_last_picture_is_that_of_its_volume_in_every_mode() {
+fn replay_picture_equals_volume_picture_in_every_mode() {
     let place = Place::new();
     place.does("phantom -o s.mha --image-size 40x32 --pixel 0.5 --frames 10 --gap 0.7 --noise 3");
     for look in [
@@ -135,7 +136,7 @@ fn a_replay_s_last_picture_is_that_of_its_volume_in_every_mode() {
 }
 
 #[test]
-fn what_a_mode_does_not_heed_is_refused() {
+fn flags_unused_by_mode_are_refused() {
     let place = ball();
     for command in ["render v.mha -o p.png", "replay s.mha --picture p.png"] {
         if command.starts_with("replay") {

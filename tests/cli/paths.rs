@@ -1,11 +1,11 @@
-//! Which path slices go: chosen, asked for, left.
+//! Choice of the insertion path: automatic, requested, and changed on the way.
 
 use serde_json::Value;
 
 use super::place::{Place, Volume};
 use super::sequence::{Sequence, pose};
 
-/// A sweep that turns about image axis u, as an arm's does.
+/// A sweep that turns about image axis u, like that of an arm.
 fn arm(flags: &str) -> Place {
     let place = Place::new();
     place.does(&format!(
@@ -14,14 +14,15 @@ fn arm(flags: &str) -> Place {
     place
 }
 
-/// Reconstructs and gives the statistics, and what the user is told on stderr.
+/// Reconstructs; returns the statistics, and the messages on stderr.
 fn reconstruct(place: &Place, flags: &str) -> (Value, String) {
     let run = place.run(&format!("reconstruct s.mha -o v.mha --weights w.mha --stats s.json {flags}"));
     assert_eq!(run.code, 0, "{flags}: {}", run.stderr);
     (place.json("s.json"), run.stderr)
 }
 
-/// Value and weight by world position in tenths of a millimetre, where both are firm.
+/// Returns value and weight by world position in tenths of a millimetre, for voxels with
+/// sufficient weight.
 fn seen(values: &Volume, weights: &Volume) -> std::collections::BTreeMap<[i64; 3], (f32, f32)> {
     let header = &values.header;
     let [nx, ny, _] = header.size.map(|n| n as usize);
@@ -37,7 +38,7 @@ fn seen(values: &Volume, weights: &Volume) -> std::collections::BTreeMap<[i64; 3
 }
 
 #[test]
-fn a_planar_scan_is_found_and_said_and_its_volume_lies_along_it() {
+fn planar_scan_is_detected_and_aligns_the_volume() {
     let place = arm("");
     let (s, said) = reconstruct(&place, "--clip none");
     assert_eq!(s["path"], "planar");
@@ -46,13 +47,13 @@ fn a_planar_scan_is_found_and_said_and_its_volume_lies_along_it() {
     assert_eq!(s["frames"]["used"], 25);
     let volume = place.volume("v.mha");
     assert_eq!(volume.field("SonoweavePath"), "planar");
-    // z is the picture's u, which the fan turns about: the world's x.
+    // z is the image's u, about which the fan turns: the world's x.
     assert_eq!(volume.header.axes[2], [1.0, 0.0, 0.0]);
     assert!(volume.header.axes[0] != [1.0, 0.0, 0.0]);
     let work = &s["work"];
     assert!(work["columns_touched"].as_u64().unwrap() > 1000, "{work}");
     assert!(work["columns_considered"].as_u64() > work["columns_touched"].as_u64(), "{work}");
-    // Read, drawn and cropped like any other.
+    // It is read, rendered and cropped like any other.
     assert!(place.does("inspect v.mha").contains("z along 1, 0, 0"));
     let (_, _) = reconstruct(&place, "--clip none --path planar --size 9,8,7 --planes p.png");
     assert_eq!(place.volume("v.mha").header.size, [9, 8, 7]);
@@ -60,7 +61,7 @@ fn a_planar_scan_is_found_and_said_and_its_volume_lies_along_it() {
 }
 
 #[test]
-fn both_paths_give_one_volume_where_their_lattices_meet() {
+fn both_paths_agree_on_a_common_lattice() {
     // Parallel slices across z: the lattice of the scan has the world's points in another order.
     let place = Place::new();
     place.put("s.mha", Sequence { pose: |frame| pose(0.7 * f64::from(frame)), ..Sequence::default() }.bytes());
@@ -75,7 +76,7 @@ fn both_paths_give_one_volume_where_their_lattices_meet() {
     let common: Vec<_> = planar.iter().filter_map(|(at, a)| Some((a, general.get(at)?))).collect();
     assert!(common.len() > 10_000 && common.len() * 100 > 97 * planar.len().max(general.len()), "{}", common.len());
     for ((value, weight), (other, heavier)) in common {
-        // In corners a voxel may have got a slice from one path only.
+        // In corners a voxel may have received a slice from one path only.
         if (weight - heavier).abs() < 0.01 * weight {
             assert!((value - other).abs() <= 10.0 * deviation, "{value} {other}");
         }
@@ -83,7 +84,7 @@ fn both_paths_give_one_volume_where_their_lattices_meet() {
 }
 
 #[test]
-fn threads_and_instructions_change_nothing_on_the_planar_path() {
+fn planar_path_is_equal_for_threads_and_instructions() {
     let place = arm("");
     let bits = |flags: &str| {
         assert_eq!(reconstruct(&place, &format!("--clip none --path planar {flags}")).0["path"], "planar");
@@ -94,7 +95,7 @@ fn threads_and_instructions_change_nothing_on_the_planar_path() {
 }
 
 #[test]
-fn what_keeps_a_recording_from_the_planar_path_is_said() {
+fn reason_against_planar_path_is_reported() {
     let place = arm("");
     for (flags, why) in [
         ("--clip none --size 20,20,20", "along the world's axes"),
@@ -116,10 +117,10 @@ fn what_keeps_a_recording_from_the_planar_path_is_said() {
     assert!(s["path_reason"].as_str().unwrap().contains("voxel off the first one's plane"), "{}", s["path_reason"]);
 }
 
-/// Six parallel slices, of which one is tilted.
+/// Six parallel slices, one of which is tilted.
 fn tilted() -> Sequence {
     let pose = |frame: u32| match frame {
-        // 0.02 rad about v: 0.2 mm at the picture's sides, 0.4 voxel across.
+        // 0.02 rad about v: 0.2 mm at the image's sides, 0.4 voxel across.
         3 => format!("0.49990 0 0 0 0 0.5 0 0 -0.01 0 1 {frame} 0 0 0 1"),
         _ => pose(f64::from(frame)),
     };
@@ -127,10 +128,10 @@ fn tilted() -> Sequence {
 }
 
 #[test]
-fn a_frame_out_of_plane_is_refused_or_taken_over_as_asked() {
+fn tilted_frame_is_refused_or_upgrades_as_requested() {
     let place = Place::new();
     place.put("s.mha", tilted().bytes());
-    // By itself the recording is none for the planar path.
+    // By default the recording is not suitable for the planar path.
     let (s, said) = reconstruct(&place, "--clip none --spacing 0.5");
     assert_eq!((s["path"].as_str().unwrap(), said.as_str()), ("general", ""));
     assert!(s["path_reason"].as_str().unwrap().starts_with("frame 3 lies up to 0."), "{}", s["path_reason"]);
@@ -150,7 +151,7 @@ fn a_frame_out_of_plane_is_refused_or_taken_over_as_asked() {
 }
 
 #[test]
-fn a_mask_that_is_no_rectangle_is_refused_or_taken_over_as_asked() {
+fn non_rectangular_mask_is_refused_or_upgrades_as_requested() {
     let place = arm("");
     let fan = "--fan 30,-30,35,85,-20,20 --path planar";
     place.refuses(

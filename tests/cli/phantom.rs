@@ -1,11 +1,11 @@
-//! `phantom`: what it writes, and that the rest of the program can use it.
+//! `phantom`: its outputs, and their use by the other commands.
 
 use super::place::Place;
 
 const SMALL: &str = "phantom --image-size 60x50 --pixel 0.5 --frames 20 --gap 0.5";
 
 #[test]
-fn the_same_flags_give_the_same_bits_and_others_do_not() {
+fn equal_flags_give_equal_bits() {
     let place = Place::new();
     place.does(&format!("{SMALL} -o a.mha --truth ta.mha --seed 3"));
     place.does(&format!("{SMALL} -o b.mha --truth tb.mha --seed 3"));
@@ -15,7 +15,7 @@ fn the_same_flags_give_the_same_bits_and_others_do_not() {
 }
 
 #[test]
-fn the_truth_lies_on_the_lattice_of_the_reconstruction() {
+fn truth_is_on_the_reconstruction_lattice() {
     let place = Place::new();
     for spacing in ["0.5", "0.7", "0.4,0.5,1.1"] {
         place.does(&format!("{SMALL} -o s.mha --truth t.mha --spacing {spacing}"));
@@ -27,21 +27,21 @@ fn the_truth_lies_on_the_lattice_of_the_reconstruction() {
 }
 
 #[test]
-fn a_tracker_s_poses_and_the_calibration_lead_to_the_same_volume() {
+fn tracker_poses_and_calibration_give_the_same_volume() {
     let place = Place::new();
     for flags in ["", "--fan --compress --type f32 --scene ramp --noise 1"] {
         place.does(&format!("{SMALL} {flags} -o direct.mha"));
         place.does(&format!("{SMALL} {flags} -o tracked.mha --calibration c.toml"));
         place.refuses("reconstruct tracked.mha -o v.mha", &["no way from Image to Reference", "ImageToProbe"]);
         place.does("reconstruct tracked.mha --config c.toml -o t.mha --type f32 --clip none --unseen -1000");
-        // It says that the file's calibration is not needed; the file's fan is.
+        // It notes that the file's calibration is not needed; the file's fan is.
         let run = place.run("reconstruct direct.mha --config c.toml -o d.mha --type f32 --clip none --unseen -1000");
         assert_eq!(run.code, 0, "{}", run.stderr);
         let (direct, tracked) = (place.volume("d.mha"), place.volume("t.mha"));
         assert_eq!(direct.header.size, tracked.header.size);
         let far = |(a, b): &(&f32, &f32)| (*a - *b).abs() > 0.01;
         let differing = direct.values.iter().zip(&tracked.values).filter(far).count();
-        // Rounding may take a voxel at the support's end from one of the two.
+        // Rounding may remove a voxel at the support's end from one of the two.
         assert!(differing * 1000 < direct.values.len(), "{differing} of {}", direct.values.len());
     }
 }
@@ -65,9 +65,9 @@ const TRAJECTORIES: [&str; 9] =
     ["parallel", "jittered", "fan", "rotation", "arm", "freehand", "crossing", "dwell", "out-and-back"];
 
 #[test]
-fn every_scene_and_trajectory_is_made() {
+fn every_scene_and_trajectory_is_simulated() {
     let place = Place::new();
-    // Every scene and every trajectory with several of the others.
+    // Every scene and every trajectory, each with several of the others.
     for (k, scene) in SCENES.iter().enumerate() {
         for trajectory in TRAJECTORIES.iter().skip(k % 3).step_by(3) {
             let said = place.does(&format!(
@@ -90,7 +90,7 @@ fn every_scene_and_trajectory_is_made() {
 }
 
 #[test]
-fn the_blurred_truth_is_what_remains_of_the_scene_in_a_reconstruction() {
+fn blurred_truth_matches_the_reconstruction() {
     let place = Place::new();
     let rmse = |truth: &str| {
         let report = place.does(&format!("inspect v.mha --against {truth} --json"));
@@ -103,10 +103,10 @@ fn the_blurred_truth_is_what_remains_of_the_scene_in_a_reconstruction() {
         ));
         place.does("reconstruct s.mha -o v.mha --clip none --path general");
         let (sharp, blurred) = (rmse("t.mha"), rmse("b.mha"));
-        // What is left is the ends of the sweep, where the data are one-sided.
+        // The remaining error is at the ends of the sweep, where the data are one-sided.
         assert!(blurred < 0.35 * sharp, "{scene}: {blurred} against {sharp}");
     }
-    // Another kernel is another truth.
+    // Another kernel has another truth.
     let default = place.get("b.mha");
     place.does(&format!("{SMALL} -o s.mha --truth-blurred b.mha --sigma 0.3,0.3,0.3 --scene sinusoid"));
     assert!(place.get("b.mha") != default);
@@ -117,7 +117,7 @@ fn the_blurred_truth_is_what_remains_of_the_scene_in_a_reconstruction() {
 }
 
 #[test]
-fn a_moving_scenes_truth_is_taken_when_asked() {
+fn moving_scene_truth_is_at_the_requested_time() {
     let place = Place::new();
     let bright = |flags: &str| {
         place.does(&format!("{SMALL} --scene pulsating -o s.mha --truth t.mha {flags}"));
@@ -126,12 +126,12 @@ fn a_moving_scenes_truth_is_taken_when_asked() {
     let (wide, narrow) = (bright("--truth-time 0.25"), bright("--truth-time 0.75"));
     assert!(wide > narrow, "{wide} {narrow}");
     assert_eq!(place.volume("t.mha").field("SonoweaveTruthTime"), "0.75 s");
-    // Twenty pictures at 4 Hz: the last one is taken after 4.75 s.
+    // Twenty frames at 4 Hz: the last one is taken after 4.75 s.
     assert_eq!(bright("--rate 4"), narrow);
 }
 
 #[test]
-fn the_trackers_noise_moves_poses_and_nothing_else() {
+fn tracker_noise_changes_poses_only() {
     let place = Place::new();
     place.does(&format!("{SMALL} -o a.mha --truth ta.mha"));
     let said = place.does(&format!("{SMALL} -o b.mha --truth tb.mha --tracker-noise 0.5,0.1"));
@@ -144,7 +144,7 @@ fn the_trackers_noise_moves_poses_and_nothing_else() {
 }
 
 #[test]
-fn a_phantom_that_cannot_be_is_refused_and_nothing_is_written() {
+fn impossible_phantom_is_refused_without_output() {
     let place = Place::new();
     for (flags, says) in [
         ("-o s.mha --frames 0", "a scan of 0 frames cannot be made"),
@@ -163,25 +163,25 @@ fn a_phantom_that_cannot_be_is_refused_and_nothing_is_written() {
             "-o s.mha --truth-blurred b.mha --scene marschner-lobb --sigma 0.001,1,1 --image-size 60x50 --pixel 0.5",
             "larger smallest σ",
         ),
-        ("-o s.mha --truth t.mha --truth-blurred t.mha", "t.mha: is named for two outputs"),
+        ("-o s.mha --truth t.mha --truth-blurred t.mha", "t.mha: is the name of two outputs"),
         ("-o s.mha --truth-blurred b.seq.nrrd", "b.seq.nrrd: volumes are written as .mha"),
         ("-o s.mha --trajectory fan --axis-distance 1", "the fan would turn by"),
         ("-o s.mha --image-size 100000x100000", "cannot be painted"),
         ("-o s.mha --image-size 9x1 --fan", "--fan: "),
         ("-o s.mha --truth t.mha --spacing 0.001", "larger than the limit"),
-        ("-o s.mha --truth s.mha", "s.mha: is named for two outputs"),
+        ("-o s.mha --truth s.mha", "s.mha: is the name of two outputs"),
         ("-o s.mha --calibration none/c.toml", "none/c.toml: the folder none does not exist"),
         ("-o none/s.mha", "none/s.mha: the folder none does not exist"),
         ("-o s.nii", "s.nii: sequences are written as .mha"),
         ("-o s.mha --truth t.png", "t.png: volumes are written as .mha"),
-        ("-o .", "is no file"),
+        ("-o .", "is not a file"),
     ] {
         place.refuses(&format!("phantom {flags}"), &[says]);
     }
 }
 
 #[test]
-fn every_body_is_scanned_with_its_field_and_the_rest_of_the_program_takes_it() {
+fn every_body_scan_is_usable_by_other_commands() {
     let place = Place::new();
     for (scene, field, crossings) in [
         ("doll", "fan ", 0),
@@ -206,7 +206,7 @@ fn every_body_is_scanned_with_its_field_and_the_rest_of_the_program_takes_it() {
 }
 
 #[test]
-fn a_scanners_flags_change_its_pictures_and_are_of_no_other_scene() {
+fn scanner_flags_change_frames_and_need_a_body_scene() {
     let place = Place::new();
     let made = |flags: &str| {
         place.does(&format!("phantom --scene thigh -o s.mha --image-size 120x100 --frames 2 {flags}"));
@@ -222,8 +222,8 @@ fn a_scanners_flags_change_its_pictures_and_are_of_no_other_scene() {
     {
         assert!(plain != made(&format!("--without {effect}")), "{effect}");
     }
-    place.refuses("phantom -o r.mha --depth 50", &["are of a scanner", "doll"]);
-    place.refuses("phantom -o r.mha --crossings w.csv", &["are of a scanner"]);
+    place.refuses("phantom -o r.mha --depth 50", &["need a simulated scanner", "doll"]);
+    place.refuses("phantom -o r.mha --crossings w.csv", &["need a simulated scanner"]);
     place.refuses("phantom -o r.mha --scene doll --fan", &["a scanner's field is its own fan"]);
     place.refuses("phantom -o r.mha --scene doll --depth 0", &["the depth, mm, is 0; it must lie between 1 and 400"]);
     place.refuses("phantom -o r.mha --scene doll --pixel 0", &["the distance of pixels is 0 mm"]);

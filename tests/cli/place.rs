@@ -1,17 +1,19 @@
-//! A folder of its own for a test, and the program run in it.
+//! A temporary folder for a test, in which the program runs.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::process::{Command, Output, Stdio};
 
-use drivers::reading::PixelType;
-use drivers::recording::Limits;
-use drivers::recording::image::{VolumeHeader, VolumeReader};
 use glam::{DMat4, DVec3};
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// A virtual bedside with small pictures, whose probe is swept over a doll in two seconds; nothing goes wrong at it.
+use formats::Limits;
+use formats::image::{VolumeHeader, VolumeReader};
+use sonoweave_core::reading::PixelType;
+
+/// A virtual bedside with small frames, whose probe sweeps over a doll in two seconds without
+/// disturbances.
 pub(crate) const SMALL_BEDSIDE: &str = r#"format = "sonoweave-bedside"
 version = 1
 [tracker]
@@ -27,10 +29,10 @@ spacing_mm = 1.0
 frames = 60
 "#;
 
-/// An empty folder in which the program runs; gone when dropped.
+/// An empty folder in which the program runs; deleted when dropped.
 pub(crate) struct Place(TempDir);
 
-/// What a run left behind.
+/// Result of a run.
 pub(crate) struct Run {
     pub(crate) code: i32,
     pub(crate) stdout: String,
@@ -41,7 +43,7 @@ pub(crate) fn numbers(value: &toml::Value) -> Vec<f64> {
     value.as_array().unwrap().iter().map(|x| x.as_float().unwrap()).collect()
 }
 
-/// Row major.
+/// Converts row-major numbers to a matrix.
 pub(crate) fn matrix(value: &toml::Value) -> DMat4 {
     DMat4::from_cols_slice(&numbers(value)).transpose()
 }
@@ -67,7 +69,7 @@ impl Place {
         serde_json::from_slice(&self.get(name)).unwrap()
     }
 
-    /// Names of all files, hidden ones too.
+    /// Returns the names of all files, including hidden ones.
     pub(crate) fn names(&self) -> BTreeSet<String> {
         let entries = std::fs::read_dir(self.0.path()).unwrap();
         entries.map(|e| e.unwrap().file_name().to_string_lossy().into_owned()).collect()
@@ -78,7 +80,7 @@ impl Place {
         self.output(Command::new(env!("CARGO_BIN_EXE_sonoweave")).args(words.split_whitespace()))
     }
 
-    /// The same with at most so many kilobytes of address space.
+    /// The same with a limited address space, kB.
     pub(crate) fn run_within(&self, kilobytes: u64, words: &str) -> Run {
         let script = format!("ulimit -v {kilobytes}; exec \"$0\" {words}");
         self.output(Command::new("sh").args(["-c", &script, env!("CARGO_BIN_EXE_sonoweave")]))
@@ -91,14 +93,15 @@ impl Place {
         Run { code: status.code().expect("the program was not killed"), stdout: text(stdout), stderr: text(stderr) }
     }
 
-    /// Runs the program, which must do it and have nothing to complain about.
+    /// Runs the program, which must succeed without messages on stderr; returns stdout.
     pub(crate) fn does(&self, words: &str) -> String {
         let run = self.run(words);
         assert_eq!((run.code, run.stderr.as_str()), (0, ""), "{words}");
         run.stdout
     }
 
-    /// As [`Self::does`], where the program has to say that the kernel is narrow for the voxels, and nothing else.
+    /// Same as [`Self::does`], but the program must note that the kernel is narrow for the
+    /// voxels, and nothing else.
     pub(crate) fn does_narrowly(&self, words: &str) -> String {
         let run = self.run(words);
         let narrow = run.stderr.starts_with("sonoweave: note: the kernel's σ is below 0.75 voxel");
@@ -106,7 +109,8 @@ impl Place {
         run.stdout
     }
 
-    /// Runs the program, which must refuse with one sentence that says all of `says`, and leave the folder as it was.
+    /// Runs the program, which must refuse with one sentence that contains all of `says`, and
+    /// leave the folder unchanged.
     pub(crate) fn refuses(&self, words: &str, says: &[&str]) {
         let before: Vec<_> = self.names().into_iter().map(|name| (self.get(&name), name)).collect();
         let run = self.run(words);
@@ -125,7 +129,7 @@ impl Place {
         assert!(!sentence.contains("panicked"), "{sentence}");
     }
 
-    /// The same where the folder holds folders.
+    /// The same if the folder contains folders.
     pub(crate) fn refuses_with(&self, words: &str, says: &[&str]) {
         let before = self.names();
         let run = self.run(words);
@@ -137,7 +141,8 @@ impl Place {
         assert_eq!(before, self.names(), "{words}");
     }
 
-    /// Runs a virtual bedside for so many seconds; the session that was recorded, the place's only one.
+    /// Runs a virtual bedside for `seconds`; returns the recorded session, the only one in the
+    /// folder.
     pub(crate) fn recorded(&self, bedside: &str, seconds: u32) -> String {
         self.put("bedside.toml", bedside);
         let run = self.run(&format!("live --config bedside.toml --duration {seconds} --record sessions --quiet"));
@@ -150,7 +155,8 @@ impl Place {
         toml::Value::Table(std::str::from_utf8(&self.get(name)).unwrap().parse().unwrap())
     }
 
-    /// How far a calibration file has pixels from where another has them, mm: of the middle of a picture of that size, and the most of its corners.
+    /// Returns the difference between two calibration files, mm: at the middle of a frame of
+    /// that size, and the maximum at its corners.
     pub(crate) fn pixels_apart(&self, files: [&str; 2], size: [u32; 2]) -> [f64; 2] {
         let [one, other] = files.map(|name| matrix(&self.toml(name)["image_to_probe"]["matrix"]));
         let [width, height] = size.map(|side| f64::from(side - 1));
@@ -162,7 +168,7 @@ impl Place {
         [at(0.5, 0.5), corners.into_iter().fold(0.0, f64::max)]
     }
 
-    /// A volume that the program wrote.
+    /// Reads a volume that the program wrote.
     pub(crate) fn volume(&self, name: &str) -> Volume {
         let mut reader = VolumeReader::open(&self.path(name), &Limits::default()).unwrap();
         let header = reader.header().clone();
@@ -188,7 +194,7 @@ pub(crate) struct Volume {
 }
 
 impl Volume {
-    /// Value at a voxel, `None` outside.
+    /// Returns the value at a voxel, `None` outside.
     pub(crate) fn at(&self, voxel: [i64; 3]) -> Option<f32> {
         let size = self.header.size.map(i64::from);
         let inside = (0..3).all(|a| (0..size[a]).contains(&voxel[a]));

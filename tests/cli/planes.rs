@@ -1,16 +1,17 @@
-//! Pictures of planes, and what is drawn over pictures.
+//! Plane images, and overlays on pictures.
 
 use std::io::Write as _;
 
-use drivers::reading::PixelType;
-use drivers::recording::image::VolumeHeader;
-use drivers::recording::image::write::VolumeWriter;
 use image::RgbImage;
 use serde_json::Value;
 
+use formats::image::VolumeHeader;
+use formats::image::write::VolumeWriter;
+use sonoweave_core::reading::PixelType;
+
 use super::place::Place;
 
-/// The colour of what was not seen.
+/// The colour of unseen voxels.
 const UNSEEN: [u8; 3] = [46, 64, 96];
 
 fn put(place: &Place, name: &str, header: &VolumeHeader, bytes: &[u8]) {
@@ -19,7 +20,8 @@ fn put(place: &Place, name: &str, header: &VolumeHeader, bytes: &[u8]) {
     file.finish().unwrap();
 }
 
-/// Grey levels 10·x + 5 of voxels at 0 to 19 mm; seen where y < 10 mm, with a weight of 3, and of 6 from z = 8 mm on.
+/// Grey values 10·x + 5 of voxels at 0 to 19 mm. They are seen for y < 10 mm, with a weight of
+/// 3, and of 6 from z = 8 mm on.
 fn ramp() -> Place {
     let place = Place::new();
     let size = [20_u32, 16, 12];
@@ -53,7 +55,7 @@ fn three(value: &Value) -> [f64; 3] {
     std::array::from_fn(|k| value[k].as_f64().unwrap())
 }
 
-/// Calls with every plane pixel's world position and colour, by what statistics say.
+/// Calls `of` with every plane pixel's world position and colour, according to the statistics.
 fn walk(picture: &RgbImage, plane: &Value, mut of: impl FnMut([f64; 3], [u8; 3])) {
     let whole = |key: &str, k: usize| u32::try_from(plane[key][k].as_u64().unwrap()).unwrap();
     let (first, right, down) = (three(&plane["first_mm"]), three(&plane["right_mm"]), three(&plane["down_mm"]));
@@ -65,14 +67,15 @@ fn walk(picture: &RgbImage, plane: &Value, mut of: impl FnMut([f64; 3], [u8; 3])
     }
 }
 
-/// The share of seen voxels about a place, where voxels are seen up to `last` along y.
+/// Returns the interpolation weight of seen voxels at a position, if voxels are seen up to
+/// `last` along y.
 fn share([x, y, z]: [f64; 3], last: f64) -> f64 {
     let along = |at: f64, last: f64| (1.0 + at).min(1.0 + last - at).clamp(0.0, 1.0);
     along(x, 19.0) * along(y, last) * along(z, 11.0)
 }
 
 #[test]
-fn three_planes_of_a_ramp_have_its_greys_where_they_say_they_lie() {
+fn three_planes_show_ramp_values_at_stated_positions() {
     let place = ramp();
     let said = place.does("render v.mha --weights w.mha -o p.png --mode slice --image-size 400x360 --stats s.json");
     assert!(
@@ -94,7 +97,7 @@ fn three_planes_of_a_ramp_have_its_greys_where_they_say_they_lie() {
                 assert_eq!(colour, UNSEEN, "{at:?}");
                 unseen += 1;
             } else if share > 0.5 + 1e-6 {
-                // The ramp between the outermost voxels' centres, and their own greys beyond.
+                // The ramp between the outermost voxels' centres, and their own values beyond.
                 let grey = (10.0 * at[0].clamp(0.0, 19.0) + 5.0).round();
                 assert!((f64::from(colour[0]) - grey).abs() <= 1.0 && colour[0] == colour[2], "{at:?}: {colour:?}");
                 seen += 1;
@@ -104,7 +107,7 @@ fn three_planes_of_a_ramp_have_its_greys_where_they_say_they_lie() {
     assert!(seen > 10_000 && unseen > 5000 && counted >= seen, "{seen} {unseen} {counted}");
     let work = &s["work"];
     assert!(work["voxels_read"].as_u64().unwrap() >= 8 * seen && work["pixels_outside"] == 0, "{work}");
-    // Elsewhere, and by any number of threads.
+    // At another position, and with any number of threads.
     place.does("render v.mha --weights w.mha -o q.png --mode slice --image-size 400x360 --threads 3");
     assert!(place.get("q.png") == place.get("p.png"));
     let said = place
@@ -119,7 +122,7 @@ fn three_planes_of_a_ramp_have_its_greys_where_they_say_they_lie() {
 }
 
 #[test]
-fn a_free_plane_of_a_ramp_has_its_greys() {
+fn free_plane_shows_ramp_values() {
     let place = ramp();
     let look = "--mode slice --image-size 300x300 --stats s.json";
     let said =
@@ -140,14 +143,14 @@ fn a_free_plane_of_a_ramp_has_its_greys() {
         assert!(near || colour == UNSEEN, "{at:?}: {colour:?}");
     });
     assert!(seen > 5000 && s["work"]["pixels_outside"].as_u64().unwrap() > 1000, "{seen} {}", s["work"]);
-    // Upwards as asked: +x.
+    // The requested up direction: +x.
     place.does(&format!("render v.mha -o p.png {look} --plane 9,5,5,0,0,1,1,0,0"));
     let [dx, dy, dz] = three(&place.json("s.json")["picture"]["planes"][0]["down_mm"]);
     assert!(dx < 0.0 && dy.abs() < 1e-12 && dz.abs() < 1e-12);
 }
 
 #[test]
-fn washes_change_what_they_are_of() {
+fn overlays_tint_the_pixels_they_concern() {
     let place = ramp();
     let draw = |flags: &str| {
         place.does(&format!(
@@ -159,7 +162,7 @@ fn washes_change_what_they_are_of() {
     let (coverage, said) = draw("--overlay coverage");
     assert_eq!(said["overlay"], "coverage");
     walk(&coverage, &said["planes"][0], |[x, y, _], colour| {
-        // Wholly missed is orange; wholly seen is grey.
+        // Completely unseen is orange; completely seen is grey.
         if y > 10.01 {
             assert!(colour[0] > 180 && colour[2] < 80, "{y}: {colour:?}");
         }
@@ -176,7 +179,7 @@ fn washes_change_what_they_are_of() {
         }
     });
     assert!(weight != plain && weight != coverage && counts.iter().all(|n| *n > 500), "{counts:?}");
-    // Both are colours, and the heavier part is paler than the lighter one.
+    // Both are coloured, and the part with the larger weight is paler.
     let mean = |part: usize| sums[part].iter().sum::<u64>() / (3 * counts[part]);
     assert!(sums.iter().all(|[r, _, b]| r > b) && mean(1) > mean(0) + 20, "{sums:?} {counts:?}");
 }
@@ -189,7 +192,7 @@ fn sweep() -> Place {
 }
 
 #[test]
-fn planes_of_a_replay_are_those_of_its_volume() {
+fn replay_planes_equal_volume_planes() {
     let place = sweep();
     for flags in ["", "--plane 0,0,0,1,1,1", "--overlay weight --origin 0.13,-7.31,3.7"] {
         let (look, lattice) =
@@ -207,7 +210,7 @@ fn planes_of_a_replay_are_those_of_its_volume() {
 }
 
 #[test]
-fn planes_of_raw_slices_show_the_slices_themselves() {
+fn raw_planes_show_the_nearest_slices() {
     let place = sweep();
     std::fs::create_dir(place.path("way")).unwrap();
     let flags = "--clip none --picture p.png --mode slice --from raw --image-size 260x250 --stats s.json";
@@ -222,16 +225,16 @@ fn planes_of_raw_slices_show_the_slices_themselves() {
     assert!(s["reach_mm"].as_f64().unwrap() > 0.2 && s["from"] == "raw" && s["planar_work"].is_null());
     let seen = s["picture"]["planes"][0]["pixels_seen"].as_u64().unwrap();
     assert!(seen > 500, "{seen}");
-    // The last one on the way has seen every slice.
+    // The last intermediate picture has seen every slice.
     let last = std::fs::read(place.path("way/frame-00013.png")).unwrap();
     assert!(last == place.get("p.png") && std::fs::read(place.path("way/frame-00006.png")).unwrap() != last);
-    // It is not the volume's.
+    // It differs from the volume's.
     place.does("replay s.mha --clip none --picture q.png --mode slice --image-size 260x250");
     assert!(place.get("q.png") != place.get("p.png"));
 }
 
 #[test]
-fn what_is_drawn_over_a_picture_leaves_the_rest_as_it_is() {
+fn overlays_leave_other_pixels_unchanged() {
     let place = sweep();
     std::fs::create_dir(place.path("way")).unwrap();
     let look = "--image-size 240x200 --transfer phantom --view 40,25 --clip none --threads 1 --stats s.json";
@@ -241,7 +244,7 @@ fn what_is_drawn_over_a_picture_leaves_the_rest_as_it_is() {
     };
     let (plain, none) = replay("p.png", "--pictures way --every 14");
     assert_eq!(none, serde_json::json!([]));
-    // On the way slice and probe are drawn; at the end they are if asked for.
+    // Intermediate pictures show slice and probe; the final one does so on request.
     let (over, drawn) = replay("q.png", "--draw probe,slice");
     assert_eq!(drawn, serde_json::json!(["slice", "probe"]));
     assert!(std::fs::read(place.path("way/frame-00013.png")).unwrap() == place.get("q.png"));
@@ -270,7 +273,7 @@ fn what_is_drawn_over_a_picture_leaves_the_rest_as_it_is() {
 }
 
 #[test]
-fn what_cannot_be_drawn_is_refused() {
+fn impossible_planes_are_refused() {
     let place = ramp();
     for (flags, says) in [
         ("--plane 1,2,3,0,0,0 --mode slice", &["--plane", "normal 0, 0, 0", "no direction"][..]),
@@ -280,7 +283,7 @@ fn what_cannot_be_drawn_is_refused() {
             &["--plane", "misses the volume", "-0.50, -0.50, -0.50 to 19.50, 15.50, 11.50"],
         ),
         ("--at 1,2,300 --mode slice", &["--at", "misses the volume"]),
-        ("--at 1,2,3 --plane 1,2,3,0,0,1 --mode slice", &["--at, --plane", "one of them"]),
+        ("--at 1,2,3 --plane 1,2,3,0,0,1 --mode slice", &["--at, --plane", "or --plane for a free one"]),
         ("--at 1,2,3", &["--at", "--mode slice"]),
         ("--plane 1,2,3,0,0,1", &["--plane", "--mode slice"]),
         ("--overlay coverage", &["--overlay", "--mode slice"]),

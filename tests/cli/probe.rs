@@ -1,11 +1,12 @@
-//! `calibrate probe`: a scan of N-wires at a virtual bedside leads to a calibration, and that to a volume in which the wires are where they are.
+//! `calibrate probe`: a scan of N-wires at a virtual bedside gives a calibration, and with it a
+//! volume that shows the wires at their true positions.
 
 use glam::{DVec2, DVec3};
 use toml::Value;
 
 use super::place::{Place, Volume, matrix, numbers};
 
-/// A tracker that trembles, and a grabber that is late; the configuration says nothing of either.
+/// A tracker with noise, and a grabber with latency; the configuration contains neither.
 const BEDSIDE: &str = r#"format = "sonoweave-bedside"
 version = 1
 [tracker]
@@ -36,7 +37,7 @@ fn truth(place: &Place) {
     );
 }
 
-/// The phantom's wires in the world: their names and ends.
+/// Returns the phantom's wires in the world: their names and ends.
 fn wires(place: &Place) -> Vec<(String, [DVec3; 2])> {
     let phantom = place.toml("phantom.toml");
     let held = matrix(&phantom["phantom_to_reference"]["matrix"]);
@@ -48,7 +49,7 @@ fn wires(place: &Place) -> Vec<(String, [DVec3; 2])> {
     patterns.flat_map(|pattern| pattern["wire"].as_array().unwrap().iter().map(wire)).collect()
 }
 
-/// Between voxels, in the world; 0 outside.
+/// Interpolates between voxels, in the world; 0 outside.
 fn grey(volume: &Volume, world: DVec3) -> f64 {
     let at = (world - DVec3::from_array(volume.header.origin)) / DVec3::from_array(volume.header.spacing);
     let (low, part) = (at.floor(), at - at.floor());
@@ -61,7 +62,8 @@ fn grey(volume: &Volume, world: DVec3) -> f64 {
     (0..8).map(corner).sum()
 }
 
-/// Where the middle lies of what a volume shows of a wire at a place of its axis, across the wire from there: of what is brighter than half of the brightest, mm. `None` where it is not seen.
+/// Returns the centre of a wire's image at a position on its axis, as an offset across the wire,
+/// mm. The image is the region brighter than half of the maximum. `None` if it is unseen.
 fn middle(volume: &Volume, at: DVec3, direction: DVec3) -> Option<DVec2> {
     const STEP: f64 = 0.15;
     let (x, y) = direction.any_orthonormal_pair();
@@ -73,7 +75,9 @@ fn middle(volume: &Volume, at: DVec3, direction: DVec3) -> Option<DVec2> {
     (brightest > 80.0).then_some(first / sum)
 }
 
-/// How far a volume's wires lie from where they are, mm, in their order: at every second millimetre of the middle 28 of each, and at both ends of these the line through all of a wire's middles.
+/// Returns the errors of a volume's wires, mm, in their order. The first list is for every
+/// second millimetre of the middle 28 mm of each wire. The second is for the line fitted through
+/// a wire's centres, at both ends of these.
 fn distances(place: &Place, volume: &str) -> [Vec<f64>; 2] {
     let volume = place.volume(volume);
     let (mut of_places, mut of_lines) = (Vec::new(), Vec::new());
@@ -84,7 +88,7 @@ fn distances(place: &Place, volume: &str) -> [Vec<f64>; 2] {
             own.filter_map(|mm| Some((mm, middle(&volume, centre + direction * mm, direction)?))).collect();
         assert!(own.len() >= 13, "{name} is seen at {} of 15 places", own.len());
         of_places.extend(own.iter().map(|(_, off)| off.length()));
-        // The straight line of least squares.
+        // Least-squares line.
         let count = own.len() as f64;
         let (mm, off) = own.iter().fold((0.0, DVec2::ZERO), |(mm, off), own| (mm + own.0 / count, off + own.1 / count));
         let square: f64 = own.iter().map(|own| (own.0 - mm).powi(2)).sum();
@@ -98,11 +102,11 @@ fn distances(place: &Place, volume: &str) -> [Vec<f64>; 2] {
 }
 
 #[test]
-fn wires_of_a_session_are_where_they_are_once_the_probe_is_calibrated_by_it() {
+fn calibrated_session_shows_wires_at_true_positions() {
     let place = Place::new();
     let session = place.recorded(BEDSIDE, 9);
     truth(&place);
-    // What of the picture is data is known; of the place and the latencies nothing is.
+    // The data region of the frames is known; the image's pose and the latencies are not.
     let clip = place.toml("truth.toml")["image"]["clip_px"].to_string();
     place.put("probe.toml", format!("format = \"sonoweave-calibration\"\nversion = 1\n[image]\nclip_px = {clip}\n"));
     let said = place.does(&format!("calibrate probe --phantom phantom.toml --session {session} -o probe.toml"));
@@ -126,9 +130,9 @@ fn wires_of_a_session_are_where_they_are_once_the_probe_is_calibrated_by_it() {
     let ([median, most], [_, most_of_line]) = (ends(&places), ends(&lines));
     assert!(median < 0.15 && most < 0.6 && most_of_line < 0.3 && centre < 0.3 && corner < 0.35, "{figures}");
 
-    // Poses of a sequence may be late by another time, and are by none here.
+    // Poses of a sequence may have another latency; here they have none.
     place.does("phantom -o second.igs.mha --scene n-wire --frames 60 --image-size 320x240 --calibration second.toml");
     let run =
         place.run(&format!("calibrate probe --phantom phantom.toml --session {session} --validate second.igs.mha"));
-    assert!(run.stderr.contains("note: one of the recordings is a sequence and the other a session"), "{}", run.stderr);
+    assert!(run.stderr.contains("note: one recording is a sequence and the other a session"), "{}", run.stderr);
 }

@@ -1,12 +1,13 @@
-//! Bad input: a sentence naming file, field and offset, exit code 1, nothing left behind, bounded memory.
+//! Bad input: a sentence naming file, field and offset, exit code 1, no output files, bounded
+//! memory.
 
 use super::place::Place;
 use super::sequence::{Sequence, deflated, pose};
 
-/// One thread: each further one reserves address space, which is what the limit below is of.
+/// One thread: each further one reserves address space, which is limited below.
 const WEAVE: &str = "reconstruct s.mha -o v.mha --weights w.mha --planes p.png --stats s.json --threads 1";
 
-/// Address space that is enough for every refusal here, kB.
+/// Address space that suffices for every refusal here, kB.
 const MODEST: u64 = 400_000;
 
 fn refused(bytes: impl AsRef<[u8]>, says: &[&str]) {
@@ -25,13 +26,13 @@ fn position(bytes: &[u8], text: &str) -> usize {
     bytes.windows(text.len()).position(|w| w == text.as_bytes()).unwrap()
 }
 
-/// A field and where its line begins, as sentences have it.
+/// Returns a field and the position of its line, in the form of error messages.
 fn offset(bytes: &[u8], field: &str) -> String {
     format!("field {field} (byte {})", position(bytes, &format!("{field} =")))
 }
 
 #[test]
-fn the_sequence_that_the_others_damage_is_good() {
+fn undamaged_sequence_is_accepted() {
     let place = Place::new();
     for (zlib, big_endian) in [(false, false), (true, false)] {
         place.put("s.mha", with(|s| (s.zlib, s.big_endian) = (zlib, big_endian)).bytes());
@@ -41,7 +42,7 @@ fn the_sequence_that_the_others_damage_is_good() {
 }
 
 #[test]
-fn a_header_that_ends_too_early() {
+fn truncated_header_is_refused() {
     let bytes = Sequence::default().bytes();
     let says = |at: usize| {
         format!("s.mha: field ElementDataFile (byte {at}): was not reached: the file ends inside its header")
@@ -53,14 +54,14 @@ fn a_header_that_ends_too_early() {
 }
 
 #[test]
-fn pixels_that_end_too_early() {
+fn truncated_pixels_are_refused() {
     let bytes = Sequence::default().bytes();
     let cut = &bytes[..bytes.len() - 1];
     refused(cut, &["s.mha: ", &offset(cut, "DimSize"), "promises 7200 bytes of pixels, but the file holds 7199"]);
     let bytes = with(|s| s.zlib = true).bytes();
     let cut = &bytes[..bytes.len() - 9];
     refused(cut, &["s.mha: ", &offset(cut, "CompressedDataSize"), "cut short"]);
-    // The size is not stated: it shows when the frame is reached.
+    // The size is not stated: the error appears when the frame is reached.
     let sequence = with(|s| s.zlib = true);
     let stream = deflated(&sequence.pixels());
     let header = sequence.header(Some(0)).replace("CompressedDataSize = 0\n", "");
@@ -69,7 +70,7 @@ fn pixels_that_end_too_early() {
 }
 
 #[test]
-fn pixels_that_do_not_inflate() {
+fn corrupt_compression_is_refused() {
     let sequence = with(|s| s.zlib = true);
     let mut stream = deflated(&sequence.pixels());
     let middle = stream.len() / 2;
@@ -81,7 +82,7 @@ fn pixels_that_do_not_inflate() {
 }
 
 #[test]
-fn fields_that_contradict_each_other() {
+fn contradictory_fields_are_refused() {
     let bytes = with(|s| s.lines += "ElementByteOrderMSB = True\n").bytes();
     refused(&bytes, &["s.mha: ", &offset(&bytes, "ElementByteOrderMSB"), "contradicts BinaryDataByteOrderMSB"]);
     let text = String::from_utf8(Sequence::default().header(None).into_bytes()).unwrap();
@@ -95,7 +96,7 @@ fn fields_that_contradict_each_other() {
 }
 
 #[test]
-fn fifteen_numbers() {
+fn matrix_of_fifteen_numbers_is_refused() {
     fn fifteen(frame: u32) -> String {
         if frame == 2 { "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0".into() } else { pose(f64::from(frame)) }
     }
@@ -122,7 +123,7 @@ fn fifteen_numbers() {
 }
 
 #[test]
-fn a_pose_that_is_no_number_costs_its_frame_only() {
+fn non_finite_pose_refuses_its_frame_only() {
     let place = Place::new();
     let nan: fn(u32) -> String =
         |frame| if frame == 2 { pose(2.0).replacen("0.5", "nan", 1) } else { pose(f64::from(frame)) };
@@ -136,7 +137,7 @@ fn a_pose_that_is_no_number_costs_its_frame_only() {
 }
 
 #[test]
-fn claims_of_impossible_size_take_no_memory() {
+fn impossible_sizes_take_no_memory() {
     let text = Sequence::default().header(None);
     for (dims, says) in [
         ("100000 100000 100000", "the size of one frame"),
@@ -155,8 +156,8 @@ fn claims_of_impossible_size_take_no_memory() {
 }
 
 #[test]
-fn a_decompression_bomb_takes_no_memory() {
-    // A gigabyte of zeros in a megabyte, where the header promises 7200 bytes.
+fn decompression_bomb_takes_no_memory() {
+    // A gigabyte of zeros in a megabyte; the header promises 7200 bytes.
     let bomb = deflated(&vec![0; 1 << 30]);
     let place = Place::new();
     let sequence = with(|s| s.zlib = true);
@@ -165,7 +166,7 @@ fn a_decompression_bomb_takes_no_memory() {
     let run = place.run_within(MODEST, WEAVE);
     place.check_refusal(&run, "a bomb behind the frames", &["s.mha: pixel data of frame "]);
     assert_eq!(place.names(), before);
-    // The same where the header promises more than any stream of that length can hold.
+    // The same if the header promises more than any stream of that length can hold.
     let text = sequence.header(Some(bomb.len())).replace("DimSize = 40 30 6", "DimSize = 8192 8192 240");
     place.put("s.mha", [text.as_bytes(), &bomb].concat());
     let run = place.run_within(MODEST, WEAVE);
@@ -178,7 +179,7 @@ fn a_decompression_bomb_takes_no_memory() {
 }
 
 #[test]
-fn pictures_that_are_not_grey() {
+fn frames_of_other_image_types_are_refused() {
     let colour = with(|s| s.lines = "UltrasoundImageOrientation = MFA\nUltrasoundImageType = RGB_COLOR\n".into());
     refused(colour.bytes(), &["no frame could be used", "6 × image_type", "RGB_COLOR, not BRIGHTNESS"]);
     for kind in ["RF_REAL", "RF_IQ_LINE", "RF_I_LINE_Q_LINE"] {
@@ -189,7 +190,7 @@ fn pictures_that_are_not_grey() {
 }
 
 #[test]
-fn poses_that_the_tracker_does_not_vouch_for() {
+fn invalid_poses_are_refused() {
     refused(
         with(|s| s.status = |_| "INVALID").bytes(),
         &["no frame could be used", "6 × pose_invalid", "first frame 0"],
@@ -198,7 +199,7 @@ fn poses_that_the_tracker_does_not_vouch_for() {
 }
 
 #[test]
-fn frames_that_are_not_there() {
+fn absent_frame_range_is_refused() {
     let place = Place::new();
     place.put("s.mha", Sequence::default().bytes());
     let says =
@@ -209,13 +210,13 @@ fn frames_that_are_not_there() {
 }
 
 #[test]
-fn poses_so_far_apart_that_no_file_holds_the_box() {
+fn stray_poses_with_huge_box_are_refused() {
     let far: fn(u32) -> String = |frame| pose(f64::from(frame) * 1e8);
     refused(with(|s| s.pose = far).bytes(), &["stray poses", "--size"]);
 }
 
 #[test]
-fn volumes_beyond_the_memory_they_may_take() {
+fn volume_beyond_memory_limit_is_refused() {
     let place = Place::new();
     place.put("s.mha", Sequence::default().bytes());
     place.refuses("reconstruct s.mha -o v.mha --spacing 0.05 --max-memory 0.001", &["frame 0: "]);
@@ -223,7 +224,7 @@ fn volumes_beyond_the_memory_they_may_take() {
 }
 
 #[test]
-fn configurations_of_something_else() {
+fn foreign_configurations_are_refused() {
     let place = Place::new();
     place.put("s.mha", with(|s| s.transform = "ProbeToTracker").bytes());
     let cases = [
@@ -252,7 +253,7 @@ fn configurations_of_something_else() {
 }
 
 #[test]
-fn files_that_are_not_there_and_outputs_that_cannot_be() {
+fn missing_inputs_and_impossible_outputs_are_refused() {
     let place = Place::new();
     place.put("s.mha", Sequence::default().bytes());
     place.refuses("reconstruct none.mha -o v.mha", &["none.mha: ", "No such file"]);
@@ -266,7 +267,7 @@ fn files_that_are_not_there_and_outputs_that_cannot_be() {
 }
 
 #[test]
-fn an_output_of_an_earlier_run_survives_a_failure() {
+fn existing_output_survives_a_failure() {
     let place = Place::new();
     place.put("v.mha", "precious");
     place.put("s.mha", with(|s| s.status = |_| "INVALID").bytes());
@@ -275,7 +276,7 @@ fn an_output_of_an_earlier_run_survives_a_failure() {
 }
 
 #[test]
-fn values_that_the_volume_cannot_hold() {
+fn values_outside_the_scalar_type_are_refused() {
     let place = Place::new();
     let float: fn(u32, u32, u32) -> Vec<u8> = |u, _, _| (u as f32).to_le_bytes().to_vec();
     place.put("s.mha", with(|s| (s.element, s.pixel) = ("MET_FLOAT", float)).bytes());
@@ -283,14 +284,14 @@ fn values_that_the_volume_cannot_hold() {
     place.refuses("reconstruct s.mha -o v.mha --type u16", &["--type u16", "--window LO,HI"]);
     place.refuses(
         "reconstruct s.mha -o v.mha --type u8 --window 0,1 --unseen 300",
-        &["--unseen 300: is no value of type u8"],
+        &["--unseen 300: is not a value of type u8"],
     );
     place.refuses("reconstruct s.mha -o v.mha --sigma 0.00001,0.00001,0.00001", &[]);
     place.refuses("reconstruct s.mha -o v.mha --clip 100,100,5,5", &["leaves nothing of the 40×30 picture"]);
 }
 
 #[test]
-fn words_that_are_no_command_are_usage() {
+fn invalid_commands_print_usage() {
     let place = Place::new();
     place.put("s.mha", Sequence::default().bytes());
     for words in [

@@ -1,10 +1,10 @@
-//! Pictures of volume files: what flags reach, what is refused, what is said.
+//! Pictures of volume files: effect of flags, refusals, and messages.
 
 use std::io::Write as _;
 
-use drivers::reading::PixelType;
-use drivers::recording::image::VolumeHeader;
-use drivers::recording::image::write::VolumeWriter;
+use formats::image::VolumeHeader;
+use formats::image::write::VolumeWriter;
+use sonoweave_core::reading::PixelType;
 
 use super::place::Place;
 
@@ -14,7 +14,7 @@ fn put(place: &Place, name: &str, header: &VolumeHeader, bytes: &[u8]) {
     file.finish().unwrap();
 }
 
-/// A bright ball in the dark, beside the middle.
+/// A bright ball in the dark, off the middle.
 fn ball() -> Place {
     let place = Place::new();
     let size = [24_u32, 20, 16];
@@ -38,7 +38,7 @@ fn pixels(place: &Place, name: &str) -> image::RgbImage {
 }
 
 #[test]
-fn a_ball_is_drawn_and_numbers_are_kept() {
+fn ball_is_rendered_with_statistics() {
     let place = ball();
     let said = place.does("render v.mha -o p.png --image-size 60x50 --transfer phantom --stats s.json --threads 2");
     assert_eq!(said.lines().count(), 1, "{said}");
@@ -74,7 +74,7 @@ fn a_ball_is_drawn_and_numbers_are_kept() {
 }
 
 #[test]
-fn every_flag_reaches_what_it_names() {
+fn every_flag_takes_effect() {
     let place = ball();
     let draw = |flags: &str| {
         place.does(&format!("render v.mha -o p.png --image-size 40x40 --threads 1 {flags}"));
@@ -114,7 +114,7 @@ fn every_flag_reaches_what_it_names() {
 }
 
 #[test]
-fn weights_tell_the_unseen_from_the_dark() {
+fn weights_distinguish_unseen_from_dark() {
     let place = ball();
     let header = place.volume("v.mha").header;
     let floats = VolumeHeader { pixel: PixelType::F32, ..header };
@@ -131,7 +131,7 @@ fn weights_tell_the_unseen_from_the_dark() {
 }
 
 #[test]
-fn a_turntable_goes_all_around() {
+fn turntable_covers_full_circle() {
     let place = ball();
     let flags = "--image-size 32x32 --transfer phantom --threads 1";
     let said = place.does(&format!("render v.mha -o t.png --turntable 4 --stats s.json --view 10,15 {flags}"));
@@ -141,7 +141,8 @@ fn a_turntable_goes_all_around() {
     let views: Vec<f64> =
         place.json("s.json")["pictures"].as_array().unwrap().iter().map(|p| p["view"][0].as_f64().unwrap()).collect();
     assert_eq!(views, [10.0, 100.0, 190.0, 280.0]);
-    // All are to one scale: another turn that begins there has the same picture, and one picture by itself is as large as it fits.
+    // All have one scale: another turntable that begins there has the same picture. A single
+    // picture is scaled to fit.
     place.does(&format!("render v.mha -o u.png --turntable 2 --view 100,15 {flags}"));
     assert!(place.get("u-000.png") == place.get("t-001.png") && place.get("u-001.png") == place.get("t-003.png"));
     place.does(&format!("render v.mha -o p.png --view 100,15 {flags}"));
@@ -149,7 +150,7 @@ fn a_turntable_goes_all_around() {
 }
 
 #[test]
-fn an_empty_volume_is_background_and_it_is_said() {
+fn empty_volume_gives_background_and_a_message() {
     let place = Place::new();
     let header = VolumeHeader {
         fields: vec![("SonoweaveUnseen".into(), "0".into())],
@@ -167,7 +168,7 @@ fn an_empty_volume_is_background_and_it_is_said() {
 }
 
 #[test]
-fn what_cannot_be_drawn_is_refused() {
+fn impossible_pictures_are_refused() {
     let place = ball();
     let header = VolumeHeader { channels: 2, ..VolumeHeader::new([2, 2, 2], PixelType::U8) };
     put(&place, "two.mha", &header, &[1; 16]);

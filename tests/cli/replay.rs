@@ -1,8 +1,8 @@
-//! A picture that follows a volume is the one that is made of it afterwards.
+//! An incremental picture equals the one rendered from the finished volume.
 
 use super::place::Place;
 
-/// A sweep of the phantom; as a fan it goes the planar path.
+/// A sweep of the phantom; as a fan it uses the planar path.
 fn sweep(flags: &str) -> Place {
     let place = Place::new();
     place.does(&format!("phantom -o s.mha --image-size 48x40 --pixel 0.4 --frames 14 --gap 0.5 --noise 3 {flags}"));
@@ -11,7 +11,7 @@ fn sweep(flags: &str) -> Place {
 
 const LOOK: &str = "--image-size 64x48 --transfer phantom --view 40,25";
 
-/// Replays with a picture and a volume, renders the volume: both pictures.
+/// Replays with a picture and a volume, renders the volume, and returns both pictures.
 fn both(place: &Place, replay: &str, look: &str) -> (Vec<u8>, Vec<u8>) {
     let run = place.run(&format!(
         "replay s.mha --clip none --picture p.png -o v.mha --type f32 --weights w.mha --stats s.json {replay} {look}"
@@ -31,7 +31,7 @@ fn check(place: &Place, path: &str, replay: &str, look: &str) -> Vec<u8> {
 }
 
 #[test]
-fn the_general_path_s_last_picture_is_that_of_its_volume_bit_for_bit() {
+fn general_path_picture_equals_its_volume_bitwise() {
     let place = sweep("");
     let first = check(&place, "general", "--cache none --threads 1", LOOK);
     for replay in [
@@ -46,7 +46,8 @@ fn the_general_path_s_last_picture_is_that_of_its_volume_bit_for_bit() {
     }
     check(&place, "general", "--cache linear", &format!("{LOOK} --perspective 40 --step 0.7 --arity 5"));
     check(&place, "general", "", &format!("{LOOK} --adaptive 0.02"));
-    // It is neither by chance nor by being blind: without weights, and without the box of the slices, the picture is another.
+    // The equality is not trivial: without weights, and without the box of the slices, the
+    // picture differs.
     let (live, _) = both(&place, "", LOOK);
     place.does(&format!("render v.mha --weights w.mha -o q.png {LOOK} --threads 1"));
     assert!(place.get("q.png") == live);
@@ -58,14 +59,15 @@ fn the_general_path_s_last_picture_is_that_of_its_volume_bit_for_bit() {
     place.put("v.mha", bytes);
     place.does(&format!("render v.mha --weights w.mha -o q.png {LOOK}"));
     assert!(place.get("q.png") != live);
-    // On a lattice beside the world's origin bricks are others than those of the weaver.
+    // On a lattice with an offset from the world's origin, its bricks differ from the
+    // inserter's.
     check(&place, "general", "--cache linear --origin 0.13,-7.31,3.7", LOOK);
     check(&place, "general", "--cache linear --compound maximum", LOOK);
     check(&place, "general", "--cache linear --compound decay --decay exp", LOOK);
 }
 
 #[test]
-fn the_planar_path_s_last_picture_is_that_of_its_volume_bit_for_bit() {
+fn planar_path_picture_equals_its_volume_bitwise() {
     let place = sweep("--trajectory fan");
     let first = check(&place, "planar", "--cache none --threads 1", LOOK);
     for replay in ["--cache linear --threads 1", "--cache linear --threads 3", "--cache one-level", "--cache two-level"]
@@ -76,7 +78,7 @@ fn the_planar_path_s_last_picture_is_that_of_its_volume_bit_for_bit() {
 }
 
 #[test]
-fn a_path_that_changes_on_the_way_changes_no_picture() {
+fn path_change_does_not_change_the_picture() {
     let place = Place::new();
     let pose = |frame: u32| match frame {
         3 => format!("0.49990 0 0 0 0 0.5 0 0 -0.01 0 1 {frame} 0 0 0 1"),
@@ -90,7 +92,7 @@ fn a_path_that_changes_on_the_way_changes_no_picture() {
 }
 
 #[test]
-fn the_box_that_is_looked_at_is_known_before_the_first_slice() {
+fn rendered_box_is_known_before_the_first_slice() {
     let place = sweep("");
     place.does(&format!("replay s.mha --clip none --pictures . {LOOK} -o v.mha"));
     place.does("reconstruct s.mha --clip none -o r.mha");
@@ -100,19 +102,19 @@ fn the_box_that_is_looked_at_is_known_before_the_first_slice() {
     let numbers: Vec<i64> = text.split(' ').map(|n| n.parse().unwrap()).collect();
     let [lx, ly, lz, hx, hy, hz] = numbers[..] else { panic!("{text}") };
     let size = plain.header.size.map(i64::from);
-    // It holds the file, and little more: kernels' corners and a voxel around.
+    // It contains the file, and little more: the kernels' corners and a margin of one voxel.
     for (low, high, size) in [(lx, hx, size[0]), (ly, hy, size[1]), (lz, hz, size[2])] {
         assert!((-8..=0).contains(&low) && (size - 1..size + 8).contains(&high), "{text} about {size}");
     }
     assert_eq!(plain.field("SonoweaveRange"), "0 255");
     assert_eq!(place.names().iter().filter(|n| n.starts_with("frame-000") && n.ends_with(".png")).count(), 14);
-    // Of a volume that was cropped, the picture is what is left.
+    // For a cropped volume, the picture shows the remainder.
     place.does("reconstruct s.mha --clip none -o c.mha --size 9,9,9");
     assert!(place.volume("c.mha").header.fields.iter().all(|(name, _)| name != "SonoweaveSlicesBox"));
 }
 
 #[test]
-fn pictures_on_the_way_and_numbers() {
+fn intermediate_pictures_and_statistics_are_written() {
     let place = sweep("");
     std::fs::create_dir(place.path("way")).unwrap();
     let said = place.does(&format!(
@@ -141,7 +143,7 @@ fn pictures_on_the_way_and_numbers() {
     }
     assert_eq!((&s["scalar"], &s["frames"]["used"]), (&serde_json::Value::Null, &14.into()));
     assert!(!place.names().contains("v.mha"));
-    // Too little memory for the cache: it is said, and nothing else changes.
+    // Too little memory for the cache: this is reported, and nothing else changes.
     let before = place.get("p.png");
     let run = place
         .run(&format!("replay s.mha --clip none --picture p.png --cache-bytes 1000 --stats s.json --arity 4 {LOOK}"));
@@ -150,14 +152,14 @@ fn pictures_on_the_way_and_numbers() {
 }
 
 #[test]
-fn what_cannot_be_replayed_is_refused() {
+fn impossible_replays_are_refused() {
     let place = sweep("");
     for (words, says) in [
         ("replay s.mha", &["nothing to draw", "--picture", "reconstruct"][..]),
         ("replay s.mha -o v.mha --stats s.json", &["nothing to draw"]),
         ("replay s.mha --picture none/p.png", &["the folder none does not exist"]),
         ("replay s.mha --picture p.jpg", &[".png"]),
-        ("replay s.mha --pictures none", &["--pictures none", "no such folder"]),
+        ("replay s.mha --pictures none", &["--pictures none", "the folder does not exist"]),
         ("replay s.mha --picture p.png --image-size 100000x100000", &["100000"]),
         ("replay s.mha --picture p.png --transfer muscle", &["muscle", "tissue"]),
         ("replay s.mha --picture p.png --perspective -3", &["view"]),
@@ -168,7 +170,7 @@ fn what_cannot_be_replayed_is_refused() {
         place.refuses(&words, says);
     }
     for (words, says) in [
-        ("replay s.mha --picture p.png --speed 0", "1 is its own pace"),
+        ("replay s.mha --picture p.png --speed 0", "1 is the recorded speed"),
         ("replay s.mha --picture p.png --cache all", "linear"),
         ("replay s.mha --picture p.png --every 2", "--pictures"),
         ("replay s.mha --pictures . --every 0", "--every"),

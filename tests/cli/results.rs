@@ -1,11 +1,11 @@
-//! Good input: what `reconstruct` writes, and that nothing but the input and the settings decides it.
+//! Good input: the outputs of `reconstruct`, which depend only on the input and the settings.
 
-use sonoweave::reconstruct::Simd;
+use reconstruct::Simd;
 
 use super::place::{Place, Volume};
 use super::sequence::{Sequence, grey, pose};
 
-/// A sweep small enough for a test and large enough to mean something: 30×27×24 mm of blobs.
+/// A sweep small enough for a test and large enough to be meaningful: 30×27×24 mm of blobs.
 const SWEEP: &str = "phantom -o s.mha --image-size 150x136 --pixel 0.2 --frames 61 --gap 0.4";
 
 fn rmse(place: &Place, volume: &str, truth: &str) -> (f64, f64) {
@@ -16,7 +16,7 @@ fn rmse(place: &Place, volume: &str, truth: &str) -> (f64, f64) {
 }
 
 #[test]
-fn a_sweep_over_known_blobs_gives_them_back() {
+fn sweep_over_known_blobs_reproduces_them() {
     for trajectory in ["parallel", "fan", "freehand"] {
         let place = Place::new();
         place.does(&format!("{SWEEP} --trajectory {trajectory} --truth t.mha --noise 3 --spacing 0.5"));
@@ -27,7 +27,7 @@ fn a_sweep_over_known_blobs_gives_them_back() {
 }
 
 #[test]
-fn a_constant_scene_is_constant_to_the_very_border_of_a_fan() {
+fn constant_scene_is_constant_up_to_the_fan_border() {
     let place = Place::new();
     place.does(&format!("{SWEEP} --scene constant --grey 100 --noise 0 --type f32 --fan --calibration c.toml"));
     place.does("reconstruct s.mha -o v.mha --weights w.mha --config c.toml");
@@ -35,7 +35,8 @@ fn a_constant_scene_is_constant_to_the_very_border_of_a_fan() {
     let seen: Vec<f32> = pairs(&volume, &weights).filter(|(_, w)| *w > 0.0).map(|(v, _)| v).collect();
     assert!(seen.len() > 50_000, "{}", seen.len());
     let worst = seen.iter().map(|v| (v - 100.0).abs()).fold(0.0, f32::max);
-    // 4 √n 2⁻²⁴ of the value under n overlapping slices: here 13, each 0.4 mm on within ±2.6 mm.
+    // 4 √n 2⁻²⁴ of the value under n overlapping slices: here 13, spaced by 0.4 mm within ±2.6
+    // mm.
     assert!(worst <= 100.0 * 4.0 * 13.0_f32.sqrt() * 2.0_f32.powi(-24), "{worst}");
     let black = pairs(&volume, &weights).filter(|(v, w)| *w == 0.0 && *v == 0.0).count();
     assert_eq!(black + seen.len(), volume.values.len(), "what is not seen is 0 here, and nothing else is");
@@ -48,12 +49,12 @@ fn pairs<'a>(values: &'a Volume, weights: &'a Volume) -> impl Iterator<Item = (f
 }
 
 #[test]
-fn a_ramp_is_not_shifted() {
+fn ramp_is_not_shifted() {
     let place = Place::new();
     place.does(&format!("{SWEEP} --scene ramp --noise 0 --type f32 --truth t.mha --trajectory parallel"));
     place.does("reconstruct s.mha --path general -o v.mha --weights w.mha --sigma 0.375,0.375,0.375");
     let (volume, truth) = (place.volume("v.mha"), place.volume("t.mha"));
-    // Well inside, where the kernel sees both sides of every voxel.
+    // Inside, where the kernel sees both sides of every voxel.
     let shift: [i64; 3] =
         std::array::from_fn(|a| ((truth.header.origin[a] - volume.header.origin[a]) / 0.5).round() as i64);
     let size = truth.header.size.map(i64::from);
@@ -73,7 +74,7 @@ fn a_ramp_is_not_shifted() {
 }
 
 #[test]
-fn a_box_is_cropped_and_padded_exactly() {
+fn box_is_cropped_and_padded_exactly() {
     let place = Place::new();
     place.put("s.mha", Sequence::default().bytes());
     let spacing = "--spacing 0.5 --sigma 0.5,0.5,0.7";
@@ -101,14 +102,14 @@ fn a_box_is_cropped_and_padded_exactly() {
         }
     }
     assert!(inside > 500 && outside > 500, "{inside} {outside}");
-    // A size alone begins where the slices do.
+    // A size alone begins at the slices' first voxel.
     place.does(&format!("reconstruct s.mha --path general -o box.mha --size 3,4,5 {spacing}"));
     let cut = place.volume("box.mha");
     assert_eq!((cut.header.size, cut.header.origin), ([3, 4, 5], all.header.origin));
 }
 
 #[test]
-fn an_origin_off_the_lattice_moves_the_lattice() {
+fn origin_off_the_lattice_moves_the_lattice() {
     let place = Place::new();
     place.put("s.mha", Sequence::default().bytes());
     place.does("reconstruct s.mha -o v.mha --spacing 0.5,0.75,1 --origin 0.1,0.2,0.3");
@@ -121,7 +122,7 @@ fn an_origin_off_the_lattice_moves_the_lattice() {
 }
 
 #[test]
-fn frames_are_chosen_from_the_first_up_to_the_last() {
+fn frame_range_selects_frames() {
     let place = Place::new();
     place.put("s.mha", Sequence::default().bytes());
     place.does_narrowly(
@@ -138,12 +139,12 @@ fn frames_are_chosen_from_the_first_up_to_the_last() {
 }
 
 #[test]
-fn weights_are_zero_exactly_where_nothing_was_seen() {
+fn weights_are_zero_exactly_at_unseen_voxels() {
     let place = Place::new();
     place.put("s.mha", Sequence::default().bytes());
     place.does("reconstruct s.mha --path general -o v.mha --weights w.mha --unseen 255 --spacing 0.4");
     let (values, weights) = (place.volume("v.mha"), place.volume("w.mha"));
-    // The pictures' brightest pixel.
+    // The frames' brightest pixel.
     let brightest = f32::from(grey(39, 29, 5));
     let (mut seen, mut unseen) = (0, 0);
     for (value, weight) in pairs(&values, &weights) {
@@ -160,7 +161,7 @@ fn weights_are_zero_exactly_where_nothing_was_seen() {
 }
 
 #[test]
-fn statistics_say_what_was_done() {
+fn statistics_describe_the_run() {
     let place = Place::new();
     place.put(
         "s.mha",
@@ -200,7 +201,7 @@ fn statistics_say_what_was_done() {
 }
 
 #[test]
-fn the_volume_says_what_it_was_made_of() {
+fn volume_header_has_provenance() {
     let place = Place::new();
     place.put("sweep.mha", Sequence::default().bytes());
     place.does("reconstruct sweep.mha --path general -o v.mha --stats s.json");
@@ -215,7 +216,7 @@ fn the_volume_says_what_it_was_made_of() {
 }
 
 #[test]
-fn any_threads_and_instructions_give_the_same_bits() {
+fn threads_and_instructions_give_equal_bits() {
     let place = Place::new();
     place.does(&format!("{SWEEP} --seed 4"));
     let bits = |flags: &str| {
@@ -232,13 +233,14 @@ fn any_threads_and_instructions_give_the_same_bits() {
     assert!(bits("") == reference, "by default");
 }
 
-/// Instruction sets that this machine has; that others are refused is tested where they lack.
+/// Returns the instruction sets of this machine. The refusal of others is tested on machines
+/// without them.
 fn available() -> Vec<&'static str> {
     Simd::ALL.into_iter().filter(|simd| simd.is_available()).map(Simd::name).chain(["auto"]).collect()
 }
 
 #[test]
-fn byte_order_packing_and_orientation_do_not_change_the_volume() {
+fn storage_and_orientation_do_not_change_the_volume() {
     let place = Place::new();
     let short: fn(u32, u32, u32) -> Vec<u8> = |u, v, frame| (u16::from(grey(u, v, frame)) * 200).to_le_bytes().to_vec();
     let base = Sequence { element: "MET_USHORT", pixel: short, ..Sequence::default() };
@@ -258,7 +260,7 @@ fn byte_order_packing_and_orientation_do_not_change_the_volume() {
 }
 
 #[test]
-fn pixels_of_every_type_give_the_same_values() {
+fn every_pixel_type_gives_equal_values() {
     type Pixel = fn(u32, u32, u32) -> Vec<u8>;
     let place = Place::new();
     let types: [(&str, Pixel); 5] = [
@@ -280,13 +282,13 @@ fn pixels_of_every_type_give_the_same_values() {
     let (_, reference) = &volumes[0];
     for (element, values) in &volumes {
         let worst = values.iter().zip(reference).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-        // The filtered picture of 8 bits is held in 16 bits: a few thousandths of a grey level.
+        // The filtered frame of 8 bits is stored in 16 bits: a few thousandths of a grey level.
         assert!(worst < 0.02, "{element}: {worst}");
     }
 }
 
 #[test]
-fn a_window_maps_grey_values_to_the_whole_type() {
+fn window_maps_grey_values_to_full_type_range() {
     let place = Place::new();
     place.put("s.mha", Sequence { pixel: |_, _, _| vec![110], ..Sequence::default() }.bytes());
     for (flags, expected, tolerance) in [
@@ -306,7 +308,7 @@ fn a_window_maps_grey_values_to_the_whole_type() {
 }
 
 #[test]
-fn a_frame_shown_twice_in_place_adds_nothing() {
+fn repeated_frame_adds_nothing() {
     let place = Place::new();
     let still: fn(u32) -> String = |frame| pose(f64::from(frame / 2));
     place.put(
@@ -319,7 +321,7 @@ fn a_frame_shown_twice_in_place_adds_nothing() {
 }
 
 #[test]
-fn outputs_are_said_on_stdout_and_a_pipe_sees_no_progress() {
+fn outputs_are_listed_on_stdout_without_progress_in_pipe() {
     let place = Place::new();
     place.does(SWEEP);
     let said = place.does("reconstruct s.mha -o v.mha --weights w.mha --planes p.png");

@@ -1,11 +1,13 @@
-//! Small sequence files, good ones and damaged ones, written by hand: the program's own writer writes no bad ones.
+//! Small sequence files, valid and damaged, written by hand: the program's own writer cannot
+//! write damaged ones.
 
 use std::io::Write as _;
 
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 
-/// A sequence of parallel slices, 1 mm apart, of pixels of 0.5 mm. Change what a test is about.
+/// A sequence of parallel slices, 1 mm apart, with pixels of 0.5 mm. A test changes the fields
+/// it concerns.
 #[derive(Clone)]
 pub(crate) struct Sequence {
     pub(crate) size: [u32; 2],
@@ -43,18 +45,18 @@ impl Default for Sequence {
     }
 }
 
-/// Something smooth that is nowhere black and nowhere the same.
+/// A smooth image without black pixels or repetition.
 pub(crate) fn grey(u: u32, v: u32, frame: u32) -> u8 {
     (40 + 3 * u + v + 10 * frame) as u8
 }
 
-/// A slice across z, 0.5 mm a pixel.
+/// A slice across z, 0.5 mm per pixel.
 pub(crate) fn pose(z: f64) -> String {
     format!("0.5 0 0 0 0 0.5 0 0 0 0 1 {z} 0 0 0 1")
 }
 
 impl Sequence {
-    /// The header up to the frames' fields.
+    /// Returns the header up to the frames' fields.
     fn head(&self, compressed_bytes: Option<usize>) -> String {
         let Self { size: [width, height], frames, .. } = self;
         let order = if self.big_endian { "True" } else { "False" };
@@ -68,7 +70,7 @@ impl Sequence {
         )
     }
 
-    /// All pictures' pixels as the file holds them, but not compressed.
+    /// Returns all frames' pixels as stored, but not compressed.
     pub(crate) fn pixels(&self) -> Vec<u8> {
         let mut bytes = Vec::new();
         for frame in 0..self.frames {
@@ -98,7 +100,7 @@ impl Sequence {
         text + "ElementDataFile = LOCAL\n"
     }
 
-    /// The file.
+    /// Returns the file.
     pub(crate) fn bytes(&self) -> Vec<u8> {
         let mut pixels = self.pixels();
         if self.zlib {

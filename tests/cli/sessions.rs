@@ -1,4 +1,5 @@
-//! Sessions: recorded, run again to the same bits at any speed, gone on with, told to change, and what is said where that cannot be.
+//! Sessions: recorded, replayed to the same bits at any speed, continued, and reconfigured; and
+//! the messages if that is impossible.
 
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
@@ -8,7 +9,8 @@ use serde_json::Value;
 
 use super::place::Place;
 
-/// A small virtual bedside with much that goes wrong: late and jittering video that loses frames, a tracker that loses bytes and readings.
+/// A small virtual bedside with many disturbances: late and jittering video that loses frames, a
+/// tracker that loses bytes and readings.
 const BEDSIDE: &str = r#"format = "sonoweave-bedside"
 version = 1
 [tracker]
@@ -39,7 +41,7 @@ dropout = 0.02
 
 const LEAVES: &str = "--volume live.mha --weights live-weights.mha --picture live.png --stats live.json";
 const AGAIN: &str = "-o again.mha --weights again-weights.mha --picture again.png --stats again.json";
-const SAME: &str = "the volume is the one that there was when it was live, bit by bit";
+const SAME: &str = "the volume is the same as in the live session, bit by bit";
 
 fn place() -> Place {
     let place = Place::new();
@@ -47,7 +49,7 @@ fn place() -> Place {
     place
 }
 
-/// The sessions in a folder of the place, the oldest first.
+/// Returns the sessions in a folder, the oldest first.
 fn sessions(place: &Place, folder: &str) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(place.path(folder)).unwrap();
     let mut found: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
@@ -55,14 +57,14 @@ fn sessions(place: &Place, folder: &str) -> Vec<PathBuf> {
     found
 }
 
-/// Runs a session of so many seconds; its file.
+/// Runs a session for `seconds`; returns its file.
 fn recorded(place: &Place, seconds: f64) -> String {
     let run = place.run(&format!("live --config bedside.toml --duration {seconds} --record sessions {LEAVES}"));
     assert_eq!(run.code, 0, "{} {}", run.stdout, run.stderr);
     sessions(place, "sessions")[0].display().to_string()
 }
 
-/// Of the statistics, what must be the same live and replayed.
+/// Returns the statistics that must be equal live and replayed.
 fn fates(stats: &Value) -> [Value; 3] {
     let readings = &stats["readings"][0];
     let of_readings = ["total", "used", "refused", "dropped"].map(|key| readings[key].clone());
@@ -70,7 +72,7 @@ fn fates(stats: &Value) -> [Value; 3] {
     [Value::from(frames.to_vec()), Value::from(of_readings.to_vec()), stats["seal"].clone()]
 }
 
-/// A daemon that runs in the place.
+/// A daemon that runs in the folder.
 struct Daemon(Child);
 
 impl Daemon {
@@ -80,7 +82,7 @@ impl Daemon {
         Self(command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap())
     }
 
-    /// By the shell's own `kill`: a bare machine has no other.
+    /// Uses the shell's own `kill`: a bare machine has no other.
     fn signal(&self, name: &str) {
         let told = Command::new("sh").args(["-c", &format!("kill -{name} {}", self.0.id())]).status().unwrap();
         assert!(told.success());
@@ -91,7 +93,7 @@ impl Daemon {
     }
 }
 
-/// Waits until it is so; a machine that is very busy may take its time.
+/// Waits for a condition, with patience for a busy machine.
 fn until(what: &str, mut is_so: impl FnMut() -> bool) {
     let began = Instant::now();
     while !is_so() {
@@ -100,7 +102,7 @@ fn until(what: &str, mut is_so: impl FnMut() -> bool) {
     }
 }
 
-/// Waits until a recording in the folder has so many bytes; its path.
+/// Waits until a recording in the folder has `bytes` bytes; returns its path.
 fn until_recorded(place: &Place, folder: &str, at: usize, bytes: u64) -> PathBuf {
     let file = || -> Option<PathBuf> {
         let path = place.path(folder);
@@ -113,7 +115,7 @@ fn until_recorded(place: &Place, folder: &str, at: usize, bytes: u64) -> PathBuf
 }
 
 #[test]
-fn a_session_runs_again_to_the_same_bits_at_any_speed() {
+fn session_replays_to_equal_bits_at_any_speed() {
     let place = place();
     let session = recorded(&place, 3.0);
     let live = place.json("live.json");
@@ -134,20 +136,20 @@ fn a_session_runs_again_to_the_same_bits_at_any_speed() {
 }
 
 #[test]
-fn threads_and_files_that_have_gone_change_nothing_and_other_settings_do() {
+fn replay_is_independent_of_threads_and_original_files() {
     let place = place();
     place
         .put("look.toml", "format = \"sonoweave-transfer\"\nversion = 1\n[opacity]\ncurve = [[20, 0.0], [200, 0.8]]\n");
     let config = BEDSIDE.replace("transfer = \"phantom\"", "transfer = \"look.toml\"");
     place.put("bedside.toml", &config);
     let session = recorded(&place, 2.0);
-    // What it was configured by is in the session.
+    // Its configuration is in the session.
     std::fs::remove_file(place.path("look.toml")).unwrap();
     std::fs::remove_file(place.path("bedside.toml")).unwrap();
     let run = place.run(&format!("replay {session} {AGAIN}"));
     assert_eq!(run.code, 0, "{}", run.stderr);
     assert!(run.stderr.contains(SAME), "{}", run.stderr);
-    // One thread, by another file that says the same else.
+    // One thread, with another file that is otherwise equal.
     let one = BEDSIDE.replace("spacing_mm = 1.0", "spacing_mm = 1.0\nthreads = 1");
     place.put("one.toml", &one);
     let run = place.run(&format!("replay {session} --config one.toml {AGAIN}"));
@@ -160,19 +162,19 @@ fn threads_and_files_that_have_gone_change_nothing_and_other_settings_do() {
 }
 
 #[test]
-fn a_session_that_was_killed_is_gone_on_with_and_both_run_again_as_one() {
+fn killed_session_is_resumed_and_both_replay_as_one() {
     let place = place();
     let daemon = Daemon::begin(&place, "live --config bedside.toml --record sessions --quiet");
     let first = until_recorded(&place, "sessions", 0, 200_000);
     daemon.signal("KILL");
     assert_eq!(daemon.ends(), None);
-    // By itself.
+    // Alone.
     let run = place.run(&format!("replay {} {AGAIN}", first.display()));
     assert_eq!(run.code, 0, "{}", run.stderr);
     assert!(run.stderr.contains("broken off") && !run.stderr.contains(SAME), "{}", run.stderr);
     let before = place.json("again.json")["seal"]["slices"].as_u64().unwrap();
     assert!(before > 10, "{before}");
-    // And on.
+    // Continued.
     let run = place.run(&format!(
         "live --config bedside.toml --duration 2 --record sessions --resume {} {LEAVES}",
         first.display()
@@ -187,19 +189,19 @@ fn a_session_that_was_killed_is_gone_on_with_and_both_run_again_as_one() {
     assert_eq!(run.code, 0, "{}", run.stderr);
     assert!(run.stderr.contains(SAME), "{}", run.stderr);
     assert!(place.get("live.mha") == place.get("again.mha") && place.get("live.png") == place.get("again.png"));
-    // Without the first nobody has all of it.
+    // Without the first session the continuation is incomplete.
     std::fs::rename(&first, place.path("elsewhere.mcap")).unwrap();
-    place.refuses_with(&format!("replay {second} {AGAIN}"), &["goes on with", "neither there nor beside it"]);
-    // Settings by which slices would lie elsewhere.
+    place.refuses_with(&format!("replay {second} {AGAIN}"), &["continues ", "put that session into the same folder"]);
+    // Settings that would change the slices' positions.
     place.put("coarse.toml", BEDSIDE.replace("spacing_mm = 1.0", "spacing_mm = 2.0"));
     place.refuses_with(
         "live --config coarse.toml --duration 1 --resume elsewhere.mcap",
-        &["--resume elsewhere.mcap: was recorded by other settings (volume.spacing_mm: [1.0,1.0,1.0] → [2.0,2.0,2.0])"],
+        &["--resume elsewhere.mcap: was recorded with other settings (volume.spacing_mm: [1.0,1.0,1.0] → [2.0,2.0,2.0])"],
     );
 }
 
 #[test]
-fn what_may_change_changes_at_a_sighup_and_the_replay_does_so_too() {
+fn sighup_changes_are_repeated_by_the_replay() {
     let place = place();
     let daemon = Daemon::begin(&place, &format!("live --config bedside.toml --record sessions --quiet {LEAVES}"));
     let session = until_recorded(&place, "sessions", 0, 150_000);
@@ -236,27 +238,27 @@ fn what_may_change_changes_at_a_sighup_and_the_replay_does_so_too() {
 }
 
 #[test]
-fn flags_that_a_session_does_not_heed_are_refused() {
+fn flags_unused_by_a_session_are_refused() {
     let place = place();
     let session = recorded(&place, 1.0);
-    place.refuses_with(&format!("replay {session} -o x.mha --sigma 1,1,1"), &["--sigma: a session is woven"]);
+    place.refuses_with(&format!("replay {session} -o x.mha --sigma 1,1,1"), &["--sigma: a session is replayed"]);
     place.refuses_with(&format!("replay {session} -o {session}.mha --speed 0"), &[]);
     let dropped = place.run(&format!("replay {session} --all -o x.mha"));
     assert_eq!(dropped.code, 0, "{}", dropped.stderr);
     assert!(dropped.stderr.contains("are used, of which there are none"), "{}", dropped.stderr);
-    // While nobody knows where the scanner's picture is, nothing is recorded.
+    // While the scanner's data region is unknown, nothing is recorded.
     let unknown =
         BEDSIDE.replace("[grabber]", "[calibration]\nimage_to_probe = [1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]\n[grabber]");
     place.put("unknown.toml", unknown);
     place.refuses_with(
         "live --config unknown.toml --duration 1 --record elsewhere",
-        &["nothing is recorded while it is not known", "clip_px", "full_frame = true"],
+        &["cannot record, because the scanner's image is unknown", "clip_px", "full_frame = true"],
     );
     assert!(!place.path("elsewhere").exists());
 }
 
 #[test]
-fn the_demo_leaves_what_it_says_and_its_seed_counts() {
+fn demo_writes_its_outputs_and_uses_the_seed() {
     let place = Place::new();
     let run = place.run("demo --duration 1.5 --out demo --seed 7 --headless");
     assert_eq!(run.code, 0, "{}", run.stderr);

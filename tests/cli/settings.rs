@@ -1,4 +1,4 @@
-//! Where a reconstruction's settings come from, and that each flag reaches what it names.
+//! Sources of a reconstruction's settings, and the effect of each flag.
 
 use std::collections::BTreeSet;
 
@@ -6,7 +6,8 @@ use serde_json::{Value, json};
 
 use super::place::Place;
 
-/// Statistics of a reconstruction of a small sweep (pixels of 0.5 mm, so that the in-plane σ defaults to 0.375 mm).
+/// Returns statistics of a reconstruction of a small sweep (pixels of 0.5 mm, so that the
+/// in-plane σ defaults to 0.375 mm).
 fn statistics(place: &Place, flags: &str) -> Value {
     place.does(&format!("reconstruct s.mha -o v.mha --stats s.json {flags}"));
     place.json("s.json")
@@ -28,12 +29,13 @@ fn close(value: &Value, expected: [f64; 3]) {
     }
 }
 
-/// A configuration with a resolution and a spacing; the sweep brings its own way to the world.
+/// A configuration with a resolution and a spacing; the sweep contains its own route to the
+/// world.
 const CONFIG: &str = "format = \"sonoweave-calibration\"\nversion = 1\n[resolution]\nhwhm_mm = [0.4, 0.4, 2.0]\n\
                       [volume]\nspacing_mm = [0.8, 0.8, 0.8]\n[image]\nclip_px = { x = 4, y = 5, width = 20, height = 10 }\n";
 
 #[test]
-fn defaults_follow_spacing_pixel_and_the_configurations_resolution() {
+fn defaults_follow_spacing_pixel_and_resolution() {
     let place = sweep("");
     let s = statistics(&place, "--clip none");
     close(&s["sigma_mm"], [0.375, 0.375, 1.0]);
@@ -47,14 +49,14 @@ fn defaults_follow_spacing_pixel_and_the_configurations_resolution() {
     close(&s["sigma_mm"], [0.6, 0.6, 2.0 * 0.849_321_8]);
     assert_eq!(s["grid"]["spacing"], json!([0.8, 0.8, 0.8]));
     assert_eq!(s["data_rectangle"], json!([4, 5, 20, 10]));
-    // The command line comes first.
+    // The command line takes precedence.
     let s = statistics(&place, "--config c.toml --spacing 0.5 --clip 0,0,8,8 --sigma 0.5,0.6,0.7");
     close(&s["sigma_mm"], [0.5, 0.6, 0.7]);
     assert_eq!((&s["grid"]["spacing"], &s["data_pixels"]), (&json!([0.5, 0.5, 0.5]), &json!(64)));
 }
 
 #[test]
-fn kernel_flags_reach_the_kernel() {
+fn kernel_flags_take_effect() {
     let place = sweep("");
     let plain = "--clip none --sigma 1,1,1";
     let cases = [
@@ -75,7 +77,7 @@ fn kernel_flags_reach_the_kernel() {
     let cut = statistics(&place, plain);
     let lowered = statistics(&place, &format!("{plain} --method gaussian"));
     assert_eq!(lowered["method"], "gaussian");
-    // In the plane both end alike.
+    // In the plane both have the same support.
     close(&lowered["sigma_effective_mm"], [0.978_389, 0.978_389, 0.905_65]);
     close(&cut["sigma_effective_mm"], [0.978_389, 0.978_389, 0.961_642]);
     let ends = statistics(&place, "--clip none --sigma 1,1,1 --support energy=0.01,peak=0.135335283");
@@ -87,9 +89,10 @@ fn kernel_flags_reach_the_kernel() {
 }
 
 #[test]
-fn every_method_and_compounding_reaches_the_volume_and_its_header() {
+fn methods_and_compounding_affect_volume_and_header() {
     let place = sweep("--scene ramp --noise 0 --type f32");
-    // In the plane the interpolating methods have the pixels' own widths, whatever is asked for.
+    // In the plane the interpolating methods have the pixels' own widths, independent of the
+    // settings.
     let cases = [
         ("bspline3", [0.8, 0.9, 1.0], [2.0 * 3.0_f64.sqrt(); 3].map(|z| z * 0.8)),
         ("linear", [0.5 / 6.0_f64.sqrt(), 0.5 / 6.0_f64.sqrt(), 1.0], [0.5, 0.5, 2.575_829]),
@@ -113,21 +116,21 @@ fn every_method_and_compounding_reaches_the_volume_and_its_header() {
         assert!((numbers(&s["support_mm"])[2] - 1.177_41).abs() < 1e-5, "the kernel's half width at half maximum: {s}");
         assert_eq!(place.volume("v.mha").field("SonoweaveCompounding"), compound);
     }
-    // Of a planar scan these are the general path's.
+    // For a planar scan these use the general path.
     place.does("phantom -o p.mha --image-size 40x36 --pixel 0.5 --frames 9 --gap 0.5 --trajectory parallel");
     for (flags, what) in [("--method nearest", "the kernel nearest"), ("--compound maximum", "the compounding maximum")]
     {
         place.does(&format!("reconstruct p.mha -o v.mha --stats s.json --clip none {flags}"));
         assert_eq!(place.json("s.json")["path"], "general");
-        let says = [format!("the planar path has no way for {what}: choose --path general")];
+        let says = [format!("the planar path does not support {what}: choose --path general")];
         place.refuses(&format!("reconstruct p.mha -o w.mha --path planar --clip none {flags}"), &[&says[0]]);
     }
-    let says = &["--support, --leakage: the kernel bspline3 ends of itself", "choose the method gaussian"];
+    let says = &["--support, --leakage: the kernel bspline3 has a fixed support", "choose the method gaussian"];
     place.refuses("reconstruct s.mha -o w.mha --method bspline3 --leakage 0.01", says);
 }
 
 #[test]
-fn decay_flags_reach_the_volume() {
+fn decay_flags_take_effect() {
     let place = sweep("");
     let mean = statistics(&place, "--clip none");
     assert_eq!(mean["decay"], Value::Null);
@@ -135,7 +138,7 @@ fn decay_flags_reach_the_volume() {
     let s = statistics(&place, "--clip none --compound decay");
     assert_eq!(s["decay"]["mode"], "dead-time");
     assert_eq!((&s["decay"]["rate_per_s"], &s["decay"]["wait_s"]), (&json!(1.0), &json!(2.0)));
-    // 2 bytes of age a voxel, and times that ran forwards.
+    // 2 bytes of age per voxel, and times that ran forwards.
     assert!(s["bytes"].as_u64().unwrap() > mean["bytes"].as_u64().unwrap() * 6 / 5);
     assert_eq!((&s["times_backwards"], &s["times_absurd"]), (&json!(0), &json!(0)));
     let modes = [("exp --decay-rate 9", "exp"), ("paper-literal --decay-rate 9 --decay-wait 0.1", "paper-literal")];
@@ -149,9 +152,9 @@ fn decay_flags_reach_the_volume() {
     assert_eq!(place.volume("v.mha").field("SonoweaveCompounding"), "mean");
     assert!(place.get("v.mha") == plain, "no decay is the mean");
     for (flags, says) in [
-        ("--decay exp", "--decay: nothing decays; choose the compounding decay"),
-        ("--compound mean --decay-rate 2", "--decay-rate: nothing decays"),
-        ("--compound decay --decay exp --decay-wait 2", "--decay-wait: means nothing"),
+        ("--decay exp", "--decay: needs the compounding decay; choose it"),
+        ("--compound mean --decay-rate 2", "--decay-rate: needs the compounding decay"),
+        ("--compound decay --decay exp --decay-wait 2", "--decay-wait: has no effect with this decay"),
         ("--compound decay --decay-rate 0", "the decay's rate must lie between 1e-6 and 1e6 per second, not at 0"),
         ("--compound decay --decay-wait -1", "the decay's wait must lie between 0 and 1e6 seconds, not at -1"),
     ] {
@@ -160,7 +163,7 @@ fn decay_flags_reach_the_volume() {
 }
 
 #[test]
-fn region_and_weight_flags_reach_what_they_name() {
+fn region_and_weight_flags_take_effect() {
     let place = sweep("");
     let s = statistics(&place, "--clip none --fan 20,-10,15,40,-20,20");
     let pixels = (0..36).flat_map(|v| (0..40).map(move |u| (f64::from(u) - 20.0, f64::from(v) + 10.0)));
@@ -179,7 +182,7 @@ fn region_and_weight_flags_reach_what_they_name() {
 }
 
 #[test]
-fn a_volume_can_live_in_any_frame_that_the_transforms_reach() {
+fn volume_can_use_any_reachable_frame() {
     let place = sweep("--calibration c.toml");
     for (flags, world) in [("", "Reference"), ("--world Tracker", "Tracker"), ("--world Probe", "Probe")] {
         let s = statistics(&place, &format!("--config c.toml --clip none --path general {flags}"));

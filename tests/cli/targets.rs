@@ -1,22 +1,23 @@
-//! `calibrate probe --method point|stylus|plane`: painted sweeps round wires that cross and over a tank's floor lead to the transducer's calibration.
+//! `calibrate probe --method point|stylus|plane`: simulated sweeps around crossing wires and
+//! over a tank's floor give the transducer's calibration.
 
 use serde_json::Value;
 
 use super::place::Place;
 
-/// A sweep that a trembling tracker follows, and the true calibration.
+/// A sweep with a noisy tracker, and the true calibration.
 fn swept(place: &Place, scene: &str) {
     place.does(&format!(
         "phantom -o {scene}.igs.mha --scene {scene} --trajectory about --frames 200 --image-size 320x240 --tracker-noise 0.05,0.05 --seed 3 --calibration truth.toml"
     ));
 }
 
-/// How far pixels lie from where they are: of the picture's middle, and the most of its corners, mm.
+/// Returns the pixels' errors, mm: at the frame's middle, and the maximum at its corners.
 fn off(place: &Place, name: &str) -> [f64; 2] {
     place.pixels_apart([name, "truth.toml"], [320, 240])
 }
 
-/// What every report holds, for programs.
+/// Checks the common content of all JSON reports.
 fn report(place: &Place, name: &str) -> Value {
     let report = place.json(name);
     assert_eq!(report["image_to_probe"].as_array().unwrap().len(), 16, "{name}");
@@ -31,7 +32,8 @@ fn report(place: &Place, name: &str) -> Value {
     report
 }
 
-/// A page with two pictures, a residual for each of so many marks and more, a map and bars; nothing of it is elsewhere.
+/// Checks a self-contained page with two pictures, a residual for each of at least `marks`
+/// marks, a map and bars.
 fn looks_like_a_page(place: &Place, name: &str, marks: usize) {
     let page = String::from_utf8(place.get(name)).unwrap();
     let body = &page[page.find("<body>").unwrap()..page.find("</html>").unwrap()];
@@ -46,7 +48,7 @@ fn looks_like_a_page(place: &Place, name: &str, marks: usize) {
 }
 
 #[test]
-fn a_point_and_a_stylus_s_tip_tell_where_the_picture_lies() {
+fn point_and_stylus_tip_give_the_probe_calibration() {
     let place = Place::new();
     swept(&place, "cross-wire");
     let said =
@@ -58,7 +60,8 @@ fn a_point_and_a_stylus_s_tip_tell_where_the_picture_lies() {
     assert!(middle < 0.15 && corner < 0.25, "{middle} {corner}");
     assert!(report(&place, "point.json")["lag_s"].as_f64().unwrap().abs() < 2e-3);
 
-    // The crossing on a stylus: the same place, now known, in the frame of the sensor that it is fixed to.
+    // The crossing on a stylus: the same point, now known, in the frame of the sensor that it is
+    // fixed to.
     let tip = report(&place, "point.json")["target"]["point_mm"].clone();
     let [x, y, z]: [f64; 3] = serde_json::from_value(tip).unwrap();
     place.put(
@@ -76,11 +79,11 @@ fn a_point_and_a_stylus_s_tip_tell_where_the_picture_lies() {
 }
 
 #[test]
-fn the_next_view_is_the_corner_where_a_place_is_known_least() {
+fn next_view_is_the_most_uncertain_corner() {
     let place = Place::new();
     swept(&place, "cross-wire");
     let mut named = Vec::new();
-    // What is looked at is a part at one side: the far corner is known least.
+    // Only a part at one side is visible: the far corner is the most uncertain.
     for clip in ["0,0,320,240", "0,0,180,240", "140,0,180,240"] {
         place.does(&format!(
             "calibrate probe --method point --sequence cross-wire.igs.mha --clip {clip} --limit 50 -o c.toml --report r.json"
@@ -105,7 +108,7 @@ fn the_next_view_is_the_corner_where_a_place_is_known_least() {
 }
 
 #[test]
-fn a_tank_s_floor_tells_it_less_well() {
+fn tank_floor_gives_a_less_accurate_calibration() {
     let place = Place::new();
     swept(&place, "tank-floor");
     place.does("calibrate probe --method plane --sequence tank-floor.igs.mha -o plane.toml --report plane.json --report plane.html");
@@ -118,7 +121,7 @@ fn a_tank_s_floor_tells_it_less_well() {
 }
 
 #[test]
-fn what_does_not_tell_it_is_refused_by_what_is_missing() {
+fn insufficient_scans_are_refused_with_the_reason() {
     let place = Place::new();
     place.does(
         "phantom -o still.igs.mha --scene cross-wire --trajectory parallel --gap 0.02 --frames 60 --image-size 320x240 --calibration truth.toml",
@@ -148,5 +151,5 @@ fn what_does_not_tell_it_is_refused_by_what_is_missing() {
     let words = "--sequence still.igs.mha -o a.toml";
     place.refuses(&format!("calibrate probe --method point --phantom p.toml {words}"), &["--phantom: --method point"]);
     place.refuses(&format!("calibrate probe --method stylus {words}"), &["--stylus-tip", "`calibrate pivot`"]);
-    place.refuses(&format!("calibrate probe --method nwire {words}"), &["name their file with --phantom"]);
+    place.refuses(&format!("calibrate probe --method nwire {words}"), &["needs the phantom's wires: give --phantom"]);
 }

@@ -1,13 +1,14 @@
-//! `calibrate tracker`: the noise of a still sensor, and a map of a room with metal in it.
+//! `calibrate tracker`: the noise of a static sensor, and a map of a room with metal in it.
+
+use glam::{DAffine3, DQuat, DVec3};
 
 use calibration::file::CalibrationFile;
 use calibration::tracker::zones::{Zone, Zones};
-use glam::{DAffine3, DQuat, DVec3};
 
 use super::calibrate::tracked;
 use super::place::Place;
 
-/// Numbers that look like noise, between −1 and 1, the same each time.
+/// Returns reproducible pseudo-noise, uniform between −1.7 and 1.7.
 fn scatter(index: usize, which: usize) -> f64 {
     let x = ((index * 7919 + which * 104_729) as f64 * 0.618_033_988_75).fract();
     (2.0 * x - 1.0) * 1.7
@@ -24,7 +25,8 @@ fn lying(drift_mm: f64) -> String {
     tracked(&(0..600).map(reading).collect::<Vec<_>>())
 }
 
-/// Two sensors on a piece of 100 mm, carried along x; beyond x = 350 metal pulls the second one away.
+/// Two sensors, 100 mm apart on a rigid bar, carried along x; beyond x = 350 metal displaces the
+/// second one.
 fn carried() -> String {
     let reading = |index: usize| {
         let t = index as f64 / 600.0;
@@ -42,13 +44,13 @@ fn carried() -> String {
 }
 
 #[test]
-fn the_noise_of_a_still_sensor_is_told_and_one_that_moves_is_refused() {
+fn static_sensor_noise_is_reported_and_moving_refused() {
     let place = Place::new();
     place.put("lying.igs.mha", lying(0.0));
     let said = place.does("calibrate tracker --sequence lying.igs.mha --report noise.json");
     let report = place.json("noise.json");
     let rms = report["position_rms_mm"].as_f64().unwrap();
-    // Evenly spread over ±1.7·0.05 mm along three axes.
+    // Uniform over ±1.7·0.05 mm along three axes.
     assert!((rms / 0.085 - 1.0).abs() < 0.1, "{rms}");
     assert_eq!((&report["poses"]["usable"], &report["poses"]["read"]), (&599.into(), &600.into()));
     assert!(said.contains("refused: 1 pose_invalid") && said.contains("report: noise.json"), "{said}");
@@ -60,12 +62,12 @@ fn the_noise_of_a_still_sensor_is_told_and_one_that_moves_is_refused() {
     place.refuses("calibrate tracker --sequence lying.igs.mha --sensor Stylus", &["nothing is called Stylus"]);
     place.refuses(
         "calibrate tracker --sequence lying.igs.mha -o cal.toml",
-        &["--output: of a sensor's noise nothing goes into a calibration file", "--other"],
+        &["--output: a sensor's noise is not part of a calibration file", "--other"],
     );
 }
 
 #[test]
-fn a_map_of_the_room_names_the_places_where_metal_is() {
+fn room_map_names_zones_with_metal() {
     let place = Place::new();
     place.put("carried.igs.mha", carried());
     place.put("cal.toml", "format = \"sonoweave-calibration\"\nversion = 1\n[volume]\nspacing_mm = [0.5, 0.5, 0.5]\n");
@@ -79,7 +81,7 @@ fn a_map_of_the_room_names_the_places_where_metal_is() {
         let x = cell["low_mm"][0].as_f64().unwrap();
         assert_eq!(cell["warned_of"], x >= 350.0, "{cell}");
     }
-    assert!(said.contains("metal bends the field there") && said.contains("calibration: cal.toml"), "{said}");
+    assert!(said.contains("metal distorts the field there") && said.contains("calibration: cal.toml"), "{said}");
     let file = CalibrationFile::read(&place.path("cal.toml")).unwrap();
     let zones = file.distortion.unwrap();
     assert!(zones.count() > 0 && zones.all().all(|zone| zone.low_mm.x >= 350.0 && zone.rms_mm > 1.0), "{zones:?}");
@@ -92,14 +94,14 @@ fn a_map_of_the_room_names_the_places_where_metal_is() {
 }
 
 #[test]
-fn a_session_counts_the_frames_of_a_bent_field_and_so_does_its_replay() {
+fn session_and_replay_count_frames_in_zones() {
     let place = Place::new();
     let rows = [0.2, 0.0, 0.0, 0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 0.0, 1.0];
-    // Wherever the probe is.
+    // The zones are everywhere.
     let corners = (0..8).map(|n| DVec3::new((n & 1).into(), (n >> 1 & 1).into(), (n >> 2).into()));
     let all = corners.map(|corner| Zone { low_mm: (corner - 1.0) * 1e4, rms_mm: 2.0 }).collect();
     let file = CalibrationFile {
-        probe_from_image: Some(calibration::frames::Transform::from_rows(&rows).unwrap()),
+        probe_from_image: Some(sonoweave_core::frames::Transform::from_rows(&rows).unwrap()),
         distortion: Some(Zones::new(1e4, 1.0, None, all)),
         ..CalibrationFile::default()
     };
@@ -118,7 +120,11 @@ fn a_session_counts_the_frames_of_a_bent_field_and_so_does_its_replay() {
     assert!(frames > 0 && frames >= live["frames"]["used"].as_u64().unwrap(), "{live}");
     assert_eq!((&live["distortion"]["zones"], &live["distortion"]["entered"]), (&8.into(), &1.into()));
     assert!(run.stderr.contains("has come to where metal bends the tracker's field, by 2.0 mm"), "{}", run.stderr);
-    assert!(run.stdout.contains(&format!("{frames} frames were taken where metal bends")), "{}", run.stdout);
+    assert!(
+        run.stdout.contains(&format!("metal distorted the tracker's field during {frames} frames")),
+        "{}",
+        run.stdout
+    );
     let entry = std::fs::read_dir(place.path("sessions")).unwrap().next().unwrap().unwrap();
     let run = place.run(&format!("replay {} --speed max --stats again.json", entry.path().display()));
     assert_eq!(run.code, 0, "{} {}", run.stdout, run.stderr);

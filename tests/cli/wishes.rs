@@ -1,4 +1,5 @@
-//! A session that is told what to do over HTTP, as its page tells it: to freeze, to clear, to save, to stop, to be looked at, and to record anew.
+//! HTTP commands to a session, as sent by its page: freeze, clear, save, stop, view and record
+//! again.
 
 use serde_json::{Value, json};
 
@@ -23,7 +24,7 @@ pub(super) fn account(address: &str) -> Value {
     serde_json::from_str(&body).unwrap()
 }
 
-/// Waits until the account is such.
+/// Waits until the status meets a condition.
 pub(super) fn until(session: &Session, address: &str, what: &str, is: impl Fn(&Value) -> bool) -> Value {
     session.waits_for(what, || Some(account(address)).filter(&is))
 }
@@ -33,20 +34,20 @@ fn slices(account: &Value) -> u64 {
 }
 
 #[test]
-fn a_session_is_stopped_looked_at_recorded_anew_and_replayed() {
+fn session_is_stopped_viewed_recorded_again_and_replayed() {
     let mut session = Session::begin("--keep kept --volume v.mha --picture p.png", &[]);
     let address = session.address();
     until(&session, &address, "slices", |account| slices(account) > 10);
     done(&address, &json!({ "do": "freeze", "on": true }));
-    let frozen = until(&session, &address, "frozen frames", |a| a["refused"]["paused"].as_u64() > Some(3));
-    assert_eq!((&frozen["paused"], &frozen["desk"]["frozen"]), (&true.into(), &true.into()));
+    let frozen = until(&session, &address, "frozen frames", |a| a["refused"]["frozen"].as_u64() > Some(3));
+    assert_eq!((&frozen["frozen"], &frozen["desk"]["frozen"]), (&true.into(), &true.into()));
     let held = slices(&account(&address));
     done(&address, &json!({ "do": "clear" }));
     until(&session, &address, "an empty volume", |account| account["volume"].is_null());
     assert!(held > 10);
     done(&address, &json!({ "do": "freeze", "on": false }));
     until(&session, &address, "slices again", |account| slices(account) > 5);
-    // It is not recorded: it ends, and its volume is looked at and saved.
+    // It is not recorded: it ends, and its volume is viewed and saved.
     done(&address, &json!({ "do": "stop" }));
     let over = until(&session, &address, "the end", |account| account["desk"]["phase"] == "over");
     let (count, had) = (slices(&over), over["recording"].clone());
@@ -63,7 +64,7 @@ fn a_session_is_stopped_looked_at_recorded_anew_and_replayed() {
     session
         .place
         .does("render kept/volume-001.mha --weights kept/volume-001-weights.mha -o again.png --image-size 64x64");
-    // The next is recorded from its first slice on.
+    // The next session is recorded from its first slice on.
     done(&address, &json!({ "do": "record" }));
     until(&session, &address, "a recording", |a| a["desk"]["records"] == true && slices(a) > 10);
     assert_eq!(wish(&address, &json!({ "do": "record" })).0, 409);
@@ -77,19 +78,19 @@ fn a_session_is_stopped_looked_at_recorded_anew_and_replayed() {
         .collect();
     let [recording] = &recorded[..] else { panic!("{recorded:?}") };
     assert_eq!(session.ends("-TERM"), 0, "{}", session.said());
-    // What was recorded comes to the same again, cleared in the middle as it was.
+    // The replay gives the same result, with the same clearing in the middle.
     let ran = session.place.run(&format!("replay kept/{recording} --picture q.png"));
     assert_eq!(ran.code, 0, "{}", ran.stderr);
-    assert!(ran.stderr.contains("the volume is the one that there was when it was live, bit by bit"), "{}", ran.stderr);
+    assert!(ran.stderr.contains("the volume is the same as in the live session, bit by bit"), "{}", ran.stderr);
 }
 
 #[test]
-fn without_a_folder_nothing_is_kept_and_nothing_is_lost_by_asking() {
+fn save_commands_without_folder_are_refused_harmlessly() {
     let mut session = Session::begin("", &[]);
     let address = session.address();
     until(&session, &address, "slices", |account| slices(account) > 3);
-    for deed in ["record", "save", "snapshot"] {
-        let (code, said) = wish(&address, &json!({ "do": deed }));
+    for command in ["record", "save", "snapshot"] {
+        let (code, said) = wish(&address, &json!({ "do": command }));
         assert_eq!(code, 409, "{said}");
         assert!(said["refused"].as_str().unwrap().contains("--keep DIR"), "{said}");
     }

@@ -1,4 +1,5 @@
-// For every hand, eye and ear: axe-core's rules, everything by keyboard, words for what is seen, and no motion for who wants none.
+// Accessibility: axe-core's rules, full keyboard control, screen reader texts, and no motion on
+// request.
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
@@ -36,8 +37,8 @@ test("every control is reached by Tab, in the order in which it is read, is seen
   const { page } = seen;
   await steers(page, true);
   assert.equal(await page.evaluate(() => document.activeElement.id), "view", "the view's keys act at once");
-  // What can be done is known with the first account.
-  await page.waitForFunction(() => !document.querySelector("[data-deed=save]").disabled, null, { timeout: 20_000 });
+  // The available commands are known with the first status message.
+  await page.waitForFunction(() => !document.querySelector("[data-command=save]").disabled, null, { timeout: 20_000 });
   const wanted = await page.evaluate(() => {
     const all = [...document.querySelectorAll("button, [tabindex='0']")].filter((element) => element.checkVisibility() && !element.disabled && !element.closest("dialog"));
     return all.map((element) => element.id || element.textContent);
@@ -91,7 +92,7 @@ test("what is spoken does not chatter", async () => {
   const { page } = seen;
   await says(page, "All is well", 60_000);
   const live = await page.evaluate(() => [...document.querySelectorAll("[aria-live], [role=status], [role=alert], [role=log]")].map(({ id }) => id));
-  // The other one is in a dialog, and says what was wrong with what was written there.
+  // `settings-says` is in a dialog, and reports wrong settings.
   assert.deepEqual(live, ["announcer", "settings-says"]);
   await page.evaluate((live) => {
     window.spoken = 0;

@@ -1,4 +1,5 @@
-// The coach: how fast the probe moves is read at a glance, what is bad is said at the top, and what was left out is marked in the view.
+// Scan guidance: the probe's speed is visible at a glance, bad guidance appears in the banner,
+// and missed regions are marked in the view.
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
@@ -28,7 +29,8 @@ const TOO_FAST = {
 const HOLES = [[[100, 120], [200, 110], [210, 260], [110, 270]], [[230, 120], [300, 110], [310, 260], [240, 270]]];
 const PRESENT = [[320, 120], [420, 110], [430, 260], [330, 270]];
 
-// A page whose session's coach tells what is given here; where there are holes, they are marked instead of what the session marks.
+// Opens a page whose session's guidance is replaced by `coach`. Given `holes` replace the
+// session's marks.
 async function coached({ coach, holes, size = SIZES.desk }) {
   const { address } = await shared();
   const through = (socket) => {

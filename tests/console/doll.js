@@ -1,14 +1,15 @@
-// What is known of the doll in the water tank, and how it is found on the planes.
+// Known dimensions of the doll in the water tank, and their measurement on the planes.
 
 import assert from "node:assert/strict";
 
 import { measured } from "./page.js";
 
-/// How far the axes of its legs are apart across z = −45 mm; see src/phantom/body/doll.rs.
+/// Distance of the legs' axes at z = −45 mm; see crates/phantom/src/body/doll.rs.
 export const LEGS_MM = 27;
 const LEGS_Z = -45;
 
-// Where the two legs are in the plane across z, by the middles of what is bright left and right of the middle: pixels of its picture.
+// Returns the positions of both legs in the plane across z: the centroids of the bright pixels
+// left and right of the middle, as fractions of its picture.
 const legs = (page) =>
   page.evaluate(() => {
     const canvas = document.getElementById("plane-z");
@@ -20,7 +21,7 @@ const legs = (page) =>
       for (let x = 0; x < width; x += 1) {
         const [r, g, b] = data.subarray(4 * (y * width + x), 4 * (y * width + x) + 3);
         const at = [0, 1, 2].map((n) => origin[n] + right[n] * x + down[n] * y);
-        // Neither the probe's face nor the tank's floor, and no more than a leg aside.
+        // Excludes the probe's face, the tank's floor, and everything beyond a leg's width.
         if (r !== g || g !== b || r < 60 || at[1] < -22 || at[1] > 6 || Math.abs(at[0]) > 26) continue;
         const side = found[at[0] < 0 ? 0 : 1];
         side.n += 1;
@@ -36,7 +37,7 @@ async function click(page, name, x, y) {
   await page.mouse.click(box.x + x * box.width, box.y + y * box.height);
 }
 
-/// Marks the middles of both legs on the plane across z, which is brought to them; measuring is open.
+/// Moves the plane across z to the legs, and marks their middles; measuring must be open.
 export async function markLegs(page) {
   const asked = await page.evaluate((z) => fetch("/v1/do", { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify({ do: "cross", at: [0, 47, z] }) }).then((answer) => answer.status), LEGS_Z);
   assert.equal(asked, 200);

@@ -1,4 +1,4 @@
-// The line to the session: lost, found again, and at the session's end.
+// The connection to the session: lost, restored, and at the session's end.
 
 import assert from "node:assert/strict";
 import { setTimeout as wait } from "node:timers/promises";

@@ -1,4 +1,4 @@
-// All tests of the console's page, one after the other: two cores do not draw two sessions.
+// All tests of the console's page, one after the other: two cores cannot render two sessions.
 
 import { after, afterEach } from "node:test";
 
@@ -8,7 +8,7 @@ import { endLeft, endShared } from "./session.js";
 await import("./words.test.js");
 await import("./pictures.test.js");
 await import("./steering.test.js");
-await import("./deeds.test.js");
+await import("./commands.test.js");
 await import("./planes.test.js");
 await import("./measure.test.js");
 await import("./replay.test.js");

@@ -1,4 +1,5 @@
-// Figures on the planes and in the view: a distance of the phantom that is known lies within the error that is told, and a place knows the slices that it was made of.
+// Figures on the planes and in the view. A known distance of the phantom must lie within the
+// reported error, and a place must report the slices that contributed to it.
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
@@ -7,7 +8,7 @@ import { LEGS_MM, markLegs } from "./doll.js";
 import { audit, measured, open, settled, shot, SIZES, steers } from "./page.js";
 import { shared } from "./session.js";
 
-// How far apart the middles of the doll's feet are, across y = −11 mm; see src/phantom/body/doll.rs.
+// Distance of the middles of the doll's feet, across y = −11 mm; see crates/phantom/src/body/doll.rs.
 const FEET_MM = 31.5;
 const FEET_Y = -11;
 
@@ -39,7 +40,7 @@ test("a distance of the doll is what it is, within the error that is told, by mo
   assert.ok(Math.abs(value - LEGS_MM) <= error, `${value} ± ${error}`);
   assert.match(await page.locator("#measure-results").innerText(), /^\d+\.\d+ ± \d+\.\d+ mm/);
   assert.ok((await page.locator('[data-figure="distance"]').count()) >= 1, "it is drawn");
-  // A triangle's area by keys alone: Enter marks, arrows go on.
+  // A triangle's area by keys alone: Enter marks, arrows move on.
   await page.locator("#measure-kind").selectOption("area");
   await page.locator("#plane-z").focus();
   const go = async (key, times) => {
@@ -69,7 +70,7 @@ test("a distance of the doll is what it is, within the error that is told, by mo
   assert.deepEqual(seen.complaints, []);
 });
 
-// Where a place of the world is in the view, in shares of its width and height.
+// Returns the position of a world point in the view, as fractions of its width and height.
 const inView = (page, at) =>
   page.evaluate((at) => {
     const [i, j, w] = window.sonoweave.sight.projection.map((row) => row.reduce((sum, x, n) => sum + x * [...at, 1][n], 0));
@@ -77,13 +78,13 @@ const inView = (page, at) =>
     return [(i / w + 0.5) / width, (j / w + 0.5) / height];
   }, at);
 
-// Grey of the plane across x at a place of the world that lies in it.
+// Returns the grey value of the plane across x at a world point in it.
 const greyAt = (page, at) =>
   page.evaluate((at) => {
     const { origin, right, down } = window.sonoweave.planes.told[5];
     const along = (axis) => at.reduce((sum, x, n) => sum + (x - origin[n]) * axis[n], 0) / axis.reduce((sum, x) => sum + x * x, 0);
     const canvas = document.getElementById("plane-x");
-    // Of the page's own canvas the browser would complain that it is read.
+    // The browser complains about reading the page's own canvas.
     const copy = Object.assign(document.createElement("canvas"), { width: canvas.width, height: canvas.height }).getContext("2d");
     copy.drawImage(canvas, 0, 0);
     return copy.getImageData(Math.round(along(right)), Math.round(along(down)), 1, 1).data[0];
@@ -115,7 +116,7 @@ test("what is seen in the view is pointed at by mouse and by keys, without plane
   t.diagnostic(`the feet are ${value.toFixed(2)} ± ${error.toFixed(2)} mm apart, ${FEET_MM} by the doll's description; seen at z ${left.point[2].toFixed(1)} and ${right.point[2].toFixed(1)} mm, each within ${left.depth_mm.toFixed(2)} mm`);
   assert.ok(Math.abs(value - FEET_MM) <= error, `${value} ± ${error}`);
   assert.ok(sampling <= error && left.depth_mm > 0.1 && left.along[2] > 0.999, JSON.stringify(left));
-  // Drawn where it lies, and again when the view is turned.
+  // The figure is drawn at its position, also after the view has turned.
   const drawnAt = () => page.locator('#view-figures [data-figure="distance"] circle').first().evaluate((circle) => [Number(circle.getAttribute("cx")), Number(circle.getAttribute("cy"))]);
   const where = async () => (await inView(page, left.point)).map((share, n) => share * [box.width, box.height][n]);
   const meet = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]) < 1.5;
@@ -127,17 +128,17 @@ test("what is seen in the view is pointed at by mouse and by keys, without plane
   await settled(page);
   const after = await drawnAt();
   assert.ok(meet(after, await where()) && !meet(after, before), `${before} ${after}`);
-  // Beside the volume nothing is seen, and the keys point at the middle, which the cross-hair shows.
+  // Beside the volume nothing is visible. Keys mark the middle, which the cross-hair shows.
   assert.equal(await page.locator("#view-figures [data-hair]").count(), 8);
   await page.mouse.click(box.x + 2, box.y + 2);
-  await page.locator("#measure-says", { hasText: "nothing is seen there" }).waitFor();
+  await page.locator("#measure-says", { hasText: "nothing opaque is visible there" }).waitFor();
   assert.equal((await state(page)).points.length, 0);
   await page.keyboard.press("Enter");
   await page.waitForFunction(() => window.sonoweave.measure.points.length === 1, null, { timeout: 10_000 });
   await page.keyboard.press("Backspace");
   assert.equal((await state(page)).points.length, 0);
   assert.deepEqual(await audit(page), []);
-  // Where the planes cross it grows brighter along the ray.
+  // At the crossing of the planes, grey values grow along the ray.
   await page.locator("#measure-mark").focus();
   await page.keyboard.press("p");
   assert.equal(await page.evaluate(() => document.activeElement.id), "measure-mark", "the focus stays where it was");
@@ -148,7 +149,7 @@ test("what is seen in the view is pointed at by mouse and by keys, without plane
   const along = (mm) => greyAt(page, left.point.map((x, n) => x + left.along[n] * mm));
   const [near, there] = [await along(-6), await along(1.5)];
   assert.ok(there > near + 30, `${near} before it, ${there} behind`);
-  // The browser's own log tells that an answer was a refusal.
+  // The browser's own log reports the refused request.
   assert.deepEqual(seen.complaints.filter((text) => !text.includes("422")), []);
 });
 

@@ -1,4 +1,4 @@
-// A page of the console in a real browser, and what can be asked of it.
+// A page of the console in a real browser, and functions to query it.
 
 import assert from "node:assert/strict";
 import { join } from "node:path";
@@ -8,25 +8,26 @@ import { BROWSER, installed, OUT } from "./place.js";
 const { chromium } = installed("playwright-core");
 const axe = installed("axe-core");
 
-/// A desk's screen, and a tablet lying and upright.
+/// A desktop screen, and a tablet in landscape and portrait.
 export const SIZES = {
   desk: { width: 1280, height: 800 },
   lying: { width: 1024, height: 768 },
   upright: { width: 820, height: 1180 },
 };
 
-// Root has no sandbox; the pages are our own.
+// Root has no sandbox; only our own pages are opened.
 let browser;
 const launch = async () => (browser ??= await chromium.launch({ executablePath: BROWSER, args: process.getuid?.() === 0 ? ["--no-sandbox"] : [] }));
 
 /// Closes the browser.
 export const quit = () => browser?.close();
 
-/// Closes what a test has opened, and a test that has failed has left open.
+/// Closes contexts left open by failed tests.
 export const closeAll = () => Promise.all((browser?.contexts() ?? []).map((context) => context.close()));
 
-/// Opens the page at this address. `complaints` fills with whatever the browser complains of, `binary` counts the pictures that come.
-/// `through(socket)`, where it is given, stands between the page and the session: it is playwright's WebSocketRoute.
+/// Opens the page at this address. `complaints` collects the browser's errors and warnings;
+/// `binary` counts the received pictures. `through(socket)`, if given, intercepts the page's
+/// connection; it receives playwright's WebSocketRoute.
 export async function open(address, { size = SIZES.desk, through, ...settings } = {}) {
   const context = await (await launch()).newContext({ viewport: size, ...settings });
   const page = await context.newPage();
@@ -46,17 +47,18 @@ export async function open(address, { size = SIZES.desk, through, ...settings } 
   return seen;
 }
 
-/// Closes a page and all that belongs to it.
+/// Closes a page and its context.
 export const close = ({ page }) => page.context().close();
 
-/// What the page has measured (`window.sonoweave`).
+/// Returns the page's measurements (`window.sonoweave`).
 export const measured = (page) => page.evaluate(() => window.sonoweave);
 
-/// Waits until this page steers the view, or looks on.
+/// Waits until this page has control, or has not.
 export const steers = (page, whether) =>
   page.waitForFunction((whether) => window.sonoweave.control === whether, whether, { timeout: 10_000 });
 
-/// Listens to what the page asks of its session from now on, answers to pictures left out; what it gives tells what was asked.
+/// Records the page's commands from now on, except acknowledgements. The returned function
+/// gives them.
 export async function listen(page) {
   await page.evaluate(() => {
     window.wishes = [];
@@ -67,24 +69,26 @@ export async function listen(page) {
       send.call(this, text);
     };
   });
-  // Wishes wait for the screen's next frame.
+  // Commands wait for the screen's next frame.
   return () => page.evaluate(() => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(() => resolve(window.wishes.splice(0))))));
 }
 
-/// Waits until so many more pictures of this name (`slice`, `view`) were drawn.
+/// Waits until this many more pictures of this name (`slice`, `view`) were drawn.
 export async function drawn(page, name, more = 1, timeout = 30_000) {
   const before = (await measured(page)).pictures[name].drawn;
   await page.waitForFunction(([name, n]) => window.sonoweave.pictures[name].drawn >= n, [name, before + more], { timeout });
 }
 
-/// Waits until no finer view of the volume is to be had, or what comes shows for a while what was wished for.
+/// Waits until the finest view of the volume is shown, or until the requested view has been
+/// shown for a while.
 export async function settled(page) {
   await drawn(page, "view", 2);
   const finest = () => !window.sonoweave.pictures.view.refining;
   await page.waitForFunction(finest, null, { timeout: 1500, polling: "raf" }).catch(() => {});
 }
 
-/// The greys of a canvas, made 96 pixels wide so that they compare quickly: `{ width, height, grey }`.
+/// Returns a canvas' grey values, reduced to 96 pixels width for quick comparison: `{ width,
+/// height, grey }`.
 export function greys(page, id) {
   return page.evaluate((id) => {
     const from = document.getElementById(id);
@@ -98,12 +102,13 @@ export function greys(page, id) {
   }, id);
 }
 
-/// Mean difference of two such, of 255.
+/// Returns the mean difference of two such images, of 255.
 export function difference(a, b) {
   return a.grey.reduce((sum, grey, n) => sum + Math.abs(grey - b.grey[n]), 0) / a.grey.length;
 }
 
-/// What of it is no background, which its corners are: the share of its area, and the middle in fractions of its width and height.
+/// Returns the part that differs from the background, which is that of the corners: its
+/// fraction of the area, and its middle in fractions of width and height.
 export function body({ width, height, grey }) {
   const corners = [0, width - 1, width * (height - 1), width * height - 1].map((n) => grey[n]).sort((a, b) => a - b);
   const ground = corners[1];
@@ -117,25 +122,25 @@ export function body({ width, height, grey }) {
   return { share: n / grey.length, x: x / Math.max(1, n) / width, y: y / Math.max(1, n) / height };
 }
 
-/// The first and gravest sentence at the top.
+/// Returns the first and worst sentence of the banner.
 export const banner = (page) => page.locator("#banner p").first().innerText();
 
-/// Waits until the top says so.
+/// Waits until the banner says this.
 export const says = (page, words, timeout = 30_000) => page.locator("#banner", { hasText: words }).waitFor({ timeout });
 
-/// Covers the page's window (`hidden`), or uncovers it (`visible`), as far as the page is told.
+/// Makes the page believe that its window is covered (`hidden`) or uncovered (`visible`).
 export const look = (page, state) =>
   page.evaluate((state) => {
     Object.defineProperty(document, "visibilityState", { value: state, configurable: true });
     document.dispatchEvent(new Event("visibilitychange"));
   }, state);
 
-/// A picture of the page, to be looked at by people.
+/// Takes a screenshot, for people.
 export const shot = (page, name) => page.screenshot({ path: join(OUT, `${name}.png`) });
 
-/// What axe-core finds wrong, a line each.
+/// Returns axe-core's findings, one per line.
 export async function audit(page) {
-  // The page's policy lets no foreign script in; the browser's own door is another.
+  // The page's policy refuses foreign scripts; the browser's own interface does not.
   await page.evaluate(axe.source);
   const { violations, passes } = await page.evaluate(() => axe.run());
   assert.ok(passes.length > 10, "it looked");

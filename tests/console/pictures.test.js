@@ -1,4 +1,5 @@
-// The live picture and the view of the volume: they move, at the pace of the screen, and only while somebody looks.
+// The live B-mode image and the view of the volume: they move at the screen's pace, and only
+// while the page is visible.
 
 import assert from "node:assert/strict";
 import { setTimeout as wait } from "node:timers/promises";
@@ -7,7 +8,8 @@ import { test } from "node:test";
 import { close, difference, drawn, greys, look, measured, open, says, SIZES, shot } from "./page.js";
 import { shared } from "./session.js";
 
-// Latest, ms: it is right or wrong here, not fast or slow, and other things run beside.
+// Latest arrival, ms. The tests check correctness, not speed, and other programs run beside
+// them.
 const LATEST = 3000;
 
 test("the page stands at once, and both pictures move", async (t) => {
@@ -53,7 +55,7 @@ test("a hidden page is sent nothing, and one that is seen again goes on", async 
   const seen = await open(address);
   await drawn(seen.page, "slice", 5);
   await look(seen.page, "hidden");
-  // What was under way arrives.
+  // Pictures under way arrive.
   await wait(1500);
   const before = seen.binary;
   await wait(3000);
@@ -155,7 +157,7 @@ test("grey, colour and JPEG are drawn as they are, the newest only, and each is 
   assert.deepEqual(answers, [[1, false], [2, true], [4, true], [3, false], [5, true], [6, false], [7, false], [1, true]]);
 });
 
-// All pixels of the scanner's picture as the canvas has them.
+// Returns all pixels of the B-mode image in the canvas.
 const pixels = (page) =>
   page.evaluate(() => {
     const canvas = document.getElementById("slice");
@@ -172,7 +174,7 @@ test("the scanner's greys are dragged and pressed as far as is said, on this pag
   await drawn(page, "slice", 5);
   const caption = page.locator("#slice-caption");
   assert.doesNotMatch(await caption.innerText(), /greys/);
-  // The last picture stays while nobody looks, so that it can be compared.
+  // The last picture stays while the page is hidden, so that it can be compared.
   await look(page, "hidden");
   await wait(1500);
   const before = await pixels(page);
@@ -206,7 +208,7 @@ test("the scanner's greys are dragged and pressed as far as is said, on this pag
   await page.mouse.dblclick(x, y);
   assert.deepEqual(await shown(), { level: 127.5, width: 255 });
   assert.doesNotMatch(await caption.innerText(), /greys/);
-  // What comes next is shown likewise.
+  // The next pictures are displayed alike.
   await page.keyboard.press("ArrowUp");
   await look(page, "visible");
   await drawn(page, "slice", 3);

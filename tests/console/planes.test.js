@@ -1,4 +1,5 @@
-// Planes through the volume: shown when asked for, where they are said to lie, moved by hand, wheel and keys of the page that steers; and the looks that are dragged.
+// Planes through the volume: shown on request at their reported position, moved by pointer,
+// wheel and keys of the page in control; and the style settings.
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
@@ -10,7 +11,7 @@ import { Session, shared } from "./session.js";
 const axe = installed("axe-core");
 const NAMES = { 3: "z", 4: "y", 5: "x", 6: "free" };
 
-// Opens a page that steers and shows planes, when the volume has its first sweep.
+// Opens a page with control that shows planes, after the volume's first sweep.
 async function planes(settings) {
   const { address } = await shared();
   return showing(address, 250, settings);
@@ -21,7 +22,7 @@ async function showing(address, slices, settings) {
   const { page } = seen;
   await steers(page, true);
   await page.waitForFunction((slices) => window.sonoweave.account?.slices > slices, slices, { timeout: 60_000 }).catch(async (error) => {
-    // What keeps slices from coming is said, for whoever looks for it.
+    // Prints why no slices arrive.
     console.log(JSON.stringify((await measured(page)).account));
     throw error;
   });
@@ -35,7 +36,7 @@ const counts = async (page) => Object.values((await measured(page)).planes.pictu
 
 // Waits until each plane has been drawn.
 const all = (page) => page.waitForFunction(() => Object.values(window.sonoweave.planes.pictures).every(({ drawn }) => drawn > 0), null, { timeout: 30_000 });
-// Waits until what was told with a plane's last picture is such.
+// Waits until the description of a plane's last picture fulfils the condition.
 async function until(page, kind, holds) {
   const begun = Date.now();
   for (;;) {
@@ -46,24 +47,24 @@ async function until(page, kind, holds) {
   }
 }
 
-// Where a plane lies in the world, along its normal.
+// Returns a plane's position in the world, along its normal.
 function offset({ origin, right, down }) {
   const normal = [right[1] * down[2] - right[2] * down[1], right[2] * down[0] - right[0] * down[2], right[0] * down[1] - right[1] * down[0]];
   const long = Math.hypot(...normal);
   return normal.reduce((sum, x, n) => sum + x * origin[n], 0) / long;
 }
 
-// A place of a plane's canvas, by its shares, on the screen.
+// Returns the screen position of a point of a plane's canvas, given by fractions.
 async function at(page, name, x, y) {
   const box = await page.locator(`#plane-${name}`).boundingBox();
   return [box.x + x * box.width, box.y + y * box.height];
 }
 
-// Colours of a plane's canvas: how many pixels are grey, and how many are the blue of what was not seen.
+// Counts the colours of a plane's canvas: grey pixels, and the blue of unseen ones.
 const colours = (page, name) =>
   page.evaluate((name) => {
     const canvas = document.getElementById(`plane-${name}`);
-    // Of the page's own canvas the browser would complain that it is read.
+    // The browser complains about reading the page's own canvas.
     const { width, height } = canvas;
     const copy = Object.assign(document.createElement("canvas"), { width, height }).getContext("2d");
     copy.drawImage(canvas, 0, 0);
@@ -96,7 +97,7 @@ test("planes are drawn only when they are shown, fit a desk's screen and show wh
   await drawn(page, "slice", 2);
   const height = await page.evaluate(() => [document.documentElement.scrollHeight, innerHeight]);
   assert.ok(height[0] <= height[1], `everything is seen at once: ${height}`);
-  // While they change, a busy machine may send them packed; what stands still comes whole.
+  // While the planes change, a busy machine may send JPEGs; static planes arrive lossless.
   await page.keyboard.press("f");
   await page.getByRole("button", { name: "Freeze", pressed: true }).waitFor();
   await page.waitForTimeout(500);
@@ -115,7 +116,7 @@ test("planes are drawn only when they are shown, fit a desk's screen and show wh
   const lines = await page.locator("#plane-z + svg line[data-of]").evaluateAll((all) => all.map((line) => [line.dataset.of, line.getAttribute("stroke-dasharray")]));
   assert.deepEqual([...new Set(lines.map(([of]) => of))].sort(), ["free", "x", "y"]);
   assert.equal(new Set(lines.filter(([, dash]) => dash).map(([, dash]) => dash)).size, 3, "told apart by their dashes, too");
-  // Nobody looks: nothing comes.
+  // Hidden planes receive no pictures.
   await page.keyboard.press("p");
   assert.ok(!(await page.locator("#planes-panel").isVisible()));
   await drawn(page, "slice", 5);
@@ -137,10 +138,10 @@ test("a click moves the cross there, the wheel goes through, arrows step by a vo
   const seen = await planes();
   const { page } = seen;
   await page.locator("#planes-home").click();
-  // The one that is clicked in, and the one by which it is told that the click has moved it.
+  // Waits for the clicked plane, and for the one that reports the movement.
   for (const kind of [3, 5]) await until(page, kind, ({ home }) => home);
   const before = await told(page);
-  // A click in the plane across z moves those across x and y, and not itself.
+  // A click in the plane across z moves those across x and y, but not itself.
   await page.mouse.click(...(await at(page, "z", 0.3, 0.6)));
   await until(page, 5, ({ home }) => !home);
   const moved = (await measured(page)).planes.cross;
@@ -151,7 +152,7 @@ test("a click moves the cross there, the wheel goes through, arrows step by a vo
   await until(page, 5, (last) => Math.abs(last.cross[0] - moved[0]) < 1e-9 && Math.abs(offset(last) - offset(before[5])) > 1);
   const after = await told(page);
   assert.ok(Math.abs(offset(after[3]) - offset(before[3])) < 1e-5, "it moved within it");
-  // The wheel, away from who looks.
+  // The wheel moves away from the viewer.
   const asked = await listen(page);
   await page.mouse.move(...(await at(page, "z", 0.3, 0.6)));
   await page.mouse.wheel(0, 110);
@@ -180,7 +181,7 @@ test("the cross stays where the hand has put it, however late the session's pict
   let late = 0;
   const through = (socket) => {
     const server = socket.connectToServer();
-    // In their order, however late.
+    // Messages stay in order, however late.
     server.onMessage((message) => setTimeout(() => socket.send(message), late));
   };
   const session = await Session.small();
@@ -190,7 +191,7 @@ test("the cross stays where the hand has put it, however late the session's pict
   late = 1500;
   await page.mouse.click(...(await at(page, "z", 0.3, 0.6)));
   const put = (await measured(page)).planes.cross;
-  // What was under way when it was put there, and what was made of it, come meanwhile.
+  // Meanwhile the pictures under way at the click arrive, and those made from them.
   const places = await page.evaluate(async (put) => {
     const { planes } = window.sonoweave;
     const places = new Set();
@@ -202,7 +203,7 @@ test("the cross stays where the hand has put it, however late the session's pict
   }, put);
   assert.deepEqual(places, [put.join()]);
   await until(page, 5, ({ cross }) => cross.every((x, n) => Math.abs(x - put[n]) < 1e-6));
-  // Nothing is waited for then: where the session brings it, it is.
+  // The page then follows the session's position again.
   late = 0;
   await page.locator("#planes-home").click();
   await page.waitForFunction((put) => window.sonoweave.planes.cross.join() !== put, put.join(), { timeout: 20_000 });
@@ -216,7 +217,7 @@ test("the free plane is turned by Shift and drag, by its knob and by keys, and t
   const { page } = seen;
   await page.locator("#planes-home").click();
   await until(page, 6, ({ home }) => home);
-  // Where nobody has put it, the cross is in the middle of what grows.
+  // Before the first command, the cross is in the middle of the growing volume.
   await page.mouse.click(...(await at(page, "z", 0.5, 0.5)));
   for (const kind of [3, 4, 5, 6]) await until(page, kind, ({ home }) => !home);
   await page.waitForTimeout(300);
@@ -258,14 +259,14 @@ test("black and white of the planes are dragged and reset", async () => {
   const { page } = seen;
   const asked = await listen(page);
   const levels = await page.locator("#levels").boundingBox();
-  // By a key, five times five steps of 1/128 of the range.
+  // By key: five times five steps of 1/128 of the range.
   const dark = (await colours(page, "y")).black;
   await page.locator("[data-name=black]").focus();
   for (let n = 0; n < 5; n += 1) await page.keyboard.press("Shift+ArrowRight");
   await until(page, 4, ({ window }) => Math.abs(window[0] - 49.8) < 0.1);
   await page.waitForFunction(() => window.sonoweave.planes.window[0] > 49);
   assert.ok((await colours(page, "y")).black > dark, "more is black");
-  // By the hand: white down to the middle.
+  // By pointer: white down to the middle.
   await page.mouse.move(levels.x + levels.width - 8, levels.y + levels.height - 12);
   await page.mouse.down();
   await page.mouse.move(levels.x + levels.width / 2, levels.y + levels.height - 12, { steps: 10 });
@@ -306,7 +307,7 @@ test("the volume's look is chosen, its opacities are dragged, and it is reset", 
   const wishes = await asked();
   assert.ok(wishes.length > 0 && wishes.every((wish) => wish.do === "transfer" && wish.preset === "xray"), JSON.stringify(wishes));
   assert.ok(Math.abs(wishes.at(-1).points[0][1] - 0.17) < 1e-6, JSON.stringify(wishes.at(-1)));
-  // A double click adds a point, Delete takes it away.
+  // A double click adds a point, Delete removes it.
   await page.mouse.dblclick(levels.x + levels.width * 0.7, levels.y + 30);
   await page.waitForFunction(() => document.querySelectorAll("[data-name^=point]").length === 2);
   await page.locator("[data-name=point-1]").focus();
@@ -317,7 +318,8 @@ test("the volume's look is chosen, its opacities are dragged, and it is reset", 
   await page.getByRole("button", { name: "Reset look" }).click();
   await page.waitForFunction(() => document.querySelectorAll("[data-name^=point]").length === 4);
   assert.equal(await page.locator("#levels-preset").inputValue(), "");
-  // The volume may have grown meanwhile: it is as at the beginning if it is more like that than like what was put on.
+  // The volume may have grown meanwhile: the style counts as reset if the view resembles the
+  // plain one more than the other.
   for (let n = 0; ; n += 1) {
     const now = await greys(page, "view");
     if (difference(now, plain) < difference(now, xray) / 2) break;

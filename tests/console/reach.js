@@ -1,5 +1,7 @@
-// What pages attain and cost, in figures: how long a picture takes from when it was due to this browser's screen while a session captures, what three pages cost that look at a
-// session that stands still, and that nothing is drawn when the last page is closed. Frames are painted beforehand. SECONDS of each, 30 by default; nothing else should run meanwhile.
+// Performance and cost of pages, in figures. It measures the delay from a picture's due time to
+// this browser's screen during capture, and the cost of three pages that view a static session.
+// It checks that nothing is rendered after the last page is closed. Frames are rendered
+// beforehand. Each part takes SECONDS_EACH, 30 by default; nothing else should run meanwhile.
 
 import { mkdtempSync, readFileSync, rmSync } from "node:fs";
 import { join } from "node:path";

@@ -1,4 +1,5 @@
-// A session is recorded from the page; then it is shown by another program, scrubbed through, run again by other settings, and measured.
+// A session is recorded from the page. Another program then shows it, scrubs through it,
+// replays it with other settings, and measures in it.
 
 import assert from "node:assert/strict";
 import { mkdirSync, mkdtempSync, readdirSync, rmSync, writeFileSync } from "node:fs";
@@ -15,12 +16,12 @@ const until = (page, is, ...with_) => page.waitForFunction(is, with_, { timeout:
 const phase = (page, name) => until(page, ([name]) => window.sonoweave.account?.desk.phase === name, name);
 const account = async (page) => (await measured(page)).account;
 
-// Run until its end, `runs` runs after the page was opened.
+// Waits until the replay with these settings has ended.
 const ran = (page, tried) => until(page, ([tried]) => {
   const desk = window.sonoweave.account?.desk;
   return desk?.phase === "over" && JSON.stringify(desk.replayed.tried) === tried;
 }, JSON.stringify(tried)).catch(async (error) => {
-  // What came of it instead is said, for whoever looks for it.
+  // Prints what happened instead.
   console.log(JSON.stringify((await account(page)).desk), await page.locator("#settings-says").innerText());
   throw error;
 });
@@ -49,7 +50,7 @@ test("a session is recorded, shown again, scrubbed through, run by other setting
   await live.end();
   const [recording] = readdirSync(folder).filter((name) => name.endsWith(".mcap"));
 
-  // A calibration that lies beside it, half as large.
+  // A calibration beside the recording, half as large.
   writeFileSync(join(folder, "half.toml"), HALF);
   const session = await Session.replay(join(folder, recording), kept);
   const { page, complaints } = await open(session.address);
@@ -83,7 +84,7 @@ test("a session is recorded, shown again, scrubbed through, run by other setting
   await page.locator("#scrub-says", { hasText: `frame 101 of ${frames}` }).waitFor();
   await shot(page, "replayed");
 
-  // By other voxels; what is wrong is said where it was written, and changes nothing.
+  // Replays with other voxels. A wrong setting is reported in the dialog, and changes nothing.
   await run(page, { "volume.spacing_mm": "-3" });
   await page.locator("#settings-says", { hasText: "volume.spacing_mm: must be positive" }).waitFor();
   await shot(page, "settings");
@@ -96,23 +97,23 @@ test("a session is recorded, shown again, scrubbed through, run by other setting
   assert.equal(coarse.slices, was.slices);
   assert.ok(coarse.volume.voxels[0] < was.volume.voxels[0], `${coarse.volume.voxels}`);
   await says(page, "volume.spacing_mm = 4");
-  // By a calibration beside the session: what was seen is half as large.
+  // Replays with a calibration beside the session: the content is half as large.
   await run(page, { "calibration.file": "half.toml", "volume.spacing_mm": "2" });
   await ran(page, { "calibration.file": "half.toml", "volume.spacing_mm": 2 });
   assert.ok((await account(page)).volume.mm.some((mm, n) => mm < was.volume.mm[n]), "it is smaller");
-  // By another latency.
+  // Replays with another latency.
   await run(page, { "calibration.file": "", "grabber.latency_ms": "0" });
   await ran(page, { "grabber.latency_ms": 0, "volume.spacing_mm": 2 });
   await button(page, "Save volume").click();
   await until(page, () => window.sonoweave.account.desk.events.some(({ says }) => says.includes("the volume is saved")));
   assert.ok(readdirSync(kept).includes("volume-001.mha"));
-  // Back.
+  // Back to the recorded settings.
   await button(page, "Settings").click();
   await button(page, "As recorded").click();
   await ran(page, {});
   assert.deepEqual((await account(page)).volume, was.volume);
   assert.match((await account(page)).desk.events.at(-1).says, /with the same outcome/);
-  // What is known of the doll is within the error that is told.
+  // A known dimension of the doll is within the reported error.
   await page.keyboard.press("p");
   await until(page, () => Object.values(window.sonoweave.planes.pictures).every(({ drawn }) => drawn > 0));
   await page.keyboard.press("m");

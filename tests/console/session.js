@@ -6,11 +6,11 @@ import { join } from "node:path";
 
 import { EXAMPLE, OUT, PROGRAM } from "./place.js";
 
-// For how long a session may take to begin or to end, ms.
+// Time limit for beginning or ending a session, ms.
 const PATIENCE = 60_000;
 const TELLS = /console: (https?:\/\/\S+)/;
 
-// None outlives the tests, however they end.
+// No session outlives the tests, however they end.
 const running = new Set();
 process.on("exit", () => running.forEach((child) => child.kill("SIGKILL")));
 
@@ -18,27 +18,29 @@ export class Session {
   #child;
   #place;
   #ended;
-  /// Where its page is.
+  /// Address of its page.
   address;
 
-  /// Begins one whose console listens at this port, 0 for any that is free.
+  /// Begins a session whose console listens at this port, 0 for any free one.
   static async begin(port = 0) {
     const place = mkdtempSync(join(OUT, "session-"));
     return Session.#run(place, ["demo", "--headless", "--out", place, "--console", `127.0.0.1:${port}`]);
   }
 
-  /// One with small pictures and coarse voxels, whose volume is drawn anew at once however busy the machine is.
+  /// Begins a session with small frames and coarse voxels. Its volume is rendered quickly even
+  /// on a busy machine.
   static async small() {
     const place = mkdtempSync(join(OUT, "session-"));
     return Session.#run(place, ["live", "--config", small(place, "8"), "--headless", "--console", "127.0.0.1:0"]);
   }
 
-  /// The same at more pictures a second, recorded in a folder that is left as it is.
+  /// Begins the same session with more frames per second, recorded in a folder that is kept.
   static async recorded(folder) {
     return Session.#run(null, ["live", "--config", small(folder, "20"), "--record", folder, "--headless", "--console", "127.0.0.1:0"]);
   }
 
-  /// One whose pictures are painted beforehand, so that painting takes no time from what is measured; pictures are so large.
+  /// Begins a session with frames rendered beforehand, so that rendering does not affect the
+  /// measurement. `size` is the frames' size.
   static async painted(folder, size) {
     const text = readFileSync(EXAMPLE, "utf8").replace(/^reference_station.*$/m, "").replace(/^#painted = true.*$/m, "painted = true").replace(/^size = .*$/m, `size = "${size}"`);
     const config = join(folder, "painted.toml");
@@ -46,12 +48,13 @@ export class Session {
     return Session.#run(null, ["live", "--config", config, "--headless", "--console", "127.0.0.1:0"]);
   }
 
-  /// Shows a recorded session, and keeps what it is told to keep in a folder.
+  /// Replays a recorded session, and saves into a folder.
   static async replay(recording, keep) {
     return Session.#run(null, ["replay", recording, "--keep", keep, "--console", "127.0.0.1:0"]);
   }
 
-  /// Begins one by the virtual bedside's own configuration with more behind it, in a folder that is left as it is.
+  /// Begins a session with the virtual bedside's configuration and additions, in a folder that
+  /// is kept.
   static async with(folder, more, host, port = 0) {
     const config = join(folder, "bedside.toml");
     writeFileSync(config, execFileSync(PROGRAM, ["live", "--example", "virtual"]) + more);
@@ -72,12 +75,12 @@ export class Session {
     return session;
   }
 
-  /// Where it leaves what it leaves.
+  /// Its output folder.
   get folder() {
     return this.#place;
   }
 
-  /// Its process.
+  /// Its process id.
   get pid() {
     return this.#child.pid;
   }
@@ -87,17 +90,17 @@ export class Session {
     return this.#child === child;
   }
 
-  /// The port that its console listens at.
+  /// The port of its console.
   get port() {
     return Number(new URL(this.address).port);
   }
 
-  /// Stops it in the middle of whatever it does, as a machine without memory would; or lets it go on.
+  /// Stops it in the middle of its work, as a machine without memory would; or continues it.
   hang(whether) {
     this.#child.kill(whether ? "SIGSTOP" : "SIGCONT");
   }
 
-  /// Ends it: by SIGINT as its user would, or by SIGKILL as a power cut would.
+  /// Ends it: by SIGINT like a user, or by SIGKILL like a power cut.
   async end(signal = "SIGINT") {
     this.#child.kill(signal);
     const late = setTimeout(() => this.#child.kill("SIGKILL"), PATIENCE);
@@ -107,7 +110,7 @@ export class Session {
   }
 }
 
-// The virtual bedside's own configuration, but for what makes it small, as a file in a folder.
+// Writes the virtual bedside's configuration, made small, into a folder.
 function small(folder, hz) {
   const smaller = { size: '"160x120"', rate_hz: hz, spacing_mm: "2.0", image_size: '"160x160"', frames: "60" };
   const lines = readFileSync(EXAMPLE, "utf8").split("\n").map((line) => {
@@ -119,7 +122,7 @@ function small(folder, hz) {
   return config;
 }
 
-// The address, once the program says it.
+// Returns the console's address, once the program has printed it.
 function told(child) {
   return new Promise((resolve, reject) => {
     let said = "";
@@ -144,13 +147,13 @@ function told(child) {
 
 let common;
 
-/// The session that tests look at which neither end nor disturb it.
+/// The session shared by tests that neither end nor disturb it.
 export const shared = () => (common ??= Session.begin());
 
-/// Ends it, if there was one.
+/// Ends the shared session, if there was one.
 export const endShared = async () => (await common)?.end();
 
-/// Ends what a test that has failed has left running.
+/// Ends sessions left running by failed tests.
 export async function endLeft() {
   const kept = await common;
   for (const child of running) if (!kept?.has(child)) child.kill("SIGKILL");

@@ -1,4 +1,5 @@
-// A slow line: pictures come with less quality, which is said, and with all of it again when the line is fast.
+// A slow connection: pictures have a reduced quality, which is reported, and full quality again
+// when the connection is fast.
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
@@ -6,7 +7,7 @@ import { test } from "node:test";
 import { close, difference, drawn, greys, measured, open, shot } from "./page.js";
 import { shared } from "./session.js";
 
-// How late the page's answers come, ms: longer than a good line takes by far.
+// Delay of the page's answers, ms: far longer than on a good connection.
 const LATE = 400;
 
 test("a slow line has pictures of reduced quality, which is said, and a fast one again whole ones", async (t) => {
@@ -24,7 +25,7 @@ test("a slow line has pictures of reduced quality, which is said, and a fast one
       }
       socket.send(message);
     });
-    // In their order, however late.
+    // Messages stay in order, however late.
     socket.onMessage((message) => {
       const wish = JSON.parse(message);
       if (wish.do === "shown") had.push(wish.had_ms);
@@ -46,14 +47,15 @@ test("a slow line has pictures of reduced quality, which is said, and a fast one
   const reduced = await greys(page, "slice");
   assert.ok(Math.max(...reduced.grey) > 40, "something is in it");
   await shot(page, "slow");
-  // It goes on, as wide and high as before.
+  // The pictures go on, as wide and high as before.
   await drawn(page, "slice", 10);
   const later = await greys(page, "slice");
   assert.deepEqual([later.width, later.height], [reduced.width, reduced.height]);
   assert.ok(difference(reduced, later) > 0.05, "it moves");
   late = 0;
   await marked("hidden");
-  // The page's own time is told with each answer, so that a slow page is no slow line.
+  // Each answer reports the page's own time, so that a slow page does not count as a slow
+  // connection.
   assert.ok(had.length > 50 && had.every((ms) => ms >= 0 && ms < 120_000) && had.some((ms) => ms > 0), `${had.length}: ${had.slice(0, 9)}`);
   assert.deepEqual(seen.complaints, []);
   await close(seen);

@@ -1,4 +1,4 @@
-// The view of the volume by mouse, fingers, wheel, buttons and keys; and by one page at a time.
+// The view of the volume by mouse, touch, wheel, buttons and keys; and by one page at a time.
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
@@ -6,7 +6,7 @@ import { test } from "node:test";
 import { body, close, difference, drawn, greys, listen, measured, open, settled, shot, steers } from "./page.js";
 import { shared } from "./session.js";
 
-// Opens a page that steers, when the volume has its first sweep.
+// Opens a page with control, after the volume's first sweep.
 async function steering() {
   const { address } = await shared();
   const seen = await open(address);
@@ -15,14 +15,14 @@ async function steering() {
   return seen;
 }
 
-// From where the picture that is shown sees the volume.
+// Returns the projection of the displayed picture.
 const lies = (page) => page.evaluate(() => JSON.stringify(window.sonoweave.sight.projection));
 
-// What is seen when that has had its effect.
+// Returns the view after the action has taken effect.
 async function after(page, act) {
   let before = await lies(page);
   await act();
-  // Pictures that were under way show what was before. What changes nothing is told by nothing.
+  // Pictures under way show the old view. An action without effect changes nothing.
   const elsewhere = (before) => JSON.stringify(window.sonoweave.sight.projection) !== before;
   await page.waitForFunction(elsewhere, before, { timeout: 1500 }).catch(() => {});
   for (let n = 0; n < 5; n += 1) {

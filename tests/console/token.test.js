@@ -1,4 +1,4 @@
-// A session that wants a token: the page asks for it, by TLS, and shows the session then.
+// A session with a token: the page asks for it, over TLS, and then shows the session.
 
 import assert from "node:assert/strict";
 import { chmodSync, copyFileSync, mkdtempSync, writeFileSync } from "node:fs";
@@ -11,7 +11,7 @@ import { Session } from "./session.js";
 
 const axe = installed("axe-core");
 const TOKEN = "c0ffee00c0ffee00c0ffee00c0ffee00";
-const FIXTURES = new URL("../../src/console/tests/", import.meta.url);
+const FIXTURES = new URL("../../crates/console/src/tests/", import.meta.url);
 
 test("a page that is not known is asked for the token, which is shown once", async () => {
   const folder = mkdtempSync(join(OUT, "session-token-"));
@@ -46,11 +46,11 @@ test("a page that is not known is asked for the token, which is shown once", asy
   assert.equal(await page.evaluate(() => document.cookie), "", "no script reads what it is known by");
   await page.reload();
   await drawn(page, "slice", 3);
-  // Another browser is not known.
+  // Another browser is not admitted.
   const other = await open(`https://localhost:${port}/`, { ignoreHTTPSErrors: true });
   await other.page.getByLabel("Token").waitFor();
   await close(other);
-  // Nor is this one by a session that is begun anew; it is asked again.
+  // A restarted session does not admit this browser either; it asks for the token again.
   await session.end("SIGKILL");
   const again = await Session.with(folder, status, "0.0.0.0", port);
   await page.getByLabel("Token").waitFor({ timeout: 60_000 });

@@ -1,4 +1,5 @@
-// What is wrong at the bedside is said at the top, once to those who listen, and on the pictures that it makes old.
+// Troubles appear in the banner, are announced once to screen readers, and mark outdated
+// pictures.
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
@@ -6,8 +7,8 @@ import { test } from "node:test";
 import { banner, drawn, open, says, shot } from "./page.js";
 import { shared } from "./session.js";
 
-// A page whose session tells of itself what is changed here: `tell` changes the account that it tells from now on, `leave` closes the line as one who goes
-// and does not come back: who tries again waits.
+// Opens a page whose session's messages can be changed: `tell` changes the status from now on,
+// `leave` closes the connection for good, and later attempts wait.
 async function changed() {
   const { address } = await shared();
   let change = {};

@@ -1,4 +1,5 @@
-// What is said, without a browser: the page's own modules, from a copy that node takes for modules.
+// The page's texts, tested without a browser: its modules are copied so that node loads them as
+// modules.
 
 import assert from "node:assert/strict";
 import { cpSync, readFileSync } from "node:fs";
@@ -41,7 +42,7 @@ test("every frame is accounted for, and a share is never rounded up to all", () 
 });
 
 test("every reason that frames are refused for has its words", () => {
-  const source = readFileSync(join(PAGE, "../../refusal.rs"), "utf8");
+  const source = readFileSync(join(PAGE, "../../../core/src/refusal.rs"), "utf8");
   const names = [...source.matchAll(/Self::\w+ => "(\w+)",/g)].map(([, name]) => name.replaceAll("_", " "));
   assert.ok(names.length > 20, names.join());
   for (const name of names) assert.notEqual(words.reason(name), name);

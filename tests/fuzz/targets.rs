@@ -1,7 +1,9 @@
-//! What is tried with arbitrary texts: the readers of configurations, in TOML and in PLUS's XML, and of what browsers say to the console. `make fuzz` searches for texts that break them; an ordinary test
-//! (`tests/fuzz_corpus.rs`) tries those in `corpus/` again.
+//! Functions tested with arbitrary texts: the readers of configurations, in TOML and in PLUS's
+//! XML, and of messages from browsers to the console. `make fuzz` searches for texts that break
+//! them; an ordinary test (`tests/fuzz_corpus.rs`) repeats those in `corpus/`.
 //!
-//! Besides not panicking: what is accepted holds finite numbers only, and of our own files what is written of it is read as the same.
+//! Besides the absence of panics, the functions check that accepted files contain only finite
+//! numbers, and that our own files are unchanged after writing and reading.
 
 #![allow(dead_code, reason = "each program of the fuzzer uses one of these functions")]
 
@@ -9,18 +11,18 @@ use std::path::Path;
 
 use calibration::file::CalibrationFile;
 use calibration::phantom::file::PhantomFile;
-use sonoweave::config::Settings;
-use sonoweave::config::bedside::Bedside;
-use sonoweave::config::phantom::PhantomSettings;
-use sonoweave::console::{hosts, origin, stream, token};
+use config::Settings;
+use config::bedside::Bedside;
+use config::phantom::PhantomSettings;
+use console::{hosts, origin, stream, token};
 
-/// Tries one kind of input.
+/// A function that tests one kind of input.
 pub(crate) type Target = fn(&[u8]);
 
-/// All of them by name.
+/// All functions by name.
 pub(crate) const ALL: [(&str, Target); 3] = [("settings", settings), ("bedside", bedside), ("console", console)];
 
-/// A calibration or a phantom, of ours or of PLUS.
+/// Tests a calibration or a phantom, in our format or in that of PLUS.
 pub(crate) fn settings(data: &[u8]) {
     let Ok(text) = std::str::from_utf8(data) else { return };
     let path = Path::new("settings");
@@ -40,13 +42,14 @@ pub(crate) fn settings(data: &[u8]) {
     }
 }
 
-/// A bedside. Files that it names are not there.
+/// Tests a session configuration. The files that it names do not exist.
 pub(crate) fn bedside(data: &[u8]) {
     let Ok(text) = std::str::from_utf8(data) else { return };
     let _ = Bedside::parse(Path::new("/nowhere/bedside.toml"), text);
 }
 
-/// What a page says, and what a request says of itself, a line each: its host, origin, site, authorization and cookie. Who is let in is what it must be.
+/// Tests a page's message, and a request's host, origin, site, authorization and cookie, one per
+/// line. Also checks who is admitted.
 pub(crate) fn console(data: &[u8]) {
     let Ok(text) = std::str::from_utf8(data) else { return };
     let _ = stream::understood(text);

@@ -1,12 +1,16 @@
-//! Golden pictures: small pictures of phantoms, each looked at when it was made, that may not change unnoticed.
+//! Golden pictures: small pictures of phantoms, each inspected when it was made, that may not
+//! change unnoticed.
 //!
-//! `PICTURES` lists them; a further mode is a further line. The program itself makes the phantoms, the volumes and the pictures; what it draws is compared
-//! with `tests/golden/NAME.png`. No grey level may be off by more than [`MOST`], nor all of them by more than [`RMS`] (root mean square): the bits are the
-//! same on every machine, but a change in the order of a sum is no change of the picture.
+//! `PICTURES` lists them; a further mode is a further line. The program itself makes the
+//! phantoms, the volumes and the pictures; the pictures are compared with
+//! `tests/golden/NAME.png`. No grey value may differ by more than [`MOST`], nor all of them by
+//! more than [`RMS`] (root mean square). The bits are the same on every machine, but a changed
+//! order of summation is permitted.
 //!
-//! When pictures are meant to change, or there is a new one: `SONOWEAVE_GOLDEN=renew cargo test --test golden` writes those that are beyond the tolerance.
-//! Look at each before it is committed, enlarged: is it lit from where it should be, is it complete, are there seams or speckles? What is drawn instead of a
-//! golden picture is left in `out/golden`.
+//! If pictures are meant to change, or there is a new one: `SONOWEAVE_GOLDEN=renew cargo test
+//! --test golden` writes those beyond the tolerance. Inspect each one enlarged before it is
+//! committed: direction of the light, completeness, seams, speckles. Deviating pictures are
+//! written to `out/golden`.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
@@ -18,30 +22,32 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use image::RgbImage;
-use place::Place;
-use sonoweave::render::camera::View;
-use sonoweave::render::light::{DepthCue, Light};
-use sonoweave::render::transfer::Transfer;
-use sonoweave::render::{RenderSettings, Renderer, Stage};
-use sonoweave::volume::DenseVolume;
 
-/// Largest difference of a grey level, of 255.
+use render::camera::View;
+use render::classify::light::{DepthCue, Light};
+use render::classify::transfer::Transfer;
+use render::{RenderRegion, RenderSettings, Renderer};
+use volume::DenseVolume;
+
+use place::Place;
+
+/// Largest difference of a grey value, of 255.
 const MOST: u8 = 2;
 /// Root mean square of all differences, of 255.
 const RMS: f64 = 0.5;
-/// Along each side, pixels.
+/// Pixels along each side.
 const SIDE: u32 = 64;
 
-/// How a picture comes about.
+/// Origin of a picture.
 enum Drawn {
-    /// By `sonoweave render` with these flags.
+    /// Rendered by `sonoweave render` with these flags.
     By(&'static str),
-    /// By the library, where there is no flag.
+    /// Rendered by the library, if there is no flag.
     With(fn(RenderSettings) -> RenderSettings),
 }
 use Drawn::{By, With};
 
-/// Name, phantom, how it is drawn.
+/// Name, phantom and origin.
 const PICTURES: [(&str, &str, Drawn); 17] = [
     ("tissue", "blobs", By("--transfer tissue --view 30,20")),
     ("bone", "sphere", By("--transfer bone --view 30,20")),
@@ -84,7 +90,7 @@ fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden")
 }
 
-/// The volumes that are drawn: sweeps of phantoms with noise, reconstructed.
+/// Makes the volumes: reconstructed sweeps of phantoms with noise.
 fn volumes() -> Place {
     let place = Place::new();
     let phantoms: BTreeSet<&str> = PICTURES.iter().map(|(_, phantom, _)| *phantom).collect();
@@ -112,7 +118,7 @@ fn draw(place: &Place, phantom: &str, drawn: &Drawn) -> RgbImage {
             let volume = DenseVolume::open(&volume, Some(&weights), 1 << 30).unwrap();
             let transfer = Transfer::preset("tissue", volume.range().map(f64::from)).unwrap();
             let [low, high] = volume.bounds();
-            let stage = Stage::new(volume.world_from_lattice(), low, high).unwrap();
+            let stage = RenderRegion::new(volume.world_from_lattice(), low, high).unwrap();
             let mut renderer = Renderer::new(&change(RenderSettings::new([SIDE; 2], transfer)), stage).unwrap();
             renderer.update_all(&volume);
             RgbImage::from_raw(SIDE, SIDE, renderer.picture().over([0.0; 3])).unwrap()
@@ -120,7 +126,7 @@ fn draw(place: &Place, phantom: &str, drawn: &Drawn) -> RgbImage {
     }
 }
 
-/// Largest difference and root mean square.
+/// Returns the largest difference and the root mean square.
 fn difference(a: &RgbImage, b: &RgbImage) -> (u8, f64) {
     if a.dimensions() != b.dimensions() {
         return (u8::MAX, f64::from(u8::MAX));
@@ -131,7 +137,7 @@ fn difference(a: &RgbImage, b: &RgbImage) -> (u8, f64) {
 }
 
 #[test]
-fn pictures_are_as_they_were_when_they_were_looked_at() {
+fn pictures_match_golden_files() {
     let renew = match std::env::var("SONOWEAVE_GOLDEN").as_deref() {
         Ok("renew") => true,
         Err(_) => false,
@@ -168,7 +174,7 @@ fn pictures_are_as_they_were_when_they_were_looked_at() {
 }
 
 #[test]
-fn every_golden_picture_is_listed_small_and_shows_something() {
+fn golden_files_are_listed_small_and_not_blank() {
     let listed: BTreeSet<String> = PICTURES.iter().map(|(name, ..)| format!("{name}.png")).collect();
     assert_eq!(listed.len(), PICTURES.len(), "two pictures of one name");
     let names = std::fs::read_dir(folder()).unwrap().map(|e| e.unwrap().file_name().to_string_lossy().into_owned());

@@ -1,27 +1,29 @@
-//! An arm that does not know where it is: what it says is refused with a reason until it was homed, by its index marks or by the user's word.
+//! An arm with unknown position: its readings are refused with a reason until it is homed, by
+//! its index marks or by the user's confirmation.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 
-use drivers::clock::{Clock, MS, Monotonic, SECOND};
-use drivers::reading::AXES;
-use drivers::simulated::{Faults, Joints, ea1};
 use glam::{DQuat, DVec3};
-use sonoweave::config::bedside::Bedside;
 use sonoweave::devices::{self, Devices};
-use sonoweave::ingest::live::Gives;
-use sonoweave::pipeline::live::Account;
-use sonoweave::refusal::Reason;
-use sonoweave::sync::history::Rigid;
+
+use config::bedside::Bedside;
+use drivers::simulated::{Faults, Joints, ea1};
+use pipeline::live::SessionStatus;
+use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
+use sonoweave_core::reading::AXES;
+use sonoweave_core::refusal::Reason;
+use sync::history::Rigid;
+use sync::ingest::live::Gives;
 
 use crate::plugs::{Line, grabber};
 use crate::script::poses;
 use crate::set::{Set, frames};
 
-/// What is said of an arm that is not homed.
+/// Message about an arm that is not homed.
 const NOT_HOMED: &str = "not homed: move the arm to its home position and home it";
 
-/// Joints that go to and fro between 0 and 4000 counts, 1000 a second.
+/// Joints that move to and fro between 0 and 4000 counts, 1000 per second.
 fn joints() -> Joints {
     let begin_ns = Monotonic.now_ns();
     Arc::new(move |at_ns| {
@@ -33,7 +35,7 @@ fn joints() -> Joints {
     })
 }
 
-/// The arm as a bedside's configuration opens it, with what to set when it is at home.
+/// Opens the arm from a session configuration; includes the flag to set when it is at home.
 fn opened(line: &Line<ea1::Twin>) -> Devices {
     let text = format!(
         "format = \"sonoweave-bedside\"\nversion = 1\n[arm]\nkind = \"ea1\"\nport = \"{}\"\n[grabber]\ndevice = \"virtual\"\nsize = \"64x64\"\n[virtual]\nscene = \"blobs\"\n",
@@ -43,8 +45,8 @@ fn opened(line: &Line<ea1::Twin>) -> Devices {
     devices::open(&bedside, 0, false).unwrap()
 }
 
-/// A session with the arm, and pictures that differ.
-fn set(arm: Box<dyn drivers::Device>) -> Set {
+/// Returns a session with the arm, and frames that differ.
+fn set(arm: Box<dyn sonoweave_core::Device>) -> Set {
     let kinematics = |counts: &[f64]| {
         let position_mm = DVec3::new(0.0, 0.0, counts[0] * 0.01);
         Some(Rigid { rotation: DQuat::IDENTITY, position_mm })
@@ -53,13 +55,13 @@ fn set(arm: Box<dyn drivers::Device>) -> Set {
     Set { tracking: arm, gives, ..Set::of(poses(0, 0), grabber(50.0)).waits(500 * MS) }
 }
 
-fn refused(account: &Account, reason: Reason) -> u64 {
+fn refused(account: &SessionStatus, reason: Reason) -> u64 {
     account.ledger.frames.refused.get(&reason).copied().unwrap_or(0)
 }
 
 #[test]
-fn an_arm_is_not_used_until_its_index_marks_went_by() {
-    // It rests at 1000 counts until somebody moves it, a count a ms, past its marks.
+fn arm_is_unused_until_its_index_marks_are_passed() {
+    // It rests at 1000 counts until it is moved past its marks, one count per ms.
     let moved_ns = Arc::new(AtomicI64::new(i64::MAX));
     let since = Arc::clone(&moved_ns);
     let mut twin = ea1::Twin::new(
@@ -97,7 +99,7 @@ fn an_arm_is_not_used_until_its_index_marks_went_by() {
 }
 
 #[test]
-fn an_arm_that_was_pulled_out_has_to_be_homed_again_by_the_user_s_word() {
+fn replugged_arm_must_be_homed_again_by_the_user() {
     let mut twin = ea1::Twin::new(joints(), Faults::default());
     twin.homed = 7;
     let mut line = Line::new(twin);

@@ -1,4 +1,4 @@
-//! A disk that is full, slow, or not to be written: acquisition goes on, and what is lost is counted and said.
+//! A full, slow or read-only disk: acquisition continues, and losses are counted and reported.
 
 use std::io::{Cursor, Error, ErrorKind};
 use std::path::Path;
@@ -6,20 +6,18 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
-use drivers::Reading;
-use drivers::clock::{MS, Monotonic, SECOND};
-use drivers::recording::Limits;
-use drivers::recording::session::{
-    About, Ending, Event, Loss, Maker, SessionReader, SessionWriter, Store, WriterOptions,
-};
 use drivers::simulated::Faults;
 use drivers::simulated::grabber::Grabber;
-use sonoweave::pipeline::live::{Finished, Recording};
+use formats::Limits;
+use formats::session::{About, Ending, Event, Loss, Maker, SessionReader, SessionWriter, Store, WriterOptions};
+use pipeline::live::{Finished, Recording};
+use sonoweave_core::Reading;
+use sonoweave_core::clock::{MS, Monotonic, SECOND};
 
 use crate::script::{Act, Script, begin, frames as all_frames, pose, poses, poses_timing};
 use crate::set::{Memory, SIZE, Set, frames};
 
-/// What a session's file holds.
+/// Content of a session's file.
 #[derive(Default)]
 pub(crate) struct Read {
     pub(crate) frame_numbers: Vec<u64>,
@@ -29,7 +27,7 @@ pub(crate) struct Read {
     pub(crate) losses: Vec<Loss>,
     pub(crate) notes: Vec<(String, String)>,
     pub(crate) ending: Option<Ending>,
-    /// Messages that are not there by the numbers of those that are.
+    /// Missing messages, by the numbers of the others.
     pub(crate) missing: u64,
     pub(crate) damaged: bool,
 }
@@ -61,7 +59,7 @@ pub(crate) fn read(bytes: &[u8]) -> Read {
 }
 
 impl Read {
-    /// Messages of a kind that the file says were lost.
+    /// Returns the messages of a kind that were lost according to the file.
     fn lost(&self, topic: &str) -> u64 {
         self.losses.iter().flat_map(|loss| &loss.lost).filter(|(of, ..)| of.contains(topic)).map(|(_, n, _)| n).sum()
     }
@@ -71,7 +69,7 @@ impl Read {
     }
 }
 
-/// All that was received is in the file, or it is said by kind that it is not.
+/// Checks that everything received is in the file or reported as lost, by kind.
 fn agrees(finished: &Finished, read: &Read) {
     let recording = finished.recording.as_ref().unwrap();
     let Recording { account, lost, after_end, .. } = recording;
@@ -81,7 +79,7 @@ fn agrees(finished: &Finished, read: &Read) {
     let in_file = read.frame_numbers.len() as u64;
     let of_frames = read.lost("/image") + lost.frames + after_end.frames;
     assert_eq!(ledger.frames.total, in_file + of_frames, "{recording:?}");
-    // Everything that the writer was given it has written, or has told of.
+    // Every message given to the writer was written or reported.
     assert_eq!(account.messages, account.stored + account.lost, "{account:?}");
     assert_eq!(account.stored, read.messages);
     assert_eq!(account.lost, read.losses.iter().map(Loss::messages).sum::<u64>());
@@ -94,7 +92,7 @@ fn agrees(finished: &Finished, read: &Read) {
     assert!(read.poses <= readings.total && read.poses + unwritten >= readings.total, "{}", readings.total);
 }
 
-/// A disk that refuses for a while.
+/// A disk that refuses writes for a while.
 #[derive(Clone)]
 struct Refusing {
     disk: Memory,
@@ -105,7 +103,7 @@ struct Refusing {
 impl Store for Refusing {
     fn write_at(&mut self, bytes: &[u8], at: u64) -> std::io::Result<()> {
         if self.refuses.load(Ordering::Relaxed) {
-            // Half of it was there, as on a real one.
+            // Half of the data were written, like on a real disk.
             self.disk.write_at(&bytes[..bytes.len() / 2], at)?;
             return Err(Error::from(self.why));
         }
@@ -131,7 +129,7 @@ fn tight() -> WriterOptions {
 }
 
 #[test]
-fn a_disk_that_refuses_for_a_while_stops_nothing_and_what_is_lost_is_told_by_kind() {
+fn temporary_disk_failure_stops_nothing_and_losses_are_counted() {
     for why in [ErrorKind::StorageFull, ErrorKind::ReadOnlyFilesystem, ErrorKind::PermissionDenied] {
         let begin_ns = begin();
         let refuses = Arc::new(AtomicBool::new(false));
@@ -148,13 +146,13 @@ fn a_disk_that_refuses_for_a_while_stops_nothing_and_what_is_lost_is_told_by_kin
         let recording = finished.recording.as_ref().unwrap();
         assert_eq!((recording.account.failures, recording.account.trouble.as_str()), (1, ""));
         assert!(read.losses[0].why.contains("writing the session"), "{:?}", read.losses);
-        // On the board, too, while it lasted or at least in the end: how much was lost.
+        // The status reports the losses too, during the failure or at least at the end.
         assert_eq!(seen.written.last().unwrap().lost, recording.account.lost);
     }
 }
 
 #[test]
-fn a_disk_that_stays_full_leaves_a_file_that_is_whole_up_to_there() {
+fn full_disk_leaves_file_valid_up_to_that_point() {
     let begin_ns = begin();
     let refuses = Arc::new(AtomicBool::new(false));
     let disk = Refusing { disk: Memory::default(), why: ErrorKind::StorageFull, refuses: Arc::clone(&refuses) };
@@ -174,7 +172,7 @@ fn a_disk_that_stays_full_leaves_a_file_that_is_whole_up_to_there() {
     );
 }
 
-/// A disk that takes its time.
+/// A slow disk.
 struct Slow {
     disk: Memory,
     each: Duration,
@@ -203,20 +201,21 @@ impl Store for Slow {
 }
 
 #[test]
-fn a_disk_ten_times_too_slow_costs_recorded_frames_first_and_no_slice() {
-    // 3000 poses a second, so that the queue of some seconds is full within two; each 50 ms of them take the disk half a second.
+fn slow_disk_loses_recorded_frames_first_and_no_slices() {
+    // 3000 poses per second, so that the queue of some seconds is full within two; each 50 ms of
+    // them take the disk half a second.
     let begin_ns = begin();
     let every = SECOND / 3000;
     let acts = (0..8000).map(|n: i64| {
         let at_ns = begin_ns - SECOND / 10 + n * every;
         (at_ns, Act::Give(pose(n as u64, 1, None, at_ns, n as f64 * 0.006)))
     });
-    let timing = drivers::Timing { rate_hz: Some(3000.0), ..poses_timing(false) };
+    let timing = sonoweave_core::Timing { rate_hz: Some(3000.0), ..poses_timing(false) };
     let (disk, slow) = (Memory::default(), Arc::new(AtomicBool::new(true)));
     let store = Slow { disk: disk.clone(), each: Duration::from_millis(500), slow: Arc::clone(&slow) };
     let set = Set::of(Script::new("a fast tracker", timing, acts), all_frames(begin_ns, 60));
     let (finished, seen) = set.recorded(store, tight(), 0).until(|account, _| {
-        // When all frames were here nobody need wait any longer.
+        // After all frames have arrived, the disk is fast again.
         slow.store(account.ledger.frames.total < 60, Ordering::Relaxed);
         false
     });
@@ -228,7 +227,7 @@ fn a_disk_ten_times_too_slow_costs_recorded_frames_first_and_no_slice() {
     assert!(seen.written.last().unwrap().lost >= lost.total(), "said on the board");
 }
 
-/// A disk with so much room.
+/// A disk with limited space.
 struct Small {
     disk: Memory,
     free: Arc<AtomicU64>,
@@ -255,9 +254,9 @@ impl Store for Small {
 }
 
 #[test]
-fn a_recording_ends_in_good_order_before_less_is_left_than_is_to_stay_free() {
+fn recording_ends_properly_before_free_space_limit() {
     const KEEP: u64 = 50_000_000;
-    // Room for its own end, and for some of the frames.
+    // Space for the file's end, and for some of the frames.
     let free = Arc::new(AtomicU64::new(KEEP + (1 << 20) + 100_000));
     let disk = Memory::default();
     let begin_ns = begin();
@@ -285,13 +284,14 @@ fn a_recording_ends_in_good_order_before_less_is_left_than_is_to_stay_free() {
     let read = read(&disk.bytes());
     agrees(&finished, &read);
     assert!(read.notes_of("end")[0].contains("so that 50 MB stay free"), "and in the session");
-    // Acquisition went on: far more were used than were recorded.
+    // Acquisition continued: far more frames were used than recorded.
     assert!(finished.account.ledger.frames.used > read.frame_numbers.len() as u64 + 50, "{}", finished.account.ledger);
 }
 
 #[test]
-fn a_wall_clock_that_is_set_back_moves_no_time_of_a_session() {
-    // A session that began by a wall clock of the year after, which is then set back: it ends with today's.
+fn wall_clock_set_back_does_not_change_session_times() {
+    // A session that began with a wall clock one year ahead, which is then set back: it ends
+    // with today's time.
     let program = "a test".to_owned();
     let now = About::now(&program);
     let about = About { realtime_ns: now.realtime_ns + 365 * 86_400 * SECOND, ..now };

@@ -1,15 +1,16 @@
-//! A session of which nothing is woven: what is heard is what is recorded, and all of it is counted.
+//! A record-only session: the listener receives what is recorded, and everything is counted.
 
-use drivers::clock::SECOND;
-use drivers::recording::session::WriterOptions;
-use sonoweave::ingest::live::Live;
-use sonoweave::pipeline::live::{Latencies, walk};
 use tempfile::NamedTempFile;
+
+use formats::session::WriterOptions;
+use pipeline::live::{Latencies, walk};
+use sonoweave_core::clock::SECOND;
+use sync::ingest::live::Live;
 
 use crate::script::{Act, FRAME, Script, begin, frame, measured, pose, poses_timing, video};
 use crate::set::{Memory, Set, instruments};
 
-/// A sample in short: its device, and the time and number or place by which it is told from others.
+/// Summary of a sample: its device, and the time and number or position that identify it.
 fn short((device, live): &(usize, Live)) -> Option<(usize, i64, f64)> {
     match live {
         Live::Pose { sample, .. } => Some((*device, sample.time_ns, sample.pose.position_mm.z)),
@@ -19,13 +20,13 @@ fn short((device, live): &(usize, Live)) -> Option<(usize, i64, f64)> {
 }
 
 #[test]
-fn what_is_heard_is_what_a_walk_through_the_recording_gives() {
+fn received_samples_equal_a_walk_through_the_recording() {
     let begin_ns = begin();
-    // The 30th is damaged: it has too few pixels.
+    // The 30th frame is damaged: it has too few pixels.
     let of_frames = (0..60).map(|n| {
         let at_ns = begin_ns + n as i64 * FRAME;
         let mut given = frame(n, n, at_ns, n);
-        if let (30, drivers::Reading::Frame(frame)) = (n, &mut given) {
+        if let (30, sonoweave_core::Reading::Frame(frame)) = (n, &mut given) {
             frame.pixels = frame.pixels[..100].into();
         }
         (at_ns, Act::Give(given))
@@ -40,7 +41,7 @@ fn what_is_heard_is_what_a_walk_through_the_recording_gives() {
     let disk = Memory::default();
     let grabber = Script::new("a grabber", video(), of_frames);
     let set = Set::of(tracker, grabber).recorded(disk.clone(), WriterOptions::new("a test"), 0);
-    let (heard, account) = set.gather();
+    let (heard, account) = set.record_only();
     assert_eq!((account.ledger.frames.total, account.ledger.frames.used, account.ledger.frames.waiting), (60, 59, 0));
     assert_eq!(account.ledger.frames.refused.values().sum::<u64>(), 1, "{}", account.ledger);
     assert_eq!(account.ledger.readings[0].used, poses, "{}", account.ledger);

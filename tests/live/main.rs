@@ -1,7 +1,8 @@
-//! Live sessions in which something goes wrong: each goes on, and its account is right to the last count.
+//! Live sessions with disturbances: each continues, and its ledger is exact.
 //!
-//! Devices are scripted where counts are to be exact (`script`), else virtual twins that are unplugged, delayed and disturbed. Nothing is asserted of times that a slow machine
-//! could miss.
+//! Devices are scripted if counts are to be exact (`script`); otherwise they are simulated
+//! devices that are unplugged, delayed and disturbed. No assertion depends on times that a slow
+//! machine could miss.
 
 #![allow(
     clippy::print_stdout,

@@ -1,12 +1,12 @@
-//! Frames and poses that come out of order, twice, or not at all.
+//! Frames and poses that arrive out of order, twice, or not at all.
 
 use std::sync::Arc;
 
-use drivers::clock::{Monotonic, SECOND};
-use drivers::recording::session::WriterOptions;
 use drivers::simulated::Faults;
 use drivers::simulated::grabber::Grabber;
-use sonoweave::refusal::Reason;
+use formats::session::WriterOptions;
+use sonoweave_core::clock::{Monotonic, SECOND};
+use sonoweave_core::refusal::Reason;
 
 use crate::disk::read;
 use crate::script::{
@@ -15,9 +15,9 @@ use crate::script::{
 use crate::set::{Memory, SIZE, Set, frames, seen_at};
 
 #[test]
-fn frames_out_of_order_twice_and_lost_are_each_counted_once_and_lie_where_they_were() {
+fn disordered_frames_are_counted_once_with_correct_poses() {
     let begin_ns = begin();
-    // By their numbers in the order in which they come; 8 comes twice, 15 and 16 never; 21 comes behind 23.
+    // Numbers in their order of arrival: 8 comes twice, 15 and 16 never; 21 comes after 23.
     let numbers: Vec<u64> = (0..9).chain(8..15).chain(17..21).chain([22, 23, 21]).chain(24..40).collect();
     let mut acts = Vec::new();
     for (item, n) in (0..).zip(&numbers) {
@@ -37,11 +37,12 @@ fn frames_out_of_order_twice_and_lost_are_each_counted_once_and_lie_where_they_w
 }
 
 #[test]
-fn poses_out_of_order_and_twice_are_poses_all_the_same() {
+fn disordered_and_repeated_poses_are_used() {
     let begin_ns = begin();
     for counts in [false, true] {
         let begin_ns = if counts { begin() } else { begin_ns };
-        // Of each ten the sixth comes before the fifth, with the time at which it was here, and the ninth twice.
+        // In each ten, the sixth comes before the fifth, with its own arrival time, and the
+        // ninth comes twice.
         let mut acts: Vec<(i64, Act)> = Vec::new();
         for (item, after, mm) in measured(40) {
             let at_ns = begin_ns + after;
@@ -67,7 +68,7 @@ fn poses_out_of_order_and_twice_are_poses_all_the_same() {
 }
 
 #[test]
-fn what_a_grabber_loses_is_counted_by_the_gaps_in_its_numbers() {
+fn lost_grabber_frames_are_counted_by_number_gaps() {
     let picture = Box::new(|at_ns: i64, pixels: &mut [u8]| {
         pixels.iter_mut().zip(at_ns.to_le_bytes().iter().cycle()).for_each(|(pixel, byte)| *pixel = 100 + byte % 100);
     });
@@ -82,7 +83,7 @@ fn what_a_grabber_loses_is_counted_by_the_gaps_in_its_numbers() {
     let numbers = &read.frame_numbers;
     assert_eq!(numbers.len() as u64, ledger.frames.total);
     let gaps: u64 = numbers.windows(2).map(|two| two[1] - two[0] - 1).sum();
-    // What was lost before the first frame and behind the last has no frame to show it.
+    // Losses before the first frame and after the last leave no gap in the numbers.
     let [first, last] = [numbers[0], numbers[numbers.len() - 1]];
     assert!(
         ledger.frames.lost >= gaps + first && ledger.frames.lost <= gaps + first + 20,

@@ -1,13 +1,13 @@
-//! Whoever looks may be slow, stuck or unable to: what is woven is not.
+//! A slow, stuck or failing viewer does not delay insertion.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use sonoweave::pipeline::live::{Drawn, First, Looks};
-use sonoweave::render::RenderSettings;
-use sonoweave::render::camera::View;
-use sonoweave::render::transfer::Transfer;
+use pipeline::live::{Drawn, First, ViewClient};
+use render::RenderSettings;
+use render::camera::View;
+use render::classify::transfer::Transfer;
 
 use crate::script::{begin, frames as all_frames, poses};
 use crate::set::{Set, frames};
@@ -15,17 +15,17 @@ use crate::set::{Set, frames};
 /// Frames of each of these sessions.
 const COUNT: u64 = 50;
 
-/// Somebody who looks.
+/// A viewer.
 struct Viewer {
-    /// Nothing is answered until this is set.
+    /// The viewer blocks until this is set.
     answers: Arc<AtomicBool>,
     unable: bool,
     most_hz: f64,
 }
 
-impl Looks for Viewer {
+impl ViewClient for Viewer {
     fn settings(&self, _: &First) -> Result<RenderSettings, Box<dyn std::error::Error + Send + Sync>> {
-        // A session that waits for it has failed then, and is to end.
+        // If the session waits for the viewer, it has failed, and is to end.
         let begun = Instant::now();
         while !self.answers.load(Ordering::Relaxed) && begun.elapsed() < Duration::from_secs(20) {
             std::thread::sleep(Duration::from_millis(2));
@@ -49,7 +49,7 @@ fn looked_at(viewer: Viewer) -> Set {
 }
 
 #[test]
-fn a_viewer_that_is_stuck_stops_no_slice_and_what_it_skipped_is_counted() {
+fn stuck_viewer_delays_no_slice_and_skips_are_counted() {
     let answers = Arc::new(AtomicBool::new(false));
     let mut woven_meanwhile = 0;
     let set = looked_at(Viewer { answers: Arc::clone(&answers), unable: false, most_hz: 1e9 });
@@ -63,7 +63,7 @@ fn a_viewer_that_is_stuck_stops_no_slice_and_what_it_skipped_is_counted() {
     assert!(woven_meanwhile >= 30, "slices are woven while nobody answers");
     assert_eq!(frames(&finished), (COUNT, COUNT, vec![]));
     let drawn = finished.drawn.as_ref().unwrap();
-    // Each slice is drawn by itself or with a later one.
+    // Each slice is rendered by itself or with a later one.
     assert_eq!(drawn.pictures + drawn.skipped, COUNT, "{} {}", drawn.pictures, drawn.skipped);
     assert!(drawn.skipped >= 29, "{}", drawn.skipped);
     assert_eq!(drawn.held.quantiles().unwrap().count, drawn.pictures);
@@ -71,7 +71,7 @@ fn a_viewer_that_is_stuck_stops_no_slice_and_what_it_skipped_is_counted() {
 }
 
 #[test]
-fn a_viewer_that_is_unable_to_look_is_told_of_and_the_volume_is_whole() {
+fn failing_viewer_is_reported_and_volume_is_complete() {
     let (finished, _) = looked_at(Viewer { answers: Arc::new(true.into()), unable: true, most_hz: 30.0 }).run();
     assert_eq!(frames(&finished), (COUNT, COUNT, vec![]));
     assert!(finished.drawn.is_none() && finished.outcome.is_some());
@@ -80,21 +80,21 @@ fn a_viewer_that_is_unable_to_look_is_told_of_and_the_volume_is_whole() {
 }
 
 #[test]
-fn no_more_pictures_are_drawn_than_are_asked_for_and_the_last_is_of_all_slices() {
+fn picture_rate_is_limited_and_last_shows_all_slices() {
     let begun = Instant::now();
     let (finished, _) = looked_at(Viewer { answers: Arc::new(true.into()), unable: false, most_hz: 4.0 }).run();
     let seconds = begun.elapsed().as_secs_f64();
     let drawn = finished.drawn.as_ref().unwrap();
-    // The first and the last come on top.
+    // The first and the last picture are additional.
     assert!(drawn.pictures as f64 <= 4.0 * seconds + 2.0, "{} in {seconds} s", drawn.pictures);
     assert!(drawn.pictures >= 2);
     assert_eq!(drawn.pictures + drawn.skipped, COUNT);
 }
 
-/// Somebody who notes how nice the threads are that ask him something.
+/// A viewer that notes the nice values of the threads that call it.
 #[derive(Default)]
 struct Weighed {
-    /// Those that draw, and that which reads the volume.
+    /// Nice values of the rendering threads, and of the thread that reads the volume.
     draw: std::sync::Mutex<Vec<i32>>,
     read: std::sync::Mutex<Vec<i32>>,
 }
@@ -103,7 +103,7 @@ fn nice() -> i32 {
     rustix::process::getpriority_process(None).unwrap()
 }
 
-impl Looks for Weighed {
+impl ViewClient for Weighed {
     fn settings(&self, _: &First) -> Result<RenderSettings, Box<dyn std::error::Error + Send + Sync>> {
         self.draw.lock().unwrap().push(nice());
         Ok(RenderSettings::new([64, 64], Transfer::preset("tissue", [0.0, 255.0])?))
@@ -120,11 +120,11 @@ impl Looks for Weighed {
 }
 
 #[test]
-fn drawing_gives_way_and_who_holds_the_volume_does_not() {
+fn rendering_thread_is_nice_and_volume_reader_is_not() {
     let weighed = Arc::new(Weighed::default());
     let begin_ns = begin();
     let set = Set::of(poses(begin_ns, COUNT), all_frames(begin_ns, COUNT));
-    let (finished, _) = Set { looks: Some(Arc::clone(&weighed) as Arc<dyn Looks>), ..set }.run();
+    let (finished, _) = Set { looks: Some(Arc::clone(&weighed) as Arc<dyn ViewClient>), ..set }.run();
     assert_eq!(frames(&finished), (COUNT, COUNT, vec![]));
     let [draw, read] = [&weighed.draw, &weighed.read].map(|of| of.lock().unwrap().clone());
     let own = nice();
@@ -132,7 +132,7 @@ fn drawing_gives_way_and_who_holds_the_volume_does_not() {
     assert!(!read.is_empty() && read.iter().all(|nice| *nice == own), "{read:?}");
 }
 
-/// Somebody who comes when he is told to, looks from another side then, and leaves.
+/// A viewer that comes on request, then views from another side, and leaves.
 struct Visitor {
     there: AtomicBool,
     turned: AtomicBool,
@@ -153,7 +153,7 @@ impl Visitor {
 
 const ASIDE: f64 = 55.0;
 
-impl Looks for Visitor {
+impl ViewClient for Visitor {
     fn settings(&self, _: &First) -> Result<RenderSettings, Box<dyn std::error::Error + Send + Sync>> {
         Ok(RenderSettings::new([64, 64], Transfer::preset("tissue", [0.0, 255.0])?))
     }
@@ -181,12 +181,12 @@ impl Looks for Visitor {
     }
 }
 
-/// A session that goes on until it is told to end.
-fn visited(visitor: &Arc<Visitor>, mut ends: impl FnMut(u64) -> bool) -> sonoweave::pipeline::live::Finished {
+/// A session that continues until it is told to end.
+fn visited(visitor: &Arc<Visitor>, mut ends: impl FnMut(u64) -> bool) -> pipeline::live::Finished {
     let begin_ns = begin();
     let set = Set::of(poses(begin_ns, COUNT).that_stays(), all_frames(begin_ns, COUNT));
     let begun = Instant::now();
-    let set = Set { looks: Some(Arc::clone(visitor) as Arc<dyn Looks>), ..set };
+    let set = Set { looks: Some(Arc::clone(visitor) as Arc<dyn ViewClient>), ..set };
     let (finished, _) =
         set.until(|account, _| ends(account.ledger.frames.used) || begun.elapsed() > Duration::from_secs(20));
     assert_eq!(frames(&finished), (COUNT, COUNT, vec![]));
@@ -194,7 +194,7 @@ fn visited(visitor: &Arc<Visitor>, mut ends: impl FnMut(u64) -> bool) -> sonowea
 }
 
 #[test]
-fn while_nobody_looks_nothing_is_drawn_and_in_the_end_only_what_is_wanted() {
+fn without_viewer_only_the_final_picture_is_rendered() {
     let visitor = Visitor::new(false);
     let finished = visited(&visitor, |used| used == COUNT);
     assert_eq!((visitor.seen(), finished.account.pictures), (Vec::new(), 0));
@@ -206,7 +206,7 @@ fn while_nobody_looks_nothing_is_drawn_and_in_the_end_only_what_is_wanted() {
 }
 
 #[test]
-fn who_comes_late_sees_all_that_there_is_turns_it_and_the_last_picture_is_from_home_to_the_bit() {
+fn late_viewer_sees_all_and_last_picture_uses_home_view() {
     let never = Visitor::new(true);
     let expected = visited(&never, |used| used == COUNT).drawn.unwrap();
     let visitor = Visitor::new(true);
@@ -214,7 +214,7 @@ fn who_comes_late_sees_all_that_there_is_turns_it_and_the_last_picture_is_from_h
         if used < COUNT {
             return false;
         }
-        // All is woven, and nobody has looked yet.
+        // All slices are inserted, and there was no viewer yet.
         visitor.there.store(true, Ordering::Relaxed);
         let seen = visitor.seen();
         visitor.turned.store(seen.contains(&(false, COUNT)), Ordering::Relaxed);
@@ -226,12 +226,12 @@ fn who_comes_late_sees_all_that_there_is_turns_it_and_the_last_picture_is_from_h
     assert!(drawn.pictures <= visitor.seen().len() as u64);
 }
 
-/// Somebody who puts another look on what is drawn, and takes it off again.
+/// A viewer that changes the style of the picture, and resets it.
 #[derive(Default)]
 struct Dresser {
     worn: AtomicU64,
     asked: AtomicU64,
-    seen: std::sync::Mutex<Vec<(u64, sonoweave::render::Picture)>>,
+    seen: std::sync::Mutex<Vec<(u64, render::Picture)>>,
 }
 
 impl Dresser {
@@ -240,7 +240,7 @@ impl Dresser {
     }
 }
 
-impl Looks for Dresser {
+impl ViewClient for Dresser {
     fn settings(&self, _: &First) -> Result<RenderSettings, Box<dyn std::error::Error + Send + Sync>> {
         Ok(RenderSettings::new([64, 64], Transfer::preset("tissue", [0.0, 255.0])?))
     }
@@ -266,13 +266,13 @@ impl Looks for Dresser {
 }
 
 #[test]
-fn another_look_is_drawn_once_and_the_last_picture_is_as_configured_to_the_bit() {
+fn new_style_renders_once_and_last_picture_is_as_configured() {
     let never = Visitor::new(true);
     let expected = visited(&never, |used| used == COUNT).drawn.unwrap();
     let dresser = Arc::new(Dresser::default());
     let begin_ns = begin();
     let set = Set::of(poses(begin_ns, COUNT).that_stays(), all_frames(begin_ns, COUNT));
-    let set = Set { looks: Some(Arc::clone(&dresser) as Arc<dyn Looks>), ..set };
+    let set = Set { looks: Some(Arc::clone(&dresser) as Arc<dyn ViewClient>), ..set };
     let begun = Instant::now();
     let (mut step, mut asked, mut pictures) = (0, 0, 0);
     let (finished, _) = set.until(|_, _| {
@@ -286,7 +286,7 @@ fn another_look_is_drawn_once_and_the_last_picture_is_as_configured_to_the_bit()
                 step = 2;
             }
             2 if dresser.pictures() > pictures => (step, asked) = (3, now),
-            // It was drawn, and is not drawn again.
+            // It was rendered once, and is not rendered again.
             3 if now > asked + 5 => {
                 assert_eq!(dresser.pictures(), pictures + 1);
                 return true;

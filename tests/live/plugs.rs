@@ -1,21 +1,24 @@
-//! Plugs that are pulled out and put in again while a session runs.
+//! Devices that are unplugged and plugged in again during a session.
 
 use std::os::unix::fs::symlink;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
-use drivers::clock::{Clock, MS, Monotonic, SECOND};
-use drivers::polhemus::{self, Model, Port, TrackerSettings};
+use tempfile::TempDir;
+
+use drivers::OpenSettings;
 use drivers::simulated::grabber::Grabber;
 use drivers::simulated::{Faults, Machine, Motion, Placed, Pty, fastrak};
-use drivers::{Device, OpenSettings};
-use sonoweave::refusal::Reason;
-use tempfile::TempDir;
+use drivers::tracker::polhemus::{self, Model, Port, TrackerSettings};
+use sonoweave_core::Device;
+use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
+use sonoweave_core::refusal::Reason;
 
 use crate::script::{begin, poses};
 use crate::set::{SIZE, Set, frames};
 
-/// A twin on a line whose name stays when it is plugged in again, as links in /dev/serial/by-id do.
+/// A simulated device on a line that keeps its name when plugged in again, like links in
+/// /dev/serial/by-id.
 pub(crate) struct Line<P> {
     pub(crate) twin: Arc<Mutex<P>>,
     pty: Option<Pty>,
@@ -53,7 +56,7 @@ impl<P: Machine + 'static> Line<P> {
     }
 }
 
-/// A virtual grabber whose pictures differ.
+/// A virtual grabber whose frames differ.
 pub(crate) fn grabber(rate_hz: f64) -> Grabber {
     let picture = Box::new(|at_ns: i64, pixels: &mut [u8]| {
         let shown = at_ns.to_le_bytes();
@@ -71,17 +74,17 @@ pub(crate) fn hand() -> Motion {
     })
 }
 
-/// What is waited for next.
+/// The phase of the test.
 #[derive(PartialEq)]
 enum Phase {
     Before,
     Away,
-    /// Back, with so many frames used before.
+    /// Plugged in again; number of frames used before.
     Back(u64),
 }
 
 #[test]
-fn a_tracker_that_is_pulled_out_and_put_in_again_costs_the_frames_meanwhile() {
+fn replugged_tracker_loses_only_frames_meanwhile() {
     let mut line = Line::new(fastrak::Twin::new(hand(), Faults::default()));
     let port = Port::Serial { path: line.path(), baud: None };
     let settings =
@@ -122,11 +125,11 @@ fn a_tracker_that_is_pulled_out_and_put_in_again_costs_the_frames_meanwhile() {
 }
 
 #[test]
-fn a_grabber_that_is_pulled_out_and_put_in_again_begins_anew_and_loses_nothing_else() {
+fn replugged_grabber_restarts_and_loses_nothing_else() {
     let begin_ns = begin();
     let grabber = grabber(50.0);
     let controls = grabber.controls();
-    // A tracker that goes on for as long as need be.
+    // A tracker that continues as long as necessary.
     let mut phase = Phase::Before;
     let mut turns = 0;
     let (finished, seen) = Set::of(poses(begin_ns, 2000), grabber).waits(SECOND).until(|account, _| {
@@ -150,7 +153,7 @@ fn a_grabber_that_is_pulled_out_and_put_in_again_begins_anew_and_loses_nothing_e
         false
     });
     let (total, used, refused) = frames(&finished);
-    // Before the first pose, and behind the last, there is none.
+    // Before the first pose, and after the last, there is none.
     let missing: u64 = refused.iter().map(|(_, count)| count).sum();
     assert!(refused.iter().all(|(reason, _)| *reason == Reason::PoseMissing), "{refused:?}");
     assert!(used >= 40 && total == used + missing, "{}", finished.account.ledger);
@@ -161,7 +164,7 @@ fn a_grabber_that_is_pulled_out_and_put_in_again_begins_anew_and_loses_nothing_e
 }
 
 #[test]
-fn a_grabber_that_hangs_is_silent_and_no_other() {
+fn hung_grabber_is_reported_silent_alone() {
     let grabber = grabber(50.0);
     let controls = grabber.controls();
     let mut phase = Phase::Before;
@@ -187,23 +190,23 @@ fn a_grabber_that_hangs_is_silent_and_no_other() {
 }
 
 #[test]
-fn a_device_that_ends_by_an_error_says_so_at_once_and_the_other_goes_on() {
-    /// A device of which nothing can be had.
-    struct Broken(drivers::Description, drivers::Health);
+fn failed_device_is_reported_at_once_and_other_continues() {
+    /// A device that always fails.
+    struct Broken(sonoweave_core::Description, sonoweave_core::Health);
     impl Device for Broken {
-        fn start(&mut self) -> Result<(), drivers::Error> {
-            Err(drivers::Error::Misuse("the arm has four joints: nobody knows what to do with them".into()))
+        fn start(&mut self) -> Result<(), sonoweave_core::Error> {
+            Err(sonoweave_core::Error::Misuse("the arm has four joints: nobody knows what to do with them".into()))
         }
-        fn next(&mut self, _: i64) -> Result<drivers::Next, drivers::Error> {
+        fn next(&mut self, _: i64) -> Result<sonoweave_core::Next, sonoweave_core::Error> {
             unreachable!("it never started")
         }
-        fn stop(&mut self) -> Result<(), drivers::Error> {
+        fn stop(&mut self) -> Result<(), sonoweave_core::Error> {
             Ok(())
         }
-        fn describe(&self) -> &drivers::Description {
+        fn describe(&self) -> &sonoweave_core::Description {
             &self.0
         }
-        fn health(&self) -> &drivers::Health {
+        fn health(&self) -> &sonoweave_core::Health {
             &self.1
         }
     }

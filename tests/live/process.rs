@@ -1,4 +1,5 @@
-//! The program itself: killed while it records, run twice on one device, told to record where nothing can be written.
+//! The program itself: killed while it records, run twice on one device, told to record to an
+//! unwritable folder.
 
 use std::fs;
 use std::io::{BufRead as _, BufReader};
@@ -7,23 +8,25 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use drivers::reading::Frame;
-use drivers::recording::session::{Ending, SessionReplay, SessionSettings};
-use drivers::simulated::{Faults, Pty, fastrak};
-use drivers::{Device, NO_DEADLINE, Next, Reading};
 use serde_json::Value;
-use sonoweave::config::bedside::Bedside;
 use sonoweave::devices;
-use sonoweave::ingest::Ingest;
-use sonoweave::slice::Pixels;
 use tempfile::TempDir;
+
+use config::bedside::Bedside;
+use drivers::replay::{SessionReplay, SessionSettings};
+use drivers::simulated::{Faults, Pty, fastrak};
+use formats::session::Ending;
+use sonoweave_core::reading::Frame;
+use sonoweave_core::slice::Pixels;
+use sonoweave_core::{Device, NO_DEADLINE, Next, Reading};
+use sync::ingest::Ingest;
 
 use crate::disk::read;
 use crate::plugs::hand;
 
-/// A small virtual bedside, quickly painted.
+/// A small virtual bedside, quickly simulated.
 const SMALL: &str = "format = \"sonoweave-bedside\"\nversion = 1\n[tracker]\nmodel = \"fastrak\"\nport = \"virtual\"\nreference_station = 2\n[grabber]\ndevice = \"virtual\"\nsize = \"96x80\"\n[record]\nkeep_free_mb = 1\n";
-/// What takes longer has hung.
+/// Anything slower has hung.
 const PATIENCE: Duration = Duration::from_secs(120);
 
 fn bedside(folder: &TempDir, text: &str) -> PathBuf {
@@ -43,13 +46,13 @@ fn program(folder: &TempDir, words: &[&str]) -> Child {
         .unwrap()
 }
 
-/// What a program says until it ends, and how it ended.
+/// Waits for a program; returns its exit status and its messages.
 fn ended(mut child: Child) -> (ExitStatus, String) {
     let said = std::io::read_to_string(child.stderr.take().unwrap()).unwrap();
     (child.wait().unwrap(), said)
 }
 
-/// What a run says as JSON.
+/// Returns a run's JSON output.
 fn json(folder: &TempDir, words: &[&str]) -> Value {
     let out = Command::new(env!("CARGO_BIN_EXE_sonoweave")).args(words).current_dir(folder.path()).output().unwrap();
     assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
@@ -61,18 +64,18 @@ fn session(folder: &Path) -> PathBuf {
 }
 
 #[test]
-fn killed_while_it_records_it_leaves_all_but_the_last_second() {
+fn killed_recording_keeps_all_but_the_last_second() {
     let folder = tempfile::tempdir().unwrap();
     bedside(&folder, SMALL);
     let mut child = program(&folder, &["live", "--config", "bedside.toml", "--record", "rec"]);
-    // It says now and then how many frames there were.
+    // It reports the number of frames periodically.
     let mut said = BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
     let frames = |line: String| {
         let words = line.strip_prefix("sonoweave: ")?.split(" slices of ").nth(1)?.split(' ').next()?.to_owned();
         words.parse::<u64>().ok()
     };
     let told = said.by_ref().filter_map(frames).find(|frames| *frames >= 60).unwrap();
-    // What it told of is older than a second then.
+    // The reported frames are then older than a second.
     std::thread::sleep(Duration::from_millis(1500));
     child.kill().unwrap();
     child.wait().unwrap();
@@ -95,7 +98,7 @@ fn killed_while_it_records_it_leaves_all_but_the_last_second() {
 }
 
 #[test]
-fn two_on_one_tracker_the_second_is_told_who_has_it_and_the_first_goes_on() {
+fn second_process_on_tracker_is_refused_with_the_owner() {
     let folder = tempfile::tempdir().unwrap();
     let twin = Arc::new(Mutex::new(fastrak::Twin::new(hand(), Faults::default())));
     let line = Pty::run(twin).unwrap();
@@ -103,7 +106,7 @@ fn two_on_one_tracker_the_second_is_told_who_has_it_and_the_first_goes_on() {
     bedside(&folder, &SMALL.replace("port = \"virtual\"\nreference_station = 2", &port));
     let words = |stats: &'static str| ["live", "--config", "bedside.toml", "--stats", stats];
     let mut first = program(&folder, &words("first.json"));
-    // It has the line when it uses frames.
+    // Once it uses frames, it has the line.
     let mut said = BufReader::new(first.stderr.take().unwrap()).lines().map_while(Result::ok);
     let uses = |line: &String| line.contains(" slices of ") && !line.starts_with("sonoweave: 0 slices");
     said.by_ref().find(uses).unwrap();
@@ -126,7 +129,7 @@ fn two_on_one_tracker_the_second_is_told_who_has_it_and_the_first_goes_on() {
 }
 
 #[test]
-fn a_folder_that_cannot_be_written_is_refused_before_anything_begins() {
+fn unwritable_folder_is_refused_at_start() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("file"), "no folder").unwrap();
     bedside(&folder, SMALL);
@@ -144,11 +147,11 @@ fn a_folder_that_cannot_be_written_is_refused_before_anything_begins() {
     fs::write(folder.path().join("much.toml"), SMALL.replace("keep_free_mb = 1\n", "keep_free_mb = 4000000000\n"))
         .unwrap();
     let said = refused("much.toml", "rec");
-    assert!(said.contains("MB are free on this disk") && said.contains("keep_free_mb wants 4000000000"), "{said}");
+    assert!(said.contains("MB are free on this disk") && said.contains("keep_free_mb reserves 4000000000"), "{said}");
 }
 
 #[test]
-fn the_bytes_of_a_recorded_line_are_decoded_anew_to_the_readings_that_were_made_of_them() {
+fn recorded_bytes_decode_to_the_recorded_readings() {
     let folder = tempfile::tempdir().unwrap();
     bedside(&folder, SMALL);
     let (status, said) =
@@ -175,13 +178,13 @@ fn the_bytes_of_a_recorded_line_are_decoded_anew_to_the_readings_that_were_made_
     };
     let (recorded, decoded) = (poses(false), poses(true));
     assert!(recorded.len() > 60, "{}", recorded.len());
-    // The last bytes came when the session ended: nobody took what they hold.
+    // The last bytes arrived at the end of the session and were not decoded.
     assert!(decoded.len() - recorded.len() < 20, "{} {}", decoded.len(), recorded.len());
     assert_eq!(recorded, decoded[..recorded.len()]);
 }
 
 #[test]
-fn a_grabber_s_frames_lie_as_its_configuration_says_and_come_out_as_the_same_anatomy() {
+fn grabber_orientation_gives_the_same_anatomy() {
     let seen = |orientation: &str| {
         let text = SMALL.replace("size = \"96x80\"\n", &format!("size = \"96x80\"\norientation = \"{orientation}\"\n"));
         let bedside =
@@ -206,7 +209,7 @@ fn a_grabber_s_frames_lie_as_its_configuration_says_and_come_out_as_the_same_ana
     assert_eq!((other.size, other.orientation.as_ref()), ([96, 80], "UN"));
     assert!(other.pixels != usual.pixels);
     assert_eq!(mf(&other), (size, pixels));
-    // Of video that is stored by columns the size is the video's.
+    // If video is stored by columns, the size is the video's.
     let turned = seen("FM");
     assert_eq!((turned.size, turned.orientation.as_ref(), mf(&turned).0), ([96, 80], "FM", [80, 96]));
 }

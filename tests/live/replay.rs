@@ -1,34 +1,37 @@
-//! A recorded session, run again: the same decisions, the same bits, by any number of threads and at any speed; and what is said where it comes to something else.
+//! Replays of a recorded session: the same decisions and bits, for any number of threads and any
+//! speed; and the reported differences, if there are any.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::num::NonZeroU64;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 
-use drivers::clock::{MS, SECOND};
-use drivers::recording::Pace;
-use drivers::recording::session::{SessionReplay, SessionSettings, WriterOptions};
-use sonoweave::ledger::{Frames, Queue};
-use sonoweave::pipeline::live::{Drawn, Finished, First, Instrument, Looks, Precedent, Recorded, Session, rerun};
-use sonoweave::render::RenderSettings;
-use sonoweave::render::transfer::Transfer;
 use tempfile::NamedTempFile;
+
+use drivers::replay::{Pace, SessionReplay, SessionSettings};
+use formats::session::WriterOptions;
+use pipeline::live::{DeviceRole, Drawn, Finished, First, Recorded, RecordedDecisions, Session, ViewClient, rerun};
+use render::RenderSettings;
+use render::classify::transfer::Transfer;
+use sonoweave_core::clock::{MS, SECOND};
+use sonoweave_core::ledger::{Frames, Queue};
 
 use crate::script::{
     Act, FRAME, Script, begin, frame, frames as all_frames, measured, pose, poses, poses_timing, video,
 };
 use crate::set::{Memory, Set, instruments, stages};
 
-/// How long frames wait where much goes wrong.
+/// Waiting time of frames in a session with many disturbances.
 const WAIT: i64 = 150 * MS;
 
-/// A session in which much goes wrong: frames twice and out of order, a number missing, poses swapped, twice, and none for longer than frames wait.
+/// A session with many disturbances. Frames come twice and out of order, and a number is
+/// missing. Poses are swapped, come twice, and are absent for longer than frames wait.
 fn eventful() -> (Finished, Memory) {
     let begin_ns = begin();
     let numbers: Vec<u64> = (0..9).chain(8..15).chain(17..21).chain([22, 23, 21]).chain(24..60).collect();
     let of_frames = (0..).zip(&numbers).map(|(item, n)| {
         let at_ns = begin_ns + *n as i64 * FRAME;
-        // Two show the same picture at two poses.
+        // Two frames show the same image at two poses.
         (at_ns, Act::Give(frame(item, *n, at_ns, if *n == 41 { 40 } else { *n })))
     });
     let mut of_poses: Vec<(i64, Act)> = Vec::new();
@@ -54,17 +57,17 @@ fn eventful() -> (Finished, Memory) {
     (set.run().0, disk)
 }
 
-/// Runs a session's bytes again, or something like it.
+/// Replays a session's bytes, with optional changes.
 pub(crate) fn again(
     disk: &Memory,
     wait_ns: i64,
     pace: Pace,
     all: bool,
-    other: impl FnOnce(&mut Session, &mut Instrument),
-) -> (Finished, Precedent) {
+    other: impl FnOnce(&mut Session, &mut DeviceRole),
+) -> (Finished, RecordedDecisions) {
     let file = NamedTempFile::new().unwrap();
     std::fs::write(file.path(), disk.bytes()).unwrap();
-    let mut precedent = Precedent::read(file.path()).unwrap();
+    let mut precedent = RecordedDecisions::read(file.path()).unwrap();
     if all {
         precedent.use_all();
     }
@@ -76,7 +79,7 @@ pub(crate) fn again(
     rerun(&session, Vec::new(), recorded, &AtomicBool::new(false), |_| {}).unwrap()
 }
 
-/// Keeps every picture that it is shown, by the slices that it is of.
+/// A viewer that keeps every picture, by its number of slices.
 #[derive(Default)]
 struct Album {
     pictures: Mutex<BTreeMap<u64, Vec<u8>>>,
@@ -93,7 +96,7 @@ impl Album {
     }
 }
 
-impl Looks for Album {
+impl ViewClient for Album {
     fn settings(&self, _: &First) -> Result<RenderSettings, Box<dyn std::error::Error + Send + Sync>> {
         Ok(RenderSettings::new([64, 64], Transfer::preset("tissue", [0.0, 255.0])?))
     }
@@ -110,13 +113,13 @@ impl Looks for Album {
     }
 }
 
-/// What became of frames, less what was lost before they came, which a recording does not have.
+/// Returns the frames' outcomes without losses before arrival, which a recording lacks.
 fn fates(finished: &Finished) -> Frames {
     Frames { lost: 0, ..finished.account.ledger.frames.clone() }
 }
 
 #[test]
-fn every_decision_is_made_again_by_any_number_of_threads_and_at_any_speed() {
+fn replay_repeats_decisions_for_any_threads_and_speed() {
     let (live, disk) = eventful();
     let frames = &live.account.ledger.frames;
     assert!(frames.refused.len() >= 3 && frames.used > 30, "{}", live.account.ledger);
@@ -133,19 +136,19 @@ fn every_decision_is_made_again_by_any_number_of_threads_and_at_any_speed() {
 }
 
 #[test]
-fn the_picture_after_a_slice_is_the_one_that_there_was_live() {
+fn replay_picture_after_a_slice_equals_the_live_one() {
     let begin_ns = begin();
     let live = Album::of_every(0);
     let disk = Memory::default();
     let set = Set::of(poses(begin_ns, 60), all_frames(begin_ns, 60));
-    let set = Set { looks: Some(Arc::clone(&live) as Arc<dyn Looks>), ..set };
+    let set = Set { looks: Some(Arc::clone(&live) as Arc<dyn ViewClient>), ..set };
     let (finished, _) = set.recorded(disk.clone(), WriterOptions::new("a test"), 0).run();
     let woven = finished.account.ledger.frames.used;
     assert!(live.slices().len() > 5 && live.slices().last() == Some(&woven), "{:?}", live.slices());
     let run = |every, threads, pace| {
         let album = Album::of_every(every);
         let (_, precedent) = again(&disk, WAIT, pace, false, |session, _| {
-            session.looks = Some(Arc::clone(&album) as Arc<dyn Looks>);
+            session.looks = Some(Arc::clone(&album) as Arc<dyn ViewClient>);
             session.settings.threads = threads;
         });
         assert_eq!(precedent.differences().first, None);
@@ -168,7 +171,7 @@ fn the_picture_after_a_slice_is_the_one_that_there_was_live() {
 }
 
 #[test]
-fn where_it_comes_to_something_else_the_first_frame_is_named() {
+fn first_differing_frame_is_named() {
     let (_, disk) = eventful();
     let (_, precedent) = again(&disk, WAIT, Pace::Unpaced, false, |_, tracker| tracker.latency_ns = MS);
     let found = precedent.differences();
@@ -178,8 +181,9 @@ fn where_it_comes_to_something_else_the_first_frame_is_named() {
 }
 
 #[test]
-fn what_was_dropped_is_dropped_again_or_used_if_that_is_asked_for() {
-    // Frames that are said to be so large that four of them are all that may be on their way, and poses that come a quarter of a second late.
+fn dropped_frames_drop_again_or_are_used_on_request() {
+    // Frames declared so large that only four may be on their way, and poses that are late by a
+    // quarter of a second.
     let begin_ns = begin();
     let late = measured(50).map(|(item, after, mm)| {
         let at_ns = begin_ns + after;

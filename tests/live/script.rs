@@ -1,33 +1,34 @@
-//! A device that delivers what it was told to, at times that it was told to: counts and stamps are exact, however late the machine is.
+//! A scripted device, which delivers given data at given times: counts and stamps are exact,
+//! however late the machine is.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use drivers::clock::{Clock, MS, Monotonic, SECOND};
-use drivers::health::State;
-use drivers::reading::{Frame, PixelType, Pose, Reading, Stamp, Status};
-use drivers::{Description, Device, Error, Health, Next, Ticks, Timing};
+use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
+use sonoweave_core::health::State;
+use sonoweave_core::reading::{Frame, PixelType, Pose, Reading, Stamp, Status};
+use sonoweave_core::{Description, Device, Error, Health, Next, Ticks, Timing};
 
 use crate::set::SIZE;
 
-/// Millimetres a second by which the probe of these scripts moves along z.
+/// Speed of the scripted probe along z, mm/s.
 pub(crate) const SPEED: f64 = 20.0;
-/// Between two frames, ns: 25 a second.
+/// Time between two frames, ns: 25 per second.
 pub(crate) const FRAME: i64 = 40 * MS;
-/// Between two poses, ns: 125 a second.
+/// Time between two poses, ns: 125 per second.
 pub(crate) const POSE: i64 = 8 * MS;
 
-/// What is due.
+/// A scripted action.
 #[derive(Clone)]
 #[allow(clippy::large_enum_variant, reason = "nearly all values are the large ones")]
 pub(crate) enum Act {
-    /// A reading.
+    /// Deliver a reading.
     Give(Reading),
-    /// From here on it is in another state, for a reason.
+    /// Change to another state, for a reason.
     Be(State, &'static str),
-    /// It was set up anew: its ticks begin at 0.
+    /// Be set up again: the ticks begin at 0.
     SetUp,
-    /// So many readings are lost, by its own count.
+    /// Lose this number of readings, by the device's own count.
     Lose(u64),
 }
 
@@ -40,7 +41,8 @@ pub(crate) struct Script {
 }
 
 impl Script {
-    /// Acts and when they are due, host ns; in this order whatever the times are.
+    /// Returns a device with actions and their times, host ns. Actions keep this order
+    /// regardless of the times.
     pub(crate) fn new(name: &str, timing: Timing, acts: impl IntoIterator<Item = (i64, Act)>) -> Self {
         let description = Description { name: name.into(), timing, ..Description::default() };
         Self { acts: acts.into_iter().collect(), description, health: Health::default(), started: false }
@@ -48,14 +50,14 @@ impl Script {
 }
 
 impl Script {
-    /// One that stays when it has delivered all, for a minute or until the session ends.
+    /// Keeps the device running after its last action, for a minute or until the session ends.
     pub(crate) fn that_stays(mut self) -> Self {
         let long = Monotonic.now_ns() + 60 * SECOND;
         self.acts.push_back((long, Act::Be(State::Running, "")));
         self
     }
 
-    /// A grabber that says its frames have this size.
+    /// Declares a size of the grabber's frames.
     pub(crate) fn that_seems(mut self, size: [u32; 2]) -> Self {
         self.description.image_size = Some(size);
         self
@@ -105,12 +107,12 @@ impl Device for Script {
     }
 }
 
-/// When a script begins: soon.
+/// Returns the beginning of a script: soon.
 pub(crate) fn begin() -> i64 {
     Monotonic.now_ns() + SECOND / 5
 }
 
-/// A grabber's word of its stamps.
+/// Returns the timing description of a grabber's stamps.
 pub(crate) fn video() -> Timing {
     Timing {
         ticks: Ticks::Measurements,
@@ -121,7 +123,8 @@ pub(crate) fn video() -> Timing {
     }
 }
 
-/// A frame with a number of the kernel's, seen at a host time; its grey level tells which picture it shows.
+/// Returns a frame with a driver number, acquired at a host time; its grey values identify the
+/// image.
 pub(crate) fn frame(item: u64, number: u64, at_ns: i64, picture: u64) -> Reading {
     let pixels: Arc<[u8]> =
         (0..SIZE[0] * SIZE[1]).map(|n| 40 + ((u64::from(n % 13) + picture * 7) % 200) as u8).collect();
@@ -139,7 +142,7 @@ pub(crate) fn frame(item: u64, number: u64, at_ns: i64, picture: u64) -> Reading
     })
 }
 
-/// A grabber whose frames are seen [`FRAME`] apart, each of its own picture.
+/// Returns a grabber with frames [`FRAME`] apart, each with its own image.
 pub(crate) fn frames(begin_ns: i64, count: u64) -> Script {
     let acts = (0..count).map(|n| {
         let at_ns = begin_ns + n as i64 * FRAME;
@@ -148,7 +151,7 @@ pub(crate) fn frames(begin_ns: i64, count: u64) -> Script {
     Script::new("a scripted grabber", video(), acts)
 }
 
-/// A tracker's word of its stamps: none of its own, or a counter of measurements.
+/// Returns the timing description of a tracker's stamps: none, or a counter of measurements.
 pub(crate) fn poses_timing(counts: bool) -> Timing {
     let hz = SECOND as f64 / POSE as f64;
     let timing = Timing { rate_hz: Some(hz), ..Timing::default() };
@@ -158,12 +161,13 @@ pub(crate) fn poses_timing(counts: bool) -> Timing {
     }
 }
 
-/// Where the probe is, mm along z, so long after the script's beginning.
+/// Returns the probe's position along z, mm, at a time after the script's beginning.
 pub(crate) fn height_mm(after_ns: i64) -> f64 {
     after_ns as f64 * 1e-9 * SPEED
 }
 
-/// A station's pose, with the height of the probe or of a patient who lies still; received at a host time.
+/// Returns a station's pose, received at a host time, at the height of the probe or of a static
+/// patient.
 pub(crate) fn pose(item: u64, station: u8, ticks: Option<u64>, at_ns: i64, height_mm: f64) -> Reading {
     Reading::Pose(Pose {
         stamp: Stamp { item, host_ns: Some(at_ns), ticks, ..Stamp::default() },
@@ -177,13 +181,14 @@ pub(crate) fn pose(item: u64, station: u8, ticks: Option<u64>, at_ns: i64, heigh
     })
 }
 
-/// A tracker's readings from half a second before the first frame until half a second behind the last of so many: measured when, after the beginning, and where the probe is.
+/// Returns a tracker's readings from half a second before the first frame until half a second
+/// after the last. Each has a time after the beginning and the probe's position.
 pub(crate) fn measured(frames: u64) -> impl Iterator<Item = (u64, i64, f64)> {
     let (first, last) = (-SECOND / 2 / POSE, (frames as i64 * FRAME + SECOND / 2) / POSE);
     (0..).zip(first..last).map(|(item, n)| (item, n * POSE, height_mm(n * POSE)))
 }
 
-/// A tracker of one station that does all that it should.
+/// Returns a tracker of one station without disturbances.
 pub(crate) fn poses(begin_ns: i64, frames: u64) -> Script {
     let acts = measured(frames)
         .map(move |(item, after, mm)| (begin_ns + after, Act::Give(pose(item, 1, None, begin_ns + after, mm))));

@@ -1,4 +1,5 @@
-//! Planes through the volume while it grows: what is shown is what the volume holds, nothing is done twice, and weaving waits for nobody who looks.
+//! Planes through the growing volume: they show the volume's content, no work is repeated, and
+//! viewers do not delay insertion.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -6,35 +7,37 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use glam::DVec3;
-use sonoweave::pipeline::live::{Cut, CutWork, Cutter, Extent, Finished, Wanted};
-use sonoweave::render::section::{Planar, Plane, Sampled};
+
+use pipeline::live::{CutWork, Extent, Finished, PlaneImage, PlaneRequest, PlaneViewer};
+use render::section::{Planar, Plane, Sampled};
 
 use crate::script::{begin, frames as all_frames, poses};
 use crate::set::{Set, frames};
 
 /// Frames of each of these sessions.
 const COUNT: u64 = 75;
-/// From so many slices on none reaches the bricks that the plane across the sweep meets.
+/// From this number of slices on, none reaches the bricks of the plane across the sweep.
 const PAST: u64 = 35;
-/// A session in which nothing more happens has hung.
+/// A session without progress for this long has hung.
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// Somebody who looks at a plane across the sweep, near its beginning, at one along it, and at an oblique one.
+/// A viewer of a plane across the sweep, near its beginning, of one along it, and of an oblique
+/// one.
 #[derive(Default)]
 struct Surgeon {
     looks: AtomicBool,
-    /// How far the plane along the sweep is moved, mm, and the number of the look.
+    /// Displacement of the plane along the sweep, mm, and the style number.
     aside: AtomicU64,
     look: AtomicU64,
     asked: AtomicU64,
-    /// Nothing is answered until this is set.
+    /// While this is set, the viewer blocks.
     stuck: AtomicBool,
     seen: Mutex<Vec<Seen>>,
 }
 
 #[derive(Clone)]
 struct Seen {
-    wanted: Wanted,
+    wanted: PlaneRequest,
     extent: Extent,
     sampled: Vec<Sampled>,
     slices: u64,
@@ -59,12 +62,12 @@ impl Surgeon {
     }
 }
 
-impl Cutter for Surgeon {
+impl PlaneViewer for Surgeon {
     fn is_watched(&self) -> bool {
         self.looks.load(Ordering::Relaxed)
     }
 
-    fn wants(&self, extent: &Extent) -> Vec<Wanted> {
+    fn wants(&self, extent: &Extent) -> Vec<PlaneRequest> {
         self.asked.fetch_add(1, Ordering::Relaxed);
         let aside = 10.0 + self.aside.load(Ordering::Relaxed) as f64;
         let planes = [
@@ -75,13 +78,13 @@ impl Cutter for Surgeon {
         let look = self.look.load(Ordering::Relaxed);
         let wanted = planes.into_iter().enumerate().map(|(number, (point, normal))| {
             let plane = Plane::new(point, normal, None).unwrap();
-            Wanted { number, section: plane.cover(&extent.place, 0.7, 256).unwrap(), look }
+            PlaneRequest { number, section: plane.cover(&extent.place, 0.7, 256).unwrap(), look }
         });
         wanted.collect()
     }
 
-    fn cut(&self, cut: &Cut<'_>) {
-        let Cut { wanted, extent, sampled, slices, work, .. } = *cut;
+    fn cut(&self, cut: &PlaneImage<'_>) {
+        let PlaneImage { wanted, extent, sampled, slices, work, .. } = *cut;
         self.seen.lock().unwrap().push(Seen { wanted, extent, sampled: sampled.to_vec(), slices, work });
         let begun = Instant::now();
         while self.stuck.load(Ordering::Relaxed) && begun.elapsed() < PATIENCE {
@@ -97,10 +100,10 @@ impl Cutter for Surgeon {
 fn looked_at(surgeon: &Arc<Surgeon>) -> Set {
     let begin_ns = begin();
     let set = Set::of(poses(begin_ns, COUNT).that_stays(), all_frames(begin_ns, COUNT));
-    Set { cutter: Some(Arc::clone(surgeon) as Arc<dyn Cutter>), ..set }
+    Set { cutter: Some(Arc::clone(surgeon) as Arc<dyn PlaneViewer>), ..set }
 }
 
-/// The last picture of each plane is what sampling the finished volume gives.
+/// Checks that the last image of each plane equals a sampling of the finished volume.
 fn are_the_volume_s(surgeon: &Surgeon, finished: &Finished) {
     let volume = finished.outcome.as_ref().unwrap().reconstructor.volume();
     let last: BTreeMap<usize, Seen> = surgeon.seen().into_iter().map(|seen| (seen.wanted.number, seen)).collect();
@@ -114,7 +117,7 @@ fn are_the_volume_s(surgeon: &Surgeon, finished: &Finished) {
 }
 
 #[test]
-fn planes_are_the_volume_s_to_the_bit_whenever_they_were_read() {
+fn planes_equal_the_volume_bitwise() {
     let surgeon = Arc::new(Surgeon { looks: true.into(), ..Surgeon::default() });
     let (finished, _) = looked_at(&surgeon).until(|account, _| account.ledger.frames.used == COUNT);
     assert_eq!(frames(&finished), (COUNT, COUNT, vec![]));
@@ -126,7 +129,7 @@ fn planes_are_the_volume_s_to_the_bit_whenever_they_were_read() {
 }
 
 #[test]
-fn a_plane_is_sampled_when_it_moves_or_a_slice_reaches_it_and_shown_when_that_is_another_picture() {
+fn plane_is_sampled_and_shown_only_on_changes() {
     let surgeon = Arc::new(Surgeon::default());
     let mut steps = Vec::new();
     let (mut asked, mut last) = (0, CutWork::default());
@@ -136,27 +139,27 @@ fn a_plane_is_sampled_when_it_moves_or_a_slice_reaches_it_and_shown_when_that_is
         let now = surgeon.asked();
         let work = surgeon.seen().last().map_or(CutWork::default(), |seen| seen.work);
         match steps.len() {
-            // Nobody looks at first, and nothing is asked or read.
+            // Without a viewer, nothing is queried or read.
             0 if account.ledger.frames.used >= PAST => {
                 assert_eq!((now, surgeon.seen().len()), (0, 0));
                 surgeon.looks.store(true, Ordering::Relaxed);
             }
-            // Those who come see all that there is, and what comes.
+            // A new viewer sees all present slices, and the following ones.
             1 if account.ledger.frames.used == COUNT && !surgeon.seen().is_empty() => asked = now,
             2 if now >= asked + 4 => (asked, last) = (now, work),
-            // Nothing changes: nothing is done.
+            // Without changes, nothing is done.
             3 if now >= asked + 4 => {
                 assert_eq!(work, last);
                 asked = now;
                 surgeon.look.store(1, Ordering::Relaxed);
             }
-            // Another look reads and samples nothing.
+            // Another style reads and samples nothing.
             4 if now >= asked + 3 => {
                 assert_eq!(work, CutWork { shown: last.shown + 3, ..last });
                 (asked, last) = (now, work);
                 surgeon.aside.store(9, Ordering::Relaxed);
             }
-            // A plane that moves is read alone.
+            // Only a plane that moves is read.
             5 if now >= asked + 3 => {
                 let CutWork { bricks, planes, shown } = work;
                 assert!(bricks > last.bricks);
@@ -171,7 +174,8 @@ fn a_plane_is_sampled_when_it_moves_or_a_slice_reaches_it_and_shown_when_that_is
         false
     });
     assert_eq!(frames(&finished), (COUNT, COUNT, vec![]));
-    // Of the plane that the sweep has passed there is one picture in each look, of the other as many as there was time for.
+    // The plane that the sweep has passed has one image per style, the other as many as time
+    // permits.
     let slices: Vec<u64> = surgeon.of(ACROSS).iter().map(|seen| seen.slices).collect();
     assert_eq!(slices.len(), 2, "{slices:?}");
     let along: Vec<u64> = surgeon.of(ALONG).iter().map(|seen| seen.slices).collect();
@@ -181,7 +185,7 @@ fn a_plane_is_sampled_when_it_moves_or_a_slice_reaches_it_and_shown_when_that_is
 }
 
 #[test]
-fn who_is_stuck_over_a_plane_holds_up_no_slice() {
+fn stuck_plane_viewer_delays_no_slice() {
     let surgeon = Arc::new(Surgeon { looks: true.into(), stuck: true.into(), ..Surgeon::default() });
     let mut woven_meanwhile = 0;
     let (finished, _) = looked_at(&surgeon).until(|account, _| {

@@ -1,91 +1,94 @@
-//! A session of a test's own devices, and what was seen of it on the way.
+//! A session with a test's own devices, and the observed status.
 
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use calibration::named::StaticTransform;
-use drivers::Device;
-use drivers::clock::{MS, Monotonic, SECOND};
-use drivers::recording::session::{SessionWriter, Store, WriterOptions};
 use glam::DVec3;
-use sonoweave::ingest::live::{Gives, Live};
-use sonoweave::ledger::Frames;
-use sonoweave::mask::{Clip, MaskSettings};
-use sonoweave::path::PathChoice;
-use sonoweave::pipeline::live::{
-    Account, Bed, Cutter, Equipment, Finished, Heard, Instrument, Looks, Order, Record, Session, Standing, Watch,
-    Written, gather, run,
-};
-use sonoweave::reconstruct::Settings;
-use sonoweave::reconstruct::planar::PlanarSettings;
-use sonoweave::refusal::Reason;
-use sonoweave::sync::PairingOptions;
 
-/// Pixels of all pictures.
+use formats::session::{SessionWriter, Store, WriterOptions};
+use mask::{Clip, MaskSettings};
+use pipeline::command::Instruction;
+use pipeline::live::{
+    DeviceRole, Finished, PlaneViewer, Record, RecordEvent, SchedulingPolicy, Session, SessionDevice, SessionInputs,
+    SessionStatus, ViewClient, Watch, Written, record_only, run,
+};
+use reconstruct::Settings;
+use reconstruct::path_choice::PathChoice;
+use reconstruct::planar::PlanarSettings;
+use sonoweave_core::Device;
+use sonoweave_core::clock::{MS, Monotonic, SECOND};
+use sonoweave_core::ledger::Frames;
+use sonoweave_core::named::StaticTransform;
+use sonoweave_core::refusal::Reason;
+use sync::PairingOptions;
+use sync::ingest::live::{Gives, Live};
+
+/// Size of all frames, pixels.
 pub(crate) const SIZE: [u32; 2] = [64, 64];
-/// Millimetres of a pixel.
+/// Pixel size, mm.
 const PIXEL_MM: f64 = 0.5;
 /// A session that takes longer has hung.
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// A session: a tracker or an arm, a grabber, and what is asked of them.
+/// A session: a tracker or an arm, a grabber, and the settings.
 pub(crate) struct Set {
     pub(crate) tracking: Box<dyn Device>,
     pub(crate) gives: Gives,
-    /// What the poses are of: the probe, and the patient where there is a second station.
+    /// The tracked objects: the probe, and the patient if there is a second station.
     pub(crate) of: Vec<&'static str>,
     pub(crate) tracking_latency_ns: i64,
     pub(crate) grabber: Box<dyn Device>,
     pub(crate) wait_ns: i64,
-    pub(crate) looks: Option<Arc<dyn Looks>>,
-    pub(crate) cutter: Option<Arc<dyn Cutter>>,
+    pub(crate) looks: Option<Arc<dyn ViewClient>>,
+    pub(crate) cutter: Option<Arc<dyn PlaneViewer>>,
     pub(crate) record: Option<(SessionWriter, u64)>,
     pub(crate) watch: Option<Watch>,
 }
 
-/// What was seen on the way.
+/// Observed status.
 #[derive(Default)]
 pub(crate) struct Seen {
-    /// Of tracking and of the grabber: states and why, each time that either changed.
+    /// States and reasons of the tracking device and of the grabber, each time that either
+    /// changed.
     pub(crate) devices: [Vec<(&'static str, String)>; 2],
-    /// For how long the scanner was said to be frozen, each time that this changed.
-    pub(crate) frozen: Vec<Option<f64>>,
-    /// What was said of the recording.
+    /// Reported duration of a stuck scanner, each time that it changed.
+    pub(crate) stuck: Vec<Option<f64>>,
+    /// Reported status of the recording.
     pub(crate) written: Vec<Written>,
 }
 
 impl Seen {
-    fn look(&mut self, account: &Account) {
+    fn look(&mut self, account: &SessionStatus) {
         for (seen, device) in self.devices.iter_mut().zip(&account.devices) {
             if seen.last().is_none_or(|(state, why)| *state != device.state || *why != device.why) {
                 seen.push((device.state, device.why.clone()));
             }
         }
-        if self.frozen.last() != Some(&account.frozen_s) {
-            self.frozen.push(account.frozen_s);
+        if self.stuck.last() != Some(&account.stuck_s) {
+            self.stuck.push(account.stuck_s);
         }
         if self.written.last() != account.recording.as_ref() {
             self.written.extend(account.recording.clone());
         }
     }
 
-    /// The states of a device in a line, less those that it passes in no time.
+    /// Returns the states of a device, without the transient ones.
     pub(crate) fn states(&self, device: usize) -> Vec<&'static str> {
         let mut states: Vec<_> = self.devices[device].iter().map(|(state, _)| *state).collect();
         states.dedup();
         states
     }
 
-    /// Whether a device was ever said to be in a state for a reason.
+    /// Returns whether a device was ever in a state for a reason.
     pub(crate) fn said(&self, device: usize, state: &str, why: &str) -> bool {
         self.devices[device].iter().any(|(own, said)| *own == state && said.contains(why))
     }
 }
 
 impl Set {
-    /// A tracker whose station 1 is on the probe, and a grabber.
+    /// Returns a session with a tracker, whose station 1 is on the probe, and a grabber.
     pub(crate) fn of(tracker: impl Device + 'static, grabber: impl Device + 'static) -> Self {
         Self {
             tracking: Box::new(tracker),
@@ -101,7 +104,7 @@ impl Set {
         }
     }
 
-    /// The same with a second station on the patient, in whose frame the volume is.
+    /// Adds a second station on the patient, in whose frame the volume lies.
     pub(crate) fn with_reference(self) -> Self {
         Self { gives: Gives::Stations(vec![1, 2]), of: vec!["Probe", "Reference"], ..self }
     }
@@ -110,9 +113,9 @@ impl Set {
         Self { wait_ns, ..self }
     }
 
-    /// Recorded on a store; so many bytes stay free on it.
+    /// Records the session on a store, of which `keep_free` bytes stay free.
     pub(crate) fn recorded(self, store: impl Store + 'static, options: WriterOptions, keep_free: u64) -> Self {
-        let about = drivers::recording::session::About::now(&options.program);
+        let about = formats::session::About::now(&options.program);
         let writer = SessionWriter::on(Box::new(store), Path::new("memory.mcap"), about, options).unwrap();
         Self { record: Some((writer, keep_free)), ..self }
     }
@@ -122,13 +125,17 @@ impl Set {
         self.until(|_, _| false)
     }
 
-    /// Runs until its devices have ended or it is to end, by the account and the time since it began.
-    pub(crate) fn until(self, mut ends: impl FnMut(&Account, Duration) -> bool) -> (Finished, Seen) {
-        self.ordered(|account, since| if ends(account, since) { None } else { Some(Vec::new()) })
+    /// Runs until its devices have ended, or `ends` returns true for the status and the elapsed
+    /// time.
+    pub(crate) fn until(self, mut ends: impl FnMut(&SessionStatus, Duration) -> bool) -> (Finished, Seen) {
+        self.instructed(|account, since| if ends(account, since) { None } else { Some(Vec::new()) })
     }
 
-    /// Runs until its devices have ended or there is nothing more to be ordered.
-    pub(crate) fn ordered(self, mut orders: impl FnMut(&Account, Duration) -> Option<Vec<Order>>) -> (Finished, Seen) {
+    /// Runs until its devices have ended, or `instructions` returns `None`.
+    pub(crate) fn instructed(
+        self,
+        mut instructions: impl FnMut(&SessionStatus, Duration) -> Option<Vec<Instruction>>,
+    ) -> (Finished, Seen) {
         let (watch, cutter) = (self.watch.clone(), self.cutter.clone());
         let session = Session { watch, cutter, ..stages(self.wait_ns, self.looks.clone()) };
         let bed = self.bed();
@@ -138,7 +145,7 @@ impl Set {
             seen.look(account);
             adds_up(account);
             assert!(began.elapsed() < PATIENCE, "{account:?}");
-            orders(account, began.elapsed()).unwrap_or_else(|| {
+            instructions(account, began.elapsed()).unwrap_or_else(|| {
                 told.store(true, Ordering::Relaxed);
                 Vec::new()
             })
@@ -154,13 +161,13 @@ impl Set {
 }
 
 impl Set {
-    pub(crate) fn bed(self) -> Bed {
+    pub(crate) fn bed(self) -> SessionInputs {
         let [tracking, grabber] = instruments();
         let frames = self.of.iter().map(|of| [(*of).to_owned(), "Tracker".to_owned()]).collect();
-        let tracking = Instrument { gives: self.gives, frames, latency_ns: self.tracking_latency_ns, ..tracking };
+        let tracking = DeviceRole { gives: self.gives, frames, latency_ns: self.tracking_latency_ns, ..tracking };
         let equipment = vec![
-            Equipment { instrument: tracking, device: self.tracking, speech: None },
-            Equipment { instrument: grabber, device: self.grabber, speech: None },
+            SessionDevice { instrument: tracking, device: self.tracking, speech: None },
+            SessionDevice { instrument: grabber, device: self.grabber, speech: None },
         ];
         let record = self.record.map(|(writer, keep_free_bytes)| Record {
             writer,
@@ -168,17 +175,18 @@ impl Set {
             notes: Vec::new(),
             keep_free_bytes,
         });
-        Bed { equipment, record, resumed: Vec::new(), standing: Standing::default() }
+        SessionInputs { equipment, record, resumed: Vec::new(), standing: SchedulingPolicy::default() }
     }
 
-    /// Gathers what its devices give until they have ended: every sample as it was heard, with its device's place, and the account.
-    pub(crate) fn gather(self) -> (Vec<(usize, Live)>, Account) {
+    /// Records its devices until they have ended. Returns every received sample with its
+    /// device's index, and the status.
+    pub(crate) fn record_only(self) -> (Vec<(usize, Live)>, SessionStatus) {
         let mut heard = Vec::new();
         let (told, began) = (AtomicBool::new(false), Instant::now());
         let mask = MaskSettings { clip: Clip::None, ..MaskSettings::default() };
-        let gathered = gather(self.bed(), mask, &Monotonic, &told, |what| match what {
-            Heard::Sample(device, live) => heard.push((device, live)),
-            Heard::Turn(account) => {
+        let gathered = record_only(self.bed(), mask, &Monotonic, &told, |what| match what {
+            RecordEvent::Sample(device, live) => heard.push((device, live)),
+            RecordEvent::Turn(account) => {
                 adds_up(account);
                 assert!(began.elapsed() < PATIENCE, "{account:?}");
             }
@@ -189,15 +197,15 @@ impl Set {
     }
 }
 
-/// A tracker whose station 1 is on the probe, and a grabber.
-pub(crate) fn instruments() -> [Instrument; 2] {
-    let of = |name: &str, gives, frames| Instrument { name: name.into(), gives, frames, latency_ns: 0 };
+/// Returns a tracker, whose station 1 is on the probe, and a grabber.
+pub(crate) fn instruments() -> [DeviceRole; 2] {
+    let of = |name: &str, gives, frames| DeviceRole { name: name.into(), gives, frames, latency_ns: 0 };
     let frames = vec![["Probe".to_owned(), "Tracker".to_owned()]];
     [of("tracking", Gives::Stations(vec![1]), frames), of("grabber", Gives::Pictures, Vec::new())]
 }
 
-/// How pictures of [`SIZE`] become a volume of 1 mm, when frames wait so long for their poses.
-pub(crate) fn stages(wait_ns: i64, looks: Option<Arc<dyn Looks>>) -> Session {
+/// Returns settings for frames of [`SIZE`], a volume of 1 mm, and a waiting time of frames.
+pub(crate) fn stages(wait_ns: i64, looks: Option<Arc<dyn ViewClient>>) -> Session {
     let p = PIXEL_MM;
     let rows = [p, 0.0, 0.0, 0.0, 0.0, p, 0.0, 0.0, 0.0, 0.0, p, 0.0, 0.0, 0.0, 0.0, 1.0];
     let statics = vec![StaticTransform::new("Image", "Probe", &rows).unwrap()];
@@ -205,7 +213,7 @@ pub(crate) fn stages(wait_ns: i64, looks: Option<Arc<dyn Looks>>) -> Session {
         pairing: PairingOptions { statics, ..PairingOptions::default() },
         wait_ns,
         longest_gap_ns: 100 * MS,
-        frozen_ns: SECOND / 2,
+        stuck_after_ns: SECOND / 2,
         mask: MaskSettings { clip: Clip::None, ..MaskSettings::default() },
         settings: Settings::new(DVec3::ONE),
         path: PathChoice::General,
@@ -218,8 +226,8 @@ pub(crate) fn stages(wait_ns: i64, looks: Option<Arc<dyn Looks>>) -> Session {
     }
 }
 
-/// Every frame and reading is accounted for once, at any moment.
-fn adds_up(account: &Account) {
+/// Checks that every frame and reading is counted once at any moment.
+fn adds_up(account: &SessionStatus) {
     let Frames { total, used, waiting, refused, dropped, .. } = &account.ledger.frames;
     let counted = used + waiting + refused.values().sum::<u64>() + dropped.values().sum::<u64>();
     assert_eq!(*total, counted, "{}", account.ledger);
@@ -229,21 +237,21 @@ fn adds_up(account: &Account) {
     }
 }
 
-/// What became of frames: all, used, and refused by reason.
+/// Returns the outcome of frames: all, used, and refused by reason.
 pub(crate) fn frames(finished: &Finished) -> (u64, u64, Vec<(Reason, u64)>) {
     let Frames { total, used, refused, dropped, .. } = &finished.account.ledger.frames;
     assert!(dropped.is_empty(), "a machine that weaves 64×64 pixels has time for them: {}", finished.account.ledger);
     (*total, *used, refused.iter().map(|(reason, count)| (*reason, *count)).collect())
 }
 
-/// Whether the volume holds anything a mm about a height, in the middle of the pictures.
+/// Returns whether the volume has data within 1 mm of a height, in the middle of the frames.
 pub(crate) fn seen_at(finished: &Finished, z_mm: f64) -> bool {
     let volume = finished.outcome.as_ref().unwrap().reconstructor.volume();
     let [x, y] = SIZE.map(|side| (f64::from(side) * PIXEL_MM / 2.0) as i64);
     (-1..=1).any(|near| volume.voxel([x, y, z_mm.round() as i64 + near]).1 > 0.0)
 }
 
-/// A session's bytes in memory, as on a disk of any size.
+/// A session's bytes in memory, like a disk of any size.
 #[derive(Clone, Default)]
 pub(crate) struct Memory(pub(crate) Arc<Mutex<Vec<u8>>>);
 

@@ -1,8 +1,8 @@
-//! A tracker that is late, comes in bursts, steps, or of which one station falls silent.
+//! A tracker with latency, bursts, clock steps, or a station that becomes silent.
 
-use drivers::clock::{MS, SECOND};
-use drivers::health::State;
-use sonoweave::refusal::Reason;
+use sonoweave_core::clock::{MS, SECOND};
+use sonoweave_core::health::State;
+use sonoweave_core::refusal::Reason;
 
 use crate::script::{Act, FRAME, Script, begin, frames as all_frames, height_mm, measured, pose, poses_timing};
 use crate::set::{Set, frames, seen_at};
@@ -10,7 +10,8 @@ use crate::set::{Set, frames, seen_at};
 /// Frames of each of these sessions.
 const COUNT: u64 = 60;
 
-/// A tracker of one station that is heard of at other times than it should; by what is said of each measurement's time.
+/// A tracker of one station whose readings arrive at other times; `at` maps each measurement's
+/// time.
 fn heard(begin_ns: i64, counts: bool, at: impl Fn(i64) -> i64) -> Script {
     let acts: Vec<(i64, Act)> = measured(COUNT)
         .map(|(item, after, mm)| {
@@ -22,7 +23,7 @@ fn heard(begin_ns: i64, counts: bool, at: impl Fn(i64) -> i64) -> Script {
 }
 
 #[test]
-fn frames_wait_for_a_tracker_that_is_late() {
+fn frames_wait_for_a_late_tracker() {
     let begin_ns = begin();
     let tracker = heard(begin_ns, false, |at_ns| at_ns + 200 * MS);
     let mut set = Set::of(tracker, all_frames(begin_ns, COUNT));
@@ -30,15 +31,15 @@ fn frames_wait_for_a_tracker_that_is_late() {
     let (finished, _) = set.run();
     assert_eq!(frames(&finished), (COUNT, COUNT, vec![]));
     let bounds = finished.outcome.as_ref().unwrap().reconstructor.volume().seen_bounds().unwrap();
-    // The first frame lies at 0, the last at 47.2 mm; a kernel reaches a little farther.
+    // The first frame lies at 0, the last at 47.2 mm; a kernel reaches a little further.
     assert!((-3..=0).contains(&bounds.0[2]) && (47..=50).contains(&bounds.1[2]), "{bounds:?}");
     let waited = finished.account.capture_to_volume.quantiles().unwrap();
     assert!(waited.median_ms >= 200.0, "{waited:?}");
 }
 
 #[test]
-fn packets_and_stalls_lose_no_frame_and_move_none() {
-    // As by an adapter that collects for 16 ms, and one that stalls for 200 ms again and again.
+fn packets_and_stalls_lose_and_move_no_frame() {
+    // An adapter that collects for 16 ms, and one that stalls for 200 ms repeatedly.
     for (counts, packet) in [(false, 16 * MS), (true, 16 * MS), (true, 200 * MS)] {
         let begin_ns = begin();
         let tracker = heard(begin_ns, counts, |at_ns| (at_ns.div_euclid(packet) + 1) * packet);
@@ -51,9 +52,9 @@ fn packets_and_stalls_lose_no_frame_and_move_none() {
 }
 
 #[test]
-fn a_station_that_falls_silent_is_named_and_frames_are_used_again_when_it_speaks() {
+fn silent_station_is_named_and_frames_resume_with_it() {
     let begin_ns = begin();
-    // The patient's sensor says nothing from frame 20 to frame 40.
+    // The patient's sensor is silent from frame 20 to frame 40.
     let silent = 20 * FRAME..40 * FRAME;
     let mut acts = Vec::new();
     for (item, after, mm) in measured(COUNT) {
@@ -67,7 +68,7 @@ fn a_station_that_falls_silent_is_named_and_frames_are_used_again_when_it_speaks
     let (finished, _) = Set::of(tracker, all_frames(begin_ns, COUNT)).with_reference().run();
     let (total, used, refused) = frames(&finished);
     let [(Reason::PoseMissing, missing)] = refused[..] else { panic!("{refused:?}") };
-    // Its clock knows times to a ms or two: which side frames 20 and 40 fall on is theirs.
+    // Its clock is accurate to a ms or two, so frames 20 and 40 may fall on either side.
     assert!(total == COUNT && used + missing == COUNT && (19..=21).contains(&missing), "{}", finished.account.ledger);
     let first = &finished.account.ledger.first_refusals[&Reason::PoseMissing];
     assert!(first.detail.starts_with("ReferenceToTracker: "), "{first:?}");
@@ -76,9 +77,9 @@ fn a_station_that_falls_silent_is_named_and_frames_are_used_again_when_it_speaks
 }
 
 #[test]
-fn a_clock_that_steps_or_begins_anew_costs_no_frame() {
+fn clock_step_or_restart_loses_no_frame() {
     let begin_ns = begin();
-    // Its counter jumps at frame 20; at frame 40 it is set up anew and counts from 0.
+    // Its counter jumps at frame 20; at frame 40 it is set up again and counts from 0.
     let mut acts = Vec::new();
     let mut anew: Option<u64> = None;
     for (item, after, mm) in measured(COUNT) {

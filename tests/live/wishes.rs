@@ -1,16 +1,18 @@
-//! What whoever looks on wishes of a session that runs: to freeze it, to clear its volume, to look at it when it is over. All of it is in the recording.
+//! Commands of viewers to a running session: freeze it, clear its volume, view it after its end.
+//! All are in the recording.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use drivers::clock::{Monotonic, SECOND};
-use drivers::recording::Pace;
-use drivers::recording::session::WriterOptions;
-use sonoweave::pipeline::live::{Drawn, First, Looks, Order, Reader, Session, Snapshot, Wants, hold};
-use sonoweave::refusal::Reason;
-use sonoweave::render::transfer::Transfer;
-use sonoweave::render::{RenderSettings, Renderer};
+use drivers::replay::Pace;
+use formats::session::WriterOptions;
+use pipeline::command::Command;
+use pipeline::live::{Drawn, First, Reader, Session, Snapshot, ViewClient, Wants, hold};
+use render::classify::transfer::Transfer;
+use render::{RenderSettings, Renderer};
+use sonoweave_core::clock::{Monotonic, SECOND};
+use sonoweave_core::refusal::Reason;
 
 use crate::replay::again;
 use crate::script::{FRAME, begin, frames as all_frames, height_mm, poses};
@@ -18,18 +20,18 @@ use crate::set::{Memory, Set, frames, seen_at, stages};
 
 const FRAMES: u64 = 90;
 
-/// Looks, and counts.
+/// A viewer that counts.
 #[derive(Default)]
 struct Eye {
     pictures: AtomicU64,
-    /// Whether the last picture showed nothing.
+    /// Whether the last picture was empty.
     blank: AtomicBool,
     blanks: AtomicU64,
-    /// Times that it could have asked what is seen somewhere.
+    /// Number of occasions to ask questions about the picture.
     moments: AtomicU64,
 }
 
-impl Looks for Eye {
+impl ViewClient for Eye {
     fn settings(&self, _: &First) -> Result<RenderSettings, Box<dyn std::error::Error + Send + Sync>> {
         Ok(RenderSettings::new([32, 32], Transfer::preset("tissue", [0.0, 255.0])?))
     }
@@ -47,7 +49,7 @@ impl Looks for Eye {
 }
 
 #[test]
-fn what_is_frozen_and_cleared_is_so_again_when_it_is_replayed() {
+fn freezing_and_clearing_are_repeated_by_the_replay() {
     let begin_ns = begin();
     let disk = Memory::default();
     let eye = Arc::new(Eye::default());
@@ -56,31 +58,32 @@ fn what_is_frozen_and_cleared_is_so_again_when_it_is_replayed() {
         WriterOptions::new("a test"),
         0,
     );
-    set.looks = Some(Arc::clone(&eye) as Arc<dyn Looks>);
+    set.looks = Some(Arc::clone(&eye) as Arc<dyn ViewClient>);
     let mut done = 0;
-    let (live, _) = set.ordered(|account, _| {
+    let (live, _) = set.instructed(|account, _| {
         let used = account.ledger.frames.used;
-        let paused = account.ledger.frames.refused.get(&Reason::Paused).copied().unwrap_or(0);
-        let (due, order) = match done {
-            0 => (used >= 20, Order::Pause(true)),
-            1 => (paused >= 10, Order::Pause(false)),
-            2 => (used >= 40, Order::Clear),
-            _ => (false, Order::Clear),
+        let frozen = account.ledger.frames.refused.get(&Reason::Frozen).copied().unwrap_or(0);
+        let (due, command) = match done {
+            0 => (used >= 20, Command::Freeze(true)),
+            1 => (frozen >= 10, Command::Freeze(false)),
+            2 => (used >= 40, Command::Clear),
+            _ => (false, Command::Clear),
         };
-        assert!(account.paused || done != 1 || paused == 0, "what is frozen says so");
+        assert!(account.frozen || done != 1 || frozen == 0, "what is frozen says so");
         Some(if due {
             done += 1;
-            vec![order]
+            vec![command.into()]
         } else {
             Vec::new()
         })
     });
     assert_eq!(done, 3);
     let (total, used, refused) = frames(&live);
-    let [(Reason::Paused, paused)] = refused[..] else { panic!("{refused:?}") };
-    assert!(paused >= 10, "{paused}");
-    assert_eq!((total, used + paused), (FRAMES, FRAMES));
-    // What was before is no longer there, nor what came while it was frozen; what came since is.
+    let [(Reason::Frozen, frozen)] = refused[..] else { panic!("{refused:?}") };
+    assert!(frozen >= 10, "{frozen}");
+    assert_eq!((total, used + frozen), (FRAMES, FRAMES));
+    // The slices before the clearing and those while frozen are absent; the later ones are
+    // present.
     assert!(!seen_at(&live, height_mm(5 * FRAME)) && seen_at(&live, height_mm((FRAMES as i64 - 2) * FRAME)));
     let seal = live.seal.clone().unwrap();
     assert!(seal.slices < used && seal.slices >= 5, "{seal:?} of {used}");
@@ -89,7 +92,7 @@ fn what_is_frozen_and_cleared_is_so_again_when_it_is_replayed() {
     assert!(!eye.blank.load(Ordering::Relaxed));
     for pace in [Pace::Unpaced, Pace::Factor(4.0)] {
         let (replayed, precedent) = again(&disk, SECOND, pace, false, |session, _| {
-            session.looks = Some(Arc::new(Eye::default()) as Arc<dyn Looks>);
+            session.looks = Some(Arc::new(Eye::default()) as Arc<dyn ViewClient>);
         });
         assert_eq!(precedent.differences().first, None);
         assert_eq!(replayed.seal.as_ref(), Some(&seal));
@@ -98,7 +101,7 @@ fn what_is_frozen_and_cleared_is_so_again_when_it_is_replayed() {
 }
 
 #[test]
-fn a_volume_that_is_cleared_and_stays_empty_leaves_no_picture_and_no_volume() {
+fn cleared_empty_volume_gives_no_outputs() {
     let begin_ns = begin();
     let disk = Memory::default();
     let mut set = Set::of(poses(begin_ns, 40), all_frames(begin_ns, 40)).waits(SECOND).recorded(
@@ -106,22 +109,34 @@ fn a_volume_that_is_cleared_and_stays_empty_leaves_no_picture_and_no_volume() {
         WriterOptions::new("a test"),
         0,
     );
-    set.looks = Some(Arc::new(Eye::default()) as Arc<dyn Looks>);
+    set.looks = Some(Arc::new(Eye::default()) as Arc<dyn ViewClient>);
     let mut done = false;
-    let (live, _) = set.ordered(|account, _| {
+    let (live, _) = set.instructed(|account, _| {
         let due = !done && account.ledger.frames.used >= 20;
         done |= due;
-        Some(if due { vec![Order::Pause(true), Order::Clear] } else { Vec::new() })
+        Some(if due { vec![Command::Freeze(true).into(), Command::Clear.into()] } else { Vec::new() })
     });
     assert!(live.outcome.is_none() && live.drawn.is_none() && live.account.volume.is_none());
     let (replayed, precedent) = again(&disk, SECOND, Pace::Unpaced, false, |session, _| {
-        session.looks = Some(Arc::new(Eye::default()) as Arc<dyn Looks>);
+        session.looks = Some(Arc::new(Eye::default()) as Arc<dyn ViewClient>);
     });
     assert_eq!(precedent.differences().first, None);
     assert_eq!(replayed.seal, live.seal);
 }
 
-/// Wants a volume, once.
+#[test]
+fn stop_command_ends_session_with_slices_so_far() {
+    let begin_ns = begin();
+    let set = Set::of(poses(begin_ns, FRAMES), all_frames(begin_ns, FRAMES)).waits(SECOND);
+    let (live, _) = set.instructed(|account, _| {
+        let due = account.ledger.frames.used >= 20;
+        Some(if due { vec![Command::Stop.into()] } else { Vec::new() })
+    });
+    let (_, used, _) = frames(&live);
+    assert!((20..FRAMES).contains(&used) && live.outcome.is_some(), "{used}");
+}
+
+/// A reader that requests a volume once.
 #[derive(Default)]
 struct Once {
     wants: AtomicBool,
@@ -152,14 +167,14 @@ impl Reader for Once {
 }
 
 #[test]
-fn what_is_over_is_still_drawn_and_read_until_nobody_looks() {
+fn ended_session_is_rendered_and_read_while_viewed() {
     let begin_ns = begin();
     let eye = Arc::new(Eye::default());
     let once = Arc::new(Once::default());
     let set = Set::of(poses(begin_ns, 30), all_frames(begin_ns, 30));
     let session = Session {
         readers: vec![Arc::clone(&once) as Arc<dyn Reader>],
-        ..stages(SECOND, Some(Arc::clone(&eye) as Arc<dyn Looks>))
+        ..stages(SECOND, Some(Arc::clone(&eye) as Arc<dyn ViewClient>))
     };
     let held = hold(&session, set.bed(), &Monotonic, &AtomicBool::new(false), |_| Vec::new()).unwrap();
     assert_eq!(held.account().ledger.frames.used, 30);
@@ -184,7 +199,7 @@ fn what_is_over_is_still_drawn_and_read_until_nobody_looks() {
     let seen = weights.chunks_exact(4).filter(|weight| f32::from_ne_bytes((*weight).try_into().unwrap()) > 0.0).count();
     assert!(seen > voxels / 4, "{seen} of {voxels}");
     assert_eq!(once.shares.lock().unwrap().last(), Some(&1.0));
-    // It was only looked at: what it leaves is what it was.
+    // The ended session was only viewed: its results are unchanged.
     let (low, _) = held.finish().outcome.unwrap().reconstructor.volume().seen_bounds().unwrap();
     assert_eq!(low, snapshot.space.first);
 }

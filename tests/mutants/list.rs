@@ -1,28 +1,33 @@
-//! The list, and how its mutants are put into a source.
+//! The list of mutants, and their insertion into the sources.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Deserialize;
 
-/// One error, and the test that must notice it.
+/// An error, and the test that must detect it.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Mutant {
-    /// What is wrong with it, in a few words.
+    /// Short description of the error.
     pub(crate) name: String,
-    /// The source, from the project's root.
+    /// The source, relative to the project's root.
     pub(crate) file: String,
-    /// An expression, or whole statements up to their last semicolon that name nothing used later.
+    /// An expression, or whole statements up to their last semicolon that name nothing used
+    /// later.
     original: String,
-    /// What stands there instead; may be empty for statements.
+    /// Its replacement; may be empty for statements.
     mutated: String,
-    /// A text that holds the original and occurs once, where the original alone does not.
+    /// A text that contains the original and occurs once, if the original alone does not.
     #[serde(default)]
     within: Option<String>,
-    /// `lib` (the tests in the source) or the name of a target in `tests/`; of another crate with its folder before it, `drivers/lib`.
+    /// `lib` (the tests in the source) or the name of a target in `tests/`. For a crate other
+    /// than the root's, preceded by the last name of its folder: `drivers/lib`.
     pub(crate) suite: String,
-    /// Which of its tests: part of their names.
+    /// Filter of its tests: part of their names.
     pub(crate) test: String,
+    /// Whether the error may show by a test that does not end, as in an endless loop.
+    #[serde(default)]
+    pub(crate) timeout: bool,
 }
 
 #[derive(Deserialize)]
@@ -37,13 +42,8 @@ pub(crate) fn read() -> Vec<Mutant> {
     list.mutant
 }
 
-/// The tests that mutants name, each once.
-pub(crate) fn tests(mutants: &[Mutant]) -> BTreeSet<(String, String)> {
-    mutants.iter().map(|m| (m.suite.clone(), m.test.clone())).collect()
-}
-
 impl Mutant {
-    /// Where the original stands in its source.
+    /// Returns the position of the original in its source.
     fn place(&self, source: &str) -> Result<usize, String> {
         let gone = |what: &str, text: &str, count: usize| {
             format!(
@@ -64,7 +64,7 @@ impl Mutant {
     }
 }
 
-/// A file's source with all its mutants in it, each behind its switch.
+/// Returns a file's source with all its mutants in it, each behind its switch.
 pub(crate) fn switched(file: &str, source: &str, mutants: &[Mutant]) -> Result<String, String> {
     // Several mutants may change one text.
     let mut places: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
@@ -92,7 +92,7 @@ pub(crate) fn switched(file: &str, source: &str, mutants: &[Mutant]) -> Result<S
     Ok(result)
 }
 
-/// The switch, appended to the library.
+/// The switch, appended to each library that has mutants.
 pub(crate) const SWITCH: &str = r#"
 #[allow(missing_docs)]
 pub mod mutants {

@@ -1,78 +1,118 @@
-//! Mutants: small errors put into the source on purpose, each of which a named test must notice.
+//! Mutants: small errors inserted into the source on purpose, each of which a named test must
+//! detect.
 //!
-//! `list.toml` names them. They are all built at once, in a copy of the tree, each behind a switch of its own; then each is switched on alone
-//! and its test is run, which must fail. Without any switched on, all those tests must pass. A mutant that survives, that no longer finds its
-//! place in the source or that does not compile fails the suite.
+//! `list.toml` names them. They are all inserted at once, in a copy of the tree, each behind its
+//! own switch. Then each is enabled alone and its test is run, which must fail. Without any
+//! enabled, that test must pass; this is checked once, before its first mutant. The suite fails
+//! if a mutant survives, times out, no longer applies to the source or does not compile.
 //!
-//! They take a build of their own, so they are run by `make stress` (`--include-ignored`) and not by every `cargo test`.
+//! They need a separate build, so they are run by `make mutants` (`--include-ignored`) and not
+//! by every `cargo test`. `share.rs` describes which of them are tried.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
+#![allow(clippy::print_stdout, clippy::print_stderr, reason = "the choice is told before the trials")]
 
 mod build;
 mod list;
+mod share;
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::process::ExitCode;
 use std::sync::{Arc, OnceLock};
 
 use libtest_mimic::{Arguments, Failed, Trial};
 
-use build::{Build, Outcome};
+use build::{Build, Outcome, PATIENCE};
 use list::Mutant;
 
-/// The build, made by the first trial that asks.
-type Shared = Arc<OnceLock<Result<Build, String>>>;
+/// Data that all trials share.
+struct Work {
+    mutants: Vec<Mutant>,
+    /// The build, made by the first trial.
+    build: OnceLock<Result<Build, String>>,
+    /// Runs of a suite and a filter without any mutant, each made by the first trial that needs
+    /// it.
+    baselines: BTreeMap<(String, String), OnceLock<Result<(), String>>>,
+}
 
 fn main() -> ExitCode {
     let arguments = Arguments::from_args();
-    let mutants = Arc::new(list::read());
-    let shared: Shared = Arc::default();
-    let mut trials: Vec<Trial> = Vec::new();
-    let mut add = |name: String, check: Box<dyn FnOnce() -> Result<(), Failed> + Send>| {
-        trials.push(Trial::test(format!("{name} (make stress)"), check).with_ignored_flag(true));
+    let mutants = list::read();
+    let (chosen, line) = match share::chosen(&mutants) {
+        Ok(choice) => choice,
+        Err(problem) => {
+            eprintln!("{problem}");
+            return ExitCode::FAILURE;
+        }
     };
-    {
-        let (mutants, shared) = (Arc::clone(&mutants), Arc::clone(&shared));
-        let made = move || match shared.get_or_init(|| Build::new(&mutants)) {
-            Ok(_) => Ok(()),
-            Err(problem) => Err(Failed::from(problem.clone())),
-        };
-        add("every mutant has its place in the source and compiles".into(), Box::new(made));
+    if (arguments.include_ignored || arguments.ignored) && !arguments.list {
+        println!("{line}");
     }
-    for (suite, filter) in list::tests(&mutants) {
-        let (mutants, shared) = (Arc::clone(&mutants), Arc::clone(&shared));
-        let name = format!("the source as it is passes {suite} {filter}");
-        add(name, Box::new(move || unchanged(build(&shared, &mutants)?, &suite, &filter)));
-    }
-    for number in 0..mutants.len() {
-        let (mutants, shared) = (Arc::clone(&mutants), Arc::clone(&shared));
-        let name = format!("{} is noticed by {} {}", mutants[number].name, mutants[number].suite, mutants[number].test);
-        add(name, Box::new(move || noticed(build(&shared, &mutants)?, &mutants[number], number)));
-    }
+    let test = |number: &usize| (mutants[*number].suite.clone(), mutants[*number].test.clone());
+    let baselines = chosen.iter().map(|number| (test(number), OnceLock::new())).collect();
+    let work = Arc::new(Work { mutants, build: OnceLock::new(), baselines });
+    let trial = |number: usize| {
+        let Mutant { name, suite, test, .. } = &work.mutants[number];
+        let name = format!("{name} is noticed by {suite} {test} (make mutants)");
+        let work = Arc::clone(&work);
+        Trial::test(name, move || work.noticed(number)).with_ignored_flag(true)
+    };
+    let trials = chosen.into_iter().map(trial).collect();
     libtest_mimic::run(&arguments, trials).exit_code()
 }
 
-fn build<'a>(shared: &'a Shared, mutants: &[Mutant]) -> Result<&'a Build, Failed> {
-    let built = shared.get_or_init(|| Build::new(mutants));
-    built.as_ref().map_err(|_| Failed::from("the mutants could not be built: see the first test"))
-}
-
-fn unchanged(build: &Build, suite: &str, filter: &str) -> Result<(), Failed> {
-    match build.run(suite, filter, None) {
-        Outcome::Passed(0) => {
-            Err(format!("{suite} has no test {filter:?}: name another in tests/mutants/list.toml").into())
+impl Work {
+    fn noticed(&self, number: usize) -> Result<(), Failed> {
+        let mutant = &self.mutants[number];
+        let build = once(&self.build, || {
+            let suites: BTreeSet<&str> = self.baselines.keys().map(|(suite, _)| suite.as_str()).collect();
+            Build::new(&self.mutants, &suites)
+        })?;
+        once(&self.baselines[&(mutant.suite.clone(), mutant.test.clone())], || unchanged(build, mutant))?;
+        match build.run(&mutant.suite, &mutant.test, Some(number)) {
+            Outcome::Failed(_) => Ok(()),
+            Outcome::TimedOut if mutant.timeout => Ok(()),
+            Outcome::TimedOut => Err(format!(
+                "mutant {:?} timed out: with it in {}, the tests {:?} of {} ran longer than {} s. If it makes them endless, its \
+                 entry in tests/mutants/list.toml says so by `timeout = true`",
+                mutant.name,
+                mutant.file,
+                mutant.test,
+                mutant.suite,
+                PATIENCE.as_secs()
+            )
+            .into()),
+            Outcome::Passed(tests) => Err(format!(
+                "mutant {:?} survives: with it in {}, {tests} of {tests} tests {:?} of {} pass; a test is missing",
+                mutant.name, mutant.file, mutant.test, mutant.suite
+            )
+            .into()),
         }
-        Outcome::Passed(_) => Ok(()),
-        Outcome::Failed(output) => Err(format!("fails without any mutant:\n{output}").into()),
     }
 }
 
-fn noticed(build: &Build, mutant: &Mutant, number: usize) -> Result<(), Failed> {
-    match build.run(&mutant.suite, &mutant.test, Some(number)) {
-        Outcome::Failed(_) => Ok(()),
-        Outcome::Passed(tests) => Err(format!(
-            "mutant {:?} survives: with it in {}, {tests} of {tests} tests {:?} of {} pass; a test is missing",
-            mutant.name, mutant.file, mutant.test, mutant.suite
-        )
-        .into()),
+/// Checks that a mutant's test passes without any mutant.
+fn unchanged(build: &Build, mutant: &Mutant) -> Result<(), String> {
+    let Mutant { suite, test, .. } = mutant;
+    match build.run(suite, test, None) {
+        Outcome::Passed(0) => Err(format!("{suite} has no test {test:?}: name another in tests/mutants/list.toml")),
+        Outcome::Passed(_) => Ok(()),
+        Outcome::Failed(output) => Err(format!("{suite} {test:?} fails without any mutant:\n{output}")),
+        Outcome::TimedOut => {
+            Err(format!("{suite} {test:?} without any mutant timed out: it ran longer than {} s", PATIENCE.as_secs()))
+        }
     }
+}
+
+/// Returns what the first call made. A failure's details are in that call's error alone.
+fn once<T>(cell: &OnceLock<Result<T, String>>, make: impl FnOnce() -> Result<T, String>) -> Result<&T, Failed> {
+    let mut is_first = false;
+    let made = cell.get_or_init(|| {
+        is_first = true;
+        make()
+    });
+    made.as_ref().map_err(|problem| match problem.lines().next() {
+        Some(line) if !is_first => format!("{line} (the first mutant that failed so has the details)").into(),
+        _ => problem.into(),
+    })
 }

@@ -1,13 +1,15 @@
-//! Configurations and first frames of real recordings: what is read from PLUS's files, and which pixels the automatic mask keeps.
+//! Configurations and first frames of real recordings: values read from PLUS's files, and the
+//! pixels that the automatic mask keeps.
 
 use std::io::Read as _;
 use std::path::Path;
 use std::sync::Arc;
 
 use libtest_mimic::Failed;
-use sonoweave::config::{Settings, SourceKind};
-use sonoweave::mask::{AutoMask, Clip, Found, MaskPlan};
-use sonoweave::slice::{Image, Pixels};
+
+use config::{Settings, SourceKind};
+use mask::{AutoMask, Clip, Found, MaskPlan};
+use sonoweave_core::slice::{Image, Pixels};
 
 use crate::Test;
 
@@ -100,7 +102,7 @@ fn sequence_is_refused(path: &Path) -> Result<(), Failed> {
     Ok(())
 }
 
-/// The first eight frames' automatic mask, and those frames.
+/// Returns the first eight frames' automatic mask, and those frames.
 fn look(path: &Path) -> Result<(Found, Vec<Image>), Failed> {
     let images = first_frames(path)?;
     let mut auto = AutoMask::new(images[0].width(), images[0].height());
@@ -121,7 +123,7 @@ fn spine_mask(path: &Path) -> Result<(), Failed> {
     Ok(())
 }
 
-/// Water is exactly 0 inside these pictures: a mask that cut anything would lose later echoes.
+/// Water is exactly 0 inside these frames: a mask that cut anything would lose later echoes.
 fn nothing_is_cut(path: &Path) -> Result<(), Failed> {
     let (found, _) = look(path)?;
     assert!(found.mask.is_full(), "{:?}", found.mask.bounds());
@@ -139,7 +141,7 @@ fn curvilinear_mask(path: &Path) -> Result<(), Failed> {
     let shoulder = (0..width).filter_map(first_row).min().ok_or("empty")?;
     assert!(top > shoulder + 5, "the top is concave: {top} in the middle, {shoulder} at the shoulders");
     assert!(!found.mask.is_full());
-    // All that is ever seen is kept, and hardly more.
+    // All pixels that are ever seen are kept, and hardly any others.
     let (mut seen, mut kept) = (0_u64, 0_u64);
     for v in 0..height {
         for u in 0..width {
@@ -155,7 +157,8 @@ fn curvilinear_mask(path: &Path) -> Result<(), Failed> {
     Ok(())
 }
 
-/// Up to eight 8-bit frames of a MetaImage with its data after the header. By hand, so that these tests stand on their own.
+/// Reads up to eight 8-bit frames of a MetaImage with its data after the header. The test has
+/// its own reader to be independent.
 fn first_frames(path: &Path) -> Result<Vec<Image>, Failed> {
     let bytes = std::fs::read(path)?;
     let mark = b"ElementDataFile = LOCAL\n";

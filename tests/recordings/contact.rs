@@ -1,14 +1,17 @@
-//! Whether the coach sees contact where there is: in a tank, where a picture is black but for some wires, and in a phantom that swallows all beyond its middle.
+//! Contact detection of the scan guidance: in a tank, where a frame is black except for some
+//! wires, and in a phantom that absorbs everything beyond its middle.
 
 use std::path::Path;
 
-use drivers::reading::Reading;
-use drivers::recording::SequenceSettings;
-use drivers::{Next, OpenSettings};
 use libtest_mimic::Failed;
-use sonoweave::coach::contact::{Depth, LEAST_OUT};
-use sonoweave::mask::Mask;
-use sonoweave::slice::{Image, Pixels};
+
+use drivers::OpenSettings;
+use drivers::replay::SequenceSettings;
+use guidance::contact::{Depth, LEAST_OUT};
+use mask::Mask;
+use sonoweave_core::Next;
+use sonoweave_core::reading::Reading;
+use sonoweave_core::slice::{Image, Pixels};
 
 use crate::Test;
 
@@ -20,12 +23,12 @@ pub(crate) const TESTS: &[Test] = &[
     Test::of_file("a_floor_that_goes", "latency/WaterTankBottomTranslationVideoBuffer.igs.mha", floor),
 ];
 
-/// What each frame shows of its depth.
+/// Returns the depth analysis of each frame.
 fn depths(path: &Path) -> Result<Vec<Depth>, Failed> {
     let mut device = drivers::open(&OpenSettings::Sequence(SequenceSettings::new(path)))?;
     device.start()?;
     let mut all = Vec::new();
-    while let Next::Reading(reading) = device.next(drivers::NO_DEADLINE)? {
+    while let Next::Reading(reading) = device.next(sonoweave_core::NO_DEADLINE)? {
         let Reading::Frame(frame) = reading else { continue };
         let [width, height] = frame.size;
         all.push(Depth::of(&Image::new(width, height, Pixels::U8(frame.pixels)), &Mask::full(width, height)));
@@ -39,12 +42,12 @@ fn answers(path: &Path) -> Result<(), Failed> {
     let least = all.iter().map(|depth| depth.out).min().ok_or("no frames")?;
     println!("{} frames; at least {least} samples stand out", all.len());
     assert!(all.iter().all(Depth::answers), "{least}");
-    // Not by a hair.
+    // The margin is clear.
     assert!(least >= 2 * LEAST_OUT, "{least}");
     Ok(())
 }
 
-/// The floor goes up into what is the near field, and down out of the picture: then nothing comes back.
+/// The floor moves up into the near field, and down out of the frame: then there is no echo.
 fn floor(path: &Path) -> Result<(), Failed> {
     let all = depths(path)?;
     let silent = all.iter().filter(|depth| !depth.answers()).count();

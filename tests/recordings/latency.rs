@@ -1,15 +1,18 @@
-//! The tracker's lag on a real recording of a water tank's floor, against PLUS's result and its lines.
+//! The tracker's latency relative to the video on a real recording of a water tank's floor,
+//! compared with PLUS's result and its lines.
 
 use std::path::Path;
 use std::process::Command;
 
-use calibration::latency::line::{Finder, Line, Still};
-use calibration::picture::GreyView;
-use drivers::recording::SequenceSettings;
-use drivers::{Next, OpenSettings, Reading};
 use glam::DVec2;
 use libtest_mimic::Failed;
 use serde_json::Value;
+
+use calibration::latency::line::{Finder, Line, Still};
+use calibration::picture::GreyView;
+use drivers::OpenSettings;
+use drivers::replay::SequenceSettings;
+use sonoweave_core::{Next, Reading};
 
 use crate::Test;
 
@@ -25,7 +28,7 @@ pub(crate) const TESTS: &[Test] = &[
 fn pictures(path: &Path, mut take: impl FnMut(&GreyView<'_>)) -> Result<(), Failed> {
     let mut device = drivers::open(&OpenSettings::Sequence(SequenceSettings::new(path)))?;
     device.start()?;
-    while let Next::Reading(reading) = device.next(drivers::NO_DEADLINE)? {
+    while let Next::Reading(reading) = device.next(sonoweave_core::NO_DEADLINE)? {
         if let Reading::Frame(frame) = reading {
             take(&GreyView::packed(frame.size.map(|side| side as usize), &frame.pixels)?);
         }
@@ -33,7 +36,7 @@ fn pictures(path: &Path, mut take: impl FnMut(&GreyView<'_>)) -> Result<(), Fail
     Ok(device.stop()?)
 }
 
-/// PLUS's lines: a point and a direction.
+/// Returns PLUS's lines: a point and a direction.
 fn baseline(path: &Path) -> Result<Vec<[DVec2; 2]>, Failed> {
     let text = std::fs::read_to_string(path)?;
     let document = roxmltree::Document::parse(&text)?;
@@ -62,7 +65,7 @@ fn lines(folder: &Path) -> Result<(), Failed> {
     })?;
     assert_eq!((found.len(), without, theirs.len()), (201, 0, 201));
     let apart = |(line, [point, direction]): (&Line, &[DVec2; 2])| {
-        // In the middle of what both see of it.
+        // In the middle of the part that both see.
         let normal = DVec2::new(-direction.y, direction.x);
         let turned = line.angle_deg() - direction.y.atan2(direction.x).to_degrees();
         [normal.dot(line.point_px - *point), turned]
@@ -98,7 +101,7 @@ fn lag(folder: &Path) -> Result<(), Failed> {
     assert!((lag_s + 0.0648).abs() < 3e-3 && se_s > 2e-4 && se_s <= 2e-3, "{lag_s} ± {se_s}");
     let frames = &report["line"]["frames"];
     assert_eq!((frames["used"].as_u64(), frames["without_line"].as_u64()), (Some(201), Some(0)));
-    // The grabber's own count is what makes it that sure: as given, the stamps wander.
+    // The grabber's own count gives this accuracy: the raw stamps fluctuate.
     assert_eq!(report["line"]["stamps"][0], "counted");
     let wander_s = report["line"]["wander_s"][0].as_f64().ok_or("no wander")?;
     assert!((0.015..0.04).contains(&wander_s), "{wander_s}");

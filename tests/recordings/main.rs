@@ -1,7 +1,9 @@
-//! Real recordings of PLUS's: what is read from them, what becomes of them, and how that agrees with what PLUS made of the same.
+//! Real recordings of PLUS: values read from them, our results, and their agreement with PLUS's
+//! results.
 //!
-//! They are PLUS's test data and not part of the project. They are looked for in the folder named by `SONOWEAVE_TEST_DATA`, else in `../shared/data`; a test whose files are
-//! absent is reported as ignored, by name.
+//! They are PLUS's test data and not part of the project. They are searched in the folder named
+//! by `SONOWEAVE_TEST_DATA`, else in `../shared/data`. A test without its files is reported as
+//! ignored, by name.
 
 #![allow(
     clippy::print_stdout,
@@ -14,6 +16,7 @@ mod contact;
 mod latency;
 mod nwire;
 mod reconstruct;
+mod sameness;
 mod stylus;
 mod tracking;
 
@@ -21,10 +24,10 @@ use std::path::{Path, PathBuf};
 
 use libtest_mimic::{Arguments, Failed, Trial};
 
-/// What a test does.
+/// A test's function.
 type Check = fn(&Path) -> Result<(), Failed>;
 
-/// A test of files that may be absent.
+/// A test whose files may be absent.
 struct Test {
     name: &'static str,
     needs: Needs,
@@ -32,9 +35,9 @@ struct Test {
 }
 
 enum Needs {
-    /// The check gets this file.
+    /// The check receives this file.
     File(&'static str),
-    /// The check gets the folder, in which these are.
+    /// The check receives the folder with these files.
     Files(&'static [&'static str]),
 }
 
@@ -66,6 +69,7 @@ fn main() {
         ("latency", latency::TESTS),
         ("nwire", nwire::TESTS),
         ("reconstruct", reconstruct::TESTS),
+        ("sameness", sameness::TESTS),
         ("stylus", stylus::TESTS),
         ("tracking", tracking::TESTS),
     ];

@@ -1,19 +1,20 @@
-//! A probe's calibration on a real recording of an N-wire phantom, against what PLUS made of the same.
+//! A probe calibration on a real recording of an N-wire phantom, compared with PLUS's results.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use calibration::frames::{Transform, affine_from_rows};
+use glam::{DAffine3, DVec2};
+use libtest_mimic::Failed;
+use serde_json::Value;
+
 use calibration::probe::Layout;
 use calibration::probe::errors::Evidence;
 use calibration::probe::matching::Mark;
 use calibration::probe::plane::ImagePlane;
 use calibration::probe::sighting::Sighting;
 use calibration::probe::track::{Poses, Track};
-use glam::{DAffine3, DVec2};
-use libtest_mimic::Failed;
-use serde_json::Value;
-use sonoweave::config::phantom::PhantomSettings;
+use config::phantom::PhantomSettings;
+use sonoweave_core::frames::{Transform, affine_from_rows};
 
 use crate::Test;
 
@@ -32,11 +33,11 @@ pub(crate) const TESTS: &[Test] = &[
     Test::of_folder("invalid_poses_are_refused", FILES, invalid),
 ];
 
-/// What PLUS made of one of the recordings: of each picture its points by wire, its poses, and its errors.
+/// PLUS's results for one recording: each frame's points by wire, its poses, and its errors.
 struct OfPlus {
     sightings: Vec<Sighting>,
     track: Track,
-    /// As PLUS writes them, picture by picture.
+    /// In PLUS's notation, frame by frame.
     errors_mm: Vec<Vec<f64>>,
 }
 
@@ -87,9 +88,9 @@ fn phantom(folder: &Path) -> Result<(Layout, PhantomSettings), Failed> {
     Ok((Layout::new(settings.geometry.clone())?, settings))
 }
 
-/// PLUS's matrix.
+/// Returns PLUS's matrix.
 fn plus_plane(folder: &Path) -> Result<ImagePlane, Failed> {
-    let settings = sonoweave::config::Settings::read(&folder.join(RESULTS), None)?;
+    let settings = config::Settings::read(&folder.join(RESULTS), None)?;
     let found = settings.transforms.iter().find(|t| t.name() == "ImageToProbe").ok_or("no ImageToProbe")?;
     Ok(ImagePlane::of(&found.affine))
 }
@@ -109,7 +110,7 @@ fn plus_errors(folder: &Path) -> Result<(), Failed> {
         };
         let errors = evidence.of_middle_wires(&plane).ok_or("no errors")?;
         println!("{data}: {:.5} mm, of all {:.5}", errors.mean_of_95, errors.mean);
-        // PLUS's own printing has six digits.
+        // PLUS prints six digits.
         assert!((errors.mean_of_95 - mean).abs() < 2e-4, "{} {mean}", errors.mean_of_95);
         assert_eq!(errors.per_frame.len(), plus.errors_mm.len());
         for ((frame, own), theirs) in errors.per_frame.iter().zip(&plus.errors_mm) {
@@ -127,7 +128,7 @@ fn run(phantom: &Path, sequence: &Path, more: &[&str]) -> Result<Output, Failed>
     Ok(command.output()?)
 }
 
-/// Calibrates as the command does; its report and the calibration that it wrote.
+/// Runs the calibration command; returns its report and the calibration that it wrote.
 fn command(folder: &Path) -> Result<(Value, ImagePlane), Failed> {
     let out = tempfile::tempdir()?;
     let [calibration, report] = ["calibration.toml", "report.json"].map(|name| out.path().join(name));
@@ -192,7 +193,7 @@ fn calibrated(folder: &Path) -> Result<(), Failed> {
     assert!(next["words"].as_str().is_some_and(|words| words.contains("mm")), "{next}");
     let lag_s = number(&report["lag_s"])?;
     assert!(lag_s > 0.3 && lag_s < 0.6 && number(&report["lag_sd_s"])? < 0.05, "{lag_s}");
-    // Held against PLUS's own points of the recording that had no part in either.
+    // Compared with PLUS's own points of the recording that neither calibration used.
     let given = settings.registration.ok_or("no registration")?.reference_from_phantom;
     let rows: Vec<f64> = serde_json::from_value(report["phantom_to_reference"].clone())?;
     let rows: [f64; 16] = rows.try_into().map_err(|_| "16 numbers")?;
@@ -216,7 +217,7 @@ fn calibrated(folder: &Path) -> Result<(), Failed> {
     Ok(())
 }
 
-/// A copy of the recording with another header.
+/// Copies the recording with another header.
 fn with_header(folder: &Path, from: &str, to: &str) -> Result<(tempfile::TempDir, PathBuf), Failed> {
     let bytes = std::fs::read(folder.join(CALIBRATION))?;
     let key = b"ElementDataFile";

@@ -3,23 +3,24 @@
 use std::path::Path;
 use std::process::Command;
 
-use drivers::recording::Limits;
-use drivers::recording::image::VolumeReader;
 use libtest_mimic::Failed;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
+use formats::Limits;
+use formats::image::VolumeReader;
+
 use crate::Test;
 
-const SPINE: &str = "freehand/SpinePhantomFreehand.igs.mha";
-const SPINE_XML: &str = "freehand/PlusDeviceSet_VolumeReconstructionOnly_SpinePhantom_NN_MEAN.xml";
+pub(crate) const SPINE: &str = "freehand/SpinePhantomFreehand.igs.mha";
+pub(crate) const SPINE_XML: &str = "freehand/PlusDeviceSet_VolumeReconstructionOnly_SpinePhantom_NN_MEAN.xml";
 const FAN_XML: &str = "freehand/PlusDeviceSet_VolumeReconstructionOnly_SonixRP_TRUS_D70mm_LN_MEAN.xml";
 const NEAREST: &str = "freehand/vtkVolumeReconstructorTestNNMEANvolumeRef.mha";
 const LINEAR: &str = "freehand/vtkVolumeReconstructorTestLNMEANvolumeRef.mha";
 const NWIRE: &str = "freehand/NwirePhantomFreehand.igs.mha";
-const CALIBRATION: &str = "nwire/fCal_Test_Calibration_3NWires.igs.mha";
+pub(crate) const CALIBRATION: &str = "nwire/fCal_Test_Calibration_3NWires.igs.mha";
 const VALIDATION: &str = "nwire/fCal_Test_Validation_3NWires.igs.mha";
-const RESULTS_XML: &str = "nwire/FreehandCalibration3NWires.results.xml";
+pub(crate) const RESULTS_XML: &str = "nwire/FreehandCalibration3NWires.results.xml";
 const RF: &str = "formats/UltrasonixLinearRfData.igs.mha";
 const SAMPLES: &str = "latency/WaterTankBottomTranslationTrackerBuffer.igs.mha";
 
@@ -36,7 +37,7 @@ pub(crate) const TESTS: &[Test] = &[
     Test::of_folder("spine_is_described", &[SPINE, SPINE_XML], spine_described),
 ];
 
-/// The program's exit code and words.
+/// Returns the program's exit code and messages.
 fn sonoweave(place: &TempDir, arguments: &[&str]) -> (Option<i32>, String, String) {
     let output =
         Command::new(env!("CARGO_BIN_EXE_sonoweave")).args(arguments).current_dir(place.path()).output().unwrap();
@@ -44,7 +45,7 @@ fn sonoweave(place: &TempDir, arguments: &[&str]) -> (Option<i32>, String, Strin
     (output.status.code(), text(&output.stdout), text(&output.stderr))
 }
 
-/// What a reconstruction with its defaults gave.
+/// Result of a reconstruction with default settings.
 struct Woven {
     place: TempDir,
     statistics: Value,
@@ -73,12 +74,13 @@ impl Woven {
         self.values.iter().zip(&self.weights).filter(|(_, w)| **w > 0.0).map(|(v, _)| *v)
     }
 
-    /// Share of the seen voxels that are at most so bright.
+    /// Returns the share of the seen voxels up to this grey value.
     fn share_up_to(&self, grey: u8) -> f64 {
         self.seen().filter(|v| *v <= grey).count() as f64 / self.seen().count() as f64
     }
 
-    /// All frames were used, and the voxels seen are as many as the sweep's volume asks for.
+    /// Checks that all frames were used, and that the number of seen voxels fits the sweep's
+    /// volume.
     fn check(&self, frames: u64, seen: std::ops::Range<usize>) {
         assert_eq!(self.statistics["frames"]["total"], frames);
         assert_eq!(self.statistics["frames"]["used"], frames);
@@ -97,7 +99,7 @@ impl Woven {
     }
 }
 
-fn bytes(volume: &Path) -> Result<Vec<u8>, Failed> {
+pub(crate) fn bytes(volume: &Path) -> Result<Vec<u8>, Failed> {
     let mut reader = VolumeReader::open(volume, &Limits::default())?;
     let mut bytes = Vec::new();
     while let Some(slice) = reader.next_slice()? {
@@ -109,7 +111,7 @@ fn bytes(volume: &Path) -> Result<Vec<u8>, Failed> {
 fn spine(folder: &Path) -> Result<(), Failed> {
     let woven = Woven::new(folder, SPINE, SPINE_XML, &[])?;
     woven.check(21, 500_000..600_000);
-    // The scanner's picture: columns 187 to 631, rows 12 to 601 of 820×616.
+    // The scanner's image: columns 187 to 631, rows 12 to 601 of 820×616.
     assert_eq!(woven.statistics["data_rectangle"], json!([187, 12, 445, 590]));
     assert_eq!(woven.statistics["data_pixels"], 445 * 590);
     assert_eq!(woven.statistics["grid"]["spacing"], json!([0.5, 0.5, 0.5]));
@@ -118,7 +120,8 @@ fn spine(folder: &Path) -> Result<(), Failed> {
     let with_frame = Woven::new(folder, SPINE, SPINE_XML, &["--clip", "none"])?;
     let (without, with) = (woven.seen().count(), with_frame.seen().count());
     assert!(with * 10 > without * 15, "the frame's border would fill {with} voxels instead of {without}");
-    // Black is a value in the vertebrae's shadow, but the border would have been black throughout.
+    // Black is a value in the vertebrae's shadow, but the border would have been black
+    // throughout.
     assert!(woven.share_up_to(0) < 0.04, "{}", woven.share_up_to(0));
     assert!(with_frame.share_up_to(0) > 0.3, "{}", with_frame.share_up_to(0));
     Ok(())
@@ -131,7 +134,7 @@ fn spine_against_nearest(folder: &Path) -> Result<(), Failed> {
     let c = woven.against(&folder.join(NEAREST))?;
     assert!(c["voxels"].as_u64() > Some(300_000), "{c}");
     assert!(c["correlation"].as_f64() > Some(0.95), "{c}");
-    // Theirs is dark: it rounds down at every insertion, and its border is painted over.
+    // PLUS's volume is darker: it rounds down at every insertion, and its border is overwritten.
     let bias = c["bias"].as_f64().ok_or("no bias")?;
     assert!((2.0..15.0).contains(&bias), "{c}");
     Ok(())
@@ -176,7 +179,7 @@ fn nwire_validation(folder: &Path) -> Result<(), Failed> {
     Ok(())
 }
 
-/// Bright wires in black water, and nothing of the picture taken for its border.
+/// Checks for bright wires in black water, with no part of the frame taken for its border.
 fn nwire(woven: &Woven) {
     assert_eq!(woven.statistics["data_pixels"], 820 * 616);
     let brightest = woven.seen().max().unwrap_or(0);
@@ -226,7 +229,7 @@ fn spine_described(folder: &Path) -> Result<(), Failed> {
     let near = |value: &Value, expected: f64, within: f64| {
         assert!((value.as_f64().unwrap() - expected).abs() < within, "{value} is not {expected}");
     };
-    // What is known of the recording: a sweep of 33 mm, 0.09 s from frame to frame.
+    // Known properties of the recording: a sweep of 33 mm, 0.09 s from frame to frame.
     near(&p["sweep_mm"], 33.0, 1.0);
     near(&r["time"]["interval_s"]["median"], 0.09, 0.005);
     near(&p["pixel_mm"][0], 0.085, 0.001);

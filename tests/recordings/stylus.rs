@@ -1,18 +1,20 @@
-//! Stylus and landmarks on the recording that PLUS registers a phantom by: eight divots, in each of which the stylus was swung about its tip.
+//! Stylus and landmarks on the recording of PLUS's phantom registration: eight divots, in each
+//! of which the stylus was pivoted about its tip.
 
 use std::path::{Path, PathBuf};
 
-use calibration::frames::{Phantom, Reference, Transform};
-use calibration::landmarks::{LandmarksError, Reading, Registered, Settings, register};
-use calibration::named::StaticTransform;
-use calibration::pivot::{self, Pivot, PivotError};
-use calibration::statistics::Spread;
 use glam::{DQuat, DVec3};
 use libtest_mimic::Failed;
 use sonoweave::cli::calibrate::guide::Gathering;
 use sonoweave::cli::calibrate::poses::{Recording, Source};
-use sonoweave::config::Settings as Config;
-use sonoweave::config::phantom::PhantomSettings;
+
+use calibration::landmarks::{LandmarksError, Reading, Registered, Settings, register};
+use calibration::pivot::{self, Pivot, PivotError};
+use calibration::statistics::Spread;
+use config::Settings as Config;
+use config::phantom::PhantomSettings;
+use sonoweave_core::frames::{Phantom, Reference, Transform};
+use sonoweave_core::named::StaticTransform;
 
 use crate::Test;
 
@@ -28,7 +30,7 @@ pub(crate) const TESTS: &[Test] = &[
     Test::of_file("a_stylus_that_was_never_seen_is_said_to_be", SWEEP, unseen),
 ];
 
-/// Seconds of a recording.
+/// Returns a time range of a recording, s.
 fn part(path: &Path, from: f64, to: f64) -> Recording {
     let source = Source { sequence: Some(path.to_owned()), ..Source::default() };
     Recording {
@@ -41,7 +43,7 @@ fn part(path: &Path, from: f64, to: f64) -> Recording {
     }
 }
 
-/// The configuration of the recording, and PLUS's results.
+/// Returns the configuration of the recording, and PLUS's results.
 fn files(path: &Path) -> [PathBuf; 2] {
     ["PlusDeviceSet_fCal_Sim_RecordPhantomLandmarks.xml", "PhantomRegistrationLandmarkDetection.results.xml"]
         .map(|name| path.with_file_name(name))
@@ -62,7 +64,8 @@ fn registered(path: &Path, tip: &Path, from: f64, to: f64) -> Result<Result<Regi
     Ok(register(&readings, tip, phantom.geometry.landmarks(), &Settings::default()))
 }
 
-/// Distances from where PLUS's registration puts landmarks, mm, and the angle between the two, degrees.
+/// Returns the landmarks' distances from PLUS's registration, mm, and the angle between both,
+/// degrees.
 fn from_plus(path: &Path, registered: &Registered) -> Result<(Vec<f64>, f64), Failed> {
     let [configuration, results] = files(path);
     let plus = transform(&results, "PhantomToReference")?;
@@ -90,10 +93,11 @@ fn whole(path: &Path) -> Result<(), Failed> {
     let begins: Vec<f64> = found.touched.iter().map(|touched| touched.rests[0].time_s[0]).collect();
     assert!(begins.windows(2).all(|two| two[1] > two[0] + 5.0), "{begins:?}");
     assert!(found.touched.iter().all(|touched| touched.rests.len() == 1));
-    // It lay still before and after.
+    // It was static before and after.
     assert_eq!(found.elsewhere.len(), 2);
     assert!(found.error_mm.mean < 0.35 && farthest < 0.35 && angle < 0.15, "{:?} {apart:?} {angle}", found.error_mm);
-    // What is said of its own error covers the distance from PLUS's: within three standard deviations.
+    // The estimated error covers the distance from PLUS's result: within three standard
+    // deviations.
     let phantom = PhantomSettings::read(&files(path)[0])?;
     for (landmark, mm) in phantom.geometry.landmarks().iter().zip(&apart) {
         let sd = found.sd_at(landmark.position_mm);
@@ -103,7 +107,7 @@ fn whole(path: &Path) -> Result<(), Failed> {
 }
 
 fn half(path: &Path) -> Result<(), Failed> {
-    // Up to the middle of the sixth; from the middle of the third.
+    // Up to the middle of the sixth landmark; from the middle of the third.
     for (from, to, missed) in [(0.0, 46.0, vec![6, 7]), (20.5, 100.0, vec![0, 1])] {
         let found = registered(path, &files(path)[0], from, to)??;
         let (apart, angle) = from_plus(path, &found)?;
@@ -119,7 +123,7 @@ fn half(path: &Path) -> Result<(), Failed> {
 }
 
 fn other_tip(path: &Path) -> Result<(), Failed> {
-    // 13 mm from the stylus's own.
+    // This tip is 13 mm from the stylus's own.
     let error = registered(path, &files(path)[1], 0.0, 100.0)?.expect_err("another tip").to_string();
     assert!(error.contains("the stylus's tip is"), "{error}");
     Ok(())
@@ -131,8 +135,9 @@ fn pivot(path: &Path, from: f64, to: f64) -> Result<Result<Pivot, PivotError>, F
     Ok(pivot::calibrate(&poses, &pivot::Settings::default()))
 }
 
-/// Five seconds in each of eight divots, the axes turned by 9 to 23° only: each says where the tip is to some tenths of a mm, and all say the same within twice what they say of their
-/// errors. (The tip rolls in the divot, which is no noise.)
+/// Five seconds in each of eight divots, with axes turned by only 9 to 23°: each gives the tip
+/// to some tenths of a mm. All agree within twice their estimated errors. (The tip rolls in the
+/// divot, which is not noise.)
 fn swings(path: &Path) -> Result<(), Failed> {
     let found = registered(path, &files(path)[0], 0.0, 100.0)??;
     let mut tips: Vec<Pivot> = Vec::new();

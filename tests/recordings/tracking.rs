@@ -1,14 +1,17 @@
-//! Clocks and poses on real recordings of trackers: the filtering and the interpolation that PLUS tests with the same files.
+//! Clocks and poses on real recordings of trackers: the filtering and the interpolation that
+//! PLUS tests with the same files.
 
 use std::path::Path;
 
-use calibration::frames::{affine_from_rows, nearest_rigid};
-use drivers::reading::{Frame, Reading, Status};
-use drivers::recording::SequenceSettings;
-use drivers::{Next, OpenSettings, Ticks, Timing};
 use libtest_mimic::Failed;
-use sonoweave::sync::clock::{Basis, ClockMap, ClockSettings, PUBLISHED_NS, State, TimeFlags, Timed};
-use sonoweave::sync::history::{PoseHistory, PoseSample, Rigid, Unavailable};
+
+use drivers::OpenSettings;
+use drivers::replay::SequenceSettings;
+use sonoweave_core::frames::{affine_from_rows, nearest_rigid};
+use sonoweave_core::reading::{Frame, Reading, Status};
+use sonoweave_core::{Next, Ticks, Timing};
+use sync::clock::{Basis, ClockMap, ClockSettings, PUBLISHED_NS, State, TimeFlags, Timed};
+use sync::history::{PoseHistory, PoseSample, Rigid, Unavailable};
 
 use crate::Test;
 
@@ -21,13 +24,13 @@ pub(crate) const TESTS: &[Test] = &[
     Test::of_file("poses_between_five_times_as_many_are_near_each_other", INTERPOLATION, interpolation),
 ];
 
-/// All readings of a file.
+/// Returns all readings of a file.
 fn readings(path: &Path) -> Result<Vec<Reading>, Failed> {
     let settings = SequenceSettings { images: false, ..SequenceSettings::new(path) };
     let mut device = drivers::open(&OpenSettings::Sequence(settings))?;
     device.start()?;
     let mut readings = Vec::new();
-    while let Next::Reading(reading) = device.next(drivers::NO_DEADLINE)? {
+    while let Next::Reading(reading) = device.next(sonoweave_core::NO_DEADLINE)? {
         readings.push(reading);
     }
     device.stop()?;
@@ -52,7 +55,7 @@ fn items(path: &Path) -> Result<Vec<Item>, Failed> {
         .collect()
 }
 
-/// The items' clock, whose rate nobody told.
+/// Returns the items' clock, for an unknown rate.
 fn clocked(items: &[Item]) -> (ClockMap, Vec<Timed>) {
     let timing = Timing { ticks: Ticks::Measurements, ..Timing::default() };
     let mut clock = ClockMap::new(ClockSettings::new(&timing, 0));
@@ -67,7 +70,7 @@ fn deviation(values: &[f64]) -> f64 {
     (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64).sqrt()
 }
 
-/// What lies between frames, for each that the device counted, s.
+/// Returns the periods between frames, per counted frame, s.
 fn periods(items: &[Item], times_s: &[f64]) -> Vec<f64> {
     let counted = |two: &[Item]| (two[1].number - two[0].number) as f64;
     items.windows(2).zip(times_s.windows(2)).map(|(items, times)| (times[1] - times[0]) / counted(items)).collect()
@@ -79,7 +82,8 @@ fn filtering(path: &Path) -> Result<(), Failed> {
     let (_, timed) = clocked(&items);
     let raw: Vec<f64> = items.iter().map(|item| item.raw_s - items[0].raw_s).collect();
     let filtered: Vec<f64> = timed.iter().map(|timed| timed.time_ns as f64 * 1e-9).collect();
-    // PLUS' filter keeps the mean delay, ours takes the least: the constant between the two is what a latency's calibration would find.
+    // PLUS's filter keeps the mean delay, ours the smallest. A latency calibration would find
+    // the constant difference.
     let latency = raw.iter().zip(&filtered).map(|(raw, filtered)| raw - filtered).sum::<f64>() / raw.len() as f64;
     let apart = raw.iter().zip(&filtered).map(|(raw, filtered)| raw - filtered - latency);
     let furthest = apart.fold(0.0, |most: f64, apart| most.max(apart.abs()));
@@ -92,7 +96,8 @@ fn filtering(path: &Path) -> Result<(), Failed> {
         latency * 1e3,
         furthest * 1e3
     );
-    // Nothing was measured after it was there, but for what is not worth a publication.
+    // No measurement is later than its arrival, except for differences below the publication
+    // threshold.
     let there = |item: &Item| ((item.raw_s - items[0].raw_s) * 1e9).round() as i64;
     assert!(timed.iter().zip(&items).all(|(timed, item)| timed.time_ns <= there(item) + PUBLISHED_NS));
     assert!(furthest <= 0.08, "{furthest}");
@@ -107,15 +112,17 @@ fn clock_of_interpolation(path: &Path) -> Result<(), Failed> {
     // 100 Hz, of which every second frame was kept.
     let period_ms = clock.mapping().ns_per_tick_q32 as f64 / 4_294_967_296.0 * 1e-6;
     assert!((period_ms - 10.0).abs() < 0.05, "{period_ms}");
-    // Its raw times are rounded to ms and come in steps: at times no sample is timely for a second.
+    // Its raw times are rounded to ms and come in steps: occasionally no sample is timely for a
+    // second.
     assert!(matches!(clock.state(), State::Locked | State::Holdover), "{}", clock.state().word());
     assert_eq!(clock.mapping().epoch, 0);
-    // Nobody told the rate: it is believed after half a second, by the second sixteen records.
+    // The rate is unknown: it is accepted after half a second, by the second sixteen records.
     assert!(timed.iter().skip(32).all(|timed| matches!(timed.basis, Basis::Ticks(_))));
     Ok(())
 }
 
-/// Interpolated at five times the rate, neighbouring poses differ by 1° and 0.5 mm at most; beside the sample that is invalid there is none.
+/// Interpolated at five times the rate, neighbouring poses differ by 1° and 0.5 mm at most; next
+/// to the invalid sample there is none.
 fn interpolation(path: &Path) -> Result<(), Failed> {
     let mut history = PoseHistory::new(1000, 100_000_000);
     let (mut first, mut last, mut invalid) = (None, 0, Vec::new());

@@ -1,9 +1,10 @@
-//! Very many slices over the same voxels: what is left of the value, and whether it still moves.
+//! Tests with very many slices over the same voxels: accuracy of the value, and its ability to
+//! move.
 
-use calibration::frames::Transform;
-use sonoweave::reconstruct::settings::MOST_WEIGHT;
-use sonoweave::reconstruct::{Reconstructor, Settings, SettingsError};
-use sonoweave::slice::{Image, Slice};
+use reconstruct::settings::MOST_WEIGHT;
+use reconstruct::{Reconstructor, Settings, SettingsError};
+use sonoweave_core::frames::Transform;
+use sonoweave_core::slice::{Image, Slice};
 
 use crate::figures::{Length, Sheet, Test};
 use crate::weaving::{Probe, constant, half_mm, off_constant, seen, weave};
@@ -44,32 +45,32 @@ pub(crate) fn tests(length: Length) -> Vec<Test> {
     ]
 }
 
-/// Small pictures across the lattice: all weights from none to the peak occur.
+/// Small images oblique to the lattice: all weights from none to the peak occur.
 fn probe() -> Probe {
     Probe::oblique([6, 6], 0.5)
 }
 
-/// The slice a hair along its normal, so that it is news after itself.
+/// Returns the slice shifted minutely along its normal, so that it does not count as repeated.
 fn nudged(slice: &Slice, i: u32) -> Slice {
     let mut pose = slice.world_from_image.affine();
     pose.translation += pose.matrix3.z_axis * (1e-5 * f64::from(i % 16));
     Slice { world_from_image: Transform::from_affine(pose), ..slice.clone() }
 }
 
-/// A hand that trembles by millimetres: no two weights of a voxel are alike.
+/// Trembling of the operator's hand by millimetres: no two weights of a voxel are alike.
 fn trembling(picture: &Image, i: u32) -> Slice {
     let x = f64::from(i.wrapping_mul(2_654_435_761) >> 8) / f64::from(1 << 24) - 0.5;
     probe().put(picture, 4.0 * x)
 }
 
-/// The same picture again and again.
+/// Inserts the same image again and again.
 fn dwell(reconstructor: &mut Reconstructor, slice: &Slice, times: u32) {
     for i in 0..times {
         reconstructor.insert(&nudged(slice, i)).unwrap();
     }
 }
 
-/// Ten thousand slices and more of a constant, as `slice` places them.
+/// Inserts ten thousand slices or more of a constant, placed by `slice`.
 fn constants(sheet: &Sheet, settings: Settings, slice: impl Fn(u32) -> Slice) -> Reconstructor {
     let mut r = Reconstructor::new(settings, probe().mask()).unwrap();
     for i in 0..sheet.length.of(20_000, 1_000_000) {
@@ -87,8 +88,9 @@ fn clamped_constant(sheet: &mut Sheet) {
     sheet.at_most("largest |r/w − c| / c", worst, 1e-5);
 }
 
-/// A sum in f32 to which the same number is added again and again errs by the same amount with every addition, until it has doubled: half an
-/// ulp of the sum each, and so, relatively, W_max/g of them by 2⁻²⁵ W_max/g. A hand's trembling makes the errors random; an arm that rests does not.
+/// In an f32 sum, adding the same number again and again makes the same error each time until
+/// the sum has doubled: up to half an ulp of the sum. In relative terms, W_max/g additions give
+/// 2⁻²⁵ W_max/g. Trembling of the hand makes the errors random; a resting arm does not.
 fn parked_constant(sheet: &mut Sheet) {
     let slice = probe().put(&constant(probe().size, CONSTANT), 0.0);
     let r = constants(sheet, half_mm(), |i| nudged(&slice, i));
@@ -106,8 +108,9 @@ fn parked_constant(sheet: &mut Sheet) {
     sheet.at_most("largest |r/w − c| / c times what a slice weighs", any, 256.0 * 2.0_f64.powi(-25));
 }
 
-/// The root mean square keeps to the 3e-4 that 10⁶ sums of one voxel were measured to lose; the worst of all voxels, at the ends of the kernel where
-/// a sum of 5·10⁵ drops what is below 0.03, was measured 1.1e-3 off. This is why there is a largest weight.
+/// The root mean square stays within 3e-4, the measured loss of 10⁶ sums of one voxel. The
+/// worst voxel was measured 1.1e-3 off: at the ends of the kernel a sum of 5·10⁵ drops summands
+/// below 0.03. This is the reason for a largest weight.
 fn free_constant(sheet: &mut Sheet) {
     let picture = constant(probe().size, CONSTANT);
     let r = constants(sheet, Settings { max_weight: MOST_WEIGHT, ..half_mm() }, |i| trembling(&picture, i));
@@ -118,14 +121,15 @@ fn free_constant(sheet: &mut Sheet) {
     sheet.at_most("largest |r/w − c| / c", off_constant(&r, CONSTANT).0, sheet.length.of(3e-5, 2e-3));
 }
 
-/// Value at the world's origin, in the middle of the picture and in its plane.
+/// Value at the world's origin, in the middle of the image and in its plane.
 fn middle(reconstructor: &Reconstructor) -> f64 {
     let (r, w) = reconstructor.volume().voxel([0; 3]);
     f64::from(r) / f64::from(w)
 }
 
-/// Each sum may err by half an ulp, the same way every time where an arm rests, and a slice moves the mean by g/W: the mean is off by 2⁻²⁵ W/g at most, 3 %
-/// at 10⁶. At 2²⁴, where f32 adds no more ones, the mean of 18.5·10⁶ parked tens was measured to be 8.6: hence the limit.
+/// Each sum may err by half an ulp, always in the same direction if an arm rests, and a slice
+/// moves the mean by g/W. The mean is thus off by at most 2⁻²⁵ W/g, 3 % at 10⁶. At 2²⁴, f32
+/// adds no more ones: the mean of 18.5·10⁶ parked tens was measured to be 8.6. Hence the limit.
 fn saturation(sheet: &mut Sheet) {
     let probe = Probe::straight([3, 3], 0.5);
     let widest: &[f64] = sheet.length.of(&[1e3, 1e4], &[1e3, 1e4, 1e5, MOST_WEIGHT]);
@@ -134,7 +138,8 @@ fn saturation(sheet: &mut Sheet) {
         let mut r = Reconstructor::new(settings, probe.mask()).unwrap();
         dwell(&mut r, &probe.put(&constant([3, 3], 77.3), 0.0), 3 * most as u32);
         let peak = r.kernels().unwrap()[2].peak();
-        // A slice's weight as a part of the peak: not all of the in-plane kernel lies on 3×3 pixels.
+        // A slice's weight as a fraction of the peak: not all of the in-plane kernel lies on
+        // 3×3 pixels.
         let once = weave(half_mm(), &probe.mask(), [&probe.put(&constant([3, 3], 1.0), 0.0)]);
         let share = f64::from(once.volume().voxel([0; 3]).1) / peak;
         let what = format!("W_max = {most:e}");
@@ -168,14 +173,14 @@ fn step(sheet: &mut Sheet) {
         r.insert(&nudged(&bright, count)).unwrap();
         count += 1;
     }
-    // Each slice enters with g of the clamp's W_max·peak, g being the peak here.
+    // Each slice enters with g of the clamp's W_max·peak; g is the peak here.
     let expected = 100.0_f64.ln() * 256.0;
     sheet.near("slices to 99 % of the step, W_max = 256", f64::from(count), expected, 0.01 * expected);
 
     let mut free = Reconstructor::new(Settings { max_weight: MOST_WEIGHT, ..half_mm() }, probe.mask()).unwrap();
     dwell(&mut free, &dark, frames);
     dwell(&mut free, &bright, frames);
-    // All of the past counts for ever; parked, each of the sums may round the same way.
+    // All older slices count for ever; if parked, every sum may round in the same direction.
     let rounding = 105.0 * 2.0 * f64::from(frames) * 2.0_f64.powi(-24);
     sheet.near("without clamp, after as many bright as dark: the mean", middle(&free), 105.0, rounding);
 }

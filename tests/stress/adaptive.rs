@@ -1,9 +1,11 @@
-//! Rays left out where the picture is even: what that may cost, and what it must not miss.
+//! Tests of adaptive rays, which are omitted in even regions: their error, and details that
+//! they must not miss.
 
 use glam::DVec3;
-use sonoweave::render::camera::View;
-use sonoweave::render::{Cache, RenderSettings, Renderer};
-use sonoweave::volume::Values;
+
+use render::camera::View;
+use render::{Cache, RenderSettings, Renderer};
+use volume::Values;
 
 use crate::figures::{Sheet, Test};
 use crate::pictures::{Field, drawn, millimetres, other_bits, random_at, rising, whole};
@@ -24,10 +26,10 @@ pub(crate) fn tests() -> Vec<Test> {
 }
 
 const EDGE: i64 = 60;
-/// Differences of the full range.
+/// One grey level, as a fraction of the full range.
 const GREY: f64 = 1.0 / 255.0;
 
-/// A cloud that thins out towards its border, grainy by a share of its intensity.
+/// A cloud that thins out towards its border, with grain relative to its intensity.
 fn cloud(grain: f64) -> impl Fn([i64; 3]) -> f64 {
     move |at: [i64; 3]| {
         let off = (DVec3::from_array(at.map(|x| x as f64)) - DVec3::splat(30.0)).length();
@@ -48,8 +50,8 @@ fn field(value: impl Fn([i64; 3]) -> f64 + Sync) -> Field<impl Fn([i64; 3]) -> O
     Field { low: [0; 3], high: [EDGE - 1; 3], value: move |at: [i64; 3]| Some(value(at) as f32) }
 }
 
-/// Rays cast, and regions looked at.
-fn counted(settings: &RenderSettings, volume: &(impl Values + ?Sized), stage: sonoweave::render::Stage) -> [u64; 2] {
+/// Returns the numbers of rays cast and of regions examined.
+fn counted(settings: &RenderSettings, volume: &(impl Values + ?Sized), stage: render::RenderRegion) -> [u64; 2] {
     let work = Renderer::new(settings, stage).unwrap().update_all(volume).work;
     [work.rays, work.regions]
 }
@@ -70,7 +72,7 @@ fn exact(sheet: &mut Sheet) {
             regions += split;
             cast_twice += rays - all;
         }
-        // Far below what eight bits tell.
+        // Far below the resolution of eight bits.
         let tiny = drawn(&RenderSettings { adaptive: 1e-6, ..settings.clone() }, stage, &volume);
         let off = full.over([0.0; 3]).iter().zip(tiny.over([0.0; 3])).map(|(a, b)| a.abs_diff(b)).max().unwrap();
         most = most.max(off);
@@ -88,7 +90,8 @@ fn dot(sheet: &mut Sheet) {
     let epsilon = 8.0 * GREY;
     let (mut worst, mut faintest, mut saved) = (0.0_f64, f64::INFINITY, f64::INFINITY);
     for view in views() {
-        // A pixel is about as large as the voxel that is the dot, and the corners of regions are eight of them apart.
+        // A pixel is about as large as the voxel that is the dot, and the corners of regions
+        // are eight pixels apart.
         let settings = RenderSettings { view, ..whole([104, 104], rising(&[(0.0, 0.0), (200.0, 0.02), (255.0, 0.9)])) };
         let adaptive = RenderSettings { adaptive: epsilon as f32, ..settings.clone() };
         let behind = cloud(0.0);

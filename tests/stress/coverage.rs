@@ -1,9 +1,10 @@
-//! Pictures that are hardly pictures, boxes that the scan does not fill, masks.
+//! Tests of degenerate image sizes, boxes that the scan does not fill, and masks.
 
-use calibration::region::Fan;
 use glam::DVec3;
-use sonoweave::mask::Mask;
-use sonoweave::reconstruct::{Reconstructor, Settings, SettingsError};
+
+use mask::Mask;
+use reconstruct::{Reconstructor, Settings, SettingsError};
+use sonoweave_core::region::Fan;
 
 use crate::figures::{Sheet, Test};
 use crate::place::Place;
@@ -30,7 +31,7 @@ fn degenerate(sheet: &mut Sheet) {
             for pixel_mm in [1.3, 0.2] {
                 let probe = Probe { axes, centre: DVec3::new(0.11, -0.07, 0.05), ..Probe::straight(size, pixel_mm) };
                 let slice = probe.put(&noise(size, 9), 0.0);
-                // σ of a pixel and more: of a line of pixels, at most 0.4 of the kernel lies on it.
+                // σ of at least a pixel: at most 0.4 of the kernel lies on a line of pixels.
                 let sigma = 0.75 * pixel_mm;
                 let settings = Settings { sigma_mm: [Some(sigma), Some(sigma), None], ..half_mm() };
                 let settings = Settings { spacing_mm: DVec3::splat(0.25 * pixel_mm), ..settings };
@@ -55,7 +56,7 @@ fn boxes(sheet: &mut Sheet) {
         assert_eq!(run.code, 0, "{words}: {}", run.stderr);
         (place.volume("v.mha").values, place.volume("w.mha").values)
     };
-    // Slices from the world's origin on; the whole in a box that holds it.
+    // Slices start at the world's origin; the whole volume is a box that holds them.
     let (whole, weights) = run("-o v.mha --origin -10,-10,-10 --size 80,80,60");
     sheet.above("voxels seen in the whole box", weights.iter().filter(|w| **w > 0.0).count() as f64, 10_000.0);
     let (values, far) = run("-o v.mha --origin 1000,1000,1000 --size 20,20,20");
@@ -64,7 +65,7 @@ fn boxes(sheet: &mut Sheet) {
         values.iter().chain(&far).filter(|x| **x != 0.0).count(),
         0,
     );
-    // Beginning 40, 30, 20 voxels on, and ending beyond the whole box.
+    // Starts 40, 30, 20 voxels further, and ends beyond the whole box.
     let (part, part_weights) = run("-o v.mha --origin 10,5,0 --size 60,70,50");
     let (mut differ, mut inside) = (0, 0);
     for (i, (value, weight)) in part.iter().zip(&part_weights).enumerate() {
@@ -93,8 +94,9 @@ fn empty_mask(sheet: &mut Sheet) {
     sheet.equal("files it left", place.names().len(), 1);
 }
 
-/// Ten slices lie over a voxel here, and each can add the rounding of a sum. The bound is in units of 2⁻²³, what an ulp is at the low end of its
-/// binade: counted in ulp of the constant, 255 (at the high end) would be 4.8 off and 0.1 as much as 4.1.
+/// Ten slices overlap in a voxel here, and each can add the rounding of a sum. The bound is in
+/// units of 2⁻²³, an ulp at the low end of its binade. Counted in ulp of the constant, 255 (at
+/// the high end) would be 4.8 off and 0.1 as much as 4.1.
 fn fan(sheet: &mut Sheet) {
     let size = [72, 60];
     let fan = Mask::fan(72, 60, &Fan::new([36.0, -20.0], [25.0, 76.0], [-25.0, 25.0]).unwrap());
@@ -104,7 +106,7 @@ fn fan(sheet: &mut Sheet) {
         let mut r = Reconstructor::new(Settings { method, ..half_mm() }, fan.clone()).unwrap();
         let probe = Probe::oblique(size, 0.25);
         for i in 0..10_u8 {
-            // What is no data must not matter, whatever it holds.
+            // Pixels outside the data must not matter, whatever their value.
             let picture =
                 crate::weaving::image(size, |u, v| if fan.contains(u, v) { grey } else { f32::from(i) * 1e6 });
             r.insert(&probe.put(&picture, 0.3 * f64::from(i))).unwrap();

@@ -1,12 +1,13 @@
-//! Decay on both paths: what time may do to a voxel, where a sweep shows things, and what comes back after a while.
+//! Tests of decay on both paths: irregular times, the shift of a sweep, and values of later
+//! visits.
 
 use std::time::Instant;
 
-use sonoweave::reconstruct::kernel::Method;
-use sonoweave::reconstruct::planar::{OnDeparture, PlanarReconstructor};
-use sonoweave::reconstruct::{Compounding, Decay, Path, Reconstructor, Settings, Weaver};
-use sonoweave::slice::Slice;
-use sonoweave::volume::Voxels;
+use reconstruct::kernel::Method;
+use reconstruct::planar::{OnDeparture, PlanarReconstructor};
+use reconstruct::{Compounding, Decay, Path, PathReconstructor, Reconstructor, Settings};
+use sonoweave_core::slice::Slice;
+use volume::Voxels;
 
 use crate::figures::{Sheet, Test};
 use crate::weaving::{PATHS, Probe, constant, half_mm, held, on_the_world_s_axes, weaver};
@@ -57,18 +58,18 @@ fn probe() -> Probe {
     Probe::arm([9, 9], 0.5)
 }
 
-/// A grey picture at a time; `turn` moves it by a hair, so that it never repeats.
+/// A slice of one grey level; `turn` moves it minutely, so that it never repeats.
 fn touch(grey: f32, seconds: f64, along: f64, turn: u32) -> Slice {
     let slice = probe().put(&constant(probe().size, grey), along + 1e-9 * f64::from(turn % 16));
     Slice { time_ns: (seconds * SECOND).round() as i64, ..slice }
 }
 
-fn middle(weaver: &Weaver) -> (f64, f64) {
+fn middle(weaver: &PathReconstructor) -> (f64, f64) {
     let (r, w) = weaver.volume().voxel([0; 3]);
     (f64::from(r), f64::from(w))
 }
 
-fn value(weaver: &Weaver, y: i64) -> f64 {
+fn value(weaver: &PathReconstructor, y: i64) -> f64 {
     let (r, w) = weaver.volume().voxel([0, y, 0]);
     f64::from(r) / f64::from(w)
 }
@@ -78,7 +79,7 @@ fn name(path: Path, decay: Decay) -> String {
 }
 
 fn steps_of_time(sheet: &mut Sheet) {
-    // The time, s, and the seconds that it means: never less than none, and a day at most.
+    // The time, s, and the elapsed seconds it implies: at least none, at most a day.
     let day = 86_400.0;
     let steps = [
         (100.0, 0.0),
@@ -88,7 +89,7 @@ fn steps_of_time(sheet: &mut Sheet) {
         (101.0, 0.0),
         (1e9, day),
         (1e9 + 2.0, 2.0),
-        // Set back: time goes on from there.
+        // The clock was set back: time continues from there.
         (3.0, 0.0),
         (4.0, 1.0),
         (3.9, 0.0),
@@ -98,7 +99,7 @@ fn steps_of_time(sheet: &mut Sheet) {
         (9e9 + 0.75, 0.75),
     ];
     for path in PATHS {
-        // A day counts at rates that are slow enough: d is 0.92 then, and would be nothing after 10⁹ s.
+        // At slow rates a day still counts: d is then 0.92, and would be 0 after 10⁹ s.
         for decay in [MODES[0], MODES[1], SLOW[0], SLOW[1]] {
             let what = format!("{}, a = {}/s", name(path, decay), decay.rate_per_s());
             let mut r = weaver(path, decaying(decay), probe().mask());
@@ -146,7 +147,7 @@ fn absurd_times(sheet: &mut Sheet) {
     }
 }
 
-/// Black adds nothing to the numerator: what is left of it is the first slice's, times all factors.
+/// Black adds nothing to the numerator: it remains the first slice's, times all factors.
 fn composed(sheet: &mut Sheet) {
     let (rate_per_s, span_s) = (0.9, 10.0);
     for path in PATHS {
@@ -158,7 +159,8 @@ fn composed(sheet: &mut Sheet) {
                 r.insert(&touch(0.0, span_s * f64::from(k) / f64::from(touches), 0.0, k)).unwrap();
             }
             let off = (middle(&r).0 / before / (-rate_per_s * span_s).exp() - 1.0).abs();
-            // The general path counts from its brick's base; the planar one multiplies, each time by a factor rounded to f32 and with one rounding more.
+            // The general path counts from its brick's base. The planar one multiplies, each
+            // time by a factor rounded to f32 and with one rounding more.
             let limit = match path {
                 Path::General => 1e-5,
                 Path::Planar => 1e-6 + f64::from(touches) * 2.0_f64.powi(-23),
@@ -168,13 +170,14 @@ fn composed(sheet: &mut Sheet) {
     }
 }
 
-/// The weights come to rest at a hundred slices': below the clamp, which must go with the forward decay's growing units.
+/// The weights settle at those of a hundred slices. This is below the clamp, which must follow
+/// the growing units of forward decay.
 fn parked(sheet: &mut Sheet) {
     let (rate_per_s, step_s) = (0.3, 1.0 / 30.0);
     for path in PATHS {
         let settings = Settings { max_weight: 256.0, ..decaying(Decay::Exponential { rate_per_s }) };
         let mut r = weaver(path, settings, probe().mask());
-        // 4000 slices are e⁴⁰: the base moves on the way.
+        // 4000 slices are e⁴⁰: the base moves meanwhile.
         for k in 0..4200_u32 {
             r.insert(&touch(10.0, step_s * f64::from(k), 0.0, k)).unwrap();
         }
@@ -188,7 +191,7 @@ fn parked(sheet: &mut Sheet) {
     }
 }
 
-/// Values of a volume, as they are kept, that are subnormal.
+/// Number of subnormal values in a volume.
 fn subnormal(way: &Way) -> usize {
     let count = |values: &[f32]| values.iter().filter(|x| x.is_subnormal()).count();
     match way {
@@ -218,14 +221,16 @@ impl Way {
     }
 }
 
-/// Bright, then black for as long as it takes the numerators to fall through all of f32: slowly, in large steps, and where the clamp fades the past.
+/// Bright, then black until the numerators have fallen through the whole range of f32: slowly,
+/// in large steps, and where the clamp fades older values.
 fn subnormals(sheet: &mut Sheet) {
     let no_wait = Decay::DeadTime { rate_per_s: 0.7, wait_s: 0.0 };
     let mean = (Compounding::Mean, 8.0, 0.2);
-    // In steps of 34.3 s forward decay's base moves by 48, and brightness meets the subnormals the second time.
+    // In steps of 34.3 s, forward decay's base moves by 48, and bright values become subnormal
+    // the second time.
     let cases = MODES.into_iter().chain([no_wait]).flat_map(|decay| {
         [0.2, 34.3].map(|step_s| (Compounding::Decay(decay), 1e4, step_s)).into_iter().filter(move |(_, _, step_s)| {
-            // Within the wait nothing fades.
+            // Nothing fades within the wait.
             *step_s > decay.wait_s()
         })
     });
@@ -262,7 +267,8 @@ fn subnormals(sheet: &mut Sheet) {
     }
 }
 
-/// What the voxels of a sweep over a ramp show, as a distance along the sweep in σ (1 mm), and their kernel's effective and largest extent.
+/// Returns the mean shift of a ramp along a sweep, as a distance along the sweep in σ (1 mm),
+/// and the kernel's effective σ, mm.
 fn shift(path: Path, method: Method, decay: Decay, speed_mm_s: f64) -> (f64, f64) {
     let settings = Settings { method, max_weight: 256.0, ..decaying(decay) };
     let mut r = weaver(path, settings, probe().mask());
@@ -297,7 +303,8 @@ fn dead_time_shift(sheet: &mut Sheet) {
             let (found, _) = shift(path, Method::GaussianTruncated, decay, speed);
             let what = format!("{}, a = {rate_per_s}/s, v = {speed} mm/s", path.name());
             sheet.at_most(&format!("{what}: |shift| / σ"), found.abs(), 0.02);
-            // An age is that of the last touch: the wait must outlast the time from slice to slice, 0.1 mm, and then 2d/v is more than enough.
+            // Age counts from the last touch: the wait must exceed the time between slices, 0.1
+            // mm apart; 2d/v is more than enough.
             for (slices, shifts) in [(2.0, false), (0.5, true)] {
                 let short = Decay::DeadTime { rate_per_s: 10.0 * speed, wait_s: slices * 0.1 / speed };
                 let (found, _) = shift(path, Method::GaussianTruncated, short, speed);
@@ -319,12 +326,14 @@ fn literal_shift(sheet: &mut Sheet) {
     }
 }
 
-/// Bricks of 4 mm: planes 0 to 7 lie in one. The first slice alone reaches plane 1, those at 3.5 mm reach down to plane 2.
+/// Bricks of 4 mm: planes 0 to 7 lie in one. Only the first slice reaches plane 1; those at 3.5
+/// mm reach down to plane 2.
 fn rebased(sheet: &mut Sheet) {
     for path in PATHS {
         let mut r = weaver(path, decaying(Decay::Exponential { rate_per_s: 1.0 }), probe().mask());
         r.insert(&touch(171.3, 0.0, 0.0, 0)).unwrap();
-        // Each second; then to the base's very limit of 40, beyond it, and after pauses that leave nothing.
+        // Every second; then up to the base's limit of 40, beyond it, and after pauses that
+        // leave nothing.
         let times = (1..=100).map(f64::from).chain([140.0, 180.0, 220.001, 221.0, 1300.0, 1301.0, 9e4]);
         let (mut low, mut high) = (0.0_f64, 0.0_f64);
         for (time, k) in times.zip(1..) {
@@ -336,7 +345,7 @@ fn rebased(sheet: &mut Sheet) {
         }
         sheet.at_most(&format!("{}: what was touched once, relative", path.name()), low, 1e-6);
         sheet.at_most(&format!("{}: what was touched each time, relative", path.name()), high, 1e-6);
-        // The old content is not heavier for it: one slice replaces it.
+        // The old content is not heavier afterwards: one slice replaces it.
         r.insert(&touch(0.0, 9e4, 0.0, 0)).unwrap();
         sheet.at_most(&format!("{}: old content after a new slice", path.name()), value(&r, 1) / 171.3, 1e-9);
     }
@@ -365,7 +374,7 @@ fn out_and_back(sheet: &mut Sheet) {
             let old = (-10..=10).map(|y| 1.0 - value(&r, y) / 100.0);
             let (least, most) = old.fold((f64::MAX, 0.0_f64), |(l, m), x| (l.min(x), m.max(x)));
             let what = format!("{}, a = {}/s, T = {} s", name(path, decay), decay.rate_per_s(), decay.wait_s());
-            // Four units in the last place of what the share is read from.
+            // Four rounding units of the value from which the fraction is computed.
             let bound = decay.factor(pause_s) + 4.0 * f64::from(f32::EPSILON);
             sheet.at_most(&format!("{what}: most of the old content"), most, bound);
             sheet.at_most(&format!("{what}: least of it below 0 by"), -least, 1e-6);
@@ -376,13 +385,14 @@ fn out_and_back(sheet: &mut Sheet) {
 fn faint_touches(sheet: &mut Sheet) {
     let decay = Decay::DeadTime { rate_per_s: 1.0, wait_s: 2.0 };
     for path in PATHS {
-        let old = |r: &Weaver| 1.0 - value(r, 0) / 100.0;
+        let old = |r: &PathReconstructor| 1.0 - value(r, 0) / 100.0;
         let fading_out = Settings { method: Method::Gaussian, ..decaying(decay) };
         let mut r = weaver(path, fading_out, probe().mask());
         r.insert(&touch(0.0, 0.0, 0.0, 0)).unwrap();
         let before = middle(&r);
         for k in 1..20 {
-            // 0.01 mm within the support of 2.576 mm: a thousandth of a slice, where the kernel ends without a step.
+            // 0.01 mm inside the support of 2.576 mm: a thousandth of a slice, where the kernel
+            // ends without a step.
             r.insert(&touch(0.0, 0.5 * f64::from(k), 2.565, k)).unwrap();
         }
         let what = path.name();
@@ -390,7 +400,7 @@ fn faint_touches(sheet: &mut Sheet) {
         r.insert(&touch(100.0, 10.0, 0.0, 1)).unwrap();
         sheet.at_most(&format!("{what}: old content after them, 10 s on"), old(&r), decay.factor(10.0));
 
-        // Beside it, 3.5 mm on, the brick is kept busy beyond the range of its ages, twice.
+        // Slices 3.5 mm beside it touch the brick beyond the range of its ages, twice.
         let mut r = weaver(path, decaying(decay), probe().mask());
         r.insert(&touch(0.0, 0.0, 0.0, 0)).unwrap();
         for k in 1..100 {
@@ -398,7 +408,7 @@ fn faint_touches(sheet: &mut Sheet) {
         }
         r.insert(&touch(100.0, 100.0, 0.0, 1)).unwrap();
         sheet.at_most(&format!("{what}: old content beside 99 touches, 100 s on"), old(&r), 1e-6);
-        // And 5 s in such a busy brick are 5 s, whether or not its ages are moved in between.
+        // In such a brick 5 s are 5 s, whether or not its ages are shifted meanwhile.
         let factor = decay.factor(5.0);
         let (mut least, mut most) = (f64::MAX, 0.0_f64);
         for touched in (90..110).step_by(4) {

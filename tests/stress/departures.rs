@@ -1,12 +1,14 @@
-//! What the planar path cannot hold: refused without a trace, or taken over by the general path with nothing lost. And the limits of its memory.
+//! Tests of slices that the planar path cannot hold: refused without a trace, or taken over by
+//! the general path with nothing lost. Also tests of its memory limit.
 
-use calibration::frames::Transform;
-use calibration::region::Fan;
 use glam::{DAffine3, DMat3, DQuat, DVec3};
-use sonoweave::mask::Mask;
-use sonoweave::reconstruct::planar::{Departure, OnDeparture, PlanarReconstructor, PlanarSettings};
-use sonoweave::reconstruct::{Compounding, Decay, Path, Refused, Settings, SettingsError, Weaver};
-use sonoweave::slice::{Image, Slice};
+
+use mask::Mask;
+use reconstruct::planar::{Departure, OnDeparture, PlanarReconstructor, PlanarSettings};
+use reconstruct::{Compounding, Decay, Path, PathReconstructor, Refused, Settings, SettingsError};
+use sonoweave_core::frames::Transform;
+use sonoweave_core::region::Fan;
+use sonoweave_core::slice::{Image, Slice};
 
 use crate::figures::{Sheet, Test};
 use crate::planar::{SIZE, full, moved, refusing, settings, sweep, woven};
@@ -29,7 +31,7 @@ pub(crate) fn tests() -> Vec<Test> {
 
 type Expected = fn(&Refused) -> bool;
 
-/// A slice spoilt in the ways that only the plane forbids.
+/// Returns a slice modified in the ways that only the planar path refuses.
 fn out_of_plane(slice: &Slice) -> Vec<(&'static str, Slice)> {
     let pose = slice.world_from_image.affine();
     let [u, v, n] = [pose.matrix3.x_axis, pose.matrix3.y_axis, pose.matrix3.z_axis].map(DVec3::normalize);
@@ -66,7 +68,7 @@ fn refused(sheet: &mut Sheet) {
         ("direction NaN", columns(DVec3::NAN, v), degenerate),
         ("u of no length", columns(DVec3::ZERO, v), degenerate),
         ("v along u", columns(u, u * 2.0), degenerate),
-        // So far out f64 no longer tells whether it is in the plane.
+        // That far out, f64 cannot resolve whether it is in the plane.
         ("10¹² mm along v", at(pose.translation + v.normalize() * 1e12), |e| {
             matches!(e, Refused::OutOfRange | Refused::Departure(_))
         }),
@@ -101,12 +103,12 @@ fn masks(sheet: &mut Sheet) {
         ("a corner missing", Mask::from_fn(width, height, |u, v| u + v > 2)),
         ("covered in part along u", Mask::from_fn(width, height, |u, v| u < 30 || v < 20)),
     ] {
-        let refused = Weaver::planar(settings(), refusing(), mask.clone()).err();
+        let refused = PathReconstructor::planar(settings(), refusing(), mask.clone()).err();
         let by_type = matches!(refused, Some(SettingsError::Planar(Departure::Mask { .. })));
         sheet.holds(&format!("{name}: refused by type"), by_type);
-        let mut upgraded = Weaver::planar(settings(), PlanarSettings::default(), mask.clone()).unwrap();
+        let mut upgraded = PathReconstructor::planar(settings(), PlanarSettings::default(), mask.clone()).unwrap();
         sheet.equal(&format!("{name}: path, where it may choose"), upgraded.path(), Path::General);
-        let mut general = Weaver::general(settings(), mask).unwrap();
+        let mut general = PathReconstructor::general(settings(), mask).unwrap();
         for slice in &sweep(DQuat::IDENTITY, 4) {
             upgraded.insert(slice).unwrap();
             general.insert(slice).unwrap();
@@ -114,20 +116,20 @@ fn masks(sheet: &mut Sheet) {
         let same = content(upgraded.volume()) == content(general.volume());
         sheet.holds(&format!("{name}: the general path's bits"), same);
     }
-    let [none, all] =
-        [|_, _| false, |_, _| true].map(|of| Weaver::planar(settings(), refusing(), Mask::from_fn(width, height, of)));
+    let [none, all] = [|_, _| false, |_, _| true]
+        .map(|of| PathReconstructor::planar(settings(), refusing(), Mask::from_fn(width, height, of)));
     sheet.equal("an empty mask", none.err(), Some(SettingsError::EmptyMask));
     sheet.holds("a rectangle is none of these", all.is_ok());
 }
 
 fn departures(sheet: &mut Sheet) {
     let slices = sweep(DQuat::IDENTITY, 6);
-    // Far beside the others, so that what was there must stay as it is.
+    // Far beside the others, so that existing content must stay unchanged.
     let beside = DAffine3::from_translation(DVec3::new(0.0, 200.0, 0.0));
     for (name, spoilt) in out_of_plane(&moved(&slices[3], beside)) {
         for on_departure in [OnDeparture::Refuse, OnDeparture::Upgrade] {
             let planar = on_the_world_s_axes(on_departure);
-            let mut r = Weaver::planar(settings(), planar, full()).unwrap();
+            let mut r = PathReconstructor::planar(settings(), planar, full()).unwrap();
             slices.iter().for_each(|slice| drop(r.insert(slice).unwrap()));
             let (before, work) = (held(r.volume()), r.work());
             let result = r.insert(&spoilt);
@@ -163,9 +165,9 @@ fn upgraded_ages(sheet: &mut Sheet) {
     for decay in [Decay::DeadTime { rate_per_s: 1.0, wait_s: 2.0 }, Decay::Exponential { rate_per_s: 1.0 }] {
         let compounding = Compounding::Decay(decay);
         let planar = on_the_world_s_axes(OnDeparture::Upgrade);
-        let mut r = Weaver::planar(Settings { compounding, ..half_mm() }, planar, arm.mask()).unwrap();
+        let mut r = PathReconstructor::planar(Settings { compounding, ..half_mm() }, planar, arm.mask()).unwrap();
         r.insert(&grey(0.0, 0.0, 0.0)).unwrap();
-        // Elsewhere the planar path goes on for a while: by then what it holds has ages of its own.
+        // The planar path continues elsewhere for a while, so that its content has ages.
         r.insert(&grey(0.0, 20.0, 9.8)).unwrap();
         let tilted = DAffine3::from_translation(DVec3::Y * 50.0) * DAffine3::from_rotation_x(0.1);
         r.insert(&moved(&grey(0.0, 0.0, 9.9), tilted)).unwrap();
@@ -190,7 +192,7 @@ fn limit(sheet: &mut Sheet) {
         let mut r = PlanarReconstructor::new(half_mm(), refusing(), arm.mask()).unwrap();
         slices[..count].iter().for_each(|slice| drop(r.insert(slice).unwrap()));
         let volume = r.volume();
-        // Columns of whole vectors, and a weight each.
+        // Columns of whole vectors, with one weight each.
         (volume.tiles() as u64, 64 * 4 * (volume.depth().next_multiple_of(16) as u64 + 1))
     };
     let [(one, tile), (two, _), (three, _)] = [1, 2, 3].map(free);

@@ -1,7 +1,8 @@
-//! Cells between bricks: each ends in up to seven other bricks, and must be seen where its own has nothing in it.
+//! Tests of cells between bricks: each ends in up to seven other bricks, and must be visible
+//! even if its own brick is empty.
 
-use sonoweave::render::camera::View;
-use sonoweave::render::{Cache, RenderSettings, Renderer, reference};
+use render::camera::View;
+use render::{Cache, RenderSettings, Renderer, reference};
 
 use crate::figures::{Sheet, Test};
 use crate::pictures::{Field, fog, millimetres, other_bits, whole};
@@ -19,7 +20,8 @@ fn directions() -> impl Iterator<Item = [i64; 3]> {
     (0..27).map(|i| [i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1]).filter(|d| *d != [0; 3])
 }
 
-/// One voxel at that side of brick (1, 1, 1): its cells on that side begin in the brick beyond, or end in it. The stage holds 3³ bricks.
+/// One voxel at that side of brick (1, 1, 1): its cells on that side begin or end in the
+/// neighbouring brick. The render region holds 3³ bricks.
 fn body(direction: [i64; 3]) -> [i64; 3] {
     direction.map(|d| match d {
         -1 => 8,
@@ -40,7 +42,7 @@ fn around(sheet: &mut Sheet) {
         let mut outside = 0;
         for (azimuth, elevation) in views {
             let view = View { azimuth, elevation, ..View::default() };
-            // Several rays and samples to each cell.
+            // Several rays and samples per cell.
             let settings = RenderSettings { view, step: 0.5, ..whole([80, 80], fog(0.6)) };
             let exact = reference::render(&only, &settings, &stage).unwrap();
             let mut first = None;
@@ -56,8 +58,9 @@ fn around(sheet: &mut Sheet) {
                 renderer.update(&none, &[[1, 1, 1]]);
                 left += renderer.picture().pixels.iter().filter(|p| **p != [0.0, 0.0, 0.0, 1.0]).count();
             }
-            // Samples beyond the voxel in that direction, in the reference: what must have been found.
-            let camera = sonoweave::render::camera::Camera::new(&view, settings.size, settings.step, &stage).unwrap();
+            // Samples beyond the voxel in that direction, in the reference; the renderer must
+            // have found them.
+            let camera = render::camera::Camera::new(&view, settings.size, settings.step, &stage).unwrap();
             let voxel = glam::DVec3::from_array(std::array::from_fn(|a| (at[a] - stage.first()[a]) as f64));
             for number in 0..80 * 80 {
                 let ray = camera.ray(number % 80, number / 80);

@@ -1,4 +1,4 @@
-//! What a test expects, what it measured, and the table of all of it.
+//! Expectations of the tests, their measurements, and the table of all of them.
 
 use std::fmt::{Display, Write as _};
 use std::path::Path;
@@ -6,12 +6,12 @@ use std::sync::{Arc, Mutex};
 
 use libtest_mimic::{Arguments, Failed, Trial};
 
-/// How long the long tests are.
+/// Duration of the long tests.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Length {
     /// Seconds, for every run of the tests.
     Quick,
-    /// As the expectation says it.
+    /// Full, as stated in the expectation.
     Full,
 }
 
@@ -39,7 +39,8 @@ pub(crate) struct Test {
 }
 
 impl Test {
-    /// `number` is that of the table in `README.md`; the expectation is what the name says.
+    /// Creates a test. `number` is that of the table in `README.md`; the name states the
+    /// expectation.
     pub(crate) fn new(number: &str, expectation: impl Display, check: fn(&mut Sheet)) -> Self {
         Self { name: format!("{number} {expectation}"), check }
     }
@@ -57,7 +58,8 @@ impl Test {
     }
 }
 
-/// Where a test enters what it measured. Nothing stops at the first failure: all figures are wanted.
+/// Collects the measurements of a test. It continues after failures, since all measurements are
+/// wanted.
 pub(crate) struct Sheet {
     test: String,
     pub(crate) length: Length,
@@ -74,17 +76,18 @@ impl Sheet {
         self.report.0.lock().unwrap().push(row);
     }
 
-    /// A figure that may not exceed a limit; NaN does.
+    /// Records a measurement that may not exceed a limit; NaN does.
     pub(crate) fn at_most(&mut self, what: &str, measured: f64, limit: f64) {
         self.enter(what, format!("≤ {limit:.3e}"), format!("{measured:.3e}"), measured <= limit);
     }
 
-    /// A figure that must exceed a limit: what a test needs in order to mean something, or a defect that must show.
+    /// Records a measurement that must exceed a limit: a precondition of the test, or a defect
+    /// that must be visible.
     pub(crate) fn above(&mut self, what: &str, measured: f64, limit: f64) {
         self.enter(what, format!("> {limit:.3e}"), format!("{measured:.3e}"), measured > limit);
     }
 
-    /// A figure with its closed form and the largest distance from it.
+    /// Records a measurement with its closed form and the largest distance from it.
     pub(crate) fn near(&mut self, what: &str, measured: f64, expected: f64, within: f64) {
         let pass = (measured - expected).abs() <= within;
         self.enter(what, format!("{expected:.6} ± {within:.1e}"), format!("{measured:.6}"), pass);
@@ -99,7 +102,7 @@ impl Sheet {
         self.enter(what, "yes".into(), if pass { "yes" } else { "no" }.into(), pass);
     }
 
-    /// A figure without an expectation.
+    /// Records a measurement without an expectation.
     pub(crate) fn record(&mut self, what: &str, measured: impl Display) {
         self.enter(what, "recorded".into(), measured.to_string(), true);
     }
@@ -118,13 +121,14 @@ struct Row {
 pub(crate) struct Report(Mutex<Vec<Row>>);
 
 impl Report {
-    /// Writes the table of a whole run to `out/stress`, and prints it: all of it where asked to, else what is outside its expectation.
+    /// Writes the table of a whole run to `out/stress` and prints it: completely on request,
+    /// else the failures.
     pub(crate) fn finish(&self, length: Length, arguments: &Arguments) {
         let mut rows = self.0.lock().unwrap();
         if rows.is_empty() {
             return;
         }
-        // Tests ran side by side; rows of one keep their order.
+        // Tests run in parallel; the rows of one test keep their order.
         rows.sort_by(|a, b| a.test.cmp(&b.test));
         let failed = rows.iter().filter(|row| !row.pass).count();
         let summary = format!("{} figures, {failed} outside their expectation", rows.len());
@@ -147,7 +151,7 @@ impl Report {
     }
 }
 
-/// Rows under the name of their test: what, measured, expected.
+/// Formats rows under the name of their test: label, measured, expected.
 fn table<'a>(rows: impl Iterator<Item = &'a Row>) -> String {
     let mut text = String::new();
     let mut test = "";

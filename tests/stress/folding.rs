@@ -1,14 +1,14 @@
-//! A ray's samples, folded: the order of it, its rounding, and the ends of what single precision holds.
+//! Tests of compositing along a ray: order, rounding, and the limits of single precision.
 
-use sonoweave::render::camera::View;
-use sonoweave::render::transfer::{Colour, Curve, Opacity, Transfer};
-use sonoweave::render::{Cache, Picture, RenderSettings, Renderer, Stage, reference};
-use sonoweave::volume::Values;
+use render::camera::View;
+use render::classify::transfer::{Colour, Curve, Opacity, Transfer};
+use render::{Cache, Picture, RenderRegion, RenderSettings, Renderer, reference};
+use volume::Values;
 
 use crate::figures::{Sheet, Test};
 use crate::pictures::{Field, drawn, flat, fog, millimetres, other_bits, random_at, rising, sane, whole};
 
-/// Half of the last place of numbers from 1 to 2: what one operation rounds.
+/// Half a unit in the last place for numbers from 1 to 2: the rounding of one operation.
 const ROUNDING: f64 = 1.0 / (1 << 24) as f64;
 
 pub(crate) fn tests() -> Vec<Test> {
@@ -28,14 +28,15 @@ pub(crate) fn tests() -> Vec<Test> {
     ]
 }
 
-/// Speckle, a third of it not seen or transparent.
+/// Speckle, a third of it unseen or transparent.
 fn speckle(size: [i64; 3]) -> Field<impl Fn([i64; 3]) -> Option<f32> + Sync> {
     let value = |at: [i64; 3]| (random_at(1, at) < 0.8).then(|| (255.0 * random_at(2, at)) as f32);
     Field { low: [0; 3], high: size.map(|n| n - 1), value }
 }
 
-/// The picture of every cache, of a volume that came in two parts: those other than the first's bits, and the first.
-fn of_all_caches(settings: &RenderSettings, stage: Stage, volume: &(impl Values + ?Sized)) -> (usize, Picture) {
+/// Renders a volume that arrives in two parts with every cache. Returns the number of pixels
+/// whose bits differ from the first cache's, and the first picture.
+fn of_all_caches(settings: &RenderSettings, stage: RenderRegion, volume: &(impl Values + ?Sized)) -> (usize, Picture) {
     let (mut differ, mut first) = (0, None);
     for cache in Cache::ALL {
         let mut renderer = Renderer::new(&RenderSettings { cache, ..settings.clone() }, stage).unwrap();
@@ -49,10 +50,16 @@ fn of_all_caches(settings: &RenderSettings, stage: Stage, volume: &(impl Values 
     (differ, first.unwrap())
 }
 
-fn arities(sheet: &mut Sheet, settings: &RenderSettings, volume: &(impl Values + ?Sized), stage: Stage, of: &[u32]) {
+fn arities(
+    sheet: &mut Sheet,
+    settings: &RenderSettings,
+    volume: &(impl Values + ?Sized),
+    stage: RenderRegion,
+    of: &[u32],
+) {
     let samples = Renderer::new(settings, stage).unwrap().samples();
     let exact = reference::render(volume, settings, &stage).unwrap();
-    // One block of all: the plain sequential fold in single precision.
+    // One block for all samples: the plain sequential composite in single precision.
     let sequential = drawn(&RenderSettings { arity: Some(samples + 1), ..settings.clone() }, stage, volume);
     let (mut differ, mut from_sequential, mut from_exact) = (0, 0.0_f64, 0.0_f64);
     for &arity in of {
@@ -95,7 +102,7 @@ fn long(sheet: &mut Sheet) {
     }
 }
 
-/// Looks along y through a box 3 voxels wide, at its middle and beside: one sample a voxel.
+/// View along y through a box 3 voxels wide, at its middle and beside it: one sample per voxel.
 fn along(transfer: Transfer) -> RenderSettings {
     whole([5, 5], transfer)
 }
@@ -136,7 +143,7 @@ fn opaque(sheet: &mut Sheet) {
         let what = |said: &str| format!("step {step}, arity {arity:?}: {said}");
         sheet.equal(&what("transmittance behind what is opaque, its bits"), t.to_bits(), 0);
         sheet.near(&what("brightness, that of the first layer"), f64::from(r), 1.0, 2.0 * ROUNDING);
-        // What comes after changes no bit.
+        // The layers behind change no bit.
         let front = Field { low: [0; 3], high: [2, 3, 2], value: |_: [i64; 3]| Some(200.0) };
         sheet.equal(
             &what("the bits of the front alone"),
@@ -144,7 +151,8 @@ fn opaque(sheet: &mut Sheet) {
             middle(&drawn(&settings, stage, &front))[0].to_bits(),
         );
     }
-    // Opacities that are hardly any, all but one, and one, side by side: trilinear places between them stay within.
+    // Opacities near 0, near 1, and 1, side by side: trilinear samples between them stay within
+    // range.
     let ends = [0.0, 1e-38, 1e-9, 3e-8, 0.5, 1.0 - 6e-8, 1.0 - 1.2e-7, 1.0];
     let points: Vec<(f64, f64)> = (0_u8..).zip(ends).map(|(i, alpha)| (f64::from(i), alpha)).collect();
     let value = |at: [i64; 3]| Some((random_at(5, at) * 8.0).floor() as f32);
@@ -160,8 +168,10 @@ fn opaque(sheet: &mut Sheet) {
     }
 }
 
-/// 1 − α is 1 in single precision below α = 2⁻²⁵. The fold then leaves T as it is, so that what is left out of 1 − T is at most 2⁻²⁵ a sample; the colour
-/// is a sum from 0 on and does not lose it. A picture holds colours, and 10⁴ samples leave out less than a tenth of a grey level of the background.
+/// 1 − α is 1 in single precision below α = 2⁻²⁵. Compositing then leaves T unchanged, so that
+/// 1 − T lacks at most 2⁻²⁵ per sample. The colour is a sum from 0 on and loses nothing. A
+/// picture holds colours, and 10⁴ samples omit less than a tenth of a grey level of the
+/// background.
 fn thin(sheet: &mut Sheet) {
     let volume = Field { low: [0; 3], high: [2, 9999, 2], value: |_: [i64; 3]| Some(1.0) };
     let stage = volume.stage(millimetres());
@@ -184,7 +194,8 @@ fn thin(sheet: &mut Sheet) {
 }
 
 fn blocks(sheet: &mut Sheet) {
-    // Half the box and a voxel around it: 12, 16, 21, whose diagonal is 29. So samples 1 apart lie on voxels, exactly.
+    // Half the box with a voxel around it is 12, 16, 21, with a diagonal of 29. Samples 1 apart
+    // thus lie exactly on voxels.
     let volume = Field { low: [0; 3], high: [22, 30, 40], value: |_: [i64; 3]| Some(1.0) };
     let stage = volume.stage(millimetres());
     let alpha = 0.03;
@@ -200,7 +211,7 @@ fn blocks(sheet: &mut Sheet) {
         sheet.near(&format!("blocks of {arity}: transmittance of 31 voxels"), t, closed, 62.0 * ROUNDING);
         sheet.near(&format!("blocks of {arity}: brightness"), r, 1.0 - closed, 62.0 * ROUNDING);
     }
-    // A voxel by itself, of which a ray has one sample.
+    // A single voxel, of which a ray has one sample.
     let single = Field { low: [0; 3], high: [0; 3], value: |_: [i64; 3]| Some(1.0) };
     let stage = single.stage(millimetres());
     let step = 3.0_f64.sqrt();
@@ -218,7 +229,7 @@ fn blocks(sheet: &mut Sheet) {
 fn missed(sheet: &mut Sheet) {
     let volume = Field { low: [0; 3], high: [9, 29, 4], value: |_: [i64; 3]| Some(1.0) };
     let stage = volume.stage(millimetres());
-    // All around the box; from the front only its narrow side is there to be hit.
+    // All around the box; from the front, rays can hit only its narrow side.
     let settings = RenderSettings { view: View { turns: true, ..View::default() }, ..whole([64, 48], fog(0.1)) };
     let radius = (5.5_f64.powi(2) + 15.5_f64.powi(2) + 3.0_f64.powi(2)).sqrt();
     sheet.near("radius of the box and a voxel about it, mm", stage.radius_mm(), radius, 1e-9);
@@ -246,7 +257,7 @@ fn missed(sheet: &mut Sheet) {
 fn stops(sheet: &mut Sheet) {
     let volume = speckle([40, 50, 30]);
     let stage = volume.stage(millimetres());
-    // Nothing sends back more than 0.4.
+    // No reflection exceeds 0.4.
     let curve = Opacity::Curve(Curve::new(&[(60.0, 0.0), (255.0, 0.5)]).unwrap());
     let dim = Transfer::new(curve, 1.0, Colour::grey([0.0, 637.5]).unwrap()).unwrap();
     for (perspective, arity) in [(None, None), (Some(50.0), Some(3))] {
@@ -256,7 +267,7 @@ fn stops(sheet: &mut Sheet) {
             view,
             arity,
             stop,
-            // Keeps nothing, so that every sample that is taken is counted.
+            // Caches nothing, so that every sample is counted.
             cache: Cache::None,
             ..RenderSettings::new([40, 36], dim.clone())
         };
@@ -271,7 +282,7 @@ fn stops(sheet: &mut Sheet) {
             for (a, b) in picture.pixels.iter().zip(&all.picture().pixels) {
                 colour = colour.max(f64::from(b[0]) - f64::from(a[0]));
                 rest = rest.max(f64::from(a[3]) - f64::from(b[3]));
-                // What is left out is never too much.
+                // The omitted amount is never negative.
                 rest = if b[0] < a[0] - 1e-6 || a[3] < b[3] - 1e-6 { f64::INFINITY } else { rest };
             }
             let what = |said: &str| format!("perspective {perspective:?}, T = {stop:.4}: {said}");

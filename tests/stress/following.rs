@@ -1,15 +1,17 @@
-//! A picture that follows its volume: the bits of the whole after every slice, and no work without a reason.
+//! Tests of incremental rendering: the same bits as a full rendering after every slice, and no
+//! unnecessary work.
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use serde_json::Value;
-use sonoweave::reconstruct::{Refused, Settings, Simd, Weaver};
-use sonoweave::render::camera::View;
-use sonoweave::render::light::{DepthCue, Light, Source};
-use sonoweave::render::transfer::{Colour, Curve, Opacity, Transfer};
-use sonoweave::render::{Cache, RenderSettings, RenderWork, Renderer, Stage, reference};
-use sonoweave::slice::Slice;
-use sonoweave::volume::Values;
-use sonoweave::volume::brick::BrickIndex;
+
+use reconstruct::{PathReconstructor, Refused, Settings, Simd};
+use render::camera::View;
+use render::classify::light::{DepthCue, Light, Source};
+use render::classify::transfer::{Colour, Curve, Opacity, Transfer};
+use render::{Cache, RenderRegion, RenderSettings, RenderWork, Renderer, reference};
+use sonoweave_core::slice::Slice;
+use volume::Values;
+use volume::brick::BrickIndex;
 
 use crate::figures::{Sheet, Test};
 use crate::pictures::{Field, lattice, other_bits, random};
@@ -34,7 +36,8 @@ pub(crate) fn tests() -> Vec<Test> {
     ]
 }
 
-/// A slice at a place and an angle of its own. Every other one is dark, so that what was seen fades again.
+/// A slice with its own position and angle. Every other one is dark, so that visible content
+/// fades again.
 fn slice(number: u32) -> Slice {
     let r = |k: u32| random(7 + k, number) * 2.0 - 1.0;
     let axes = DMat3::from_quat(DQuat::from_xyzw(r(0), r(1), r(2), r(3)).normalize());
@@ -53,17 +56,18 @@ fn slice(number: u32) -> Slice {
     Slice { time_ns: i64::from(number) * 40_000_000, ..posed(&image(SIZE, scene), pose) }
 }
 
-fn weaver(direction: DMat3) -> Weaver {
+fn weaver(direction: DMat3) -> PathReconstructor {
     let settings = Settings { lattice_direction: direction, ..Settings::new(DVec3::splat(VOXEL_MM)) };
-    Weaver::general(settings, sonoweave::mask::Mask::full(SIZE[0], SIZE[1])).unwrap()
+    PathReconstructor::general(settings, mask::Mask::full(SIZE[0], SIZE[1])).unwrap()
 }
 
-/// Slices reach out of it on all sides.
-fn stage(direction: DMat3) -> Stage {
-    Stage::new(lattice(direction, DVec3::splat(VOXEL_MM), DVec3::ZERO), [-17, -15, -13], [16, 17, 14]).unwrap()
+/// Slices extend beyond it on all sides.
+fn stage(direction: DMat3) -> RenderRegion {
+    RenderRegion::new(lattice(direction, DVec3::splat(VOXEL_MM), DVec3::ZERO), [-17, -15, -13], [16, 17, 14]).unwrap()
 }
 
-/// Grey, colour, perspective; depth cue and a light from one side, borders, a view along an axis.
+/// View settings: grey, colour, perspective; depth cue and a light from one side, borders, a
+/// view along an axis.
 fn looks() -> [(&'static str, RenderSettings); 6] {
     let preset = |name| Transfer::preset(name, [0.0, 255.0]).unwrap();
     let view = View { azimuth: 30.0, elevation: 25.0, roll: 5.0, perspective: None, turns: false, ..View::default() };
@@ -76,7 +80,7 @@ fn looks() -> [(&'static str, RenderSettings); 6] {
     let aside = Light::default().with_source(Source::Fixed(DVec3::new(1.0, -2.0, 0.5))).unwrap();
     let aside = aside.with_two_sided(false).with_depth_cue(Some(DepthCue::new(1.0, 0.3).unwrap()));
     [
-        // Pixels half as wide as voxels: a footprint has no room for a mistake.
+        // Pixels half as wide as voxels: a footprint has no margin for errors.
         ("grey", RenderSettings { size: [96, 80], ..base.clone() }),
         ("colour", RenderSettings { transfer: coloured, step: 0.6, arity: Some(5), ..base.clone() }),
         (
@@ -103,8 +107,9 @@ fn looks() -> [(&'static str, RenderSettings); 6] {
     ]
 }
 
-/// All caches of a look, among them 1 to 3 threads and every instruction set that there is.
-fn following(look: usize, settings: &RenderSettings, stage: Stage) -> Vec<Renderer> {
+/// Renderers with all caches for one view setting, with 1 to 3 threads and every available
+/// instruction set.
+fn following(look: usize, settings: &RenderSettings, stage: RenderRegion) -> Vec<Renderer> {
     let sets: Vec<Simd> = Simd::ALL.into_iter().filter(|simd| simd.is_available()).collect();
     let with = |(i, cache): (usize, Cache)| {
         let settings = RenderSettings {
@@ -118,7 +123,7 @@ fn following(look: usize, settings: &RenderSettings, stage: Stage) -> Vec<Render
     Cache::ALL.into_iter().enumerate().map(with).collect()
 }
 
-/// What may not depend on the cache, the threads or the instructions.
+/// Counters that may not depend on the cache, the threads or the instruction set.
 fn common(work: &RenderWork) -> [u64; 5] {
     [work.bricks_read, work.bricks_changed, work.voxels_shaded, work.rays, work.pixels_changed]
 }
@@ -134,7 +139,7 @@ fn follow(sheet: &mut Sheet, direction: DMat3, looks: &[(&'static str, RenderSet
     for number in 0..SLICES {
         let touched = weaver.insert(&slice(number)).unwrap();
         for (look, (_, settings)) in looks.iter().enumerate() {
-            // What is compared with has kept nothing, or has no use for what it keeps.
+            // The picture for comparison comes from a renderer without kept data.
             let alone = RenderSettings { cache: Cache::ALL[number as usize % 4], ..settings.clone() };
             let mut whole = Renderer::new(&alone, stage).unwrap();
             let from_scratch = whole.update_all(weaver.volume()).work;
@@ -201,7 +206,7 @@ fn idle(sheet: &mut Sheet) {
             let backwards: Vec<BrickIndex> = all.iter().rev().chain(&all).copied().collect();
             let work = renderer.update(weaver.volume(), &backwards).work;
             sheet.equal(&what("backwards and twice"), work, read(backwards.len()));
-            // The same values by another volume, of which all bricks of the box are asked.
+            // The same values from another volume, which requests all bricks of the box.
             let volume = weaver.volume();
             let value = |at: [i64; 3]| {
                 let (mut value, mut weight) = ([0.0], [0.0]);
@@ -215,7 +220,7 @@ fn idle(sheet: &mut Sheet) {
             let work = of_copy.update_all(&copy).work;
             sheet.equal(&what("another volume twice"), work, read(Values::bricks(&copy).count()));
             sheet.equal(&what("pixels changed by all that"), other_bits(&renderer.picture(), &followed), 0);
-            // What comes after costs as much as if nothing had been.
+            // A later slice costs as much as if nothing had happened.
             let touched = weaver.insert(&slice(5)).unwrap().bricks;
             let [a, b] = [&mut renderer, &mut plain].map(|r| r.update(weaver.volume(), &touched).work);
             sheet.equal(&what("the next slice's work"), a, b);
@@ -228,14 +233,16 @@ fn unseen(sheet: &mut Sheet) {
     let (_, settings) = &looks()[0];
     let mut weaver = weaver(DMat3::IDENTITY);
     let touched = weaver.insert(&slice(0)).unwrap().bricks;
-    let aside = Stage::new(lattice(DMat3::IDENTITY, DVec3::splat(VOXEL_MM), DVec3::ZERO), [60; 3], [90; 3]).unwrap();
+    let aside =
+        RenderRegion::new(lattice(DMat3::IDENTITY, DVec3::splat(VOXEL_MM), DVec3::ZERO), [60; 3], [90; 3]).unwrap();
     for cache in Cache::ALL {
         let settings = RenderSettings { cache, ..settings.clone() };
         let mut renderer = Renderer::new(&settings, aside).unwrap();
         let work = renderer.update(weaver.volume(), &touched).work;
         sheet.equal(&format!("{}: beside the stage", cache.name()), work, read(touched.len()));
-        // In bricks that the box meets, and not in the box.
-        let near = Stage::new(lattice(DMat3::IDENTITY, DVec3::splat(VOXEL_MM), DVec3::ZERO), [-2; 3], [2; 3]).unwrap();
+        // In bricks that the box meets, but outside the box.
+        let near =
+            RenderRegion::new(lattice(DMat3::IDENTITY, DVec3::splat(VOXEL_MM), DVec3::ZERO), [-2; 3], [2; 3]).unwrap();
         let beside = Field { low: [-8; 3], high: [7; 3], value: |[x, _, _]: [i64; 3]| (x > 2).then_some(200.0) };
         let work = Renderer::new(&settings, near).unwrap().update_all(&beside).work;
         sheet.equal(&format!("{}: in the stage's bricks, beside its box", cache.name()), work, read(8));
@@ -264,7 +271,7 @@ fn parked(sheet: &mut Sheet) {
     }
     sheet.equal("slices refused as no news", refused, 5);
     sheet.equal("were their bricks given", renderer.update(weaver.volume(), &touched).work, read(touched.len()));
-    // In a replay: 6 pictures, and 6 followed by 14 that are the last again.
+    // In a replay: 6 frames, and 6 followed by 14 copies of the last.
     let place = Place::new();
     let run = |name: &str, sequence: &Sequence| -> Value {
         place.put("s.mha", sequence.bytes());

@@ -1,14 +1,16 @@
-//! Volumes of others, and words that make no picture: the right picture, or a sentence that says why not.
+//! Tests of foreign volumes and invalid settings: the correct picture, or an error message with
+//! the reason.
 
 use std::io::Write as _;
 
-use drivers::reading::PixelType;
-use drivers::recording::image::VolumeHeader;
-use drivers::recording::image::write::VolumeWriter;
 use glam::{DMat2, DMat3, DVec2, DVec3};
-use sonoweave::render::camera::View;
-use sonoweave::render::light::{Light, Source};
-use sonoweave::render::{Picture, RenderSettings, reference};
+
+use formats::image::VolumeHeader;
+use formats::image::write::VolumeWriter;
+use render::camera::View;
+use render::classify::light::{Light, Source};
+use render::{Picture, RenderSettings, reference};
+use sonoweave_core::reading::PixelType;
 
 use crate::figures::{Sheet, Test};
 use crate::pictures::{Field, drawn, lattice, millimetres, random_at, rising, sane, whole};
@@ -38,7 +40,7 @@ pub(crate) fn tests() -> Vec<Test> {
     ]
 }
 
-/// Directions of a foreign lattice: turned, and for `mirrored` left-handed.
+/// Axes of a foreign lattice: turned, and left-handed for `mirrored`.
 fn directions(mirrored: bool) -> DMat3 {
     let turned = turned(0.5, -0.8, 0.3);
     if mirrored { turned * DMat3::from_diagonal(DVec3::new(1.0, -1.0, 1.0)) } else { turned }
@@ -51,7 +53,8 @@ const SIZE: [u32; 3] = [110, 34, 14];
 const MIDDLE: DVec3 = DVec3::new(70.0, 12.0, 8.5);
 const HALF_MM: DVec3 = DVec3::new(5.0, 7.0, 9.0);
 
-/// Where a view shows a point of the world, computed from angles and the corners of a box. To the right and down, in pixels.
+/// Position at which a view shows a point of the world, computed from angles and the corners of
+/// a box. To the right and down, in pixels.
 struct Projection {
     axes: [DVec3; 3],
     centre: DVec3,
@@ -64,7 +67,8 @@ struct Projection {
 impl Projection {
     fn new(view: &View, size: [u32; 2], direction: DMat3) -> Self {
         let [az, el, roll] = [view.azimuth, view.elevation, view.roll].map(f64::to_radians);
-        // Looking along +y with +z up; raised by the elevation about x, turned about z, and about the line of sight.
+        // The view looks along +y with +z up; it is raised by the elevation about x, turned
+        // about z, and about the line of sight.
         let turn = DMat3::from_rotation_z(az) * DMat3::from_rotation_x(-el);
         let (right, forward, up) = (turn * DVec3::X, turn * DVec3::Y, turn * DVec3::Z);
         let (right, up) = (right * roll.cos() - up * roll.sin(), up * roll.cos() + right * roll.sin());
@@ -88,7 +92,8 @@ impl Projection {
         Self { axes: [right, up, forward], centre, pixel, eye, size }
     }
 
-    /// The pixel, and how much a piece of thin matter there adds to the sum of all pixels, against that in the middle of a parallel view.
+    /// Returns the pixel, and the contribution of a piece of thin matter there to the sum of
+    /// all pixels, relative to the middle of a parallel view.
     fn at(&self, world: DVec3) -> (DVec2, f64) {
         let [right, up, forward] = self.axes.map(|axis| axis.dot(world - self.centre));
         let middle = DVec2::from_array(self.size.map(|n| 0.5 * (f64::from(n) - 1.0)));
@@ -99,7 +104,7 @@ impl Projection {
     }
 }
 
-/// Weighted mean and covariance.
+/// Returns the weighted mean and covariance.
 fn moments(points: impl Iterator<Item = (DVec2, f64)> + Clone) -> (DVec2, DMat2) {
     let total: f64 = points.clone().map(|(_, w)| w).sum();
     let mean = points.clone().map(|(p, w)| p * w).sum::<DVec2>() / total;
@@ -113,7 +118,7 @@ fn pixels(picture: &Picture, of: impl Fn([f64; 4]) -> f64 + Copy) -> impl Iterat
     (0_u32..).zip(&picture.pixels).map(move |(n, p)| (at(n), of(p.map(f64::from))))
 }
 
-/// Share of a voxel's value that an ellipsoid with a soft border has.
+/// Value of a voxel, from 0 to 1, in an ellipsoid with a soft border.
 fn soft(at: [i64; 3], half_mm: DVec3) -> f64 {
     let off = (DVec3::from_array(at.map(|x| x as f64)) - MIDDLE) * SPACING / half_mm;
     ((1.3 - off.length()) / 0.6).clamp(0.0, 1.0)
@@ -133,12 +138,12 @@ fn body(sheet: &mut Sheet) {
             (200.0, 60.0, -70.0, Some(20.0)),
         ] {
             let view = View { azimuth, elevation, roll, perspective, turns: false, ..View::default() };
-            // So thin that what lies in front takes nothing from what lies behind.
+            // So thin that the front does not attenuate the back.
             let thin = rising(&[(0.0, 0.0), (255.0, 2e-4)]);
             let settings = RenderSettings { view, step: 0.5, ..whole([72, 60], thin) };
             let picture = drawn(&settings, volume.stage(world), &volume);
             let (mean, spread) = moments(pixels(&picture, |p| p[0]));
-            // The same from the voxels themselves.
+            // The same computed from the voxels.
             let projection = Projection::new(&view, settings.size, direction);
             let voxels: Vec<(DVec2, f64)> = (0..SIZE.iter().product::<u32>())
                 .filter_map(|n| {
@@ -150,7 +155,8 @@ fn body(sheet: &mut Sheet) {
                 })
                 .collect();
             let (expected, mut around) = moments(voxels.iter().copied());
-            // Between voxels all is trilinear: tents, whose variance is a sixth of the squared spacing.
+            // Trilinear interpolation between voxels: tents, whose variance is a sixth of the
+            // squared spacing.
             let centre = ORIGIN + direction * (MIDDLE * SPACING);
             for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
                 let [a, b] = [-0.5, 0.5].map(|t| projection.at(centre + direction * (axis * SPACING * t)).0);
@@ -162,7 +168,7 @@ fn body(sheet: &mut Sheet) {
             sheet.at_most(&what("middle, pixels off"), (mean - expected).length(), 0.03);
             let off = (spread - around).to_cols_array().into_iter().map(f64::abs).fold(0.0, f64::max);
             sheet.at_most(&what("ellipse, share off"), off / (around.x_axis.x + around.y_axis.y), 0.01);
-            // What a picture of the other hand would be off by.
+            // Error of a picture with the opposite handedness.
             let other = Projection::new(&view, settings.size, directions(!mirrored));
             let elsewhere = other.at(ORIGIN + directions(!mirrored) * (MIDDLE * SPACING)).0;
             sheet.above(
@@ -219,7 +225,8 @@ fn ball_in_a_file(sheet: &mut Sheet) {
             let what = |said: &str| format!("mirrored {mirrored}, {azimuth}°, {elevation}°, {roll}°: {said}");
             sheet.at_most(&what("middle, pixels off"), (mean - expected).length(), 0.5);
             let wanted = radius / projection.pixel;
-            // Of a disc the variance along any line is a quarter of the squared radius. A voxel of 1.9 mm is a third of the radius.
+            // The variance of a disc along any line is a quarter of the squared radius. A voxel
+            // of 1.9 mm is a third of the radius.
             for (name, variance) in [("across", spread.x_axis.x), ("down", spread.y_axis.y)] {
                 sheet.near(
                     &what(&format!("radius {name}, of that of the ball")),
@@ -241,7 +248,7 @@ fn lit_from_aside(sheet: &mut Sheet) {
         let volume =
             Field { low: [0; 3], high, value: |at: [i64; 3]| Some((255.0 * soft(at, DVec3::splat(6.0))) as f32) };
         for (right, up) in [(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.6, -0.8)] {
-            // Half from the eye's side, so that the lit side is seen.
+            // Partly from the eye's side, so that the lit side is visible.
             let towards = axes.right * right + axes.up * up - axes.forward * 0.5;
             let light = Light::default().with_parts(0.0, 1.0, 0.0, 1).unwrap().with_two_sided(false);
             let light = light.with_source(Source::Fixed(towards)).unwrap();
@@ -273,7 +280,7 @@ fn wide_angles(sheet: &mut Sheet) {
         sheet.at_most(&what("off the reference"), exact.difference(&picture)[0], 3e-5);
         let seen = picture.pixels.iter().filter(|p| p[3] < 0.9).count();
         sheet.above(&what("pixels that see it"), seen as f64, 4.0);
-        let corner = sonoweave::render::camera::Camera::new(&view, settings.size, 1.0, &stage).unwrap().ray(0, 0).base;
+        let corner = render::camera::Camera::new(&view, settings.size, 1.0, &stage).unwrap().ray(0, 0).base;
         sheet.holds(&what("a ray's first sample is finite"), corner.is_finite());
     }
 }
@@ -322,7 +329,8 @@ fn odd_volumes(sheet: &mut Sheet) {
             sheet.equal(&what, (run.code, brightest > Some(20)), (0, true));
         }
     }
-    // The same volume a kilometre away has the same picture, but for the rounding of its place.
+    // The same volume a kilometre away has the same picture, except for the rounding of its
+    // position.
     let near = VolumeHeader { spacing: [0.5, 0.4, 0.3], ..VolumeHeader::new(size, PixelType::U8) };
     let speckle: Vec<u8> = (0..count).map(|n| (n * 37 % 251) as u8).collect();
     let draw = |header: &VolumeHeader| {
@@ -333,7 +341,7 @@ fn odd_volumes(sheet: &mut Sheet) {
     let (here, there) = (draw(&near), draw(&VolumeHeader { origin: [1e6, -1e6, 3e5], ..near.clone() }));
     let off = here.pixels().zip(there.pixels()).map(|(a, b)| a.0[0].abs_diff(b.0[0])).max().unwrap_or(255);
     sheet.at_most("a kilometre away, grey levels off", f64::from(off), 1.0);
-    // Without a place to be: one axis so much finer than another that rays would have 10⁵ samples.
+    // One axis is so much finer than another that rays would have 10⁵ samples.
     put(&place, "flat.mha", &VolumeHeader { spacing: [0.001, 1.0, 100.0], ..near }, &speckle);
     place.refuses("render flat.mha -o none.png", &["samples a ray", "--step"]);
     sheet.holds("voxels of 0.001×1×100 mm: refused, and --step is named", true);
@@ -396,7 +404,7 @@ fn refused(sheet: &mut Sheet) {
             (code, true, false),
         );
     }
-    // An empty box of a volume that has none.
+    // A volume with an empty box.
     let empty = "ObjectType = Image\nNDims = 3\nBinaryData = True\nDimSize = 0 4 4\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n";
     place.put("empty.mha", empty);
     let run = place.run("render empty.mha -o p.png");

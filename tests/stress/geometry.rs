@@ -1,12 +1,13 @@
-//! Planes that meet the lattice in awkward ways, and worlds far from their origin.
+//! Tests of planes that meet the lattice in awkward ways, and of worlds far from their origin.
 
 use std::collections::BTreeSet;
 
 use glam::{Affine3A, DAffine3, DMat3, DVec3, Mat3A, Vec3, Vec3A};
-use sonoweave::reconstruct::kernel::{Method, Support};
-use sonoweave::reconstruct::reference::{Reference, in_plane};
-use sonoweave::reconstruct::{Reconstructor, Settings, Simd};
-use sonoweave::slice::Slice;
+
+use reconstruct::kernel::{Method, Support};
+use reconstruct::reference::{Reference, in_plane};
+use reconstruct::{Reconstructor, Settings, Simd};
+use sonoweave_core::slice::Slice;
 
 use crate::figures::{Sheet, Test};
 use crate::weaving::{METHODS, Probe, compare, grid_around, half_mm, noise, seen, turned, weave, weighted};
@@ -42,7 +43,8 @@ fn four_voxels() -> Settings {
 fn ends_on_planes(sheet: &mut Sheet) {
     let size = [41, 33];
     let [x, y, z] = [DVec3::X, DVec3::Y, DVec3::Z];
-    // Exact directions and positions, so that |q| = 2 exactly where a plane of voxels ends the slab.
+    // Exact directions and positions, so that |q| = 2 exactly where a plane of voxels ends the
+    // slab.
     for (name, axes) in [
         ("z", DMat3::from_cols(x, y, z)),
         ("−z", DMat3::from_cols(y, x, -z)),
@@ -78,12 +80,14 @@ fn ends_on_planes(sheet: &mut Sheet) {
     }
 }
 
-/// Kernels that vanish at their end may leave a rounding of 0 there or none; those that end with a step may not lose it.
+/// Kernels that vanish at their end may leave 0 or a rounding error there; those that end with
+/// a step may not lose it.
 fn every_end(sheet: &mut Sheet) {
     let probe = Probe::straight([41, 33], 0.25);
     let slice = probe.put(&noise(probe.size, 5), 0.0);
     for method in METHODS {
-        // Where each ends by itself, in σ; 1e-15 more than the four voxels, as √3 is no number of f64.
+        // Own end of each kernel, in σ; 1e-15 more than the four voxels, since √3 is not exact
+        // in f64.
         let (reach, support) = match method {
             Method::BSpline3 => (12.0_f64.sqrt(), None),
             Method::Nearest => (3.0_f64.sqrt(), None),
@@ -118,7 +122,7 @@ fn every_end(sheet: &mut Sheet) {
 }
 
 fn normals(sheet: &mut Sheet) {
-    // An odd number of pixels: along the axes the nearest pixel to a voxel is one, and not two.
+    // An odd number of pixels: along the axes a voxel has one nearest pixel and not two.
     let size = [49, 41];
     let diagonal = {
         let n = DVec3::ONE.normalize();
@@ -134,7 +138,7 @@ fn normals(sheet: &mut Sheet) {
         ("(1,1,1)/√3", diagonal),
         ("no direction of the lattice", turned(0.7, -0.4, 0.3)),
     ] {
-        // Also where the support ends on planes of voxels.
+        // Includes supports that end on planes of voxels.
         let kernels = METHODS.map(|method| (method.name(), Settings { method, ..half_mm() }));
         for (kernel, settings) in kernels.into_iter().chain([("four voxels", four_voxels())]) {
             let probe = Probe { axes, ..Probe::straight(size, 0.25) };
@@ -168,13 +172,14 @@ fn continuous(sheet: &mut Sheet) {
     sheet.at_most("largest difference / 255", worst / 255.0, 1e-6);
 }
 
-/// Largest difference of values that both volumes hold, the second's lattice `shift` voxels on, and how many there are.
+/// Returns the largest difference of values that both volumes hold, the second's lattice
+/// shifted by `shift` voxels, and their number.
 fn difference(a: &Reconstructor, b: &Reconstructor, shift: [i64; 3]) -> (f64, usize) {
     let (mut worst, mut count) = (0.0_f64, 0);
     for voxel in seen(a).iter().filter(|voxel| voxel.weight > 0.05) {
         let (r, w) = b.volume().voxel([0, 1, 2].map(|i| voxel.index[i] + shift[i]));
         let value = if w > 0.0 { f64::from(r) / f64::from(w) } else { f64::NAN };
-        // A voxel that is lost is a difference.
+        // A missing voxel counts as a difference.
         worst = if value.is_finite() { worst.max((value - voxel.value).abs()) } else { f64::INFINITY };
         count += 1;
     }

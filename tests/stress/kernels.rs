@@ -1,13 +1,15 @@
-//! Every kernel against the closed forms of its effective width: blobs, a sphere, waves.
+//! Tests of every kernel against the closed forms of its effective width: blobs, a sphere,
+//! waves.
 
 use std::f64::consts::TAU;
 
 use glam::{DMat3, DVec3};
-use sonoweave::phantom::Scene;
-use sonoweave::phantom::scene::{Blobs, Sphere};
-use sonoweave::reconstruct::kernel::{AxisKernel, Method, Support};
-use sonoweave::reconstruct::{Reconstructor, Settings};
-use sonoweave::slice::Slice;
+
+use phantom::Scene;
+use phantom::scene::{Blobs, Sphere};
+use reconstruct::kernel::{AxisKernel, Method, Support};
+use reconstruct::{Reconstructor, Settings};
+use sonoweave_core::slice::Slice;
 
 use crate::figures::{Sheet, Test};
 use crate::weaving::{METHODS, Probe, Voxel, WIDE, half_mm, positions, seen, turned, weave};
@@ -29,7 +31,7 @@ pub(crate) fn tests() -> Vec<Test> {
     ]
 }
 
-/// The slices of a cube as wide as the picture.
+/// The slices of a cube as wide as the image.
 fn scan(probe: &Probe, gap: f64, scene: impl Fn(DVec3) -> f64) -> Vec<Slice> {
     let reach = 0.5 * f64::from(probe.size[0]) * probe.pixel_mm;
     positions(reach, gap).map(|along| probe.scan(along, &scene)).collect()
@@ -47,9 +49,10 @@ fn rms(voxels: &[Voxel], truth: impl Fn(DVec3) -> f64) -> f64 {
     (voxels.iter().map(|voxel| (voxel.value - truth(voxel.at)).powi(2)).sum::<f64>() / voxels.len() as f64).sqrt()
 }
 
-/// In the plane, interpolating methods have the pixels' width and not the σ that is asked for. What nearest shows lies up to half a pixel and half a gap
-/// beside: however wide its kernel, its largest difference is a gradient times that, and the closed form is met on the average only (rms, at finer
-/// pixels and gaps).
+/// In the plane, interpolating methods have the pixels' width and not the requested σ. The
+/// nearest method shows values up to half a pixel and half a gap beside. For any width of its
+/// kernel, its largest difference is a gradient times that distance. Its average meets the
+/// closed form (rms, at finer pixels and gaps).
 fn blobs(sheet: &mut Sheet) {
     let mut blobs = Blobs::draw(5);
     blobs.sphere = None;
@@ -59,7 +62,7 @@ fn blobs(sheet: &mut Sheet) {
         let coarse_slices = scan(&coarse, 0.3, |p| scene.value(p));
         for method in METHODS {
             let average = method == Method::Nearest;
-            // Straight, every voxel would lie as far beside its pixel as all others.
+            // For straight slices, every voxel would have the same distance from its pixel.
             if average && axes == DMat3::IDENTITY {
                 continue;
             }
@@ -90,7 +93,8 @@ fn blobs(sheet: &mut Sheet) {
     }
 }
 
-/// A sphere and an isotropic kernel: the same support along all axes. The edge is soft enough for the pixels; `total` is the σ of both.
+/// A sphere and an isotropic kernel with the same support along all axes. The edge is soft
+/// enough for the pixels; `total` is the σ of both.
 struct Round {
     method: Method,
     sigma: f64,
@@ -100,7 +104,7 @@ struct Round {
 }
 
 impl Round {
-    /// Volume, sphere and total σ for a radius in units of it.
+    /// Returns volume, sphere and total σ for a radius in units of it.
     fn scan(&self, radius: f64) -> (Reconstructor, Sphere, f64) {
         let support = [Some(Support::Energy(1e-4)); 2];
         let width = AxisKernel::new(self.method, self.sigma, Support::Energy(1e-4)).unwrap().sigma_effective_mm();
@@ -116,8 +120,10 @@ impl Round {
     }
 }
 
-/// The closed form is that of a kernel alike in all directions. What the interpolating methods' has more of across the plane is integrated over it; the
-/// sphere is softer for them, as pixels that are not averaged must be fine beside it, and of nearest it is the rms that is asked for, as with the blobs.
+/// The closed form is that of an isotropic kernel. The interpolating methods are wider across
+/// the plane; the difference is integrated there. For them the sphere is softer, since pixels
+/// that are not averaged must be fine beside it. The nearest method is tested by its rms, as
+/// with the blobs.
 fn sphere(sheet: &mut Sheet) {
     for method in METHODS {
         let (edge, gap) = match method {
@@ -158,7 +164,8 @@ fn sphere(sheet: &mut Sheet) {
     }
 }
 
-/// Radius at which the blurred sphere of `radius` has half its step: the root of the closed form (0 outside, 1 inside).
+/// Returns the radius at which the blurred sphere of `radius` has half its step: the root of
+/// the closed form (0 outside, 1 inside).
 fn half_level(radius: f64, sigma: f64) -> f64 {
     let s2 = std::f64::consts::SQRT_2 * sigma;
     let level = |r: f64| {
@@ -174,7 +181,8 @@ fn half_level(radius: f64, sigma: f64) -> f64 {
     low
 }
 
-/// The error function by its series and its asymptotic limit: 1e-12 and better where the sphere needs it.
+/// The error function by its series and its asymptotic limit: 1e-12 and better where the sphere
+/// needs it.
 fn error_function(x: f64) -> f64 {
     if x.abs() > 5.5 {
         return x.signum();
@@ -220,7 +228,8 @@ fn radius(sheet: &mut Sheet) {
     }
 }
 
-/// Distances from the centre at which lines of voxels along x cross the half level (linear between voxels), and the volume between them.
+/// Returns the distances from the centre at which lines of voxels along x cross the half level
+/// (linear between voxels), and the volume between them.
 fn surface(r: &Reconstructor, ball: &Sphere) -> (Vec<f64>, f64) {
     let spacing = r.settings().spacing_mm.x;
     let reach = (1.2 * ball.radius / spacing) as i64 + 3;
@@ -234,7 +243,8 @@ fn surface(r: &Reconstructor, ball: &Sphere) -> (Vec<f64>, f64) {
             for x in -reach..reach {
                 let [a, b] = [0, 1].map(|i| value([x + i, y, z]) - 120.0);
                 if a.is_nan() || b.is_nan() {
-                    // The scan's box has the lattice's corners outside; the sphere's surface must lie inside.
+                    // The lattice's corners lie outside the scan's box; the sphere's surface
+                    // must lie inside.
                     let at = DVec3::new(x as f64, y as f64, z as f64) * spacing - ball.centre;
                     assert!(at.length() > 1.1 * ball.radius, "the scan holds the sphere");
                     continue;
@@ -251,7 +261,8 @@ fn surface(r: &Reconstructor, ball: &Sphere) -> (Vec<f64>, f64) {
     (crossings, volume)
 }
 
-/// Share of a wave of `per_mm` cycles that a kernel lets through: its Fourier transform, by the midpoint rule.
+/// Fraction of a wave of `per_mm` cycles that a kernel passes: its Fourier transform, by the
+/// midpoint rule.
 pub(crate) fn passed(kernel: &AxisKernel, per_mm: f64) -> f64 {
     let n = 20_000;
     let step = 2.0 * kernel.support_mm / f64::from(n);
@@ -264,7 +275,7 @@ pub(crate) fn passed(kernel: &AxisKernel, per_mm: f64) -> f64 {
     wave / all
 }
 
-/// Amplitude of `mean + a·cos + b·sin` that fits the voxels best.
+/// Amplitude of the best fit of `mean + a·cos + b·sin` to the voxels.
 fn amplitude(voxels: &[Voxel], wave: DVec3) -> f64 {
     let mut normal = DMat3::ZERO;
     let mut right = DVec3::ZERO;
@@ -278,12 +289,14 @@ fn amplitude(voxels: &[Voxel], wave: DVec3) -> f64 {
     fit.y.hypot(fit.z)
 }
 
-/// A kernel that is cut off and lowered is no Gaussian of its effective width beyond the waves of which it passes 0.6: at 0.37 its amplitude is
-/// 0.025 lower, whatever reconstructs with it. There the kernel's own transform is the closed form.
+/// A kernel that is cut off and lowered is not a Gaussian of its effective width for waves of
+/// which it passes less than 0.6. At 0.37 its amplitude is 0.025 lower in any reconstruction.
+/// There the kernel's own transform is the closed form.
 fn waves(sheet: &mut Sheet) {
     let axes = turned(0.7, -0.4, 0.3);
     for method in METHODS {
-        // What nearest reads between pixels, and counts between slices, is right on the average only, over many of them.
+        // The nearest method's samples between pixels and slices are correct only on average
+        // over many.
         let (probe, gap) = match method {
             Method::Nearest => (Probe { axes, ..Probe::straight([160, 160], 0.1) }, 0.1),
             _ => (Probe { axes, ..Probe::straight([96, 96], 0.2) }, 0.4),

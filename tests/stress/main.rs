@@ -1,7 +1,9 @@
 //! Numerical stress tests: each has a number, an expectation and a measured figure.
 //!
-//! Two lengths: a short one in `cargo test`, and the full one (10⁶ slices, a day of stamps) with `SONOWEAVE_STRESS=full`, as `make stress` runs
-//! it. All figures are written to `out/stress`, and printed at full length or with `--nocapture`. `README.md` lists the numbers.
+//! There are two lengths: a short one in `cargo test`, and the full one (10⁶ slices, a day of
+//! stamps) with `SONOWEAVE_STRESS=full`, as `make stress` runs it. All figures are written to
+//! `out/stress`, and printed at full length or with `--nocapture`. `README.md` lists the
+//! numbers.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 #![allow(clippy::print_stdout, reason = "the measured figures are the suite's output")]
@@ -40,8 +42,9 @@ mod weaving;
 
 use std::sync::Arc;
 
-use figures::{Length, Report, Test};
 use libtest_mimic::{Arguments, Trial};
+
+use figures::{Length, Report, Test};
 
 fn main() {
     if time::is_day_alone() {

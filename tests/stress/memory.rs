@@ -1,8 +1,9 @@
-//! The limit on memory, and bricks as far apart as indices reach.
+//! Tests of the memory limit, and of bricks as far apart as indices reach.
 
 use glam::DVec3;
-use sonoweave::reconstruct::{Reconstructor, Refused, Settings};
-use sonoweave::volume::Brick;
+
+use reconstruct::{Reconstructor, Refused, Settings};
+use volume::Brick;
 
 use crate::figures::{Sheet, Test};
 use crate::weaving::{Probe, constant, half_mm, noise, state};
@@ -48,7 +49,7 @@ fn limit(sheet: &mut Sheet) {
         sheet.equal(&format!("{name}: slices that entered"), taken, entered);
         sheet.holds(&format!("{name}: refused by type, state and counters as before"), clean);
         sheet.holds(&format!("{name}: within the limit"), r.volume().len() as u64 * brick <= room);
-        // What lies in bricks that exist still enters.
+        // A slice that needs only existing bricks is still inserted.
         if entered > 0 {
             let again = probe.put(&constant(probe.size, 9.0), 0.0);
             sheet.holds(&format!("{name}: a slice in bricks that exist enters"), r.insert(&again).is_ok());
@@ -61,7 +62,7 @@ fn far_apart(sheet: &mut Sheet) {
     let mut r = Reconstructor::new(half_mm(), probe.mask()).unwrap();
     let picture = noise(probe.size, 4);
     let near = r.insert(&probe.put(&picture, 0.0)).unwrap();
-    // Brick indices are 32 bits: voxels to 2³¹, a thousand kilometres of half millimetres.
+    // Brick indices are 32 bits: voxels to 2³¹, a thousand kilometres at half a millimetre.
     let reach = 1e9;
     for corner in 0..8_u8 {
         let sign = |axis: u8| if corner >> axis & 1 == 0 { reach } else { -reach };
@@ -74,7 +75,7 @@ fn far_apart(sheet: &mut Sheet) {
             r.volume().voxel(middle),
             r.volume().voxel([0; 3]),
         );
-        // A brick's index cut to 32 bits would meet this very brick again.
+        // A brick index truncated to 32 bits would find this same brick again.
         let wrapped = [middle[0] + (1 << 35), middle[1], middle[2]];
         sheet.equal(&format!("corner {corner}: 2³⁵ voxels on there is nothing"), r.volume().voxel(wrapped), (0.0, 0.0));
     }
@@ -84,7 +85,7 @@ fn far_apart(sheet: &mut Sheet) {
     sheet.at_most("bytes a brick, tables included", r.volume().bytes() as f64 / bricks as f64, 4096.0 + 4096.0);
     let before = state(r.volume());
     for (name, at) in [("x", DVec3::X), ("−y", -DVec3::Y), ("z", DVec3::Z)] {
-        // Past the last brick along an axis.
+        // Beyond the last brick along an axis.
         let beyond = Probe { centre: at * 1.08e9, ..probe };
         let result = r.insert(&beyond.put(&picture, 0.0));
         sheet.equal(&format!("beyond the lattice along {name}"), result.err(), Some(Refused::OutOfRange));
@@ -95,7 +96,7 @@ fn far_apart(sheet: &mut Sheet) {
 fn sparse(sheet: &mut Sheet) {
     let probe = Probe::straight([64, 64], 0.5);
     let bytes = |corners: &[f64]| {
-        // 2048³ voxels would be 64 GiB; 64 MiB must do.
+        // 2048³ voxels would be 64 GiB; 64 MiB must suffice.
         let settings = Settings { memory_bytes: 64 << 20, ..half_mm() };
         let mut r = Reconstructor::new(settings, probe.mask()).unwrap();
         for corner in corners {
@@ -108,7 +109,8 @@ fn sparse(sheet: &mut Sheet) {
     };
     let (one, two) = (bytes(&[0.0]), bytes(&[0.0, 1024.0 - 32.0]));
     sheet.near("memory of two corners / that of one", two / one, 2.0, 0.05);
-    // A slice across the whole lattice needs more than is allowed, and says so before it takes anything.
+    // A slice across the whole lattice needs more than allowed, and is refused before any
+    // memory is taken.
     let wide = Probe::straight([1024, 1024], 1.0);
     let settings = Settings { memory_bytes: 64 << 20, ..half_mm() };
     let mut r = Reconstructor::new(settings, wide.mask()).unwrap();

@@ -1,9 +1,10 @@
-//! What may not matter: the order of the slices, the number of threads, the instruction set.
+//! Tests of properties that may not matter: the order of the slices, the number of threads, the
+//! instruction set.
 
-use calibration::region::Fan;
-use sonoweave::mask::Mask;
-use sonoweave::reconstruct::{Settings, Simd};
-use sonoweave::slice::Slice;
+use mask::Mask;
+use reconstruct::{Settings, Simd};
+use sonoweave_core::region::Fan;
+use sonoweave_core::slice::Slice;
 
 use crate::figures::{Length, Sheet, Test};
 use crate::weaving::{Probe, half_mm, noise, state, turned, weave, weighted};
@@ -47,7 +48,7 @@ fn permutations(sheet: &mut Sheet) {
         let other = weave(settings.clone(), &mask, order.iter().map(|i| &slices[*i]));
         for voxel in weighted(&first) {
             let [(r0, w0), (r1, w1)] = [&first, &other].map(|r| r.volume().voxel(voxel.index));
-            // Of r, the sum of magnitudes is the measure; the pictures hold nothing below 0.
+            // The measure for r is the sum of magnitudes; the images hold nothing below 0.
             let relative = |a: f32, b: f32| f64::from((a - b).abs()) / f64::from(a.abs()).max(1e-3);
             worst_r = worst_r.max(relative(r0, r1) * f64::from(u8::from(w0 > 0.01)));
             worst_w = worst_w.max(relative(w0, w1));
@@ -60,11 +61,12 @@ fn permutations(sheet: &mut Sheet) {
     sheet.at_most("weights, relative difference", worst_w, bound);
 }
 
-/// Everything that could depend on who does the work: a fan, clamped weights, bricks that share borders.
-fn outcome(simd: Simd, threads: usize) -> (u64, Vec<sonoweave::reconstruct::Touched>, sonoweave::reconstruct::Work) {
+/// Everything that could depend on the threads: a fan, clamped weights, bricks that share
+/// borders.
+fn outcome(simd: Simd, threads: usize) -> (u64, Vec<reconstruct::Touched>, reconstruct::Work) {
     let fan = Mask::fan(72, 60, &Fan::new([36.0, -20.0], [25.0, 76.0], [-25.0, 25.0]).unwrap());
     let settings = Settings { simd, threads, max_weight: 1.5, ..half_mm() };
-    let mut r = sonoweave::reconstruct::Reconstructor::new(settings, fan).unwrap();
+    let mut r = reconstruct::Reconstructor::new(settings, fan).unwrap();
     let touched = (0..10)
         .map(|i| {
             let tilt = 0.05 * f64::from(i);

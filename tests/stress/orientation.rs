@@ -1,15 +1,16 @@
-//! A ramp shows a shift of half a pixel, an axis the wrong way round and a transposed picture.
+//! A ramp reveals a shift of half a pixel, a flipped axis and a transposed image.
 
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};
-use sonoweave::phantom::Scene;
-use sonoweave::slice::{Image, Pixels, Slice};
+
+use phantom::Scene;
+use reconstruct::Settings;
+use reconstruct::kernel::Method;
+use sonoweave_core::slice::{Image, Pixels, Slice};
 
 use crate::figures::{Sheet, Test};
 use crate::weaving::{METHODS, Probe, half_mm, posed, positions, seen, turned, weave};
-use sonoweave::reconstruct::Settings;
-use sonoweave::reconstruct::kernel::Method;
 
 pub(crate) fn tests() -> Vec<Test> {
     vec![Test::new(
@@ -19,7 +20,8 @@ pub(crate) fn tests() -> Vec<Test> {
     )]
 }
 
-/// Grey levels by which the inner voxels are off the ramp: their mean's magnitude, and the largest.
+/// Returns the error of the inner voxels against the ramp, grey levels: magnitude of the mean,
+/// and the largest.
 fn off_ramp(settings: Settings, probe: &Probe, scene: &Scene, spoil: impl Fn(Slice) -> Slice) -> (f64, f64) {
     let slices: Vec<Slice> = positions(9.0, 0.3).map(|along| spoil(probe.scan(along, |p| scene.value(p)))).collect();
     let r = weave(settings, &probe.mask(), &slices);
@@ -51,7 +53,7 @@ fn ramp(sheet: &mut Sheet) {
     };
     for (name, axes) in [("straight", turned(0.0, 0.0, 0.0)), ("oblique", turned(0.7, -0.4, 0.3))] {
         for method in METHODS {
-            // Straight, voxels lie on pixels.
+            // If straight, voxels lie on pixels.
             let probe = Probe { axes, ..Probe::straight([73, 73], pixel) };
             let settings = || Settings { method, sigma_mm: [Some(0.4), Some(0.4), Some(0.5)], ..half_mm() };
             let what = format!("{}, {name}", method.name());
@@ -60,7 +62,8 @@ fn ramp(sheet: &mut Sheet) {
             // The nearest pixel's middle lies up to half its diagonal away.
             let most = if method == Method::Nearest { 0.5_f64.sqrt() * pixel + 0.05 } else { 0.05 };
             sheet.at_most(&format!("{what}: largest shift, mm"), worst / slope, most);
-            // The measure must tell these; nearest rounds what is half a pixel too far along to the right pixel again, if voxels lie on pixels.
+            // The measure must detect these. If voxels lie on pixels, nearest rounds a shift of
+            // half a pixel too far back to the right pixel.
             let half_u = off_ramp(settings(), &probe, &scene, shifted(-0.5, 0.0)).0;
             sheet.above(&format!("{what}, origin half a pixel off along u: mean shift, mm"), half_u / slope, 0.006);
             let half_v = off_ramp(settings(), &probe, &scene, shifted(0.0, -0.5)).0;

@@ -1,14 +1,15 @@
 //! Volumes given by formulas, and pictures of them.
 
-use calibration::frames::{Transform, Volume, World};
 use glam::{DAffine3, DMat3, DVec3};
-use sonoweave::render::light::Light;
-use sonoweave::render::transfer::{Colour, Curve, Opacity, Transfer};
-use sonoweave::render::{Picture, RenderSettings, Renderer, Stage};
-use sonoweave::volume::Values;
-use sonoweave::volume::brick::{BrickIndex, EDGE};
 
-/// A volume whose voxels a formula gives: the value, or nothing where nothing was seen.
+use render::classify::light::Light;
+use render::classify::transfer::{Colour, Curve, Opacity, Transfer};
+use render::{Picture, RenderRegion, RenderSettings, Renderer};
+use sonoweave_core::frames::{Transform, Volume, World};
+use volume::Values;
+use volume::brick::{BrickIndex, EDGE};
+
+/// A volume given by a formula: the value, or `None` for unseen voxels.
 pub(crate) struct Field<F> {
     pub(crate) low: [i64; 3],
     pub(crate) high: [i64; 3],
@@ -32,9 +33,9 @@ impl<F: Fn([i64; 3]) -> Option<f32> + Sync> Values for Field<F> {
 }
 
 impl<F> Field<F> {
-    /// A stage that is the field's box.
-    pub(crate) fn stage(&self, world_from_lattice: Transform<World, Volume>) -> Stage {
-        Stage::new(world_from_lattice, self.low, self.high).unwrap()
+    /// Returns a render region equal to the field's box.
+    pub(crate) fn stage(&self, world_from_lattice: Transform<World, Volume>) -> RenderRegion {
+        RenderRegion::new(world_from_lattice, self.low, self.high).unwrap()
     }
 }
 
@@ -47,46 +48,47 @@ pub(crate) fn millimetres() -> Transform<World, Volume> {
     lattice(DMat3::IDENTITY, DVec3::ONE, DVec3::ZERO)
 }
 
-/// Everything returns its own colour, whichever way it faces.
+/// Light under which everything has its own colour, facing in any direction.
 pub(crate) fn flat() -> Light {
     Light::default().with_parts(1.0, 0.0, 0.0, 1).unwrap()
 }
 
-/// White of one opacity over a mm, whatever the intensity above 0.
+/// White of one opacity per mm, for any intensity above 0.
 pub(crate) fn fog(alpha: f64) -> Transfer {
     let curve = Curve::new(&[(0.0, alpha), (255.0, alpha)]).unwrap();
     Transfer::new(Opacity::Curve(curve), 1.0, Colour::grey([-1.0, 0.0]).unwrap()).unwrap()
 }
 
-/// White of an opacity over a mm that rises with the intensity.
+/// White of an opacity per mm that rises with the intensity.
 pub(crate) fn rising(points: &[(f64, f64)]) -> Transfer {
     Transfer::new(Opacity::Curve(Curve::new(points).unwrap()), 1.0, Colour::grey([-1.0, 0.0]).unwrap()).unwrap()
 }
 
-/// All samples of a picture of that many pixels in flat light: no ray ends early.
+/// Settings for all samples of a picture of this size in flat light: no ray ends early.
 pub(crate) fn whole(size: [u32; 2], transfer: Transfer) -> RenderSettings {
     RenderSettings { light: flat(), stop: 0.0, ..RenderSettings::new(size, transfer) }
 }
 
-/// The picture of a finished volume.
-pub(crate) fn drawn(settings: &RenderSettings, stage: Stage, volume: &(impl Values + ?Sized)) -> Picture {
+/// Renders a finished volume.
+pub(crate) fn drawn(settings: &RenderSettings, stage: RenderRegion, volume: &(impl Values + ?Sized)) -> Picture {
     let mut renderer = Renderer::new(settings, stage).unwrap();
     renderer.update_all(volume);
     renderer.picture()
 }
 
-/// Pixels in which two pictures differ by a bit.
+/// Number of pixels in which two pictures differ by a bit.
 pub(crate) fn other_bits(a: &Picture, b: &Picture) -> usize {
     assert_eq!(a.size, b.size, "pictures of one size are compared");
     a.pixels.iter().zip(&b.pixels).filter(|(a, b)| a.map(f32::to_bits) != b.map(f32::to_bits)).count()
 }
 
-/// Whether all of a picture is finite, and within what light and transmittance may be, up to a rounding of `hair`.
+/// Whether all of a picture is finite, and within the range of light and transmittance up to a
+/// rounding of `hair`.
 pub(crate) fn sane(picture: &Picture, hair: f32) -> bool {
     picture.pixels.iter().flatten().all(|x| (0.0..=1.0 + hair).contains(x))
 }
 
-/// Evenly in [0, 1), by number; the same on every machine.
+/// Uniform in [0, 1), by number; the same on every machine.
 pub(crate) fn random(seed: u32, number: u32) -> f64 {
     let mut x = seed.wrapping_mul(0x9E37_79B9) ^ number.wrapping_mul(0x85EB_CA6B);
     for _ in 0..3 {
@@ -96,7 +98,7 @@ pub(crate) fn random(seed: u32, number: u32) -> f64 {
     f64::from(x) / 2.0_f64.powi(32)
 }
 
-/// Evenly in [0, 1), by voxel.
+/// Uniform in [0, 1), by voxel.
 pub(crate) fn random_at(seed: u32, at: [i64; 3]) -> f64 {
     let [x, y, z] = at.map(|i| i.rem_euclid(1024) as u32);
     random(seed, (z << 20) | (y << 10) | x)

@@ -1,16 +1,17 @@
-//! The planar path: against the equations, the general path, and itself.
+//! Tests of the planar path against the equations, the general path, and itself.
 
-use calibration::frames::Transform;
-use calibration::region::ClipRect;
 use glam::{DAffine3, DMat3, DQuat, DVec3, EulerRot};
-use sonoweave::mask::Mask;
-use sonoweave::reconstruct::kernel::{Method, Support};
-use sonoweave::reconstruct::planar::{OnDeparture, PlanarReconstructor, PlanarSettings, reference as equations};
-use sonoweave::reconstruct::reference::Reference;
-use sonoweave::reconstruct::{Path, Reconstructor, Settings, Simd, Touched, Weaver, Work};
-use sonoweave::slice::Slice;
-use sonoweave::volume::sparse::SEEN;
-use sonoweave::volume::{Grid, Voxels};
+
+use mask::Mask;
+use reconstruct::kernel::{Method, Support};
+use reconstruct::planar::{OnDeparture, PlanarReconstructor, PlanarSettings, reference as equations};
+use reconstruct::reference::Reference;
+use reconstruct::{Path, PathReconstructor, Reconstructor, Settings, Simd, Touched, Work};
+use sonoweave_core::frames::Transform;
+use sonoweave_core::region::ClipRect;
+use sonoweave_core::slice::Slice;
+use volume::brick_volume::SEEN;
+use volume::{Grid, Voxels};
 
 use crate::figures::{Length, Sheet, Test};
 use crate::weaving::{Probe, WIDE, constant, content, half_mm, held, noise, posed, weaver};
@@ -96,7 +97,7 @@ pub(crate) fn moved(slice: &Slice, by: DAffine3) -> Slice {
     Slice { world_from_image: Transform::from_affine(by * slice.world_from_image.affine()), ..slice.clone() }
 }
 
-/// Largest |r/w − c| / c of what counts as seen, and how many voxels that are.
+/// Returns the largest |r/w − c| / c of seen voxels, and their number.
 fn off_constant(volume: &dyn Voxels, c: f32) -> (f64, usize) {
     let seen: Vec<f64> = held(volume)
         .into_iter()
@@ -111,7 +112,7 @@ fn clamped_constant(sheet: &mut Sheet) {
     let picture = constant(probe.size, 77.3);
     let mut r = weaver(Path::Planar, half_mm(), probe.mask());
     for i in 0..sheet.length.of(20_000_u32, 1_000_000) {
-        // A hand's trembling: no two weights of a column are alike.
+        // Trembling of the hand: no two weights of a column are alike.
         let x = f64::from(i.wrapping_mul(2_654_435_761) >> 8) / f64::from(1 << 24) - 0.5;
         r.insert(&probe.put(&picture, 4.0 * x)).unwrap();
     }
@@ -128,7 +129,7 @@ fn step(sheet: &mut Sheet) {
     for i in 0..4_000 {
         r.insert(&put(10.0, i)).unwrap();
     }
-    let middle = |r: &Weaver| {
+    let middle = |r: &PathReconstructor| {
         let (sum, weight) = r.volume().voxel([0; 3]);
         f64::from(sum) / f64::from(weight)
     };
@@ -146,7 +147,7 @@ fn permutations(sheet: &mut Sheet) {
     let slices = sweep(DQuat::from_rotation_y(0.4), count);
     let settings = Settings { max_weight: 1e6, ..settings() };
     let first = woven(settings.clone(), full(), &slices);
-    // The lattice is the first slice's, so that the others start with it as well.
+    // The lattice is the first slice's, so the other orders start with it as well.
     let orders: [Vec<usize>; 2] = [
         std::iter::once(0).chain((1..slices.len()).rev()).collect(),
         (0..slices.len()).map(|i| i * 7 % slices.len()).collect(),
@@ -251,7 +252,7 @@ fn far_away(sheet: &mut Sheet) {
         for (index, r, w) in held(origin.volume()).into_iter().filter(|(_, _, w)| *w > 0.05) {
             let (s, v) = there.volume().voxel(index.map(|i| i + shift));
             let off = f64::from(s / v - r / w).abs();
-            // A voxel that is lost is a difference.
+            // A missing voxel counts as a difference.
             worst = if off.is_finite() { worst.max(off) } else { f64::INFINITY };
             count += 1;
         }
@@ -262,7 +263,7 @@ fn far_away(sheet: &mut Sheet) {
 
 fn border(sheet: &mut Sheet) {
     for grey in [77.3_f32, 0.1, 255.0] {
-        // Beyond the clip rectangle may stand what will.
+        // Pixels beyond the clip rectangle may have any value.
         let clip = ClipRect::new(4, 3, 33, 29).unwrap();
         let mask = Mask::rect(SIZE[0], SIZE[1], clip);
         let picture = |i: u32| {
@@ -276,7 +277,7 @@ fn border(sheet: &mut Sheet) {
     }
 }
 
-/// The lattice around what was seen, and the lattice index of its first voxel.
+/// The lattice around the seen voxels, and the lattice index of its first voxel.
 fn grid_around(r: &PlanarReconstructor) -> (Grid, [i64; 3]) {
     let (low, high) = r.volume().seen_bounds().expect("something was seen");
     let low = low.map(|x| x - 4);
@@ -285,7 +286,8 @@ fn grid_around(r: &PlanarReconstructor) -> (Grid, [i64; 3]) {
     (Grid { origin, spacing: r.settings().spacing_mm, direction: r.settings().lattice_direction, size }, low)
 }
 
-/// A voxel at the very end of the support, or of a fifth of the kernel, may fall either way for one slice of many; its weight then differs.
+/// At the very end of the support, or at the threshold of a fifth of the kernel, a voxel may
+/// fall either way for one slice of many; its weight then differs.
 fn brute_force(sheet: &mut Sheet) {
     let anywhere = DQuat::from_euler(EulerRot::YXZ, 0.7, -0.4, 0.3);
     for method in WIDE {
@@ -329,7 +331,8 @@ fn brute_force(sheet: &mut Sheet) {
     }
 }
 
-/// Where both paths got the same slices, worst difference of values; and the share of voxels where they did not.
+/// Returns the number of voxels where both paths got the same slices, the fraction where they
+/// did not, and the worst difference of values.
 fn compared(a: &dyn Voxels, b: &dyn Voxels, deviation: f64) -> (u32, f64, f64) {
     let (mut same, mut differ, mut worst) = (0_u32, 0_u32, 0.0_f64);
     for (index, r, w) in held(a) {
@@ -359,7 +362,8 @@ fn both_paths(sheet: &mut Sheet) {
             ("general to planar", compared(general.volume(), planar.volume(), deviation)),
         ] {
             sheet.above(&format!("{what}, {name}: voxels of the same weight"), f64::from(same), 10_000.0);
-            // In the pictures' corners, where each axis is asked for a fifth here and their product there.
+            // In the images' corners the planar path tests each axis for a fifth, the general
+            // one their product.
             sheet.at_most(&format!("{what}, {name}: share of voxels of another weight"), differ, 0.02);
             // Numerator and weight may both deviate, and the weight at a border is a fifth.
             sheet.at_most(&format!("{what}, {name}: largest difference"), worst, 5.0 * 2.0 * deviation * 255.0);

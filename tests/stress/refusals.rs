@@ -1,9 +1,10 @@
-//! Frames that cannot be used: counted, named, and without any effect.
+//! Tests of unusable frames: counted, named, and without any effect.
 
 use glam::{DAffine3, DMat3, DVec3};
 use serde_json::json;
-use sonoweave::reconstruct::{Reconstructor, Refused};
-use sonoweave::slice::Slice;
+
+use reconstruct::{Reconstructor, Refused};
+use sonoweave_core::slice::Slice;
 
 use crate::figures::{Sheet, Test};
 use crate::place::Place;
@@ -25,7 +26,7 @@ pub(crate) fn tests() -> Vec<Test> {
     ]
 }
 
-/// A picture's bytes in a float sequence.
+/// A pixel's bytes in a float sequence.
 fn float(u: u32, v: u32, frame: u32) -> Vec<u8> {
     f32::from(grey(u, v, frame)).to_le_bytes().to_vec()
 }
@@ -43,7 +44,7 @@ fn in_a_sequence(sheet: &mut Sheet) {
         pixel: float,
         ..Sequence::default()
     };
-    // Frames 0 to 5 are good, then come the bad ones.
+    // Frames 0 to 5 are good; the bad ones follow.
     let bad = Sequence {
         frames: 13,
         pixel: |u, v, frame| match (frame, u, v) {

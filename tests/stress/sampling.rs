@@ -1,13 +1,15 @@
-//! Slices too far apart: the ripple of the weights, holes, and what a gap of two σ costs.
+//! Tests of slices too far apart: the ripple of the weights, holes, and the error for a gap of
+//! two σ.
 
 use std::f64::consts::TAU;
 
 use glam::{DMat3, DVec3};
-use sonoweave::phantom::Scene;
-use sonoweave::phantom::scene::Blobs;
-use sonoweave::reconstruct::kernel::{Shape, Support};
-use sonoweave::reconstruct::{Reconstructor, Settings};
-use sonoweave::slice::Slice;
+
+use phantom::Scene;
+use phantom::scene::Blobs;
+use reconstruct::kernel::{Shape, Support};
+use reconstruct::{Reconstructor, Settings};
+use sonoweave_core::slice::Slice;
 
 use crate::figures::{Sheet, Test};
 use crate::kernels::passed;
@@ -25,20 +27,23 @@ pub(crate) fn tests() -> Vec<Test> {
     ]
 }
 
-/// Weights along the normal through the middle of the picture, for planes of voxels within `reach` mm.
+/// Weights along the normal through the middle of the image, for planes of voxels within
+/// `reach` mm.
 fn weights_along(r: &Reconstructor, reach: f64) -> Vec<f64> {
     let spacing = r.settings().spacing_mm.z;
     let planes = (reach / spacing) as i64;
     (-planes..=planes).map(|z| f64::from(r.volume().voxel([0, 0, z]).1)).collect()
 }
 
-/// The first harmonic of the weights beside their mean, over whole gaps. Nearest's box is no less in its higher harmonics, which sixteen planes a gap
-/// do not tell apart: its weights are the number of slices within √3 σ, to the last one.
+/// The first harmonic of the weights relative to their mean, over whole gaps. Nearest's box has
+/// equally large higher harmonics, which sixteen planes per gap cannot separate. Its weights
+/// are the exact number of slices within √3 σ.
 fn ripple(sheet: &mut Sheet) {
     let sigma = 1.0;
     for method in METHODS {
         for gap in [1.0, 2.0, 3.0] {
-            // Sixteen voxels from slice to slice, on slices and midway. The formula is that of a kernel without end.
+            // Sixteen voxels between slices, on slices and midway. The formula is that of an
+            // unbounded kernel.
             let settings = Settings {
                 method,
                 sigma_mm: [None, None, Some(sigma)],
@@ -61,7 +66,7 @@ fn ripple(sheet: &mut Sheet) {
                 sheet.at_most(&format!("{what}: weights off the count of slices"), off, 1e-4);
                 continue;
             }
-            // Two gaps on either side; the last plane is the first's again.
+            // Two gaps on either side; the last plane equals the first.
             let planes = &weights[..weights.len() - 1];
             let wave = |plane: usize| (plane as f64 / 16.0 * TAU).cos();
             let sum: f64 = planes.iter().sum();
@@ -73,7 +78,7 @@ fn ripple(sheet: &mut Sheet) {
                 2.0 * passed(&kernel, 1.0 / gap).abs()
             };
             if expected < 1e-6 {
-                // Below what sums in f32 can show.
+                // Below the resolution of f32 sums.
                 sheet.at_most(&what, amplitude, expected + 1e-6);
             } else {
                 sheet.near(&what, amplitude, expected, 0.01 * expected);

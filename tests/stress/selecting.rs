@@ -1,10 +1,10 @@
-//! Compounding that selects one slice a voxel: the brightest, or the latest.
+//! Tests of compounding that selects one slice per voxel: the brightest, or the latest.
 
-use calibration::region::Fan;
-use sonoweave::mask::Mask;
-use sonoweave::reconstruct::{Compounding, Reconstructor, Refused, Settings, Simd, Touched, Work};
-use sonoweave::slice::Slice;
-use sonoweave::volume::sparse::SEEN;
+use mask::Mask;
+use reconstruct::{Compounding, Reconstructor, Refused, Settings, Simd, Touched, Work};
+use sonoweave_core::region::Fan;
+use sonoweave_core::slice::Slice;
+use volume::brick_volume::SEEN;
 
 use crate::figures::{Sheet, Test};
 use crate::weaving::{METHODS, Probe, constant, content, half_mm, held, noise, state, turned};
@@ -39,7 +39,7 @@ fn sector() -> Mask {
     Mask::fan(72, 60, &Fan::new([36.0, -20.0], [25.0, 76.0], [-25.0, 25.0]).unwrap())
 }
 
-/// Slices through one another at a thirtieth of a second.
+/// Intersecting slices, a thirtieth of a second apart.
 fn slices() -> Vec<Slice> {
     (0..12_u32)
         .map(|i| {
@@ -104,7 +104,8 @@ fn instructions(sheet: &mut Sheet) {
     }
 }
 
-/// A picture between two planes of voxels: half a voxel is what it must reach, and no more of it than one plane on either side.
+/// A slice between two planes of voxels: it must reach half a voxel, and at most one plane on
+/// either side.
 fn narrow(sheet: &mut Sheet) {
     for compounding in BOTH {
         for along in [0.0, 0.1, 0.25, 0.4] {
@@ -174,7 +175,8 @@ fn times(sheet: &mut Sheet) {
     };
     let shown = |r: &Reconstructor| r.volume().voxel([0; 3]).0;
     for first in [0, epoch, -epoch] {
-        // Times after the first's, and which picture is shown after each: the one of the latest time, of equal ones the last.
+        // Times after the first, and the image shown after each: that of the latest time, among
+        // equal times the last.
         let steps: [(i64, f32); 8] = [
             (0, 1.0),
             (-second, 1.0),
@@ -198,10 +200,11 @@ fn times(sheet: &mut Sheet) {
             sheet.equal(&format!("first at {first} ns, {after} ns after it"), result.err(), Some(Refused::OutOfTime));
             sheet.equal("state after it", state(r.volume()), before);
         }
-        // To the decay's clock a time far behind is one set back, from which 0 h is ahead again.
+        // For the decay's clock, a time far behind is a clock set back, after which 0 h is
+        // ahead again.
         sheet.equal("counted as backwards", r.work().times_backwards, 4);
     }
-    // The order of a hundred frames at 30 Hz is that of their stamps, whatever order they come in.
+    // The order of a hundred frames at 30 Hz is that of their stamps, in any order of arrival.
     let mut r = Reconstructor::new(settings(Compounding::Latest), probe.mask()).unwrap();
     for k in (0..100).map(|i| (i * 37 + 50) % 100) {
         r.insert(&put(k, epoch + k as i64 * 33_333_333)).unwrap();

@@ -1,11 +1,13 @@
-//! Slabs and boxes whose picture is known: views in their plane, samples on voxels and bricks, absorption, where rays enter and leave.
+//! Tests of slabs and boxes with known pictures: views in their plane, samples on voxels and
+//! bricks, absorption, entry and exit of rays.
 
 use std::collections::BTreeSet;
 
 use glam::DVec3;
-use sonoweave::render::camera::{Camera, View};
-use sonoweave::render::transfer::{Colour, Curve, Opacity, Transfer};
-use sonoweave::render::{RenderSettings, Stage, reference};
+
+use render::camera::{Camera, View};
+use render::classify::transfer::{Colour, Curve, Opacity, Transfer};
+use render::{RenderRegion, RenderSettings, reference};
 
 use crate::figures::{Sheet, Test};
 use crate::pictures::{Field, drawn, fog, lattice, millimetres, random_at, rising, sane, whole};
@@ -25,7 +27,8 @@ pub(crate) fn tests() -> Vec<Test> {
     ]
 }
 
-/// From the front, from the side and from above: view, size of a picture, and which axes are to the right and down.
+/// Views from the front, from the side and from above: view, size of a picture, and axes to the
+/// right, down and away.
 const ALONG: [(View, [u32; 2], [usize; 3]); 3] = {
     const FRONT: View =
         View { azimuth: 0.0, elevation: 0.0, roll: 0.0, perspective: None, turns: false, zoom: 0.0, aim: None };
@@ -36,8 +39,9 @@ const ALONG: [(View, [u32; 2], [usize; 3]); 3] = {
     ]
 };
 
-/// Half of this box and a voxel around it is 12, 16, 21 mm, whose diagonal is 29 mm: samples 1 mm apart lie on voxels, exactly, and with pixels of 2 or 8 mm
-/// all rays do. It begins so that some of them run in the faces of bricks.
+/// Half of this box with a voxel around it is 12, 16, 21 mm, with a diagonal of 29 mm. Samples
+/// 1 mm apart thus lie exactly on voxels, and with pixels of 2 or 8 mm all rays do. Its start
+/// is chosen so that some rays run in the faces of bricks.
 const LOW: [i64; 3] = [1, 1, 0];
 const SIZE: [i64; 3] = [23, 31, 41];
 
@@ -72,7 +76,7 @@ fn aligned(sheet: &mut Sheet) {
         let closed = (1.0 - alpha).powi(i32::try_from(SIZE[axes[2]]).unwrap());
         let t = inside.first().map_or(0.0, |bits| f64::from(f32::from_bits(*bits)));
         sheet.near(&what("transmittance"), t, closed, 2e-6);
-        // Not even: each sample is its voxel.
+        // Uneven: each sample equals its voxel.
         let uneven = exact_box(|at| (random_at(3, at) < 0.9).then(|| (255.0 * random_at(4, at)) as f32));
         let settings = RenderSettings { transfer: rising(&[(60.0, 0.0), (255.0, 0.2)]), ..settings };
         let exact = reference::render(&uneven, &settings, &stage).unwrap();
@@ -85,7 +89,7 @@ fn along_a_sheet(sheet: &mut Sheet) {
     let alpha = 0.04;
     for (view, size, axes) in ALONG {
         let [right, down, into] = axes;
-        // One voxel thick, through the middle of the picture, level with the line of sight.
+        // One voxel thick, through the middle of the picture, parallel to the line of sight.
         let level = LOW[down] + SIZE[down] / 2;
         let thin = exact_box(move |at: [i64; 3]| (at[down] == level).then_some(1.0));
         let settings = RenderSettings { view, ..whole(size, fog(alpha)) };
@@ -96,7 +100,7 @@ fn along_a_sheet(sheet: &mut Sheet) {
         let width = size[0] as usize;
         for (n, pixel) in picture.pixels.iter().enumerate() {
             if n / width == size[1] as usize / 2 {
-                // All but the outermost pixels look through the box.
+                // All but the outermost pixels see the box.
                 if (1..width - 1).contains(&(n % width)) {
                     worst = worst.max((f64::from(pixel[3]) - closed).abs());
                 }
@@ -130,14 +134,16 @@ fn nearly_aligned(sheet: &mut Sheet) {
             let picture = drawn(&settings, stage, &uneven);
             let what = |said: &str| format!("{azimuth}°, {elevation:.4}°, {perspective:?}: {said}");
             sheet.holds(&what("all within 0 and 1"), sane(&picture, 1e-6));
-            // In a perspective of hardly any angle the eye is so far away that f64 has few places left of a voxel.
+            // In a perspective of nearly 0° the eye is so far away that f64 resolves a voxel
+            // only coarsely.
             sheet.at_most(&what("off the reference"), exact.difference(&picture)[0], 2e-5);
         }
     }
 }
 
-/// Where a ray crosses two planes across axis 1 of the stage, in samples, and whether it does so away from the other four faces of the box.
-fn crossing(camera: &Camera, stage: &Stage, [i, j]: [u32; 2], margin: f64) -> Option<[f64; 2]> {
+/// Crossings of a ray with two planes across axis 1 of the render region, in samples; `None`
+/// near the other four faces of the box.
+fn crossing(camera: &Camera, stage: &RenderRegion, [i, j]: [u32; 2], margin: f64) -> Option<[f64; 2]> {
     let ray = camera.ray(i, j);
     let [low, high] =
         stage.bounds().map(|at| DVec3::from_array(std::array::from_fn(|a| (at[a] - stage.first()[a]) as f64)));
@@ -150,8 +156,9 @@ fn crossing(camera: &Camera, stage: &Stage, [i, j]: [u32; 2], margin: f64) -> Op
     (away && at.iter().all(|k| k.is_finite())).then_some(at)
 }
 
-/// Optical depth of a slab of n voxels between two trilinear flanks, of which a ray takes samples `h` mm apart. Over a flank the opacity of a sample rises
-/// evenly from 0 to a, so that it adds ∫ −ln(1 − a f) df = 1 + (1 − a) ln(1 − a) / a in the place of half the last voxel's depth.
+/// Optical depth of a slab of n voxels between two trilinear flanks, sampled `h` mm apart. Over
+/// a flank the opacity of a sample rises linearly from 0 to a. It adds ∫ −ln(1 − a f) df = 1 +
+/// (1 − a) ln(1 − a) / a instead of half the last voxel's depth.
 fn absorption(sheet: &mut Sheet) {
     let (alpha, pitch, n) = (0.05, 0.5, 20_u8);
     let even = Field { low: [0; 3], high: [119, i64::from(n) - 1, 119], value: |_: [i64; 3]| Some(1.0) };
@@ -175,11 +182,12 @@ fn absorption(sheet: &mut Sheet) {
             let (mut worst, mut sum, mut rays) = (0.0_f64, 0.0, 0);
             for (number, pixel) in (0_u32..).zip(&picture.pixels) {
                 let Some([enter, leave]) = crossing(&camera, &stage, [number % 25, number / 25], 3.0) else { continue };
-                // Samples a voxel of thickness.
+                // Samples per voxel of thickness.
                 let a_voxel = (leave - enter) / f64::from(n);
                 let closed = a_voxel * (f64::from(n - 1) * depth + 2.0 * flank);
                 let off = -f64::from(pixel[3]).ln() - closed;
-                // Sums of what bends at four places are off the integral by at most s²/3 voxels, s voxels a sample.
+                // For sums over a function with four kinks, the error of the integral is at
+                // most s²/3 voxels, s voxels per sample.
                 worst = worst.max(off.abs() / (0.4 * depth / a_voxel + 1e-5));
                 sum += off / closed;
                 rays += 1;
@@ -192,7 +200,8 @@ fn absorption(sheet: &mut Sheet) {
     }
 }
 
-/// Thin matter whose brightness rises with depth tells how long a ray is in it (by what it lets through), and where its middle is (by its brightness).
+/// Thin matter whose brightness rises with depth gives the length of a ray in it (by the
+/// transmittance) and the ray's middle (by the brightness).
 fn entry_and_exit(sheet: &mut Sheet) {
     let (alpha, pitch) = (0.002, 0.5);
     let value = |[_, y, _]: [i64; 3]| Some(20.0 + 5.0 * y as f32);
@@ -215,7 +224,7 @@ fn entry_and_exit(sheet: &mut Sheet) {
             let [brightness, _, _, t] = pixel.map(f64::from);
             let per_sample = -camera.step_mm() * (-alpha).ln_1p();
             let samples = -t.ln() / per_sample;
-            // Where the middle of what is seen lies, from the entry on: what lies behind is a little darker.
+            // Middle of the visible part, from the entry on: the rear is a little darker.
             let middle = 1.0 / per_sample - samples * t / (1.0 - t);
             let y = (255.0 * brightness / (1.0 - t) - 20.0) / 5.0;
             let ray = camera.ray(at[0], at[1]);

@@ -1,7 +1,7 @@
-//! Where kernels end, at the extremes of what can be asked for, and kernels too narrow for the lattice.
+//! Tests of kernel supports at extreme settings, and of kernels too narrow for the lattice.
 
-use sonoweave::reconstruct::kernel::{AxisKernel, KernelError, Support};
-use sonoweave::reconstruct::{Reconstructor, Refused, Settings, SettingsError};
+use reconstruct::kernel::{AxisKernel, KernelError, Support};
+use reconstruct::{Reconstructor, Refused, Settings, SettingsError};
 
 use crate::figures::{Sheet, Test};
 use crate::place::Place;
@@ -80,7 +80,8 @@ fn narrower_than_a_pixel(sheet: &mut Sheet) {
 }
 
 fn holes(sheet: &mut Sheet) {
-    // Voxel planes 0.5 mm apart, slices 0.7 mm apart, a slab of ±0.129 mm: most planes are missed.
+    // Voxel planes 0.5 mm apart, slices 0.7 mm apart, a slab of ±0.129 mm: most planes are
+    // missed.
     let probe = Probe::straight([20, 20], 0.5);
     for method in METHODS {
         let settings = Settings { method, sigma_mm: [None, None, Some(0.05)], ..half_mm() };
@@ -96,7 +97,7 @@ fn holes(sheet: &mut Sheet) {
         sheet.equal(&format!("{}: voxel planes that were seen", method.name()), planes, expected);
         let finite = seen(&r).iter().all(|voxel| voxel.value.is_finite());
         sheet.holds(&format!("{}: every value is finite", method.name()), finite);
-        // A slice that falls between the planes altogether is inserted and changes nothing.
+        // A slice entirely between the planes is inserted and changes nothing.
         let before = state(r.volume());
         let touched = r.insert(&probe.put(&noise(probe.size, 2), 10.25)).unwrap();
         sheet.equal(&format!("{}: voxels of a slice between two planes", method.name()), touched.voxels, 0);

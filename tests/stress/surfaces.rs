@@ -1,14 +1,15 @@
-//! Slopes where coverage ends, and where there is none.
+//! Tests of gradients where coverage ends, and where there are none.
 
 use glam::DVec3;
-use sonoweave::mask::Mask;
-use sonoweave::reconstruct::{Settings, Weaver};
-use sonoweave::render::camera::View;
-use sonoweave::render::gradient::{FLAT_PER_MM, gradient};
-use sonoweave::render::light::{Light, Source};
-use sonoweave::render::transfer::{Colour, Curve, Opacity, Transfer};
-use sonoweave::render::{RenderSettings, Stage, reference};
-use sonoweave::volume::Values;
+
+use mask::Mask;
+use reconstruct::{PathReconstructor, Settings};
+use render::camera::View;
+use render::classify::gradient::{FLAT_PER_MM, gradient};
+use render::classify::light::{Light, Source};
+use render::classify::transfer::{Colour, Curve, Opacity, Transfer};
+use render::{RenderRegion, RenderSettings, reference};
+use volume::Values;
 
 use crate::figures::{Sheet, Test};
 use crate::pictures::{Field, drawn, lattice, millimetres, random_at, sane};
@@ -35,7 +36,7 @@ fn waves([x, y, z]: [i64; 3]) -> f64 {
 }
 
 fn slopes(sheet: &mut Sheet) {
-    // Nothing that an unseen voxel holds may matter.
+    // The content of an unseen voxel must not matter.
     let garbage = [0.0, 1e30, f32::NAN, f32::NEG_INFINITY];
     let pitch = [0.5_f32, 0.2, 1.9];
     for (name, value, exact) in
@@ -58,7 +59,7 @@ fn slopes(sheet: &mut Sheet) {
                     at[a] += by;
                     at
                 };
-                // The steepest that the volume has where all of it is seen, to either side.
+                // The steepest slope of the volume if all of it is seen, to either side.
                 let rise = (value(beside(1)) - value(at)) / f64::from(pitch[a]);
                 inside[a] = inside[a].max(rise.abs()).max((value(at) - value(beside(-1))).abs() / f64::from(pitch[a]));
                 let slope = f64::from(gradient(voxel(at), [voxel(beside(-1)), voxel(beside(1))], pitch[a]));
@@ -82,7 +83,7 @@ fn slopes(sheet: &mut Sheet) {
     }
 }
 
-/// Opaque wherever it is steeper than anything in a ramp of 2.3 grey levels per mm.
+/// Opaque wherever it is steeper than a ramp of 2.3 grey levels per mm.
 fn steep_only() -> Transfer {
     let all = Opacity::Curve(Curve::new(&[(0.0, 1.0)]).unwrap());
     let steep = Curve::new(&[(2.4, 0.0), (2.5, 1.0)]).unwrap();
@@ -106,7 +107,7 @@ fn shells(sheet: &mut Sheet) {
             sheet.equal(&format!("{name}, {perspective:?}: pixels that see a shell"), opaque, 0);
         }
     }
-    // And the same transfer function does see a wall.
+    // The same transfer function does show a step inside.
     let wall = Field { low, high, value: |at: [i64; 3]| Some(ramp(at) as f32 + if at[1] > 12 { 40.0 } else { 0.0 }) };
     let settings = RenderSettings::new([32, 30], steep_only());
     let seen = drawn(&settings, wall.stage(millimetres()), &wall).pixels.iter().filter(|p| p[3] < 0.5).count();
@@ -145,11 +146,11 @@ fn ambient(sheet: &mut Sheet) {
 
 fn woven(sheet: &mut Sheet) {
     let probe = Probe::oblique([40, 36], 0.3);
-    let mut weaver = Weaver::general(Settings::new(DVec3::splat(0.5)), Mask::full(40, 36)).unwrap();
+    let mut weaver = PathReconstructor::general(Settings::new(DVec3::splat(0.5)), Mask::full(40, 36)).unwrap();
     for i in 0..20_u8 {
         weaver.insert(&probe.put(&constant(probe.size, 200.0), 0.4 * f64::from(i))).unwrap();
     }
-    // Every voxel is a sum of its own, rounded on its own.
+    // Every voxel is a separate sum with separate rounding.
     let (mut steepest, mut places) = (0.0_f64, 0);
     for i in 0..49_i64.pow(3) {
         let at = [i % 49 - 24, i / 49 % 49 - 24, i / (49 * 49) - 24];
@@ -165,7 +166,8 @@ fn woven(sheet: &mut Sheet) {
     }
     sheet.above("voxels seen", f64::from(places), 5_000.0);
     sheet.at_most("steepest slope, of what counts as flat", steepest / FLAT_PER_MM, 0.5);
-    let stage = Stage::new(lattice(glam::DMat3::IDENTITY, DVec3::splat(0.5), DVec3::ZERO), [-24; 3], [24; 3]).unwrap();
+    let stage =
+        RenderRegion::new(lattice(glam::DMat3::IDENTITY, DVec3::splat(0.5), DVec3::ZERO), [-24; 3], [24; 3]).unwrap();
     let curve = Opacity::Curve(Curve::new(&[(0.0, 0.3)]).unwrap());
     let transfer = Transfer::new(curve, 1.0, Colour::grey([0.0, 255.0]).unwrap()).unwrap();
     let view = View { azimuth: 30.0, elevation: 20.0, ..View::default() };

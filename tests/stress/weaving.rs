@@ -1,27 +1,28 @@
-//! Slices made by hand, and what a reconstructor made of them.
+//! Synthetic slices, and access to a reconstructor's results.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
 
-use calibration::frames::Transform;
 use glam::{DAffine3, DMat3, DQuat, DVec3};
-use sonoweave::mask::Mask;
-use sonoweave::reconstruct::kernel::{AxisKernel, Method};
-use sonoweave::reconstruct::planar::{OnDeparture, PlanarSettings};
-use sonoweave::reconstruct::reference::in_plane;
-use sonoweave::reconstruct::{Path, Reconstructor, Settings, Weaver};
-use sonoweave::slice::{Image, Pixels, Slice};
-use sonoweave::volume::sparse::SEEN;
-use sonoweave::volume::{BrickVolume, Grid, Voxels};
 
-/// The kernels' shapes. A further method is tested by standing here.
+use mask::Mask;
+use reconstruct::kernel::{AxisKernel, Method};
+use reconstruct::planar::{OnDeparture, PlanarSettings};
+use reconstruct::reference::in_plane;
+use reconstruct::{Path, PathReconstructor, Reconstructor, Settings};
+use sonoweave_core::frames::Transform;
+use sonoweave_core::slice::{Image, Pixels, Slice};
+use volume::brick_volume::SEEN;
+use volume::{BrickVolume, Grid, Voxels};
+
+/// The kernels' methods. New methods are tested by adding them here.
 pub(crate) const METHODS: [Method; 5] = Method::ALL;
-/// Those whose in-plane kernel has the σ that is asked for, and not the pixels'.
+/// Methods whose in-plane kernel has the requested σ, and not the pixels'.
 pub(crate) const WIDE: [Method; 3] = [Method::Gaussian, Method::GaussianTruncated, Method::BSpline3];
-/// Both ways of a slice into a volume.
+/// Both insertion paths.
 pub(crate) const PATHS: [Path; 2] = [Path::General, Path::Planar];
 
-/// Share of the in-plane kernel that must lie on data.
+/// Fraction of the in-plane kernel that must lie on data.
 const LEAST_CERTAINTY: f64 = 0.2;
 
 pub(crate) fn image(size: [u32; 2], grey: impl Fn(u32, u32) -> f32) -> Image {
@@ -46,34 +47,35 @@ pub(crate) fn noise(size: [u32; 2], seed: u32) -> Image {
     })
 }
 
-/// A probe that is held one way: pictures whose middles lie on a line along their normal.
+/// A probe held in a fixed direction: images whose middles lie on a line along their normal.
 #[derive(Clone, Copy)]
 pub(crate) struct Probe {
     pub(crate) size: [u32; 2],
     pub(crate) pixel_mm: f64,
     /// Columns: directions of u, v and the normal in the world.
     pub(crate) axes: DMat3,
-    /// World position of the middle of the picture at 0 mm.
+    /// World position of the middle of the image at 0 mm.
     pub(crate) centre: DVec3,
 }
 
 impl Probe {
-    /// Along the world's axes, about its origin.
+    /// Returns a probe along the world's axes, about its origin.
     pub(crate) fn straight(size: [u32; 2], pixel_mm: f64) -> Self {
         Self { size, pixel_mm, axes: DMat3::IDENTITY, centre: DVec3::ZERO }
     }
 
-    /// At angles that no lattice has.
+    /// Returns a probe at angles that no lattice has.
     pub(crate) fn oblique(size: [u32; 2], pixel_mm: f64) -> Self {
         Self { axes: turned(0.7, -0.4, 0.3), ..Self::straight(size, pixel_mm) }
     }
 
-    /// As an arm holds it: u along the world's z, v along x, slices side by side along y.
+    /// Returns a probe as held by an arm: u along the world's z, v along x, slices side by side
+    /// along y.
     pub(crate) fn arm(size: [u32; 2], pixel_mm: f64) -> Self {
         Self { axes: DMat3::from_cols(DVec3::Z, DVec3::X, DVec3::Y), ..Self::straight(size, pixel_mm) }
     }
 
-    /// Pixels to the world, `along` mm along the normal.
+    /// Maps pixels to the world, `along` mm along the normal.
     pub(crate) fn pose(&self, along: f64) -> DAffine3 {
         let [u, v, n] = [self.axes.x_axis * self.pixel_mm, self.axes.y_axis * self.pixel_mm, self.axes.z_axis];
         let middle = self.size.map(|n| 0.5 * (f64::from(n) - 1.0));
@@ -83,12 +85,13 @@ impl Probe {
         }
     }
 
-    /// A picture, `along` mm along the normal.
+    /// Returns an image as a slice, `along` mm along the normal.
     pub(crate) fn put(&self, image: &Image, along: f64) -> Slice {
         posed(image, self.pose(along))
     }
 
-    /// The picture that a scene gives there; in f32, so that nothing is rounded to whole grey levels.
+    /// Returns the slice of a scene at that position; in f32, so that nothing is rounded to
+    /// integer grey levels.
     pub(crate) fn scan(&self, along: f64, scene: impl Fn(DVec3) -> f64) -> Slice {
         let pose = self.pose(along);
         let at = |u: u32, v: u32| pose.transform_point3(DVec3::new(f64::from(u), f64::from(v), 0.0));
@@ -123,11 +126,12 @@ pub(crate) fn weave<'a>(settings: Settings, mask: &Mask, slices: impl IntoIterat
     reconstructor
 }
 
-/// A weaver on one of the paths; the planar one on the world's axes, and refusing what leaves the plane.
-pub(crate) fn weaver(path: Path, settings: Settings, mask: Mask) -> Weaver {
+/// Returns a reconstructor on one of the paths. The planar one uses the world's axes and
+/// refuses slices that leave the plane.
+pub(crate) fn weaver(path: Path, settings: Settings, mask: Mask) -> PathReconstructor {
     match path {
-        Path::General => Weaver::general(settings, mask),
-        Path::Planar => Weaver::planar(settings, on_the_world_s_axes(OnDeparture::Refuse), mask),
+        Path::General => PathReconstructor::general(settings, mask),
+        Path::Planar => PathReconstructor::planar(settings, on_the_world_s_axes(OnDeparture::Refuse), mask),
     }
     .unwrap()
 }
@@ -141,26 +145,26 @@ pub(crate) fn half_mm() -> Settings {
     Settings::new(DVec3::splat(0.5))
 }
 
-/// A voxel that has weight.
+/// A voxel with weight.
 pub(crate) struct Voxel {
     pub(crate) index: [i64; 3],
-    /// World mm.
+    /// Position in the world, mm.
     pub(crate) at: DVec3,
     pub(crate) value: f64,
     pub(crate) weight: f32,
 }
 
-/// The voxels that count as seen.
+/// Returns the seen voxels.
 pub(crate) fn seen(reconstructor: &Reconstructor) -> Vec<Voxel> {
     weighted(reconstructor).filter(|voxel| voxel.weight > SEEN).collect()
 }
 
-/// The voxels of any weight.
+/// Returns the voxels of any weight.
 pub(crate) fn weighted(reconstructor: &Reconstructor) -> impl Iterator<Item = Voxel> + '_ {
     let world_from_lattice = reconstructor.world_from_lattice();
     reconstructor.volume().iter().flat_map(move |(place, brick)| {
         (0..brick.w.len()).filter(|i| brick.w[*i] > 0.0).map(move |i| {
-            let inside = sonoweave::volume::brick::voxel_at(i);
+            let inside = volume::brick::voxel_at(i);
             let index: [i64; 3] = std::array::from_fn(|a| i64::from(place[a]) * 8 + inside[a] as i64);
             Voxel {
                 index,
@@ -172,7 +176,8 @@ pub(crate) fn weighted(reconstructor: &Reconstructor) -> impl Iterator<Item = Vo
     })
 }
 
-/// The voxels of any weight of either kind of volume, in the order of the lattice: index, numerator, weight.
+/// Returns the voxels of any weight in a volume of either kind, in the order of the lattice:
+/// index, numerator, weight.
 pub(crate) fn held(volume: &dyn Voxels) -> Vec<([i64; 3], f32, f32)> {
     let mut blocks: Vec<_> = volume.blocks().collect();
     blocks.sort_unstable();
@@ -190,7 +195,8 @@ pub(crate) fn held(volume: &dyn Voxels) -> Vec<([i64; 3], f32, f32)> {
     voxels
 }
 
-/// What either kind of volume holds, to the bit, whatever the order in which its parts were made.
+/// Hashes the content of a volume of either kind, to the bit, independent of the order in which
+/// its parts were created.
 pub(crate) fn content(volume: &dyn Voxels) -> u64 {
     let mut hasher = DefaultHasher::new();
     for (index, r, w) in held(volume) {
@@ -199,7 +205,7 @@ pub(crate) fn content(volume: &dyn Voxels) -> u64 {
     hasher.finish()
 }
 
-/// Every bit of a volume, and the order of its bricks.
+/// Hashes every bit of a volume, and the order of its bricks.
 pub(crate) fn state(volume: &BrickVolume) -> u64 {
     let mut hasher = DefaultHasher::new();
     for (place, brick) in volume.iter() {
@@ -209,7 +215,8 @@ pub(crate) fn state(volume: &BrickVolume) -> u64 {
     hasher.finish()
 }
 
-/// Largest distance of the seen voxels from a constant, relative to it, and how many there are.
+/// Returns the largest distance of the seen voxels from a constant, relative to it, and their
+/// number.
 pub(crate) fn off_constant(reconstructor: &Reconstructor, constant: f32) -> (f64, usize) {
     let seen = seen(reconstructor);
     let c = f64::from(constant);
@@ -217,7 +224,8 @@ pub(crate) fn off_constant(reconstructor: &Reconstructor, constant: f32) -> (f64
     (worst, seen.len())
 }
 
-/// The lattice around what was seen, a few voxels wider, and the lattice index of its first voxel.
+/// Returns the lattice around the seen voxels, a few voxels wider, and the lattice index of its
+/// first voxel.
 pub(crate) fn grid_around(reconstructor: &Reconstructor) -> (Grid, [i64; 3]) {
     let (low, high) = reconstructor.volume().seen_bounds().expect("something was seen");
     let low = low.map(|x| x - 4);
@@ -226,21 +234,22 @@ pub(crate) fn grid_around(reconstructor: &Reconstructor) -> (Grid, [i64; 3]) {
     (Grid { origin, spacing: reconstructor.settings().spacing_mm, direction: DMat3::IDENTITY, size }, low)
 }
 
-/// What one slice did, against the equations, voxel by voxel.
+/// Comparison of one slice's result with the equations, voxel by voxel.
 #[derive(Debug, Default, PartialEq)]
 pub(crate) struct Comparison {
     /// Voxels that both have.
     pub(crate) both: u64,
-    /// Voxels that must have been reached and were not.
+    /// Voxels that should have been reached but were not.
     pub(crate) missing: u64,
-    /// Voxels that were reached and must not have been.
+    /// Voxels that should not have been reached but were.
     pub(crate) surplus: u64,
     /// Largest difference of values.
     pub(crate) worst: f64,
 }
 
-/// Compares a volume of one slice with the equations. Voxels within `hair` (relative) of the support's end, or within the filter's deviation
-/// of the least certainty, may be reached or not.
+/// Compares a volume of one slice with the equations. Voxels within `hair` (relative) of the
+/// support's end, or within the filter's deviation of the least certainty, may be reached or
+/// not.
 pub(crate) fn compare(reconstructor: &Reconstructor, slice: &Slice, mask: &Mask, hair: f64) -> Comparison {
     let kernels: &[AxisKernel; 3] = reconstructor.kernels().unwrap();
     let pose = slice.world_from_image.affine();

@@ -1,37 +1,39 @@
-//! How an arm's pose changes with its joints and with its parameters, and what counts that are off do to a point of the picture.
+//! Derivatives of an arm's pose by its joint values and parameters, and the effect of count
+//! errors on a point of the image.
 
 use glam::{DMat3, DVec2, DVec3};
 
 use super::{Arm, JOINTS, Kind, Values};
 
-/// Change of the pose (x in mm, y in mm, heading in rad) with what describes one joint.
+/// Derivatives of the pose (x in mm, y in mm, heading in rad) by the numbers of one joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Derivatives {
-    /// By its value, rad or mm.
+    /// Derivative by its value, rad or mm.
     pub value: DVec3,
-    /// By its count.
+    /// Derivative by its count.
     pub count: DVec3,
-    /// By its link's length, mm.
+    /// Derivative by its link's length, mm.
     pub length: DVec3,
-    /// By the count at its zero.
+    /// Derivative by the count at its zero.
     pub zero_counts: DVec3,
-    /// By its counts a turn or a mm.
+    /// Derivative by its counts per turn or per mm.
     pub counts_per_unit: DVec3,
-    /// By the direction of a slide, degrees; 0 of a joint that turns.
+    /// Derivative by the direction of a prismatic joint, degrees; 0 for a revolute joint.
     pub direction: DVec3,
 }
 
-/// How far a point may be from where counts say that it is.
+/// Possible distance of a point from the position computed from the counts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Displacement {
-    /// Never more than this, mm.
+    /// Upper bound, mm.
     pub most_mm: f64,
-    /// Root mean square where all errors are evenly spread and independent, mm.
+    /// Root mean square, if all errors are uniformly distributed and independent, mm.
     pub rms_mm: f64,
 }
 
 impl Arm {
-    /// Change of the pose with each joint's value and parameters, at these values.
+    /// Returns the derivatives of the pose by each joint's value and parameters, at these
+    /// values.
     pub fn derivatives(&self, values: &Values) -> [Derivatives; JOINTS] {
         let (links, _) = self.links(values);
         let end = links[JOINTS - 1].end;
@@ -49,27 +51,31 @@ impl Arm {
         })
     }
 
-    /// The Jacobian: change of (x mm, y mm, heading rad) with the joint values, a column a joint.
+    /// Returns the Jacobian of (x mm, y mm, heading rad) by the joint values, one column per
+    /// joint.
     pub fn jacobian(&self, values: &Values) -> DMat3 {
         let [a, b, c] = self.derivatives(values).map(|by| by.value);
         DMat3::from_cols(a, b, c)
     }
 
-    /// How unevenly counts move the pose, where a heading counts by what it does at `lever_mm` from the probe's origin: 1 where each count moves it by as much in a direction
-    /// of its own, ∞ where the arm is singular. By the Frobenius norm, |J|·|J⁻¹|/3.
+    /// Returns the condition number of the pose by the counts, |J|·|J⁻¹|/3 in the Frobenius
+    /// norm. The heading is weighted by its effect at `lever_mm` from the probe's origin. The
+    /// result is 1 if the counts move the pose by equal amounts in orthogonal directions, and ∞
+    /// if the arm is singular.
     pub fn condition(&self, values: &Values, lever_mm: f64) -> f64 {
         let [a, b, c] = self.derivatives(values).map(|by| by.count * DVec3::new(1.0, 1.0, lever_mm));
         let jacobian = DMat3::from_cols(a, b, c);
         let norm = |m: DMat3| m.to_cols_array().iter().map(|x| x * x).sum::<f64>().sqrt();
         let size = norm(jacobian);
-        // A determinant that is rounding's is none.
+        // A determinant of rounding size counts as zero.
         if jacobian.determinant().abs() <= 1e-14 * size.powi(3) {
             return f64::INFINITY;
         }
         size * norm(jacobian.inverse()) / 3.0
     }
 
-    /// Covariance of the pose (x mm, y mm, heading rad) to first order, where the counts have these standard deviations and are independent.
+    /// Returns the covariance of the pose (x mm, y mm, heading rad) to first order, for
+    /// independent counts with these standard deviations.
     pub fn covariance(&self, values: &Values, sd_counts: &[f64; JOINTS]) -> DMat3 {
         let columns = self.derivatives(values);
         let mut sum = DMat3::ZERO;
@@ -80,10 +86,12 @@ impl Arm {
         sum
     }
 
-    /// How far a point of the probe's x-y plane (mm) may be from where these values say that it is, when each count is off by at most `counts`: 0.5 of an encoder that shows
-    /// the nearest count.
+    /// Returns the possible displacement of a point of the probe's x-y plane (mm) at these
+    /// values. Each count is off by at most `counts`: 0.5 for an encoder that shows the nearest
+    /// count.
     ///
-    /// The bound holds for any such errors, not to first order only: joints moved one by one, the last first, displace the point by an arc each.
+    /// The bound holds for any such errors, not to first order only: joints moved one by one,
+    /// the last first, displace the point by an arc each.
     pub fn displacement(&self, values: &Values, point_mm: DVec2, counts: f64) -> Displacement {
         let (links, heading) = self.links(values);
         let point = links[JOINTS - 1].end + DVec2::from_angle(heading).rotate(point_mm);

@@ -1,30 +1,33 @@
-//! A running arm, held against what it was fitted to.
+//! Checks a running arm against its calibration.
 
 use super::fit::{Fitted, Found, Known, NoFit, Options, Touch, fit};
 use super::{Arm, JOINTS};
 
-/// An arm whose touches lie so many times as far from the divots as they did when it was fitted is another arm.
+/// An arm has changed if its touches are this many times as far from the divots as at the fit.
 const CHANGED: f64 = 3.0;
-/// A joint's zero explains what has changed if with it so much less of the residuals is left.
+/// A joint's zero explains the change if correcting it leaves less than this share of the
+/// residuals.
 const EXPLAINS: f64 = 0.5;
 
-/// What touches say of an arm that is taken as it is.
+/// Result of checking an arm without changing it.
 #[derive(Debug, Clone)]
 pub struct Checked {
-    /// Root mean square of what touches lie off, mm; only where the plate lies was found.
+    /// Root mean square of the touches' residuals, mm; only the position of the plate was
+    /// fitted.
     pub rms_mm: f64,
-    /// The longest, mm.
+    /// The largest residual, mm.
     pub most_mm: f64,
-    /// What each lies off, mm: as of [`Fitted::residuals_mm`].
+    /// Residual of each touch, mm, as in [`Fitted::residuals_mm`].
     pub residuals_mm: Vec<f64>,
-    /// It is not the arm that it was.
+    /// The arm no longer matches its calibration.
     pub changed: bool,
-    /// The zero that explains it, where one joint's does: an encoder that has slipped or was not homed.
+    /// The one joint zero that explains the change, if there is one: the encoder has slipped or
+    /// was not homed.
     pub slipped: Option<Found>,
 }
 
 impl Checked {
-    /// What to do, for people; empty where all is well.
+    /// Returns advice for the user; empty if the arm is unchanged.
     pub fn advice(&self) -> String {
         match (&self.slipped, self.changed) {
             (_, false) => String::new(),
@@ -41,12 +44,14 @@ impl Checked {
     }
 }
 
-/// Checks an arm by touches; `fitted_mm` is the root mean square distance that its fit left (of [`Fitted::rms_mm`]).
+/// Checks an arm by touches; `fitted_mm` is the root mean square distance that its fit left (of
+/// [`Fitted::rms_mm`]).
 ///
-/// The zero of the first joint cannot be checked by what lies anywhere; homing it is for its own index mark.
+/// Touches of a freely placed plate cannot check the first joint's zero. Homing that joint
+/// relies on its own index mark.
 ///
 /// # Errors
-/// [`NoFit`] where there are too few touches, or none of what is known.
+/// [`NoFit`] if there are too few touches, or none of known places.
 pub fn check(
     arm: &Arm,
     known: &Known<'_>,
@@ -62,7 +67,7 @@ pub fn check(
         ..*options
     };
     let as_it_is = fit(arm, known, touches, &placed([false; JOINTS]))?;
-    // Outliers count here: an arm that is right for most places only is not right.
+    // Outliers count here: an arm that is right at most places only is not right.
     let rms = |fitted: &Fitted| {
         let squares: f64 = fitted.residuals_mm.iter().map(|mm| mm * mm).sum();
         (squares / fitted.residuals_mm.len() as f64).sqrt()
@@ -74,7 +79,7 @@ pub fn check(
     for joint in (1..JOINTS).filter(|_| changed) {
         let mut zeros = [false; JOINTS];
         zeros[joint] = true;
-        // What this joint alone does not determine explains nothing.
+        // A joint zero that the touches do not determine explains nothing.
         let Ok(with) = fit(arm, known, touches, &placed(zeros)) else { continue };
         let left = rms(&with);
         if left < EXPLAINS * rms_mm && slipped.as_ref().is_none_or(|(best, _)| left < *best) {

@@ -1,8 +1,12 @@
-//! An arm's parameters from touches: its tip is set down where something is known of the place, each time from as many sides as can be.
+//! Fits an arm's parameters to touches: the user sets the tip down at known places, each from
+//! as many sides as possible.
 //!
-//! Known may be the places of divots on a plate that lies anywhere, that all touches are of one divot, or how far pairs of places are apart. What is found: lengths of the links,
-//! zeros of the encoders and, if asked for, counts a turn or a mm and directions of slides; and where the plate lies. What the touches do not say is refused by name. The zero of
-//! the first joint says only which way the base's x axis points, and the plate's own place takes it: it is kept as it was.
+//! The places may be known in three ways: divots on a plate that lies anywhere, one divot for
+//! all touches, or the distances of pairs of places. The fit finds link lengths and encoder
+//! zeros, and the position of the plate. On request it also finds counts per turn or mm and the
+//! directions of prismatic joints. Parameters that the touches do not determine are refused by
+//! name. The first joint's zero only sets the direction of the base's x axis, which cannot be
+//! told apart from the position of the plate. It is kept as it was.
 
 mod model;
 mod refusal;
@@ -14,26 +18,27 @@ use crate::least_squares::{Loss, Noise, Solution};
 use model::Model;
 pub use refusal::NoFit;
 
-/// The tip set down, still.
+/// One touch: the tip set down and kept still.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Touch {
     /// Mean counts of the joints, base first.
     pub counts: [f64; JOINTS],
-    /// Of which divot, or of which distance, by its place among what is known.
+    /// Index of the touched divot or distance among the known ones.
     pub of: usize,
 }
 
-/// What is known of the places that were touched.
+/// Known facts about the touched places.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Known<'a> {
-    /// Divots of a plate that lies anywhere, mm, in the plane that the arm moves in. One alone is a fixed point, wherever it is said to be.
+    /// Divots of a plate that lies anywhere, mm, in the plane that the arm moves in. A single
+    /// divot is a fixed point, whatever its coordinates.
     Divots(&'a [DVec2]),
-    /// Distances, mm. Of each there are two touches, one of either end.
+    /// Distances, mm. Each has two touches, one of either end.
     Distances(&'a [f64]),
 }
 
 impl Known<'_> {
-    /// How many there are.
+    /// Returns their number.
     pub fn count(&self) -> usize {
         match self {
             Self::Divots(divots) => divots.len(),
@@ -42,25 +47,29 @@ impl Known<'_> {
     }
 }
 
-/// What is found, and what is known.
+/// Choice of the fitted parameters, and known values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
-    /// Where the tip is in the last link's frame (its origin at the link's end, x along it), mm. A tip of which neither this nor the link's length is known is found as length.
+    /// Position of the tip in the last link's frame (origin at the link's end, x along it), mm.
+    /// If neither the tip nor that link's length is known, the fit expresses the tip as length.
     pub tip_mm: DVec2,
-    /// Of which links to find the lengths.
+    /// Fit the lengths of these links.
     pub lengths: [bool; JOINTS],
-    /// Of which joints to find the zeros. The first one's turns all there is, as the plate's place does: touches never tell it.
+    /// Fit the zeros of these joints. The first joint's zero turns the whole arm, as the
+    /// position of the plate does, so touches never determine it.
     pub zeros: [bool; JOINTS],
-    /// Find counts a turn or a mm. Those of an encoder's disc are known better than they can be measured.
+    /// Fit counts per turn or mm. An encoder disc's counts are known better than touches can
+    /// measure them.
     pub counts_per_unit: bool,
-    /// Of which slides to find the directions. The first joint's turns all there is.
+    /// Fit the directions of these prismatic joints. The direction of the first joint turns the
+    /// whole arm.
     pub directions: [bool; JOINTS],
-    /// How exactly the tip sits in a divot, mm, one standard deviation along each axis.
+    /// Repeatability of the tip in a divot, mm, one standard deviation along each axis.
     pub seat_mm: f64,
 }
 
 impl Default for Options {
-    /// Of three joints that turn, and a plate.
+    /// For three revolute joints and a plate.
     fn default() -> Self {
         Self {
             tip_mm: DVec2::ZERO,
@@ -74,10 +83,13 @@ impl Default for Options {
 }
 
 impl Options {
-    /// What touches tell of an arm: of joints that turn the lengths of their links and, but for the first, their zeros; of slides, but for the first joint, the directions. The length
-    /// and the zero of a slide are one number, and what it adds to the links about it is told by these.
+    /// Returns the parameters that touches can determine for this arm. For revolute joints
+    /// these are the link lengths and, except for the first joint, the zeros. For prismatic
+    /// joints after the first they are the directions. The length and the zero of a prismatic
+    /// joint are one number, and the neighbouring links' lengths already cover its effect.
     ///
-    /// Touches of one point tell no size, unless there is a slide, whose counts are mm: the longest link's length is kept then.
+    /// Touches of one point determine no scale unless there is a prismatic joint, whose counts
+    /// are mm. The length of the longest link is kept in that case.
     pub fn of(start: &Arm, known: &Known<'_>) -> Self {
         let turns = start.joints().map(|joint| joint.kind == Kind::Revolute);
         let past_first = |joints: [bool; JOINTS]| std::array::from_fn(|joint| joint > 0 && joints[joint]);
@@ -93,16 +105,16 @@ impl Options {
     }
 }
 
-/// A number of a joint that was found.
+/// One fitted number of a joint.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Found {
-    /// Which joint, base first, from 1.
+    /// Number of the joint, base first, from 1.
     pub joint: usize,
-    /// Which of its numbers, and its unit.
+    /// The fitted parameter, which also gives the unit.
     pub what: Number,
-    /// As it was.
+    /// Value before the fit.
     pub before: f64,
-    /// As it is found.
+    /// Fitted value.
     pub value: f64,
     /// Its standard deviation.
     pub sd: f64,
@@ -115,16 +127,16 @@ pub enum Number {
     Length,
     /// The count at its zero.
     Zero,
-    /// Counts a turn or a mm.
+    /// Counts per turn or per mm.
     CountsPerUnit,
-    /// The direction of a slide, degrees.
+    /// Direction of a prismatic joint, degrees.
     Direction,
 }
 
 impl Number {
     const ALL: [Self; 4] = [Self::Length, Self::Zero, Self::CountsPerUnit, Self::Direction];
 
-    /// Its name, for people.
+    /// Returns its name, for people.
     pub fn name(self) -> &'static str {
         match self {
             Self::Length => "length",
@@ -134,7 +146,7 @@ impl Number {
         }
     }
 
-    /// Its unit, for people.
+    /// Returns its unit, for people.
     pub fn unit(self) -> &'static str {
         match self {
             Self::Length => "mm",
@@ -162,7 +174,7 @@ impl Number {
         }
     }
 
-    /// A size that moves the tip by about a millimetre.
+    /// Returns a step of this parameter that moves the tip by about a millimetre.
     fn typical(self, joint: &Joint, reach_mm: f64) -> f64 {
         let mm = match (self, joint.kind) {
             (Self::Length, _) => return 1.0,
@@ -178,36 +190,38 @@ impl Number {
     }
 }
 
-/// An arm that explains touches.
+/// An arm fitted to touches.
 #[derive(Debug, Clone)]
 pub struct Fitted {
-    /// The arm.
+    /// The fitted arm.
     pub arm: Arm,
-    /// Where the tip is in the last link's frame, mm.
+    /// Position of the tip in the last link's frame, mm.
     pub tip_mm: DVec2,
-    /// What was found, joint by joint.
+    /// The fitted numbers, joint by joint.
     pub found: Vec<Found>,
-    /// How far each touch lies from its divot, or each pair of touches from its distance, mm.
+    /// Distance of each touch from its divot, or error of each pair's distance, mm.
     pub residuals_mm: Vec<f64>,
-    /// Root of their mean square, mm; of those that are no outliers.
+    /// Root mean square of the residuals without the outliers, mm.
     pub rms_mm: f64,
-    /// The largest of these, mm.
+    /// Largest residual without the outliers, mm.
     pub most_mm: f64,
-    /// Standard deviation of the residuals along an axis over [`Options::seat_mm`]: about 1 where the arm is what it is taken for.
+    /// Standard deviation of the residuals along an axis over [`Options::seat_mm`]: about 1 if
+    /// the model fits.
     pub spread: f64,
-    /// Of the parameters, by sizes that move the tip alike.
+    /// Condition number of the parameters, in steps that move the tip alike.
     pub condition: f64,
-    /// Places among the residuals of those that were left out, as they lie far from all others.
+    /// Indices of the residuals that were left out because they lie far from all others.
     pub outliers: Vec<usize>,
-    /// From where to where each joint's values went, rad or mm.
+    /// Range of each joint's values among the touches, rad or mm.
     pub ranges: [[f64; 2]; JOINTS],
-    /// Covariance of what was found, row by row.
+    /// Covariance of the fitted numbers, row by row.
     covariance: Vec<Vec<f64>>,
 }
 
 impl Fitted {
-    /// How far the tip may be from where the arm puts it at these values, by what is not known of the numbers that were found, mm: the root of the sum of the variances along both
-    /// axes. In the base's frame, whose x axis is where the first joint's zero says.
+    /// Returns the standard deviation of the tip's position at these values, due to the fitted
+    /// numbers, mm: the root of the sum of the variances along both axes. It is in the base's
+    /// frame, whose x axis follows from the first joint's zero.
     pub fn sd_at(&self, values: &Values) -> f64 {
         let moved: Vec<DVec2> = self
             .found
@@ -218,18 +232,21 @@ impl Fitted {
         for (row, one) in self.covariance.iter().zip(&moved) {
             variance += row.iter().zip(&moved).map(|(between, other)| between * one.dot(*other)).sum::<f64>();
         }
-        // Rounding may leave less than nothing.
+        // Rounding may make the variance slightly negative.
         variance.max(0.0).sqrt()
     }
 }
 
-/// Fits an arm to touches, beginning at one whose numbers are about right: lengths to a tenth, zeros to some degrees.
+/// Fits an arm to touches, starting from approximate numbers: lengths to a tenth, zeros to some
+/// degrees.
 ///
-/// The start is found with a loss that is linear far out, the result with one that leaves out what is far from all else: by the touches' own noise, or, where these are too few to
-/// say how large it is, by [`Options::seat_mm`].
+/// A loss that is linear for large residuals finds the start. A loss that leaves out outliers
+/// gives the result. Outliers are judged by the residuals' own spread or, if these are too few
+/// to estimate it, by [`Options::seat_mm`].
 ///
 /// # Errors
-/// [`NoFit`]: which touch or plate, or what the touches do not tell, and what to touch then.
+/// [`NoFit`] names the invalid touch or plate, or the undetermined parameters and the touches
+/// to add.
 pub fn fit(start: &Arm, known: &Known<'_>, touches: &[Touch], options: &Options) -> Result<Fitted, NoFit> {
     refusal::check(start, known, touches, options)?;
     let mut model = Model::new(start, known, touches, options);
@@ -255,10 +272,11 @@ pub fn fit(start: &Arm, known: &Known<'_>, touches: &[Touch], options: &Options)
     Ok(fitted(arm, &model, model.residuals_mm(&solution.state), found, Some(&solution)))
 }
 
-/// Of a combination of parameters that is not known to as much of the tip's way nothing is known, mm: noise alone has told it.
+/// A combination of parameters counts as undetermined if its standard deviation moves the tip
+/// by more than this, mm: only noise determined it.
 const LEAST_KNOWN_MM: f64 = 10.0;
 
-/// What there is to say of an arm; without a solution nothing was sought.
+/// Assembles the result; without a solution nothing was fitted.
 fn fitted(
     arm: Arm,
     model: &Model<'_>,

@@ -1,73 +1,76 @@
-//! Which joint values take the probe to a pose, in closed form.
+//! Inverse kinematics in closed form: the joint values for a pose.
 //!
-//! The last link's heading is the wanted one, so that the chain is a sum of three vectors of which each has a known length, a known direction, or both:
+//! The pose fixes the last link's heading. The chain is then a sum of three vectors, and each
+//! has a known length, a known direction, or both:
 //!
 //! | joints | known | left |
 //! |---|---|---|
 //! | RRR | the third link | two lengths: circles that meet, elbow up or down |
 //! | PRR, RRP | one link | a length and a direction: a circle and a line that meet, at two places |
-//! | RPR | the third link | the slide as long as the base is away from the wrist, two places; then the turn |
+//! | RPR | the third link | the slide's length from the distance of base and wrist, two
+//! solutions; then the turn |
 //! | PPR, PRP, RPP | one link | two directions: lines that meet, unless they are parallel |
-//! | PPP | the heading, whatever is wanted | nothing turns: not solvable |
+//! | PPP | the heading, regardless of the wanted one | nothing turns: not solvable |
 
 use glam::DVec2;
 
 use super::pose::turned_near;
 use super::{Arm, JOINTS, Kind, PlanarPose, Values};
 
-/// Which of two solutions.
+/// Choice between two solutions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Elbow {
-    /// Of three joints that turn: the second joint's value is negative, so that the elbow of an arm that reaches along x is at positive y. Of those with one
-    /// that slides: the longer slide.
+    /// For three revolute joints: the second joint's value is negative. The elbow of an arm
+    /// that reaches along x is then at positive y. For arms with one prismatic joint: the
+    /// longer slide.
     Up,
-    /// The other one. Where there is one solution only, it is both.
+    /// The other solution. If there is only one, both choices return it.
     Down,
 }
 
-/// Why no joint values take the probe to a pose, and by how much they miss it.
+/// Reasons why no joint values reach a pose, with the amount missing.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Unreachable {
-    /// Beyond the arm's reach.
+    /// The pose is beyond the arm's reach.
     #[error("the pose is beyond the arm's reach by {by_mm:.3} mm; move its base nearer, or use longer links")]
     TooFar {
-        /// How much longer the arm would have to be.
+        /// Missing length of the arm, mm.
         by_mm: f64,
     },
-    /// Nearer to the base than the arm can be folded.
+    /// The pose is nearer to the base than the arm can fold.
     #[error(
         "the pose is nearer to the arm's base than it can be folded, by {by_mm:.3} mm; move its base away, or use links of like lengths"
     )]
     TooNear {
-        /// How much farther the pose would have to be.
+        /// Missing distance of the pose from the base, mm.
         by_mm: f64,
     },
-    /// The joint's angle does not matter there.
+    /// The joint's angle is undetermined there.
     #[error("joint {joint} of 3 may have any angle there, as what it turns lies on its axis; take a pose beside it")]
     Undetermined {
-        /// Which, from 1.
+        /// Number of the joint, from 1.
         joint: usize,
     },
-    /// Two slides along one line.
+    /// Two joints slide along one line.
     #[error(
         "joints {} and {} of 3 slide along lines that are parallel to {degrees:.4}°, and can do only one slide's work; turn one of them",
         joints[0], joints[1]
     )]
     Parallel {
-        /// Which, from 1.
+        /// Numbers of the joints, from 1.
         joints: [usize; 2],
-        /// The angle between them.
+        /// The angle between the slides, degrees.
         degrees: f64,
     },
-    /// Three slides.
+    /// All three joints slide.
     #[error("no joint of the arm turns: its heading is {degrees:.3}° from the wanted one whatever its joints do")]
     Untwisted {
-        /// From its heading to the wanted one.
+        /// Angle from the arm's heading to the wanted one, degrees.
         degrees: f64,
     },
 }
 
-/// A joint as the inverse sees it: slides by their direction, rad.
+/// A joint's type for the inverse; slides with their direction, rad.
 #[derive(Clone, Copy)]
 enum Step {
     Turn,
@@ -83,17 +86,18 @@ impl Step {
     }
 }
 
-/// What rounding alone leaves between an arm at full stretch and its pose, mm.
+/// Error that rounding alone leaves between an arm at full stretch and its pose, mm.
 const ROUNDING_MM: f64 = 1e-9;
-/// Sine of the least angle between two slides: at less, values are lost to rounding.
+/// Sine of the smallest angle between two slides; below it, rounding spoils the values.
 const LEAST_SINE: f64 = 1e-4;
 
-/// The angle of a vector that has one.
+/// Returns the angle of a vector, if it has one.
 fn angle(v: DVec2, joint: usize) -> Result<f64, Unreachable> {
     if v.length() > ROUNDING_MM { Ok(v.to_angle()) } else { Err(Unreachable::Undetermined { joint }) }
 }
 
-/// Where a vector of length `first` ends from which one of length `second` reaches the target.
+/// Returns the end of a vector of length `first` from which one of length `second` reaches the
+/// target.
 fn circles_meet(target: DVec2, [first, second]: [f64; 2], elbow: Elbow) -> Result<DVec2, Unreachable> {
     let distance = target.length();
     let beyond = distance - (first + second);
@@ -113,7 +117,9 @@ fn circles_meet(target: DVec2, [first, second]: [f64; 2], elbow: Elbow) -> Resul
     Ok(far * along + along.perp() * if elbow == Elbow::Up { aside } else { -aside })
 }
 
-/// How far along a unit vector a point is that is `radius` from the target; two, unless the line just touches the circle. By how much the circle misses the line.
+/// Returns the distance along a unit vector to a point `radius` from the target. There are two
+/// such points unless the line just touches the circle. The error is the distance by which the
+/// circle misses the line.
 fn circle_meets_line(target: DVec2, along: DVec2, radius: f64, elbow: Elbow) -> Result<f64, f64> {
     let aside = along.perp_dot(target);
     let missing = aside.abs() - radius.abs();
@@ -124,7 +130,7 @@ fn circle_meets_line(target: DVec2, along: DVec2, radius: f64, elbow: Elbow) -> 
     Ok(along.dot(target) + if elbow == Elbow::Up { half } else { -half })
 }
 
-/// How far along two unit vectors their sum is the target.
+/// Returns the distances along two unit vectors whose sum is the target.
 fn lines_meet(target: DVec2, [a, b]: [DVec2; 2], joints: [usize; 2]) -> Result<[f64; 2], Unreachable> {
     let sine = a.perp_dot(b);
     if sine.abs() < LEAST_SINE {
@@ -134,17 +140,17 @@ fn lines_meet(target: DVec2, [a, b]: [DVec2; 2], joints: [usize; 2]) -> Result<[
 }
 
 impl Arm {
-    /// Joint values at which the last link is at a pose. Turns are between −π and π.
+    /// Returns joint values at which the last link has this pose. Turns are between −π and π.
     ///
     /// # Errors
-    /// [`Unreachable`] where there are none, or any number.
+    /// [`Unreachable`] if no joint values, or infinitely many, reach the pose.
     pub fn inverse(&self, pose: &PlanarPose, elbow: Elbow) -> Result<Values, Unreachable> {
         use Step::{Slide, Turn};
         let lengths = self.joints().each_ref().map(|joint| joint.length_mm);
         let far = |missing| Unreachable::TooFar { by_mm: missing };
         let heading = pose.heading_rad;
         let third = DVec2::from_angle(heading);
-        // Where the last link begins, if it does not slide.
+        // Start of the last link, if it does not slide.
         let wrist = pose.position_mm - lengths[2] * third;
         let kinds = self.joints().each_ref().map(|joint| Step::of(joint.kind));
         let values = match kinds {
@@ -161,7 +167,7 @@ impl Arm {
                 [slide - lengths[0], second - first, heading - second]
             }
             [Turn, Slide(bend), Turn] => {
-                // As the first link sees it, which lies along x.
+                // In the frame of the first link, which lies along x.
                 let base = DVec2::new(-lengths[0], 0.0);
                 let along = DVec2::from_angle(bend);
                 let near = |missing| Unreachable::TooNear { by_mm: missing };
@@ -201,11 +207,12 @@ impl Arm {
         Ok(self.turned(values, &[0.0; JOINTS]))
     }
 
-    /// Of both solutions the one whose counts are nearer to those of other values, by the joint that differs most; turns are within half a turn of theirs. So the values
-    /// of a moving arm go on without a jump.
+    /// Returns the solution whose counts are nearer to those of `near`, judged by the joint
+    /// that differs most. Turns are within half a turn of those in `near`, so the values of a
+    /// moving arm do not jump.
     ///
     /// # Errors
-    /// As [`Self::inverse`].
+    /// The same as for [`Self::inverse`].
     pub fn inverse_near(&self, pose: &PlanarPose, near: &Values) -> Result<Values, Unreachable> {
         let [up, down] = [Elbow::Up, Elbow::Down].map(|elbow| self.inverse(pose, elbow).map(|v| self.turned(v, near)));
         let (up, down) = (up?, down?);
@@ -215,7 +222,7 @@ impl Arm {
         Ok(if off(&down) < off(&up) { down } else { up })
     }
 
-    /// Turns brought within half a turn of others.
+    /// Brings turns within half a turn of others.
     fn turned(&self, values: Values, near: &Values) -> Values {
         std::array::from_fn(|i| match self.joints()[i].kind {
             Kind::Revolute => turned_near(values[i], near[i]),

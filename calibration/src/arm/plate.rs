@@ -1,22 +1,23 @@
-//! A plate with divots whose places are known, by its file.
+//! File format of a plate with divots at known places.
 //!
 //! ```toml
 //! format = "sonoweave-plate"
 //! version = 1
-//! divots_mm = [[0.0, 0.0], [60.0, 0.0], [120.0, 0.0], [0.0, 60.0]]   # where they are on the plate, in the plane that the arm moves in
+//! # places on the plate, in the plane that the arm moves in
+//! divots_mm = [[0.0, 0.0], [60.0, 0.0], [120.0, 0.0], [0.0, 60.0]]
 //! ```
 
 use std::path::Path;
 
 use glam::DVec2;
 
-use crate::keys::{FileError, Source, Table};
+use sonoweave_core::keys::{FileError, Source, Table};
 
 /// The value of `format`.
 pub const FORMAT: &str = "sonoweave-plate";
-/// The version that is read.
+/// The supported version.
 const VERSION: u32 = 1;
-/// Larger files are refused unread, bytes.
+/// Size limit in bytes; larger files are refused unread.
 const MAX_BYTES: u64 = 1 << 20;
 
 /// Reads the places of a plate's divots, mm.
@@ -24,13 +25,13 @@ const MAX_BYTES: u64 = 1 << 20;
 /// # Errors
 /// [`FileError`]: unreadable, not TOML, or a key that is unknown, missing or out of range.
 pub fn read(path: &Path) -> Result<Vec<DVec2>, FileError> {
-    parse(path, &crate::file::read_text(path, MAX_BYTES)?)
+    parse(path, &sonoweave_core::keys::read_text(path, MAX_BYTES)?)
 }
 
-/// Reads a file's text; `path` is for sentences only.
+/// Parses a file's text; `path` is for error messages only.
 ///
 /// # Errors
-/// As of [`read`].
+/// The same as for [`read`], except for I/O.
 pub fn parse(path: &Path, text: &str) -> Result<Vec<DVec2>, FileError> {
     let source = Source { path, text };
     let parsed = source.parse()?;
@@ -63,7 +64,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn places_are_read_and_what_is_no_plate_is_refused_by_line() {
+    fn places_are_read_and_bad_files_are_refused_by_line() {
         let of = |text: &str| parse(Path::new("plate.toml"), text).map_err(|e| e.to_string());
         let head = "format = \"sonoweave-plate\"\nversion = 1\n";
         let divots = of(&format!("{head}divots_mm = [[0, 0], [60.0, 0.5]]\n")).unwrap();

@@ -1,4 +1,4 @@
-//! How well a fitted arm knows its tip over all that it reaches.
+//! Accuracy of a fitted arm's tip over all that it reaches.
 
 use serde::Serialize;
 
@@ -6,15 +6,15 @@ use super::fit::Fitted;
 use super::{JOINTS, Values};
 use crate::statistics::Spread;
 
-/// Values of each joint, from its least to its greatest among the touches.
+/// Number of values per joint, from its least to its greatest among the touches.
 const STEPS: usize = 9;
-/// Rings about the base.
+/// Number of rings about the base.
 const RINGS: usize = 4;
 
-/// Distances from the base, and what the tip may be off there.
+/// Tip accuracy within a range of distances from the base.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Ring {
-    /// From where to where, mm.
+    /// Inner and outer radius, mm.
     pub mm: [f64; 2],
     /// Root mean square of the tip's standard deviation (root of the sum over axes), mm.
     pub rms_mm: f64,
@@ -22,21 +22,22 @@ pub struct Ring {
     pub most_mm: f64,
 }
 
-/// What the tip may be off over all poses between those that were touched in.
+/// Tip accuracy over all poses within the joints' ranges of the touches.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Reach {
-    /// Root mean square of the tip's standard deviation by what is not known of the parameters, mm.
+    /// Root mean square of the tip's standard deviation due to the fitted parameters, mm.
     pub rms_mm: f64,
     /// The largest, mm.
     pub most_mm: f64,
-    /// What encoders that show the nearest count put to it, mm: the root mean square where that is largest.
+    /// Additional error from rounding to whole counts, mm: the largest root mean square over
+    /// the poses.
     pub rounding_mm: f64,
-    /// By the distance from the base, those that are reached.
+    /// By distance from the base; empty rings are left out.
     pub rings: Vec<Ring>,
 }
 
 impl Reach {
-    /// Of an arm, over the values that its joints had.
+    /// Evaluates a fitted arm over the values that its joints had.
     pub fn of(fitted: &Fitted) -> Self {
         let mut tips: Vec<(f64, f64)> = Vec::with_capacity(STEPS.pow(3));
         let mut rounding_mm = 0.0_f64;

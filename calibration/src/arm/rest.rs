@@ -1,23 +1,25 @@
-//! The moments at which an arm's joints rest: touches, where the tip was held to something.
+//! Detects the moments at which an arm's joints rest. These are touches, with the tip held to
+//! something.
 
 use glam::DVec3;
 
 use super::{Arm, JOINTS, Kind};
 use crate::rest;
 
-/// Joints that rest.
+/// An interval in which the joints rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rest {
-    /// Mean counts, base first; those of readings that jump away and back have no part.
+    /// Mean counts, base first, without readings that jump away and back.
     pub counts: [f64; JOINTS],
-    /// When it began and ended, s.
+    /// Start and end, s.
     pub time_s: [f64; 2],
-    /// How the joints strayed about it (standard deviation), as far as each moves the tip, mm.
+    /// Standard deviation of the joints about the mean, scaled to the tip's motion, mm.
     pub spread_mm: f64,
 }
 
-/// The rests among readings (time in s, counts, in the order of time): stretches of at least `least_s` in which the joints move the tip by no more than `still_mm` from their mean,
-/// and by a count of each.
+/// Finds the rests among readings (time in s, counts, in the order of time). A rest lasts at
+/// least `least_s`. In it the joints move the tip by at most `still_mm` from their mean, plus
+/// one count each.
 pub fn find(arm: &Arm, readings: &[(f64, [f64; JOINTS])], still_mm: f64, least_s: f64) -> Vec<Rest> {
     let scales = mm_per_count(arm);
     let place = |counts: &[f64; JOINTS]| DVec3::from_array(*counts) * scales;
@@ -33,7 +35,7 @@ pub fn find(arm: &Arm, readings: &[(f64, [f64; JOINTS])], still_mm: f64, least_s
     rests.iter().map(of).collect()
 }
 
-/// How far a count of each joint moves the tip at most, mm.
+/// Returns the largest motion of the tip per count of each joint, mm.
 fn mm_per_count(arm: &Arm) -> DVec3 {
     let mut reach_mm = 0.0;
     let mut scales = [0.0; JOINTS];
@@ -50,7 +52,8 @@ mod tests {
     use super::*;
     use crate::arm::Joint;
 
-    /// 100 readings a second: it is moved to each place within half a second, and rests there for so many seconds.
+    /// Simulates 100 readings a second: the arm moves to each place within half a second and
+    /// rests there for the given seconds.
     fn readings(places: &[([f64; JOINTS], f64)]) -> Vec<(f64, [f64; JOINTS])> {
         let mut all: Vec<(f64, [f64; JOINTS])> = Vec::new();
         let mut from = [0.0; JOINTS];
@@ -63,7 +66,7 @@ mod tests {
                 ));
             }
             for reading in 0..(rest_s * 100.0) as usize {
-                // The last encoder stands at an edge.
+                // The last encoder is at the edge between two counts.
                 let shown = [to[0], to[1], to[2] + (reading % 2) as f64];
                 all.push((all.len() as f64 * 0.01, shown));
             }
@@ -73,7 +76,7 @@ mod tests {
     }
 
     #[test]
-    fn joints_that_rest_are_found_with_their_counts_and_jumps_are_not_heeded() {
+    fn rests_are_found_and_jumps_are_ignored() {
         let arm = Arm::new([Joint::revolute(250.0, 4e4), Joint::revolute(220.0, 4e4), Joint::revolute(60.0, 1000.0)])
             .unwrap();
         let places = [[4000.0, -9000.0, 100.0], [9000.0, 3000.0, -40.0], [9000.0, 3000.0, 250.0]];

@@ -3,15 +3,16 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use glam::{DMat3, DVec3};
 use proptest::prelude::*;
 
+use sonoweave_core::frames::Image;
+
 use super::*;
-use crate::frames::Image;
 
 fn three_turns() -> Arm {
     Arm::new([Joint::revolute(250.0, 40_000.0), Joint::revolute(220.0, 20_000.0), Joint::revolute(60.0, 8192.0)])
         .unwrap()
 }
 
-/// Links as a workshop makes them, of any kinds of joint.
+/// Generates joints of any kind with realistic dimensions.
 fn joint() -> impl Strategy<Value = Joint> {
     let parts = (any::<bool>(), -180.0..180.0_f64, 20.0..300.0_f64, -1e5..1e5_f64, 10.0..1e5_f64, any::<bool>());
     parts.prop_map(|(turns, direction, length, zero_counts, counts, with)| {
@@ -21,7 +22,7 @@ fn joint() -> impl Strategy<Value = Joint> {
     })
 }
 
-/// Arms with values of their joints.
+/// Generates arms with joint values.
 fn arm() -> impl Strategy<Value = (Arm, Values)> {
     let values = [(-3.0..3.0_f64, -150.0..250.0_f64), (-3.0..3.0, -150.0..250.0), (-3.0..3.0, -150.0..250.0)];
     ([joint(), joint(), joint()], values).prop_map(|(joints, values)| {
@@ -30,13 +31,13 @@ fn arm() -> impl Strategy<Value = (Arm, Values)> {
     })
 }
 
-/// Between two poses: mm, and rad within half a turn.
+/// Returns the distance of two poses: mm, and rad within half a turn.
 fn between(a: &PlanarPose, b: &PlanarPose) -> (f64, f64) {
     let turn = pose::turned_near(a.heading_rad - b.heading_rad, 0.0);
     ((a.position_mm - b.position_mm).length(), turn.abs())
 }
 
-/// The chain as the documentation has it: matrices multiplied, one a step.
+/// Computes the chain as documented: matrices multiplied, one per step.
 fn product(arm: &Arm, values: &Values) -> glam::DAffine3 {
     let mut pose = glam::DAffine3::IDENTITY;
     for (joint, value) in arm.joints().iter().zip(values) {
@@ -50,7 +51,7 @@ fn product(arm: &Arm, values: &Values) -> glam::DAffine3 {
 }
 
 #[test]
-fn counts_lead_to_the_pose_that_a_ruler_and_a_protractor_find() {
+fn pose_matches_hand_computed_values() {
     let straight = three_turns();
     let pose = straight.pose(&straight.values(&[0, 0, 0]));
     assert_eq!((pose.position_mm, pose.heading_rad), (DVec2::new(530.0, 0.0), 0.0));
@@ -63,12 +64,12 @@ fn counts_lead_to_the_pose_that_a_ruler_and_a_protractor_find() {
     (joints[0].zero_counts, joints[0].sign) = (10_000.0, Sign::Minus);
     let other = Arm::new(joints).unwrap();
     assert_eq!(other.values(&[0, 0, 0])[0], FRAC_PI_2);
-    // A table that slides along x and y and turns on top: with the slides' own lengths.
+    // A table that slides along x and y and turns on top, with the slides' own lengths.
     let stage = [Joint::prismatic(0.0, 5.0, 100.0), Joint::prismatic(90.0, 7.0, 100.0), Joint::revolute(10.0, 360.0)];
     let stage = Arm::new(stage).unwrap();
     let pose = stage.pose(&stage.values(&[1500, 2000, -90]));
     assert!((pose.position_mm - DVec2::new(20.0 + 10.0, 27.0)).length() < 1e-12 && pose.heading_rad.abs() < 1e-12);
-    // The third column of an image whose u lies along z is in the plane, whatever the joints do.
+    // If u lies along z, the image's third column lies in the plane, whatever the joints do.
     let probe_from_image = Transform::<Probe, Image>::from_affine(glam::DAffine3::from_mat3(DMat3::from_cols(
         DVec3::Z * 0.2,
         DVec3::X * 0.2,
@@ -80,7 +81,7 @@ fn counts_lead_to_the_pose_that_a_ruler_and_a_protractor_find() {
 }
 
 #[test]
-fn an_arm_zeroed_in_its_home_position_counts_from_there() {
+fn zeroed_arm_counts_from_home() {
     let home = [0.3, -1.1, 0.2];
     let arm = three_turns().zeroed_at(&home);
     let there = arm.pose(&home);
@@ -89,7 +90,7 @@ fn an_arm_zeroed_in_its_home_position_counts_from_there() {
 }
 
 #[test]
-fn numbers_that_make_no_arm_are_refused_by_joint() {
+fn bad_numbers_are_refused_by_joint() {
     let good = *three_turns().joints();
     let refusal = |change: fn(&mut Joint)| {
         let mut joints = good;
@@ -105,7 +106,7 @@ fn numbers_that_make_no_arm_are_refused_by_joint() {
 }
 
 #[test]
-fn what_cannot_be_reached_says_by_how_much() {
+fn unreachable_pose_reports_distance() {
     let arm = three_turns();
     let at = |x: f64, y: f64| PlanarPose { position_mm: DVec2::new(x, y), heading_rad: 0.0 };
     let refusal = |arm: &Arm, x: f64, y: f64| arm.inverse(&at(x, y), Elbow::Up).unwrap_err();
@@ -113,7 +114,7 @@ fn what_cannot_be_reached_says_by_how_much() {
     let Unreachable::TooNear { by_mm } = refusal(&arm, 60.0, 12.0) else { panic!() };
     assert!((by_mm - 18.0).abs() < 1e-12);
     assert!(refusal(&arm, 537.0, 0.0).to_string().contains("by 7.000 mm"));
-    // At full stretch it is reached, by one way.
+    // At full stretch there is one solution.
     let both = [Elbow::Up, Elbow::Down].map(|elbow| arm.inverse(&at(530.0, 0.0), elbow).unwrap());
     assert_eq!(both[0], both[1]);
     let even =
@@ -146,7 +147,7 @@ fn what_cannot_be_reached_says_by_how_much() {
 }
 
 #[test]
-fn a_pose_beside_the_plane_is_refused_and_one_in_it_is_taken() {
+fn pose_out_of_plane_is_refused() {
     let pose = PlanarPose { position_mm: DVec2::new(30.0, -40.0), heading_rad: 2.5 };
     let there = pose.tracker_from_probe();
     assert!(between(&PlanarPose::nearest(&there, 0.0, 1e-9).unwrap(), &pose) < (1e-12, 1e-12));
@@ -166,11 +167,11 @@ fn a_pose_beside_the_plane_is_refused_and_one_in_it_is_taken() {
 }
 
 #[test]
-fn the_condition_tells_a_stretched_arm_from_a_bent_one() {
+fn condition_separates_stretched_from_bent() {
     let arm = three_turns();
     let [bent, nearly, stretched] = [1.6, 0.01, 0.0].map(|second| arm.condition(&[0.4, second, -0.3], 100.0));
     assert!((1.0..20.0).contains(&bent) && nearly > 50.0 * bent && stretched == f64::INFINITY, "{bent} {nearly}");
-    // Three counts that move it by as much, in directions of their own: none is better.
+    // Three counts that move the pose by equal amounts in orthogonal directions: the optimum.
     let even = [
         Joint::prismatic(0.0, 0.0, 100.0),
         Joint::prismatic(90.0, 0.0, 100.0),
@@ -181,7 +182,7 @@ fn the_condition_tells_a_stretched_arm_from_a_bent_one() {
 }
 
 #[test]
-fn rounded_counts_are_off_by_as_much_as_is_said() {
+fn rounding_error_matches_displacement() {
     let arm = three_turns();
     let mut random = 1_u64;
     let mut draw = || {
@@ -204,7 +205,7 @@ fn rounded_counts_are_off_by_as_much_as_is_said() {
 }
 
 #[test]
-fn covariance_is_that_of_the_joints_carried_to_the_pose() {
+fn covariance_is_propagated_joint_covariance() {
     let (arm, values) = (three_turns(), [0.3, 1.0, -0.4]);
     let covariance = arm.covariance(&values, &[0.5, 1.0, 2.0]);
     let jacobian = arm.jacobian(&values);
@@ -214,19 +215,19 @@ fn covariance_is_that_of_the_joints_carried_to_the_pose() {
     assert!(off < 1e-15 && covariance.determinant() > 0.0, "{off}");
 }
 
-/// Values within which a joint's parameter is changed for a difference, and how.
+/// A change of a joint's parameter, and its step size for differences.
 type Change = (fn(&mut Joint, f64), f64);
 
 proptest! {
     #[test]
-    fn the_pose_is_the_product_of_its_steps((arm, values) in arm()) {
+    fn pose_is_product_of_steps((arm, values) in arm()) {
         let (found, plain) = (arm.pose(&values).tracker_from_probe().affine(), product(&arm, &values));
         prop_assert!((found.translation - plain.translation).length() < 1e-10);
         prop_assert!((found.matrix3 - plain.matrix3).to_cols_array().iter().all(|x| x.abs() < 1e-13));
     }
 
     #[test]
-    fn the_inverse_leads_back_to_the_pose((arm, values) in arm()) {
+    fn inverse_leads_back_to_pose((arm, values) in arm()) {
         let pose = arm.pose(&values);
         for elbow in [Elbow::Up, Elbow::Down] {
             match arm.inverse(&pose, elbow) {
@@ -235,7 +236,7 @@ proptest! {
                     prop_assert!(mm < 1e-9 && rad < 1e-12, "{} mm, {} rad", mm, rad);
                 }
                 Err(Unreachable::Untwisted { degrees }) => prop_assert!(degrees.abs() < 1e-9),
-                // A pose of the arm's own is refused at its singular places only.
+                // A pose of the arm's own is refused at singular places only.
                 Err(why) => prop_assert!(
                     matches!(why, Unreachable::Parallel { .. } | Unreachable::Undetermined { .. })
                         && arm.condition(&values, 100.0) > 1e3,
@@ -246,12 +247,12 @@ proptest! {
     }
 
     #[test]
-    fn the_inverse_near_values_is_those_values((arm, values) in arm(), turns in -3..4_i32) {
+    fn inverse_near_returns_same_values((arm, values) in arm(), turns in -3..4_i32) {
         let values: Values = std::array::from_fn(|i| match arm.joints()[i].kind {
             Kind::Revolute => values[i] + f64::from(turns) * TAU,
             Kind::Prismatic { .. } => values[i],
         });
-        // Where the arm is about to lose a direction, both solutions are one.
+        // Both solutions coincide near a singularity.
         prop_assume!(arm.condition(&values, 100.0) < 1e4);
         let near = arm.values(&arm.counts(&values).map(|count| count.round() as i64));
         let back = arm.inverse_near(&arm.pose(&values), &near).unwrap();
@@ -261,9 +262,10 @@ proptest! {
     }
 
     #[test]
-    fn whether_a_pose_is_reached_is_decided_by_the_distance((arm, values) in arm(), off in 1e-6..500.0_f64) {
+    fn distant_pose_is_too_far_or_reached((arm, values) in arm(), off in 1e-6..500.0_f64) {
         let pose = arm.pose(&values);
-        // Away from the base along the last link's own line, by more than any length of the arm.
+        // Moves away from the base along the last link's line, by more than any length of the
+        // arm.
         let far = PlanarPose { position_mm: pose.position_mm + (2000.0 + off) * DVec2::from_angle(pose.heading_rad + 1.0), ..pose };
         match arm.inverse(&far, Elbow::Up) {
             Ok(back) => prop_assert!(between(&arm.pose(&back), &far).0 < 1e-7),
@@ -273,7 +275,7 @@ proptest! {
     }
 
     #[test]
-    fn derivatives_are_those_of_differences((arm, values) in arm()) {
+    fn derivatives_match_differences((arm, values) in arm()) {
         let derivatives = arm.derivatives(&values);
         let counts = arm.counts(&values);
         let pose = |arm: &Arm, values: &Values| {
@@ -301,7 +303,7 @@ proptest! {
                 ((|joint, off| if let Kind::Prismatic { direction_deg } = &mut joint.kind { *direction_deg += off }, 1e-5), by.direction),
             ];
             for (n, ((change, step), told)) in changes.into_iter().enumerate() {
-                // The counts stay: it is what they mean that changes.
+                // The counts stay fixed; the values they stand for change.
                 let changed = |off: f64| {
                     let mut joints = *arm.joints();
                     change(&mut joints[i], off);
@@ -310,7 +312,7 @@ proptest! {
                 };
                 let (plus, minus) = (changed(step), changed(-step));
                 let found = (plus - minus) / (2.0 * step);
-                // What is left of numbers of 1000 mm after a difference of so small a step.
+                // Rounding of numbers near 1000 mm, after a difference with so small a step.
                 let rounding = 1e-12 / step;
                 prop_assert!(
                     (told - found).length() <= 1e-5 * (1e-3 + told.length()) + rounding,
@@ -321,7 +323,7 @@ proptest! {
     }
 
     #[test]
-    fn no_counts_within_the_bound_displace_a_point_farther(
+    fn displacement_bounds_any_count_error(
         (arm, values) in arm(), off in [-1.0..1.0_f64, -1.0..1.0_f64, -1.0..1.0_f64], point in [-200.0..200.0_f64, -200.0..200.0_f64], counts in 0.1..50.0_f64,
     ) {
         let point = DVec2::from_array(point);

@@ -2,13 +2,14 @@
 
 use std::fmt::Write as _;
 
+use sonoweave_core::keys::{Entry, FileError};
+
 use crate::arm::{Arm, JOINTS, Joint, Kind, Sign};
-use crate::keys::{Entry, FileError};
 
 /// Keys that every joint has.
 const COMMON: [&str; 4] = ["type", "length_mm", "zero_counts", "sign"];
 
-/// Reads the arm's table: the joints, and what their fit left, if the file says it.
+/// Reads the arm's table: the joints, and the residual of their fit, if given.
 pub(super) fn read(entry: &Entry<'_>) -> Result<(Arm, Option<f64>), FileError> {
     let table = entry.table(&["fit_rms_mm", "joint"])?;
     let fit_rms_mm = match table.get("fit_rms_mm").map(|entry| entry.number().map(|mm| (mm, entry))).transpose()? {
@@ -64,7 +65,7 @@ fn joint(entry: &Entry<'_>) -> Result<Joint, FileError> {
     })
 }
 
-/// The arm's tables.
+/// Writes the arm's tables.
 pub(super) fn write(arm: &Arm, fit_rms_mm: Option<f64>, text: &mut String) {
     if let Some(mm) = fit_rms_mm {
         // Writing to a String cannot fail.

@@ -1,11 +1,12 @@
-//! Where metal bends a tracker's field, in a calibration file: a table, and one for each zone.
+//! Field distortion zones in a calibration file: one table, and one more for each zone.
 
 use std::fmt::Write as _;
 
 use glam::DVec3;
 
-use super::date::Date;
-use crate::keys::{Entry, FileError};
+use sonoweave_core::date::Date;
+use sonoweave_core::keys::{Entry, FileError};
+
 use crate::tracker::zones::{Zone, Zones};
 
 /// Reads the table.
@@ -41,7 +42,7 @@ pub(super) fn read(entry: &Entry<'_>) -> Result<Zones, FileError> {
     Ok(Zones::new(cell_mm, limit_mm, measured, zones))
 }
 
-/// The table.
+/// Writes the table.
 pub(super) fn write(zones: &Zones, text: &mut String) {
     let (cell_mm, limit_mm) = (zones.cell_mm(), zones.limit_mm());
     // Writing to a String cannot fail.

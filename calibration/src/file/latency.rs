@@ -4,20 +4,22 @@ use std::fmt::Write as _;
 
 use serde::Serialize;
 
-use crate::keys::{Entry, FileError};
+use sonoweave_core::keys::{Entry, FileError};
 
-/// What the devices' times lie behind their measurements, beyond what their drivers know; ms.
+/// Delays of the devices' times after their measurements, beyond those that the drivers know;
+/// ms.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Latency {
-    /// Of the pictures.
+    /// Latency of the video frames.
     pub video_ms: f64,
-    /// Of the poses. What it is more than the pictures' is the lag, which alone matters to where a slice lies.
+    /// Latency of the poses. Its excess over `video_ms` is the lag, which alone affects the
+    /// slices' positions.
     pub tracker_ms: f64,
-    /// Standard error of the lag, where it is known.
+    /// Standard error of the lag, if known.
     pub lag_se_ms: Option<f64>,
 }
 
-/// What a bedside's file may say, too.
+/// Limit of a latency, ms; a session configuration has the same limit.
 const MOST_MS: f64 = 1000.0;
 
 /// Reads the table.
@@ -42,7 +44,7 @@ pub(super) fn read(entry: &Entry<'_>) -> Result<Latency, FileError> {
     Ok(Latency { video_ms, tracker_ms, lag_se_ms })
 }
 
-/// The table.
+/// Writes the table.
 pub(super) fn write(latency: &Latency, text: &mut String) {
     let Latency { video_ms, tracker_ms, lag_se_ms } = latency;
     // Writing to a String cannot fail.

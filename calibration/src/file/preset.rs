@@ -1,22 +1,25 @@
-//! Presets: a probe's calibration at one depth of one scanner, when and from what it was made, how good it is, and what it fits.
+//! Presets: a probe's calibration at one depth of one scanner, with its date, inputs, quality
+//! and conditions of use.
 //!
 //! ```toml
 //! [[preset]]
 //! name = "L14-5, 40 mm"
-//! made = "2026-11-22"                       # all but name and image_to_probe may be left out
-//! picture_px = [820, 616]                   # of the pictures that it is of
-//! ruler = { px = 512.0, mm = 40.0 }         # so many pixels of the ruler beside the picture are so many mm
+//! made = "2026-11-22"                       # optional, as all but name and image_to_probe
+//! picture_px = [820, 616]                   # size of the images
+//! ruler = { px = 512.0, mm = 40.0 }         # pixels and mm between two marks of the depth
+//! ruler
 //! image_to_probe = [ 16 numbers ]
 //! clip_px = { x = 192, y = 16, width = 420, height = 580 }
 //!
 //! [preset.quality]
 //! frames = 188
-//! error_mm = [0.41, 0.22]                   # mean and standard deviation of the distances of the phantom's marks
+//! error_mm = [0.41, 0.22]                   # distances of the marks: mean, standard deviation
 //! validation_error_mm = [0.46, 0.25]        # the same of frames that were held out
-//! centre_mm = 0.05                          # standard deviation of a point's place, at the picture's centre
+//! centre_mm = 0.05                          # standard deviation of a point at the image
+//! centre
 //! corner_mm = 0.11                          # and at its worst corner
 //!
-//! [preset.covariance]                       # of what was fitted
+//! [preset.covariance]                       # of the fitted parameters
 //! parameters = ["turn about x (rad)", …]
 //! rows = [[…], …]
 //!
@@ -27,61 +30,62 @@
 
 use std::fmt::Write as _;
 
-use super::date::Date;
-use super::{clip, fan, line, matrix_text};
-use crate::frames::{Image, Probe, Transform};
-use crate::keys::{Entry, FileError, Table};
-use crate::region::{ClipRect, Fan};
+use sonoweave_core::date::Date;
+use sonoweave_core::frames::{Image, Probe, Transform};
+use sonoweave_core::keys::{Entry, FileError, Table};
+use sonoweave_core::region::{ClipRect, Fan};
 
-/// Rulers that differ by less are one: reading two marks to a pixel each is worse.
+use super::{clip, fan, line, matrix_text};
+
+/// Relative tolerance of ruler scales; reading two marks to a pixel each is less exact.
 const SAME_RULER: f64 = 0.01;
 
 /// A probe's calibration at one depth.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Preset {
-    /// What it is chosen by.
+    /// The name it is chosen by.
     pub name: String,
-    /// Pixels to mm at the probe's sensor.
+    /// Transform from pixels to mm at the probe's sensor.
     pub probe_from_image: Transform<Probe, Image>,
-    /// When it was made.
+    /// The day it was made.
     pub made: Option<Date>,
-    /// Width and height of the pictures that it is of.
+    /// Width and height of its images, pixels.
     pub picture_px: Option<[u32; 2]>,
-    /// The ruler beside these pictures.
+    /// The ruler beside these images.
     pub ruler: Option<Ruler>,
-    /// What of the picture is data, where it is not what the file says for all.
+    /// Clip rectangle, if it differs from the file's.
     pub clip: Option<ClipRect>,
-    /// The same of a sector.
+    /// Fan, if it differs from the file's.
     pub fan: Option<Fan>,
-    /// How good it is.
+    /// Its quality.
     pub quality: Option<Quality>,
-    /// Of what was fitted.
+    /// Covariance of the fitted parameters.
     pub covariance: Option<Covariance>,
-    /// The files that it was made from.
+    /// The files it was made from.
     pub inputs: Vec<Input>,
 }
 
-/// How good a calibration is.
+/// Quality of a calibration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Quality {
-    /// Frames that it is of.
+    /// Number of frames used.
     pub frames: u32,
-    /// Mean and standard deviation of the distances of marks from where they should be, mm.
+    /// Mean and standard deviation of the marks' distances from their expected places, mm.
     pub error_mm: [f64; 2],
-    /// The same of frames that had no part in it.
+    /// The same for frames that the fit did not use.
     pub validation_error_mm: Option<[f64; 2]>,
-    /// Standard deviation of a point's place at the picture's centre, mm.
+    /// Standard deviation of a point's place at the image centre, mm.
     pub centre_mm: f64,
     /// The same at the worst corner.
     pub corner_mm: f64,
 }
 
-/// Covariance of the numbers that were fitted.
+/// Covariance of the fitted numbers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Covariance {
     /// Their names and units.
     pub parameters: Vec<String>,
-    /// A row a parameter.
+    /// One row per parameter.
     pub rows: Vec<Vec<f64>>,
 }
 
@@ -94,22 +98,22 @@ pub struct Input {
     pub sha256: String,
 }
 
-/// A length along the ruler that scanners show beside their picture.
+/// A length along the ruler that scanners show beside their image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ruler {
     /// Pixels between two of its marks.
     pub px: f64,
-    /// What these say.
+    /// Distance of these marks by their labels, mm.
     pub mm: f64,
 }
 
 impl Ruler {
-    /// `None` where a length is not above 0.
+    /// Returns a ruler; `None` if a length is not above 0.
     pub fn new(px: f64, mm: f64) -> Option<Self> {
         (px > 0.0 && mm > 0.0 && px.is_finite() && mm.is_finite()).then_some(Self { px, mm })
     }
 
-    /// Millimetres of a pixel.
+    /// Returns the size of a pixel, mm.
     pub fn pixel_mm(&self) -> f64 {
         self.mm / self.px
     }
@@ -117,7 +121,7 @@ impl Ruler {
     /// Reads `{ px = …, mm = … }`.
     ///
     /// # Errors
-    /// [`FileError::Key`].
+    /// [`FileError::Key`] if a key is missing or invalid.
     pub fn read(entry: &Entry<'_>) -> Result<Self, FileError> {
         let table = entry.table(&["px", "mm"])?;
         let [px, mm] = [table.need("px")?.number()?, table.need("mm")?.number()?];
@@ -125,41 +129,41 @@ impl Ruler {
     }
 }
 
-/// Why a preset does not fit what a scanner shows.
+/// Reasons why a preset does not fit the scanner's settings.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Misfit {
-    /// Pictures of another size.
+    /// The images have another size.
     #[error(
         "the preset \"{name}\" is of pictures of {}×{} pixels, and these have {}×{}: choose another preset, or set the scanner and the grabber as they were when it was made",
         expected[0], expected[1], found[0], found[1]
     )]
     Size {
-        /// Of the preset.
+        /// Name of the preset.
         name: String,
-        /// Of its pictures.
+        /// Image size of the preset, pixels.
         expected: [u32; 2],
-        /// Of those that come.
+        /// Size of the incoming frames, pixels.
         found: [u32; 2],
     },
-    /// Another depth or zoom.
+    /// The depth or zoom differs.
     #[error(
         "the preset \"{name}\" is of pictures whose ruler has {expected:.4} mm a pixel, and the scanner's has {found:.4}: choose the preset of this depth, or set the depth and zoom as they were"
     )]
     Ruler {
-        /// Of the preset.
+        /// Name of the preset.
         name: String,
-        /// Of its pictures, mm a pixel.
+        /// Scale of the preset's images, mm per pixel.
         expected: f64,
-        /// Of those that come.
+        /// Scale of the incoming frames, mm per pixel.
         found: f64,
     },
 }
 
 impl Preset {
-    /// Holds what the scanner shows, as far as it is known, against what this is of.
+    /// Compares the scanner's settings, as far as they are known, with those of the preset.
     ///
     /// # Errors
-    /// [`Misfit`]: it must not be used.
+    /// [`Misfit`]: the preset must not be used.
     pub fn fits(&self, picture_px: Option<[u32; 2]>, ruler: Option<Ruler>) -> Result<(), Misfit> {
         if let (Some(expected), Some(found)) = (self.picture_px, picture_px)
             && expected != found
@@ -175,7 +179,7 @@ impl Preset {
         Ok(())
     }
 
-    /// What the user should know of its age, if it is older than so many days, or made after today.
+    /// Returns a warning if the preset is older than `days`, or was made after today.
     pub fn age_warning(&self, today: Date, days: i64) -> Option<String> {
         let Self { name, made, .. } = self;
         let made = (*made)?;
@@ -356,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn another_size_and_another_depth_do_not_fit() {
+    fn other_size_or_depth_does_not_fit() {
         let own = preset();
         assert_eq!(own.fits(None, None), Ok(()));
         assert_eq!(own.fits(Some([820, 616]), Ruler::new(256.0, 20.1)), Ok(()));
@@ -369,7 +373,7 @@ mod tests {
     }
 
     #[test]
-    fn an_old_one_is_warned_of_and_one_of_tomorrow_too() {
+    fn old_or_future_preset_is_warned_of() {
         let day = |text| Date::parse(text).unwrap();
         let own = preset();
         assert_eq!(own.age_warning(day("2027-05-20"), 180), None);
@@ -380,7 +384,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read_and_what_is_wrong_is_named() {
+    fn written_preset_is_read_back_and_errors_are_named() {
         use std::path::Path;
 
         use crate::file::CalibrationFile;

@@ -1,6 +1,7 @@
 use proptest::prelude::*;
 
-use super::date::Date;
+use sonoweave_core::date::Date;
+
 use super::*;
 use crate::arm::{Joint, Sign};
 use crate::tracker::zones::Zone;
@@ -52,7 +53,7 @@ fn everything_written_is_read_back() {
 }
 
 #[test]
-fn the_documented_example_reads() {
+fn documented_example_is_read() {
     let identity = "[1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]";
     let text = format!(
         "{HEAD}[image_to_probe]\nmatrix = {identity}\n[image]\nclip_px = {{ x = 192, y = 16, width = 420, height = 580 }}\n\
@@ -72,7 +73,7 @@ fn the_documented_example_reads() {
 }
 
 #[test]
-fn files_are_written_whole_and_read_from_disk() {
+fn file_is_written_atomically_and_read_from_disk() {
     let folder = std::env::temp_dir().join(format!("sonoweave-calibration-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     let path = folder.join("probe.toml");
@@ -86,7 +87,7 @@ fn files_are_written_whole_and_read_from_disk() {
 }
 
 #[test]
-fn unknown_keys_are_refused_with_line_and_nearest_name() {
+fn unknown_key_is_refused_with_line_and_nearest_name() {
     assert_eq!(
         refusal("[image_to_probe]\nmatirx = []\n"),
         "probe.toml: image_to_probe.matirx (line 4): unknown key; did you mean matrix?"
@@ -103,7 +104,7 @@ fn unknown_keys_are_refused_with_line_and_nearest_name() {
 }
 
 #[test]
-fn wrong_counts_and_values_name_key_and_line() {
+fn wrong_count_or_value_names_key_and_line() {
     let fifteen = "[1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0]";
     let cases = [
         (
@@ -168,7 +169,7 @@ fn wrong_counts_and_values_name_key_and_line() {
 }
 
 #[test]
-fn an_arm_that_is_none_is_refused_by_joint_and_line() {
+fn bad_arm_is_refused_by_joint_and_line() {
     let whole = CalibrationFile { arm: Some(arm()), ..CalibrationFile::default() }.to_text();
     let refusal = |from: &str, to: &str| {
         assert!(whole.contains(from), "{whole}");
@@ -203,7 +204,7 @@ fn an_arm_that_is_none_is_refused_by_joint_and_line() {
 }
 
 #[test]
-fn two_transforms_between_the_same_frames_are_refused() {
+fn two_transforms_between_same_frames_are_refused() {
     let identity = "[1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]";
     let error = refusal(&format!(
         "[image_to_probe]\nmatrix = {identity}\n[[transform]]\nfrom = \"Probe\"\nto = \"Image\"\nmatrix = {identity}\n"
@@ -212,7 +213,7 @@ fn two_transforms_between_the_same_frames_are_refused() {
 }
 
 #[test]
-fn other_formats_and_newer_versions_are_refused() {
+fn other_format_or_newer_version_is_refused() {
     let error = parse("format = \"something\"\nversion = 1\n").unwrap_err();
     assert_eq!(error, "probe.toml: format (line 1): must be \"sonoweave-calibration\" for a calibration file");
     let error = parse("format = \"sonoweave-calibration\"\nversion = 2\n").unwrap_err();
@@ -223,7 +224,7 @@ fn other_formats_and_newer_versions_are_refused() {
 
 proptest! {
     #[test]
-    fn numbers_come_back_bit_for_bit(m in prop::array::uniform9(-1e6..1e6_f64), t in prop::array::uniform3(-1e9..1e9_f64)) {
+    fn numbers_round_trip_bit_for_bit(m in prop::array::uniform9(-1e6..1e6_f64), t in prop::array::uniform3(-1e9..1e9_f64)) {
         let rows = [m[0], m[1], m[2], t[0], m[3], m[4], m[5], t[1], m[6], m[7], m[8], t[2], 0.0, 0.0, 0.0, 1.0];
         let Ok(transform) = Transform::from_rows(&rows) else { return Ok(()) };
         let file = CalibrationFile { probe_from_image: Some(transform), ..Default::default() };
@@ -231,7 +232,7 @@ proptest! {
     }
 
     #[test]
-    fn no_text_makes_the_reader_panic(text in "\\PC{0,80}", cut in 0_usize..700) {
+    fn any_text_does_not_panic(text in "\\PC{0,80}", cut in 0_usize..700) {
         let _ = parse(&text);
         let whole = full().to_text();
         let cut = (0..=cut.min(whole.len())).rev().find(|&at| whole.is_char_boundary(at)).unwrap();
@@ -240,7 +241,7 @@ proptest! {
 }
 
 #[test]
-fn a_preset_is_chosen_by_name_or_as_the_only_one() {
+fn preset_is_chosen_by_name_or_if_alone() {
     let preset = |name: &str, mm: f64| preset::Preset {
         name: name.into(),
         probe_from_image: Transform::from_affine(glam::DAffine3::from_scale(glam::DVec3::splat(mm))),
@@ -271,14 +272,14 @@ fn a_preset_is_chosen_by_name_or_as_the_only_one() {
     assert!(said.contains("there are \"near\", \"far\""), "{said}");
     assert!(both().choose(Some("deep")).unwrap_err().to_string().contains("no preset \"deep\""));
     assert!(CalibrationFile::default().choose(Some("deep")).unwrap_err().to_string().contains("the file has none"));
-    // A file that says itself where the picture lies says so until a preset is asked for.
+    // A file's own `image_to_probe` counts until a preset is requested by name.
     let mut own = CalibrationFile { probe_from_image: Some(Transform::IDENTITY), ..both() };
     assert_eq!(own.choose(None).unwrap(), None);
     assert_eq!(own.probe_from_image, Some(Transform::IDENTITY));
 }
 
 #[test]
-fn zones_that_are_no_cells_and_lengths_that_are_none_are_refused() {
+fn bad_zones_and_lengths_are_refused() {
     let head = "[distortion]\nmeasured = \"2026-11-22\"\ncell_mm = 50\nlimit_mm = 1\n";
     let clean = parse(&format!("{HEAD}{head}")).unwrap().distortion.unwrap();
     assert_eq!((clean.count(), clean.measured()), (0, Date::parse("2026-11-22")));

@@ -1,36 +1,39 @@
-//! Which rest was at which landmark, by their distances from each other.
+//! Assigns rests to landmarks by their mutual distances.
 
 use glam::{DAffine3, DMat3, DVec3};
 use nalgebra::Matrix3;
 
-/// So many rests are looked at, the longest ones: more are not landmarks.
+/// Number of rests to consider, the longest ones; more rests are no landmarks.
 pub(super) const MOST_RESTS: usize = 30;
-/// Three landmarks that are nearer to a line than this share of their distances say little of a rotation.
+/// Three landmarks nearer to a line than this share of their distances determine a rotation
+/// badly.
 const LEAST_ASIDE: f64 = 0.1;
 
-/// Rests and landmarks brought together.
+/// An assignment of rests to landmarks.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Match {
     /// Maps landmarks to rests; rigid.
     pub(super) to_rests: DAffine3,
-    /// Each rest's landmark.
+    /// Index of each rest's landmark.
     pub(super) landmark: Vec<Option<usize>>,
-    /// Landmarks that have a rest.
+    /// Number of landmarks with a rest.
     pub(super) count: usize,
     /// Mean square distance, mm².
     pub(super) mean_square: f64,
-    /// Neighbouring rests whose landmarks are in the list's order.
+    /// Number of neighbouring rests whose landmarks are in the list's order.
     ordered: usize,
 }
 
 impl Match {
-    /// Whether distances do not tell which of two is right: as many landmarks, and neither nearer by more than chance (half).
+    /// Returns whether distances do not decide between two matches: both have as many
+    /// landmarks, and their distances differ by less than chance (a factor of two).
     fn is_like(&self, other: &Self) -> bool {
         let [one, two] = [self.mean_square, other.mean_square];
         self.count == other.count && one >= 0.25 * two && two >= 0.25 * one
     }
 
-    /// Better matches have more landmarks, then nearer ones; of those that are alike they are more in the order of the list.
+    /// Returns whether this match is better. A better match has more landmarks, then smaller
+    /// distances. Among equal matches, the one closer to the list's order is better.
     fn is_better(&self, other: &Self) -> bool {
         if self.is_like(other) && self.ordered != other.ordered {
             return self.ordered > other.ordered;
@@ -39,18 +42,19 @@ impl Match {
     }
 }
 
-/// What a search finds: the best match.
+/// Result of a search: the best match.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Found {
     pub(super) best: Match,
-    /// Another is like it: the landmarks are symmetric, and the order in which they were touched was decisive …
+    /// Another match is as good: the landmarks are symmetric, and the order of touching decided
+    /// …
     pub(super) by_order: bool,
-    /// … or would have been, and is not.
+    /// … or could not decide.
     pub(super) tied: bool,
 }
 
 impl Found {
-    /// With another match.
+    /// Adds another match.
     fn and(self, other: Match) -> Self {
         if self.best.landmark == other.landmark {
             return self;
@@ -67,7 +71,9 @@ impl Found {
     }
 }
 
-/// Looks for the rigid motion that brings most landmarks to within `near_mm` of rests, by all threes of rests that lie to each other as three landmarks do. `None` where none do.
+/// Finds the rigid motion that brings most landmarks to within `near_mm` of rests. It tries all
+/// triples of rests that agree with three landmarks in their distances. Returns `None` if no
+/// triple does.
 pub(super) fn search(rests: &[DVec3], landmarks: &[DVec3], near_mm: f64) -> Option<Found> {
     let mut best = None;
     for a in 0..rests.len() {
@@ -108,7 +114,8 @@ fn threes(rests: &[DVec3], landmarks: &[DVec3], abc: [usize; 3], near_mm: f64, b
     best
 }
 
-/// From a first motion to that of all rests that are near a landmark by it, until they stay the same.
+/// Refines a first motion: fits all rests near a landmark until the assignment no longer
+/// changes.
 fn settle(start: DAffine3, rests: &[DVec3], landmarks: &[DVec3], near_mm: f64) -> Option<Match> {
     let mut to_rests = start;
     let mut landmark = assign(&to_rests, rests, landmarks, near_mm);
@@ -131,7 +138,7 @@ fn settle(start: DAffine3, rests: &[DVec3], landmarks: &[DVec3], near_mm: f64) -
     (touched.len() >= 3).then_some(Match { to_rests, count: touched.len(), landmark, mean_square, ordered })
 }
 
-/// Each rest's nearest landmark, if that is near.
+/// Returns each rest's nearest landmark, if within `near_mm`.
 fn assign(to_rests: &DAffine3, rests: &[DVec3], landmarks: &[DVec3], near_mm: f64) -> Vec<Option<usize>> {
     let there: Vec<DVec3> = landmarks.iter().map(|p| to_rests.transform_point3(*p)).collect();
     let nearest = |rest: &DVec3| {
@@ -149,7 +156,8 @@ fn pairs<'a>(
     landmark.iter().zip(rests).filter_map(|(index, rest)| Some((landmarks[(*index)?], *rest)))
 }
 
-/// The rigid motion that brings points nearest to others, by least squares (Kabsch, Acta Crystallogr. A 32, 1976; Umeyama, IEEE PAMI 13, 1991). `None` of fewer than three, and of points
+/// Returns the rigid motion of points to others by least squares (Kabsch, Acta Crystallogr. A
+/// 32, 1976; Umeyama, IEEE PAMI 13, 1991). `None` for fewer than three points, and for points
 /// on a line.
 pub(super) fn rigid(from: &[DVec3], to: &[DVec3]) -> Option<DAffine3> {
     let n = from.len() as f64;

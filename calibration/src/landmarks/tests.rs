@@ -1,4 +1,4 @@
-//! Landmarks on phantoms whose place is known.
+//! Registration of simulated phantoms at known places.
 
 #![allow(clippy::print_stdout, reason = "figures, for who asks with --nocapture")]
 
@@ -29,7 +29,7 @@ fn landmarks(places: &[DVec3]) -> Vec<Landmark> {
     places.iter().enumerate().map(named).collect()
 }
 
-/// Where the phantom is held.
+/// Returns the true pose of the phantom.
 fn truth() -> DAffine3 {
     DAffine3::from_rotation_translation(
         DQuat::from_scaled_axis(DVec3::new(0.7, -1.4, 0.5)),
@@ -37,14 +37,14 @@ fn truth() -> DAffine3 {
     )
 }
 
-/// A hand with a stylus.
+/// Simulates an operator with a stylus.
 struct Hand {
     random: Noise,
     readings: Vec<Reading>,
     at: DVec3,
-    /// Standard deviation of the tracker's places, mm, and directions, degrees.
+    /// Standard deviation of the tracker's positions, mm, and directions, degrees.
     noise: (f64, f64),
-    /// What the tip is away from where it is said to be, mm.
+    /// Offset of the tip from its stated place, mm.
     tip_error: DVec3,
 }
 
@@ -54,7 +54,8 @@ impl Hand {
         Self { random: Noise::new(seed), readings: Vec::new(), at, noise, tip_error: DVec3::ZERO }
     }
 
-    /// One reading with the tip at a place, the stylus swung by 25° around an upright that is not the world's.
+    /// Adds a reading with the tip at a place and the stylus swung by 25° about an axis that is
+    /// not the world's.
     fn read(&mut self, at: DVec3) {
         let time_s = self.readings.len() as f64 / RATE_HZ;
         let swing =
@@ -66,7 +67,7 @@ impl Hand {
         self.readings.push(Reading { time_s, reference_from_stylus: Transform::from_affine(pose) });
     }
 
-    /// There in an arc, in 0.8 s.
+    /// Moves to a place in an arc, in 0.8 s.
     fn travel(&mut self, to: DVec3) {
         let from = self.at;
         for i in 1..16 {
@@ -84,7 +85,7 @@ impl Hand {
         }
     }
 
-    /// Landmarks by their places in a list, 2.5 s each.
+    /// Touches landmarks by their indices in a list, 2.5 s each.
     fn touch(&mut self, places: &[DVec3], order: &[usize]) {
         for &landmark in order {
             self.rest(truth().transform_point3(places[landmark]), 2.5);
@@ -106,14 +107,14 @@ fn refused(readings: &[Reading], places: &[DVec3]) -> String {
     register(readings, TIP, &landmarks(places), &Settings::default()).expect_err("none").to_string()
 }
 
-/// How far landmarks are off at most, mm.
+/// Returns the largest error of a landmark, mm.
 fn off(registered: &Registered) -> f64 {
     let apart = |p: DVec3| registered.reference_from_phantom.point(p).distance(truth().transform_point3(p));
     places().into_iter().map(apart).fold(0.0, f64::max)
 }
 
 #[test]
-fn without_noise_the_place_is_exact() {
+fn registration_without_noise_is_exact() {
     let registered = found(&all(1, (0.0, 0.0)));
     assert!(off(&registered) < 1e-6, "{}", off(&registered));
     let turn = registered.reference_from_phantom.affine().matrix3.transpose() * truth().matrix3;
@@ -123,7 +124,7 @@ fn without_noise_the_place_is_exact() {
 }
 
 #[test]
-fn any_order_a_pause_a_landmark_left_out_one_touched_twice_and_jumps_make_no_difference() {
+fn order_pauses_gaps_repeats_and_jumps_do_not_matter() {
     let mut hand = Hand::new(3, (0.15, 0.1));
     hand.tip_error = DVec3::new(0.5, -0.4, 0.3);
     hand.rest(DVec3::new(150.0, 20.0, 0.0), 4.0);
@@ -145,7 +146,7 @@ fn any_order_a_pause_a_landmark_left_out_one_touched_twice_and_jumps_make_no_dif
 }
 
 #[test]
-fn derivatives_are_right() {
+fn derivatives_match_finite_differences() {
     let registered = found(&all(2, (0.2, 0.1)));
     let mut problem = Problem::new(&registered.touched, &places(), &truth());
     problem.pairs[3].1 += DVec3::new(3.0, -5.0, 1.0);
@@ -153,9 +154,10 @@ fn derivatives_are_right() {
     assert!(check.largest < 1e-7, "{check:?}");
 }
 
-/// Over seeds eᵀΣ⁻¹e at a point averages three, times what 15 degrees of freedom make of it (15/13). What errs are holes that are not where the file says.
+/// Over many seeds, eᵀΣ⁻¹e at a point averages 3·15/13: three, times the factor for 15 degrees
+/// of freedom. The errors are holes displaced from the places in the file.
 #[test]
-fn the_predicted_error_is_that_of_the_place() {
+fn predicted_error_matches_actual_error() {
     let (seeds, hole_mm) = (400, 0.3);
     let points = [DVec3::new(35.0, 20.0, 20.0), DVec3::new(35.0, 20.0, -60.0)];
     let mut sums = [0.0; 2];
@@ -177,8 +179,8 @@ fn the_predicted_error_is_that_of_the_place() {
 }
 
 #[test]
-fn symmetric_landmarks_are_told_by_their_order_or_refused() {
-    // A rectangle turned by half a turn is itself, and so is a box.
+fn symmetric_landmarks_need_file_order() {
+    // A rectangle maps to itself by half a turn.
     let places: Vec<DVec3> =
         [[0.0, 0.0], [60.0, 0.0], [60.0, 40.0], [0.0, 40.0]].map(|[x, y]| DVec3::new(x, y, 0.0)).to_vec();
     let register = |order: &[usize]| {
@@ -194,7 +196,7 @@ fn symmetric_landmarks_are_told_by_their_order_or_refused() {
 }
 
 #[test]
-fn what_is_no_phantom_s_place_is_refused() {
+fn wrong_phantom_or_readings_are_refused() {
     let places = places();
     let readings = all(4, (0.1, 0.05));
 
@@ -226,7 +228,7 @@ fn what_is_no_phantom_s_place_is_refused() {
     let other: Vec<DVec3> = places.iter().map(|p| DVec3::new(1.3 * p.x, p.y - 0.4 * p.x, 1.7 * p.z + 9.0)).collect();
     let error = refused(&readings, &other);
     assert!(error.contains("landmarks are where the tip rested, and 4 are needed: it rested 7 times"), "{error}");
-    // Another stylus's tip never rests.
+    // The tip of another stylus never rests.
     let error = register(&readings, DVec3::new(0.0, 60.0, 30.0), &landmarks(&places), &Settings::default());
     assert!(error.unwrap_err().to_string().contains("the stylus's tip is of another stylus"));
 
@@ -235,7 +237,7 @@ fn what_is_no_phantom_s_place_is_refused() {
     assert!(refused(&readings, &line).contains("all on one line"));
     assert!(refused(&readings[..2], &places).starts_with("2 usable readings"));
 
-    // Four that lie in a corner, with holes that are not quite where the file says.
+    // Four landmarks in a corner, with holes slightly displaced from the file.
     let mut near: Vec<DVec3> =
         vec![DVec3::ZERO, DVec3::new(9.0, 0.0, 1.0), DVec3::new(0.0, 11.0, 0.0), DVec3::new(7.0, 9.0, 4.0)];
     let mut hand = Hand::new(6, (0.05, 0.02));
@@ -248,7 +250,7 @@ fn what_is_no_phantom_s_place_is_refused() {
         "{error}"
     );
 
-    // Three of its holes are elsewhere: not so far that they are another phantom's.
+    // Three of the holes are displaced, but not as far as in another phantom.
     let mut worn = places.clone();
     for (place, by) in worn.iter_mut().zip([2.4, 0.0, -2.4, 0.0, 2.4, 0.0, -2.4]) {
         place.x += by;
@@ -258,7 +260,7 @@ fn what_is_no_phantom_s_place_is_refused() {
 }
 
 #[test]
-fn the_noise_is_the_tracker_s_whatever_the_hand_does() {
+fn noise_estimate_ignores_hand_motion() {
     let mut random = Noise::new(12);
     let mut drawn = |swing_mm: f64| -> f64 {
         let at = |i: usize| DVec3::new((i as f64 * 0.05).sin(), (i as f64 * 0.031).cos(), 0.0) * swing_mm;

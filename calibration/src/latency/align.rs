@@ -1,10 +1,15 @@
-//! The lag at which one signal follows others best, at uneven times: its value, its standard error, or why there is none.
+//! Estimates the lag at which one signal follows others best, at uneven times, with its
+//! standard error or the reason for a refusal.
 //!
-//! A frame's value y at t is c + Σ bₖ fₖ(t + lag) with unknown c and b: by f₀ above all, by the others as far as the values demand it. Coarsely the least absolute residual is
-//! looked for over the whole range; from there Gauss and Newton go on by the derivative of a spline through f, with c and b eliminated at every step (Golub & Pereyra, SIAM J.
-//! Numer. Anal. 10, 1973, in Kaufman's form) and Tukey's weights, so that frames whose line is another's do not count.
+//! The model of a frame's value y at t is c + Σ bₖ fₖ(t + lag) with unknown c and b. f₀ is the
+//! main signal; the others contribute as far as the values require. A coarse search over the
+//! whole range minimises the mean absolute residual. Gauss–Newton steps then use the derivative
+//! of a spline through f. Every step eliminates c and b (Golub & Pereyra, SIAM J. Numer. Anal.
+//! 10, 1973, in Kaufman's form). Tukey's weights exclude frames with a wrong line.
 //!
-//! The standard error does not believe that residuals are then alike and independent: what the model lacks goes on from frame to frame. It is that of Newey & West (Econometrica 55, 1987) with Parzen's window of Andrews' width (Econometrica 59, 1991), corrected for leverage.
+//! The standard error does not assume that residuals are independent with equal variance: model
+//! errors persist from frame to frame. It follows Newey & West (Econometrica 55, 1987) with
+//! Parzen's window of Andrews' width (Econometrica 59, 1991), corrected for leverage.
 
 use super::long_run::variance_of_sum;
 use super::robust::{Biweight, deviation_about_zero};
@@ -14,16 +19,16 @@ use crate::statistics::median;
 /// A frame's value and time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Observation {
-    /// By the video's stamp, s.
+    /// Time by the video's stamp, s.
     pub time_s: f64,
-    /// Where the line is, px.
+    /// Position of the line, px.
     pub value: f64,
 }
 
-/// What is looked for.
+/// Options of the search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AlignOptions {
-    /// Lags are looked for from −range to +range, s.
+    /// The search covers lags from −range to +range, s.
     pub range_s: f64,
 }
 
@@ -33,53 +38,56 @@ impl Default for AlignOptions {
     }
 }
 
-/// A lag, and how well it is known.
+/// A lag and its accuracy.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Alignment {
-    /// Above 0 where the tracker lags the video, s.
+    /// Lag, s; above 0 if the tracker lags the video.
     pub lag_s: f64,
     /// Its standard error, s.
     pub se_s: f64,
     /// Change of the value with the first of the tracker's numbers.
     pub gain: f64,
-    /// Standard deviation of the residuals of frames that count.
+    /// Standard deviation of the residuals without outliers.
     pub residual: f64,
-    /// Standard deviation of the stamps, s: by how much larger residuals are where the motion is fast.
+    /// Standard deviation of the stamps, s, from the excess of the residuals during fast
+    /// motion.
     pub stamp_s: f64,
-    /// Frames between poses.
+    /// Number of frames between poses.
     pub frames: usize,
-    /// Of these, those too far off to count.
+    /// Number of these frames that are outliers.
     pub outliers: usize,
-    /// By frame, in the order in which they were given: what is left of its value. `None` where no poses are about its time.
+    /// Residual of each frame, in the given order. `None` if there are no poses around its
+    /// time.
     pub residuals: Vec<Option<f64>>,
-    /// How well each lag of the coarse search does: mean absolute residual, with the first of the tracker's numbers alone.
+    /// Coarse search: each lag with its mean absolute residual, using the first of the
+    /// tracker's numbers only.
     pub curve: Vec<(f64, f64)>,
 }
 
-/// Why there is no lag.
+/// Reasons why there is no lag.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NoLag {
-    /// At no lag are there poses about enough frames.
+    /// At no lag do enough frames lie between poses.
     #[error(
         "of {all} frames at most {most} lie between poses, and {least} are needed: the frames are from {:.3} to {:.3} s, the poses from {:.3} to {:.3} s; are the stamps of one clock, and in seconds?",
         frames_s[0], frames_s[1], poses_s[0], poses_s[1]
     )]
     NoOverlap {
-        /// Frames there are.
+        /// Number of frames.
         all: usize,
-        /// Frames between poses at the best lag.
+        /// Number of frames between poses at the best lag.
         most: usize,
-        /// Frames needed.
+        /// Number of frames required.
         least: usize,
         /// First and last frame, s.
         frames_s: [f64; 2],
-        /// First and last pose, s; NaN where there are none.
+        /// First and last pose, s; NaN if there are none.
         poses_s: [f64; 2],
     },
-    /// Constant values.
+    /// The values are constant.
     #[error("the values of all frames are the same: nothing moves in the pictures")]
     Constant,
-    /// The values are none of these motions.
+    /// The values do not follow these motions.
     #[error(
         "at no lag do the poses explain what moves in the pictures: {:.0} % of it is left; are both of the same session, and does nothing else move?",
         100.0 * left
@@ -88,7 +96,7 @@ pub enum NoLag {
         /// Share of the values' deviation that remains.
         left: f64,
     },
-    /// Two lags do as well.
+    /// Two lags fit equally well.
     #[error(
         "{:.1} ms and {:.1} ms agree as well as each other (residuals {:.3} and {:.3}), as the motion is too even: move unevenly, or narrow the range of lags",
         1e3 * lags_s[0], 1e3 * lags_s[1], residuals[0], residuals[1]
@@ -99,15 +107,15 @@ pub enum NoLag {
         /// Their residuals.
         residuals: [f64; 2],
     },
-    /// The best lag is an end of the range, or beyond.
+    /// The best lag is at an end of the range, or beyond.
     #[error("the lag would be {:.1} ms, at the end of the range of ±{:.0} ms; widen the range", 1e3 * lag_s, 1e3 * range_s)]
     AtEdge {
-        /// Where, s.
+        /// The lag, s.
         lag_s: f64,
         /// The range, s.
         range_s: f64,
     },
-    /// It is not known well enough to be of use.
+    /// The lag is too inaccurate to be useful.
     #[error(
         "the lag would be {:.1} ± {:.1} ms, which is no better known than before: move farther and faster, for longer",
         1e3 * lag_s, 1e3 * se_s
@@ -120,26 +128,28 @@ pub enum NoLag {
     },
 }
 
-/// Fewer frames give no standard error worth its name.
+/// Minimum number of frames for a valid standard error.
 pub const LEAST_FRAMES: usize = 30;
-/// The coarse search's step, as a share of the motion's own time: how long a sine of its speed takes for a radian.
+/// Step of the coarse search, as a share of the motion's time scale: the time in which a sine
+/// of its speed passes a radian.
 const COARSE: f64 = 0.15;
-/// What the poses must explain of the values' deviation at least.
+/// The residual must stay below this share of the values' deviation.
 const EXPLAINED: f64 = 0.5;
-/// Two lags are alike where chance would make their residuals differ so much more often than once in a hundred: standard deviations of a normal distribution.
+/// Two lags are indistinct if chance makes their residuals differ this much more often than
+/// once in a hundred. In standard deviations of a normal distribution.
 const DISTINCT: f64 = 2.33;
-/// A lag that is not known better than this share of the range is not known.
+/// The standard error must be less than this share of the range.
 const KNOWN: f64 = 0.1;
 const MOST_STEPS: usize = 200;
-/// Steps after which what residuals are measured by stays as it is.
+/// Number of steps after which the residuals' scale is fixed.
 const SETTLED: usize = 15;
-/// Where steps end, s.
+/// Step size at which the iteration ends, s.
 const CONVERGED_S: f64 = 1e-10;
 
-/// The lag of the numbers of a track behind values.
+/// Returns the lag of a track's numbers behind the values.
 ///
 /// # Errors
-/// [`NoLag`].
+/// [`NoLag`] if the signals determine no lag.
 pub fn align<const N: usize>(
     values: &[Observation],
     track: &Track<N>,
@@ -178,7 +188,7 @@ pub fn align<const N: usize>(
     }
     let apart = |fit: &&Fit| fit.lag_s.abs() < range_s && (fit.lag_s - best.lag_s).abs() > step_s;
     if let Some(rival) = fits[1..].iter().find(apart) {
-        // Deviations of so many independent residuals differ by chance by 1/√n of themselves.
+        // Chance makes the deviations of n independent residuals differ by 1/√n of themselves.
         let sure = (DISTINCT / best.independent.sqrt()).exp();
         if !(rival.scale > sure * best.scale) {
             let (lags_s, residuals) = ([best.lag_s, rival.lag_s], [best.scale, rival.scale]);
@@ -206,7 +216,7 @@ struct Problem<'a, const N: usize> {
     track: &'a Track<N>,
 }
 
-/// A minimum.
+/// A local minimum.
 struct Fit {
     lag_s: f64,
     se_s: f64,
@@ -215,16 +225,16 @@ struct Fit {
     stamp_s: f64,
     outliers: usize,
     residuals: Vec<Option<f64>>,
-    /// So many independent residuals there are as much to learn from.
+    /// Equivalent number of independent residuals.
     independent: f64,
 }
 
 impl<const N: usize> Problem<'_, N> {
-    /// Robust spread of the values.
+    /// Returns the robust spread of the values.
     fn deviation(&self) -> f64 {
         let mut values: Vec<f64> = self.values.iter().map(|frame| frame.value).collect();
         let middle = median(&mut values);
-        // The mean distance: of a motion that rests at its ends the median would be nothing.
+        // The mean distance, because the median would be 0 for a motion that rests at its ends.
         values.iter().map(|x| (x - middle).abs()).sum::<f64>() / values.len().max(1) as f64
     }
 
@@ -237,12 +247,13 @@ impl<const N: usize> Problem<'_, N> {
         NoLag::NoOverlap { all: self.values.len(), most, least: self.least(), frames_s, poses_s }
     }
 
-    /// Frames that must lie between poses.
+    /// Returns the number of frames that must lie between poses.
     fn least(&self) -> usize {
         LEAST_FRAMES.max(self.values.len() / 2)
     }
 
-    /// So fine that between two steps the motion goes no farther than is looked for afterwards.
+    /// Returns a step so small that the motion between two steps stays within the reach of the
+    /// refinement.
     fn coarse_step(&self, range_s: f64) -> Result<f64, NoLag> {
         let (mut places, mut speeds): (Vec<f64>, Vec<f64>) = self
             .track
@@ -261,7 +272,8 @@ impl<const N: usize> Problem<'_, N> {
         Ok((COARSE * (square / speed).sqrt()).clamp(1e-4, 0.25 * range_s))
     }
 
-    /// Mean absolute residual of the best straight line through values and the first of the numbers; `None` where too few frames lie between poses.
+    /// Returns the mean absolute residual of the best straight line through the values and the
+    /// first number. `None` if too few frames lie between poses.
     fn coarse(&self, lag_s: f64) -> Option<f64> {
         let pairs: Vec<(f64, f64)> = self
             .values
@@ -273,7 +285,8 @@ impl<const N: usize> Problem<'_, N> {
         }
         let mut weights = vec![1.0; pairs.len()];
         let mut mean = f64::INFINITY;
-        // Least absolute residuals by weights that are their inverses; a few rounds tell lags apart.
+        // Minimises absolute residuals by weights that are their inverses; a few rounds suffice
+        // to compare lags.
         for _ in 0..12 {
             let total: f64 = weights.iter().sum();
             let of = |f: fn(&(f64, f64)) -> f64| pairs.iter().zip(&weights).map(|(p, w)| w * f(p)).sum::<f64>() / total;
@@ -288,7 +301,7 @@ impl<const N: usize> Problem<'_, N> {
         Some(mean)
     }
 
-    /// Goes on from a lag, at most so far; `None` where it leads nowhere.
+    /// Refines a lag, moving it by at most `most_s`; `None` on failure.
     fn refine(&self, start_s: f64, most_s: f64) -> Option<Fit> {
         let ends = [start_s - most_s, start_s + most_s];
         let is_used = |frame: &Observation| ends.iter().all(|lag| self.track.at(frame.time_s + lag).is_some());
@@ -313,7 +326,8 @@ impl<const N: usize> Problem<'_, N> {
             steps += 1;
             let weight = |(r, speed): (&f64, &f64)| {
                 let own = scale.at(*speed);
-                // First as for the least absolute residuals, which no start misleads.
+                // The first weights are those of least absolute residuals, which do not depend
+                // on the start.
                 let alone = if steps < 5 { 1.0 / (r.abs() / own).max(0.1) } else { Biweight::of(*r, own).weight };
                 alone * (scale.value / own.max(f64::MIN_POSITIVE)).powi(2)
             };
@@ -321,7 +335,7 @@ impl<const N: usize> Problem<'_, N> {
         }
     }
 
-    /// The best c and b at a lag, what they leave, and what a change of the lag does to that.
+    /// Returns the best c and b at a lag, with the residuals and their derivative by the lag.
     fn solve(&self, used: &[usize], lag_s: f64, weights: &[f64], scale: f64) -> Option<Solved> {
         let n = used.len();
         let roots: Vec<f64> = weights.iter().map(|w| w.sqrt()).collect();
@@ -331,7 +345,8 @@ impl<const N: usize> Problem<'_, N> {
         let mut columns: Vec<Vec<f64>> = vec![roots.clone()];
         columns.extend((0..N).map(|k| at.iter().zip(&roots).map(|((f, _), root)| root * f[k]).collect()));
         let mut right: Vec<f64> = values.iter().zip(&roots).map(|(y, root)| root * y).collect();
-        // Of the numbers beside the first it is assumed that a mm of them does about as much as one of the first: a row for each says so, as much as a frame does.
+        // The prior: a mm of each other number has about the effect of a mm of the first. Each
+        // such number adds one row, weighted like a frame.
         let spread = |of: &mut dyn Iterator<Item = f64>| of.map(|x| x * x).sum::<f64>().sqrt();
         let middle = median(&mut values.clone());
         let gain = spread(&mut values.iter().zip(weights).map(|(y, w)| w * (y - middle)))
@@ -348,7 +363,7 @@ impl<const N: usize> Problem<'_, N> {
             let before = dot(&columns[k], &columns[k]).sqrt();
             let (done, rest) = columns.split_at_mut(k);
             let column = &mut rest[0];
-            // Twice, so that what rounding leaves is taken off too.
+            // Orthogonalises twice, to remove rounding errors.
             for _ in 0..2 {
                 for (j, other) in done.iter().enumerate() {
                     let share = dot(other, column);
@@ -358,7 +373,7 @@ impl<const N: usize> Problem<'_, N> {
             }
             let length = dot(column, column).sqrt();
             if length <= 1e-12 * before || length == 0.0 {
-                // Nothing of its own: it does nothing.
+                // The column depends on the earlier ones and has no effect.
                 column.iter_mut().for_each(|x| *x = 0.0);
                 triangle[k][k] = 1.0;
                 continue;
@@ -398,7 +413,7 @@ impl<const N: usize> Problem<'_, N> {
     }
 }
 
-/// What residuals are measured by: values that are off, and stamps that are.
+/// Noise model of the residuals: errors of the values and of the stamps.
 #[derive(Debug, Clone, Copy)]
 struct Scale {
     value: f64,
@@ -406,7 +421,7 @@ struct Scale {
 }
 
 impl Scale {
-    /// Of residuals: those of the slower half of the frames against those of the faster.
+    /// Estimates both by comparing the slower half of the frames with the faster half.
     fn of(solved: &Solved) -> Self {
         let middle = median(&mut solved.speeds.clone());
         let half = |is_fast: bool| {
@@ -421,20 +436,21 @@ impl Scale {
             return Self { value: all, stamp_s: 0.0 };
         }
         let stamp = (fast - slow) / (fastly - slowly);
-        // Of the slower frames' residuals some are the stamps', too.
+        // Subtracts the stamps' share from the slower frames' residuals.
         Self { value: (slow - stamp * slowly).max(0.2 * slow).sqrt(), stamp_s: stamp.sqrt() }
     }
 
-    /// Of a frame at a speed.
+    /// Returns the standard deviation of a frame at this speed.
     fn at(&self, speed: f64) -> f64 {
         self.value.hypot(self.stamp_s * speed)
     }
 }
 
-/// A lag's best fit. `weighted` and `change` have √weight in them, and the rows of what is assumed behind those of the frames.
+/// The best fit at a lag. `weighted` and `change` include √weight, and the rows of the prior
+/// follow those of the frames.
 struct Solved {
     residuals: Vec<f64>,
-    /// How fast the value changes at each frame, without its sign.
+    /// Absolute rate of change of the value at each frame.
     speeds: Vec<f64>,
     weighted: Vec<f64>,
     change: Vec<f64>,
@@ -453,7 +469,8 @@ impl Solved {
         let own = |i: usize| self.weighted[i] * self.change[i] / (1.0 - self.leverage[i]).max(0.1).sqrt();
         let scores: Vec<f64> = (0..n).map(own).collect();
         let variance = variance_of_sum(&scores);
-        // How fast the scores' sum changes with the lag: slower than the weights say, as residuals that grow count for less.
+        // Change of the scores' sum with the lag. It is less than the weights suggest, because
+        // growing residuals count for less.
         let (weight, slope) = (0..n)
             .map(|i| Biweight::of(self.residuals[i], scale.at(self.speeds[i])))
             .fold((0.0, 0.0), |(weight, slope), of| (weight + of.weight, slope + of.slope));

@@ -1,35 +1,40 @@
-//! The lag at which the slices of a scan agree best where they cross.
+//! Estimates the lag at which the slices of a scan agree best along their intersections.
 //!
-//! Two slices whose planes cross within the data show the same line of the body. Where the poses are those of another moment, the line is looked up beside its place, by what the
-//! probe moved meanwhile: differently in both, as they were seen at different motions. So at the true lag the grey values along both are most alike, and no phantom is needed.
+//! Two slices whose planes cross within the data show the same line of the body. Poses of a
+//! wrong moment displace the line in both slices, by the probe's motion meanwhile. The
+//! displacements differ, because the slices were acquired at different motions. At the true lag
+//! the grey values along both lines are therefore most alike. No phantom is needed.
 //!
-//! Grey values are held against each other by n·ln(1 − r²) with r their correlation along the line, which is the likelihood of one being the other, brighter and with more
-//! contrast by unknown amounts, and noise. The sum over all crossings is least at the lag; its standard error is the jackknife's over stretches of time, as slices of one
-//! stretch have everything in common.
+//! The measure of agreement is n·ln(1 − r²), with r the correlation of the grey values along
+//! the line. It is the likelihood of one line being the other with unknown brightness, contrast
+//! and noise. The sum over all crossings has its minimum at the lag. The standard error is a
+//! jackknife over stretches of time, because the slices of one stretch are not independent.
 //!
-//! Pictures are smoothed before: between pixels noise is averaged and on them it is not, so that without that slices agree best wherever most lines fall between pixels.
+//! Images are smoothed first. Interpolation averages noise between pixels but not at pixels.
+//! Without smoothing, slices would agree best when most lines fall between pixels.
 
 use glam::{DAffine3, DVec2, DVec3};
 
 use super::poses::Poses;
 use crate::statistics::median;
 
-/// Pictures of a scan, small and smooth enough that all are held: of one size, u fastest.
+/// Images of a scan, of one size, u fastest. They are reduced and smoothed, so that all fit in
+/// memory.
 #[derive(Debug, Clone)]
 pub struct Slices {
     width: usize,
     height: usize,
     is_data: Vec<bool>,
-    /// First and last column and row that hold data.
+    /// First and last column and row with data.
     bounds: [[f64; 2]; 2],
     /// Times, and grey values in units of 1/256.
     pixels: Vec<(f64, Vec<u16>)>,
-    /// Pixels of these pictures to mm at the probe.
+    /// Maps pixels of the reduced images to mm at the probe.
     probe_from_pixel: DAffine3,
     poses: Poses,
 }
 
-/// Why there is no lag.
+/// Reasons why there is no lag.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NoCrossings {
     /// Hardly any planes cross within the data.
@@ -37,110 +42,113 @@ pub enum NoCrossings {
         "{crossings} pairs of {slices} slices cross at an angle within the picture, and {least} are needed: sweep the same place twice, in directions across each other"
     )]
     TooFew {
-        /// Slices there are.
+        /// Number of slices.
         slices: usize,
         /// Crossings found.
         crossings: usize,
         /// Crossings needed.
         least: usize,
     },
-    /// Slices that cross were seen at the same motion.
+    /// The crossing slices were acquired at the same motion.
     #[error(
         "where slices cross, the probe moved by {mm:.2} mm from one to the other within ±{:.0} ms, less than {least_mm:.2} mm can show: sweep faster, or in other directions",
         1e3 * range_s
     )]
     TooSlow {
-        /// Half the crossings differ by more, mm.
+        /// Median displacement between crossing slices, mm.
         mm: f64,
-        /// What could be seen, mm.
+        /// Smallest detectable displacement, mm.
         least_mm: f64,
         /// The range of lags, s.
         range_s: f64,
     },
-    /// At no lag do they agree.
+    /// The slices agree at no lag.
     #[error(
         "where slices cross they agree no better at one lag than at another; is the calibration this probe's, and does nothing move in the body?"
     )]
     Unrelated,
-    /// Two lags do as well.
+    /// Two lags fit equally well.
     #[error("slices agree as well at {:.1} ms as at {:.1} ms; narrow the range of lags", 1e3 * lags_s[0], 1e3 * lags_s[1])]
     Ambiguous {
         /// The lags, the better one first, s.
         lags_s: [f64; 2],
     },
-    /// The best lag is an end of the range.
+    /// The best lag is at an end of the range.
     #[error("slices agree best at {:.1} ms, the end of the range of ±{:.0} ms; widen the range", 1e3 * lag_s, 1e3 * range_s)]
     AtEdge {
-        /// Where, s.
+        /// The lag, s.
         lag_s: f64,
         /// The range, s.
         range_s: f64,
     },
 }
 
-/// A lag, and how well it is known.
+/// A lag and its accuracy.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Agreement {
-    /// Above 0 where the tracker lags the video, s.
+    /// Lag, s; above 0 if the tracker lags the video.
     pub lag_s: f64,
     /// Its standard error, s.
     pub se_s: f64,
-    /// Pairs of slices held against each other.
+    /// Number of compared pairs of slices.
     pub crossings: usize,
-    /// Slices that have a part in them.
+    /// Number of slices in these pairs.
     pub slices: usize,
-    /// Half the crossings' correlations at the lag are above this.
+    /// Median of the correlations at the lag.
     pub correlation: f64,
-    /// The same at no lag.
+    /// The same at zero lag.
     pub correlation_at_zero: f64,
-    /// How badly each lag of the coarse search does.
+    /// Coarse search: each lag with its cost.
     pub curve: Vec<(f64, f64)>,
 }
 
-/// Planes at smaller angles cross nowhere in particular: sine.
+/// Sine of the smallest angle between planes; nearly parallel planes have no stable
+/// intersection.
 const LEAST_SINE: f64 = 0.17;
-/// Of a line that crosses, what the smaller side of the picture is must lie within both.
+/// Minimum length of an intersection within both images, as a share of the image's smaller
+/// side.
 const LEAST_LENGTH: f64 = 0.2;
-/// Fewer crossings say nothing about each other.
+/// Minimum number of crossings for an estimate.
 const LEAST_CROSSINGS: usize = 40;
 const MOST_CROSSINGS: usize = 3000;
-/// What crosses one slice has much in common.
+/// Maximum number of crossings of one slice, because these are not independent.
 const MOST_OF_ONE: usize = 30;
-/// Points along a line.
+/// Number of points along a line.
 const POINTS: usize = 64;
-/// Points of a line that lie in both pictures' data, at least.
+/// Minimum number of points of a line within the data of both images.
 const LEAST_POINTS: usize = 16;
-/// Stretches of time for the jackknife.
+/// Number of stretches of time for the jackknife.
 const STRETCHES: usize = 12;
 const COARSE_S: f64 = 0.01;
-/// Lags about the best one by which the minimum is found: half as many on either side.
+/// Lags on either side of the best one used to find the minimum; half as many in the check.
 const FINE: i32 = 4;
 const DISTINCT: f64 = 3.3;
 
-/// What pictures are smoothed by, in both directions; its sum is 16.
+/// The smoothing filter in both directions; its sum is 16.
 const BINOMIAL: [u32; 5] = [1, 4, 6, 4, 1];
 const REACH: usize = 2;
 
-/// Pictures as wide as this are small enough.
+/// Largest side of a reduced image, pixels.
 const WIDE: u32 = 192;
 
-/// By how much pictures of this size are reduced before they are held.
+/// Returns the factor by which images of this size are reduced.
 pub fn reduction(width: u32, height: u32) -> u32 {
     width.max(height).div_ceil(WIDE).max(1)
 }
 
 impl Slices {
-    /// Of pictures `width`×`height` before they are reduced; `is_data` says of each pixel whether it is.
+    /// Prepares for images of `width`×`height` before reduction; `is_data` marks the pixels
+    /// that hold data.
     ///
     /// # Panics
-    /// Where `is_data` is not as large as the picture.
+    /// Panics if `is_data` does not have one flag per pixel.
     pub fn new(width: u32, height: u32, is_data: &[bool], probe_from_image: DAffine3, poses: Poses) -> Self {
         let (full, by) = (width as usize, reduction(width, height) as usize);
         assert_eq!(is_data.len(), full * height as usize, "a flag for each pixel");
         let (width, height) = (full / by, height as usize / by);
         let whole = |u: usize, v: usize| (0..by * by).all(|k| is_data[(v * by + k / by) * full + u * by + k % by]);
         let is_whole: Vec<bool> = (0..width * height).map(|at| whole(at % width, at / width)).collect();
-        // What smoothing reaches across the border of the data is none.
+        // Pixels whose smoothing reaches across the border of the data are no data.
         let is_inner = |u: usize, v: usize| {
             let within = |at: usize, end: usize| at >= REACH && at + REACH < end;
             within(u, width)
@@ -155,7 +163,7 @@ impl Slices {
             [ends.clone().min().unwrap_or(0) as f64, ends.max().unwrap_or(0) as f64]
         });
         let scale = by as f64;
-        // The centre of a reduced pixel is the mean of those of its own.
+        // The centre of a reduced pixel is the mean of its pixels' centres.
         let image_from_pixel = DAffine3::from_scale_rotation_translation(
             DVec3::new(scale, scale, 1.0),
             glam::DQuat::IDENTITY,
@@ -165,10 +173,10 @@ impl Slices {
         Self { width, height, is_data, bounds, pixels: Vec::new(), probe_from_pixel, poses }
     }
 
-    /// Takes in a picture, reduced by the mean of its pixels, and smoothed.
+    /// Adds an image, reduced by the mean of its pixels and smoothed.
     ///
     /// # Panics
-    /// Where it has another size than was said.
+    /// Panics if its size differs from that given to [`Slices::new`].
     pub fn push(&mut self, time_s: f64, pixels: &[u8], width: u32, height: u32) {
         let by = reduction(width, height) as usize;
         let full = width as usize;
@@ -179,7 +187,7 @@ impl Slices {
                 sums[v / by * self.width + u] += cells.iter().map(|x| u32::from(*x)).sum::<u32>();
             }
         }
-        // Along rows, then along columns; beyond the border the nearest pixel counts.
+        // Smooths along rows, then along columns; beyond the border the nearest pixel counts.
         let smooth = |values: &[u32], size: usize, step: usize, at: usize, along: usize| -> u32 {
             let value =
                 |off: usize| values[at - along * step + (along + off).saturating_sub(REACH).min(size - 1) * step];
@@ -190,13 +198,13 @@ impl Slices {
         let area = (by * by) as u32;
         let both = |at: usize| {
             let sum = smooth(&rows, self.height, self.width, at, at / self.width);
-            // Of 255 the weights make 255 · 256 a pixel.
+            // The weights scale 255 to 255 · 256 per pixel.
             u16::try_from((sum + area / 2) / area).unwrap_or(u16::MAX)
         };
         self.pixels.push((time_s, (0..cells).map(both).collect()));
     }
 
-    /// Grey value between pixels; `None` outside of the data.
+    /// Returns the interpolated grey value; `None` outside of the data.
     fn grey(&self, pixels: &[u16], at: DVec2) -> Option<f64> {
         let (u, v) = (at.x.floor(), at.y.floor());
         if !(u >= 0.0 && v >= 0.0 && u + 1.0 < self.width as f64 && v + 1.0 < self.height as f64) {
@@ -211,12 +219,12 @@ impl Slices {
         Some((1.0 - b) * ((1.0 - a) * p + a * q) + b * ((1.0 - a) * r + a * s))
     }
 
-    /// Where a slice's pixels are at a lag.
+    /// Returns the pose of a slice's pixels at a lag.
     fn placed(&self, slice: usize, lag_s: f64) -> Option<DAffine3> {
         Some(self.poses.at(self.pixels[slice].0 + lag_s)? * self.probe_from_pixel)
     }
 
-    /// The part of the line of two planes that lies within the bounds of both, by its ends.
+    /// Returns the ends of two planes' intersection within the bounds of both.
     fn line(&self, of: [&DAffine3; 2]) -> Option<[DVec3; 2]> {
         let [n, m] = of.map(|pose| pose.matrix3.x_axis.cross(pose.matrix3.y_axis).normalize());
         let across = n.cross(m);
@@ -246,18 +254,18 @@ impl Slices {
         (from < to).then(|| [point + from * direction, point + to * direction])
     }
 
-    /// A pixel's size, mm: the larger of the two.
+    /// Returns the larger side of a pixel, mm.
     fn pixel_mm(&self) -> f64 {
         let m = self.probe_from_pixel.matrix3;
         m.x_axis.length().max(m.y_axis.length())
     }
 
-    /// Crossings worth looking at: long ones of slices seen at different motions.
+    /// Selects useful crossings: long ones of slices acquired at different motions.
     fn crossings(&self, range_s: f64) -> Result<Vec<[usize; 2]>, NoCrossings> {
         let n = self.pixels.len();
         let placed: Vec<Option<DAffine3>> = (0..n)
             .map(|i| {
-                // Within the poses at every lag.
+                // The slice must lie between poses at every lag.
                 self.placed(i, -range_s)?;
                 self.placed(i, range_s)?;
                 self.placed(i, 0.0)
@@ -288,7 +296,7 @@ impl Slices {
         if found.len() < LEAST_CROSSINGS {
             return Err(NoCrossings::TooFew { slices: n, crossings: found.len(), least: LEAST_CROSSINGS });
         }
-        // What shows most first; ties by order, so that the choice is the same on every machine.
+        // The most informative first; a stable sort makes the choice the same on every machine.
         found.sort_by(|a, b| (b.0 * b.1).total_cmp(&(a.0 * a.1)));
         let mut of_one = vec![0; n];
         let mut chosen = Vec::new();
@@ -310,7 +318,8 @@ impl Slices {
         Ok(chosen)
     }
 
-    /// How alike two slices are along their line, as a correlation and the number of points; `None` where they do not cross any more.
+    /// Returns the correlation of two slices along their intersection and the number of points;
+    /// `None` if they no longer cross.
     fn alike(&self, [i, j]: [usize; 2], placed: [&DAffine3; 2]) -> Option<(f64, usize)> {
         let [from, to] = self.line(placed)?;
         let back = placed.map(DAffine3::inverse);
@@ -333,28 +342,28 @@ impl Slices {
         }
         let [x, y, xx, yy, xy] = sums.map(|sum| sum / count as f64);
         let (xx, yy, xy) = (xx - x * x, yy - y * y, xy - x * y);
-        // What differs by less than the rounding of grey values is even.
+        // Grey values that vary by less than their rounding count as constant.
         let correlation = if xx > 0.1 && yy > 0.1 { xy / (xx * yy).sqrt() } else { 0.0 };
         Some((correlation, count))
     }
 
-    /// For each crossing how badly it does at a lag, and its correlation.
+    /// Returns the cost and the correlation of each crossing at a lag.
     fn costs(&self, crossings: &[[usize; 2]], lag_s: f64) -> Vec<(f64, f64)> {
         let placed: Vec<Option<DAffine3>> = (0..self.pixels.len()).map(|i| self.placed(i, lag_s)).collect();
         let cost = |pair: &[usize; 2]| {
             let (Some(a), Some(b)) = (&placed[pair[0]], &placed[pair[1]]) else { return (0.0, 0.0) };
             let Some((r, count)) = self.alike(*pair, [a, b]) else { return (0.0, 0.0) };
-            // What is the other's negative is no likeness.
+            // A negative correlation is no agreement.
             let alike = r.max(0.0);
             (count as f64 * (1.0 - alike * alike).max(1e-6).ln(), r)
         };
         crossings.iter().map(cost).collect()
     }
 
-    /// The lag at which slices agree best where they cross, within ±range.
+    /// Returns the lag within ±range at which slices agree best along their intersections.
     ///
     /// # Errors
-    /// [`NoCrossings`].
+    /// [`NoCrossings`] if the slices determine no lag.
     pub fn lag(&self, range_s: f64) -> Result<Agreement, NoCrossings> {
         let crossings = self.crossings(range_s)?;
         let steps = (range_s / COARSE_S).ceil().max(3.0) as i32;
@@ -370,7 +379,7 @@ impl Slices {
         if best == 0 || best + 1 == lags.len() {
             return Err(NoCrossings::AtEdge { lag_s: lags[best], range_s });
         }
-        // Better than what lies apart from it, by more than stretches of the scan differ about it.
+        // The best lag must beat distant ones by more than the stretches of the scan vary.
         let sure = |other: &[f64]| {
             let mut by_stretch = [0.0; STRETCHES];
             for ((pair, own), other) in crossings.iter().zip(&coarse[best]).zip(other) {
@@ -412,7 +421,8 @@ impl Slices {
         })
     }
 
-    /// The minimum of a parabola through the sums at lags about a start, moved until it is in their middle; and the jackknife of it.
+    /// Fits a parabola to the costs at lags about a start, and recentres it at the minimum.
+    /// Returns the minimum and its jackknife standard error.
     fn refine(&self, crossings: &[[usize; 2]], stretches: &[usize], start_s: f64) -> (f64, f64) {
         let step_s = 0.5 * COARSE_S;
         let mut middle_s = start_s;
@@ -435,7 +445,7 @@ impl Slices {
                 let count = others.len() as f64;
                 let mean = others.iter().sum::<f64>() / count;
                 let spread = others.iter().map(|x| (x - mean).powi(2)).sum::<f64>() * (count - 1.0) / count;
-                // What a narrower parabola says otherwise is not known either.
+                // The difference from a narrower parabola's minimum adds to the uncertainty.
                 let half = (FINE / 2) as usize;
                 let inner = half..offsets.len() - half;
                 let sums: Vec<f64> = costs[inner.clone()].iter().map(|costs| costs.iter().sum()).collect();
@@ -446,7 +456,7 @@ impl Slices {
         unreachable!("the last round returns")
     }
 
-    /// Of each slice the stretch of time that it is in: as many slices in each.
+    /// Returns the stretch of time of each slice; all stretches have equally many slices.
     fn stretches(&self) -> Vec<usize> {
         let n = self.pixels.len();
         let mut order: Vec<usize> = (0..n).collect();
@@ -459,7 +469,8 @@ impl Slices {
     }
 }
 
-/// Where the parabola that fits values at evenly spaced places about 0 has its lowest point; the end that lies lower where it has none.
+/// Returns the minimum of the parabola fitted to values at evenly spaced places about 0.
+/// Without a minimum, returns the lower end.
 fn vertex(places: &[f64], values: &[f64]) -> f64 {
     let n = places.len() as f64;
     let square: f64 = places.iter().map(|x| x * x).sum::<f64>();

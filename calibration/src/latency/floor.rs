@@ -1,4 +1,5 @@
-//! The lag by the floor of a water tank: the probe goes up and down above it, and the floor's line in the pictures goes the other way.
+//! Estimates the lag with a water tank: the probe moves up and down above the floor, and the
+//! floor's line in the frames moves the opposite way.
 
 use glam::{DQuat, DVec2, DVec3};
 use serde::Serialize;
@@ -10,19 +11,19 @@ use super::stamps::{Reading, Stamps, wander};
 use super::track::NotFinite;
 use crate::statistics::median;
 
-/// A picture's line, and its times.
+/// A frame's line, and its times.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FloorFrame {
-    /// When.
+    /// Times.
     pub stamps: Stamps,
-    /// The floor in it.
+    /// The floor's line, if found.
     pub line: Result<Line, NoLine>,
 }
 
 /// The probe's pose in the tracker's frame, and its times.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FloorPose {
-    /// When.
+    /// Times.
     pub stamps: Stamps,
     /// Unit quaternion.
     pub rotation: DQuat,
@@ -30,7 +31,7 @@ pub struct FloorPose {
     pub position_mm: DVec3,
 }
 
-/// What is looked for, and what is known.
+/// Options of the search, and known values.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct FloorOptions {
     /// The range of lags.
@@ -39,138 +40,139 @@ pub struct FloorOptions {
     pub pixel_mm: Option<f64>,
 }
 
-/// One pair of ways to read stamps, and what came of it.
+/// A pair of ways to read stamps, and its result.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Tried {
-    /// Of the pictures.
+    /// Stamps of the frames.
     pub video: Reading,
-    /// Of the poses.
+    /// Stamps of the poses.
     pub tracker: Reading,
-    /// Lag, its standard error, and what is left of the line's motion, px.
+    /// Lag, s; standard error, s; and residual of the line's motion, px.
     pub found: Option<[f64; 3]>,
 }
 
-/// A lag by the floor.
+/// A lag found with the floor.
 #[derive(Debug, Clone)]
 pub struct FloorLag {
     /// The lag.
     pub alignment: Alignment,
-    /// The stamps by which it was found: of the pictures and of the poses.
+    /// The stamps used: of the frames and of the poses.
     pub readings: [Reading; 2],
-    /// All that were tried.
+    /// All pairs that were tried.
     pub tried: Vec<Tried>,
-    /// How far the given stamps of pictures and of poses wander about these, s.
+    /// Deviation of the given stamps of frames and of poses from those used, s.
     pub wander_s: [f64; 2],
-    /// Pictures with a line.
+    /// Number of frames with a line.
     pub lines: usize,
-    /// Pictures in which nothing moves, and in which what moves lies on no line.
+    /// Number of frames in which nothing moves, and in which the moving pixels form no line.
     pub without: [usize; 2],
-    /// Where the line goes from and to but for one frame in ten, px.
+    /// Extent of the line's motion without the extreme tenth of the frames, px.
     pub extent_px: f64,
     /// The tracker's motion in that time.
     pub motion: Motion,
-    /// Size of a pixel by which both agree, mm.
+    /// Pixel size at which both motions agree, mm.
     pub mm_per_px: f64,
-    /// Distance of each line from their middle, with the times that were used.
+    /// Distance of each line from their median position, with the times that were used.
     pub values: Vec<(f64, f64)>,
 }
 
-/// Why there is no lag.
+/// Reasons why there is no lag.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NoFloorLag {
-    /// A pose with NaN or infinity.
+    /// A pose contains NaN or infinity.
     #[error("pose {}: holds NaN or infinity", .0.index)]
     NotFinite(NotFinite),
-    /// Hardly any picture shows a floor.
+    /// Too few frames show a floor.
     #[error(
         "of {frames} pictures {lines} show the line of a floor, and {least} are needed: in {nothing} nothing moves, in {scattered} what moves lies on no line; hold the probe above the floor of a water tank, and move it up and down"
     )]
     NoFloor {
-        /// Pictures there are.
+        /// Number of frames.
         frames: usize,
-        /// Of these, with a line.
+        /// Number of frames with a line.
         lines: usize,
-        /// Lines needed.
+        /// Number of lines required.
         least: usize,
-        /// Pictures in which nothing moves.
+        /// Number of frames in which nothing moves.
         nothing: usize,
-        /// Pictures in which what moves lies on no line.
+        /// Number of frames in which the moving pixels form no line.
         scattered: usize,
     },
-    /// Stamps that cannot be seconds.
+    /// The stamps cannot be seconds.
     #[error("pictures come every {period_s:e} s by their stamps, which are no seconds then; are they ms, or numbers?")]
     Seconds {
-        /// From one to the next, s.
+        /// Period of the frames, s.
         period_s: f64,
     },
-    /// The line stands still.
+    /// The line is static.
     #[error(
         "the floor's line moves by {extent_px:.1} px, and by itself it scatters by {scatter_px:.1} px: move the probe up and down, by a third of the picture"
     )]
     PictureStill {
-        /// How far it goes, px.
+        /// Extent of its motion, px.
         extent_px: f64,
-        /// How it scatters, px.
+        /// Its scatter, px.
         scatter_px: f64,
     },
-    /// No poses in the video's time.
+    /// There are no poses in the video's time.
     #[error("of {poses} poses none is of the time of the pictures, {:.3} to {:.3} s; are the stamps of one clock, and in seconds?", frames_s[0], frames_s[1])]
     NoPoses {
-        /// Poses there are.
+        /// Number of poses.
         poses: usize,
-        /// First and last picture with a line, s.
+        /// First and last frame with a line, s.
         frames_s: [f64; 2],
     },
-    /// The tracker stands still.
+    /// The tracker is static.
     #[error(
         "the tracker moves by {extent_mm:.2} mm, and its noise is {noise_mm:.2} mm: is it this probe's sensor, and was it moved?"
     )]
     TrackerStill {
-        /// How far it goes, mm.
+        /// Extent of its motion, mm.
         extent_mm: f64,
         /// Its noise, mm.
         noise_mm: f64,
     },
-    /// It does not go up and down.
+    /// The probe does not move up and down.
     #[error("the probe turns round {turns} times, and {least} are needed: move it up and down five times or more")]
     OneWay {
-        /// How often it does.
+        /// Number of its turns.
         turns: usize,
-        /// How often it must.
+        /// Number of turns required.
         least: usize,
     },
-    /// Units of another kind.
+    /// The units differ.
     #[error(
         "a pixel would be {mm_per_px:.4} mm large by the tracker's motion, where {} is known or possible: are the tracker's positions in mm{hint}?",
         match .pixel_mm { Some(mm) => format!("{mm:.4} mm"), None => "0.01 to 2 mm".to_owned() }
     )]
     Units {
-        /// By the tracker, mm.
+        /// Pixel size by the tracker, mm.
         mm_per_px: f64,
-        /// By the probe's calibration, mm.
+        /// Pixel size by the probe's calibration, mm.
         pixel_mm: Option<f64>,
-        /// Which they may be instead.
+        /// Suggested unit.
         hint: &'static str,
     },
-    /// The signals tell none.
+    /// The signals determine no lag.
     #[error(transparent)]
     Lag(#[from] NoLag),
 }
 
-/// What moves must move by so many times its scatter.
+/// A motion must exceed its scatter by this factor.
 const BEYOND_NOISE: f64 = 10.0;
 const LEAST_TURNS: usize = 4;
-/// Periods of video, s.
+/// Range of the video's period, s.
 const PERIODS_S: [f64; 2] = [1e-3, 2.0];
-/// Pixels of ultrasound pictures, mm: from high-frequency probes to whole abdomens.
+/// Range of ultrasound pixel sizes, mm: from high-frequency probes to whole abdomens.
 const PIXELS_MM: [f64; 2] = [0.01, 2.0];
-/// A known pixel's size and that of the motion differ by less: a tilted picture's pixels are longer by 1/cos 45°.
+/// Largest ratio of the calibrated pixel size and that from the motion. A tilted image's pixels
+/// are longer by up to 1/cos 45°.
 const ALIKE: f64 = 1.5;
 
-/// The lag of poses behind the floor's lines.
+/// Returns the lag of poses behind the floor's lines.
 ///
 /// # Errors
-/// [`NoFloorLag`].
+/// [`NoFloorLag`] if the recording determines no lag.
 pub fn floor_lag(frames: &[FloorFrame], poses: &[FloorPose], options: &FloorOptions) -> Result<FloorLag, NoFloorLag> {
     let lines: Vec<(usize, Line)> =
         frames.iter().enumerate().filter_map(|(i, frame)| Some((i, frame.line.ok()?))).collect();
@@ -205,7 +207,7 @@ struct Problem<'a> {
     options: &'a FloorOptions,
 }
 
-/// One way of the poses' stamps.
+/// The motion by one reading of the poses' stamps.
 struct Way {
     reading: Reading,
     times: Vec<f64>,
@@ -237,7 +239,7 @@ impl Problem<'_> {
                         best = Some((alignment, video, times.clone(), way));
                     }
                     Ok(_) => {}
-                    // What the plainest reading says.
+                    // Report the error of the first reading, the simplest one.
                     Err(why) => refused = refused.or(Some(why)),
                 }
             }
@@ -262,13 +264,13 @@ impl Problem<'_> {
         })
     }
 
-    /// First and last picture with a line, as given.
+    /// Returns the times of the first and last frame with a line, by the given stamps.
     fn span_s(&self) -> [f64; 2] {
         let times = || self.lines.iter().map(|(i, _)| self.frames[*i].stamps.given_s);
         [times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max)]
     }
 
-    /// The tracker's motion in the video's time, by each way to read its stamps.
+    /// Returns the tracker's motion in the video's time, for each way to read its stamps.
     fn ways(&self, stamps: &[Stamps]) -> Result<Vec<Way>, NoFloorLag> {
         let [first, last] = self.span_s();
         let reach = 2.0 * self.options.align.range_s;
@@ -321,7 +323,7 @@ impl Problem<'_> {
     }
 }
 
-/// From the twentieth part of values to the last but so many.
+/// Returns the distance between the 5th and the 95th percentile.
 fn extent(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);

@@ -1,11 +1,15 @@
-//! The floor of a water tank in a picture, as a straight line.
+//! Detects the floor of a water tank in a frame, as a straight line.
 //!
-//! Whatever is in the picture besides (names, rulers, the transducer's own echo) stands still while the probe goes up and down: of each pixel its darkest value is taken off
-//! first ([`Still`]). What is left is reduced and made into what stands out above and below, and summed along every line of up to 50° that crosses the picture (a Radon transform by
-//! shears). The best line is refined in the whole picture by the echo's centre in every column, with Tukey's weights.
+//! Everything else in the frame (names, rulers, the transducer's own echo) is static while the
+//! probe moves up and down. So the darkest value of each pixel is subtracted first ([`Still`]).
+//! The rest is reduced and filtered for rows brighter than those above and below. It is then
+//! summed along every line of up to 50° across the frame (a Radon transform by shears). The
+//! best line is refined in the full frame by the echo's centre in every column, with Tukey's
+//! weights.
 //!
-//! Whether there is a floor at all is asked of the columns: in how many of them what stands out most lies on the line. In a picture without one that is chance, and chance is
-//! bounded by Chernoff's inequality.
+//! The columns decide whether there is a floor: in how many of them the most prominent pixel
+//! lies on the line. Without a floor this happens by chance only, and Chernoff's inequality
+//! bounds the chance.
 
 use glam::DVec2;
 
@@ -13,7 +17,7 @@ use super::robust::{Biweight, deviation_about_zero};
 use crate::picture::GreyView;
 use crate::statistics::median;
 
-/// What of the pictures stands still: of each pixel the darkest value of all.
+/// The static part of the frames: the darkest value of each pixel.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Still {
     size: [usize; 2],
@@ -21,12 +25,12 @@ pub struct Still {
 }
 
 impl Still {
-    /// As in a first picture.
+    /// Starts with a first frame.
     pub fn new(view: &GreyView<'_>) -> Self {
         Self { size: view.size(), least: view.rows().flatten().copied().collect() }
     }
 
-    /// Takes in another picture. False where it has another size; then nothing is changed.
+    /// Adds another frame. Returns false, and changes nothing, if its size differs.
     pub fn add(&mut self, view: &GreyView<'_>) -> bool {
         if self.size != view.size() {
             return false;
@@ -36,65 +40,66 @@ impl Still {
     }
 }
 
-/// A straight line in a picture.
+/// A straight line in a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Line {
-    /// Its point in the middle of what is seen of it, px.
+    /// Its point in the middle of its visible part, px.
     pub point_px: DVec2,
     /// Its direction, of length 1, to the right.
     pub direction: DVec2,
-    /// First and last column where it is seen.
+    /// First and last column of its visible part.
     pub columns: [f64; 2],
-    /// Standard deviation of the echo's centre in single columns from it, px.
+    /// Standard deviation of the echo's centres in single columns from it, px.
     pub scatter_px: f64,
 }
 
 impl Line {
-    /// How far below a point it passes, at a right angle; negative above it. px.
+    /// Returns its perpendicular distance below a point, px; negative if it passes above.
     pub fn below(&self, point_px: DVec2) -> f64 {
         let normal = DVec2::new(-self.direction.y, self.direction.x);
         normal.dot(self.point_px - point_px)
     }
 
-    /// Against the picture's rows, positive downwards to the right; degrees.
+    /// Returns its angle against the frame's rows, degrees; positive downwards to the right.
     pub fn angle_deg(&self) -> f64 {
         self.direction.y.atan2(self.direction.x).to_degrees()
     }
 }
 
-/// Why a picture has no line.
+/// Reasons why a frame has no line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum NoLine {
     /// Nothing in it moves.
     #[error("nothing moves")]
     Nothing,
-    /// What there is does not lie on a line.
+    /// The moving pixels form no line.
     #[error("what moves lies on no line")]
     Scattered,
 }
 
-/// The reduced picture is at most so wide and high.
+/// Largest width and height of the reduced frame.
 const REDUCED: usize = 208;
 /// Tangent of the steepest line.
 const STEEPEST: f64 = 1.2;
-/// Rows of the reduced picture that an echo takes, and within which it must stand out.
+/// Half heights of an echo and of the rows it is compared with, in rows of the reduced frame.
 const INNER: usize = 1;
 const OUTER: usize = 6;
-/// What stands out most in a column lies on the line if it is no farther off, in rows of the reduced picture.
+/// Largest distance from the line of a column's most prominent pixel, in rows of the reduced
+/// frame.
 const ON_LINE: f64 = 2.0;
-/// Columns of the reduced picture that speckle makes one of.
+/// Number of columns of the reduced frame that speckle correlates.
 const ALIKE: f64 = 4.0;
-/// How often a picture without a floor may be thought to have one, at most.
+/// Largest probability of finding a floor in a frame without one.
 const MISTAKEN: f64 = 1e-6;
-/// Of the picture's columns so many must show the line.
+/// Share of the frame's columns that must show the line.
 const LEAST_COLUMNS: f64 = 0.1;
 const ROUNDS: usize = 8;
 
-/// Finds lines in pictures of one size, in memory that is kept from one to the next.
+/// Finds lines in frames of one size; reuses its memory from frame to frame.
 #[derive(Debug, Clone)]
 pub struct Finder {
     still: Still,
-    /// How many pixels, along u and v, one of the reduced picture is.
+    /// Number of pixels, along u and along v, per reduced pixel.
     by: usize,
     size: [usize; 2],
     moving: Vec<f32>,
@@ -104,7 +109,7 @@ pub struct Finder {
 }
 
 impl Finder {
-    /// Of pictures whose still part is known.
+    /// Returns a finder for frames with a known static part.
     pub fn new(still: Still) -> Self {
         let [width, height] = still.size;
         let by = width.max(height).div_ceil(REDUCED);
@@ -121,13 +126,13 @@ impl Finder {
         }
     }
 
-    /// The line in a picture.
+    /// Finds the line in a frame.
     ///
     /// # Errors
-    /// [`NoLine`].
+    /// [`NoLine`] if there is none.
     ///
     /// # Panics
-    /// Where the picture has another size than those before.
+    /// Panics if the frame's size differs from that of the static part.
     pub fn find(&mut self, view: &GreyView<'_>) -> Result<Line, NoLine> {
         assert_eq!(view.size(), self.still.size, "the pictures' size");
         for ((moving, x), least) in self.moving.iter_mut().zip(view.rows().flatten()).zip(&self.still.least) {
@@ -137,7 +142,7 @@ impl Finder {
         self.stand_out();
         let (middle, slope) = self.best_shear().ok_or(NoLine::Nothing)?;
         self.check(middle, slope)?;
-        // The reduced pixel's centre is the mean of those of its own.
+        // The centre of a reduced pixel is the mean of its pixels' centres.
         let off = 0.5 * (self.by as f64 - 1.0);
         let centre = 0.5 * (self.size[0] as f64 - 1.0);
         let to_full = |reduced: f64| reduced * self.by as f64 + off;
@@ -158,7 +163,8 @@ impl Finder {
         self.reduced.iter_mut().for_each(|x| *x /= area);
     }
 
-    /// Of each pixel by how much the rows about it are brighter than those farther above and below; the root of it, so that no single echo outshines a line.
+    /// Computes how much brighter the rows about each pixel are than those farther above and
+    /// below. The square root keeps a single bright echo from outweighing a line.
     fn stand_out(&mut self) {
         let [width, height] = self.size;
         let mut sums = vec![0.0_f32; height + 1];
@@ -178,11 +184,11 @@ impl Finder {
         }
     }
 
-    /// The line of the greatest sum: its row in the middle column, and its slope.
+    /// Returns the line of the greatest sum: its row in the middle column, and its slope.
     fn best_shear(&mut self) -> Option<(f64, f64)> {
         let [width, height] = self.size;
         let centre = 0.5 * (width as f64 - 1.0);
-        // Neighbours differ by a row at the picture's sides.
+        // Neighbouring slopes differ by a row at the frame's sides.
         let steps = (STEEPEST * centre).ceil() as i32;
         let mut best = (0.0_f32, None);
         for step in -steps..=steps {
@@ -205,7 +211,7 @@ impl Finder {
         best.1
     }
 
-    /// That it is a line, and not the best of chance.
+    /// Checks that the line is not the best by chance.
     fn check(&self, middle: f64, slope: f64) -> Result<(), NoLine> {
         let [width, height] = self.size;
         let centre = 0.5 * (width as f64 - 1.0);
@@ -230,7 +236,7 @@ impl Finder {
         let share: f64 = (on / lit).clamp(0.0, 1.0);
         let part = |own: f64, by: f64| if own > 0.0 { own * (own / by).ln() } else { 0.0 };
         let divergence = part(share, chance) + part(1.0 - share, 1.0 - chance);
-        // Of all lines that were tried one might do as well.
+        // Accounts for the number of lines that were tried.
         let tried = height as f64 * 2.0 * STEEPEST * centre;
         if share > chance && lit / ALIKE * divergence > (tried / MISTAKEN).ln() {
             return Ok(());
@@ -238,7 +244,8 @@ impl Finder {
         Err(NoLine::Scattered)
     }
 
-    /// The echo's centre in every column about the line, and the line through these, again and again.
+    /// Finds the echo's centre in every column about the line and fits a line to the centres,
+    /// repeatedly.
     fn refine(&self, mut line: Straight) -> Result<Line, NoLine> {
         let full = self.still.size[0];
         let mut reach = self.reach(&line);
@@ -272,7 +279,8 @@ impl Finder {
         self.moving.get(v * self.still.size[0] + u).copied()
     }
 
-    /// Rows on either side of the line that its echo takes: twice the distance at which the mean over all columns has fallen to a half.
+    /// Returns the rows on either side of the line that its echo takes: twice the width at half
+    /// maximum of the mean profile.
     fn reach(&self, line: &Straight) -> i64 {
         let most = (OUTER * self.by) as i64;
         let mean = |off: i64| {
@@ -289,19 +297,21 @@ impl Finder {
         ((2 * width) as i64).clamp(self.by as i64 + 1, most)
     }
 
-    /// Centre of a column's echo within so many rows of one; `None` where there is none.
+    /// Returns the centre of a column's echo within `reach` rows of `row`; `None` if there is
+    /// none.
     fn centre(&self, u: usize, row: f64, reach: i64) -> Option<f64> {
         let middle = row.round() as i64;
         let rows =
             || (middle - reach..=middle + reach).filter_map(|v| Some((v as f64, f64::from(self.moving_at(u, v)?))));
-        // A window that the picture's border cuts would draw the centre inwards.
+        // A window cut by the frame's border would bias the centre inwards.
         if rows().count() as i64 != 2 * reach + 1 {
             return None;
         }
         let least = rows().map(|(_, x)| x).fold(f64::INFINITY, f64::min);
         let (mut sum, mut moment) = (0.0, 0.0);
         for (v, x) in rows() {
-            // The window's ends count as little as they may, so that a step of its middle changes nothing at once.
+            // The weights vanish at the window's ends, so that shifting the window causes no
+            // jumps.
             let off = (v - row) / (reach as f64 + 1.0);
             let weight = (x - least) * (1.0 - off * off).max(0.0);
             sum += weight;
@@ -311,7 +321,7 @@ impl Finder {
     }
 }
 
-/// A line by its row in a column.
+/// A line given by its row in a column, and its slope.
 #[derive(Debug, Clone, Copy)]
 struct Straight {
     at: f64,
@@ -319,7 +329,7 @@ struct Straight {
     slope: f64,
 }
 
-/// A line through centres.
+/// A line fitted to centres.
 struct Through {
     line: Straight,
     first: f64,
@@ -333,14 +343,16 @@ impl Straight {
         self.row + self.slope * (u - self.at)
     }
 
-    /// The line through columns' centres by Tukey's weights about this one; `None` where there are too few.
+    /// Fits a line to the columns' centres with Tukey's weights about this one; `None` if there
+    /// are too few.
     fn through(&self, centres: &[(f64, f64)]) -> Option<Through> {
         let mut line = *self;
         let mut through = None;
         for _ in 0..5 {
             let mut left: Vec<f64> = centres.iter().map(|(u, v)| v - line.row_at(*u)).collect();
             let weights: Vec<f64> = {
-                // Not finer than the centres of echoes can be told: a hundredth of a pixel.
+                // The scale is at least a hundredth of a pixel, the resolution of the echoes'
+                // centres.
                 let scale = deviation_about_zero(&mut left.clone()).max(0.01);
                 left.iter_mut().map(|r| Biweight::of(*r, scale).weight).collect()
             };

@@ -1,6 +1,6 @@
-//! How far the sum of values lies from what it should be, where neighbours are alike.
+//! Variance of a sum of correlated values.
 
-/// The variance of a sum of values that go with their neighbours.
+/// Returns the variance of a sum of values that correlate with their neighbours.
 pub(super) fn variance_of_sum(values: &[f64]) -> f64 {
     let at = |lag: usize| values.iter().zip(&values[lag.min(values.len())..]).map(|(a, b)| a * b).sum::<f64>();
     let alone = at(0);
@@ -8,7 +8,7 @@ pub(super) fn variance_of_sum(values: &[f64]) -> f64 {
         return 0.0;
     }
     let n = values.len() as f64;
-    // What estimating has taken off is put on again (Kendall's bias of the first autocorrelation).
+    // Corrects Kendall's bias of the estimated first autocorrelation.
     let first = (at(1) / alone).clamp(-0.95, 0.95);
     let first = (first + (1.0 + 3.0 * first) / n).clamp(-0.95, 0.95);
     let alpha = 4.0 * first * first / (1.0 - first).powi(4);
@@ -32,9 +32,10 @@ mod tests {
     use super::*;
     use crate::noise::Noise as Random;
 
-    /// Sums of 300 values, each so much like the one before, have n·(1 + a)/(1 − a) of one value's variance.
+    /// Sums of 300 values with correlation a from one to the next have n·(1 + a)/(1 − a) times
+    /// the variance of one value.
     #[test]
-    fn values_that_go_on_add_up_to_more() {
+    fn correlated_values_have_larger_sum() {
         for (goes_on, expected) in [(0.0_f64, 1.0), (0.5, 3.0), (-0.4, 0.43)] {
             let mut mean = 0.0;
             for seed in 0..200 {

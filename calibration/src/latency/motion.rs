@@ -1,26 +1,30 @@
-//! What of a tracker's poses the line of a floor can follow.
+//! Numbers of a tracker's poses that the line of a floor depends on linearly.
 //!
-//! A floor that stands still at n·x = d is seen by a picture's point m, which the probe carries to R m + p, at the distance n·p + n·R·m − d. That is linear in the probe's
-//! position and in the row n·R of its rotation, whatever the calibration m is; and n is nearly the direction in which the probe goes up and down. So the line's distance from a
-//! point of the picture is fitted by six numbers of the pose: its position along that direction and across it, and that row.
+//! A static floor is n·x = d. The probe carries an image point m to R m + p, at the distance
+//! n·p + n·R·m − d from the floor. That is linear in the probe's position and in the row n·R of
+//! its rotation, for any calibration m. The direction of the probe's main motion approximates
+//! n. So six numbers of the pose fit the line's distance from an image point: its position
+//! along and across that direction, and that row.
 
 use glam::{DMat3, DQuat, DVec3};
 
 use super::track::{NotFinite, Track};
 
-/// Numbers of a pose that the line's place is fitted by.
+/// Count of a pose's numbers that are fitted to the line's position.
 pub const COLUMNS: usize = 9;
-/// Rotations are given the weight of what they do at this distance from the sensor, mm: about where the picture is.
+/// Lever arm that scales rotations to lengths, mm: about the distance of the image from the
+/// sensor.
 const LEVER_MM: f64 = 100.0;
-/// Poses further apart have nothing between them, s. At twice the distance of what hands do at 5 Hz nothing would be known.
+/// Longest interval for interpolating between poses, s. At twice this, hand motions at 5 Hz
+/// are lost.
 pub const LONGEST_GAP_S: f64 = 0.1;
-/// A turn of the motion counts where it goes back by this share of its extent.
+/// A turn of the motion counts if it goes back by this share of the extent.
 const TURN: f64 = 0.25;
 
 /// A pose of the probe's sensor in the tracker's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseSample {
-    /// By the tracker's stamp, s.
+    /// Time by the tracker's stamp, s.
     pub time_s: f64,
     /// Unit quaternion.
     pub rotation: DQuat,
@@ -31,25 +35,27 @@ pub struct PoseSample {
 /// A tracker's motion during a time.
 #[derive(Debug, Clone)]
 pub struct Motion {
-    /// Position along the axis and across it, the row of the rotation, each about its mean, and the row times the position along; mm.
+    /// The pose's numbers: position along the axis and across it, the row of the rotation, each
+    /// about its mean, and the row times the position along the axis; mm.
     pub track: Track<COLUMNS>,
-    /// The direction of most motion, in the tracker's frame.
+    /// Direction of the main motion, in the tracker's frame.
     pub axis: DVec3,
-    /// From one end of it to the other along the axis, mm.
+    /// Extent of the motion along the axis, mm.
     pub extent_mm: f64,
     /// Standard deviation of a sample's position along the axis from its neighbours', mm.
     pub noise_mm: f64,
-    /// How often it turns round.
+    /// Number of turning points.
     pub turns: usize,
-    /// Samples a second, by the median of their distances.
+    /// Samples per second, from the median interval.
     pub rate_hz: f64,
 }
 
 impl Motion {
-    /// Of the samples from one time to another (s, both inclusive); `None` where there are fewer than three.
+    /// Analyses the samples from one time to another (s, both inclusive); `None` for fewer than
+    /// three.
     ///
     /// # Errors
-    /// [`NotFinite`], by its place among all samples.
+    /// [`NotFinite`] with the index among all samples.
     pub fn new(samples: &[PoseSample], [from_s, until_s]: [f64; 2]) -> Result<Option<Self>, NotFinite> {
         let is_finite = |s: &PoseSample| s.time_s.is_finite() && s.rotation.is_finite() && s.position_mm.is_finite();
         if let Some(index) = samples.iter().position(|sample| !is_finite(sample)) {
@@ -93,7 +99,7 @@ impl Motion {
     }
 }
 
-/// How often values turn round by at least so much.
+/// Counts the turning points of at least this size.
 fn turns(values: &[f64], least: f64) -> usize {
     let Some(first) = values.first() else { return 0 };
     let (mut low, mut high, mut rises, mut count) = (*first, *first, None, 0);
@@ -113,10 +119,11 @@ fn turns(values: &[f64], least: f64) -> usize {
     count
 }
 
-/// The eigenvectors of a symmetric matrix, that of the largest value first: Jacobi's rotations.
+/// Returns the eigenvectors of a symmetric matrix by Jacobi rotations, that of the largest
+/// value first.
 fn principal_axes(symmetric: DMat3) -> DMat3 {
     let (mut m, mut axes) = (symmetric, DMat3::IDENTITY);
-    // Converges quadratically: six sweeps reach rounding, the others are safety.
+    // Converges quadratically: six sweeps reach rounding, the others are a reserve.
     for _ in 0..12 {
         for (i, j) in [(0, 1), (0, 2), (1, 2)] {
             let off = m.col(j)[i];
@@ -142,7 +149,7 @@ mod tests {
     use crate::noise::Noise as Random;
 
     #[test]
-    fn axes_are_those_of_a_turned_ellipsoid() {
+    fn axes_match_turned_ellipsoid() {
         let turn = DMat3::from_quat(DQuat::from_euler(glam::EulerRot::ZYX, 0.4, 1.1, -0.7));
         let spread = turn * DMat3::from_diagonal(DVec3::new(2.0, 9.0, 0.5)) * turn.transpose();
         let axes = principal_axes(spread);
@@ -153,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn turns_are_counted_and_trembling_is_none() {
+    fn turns_are_counted_without_tremor() {
         let wave: Vec<f64> =
             (0..1000).map(|i| (f64::from(i) * 0.0314159).sin() + 0.1 * (f64::from(i) * 2.0).sin()).collect();
         assert_eq!(turns(&wave, 0.5), 10);
@@ -161,9 +168,10 @@ mod tests {
         assert_eq!((turns(&[], 1.0), turns(&[1.0; 9], 0.0)), (0, 0));
     }
 
-    /// A floor below a probe that goes up and down and tilts: its distance from any point of the probe is linear in the six numbers.
+    /// A floor below a probe that moves up and down and tilts: its distance from any point of
+    /// the probe is linear in the six numbers.
     #[test]
-    fn the_distance_of_a_floor_is_linear_in_the_numbers() {
+    fn floor_distance_is_linear_in_numbers() {
         let mut random = Random::new(5);
         let normal = DVec3::new(0.1, -0.2, 1.0).normalize();
         let samples: Vec<PoseSample> = (0..300)
@@ -182,7 +190,8 @@ mod tests {
         let point = DVec3::new(10.0 * random.normal(), 60.0, 120.0);
         let distances: Vec<f64> = samples.iter().map(|s| motion.axis.dot(s.rotation * point + s.position_mm)).collect();
         let columns: Vec<[f64; COLUMNS]> = motion.track.samples().map(|(_, values)| *values).collect();
-        // Along the axis itself the relation is exact: the coefficients are those of the geometry.
+        // Along the axis itself the relation is exact: the coefficients are those of the
+        // geometry.
         let row = [1.0, 0.0, 0.0, point.x / LEVER_MM, point.y / LEVER_MM, point.z / LEVER_MM, 0.0, 0.0, 0.0];
         let fitted: Vec<f64> = columns.iter().map(|c| c.iter().zip(row).map(|(x, b)| x * b).sum()).collect();
         let offset = distances[0] - fitted[0];

@@ -1,4 +1,4 @@
-//! Where the probe was at any time between a tracker's samples, and how it moved.
+//! Pose and velocity of the probe at any time between a tracker's samples.
 
 use glam::{DAffine3, DQuat, DVec3};
 
@@ -8,12 +8,12 @@ use super::track::{NotFinite, Track};
 /// Poses as a smooth function of time.
 #[derive(Debug, Clone)]
 pub struct Poses {
-    /// The quaternion's four numbers, which are made of length 1 again, and the position.
+    /// The quaternion's four numbers, normalised after interpolation, and the position.
     track: Track<7>,
 }
 
 impl Poses {
-    /// Through samples in any order.
+    /// Interpolates samples in any order.
     ///
     /// # Errors
     /// [`NotFinite`] for NaN or infinity.
@@ -22,7 +22,7 @@ impl Poses {
         sorted.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
         let mut before = DQuat::IDENTITY;
         let numbers = sorted.into_iter().map(|sample| {
-            // A quaternion and its opposite are one orientation: the one that is nearer.
+            // A quaternion and its opposite are the same orientation: take the nearer one.
             let turn = if sample.rotation.dot(before) < 0.0 { -sample.rotation } else { sample.rotation };
             before = turn;
             let p = sample.position_mm;
@@ -31,18 +31,18 @@ impl Poses {
         Ok(Self { track: Track::new(numbers.collect(), LONGEST_GAP_S)? })
     }
 
-    /// First and last time, s.
+    /// Returns the first and last time, s.
     pub fn span_s(&self) -> Option<[f64; 2]> {
         self.track.span_s()
     }
 
-    /// Where the probe was; `None` where no samples are about the time.
+    /// Returns the probe's pose; `None` without samples around the time.
     pub fn at(&self, time_s: f64) -> Option<DAffine3> {
         let ([x, y, z, w, px, py, pz], _) = self.track.at(time_s)?;
         Some(DAffine3::from_rotation_translation(DQuat::from_xyzw(x, y, z, w).normalize(), DVec3::new(px, py, pz)))
     }
 
-    /// How fast a point of the probe moved in the tracker's frame, mm/s.
+    /// Returns the velocity of a point of the probe in the tracker's frame, mm/s.
     pub fn velocity(&self, time_s: f64, point_mm: DVec3) -> Option<DVec3> {
         let ([x, y, z, w, ..], [dx, dy, dz, dw, vx, vy, vz]) = self.track.at(time_s)?;
         let turn = DQuat::from_xyzw(x, y, z, w);
@@ -58,14 +58,14 @@ mod tests {
 
     fn pose(time_s: f64) -> PoseSample {
         let turn = DVec3::new(0.3 * time_s, (2.0 * time_s).sin(), 3.0);
-        // Every other sample by the opposite quaternion.
+        // Every other sample uses the opposite quaternion.
         let sign = if (time_s * 50.0).round() % 2.0 == 0.0 { 1.0 } else { -1.0 };
         let rotation = DQuat::from_scaled_axis(turn) * sign;
         PoseSample { time_s, rotation, position_mm: DVec3::new(10.0 * time_s, 5.0 * (3.0 * time_s).cos(), 0.0) }
     }
 
     #[test]
-    fn poses_between_samples_and_their_change_are_those_of_the_way() {
+    fn interpolated_pose_and_velocity_match_motion() {
         let samples: Vec<PoseSample> = (0..100).map(|i| pose(0.02 * f64::from(i))).collect();
         let poses = Poses::new(&samples).unwrap();
         let point = DVec3::new(3.0, -20.0, 80.0);

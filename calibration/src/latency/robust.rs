@@ -1,24 +1,27 @@
-//! A spread that single values far off do not move, and Tukey's weights.
+//! Robust standard deviation, and Tukey's weights.
 
 use crate::statistics::median;
 
-/// From the median of distances to the standard deviation of a normal distribution.
+/// Factor from the median distance to the standard deviation of a normal distribution.
 const NORMAL: f64 = 1.482_602_218_505_602;
 
-/// The standard deviation about 0 of what is normally distributed but for some. Leaves distances in the values' place.
+/// Returns the standard deviation about 0 of normally distributed values with a few outliers.
+/// Replaces the values by their distances.
 pub(super) fn deviation_about_zero(values: &mut [f64]) -> f64 {
     values.iter_mut().for_each(|x| *x = x.abs());
     NORMAL * median(values)
 }
 
-/// Tukey's biweight by a residual in units of its scale: how much it counts, and how fast its influence changes with it.
+/// Tukey's biweight for a residual in units of its scale: the weight, and the derivative of the
+/// influence.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Biweight {
     pub(super) weight: f64,
     pub(super) slope: f64,
 }
 
-/// 95 % efficient where residuals are normal (Maronna, Martin, Yohai & Salibián-Barrera, Robust Statistics, 2nd ed., section 2.3).
+/// Gives 95 % efficiency for normal residuals (Maronna, Martin, Yohai & Salibián-Barrera,
+/// Robust Statistics, 2nd ed., section 2.3).
 const TUKEY: f64 = 4.685;
 
 impl Biweight {
@@ -37,7 +40,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_value_far_off_does_not_move_the_deviation() {
+    fn outlier_does_not_move_deviation() {
         assert!((deviation_about_zero(&mut [-1.0, 1.0, 0.5, -0.5, 1e9]) - NORMAL).abs() < 1e-12);
     }
 }

@@ -1,17 +1,20 @@
-//! Which of a device's stamps tell its times best.
+//! Chooses the most accurate of a device's stamps.
 //!
-//! A frame or a pose comes with the time that its source gives it, perhaps filtered; often with the raw time of receipt, and with a number by which the device counts. What is
-//! filtered follows a jump only slowly, what is raw has every delay in it, and a number keeps pace where the device's own clock is even and it counts what it loses. Which of them
-//! is true the signals themselves tell: by which they agree. Whichever it is, a lag is the mean one of the given stamps, as these are what pictures and poses are paired by.
+//! A frame or a pose has the time given by its source, possibly filtered. Often it also has the
+//! raw time of receipt and the device's own count. Filtered stamps follow a jump only slowly,
+//! and raw stamps contain every delay. Counts are accurate if the device's clock is even and it
+//! counts lost items. The signals themselves decide: the stamps at which they agree best are
+//! used. In any case the lag is the mean lag of the given stamps, because frames and poses are
+//! paired by these.
 
 use serde::Serialize;
 
-/// What is known of when something was measured.
+/// The stamps of a measurement.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Stamps {
-    /// By the source, s.
+    /// Time given by the source, s.
     pub given_s: f64,
-    /// When it was received, s.
+    /// Time of receipt, s.
     pub raw_s: Option<f64>,
     /// The device's own count.
     pub number: Option<u64>,
@@ -21,19 +24,19 @@ pub struct Stamps {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Reading {
-    /// As the source gives them.
+    /// The source's stamps.
     Given,
-    /// When they were received.
+    /// The times of receipt.
     Raw,
-    /// By the device's count, evenly.
+    /// Even times from the device's count.
     Counted,
 }
 
 impl Reading {
-    /// All, the plainest first.
+    /// All readings, the simplest first.
     pub const ALL: [Self; 3] = [Self::Given, Self::Raw, Self::Counted];
 
-    /// In words.
+    /// Returns a description for people.
     pub fn words(self) -> &'static str {
         match self {
             Self::Given => "stamps as given",
@@ -42,7 +45,8 @@ impl Reading {
         }
     }
 
-    /// The times of all, s, their mean that of the given ones; `None` where the stamps do not hold them all, or they are the given ones again.
+    /// Returns all times, s, with the mean of the given stamps. `None` if stamps are missing,
+    /// or if the result equals the given ones.
     pub fn times(self, stamps: &[Stamps]) -> Option<Vec<f64>> {
         let given = || stamps.iter().map(|stamp| stamp.given_s);
         let first = given().next()?;
@@ -72,7 +76,7 @@ impl Reading {
     }
 }
 
-/// How far given stamps wander about times: standard deviation, s.
+/// Returns the standard deviation of the given stamps about these times, s.
 pub(super) fn wander(stamps: &[Stamps], times: &[f64]) -> f64 {
     let squares = stamps.iter().zip(times).map(|(stamp, time)| (stamp.given_s - time).powi(2)).sum::<f64>();
     (squares / times.len().max(1) as f64).sqrt()
@@ -96,18 +100,18 @@ mod tests {
     }
 
     #[test]
-    fn counts_give_even_times_with_the_given_mean() {
+    fn counts_give_even_times_with_given_mean() {
         let stamps = stamps(true, true);
         let times = Reading::Counted.times(&stamps).unwrap();
         let mean = times.iter().zip(&stamps).map(|(t, s)| t - s.given_s).sum::<f64>() / 30.0;
         assert!(mean.abs() < 1e-12, "{mean}");
-        // A frame was lost, and counted.
+        // A lost frame was counted.
         assert!((times[11] - times[10] - 2.0 * (times[1] - times[0])).abs() < 1e-12);
         assert!((times[1] - times[0] - 0.1).abs() < 2e-4 && wander(&stamps, &times) < 2e-3);
     }
 
     #[test]
-    fn what_is_not_there_or_nothing_new_is_no_reading() {
+    fn missing_or_identical_stamps_give_no_reading() {
         assert!(Reading::Raw.times(&stamps(false, true)).is_none());
         assert!(Reading::Counted.times(&stamps(true, false)).is_none());
         let mut back = stamps(true, true);

@@ -1,10 +1,11 @@
-//! Numbers that change with time, between uneven samples: a natural cubic spline of each, in pieces where samples are too far apart.
+//! Interpolates numbers between uneven samples by natural cubic splines, interrupted at long
+//! gaps.
 
-/// A sample that is no number, or has no time.
+/// A sample contains NaN or infinity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("sample {index} holds NaN or infinity")]
 pub struct NotFinite {
-    /// Its place among the samples.
+    /// Its index among the samples.
     pub index: usize,
 }
 
@@ -15,7 +16,7 @@ pub struct Track<const N: usize> {
     repeated: usize,
 }
 
-/// Samples without a gap among them, at rising times; the second derivatives of the spline there.
+/// Samples without a gap, at rising times, with the spline's second derivatives there.
 #[derive(Debug, Clone)]
 struct Piece<const N: usize> {
     times: Vec<f64>,
@@ -24,7 +25,8 @@ struct Piece<const N: usize> {
 }
 
 impl<const N: usize> Track<N> {
-    /// Through samples (s, values) in any order; of several at one time the last counts. Nothing is said between samples further apart than `longest_gap_s`.
+    /// Interpolates samples (s, values) in any order; of several at one time the last counts.
+    /// Samples farther apart than `longest_gap_s` are not interpolated.
     ///
     /// # Errors
     /// [`NotFinite`] for a sample with NaN or infinity.
@@ -35,7 +37,7 @@ impl<const N: usize> Track<N> {
         }
         samples.sort_by(|a, b| a.0.total_cmp(&b.0));
         let all = samples.len();
-        // Stable, so that the later of equal times is the last of them.
+        // The sort is stable, so the last of equal times is the last given.
         samples.reverse();
         samples.dedup_by(|earlier, later| earlier.0 == later.0);
         samples.reverse();
@@ -43,39 +45,40 @@ impl<const N: usize> Track<N> {
         Ok(Self { pieces: pieces.map(Piece::new).collect(), repeated: all - samples.len() })
     }
 
-    /// Samples left out because another had the same time.
+    /// Returns the number of samples dropped because another had the same time.
     pub fn repeated(&self) -> usize {
         self.repeated
     }
 
-    /// Samples that there is something to say between.
+    /// Returns the number of samples in interpolated pieces.
     pub fn len(&self) -> usize {
         self.pieces.iter().map(|piece| piece.times.len()).sum()
     }
 
-    /// Whether there is nothing to say at any time.
+    /// Returns whether there are no interpolated pieces.
     pub fn is_empty(&self) -> bool {
         self.pieces.is_empty()
     }
 
-    /// First and last time, s.
+    /// Returns the first and last time, s.
     pub fn span_s(&self) -> Option<[f64; 2]> {
         Some([*self.pieces.first()?.times.first()?, *self.pieces.last()?.times.last()?])
     }
 
-    /// The values, and their change a second; `None` where nothing is said.
+    /// Returns the values and their change per second; `None` outside the pieces.
     pub fn at(&self, time_s: f64) -> Option<([f64; N], [f64; N])> {
         let after = self.pieces.partition_point(|piece| piece.times[0] <= time_s);
         let piece = self.pieces.get(after.checked_sub(1)?)?;
         (time_s <= piece.times[piece.times.len() - 1]).then(|| piece.at(time_s))
     }
 
-    /// The samples, in the order of their times.
+    /// Returns the samples, in the order of their times.
     pub fn samples(&self) -> impl Iterator<Item = (f64, &[f64; N])> {
         self.pieces.iter().flat_map(|piece| piece.times.iter().copied().zip(&piece.values))
     }
 
-    /// Noise of each number's samples: what is left of them where their neighbours' straight line is taken off, robustly. A spline of even noise.
+    /// Returns the noise of each number's samples: a robust deviation from the straight line
+    /// between their neighbours.
     pub fn noise(&self) -> [f64; N] {
         std::array::from_fn(|k| {
             let mut left: Vec<f64> = self.pieces.iter().flat_map(|piece| piece.second_differences(k)).collect();
@@ -85,12 +88,13 @@ impl<const N: usize> Track<N> {
 }
 
 impl<const N: usize> Piece<N> {
-    /// Of at least two samples at rising times.
+    /// Fits a spline to at least two samples at rising times.
     fn new(samples: &[(f64, [f64; N])]) -> Self {
         let (times, values): (Vec<f64>, Vec<[f64; N]>) = samples.iter().copied().unzip();
         let n = times.len();
         let mut bends = vec![[0.0; N]; n];
-        // The tridiagonal system of the second derivatives, those at the ends 0, by elimination without pivots: it is diagonally dominant.
+        // Solves the tridiagonal system of the second derivatives, which are 0 at the ends.
+        // Elimination needs no pivots, because the matrix is diagonally dominant.
         let mut above = vec![0.0; n];
         for i in 1..n - 1 {
             let (left, right) = (times[i] - times[i - 1], times[i + 1] - times[i]);
@@ -108,7 +112,7 @@ impl<const N: usize> Piece<N> {
         Self { times, values, bends }
     }
 
-    /// Within the first and the last time.
+    /// Evaluates within the first and the last time.
     fn at(&self, time_s: f64) -> ([f64; N], [f64; N]) {
         let i = self.times.partition_point(|t| *t <= time_s).clamp(1, self.times.len() - 1);
         let step = self.times[i] - self.times[i - 1];
@@ -124,7 +128,8 @@ impl<const N: usize> Piece<N> {
         (std::array::from_fn(|k| each(k).0), std::array::from_fn(|k| each(k).1))
     }
 
-    /// What a sample lies beside the straight line of its neighbours, divided by how far even noise puts it there.
+    /// Returns each sample's deviation from the straight line of its neighbours, scaled to the
+    /// standard deviation of independent noise.
     fn second_differences(&self, k: usize) -> impl Iterator<Item = f64> {
         (1..self.times.len() - 1).map(move |i| {
             let [before, at, after] = [i - 1, i, i + 1].map(|i| self.times[i]);
@@ -144,14 +149,14 @@ mod tests {
     }
 
     #[test]
-    fn straight_lines_are_kept_and_smooth_ways_followed_with_their_slope() {
+    fn lines_are_exact_and_curves_followed_with_slope() {
         let samples = uneven(60).into_iter().map(|t| (t, [3.0 - 2.0 * t, (2.0 * t).sin()])).collect();
         let track = Track::new(samples, 1.0).unwrap();
         for at in (0..400).map(|i| 0.5 + 0.01 * f64::from(i)) {
             let ([line, wave], [slope, change]) = track.at(at).unwrap();
             assert!((line - (3.0 - 2.0 * at)).abs() < 1e-12 && (slope + 2.0).abs() < 1e-10);
             assert!((wave - (2.0 * at).sin()).abs() < 2e-4 && (change - 2.0 * (2.0 * at).cos()).abs() < 1e-2, "{at}");
-            // The slope is that of the curve itself, not another estimate of it.
+            // The slope must be the derivative of the interpolated curve itself.
             let step = 1e-6;
             let by_difference = (track.at(at + step).unwrap().0[1] - track.at(at - step).unwrap().0[1]) / (2.0 * step);
             assert!((change - by_difference).abs() < 1e-6);
@@ -159,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_said_across_gaps_and_beyond_the_ends() {
+    fn gaps_and_ends_are_not_interpolated() {
         let samples = [0.0, 0.1, 0.2, 0.9, 1.0, 3.0].map(|t| (t, [t])).to_vec();
         let track = Track::new(samples, 0.5).unwrap();
         for (at, is_said) in [
@@ -178,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn order_does_not_matter_and_of_equal_times_the_last_counts() {
+    fn order_is_free_and_last_of_equal_times_counts() {
         let track = Track::new(vec![(1.0, [5.0]), (0.0, [1.0]), (1.0, [2.0]), (2.0, [3.0])], 9.0).unwrap();
         assert_eq!(track.samples().map(|(t, [x])| (t, *x)).collect::<Vec<_>>(), [(0.0, 1.0), (1.0, 2.0), (2.0, 3.0)]);
         assert_eq!(track.repeated(), 1);

@@ -4,17 +4,18 @@ use glam::{DMat3, DVec3};
 
 use super::parameters::{Block, Parameters};
 
-/// What takes the noise of N numbers to N independent ones of standard deviation 1: a lower triangle.
+/// A lower triangle that maps the noise of N numbers to independent noise of standard
+/// deviation 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Whitening<const N: usize>([[f64; N]; N]);
 
 impl<const N: usize> Whitening<N> {
-    /// Of independent numbers with one standard deviation.
+    /// Returns the whitening of independent numbers with one standard deviation.
     pub fn sd(sd: f64) -> Self {
         Self::sds([sd; N])
     }
 
-    /// Of independent numbers with these standard deviations.
+    /// Returns the whitening of independent numbers with these standard deviations.
     pub fn sds(sds: [f64; N]) -> Self {
         let mut triangle = [[0.0; N]; N];
         for (i, sd) in sds.into_iter().enumerate() {
@@ -23,7 +24,8 @@ impl<const N: usize> Whitening<N> {
         Self(triangle)
     }
 
-    /// Of a covariance: the inverse of its Cholesky factor. One that is not positive definite gives numbers that are none, which [`solve`](super::solve()) refuses.
+    /// Returns the whitening of a covariance: the inverse of its Cholesky factor. A matrix that
+    /// is not positive definite gives NaN, which [`solve`](super::solve()) refuses.
     pub fn covariance(covariance: &[[f64; N]; N]) -> Self {
         let mut factor = [[0.0; N]; N];
         for i in 0..N {
@@ -32,7 +34,7 @@ impl<const N: usize> Whitening<N> {
                 factor[i][j] = if i == j { rest.sqrt() } else { rest / factor[j][j] };
             }
         }
-        // Column by column, from the diagonal down.
+        // Inverts column by column, from the diagonal down.
         let mut inverse = [[0.0; N]; N];
         for j in 0..N {
             let mut column = [0.0; N];
@@ -50,12 +52,14 @@ impl<const N: usize> Whitening<N> {
     }
 }
 
-/// The rows of a matrix, as [`Residual::by`] takes them: row i is the change of residual i with a step's components.
+/// Returns the rows of a matrix, in the form for [`Residual::by`]: row i is the change of
+/// residual i with a step's components.
 pub fn rows(matrix: DMat3) -> [[f64; 3]; 3] {
     matrix.transpose().to_cols_array_2d()
 }
 
-/// How R·x changes with a step of R from the left, where `point` is R·x: −[R·x]×. With a step from the right it is R times this of x.
+/// Returns the derivative of R·x by a step of R from the left, with `point` = R·x: −[R·x]×. For
+/// a step from the right it is R times this of x.
 pub fn turned(point: DVec3) -> DMat3 {
     DMat3::from_cols(DVec3::X.cross(point), DVec3::Y.cross(point), DVec3::Z.cross(point))
 }
@@ -67,16 +71,16 @@ pub struct Blocks<'a> {
     columns: &'a [Option<usize>],
     /// Components of a step.
     width: usize,
-    /// Whether derivatives are asked for.
+    /// Whether derivatives are requested.
     derivatives: bool,
     residuals: Vec<f64>,
     jacobian: Vec<f64>,
-    /// Where each block of residuals ends.
+    /// End of each block of residuals.
     ends: Vec<usize>,
 }
 
 impl<'a> Blocks<'a> {
-    /// What a function puts down at a state.
+    /// Collects the residuals that `evaluate` adds at a state.
     pub(super) fn of(
         parameters: &Parameters,
         columns: &'a [Option<usize>],
@@ -90,7 +94,8 @@ impl<'a> Blocks<'a> {
         blocks
     }
 
-    /// Adds a residual of N components that belong together: a robust loss judges them by their common length. The derivatives are added to what is returned; those by
+    /// Adds a residual of N components that belong together: a robust loss judges them by their
+    /// common length. The caller adds derivatives to the returned value; derivatives by
     /// parameters that are not named are 0.
     pub fn add<'b, const N: usize>(
         &'b mut self,
@@ -106,27 +111,27 @@ impl<'a> Blocks<'a> {
         Residual { blocks: self, whitening, first }
     }
 
-    /// Whether derivatives are asked for: where they cost more than the residuals do, they can be left out.
+    /// Returns whether derivatives are requested; costly derivatives may be skipped otherwise.
     pub fn wants_derivatives(&self) -> bool {
         self.derivatives
     }
 
-    /// Whitened residuals.
+    /// Returns the whitened residuals.
     pub(super) fn residuals(&self) -> &[f64] {
         &self.residuals
     }
 
-    /// Derivatives of the whitened residuals, row major.
+    /// Returns the derivatives of the whitened residuals, row major.
     pub(super) fn jacobian(&self) -> &[f64] {
         &self.jacobian
     }
 
-    /// Each block's first residual and the one after its last.
+    /// Returns the range of residuals of each block.
     pub(super) fn ranges(&self) -> impl Iterator<Item = std::ops::Range<usize>> {
         self.ends.iter().scan(0, |first, &end| Some(std::mem::replace(first, end)..end))
     }
 
-    /// Each block's number of components and length, whitened.
+    /// Returns each block's number of components and length, whitened.
     pub(super) fn lengths(&self) -> Vec<(usize, f64)> {
         let length = |range: std::ops::Range<usize>| {
             (range.len(), self.residuals[range].iter().map(|r| r * r).sum::<f64>().sqrt())
@@ -135,7 +140,7 @@ impl<'a> Blocks<'a> {
     }
 }
 
-/// A residual that was added, for its derivatives.
+/// A residual just added, to which derivatives can be added.
 #[derive(Debug)]
 pub struct Residual<'b, 'a, const N: usize> {
     blocks: &'b mut Blocks<'a>,
@@ -144,7 +149,8 @@ pub struct Residual<'b, 'a, const N: usize> {
 }
 
 impl<const N: usize> Residual<'_, '_, N> {
-    /// Adds the derivatives by a block of parameters: row i is the change of residual i (as given, not whitened) with the components of the block's step.
+    /// Adds the derivatives by a block of parameters. Row i is the change of residual i (as
+    /// given, not whitened) with the components of the block's step.
     pub fn by<const K: usize>(self, block: impl Block<K>, derivatives: [[f64; K]; N]) -> Self {
         let Blocks { columns, width, derivatives: wanted, jacobian, .. } = &mut *self.blocks;
         let (true, Some(column)) = (*wanted, columns[block.place().block()]) else { return self };

@@ -1,4 +1,4 @@
-//! How sure parameters are together.
+//! Joint covariance of parameters.
 
 use nalgebra::{Cholesky, DMatrix};
 
@@ -10,19 +10,20 @@ use super::parameters::{Block, Parameters};
 pub struct Certainty {
     parameters: Parameters,
     columns: Vec<Option<usize>>,
-    /// Of a step's components.
+    /// Covariance of a step's components.
     covariance: DMatrix<f64>,
 }
 
 impl Certainty {
-    /// Of a covariance, row major by a step's components.
+    /// Takes a covariance, row major by a step's components.
     pub(super) fn new(parameters: &Parameters, columns: &[Option<usize>], covariance: &[f64]) -> Self {
         let n = parameters.steps();
         let covariance = DMatrix::from_row_slice(n, n, covariance);
         Self { parameters: parameters.clone(), columns: columns.to_vec(), covariance }
     }
 
-    /// Covariance of the steps of two blocks: rows the first's components, columns the second's; 0 of a block that is held.
+    /// Returns the covariance of the steps of two blocks: rows for the first's components,
+    /// columns for the second's; 0 for a fixed block.
     pub fn between<const K: usize, const L: usize>(&self, one: impl Block<K>, other: impl Block<L>) -> [[f64; L]; K] {
         match [one.place(), other.place()].map(|place| self.columns[place.block()]) {
             [Some(row), Some(column)] => {
@@ -32,11 +33,14 @@ impl Certainty {
         }
     }
 
-    /// Covariance, to first order, of N numbers that depend on the parameters, whose derivatives are given as those of a residual are:
+    /// Returns the covariance, to first order, of N numbers that depend on the parameters.
+    /// Their derivatives are given like those of a residual:
     ///
     /// ```text
-    /// // Where the image's corner lies: R·x + t.
-    /// let covariance_mm2 = certainty.propagated(|corner| corner.by(turn, rows(turned(r * x))).by(shift, rows(DMat3::IDENTITY)));
+    /// // Position of the image's corner: R·x + t.
+    /// let covariance_mm2 = certainty
+    ///     .propagated(|corner| corner.by(turn, rows(turned(r * x))).by(shift,
+    /// rows(DMat3::IDENTITY)));
     /// ```
     pub fn propagated<const N: usize>(
         &self,
@@ -50,9 +54,11 @@ impl Certainty {
         std::array::from_fn(|i| std::array::from_fn(|j| covariance[(i, j)]))
     }
 
-    /// As sure as it would be if all of these residuals had been measured too, each so many times: information adds. `None` where one of their derivatives is no number.
+    /// Returns the covariance with these additional residuals, each measured `times` times:
+    /// information adds. `None` if a derivative is NaN.
     ///
-    /// By what they change, C − CJᵀ(1/times + JCJᵀ)⁻¹JC: nothing that is hardly determined is inverted.
+    /// The update is C − CJᵀ(1/times + JCJᵀ)⁻¹JC, so that nearly undetermined directions are
+    /// never inverted.
     pub fn with(&self, times: f64, put: impl FnOnce(&mut Blocks<'_>)) -> Option<Self> {
         let rows = self.derivatives(put);
         let gain = &self.covariance * rows.transpose();
@@ -62,7 +68,7 @@ impl Certainty {
         Some(Self { covariance, ..self.clone() })
     }
 
-    /// Whitened derivatives of what is put down: a row a residual.
+    /// Returns the whitened derivatives of the residuals that `put` adds, one row per residual.
     fn derivatives(&self, put: impl FnOnce(&mut Blocks<'_>)) -> DMatrix<f64> {
         let blocks = Blocks::of(&self.parameters, &self.columns, true, put);
         DMatrix::from_row_slice(blocks.residuals().len(), self.parameters.steps(), blocks.jacobian())

@@ -1,30 +1,33 @@
-//! Derivatives held against finite differences.
+//! Checks derivatives against finite differences.
 
 use super::blocks::Blocks;
 use super::parameters::{Parameters, State};
 
-/// Steps of this much of the typical sizes: near the cube root of rounding, where errors of truncation and of rounding meet.
+/// Step in units of the typical sizes: near the cube root of rounding, where truncation and
+/// rounding errors are equal.
 const STEP: f64 = 1e-5;
 
-/// Where analytic derivatives and central differences differ most.
+/// The largest difference of analytic derivatives and central differences.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JacobianCheck {
-    /// By how much, over the largest derivative of that block of residuals (both by a typical size of the parameter).
+    /// The difference over the largest derivative of that block of residuals, both by a typical
+    /// size of the parameter.
     pub largest: f64,
-    /// Which block of residuals, from 0.
+    /// Index of the block of residuals, from 0.
     pub block: usize,
-    /// By which component.
+    /// Name of the parameter's component.
     pub parameter: String,
-    /// As given, whitened, by the parameter's typical size.
+    /// The given derivative, whitened, by the parameter's typical size.
     pub analytic: f64,
-    /// As found.
+    /// The central difference.
     pub difference: f64,
 }
 
-/// Compares the derivatives that `evaluate` gives at a state with central differences of its residuals. Right ones agree to some 1e-8; for every problem's tests.
+/// Compares the derivatives from `evaluate` at a state with central differences of its
+/// residuals. Correct ones agree to some 1e-8; for every problem's tests.
 ///
 /// # Panics
-/// When `evaluate` puts down another number of residuals beside that state than at it.
+/// Panics if `evaluate` adds a different number of residuals beside the state than at it.
 pub fn check_jacobian<F>(parameters: &Parameters, state: &State, evaluate: F) -> JacobianCheck
 where
     F: Fn(&State, &mut Blocks<'_>),
@@ -56,7 +59,7 @@ where
         let size = entries().map(|entry| analytic(entry).abs().max(found[entry.0].abs())).fold(0.0, f64::max);
         for entry in entries() {
             let apart = (analytic(entry) - found[entry.0]).abs() / size.max(f64::MIN_POSITIVE);
-            // What is no number is worse than any.
+            // NaN is worse than any number.
             if apart > worst.largest || apart.is_nan() {
                 let parameter = names[entry.1].to_owned();
                 worst = JacobianCheck {

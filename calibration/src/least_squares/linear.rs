@@ -1,30 +1,31 @@
-//! The linear problem in each step: min |J·y + r|, by QR and singular values.
+//! Solves the linear problem of each step, min |J·y + r|, by QR and singular values.
 
 use nalgebra::{DMatrix, DVector};
 
-/// A Jacobian taken apart, with what it makes of the residuals.
+/// A decomposed Jacobian, with the residuals along its singular vectors.
 #[derive(Debug, Clone)]
 pub(super) struct Linear {
     /// Singular values, the largest first.
     values: Vec<f64>,
-    /// Right singular vectors, one a row.
+    /// Right singular vectors, one per row.
     directions: DMatrix<f64>,
     /// The residuals along the left singular vectors.
     along: Vec<f64>,
 }
 
-/// Singular values that are less than this of the largest are rounding's.
+/// Singular values below this share of the largest are rounding errors.
 const ROUNDING: f64 = 1e-14;
 
 impl Linear {
-    /// Of a Jacobian of at least as many rows as columns, row major, and as many residuals as it has rows; all finite.
+    /// Decomposes a Jacobian, row major, with at least as many rows as columns, and one
+    /// residual per row; all finite.
     pub(super) fn of(columns: usize, jacobian: &[f64], residuals: &[f64]) -> Self {
         let factors = DMatrix::from_row_slice(residuals.len(), columns, jacobian).qr();
         let mut turned = DVector::from_column_slice(residuals);
         factors.q_tr_mul(&mut turned);
         let singular = factors.r().svd(true, true);
         let (Some(left), Some(directions)) = (singular.u, singular.v_t) else {
-            // Both were asked for.
+            // Both sets of vectors were requested.
             unreachable!("singular vectors");
         };
         let along = |k| left.column(k).iter().zip(turned.iter()).map(|(u, r)| u * r).sum();
@@ -35,7 +36,8 @@ impl Linear {
         }
     }
 
-    /// The step that minimises |J·y + r|² + damping·(largest singular value)²·|y|²; none along directions that rounding alone determines.
+    /// Returns the step that minimises |J·y + r|² + damping·(largest singular value)²·|y|². It
+    /// has no component along directions that rounding alone determines.
     pub(super) fn step(&self, damping: f64) -> Vec<f64> {
         let largest = self.values.first().copied().unwrap_or(0.0);
         let floor = damping * largest * largest;
@@ -49,7 +51,8 @@ impl Linear {
         step
     }
 
-    /// Largest singular value over the smallest: ∞ where that is 0.
+    /// Returns the condition number: the largest singular value over the smallest, ∞ if that
+    /// is 0.
     pub(super) fn condition(&self) -> f64 {
         match (self.values.first(), self.values.last()) {
             (Some(largest), Some(smallest)) => largest / smallest,
@@ -57,13 +60,13 @@ impl Linear {
         }
     }
 
-    /// Singular values and right singular vectors, the weakest first.
+    /// Returns singular values and right singular vectors, the weakest first.
     pub(super) fn weakest_first(&self) -> impl Iterator<Item = (f64, Vec<f64>)> {
         let direction = |k: usize| (self.values[k], self.directions.row(k).iter().copied().collect());
         (0..self.values.len()).rev().map(direction)
     }
 
-    /// (JᵀJ)⁻¹, row major.
+    /// Returns (JᵀJ)⁻¹, row major.
     pub(super) fn inverse_normal(&self) -> Vec<f64> {
         let n = self.values.len();
         let mut inverse = vec![0.0; n * n];

@@ -1,25 +1,29 @@
-//! What a residual costs, by its length in standard deviations.
+//! Loss functions: the cost of a residual by its length in standard deviations.
 //!
-//! The constants are those with which an estimate from Gaussian residuals of one component has 95 % of the efficiency of least squares (Huber, *Robust Statistics*, 1981; Holland &
-//! Welsch, Commun. Stat. A 6, 1977). A residual of d components is judged by its length; its constant is the length that is exceeded as rarely as the
-//! constant is by one component (Wilson & Hilferty's cube root of χ², Proc. Natl. Acad. Sci. 17, 1931).
+//! The constants give an estimate from Gaussian residuals of one component 95 % of the
+//! efficiency of least squares (Huber, *Robust Statistics*, 1981; Holland & Welsch, Commun.
+//! Stat. A 6, 1977). A residual of d components is judged by its length. Its constant is the
+//! length exceeded as rarely as the constant is by one component (Wilson & Hilferty's cube root
+//! of χ², Proc. Natl. Acad. Sci. 17, 1931).
 
-/// What a residual costs.
+/// A loss function.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Loss {
-    /// Half its square.
+    /// Half the square of the residual.
     #[default]
     Quadratic,
-    /// Linear beyond 1.345 standard deviations. Convex: from anywhere there is one minimum of a linear problem.
+    /// Linear beyond 1.345 standard deviations. Convex: a linear problem has one minimum,
+    /// reached from any start.
     Huber,
-    /// Logarithmic, of 2.385 standard deviations.
+    /// Logarithmic, with a constant of 2.385 standard deviations.
     Cauchy,
-    /// No more beyond 4.685 standard deviations: what is farther away has no part in the result. Needs a start that is good.
+    /// Constant beyond 4.685 standard deviations: residuals farther away have no influence.
+    /// Needs a good start.
     Tukey,
 }
 
 impl Loss {
-    /// Its constant for one component, standard deviations.
+    /// Returns its constant for one component, standard deviations.
     fn constant(self) -> f64 {
         match self {
             Self::Quadratic => f64::INFINITY,
@@ -29,14 +33,14 @@ impl Loss {
         }
     }
 
-    /// Ready for residuals of so many components.
+    /// Returns the loss for residuals of this many components.
     pub fn of(self, components: usize) -> Law {
         let reach = if self == Self::Quadratic { f64::INFINITY } else { as_rare(self.constant(), components) };
         Law { loss: self, reach }
     }
 }
 
-/// A loss for residuals of a certain number of components.
+/// A loss for residuals of a fixed number of components.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Law {
     loss: Loss,
@@ -44,7 +48,7 @@ pub struct Law {
 }
 
 impl Law {
-    /// The cost ρ of a residual of that length.
+    /// Returns the cost ρ of a residual of this length.
     pub fn cost(&self, length: f64) -> f64 {
         let (r, k) = (length, self.reach);
         match self.loss {
@@ -57,7 +61,7 @@ impl Law {
         }
     }
 
-    /// The weight ρ′/r: 1 for a residual of length 0.
+    /// Returns the weight ρ′/r: 1 for a residual of length 0.
     pub fn weight(&self, length: f64) -> f64 {
         let (r, k) = (length, self.reach);
         match self.loss {
@@ -69,7 +73,7 @@ impl Law {
         }
     }
 
-    /// The second derivative ρ″ along the residual.
+    /// Returns the second derivative ρ″ along the residual.
     pub fn curvature(&self, length: f64) -> f64 {
         let (r, k) = (length, self.reach);
         let u = (r / k).powi(2);
@@ -84,8 +88,9 @@ impl Law {
     }
 }
 
-/// Standard deviation of residuals' components from the lengths of blocks (number of components, length): the median of each length over what it would be at a standard
-/// deviation of 1. Half of the blocks may be anything.
+/// Estimates the standard deviation of residuals' components from the blocks' (number of
+/// components, length). Takes the median of each length over its median at a standard deviation
+/// of 1. Up to half of the blocks may be outliers.
 pub fn spread(lengths: &[(usize, f64)]) -> f64 {
     let mut units: Vec<f64> = lengths.iter().map(|(components, length)| length / median(*components)).collect();
     units.sort_by(f64::total_cmp);
@@ -96,7 +101,7 @@ pub fn spread(lengths: &[(usize, f64)]) -> f64 {
     }
 }
 
-/// Median length of d independent numbers of standard deviation 1.
+/// Returns the median length of d independent numbers of standard deviation 1.
 fn median(components: usize) -> f64 {
     match components {
         1 => 0.674_489_750_196_081_7,
@@ -106,7 +111,7 @@ fn median(components: usize) -> f64 {
     }
 }
 
-/// The length of d components that is exceeded as rarely as `constant` is by one.
+/// Returns the length of d components that is exceeded as rarely as `constant` is by one.
 pub fn as_rare(constant: f64, components: usize) -> f64 {
     if components == 1 {
         return constant;
@@ -116,7 +121,7 @@ pub fn as_rare(constant: f64, components: usize) -> f64 {
     quantile(normal, components)
 }
 
-/// The length of d components that a standard normal number corresponds to.
+/// Returns the length of d components at the quantile of a standard normal number.
 fn quantile(normal: f64, components: usize) -> f64 {
     let d = components as f64;
     let spread = 2.0 / (9.0 * d);
@@ -128,7 +133,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn weight_and_curvature_are_derivatives_of_the_cost() {
+    fn weight_and_curvature_are_derivatives_of_cost() {
         for loss in [Loss::Quadratic, Loss::Huber, Loss::Cauchy, Loss::Tukey] {
             for components in 1..=4 {
                 let law = loss.of(components);
@@ -148,7 +153,7 @@ mod tests {
 
     /// χ² of 3 at 0.8214 and of 2 at 0.8214 are 4.906 and 3.446.
     #[test]
-    fn constants_for_more_components_are_exceeded_as_rarely() {
+    fn constants_are_equally_rare_for_more_components() {
         assert!((as_rare(1.345, 3).powi(2) - 4.906).abs() < 0.06, "{}", as_rare(1.345, 3).powi(2));
         assert!((as_rare(1.345, 2).powi(2) - 3.446).abs() < 0.06, "{}", as_rare(1.345, 2).powi(2));
         for components in 1..=3 {
@@ -157,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn the_spread_heeds_no_outlier() {
+    fn spread_ignores_outliers() {
         let mut lengths = vec![(3, 2.0 * median(3)); 60];
         lengths.extend(vec![(3, 1e6); 40]);
         assert!((spread(&lengths) - 2.0).abs() < 1e-12);

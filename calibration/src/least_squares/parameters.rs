@@ -1,13 +1,13 @@
-//! What is to be found: blocks of parameters, each with its name, unit, typical size and the way in which a step changes it.
+//! Blocks of parameters, each with its name, unit, typical size and rule for steps.
 
 use glam::{DQuat, DVec3};
 
-/// From which side a step turns a rotation.
+/// The side from which a step turns a rotation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Side {
-    /// exp(step)·R: about the axes of the frame that it turns to.
+    /// exp(step)·R: about the axes of the frame that R maps to.
     Left,
-    /// R·exp(step): about the axes of the frame that it turns from.
+    /// R·exp(step): about the axes of the frame that R maps from.
     Right,
 }
 
@@ -19,22 +19,23 @@ pub struct Rotation(Place);
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Vector<const N: usize>(Place);
 
-/// N positive factors among the parameters, which a step multiplies by its exponential: their covariance is of their logarithms, that is, relative.
+/// N positive factors among the parameters. A step multiplies them by its exponential, so their
+/// covariance is that of their logarithms, that is, relative.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Scale<const N: usize>(Place);
 
-/// Where a block is.
+/// Position of a block among the parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Place {
-    /// Among the blocks.
+    /// Index of the block.
     block: usize,
-    /// Its first number among a state's.
+    /// Index of its first number in a state.
     value: usize,
 }
 
 /// A block whose step has K components: [`Rotation`] (3), [`Vector`], [`Scale`].
 pub trait Block<const K: usize>: Copy {
-    /// Where it is.
+    /// Returns its position.
     fn place(self) -> Place;
 }
 
@@ -56,7 +57,7 @@ impl<const K: usize> Block<K> for Scale<K> {
     }
 }
 
-/// How a step changes a block.
+/// The rule by which a step changes a block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Rotation(Side),
@@ -75,7 +76,7 @@ struct Description {
     held: bool,
 }
 
-/// The parameters of a problem, and where its solution is to begin.
+/// The parameters of a problem, and their start values.
 #[derive(Debug, Clone, Default)]
 pub struct Parameters {
     blocks: Vec<Description>,
@@ -87,23 +88,25 @@ pub struct Parameters {
 pub struct State(Vec<f64>);
 
 impl Parameters {
-    /// None yet.
+    /// Returns an empty list.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// A rotation. `typical_rad` is the angle that moves residuals by about as much as the typical sizes of the other parameters do: those over the lever between them.
+    /// Adds a rotation. `typical_rad` is the angle that moves residuals by about as much as the
+    /// other parameters' typical sizes: those sizes over the lever between them.
     pub fn rotation(&mut self, name: &str, side: Side, typical_rad: f64, start: DQuat) -> Rotation {
         let names = ["x", "y", "z"].map(|axis| format!("{name} about {axis}")).to_vec();
         Rotation(self.push(Kind::Rotation(side), names, "rad", typical_rad, &start.normalize().to_array()))
     }
 
-    /// A point or a shift in space, mm.
+    /// Adds a point or a shift in space, mm.
     pub fn point(&mut self, name: &str, typical_mm: f64, start: DVec3) -> Vector<3> {
         self.vector(name, ["x", "y", "z"], "mm", typical_mm, start.to_array())
     }
 
-    /// Numbers of one unit; `components` are their names beside the block's, and may be empty words.
+    /// Adds numbers of one unit; `components` are appended to the block's name and may be
+    /// empty.
     pub fn vector<const N: usize>(
         &mut self,
         name: &str,
@@ -115,7 +118,7 @@ impl Parameters {
         Vector(self.push(Kind::Vector, named(name, components), unit, typical, &start))
     }
 
-    /// Factors that stay positive. `typical` is relative: 0.01 for one per cent.
+    /// Adds factors that stay positive. `typical` is relative: 0.01 for one per cent.
     pub fn scale<const N: usize>(
         &mut self,
         name: &str,
@@ -126,30 +129,30 @@ impl Parameters {
         Scale(self.push(Kind::Scale, named(name, components), "relative", typical, &start))
     }
 
-    /// Keeps a block at its start.
+    /// Fixes a block at its start.
     pub fn hold<const K: usize>(&mut self, block: impl Block<K>) {
         self.blocks[block.place().block].held = true;
     }
 
-    /// Where the solution begins.
+    /// Returns the start values.
     pub fn start(&self) -> State {
         State(self.start.clone())
     }
 
-    /// Begins at a state instead: a solution of a robuster loss, for one.
+    /// Sets the start values, for example to the solution of a more robust loss.
     pub fn begin_at(&mut self, state: &State) {
         self.start.clone_from(&state.0);
     }
 
-    /// Components of a step of all blocks that are not held.
+    /// Returns the number of components of a step of all free blocks.
     pub fn steps(&self) -> usize {
         self.free().map(|block| block.names.len()).sum()
     }
 
-    /// The state after a step.
+    /// Returns the state after a step.
     ///
     /// # Panics
-    /// When the step has not [`Self::steps`] components.
+    /// Panics unless the step has [`Self::steps`] components.
     pub fn moved(&self, state: &State, step: &[f64]) -> State {
         assert_eq!(step.len(), self.steps(), "a step's components");
         let mut moved = state.clone();
@@ -171,17 +174,17 @@ impl Parameters {
         moved
     }
 
-    /// Name and unit of each component of a step.
+    /// Returns the name and unit of each component of a step.
     pub(super) fn components(&self) -> impl Iterator<Item = (&str, &'static str)> {
         self.free().flat_map(|block| block.names.iter().map(|name| (name.as_str(), block.unit)))
     }
 
-    /// Typical size of each component of a step.
+    /// Returns the typical size of each component of a step.
     pub(super) fn typical(&self) -> Vec<f64> {
         self.free().flat_map(|block| block.names.iter().map(|_| block.typical)).collect()
     }
 
-    /// Each block's first component in a step; `None` of those that are held.
+    /// Returns each block's first component in a step; `None` for fixed blocks.
     pub(super) fn columns(&self) -> Vec<Option<usize>> {
         let mut next = 0;
         let column = |block: &Description| {
@@ -210,29 +213,29 @@ fn named<const N: usize>(name: &str, components: [&str; N]) -> Vec<String> {
 }
 
 impl Place {
-    /// Among the blocks.
+    /// Returns the index among the blocks.
     pub(super) fn block(self) -> usize {
         self.block
     }
 }
 
 impl State {
-    /// A rotation.
+    /// Returns a rotation.
     pub fn rotation(&self, block: Rotation) -> DQuat {
         DQuat::from_slice(&self.0[block.0.value..])
     }
 
-    /// A point.
+    /// Returns a point.
     pub fn point(&self, block: Vector<3>) -> DVec3 {
         DVec3::from_slice(&self.0[block.0.value..])
     }
 
-    /// Numbers.
+    /// Returns numbers.
     pub fn vector<const N: usize>(&self, block: Vector<N>) -> [f64; N] {
         std::array::from_fn(|i| self.0[block.0.value + i])
     }
 
-    /// Factors.
+    /// Returns factors.
     pub fn scale<const N: usize>(&self, block: Scale<N>) -> [f64; N] {
         std::array::from_fn(|i| self.0[block.0.value + i])
     }

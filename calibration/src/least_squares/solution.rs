@@ -1,4 +1,4 @@
-//! What comes out of least squares.
+//! Results of least squares.
 
 use std::fmt;
 
@@ -7,24 +7,25 @@ use serde::Serialize;
 use super::certainty::Certainty;
 use super::parameters::{Block, Parameters, State};
 
-/// Why a solution went no further.
+/// Reasons why the iteration ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Stopped {
-    /// A further step would change nothing: no component by more than 1e-11 of its typical size.
+    /// The step changed no component by more than 1e-11 of its typical size.
     Step,
-    /// No step makes the cost less: rounding is reached.
+    /// No step reduces the cost: rounding is reached.
     Cost,
-    /// The limit of iterations; the state may be some way from the best one.
+    /// The limit of iterations; the state may be some way from the optimum.
     Iterations,
 }
 
-/// A combination of parameters, and how well the data determine it.
+/// A combination of parameters, and its accuracy.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Direction {
-    /// Standard deviation along it, in typical sizes: of a point with a typical size of 100 mm, 0.01 is 1 mm. Infinite where the data say nothing.
+    /// Standard deviation along it, in typical sizes: for a point with a typical size of 100
+    /// mm, 0.01 is 1 mm. Infinite if the data do not determine it.
     pub sd: f64,
-    /// Its components: name, unit, and how much of it, in that unit.
+    /// Its components: name, unit, and size in that unit.
     pub parts: Vec<(String, &'static str, f64)>,
     /// The same over typical sizes: a unit vector.
     shares: Vec<f64>,
@@ -32,7 +33,8 @@ pub struct Direction {
 }
 
 impl Direction {
-    /// Its part in a block, over typical sizes: all blocks together make a unit vector. 0 of a block that is held.
+    /// Returns its part in a block, over typical sizes: all blocks together make a unit vector.
+    /// 0 for a fixed block.
     pub fn share<const K: usize>(&self, block: impl Block<K>) -> [f64; K] {
         match self.columns[block.place().block()] {
             Some(column) => std::array::from_fn(|k| self.shares[column + k]),
@@ -40,7 +42,8 @@ impl Direction {
         }
     }
 
-    /// For people: the names of what it mostly consists of, at least half as much as of the first.
+    /// Returns the names of its main components, for people: those at least half as large as
+    /// the largest.
     pub fn leading(&self) -> String {
         let most = self.shares.iter().fold(0.0_f64, |most, share| most.max(share.abs()));
         let named = self.shares.iter().zip(&self.parts).filter(|(share, _)| share.abs() >= 0.5 * most);
@@ -49,7 +52,8 @@ impl Direction {
 }
 
 impl fmt::Display for Direction {
-    /// Its larger components, the largest first: `0.96·stylus tip z − 0.28·stylus tip x`; over typical sizes, with the sign that makes the first positive.
+    /// Writes its larger components, the largest first: `0.96·stylus tip z − 0.28·stylus tip
+    /// x`. They are over typical sizes, with the sign that makes the first positive.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut named: Vec<(f64, &str)> =
             self.shares.iter().zip(&self.parts).map(|(share, (name, ..))| (*share, name.as_str())).collect();
@@ -68,50 +72,53 @@ impl fmt::Display for Direction {
     }
 }
 
-/// The state that explains the residuals best, and how sure it is.
+/// The state that explains the residuals best, and its covariance.
 #[derive(Debug, Clone)]
 pub struct Solution {
     /// The values.
     pub state: State,
-    /// Sum over blocks of twice the loss, in standard deviations as given: of a quadratic loss the sum of squares of the whitened residuals.
+    /// Sum over blocks of twice the loss, in the given standard deviations. For a quadratic
+    /// loss it is the sum of squares of the whitened residuals.
     pub cost: f64,
-    /// Steps taken, and tried.
+    /// Number of steps taken or tried.
     pub iterations: u32,
-    /// Why no more.
+    /// Reason why the iteration ended.
     pub stopped: Stopped,
-    /// Standard deviation of the whitened residuals: by their sum of squares (quadratic loss) or their median (robust losses). About 1 where the noise is as the
-    /// whitening says.
+    /// Standard deviation of the whitened residuals, from their sum of squares (quadratic loss)
+    /// or their median (robust losses). About 1 if the whitening is right.
     pub spread: f64,
-    /// Components of residuals less components of the step.
+    /// Degrees of freedom: components of residuals less components of the step.
     pub freedom: usize,
     /// Largest over smallest singular value of the whitened, weighted Jacobian by typical sizes.
     pub condition: f64,
     /// Each block's whitened length, in the order in which they were added.
     pub lengths: Vec<f64>,
-    /// Each block's weight by the loss: 1 where it counts whole, 0 where it has no part.
+    /// Each block's weight by the loss: 1 for full weight, 0 for none.
     pub weights: Vec<f64>,
     pub(super) directions: Vec<Direction>,
     pub(super) certainty: Certainty,
 }
 
 impl Solution {
-    /// How sure the parameters are together.
+    /// Returns the joint covariance of the parameters.
     pub fn certainty(&self) -> &Certainty {
         &self.certainty
     }
 
-    /// Covariance of a block's step, in its unit squared (of a rotation rad², of scales relative); 0 of a block that is held.
+    /// Returns the covariance of a block's step, in its unit squared (rad² for a rotation,
+    /// relative for scales); 0 for a fixed block.
     pub fn covariance<const K: usize>(&self, block: impl Block<K>) -> [[f64; K]; K] {
         self.certainty.between(block, block)
     }
 
-    /// Standard deviations of a block's step.
+    /// Returns the standard deviations of a block's step.
     pub fn sds<const K: usize>(&self, block: impl Block<K>) -> [f64; K] {
         let covariance = self.covariance(block);
         std::array::from_fn(|i| covariance[i][i].sqrt())
     }
 
-    /// Combinations of parameters, the least determined first; together they span a step.
+    /// Returns combinations of parameters, the least determined first; together they span a
+    /// step.
     pub fn directions(&self) -> &[Direction] {
         &self.directions
     }

@@ -7,64 +7,70 @@ use super::loss::{Loss, spread};
 use super::parameters::{Parameters, State};
 use super::solution::{Direction, Solution, Stopped};
 
-/// A step whose components are all less than this of their typical sizes changes nothing.
+/// The iteration ends at a step whose components are all below this share of their typical
+/// sizes.
 const STEP: f64 = 1e-11;
-/// Steps of less than this are taken where the cost does not tell …
+/// Steps below this are taken even if the cost does not fall …
 const FLAT_STEP: f64 = 1e-6;
-/// … that they make it more, by less than this of it,
+/// … but grows by less than this share of itself,
 const FLAT_COST: f64 = 1e-10;
-/// and as long as each is less than this of the one before.
+/// and as long as each is shorter than this share of the one before.
 const SHRINKS: f64 = 0.9;
-/// Damping at the beginning, of the largest singular value's square; below the least there is none.
+/// Initial damping, as a share of the largest singular value's square, and the level below
+/// which it becomes 0.
 const DAMPING: [f64; 2] = [1e-6, 1e-16];
-/// The spread by which robust losses judge whitened residuals is no less: what data without noise leave is rounding, which has outliers of its own.
+/// Least spread for robust losses. Residuals of exact data are rounding errors, which have
+/// outliers of their own.
 const LEAST_SPREAD: f64 = 1e-6;
-/// Scale and state of a robust solution follow each other until the scale changes by less.
+/// A robust solution alternates between scale and state until the scale changes by less …
 const SAME_SCALE: f64 = 1e-4;
-/// … or so often.
+/// … or this many times.
 const MOST_SCALES: u32 = 40;
 
-/// What is known of the noise.
+/// Knowledge of the noise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Noise {
-    /// The whitening says how the noise of residuals compares; how large it is say the residuals.
+    /// The whitening gives the relative noise of residuals; the residuals themselves give its
+    /// size.
     #[default]
     Compared,
-    /// The whitening says how large it is: the covariance is that of this noise, and a robust loss judges residuals by it.
+    /// The whitening gives the absolute noise. The covariance follows from it, and a robust
+    /// loss judges residuals by it.
     Known,
 }
 
-/// How to solve.
+/// Settings of the solver.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
-    /// What residuals cost.
+    /// The loss function.
     pub loss: Loss,
-    /// What is known of their noise.
+    /// Knowledge of the noise.
     pub noise: Noise,
-    /// At most so many steps, tried or taken.
+    /// Maximum number of steps, tried or taken.
     pub most_iterations: u32,
-    /// A direction is undetermined when its singular value is less than this of the largest, by typical sizes.
+    /// A direction is undetermined if its singular value is less than this share of the
+    /// largest, by typical sizes.
     pub least_determined: f64,
 }
 
 impl Default for Settings {
-    /// Least squares, the noise from the residuals.
+    /// Returns the settings for plain least squares, with the noise from the residuals.
     fn default() -> Self {
         Self { loss: Loss::Quadratic, noise: Noise::Compared, most_iterations: 500, least_determined: 1e-9 }
     }
 }
 
 impl Settings {
-    /// A robust loss, its scale and the noise from the residuals.
+    /// Returns the settings for a robust loss, with its scale and the noise from the residuals.
     pub fn robust(loss: Loss) -> Self {
         Self { loss, ..Self::default() }
     }
 }
 
-/// Why there is no solution.
+/// Reasons why there is no solution.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Unsolved {
-    /// Fewer numbers than are sought.
+    /// There are fewer measured numbers than parameters.
     #[error("{residuals} measured numbers do not determine {parameters} parameters; measure more")]
     TooFew {
         /// Components of residuals.
@@ -72,13 +78,13 @@ pub enum Unsolved {
         /// Components of a step.
         parameters: usize,
     },
-    /// NaN or infinity, or a covariance that is none.
+    /// A residual or derivative is NaN or infinite, or a covariance is invalid.
     #[error("measurement {block} gives a residual, a derivative or a noise that is not a finite number")]
     NotFinite {
-        /// Which block of residuals, from 0.
+        /// Index of the block of residuals, from 0.
         block: usize,
     },
-    /// The data say nothing of these directions, the least determined first.
+    /// The data do not determine these directions, the least determined first.
     #[error("the measurements do not determine {}", listed(.directions))]
     Undetermined {
         /// Combinations of parameters.
@@ -90,13 +96,15 @@ fn listed(directions: &[Direction]) -> String {
     directions.iter().map(ToString::to_string).collect::<Vec<_>>().join("; nor ")
 }
 
-/// Finds the parameters that make the residuals' cost least, beginning at [`Parameters::start`].
+/// Finds the parameters that minimise the residuals' cost, starting at [`Parameters::start`].
 ///
-/// `evaluate` puts down all residuals at a state, always as many and in the same order. A weight that depends on the state is to be taken from a state before: its own change is
-/// no part of the derivatives.
+/// `evaluate` adds all residuals at a state, always as many and in the same order. A weight
+/// that depends on the state must be computed from an earlier state, because the derivatives do
+/// not cover its change.
 ///
 /// # Errors
-/// [`Unsolved`]: too few residuals, numbers that are none, or directions that the data do not determine.
+/// [`Unsolved`]: too few residuals, invalid numbers, or directions that the data do not
+/// determine.
 pub fn solve<F>(parameters: &Parameters, settings: &Settings, evaluate: F) -> Result<Solution, Unsolved>
 where
     F: Fn(&State, &mut Blocks<'_>),
@@ -122,7 +130,7 @@ where
     problem.solution(&search, scale, &evaluate)
 }
 
-/// Where a search is.
+/// State of the iteration.
 struct Search {
     state: State,
     iterations: u32,
@@ -141,13 +149,13 @@ impl<'a> Problem<'a> {
         Blocks::of(self.parameters, self.columns, derivatives, |blocks| evaluate(state, blocks))
     }
 
-    /// Components of residuals over those that are left when the parameters have taken theirs.
+    /// Returns the number of residuals over the degrees of freedom.
     fn share_of_freedom(&self, residuals: usize) -> f64 {
         let freedom = residuals.saturating_sub(self.parameters.steps()).max(1);
         residuals as f64 / freedom as f64
     }
 
-    /// By what a robust loss judges: the spread of the whitened residuals.
+    /// Returns the scale of a robust loss: the spread of the whitened residuals.
     fn scale(&self, blocks: &Blocks<'_>) -> f64 {
         if self.settings.loss == Loss::Quadratic || self.settings.noise == Noise::Known {
             return 1.0;
@@ -156,7 +164,7 @@ impl<'a> Problem<'a> {
         spread.max(LEAST_SPREAD)
     }
 
-    /// Twice the sum of losses, in standard deviations as given.
+    /// Returns twice the sum of losses, in the given standard deviations.
     fn cost(&self, blocks: &Blocks<'_>, scale: f64) -> f64 {
         let cost = |(components, length): (usize, f64)| self.settings.loss.of(components).cost(length / scale);
         2.0 * scale * scale * blocks.lengths().into_iter().map(cost).sum::<f64>()
@@ -167,7 +175,8 @@ impl<'a> Problem<'a> {
         blocks.lengths().into_iter().map(weight).collect()
     }
 
-    /// The Jacobian by typical sizes and the residuals, each block by the root of its weight.
+    /// Returns the Jacobian by typical sizes and the residuals, each block times the root of
+    /// its weight.
     fn linear(&self, blocks: &Blocks<'_>, weights: &[f64]) -> Linear {
         let width = self.typical.len();
         let (mut jacobian, mut residuals) = (blocks.jacobian().to_vec(), blocks.residuals().to_vec());
@@ -181,7 +190,7 @@ impl<'a> Problem<'a> {
         Linear::of(width, &jacobian, &residuals)
     }
 
-    /// Goes down to the nearest minimum at one scale.
+    /// Descends to the nearest minimum at one scale.
     fn descend(
         &self,
         search: &mut Search,
@@ -205,11 +214,11 @@ impl<'a> Problem<'a> {
                 let step: Vec<f64> = relative.iter().zip(self.typical).map(|(y, typical)| y * typical).collect();
                 let there = self.parameters.moved(&search.state, &step);
                 let trial = self.at(&there, evaluate, false);
-                // A cost that is no number is no less, either.
+                // A cost of NaN does not count as less.
                 let cost_there = self.cost(&trial, scale);
-                // A cost is flat at its minimum: to half its digits only does it tell which of two states is the better. Small steps are taken as long as they get smaller.
+                // The cost is flat at its minimum: only half of its digits distinguish two
+                // states. Small steps are taken as long as they shrink.
                 let flat = largest <= FLAT_STEP && cost_there <= cost * (1.0 + FLAT_COST);
-                // A cost that is no number is no less, either.
                 if cost_there <= cost || flat {
                     search.state = there;
                     damping = if damping * 0.1 < least { 0.0 } else { damping * 0.1 };
@@ -252,7 +261,7 @@ impl<'a> Problem<'a> {
             return Err(Unsolved::Undetermined { directions: undetermined });
         }
 
-        // A block that has no part says nothing of how sure the others are.
+        // Blocks with weight 0 do not contribute to the covariance.
         let kept: Vec<f64> = weights.iter().map(|weight| if *weight > 0.0 { 1.0 } else { 0.0 }).collect();
         let variance = self.variance(&blocks, &weights, scale);
         let n = self.typical.len();
@@ -282,13 +291,15 @@ impl<'a> Problem<'a> {
         })
     }
 
-    /// Residuals that are left for the noise, at least one.
+    /// Returns the degrees of freedom left for the noise, at least one.
     fn freedom(&self, residuals: usize) -> usize {
         residuals.saturating_sub(self.parameters.steps()).max(1)
     }
 
-    /// What (JᵀJ)⁻¹ is to be multiplied by. For a robust loss Huber's (*Robust Statistics*, 1981, section 7.6): the mean square of ψ over the square of the mean of ψ′, with his
-    /// correction for few residuals. A block of d components counts d times, with ψ′ averaged over directions: (ρ″ + (d − 1)·ρ′/r)/d.
+    /// Returns the factor of (JᵀJ)⁻¹. For a robust loss it is Huber's (*Robust Statistics*,
+    /// 1981, section 7.6): the mean square of ψ over the square of the mean of ψ′, corrected
+    /// for few residuals. A block of d components counts d times, with ψ′ averaged over
+    /// directions: (ρ″ + (d − 1)·ρ′/r)/d.
     fn variance(&self, blocks: &Blocks<'_>, weights: &[f64], scale: f64) -> f64 {
         let known = self.settings.noise == Noise::Known;
         if self.settings.loss == Loss::Quadratic {

@@ -1,4 +1,4 @@
-//! The core against closed forms, finite differences and many seeds.
+//! Tests of the solver against closed forms, finite differences and many seeds.
 
 #![allow(clippy::print_stdout, reason = "figures, for who asks with --nocapture")]
 
@@ -7,7 +7,8 @@ use glam::{DMat3, DQuat, DVec3};
 use super::*;
 use crate::noise::{Noise as Random, mahalanobis};
 
-/// Points of one frame that were seen in another, turned, scaled along the axes and shifted: all kinds of blocks at once.
+/// Fits points of one frame to their images in another: turned, scaled along the axes and
+/// shifted. It uses all kinds of blocks at once.
 struct Similarity {
     parameters: Parameters,
     turn: Rotation,
@@ -61,7 +62,8 @@ impl Similarity {
         solve(&self.parameters, settings, |state, blocks| self.put(state, blocks)).expect("solved")
     }
 
-    /// Error of the turn (as a step from the truth), of the scale's logarithm, and of the shift.
+    /// Returns the error of the rotation (as a step from the truth), of the scale's logarithm,
+    /// and of the shift.
     fn error(&self, solution: &Solution) -> [f64; 9] {
         let truth = DQuat::from_scaled_axis(TURN);
         let found = solution.state.rotation(self.turn);
@@ -74,9 +76,9 @@ impl Similarity {
         std::array::from_fn(|i| parts[i / 3][i % 3])
     }
 
-    /// Covariance of all nine.
+    /// Returns the covariance of all nine.
     fn covariance(&self, solution: &Solution) -> [[f64; 9]; 9] {
-        // Each number is a function of its own parameter alone.
+        // Each number depends on its own parameter only.
         let unit = |first: usize| -> [[f64; 3]; 9] {
             std::array::from_fn(|i| std::array::from_fn(|k| if i == first + k { 1.0 } else { 0.0 }))
         };
@@ -87,7 +89,7 @@ impl Similarity {
 }
 
 #[test]
-fn derivatives_by_every_kind_of_block_are_right_and_wrong_ones_are_found() {
+fn derivatives_are_right_and_wrong_ones_are_found() {
     for side in [Side::Left, Side::Right] {
         let problem = Similarity::new(side, DQuat::from_rotation_x(0.7), 0.5, 1);
         let state =
@@ -101,7 +103,7 @@ fn derivatives_by_every_kind_of_block_are_right_and_wrong_ones_are_found() {
 }
 
 #[test]
-fn without_noise_the_truth_is_found_to_rounding_from_far_away_with_every_loss() {
+fn exact_data_are_solved_to_rounding_with_every_loss() {
     for side in [Side::Left, Side::Right] {
         for loss in [Loss::Quadratic, Loss::Huber, Loss::Cauchy] {
             let problem = Similarity::new(side, DQuat::from_scaled_axis(TURN + DVec3::new(0.8, 0.7, -0.9)), 0.0, 2);
@@ -113,10 +115,10 @@ fn without_noise_the_truth_is_found_to_rounding_from_far_away_with_every_loss() 
     }
 }
 
-/// Over seeds, eᵀΣ⁻¹e of all nine parameters averages nine: the covariance is that of the errors, by residuals or by noise that is known, from either
-/// side.
+/// Over many seeds, eᵀΣ⁻¹e of all nine parameters averages nine. The covariance thus matches
+/// the errors, with estimated or known noise, and for either side.
 #[test]
-fn the_covariance_is_that_of_the_errors() {
+fn covariance_matches_errors() {
     for (side, noise) in [(Side::Left, Noise::Compared), (Side::Right, Noise::Compared), (Side::Left, Noise::Known)] {
         let seeds = 500;
         let settings = Settings { noise, ..Settings::default() };
@@ -127,15 +129,17 @@ fn the_covariance_is_that_of_the_errors() {
             sum += mahalanobis(problem.error(&solution), &problem.covariance(&solution));
         }
         let mean = sum / seeds as f64;
-        // One χ² of 9 spreads by √18; 120 residuals with 111 degrees of freedom add 2 % to its mean.
+        // One χ² of 9 spreads by √18; 120 residuals with 111 degrees of freedom add 2 % to its
+        // mean.
         let sampling = (18.0 / seeds as f64).sqrt();
         assert!((mean - 9.0).abs() < 3.5 * sampling + 0.2, "{side:?} {noise:?}: {mean}");
     }
 }
 
-/// A tenth of the points are 20 mm and more off: robust losses stay near the truth and say how near, least squares is far off.
+/// A tenth of the points are off by 20 mm and more. Robust losses stay near the truth with a
+/// valid covariance; plain least squares is far off.
 #[test]
-fn robust_losses_heed_no_outliers_and_their_covariance_says_so() {
+fn robust_losses_ignore_outliers_with_valid_covariance() {
     let seeds = 500;
     for (loss, least, most) in [(Loss::Huber, 8.3, 12.0), (Loss::Cauchy, 8.2, 10.5), (Loss::Tukey, 8.3, 10.0)] {
         let (mut sum, mut farthest) = (0.0, 0.0_f64);
@@ -156,7 +160,7 @@ fn robust_losses_heed_no_outliers_and_their_covariance_says_so() {
 }
 
 #[test]
-fn tukey_gives_outliers_no_weight_and_without_noise_they_change_nothing() {
+fn tukey_excludes_outliers_exactly() {
     let mut problem = Similarity::new(Side::Right, DQuat::from_scaled_axis(TURN + DVec3::splat(0.02)), 0.0, 5);
     for pair in problem.pairs.iter_mut().step_by(4) {
         pair.1 += DVec3::new(30.0, -80.0, 10.0);
@@ -173,7 +177,7 @@ fn tukey_gives_outliers_no_weight_and_without_noise_they_change_nothing() {
 
 /// A straight line, whose covariance has a closed form.
 #[test]
-fn a_line_s_solution_and_covariance_are_those_of_the_textbook() {
+fn line_matches_closed_form() {
     let data = [(0.0, 1.1), (1.0, 2.9), (2.0, 5.2), (3.0, 6.8), (4.0, 9.1)];
     let mut parameters = Parameters::new();
     let line = parameters.vector("line", ["height", "slope"], "mm", 1.0, [50.0, -30.0]);
@@ -198,14 +202,14 @@ fn a_line_s_solution_and_covariance_are_those_of_the_textbook() {
     assert_eq!(solution.freedom, 3);
     let known = solve(&parameters, &Settings { noise: Noise::Known, ..Settings::default() }, put).unwrap();
     assert!((known.covariance(line)[1][1] - 4.0 * 0.1).abs() < 1e-12);
-    // Where the line is at x = 7.
+    // Variance of the line at x = 7.
     let there = known.certainty().propagated(|y| y.by(line, [[1.0, 7.0]]));
     assert!((there[0][0] - 4.0 * (0.6 - 2.0 * 7.0 * 0.2 + 49.0 * 0.1)).abs() < 1e-11);
 }
 
-/// Three more points at x = 7, foreseen and measured.
+/// Three more points at x = 7, predicted and measured.
 #[test]
-fn it_is_foreseen_how_sure_more_residuals_make() {
+fn predicted_covariance_matches_measured() {
     let mut parameters = Parameters::new();
     let line = parameters.vector("line", ["height", "slope"], "", 1.0, [0.0; 2]);
     let noise = Whitening::sd(2.0);
@@ -235,7 +239,7 @@ fn it_is_foreseen_how_sure_more_residuals_make() {
 
 /// Undamped steps overshoot from here and never come back.
 #[test]
-fn a_start_from_which_gauss_newton_diverges_is_damped() {
+fn diverging_gauss_newton_is_damped() {
     let mut parameters = Parameters::new();
     let rate = parameters.vector("rate", [""], "1/s", 1.0, [6.0]);
     let unit = Whitening::sd(1.0);
@@ -248,8 +252,9 @@ fn a_start_from_which_gauss_newton_diverges_is_damped() {
 }
 
 #[test]
-fn correlated_noise_is_weighed_by_its_covariance() {
-    // A number measured twice, with errors that are known to be nearly the same: the weighted mean lies outside of the two (as the formula of Gauss and Markov has it).
+fn correlated_noise_is_weighted_by_covariance() {
+    // A number measured twice, with nearly equal errors: the weighted mean lies outside of both
+    // (Gauss–Markov).
     let covariance = [[1.0, 1.8], [1.8, 4.0]];
     let whitening = Whitening::covariance(&covariance);
     let mut parameters = Parameters::new();
@@ -266,7 +271,7 @@ fn correlated_noise_is_weighed_by_its_covariance() {
 }
 
 #[test]
-fn what_the_data_do_not_say_is_named() {
+fn undetermined_directions_are_named() {
     let mut parameters = Parameters::new();
     let a = parameters.point("tip", 100.0, DVec3::ZERO);
     let b = parameters.point("pivot", 100.0, DVec3::ZERO);
@@ -288,7 +293,7 @@ fn what_the_data_do_not_say_is_named() {
         assert!((ax + bx).abs() < 1e-12 && (ay + by).abs() < 1e-12, "{direction}");
         assert!(direction.sd.is_infinite());
     }
-    // With all of them but one, the sentence says which.
+    // More data leave one undetermined direction, and the message names it.
     let more = |state: &State, blocks: &mut Blocks<'_>| {
         put(state, blocks);
         let difference = state.point(a) - state.point(b);
@@ -298,12 +303,12 @@ fn what_the_data_do_not_say_is_named() {
     let error = solve(&parameters, &Settings::default(), more).unwrap_err();
     assert_eq!(error.to_string(), "the measurements do not determine 0.71·tip z + 0.71·pivot z");
     let Unsolved::Undetermined { directions } = error else { panic!("one direction is not determined") };
-    // What is a rounding's share of it is not named.
+    // Components of rounding size are not named.
     assert_eq!(directions[0].leading(), "tip z and pivot z");
 }
 
 #[test]
-fn what_is_held_stays_and_takes_no_part() {
+fn fixed_block_stays_without_covariance() {
     let mut problem = Similarity::new(Side::Left, DQuat::from_scaled_axis(TURN), 0.0, 7);
     problem.parameters.hold(problem.turn);
     assert_eq!(problem.parameters.steps(), 6);
@@ -317,7 +322,7 @@ fn what_is_held_stays_and_takes_no_part() {
 }
 
 #[test]
-fn too_few_and_no_numbers_are_refused() {
+fn too_few_or_invalid_numbers_are_refused() {
     let mut problem = Similarity::new(Side::Left, DQuat::IDENTITY, 0.0, 7);
     problem.pairs.truncate(2);
     let error = solve(&problem.parameters, &Settings::default(), |s, b| problem.put(s, b)).unwrap_err();
@@ -332,9 +337,10 @@ fn too_few_and_no_numbers_are_refused() {
     assert_eq!(error, Unsolved::NotFinite { block: 0 });
 }
 
-/// Poorly scaled: a rotation that is seen at one end of a metre, and columns that differ by six orders of magnitude.
+/// A badly scaled problem: a rotation measured at one end of a metre, and columns that differ
+/// by six orders of magnitude.
 #[test]
-fn the_condition_does_not_depend_on_units() {
+fn condition_does_not_depend_on_units() {
     let conditions = [1.0, 1e-6].map(|unit| {
         let mut parameters = Parameters::new();
         let line = parameters.vector("height", [""], "mm", 10.0, [0.0]);

@@ -1,23 +1,23 @@
-//! Our file of a phantom.
+//! File format of a phantom.
 //!
 //! ```toml
 //! format = "sonoweave-phantom"
 //! version = 1
 //! name = "three N's, printed 2024-05-02"
 //!
-//! [[pattern]]                       # wires that belong together; top to bottom as an MF picture shows them
+//! [[pattern]]                       # a group of wires; from top to bottom in an MF image
 //! [[pattern.wire]]                  # from right to left
 //! name = "1a"
-//! from_mm = [20.0, 0.0, 10.0]       # two points of it, in the phantom's own frame
+//! from_mm = [20.0, 0.0, 10.0]       # its two ends, in the phantom's own frame
 //! to_mm = [20.0, 40.0, 10.0]
 //!
-//! [[landmark]]                      # places to be touched with a stylus; optional
+//! [[landmark]]                      # points to be touched with a stylus; optional
 //! name = "#1"
 //! position_mm = [95.0, 5.0, 15.0]
 //!
-//! [phantom_to_reference]            # where the phantom is held on the reference sensor; optional
+//! [phantom_to_reference]            # pose of the phantom on the reference sensor; optional
 //! matrix = [ 16 numbers, row major, column vectors ]
-//! error_mm = 0.4                    # how well it was measured: mean distance at the landmarks; optional
+//! error_mm = 0.4                    # mean distance at the landmarks; optional
 //! ```
 
 use std::fmt::Write as _;
@@ -25,33 +25,35 @@ use std::path::Path;
 
 use glam::DVec3;
 
+use sonoweave_core::frames::{Phantom, Reference, Transform};
+use sonoweave_core::keys::{Entry, FileError, Source, Table, read_text};
+
 use super::{Geometry, Landmark, Wire};
-use crate::file::{MAX_BYTES, read_text};
-use crate::frames::{Phantom, Reference, Transform};
-use crate::keys::{Entry, FileError, Source, Table};
+use crate::file::MAX_BYTES;
 
 /// The value of `format`.
 pub const FORMAT: &str = "sonoweave-phantom";
 /// The version that is written, and the newest that is read.
 pub const VERSION: u32 = 1;
 
-/// How much a registration may be off a rotation: printed digits.
+/// Tolerance for a registration's rotation, due to printed digits.
 const ROTATION_TOLERANCE: f64 = 1e-2;
 
-/// Where the phantom is held on the reference sensor.
+/// Pose of the phantom on the reference sensor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Registration {
-    /// Rigid.
+    /// The pose; rigid.
     pub reference_from_phantom: Transform<Reference, Phantom>,
-    /// Mean distance between landmarks as touched and as mapped, mm; `None` where nobody says. Above 0.
+    /// Mean distance between landmarks as touched and as mapped, mm, above 0; `None` if
+    /// unknown.
     pub error_mm: Option<f64>,
 }
 
 impl Registration {
-    /// Of a transform that is rigid but for printed digits.
+    /// Takes a transform that is rigid up to printed digits.
     ///
     /// # Errors
-    /// A sentence without a beginning: no rotation, or an error that is none.
+    /// A message without subject: the matrix is no rotation, or the error is invalid.
     pub fn new(matrix: Transform<Reference, Phantom>, error_mm: Option<f64>) -> Result<Self, String> {
         let (reference_from_phantom, _) = matrix.nearest_rigid(ROTATION_TOLERANCE).map_err(|e| e.to_string())?;
         if let Some(mm) = error_mm.filter(|mm| !(mm.is_finite() && *mm > 0.0)) {
@@ -61,25 +63,25 @@ impl Registration {
     }
 }
 
-/// What a phantom's file holds.
+/// Contents of a phantom's file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PhantomFile {
     /// Its wires and landmarks.
     pub geometry: Geometry,
-    /// Where it is held, if the file says so.
+    /// Its pose, if the file has it.
     pub registration: Option<Registration>,
 }
 
 impl PhantomFile {
     /// Reads a file.
     ///
-    /// # Errors
-    /// [`FileError`]: unreadable, too large, not TOML, or a key that is unknown, missing or out of range.
+    /// # Errors [`FileError`]: unreadable, too large, not TOML, or a key that is unknown,
+    /// missing or out of range.
     pub fn read(path: &Path) -> Result<Self, FileError> {
         Self::parse(path, &read_text(path, MAX_BYTES)?)
     }
 
-    /// Reads a file's text; `path` is for sentences only.
+    /// Parses a file's text; `path` is for error messages only.
     ///
     /// # Errors
     /// [`FileError`]: not TOML, or a key that is unknown, missing or out of range.
@@ -103,13 +105,13 @@ impl PhantomFile {
         };
         let patterns = list("pattern")?.iter().map(pattern).collect::<Result<Vec<_>, _>>()?;
         let landmarks = list("landmark")?.iter().map(landmark).collect::<Result<Vec<_>, _>>()?;
-        // Of the whole: it stands where the file says what it is.
+        // Errors of the geometry as a whole are reported at the line of `format`.
         let geometry = Geometry::new(name, patterns, landmarks).map_err(|e| format.error(e.to_string()))?;
         let registration = root.get("phantom_to_reference").map(|entry| registration(&entry)).transpose()?;
         Ok(Self { geometry, registration })
     }
 
-    /// The file's text. Numbers are written with the digits that give them back bit for bit.
+    /// Returns the file's text. The digits of the numbers restore them bit for bit.
     pub fn to_text(&self) -> String {
         let mut text = format!("format = \"{FORMAT}\"\nversion = {VERSION}\n");
         let quoted = |name: &str| toml::Value::String(name.to_owned()).to_string();
@@ -181,14 +183,14 @@ mod tests {
     }
 
     #[test]
-    fn everything_written_is_read_back() {
+    fn written_file_is_read_back() {
         assert_eq!(parse(&full().to_text()).unwrap(), full());
         let bare = PhantomFile { registration: None, ..full() };
         assert_eq!(parse(&bare.to_text()).unwrap(), bare);
     }
 
     #[test]
-    fn mistakes_are_named_with_their_lines() {
+    fn errors_are_named_with_their_lines() {
         let whole = full().to_text();
         let refusal = |from: &str, to: &str| {
             assert!(whole.contains(from), "{whole}");

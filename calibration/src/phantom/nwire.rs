@@ -1,4 +1,4 @@
-//! The N's among a phantom's wires: found by how the wires lie, not by what a file calls them.
+//! The N's among a phantom's wires, found by geometry and not by names.
 
 use std::ops::Range;
 
@@ -6,26 +6,29 @@ use glam::DVec3;
 
 use super::Wire;
 
-/// Wires whose directions differ by no more than this are parallel, rad: about 1°. Phantoms are printed or drilled to a tenth of that.
+/// Largest angle between parallel wires, rad: about 1°. Phantoms are printed or drilled to a
+/// tenth of that.
 pub const PARALLEL_RAD: f64 = 0.02;
-/// The least angle between an N's slanted wire and the others, rad: below it the slanted wire's dot says next to nothing of where it is cut.
+/// Least angle between an N's slanted wire and the others, rad: below it the slanted wire's dot
+/// hardly determines the place of the cut.
 const LEAST_SLANT_RAD: f64 = 0.05;
-/// How far from one plane an N's wires may lie, mm.
+/// Largest distance of an N's wires from one plane, mm.
 const PLANE_MM: f64 = 0.5;
 
-/// Two parallel wires and one aslant in their plane, which crosses both lines.
+/// Two parallel wires and a slanted one in their plane, which crosses both lines.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Nwire {
-    /// The parallel wires, by their places in the phantom's list and in its order.
+    /// Indices of the parallel wires in the phantom's list, in its order.
     pub outer: [usize; 2],
-    /// The wire between them.
+    /// Index of the wire between them.
     pub middle: usize,
-    /// Where the middle wire's line comes nearest to each of the outer wires' lines (and crosses it, where the wires are in one plane), mm.
+    /// The points of the middle wire's line nearest to each outer wire's line, mm; the
+    /// crossings, if the wires are in one plane.
     pub crossings_mm: [DVec3; 2],
 }
 
 impl Nwire {
-    /// The N that three wires of the list make, if they make one.
+    /// Returns the N that three wires of the list make, if they make one.
     pub(super) fn of(wires: &[Wire], pattern: Range<usize>) -> Option<Self> {
         let [a, b, c] = <[usize; 3]>::try_from(pattern.collect::<Vec<_>>()).ok()?;
         let angle = |i: usize, j: usize| wires[i].direction().cross(wires[j].direction()).length().asin();
@@ -40,13 +43,15 @@ impl Nwire {
         in_plane.then_some(Self { outer, middle, crossings_mm })
     }
 
-    /// Where the middle wire is cut when its dot lies this share of the way from the first outer wire's dot to the second's, mm. Exact where the outer wires are parallel.
+    /// Returns the cut of the middle wire, mm, from its dot's share of the way between the
+    /// first and the second outer wire's dots. Exact for parallel outer wires.
     pub fn middle_mm(&self, share: f64) -> DVec3 {
         self.crossings_mm[0].lerp(self.crossings_mm[1], share)
     }
 }
 
-/// The point of the first wire's line that is nearest to the second's. They are not parallel.
+/// Returns the point of the first wire's line that is nearest to the second's. They are not
+/// parallel.
 fn crossing(first: &Wire, second: &Wire) -> DVec3 {
     let (d, e) = (first.direction(), second.direction());
     let between = second.ends_mm[0] - first.ends_mm[0];
@@ -61,7 +66,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn n_s_are_found_in_any_order_of_their_wires() {
+    fn n_is_found_in_any_wire_order() {
         let phantom = three_ns();
         let found = phantom.nwires();
         assert_eq!(
@@ -77,10 +82,10 @@ mod tests {
     }
 
     #[test]
-    fn a_plane_s_cut_divides_the_middle_wire_as_its_dots_do() {
+    fn plane_cut_divides_middle_wire_like_dots() {
         let phantom = three_ns();
         for n in phantom.nwires() {
-            // A plane well aslant to everything.
+            // A plane oblique to everything.
             let (normal, at) = (DVec3::new(0.2, 0.9, -0.3).normalize(), DVec3::new(33.0, 17.0, 4.0));
             let cut = |wire: usize| {
                 let wire = &phantom.wires()[wire];
@@ -95,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn three_wires_that_are_no_n_are_none() {
+    fn three_other_wires_are_no_n() {
         let wires = three_ns().wires().to_vec();
         let with = |change: fn(&mut Vec<Wire>)| {
             let mut three = wires[..3].to_vec();

@@ -1,36 +1,39 @@
-//! A phantom as it is built: two parallel plates with holes, and wires from the one's to the other's.
+//! Construction of a phantom: two parallel plates with holes, and wires between them.
 //!
-//! Directions are those of the scan for which the phantom's file is written ([`Geometry::wires`]): right and up as one sees it who has the probe's marked side at the right and the probe
-//! above. The plate that is nearer to this viewer is the front one. The wires' ends lie at the plates' inner faces; landmarks, from there on outwards.
+//! Directions follow the scan that the phantom's file assumes ([`Geometry::wires`]): right and
+//! up as seen with the probe above and its marked side at the right. The plate nearer to this
+//! viewer is the front one. The wires' ends lie at the plates' inner faces; landmarks lie from
+//! there outwards.
 
 use glam::{DVec2, DVec3};
 
 use super::{Geometry, Landmark, Wire};
 
-/// How far a wire's end may be from its plate, mm: what a drill does not attain.
+/// Largest distance of a wire's end from its plate, mm: the accuracy of drilling.
 const OFF_MM: f64 = 0.1;
-/// Ends that are nearer to each other than this share a hole, mm.
+/// Ends nearer to each other than this share a hole, mm.
 const SAME_HOLE_MM: f64 = 0.01;
-/// No plate is thicker, mm: what lies farther out is on something else.
+/// Largest thickness of a plate, mm: landmarks farther out are on something else.
 const THICKEST_MM: f64 = 25.0;
 
-/// Two plates and the wires between them. Places on a plate are to the right and up from where the phantom's own origin is, mm.
+/// Two plates and the wires between them. Positions on a plate are to the right and up from the
+/// phantom's own origin, mm.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plates {
-    /// From inner face to inner face, mm.
+    /// Distance of the inner faces, mm.
     pub apart_mm: f64,
-    /// The front one and the back one.
+    /// The front plate and the back plate.
     pub plates: [Plate; 2],
-    /// Of each wire its holes in the front and the back plate.
+    /// Holes of each wire in the front and the back plate.
     pub wires: Vec<[usize; 2]>,
-    /// Landmarks that are on neither plate, by their places in the phantom's list.
+    /// Indices of the landmarks that are on neither plate.
     pub elsewhere: Vec<usize>,
 }
 
 /// A plate.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Plate {
-    /// Middles of holes, in the order of the wires that go through them.
+    /// Centres of holes, in the order of the wires through them.
     pub holes: Vec<DVec2>,
     /// Its landmarks.
     pub divots: Vec<Divot>,
@@ -39,19 +42,20 @@ pub struct Plate {
 /// A landmark on a plate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Divot {
-    /// Among the phantom's.
+    /// Index among the phantom's landmarks.
     pub landmark: usize,
-    /// Where on the plate.
+    /// Position on the plate, mm.
     pub at: DVec2,
-    /// How far outwards from the plate's inner face, mm: as far as the plate is thick, if it is on the outer one.
+    /// Distance outwards from the plate's inner face, mm: the plate's thickness, if it is on
+    /// the outer face.
     pub out_mm: f64,
 }
 
 impl Plates {
-    /// Of a phantom.
+    /// Computes the plates of a phantom.
     ///
     /// # Errors
-    /// [`NoPlates`]: its wires run otherwise.
+    /// [`NoPlates`]: its wires are arranged otherwise.
     pub fn of(geometry: &Geometry) -> Result<Self, NoPlates> {
         let view = View::of(geometry)?;
         let wires = geometry.wires();
@@ -87,14 +91,14 @@ impl Plates {
         Ok(found)
     }
 
-    /// How thick the plates are, mm, if their landmarks say it: all as far out.
+    /// Returns the plates' thickness, mm, if all landmarks are equally far out.
     pub fn thickness_mm(&self) -> Option<f64> {
         let mut out = self.plates.iter().flat_map(|plate| &plate.divots).map(|divot| divot.out_mm);
         let first = out.next()?;
         (first > OFF_MM && out.all(|out_mm| (out_mm - first).abs() <= OFF_MM)).then_some(first)
     }
 
-    /// The corners of what is on either plate, to the left below and to the right above.
+    /// Returns the lower left and the upper right corner of everything on either plate.
     pub fn bounds(&self) -> [DVec2; 2] {
         let on = |plate: &Plate| -> Vec<DVec2> {
             plate.holes.iter().copied().chain(plate.divots.iter().map(|divot| divot.at)).collect()
@@ -106,7 +110,7 @@ impl Plates {
 }
 
 impl Plate {
-    /// The hole there.
+    /// Returns the index of the hole at this place; adds it if new.
     fn hole(&mut self, at: DVec2) -> usize {
         let known = self.holes.iter().position(|hole| hole.distance(at) < SAME_HOLE_MM);
         known.unwrap_or_else(|| {
@@ -116,7 +120,7 @@ impl Plate {
     }
 }
 
-/// How the phantom is seen: unit vectors.
+/// The viewing directions: unit vectors.
 struct View {
     right: DVec3,
     up: DVec3,
@@ -141,7 +145,8 @@ impl View {
         Ok(Self { right, up, away: up.cross(right) })
     }
 
-    /// How far away the nearer and the farther end of a wire are.
+    /// Returns the distances of the nearer and the farther end of a wire along the viewing
+    /// direction.
     fn levels(&self, wire: &Wire) -> [f64; 2] {
         self.front_first(wire).map(|end| end.dot(self.away))
     }
@@ -156,25 +161,25 @@ impl View {
     }
 }
 
-/// Why a phantom is none of two plates.
+/// Reasons why a phantom does not consist of two plates.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NoPlates {
     /// No three wires make an N.
     #[error("no three of its wires make an N (two parallel wires and one aslant between them, in one plane)")]
     NoN,
-    /// N's that do not lie one above the other.
+    /// The N's do not lie one above the other.
     #[error("its N's lie in one plane, so that nothing says which way is up; N's one above the other are drawn")]
     Flat,
-    /// A wire that ends elsewhere.
+    /// A wire ends elsewhere.
     #[error(
         "the wire {wire} ends {mm:.2} mm off the plates between which {first} runs at right angles; only wires between two parallel plates are drawn"
     )]
     Off {
-        /// Which.
+        /// Name of the wire.
         wire: String,
-        /// How far.
+        /// Distance of its end from the plate, mm.
         mm: f64,
-        /// The wire that says where the plates are.
+        /// The wire that defines the plates' positions.
         first: String,
     },
 }
@@ -201,11 +206,11 @@ mod tests {
 
     /// The first wire of each N is at the right, which is −x: the viewer looks along −y.
     #[test]
-    fn plates_are_seen_as_the_scan_sees_them() {
+    fn plates_are_seen_from_scan_direction() {
         let found = changed(DAffine3::IDENTITY, |_| ()).unwrap();
         assert!((found.apart_mm - 40.0).abs() < 1e-12);
         let [front, back] = &found.plates;
-        // 1b leads from x = 40 at y = 0, the back, to 25 at the front.
+        // Wire 1b leads from x = 40 at y = 0, the back, to 25 at the front.
         let [at_front, at_back] = found.wires[1];
         assert!(front.holes[at_front].distance(DVec2::new(-25.0, 10.0)) < 1e-12, "{front:?}");
         assert!(back.holes[at_back].distance(DVec2::new(-40.0, 10.0)) < 1e-12, "{back:?}");
@@ -219,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn they_are_the_same_however_the_phantom_s_frame_lies_and_wires_are_named() {
+    fn plates_do_not_depend_on_frame_or_wire_direction() {
         let turn = DAffine3::from_rotation_translation(
             DQuat::from_scaled_axis(DVec3::new(0.4, -1.1, 2.0)),
             DVec3::new(5.0, 60.0, -7.0),

@@ -4,16 +4,18 @@ use glam::{DMat3, DVec3};
 
 use crate::least_squares::loss::spread;
 
-/// Poses of a sample: three determine tip and pivot, a fourth makes that steadier.
+/// Poses per sample: three determine tip and pivot; a fourth adds stability.
 const SAMPLE: usize = 4;
-/// So many samples: of poses half of which are wrong, one in 16 has none of these; that 300 have one each is less likely than 10⁻⁸.
+/// Number of samples. If half of the poses are wrong, one sample in 16 has no wrong pose. The
+/// probability that all 300 contain one is below 10⁻⁸.
 const SAMPLES: usize = 300;
-/// Samples are judged by so many poses at most, evenly taken.
+/// Maximum number of poses that judge a sample, evenly taken.
 const JUDGES: usize = 600;
-/// Poses within this many standard deviations are taken: 99 % of three Gaussian components.
+/// Poses within this many standard deviations agree: 99 % for three Gaussian components.
 const NEAR: f64 = 3.368;
 
-/// Tip and pivot: of samples of poses the one whose residuals have the least median (Rousseeuw, J. Am. Stat. Assoc. 79, 1984), then from all poses that agree with it.
+/// Finds tip and pivot. Chooses the sample whose residuals have the least median (Rousseeuw, J.
+/// Am. Stat. Assoc. 79, 1984), then solves for all poses that agree with it.
 pub(super) fn find(poses: &[(DMat3, DVec3)]) -> [DVec3; 2] {
     let step = poses.len().div_ceil(JUDGES);
     let judges: Vec<_> = poses.iter().step_by(step).copied().collect();
@@ -33,11 +35,12 @@ pub(super) fn find(poses: &[(DMat3, DVec3)]) -> [DVec3; 2] {
     algebraic(&near).unwrap_or(solved)
 }
 
-/// The `number`th of a sequence of places that is spread evenly and in no order: multiples of the golden ratio.
+/// Returns the `number`th index of a sequence that is spread evenly but unordered: multiples of
+/// the golden ratio.
 fn place(number: usize, places: usize) -> usize {
     const GOLDEN: f64 = 0.618_033_988_749_894_9;
     let share = ((number + 1) as f64 * GOLDEN).fract();
-    // Scattered once more, so that neighbours in the sequence have nothing to do with each other.
+    // Scattered once more, so that neighbours in the sequence are unrelated.
     let scattered = (share * 1e4).fract();
     ((scattered * places as f64) as usize).min(places - 1)
 }
@@ -46,7 +49,8 @@ fn distance((turn, at): &(DMat3, DVec3), [tip, pivot]: &[DVec3; 2]) -> f64 {
     (*turn * *tip + *at - *pivot).length()
 }
 
-/// Least squares over R·tip − pivot = −t. The pivot is the mean of where poses put the tip, which leaves three equations for the tip. `None` where they have no one solution.
+/// Solves R·tip − pivot = −t by least squares. The pivot is the mean of the tip's positions,
+/// which leaves three equations for the tip. `None` if they have no unique solution.
 pub(super) fn algebraic(poses: &[(DMat3, DVec3)]) -> Option<[DVec3; 2]> {
     let count = poses.len() as f64;
     let (mut turn, mut at) = (DMat3::ZERO, DVec3::ZERO);
@@ -62,7 +66,7 @@ pub(super) fn algebraic(poses: &[(DMat3, DVec3)]) -> Option<[DVec3; 2]> {
         right -= by_turn * (*t - at);
     }
     let size = normal.x_axis.x + normal.y_axis.y + normal.z_axis.z;
-    // Rotations about one axis: the determinant is rounding's.
+    // For rotations about one axis the determinant is a rounding error.
     (normal.determinant() > 1e-9 * size.powi(3)).then(|| {
         let tip = normal.inverse() * right;
         [tip, turn * tip + at]

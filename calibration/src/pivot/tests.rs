@@ -1,11 +1,12 @@
-//! The pivot on styli whose tip is known.
+//! Pivot calibration of simulated styli with known tips.
 
 #![allow(clippy::print_stdout, reason = "figures, for who asks with --nocapture")]
 
 use glam::{DAffine3, DQuat};
 
+use sonoweave_core::frames::Reference;
+
 use super::*;
-use crate::frames::Reference;
 use crate::least_squares::check_jacobian;
 use crate::noise::{Noise, mahalanobis};
 
@@ -14,28 +15,29 @@ const PIVOT: DVec3 = DVec3::new(-310.0, 42.0, 95.0);
 
 type Pose = Transform<Reference, Stylus>;
 
-/// What is wrong with a tracker.
+/// Simulated tracker errors.
 #[derive(Clone, Copy)]
 struct Errors {
     mm: f64,
     deg: f64,
-    /// Every so many-th pose is anywhere; 0 for none.
+    /// Every n-th pose is displaced; 0 for none.
     jump_every: usize,
 }
 
 const NONE: Errors = Errors { mm: 0.0, deg: 0.0, jump_every: 0 };
 
-/// The sensor's orientation with the shaft upright, so that no axis of its frame is an axis of the world.
+/// Returns the sensor's orientation with the shaft upright; no axis of its frame is an axis of
+/// the world.
 fn upright() -> DQuat {
     DQuat::from_scaled_axis(DVec3::new(0.4, -1.1, 0.3))
 }
 
-/// A pose with this rotation whose tip is at the pivot.
+/// Returns a pose with this rotation whose tip is at the pivot.
 fn resting(rotation: DQuat) -> DAffine3 {
     DAffine3::from_rotation_translation(rotation, PIVOT - rotation * TIP)
 }
 
-/// A stylus that is tilted by up to 40° to all sides and rolled by up to 60°.
+/// Simulates a stylus tilted by up to 40° to all sides and rolled by up to 60°.
 fn swung(count: usize, errors: Errors, seed: u64) -> Vec<Pose> {
     let mut random = Noise::new(seed);
     let pose = |index: usize| {
@@ -63,7 +65,7 @@ fn refused(poses: &[Pose]) -> String {
 }
 
 #[test]
-fn without_noise_the_tip_is_exact_with_and_without_jumps() {
+fn exact_poses_give_exact_tip_despite_jumps() {
     for jump_every in [0, 10, 4] {
         let pivot = found(&swung(120, Errors { jump_every, ..NONE }, 1));
         assert!((pivot.tip_mm - TIP).length() < 1e-9, "{}", pivot.tip_mm - TIP);
@@ -74,7 +76,7 @@ fn without_noise_the_tip_is_exact_with_and_without_jumps() {
 }
 
 #[test]
-fn derivatives_are_right() {
+fn derivatives_match_finite_differences() {
     let poses: Vec<_> = swung(20, Errors { mm: 0.5, deg: 0.3, ..NONE }, 1)
         .iter()
         .map(|p| (p.affine().matrix3, p.affine().translation))
@@ -88,9 +90,10 @@ fn derivatives_are_right() {
     assert!(check.largest < 1e-7, "{check:?}");
 }
 
-/// Over seeds eᵀΣ⁻¹e of the tip averages three, with noise of any kind, and with a tenth of the poses elsewhere.
+/// Over many seeds, eᵀΣ⁻¹e of the tip averages three: with any kind of noise, and with a tenth
+/// of the poses displaced.
 #[test]
-fn the_tip_s_covariance_is_that_of_its_errors() {
+fn tip_covariance_matches_errors() {
     for (name, errors, rms_mm) in [
         ("0.05 mm, 0.05°", Errors { mm: 0.05, deg: 0.05, ..NONE }, 0.03),
         ("0.3 mm, 0.2°", Errors { mm: 0.3, deg: 0.2, ..NONE }, 0.14),
@@ -117,15 +120,16 @@ fn the_tip_s_covariance_is_that_of_its_errors() {
     }
 }
 
-/// Noise of which each reading keeps nine tenths of the one before, as filtered trackers have it: the covariance says that there is less to go by.
+/// Noise with a correlation of 0.9 from reading to reading, as filtered trackers have: the
+/// covariance must account for fewer independent readings.
 #[test]
-fn noise_that_lasts_is_counted_in() {
+fn correlated_noise_enlarges_covariance() {
     let seeds = 200;
     let mut sum = 0.0;
     for seed in 0..seeds {
         let mut random = Noise::new(77_000 + seed);
         let mut drift = DVec3::ZERO;
-        // A slow swing, as by hand: twelve rounds.
+        // A slow manual swing: twelve rounds.
         let pose = |index: usize| {
             drift = 0.9 * drift + random.vector(0.2 * (1.0 - 0.81_f64).sqrt());
             let share = index as f64 / 600.0;
@@ -145,7 +149,7 @@ fn noise_that_lasts_is_counted_in() {
 }
 
 #[test]
-fn the_tip_s_frame_is_as_plus_has_it() {
+fn tip_frame_matches_plus() {
     let shown = |tip: DVec3| {
         let rows = tip_frame(tip).affine();
         let axes = rows.matrix3;
@@ -156,15 +160,15 @@ fn the_tip_s_frame_is_as_plus_has_it() {
         assert!((axes.z_axis - tip.normalize()).length() < 1e-12 && (rows.translation - tip).length() < 1e-12);
         axes
     };
-    // Along y: y at right angles to the shaft and x.
+    // Along y: the frame's y is perpendicular to the shaft and x.
     assert!((shown(DVec3::new(0.0, 150.0, 0.0)).y_axis - DVec3::NEG_Z).length() < 1e-12);
-    // Within 20° of x: at right angles to the shaft and y.
+    // Within 20° of x: perpendicular to the shaft and y.
     assert!((shown(DVec3::new(-150.0, 0.0, 0.0)).y_axis - DVec3::NEG_Z).length() < 1e-12);
     assert!((shown(DVec3::new(100.0, 0.0, 10.0)).y_axis.dot(DVec3::Y)).abs() < 1e-12);
 }
 
 #[test]
-fn what_does_not_say_where_the_tip_is_is_refused() {
+fn undetermined_tip_is_refused() {
     let noise = Errors { mm: 0.1, deg: 0.1, jump_every: 0 };
     let error = refused(&swung(9, noise, 1));
     assert!(error.starts_with("9 usable poses of the stylus; at least 10 are needed"), "{error}");
@@ -173,7 +177,7 @@ fn what_does_not_say_where_the_tip_is_is_refused() {
     let error = refused(&one);
     assert!(error.starts_with("all 200 poses are one and the same: the stylus was not moved"), "{error}");
 
-    // It lies still; or is held still, and trembles.
+    // The stylus lies still, or is held still and trembles.
     let mut random = Noise::new(4);
     let mut still = |tremble_deg: f64| -> Vec<Pose> {
         (0..200)
@@ -193,7 +197,7 @@ fn what_does_not_say_where_the_tip_is_is_refused() {
     }
     assert!(calibrate(&still(5.0), &Settings::default()).is_ok());
 
-    // Rolled in the fingers, or rocked one way, with a tracker's noise on top.
+    // Rolled in the fingers, or rocked one way, with a tracker's noise added.
     for (axis, said) in [(TIP.normalize(), "(1.00, 0.07, 0.02)"), (DVec3::Y, "(0.00, 1.00, 0.00)")] {
         let poses: Vec<_> = (0..200)
             .map(|i| {
@@ -225,11 +229,11 @@ fn jumps_slips_and_wrong_units_are_refused() {
     }
     let error = refused(&poses);
     assert!(error.starts_with("80 of 200 poses put the tip elsewhere than the others (poses 120 to 199)"), "{error}");
-    // For a fifth of it the rest says where the tip is.
+    // If it slips for a fifth of the time, the rest determines the tip.
     let pivot = found(&[&poses[..120], &poses[170..]].concat());
     assert!((pivot.tip_mm - TIP).length() < 0.2 && pivot.outliers.len() >= 30);
 
-    // A tip that is led over a table.
+    // A tip that moves over a table.
     let mut random = Noise::new(9);
     let mut led = swung(200, noise, 3);
     for pose in &mut led {

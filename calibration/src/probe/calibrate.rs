@@ -1,6 +1,8 @@
-//! From observed pictures to a calibration, or to the reason why there is none.
+//! Calibrates a probe from observed images, or gives the reason for a refusal.
 
 use glam::{DAffine3, DVec2};
+
+use sonoweave_core::frames::{Phantom, Reference, Transform};
 
 use super::dots::Dot;
 use super::errors::{Errors, Evidence};
@@ -13,116 +15,121 @@ use super::refused::{Refused, Units};
 use super::reread::reread;
 use super::sighting::Sighting;
 use super::track::{Poses, Track};
-use crate::frames::{Phantom, Reference, Transform};
 use crate::phantom::file::Registration;
 
-/// Pictures with recognised dots and poses at least. PLUS asks for as many.
+/// Minimum number of images with recognised dots and poses. PLUS requires as many.
 pub const LEAST_PICTURES: usize = 10;
-/// The probe has to move by this much at least, mm, …
+/// The probe must move by this much, mm, …
 const LEAST_WAY_MM: f64 = 2.0;
-/// … or to turn by this much, rad.
+/// … or turn by this much, rad.
 const LEAST_TURN_RAD: f64 = 0.02;
-/// Median distance of dots from their wires, along a direction, beyond which poses, registration and phantom do not belong together, mm: several times what any tracker scatters.
+/// Limit of the dots' median distance from their wires along a direction, mm: several times any
+/// tracker's scatter. Beyond it poses, registration and phantom do not match.
 const WORST_SPREAD_MM: f64 = 2.0;
-/// Other units have to explain the dots better by this factor to be named.
+/// Other units are named if they explain the dots better by this factor.
 const CLEARLY: f64 = 3.0;
-/// Part of the brightest dots, as many as there are wires, that is the phantom's in the median picture at least: of other phantoms' dots some lie alike.
+/// Minimum share of the brightest dots, as many as there are wires, that match the phantom in
+/// the median image. Dots of other phantoms match in part.
 const EXPLAINED: f64 = 0.7;
 
-/// A picture and its poses, as observed.
+/// An observed image and its poses.
 #[derive(Debug, Clone)]
 pub struct Observation {
-    /// Which picture.
+    /// Number of the frame.
     pub frame: usize,
-    /// When, s, by the clock of the poses.
+    /// Time, s, by the clock of the poses.
     pub time_s: f64,
     /// Spots in it.
     pub dots: Vec<Dot>,
-    /// What they are.
+    /// The recognised wires.
     pub reading: Option<Reading>,
-    /// Where the sensors were at that time; `None` where the tracker did not vouch for them.
+    /// Poses of the sensors at that time; `None` if the tracker reported them invalid.
     pub poses: Option<Poses>,
 }
 
-/// What a recording's pictures are.
+/// The images of a recording.
 #[derive(Debug, Clone, Copy)]
 pub struct Recording<'a> {
-    /// In the order in which they were taken.
+    /// In the order of acquisition.
     pub observations: &'a [Observation],
-    /// Where the sensors were at all times, by the tracker's own samples; `None` where no more is known than the pictures' poses.
+    /// Poses of the sensors at all times, from the tracker's own samples; `None` if only the
+    /// images' poses are known.
     pub track: Option<&'a Track>,
     /// Pixels along u and v.
     pub size_px: [u32; 2],
-    /// Whether its times are times, not numbers that stand for them.
+    /// Whether its times are real times and not frame numbers.
     pub timed: bool,
 }
 
-/// What became of a picture.
+/// Outcome of an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
-    /// It has a part in the calibration.
+    /// The calibration used it.
     Used,
-    /// The tracker did not vouch for a pose.
+    /// The tracker reported a pose as invalid.
     NoPose,
-    /// What was scanned is not seen in it: of a phantom, too few dots lie as its wires do.
+    /// The target is not visible: too few dots match the phantom's wires.
     Unseen,
-    /// There is no pose at the time of the picture and the lag after it.
+    /// There is no pose at the image's time plus the lag.
     NoPoseAtLag,
-    /// The other pictures contradict it.
+    /// The other images contradict it.
     Contradicted,
 }
 
-/// A picture's part.
+/// The role of an image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Picture {
-    /// Which.
+    /// Number of the frame.
     pub frame: usize,
-    /// What became of it.
+    /// Its outcome.
     pub outcome: Outcome,
-    /// Its dots, and where the calibration has their wires; empty unless it was used.
+    /// Its dots, and the calculated positions of their wires; empty unless it was used.
     pub dots: Vec<Explained>,
 }
 
 /// A dot and its wire.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Explained {
-    /// Among the phantom's wires.
+    /// Index of the phantom's wire.
     pub wire: usize,
-    /// Where it was seen, pixels.
+    /// Observed position, pixels.
     pub seen_px: DVec2,
-    /// Where the calibration has the wire, pixels.
+    /// Calculated position of the wire, pixels.
     pub expected_px: DVec2,
-    /// How far the dot's place is from the wire's line, mm.
+    /// Distance of the dot from the wire's line, mm.
     pub off_mm: f64,
-    /// Whether it had a part; if not, the picture's other dots contradict it.
+    /// Whether the fit used it; otherwise the image's other dots contradict it.
     pub used: bool,
 }
 
 /// A probe's calibration.
 #[derive(Debug, Clone)]
 pub struct Calibration {
-    /// The plane, the registration, the lag, and how sure they are.
+    /// The plane, the registration, the lag, and their covariance.
     pub refined: Refined,
-    /// Where it began.
+    /// The start of the fit.
     pub start: ImagePlane,
-    /// Pixels along u and v of the pictures that it holds for.
+    /// Pixels along u and v of the images that it is valid for.
     pub size_px: [u32; 2],
-    /// What became of each picture.
+    /// Outcome of each image.
     pub pictures: Vec<Picture>,
-    /// Errors of middle wires (PLUS's definition) and of all wires, at the lag and with the registration that were found.
+    /// Errors of middle wires (PLUS's definition) and of all wires, at the fitted lag and
+    /// registration.
     pub errors: [Errors; 2],
-    /// The same, of pictures that had no part in the calibration.
+    /// The same for images that the calibration did not use.
     pub validation: Option<[Errors; 2]>,
-    /// Errors of middle wires of those pictures, with poses of the pictures' own times and the registration as given.
+    /// Errors of middle wires of those images, with poses at the images' own times and the
+    /// given registration.
     pub validation_as_given: Option<Errors>,
-    /// Whether the validation's pictures are of the same recording: of a calibration from its first two thirds.
+    /// Whether the validation images are of the same recording, with a calibration from its
+    /// first two thirds.
     pub split: bool,
 }
 
-/// Calibrates.
+/// Calibrates a probe.
 ///
 /// # Errors
-/// [`Refused`] says why there is no calibration, and what to do.
+/// [`Refused`] gives the reason and advice.
 pub fn calibrate(
     layout: &Layout,
     registration: &Registration,
@@ -131,7 +138,7 @@ pub fn calibrate(
 ) -> Result<Calibration, Refused> {
     let (sightings, track) = sight(layout, registration, recording, Side::Right)?;
     let (first, begun) = fit(layout, registration, &sightings, &track, recording).map_err(|refused| {
-        // Of a row of dots only the poses tell from which side it is seen.
+        // For a single row of dots only the poses tell the side from which it is seen.
         let other = || sight(layout, registration, recording, Side::Left);
         let fits = |(sightings, track): (Vec<Sighting>, Track)| {
             fit(layout, registration, &sightings, &track, recording).ok().map(|_| sightings.len())
@@ -165,7 +172,8 @@ pub fn calibrate(
         && first.len() >= LEAST_PICTURES
         && let Ok((of_first, _)) = fit(layout, registration, first, &track, recording)
     {
-        // Neighbouring pictures are alike: what is held back is a stretch, not every third.
+        // Neighbouring images are alike, so a contiguous stretch is held out and not every
+        // third image.
         split = true;
         let evidence = Evidence { sightings: rest, ..evidence(&of_first) };
         held = both(evidence, &of_first.plane);
@@ -189,7 +197,7 @@ fn both(evidence: Evidence<'_>, plane: &ImagePlane) -> Option<[Errors; 2]> {
     Some([evidence.of_middle_wires(plane)?, evidence.of_wires(plane)?])
 }
 
-/// The sightings' dots that had a part.
+/// Returns the sightings' dots that the fit used.
 fn part(sightings: &[Sighting], refined: &Refined) -> Vec<Sighting> {
     let kept = |(sighting, used): (&Sighting, &Vec<bool>)| {
         let marks = sighting.marks.iter().zip(used).filter_map(|(mark, used)| used.then_some(*mark)).collect();
@@ -198,16 +206,16 @@ fn part(sightings: &[Sighting], refined: &Refined) -> Vec<Sighting> {
     sightings.iter().zip(&refined.used).map(kept).collect()
 }
 
-/// From which side the phantom is seen.
+/// The side from which the phantom is seen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Side {
-    /// As its file has it.
+    /// The same as in its file.
     Right,
     /// Mirrored.
     Left,
 }
 
-/// The pictures whose dots are recognised and whose poses are known, all from one side.
+/// Returns the images with recognised dots and known poses, all from one side.
 fn sight(
     layout: &Layout,
     registration: &Registration,
@@ -264,7 +272,7 @@ fn sight(
     Ok((sightings, track))
 }
 
-/// Whether the probe moved: maps between its frame and one that rests.
+/// Checks that the probe moved, from maps between its frame and a static one.
 pub(super) fn moved(maps: &[DAffine3]) -> Result<(), Refused> {
     let Some(first) = maps.first() else { return Ok(()) };
     let (mut way, mut turn) = (0.0_f64, 0.0_f64);
@@ -279,7 +287,7 @@ pub(super) fn moved(maps: &[DAffine3]) -> Result<(), Refused> {
     Ok(())
 }
 
-/// Why no picture's dots are the phantom's.
+/// Returns the reason why no image's dots match the phantom.
 fn unread(layout: &Layout, recording: Recording<'_>) -> Refused {
     let Recording { observations, size_px, .. } = recording;
     let pictures = observations.len();
@@ -289,7 +297,7 @@ fn unread(layout: &Layout, recording: Recording<'_>) -> Refused {
     if median < layout.least_dots() {
         return Refused::NoWires { pictures, dots: median, least: layout.least_dots() };
     }
-    // The same pattern in other units?
+    // Tries the same pattern in other units.
     let mut matcher = Matcher::new();
     for units in Units::ALL {
         let Some(scaled) = layout.scaled(units.factor()) else { continue };
@@ -301,7 +309,7 @@ fn unread(layout: &Layout, recording: Recording<'_>) -> Refused {
     Refused::OtherPhantom { pictures, dots: median, phantom: layout.geometry().name().to_owned() }
 }
 
-/// The plane of the sightings.
+/// Fits the plane to the sightings.
 fn fit(
     layout: &Layout,
     registration: &Registration,
@@ -338,7 +346,7 @@ fn fit(
     Ok((refined, begun))
 }
 
-/// What became of all pictures.
+/// Returns the outcomes of all images.
 fn pictures(
     layout: &Layout,
     recording: Recording<'_>,
@@ -372,18 +380,20 @@ fn pictures(
 }
 
 impl Calibration {
-    /// Pictures that have a part.
+    /// Returns the number of images used.
     pub fn used(&self) -> usize {
         self.pictures.iter().filter(|picture| picture.outcome == Outcome::Used).count()
     }
 
-    /// Predicted error of where a pixel lies (one standard deviation, mm) on a lattice over the picture: rows of `count` numbers, from its first pixels to its last.
+    /// Returns the predicted error of a pixel's position (one standard deviation, mm) on a
+    /// lattice over the image: rows of `count` numbers, from its first pixels to its last.
     pub fn predicted_mm(&self, count: usize) -> Vec<Vec<f64>> {
         lattice(self.size_px, count, |px| self.refined.predicted_mm(px))
     }
 }
 
-/// Numbers of pixels on a lattice over a picture: rows of `count`, from its first pixels to its last.
+/// Evaluates a function of pixels on a lattice over an image: rows of `count`, from its first
+/// pixels to its last.
 pub(super) fn lattice(size_px: [u32; 2], count: usize, of: impl Fn(DVec2) -> f64) -> Vec<Vec<f64>> {
     let last = size_px.map(|n| f64::from(n) - 1.0);
     let at = |i: usize, axis: usize| last[axis] * i as f64 / (count.max(2) - 1) as f64;

@@ -1,32 +1,40 @@
-//! Where wires show in a picture: bright spots that stand out of all that is around them.
+//! Detects wires in an image: bright spots that stand out from their surroundings.
 //!
-//! A wire's cross-section is a spot of a size that depends on the scanner and on the picture's scale, and neither is known. So the picture is looked at in several sizes (a binomial pyramid), and in
-//! each of them every local maximum is compared with a ring around it: how far it rises above the ring's brightest parts is its contrast. A spot rises above all of its ring; a line (the tank's floor, the
-//! transducer's face, a reverberation) does not, for it crosses the ring. What speckle makes of it is known from the picture itself: most maxima are speckle, and a
-//! spot counts when its contrast is several times that of the median one.
+//! A wire's cross-section is a spot whose size depends on the scanner and on the image scale;
+//! both are unknown. So the detector works on several sizes of the image (a binomial pyramid).
+//! In each it compares every local maximum with a ring around it. The contrast is the height
+//! above the ring's brightest parts. A spot rises above all of its ring. A line (the tank's
+//! floor, the transducer's face, a reverberation) does not, because it crosses the ring. The
+//! image itself gives the level of speckle, because most maxima are speckle. A spot counts if
+//! its contrast is several times the median contrast.
 
 use glam::DVec2;
 
-use crate::picture::GreyView;
-use crate::region::ClipRect;
+use sonoweave_core::region::ClipRect;
 
-/// Sizes in which a picture is looked at: pixels of the last one are eight of the picture's.
+use crate::picture::GreyView;
+
+/// Number of image sizes; a pixel of the last one covers eight of the image along each axis.
 const LEVELS: usize = 4;
-/// Radius of the ring, pixels of the level: beyond a spot that is as large as the level is meant for (a half-width of about 2).
+/// Radius of the ring, pixels of the level: just outside the largest spot for that level (a
+/// half-width of about 2).
 const RING: f64 = 4.5;
-/// Points of the ring.
+/// Number of points of the ring.
 const POINTS: usize = 16;
-/// How many of the ring's points, the brightest, a spot has to rise above on average. Two other spots may stand on the ring; a line covers four and more.
+/// Number of the ring's brightest points that a spot must exceed on average. Two other spots
+/// may lie on the ring; a line covers four and more points.
 const BRIGHTEST: usize = 3;
-/// How often a level's median contrast a spot's has to be: where contrasts fall off exponentially, one maximum of 2⁸ is as high by chance.
+/// Minimum ratio of a spot's contrast to the level's median. With exponentially distributed
+/// contrasts, one maximum in 2⁸ reaches it by chance.
 const ABOVE_SPECKLE: f32 = 8.0;
-/// With fewer maxima than this a level has no speckle to speak of, and its median is none of speckle's.
+/// Minimum number of maxima for a level's median to represent speckle.
 const SPECKLED: usize = 48;
-/// A contrast that counts in any case, grey levels: several times what rounding to whole levels makes.
+/// Minimum contrast, grey levels: several times the rounding to whole levels.
 const LEAST_CONTRAST: f32 = 6.0;
-/// Spots kept, the ones with most contrast: several times as many as phantoms have wires.
+/// Maximum number of spots, those with most contrast: several times the number of wires of
+/// phantoms.
 pub const MOST_DOTS: usize = 40;
-/// Part of a spot's height above its ring that belongs to it when its centre is weighed.
+/// Share of a spot's height above its ring at which its centre is computed.
 const OWN_SHARE: f32 = 0.5;
 
 /// A bright spot.
@@ -34,24 +42,24 @@ const OWN_SHARE: f32 = 0.5;
 pub struct Dot {
     /// Its centre, pixels.
     pub at_px: DVec2,
-    /// How far it stands out, grey levels.
+    /// Height above its surroundings, grey levels.
     pub contrast: f32,
-    /// Pixels of it.
+    /// Its area, pixels.
     pub area_px: u32,
 }
 
-/// Work done, for benches and tests.
+/// Counts of work, for benches and tests.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct DotWork {
-    /// Pixels of all sizes that were smoothed.
+    /// Smoothed pixels of all sizes.
     pub smoothed: usize,
-    /// Maxima that were compared with their rings.
+    /// Maxima compared with their rings.
     pub rings: usize,
-    /// Spots whose centre was weighed.
+    /// Spots with a computed centre.
     pub weighed: usize,
 }
 
-/// Finds spots. Memory is kept from picture to picture.
+/// Finds spots; reuses its memory from image to image.
 #[derive(Debug, Default)]
 pub struct DotFinder {
     levels: Vec<Level>,
@@ -64,32 +72,33 @@ pub struct DotFinder {
     work: DotWork,
 }
 
-/// The picture in one size.
+/// The image in one size.
 #[derive(Debug, Default)]
 struct Level {
     width: usize,
     height: usize,
-    /// Smoothed.
+    /// Smoothed grey values.
     grey: Vec<f32>,
 }
 
 #[derive(Debug, Clone, Copy)]
 struct Candidate {
     level: usize,
-    /// Pixels of the level.
+    /// Position in pixels of the level.
     at: [usize; 2],
     contrast: f32,
-    /// The ring's brightest parts.
+    /// Mean of the ring's brightest parts.
     around: f32,
 }
 
 impl DotFinder {
-    /// One that has seen no picture.
+    /// Returns a finder without state.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// The spots of a picture, those with most contrast first, [`MOST_DOTS`] at most. Outside of `clip` none is looked for.
+    /// Returns the spots of an image within `clip`, those with most contrast first, at most
+    /// [`MOST_DOTS`].
     pub fn find(&mut self, picture: &GreyView<'_>, clip: Option<ClipRect>) -> &[Dot] {
         self.work = DotWork::default();
         self.smooth(picture, clip);
@@ -103,12 +112,12 @@ impl DotFinder {
         &self.dots
     }
 
-    /// What the last picture took.
+    /// Returns the work for the last image.
     pub fn work(&self) -> DotWork {
         self.work
     }
 
-    /// The picture in all sizes.
+    /// Computes the image in all sizes.
     fn smooth(&mut self, picture: &GreyView<'_>, clip: Option<ClipRect>) {
         let (width, height) = (picture.width(), picture.height());
         self.levels.resize_with(LEVELS, Level::default);
@@ -135,12 +144,13 @@ impl DotFinder {
         }
     }
 
-    /// The maxima of a level that stand out of its speckle.
+    /// Finds the maxima of a level that exceed its speckle.
     fn maxima(&mut self, index: usize) {
         let Level { width, height, grey } = &self.levels[index];
         let (width, height) = (*width, *height);
         let ring = ring();
-        // The ring has to lie in the picture: a spot at the very border is cut, and its centre is not where the wire is.
+        // The ring must lie in the image. A spot at the very border is cut, and its centre is
+        // displaced.
         let border = RING.ceil() as usize + 1;
         let first = self.candidates.len();
         self.contrasts.clear();
@@ -148,7 +158,7 @@ impl DotFinder {
             let rows = [v - 1, v, v + 1].map(|row| &grey[row * width..][..width]);
             for u in border..width.saturating_sub(border) {
                 let peak = rows[1][u];
-                // Of a plateau its first pixel is the maximum.
+                // The maximum of a plateau is its first pixel.
                 let is_peak = peak > LEAST_CONTRAST
                     && peak > rows[1][u - 1]
                     && peak >= rows[1][u + 1]
@@ -191,7 +201,7 @@ impl DotFinder {
         self.candidates.truncate(kept);
     }
 
-    /// Centres of the best candidates. What belongs to one of them is no other.
+    /// Computes the centres of the best candidates. A pixel belongs to one spot only.
     fn weigh(&mut self) {
         let Level { width, height, grey } = &self.levels[0];
         let (width, height) = (*width, *height);
@@ -222,7 +232,7 @@ impl DotFinder {
             self.work.weighed += 1;
             let base = candidate.around.min(top);
             let least = base + OWN_SHARE * (top - base);
-            // All pixels above that height that hang together, no farther than the ring.
+            // All connected pixels above that height, no farther than the ring.
             let limit = (RING * scale as f64).ceil() as usize;
             self.region.clear();
             self.region.push((u as u32, v as u32));
@@ -243,7 +253,7 @@ impl DotFinder {
                     if grey[at] <= least {
                         continue;
                     }
-                    // It runs into another that was taken before: they are one.
+                    // The region touches an earlier one: both are one spot.
                     if self.taken[at] {
                         free &= self.region.contains(&(x as u32, y as u32));
                         continue;
@@ -260,7 +270,7 @@ impl DotFinder {
     }
 }
 
-/// Offsets of the ring's points, pixels of the level.
+/// Returns the offsets of the ring's points, pixels of the level.
 fn ring() -> [[f64; 2]; POINTS] {
     std::array::from_fn(|i| {
         let angle = i as f64 * std::f64::consts::TAU / POINTS as f64;
@@ -268,7 +278,7 @@ fn ring() -> [[f64; 2]; POINTS] {
     })
 }
 
-/// The grey value at an offset from a pixel, bilinear. The offset stays in the picture.
+/// Returns the grey value at an offset from a pixel, bilinear. The offset stays in the image.
 fn between(grey: &[f32], width: usize, u: usize, v: usize, [du, dv]: [f64; 2]) -> f32 {
     let (x, y) = (u as f64 + du, v as f64 + dv);
     let (left, top) = (x.floor(), y.floor());
@@ -279,7 +289,7 @@ fn between(grey: &[f32], width: usize, u: usize, v: usize, [du, dv]: [f64; 2]) -
     upper + b * (lower - upper)
 }
 
-/// Smooths by 1 4 6 4 1 along both axes, in place; what lies outside is 0.
+/// Smooths by 1 4 6 4 1 along both axes, in place; the surroundings count as 0.
 fn binomial(grey: &mut [f32], width: usize, height: usize, row: &mut Vec<f32>) {
     const OUTER: f32 = 1.0 / 16.0;
     const INNER: f32 = 4.0 / 16.0;
@@ -287,7 +297,7 @@ fn binomial(grey: &mut [f32], width: usize, height: usize, row: &mut Vec<f32>) {
     if width == 0 {
         return;
     }
-    // Along u, with two pixels of nothing at either end.
+    // Along u, with two zero pixels at either end.
     row.clear();
     row.resize(width + 4, 0.0);
     for line in grey.chunks_exact_mut(width) {
@@ -296,7 +306,7 @@ fn binomial(grey: &mut [f32], width: usize, height: usize, row: &mut Vec<f32>) {
             *out = OUTER * (near[0] + near[4]) + INNER * (near[1] + near[3]) + CENTRE * near[2];
         }
     }
-    // Along v: the two rows above are needed as they were.
+    // Along v; keeps the original two rows above.
     row.clear();
     row.resize(2 * width, 0.0);
     let (before, above) = row.split_at_mut(width);
@@ -315,7 +325,7 @@ fn binomial(grey: &mut [f32], width: usize, height: usize, row: &mut Vec<f32>) {
     }
 }
 
-/// Half as many pixels along both axes, each the mean of four.
+/// Halves the size along both axes; each pixel is the mean of four.
 fn halve(from: &Level, to: &mut Level) {
     (to.width, to.height) = (from.width / 2, from.height / 2);
     to.grey.clear();

@@ -1,24 +1,29 @@
-//! How far a calibration is off, in mm.
+//! Errors of a calibration, in mm, by two definitions.
 //!
-//! Two definitions. **Of middle wires**, which is PLUS's 3D reprojection error: the share of the way between its N's outer dots at which a middle wire's dot lies says where on the wire it is; the error is how far
-//! from there, in the probe's frame, the calibration puts the dot. It holds the dots' scatter along the wire, two or three times enlarged by the N's slant, and the poses'. PLUS prints mean and
-//! standard deviation of the best 95 %. **Of wires**: how far a dot's place is from its wire's line, for all wires.
+//! The error **of middle wires** is PLUS's 3D reprojection error. The position of a middle
+//! wire's dot between its N's outer dots gives a point on the wire. The error is the distance,
+//! in the probe's frame, from that point to the dot by the calibration. It includes the dots'
+//! scatter along the wire, enlarged two or three times by the N's slant, and the poses' errors.
+//! PLUS prints mean and standard deviation of the best 95 %.
+//!
+//! The error **of wires** is the distance of a dot from its wire's line, for all wires.
+
+use sonoweave_core::frames::{Phantom, Probe, Reference, Transform};
 
 use super::layout::Layout;
 use super::matching::Mark;
 use super::plane::ImagePlane;
 use super::sighting::Sighting;
 use super::track::Track;
-use crate::frames::{Phantom, Probe, Reference, Transform};
 use crate::statistics::Spread;
 
-/// Part of the errors that PLUS looks at, the least ones.
+/// Share of the errors that PLUS evaluates, the smallest ones.
 const PLUS_PART: f64 = 0.95;
 
-/// Errors of many pictures, mm.
+/// Errors of many images, mm.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Errors {
-    /// Of all.
+    /// Mean of all.
     pub mean: f64,
     /// Standard deviation of all.
     pub sd: f64,
@@ -26,16 +31,16 @@ pub struct Errors {
     pub rms: f64,
     /// The largest.
     pub max: f64,
-    /// Mean of the least 95 %, as PLUS prints it.
+    /// Mean of the smallest 95 %, as PLUS prints it.
     pub mean_of_95: f64,
-    /// How many there are.
+    /// Number of errors.
     pub count: usize,
-    /// Each picture's mean, by its number; pictures without any are not listed.
+    /// Each image's mean, with its number; images without errors are not listed.
     pub per_frame: Vec<(usize, f64)>,
 }
 
 impl Errors {
-    /// Of what each picture's are, with its number. `None` without any.
+    /// Summarises the errors of images, given with their numbers. `None` without any.
     pub fn of(pictures: impl IntoIterator<Item = (usize, Vec<f64>)>) -> Option<Self> {
         let (mut all, mut per_frame) = (Vec::new(), Vec::new());
         for (frame, errors) in pictures {
@@ -55,30 +60,30 @@ impl Errors {
     }
 }
 
-/// What a calibration is held against: pictures, poses, and where the phantom is held.
+/// The data for testing a calibration: images, poses, and the pose of the phantom.
 #[derive(Debug, Clone, Copy)]
 pub struct Evidence<'a> {
     /// The phantom.
     pub layout: &'a Layout,
-    /// Pictures with recognised dots.
+    /// Images with recognised dots.
     pub sightings: &'a [Sighting],
     /// Poses.
     pub track: &'a Track,
-    /// How much later poses come than pictures, s.
+    /// Lag of the poses behind the images, s.
     pub lag_s: f64,
-    /// Where the phantom is held.
+    /// Pose of the phantom.
     pub reference_from_phantom: Transform<Reference, Phantom>,
 }
 
 impl Evidence<'_> {
-    /// Errors of middle wires.
+    /// Returns the errors of middle wires.
     pub fn of_middle_wires(&self, plane: &ImagePlane) -> Option<Errors> {
         Errors::of(
             self.posed().map(|(sighting, map)| (sighting.frame, middles(self.layout, &sighting.marks, &map, plane))),
         )
     }
 
-    /// Errors of wires.
+    /// Returns the errors of all wires.
     pub fn of_wires(&self, plane: &ImagePlane) -> Option<Errors> {
         let wires = self.layout.geometry().wires();
         Errors::of(self.posed().map(|(sighting, map)| {
@@ -94,7 +99,7 @@ impl Evidence<'_> {
     }
 }
 
-/// Errors of one picture's middle wires.
+/// Returns the errors of one image's middle wires.
 fn middles(layout: &Layout, marks: &[Mark], map: &Transform<Probe, Phantom>, plane: &ImagePlane) -> Vec<f64> {
     let dot = |wire: usize| marks.iter().find(|mark| mark.wire == wire).map(|mark| mark.at_px);
     let error = |n: &crate::phantom::Nwire| {

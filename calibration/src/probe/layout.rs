@@ -1,71 +1,75 @@
-//! How a phantom's wires lie to each other, as far as the picture of a plane shows it.
+//! Arrangement of a phantom's wires, as far as an image plane shows it.
 
 use glam::{DVec2, DVec3};
 
 use crate::phantom::nwire::PARALLEL_RAD;
 use crate::phantom::{Geometry, Nwire, Wire};
 
-/// How far four parallel wires spread across the line through them at least, of how far along it: with less no affine map is told from another.
+/// Minimum ratio of four parallel wires' spread across their common line to that along it.
+/// Below it affine maps cannot be distinguished.
 const LEAST_DEPTH: f64 = 0.03;
 
-/// A phantom's wires, ready to be recognised.
+/// A phantom's wires, prepared for recognition.
 #[derive(Debug, Clone)]
 pub struct Layout {
     geometry: Geometry,
     /// The wires that are parallel to each other.
     posts: Vec<Post>,
     ns: Vec<N>,
-    /// None where the N's lie in one plane.
+    /// Pairs of N's; empty if the N's lie in one plane.
     pairs: Vec<Pair>,
 }
 
-/// Dots that tell a picture of two N's at least: what both have.
+/// Minimum number of dots to recognise two N's: both complete.
 const DOTS_OF_TWO: usize = 6;
-/// And of a single one.
+/// Minimum number of dots to recognise a single N.
 const DOTS_OF_ONE: usize = 3;
 
 /// One of the parallel wires.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Post {
-    /// Among the phantom's.
+    /// Index among the phantom's wires.
     pub(super) wire: usize,
-    /// Where it is, seen along it, mm.
+    /// Position, seen along it, mm.
     pub(super) at: DVec2,
 }
 
 /// An N among parallel wires.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct N {
-    /// Its parallel wires, among the posts.
+    /// Indices of its parallel wires among the posts.
     pub(super) outer: [usize; 2],
-    /// Its slanted one, among the phantom's wires.
+    /// Index of its slanted wire among the phantom's wires.
     pub(super) middle: usize,
-    /// How far apart the parallel ones are, mm.
+    /// Distance of the parallel wires, mm.
     pub(super) width_mm: f64,
-    /// What share of the way from the first to the second its slanted one's first end and second end have.
+    /// Positions of the slanted wire's two ends, as shares of the way from the first post to
+    /// the second.
     pub(super) ends: [f64; 2],
 }
 
-/// Two N's whose four posts, in the order first's and second's, are not in line: what takes their dots to the affine map between them.
+/// Two N's whose four posts are not in line, and the linear map from their dots to the affine
+/// map. The posts are in the order of both N's.
 #[derive(Debug, Clone)]
 pub(super) struct Pair {
-    /// Among the N's.
+    /// Indices of the N's.
     pub(super) ns: [usize; 2],
-    /// The map's columns by dots: x, y and shift.
+    /// The affine map's columns as combinations of dots: x, y and shift.
     pub(super) inverse: [[f64; 4]; 3],
     /// The combination of dots that is zero for every affine map; of length 1.
     pub(super) test: [f64; 4],
 }
 
 impl Layout {
-    /// Of a phantom.
+    /// Prepares a phantom.
     ///
     /// # Errors
-    /// [`Unsuitable`]: with these wires dots could not be told from each other.
+    /// [`Unsuitable`]: the dots of these wires cannot be told apart.
     pub fn new(geometry: Geometry) -> Result<Self, Unsuitable> {
         let found = geometry.nwires();
         let alike = Self::parallel_to(&geometry, &found);
-        // N's that are turned to each other cannot be told apart together: the others are looked for once these have said where the picture lies.
+        // N's that are turned to each other cannot be recognised together. Those of the best
+        // direction are; the others follow once the plane is known.
         let of = |first: &Nwire| Self::along(geometry.clone(), &found, geometry.wires()[first.outer[0]].direction());
         let better = |a: Self, b: Self| {
             let rank = |layout: &Self| (!layout.is_flat(), layout.ns.len());
@@ -75,7 +79,7 @@ impl Layout {
         alike.iter().map(|first| of(&found[*first])).reduce(better).ok_or(Unsuitable { wires })
     }
 
-    /// The first of each of the N's that are parallel to each other.
+    /// Returns the first N of each direction.
     fn parallel_to(geometry: &Geometry, found: &[Nwire]) -> Vec<usize> {
         let wires = geometry.wires();
         let mut firsts: Vec<usize> = Vec::new();
@@ -88,7 +92,7 @@ impl Layout {
         firsts
     }
 
-    /// The wires along a direction, and the N's of them.
+    /// Prepares the wires along a direction, and their N's.
     fn along(geometry: Geometry, found: &[Nwire], direction: DVec3) -> Self {
         let wires = geometry.wires();
         let (x, y) = direction.any_orthonormal_pair();
@@ -113,29 +117,30 @@ impl Layout {
         Self { geometry, posts, ns, pairs }
     }
 
-    /// Whether the N's that are looked for lie in one plane, or are a single one: their dots lie in line, and a picture of them can be of either side.
+    /// Returns whether the N's lie in one plane, or there is only one. The dots are then in
+    /// line, and an image does not tell the side it is seen from.
     pub fn is_flat(&self) -> bool {
         self.pairs.is_empty()
     }
 
-    /// Wires by which pictures are recognised.
+    /// Returns the number of wires used for recognition.
     pub fn looked_for(&self) -> usize {
         self.posts.len() + self.ns.len()
     }
 
-    /// Dots by which a picture is recognised, at least.
+    /// Returns the minimum number of dots for recognition.
     pub fn least_dots(&self) -> usize {
         if self.ns.len() == 1 { DOTS_OF_ONE } else { DOTS_OF_TWO }
     }
 
-    /// The same wires, so many times as large; `None` where no phantom is of that size.
+    /// Returns the same wires, scaled; `None` if the size is implausible.
     pub(super) fn scaled(&self, factor: f64) -> Option<Self> {
         let wire = |wire: &Wire| Wire { ends_mm: wire.ends_mm.map(|end| end * factor), ..wire.clone() };
         let patterns = self.geometry.patterns().map(|p| self.geometry.wires()[p].iter().map(wire).collect()).collect();
         Self::new(Geometry::new(self.geometry.name(), patterns, Vec::new()).ok()?).ok()
     }
 
-    /// The phantom.
+    /// Returns the phantom.
     pub fn geometry(&self) -> &Geometry {
         &self.geometry
     }
@@ -152,7 +157,8 @@ impl Layout {
         &self.pairs
     }
 
-    /// Where u points in the phantom when it is scanned as its file has it: along the N's, from the last wire to the first.
+    /// Returns the direction of u in the phantom when scanned as its file assumes: along the
+    /// N's, from the last wire to the first.
     pub fn rightwards(&self) -> DVec3 {
         let wires = self.geometry.wires();
         let sum: DVec3 = self
@@ -179,7 +185,7 @@ impl Pair {
                 (0..3).for_each(|j| moments[i][j] += row[i] * row[j]);
             }
         }
-        // The roots of the moments: how far the posts lie from one line, and along it.
+        // Roots of the moments: the posts' spread across and along their common line.
         let [[xx, xy, _], [_, yy, _], _] = moments;
         let apart = ((xx - yy).powi(2) + 4.0 * xy * xy).sqrt();
         let [least, most] = [0.5 * (xx + yy - apart), 0.5 * (xx + yy + apart)];
@@ -191,10 +197,11 @@ impl Pair {
             let column = super::plane::solve(moments, *row)?;
             (0..3).for_each(|i| inverse[i][dot] = column[i]);
         }
-        // The shift is that of the posts' own zero.
+        // Refers the shift to the posts' own origin.
         let [x, y, shift] = inverse;
         inverse[2] = std::array::from_fn(|dot| shift[dot] - centre.x * x[dot] - centre.y * y[dot]);
-        // What the map leaves of a dot that alone is off: each dot's share is a multiple of the one combination.
+        // The residual of a single displaced dot. For every dot it is a multiple of the same
+        // combination.
         let residual = |off: usize| -> [f64; 4] {
             std::array::from_fn(|dot| {
                 let fit = at[dot].x * inverse[0][off] + at[dot].y * inverse[1][off] + inverse[2][off];
@@ -209,18 +216,18 @@ impl Pair {
     }
 }
 
-/// Whether a wire runs along a direction.
+/// Returns whether a wire is parallel to a direction.
 fn are_parallel(wire: &Wire, direction: DVec3) -> bool {
     wire.direction().cross(direction).length().asin() <= PARALLEL_RAD
 }
 
-/// Dots of a phantom could not be told from each other: no three wires make an N.
+/// The dots of a phantom cannot be told apart: no three wires make an N.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "of the phantom's {wires} wires no pattern of three makes an N (two parallel wires and one aslant between them, in one plane); is this the file of an N-wire phantom?"
 )]
 pub struct Unsuitable {
-    /// How many there are.
+    /// Number of wires.
     pub wires: usize,
 }
 
@@ -230,7 +237,7 @@ mod tests {
     use crate::phantom::tests::three_ns;
 
     #[test]
-    fn four_dots_give_the_affine_map_and_one_test() {
+    fn four_dots_give_affine_map_and_one_test() {
         let layout = Layout::new(three_ns()).unwrap();
         assert_eq!((layout.posts().len(), layout.ns().len(), layout.pairs().len()), (6, 3, 3));
         let map = |at: DVec2| DVec2::new(3.0 * at.x - 0.5 * at.y + 40.0, 0.25 * at.x + 4.0 * at.y - 7.0);
@@ -249,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn phantoms_whose_dots_cannot_be_told_apart_are_refused() {
+    fn phantom_without_n_is_refused() {
         let wires = three_ns().wires().to_vec();
         let refusal = |patterns: Vec<Vec<Wire>>| {
             Layout::new(Geometry::new("", patterns, Vec::new()).unwrap()).unwrap_err().to_string()
@@ -259,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn n_s_in_one_plane_and_n_s_turned_to_each_other_are_layouts_too() {
+    fn flat_and_crossed_ns_are_accepted() {
         let wires = three_ns().wires().to_vec();
         let layout = |patterns: Vec<Vec<Wire>>| Layout::new(Geometry::new("", patterns, Vec::new()).unwrap()).unwrap();
         let shape = |layout: &Layout| (layout.is_flat(), layout.ns().len(), layout.least_dots());
@@ -275,7 +282,8 @@ mod tests {
             let ends_mm = wire.ends_mm.map(|end| DVec3::new(end.y, end.x, end.z));
             Wire { ends_mm, ..wire.clone() }
         };
-        // Two layers of the one direction are looked for, not the one of the other that comes first.
+        // The two layers of one direction are used, not the single layer of the other direction
+        // that comes first.
         let first: Vec<Wire> = wires[..3].iter().map(turned).collect();
         let mixed = layout(vec![first, wires[3..6].to_vec(), wires[6..].to_vec()]);
         assert_eq!(shape(&mixed), (false, 2, 6));

@@ -1,36 +1,41 @@
-//! Where to begin: the image plane in the probe's frame from all dots at once, by linear least squares.
+//! Start of the fit: the image plane in the probe's frame from all dots at once, by linear
+//! least squares.
 //!
-//! That a pixel lies on a wire is linear in the plane's nine numbers, whatever the pose ([`super::plane`]). Dots that were taken for a wire's and are not, and pictures whose pose is wrong, are given less weight
-//! from solution to solution, down to none (Tukey's loss by iterated weights, from Huber's, which has one minimum). Pictures that are wrong as a whole are left out beforehand.
+//! A pixel on a wire gives equations that are linear in the plane's nine numbers, for any pose
+//! ([`super::plane`]). Dots of a wrong wire, and images with a wrong pose, lose weight from
+//! solution to solution, down to none. The loss is Tukey's, by iterated weights, starting from
+//! Huber's, which has one minimum. Images that are wrong as a whole are left out beforehand.
 
 use glam::DVec2;
+
+use sonoweave_core::frames::{Phantom, Probe, Transform};
 
 use super::layout::Layout;
 use super::plane::{ImagePlane, PlaneSum, Unit};
 use super::sighting::{Sighting, off_wire};
-use crate::frames::{Phantom, Probe, Transform};
 use crate::least_squares::Loss;
 use crate::least_squares::loss::spread;
 use crate::phantom::Wire;
 use crate::statistics::median;
 
-/// Solutions by each loss: weights change by less than a per cent well before.
+/// Number of solutions per loss: weights change by less than a per cent well before.
 const ROUNDS: usize = 15;
 
-/// The plane from all dots, and how far each lies from its wire.
+/// The plane from all dots, and each dot's distance from its wire.
 #[derive(Debug, Clone)]
 pub struct Start {
-    /// In the probe's frame.
+    /// The plane in the probe's frame.
     pub plane: ImagePlane,
-    /// Each dot's distance from its wire, mm; picture by picture, none of one without a pose.
+    /// Each dot's distance from its wire, mm; by image, empty for an image without a pose.
     pub off_mm: Vec<Vec<f64>>,
     /// Each dot's weight, 0 to 1.
     pub weights: Vec<Vec<f64>>,
-    /// Standard deviation of the distances, along one direction, by their median, mm.
+    /// Standard deviation of the distances along one direction, from their median, mm.
     pub spread_mm: f64,
 }
 
-/// Begins. Pictures without a pose are left out; `None` where the others' dots leave the plane open.
+/// Computes a start. Images without a pose are left out; `None` if the others' dots leave the
+/// plane open.
 pub fn start(
     layout: &Layout,
     sightings: &[Sighting],
@@ -51,7 +56,8 @@ pub fn start(
     for round in 0..2 * ROUNDS {
         let plane = solved(wires, all.iter().zip(&weights), size_px)?;
         let off_mm: Vec<Vec<f64>> = all.iter().map(|posed| posed.off_mm(wires, &plane)).collect();
-        // Who agrees with most others says where they are to meet; all are heard once they do.
+        // The first rounds use the images that agree with most others; the later rounds use
+        // all.
         let is_heard = |posed: usize| round >= ROUNDS || agrees[posed];
         let heard = off_mm.iter().enumerate().filter(|(posed, _)| is_heard(*posed));
         let lengths: Vec<(usize, f64)> = heard.flat_map(|(_, off)| off).map(|&off| (2, off)).collect();
@@ -63,7 +69,7 @@ pub fn start(
         weights = off_mm.iter().enumerate().map(weight).collect();
         found = Some(Start { plane, off_mm, weights: weights.clone(), spread_mm });
     }
-    // By sighting, again.
+    // Returns to one entry per sighting.
     let mut start = found?;
     for numbers in [&mut start.off_mm, &mut start.weights] {
         let mut of_posed = std::mem::take(numbers).into_iter();
@@ -75,14 +81,15 @@ pub fn start(
     Some(start)
 }
 
-/// A sighting and the phantom's place for it.
+/// A sighting with the phantom's pose.
 struct Posed<'a> {
     sighting: &'a Sighting,
     map: Transform<Probe, Phantom>,
 }
 
 impl Start {
-    /// Pictures of whose dots half and more have no weight: wrong as a whole, by all others.
+    /// Returns the images with at least half of their dots without weight: all others
+    /// contradict them as a whole.
     pub(super) fn contradicted(&self) -> Vec<bool> {
         let has_none = |weights: &Vec<f64>| 2 * weights.iter().filter(|weight| **weight == 0.0).count();
         self.weights.iter().map(|weights| !weights.is_empty() && has_none(weights) >= weights.len()).collect()
@@ -90,7 +97,7 @@ impl Start {
 }
 
 impl Posed<'_> {
-    /// Each dot's distance from its wire, mm.
+    /// Returns each dot's distance from its wire, mm.
     fn off_mm(&self, wires: &[Wire], plane: &ImagePlane) -> Vec<f64> {
         let back = self.map.inverse();
         let off = |px: DVec2, wire: usize| off_wire(&wires[wire], back.point(plane.point(px)));
@@ -98,7 +105,7 @@ impl Posed<'_> {
     }
 }
 
-/// The plane of weighted dots. `None` where they leave it open.
+/// Fits the plane to weighted dots. `None` if they leave it open.
 fn solved<'a>(
     wires: &[Wire],
     all: impl Iterator<Item = (&'a Posed<'a>, &'a Vec<f64>)>,
@@ -113,12 +120,15 @@ fn solved<'a>(
     sum.solve(false)
 }
 
-/// Which sightings agree with most: layers that are alike make it easy to take all of a picture's dots for those of the layer below, and such pictures agree with each other, too. Of
-/// guesses from three sightings each, that is taken which half of all sightings fit best (least median; Rousseeuw, J. Am. Stat. Assoc. 79, 1984).
+/// Returns which sightings agree with most others. Similar layers make it easy to assign all of
+/// an image's dots to the layer below, and such images also agree with each other. The chosen
+/// guess, computed from three sightings, is the one that half of all sightings fit best (least
+/// median; Rousseeuw, J. Am. Stat. Assoc. 79, 1984).
 fn agreeing(wires: &[Wire], all: &[Posed<'_>], size_px: [u32; 2]) -> Vec<bool> {
     let mut best: Option<(f64, Vec<f64>)> = None;
     for guess in 0..GUESSES {
-        // Numbers that fill a cube evenly, the same each time (Roberts' sequence of the plastic number's kind).
+        // Numbers that fill a cube evenly, the same each time (like Roberts' sequence of the
+        // plastic number).
         let place = |step: f64| ((0.5 + f64::from(guess) * step).fract() * all.len() as f64) as usize;
         let three = [0.819_172_513_396_164_4, 0.671_043_606_703_789_3, 0.549_700_477_901_960_6].map(place);
         if all.len() < 3 || three[0] == three[1] || three[1] == three[2] || three[2] == three[0] {
@@ -138,9 +148,10 @@ fn agreeing(wires: &[Wire], all: &[Posed<'_>], size_px: [u32; 2]) -> Vec<bool> {
     }
 }
 
-/// Where two of three sightings are good, all guesses have a bad one in it once in 10⁹ times; where half are, once in 3000.
+/// Number of guesses. With two of three sightings good, all guesses contain a bad one once in
+/// 10⁹ times; with half good, once in 3000.
 const GUESSES: u32 = 60;
-/// Sightings agree whose median distance is less than so many times that of the middle one of all.
+/// Sightings agree if their median distance is less than this multiple of the median over all.
 const AGREES: f64 = 5.0;
-/// Rounding is no spread, mm.
+/// Least spread, mm; smaller values are rounding errors.
 const LEAST_SPREAD_MM: f64 = 1e-9;

@@ -1,13 +1,17 @@
-//! Which dot is which wire's.
+//! Assigns dots to wires.
 //!
-//! A plane cuts parallel wires in an affine image of how they lie to each other. So two N's are looked for: three dots in line each, the outer ones of both in the affine image of the phantom's four
-//! posts, which four points are not by chance. The map that they give says where the other posts are to be, and on which lines the slanted wires. Such a
-//! guess is then held against space: the dots have to lie on a plane with pixels that are square, or nearly so, that cuts every wire between its ends; and the plane says where dots are that were
-//! overlooked. The guess that explains most dots is taken.
+//! A plane cuts parallel wires in an affine image of their arrangement. So the matcher looks
+//! for two N's: three dots in line each, with the four outer dots in the affine image of the
+//! phantom's four posts. Four points hardly match by chance. Their map predicts the other
+//! posts' dots and the lines on which the slanted wires' dots lie. Such a guess is then checked
+//! in space. The dots must lie on a plane with nearly square pixels that cuts every wire
+//! between its ends. The plane also predicts dots that were overlooked. The guess that explains
+//! most dots wins.
 //!
-//! Of N's in one plane the dots lie in line, and a row of them is looked for instead (`flat`).
+//! For N's in one plane the dots are in line, and a row of them is searched instead (`flat`).
 //!
-//! How large a pixel is comes out of it. What is asked beforehand is only that the picture shows something between a fingertip and a torso.
+//! The pixel size follows from the match. The only assumption is an image size between a
+//! fingertip and a torso.
 
 mod flat;
 
@@ -17,61 +21,66 @@ use super::dots::Dot;
 use super::layout::{Layout, Pair};
 use super::plane::{ImagePlane, PlaneSum, Unit};
 
-/// What the longer side of a picture shows, mm: from the smallest transducers' near field to the deepest abdomen.
+/// Range of the longer side of an image, mm: from the smallest transducers' near field to the
+/// deepest abdomen.
 pub const PICTURE_MM: [f64; 2] = [15.0, 450.0];
-/// How far dots may be from where the phantom has them, mm: wires sag and are off their holes' middles by tenths, a dot's centre is off its wire's by as much, and an extrapolated
-/// guess doubles it.
+/// Largest distance of dots from their predicted places, mm. Wires sag and are off their holes'
+/// centres by tenths, a dot's centre is off by as much, and an extrapolated guess doubles it.
 const NEAR_MM: f64 = 0.8;
-/// How far an N's middle dot may lie from the line of the others, mm.
+/// Largest distance of an N's middle dot from the line of the others, mm.
 const IN_LINE_MM: f64 = 0.6;
-/// A pixel's sides differ by this factor at most, as one picture's dots have them: scanners' differ by a few per cent, and the turn of the plane towards the posts is uncertain.
+/// Largest ratio of a pixel's sides as computed from one image. Scanners' pixels differ by a
+/// few per cent, and the plane's angle to the posts is uncertain.
 const ASPECT: f64 = 1.6;
-/// The cosine between u and v at most, as one picture's dots have it.
+/// Largest cosine between u and v as computed from one image.
 const SKEW: f64 = 0.4;
-/// Wires of one phantom are about as bright as each other: a dot fainter than the median of the others by this factor costs as much as a misfit of [`NEAR_MM`].
+/// The wires of a phantom are about equally bright. A dot fainter than the others' median by
+/// this factor costs as much as a misfit of [`NEAR_MM`].
 const FAINT: f64 = 4.0;
-/// Usual tilt of the plane towards the posts: its tangent's standard deviation.
+/// Usual tilt of the plane against the posts: standard deviation of its tangent.
 const USUAL_TILT: f64 = 0.4;
-/// A cut lies between a wire's ends, or beyond by this part of its length.
+/// A wire may be cut beyond its ends by this share of its length.
 const BEYOND: f64 = 0.05;
-/// Steepest cut, as the cosine between the plane's normal and the posts: beyond it a dot is a streak.
+/// Steepest cut, as the cosine between the plane's normal and the posts: beyond it a dot is a
+/// streak.
 pub(super) const STEEPEST: f64 = 0.4;
-/// Guesses of a frame that are looked at in space.
+/// Number of guesses per frame that are checked in space.
 const GUESSES: usize = 24;
-/// Lines of three that are looked at: an N each in pictures of phantoms, and their like among noise.
+/// Maximum number of lines of three dots: one per N, and accidental ones among noise.
 const MOST_LINES: usize = 120;
-/// Dots that an N's middle one may be.
+/// Maximum number of candidates for an N's middle dot.
 const MOST_MIDDLES: usize = 4;
-/// Ways of choosing one for each N.
+/// Maximum number of combinations of middle dots.
 const MOST_CHOICES: usize = 64;
 
-/// A dot, and the wire that it shows.
+/// A dot assigned to a wire.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Mark {
-    /// Among the phantom's wires.
+    /// Index of the phantom's wire.
     pub wire: usize,
     /// Its centre, pixels.
     pub at_px: DVec2,
-    /// How far it stands out, grey levels.
+    /// Height above its surroundings, grey levels.
     pub contrast: f32,
 }
 
-/// A picture's dots, recognised.
+/// The recognised dots of an image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Match {
-    /// By wire.
+    /// The dots, by wire.
     pub marks: Vec<Mark>,
-    /// Where the picture lies in the phantom, by these dots alone.
+    /// The image plane in the phantom's frame, from these dots only.
     pub plane: ImagePlane,
     /// Root mean square of the dots' distances from their wires, mm.
     pub rms_mm: f64,
-    /// Whether u points to where the phantom's file has the right, as seen in the picture.
+    /// Whether u points to the right as defined by the phantom's file.
     pub rightwards: bool,
-    /// What tells readings of as many dots apart: misfit against what is usual, pixels that are not square, and dots that are faint.
+    /// Cost for comparing readings of equally many dots: unusual misfit, pixels that are not
+    /// square, and faint dots.
     cost: f64,
 }
 
-/// Recognises dots. Memory is kept from picture to picture.
+/// Recognises dots; reuses its memory from image to image.
 #[derive(Debug, Default)]
 pub struct Matcher {
     triples: Vec<Triple>,
@@ -86,7 +95,7 @@ struct Triple {
     length: f64,
 }
 
-/// A map from across the posts to the picture.
+/// A map from the plane perpendicular to the posts to the image.
 #[derive(Debug, Clone)]
 struct Guess {
     map: DMat2,
@@ -95,49 +104,52 @@ struct Guess {
     misfit: f64,
 }
 
-/// What a picture's dots may be: the better reading, and the best one from the other side where it explains as many dots.
+/// The possible readings of an image: the better one, and the best one from the other side if
+/// it explains as many dots.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reading {
-    /// The one that explains most dots, and those best.
+    /// The reading that explains most dots, with the least cost.
     pub best: Match,
-    /// One that sees the phantom from the other side. Where it is there, the dots alone do not tell.
+    /// A reading from the other side. If there is one, the dots alone do not decide.
     pub mirrored: Option<Match>,
 }
 
-/// A picture's scale, and what follows from it.
+/// An image's scale, and quantities that follow from it.
 #[derive(Debug, Clone, Copy)]
 struct Scale {
     unit: Unit,
-    /// Least and largest size of a pixel, mm.
+    /// Smallest and largest pixel size, mm.
     pixel_mm: [f64; 2],
-    /// Contrast of the median one of as many dots as there are wires, the brightest.
+    /// Median contrast of the brightest dots, as many as there are wires.
     usual: f64,
 }
 
 impl Scale {
-    /// How faint a dot is, 1 where it is so by [`FAINT`]: echoes are.
+    /// Returns a dot's faintness, 1 at a factor of [`FAINT`]: echoes are faint.
     fn faint(&self, contrast: f32) -> f64 {
         (self.usual / f64::from(contrast)).ln().max(0.0) / FAINT.ln()
     }
 
-    /// What speaks against a dot for a wire: distance over [`NEAR_MM`] and faintness; `None` farther away.
+    /// Returns the cost of a dot for a wire: distance over [`NEAR_MM`] plus faintness; `None`
+    /// if farther away.
     fn against(&self, distance_mm: f64, dot: &Dot) -> Option<f64> {
         (distance_mm <= NEAR_MM).then(|| distance_mm / NEAR_MM + self.faint(dot.contrast))
     }
 }
 
-/// The dot that least speaks against, of those that anything is to be said of.
+/// Returns the dot of the least cost.
 fn best(dots: impl Iterator<Item = (usize, Option<f64>)>) -> Option<(usize, f64)> {
     dots.filter_map(|(dot, against)| Some((dot, against?))).min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
 impl Matcher {
-    /// One that has seen no picture.
+    /// Returns a matcher without state.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Reads the dots of a picture of that size. `None` where no [`Layout::least_dots`] or more of them lie as the phantom's wires do.
+    /// Recognises the dots of an image of this size. `None` if fewer than
+    /// [`Layout::least_dots`] match the phantom's wires.
     pub fn read(&mut self, dots: &[Dot], size_px: [u32; 2], layout: &Layout) -> Option<Reading> {
         let longest = f64::from(size_px[0].max(size_px[1]).max(1));
         let middle = dots.len().min(layout.geometry().wires().len()) / 2;
@@ -158,7 +170,7 @@ impl Matcher {
         Some(Reading { best, mirrored })
     }
 
-    /// Three dots in line, as N's make them.
+    /// Finds triples of dots in line, as N's make them.
     fn lines(&mut self, dots: &[Dot], scale: &Scale, layout: &Layout) {
         self.triples.clear();
         let widths = layout.ns().iter().map(|n| n.width_mm);
@@ -182,12 +194,13 @@ impl Matcher {
                 }
             }
         }
-        // Dots come with most contrast first: the faintest of three says how much a line is worth.
+        // Dots are sorted by contrast, the highest first. A line is rated by the faintest of
+        // its three.
         self.triples.sort_by_key(|t| t.outer[0].max(t.outer[1]).max(t.middle));
         self.triples.truncate(MOST_LINES);
     }
 
-    /// Maps from two lines at a time.
+    /// Computes maps from pairs of lines.
     fn guess(&mut self, dots: &[Dot], scale: &Scale, layout: &Layout) {
         self.guesses.clear();
         for pair in layout.pairs() {
@@ -216,7 +229,7 @@ impl Matcher {
     }
 }
 
-/// A combination of four dots.
+/// Returns a linear combination of four dots.
 fn combined(weights: &[f64; 4], four: &[usize; 4], dots: &[Dot]) -> DVec2 {
     weights.iter().zip(four).map(|(weight, &dot)| *weight * dots[dot].at_px).sum()
 }
@@ -243,11 +256,12 @@ fn keep(guesses: &mut Vec<Guess>, guess: Guess, layout: &Layout) {
 }
 
 impl Guess {
-    /// The map that four dots give, if it is one that a plane makes.
+    /// Returns the map given by four dots, if a plane can produce it.
     fn of(pair: &Pair, four: &[usize; 4], dots: &[Dot], scale: &Scale, layout: &Layout) -> Option<Self> {
         let [x, y, shift] = [0, 1, 2].map(|i| combined(&pair.inverse[i], four, dots));
         let map = DMat2::from_cols(x, y);
-        // Across the posts a plane is shortened along one direction, by the cosine of its tilt; a map to pixels is as much longer there.
+        // A tilt shortens one direction across the posts by its cosine; a map to pixels is
+        // longer there by as much.
         let (long, short) = singular(x.length_squared() + y.length_squared(), map.determinant());
         let pixel_mm = 1.0 / short;
         let fits = pixel_mm >= scale.pixel_mm[0] / ASPECT
@@ -277,12 +291,12 @@ impl Guess {
         (guess.explained >= layout.least_dots()).then_some(guess)
     }
 
-    /// The pixel of a place across the posts.
+    /// Returns the pixel of a position across the posts.
     fn at(&self, across: DVec2) -> DVec2 {
         self.map * across + self.shift
     }
 
-    /// The reading that the guess leads to, if there is a plane that makes it.
+    /// Returns the reading from this guess, if there is a matching plane.
     fn in_space(&self, dots: &[Dot], scale: &Scale, layout: &Layout) -> Option<Match> {
         let back = self.map.inverse();
         let mut used = vec![false; dots.len()];
@@ -330,20 +344,22 @@ impl Mark {
     }
 }
 
-/// The singular values of a 2×2 matrix, larger first, by the sum of its squares and its determinant.
+/// Returns the singular values of a 2×2 matrix, larger first, from its sum of squares and its
+/// determinant.
 fn singular(sum: f64, determinant: f64) -> (f64, f64) {
     let (plus, minus) = ((sum + 2.0 * determinant.abs()).sqrt(), (sum - 2.0 * determinant.abs()).max(0.0).sqrt());
     (0.5 * (plus + minus), 0.5 * (plus - minus))
 }
 
-/// How far a place lies from the way between two others, if it lies between them.
+/// Returns the distance of a point from the segment between two others, if its foot lies on the
+/// segment.
 fn off_line(at: DVec2, from: DVec2, to: DVec2) -> Option<f64> {
     let (way, own) = (to - from, at - from);
     let share = own.dot(way) / way.length_squared();
     (share > 0.0 && share < 1.0).then(|| own.perp_dot(way).abs() / way.length())
 }
 
-/// The plane of the marks; then the dots that the plane says are wires', until nothing changes.
+/// Fits a plane to the marks, then reassigns dots by that plane until nothing changes.
 fn settle(marks: Vec<Mark>, dots: &[Dot], scale: &Scale, layout: &Layout) -> Option<Match> {
     let wires = layout.geometry().wires();
     let mut found = Match::of(marks, scale, layout)?;
@@ -370,7 +386,8 @@ fn settle(marks: Vec<Mark>, dots: &[Dot], scale: &Scale, layout: &Layout) -> Opt
 }
 
 impl Match {
-    /// The plane that these marks lie on, if it is one that a scanner may have. Marks that do not, few as they may be, are left out.
+    /// Returns the plane of these marks, if a scanner can have it. Marks off the plane are left
+    /// out.
     fn of(mut marks: Vec<Mark>, scale: &Scale, layout: &Layout) -> Option<Self> {
         let wires = layout.geometry().wires();
         let along = wires[layout.posts()[0].wire].direction();
@@ -382,7 +399,8 @@ impl Match {
             for mark in &marks {
                 sum.add_dot(mark.at_px, &wires[mark.wire], &DAffine3::IDENTITY, 1.0);
             }
-            // The slanted wires' dots may be in line or too few: then nothing else says how the plane is turned towards the posts.
+            // The slanted wires' dots may be in line or too few. Then only this prior fixes the
+            // plane's angle to the posts.
             let across = sum.solve(true)?.pixel_mm();
             sum.add_tilt(along, USUAL_TILT * across[0].max(across[1]), NEAR_MM / 3.0);
             let plane =

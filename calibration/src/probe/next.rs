@@ -1,12 +1,18 @@
-//! Which view to take next: of those that a hand can bring about, the one that shrinks the largest predicted error most.
+//! Recommends the next view: of the feasible ones, the one that reduces the largest predicted
+//! error most.
 //!
-//! Begun from the picture in the middle of all, the probe is tilted, turned, rocked and shifted either way. A view in which enough wires can be seen, where in the picture dots were seen so far, says what
-//! further pictures of it would tell: their information adds to what there is. Directions are the picture's (MF: u to the probe's marked side, v away from its face), and said as one sees the probe who
-//! has its marked side at the right and its face below: *you*.
+//! The candidates start from the middle image: the probe is tilted, turned, rocked and shifted
+//! either way. A view must show enough wires within the image region that has shown dots so
+//! far. The information of further images of it is added to the present one. Directions are
+//! those of the image (MF: u to the probe's marked side, v away from its face). The advice
+//! addresses an operator ("you") who sees the probe with its marked side at the right and its
+//! face below.
 
 use std::fmt;
 
 use glam::{DAffine3, DQuat, DVec2, DVec3};
+
+use sonoweave_core::frames::{Phantom, Probe, Reference, Transform};
 
 use super::calibrate::{Calibration, Outcome, Recording};
 use super::layout::Layout;
@@ -14,51 +20,52 @@ use super::matching::{Mark, STEEPEST};
 use super::plane::ImagePlane;
 use super::refine::{Refined, View};
 use super::track::{Poses, Track};
-use crate::frames::{Phantom, Probe, Reference, Transform};
 use crate::statistics::median;
 
-/// What a hand tilts and turns by while the wires stay in the picture, deg.
+/// Rotations that keep the wires in the image, deg.
 const TURNS_DEG: [f64; 2] = [15.0, 30.0];
-/// What it shifts by, mm.
+/// Shifts, mm.
 const SHIFTS_MM: [f64; 2] = [10.0, 20.0];
-/// Beyond where dots were seen the picture shows them, too, for this part of its width and height.
+/// Dots are also expected beyond the observed region, by this share of the image's width and
+/// height.
 const BEYOND: f64 = 0.1;
-/// What gains less than this part of the error is not worth a hand's while.
+/// A smaller relative gain is not worth the effort.
 pub const LEAST_GAIN: f64 = 0.05;
-/// Further pictures: what a recording has of a view that is held for half a second.
+/// Number of further images: as recorded when a view is held for half a second.
 pub const PICTURES: usize = 10;
-/// Of a scan that has many already ten more change little: then as many as make it longer by this part.
+/// Long scans need more images for an effect: this share of the present number.
 const LONGER: f64 = 0.2;
 
-/// Further pictures to ask for, beside so many that are used.
+/// Returns the number of further images to request, given the number used.
 pub fn pictures(used: usize) -> usize {
     PICTURES.max((LONGER * used as f64) as usize)
 }
 
-/// How the probe is moved, from where it was held in the middle of all pictures.
+/// A motion of the probe from its middle position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Way {
-    /// Not at all.
+    /// No motion.
     Held,
-    /// Turned about the picture's u, where the dots are: above 0 its top comes towards you.
+    /// Rotation about the image's u, at the dots: above 0 the probe's top comes towards you.
     Tilt,
-    /// Turned about the picture's v, the probe's long axis: above 0 the marked side comes towards you.
+    /// Rotation about the image's v, the probe's long axis: above 0 the marked side comes
+    /// towards you.
     Turn,
-    /// Turned in the picture's plane: above 0 its top goes to the marked side.
+    /// Rotation in the image plane: above 0 the probe's top goes to the marked side.
     Rock,
-    /// Shifted along u.
+    /// Shift along u.
     AlongU,
-    /// Shifted along v.
+    /// Shift along v.
     AlongV,
-    /// Shifted across the picture: above 0 away from you.
+    /// Shift across the image: above 0 away from you.
     Across,
 }
 
 impl Way {
-    /// Those that are one move.
+    /// All single motions.
     pub const MOVES: [Self; 6] = [Self::Tilt, Self::Turn, Self::Rock, Self::AlongU, Self::AlongV, Self::Across];
 
-    /// Its name in files, and the unit of what it is moved by.
+    /// Returns its name in files, and the unit of its amount.
     pub fn name(self) -> (&'static str, &'static str) {
         match self {
             Self::Held => ("held", ""),
@@ -71,7 +78,7 @@ impl Way {
         }
     }
 
-    /// The amounts that are tried, one way.
+    /// Returns the amounts to try, in one direction.
     fn amounts(self) -> &'static [f64] {
         match self {
             Self::Held => &[],
@@ -80,7 +87,7 @@ impl Way {
         }
     }
 
-    /// The motion in the phantom's frame of a picture that lies there, about a point.
+    /// Returns the motion about a point in the phantom's frame, for an image at this pose.
     fn motion(self, by: f64, picture: &ImagePlane, about: DVec3) -> DAffine3 {
         let (u, v) = (picture.u.normalize(), picture.v.normalize());
         let across = u.cross(v).normalize();
@@ -100,16 +107,16 @@ impl Way {
     }
 }
 
-/// A view, and how far off the calibration would be with further pictures of it.
+/// A view, and the predicted error with further images of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Candidate {
-    /// How the probe is moved there …
+    /// The motion to it …
     pub way: Way,
-    /// … by how much, deg or mm.
+    /// … and its amount, deg or mm.
     pub by: f64,
-    /// The largest predicted error then, mm.
+    /// The largest predicted error afterwards, mm.
     pub after_mm: f64,
-    /// Where the probe is then.
+    /// Pose of the probe there.
     pub phantom_from_probe: Transform<Phantom, Probe>,
 }
 
@@ -151,26 +158,26 @@ impl fmt::Display for Candidate {
     }
 }
 
-/// Views, the best first.
+/// Ranked views.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NextView {
-    /// The largest predicted error at the picture's corners and in its middle, as it is, mm.
+    /// The largest predicted error at present, at the image's corners and centre, mm.
     pub now_mm: f64,
-    /// How many further pictures of a view are meant.
+    /// Number of further images per view.
     pub pictures: usize,
-    /// All that were tried and could be seen, by what they leave of the error.
+    /// All visible candidates, by the remaining error, the best first.
     pub ranked: Vec<Candidate>,
 }
 
 impl NextView {
-    /// The view to take: `None` where none gains [`LEAST_GAIN`].
+    /// Returns the best view: `None` if no view gains [`LEAST_GAIN`].
     pub fn best(&self) -> Option<&Candidate> {
         self.ranked.first().filter(|best| best.after_mm <= (1.0 - LEAST_GAIN) * self.now_mm)
     }
 }
 
 impl fmt::Display for NextView {
-    /// In one sentence.
+    /// Writes the advice in one sentence.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (now, pictures) = (self.now_mm, self.pictures);
         match (self.best(), self.ranked.first()) {
@@ -187,16 +194,17 @@ impl fmt::Display for NextView {
     }
 }
 
-/// A picture that has a part: where the sensors were, and where in it dots were seen.
+/// An image used by the calibration: poses of the sensors, and positions of the dots.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Seen {
-    /// Of the picture's time, by the tracker's lag.
+    /// Poses at the image's time plus the tracker's lag.
     pub poses: Poses,
     /// Pixels.
     pub dots_px: Vec<DVec2>,
 }
 
-/// Ranks the views from the middle one of those that were seen. It takes a thousandth of a second or two: an operator can be told while he scans. `None` where nothing was seen.
+/// Ranks the views from the middle one of those seen. It takes one or two milliseconds, fast
+/// enough for advice during scanning. `None` if nothing was seen.
 pub fn next_view(
     layout: &Layout,
     refined: &Refined,
@@ -225,7 +233,8 @@ pub fn next_view(
 }
 
 impl Calibration {
-    /// Ranks the views that would add to it ([`next_view`]); `recording` is the one that it was made from. `None` where none of its pictures is found there.
+    /// Ranks the views that would improve the calibration ([`next_view`]); `recording` is the
+    /// one it was made from. `None` if that recording contains none of its images.
     pub fn next_view(&self, layout: &Layout, recording: Recording<'_>, pictures: usize) -> Option<NextView> {
         let track = Track::new(recording.observations.iter().filter_map(|observation| observation.poses).collect());
         let both = recording.observations.iter().zip(&self.pictures);
@@ -239,7 +248,8 @@ impl Calibration {
     }
 }
 
-/// The picture that lies nearest to the middle of all: by three of its corners, each against the medians of its coordinates.
+/// Returns the image nearest to the middle: by three corners, each compared with the medians of
+/// its coordinates.
 fn middle(
     seen: &[Seen],
     plane: &ImagePlane,
@@ -259,13 +269,13 @@ fn middle(
     (0..seen.len()).min_by(|&a, &b| off(&places[a]).total_cmp(&off(&places[b])))
 }
 
-/// The same moment with the probe elsewhere.
+/// Returns the poses of the same moment for another pose of the probe.
 fn moved(poses: &Poses, reference_from_probe: Transform<Reference, Probe>) -> Poses {
     let tracker_from_reference = poses.tracker_from_reference.unwrap_or(Transform::IDENTITY);
     Poses { tracker_from_probe: tracker_from_reference * reference_from_probe, ..*poses }
 }
 
-/// A part of the picture, pixels.
+/// A region of the image, pixels.
 #[derive(Debug, Clone, Copy)]
 struct Region {
     low: DVec2,
@@ -273,7 +283,7 @@ struct Region {
 }
 
 impl Region {
-    /// Where dots were seen, and a little more.
+    /// Returns the region of the observed dots, slightly enlarged.
     fn of(seen: &[Seen], size_px: [u32; 2]) -> Option<Self> {
         let dots = || seen.iter().flat_map(|seen| &seen.dots_px).copied();
         let (low, high) = (dots().reduce(DVec2::min)?, dots().reduce(DVec2::max)?);
@@ -286,7 +296,8 @@ impl Region {
     }
 }
 
-/// The dots of a picture that lies in the phantom so; `None` where too few are seen to be told apart, or they are streaks.
+/// Returns the dots of an image at this pose in the phantom; `None` if too few are visible or
+/// they are streaks.
 fn marks(layout: &Layout, picture: &ImagePlane, region: Region) -> Option<Vec<Mark>> {
     let wires = layout.geometry().wires();
     let across = picture.u.cross(picture.v).normalize();

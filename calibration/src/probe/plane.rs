@@ -1,42 +1,45 @@
-//! The image plane in space, and how it follows from where it cuts wires.
+//! The image plane in space, and its calculation from the cuts of wires.
 //!
-//! A plane with its pixels maps (u, v) to u·**u** + v·**v** + **o**. That a pixel lies on a wire says two things, both linear in these nine numbers: nothing is left across the wire, in
-//! either direction. So any wires will do, in any order and direction, as long as together they leave no freedom; and dots of many pictures, whose pose is known, make one system
-//! for the plane in the probe's frame.
+//! A plane with its pixels maps (u, v) to u·**u** + v·**v** + **o**. A pixel on a wire gives
+//! two equations that are linear in these nine numbers: its offset across the wire is zero in
+//! both directions. So any wires will do, in any order and direction, if together they fix all
+//! nine. Dots of many images with known poses make one system for the plane in the probe's
+//! frame.
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 
 use crate::phantom::Wire;
 
-/// Numbers of a plane with its pixels.
+/// Count of numbers of a plane with its pixels.
 const UNKNOWN: usize = 9;
 
-/// Where pixels lie, in mm of some frame.
+/// Positions of pixels, in mm of some frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ImagePlane {
-    /// From a pixel to the next along u, mm.
+    /// Step from a pixel to the next along u, mm.
     pub u: DVec3,
-    /// From a pixel to the next along v, mm.
+    /// Step from a pixel to the next along v, mm.
     pub v: DVec3,
     /// The centre of the first pixel, mm.
     pub origin: DVec3,
 }
 
 impl ImagePlane {
-    /// The plane of an image's transform; its third column says nothing of it.
+    /// Returns the plane of an image's transform; the third column is ignored.
     pub fn of(affine: &DAffine3) -> Self {
         let DMat3 { x_axis, y_axis, .. } = affine.matrix3;
         Self { u: x_axis, v: y_axis, origin: affine.translation }
     }
 
-    /// A transform of the plane: its third column is at right angles to the others, and as long as they are on average, so that it can be inverted.
+    /// Returns a transform of the plane. Its third column is perpendicular to the others and as
+    /// long as their mean, so that it can be inverted.
     pub fn affine(&self) -> DAffine3 {
         let length = 0.5 * (self.u.length() + self.v.length());
         let normal = self.u.cross(self.v).normalize_or_zero() * length;
         DAffine3 { matrix3: DMat3::from_cols(self.u, self.v, normal), translation: self.origin }
     }
 
-    /// The same plane seen from another frame.
+    /// Returns the same plane in another frame.
     pub fn seen_by(&self, map: &DAffine3) -> Self {
         Self {
             u: map.transform_vector3(self.u),
@@ -45,22 +48,23 @@ impl ImagePlane {
         }
     }
 
-    /// Where a pixel lies, mm.
+    /// Returns the position of a pixel, mm.
     pub fn point(&self, px: DVec2) -> DVec3 {
         self.u * px.x + self.v * px.y + self.origin
     }
 
-    /// Size of a pixel along u and v, mm.
+    /// Returns the size of a pixel along u and v, mm.
     pub fn pixel_mm(&self) -> [f64; 2] {
         [self.u.length(), self.v.length()]
     }
 
-    /// The cosine between u and v: 0 where they are at right angles.
+    /// Returns the cosine between u and v: 0 if they are perpendicular.
     pub fn skew(&self) -> f64 {
         self.u.dot(self.v) / (self.u.length() * self.v.length())
     }
 
-    /// The pixel where a wire's line cuts the plane, and where along the wire that is (0 at its first end, 1 at its second); `None` where they are parallel.
+    /// Returns the pixel where a wire's line cuts the plane, and the position along the wire (0
+    /// at its first end, 1 at its second); `None` if they are parallel.
     pub fn cut(&self, wire: &Wire) -> Option<(DVec2, f64)> {
         let along = wire.ends_mm[1] - wire.ends_mm[0];
         let matrix = DMat3::from_cols(self.u, self.v, -along);
@@ -73,7 +77,7 @@ impl ImagePlane {
     }
 }
 
-/// A picture's coordinates brought to numbers about 1, which sums of squares need.
+/// Scales image coordinates to numbers about 1, as sums of squares require.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Unit {
     centre: DVec2,
@@ -81,25 +85,25 @@ pub(super) struct Unit {
 }
 
 impl Unit {
-    /// For pictures of that size.
+    /// Returns the scaling for images of this size.
     pub(super) fn of(size_px: [u32; 2]) -> Self {
         let size = DVec2::from(size_px.map(f64::from));
         Self { centre: 0.5 * (size - 1.0), half: 0.5 * size.max_element().max(2.0) }
     }
 
-    /// A pixel in these numbers.
+    /// Returns a pixel in scaled coordinates.
     pub(super) fn brought(&self, px: DVec2) -> DVec2 {
         (px - self.centre) / self.half
     }
 
-    /// The plane that in these numbers has such columns.
+    /// Returns the plane with these columns in scaled coordinates.
     pub(super) fn plane(&self, u: DVec3, v: DVec3, origin: DVec3) -> ImagePlane {
         let (u, v) = (u / self.half, v / self.half);
         ImagePlane { u, v, origin: origin - u * self.centre.x - v * self.centre.y }
     }
 }
 
-/// The sum of what dots say of a plane.
+/// Sums of the linear equations for a plane.
 #[derive(Debug, Clone)]
 pub(super) struct PlaneSum {
     unit: Unit,
@@ -112,7 +116,7 @@ impl PlaneSum {
         Self { unit, matrix: [[0.0; UNKNOWN]; UNKNOWN], right: [0.0; UNKNOWN] }
     }
 
-    /// That the pixel's place, along a direction, is so many mm.
+    /// Adds the equation that a pixel's coordinate along a direction is this many mm.
     pub(super) fn add(&mut self, px: DVec2, direction: DVec3, mm: f64, weight: f64) {
         let at = self.unit.brought(px);
         let [x, y, z] = direction.to_array();
@@ -126,7 +130,8 @@ impl PlaneSum {
         }
     }
 
-    /// That a pixel lies on a wire. `frame_from_phantom` has no scale, and takes the wire to where the plane is asked for.
+    /// Adds the equations of a pixel on a wire. `frame_from_phantom` has no scale and maps the
+    /// wire to the frame of the plane.
     pub(super) fn add_dot(&mut self, px: DVec2, wire: &Wire, frame_from_phantom: &DAffine3, weight: f64) {
         let on_it = frame_from_phantom.transform_point3(wire.ends_mm[0]);
         for across in wire.across() {
@@ -135,7 +140,8 @@ impl PlaneSum {
         }
     }
 
-    /// That u and v have little along a direction, as a guess: of so many mm a pixel, where a dot's word is good to `dot_mm`.
+    /// Adds the prior that u and v have only small components along a direction: `pixel_mm` per
+    /// pixel, relative to a dot's accuracy of `dot_mm`.
     pub(super) fn add_tilt(&mut self, along: DVec3, pixel_mm: f64, dot_mm: f64) {
         let weight = (dot_mm / (pixel_mm * self.unit.half)).powi(2);
         for first in [0, 3] {
@@ -146,11 +152,12 @@ impl PlaneSum {
         }
     }
 
-    /// The plane that fits best. What the dots leave open is closed by the shortest u, v and way to the origin, if `open` is allowed.
+    /// Returns the plane that fits best. If `open` is allowed, undetermined numbers are closed
+    /// by the shortest u, v and offset.
     pub(super) fn solve(&self, open: bool) -> Option<ImagePlane> {
         let mut matrix = self.matrix;
         let trace: f64 = (0..UNKNOWN).map(|i| matrix[i][i]).sum();
-        // 1e-9 of the diagonal's mean: a dot's word outweighs it a millionfold.
+        // 1e-9 of the diagonal's mean: a dot outweighs it a millionfold.
         let ridge = if open { 1e-9 * trace / UNKNOWN as f64 } else { 0.0 };
         (0..UNKNOWN).for_each(|i| matrix[i][i] += ridge);
         let x = solve(matrix, self.right)?;
@@ -159,7 +166,8 @@ impl PlaneSum {
     }
 }
 
-/// x of A x = b by Cholesky's factors; of A the lower triangle is read. `None` where A is not positive definite, or next to it.
+/// Solves A x = b by Cholesky factors; reads the lower triangle of A. `None` if A is not
+/// positive definite, or nearly so.
 pub(super) fn solve<const N: usize>(mut a: [[f64; N]; N], mut b: [f64; N]) -> Option<[f64; N]> {
     for i in 0..N {
         let diagonal = a[i][i];
@@ -198,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn a_plane_follows_from_where_it_cuts_wires() {
+    fn plane_follows_from_wire_cuts() {
         let phantom = three_ns();
         let truth = plane();
         let mut sum = PlaneSum::new(Unit::of([820, 616]));
@@ -217,14 +225,14 @@ mod tests {
     }
 
     #[test]
-    fn parallel_wires_alone_leave_the_plane_open() {
+    fn parallel_wires_leave_plane_open() {
         let phantom = three_ns();
         let mut sum = PlaneSum::new(Unit::of([820, 616]));
         for wire in [0, 2, 3, 5, 6, 8].map(|i| &phantom.wires()[i]) {
             sum.add_dot(plane().cut(wire).unwrap().0, wire, &DAffine3::IDENTITY, 1.0);
         }
         assert_eq!(sum.solve(false), None);
-        // What is across the wires is found all the same.
+        // The position across the wires is still found.
         let found = sum.solve(true).unwrap();
         for wire in [0, 2, 3, 5, 6, 8].map(|i| &phantom.wires()[i]) {
             assert!(wire.nearest(found.point(plane().cut(wire).unwrap().0)).0 < 1e-6);
@@ -234,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn a_system_is_solved_or_refused() {
+    fn system_is_solved_or_refused() {
         let a = [[4.0, 0.0, 0.0], [2.0, 5.0, 0.0], [1.0, 1.0, 3.0]];
         let x = solve(a, [9.0, 15.0, 12.0]).unwrap();
         for (row, b) in [[4.0, 2.0, 1.0], [2.0, 5.0, 1.0], [1.0, 1.0, 3.0]].iter().zip([9.0, 15.0, 12.0]) {

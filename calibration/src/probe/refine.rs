@@ -1,8 +1,12 @@
-//! The image plane that explains all dots of all pictures best, and how sure that is.
+//! Fits the image plane to all dots of all images, with its covariance.
 //!
-//! Sought are the picture's turn and place in the probe's frame and a pixel's size along u and v; if asked for, how much u and v are askew; and by how much the phantom is not where its registration says, as
-//! far as that is known to be good; and how much later poses come than pictures, for a probe that moves is elsewhere by then. A dot's residual is how far its wire is from where the plane has it, across the wire. All dots of a picture share the tracker's noise, so a picture's residuals are
-//! whitened together ([`super::scatter`]). A dot that the others of its picture contradict, and a picture that the others contradict, is left out.
+//! The unknowns are the image's rotation and position in the probe's frame and the pixel size
+//! along u and v. The skew of u and v is optional. Further unknowns are the phantom's deviation
+//! from its registration, within the registration's uncertainty, and the lag of poses behind
+//! images. A dot's residual is the distance of its wire from the predicted place, across the
+//! wire. All dots of an image share the tracker's noise, so an image's residuals are whitened
+//! together ([`super::scatter`]). A dot contradicted by the others of its image is left out,
+//! and so is an image contradicted by the others.
 
 mod outliers;
 mod predicted;
@@ -22,62 +26,66 @@ use super::scatter::{Scatter, Scattered, lasted};
 use super::sighting::{Sighting, off_wire};
 use super::track::Track;
 pub use super::unknown::PLANE;
-use crate::frames::{Image, Probe, Transform};
 use crate::least_squares::{Blocks, Noise, Parameters, Settings, Solution, State, Unsolved, solve};
 use crate::phantom::file::Registration;
 use crate::statistics::correlation_length;
+use sonoweave_core::frames::{Image, Probe, Transform};
 
-/// How often scatter and plane are found in turn at most …
+/// Scatter and plane are estimated in turn at most this often …
 const ROUNDS: usize = 12;
-/// … or until the lag changes by less than this, s, and nothing more is left out.
+/// … or until the lag changes by less than this, s, and no more outliers are found.
 const SAME_LAG_S: f64 = 1e-6;
-/// Rounds before anything is left out: the scatter has to be known.
+/// Number of rounds before outliers are left out: the scatter must be known first.
 const TRUSTING: usize = 2;
 
-/// What is sought besides the plane.
+/// Optional unknowns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sought {
-    /// Whether u and v may be askew.
+    /// Fit the skew of u and v.
     pub skew: bool,
-    /// Whether the registration may be off, as far as its error says.
+    /// Fit the registration's error, within its stated uncertainty.
     pub registration: bool,
-    /// Whether poses may come later than pictures, or earlier. Without times, or with the probe held still whenever a picture was taken, there is nothing to be found.
+    /// Fit the lag of poses behind images. Without times, or with the probe held still for
+    /// every image, it is undetermined.
     pub lag: bool,
 }
 
-/// What was found.
+/// Result of the fit.
 #[derive(Debug, Clone)]
 pub struct Refined {
-    /// Where the picture lies in the probe's frame.
+    /// The image plane in the probe's frame.
     pub plane: ImagePlane,
-    /// Where the phantom is held, as it fits best.
+    /// The fitted registration.
     pub registration: Registration,
-    /// What scattered the dots.
+    /// The fitted scatter.
     pub scatter: Scatter,
-    /// For how many pictures what scatters them lasts; 1 where each has its own. The errors that are predicted take it into account.
+    /// Number of images over which the scatter is correlated; 1 if independent. The predicted
+    /// errors account for it.
     pub lasting: f64,
-    /// How much later poses come than pictures, s.
+    /// Lag of poses behind images, s.
     pub lag_s: f64,
-    /// Its standard deviation; 0 where it was not sought.
+    /// Standard deviation of the lag; 0 if it was not fitted.
     pub lag_sd_s: f64,
-    /// By sighting and dot: whether it had a part. A sighting without any had no pose at its time, or contradicted the others.
+    /// For each sighting and dot, whether the fit used it. A sighting without used dots had no
+    /// pose at its time, or contradicted the others.
     pub used: Vec<Vec<bool>>,
-    /// Squared lengths of pictures' whitened residuals, in the order of the sightings, and their components.
+    /// Squared lengths of images' whitened residuals, in the order of the sightings, and their
+    /// numbers of components.
     pub pictures: Vec<(f64, usize)>,
-    /// Where the phantom was said to be held.
+    /// The given registration.
     given: Registration,
-    /// About which it was turned.
+    /// Centre of the phantom's rotation, mm.
     centre: DVec3,
     unknown: Unknown,
     solution: Solution,
-    /// What is known beforehand, by its information: of the phantom's turn and shift, and of the lag.
+    /// Information of the priors: of the phantom's rotation and shift, and of the lag.
     known: [[f64; KNOWN]; KNOWN],
 }
 
 /// Refines a start.
 ///
 /// # Errors
-/// [`Unsolved`]: the dots do not determine something, which it names.
+/// [`Unsolved`] names the parameters that the dots do not determine.
 pub fn refine(
     layout: &Layout,
     sightings: &[Sighting],
@@ -91,7 +99,8 @@ pub fn refine(
 }
 
 impl Problem<'_> {
-    /// Pictures that the start contradicts have no part until all else is found; then they have, if they agree.
+    /// Solves the problem. Images that the start contradicts are left out at first and added at
+    /// the end, if they agree.
     fn solve(&self, mut parameters: Parameters, sought: Sought, mut waits: Vec<bool>) -> Result<Refined, Unsolved> {
         let prior = sought.registration.then(|| self.prior());
         let settings = Settings { noise: Noise::Known, ..Settings::default() };
@@ -128,7 +137,7 @@ impl Problem<'_> {
         }
     }
 
-    /// Gives those that wait a part where they agree with what was found; whether any did.
+    /// Adds the waiting images that agree with the result; returns whether any did.
     fn admit(&self, state: &State, scatter: Scatter, used: &mut [Vec<bool>], waits: &mut [bool]) -> bool {
         let mut whole: Vec<Vec<bool>> =
             self.sightings.iter().zip(waits.iter()).map(|(s, waits)| vec![*waits; s.marks.len()]).collect();
@@ -195,7 +204,8 @@ impl Problem<'_> {
         refined
     }
 
-    /// After how many pictures what they are off by is another: the mean over three directions.
+    /// Returns the number of images after which their deviations are independent: the mean over
+    /// three directions.
     fn lasting(&self, state: &State, pictures: &[Picture]) -> f64 {
         let wires = self.layout.geometry().wires();
         let off = |picture: &Picture| {
@@ -215,22 +225,24 @@ impl Problem<'_> {
 }
 
 impl Refined {
-    /// The plane as a transform.
+    /// Returns the plane as a transform.
     pub fn probe_from_image(&self) -> Transform<Probe, Image> {
         Transform::from_affine(self.plane.affine())
     }
 
-    /// Largest over smallest singular value of the problem, by its parameters' typical sizes.
+    /// Returns the largest over the smallest singular value of the problem, by its parameters'
+    /// typical sizes.
     pub fn condition(&self) -> f64 {
         self.solution.condition
     }
 
-    /// The solution with its parameters' covariance.
+    /// Returns the solution with its parameters' covariance.
     pub fn solution(&self) -> &Solution {
         &self.solution
     }
 
-    /// Where the phantom was turned and shifted to against its registration, deg and mm.
+    /// Returns the fitted rotation and shift of the phantom against its registration, deg and
+    /// mm.
     pub fn registration_change(&self) -> (f64, f64) {
         let Unknown { phantom_turn, phantom_shift, .. } = self.unknown;
         let state = &self.solution.state;

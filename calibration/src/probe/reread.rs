@@ -1,7 +1,9 @@
-//! Pictures read once more, when it is known about where the wires are.
+//! Reads images again once the wires' approximate positions are known.
 //!
-//! Layers that are alike let a picture's dots be taken for those of the layer below, where a layer is not seen or an echo looks like one. Once the other pictures have told where the picture
-//! lies, each dot is the wire's next to which it lies. Pictures that were read well stay as they are: a calibration that is a little off changes none.
+//! In phantoms with similar layers, dots may be assigned to the layer below, if a layer is not
+//! visible or an echo resembles one. Once the other images have fixed the plane, each dot
+//! belongs to the nearest wire. Images that were read correctly stay unchanged, even by a
+//! slightly wrong calibration.
 
 use glam::DVec2;
 
@@ -14,18 +16,20 @@ use super::sighting::Sighting;
 use super::track::Track;
 use crate::phantom::Wire;
 
-/// A dot is a wire's that lies nearer to it than this part of the way to the next wire.
+/// A dot belongs to a wire if it is nearer to it than this share of the distance to the next
+/// wire.
 const NEAR: f64 = 0.4;
 
-/// A wire where it cuts a picture.
+/// The predicted dot of a wire.
 struct Expected {
     wire: usize,
     at_px: DVec2,
-    /// Dots within are its own.
+    /// Dots within this radius belong to it.
     radius_px: f64,
 }
 
-/// The sightings of a recording with the pictures that were misread, or not read at all, read anew; and how many these are.
+/// Returns a recording's sightings, with misread or unread images read again, and the number of
+/// these.
 pub(super) fn reread(
     layout: &Layout,
     refined: &Refined,
@@ -47,7 +51,7 @@ pub(super) fn reread(
         let map = sighting.probe_from_phantom(track, refined.lag_s, &refined.registration.reference_from_phantom);
         let expected = map.map_or(Vec::new(), |map| expected(wires, &refined.plane.seen_by(&map.inverse().affine())));
         let marks = read(observation, &expected);
-        // Of wires that are not looked for at first nothing could be read.
+        // Wires not used for recognition could not be read at first.
         let is_more = layout.is_flat() && marks.len() > sighting.marks.len();
         if own.is_some() && !is_misread(sighting, &expected) && !is_more {
             all.push(sighting.clone());
@@ -63,7 +67,7 @@ pub(super) fn reread(
     (all, count)
 }
 
-/// The wires that a picture should show.
+/// Returns the wires that an image should show.
 fn expected(wires: &[Wire], plane: &ImagePlane) -> Vec<Expected> {
     let cuts: Vec<(usize, DVec2)> = wires
         .iter()
@@ -79,7 +83,7 @@ fn expected(wires: &[Wire], plane: &ImagePlane) -> Vec<Expected> {
     cuts.iter().map(|&(wire, at_px)| Expected { wire, at_px, radius_px: NEAR * next(wire, at_px) }).collect()
 }
 
-/// Whether most of its dots lie far from the wires that they were taken for.
+/// Returns whether most of its dots lie far from their assigned wires.
 fn is_misread(sighting: &Sighting, expected: &[Expected]) -> bool {
     let is_far = |mark: &&Mark| {
         let own = expected.iter().find(|expected| expected.wire == mark.wire);
@@ -88,7 +92,7 @@ fn is_misread(sighting: &Sighting, expected: &[Expected]) -> bool {
     !expected.is_empty() && 2 * sighting.marks.iter().filter(is_far).count() > sighting.marks.len()
 }
 
-/// To each wire the dot that is nearest, if it is near.
+/// Assigns the nearest dot to each wire, if near.
 fn read(observation: &Observation, expected: &[Expected]) -> Vec<Mark> {
     let nearest = |own: &Expected| {
         let dots = observation.dots.iter().filter(|dot| dot.at_px.distance(own.at_px) <= own.radius_px);

@@ -1,32 +1,37 @@
-//! What scatters dots about their wires: the tracker's noise, which moves all dots of a picture together, and that of each dot's centre.
+//! Noise sources of the dots: the tracker's noise, which moves all dots of an image together,
+//! and that of each dot's centre.
 //!
-//! A picture's residuals have the covariance
+//! An image's residuals have the covariance
 //!
 //! ```text
 //! C = σ_t² ΣTTᵀ + σ_r² ΣRRᵀ + σ_u² UUᵀ + σ_v² VVᵀ
 //! ```
 //!
-//! T and R by the shifts and turns of each sensor at its own place, U and V by each dot's shift along u and v. How large the four are is found from the residuals themselves, as likely as
-//! can be, by steps that never make it less likely (Zhou, Hu, Qiao & Zhou, *MM algorithms for variance components models*, J. Comput. Graph. Stat. 28, 2019).
+//! T and R contain the derivatives by the shifts and rotations of each sensor at its own place.
+//! U and V contain those by each dot's shift along u and v. The four variances are the most
+//! likely ones, given the residuals. They are found by steps that never reduce the likelihood
+//! (Zhou, Hu, Qiao & Zhou, *MM algorithms for variance components models*, J. Comput. Graph.
+//! Stat. 28, 2019).
 
 use nalgebra::{DMatrix, DVector};
 
-/// Sources of scatter.
+/// Number of noise sources.
 pub const SOURCES: usize = 4;
-/// Steps of the search, which goes on from one call to the next; each brings a component about half-way.
+/// Steps per call; the next call continues. Each step brings a component about half-way.
 const STEPS: usize = 12;
-/// Long steps at most …
+/// Maximum number of long steps …
 const LEAPS: usize = 15;
-/// … each of no more than so many of what two steps tell, …
+/// … each at most this multiple of the extrapolation of two steps …
 const FARTHEST: f64 = 30.0;
-/// … and of no more than so much of a variance's logarithm.
+/// … and at most this change of a variance's logarithm.
 const LONGEST: f64 = 6.0;
-/// A component changes by less than this of itself at the end.
+/// Relative change of a component at which the search ends.
 const SAME: f64 = 1e-4;
-/// Of a component that begins at 1 in its typical unit no less is left: pictures without any noise have rounding.
+/// Least value of a component relative to its typical size: images without any noise have
+/// rounding errors.
 const LEAST: f64 = 1e-18;
 
-/// Standard deviations of what scatters.
+/// Standard deviations of the noise sources.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scatter {
     /// A sensor's position, along each axis, mm.
@@ -38,7 +43,7 @@ pub struct Scatter {
 }
 
 impl Scatter {
-    /// Before anything is known: an electromagnetic tracker's, and dots of some pixels.
+    /// Start values: typical of an electromagnetic tracker and dots of some pixels.
     pub const USUAL: Self = Self { position_mm: 0.3, turn_rad: 0.004, dot_px: [1.5, 1.0] };
 
     pub(super) fn variances(self) -> [f64; SOURCES] {
@@ -49,23 +54,25 @@ impl Scatter {
         Self { position_mm: position.sqrt(), turn_rad: turn.sqrt(), dot_px: [u.sqrt(), v.sqrt()] }
     }
 
-    /// The scatter that makes the residuals of all pictures most likely.
+    /// Returns the scatter that makes the residuals of all images most likely.
     pub(super) fn most_likely(pictures: &[Scattered], start: Self) -> Self {
         Self::of(most_likely(pictures, start.variances(), Self::USUAL.variances()))
     }
 }
 
-/// A picture's residuals by what scatters them.
+/// An image's residuals with their noise sources.
 #[derive(Debug, Clone)]
 pub(super) struct Scattered {
     /// mm.
     pub(super) residuals: DVector<f64>,
-    /// Derivatives by each source's unit steps: sensors' positions, their turns, dots along u, along v.
+    /// Derivatives by each source's unit steps: sensors' positions, their turns, dots along u,
+    /// along v.
     pub(super) by: [DMatrix<f64>; SOURCES],
 }
 
 impl Scattered {
-    /// What makes the residuals independent and of standard deviation 1, by the sources' variances; nothing is changed where there is no scatter.
+    /// Returns the matrix that makes the residuals independent with standard deviation 1, given
+    /// the sources' variances; the identity without scatter.
     pub(super) fn whitening(&self, variances: [f64; SOURCES]) -> DMatrix<f64> {
         let n = self.residuals.len();
         let factor = self.covariance(&variances).cholesky().map(|factor| factor.l());
@@ -77,7 +84,7 @@ impl Scattered {
         sum(&self.products(), variances)
     }
 
-    /// What one unit of each source's variance makes.
+    /// Returns the covariance per unit of each source's variance.
     fn products(&self) -> [DMatrix<f64>; SOURCES] {
         [0, 1, 2, 3].map(|source| &self.by[source] * self.by[source].transpose())
     }
@@ -91,7 +98,8 @@ fn sum(products: &[DMatrix<f64>; SOURCES], variances: &[f64; SOURCES]) -> DMatri
     sum
 }
 
-/// The variances of the sources that make the residuals of all pictures most likely; of the usual ones some part is left in any case.
+/// Returns the sources' variances that make the residuals of all images most likely. A small
+/// share of the usual ones always remains.
 pub(super) fn most_likely(pictures: &[Scattered], start: [f64; SOURCES], usual: [f64; SOURCES]) -> [f64; SOURCES] {
     let likely = Likely::new(pictures, usual);
     let mut variances = start;
@@ -106,8 +114,9 @@ pub(super) fn most_likely(pictures: &[Scattered], start: [f64; SOURCES], usual: 
     variances
 }
 
-/// The same, by longer steps: of sources that do much the same to pictures the share of each is found slowly otherwise. Two steps tell how the logarithms of the variances go on, and a third makes the
-/// extrapolation good (Varadhan & Roland's SQUAREM, Scand. J. Stat. 35, 2008).
+/// Does the same with longer steps, because sources with similar effects converge slowly. Two
+/// steps give the trend of the variances' logarithms, and a third corrects the extrapolation
+/// (Varadhan & Roland's SQUAREM, Scand. J. Stat. 35, 2008).
 pub(super) fn settled(pictures: &[Scattered], start: [f64; SOURCES], usual: [f64; SOURCES]) -> [f64; SOURCES] {
     let likely = Likely::new(pictures, usual);
     let mut variances = start;
@@ -136,7 +145,7 @@ pub(super) fn settled(pictures: &[Scattered], start: [f64; SOURCES], usual: [f64
     variances
 }
 
-/// How likely residuals are by variances of their sources.
+/// Likelihood of residuals, given the variances of their sources.
 struct Likely<'a> {
     pictures: &'a [Scattered],
     products: Vec<[DMatrix<f64>; SOURCES]>,
@@ -149,7 +158,7 @@ impl<'a> Likely<'a> {
         Self { pictures, products, floor: usual.map(|variance| variance * LEAST) }
     }
 
-    /// Variances that are no less likely.
+    /// Returns variances that are at least as likely.
     fn step(&self, mut variances: [f64; SOURCES]) -> [f64; SOURCES] {
         let (mut squares, mut traces) = ([0.0; SOURCES], [0.0; SOURCES]);
         for (picture, products) in self.pictures.iter().zip(&self.products) {
@@ -175,8 +184,10 @@ impl<'a> Likely<'a> {
     }
 }
 
-/// An entry of the covariance of T numbers where measurements repeat each other `lasting` times, n: were there only 1/n of them, H = H_data + H_known would be the information; the solution
-/// weighs them as if there were all, so that its covariance is H⁻¹(n·H_data + H_known)H⁻¹. `known` is H_known, of the last K of the numbers.
+/// Returns an entry of the covariance of T numbers for measurements correlated over `lasting` =
+/// n images. Only 1/n of them is independent, so the true information is H = H_data + H_known.
+/// The solution weights all of them, so its covariance is H⁻¹(n·H_data + H_known)H⁻¹. `known`
+/// is H_known, for the last K of the numbers.
 pub(super) fn lasted<const T: usize, const K: usize>(
     all: &[[f64; T]; T],
     known: &[[f64; K]; K],

@@ -1,25 +1,26 @@
-//! What a picture says of the image plane: its dots, and when it was taken.
+//! An image's recognised dots, with its time.
 
 use glam::DVec3;
 
+use sonoweave_core::frames::{Phantom, Probe, Reference, Transform};
+
 use super::matching::Mark;
 use super::track::Track;
-use crate::frames::{Phantom, Probe, Reference, Transform};
 use crate::phantom::Wire;
 
-/// A picture whose dots are recognised.
+/// An image whose dots are recognised.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sighting {
-    /// Which picture: whoever made it knows what the number means.
+    /// Number of the frame, with a meaning defined by the caller.
     pub frame: usize,
-    /// When, s, by the clock of the poses.
+    /// Time, s, by the clock of the poses.
     pub time_s: f64,
     /// Its dots.
     pub marks: Vec<Mark>,
 }
 
 impl Sighting {
-    /// Where the phantom was for the probe, by poses that come so much later than pictures.
+    /// Returns the phantom's pose in the probe's frame, for poses that lag images by `lag_s`.
     pub fn probe_from_phantom(
         &self,
         track: &Track,
@@ -31,7 +32,8 @@ impl Sighting {
     }
 }
 
-/// How far a point of the phantom's frame is from a wire's line, along two directions across it, mm.
+/// Returns the offset of a point of the phantom's frame from a wire's line, along two
+/// directions across it, mm.
 pub(super) fn off_wire(wire: &Wire, point_mm: DVec3) -> [f64; 2] {
     wire.across().map(|across| across.dot(point_mm - wire.ends_mm[0]))
 }

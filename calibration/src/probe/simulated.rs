@@ -1,23 +1,24 @@
-//! Scans of a phantom whose truth is known, for tests.
+//! Simulated scans of a phantom with known truth, for tests.
 
 use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
+
+use sonoweave_core::frames::{Phantom, Reference, Transform};
 
 use super::layout::Layout;
 use super::matching::Mark;
 use super::plane::ImagePlane;
 use super::sighting::Sighting;
 use super::track::{Poses, Track};
-use crate::frames::{Phantom, Reference, Transform};
 use crate::noise::Noise;
 use crate::phantom::Geometry;
 use crate::phantom::tests::three_ns;
 
-/// Pictures' size, pixels.
+/// Size of the images, pixels.
 pub(super) const SIZE_PX: [u32; 2] = [820, 616];
-/// Time between pictures, s.
+/// Time between images, s.
 const PERIOD_S: f64 = 0.08;
 
-/// What makes a scan imperfect.
+/// Errors of a scan.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Imperfect {
     pub(super) position_mm: f64,
@@ -36,13 +37,13 @@ pub(super) struct Scan {
     pub(super) track: Track,
 }
 
-/// Where a picture lies in the probe's frame.
+/// Returns the true image plane in the probe's frame.
 fn plane() -> ImagePlane {
     let turn = DQuat::from_euler(glam::EulerRot::XYZ, 0.1, -0.15, 1.6);
     ImagePlane { u: turn * DVec3::X * 0.0786, v: turn * DVec3::Y * 0.0741, origin: DVec3::new(11.0, 46.0, -7.0) }
 }
 
-/// How a hand moves: how far it turns about the phantom's axes, rad, and shifts along them, mm.
+/// The operator's motion: rotations about the phantom's axes, rad, and shifts along them, mm.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Hand {
     pub(super) turn: [f64; 3],
@@ -55,17 +56,17 @@ impl Hand {
 }
 
 impl Scan {
-    /// Of so many pictures, by a hand that moves as one should.
+    /// Simulates a scan of this many images with a good motion.
     pub(super) fn new(pictures: usize, imperfect: Imperfect, noise: &mut Noise) -> Self {
         Self::by(Hand::FREE, pictures, imperfect, noise)
     }
 
-    /// Of so many pictures.
+    /// Simulates a scan of this many images.
     pub(super) fn by(hand: Hand, pictures: usize, imperfect: Imperfect, noise: &mut Noise) -> Self {
         Self::of(three_ns(), hand, pictures, imperfect, noise)
     }
 
-    /// Of a phantom about the same place, and so many pictures.
+    /// Simulates a scan of a phantom near the same place.
     pub(super) fn of(phantom: Geometry, hand: Hand, pictures: usize, imperfect: Imperfect, noise: &mut Noise) -> Self {
         let reference_from_phantom: Transform<Reference, Phantom> =
             Transform::from_affine(DAffine3::from_rotation_translation(
@@ -73,7 +74,8 @@ impl Scan {
                 DVec3::new(9.6, 36.0, 87.9),
             ));
         let phases: [f64; 5] = std::array::from_fn(|_| noise.between(0.0, std::f64::consts::TAU));
-        // Where the picture is in the phantom at a time: u to the left of the phantom, v down, dots about its middle.
+        // The image plane in the phantom at a time: u to the left of the phantom, v down, the
+        // dots near its centre.
         let phantom_from_image = |time: f64| {
             let wave = |period_s: f64, phase: usize| (std::f64::consts::TAU * time / period_s + phases[phase]).sin();
             let level = DMat3::from_cols(DVec3::NEG_X, DVec3::NEG_Z, DVec3::NEG_Y);
@@ -104,7 +106,7 @@ impl Scan {
         scan
     }
 
-    /// Further pictures, after a while, of a probe that is held still.
+    /// Adds images, after a while, of a probe that is held still.
     pub(super) fn hold(
         &mut self,
         phantom_from_image: &ImagePlane,
@@ -122,7 +124,7 @@ impl Scan {
         self.track = Track::new(track);
     }
 
-    /// The sensors' poses of a moment, by where the picture is in the phantom.
+    /// Returns the sensors' poses at a time, from the image plane in the phantom.
     fn poses(&self, time_s: f64, phantom_from_image: &ImagePlane, imperfect: Imperfect, noise: &mut Noise) -> Poses {
         let phantom_from_probe = phantom_from_image.affine() * self.plane.affine().inverse();
         let drift = DQuat::from_euler(glam::EulerRot::XYZ, 0.05 * (0.5 * time_s).sin(), 0.3, -1.2);
@@ -140,7 +142,7 @@ impl Scan {
         }
     }
 
-    /// A picture's dots.
+    /// Adds an image's dots.
     fn see(&mut self, time_s: f64, phantom_from_image: &ImagePlane, imperfect: Imperfect, noise: &mut Noise) {
         let seen = self.layout.geometry().wires().iter().enumerate().filter_map(|(wire, geometry)| {
             let (px, share) = phantom_from_image.cut(geometry)?;
@@ -152,7 +154,7 @@ impl Scan {
     }
 }
 
-/// The picture's corners and centre.
+/// Returns the image's corners and centre.
 pub(super) fn places() -> [DVec2; 5] {
     let [u, v] = SIZE_PX.map(|n| f64::from(n) - 1.0);
     [[0.0, 0.0], [u, 0.0], [0.0, v], [u, v], [0.5 * u, 0.5 * v]].map(DVec2::from_array)

@@ -1,22 +1,28 @@
-//! The probe's calibration by a target that rests: a point, the tip of a stylus, or a plane.
+//! Probe calibration with a static target: a point, the tip of a stylus, or a plane.
 //!
-//! No phantom has to be made or measured. All three are one problem: where the picture lies in the probe's frame, and where the target lies in the reference's, so that what pictures show of it
-//! is where poses have it.
+//! No phantom has to be made or measured. All three are one problem. The unknowns are the image
+//! plane in the probe's frame and the target in the reference's frame. The target's position by
+//! its images and by the poses must match.
 //!
-//! - A **point** that rests, where wires cross or a bead is, is seen as a dot. Where it is has to be found with the rest (Detmer et al., Proc. SPIE 1994; Prager et al., Ultrasound Med. Biol. 24,
-//!   1998). Without a turn of the probe its place could be anywhere.
-//! - The **tip of a stylus** that is tracked is such a point, too, which rests in the frame of the stylus's sensor: that is the reference then, and where the tip is in it is known from a pivot
-//!   calibration, as well as that was (Muratore & Galloway, Ultrasound Med. Biol. 27, 2001; Hsu et al. 2008).
-//! - A **plane** that rests, the floor of a water tank or a membrane, is seen as a line (Prager et al. 1998). A line tells two numbers a picture, and the probe has to be tilted both ways.
+//! - A static **point**, such as crossing wires or a bead, is seen as a dot. Its position is
+//!   fitted as well (Detmer et al., Proc. SPIE 1994; Prager et al., Ultrasound Med. Biol. 24,
+//!   1998). Without a rotation of the probe the position is undetermined.
+//! - The **tip of a tracked stylus** is such a point, too. It is static in the frame of the
+//!   stylus's sensor, which is the reference then. Its position and error are known from a
+//!   pivot calibration (Muratore & Galloway, Ultrasound Med. Biol. 27, 2001; Hsu et al. 2008).
+//! - A static **plane**, such as the floor of a water tank or a membrane, is seen as a line
+//!   (Prager et al. 1998). A line gives two numbers per image, and the probe must be tilted
+//!   both ways.
 //!
-//! A target has no left and right. Pictures that are mirrored are calibrated as they are, and nothing here can tell: what is found holds for pictures with the same orientation.
+//! A target has no left and right. Mirrored images cannot be detected here and are calibrated
+//! as they are; the result is valid for images with the same orientation.
 //!
-//! - [`glimpse`]: what of the target pictures show.
-//! - `points`, `planes`: where to begin.
-//! - [`refine`](mod@refine), `predicted`: what explains all of it best, and how sure that is.
-//! - `motion`: what the probe's motion leaves open.
-//! - `held`: how far a calibration is off on pictures that had no part in it.
-//! - [`calibrate`](mod@calibrate): all of it in turn, or the reason why there is none.
+//! - [`glimpse`]: the target's appearance in images.
+//! - `points`, `planes`: the start of the fit.
+//! - [`refine`](mod@refine), `predicted`: the best fit to all images, and its accuracy.
+//! - `motion`: numbers that the probe's motion leaves undetermined.
+//! - `held`: errors of a calibration on images that the fit did not use.
+//! - [`calibrate`](mod@calibrate): the whole procedure, or the reason for a refusal.
 
 pub mod calibrate;
 pub mod glimpse;
@@ -37,23 +43,23 @@ use glam::{DVec2, DVec3};
 
 use super::plane::ImagePlane;
 
-/// What rests.
+/// The kinds of target.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Target {
-    /// A point somewhere.
+    /// A point at an unknown position.
     Point,
-    /// A point whose place in the reference's frame is known: a stylus's tip.
+    /// A point at a known position in the reference's frame: a stylus's tip.
     Tip {
-        /// Where it is, mm.
+        /// Its position, mm.
         place_mm: DVec3,
-        /// Standard deviation of that along each axis, mm; above 0.
+        /// Standard deviation of the position along each axis, mm; above 0.
         error_mm: f64,
     },
-    /// A plane somewhere.
+    /// A plane at an unknown position.
     Plane,
 }
 
-/// Where the target is in the reference's frame.
+/// Position of the target in the reference's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Place {
     /// A point, mm.
@@ -68,7 +74,7 @@ pub enum Place {
 }
 
 impl Place {
-    /// How far a point is from it, mm.
+    /// Returns the distance of a point from it, mm.
     pub fn off_mm(&self, point: DVec3) -> f64 {
         match self {
             Self::Point(place) => point.distance(*place),
@@ -76,7 +82,8 @@ impl Place {
         }
     }
 
-    /// The pixel of a picture (in the reference's frame) that shows it: a point's foot on the picture, or the place on a plane's line that is nearest to a pixel.
+    /// Returns the pixel of an image (in the reference's frame) that shows it: the foot of a
+    /// point on the image, or the point of a plane's line nearest to a pixel.
     pub(super) fn in_picture(&self, picture: &ImagePlane, near_px: DVec2) -> DVec2 {
         match self {
             Self::Point(place) => picture.affine().inverse().transform_point3(*place).truncate(),
@@ -93,7 +100,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_place_is_in_the_picture_where_it_is_nearest() {
+    fn in_picture_returns_nearest_pixel() {
         let picture = ImagePlane {
             u: DVec3::new(0.1, 0.0, 0.0),
             v: DVec3::new(0.0, 0.06, 0.08),
@@ -107,7 +114,7 @@ mod tests {
         let plane = Place::Plane { normal, distance_mm: 4.0 };
         let found = plane.in_picture(&picture, px);
         assert!(plane.off_mm(picture.point(found)) < 1e-12);
-        // Nothing of the line is nearer.
+        // The pixel is the nearest one of the line.
         let along = DVec2::new(-normal.dot(picture.v), normal.dot(picture.u)).normalize();
         assert!(plane.off_mm(picture.point(found + 9.0 * along)) < 1e-12 && (found - px).dot(along).abs() < 1e-9);
     }

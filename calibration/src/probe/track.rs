@@ -1,25 +1,26 @@
-//! Where the probe was, and the phantom's sensor, from pose to pose.
+//! Interpolated poses of the probe and of the phantom's sensor.
 
 use glam::{DAffine3, DQuat};
 
-use crate::frames::{Probe, Reference, Tracker, Transform};
+use sonoweave_core::frames::{Probe, Reference, Tracker, Transform};
 
-/// Between poses that are further apart nothing is interpolated unless it is said otherwise, s.
+/// Default longest gap between poses for interpolation, s.
 const LONGEST_GAP_S: f64 = 0.5;
 
-/// The poses of a moment; rigid.
+/// The poses at one time; rigid.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Poses {
-    /// When, s.
+    /// Time, s.
     pub time_s: f64,
-    /// The probe's.
+    /// Pose of the probe.
     pub tracker_from_probe: Transform<Tracker, Probe>,
-    /// That of the sensor that the phantom is held on; `None` where it is held on the tracker itself.
+    /// Pose of the sensor that the phantom is held on; `None` if it is held on the tracker
+    /// itself.
     pub tracker_from_reference: Option<Transform<Tracker, Reference>>,
 }
 
 impl Poses {
-    /// Where the probe was for the sensor that the phantom is held on.
+    /// Returns the probe's pose relative to the sensor that the phantom is held on.
     pub fn reference_from_probe(&self) -> Transform<Reference, Probe> {
         self.tracker_from_reference.unwrap_or(Transform::IDENTITY).inverse() * self.tracker_from_probe
     }
@@ -33,24 +34,25 @@ pub struct Track {
 }
 
 impl Track {
-    /// Of poses in any order; of two of the same time the first is kept. Between poses up to half a second apart it is interpolated.
+    /// Takes poses in any order; of two at the same time the first is kept. Poses up to half a
+    /// second apart are interpolated.
     pub fn new(mut poses: Vec<Poses>) -> Self {
         poses.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
         poses.dedup_by(|later, first| later.time_s == first.time_s);
         Self { poses, longest_gap_s: LONGEST_GAP_S }
     }
 
-    /// The same, interpolated between poses up to so far apart, s.
+    /// Returns the same poses with another longest gap for interpolation, s.
     pub fn with_longest_gap(self, longest_gap_s: f64) -> Self {
         Self { longest_gap_s, ..self }
     }
 
-    /// All of them.
+    /// Returns all poses.
     pub fn poses(&self) -> &[Poses] {
         &self.poses
     }
 
-    /// The same poses, with positions so many times as large.
+    /// Returns the same poses with scaled positions.
     pub(super) fn scaled(&self, factor: f64) -> Self {
         let longer = |mut affine: DAffine3| {
             affine.translation *= factor;
@@ -64,7 +66,8 @@ impl Track {
         Self { poses: poses.collect(), ..*self }
     }
 
-    /// The poses at a time, between two neighbours; `None` before the first, after the last, and in gaps that are too long.
+    /// Returns the poses at a time, interpolated between two neighbours; `None` before the
+    /// first, after the last, and in gaps that are too long.
     pub fn at(&self, time_s: f64) -> Option<Poses> {
         let after = self.poses.partition_point(|poses| poses.time_s < time_s);
         let later = self.poses.get(after)?;
@@ -90,7 +93,8 @@ impl Track {
         Some(Poses { time_s, tracker_from_probe: Transform::from_affine(probe), tracker_from_reference: reference })
     }
 
-    /// How the way from the probe to the reference changes with time, 1/s: over a span that is long against the poses' noise and short against a hand's motion. `None` where there are no poses.
+    /// Returns the derivative of the map from the probe to the reference, 1/s. The span is long
+    /// against the poses' noise and short against the operator's motion. `None` without poses.
     pub(super) fn rate(&self, time_s: f64) -> Option<DAffine3> {
         const HALF_S: f64 = 0.12;
         let map = |time: f64| self.at(time).map(|poses| poses.reference_from_probe().affine());
@@ -123,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn poses_lie_between_their_neighbours_and_nowhere_else() {
+    fn poses_are_interpolated_between_neighbours_only() {
         let track = Track::new(vec![pose(1.2, 8.0, 0.2), pose(1.0, 4.0, 0.0), pose(2.0, 9.0, 0.3)]);
         assert_eq!(track.at(1.0), Some(pose(1.0, 4.0, 0.0)));
         let middle = track.at(1.05).unwrap();
@@ -137,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn the_rate_is_that_of_the_way_to_the_reference() {
+    fn rate_is_derivative_of_map_to_reference() {
         let track = Track::new((0..40).map(|i| 0.05 * f64::from(i)).map(|t| pose(t, 20.0 * t, 0.0)).collect());
         for time in [0.0, 1.0, 1.95] {
             assert!(track.rate(time).unwrap().translation.distance(DVec3::X * 20.0) < 1e-9);

@@ -1,11 +1,13 @@
-//! The image plane as parameters of least squares: its turn and place in the probe's frame, a pixel's size along u and v, and, where it is asked for, how much they are askew.
+//! The image plane as least squares parameters: its rotation and position in the probe's frame,
+//! the pixel size along u and v, and optionally their skew.
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
 use super::plane::ImagePlane;
 use crate::least_squares::{Certainty, Parameters, Residual, Rotation, Scale, Side, State, Vector, turned};
 
-/// The plane's numbers and their units: turns about u, v and the picture's normal, the place of the pixel about which it is turned, sizes of a pixel, the cosine between u and v.
+/// Names and units of the plane's numbers: rotations about u, v and the image's normal,
+/// position of the pivot pixel, pixel sizes, the cosine between u and v.
 pub const PLANE: [&str; 9] = [
     "turn about x (rad)",
     "turn about y (rad)",
@@ -18,10 +20,10 @@ pub const PLANE: [&str; 9] = [
     "skew",
 ];
 
-/// How many they are.
+/// Count of these numbers.
 pub(super) const NUMBERS: usize = PLANE.len();
 
-/// Where the plane is among the parameters.
+/// Places of the plane's numbers among the parameters.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct UnknownPlane {
     turn: Rotation,
@@ -33,7 +35,8 @@ pub(super) struct UnknownPlane {
 }
 
 impl UnknownPlane {
-    /// Begins at a plane and turns about the middle of the pixels that are seen. What typical turns and sizes are their reach says.
+    /// Starts at a plane and rotates about the centre of the observed pixels. Their extent
+    /// gives the typical sizes of rotations and scales.
     pub(super) fn new(parameters: &mut Parameters, start: &ImagePlane, seen_px: &[DVec2], skew: bool) -> Self {
         let pivot_px = seen_px.iter().sum::<DVec2>() / seen_px.len().max(1) as f64;
         let reach = seen_px.iter().map(|px| px.distance(pivot_px)).fold(1.0, f64::max);
@@ -57,17 +60,17 @@ impl UnknownPlane {
         unknown
     }
 
-    /// The pixel whose place the plane's place is.
+    /// Returns the pixel at which the plane's position is defined.
     pub(super) fn pivot_px(&self) -> DVec2 {
         self.pivot_px
     }
 
-    /// How far from there the farthest of what is seen is, mm, at the start.
+    /// Returns the distance from there to the farthest observed pixel, mm, at the start.
     pub(super) fn lever_mm(&self) -> f64 {
         self.lever_mm
     }
 
-    /// The plane at a state.
+    /// Returns the plane at a state.
     pub(super) fn plane(&self, state: &State) -> ImagePlane {
         let turn = state.rotation(self.turn);
         let ([size_u, size_v], [skew]) = (state.scale(self.size), state.vector(self.skew));
@@ -76,7 +79,8 @@ impl UnknownPlane {
         ImagePlane { u, v, origin }
     }
 
-    /// How a pixel's place in the probe's frame changes with each of the plane's numbers.
+    /// Returns the derivatives of a pixel's position in the probe's frame by each of the
+    /// plane's numbers.
     pub(super) fn changes(&self, state: &State, px: DVec2) -> [DVec3; NUMBERS] {
         let turn = DMat3::from_quat(state.rotation(self.turn));
         let ([size_u, size_v], [skew]) = (state.scale(self.size), state.vector(self.skew));
@@ -96,7 +100,7 @@ impl UnknownPlane {
         ]
     }
 
-    /// Adds derivatives by the plane's numbers to a residual's.
+    /// Adds derivatives by the plane's numbers to those of a residual.
     pub(super) fn add_to<'b, 'a, const N: usize>(
         &self,
         residual: Residual<'b, 'a, N>,
@@ -109,13 +113,15 @@ impl UnknownPlane {
             .by(self.skew, derivatives.map(|row| [row[8]]))
     }
 
-    /// Covariance of the plane's own numbers, as [`PLANE`] names them. Of a skew that was not sought it is 0.
+    /// Returns the covariance of the plane's own numbers, as named in [`PLANE`]. 0 for a skew
+    /// that was not fitted.
     pub(super) fn covariance(&self, certainty: &Certainty) -> [[f64; NUMBERS]; NUMBERS] {
         let unit = std::array::from_fn(|row| std::array::from_fn(|column| f64::from(u8::from(row == column))));
         certainty.propagated(|numbers| self.add_to(numbers, unit))
     }
 
-    /// Derivatives of a pixel's place as the first of N numbers; the others do not depend on the plane.
+    /// Returns the derivatives of a pixel's position as the first of N numbers; the others do
+    /// not depend on the plane.
     pub(super) fn first_of<const N: usize>(&self, state: &State, px: DVec2) -> [[f64; NUMBERS]; N] {
         let changes = self.changes(state, px);
         std::array::from_fn(|row| if row < 3 { changes.map(|change| change[row]) } else { [0.0; NUMBERS] })

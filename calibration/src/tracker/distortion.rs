@@ -1,4 +1,4 @@
-//! Where metal bends the field: two sensors on one rigid piece.
+//! Maps the distortion of a tracker's field by metal, with two sensors on one rigid piece.
 
 use std::collections::BTreeMap;
 
@@ -7,33 +7,36 @@ use glam::{DAffine3, DQuat, DVec3};
 use super::noise::{mean, mean_rotation};
 use crate::statistics::Spread;
 
-/// Fewer pairs of poses make no map.
+/// Minimum number of pairs of poses for a map.
 pub const LEAST: usize = 30;
-/// A cell of the map with fewer of them is not spoken of.
+/// Minimum number of pairs in a cell; cells with fewer are not listed.
 const LEAST_IN_CELL: usize = 5;
-/// Rounds in which outlying pairs lose their say about the piece itself.
+/// Number of reweighting rounds that reduce the influence of outlying pairs on the piece's
+/// transform.
 const ROUNDS: usize = 20;
 
 /// Poses of two sensors on one piece at one time, in the tracker's frame, mm.
 #[derive(Debug, Clone, Copy)]
 pub struct Pair {
-    /// The first.
+    /// Pose of the first sensor.
     pub one: DAffine3,
-    /// The second.
+    /// Pose of the second sensor.
     pub other: DAffine3,
 }
 
-/// What the map is to say.
+/// Options of the map.
 #[derive(Debug, Clone, Copy)]
 pub struct Options {
     /// Edge of its cells, mm.
     pub cell_mm: f64,
-    /// What is warned of: the error of the distance between the sensors or of where one seems to be from the other, mm.
+    /// Warning limit, mm, for the error of the sensors' distance or of one's position relative
+    /// to the other.
     pub limit_mm: f64,
 }
 
 impl Default for Options {
-    /// Cells of 50 mm, and a warning from 1 mm on: the accuracy that makers of such trackers state is 0.8 mm (FASTRAK's manual).
+    /// Cells of 50 mm, and a warning from 1 mm on: the stated accuracy of such trackers is 0.8
+    /// mm (FASTRAK's manual).
     fn default() -> Self {
         Self { cell_mm: 50.0, limit_mm: 1.0 }
     }
@@ -42,9 +45,10 @@ impl Default for Options {
 /// A cell of the map.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cell {
-    /// Its corner with the smallest coordinates, mm; the middle between the sensors lies in it.
+    /// Its corner with the smallest coordinates, mm; it contains the midpoint between the
+    /// sensors.
     pub low_mm: DVec3,
-    /// Pairs in it.
+    /// Number of pairs in it.
     pub pairs: usize,
     /// Root mean square of the error in it, mm.
     pub rms_mm: f64,
@@ -54,12 +58,12 @@ pub struct Cell {
     pub rms_deg: f64,
 }
 
-/// The map, and what the piece is like.
+/// The map, and the piece's transform.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Map {
-    /// Pairs that it is made of.
+    /// Number of pairs used.
     pub pairs: usize,
-    /// The distance between the sensors, mm.
+    /// Distance between the sensors, mm.
     pub distance_mm: f64,
     /// The second sensor's pose in the first one's frame.
     pub one_from_other: DAffine3,
@@ -69,17 +73,18 @@ pub struct Map {
     pub most_mm: f64,
     /// Root mean square of the rotation's error over all pairs, degrees.
     pub rms_deg: f64,
-    /// Root mean square of the difference of the measured distance to [`Self::distance_mm`], mm: what does not depend on the measured rotations.
+    /// Root mean square difference of the measured distances and [`Self::distance_mm`], mm;
+    /// independent of the measured rotations.
     pub distance_rms_mm: f64,
     /// Edge of the cells, mm.
     pub cell_mm: f64,
     /// Cells with enough pairs, those with the smallest z first, then y, then x.
     pub cells: Vec<Cell>,
-    /// Places among [`Self::cells`] of those whose error is beyond the limit, worst first.
+    /// Indices in [`Self::cells`] of those whose error is beyond the limit, worst first.
     pub zones: Vec<usize>,
 }
 
-/// Why there is no map.
+/// Reasons why there is no map.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NoMap {
     /// Too few pairs.
@@ -87,33 +92,34 @@ pub enum NoMap {
         "{pairs} moments at which both sensors were seen are too few for a map: move the piece on until there are {LEAST}"
     )]
     Few {
-        /// Pairs that there are.
+        /// Number of pairs.
         pairs: usize,
     },
-    /// All in one place.
+    /// All pairs are in one place.
     #[error(
         "the piece has moved by {mm:.0} mm only, less than a cell of the map ({cell_mm:.0} mm): move it through all of the room that scans are made in"
     )]
     Still {
-        /// How far the pairs lie apart, mm.
+        /// Extent of the pairs, mm.
         mm: f64,
         /// Edge of a cell, mm.
         cell_mm: f64,
     },
-    /// No rigid piece.
+    /// The piece is not rigid.
     #[error("the sensors are {nearest_mm:.0} to {farthest_mm:.0} mm apart: fix both to one piece that does not bend")]
     Loose {
-        /// The tenth percentile of the distance, mm.
+        /// Tenth percentile of the distance, mm.
         nearest_mm: f64,
-        /// The ninetieth, mm.
+        /// Ninetieth percentile, mm.
         farthest_mm: f64,
     },
 }
 
-/// Maps where the transform between two sensors on a rigid piece seems to be another one.
+/// Maps the apparent changes of the transform between two sensors on a rigid piece.
 ///
-/// The piece's own transform is the robust mean (weights 1 / error, so that what is bent in part of the room has little say). The error of a pair is how far the second
-/// sensor seems to lie from where the first one and the piece put it.
+/// The piece's own transform is a robust mean with weights 1 / error, so that distorted parts
+/// of the room have little influence. The error of a pair is the distance of the second sensor
+/// from its place by the first sensor and the piece.
 ///
 /// # Errors
 /// [`NoMap`]: too few pairs, all in one place, or no rigid piece.
@@ -134,7 +140,7 @@ pub fn map(pairs: &[Pair], options: &Options) -> Result<Map, NoMap> {
         pairs.iter().map(|pair| pair.one.translation.distance(pair.other.translation)).collect();
     distances.sort_by(f64::total_cmp);
     let [nearest_mm, distance_mm, farthest_mm] = [1, 5, 9].map(|tenth| distances[(distances.len() - 1) * tenth / 10]);
-    // Metal that bends the field by more than that leaves nothing to be mapped.
+    // A stronger distortion cannot be mapped.
     if farthest_mm - nearest_mm > (0.25 * distance_mm).max(20.0 * options.limit_mm) {
         return Err(NoMap::Loose { nearest_mm, farthest_mm });
     }
@@ -178,7 +184,7 @@ pub fn map(pairs: &[Pair], options: &Options) -> Result<Map, NoMap> {
     })
 }
 
-/// The transform of the piece, by iteratively reweighted means: mm, and rad.
+/// Returns the piece's transform by iteratively reweighted means, in mm and rad.
 fn piece(relative: &[DAffine3]) -> DAffine3 {
     let mut found = DAffine3 {
         matrix3: mean_rotation(relative),
@@ -188,7 +194,7 @@ fn piece(relative: &[DAffine3]) -> DAffine3 {
         let (mut shift, mut turn, mut weights) = (DVec3::ZERO, DVec3::ZERO, [0.0; 2]);
         for seen in relative {
             let [mm, rad] = error(&found, seen);
-            // Of errors below a thousandth all say the same.
+            // Errors below a thousandth have equal weight.
             let weight = [1.0 / mm.max(1e-3), 1.0 / rad.max(1e-5)];
             shift += (seen.translation - found.translation) * weight[0];
             turn += turned(&found, seen) * weight[1];
@@ -203,7 +209,7 @@ fn piece(relative: &[DAffine3]) -> DAffine3 {
     found
 }
 
-/// How far the other sensor seems to lie from its place on the piece, mm, and how far it seems to be turned, rad.
+/// Returns the errors of the other sensor's position, mm, and rotation, rad.
 fn error(piece: &DAffine3, seen: &DAffine3) -> [f64; 2] {
     [seen.translation.distance(piece.translation), turned(piece, seen).length()]
 }
@@ -223,7 +229,8 @@ mod tests {
     use super::*;
     use crate::noise::Noise;
 
-    /// A piece that is carried through a room; metal at a place bends what is measured within 80 mm of it.
+    /// Simulates a piece carried through a room; metal displaces measurements within about 80
+    /// mm of it.
     fn carried(metal: Option<DVec3>) -> Vec<Pair> {
         let mut noise = Noise::new(3);
         let piece = DAffine3::from_rotation_translation(DQuat::from_rotation_y(0.6), DVec3::new(120.0, 15.0, -8.0));
@@ -252,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clean_room_has_no_zones_and_the_noise_that_sensors_have() {
+    fn clean_room_has_no_zones_and_sensor_noise() {
         let found = map(&carried(None), &Options::default()).unwrap();
         assert!(found.zones.is_empty() && found.cells.len() > 20, "{:?}", found.zones);
         assert!((found.one_from_other.translation - DVec3::new(120.0, 15.0, -8.0)).length() < 0.02);
@@ -263,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn metal_is_found_where_it_is_and_says_little_about_the_piece() {
+    fn metal_is_located_without_biasing_piece() {
         let metal = DVec3::new(120.0, 0.0, 250.0);
         let found = map(&carried(Some(metal)), &Options::default()).unwrap();
         assert!(
@@ -274,7 +281,8 @@ mod tests {
         assert!(!found.zones.is_empty());
         for zone in &found.zones {
             let middle = found.cells[*zone].low_mm + DVec3::splat(25.0);
-            // Either sensor may be in the bent part, and they are 60 mm from their middle.
+            // Either sensor may be in the distorted region, and they are 60 mm from their
+            // midpoint.
             assert!(middle.distance(metal) < 60.0 + 2.0 * 80.0 + 45.0, "{middle}");
         }
         let far = |cell: &&Cell| (cell.low_mm + DVec3::splat(25.0)).distance(metal) > 300.0;
@@ -283,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn too_few_a_still_piece_and_loose_sensors_are_refused() {
+    fn few_pairs_static_piece_or_loose_sensors_are_refused() {
         let pairs = carried(None);
         assert_eq!(map(&pairs[..20], &Options::default()), Err(NoMap::Few { pairs: 20 }));
         let still = vec![pairs[0]; 40];

@@ -1,74 +1,77 @@
-//! The noise of a sensor that lies still.
+//! Noise of a static sensor.
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
-/// Fewer poses say too little of their spread: of 30 the standard deviation is known to 13 %.
+/// Minimum number of poses: 30 give the standard deviation to 13 %.
 pub const LEAST: usize = 30;
-/// A sensor on who breathes rests between two breaths: what lay for less than a breath, s, need not lie still.
+/// Minimum duration, s. A sensor on a breathing person rests between two breaths, so a shorter
+/// rest proves nothing.
 pub const LEAST_S: f64 = 5.0;
-/// A sensor whose poses wander so many times as far as their noise from one to the next explains has not lain still.
+/// A sensor has moved if its poses spread by this multiple of the noise between successive
+/// poses.
 const WANDERS: f64 = 6.0;
 
-/// What a still sensor tells.
+/// Noise of a static sensor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Noise {
-    /// Poses that it is of.
+    /// Number of poses.
     pub poses: usize,
-    /// Where it lay, mm.
+    /// Mean position, mm.
     pub position_mm: DVec3,
     /// Standard deviation along the tracker's x, y, z, mm.
     pub position_sd_mm: DVec3,
-    /// The root of the sum of their squares, mm.
+    /// Root of the sum of their squares, mm.
     pub position_rms_mm: f64,
     /// Standard deviation of the rotation about the tracker's x, y, z, degrees.
     pub rotation_sd_deg: DVec3,
-    /// The root of the sum of their squares, degrees.
+    /// Root of the sum of their squares, degrees.
     pub rotation_rms_deg: f64,
-    /// The part that changes from one pose to the next, mm: what averaging takes away. Less than the whole where the rest is slow.
+    /// Noise between successive poses, mm, which averaging removes. Less than the whole if the
+    /// rest is slow.
     pub fast_rms_mm: f64,
-    /// The farthest pose from the mean, mm.
+    /// Largest distance of a pose from the mean, mm.
     pub farthest_mm: f64,
 }
 
-/// Why there is nothing to say of a sensor's noise.
+/// Reasons why there is no noise estimate.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NoNoise {
-    /// Too few poses.
+    /// There are too few poses.
     #[error("{poses} poses are too few to know their noise by: keep the sensor still until there are {LEAST}")]
     Few {
-        /// Poses that there are.
+        /// Number of poses.
         poses: usize,
     },
-    /// Too short.
+    /// The recording is too short.
     #[error(
         "the sensor lay still for {seconds:.1} s only, as it does between two breaths: leave it where it lies for {LEAST_S} s or more"
     )]
     Short {
-        /// From the first pose to the last, s.
+        /// Time from the first pose to the last, s.
         seconds: f64,
     },
-    /// It was moved.
+    /// The sensor was moved.
     #[error(
         "the sensor has moved {farthest_mm:.2} mm, {degrees:.2}° while its poses scatter by {fast_mm:.3} mm from one to the next: lay it down, let go of it, and keep people and metal away"
     )]
     Moved {
-        /// The farthest pose from the mean, mm.
+        /// Largest distance of a pose from the mean, mm.
         farthest_mm: f64,
-        /// The farthest rotation from the mean, degrees.
+        /// Largest rotation from the mean, degrees.
         degrees: f64,
         /// Root mean square of the noise from one pose to the next, mm.
         fast_mm: f64,
     },
 }
 
-/// The noise of poses of a sensor that lies still.
+/// Estimates the noise of poses of a static sensor.
 ///
-/// The mean rotation is the nearest rotation to the mean matrix (Moakher, SIAM J. Matrix Anal. Appl. 24, 2002: the chordal mean).
+/// The mean rotation is the nearest rotation to the mean matrix (Moakher, SIAM J. Matrix Anal.
+/// Appl. 24, 2002: the chordal mean).
 ///
 /// `seconds` is the time from the first pose to the last.
 ///
-/// # Errors
-/// [`NoNoise`]: too few poses, it has moved, or it was not looked at for long enough to say that it has not.
+/// # Errors [`NoNoise`]: too few poses, a moving sensor, or a time too short to exclude motion.
 pub fn of(poses: &[DAffine3], seconds: f64) -> Result<Noise, NoNoise> {
     if poses.len() < LEAST {
         return Err(NoNoise::Few { poses: poses.len() });
@@ -111,23 +114,23 @@ pub fn of(poses: &[DAffine3], seconds: f64) -> Result<Noise, NoNoise> {
     })
 }
 
-/// What wanders by no more lies still, however little it steps, mm: records that are told to 0.01 inch repeat themselves between two digits, and filtered ones step less than they
-/// wander.
+/// A sensor with less spread counts as static, however small its steps, mm. Records with digits
+/// of 0.01 inch repeat between two digits, and filtered ones step less than they drift.
 const STILL_MM: f64 = 0.4;
-/// The same of an angle, whose coarsest digit is 0.01 degrees.
+/// The same for angles, with a coarsest digit of 0.01 degrees.
 const STILL_RAD: f64 = 1.1e-3;
 
-/// The mean of vectors.
+/// Returns the mean of vectors.
 pub(super) fn mean(all: impl Iterator<Item = DVec3>, count: f64) -> DVec3 {
     all.sum::<DVec3>() / count
 }
 
-/// The rotation nearest to the mean of the poses' matrices.
+/// Returns the rotation nearest to the mean of the poses' matrices.
 pub(super) fn mean_rotation(poses: &[DAffine3]) -> DMat3 {
     let sum = poses.iter().fold(DMat3::ZERO, |sum, pose| sum + pose.matrix3);
     let mean = DAffine3::from_mat3(sum * (1.0 / poses.len() as f64));
-    // The mean of rotations that lie close to each other is close to one.
-    crate::frames::nearest_rigid(&mean, 1.0).map_or(poses[0].matrix3, |(rigid, _)| rigid.matrix3)
+    // The mean of similar rotations is nearly a rotation.
+    sonoweave_core::frames::nearest_rigid(&mean, 1.0).map_or(poses[0].matrix3, |(rigid, _)| rigid.matrix3)
 }
 
 #[cfg(test)]
@@ -153,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn the_noise_is_the_one_that_there_is() {
+    fn noise_estimate_matches_simulation() {
         let found = of(&lying(20_000, 0.05, 0.03, 0.0), 400.0).unwrap();
         for k in 0..3 {
             assert!((found.position_sd_mm[k] / 0.05 - 1.0).abs() < 0.03, "{found:?}");
@@ -165,19 +168,19 @@ mod tests {
     }
 
     #[test]
-    fn a_slow_drift_is_told_from_noise() {
+    fn slow_drift_is_separated_from_noise() {
         let found = of(&lying(2000, 0.05, 0.03, 0.3), 40.0).unwrap();
         assert!(found.position_rms_mm > 0.12 && found.fast_rms_mm < 0.09, "{found:?}");
     }
 
     #[test]
-    fn a_sensor_that_repeats_its_last_digit_has_no_noise_that_can_be_seen() {
+    fn repeated_last_digit_gives_zero_noise() {
         let found = of(&vec![DAffine3::from_translation(DVec3::X); 300], LEAST_S).unwrap();
         assert_eq!((found.position_rms_mm, found.rotation_rms_deg), (0.0, 0.0));
     }
 
     #[test]
-    fn a_sensor_on_who_breathes_does_not_lie_still() {
+    fn sensor_on_breathing_person_is_not_static() {
         // Sixty poses a second, a breath of four seconds.
         let sways = |mm: f64, from: u32, poses: u32| {
             let at = |n: u32| DVec3::Y * (mm * (f64::from(n) * std::f64::consts::TAU / 240.0).sin());
@@ -185,20 +188,20 @@ mod tests {
             of(&poses, poses.len() as f64 / 60.0)
         };
         assert!(matches!(sways(2.0, 0, 600), Err(NoNoise::Moved { .. })), "{:?}", sways(2.0, 0, 600));
-        // Wherever one begins to look, for as short as it is looked at.
+        // Any start and any shorter duration are refused.
         for (from, poses) in (0..240).step_by(8).flat_map(|from| [(from, 40), (from, 80), (from, 299), (from, 300)]) {
             let said = sways(2.0, from, poses).unwrap_err();
             assert!(matches!(said, NoNoise::Moved { .. } | NoNoise::Short { .. }), "{from}, {poses}: {said}");
         }
         let said = sways(2.0, 30, 60).unwrap_err().to_string();
         assert!(said.contains("for 1.0 s only") && said.contains("for 5 s or more"), "{said}");
-        // Two digits of the coarsest record.
+        // Two adjacent digits of the coarsest record.
         let digit = |n: u32| DVec3::X * 0.254 * f64::from(n / 300);
         assert!(of(&(0..600).map(|n| DAffine3::from_translation(digit(n))).collect::<Vec<_>>(), 10.0).is_ok());
     }
 
     #[test]
-    fn too_few_and_a_sensor_that_moves_are_refused() {
+    fn too_few_poses_or_moving_sensor_are_refused() {
         assert_eq!(of(&lying(29, 0.05, 0.03, 0.0), 10.0), Err(NoNoise::Few { poses: 29 }));
         let said = of(&lying(500, 0.05, 0.03, 20.0), 10.0).unwrap_err().to_string();
         assert!(said.starts_with("the sensor has moved 10.") && said.contains("lay it down"), "{said}");

@@ -1,16 +1,17 @@
-//! Where metal bends the field, kept: the cells of a map that are beyond its limit.
+//! Distortion zones: the cells of a distortion map that are beyond its limit.
 
 use std::fmt;
 
 use glam::DVec3;
 
-use super::distortion::Map;
-use crate::file::date::Date;
+use sonoweave_core::date::Date;
 
-/// A corner that is further from the lattice of cells, in cells, is none of its corners.
+use super::distortion::Map;
+
+/// Tolerance of a cell's corner on the lattice, in cells.
 const LATTICE: f64 = 1e-6;
 
-/// A cell in which the sensor's pose is not to be relied on.
+/// A cell in which the sensor's poses are unreliable.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Zone {
     /// Its corner with the smallest coordinates, mm in the tracker's frame.
@@ -20,7 +21,8 @@ pub struct Zone {
 }
 
 impl Zone {
-    /// Whether it is a cell of the lattice whose cells have such an edge and one of whose corners is the tracker's origin.
+    /// Returns whether it is a cell of the lattice with this edge and a corner at the tracker's
+    /// origin.
     pub fn is_cell(&self, cell_mm: f64) -> bool {
         let cells = self.low_mm / cell_mm;
         cells.is_finite() && (cells - cells.round()).abs().max_element() <= LATTICE
@@ -31,18 +33,19 @@ impl Zone {
     }
 }
 
-/// All of them, and what they are beyond.
+/// All zones, with their limit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Zones {
     cell_mm: f64,
     limit_mm: f64,
     measured: Option<Date>,
-    /// In the order of their places in the lattice.
+    /// Sorted by lattice position.
     zones: Vec<([i64; 3], Zone)>,
 }
 
 impl Zones {
-    /// Of cells with such an edge (mm), each a [cell](Zone::is_cell) of the lattice; one cell said twice is the one said first.
+    /// Takes cells with this edge (mm), each a [cell](Zone::is_cell) of the lattice; of
+    /// duplicates the first is kept.
     pub fn new(cell_mm: f64, limit_mm: f64, measured: Option<Date>, zones: Vec<Zone>) -> Self {
         let mut zones: Vec<([i64; 3], Zone)> = zones.into_iter().map(|zone| (zone.place(cell_mm), zone)).collect();
         zones.sort_by_key(|(place, _)| *place);
@@ -50,38 +53,39 @@ impl Zones {
         Self { cell_mm, limit_mm, measured, zones }
     }
 
-    /// Those of a map.
+    /// Takes the zones of a map.
     pub fn of(map: &Map, limit_mm: f64, measured: Date) -> Self {
         let cell = |index: &usize| Zone { low_mm: map.cells[*index].low_mm, rms_mm: map.cells[*index].rms_mm };
         Self::new(map.cell_mm, limit_mm, Some(measured), map.zones.iter().map(cell).collect())
     }
 
-    /// Edge of the cells, mm.
+    /// Returns the edge of the cells, mm.
     pub fn cell_mm(&self) -> f64 {
         self.cell_mm
     }
 
-    /// What the error in a zone is beyond, mm.
+    /// Returns the error limit beyond which a cell is a zone, mm.
     pub fn limit_mm(&self) -> f64 {
         self.limit_mm
     }
 
-    /// When the map was made.
+    /// Returns the date of the map.
     pub fn measured(&self) -> Option<Date> {
         self.measured
     }
 
-    /// How many there are.
+    /// Returns the number of zones.
     pub fn count(&self) -> usize {
         self.zones.len()
     }
 
-    /// All of them, by their places.
+    /// Returns all zones, by position.
     pub fn all(&self) -> impl Iterator<Item = &Zone> {
         self.zones.iter().map(|(_, zone)| zone)
     }
 
-    /// The zone that a place of the tracker's frame (mm) lies in. A cell has its lower faces.
+    /// Returns the zone that contains a position in the tracker's frame (mm). Lower faces
+    /// belong to a cell.
     pub fn at(&self, place_mm: DVec3) -> Option<&Zone> {
         let place = whole((place_mm / self.cell_mm).floor());
         let found = self.zones.binary_search_by_key(&place, |(place, _)| *place).ok()?;
@@ -90,7 +94,7 @@ impl Zones {
 }
 
 impl fmt::Display for Zones {
-    /// For people: how many there are, and of what.
+    /// Describes the zones for people: their number, cell size and limit.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.count() {
             0 => write!(f, "no cell of {} mm where the tracker errs by more than {} mm", self.cell_mm, self.limit_mm)?,
@@ -103,7 +107,7 @@ impl fmt::Display for Zones {
     }
 }
 
-/// What is beyond all whole numbers is beyond all zones.
+/// Values beyond the range of whole numbers saturate, outside of all zones.
 fn whole(cells: DVec3) -> [i64; 3] {
     cells.to_array().map(|x| x as i64)
 }
@@ -118,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn a_place_is_in_the_zone_whose_cell_it_lies_in() {
+    fn position_is_in_zone_of_its_cell() {
         let all = zones(&[[100.0, -50.0, 0.0], [-50.0, 0.0, 250.0], [100.0, -50.0, 50.0], [100.0, -50.0, 0.0]]);
         assert_eq!(all.count(), 3, "one was said twice");
         let at = |x, y, z| all.at(DVec3::new(x, y, z)).map(|zone| zone.low_mm.to_array());
@@ -130,7 +134,7 @@ mod tests {
             assert_eq!(all.at(DVec3::from_array(beside)), None, "{beside:?}");
         }
         assert_eq!([at(f64::NAN, 0.0, 0.0), at(1e300, 0.0, 0.0)], [None, None]);
-        // An edge that no binary number is.
+        // An edge that has no exact binary representation.
         let lows = (-40..40).map(|k| Zone { low_mm: DVec3::splat(f64::from(k) * 0.7), rms_mm: 2.0 }).collect();
         let fine = Zones::new(0.7, 1.0, None, lows);
         assert_eq!(fine.count(), 80);

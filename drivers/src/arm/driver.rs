@@ -1,50 +1,52 @@
-//! Arms as a driver: which kind, and by which lines.
+//! Driver of encoder arms: their kinds and their lines.
 
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use super::ea1::Speech;
-use super::microscribe::Family;
-use super::{Settings, ea1, microscribe, qsb};
-use crate::clock::{Clock, Monotonic};
+use sonoweave_core::clock::{Clock, Monotonic};
+use sonoweave_core::{Device, Error};
+
+use super::ea1::{self, Speech};
+use super::microscribe::{self, Family};
+use super::{Settings, qsb};
 use crate::connection::Connection;
 use crate::transport::{Opener, PortPath, SerialOpener, serial};
-use crate::{Device, Driver, Error, Listing, OpenSettings};
+use crate::{Driver, Listing, OpenSettings};
 
-/// A kind of arm, and where it is.
+/// A kind of arm, and its lines.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Model {
-    /// One that speaks EA1, or lines of bare numbers.
+    /// An arm that speaks EA1, or that sends lines of bare numbers.
     Ea1 {
-        /// Its serial line.
+        /// Serial line.
         path: PathBuf,
-        /// How it says its samples.
+        /// Format of its samples.
         speech: Speech,
     },
     /// Three US Digital QSBs, base first.
     Qsb {
-        /// Their serial lines.
+        /// Serial lines.
         paths: [PathBuf; 3],
     },
     /// A MicroScribe or an Immersion box.
     MicroScribe {
-        /// Its serial line.
+        /// Serial line.
         path: PathBuf,
-        /// Which of the two.
+        /// Family of the device.
         family: Family,
-        /// Encoders to ask for: 5 or 6, of a box 2, 4 or 6.
+        /// Number of encoders: 5 or 6; for a box 2, 4 or 6.
         encoders: u8,
     },
 }
 
-/// An arm to open.
+/// Settings for opening an arm.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ArmSettings {
-    /// Which kind, and where.
+    /// Kind of arm and its lines.
     pub model: Model,
-    /// How it is to be set up.
+    /// Set-up of the arm.
     pub settings: Settings,
-    /// Whether the bytes that come are readings, too.
+    /// Whether received bytes are also delivered as readings.
     pub keeps_raw: bool,
 }
 
@@ -52,13 +54,13 @@ pub struct ArmSettings {
 pub struct ArmDriver;
 
 impl ArmDriver {
-    /// Opens an arm by a clock of one's own.
+    /// Opens an arm with the given clock.
     ///
     /// # Errors
     /// [`Error::Misuse`] for settings that no such arm has.
     pub fn open_with(settings: &ArmSettings, clock: Arc<dyn Clock>) -> Result<Box<dyn Device>, Error> {
         let ArmSettings { model, settings, keeps_raw } = settings;
-        // What a kind usually has, until its unit says otherwise.
+        // Opens the line at the usual rate of its kind; set-up may change it.
         let line = |path: &PathBuf, usual: u32| -> Box<dyn Opener> {
             let port = PortPath { path: path.clone(), baud: settings.baud.unwrap_or(usual) };
             Box::new(SerialOpener::new(port, Arc::clone(&clock)))
@@ -102,11 +104,11 @@ impl Driver for ArmDriver {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Next;
-    use crate::health::State;
+    use sonoweave_core::Next;
+    use sonoweave_core::health::State;
 
     #[test]
-    fn each_kind_opens_and_one_that_is_not_there_may_come() {
+    fn each_kind_opens_and_missing_arm_is_awaited() {
         let path = || PathBuf::from("/dev/nothing");
         let kinds = [
             Model::Ea1 { path: path(), speech: Speech::Lines },

@@ -1,60 +1,64 @@
-//! From what counters show to counts that mean a place: wraps undone, jumps noticed, and what is known of each joint's zero.
+//! Converts raw counters to positions: undoes wraps, detects jumps, and tracks whether each
+//! joint's zero is known.
 //!
-//! An incremental encoder knows movements and no places. Its zero is known from when the arm was homed until its counter begins anew or loses steps. Both show as a
-//! movement that no arm makes; so does a reading that was damaged on the line and looks good all the same. The next reading tells them apart: it goes on from where the
-//! arm was before, and the odd one between was damaged and is refused; or it goes on from the odd one, and the counter has jumped. Then the joint counts as not homed
+//! An incremental encoder measures movements, not positions. Its zero is known after homing until
+//! its counter restarts or loses steps. Both show as an impossible movement, and so does a
+//! reading that was corrupted on the line but looks valid. The next reading decides. If it
+//! continues from the earlier position, the odd reading was corrupted and is refused. If it
+//! continues from the odd reading, the counter has jumped; the joint then counts as not homed
 //! until it is homed again.
 //!
-//! So an odd reading is held back for as long as it takes until the next one, and no other is.
+//! Only an odd reading is held back, until the next one arrives.
 
 use std::borrow::Cow;
 use std::fmt::Write;
 
-use crate::clock::SECOND;
-use crate::reading::{AXES, Status};
+use sonoweave_core::clock::SECOND;
+use sonoweave_core::reading::{AXES, Status};
 
-/// Counts that an encoder at rest may go back and forth.
+/// Jitter of an encoder at rest, counts.
 const SLACK: i64 = 2;
-/// After so many odd readings in a row, none of which goes on from another, the arm is taken for what it says: it may be faster than the settings say.
+/// After this many consecutive odd readings that do not continue each other, the last one is
+/// accepted. The arm may be faster than the settings say.
 const MOST_ODD: u8 = 4;
 
-/// What lies between two readings, by what they say of themselves.
+/// Relation of two readings, according to their own data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Between {
     /// The second was taken later.
     Later {
-        /// By so long, at most; ns.
+        /// Upper limit of the time between them, ns.
         ns: i64,
-        /// Bit by axis: its counter was set meanwhile, so that it may show anything.
+        /// Bit by axis: the counter was set in between, so it may have any value.
         set: u8,
-        /// Whether the second is one that was to be expected after the first.
+        /// Whether the second is an expected successor of the first.
         expected: bool,
     },
-    /// The device's clock or its numbers went back: it has begun anew.
+    /// The device's clock or numbers went back: it has restarted.
     Anew,
 }
 
-/// Counts of a reading, and what else it holds.
+/// Counts of a reading, and its other data.
 type Taken<P> = (P, [i64; AXES]);
 
-/// What comes of one more reading.
+/// Result of one more reading.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Passed<P> {
-    /// Readings that turned out to be damaged.
+    /// Number of readings found corrupted.
     pub refused: u64,
-    /// The reading that was held back, if it turned out to be true: the arm's counters have jumped there.
+    /// The reading that was held back, if it proved valid: the arm's counters have jumped.
     pub held: Option<Taken<P>>,
     /// This reading, unless it is held back.
     pub this: Option<Taken<P>>,
 }
 
-/// What one reading is after another.
+/// Comparison of a reading with an earlier one.
 struct After {
     counts: [i64; AXES],
-    /// Bit by axis: farther than it can have moved.
+    /// Bit by axis: the movement is impossible.
     beyond: u8,
     anew: bool,
-    /// Bit by axis: it may have moved by more than half of what its counter holds.
+    /// Bit by axis: the joint may have moved by more than half of its counter's range.
     unsure: u8,
     expected: bool,
     ns: i64,
@@ -66,7 +70,7 @@ impl After {
     }
 }
 
-/// Follows the counters of a device. `P` is what a reading holds beside them.
+/// Follows the counters of a device. `P` is the other data of a reading.
 #[derive(Debug, Clone)]
 pub struct Homing<P> {
     first: u8,
@@ -85,9 +89,11 @@ pub struct Homing<P> {
 }
 
 impl<P: Copy> Homing<P> {
-    /// Of `axes` counters of so many bits, the first of which is that of axis `first` (from 0) of an arm of `of`. None is homed.
+    /// Creates a follower of `axes` counters of `bits` bits; the first is axis `first` (from 0)
+    /// of an arm with `of` axes. No axis is homed.
     ///
-    /// `fastest`: counts a second that no joint reaches; `grace_ns`: how wrong the time between two readings may be.
+    /// `fastest`: counts per second that no joint reaches; `grace_ns`: maximum error of the time
+    /// between two readings.
     pub fn new(first: u8, axes: u8, of: u8, bits: u32, fastest: u32, grace_ns: i64) -> Self {
         Self {
             first,
@@ -106,55 +112,56 @@ impl<P: Copy> Homing<P> {
         }
     }
 
-    /// All axes, bit by axis of the device's own.
+    /// Returns all axes, bit by axis of the device.
     pub fn all(&self) -> u8 {
         ((1_u16 << self.axes) - 1) as u8
     }
 
-    /// Bit by axis: its zero is known.
+    /// Returns the axes with a known zero, bit by axis.
     pub fn homed(&self) -> u8 {
         self.homed
     }
 
-    /// The last counts that were believed, before any zero is taken from them.
+    /// Returns the last accepted counts, before the zeros are subtracted.
     pub fn last(&self) -> Option<&[i64; AXES]> {
         self.known.as_ref().map(|(_, counts)| counts)
     }
 
-    /// These axes' zeros are known from now on.
+    /// Marks these axes as homed.
     pub fn trust(&mut self, axes: u8) {
         self.homed |= axes & self.all();
     }
 
-    /// All is well again: there is nothing to be said.
+    /// Clears the reported problem.
     pub fn settle(&mut self) {
         self.why.clear();
     }
 
-    /// These axes' zeros are not known any more, and why.
+    /// Marks these axes as not homed, and stores the reason.
     pub fn distrust(&mut self, axes: u8, why: &str) {
         self.homed &= !axes;
         self.why.clear();
         self.why.push_str(why);
     }
 
-    /// These axes are at home in the next reading: their counts are 0 there.
+    /// Homes these axes in the next reading: their counts are 0 there.
     pub fn home(&mut self, axes: u8) {
         self.wanted |= axes & self.all();
     }
 
-    /// Everything begins anew, with these axes homed.
+    /// Restarts, with these axes homed.
     pub fn restart(&mut self, homed: u8) {
         (self.known, self.odd, self.odd_in_a_row) = (None, None, 0);
         (self.homed, self.zeros) = (homed & self.all(), [0; AXES]);
     }
 
-    /// Why axes are not homed, in a sentence; empty where all are, or nobody ever homed them.
+    /// Returns why axes are not homed, as a sentence. Empty if all are homed, or if none ever
+    /// was.
     pub fn why(&self) -> &str {
         &self.why
     }
 
-    /// One more reading: what the counters show, and what lies between it and an earlier one.
+    /// Takes one more reading: the raw counters, and its relation to an earlier reading.
     pub fn take(&mut self, payload: P, shown: [i64; AXES], between: impl Fn(&P, &P) -> Between) -> Passed<P> {
         let mut passed = Passed { refused: 0, held: None, this: None };
         let Some(known) = &self.known else {
@@ -197,7 +204,7 @@ impl<P: Copy> Homing<P> {
         passed
     }
 
-    /// What a reading is after an earlier one.
+    /// Compares a reading with an earlier one.
     fn after(
         &self,
         (earlier, from): &Taken<P>,
@@ -230,7 +237,7 @@ impl<P: Copy> Homing<P> {
         after
     }
 
-    /// The reading that the next ones go on from; its counts less the zeros.
+    /// Accepts the reading as reference for the next ones; returns its counts minus the zeros.
     fn believe(&mut self, taken: Taken<P>) -> Taken<P> {
         self.known = Some(taken);
         let (payload, mut counts) = taken;
@@ -258,7 +265,7 @@ impl<P: Copy> Homing<P> {
             let by = self.known.as_ref().map_or(0, |(_, counts)| wrapped(after.counts[axis] - counts[axis], self.bits));
             if !after.anew {
                 let and = if self.why.is_empty() { "" } else { ", " };
-                // Writing to a string does not fail.
+                // Writing to a string cannot fail.
                 let _ = write!(
                     self.why,
                     "{and}axis {} of {} jumped by {by} counts",
@@ -280,14 +287,15 @@ impl<P: Copy> Homing<P> {
         }
         self.homed &= !after.unsure;
         self.why.clear();
-        let ms = after.ns / crate::clock::MS;
+        let ms = after.ns / sonoweave_core::clock::MS;
         let _ = write!(
             self.why,
             "nothing was heard for {ms} ms, in which a joint may have turned by more than its counter holds{HOME_IT}"
         );
     }
 
-    /// What is to be said of readings while these axes of its own are homed and those have a fault.
+    /// Returns the status of readings, for the homed and the faulty axes (bit by axis of the
+    /// device).
     pub fn status(&self, homed: u8, fault: u8) -> Status {
         let texts = |axes: u8| match axes.count_ones() {
             1 => 1 + usize::from(self.first) + axes.trailing_zeros() as usize,
@@ -303,7 +311,7 @@ impl<P: Copy> Homing<P> {
     }
 }
 
-/// What to do about a place that is not known.
+/// Advice for an unknown position.
 pub const HOME_IT: &str = ": move the arm to its home position and home it";
 
 macro_rules! of_each_axis {
@@ -320,7 +328,7 @@ macro_rules! of_each_axis {
     };
 }
 
-/// Of several axes, and of each.
+/// Texts for several axes, then for each axis.
 static NOT_HOMED: [&str; AXES + 1] =
     of_each_axis!("more than one axis ", "is not homed: move the arm to its home position and home it");
 static FAULTY: [&str; AXES + 1] = of_each_axis!(
@@ -328,7 +336,7 @@ static FAULTY: [&str; AXES + 1] = of_each_axis!(
     "has lost steps: check its encoder, then move the arm to its home position and home it"
 );
 
-/// A difference of two values of a counter of so many bits, as the shortest way from one to the other.
+/// Returns the difference of two values of a counter of `bits` bits along the shortest way.
 pub fn wrapped(difference: i64, bits: u32) -> i64 {
     let spare = 64 - bits;
     difference << spare >> spare
@@ -339,13 +347,13 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::clock::MS;
+    use sonoweave_core::clock::MS;
 
     fn later(ns: i64) -> impl Fn(&i64, &i64) -> Between {
         move |_, _| Between::Later { ns, set: 0, expected: true }
     }
 
-    /// By readings' own times, ns.
+    /// Relates readings by their own times, ns.
     fn by_clock(earlier: &i64, later: &i64) -> Between {
         match later - earlier {
             ns if ns > 0 => Between::Later { ns, set: 0, expected: true },
@@ -357,19 +365,19 @@ mod tests {
         [count, 0, 0, 0, 0, 0]
     }
 
-    /// What a counter of so many bits shows, unsigned.
+    /// Returns the unsigned value of a counter of `bits` bits.
     fn shown(count: i64, bits: u32) -> i64 {
         count.rem_euclid(1 << bits)
     }
 
     proptest! {
         #[test]
-        fn any_walk_of_steps_below_half_the_range_is_followed_exactly(
+        fn steps_below_half_range_are_followed_exactly(
             bits in 8_u32..=40,
             first in 0.0..1.0_f64,
             steps in proptest::collection::vec(-1.0..1.0_f64, 1..200),
         ) {
-            // So fast that half the range is reached in 1 s, and the steps take a little less.
+            // The speed limit reaches half the range in 1 s; the steps take a little less.
             let half = 1_i64 << (bits - 1);
             let mut homing = Homing::new(0, 1, 1, bits, 1_000_000, 0);
             let ns = (half - 1 - SLACK) * 1000;
@@ -384,7 +392,7 @@ mod tests {
         }
 
         #[test]
-        fn one_damaged_reading_is_refused_and_nothing_else_changes(
+        fn single_corrupted_reading_is_refused(
             at in 1_usize..50, by in prop_oneof![-30_000_i64..-2000, 2000_i64..30_000],
         ) {
             let mut homing = Homing::new(0, 1, 1, 16, 100_000, 0);
@@ -402,7 +410,7 @@ mod tests {
     }
 
     #[test]
-    fn a_jump_is_believed_by_the_next_reading_and_said_in_a_sentence() {
+    fn jump_is_accepted_at_next_reading_and_reported() {
         let mut homing = Homing::new(1, 2, 3, 32, 1000, 0);
         homing.trust(3);
         let take = |homing: &mut Homing<i64>, a, b| homing.take(0, [a, b, 0, 0, 0, 0], later(10 * MS));
@@ -421,7 +429,7 @@ mod tests {
     }
 
     #[test]
-    fn an_arm_that_is_faster_than_it_should_be_is_heard_and_not_homed() {
+    fn too_fast_arm_is_accepted_but_not_homed() {
         let mut homing = Homing::new(0, 1, 1, 32, 1000, 0);
         homing.trust(1);
         let found: usize = (0..100)
@@ -432,7 +440,7 @@ mod tests {
     }
 
     #[test]
-    fn what_may_have_wrapped_unheard_is_not_homed() {
+    fn possible_wrap_in_silence_is_not_homed() {
         let mut homing = Homing::new(0, 1, 1, 14, 10_000, 0);
         homing.trust(1);
         homing.take(0, one(100), later(0));
@@ -444,7 +452,7 @@ mod tests {
     }
 
     #[test]
-    fn a_beginning_is_told_from_a_jump() {
+    fn restart_differs_from_jump() {
         let mut homing = Homing::new(0, 1, 1, 32, 1000, 0);
         homing.trust(1);
         homing.take(100 * MS, one(5), by_clock);

@@ -1,12 +1,15 @@
 //! Encoder arms of three joints.
 //!
-//! One file or folder a wire format, without transport and without clock. Counts leave as they are; kinematics live in calibration:
+//! One file or folder per wire format, independent of transport and clock. The drivers deliver
+//! raw counts; calibration computes the kinematics:
 //!
-//! - [`ea1`]: EA1, a protocol for arms built around a microcontroller; `docs/ea1.md` describes it for those who build one.
-//! - [`qsb`]: US Digital QSB, an encoder each.
+//! - [`ea1`]: EA1, a protocol for arms built around a microcontroller; `docs/ea1.md` describes it
+//!   for arm builders.
+//! - [`qsb`]: US Digital QSB, one per encoder.
 //! - [`microscribe`]: MicroScribe-3D and the Immersion boxes.
 //!
-//! Beside each format stands its unit: how such an arm is set up and read. [`homing`] follows the counters of all of them, and [`settings`] is what is asked of them.
+//! Each format has a unit that sets up and reads such an arm. [`homing`] follows the counters of
+//! all kinds, and [`settings`] holds their common settings.
 
 mod driver;
 pub mod ea1;

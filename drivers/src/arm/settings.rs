@@ -1,37 +1,39 @@
-//! What is asked of an arm, whatever its kind.
+//! Settings of an arm of any kind.
 
-use crate::Error;
+use sonoweave_core::Error;
 
-/// How an arm is to be set up, and what it can do.
+/// Set-up and limits of an arm.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Settings {
-    /// Readings a second.
+    /// Readings per second.
     pub rate_hz: u32,
-    /// Counts a second that no joint ever reaches. What moved farther between two readings did not move: it was reset or lost steps.
+    /// Counts per second that no joint ever reaches. A faster change between two readings is a
+    /// reset or lost steps.
     pub fastest: u32,
-    /// Counts a revolution (of a sliding joint: a metre) that the arm has to say of its first three joints; 0 where it is not known.
+    /// Counts per revolution (of a sliding joint: per metre) that the arm must report for its
+    /// first three joints; 0 if unknown.
     pub counts_per_turn: [u32; 3],
-    /// Bits a second; `None` for what is usual.
+    /// Bits per second; `None` for the usual rate.
     pub baud: Option<u32>,
 }
 
 impl Default for Settings {
-    /// Encoders of 10000 to 100000 counts a revolution.
+    /// Returns settings for encoders of 10000 to 100000 counts per revolution.
     fn default() -> Self {
         Self { rate_hz: 100, fastest: 400_000, counts_per_turn: [0; 3], baud: None }
     }
 }
 
 impl Settings {
-    /// Of an arm whose encoders have 14 bits.
+    /// Returns settings for an arm whose encoders have 14 bits.
     pub fn of_14_bits() -> Self {
         Self { fastest: 20_000, ..Self::default() }
     }
 
-    /// Refuses what no arm can do.
+    /// Checks these settings for an arm with at most `most_hz` readings per second.
     ///
     /// # Errors
-    /// [`Error::Misuse`] that names the setting and what it may be.
+    /// [`Error::Misuse`] that names the setting and its valid values.
     pub fn check(&self, most_hz: u32) -> Result<(), Error> {
         let refused = |what: String| Err(Error::Misuse(what));
         if !(1..=most_hz).contains(&self.rate_hz) {

@@ -1,63 +1,66 @@
-//! What is said on a line, by who neither waits nor reads a clock.
+//! The exchange on a line, as a state machine that neither waits nor reads a clock.
 
 use std::collections::VecDeque;
 
-use crate::Description;
-use crate::reading::Reading;
+use sonoweave_core::Description;
+use sonoweave_core::reading::Reading;
 
-/// Bytes that one read may bring of a serial line or USB.
+/// Default buffer size for one read of a serial line or USB, bytes.
 const BUFFER: usize = 4096;
 
-/// What to do next to set a device up.
+/// Next step of a device's set-up.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Rung {
-    /// Sends bytes. Then: [`Met::Done`].
+pub enum SetupStep {
+    /// Sends bytes. Result: [`Met::Done`].
     Send(Vec<u8>),
-    /// Changes the line's rate, bits a second. Then: [`Met::Done`].
+    /// Changes the line's rate, bits per second. Result: [`Met::Done`].
     Baud(u32),
-    /// Says nothing for so long, ns; what comes meanwhile is dropped. Then: [`Met::Done`].
+    /// Sends nothing for this time, ns, and drops received bytes. Result: [`Met::Done`].
     Pause(i64),
-    /// Drops what comes until nothing has come for `quiet_ns`: [`Met::Quiet`]; or `at_most_ns` have passed: [`Met::Noisy`].
+    /// Drops received bytes until the line was quiet for `quiet_ns`: [`Met::Quiet`]. Gives up
+    /// after `at_most_ns`: [`Met::Noisy`].
     Hush {
-        /// Length of a silence.
+        /// Length of the silence, ns.
         quiet_ns: i64,
-        /// From the beginning.
+        /// Limit from the beginning of the step, ns.
         at_most_ns: i64,
     },
-    /// Waits for an answer: [`Met::Heard`] for all that comes, until another rung is asked for; [`Met::Deaf`] when so many ns have passed.
+    /// Waits for an answer. Received bytes give [`Met::Heard`] until the protocol returns
+    /// another step; after this time, ns, the result is [`Met::Deaf`].
     Listen(i64),
-    /// Goes on listening, until the time said before.
+    /// Continues to listen until the time given before.
     More,
-    /// The device is set up. What [`Met::Heard`] told last goes to [`Protocol::take`] if it is kept.
+    /// Ends the set-up successfully. If `keep` is set, the bytes of the last [`Met::Heard`] are
+    /// passed to [`Protocol::take`].
     Top {
-        /// Whether what was heard last holds records already.
+        /// Whether the bytes received last already hold records.
         keep: bool,
     },
-    /// It cannot be set up; why, and what to do. It is tried again.
+    /// The set-up failed, with reason and remedy. It is tried again.
     Fall(String),
 }
 
-/// What has come of a rung.
+/// Result of a set-up step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Met<'a> {
-    /// The line was opened, or everything begins anew.
+    /// The line was opened, or the set-up restarts.
     Begin,
-    /// It was done.
+    /// The step is complete.
     Done,
-    /// Silence.
+    /// The line became quiet.
     Quiet,
-    /// No silence.
+    /// The line did not become quiet.
     Noisy,
-    /// Bytes.
+    /// Bytes were received.
     Heard(&'a [u8]),
-    /// No answer, or no more of it.
+    /// No answer came, or no more of it.
     Deaf,
 }
 
-/// What was lost on the line, by the decoder's count.
+/// Losses on the line, as counted by the decoder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Lost {
-    /// Readings that the device's own counter says there were.
+    /// Readings that are missing by the device's own counter.
     pub readings: u64,
     /// Records refused.
     pub refused: u64,
@@ -65,60 +68,67 @@ pub struct Lost {
     pub skipped: u64,
 }
 
-/// What is said on a line: bytes to a device, readings from it. Knows no clock and no line.
+/// Exchange with a device: bytes to the device, readings from it. Uses no clock and no line.
 pub trait Protocol: Send {
-    /// Everything begins anew: the device may be another one, or have been switched off meanwhile.
+    /// Resets all state: the device may be another one, or may have been switched off
+    /// meanwhile.
     fn reset(&mut self);
 
-    /// As if the device had been set up: bytes come that a recording has of one.
+    /// Sets the state of a device that has been set up, for reading recorded bytes.
     fn resume(&mut self);
 
-    /// The next rung of setting up.
-    fn climb(&mut self, met: Met<'_>) -> Rung;
+    /// Returns the next set-up step, given the result of the last one.
+    fn climb(&mut self, met: Met<'_>) -> SetupStep;
 
-    /// Takes bytes of a device that was set up; the last of them were here at `at_ns`. Adds the readings in them, which are numbered by who asks.
+    /// Takes bytes of a device that has been set up; the last of them arrived at `at_ns`.
+    /// Appends the readings to `found`; the caller numbers them.
     fn take(&mut self, bytes: &[u8], at_ns: i64, found: &mut VecDeque<Reading>);
 
-    /// What to send to a device that was set up (a question to one that speaks only when asked, or nothing for now), and when to look here again, host ns: a time that has
-    /// come already means after what is received next. `None` for a device that is sent nothing.
+    /// Returns the bytes to send to a running device, and the host time, ns, of the next call.
+    /// The bytes are a request to a device that answers only requests, or empty. A time that
+    /// has passed means after the next received data. `None` if the device is sent nothing.
     fn ask(&mut self, _now_ns: i64) -> Option<(&[u8], i64)> {
         None
     }
 
-    /// So long may a device that was set up say nothing that makes sense, ns.
+    /// Returns how long a running device may send nothing valid, ns.
     fn patience_ns(&self) -> i64;
 
-    /// These axes (bit by axis) of an arm are at home now. Whether the device has any.
+    /// Marks these axes (one bit per axis) of an arm as being at home now. Returns whether the
+    /// device has axes.
     fn home_axes(&mut self, _axes: u8) -> bool {
         false
     }
 
-    /// What is the matter with a device that delivers, and what to do; empty where all is well.
+    /// Returns the fault of a device that still delivers, and the remedy; empty if all is well.
     fn trouble(&self) -> &str {
         ""
     }
 
-    /// Bytes that one read may bring: more than a device sends between two reads.
+    /// Returns the buffer size for one read: more than a device sends between two reads.
     fn buffer_bytes(&self) -> usize {
         BUFFER
     }
 
-    /// Why nothing more is to be made of this line, if so: it is closed, and opened anew.
+    /// Returns why the line is no longer usable, if so. The connection then closes and reopens
+    /// it.
     fn broken(&self) -> Option<String> {
         None
     }
 
-    /// Whether a device that has fallen silent is to be found by opening its line anew. A line that has lost nothing has nothing else to be set right by.
+    /// Returns whether a silent device is recovered by reopening its line. A line that loses no
+    /// bytes cannot be recovered in another way.
     fn begins_by_opening(&self) -> bool {
         false
     }
 
-    /// What to send before the line is closed, so that the device is found quiet.
+    /// Returns the bytes to send before the line is closed, so that the device is quiet at the
+    /// next opening.
     fn farewell(&self) -> &[u8];
 
-    /// What was lost since [`Self::reset`].
+    /// Returns the losses since [`Self::reset`].
     fn lost(&self) -> Lost;
 
-    /// What is known of the device: more once it was set up.
+    /// Returns the facts known about the device; there are more after its set-up.
     fn describe(&self) -> &Description;
 }

@@ -1,12 +1,20 @@
-//! A grabber that is kept going: opened, set up and read, and all of it again when it goes away, breaks, falls silent or gets another source.
+//! A grabber that recovers: it is opened, set up and read, and again when it disappears, breaks,
+//! falls silent or gets another source.
 //!
-//! Whatever is wrong, the remedy is the same: the stream is ended, the node closed, and both are begun anew, at once the first time and in steps of
-//! 200 ms from then on. Nothing is ever queued that was not copied, and no call waits longer than its deadline.
+//! Every fault has the same remedy: the stream ends, the node is closed, and both start again, at
+//! once the first time and then every 200 ms. A buffer is returned only after its frame was
+//! copied, and no call waits longer than its deadline.
 
 use std::borrow::Cow;
 use std::collections::VecDeque;
 use std::path::Path;
 use std::sync::Arc;
+
+use sonoweave_core::clock::{Clock, MS, SECOND};
+use sonoweave_core::health::{Health, State};
+use sonoweave_core::pool::Pool;
+use sonoweave_core::reading::{Frame, PixelType, Reading, Stamp, Status};
+use sonoweave_core::{Description, Device, Error, Next, Ticks, Timing};
 
 use super::interlace::{self, Order};
 use super::list::{find, is_gone, unfit, why_not_opened};
@@ -16,32 +24,28 @@ use super::v4l2::kernel::{Node, number};
 use super::v4l2::setup::{Setup, Trouble, set_up};
 use super::v4l2::stream::{Filled, Stream};
 use super::{GrabberSettings, Interlace};
-use crate::clock::{Clock, MS, SECOND};
-use crate::health::{Health, State};
-use crate::pool::Pool;
-use crate::reading::{Frame, PixelType, Reading, Stamp, Status};
 use crate::transport::holder;
-use crate::{Description, Device, Error, Next, Ticks, Timing};
 
-/// Pause between two attempts to open a device, ns: one that is plugged in is found within it.
+/// Pause between two attempts to open a device, ns: a newly connected one is found within it.
 const RETRY: i64 = 200 * MS;
-/// A device that delivers nothing for this long, ns, or for three frames, is set up anew: longer than a driver takes to lock.
+/// Time without a frame after which a device is set up again, ns, but at least three frames:
+/// longer than a driver takes to lock.
 const PATIENCE: i64 = 1500 * MS;
-/// How often an input is asked whether it has a signal, ns: noise looks like pictures.
+/// Interval of asking an input for its signal, ns: noise can look like images.
 const SIGNAL: i64 = 250 * MS;
 
-/// Said where a driver's stamps are not to be used.
+/// Warning that a driver's stamps are not used.
 const RESTAMPED: &str =
     "the driver's stamps are not of the host's monotonic clock; frames have the time at which they were handed over";
 
-/// Frames that the driver flagged or that hold no source's picture.
+/// Frames that the driver flagged, or that came without a signal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Doubtful {
-    /// Flagged as damaged by the driver; delivered with that status.
+    /// Frames that the driver flagged as damaged; delivered with that status.
     pub damaged: u64,
-    /// Came while the input had no signal; delivered with that status.
+    /// Frames that came while the input had no signal; delivered with that status.
     pub without_signal: u64,
-    /// Stamped at their handover, since the driver's stamps are of another clock.
+    /// Frames stamped at their handover, because the driver's stamps are of another clock.
     pub restamped: u64,
 }
 
@@ -54,11 +58,11 @@ pub struct Grabber {
     health: Health,
     doubtful: Doubtful,
     sequence: Sequence,
-    /// Pictures delivered.
+    /// Frames delivered.
     items: u64,
-    /// Pictures made and not yet asked for: the newer field.
+    /// Converted frames that wait for the next call: the newer field.
     ready: VecDeque<Reading>,
-    /// When it was last begun anew.
+    /// Time of the last start.
     begun_ns: i64,
 }
 
@@ -73,23 +77,23 @@ struct Running {
     stream: Stream,
     setup: Setup,
     makers: Vec<Maker>,
-    /// When the last frame came, or it was started.
+    /// Time of the last frame, or of the start.
     heard_ns: i64,
     signal_ns: i64,
     signal: Signal,
 }
 
-/// Makes pictures of some lines of a buffer.
+/// Converts some rows of a buffer to frames.
 struct Maker {
     rows: Rows,
     converter: Converter,
     pool: Pool,
 }
 
-/// What an input says of its source.
+/// Signal of an input, as the device reports it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Signal {
-    /// There is one, or the device cannot tell.
+    /// A signal is present, or the device cannot report it.
     Fine,
     None,
     NotLocked,
@@ -120,10 +124,10 @@ impl Signal {
 }
 
 impl Grabber {
-    /// Stopped; touches no device.
+    /// Creates a stopped grabber without touching a device.
     ///
     /// # Errors
-    /// [`Error::Misuse`] when no device is named or no buffers are wanted.
+    /// [`Error::Misuse`] if no device is named or the number of buffers is invalid.
     pub fn new(settings: GrabberSettings, clock: Arc<dyn Clock>) -> Result<Self, Error> {
         if settings.device.is_empty() {
             return Err(Error::Misuse("a grabber needs the name of its device, such as /dev/video0".into()));
@@ -147,7 +151,7 @@ impl Grabber {
         })
     }
 
-    /// Frames that came and are not to be trusted.
+    /// Returns the counts of unreliable frames.
     pub const fn doubtful(&self) -> Doubtful {
         self.doubtful
     }
@@ -169,7 +173,7 @@ impl Grabber {
             Trouble::Refused { doing, source } => format!("cannot be set up: {doing} failed: {source}"),
         })?;
         if let Some(input) = setup.input {
-            // Few drivers can; the others fall silent, and are set up anew for that.
+            // Few drivers support this; the others fall silent and are then set up again.
             let _ = node.subscribe_source_change(input);
         }
         let mut makers = Vec::with_capacity(4);
@@ -195,7 +199,7 @@ impl Grabber {
         let converter = makers.first().map(|maker| &maker.converter);
         let channels = if converter.is_some_and(|c| c.colour().channels() == 3) { 3 } else { 1 };
         let fields = setup.order(setup.field);
-        // Both fields of a frame are pictures; so is each field that comes by itself.
+        // Both fields of a frame are delivered as frames; so is each single field.
         let pictures = match (fields, self.settings.interlace) {
             (Order::Frame { .. }, Interlace::BothFields) => 2.0,
             _ => 1.0,
@@ -231,7 +235,8 @@ impl Grabber {
         };
     }
 
-    /// The device is given up for now, and begun anew: at once if it had run for a while, else after a pause.
+    /// Closes the device and schedules a new start: at once if it had run for a while, else after
+    /// a pause.
     fn again(&mut self, state: State, why: &str, now_ns: i64) {
         self.stage = Stage::Stopped;
         let retry_ns = if now_ns - self.begun_ns > RETRY && state != State::Absent { now_ns } else { now_ns + RETRY };
@@ -251,7 +256,7 @@ impl Grabber {
         }
     }
 
-    /// Waits for the next thing to happen on a device that runs, and deals with it.
+    /// Waits for the next event of a running device, and handles it.
     fn run(&mut self, now_ns: i64, deadline_ns: i64) {
         let Stage::Running(running) = &mut self.stage else { return };
         let three_frames = running.setup.rate_hz.map_or(0, |rate| (3.0 * SECOND as f64 / rate) as i64);
@@ -303,7 +308,7 @@ impl Grabber {
                     Err(refusal) => self.note(State::Running, &format!("sent no picture: {refusal}"), now_ns),
                 }
             }
-            // Waiting again would return at once, for ever.
+            // Waiting again would return at once, forever.
             Ok(None) if trouble => self.again(State::Starting, "broke off its stream; it is begun anew", now_ns),
             Ok(None) => {}
             Err(error) if is_gone(&error) => self.again(State::Absent, "was unplugged; plug it in", now_ns),
@@ -314,7 +319,7 @@ impl Grabber {
     }
 }
 
-/// What is said of a node that another program streams from.
+/// Returns the error text for a node that another program uses.
 fn in_use(path: &Path) -> String {
     match holder(path) {
         Some(who) => format!("is in use by another program, {who}; close that program"),
@@ -341,7 +346,7 @@ fn maker<'a>(
 }
 
 impl Running {
-    /// Asks the input, if it was not asked lately.
+    /// Asks the input for its signal, unless it was asked recently.
     fn look_at_signal(&mut self, now_ns: i64) -> Signal {
         if let Some(input) = self.setup.input
             && now_ns.saturating_sub(self.signal_ns) >= SIGNAL
@@ -353,7 +358,7 @@ impl Running {
     }
 }
 
-/// Makes readings of a buffer, with what that needs of a grabber.
+/// Converts a buffer to readings, with the parts of the grabber that this needs.
 struct Pictures<'a> {
     settings: &'a GrabberSettings,
     setup: &'a Setup,
@@ -388,7 +393,7 @@ impl Pictures<'_> {
         };
         let at_start = filled.flags & number::FLAG_INSTANT == number::FLAG_INSTANT_START;
         let (parts, count) = interlace::parts(order, self.settings.interlace, at_start);
-        // Where the driver does not say its rate, both fields have the frame's time.
+        // If the driver does not report its rate, both fields have the frame's time.
         let quarter_ns = self.setup.rate_hz.map_or(0, |rate| (SECOND as f64 / (4.0 * rate)).round() as i64);
         for (nth, part) in (0_u64..).zip(&parts[..count]) {
             let made = maker(self.makers, self.setup, part.rows, self.settings).and_then(|maker| {
@@ -421,7 +426,7 @@ impl Pictures<'_> {
         Ok(())
     }
 
-    /// Fields that are all delivered are numbered by themselves.
+    /// Returns the frame number; fields have their own numbers if both are delivered.
     const fn number(&self, order: Order, frame: u64, nth: u64) -> u64 {
         match (order, self.settings.interlace) {
             (Order::Frame { .. }, Interlace::BothFields) => 2 * frame + nth,

@@ -1,26 +1,29 @@
-//! Interlaced video: which lines of a buffer were seen when.
+//! Interlaced video: the time of each line of a buffer.
 //!
-//! The fields of a frame are half a frame apart. Of 525-line standards (NTSC) the bottom field is the older one, of all others the top field
-//! is, unless the driver says otherwise; buffers that hold one field after the other begin with the older one. A driver's stamp marks the end
-//! of the frame, which is the newer field's, or the start of its exposure, which is the older one's.
+//! The fields of a frame are half a frame apart. In 525-line standards (NTSC) the bottom field is
+//! the older one, in all others the top field, unless the driver reports otherwise. Buffers that
+//! hold one field after the other begin with the older one. A driver's stamp marks the end of the
+//! frame, which is the newer field's end, or the start of its exposure, which is the older one's.
 
 use super::pixels::{Field, Rows, Scan, Take};
 use super::v4l2::kernel::number;
 
-/// What is made of interlaced video.
+/// Treatment of interlaced video.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Interlace {
-    /// All lines as one picture, at the time between its fields: what moves has combs.
+    /// All lines as one frame, at the time between its fields: moving objects show combs.
     Whole,
-    /// One field a frame: half the lines, no combs, half the pictures. The default: a moving probe is what this is for.
+    /// One field per frame: half the lines, no combs, half the fields. The default, because a
+    /// probe moves.
     #[default]
     OneField,
-    /// Both fields, each a picture of half the lines with its own time. The lines of one lie between those of the other: what the bottom field's first line
-    /// shows is half of a picture's line lower than what the top field's shows, and is left so.
+    /// Both fields, each as a frame of half the lines with its own time. The lines of one field
+    /// lie between those of the other: the first line of the bottom field lies half a line (of
+    /// the new frame) lower than that of the top field. This offset is not corrected.
     BothFields,
 }
 
-/// How a buffer is interlaced: V4L2's `field`, read with the video standard.
+/// Interlacing of a buffer: V4L2's `field`, interpreted with the video standard.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Order {
     Progressive,
@@ -29,12 +32,12 @@ pub(crate) enum Order {
         scan: Scan,
         older: Field,
     },
-    /// A field a buffer.
+    /// One field per buffer.
     Single(Field),
 }
 
 impl Order {
-    /// `lines_525` tells NTSC and its like from all others.
+    /// Interprets `field`; `lines_525` marks NTSC and similar standards.
     pub(crate) const fn new(field: u32, lines_525: bool) -> Self {
         let usual = if lines_525 { Field::Bottom } else { Field::Top };
         match field {
@@ -52,18 +55,21 @@ impl Order {
     }
 }
 
-/// A picture to make of a buffer: of which lines, and how far from the buffer's stamp in quarters of a frame's time.
+/// A frame to extract from a buffer: its lines, and its offset from the buffer's stamp in
+/// quarters of the frame time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Part {
     pub(crate) rows: Rows,
     pub(crate) quarters: i64,
 }
 
-/// The pictures of a buffer in the order of their times. `at_start` tells which instant of the frame the stamp marks.
+/// Returns the frames of a buffer in the order of their times. `at_start` tells which instant of
+/// the frame the stamp marks.
 pub(crate) fn parts(order: Order, policy: Interlace, at_start: bool) -> ([Part; 2], usize) {
     let whole = Part { rows: Rows::WHOLE, quarters: 0 };
     let Order::Frame { scan, older } = order else {
-        // A field by itself is a picture of its own, whatever is asked for: the other one is in another buffer. Of two, one is taken.
+        // A single field is always a frame of its own, because the other field is in another
+        // buffer. `OneField` keeps only the top one.
         let wanted = match (order, policy) {
             (Order::Single(field), Interlace::OneField) => field == Field::Top,
             _ => true,
@@ -77,7 +83,7 @@ pub(crate) fn parts(order: Order, policy: Interlace, at_start: bool) -> ([Part; 
             let all = Part { rows: Rows { scan, take: Take::All }, quarters: (older_at + newer_at) / 2 };
             ([all; 2], 1)
         }
-        // The one whose time needs no frame rate.
+        // The field whose time needs no frame rate.
         Interlace::OneField if at_start => ([field(older, older_at); 2], 1),
         Interlace::OneField => ([field(older.other(), newer_at); 2], 1),
         Interlace::BothFields => ([field(older, older_at), field(older.other(), newer_at)], 2),
@@ -94,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn fields_come_in_the_order_of_their_standard_each_at_its_time() {
+    fn fields_follow_order_and_times_of_standard() {
         use Field::{Bottom, Top};
         use Take::Field as F;
         let seq = |first| Scan::Sequential { first };
@@ -104,12 +110,12 @@ mod tests {
         assert_eq!(taken(4, true, both, false), [(woven, F(Bottom), -2), (woven, F(Top), 0)]);
         assert_eq!(taken(4, false, both, false), [(woven, F(Top), -2), (woven, F(Bottom), 0)]);
         assert_eq!(taken(4, false, both, true), [(woven, F(Top), 0), (woven, F(Bottom), 2)]);
-        // What the driver says itself goes before the standard.
+        // The driver's own order takes precedence over the standard.
         assert_eq!(taken(8, true, both, false), [(woven, F(Top), -2), (woven, F(Bottom), 0)]);
         assert_eq!(taken(9, false, both, false), [(woven, F(Bottom), -2), (woven, F(Top), 0)]);
         assert_eq!(taken(5, true, both, false), [(seq(Top), F(Top), -2), (seq(Top), F(Bottom), 0)]);
         assert_eq!(taken(6, false, both, false), [(seq(Bottom), F(Bottom), -2), (seq(Bottom), F(Top), 0)]);
-        // One field: the one that the stamp marks. The whole: between the two.
+        // One field: the one that the stamp marks. The whole frame: between the two.
         assert_eq!(taken(4, true, Interlace::OneField, false), [(woven, F(Top), 0)]);
         assert_eq!(taken(4, true, Interlace::OneField, true), [(woven, F(Bottom), 0)]);
         assert_eq!(taken(4, true, Interlace::Whole, false), [(woven, Take::All, -1)]);
@@ -117,12 +123,12 @@ mod tests {
     }
 
     #[test]
-    fn single_fields_and_progressive_frames_are_taken_as_they_come() {
+    fn single_fields_and_progressive_frames_stay_whole() {
         let whole = [(Scan::Progressive, Take::All, 0)];
         for policy in [Interlace::Whole, Interlace::OneField, Interlace::BothFields] {
             assert_eq!(taken(1, true, policy, false), whole);
             assert_eq!(taken(2, false, policy, true), whole);
-            // What no standard knows is taken for a frame.
+            // An unknown field order counts as progressive.
             assert_eq!(taken(99, false, policy, false), whole);
         }
         assert_eq!(taken(3, false, Interlace::BothFields, false), whole);

@@ -1,20 +1,20 @@
-//! Which video devices are there, and which of them cannot be opened, and why.
+//! Lists the video devices, and why some cannot be opened.
 
-use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
+use std::{fs, io};
 
 use super::v4l2::choose::Offer;
 use super::v4l2::kernel::{Identity, Node, number};
 use super::v4l2::setup;
 use crate::Listing;
 
-/// Every node that captures video, in the order of their numbers; nodes of other kinds (what UVC devices say of their frames, outputs) are left out.
+/// Lists every node that captures video, by number. Other nodes (metadata of UVC frames, outputs)
+/// are omitted.
 pub(crate) fn list() -> Vec<Listing> {
     nodes().iter().filter_map(|path| listing(path)).collect()
 }
 
-/// `/dev/video0`, `/dev/video1`, …
+/// Returns `/dev/video0`, `/dev/video1`, …
 fn nodes() -> Vec<PathBuf> {
     let mut numbered: Vec<(u32, PathBuf)> = fs::read_dir("/dev")
         .into_iter()
@@ -61,7 +61,7 @@ fn listing(path: &Path) -> Option<Listing> {
     Some(Listing { id, description, unavailable })
 }
 
-/// Why a node that was opened cannot be used, if it cannot.
+/// Returns why an opened node cannot be used, if so.
 pub(crate) fn unfit(identity: &Identity) -> Option<String> {
     if identity.can & number::CAN_CAPTURE == 0 {
         return Some(if identity.can & number::CAN_CAPTURE_PLANES == 0 {
@@ -73,7 +73,7 @@ pub(crate) fn unfit(identity: &Identity) -> Option<String> {
     (identity.can & number::CAN_STREAM == 0).then(|| "it cannot stream into shared memory".into())
 }
 
-/// What to do about a node that cannot be opened.
+/// Returns the advice for a node that cannot be opened.
 pub(crate) fn why_not_opened(error: &io::Error) -> String {
     match error.kind() {
         io::ErrorKind::NotFound => "is not there; plug it in".into(),
@@ -86,13 +86,13 @@ pub(crate) fn why_not_opened(error: &io::Error) -> String {
     }
 }
 
-/// Whether the kernel says that there is no such device (any more).
+/// Returns whether the kernel reports a missing device.
 pub(crate) fn is_gone(error: &io::Error) -> bool {
     let gone = [rustix::io::Errno::NODEV, rustix::io::Errno::NXIO];
     error.raw_os_error().is_some_and(|code| gone.iter().any(|errno| errno.raw_os_error() == code))
 }
 
-/// What the kernel calls a device whose node cannot be opened.
+/// Returns the kernel's name of a device whose node cannot be opened.
 fn kernel_name(path: &Path) -> Option<String> {
     let class = Path::new("/sys/class/video4linux").join(path.file_name()?).join("name");
     Some(fs::read_to_string(class).ok()?.trim().to_owned())
@@ -107,7 +107,8 @@ fn best(offers: &[Offer]) -> String {
     })
 }
 
-/// The node that the settings mean: a path as it is, else the first device of that name or place.
+/// Returns the node for the settings: a path unchanged, otherwise the first device of that name
+/// or bus location.
 pub(crate) fn find(device: &str) -> Option<PathBuf> {
     if device.starts_with('/') {
         return Some(device.into());

@@ -1,14 +1,14 @@
-//! Frame grabbers: video in, pictures of 8 bits out.
+//! Frame grabbers: video in, frames of 8 bits per channel out.
 //!
-//! - [`pixels`]: formats of video to pictures, without a device.
-//! - [`interlace`]: which of a frame's lines were seen when.
-//! - `timing`: whether a driver's stamps and numbers are to be believed.
-//! - `v4l2`: Linux's interface, and what to ask for of what is offered.
-//! - `list`: what is there. [`device`]: a grabber that is kept going.
+//! - [`pixels`]: conversion of video formats to frames, without a device.
+//! - [`interlace`]: the time of each of a frame's lines.
+//! - `timing`: whether a driver's stamps and numbers are reliable.
+//! - `v4l2`: Linux's interface, and the choice from the offers.
+//! - `list`: the available devices. [`device`]: an open grabber with recovery.
 //!
 //! | clock | tick | wrap | what a stamp marks |
 //! |---|---|---|---|
-//! | CLOCK_MONOTONIC, by the kernel; where a driver's stamps are of another clock, the time at which the frame was handed over, and the description says so | a frame (V4L2's sequence), lost ones included | 2³² | the end of the frame, or the start of its exposure (UVC: its first packet), as the driver says; of fields see [`interlace`] |
+//! | CLOCK_MONOTONIC, by the kernel; if a driver's stamps are of another clock, the time at which the frame was handed over, as the description reports | a frame (V4L2's sequence), lost ones included | 2³² | the end of the frame, or the start of its exposure (UVC: its first packet), as the driver reports; for fields see [`interlace`] |
 
 pub mod device;
 pub mod interlace;
@@ -24,46 +24,51 @@ pub use interlace::Interlace;
 
 use std::sync::Arc;
 
-use crate::clock::Monotonic;
-use crate::{Device, Driver, Error, Listing, OpenSettings};
+use sonoweave_core::clock::Monotonic;
+use sonoweave_core::{Device, Error};
+
+use crate::{Driver, Listing, OpenSettings};
 use pixels::{Colour, Matrix, PixelFormat, Range};
 
-/// Opens frame grabbers and everything else that Linux shows as a video device.
+/// Opens frame grabbers and all other video devices of Linux.
 #[derive(Debug)]
 pub struct GrabberDriver;
 
-/// Which grabber, and what to ask of it. What is `None` is chosen by what the device offers.
+/// Settings of a grabber. Each `None` is chosen from the device's offers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GrabberSettings {
-    /// The node (`/dev/video0`, or a link to it as in `/dev/v4l/by-id`), or the device's name or place as listed, which stay the same when it is
-    /// plugged in again.
+    /// The node (`/dev/video0`, or a link to it as in `/dev/v4l/by-id`), or the listed name or
+    /// bus location of the device. Name and location stay the same when the device is plugged in
+    /// again.
     pub device: String,
-    /// The input, by name or number, of devices with several; the one in force otherwise.
+    /// The input, by name or number, of devices with several; otherwise the current one.
     pub input: Option<String>,
-    /// The analogue standard; what the device sees otherwise.
+    /// The analogue standard; otherwise the detected one.
     pub standard: Option<Standard>,
-    /// The format of the video. Otherwise the largest picture that comes fluently, without compression if that costs nothing.
+    /// The video format. Otherwise the largest frame at a fluent rate, uncompressed if that costs
+    /// nothing.
     pub format: Option<PixelFormat>,
-    /// Pixels across and lines down.
+    /// Width and height in pixels.
     pub size: Option<[u32; 2]>,
-    /// Frames a second; the most there is otherwise.
+    /// Frames per second; otherwise the highest rate.
     pub rate_hz: Option<f64>,
-    /// What pictures to make.
+    /// Colour of the delivered frames.
     pub colour: Colour,
-    /// What stands for black and white, where the driver is wrong about it.
+    /// Range of black and white, if the driver reports a wrong one.
     pub range: Option<Range>,
-    /// How luma was made, where the driver is wrong about it.
+    /// Luma coefficients, if the driver reports wrong ones.
     pub matrix: Option<Matrix>,
-    /// What to make of interlaced video.
+    /// Treatment of interlaced video.
     pub interlace: Interlace,
-    /// How the video's pictures lie, by two letters as in sequence files: frames say so. Empty where that is not known.
+    /// Orientation of the frames, in two letters as in sequence files; frames carry it. Empty if
+    /// unknown.
     pub orientation: &'static str,
-    /// Buffers that the kernel fills ahead: what may come while nobody asks.
+    /// Number of kernel buffers: frames that may arrive before the next read.
     pub buffers: u32,
 }
 
 impl GrabberSettings {
-    /// Everything chosen by what the device offers; grey pictures.
+    /// Returns settings that choose everything from the device's offers, with grey frames.
     pub fn new(device: impl Into<String>) -> Self {
         Self {
             device: device.into(),
@@ -82,14 +87,14 @@ impl GrabberSettings {
     }
 }
 
-/// Analogue video standards, by their systems of lines and colour.
+/// Analogue video standards, by line and colour system.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Standard {
-    /// 525 lines, 59.94 fields a second.
+    /// 525 lines, 59.94 fields per second.
     Ntsc,
-    /// 625 lines, 50 fields a second.
+    /// 625 lines, 50 fields per second.
     Pal,
-    /// 625 lines, 50 fields a second.
+    /// 625 lines, 50 fields per second.
     Secam,
 }
 

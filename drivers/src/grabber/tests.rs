@@ -1,12 +1,13 @@
 use std::sync::Arc;
 
+use sonoweave_core::Next;
+use sonoweave_core::clock::{Clock, MS, Manual, SECOND};
+use sonoweave_core::health::State;
+
 use super::*;
-use crate::Next;
-use crate::clock::{Clock, MS, Manual, SECOND};
-use crate::health::State;
 
 #[test]
-fn a_device_that_is_not_there_is_looked_for_and_no_deadline_is_missed() {
+fn missing_device_is_awaited_within_deadlines() {
     let clock = Manual::at(50 * SECOND);
     let settings = GrabberSettings::new("/dev/no-such-video");
     let mut grabber = Grabber::new(settings, Arc::new(clock.clone())).unwrap();
@@ -27,7 +28,7 @@ fn a_device_that_is_not_there_is_looked_for_and_no_deadline_is_missed() {
 }
 
 #[test]
-fn what_is_no_video_device_is_said_to_be_none() {
+fn other_device_is_reported_as_no_video_device() {
     let mut grabber = Grabber::new(GrabberSettings::new("/dev/null"), Arc::new(Manual::at(SECOND))).unwrap();
     grabber.start().unwrap();
     assert!(matches!(grabber.next(2 * SECOND).unwrap(), Next::Pending));
@@ -38,7 +39,7 @@ fn what_is_no_video_device_is_said_to_be_none() {
 }
 
 #[test]
-fn settings_that_cannot_be_are_refused_before_anything_is_opened() {
+fn impossible_settings_are_refused_before_opening() {
     let refused = |settings| Grabber::new(settings, Arc::new(Manual::at(0))).err().unwrap().to_string();
     assert!(refused(GrabberSettings::new("")).contains("needs the name of its device"));
     let buffers = |buffers| GrabberSettings { buffers, ..GrabberSettings::new("/dev/video0") };

@@ -1,24 +1,27 @@
-//! Whether a driver's stamps and numbers are to be believed.
+//! Checks whether a driver's stamps and numbers are reliable.
 
-/// Counts frames by the driver's running number, which has 32 bits and begins anew with every start.
+/// Counts frames by the driver's sequence number, which has 32 bits and restarts with every
+/// start.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Sequence {
-    /// The driver's last number since it was started.
+    /// The driver's last number since its start.
     last: Option<u32>,
-    /// The number that the next frame has if none is lost.
+    /// Number of the next frame if none is lost.
     next: u64,
 }
 
-/// A step further than this is not so many lost frames but a driver that counts otherwise.
+/// Largest step that counts as lost frames; a larger one means that the driver counts
+/// differently.
 const FARTHEST: u32 = 1 << 16;
 
 impl Sequence {
-    /// The frame's number, from 0 without end, and how many were lost before it. The fields of a frame that come one by one share its number.
+    /// Returns the frame's number, from 0 without wrap, and the frames lost before it. Single
+    /// fields of a frame share its number.
     pub(crate) fn count(&mut self, sequence: u32, one_field: bool) -> (u64, u64) {
         let step = self.last.replace(sequence).map(|last| sequence.wrapping_sub(last));
         let lost = match step {
             Some(0) if one_field => return (self.next.saturating_sub(1), 0),
-            // A number that is given twice, or always, says nothing of losses; the frame is another one.
+            // A repeated or constant number shows no loss; the frame is a new one.
             Some(step) if step <= FARTHEST => u64::from(step.saturating_sub(1)),
             _ => 0,
         };
@@ -27,26 +30,28 @@ impl Sequence {
         (number, lost)
     }
 
-    /// The driver counts anew; the frames' numbers go on.
+    /// Resets the driver's count; the frames' numbers continue.
     pub(crate) const fn restart(&mut self) {
         self.last = None;
     }
 }
 
-/// Where a frame's time comes from.
+/// Source of a frame's time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) enum FrameClock {
     /// The kernel's stamp, taken when the frame arrived.
     #[default]
     Kernel,
-    /// The time at which the frame was handed to us: the driver's stamps are of another clock, or wrong.
+    /// The time at which the frame was handed over: the driver's stamps are of another clock, or
+    /// wrong.
     Handover,
 }
 
-/// Stamps further from now than this are of another clock, whatever the driver says: there are drivers that stamp by the wall clock.
+/// Stamps further from the present than this are of another clock, whatever the driver reports:
+/// some drivers use the wall clock.
 const FARTHEST_NS: i64 = 1_000_000_000;
 
-/// The frame's time in nanoseconds of the host's monotonic clock.
+/// Returns the frame's time in nanoseconds of the host's monotonic clock, and its source.
 pub(crate) fn frame_time(stamp_ns: i64, monotonic: bool, now_ns: i64) -> (i64, FrameClock) {
     if monotonic && stamp_ns.abs_diff(now_ns) < FARTHEST_NS.unsigned_abs() {
         (stamp_ns, FrameClock::Kernel)
@@ -60,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn gaps_are_lost_frames_across_the_wrap_and_restarts_lose_none() {
+    fn gaps_count_as_lost_across_wrap_but_not_restart() {
         let mut sequence = Sequence::default();
         let mut count = |number, one_field| sequence.count(number, one_field);
         assert_eq!(count(u32::MAX - 1, false), (0, 0));
@@ -78,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn stamps_of_another_clock_are_not_taken() {
+    fn stamps_of_other_clock_are_replaced() {
         let now = 5_000_000_000_000;
         assert_eq!(frame_time(now - 30_000_000, true, now), (now - 30_000_000, FrameClock::Kernel));
         assert_eq!(frame_time(now - 30_000_000, false, now), (now, FrameClock::Handover));

@@ -1,15 +1,23 @@
-//! What is said to a server, a PLUS server for one, and what its messages are as readings.
+//! Client of a server, for example PLUS: sends requests and converts messages to readings.
 //!
-//! - IMAGE of one slice is a [`Frame`]. Its place is not used: pictures are placed by poses and the calibration. Volumes and parts of images are passed over.
-//! - TRANSFORM, POSITION and each thing of a TDATA is a [`NamedTransform`], whose frames are those of its name: `ProbeToTracker`.
-//! - A message's time is microseconds of the server's clock ([`Stamp::ticks`]); of what has none the time of receipt is all there is.
-//! - Metadata say more (protocol version 3): `Status` other than `OK` makes a datum doubtful, `FrameNumber` numbers pictures, so that those left out are counted.
+//! - IMAGE of one slice becomes a [`Frame`]. Its placement is ignored, because poses and
+//!   calibration place the frames. Volumes and parts of images are skipped.
+//! - TRANSFORM, POSITION and each tool of a TDATA become a [`NamedTransform`], whose frames come
+//!   from its name: `ProbeToTracker`.
+//! - The message time is in microseconds of the server's clock ([`Stamp::ticks`]). Messages
+//!   without a time only have the time of receipt.
+//! - Metadata (protocol version 3) add to this: a `Status` other than `OK` marks a reading as
+//!   doubtful. `FrameNumber` numbers the frames, so that missing ones are counted.
 //!
-//! A server that sends nothing of use, and a stream that is none, are connected to anew.
+//! The client reconnects to a server that sends nothing useful, and after an invalid stream.
 
 use std::borrow::Cow;
 use std::collections::VecDeque;
 use std::sync::Arc;
+
+use sonoweave_core::clock::SECOND;
+use sonoweave_core::reading::{Frame, NamedTransform, Reading, Stamp, Status, split_transform_name};
+use sonoweave_core::{Description, Error, Ticks, Timing};
 
 use super::fixed::Fixed;
 use super::header::TimeStamp;
@@ -17,53 +25,51 @@ use super::image::Image;
 use super::message::{Content, Message};
 use super::query::{Pace, Subject};
 use super::stream::{Decoder, Event, Limits};
-use crate::clock::SECOND;
-use crate::connection::{Lost, Met, Protocol, Rung};
-use crate::reading::{Frame, NamedTransform, Reading, Stamp, Status, split_transform_name};
-use crate::{Description, Error, Ticks, Timing};
+use crate::connection::{Lost, Met, Protocol, SetupStep};
 
-/// For so long a server may send nothing of use, ns.
+/// Time without useful data after which a server counts as silent, ns.
 const PATIENCE: i64 = 5 * SECOND;
-/// Ticks a second: of what is counted in microseconds, 2⁵³ is reached in 285 years.
+/// Ticks per second: counted in microseconds, 2⁵³ is reached in 285 years.
 const TICK_HZ: f64 = 1e6;
-/// Pictures that may have been left out between two; a number that runs further is another count's.
+/// Maximum number of frames missing between two; a larger step belongs to another count.
 const MOST_LOST: u64 = 1000;
 
-/// What of a server's is taken.
+/// Settings of a client: the data to receive.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct RemoteSettings {
-    /// Where the server is, `HOST:PORT`.
+    /// Address of the server, `HOST:PORT`.
     pub address: String,
-    /// Its pictures, if they are.
+    /// Frames to receive, if any.
     pub pictures: Option<RemotePictures>,
-    /// Its transforms, if they are.
+    /// Transforms to receive, if any.
     pub transforms: Option<RemoteTransforms>,
 }
 
-/// Which pictures.
+/// Selection of the frames.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct RemotePictures {
-    /// The image by its device name, such as `Image_Reference`; the first that comes without it.
+    /// Device name of the image, such as `Image_Reference`; without it, the first that arrives.
     pub device: Option<String>,
-    /// Which way their first and second axis grow, as a code that files have (`MF`); empty where that is not known.
+    /// Directions in which the first and second axis grow, as a code of the files (`MF`); empty
+    /// if unknown.
     pub orientation: &'static str,
 }
 
-/// Which transforms.
+/// Selection of the transforms.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct RemoteTransforms {
-    /// By name, such as `ProbeToTracker`; all where there is none.
+    /// Names, such as `ProbeToTracker`; all if empty.
     pub names: Vec<String>,
-    /// Least time between two TDATA that are asked for, ms.
+    /// Minimum time between two requested TDATA messages, ms.
     pub interval_ms: u32,
 }
 
-/// What is said on a connection.
+/// The client's state on a connection.
 pub struct Client {
     settings: RemoteSettings,
     decoder: Decoder,
     broken: Option<String>,
-    /// The image that is taken, once that is known.
+    /// Device name of the received image, once known.
     image: Option<Fixed<20>>,
     last_number: Option<u64>,
     lost: Lost,
@@ -73,10 +79,11 @@ pub struct Client {
 }
 
 impl Client {
-    /// Of these settings.
+    /// Creates a client with these settings.
     ///
     /// # Errors
-    /// [`Error::Misuse`] for an address that is none, for names that no message has, and where nothing is to be taken.
+    /// [`Error::Misuse`] for an invalid address, for names that do not fit a message, and if
+    /// nothing is to be received.
     pub fn new(settings: RemoteSettings) -> Result<Self, Error> {
         let misuse = |setting: &str, problem: String| Error::Misuse(format!("remote.{setting}: {problem}"));
         let address = &settings.address;
@@ -209,7 +216,7 @@ impl Client {
     }
 }
 
-/// A question to a server, which always fits.
+/// Returns a request to a server, which always fits.
 fn question(content: Content) -> Vec<u8> {
     Message::new(Fixed::EMPTY, TimeStamp::default(), content).bytes().unwrap_or_default()
 }
@@ -227,14 +234,15 @@ impl Protocol for Client {
 
     fn resume(&mut self) {}
 
-    /// Transforms are asked for; what a server sends unasked, as PLUS sends pictures, is taken.
-    fn climb(&mut self, met: Met<'_>) -> Rung {
+    /// Requests transforms; unrequested data are accepted too, as PLUS sends images without a
+    /// request.
+    fn climb(&mut self, met: Met<'_>) -> SetupStep {
         match (met, &self.settings.transforms) {
             (Met::Begin, Some(RemoteTransforms { interval_ms, .. })) => {
                 let pace = Pace { interval_ms: *interval_ms, frame: Fixed::EMPTY };
-                Rung::Send(question(Content::Start(Subject::of("TDATA"), Some(pace))))
+                SetupStep::Send(question(Content::Start(Subject::of("TDATA"), Some(pace))))
             }
-            _ => Rung::Top { keep: false },
+            _ => SetupStep::Top { keep: false },
         }
     }
 

@@ -1,41 +1,41 @@
-//! Reads a message's fields in order, and says which is wrong and where.
+//! Reads a message's fields in order, and reports which is wrong and where.
 
 use super::fixed::Fixed;
 
-/// What kind of wrong.
+/// Kinds of errors in a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Fault {
-    /// It does not begin as a message does.
+    /// The header is invalid.
     Header,
-    /// It is larger than is taken.
+    /// The message is too large.
     TooLarge,
-    /// Its checksum does not fit.
+    /// The checksum is wrong.
     Checksum,
-    /// It is shorter or longer than its fields say.
+    /// The message is shorter or longer than its fields require.
     Length,
-    /// A field says what it cannot say.
+    /// A field has an invalid value.
     Field,
 }
 
-/// What is wrong with a message, and where in it.
+/// An error in a message, and its position.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Trouble {
     pub(super) fault: Fault,
-    /// From the message's first byte.
+    /// Bytes from the beginning of the message.
     pub(super) offset: usize,
-    /// What, and what to do.
+    /// The problem and the remedy.
     pub(super) problem: String,
 }
 
-/// Fields in order.
+/// Reads fields in order.
 pub(super) struct Cursor<'a> {
     bytes: &'a [u8],
-    /// Of the first of `bytes`, from the message's first byte.
+    /// Position of the first of `bytes`, from the message's first byte.
     offset: usize,
 }
 
 impl<'a> Cursor<'a> {
-    /// Over these bytes, the first of which is that one of the message.
+    /// Creates a cursor over bytes that begin at `offset` of the message.
     pub(super) const fn new(bytes: &'a [u8], offset: usize) -> Self {
         Self { bytes, offset }
     }
@@ -52,7 +52,7 @@ impl<'a> Cursor<'a> {
         Err(Trouble { fault, offset: self.offset, problem })
     }
 
-    /// So many bytes of a field by that name.
+    /// Reads `length` bytes of the field with this name.
     pub(super) fn slice(&mut self, field: &str, length: usize) -> Result<&'a [u8], Trouble> {
         let Some((taken, rest)) = self.bytes.split_at_checked(length) else {
             let left = self.bytes.len();
@@ -94,7 +94,7 @@ impl<'a> Cursor<'a> {
         })
     }
 
-    /// Everything was read.
+    /// Checks that everything was read.
     pub(super) fn end(&self, of: &str) -> Result<(), Trouble> {
         match self.bytes.len() {
             0 => Ok(()),

@@ -1,24 +1,26 @@
-//! Servers as devices.
+//! Driver of OpenIGTLink servers.
 
 use std::sync::Arc;
 
+use sonoweave_core::clock::{Clock, Monotonic};
+use sonoweave_core::{Device, Error};
+
 use super::client::{Client, RemoteSettings};
-use crate::clock::{Clock, Monotonic};
 use crate::connection::Connection;
 use crate::transport::TcpOpener;
-use crate::{Device, Driver, Error, Listing, OpenSettings};
+use crate::{Driver, Listing, OpenSettings};
 
-/// The port that the protocol is registered for.
+/// The registered port of the protocol.
 pub const PORT: u16 = 18944;
 
-/// OpenIGTLink servers.
+/// The driver of OpenIGTLink servers.
 pub struct RemoteDriver;
 
 impl RemoteDriver {
-    /// Opens a server by a clock of one's own, which has to be one that goes on by itself.
+    /// Opens a server with the given clock, which must advance by itself.
     ///
     /// # Errors
-    /// [`Error::Misuse`] for settings that lead nowhere.
+    /// [`Error::Misuse`] for invalid settings.
     pub fn open_with(settings: &RemoteSettings, clock: Arc<dyn Clock>) -> Result<Box<dyn Device>, Error> {
         let client = Client::new(settings.clone())?;
         let opener = TcpOpener::new(&settings.address, Arc::clone(&clock));
@@ -31,7 +33,8 @@ impl Driver for RemoteDriver {
         "openigtlink"
     }
 
-    /// A server on this machine, at the usual port, if the kernel says that one listens. Nobody is connected to.
+    /// Lists the server on this machine, at the usual port, if the kernel reports a listening
+    /// socket. Connects to no server.
     fn list(&self) -> Vec<Listing> {
         let listens = ["/proc/net/tcp", "/proc/net/tcp6"]
             .iter()
@@ -53,12 +56,12 @@ impl Driver for RemoteDriver {
     }
 }
 
-/// Whether the kernel's table of sockets has one that listens at a port.
+/// Returns whether the kernel's table of sockets has one that listens at a port.
 fn listens(table: &str, port: u16) -> bool {
     let port = format!(":{port:04X}");
     table.lines().skip(1).any(|line| {
         let mut fields = line.split_whitespace().skip(1);
-        // Its own address, the other end's, and its state, which is 0A where it listens.
+        // Own address, remote address, and state, which is 0A for a listening socket.
         let (own, state) = (fields.next(), fields.nth(1));
         own.is_some_and(|own| own.ends_with(&port)) && state == Some("0A")
     })
@@ -69,7 +72,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_server_is_listed_by_the_kernel_s_word_alone() {
+    fn server_is_listed_from_kernel_socket_table() {
         let table = "  sl  local_address rem_address   st tx_queue\n   0: 0100007F:4A00 00000000:0000 0A 0:0\n   1: 0100007F:0016 0100007F:4A00 01 0:0\n";
         assert!(listens(table, PORT));
         assert!(!listens(table, 22), "connected, and does not listen");
@@ -77,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn settings_that_lead_nowhere_are_refused() {
+    fn invalid_settings_are_refused() {
         let refused = |settings| RemoteDriver.open(&OpenSettings::Remote(settings)).err().unwrap().to_string();
         let transforms = Some(super::super::RemoteTransforms::default());
         for address in ["", "plus", ":18944", "plus:", "plus:99999"] {

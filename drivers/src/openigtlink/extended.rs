@@ -1,60 +1,61 @@
-//! What protocol version 3 adds: the message's number, and metadata behind the content.
+//! Additions of protocol version 3: the message number, and metadata behind the content.
 
 use super::cursor::{Cursor, Fault, Trouble};
 use super::message::Unwritable;
 
-/// Bytes of the extended header as it is written; a longer one is read over.
+/// Bytes of the extended header when written; additional bytes of a longer one are skipped.
 pub(super) const EXTENDED: usize = 12;
-/// US-ASCII by IANA's number (MIBenum).
+/// US-ASCII by its IANA number (MIBenum).
 pub const ASCII: u16 = 3;
-/// UTF-8 by IANA's number.
+/// UTF-8 by its IANA number.
 pub const UTF8: u16 = 106;
 
-/// A text with what it is encoded by.
+/// A text and its encoding.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Text {
-    /// IANA's number of the encoding (MIBenum).
+    /// IANA number of the encoding (MIBenum).
     pub encoding: u16,
-    /// As on the wire.
+    /// Bytes on the wire.
     pub bytes: Vec<u8>,
 }
 
 impl Text {
-    /// ASCII where that will do, else UTF-8.
+    /// Encodes a text as ASCII if possible, else as UTF-8.
     pub fn new(text: &str) -> Self {
         Self { encoding: if text.is_ascii() { ASCII } else { UTF8 }, bytes: text.into() }
     }
 
-    /// The text; of other encodings than ASCII and UTF-8, and of what is neither, as much as is readable as UTF-8.
+    /// Returns the text. Other encodings than ASCII and UTF-8, and invalid bytes, are decoded as
+    /// far as they are valid UTF-8.
     pub fn as_text(&self) -> std::borrow::Cow<'_, str> {
         String::from_utf8_lossy(&self.bytes)
     }
 }
 
-/// A name and what is said of it.
+/// A metadata entry.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Datum {
-    /// The name, UTF-8.
+    /// Name, UTF-8.
     pub key: String,
-    /// What is said.
+    /// Value.
     pub value: Text,
 }
 
 impl Datum {
-    /// Of two texts.
+    /// Creates an entry from two texts.
     pub fn new(key: &str, value: &str) -> Self {
         Self { key: key.into(), value: Text::new(value) }
     }
 }
 
-/// A body of version 3, taken apart.
+/// The parts of a body of header version 2 (protocol version 3).
 pub(super) struct Parts<'a> {
     pub(super) id: u32,
     pub(super) content: Cursor<'a>,
     pub(super) metadata: Vec<Datum>,
 }
 
-/// Takes a body apart that begins at that byte of the message.
+/// Splits a body that begins at byte `offset` of the message.
 pub(super) fn read(body: &[u8], offset: usize) -> Result<Parts<'_>, Trouble> {
     let mut fields = Cursor::new(body, offset);
     let size = usize::from(fields.u16("the extended header's size")?);
@@ -71,7 +72,7 @@ pub(super) fn read(body: &[u8], offset: usize) -> Result<Parts<'_>, Trouble> {
         let problem = format!("the metadata take {behind} bytes and {left} follow the extended header");
         return Err(Trouble { fault: Fault::Length, offset: offset + 2, problem });
     };
-    // No more than the body has.
+    // At most the length of the body.
     let content_end = size + content_bytes as usize;
     let content = Cursor::new(&body[size..content_end], offset + size);
     let index = Cursor::new(&body[content_end..content_end + index_bytes], offset + content_end);
@@ -106,7 +107,8 @@ fn read_metadata(mut index: Cursor<'_>, mut data: Cursor<'_>) -> Result<Vec<Datu
     Ok(metadata)
 }
 
-/// Finishes a body that begins at `start` of `out` with room for the extended header and has its content.
+/// Completes a body that begins at `start` of `out`, with space for the extended header and with
+/// its content.
 pub(super) fn finish(out: &mut Vec<u8>, start: usize, id: u32, metadata: &[Datum]) -> Result<(), Unwritable> {
     let too_much = |what: &'static str, size: usize| Unwritable::TooMuch { what, size };
     let count = u16::try_from(metadata.len()).map_err(|_| too_much("metadata", metadata.len()))?;

@@ -1,4 +1,4 @@
-//! Names in fields of fixed length: what is left of the field is zeros.
+//! Names in fields of fixed length, padded with zeros.
 
 use std::fmt;
 
@@ -9,34 +9,34 @@ pub struct Fixed<const N: usize> {
     length: usize,
 }
 
-/// A name that does not go into its field.
+/// Why a name does not fit its field.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Unfit {
-    /// Too long.
+    /// The name is too long.
     #[error("{name:?} has {length} bytes where {most} fit; take a shorter name")]
     Long {
         /// The name.
         name: String,
-        /// Its bytes.
+        /// Bytes of the name.
         length: usize,
-        /// Those of the field.
+        /// Bytes of the field.
         most: usize,
     },
-    /// Has a control character.
+    /// The name has a control character.
     #[error("{name:?} has a control character at byte {at}; leave it out")]
     Control {
         /// The name.
         name: String,
-        /// Where.
+        /// Byte position of the control character.
         at: usize,
     },
 }
 
 impl<const N: usize> Fixed<N> {
-    /// No name.
+    /// The empty name.
     pub const EMPTY: Self = Self { bytes: [0; N], length: 0 };
 
-    /// That name.
+    /// Creates a name.
     ///
     /// # Errors
     /// [`Unfit`].
@@ -52,8 +52,8 @@ impl<const N: usize> Fixed<N> {
         Ok(Self { bytes, length: name.len() })
     }
 
-    /// A field as it came: the name ends with the first zero, and what follows it does not count, as where the reference library reads it. The first byte that no
-    /// name has where it is none.
+    /// Reads a field. The name ends at the first zero, and later bytes are ignored, as in the
+    /// reference library. The error is the position of the first invalid byte.
     pub(super) fn read(bytes: &[u8; N]) -> Result<Self, usize> {
         let length = bytes.iter().position(|byte| *byte == 0).unwrap_or(N);
         let name = std::str::from_utf8(&bytes[..length]).map_err(|error| error.valid_up_to())?;
@@ -67,14 +67,14 @@ impl<const N: usize> Fixed<N> {
         }
     }
 
-    /// The field's bytes.
+    /// Returns the field's bytes.
     pub const fn bytes(&self) -> &[u8; N] {
         &self.bytes
     }
 
-    /// The name.
+    /// Returns the name.
     pub fn as_str(&self) -> &str {
-        // Made of text alone.
+        // The bytes come from valid text.
         std::str::from_utf8(&self.bytes[..self.length]).unwrap_or_default()
     }
 }
@@ -102,7 +102,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_fill_their_fields_and_no_more() {
+    fn name_fits_up_to_field_length() {
         let name = Fixed::<5>::new("Probe").unwrap();
         assert_eq!((name.as_str(), *name.bytes()), ("Probe", *b"Probe"));
         assert_eq!(Fixed::read(name.bytes()), Ok(name));

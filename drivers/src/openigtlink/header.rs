@@ -1,4 +1,4 @@
-//! What every message begins with.
+//! The header of every message.
 
 use crc::{CRC_64_ECMA_182, Crc, Table};
 
@@ -8,41 +8,42 @@ use super::fixed::Fixed;
 /// Bytes of a header.
 pub const HEADER: usize = 58;
 
-/// Over the body. The table of sixteen rows costs 32 KiB, and checks a volume of 10 MB in some milliseconds.
+/// CRC of the body. The table of sixteen rows takes 32 KiB, and checks a volume of 10 MB in a few
+/// milliseconds.
 static BODY: Crc<u64, Table<16>> = Crc::<u64, Table<16>>::new(&CRC_64_ECMA_182);
 
-/// The checksum of a body.
+/// Returns the checksum of a body.
 pub fn checksum(body: &[u8]) -> u64 {
     BODY.checksum(body)
 }
 
-/// The header's version, which is not the protocol's.
+/// The header version, which is not the protocol version.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Version {
-    /// Of protocol versions 1 and 2.
+    /// Header of protocol versions 1 and 2.
     One = 1,
-    /// Of protocol version 3: the body has an extended header and metadata.
+    /// Header of protocol version 3: the body has an extended header and metadata.
     Two = 2,
 }
 
 /// Seconds since 1970-01-01 UTC in 32 bits, and their fraction in 32 more; 0 for none.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Default)]
 pub struct TimeStamp(
-    /// As on the wire.
+    /// Value on the wire.
     pub u64,
 );
 
 const NS: u64 = 1_000_000_000;
 
 impl TimeStamp {
-    /// Of nanoseconds since 1970-01-01 UTC; begins again in 2106, as the protocol says.
+    /// Converts nanoseconds since 1970-01-01 UTC; wraps in 2106, as the protocol specifies.
     pub const fn of_unix_ns(ns: u64) -> Self {
         let fraction = (((ns % NS) << 32) + NS / 2) / NS;
-        // The last half of a step of 2⁻³² s is the next second's.
+        // The last half step of 2⁻³² s rounds up to the next second.
         Self(((ns / NS) << 32).wrapping_add(fraction))
     }
 
-    /// Nanoseconds since 1970-01-01 UTC; `None` where there is no time.
+    /// Returns nanoseconds since 1970-01-01 UTC; `None` if there is no time.
     pub const fn unix_ns(self) -> Option<u64> {
         if self.0 == 0 {
             return None;
@@ -51,25 +52,25 @@ impl TimeStamp {
     }
 }
 
-/// What a message begins with.
+/// Header of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Header {
-    /// Of the header.
+    /// Header version.
     pub version: Version,
-    /// What is in the body.
+    /// Type of the body.
     pub kind: Fixed<12>,
-    /// Whose it is.
+    /// Device name of the sender.
     pub device: Fixed<20>,
-    /// When it was made.
+    /// Time of creation.
     pub time: TimeStamp,
     /// Bytes of the body.
     pub body: u64,
-    /// Of the body.
+    /// Checksum of the body.
     pub checksum: u64,
 }
 
 impl Header {
-    /// Of these bytes, if a message can begin so.
+    /// Reads a header, if these bytes can begin a message.
     pub(super) fn read(bytes: &[u8; HEADER]) -> Result<Self, Trouble> {
         let mut fields = Cursor::new(bytes, 0);
         let version = match fields.u16("the header's version")? {
@@ -99,7 +100,7 @@ impl Header {
         Ok(Self { version, kind, device, time, body, checksum })
     }
 
-    /// As bytes.
+    /// Returns the header as bytes.
     pub fn bytes(&self) -> [u8; HEADER] {
         let mut bytes = [0; HEADER];
         bytes[..2].copy_from_slice(&(self.version as u16).to_be_bytes());
@@ -117,7 +118,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn times_are_what_they_were_to_the_nanosecond() {
+    fn times_round_trip_to_the_nanosecond() {
         assert_eq!(TimeStamp::default().unix_ns(), None);
         assert_eq!(TimeStamp::of_unix_ns(1_500_000_000).0, 0x1_8000_0000);
         for ns in [1, 999_999_999, 1_234_567_890_500_000_000, 1_763_829_000_123_456_789, u64::from(u32::MAX) * NS] {

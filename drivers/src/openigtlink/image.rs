@@ -1,49 +1,52 @@
-//! IMAGE: pixels, and where they lie.
+//! IMAGE: pixels, and their placement.
 //!
-//! The matrix's columns are the steps from a voxel to its neighbours along the three axes, mm, and its fourth is the place of the image's **middle**: of index (n − 1)/2
-//! along each axis, as OpenIGTLinkIO, 3D Slicer and pyigtl have it. A slice's third column is as long as the slice is thick, or 1.
+//! The matrix's columns are the steps from a voxel to its neighbours along the three axes, mm.
+//! Its fourth column is the position of the image's **middle**: of index (n − 1)/2 along each
+//! axis, as in OpenIGTLinkIO, 3D Slicer and pyigtl. The length of a slice's third column is the
+//! slice thickness, or 1.
 
 use std::sync::Arc;
+
+use sonoweave_core::reading::PixelType;
 
 use super::cursor::{Cursor, Fault, Trouble};
 use super::message::Unwritable;
 use super::pose::Matrix;
-use crate::reading::PixelType;
 
 /// Bytes before the pixels.
 const FIELDS: usize = 72;
-/// Of these fields.
+/// Version of the image fields.
 const VERSION: u16 = 1;
 
-/// Which way the axes of the place point.
+/// Directions of the coordinate axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Coordinates {
-    /// Right, anterior, superior: what TRANSFORMs are in, and 3D Slicer.
+    /// Right, anterior, superior: the frame of TRANSFORM messages and of 3D Slicer.
     Ras = 1,
-    /// Left, posterior, superior: what ITK's files are in.
+    /// Left, posterior, superior: the frame of ITK's files.
     Lps = 2,
 }
 
-/// An image, or a box of one.
+/// An image, or a box of voxels from one.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Image {
     /// Channels, interleaved; at least 1.
     pub channels: u8,
-    /// Scalar type: not of 64-bit integers, which the protocol does not have.
+    /// Scalar type; not 64-bit integers, which the protocol lacks.
     pub pixel: PixelType,
-    /// Whether the pixels' bytes are the least significant first.
+    /// Whether the pixels are little-endian.
     pub little_endian: bool,
-    /// What the place is in.
+    /// Coordinate system of the matrix.
     pub coordinates: Coordinates,
     /// Voxels of the whole image, first axis fastest.
     pub size: [u16; 3],
-    /// Place of the whole image; see the module's words.
+    /// Placement of the whole image; see the module documentation.
     pub matrix: Matrix,
-    /// First voxel of the box that is here.
+    /// First voxel of the transmitted box.
     pub first: [u16; 3],
-    /// Voxels of the box that is here.
+    /// Voxels of the transmitted box.
     pub part: [u16; 3],
-    /// The box's, as on the wire.
+    /// Pixels of the box, as on the wire.
     pub pixels: Arc<[u8]>,
 }
 
@@ -76,7 +79,8 @@ fn pixel(code: u8) -> Option<PixelType> {
 }
 
 impl Image {
-    /// A whole image of native byte order. `place` maps an index (a voxel's middle) to mm: 4×4, row major, column vectors.
+    /// Creates a whole image of native byte order. `place` maps an index (a voxel's middle) to
+    /// mm: 4×4, row major, column vectors.
     pub fn whole(
         size: [u16; 3],
         (pixel, channels): (PixelType, u8),
@@ -94,7 +98,8 @@ impl Image {
         Self { channels, pixel, little_endian, coordinates, size, matrix, first: [0; 3], part: size, pixels }
     }
 
-    /// From an index of the whole image (a voxel's middle) to mm: 4×4, row major, column vectors.
+    /// Returns the matrix from an index of the whole image (a voxel's middle) to mm: 4×4, row
+    /// major, column vectors.
     pub fn place(&self) -> [f64; 16] {
         let mut place = self.matrix.rows();
         for row in 0..3 {
@@ -104,12 +109,12 @@ impl Image {
         place
     }
 
-    /// Whether the box is the whole image.
+    /// Returns whether the box is the whole image.
     pub fn is_whole(&self) -> bool {
         self.part == self.size
     }
 
-    /// The pixels in native byte order.
+    /// Returns the pixels in native byte order.
     pub fn native(&self) -> Arc<[u8]> {
         let bytes = self.pixel.bytes();
         if bytes == 1 || self.little_endian == cfg!(target_endian = "little") {
@@ -122,7 +127,7 @@ impl Image {
         turned
     }
 
-    /// Bytes that the fields promise; fits, as the fields are small.
+    /// Returns the bytes that the fields require; cannot overflow, because the fields are small.
     fn promised(&self) -> u64 {
         let voxels: u64 = self.part.iter().map(|n| u64::from(*n)).product();
         voxels * u64::from(self.channels) * self.pixel.bytes() as u64
@@ -210,7 +215,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_image_s_place_is_that_of_its_first_voxel_and_goes_by_its_middle() {
+    fn image_placement_converts_between_first_voxel_and_middle() {
         let place = [0.0, -0.75, 0.0, 10.0, 0.5, 0.0, 0.0, -20.0, 0.0, 0.0, 2.0, 30.0, 0.0, 0.0, 0.0, 1.0];
         let image = Image::whole([5, 3, 2], (PixelType::U8, 1), Arc::from([0; 30]), &place, Coordinates::Ras);
         // Two steps of the first axis, one of the second, half of the third.
@@ -220,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn pixels_of_the_other_byte_order_are_turned() {
+    fn pixels_of_other_byte_order_are_swapped() {
         let mut image =
             Image::whole([2, 1, 1], (PixelType::U16, 1), Arc::from([1, 2, 3, 4]), &[0.0; 16], Coordinates::Lps);
         assert_eq!(*image.native(), [1, 2, 3, 4]);

@@ -1,4 +1,4 @@
-//! A message, whole: from its header and body, and to bytes.
+//! A whole message: reads it from header and body, and writes it to bytes.
 
 use super::cursor::{Cursor, Trouble};
 use super::extended::{self, Datum, Text};
@@ -12,81 +12,82 @@ use super::words::{self, Command, Status};
 /// A message.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Message {
-    /// Of the header.
+    /// Version of the header.
     pub version: Version,
-    /// Whose it is.
+    /// Device name of the sender.
     pub device: Fixed<20>,
-    /// When it was made.
+    /// Time of creation.
     pub time: TimeStamp,
-    /// The message's number; of header version 1 always 0, and not written.
+    /// Message number; with header version 1 always 0, and not written.
     pub id: u32,
-    /// Names and texts; of header version 1 always none, and not written.
+    /// Metadata; with header version 1 always empty, and not written.
     pub metadata: Vec<Datum>,
-    /// What it holds.
+    /// Contents.
     pub content: Content,
 }
 
-/// What a message holds.
+/// Contents of a message.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Content {
-    /// Pixels and where they lie.
+    /// Pixels and their placement.
     Image(Image),
-    /// From the frame that the device's name begins with to the one that it ends with (`ProbeToTracker`).
+    /// A transform from the frame at the beginning of the device name to the one at its end
+    /// (`ProbeToTracker`).
     Transform(Matrix),
-    /// The same by a quaternion.
+    /// The same as a quaternion.
     Position(Position),
-    /// Where several things are at one time.
+    /// Poses of several tools at one time.
     Tools(Vec<Tool>),
-    /// How the sender is.
+    /// Status of the sender.
     Status(Status),
     /// A text.
     Text(Text),
-    /// The types that the sender takes.
+    /// The types that the sender accepts.
     Capability(Vec<Fixed<12>>),
-    /// Something to be done.
+    /// A command.
     Command(Command),
-    /// What became of it.
+    /// The answer to a command.
     Answer(Command),
-    /// GET_: one message is asked for.
+    /// GET_: asks for one message.
     Get(Subject),
-    /// STT_: messages are asked for until they are no more wanted.
+    /// STT_: asks for messages until they are stopped.
     Start(Subject, Option<Pace>),
-    /// STP_: they are no more wanted.
+    /// STP_: stops these messages.
     Stop(Subject),
-    /// RTS_: it was heard; 0 where it is done so.
+    /// RTS_: acknowledges a request; 0 for success.
     Receipt(Subject, u8),
-    /// A type of which there is nothing: the answer where what was asked for is not there.
+    /// An empty message of a type: the answer if the requested object is missing.
     Nothing(Fixed<12>),
-    /// A type that is not read here, or a question with particulars.
+    /// An unsupported type, or a request with parameters.
     Other(Fixed<12>, Vec<u8>),
 }
 
-/// Why something is no message.
+/// Why a message cannot be written.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Unwritable {
-    /// More than the field can say.
+    /// More than the field can hold.
     #[error("{size} {what} do not go into an OpenIGTLink message; send less")]
     TooMuch {
-        /// Of what.
+        /// Name of the units.
         what: &'static str,
-        /// How many.
+        /// Number of units.
         size: usize,
     },
-    /// Pixels that are no image.
+    /// The pixels do not form an image.
     #[error("not an image for OpenIGTLink: {0}")]
     Pixels(String),
-    /// A name.
+    /// The name does not fit.
     #[error(transparent)]
     Name(#[from] Unfit),
 }
 
-/// A type's name, which is known to fit.
+/// Returns a type name, which is known to fit.
 fn kind(name: &str) -> Fixed<12> {
     Fixed::new(name).unwrap_or(Fixed::EMPTY)
 }
 
 impl Content {
-    /// The type's name.
+    /// Returns the type name.
     pub fn kind(&self) -> Fixed<12> {
         match self {
             Self::Image(_) => kind("IMAGE"),
@@ -166,17 +167,17 @@ impl Content {
 }
 
 impl Message {
-    /// Of header version 1, without number and metadata.
+    /// Creates a message of header version 1, without number and metadata.
     pub fn new(device: Fixed<20>, time: TimeStamp, content: Content) -> Self {
         Self { version: Version::One, device, time, id: 0, metadata: Vec::new(), content }
     }
 
-    /// The metadatum of that name, as text.
+    /// Returns the metadata value with this name, as text.
     pub fn metadatum(&self, key: &str) -> Option<std::borrow::Cow<'_, str>> {
         self.metadata.iter().find(|datum| datum.key == key).map(|datum| datum.value.as_text())
     }
 
-    /// Of a body whose checksum was looked at.
+    /// Reads a message from a body whose checksum is already verified.
     pub(super) fn read(header: &Header, body: &[u8]) -> Result<Self, Trouble> {
         let Header { version, kind, device, time, .. } = *header;
         let (id, metadata, fields) = match version {
@@ -189,10 +190,10 @@ impl Message {
         Ok(Self { version, device, time, id, metadata, content: Content::read(kind, fields)? })
     }
 
-    /// As bytes: the header and the body.
+    /// Returns the message as bytes: header and body.
     ///
     /// # Errors
-    /// [`Unwritable`] where something does not go into its field.
+    /// [`Unwritable`] if a value does not fit its field.
     pub fn bytes(&self) -> Result<Vec<u8>, Unwritable> {
         let before = match self.version {
             Version::One => HEADER,

@@ -1,7 +1,9 @@
-//! OpenIGTLink: the protocol of image-guided therapy, versions 1 to 3, as bytes; and a server of it as a device.
+//! OpenIGTLink: the protocol of image-guided therapy, versions 1 to 3, as bytes; and a driver for
+//! servers.
 //!
-//! The bytes are without transport and clock, as in every wire format here. By the protocol's documents (openigtlink/OpenIGTLink, Documents/Protocol); what they leave open is as the
-//! reference library writes it, whose own vectors are among the tests.
+//! The wire format is independent of transport and clock, like all wire formats here. It follows
+//! the protocol's documents (openigtlink/OpenIGTLink, Documents/Protocol). Where they are
+//! ambiguous, it follows the reference library, whose own vectors are among the tests.
 //!
 //! ```text
 //! 0        2              14               34          42           50     58
@@ -10,14 +12,16 @@
 //! body of header version 2:  extended header (12) | content | metadata header | metadata
 //! ```
 //!
-//! Everything is big endian but an image's pixels, which say what they are. Protocol versions 1 and 2 have header version 1; version 3 has header version 2, and adds
-//! the message's number and metadata. The checksum is ECMA-182's, over the body.
+//! Everything is big-endian except an image's pixels, which state their byte order. Protocol
+//! versions 1 and 2 have header version 1; version 3 has header version 2, and adds the message
+//! number and metadata. The checksum is ECMA-182's, over the body.
 //!
-//! - [`stream`]: from a stream, cut anywhere, to messages; what becomes of bytes that are none.
-//! - [`message`]: a message, whole.
-//! - [`header`]: what each begins with. [`extended`]: what version 3 adds.
-//! - [`image`], [`pose`], [`words`], [`query`]: what messages hold.
-//! - [`client`]: what is said to a server, and what its messages are as readings; [`driver`] opens it.
+//! - [`stream`]: splits a byte stream into messages, and recovers after invalid bytes.
+//! - [`message`]: a whole message.
+//! - [`header`]: its header. [`extended`]: the additions of version 3.
+//! - [`image`], [`pose`], [`words`], [`query`]: contents of messages.
+//! - [`client`]: requests to a server, and the conversion of its messages to readings; [`driver`]
+//!   opens it.
 
 pub mod client;
 mod cursor;

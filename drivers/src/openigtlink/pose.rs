@@ -1,22 +1,23 @@
-//! TRANSFORM, POSITION and TDATA: where things are.
+//! TRANSFORM, POSITION and TDATA: poses.
 
 use super::cursor::{Cursor, Fault, Trouble};
 use super::fixed::Fixed;
 
-/// The upper three rows of a 4×4 matrix, column by column as on the wire; the fourth column is a place in mm.
+/// The upper three rows of a 4×4 matrix, column by column as on the wire; the fourth column is a
+/// position in mm.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Matrix(
-    /// Column by column.
+    /// Elements, column by column.
     pub [f32; 12],
 );
 
 impl Matrix {
-    /// Of a 4×4 matrix, row major; its last row is not kept, being 0, 0, 0, 1.
+    /// Converts a 4×4 matrix, row major; its last row is dropped, because it is 0, 0, 0, 1.
     pub fn of(rows: &[f64; 16]) -> Self {
         Self(std::array::from_fn(|at| rows[4 * (at % 3) + at / 3] as f32))
     }
 
-    /// 4×4, row major.
+    /// Returns the 4×4 matrix, row major.
     pub fn rows(&self) -> [f64; 16] {
         std::array::from_fn(|at| match (at / 4, at % 4) {
             (3, column) => f64::from(u8::from(column == 3)),
@@ -39,17 +40,18 @@ impl Matrix {
     }
 }
 
-/// A place and an orientation.
+/// A position and an orientation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Position {
-    /// In mm.
+    /// Position, mm.
     pub position: [f32; 3],
-    /// Quaternion x, y, z, w; of a message of a place alone 0, 0, 0, 1.
+    /// Quaternion x, y, z, w; 0, 0, 0, 1 for a message with a position only.
     pub quaternion_xyzw: [f32; 4],
 }
 
 impl Position {
-    /// A place alone (12 bytes), with three of the quaternion's numbers (24), or with all (28).
+    /// Reads a position alone (12 bytes), with three of the quaternion's numbers (24), or with
+    /// all (28).
     pub(super) fn read(mut fields: Cursor<'_>) -> Result<Self, Trouble> {
         let numbers = match fields.left() {
             12 => 3,
@@ -71,14 +73,15 @@ impl Position {
         Ok(Self { position: [px, py, pz], quaternion_xyzw: [x, y, z, w] })
     }
 
-    /// With all numbers.
+    /// Writes all numbers.
     pub(super) fn write(&self, out: &mut Vec<u8>) {
         for number in self.position.iter().chain(&self.quaternion_xyzw) {
             out.extend_from_slice(&number.to_be_bytes());
         }
     }
 
-    /// As a 4×4 matrix, row major. A quaternion of length 0 turns nothing; one of another length is brought to 1.
+    /// Returns the pose as a 4×4 matrix, row major. A quaternion of length 0 gives no rotation;
+    /// others are normalised.
     pub fn rows(&self) -> [f64; 16] {
         let [mut x, mut y, mut z, mut w] = self.quaternion_xyzw.map(f64::from);
         let length = (x * x + y * y + z * z + w * w).sqrt();
@@ -109,31 +112,31 @@ impl Position {
     }
 }
 
-/// What a tracked thing is.
+/// Kind of a tracked tool.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum ToolKind {
     /// The tracker itself.
     Tracker = 1,
-    /// Place and orientation.
+    /// Position and orientation.
     Six = 2,
-    /// Its tip alone.
+    /// Its tip only.
     Three = 3,
     /// Tip and handle.
     Five = 4,
 }
 
-/// One tracked thing of a TDATA.
+/// One tracked tool of a TDATA message.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tool {
-    /// Its name.
+    /// Name.
     pub name: Fixed<20>,
-    /// What it is.
+    /// Kind of tool.
     pub kind: ToolKind,
-    /// Where it is.
+    /// Pose.
     pub matrix: Matrix,
 }
 
-/// Bytes of one.
+/// Bytes of a tool.
 const TOOL: usize = 70;
 
 impl Tool {
@@ -175,7 +178,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn matrices_go_by_columns_and_come_by_rows() {
+    fn matrix_is_stored_by_columns_and_returned_by_rows() {
         let rows = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 0.0, 0.0, 0.0, 1.0];
         let matrix = Matrix::of(&rows);
         assert_eq!(matrix.0, [1.0, 5.0, 9.0, 2.0, 6.0, 10.0, 3.0, 7.0, 11.0, 4.0, 8.0, 12.0]);
@@ -183,8 +186,8 @@ mod tests {
     }
 
     #[test]
-    fn a_quaternion_turns_as_it_should() {
-        // A quarter about z, of twice the length.
+    fn quaternion_gives_its_rotation() {
+        // A quarter turn about z, of length 2√2.
         let turned = Position { position: [1.0, 2.0, 3.0], quaternion_xyzw: [0.0, 0.0, 2.0, 2.0] }.rows();
         let wanted = [0.0, -1.0, 0.0, 1.0, 1.0, 0.0, 0.0, 2.0, 0.0, 0.0, 1.0, 3.0, 0.0, 0.0, 0.0, 1.0];
         assert!(turned.iter().zip(&wanted).all(|(a, b)| (a - b).abs() < 1e-12), "{turned:?}");

@@ -1,19 +1,21 @@
-//! GET_, STT_, STP_ and RTS_: asking for messages, once or again and again, and the answer that it was heard.
+//! GET_, STT_, STP_ and RTS_: requests for one message or for a stream, and their
+//! acknowledgement.
 
 use super::cursor::{Cursor, Trouble};
 use super::fixed::Fixed;
 
-/// What a question is about: the part of its type behind `GET_`, `STT_`, `STP_` or `RTS_`, which is cut where the field ends (`GET_CAPABIL`, `GET_TRANS`).
+/// Subject of a request: the part of its type behind `GET_`, `STT_`, `STP_` or `RTS_`, truncated
+/// at the end of the field (`GET_CAPABIL`, `GET_TRANS`).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Subject(
-    /// As on the wire.
+    /// Name on the wire.
     pub Fixed<8>,
 );
 
 impl Subject {
-    /// Of a type by its whole name.
+    /// Returns the subject for the full name of a type.
     pub fn of(kind: &str) -> Self {
-        // The two that the reference library cuts, and where.
+        // The reference library truncates these two, at these places.
         let name = match kind {
             "TRANSFORM" => "TRANS",
             "CAPABILITY" => "CAPABIL",
@@ -22,19 +24,19 @@ impl Subject {
         Self(Fixed::new(name).unwrap_or(Fixed::EMPTY))
     }
 
-    /// Whether it is about messages of this type: its name, or at least five letters of its beginning.
+    /// Returns whether the subject is this type: its name, or at least its first five letters.
     pub fn is(&self, kind: &str) -> bool {
         let name = self.0.as_str();
         name == kind || (name.len() >= 5 && kind.starts_with(name))
     }
 }
 
-/// How a stream of TDATA is to be.
+/// Parameters of a TDATA stream.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Pace {
-    /// Least time between two messages, ms; 0 for as fast as it goes.
+    /// Minimum time between two messages, ms; 0 for the highest rate.
     pub interval_ms: u32,
-    /// The coordinate system to be used; empty for the usual one.
+    /// Name of the coordinate system; empty for the default.
     pub frame: Fixed<32>,
 }
 
@@ -57,7 +59,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_question_s_subject_is_known_by_its_beginning() {
+    fn subject_matches_full_and_truncated_names() {
         for (kind, short) in [("IMAGE", "IMAGE"), ("TRANSFORM", "TRANS"), ("CAPABILITY", "CAPABIL"), ("TDATA", "TDATA")]
         {
             let subject = Subject::of(kind);

@@ -1,8 +1,10 @@
-//! From a stream to messages.
+//! Splits a byte stream into messages.
 //!
-//! TCP loses nothing, so that a stream is either in step or its sender is no good. A message that is damaged or makes no sense is refused and the next one is read behind
-//! it: its header says where. A header that no message has ([`Fault::Header`]), or that says more than can be waited for, breaks the stream: nothing behind it can be
-//! trusted to be the beginning of anything, and whoever reads it closes the connection.
+//! TCP loses nothing, so a stream is either synchronised or its sender is faulty. A damaged or
+//! invalid message is refused, and the next one is read after it: its header gives the position.
+//! A header that no message has ([`Fault::Header`]), or one with an excessive size, breaks the
+//! stream. Nothing after it can be recognised as a beginning, so the reader closes the
+//! connection.
 
 use std::ops::Range;
 
@@ -10,61 +12,61 @@ use super::cursor::{Fault, Trouble};
 use super::header::{HEADER, Header, checksum};
 use super::message::Message;
 
-/// How much is taken.
+/// Size limits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
-    /// Bytes of a body that is read; a larger one is passed over, and held nowhere.
+    /// Maximum bytes of a body that is read; a larger one is skipped without storing it.
     pub body: u64,
-    /// Bytes of a body that is passed over; one that says more breaks the stream.
+    /// Maximum bytes of a body that is skipped; a larger size breaks the stream.
     pub passed: u64,
 }
 
 impl Default for Limits {
-    /// For images: 256 MiB; 4 GiB are passed over.
+    /// Returns the limits for images: reads up to 256 MiB, skips up to 4 GiB.
     fn default() -> Self {
         Self { body: 1 << 28, passed: 1 << 32 }
     }
 }
 
 impl Limits {
-    /// For questions and commands: 64 KiB; an image of 256 MiB is passed over.
+    /// Limits for requests and commands: reads up to 64 KiB; skips an image of up to 256 MiB.
     pub const SMALL: Self = Self { body: 1 << 16, passed: 1 << 28 };
 }
 
-/// A message that was not taken.
+/// A refused message.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{kind} of {device:?} at byte {at} of the stream, byte {offset} of the message: {problem}")]
 pub struct Refused {
-    /// The message's first byte in the stream.
+    /// Position of the message's first byte in the stream.
     pub at: u64,
-    /// From there.
+    /// Position of the error in the message, bytes.
     pub offset: usize,
-    /// The type's name, or `a message`.
+    /// Type name, or `a message`.
     pub kind: String,
-    /// Whose it is, as far as that is known.
+    /// Device name of the sender, if known.
     pub device: String,
-    /// What kind of wrong.
+    /// Kind of error.
     pub fault: Fault,
-    /// What, and what to do.
+    /// The problem and the remedy.
     pub problem: String,
 }
 
-/// What a stream brings.
+/// Result of reading a stream.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Event {
-    /// A message, and its bytes in the stream.
+    /// A message, and its range of bytes in the stream.
     Message(Box<Message>, Range<u64>),
-    /// One that was not taken.
+    /// A refused message.
     Refused(Refused),
 }
 
 #[derive(Debug, Clone)]
 enum Stage {
-    /// A header, of which so many bytes are here.
+    /// A header, with this many bytes received.
     Header(usize),
     /// A body that is read.
     Body(Header),
-    /// A body of which so many bytes are still to be passed over.
+    /// A body with this many bytes left to skip.
     Passing(Header, u64),
     Broken(Refused),
 }
@@ -75,34 +77,34 @@ pub struct Decoder {
     limits: Limits,
     stage: Stage,
     header: [u8; HEADER],
-    /// Of the body that is read: never more than came, nor than the limit.
+    /// Body read so far: never more than was received, nor than the limit.
     body: Vec<u8>,
-    /// Bytes of the stream before the message that is read.
+    /// Bytes of the stream before the current message.
     at: u64,
     skipped: u64,
     refused: u64,
 }
 
-/// A body's buffer larger than this is given back after its message.
+/// A larger body buffer is freed after its message, bytes.
 const KEPT: usize = 1 << 24;
 
 impl Decoder {
-    /// At the beginning of a stream.
+    /// Creates a decoder at the beginning of a stream.
     pub fn new(limits: Limits) -> Self {
         Self { limits, stage: Stage::Header(0), header: [0; HEADER], body: Vec::new(), at: 0, skipped: 0, refused: 0 }
     }
 
-    /// Bytes of messages that were not taken, and those behind a header that broke the stream.
+    /// Returns the bytes of refused messages, and those behind a header that broke the stream.
     pub const fn skipped(&self) -> u64 {
         self.skipped
     }
 
-    /// Messages that were not taken.
+    /// Returns the number of refused messages.
     pub const fn refused(&self) -> u64 {
         self.refused
     }
 
-    /// Bytes that wait for more; of a body that is passed over none.
+    /// Returns the bytes that wait for more; a skipped body has none.
     pub fn pending(&self) -> usize {
         match &self.stage {
             Stage::Header(here) => *here,
@@ -112,10 +114,11 @@ impl Decoder {
         }
     }
 
-    /// Takes the next bytes of the stream and gives what is found, in order.
+    /// Takes the next bytes of the stream and passes the events to `found`, in order.
     ///
     /// # Errors
-    /// What broke the stream, now or earlier: it brings nothing more, and is to be closed.
+    /// The reason why the stream is broken, now or earlier: it gives no more events and must be
+    /// closed.
     pub fn feed(&mut self, mut bytes: &[u8], found: &mut impl FnMut(Event)) -> Result<(), Refused> {
         loop {
             match &mut self.stage {
@@ -135,7 +138,7 @@ impl Decoder {
                 }
                 Stage::Body(header) => {
                     let header = *header;
-                    // No more than the limit, which was looked at.
+                    // At most the limit, which is already checked.
                     let left = header.body as usize - self.body.len();
                     let taken = bytes.len().min(left);
                     if taken == left && self.body.is_empty() {
@@ -157,7 +160,7 @@ impl Decoder {
                 Stage::Passing(header, left) => {
                     let taken = (bytes.len() as u64).min(*left);
                     *left -= taken;
-                    // No more than there are.
+                    // At most the available bytes.
                     bytes = &bytes[taken as usize..];
                     if *left > 0 {
                         return Ok(());
@@ -170,7 +173,7 @@ impl Decoder {
         }
     }
 
-    /// A header is here.
+    /// Handles a complete header.
     fn begin(&mut self, found: &mut impl FnMut(Event)) {
         match Header::read(&self.header) {
             Err(trouble) => self.break_off(None, trouble),
@@ -195,7 +198,7 @@ impl Decoder {
         }
     }
 
-    /// A body is here.
+    /// Handles a complete body.
     fn finish(&mut self, header: &Header, body: &[u8], found: &mut impl FnMut(Event)) {
         let length = (HEADER + body.len()) as u64;
         let made = checksum(body);

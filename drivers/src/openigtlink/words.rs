@@ -1,37 +1,37 @@
-//! STATUS, STRING, CAPABILITY and COMMAND: what is said.
+//! STATUS, STRING, CAPABILITY and COMMAND: texts and codes.
 
 use super::cursor::{Cursor, Fault, Trouble};
 use super::extended::Text;
 use super::fixed::Fixed;
 use super::message::Unwritable;
 
-/// How the sender is.
+/// Status of the sender.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Status {
     /// The protocol's code: see the constants.
     pub code: u16,
-    /// The sender's own.
+    /// The sender's own code.
     pub subcode: i64,
-    /// A word for it, such as `Error`.
+    /// Name of the error, such as `Error`.
     pub name: Fixed<20>,
-    /// A sentence.
+    /// Message text.
     pub message: String,
 }
 
 impl Status {
-    /// All is well.
+    /// No error.
     pub const OK: u16 = 1;
-    /// Something unknown is wrong.
+    /// Unknown error.
     pub const UNKNOWN_ERROR: u16 = 2;
-    /// What was asked for is not there.
+    /// The requested object was not found.
     pub const NOT_FOUND: u16 = 4;
-    /// It does not fit into a message.
+    /// The data do not fit into a message.
     pub const OVERFLOW: u16 = 8;
-    /// A checksum did not fit.
+    /// Checksum error.
     pub const CHECKSUM: u16 = 9;
-    /// What was asked for is not understood.
+    /// Unknown request.
     pub const UNKNOWN_INSTRUCTION: u16 = 12;
-    /// It is not yet ready.
+    /// Not yet ready.
     pub const NOT_READY: u16 = 13;
 
     pub(super) fn read(mut fields: Cursor<'_>) -> Result<Self, Trouble> {
@@ -39,12 +39,12 @@ impl Status {
         let subcode = fields.array("the subcode").map(i64::from_be_bytes)?;
         let name = fields.name("the error's name")?;
         let message = fields.slice("the message", fields.left())?;
-        // Closed by a zero, or not.
+        // The text may end with a zero.
         let end = message.iter().position(|byte| *byte == 0).unwrap_or(message.len());
         Ok(Self { code, subcode, name, message: String::from_utf8_lossy(&message[..end]).into_owned() })
     }
 
-    /// The message closed by a zero, as the reference library does it.
+    /// Writes the status; its message ends with a zero, as in the reference library.
     pub(super) fn write(&self, out: &mut Vec<u8>) {
         out.extend_from_slice(&self.code.to_be_bytes());
         out.extend_from_slice(&self.subcode.to_be_bytes());
@@ -73,7 +73,7 @@ pub(super) fn write_text(text: &Text, out: &mut Vec<u8>) -> Result<(), Unwritabl
     Ok(())
 }
 
-/// Reads a CAPABILITY: types that the sender takes.
+/// Reads a CAPABILITY: the types that the sender accepts.
 pub(super) fn read_types(mut fields: Cursor<'_>) -> Result<Vec<Fixed<12>>, Trouble> {
     let bytes = fields.left();
     if !bytes.is_multiple_of(12) {
@@ -87,14 +87,14 @@ pub(super) fn read_types(mut fields: Cursor<'_>) -> Result<Vec<Fixed<12>>, Troub
     Ok(types)
 }
 
-/// Something to be done, or what became of it.
+/// A command or its answer.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Command {
-    /// The sender's number for it; the answer has the same.
+    /// The sender's number of the command; the answer has the same.
     pub id: u32,
-    /// What; in an answer, what went wrong.
+    /// Name of the command; in an answer, the error.
     pub name: Fixed<128>,
-    /// With what; of other programs often XML.
+    /// Parameters; other programs often send XML.
     pub text: Text,
 }
 

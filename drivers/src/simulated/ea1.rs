@@ -1,38 +1,40 @@
-//! An EA1 arm: a microcontroller that starts anew when its line is opened, counts from wherever its joints are then, and samples by a timer.
+//! A virtual EA1 arm: a microcontroller that restarts when its line is opened, counts from the
+//! present position of its joints, and samples by a timer.
+
+use sonoweave_core::clock::{MS, SECOND};
 
 use super::{Faults, Joints, Wire};
 use crate::arm::ea1::{AXES, Command, Framing, Identity, Record, Sample, error, flag};
-use crate::clock::{MS, SECOND};
 use crate::transport::{LineError, Peer};
 
-/// From power on to the identity: the loader waits for a new program first.
+/// Time from power-on to the identity, ns: the boot loader first waits for a new program.
 pub const START: i64 = 1_600 * MS;
-/// Bytes of commands that are kept while their line is not ended.
+/// Bytes of an unfinished command line that are kept.
 const INPUT: usize = 64;
 
-/// The arm. Its fields are how it was left.
+/// The arm. Its fields are the state in which it was left.
 pub struct Twin {
     joints: Joints,
     wire: Wire,
-    /// Bits a second.
+    /// Bits per second.
     pub baud: u32,
-    /// Opening the line starts it anew, as with most boards.
+    /// Opening the line restarts it, as with most boards.
     pub starts_when_opened: bool,
-    /// Samples a second; 0 for none.
+    /// Samples per second; 0 for none.
     pub rate_hz: u32,
-    /// As lines or as blocks.
+    /// Samples as lines or as blocks.
     pub framing: Framing,
-    /// It knows nothing but bare numbers.
+    /// It sends only bare numbers.
     pub bare: bool,
-    /// Counts a revolution that it says it has.
+    /// Counts per revolution that it reports.
     pub counts_per_turn: [u32; AXES],
-    /// Bit by axis: at home since it was started.
+    /// Bit by axis: homed since its start.
     pub homed: u16,
     /// Bit by axis: steps were lost.
     pub faults: u16,
-    /// Buttons that are pressed.
+    /// Pressed buttons.
     pub buttons: u8,
-    /// Where each joint's index mark is, in counts from home.
+    /// Index mark of each joint, in counts from home.
     pub marks: [Option<i64>; AXES],
     /// The true counts at which its counters show 0.
     pub zeros: [i64; AXES],
@@ -40,19 +42,19 @@ pub struct Twin {
     pub seq: u32,
     /// Samples taken.
     pub sampled: u64,
-    /// What it has done so far: commands obeyed, by their bytes.
+    /// Commands obeyed so far, as bytes.
     pub obeyed: Vec<Vec<u8>>,
-    /// Has power and is plugged in.
+    /// It has power and is plugged in.
     pub plugged: bool,
-    /// It stays silent though it is there: as a program that hangs.
+    /// It stays silent, like a program that hangs.
     pub hung: bool,
-    /// Answers to so many pings get lost.
+    /// Number of further pings whose answers are lost.
     pub mute_pings: u32,
     input: Vec<u8>,
-    /// It does nothing before this time.
+    /// It does nothing before this time, ns.
     busy_ns: i64,
     says_who: bool,
-    /// The host's time at which its clock showed 0.
+    /// The host's time at which its clock showed 0, ns.
     born_ns: i64,
     next_ns: i64,
     before: [i64; AXES],
@@ -60,7 +62,8 @@ pub struct Twin {
 }
 
 impl Twin {
-    /// Switched on long ago, quiet, not homed, counting from home; at 115200 bits a second.
+    /// Creates an arm that has long been on: quiet, not homed, counting from home, at 115200 bits
+    /// per second.
     pub fn new(joints: Joints, faults: Faults) -> Self {
         Self {
             joints,
@@ -92,23 +95,23 @@ impl Twin {
         }
     }
 
-    /// Its wire, for what became of the bytes on it.
+    /// Returns its wire, for the statistics of its bytes.
     pub(super) fn wire(&self) -> &Wire {
         &self.wire
     }
 
-    /// Other faults from now on.
+    /// Replaces the faults.
     pub fn set_faults(&mut self, faults: Faults) {
         self.wire.set_faults(faults);
     }
 
-    /// Pulled out, and without power: all that it knew is lost.
+    /// Unplugs it and cuts its power: its state is lost.
     pub fn unplug(&mut self) {
         self.plugged = false;
         self.wire.cut();
     }
 
-    /// Begins anew, as by its reset button.
+    /// Restarts it, as by its reset button.
     pub fn restart(&mut self, now_ns: i64) {
         self.wire.cut();
         self.input.clear();
@@ -121,12 +124,12 @@ impl Twin {
         self.before = self.zeros;
     }
 
-    /// A counter loses steps, or gains some, without noticing.
+    /// Makes a counter lose or gain steps without noticing.
     pub fn slip(&mut self, axis: usize, counts: i64) {
         self.zeros[axis] -= counts;
     }
 
-    /// Its clock shows so many µs at a time.
+    /// Sets its clock to `us` µs at `now_ns`.
     pub fn set_clock(&mut self, now_ns: i64, us: u32) {
         self.born_ns = now_ns - i64::from(us) * 1000;
     }
@@ -136,7 +139,7 @@ impl Twin {
         [a, b, c]
     }
 
-    /// What its clock shows.
+    /// Returns the time of its clock, µs.
     pub fn us(&self, now_ns: i64) -> u32 {
         let passed = (now_ns - self.born_ns) as f64 * (1.0 + self.wire.faults().drift_ppm * 1e-6);
         (passed as i64 / 1000) as u32
@@ -154,7 +157,7 @@ impl Twin {
         (own_second / f64::from(self.rate_hz.max(1))) as i64
     }
 
-    /// Bytes on the line before anything else: the rest of a sample that was cut.
+    /// Puts bytes on the line before anything else: the rest of a truncated sample.
     pub fn leave_on_the_line(&mut self, bytes: &[u8], now_ns: i64) {
         self.wire.send(bytes, self.baud, false, now_ns);
     }
@@ -182,7 +185,7 @@ impl Twin {
     }
 
     fn sample(&mut self, line_baud: u32, at_ns: i64) {
-        // One sample waits for the line, and no more than one.
+        // At most one sample waits for the line.
         if !self.wire.is_idle(at_ns + self.period()) {
             self.latch(at_ns);
             self.overrun = true;
@@ -207,7 +210,7 @@ impl Twin {
         self.say(&Record::Identity(identity), line_baud, now_ns);
     }
 
-    /// When it does something next by itself.
+    /// Returns the time of its next own action.
     fn turn(&self) -> Option<i64> {
         match (self.plugged && !self.hung, self.says_who) {
             (false, _) => None,
@@ -303,11 +306,12 @@ impl Peer for Twin {
             return Err(LineError::Gone("unplugged".into()));
         }
         if self.next_ns < now_ns - SECOND {
-            // It was not listened to: what it sent is gone.
+            // The host was not listening: the samples in between are lost.
             self.next_ns = now_ns;
         }
         loop {
-            // As far as the first byte that the host waits for, and no farther: what it will say then may change everything after it.
+            // Advances only to the first byte that the host waits for, because the host's answer
+            // may change everything after it.
             match self.wire.due() {
                 Some(at) if at <= until_ns => return Ok(self.wire.take(at.max(now_ns))),
                 _ => {}

@@ -1,44 +1,48 @@
-//! A FASTRAK: text or binary, inches or cm, up to four stations, as it was left by whoever had it before.
+//! A virtual FASTRAK: text or binary, inches or cm, up to four stations, as its last user left
+//! it.
 
-use super::unit::{Deed, Model, Obeyed, Simulated, cosines, euler_deg, told_cm};
+use sonoweave_core::clock::SECOND;
+
+use super::unit::{Model, Obeyed, Simulated, UnitAction, cosines, euler_deg, told_cm};
 use super::{Faults, Motion, Placed};
-use crate::clock::SECOND;
-use crate::polhemus::fastrak::write::{write_error, write_output_list, write_stations};
-use crate::polhemus::fastrak::{Command, Layout, Mode, Pose, STATIONS, Status};
+use crate::tracker::polhemus::fastrak::write::{write_error, write_output_list, write_stations};
+use crate::tracker::polhemus::fastrak::{Command, Layout, Mode, Pose, STATIONS, Status};
 
-/// From the middle of the measurement to the first byte, ns.
+/// Time from the middle of the measurement to the first byte, ns.
 pub const SAMPLING_NS: i64 = 3_750_000;
-/// Cycles a second, shared by the stations in use.
+/// Cycles per second, shared by the stations in use.
 const CYCLES: f64 = 120.0;
 const CM_PER_INCH: f64 = 2.54;
-/// What starting anew takes, ns.
+/// Time of a restart, ns.
 const RESET: i64 = 10 * SECOND;
 
 /// The unit on its line.
 pub type Twin = Simulated<Fastrak>;
 
-/// The unit. Its fields are how it was left.
+/// The unit. Its fields are the state in which it was left.
 pub struct Fastrak {
     /// Text or binary.
     pub mode: Mode,
     /// Positions in cm, else in inches.
     pub centimetres: bool,
-    /// Records without being asked.
+    /// Records are sent continuously.
     pub continuous: bool,
     /// Output codes of each station.
     pub lists: [Vec<u8>; STATIONS],
     /// Stations in use.
     pub stations: [bool; STATIONS],
-    /// Zenith of each station's hemisphere: a sensor in the other one is reported on its opposite side.
+    /// Zenith of each station's hemisphere: a sensor in the other one is reported on its opposite
+    /// side.
     pub hemispheres: [[f32; 3]; STATIONS],
     /// Error letter of each station.
     pub errors: [u8; STATIONS],
-    /// It obeys nothing but being started anew.
+    /// It obeys only a restart.
     pub deaf: bool,
 }
 
 impl Twin {
-    /// As it comes from the factory: 115200 bits a second, text, inches, one station, quiet.
+    /// Creates a unit in its factory state: 115200 bits per second, text, inches, one station,
+    /// quiet.
     pub fn new(motion: Motion, faults: Faults) -> Self {
         let unit = Fastrak {
             mode: Mode::Ascii,
@@ -59,7 +63,7 @@ impl Fastrak {
         (0..STATIONS).filter(|s| self.stations[*s])
     }
 
-    /// What a station of this index measures at a place, as it says it.
+    /// Returns the measurement of the station with this index, as the unit reports it.
     fn pose(&self, station: usize, placed: Placed) -> Pose {
         let Placed { position_cm, quaternion_wxyz: q } = placed;
         let unit = if self.centimetres { 1.0 } else { 1.0 / CM_PER_INCH };
@@ -77,14 +81,14 @@ impl Fastrak {
         Layout::new(self.mode, &self.lists[station]).ok()
     }
 
-    fn command(&mut self, command: Command) -> Deed {
+    fn command(&mut self, command: Command) -> UnitAction {
         let mut answer = Vec::new();
         let station = |s: u8| usize::from(s) - 1;
         match command {
-            Command::Poll => return Deed::Poll,
+            Command::Poll => return UnitAction::Poll,
             Command::Stream => {
                 self.continuous = true;
-                return Deed::Stream(answer);
+                return UnitAction::Stream(answer);
             }
             Command::StopStream => self.continuous = false,
             Command::Mode(mode) => self.mode = mode,
@@ -110,11 +114,11 @@ impl Fastrak {
                 self.deaf = false;
                 (self.mode, self.centimetres, self.continuous) = (Mode::Ascii, false, false);
                 self.lists = std::array::from_fn(|_| vec![2, 4, 1]);
-                return Deed::Rest(RESET);
+                return UnitAction::Rest(RESET);
             }
             _ => {}
         }
-        if answer.is_empty() { Deed::Nothing } else { Deed::Say(answer) }
+        if answer.is_empty() { UnitAction::Nothing } else { UnitAction::Say(answer) }
     }
 
     fn status(&self) -> Status {
@@ -141,7 +145,7 @@ impl Model for Fastrak {
     }
 
     fn cycles_hz(&self) -> f64 {
-        // All stations in use are measured in turn, each cycle one, and sent together here.
+        // Each cycle measures one of the stations in use, in turn; here they are sent together.
         CYCLES / self.active().count().max(1) as f64
     }
 
@@ -149,13 +153,13 @@ impl Model for Fastrak {
         let (read, taken) = Command::read(input)?;
         Some(match read {
             Ok(command) if self.deaf && command != Command::Reset => {
-                Obeyed { taken, is_command: false, deed: Deed::Nothing }
+                Obeyed { taken, is_command: false, action: UnitAction::Nothing }
             }
-            Ok(command) => Obeyed { taken, is_command: true, deed: self.command(command) },
+            Ok(command) => Obeyed { taken, is_command: true, action: self.command(command) },
             Err(not) => {
                 let mut answer = Vec::new();
                 write_error(not.code(), &mut answer);
-                Obeyed { taken, is_command: false, deed: Deed::Say(answer) }
+                Obeyed { taken, is_command: false, action: UnitAction::Say(answer) }
             }
         })
     }

@@ -1,29 +1,31 @@
-//! What may go wrong between a device and the host, on request.
+//! Faults between a device and the host, on request.
 
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-use super::{Motion, Placed};
-use crate::clock::MS;
+use sonoweave_core::clock::MS;
 
-/// Faults of a twin. None by default; the same seed makes the same ones.
+use super::{Motion, Placed};
+
+/// Faults of a virtual device. None by default; the same seed gives the same faults.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Faults {
-    /// Of the random choices.
+    /// Seed of the random choices.
     pub seed: u64,
     /// Share of bytes that are lost on the wire.
     pub drop: f64,
-    /// Share of bytes that arrive as another.
+    /// Share of bytes that arrive corrupted.
     pub noise: f64,
     /// Share of records that the device does not send.
     pub dropout: f64,
-    /// The device's clock runs so much faster, parts in a million.
+    /// Rate error of the device's clock, parts per million; positive is fast.
     pub drift_ppm: f64,
-    /// What arrives is held back for so long, ns.
+    /// Delay of everything that arrives, ns.
     pub latency_ns: i64,
-    /// And for up to this much longer, each time anew, ns. Order stays.
+    /// Maximum additional random delay of each piece, ns. The order is kept.
     pub jitter_ns: i64,
-    /// Bytes arrive in packets that end at multiples of this time, ns, as from an adapter that collects them; 0 for at once.
+    /// Bytes arrive in packets that end at multiples of this time, ns, as from an adapter that
+    /// collects them; 0 for no packets.
     pub packet_ns: i64,
 }
 
@@ -34,22 +36,22 @@ impl Default for Faults {
 }
 
 impl Faults {
-    /// An FTDI adapter that was not told to hurry: packets every 16 ms.
+    /// Returns the faults of an FTDI adapter with its default latency: packets every 16 ms.
     pub fn slow_adapter() -> Self {
         Self { packet_ns: 16 * MS, ..Self::default() }
     }
 }
 
-/// What became of what a twin had to say.
+/// Statistics of what a virtual device sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Tally {
-    /// Bytes put on the wire, those that did not arrive included.
+    /// Bytes put on the wire, including those that did not arrive.
     pub bytes: u64,
-    /// Of them those that were lost there.
+    /// Bytes lost on the wire.
     pub dropped: u64,
-    /// Of them those that arrived as another.
+    /// Bytes that arrived corrupted.
     pub garbled: u64,
-    /// Records that were measured and not sent.
+    /// Records that were measured but not sent.
     pub withheld: u64,
 }
 
@@ -66,8 +68,8 @@ impl std::ops::Add for Tally {
     }
 }
 
-/// The same motion as a sensor with noise of its own measures it: white and Gaussian, of these standard deviations along each axis and about each axis. The same seed, station and time
-/// make the same noise.
+/// Adds sensor noise to a motion: white and Gaussian, with these standard deviations along each
+/// axis and about each axis. The same seed, station and time give the same noise.
 pub fn trembling(motion: Motion, position_mm: f64, rotation_degrees: f64, seed: u64) -> Motion {
     Arc::new(move |station, at_ns| {
         let Placed { position_cm, quaternion_wxyz: [w, x, y, z] } = motion(station, at_ns);
@@ -78,7 +80,7 @@ pub fn trembling(motion: Motion, position_mm: f64, rotation_degrees: f64, seed: 
             radius * (TAU * random.f64()).cos()
         };
         let position_cm = position_cm.map(|cm| cm + 0.1 * position_mm * normal());
-        // Half of the small turn about each axis of the sensor.
+        // Half of the small rotation about each axis of the sensor.
         let [a, b, c] = [(); 3].map(|()| 0.5 * rotation_degrees.to_radians() * normal());
         let turned = [
             w - x * a - y * b - z * c,
@@ -91,7 +93,8 @@ pub fn trembling(motion: Motion, position_mm: f64, rotation_degrees: f64, seed: 
     })
 }
 
-/// A number that tells nothing of its neighbours: neighbouring seeds alone make numbers that are alike (the finaliser of Steele, Lea & Flood's SplitMix64, 2014).
+/// Scatters neighbouring seeds, which alone give similar numbers (the finaliser of Steele, Lea &
+/// Flood's SplitMix64, 2014).
 fn scattered(mut x: u64) -> u64 {
     x = (x ^ x >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     x = (x ^ x >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -103,26 +106,26 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_sensor_trembles_as_much_as_was_asked_for_and_the_same_each_time() {
+    fn sensor_noise_has_given_size_and_is_reproducible() {
         let still: Motion =
             Arc::new(|_, _| Placed { position_cm: [10.0, -5.0, 30.0], quaternion_wxyz: [0.5, -0.5, 0.5, -0.5] });
         let noisy = trembling(Arc::clone(&still), 0.3, 0.2, 7);
         let (mut square_mm, mut square_deg, mut neighbours) = (0.0, 0.0, 0.0);
         let mut before = 0.0;
         for n in 0..20_000_i64 {
-            // Times as a unit's of 120 Hz are.
+            // Sample times of a unit at 120 Hz.
             let placed = noisy(1, n * 25_000_000 / 3);
             let off = placed.position_cm[0] * 10.0 - 100.0;
             square_mm += off * off;
             neighbours += off * before;
             before = off;
             let dot: f64 = placed.quaternion_wxyz.iter().zip([0.5, -0.5, 0.5, -0.5]).map(|(a, b)| a * b).sum();
-            // Of three axes.
+            // The mean over three axes.
             square_deg += (2.0 * (1.0 - dot * dot).max(0.0).sqrt().asin()).to_degrees().powi(2) / 3.0;
             let length: f64 = placed.quaternion_wxyz.iter().map(|q| q * q).sum();
             assert!((length - 1.0).abs() < 1e-12);
         }
-        // 20000 numbers: 0.5 %, of the product of neighbours 0.7 %.
+        // Standard error for 20000 samples: 0.5 %; of the product of neighbours 0.7 %.
         let [mm, degrees] = [square_mm, square_deg].map(|sum| (sum / 20_000.0_f64).sqrt());
         assert!((mm / 0.3 - 1.0).abs() < 0.02 && (degrees / 0.2 - 1.0).abs() < 0.02, "{mm} {degrees}");
         assert!((neighbours / square_mm).abs() < 0.03, "white: {}", neighbours / square_mm);

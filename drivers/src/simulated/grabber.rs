@@ -1,37 +1,39 @@
-//! A virtual frame grabber: given pictures in process, with the metadata that V4L2 gives, and its failings on request.
+//! A virtual frame grabber: given images in process, with V4L2's metadata, and its faults on
+//! request.
 //!
 //! | clock | tick | wrap | what a stamp marks |
 //! |---|---|---|---|
-//! | the given one, as the kernel's monotonic clock | a frame, lost ones included | 2³² | the instant of the picture, later by what the faults' latency and jitter say |
+//! | the given one, as the kernel's monotonic clock | a frame, lost ones included | 2³² | the instant of the image, later by the latency and jitter of the faults |
 
 use std::borrow::Cow;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::Faults;
-use crate::clock::{Clock, MS, SECOND};
-use crate::health::{Health, State};
-use crate::pool::Pool;
-use crate::reading::{Frame, PixelType, Reading, Stamp, Status};
-use crate::{Description, Device, Error, Next, Ticks, Timing};
+use sonoweave_core::clock::{Clock, MS, SECOND};
+use sonoweave_core::health::{Health, State};
+use sonoweave_core::pool::Pool;
+use sonoweave_core::reading::{Frame, PixelType, Reading, Stamp, Status};
+use sonoweave_core::{Description, Device, Error, Next, Ticks, Timing};
 
-/// Paints the picture of a time (host ns) into width × height grey levels, the first axis fastest.
+use super::Faults;
+
+/// Paints the image of a time (host ns) as width × height grey values, the first axis fastest.
 pub type Pictures = Box<dyn FnMut(i64, &mut [u8]) + Send>;
 
-/// Frames that wait for a host that is late; what comes then is lost.
+/// Frames buffered for a late host; further ones are lost.
 const BUFFERS: i64 = 6;
-/// Pause between two looks at one that is unplugged, ns.
+/// Pause between two checks of an unplugged device, ns.
 const RETRY: i64 = 200 * MS;
-/// Without a frame for so long it counts as silent, ns.
+/// Time without a frame after which it counts as silent, ns.
 const PATIENCE: i64 = 500 * MS;
 
-/// What is done to a grabber from outside while it runs.
+/// External changes to a running grabber.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Controls {
     /// It is plugged in.
     pub plugged: bool,
-    /// Its input has a signal: without one frames go on coming, and say so.
+    /// Its input has a signal; without one, frames continue with that status.
     pub signal: bool,
-    /// It delivers nothing though it is there.
+    /// It is present but delivers nothing.
     pub hung: bool,
 }
 
@@ -41,21 +43,21 @@ impl Default for Controls {
     }
 }
 
-/// The grabber.
+/// The virtual grabber.
 pub struct Grabber {
     pictures: Pictures,
     size: [u32; 2],
     rate_hz: f64,
-    /// How it says that its pictures lie; nothing unless it is told.
+    /// Orientation of its frames that it reports; none by default.
     pub orientation: &'static str,
     faults: Faults,
     random: fastrand::Rng,
     clock: Arc<dyn Clock>,
     controls: Arc<Mutex<Controls>>,
     pool: Pool,
-    /// When the stream began, host ns, and the number of the frame that is next; `None` while there is no stream.
+    /// Start of the stream (host ns) and number of the next frame; `None` without a stream.
     stream: Option<[i64; 2]>,
-    /// When the frame that is next is there.
+    /// Arrival time of the next frame, host ns.
     due_ns: i64,
     heard_ns: i64,
     running: bool,
@@ -65,7 +67,7 @@ pub struct Grabber {
 }
 
 impl Grabber {
-    /// Of pictures of that size, so many a second.
+    /// Creates a grabber of images of `size`, at `rate_hz`.
     ///
     /// # Errors
     /// [`Error::Misuse`] for a size or a rate that no grabber has.
@@ -116,18 +118,19 @@ impl Grabber {
         })
     }
 
-    /// What may be done to it from outside, at any time.
+    /// Returns the external controls, which may be changed at any time.
     pub fn controls(&self) -> Arc<Mutex<Controls>> {
         Arc::clone(&self.controls)
     }
 
-    /// When a frame's picture was to be seen, by its number since the stream began.
+    /// Returns the time of a frame's image, by its number since the stream began.
     fn time_of(&self, began_ns: i64, number: i64) -> i64 {
         let second = SECOND as f64 / (1.0 + self.faults.drift_ppm * 1e-6);
         began_ns + (number as f64 / self.rate_hz * second) as i64
     }
 
-    /// When a frame is there: later by the latency, and now and then by more. Order stays.
+    /// Returns the arrival time of a frame: after the latency and a random jitter. Frames stay in
+    /// order.
     fn arrival(&mut self, seen_ns: i64) -> i64 {
         let jitter = if self.faults.jitter_ns > 0 { self.random.i64(0..=self.faults.jitter_ns) } else { 0 };
         (seen_ns + self.faults.latency_ns + jitter).max(self.due_ns)
@@ -137,7 +140,7 @@ impl Grabber {
         share > 0.0 && self.random.f64() < share
     }
 
-    /// The frame that is due, or nothing where it was lost.
+    /// Returns the frame that is due, or `None` if it was lost.
     fn frame(&mut self, began_ns: i64, number: i64, signal: bool) -> Option<Frame> {
         let seen_ns = self.time_of(began_ns, number);
         if self.chance(self.faults.dropout) {
@@ -162,7 +165,7 @@ impl Grabber {
             Ok(pixels) => pixels,
             Err(never) => match never {},
         };
-        // Not negative, and wraps where V4L2's number does.
+        // Not negative, and wraps like V4L2's number.
         let sequence = u64::from(number as u32);
         let stamp = Stamp { item: self.items, host_ns: Some(self.due_ns), ticks: Some(sequence), ..Stamp::default() };
         self.items += 1;
@@ -224,7 +227,7 @@ impl Device for Grabber {
                     *self.stream.insert([now_ns, 0])
                 }
             };
-            // Of what came while nobody asked, so many wait.
+            // Only this many frames wait for a host that reads late.
             let late = ((now_ns - self.due_ns) as f64 * self.rate_hz / SECOND as f64) as i64 - BUFFERS;
             if late > 0 {
                 self.health.received.lost += late.cast_unsigned();
@@ -270,9 +273,9 @@ impl Device for Grabber {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clock::Manual;
+    use sonoweave_core::clock::Manual;
 
-    /// Each picture tells its time, in its first eight bytes.
+    /// Each image holds its time in its first eight bytes.
     fn grabber(faults: Faults, clock: &Manual) -> Grabber {
         let pictures: Pictures = Box::new(|ns, pixels| pixels[..8].copy_from_slice(&ns.to_le_bytes()));
         let mut grabber = Grabber::new(pictures, [4, 3], 25.0, faults, Arc::new(clock.clone())).unwrap();
@@ -300,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_come_at_their_times_with_the_kernel_s_numbers() {
+    fn frames_arrive_at_their_times_with_kernel_numbers() {
         let clock = Manual::at(3 * SECOND);
         let faults = Faults { latency_ns: 30 * MS, jitter_ns: 4 * MS, drift_ppm: 200.0, ..Faults::default() };
         let mut grabber = grabber(faults, &clock);
@@ -313,14 +316,14 @@ mod tests {
             );
             assert!((30 * MS..=34 * MS).contains(&(frame.stamp.host_ns.unwrap() - told(frame))));
         }
-        // 200 parts in a million of 100 s are 20 ms.
+        // 200 parts per million of 100 s are 20 ms.
         let drift = told(&all[2475]) - 3 * SECOND - 99 * SECOND;
         assert!((drift + 99 * MS / 5).abs() < MS / 100, "{drift}");
         assert_eq!((grabber.health().state, grabber.health().received.lost), (State::Running, 0));
     }
 
     #[test]
-    fn what_is_lost_damaged_or_without_a_signal_is_said() {
+    fn lost_damaged_and_dark_frames_are_reported() {
         let clock = Manual::at(0);
         let mut grabber = grabber(Faults { dropout: 0.1, noise: 0.05, ..Faults::default() }, &clock);
         let all = frames(&mut grabber, &clock, 80 * SECOND);
@@ -339,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn a_late_host_loses_frames_by_number_and_a_pulled_plug_is_noticed() {
+    fn late_host_loses_frames_and_unplugging_is_noticed() {
         let clock = Manual::at(0);
         let mut grabber = grabber(Faults::default(), &clock);
         frames(&mut grabber, &clock, SECOND);

@@ -1,48 +1,52 @@
-//! An ISOTRAK II: text or packed binary, inches or cm, two stations that share a list, as it was left by whoever had it before.
+//! A virtual ISOTRAK II: text or packed binary, inches or cm, two stations that share a list, as
+//! its last user left it.
 
-use super::unit::{Deed, Model, Obeyed, Simulated, cosines, euler_deg, told_cm};
+use sonoweave_core::clock::SECOND;
+
+use super::unit::{Model, Obeyed, Simulated, UnitAction, cosines, euler_deg, told_cm};
 use super::{Faults, Motion, Placed};
-use crate::clock::SECOND;
-use crate::polhemus::fastrak::write::write_error;
-use crate::polhemus::fastrak::{self, Command, Mode};
-use crate::polhemus::isotrak::{self, CM_PER_COUNT, UNIT_PER_COUNT};
+use crate::tracker::polhemus::fastrak::write::write_error;
+use crate::tracker::polhemus::fastrak::{self, Command, Mode};
+use crate::tracker::polhemus::isotrak::{self, CM_PER_COUNT, UNIT_PER_COUNT};
 
-/// From the middle of the measurement to the first byte: not documented, so none here.
+/// Time from the middle of the measurement to the first byte, ns: not documented, so none here.
 pub const SAMPLING_NS: i64 = 0;
-/// Cycles a second, shared by the stations in use.
+/// Cycles per second, shared by the stations in use.
 const CYCLES: f64 = 60.0;
 const STATIONS: usize = isotrak::STATIONS as usize;
 const CM_PER_INCH: f64 = 2.54;
-/// What starting anew takes, ns.
+/// Time of a restart, ns.
 const RESET: i64 = 20 * SECOND;
 
 /// The unit on its line.
 pub type Twin = Simulated<Isotrak>;
 
-/// The unit. Its fields are how it was left.
+/// The unit. Its fields are the state in which it was left.
 pub struct Isotrak {
     /// Text, or packed binary.
     pub mode: Mode,
     /// Positions in cm, else in inches; in text only.
     pub centimetres: bool,
-    /// Records without being asked.
+    /// Records are sent continuously.
     pub continuous: bool,
     /// Output codes of both stations.
     pub list: Vec<u8>,
     /// Stations in use.
     pub stations: [bool; STATIONS],
-    /// It puts no station to use that is not yet.
+    /// It enables no further station.
     pub stuck: bool,
-    /// Zenith of each station's hemisphere: a sensor in the other one is reported on its opposite side.
+    /// Zenith of each station's hemisphere: a sensor in the other one is reported on its opposite
+    /// side.
     pub hemispheres: [[f32; 3]; STATIONS],
-    /// Error letter, or stylus' switch, of each station.
+    /// Error letter, or stylus switch, of each station.
     pub errors: [u8; STATIONS],
-    /// It obeys nothing but being started anew.
+    /// It obeys only a restart.
     pub deaf: bool,
 }
 
 impl Twin {
-    /// As it comes from the factory: 115200 bits a second, text, inches, one station, quiet.
+    /// Creates a unit in its factory state: 115200 bits per second, text, inches, one station,
+    /// quiet.
     pub fn new(motion: Motion, faults: Faults) -> Self {
         let unit = Isotrak {
             mode: Mode::Ascii,
@@ -64,7 +68,7 @@ impl Isotrak {
         (0..STATIONS).filter(|s| self.stations[*s])
     }
 
-    /// The record of the station with this index.
+    /// Returns the record of the station with this index.
     fn record(&self, index: usize, placed: Placed) -> Option<Vec<u8>> {
         let Placed { position_cm, quaternion_wxyz: q } = placed;
         let position = told_cm(self.hemispheres[index], position_cm);
@@ -99,51 +103,51 @@ impl Isotrak {
         Some(record)
     }
 
-    fn command(&mut self, command: Command) -> Deed {
+    fn command(&mut self, command: Command) -> UnitAction {
         let station = |s: u8| usize::from(s) - 1;
         match command {
-            Command::Poll => return Deed::Poll,
+            Command::Poll => return UnitAction::Poll,
             Command::Stream => {
                 self.continuous = true;
-                return Deed::Stream(Vec::new());
+                return UnitAction::Stream(Vec::new());
             }
             Command::StopStream => self.continuous = false,
             Command::Mode(mode) => self.mode = mode,
             Command::Centimetres => self.centimetres = true,
             Command::Inches => self.centimetres = false,
-            // How the 16 between are laid out is not known.
-            Command::Status => return Deed::Say(b"21S0000  I2  4.0  0\r\n".to_vec()),
+            // The layout of the 16 bytes in between is unknown.
+            Command::Status => return UnitAction::Say(b"21S0000  I2  4.0  0\r\n".to_vec()),
             Command::Station(s, on) if station(s) < STATIONS => self.stations[station(s)] = on && !self.stuck,
             Command::AskStations(None) => {
                 let digits = self.stations.map(|on| if on { b'1' } else { b'0' });
-                return Deed::Say([&b"2?l"[..], &digits, b"\r\n"].concat());
+                return UnitAction::Say([&b"2?l"[..], &digits, b"\r\n"].concat());
             }
             Command::Hemisphere(s, zenith) if station(s) < STATIONS => self.hemispheres[station(s)] = zenith,
             Command::Reset => {
                 self.deaf = false;
                 (self.mode, self.centimetres, self.continuous) = (Mode::Ascii, false, false);
                 self.list = vec![2, 4, 1];
-                return Deed::Rest(RESET);
+                return UnitAction::Rest(RESET);
             }
             _ => {}
         }
-        Deed::Nothing
+        UnitAction::Nothing
     }
 
-    /// `O` has no station here.
-    fn output_list(&mut self, line: &[u8]) -> Option<Deed> {
+    /// Sets the output list; `O` has no station here.
+    fn output_list(&mut self, line: &[u8]) -> Option<UnitAction> {
         let codes = std::str::from_utf8(line).ok()?.split(',').map(|code| code.parse().ok());
         let codes: Vec<u8> = codes.collect::<Option<_>>()?;
         isotrak::Layout::new(&codes).ok()?;
         self.list = codes;
-        Some(Deed::Nothing)
+        Some(UnitAction::Nothing)
     }
 }
 
-fn refusal(code: i32) -> Deed {
+fn refusal(code: i32) -> UnitAction {
     let mut answer = Vec::new();
     write_error(code, &mut answer);
-    Deed::Say(answer)
+    UnitAction::Say(answer)
 }
 
 impl Model for Isotrak {
@@ -154,24 +158,24 @@ impl Model for Isotrak {
     }
 
     fn cycles_hz(&self) -> f64 {
-        // Both stations in use are measured in turn, each cycle one, and sent together here.
+        // Each cycle measures one of the stations in use, in turn; here they are sent together.
         CYCLES / self.active().count().max(1) as f64
     }
 
     fn obey(&mut self, input: &[u8]) -> Option<Obeyed> {
         if let [b'O', rest @ ..] = input {
             let end = rest.iter().position(|byte| *byte == b'\r')?;
-            let done = if self.deaf { Some(Deed::Nothing) } else { self.output_list(&rest[..end]) };
+            let done = if self.deaf { Some(UnitAction::Nothing) } else { self.output_list(&rest[..end]) };
             let is_command = done.is_some() && !self.deaf;
-            return Some(Obeyed { taken: end + 2, is_command, deed: done.unwrap_or_else(|| refusal(-3)) });
+            return Some(Obeyed { taken: end + 2, is_command, action: done.unwrap_or_else(|| refusal(-3)) });
         }
         let (read, taken) = Command::read(input)?;
         Some(match read {
             Ok(command) if self.deaf && command != Command::Reset => {
-                Obeyed { taken, is_command: false, deed: Deed::Nothing }
+                Obeyed { taken, is_command: false, action: UnitAction::Nothing }
             }
-            Ok(command) => Obeyed { taken, is_command: true, deed: self.command(command) },
-            Err(not) => Obeyed { taken, is_command: false, deed: refusal(not.code()) },
+            Ok(command) => Obeyed { taken, is_command: true, action: self.command(command) },
+            Err(not) => Obeyed { taken, is_command: false, action: refusal(not.code()) },
         })
     }
 

@@ -1,16 +1,18 @@
-//! A LIBERTY, PATRIOT or Latus: text or binary, inches or cm, its first frames wrong, its buffer on, as it was left by whoever had it before.
+//! A virtual LIBERTY, PATRIOT or Latus: text or binary, inches or cm, wrong first frames, its
+//! buffer on, as its last user left it.
 
-use super::unit::{Deed, Model, Obeyed, Simulated, cosines, euler_deg, told_cm};
+use sonoweave_core::clock::SECOND;
+
+use super::unit::{Model, Obeyed, Simulated, UnitAction, cosines, euler_deg, told_cm};
 use super::{Faults, Motion, Placed};
-use crate::clock::SECOND;
-use crate::polhemus::liberty::command::{ACTIVE_STATIONS, Command, Rate, Stations};
-use crate::polhemus::liberty::text::Line;
-use crate::polhemus::liberty::{Header, Layout, MOST_STATIONS, Pose, Reply, Tag};
+use crate::tracker::polhemus::liberty::command::{ACTIVE_STATIONS, Command, Rate, Stations};
+use crate::tracker::polhemus::liberty::text::Line;
+use crate::tracker::polhemus::liberty::{Header, Layout, MOST_STATIONS, Pose, Reply, Tag};
 
-/// From the middle of the measurement to the first byte, ns.
+/// Time from the middle of the measurement to the first byte, ns.
 pub const SAMPLING_NS: i64 = 3_500_000;
 const CM_PER_INCH: f64 = 2.54;
-/// What starting anew takes, ns.
+/// Time of a restart, ns.
 const RESET: i64 = 10 * SECOND;
 /// Bytes that its buffer collects before USB sends any.
 const BUFFER: usize = 2300;
@@ -19,50 +21,52 @@ const STATIONS: usize = MOST_STATIONS as usize;
 /// The unit on its line.
 pub type Twin = Simulated<Liberty>;
 
-/// The unit. Its fields are how it was left.
+/// The unit. Its fields are the state in which it was left.
 pub struct Liberty {
-    /// Which model it is. A PATRIOT has one rate and no buffer.
+    /// Model. A PATRIOT has one rate and no buffer.
     pub tag: Tag,
     /// Binary, else text.
     pub binary: bool,
     /// Positions in cm, else in inches.
     pub centimetres: bool,
-    /// Frames without being asked.
+    /// Frames are sent continuously.
     pub continuous: bool,
-    /// Frames a second.
+    /// Frames per second.
     pub hz: f64,
     /// Output codes of all stations.
     pub list: Vec<u8>,
-    /// Stations whose sensors are plugged in, a bit each.
+    /// Stations with a connected sensor, one bit each.
     pub active: u16,
-    /// Zenith of each station's hemisphere: a sensor in the other one is reported on its opposite side.
+    /// Zenith of each station's hemisphere: a sensor in the other one is reported on its opposite
+    /// side.
     pub hemispheres: [[f32; 3]; STATIONS],
     /// Error of each station.
     pub errors: [u8; STATIONS],
     /// Distortion level that it reports.
     pub distortion: i32,
-    /// The stylus' switch.
+    /// Stylus switch.
     pub switch: i32,
     /// Filters of position and attitude.
     pub filters: [[f32; 4]; 2],
-    /// Frames wait until there are many. Only by USB.
+    /// Frames are collected before they are sent. Only over USB.
     pub buffers: bool,
     /// Commands are echoed.
     pub echoes: bool,
-    /// What the frame count is set to when it is set to 0: for those who want to see it wrap.
+    /// Frame count after it is set to 0, for testing its wrap.
     pub zero: u32,
-    /// So many frames after a start are wrong: they show the sensor where it is not.
+    /// Number of wrong frames after a start: they show the sensor at a wrong position.
     pub early: u32,
-    /// So many starts are not obeyed.
+    /// Number of starts that it ignores.
     pub stubborn: u32,
-    /// It obeys nothing but being started anew.
+    /// It obeys only a restart.
     pub deaf: bool,
     frame: u32,
     since_start: u32,
 }
 
 impl Twin {
-    /// A LIBERTY as it comes from the factory: 115200 bits a second, text, inches, 240 Hz, one sensor, quiet.
+    /// Creates a LIBERTY in its factory state: 115200 bits per second, text, inches, 240 Hz, one
+    /// sensor, quiet.
     pub fn new(motion: Motion, faults: Faults) -> Self {
         let unit = Liberty {
             tag: Tag::Liberty,
@@ -89,7 +93,7 @@ impl Twin {
         Self::of(unit, motion, faults)
     }
 
-    /// A PATRIOT: 60 Hz, two stations.
+    /// Creates a PATRIOT: 60 Hz, two stations.
     pub fn patriot(motion: Motion, faults: Faults) -> Self {
         let mut twin = Self::new(motion, faults);
         (twin.tag, twin.hz, twin.buffers) = (Tag::Patriot, 60.0, false);
@@ -98,7 +102,7 @@ impl Twin {
 }
 
 impl Liberty {
-    fn reply(&self, station: u8, command: u8, error: u8, body: &[u8]) -> Deed {
+    fn reply(&self, station: u8, command: u8, error: u8, body: &[u8]) -> UnitAction {
         let mut answer = Vec::new();
         if self.binary {
             Reply { header: Header { tag: self.tag, station, command, error }, body }.write(&mut answer);
@@ -107,20 +111,20 @@ impl Liberty {
             let text = body.escape_ascii().to_string();
             Line::Reply { station, command, error, body: text.as_bytes() }.write(&mut answer);
         }
-        Deed::Say(answer)
+        UnitAction::Say(answer)
     }
 
-    fn command(&mut self, command: Command) -> Deed {
+    fn command(&mut self, command: Command) -> UnitAction {
         let is_patriot = self.tag == Tag::Patriot;
         match command {
             Command::Poll => {
                 self.continuous = false;
-                return Deed::Poll;
+                return UnitAction::Poll;
             }
             Command::Stream if self.stubborn > 0 => self.stubborn -= 1,
             Command::Stream => {
                 (self.continuous, self.since_start) = (true, 0);
-                return Deed::Stream(Vec::new());
+                return UnitAction::Stream(Vec::new());
             }
             Command::Binary(on) => self.binary = on,
             Command::Centimetres(on) => self.centimetres = on,
@@ -151,15 +155,15 @@ impl Liberty {
                 self.deaf = false;
                 (self.binary, self.centimetres, self.continuous) = (false, false, false);
                 (self.list, self.frame) = (vec![2, 4, 1], self.zero);
-                return Deed::Rest(RESET);
+                return UnitAction::Rest(RESET);
             }
             Command::WhoAreYou => return self.reply(0, 0x16, 0, b"A virtual unit"),
             Command::ResetAlignment(_) | Command::ResetBoresight(_) | Command::EndLine => {}
         }
-        Deed::Nothing
+        UnitAction::Nothing
     }
 
-    /// What a station of this index measures at a place, as it says it.
+    /// Returns the measurement of a station, as the unit reports it.
     fn pose(&self, station: u8, command: u8, placed: Placed) -> Pose {
         let index = usize::from(station) - 1;
         let Placed { position_cm, quaternion_wxyz: q } = placed;
@@ -203,10 +207,10 @@ impl Model for Liberty {
         let (read, taken) = Command::read(input)?;
         Some(match read {
             Some(command) if self.deaf && command != Command::Reset => {
-                Obeyed { taken, is_command: false, deed: Deed::Nothing }
+                Obeyed { taken, is_command: false, action: UnitAction::Nothing }
             }
-            Some(command) => Obeyed { taken, is_command: true, deed: self.command(command) },
-            None => Obeyed { taken, is_command: false, deed: self.reply(0, input[0], 1, b"") },
+            Some(command) => Obeyed { taken, is_command: true, action: self.command(command) },
+            None => Obeyed { taken, is_command: false, action: self.reply(0, input[0], 1, b"") },
         })
     }
 

@@ -1,20 +1,21 @@
-//! A twin whatever its kind, for those who run one as a program.
+//! Common interface of all virtual devices, for programs that run one.
 
 use super::{Model, Simulated, Tally, ea1, microscribe, qsb};
 use crate::transport::Peer;
 
-/// What every twin is besides the other end of a line.
+/// A virtual device of any kind.
 pub trait Machine: Peer {
-    /// Its plug is pulled out: what is on its way is lost, and what it knows only while it has power.
+    /// Unplugs it: data in transit are lost, and so is its state without power.
     fn pull(&mut self);
 
-    /// It is plugged in again.
+    /// Plugs it in again.
     fn plug_in(&mut self, now_ns: i64);
 
-    /// What became of all that it had to say.
+    /// Returns the statistics of everything that it sent.
     fn tally(&self) -> Tally;
 
-    /// The commands that it has obeyed since this was asked last, by their bytes. Who runs a twin for long asks now and then, or they add up.
+    /// Returns the commands obeyed since the last call, as bytes. Programs that run a device for
+    /// long must call this regularly, or the commands accumulate.
     fn take_obeyed(&mut self) -> Vec<Vec<u8>>;
 }
 

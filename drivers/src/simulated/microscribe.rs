@@ -1,60 +1,63 @@
-//! A MicroScribe: it answers when it is asked, once it was woken; its encoders have 14 bits and count from where the arm was when it was switched on.
+//! A virtual MicroScribe: once woken, it answers requests. Its encoders have 14 bits and count
+//! from the position of the arm at power-on.
+
+use sonoweave_core::clock::MS;
+use sonoweave_core::reading::AXES;
 
 use super::{Faults, Joints, Wire};
 use crate::arm::microscribe::{BEGIN, Family, Question, Request, SIGNATURE, Sample};
-use crate::clock::MS;
-use crate::reading::AXES;
 use crate::transport::{LineError, Peer};
 
-/// From a question to the first byte of its answer, ns.
+/// Time from a request to the first byte of its answer, ns.
 const THINKS: i64 = 3 * MS / 10;
-/// Bits of an encoder.
+/// Bit mask of an encoder.
 const MASK: i64 = 0x3fff;
 
-/// How far a session has got.
+/// State of a session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Session {
-    /// It waits for the signature, at whatever rate.
+    /// It waits for the signature, at any rate.
     None,
-    /// It has sent the signature back, at that rate.
+    /// It has echoed the signature, at that rate.
     Signed,
-    /// It obeys.
+    /// It obeys commands.
     Begun,
 }
 
-/// The device. Its fields are how it was left.
+/// The device. Its fields are the state in which it was left.
 pub struct Twin {
     joints: Joints,
     wire: Wire,
-    /// The fastest rate that it follows, bits a second.
+    /// The fastest rate that it detects, bits per second.
     pub fastest_baud: u32,
-    /// The rate of the session.
+    /// Rate of the session, bits per second.
     pub baud: u32,
-    /// How far it has got.
+    /// State of the session.
     pub session: Session,
-    /// What its encoders show at home.
+    /// Encoder values at home.
     pub home: [i64; AXES],
-    /// What its encoders show less where the joints are.
+    /// Encoder values minus the positions of the joints.
     pub offsets: [i64; AXES],
-    /// What its encoders count to.
+    /// Maximum counts of its encoders.
     pub maxima: [u16; AXES],
-    /// Buttons that are pressed.
+    /// Pressed buttons.
     pub buttons: u8,
-    /// Its home reference is asked for without an answer, as by later firmware; so are its links.
+    /// Whether it answers the question about its links. It never answers the one about its home
+    /// reference, like later firmware.
     pub answers_links: bool,
-    /// What it has done so far: the bytes obeyed.
+    /// Bytes obeyed so far.
     pub obeyed: Vec<u8>,
-    /// Samples sent, and when they were taken.
+    /// Times of the samples sent, ns.
     pub sampled: Vec<i64>,
-    /// Plugged in.
+    /// It is plugged in.
     pub plugged: bool,
-    /// It stays silent though it is there.
+    /// It stays silent.
     pub hung: bool,
     input: Vec<u8>,
 }
 
 impl Twin {
-    /// Switched on at home, nobody has talked to it yet.
+    /// Creates a device that was switched on at home and has no session yet.
     pub fn new(joints: Joints, faults: Faults) -> Self {
         let home = [8192, 12_000, 14_000, 5000, 0, 16_383];
         Self {
@@ -76,24 +79,24 @@ impl Twin {
         }
     }
 
-    /// Its wire, for what became of the bytes on it.
+    /// Returns its wire, for the statistics of its bytes.
     pub(super) fn wire(&self) -> &Wire {
         &self.wire
     }
 
-    /// Other faults from now on.
+    /// Replaces the faults.
     pub fn set_faults(&mut self, faults: Faults) {
         self.wire.set_faults(faults);
     }
 
-    /// Its cable is pulled out; it stays switched on.
+    /// Unplugs its cable; it stays switched on.
     pub fn unplug(&mut self) {
         self.plugged = false;
         self.wire.cut();
         self.input.clear();
     }
 
-    /// Switched off and on: what its encoders show here is home to it.
+    /// Switches it off and on: it takes the present position for home.
     pub fn switch_off_and_on(&mut self, now_ns: i64) {
         self.wire.cut();
         self.input.clear();
@@ -101,7 +104,7 @@ impl Twin {
         self.set_home(now_ns);
     }
 
-    /// A counter loses steps, or gains some, without noticing.
+    /// Makes a counter lose or gain steps without noticing.
     pub fn slip(&mut self, axis: usize, counts: i64) {
         self.offsets[axis] += counts;
     }
@@ -111,7 +114,7 @@ impl Twin {
         self.offsets = std::array::from_fn(|axis| self.home[axis] - joints[axis]);
     }
 
-    /// What its encoders show at a time.
+    /// Returns its encoder values at a time.
     pub fn shown(&self, at_ns: i64) -> [u16; AXES] {
         let joints = (self.joints)(at_ns);
         std::array::from_fn(|axis| ((joints[axis] + self.offsets[axis]) & MASK) as u16)
@@ -200,7 +203,8 @@ impl Peer for Twin {
             return;
         }
         for byte in bytes {
-            // Outside a session it finds the rate out by itself; in one, what comes at another rate makes no sense, but ends a session in the end.
+            // Outside a session it detects the rate. Within one, bytes at another rate are
+            // unreadable, except for the byte that ends the session.
             if baud != 0 && baud != self.baud {
                 if baud > self.fastest_baud {
                     return;

@@ -1,8 +1,11 @@
-//! Virtual twins: devices that put given poses on a line, in the real wire format, with the real units' habits and failings.
+//! Virtual devices: they put given poses on a line, in the real wire format, with the habits and
+//! faults of the real units.
 //!
-//! A twin is the [`crate::transport::Peer`] of a driver. In process, on a clock that is turned by hand, it tests the driver in no time ([`crate::transport::MemoryOpener`]);
-//! on a pseudo-terminal it is a program that any other program may open as it would the real thing ([`Pty`]). What it measures is a [`Motion`]
-//! or [`Joints`]: a closure of time, so that truth is known to whoever gave it. The [`grabber`] has no line: it delivers pictures in process.
+//! A virtual device is the [`crate::transport::Peer`] of a driver. In process, on a manual clock,
+//! it tests the driver without delay ([`crate::transport::MemoryOpener`]). On a pseudo-terminal
+//! it is a program that any other program may open like the real device ([`Pty`]). Its
+//! measurements are a [`Motion`] or [`Joints`]: a closure of time, so the caller knows the ground
+//! truth. The [`grabber`] has no line: it delivers frames in process.
 
 pub mod ea1;
 pub mod fastrak;
@@ -20,7 +23,7 @@ mod wire;
 
 use std::sync::Arc;
 
-use crate::reading::AXES;
+use sonoweave_core::reading::AXES;
 
 pub use faults::{Faults, Tally, trembling};
 pub use machine::Machine;
@@ -28,7 +31,7 @@ pub use pty::Pty;
 pub use unit::{Model, Simulated, cosines, euler_deg};
 pub use wire::Wire;
 
-/// Where a sensor is, in the transmitter's frame.
+/// Pose of a sensor, in the transmitter's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Placed {
     /// Position in cm.
@@ -37,8 +40,9 @@ pub struct Placed {
     pub quaternion_wxyz: [f64; 4],
 }
 
-/// Where the sensor of a station (from 1) is at a time (host ns).
+/// Pose of the sensor of a station (from 1) at a time (host ns).
 pub type Motion = Arc<dyn Fn(u8, i64) -> Placed + Send + Sync>;
 
-/// What the encoders of an arm's joints would show at a time (host ns), base first, had they been zeroed in its home position.
+/// Encoder counts of an arm's joints at a time (host ns), base first, as if zeroed in its home
+/// position.
 pub type Joints = Arc<dyn Fn(i64) -> [i64; AXES] + Send + Sync>;

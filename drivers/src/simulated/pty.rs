@@ -1,4 +1,4 @@
-//! A twin on a pseudo-terminal, in real time.
+//! A virtual device on a pseudo-terminal, in real time.
 
 use std::io::{ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
@@ -9,29 +9,32 @@ use std::time::Duration;
 
 use serialport::{SerialPort, TTYPort};
 
-use crate::clock::{Clock, MS, Monotonic};
+use sonoweave_core::clock::{Clock, MS, Monotonic};
+
 use crate::transport::Peer;
 
-/// The longest that a twin waits before it looks again whether it was told to end, ns.
+/// Longest wait of a device before it checks whether it must end, ns.
 const TURN: i64 = 20 * MS;
 
-/// A twin that runs in a thread and speaks on a pseudo-terminal until this is dropped: then the line hangs up, as by pulling out a plug.
+/// A virtual device that runs in a thread and uses a pseudo-terminal until this is dropped. The
+/// line then hangs up, as when a plug is pulled.
 pub struct Pty {
     path: PathBuf,
     ends: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
-/// The longest time that bytes may wait for a host that does not read them. What comes after them is lost, as on a line that nobody listens to, until it reads again.
+/// Longest time that bytes wait for a host that does not read. Later bytes are lost until it
+/// reads again, as on a line without a listener.
 const WRITE: Duration = Duration::from_secs(10);
-/// After they have waited in vain, so much of it comes back with whatever goes through.
+/// After a vain wait, each successful write restores this much of the waiting time.
 const AGAIN: Duration = Duration::from_millis(1);
 
 impl Pty {
-    /// Opens a pseudo-terminal and lets the twin speak on it.
+    /// Opens a pseudo-terminal and starts the device on it.
     ///
     /// # Errors
-    /// The system's, where there is no pseudo-terminal to be had.
+    /// The system's error if no pseudo-terminal is available.
     pub fn run<P: Peer + ?Sized + 'static>(peer: Arc<Mutex<P>>) -> std::io::Result<Self> {
         let (mut own, other) = TTYPort::pair().map_err(std::io::Error::other)?;
         let path =
@@ -39,7 +42,7 @@ impl Pty {
         let ends = Arc::new(AtomicBool::new(false));
         let told = Arc::clone(&ends);
         let thread = std::thread::Builder::new().name("twin".into()).spawn(move || {
-            // While nobody else has it open, its other end is kept so: else reading would fail.
+            // Keeps the other end open, because reading would fail while no host has it open.
             let kept = other;
             let mut patience = WRITE;
             while !told.load(Ordering::Relaxed) {
@@ -53,7 +56,7 @@ impl Pty {
         Ok(Self { path, ends, thread: Some(thread) })
     }
 
-    /// The file to open.
+    /// Returns the path to open.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -70,13 +73,14 @@ impl Drop for Pty {
     }
 }
 
-/// Whether an error says only that it is not yet time.
+/// Returns whether an error only means that no data are ready.
 fn is_early(error: &std::io::Error) -> bool {
     matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::Interrupted | ErrorKind::WouldBlock)
 }
 
-/// Waits for what the host sends or what the twin says next, whichever is first, and passes it on. `patience` is how long bytes wait for a host: not at all after they have waited in
-/// vain, and longer again as it reads.
+/// Waits for data from the host or from the device, whichever is first, and passes it on.
+/// `patience` is the time that bytes wait for a host: none after a vain wait, and more again as
+/// the host reads.
 fn turn<P: Peer + ?Sized>(peer: &Mutex<P>, own: &mut TTYPort, patience: &mut Duration) -> std::io::Result<()> {
     let now = Monotonic.now_ns();
     // A pseudo-terminal has no rate.
@@ -108,10 +112,10 @@ fn turn<P: Peer + ?Sized>(peer: &Mutex<P>, own: &mut TTYPort, patience: &mut Dur
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clock::SECOND;
     use crate::transport::LineError;
+    use sonoweave_core::clock::SECOND;
 
-    /// Says a kilobyte at once, again and again, each with its number.
+    /// Sends a kilobyte at a time, each with its number.
     struct Chatter {
         number: u8,
         heard: Vec<u8>,
@@ -133,11 +137,11 @@ mod tests {
     }
 
     #[test]
-    fn a_host_that_does_not_read_loses_bytes_and_is_heard_all_the_same() {
+    fn host_that_does_not_read_loses_bytes_but_is_heard() {
         let chatter = Arc::new(Mutex::new(Chatter { number: 0, heard: Vec::new() }));
         let (mut own, mut other) = TTYPort::pair().unwrap();
         let mut patience = 20 * AGAIN;
-        // A pseudo-terminal holds four or some more.
+        // A pseudo-terminal holds about four of them.
         for _ in 0..200 {
             turn(&*chatter, &mut own, &mut patience).unwrap();
         }
@@ -148,7 +152,7 @@ mod tests {
             assert!(Monotonic.now_ns() < end, "not heard");
             turn(&*chatter, &mut own, &mut patience).unwrap();
         }
-        // Once it reads, all that is said arrives.
+        // Once the host reads, all new data arrive.
         other.set_timeout(Duration::from_millis(20)).unwrap();
         let mut buffer = [0; 65_536];
         while other.read(&mut buffer).is_ok() {}

@@ -1,23 +1,25 @@
-//! A QSB: one encoder, registers, and lines as its reply format says. Opening its line resets it.
+//! A virtual QSB: one encoder, registers, and lines in its reply format. Opening its line resets
+//! it.
+
+use sonoweave_core::clock::{MS, SECOND};
 
 use super::{Faults, Joints, Wire};
 use crate::arm::qsb::{Command, TICK_HZ, register};
-use crate::clock::{MS, SECOND};
 use crate::transport::{LineError, Peer};
 
-/// From a reset to its banner, ns.
+/// Time from a reset to its banner, ns.
 const START: i64 = 100 * MS;
-/// Bytes of commands that are kept while their line is not ended.
+/// Bytes of an unfinished command line that are kept.
 const INPUT: usize = 64;
 /// Reply format after a reset: LF and CR, without time and blanks.
 const FORMAT: u32 = 0b0011;
 
-/// The unit. Its fields are how it was left.
+/// The unit. Its fields are the state in which it was left.
 pub struct Twin {
     joints: Joints,
     axis: usize,
     wire: Wire,
-    /// Bits a second.
+    /// Bits per second.
     pub baud: u32,
     /// Opening the line resets it.
     pub resets_when_opened: bool,
@@ -27,27 +29,28 @@ pub struct Twin {
     pub streams: bool,
     /// The true count at which it shows 0.
     pub zero: i64,
-    /// What its clock shows at the time of its last reset.
+    /// Tick of its clock at its last reset.
     pub first_tick: u32,
-    /// The host's time of its clock's beginning.
+    /// The host's time at which its clock started, ns.
     pub born_ns: i64,
-    /// Lines streamed, those lost on the way included.
+    /// Lines streamed, including those lost in transmission.
     pub streamed: u64,
-    /// What it has done so far: commands obeyed, by their bytes.
+    /// Commands obeyed so far, as bytes.
     pub obeyed: Vec<Vec<u8>>,
-    /// Plugged in.
+    /// It is plugged in.
     pub plugged: bool,
-    /// It stays silent though it is there.
+    /// It stays silent.
     pub hung: bool,
     input: Vec<u8>,
     busy_ns: i64,
     says_banner: bool,
-    /// Ticks since its clock's beginning at which it streams next.
+    /// Tick of its next streamed line, since its clock started.
     next_tick: i64,
 }
 
 impl Twin {
-    /// Of this axis, from 0, as after a reset long ago; at 230400 bits a second.
+    /// Creates the unit of this axis, from 0, as after a reset long ago; at 230400 bits per
+    /// second.
     pub fn new(joints: Joints, axis: usize, faults: Faults) -> Self {
         let mut registers = [0; 0x16];
         registers[usize::from(register::REPLY_FORMAT)] = FORMAT;
@@ -74,23 +77,23 @@ impl Twin {
         }
     }
 
-    /// Its wire, for what became of the bytes on it.
+    /// Returns its wire, for the statistics of its bytes.
     pub(super) fn wire(&self) -> &Wire {
         &self.wire
     }
 
-    /// Other faults from now on.
+    /// Replaces the faults.
     pub fn set_faults(&mut self, faults: Faults) {
         self.wire.set_faults(faults);
     }
 
-    /// Pulled out.
+    /// Unplugs it.
     pub fn unplug(&mut self) {
         self.plugged = false;
         self.wire.cut();
     }
 
-    /// Its count begins at 0 and its clock anew, as when DTR goes low and high.
+    /// Resets it, as when DTR goes low and high: its count starts at 0 and its clock restarts.
     pub fn reset(&mut self, now_ns: i64) {
         let version = self.registers[usize::from(register::VERSION)];
         self.registers = [0; 0x16];
@@ -105,7 +108,7 @@ impl Twin {
         self.zero = (self.joints)(now_ns)[self.axis];
     }
 
-    /// Its counter loses steps, or gains some, without noticing.
+    /// Makes its counter lose or gain steps without noticing.
     pub fn slip(&mut self, counts: i64) {
         self.zero -= counts;
     }
@@ -118,7 +121,7 @@ impl Twin {
         (((self.joints)(at_ns)[self.axis] - self.zero) as i32).cast_unsigned()
     }
 
-    /// When its clock has gone so many ticks.
+    /// Returns the time of a tick of its clock, ns.
     pub fn time_of(&self, tick: i64) -> i64 {
         let second = SECOND as f64 / (1.0 + self.wire.faults().drift_ppm * 1e-6);
         self.born_ns + (tick as f64 / f64::from(TICK_HZ) * second) as i64
@@ -126,11 +129,11 @@ impl Twin {
 
     fn ticks(&self, at_ns: i64) -> i64 {
         let own = (at_ns - self.born_ns) as f64 * (1.0 + self.wire.faults().drift_ppm * 1e-6);
-        // Half a microsecond, as the time of a tick is rounded to whole ns.
+        // Adds half a microsecond, because the time of a tick is rounded to whole ns.
         ((own + 500.0) * f64::from(TICK_HZ) / SECOND as f64) as i64
     }
 
-    /// A line as its reply format says.
+    /// Sends a line in its reply format.
     fn say(&mut self, letter: u8, register: u8, value: u32, line_baud: u32, at_ns: i64) {
         let format = self.of(register::REPLY_FORMAT);
         let blank = if format & 8 != 0 { " " } else { "" };
@@ -239,11 +242,12 @@ impl Peer for Twin {
             return Err(LineError::Gone("unplugged".into()));
         }
         if self.streams && self.time_of(self.next_tick) < now_ns - SECOND {
-            // It was not listened to: what it sent is gone.
+            // The host was not listening: the lines in between are lost.
             self.next_tick = self.ticks(now_ns) + 1;
         }
         loop {
-            // As far as the first byte that the host waits for, and no farther: what it will say then may change everything after it.
+            // Advances only to the first byte that the host waits for, because the host's answer
+            // may change everything after it.
             match self.wire.due() {
                 Some(at) if at <= until_ns => return Ok(self.wire.take(at.max(now_ns))),
                 _ => {}

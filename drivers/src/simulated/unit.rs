@@ -1,92 +1,97 @@
-//! What virtual trackers have in common: a line with a rate or without, commands obeyed one by one, measurements at times of their own clock.
+//! Common parts of virtual trackers: a line with or without a rate, commands obeyed one by one,
+//! measurements at times of their own clock.
 
 use std::ops::{Deref, DerefMut};
 
+use sonoweave_core::clock::SECOND;
+
 use super::{Faults, Motion, Placed, Wire};
-use crate::clock::SECOND;
 use crate::transport::{LineError, Peer};
 
-/// Bytes of commands that are kept while they are not ended.
+/// Bytes of an unfinished command that are kept.
 const INPUT: usize = 512;
-/// What a byte takes by USB, where nothing is told of rates: as at this one, bits a second.
+/// Rate that gives the time of a byte over USB, which has no rate of its own, bits per second.
 const USB: u32 = 480_000_000;
 
-/// A model's own ways.
+/// Behaviour of one model.
 pub trait Model: Send {
-    /// From the middle of the measurement to the first byte, ns.
+    /// Time from the middle of the measurement to the first byte, ns.
     const SAMPLING_NS: i64;
 
-    /// Whether records are sent without being asked for.
+    /// Returns whether records are sent continuously.
     fn continuous(&self) -> bool;
 
-    /// Measurements of all stations a second.
+    /// Returns the measurements of all stations per second.
     fn cycles_hz(&self) -> f64;
 
-    /// Reads the command at the front of what was sent, and obeys it: what it was and what comes of it. `None` while it is not ended.
+    /// Reads the first command of the input, obeys it, and returns the result. Returns `None`
+    /// while the command is unfinished.
     fn obey(&mut self, input: &[u8]) -> Option<Obeyed>;
 
-    /// Measures all stations: a record each, or one of all. `see` tells where a station's sensor is.
+    /// Measures all stations and returns one record each, or one for all. `see` gives the pose of
+    /// a station's sensor.
     fn measure(&mut self, see: &dyn Fn(u8) -> Placed) -> Vec<Vec<u8>>;
 
-    /// Bytes of records that are collected before USB sends any; 0 for none.
+    /// Returns the bytes of records that are collected before USB sends any; 0 for none.
     fn collects(&self) -> usize {
         0
     }
 }
 
-/// What came of what was sent.
+/// Result of reading the input.
 pub struct Obeyed {
-    /// Bytes of it.
+    /// Bytes read.
     pub taken: usize,
-    /// Whether it was a command, and obeyed.
+    /// Whether it was a command that the model obeyed.
     pub is_command: bool,
-    /// What it does beyond the model's own settings.
-    pub deed: Deed,
+    /// Effect beyond the model's own settings.
+    pub action: UnitAction,
 }
 
-/// What a command leads to.
-pub enum Deed {
-    /// Nothing that is seen.
+/// Effect of a command.
+pub enum UnitAction {
+    /// Nothing visible.
     Nothing,
-    /// An answer.
+    /// Sends an answer.
     Say(Vec<u8>),
-    /// A record of each station.
+    /// Sends a record of each station.
     Poll,
-    /// An answer and the beginning of a stream.
+    /// Sends an answer and starts a stream.
     Stream(Vec<u8>),
-    /// Nothing is said and heard for so long, ns.
+    /// Neither sends nor receives for this time, ns.
     Rest(i64),
 }
 
-/// A virtual tracker. Its model's fields, which it lends, are how it was left.
+/// A virtual tracker. It dereferences to its model, whose fields are the state in which it was
+/// left.
 pub struct Simulated<M> {
     model: M,
     motion: Motion,
     wire: Wire,
-    /// The rate of its line, bits a second.
+    /// Rate of its line, bits per second.
     pub baud: u32,
     /// It is on USB, which has no rate.
     pub usb: bool,
-    /// What it has done so far: commands obeyed, by their bytes.
+    /// Commands obeyed so far, as bytes.
     pub obeyed: Vec<Vec<u8>>,
-    /// Switched on and plugged in.
+    /// It is switched on and plugged in.
     pub plugged: bool,
-    /// It stays silent though it is there: as a unit that hangs.
+    /// It stays silent, like a unit that hangs.
     pub hung: bool,
     /// Records measured for the host.
     pub measured: u64,
-    /// Those of them that were not sent or will not arrive as they were sent.
+    /// Measured records that were not sent, or will not arrive intact.
     pub harmed: u64,
     input: Vec<u8>,
     collected: Vec<u8>,
-    /// It does nothing before this time.
+    /// It does nothing before this time, ns.
     busy_ns: i64,
-    /// The measurement that is next, by number since 0 ns of the host's clock.
+    /// Number of the next measurement since 0 ns of the host's clock.
     cycle: Option<i64>,
 }
 
 impl<M: Model> Simulated<M> {
-    /// A model at 115200 bits a second.
+    /// Creates a model at 115200 bits per second.
     pub(super) fn of(model: M, motion: Motion, faults: Faults) -> Self {
         Self {
             model,
@@ -106,17 +111,17 @@ impl<M: Model> Simulated<M> {
         }
     }
 
-    /// Its wire, for what became of the bytes on it.
+    /// Returns its wire, for the statistics of its bytes.
     pub(super) fn wire(&self) -> &Wire {
         &self.wire
     }
 
-    /// Other faults from now on.
+    /// Replaces the faults.
     pub fn set_faults(&mut self, faults: Faults) {
         self.wire.set_faults(faults);
     }
 
-    /// Pulled out: what was on its way is lost, what was set is kept.
+    /// Unplugs it: data in transit are lost, settings are kept.
     pub fn unplug(&mut self) {
         self.plugged = false;
         self.wire.cut();
@@ -125,12 +130,12 @@ impl<M: Model> Simulated<M> {
         self.cycle = None;
     }
 
-    /// Bytes on the line before anything else: the rest of a record that was cut.
+    /// Puts bytes on the line before anything else: the rest of a truncated record.
     pub fn leave_on_the_line(&mut self, bytes: &[u8], now_ns: i64) {
         self.wire.send(bytes, self.bits(), false, now_ns);
     }
 
-    /// The beginning of a command that another host sent and did not end.
+    /// Adds the beginning of a command that another host left unfinished.
     pub fn written_by_another(&mut self, bytes: &[u8]) {
         self.input.extend_from_slice(bytes);
     }
@@ -143,12 +148,13 @@ impl<M: Model> Simulated<M> {
         !self.usb && line_baud != 0 && line_baud != self.baud
     }
 
-    /// Whether the bytes will arrive as they are.
+    /// Sends bytes; returns whether they will arrive intact.
     fn say(&mut self, bytes: &[u8], line_baud: u32, now_ns: i64) -> bool {
         self.wire.send(bytes, self.bits(), self.mistakes(line_baud), now_ns)
     }
 
-    /// Records measured at that time. One that takes longer on the wire than its cycle is not sent.
+    /// Measures records at this time. A record that takes longer on the wire than its cycle is
+    /// not sent.
     fn measure(&mut self, line_baud: u32, at_ns: i64) {
         let motion = &self.motion;
         let records = self.model.measure(&|station| motion(station, at_ns));
@@ -175,14 +181,14 @@ impl<M: Model> Simulated<M> {
         }
     }
 
-    /// Time of a measurement by its number: all stations are measured together here.
+    /// Returns the time of a measurement by its number: all stations are measured together here.
     fn time_of(&self, cycle: i64) -> i64 {
-        // Its own second, in host nanoseconds.
+        // The unit's own second, in host nanoseconds.
         let second = SECOND as f64 / (1.0 + self.wire.faults().drift_ppm * 1e-6);
         (cycle as f64 / self.model.cycles_hz() * second) as i64
     }
 
-    /// Measures what is due until a time.
+    /// Makes the measurements that are due until a time.
     fn go_on(&mut self, line_baud: u32, until_ns: i64) {
         if !self.model.continuous() || !self.plugged || self.hung {
             self.cycle = None;
@@ -216,12 +222,12 @@ impl<M: Model> Peer for Simulated<M> {
         }
         self.go_on(baud, now_ns);
         if self.mistakes(baud) {
-            // What it reads at another rate makes no sense to it.
+            // Bytes at another rate are unreadable.
             return;
         }
         self.input.extend_from_slice(bytes);
         while !self.input.is_empty()
-            && let Some(Obeyed { taken, is_command, deed }) = self.model.obey(&self.input)
+            && let Some(Obeyed { taken, is_command, action }) = self.model.obey(&self.input)
         {
             let command: Vec<u8> = self.input.drain(..taken).collect();
             if is_command {
@@ -230,17 +236,17 @@ impl<M: Model> Peer for Simulated<M> {
             if self.model.collects() == 0 {
                 self.collected.clear();
             }
-            match deed {
-                Deed::Nothing => {}
-                Deed::Say(answer) => {
+            match action {
+                UnitAction::Nothing => {}
+                UnitAction::Say(answer) => {
                     self.say(&answer, baud, now_ns);
                 }
-                Deed::Poll => self.measure(baud, now_ns),
-                Deed::Stream(answer) => {
+                UnitAction::Poll => self.measure(baud, now_ns),
+                UnitAction::Stream(answer) => {
                     self.say(&answer, baud, now_ns);
                     self.begin_cycles(now_ns);
                 }
-                Deed::Rest(ns) => self.busy_ns = now_ns + ns,
+                UnitAction::Rest(ns) => self.busy_ns = now_ns + ns,
             }
         }
         if self.input.len() > INPUT {
@@ -256,7 +262,8 @@ impl<M: Model> Peer for Simulated<M> {
             self.begin_cycles(now_ns);
         }
         loop {
-            // As far as the first byte that the host waits for, and no farther: what it will say then may change everything after it.
+            // Advances only to the first byte that the host waits for, because the host's answer
+            // may change everything after it.
             match self.wire.due() {
                 Some(at) if at <= until_ns => return Ok(self.wire.take(at.max(now_ns))),
                 _ => {}
@@ -289,13 +296,14 @@ impl<M> DerefMut for Simulated<M> {
     }
 }
 
-/// Where a unit of this zenith says that a sensor is: the field looks the same on the opposite side, and only the hemisphere tells the two apart. All zeros follow the sensor.
+/// Returns the reported position for a zenith. The field is the same on the opposite side, and
+/// only the hemisphere distinguishes the two. All zeros follow the sensor.
 pub(super) fn told_cm(zenith: [f32; 3], position_cm: [f64; 3]) -> [f64; 3] {
     let along: f64 = zenith.iter().zip(position_cm).map(|(z, x)| f64::from(*z) * x).sum();
     if along < 0.0 { position_cm.map(|x| -x) } else { position_cm }
 }
 
-/// Rows of the direction cosine matrix of a unit quaternion w, x, y, z.
+/// Returns the rows of the direction cosine matrix of a unit quaternion w, x, y, z.
 pub fn cosines([w, x, y, z]: [f64; 4]) -> [[f64; 3]; 3] {
     [
         [w * w + x * x - y * y - z * z, 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
@@ -304,7 +312,7 @@ pub fn cosines([w, x, y, z]: [f64; 4]) -> [[f64; 3]; 3] {
     ]
 }
 
-/// Azimuth, elevation, roll in degrees: R = Rz(azimuth) · Ry(elevation) · Rx(roll).
+/// Returns azimuth, elevation, roll in degrees: R = Rz(azimuth) · Ry(elevation) · Rx(roll).
 pub fn euler_deg(q: [f64; 4]) -> [f64; 3] {
     let [[xx, ..], [yx, ..], [zx, zy, zz]] = cosines(q);
     [yx.atan2(xx), (-zx.clamp(-1.0, 1.0)).asin(), zy.atan2(zz)].map(f64::to_degrees)

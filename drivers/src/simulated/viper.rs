@@ -1,18 +1,20 @@
-//! A VIPER: any units, up to sixteen sensors, everything answered and checked, as it was left by whoever had it before.
+//! A virtual VIPER: any units, up to sixteen sensors, answers and checksums for everything, as
+//! its last user left it.
 
-use super::unit::{Deed, Model, Obeyed, Simulated, euler_deg, told_cm};
+use sonoweave_core::clock::SECOND;
+
+use super::unit::{Model, Obeyed, Simulated, UnitAction, euler_deg, told_cm};
 use super::{Faults, Motion, Placed};
-use crate::clock::SECOND;
 use crate::framing::{Format, Look};
-use crate::polhemus::viper::command::{Action, Reply, code};
-use crate::polhemus::viper::write::FrameToWrite;
-use crate::polhemus::viper::{self, MOST_SENSORS, OrientationUnit, PositionUnit, Record, Sensor};
+use crate::tracker::polhemus::viper::command::{Action, Reply, code};
+use crate::tracker::polhemus::viper::write::FrameToWrite;
+use crate::tracker::polhemus::viper::{self, MOST_SENSORS, OrientationUnit, PositionUnit, Record, Sensor};
 
-/// From the middle of the measurement to the first byte: not documented, so none here.
+/// Time from the middle of the measurement to the first byte, ns: not documented, so none here.
 pub const SAMPLING_NS: i64 = 0;
-/// What starting anew takes, ns.
+/// Time of a restart, ns.
 const RESET: i64 = 10 * SECOND;
-/// The unit's own number.
+/// Number of the unit.
 const UNIT: u32 = 7;
 const POSITION_UNITS: [(PositionUnit, f64); 4] = [
     (PositionUnit::Inches, 1.0 / 2.54),
@@ -22,25 +24,26 @@ const POSITION_UNITS: [(PositionUnit, f64); 4] = [
 ];
 const ORIENTATION_UNITS: [OrientationUnit; 3] =
     [OrientationUnit::EulerDegrees, OrientationUnit::EulerRadians, OrientationUnit::Quaternion];
-/// By the number that stands for each.
+/// Frame rates by their number, in frames per second.
 const RATES: [f64; 6] = [30.0, 60.0, 120.0, 240.0, 480.0, 960.0];
 
 /// The unit on its line.
 pub type Twin = Simulated<Viper>;
 
-/// The unit. Its fields are how it was left.
+/// The unit. Its fields are the state in which it was left.
 pub struct Viper {
     /// Numbers of the units of positions and of orientations.
     pub units: [u32; 2],
     /// Number of the rate.
     pub rate: u32,
-    /// Frames without being asked.
+    /// Frames are sent continuously.
     pub continuous: bool,
-    /// With accelerations.
+    /// Accelerations are sent too.
     pub accelerations: bool,
-    /// Sensors that are plugged in, a bit each.
+    /// Connected sensors, one bit each.
     pub sensors: u16,
-    /// Zenith of all sensors' hemisphere: one in the other is reported on its opposite side.
+    /// Zenith of the hemisphere of all sensors: a sensor in the other one is reported on its
+    /// opposite side.
     pub hemisphere: [f32; 3],
     /// It follows its sensors instead.
     pub tracks: bool,
@@ -48,28 +51,28 @@ pub struct Viper {
     pub filter: u32,
     /// It sends nothing unless a sensor has moved.
     pub increment: bool,
-    /// Orientations are told relative to one that was set.
+    /// Orientations are relative to a stored one.
     pub boresight: bool,
     /// Offset of the tips, cm.
     pub tip_cm: f64,
-    /// What its built-in test found.
+    /// Result of its built-in test.
     pub test: u8,
     /// Distortion level.
     pub distortion: u8,
     /// State of the buttons.
     pub buttons: u8,
-    /// What the frame count is set to when it is set to 0: for those who want to see it wrap.
+    /// Frame count after it is set to 0, for testing its wrap.
     pub zero: u32,
     /// Numbers of the commands that it refuses.
     pub refuses: Vec<u32>,
-    /// It obeys nothing but being started anew.
+    /// It obeys only a restart.
     pub deaf: bool,
     frame: u32,
     format: viper::Viper,
 }
 
 impl Twin {
-    /// As it comes from the factory: inches, degrees, 240 Hz, one sensor, quiet.
+    /// Creates a unit in its factory state: inches, degrees, 240 Hz, one sensor, quiet.
     pub fn new(motion: Motion, faults: Faults) -> Self {
         let unit = Viper {
             units: [0, 0],
@@ -96,7 +99,7 @@ impl Twin {
     }
 }
 
-/// A command as the unit reads it: its words of payload, by their place.
+/// A command as the unit reads it; [`word`](Self::word) gives the words of its payload by index.
 struct Told<'a> {
     command: u32,
     action: Action,
@@ -111,7 +114,7 @@ impl Told<'_> {
 }
 
 impl Viper {
-    /// What is answered, or that the command is wrong.
+    /// Obeys a command and returns the answer; `None` if the command is wrong.
     fn command(&mut self, told: &Told<'_>) -> Option<Vec<u8>> {
         let mut answer = Vec::new();
         match (told.command, told.action) {
@@ -146,18 +149,18 @@ impl Viper {
     }
 
     fn obey_command(&mut self, command: &Reply<'_>) -> Obeyed {
-        let done = |is_command, deed| Obeyed { taken: 0, is_command, deed };
-        let Some(action) = command.action() else { return done(false, Deed::Nothing) };
+        let done = |is_command, action| Obeyed { taken: 0, is_command, action };
+        let Some(action) = command.action() else { return done(false, UnitAction::Nothing) };
         let mode = command.arguments[1];
         let told = Told { command: command.command, action, mode, payload: command.payload };
         match (told.command, action) {
             (code::INITIALIZE, Action::Set) => {
                 self.deaf = false;
                 (self.units, self.continuous, self.frame) = ([0, 0], false, self.zero);
-                return done(true, Deed::Rest(RESET));
+                return done(true, UnitAction::Rest(RESET));
             }
-            _ if self.deaf => return done(false, Deed::Nothing),
-            (code::SINGLE_PNO, Action::Get) => return done(true, Deed::Poll),
+            _ if self.deaf => return done(false, UnitAction::Nothing),
+            (code::SINGLE_PNO, Action::Get) => return done(true, UnitAction::Poll),
             _ => {}
         }
         let answer = if self.refuses.contains(&told.command) { None } else { self.command(&told) };
@@ -173,10 +176,10 @@ impl Viper {
         let mut bytes = Vec::new();
         Reply { unit: UNIT, action: action as u32, payload: &payload, ..*command }.write(&mut bytes);
         let streams = is_command && self.continuous && told.command == code::CONTINUOUS_PNO;
-        done(is_command, if streams { Deed::Stream(bytes) } else { Deed::Say(bytes) })
+        done(is_command, if streams { UnitAction::Stream(bytes) } else { UnitAction::Say(bytes) })
     }
 
-    /// What a sensor of this index measures at a place, as it says it.
+    /// Returns the measurement of the sensor with this index, as the unit reports it.
     fn sensor(&self, index: u8, placed: Placed) -> Sensor {
         let Placed { position_cm, quaternion_wxyz: q } = placed;
         let (position_unit, scale) = POSITION_UNITS[self.units[0] as usize];
@@ -216,14 +219,15 @@ impl Model for Viper {
     }
 
     fn obey(&mut self, input: &[u8]) -> Option<Obeyed> {
-        // A checksum leaves it nothing to remember; what it reads is tied to it.
+        // The format is cloned because its records borrow from it; with checksums it has no state
+        // to keep.
         let mut format = self.format.clone();
         match format.look(input) {
             Look::Record { length, record: Record::Reply(command) } => {
                 Some(Obeyed { taken: length, ..self.obey_command(&command) })
             }
             Look::Record { length: taken, .. } | Look::Skip { bytes: taken, .. } => {
-                Some(Obeyed { taken, is_command: false, deed: Deed::Nothing })
+                Some(Obeyed { taken, is_command: false, action: UnitAction::Nothing })
             }
             Look::Short => None,
         }

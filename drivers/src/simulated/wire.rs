@@ -1,29 +1,30 @@
-//! The wire from a device to the host: bytes take their time, and may be harmed on the way.
+//! The wire from a device to the host: bytes take time, and may be corrupted or lost.
 
 use std::collections::VecDeque;
 
-use super::{Faults, Tally};
-use crate::clock::SECOND;
+use sonoweave_core::clock::SECOND;
 
-/// Bits that a byte takes: one start, eight data, one stop.
+use super::{Faults, Tally};
+
+/// Bits of a byte: one start, eight data, one stop.
 const BITS: i64 = 10;
 
-/// Bytes on their way.
+/// Bytes in transit.
 #[derive(Debug)]
 pub struct Wire {
     faults: Faults,
     random: fastrand::Rng,
-    /// When each piece is there, in order.
+    /// Arrival time of each piece, in order.
     on_the_way: VecDeque<(i64, Vec<u8>)>,
-    /// When the last byte put on the wire has left the device.
+    /// Time at which the last byte put on the wire has left the device.
     busy_until: i64,
-    /// When the last piece is there: what comes later does not overtake it.
+    /// Arrival time of the last piece, which later pieces do not overtake.
     last_ns: i64,
     tally: Tally,
 }
 
 impl Wire {
-    /// An idle one.
+    /// Creates an idle wire.
     pub fn new(faults: Faults) -> Self {
         let random = fastrand::Rng::with_seed(faults.seed);
         Self {
@@ -36,39 +37,40 @@ impl Wire {
         }
     }
 
-    /// Its faults.
+    /// Returns its faults.
     pub fn faults(&self) -> &Faults {
         &self.faults
     }
 
-    /// Other ones from now on.
+    /// Replaces its faults.
     pub fn set_faults(&mut self, faults: Faults) {
         (self.faults, self.random) = (faults, fastrand::Rng::with_seed(faults.seed));
     }
 
-    /// What became of all that was put on it.
+    /// Returns the statistics of everything put on the wire.
     pub fn tally(&self) -> Tally {
         self.tally
     }
 
-    /// Whether a record is one of those that the device does not send, which is counted.
+    /// Decides whether the device omits a record, and counts it.
     pub fn withholds(&mut self) -> bool {
         let withheld = self.chance(self.faults.dropout);
         self.tally.withheld += u64::from(withheld);
         withheld
     }
 
-    /// True in so large a share of calls.
+    /// Returns true in this share of calls.
     fn chance(&mut self, share: f64) -> bool {
         share > 0.0 && self.random.f64() < share
     }
 
-    /// Whether all bytes put on the wire have left the device at that time.
+    /// Returns whether all bytes put on the wire have left the device at that time.
     pub fn is_idle(&self, now_ns: i64) -> bool {
         self.busy_until <= now_ns
     }
 
-    /// Puts bytes on the wire at a time, at a rate; `garbled` where the host listens at another. Whether they will arrive as they are.
+    /// Puts bytes on the wire at `now_ns` and `baud`; `garbled` if the host listens at another
+    /// rate. Returns whether they will arrive intact.
     pub fn send(&mut self, bytes: &[u8], baud: u32, garbled: bool, now_ns: i64) -> bool {
         let begin = self.busy_until.max(now_ns);
         self.busy_until = begin + bytes.len() as i64 * BITS * SECOND / i64::from(baud);
@@ -96,12 +98,12 @@ impl Wire {
         whole
     }
 
-    /// When the next bytes are there.
+    /// Returns the arrival time of the next bytes.
     pub fn due(&self) -> Option<i64> {
         self.on_the_way.front().map(|(at, _)| *at)
     }
 
-    /// All bytes that are there at a time, and when the last of them was.
+    /// Returns all bytes that have arrived at `now_ns`, and the arrival time of the last.
     pub fn take(&mut self, now_ns: i64) -> Option<(i64, Vec<u8>)> {
         let mut taken: Option<(i64, Vec<u8>)> = None;
         while self.due().is_some_and(|at| at <= now_ns) {
@@ -117,7 +119,7 @@ impl Wire {
         taken
     }
 
-    /// Everything that is on its way is lost.
+    /// Discards everything in transit.
     pub fn cut(&mut self) {
         self.on_the_way.clear();
         self.busy_until = i64::MIN;
@@ -127,10 +129,10 @@ impl Wire {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clock::MS;
+    use sonoweave_core::clock::MS;
 
     #[test]
-    fn bytes_take_ten_bits_each_and_wait_for_those_before() {
+    fn bytes_take_ten_bits_and_queue() {
         let mut wire = Wire::new(Faults::default());
         wire.send(&[1, 2, 3], 9600, false, 0);
         wire.send(&[4], 9600, false, MS);
@@ -141,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn faults_are_as_many_as_were_asked_for_and_the_same_each_time() {
+    fn faults_match_their_shares_and_are_reproducible() {
         let faults = Faults { drop: 0.1, noise: 0.05, jitter_ns: MS, ..Faults::default() };
         let run = || {
             let mut wire = Wire::new(faults);
@@ -162,13 +164,13 @@ mod tests {
         let harmed = there.iter().filter(|byte| **byte != 0).count();
         assert!((1800..2200).contains(&lost) && (750..1050).contains(&harmed), "{lost} {harmed}");
         assert_eq!((tally.bytes, tally.dropped), (20_000, lost as u64));
-        // One of 256 garbled bytes is what it was.
+        // One of 256 garbled bytes is unchanged.
         assert!((harmed as u64..harmed as u64 + 30).contains(&tally.garbled), "{tally:?}");
         assert_eq!((there, tally), run());
     }
 
     #[test]
-    fn packets_come_at_once() {
+    fn packet_bytes_arrive_together() {
         let mut wire = Wire::new(Faults::slow_adapter());
         for n in 0..6 {
             wire.send(&[n], 115_200, false, i64::from(n) * 8 * MS);

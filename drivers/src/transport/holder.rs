@@ -1,11 +1,12 @@
-//! Who has a device's file open, as far as the kernel tells.
+//! Finds the process that has a device file open, as far as the kernel reports it.
 
 use std::fs;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::Path;
 
-/// Another process that holds a device's file: its name and number. Who has locked it goes before who has it open only. `None` where that is not known: it is of another user, or in
-/// another namespace.
+/// Returns name and number of another process that holds a device file. A process with a lock
+/// takes precedence over one that only has it open. `None` if unknown: the process belongs to
+/// another user, or to another namespace.
 pub(crate) fn holder(path: &Path) -> Option<String> {
     let own = std::process::id();
     let process = locker(path).or_else(|| opener(path, own)).filter(|process| *process != own)?;
@@ -13,7 +14,7 @@ pub(crate) fn holder(path: &Path) -> Option<String> {
     Some(format!("{} (process {process})", name.trim()))
 }
 
-/// Who holds a lock on it.
+/// Returns the process that holds a lock on the file.
 fn locker(path: &Path) -> Option<u32> {
     let file = fs::metadata(path).ok()?;
     let (major, minor) = (rustix::fs::major(file.dev()), rustix::fs::minor(file.dev()));
@@ -22,7 +23,8 @@ fn locker(path: &Path) -> Option<u32> {
     locked_by(&locks, &place)
 }
 
-/// Of the kernel's list of locks: `1: FLOCK  ADVISORY  WRITE 1234 00:1a:5 0 EOF`. What waits for a lock stands behind it, with an arrow.
+/// Searches the kernel's list of locks: `1: FLOCK  ADVISORY  WRITE 1234 00:1a:5 0 EOF`. A
+/// process that waits for a lock is listed after it, with an arrow.
 fn locked_by(locks: &str, place: &str) -> Option<u32> {
     let holds = |line: &str| {
         let mut words = line.split_whitespace().skip(1);
@@ -35,7 +37,7 @@ fn locked_by(locks: &str, place: &str) -> Option<u32> {
     locks.lines().find_map(holds)
 }
 
-/// Who else has it open.
+/// Returns another process that has the file open.
 fn opener(path: &Path, own: u32) -> Option<u32> {
     let file = fs::canonicalize(path).ok()?;
     let number = |entry: fs::DirEntry| entry.file_name().to_str()?.parse().ok();
@@ -53,7 +55,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_kernel_s_list_of_locks_is_read() {
+    fn locked_by_ignores_waiting_and_foreign_processes() {
         let locks = "1: POSIX  ADVISORY  READ 900 00:1a:5 128 128\n2: FLOCK  ADVISORY  WRITE 77 00:1a:15 0 EOF\n\
                      2: -> FLOCK  ADVISORY  WRITE 78 00:1a:6 0 EOF\n3: FLOCK  ADVISORY  WRITE 0 00:1a:6 0 EOF\n4: damaged\n";
         assert_eq!(locked_by(locks, "00:1a:15"), Some(77));
@@ -62,7 +64,7 @@ mod tests {
     }
 
     #[test]
-    fn another_process_that_has_a_file_open_is_named() {
+    fn holder_names_other_process_with_file_open() {
         let file = tempfile::NamedTempFile::new().unwrap();
         assert_eq!(holder(file.path()), None, "this process itself is no other");
         let open = fs::File::open(file.path()).unwrap();

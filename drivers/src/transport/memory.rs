@@ -1,31 +1,36 @@
-//! A line within the process: what a simulated device says, at times of a clock that is turned by hand. Ten seconds of waiting pass in no time.
+//! A line within the process, to a simulated device, on a manually advanced clock. Ten seconds
+//! of waiting take no time.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use super::{LineError, Opener, Received, Transport};
-use crate::clock::{Clock, Manual};
+use sonoweave_core::clock::{Clock, Manual};
 
-/// The device's side of a line: it is told what the driver sends, and says what comes back and when.
+use super::{LineError, Opener, Received, Transport};
+
+/// The device's side of a line: it receives the driver's bytes, and returns answers with their
+/// times.
 pub trait Peer: Send {
-    /// The driver has opened the line, or tries to.
+    /// Handles the driver's attempt to open the line.
     ///
     /// # Errors
-    /// What the driver is to be told instead.
+    /// The error that the driver receives instead of a line.
     fn open(&mut self, _now_ns: i64) -> Result<(), LineError> {
         Ok(())
     }
 
-    /// The driver has sent bytes, at this rate; 0 on a line that has none.
+    /// Receives bytes from the driver, sent at this rate; 0 on a line that has none.
     fn written(&mut self, bytes: &[u8], baud: u32, now_ns: i64);
 
-    /// The next bytes to the driver and when they are there, no later than `until_ns`; `None` for silence until then.
+    /// Returns the next bytes to the driver and their arrival time, at most `until_ns`. `None`
+    /// for silence until then.
     ///
     /// # Errors
-    /// That the line is gone.
+    /// An error if the line is gone.
     fn next(&mut self, baud: u32, now_ns: i64, until_ns: i64) -> Result<Option<(i64, Vec<u8>)>, LineError>;
 
-    /// When it will next say something if nothing is sent to it, ns; `None` where it will not.
+    /// Returns the time of the next bytes if the driver sends nothing, ns; `None` if none will
+    /// come.
     fn due(&self, now_ns: i64) -> Option<i64>;
 }
 
@@ -37,7 +42,8 @@ pub struct MemoryOpener<P> {
 }
 
 impl<P: Peer> MemoryOpener<P> {
-    /// To that device, at that rate at first. What the lines wait for turns the clock.
+    /// Creates an opener for that device with this initial rate. Reads on its lines advance the
+    /// clock.
     pub fn new(peer: Arc<Mutex<P>>, clock: Manual, baud: u32) -> Self {
         Self { peer, clock, baud }
     }
@@ -47,7 +53,7 @@ struct Line<P> {
     peer: Arc<Mutex<P>>,
     clock: Manual,
     baud: u32,
-    /// Bytes that were there and did not fit.
+    /// Received bytes that did not fit into the caller's buffer.
     left: VecDeque<u8>,
 }
 

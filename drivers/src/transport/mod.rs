@@ -1,6 +1,7 @@
-//! How bytes come and go: a serial line, USB, a network, and a line within the process.
+//! Byte transports: serial line, USB, network, and a line within the process.
 //!
-//! A transport knows nothing of records. It says when bytes were here, and that the other end is gone.
+//! A transport knows nothing of records. It reports when bytes arrived, and when the other end
+//! is gone.
 
 mod holder;
 mod memory;
@@ -19,33 +20,33 @@ use std::os::fd::BorrowedFd;
 use rustix::event::{PollFd, PollFlags, Timespec};
 use rustix::fs::Access;
 
-use crate::clock::SECOND;
+use sonoweave_core::clock::SECOND;
 
-/// What one read brought.
+/// Result of one read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Received {
-    /// Bytes, at the front of the buffer; 0 where the deadline passed before any came.
+    /// Number of bytes at the front of the buffer; 0 if the deadline passed before any came.
     pub bytes: usize,
-    /// When the last of them was here, host ns.
+    /// Arrival time of the last byte, host ns.
     pub at_ns: i64,
 }
 
-/// Why bytes do not come or go.
+/// Reason why bytes cannot be received or sent.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum LineError {
-    /// There is no such device now.
+    /// The device is not present.
     #[error("is not there: {0}; plug it in")]
     Absent(String),
-    /// It is there and may not be opened.
+    /// The device is present but cannot be opened.
     #[error("cannot be opened: {0}")]
     Refused(String),
-    /// It was open and went away.
+    /// The device was open and disconnected.
     #[error("was unplugged or switched off: {0}")]
     Gone(String),
-    /// It is there and takes nothing of what is sent to it.
+    /// The device is present but accepts no bytes.
     #[error("does not take what is sent to it; switch it off and on")]
     Stuck,
-    /// The system's reason for anything else.
+    /// Any other error, with the system's reason.
     #[error("{0}")]
     Failed(String),
 }
@@ -55,44 +56,50 @@ pub trait Transport: Send {
     /// Waits until the deadline (host ns) for bytes, and returns as soon as any are there.
     ///
     /// # Errors
-    /// [`LineError::Gone`] when the other end is gone for good: open it anew. [`LineError::Failed`] otherwise; it may be read again.
+    /// [`LineError::Gone`] when the other end is gone for good: open the line again.
+    /// [`LineError::Failed`] otherwise; the line may be read again.
     fn read(&mut self, into: &mut [u8], deadline_ns: i64) -> Result<Received, LineError>;
 
-    /// What becomes readable when bytes are there or the other end goes, so that several lines can be waited for at once; `None` for a line that is no file.
+    /// Returns a descriptor that becomes readable when bytes arrive or the other end
+    /// disconnects, for waiting on several lines. `None` for a line without a descriptor.
     fn wakes_by(&self) -> Option<BorrowedFd<'_>> {
         None
     }
 
-    /// Sends all of the bytes. Waits for a device that does not take them, half a second at most.
+    /// Sends all bytes. Waits at most half a second for a device that does not accept them.
     ///
     /// # Errors
-    /// As [`Self::read`], and [`LineError::Stuck`]; a part of them may have been sent.
+    /// The errors of [`Self::read`], and [`LineError::Stuck`]; a part of the bytes may have
+    /// been sent.
     fn write(&mut self, bytes: &[u8]) -> Result<(), LineError>;
 
-    /// Bytes from now on come and go at this rate, bits a second; what was received at the old one is dropped. Nothing where the line has no rate.
+    /// Sets the rate in both directions, bits per second. Drops bytes received at the old rate.
+    /// Does nothing if the line has no rate.
     ///
     /// # Errors
-    /// [`LineError`] where the line refuses it.
+    /// [`LineError`] if the line refuses the rate.
     fn set_baud(&mut self, baud: u32) -> Result<(), LineError>;
 }
 
-/// Opens a line, again and again if it must.
+/// Opens a line, repeatedly if necessary.
 pub trait Opener: Send {
-    /// What is opened, for people: a path or a device's name.
+    /// Returns the name shown to the user: a path or a device's name.
     fn name(&self) -> &str;
 
-    /// Opens it.
+    /// Opens the line.
     ///
     /// # Errors
-    /// [`LineError::Absent`] where there is none now, [`LineError::Refused`] where it is and cannot be opened, with what to do.
+    /// [`LineError::Absent`] if the device is not present. [`LineError::Refused`] if it is
+    /// present but cannot be opened, with the remedy.
     fn open(&mut self) -> Result<Box<dyn Transport>, LineError>;
 }
 
-/// Waits for any of these lines, so many ns at most. Whether one is to be read: it has bytes or has ended, or there is none that can be waited for, or the system
-/// cannot say.
+/// Waits for any of these lines, at most `at_most_ns`. Returns true if a line must be read: it
+/// has bytes or has ended. Also returns true if no line has a descriptor, or the system reports
+/// an error.
 pub(crate) fn wait<const LINES: usize>(lines: [Option<BorrowedFd<'_>>; LINES], at_most_ns: i64) -> bool {
     let Some(any) = lines.iter().flatten().next().copied() else { return true };
-    // A line twice is waited for as well as once.
+    // Missing lines are replaced by a duplicate, which does not change the wait.
     let mut files = lines.map(|line| PollFd::from_borrowed_fd(line.unwrap_or(any), PollFlags::IN));
     let left = at_most_ns.max(0);
     let left = Timespec { tv_sec: left / SECOND, tv_nsec: left % SECOND };
@@ -102,11 +109,11 @@ pub(crate) fn wait<const LINES: usize>(lines: [Option<BorrowedFd<'_>>; LINES], a
     }
 }
 
-/// What to do where a device's file may not be opened.
+/// Remedy if a device file may not be opened.
 const DENIED: &str =
     "permission denied; install the udev rule that `sonoweave devices --udev` prints, and plug it in again";
 
-/// Why a device's file may not be opened for reading and writing, if it may not.
+/// Returns why a device file may not be opened for reading and writing; `None` if it may.
 fn denied(file: &std::path::Path) -> Option<String> {
     rustix::fs::access(file, Access::READ_OK | Access::WRITE_OK).is_err().then(|| DENIED.to_owned())
 }

@@ -1,4 +1,4 @@
-//! Serial lines, by the crate serialport.
+//! Serial lines, using the crate serialport.
 
 #![allow(unsafe_code, reason = "a line is waited for by its number, which serialport hands out without a lifetime")]
 
@@ -10,26 +10,29 @@ use std::time::Duration;
 
 use serialport::{ClearBuffer, FlowControl, SerialPort, SerialPortType, TTYPort};
 
+use sonoweave_core::clock::Clock;
+
 use super::{LineError, Opener, Received, Transport};
 use crate::Listing;
-use crate::clock::Clock;
 
-/// The longest time that bytes written may wait for the line.
+/// The longest time that written bytes may wait for the line.
 const WRITE: Duration = Duration::from_millis(500);
 
-/// Where the kernel tells of its lines.
+/// Directory in which the kernel lists its lines.
 const LINES: &str = "/sys/class/tty";
 
-/// Where a serial line is.
+/// Path and rate of a serial line.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PortPath {
-    /// The device's file: `/dev/ttyUSB0`, or better a link that does not depend on the order of plugging in, `/dev/serial/by-id/…`.
+    /// The device file: `/dev/ttyUSB0`, or preferably a link that does not depend on the
+    /// plugging order, `/dev/serial/by-id/…`.
     pub path: PathBuf,
-    /// Bits a second at first.
+    /// Initial rate, bits per second.
     pub baud: u32,
 }
 
-/// Opens a serial line with 8 bits, no parity, 1 stop bit, no handshake: binary records need all of it.
+/// Opens a serial line with 8 bits, no parity, 1 stop bit and no handshake, all required for
+/// binary records.
 #[derive(Debug)]
 pub struct SerialOpener {
     port: PortPath,
@@ -38,7 +41,7 @@ pub struct SerialOpener {
 }
 
 impl SerialOpener {
-    /// Of that place; times are the clock's.
+    /// Creates an opener for this port; times come from `clock`.
     pub fn new(port: PortPath, clock: Arc<dyn Clock>) -> Self {
         let name = port.path.display().to_string();
         Self { port, name, clock }
@@ -54,7 +57,7 @@ impl Opener for SerialOpener {
         let builder = serialport::new(self.name.as_str(), self.port.baud).flow_control(FlowControl::None);
         let mut port = builder.open_native().map_err(|error| refusal(&self.port.path, &error))?;
         prefer_low_latency(&self.port.path);
-        // Not fatal: what is dropped here would be dropped by the search for the first record, too.
+        // Not fatal: the search for the first record would drop these bytes, too.
         if let Err(error) = port.clear(ClearBuffer::All) {
             tracing::debug!("{}: what was received before cannot be dropped: {error}", self.name);
         }
@@ -63,9 +66,9 @@ impl Opener for SerialOpener {
     }
 }
 
-/// All serial lines there are, by names that stay where there are such.
+/// Lists all serial lines, by persistent names if there are any.
 pub fn list() -> Vec<Listing> {
-    // Where the kernel has none at all the crate would panic.
+    // The crate panics if the kernel has no such directory.
     if !Path::new(LINES).is_dir() {
         return Vec::new();
     }
@@ -100,13 +103,14 @@ pub fn list() -> Vec<Listing> {
     found
 }
 
-/// Kernels keep names for ports of the old kind that the machine does not have: they say so by a type of 0. Other lines have no type.
+/// Returns whether a port exists. Kernels keep names of legacy ports that the machine lacks;
+/// such ports have type 0. Other lines have no type.
 fn is_there(path: &str) -> bool {
     let name = path.strip_prefix("/dev/").unwrap_or(path);
     std::fs::read_to_string(Path::new(LINES).join(name).join("type")).map_or(true, |kind| kind.trim() != "0")
 }
 
-/// The link that names a line by what is plugged in, whatever the order of plugging in.
+/// Returns the link that names a line by its adapter, independent of the plugging order.
 fn lasting_name(path: &Path) -> Option<String> {
     let same = |link: &Path| std::fs::canonicalize(link).is_ok_and(|target| target == path);
     let links = std::fs::read_dir("/dev/serial/by-id").ok()?;
@@ -114,7 +118,7 @@ fn lasting_name(path: &Path) -> Option<String> {
     Some(found.display().to_string())
 }
 
-/// Why a line cannot be opened, and what to do.
+/// Converts an error at opening to reason and remedy.
 fn refusal(path: &Path, error: &serialport::Error) -> LineError {
     if !path.exists() {
         return LineError::Absent("no such file".into());
@@ -122,7 +126,7 @@ fn refusal(path: &Path, error: &serialport::Error) -> LineError {
     if let Some(denied) = super::denied(path) {
         return LineError::Refused(denied);
     }
-    // The crate tells what the system says by words alone.
+    // The crate reports the system's reason only as text.
     let said = error.to_string();
     let is_taken = ["busy", "exclusive lock"].iter().any(|word| said.to_ascii_lowercase().contains(word));
     if is_taken {
@@ -134,7 +138,8 @@ fn refusal(path: &Path, error: &serialport::Error) -> LineError {
     LineError::Refused(said)
 }
 
-/// FTDI's chips hold bytes back for up to 16 ms unless they are told to wait 1 ms only. Where the file may not be written, the udev rule does it.
+/// Sets the adapter's latency timer to 1 ms: FTDI chips hold bytes back for up to 16 ms
+/// otherwise. If the file is not writable, the udev rule sets it.
 fn prefer_low_latency(path: &Path) {
     let Some(name) = std::fs::canonicalize(path).ok().and_then(|path| path.file_name().map(ToOwned::to_owned)) else {
         return;
@@ -158,7 +163,8 @@ struct Serial {
 
 impl Transport for Serial {
     fn read(&mut self, into: &mut [u8], deadline_ns: i64) -> Result<Received, LineError> {
-        // The crate's own waiting ends in an error with a text of its own, which is an allocation for each time that nothing came.
+        // The crate's own waiting returns an error with its own text, which allocates at every
+        // timeout.
         if !super::wait([self.wakes_by()], deadline_ns - self.clock.now_ns()) {
             return Ok(Received { bytes: 0, at_ns: self.clock.now_ns() });
         }
@@ -166,7 +172,7 @@ impl Transport for Serial {
         let read = self.port.read(into);
         let at_ns = self.clock.now_ns();
         match read {
-            // A line at its end: no device of ours sends that.
+            // End of file; no supported device sends that.
             Ok(0) => Err(LineError::Gone("the line has ended".into())),
             Ok(bytes) => Ok(Received { bytes, at_ns }),
             Err(error)
@@ -187,7 +193,8 @@ impl Transport for Serial {
     }
 
     fn wakes_by(&self) -> Option<BorrowedFd<'_>> {
-        // SAFETY: the number is that of a file which the port keeps open until it is dropped, and the port is borrowed for as long as the result lives.
+        // SAFETY: the number is that of a file which the port keeps open until it is dropped.
+        // The port stays borrowed as long as the result lives.
         Some(unsafe { BorrowedFd::borrow_raw(self.port.as_raw_fd()) })
     }
 
@@ -198,7 +205,7 @@ impl Transport for Serial {
 }
 
 fn trouble(error: &std::io::Error) -> LineError {
-    // EIO is what a line says whose adapter was pulled out while it was written to.
+    // A write to a line whose adapter was unplugged gives EIO.
     let is_gone = matches!(error.kind(), ErrorKind::BrokenPipe | ErrorKind::NotFound)
         || matches!(error.raw_os_error(), Some(code) if code == rustix::io::Errno::IO.raw_os_error()
             || code == rustix::io::Errno::NODEV.raw_os_error() || code == rustix::io::Errno::NXIO.raw_os_error());
@@ -208,21 +215,22 @@ fn trouble(error: &std::io::Error) -> LineError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clock::{MS, Monotonic, SECOND};
+    use sonoweave_core::clock::{MS, Monotonic, SECOND};
 
     fn open(path: &str) -> Result<Box<dyn Transport>, LineError> {
         SerialOpener::new(PortPath { path: path.into(), baud: 115_200 }, Arc::new(Monotonic)).open()
     }
 
     #[test]
-    fn bytes_come_and_go_by_a_pseudo_terminal_and_its_end_is_told() {
+    fn pseudo_terminal_passes_bytes_and_reports_hangup() {
         let (mut other, own) = TTYPort::pair().unwrap();
         let path = own.name().unwrap();
         drop(own);
         let mut line = open(&path).unwrap();
         line.set_baud(38_400).unwrap();
         let mut buffer = [0; 64];
-        // Every byte passes: none is echoed, taken for control or held back for the end of a line.
+        // Every byte passes: none is echoed, interpreted as control or held back until a line
+        // end.
         let all: Vec<u8> = (0..=255).collect();
         let mut back = Vec::new();
         for part in all.chunks(51) {
@@ -252,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_opened_says_why() {
+    fn open_failure_gives_reason() {
         let absent = open("/dev/no-such-line").err().unwrap();
         assert!(matches!(absent, LineError::Absent(_)) && absent.to_string().contains("plug it in"), "{absent}");
         let no_line = open("/dev/null").err().unwrap();

@@ -9,19 +9,21 @@ use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags, Timespec};
 
-use super::{LineError, Opener, Received, Transport};
-use crate::clock::{Clock, MS, SECOND};
+use sonoweave_core::clock::{Clock, MS, SECOND};
 
-/// For so long a connection may take.
+use super::{LineError, Opener, Received, Transport};
+
+/// Time limit of one connection attempt.
 const CONNECT: Duration = Duration::from_secs(5);
-/// Pause after the first attempt that failed, ns; it doubles with each further one,
+/// Pause after the first failed attempt, ns; it doubles with each further one.
 const PAUSE: i64 = 200 * MS;
-/// up to this.
+/// Limit of the doubled pause, ns.
 const LONGEST_PAUSE: i64 = 5 * SECOND;
-/// The longest time that bytes written may wait for the other end, ns.
+/// The longest time that written bytes may wait for the other end, ns.
 const WRITE: i64 = 500 * MS;
 
-/// Connects to a server, again and again if it must. Neither the search for its name nor an answer that does not come is waited for: both happen on a thread of their own.
+/// Connects to a server, repeatedly if necessary. Name resolution and the connection attempt
+/// run on a separate thread, so that `open` never blocks.
 #[derive(Debug)]
 pub struct TcpOpener {
     address: String,
@@ -33,7 +35,7 @@ pub struct TcpOpener {
 }
 
 impl TcpOpener {
-    /// Of that server, `HOST:PORT`; times are the clock's.
+    /// Creates an opener for the server `HOST:PORT`; times come from `clock`.
     pub fn new(address: &str, clock: Arc<dyn Clock>) -> Self {
         let why = "it is being connected to".into();
         Self { address: address.into(), clock, attempt: None, failed: 0, not_before_ns: i64::MIN, why }
@@ -43,7 +45,7 @@ impl TcpOpener {
         let (told, outcome) = channel();
         let address = self.address.clone();
         let connecting = std::thread::Builder::new().name("connect".into()).spawn(move || {
-            // Nobody may be there any more to be told.
+            // The opener may have been dropped.
             let _ = told.send(connect(&address));
         });
         if let Err(error) = connecting {
@@ -62,7 +64,8 @@ fn connect(address: &str) -> Result<TcpStream, String> {
         match TcpStream::connect_timeout(&address, CONNECT) {
             Ok(stream) => {
                 stream.set_nonblocking(true).map_err(|error| error.to_string())?;
-                // Questions are short and not to be kept waiting; where that is refused they wait.
+                // Requests are short and must not be delayed; if this is refused, they are
+                // delayed.
                 let _ = stream.set_nodelay(true);
                 return Ok(stream);
             }
@@ -94,7 +97,8 @@ impl Opener for TcpOpener {
         match outcome {
             Ok(stream) => {
                 self.failed = 0;
-                // A server that takes connections and ends them at once is not asked without end.
+                // Limits the rate of attempts to a server that accepts connections and closes
+                // them at once.
                 self.not_before_ns = now_ns + PAUSE;
                 Ok(Box::new(Connected { stream, clock: Arc::clone(&self.clock) }))
             }
@@ -147,7 +151,7 @@ impl Transport for Connected {
                     }
                     let left = Timespec { tv_sec: left / SECOND, tv_nsec: left % SECOND };
                     let mut file = [PollFd::new(&self.stream, PollFlags::OUT)];
-                    // Interrupted or not, it is tried again.
+                    // Retries after an interruption, too.
                     let _ = rustix::event::poll(&mut file, Some(&left));
                 }
                 Err(error) => return Err(gone(&error)),

@@ -1,4 +1,4 @@
-//! USB devices with one bulk endpoint in each direction, by the crate nusb.
+//! USB devices with one bulk endpoint in each direction, using the crate nusb.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -7,26 +7,29 @@ use std::time::Duration;
 use nusb::transfer::{Buffer, Bulk, In, Out, TransferError};
 use nusb::{DeviceInfo, Endpoint, ErrorKind, MaybeFuture};
 
-use super::{LineError, Opener, Received, Transport};
-use crate::clock::Clock;
+use sonoweave_core::clock::Clock;
 
-/// Reads that wait in the kernel, so that the device's own buffer never fills while the host is busy.
+use super::{LineError, Opener, Received, Transport};
+
+/// Read transfers queued in the kernel, so that the device's buffer does not fill while the
+/// host is busy.
 const IN_FLIGHT: usize = 8;
-/// Bytes of each: a multiple of every packet size; a transfer ends early with a short packet.
+/// Bytes per transfer, a multiple of every packet size. A short packet ends a transfer early.
 const TRANSFER: usize = 512;
-/// The longest that a write may take, and then that transfers may take to be given back.
+/// Time limit of a write, and then of the cancellation of its transfers.
 const WRITE: Duration = Duration::from_millis(250);
 
-/// Which device is meant.
+/// Identifies a USB device.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct UsbId {
-    /// The maker's number.
+    /// Vendor number.
     pub vendor: u16,
-    /// The product's numbers, any of which will do.
+    /// Product numbers; any of them matches.
     pub products: Vec<u16>,
-    /// Its numbers while it waits for its firmware, each with what to do about that.
+    /// Product numbers while the device waits for its firmware, each with the remedy.
     pub loaders: Vec<(u16, String)>,
-    /// The device's serial number, or its place as bus and ports (`1-2.4`); `None` where there is only one.
+    /// The device's serial number, or its place as bus and ports (`1-2.4`). `None` if there is
+    /// only one.
     pub which: Option<String>,
 }
 
@@ -40,7 +43,7 @@ impl UsbId {
         self.which.as_deref().is_none_or(named)
     }
 
-    /// What to do about one of these devices, if it is what is meant and waits for its firmware.
+    /// Returns the remedy if one of these devices matches and waits for its firmware.
     fn advice<'a>(&'a self, devices: &[DeviceInfo]) -> Option<&'a str> {
         let waits = |(number, _): &&(u16, String)| {
             devices.iter().any(|device| device.product_id() == *number && self.is_where(device))
@@ -49,16 +52,17 @@ impl UsbId {
     }
 }
 
-/// Bus and ports of a device, as the kernel writes them: the same as long as it stays in the same socket.
+/// Returns bus and ports of a device, in the kernel's notation. It stays the same while the
+/// device stays in the same socket.
 pub fn place(device: &DeviceInfo) -> String {
     let ports: Vec<String> = device.port_chain().iter().map(u8::to_string).collect();
     format!("{}-{}", device.bus_id().trim_start_matches('0'), ports.join("."))
 }
 
-/// All devices of a maker, with their products.
+/// Lists all devices of a vendor, with their products.
 ///
 /// # Errors
-/// Why USB cannot be looked at, where it cannot.
+/// The reason why USB cannot be enumerated.
 pub fn list(vendor: u16) -> Result<Vec<DeviceInfo>, String> {
     match nusb::list_devices().wait() {
         Ok(devices) => Ok(devices.filter(|device| device.vendor_id() == vendor).collect()),
@@ -66,14 +70,14 @@ pub fn list(vendor: u16) -> Result<Vec<DeviceInfo>, String> {
     }
 }
 
-/// Why a device cannot be opened, as far as its file tells; nothing is done to it.
+/// Returns why a device cannot be opened, judged by its file; the device is not accessed.
 pub fn unavailable(device: &DeviceInfo) -> Option<String> {
     let bus: u32 = device.bus_id().parse().ok()?;
     let file = format!("/dev/bus/usb/{bus:03}/{:03}", device.device_address());
     super::denied(std::path::Path::new(&file))
 }
 
-/// Opens a device by USB.
+/// Opens a USB device.
 #[derive(Debug)]
 pub struct UsbOpener {
     id: UsbId,
@@ -82,7 +86,7 @@ pub struct UsbOpener {
 }
 
 impl UsbOpener {
-    /// That device; times are the clock's.
+    /// Creates an opener for this device; times come from `clock`.
     pub fn new(id: UsbId, clock: Arc<dyn Clock>) -> Self {
         let name = match &id.which {
             Some(which) => format!("USB {:04x} {which}", id.vendor),
@@ -119,7 +123,8 @@ impl Opener for UsbOpener {
         };
         let device = info.open().wait().map_err(refused)?;
         let interface = device.detach_and_claim_interface(0).wait().map_err(refused)?;
-        // By what the device says and not by a table: firmware differs.
+        // The endpoints come from the descriptors and not from a table: firmware versions
+        // differ.
         let described = interface.descriptor();
         let bulk = |direction| {
             let endpoints = described.iter().flat_map(|interface| interface.endpoints());
@@ -145,13 +150,14 @@ impl Opener for UsbOpener {
 struct Usb {
     input: Endpoint<Bulk, In>,
     output: Endpoint<Bulk, Out>,
-    /// What was received and did not fit, and when it was.
+    /// Received bytes that did not fit into the caller's buffer; `at_ns` is their arrival time.
     left: VecDeque<u8>,
     at_ns: i64,
     clock: Arc<dyn Clock>,
 }
 
-/// Why a transfer failed. A device that was unplugged says a fault first, on some hosts: both mean that it is gone.
+/// Converts a transfer error. On some hosts an unplugged device reports a fault first: both
+/// mean that it is gone.
 fn trouble(error: TransferError) -> LineError {
     match error {
         TransferError::Disconnected | TransferError::Fault => LineError::Gone(error.to_string()),
@@ -193,7 +199,7 @@ impl Transport for Usb {
 
     fn write(&mut self, bytes: &[u8]) -> Result<(), LineError> {
         self.send(bytes)?;
-        // The end of what fills its last packet is told by an empty one.
+        // An empty packet marks the end of a write that fills its last packet.
         if bytes.len().is_multiple_of(self.output.max_packet_size().max(1)) {
             self.send(&[])?;
         }
@@ -206,10 +212,11 @@ impl Transport for Usb {
 }
 
 impl Usb {
-    /// Sends what one transfer carries. One that is not taken is taken back: nothing waits without end, whatever the device or its controller does.
+    /// Sends the content of one transfer. A transfer that the device does not accept is
+    /// cancelled, so that nothing waits forever.
     fn send(&mut self, bytes: &[u8]) -> Result<(), LineError> {
         let gone = || LineError::Gone("its transfers do not end".into());
-        // A second time where the endpoint had stalled, for whatever reason.
+        // Tries a second time after a stall of the endpoint.
         for _ in 0..2 {
             let mut buffer = Buffer::new(bytes.len());
             buffer.extend_from_slice(bytes);
@@ -230,7 +237,8 @@ impl Usb {
         Err(trouble(TransferError::Stall))
     }
 
-    /// After a stall: takes back what is in flight, clears the endpoint, and asks anew.
+    /// Recovers from a stall: cancels the pending transfers, clears the endpoint, and submits
+    /// new reads.
     fn recover(&mut self) -> Result<(), LineError> {
         self.input.cancel_all();
         let mut buffers = Vec::new();

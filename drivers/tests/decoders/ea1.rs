@@ -1,10 +1,12 @@
-//! EA1: lines and blocks on one port, identity, time, errors, commands, and bare numbers for those who ask for them.
+//! EA1: lines and blocks on one port, identity, time, errors, commands, and bare numbers on
+//! request.
 
 use crc::{CRC_16_IBM_3740, Crc};
+use proptest::prelude::*;
+
 use drivers::arm::ea1::command::Command;
 use drivers::arm::ea1::{Ea1, Framing, Identity, LONGEST_SAMPLE, Record, Sample, error, flag};
 use drivers::framing::{Decoder, Format, Look, Refusal};
-use proptest::prelude::*;
 
 use crate::stream::{decode_any_cut, garbage, locks, pieces};
 
@@ -25,7 +27,7 @@ fn written(record: &Record<'_>) -> Vec<u8> {
 }
 
 #[test]
-fn lines_and_blocks_are_read_and_written_as_the_document_has_them() {
+fn lines_and_blocks_match_document() {
     let block = Sample { flags: flag::HOMED[0], framing: Framing::Blocks, ..sample() };
     for (sample, bytes) in [(sample(), LINE), (block, &BLOCK)] {
         let record = Record::Sample(sample);
@@ -36,7 +38,7 @@ fn lines_and_blocks_are_read_and_written_as_the_document_has_them() {
 }
 
 #[test]
-fn both_framings_and_answers_share_a_port() {
+fn framings_and_answers_share_port() {
     let identity = Identity {
         model: "Bench arm",
         serial: "7",
@@ -56,17 +58,17 @@ fn both_framings_and_answers_share_a_port() {
 }
 
 #[test]
-fn the_longest_sample_is_as_long_as_stated_and_read() {
+fn longest_sample_has_stated_length() {
     let sample = Sample { seq: u32::MAX, t_us: u32::MAX, counts: [i32::MIN; 3], flags: 0xff, ..sample() };
     let line = written(&Record::Sample(sample));
-    // Two more digits of flags than are written would do no harm.
+    // Two more digits of flags than are written would be accepted.
     assert_eq!(line.len() + 2, LONGEST_SAMPLE);
     let buttons = Sample { buttons: 1, ..sample };
     assert_eq!(Ea1::new().look(&line), Look::Record { length: line.len(), record: Record::Sample(buttons) });
 }
 
 #[test]
-fn damage_is_told_by_reason() {
+fn damage_is_counted_by_reason() {
     for (line, why) in [
         (&b"$EA,42,1000000,1024,-300,65536,07*1F\r\n"[..], Refusal::Checksum),
         (b"$EA,42,1000000,1024,-300,65537,07*1E\r\n", Refusal::Checksum),
@@ -112,8 +114,9 @@ fn damage_is_told_by_reason() {
 }
 
 #[test]
-fn a_zero_within_a_block_is_none_of_cobs() {
-    // The same 27 bytes in one run, zeros and all: the code in front, the checksum and the end are right.
+fn zero_within_cobs_block_is_refused() {
+    // The same 27 bytes as a single run, zeros included, between a valid code byte, checksum
+    // and end.
     let mut plain = [0; 27];
     assert_eq!(cobs::decode(&BLOCK[..28], &mut plain).unwrap().frame_size(), 27);
     let raw = [&[28], &plain[..], &[0]].concat();
@@ -122,7 +125,7 @@ fn a_zero_within_a_block_is_none_of_cobs() {
 }
 
 #[test]
-fn bare_numbers_are_read_only_where_they_are_asked_for_and_only_as_whole_lines() {
+fn bare_numbers_are_read_only_on_request_as_whole_lines() {
     let stream = b"7,2,3\n1,-2,3\r\nx1,2,3\n4,5\n1,2,3,4\n2147483648,0,0\n-2147483648,0,1\n";
     assert_eq!(decode_any_cut(&Ea1::new(), stream, &[2]).0, []);
     let (found, _) = decode_any_cut(&Ea1::or_bare_numbers(), stream, &[2]);
@@ -139,7 +142,7 @@ fn bare_numbers_are_read_only_where_they_are_asked_for_and_only_as_whole_lines()
 }
 
 #[test]
-fn commands_are_these_bytes() {
+fn commands_match_bytes() {
     for (command, bytes) in [
         (Command::Identify, &b"!I\n"[..]),
         (Command::Stream(Framing::Lines, 100), b"!R100\n"),
@@ -186,7 +189,7 @@ fn samples() -> impl Strategy<Value = Vec<Sample>> {
 
 proptest! {
     #[test]
-    fn what_is_written_is_read(samples in samples(), pieces in pieces()) {
+    fn samples_roundtrip(samples in samples(), pieces in pieces()) {
         let stream: Vec<u8> = samples.iter().flat_map(|&sample| written(&Record::Sample(sample))).collect();
         for format in [Ea1::new(), Ea1::or_bare_numbers()] {
             let (found, losses) = decode_any_cut(&format, &stream, &pieces);
@@ -197,7 +200,7 @@ proptest! {
     }
 
     #[test]
-    fn blocks_are_what_others_make_of_them(sample in samples()) {
+    fn blocks_match_other_cobs_and_crc(sample in samples()) {
         for sample in sample {
             let block = written(&Record::Sample(Sample { framing: Framing::Blocks, ..sample }));
             let mut plain = [0; 32];
@@ -209,7 +212,7 @@ proptest! {
     }
 
     #[test]
-    fn samples_are_found_again_after_garbage(
+    fn samples_are_found_after_garbage(
         (good, garbage) in samples().prop_flat_map(|samples| {
             let good: Vec<Vec<u8>> = samples.iter().map(|&sample| written(&Record::Sample(sample))).collect();
             (Just(good.clone()), garbage(good))
@@ -220,13 +223,13 @@ proptest! {
     }
 
     #[test]
-    fn arbitrary_bytes_do_no_harm(bytes in prop::collection::vec(prop_oneof![any::<u8>(), prop::sample::select(b"$EA,*-07\r\n\x00\x01\x03\x04".to_vec())], 0..2000), pieces in pieces()) {
+    fn arbitrary_bytes_never_panic(bytes in prop::collection::vec(prop_oneof![any::<u8>(), prop::sample::select(b"$EA,*-07\r\n\x00\x01\x03\x04".to_vec())], 0..2000), pieces in pieces()) {
         decode_any_cut(&Ea1::new(), &bytes, &pieces);
         decode_any_cut(&Ea1::or_bare_numbers(), &bytes, &pieces);
     }
 
     #[test]
-    fn text_that_looks_right_does_no_harm(text in "([$]E[AITE],[0-9,-]{0,40}([*][0-9A-F]{2})?(\r\n)?|[0-9,-]{0,30}\n){0,20}", pieces in pieces()) {
+    fn plausible_text_never_panics(text in "([$]E[AITE],[0-9,-]{0,40}([*][0-9A-F]{2})?(\r\n)?|[0-9,-]{0,30}\n){0,20}", pieces in pieces()) {
         decode_any_cut(&Ea1::new(), text.as_bytes(), &pieces);
         decode_any_cut(&Ea1::or_bare_numbers(), text.as_bytes(), &pieces);
     }

@@ -1,4 +1,5 @@
-//! The reference in C that `docs/ea1.md` gives to those who build an arm: compiled, run, and read by our decoder.
+//! Compiles and runs the C reference of `docs/ea1.md`, meant for builders of an arm, and
+//! decodes its output.
 
 use std::io::Write as _;
 use std::path::Path;
@@ -7,7 +8,7 @@ use std::process::{Command, Stdio};
 use drivers::arm::ea1::{Ea1, Framing, Identity, Record, Sample, command, error, flag};
 use drivers::framing::Decoder;
 
-/// Compiles the reference with every warning an error, feeds it lines, and gives back what it sent.
+/// Compiles the reference with all warnings as errors, feeds it lines, and returns its output.
 fn run(script: &str) -> Vec<u8> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/ea1");
     let built = tempfile::tempdir().unwrap();
@@ -22,7 +23,7 @@ fn run(script: &str) -> Vec<u8> {
     let mut arm = Command::new(&program).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
     let mut stdin = arm.stdin.take().unwrap();
     let script = script.to_owned();
-    // Written beside the reading: neither pipe may fill up while the other waits.
+    // Writes on a thread while reading: a full pipe would otherwise block both.
     let writer = std::thread::spawn(move || stdin.write_all(script.as_bytes()));
     let output = arm.wait_with_output().unwrap();
     writer.join().unwrap().unwrap();
@@ -40,7 +41,7 @@ fn tick(sample: &Sample, faults: u16) -> String {
 }
 
 #[test]
-fn samples_of_both_framings_are_read_back_exactly() {
+fn reference_samples_decode_exactly() {
     let extremes = [0, 1, -1, 9, 10, -300, 99_999_999, 100_000_000, i32::MAX, i32::MIN];
     let identity = Identity {
         model: "Bench arm",
@@ -57,9 +58,9 @@ fn samples_of_both_framings_are_read_back_exactly() {
         for (index, &a) in extremes.iter().enumerate() {
             for &b in &extremes {
                 seq += 1;
-                // Over the wrap of 32 bits.
+                // Crosses the wrap of 32 bits.
                 let t_us = 0xFFFF_0000_u32.wrapping_add(seq * 997);
-                // A line tells only that there is a button.
+                // A line only states whether a button is pressed.
                 let buttons = if framing == Framing::Lines { seq as u8 & 1 } else { seq as u8 };
                 let flags = if buttons != 0 { flag::BUTTON } else { 0 };
                 let sample = Sample { seq, t_us, counts: [a, b, extremes[(index + 3) % 10]], flags, buttons, framing };
@@ -83,14 +84,14 @@ fn samples_of_both_framings_are_read_back_exactly() {
 }
 
 #[test]
-fn flags_errors_and_pings_are_as_the_document_says() {
+fn flags_errors_and_pings_match_document() {
     let at = |t_us, counts| Sample { seq: 0, t_us, counts, flags: 0, buttons: 0, framing: Framing::Lines };
     let script = [
         text(command::Command::Stream(Framing::Lines, 100)),
-        // A joint loses steps, and the main loop comes too late for one sample.
+        // A joint loses steps, and the main loop is too late for one sample.
         tick(&at(1, [1, 2, 3]), 2) + &tick(&at(2, [1, 2, 3]), 0) + "idle\nidle\n",
         tick(&at(3, [1, 2, 3]), 0) + "idle\n",
-        // Homing ends the fault, drops what was latched before, and zeroes.
+        // Homing clears the fault, drops the latched samples, and zeroes the counts.
         tick(&at(4, [5, 6, 7]), 0) + &text(command::Command::Zero(3)) + "idle\n" + &text(command::Command::Poll),
         text(command::Command::Time(77)),
         text(command::Command::Stream(Framing::Lines, 257)) + &text(command::Command::Stream(Framing::Blocks, 397)),
@@ -128,7 +129,7 @@ fn flags_errors_and_pings_are_as_the_document_says() {
 }
 
 #[test]
-fn the_document_s_examples_are_true() {
+fn document_examples_decode() {
     let document = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/ea1.md")).unwrap();
     let mut lines = 0;
     for line in document.lines().filter_map(|line| line.strip_prefix("<  ")) {

@@ -1,10 +1,11 @@
 //! FASTRAK, text and binary, and the text of ISOTRAK.
 
-use drivers::framing::{Decoder, Refusal};
-use drivers::polhemus::fastrak::command::{Command, NO_FILTER, NotObeyed};
-use drivers::polhemus::fastrak::reply::STATUS_BYTES;
-use drivers::polhemus::fastrak::{Fastrak, Layout, ListError, Mode, Pose, Record, Status, write};
 use proptest::prelude::*;
+
+use drivers::framing::{Decoder, Refusal};
+use drivers::tracker::polhemus::fastrak::command::{Command, NO_FILTER, NotObeyed};
+use drivers::tracker::polhemus::fastrak::reply::STATUS_BYTES;
+use drivers::tracker::polhemus::fastrak::{Fastrak, Layout, ListError, Mode, Pose, Record, Status, write};
 
 use crate::stream::{decode, decode_any_cut, garbage, locks, pieces};
 
@@ -28,7 +29,7 @@ fn poses(format: Fastrak, stream: &[u8]) -> Vec<Pose> {
 }
 
 #[test]
-fn text_is_read_and_written_as_the_manual_has_it() {
+fn text_matches_manual() {
     let layout = Layout::new(Mode::Ascii, &[2, 11, 1]).unwrap();
     assert_eq!(layout.length(), 54);
     assert_eq!(poses(Fastrak::uniform(1, layout), &SAMPLE_TEXT.repeat(2)), [sample(); 2]);
@@ -38,7 +39,7 @@ fn text_is_read_and_written_as_the_manual_has_it() {
 }
 
 #[test]
-fn columns_that_touch_are_told_apart() {
+fn touching_columns_are_separated() {
     let layout = Layout::new(Mode::Ascii, &[2, 11]).unwrap();
     assert_eq!(layout.length(), 52);
     let record = b"01   28.57 -10.28  13.95-0.9713-0.0093 0.1473 0.1855";
@@ -51,7 +52,7 @@ fn columns_that_touch_are_told_apart() {
 }
 
 #[test]
-fn binary_is_read_and_written_as_the_manual_has_it() {
+fn binary_matches_manual() {
     let layout = Layout::new(Mode::Binary, &[2, 11, 0]).unwrap();
     assert_eq!(layout.length(), 32);
     assert_eq!(poses(Fastrak::uniform(1, layout), &SAMPLE_BINARY.repeat(3)), [sample(); 3]);
@@ -61,7 +62,7 @@ fn binary_is_read_and_written_as_the_manual_has_it() {
 }
 
 #[test]
-fn fourteen_bits_a_value_keep_their_sign() {
+fn fourteen_bit_values_keep_sign() {
     let layout = Layout::new(Mode::Binary, &[18]).unwrap();
     let record = [0x30, 0x31, 0x20, 0x91, 0x02, 0x69, 0x7E, 0x3A, 0x06];
     let poses = poses(Fastrak::uniform(1, layout), &record.repeat(2));
@@ -73,7 +74,7 @@ fn fourteen_bits_a_value_keep_their_sign() {
 }
 
 #[test]
-fn lengths_follow_from_the_list() {
+fn record_length_follows_output_list() {
     for (mode, codes, length) in [
         (Mode::Ascii, &[2, 4, 1][..], 47),
         (Mode::Ascii, &[2, 11, 1], 54),
@@ -97,7 +98,7 @@ fn lengths_follow_from_the_list() {
 }
 
 #[test]
-fn an_error_letter_qualifies_a_pose_and_does_not_refute_it() {
+fn error_letter_keeps_pose() {
     let layout = Layout::new(Mode::Ascii, &[2, 11, 1]).unwrap();
     let mut record = SAMPLE_TEXT.to_vec();
     record[2] = b'k';
@@ -106,7 +107,7 @@ fn an_error_letter_qualifies_a_pose_and_does_not_refute_it() {
 }
 
 #[test]
-fn stations_have_lists_of_their_own() {
+fn stations_have_separate_lists() {
     let text = Layout::new(Mode::Ascii, &[2, 11, 1]).unwrap();
     let short = Layout::new(Mode::Ascii, &[2, 1]).unwrap();
     let format = Fastrak::new([Some(text), None, Some(short), None]);
@@ -125,7 +126,7 @@ fn stations_have_lists_of_their_own() {
 }
 
 #[test]
-fn replies_amid_records_are_taken_out() {
+fn replies_among_records_are_extracted() {
     let layout = Layout::new(Mode::Binary, &[2, 11, 0]).unwrap();
     let status = Status {
         station: b'1',
@@ -182,7 +183,7 @@ fn replies_amid_records_are_taken_out() {
 }
 
 #[test]
-fn a_reply_is_read_before_anything_is_known_of_the_records() {
+fn reply_is_read_before_layout_is_known() {
     let (found, losses) = decode_any_cut(&Fastrak::replies(), b"\x00\xff21l1010\r\n0121O 211 1\r\n", &[3]);
     assert_eq!(found.iter().map(|(_, range)| range.clone()).collect::<Vec<_>>(), [2..11, 13..24]);
     assert_eq!(losses.bytes_skipped, 4);
@@ -196,7 +197,7 @@ fn a_reply_is_read_before_anything_is_known_of_the_records() {
 }
 
 #[test]
-fn what_a_tracker_cannot_measure_is_refused() {
+fn impossible_measurements_are_refused() {
     let layout = Layout::new(Mode::Binary, &[2, 11, 0]).unwrap();
     let poses = [
         Pose { position: Some([500.5, 0.0, 0.0]), ..sample() },
@@ -215,7 +216,7 @@ fn what_a_tracker_cannot_measure_is_refused() {
 }
 
 #[test]
-fn commands_are_these_bytes() {
+fn commands_match_bytes() {
     let text = Layout::new(Mode::Ascii, &[2, 11, 1]).unwrap();
     for (command, bytes) in [
         (Command::Poll, &b"P"[..]),
@@ -261,18 +262,20 @@ fn commands_are_these_bytes() {
     }
 }
 
-/// A layout of any items, with and without a line end.
+/// Generates a layout of any items, with and without a line end.
 fn layout() -> impl Strategy<Value = Layout> {
     let text = prop::sample::subsequence(vec![0, 2, 3, 4, 5, 6, 7, 11, 16, 52, 61], 1..=6).prop_shuffle();
     let binary = prop::sample::subsequence(vec![0, 2, 3, 4, 5, 6, 7, 11, 16], 1..=6).prop_shuffle();
     prop_oneof![(Just(Mode::Ascii), text), (Just(Mode::Binary), binary)].prop_map(|(mode, mut codes)| {
-        // Positions alone leave a binary record without anything that tells its beginning for sure; a line end does.
+        // A binary record of positions alone has no reliable mark of its beginning; a line end
+        // provides one.
         codes.push(1);
         Layout::new(mode, &codes).unwrap()
     })
 }
 
-/// Numbers that both text and singles hold exactly: the decoder must give them back to the last bit.
+/// Generates numbers that text and single precision hold exactly, so that decoding must be
+/// exact to the last bit.
 fn pose(station: u8) -> impl Strategy<Value = Pose> {
     let length = -1_600_i32..1_600;
     let position =
@@ -301,9 +304,9 @@ fn pose(station: u8) -> impl Strategy<Value = Pose> {
     )
 }
 
-/// Of a pose, what the layout asks for.
+/// Returns the parts of a pose that the layout contains.
 fn asked(pose: &Pose, layout: &Layout) -> Pose {
-    use drivers::polhemus::fastrak::Item;
+    use drivers::tracker::polhemus::fastrak::Item;
     let has = |item| layout.entries().iter().any(|entry| entry.item == item);
     Pose {
         position: pose.position.filter(|_| has(Item::Position)),
@@ -322,7 +325,7 @@ fn some_poses() -> impl Strategy<Value = Vec<Pose>> {
 
 proptest! {
     #[test]
-    fn what_is_written_is_read(layout in layout(), records in some_poses(), pieces in pieces()) {
+    fn poses_roundtrip(layout in layout(), records in some_poses(), pieces in pieces()) {
         let format = Fastrak::uniform(2, layout);
         let mut stream = Vec::new();
         records.iter().for_each(|pose| pose.write(&layout, &mut stream));
@@ -333,7 +336,7 @@ proptest! {
     }
 
     #[test]
-    fn records_are_found_again_after_garbage(
+    fn records_are_found_after_garbage(
         (layout, good, garbage) in (layout(), some_poses()).prop_flat_map(|(layout, poses)| {
             let good: Vec<Vec<u8>> = poses.iter().map(|pose| {
                 let mut bytes = Vec::new();
@@ -348,18 +351,18 @@ proptest! {
     }
 
     #[test]
-    fn arbitrary_bytes_do_no_harm(layout in layout(), bytes in prop::collection::vec(any::<u8>(), 0..2000), pieces in pieces()) {
+    fn arbitrary_bytes_never_panic(layout in layout(), bytes in prop::collection::vec(any::<u8>(), 0..2000), pieces in pieces()) {
         decode_any_cut(&Fastrak::uniform(4, layout), &bytes, &pieces);
         decode_any_cut(&Fastrak::replies(), &bytes, &pieces);
     }
 
     #[test]
-    fn bytes_that_look_right_do_no_harm(layout in layout(), bytes in "[0-4 .EOSl\r\n-]{0,600}", pieces in pieces()) {
+    fn plausible_bytes_never_panic(layout in layout(), bytes in "[0-4 .EOSl\r\n-]{0,600}", pieces in pieces()) {
         decode_any_cut(&Fastrak::uniform(4, layout), bytes.as_bytes(), &pieces);
     }
 
     #[test]
-    fn any_command_is_read_without_harm(bytes in prop::collection::vec(any::<u8>(), 0..64), text in "[OlHRbIxv][0-9,. -]{0,20}\r") {
+    fn command_parser_never_panics(bytes in prop::collection::vec(any::<u8>(), 0..64), text in "[OlHRbIxv][0-9,. -]{0,20}\r") {
         for bytes in [&bytes[..], text.as_bytes()] {
             if let Some((_, used)) = Command::read(bytes) {
                 prop_assert!((1..=bytes.len()).contains(&used));
@@ -369,7 +372,7 @@ proptest! {
 }
 
 #[test]
-fn extended_precision_goes_there_and_back() {
+fn extended_precision_roundtrips() {
     let layout = Layout::new(Mode::Ascii, &[52, 61, 1]).unwrap();
     let pose = Pose {
         position: Some([12.345, -0.00012345, 0.0]),
@@ -386,7 +389,7 @@ fn extended_precision_goes_there_and_back() {
 }
 
 #[test]
-fn one_good_record_alone_waits_for_a_second_and_is_given_up_when_the_stream_breaks_off() {
+fn single_record_waits_until_stream_is_interrupted() {
     let layout = Layout::new(Mode::Binary, &[2, 11, 0]).unwrap();
     let mut decoder = Decoder::new(Fastrak::uniform(1, layout));
     let mut found = 0;
@@ -406,9 +409,9 @@ fn one_good_record_alone_waits_for_a_second_and_is_given_up_when_the_stream_brea
 }
 
 #[test]
-fn a_record_counts_only_beside_another() {
+fn isolated_record_is_refused() {
     let layout = Layout::new(Mode::Binary, &[2, 11, 0]).unwrap();
-    // Alone before, between and after noise: perhaps noise itself.
+    // A single record before, between and after noise may itself be noise.
     let stream = [&SAMPLE_BINARY[..], b"x", &SAMPLE_BINARY, &SAMPLE_BINARY, b"0", &SAMPLE_BINARY, b"z"].concat();
     let (found, losses) = decode_any_cut(&Fastrak::uniform(1, layout), &stream, &[10]);
     assert_eq!(found.iter().map(|(_, range)| range.start).collect::<Vec<_>>(), [33, 65]);

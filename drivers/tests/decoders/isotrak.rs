@@ -1,9 +1,10 @@
 //! ISOTRAK's packed binary, and its text.
 
-use drivers::framing::{Decoder, Format, Look, Refusal};
-use drivers::polhemus::fastrak::{self, Fastrak, Mode};
-use drivers::polhemus::isotrak::{CM_PER_COUNT, Isotrak, Layout, ListError, PRESSED, Pose, Record};
 use proptest::prelude::*;
+
+use drivers::framing::{Decoder, Format, Look, Refusal};
+use drivers::tracker::polhemus::fastrak::{self, Fastrak, Mode};
+use drivers::tracker::polhemus::isotrak::{CM_PER_COUNT, Isotrak, Layout, ListError, PRESSED, Pose, Record};
 
 use crate::stream::{decode_any_cut, garbage, locks, pieces};
 
@@ -25,7 +26,7 @@ fn sample() -> Pose {
 }
 
 #[test]
-fn seven_bits_a_byte_are_packed_and_unpacked() {
+fn seven_bit_packing_roundtrips() {
     assert_eq!(layout().length(), 20);
     let mut format = Isotrak::new(1, layout());
     assert_eq!(format.look(&SAMPLE), Look::Record { length: 20, record: Record::Pose(&sample()) });
@@ -39,7 +40,7 @@ fn seven_bits_a_byte_are_packed_and_unpacked() {
 }
 
 #[test]
-fn a_record_that_was_cut_gives_way_to_the_next_at_its_mark() {
+fn cut_record_ends_at_next_mark() {
     let stream = [&SAMPLE[..], &SAMPLE[..13], &SAMPLE, &SAMPLE[..1], &SAMPLE].concat();
     let (found, losses) = decode_any_cut(&Isotrak::new(1, layout()), &stream, &[3]);
     assert_eq!(found.iter().map(|(_, range)| range.start).collect::<Vec<_>>(), [0, 33, 54]);
@@ -80,7 +81,7 @@ fn stations_not_in_use_and_impossible_orientations_are_refused() {
 }
 
 #[test]
-fn its_text_is_fastrak_s() {
+fn isotrak_text_matches_fastrak() {
     let layout = fastrak::Layout::new(Mode::Ascii, &[2, 4, 1]).unwrap();
     let record = b"01   10.00  -5.50  30.25  90.00 -45.00   0.50\r\n";
     let (found, losses) = decode_any_cut(&Fastrak::uniform(2, layout), &record.repeat(3), &[8]);
@@ -118,13 +119,13 @@ fn written(pose: &Pose, layout: &Layout) -> Vec<u8> {
 
 proptest! {
     #[test]
-    fn what_is_written_is_read_and_marked_once(layout in any_layout(), records in poses(), pieces in pieces()) {
+    fn poses_roundtrip_with_one_mark_each(layout in any_layout(), records in poses(), pieces in pieces()) {
         let stream: Vec<u8> = records.iter().flat_map(|pose| written(pose, &layout)).collect();
         let marks: Vec<usize> = (0..stream.len()).filter(|&at| stream[at] >= 0x80).collect();
         prop_assert_eq!(marks, (0..records.len()).map(|record| record * layout.length()).collect::<Vec<_>>());
         let (found, losses) = decode_any_cut(&Isotrak::new(2, layout), &stream, &pieces);
         prop_assert_eq!((found.len(), losses.bytes_skipped), (records.len(), 0));
-        // Written again they are the same bytes: nothing was lost in reading.
+        // Writing them again gives the same bytes: nothing was lost in reading.
         let mut again = Vec::new();
         Decoder::new(Isotrak::new(2, layout)).feed(&stream, &mut |record, _| if let Record::Pose(pose) = record {
             pose.write(&layout, &mut again);
@@ -133,7 +134,7 @@ proptest! {
     }
 
     #[test]
-    fn records_are_found_again_after_garbage(
+    fn records_are_found_after_garbage(
         (layout, good, garbage) in (any_layout(), poses()).prop_flat_map(|(layout, poses)| {
             let good: Vec<Vec<u8>> = poses.iter().map(|pose| written(pose, &layout)).collect();
             (Just(layout), Just(good.clone()), garbage(good))
@@ -144,7 +145,7 @@ proptest! {
     }
 
     #[test]
-    fn arbitrary_bytes_do_no_harm(layout in any_layout(), bytes in prop::collection::vec(prop_oneof![any::<u8>(), Just(0xB0), 0x30..0x34_u8], 0..2000), pieces in pieces()) {
+    fn arbitrary_bytes_never_panic(layout in any_layout(), bytes in prop::collection::vec(prop_oneof![any::<u8>(), Just(0xB0), 0x30..0x34_u8], 0..2000), pieces in pieces()) {
         decode_any_cut(&Isotrak::new(2, layout), &bytes, &pieces);
     }
 }

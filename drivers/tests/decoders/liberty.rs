@@ -1,10 +1,11 @@
 //! LIBERTY, PATRIOT and Latus: binary frames, text answers, commands.
 
-use drivers::framing::{Decoder, Refusal};
-use drivers::polhemus::liberty::command::{ACTIVE_STATIONS, Command, Counter, Rate, Stations};
-use drivers::polhemus::liberty::text::{LibertyText, Line};
-use drivers::polhemus::liberty::{Header, Layout, Liberty, ListError, Pose, Record, Reply, Tag};
 use proptest::prelude::*;
+
+use drivers::framing::{Decoder, Refusal};
+use drivers::tracker::polhemus::liberty::command::{ACTIVE_STATIONS, Command, Counter, Rate, Stations};
+use drivers::tracker::polhemus::liberty::text::{LibertyText, Line};
+use drivers::tracker::polhemus::liberty::{Header, Layout, Liberty, ListError, Pose, Record, Reply, Tag};
 
 use crate::stream::{decode_any_cut, garbage, locks, pieces};
 
@@ -46,7 +47,7 @@ fn poses(format: Liberty, stream: &[u8]) -> Vec<Pose> {
 }
 
 #[test]
-fn frames_are_read_and_written_as_the_manual_has_them() {
+fn frames_match_manual() {
     assert_eq!(layout().length(), 44);
     assert_eq!(poses(Liberty::new(1, layout()), &SAMPLE), [sample()], "a frame tells its length, so one is enough");
     assert_eq!(written(&sample(), &layout()), SAMPLE);
@@ -59,7 +60,7 @@ fn frames_are_read_and_written_as_the_manual_has_them() {
 }
 
 #[test]
-fn lengths_follow_from_the_list() {
+fn frame_length_follows_output_list() {
     let body = |codes: &[u8]| Layout::new(codes).map(|layout| layout.body());
     let all: Vec<u8> = (0..13).collect();
     assert_eq!(body(&all), Ok(1 + 2 + 12 + 12 + 12 + 12 + 36 + 16 + 5 * 4));
@@ -70,7 +71,7 @@ fn lengths_follow_from_the_list() {
 }
 
 #[test]
-fn another_length_station_or_orientation_is_no_frame_of_ours() {
+fn wrong_length_station_or_orientation_is_refused() {
     let other = written(&sample(), &Layout::new(&[9, 2, 7]).unwrap());
     let second = written(&Pose { header: Header { station: 2, ..STREAMED }, ..sample() }, &layout());
     let turned = written(&Pose { quaternion_wxyz: Some([0.5; 4].map(|each: f32| each * 1.1)), ..sample() }, &layout());
@@ -85,7 +86,7 @@ fn another_length_station_or_orientation_is_no_frame_of_ours() {
 }
 
 #[test]
-fn a_sensor_that_reports_an_error_is_heard_whatever_its_numbers() {
+fn sensor_error_is_reported_with_any_values() {
     let lost = Pose {
         header: Header { error: b'u', ..STREAMED },
         quaternion_wxyz: Some([0.0; 4]),
@@ -97,7 +98,7 @@ fn a_sensor_that_reports_an_error_is_heard_whatever_its_numbers() {
 }
 
 #[test]
-fn replies_tell_stations_and_lists() {
+fn replies_give_stations_and_lists() {
     let of = |command, body| {
         let mut bytes = Vec::new();
         Reply { header: Header { command, station: 0, ..STREAMED }, body }.write(&mut bytes);
@@ -142,7 +143,7 @@ fn text_answers_are_read_by_line() {
 }
 
 #[test]
-fn commands_are_these_bytes() {
+fn commands_match_bytes() {
     for (command, bytes) in [
         (Command::Poll, &b"P"[..]),
         (Command::Stream, b"C\r"),
@@ -181,7 +182,7 @@ fn commands_are_these_bytes() {
     }
 }
 
-/// Lists that end in the quaternion, as [`Layout`] advises.
+/// Generates lists that end in the quaternion, as [`Layout`] advises.
 fn any_layout() -> impl Strategy<Value = Layout> {
     prop::sample::subsequence(vec![0, 1, 2, 4, 6, 8, 9, 10, 11, 12], 0..=10).prop_shuffle().prop_map(|mut codes| {
         codes.push(7);
@@ -217,7 +218,7 @@ fn some_poses() -> impl Strategy<Value = Vec<Pose>> {
 
 proptest! {
     #[test]
-    fn what_is_written_is_read(layout in any_layout(), records in some_poses(), pieces in pieces()) {
+    fn frames_roundtrip(layout in any_layout(), records in some_poses(), pieces in pieces()) {
         let stream: Vec<u8> = records.iter().flat_map(|pose| written(pose, &layout)).collect();
         let (found, losses) = decode_any_cut(&Liberty::new(4, layout), &stream, &pieces);
         prop_assert_eq!((found.len(), losses.bytes_skipped), (records.len(), 0));
@@ -226,7 +227,7 @@ proptest! {
     }
 
     #[test]
-    fn frames_are_found_again_after_garbage(
+    fn frames_are_found_after_garbage(
         (layout, good, garbage) in (any_layout(), some_poses()).prop_flat_map(|(layout, poses)| {
             let good: Vec<Vec<u8>> = poses.iter().map(|pose| written(pose, &layout)).collect();
             (Just(layout), Just(good.clone()), garbage(good))
@@ -237,14 +238,14 @@ proptest! {
     }
 
     #[test]
-    fn arbitrary_bytes_do_no_harm(layout in any_layout(), bytes in prop::collection::vec(prop_oneof![any::<u8>(), prop::sample::select(b"LYPAUCO\x01\x00".to_vec())], 0..2000), pieces in pieces()) {
+    fn arbitrary_bytes_never_panic(layout in any_layout(), bytes in prop::collection::vec(prop_oneof![any::<u8>(), prop::sample::select(b"LYPAUCO\x01\x00".to_vec())], 0..2000), pieces in pieces()) {
         decode_any_cut(&Liberty::new(4, layout), &bytes, &pieces);
         decode_any_cut(&Liberty::replies(), &bytes, &pieces);
         decode_any_cut(&LibertyText, &bytes, &pieces);
     }
 
     #[test]
-    fn text_lines_are_found_again_after_garbage(bodies in prop::collection::vec("[ -~]{0,80}", 1..8), garbage in prop::collection::vec(any::<u8>(), 0..700), pieces in pieces()) {
+    fn text_lines_are_found_after_garbage(bodies in prop::collection::vec("[ -~]{0,80}", 1..8), garbage in prop::collection::vec(any::<u8>(), 0..700), pieces in pieces()) {
         let good: Vec<Vec<u8>> = bodies.iter().map(|body| {
             let mut line = Vec::new();
             Line::Reply { station: 1, command: b'V', error: b' ', body: body.as_bytes() }.write(&mut line);
@@ -254,7 +255,7 @@ proptest! {
     }
 
     #[test]
-    fn any_command_is_read_without_harm(bytes in prop::collection::vec(any::<u8>(), 0..64), text in "[COHRXY@\x02\x12\x15][0-9*B,. -]{0,20}\r") {
+    fn command_parser_never_panics(bytes in prop::collection::vec(any::<u8>(), 0..64), text in "[COHRXY@\x02\x12\x15][0-9*B,. -]{0,20}\r") {
         for bytes in [&bytes[..], text.as_bytes()] {
             if let Some((_, used)) = Command::read(bytes) {
                 prop_assert!((1..=bytes.len()).contains(&used));

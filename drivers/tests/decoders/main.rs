@@ -1,4 +1,5 @@
-//! What every decoder promises, on streams of every wire format: written vectors, any cut, garbage, arbitrary bytes, encode and decode.
+//! Guarantees of every decoder, on streams of every wire format: hand-written vectors, division
+//! anywhere, garbage, arbitrary bytes, encoding and decoding.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
 
@@ -14,19 +15,20 @@ mod qsb;
 mod stream;
 mod viper;
 
-/// Three records, or VIPER's longest reply and two frames; nothing that only looks like the beginning of a reply may hold records up for longer.
+/// Three records, or VIPER's longest reply and two frames. A false beginning of a reply may not
+/// delay records any longer.
 #[test]
-fn the_bytes_within_which_records_are_found_are_as_few_as_promised() {
+fn lock_bytes_match_documented_bounds() {
     use drivers::arm::{ea1, microscribe, qsb};
     use drivers::framing::Format as _;
-    use drivers::polhemus::{fastrak, isotrak, liberty, viper};
+    use drivers::tracker::polhemus::{fastrak, isotrak, liberty, viper};
 
     let fastrak = |mode, codes| fastrak::Fastrak::uniform(2, fastrak::Layout::new(mode, codes).unwrap()).lock_bytes();
     assert_eq!(fastrak(fastrak::Mode::Ascii, &[2, 11, 1]), 3 * 54);
     assert_eq!(fastrak(fastrak::Mode::Ascii, &[2, 11, 0]), 3 * 53);
     assert_eq!(fastrak(fastrak::Mode::Binary, &[2, 11, 0]), 3 * 32);
     assert_eq!(fastrak(fastrak::Mode::Ascii, &[52, 61, 1]), 3 * (3 + 7 * 13 + 2));
-    // Shorter than half a status, which still has to be told from garbage.
+    // Shorter than half a status reply, which must still be distinguished from garbage.
     assert_eq!(fastrak(fastrak::Mode::Binary, &[2, 1]), 17 + 56);
     assert_eq!(isotrak::Isotrak::new(1, isotrak::Layout::new(&[2, 11]).unwrap()).lock_bytes(), 3 * 20);
     assert_eq!(liberty::Liberty::new(4, liberty::Layout::new(&[8, 9, 2, 7]).unwrap()).lock_bytes(), 3 * 44);

@@ -1,10 +1,11 @@
-//! MicroScribe: samples, and answers while a session is set up.
+//! MicroScribe: samples, and the answers during session set-up.
+
+use proptest::prelude::*;
 
 use drivers::arm::microscribe::{
     Answers, Awaited, BEGIN, Command, Family, Links, Question, Request, SIGNATURE, Sample, Samples, WAKE,
 };
 use drivers::framing::{Decoder, Format, Look, Refusal};
-use proptest::prelude::*;
 
 use crate::stream::{decode_any_cut, garbage, locks, pieces};
 
@@ -25,7 +26,7 @@ fn samples_are_read_and_written() {
 }
 
 #[test]
-fn requests_are_these_bytes() {
+fn requests_match_bytes() {
     for (family, encoders, timer, byte, length) in [
         (Family::MicroScribe, 5, false, 0x01, 12),
         (Family::MicroScribe, 7, false, 0x02, 16),
@@ -45,7 +46,7 @@ fn requests_are_these_bytes() {
 }
 
 #[test]
-fn a_sample_that_was_cut_gives_way_to_the_next_at_its_mark() {
+fn cut_sample_ends_at_next_mark() {
     let mut good = Vec::new();
     Sample::new(0, None, &[1, 2, 3, 4, 5, 6]).write(six(), &mut good);
     let stream = [&good[..], &good[..5], &good, &[0x84], &good].concat();
@@ -55,7 +56,7 @@ fn a_sample_that_was_cut_gives_way_to_the_next_at_its_mark() {
 }
 
 #[test]
-fn answers_are_read_while_a_session_is_set_up() {
+fn set_up_answers_are_read() {
     let answered = |awaited, stream: &[u8]| {
         let mut found = Vec::new();
         Decoder::new(Answers::to(awaited)).feed(stream, &mut |answer, _| found.push(answer.to_vec()));
@@ -117,7 +118,7 @@ fn streams() -> impl Strategy<Value = (Request, Vec<Vec<u8>>)> {
 
 proptest! {
     #[test]
-    fn what_is_written_is_read((request, good) in streams(), pieces in pieces()) {
+    fn samples_roundtrip((request, good) in streams(), pieces in pieces()) {
         let stream = good.concat();
         let (found, losses) = decode_any_cut(&Samples::new(request), &stream, &pieces);
         prop_assert_eq!((found.len(), losses.bytes_skipped), (good.len(), 0));
@@ -127,7 +128,7 @@ proptest! {
     }
 
     #[test]
-    fn samples_are_found_again_after_garbage(
+    fn samples_are_found_after_garbage(
         (request, good, garbage) in streams().prop_flat_map(|(request, good)| (Just(request), Just(good.clone()), garbage(good))),
         pieces in pieces(),
     ) {
@@ -135,7 +136,7 @@ proptest! {
     }
 
     #[test]
-    fn arbitrary_bytes_do_no_harm(bytes in prop::collection::vec(prop_oneof![any::<u8>(), 0..128_u8, Just(0x83)], 0..2000), pieces in pieces()) {
+    fn arbitrary_bytes_never_panic(bytes in prop::collection::vec(prop_oneof![any::<u8>(), 0..128_u8, Just(0x83)], 0..2000), pieces in pieces()) {
         decode_any_cut(&Samples::new(six()), &bytes, &pieces);
         let questions = [Question::Parameters, Question::HomeReference, Question::Model].map(Awaited::Answer);
         for awaited in questions.into_iter().chain([Awaited::Signature, Awaited::ProductName, Awaited::Echo(Command::End)]) {

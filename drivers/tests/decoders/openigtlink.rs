@@ -1,11 +1,13 @@
-//! OpenIGTLink: the reference library's bytes, every kind of message both ways, and streams that are cut, damaged or none.
+//! OpenIGTLink: the reference library's bytes, every kind of message in both directions, and
+//! cut, damaged or foreign streams.
+
+use proptest::prelude::*;
 
 use drivers::openigtlink::{
     Command, Content, Coordinates, Datum, Decoder, Event, Fault, Fixed, Image, Limits, Matrix, Message, Pace, Position,
     Refused, Status, Subject, Text, TimeStamp, Tool, ToolKind, Version,
 };
-use drivers::reading::PixelType;
-use proptest::prelude::*;
+use sonoweave_core::reading::PixelType;
 
 use crate::openigtlink_vectors as vectors;
 use crate::openigtlink_vectors::bytes;
@@ -14,7 +16,7 @@ fn fixed<const N: usize>(name: &str) -> Fixed<N> {
     Fixed::new(name).unwrap()
 }
 
-/// What a stream brings, in pieces of that many bytes.
+/// Decodes a stream in pieces of that length.
 fn events(stream: &[u8], piece: usize, limits: Limits) -> (Vec<Event>, Option<Refused>, [u64; 2]) {
     let mut decoder = Decoder::new(limits);
     let mut found = Vec::new();
@@ -25,7 +27,7 @@ fn events(stream: &[u8], piece: usize, limits: Limits) -> (Vec<Event>, Option<Re
     (found, broken, [decoder.refused(), decoder.skipped()])
 }
 
-/// The only message of a stream that is that message.
+/// Returns the only message of the stream, which it fills completely.
 fn message(stream: &[u8]) -> Message {
     let (mut found, broken, counts) = events(stream, stream.len(), Limits::default());
     assert_eq!((found.len(), broken, counts), (1, None, [0, 0]), "{found:?}");
@@ -38,7 +40,7 @@ fn message(stream: &[u8]) -> Message {
     }
 }
 
-/// What is wrong with a stream's first message.
+/// Returns the error of a stream's first message.
 fn refused(stream: &[u8]) -> Refused {
     let (found, broken, _) = events(stream, stream.len(), Limits::default());
     match (found.into_iter().next(), broken) {
@@ -48,7 +50,7 @@ fn refused(stream: &[u8]) -> Refused {
 }
 
 #[test]
-fn what_the_reference_library_writes_is_written_the_same() {
+fn messages_match_reference_library_bytes() {
     for digits in [
         vectors::TRANSFORM,
         vectors::TRANSFORM_3,
@@ -78,7 +80,7 @@ fn what_the_reference_library_writes_is_written_the_same() {
 }
 
 #[test]
-fn what_the_reference_library_says_is_understood() {
+fn reference_library_messages_are_decoded() {
     let image = message(&bytes(vectors::IMAGE));
     assert_eq!((image.version, image.device), (Version::One, fixed("Image_Reference")));
     assert_eq!(image.time.unix_ns(), Some(1_234_567_890_500_000_000));
@@ -87,7 +89,8 @@ fn what_the_reference_library_says_is_understood() {
         (image.size, image.pixel, image.channels, image.coordinates),
         ([4, 3, 2], PixelType::U16, 1, Coordinates::Ras)
     );
-    // The library was told a turn about z, spacings 0.5, 0.75 and 2, and the middle at 10, 20.5, -30.
+    // The library was given a rotation about z, spacings 0.5, 0.75 and 2, and the centre at 10,
+    // 20.5, -30.
     let place = image.place();
     assert_eq!([place[0], place[4], place[8]], [0.0, 0.5, 0.0]);
     assert_eq!([place[1], place[5], place[9]], [-0.75, 0.0, 0.0]);
@@ -124,19 +127,19 @@ fn what_the_reference_library_says_is_understood() {
 }
 
 #[test]
-fn a_message_with_nothing_in_it_says_that_there_is_none() {
+fn empty_message_decodes_as_nothing() {
     let none = Content::Nothing(fixed("IMAGE"));
     let nothing = Message::new(fixed("volume"), TimeStamp::default(), none.clone());
     assert_eq!(message(&nothing.bytes().unwrap()).content, none);
     let three = Message { version: Version::Two, ..nothing };
     assert_eq!(message(&three.bytes().unwrap()), three);
-    // A type that is not read here goes through as it came.
+    // A message of unsupported type is passed on unchanged.
     let other = Message::new(fixed("eye"), TimeStamp(5), Content::Other(fixed("POINT"), vec![1, 2, 3]));
     assert_eq!(message(&other.bytes().unwrap()), other);
 }
 
 #[test]
-fn what_does_not_go_into_a_message_is_not_written() {
+fn oversized_content_is_not_written() {
     let said = |content| Message::new(fixed("a"), TimeStamp(0), content).bytes().unwrap_err().to_string();
     let long = Text { encoding: 3, bytes: vec![b'a'; 65_536] };
     assert!(said(Content::Text(long)).contains("65536 bytes of a STRING"));
@@ -152,7 +155,7 @@ fn what_does_not_go_into_a_message_is_not_written() {
     assert!(many.bytes().unwrap_err().to_string().contains("8192 metadata"));
 }
 
-/// A vector with some bytes other, and its checksum right again.
+/// Returns a vector with some bytes replaced, and a corrected checksum.
 fn with(digits: &str, at: usize, other: &[u8]) -> Vec<u8> {
     let mut wire = bytes(digits);
     wire[at..at + other.len()].copy_from_slice(other);
@@ -162,7 +165,7 @@ fn with(digits: &str, at: usize, other: &[u8]) -> Vec<u8> {
 }
 
 #[test]
-fn a_field_that_says_what_it_cannot_say_is_named_with_its_byte() {
+fn invalid_field_is_refused_with_byte() {
     for (wire, fault, offset, problem) in [
         (with(vectors::IMAGE, 59, &[2]), Fault::Field, 58, "image's version is 2"),
         (with(vectors::IMAGE, 60, &[0]), Fault::Field, 60, "at least one channel"),
@@ -196,7 +199,7 @@ fn a_field_that_says_what_it_cannot_say_is_named_with_its_byte() {
 }
 
 #[test]
-fn what_does_not_begin_as_a_message_breaks_the_stream() {
+fn invalid_header_breaks_stream() {
     for (at, byte, problem) in [
         (0, 1, "version is 257"),
         (1, 3, "version is 3"),
@@ -224,7 +227,7 @@ fn what_does_not_begin_as_a_message_breaks_the_stream() {
 }
 
 #[test]
-fn a_body_larger_than_is_taken_is_passed_over_and_held_nowhere() {
+fn oversized_body_is_skipped_without_buffering() {
     let limits = Limits { body: 100, passed: 1 << 20 };
     let large = Message::new(fixed("a"), TimeStamp(1), Content::Other(fixed("POINT"), vec![7; 100_000]));
     let stream = [bytes(vectors::STRING), large.bytes().unwrap(), bytes(vectors::TRANSFORM)].concat();
@@ -335,12 +338,12 @@ prop_compose! {
 
 proptest! {
     #[test]
-    fn every_message_comes_back_as_it_went(sent in any_message()) {
+    fn messages_roundtrip(sent in any_message()) {
         prop_assert_eq!(message(&sent.bytes().unwrap()), sent);
     }
 
     #[test]
-    fn a_stream_brings_the_same_however_it_is_cut(
+    fn stream_division_does_not_change_events(
         sent in prop::collection::vec(any_message(), 1..5),
         piece in 1_usize..200,
         damage in prop::option::of((any::<prop::sample::Index>(), 1_u8..)),
@@ -360,7 +363,7 @@ proptest! {
     }
 
     #[test]
-    fn no_damaged_body_is_taken_for_a_message(
+    fn damaged_body_is_refused(
         sent in any_message(),
         at in any::<prop::sample::Index>(),
         by in 1_u8..,
@@ -375,7 +378,7 @@ proptest! {
     }
 
     #[test]
-    fn a_body_cut_short_is_refused_with_its_byte(sent in any_message(), cut in any::<prop::sample::Index>()) {
+    fn shortened_body_is_refused_with_byte(sent in any_message(), cut in any::<prop::sample::Index>()) {
         let mut wire = sent.bytes().unwrap();
         prop_assume!(wire.len() > 58);
         wire.truncate(58 + cut.index(wire.len() - 58));
@@ -383,7 +386,8 @@ proptest! {
         wire[42..50].copy_from_slice(&size.to_be_bytes());
         let sum = drivers::openigtlink::header::checksum(&wire[58..]);
         wire[50..58].copy_from_slice(&sum.to_be_bytes());
-        // Some are messages again: lists of fewer things, questions, texts that go to the end.
+        // Some are valid messages: lists of fewer things, queries, texts that extend to the
+        // end.
         for event in events(&wire, wire.len(), Limits::default()).0 {
             if let Event::Refused(why) = event {
                 prop_assert!((58..=wire.len()).contains(&why.offset), "{}", why);

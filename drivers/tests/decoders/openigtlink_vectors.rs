@@ -1,11 +1,12 @@
-//! Messages as bytes, in hexadecimal digits: those that the reference library is tested with, and others that it wrote.
+//! Messages as hexadecimal digits: those of the reference library's tests, and others that it
+//! wrote.
 
-/// The bytes of hexadecimal digits.
+/// Returns the bytes of hexadecimal digits.
 pub(crate) fn bytes(digits: &str) -> Vec<u8> {
     digits.as_bytes().chunks(2).map(|two| u8::from_str_radix(std::str::from_utf8(two).unwrap(), 16).unwrap()).collect()
 }
 
-// Of the library's own tests.
+// From the library's own tests.
 
 pub(crate) const TRANSFORM: &str = "\
      00015452414e53464f524d0000004465766963654e616d650000000000000000000000000000499602d20000000000000030f6dd2b8eb4df6dd2bf7473cd3e49\

@@ -1,8 +1,9 @@
-//! US Digital QSB: lines with and without time and blanks, errors, the banner of a reset.
+//! US Digital QSB: lines with and without time and blanks, errors, the banner after a reset.
+
+use proptest::prelude::*;
 
 use drivers::arm::qsb::{Cause, Command, Qsb, Record, Value, register};
 use drivers::framing::{Format, Look, Refusal};
-use proptest::prelude::*;
 
 use crate::stream::{decode_any_cut, garbage, locks, pieces};
 
@@ -19,14 +20,14 @@ fn written(record: &Record<'_>) -> Vec<u8> {
 }
 
 #[test]
-fn lines_are_read_and_written_as_the_manual_has_them() {
+fn lines_match_manual() {
     assert_eq!(Qsb.look(LINE), Look::Record { length: 26, record: Record::Value(value()) });
     assert_eq!(written(&Record::Value(value())), LINE);
     assert_eq!(value().value.cast_signed(), -300);
 }
 
 #[test]
-fn a_unit_in_any_format_is_understood() {
+fn every_reply_format_is_read() {
     let bare = Value { ticks: None, ..value() };
     for (line, expected) in [
         (&b"s0EFFFFFED4!"[..], bare),
@@ -45,7 +46,7 @@ fn a_unit_in_any_format_is_understood() {
 }
 
 #[test]
-fn errors_and_resets_are_told() {
+fn errors_and_resets_are_reported() {
     let (found, losses) = decode_any_cut(&Qsb, b"e05!\r\nQSB-D  0E!\r\ns 0E FFFFFED4 00001234 !\r\n", &[6]);
     let expected = [Record::Error(b"05"), Record::Banner, Record::Value(value())].map(|record| format!("{record:?}"));
     assert_eq!(found.into_iter().map(|(record, _)| record).collect::<Vec<_>>(), expected);
@@ -53,7 +54,7 @@ fn errors_and_resets_are_told() {
 }
 
 #[test]
-fn damage_is_told_by_reason() {
+fn damage_is_counted_by_reason() {
     for (line, why) in [
         (&b"s 0E FFFFFED 00001234 !\r\n"[..], Refusal::Field),
         (b"s 0E FFFF", Refusal::Length),
@@ -66,7 +67,7 @@ fn damage_is_told_by_reason() {
 }
 
 #[test]
-fn commands_are_these_bytes() {
+fn commands_match_bytes() {
     for (command, bytes) in [
         (Command::FORMAT, &b"W15F\n"[..]),
         (Command::Write(register::MODE, 0), b"W000\n"),
@@ -94,7 +95,7 @@ fn values() -> impl Strategy<Value = Vec<Value>> {
 
 proptest! {
     #[test]
-    fn what_is_written_is_read(values in values(), pieces in pieces()) {
+    fn lines_roundtrip(values in values(), pieces in pieces()) {
         let stream: Vec<u8> = values.iter().flat_map(|&value| written(&Record::Value(value))).collect();
         let (found, losses) = decode_any_cut(&Qsb, &stream, &pieces);
         let expected: Vec<_> = values.iter().map(|&value| format!("{:?}", Record::Value(value))).collect();
@@ -103,7 +104,7 @@ proptest! {
     }
 
     #[test]
-    fn lines_are_found_again_after_garbage(
+    fn lines_are_found_after_garbage(
         (good, garbage) in values().prop_flat_map(|values| {
             let good: Vec<Vec<u8>> = values.iter().map(|&value| written(&Record::Value(value))).collect();
             (Just(good.clone()), garbage(good))
@@ -114,7 +115,7 @@ proptest! {
     }
 
     #[test]
-    fn arbitrary_bytes_do_no_harm(bytes in prop::collection::vec(prop_oneof![any::<u8>(), prop::sample::select(b"swreQSB- 0EF!\r\n".to_vec())], 0..2000), pieces in pieces()) {
+    fn arbitrary_bytes_never_panic(bytes in prop::collection::vec(prop_oneof![any::<u8>(), prop::sample::select(b"swreQSB- 0EF!\r\n".to_vec())], 0..2000), pieces in pieces()) {
         decode_any_cut(&Qsb, &bytes, &pieces);
     }
 }

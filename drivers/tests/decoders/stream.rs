@@ -1,12 +1,13 @@
-//! Streams fed to decoders in pieces, and the promises of `drivers::framing` checked on them.
+//! Feeds streams to decoders in pieces, and checks the guarantees of `drivers::framing`.
 
 use std::fmt::Debug;
 use std::ops::Range;
 
-use drivers::framing::{Decoder, Format, Losses};
 use proptest::prelude::*;
 
-/// A record in words and where it was.
+use drivers::framing::{Decoder, Format, Losses};
+
+/// A record as text, with its position.
 pub(crate) type Found = (String, Range<u64>);
 
 /// Feeds a stream in pieces; their lengths are repeated until the stream ends.
@@ -35,7 +36,8 @@ where
     (found, losses)
 }
 
-/// The stream in one piece; the same must come of it byte by byte and in these pieces.
+/// Decodes the stream in one piece, and checks that single bytes and these pieces give the same
+/// result.
 pub(crate) fn decode_any_cut<F: Format + Clone>(format: &F, stream: &[u8], pieces: &[usize]) -> (Vec<Found>, Losses)
 where
     for<'a> F::Record<'a>: Debug,
@@ -46,7 +48,8 @@ where
     whole
 }
 
-/// Garbage followed by good records: those that end more than `lock_bytes` later are found, and nothing else is there.
+/// Feeds garbage followed by good records. Checks that those ending more than `lock_bytes`
+/// later are found, and nothing else.
 pub(crate) fn locks<F: Format + Clone>(format: &F, garbage: &[u8], good: &[Vec<u8>], pieces: &[usize])
 where
     for<'a> F::Record<'a>: Debug,
@@ -54,7 +57,7 @@ where
     let lock = Decoder::new(format.clone()).lock_bytes() as u64;
     let stream = [garbage, &good.concat()].concat();
     let (found, _) = decode_any_cut(format, &stream, pieces);
-    // What the records say, and where they are, without anything before them.
+    // The records' content and positions, without anything before them.
     let (clean, losses) = decode(format.clone(), &good.concat(), &[usize::MAX]);
     assert_eq!((clean.len(), losses.bytes_skipped), (good.len(), 0), "the good records are good");
     let late = |range: &Range<u64>| range.end > garbage.len() as u64 + lock;
@@ -68,7 +71,8 @@ where
     assert_eq!(found, expected);
 }
 
-/// What may come before good records: nothing, noise, text, and good records that lost or changed bytes.
+/// Generates data that may precede good records: nothing, noise, text, and good records with
+/// lost or changed bytes.
 pub(crate) fn garbage(good: Vec<Vec<u8>>) -> impl Strategy<Value = Vec<u8>> {
     let stream = good.concat();
     let cut = {
@@ -96,7 +100,7 @@ pub(crate) fn garbage(good: Vec<Vec<u8>>) -> impl Strategy<Value = Vec<u8>> {
     ]
 }
 
-/// Lengths of the pieces that a stream arrives in.
+/// Generates the lengths of the pieces in which a stream arrives.
 pub(crate) fn pieces() -> impl Strategy<Value = Vec<usize>> {
     prop_oneof![prop::collection::vec(1_usize..12, 1..8), prop::collection::vec(1_usize..600, 1..8)]
 }

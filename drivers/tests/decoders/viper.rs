@@ -1,10 +1,11 @@
 //! VIPER: frames, checksums, commands and refusals.
 
-use drivers::framing::{Decoder, Format, Look, Refusal};
-use drivers::polhemus::viper::command::{ALL, Action, Command, FilterLevel, Rate, Reply, code};
-use drivers::polhemus::viper::write::FrameToWrite;
-use drivers::polhemus::viper::{OrientationUnit, PositionUnit, Record, Sensor, Viper};
 use proptest::prelude::*;
+
+use drivers::framing::{Decoder, Format, Look, Refusal};
+use drivers::tracker::polhemus::viper::command::{ALL, Action, Command, FilterLevel, Rate, Reply, code};
+use drivers::tracker::polhemus::viper::write::FrameToWrite;
+use drivers::tracker::polhemus::viper::{OrientationUnit, PositionUnit, Record, Sensor, Viper};
 
 use crate::stream::{decode_any_cut, garbage, locks, pieces};
 
@@ -41,7 +42,7 @@ fn written(frame: &FrameToWrite<'_>) -> Vec<u8> {
 }
 
 #[test]
-fn frames_are_read_and_written_as_the_header_has_them() {
+fn frames_match_manufacturer_header() {
     let mut format = Viper::new(1);
     let Look::Record { length: 60, record: Record::Frame(read) } = format.look(&SAMPLE) else {
         panic!("a good frame was refused");
@@ -52,7 +53,7 @@ fn frames_are_read_and_written_as_the_header_has_them() {
 }
 
 #[test]
-fn every_bit_has_its_field() {
+fn every_bit_has_a_field() {
     let sensor = Sensor {
         sensor: 0x55,
         is_virtual: true,
@@ -80,7 +81,7 @@ fn every_bit_has_its_field() {
 }
 
 #[test]
-fn commands_are_these_bytes() {
+fn commands_match_bytes() {
     let hex = |text: &str| -> Vec<u8> { text.split(' ').map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect() };
     for (command, bytes) in [
         (
@@ -98,7 +99,7 @@ fn commands_are_these_bytes() {
     ] {
         assert_eq!(command.bytes(), hex(bytes), "{command:?}");
     }
-    // Of the others, what they say is checked; the frame around it is the same.
+    // For the other commands only the content is checked; the surrounding frame is the same.
     let zenith = [1.0_f32, 0.0, -1.0];
     for (command, number, action, arguments, payload) in [
         (Command::FrameRate(Rate::Hz480), code::FRAME_RATE, Action::Set, [0, 0], vec![4, 0, 0, 0]),
@@ -148,7 +149,7 @@ fn a_refusal_gives_its_reason() {
 }
 
 #[test]
-fn damage_is_told_by_reason() {
+fn damage_is_counted_by_reason() {
     for (at, byte, why) in [
         (30, 0x81, Refusal::Checksum),
         (56, 0, Refusal::Checksum),
@@ -226,7 +227,7 @@ fn frames() -> impl Strategy<Value = Vec<Vec<u8>>> {
 
 proptest! {
     #[test]
-    fn what_is_written_is_read(frames in frames(), pieces in pieces()) {
+    fn frames_roundtrip(frames in frames(), pieces in pieces()) {
         let stream = frames.concat();
         let (found, losses) = decode_any_cut(&Viper::new(4), &stream, &pieces);
         prop_assert_eq!((found.len(), losses.bytes_skipped), (frames.len(), 0));
@@ -239,18 +240,18 @@ proptest! {
     }
 
     #[test]
-    fn frames_are_found_again_after_garbage((good, garbage) in frames().prop_flat_map(|good| (Just(good.clone()), garbage(good))), pieces in pieces()) {
+    fn frames_are_found_after_garbage((good, garbage) in frames().prop_flat_map(|good| (Just(good.clone()), garbage(good))), pieces in pieces()) {
         locks(&Viper::new(4), &garbage, &good, &pieces);
     }
 
     #[test]
-    fn what_looks_like_a_long_reply_holds_frames_up_no_longer_than_promised(frames in prop::collection::vec(frames(), 3..6), size in 24_u32..2000, pieces in pieces()) {
+    fn false_long_reply_delays_frames_within_bound(frames in prop::collection::vec(frames(), 3..6), size in 24_u32..2000, pieces in pieces()) {
         let garbage = [b"VPRC".to_vec(), size.to_le_bytes().to_vec()].concat();
         locks(&Viper::new(4), &garbage, &frames.concat(), &pieces);
     }
 
     #[test]
-    fn arbitrary_bytes_do_no_harm(bytes in prop::collection::vec(prop_oneof![any::<u8>(), prop::sample::select(b"VPRC\x00\x34".to_vec())], 0..3000), pieces in pieces()) {
+    fn arbitrary_bytes_never_panic(bytes in prop::collection::vec(prop_oneof![any::<u8>(), prop::sample::select(b"VPRC\x00\x34".to_vec())], 0..3000), pieces in pieces()) {
         decode_any_cut(&Viper::new(16), &bytes, &pieces);
     }
 }

@@ -1,20 +1,20 @@
-//! A device on a twin, and what comes of it.
+//! A driver connected to a twin, and functions that read it.
 
 use std::sync::{Arc, Mutex};
 
-use drivers::clock::{Clock, MS, Manual, Monotonic, SECOND};
 use drivers::connection::{Connection, Protocol};
-use drivers::health::State;
-use drivers::reading::{Pose, Raw, Reading};
-use drivers::recording::{LineReplay, Pace, Source};
+use drivers::replay::{LineReplay, Pace, Source};
 use drivers::simulated::{Model, Motion, Placed, Pty, Simulated};
 use drivers::transport::{MemoryOpener, Peer, PortPath, SerialOpener};
-use drivers::{Device, Next};
+use sonoweave_core::clock::{Clock, MS, Manual, Monotonic, SECOND};
+use sonoweave_core::health::State;
+use sonoweave_core::reading::{Pose, Raw, Reading};
+use sonoweave_core::{Device, Next};
 
-/// Time at which everything begins, ns: not 0, lest something relies on it.
+/// Time at which every test begins, ns: not 0, so that nothing can rely on 0.
 pub(crate) const BEGIN: i64 = 123_456_789_000;
 
-/// A driver and the twin that it drives.
+/// A driver with its twin.
 pub(crate) struct Rig<T, P> {
     pub(crate) twin: Arc<Mutex<T>>,
     pub(crate) clock: Manual,
@@ -30,7 +30,7 @@ impl<T: Peer + 'static, P: Protocol> Rig<T, P> {
         Self { twin, clock, device }
     }
 
-    /// Everything that is delivered in so long a time. The device never overstays a deadline.
+    /// Returns all readings delivered within `ns`. Checks that no deadline is exceeded.
     pub(crate) fn readings(&mut self, ns: i64) -> Vec<Reading> {
         let end = self.clock.now_ns() + ns;
         let mut readings = Vec::new();
@@ -57,7 +57,7 @@ impl<T: Peer + 'static, P: Protocol> Rig<T, P> {
         poses.collect()
     }
 
-    /// How long it takes until the device is in a state, ns.
+    /// Waits for a state; returns the time it takes, ns.
     pub(crate) fn until(&mut self, state: State, at_most_ns: i64) -> i64 {
         let begin = self.clock.now_ns();
         while self.device.health().state != state {
@@ -70,7 +70,8 @@ impl<T: Peer + 'static, P: Protocol> Rig<T, P> {
 }
 
 impl<M: Model + 'static, P: Protocol> Rig<Simulated<M>, P> {
-    /// Pulls the plug three times: it is absent at once, running again soon after it is plugged in, and nothing counts as lost.
+    /// Unplugs the unit three times. Checks that it is absent at once, runs soon after plugging
+    /// in, and loses nothing.
     pub(crate) fn assert_survives_unplugging(&mut self) {
         self.until(State::Running, 2 * SECOND);
         for _ in 0..3 {
@@ -88,7 +89,8 @@ impl<M: Model + 'static, P: Protocol> Rig<Simulated<M>, P> {
         assert_eq!((received.opened, received.set_up, received.lost), (4, 4, 0));
     }
 
-    /// Lets the unit hang: it is silent and not absent, and running soon after it answers.
+    /// Hangs the unit. Checks that it is silent and not absent, and runs soon after it answers
+    /// again.
     pub(crate) fn assert_survives_hanging(&mut self) {
         self.until(State::Running, 2 * SECOND);
         self.twin.lock().unwrap().hung = true;
@@ -103,18 +105,19 @@ impl<M: Model + 'static, P: Protocol> Rig<Simulated<M>, P> {
         assert_eq!(self.device.health().received.opened, 1, "the line was open all along");
     }
 
-    /// How often the unit was told these bytes.
+    /// Returns how often the unit received these bytes.
     pub(crate) fn times_told(&self, bytes: &[u8]) -> usize {
         self.twin.lock().unwrap().obeyed.iter().filter(|command| command.as_slice() == bytes).count()
     }
 
-    /// What the unit was told, as text.
+    /// Returns the commands that the unit received, as text.
     pub(crate) fn told(&self) -> Vec<String> {
         self.twin.lock().unwrap().obeyed.iter().map(|bytes| String::from_utf8(bytes.clone()).unwrap()).collect()
     }
 }
 
-/// Lets a twin run in the host's time on a pseudo-terminal until it has given so many poses; then it hangs up, which is noticed.
+/// Runs a twin in real time on a pseudo-terminal until it has delivered `wanted` poses. Then
+/// the twin hangs up, and the driver must notice.
 pub(crate) fn on_a_terminal(twin: impl Peer + 'static, unit: impl Protocol, wanted: usize) -> Vec<Pose> {
     let pty = Pty::run(Arc::new(Mutex::new(twin))).unwrap();
     let opener = SerialOpener::new(PortPath { path: pty.path().into(), baud: 9600 }, Arc::new(Monotonic));
@@ -139,7 +142,9 @@ pub(crate) fn on_a_terminal(twin: impl Peer + 'static, unit: impl Protocol, want
     poses
 }
 
-/// A path whose place tells the time exactly, in binary fractions that singles hold: ms since [`BEGIN`] along x, eight a ms, each 1/4096 cm, and the station along y.
+/// Returns a path whose position gives the time exactly, in binary fractions that fit single
+/// precision. x is the time since [`BEGIN`] in eighths of a ms, 1/4096 cm each; y is the
+/// station.
 pub(crate) fn ticking() -> Motion {
     Arc::new(|station, ns| Placed {
         position_cm: [((ns - BEGIN) / (MS / 8)) as f64 / 4096.0 + 1.0, f64::from(station), -30.25],
@@ -147,12 +152,14 @@ pub(crate) fn ticking() -> Motion {
     })
 }
 
-/// The time that a place of [`ticking`] tells, ns, an eighth of a ms at most too early.
+/// Returns the time encoded in a position of [`ticking`], ns, at most an eighth of a ms too
+/// early.
 pub(crate) fn time_told(pose: &Pose) -> i64 {
     ((pose.position_cm[0] - 1.0) * 4096.0).round() as i64 * (MS / 8) + BEGIN
 }
 
-/// Replays the raw pieces among readings by a protocol that is made for each replay, at several paces: everything else must come again. Returns how many readings that is.
+/// Replays the raw pieces among `readings` at several paces, with a new protocol each time.
+/// Checks that all other readings come again; returns their number.
 pub(crate) fn replays<P: Protocol>(readings: &[Reading], protocol: impl Fn() -> P) -> usize {
     let raw: Vec<Raw> =
         readings.iter().filter_map(|r| if let Reading::Raw(raw) = r { Some(raw.clone()) } else { None }).collect();

@@ -1,18 +1,18 @@
-//! EA1 arms, as they are found and as they fail.
+//! EA1 arms, in their initial states and with faults.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
 use drivers::arm::Settings;
 use drivers::arm::ea1::{Framing, Record, Sample, Speech, Unit};
-use drivers::clock::{Clock, MS, Monotonic, SECOND};
 use drivers::connection::{Connection, Protocol};
-use drivers::health::State;
-use drivers::reading::{Counts, Reading, Status};
 use drivers::simulated::ea1::Twin;
 use drivers::simulated::{Faults, Pty};
 use drivers::transport::{PortPath, SerialOpener};
-use drivers::{Device, Next};
+use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
+use sonoweave_core::health::State;
+use sonoweave_core::reading::{Counts, Reading, Status};
+use sonoweave_core::{Device, Next};
 
 use crate::bench::{BEGIN, Rig, replays};
 use crate::joints::{SOON, at_rest, counts, is_true, moving, said, split};
@@ -27,7 +27,7 @@ fn usual() -> Rig<Twin, Unit> {
     rig(Twin::new(moving(), Faults::default()), Settings::default(), Speech::Lines)
 }
 
-/// Running and homed.
+/// Waits until the arm runs, and homes it.
 fn homed(mut rig: Rig<Twin, Unit>) -> Rig<Twin, Unit> {
     rig.until(State::Running, SOON);
     rig.device.protocol_mut().home(7);
@@ -36,7 +36,7 @@ fn homed(mut rig: Rig<Twin, Unit>) -> Rig<Twin, Unit> {
     rig
 }
 
-/// The time of a sample on the host's clock, by the arm's, which is exact here to 1 µs.
+/// Returns the host time of a sample by the arm's clock, which is exact here to 1 µs.
 fn time_of(counts: &Counts, born_ns: i64) -> i64 {
     born_ns + i64::try_from(counts.stamp.ticks.unwrap()).unwrap() * 1000
 }
@@ -47,7 +47,7 @@ fn born(rig: &Rig<Twin, Unit>) -> i64 {
 }
 
 #[test]
-fn counts_are_those_of_the_joints_at_the_times_of_the_stamps() {
+fn counts_match_joints_at_stamp_times() {
     for (speech, bytes) in [(Speech::Lines, 45), (Speech::Blocks, 29)] {
         let mut rig = rig(Twin::new(moving(), Faults::default()), Settings::default(), speech);
         let took = rig.until(State::Running, SOON);
@@ -67,10 +67,10 @@ fn counts_are_those_of_the_joints_at_the_times_of_the_stamps() {
             assert_eq!((c.first, c.axes, c.homed, c.buttons), (0, 3, 7, 0));
             assert_eq!(c.stamp.item, found[0].stamp.item + n as u64);
             let time = time_of(c, born);
-            // The clock of the test is read to 1 µs, twice.
+            // The test reads its clock with 1 µs resolution, twice.
             assert!(is_true(&moving(), c, time - 1000, 3000, &zeros), "{c:?}");
             let late = c.stamp.host_ns.unwrap() - time;
-            // Its own bytes, and sometimes an answer before them.
+            // The sample's own bytes, and sometimes an answer before them.
             assert!((2 * MS..8 * MS).contains(&late) || speech == Speech::Lines && late < 8 * MS, "{late}");
         }
         let received = rig.device.health().received;
@@ -81,12 +81,13 @@ fn counts_are_those_of_the_joints_at_the_times_of_the_stamps() {
 }
 
 #[test]
-fn homing_at_any_moment_costs_no_sample() {
+fn homing_loses_no_sample() {
     for ms in 0..10 {
         let mut rig = usual();
         rig.until(State::Running, SOON);
         rig.readings(100 * MS + ms * MS);
-        // The virtual arm's timer begins anew by it, so that the next sample comes up to a period late.
+        // Homing restarts the virtual arm's timer, so that the next sample is late by up to one
+        // period.
         rig = homed(rig);
         rig.readings(SECOND);
         let received = rig.device.health().received;
@@ -95,7 +96,7 @@ fn homing_at_any_moment_costs_no_sample() {
 }
 
 #[test]
-fn an_arm_is_set_up_however_it_was_left() {
+fn arm_in_any_initial_state_is_set_up() {
     for left in 0..32 {
         let mut twin = Twin::new(moving(), Faults::default());
         twin.starts_when_opened = left & 1 != 0;
@@ -107,7 +108,7 @@ fn an_arm_is_set_up_however_it_was_left() {
         let wanted = if left & 16 != 0 { Speech::Blocks } else { Speech::Lines };
         let mut rig = rig(twin, Settings::default(), wanted);
         let took = rig.until(State::Running, SOON);
-        // One that is quiet and was not started is waited for in vain.
+        // Waiting is in vain for an arm that is quiet and was not started.
         let most = if left & 3 == 0 { 2700 * MS } else { 2000 * MS };
         assert!(took < most, "{left}: {} ms", took / MS);
         assert!(counts(rig.readings(SECOND)).len() > 98, "{left}");
@@ -117,7 +118,7 @@ fn an_arm_is_set_up_however_it_was_left() {
 }
 
 #[test]
-fn what_is_sent_is_what_the_document_says() {
+fn sent_commands_match_document() {
     let mut twin = Twin::new(moving(), Faults::default());
     twin.starts_when_opened = false;
     let mut rig = rig(twin, Settings { rate_hz: 150, ..Settings::default() }, Speech::Lines);
@@ -128,17 +129,18 @@ fn what_is_sent_is_what_the_document_says() {
     rig.device.stop().unwrap();
     let sent: Vec<String> =
         rig.twin.lock().unwrap().obeyed.iter().map(|b| String::from_utf8(b.clone()).unwrap()).collect();
-    // The axes that were zeroed stand above bit 28 of the ping's number.
+    // The zeroed axes are stored from bit 29 of the ping's number.
     let zeroed = format!("!T{}\n", 5_u32 << 29 | 2);
     assert_eq!(sent, ["!R0\n", "!I\n", "!R150\n", "!T1\n", "!Z5\n", &zeroed, "!R0\n"]);
 }
 
 #[test]
-fn clock_number_and_counts_go_on_where_their_words_end() {
+fn clock_number_and_counts_survive_wrap() {
     let mut rig = homed(usual());
     {
         let mut twin = rig.twin.lock().unwrap();
-        // Counts just below 2³¹, as seen from now; the arm has to be homed for that, and stays so in its own view.
+        // Counts just below 2³¹ at present; the arm must be homed for that, and stays so in its
+        // own view.
         for (axis, ahead) in [-1500, 300, 0].into_iter().enumerate() {
             let now = moving()(rig.clock.now_ns())[axis];
             twin.zeros[axis] = now - (ahead - i64::from(i32::MIN));
@@ -147,7 +149,8 @@ fn clock_number_and_counts_go_on_where_their_words_end() {
         twin.seq = u32::MAX - 150;
         twin.set_clock(rig.clock.now_ns(), u32::MAX - 1_500_000);
     }
-    // All of it is a beginning to the driver. It is homed anew, where its counters are.
+    // The driver treats all of it as a new start. It is homed again, with the counters
+    // unchanged.
     rig.readings(100 * MS);
     assert!(rig.device.health().why.contains("begun anew"), "{}", rig.device.health().why);
     let zeros = rig.twin.lock().unwrap().zeros;
@@ -167,7 +170,7 @@ fn clock_number_and_counts_go_on_where_their_words_end() {
 }
 
 #[test]
-fn a_jump_is_a_reset_until_the_arm_is_homed() {
+fn jump_requires_homing() {
     let mut rig = homed(usual());
     rig.twin.lock().unwrap().slip(1, 50_000);
     let [before, after] = split(counts(rig.readings(SECOND)), |c| c.status != Status::Ok);
@@ -192,26 +195,26 @@ fn a_jump_is_a_reset_until_the_arm_is_homed() {
 }
 
 #[test]
-fn a_movement_that_an_arm_can_make_is_none() {
+fn fastest_allowed_movement_is_no_jump() {
     let mut rig = homed(usual());
-    // 4000 counts in 10 ms are what the settings allow.
+    // The settings allow 4000 counts in 10 ms.
     rig.twin.lock().unwrap().slip(0, 3500);
     let found = counts(rig.readings(SECOND));
     assert!(found.iter().all(|c| c.status == Status::Ok && c.homed == 7));
 }
 
 #[test]
-fn an_arm_that_starts_anew_is_told_to_go_on_and_has_to_be_homed() {
+fn restarted_arm_resumes_and_requires_homing() {
     let mut rig = homed(usual());
     let now = rig.clock.now_ns();
     rig.twin.lock().unwrap().restart(now);
     let [before, after] = split(counts(rig.readings(5 * SECOND)), |c| c.homed != 7);
     assert!(before.len() < 3);
-    // It is silent for 1.6 s, and back within 2 s of saying who it is.
+    // The arm is silent for 1.6 s, and runs within 2 s of its identification.
     let first = after[0].stamp.host_ns.unwrap() - now;
     assert!(first < 3600 * MS, "{} ms", first / MS);
     assert!(after.iter().all(|c| c.homed == 0 && said(c).contains("home")));
-    // Noise of its power supply, in the midst of samples: it goes on at once.
+    // A power-supply glitch in the middle of samples: the arm continues at once.
     let mut rig = homed(rig);
     {
         let mut twin = rig.twin.lock().unwrap();
@@ -224,9 +227,9 @@ fn an_arm_that_starts_anew_is_told_to_go_on_and_has_to_be_homed() {
 }
 
 #[test]
-fn index_marks_home_an_arm_without_a_jump() {
+fn index_marks_home_arm_without_jump() {
     let mut twin = Twin::new(moving(), Faults::default());
-    // Passed 4 s and 5 s after the beginning, and a third that never is.
+    // Two marks are passed 4 s and 5 s after the beginning; the third never is.
     twin.marks = [Some(40_000), Some(-15_000), Some(9_999)];
     let mut rig = rig(twin, Settings::default(), Speech::Lines);
     let found = counts(rig.readings(8 * SECOND));
@@ -266,7 +269,7 @@ fn flags_qualify_readings() {
     assert!(rig.device.health().why.contains("more samples than it can send"), "{}", rig.device.health().why);
     assert!(found.iter().all(|c| c.homed == 7));
     let (taken, now) = (rig.twin.lock().unwrap().sampled - begin, rig.device.health().received);
-    // Two may be on their way.
+    // Two may be in transit.
     let missing = taken - found.len() as u64;
     assert!(
         missing > 100 && (now.lost + now.refused - seen.lost - seen.refused).abs_diff(missing) <= 2,
@@ -275,10 +278,10 @@ fn flags_qualify_readings() {
 }
 
 #[test]
-fn what_a_zero_costs_is_told() {
+fn lost_homing_answer_is_handled() {
     let mut rig = usual();
     rig.until(State::Running, SOON);
-    // The answer is lost twice: asked for again, the zero counts.
+    // The answer is lost twice: after a repeated request, the zero counts.
     rig.twin.lock().unwrap().mute_pings = 2;
     rig.readings(1200 * MS);
     rig.twin.lock().unwrap().mute_pings = 2;
@@ -293,7 +296,7 @@ fn what_a_zero_costs_is_told() {
 }
 
 #[test]
-fn lost_bytes_are_lost_readings_by_their_numbers_and_make_no_wrong_one() {
+fn lost_bytes_count_as_lost_readings_without_wrong_ones() {
     for speech in [Speech::Lines, Speech::Blocks] {
         let mut rig = homed(rig(Twin::new(moving(), Faults::default()), Settings::default(), speech));
         rig.twin.lock().unwrap().set_faults(Faults { drop: 0.002, dropout: 0.01, ..Faults::default() });
@@ -307,15 +310,15 @@ fn lost_bytes_are_lost_readings_by_their_numbers_and_make_no_wrong_one() {
         assert!(found.iter().all(|c| c.status == Status::Ok));
         let received = rig.device.health().received;
         let lost = received.lost - before.lost;
-        // One may be on its way at either end.
+        // One may be in transit at either end.
         assert!((lost + found.len() as u64).abs_diff(end - begin) <= 2, "{lost} {} {}", found.len(), end - begin);
         assert!((100..1500).contains(&lost) && received.skipped > 100, "{received:?}");
     }
 }
 
 #[test]
-fn damage_that_a_checksum_of_eight_bits_lets_pass_is_noticed_by_number_and_time() {
-    // As damaged: the fifth sample's number, its time, one of its counts.
+fn damage_missed_by_checksum_is_detected() {
+    // Damage to sample 5: its number, its time, one of its counts.
     let damages: [fn(&mut Sample); 4] =
         [|s| s.seq += 2, |s| s.seq -= 4, |s| s.t_us += 100_000, |s| s.counts[1] += 100_000];
     for (kind, damage) in damages.into_iter().enumerate() {
@@ -352,7 +355,7 @@ fn damage_that_a_checksum_of_eight_bits_lets_pass_is_noticed_by_number_and_time(
 }
 
 #[test]
-fn noise_is_survived() {
+fn noise_gives_no_wrong_sample() {
     let mut rig = homed(rig(Twin::new(moving(), Faults::default()), Settings::default(), Speech::Blocks));
     let zeros = rig.twin.lock().unwrap().zeros;
     rig.twin.lock().unwrap().set_faults(Faults { noise: 0.01, ..Faults::default() });
@@ -369,7 +372,7 @@ fn noise_is_survived() {
 }
 
 #[test]
-fn unplugged_is_absent_and_back_within_two_seconds_of_its_first_word() {
+fn unplugged_arm_is_absent_then_runs_again() {
     let mut rig = homed(usual());
     for _ in 0..3 {
         rig.twin.lock().unwrap().unplug();
@@ -378,7 +381,7 @@ fn unplugged_is_absent_and_back_within_two_seconds_of_its_first_word() {
         assert!(rig.readings(3 * SECOND).is_empty());
         assert!(rig.device.health().why.contains("plug it in"));
         rig.twin.lock().unwrap().plugged = true;
-        // A board needs 1.6 s to start, and says its first word then.
+        // A board needs 1.6 s to start, and sends its first line then.
         let back = rig.until(State::Running, SOON);
         assert!(back < 1600 * MS + SECOND / 2, "{} ms", back / MS);
         let first = counts(rig.readings(100 * MS)).remove(0);
@@ -387,7 +390,7 @@ fn unplugged_is_absent_and_back_within_two_seconds_of_its_first_word() {
 }
 
 #[test]
-fn an_arm_that_hangs_is_silent_and_not_absent() {
+fn hung_arm_is_silent_not_absent() {
     let mut twin = Twin::new(moving(), Faults::default());
     twin.starts_when_opened = false;
     let mut rig = homed(rig(twin, Settings::default(), Speech::Lines));
@@ -399,7 +402,7 @@ fn an_arm_that_hangs_is_silent_and_not_absent() {
     rig.twin.lock().unwrap().hung = false;
     let back = rig.until(State::Running, SOON);
     assert!(back < 2 * SECOND, "{} ms", back / MS);
-    // It was never without power, and says that it is at home still.
+    // The arm never lost power, and reports that it is still homed.
     assert_eq!(counts(rig.readings(100 * MS)).pop().unwrap().homed, 7);
     assert_eq!(rig.device.health().received.opened, 1);
 }
@@ -431,7 +434,7 @@ fn bare_numbers_are_refused_or_used_with_a_warning() {
 }
 
 #[test]
-fn another_arm_is_refused() {
+fn mismatched_arm_is_refused() {
     let refused = |counts_per_turn, rate_hz, baud| {
         let settings = Settings { counts_per_turn, rate_hz, baud, ..Settings::default() };
         let mut rig = rig(Twin::new(at_rest(), Faults::default()), settings, Speech::Lines);
@@ -452,7 +455,7 @@ fn another_arm_is_refused() {
 }
 
 #[test]
-fn raw_bytes_make_the_same_readings_again() {
+fn raw_bytes_replay_same_readings() {
     let faults = Faults { drop: 0.001, packet_ns: 16 * MS, ..Faults::default() };
     let unit = || Unit::new("a line", Settings::default(), Speech::Lines).unwrap();
     let mut rig = Rig::new(Twin::new(moving(), faults), unit(), true);
@@ -470,7 +473,7 @@ fn raw_bytes_make_the_same_readings_again() {
 }
 
 #[test]
-fn on_a_pseudo_terminal_counts_are_exact_and_hanging_up_is_noticed() {
+fn pseudo_terminal_counts_are_exact_until_hangup() {
     let begin = Monotonic.now_ns();
     let joints: drivers::simulated::Joints = Arc::new(move |ns| [(ns - begin) / MS, 7, -9, 0, 0, 0]);
     let mut left = Twin::new(Arc::clone(&joints), Faults::default());

@@ -1,13 +1,13 @@
-//! FASTRAK, as it is found and as it fails.
+//! FASTRAK, in its initial states and with faults.
 
-use drivers::Device;
-use drivers::clock::{Clock, MS, Monotonic, SECOND};
-use drivers::health::State;
-use drivers::polhemus::Settings;
-use drivers::polhemus::fastrak::{Mode, Unit};
-use drivers::reading::Status;
 use drivers::simulated::Faults;
 use drivers::simulated::fastrak::{SAMPLING_NS, Twin};
+use drivers::tracker::polhemus::Settings;
+use drivers::tracker::polhemus::fastrak::{Mode, Unit};
+use sonoweave_core::Device;
+use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
+use sonoweave_core::health::State;
+use sonoweave_core::reading::Status;
 
 use crate::bench::{BEGIN, Rig, on_a_terminal, replays, ticking, time_told};
 
@@ -22,7 +22,7 @@ fn rig(twin: Twin, settings: Settings) -> Rig<Twin, Unit> {
 }
 
 #[test]
-fn poses_are_those_of_the_sensor_at_the_times_that_the_stamps_lead_to() {
+fn poses_match_sensor_at_stamp_times() {
     let mut rig = rig(twin(), Settings { stations: vec![1, 2], ..Settings::default() });
     rig.until(State::Running, 2 * SECOND);
     let poses = rig.poses(2 * SECOND);
@@ -46,7 +46,7 @@ fn poses_are_those_of_the_sensor_at_the_times_that_the_stamps_lead_to() {
 }
 
 #[test]
-fn text_is_as_exact_as_its_columns() {
+fn text_poses_match_column_precision() {
     let mut rig = rig(twin(), Settings { binary: false, ..Settings::default() });
     rig.until(State::Running, 2 * SECOND);
     for pose in rig.poses(SECOND) {
@@ -60,7 +60,7 @@ fn text_is_as_exact_as_its_columns() {
 }
 
 #[test]
-fn a_unit_is_set_up_however_it_was_left() {
+fn unit_in_any_initial_state_is_set_up() {
     let mut slowest = 0;
     for baud in [115_200, 57_600, 38_400, 19_200, 9_600] {
         for left in 0..16 {
@@ -79,7 +79,7 @@ fn a_unit_is_set_up_however_it_was_left() {
             let took = rig.until(State::Running, 4 * SECOND);
             slowest = slowest.max(took);
             let poses = rig.poses(SECOND / 2);
-            // As many cycles of 1/120 s as the record takes on the wire, and the rest of the last.
+            // Number of cycles of 1/120 s that the record takes on the wire, rounded up.
             let cycles = (33 * 10 * 120 / u64::from(baud)) as usize + 1;
             assert!(poses.len() >= 60 / (cycles + 1), "{baud} {left}: {}", poses.len());
             assert!(
@@ -95,7 +95,7 @@ fn a_unit_is_set_up_however_it_was_left() {
 }
 
 #[test]
-fn what_is_sent_is_what_the_manual_says() {
+fn sent_commands_match_manual() {
     let mut rig = rig(twin(), Settings { hemisphere: [0.0, 0.0, 1.0], ..Settings::default() });
     rig.until(State::Running, 2 * SECOND);
     rig.device.stop().unwrap();
@@ -126,17 +126,17 @@ fn what_is_sent_is_what_the_manual_says() {
 }
 
 #[test]
-fn unplugged_is_absent_and_back_within_two_seconds() {
+fn unplugged_unit_is_absent_and_returns_in_two_seconds() {
     rig(twin(), Settings::default()).assert_survives_unplugging();
 }
 
 #[test]
-fn a_unit_that_hangs_is_silent_and_not_absent_and_is_back_within_two_seconds() {
+fn hung_unit_is_silent_and_returns_in_two_seconds() {
     rig(twin(), Settings::default()).assert_survives_hanging();
 }
 
 #[test]
-fn a_unit_that_listens_to_nothing_else_is_started_anew() {
+fn unresponsive_unit_is_reset() {
     let mut left = twin();
     (left.deaf, left.continuous) = (true, true);
     let mut stubborn = rig(left, Settings { may_reset: false, ..Settings::default() });
@@ -148,13 +148,13 @@ fn a_unit_that_listens_to_nothing_else_is_started_anew() {
     (left.deaf, left.continuous) = (true, true);
     let mut rig = rig(left, Settings::default());
     let took = rig.until(State::Running, 60 * SECOND);
-    // Sixteen rounds, ten seconds until it has started, and a round at the most.
+    // Sixteen rounds, ten seconds for the restart, and one round at most.
     assert!((25 * SECOND..32 * SECOND).contains(&took), "{} s", took / SECOND);
     assert_eq!(rig.times_told(b"\x19"), 1, "it is not told again while it starts");
 }
 
 #[test]
-fn lost_bytes_cost_their_records_and_make_no_wrong_one() {
+fn lost_bytes_lose_records_without_wrong_ones() {
     let mut rig = rig(twin(), Settings::default());
     rig.until(State::Running, 2 * SECOND);
     rig.twin.lock().unwrap().set_faults(Faults { drop: 0.002, dropout: 0.01, ..Faults::default() });
@@ -162,13 +162,13 @@ fn lost_bytes_cost_their_records_and_make_no_wrong_one() {
     assert!(poses.iter().all(|pose| pose.position_cm[1..] == [1.0, -30.25]), "each is right or not there");
     assert!(poses.windows(2).all(|two| time_told(&two[0]) < time_told(&two[1])));
     let received = rig.device.health().received;
-    // 33 bytes a record: one in sixteen is hit, and costs itself and at most the next.
+    // 33 bytes per record: one in sixteen is hit, and loses itself and at most the next.
     assert!((5800..7000).contains(&poses.len()), "{} of 7200", poses.len());
     assert!(received.skipped > 5000 && received.refused > 300 && received.set_up == 1, "{received:?}");
 }
 
 #[test]
-fn noise_is_survived() {
+fn noise_recovers_within_two_seconds() {
     let mut rig = rig(twin(), Settings::default());
     rig.until(State::Running, 2 * SECOND);
     rig.twin.lock().unwrap().set_faults(Faults { noise: 0.3, ..Faults::default() });
@@ -188,12 +188,12 @@ fn error_letters_qualify_poses() {
     let poses = rig.poses(SECOND / 4);
     let [weak, old] = [1, 2].map(|station| poses.iter().find(|pose| pose.station == station).unwrap());
     assert!(matches!(&weak.status, Status::Other(why) if why.contains("signal")) && weak.code == Some(b'k'));
-    // A limit of the unit's own calibration says nothing about a pose.
+    // A limit of the unit's own calibration does not concern a pose.
     assert!(old.status == Status::Ok && old.code == Some(b'a'));
 }
 
 #[test]
-fn raw_bytes_make_the_same_readings_again() {
+fn raw_bytes_replay_same_readings() {
     let faults = Faults { drop: 0.001, packet_ns: 16 * MS, ..Faults::default() };
     let protocol = Unit::new("a line", Settings::default(), None).unwrap();
     let mut rig = Rig::new(Twin::new(ticking(), faults), protocol, true);
@@ -204,7 +204,7 @@ fn raw_bytes_make_the_same_readings_again() {
 }
 
 #[test]
-fn on_a_pseudo_terminal_poses_are_exact_and_hanging_up_is_noticed() {
+fn pseudo_terminal_poses_are_exact_until_hangup() {
     let begin = Monotonic.now_ns();
     let motion = std::sync::Arc::new(move |station: u8, ns: i64| {
         let mut placed = ticking()(station, BEGIN + ns - begin);
@@ -216,7 +216,7 @@ fn on_a_pseudo_terminal_poses_are_exact_and_hanging_up_is_noticed() {
     let unit = Unit::new("a terminal", Settings::default(), None).unwrap();
     for pose in on_a_terminal(left, unit, 100) {
         assert_eq!(pose.position_cm[1..], [1.0, 2.0]);
-        // Told in the past, and not long ago even on a busy machine.
+        // The pose's time is in the past, but recent even on a busy machine.
         let told = time_told(&pose) - BEGIN + begin;
         let age = pose.stamp.host_ns.unwrap() - told;
         assert!((SAMPLING_NS..2 * SECOND).contains(&age), "{age}");
@@ -224,7 +224,7 @@ fn on_a_pseudo_terminal_poses_are_exact_and_hanging_up_is_noticed() {
 }
 
 #[test]
-fn settings_that_no_unit_has_are_refused() {
+fn impossible_settings_are_refused() {
     let refused = |settings: Settings| Unit::new("x", settings, None).err().map(|e| e.to_string()).unwrap_or_default();
     for stations in [vec![], vec![0], vec![5], vec![2, 1], vec![1, 1]] {
         assert!(refused(Settings { stations, ..Settings::default() }).contains("tracker.stations"));

@@ -1,23 +1,24 @@
-//! ISOTRAK II, as it is found and as it fails, in text and binary.
+//! ISOTRAK II, in its initial states and with faults, in text and binary.
 
 use std::sync::Arc;
 
-use drivers::clock::{Clock, MS, Monotonic, SECOND};
-use drivers::health::State;
-use drivers::polhemus::Settings;
-use drivers::polhemus::fastrak::Mode;
-use drivers::polhemus::isotrak::{CM_PER_COUNT, Unit};
-use drivers::reading::{Pose, Status};
 use drivers::simulated::isotrak::Twin;
 use drivers::simulated::{Faults, Motion, Placed};
-use drivers::{Device, Ticks};
+use drivers::tracker::polhemus::Settings;
+use drivers::tracker::polhemus::fastrak::Mode;
+use drivers::tracker::polhemus::isotrak::{CM_PER_COUNT, Unit};
+use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
+use sonoweave_core::health::State;
+use sonoweave_core::reading::{Pose, Status};
+use sonoweave_core::{Device, Ticks};
 
 use crate::bench::{BEGIN, Rig, on_a_terminal, replays};
 
-/// Eighths of a ms along one axis before the next one counts.
+/// Eighths of a ms along x before y increases.
 const FULL: i64 = 30_000;
 
-/// A path whose place tells the time exactly in the wire's counts, an eighth of a ms each, x before y; z tells the station.
+/// Returns a path whose position gives the time exactly in the wire's counts: an eighth of a ms
+/// each, x before y. z gives the station.
 fn counting(begin: i64) -> Motion {
     Arc::new(move |station, ns| {
         let eighths = (ns - begin) / (MS / 8);
@@ -30,7 +31,7 @@ fn counts(pose: &Pose) -> [i64; 3] {
     pose.position_cm.map(|x| (x / CM_PER_COUNT).round() as i64)
 }
 
-/// The time that a place tells, ns, an eighth of a ms at most too early.
+/// Returns the time encoded in a position, ns, at most an eighth of a ms too early.
 fn time_told(pose: &Pose) -> i64 {
     let [x, y, _] = counts(pose);
     (x + FULL * y) * (MS / 8) + BEGIN
@@ -56,7 +57,7 @@ fn is_right(pose: &Pose) -> bool {
 }
 
 #[test]
-fn poses_are_those_of_the_sensor_at_the_times_that_the_stamps_lead_to() {
+fn poses_match_sensor_at_stamp_times() {
     let mut rig = rig(twin(), two());
     rig.until(State::Running, 2 * SECOND);
     let mut poses = rig.poses(2 * SECOND);
@@ -69,7 +70,7 @@ fn poses_are_those_of_the_sensor_at_the_times_that_the_stamps_lead_to() {
         assert_eq!(usize::from(pose.station), 1 + n % 2, "in order");
         assert_eq!(pose.stamp.item, poses[0].stamp.item + n as u64);
         assert!(is_right(pose), "{pose:?}");
-        // Exact: what the counts say, not what they were rounded from.
+        // Exactly the value of the counts, without the rounding before.
         assert_eq!(pose.position_cm, counts(pose).map(|count| count as f64 * CM_PER_COUNT));
         let measured = pose.stamp.host_ns.unwrap() - timing.wire_ns * i64::from(pose.station);
         assert!((0..MS / 8).contains(&(measured - time_told(pose))), "{measured} {}", time_told(pose));
@@ -80,7 +81,7 @@ fn poses_are_those_of_the_sensor_at_the_times_that_the_stamps_lead_to() {
 }
 
 #[test]
-fn text_is_as_exact_as_its_columns() {
+fn text_poses_match_column_precision() {
     let mut rig = rig(twin(), Settings { binary: false, ..two() });
     rig.until(State::Running, 2 * SECOND);
     let wire = rig.device.describe().timing.wire_ns;
@@ -89,14 +90,14 @@ fn text_is_as_exact_as_its_columns() {
     assert!(poses.len() >= 58, "{}", poses.len());
     for pose in poses {
         assert_eq!(pose.quaternion_wxyz, [0.5, -0.5, 0.5, -0.5]);
-        // Half of the last digit is 0.005 cm: a count and a bit.
+        // Half of the last digit is 0.005 cm: a little more than one count.
         let measured = (pose.stamp.host_ns.unwrap() - wire * i64::from(pose.station) - BEGIN) / (MS / 8);
         assert!((pose.position_cm[0] / CM_PER_COUNT - (measured % FULL) as f64).abs() < 2.0, "{pose:?}");
     }
 }
 
 #[test]
-fn a_unit_is_set_up_however_it_was_left() {
+fn unit_in_any_initial_state_is_set_up() {
     let mut slowest = 0;
     for baud in [115_200, 19_200, 9_600, 38_400, 57_600] {
         for left in 0..32 {
@@ -115,7 +116,7 @@ fn a_unit_is_set_up_however_it_was_left() {
             let mut rig = rig(twin, Settings { binary, ..Settings::default() });
             slowest = slowest.max(rig.until(State::Running, 4 * SECOND));
             let poses = rig.poses(SECOND / 2);
-            // As many cycles of 1/60 s as the record takes on the wire, and the rest of the last.
+            // Number of cycles of 1/60 s that the record takes on the wire, rounded up.
             let cycles = (if binary { 20 } else { 54 } * 10 * 60 / u64::from(baud)) as usize + 1;
             assert!(poses.len() >= 30 / cycles - 1, "{baud} {left}: {}", poses.len());
             for pose in &poses {
@@ -131,7 +132,7 @@ fn a_unit_is_set_up_however_it_was_left() {
 }
 
 #[test]
-fn what_is_sent_is_what_other_programs_send() {
+fn sent_commands_match_other_programs() {
     for (binary, mode, list) in [(true, "f", "O2,11\r"), (false, "F", "O2,11,1\r")] {
         let mut rig = rig(twin(), Settings { hemisphere: [1.0, 0.0, 0.5], binary, ..Settings::default() });
         rig.until(State::Running, 2 * SECOND);
@@ -162,7 +163,7 @@ fn what_is_sent_is_what_other_programs_send() {
 }
 
 #[test]
-fn a_sensor_behind_is_told_on_its_own_side_if_the_hemisphere_is_set() {
+fn hemisphere_setting_selects_sensor_side() {
     let behind: Motion = Arc::new(|_, _| Placed {
         position_cm: [-2000.0, 300.0, 500.0].map(|count| count * CM_PER_COUNT),
         quaternion_wxyz: [1.0, 0.0, 0.0, 0.0],
@@ -179,7 +180,7 @@ fn a_sensor_behind_is_told_on_its_own_side_if_the_hemisphere_is_set() {
 }
 
 #[test]
-fn a_station_that_is_not_put_to_use_is_named() {
+fn unused_station_is_named() {
     let mut left = twin();
     left.stuck = true;
     let mut rig = rig(left, two());
@@ -191,17 +192,17 @@ fn a_station_that_is_not_put_to_use_is_named() {
 }
 
 #[test]
-fn unplugged_is_absent_and_back_within_two_seconds() {
+fn unplugged_unit_is_absent_and_returns_in_two_seconds() {
     rig(twin(), Settings::default()).assert_survives_unplugging();
 }
 
 #[test]
-fn a_unit_that_hangs_is_silent_and_not_absent_and_is_back_within_two_seconds() {
+fn hung_unit_is_silent_and_returns_in_two_seconds() {
     rig(twin(), Settings::default()).assert_survives_hanging();
 }
 
 #[test]
-fn a_unit_that_listens_to_nothing_else_is_started_anew() {
+fn unresponsive_unit_is_reset() {
     let mut left = twin();
     (left.deaf, left.continuous) = (true, true);
     let mut stubborn = rig(left, Settings { may_reset: false, ..Settings::default() });
@@ -211,13 +212,13 @@ fn a_unit_that_listens_to_nothing_else_is_started_anew() {
     (left.deaf, left.continuous) = (true, true);
     let mut rig = rig(left, Settings::default());
     let took = rig.until(State::Running, 90 * SECOND);
-    // Twenty rounds, twenty seconds until it has started, and a round at the most.
+    // Twenty rounds, twenty seconds for the restart, and one round at most.
     assert!((40 * SECOND..48 * SECOND).contains(&took), "{} s", took / SECOND);
     assert_eq!(rig.times_told(b"\x19"), 1, "it is not told twice");
 }
 
 #[test]
-fn lost_bytes_cost_their_records_and_make_no_wrong_one() {
+fn lost_bytes_lose_records_without_wrong_ones() {
     let mut rig = rig(twin(), Settings::default());
     rig.until(State::Running, 2 * SECOND);
     let before = {
@@ -232,13 +233,13 @@ fn lost_bytes_cost_their_records_and_make_no_wrong_one() {
     let whole = (twin.measured - before.0 - (twin.harmed - before.1)) as usize;
     let received = rig.device.health().received;
     assert!(twin.harmed - before.1 > 400, "{}", twin.harmed);
-    // Bit 7 marks each beginning: a record that was cut costs itself alone.
+    // Bit 7 marks each beginning: a cut record loses only itself.
     assert!(poses.len().abs_diff(whole) <= 1, "{} of {whole}", poses.len());
     assert!(received.skipped > 5000 && received.refused > 300 && received.set_up == 1, "{received:?}");
 }
 
 #[test]
-fn noise_is_survived() {
+fn noise_recovers_within_two_seconds() {
     let mut rig = rig(twin(), Settings::default());
     rig.until(State::Running, 2 * SECOND);
     rig.twin.lock().unwrap().set_faults(Faults { noise: 0.3, ..Faults::default() });
@@ -274,7 +275,7 @@ fn letters_qualify_poses_and_switches_are_buttons() {
 }
 
 #[test]
-fn raw_bytes_make_the_same_readings_again() {
+fn raw_bytes_replay_same_readings() {
     for binary in [true, false] {
         let settings = Settings { binary, ..two() };
         let faults = Faults { drop: 0.001, packet_ns: 16 * MS, ..Faults::default() };
@@ -288,21 +289,21 @@ fn raw_bytes_make_the_same_readings_again() {
 }
 
 #[test]
-fn on_a_pseudo_terminal_poses_are_exact_and_hanging_up_is_noticed() {
+fn pseudo_terminal_poses_are_exact_until_hangup() {
     let begin = Monotonic.now_ns();
     let mut left = Twin::new(counting(begin), Faults::default());
     left.continuous = true;
     let unit = Unit::new("a terminal", Settings::default(), None).unwrap();
     for pose in on_a_terminal(left, unit, 60) {
         assert_eq!(counts(&pose)[2], -100);
-        // Told in the past, and not long ago even on a busy machine.
+        // The pose's time is in the past, but recent even on a busy machine.
         let age = pose.stamp.host_ns.unwrap() - (time_told(&pose) - BEGIN + begin);
         assert!((0..2 * SECOND).contains(&age), "{age}");
     }
 }
 
 #[test]
-fn settings_that_no_unit_has_are_refused() {
+fn impossible_settings_are_refused() {
     let refused = |settings: Settings| Unit::new("x", settings, None).err().map(|e| e.to_string()).unwrap_or_default();
     for stations in [vec![], vec![0], vec![3], vec![2, 1], vec![1, 1]] {
         assert!(refused(Settings { stations, ..Settings::default() }).contains("tracker.stations"));

@@ -1,14 +1,15 @@
-//! Joints that move on a known way, and what arms say of them.
+//! Joints that move on a known path, and helpers for arm readings.
 
 use std::sync::Arc;
 
-use drivers::clock::MS;
-use drivers::reading::{Counts, Reading, Status};
 use drivers::simulated::Joints;
+use sonoweave_core::clock::MS;
+use sonoweave_core::reading::{Counts, Reading, Status};
 
 use crate::bench::BEGIN;
 
-/// Joints that go on steadily, at other speeds each: 10 and −3 counts a ms, and one that goes to and fro by 500 counts.
+/// Returns joints that move steadily at different speeds: 10 and −3 counts per ms, and one that
+/// oscillates by 500 counts.
 pub(crate) fn moving() -> Joints {
     Arc::new(|ns| {
         let us = (ns - BEGIN) / 1000;
@@ -17,12 +18,12 @@ pub(crate) fn moving() -> Joints {
     })
 }
 
-/// Joints at rest.
+/// Returns joints at rest.
 pub(crate) fn at_rest() -> Joints {
     Arc::new(|_| [1000, -2000, 3000, 40, -50, 60])
 }
 
-/// The counts among the readings.
+/// Returns the counts among the readings.
 pub(crate) fn counts(readings: Vec<Reading>) -> Vec<Counts> {
     let counts = readings.into_iter().filter_map(|reading| match reading {
         Reading::Counts(counts) => Some(counts),
@@ -31,14 +32,14 @@ pub(crate) fn counts(readings: Vec<Reading>) -> Vec<Counts> {
     counts.collect()
 }
 
-/// The same, without the number that whoever asks gives it.
+/// Returns the counts without the item number, which the caller of the protocol assigns.
 pub(crate) fn unnumbered(counts: &Counts) -> Counts {
     let mut counts = counts.clone();
     counts.stamp.item = 0;
     counts
 }
 
-/// What a driver says of a reading that it does not vouch for.
+/// Returns the driver's reason for an invalid reading.
 pub(crate) fn said(counts: &Counts) -> &str {
     match &counts.status {
         Status::Ok => "",
@@ -46,7 +47,7 @@ pub(crate) fn said(counts: &Counts) -> &str {
     }
 }
 
-/// Whether the counts are the true ones, less the zeros, at a time that is known to a resolution.
+/// Returns whether the counts, less the zeros, are true within `resolution_ns` after `at_ns`.
 pub(crate) fn is_true(joints: &Joints, counts: &Counts, at_ns: i64, resolution_ns: i64, zeros: &[i64]) -> bool {
     let (from, to) = (joints(at_ns), joints(at_ns + resolution_ns));
     let first = usize::from(counts.first);
@@ -56,12 +57,12 @@ pub(crate) fn is_true(joints: &Joints, counts: &Counts, at_ns: i64, resolution_n
     })
 }
 
-/// The counts before the first of which this is so, and those from it on.
+/// Splits the counts before the first one for which `is_first` is true.
 pub(crate) fn split(mut counts: Vec<Counts>, is_first: impl Fn(&Counts) -> bool) -> [Vec<Counts>; 2] {
     let at = counts.iter().position(is_first).unwrap_or(counts.len());
     let rest = counts.split_off(at);
     [counts, rest]
 }
 
-/// A time that a line of any kind takes at most to be set up, ns.
+/// Upper limit of any line's set-up time, ns.
 pub(crate) const SOON: i64 = 4000 * MS;

@@ -1,15 +1,15 @@
-//! LIBERTY and PATRIOT, as they are found and as they fail, over serial and USB.
+//! LIBERTY and PATRIOT, in their initial states and with faults, over serial and USB.
 
 use std::sync::Arc;
 
-use drivers::clock::{Clock, MS, Monotonic, SECOND};
-use drivers::health::State;
-use drivers::polhemus::liberty::{Tag, Unit};
-use drivers::polhemus::{Line, Settings};
-use drivers::reading::{Pose, Status};
 use drivers::simulated::Faults;
 use drivers::simulated::liberty::{SAMPLING_NS, Twin};
-use drivers::{Device, Ticks};
+use drivers::tracker::polhemus::liberty::{Tag, Unit};
+use drivers::tracker::polhemus::{Line, Settings};
+use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
+use sonoweave_core::health::State;
+use sonoweave_core::reading::{Pose, Status};
+use sonoweave_core::{Device, Ticks};
 
 use crate::bench::{BEGIN, Rig, on_a_terminal, replays, ticking, time_told};
 
@@ -33,7 +33,7 @@ fn two() -> Settings {
     Settings { stations: vec![1, 2], ..Settings::default() }
 }
 
-/// Each pose is right, or not there.
+/// Checks every delivered pose; missing poses are allowed.
 fn assert_right(poses: &[Pose], what: &str) {
     for pose in poses {
         assert_eq!(pose.position_cm[1..], [f64::from(pose.station), -30.25], "{what}: {pose:?}");
@@ -43,7 +43,7 @@ fn assert_right(poses: &[Pose], what: &str) {
 }
 
 #[test]
-fn poses_are_those_of_the_sensor_at_the_times_that_stamps_and_ticks_lead_to() {
+fn poses_match_sensor_at_stamp_and_tick_times() {
     for (on_usb, active, rate_hz, hz) in
         [(false, 1, 240.0, 240.0), (false, 3, 240.0, 120.0), (true, 3, 1000.0, 240.0), (true, 1, 100.0, 60.0)]
     {
@@ -53,7 +53,7 @@ fn poses_are_those_of_the_sensor_at_the_times_that_stamps_and_ticks_lead_to() {
         let mut rig = rig(left, Settings { stations: stations.clone(), rate_hz, ..Settings::default() });
         rig.until(State::Running, 2 * SECOND);
         let mut poses = rig.poses(2 * SECOND);
-        // The running was told with a pose of some station.
+        // The state running may have come with a pose of any station.
         poses.drain(..poses.iter().position(|pose| pose.station == 1).unwrap());
         let timing = rig.device.describe().timing;
         assert_eq!((timing.rate_hz, timing.tick_hz), (Some(hz), Some(hz)));
@@ -67,7 +67,8 @@ fn poses_are_those_of_the_sensor_at_the_times_that_stamps_and_ticks_lead_to() {
         for (n, pose) in poses.iter().enumerate() {
             assert_eq!(pose.station, stations[n % stations.len()], "in order");
             assert_eq!(pose.stamp.item, poses[0].stamp.item + n as u64);
-            // The second station's record waits for the first one's; by USB each takes a microsecond.
+            // The second station's record waits for the first one's; over USB each takes a
+            // microsecond.
             let wire = timing.wire_ns * i64::from(pose.station);
             let measured = pose.stamp.host_ns.unwrap() - timing.sampling_ns - wire;
             assert!((0..MS / 8 + 2000).contains(&(measured - time_told(pose))), "{measured} {}", time_told(pose));
@@ -83,7 +84,7 @@ fn poses_are_those_of_the_sensor_at_the_times_that_stamps_and_ticks_lead_to() {
 }
 
 #[test]
-fn a_unit_is_set_up_however_it_was_left() {
+fn unit_in_any_initial_state_is_set_up() {
     let mut slowest = 0;
     for (baud, on_usb) in
         [(115_200, false), (57_600, false), (38_400, false), (19_200, false), (9_600, false), (115_200, true)]
@@ -106,7 +107,7 @@ fn a_unit_is_set_up_however_it_was_left() {
             slowest = slowest.max(rig.until(State::Running, 4 * SECOND));
             let poses = rig.poses(SECOND / 2);
             let hz = rig.device.describe().timing.rate_hz.unwrap();
-            // As many cycles as the stations' records take on the wire, and the rest of the last.
+            // Number of cycles that the stations' records take on the wire, rounded up.
             let bytes = 44 * if left & 8 != 0 { 3 } else { 1 };
             let cycles = if on_usb { 1.0 } else { (f64::from(bytes * 10) / f64::from(baud) * hz).ceil() };
             let least = (0.5 * hz / cycles) as usize - 1;
@@ -123,7 +124,7 @@ fn a_unit_is_set_up_however_it_was_left() {
 }
 
 #[test]
-fn what_is_sent_is_what_the_manual_says() {
+fn sent_commands_match_manual() {
     let mut by_usb = rig(usb(twin()), Settings { hemisphere: [0.0, 0.0, 1.0], ..two() });
     by_usb.twin.lock().unwrap().active = 3;
     by_usb.until(State::Running, 2 * SECOND);
@@ -139,7 +140,7 @@ fn what_is_sent_is_what_the_manual_says() {
     serial.until(State::Running, 2 * SECOND);
     serial.device.stop().unwrap();
     let settings = [&["O*,9,10,11,2,7\r"], &settings[1..]].concat();
-    // 48 bytes 240 times a second would fill the line.
+    // 48 bytes, 240 times a second, would fill the line.
     let expected = [&begin[..], &["U1\r", "R3\r"], &settings, &["O1\r"], &end].concat();
     assert_eq!(serial.told(), expected);
 
@@ -154,7 +155,7 @@ fn what_is_sent_is_what_the_manual_says() {
 }
 
 #[test]
-fn frames_that_wait_in_a_buffer_are_not_waited_for() {
+fn buffered_frames_do_not_delay_poses() {
     let mut left = usb(twin());
     (left.binary, left.continuous) = (true, true);
     assert!(left.buffers);
@@ -166,7 +167,7 @@ fn frames_that_wait_in_a_buffer_are_not_waited_for() {
 }
 
 #[test]
-fn the_first_frames_after_a_start_are_wrong_and_left_out() {
+fn wrong_first_frames_are_dropped() {
     let mut left = twin();
     left.stubborn = 1;
     let mut rig = rig(left, Settings::default());
@@ -176,9 +177,9 @@ fn the_first_frames_after_a_start_are_wrong_and_left_out() {
 }
 
 #[test]
-fn a_count_that_wraps_loses_nothing() {
+fn frame_count_wrap_loses_nothing() {
     let mut left = twin();
-    // What is counted after the wrap looks like a beginning.
+    // Counts after the wrap look like a new start.
     left.zero = u32::MAX - 100;
     let mut rig = rig(left, Settings::default());
     rig.until(State::Running, 2 * SECOND);
@@ -192,7 +193,7 @@ fn a_count_that_wraps_loses_nothing() {
 }
 
 #[test]
-fn a_sensor_behind_is_told_on_its_own_side_if_the_hemisphere_is_set() {
+fn hemisphere_setting_selects_sensor_side() {
     let behind: drivers::simulated::Motion = Arc::new(|_, _| drivers::simulated::Placed {
         position_cm: [-20.0, 3.0, 5.0],
         quaternion_wxyz: [1.0, 0.0, 0.0, 0.0],
@@ -208,21 +209,21 @@ fn a_sensor_behind_is_told_on_its_own_side_if_the_hemisphere_is_set() {
 }
 
 #[test]
-fn unplugged_is_absent_and_back_within_two_seconds() {
+fn unplugged_unit_is_absent_and_returns_in_two_seconds() {
     for left in [twin(), usb(twin())] {
         rig(left, Settings::default()).assert_survives_unplugging();
     }
 }
 
 #[test]
-fn a_unit_that_hangs_is_silent_and_not_absent_and_is_back_within_two_seconds() {
+fn hung_unit_is_silent_and_returns_in_two_seconds() {
     for left in [twin(), usb(twin())] {
         rig(left, Settings::default()).assert_survives_hanging();
     }
 }
 
 #[test]
-fn a_unit_that_listens_to_nothing_else_is_started_anew() {
+fn unresponsive_unit_is_reset() {
     for on_usb in [false, true] {
         let mut left = twin();
         (left.deaf, left.continuous, left.usb, left.buffers) = (true, true, on_usb, false);
@@ -241,7 +242,7 @@ fn a_unit_that_listens_to_nothing_else_is_started_anew() {
 }
 
 #[test]
-fn lost_bytes_cost_their_records_and_the_count_tells_how_many() {
+fn lost_bytes_are_counted_by_frame_count() {
     for active in [1, 3] {
         let mut left = twin();
         left.active = active;
@@ -269,7 +270,7 @@ fn lost_bytes_cost_their_records_and_the_count_tells_how_many() {
         assert_eq!(received.lost, harmed, "of {}", twin.measured - measured);
         assert!(received.refused > 300 && received.set_up == 1, "{received:?}");
         drop(twin);
-        // Set up anew, it counts from the start, and what was lost stays lost.
+        // After a new set-up the counter restarts, but earlier losses stay counted.
         rig.assert_survives_hanging();
         let again = rig.device.health().received;
         assert_eq!((again.lost, again.set_up), (received.lost, 2));
@@ -278,7 +279,7 @@ fn lost_bytes_cost_their_records_and_the_count_tells_how_many() {
 }
 
 #[test]
-fn a_host_that_does_not_read_for_a_while_loses_nothing() {
+fn host_that_pauses_reading_loses_nothing() {
     let mut left = usb(twin());
     left.set_faults(Faults { drift_ppm: 300.0, latency_ns: 2 * MS, jitter_ns: 3 * MS, ..Faults::default() });
     let mut rig = rig(left, Settings::default());
@@ -293,7 +294,7 @@ fn a_host_that_does_not_read_for_a_while_loses_nothing() {
 }
 
 #[test]
-fn noise_is_survived() {
+fn noise_recovers_within_two_seconds() {
     let mut rig = rig(twin(), Settings::default());
     rig.until(State::Running, 2 * SECOND);
     rig.twin.lock().unwrap().set_faults(Faults { noise: 0.3, ..Faults::default() });
@@ -319,7 +320,7 @@ fn errors_qualify_poses() {
         assert_eq!(first.code, (error != b' ').then_some(error));
         assert_eq!((&second.status, second.code), (&Status::Ok, None));
     }
-    // Beside an error that does not concern the pose its numbers are looked at.
+    // After an error that does not concern the pose, its values are still checked.
     let lost: drivers::simulated::Motion =
         Arc::new(|_, _| drivers::simulated::Placed { position_cm: [10.0, 0.0, 0.0], quaternion_wxyz: [0.0; 4] });
     let mut left = Twin::new(lost, Faults::default());
@@ -350,7 +351,7 @@ fn a_station_without_a_sensor_is_named() {
 }
 
 #[test]
-fn raw_bytes_make_the_same_readings_again() {
+fn raw_bytes_replay_same_readings() {
     let faults = Faults { drop: 0.001, packet_ns: 16 * MS, ..Faults::default() };
     let mut left = Twin::new(ticking(), faults);
     left.active = 3;
@@ -363,7 +364,7 @@ fn raw_bytes_make_the_same_readings_again() {
 }
 
 #[test]
-fn on_a_pseudo_terminal_poses_are_exact_and_hanging_up_is_noticed() {
+fn pseudo_terminal_poses_are_exact_until_hangup() {
     let begin = Monotonic.now_ns();
     let motion = Arc::new(move |station: u8, ns: i64| ticking()(station, BEGIN + ns - begin));
     let mut left = Twin::new(motion, Faults::default());
@@ -371,14 +372,14 @@ fn on_a_pseudo_terminal_poses_are_exact_and_hanging_up_is_noticed() {
     let unit = Unit::new("a terminal", Settings::default(), None).unwrap();
     for pose in on_a_terminal(left, unit, 200) {
         assert_eq!(pose.position_cm[1..], [1.0, -30.25]);
-        // Told in the past, and not long ago even on a busy machine.
+        // The pose's time is in the past, but recent even on a busy machine.
         let age = pose.stamp.host_ns.unwrap() - (time_told(&pose) - BEGIN + begin);
         assert!((SAMPLING_NS..2 * SECOND).contains(&age), "{age}");
     }
 }
 
 #[test]
-fn settings_that_no_unit_has_are_refused() {
+fn impossible_settings_are_refused() {
     let refused = |settings: Settings| Unit::new("x", settings, None).err().map(|e| e.to_string()).unwrap_or_default();
     for stations in [vec![], vec![0], vec![17], vec![2, 1], vec![1, 1]] {
         assert!(refused(Settings { stations, ..Settings::default() }).contains("tracker.stations"));

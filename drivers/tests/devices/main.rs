@@ -1,4 +1,5 @@
-//! Drivers on their virtual twins: on a line within the process, where time passes as fast as it is waited for, and on pseudo-terminals.
+//! Drivers on their virtual twins: on a line within the process, with a clock that waiting
+//! advances, and on pseudo-terminals.
 
 #![allow(clippy::unwrap_used, reason = "tests fail so")]
 

@@ -1,17 +1,17 @@
-//! MicroScribe, as it is found and as it fails.
+//! MicroScribe, in its initial states and with faults.
 
 use std::sync::{Arc, Mutex};
 
 use drivers::arm::Settings;
 use drivers::arm::microscribe::{Family, Unit};
-use drivers::clock::{Clock, MS, Monotonic, SECOND};
 use drivers::connection::Connection;
-use drivers::health::State;
-use drivers::reading::{Counts, Reading, Status};
 use drivers::simulated::microscribe::{Session, Twin};
 use drivers::simulated::{Faults, Joints, Pty};
 use drivers::transport::{PortPath, SerialOpener};
-use drivers::{Device, Next};
+use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
+use sonoweave_core::health::State;
+use sonoweave_core::reading::{Counts, Reading, Status};
+use sonoweave_core::{Device, Next};
 
 use crate::bench::{Rig, replays};
 use crate::joints::{SOON, counts, is_true, moving, said, split};
@@ -30,18 +30,19 @@ fn usual() -> Rig<Twin, Unit> {
     rig(Twin::new(moving(), Faults::default()))
 }
 
-/// When it was sampled, by the stamp and what the driver says of the line: 0.3 ms later than it was asked.
+/// Returns the sampling time, from the stamp and the driver's wire time: the device samples 0.3
+/// ms after the request.
 fn time_of(counts: &Counts, wire_ns: i64) -> i64 {
     counts.stamp.host_ns.unwrap() - wire_ns - 3 * MS / 10
 }
 
-/// Zeros of counts that begin with what the encoders show at home.
+/// Returns the zeros of counts that start at the encoders' values at home.
 fn zeros(rig: &Rig<Twin, Unit>) -> [i64; 6] {
     rig.twin.lock().unwrap().offsets.map(|offset| -offset)
 }
 
 #[test]
-fn counts_are_those_of_the_joints_when_it_was_asked() {
+fn counts_match_joints_at_request_time() {
     let mut rig = usual();
     let took = rig.until(State::Running, SOON);
     assert!(took < SECOND, "{} ms", took / MS);
@@ -73,7 +74,7 @@ fn counts_are_those_of_the_joints_when_it_was_asked() {
 }
 
 #[test]
-fn a_device_is_woken_however_it_was_left_and_at_whatever_rate_it_follows() {
+fn device_in_any_state_and_rate_is_woken() {
     for fastest in [115_200, 57_600, 38_400, 19_200, 9_600] {
         for session in [Session::None, Session::Signed, Session::Begun] {
             for answers_links in [true, false] {
@@ -84,7 +85,7 @@ fn a_device_is_woken_however_it_was_left_and_at_whatever_rate_it_follows() {
                 let took = rig.until(State::Running, SOON);
                 assert!(took < 2 * SECOND, "{fastest} {session:?}: {} ms", took / MS);
                 let found = counts(rig.readings(SECOND));
-                // 14 bytes take 14.6 ms at 9600, and what asks for them 1 ms.
+                // 14 bytes take 14.6 ms at 9600 baud, and their request 1 ms.
                 let least = if fastest == 9_600 { 48 } else { 99 };
                 assert!(found.len() >= least, "{fastest}: {}", found.len());
                 assert!(found.iter().all(|c| c.status == Status::Ok));
@@ -94,7 +95,7 @@ fn a_device_is_woken_however_it_was_left_and_at_whatever_rate_it_follows() {
 }
 
 #[test]
-fn what_is_sent_is_what_the_maker_s_library_sends() {
+fn sent_commands_match_manufacturer_library() {
     let mut twin = Twin::new(moving(), Faults::default());
     twin.buttons = 0b10;
     let mut rig = rig(twin);
@@ -114,7 +115,7 @@ fn what_is_sent_is_what_the_maker_s_library_sends() {
 }
 
 #[test]
-fn a_jump_demands_homing_and_homing_sets_all_counters() {
+fn jump_requires_homing_which_sets_all_counters() {
     let mut rig = usual();
     rig.until(State::Running, SOON);
     rig.twin.lock().unwrap().slip(3, 4000);
@@ -129,21 +130,22 @@ fn a_jump_demands_homing_and_homing_sets_all_counters() {
     assert!(after.len() > 95);
     for c in &after {
         assert_eq!((c.homed, &c.status), (0b11_1111, &Status::Ok));
-        // The last encoder shows 16383 at home and is at 0 soon after: it is counted on.
+        // The last encoder reads 16383 at home and 0 soon after: the count continues across the
+        // wrap.
         assert!(is_true(&moving(), c, time_of(c, wire), 0, &zeros), "{c:?} {zeros:?}");
     }
     assert_eq!((rig.device.health().why.as_str(), rig.device.health().received.refused), ("", 0));
 }
 
 #[test]
-fn unplugged_is_absent_and_back_within_two_seconds_and_has_to_be_homed() {
+fn unplugged_device_is_absent_then_requires_homing() {
     let mut rig = usual();
     rig.until(State::Running, SOON);
     rig.twin.lock().unwrap().unplug();
     assert!(rig.until(State::Absent, SECOND) < 20 * MS, "told at once");
     assert!(rig.readings(3 * SECOND).is_empty());
     assert!(rig.device.health().why.contains("plug it in"), "{}", rig.device.health().why);
-    // It may have been switched off meanwhile, and here it was.
+    // The device may have been switched off meanwhile; in this test it was.
     let now = rig.clock.now_ns();
     rig.twin.lock().unwrap().switch_off_and_on(now);
     rig.twin.lock().unwrap().plugged = true;
@@ -157,7 +159,7 @@ fn unplugged_is_absent_and_back_within_two_seconds_and_has_to_be_homed() {
 }
 
 #[test]
-fn a_device_that_hangs_is_silent_and_not_absent() {
+fn hung_device_is_silent_not_absent() {
     let mut rig = usual();
     rig.until(State::Running, SOON);
     rig.twin.lock().unwrap().hung = true;
@@ -172,16 +174,16 @@ fn a_device_that_hangs_is_silent_and_not_absent() {
 }
 
 #[test]
-fn lost_bytes_cost_their_samples_and_make_no_wrong_one() {
+fn lost_bytes_lose_samples_without_wrong_ones() {
     let mut rig = usual();
     rig.until(State::Running, SOON);
     rig.twin.lock().unwrap().set_faults(Faults { drop: 0.002, dropout: 0.01, ..Faults::default() });
     let found = counts(rig.readings(60 * SECOND));
     let (zeros, wire) = (zeros(&rig), rig.device.describe().timing.wire_ns);
-    // 14 bytes a sample: one in 36 is hit.
+    // 14 bytes per sample: one in 36 is hit.
     assert!((5500..5950).contains(&found.len()), "{}", found.len());
     for c in &found {
-        // What is cut is complete when the next one's mark comes, and refused.
+        // The next sample's mark ends a cut sample, which is refused.
         assert!(is_true(&moving(), c, time_of(c, wire), 0, &zeros) && c.status == Status::Ok, "{c:?}");
     }
     let received = rig.device.health().received;
@@ -189,7 +191,7 @@ fn lost_bytes_cost_their_samples_and_make_no_wrong_one() {
 }
 
 #[test]
-fn what_noise_makes_is_less_than_a_joint_can_move_or_refused() {
+fn noise_errors_stay_below_jump_limit() {
     let mut rig = usual();
     rig.until(State::Running, SOON);
     rig.twin.lock().unwrap().set_faults(Faults { noise: 0.002, ..Faults::default() });
@@ -204,7 +206,7 @@ fn what_noise_makes_is_less_than_a_joint_can_move_or_refused() {
 }
 
 #[test]
-fn raw_bytes_make_the_same_readings_again() {
+fn raw_bytes_replay_same_readings() {
     let faults = Faults { drop: 0.001, ..Faults::default() };
     let mut rig = Rig::new(Twin::new(moving(), faults), unit(), true);
     rig.device.start().unwrap();
@@ -220,7 +222,7 @@ fn raw_bytes_make_the_same_readings_again() {
 }
 
 #[test]
-fn on_a_pseudo_terminal_counts_are_exact_and_hanging_up_is_noticed() {
+fn pseudo_terminal_counts_are_exact_until_hangup() {
     let begin = Monotonic.now_ns();
     let joints: Joints = Arc::new(move |ns| [(ns - begin) / MS, 7, -9, 0, 1, 2]);
     let mut left = Twin::new(Arc::clone(&joints), Faults::default());
@@ -245,7 +247,8 @@ fn on_a_pseudo_terminal_counts_are_exact_and_hanging_up_is_noticed() {
     let offsets = twin.lock().unwrap().offsets;
     let sampled = twin.lock().unwrap().sampled.clone();
     for c in &found {
-        // What was shown at a time at which it was asked, shortly before the stamp: a busy machine asks again before it has read the answer.
+        // The counts of a request shortly before the stamp: a busy machine sends the next
+        // request before it has read the answer.
         let host = c.stamp.host_ns.unwrap();
         let is_it = |at: &&i64| {
             let truth = joints(**at);
@@ -263,7 +266,7 @@ fn on_a_pseudo_terminal_counts_are_exact_and_hanging_up_is_noticed() {
 }
 
 #[test]
-fn settings_that_no_device_has_are_refused() {
+fn impossible_settings_are_refused() {
     let refused = |settings: Settings, encoders| {
         Unit::new("x", settings, Family::MicroScribe, encoders).err().map(|e| e.to_string()).unwrap_or_default()
     };

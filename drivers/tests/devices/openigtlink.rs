@@ -1,26 +1,28 @@
-//! An OpenIGTLink server as a device: on a line within the process by a script, and over sockets of this machine.
+//! An OpenIGTLink server as a device: scripted on a line within the process, and over sockets
+//! of this machine.
 
 use std::collections::VecDeque;
 use std::io::{Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
 use std::time::{Duration, Instant};
 
-use drivers::clock::{Clock, MS, Monotonic, SECOND};
-use drivers::health::State;
+use drivers::OpenSettings;
 use drivers::openigtlink::{
     Client, Content, Coordinates, Datum, Decoder, Event, Fixed, Image, Limits, Matrix, Message, Pace, Position,
     RemotePictures, RemoteSettings, RemoteTransforms, Subject, TimeStamp, Tool, ToolKind, Version,
 };
-use drivers::reading::{PixelType, Reading, Status};
 use drivers::transport::{LineError, Peer};
-use drivers::{Device, Next, OpenSettings, Ticks};
+use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
+use sonoweave_core::health::State;
+use sonoweave_core::reading::{PixelType, Reading, Status};
+use sonoweave_core::{Device, Next, Ticks};
 
 use crate::bench::{BEGIN, Rig};
 
-/// Says what it is told to at its times, and keeps what it hears.
+/// A server that sends scripted bytes at their times, and stores received bytes.
 #[derive(Default)]
 struct Server {
-    /// Times and bytes; an empty one hangs up.
+    /// Times and bytes; an empty entry hangs up.
     script: VecDeque<(i64, Vec<u8>)>,
     heard: Vec<u8>,
     opened: u32,
@@ -52,7 +54,7 @@ impl Peer for Server {
     }
 }
 
-/// 2026-11-22 09:30, whatever the host's clock says.
+/// 2026-11-22 09:30, independent of the host's clock.
 const THEN: u64 = 1_795_339_800_000_000_000;
 
 fn name<const N: usize>(text: &str) -> Fixed<N> {
@@ -100,7 +102,7 @@ fn bytes(message: &Message) -> Vec<u8> {
 }
 
 #[test]
-fn what_a_server_sends_are_pictures_and_transforms_with_their_times() {
+fn server_messages_become_frames_and_transforms() {
     let tool = |of: &str, x| Tool { name: name(of), kind: ToolKind::Six, matrix: matrix(x) };
     let invalid = Message {
         version: Version::Two,
@@ -145,7 +147,7 @@ fn what_a_server_sends_are_pictures_and_transforms_with_their_times() {
     let timing = rig.device.describe().timing;
     assert_eq!((timing.ticks, timing.tick_hz), (Ticks::Time, Some(1e6)));
     assert_eq!(rig.device.describe().image_size, Some([4, 3]));
-    // It was asked for TDATA, and is told to stop.
+    // The driver requested TDATA, and now requests the server to stop.
     rig.device.stop().unwrap();
     let mut asked = Vec::new();
     let heard = std::mem::take(&mut rig.twin.lock().unwrap().heard);
@@ -162,7 +164,7 @@ fn what_a_server_sends_are_pictures_and_transforms_with_their_times() {
 }
 
 #[test]
-fn only_what_is_asked_for_is_taken() {
+fn only_requested_messages_are_taken() {
     let stream: Vec<u8> = [
         slice("Volume_Reference", None),
         slice("Image_Reference", None),
@@ -183,13 +185,13 @@ fn only_what_is_asked_for_is_taken() {
     let mut stylus = rig(RemoteSettings { pictures: None, transforms, ..all() }, [(5, stream.clone())]);
     let [Reading::NamedTransform(transform)] = &stylus.readings(20 * MS)[..] else { panic!() };
     assert_eq!(transform.from, "Stylus");
-    // Without a name the first image that is a slice is it.
+    // Without a name, the first image that is a slice is used.
     let mut first = rig(RemoteSettings { transforms: None, ..all() }, [(5, stream)]);
     assert_eq!(first.readings(20 * MS).len(), 1);
 }
 
 #[test]
-fn a_volume_is_no_picture_and_it_is_said() {
+fn volume_is_refused_as_frame_with_reason() {
     let pixels = vec![1; 24].into();
     let volume = Image::whole([4, 3, 2], (PixelType::U8, 1), pixels, &[0.0; 16], Coordinates::Ras);
     let stream = [said("Vol", 0, Content::Image(volume)), said("ProbeToTracker", 0, Content::Transform(matrix(1.0)))];
@@ -201,7 +203,7 @@ fn a_volume_is_no_picture_and_it_is_said() {
 }
 
 #[test]
-fn pictures_that_were_left_out_are_counted_and_a_new_count_is_none() {
+fn missing_frame_numbers_count_as_lost() {
     let numbers = [5, 6, 9, 10, 2, 3, 2_000_000];
     let script = (1..).zip(numbers).map(|(ms, number)| (ms, bytes(&slice("Image", Some(number)))));
     let mut rig = rig(all(), script);
@@ -210,7 +212,7 @@ fn pictures_that_were_left_out_are_counted_and_a_new_count_is_none() {
 }
 
 #[test]
-fn a_damaged_message_is_counted_and_the_next_is_read() {
+fn damaged_message_is_counted_and_next_is_read() {
     let mut damaged = bytes(&slice("Image", None));
     damaged[100] ^= 4;
     let good = bytes(&slice("Image", None));
@@ -221,7 +223,7 @@ fn a_damaged_message_is_counted_and_the_next_is_read() {
 }
 
 #[test]
-fn a_server_that_talks_nonsense_hangs_up_or_falls_silent_is_connected_to_anew() {
+fn faulty_or_silent_server_is_reconnected() {
     let good = bytes(&said("ProbeToTracker", 0, Content::Transform(matrix(1.0))));
     let script = [
         (10, good.clone()),
@@ -229,7 +231,7 @@ fn a_server_that_talks_nonsense_hangs_up_or_falls_silent_is_connected_to_anew() 
         (400, good.clone()),
         (500, Vec::new()),
         (800, good.clone()),
-        // And then nothing until long after.
+        // Nothing follows until much later.
         (12_000, good),
     ];
     let mut rig = rig(all(), script);
@@ -250,7 +252,7 @@ fn a_server_that_talks_nonsense_hangs_up_or_falls_silent_is_connected_to_anew() 
     assert!(rig.twin.lock().unwrap().opened >= 4);
 }
 
-/// Over sockets: everything that comes in so long a time.
+/// Reads over sockets until `enough` or for at most `most`; returns all readings.
 fn readings(
     device: &mut dyn Device,
     most: Duration,
@@ -277,7 +279,7 @@ fn open(listener: &TcpListener) -> Box<dyn Device> {
 }
 
 #[test]
-fn a_server_of_this_machine_comes_goes_and_comes_again() {
+fn local_server_reconnects() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
     let mut device = open(&listener);
@@ -285,7 +287,7 @@ fn a_server_of_this_machine_comes_goes_and_comes_again() {
         let (mut stream, _) = listener.accept().unwrap();
         let mut asked = [0; 94];
         stream.read_exact(&mut asked).unwrap();
-        // Larger than any buffer between.
+        // Larger than any buffer in between.
         let pixels = vec![9; 1 << 20].into();
         let image = Image::whole([1024, 1024, 1], (PixelType::U8, 1), pixels, &[0.0; 16], Coordinates::Ras);
         stream.write_all(&bytes(&said("Image_Reference", 0, Content::Image(image)))).unwrap();
@@ -317,7 +319,7 @@ fn a_server_of_this_machine_comes_goes_and_comes_again() {
 }
 
 #[test]
-fn a_server_that_sends_a_byte_now_and_then_delivers_in_the_end() {
+fn server_sending_single_bytes_delivers_message() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let mut device = open(&listener);
     let server = std::thread::spawn(move || {

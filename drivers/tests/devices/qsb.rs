@@ -1,23 +1,23 @@
-//! Three QSBs as one arm, as they are found and as they fail.
+//! Three QSBs as one arm, in their initial states and with faults.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
 use drivers::arm::Settings;
 use drivers::arm::qsb::{Arm, Unit, register};
-use drivers::clock::{Clock, MS, Manual, Monotonic, SECOND};
 use drivers::connection::Protocol;
-use drivers::health::State;
-use drivers::reading::{Counts, Reading, Status};
 use drivers::simulated::qsb::Twin;
 use drivers::simulated::{Faults, Joints, Pty};
 use drivers::transport::{MemoryOpener, Opener, PortPath, SerialOpener};
-use drivers::{Device, Next};
+use sonoweave_core::clock::{Clock, MS, Manual, Monotonic, SECOND};
+use sonoweave_core::health::State;
+use sonoweave_core::reading::{Counts, Reading, Status};
+use sonoweave_core::{Device, Next};
 
 use crate::bench::BEGIN;
 use crate::joints::{SOON, counts, is_true, moving, said, split, unnumbered};
 
-/// The arm, and the units that it is made of.
+/// The arm, with the units that it consists of.
 struct Trio {
     twins: [Arc<Mutex<Twin>>; 3],
     clock: Manual,
@@ -80,7 +80,7 @@ impl Trio {
         self.twins[axis].lock().unwrap()
     }
 
-    /// The time of a count, by its unit's clock, exact to the rounding of a tick.
+    /// Returns the time of a count by its unit's clock, exact to the rounding of a tick.
     fn time_of(&self, counts: &Counts) -> i64 {
         let twin = self.twin(counts.first.into());
         let tick = (counts.stamp.ticks.unwrap() as u32).wrapping_sub(twin.first_tick);
@@ -89,7 +89,7 @@ impl Trio {
 }
 
 #[test]
-fn counts_are_those_of_each_joint_at_the_ticks_of_its_unit() {
+fn counts_match_joints_at_unit_ticks() {
     let mut trio = Trio::usual();
     let took = trio.until(State::Running);
     assert!(took < SECOND, "{} ms", took / MS);
@@ -98,7 +98,7 @@ fn counts_are_those_of_each_joint_at_the_ticks_of_its_unit() {
         && said(c) == format!("axis {} is not homed: move the arm to its home position and home it", c.first + 1)));
     let mut trio = trio.homed();
     let first: Vec<Counts> = counts(trio.readings(50 * MS));
-    // The zero is wherever the driver noted it: the same for all that follow.
+    // The driver chose the zero when homing; all later counts share it.
     let zeros = [0, 1, 2].map(|axis| {
         let c = first.iter().find(|c| usize::from(c.first) == axis).unwrap();
         moving()(trio.time_of(c))[axis] - c.counts[0]
@@ -114,7 +114,7 @@ fn counts_are_those_of_each_joint_at_the_ticks_of_its_unit() {
             assert_eq!((c.axes, c.homed, &c.status), (1, 1 << axis, &Status::Ok));
             let time = trio.time_of(c);
             assert!(is_true(&moving(), c, time - 2000, 4000, &zeros[usize::from(axis)..]), "{c:?}");
-            // Its bytes, and two turns at other lines.
+            // The record's bytes, and polling of the two other lines.
             let late = c.stamp.host_ns.unwrap() - time - timing.wire_ns;
             assert!((-2000..MS).contains(&late), "{late}");
         }
@@ -126,7 +126,7 @@ fn counts_are_those_of_each_joint_at_the_ticks_of_its_unit() {
 }
 
 #[test]
-fn a_unit_is_set_up_however_it_was_left() {
+fn unit_in_any_initial_state_is_set_up() {
     for left in 0..8 {
         let change = |twin: &mut Twin| {
             twin.resets_when_opened = left & 1 != 0;
@@ -145,7 +145,7 @@ fn a_unit_is_set_up_however_it_was_left() {
 }
 
 #[test]
-fn what_is_sent_is_what_the_registers_want() {
+fn sent_commands_set_registers() {
     let mut trio = Trio::new(|twin| twin.resets_when_opened = false, &Settings::default(), false);
     trio.until(State::Running);
     trio.device.stop().unwrap();
@@ -159,7 +159,7 @@ fn what_is_sent_is_what_the_registers_want() {
 }
 
 #[test]
-fn one_that_is_away_or_hangs_is_named_and_holds_up_no_other() {
+fn absent_or_hung_unit_is_named_and_delays_no_other() {
     let mut trio = Trio::usual().homed();
     trio.twin(1).unplug();
     trio.until(State::Absent);
@@ -188,7 +188,7 @@ fn one_that_is_away_or_hangs_is_named_and_holds_up_no_other() {
 }
 
 #[test]
-fn a_reset_and_a_jump_demand_homing() {
+fn reset_and_jump_require_homing() {
     let mut trio = Trio::usual().homed();
     let now = trio.clock.now_ns();
     trio.twin(0).reset(now);
@@ -205,7 +205,7 @@ fn a_reset_and_a_jump_demand_homing() {
 }
 
 #[test]
-fn counts_and_ticks_go_on_where_their_words_end() {
+fn counts_and_ticks_survive_wrap() {
     let mut trio = Trio::new(|twin| twin.resets_when_opened = false, &Settings::default(), false);
     trio.until(State::Running);
     let ahead = moving()(trio.clock.now_ns())[0];
@@ -221,13 +221,13 @@ fn counts_and_ticks_go_on_where_their_words_end() {
     for two in own.windows(2) {
         let ticks = [0, 1].map(|n| two[n].stamp.ticks.unwrap() as u32);
         assert_eq!(ticks[1].wrapping_sub(ticks[0]), 5);
-        // 10 counts a ms, 5/512 s.
+        // 10 counts per ms, 5/512 s.
         assert!((two[1].counts[0] - two[0].counts[0] - 97).abs() <= 1, "{two:?}");
     }
 }
 
 #[test]
-fn lost_bytes_cost_their_lines_and_make_no_wrong_one() {
+fn lost_bytes_lose_lines_without_wrong_ones() {
     let mut trio = Trio::usual().homed();
     let first = counts(trio.readings(50 * MS));
     let zero = first.iter().find(|c| c.first == 0).map(|c| moving()(trio.time_of(c))[0] - c.counts[0]).unwrap();
@@ -245,7 +245,7 @@ fn lost_bytes_cost_their_lines_and_make_no_wrong_one() {
 }
 
 #[test]
-fn what_noise_makes_is_less_than_a_joint_can_move_or_refused() {
+fn noise_errors_stay_below_jump_limit() {
     let settings = Settings { fastest: 20_000, ..Settings::default() };
     let mut trio = Trio::new(|_| {}, &settings, false).homed();
     let first = counts(trio.readings(50 * MS));
@@ -255,14 +255,15 @@ fn what_noise_makes_is_less_than_a_joint_can_move_or_refused() {
     let own: Vec<&Counts> = found.iter().filter(|c| c.first == 0).collect();
     assert!(own.len() > 2500, "{}", own.len());
     for c in own {
-        // Without a checksum, a low digit of count or time may come as another: at most what is made in the time until the next line.
+        // Without a checksum, a low digit of count or time may be wrong: by at most the
+        // possible movement until the next line.
         let truth = moving()(c.stamp.host_ns.unwrap())[0] - zero;
         assert!((c.counts[0] - truth).abs() < 1500, "{c:?} {truth}");
     }
 }
 
 #[test]
-fn raw_bytes_make_the_same_readings_again() {
+fn raw_bytes_replay_same_readings() {
     let mut trio = Trio::new(|_| {}, &Settings::default(), true);
     let readings = trio.readings(5 * SECOND);
     let mut units = [0, 1, 2].map(|axis| Unit::new("a recording", Settings::default(), axis, 3).unwrap());
@@ -271,7 +272,7 @@ fn raw_bytes_make_the_same_readings_again() {
     for reading in &readings {
         match reading {
             Reading::Raw(raw) => units[usize::from(raw.line)].take(&raw.bytes, raw.stamp.host_ns.unwrap(), &mut again),
-            // Readings are numbered by who asks.
+            // The caller of the protocol numbers the readings.
             Reading::Counts(counts) => live.push(unnumbered(counts)),
             other => panic!("{other:?}"),
         }
@@ -283,7 +284,7 @@ fn raw_bytes_make_the_same_readings_again() {
 }
 
 #[test]
-fn on_pseudo_terminals_counts_are_exact_and_hanging_up_is_noticed() {
+fn pseudo_terminal_counts_are_exact_until_hangup() {
     let begin = Monotonic.now_ns();
     let joints: Joints = Arc::new(move |ns| {
         let ms = (ns - begin) / MS;

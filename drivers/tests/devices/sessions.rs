@@ -1,35 +1,36 @@
-//! Every device recorded as a session and replayed: the readings that it delivered live, stamps included; by the readings and by the bytes.
+//! Records every device as a session and replays it: the readings equal those delivered live,
+//! including stamps; from the readings and from the bytes.
 
 use std::sync::{Arc, Mutex};
 
-use drivers::arm::ea1::Speech as Ea1Speech;
-use drivers::arm::microscribe::Family;
-use drivers::arm::{self, ea1, microscribe, qsb};
-use drivers::clock::{Clock, MS, Manual, SECOND};
+use drivers::arm::ea1::{self, Speech as Ea1Speech};
+use drivers::arm::microscribe::{self, Family};
+use drivers::arm::{self, qsb};
 use drivers::connection::{Connection, Protocol};
-use drivers::polhemus::{self, Line, fastrak, isotrak, liberty, viper};
-use drivers::reading::{Frame, Reading};
-use drivers::recording::session::{RecordedDevice, SessionReplay, SessionWriter, Speech, WriterOptions};
-use drivers::recording::{Pace, SessionSettings};
+use drivers::replay::{Pace, SessionReplay, SessionSettings, arm_protocol, tracker_protocol};
 use drivers::simulated::{self, Faults, Joints};
+use drivers::tracker::polhemus::{self, Line, fastrak, isotrak, liberty, viper};
 use drivers::transport::{MemoryOpener, Opener, Peer};
-use drivers::{Device, Next};
+use formats::session::{LineProtocol, RecordedDevice, SessionWriter, WriterOptions};
+use sonoweave_core::clock::{Clock, MS, Manual, SECOND};
+use sonoweave_core::reading::{Frame, Reading};
+use sonoweave_core::{Device, Next};
 
 use crate::bench::{BEGIN, Rig, ticking};
 use crate::joints::moving;
 
-/// What a device delivers in so long a time, and what it is recorded as: the clock of its readings is that of the session.
+/// Records a device's readings for `ns`. The session's clock is that of the readings.
 fn record(
     device: &mut dyn Device,
     clock: &Manual,
     ns: i64,
-    speech: Option<Speech>,
+    speech: Option<LineProtocol>,
     mut meanwhile: impl FnMut(&mut dyn Device, i64),
 ) -> (tempfile::TempDir, SessionSettings, Vec<String>, RecordedDevice) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("session.mcap");
     let file = std::fs::File::create_new(&path).unwrap();
-    let about = drivers::recording::session::About { monotonic_ns: clock.now_ns(), ..Default::default() };
+    let about = formats::session::About { monotonic_ns: clock.now_ns(), ..Default::default() };
     let mut session = SessionWriter::on(Box::new(file), &path, about, WriterOptions::new("a test")).unwrap();
     let source = session.device("it", speech.clone(), device.describe(), None).unwrap();
     let (end, mut live) = (clock.now_ns() + ns, Vec::new());
@@ -52,7 +53,7 @@ fn record(
     (folder, SessionSettings::new(path), live, recorded)
 }
 
-/// Replays at several paces; everything has to come again. How many readings that is.
+/// Replays at several paces and checks that every reading comes again; returns their number.
 fn replayed(settings: &SessionSettings, live: &[String], recorded: &RecordedDevice) -> usize {
     for (pace, device) in [(Pace::Unpaced, None), (Pace::Factor(1.0), Some("it".into())), (Pace::Factor(5.0), None)] {
         let settings = SessionSettings { pace, device, ..settings.clone() };
@@ -74,8 +75,8 @@ fn replayed(settings: &SessionSettings, live: &[String], recorded: &RecordedDevi
     live.len()
 }
 
-/// A unit on a line: recorded from the beginning on, replayed by its readings and by its bytes.
-fn unit<T: Peer + 'static, P: Protocol>(twin: T, protocol: P, speech: Speech) {
+/// Records a unit on a line from the beginning, and replays its readings and its bytes.
+fn unit<T: Peer + 'static, P: Protocol>(twin: T, protocol: P, speech: LineProtocol) {
     let mut rig = Rig::new(twin, protocol, true);
     let clock = rig.clock.clone();
     let (_folder, settings, live, recorded) = record(&mut rig.device, &clock, 4 * SECOND, Some(speech), |_, _| {});
@@ -85,57 +86,58 @@ fn unit<T: Peer + 'static, P: Protocol>(twin: T, protocol: P, speech: Speech) {
 }
 
 #[test]
-fn a_fastrak_comes_again() {
-    let speech = Speech::of_tracker("fastrak", &polhemus::Settings::default(), Line::Serial(None));
+fn fastrak_session_replays_exactly() {
+    let speech = tracker_protocol("fastrak", &polhemus::Settings::default(), Line::Serial(None));
     let twin = simulated::fastrak::Twin::new(ticking(), Faults { drop: 0.001, ..Faults::default() });
     unit(twin, fastrak::Unit::new("it", polhemus::Settings::default(), None).unwrap(), speech);
 }
 
 #[test]
-fn an_isotrak_comes_again() {
+fn isotrak_session_replays_exactly() {
     for binary in [true, false] {
         let settings = polhemus::Settings { binary, ..polhemus::Settings::default() };
-        let speech = Speech::of_tracker("isotrak", &settings, Line::Serial(None));
+        let speech = tracker_protocol("isotrak", &settings, Line::Serial(None));
         let twin = simulated::isotrak::Twin::new(ticking(), Faults::slow_adapter());
         unit(twin, isotrak::Unit::new("it", settings, None).unwrap(), speech);
     }
 }
 
 #[test]
-fn a_liberty_comes_again() {
-    let speech = Speech::of_tracker("liberty", &polhemus::Settings::default(), Line::Serial(None));
+fn liberty_session_replays_exactly() {
+    let speech = tracker_protocol("liberty", &polhemus::Settings::default(), Line::Serial(None));
     let twin = simulated::liberty::Twin::new(ticking(), Faults { drop: 0.0005, ..Faults::default() });
     unit(twin, liberty::Unit::new("it", polhemus::Settings::default(), None).unwrap(), speech);
 }
 
 #[test]
-fn a_viper_comes_again() {
-    let speech = Speech::of_tracker("viper", &polhemus::Settings::default(), Line::Serial(None));
+fn viper_session_replays_exactly() {
+    let speech = tracker_protocol("viper", &polhemus::Settings::default(), Line::Serial(None));
     let twin = simulated::viper::Twin::new(ticking(), Faults { drop: 0.0005, ..Faults::default() });
     unit(twin, viper::Unit::new("it", polhemus::Settings::default(), None).unwrap(), speech);
 }
 
 #[test]
-fn an_ea1_comes_again() {
+fn ea1_session_replays_exactly() {
     for speech in [Ea1Speech::Lines, Ea1Speech::Blocks] {
         let model = arm::Model::Ea1 { path: "/dev/x".into(), speech };
-        let said = Speech::of_arm(&model, &arm::Settings::default());
+        let said = arm_protocol(&model, &arm::Settings::default());
         let twin = simulated::ea1::Twin::new(moving(), Faults { drop: 0.001, ..Faults::default() });
         unit(twin, ea1::Unit::new("it", arm::Settings::default(), speech).unwrap(), said);
     }
 }
 
 #[test]
-fn a_microscribe_comes_again() {
+fn microscribe_session_replays_exactly() {
     let model = arm::Model::MicroScribe { path: "/dev/x".into(), family: Family::MicroScribe, encoders: 6 };
-    let said = Speech::of_arm(&model, &arm::Settings::of_14_bits());
+    let said = arm_protocol(&model, &arm::Settings::of_14_bits());
     let protocol = microscribe::Unit::new("it", arm::Settings::of_14_bits(), Family::MicroScribe, 6).unwrap();
     unit(simulated::microscribe::Twin::new(moving(), Faults::default()), protocol, said);
 }
 
-/// Three lines; and what no bytes tell: which position the host was told is home.
+/// Three lines, and a fact that is not in the bytes: the position that the host was told is
+/// home.
 #[test]
-fn three_qsbs_come_again_line_by_line() {
+fn three_qsbs_session_replays_by_line() {
     let clock = Manual::at(BEGIN);
     let openers = [0, 1, 2].map(|axis| -> Box<dyn Opener> {
         let twin = simulated::qsb::Twin::new(moving(), axis, Faults::default());
@@ -143,7 +145,7 @@ fn three_qsbs_come_again_line_by_line() {
     });
     let mut device = qsb::Arm::new(openers, Arc::new(clock.clone()), &arm::Settings::default(), true).unwrap();
     let path = || std::path::PathBuf::from("/dev/x");
-    let speech = Speech::of_arm(&arm::Model::Qsb { paths: [path(), path(), path()] }, &arm::Settings::default());
+    let speech = arm_protocol(&arm::Model::Qsb { paths: [path(), path(), path()] }, &arm::Settings::default());
     let mut is_home = false;
     let (_folder, settings, live, recorded) = record(&mut device, &clock, 4 * SECOND, Some(speech), |device, at| {
         if at > 2 * SECOND && !std::mem::replace(&mut is_home, true) {
@@ -151,12 +153,12 @@ fn three_qsbs_come_again_line_by_line() {
         }
     });
     assert!(is_home && replayed(&settings, &live, &recorded) > 1000);
-    // By its bytes the same comes until it was told to be at home.
+    // From its bytes, the same readings come until the arm was homed.
     let mut replay = SessionReplay::open(&SessionSettings { decode: true, ..settings }).unwrap();
     replay.start().unwrap();
     let (mut same, mut all) = (0, 0);
-    while let Next::Reading(reading) = replay.next(drivers::NO_DEADLINE).unwrap() {
-        // Of each count there is one, in the order in which the bytes came.
+    while let Next::Reading(reading) = replay.next(sonoweave_core::NO_DEADLINE).unwrap() {
+        // Each count occurs once, in the order of the bytes.
         same += usize::from(live.contains(&format!("{reading:?}")));
         all += 1;
     }
@@ -164,9 +166,9 @@ fn three_qsbs_come_again_line_by_line() {
     assert!(same * 2 > all && same < all, "{same} of {all}");
 }
 
-/// What was lost, opened again and homed between is in the readings, whatever the bytes say of it.
+/// Losses, reopening and homing are in the readings, although not in the bytes.
 #[test]
-fn a_device_that_went_away_meanwhile_comes_again() {
+fn reconnected_device_session_replays_exactly() {
     let joints: Joints = moving();
     let twin = Arc::new(Mutex::new(simulated::microscribe::Twin::new(joints, Faults::default())));
     let clock = Manual::at(BEGIN);
@@ -189,7 +191,7 @@ fn a_device_that_went_away_meanwhile_comes_again() {
 }
 
 #[test]
-fn the_virtual_grabber_comes_again() {
+fn virtual_grabber_session_replays_exactly() {
     let clock = Manual::at(BEGIN);
     let pictures: simulated::grabber::Pictures = Box::new(|ns, pixels| {
         let at = (ns / MS) as usize;
@@ -203,7 +205,7 @@ fn the_virtual_grabber_comes_again() {
         controls.lock().unwrap().signal = !(2 * SECOND..3 * SECOND).contains(&at);
     });
     assert!(replayed(&settings, &live, &recorded) > 130);
-    // Without pictures everything else is there.
+    // Without images everything else is present.
     let mut replay = SessionReplay::open(&SessionSettings { images: false, ..settings }).unwrap();
     replay.start().unwrap();
     let Next::Reading(Reading::Frame(Frame { size, pixels, .. })) = replay.next(0).unwrap() else { panic!("no frame") };

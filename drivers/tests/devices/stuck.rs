@@ -1,27 +1,28 @@
-//! A line that is open and takes nothing: a device on USB that is always busy, an adapter that was told to wait.
+//! An open line that accepts nothing: a USB device that is always busy, or an adapter that was
+//! told to wait.
 
 use std::sync::{Arc, Mutex};
 
-use drivers::clock::{Clock, MS, Manual, SECOND};
 use drivers::connection::Connection;
-use drivers::health::State;
-use drivers::polhemus::liberty::Unit;
-use drivers::polhemus::{Line, Settings};
 use drivers::simulated::Faults;
 use drivers::simulated::liberty::Twin;
+use drivers::tracker::polhemus::liberty::Unit;
+use drivers::tracker::polhemus::{Line, Settings};
 use drivers::transport::{LineError, MemoryOpener, Opener, Received, Transport};
-use drivers::{Device, Next};
+use sonoweave_core::clock::{Clock, MS, Manual, SECOND};
+use sonoweave_core::health::State;
+use sonoweave_core::{Device, Next};
 
 use crate::bench::{BEGIN, ticking};
 
-/// What a line keeps whoever writes waiting for, ns.
+/// Time that a blocked write waits, ns.
 const WRITE: i64 = 250 * MS;
 
-/// A line that takes what is sent, or does not.
+/// A line that accepts sent bytes, or does not.
 struct Stubborn {
     line: Box<dyn Transport>,
     clock: Manual,
-    /// Whether it takes nothing, and what it was sent in vain.
+    /// Whether it accepts nothing, and the bytes sent in vain.
     refuses: Arc<Mutex<(bool, Vec<Vec<u8>>)>>,
 }
 
@@ -63,7 +64,7 @@ impl Opener for StubbornOpener {
 }
 
 #[test]
-fn a_unit_that_takes_nothing_is_silent_and_not_absent_and_is_not_started_anew_again_and_again() {
+fn unit_accepting_nothing_is_silent_and_rarely_reset() {
     let (clock, refuses) = (Manual::at(BEGIN), Arc::new(Mutex::new((true, Vec::new()))));
     let mut twin = Twin::new(ticking(), Faults::default());
     twin.usb = true;
@@ -96,7 +97,7 @@ fn a_unit_that_takes_nothing_is_silent_and_not_absent_and_is_not_started_anew_ag
     refuses.lock().unwrap().0 = false;
     pass(&mut device, 2 * SECOND);
     assert_eq!(device.health().state, State::Running);
-    // In the midst of a stream only what it says counts.
+    // In the middle of a stream only received data counts.
     refuses.lock().unwrap().0 = true;
     assert!(pass(&mut device, SECOND) > 200);
     assert_eq!(device.health().state, State::Running);

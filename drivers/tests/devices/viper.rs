@@ -1,16 +1,16 @@
-//! VIPER, as it is found and as it fails, over serial and USB.
+//! VIPER, in its initial states and with faults, over serial and USB.
 
 use std::sync::Arc;
 
-use drivers::clock::{Clock, MS, Monotonic, SECOND};
-use drivers::health::State;
-use drivers::polhemus::viper::Unit;
-use drivers::polhemus::viper::command::code;
-use drivers::polhemus::{Line, Settings};
-use drivers::reading::{Pose, Status};
 use drivers::simulated::viper::Twin;
 use drivers::simulated::{Faults, Placed};
-use drivers::{Device, Ticks};
+use drivers::tracker::polhemus::viper::Unit;
+use drivers::tracker::polhemus::viper::command::code;
+use drivers::tracker::polhemus::{Line, Settings};
+use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
+use sonoweave_core::health::State;
+use sonoweave_core::reading::{Pose, Status};
+use sonoweave_core::{Device, Ticks};
 
 use crate::bench::{BEGIN, Rig, on_a_terminal, replays, ticking, time_told};
 
@@ -36,7 +36,7 @@ fn two() -> Settings {
     Settings { stations: vec![1, 3], ..Settings::default() }
 }
 
-/// Each pose is right, or not there.
+/// Checks every delivered pose; missing poses are allowed.
 fn assert_right(poses: &[Pose], what: &str) {
     for pose in poses {
         assert_eq!(pose.position_cm[1..], [f64::from(pose.station), -30.25], "{what}: {pose:?}");
@@ -46,7 +46,7 @@ fn assert_right(poses: &[Pose], what: &str) {
 }
 
 #[test]
-fn poses_are_those_of_the_sensors_at_the_times_that_stamps_and_ticks_lead_to() {
+fn poses_match_sensors_at_stamp_and_tick_times() {
     for (baud, sensors, rate_hz, hz) in [
         (Some(115_200), 0b1, 240.0, 120.0),
         (Some(115_200), 0b111, 960.0, 60.0),
@@ -65,7 +65,7 @@ fn poses_are_those_of_the_sensors_at_the_times_that_stamps_and_ticks_lead_to() {
         let mut rig = rig(left, wanted);
         rig.until(State::Running, 2 * SECOND);
         let mut poses = rig.poses(2 * SECOND);
-        // The running was told with a pose of some station.
+        // The state running may have come with a pose of any station.
         poses.drain(..poses.iter().position(|pose| pose.station == 1).unwrap());
         let timing = rig.device.describe().timing;
         assert_eq!((timing.rate_hz, timing.tick_hz), (Some(hz), Some(hz)));
@@ -93,7 +93,7 @@ fn poses_are_those_of_the_sensors_at_the_times_that_stamps_and_ticks_lead_to() {
 }
 
 #[test]
-fn a_unit_is_set_up_however_it_was_left() {
+fn unit_in_any_initial_state_is_set_up() {
     let mut slowest = 0;
     for baud in BAUDS.map(Some).into_iter().chain([None]) {
         for left in 0..32 {
@@ -124,7 +124,7 @@ fn a_unit_is_set_up_however_it_was_left() {
     assert!(slowest < 2 * SECOND, "{} ms", slowest / MS);
 }
 
-/// A command's body, by its words, between preamble and checksum.
+/// Returns a command from the words of its body, with preamble and checksum.
 fn framed(command: u32, action: u32, arguments: [u32; 2], payload: &[u32]) -> Vec<u8> {
     let words = [&[u32::MAX, command, action, arguments[0], arguments[1]], payload].concat();
     let mut bytes = b"VPRC".to_vec();
@@ -139,7 +139,7 @@ fn framed(command: u32, action: u32, arguments: [u32; 2], payload: &[u32]) -> Ve
 }
 
 #[test]
-fn what_is_sent_is_what_the_manufacturer_s_header_says() {
+fn sent_commands_match_manufacturer_header() {
     let mut rig = rig(usb(twin()), Settings { hemisphere: [0.0, 0.0, 1.0], ..Settings::default() });
     rig.until(State::Running, 2 * SECOND);
     rig.device.stop().unwrap();
@@ -162,14 +162,14 @@ fn what_is_sent_is_what_the_manufacturer_s_header_says() {
         framed(19, 2, [0, 0], &[]),
     ];
     assert_eq!(rig.twin.lock().unwrap().obeyed, expected);
-    // Two of them as they were given elsewhere.
+    // Two checksums equal those of the decoder tests' vectors.
     assert_eq!(expected[2][36..], [0x7f, 0xbf, 0, 0]);
     assert_eq!(expected[12][32..], [0x94, 0xcb, 0, 0]);
     assert_eq!(rig.device.health().state, State::Stopped);
 }
 
 #[test]
-fn a_refusal_is_told_in_the_unit_s_words_if_it_matters() {
+fn relevant_refusal_is_reported_in_unit_words() {
     let mut left = twin();
     left.refuses = vec![code::INCREMENT, code::BORESIGHT, code::TIP_OFFSET];
     let mut lenient = rig(left, Settings::default());
@@ -198,7 +198,7 @@ fn a_station_without_a_sensor_is_named() {
 }
 
 #[test]
-fn a_count_that_wraps_loses_nothing() {
+fn frame_count_wrap_loses_nothing() {
     let mut left = usb(twin());
     left.zero = u32::MAX - 100;
     let mut rig = rig(left, Settings::default());
@@ -212,7 +212,7 @@ fn a_count_that_wraps_loses_nothing() {
 }
 
 #[test]
-fn a_sensor_behind_is_told_on_its_own_side_if_the_hemisphere_is_set() {
+fn hemisphere_setting_selects_sensor_side() {
     let behind: drivers::simulated::Motion =
         Arc::new(|_, _| Placed { position_cm: [-20.0, 3.0, 5.0], quaternion_wxyz: [1.0, 0.0, 0.0, 0.0] });
     for (hemisphere, expected) in
@@ -226,21 +226,21 @@ fn a_sensor_behind_is_told_on_its_own_side_if_the_hemisphere_is_set() {
 }
 
 #[test]
-fn unplugged_is_absent_and_back_within_two_seconds() {
+fn unplugged_unit_is_absent_and_returns_in_two_seconds() {
     for left in [twin(), usb(twin())] {
         rig(left, Settings::default()).assert_survives_unplugging();
     }
 }
 
 #[test]
-fn a_unit_that_hangs_is_silent_and_not_absent_and_is_back_within_two_seconds() {
+fn hung_unit_is_silent_and_returns_in_two_seconds() {
     for left in [twin(), usb(twin())] {
         rig(left, Settings::default()).assert_survives_hanging();
     }
 }
 
 #[test]
-fn a_unit_that_listens_to_nothing_else_is_started_anew() {
+fn unresponsive_unit_is_reset() {
     for on_usb in [false, true] {
         let mut left = twin();
         (left.deaf, left.continuous, left.usb) = (true, true, on_usb);
@@ -257,7 +257,7 @@ fn a_unit_that_listens_to_nothing_else_is_started_anew() {
 }
 
 #[test]
-fn lost_and_harmed_bytes_cost_their_frames_and_the_count_tells_how_many() {
+fn lost_and_damaged_bytes_are_counted_by_frame_count() {
     for (sensors, settings) in [(1, Settings::default()), (0b111, two())] {
         let stations = settings.stations.len() as u64;
         let mut left = usb(twin());
@@ -284,7 +284,7 @@ fn lost_and_harmed_bytes_cost_their_frames_and_the_count_tells_how_many() {
 }
 
 #[test]
-fn noise_is_survived() {
+fn noise_gives_no_wrong_pose() {
     let mut rig = rig(twin(), Settings::default());
     rig.until(State::Running, 2 * SECOND);
     rig.twin.lock().unwrap().set_faults(Faults { noise: 0.3, ..Faults::default() });
@@ -297,7 +297,7 @@ fn noise_is_survived() {
 }
 
 #[test]
-fn what_the_built_in_test_found_is_told_and_numbers_that_no_pose_has_too() {
+fn built_in_test_code_and_impossible_values_are_reported() {
     let mut left = twin();
     left.test = 5;
     let mut found = rig(left, Settings::default());
@@ -314,7 +314,7 @@ fn what_the_built_in_test_found_is_told_and_numbers_that_no_pose_has_too() {
 }
 
 #[test]
-fn raw_bytes_make_the_same_readings_again() {
+fn raw_bytes_replay_same_readings() {
     let faults = Faults { drop: 0.001, packet_ns: 16 * MS, ..Faults::default() };
     let mut left = Twin::new(ticking(), faults);
     left.sensors = 0b111;
@@ -326,7 +326,7 @@ fn raw_bytes_make_the_same_readings_again() {
 }
 
 #[test]
-fn on_a_pseudo_terminal_poses_are_exact_and_hanging_up_is_noticed() {
+fn pseudo_terminal_poses_are_exact_until_hangup() {
     let begin = Monotonic.now_ns();
     let motion = Arc::new(move |station: u8, ns: i64| ticking()(station, BEGIN + ns - begin));
     let mut left = Twin::new(motion, Faults::default());
@@ -334,14 +334,14 @@ fn on_a_pseudo_terminal_poses_are_exact_and_hanging_up_is_noticed() {
     let unit = Unit::new("a terminal", Settings::default(), None).unwrap();
     for pose in on_a_terminal(left, unit, 100) {
         assert_eq!(pose.position_cm[1..], [1.0, -30.25]);
-        // Told in the past, and not long ago even on a busy machine.
+        // The pose's time is in the past, but recent even on a busy machine.
         let age = pose.stamp.host_ns.unwrap() - (time_told(&pose) - BEGIN + begin);
         assert!((0..2 * SECOND).contains(&age), "{age}");
     }
 }
 
 #[test]
-fn settings_that_no_unit_has_are_refused() {
+fn impossible_settings_are_refused() {
     let refused = |settings: Settings| Unit::new("x", settings, None).err().map(|e| e.to_string()).unwrap_or_default();
     for stations in [vec![], vec![0], vec![17], vec![2, 1], vec![1, 1]] {
         assert!(refused(Settings { stations, ..Settings::default() }).contains("tracker.stations"));

@@ -1,4 +1,5 @@
-//! What the tests that run in the guest have in common: a device that was opened, what it delivers, and the truth to compare that with.
+//! Shared parts of the tests that run in the guest: an opened device, its readings, and the
+//! ground truth.
 
 mod rig;
 mod truth;
@@ -9,11 +10,12 @@ pub(crate) use truth::Truth;
 use std::path::Path;
 use std::process::ExitCode;
 
-use drivers::polhemus::{Model, Port, Settings, TrackerSettings};
-use drivers::{Driver, OpenSettings};
 use libtest_mimic::{Arguments, Trial};
 
-/// A test by its name.
+use drivers::tracker::polhemus::{Model, Port, Settings, TrackerSettings};
+use drivers::{Driver, OpenSettings};
+
+/// Name and function of a test.
 pub(crate) type Test = (&'static str, fn());
 
 /// Runs the tests in the guest; elsewhere reports each as ignored.
@@ -29,8 +31,8 @@ pub(crate) fn run(tests: &[&[Test]]) -> ExitCode {
     libtest_mimic::run(&Arguments::from_args(), trials.collect()).exit_code()
 }
 
-/// A tracker by the way that the daemon opens one.
+/// Opens a tracker in the same way as the daemon.
 pub(crate) fn tracker(model: Model, port: Port, settings: Settings) -> Rig {
     let settings = TrackerSettings { model, port, settings, keeps_raw: false };
-    Rig::start(drivers::polhemus::TrackerDriver.open(&OpenSettings::Tracker(settings)).unwrap())
+    Rig::start(drivers::tracker::polhemus::TrackerDriver.open(&OpenSettings::Tracker(settings)).unwrap())
 }

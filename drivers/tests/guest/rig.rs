@@ -1,11 +1,11 @@
-//! A device that was started, and how to wait for what it does.
+//! A started device, and functions that wait for its readings and states.
 
-use drivers::clock::{Clock, MS, Monotonic, SECOND};
-use drivers::health::State;
-use drivers::reading::{Counts, Pose, Reading};
-use drivers::{Device, Next};
+use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
+use sonoweave_core::health::State;
+use sonoweave_core::reading::{Counts, Pose, Reading};
+use sonoweave_core::{Device, Next};
 
-/// What a call may take beyond its deadline on a busy machine, ns.
+/// Tolerance of a call beyond its deadline on a busy machine, ns.
 const LATE: i64 = 400 * MS;
 
 pub(crate) struct Rig {
@@ -26,7 +26,8 @@ impl Rig {
         &self.device.health().why
     }
 
-    /// What comes within so long a time, if anything does. Nothing that a line does is an error, and no deadline is overstayed.
+    /// Returns the next reading within `ns`, if any. No event on the line is an error, and no
+    /// deadline is exceeded.
     fn next(&mut self, ns: i64) -> Option<Reading> {
         let deadline = Monotonic.now_ns() + ns;
         let next = self.device.next(deadline).unwrap();
@@ -39,7 +40,7 @@ impl Rig {
         }
     }
 
-    /// Everything that is delivered in so long a time.
+    /// Returns all readings delivered within `ns`.
     pub(crate) fn readings(&mut self, ns: i64) -> Vec<Reading> {
         let end = Monotonic.now_ns() + ns;
         let mut readings = Vec::new();
@@ -52,7 +53,7 @@ impl Rig {
         }
     }
 
-    /// So many readings; fails when one of them takes 5 s.
+    /// Returns `count` readings; fails if one of them takes 5 s.
     fn take(&mut self, count: usize) -> Vec<Reading> {
         let mut readings = Vec::with_capacity(count);
         let mut end = Monotonic.now_ns() + 5 * SECOND;
@@ -75,7 +76,7 @@ impl Rig {
         readings
     }
 
-    /// So many poses.
+    /// Returns `count` poses.
     pub(crate) fn poses(&mut self, count: usize) -> Vec<Pose> {
         let pose = |reading| match reading {
             Reading::Pose(pose) => pose,
@@ -84,7 +85,7 @@ impl Rig {
         self.take(count).into_iter().map(pose).collect()
     }
 
-    /// So many samples of an arm.
+    /// Returns `count` samples of an arm.
     #[allow(dead_code, reason = "trackers on USB have none")]
     pub(crate) fn counts(&mut self, count: usize) -> Vec<Counts> {
         let counts = |reading| match reading {
@@ -94,7 +95,8 @@ impl Rig {
         self.take(count).into_iter().map(counts).collect()
     }
 
-    /// How long it takes until the device stands so, ns. What it delivers meanwhile is dropped but for the reading that it may become so by.
+    /// Waits for a state; returns the time it takes, ns. Drops the readings meanwhile, except
+    /// the one that may cause the state.
     pub(crate) fn until(&mut self, state: State, at_most_ns: i64) -> i64 {
         let begin = Monotonic.now_ns();
         while self.state() != state {

@@ -1,13 +1,13 @@
-//! Where the sensors were, each time that the virtual unit looked.
+//! Ground truth: the sensors' poses at each time that the virtual unit measured them.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 
-use drivers::clock::{Clock, MS, Monotonic, SECOND};
-use drivers::reading::{Pose, Status};
 use drivers::simulated::{Motion, Placed};
+use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
+use sonoweave_core::reading::{Pose, Status};
 
-/// A path of sensors, and what the unit has seen of it.
+/// A path of sensors, and the part of it that the unit has measured.
 #[derive(Clone)]
 pub(crate) struct Truth {
     seen: Arc<Mutex<Vec<(u8, i64, Placed)>>>,
@@ -15,12 +15,12 @@ pub(crate) struct Truth {
 }
 
 impl Truth {
-    /// Sensors that are never twice at the same place within minutes.
+    /// Creates sensors that never return to the same position within minutes.
     pub(crate) fn new() -> Self {
         Self { seen: Arc::default(), begin_ns: Monotonic.now_ns() }
     }
 
-    /// What the unit is to measure.
+    /// Returns the motion that the unit measures.
     pub(crate) fn motion(&self) -> Motion {
         let Self { seen, begin_ns } = self.clone();
         Arc::new(move |station, ns| {
@@ -37,7 +37,8 @@ impl Truth {
         })
     }
 
-    /// Each pose is what the unit saw, to the last bit of the singles that the wire carries; of each station none is left out between the first and the last. Gives
+    /// Checks that each pose equals a measured one, to the last bit of the wire's single
+    /// precision. Checks also that no station has gaps between its first and last pose. Returns
     /// the longest time from a measurement to its pose, ns.
     pub(crate) fn assert_exact(&self, poses: &[Pose]) -> i64 {
         let seen = self.seen.lock().unwrap();

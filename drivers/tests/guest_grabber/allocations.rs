@@ -1,4 +1,4 @@
-//! Counts how often this thread asks for memory.
+//! Counts this thread's allocation requests.
 #![allow(unsafe_code, reason = "an allocator that hands everything on to the system's")]
 
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -14,22 +14,23 @@ fn count() {
     COUNT.with(|count| count.set(count.get() + 1));
 }
 
-// SAFETY: every call is the system's allocator's, with the same arguments; counting allocates nothing.
+// SAFETY: every call is passed to the system's allocator with the same arguments; counting
+// allocates nothing.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         count();
-        // SAFETY: the caller's promises are those that the system's allocator asks for.
+        // SAFETY: the caller's promises are the system allocator's conditions.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: the same.
+        // SAFETY: as in `alloc`.
         unsafe { System.dealloc(pointer, layout) }
     }
 
     unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
         count();
-        // SAFETY: the same.
+        // SAFETY: as in `alloc`.
         unsafe { System.realloc(pointer, layout, size) }
     }
 }
@@ -37,7 +38,7 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static COUNTING: Counting = Counting;
 
-/// Since this thread began.
+/// Returns the number of requests since this thread began.
 pub(crate) fn so_far() -> u64 {
     COUNT.with(Cell::get)
 }

@@ -1,11 +1,11 @@
-//! What can go wrong with a device, by vivid's own controls.
+//! Device faults, produced with vivid's own controls.
 
-use drivers::clock::{Clock, Monotonic, SECOND};
 use drivers::grabber::GrabberSettings;
 use drivers::grabber::pixels::PixelFormat;
-use drivers::health::State;
-use drivers::reading::Status;
-use drivers::{Device, Next};
+use sonoweave_core::clock::{Clock, Monotonic, SECOND};
+use sonoweave_core::health::State;
+use sonoweave_core::reading::Status;
+use sonoweave_core::{Device, Next};
 
 use super::vivid::{CAPTURE_NODE, Vivid, control};
 use super::{Rig, Test, hdmi};
@@ -51,7 +51,7 @@ fn silent() {
     vivid.set(control::PERCENT_DROPPED, 100);
     rig.until(State::Silent);
     assert_eq!(rig.grabber.health().why, "/dev/video0 delivers no frames; it is set up anew");
-    // A deadline is kept whatever is the matter.
+    // The deadline is kept during every fault.
     let deadline = Monotonic.now_ns() + SECOND / 5;
     assert!(matches!(rig.grabber.next(deadline).unwrap(), Next::Pending));
     vivid.set(control::PERCENT_DROPPED, 0);
@@ -78,7 +78,8 @@ fn refused_once() {
         assert_eq!((received.opened, received.set_up), (2, 1), "{name}");
         assert_eq!(rig.grabber.health().state, State::Running);
     }
-    // While it streams: a buffer that is not taken back is offered again, and all go on going round.
+    // While streaming: a buffer that the kernel refuses is queued again, and all buffers stay
+    // in use.
     let mut rig = running();
     for _ in 0..12 {
         Vivid::open(CAPTURE_NODE).set(control::REFUSE_QUEUE, 1);
@@ -93,7 +94,7 @@ fn broken() {
     let mut rig = running();
     for round in 2..5 {
         Vivid::open(CAPTURE_NODE).set(control::BREAK, 1);
-        // Those that were filled before may still come.
+        // Frames filled before may still come.
         let mut frames = 0;
         while rig.grabber.health().received.set_up < round {
             rig.frame_within(2);
@@ -112,7 +113,7 @@ fn unplugged() {
     rig.until(State::Absent);
     assert_eq!(rig.grabber.health().why, "/dev/video0 was unplugged; plug it in");
     let gone = Monotonic.now_ns();
-    // vivid is back when all have closed it, as a device that is plugged in again is.
+    // vivid returns when all have closed it, like a device that is plugged in again.
     let frame = rig.frame_within(2);
     assert!(frame.frame_number.unwrap() > last, "numbers go on");
     assert!(frame.stamp.host_ns.unwrap() > gone);
@@ -125,8 +126,8 @@ fn no_signal() {
     assert_eq!(rig.grabber.doubtful().without_signal, 0);
     let vivid = Vivid::open(CAPTURE_NODE);
     vivid.set(control::DV_SIGNAL, 1);
-    let doubtful = |frame: &drivers::reading::Frame| frame.status == Status::Other("NO SIGNAL".into());
-    // It is asked four times a second.
+    let doubtful = |frame: &sonoweave_core::reading::Frame| frame.status == Status::Other("NO SIGNAL".into());
+    // The driver queries the signal four times a second.
     assert!(rig.frames(40).iter().any(doubtful), "noise went for pictures");
     assert!(doubtful(&rig.frame()));
     assert_eq!(
@@ -168,7 +169,8 @@ fn another_source() {
     let vivid = Vivid::open(CAPTURE_NODE);
     let before = rig.frame().size;
     assert_eq!(before, [640, 480]);
-    // The source now sends other timings than those in force; which ones is chosen by their place in the kernel's list.
+    // The source now sends other timings than those in force, selected by their index in the
+    // kernel's list.
     vivid.set(control::DV_TIMINGS, 6);
     vivid.set(control::DV_SIGNAL, 4);
     let mut frames = 0;

@@ -1,9 +1,11 @@
-//! The grabber driver against the kernel's own V4L2 and its virtual device vivid: `make hardware-test`. Elsewhere every test is reported as ignored.
+//! The grabber driver against the kernel's own V4L2 and its virtual device vivid:
+//! `make hardware-test`. Elsewhere every test is reported as ignored.
 //!
-//! - [`pictures`]: what comes out is what went in, byte for byte; fields, times, numbers.
-//! - [`faults`]: vivid's own faults: lost and damaged frames, refused calls, broken streams, no signal, another source, unplugging.
-//! - [`allocations`]: how often memory was asked for.
-//! - [`vivid`]: the device's controls, and its output fed.
+//! - [`pictures`]: output equals input, byte for byte; fields, times, numbers.
+//! - [`faults`]: vivid's own faults: lost and damaged frames, refused calls, broken streams, no
+//!   signal, another source, unplugging.
+//! - [`allocations`]: counts allocation requests.
+//! - [`vivid`]: the device's controls, and its output.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 #![allow(clippy::print_stdout, reason = "a test of rates says what they were")]
 
@@ -16,14 +18,15 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
 
-use drivers::clock::{Clock, Monotonic, SECOND};
-use drivers::grabber::{Grabber, GrabberSettings};
-use drivers::health::State;
-use drivers::reading::{Frame, Reading};
-use drivers::{Device, Next};
 use libtest_mimic::{Arguments, Trial};
 
-/// A test by its name.
+use drivers::grabber::{Grabber, GrabberSettings};
+use sonoweave_core::clock::{Clock, Monotonic, SECOND};
+use sonoweave_core::health::State;
+use sonoweave_core::reading::{Frame, Reading};
+use sonoweave_core::{Device, Next};
+
+/// Name and function of a test.
 type Test = (&'static str, fn());
 
 fn main() -> ExitCode {
@@ -39,7 +42,7 @@ fn main() -> ExitCode {
     libtest_mimic::run(&Arguments::from_args(), trials.collect()).exit_code()
 }
 
-/// A grabber on vivid's HDMI input that was started, and how to wait for what it does.
+/// A started grabber on vivid's HDMI input, and functions that wait for its frames and states.
 struct Rig {
     grabber: Grabber,
 }
@@ -51,7 +54,7 @@ impl Rig {
         Self { grabber }
     }
 
-    /// The next frame; fails when none comes for `seconds`.
+    /// Returns the next frame; fails if none comes for `seconds`.
     fn frame_within(&mut self, seconds: i64) -> Frame {
         let deadline = Monotonic.now_ns() + seconds * SECOND;
         match self.grabber.next(deadline).unwrap() {
@@ -68,7 +71,7 @@ impl Rig {
         (0..count).map(|_| self.frame()).collect()
     }
 
-    /// Reads on until the device stands so; fails after ten seconds.
+    /// Reads until the device is in this state; fails after ten seconds.
     fn until(&mut self, state: State) {
         let end = Monotonic.now_ns() + 10 * SECOND;
         while self.grabber.health().state != state {
@@ -79,7 +82,7 @@ impl Rig {
     }
 }
 
-/// vivid's HDMI input.
+/// Returns the settings of vivid's HDMI input.
 fn hdmi() -> GrabberSettings {
     GrabberSettings { input: Some("1".into()), ..GrabberSettings::new(vivid::CAPTURE_NODE) }
 }

@@ -1,12 +1,13 @@
-//! What comes out is what went in.
+//! Grabbed frames equal the frames fed into the device.
 
 use std::sync::OnceLock;
 
-use drivers::clock::{Clock, Monotonic, SECOND};
+use drivers::Driver;
 use drivers::grabber::pixels::{Colour, Converter, Layout, Matrix, PixelFormat, Range, Rows};
 use drivers::grabber::{GrabberDriver, GrabberSettings, Interlace, Standard};
-use drivers::reading::{Frame, Status};
-use drivers::{Device, Driver};
+use sonoweave_core::Device;
+use sonoweave_core::clock::{Clock, Monotonic, SECOND};
+use sonoweave_core::reading::{Frame, Status};
 
 use super::vivid::{CAPTURE_NODE, Feeder, OUTPUT_NODE, Vivid};
 use super::{Rig, Test, allocations, hdmi};
@@ -23,7 +24,7 @@ pub(crate) const TESTS: &[Test] = &[
 ];
 
 fn listing() {
-    // A node behind which there is nothing.
+    // A device node without a device.
     let (major, minor) = (81, 99);
     let ghost = "/dev/video9";
     let device = rustix::fs::makedev(major, minor);
@@ -39,7 +40,8 @@ fn listing() {
     std::fs::remove_file(ghost).unwrap();
 }
 
-/// Noise, of which each frame shows another stretch: made once, since the emulated processor takes its time.
+/// Returns noise, of which each frame uses a different part. Created once, because the emulated
+/// processor is slow.
 fn noise() -> &'static [u8] {
     static NOISE: OnceLock<Vec<u8>> = OnceLock::new();
     NOISE.get_or_init(|| {
@@ -54,7 +56,8 @@ fn noise() -> &'static [u8] {
     })
 }
 
-/// Noise that no two frames have at the same place, with the frame's number in the first eight samples of luma.
+/// Fills a frame with noise at a unique offset, and its number in the first eight samples of
+/// luma.
 fn paint(format: PixelFormat, number: u64, out: &mut [u8]) {
     let noise = noise();
     let places = (noise.len() - out.len()) as u64;
@@ -67,24 +70,24 @@ fn paint(format: PixelFormat, number: u64, out: &mut [u8]) {
     }
 }
 
-/// Where the first sample of luma is that counts, and how far the next.
+/// Returns the position of the first significant byte of luma, and the distance to the next.
 const fn luma(format: PixelFormat) -> [usize; 2] {
     match format {
         PixelFormat::Yuyv => [0, 2],
-        // The high byte of a word.
+        // High byte of a word.
         PixelFormat::Uyvy | PixelFormat::Y16 => [1, 2],
         PixelFormat::Rgb24 | PixelFormat::Bgr24 => [0, 3],
         _ => [0, 1],
     }
 }
 
-/// The number that was painted into a frame.
+/// Returns the number that was painted into a frame.
 fn number(frame: &Frame) -> u64 {
     let step = frame.channels as usize;
     u64::from_le_bytes(std::array::from_fn(|n| frame.pixels[n * step]))
 }
 
-/// Frames until the pictures are ours: the first ones may be from before the loop.
+/// Reads until the frames come from the feeder: the first ones may precede the loop.
 fn settled(rig: &mut Rig, feeder: &Feeder) -> Frame {
     for _ in 0..60 {
         let frame = rig.frame();
@@ -99,7 +102,7 @@ fn every_format() {
     use PixelFormat as P;
     let size = [640, 480];
     for format in [P::Grey, P::Y16, P::Yuyv, P::Uyvy, P::Nv12, P::I420, P::Yv12, P::Rgb24, P::Bgr24] {
-        // Bytes as they are; grey alone, so that the number can be read.
+        // Bytes are passed unchanged, in grey, so that the number is readable.
         let feeder = Feeder::start(format.fourcc(), size, 60.0, move |number, out| paint(format, number, out));
         let settings =
             GrabberSettings { format: Some(format), range: Some(Range::Full), matrix: Some(Matrix::Bt601), ..hdmi() };
@@ -116,13 +119,14 @@ fn every_format() {
             paint(format, number, &mut video);
             converter.convert(&video, &mut picture).unwrap();
             assert!(*frame.pixels == *picture, "{format}: picture {number} is not the one that was sent");
-            // Input and output run by clocks of their own: a picture may be seen twice, or not at all.
+            // Input and output have separate clocks: a frame may appear twice, or not at all.
             assert!(before.is_none_or(|before| number >= before), "{format}: {number} after {before:?}");
             assert_eq!((frame.size, frame.channels, &frame.status), (size, 1, &Status::Ok));
             before = Some(number);
             frame = rig.frame();
         }
-        // In colour, from the same bytes; their first frame is found by trying those that were sent lately.
+        // In colour, from the same bytes. The first frame's number is found by comparison with
+        // recently sent ones.
         rig.grabber.stop().unwrap();
         let mut rig = Rig::start(GrabberSettings { colour: Colour::Rgb, range: None, matrix: None, ..settings });
         let frame = rig.frames(30).pop().unwrap();
@@ -147,7 +151,8 @@ fn every_format() {
 fn full_hd() {
     let size = [1920, 1080];
     let format = PixelFormat::Grey;
-    // Painting whole pictures would take the emulated processor longer than sending them: the number alone changes.
+    // Only the number changes: the emulated processor would need longer to paint whole frames
+    // than to send them.
     let feeder = Feeder::start(format.fourcc(), size, 30.0, |number, out| {
         if number < 4 {
             paint(PixelFormat::Grey, 7, out);
@@ -160,7 +165,8 @@ fn full_hd() {
     paint(format, 7, &mut expected);
     let (frames, most) = (150, 2700);
     let [mut read, mut without_loss, mut lost, mut repeated] = [0_u64; 4];
-    // An emulated processor that its host leaves waiting loses frames before they are frames. So many in a row are to come all the same.
+    // A delayed emulated processor loses frames before they reach the driver. A lossless run of
+    // `frames` frames must still occur.
     while without_loss < frames {
         assert!(read < most, "{lost} of {read} frames were lost, and never none of {frames} in a row");
         let frame = rig.frame();
@@ -168,7 +174,7 @@ fn full_hd() {
         let [last, this] = [&before, &frame].map(|frame| frame.frame_number.unwrap());
         lost += this - last - 1;
         without_loss = if this == last + 1 { without_loss + 1 } else { 0 };
-        // Input and output run by clocks of their own: a picture may be seen twice, or not at all.
+        // Input and output have separate clocks: a frame may appear twice, or not at all.
         let numbers = [&before, &frame].map(number);
         assert!(numbers[1] >= numbers[0], "{numbers:?}");
         repeated += u64::from(numbers[1] == numbers[0]);
@@ -184,7 +190,7 @@ fn no_allocations() {
         let mut rig = Rig::start(GrabberSettings { format: Some(format), colour, ..hdmi() });
         rig.frames(20);
         let before = allocations::so_far();
-        // Long enough for the input to be asked for its signal, more than once.
+        // Long enough for several signal queries.
         for _ in 0..60 {
             drop(rig.frame());
         }
@@ -201,7 +207,7 @@ fn stamps() {
     for pair in frames.windows(2) {
         let [a, b] = pair else { unreachable!() };
         assert!(host(b) > host(a));
-        // vivid, whose numbers are times, may give one twice.
+        // vivid derives numbers from times and may give one twice.
         let ticks = b.stamp.ticks.unwrap() - a.stamp.ticks.unwrap();
         assert_eq!(ticks.max(1), number(b) - number(a));
         assert_eq!(b.stamp.item, a.stamp.item + 1);
@@ -210,7 +216,7 @@ fn stamps() {
     let frame_ns = (host(last) - host(first)) as f64 / (number(last) - number(first)) as f64;
     assert!((frame_ns * 60.0 / 1e9 - 1.0).abs() < 0.03, "{frame_ns} ns a frame at 60 Hz");
     let age = Monotonic.now_ns() - host(last);
-    // vivid stamps a frame with the time at which it should be there, which may be one frame from now.
+    // vivid stamps a frame with its nominal time, which may be one frame in the future.
     assert!((-SECOND / 30..SECOND).contains(&age), "{age}");
     assert_eq!(rig.grabber.doubtful().restamped, 0);
     let rate = rig.grabber.describe().timing.rate_hz.unwrap();
@@ -218,7 +224,7 @@ fn stamps() {
     assert_eq!(rig.grabber.describe().image_size, Some([640, 480]));
 }
 
-/// vivid's S-Video input is interlaced, in both systems of lines.
+/// vivid's S-Video input is interlaced, in both standards.
 fn fields() {
     for (standard, lines, frame_hz) in [(Standard::Ntsc, 480, 30000.0 / 1001.0), (Standard::Pal, 576, 25.0)] {
         let settings = |interlace| GrabberSettings {
@@ -257,7 +263,8 @@ fn fields() {
     }
 }
 
-/// vivid's camera is slower the larger its pictures are: 25 Hz at 640×480, 12.5 at 1280×720, 60 at 320×180.
+/// vivid's camera is slower for larger frames: 25 Hz at 640×480, 12.5 at 1280×720, 60 at
+/// 320×180.
 fn camera() {
     let settings = GrabberSettings { input: Some("0".into()), ..GrabberSettings::new(CAPTURE_NODE) };
     for (rate_hz, size, gives, at) in [
@@ -279,10 +286,10 @@ fn refusals() {
     let says = |settings: GrabberSettings, text: &str| {
         let mut rig = Rig::start(settings);
         let deadline = Monotonic.now_ns() + SECOND / 10;
-        assert!(matches!(rig.grabber.next(deadline).unwrap(), drivers::Next::Pending));
+        assert!(matches!(rig.grabber.next(deadline).unwrap(), sonoweave_core::Next::Pending));
         let why = &rig.grabber.health().why;
         assert!(why.contains(text), "{why}");
-        assert_eq!(rig.grabber.health().state, drivers::health::State::Absent);
+        assert_eq!(rig.grabber.health().state, sonoweave_core::health::State::Absent);
     };
     says(
         GrabberSettings { input: Some("SCART".into()), ..hdmi() },
@@ -299,11 +306,11 @@ fn refusals() {
     says(GrabberSettings::new(OUTPUT_NODE), "/dev/video1 cannot be used: it captures no video");
     says(GrabberSettings::new("/dev/video7"), "/dev/video7 is not there; plug it in");
     says(GrabberSettings::new("Epiphan"), "Epiphan is not there; plug it in");
-    // A stream of another program's.
+    // Another program is streaming.
     let mut other = Rig::start(hdmi());
     other.frame();
     says(hdmi(), "is in use by another program; close that program");
-    // By name instead of by node, for when the number changes.
+    // By name instead of by node, for the case that the number changes.
     other.grabber.stop().unwrap();
     let mut named = Rig::start(GrabberSettings { device: "platform:vivid-000".into(), ..hdmi() });
     named.frame();

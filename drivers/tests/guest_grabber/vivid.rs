@@ -1,14 +1,14 @@
-//! vivid, the kernel's own virtual video device: its controls, and its output fed with pictures of ours that its input then gives back.
+//! vivid, the kernel's virtual video device: its controls, and its output, whose frames its
+//! input returns.
 #![allow(unsafe_code, reason = "ioctl and shared memory, as in the driver under test but for outputs")]
 
 use std::fs::{File, OpenOptions};
-use std::io;
-use std::mem;
 use std::os::fd::{AsFd, AsRawFd};
 use std::os::unix::fs::OpenOptionsExt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
+use std::{io, mem};
 
 use memmap2::{MmapMut, MmapOptions};
 use rustix::event::{PollFd, PollFlags, Timespec};
@@ -18,14 +18,15 @@ use v4l::v4l2::vidioc;
 pub(crate) const CAPTURE_NODE: &str = "/dev/video0";
 pub(crate) const OUTPUT_NODE: &str = "/dev/video1";
 
-/// vivid's controls, by their names: their numbers differ between kernels.
+/// vivid's controls, by name: their numbers differ between kernels.
 pub(crate) mod control {
     pub(crate) const OSD_TEXT: &str = "OSD Text Mode";
     pub(crate) const LOOP_VIDEO: &str = "Loop Video";
     pub(crate) const SEQUENCE_WRAP: &str = "Wrap Sequence Number";
-    /// 0 the timings in force, 1 no signal, 2 not locked, 3 out of range, 4 the timings that [`DV_TIMINGS`] says.
+    /// 0 the timings in force, 1 no signal, 2 not locked, 3 out of range, 4 the timings given
+    /// by [`DV_TIMINGS`].
     pub(crate) const DV_SIGNAL: &str = "DV Timings Signal Mode";
-    /// Timings by their place in a list.
+    /// Timings by their index in a list.
     pub(crate) const DV_TIMINGS: &str = "DV Timings";
     pub(crate) const PERCENT_DROPPED: &str = "Percentage of Dropped Buffers";
     pub(crate) const DISCONNECT: &str = "Disconnect";
@@ -36,7 +37,7 @@ pub(crate) mod control {
     pub(crate) const BREAK: &str = "Inject Fatal Streaming Error";
 }
 
-/// A node, opened beside the driver under test.
+/// A device node, opened in addition to the driver under test.
 pub(crate) struct Vivid {
     file: File,
 }
@@ -50,8 +51,9 @@ impl Vivid {
 
     fn call<T>(&self, request: u64, argument: &mut T) -> io::Result<()> {
         assert_eq!((request >> 16) as usize & 0x3fff, size_of::<T>());
-        // SAFETY: the kernel touches as many bytes as the request's number says, which are those of the structure; all of those used below are of
-        // integers, unions of them, and pointers that the kernel does not follow for mapped buffers.
+        // SAFETY: the kernel accesses as many bytes as the request's number states, which is
+        // the size of the structure. All structures used below consist of integers, unions of
+        // them, and pointers that the kernel does not follow for mapped buffers.
         unsafe { v4l::v4l2::ioctl(self.file.as_raw_fd(), request, std::ptr::from_mut(argument).cast()) }
     }
 
@@ -65,7 +67,7 @@ impl Vivid {
         let mut names = Vec::new();
         let mut id = 0;
         loop {
-            // SAFETY: of integers.
+            // SAFETY: consists of integers, for which zero is valid.
             let mut asked: abi::v4l2_queryctrl = unsafe { mem::zeroed() };
             asked.id = id | abi::V4L2_CTRL_FLAG_NEXT_CTRL;
             if self.call(vidioc::VIDIOC_QUERYCTRL, &mut asked).is_err() {
@@ -86,10 +88,10 @@ impl Vivid {
         self.call(vidioc::VIDIOC_S_INPUT, &mut { input }).unwrap();
     }
 
-    /// Timings of this size and rate, progressive.
+    /// Returns timings of this size and rate, progressive.
     fn timings(&self, size: [u32; 2], hz: f64) -> abi::v4l2_dv_timings {
         for index in 0.. {
-            // SAFETY: of integers and unions of them.
+            // SAFETY: consists of integers and unions of them, for which zero is valid.
             let mut entry: abi::v4l2_enum_dv_timings = unsafe { mem::zeroed() };
             entry.index = index;
             if self.call(vidioc::VIDIOC_ENUM_DV_TIMINGS, &mut entry).is_err() {
@@ -113,23 +115,23 @@ impl Vivid {
         self.call(vidioc::VIDIOC_S_DV_TIMINGS, &mut timings).unwrap();
     }
 
-    /// Gives bytes a line and a buffer.
+    /// Sets the output's format; returns the bytes per line and per buffer.
     fn set_output_format(&self, fourcc: [u8; 4], [width, height]: [u32; 2]) -> [usize; 2] {
-        // SAFETY: of integers and unions of them.
+        // SAFETY: consists of integers and unions of them, for which zero is valid.
         let mut format: abi::v4l2_format = unsafe { mem::zeroed() };
         format.type_ = OUTPUT;
-        // SAFETY: the same.
+        // SAFETY: consists of integers, for which zero is valid.
         let zero: abi::v4l2_pix_format = unsafe { mem::zeroed() };
         let pixelformat = u32::from_le_bytes(fourcc);
         format.fmt.pix = abi::v4l2_pix_format { width, height, pixelformat, field: 1, ..zero };
         self.call(vidioc::VIDIOC_S_FMT, &mut format).unwrap();
-        // SAFETY: the same.
+        // SAFETY: a union of integers.
         let pix = unsafe { format.fmt.pix };
         assert_eq!((pix.pixelformat.to_le_bytes(), [pix.width, pix.height]), (fourcc, [width, height]));
         [pix.bytesperline as usize, pix.sizeimage as usize]
     }
 
-    /// Puts vivid back to where it begins, whatever a test left.
+    /// Restores vivid's initial state, whatever a test has left.
     pub(crate) fn reset() {
         let vivid = Self::open(CAPTURE_NODE);
         vivid.set(control::PERCENT_DROPPED, 0);
@@ -146,18 +148,19 @@ const OUTPUT: u32 = abi::v4l2_buf_type_V4L2_BUF_TYPE_VIDEO_OUTPUT;
 const MAPPED: u32 = abi::v4l2_memory_V4L2_MEMORY_MMAP;
 const BUFFERS: u32 = 4;
 
-/// Feeds the output from a thread of its own, frame after frame, until dropped.
+/// Feeds frames to the output from its own thread until dropped.
 pub(crate) struct Feeder {
     stop: Arc<AtomicBool>,
     fed: Arc<AtomicU64>,
     thread: Option<JoinHandle<()>>,
-    /// Bytes a line and a frame of the output's format.
+    /// Bytes per line and per frame of the output's format.
     pub(crate) row_bytes: usize,
     pub(crate) frame_bytes: usize,
 }
 
 impl Feeder {
-    /// Loops the output back to the HDMI input, both with the same timings, and feeds it what `paint` makes of the frame's number.
+    /// Loops the output back to the HDMI input, both with the same timings, and feeds it the
+    /// frames that `paint` makes from their numbers.
     pub(crate) fn start(
         fourcc: [u8; 4],
         size: [u32; 2],
@@ -182,7 +185,7 @@ impl Feeder {
         Self { stop, fed, thread: Some(thread), row_bytes, frame_bytes }
     }
 
-    /// Frames handed over so far.
+    /// Returns the number of frames handed over so far.
     pub(crate) fn fed(&self) -> u64 {
         self.fed.load(Ordering::Relaxed)
     }
@@ -201,13 +204,13 @@ impl Drop for Feeder {
 }
 
 fn buffer(index: u32) -> abi::v4l2_buffer {
-    // SAFETY: of integers, and a union of integers and pointers that may be null.
+    // SAFETY: consists of integers, and a union of integers and pointers that may be null.
     let zero: abi::v4l2_buffer = unsafe { mem::zeroed() };
     abi::v4l2_buffer { index, type_: OUTPUT, memory: MAPPED, ..zero }
 }
 
 fn feed(output: &Vivid, frame_bytes: usize, stop: &AtomicBool, fed: &AtomicU64, paint: impl Fn(u64, &mut [u8])) {
-    // SAFETY: of integers.
+    // SAFETY: consists of integers, for which zero is valid.
     let zero: abi::v4l2_requestbuffers = unsafe { mem::zeroed() };
     let mut request = abi::v4l2_requestbuffers { count: BUFFERS, type_: OUTPUT, memory: MAPPED, ..zero };
     output.call(vidioc::VIDIOC_REQBUFS, &mut request).unwrap();
@@ -215,7 +218,8 @@ fn feed(output: &Vivid, frame_bytes: usize, stop: &AtomicBool, fed: &AtomicU64, 
         .map(|index| {
             let mut asked = buffer(index);
             output.call(vidioc::VIDIOC_QUERYBUF, &mut asked).unwrap();
-            // SAFETY: the kernel's buffer of this length at this offset; it is written to only while it is not queued.
+            // SAFETY: the kernel's buffer of this length at this offset; it is written only
+            // while it is not queued.
             unsafe {
                 let offset = asked.m.offset;
                 MmapOptions::new().offset(offset.into()).len(asked.length as usize).map_mut(&output.file).unwrap()

@@ -1,14 +1,15 @@
-//! An FTDI adapter and a serial port of the old kind, at the two ends of one cable.
+//! An FTDI adapter and a legacy serial port (8250), at the two ends of one cable.
 
 use std::path::Path;
 use std::process::Command;
 use std::sync::{Arc, Mutex};
 
-use drivers::clock::{Clock, MS, Monotonic, SECOND};
-use drivers::health::State;
-use drivers::polhemus::{Model, Port, Settings, TrackerDriver};
 use drivers::simulated::{Faults, liberty};
-use drivers::{Driver, Next, transport};
+use drivers::tracker::polhemus::{Model, Port, Settings, TrackerDriver};
+use drivers::{Driver, transport};
+use sonoweave_core::Next;
+use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
+use sonoweave_core::health::State;
 
 use super::guest::{self, Test, Truth};
 use super::spoken::Spoken;
@@ -36,13 +37,13 @@ fn wait_for_adapter(there: bool) {
     }
 }
 
-/// What the kernel has been told of a line.
+/// Returns the kernel's settings of a line.
 fn told(path: &str) -> String {
     let output = Command::new("stty").args(["-F", path, "-a"]).output().unwrap();
     String::from_utf8(output.stdout).unwrap().replace(['\n', ';'], " ")
 }
 
-/// Raw, 8 bits, no parity, one stop bit, no handshake.
+/// Checks the line's settings: raw, 8 bits, no parity, one stop bit, no handshake.
 fn assert_set(path: &str, baud: u32) {
     let told = told(path);
     let words: Vec<&str> = told.split_whitespace().collect();
@@ -91,7 +92,7 @@ fn port_8250() {
         let mut rig = open(Model::Fastrak, PORT, Some(baud));
         rig.until(State::Running, 6 * SECOND);
         assert_set(PORT, baud);
-        // What does not pass a slow line is not sent: the others are whole.
+        // The unit omits poses that exceed a slow line's capacity; the others are complete.
         let poses = rig.poses(60);
         if baud >= 57_600 {
             truth.assert_exact(&poses);
@@ -105,7 +106,8 @@ fn port_8250() {
 
 fn liberty() {
     wait_for_adapter(true);
-    // QEMU waits without end for what its adapter sends and its port, whose buffer holds 16 bytes, is slower to take: 10 kB/s are too many on a busy machine.
+    // QEMU waits forever for its port to accept bytes from the adapter. The port's buffer holds
+    // 16 bytes and is slower; on a busy machine, 10 kB/s are too much.
     for (driver, unit, rate_hz) in [(FTDI, PORT, 240.0), (PORT, FTDI, 60.0)] {
         let truth = Truth::new();
         let twin = Arc::new(Mutex::new(liberty::Twin::new(truth.motion(), Faults::default())));
@@ -144,14 +146,14 @@ fn no_allocations() {
 fn in_use() {
     wait_for_adapter(true);
     for path in [FTDI, PORT] {
-        let (clock, baud) = (Arc::new(drivers::clock::Monotonic), 115_200);
+        let (clock, baud) = (Arc::new(sonoweave_core::clock::Monotonic), 115_200);
         let mut opener = transport::SerialOpener::new(transport::PortPath { path: path.into(), baud }, clock);
         let first = transport::Opener::open(&mut opener).unwrap();
         let mut rig = open(Model::Fastrak, path, None);
         assert!(rig.readings(300 * MS).is_empty());
         assert_eq!(rig.state(), State::Absent);
         assert!(rig.why().contains("another program has it open; close that"), "{}", rig.why());
-        // With nobody at the other end it is silent, and not absent.
+        // A line without a unit at the other end is silent, not absent.
         drop(first);
         rig.until(State::Silent, 10 * SECOND);
         assert!(rig.why().contains("does not answer at 115200, "), "{}", rig.why());
@@ -182,7 +184,7 @@ fn listing() {
     let described = |path: &str| listed.iter().find(|l| l.id == path).map(|l| l.description.as_str());
     assert_eq!(described(FTDI), Some("QEMU QEMU USB SERIAL (0403:6001), /dev/ttyUSB0"));
     assert_eq!(described(PORT), Some("serial line, /dev/ttyS1"));
-    // The kernel keeps names for ports that no machine of today has.
+    // The kernel keeps names of ports that no present machine has.
     assert!(Path::new("/dev/ttyS3").exists());
     assert_eq!([described("/dev/ttyS2"), described("/dev/ttyS3")], [None; 2]);
 }

@@ -1,4 +1,5 @@
-//! A gadget of the kernel's that is a serial line, plugged into the same kernel: the host's side is `cdc_acm`, as for arms that microcontrollers make.
+//! A serial-line gadget of the kernel, plugged into the same kernel. The host's side is
+//! `cdc_acm`, as for arms built with microcontrollers.
 
 use std::fs;
 use std::io::ErrorKind;
@@ -8,13 +9,12 @@ use std::sync::{Arc, Mutex};
 
 use drivers::arm::ea1::Speech;
 use drivers::arm::{ArmDriver, ArmSettings, Model, Settings};
-use drivers::clock::{Clock, MS, Monotonic, SECOND};
-use drivers::health::State;
-use drivers::polhemus;
-use drivers::reading::{Counts, Status};
 use drivers::simulated::Faults;
 use drivers::simulated::ea1::Twin;
-use drivers::{Driver, Listing, OpenSettings};
+use drivers::{Driver, Listing, OpenSettings, tracker::polhemus};
+use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
+use sonoweave_core::health::State;
+use sonoweave_core::reading::{Counts, Status};
 
 use super::guest::{Rig, Test};
 use super::spoken::Spoken;
@@ -26,12 +26,12 @@ pub(crate) const TESTS: &[Test] = &[
     ("a_line_of_usb_is_listed_until_it_is_pulled_out", listing),
 ];
 
-/// The host's side and the gadget's.
+/// Device files of the host's side and of the gadget's side.
 const HOST: &str = "/dev/ttyACM0";
 const GADGET: &str = "/dev/ttyGS0";
 const GADGETS: &str = "/sys/kernel/config/usb_gadget";
 
-/// Makes the gadget, once: a line as that of a board with a microcontroller.
+/// Creates the gadget once: a line like that of a microcontroller board.
 fn make() {
     let gadget = Path::new(GADGETS).join("arm");
     if gadget.exists() {
@@ -52,7 +52,7 @@ fn make() {
     symlink(gadget.join("functions/acm.0"), gadget.join("configs/c.1/acm.0")).unwrap();
 }
 
-/// Says when, host ns.
+/// Plugs the gadget in; returns the time, host ns.
 fn plug_in() -> i64 {
     make();
     let now = Monotonic.now_ns();
@@ -61,7 +61,7 @@ fn plug_in() -> i64 {
 }
 
 fn pull_out() {
-    // What is not plugged in cannot be pulled out.
+    // Unplugging fails if it is not plugged in.
     match fs::write(format!("{GADGETS}/arm/UDC"), "\n") {
         Err(error) if error.kind() != ErrorKind::NotFound && error.raw_os_error() != Some(19) => panic!("{error}"),
         _ => {}
@@ -92,10 +92,10 @@ fn tracker() {
     pull_out();
 }
 
-/// Counts and when they were asked for, host ns.
+/// Counts, with the host times of their requests, ns.
 type Asked = Arc<Mutex<Vec<(i64, [i64; 3])>>>;
 
-/// An arm whose joints turn at several speeds, and what it has seen of them.
+/// Creates an arm whose joints turn at different speeds, and a log of its measured counts.
 fn an_arm() -> (Arc<Mutex<Twin>>, Asked) {
     let asked = Asked::default();
     let log = Arc::clone(&asked);
@@ -108,7 +108,8 @@ fn an_arm() -> (Arc<Mutex<Twin>>, Asked) {
     (Arc::new(Mutex::new(Twin::new(joints, Faults::default()))), asked)
 }
 
-/// Each sample is what the arm saw at the time that its clock says, less where it was at home.
+/// Checks that each sample equals the arm's counts at the time of its clock, less the counts at
+/// home.
 fn assert_true(counts: &[Counts], twin: &Mutex<Twin>, asked: &Asked, hz: i64) {
     let (zeros, born_ns) = {
         let (twin, now) = (twin.lock().unwrap(), Monotonic.now_ns());
@@ -117,7 +118,7 @@ fn assert_true(counts: &[Counts], twin: &Mutex<Twin>, asked: &Asked, hz: i64) {
     let asked = asked.lock().unwrap();
     for counts in counts {
         let at_ns = born_ns + i64::try_from(counts.stamp.ticks.unwrap()).unwrap() * 1000;
-        // Its clock is read to 1 µs, twice.
+        // The clock is read with 1 µs resolution, twice.
         let mut of_then = asked.iter().filter(|(ns, _)| (ns - at_ns).abs() < 3000);
         let is = of_then.any(|(_, truth)| (0..3).all(|axis| truth[axis] - zeros[axis] == counts.counts[axis]));
         assert!(is, "{counts:?} is not what it saw at {at_ns}, less {zeros:?}");
@@ -130,7 +131,7 @@ fn assert_true(counts: &[Counts], twin: &Mutex<Twin>, asked: &Asked, hz: i64) {
     }
 }
 
-/// Homes the arm, and compares what it says then.
+/// Homes the arm, and checks the samples after that.
 fn assert_right(rig: &mut Rig, twin: &Mutex<Twin>, asked: &Asked) {
     let before = rig.counts(20);
     assert!(before.iter().all(|counts| counts.homed == 0 && counts.status != Status::Ok));
@@ -156,7 +157,7 @@ fn arm() {
         let mut rig = Rig::start(ArmDriver.open(&OpenSettings::Arm(settings)).unwrap());
         rig.until(State::Running, 6 * SECOND);
         assert_right(&mut rig, &twin, &asked);
-        // Its power comes by the same plug: it forgets where home is.
+        // The same plug supplies its power: the arm loses its home position.
         spoken.as_ref().unwrap().fall_silent_mid_record();
         let mut last = rig.readings(30 * MS);
         pull_out();

@@ -1,9 +1,12 @@
-//! Serial lines against the kernel's own drivers for them: `make hardware-test`. Elsewhere every test is reported as ignored.
+//! Serial lines against the kernel's own drivers: `make hardware-test`. Elsewhere every test is
+//! reported as ignored.
 //!
-//! - [`gadget`]: `cdc_acm`, plugged into a gadget of the kernel's, whose other end the virtual unit has.
-//! - [`adapter`]: `ftdi_sio` and `8250`, at the two ends of one cable; the virtual unit has either.
+//! - [`gadget`]: `cdc_acm`, connected to a gadget of the kernel; the virtual unit is at the
+//!   other end.
+//! - [`adapter`]: `ftdi_sio` and `8250`, at the two ends of one cable; the virtual unit is at
+//!   either end.
 //! - [`terminal`]: a pseudo-terminal.
-//! - [`spoken`]: a virtual unit that speaks on a line.
+//! - [`spoken`]: a virtual unit that communicates on a line.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 #![allow(clippy::print_stdout, reason = "a test of times says what they were, and asks for plugs")]
 
@@ -20,11 +23,11 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::{Arc, Mutex};
 
-use drivers::clock::{Clock, MS, Monotonic, SECOND};
-use drivers::health::State;
-use drivers::polhemus::{self, Port, Settings};
-use drivers::reading::{Pose, Reading};
 use drivers::simulated::{Faults, Simulated, fastrak};
+use drivers::tracker::polhemus::{self, Port, Settings};
+use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
+use sonoweave_core::health::State;
+use sonoweave_core::reading::{Pose, Reading};
 
 use guest::{Rig, Truth};
 use spoken::Spoken;
@@ -35,7 +38,7 @@ fn main() -> ExitCode {
 
 type Fastrak = Arc<Mutex<Simulated<fastrak::Fastrak>>>;
 
-/// A FASTRAK with one sensor, and where that was.
+/// Creates a FASTRAK with one sensor, and the sensor's ground truth.
 fn a_fastrak() -> (Fastrak, Truth) {
     let truth = Truth::new();
     (Arc::new(Mutex::new(fastrak::Twin::new(truth.motion(), Faults::default()))), truth)
@@ -45,7 +48,7 @@ fn open(model: polhemus::Model, path: &str, baud: Option<u32>) -> Rig {
     guest::tracker(model, Port::Serial { path: PathBuf::from(path), baud }, Settings::default())
 }
 
-/// Running, and each pose is what the unit saw.
+/// Waits until the device runs, and checks each pose against the unit's measurements.
 fn assert_exact(rig: &mut Rig, truth: &Truth, count: usize) {
     let took = rig.until(State::Running, 6 * SECOND);
     let late = truth.assert_exact(&rig.poses(count));
@@ -53,8 +56,8 @@ fn assert_exact(rig: &mut Rig, truth: &Truth, count: usize) {
     println!("{name}: running after {} ms, the latest of {count} poses after {} ms", took / MS, late / MS);
 }
 
-/// What the driver does when its line goes away in the midst of a record and comes back. `pull` takes it away, `back` returns it with a unit on it, and says since when that
-/// answers.
+/// Checks the driver when its line disappears in the middle of a record and returns. `pull`
+/// removes it. `back` returns it with a unit on it, and the time since when the unit answers.
 fn assert_survives_unplugging(
     rig: &mut Rig,
     truth: &Truth,
@@ -79,7 +82,7 @@ fn assert_survives_unplugging(
             last.into_iter().map(|r| if let Reading::Pose(pose) = r { pose } else { panic!("{r:?}") }).collect();
         truth.assert_exact(&last);
         assert!(rig.why().contains("was unplugged"), "{}", rig.why());
-        // Nothing of the old line keeps the new one from having its name.
+        // The old line must be closed, so that the new one receives its name.
         drop(spoken.take());
         assert!(rig.readings(700 * MS).is_empty());
         assert!(rig.why().ends_with("is not there: no such file; plug it in"), "{}", rig.why());

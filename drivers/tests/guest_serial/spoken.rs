@@ -1,4 +1,4 @@
-//! A virtual unit that speaks on a serial line of the kernel's, in real time.
+//! A virtual unit that communicates on a serial line of the kernel, in real time.
 
 use std::io::{ErrorKind, Read, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -6,16 +6,17 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use drivers::clock::{Clock, MS, Monotonic};
-use drivers::transport::Peer;
 use serialport::{SerialPort, TTYPort};
 
-/// The longest that the unit's thread waits, ns.
+use drivers::transport::Peer;
+use sonoweave_core::clock::{Clock, MS, Monotonic};
+
+/// The longest wait of the unit's thread, ns.
 const TURN: i64 = 10 * MS;
 /// The longest time that bytes may wait for a host that does not read them.
 const WRITE: Duration = Duration::from_secs(5);
 
-/// Speaks until it is dropped; where its end of the line hangs up, when it is back.
+/// Communicates until dropped; reopens its end of the line after a hang-up.
 pub(crate) struct Spoken {
     ends: Arc<AtomicBool>,
     breaks_off: Arc<AtomicBool>,
@@ -23,13 +24,13 @@ pub(crate) struct Spoken {
 }
 
 impl Spoken {
-    /// On this file.
+    /// Communicates on this file.
     pub(crate) fn on<T: Peer + 'static>(path: &str, baud: u32, peer: &Arc<Mutex<T>>) -> Self {
         let path = path.to_owned();
         Self::by(peer, move || serialport::new(&path, baud).open_native().ok())
     }
 
-    /// On what can be opened, again and again.
+    /// Communicates on the line that `open` returns, reopened as needed.
     pub(crate) fn by<T: Peer + 'static>(
         peer: &Arc<Mutex<T>>,
         mut open: impl FnMut() -> Option<TTYPort> + Send + 'static,
@@ -60,7 +61,7 @@ impl Spoken {
         Self { ends, breaks_off, thread: Some(thread) }
     }
 
-    /// Says half of what it says next, and no more. Returns when it has.
+    /// Sends half of the unit's next bytes, and nothing more. Returns when this is done.
     pub(crate) fn fall_silent_mid_record(&self) {
         self.breaks_off.store(true, Ordering::Relaxed);
         let end = Monotonic.now_ns() + 5_000 * MS;
@@ -83,18 +84,18 @@ impl Drop for Spoken {
     }
 }
 
-/// What was said of what the unit had to say.
+/// Result of sending the unit's bytes.
 enum Said {
-    /// All, if there was anything.
+    /// All bytes were sent, if there were any.
     All,
-    /// The first half.
+    /// Only the first half was sent.
     Half,
 }
 
-/// Waits for what the host sends or what the unit says next, whichever is first, and passes it on.
+/// Waits for the host's or the unit's next bytes, whichever come first, and passes them on.
 fn turn<T: Peer>(peer: &Mutex<T>, line: &mut TTYPort, breaks_off: bool) -> std::io::Result<Said> {
     let now = Monotonic.now_ns();
-    // None where it is unplugged or has nothing to say.
+    // `None` if the unit is unplugged or has nothing to send.
     let said = peer.lock().unwrap().next(0, now, now).ok().flatten();
     if let Some((_, mut bytes)) = said {
         if breaks_off {

@@ -4,10 +4,11 @@ use std::os::unix::fs::symlink;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
-use drivers::clock::{Clock, Monotonic};
-use drivers::polhemus::Model;
-use drivers::transport::Peer;
 use serialport::{SerialPort, TTYPort};
+
+use drivers::tracker::polhemus::Model;
+use drivers::transport::Peer;
+use sonoweave_core::clock::{Clock, Monotonic};
 
 use super::guest::Test;
 use super::spoken::Spoken;
@@ -15,16 +16,16 @@ use super::{a_fastrak, assert_exact, assert_survives_unplugging, open};
 
 pub(crate) const TESTS: &[Test] = &[("a_terminal_that_hangs_up_mid_record_is_opened_when_it_is_back", hang_up)];
 
-/// A name that stays, as a rule of udev's would give it.
+/// A persistent name, like that of a udev rule.
 const NAME: &str = "/tmp/tracker";
 
-/// The unit on a new terminal. Its end of it is closed when what speaks is dropped.
+/// Connects the unit to a new terminal. The unit's end is closed when the result is dropped.
 fn speak<T: Peer + 'static>(peer: &Arc<Mutex<T>>) -> Spoken {
     let (own, other) = TTYPort::pair().unwrap();
     let path = other.name().unwrap();
     let _ = std::fs::remove_file(NAME);
     symlink(path, NAME).unwrap();
-    // While nobody has the other end open, reading from this one fails: it is kept with it.
+    // Reading one end fails while nobody has the other end open, so both ends are kept.
     let mut once = Some(own);
     Spoken::by(peer, move || {
         let _kept = &other;

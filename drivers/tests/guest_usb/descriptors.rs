@@ -1,38 +1,38 @@
-//! What a USB device says of itself when it is plugged in.
+//! Descriptors of a USB device.
 
 /// An endpoint of interface 0.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Endpoint {
-    /// Bit 7 set: to the host.
+    /// Bit 7 is set for endpoints to the host.
     pub(crate) address: u8,
     /// 2 bulk, 3 interrupt.
     pub(crate) kind: u8,
-    /// Bytes of a packet.
+    /// Packet size, bytes.
     pub(crate) packet: u16,
 }
 
-/// A device with one configuration and one interface of the maker's own class.
+/// A device with one configuration and one interface of a vendor-specific class.
 #[derive(Debug, Clone)]
 pub(crate) struct Described {
     pub(crate) product: u16,
-    /// 480 Mbit/s, else 12.
+    /// 480 Mbit/s if true, else 12.
     pub(crate) is_high_speed: bool,
     pub(crate) serial_number: Option<String>,
     pub(crate) endpoints: Vec<Endpoint>,
 }
 
-/// The maker's number.
-const VENDOR: u16 = drivers::polhemus::VENDOR;
+/// Vendor number.
+const VENDOR: u16 = drivers::tracker::polhemus::VENDOR;
 
 impl Described {
-    /// With one bulk endpoint in each direction.
+    /// Creates a device with one bulk endpoint in each direction.
     pub(crate) fn new(product: u16, is_high_speed: bool, [out, into]: [u8; 2]) -> Self {
         let packet = if is_high_speed { 512 } else { 64 };
         let endpoints = [out, into].map(|address| Endpoint { address, kind: 2, packet }).to_vec();
         Self { product, is_high_speed, serial_number: None, endpoints }
     }
 
-    /// The answer to a request for a descriptor; `None` for one that it has not.
+    /// Returns the answer to a descriptor request; `None` if the device lacks the descriptor.
     pub(crate) fn descriptor(&self, kind: u8, index: u8) -> Option<Vec<u8>> {
         match (kind, index) {
             (1, _) => {
@@ -64,12 +64,12 @@ impl Described {
         let count = u8::try_from(self.endpoints.len()).unwrap();
         let interface = [9, 4, 0, 0, count, 0xff, 0, 0, 0];
         let [low, high] = u16::try_from(9 + interface.len() + endpoints.len()).unwrap().to_le_bytes();
-        // Powered by its own supply.
+        // Self-powered.
         let configuration = [9, 2, low, high, 1, 1, 0, 0xc0, 50];
         [&configuration[..], &interface, &endpoints].concat()
     }
 
-    /// Bytes of a packet of an endpoint.
+    /// Returns an endpoint's packet size, bytes.
     pub(crate) fn packet(&self, address: u8) -> usize {
         let found = self.endpoints.iter().find(|e| e.address == address);
         usize::from(found.unwrap_or_else(|| panic!("there is no endpoint {address:02x}")).packet)

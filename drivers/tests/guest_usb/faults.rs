@@ -1,12 +1,12 @@
-//! What can go wrong with a device on USB.
+//! Faults of USB devices.
 
 use std::path::Path;
 
-use drivers::clock::{Clock, MS, Monotonic, SECOND};
-use drivers::health::State;
-use drivers::polhemus::Settings;
-use drivers::reading::Reading;
 use drivers::simulated::Model;
+use drivers::tracker::polhemus::Settings;
+use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
+use sonoweave_core::health::State;
+use sonoweave_core::reading::Reading;
 
 use super::descriptors::Described;
 use super::guest::{Rig, Test};
@@ -32,14 +32,14 @@ fn second_claim() {
     assert!(second.readings(500 * MS).is_empty());
     assert_eq!(second.state(), State::Absent);
     assert_eq!(second.why(), "USB 0f44 cannot be opened: another program or a kernel driver has it; close that");
-    // The first goes on meanwhile, and makes way when it ends.
+    // The first rig continues meanwhile, and releases the device when it stops.
     unit.truth.assert_exact(&rig.poses(100));
     rig.device.stop().unwrap();
     second.until(State::Running, 3 * SECOND);
     unit.truth.assert_exact(&second.poses(100));
 }
 
-/// The guest's `usbserial` was told that this product is a serial line.
+/// The guest's `usbserial` is configured to claim this product as a serial line.
 fn kernel_driver() {
     let mut unit = a_liberty(Described::new(0xff12, false, [0x02, 0x82]));
     unit.plug_in();
@@ -57,7 +57,7 @@ fn kernel_driver() {
     wait(false);
     unit.truth.assert_exact(&rig.poses(100));
     rig.device.stop().unwrap();
-    // Given back when it is let go.
+    // The kernel driver receives the device back on release.
     wait(true);
 }
 
@@ -70,7 +70,7 @@ fn survives_unplugging<M: Model + 'static>(mut unit: Unit<M>, times: u64) {
         unit.plug.take().unwrap().leave_mid_record();
         unit.twin().unplug();
         let begin = Monotonic.now_ns();
-        // What was on its way before may still come.
+        // Readings already on their way may still come.
         let mut last = Vec::new();
         while rig.state() != State::Absent {
             last.extend(rig.readings(2 * MS));
@@ -81,7 +81,7 @@ fn survives_unplugging<M: Model + 'static>(mut unit: Unit<M>, times: u64) {
             last.into_iter().map(|r| if let Reading::Pose(pose) = r { pose } else { panic!() }).collect();
         unit.truth.assert_exact(&last);
         assert!(rig.why().contains("was unplugged"), "{}", rig.why());
-        // No error, no reading, no hurry.
+        // Neither an error nor a reading comes, and no deadline is missed.
         assert!(rig.readings(700 * MS).is_empty());
         assert_eq!(rig.why(), "USB 0f44 is not there: no such USB device; plug it in");
         unit.plug_in();
@@ -126,7 +126,8 @@ fn unplugged_early() {
     unit.truth.assert_exact(&rig.poses(100));
 }
 
-/// Silent soon, and with a reason; on the same line again when the unit is well.
+/// A hung unit is reported silent quickly, with a reason; it runs again on the same line when
+/// it recovers.
 fn hung() {
     let unit = liberty();
     let mut rig = unit.open();
@@ -155,7 +156,7 @@ fn is_silent(rig: &mut Rig) {
     assert!(rig.why().contains("does not answer; check that the unit is switched on"), "{}", rig.why());
 }
 
-/// Not even commands go out: the device says that it is busy, for ever.
+/// The device refuses even commands: it stays busy forever.
 fn stuck() {
     let mut unit = liberty();
     let mut rig = unit.open();
@@ -167,12 +168,12 @@ fn stuck() {
     let back = rig.until(State::Running, 4 * SECOND);
     assert!(back < 2 * SECOND, "{} ms", back / MS);
     unit.truth.assert_exact(&rig.poses(100));
-    // And from the first.
+    // Also when stuck from the start.
     rig.device.stop().unwrap();
     unit.plug().state().is_stuck = true;
     rig.device.start().unwrap();
     is_silent(&mut rig);
-    // Pulled out it is absent, and back at once.
+    // Unplugged, it is absent; plugged in, it runs again at once.
     unit.pull_out();
     rig.until(State::Absent, 2 * SECOND);
     unit.plug_in();
@@ -199,7 +200,7 @@ fn stalled() {
     let received = rig.device.health().received;
     assert_eq!((received.opened, received.set_up, received.lost), (1, 1, 0), "{received:?}");
     unit.truth.assert_exact(&rig.poses(100));
-    // Both, as another host may have left them.
+    // Both endpoints are halted, as another host may have left them.
     rig.device.stop().unwrap();
     unit.plug().state().is_halted = [true; 2];
     rig.device.start().unwrap();

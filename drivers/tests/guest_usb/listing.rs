@@ -1,9 +1,9 @@
-//! What is plugged in, and what can be opened.
+//! Listing of devices that are plugged in, and of those that can be opened.
 
-use drivers::clock::{Clock, MS, Monotonic, SECOND};
-use drivers::health::State;
-use drivers::polhemus::{Settings, TrackerDriver};
+use drivers::tracker::polhemus::{Settings, TrackerDriver};
 use drivers::{Driver, Listing};
+use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
+use sonoweave_core::health::State;
 
 use super::descriptors::Described;
 use super::guest::Test;
@@ -19,7 +19,7 @@ fn on_usb() -> Vec<Listing> {
     TrackerDriver.list().into_iter().filter(|listing| listing.id.starts_with("usb")).collect()
 }
 
-/// Looks as often as it takes until so many devices are there. Gives them, and how long that took, ns.
+/// Polls until `count` devices are listed. Returns them, and the time it took, ns.
 fn wait_for(count: usize) -> (Vec<Listing>, i64) {
     let begin = Monotonic.now_ns();
     loop {
@@ -43,7 +43,7 @@ fn comes_and_goes() {
     unit.pull_out();
     let (_, went) = wait_for(0);
     println!("listed {} ms after it was plugged in, and no more {} ms after it was pulled out", came / MS, went / MS);
-    // By its serial number where it has one, and beside another.
+    // By its serial number if it has one, and beside another device.
     unit.described.serial_number = Some("LBTY-7".into());
     unit.plug_in();
     let mut other = a_viper();
@@ -70,7 +70,7 @@ fn loader() {
     assert!(rig.readings(500 * MS).is_empty());
     assert_eq!(rig.state(), State::Absent);
     assert!(rig.why().contains("waits for its firmware") && rig.why().contains("fxload -t fx2"), "{}", rig.why());
-    // It comes back as what it is.
+    // It returns as a device with firmware.
     unit.pull_out();
     unit.described = Described::new(0xff20, true, [0x04, 0x88]);
     unit.plug_in();
@@ -97,7 +97,7 @@ fn two_of_a_kind() {
     by_number.until(State::Running, 5 * SECOND);
     first.truth.assert_exact(&by_place.poses(100));
     second.truth.assert_exact(&by_number.poses(100));
-    // With one of them gone there is no question any more.
+    // Once one of them is gone, the choice is unambiguous.
     by_number.device.stop().unwrap();
     second.pull_out();
     wait_for(1);

@@ -1,10 +1,10 @@
-//! Trackers on USB against the kernel's own USB, with devices that its virtual host controller is given by us: `make hardware-test`. Elsewhere every test is reported as
-//! ignored.
+//! Trackers on USB against the kernel's own USB, with simulated devices on its virtual host
+//! controller: `make hardware-test`. Elsewhere every test is reported as ignored.
 //!
-//! - [`listing`]: what is plugged in, and what can be opened.
-//! - [`poses`]: what comes out is what went in, however the bytes are cut.
+//! - [`listing`]: devices that are plugged in, and those that can be opened.
+//! - [`poses`]: poses equal the measured ones, for any division of the bytes.
 //! - [`faults`]: unplugging, silence, refusals.
-//! - [`vhci`], [`descriptors`]: a device that is not there.
+//! - [`vhci`], [`descriptors`]: a simulated device.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 #![allow(clippy::print_stdout, reason = "a test of times says what they were")]
 
@@ -21,8 +21,8 @@ mod vhci;
 use std::process::ExitCode;
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use drivers::polhemus::{self, Port, Settings};
 use drivers::simulated::{Faults, Model, Simulated, fastrak, liberty, viper};
+use drivers::tracker::polhemus::{self, Port, Settings};
 
 use descriptors::Described;
 use guest::{Rig, Truth};
@@ -73,7 +73,7 @@ impl<M: Model + 'static> Unit<M> {
         self.twin().unplug();
     }
 
-    /// The driver on the only unit of its kind.
+    /// Opens the only unit of its kind.
     fn open(&self) -> Rig {
         self.open_with(None, Settings::default())
     }
@@ -87,7 +87,7 @@ fn a_liberty(described: Described) -> Unit<liberty::Liberty> {
     Unit::new(polhemus::Model::Liberty, described, |motion| liberty::Twin::new(motion, Faults::default()))
 }
 
-/// A LIBERTY as they are made now, plugged in.
+/// Creates a LIBERTY of present manufacture, plugged in.
 fn liberty() -> Unit<liberty::Liberty> {
     let mut unit = a_liberty(Described::new(0xff20, true, [0x04, 0x88]));
     unit.plug_in();

@@ -1,9 +1,9 @@
-//! What comes out is what went in.
+//! Delivered poses equal the measured ones.
 
-use drivers::clock::{Clock, MS, Monotonic, SECOND};
-use drivers::health::State;
-use drivers::polhemus::Settings;
 use drivers::simulated::Model;
+use drivers::tracker::polhemus::Settings;
+use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
+use sonoweave_core::health::State;
 
 use super::descriptors::{Described, Endpoint};
 use super::guest::Test;
@@ -39,7 +39,7 @@ fn assert_exact<M: Model + 'static>(mut unit: Unit<M>, stations: &[u8], count: u
         late / MS
     );
     rig.device.stop().unwrap();
-    // It heard that it is to be quiet.
+    // The unit must receive the command to stop.
     let end = Monotonic.now_ns() + SECOND;
     while unit.twin().continuous() {
         assert!(Monotonic.now_ns() < end, "it goes on talking");
@@ -48,7 +48,7 @@ fn assert_exact<M: Model + 'static>(mut unit: Unit<M>, stations: &[u8], count: u
 }
 
 fn every_product() {
-    // The maker's endpoints, where they are known.
+    // The manufacturer's endpoints, where they are known.
     assert_exact(a_liberty(Described::new(0xff20, true, [0x04, 0x88])), &[1], 480);
     assert_exact(a_liberty(Described::new(0xff12, false, [0x02, 0x82])), &[1], 240);
     assert_exact(a_patriot(Described::new(0xef20, true, [0x04, 0x88])), &[1], 120);
@@ -81,7 +81,7 @@ fn in_flight() {
     let [fewest, most] = unit.plug().state().waited.unwrap();
     println!("when there was something to send, {fewest} to {most} reads waited");
     assert!((4..=8).contains(&fewest) && most == 8, "{fewest} to {most}");
-    // None is left when the device is let go.
+    // No transfer remains after the device is released.
     rig.device.stop().unwrap();
     let end = Monotonic.now_ns() + 2 * SECOND;
     while unit.plug().state().waiting > 0 {
@@ -92,7 +92,8 @@ fn in_flight() {
 
 fn other_endpoints() {
     let mut described = Described::new(0xff12, false, [0x05, 0x83]);
-    // One that is no way for records, packets of other sizes, and a second pair behind the first.
+    // An endpoint that cannot carry records, packets of other sizes, and a second pair after
+    // the first.
     described.endpoints[0].packet = 8;
     described.endpoints[1].packet = 32;
     described.endpoints.insert(0, Endpoint { address: 0x81, kind: 3, packet: 8 });
@@ -101,11 +102,11 @@ fn other_endpoints() {
         .extend([Endpoint { address: 0x86, kind: 2, packet: 64 }, Endpoint { address: 0x07, kind: 2, packet: 64 }]);
     let mut unit = a_liberty(described);
     unit.plug_in();
-    // Told by 16 bytes, and the sensors stay on that side.
+    // The hemisphere command has 16 bytes, and the sensors stay in that hemisphere.
     let mut rig = unit.open_with(None, Settings { hemisphere: [0.75, 0.125, 0.0], ..Settings::default() });
     rig.until(State::Running, 5 * SECOND);
     unit.truth.assert_exact(&rig.poses(240));
-    // The end of what fills its last packet is told by an empty one, and of nothing else.
+    // An empty packet follows each transfer that fills its last packet, and no other transfer.
     let written = unit.plug().state().written.clone();
     let full = |bytes: &Vec<u8>| !bytes.is_empty() && bytes.len().is_multiple_of(8);
     assert!(written.iter().any(full), "no command fills its packets: {written:?}");
@@ -145,10 +146,10 @@ fn sleeping_host() {
     let mut rig = unit.open();
     rig.until(State::Running, 5 * SECOND);
     let mut poses = rig.poses(10);
-    // Longer than the unit may be silent.
+    // Longer than the allowed silence of the unit.
     std::thread::sleep(std::time::Duration::from_millis(1500));
     poses.extend(rig.poses(480));
-    // Those that waited were measured long before they were fetched.
+    // The waiting poses were measured long before they were read.
     assert!(unit.truth.assert_exact(&poses) > SECOND);
     let received = rig.device.health().received;
     assert_eq!((received.opened, received.set_up, received.lost), (1, 1, 0), "{received:?}");
@@ -163,16 +164,16 @@ fn no_allocations() {
     let before = allocations::so_far();
     while readings < 480 {
         let deadline = Monotonic.now_ns() + 50 * MS;
-        readings += usize::from(matches!(rig.device.next(deadline).unwrap(), drivers::Next::Reading(_)));
+        readings += usize::from(matches!(rig.device.next(deadline).unwrap(), sonoweave_core::Next::Reading(_)));
     }
     assert_eq!(allocations::so_far() - before, 0);
-    // Nor does one that does not come.
+    // A wait without a reading does not allocate either.
     unit.twin().hung = true;
     rig.readings(100 * MS);
     let before = allocations::so_far();
     for _ in 0..10 {
         let deadline = Monotonic.now_ns() + 5 * MS;
-        assert!(matches!(rig.device.next(deadline).unwrap(), drivers::Next::Pending));
+        assert!(matches!(rig.device.next(deadline).unwrap(), sonoweave_core::Next::Pending));
     }
     assert_eq!(allocations::so_far() - before, 0);
 }

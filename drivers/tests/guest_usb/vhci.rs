@@ -1,5 +1,7 @@
-//! A USB device that is not there: the kernel's virtual host controller gives us what it would put on the wire (USB/IP: a header of 48 bytes a transfer, big-endian), by
-//! one end of a pair of sockets, and takes for the device's answer what we write there. Closing the socket pulls the plug.
+//! A simulated USB device on the kernel's virtual host controller. The controller sends its
+//! transfers through one end of a socket pair, and takes the bytes written there as the
+//! device's answer. The protocol is USB/IP: a header of 48 bytes per transfer, big-endian.
+//! Closing the socket unplugs the device.
 
 use std::collections::VecDeque;
 use std::fs;
@@ -11,61 +13,63 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use drivers::clock::{Clock, MS, Monotonic, SECOND};
-use drivers::transport::Peer;
 use rustix::event::{PollFd, PollFlags, Timespec};
+
+use drivers::transport::Peer;
+use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
 
 use super::descriptors::Described;
 
 const HEADER: usize = 48;
 const CONTROLLER: &str = "/sys/devices/platform/vhci_hcd.0";
-/// Kernel's numbers of what became of a transfer.
+/// The kernel's status numbers of a transfer.
 const STALLED: i32 = -32;
 const UNLINKED: i32 = -104;
-/// The longest that the device's thread sleeps, ns.
+/// The longest sleep of the device's thread, ns.
 const TURN: i64 = 5 * MS;
 
-/// How a device cuts what it says into packets.
+/// Division of a device's bytes into packets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Cut {
-    /// What is said at once begins a packet of its own.
+    /// Bytes sent together begin a new packet.
     Records,
-    /// Anywhere, and now and then an empty packet.
+    /// Division anywhere, with occasional empty packets.
     Anywhere,
 }
 
-/// What a device does, and what was done to it.
+/// Behaviour of a device, and a record of its transfers.
 pub(crate) struct State {
     pub(crate) cut: Cut,
-    /// It neither takes nor gives anything: transfers wait.
+    /// The device neither accepts nor sends anything: transfers wait.
     pub(crate) is_stuck: bool,
-    /// Its endpoints, to the host and from it, refuse all transfers until the host clears them.
+    /// The endpoints, to the host and from it, refuse all transfers until the host clears them.
     pub(crate) is_halted: [bool; 2],
-    /// Half of what it says next is sent, and then the plug is pulled.
+    /// The device sends half of its next bytes and then unplugs itself.
     pub(crate) leaves_mid_record: bool,
-    /// Reads that waited when there was something to send: the fewest, the most.
+    /// Reads that were pending when data was available: the fewest, the most.
     pub(crate) waited: Option<[usize; 2]>,
-    /// Transfers that the host sent, in order; empty ones are.
+    /// Transfers sent by the host, in order, including empty ones.
     pub(crate) written: Vec<Vec<u8>>,
-    /// Times that the host has cleared an endpoint.
+    /// Number of times the host has cleared an endpoint.
     pub(crate) cleared: usize,
-    /// Reads that wait now.
+    /// Number of reads pending now.
     pub(crate) waiting: usize,
-    /// Packets sent.
+    /// Number of packets sent.
     pub(crate) packets: u64,
 }
 
-/// A device that is plugged in, until this is dropped.
+/// A device that stays plugged in until this is dropped.
 pub(crate) struct Plug {
     state: Arc<Mutex<State>>,
     line: UnixStream,
     thread: Option<JoinHandle<()>>,
-    /// When it was plugged in, host ns.
+    /// Time it was plugged in, host ns.
     pub(crate) since_ns: i64,
 }
 
 impl Plug {
-    /// Plugs a device into a port of the controller (from 0; a fast one): what goes through its bulk endpoints is between the host and the peer.
+    /// Plugs a device into a high-speed port of the controller, from 0. Its bulk endpoints
+    /// connect the host with the peer.
     pub(crate) fn into<T: Peer + 'static>(port: usize, described: Described, peer: Arc<Mutex<T>>) -> Self {
         wait_until_free(port);
         let (ours, kernels) = UnixStream::pair().unwrap();
@@ -105,7 +109,7 @@ impl Plug {
         locked(&self.state)
     }
 
-    /// The device pulls its own plug in the midst of what it says next.
+    /// Lets the device unplug itself in the middle of its next bytes.
     pub(crate) fn leave_mid_record(mut self) {
         self.state().leaves_mid_record = true;
         self.thread.take().unwrap().join().unwrap();
@@ -124,12 +128,13 @@ impl Drop for Plug {
     }
 }
 
-/// Whatever a test has done meanwhile: it ends by failing, and the device goes on until it has.
+/// Locks also after a panic: a failed test must not stop the device's thread.
 fn locked<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
     of.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The controller takes its time to let a port go, and the kernel to notice that the device behind it is gone: what was sent to that one would be sent to the next.
+/// Waits until the controller has released a port and the kernel has noticed that the device is
+/// gone. Otherwise the next device would receive data sent to the old one.
 fn wait_until_free(port: usize) {
     let end = Monotonic.now_ns() + 10 * SECOND;
     loop {
@@ -145,11 +150,11 @@ fn wait_until_free(port: usize) {
     }
 }
 
-/// A transfer that the host waits for.
+/// A pending transfer of the host.
 struct Waits {
     number: u32,
     length: usize,
-    /// To the host: what it holds already. From it: what it brought.
+    /// Transfer to the host: the bytes so far. Transfer from the host: its bytes.
     bytes: Vec<u8>,
 }
 
@@ -158,10 +163,10 @@ struct Device<T> {
     described: Described,
     peer: Arc<Mutex<T>>,
     state: Arc<Mutex<State>>,
-    /// In the order in which they came.
+    /// In order of arrival.
     reads: VecDeque<Waits>,
     writes: VecDeque<Waits>,
-    /// Pieces that are to be sent.
+    /// Pieces to be sent.
     said: VecDeque<Vec<u8>>,
     random: fastrand::Rng,
 }
@@ -170,7 +175,8 @@ fn word(bytes: &[u8], at: usize) -> u32 {
     u32::from_be_bytes(*bytes[at..].first_chunk().unwrap())
 }
 
-/// However its thread ends, the kernel is told: it would wait for transfers without end.
+/// Closes the socket however the thread ends: the kernel would otherwise wait forever for
+/// transfers.
 impl<T> Drop for Device<T> {
     fn drop(&mut self) {
         let _ = self.line.shutdown(std::net::Shutdown::Both);
@@ -180,7 +186,7 @@ impl<T> Drop for Device<T> {
 impl<T: Peer> Device<T> {
     fn run(mut self) {
         loop {
-            // All that the host has asked for, before anything is said.
+            // Serves all requests of the host before sending anything.
             while self.is_asked_within(0) {
                 if !self.serve() {
                     return;
@@ -203,7 +209,7 @@ impl<T: Peer> Device<T> {
         rustix::event::poll(&mut polled, Some(&Timespec { tv_sec: 0, tv_nsec: ns })).unwrap_or(0) > 0
     }
 
-    /// Sends what there is to those who wait. False when the plug was pulled.
+    /// Sends available data to pending reads. Returns false after the device was unplugged.
     fn give(&mut self) -> bool {
         let state = Arc::clone(&self.state);
         let mut state = locked(&state);
@@ -232,7 +238,7 @@ impl<T: Peer> Device<T> {
             return true;
         }
         let now = Monotonic.now_ns();
-        // A peer that was unplugged says so; here that is told by the socket.
+        // Errors of an unplugged peer are ignored; the socket reports unplugging here.
         if let Ok(Some((_, bytes))) = locked(&self.peer).next(0, now, now) {
             let waiting = self.reads.len();
             let [fewest, most] = state.waited.unwrap_or([waiting; 2]);
@@ -255,7 +261,7 @@ impl<T: Peer> Device<T> {
                 self.said.pop_front();
             }
             state.packets += 1;
-            // A transfer ends with a packet that is not full.
+            // A packet that is not full ends a transfer.
             if (bytes < packet || read.bytes.len() == read.length)
                 && let Some(Waits { number, bytes, .. }) = self.reads.pop_front()
                 && !self.answer(number, 0, bytes.len(), &bytes)
@@ -274,7 +280,7 @@ impl<T: Peer> Device<T> {
         bulk.map_or(64, |endpoint| self.described.packet(endpoint.address))
     }
 
-    /// Tells what became of a transfer. False when nobody listens any more.
+    /// Reports the result of a transfer. Returns false if the host no longer listens.
     fn answer(&mut self, number: u32, status: i32, actual: usize, bytes: &[u8]) -> bool {
         let mut header = [0; HEADER];
         header[..4].copy_from_slice(&3_u32.to_be_bytes());
@@ -284,7 +290,7 @@ impl<T: Peer> Device<T> {
         self.line.write_all(&[&header, bytes].concat()).is_ok()
     }
 
-    /// Takes one request. False when the plug was pulled.
+    /// Handles one request. Returns false after the device was unplugged.
     fn serve(&mut self) -> bool {
         let mut header = [0; HEADER];
         if self.line.read_exact(&mut header).is_err() {
@@ -332,21 +338,21 @@ impl<T: Peer> Device<T> {
         }
     }
 
-    /// Endpoint 0.
+    /// Answers a request on endpoint 0.
     fn control(&mut self, number: u32, setup: [u8; 8], length: usize) -> bool {
         let [kind, request, low, high, ..] = setup;
         let answer = match (kind, request) {
             (0x80, 6) => self.described.descriptor(high, low),
             (0x80, 8) => Some(vec![1]),
             (0x80..=0x82, 0) => Some(vec![0, 0]),
-            // Of an endpoint: it is to stall no more.
+            // Clears an endpoint's halt.
             (0x02, 1) => {
                 let mut state = locked(&self.state);
                 state.is_halted[usize::from(setup[4] & 0x80 == 0)] = false;
                 state.cleared += 1;
                 Some(Vec::new())
             }
-            // The configuration, the interface's setting, a feature.
+            // Sets the configuration, the interface's setting, or a feature.
             (0x00, 9) | (0x01, 11) | (0x00 | 0x01, 1 | 3) => Some(Vec::new()),
             _ => None,
         };

@@ -1,15 +1,17 @@
-//! Cut anywhere, with any byte changed: every message that comes is one that was written, and what is missing is said.
+//! Truncated files and changed bytes: every message read is one that was written, and missing
+//! ones are reported.
 
 use std::collections::HashMap;
 
-use drivers::clock::{MS, SECOND};
-use drivers::recording::Limits;
-use drivers::recording::session::{Ending, repair};
 use proptest::prelude::*;
+
+use formats::Limits;
+use formats::session::{Ending, repair};
+use sonoweave_core::clock::{MS, SECOND};
 
 use crate::{BEGIN, Read, chunks_of, mixture, read, writer};
 
-/// A small session of several chunks, finished or not.
+/// Returns a small session of several chunks, finished or not.
 fn session(finished: bool) -> Vec<u8> {
     let (mut session, disk) = writer(chunks_of(40 * MS));
     mixture(&mut session, 12);
@@ -23,12 +25,13 @@ fn session(finished: bool) -> Vec<u8> {
     bytes
 }
 
-/// By topic and number.
+/// Maps topic and number to the reading.
 fn known(read: &Read) -> HashMap<(String, u32), String> {
     read.readings.iter().map(|(_, n, topic, reading)| ((topic.clone(), *n), reading.clone())).collect()
 }
 
-/// What is left is a part of what there was; how many are not there.
+/// Checks that the remaining messages are a part of the original ones; returns the number of
+/// missing ones.
 fn assert_part(left: &Read, all: &Read, known: &HashMap<(String, u32), String>) -> usize {
     for (_, n, topic, reading) in &left.readings {
         assert_eq!(known.get(&(topic.clone(), *n)), Some(reading), "a message that was never written");
@@ -38,7 +41,7 @@ fn assert_part(left: &Read, all: &Read, known: &HashMap<(String, u32), String>) 
 }
 
 #[test]
-fn cut_anywhere_what_is_before_the_cut_is_there() {
+fn cut_file_keeps_messages_before_cut() {
     let bytes = session(true);
     let all = read(&bytes).unwrap();
     let known = known(&all);
@@ -47,7 +50,7 @@ fn cut_anywhere_what_is_before_the_cut_is_there() {
         match read(&bytes[..length]) {
             Ok(left) => {
                 assert_part(&left, &all, &known);
-                // Within the index behind the last message nothing else is missing.
+                // A cut within the index, after the last message, loses no messages.
                 let in_index = left.ending == Some(Ending::Finished);
                 assert!(!in_index || left.readings.len() == all.readings.len() && !left.damage.is_empty());
                 assert_eq!(left.missing, 0, "at {length}");
@@ -78,19 +81,19 @@ fn assert_noticed(
     harmed[at] ^= with;
     let Ok(left) = read(&harmed) else { panic!("{at} ^ {with}: one byte hides a whole session") };
     let gone = assert_part(&left, all, known);
-    // A session that was finished has checksums of everything.
+    // A finished session has checksums of everything.
     assert!(!finished || !left.damage.is_empty(), "{at} ^ {with}: not noticed");
     assert!(gone == 0 || left.damage.iter().any(|part| part.is_loss), "{at} ^ {with}: {gone} are gone in silence");
     for part in &left.damage {
         assert!(part.from < part.until && part.until <= bytes.len() as u64, "{part:?}");
         assert!(!part.is_loss || (part.from..part.until).contains(&(at as u64)), "{:?} and not at {at}", left.damage);
     }
-    // No more than a chunk of it.
+    // At most one chunk is lost.
     assert!(gone <= all.readings.len() / 2, "{at} ^ {with}: {gone} are gone");
 }
 
 #[test]
-fn every_byte_changed_is_noticed_and_costs_a_chunk_at_most() {
+fn changed_byte_is_reported_and_costs_one_chunk() {
     for finished in [true, false] {
         let bytes = session(finished);
         let all = read(&bytes).unwrap();
@@ -106,14 +109,14 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(128))]
 
     #[test]
-    fn any_byte_changed_is_noticed(at: prop::sample::Index, with in 1_u8..=255, finished: bool) {
+    fn random_changed_byte_is_reported(at: prop::sample::Index, with in 1_u8..=255, finished: bool) {
         let bytes = session(finished);
         let all = read(&bytes).unwrap();
         assert_noticed(&bytes, finished, at.index(bytes.len()), with, &all, &known(&all));
     }
 
     #[test]
-    fn parts_taken_out_doubled_or_of_noise_never_make_a_message(
+    fn removed_doubled_or_noisy_parts_give_no_false_message(
         from: prop::sample::Index, length in 1_usize..3000, kind in 0_u8..3, seed: u64,
     ) {
         let bytes = session(true);
@@ -147,7 +150,7 @@ proptest! {
 }
 
 #[test]
-fn a_repaired_session_is_whole_and_says_what_is_missing() {
+fn repaired_session_is_intact_and_reports_losses() {
     let folder = tempfile::tempdir().unwrap();
     let [from, to] = ["harmed.mcap", "whole.mcap"].map(|name| folder.path().join(name));
     let bytes = session(true);
@@ -165,12 +168,12 @@ fn a_repaired_session_is_whole_and_says_what_is_missing() {
     assert_eq!((missing, missing as usize), (left.missing, all.readings.len() - left.readings.len()));
     assert_eq!((again.missing, again.losses[0].messages()), (left.missing, missing));
     assert!(again.losses[0].why.contains("1 damaged part"), "{:?}", again.losses);
-    // Nothing is written over, and what cannot be repaired leaves nothing behind.
+    // An existing file is not overwritten, and a failed repair leaves no file.
     assert!(repair(&from, &to, &Limits::default()).err().unwrap().to_string().contains("exists"));
     std::fs::write(&from, "no session").unwrap();
     let other = folder.path().join("other.mcap");
     assert!(repair(&from, &other, &Limits::default()).is_err() && !other.exists());
-    // The beginning lost: the rest is there all the same.
+    // If the beginning is lost, the rest is still readable.
     let mut harmed = bytes.clone();
     let first = bytes.windows(8).position(|eight| eight == BEGIN.to_le_bytes()).unwrap();
     harmed[first + 60] ^= 1;

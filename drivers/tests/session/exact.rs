@@ -1,16 +1,17 @@
-//! What is written is read: exactly, in its order, with its times; by this reader and by the crate's.
+//! Written messages are read back: exactly, in order, with their times; by this reader and by
+//! the `mcap` crate's.
 
 use std::collections::BTreeMap;
 
-use drivers::clock::{MS, SECOND};
-use drivers::reading::{Frame, PixelType, Reading, Status};
-use drivers::recording::session::{Crop, Ending, SessionWriter, WriterOptions};
-use drivers::{Description, Error};
+use formats::session::{Crop, Ending, SessionWriter, WriterOptions};
+use sonoweave_core::clock::{MS, SECOND};
+use sonoweave_core::reading::{Frame, PixelType, Reading, Status};
+use sonoweave_core::{Description, Error};
 
 use crate::{BEGIN, chunks_of, frame, mixture, pose, read, writer};
 
 #[test]
-fn every_reading_comes_back_exactly_and_in_its_order() {
+fn readings_roundtrip_exactly_in_order() {
     for chunk_ns in [0, 50 * MS, 10 * SECOND] {
         let (mut session, disk) = writer(chunks_of(chunk_ns));
         let written = mixture(&mut session, 60);
@@ -29,7 +30,7 @@ fn every_reading_comes_back_exactly_and_in_its_order() {
 }
 
 #[test]
-fn the_crate_s_own_reader_finds_the_same_messages() {
+fn mcap_reader_finds_same_messages() {
     let (mut session, disk) = writer(chunks_of(100 * MS));
     let written = mixture(&mut session, 30);
     session.finish(BEGIN + 2 * SECOND).unwrap();
@@ -44,7 +45,7 @@ fn the_crate_s_own_reader_finds_the_same_messages() {
         assert!(!schema.data.is_empty());
         *topics.entry(message.channel.topic.clone()).or_insert(0) += 1;
     }
-    // Two poses' stations; the session at both ends; what both devices are.
+    // Poses of two stations; the session record at both ends; the description of both devices.
     let expected = [
         ("/grabber/about", 1),
         ("/grabber/image", 30),
@@ -63,7 +64,7 @@ fn the_crate_s_own_reader_finds_the_same_messages() {
 }
 
 #[test]
-fn of_a_frame_the_part_that_is_asked_for_is_kept_at_its_place() {
+fn cropped_frame_keeps_position() {
     for (pixel, channels) in [(PixelType::U8, 1), (PixelType::U8, 3), (PixelType::U16, 1), (PixelType::F32, 2)] {
         let bytes = pixel.bytes() * channels as usize;
         let pixels: Vec<u8> = (0..20 * 15 * bytes).map(|n| (n * n / 7 + 1) as u8 | 1).collect();
@@ -96,7 +97,7 @@ fn of_a_frame_the_part_that_is_asked_for_is_kept_at_its_place() {
 }
 
 #[test]
-fn a_frame_without_pixels_is_one() {
+fn frame_without_pixels_roundtrips() {
     let Reading::Frame(model) = frame(3, BEGIN, [20, 15]) else { unreachable!() };
     let (mut session, disk) = writer(WriterOptions::new("a test"));
     let grabber = session.device("grabber", None, &Description::default(), None).unwrap();
@@ -114,7 +115,7 @@ fn a_frame_without_pixels_is_one() {
 }
 
 #[test]
-fn times_never_go_back_and_stamps_stay_what_they_are() {
+fn log_times_never_decrease_and_stamps_stay() {
     let (mut session, disk) = writer(chunks_of(0));
     let tracker = session.device("tracker", None, &Description::default(), None).unwrap();
     for (item, at) in [(0, 50), (1, 20), (2, 70), (3, -5)] {
@@ -128,15 +129,15 @@ fn times_never_go_back_and_stamps_stay_what_they_are() {
     }
 }
 
-/// The recorder has a thread of its own, and so has each replay.
+/// The recorder and each replay run on their own threads.
 const fn goes_to_a_thread<T: Send>() {}
 const _: () = {
     goes_to_a_thread::<SessionWriter>();
-    goes_to_a_thread::<drivers::recording::session::SessionReplay>();
+    goes_to_a_thread::<drivers::replay::SessionReplay>();
 };
 
 #[test]
-fn devices_have_names_of_their_own_and_files_too() {
+fn device_and_file_names_are_unique() {
     let folder = tempfile::tempdir().unwrap();
     let mut session = SessionWriter::create(folder.path(), WriterOptions::new("a test")).unwrap();
     session.device("tracker", None, &Description::default(), None).unwrap();
@@ -150,7 +151,7 @@ fn devices_have_names_of_their_own_and_files_too() {
     let second = SessionWriter::create(folder.path(), WriterOptions::new("a test")).unwrap();
     assert_ne!(session.path(), second.path());
     assert!(session.path().file_name().unwrap().to_str().unwrap().starts_with("SESSION-20"));
-    // What is dropped is finished.
+    // A dropped writer finishes its file.
     let path = session.path().to_owned();
     drop(session);
     assert_eq!(read(&std::fs::read(path).unwrap()).unwrap().ending, Some(Ending::Finished));

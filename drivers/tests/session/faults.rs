@@ -1,15 +1,16 @@
-//! A disk that is full, slow to be emptied, or broken: said once, counted, and nothing that was written is harmed.
+//! A full, slow or broken disk: the fault is reported once and counted, and written data stays
+//! intact.
 
 use std::fs;
 use std::process::Command;
 
-use drivers::clock::{MS, SECOND};
-use drivers::recording::session::{Ending, SessionWriter, Source, WriterOptions};
-use drivers::{Description, Error};
+use formats::session::{Ending, SessionWriter, Source, WriterOptions};
+use sonoweave_core::clock::{MS, SECOND};
+use sonoweave_core::{Description, Error};
 
 use crate::{BEGIN, Shared, about, chunks_of, frame, pose, read, writer};
 
-/// A second of frames and poses from a time on; how many times it was said that writing fails.
+/// Writes one second of frames and poses; returns how many write errors were reported.
 fn second(session: &mut SessionWriter, source: Source, from: u64) -> u64 {
     let mut said = 0;
     for n in 0..100 {
@@ -30,25 +31,26 @@ fn small() -> WriterOptions {
 }
 
 #[test]
-fn a_full_disk_costs_what_does_not_fit_and_says_so_once() {
+fn full_disk_loses_excess_and_reports_once() {
     for cannot_cut in [false, true] {
         let (mut session, disk) = writer(small());
         let source = session.device("tracker", None, &Description::default(), None).unwrap();
         assert_eq!(second(&mut session, source, 0), 0);
         let before = disk.bytes().len();
-        // Not a whole chunk more.
+        // Less room than for one more chunk.
         (disk.disk().room, disk.disk().cannot_cut) = (Some(before + 1000), cannot_cut);
         assert_eq!(second(&mut session, source, 1), 1, "said once");
         assert_eq!(second(&mut session, source, 2), 0);
         let account = session.account();
         assert!(account.lost > 0 && account.trouble.contains("memory.mcap: writing the session"), "{account:?}");
         assert!(account.trouble.contains("No space left") && account.held_bytes < 200_000);
-        // What is there is whole, or is cut where it is told to be.
+        // The file is intact, or ends with a truncated chunk if truncation fails.
         let now = read(&disk.bytes()).unwrap();
         assert_eq!((now.ending, now.missing), (Some(Ending::BrokenOff), 0));
         assert_eq!(now.damage.is_empty(), !cannot_cut, "{:?}", now.damage);
         assert!(now.readings.len() >= 180, "{}", now.readings.len());
-        // Space again: it goes on by itself, in the same file, and says what is missing.
+        // Once space is free again, writing resumes by itself in the same file, and the losses
+        // are recorded.
         (disk.disk().room, disk.disk().cannot_cut) = (None, false);
         session.tick(BEGIN + 4 * SECOND).unwrap();
         assert_eq!(session.account().trouble, "");
@@ -57,13 +59,13 @@ fn a_full_disk_costs_what_does_not_fit_and_says_so_once() {
         assert_eq!((account.stored + account.lost, account.failures), (account.messages, 1));
         let all = read(&disk.bytes()).unwrap();
         assert_eq!((all.damage.len(), all.ending, all.missing), (0, Some(Ending::Finished), account.lost));
-        let told: u64 = all.losses.iter().map(drivers::recording::session::Loss::messages).sum();
+        let told: u64 = all.losses.iter().map(formats::session::Loss::messages).sum();
         assert_eq!((told, all.losses.len()), (account.lost, 1));
         let loss = &all.losses[0];
         assert!(loss.why.contains("No space left"), "{}", loss.why);
         assert!(loss.from_ns > BEGIN + SECOND && loss.until_ns < BEGIN + 3 * SECOND && loss.from_ns < loss.until_ns);
         assert_eq!(all.readings.len() as u64, 800 - account.lost);
-        // Frames go first: they are what fills the memory.
+        // Frames are dropped first, because they fill the memory.
         let lost =
             |topic: &str| loss.lost.iter().filter(|(one, _, _)| one.starts_with(topic)).map(|(_, n, _)| n).sum::<u64>();
         assert!(lost("/tracker/image") > 150 && lost("/tracker/pose") < 60, "{loss:?}");
@@ -71,7 +73,7 @@ fn a_full_disk_costs_what_does_not_fit_and_says_so_once() {
 }
 
 #[test]
-fn a_disk_that_fails_anywhere_leaves_whole_chunks() {
+fn failing_disk_leaves_whole_chunks() {
     for broken in [0, 1, 8, 9, 30, 500, 5000] {
         let (mut session, disk) = writer(small());
         let source = session.device("tracker", None, &Description::default(), None).unwrap();
@@ -87,14 +89,14 @@ fn a_disk_that_fails_anywhere_leaves_whole_chunks() {
 }
 
 #[test]
-fn what_cannot_begin_is_refused() {
+fn session_without_space_for_beginning_is_refused() {
     let disk = Shared::default();
     disk.disk().room = Some(100);
     let error = SessionWriter::on(Box::new(disk.clone()), "full.mcap".as_ref(), about(), chunks_of(MS)).err().unwrap();
     assert!(matches!(&error, Error::Io { .. }), "{error}");
     assert!(error.to_string().starts_with("full.mcap: "), "{error}");
     assert!(disk.bytes().is_empty(), "nothing is left behind");
-    // A device that is always full, by the system itself.
+    // The kernel's own always-full device.
     let full = fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
     let error = SessionWriter::on(Box::new(full), "/dev/full".as_ref(), about(), chunks_of(MS)).err().unwrap();
     assert!(error.to_string().contains("No space left"), "{error}");
@@ -106,17 +108,17 @@ fn what_cannot_begin_is_refused() {
 }
 
 #[test]
-fn a_folder_that_is_not_ours_to_write_in_is_said() {
+fn unwritable_folder_is_reported() {
     use std::os::unix::fs::PermissionsExt;
     let folder = tempfile::tempdir().unwrap();
     fs::set_permissions(folder.path(), fs::Permissions::from_mode(0o500)).unwrap();
-    // Root may write anywhere but where the kernel itself makes no files.
+    // Root may write everywhere except where the kernel itself creates no files.
     let place = if fs::write(folder.path().join("x"), "").is_ok() { "/proc/self".as_ref() } else { folder.path() };
     let error = SessionWriter::create(place, chunks_of(MS)).err().unwrap();
     assert!(matches!(&error, Error::Io { doing: "making a session's file", .. }), "{error}");
 }
 
-/// A file system of its own, of so many kB; `None` where that may not be mounted.
+/// A separate file system of `kb` kB; `None` if mounting is not permitted.
 struct Small(tempfile::TempDir);
 
 impl Small {
@@ -135,9 +137,9 @@ impl Drop for Small {
 }
 
 #[test]
-fn a_real_disk_that_is_full_and_has_room_again() {
+fn real_full_disk_recovers_when_freed() {
     let Some(small_disk) = Small::new(400) else {
-        // Where no file system may be mounted, the disk in memory above has to do.
+        // Without permission to mount, the in-memory disk above must suffice.
         return;
     };
     let folder = small_disk.0.path();
@@ -148,11 +150,12 @@ fn a_real_disk_that_is_full_and_has_room_again() {
     let source = session.device("tracker", None, &Description::default(), None).unwrap();
     let free = session.room().unwrap().free_bytes;
     assert!((100_000..250_000).contains(&free), "{free}");
-    // The clock of this session is the host's, those of its readings are not: they wait for no chunk.
+    // The session's clock is the host's; the readings' times are not, so that they wait for no
+    // chunk.
     let base = session.account();
     let (mut said, mut wrote) = (0, 0);
     while said == 0 {
-        let at = drivers::clock::Clock::now_ns(&drivers::clock::Monotonic) + wrote as i64 * 10 * MS;
+        let at = sonoweave_core::clock::Clock::now_ns(&sonoweave_core::clock::Monotonic) + wrote as i64 * 10 * MS;
         said += u64::from(session.write(source, &frame(wrote, at, [64, 64]), at).is_err());
         wrote += 1;
         assert!(wrote < 5000, "{base:?}");
@@ -161,7 +164,8 @@ fn a_real_disk_that_is_full_and_has_room_again() {
     assert_eq!((left.damage.len(), left.ending), (0, Some(Ending::BrokenOff)));
     assert!(left.readings.len() > 20, "{}", left.readings.len());
     fs::remove_file(&filler).unwrap();
-    let later = drivers::clock::Clock::now_ns(&drivers::clock::Monotonic) + wrote as i64 * 10 * MS + 3 * SECOND;
+    let later =
+        sonoweave_core::clock::Clock::now_ns(&sonoweave_core::clock::Monotonic) + wrote as i64 * 10 * MS + 3 * SECOND;
     session.tick(later).unwrap();
     assert_eq!(session.account().trouble, "");
     let account = session.finish(later).unwrap();

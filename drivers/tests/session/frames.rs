@@ -1,15 +1,16 @@
-//! Frames in any order.
+//! Random access to frames.
 
 use std::path::Path;
 
-use drivers::clock::{MS, SECOND};
-use drivers::reading::Reading;
-use drivers::recording::Limits;
-use drivers::recording::session::Frames;
+use formats::Limits;
+use formats::session::Frames;
+use sonoweave_core::clock::{MS, SECOND};
+use sonoweave_core::reading::Reading;
 
 use crate::{BEGIN, chunks_of, mixture, writer};
 
-/// A session of 60 frames among much else, in chunks so long; its frames as they were written.
+/// Records a session of 60 frames among other data, with this chunk length; returns its frames
+/// as written.
 fn recorded(path: &Path, chunk_ns: i64) -> Vec<String> {
     let (mut session, disk) = writer(chunks_of(chunk_ns));
     let written = mixture(&mut session, 60);
@@ -23,7 +24,7 @@ fn told(frames: &mut Frames, place: usize) -> Option<String> {
 }
 
 #[test]
-fn every_frame_is_the_one_that_was_written_in_whatever_order_they_are_asked_for() {
+fn frames_match_written_in_any_order() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("session.mcap");
     for chunk_ns in [0, 50 * MS, 10 * SECOND] {
@@ -31,7 +32,7 @@ fn every_frame_is_the_one_that_was_written_in_whatever_order_they_are_asked_for(
         assert_eq!(written.len(), 60);
         let mut frames = Frames::open(&path, "grabber", &Limits::default()).unwrap();
         assert_eq!(frames.count(), 60);
-        // 37 and 60 have no divisor in common: each comes once.
+        // 37 and 60 are coprime: each frame comes once.
         for place in (0..60).map(|n| n * 37 % 60).chain((0..60).rev()).chain([5, 5, 59, 0]) {
             assert_eq!(told(&mut frames, place).as_ref(), Some(&written[place]), "{place}");
         }
@@ -41,7 +42,7 @@ fn every_frame_is_the_one_that_was_written_in_whatever_order_they_are_asked_for(
 }
 
 #[test]
-fn what_cannot_be_read_has_no_frames_and_what_has_changed_is_refused() {
+fn unreadable_chunk_has_no_frames_changed_file_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("session.mcap");
     let written = recorded(&path, 100 * MS);

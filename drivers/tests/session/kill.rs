@@ -1,20 +1,22 @@
-//! A program that is killed while it records, at random instants: everything older than a second is there.
+//! A program killed at random instants while recording: everything older than a second is in
+//! the file.
 
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use drivers::Description;
-use drivers::clock::{Clock, MS, Monotonic, SECOND};
-use drivers::recording::session::{Ending, SessionWriter, WriterOptions, repair};
+use formats::session::{Ending, SessionWriter, WriterOptions, repair};
+use sonoweave_core::Description;
+use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
 
 use crate::{frame, pose, read};
 
-/// Names the folder that the child writes into.
+/// Environment variable with the folder that the child writes into.
 const FOLDER: &str = "SONOWEAVE_TEST_SESSION_FOLDER";
 
-/// Not a test of its own: what is killed. It tells the number and time of each message that it has handed over.
+/// Child process that the test below kills; not a separate test. It prints the number and time
+/// of each message handed over.
 #[test]
 #[ignore = "run by the test below, as a process of its own"]
 fn child() {
@@ -32,7 +34,7 @@ fn child() {
 }
 
 #[test]
-fn killed_at_random_instants_all_but_the_last_second_is_there() {
+fn killed_writer_loses_at_most_last_second() {
     let mut random = fastrand::Rng::with_seed(5);
     for round in 0..6 {
         let folder = tempfile::tempdir().unwrap();
@@ -61,7 +63,7 @@ fn killed_at_random_instants_all_but_the_last_second_is_there() {
         let bytes = std::fs::read(&file).unwrap();
         let left = read(&bytes).unwrap();
         assert_eq!((left.ending, left.missing), (Some(Ending::BrokenOff), 0));
-        // Of each a pose and a frame, in their order, none left out.
+        // Each item gives a pose and a frame, in order and without gaps.
         assert!(left.readings.len() >= 2 * old, "round {round}: {} of {old} twice", left.readings.len());
         for (n, pair) in left.readings.chunks(2).enumerate() {
             let (item, at) = told[n];
@@ -70,10 +72,10 @@ fn killed_at_random_instants_all_but_the_last_second_is_there() {
                 assert_eq!(second.3, format!("{:?}", frame(item, at, [160, 120])));
             }
         }
-        // A chunk was cut at most, which is told as such.
+        // At most one chunk was truncated, and it is reported.
         assert!(left.damage.len() <= 1 && left.damage.iter().all(|part| part.until == bytes.len() as u64));
         let whole = folder.path().join("whole.mcap");
-        let repaired = repair(&file, &whole, &drivers::recording::Limits::default()).unwrap();
+        let repaired = repair(&file, &whole, &formats::Limits::default()).unwrap();
         assert_eq!(repaired.ending, Some(Ending::BrokenOff));
         let again = read(&std::fs::read(&whole).unwrap()).unwrap();
         assert_eq!((again.ending, again.damage.len()), (Some(Ending::Finished), 0));

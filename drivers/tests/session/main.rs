@@ -1,4 +1,5 @@
-//! Sessions as they are written, read, damaged and repaired; what comes of a full disk and of a program that is killed.
+//! Sessions: written, read, damaged and repaired; the effects of a full disk and a killed
+//! program.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
 
@@ -13,26 +14,26 @@ use std::io::Cursor;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use drivers::clock::{MS, SECOND};
-use drivers::reading::{Counts, Frame, NamedTransform, PixelType, Pose, Raw, Reading, Recorded, Stamp, Status};
-use drivers::recording::Limits;
-use drivers::recording::session::{
+use formats::Limits;
+use formats::session::{
     About, Crop, Damage, Ending, Event, Maker, SessionReader, SessionWriter, Source, Store, WriterOptions,
 };
-use drivers::{Description, Error};
+use sonoweave_core::clock::{MS, SECOND};
+use sonoweave_core::reading::{Counts, Frame, NamedTransform, PixelType, Pose, Raw, Reading, Recorded, Stamp, Status};
+use sonoweave_core::{Description, Error};
 
-/// A host time at which sessions begin here: not 0.
+/// Host time at which sessions begin here: not 0.
 pub(crate) const BEGIN: i64 = 77 * SECOND;
 
 /// A disk in memory, which may be full or broken.
 #[derive(Debug, Default)]
 pub(crate) struct Disk {
     pub(crate) bytes: Vec<u8>,
-    /// So many bytes fit, where that is known.
+    /// Capacity in bytes, if limited.
     pub(crate) room: Option<usize>,
-    /// Every write fails after so many bytes of it.
+    /// Number of bytes after which every write fails.
     pub(crate) broken: Option<usize>,
-    /// Cutting fails, too.
+    /// Whether truncation fails, too.
     pub(crate) cannot_cut: bool,
 }
 
@@ -158,7 +159,8 @@ pub(crate) fn note(item: u64, at_ns: i64) -> Reading {
     Reading::Recorded(Recorded { stamp: stamp(item, at_ns), topic: "decision".into(), text })
 }
 
-/// A few of everything, a ms apart, from two devices: what was written, by its device.
+/// Writes a few readings of every kind, 1 ms apart, from two devices; returns them with their
+/// devices.
 pub(crate) fn mixture(writer: &mut SessionWriter, rounds: u64) -> Vec<(Option<&'static str>, String)> {
     let about = |name: &str| Description { name: name.into(), ..Description::default() };
     let crop = Some(Crop { offset: [3, 2], size: [10, 7] });
@@ -183,7 +185,7 @@ pub(crate) fn mixture(writer: &mut SessionWriter, rounds: u64) -> Vec<(Option<&'
     written
 }
 
-/// All that can be read of a file.
+/// All readable content of a file.
 #[derive(Debug, Default)]
 pub(crate) struct Read {
     /// Device, number of the message in its topic, topic, and the reading.
@@ -191,9 +193,9 @@ pub(crate) struct Read {
     pub(crate) damage: Vec<Damage>,
     pub(crate) ending: Option<Ending>,
     pub(crate) missing: u64,
-    /// Log times.
+    /// Log times, ns.
     pub(crate) times: Vec<i64>,
-    pub(crate) losses: Vec<drivers::recording::session::Loss>,
+    pub(crate) losses: Vec<formats::session::Loss>,
 }
 
 pub(crate) fn read(bytes: &[u8]) -> Result<Read, Error> {
@@ -221,7 +223,7 @@ pub(crate) fn read(bytes: &[u8]) -> Result<Read, Error> {
     Ok(read)
 }
 
-/// Options with chunks of so long a time.
+/// Returns options with this chunk duration, ns.
 pub(crate) fn chunks_of(ns: i64) -> WriterOptions {
     WriterOptions { chunk_ns: ns, ..WriterOptions::new("a test") }
 }

@@ -1,12 +1,13 @@
-//! The replay device on sessions as they may be.
+//! The replay device on intact and damaged sessions.
 
 use std::sync::Arc;
 
-use drivers::clock::{Clock, MS, Manual, SECOND};
-use drivers::health::State;
-use drivers::recording::session::{SessionReplay, SessionWriter, WriterOptions};
-use drivers::recording::{Pace, SessionSettings};
-use drivers::{Description, Device, Error, NO_DEADLINE, Next, OpenSettings};
+use drivers::OpenSettings;
+use drivers::replay::{Pace, SessionReplay, SessionSettings};
+use formats::session::{SessionWriter, WriterOptions};
+use sonoweave_core::clock::{Clock, MS, Manual, SECOND};
+use sonoweave_core::health::State;
+use sonoweave_core::{Description, Device, Error, NO_DEADLINE, Next};
 
 use crate::{BEGIN, Shared, about, chunks_of, frame, mixture};
 
@@ -37,7 +38,7 @@ fn all(replay: &mut SessionReplay) -> Result<Vec<(Option<String>, String)>, Erro
 }
 
 #[test]
-fn all_of_it_or_one_device_as_it_was_recorded() {
+fn replay_of_all_or_one_device_matches_recording() {
     let folder = tempfile::tempdir().unwrap();
     let (settings, written) = recorded(folder.path(), |_| {});
     for wanted in [None, Some("tracker"), Some("grabber")] {
@@ -70,7 +71,7 @@ fn all_of_it_or_one_device_as_it_was_recorded() {
 }
 
 #[test]
-fn each_device_keeps_its_time_whatever_is_replayed_beside_it() {
+fn device_replay_keeps_session_time() {
     let folder = tempfile::tempdir().unwrap();
     let (settings, _) = recorded(folder.path(), |_| {});
     for (device, offset) in [(None, 0), (Some("tracker"), 0), (Some("grabber"), 2)] {
@@ -90,7 +91,7 @@ fn each_device_keeps_its_time_whatever_is_replayed_beside_it() {
                 }
             }
             let took = clock.now_ns() - 5 * SECOND;
-            // 40 rounds, 20 ms apart, the last of which ends after up to 5 ms.
+            // 40 rounds, 20 ms apart, the last of which ends after at most 5 ms.
             let expected = (f64::from(39 * 20 + 4) * 1e6 / factor) as i64;
             assert!((took - expected).abs() <= (2.0e6 / factor) as i64, "{device:?} {factor}: {took} {expected}");
             assert_eq!(first.unwrap() - 5 * SECOND, ((offset * MS) as f64 / factor) as i64);
@@ -100,7 +101,7 @@ fn each_device_keeps_its_time_whatever_is_replayed_beside_it() {
 }
 
 #[test]
-fn a_session_that_was_broken_off_ends_there_and_damage_before_its_end_is_an_error() {
+fn interrupted_session_ends_and_inner_damage_is_error() {
     let folder = tempfile::tempdir().unwrap();
     let (settings, written) = recorded(folder.path(), |bytes| bytes.truncate(bytes.len() * 2 / 3));
     let mut replay = SessionReplay::open(&settings).unwrap();
@@ -118,7 +119,7 @@ fn a_session_that_was_broken_off_ends_there_and_damage_before_its_end_is_an_erro
     let error = all(&mut replay).err().unwrap().to_string();
     assert!(error.contains("--repair") && error.contains("session.mcap: byte "), "{error}");
     assert!(matches!(replay.next(0), Err(Error::Misuse(_))), "no reading follows an error");
-    // What was lost while it was recorded is known at the end.
+    // Losses during recording are known at the end.
     let disk = Shared::default();
     let options = WriterOptions { held_bytes: 20_000, ..chunks_of(100 * MS) };
     let mut session = SessionWriter::on(Box::new(disk.clone()), "x".as_ref(), about(), options).unwrap();

@@ -1,6 +1,7 @@
-"""Holds what clients received against the file that the session saved: the same voxels at the same place, and slices that lie in the volume where they show the same.
+"""Compares the messages that clients received with the file that the session saved: the same voxels
+are at the same place, and slices show the volume where they lie.
 
-    python check.py FOLDER…    each with saved/volume-001.mha and what peer or watch.py left there
+    python check.py FOLDER…    each with saved/volume-001.mha and the files of peer or watch.py
 """
 
 import sys
@@ -11,7 +12,7 @@ import SimpleITK as sitk
 
 
 def of_text(path):
-    """An image as the reference library says it: the middle, unit directions and steps."""
+    """Reads an image of the reference library: its middle, unit directions and steps."""
     size, spacing, *rows = [np.array(line.split(), float) for line in path.read_text().splitlines()]
     place = np.eye(4)
     place[:3] = rows
@@ -38,11 +39,11 @@ for folder in map(Path, sys.argv[1:]):
     assert same, f"{folder}: none of {len(volumes)} volumes is the one that was saved"
     worst = 0.0
     for corner in corners:
-        # The numbers of our world are those of ITK's, and are not turned.
+        # Our world's coordinates equal ITK's.
         there = np.array(saved.TransformContinuousIndexToPhysicalPoint([float(x) for x in corner]))
         worst = max(worst, np.abs(same[-1] @ [*corner, 1.0] - [*there, 1.0]).max())
     assert worst < 1e-3, f"{folder}: the volume lies {worst} mm off"
-    # A slice shows what the volume has where it lies: elsewhere it does not.
+    # A slice equals the volume at its place, and differs from it elsewhere.
     index_from_world = np.linalg.inv(same[-1])
     found = []
     for place, pixels in slices:
@@ -58,7 +59,7 @@ for folder in map(Path, sys.argv[1:]):
             return np.corrcoef(there[keep], picture[within][keep])[0, 1] if keep.sum() > 500 else np.nan
 
         own = alike([0.0] * 3)
-        # Aside in the slice's own plane, where the volume was seen too.
+        # Shifted within the slice's plane, where the volume was seen too.
         step = 6 * place[:3, 0] / np.linalg.norm(place[:3, 0])
         found.append((own, alike(step), alike(-step)))
     found = np.array([row for row in found if np.isfinite(row[0])])

@@ -1,4 +1,5 @@
-"""A tracked sequence as numbers that peer and serve.py send: size and rate, and of each frame the upper rows of ProbeToTracker and ReferenceToTracker.
+"""Writes a tracked sequence as numbers for peer and serve.py: size and rate, and for each frame the
+upper rows of ProbeToTracker and ReferenceToTracker.
 
     python frames.py SEQUENCE.mha FOLDER HZ
 """

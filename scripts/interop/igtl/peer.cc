@@ -1,9 +1,11 @@
 // The reference library (Debian's libopenigtlink) as a client of ours, and as a server for ours.
 //
-//   peer watch PORT DIR    looks on until the session ends: notes what comes, leaves images in DIR, saves the volume, ends the session
-//   peer serve PORT DIR    sends the frames of DIR/frames.txt and DIR/frames.raw to two clients, each with its poses as TDATA
+//   peer watch PORT DIR    receives messages, writes images to DIR, saves the volume and ends the
+//                          session
+//   peer serve PORT DIR    sends the frames of DIR/frames.txt and DIR/frames.raw to two clients,
+//                          with their poses as TDATA
 //
-// The exit code is 0 where all was understood.
+// The exit code is 0 if everything was understood.
 #include <igtlCapabilityMessage.h>
 #include <igtlClientSocket.h>
 #include <igtlImageMessage.h>
@@ -45,7 +47,7 @@ template <class Message> typename Message::Pointer body(igtl::Socket* socket, ig
     message->AllocatePack();
     int size = message->GetPackBodySize();
     if (size > 0 && socket->Receive(message->GetPackBodyPointer(), size) != size) fail("a body broke off");
-    // With its checksum.
+    // Unpacks the body and checks its checksum.
     if (!(message->Unpack(1) & igtl::MessageHeader::UNPACK_BODY)) fail(std::string("not understood: ") + header->GetDeviceType());
     return message;
 }
@@ -63,7 +65,7 @@ void command(igtl::Socket* socket, const char* device, const char* name) {
     send(socket, text);
 }
 
-// Size, the middle's place, steps and values, as the library says them.
+// Writes size, middle, steps and values, as the library returns them.
 void leave(const std::string& path, igtl::ImageMessage* image) {
     int size[3], part[3], first[3];
     float spacing[3];
@@ -122,9 +124,9 @@ int watch(int port, const std::string& folder) {
             body<igtl::TransformMessage>(socket, header);
         } else if (type == "TDATA") {
             igtl::TrackingDataMessage::Pointer tools = body<igtl::TrackingDataMessage>(socket, header);
-            // At first one may not have been heard of.
+            // At first, a sensor may not have been received yet.
             sensors = std::max(sensors, tools->GetNumberOfTrackingDataElements());
-            // A clock that is still being made out may be set back a little.
+            // A clock may be set back a little while it is being estimated.
             if (time->GetTimeStamp() < latest - 0.25) fail("TDATA runs backwards");
             latest = time->GetTimeStamp();
         } else if (type == "STATUS") {
@@ -204,7 +206,7 @@ int serve(int port, const std::string& folder) {
     auto wait = [&](double at) {
         if (at > now()) std::this_thread::sleep_for(std::chrono::duration<double>(at - now()));
     };
-    // A tracker is there before the first frame, and after the last.
+    // The tracker begins before the first frame, and ends after the last.
     for (int n = 30; n > 0; n--) {
         wait(begun - n / hz);
         tools(begun - n / hz, poses[0]);
@@ -240,7 +242,7 @@ int serve(int port, const std::string& folder) {
 int main(int count, char** values) {
     if (count != 4) fail("watch or serve, a port and a folder are wanted");
     std::string what = values[1];
-    // Who goes first is no reason to die by a signal.
+    // A client that leaves first must not end this program by a signal.
     std::signal(13, [](int) {});
     return what == "watch" ? watch(std::atoi(values[2]), values[3]) : serve(std::atoi(values[2]), values[3]);
 }

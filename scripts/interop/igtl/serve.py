@@ -1,6 +1,7 @@
-"""pyigtl as a server for ours: frames from one port, transforms from another, version 3 with metadata.
+"""Runs pyigtl as a server for ours: frames from one port, transforms from another, version 3 with
+metadata.
 
-    python serve.py TRANSFORMS_PORT IMAGES_PORT FOLDER    with frames.txt and frames.raw of frames.py
+    python serve.py TRANSFORMS_PORT IMAGES_PORT FOLDER    with the files of frames.py in FOLDER
 """
 
 import os
@@ -27,7 +28,7 @@ def main(transforms_port, images_port, folder):
 
     def put(server, message, at, **metadata):
         message.header_version, message.timestamp, message.metadata = 2, at, metadata
-        # Not with its own queue: it waits for the other end's answers first.
+        # pyigtl's own queue would wait for answers first.
         server.send_message(message, wait=False)
 
     def place(n, at):
@@ -45,5 +46,5 @@ def main(transforms_port, images_port, folder):
 
 
 main(int(sys.argv[1]), int(sys.argv[2]), Path(sys.argv[3]))
-# Its threads wait for clients for ever.
+# pyigtl's threads wait for clients without end.
 os._exit(0)

@@ -1,4 +1,5 @@
-"""pyigtl as a client of ours: version 3 with metadata, commands, slices and the volume at their places.
+"""Runs pyigtl as a client of ours: version 3 with metadata, commands, and slices and the volume at
+their places.
 
     python watch.py PORT FOLDER
 """
@@ -14,7 +15,7 @@ from pyigtl import messages
 
 
 class Bare(messages.MessageBase):
-    """A question: nothing but its type."""
+    """A query: a message without content."""
 
     def __init__(self, kind, device):
         super().__init__(device_name=device)
@@ -77,7 +78,7 @@ def main(port, folder):
     assert again.metadata["Result"] == "false" and "runs already" in again.name, again.name
     client.send_message(Bare("GET_CAPABIL", "types"))
     assert "COMMAND" in wait("types").types
-    # From now on it speaks version 3 to us.
+    # The server answers in version 3 from now on.
     image = wait("Image_Reference", check=lambda message: message.header_version == 2)
     assert image.metadata["Frame"] == "Reference (mm, not anatomical)", image.metadata
     assert abs(image.timestamp - time.time()) < 30, image.timestamp
@@ -97,7 +98,7 @@ def main(port, folder):
     print(f"volume of {volume.metadata['Slices']} slices, {volume.image.shape[::-1]} voxels")
     saved = order("save", 3)
     assert saved.metadata["Result"] == "true", saved.text
-    # What was saved was shown, too.
+    # The saved volume is sent, too.
     volume = wait("Volume_Reference")
     np.savez(folder / "pyigtl.npz", place=volume.ijk_to_world_matrix, values=volume.image,
              slice_places=[place for place, _ in slices[::10]], slice_values=[values for _, values in slices[::10]])

@@ -1,4 +1,5 @@
-//! `sonoweave calibrate arm`: an arm's lengths and zeros, and whether it still has them.
+//! `sonoweave calibrate arm`: finds an arm's link lengths and encoder zeros, and checks them
+//! later.
 
 mod guide;
 mod report;
@@ -7,13 +8,14 @@ mod touched;
 
 use std::path::{Path, PathBuf};
 
+use clap::{ArgGroup, Args};
+use glam::DVec2;
+
 use calibration::arm::check::check;
 use calibration::arm::fit::{Fitted, Options, fit};
 use calibration::arm::reach::Reach;
 use calibration::arm::{Arm, JOINTS};
 use calibration::file::CalibrationFile;
-use clap::{ArgGroup, Args};
-use glam::DVec2;
 
 use super::super::{Failure, values};
 use super::guide::Gathering;
@@ -22,65 +24,76 @@ use report::{CheckReport, FitReport, Results};
 use session::Recorded;
 use touched::{Places, Touched, Which};
 
-/// Of this part of the touches that do not agree with the others it is no longer said that the others are right.
+/// Largest share of outlying touches at which the report still calls the other touches right.
 const MOST_OUTLIERS: f64 = 0.25;
 
 /// Flags of `calibrate arm`.
 #[derive(Debug, Args)]
 #[command(group(ArgGroup::new("from_arm").required(true).args(["session", "live"])), after_help = "\
-Record a session with the arm (--live, or `live --record`), and set its tip down, for two seconds each time: moments at which the joints rest are touches.
---plate: on the divots of a plate that lies anywhere, in the file's order, round after round, each round with the arm bent otherwise.
---point: in one divot, from all sides, with the elbow to the left and to the right. One point tells no size: the longest link keeps its length.
---distances: on the one end of a bar and on the other; then the bar is laid elsewhere.
-The zero of the first joint only says where the base's x axis points, and stays. Rests that were no touches are named by --skip.
+Record a session with the arm (--live, or `live --record`), and set its tip down for two seconds each time. Every \
+moment at which the joints rest counts as a touch.
+--plate: touch the divots of a plate in any position, in the file's order, for several rounds; bend the arm \
+differently in each round.
+--point: touch one divot from all sides, with the elbow to the left and to the right. One point determines no size, \
+so the longest link keeps its length.
+--distances: touch both ends of a bar; then lay the bar elsewhere, and repeat.
+The zero of the first joint defines the direction of the base's x axis, and is not changed. Give --skip for rests \
+that were no touches.
 
---check holds an arm that is in use against what it was fitted to: touches as above, nothing is written but the report, and the exit code is 0 only if it is still that arm.
+--check compares an arm in use with its calibration. Touch as above. Only the report is written; the exit code is 0 \
+only if the arm still agrees with its calibration.
 
 Examples: sonoweave calibrate arm --live bedside.toml --plate plate.toml -o arm-probe.toml
           sonoweave calibrate arm --session SESSION.mcap --plate plate.toml -o arm-probe.toml --report arm.json
           sonoweave calibrate arm --session SESSION.mcap --plate plate.toml --check")]
 pub struct Arguments {
-    /// A session that `live --record` wrote, of an arm
+    /// Session of an arm, recorded by `live --record`
     #[arg(long, value_name = "SESSION.mcap")]
     session: Option<PathBuf>,
-    /// A bedside's configuration: records its arm now, says what to do, and ends when there is enough
+    /// Session configuration: record its arm now, show instructions, and end when there is
+    /// enough
     #[arg(long, value_name = "BEDSIDE.toml")]
     live: Option<PathBuf>,
     #[command(flatten)]
     gathering: Gathering,
-    /// With --live: it is enough when the tip is known to this wherever it reaches, mm (one standard deviation)
+    /// Goal for --live: end when the tip is known to this in all of its reach, mm (one standard
+    /// deviation)
     #[arg(long, value_name = "MM", default_value_t = 0.3, value_parser = values::positive)]
     goal: f64,
     #[command(flatten)]
     places: Places,
     #[command(flatten)]
     which: Which,
-    /// A calibration file whose [[arm.joint]] is taken in the place of the session's: lengths right to a tenth, zeros to some degrees
+    /// Calibration file whose [[arm.joint]] replaces the session's: lengths right to a tenth,
+    /// zeros to some degrees
     #[arg(long, value_name = "CAL.toml")]
     arm: Option<PathBuf>,
-    /// Hold the arm against its fit instead of fitting it anew, and name the encoder that has slipped
+    /// Check the arm against its fit instead of fitting it anew, and name the encoder that has
+    /// slipped
     #[arg(long, conflicts_with_all = ["output", "keep", "counts", "limit"])]
     check: bool,
-    /// Where the tip is in the last link's frame (its origin at the link's end, x along it), mm: X,Y. A tip elsewhere is found as the last link's length and zero
+    /// Tip in the last link's frame (its origin at the link's end, x along it), mm: X,Y. A tip
+    /// elsewhere is found as the last link's length and zero
     #[arg(long, value_name = "X,Y", default_value = "0,0", value_parser = tip, allow_hyphen_values = true)]
     tip: DVec2,
-    /// Numbers that stay as they are, as length1 or zero3: the joint's number, from 1 at the base
+    /// Numbers that stay fixed, such as length1 or zero3: the joint's number, from 1 at the base
     #[arg(long, value_name = "NUMBER", value_delimiter = ',', value_parser = kept)]
     keep: Vec<Kept>,
-    /// Find counts a turn or a mm, too; an encoder's disc is mostly known better than it can be measured
+    /// Find counts per turn or per mm, too; an encoder's disc is mostly known better than it can
+    /// be measured
     #[arg(long)]
     counts: bool,
-    /// How exactly the tip sits in a divot, mm, one standard deviation along each axis
+    /// Repeatability of the tip in a divot, mm, one standard deviation along each axis
     #[arg(long, value_name = "MM", default_value_t = 0.1, value_parser = values::positive)]
     seat: f64,
-    /// Refuse an arm whose touches lie off by more, mm (root mean square)
+    /// Refuse an arm whose touches are off by more, mm (root mean square)
     #[arg(long, value_name = "MM", default_value_t = 1.0, value_parser = values::positive)]
     limit: f64,
     #[command(flatten)]
     outputs: Outputs,
 }
 
-/// A number of a joint that is not sought.
+/// A joint's number that is not fitted.
 #[derive(Debug, Clone, Copy)]
 enum Kept {
     Length(usize),
@@ -88,7 +101,7 @@ enum Kept {
     Direction(usize),
 }
 
-/// Of a joint, from 0.
+/// Makes a [`Kept`] from a joint's index, from 0.
 type OfJoint = fn(usize) -> Kept;
 
 fn kept(text: &str) -> Result<Kept, String> {
@@ -103,13 +116,14 @@ fn kept(text: &str) -> Result<Kept, String> {
 }
 
 fn tip(text: &str) -> Result<DVec2, String> {
-    crate::config::numbers::<2>(text).map(DVec2::from_array)
+    sonoweave_core::keys::numbers::<2>(text).map(DVec2::from_array)
 }
 
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure`] when the recording does not say what the arm is like, or it is not the arm that it was.
+/// [`Failure`] when the recording does not determine the arm, or the arm no longer matches its
+/// fit.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let given = [&arguments.session, &arguments.live].into_iter().flatten();
     let inputs: Vec<&Path> = given.chain(arguments.places.file()).map(PathBuf::as_path).collect();
@@ -119,7 +133,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         .of(arguments.live.as_ref())?
         .map(|bedside| guide::gathered(bedside, arguments))
         .transpose()?;
-    // One of the two is there: the command line sees to it.
+    // The command line guarantees that one of the two is present.
     let session = made.as_ref().or(arguments.session.as_ref()).map_or(Path::new(""), PathBuf::as_path);
     let work = Work { arguments, session };
     let recorded = arguments.which.read(session)?;
@@ -132,7 +146,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
 }
 
-/// What was asked for, of a session.
+/// The flags, together with the session that they apply to.
 #[derive(Clone, Copy)]
 struct Work<'a> {
     arguments: &'a Arguments,
@@ -144,14 +158,16 @@ impl Work<'_> {
         Failure(format!("{}: {problem}", self.session.display()))
     }
 
-    /// The arm that it begins with, and what its fit left; the configuration's, unless another was given.
+    /// Returns the arm to begin with, and its fit's residual, mm. Uses the configuration's arm
+    /// unless --arm was given.
     fn start(&self, configured: Option<Arm>, fit_rms_mm: Option<f64>) -> Result<(Arm, Option<f64>), Failure> {
         let Some(path) = &self.arguments.arm else {
-            let none = "its configuration holds no joints, with which to begin: give a calibration file with [[arm.joint]] by --arm, lengths as a ruler says";
+            let none = "its configuration holds no initial joints; give --arm with a calibration file with \
+                [[arm.joint]], and lengths measured by a ruler";
             return Ok((configured.ok_or_else(|| self.within(none))?, fit_rms_mm));
         };
         let file = CalibrationFile::read(path)?;
-        let none = "holds no [[arm.joint]]; `sonoweave live --example arm-probe` prints some to begin with";
+        let none = "holds no [[arm.joint]]; `sonoweave live --example arm-probe` prints an example";
         let arm = file.arm.ok_or_else(|| Failure(format!("{}: {none}", path.display())))?;
         Ok((arm, file.arm_fit_rms_mm))
     }
@@ -161,7 +177,7 @@ impl Work<'_> {
         let known = touched.known();
         let mut options = Options::of(arm, &known);
         (options.tip_mm, options.seat_mm, options.counts_per_unit) = (*tip, *seat, *counts);
-        // Who says what stays takes care of the size.
+        // A user who fixes numbers is responsible for fixing the scale.
         if keep.iter().any(|kept| matches!(kept, Kept::Length(_))) {
             options.lengths = arm.joints().map(|joint| joint.kind == calibration::arm::Kind::Revolute);
         }
@@ -198,24 +214,25 @@ impl Work<'_> {
         if out as f64 > MOST_OUTLIERS * all as f64 {
             let listed: Vec<String> = fitted.outliers.iter().map(|at| touched.name(*at)).collect();
             return Err(self.within(format!(
-                "{out} of {all} do not agree with the others ({}): look which touch is of what (--order), and what was no touch (--skip)",
+                "{out} of {all} do not agree with the others ({}): check the touches' order (--order), and rests that \
+                were no touches (--skip)",
                 listed.join(", ")
             )));
         }
         if fitted.rms_mm > self.arguments.limit {
             return Err(self.within(format!(
-                "the touches lie {:.2} mm off (root mean square), more than the limit of {} mm: look which touch is of what (--order), what was no touch (--skip), and whether the joints' \
-                 types, signs and counts a turn are the arm's",
+                "the touches lie {:.2} mm off (root mean square), more than the limit of {} mm: check their order \
+                (--order), rests that were no touches (--skip), and the joints' types, signs and counts a turn",
                 fitted.rms_mm, self.arguments.limit
             )));
         }
         Ok(())
     }
 
-    /// Holds an arm against its fit.
+    /// Checks an arm against its fit.
     fn hold(&self, arm: &Arm, fit_rms_mm: Option<f64>, recorded: &Recorded, touched: &Touched) -> Result<(), Failure> {
         let options = self.options(arm, touched);
-        // An arm of which nobody knows what its fit left is held against the seat alone.
+        // If the fit's residual is unknown, the arm is checked against the seat alone.
         let fitted_mm = fit_rms_mm.unwrap_or(0.0);
         let checked =
             check(arm, &touched.known(), &touched.touches, &options, fitted_mm).map_err(|e| self.within(e))?;
@@ -225,7 +242,7 @@ impl Work<'_> {
         self.arguments.outputs.write_changed(|_| {}, &report)?;
         print(&(text + &self.arguments.outputs.told()))?;
         match checked.changed {
-            true => Err(self.within(format!("it is no longer the arm that was fitted: {}", checked.advice()))),
+            true => Err(self.within(format!("the arm no longer agrees with its calibration: {}", checked.advice()))),
             false => Ok(()),
         }
     }

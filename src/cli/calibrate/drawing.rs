@@ -1,27 +1,29 @@
-//! `sonoweave calibrate drawing`: how a phantom is built, on paper.
+//! `sonoweave calibrate drawing`: a phantom's construction drawing.
 
 use std::path::PathBuf;
 
-use calibration::phantom::Plates;
 use clap::Args;
+
+use calibration::phantom::Plates;
+use config::phantom::PhantomSettings;
+use export::drawing::drawing;
+use export::whole::write_whole;
 
 use super::super::{Failure, input};
 use super::outputs::print;
-use crate::config::phantom::PhantomSettings;
-use crate::export::drawing::drawing;
-use crate::export::whole::write_whole;
 
 /// Flags of `calibrate drawing`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-The drawing is at 1:1: print it at 100 % and measure the rule on it. It is made of the same numbers that calibrate a probe, so that what is drilled by it is what is reckoned with.
+The drawing has the scale 1:1; print it at 100 % and measure its ruler. Drilled holes match the calibration, because \
+both use the same numbers.
 
 Example: sonoweave calibrate drawing --phantom nwire.toml -o nwire.svg")]
 pub struct Arguments {
-    /// The phantom with its wires between two parallel plates: our file (TOML) or a PLUS XML
+    /// Phantom with its wires between two parallel plates: our file (TOML) or a PLUS XML
     #[arg(long, value_name = "FILE")]
     phantom: PathBuf,
-    /// Where to write the drawing
+    /// Write the drawing to this file
     #[arg(short, long, value_name = "DRAWING.svg")]
     output: PathBuf,
 }
@@ -29,7 +31,8 @@ pub struct Arguments {
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure`] when the phantom is not built of two plates, or does not fit on paper; nothing is written then.
+/// [`Failure`] when the phantom does not have two plates, or does not fit on paper; nothing is
+/// written then.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { phantom, output } = arguments;
     input::check_output(output)?;

@@ -1,6 +1,7 @@
-//! `--live`: devices are recorded while whoever holds the probe is told what to do, how much is missing, and when it is enough.
+//! `--live`: records the devices while it guides the operator: next step, progress, and end.
 //!
-//! What is calibrated is the recording, by the same way as one that was made before: the guide decides nothing but when to stop.
+//! The recording is calibrated in the same way as an earlier recording. The guide only decides
+//! when to stop.
 
 pub mod poses;
 
@@ -10,126 +11,137 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use drivers::clock::{Clock as _, Monotonic};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+use config::bedside::Bedside;
+use pipeline::live::{DeviceRole, RecordEvent, SessionDevice, SessionInputs, SessionStatus, record_only};
+use sonoweave_core::clock::{Clock as _, Monotonic};
+use sync::ingest::live::Live;
 
 use super::super::live::outputs::{say, troubles};
 use super::super::live::session::{check_duration, until_told};
 use super::super::live::stages::record_of;
-use super::super::live::{home::Home, telling};
+use super::super::live::{home::Home, status_publisher};
 use super::super::{Failure, values};
 use super::recorded::GRABBER;
-use crate::config::bedside::Bedside;
 use crate::devices::{self, Devices};
-use crate::ingest::live::Live;
-use crate::pipeline::live::{Account, Bed, Equipment, Heard, Instrument, gather};
 
-/// Between two judgements at least, …
+/// Shortest time between two evaluations.
 const JUDGED_EVERY: Duration = Duration::from_millis(500);
-/// … and as many times as long as one takes: what comes in meanwhile must not wait.
+/// Shortest pause between evaluations, as a multiple of the last one's duration. Incoming
+/// samples must not wait.
 const BREATH: u32 = 4;
-/// Between two lines where there is no terminal.
+/// Time between two lines of output without a terminal.
 const SAID_EVERY: Duration = Duration::from_secs(2);
-/// Steps of the bar.
+/// Steps of the progress bar.
 const STEPS: f64 = 1000.0;
 
-/// How a recording is made that is still to be made.
+/// Flags for a recording that is made now.
 #[derive(Debug, Clone, Default, Args)]
 pub struct Gathering {
-    /// With --live, the folder for the recording [default: the bedside's, else this one]
+    /// Write the recording of --live to this folder [default: the configuration's, else the
+    /// current one]
     #[arg(long, value_name = "DIR")]
     record: Option<PathBuf>,
-    /// With --live, ends after so many seconds, enough or not [default: when it is enough, or by Ctrl-C]
+    /// End --live after so many seconds, enough or not [default: when it is enough, or by
+    /// Ctrl-C]
     #[arg(long, value_name = "S", value_parser = values::positive)]
     duration: Option<f64>,
 }
 
 impl Gathering {
-    /// The bedside whose devices are to be recorded, if that is asked for.
+    /// Returns the session configuration whose devices are to be recorded, if requested.
     ///
     /// # Errors
-    /// [`Failure`] for flags that nothing is recorded for, and for a time that no session lasts. The parser does not say it: what --live excludes excuses its absence.
+    /// [`Failure`] for flags without a recording, and for a duration that no session lasts. The
+    /// parser cannot report the former: an argument excluded by --live satisfies its
+    /// requirement.
     pub fn of<'a>(&self, live: Option<&'a PathBuf>) -> Result<Option<&'a PathBuf>, Failure> {
         let needless = [("--record", self.record.is_some()), ("--duration", self.duration.is_some())];
         if let Some((flag, _)) = needless.into_iter().find(|(_, is_given)| live.is_none() && *is_given) {
-            return Err(Failure(format!("{flag}: is of --live BEDSIDE.toml, which is not there")));
+            return Err(Failure(format!("{flag}: applies to --live BEDSIDE.toml only; give it, too")));
         }
         check_duration(self.duration)?;
         Ok(live)
     }
 }
 
-/// What to do now.
+/// Advice to the operator.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Advice {
     /// A sentence.
     pub says: String,
-    /// How much there is of what is needed, 0 to 1; 1 is enough.
+    /// Progress towards the goal, 0 to 1; 1 is enough.
     pub share: f64,
-    /// What was recorded before this is to be left out, s from the recording's beginning.
+    /// Samples before this are to be left out, s from the recording's beginning.
     pub from_s: Option<f64>,
 }
 
 impl Advice {
-    /// That something is missing.
+    /// Advice that something is missing, at progress 0.
     pub fn missing(says: impl Into<String>) -> Self {
         Self { says: says.into(), share: 0.0, from_s: None }
     }
 
-    /// So much of it is there.
+    /// Advice at the given progress.
     pub fn at(share: f64, says: impl Into<String>) -> Self {
         Self { says: says.into(), share, from_s: None }
     }
 }
 
-/// Who knows what is needed.
+/// Evaluates the samples of one kind of calibration.
 pub trait Guide {
-    /// A sample of a device has come: of the first, which carries the probe, or of the second, the grabber.
+    /// Takes a sample of a device. Device 0 is the tracker or the arm, device 1 the grabber.
     fn hear(&mut self, device: usize, live: Live);
-    /// What to do next, by all that was heard.
+    /// Returns the next advice, from all samples so far.
     fn advise(&mut self) -> Advice;
 }
 
-/// A recording that was made, and from when on it counts.
+/// A finished recording, and the part of it that counts.
 pub struct Gathered {
-    /// The session.
+    /// The session's file.
     pub session: PathBuf,
-    /// s from its beginning; all of it without.
+    /// Start of the part that counts, s from the session's beginning; `None` for all of it.
     pub from_s: Option<f64>,
 }
 
-/// Records the devices of a bedside until the guide has enough, Ctrl-C, or the time is over: those of its instruments that are asked for, of which what carries the probe is the first.
+/// Records a session's devices until the guide has enough, Ctrl-C is pressed, or the time is
+/// over. Only the instruments that `begin` returns are recorded; the first of them carries the
+/// probe.
 ///
 /// # Errors
 /// [`Failure`] when the devices cannot be opened or nothing can be recorded.
 pub fn lead<G: Guide>(
     path: &Path,
     conduct: &Gathering,
-    begin: impl FnOnce(&Bedside) -> Result<(G, Vec<Instrument>), Failure>,
+    begin: impl FnOnce(&Bedside) -> Result<(G, Vec<DeviceRole>), Failure>,
 ) -> Result<Gathered, Failure> {
     let bedside = Bedside::read(path)?;
     let (mut guide, instruments) = begin(&bedside)?;
     let here = PathBuf::from(".");
     let folder = conduct.record.as_ref().or(bedside.record.folder.as_ref()).unwrap_or(&here);
     let ends = until_told()?;
-    let standing = telling::standing(&bedside)?;
+    let standing = status_publisher::standing(&bedside)?;
     let Devices { tracking, speech, at_home, grabber, twins } = devices::open(&bedside, Monotonic.now_ns(), true)?;
     let record = record_of(&bedside, folder, instruments.len() > GRABBER)?;
     if let Some(at_home) = at_home {
         Home::default().listen(at_home, false)?;
     }
-    say(&format!("recorded in {}; Ctrl-C ends it and calibrates by what there is", record.writer.path().display()));
+    say(&format!(
+        "recorded in {}; Ctrl-C ends the recording and calibrates with the present data",
+        record.writer.path().display()
+    ));
     let opened = [(tracking, speech), (grabber, None)];
     let equipment = instruments.into_iter().zip(opened);
-    let equipment: Vec<Equipment> =
-        equipment.map(|(instrument, (device, speech))| Equipment { instrument, device, speech }).collect();
-    let bed = Bed { equipment, record: Some(record), resumed: Vec::new(), standing };
+    let equipment: Vec<SessionDevice> =
+        equipment.map(|(instrument, (device, speech))| SessionDevice { instrument, device, speech }).collect();
+    let bed = SessionInputs { equipment, record: Some(record), resumed: Vec::new(), standing };
     let (began, mut screen) = (Instant::now(), Screen::new());
     let (mut judged, mut took) = (Instant::now(), Duration::ZERO);
     let mut last = Advice::missing("waiting for the devices");
-    let (recording, account) = gather(bed, bedside.mask, &Monotonic, &ends, |heard| match heard {
-        Heard::Sample(device, live) => guide.hear(device, live),
-        Heard::Turn(account) => {
+    let (recording, account) = record_only(bed, bedside.mask, &Monotonic, &ends, |heard| match heard {
+        RecordEvent::Sample(device, live) => guide.hear(device, live),
+        RecordEvent::Turn(account) => {
             if judged.elapsed() >= JUDGED_EVERY.max(BREATH * took) {
                 let start = Instant::now();
                 last = guide.advise();
@@ -148,13 +160,13 @@ pub fn lead<G: Guide>(
     let lost = recording.lost.total() + recording.after_end.total();
     if lost > 0 {
         say(&format!(
-            "{lost} messages were not recorded, for want of time or room on the disk; so far as they were poses or pictures, they are missing"
+            "{lost} messages were not recorded, for lack of time or disk space; their poses and frames are missing"
         ));
     }
     Ok(Gathered { session: recording.path, from_s: last.from_s })
 }
 
-/// Where the advice is shown: one place in a terminal, lines elsewhere.
+/// Output of the advice: a progress bar in a terminal, lines elsewhere.
 struct Screen {
     bar: Option<ProgressBar>,
     said: Option<(String, Instant)>,
@@ -172,7 +184,7 @@ impl Screen {
         Self { bar, said: None }
     }
 
-    fn show(&mut self, advice: &Advice, account: &Account) {
+    fn show(&mut self, advice: &Advice, account: &SessionStatus) {
         let text = advice.says.clone() + &troubles(account);
         if let Some(bar) = &self.bar {
             bar.set_position((advice.share.clamp(0.0, 1.0) * STEPS) as u64);

@@ -1,14 +1,16 @@
-//! `sonoweave calibrate landmarks`: where a phantom is held.
+//! `sonoweave calibrate landmarks`: finds the pose of a phantom.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use calibration::landmarks::{LandmarksError, Reading, Registered, Rest, Settings, register};
-use calibration::phantom::Landmark;
-use calibration::statistics::Spread;
 use clap::Args;
 use glam::DVec3;
 use serde::Serialize;
+
+use calibration::landmarks::{LandmarksError, Reading, Registered, Rest, Settings, register};
+use calibration::phantom::Landmark;
+use calibration::statistics::Spread;
+use config::phantom::PhantomSettings;
 
 use super::super::{Failure, values};
 use super::guide::Advice;
@@ -16,26 +18,28 @@ use super::guide::poses::gathered;
 use super::outputs::{Input, Outputs, named, place, print, rows};
 use super::poses::{Counts, Poses, Recording, poses};
 use super::tip::tip;
-use crate::config::phantom::PhantomSettings;
 
 /// Flags of `calibrate landmarks`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Touch the phantom's landmarks with the stylus, each for two seconds or more, in any order; the stylus may be swung meanwhile. Symmetric landmarks are told apart by the file's order. \
-The result is the transform PhantomToReference.
+Touch the phantom's landmarks with the stylus in any order, each for two seconds or more; you can swing the stylus \
+meanwhile. Touch symmetric landmarks in the file's order. The result is the transform PhantomToReference.
 
-Examples: sonoweave calibrate landmarks --phantom phantom.toml --live bedside.toml --stylus-tip calibration.toml -o calibration.toml
-          sonoweave calibrate landmarks --phantom phantom.toml --sequence touched.igs.mha --stylus-tip calibration.toml -o calibration.toml")]
+Examples: sonoweave calibrate landmarks --phantom phantom.toml --live bedside.toml --stylus-tip calibration.toml -o \
+calibration.toml
+          sonoweave calibrate landmarks --phantom phantom.toml --sequence touched.igs.mha --stylus-tip \
+calibration.toml -o calibration.toml")]
 pub struct Arguments {
-    /// The phantom with its landmarks: our file (TOML) or a PLUS XML
+    /// Phantom with its landmarks: our file (TOML) or a PLUS XML
     #[arg(long, value_name = "FILE")]
     phantom: PathBuf,
     #[command(flatten)]
     recording: Recording,
-    /// Where the stylus's tip is: a calibration file (TOML) or a PLUS XML with StylusTipToStylus [default: the phantom's file]
+    /// Stylus tip: a calibration file (TOML) or a PLUS XML with StylusTipToStylus [default: the
+    /// phantom's file]
     #[arg(long, value_name = "FILE")]
     stylus_tip: Option<PathBuf>,
-    /// How well the tip's place is known, mm: a tip strays by as much, and again as much, while it rests
+    /// Error of the tip's position, mm: a resting tip moves by at most twice as much
     #[arg(long, value_name = "MM", default_value_t = 1.0, value_parser = values::positive)]
     tip_error: f64,
     /// Refuse a result whose landmarks are off by more, mm (root mean square)
@@ -45,7 +49,7 @@ pub struct Arguments {
     outputs: Outputs,
 }
 
-/// What is said of a result. The names say the units.
+/// Report of a result. The names contain the units.
 #[derive(Debug, Serialize)]
 struct Report<'a> {
     kind: &'static str,
@@ -57,7 +61,7 @@ struct Report<'a> {
     poses: &'a Counts,
     /// Row major.
     phantom_to_reference: [f64; 16],
-    /// Distances of touched landmarks from the file's; PLUS's registration error is the mean.
+    /// Distances of touched landmarks from the file's. PLUS's registration error is the mean.
     error_mm: Spread,
     landmarks: Vec<Told<'a>>,
     missed: Vec<&'a str>,
@@ -65,9 +69,10 @@ struct Report<'a> {
     by_order: bool,
     noise_mm: f64,
     rest_radius_mm: f64,
-    /// Of a turn about the reference's axes (rad) and of a shift (mm).
+    /// Covariance of a rotation about the reference's axes (rad) and of a shift (mm).
     covariance: [[f64; 6]; 6],
-    /// One standard deviation (root of the sum over axes) of the phantom's middle, and of that of its points where it is largest.
+    /// Predicted error of the phantom's centre, and the largest of its points: one standard
+    /// deviation (root of the sum over axes).
     predicted_error_mm: [f64; 2],
     condition: f64,
     limit_mm: f64,
@@ -78,7 +83,7 @@ struct Told<'a> {
     name: &'a str,
     /// In the phantom's frame.
     position_mm: [f64; 3],
-    /// In the reference's frame, as it was touched.
+    /// In the reference's frame, as touched.
     touched_mm: [f64; 3],
     error_mm: f64,
     rests: Vec<ToldRest>,
@@ -102,11 +107,12 @@ impl From<&Rest> for ToldRest {
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure`] when the recording does not say where the phantom is; nothing is written then.
+/// [`Failure`] when the recording does not determine the phantom's pose; nothing is written
+/// then.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { phantom, recording, stylus_tip, tip_error, limit, outputs } = arguments;
     let tip_file = stylus_tip.as_ref().unwrap_or(phantom);
-    // The tip's file may be the one that is written: it keeps what it holds.
+    // The tip's file may be the output file: its other contents are kept.
     outputs.check(&[recording.path(), phantom], false)?;
     let settings = PhantomSettings::read(phantom)?;
     let tip_mm = tip(tip_file, &recording.stylus, stylus_tip.is_some())?;
@@ -168,7 +174,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     print(&(text + &outputs.told()))
 }
 
-/// What to touch next.
+/// Returns the advice on the landmarks to touch next.
 fn advice(registered: &Registered, landmarks: &[Landmark]) -> Advice {
     let touched = registered.touched.len();
     let missed: Vec<&str> = registered.missed.iter().map(|missed| landmarks[*missed].name.as_str()).collect();
@@ -184,7 +190,7 @@ fn advice(registered: &Registered, landmarks: &[Landmark]) -> Advice {
     Advice::at(touched as f64 / landmarks.len() as f64, says)
 }
 
-/// How far the phantom's middle, and the worst of its points, may be from where the registration puts them, mm.
+/// Returns the predicted registration error of the phantom's centre and of its worst point, mm.
 fn predicted(registered: &Registered, phantom: &PhantomSettings) -> [f64; 2] {
     let wires = phantom.geometry.wires().iter().flat_map(|wire| wire.ends_mm);
     let points: Vec<DVec3> =

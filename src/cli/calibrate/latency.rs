@@ -1,4 +1,4 @@
-//! `sonoweave calibrate latency`: how much later the tracker's poses come than the pictures.
+//! `sonoweave calibrate latency`: finds the tracker's latency relative to the video.
 
 mod guide;
 mod report;
@@ -6,26 +6,28 @@ mod source;
 
 use std::path::{Path, PathBuf};
 
+use clap::{ArgGroup, Args, ValueEnum};
+
 use calibration::file::CalibrationFile;
 use calibration::latency::align::AlignOptions;
 use calibration::latency::crossings::{Agreement, Slices};
 use calibration::latency::floor::{FloorFrame, FloorLag, FloorOptions, NoFloorLag, floor_lag};
 use calibration::latency::line::{Finder, Still};
 use calibration::latency::poses::Poses;
-use clap::{ArgGroup, Args, ValueEnum};
+use config::Settings;
+use config::bedside::pixel_mm;
 
 use super::super::Failure;
 use super::guide::Gathering;
 use super::outputs::{Outputs, originates, print};
 use super::recorded::{Recorded, data};
-use crate::config::Settings;
-use crate::config::bedside::pixel_mm;
 use report::{Found, Report};
 use source::Source;
 
-/// Slices that are held at once, at most: pairs of more need longer than they tell.
+/// Largest number of slices held at once. Pairs of more take longer than they are worth.
 const MOST_SLICES: u64 = 1000;
-/// A recording of poses that was woven by another lag than this is told so, standard errors.
+/// Difference between the found lag and a recording's pairing lag at which a note is printed,
+/// standard errors.
 const OTHER: f64 = 3.0;
 
 /// Flags of `calibrate latency`.
@@ -33,12 +35,12 @@ const OTHER: f64 = 3.0;
 #[command(
     group(ArgGroup::new("from").required(true).args(["video", "sequence", "session", "live"])),
     after_help = "\
-Hold the probe above the floor of a water tank and move it up and down, unevenly, for 10 to 20 s: the floor's line in the pictures is held against the tracker's motion \
-(--method line). Or scan anything that does not move, twice and in directions across each other: slices that cross show the same where they do (--method crossings); so a \
-latency that is wrong is noticed without a phantom.
+--method line: hold the probe above the floor of a water tank, and move it up and down, unevenly, for 10 to 20 s. \
+The command compares the floor's line in the frames with the tracker's motion. --method crossings: scan any object \
+at rest twice, in crossing directions. The command compares slices where they cross; this check needs no phantom.
 
-A lag above 0 means that the tracker lags the video. tracker.latency_ms = video.latency_ms + 1000 · lag_s; both go into the calibration file, from which a bedside takes \
-them where its own file gives none.
+A lag above 0 means that the tracker lags the video. tracker.latency_ms = video.latency_ms + 1000 · lag_s; both go \
+into the calibration file. A session uses them unless its configuration has latency_ms.
 
 Examples:
   sonoweave calibrate latency --live bedside.toml -o probe.toml
@@ -46,40 +48,42 @@ Examples:
   sonoweave calibrate latency --video tank-video.igs.mha --tracker tank-tracker.igs.mha --report latency.json"
 )]
 pub struct Arguments {
-    /// The pictures: a sequence (.mha, .mhd, .nrrd, .nhdr); the poses are --tracker's
+    /// Video frames: a sequence (.mha, .mhd, .nrrd, .nhdr); the poses come from --tracker
     #[arg(long, value_name = "SEQUENCE", requires = "tracker")]
     video: Option<PathBuf>,
-    /// The poses: a tracked sequence, which needs no pictures
+    /// Poses: a tracked sequence, which needs no video frames
     #[arg(long, value_name = "SEQUENCE", requires = "video")]
     tracker: Option<PathBuf>,
-    /// Pictures with their poses: a tracked sequence
+    /// Video frames with their poses: a tracked sequence
     #[arg(long, value_name = "SEQUENCE")]
     sequence: Option<PathBuf>,
-    /// Pictures and poses: a recorded session (.mcap). The latencies that it had do not count
+    /// Video frames and poses: a recorded session (.mcap). Its own latencies are ignored
     #[arg(long, value_name = "SESSION")]
     session: Option<PathBuf>,
-    /// A bedside's configuration: records its devices now, says what to do, and ends when there is enough
+    /// Session configuration: record its devices now, show instructions, and end when there is
+    /// enough
     #[arg(long, value_name = "BEDSIDE.toml")]
     live: Option<PathBuf>,
     #[command(flatten)]
     gathering: Gathering,
-    /// By what the lag is found [default: line, and crossings where no picture shows a floor]
+    /// Method to find the lag [default: line, and crossings if no video frame shows a floor]
     #[arg(long, value_enum, value_name = "METHOD")]
     method: Option<Method>,
-    /// What the pictures' times lie behind what they show, ms [default: the session's, else 0]
+    /// Latency of the video frames' time stamps behind their contents, ms [default: the
+    /// session's, else 0]
     #[arg(long, value_name = "MS", allow_hyphen_values = true)]
     video_latency_ms: Option<f64>,
-    /// Lags are looked for from -MS to +MS
+    /// Search for lags from -MS to +MS
     #[arg(long, value_name = "MS", default_value_t = 500.0)]
     range_ms: f64,
-    /// Where the picture lies against the probe: our TOML or a PLUS XML [default: the session's]
+    /// Transform from image to probe: our TOML or a PLUS XML [default: the session's]
     #[arg(short, long, value_name = "FILE")]
     config: Option<PathBuf>,
     #[command(flatten)]
     outputs: Outputs,
 }
 
-/// By what a lag is found.
+/// Method to find a lag.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Method {
     /// The line of a water tank's floor
@@ -91,7 +95,7 @@ enum Method {
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure`] when the recording does not say what the lag is; nothing is written then.
+/// [`Failure`] when the recording does not determine the lag; nothing is written then.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.check()?;
     let made =
@@ -125,7 +129,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let report = Report::new(&source, found, video_ms, notes)?;
     if report.latency().tracker_ms.abs() > 1000.0 {
         return Err(Failure(format!(
-            "the tracker's latency would be {:.0} ms, and none is longer than 1000 ms: are the stamps of one clock?",
+            "the tracker's latency would be {:.0} ms, but 1000 ms is the limit; check that all stamps are from one \
+            clock",
             report.latency().tracker_ms
         )));
     }
@@ -142,7 +147,7 @@ fn refusal(why: NoFloorLag) -> Failure {
 }
 
 impl Arguments {
-    /// What can be said before the work.
+    /// Refuses invalid flags before the work.
     fn check(&self) -> Result<(), Failure> {
         if !(20.0..=1000.0).contains(&self.range_ms) {
             return Err(Failure(format!("--range-ms {}: must lie between 20 and 1000", self.range_ms)));
@@ -150,7 +155,7 @@ impl Arguments {
         if let Some(ms) = self.video_latency_ms.filter(|ms| !(-1000.0..=1000.0).contains(ms)) {
             return Err(Failure(format!("--video-latency-ms {ms}: must lie between -1000 and 1000")));
         }
-        // The calibration may be the file that is written: it keeps what it holds.
+        // The calibration may be the output file: its other contents are kept.
         let config = self.config.as_ref().filter(|path| !self.outputs.is_output(path));
         let recordings = [&self.video, &self.tracker, &self.sequence, &self.session, &self.live].into_iter().flatten();
         let inputs: Vec<&Path> = recordings.chain(config).map(PathBuf::as_path).collect();
@@ -206,7 +211,7 @@ impl Arguments {
             align: AlignOptions { range_s: self.range_s() },
             pixel_mm: pixel_mm(calibration).map(|[_, v]| v),
         };
-        // Where no floor is seen it does not matter whether there are poses of the probe's sensor.
+        // Without a visible floor, the probe sensor's poses do not matter.
         let poses = if frames.iter().any(|frame| frame.line.is_ok()) { source.poses()? } else { Vec::new() };
         Ok(floor_lag(&frames, &poses, &options))
     }
@@ -219,7 +224,7 @@ impl Arguments {
     ) -> Result<Agreement, Failure> {
         let (samples, probe_from_image) = source.placed(calibration)?;
         let poses = Poses::new(&samples)?;
-        // What changes at all, and how many there are.
+        // Finds the pixels that change at all, and counts the video frames.
         let mut ends: Option<(Vec<[u8; 2]>, [u32; 2])> = None;
         let mut count = 0_u64;
         let unfit = source.pictures(|shown, _| {
@@ -237,7 +242,7 @@ impl Arguments {
         })?;
         *notes = unfit.notes();
         let Some((ends, [width, height])) = ends else {
-            return Err(Failure(format!("{}: holds no picture that can be used", source.paths()[0].display())));
+            return Err(Failure(format!("{}: holds no usable frame", source.paths()[0].display())));
         };
         let mask = data(&source.mask().unwrap_or(calibration.mask()), [width, height])?;
         let is_data: Vec<bool> = (0..height)
@@ -263,5 +268,5 @@ impl Arguments {
 }
 
 fn sizes(source: &Source) -> Failure {
-    Failure(format!("{}: its pictures are of several sizes", source.paths()[0].display()))
+    Failure(format!("{}: its frames have several sizes", source.paths()[0].display()))
 }

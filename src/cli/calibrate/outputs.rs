@@ -1,27 +1,29 @@
-//! What calibrations leave: the calibration file, changed in one place, and reports.
+//! Outputs of calibrations: the calibration file, changed in one place, and reports.
 
 use std::io::{ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
 
-use calibration::file::preset::{self, Preset};
-use calibration::file::{CalibrationFile, Latency};
-use calibration::frames::{Image, Probe, Transform};
-use calibration::named::StaticTransform;
 use clap::Args;
 use glam::DAffine3;
 use serde::Serialize;
 
-use super::super::{Failure, input};
-use crate::export::whole::write_whole;
-use crate::statistics::write_json;
+use calibration::file::preset::{self, Preset};
+use calibration::file::{CalibrationFile, Latency};
+use export::whole::write_whole;
+use sonoweave_core::frames::{Image, Probe, Transform};
+use sonoweave_core::named::StaticTransform;
+use statistics::write_json;
 
-/// Where to write.
+use super::super::{Failure, input};
+
+/// Output flags.
 #[derive(Debug, Args)]
 pub(super) struct Outputs {
-    /// The calibration file (TOML) that the result goes into; what else it holds stays
+    /// Write the result into this calibration file (TOML); its other contents stay
     #[arg(short, long, value_name = "CAL.toml")]
     output: Option<PathBuf>,
-    /// Where to write the report: as JSON, or of `calibrate probe` also as a page for a browser (.html); may be given for both
+    /// Write the report: as JSON, or of `calibrate probe` also as a page for a browser (.html);
+    /// may be given for both
     #[arg(long, value_name = "R.json|R.html")]
     report: Vec<PathBuf>,
 }
@@ -38,13 +40,13 @@ impl Input {
         Ok(Self { path: path.to_owned(), sha256: input::hash(path)? })
     }
 
-    /// As presets list it.
+    /// Returns the form that presets list.
     pub(super) fn listed(&self) -> preset::Input {
         let name = self.path.file_name().unwrap_or(self.path.as_os_str());
         preset::Input { file: name.to_string_lossy().into_owned(), sha256: self.sha256.clone() }
     }
 
-    /// How a calibration file names it.
+    /// Returns the form that a calibration file uses as provenance.
     pub(super) fn name(&self) -> String {
         let name = self.path.file_name().unwrap_or(self.path.as_os_str());
         format!("{} (sha256 {})", name.to_string_lossy(), &self.sha256[..16])
@@ -62,7 +64,8 @@ impl Outputs {
         self.output.as_deref() == Some(path)
     }
 
-    /// They can be written, are no inputs, and are files of their own; said before the work. Not of everything there is a page.
+    /// Checks before the work that the outputs can be written, are no inputs, and are distinct
+    /// files. Not every calibration has a page.
     pub(super) fn check(&self, inputs: &[&Path], has_page: bool) -> Result<(), Failure> {
         for output in self.output.iter().chain(&self.report) {
             input::check_output(output)?;
@@ -73,11 +76,11 @@ impl Outputs {
         let mut names: Vec<&PathBuf> = self.output.iter().chain(&self.report).collect();
         names.sort_unstable();
         if names.windows(2).any(|two| two[0] == two[1]) {
-            return Err(Failure("--output and --report are one file; give names of their own".into()));
+            return Err(Failure("--output and --report name the same file; give different names".into()));
         }
         if let Some(page) = self.report.iter().find(|path| is_page(path) && !has_page) {
             return Err(Failure(format!(
-                "{}: of this there is no page; give a name that ends in .json",
+                "{}: there is no page for this report; give a name that ends in .json",
                 page.display()
             )));
         }
@@ -85,7 +88,7 @@ impl Outputs {
         Ok(())
     }
 
-    /// The calibration file as it is before it is written; one that holds nothing where there is none.
+    /// Returns the calibration file before the change; an empty one if there is no file.
     pub(super) fn before(&self) -> Result<CalibrationFile, Failure> {
         let there = self.output.as_ref().filter(|path| path.exists());
         Ok(there.map(|path| CalibrationFile::read(path)).transpose()?.unwrap_or_default())
@@ -96,7 +99,8 @@ impl Outputs {
         self.output.is_some()
     }
 
-    /// Writes what was asked for: the transform into the calibration file, with a word of where it comes from, and the report.
+    /// Writes the requested files: the transform with its provenance into the calibration file,
+    /// and the report.
     pub(super) fn write(
         &self,
         transform: &StaticTransform,
@@ -128,19 +132,19 @@ impl Outputs {
                 return;
             }
             merge(file, &named, provenance);
-            // It has a place of its own in the file.
+            // The transform has its own place in the file.
             file.transforms.retain(|other| !other.relates_same_frames(&named));
             file.probe_from_image = Some(*probe_from_image);
         };
         self.write_with_page(change, report, page)
     }
 
-    /// Whether anybody reads more than the text.
+    /// Whether a report was requested besides the text.
     pub(super) fn wants_report(&self) -> bool {
         !self.report.is_empty()
     }
 
-    /// Writes what was asked for: the calibration file, changed, and the report, of which there is no page.
+    /// Writes the requested files: the changed calibration file, and the report, without a page.
     pub(super) fn write_changed(
         &self,
         change: impl FnOnce(&mut CalibrationFile),
@@ -155,7 +159,7 @@ impl Outputs {
         report: &impl Serialize,
         page: impl FnOnce() -> Result<String, Failure>,
     ) -> Result<(), Failure> {
-        // Whatever can fail before something is written does so before.
+        // Everything that can fail comes before the first write.
         let page = if self.report.iter().any(|path| is_page(path)) { page()? } else { String::new() };
         if let Some(path) = &self.output {
             let mut file = self.before()?;
@@ -173,32 +177,32 @@ impl Outputs {
         Ok(())
     }
 
-    /// What was written, and where.
+    /// Returns the written files with their kinds.
     pub(super) fn written(&self) -> impl Iterator<Item = (&'static str, &Path)> {
         let calibration = self.output.iter().map(|path| ("calibration", path.as_path()));
         calibration.chain(self.report.iter().map(|path| ("report", path.as_path())))
     }
 
-    /// The lines that say what was written.
+    /// Returns the lines that list the written files.
     pub(super) fn told(&self) -> String {
         self.written().map(|(what, path)| format!("{what}: {}\n", path.display())).collect()
     }
 }
 
-/// A page for a browser, by its name.
+/// Whether a path's extension names a page for a browser.
 fn is_page(path: &Path) -> bool {
     path.extension()
         .is_some_and(|extension| extension.eq_ignore_ascii_case("html") || extension.eq_ignore_ascii_case("htm"))
 }
 
-/// Puts a transform in the place of the one between the same frames, if there is one, and its origin likewise.
+/// Replaces the transform between the same frames, if there is one, and its provenance.
 fn merge(file: &mut CalibrationFile, transform: &StaticTransform, provenance: &str) {
     file.transforms.retain(|other| !other.relates_same_frames(transform));
     file.transforms.push(transform.clone());
     originates(file, &transform.name(), provenance);
 }
 
-/// Notes where something in the file comes from, in the place of where it came from before.
+/// Replaces the provenance of one item of the file.
 pub(super) fn originates(file: &mut CalibrationFile, what: &str, provenance: &str) {
     let mark = format!("{what}: ");
     let others = file.provenance.split("; ").filter(|part| !part.is_empty() && !part.starts_with(&mark));
@@ -206,17 +210,17 @@ pub(super) fn originates(file: &mut CalibrationFile, what: &str, provenance: &st
     file.provenance = parts.join("; ");
 }
 
-/// A rigid transform between frames that the recording names.
+/// Returns a rigid transform between frames, with the recording's names.
 pub(super) fn named<To, From>(from: &str, to: &str, transform: &Transform<To, From>) -> StaticTransform {
     StaticTransform { from: from.to_owned(), to: to.to_owned(), affine: transform.affine() }
 }
 
-/// 16 numbers, row major.
+/// Returns 16 numbers, row major.
 pub(super) fn rows(affine: DAffine3) -> [f64; 16] {
     Transform::<(), ()>::from_affine(affine).to_rows()
 }
 
-/// To stdout; who reads no further (`| head`) has read enough.
+/// Prints to stdout. A closed pipe (`| head`) is no error.
 pub(super) fn print(text: &str) -> Result<(), Failure> {
     match std::io::stdout().write_all(text.as_bytes()) {
         Err(e) if e.kind() == ErrorKind::BrokenPipe => Ok(()),
@@ -225,7 +229,7 @@ pub(super) fn print(text: &str) -> Result<(), Failure> {
     }
 }
 
-/// Numbers of a place, mm.
+/// Formats the coordinates of a point, mm.
 pub(super) fn place(point: glam::DVec3) -> String {
     point.to_array().map(|x| format!("{x:.3}")).join(", ")
 }
@@ -235,7 +239,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_result_takes_its_predecessor_s_place_and_leaves_the_rest() {
+    fn result_replaces_predecessor_keeps_rest() {
         let moved = |x: f64| DAffine3::from_translation(glam::DVec3::new(x, 0.0, 0.0));
         let tip = |x: f64| StaticTransform { from: "StylusTip".into(), to: "Stylus".into(), affine: moved(x) };
         let other = StaticTransform { from: "Phantom".into(), to: "Reference".into(), affine: moved(9.0) };
@@ -250,7 +254,7 @@ mod tests {
         merge(&mut file, &tip(110.0), "300 poses of b.mha");
         assert_eq!(file.provenance, "N-wire phantom; StylusTipToStylus: 300 poses of b.mha");
         assert_eq!((file.transforms.clone(), file.spacing_mm), (vec![other, tip(110.0)], Some([0.5; 3])));
-        // The other way round it is the same two frames.
+        // The same two frames in the opposite direction.
         let back = StaticTransform { from: "Stylus".into(), to: "StylusTip".into(), affine: moved(-1.0) };
         merge(&mut file, &back, "c");
         assert_eq!(file.transforms.len(), 2);

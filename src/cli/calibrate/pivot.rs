@@ -1,12 +1,13 @@
-//! `sonoweave calibrate pivot`: where a stylus's tip is.
+//! `sonoweave calibrate pivot`: finds a stylus's tip.
 
 use std::fmt::Write as _;
 
-use calibration::frames::{Reference, Stylus, Transform};
-use calibration::pivot::{Pivot, PivotError, Settings, calibrate};
-use calibration::statistics::Spread;
 use clap::Args;
 use serde::Serialize;
+
+use calibration::pivot::{Pivot, PivotError, Settings, calibrate};
+use calibration::statistics::Spread;
+use sonoweave_core::frames::{Reference, Stylus, Transform};
 
 use super::super::{Failure, values};
 use super::guide::Advice;
@@ -14,14 +15,15 @@ use super::guide::poses::gathered;
 use super::outputs::{Input, Outputs, named, place, print, rows};
 use super::poses::{Counts, Poses, Recording, poses};
 
-/// Less than this is never enough, s: a tip that slips is noticed by what comes after it.
+/// Shortest recording, s. A slip of the tip shows only in the samples after it.
 const LEAST_S: f64 = 10.0;
 
 /// Flags of `calibrate pivot`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Put the tip into a small hole, begin to record, and swing the stylus by 30° and more to all sides for half a minute, the tip where it is. The result is the transform StylusTipToStylus: \
-the tip's place in the frame of the stylus's sensor, z along the shaft away from the sensor.
+Put the tip into a small hole and begin to record. Keep the tip in place, and swing the stylus by 30° or more to all \
+sides for half a minute. The result is the transform StylusTipToStylus: the tip's position in the frame of the \
+stylus's sensor, with z along the shaft away from the sensor.
 
 Examples: sonoweave calibrate pivot --live bedside.toml -o calibration.toml
           sonoweave calibrate pivot --sequence swing.igs.mha -o calibration.toml --report pivot.json")]
@@ -31,14 +33,15 @@ pub struct Arguments {
     /// Refuse a result whose tip strays by more, mm (root mean square)
     #[arg(long, value_name = "MM", default_value_t = 2.0, value_parser = values::positive)]
     limit: f64,
-    /// With --live: it is enough when the tip is known to this, mm (one standard deviation along the worst axis)
+    /// Goal for --live: end when the tip is known to this, mm (one standard deviation along the
+    /// worst axis)
     #[arg(long, value_name = "MM", default_value_t = 0.1, value_parser = values::positive)]
     goal: f64,
     #[command(flatten)]
     outputs: Outputs,
 }
 
-/// What is said of a result. The names say the units.
+/// Report of a result. The names contain the units.
 #[derive(Debug, Serialize)]
 struct Report<'a> {
     kind: &'static str,
@@ -65,7 +68,7 @@ struct Report<'a> {
     stylus_tip_to_stylus: [f64; 16],
 }
 
-/// How far a direction of the stylus turned.
+/// Rotation of a direction of the stylus.
 #[derive(Debug, Serialize)]
 struct Turned {
     axis: [f64; 3],
@@ -75,7 +78,7 @@ struct Turned {
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure`] when the recording does not say where the tip is; nothing is written then.
+/// [`Failure`] when the recording does not determine the tip; nothing is written then.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { recording, limit, outputs, .. } = arguments;
     outputs.check(&[recording.path()], false)?;
@@ -125,7 +128,7 @@ impl Arguments {
         calibrate(&poses, &Settings { limit_mm: self.limit, ..Settings::default() })
     }
 
-    /// What to do next: the tip by what there is, or why there is none.
+    /// Returns the next advice from the tip so far.
     fn advice(&self, read: &Poses) -> Result<Advice, Failure> {
         let pivot = self.tip(read)?;
         let worst = sds(&pivot).into_iter().fold(0.0, f64::max);
@@ -139,7 +142,7 @@ impl Arguments {
     }
 }
 
-/// The tip's standard deviations, mm.
+/// Returns the tip's standard deviations, mm.
 fn sds(pivot: &Pivot) -> [f64; 3] {
     [0, 1, 2].map(|i| pivot.tip_covariance_mm2[i][i].sqrt())
 }

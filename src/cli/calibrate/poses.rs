@@ -7,54 +7,58 @@ pub(super) use session::poses;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use calibration::frames::{Reference, Stylus, Transform};
 use clap::Args;
-use drivers::reading::{Reading, Stamp, transform_name};
-use drivers::recording::SequenceSettings;
-use drivers::{Next, OpenSettings};
 use serde::Serialize;
+
+use drivers::OpenSettings;
+use drivers::replay::SequenceSettings;
+use sonoweave_core::Next;
+use sonoweave_core::frames::{Reference, Stylus, Transform};
+use sonoweave_core::ledger::Ledger;
+use sonoweave_core::reading::{Reading, Stamp, transform_name};
+use sonoweave_core::refusal::{Reason, Refusal};
+use sync::pairing::RIGID_TOLERANCE;
+use sync::{Pairing, PairingOptions};
 
 use super::super::{Failure, values};
 use super::guide::Gathering;
-use crate::ledger::Ledger;
-use crate::refusal::{Reason, Refusal};
-use crate::sync::pairing::RIGID_TOLERANCE;
-use crate::sync::{Pairing, PairingOptions};
 
-/// A recording of one kind or the other.
+/// A recording, of one kind or the other.
 #[derive(Debug, Clone, Default, Args)]
 #[group(required = true, multiple = false)]
 pub struct Source {
-    /// A tracked sequence (.mha, .mhd, .nrrd, .nhdr), with or without pictures
+    /// Tracked sequence (.mha, .mhd, .nrrd, .nhdr), with or without images
     #[arg(long, value_name = "SEQUENCE")]
     pub sequence: Option<PathBuf>,
-    /// A session that `live --record` wrote, of a tracker with a stylus
+    /// Session of a tracker with a stylus, recorded by `live --record`
     #[arg(long, value_name = "SESSION.mcap")]
     pub session: Option<PathBuf>,
-    /// A bedside's configuration: records its devices now, says what to do, and ends when there is enough
+    /// Session configuration: record its devices now, show instructions, and end when there is
+    /// enough
     #[arg(long, value_name = "BEDSIDE.toml")]
     pub live: Option<PathBuf>,
 }
 
-/// Which recording, and what its frames are called.
+/// A recording, and the names of its frames.
 #[derive(Debug, Clone, Args)]
 pub struct Recording {
-    /// Where it is
+    /// Source of the recording
     #[command(flatten)]
     pub source: Source,
-    /// How it is made where it is still to be made
+    /// Flags for a recording that is made now
     #[command(flatten)]
     pub gathering: Gathering,
     /// Name of the frame of the stylus's sensor
     #[arg(long, value_name = "NAME", default_value = "Stylus")]
     pub stylus: String,
-    /// Name of the frame in which its poses are taken [default: Reference if the recording has one, else Tracker]
+    /// Name of the frame in which its poses are taken [default: Reference if the recording has
+    /// one, else Tracker]
     #[arg(long, value_name = "NAME")]
     pub reference: Option<String>,
-    /// Leave out what was recorded before: seconds from the recording's beginning
+    /// Leave out everything recorded before: seconds from the recording's beginning
     #[arg(long, value_name = "S", value_parser = values::number)]
     pub from: Option<f64>,
-    /// Leave out what was recorded after: seconds from the recording's beginning
+    /// Leave out everything recorded after: seconds from the recording's beginning
     #[arg(long, value_name = "S", value_parser = values::number)]
     pub to: Option<f64>,
 }
@@ -66,37 +70,38 @@ pub struct Poses {
     pub frame: String,
     /// The transforms between: `Stylus → Tracker → Reference`.
     pub route: String,
-    /// When, s from the recording's beginning, and where; rigid, in the order of the recording.
+    /// Time, s from the recording's beginning, and rigid pose, in the order of the recording.
     pub poses: Vec<(f64, Transform<Reference, Stylus>)>,
-    /// What became of what was recorded.
+    /// Counts of used and refused items.
     pub counts: Counts,
 }
 
-/// What became of what was recorded.
+/// Counts of used and refused items of a recording.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Counts {
-    /// Items of the recording within the time that was asked for.
+    /// Items of the recording within the requested time.
     pub read: u64,
-    /// Those with a pose.
+    /// Items with a pose.
     pub usable: u64,
-    /// The others, by reason.
+    /// The other items, by reason.
     pub refused: BTreeMap<Reason, u64>,
-    /// Why the first of them was.
+    /// Reason of the first refusal.
     pub first_refusal: Option<String>,
 }
 
 impl Recording {
-    /// The file; the bedside's where the recording is still to be made.
+    /// Returns the file; the session configuration if the recording is still to be made.
     pub fn path(&self) -> &Path {
         let Source { sequence, session, live, .. } = &self.source;
-        // One of them is there: the command line sees to it.
+        // The command line guarantees that one of them is present.
         sequence.as_ref().or(session.as_ref()).or(live.as_ref()).map_or(Path::new(""), PathBuf::as_path)
     }
 
     /// Reads the poses.
     ///
     /// # Errors
-    /// [`Failure`] when the recording cannot be read, does not name the stylus, or has no way from it to the reference.
+    /// [`Failure`] when the recording cannot be read, does not name the stylus, or has no way
+    /// from it to the reference.
     pub fn read(&self) -> Result<Poses, Failure> {
         match &self.source.session {
             Some(path) => session::read(self, path),
@@ -147,7 +152,7 @@ impl Recording {
                 Reading::Frame(frame) => frame.stamp,
                 _ => continue,
             };
-            // A recording without times is one of readings that are a second apart.
+            // Items without times are taken as a second apart.
             let time_s = stamp.source_s.unwrap_or(stamp.item as f64);
             taken.put(time_s - *first_s.get_or_insert(time_s), pose(&mut pairing, &stamp));
         }
@@ -162,9 +167,9 @@ impl Recording {
     }
 }
 
-/// Samples as they come, and what became of them.
+/// Collects samples, and counts the refused ones.
 pub(super) struct Taken<T> {
-    /// What they are, in words that follow a number.
+    /// Name of the samples, in words that follow a number.
     what: String,
     within_s: [f64; 2],
     ledger: Ledger,
@@ -173,10 +178,10 @@ pub(super) struct Taken<T> {
 }
 
 impl<T> Taken<T> {
-    /// Of those between two times from the recording's beginning, s.
+    /// Takes the samples between two times from the recording's beginning, s.
     ///
     /// # Errors
-    /// [`Failure`] where nothing lies between.
+    /// [`Failure`] if `from` is not before `to`.
     pub(super) fn new(what: &str, from: Option<f64>, to: Option<f64>) -> Result<Self, Failure> {
         let within_s = [from.unwrap_or(f64::NEG_INFINITY), to.unwrap_or(f64::INFINITY)];
         let [begin, end] = within_s;
@@ -187,7 +192,7 @@ impl<T> Taken<T> {
         Ok(Self { what: what.to_owned(), within_s, ledger, samples, first_refusal: None })
     }
 
-    /// One, or why there is none, at a time from the recording's beginning, s.
+    /// Takes a sample, or its refusal, at a time from the recording's beginning, s.
     pub(super) fn put(&mut self, time_s: f64, sample: Result<T, Refusal>) {
         if time_s < self.within_s[0] || time_s > self.within_s[1] {
             return;
@@ -205,17 +210,17 @@ impl<T> Taken<T> {
         }
     }
 
-    /// All of them; one at least.
+    /// Returns all samples; at least one.
     ///
     /// # Errors
-    /// [`Failure`] where there is none, and why.
+    /// [`Failure`] with the reason if there is none.
     pub(super) fn all(self, path: &Path) -> Result<(Vec<(f64, T)>, Counts), Failure> {
         let Self { what, ledger, samples, first_refusal, .. } = self;
         let read = ledger.frames.total;
         if samples.is_empty() {
             let why = match first_refusal {
                 Some(why) => format!("none of {read} {what} can be used; the first: {why}"),
-                None => "nothing was recorded in the time that is asked for".to_owned(),
+                None => "nothing was recorded in the given time".to_owned(),
             };
             return Err(Failure(format!("{}: {why}", path.display())));
         }
@@ -224,7 +229,7 @@ impl<T> Taken<T> {
     }
 }
 
-/// The stylus's pose at a stamp.
+/// Returns the stylus's pose at a stamp.
 fn pose(pairing: &mut Pairing, stamp: &Stamp) -> Result<Transform<Reference, Stylus>, Refusal> {
     let affine = pairing.pose_of(stamp)?.world_from_image.affine();
     let pose = Transform::<Reference, Stylus>::from_affine(affine);
@@ -232,14 +237,14 @@ fn pose(pairing: &mut Pairing, stamp: &Stamp) -> Result<Transform<Reference, Sty
     rigid.map(|(rigid, _)| rigid).map_err(|bad| Refusal::new(stamp.item, Reason::PoseNotRigid, bad.to_string()))
 }
 
-/// All readings of a sequence, without pictures.
+/// Reads all readings of a sequence, without images.
 fn readings(path: &Path) -> Result<Vec<Reading>, Failure> {
     let settings = SequenceSettings { images: false, ..SequenceSettings::new(path) };
     let mut device = drivers::open(&OpenSettings::Sequence(settings))?;
     device.start()?;
     let mut readings = Vec::new();
     loop {
-        match device.next(drivers::NO_DEADLINE)? {
+        match device.next(sonoweave_core::NO_DEADLINE)? {
             Next::Reading(reading) => readings.push(reading),
             Next::Pending => {}
             Next::End => break,
@@ -250,13 +255,13 @@ fn readings(path: &Path) -> Result<Vec<Reading>, Failure> {
 }
 
 impl Counts {
-    /// For a line: those that could not be used, by reason; empty without any.
+    /// Lists the refused items by reason, for a line of text; empty without any.
     pub(super) fn refusals(&self) -> String {
         let listed: Vec<String> = self.refused.iter().map(|(reason, n)| format!("{n} {reason}")).collect();
         if listed.is_empty() { String::new() } else { format!(", refused: {}", listed.join(", ")) }
     }
 
-    /// For the end of a refusal: that there was more, which could not be used.
+    /// Notes the unusable items, for the end of a refusal.
     pub(super) fn also(&self) -> String {
         match &self.first_refusal {
             Some(why) if self.usable < self.read => {

@@ -1,4 +1,5 @@
-//! `sonoweave calibrate probe`: where the picture lies in the frame of the sensor on the transducer.
+//! `sonoweave calibrate probe`: finds the transform from the image to the sensor on the
+//! transducer.
 
 mod again;
 mod drawn;
@@ -12,44 +13,44 @@ mod target;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use calibration::file::date::Date;
+use clap::{ArgGroup, Args, ValueEnum};
+
 use calibration::file::preset::{Covariance, Preset, Quality, Ruler};
-use calibration::frames::{Image, Probe, Transform};
 use calibration::phantom::file::Registration;
 use calibration::probe::errors::Errors;
-use calibration::probe::next;
 use calibration::probe::refine::PLANE;
-use calibration::probe::{Calibration, Layout, Observation, Recording, calibrate};
-use calibration::region::ClipRect;
-use clap::{ArgGroup, Args, ValueEnum};
+use calibration::probe::{Calibration, Layout, Observation, Recording, calibrate, next};
+use config::Settings as Config;
+use config::phantom::PhantomSettings;
+use sonoweave_core::date::Date;
+use sonoweave_core::frames::{Image, Probe, Transform};
+use sonoweave_core::region::ClipRect;
 
 use super::super::live::outputs::say;
 use super::super::{Failure, values};
 use super::guide::Gathering;
 use super::outputs::{Input, Outputs, print};
 use super::recorded::Recorded;
-use crate::config::Settings as Config;
-use crate::config::phantom::PhantomSettings;
 use again::again;
 use lag::Lag;
 use recording::{Observed, observe, pictures};
 use report::{Report, text};
 
-/// How a probe is calibrated.
+/// Method of the probe's calibration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Method {
     /// By a phantom of N-wires
     Nwire,
-    /// By a point that rests, e.g. where two wires cross
+    /// By a fixed point, e.g. where two wires cross
     Point,
-    /// By a plane that rests: the floor of a water tank, or a membrane
+    /// By a fixed plane: the floor of a water tank, or a membrane
     Plane,
-    /// By the tip of a tracked stylus, held into the picture
+    /// By the tip of a tracked stylus, held into the image
     Stylus,
 }
 
 impl Method {
-    /// As the command line has it.
+    /// Returns the name on the command line.
     fn name(self) -> &'static str {
         match self {
             Self::Nwire => "nwire",
@@ -59,7 +60,7 @@ impl Method {
         }
     }
 
-    /// By what it is.
+    /// Returns the name of the target.
     fn title(self) -> &'static str {
         match self {
             Self::Nwire => "N-wire phantom",
@@ -75,61 +76,76 @@ impl Method {
 #[command(
     group(ArgGroup::new("from").required(true).args(["sequence", "session", "live"])),
     after_help = "\
-The result is the transform ImageToProbe, and how much later the tracker's poses come than pictures. A second scan tells how good it is; without one the last third of the first does. Move slowly, for half a minute.
+The result is the transform ImageToProbe, and the lag of the tracker's poses behind the frames. A second scan \
+validates the result; without one, the last third of the first scan does. Move slowly, for half a minute.
 
 nwire: scan the phantom's wires along and back, and tilt and turn the probe on the way.
-point: keep the point (wires that cross in water, a bead) in the picture. Bring it to all parts of the picture, left and right, near and far, and tilt the probe fore and aft and from side to side and turn it about \
-its long axis, each by 20° and more.
-stylus: hold the tip of a tracked stylus into the picture, so that it shows as a dot, and bring it to all parts of the picture. Where the tip is on it tells `calibrate pivot`.
-plane: hold the probe above the floor of a water tank so that it shows as a line. Raise and lower it, tilt it fore and aft and from side to side, by 15° and more. A line tells less than a point.
+point: keep the point (wires that cross in water, a bead) in the picture. Bring it to all parts of the picture, left \
+and right, near and far. Tilt the probe fore and aft and from side to side, and turn it about its long axis, each by \
+20° or more.
+stylus: hold the tip of a tracked stylus into the image plane as a dot, and move it to all parts of the image. \
+`calibrate pivot` measures the position of the tip.
+plane: hold the probe above the floor of a water tank so that it shows as a line. Raise and lower it, tilt it fore \
+and aft and from side to side, by 15° or more. A line gives less information than a point.
 
-Pictures that are mirrored only an N-wire phantom can tell: by the other methods the result holds for pictures that are mirrored alike.
+Only an N-wire phantom detects mirrored frames; the other methods do not notice them.
 
 Examples: sonoweave calibrate probe --phantom phantom.toml --live bedside.toml -o calibration.toml
-          sonoweave calibrate probe --phantom phantom.toml --session SESSION-20261121-213000.mcap -o calibration.toml --report probe.html
-          sonoweave calibrate probe --phantom phantom.toml --sequence scan.igs.mha --validate second.igs.mha -o calibration.toml
+          sonoweave calibrate probe --phantom phantom.toml --session SESSION-20261121-213000.mcap -o \
+calibration.toml --report probe.html
+          sonoweave calibrate probe --phantom phantom.toml --sequence scan.igs.mha --validate second.igs.mha -o \
+calibration.toml
           sonoweave calibrate probe --method point --sequence crossing.igs.mha -o calibration.toml --report probe.json
-          sonoweave calibrate probe --method stylus --stylus-tip calibration.toml --sequence tip.igs.mha -o calibration.toml"
+          sonoweave calibrate probe --method stylus --stylus-tip calibration.toml --sequence tip.igs.mha -o \
+calibration.toml"
 )]
 pub struct Arguments {
-    /// The phantom with its wires, of --method nwire: our file (TOML) or a PLUS XML
+    /// Phantom with its wires, for --method nwire: our file (TOML) or a PLUS XML
     #[arg(long, value_name = "FILE")]
     phantom: Option<PathBuf>,
-    /// The recording: a tracked sequence with pictures (.mha, .mhd, .nrrd, .nhdr)
+    /// Recording: a tracked sequence with images (.mha, .mhd, .nrrd, .nhdr)
     #[arg(long, value_name = "SEQUENCE")]
     sequence: Option<PathBuf>,
-    /// The recording: a session that `live --record` wrote (.mcap). The latencies that it had do not count
+    /// Recording: a session that `live --record` wrote (.mcap). Its own latencies are ignored
     #[arg(long, value_name = "SESSION")]
     session: Option<PathBuf>,
-    /// A bedside's configuration: records its devices now, says what to do, and ends when there is enough
+    /// Session configuration: record its devices now, show instructions, and end when there is
+    /// enough
     #[arg(long, value_name = "BEDSIDE.toml")]
     live: Option<PathBuf>,
     #[command(flatten)]
     gathering: Gathering,
-    /// With --live: it is enough when points are known to this, mm (one standard deviation at the worst corner)
+    /// Goal for --live: end when points are known to this, mm (one standard deviation at the
+    /// worst corner)
     #[arg(long, value_name = "MM", default_value_t = 0.3, value_parser = values::positive)]
     goal: f64,
-    /// A second recording, a sequence or a session, to tell how good the result is; it has no part in it
+    /// Validate the result on a second recording, a sequence or a session, which has no part in
+    /// it
     #[arg(long, value_name = "SEQUENCE|SESSION")]
     validate: Option<PathBuf>,
-    /// Where the phantom is held: a calibration file (TOML) or a PLUS XML with PhantomToReference [default: the phantom's file]
+    /// Pose of the phantom: a calibration file (TOML) or a PLUS XML with PhantomToReference
+    /// [default: the phantom's file]
     #[arg(long, value_name = "FILE")]
     registration: Option<PathBuf>,
-    /// How the probe is calibrated
+    /// Method of the probe's calibration
     #[arg(long, value_enum, default_value_t = Method::Nwire)]
     method: Method,
     #[command(flatten)]
     target: target::Flags,
-    /// Part of the picture that is looked at: X,Y,W,H in pixels [default: as the phantom's file says, else the session's configuration, else all of it]
+    /// Search only this part of the image: X,Y,W,H in pixels [default: the phantom file's, else
+    /// the session configuration's, else the whole image]
     #[arg(long, value_name = "X,Y,W,H", value_parser = values::rectangle)]
     clip: Option<ClipRect>,
-    /// Refuse a result whose error on the second recording (mean, mm; of N-wires by PLUS's definition) is larger
+    /// Refuse a result whose error on the second recording (mean, mm; of N-wires by PLUS's
+    /// definition) is larger
     #[arg(long, value_name = "MM", default_value_t = 2.0, value_parser = values::positive)]
     limit: f64,
-    /// Put the result into the calibration file as a preset of that name, for the depth at which the scanner is set, beside others [default: as the file's only one]
+    /// Put the result into the calibration file as a preset of that name, for the scanner's
+    /// present depth, beside others [default: as the file's only one]
     #[arg(long, value_name = "NAME", requires = "output")]
     preset: Option<String>,
-    /// A length along the ruler beside the picture, in pixels and in mm: the preset is refused later where the scanner is set to another depth
+    /// Length along the ruler beside the image, in pixels and in mm: the preset is refused later
+    /// if the scanner is set to another depth
     #[arg(long, value_name = "PX,MM", value_parser = ruler, requires = "preset")]
     ruler: Option<Ruler>,
     #[command(flatten)]
@@ -144,7 +160,7 @@ fn ruler(text: &str) -> Result<Ruler, String> {
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure`] when the recording does not say where the picture lies; nothing is written then.
+/// [`Failure`] when the recording does not determine the image plane; nothing is written then.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { phantom, validate, registration, method, clip, limit, outputs, target, .. } = arguments;
     if *method != Method::Nwire {
@@ -152,16 +168,16 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     if let Some(flag) = target.given() {
         return Err(Failure(format!(
-            "{flag}: --method nwire has no use for it; leave it out, or choose another --method"
+            "{flag}: has no effect with --method nwire; leave it out, or choose another --method"
         )));
     }
     let Some(phantom) = phantom else {
         return Err(Failure(
-            "--method nwire has to know the phantom's wires: name their file with --phantom, or choose another --method".into(),
+            "--method nwire needs the phantom's wires: give --phantom, or choose another --method".into(),
         ));
     };
     let path = arguments.path();
-    // The registration's file may be the one that is written: it keeps what it holds.
+    // The registration's file may be the output file: its other contents are kept.
     let mut inputs = vec![path, phantom];
     inputs.extend(validate.as_deref());
     outputs.check(&inputs, true)?;
@@ -170,7 +186,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(path) => registered(path, &settings)?,
         None => settings.registration.ok_or_else(|| {
             Failure(format!(
-                "{}: does not say where the phantom is held ({}To{}); name the file that does with --registration, or find it with `calibrate landmarks`",
+                "{}: lacks the phantom's position ({}To{}); give its file with --registration, or measure it with \
+                `calibrate landmarks`",
                 phantom.display(),
                 settings.frames.phantom,
                 settings.frames.reference
@@ -189,7 +206,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let seen = look(&recorded)?;
     let second = arguments.second(&recorded)?.map(|second| look(&second)).transpose()?;
     if second.as_ref().is_some_and(|second| second.size_px != seen.size_px) {
-        return Err(within(path, "its pictures are not of the size of the second recording's".into()));
+        return Err(within(path, "its frames differ in size from the second recording's".into()));
     }
     let looked_s = began.elapsed().as_secs_f64();
     let also =
@@ -202,7 +219,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         return Err(within(
             path,
             format!(
-                "the result is {:.2} mm off on pictures that had no part in it, more than --limit {limit} mm; was the phantom moved after it was registered, or is the tracker disturbed by metal?",
+                "the result is {:.2} mm off on validation frames, more than --limit {limit} mm; check that the phantom \
+                was not moved after its registration, and that no metal is near the tracker",
                 errors.mean
             ),
         ));
@@ -244,7 +262,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     print(&(text(&found, &layout) + &next + &of_lag + &outputs.told()))
 }
 
-/// What a preset holds of a calibration.
+/// A calibration, as a preset keeps it.
 struct Made {
     probe_from_image: Transform<Probe, Image>,
     size_px: [u32; 2],
@@ -254,7 +272,7 @@ struct Made {
 }
 
 impl Arguments {
-    /// The preset that is asked for.
+    /// Returns the preset, if one was requested.
     fn preset(&self, made: Made) -> Option<Preset> {
         let Made { probe_from_image, size_px, quality, covariance, inputs } = made;
         self.preset.as_ref().map(|name| Preset {
@@ -274,27 +292,27 @@ impl Arguments {
         })
     }
 
-    /// The latencies by a lag and its standard deviation, s; `None` where none was sought, which has no deviation.
+    /// Returns the latencies for a lag and its standard deviation, s; `None` if no lag was
+    /// sought (deviation 0).
     fn lag(&self, recorded: &Recorded, [lag_s, sd_s]: [f64; 2]) -> Result<Option<Lag>, Failure> {
         let video_ms = recorded.bedside().map_or(0.0, |bedside| bedside.grabber.latency_ns as f64 * 1e-6);
         let known = || self.outputs.before();
         (sd_s > 0.0).then(|| Ok(Lag::new([lag_s, sd_s], video_ms, known()?.latency.as_ref()))).transpose()
     }
 
-    /// The recording's file.
+    /// Returns the recording's file.
     fn path(&self) -> &Path {
-        // One of them is there: the command line sees to it.
+        // The command line guarantees that one of them is present.
         let some = [&self.sequence, &self.session, &self.live].into_iter().flatten().next();
         some.map_or(Path::new(""), PathBuf::as_path)
     }
 
-    /// The second recording.
+    /// Returns the second recording.
     fn second(&self, first: &Recorded) -> Result<Option<Recorded>, Failure> {
         let second = self.validate.as_ref().map(|path| Recorded::of(path)).transpose()?;
         if second.as_ref().is_some_and(|second| second.bedside().is_some() != first.bedside().is_some()) {
-            say(
-                "note: one of the recordings is a sequence and the other a session: how late poses come is found in the first, and may be another in the second, whose errors are then too large",
-            );
+            say("note: one recording is a sequence and the other a session; if their lags differ, the second one's \
+                errors are too large");
         }
         Ok(second)
     }
@@ -307,7 +325,7 @@ impl Arguments {
     }
 }
 
-/// How good it is, in the numbers that a preset keeps.
+/// Returns the quality numbers that a preset keeps.
 fn quality(found: &Calibration) -> Quality {
     let [centre_mm, corner_mm] = report::predicted_ends(found);
     let both = |errors: &Errors| [errors.mean, errors.sd];
@@ -320,7 +338,7 @@ fn quality(found: &Calibration) -> Quality {
     }
 }
 
-/// Where a file says that the phantom is held.
+/// Reads the phantom's pose from a file.
 fn registered(path: &Path, phantom: &PhantomSettings) -> Result<Registration, Failure> {
     let frames = &phantom.frames;
     let within = |problem: String| Failure(format!("{}: {problem}", path.display()));
@@ -329,7 +347,7 @@ fn registered(path: &Path, phantom: &PhantomSettings) -> Result<Registration, Fa
     let back = || between(&frames.reference, &frames.phantom).map(|affine| affine.inverse());
     let found = between(&frames.phantom, &frames.reference).or_else(back);
     let affine = found.ok_or_else(|| {
-        within(format!("holds no {}To{}; find it with `calibrate landmarks`", frames.phantom, frames.reference))
+        within(format!("holds no {}To{}; measure it with `calibrate landmarks`", frames.phantom, frames.reference))
     })?;
-    Registration::new(calibration::frames::Transform::from_affine(affine), None).map_err(within)
+    Registration::new(sonoweave_core::frames::Transform::from_affine(affine), None).map_err(within)
 }

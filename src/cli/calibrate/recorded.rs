@@ -1,4 +1,5 @@
-//! What calibrations read of a recording, a sequence or a session: pictures, and where sensors were. Pictures pass one by one and are not kept.
+//! Recordings (a sequence or a session) as calibrations read them: images and sensor poses.
+//! Images are read one by one and are not kept.
 
 mod sequence;
 mod tracks;
@@ -8,44 +9,44 @@ use std::path::{Path, PathBuf};
 use calibration::latency::stamps::Stamps;
 use calibration::picture::GreyView;
 use calibration::probe::track::{Poses, Track};
-use drivers::reading::{Reading, Stamp};
+use config::bedside::Bedside;
+use mask::{Mask, MaskPlan, MaskSettings};
+use pipeline::live::{DeviceRole, Latencies, RecordedDecisions, walk};
+use sonoweave_core::reading::{Reading, Stamp};
 
 use super::super::{Failure, input};
 use crate::cli::live::stages::{Kept, instruments};
-use crate::config::bedside::Bedside;
-use crate::ingest::live::Live;
-use crate::ingest::{Ingest, Picture, Sample};
-use crate::mask::{Mask, MaskPlan, MaskSettings};
-use crate::pipeline::live::{Instrument, Latencies, Precedent, walk};
-use crate::refusal::Refusal;
-use crate::slice::{Image, Pixels};
-use crate::sync::clock::Timed;
 pub(super) use sequence::each;
+use sonoweave_core::refusal::Refusal;
+use sonoweave_core::slice::{Image, Pixels};
+use sync::clock::Timed;
+use sync::ingest::live::Live;
+use sync::ingest::{Ingest, Picture, Sample};
 pub(super) use tracks::Tracks;
 
-/// The place of the grabber among a session's instruments.
+/// Index of the grabber among a session's instruments.
 pub(super) const GRABBER: usize = 1;
 
 /// A recording.
 pub(super) enum Recorded {
-    /// A sequence, whose pictures have their poses with them.
+    /// A sequence, whose images carry their poses.
     Sequence(PathBuf),
-    /// A session, by the configuration that it holds: poses are a stream of their own.
+    /// A session with its stored configuration. Its poses are a separate stream.
     Session { path: PathBuf, bedside: Box<Bedside> },
 }
 
-/// A picture in 8 bits and MF orientation.
+/// An image in 8 bits and MF orientation.
 pub(super) struct Shown<'a> {
-    /// Which of the recording's.
+    /// Its number in the recording.
     pub(super) frame: u64,
-    /// When, where the recording says it.
+    /// Its time stamps, if the recording has any.
     pub(super) stamps: Option<Stamps>,
     pub(super) size: [u32; 2],
     pub(super) pixels: &'a [u8],
 }
 
 impl Shown<'_> {
-    /// When, s. In a recording without times pictures are a second apart.
+    /// Returns its time, s. In a recording without times, images are taken as a second apart.
     pub(super) fn time_s(&self) -> f64 {
         self.stamps.map_or(self.frame as f64, |stamps| stamps.given_s)
     }
@@ -55,11 +56,11 @@ impl Shown<'_> {
     }
 }
 
-/// Pictures that could not be used.
+/// Images that could not be used.
 #[derive(Debug, Default)]
 pub(super) struct Unfit {
     count: u64,
-    /// Why the first was not.
+    /// Reason of the first.
     first: Option<String>,
 }
 
@@ -69,31 +70,32 @@ impl Unfit {
         self.first.get_or_insert_with(|| refusal.to_string());
     }
 
-    /// Why the first was not, where there is one.
+    /// Returns the reason of the first, if there is one.
     pub(super) fn first(&self) -> Option<&str> {
         self.first.as_deref()
     }
 
-    /// A sentence, where there are any.
+    /// Returns a sentence, if there are any.
     pub(super) fn notes(&self) -> Vec<String> {
-        let note = |first: &String| format!("{} pictures cannot be used; the first: {first}", self.count);
+        let note = |first: &String| format!("{} frames cannot be used; the first: {first}", self.count);
         self.first.iter().map(note).collect()
     }
 }
 
-/// An item of a sequence and its poses, or why it has none.
+/// An item of a sequence and its poses, or the reason why it has none.
 type OfItem = (u64, Result<Poses, String>);
 
-/// Where a sensor was against the reference.
+/// Poses of a sensor relative to the reference.
 pub(super) enum Tracked {
-    /// A sequence's: by its items.
+    /// A sequence's poses, by item.
     Items(Vec<OfItem>),
-    /// A session's: at the sensor's own samples, the reference's between its own; and how many pictures there are.
+    /// A session's poses at the sensor's own samples, with the reference interpolated between
+    /// its samples; and the number of images.
     Samples { track: Track, sensor: String, pictures: u64 },
 }
 
 impl Tracked {
-    /// Where it was when a picture was taken, or a sentence that says why nobody knows.
+    /// Returns the poses at an image's time, or a sentence with the reason why there are none.
     pub(super) fn at(&self, shown: &Shown<'_>) -> Result<Poses, String> {
         match self {
             Self::Items(items) => {
@@ -109,7 +111,7 @@ impl Tracked {
         }
     }
 
-    /// All that is known, where it is more than the poses at pictures' times.
+    /// Returns the whole track, if more is known than the poses at the images' times.
     pub(super) fn track(&self) -> Option<&Track> {
         match self {
             Self::Items(_) => None,
@@ -117,7 +119,7 @@ impl Tracked {
         }
     }
 
-    /// How many pictures are to be expected.
+    /// Returns the expected number of images.
     pub(super) fn pictures(&self) -> u64 {
         match self {
             Self::Items(items) => items.len() as u64,
@@ -127,31 +129,31 @@ impl Tracked {
 }
 
 impl Recorded {
-    /// A session, and what it was configured by.
+    /// Opens a session with its stored configuration.
     ///
     /// # Errors
     /// [`Failure`] when it cannot be read, or holds no configuration.
     pub(super) fn session(path: &Path) -> Result<Self, Failure> {
-        let bedside = Box::new(Kept::bedside(path, &Precedent::read(path)?)?);
+        let bedside = Box::new(Kept::bedside(path, &RecordedDecisions::read(path)?)?);
         Ok(Self::Session { path: path.to_owned(), bedside })
     }
 
-    /// A file of either kind, by its content.
+    /// Opens a file of either kind, determined by its content.
     ///
     /// # Errors
-    /// As of [`Self::session`].
+    /// [`Failure`], as of [`Self::session`].
     pub(super) fn of(path: &Path) -> Result<Self, Failure> {
         if input::is_session(path)? { Self::session(path) } else { Ok(Self::Sequence(path.to_owned())) }
     }
 
-    /// Its file.
+    /// Returns its file.
     pub(super) fn path(&self) -> &Path {
         match self {
             Self::Sequence(path) | Self::Session { path, .. } => path,
         }
     }
 
-    /// What a session was configured by.
+    /// Returns a session's configuration.
     pub(super) fn bedside(&self) -> Option<&Bedside> {
         match self {
             Self::Sequence(_) => None,
@@ -159,16 +161,18 @@ impl Recorded {
         }
     }
 
-    /// Every picture in turn; those that could not be used.
+    /// Passes every image to `take`; returns the unusable ones.
     ///
     /// # Errors
-    /// [`Failure`] when the recording cannot be read, or its pictures are not in 8 bits; and `take`'s own.
+    /// [`Failure`] when the recording cannot be read, or its images are not in 8 bits; and
+    /// `take`'s own.
     pub(super) fn pictures(&self, mut take: impl FnMut(Shown<'_>) -> Result<(), Failure>) -> Result<Unfit, Failure> {
         let (mut unfit, mut failed) = (Unfit::default(), None);
         let mut show = |frame: u64, stamps: Option<Stamps>, image: &Image| {
             let pixels = grey(image).map_err(|kind| {
                 Failure(format!(
-                    "{}: its pictures have {kind}, and 8 bits are wanted here: write it again as MET_UCHAR, black at 0 and white at 255",
+                    "{}: its frames have {kind}, but 8 bits are needed; write it again as MET_UCHAR, black at 0 and \
+                    white at 255",
                     self.path().display()
                 ))
             })?;
@@ -202,7 +206,7 @@ impl Recorded {
         failed.map_or(Ok(unfit), Err)
     }
 
-    /// Where a sensor was against the reference.
+    /// Reads the poses of a sensor relative to the reference.
     ///
     /// # Errors
     /// [`Failure`] when the recording cannot be read, or has no way from the one to the other.
@@ -219,7 +223,7 @@ impl Recorded {
     }
 }
 
-/// Grey levels of 8 bits, or what there is instead.
+/// Returns 8-bit grey values, or a description of the actual format.
 fn grey(image: &Image) -> Result<&[u8], &'static str> {
     match image.pixels() {
         Pixels::U8(pixels) => Ok(pixels),
@@ -228,23 +232,23 @@ fn grey(image: &Image) -> Result<&[u8], &'static str> {
     }
 }
 
-/// A picture that a grabber shows now.
+/// Returns a grabber's current image.
 ///
 /// # Errors
-/// [`Failure`] where it is not of 8 bits.
+/// [`Failure`] when it is not of 8 bits.
 pub(super) fn shown_now<'a>(picture: &'a Picture, timed: &Timed) -> Result<Shown<'a>, Failure> {
     let image = &picture.image;
     let pixels = grey(image).map_err(|kind| {
-        Failure(format!("the grabber's pictures have {kind}; choose a format of 8 bits ([grabber] format)"))
+        Failure(format!("the grabber's frames have {kind}; choose a format of 8 bits ([grabber] format)"))
     })?;
     let stamps = Some(Stamps { given_s: seconds(timed.time_ns), ..Stamps::default() });
     Ok(Shown { frame: picture.head.stamp.item, stamps, size: [image.width(), image.height()], pixels })
 }
 
-/// What of pictures is data, as far as it is known beforehand.
+/// Returns the mask of the image data, if it is known beforehand.
 ///
 /// # Errors
-/// [`Failure`] when nothing is.
+/// [`Failure`] when the mask is empty.
 pub(super) fn data(settings: &MaskSettings, [width, height]: [u32; 2]) -> Result<Option<Mask>, Failure> {
     Ok(match settings.plan(width, height)? {
         MaskPlan::Fixed(mask) => Some(mask),
@@ -252,17 +256,17 @@ pub(super) fn data(settings: &MaskSettings, [width, height]: [u32; 2]) -> Result
     })
 }
 
-/// A session's devices, as if they had no latency: what is looked for is all of it.
-pub(super) fn without_latency(bedside: &Bedside) -> Result<Vec<Instrument>, Failure> {
+/// Returns a session's devices with zero latency: the search is for the whole latency.
+pub(super) fn without_latency(bedside: &Bedside) -> Result<Vec<DeviceRole>, Failure> {
     let instruments = instruments(bedside)?;
-    Ok(instruments.into_iter().map(|instrument| Instrument { latency_ns: 0, ..instrument }).collect())
+    Ok(instruments.into_iter().map(|instrument| DeviceRole { latency_ns: 0, ..instrument }).collect())
 }
 
 pub(super) fn seconds(ns: i64) -> f64 {
     ns as f64 * 1e-9
 }
 
-/// When something was measured, where its source says it.
+/// Returns the measurement times, if the source gives them.
 pub(super) fn stamps(stamp: &Stamp, number: Option<u64>) -> Option<Stamps> {
     let given_s = stamp.host_ns.map(seconds).or(stamp.source_s)?;
     Some(Stamps { given_s, raw_s: stamp.unfiltered_s, number })

@@ -4,23 +4,25 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::super::Failure;
-use crate::config::Settings as Config;
+use config::Settings as Config;
 
-/// Where a file says that the tip is in the frame of its stylus's sensor, mm; `asked` tells a file that was named for it from one that was not.
+use super::super::Failure;
+
+/// Reads the tip in the frame of its stylus's sensor, mm. `asked` marks a file that the user
+/// named for this.
 ///
 /// # Errors
-/// [`Failure`] when the file cannot be read, or does not say it.
+/// [`Failure`] when the file cannot be read, or does not hold the tip.
 pub(super) fn tip(path: &Path, stylus: &str, asked: bool) -> Result<DVec3, Failure> {
     let missing = || {
-        let hint = if asked { "find it with `calibrate pivot`" } else { "name the file that does with --stylus-tip" };
+        let hint = if asked { "measure it with `calibrate pivot`" } else { "give its file with --stylus-tip" };
         Failure(format!(
-            "{}: does not say where the tip of {stylus} is (no StylusTipTo{stylus}); {hint}",
+            "{}: lacks the position of the tip of {stylus} (no StylusTipTo{stylus}); {hint}",
             path.display()
         ))
     };
-    let text = calibration::file::read_text(path, crate::config::MAX_BYTES)?;
-    // Our phantom's file holds no transforms of a stylus.
+    let text = sonoweave_core::keys::read_text(path, config::MAX_BYTES)?;
+    // Our phantom file holds no transforms of a stylus.
     if !asked && !text.trim_start().starts_with('<') {
         return Err(missing());
     }

@@ -1,15 +1,16 @@
-//! `sonoweave calibrate tracker`: how good a tracker is where it stands.
+//! `sonoweave calibrate tracker`: measures a tracker's quality on site.
 
 use std::fmt::Write as _;
 
-use calibration::file::CalibrationFile;
-use calibration::file::date::Date;
-use calibration::tracker::distortion::{self, Map, NoMap, Pair};
-use calibration::tracker::noise::{self, NoNoise, Noise};
-use calibration::tracker::zones::Zones;
 use clap::Args;
 use glam::DAffine3;
 use serde::Serialize;
+
+use calibration::file::CalibrationFile;
+use calibration::tracker::distortion::{self, Map, NoMap, Pair};
+use calibration::tracker::noise::{self, NoNoise, Noise};
+use calibration::tracker::zones::Zones;
+use sonoweave_core::date::Date;
 
 use super::super::{Failure, values};
 use super::guide::poses::gathered;
@@ -17,25 +18,26 @@ use super::guide::{Advice, Gathering};
 use super::outputs::{Input, Outputs, originates, place, print, rows};
 use super::poses::{Counts, Poses, Recording, Source, poses};
 
-/// Cells that the text tells of.
+/// Largest number of cells that the text lists.
 const TOLD: usize = 8;
 
-/// A sensor that lay still for so long has told its noise, s.
+/// Rest that determines a sensor's noise, s.
 const STILL_S: f64 = 10.0;
-/// About as many cells has the room in which a patient is scanned; what the bar of a guide is full at.
+/// Number of cells in a usual scanning room, at which the guide's progress bar is full.
 const USUAL_CELLS: f64 = 200.0;
 
 /// Flags of `calibrate tracker`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Noise: lay a sensor down, let go of it, and record for ten seconds.
-A map of the room: fix two sensors to one piece of wood or plastic, 10 cm apart, and carry it slowly through all of the room that scans are made in. Where the sensors seem to be \
-otherwise apart than elsewhere, metal bends the field: do not scan there, or take the metal away. With -o these places go into the calibration file, and `live` warns where the probe \
-is in one.
+A map of the room: fix two sensors to one piece of wood or plastic, 10 cm apart, and carry it slowly through the \
+whole scanning area. Where the sensors' distance changes, metal distorts the field; do not scan there, or remove the \
+metal. With -o these zones go into the calibration file, and `live` warns when the probe is in one.
 
 Examples: sonoweave calibrate tracker --live bedside.toml
           sonoweave calibrate tracker --session SESSION.mcap --sensor Probe
-          sonoweave calibrate tracker --session SESSION.mcap --sensor Probe --other Reference -o calibration.toml --report room.json")]
+          sonoweave calibrate tracker --session SESSION.mcap --sensor Probe --other Reference -o calibration.toml \
+--report room.json")]
 pub struct Arguments {
     #[command(flatten)]
     source: Source,
@@ -53,20 +55,21 @@ pub struct Arguments {
     /// Edge of the map's cells, mm
     #[arg(long, value_name = "MM", default_value_t = 50.0, value_parser = values::positive, requires = "other")]
     cell: f64,
-    /// Warn of cells where the sensors are farther than this from where they should be, mm (root mean square)
+    /// Warn of cells in which the sensors' distance from their nominal place is larger, mm (root
+    /// mean square)
     #[arg(long, value_name = "MM", default_value_t = 1.0, value_parser = values::positive, requires = "other")]
     limit: f64,
-    /// Leave out what was recorded before: seconds from the recording's beginning
+    /// Leave out everything recorded before: seconds from the recording's beginning
     #[arg(long, value_name = "S", value_parser = values::number)]
     from: Option<f64>,
-    /// Leave out what was recorded after: seconds from the recording's beginning
+    /// Leave out everything recorded after: seconds from the recording's beginning
     #[arg(long, value_name = "S", value_parser = values::number)]
     to: Option<f64>,
     #[command(flatten)]
     outputs: Outputs,
 }
 
-/// What is said of a still sensor. The names say the units.
+/// Report on a resting sensor. The names contain the units.
 #[derive(Debug, Serialize)]
 struct NoiseReport<'a> {
     kind: &'static str,
@@ -82,7 +85,7 @@ struct NoiseReport<'a> {
     farthest_mm: f64,
 }
 
-/// What is said of a room.
+/// Report on a room.
 #[derive(Debug, Serialize)]
 struct MapReport<'a> {
     kind: &'static str,
@@ -116,13 +119,14 @@ struct CellReport {
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure`] when the recording does not say what is sought.
+/// [`Failure`] when the recording does not determine the result.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let recording = arguments.recording(&arguments.tracker);
     if arguments.other.is_none() && arguments.outputs.changes_file() {
         return Err(Failure(
-            "--output: of a sensor's noise nothing goes into a calibration file; a map of the room does (--other)"
-                .into(),
+            "--output: a sensor's noise is not part of a calibration file, only a map of the room (--other); leave it \
+            out"
+            .into(),
         ));
     }
     arguments.outputs.check(&[recording.path()], false)?;
@@ -139,14 +143,16 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     match &arguments.other {
         None => arguments.noise(recording, &read),
         Some(other) => {
-            // The first sensor as the second one sees it, at the same times: where both were seen, that is where the second one was.
+            // The first sensor in the second one's frame, at the same times. This locates the
+            // second sensor whenever both were tracked.
             let between = Recording { reference: Some(other.clone()), ..recording.clone() }.read()?;
             arguments.map(recording, &read, &between, other)
         }
     }
 }
 
-/// Poses of both sensors at the same times; `between` is the first one's in the frame of the second.
+/// Returns poses of both sensors at the same times; `between` is the first one's in the frame of
+/// the second.
 fn pairs(read: &Poses, between: &Poses) -> Vec<Pair> {
     let mut seen = between.poses.iter().peekable();
     let mut pairs = Vec::new();
@@ -160,7 +166,7 @@ fn pairs(read: &Poses, between: &Poses) -> Vec<Pair> {
     pairs
 }
 
-/// For how long the sensor has lain still by now: whoever lays it down has moved it until then.
+/// Returns advice with the time since the sensor was last moved.
 fn stillness(read: &Poses) -> Advice {
     let end_s = read.poses.last().map_or(0.0, |(time_s, _)| *time_s);
     let still = |seconds: f64| {
@@ -168,7 +174,7 @@ fn stillness(read: &Poses) -> Advice {
         let poses: Vec<DAffine3> = read.poses[from..].iter().map(|(_, pose)| pose.affine()).collect();
         noise::of(&poses, seconds)
     };
-    // A slow tracker has too few poses in a second to be judged by, and is not moved for that.
+    // A slow tracker gives too few poses in a second to judge; this does not count as motion.
     let lies = |seconds: &f64| *seconds <= end_s && !matches!(still(*seconds), Err(NoNoise::Moved { .. }));
     let whole = (1..=STILL_S as u32).map(f64::from).take_while(lies);
     let seconds = whole.last().unwrap_or(0.0);
@@ -237,15 +243,16 @@ impl Arguments {
         distortion::map(pairs, &distortion::Options { cell_mm: self.cell, limit_mm: self.limit })
     }
 
-    /// How much of the room was gone through.
+    /// Returns advice with the covered part of the room.
     fn coverage(&self, map: &Map) -> Advice {
         let cells = map.cells.len();
         let beyond = map.zones.len();
         let says = format!(
-            "{cells} cells of {} mm were gone through, {beyond} of them beyond {} mm; go on wherever scans are made, and end by Ctrl-C",
+            "{cells} cells of {} mm were visited, {beyond} of them beyond {} mm; continue through the scanning area, \
+            and end by Ctrl-C",
             self.cell, self.limit
         );
-        // Nobody but who holds the piece knows how large the room is.
+        // Only the operator knows the size of the room, so the progress never reaches 1.
         Advice::at((cells as f64 / USUAL_CELLS).min(0.99), says)
     }
 
@@ -312,7 +319,7 @@ impl Arguments {
             ),
             zones => writeln!(
                 text,
-                "{zones} of {} cells of {} mm are beyond {} mm: metal bends the field there",
+                "{zones} of {} cells of {} mm are beyond {} mm: metal distorts the field there",
                 map.cells.len(),
                 map.cell_mm,
                 self.limit
@@ -340,12 +347,13 @@ impl Arguments {
 mod tests {
     use std::collections::BTreeMap;
 
-    use calibration::frames::Transform;
     use glam::DVec3;
+    use sonoweave_core::frames::Transform;
 
     use super::*;
 
-    /// A sensor that is carried for five seconds and then laid down, by a tracker of so many poses a second.
+    /// Returns poses of a sensor that is carried for five seconds and then laid down, at
+    /// `rate_hz`.
     fn laid(rate_hz: u32, seconds: u32) -> Poses {
         let pose = |n: u32| {
             let time_s = f64::from(n) / f64::from(rate_hz);
@@ -358,7 +366,7 @@ mod tests {
     }
 
     #[test]
-    fn stillness_begins_when_the_sensor_is_laid_down() {
+    fn stillness_counts_from_sensor_laid_down() {
         for rate_hz in [10, 60, 240] {
             let early = stillness(&laid(rate_hz, 9));
             assert!((early.share - 0.4).abs() < 1e-9, "{rate_hz}: {early:?}");

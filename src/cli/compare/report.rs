@@ -1,18 +1,19 @@
-//! What a comparison found, in words and as JSON.
+//! Result of a comparison, in words and as JSON.
 
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use serde::Serialize;
 
+use volume::DenseVolume;
+use volume::dense::UNSEEN_FIELD;
+use volume::difference::Difference;
+
 use super::Arguments;
 use crate::cli::histogram::Histogram;
 use crate::cli::inspect::text::{Text, point, short, times};
-use crate::volume::DenseVolume;
-use crate::volume::dense::UNSEEN_FIELD;
-use crate::volume::difference::Difference;
 
-/// What was found. The JSON form is this.
+/// The result; its fields are the JSON form.
 #[derive(Debug, Serialize)]
 pub(super) struct Report {
     first: Side,
@@ -20,7 +21,8 @@ pub(super) struct Report {
     /// Whether the second volume was interpolated on the first one's lattice.
     resampled: bool,
     voxels: Voxels,
-    /// Root of the mean squared difference, first less second, of what both saw; of all that follows, too.
+    /// Root of the mean squared difference, first minus second. This and the following numbers
+    /// cover the voxels that both volumes saw.
     rmse: f64,
     /// Mean difference.
     mean: f64,
@@ -30,7 +32,7 @@ pub(super) struct Report {
     /// Pearson's.
     correlation: Option<f64>,
     histogram: Histogram,
-    /// What the headers say differently of the volumes and their making.
+    /// Header fields on the volumes and their reconstruction that differ.
     settings: Vec<Setting>,
     picture: Option<PathBuf>,
 }
@@ -40,18 +42,18 @@ pub(super) struct Report {
 struct Side {
     path: PathBuf,
     weights: Option<PathBuf>,
-    /// What tells which voxels were seen.
+    /// Criterion for seen voxels.
     seen_by: &'static str,
     seen: u64,
 }
 
-/// Voxels by who saw them.
+/// Counts of voxels, by the volumes that saw them.
 #[derive(Debug, Serialize)]
 struct Voxels {
     both: u64,
     only_first: u64,
     only_second: u64,
-    /// Of the first volume's box.
+    /// Within the first volume's box.
     neither: u64,
 }
 
@@ -122,7 +124,8 @@ impl Report {
         text.row(
             "lattice",
             if self.resampled {
-                "another: the second is interpolated at the first one's voxels (trilinear), where all neighbours were seen"
+                "different: the second volume is interpolated at the first one's voxels (trilinear), where all \
+                neighbours were seen"
             } else {
                 "the same, voxel by voxel"
             },
@@ -158,7 +161,7 @@ impl Report {
     }
 }
 
-/// What a header says of a volume: its lattice, and how it was made.
+/// Returns a volume's header entries: its lattice, and its reconstruction settings.
 fn settings(volume: &DenseVolume) -> Vec<(String, String)> {
     let header = volume.header();
     let axes = header.axes.map(point).join("; ");
@@ -173,7 +176,7 @@ fn settings(volume: &DenseVolume) -> Vec<(String, String)> {
     settings
 }
 
-/// What is said differently, in the first one's order.
+/// Returns the differing entries, in the first one's order.
 fn differing([first, second]: [Vec<(String, String)>; 2]) -> Vec<Setting> {
     let find = |of: &[(String, String)], name: &str| of.iter().find(|(n, _)| n == name).map(|(_, value)| value.clone());
     let others = second.iter().filter(|(name, _)| find(&first, name).is_none());
@@ -190,7 +193,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_what_is_said_differently_is_listed() {
+    fn differing_lists_only_changed_settings() {
         let list =
             |pairs: &[(&str, &str)]| pairs.iter().map(|(n, v)| ((*n).to_owned(), (*v).to_owned())).collect::<Vec<_>>();
         let found =

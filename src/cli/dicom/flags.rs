@@ -1,13 +1,14 @@
-//! Who and what a DICOM file is of.
+//! Identifiers of the patient, study and series of a DICOM file.
 
 use std::path::Path;
 
 use clap::Args;
 
-use crate::cli::Failure;
-use crate::export::dicom::Identifiers;
+use export::dicom::Identifiers;
 
-/// What is given is in the file, and nothing else is.
+use crate::cli::Failure;
+
+/// Identifiers for a DICOM file; it contains only the ones that are given.
 #[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "DICOM")]
 pub(in crate::cli) struct DicomFlags {
@@ -17,25 +18,27 @@ pub(in crate::cli) struct DicomFlags {
     /// Patient's ID in a DICOM file [default: empty]
     #[arg(long, value_name = "ID")]
     patient_id: Option<String>,
-    /// The study's unique identifier, to add to one that is there [default: derived from the recording]
+    /// Unique identifier of the study, to add to an existing one [default: derived from the
+    /// recording]
     #[arg(long, value_name = "UID")]
     study_uid: Option<String>,
-    /// The study's description [default: none]
+    /// Description of the study [default: none]
     #[arg(long, value_name = "TEXT")]
     study_description: Option<String>,
-    /// The series' description [default: none]
+    /// Description of the series [default: none]
     #[arg(long, value_name = "TEXT")]
     series_description: Option<String>,
-    /// When it was recorded, as fourteen digits [default: unknown, which a volume has as 1900-01-01]
+    /// Time of the recording, as fourteen digits [default: unknown, written as 1900-01-01 for a
+    /// volume]
     #[arg(long, value_name = "YYYYMMDDHHMMSS")]
     acquired: Option<String>,
 }
 
 impl DicomFlags {
-    /// What they say.
+    /// Returns the checked identifiers.
     ///
     /// # Errors
-    /// [`Failure`] for what the standard does not allow.
+    /// [`Failure`] for values that the standard does not allow.
     pub(in crate::cli) fn identifiers(&self) -> Result<Identifiers, Failure> {
         let Self { patient_name, patient_id, study_uid, study_description, series_description, acquired } =
             self.clone();
@@ -46,7 +49,7 @@ impl DicomFlags {
     }
 }
 
-/// Whether a name is that of a DICOM file.
+/// Whether a path's name is that of a DICOM file.
 pub(in crate::cli) fn is_dicom(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("dcm"))
 }

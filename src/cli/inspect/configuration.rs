@@ -1,24 +1,25 @@
-//! What a calibration or configuration file says.
+//! Report on a calibration or configuration file.
 
 use std::path::Path;
+
+use glam::DVec3;
+use serde::Serialize;
 
 use calibration::arm::{JOINTS, Joint};
 use calibration::file::preset::Preset;
 use calibration::file::{CalibrationFile, NoPreset};
-use calibration::named::StaticTransform;
-use glam::DVec3;
-use serde::Serialize;
+use config::{ConfigError, Settings, SourceKind};
+use sonoweave_core::named::StaticTransform;
 
 use super::super::Failure;
 use super::text::{Text, point, short, times};
-use crate::config::{ConfigError, Settings, SourceKind};
 
 /// A configuration's content.
 #[derive(Debug, Serialize)]
 pub(super) struct ConfigurationReport {
     #[serde(flatten)]
     settings: Settings,
-    /// Where the numbers come from; our own files say it.
+    /// Provenance of the numbers; only in our own files.
     provenance: Option<String>,
     /// Pixel size along u and v by the probe's calibration, mm.
     pixel_mm: Option<[f64; 2]>,
@@ -26,11 +27,11 @@ pub(super) struct ConfigurationReport {
     arm: Option<[Joint; JOINTS]>,
     /// Its presets, a line each.
     presets: Vec<String>,
-    /// The preset that pixel and clip are of, where there are several.
+    /// The preset that pixel and clip belong to, if there are several.
     shown: Option<String>,
 }
 
-/// A preset in a line.
+/// Formats a preset in a line.
 fn about(preset: &Preset) -> String {
     let mut text = format!("\"{}\"", preset.name);
     if let Some(made) = preset.made {
@@ -55,7 +56,7 @@ fn about(preset: &Preset) -> String {
 
 impl ConfigurationReport {
     pub(super) fn read(path: &Path) -> Result<Self, Failure> {
-        // Of several presets it is the first that is told of whole.
+        // If there are several presets, the first one is shown in full.
         let (settings, first) = match Settings::read(path, None) {
             Err(ConfigError::Preset { problem: NoPreset::Unnamed { known }, .. }) => {
                 let first = known.into_iter().next();
@@ -133,7 +134,7 @@ impl ConfigurationReport {
     }
 }
 
-/// The rows of a transform's matrix, the columns aligned; the JSON form has all digits.
+/// Formats the rows of a transform's matrix, the columns aligned; the JSON form has all digits.
 fn matrix(transform: &StaticTransform) -> Vec<String> {
     let cells = transform.rows().map(|v| if v.fract() == 0.0 { v.to_string() } else { format!("{v:.8}") });
     let width = |column: usize| (0..4).map(|row| cells[4 * row + column].len()).max().unwrap_or(0);

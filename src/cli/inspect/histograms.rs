@@ -1,38 +1,40 @@
-//! How a sweep went, as histograms: how fast, how far its slices lie apart, how even its frames come, and what the tracker vouches for.
+//! Histograms of a sweep: probe speed, slice distances, frame intervals, and tracker status.
 
 use std::collections::BTreeMap;
 
-use drivers::Reading;
-use drivers::reading::Status;
 use glam::DVec3;
 use serde::Serialize;
 
+use sonoweave_core::Reading;
+use sonoweave_core::reading::Status;
+use sync::FramePose;
+
 use super::text::{Text, short};
 use crate::cli::histogram::{Histogram, bars};
-use crate::sync::FramePose;
 
-/// A sensor's samples farther apart than this tell nothing of the time between them, ns.
+/// Longest gap between a sensor's samples that is interpolated, ns.
 const LONGEST_NS: i64 = 100_000_000;
 
-/// What is told of a sweep; `None` where nothing is known.
+/// Histograms of a sweep; `None` if nothing is known.
 #[derive(Debug, Default, Serialize)]
 pub(super) struct Histograms {
-    /// From frame to frame, ms.
+    /// Interval between frames, ms.
     interval_ms: Option<Histogram>,
-    /// Way from frame to frame over the time between them, mm/s.
+    /// Distance between frames over the time between them, mm/s.
     speed_mm_s: Option<Histogram>,
-    /// Between neighbouring slices, mm.
+    /// Distance between neighbouring slices, mm.
     gap_mm: Option<Histogram>,
     /// The same in spacings of the volume.
     gap_voxels: Option<Histogram>,
-    /// The spacing that is meant, mm.
+    /// Assumed volume spacing, mm.
     spacing_mm: Option<f64>,
-    /// Poses by what the source says of them.
+    /// Poses by the source's status.
     status: BTreeMap<String, u64>,
 }
 
 impl Histograms {
-    /// Of a sequence: its frames' times in s, its placed frames, the gaps between them and the volume's spacing in mm, and how often each status stands at a transform.
+    /// Makes the histograms of a sequence. Takes its frames' times in s, its placed frames, the
+    /// gaps between them and the volume's spacing in mm, and the counts of transform status.
     pub(super) fn of_sequence(
         times_s: &[f64],
         poses: &[FramePose],
@@ -45,7 +47,7 @@ impl Histograms {
             let [u, v] = pose.size.map(|n| 0.5 * (f64::from(n) - 1.0));
             pose.world_from_image.point(DVec3::new(u, v, 0.0))
         };
-        // Without times of its own a frame has no speed.
+        // A sequence without times has no speeds.
         let is_timed = !times_s.is_empty();
         let placed: Vec<(i64, DVec3)> = poses.iter().filter(|_| is_timed).map(|p| (p.time_ns, centre(p))).collect();
         Self {
@@ -63,7 +65,7 @@ impl Histograms {
         interval_ms.is_none() && speed_mm_s.is_none() && gap_mm.is_none() && status.is_empty()
     }
 
-    /// As bars of text, below a heading; nothing where nothing is known.
+    /// Writes the histograms as bars of text, below a heading; nothing if nothing is known.
     pub(super) fn write(&self, heading: &str, text: &mut Text) {
         if self.is_empty() {
             return;
@@ -82,13 +84,13 @@ impl Histograms {
     }
 }
 
-/// Speeds from place to place in mm/s; where time does not go on there is none.
+/// Returns the speeds between places in mm/s; pairs without a later time are left out.
 fn speeds(placed: &[(i64, DVec3)]) -> Vec<f64> {
     let pairs = placed.windows(2).filter(|pair| pair[1].0 > pair[0].0);
     pairs.map(|pair| pair[0].1.distance(pair[1].1) / ((pair[1].0 - pair[0].0) as f64 * 1e-9)).collect()
 }
 
-/// A word of a status.
+/// Returns the word for a status.
 pub(super) fn word(status: &Status) -> String {
     match status {
         Status::Ok => "OK".into(),
@@ -96,23 +98,23 @@ pub(super) fn word(status: &Status) -> String {
     }
 }
 
-/// What a session's messages tell, as they pass.
+/// Collects frame times and poses from a session's messages.
 #[derive(Debug, Default)]
 pub(super) struct Streams {
-    /// When frames came, by topic, ns.
+    /// Arrival times of frames, by topic, ns.
     frames: BTreeMap<String, Vec<i64>>,
     sensors: BTreeMap<String, Sensor>,
 }
 
-/// Where a sensor was.
+/// Positions of a sensor.
 #[derive(Debug, Default)]
 struct Sensor {
-    /// When, ns, and where, mm: what the tracker vouches for.
+    /// Time, ns, and position, mm, of valid poses.
     places: Vec<(i64, DVec3)>,
     status: BTreeMap<String, u64>,
 }
 
-/// How a stream of a session went.
+/// Report of a session's stream.
 #[derive(Debug, Serialize)]
 pub(super) struct StreamReport {
     topic: String,
@@ -121,7 +123,7 @@ pub(super) struct StreamReport {
 }
 
 impl Streams {
-    /// A frame that came.
+    /// Takes a frame.
     pub(super) fn frame(&mut self, topic: &str, at_ns: i64) {
         match self.frames.get_mut(topic) {
             Some(times) => times.push(at_ns),
@@ -131,7 +133,7 @@ impl Streams {
         }
     }
 
-    /// A reading of a tracker; others tell nothing.
+    /// Takes a tracker's reading; others are ignored.
     pub(super) fn reading(&mut self, topic: &str, at_ns: i64, reading: &Reading) {
         let (name, place, status) = match reading {
             Reading::Pose(pose) => (topic.to_owned(), DVec3::from_array(pose.position_cm) * 10.0, &pose.status),
@@ -148,7 +150,8 @@ impl Streams {
         }
     }
 
-    /// A report a stream: frames' intervals, and of each sensor how it went from frame to frame of the first stream of frames.
+    /// Returns a report for each stream: the frames' intervals, and each sensor's motion between
+    /// frames of the first stream of frames.
     pub(super) fn finish(self) -> Vec<StreamReport> {
         let of_frames = |(topic, times): (&String, &Vec<i64>)| {
             let intervals: Vec<f64> = times.windows(2).map(|pair| (pair[1] - pair[0]) as f64 * 1e-6).collect();
@@ -173,7 +176,8 @@ impl Streams {
 }
 
 impl Sensor {
-    /// Where it was, by line between the samples around; `None` where they are too far apart.
+    /// Returns the position, linearly interpolated between the neighbouring samples; `None` if
+    /// they are too far apart.
     fn at(&self, at_ns: i64) -> Option<DVec3> {
         let after = self.places.partition_point(|(time, _)| *time < at_ns);
         let (later, to) = *self.places.get(after)?;
@@ -195,7 +199,7 @@ impl StreamReport {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use drivers::reading::{NamedTransform, Stamp};
+    use sonoweave_core::reading::{NamedTransform, Stamp};
 
     fn transform(x: f64, status: Status) -> Reading {
         let mut matrix = [0.0; 16];
@@ -210,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sensor_s_way_from_frame_to_frame_is_between_its_samples() {
+    fn sensor_motion_between_frames_is_interpolated() {
         let mut streams = Streams::default();
         for k in 0..10 {
             // 3 mm in 10 ms: 300 mm/s.
@@ -232,7 +236,7 @@ mod tests {
             3
         );
         assert_eq!(json[1]["status"], serde_json::json!({ "MISSING": 1, "OK": 11 }));
-        // Two ways of 6 mm; the last frame has no sample about it.
+        // Two steps of 6 mm; the last frame has no samples around it.
         let total =
             |name: &str| json[1][name]["counts"].as_array().unwrap().iter().filter_map(|n| n.as_u64()).sum::<u64>();
         assert_eq!((total("speed_mm_s"), total("gap_mm")), (2, 2));

@@ -1,29 +1,33 @@
-//! What a tracked sequence holds, and where its pictures lie in the world.
+//! Report on a tracked sequence, and on the position of its images in the world.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use drivers::reading::{Frame, NamedTransform};
-use drivers::recording::image::About;
-use drivers::recording::{Limits, SequenceSettings};
-use drivers::{Next, OpenSettings, Reading};
 use glam::DVec3;
 use serde::Serialize;
+
+use config::Settings as Config;
+use drivers::OpenSettings;
+use drivers::replay::SequenceSettings;
+use formats::Limits;
+use formats::image::About;
+use sonoweave_core::ledger::Ledger;
+use sonoweave_core::reading::{Frame, NamedTransform};
+use sonoweave_core::refusal::{Reason, Refusal};
+use sonoweave_core::{Next, Reading};
+use sync::Survey;
+use sync::ingest::grey::described;
+use sync::ingest::{Head, Ingest};
+use sync::survey;
+use sync::survey::{SurveyError, gaps};
 
 use super::super::Failure;
 use super::super::reconstruct::flags::SPACING_MM;
 use super::histograms::{Histograms, word};
 use super::text::{Text, bytes, count, short, times};
 use super::volume::scalar_name;
-use crate::config::Settings as Config;
-use crate::ingest::grey::described;
-use crate::ingest::{Head, Ingest};
-use crate::ledger::Ledger;
-use crate::refusal::{Reason, Refusal};
-use crate::sync::survey::{SurveyError, gaps};
-use crate::sync::{PairingOptions, Survey, survey};
 
-/// Field of the whole file that says nothing of a sequence, in which no volume lies.
+/// Field of the whole file that is meaningless for a sequence, which contains no volume.
 const ANATOMY: &str = "AnatomicalOrientation";
 
 /// A sequence's content.
@@ -33,18 +37,18 @@ pub(super) struct SequenceReport {
     bytes: u64,
     /// Frames, or tracker samples.
     items: u64,
-    /// `None` when the file has no pictures.
+    /// `None` when the file has no images.
     picture: Option<Picture>,
-    /// As written; empty if not given.
+    /// The written orientation; empty if not given.
     orientation: String,
     image_type: String,
-    /// Pictures by their status.
+    /// Images by their status.
     image_status: BTreeMap<String, u64>,
     /// `None` when no frame has a time.
     time: Option<Times>,
     frame_numbers: Option<FrameNumbers>,
     transforms: Vec<TransformCount>,
-    /// Further fields of frames: how many frames have them.
+    /// Further fields of frames: the number of frames that have them.
     frame_fields: BTreeMap<String, u64>,
     /// Further fields of the file.
     header_fields: Vec<(String, String)>,
@@ -73,15 +77,15 @@ struct Times {
     /// Intervals over duration; `None` without a duration.
     rate_hz: Option<f64>,
     interval_s: Option<Spread>,
-    /// Frames whose time is not after that of the frame before.
+    /// Frames whose time is not after that of the previous frame.
     not_ascending: u64,
     /// Frames without a time.
     untimed: u64,
-    /// Frames that have the time before the source's filtering, too.
+    /// Frames that also have the time before the source's filtering.
     unfiltered: u64,
 }
 
-/// How numbers are spread.
+/// Distribution of numbers.
 #[derive(Debug, Serialize)]
 struct Spread {
     min: f64,
@@ -93,7 +97,7 @@ struct Spread {
 }
 
 impl Spread {
-    /// `None` without samples.
+    /// Returns `None` without samples.
     fn of(mut samples: Vec<f64>) -> Option<Self> {
         samples.sort_by(f64::total_cmp);
         let n = samples.len() as f64;
@@ -113,7 +117,7 @@ struct FrameNumbers {
     skipped: u64,
 }
 
-/// A transform, and how often the source vouches for it.
+/// A transform, with counts of its status.
 #[derive(Debug, Serialize)]
 struct TransformCount {
     name: String,
@@ -121,26 +125,26 @@ struct TransformCount {
     status: BTreeMap<String, u64>,
 }
 
-/// Where the pictures lie, as `reconstruct` would have it.
+/// Placement of the images, as `reconstruct` determines it.
 #[derive(Debug, Serialize)]
 struct Placement {
-    /// The transforms from the picture to the world.
+    /// The transforms from the image to the world.
     route: Option<String>,
     world: Option<String>,
-    /// Why there is none.
+    /// Reason why there is none.
     problem: Option<String>,
     /// Pixel size along u and v, mm.
     pixel_mm: Option<[f64; 2]>,
-    /// Way of the picture's centre from frame to frame, mm.
+    /// Path length of the image's centre from frame to frame, mm.
     sweep_mm: Option<f64>,
     /// Distance of neighbouring slices, mm: see [`gaps`].
     gap_mm: Option<Spread>,
-    /// Corners of the box around all pictures, world mm.
+    /// Corners of the box around all images, world mm.
     bounds_mm: Option<[[f64; 3]; 2]>,
-    /// What would become of the frames, as far as the header tells.
+    /// Expected outcomes of the frames, as far as the header shows them.
     #[serde(flatten)]
     ledger: Ledger,
-    /// What the configuration's reader says.
+    /// Notes from the configuration's reader.
     notes: Vec<String>,
 }
 
@@ -153,7 +157,7 @@ impl SequenceReport {
         let mut walk = Walk::default();
         device.start()?;
         loop {
-            match device.next(drivers::NO_DEADLINE)? {
+            match device.next(sonoweave_core::NO_DEADLINE)? {
                 Next::Reading(Reading::Frame(frame)) => walk.frame(frame),
                 Next::Reading(Reading::NamedTransform(transform)) => walk.transform(&transform),
                 Next::Reading(_) | Next::Pending => {}
@@ -161,7 +165,7 @@ impl SequenceReport {
             }
         }
         device.stop()?;
-        let options = PairingOptions::new(&config, world);
+        let options = config.pairing_options(world);
         let spacing = config.spacing_mm.map_or(SPACING_MM, |mm| DVec3::from_array(mm).max_element());
         let (placement, poses) = match survey(device.as_mut(), &options) {
             Ok(survey) => (Placement::of(&survey, config.notes), survey.poses),
@@ -243,7 +247,7 @@ impl SequenceReport {
     }
 }
 
-/// What a walk over the header's readings has found.
+/// Results of reading all of the header's entries.
 #[derive(Debug, Default)]
 struct Walk {
     frames: u64,
@@ -256,7 +260,7 @@ struct Walk {
     transforms: Vec<TransformCount>,
     fields: BTreeMap<String, u64>,
     ingest: Ingest,
-    /// What would become of the pictures if none had a place.
+    /// Outcomes of the frames if none had a pose.
     ledger: Ledger,
 }
 
@@ -265,7 +269,7 @@ impl Walk {
         self.frames += 1;
         self.ledger.arrived();
         let nowhere =
-            |head: Head| Refusal::new(head.stamp.item, Reason::NoPath, "the picture has no place in the world");
+            |head: Head| Refusal::new(head.stamp.item, Reason::NoPath, "the image has no position in the world");
         self.ledger.refused(&self.ingest.head(&frame).map_or_else(|unfit| unfit, nowhere));
         *self.image_status.entry(word(&frame.status)).or_default() += 1;
         self.times.extend(frame.stamp.source_s);
@@ -403,14 +407,17 @@ impl Placement {
             let (n, worst) = (self.ledger.poses_projected, short(self.ledger.worst_projection));
             text.row(
                 "",
-                format!("{} off a rotation by up to {worst}, to be projected to the nearest", count(n, "pose")),
+                format!(
+                    "{} differ from a rotation by up to {worst} and will be replaced by the nearest",
+                    count(n, "pose")
+                ),
             );
         }
         text.rows("notes", &self.notes);
     }
 }
 
-/// `94 OK, 3 INVALID`.
+/// Formats counts as `94 OK, 3 INVALID`.
 fn counts(status: &BTreeMap<String, u64>) -> String {
     let ok = status.get_key_value("OK").into_iter();
     let others = status.iter().filter(|(word, _)| *word != "OK");
@@ -422,7 +429,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn spreads_of_known_numbers() {
+    fn spread_of_known_numbers() {
         let spread = Spread::of((1..=11).rev().map(f64::from).collect()).unwrap();
         assert_eq!((spread.min, spread.median, spread.mean, spread.p90, spread.max), (1.0, 6.0, 6.0, 10.0, 11.0));
         assert!((spread.sd - 10.0_f64.sqrt()).abs() < 1e-12);
@@ -430,7 +437,7 @@ mod tests {
     }
 
     #[test]
-    fn times_that_go_back_are_counted_and_give_no_false_rate() {
+    fn times_going_back_counted_give_no_rate() {
         let times = Times::of(&[2.0, 2.5, 2.5, 2.0], 5, 0).unwrap();
         assert_eq!((times.not_ascending, times.untimed, times.rate_hz), (2, 1, None));
         let even = Times::of(&[1.0, 1.5, 2.0], 3, 0).unwrap();
@@ -439,7 +446,7 @@ mod tests {
     }
 
     #[test]
-    fn statuses_are_listed_with_the_good_ones_first() {
+    fn counts_lists_ok_first() {
         let status = BTreeMap::from([("INVALID".to_owned(), 3), ("OK".to_owned(), 94), ("A".to_owned(), 1)]);
         assert_eq!(counts(&status), "94 OK, 1 A, 3 INVALID");
     }

@@ -1,20 +1,19 @@
-//! What a session holds: its devices, how often each spoke, what is missing and why.
+//! Report on a session: its devices, their message rates, and losses with their reasons.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use drivers::Reading;
-use drivers::recording::Limits;
-use drivers::recording::session::{
-    About, Damage, Ending, Event, Maker, Message, RecordedDevice, SessionReader, repair,
-};
 use serde::Serialize;
+
+use formats::Limits;
+use formats::session::{About, Damage, Ending, Event, Maker, Message, RecordedDevice, SessionReader, repair};
+use sonoweave_core::Reading;
 
 use super::super::Failure;
 use super::histograms::{StreamReport, Streams};
 use super::text::{Text, bytes, count, short, times};
 
-/// Notes that say how a session was made, shown with their text.
+/// Notes on a session's settings and software, shown with their text.
 const SHOWN: [&str; 3] = ["version", "settings", "calibration"];
 /// Characters of a note's text that are shown; the JSON form has all.
 const SHOWN_CHARACTERS: usize = 2000;
@@ -26,38 +25,38 @@ pub(super) struct SessionReport {
     bytes: u64,
     /// The program that wrote it.
     program: String,
-    /// When it began, UTC; empty where its beginning is lost.
+    /// Its start, UTC; empty if its beginning is lost.
     began: String,
-    /// What is added to the session's times to have them since 1970, ns.
+    /// Offset to add to the session's times for time since 1970, ns.
     realtime_offset_ns: i64,
     /// From its first message to its last, s.
     duration_s: f64,
-    /// Whether it was ended, and not broken off.
+    /// Whether it was ended regularly.
     finished: bool,
     devices: Vec<DeviceReport>,
     topics: Vec<Topic>,
-    /// How the sweep went, a stream of frames or a sensor each.
+    /// Histograms of the sweep, one entry for each stream of frames and each sensor.
     histograms: Vec<StreamReport>,
-    /// Notes of the daemon's, by their kinds.
+    /// The daemon's notes, counted by kind.
     notes: BTreeMap<String, u64>,
-    /// Notes that say how it was made: kind and text, the last of each.
+    /// Notes on its settings and software: kind and text, the last of each.
     shown: BTreeMap<String, String>,
     losses: Vec<LossReport>,
     damage: Vec<DamageReport>,
-    /// The whole session that was written of it.
+    /// The repaired session that was written from it.
     repaired: Option<Repaired>,
 }
 
 #[derive(Debug, Serialize)]
 struct DeviceReport {
     name: String,
-    /// What it is, by its own word.
+    /// Name of the source, as the device gives it.
     source: String,
-    /// What its lines speak.
+    /// Protocol of its lines.
     protocol: Option<String>,
     settings: Vec<(String, String)>,
     fields: Vec<(String, String)>,
-    /// Pixels of its pictures.
+    /// Size of its images, pixels.
     image_size: Option<[u32; 2]>,
 }
 
@@ -132,7 +131,7 @@ fn seconds(ns: i64) -> f64 {
 }
 
 impl SessionReport {
-    /// Reads a session to its end, and writes a whole one of it if that is wanted.
+    /// Reads a session to its end, and writes a repaired copy if requested.
     pub(super) fn read(path: &Path, repair_to: Option<&Path>) -> Result<Self, Failure> {
         let limits = Limits::default();
         let mut reader = SessionReader::open(path, &limits)?;
@@ -223,7 +222,7 @@ impl SessionReport {
         }
     }
 
-    /// What a device said last of itself counts.
+    /// Adds a device; its last description counts.
     fn meet(&mut self, device: RecordedDevice) {
         let RecordedDevice { name, speech, description } = device;
         let (protocol, settings) = speech.map(|speech| (speech.protocol, speech.settings)).unzip();
@@ -253,7 +252,7 @@ impl SessionReport {
         text.row("size", bytes(self.bytes));
         text.row(
             "end",
-            if self.finished { "ended in order" } else { "broken off: what was not on the disk is missing" },
+            if self.finished { "ended in order" } else { "broken off: all data that was not on the disk is missing" },
         );
         let notes = self.notes.iter().map(|(kind, n)| format!("{n} {kind}")).collect::<Vec<_>>().join(", ");
         if !notes.is_empty() {
@@ -319,7 +318,7 @@ impl SessionReport {
             self.damage.iter().map(|part| format!("bytes {} to {}: {}", part.from_byte, part.until_byte, part.what)),
         );
         if self.repaired.is_none() && (!self.finished || self.damage.iter().any(|part| part.is_loss)) {
-            text.row("", "`--repair OUT.mcap` writes a whole session of the rest");
+            text.row("", "`--repair OUT.mcap` writes a complete session from the remaining data");
         }
     }
 }

@@ -10,7 +10,7 @@ const LABEL: usize = 16;
 pub(in crate::cli) struct Text(String);
 
 impl Text {
-    /// A line of its own; an empty one before it, unless it is the first.
+    /// Writes a heading, after an empty line unless it is the first.
     pub(in crate::cli) fn heading(&mut self, text: &str) {
         if !self.0.is_empty() {
             self.0.push('\n');
@@ -18,16 +18,16 @@ impl Text {
         self.line(text);
     }
 
-    /// One value.
+    /// Writes one value.
     pub(in crate::cli) fn row(&mut self, label: &str, value: impl AsRef<str>) {
         self.rows(label, [value]);
     }
 
-    /// Values below each other, the label before the first; nothing without values.
+    /// Writes values below each other, the label before the first; nothing without values.
     pub(in crate::cli) fn rows<S: AsRef<str>>(&mut self, label: &str, values: impl IntoIterator<Item = S>) {
         for (n, value) in values.into_iter().enumerate() {
             let label = if n == 0 { label } else { "" };
-            // A value of several lines keeps its column.
+            // All lines of a value are aligned to its column.
             let value = value.as_ref().replace('\n', &format!("\n  {:LABEL$}", ""));
             self.line(format!("  {label:LABEL$}{value}").trim_end());
         }
@@ -43,22 +43,22 @@ impl Text {
     }
 }
 
-/// Three numbers with a sign between them, as sizes and spacings are written.
+/// Joins numbers with ×, for sizes and spacings.
 pub(in crate::cli) fn times<T: std::fmt::Display, const N: usize>(values: [T; N]) -> String {
     values.map(|v| v.to_string()).join("×")
 }
 
-/// Three numbers as a point.
+/// Formats three numbers as a point.
 pub(in crate::cli) fn point(values: [f64; 3]) -> String {
     values.map(|v| v.to_string()).join(", ")
 }
 
-/// Rounded for reading; the JSON form has all digits.
+/// Rounds a number for reading; the JSON form has all digits.
 pub(in crate::cli) fn short(value: f64) -> String {
     if value != 0.0 && value.abs() < 1e-3 { format!("{value:.2e}") } else { format!("{value:.3}") }
 }
 
-/// A file's size.
+/// Formats a file's size.
 pub(in crate::cli) fn bytes(count: u64) -> String {
     match count {
         0..10_000 => format!("{count} bytes"),
@@ -68,7 +68,7 @@ pub(in crate::cli) fn bytes(count: u64) -> String {
     }
 }
 
-/// A count with its noun.
+/// Formats a count with its noun.
 pub(in crate::cli) fn count(n: u64, one: &str) -> String {
     if n == 1 { format!("1 {one}") } else { format!("{n} {one}s") }
 }
@@ -78,7 +78,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn values_stand_in_one_column_whatever_they_are() {
+    fn values_align_in_one_column() {
         let mut text = Text::default();
         text.heading("file.mha: volume");
         text.row("size", "3×4×5");
@@ -90,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn small_numbers_do_not_round_to_nothing() {
+    fn short_keeps_small_numbers_nonzero() {
         assert_eq!([0.0, 1e-4, 0.25, -12.3456].map(short), ["0.000", "1.00e-4", "0.250", "-12.346"]);
         assert_eq!([12, 12_345, 3_481_178, 20_000_000_000].map(bytes), ["12 bytes", "12.3 kB", "3.5 MB", "20.00 GB"]);
         assert_eq!((count(1, "frame"), count(0, "frame")), ("1 frame".into(), "0 frames".into()));

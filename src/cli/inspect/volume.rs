@@ -1,17 +1,18 @@
-//! What a volume holds, and how far it is from another.
+//! Report on a volume, and on its difference from another.
 
 use std::path::{Path, PathBuf};
 
-use drivers::reading::PixelType;
-use drivers::recording::Limits;
-use drivers::recording::image::{VolumeHeader, VolumeReader};
 use serde::Serialize;
+
+use export::fill::FILLED;
+use formats::Limits;
+use formats::image::{VolumeHeader, VolumeReader};
+use sonoweave_core::reading::PixelType;
+use volume::brick_volume::SEEN;
+use volume::difference::{Overlap, Sums};
 
 use super::super::{Failure, input};
 use super::text::{Text, bytes, point, short, times};
-use crate::export::fill::FILLED;
-use crate::volume::difference::{Overlap, Sums};
-use crate::volume::sparse::SEEN;
 
 /// A volume's content.
 #[derive(Debug, Serialize)]
@@ -31,12 +32,12 @@ pub(super) struct VolumeReport {
     scalar: String,
     channels: u32,
     compressed: bool,
-    /// Whether the file says where it lies.
+    /// Whether the file gives its placement.
     placed: bool,
     values: Values,
     /// By the weights, if they were given.
     coverage: Option<Coverage>,
-    /// Further fields of the header: what `reconstruct` says of the volume's making, and others.
+    /// Further fields of the header: `reconstruct`'s settings, and others.
     fields: Vec<(String, String)>,
     comparison: Option<Comparison>,
 }
@@ -54,7 +55,7 @@ struct Values {
     not_finite: u64,
 }
 
-/// How many voxels were seen.
+/// Counts of seen, filled and unseen voxels.
 #[derive(Debug, Default, Serialize)]
 struct Coverage {
     seen: u64,
@@ -63,7 +64,7 @@ struct Coverage {
     unseen: u64,
 }
 
-/// The volume less another.
+/// Difference of the volume minus another.
 #[derive(Debug, Serialize)]
 struct Comparison {
     against: PathBuf,
@@ -83,9 +84,10 @@ struct Comparison {
 }
 
 impl VolumeReport {
-    /// Reads a volume whole, a slice at a time, and compares it if asked to: with a volume, and by the weights where something was seen.
+    /// Reads a volume, a slice at a time. If requested, compares it with another volume and
+    /// counts its seen voxels by the weights.
     pub(super) fn read(path: &Path, against: Option<&Path>, weights: Option<&Path>) -> Result<Self, Failure> {
-        // Before the voxels: what cannot be compared is said at once.
+        // An impossible comparison is reported before the voxels are read.
         let comparison = against.map(|other| compare(path, other, weights)).transpose()?;
         let coverage = weights.map(|weights| Coverage::read(path, weights)).transpose()?;
         let mut layers = Layers::open(path)?;
@@ -212,7 +214,7 @@ impl Layers {
         Ok(Self { reader: VolumeReader::open(path, &Limits::default())?, values: Vec::new() })
     }
 
-    /// A volume's weights.
+    /// Opens a volume's weights.
     fn of_volume(volume: &Self, path: &Path, weights: &Path) -> Result<Self, Failure> {
         let this = Self::open(weights)?;
         let (of_volume, own) = (volume.reader.header(), this.reader.header());
@@ -240,13 +242,13 @@ impl Layers {
     }
 }
 
-/// What a volume holds where nothing was seen: what `reconstruct` noted, else 0.
+/// Returns the value of unseen voxels: the one noted by `reconstruct`, else 0.
 fn unseen_value(header: &VolumeHeader) -> f64 {
     let noted = header.fields.iter().find(|(name, _)| name == "SonoweaveUnseen");
     noted.and_then(|(_, value)| value.parse().ok()).unwrap_or(0.0)
 }
 
-/// Equal, or both no number.
+/// Whether two values are equal, or both NaN.
 fn same(a: f64, b: f64) -> bool {
     a == b || (a.is_nan() && b.is_nan())
 }
@@ -302,7 +304,7 @@ fn compare(path: &Path, other: &Path, weights: Option<&Path>) -> Result<Comparis
     })
 }
 
-/// The name on the command line.
+/// Returns a type's name on the command line.
 pub(super) fn scalar_name(pixel: PixelType) -> String {
     format!("{pixel:?}").to_lowercase()
 }
@@ -330,7 +332,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_type_is_read_as_numbers() {
+    fn read_values_converts_every_type() {
         let mut values = Vec::new();
         read_values(&(-2.5_f64).to_ne_bytes(), PixelType::F64, &mut values);
         read_values(&(-3_i64).to_ne_bytes(), PixelType::I64, &mut values);

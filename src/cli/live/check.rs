@@ -1,27 +1,29 @@
-//! Whether all that a bedside's configuration names is there and works.
+//! Checks that everything that a session configuration names is present and works.
 
 use std::fmt::Write as _;
 use std::net::TcpListener;
 use std::path::PathBuf;
 
-use calibration::tracker::zones::Zones;
-use drivers::clock::{Clock, Monotonic};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
+use calibration::tracker::zones::Zones;
+use config::bedside::devices::{PROBE_FRAME, REFERENCE_FRAME, TRACKER_FRAME};
+use config::bedside::{Bedside, Tracking, pixel_mm};
+use console::Listen;
+use sonoweave_core::clock::{Clock, Monotonic};
+use sync::Pairing;
+
 use super::device::{PATIENCE, Tried, try_out};
 use crate::cli::Failure;
-use crate::config::bedside::devices::{PROBE_FRAME, REFERENCE_FRAME, TRACKER_FRAME};
-use crate::config::bedside::{Bedside, Tracking, pixel_mm};
-use crate::console::Listen;
 use crate::devices;
-use crate::sync::Pairing;
 
-/// Below this part of the rate that it is set to a device is too slow to be used, and below the next it is worth a look.
+/// Shares of the configured rate: below USELESS a device is unusable, below SLOW it gets a
+/// warning.
 const USELESS: f64 = 0.5;
 const SLOW: f64 = 0.9;
 
-/// What was found, and what is wrong.
+/// Results and problems.
 #[derive(Debug, Serialize)]
 pub(super) struct Report {
     config: PathBuf,
@@ -30,17 +32,17 @@ pub(super) struct Report {
     notes: Vec<String>,
 }
 
-/// One thing that was looked at.
+/// A checked item.
 #[derive(Debug, Serialize)]
 struct Checked {
     what: &'static str,
-    /// Nothing is wrong with it.
+    /// Without errors.
     well: bool,
-    /// What it is.
+    /// Description of the item.
     says: Vec<String>,
-    /// What is worth a look.
+    /// Warnings.
     doubts: Vec<String>,
-    /// What is wrong, and what to do.
+    /// Errors, with remedies.
     wrong: Vec<String>,
     /// The same for programs.
     numbers: Value,
@@ -65,10 +67,10 @@ impl Checked {
     }
 }
 
-/// Opens every device at once, and looks at the rest.
+/// Opens all devices at the same time, and checks the rest of the configuration.
 ///
 /// # Errors
-/// [`Failure`] when devices cannot even be asked.
+/// [`Failure`] when the devices cannot be created.
 pub(super) fn check(bedside: &Bedside) -> Result<Report, Failure> {
     let mut devices = devices::open(bedside, Monotonic.now_ns(), false)?;
     let (tracking, grabber) = std::thread::scope(|scope| {
@@ -80,7 +82,7 @@ pub(super) fn check(bedside: &Bedside) -> Result<Report, Failure> {
     let grabber = match grabber {
         Ok(Ok(tried)) => tried,
         Ok(Err(_)) => return Err(Failure("the grabber's driver has panicked; please report this".into())),
-        Err(error) => return Err(Failure(format!("no thread for the grabber: {error}"))),
+        Err(error) => return Err(Failure(format!("cannot start the grabber's thread: {error}"))),
     };
     drop(devices);
     let mut checks =
@@ -118,7 +120,7 @@ fn of_tracking(bedside: &Bedside, tried: &Tried) -> Checked {
     }
     for (station, frame, called) in &stations {
         let Some(stream) = station.and_then(|station| tried.streams.get(&station)) else {
-            checked.wrong(format!("{frame}: {called} sends nothing; is its sensor plugged in?"));
+            checked.wrong(format!("{frame}: {called} sends nothing; plug in its sensor"));
             continue;
         };
         let hz = stream.seen_hz.map_or(String::new(), |hz| format!(", {hz:.1} a second"));
@@ -141,7 +143,7 @@ fn of_tracking(bedside: &Bedside, tried: &Tried) -> Checked {
             }
         }
         if tried.streams.is_empty() {
-            checked.wrong("it runs and sends no counts; is its power on?");
+            checked.wrong("it runs but sends no counts; switch its power on");
         }
     }
     checked
@@ -153,7 +155,7 @@ fn of_grabber(bedside: &Bedside, tried: &Tried) -> Checked {
         return checked;
     }
     let Some(stream) = tried.streams.get(&0) else {
-        checked.wrong("it runs and delivers no picture; check the cable and that the scanner's output is on");
+        checked.wrong("it runs but delivers no frames; check the cable and the scanner's output");
         return checked;
     };
     let hz = stream.seen_hz.map_or(String::new(), |hz| format!(", {hz:.1} frames a second"));
@@ -164,7 +166,7 @@ fn of_grabber(bedside: &Bedside, tried: &Tried) -> Checked {
         let sentence = format!("{} of {} frames are doubtful: {why}", stream.doubtful, stream.readings);
         if stream.doubtful == stream.readings { checked.wrong(sentence) } else { checked.doubt(sentence) }
     } else if tried.flat {
-        checked.doubt("every picture is of one grey level; is the scanner on, and is this its output?");
+        checked.doubt("every frame has one grey level only; check that the scanner is on, and that this is its output");
     }
     if let (Some([w, h]), Some([aw, ah])) = (tried.picture, bedside.grabber.settings.size)
         && [w, h] != [aw, ah]
@@ -174,7 +176,7 @@ fn of_grabber(bedside: &Bedside, tried: &Tried) -> Checked {
     checked
 }
 
-/// What every device has.
+/// Checks the properties that every device has.
 fn of_device(what: &'static str, tried: &Tried, is_virtual: bool, latency_ns: i64) -> Checked {
     let mut checked = Checked::new(what);
     let Tried { description, health, .. } = tried;
@@ -187,7 +189,7 @@ fn of_device(what: &'static str, tried: &Tried, is_virtual: bool, latency_ns: i6
             let seconds = PATIENCE / 1_000_000_000;
             checked.wrong(match (&tried.refused, health.why.as_str()) {
                 (Some(refused), _) => refused.clone(),
-                (None, "") => format!("{} after {seconds} s, and does not say why", health.state.word()),
+                (None, "") => format!("{} after {seconds} s, without a reason", health.state.word()),
                 (None, why) => format!("{} after {seconds} s: {why}", health.state.word()),
             });
         }
@@ -199,20 +201,22 @@ fn of_device(what: &'static str, tried: &Tried, is_virtual: bool, latency_ns: i6
     if tried.ran_after.is_some() {
         checked.say(match tried.known_delay_ms() {
             known if known > 0.0 => format!(
-                "{}; {known:.1} ms from measurement to last byte are known and taken off, and {latency_ms} ms of latency as configured",
+                "{}; {known:.1} ms of known delay and {latency_ms} ms of configured latency are subtracted",
                 tried.clock()
             ),
-            _ => format!("{}; {latency_ms} ms of latency as configured are taken off", tried.clock()),
+            _ => format!("{}; {latency_ms} ms of configured latency are subtracted", tried.clock()),
         });
         let [lost, refused, skipped] = tried.harmed;
         if lost > 0 {
             checked.doubt(format!(
-                "{lost} readings were lost while it was listened to, by its own count; is this machine busy?"
+                "{lost} readings were lost during the check, by the device's count; end other programs if this machine \
+                is busy"
             ));
         }
         if refused + skipped > 0 {
-            checked
-                .doubt(format!("{refused} records were refused and {skipped} bytes belonged to none; check the cable"));
+            checked.doubt(format!(
+                "{refused} records were refused, and {skipped} bytes belonged to no record; check the cable"
+            ));
         }
     }
     let fields: Map<String, Value> =
@@ -238,12 +242,13 @@ fn of_device(what: &'static str, tried: &Tried, is_virtual: bool, latency_ns: i6
     checked
 }
 
-/// Says where fewer readings come than should. Of a virtual device it is this machine that is too slow, or it was told to lose some.
+/// Reports a rate below the configured one. For a virtual device, the cause is this machine or
+/// simulated loss.
 fn rate(checked: &mut Checked, head: &str, seen_hz: Option<f64>, tried: &Tried, is_virtual: bool) {
     let (Some(seen), Some(wanted)) = (seen_hz, tried.description.timing.rate_hz) else { return };
-    let sentence = format!("{head}of {wanted:.1} a second, as it is set to, only {seen:.1} come");
+    let sentence = format!("{head}only {seen:.1} of the configured {wanted:.1} a second arrive");
     if seen < USELESS * wanted && !is_virtual {
-        checked.wrong(format!("{sentence}; is this machine busy, or its line too slow?"));
+        checked.wrong(format!("{sentence}; end other programs, or use a faster line"));
     } else if seen < SLOW * wanted {
         checked.doubt(sentence);
     }
@@ -271,7 +276,7 @@ fn of_calibration(bedside: &Bedside, grabber: &Tried) -> Checked {
         checked.say(format!("preset \"{}\"{made}", preset.name));
         if let Some(quality) = preset.quality {
             checked.say(format!(
-                "a point is known to {:.2} mm at the picture's centre, {:.2} at the worst corner",
+                "the uncertainty of a point is {:.2} mm at the image's centre and {:.2} mm at the worst corner",
                 quality.centre_mm, quality.corner_mm
             ));
         }
@@ -289,7 +294,7 @@ fn of_calibration(bedside: &Bedside, grabber: &Tried) -> Checked {
         match &calibration.arm {
             Some(arm) => arm.joints().iter().for_each(|joint| checked.say(joint.to_string())),
             None => checked
-                .wrong("it holds no joints, by which counts become poses: give a calibration file with [[arm.joint]]"),
+                .wrong("it holds no joints, so counts cannot become poses; give a calibration file with [[arm.joint]]"),
         }
     }
     let size = grabber.picture.map(|size| bedside.grabber.turned(size));
@@ -309,19 +314,19 @@ fn of_calibration(bedside: &Bedside, grabber: &Tried) -> Checked {
     checked
 }
 
-/// What of the picture is data.
-fn region(bedside: &Bedside, plan: &crate::mask::MaskPlan) -> String {
+/// Describes the part of the image that is data.
+fn region(bedside: &Bedside, plan: &mask::MaskPlan) -> String {
     let fan = if bedside.mask.fan.is_some() { " in a sector" } else { "" };
     match plan {
-        crate::mask::MaskPlan::Auto(_) => "what is data is found in the first frames".into(),
-        crate::mask::MaskPlan::Fixed(mask) if mask.is_full() => "the whole picture is data".into(),
-        crate::mask::MaskPlan::Fixed(mask) => format!("{} pixels are data{fan}", mask.area()),
+        mask::MaskPlan::Auto(_) => "the part of the image that is data is detected in the first frames".into(),
+        mask::MaskPlan::Fixed(mask) if mask.is_full() => "the whole image is data".into(),
+        mask::MaskPlan::Fixed(mask) => format!("{} pixels are data{fan}", mask.area()),
     }
 }
 
-/// A rectangle that reaches beyond the picture is of another picture.
+/// Reports a rectangle that extends beyond the image: it belongs to another image size.
 fn beyond(bedside: &Bedside, [width, height]: [u32; 2]) -> Option<String> {
-    let (crate::mask::Clip::Rect(rect) | crate::mask::Clip::RectOrAuto(rect)) = bedside.mask.clip else { return None };
+    let (mask::Clip::Rect(rect) | mask::Clip::RectOrAuto(rect)) = bedside.mask.clip else { return None };
     let fits = |first: u32, count: u32, all: u32| first.checked_add(count).is_some_and(|end| end <= all);
     if rect.covers(width, height) || (fits(rect.x, rect.width, width) && fits(rect.y, rect.height, height)) {
         return None;
@@ -332,7 +337,7 @@ fn beyond(bedside: &Bedside, [width, height]: [u32; 2]) -> Option<String> {
     ))
 }
 
-/// Why no way leads from the picture to the world.
+/// Explains why no transforms lead from the image to the world.
 fn no_way(bedside: &Bedside) -> String {
     let names = |all: Vec<String>| if all.is_empty() { "nothing".to_owned() } else { all.join(", ") };
     let delivered = bedside.tracking.names().into_iter().map(|(from, to)| format!("{from}To{to}")).collect();
@@ -340,7 +345,8 @@ fn no_way(bedside: &Bedside) -> String {
     let image = bedside.calibration.image_frame.as_deref().unwrap_or("Image");
     let world = bedside.pairing_options().world.unwrap_or_else(|| format!("{REFERENCE_FRAME} or {TRACKER_FRAME}"));
     format!(
-        "no way leads from {image} to {world}: the devices deliver {}, the calibration has {}; it should have {image}To{PROBE_FRAME}, and [volume] world a frame that can be reached",
+        "no way leads from {image} to {world}: the devices deliver {}, the calibration has {}; give \
+        {image}To{PROBE_FRAME}, and a reachable frame as [volume] world",
         names(delivered),
         names(told)
     )
@@ -351,9 +357,8 @@ fn of_recording(bedside: &Bedside, grabber: &Tried) -> Checked {
     let Some(folder) = &bedside.record.folder else { return checked };
     checked.say(folder.display().to_string());
     if let Err(error) = tempfile::tempfile_in(folder) {
-        checked.wrong(format!(
-            "no file can be written there: {error}; make the folder, or give another by [record] folder"
-        ));
+        checked
+            .wrong(format!("cannot write a file there: {error}; make the folder, or give another in [record] folder"));
         return checked;
     }
     let Ok(disk) = rustix::fs::statvfs(folder) else { return checked };
@@ -362,7 +367,8 @@ fn of_recording(bedside: &Bedside, grabber: &Tried) -> Checked {
     let rate = grabber.streams.get(&0).and_then(|stream| stream.seen_hz).zip(grabber.picture);
     let minutes = rate.map(|(hz, [w, h])| room as f64 / (hz * f64::from(w) * f64::from(h)) / 60.0);
     let gb = |bytes: u64| bytes as f64 * 1e-9;
-    let lasts = minutes.map_or(String::new(), |minutes| format!(", for at least {minutes:.0} minutes of whole frames"));
+    let lasts =
+        minutes.map_or(String::new(), |minutes| format!(", enough for {minutes:.0} minutes of whole frames or more"));
     checked.say(format!(
         "{:.1} GB may be used{lasts}; {:.1} GB stay free",
         gb(room),
@@ -370,11 +376,11 @@ fn of_recording(bedside: &Bedside, grabber: &Tried) -> Checked {
     ));
     if room == 0 {
         checked.wrong(format!(
-            "{:.1} GB are free, less than [record] keep_free_mb says: make room, or lower it",
+            "{:.1} GB are free, less than [record] keep_free_mb; delete files, or lower keep_free_mb",
             gb(free)
         ));
     } else if minutes.is_some_and(|minutes| minutes < 10.0) {
-        checked.doubt("the disk may be full before a session ends: make room");
+        checked.doubt("the disk may be full before a session ends; delete files");
     }
     checked.numbers = json!({ "folder": folder, "free_bytes": free, "room_bytes": room, "minutes": minutes });
     checked
@@ -385,7 +391,7 @@ fn of_status(bedside: &Bedside) -> Checked {
     let Some(address) = bedside.status.listen else { return checked };
     checked.say(format!("http://{address}"));
     if let Err(error) = TcpListener::bind(address) {
-        checked.wrong(format!("cannot be listened at: {error}; give another port by [status] listen"));
+        checked.wrong(format!("cannot listen there: {error}; give another port in [status] listen"));
     }
     let listen = Listen { address, access: bedside.status.access.clone() };
     if let Err(error) = listen.check() {
@@ -396,7 +402,7 @@ fn of_status(bedside: &Bedside) -> Checked {
 }
 
 impl Report {
-    /// For people.
+    /// Formats the report for people.
     pub(super) fn text(&self) -> String {
         let mut text = format!("{}\n", self.config.display());
         for checked in &self.checks {
@@ -420,12 +426,12 @@ impl Report {
         }
         if self.well {
             let doubted = self.checks.iter().any(|checked| !checked.doubts.is_empty());
-            text += if doubted { "all works; look at what is marked with !\n" } else { "all is well\n" };
+            text += if doubted { "all devices work; read the lines marked with !\n" } else { "all is well\n" };
         }
         text
     }
 
-    /// What is wrong, in one sentence.
+    /// Returns the failed checks in one sentence.
     pub(super) fn verdict(&self) -> Option<String> {
         let wrong: Vec<&str> = self.checks.iter().filter(|checked| !checked.well).map(|checked| checked.what).collect();
         (!wrong.is_empty()).then(|| format!("{}: not well: {}", self.config.display(), wrong.join(", ")))

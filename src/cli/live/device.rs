@@ -1,64 +1,65 @@
-//! One device tried out: started, waited for, and listened to for a moment.
+//! Tries out a device: starts it, waits for it, and records its output for a moment.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use drivers::clock::{Clock, MS, Monotonic, SECOND};
-use drivers::health::{Health, State};
-use drivers::reading::{Counts, Frame, Pose, Reading, Status};
-use drivers::{Description, Device, Next, Ticks};
 use serde::Serialize;
 
-/// For so long a device may take until it runs, ns.
+use sonoweave_core::clock::{Clock, MS, Monotonic, SECOND};
+use sonoweave_core::health::{Health, State};
+use sonoweave_core::reading::{Counts, Frame, Pose, Reading, Status};
+use sonoweave_core::{Description, Device, Next, Ticks};
+
+/// Time limit for a device to start, ns.
 pub(super) const PATIENCE: i64 = 5 * SECOND;
-/// For so long it is listened to, ns.
+/// Duration of the observation, ns.
 const LISTEN: i64 = 3 * SECOND / 2;
-/// How often its state is looked at, ns.
+/// Polling interval of its state, ns.
 const LOOK: i64 = 20 * MS;
-/// Grey levels that lie no farther apart show nothing.
+/// Largest range of grey values in an image without contents.
 const FLAT: u8 = 4;
 
-/// What comes by one station, or of one kind.
+/// Readings of one station, or of one kind.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct Stream {
-    /// Readings.
+    /// Number of readings.
     pub(super) readings: u64,
-    /// Of them those that the device does not vouch for,
+    /// Number of readings that the device marks as invalid.
     pub(super) doubtful: u64,
-    /// and what it said of the last of these.
+    /// Status of the last of these.
     pub(super) doubt: Option<String>,
-    /// The first, for people.
+    /// The first reading, for people.
     pub(super) first: String,
-    /// Readings a second, from the first to the last; `None` of fewer than two.
+    /// Readings a second, from the first to the last; `None` for fewer than two.
     pub(super) seen_hz: Option<f64>,
     #[serde(skip)]
     times_ns: [i64; 2],
 }
 
-/// What was found.
+/// Results of a trial.
 #[derive(Debug, Clone)]
 pub(super) struct Tried {
-    /// How long it took to run; `None` where it did not.
+    /// Time until it ran; `None` if it did not.
     pub(super) ran_after: Option<Duration>,
-    /// Why it could not even be started.
+    /// Reason why it could not be started.
     pub(super) refused: Option<String>,
-    /// What it says of itself.
+    /// Its own description.
     pub(super) description: Description,
-    /// How it was in the end.
+    /// Its final health.
     pub(super) health: Health,
     /// Readings lost, records refused and bytes skipped since it ran.
     pub(super) harmed: [u64; 3],
-    /// What came, by station; frames and counts are 0.
+    /// Readings by station; frames and counts are station 0.
     pub(super) streams: BTreeMap<u8, Stream>,
-    /// Names of transforms, whose stations are their places here, from 1.
+    /// Names of transforms; their station is their place here, from 1.
     pub(super) names: Vec<String>,
-    /// Size of its pictures.
+    /// Size of its images.
     pub(super) picture: Option<[u32; 2]>,
-    /// All pictures were one grey level.
+    /// All images had one grey value.
     pub(super) flat: bool,
 }
 
-/// Tries a device out, which is stopped afterwards.
+/// Tries out a device, and stops it afterwards.
 pub(super) fn try_out(device: &mut dyn Device) -> Tried {
     let begun = Monotonic.now_ns();
     let mut tried = Tried {
@@ -95,7 +96,7 @@ pub(super) fn try_out(device: &mut dyn Device) -> Tried {
         tried.harmed = [0, 1, 2].map(|n: usize| after[n].saturating_sub(before[n]));
     }
     if let Err(error) = device.stop() {
-        // It counts as stopped; what it did before is what was asked for.
+        // It counts as stopped; only its earlier output matters.
         tracing::warn!("{error}");
     }
     tried
@@ -159,24 +160,25 @@ impl Tried {
         }
     }
 
-    /// The station of a transform by its name, if it came.
+    /// Returns the station of a transform by its name, if it was received.
     pub(super) fn station(&self, name: &str) -> Option<u8> {
         let place = self.names.iter().position(|known| known == name)?;
         u8::try_from(place + 1).ok()
     }
 
-    /// Its clock in words.
+    /// Describes its clock.
     pub(super) fn clock(&self) -> String {
         let timing = &self.description.timing;
         match (timing.ticks, timing.tick_hz) {
-            (Ticks::None, _) => "no clock of its own, so that its times are this machine's".into(),
+            (Ticks::None, _) => "no clock of its own; this machine's times are used".into(),
             (Ticks::Time, Some(hz)) => format!("a clock of its own, {hz:.0} ticks a second"),
             (Ticks::Time, None) => "a clock of its own".into(),
             (Ticks::Measurements, _) => "no clock, but it numbers its measurements".into(),
         }
     }
 
-    /// What lies between a measurement and its last byte by what the driver knows, ms.
+    /// Returns the delay between a measurement and its last byte, as far as the driver knows it,
+    /// ms.
     pub(super) fn known_delay_ms(&self) -> f64 {
         let timing = &self.description.timing;
         (timing.sampling_ns + timing.wire_ns) as f64 * 1e-6

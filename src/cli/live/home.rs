@@ -1,4 +1,4 @@
-//! How the user says that the arm is in its home position: by a word or a signal.
+//! Lets the user declare that the arm is in its home position, by a typed word or a signal.
 
 use std::io::{BufRead as _, IsTerminal as _, stdin};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -8,21 +8,22 @@ use signal_hook::consts::SIGUSR1;
 
 use crate::cli::Failure;
 
-/// What is to be typed.
+/// Word to type.
 const WORD: &str = "home";
 
-/// Who takes the user's word.
+/// Receiver of the user's word.
 #[derive(Default)]
 pub(in crate::cli) struct Home {
-    /// Whom a typed word is told to: the arm that was opened last. There once a line is waited for, which lasts as long as the program.
+    /// Flag of the most recently opened arm, which a typed word sets. If set, a thread is
+    /// reading lines until the program ends.
     typed: Option<Arc<Mutex<Arc<AtomicBool>>>>,
 }
 
 impl Home {
-    /// Takes the user's word from now on, for this arm, and says how it is to be given.
+    /// Waits for the user's word for this arm from now on, and prints instructions.
     ///
     /// # Errors
-    /// [`Failure`] when the system takes no handler.
+    /// [`Failure`] when the system refuses the signal handler.
     pub(in crate::cli) fn listen(&mut self, at_home: Arc<AtomicBool>, quiet: bool) -> Result<(), Failure> {
         signal_hook::flag::register(SIGUSR1, Arc::clone(&at_home))?;
         let types = stdin().is_terminal();
@@ -49,7 +50,8 @@ impl Home {
 fn how(types: bool, process: u32) -> String {
     let type_it = if types { format!("type \"{WORD}\" and Enter, or ") } else { String::new() };
     format!(
-        "an arm that is not homed gives no poses: move it through its index marks, or hold it in its home position and {type_it}send SIGUSR1 (kill -USR1 {process})"
+        "the arm is not homed and gives no poses: move it through its index marks, or hold it in its home position and \
+        {type_it}send SIGUSR1 (kill -USR1 {process})"
     )
 }
 
@@ -58,7 +60,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_user_is_told_what_to_do() {
+    fn how_names_word_and_signal() {
         assert!(how(true, 17).ends_with("and type \"home\" and Enter, or send SIGUSR1 (kill -USR1 17)"));
         assert!(how(false, 17).ends_with("hold it in its home position and send SIGUSR1 (kill -USR1 17)"));
     }

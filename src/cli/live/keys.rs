@@ -1,17 +1,18 @@
-//! Every key of a configuration, for people.
+//! Lists every key of a configuration, for people.
 
-use crate::config::bedside::schema::{Applies, SECTIONS};
+use config::bedside::schema::{Applies, SECTIONS};
 
-/// Columns before what is said of a key.
+/// Columns before the description of a key.
 const INDENT: usize = 4;
 /// Columns of a line.
 const WIDTH: usize = 110;
 
-/// All sections.
+/// Formats all sections.
 pub(super) fn text() -> String {
     let mut text = wrapped(
-        "A configuration is TOML that begins with format = \"sonoweave-bedside\" and version = 1. Times are by this machine's clock. Keys with * can be changed while a session \
-         runs; all others count from the next session on.",
+        "A session configuration is TOML that begins with format = \"sonoweave-bedside\" and version = 1. Times refer \
+        to this machine's clock. Changes of keys with * take effect while a session runs; changes of all others take \
+        effect in the next session.",
         0,
     );
     for section in SECTIONS {
@@ -26,7 +27,7 @@ pub(super) fn text() -> String {
     text
 }
 
-/// Lines of words, indented.
+/// Wraps words to indented lines.
 fn wrapped(words: &str, indent: usize) -> String {
     let mut text = String::new();
     let mut column = 0;
@@ -55,7 +56,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_key_is_said_within_the_lines() {
+    fn text_lists_every_key_within_width() {
         let text = text();
         for section in SECTIONS {
             assert!(text.contains(&format!("\n[{}]\n", section.name)), "{}", section.name);

@@ -1,4 +1,4 @@
-//! What a session leaves: a volume, its weights, a picture, numbers; and what is said of it.
+//! Outputs of a session: the volume, its weights, a picture, numbers, and the printed report.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -6,43 +6,43 @@ use std::time::Duration;
 use clap::Args;
 use serde::Serialize;
 
-use crate::cli::Failure;
-use crate::cli::input;
+use config::bedside::Bedside;
+use export::volume::{DenseBox, Encoding, write_values, write_weights};
+use pipeline::Outcome;
+use pipeline::live::{Differences, Finished, REPLAYED, ResultDigest, SessionStatus};
+use statistics::{LiveStatistics, write_json};
+use volume::Voxels;
+
 use crate::cli::provenance::Made;
 use crate::cli::reconstruct::filling::{self, FillFlags};
 use crate::cli::render::check_png;
 use crate::cli::render::drawing::Over;
-use crate::config::bedside::Bedside;
-use crate::export::volume::{DenseBox, Encoding, write_values, write_weights};
-use crate::pipeline::Outcome;
-use crate::pipeline::live::{Account, Differences, Finished, REPLAYED, Seal};
-use crate::statistics::{LiveStatistics, write_json};
-use crate::volume::Voxels;
+use crate::cli::{Failure, input};
 
-/// What a session leaves.
+/// Output flags of a session.
 #[derive(Debug, Clone, Default, Args)]
 pub(in crate::cli) struct Outputs {
-    /// Where to write the volume at the end (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz)
+    /// Write the volume at the end (.mha, .mhd, .nrrd, .nhdr, .nii, .nii.gz)
     #[arg(long, value_name = "VOL.mha")]
     pub(in crate::cli) volume: Option<PathBuf>,
-    /// Where to write its weights (as the volume)
+    /// Write its weights (same formats as the volume)
     #[arg(long, value_name = "W.mha")]
     pub(in crate::cli) weights: Option<PathBuf>,
     #[command(flatten)]
     pub(in crate::cli) filling: FillFlags,
-    /// Where to write the picture at the end
+    /// Write the picture at the end
     #[arg(long, value_name = "IMG.png")]
     pub(in crate::cli) picture: Option<PathBuf>,
-    /// Where to write what became of every frame, how each device was and how long things took, as JSON
+    /// Write the frame outcomes, device states and timings, as JSON
     #[arg(long, value_name = "FILE.json")]
     pub(in crate::cli) stats: Option<PathBuf>,
 }
 
 impl Outputs {
-    /// Refuses what cannot be written, before the work.
+    /// Refuses impossible outputs before the work.
     ///
     /// # Errors
-    /// [`Failure`]: the file, and why.
+    /// [`Failure`] with the file and the reason.
     pub(in crate::cli) fn check(&self, bedside: &Bedside) -> Result<(), Failure> {
         self.filling.check(&bedside.volume.settings, self.volume.is_some() || self.weights.is_some())?;
         for path in [&self.volume, &self.weights].into_iter().flatten() {
@@ -60,14 +60,14 @@ impl Outputs {
     }
 }
 
-/// A line on the way.
-pub(in crate::cli) fn line(account: &Account) -> String {
+/// Formats a progress line.
+pub(in crate::cli) fn line(account: &SessionStatus) -> String {
     let frames = &account.ledger.frames;
     format!("{} slices of {} frames", frames.used, frames.total) + &troubles(account)
 }
 
-/// What is not well, behind a line; empty where all is.
-pub(in crate::cli) fn troubles(account: &Account) -> String {
+/// Formats the present problems, to follow a line; empty without any.
+pub(in crate::cli) fn troubles(account: &SessionStatus) -> String {
     let mut text = String::new();
     for device in &account.devices {
         let is_well = ["running", REPLAYED].contains(&device.state);
@@ -79,9 +79,9 @@ pub(in crate::cli) fn troubles(account: &Account) -> String {
         }
     }
     if account.distortion.is_some_and(|found| found.rms_mm.is_some()) {
-        text += "; the probe is where metal bends the tracker's field";
+        text += "; metal distorts the tracker's field at the probe";
     }
-    if let Some(seconds) = account.frozen_s {
+    if let Some(seconds) = account.stuck_s {
         text += &format!("; scanner frozen for {seconds:.1} s");
     }
     if let Some(written) = account.recording.as_ref().filter(|written| !written.trouble.is_empty()) {
@@ -95,21 +95,22 @@ pub(in crate::cli) fn say(line: &str) {
     eprintln!("sonoweave: {line}");
 }
 
-/// What a session did, in numbers, and of a recording how it went this time.
+/// Statistics of a session, and of a replay's differences from its recording.
 #[derive(Serialize)]
 struct Numbers<'a> {
     #[serde(flatten)]
     statistics: LiveStatistics<'a>,
-    /// Of a recording.
+    /// Only for a recording.
     differences: Option<u64>,
     first_difference: Option<&'a str>,
-    seal: Option<&'a Seal>,
+    seal: Option<&'a ResultDigest>,
 }
 
-/// Writes what was asked for, and says what was done; of a recording that was `replayed`, how it differs from what was recorded.
+/// Writes the requested files, and prints a report. For a `replayed` recording, the report
+/// includes the differences from it.
 ///
 /// # Errors
-/// [`Failure`]: the file that failed is not there.
+/// [`Failure`]: the file that failed does not exist.
 #[allow(clippy::print_stdout, reason = "the command's output")]
 pub(in crate::cli) fn leave(
     bedside: &Bedside,
@@ -122,11 +123,11 @@ pub(in crate::cli) fn leave(
     let Finished { outcome, drawn, account, recording, seal } = finished;
     println!("{}", account.ledger);
     if let Some(found) = account.distortion.filter(|found| found.frames > 0) {
-        println!("{} frames were taken where metal bends the tracker's field, and may lie off", found.frames);
+        println!("metal distorted the tracker's field during {} frames; their positions may be wrong", found.frames);
     }
     if let (Some(outcome), Some(quantiles)) = (outcome, account.capture_to_volume.quantiles()) {
         println!(
-            "{:.1} ms from capture to volume (median; p99 {:.1}, most {:.1}), {} voxels updated",
+            "{:.1} ms from capture to volume (median; p99 {:.1}, maximum {:.1}), {} voxels updated",
             quantiles.median_ms, quantiles.p99_ms, quantiles.most_ms, outcome.voxels_updated
         );
     }
@@ -138,7 +139,7 @@ pub(in crate::cli) fn leave(
         };
         write_volumes(outputs, outcome, input)?;
     } else if outputs.volume.is_some() || outputs.weights.is_some() || outputs.picture.is_some() {
-        say("no slice was woven: there is no volume and no picture");
+        say("no slice was inserted: there is no volume and no picture");
     }
     if let (Some(path), Some(drawn)) = (&outputs.picture, drawn) {
         let over = Over { renderer: &drawn.renderer, background: bedside.picture.background, slice: None };
@@ -175,12 +176,12 @@ fn write_volumes(outputs: &Outputs, outcome: &Outcome, input: String) -> Result<
     }
     let weaver = &outcome.reconstructor;
     let Some((low, high)) = weaver.volume().seen_bounds() else {
-        say("no voxel was seen: the slices' kernel fell between the voxels; choose a finer volume.spacing_mm");
+        say("no voxel was seen, because the slices' kernel fell between the voxels; give a finer volume.spacing_mm");
         return Ok(());
     };
     let space = DenseBox::around([low, high], weaver.world_from_lattice(), weaver.settings());
     let encoding = Encoding { scalar: outcome.pixels.scalar(), window: None, unseen: 0.0 };
-    // What the session's configuration says is in the session; by which file it came there makes no other volume.
+    // The calibration is recorded in the session. Its file name does not change the volume.
     let calibration = "in the configuration".to_owned();
     let made = Made { outcome, space: &space, encoding: &encoding, input, calibration, cropped: false };
     let mut fields = made.fields();
@@ -202,7 +203,7 @@ fn write_volumes(outputs: &Outputs, outcome: &Outcome, input: String) -> Result<
     Ok(())
 }
 
-/// A file's name without its folder.
+/// Returns a file's name without its folder.
 pub(in crate::cli) fn name_of(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }

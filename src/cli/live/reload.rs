@@ -1,54 +1,61 @@
-//! SIGHUP: the configuration is read again, and what may change while a session runs changes.
+//! SIGHUP: reads the configuration again, and applies the changes that are allowed while a
+//! session runs.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+
+use config::bedside::Bedside;
+use pipeline::command::{Instruction, Setting};
 
 use super::outputs::say;
 use super::stages::{ADOPTED, Kept};
 use super::terminal::Terminal;
 use super::viewers::Viewers;
 use crate::cli::Failure;
-use crate::config::bedside::Bedside;
-use crate::pipeline::live::{Looks, Order};
 
-/// The configuration that holds, and whether it is to be read again.
+/// The active configuration, and the flag to read it again.
 pub(super) struct Reload {
     bedside: Bedside,
-    /// What was read last, where that holds in part only.
+    /// The last configuration read, if it is only partly active.
     newer: Option<Bedside>,
     told: Arc<AtomicBool>,
 }
 
 impl Reload {
-    /// Of a session that begins with this.
+    /// Begins with this configuration, and installs the signal handler.
     ///
     /// # Errors
-    /// [`Failure`] when the system takes no handler.
+    /// [`Failure`] when the system refuses the handler.
     pub(super) fn new(bedside: &Bedside) -> Result<Self, Failure> {
         let told = Arc::new(AtomicBool::new(false));
         signal_hook::flag::register(signal_hook::consts::SIGHUP, Arc::clone(&told))?;
         Ok(Self { bedside: bedside.clone(), newer: None, told })
     }
 
-    /// The configuration that holds.
+    /// Returns the active configuration.
     pub(super) fn bedside(&self) -> &Bedside {
         &self.bedside
     }
 
-    /// Another session begins: what was read last holds whole.
+    /// Activates all of the last configuration read, for a new session.
     pub(super) fn begins_anew(&mut self) {
         if let Some(newer) = self.newer.take() {
             self.bedside = newer;
         }
     }
 
-    /// Whether it is to be read again.
+    /// Whether the configuration is to be read again.
     pub(super) fn is_told(&self) -> bool {
         self.told.load(Ordering::Relaxed)
     }
 
-    /// What the session is to do otherwise, if it was told to read again. A file that cannot be used changes nothing, and is said.
-    pub(super) fn orders(&mut self, terminal: Option<&Arc<Terminal>>, viewers: Option<&Arc<Viewers>>) -> Vec<Order> {
+    /// Returns the instructions for the session, if a reload was requested. An unusable file
+    /// changes nothing, and is reported.
+    pub(super) fn instructions(
+        &mut self,
+        terminal: Option<&Arc<Terminal>>,
+        viewers: Option<&Arc<Viewers>>,
+    ) -> Vec<Instruction> {
         if !self.told.swap(false, Ordering::Relaxed) {
             return Vec::new();
         }
@@ -58,7 +65,7 @@ impl Reload {
                 let note =
                     format!("the configuration was read again and cannot be used, so that the old one holds: {error}");
                 tell(&note, terminal);
-                vec![Order::Say(note)]
+                vec![Instruction::Report(note)]
             }
         }
     }
@@ -68,7 +75,7 @@ impl Reload {
         newer: &Bedside,
         terminal: Option<&Arc<Terminal>>,
         viewers: Option<&Arc<Viewers>>,
-    ) -> Vec<Order> {
+    ) -> Vec<Instruction> {
         let changes = self.bedside.changes(newer);
         self.newer = Some(newer.clone());
         let mut said = vec!["the configuration was read again".to_owned()];
@@ -79,27 +86,30 @@ impl Reload {
         said.extend(changes.next_session.iter().map(|change| format!("in the next session {change}")));
         let said = said.join("; ");
         tell(&said, terminal);
-        let mut orders = vec![Order::Say(said)];
+        let mut instructions = vec![Instruction::Report(said)];
         if changes.at_once.is_empty() {
-            return orders;
+            return instructions;
         }
         self.bedside.adopt(newer);
         let bedside = &self.bedside;
-        orders.push(Order::Latency(0, bedside.tracking.latency_ns()));
-        orders.push(Order::Latency(1, bedside.grabber.latency_ns));
-        orders.push(Order::Frozen(bedside.scanner.frozen_ns));
-        orders.push(Order::KeepFree(bedside.record.keep_free_bytes));
+        let settings = [
+            Setting::Latency { device: 0, ns: bedside.tracking.latency_ns() },
+            Setting::Latency { device: 1, ns: bedside.grabber.latency_ns },
+            Setting::StuckAfter(bedside.scanner.stuck_after_ns),
+            Setting::KeepFree(bedside.record.keep_free_bytes),
+        ];
+        instructions.extend(settings.map(Instruction::from));
         let is_otherwise = changes.at_once.iter().any(|change| change.key.starts_with("picture."));
         if let Some(viewers) = viewers.filter(|_| is_otherwise) {
             viewers.look(&bedside.picture);
-            orders.push(Order::Looks(Arc::clone(viewers) as Arc<dyn Looks>));
+            instructions.push(Setting::View.into());
         }
-        // A replay adopts it, too, but for latencies, which come in as they were told.
+        // A replay adopts it, too, except for latencies, which are recorded as commands.
         match serde_json::to_value(Kept::of(newer)) {
-            Ok(kept) => orders.push(Order::Note(ADOPTED, kept)),
+            Ok(kept) => instructions.push(Instruction::Note(ADOPTED, kept)),
             Err(error) => tracing::error!(%error, "the new configuration cannot be recorded"),
         }
-        orders
+        instructions
     }
 }
 

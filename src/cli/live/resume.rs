@@ -1,58 +1,63 @@
-//! Going on with a session that was recorded: after a crash, into the same volume.
+//! Resumes a recorded session, for example after a crash, in the same volume.
 
 use std::path::{Path, PathBuf};
 
-use drivers::recording::Pace;
-use drivers::recording::session::{SessionReplay, SessionSettings};
 use serde_json::{Value, json};
+
+use config::bedside::Bedside;
+use drivers::replay::{Pace, SessionReplay, SessionSettings};
+use pipeline::live::{Recorded, RecordedDecisions};
 
 use super::stages::{Kept, instruments};
 use crate::cli::Failure;
-use crate::config::bedside::Bedside;
-use crate::pipeline::live::{Precedent, Recorded};
 
-/// The kind of note that names the session that was gone on with.
+/// Kind of the note that names the resumed session.
 const RESUMES: &str = "resumes";
-/// So many sessions in a row are gone on with, at most.
+/// Largest number of sessions in a chain.
 const MOST: usize = 64;
 
-/// A session and those that it goes on with, the earliest first.
-pub(in crate::cli) struct Chain(Vec<(PathBuf, Precedent)>);
+/// A session and the sessions that it resumes, the earliest first.
+pub(in crate::cli) struct Chain(Vec<(PathBuf, RecordedDecisions)>);
 
 impl Chain {
-    /// Reads what was decided in each.
+    /// Reads the recorded decisions of each session.
     ///
     /// # Errors
-    /// [`Failure`] when one cannot be read, or is not where it was.
+    /// [`Failure`] when one cannot be read, or has been moved.
     pub(in crate::cli) fn read(session: &Path) -> Result<Self, Failure> {
-        let mut links = vec![(session.to_owned(), Precedent::read(session)?)];
+        let mut links = vec![(session.to_owned(), RecordedDecisions::read(session)?)];
         while let Some((path, precedent)) = links.first()
             && let Some(earlier) = earlier(precedent)
         {
             let beside = path.with_file_name(earlier.file_name().unwrap_or_default());
             let Some(found) = [&earlier, &beside].into_iter().find(|path| path.is_file()) else {
                 return Err(Failure(format!(
-                    "{}: goes on with {}, which is neither there nor beside it; without it its volume lacks what was woven before",
+                    "{}: continues {}, which is missing; put that session into the same folder, because the volume \
+                    needs its slices",
                     path.display(),
                     earlier.display()
                 )));
             };
             if links.len() >= MOST || links.iter().any(|(path, _)| path == found) {
-                return Err(Failure(format!("{}: goes on with itself in the end", session.display())));
+                return Err(Failure(format!(
+                    "{}: its chain of sessions leads back to itself; give another session",
+                    session.display()
+                )));
             }
-            let link = (found.clone(), Precedent::read(found)?);
+            let link = (found.clone(), RecordedDecisions::read(found)?);
             links.insert(0, link);
         }
         Ok(Self(links))
     }
 
-    /// The session itself, and what was decided in it.
-    pub(in crate::cli) fn last(&mut self) -> (&Path, &mut Precedent) {
+    /// Returns the last session, and its recorded decisions.
+    pub(in crate::cli) fn last(&mut self) -> (&Path, &mut RecordedDecisions) {
         let Some((path, precedent)) = self.0.last_mut() else { unreachable!("a chain has a session") };
         (path, precedent)
     }
 
-    /// Each as it is to be run again, by the devices of its own configuration or of another one.
+    /// Prepares each session for a replay, with the devices of its own configuration or of
+    /// another one.
     ///
     /// # Errors
     /// [`Failure`] when one cannot be read.
@@ -69,10 +74,10 @@ impl Chain {
     }
 }
 
-/// Sessions to go on with, by a configuration that must weave as theirs do.
+/// Opens the sessions to resume. The configuration must reconstruct in the same way as theirs.
 ///
 /// # Errors
-/// [`Failure`] when one cannot be read, or was recorded by other settings.
+/// [`Failure`] when one cannot be read, or was recorded with other settings.
 pub(super) fn open(session: &Path, bedside: &Bedside) -> Result<Vec<Recorded>, Failure> {
     let mut chain = Chain::read(session)?;
     let (path, precedent) = chain.last();
@@ -82,7 +87,8 @@ pub(super) fn open(session: &Path, bedside: &Bedside) -> Result<Vec<Recorded>, F
     let changed: Vec<String> = changed.map(ToString::to_string).collect();
     if !changed.is_empty() {
         return Err(Failure(format!(
-            "--resume {}: was recorded by other settings ({}), so that new slices would lie elsewhere; use the configuration that it was recorded by, or begin anew",
+            "--resume {}: was recorded with other settings ({}), which would misplace new slices; use the recorded \
+            configuration, or begin a new session",
             session.display(),
             changed.join("; ")
         )));
@@ -90,16 +96,16 @@ pub(super) fn open(session: &Path, bedside: &Bedside) -> Result<Vec<Recorded>, F
     chain.recorded(None, Pace::Unpaced)
 }
 
-/// The session that a session goes on with.
-fn earlier(precedent: &Precedent) -> Option<PathBuf> {
+/// Returns the session that a session resumes.
+fn earlier(precedent: &RecordedDecisions) -> Option<PathBuf> {
     let note: Value = serde_json::from_str(precedent.notes(RESUMES).first()?).ok()?;
     note.get("session")?.as_str().map(PathBuf::from)
 }
 
-/// What a session says of the one that it goes on with.
+/// Returns the note that names the resumed session.
 ///
 /// # Errors
-/// [`Failure`] where that is not there any more.
+/// [`Failure`] when that session no longer exists.
 pub(super) fn note(session: &Path) -> Result<(&'static str, Value), Failure> {
     Ok((RESUMES, json!({ "session": session.canonicalize()? })))
 }

@@ -1,15 +1,16 @@
-//! Whether a session can be recorded in a folder at all, before anything is written there.
+//! Checks before the recording that its disk has enough space.
 
 use std::path::Path;
 
 use crate::cli::Failure;
 
-/// Refuses a folder on whose disk no more is free than is to stay so.
+/// Refuses a folder if its disk's free space does not exceed the space to keep free.
 ///
 /// # Errors
-/// [`Failure`] with what to do. A folder that cannot be made is refused by who makes it.
+/// [`Failure`] with the remedy. A folder that cannot be created is refused elsewhere, at its
+/// creation.
 pub(super) fn check(folder: &Path, keep_free_bytes: u64) -> Result<(), Failure> {
-    // The folder, or the one that it will be made in.
+    // The folder, or the one that it will be created in.
     let here = folder.ancestors().find(|path| path.exists()).unwrap_or(Path::new("."));
     let Ok(disk) = rustix::fs::statvfs(here) else { return Ok(()) };
     let free = disk.f_bavail.saturating_mul(disk.f_frsize);
@@ -18,7 +19,8 @@ pub(super) fn check(folder: &Path, keep_free_bytes: u64) -> Result<(), Failure> 
     }
     let mb = |bytes: u64| bytes / 1_000_000;
     Err(Failure(format!(
-        "{}: {} MB are free on this disk, and [record] keep_free_mb wants {} to stay so: make room, record elsewhere, or lower it",
+        "{}: {} MB are free on this disk, but [record] keep_free_mb reserves {}; delete files, record elsewhere, or \
+        lower it",
         folder.display(),
         mb(free),
         mb(keep_free_bytes)
@@ -30,7 +32,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_to_stay_free_must_be_free_now() {
+    fn disk_without_reserved_space_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let inner = folder.path().join("not/there/yet");
         check(&inner, 0).unwrap();

@@ -1,39 +1,40 @@
-//! A bedside's configuration as what the pipeline is told: how frames become a volume and a picture, and what the devices are.
+//! Converts a session configuration to the pipeline's settings: reconstruction, rendering and
+//! devices.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use calibration::arm::{Arm, JOINTS};
-use drivers::recording::session::{SessionWriter, WriterOptions};
 use glam::DQuat;
 use serde::{Deserialize, Serialize};
 
+use calibration::arm::{Arm, JOINTS};
+use config::bedside::devices::{PROBE_FRAME, TRACKER_FRAME};
+use config::bedside::{Bedside, Effective, Tracking};
+use config::texts::ByPath;
+use formats::session::{SessionWriter, WriterOptions};
+use pipeline::live::{DeviceRole, Record, RecordedDecisions, Session, ViewClient, Watch};
+use sync::history::Rigid;
+use sync::ingest::live::Gives;
+
 use super::room;
 use crate::cli::Failure;
-use crate::config::bedside::devices::{PROBE_FRAME, TRACKER_FRAME};
-use crate::config::bedside::{Bedside, Effective, Picture, Tracking};
-use crate::config::texts::ByPath;
-use crate::ingest::live::Gives;
-use crate::pipeline::live::{First, Instrument, Looks, Precedent, Record, Session, Watch};
-use crate::render::RenderSettings;
-use crate::sync::history::Rigid;
 
-/// What the devices of a bedside are called, in sessions too.
+/// Names of the devices, also used in recorded sessions.
 pub(in crate::cli) const TRACKING: &str = "tracking";
 pub(in crate::cli) const GRABBER: &str = "grabber";
-/// The kind of note that a session is configured by,
+/// Kind of the note with a session's configuration.
 const CONFIGURATION: &str = "configuration";
-/// and that of those whose changes it took over while it ran, as far as it could.
+/// Kind of the notes with configurations that were partly adopted while it ran.
 pub(super) const ADOPTED: &str = "adopted";
 
-/// A configuration as a session keeps it.
+/// A configuration as recorded in a session.
 #[derive(Serialize, Deserialize)]
 pub(in crate::cli) struct Kept {
-    /// The file's name, as it was given.
+    /// The file's name, as given.
     path: PathBuf,
-    /// It and the files that it names, whole.
+    /// The file and the files that it names, in full.
     texts: ByPath,
-    /// What held, key by key: for people, and for programs that do not know the defaults.
+    /// Effective values of all keys: for people, and for programs that do not know the defaults.
     effective: Effective,
 }
 
@@ -43,11 +44,11 @@ impl Kept {
         Self { path: path.clone(), texts: texts.clone(), effective: effective.clone() }
     }
 
-    /// The configuration of a recorded session, as it held at the end.
+    /// Returns a recorded session's configuration at its end.
     ///
     /// # Errors
-    /// [`Failure`] when it has none, or none that this version reads.
-    pub(in crate::cli) fn bedside(session: &Path, precedent: &Precedent) -> Result<Bedside, Failure> {
+    /// [`Failure`] when it has none, or none that this version can read.
+    pub(in crate::cli) fn bedside(session: &Path, precedent: &RecordedDecisions) -> Result<Bedside, Failure> {
         let mut bedside = Self::at_first(session, precedent)?;
         for newer in precedent.notes(ADOPTED) {
             bedside.adopt(&Self::read(session, newer)?);
@@ -55,16 +56,14 @@ impl Kept {
         Ok(bedside)
     }
 
-    /// The same as it held at the beginning: what changes while the session runs comes in as it was told.
+    /// Returns a recorded session's configuration at its beginning. Later changes are replayed
+    /// as recorded commands.
     ///
     /// # Errors
-    /// As of [`Self::bedside`].
-    pub(in crate::cli) fn at_first(session: &Path, precedent: &Precedent) -> Result<Bedside, Failure> {
+    /// [`Failure`], as of [`Self::bedside`].
+    pub(in crate::cli) fn at_first(session: &Path, precedent: &RecordedDecisions) -> Result<Bedside, Failure> {
         let [first] = precedent.notes(CONFIGURATION) else {
-            return Err(Failure(format!(
-                "{}: holds no configuration, so that nobody knows how it was woven; give one with --config",
-                session.display()
-            )));
+            return Err(Failure(format!("{}: holds no configuration; give one with --config", session.display())));
         };
         Self::read(session, first)
     }
@@ -76,28 +75,17 @@ impl Kept {
     }
 }
 
-impl Looks for Picture {
-    fn settings(&self, first: &First) -> Result<RenderSettings, Box<dyn std::error::Error + Send + Sync>> {
-        Picture::settings(self, first.slice_axes)
-            .map_err(|unfit| format!("picture.{}: {}", unfit.setting, unfit.problem).into())
-    }
-
-    fn most_hz(&self) -> f64 {
-        self.most_hz
-    }
-}
-
-/// How frames become a volume, and a picture if somebody looks.
+/// Returns the settings of reconstruction, and of rendering if there is a viewer.
 ///
 /// # Errors
-/// [`Failure`] where nobody knows where the picture lies.
-pub(in crate::cli) fn stages(bedside: &Bedside, looks: Option<Arc<dyn Looks>>) -> Result<Session, Failure> {
+/// [`Failure`] when the image is not calibrated.
+pub(in crate::cli) fn stages(bedside: &Bedside, looks: Option<Arc<dyn ViewClient>>) -> Result<Session, Failure> {
     bedside.calibrated()?;
     Ok(Session {
         pairing: bedside.pairing_options(),
         wait_ns: bedside.pairing.wait_ns,
         longest_gap_ns: bedside.pairing.longest_gap_ns,
-        frozen_ns: bedside.scanner.frozen_ns,
+        stuck_after_ns: bedside.scanner.stuck_after_ns,
         mask: bedside.mask,
         settings: bedside.volume.settings.clone(),
         path: bedside.volume.path,
@@ -110,7 +98,7 @@ pub(in crate::cli) fn stages(bedside: &Bedside, looks: Option<Arc<dyn Looks>>) -
     })
 }
 
-/// Where the tracker's field is bent, by the calibration file; a room without such places is not looked after.
+/// Returns the zones of field distortion from the calibration file; `None` without zones.
 fn watch(bedside: &Bedside) -> Option<Watch> {
     let zones = bedside.calibration.distortion.as_ref().filter(|zones| zones.count() > 0)?;
     match bedside.tracking {
@@ -121,17 +109,17 @@ fn watch(bedside: &Bedside) -> Option<Watch> {
     }
 }
 
-/// What the devices are: what carries the probe, and the grabber.
+/// Returns the devices: the tracker or arm, and the grabber.
 ///
 /// # Errors
 /// [`Failure`] for an arm without kinematics.
-pub(in crate::cli) fn instruments(bedside: &Bedside) -> Result<[Instrument; 2], Failure> {
+pub(in crate::cli) fn instruments(bedside: &Bedside) -> Result<[DeviceRole; 2], Failure> {
     let (gives, frames) = of_tracking(bedside)?;
     let name = TRACKING.to_owned();
-    let tracking = Instrument { name, gives, frames, latency_ns: bedside.tracking.latency_ns() };
+    let tracking = DeviceRole { name, gives, frames, latency_ns: bedside.tracking.latency_ns() };
     let name = GRABBER.to_owned();
     let (gives, frames) = (Gives::Pictures, Vec::new());
-    Ok([tracking, Instrument { name, gives, frames, latency_ns: bedside.grabber.latency_ns }])
+    Ok([tracking, DeviceRole { name, gives, frames, latency_ns: bedside.grabber.latency_ns }])
 }
 
 fn of_tracking(bedside: &Bedside) -> Result<(Gives, Vec<[String; 2]>), Failure> {
@@ -149,7 +137,8 @@ fn of_tracking(bedside: &Bedside) -> Result<(Gives, Vec<[String; 2]>), Failure> 
         Tracking::Arm(_) => {
             let Some(arm) = bedside.calibration.arm else {
                 return Err(Failure(
-                    "the calibration has no [[arm.joint]]: without lengths and zeros counts lead nowhere; give a calibration file that has them".into(),
+                    "the calibration has no [[arm.joint]], so counts cannot become poses; give a calibration file with \
+                    them".into(),
                 ));
             };
             let kinematics = move |counts: &[f64]| placed(&arm, counts);
@@ -158,7 +147,7 @@ fn of_tracking(bedside: &Bedside) -> Result<(Gives, Vec<[String; 2]>), Failure> 
     }
 }
 
-/// Where the arm's last link is by counts, whole or between two.
+/// Returns the pose of the arm's last link for joint counts, also fractional ones.
 fn placed(arm: &Arm, counts: &[f64]) -> Option<Rigid> {
     let counts: [f64; JOINTS] = counts.get(..JOINTS)?.try_into().ok()?;
     let mut values = [0.0; JOINTS];
@@ -169,21 +158,21 @@ fn placed(arm: &Arm, counts: &[f64]) -> Option<Rigid> {
     Some(Rigid { rotation: DQuat::from_mat3(&affine.matrix3).normalize(), position_mm: affine.translation })
 }
 
-/// A session's file in a folder, which is made if it is not there.
+/// Creates a session's file in a folder, which is created if missing.
 ///
 /// # Errors
-/// [`Failure`] when it cannot be written there, or nobody knows which part of a frame may be kept.
+/// [`Failure`] when it cannot be written, or the part of a frame that may be kept is unknown.
 pub(in crate::cli) fn record(bedside: &Bedside, folder: &Path) -> Result<Record, Failure> {
     record_of(bedside, folder, true)
 }
 
-/// The same, of a session that may have no pictures.
+/// Creates the file of a session that may have no images.
 pub(in crate::cli) fn record_of(bedside: &Bedside, folder: &Path, pictures: bool) -> Result<Record, Failure> {
     let full_frame = bedside.record.full_frame;
     if pictures && !full_frame && !bedside.mask.is_known() {
         return Err(Failure(
-            "nothing is recorded while it is not known which part of the video is the scanner's picture, as the patient's name may stand beside it: give [calibration] clip_px or \
-             fan, or say [record] full_frame = true to keep whole frames"
+            "cannot record, because the scanner's image is unknown in the video, and the patient's name may be beside \
+            it; give [calibration] clip_px or fan, or [record] full_frame = true"
                 .into(),
         ));
     }

@@ -1,25 +1,26 @@
-//! The volume in the terminal while it grows: two pixels a character, in the terminal's colours.
+//! Renders the growing volume in the terminal: two pixels a character, in the terminal's
+//! colours.
 
 use std::fmt::Write as _;
 use std::io::IsTerminal as _;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use console::Term;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use terminal::Term;
 
-use crate::config::bedside::Picture;
-use crate::pipeline::live::{Drawn, First, Looks};
-use crate::render::RenderSettings;
+use config::bedside::Picture;
+use pipeline::live::{Drawn, First, ViewClient};
+use render::RenderSettings;
 
-/// Between two pictures in the terminal.
+/// Time between two pictures in the terminal.
 const SHOWN_EVERY: Duration = Duration::from_millis(200);
-/// Columns that a picture takes at most.
+/// Largest width of a picture, columns.
 const MOST_COLUMNS: usize = 72;
-/// Lines that are left for words.
+/// Lines that are left for text.
 const WORDS: usize = 3;
 
-/// A picture that follows the volume, shown in the terminal, with a line below.
+/// A picture of the growing volume in the terminal, with a line below.
 pub(in crate::cli) struct Terminal {
     picture: Mutex<Picture>,
     bar: ProgressBar,
@@ -35,7 +36,7 @@ struct Shown {
 }
 
 impl Terminal {
-    /// Where standard error is a terminal that is large enough.
+    /// Returns `None` if standard error is not a terminal, or it is too small.
     pub(super) fn of(picture: &Picture) -> Option<Arc<Self>> {
         if !std::io::stderr().is_terminal() || size().is_none() {
             return None;
@@ -45,12 +46,12 @@ impl Terminal {
         Some(Arc::new(Self { picture: Mutex::new(picture.clone()), bar, shown: Mutex::default() }))
     }
 
-    /// Another way to look at it.
+    /// Changes the view settings.
     pub(super) fn look(&self, picture: &Picture) {
         picture.clone_into(&mut self.picture());
     }
 
-    /// What is said below the picture, from the next one on; at once where there is none for a while.
+    /// Sets the line below the next picture. Updates it now if there was no picture for a while.
     pub(super) fn say(&self, line: &str) {
         let mut shown = self.shown();
         if shown.line == line {
@@ -63,15 +64,15 @@ impl Terminal {
         }
     }
 
-    /// Says something above the picture that is to stay.
+    /// Prints a permanent line above the picture.
     pub(super) fn print(&self, line: &str) {
         self.bar.println(line);
     }
 
-    /// What is said from here on stands below the last picture.
+    /// Keeps the last picture; later output goes below it.
     pub(super) fn leave(&self) {
         self.bar.abandon();
-        // The bar ends without a line's end.
+        // The bar does not end its line.
         let _ = Term::stderr().write_line("");
     }
 
@@ -84,9 +85,9 @@ impl Terminal {
     }
 }
 
-impl Looks for Terminal {
+impl ViewClient for Terminal {
     fn settings(&self, first: &First) -> Result<RenderSettings, Box<dyn std::error::Error + Send + Sync>> {
-        Looks::settings(&*self.picture(), first)
+        ViewClient::settings(&*self.picture(), first)
     }
 
     fn most_hz(&self) -> f64 {
@@ -107,20 +108,22 @@ impl Looks for Terminal {
     }
 }
 
-/// Columns and rows of characters that a picture may take; `None` where there is no room for one.
+/// Returns the columns and rows of characters for a picture; `None` if the terminal is too
+/// small.
 fn size() -> Option<[usize; 2]> {
     let (rows, columns) = Term::stderr().size_checked()?;
     let cells = [usize::from(columns).min(MOST_COLUMNS), usize::from(rows).checked_sub(WORDS)?];
     (cells[0] >= 16 && cells[1] >= 8).then_some(cells)
 }
 
-/// A picture of three bytes a pixel in so many characters, each an upper and a lower half: the mean of the pixels that it covers.
+/// Converts a picture of three bytes a pixel to characters. Each character has an upper and a
+/// lower half, with the mean of the pixels that it covers.
 fn art(pixels: &[u8], [width, height]: [u32; 2], [columns, rows]: [usize; 2]) -> String {
     let (width, height) = (width as usize, height as usize);
     if width == 0 || height == 0 {
         return String::new();
     }
-    // Characters are about twice as high as wide, so that their halves are squares.
+    // Characters are about twice as high as wide, so their halves are square.
     let columns = columns.min(2 * rows * width / height).max(1);
     let lines = (columns * height / width).next_multiple_of(2).max(2);
     let mean = |column: usize, line: usize| {
@@ -161,7 +164,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_half_of_a_character_is_the_mean_of_its_pixels() {
+    fn art_half_character_is_mean_of_its_pixels() {
         // Four columns of two pixels: white over black left, grey right.
         let row = |left: u8, right: u8| [[left; 3]; 2].concat().into_iter().chain([[right; 3]; 2].concat());
         let pixels: Vec<u8> = row(255, 100).chain(row(255, 50)).chain(row(0, 100)).chain(row(0, 50)).collect();
@@ -169,12 +172,12 @@ mod tests {
             art(&pixels, [4, 4], [2, 8]),
             "\x1b[38;2;255;255;255;48;2;0;0;0m▀\x1b[38;2;75;75;75;48;2;75;75;75m▀\x1b[0m\n"
         );
-        // What is equal to its neighbour is not said again.
+        // A colour equal to its neighbour's is not written again.
         assert_eq!(art(&[9; 48], [4, 4], [4, 8]).matches("38;2").count(), 2);
     }
 
     #[test]
-    fn pictures_keep_their_shape_and_fit() {
+    fn art_keeps_aspect_ratio_within_size() {
         for (size, cells, expected) in [
             ([512, 512], [72, 20], (40, 20)),
             ([640, 320], [72, 40], (72, 18)),

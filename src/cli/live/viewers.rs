@@ -1,32 +1,33 @@
-//! All who look at the volume while it grows: the terminal, a picture that is wanted in the end, and pages.
+//! All viewers of the growing volume: the terminal, a picture file, and pages.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use super::terminal::Terminal;
-use crate::config::bedside::Picture;
-use crate::console::Screen;
-use crate::console::dress::Ground;
-use crate::pipeline::live::{Drawn, First, Looks};
-use crate::render::camera::View;
-use crate::render::{Mode, RenderSettings, Renderer};
+use config::bedside::Picture;
+use console::FrameBroadcaster;
+use console::style::Ground;
+use pipeline::live::{Drawn, First, ViewClient};
+use render::camera::View;
+use render::{Mode, RenderSettings, Renderer};
 
-/// Settings that may change, and those who look by them.
+use super::terminal::Terminal;
+
+/// Changeable view settings, and the viewers that use them.
 pub(in crate::cli) struct Viewers {
     picture: Mutex<Picture>,
     terminal: Option<Arc<Terminal>>,
-    /// Whether a picture is wanted in the end.
+    /// Whether a picture file is requested at the end.
     lasting: bool,
-    screen: Option<Arc<Screen>>,
+    screen: Option<Arc<FrameBroadcaster>>,
 }
 
 impl Viewers {
-    /// `None` where nobody looks at all.
+    /// Returns `None` without any viewer.
     pub(in crate::cli) fn of(
         picture: &Picture,
         terminal: Option<&Arc<Terminal>>,
         lasting: bool,
-        screen: Option<&Arc<Screen>>,
+        screen: Option<&Arc<FrameBroadcaster>>,
     ) -> Option<Arc<Self>> {
         (terminal.is_some() || lasting || screen.is_some()).then(|| {
             let (terminal, screen) = (terminal.cloned(), screen.cloned());
@@ -36,9 +37,9 @@ impl Viewers {
         })
     }
 
-    /// Pages learn what the configuration's look is.
+    /// Sends the configured view settings to pages.
     fn ground(&self, picture: &Picture) {
-        // Where it makes no picture, its thread says why.
+        // If they are invalid, the render thread reports why.
         if let (Some(screen), Ok(settings)) = (&self.screen, picture.settings(None)) {
             let (name, range) = (picture.look.transfer_name().to_owned(), picture.window);
             let heeded = matches!(settings.mode, Mode::Shaded(_) | Mode::Opacity(_));
@@ -46,7 +47,7 @@ impl Viewers {
         }
     }
 
-    /// Another way to look, from the next picture on.
+    /// Changes the view settings, from the next picture on.
     pub(in crate::cli) fn look(&self, picture: &Picture) {
         if let Some(terminal) = &self.terminal {
             terminal.look(picture);
@@ -60,9 +61,9 @@ impl Viewers {
     }
 }
 
-impl Looks for Viewers {
+impl ViewClient for Viewers {
     fn settings(&self, first: &First) -> Result<RenderSettings, Box<dyn std::error::Error + Send + Sync>> {
-        Looks::settings(&*self.picture(), first)
+        ViewClient::settings(&*self.picture(), first)
     }
 
     fn most_hz(&self) -> f64 {
@@ -90,7 +91,8 @@ impl Looks for Viewers {
     }
 
     fn is_watched(&self) -> bool {
-        // Without pages a picture that is wanted in the end follows the volume all the time, so that it is there at once then.
+        // Without pages, a requested picture file is rendered all the time, so that it is ready
+        // at the end.
         let Some(screen) = &self.screen else { return true };
         self.terminal.is_some() || screen.is_watched()
     }
@@ -114,5 +116,5 @@ impl Looks for Viewers {
     }
 }
 
-/// For how long nobody needs to be asked where no page looks.
+/// Polling interval for view changes without a page.
 const TURN: Duration = Duration::from_millis(100);

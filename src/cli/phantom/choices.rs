@@ -1,11 +1,12 @@
-//! What the flags of `phantom` can be.
+//! Values of the flags of `phantom`.
 
 use clap::ValueEnum;
 use glam::DVec3;
 
+use phantom::TrackerNoise;
+use sonoweave_core::keys::numbers;
+
 use crate::cli::values;
-use crate::config::numbers;
-use crate::phantom::TrackerNoise;
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
 pub(super) enum ScalarName {
@@ -16,19 +17,19 @@ pub(super) enum ScalarName {
     F32,
 }
 
-/// A direction, of length 1.
+/// Parses a direction, of length 1.
 pub(super) fn direction(text: &str) -> Result<DVec3, String> {
     values::point(text)?.try_normalize().ok_or_else(|| "must not be zero".into())
 }
 
-/// Cycles per mm along three axes.
+/// Parses cycles per mm along three axes.
 pub(super) fn frequency(text: &str) -> Result<DVec3, String> {
     let frequency = values::point(text)?;
-    // Finer than any pixel, and little enough for phases to be exact.
+    // This limit is finer than any pixel, and low enough for exact phases.
     if frequency.abs().max_element() <= 100.0 { Ok(frequency) } else { Err("must be at most 100 cycles per mm".into()) }
 }
 
-/// MM,DEG.
+/// Parses MM,DEG.
 pub(in crate::cli) fn tracker_noise(text: &str) -> Result<TrackerNoise, String> {
     let [position_mm, rotation_degrees] = numbers::<2>(text)?;
     Ok(TrackerNoise { position_mm, rotation_degrees })
@@ -39,7 +40,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn values_are_read_and_those_without_meaning_refused() {
+    fn parsers_accept_valid_refuse_meaningless() {
         assert_eq!(direction("0,0,-2"), Ok(DVec3::NEG_Z));
         assert_eq!(frequency("0.1,-0.2,0"), Ok(DVec3::new(0.1, -0.2, 0.0)));
         let noise = TrackerNoise { position_mm: 0.5, rotation_degrees: 0.1 };

@@ -1,16 +1,16 @@
-//! Flags of `phantom` for bodies, which a scanner looks into.
+//! Flags of `phantom` for bodies, which a simulated scanner images.
 
-use calibration::frames::Transform;
-use calibration::phantom::file::{PhantomFile, Registration};
-use calibration::phantom::{Geometry, Landmark, Wire};
 use clap::{Args, ValueEnum};
 use glam::{DVec2, DVec3};
 
+use calibration::phantom::file::{PhantomFile, Registration};
+use calibration::phantom::{Geometry, Landmark, Wire};
+use phantom::bmode::{Effects, Transducer};
+use phantom::named::{ProbeName, SceneName, SceneOptions, Shown};
+use phantom::{Scan, body};
+use sonoweave_core::frames::Transform;
+
 use crate::cli::Failure;
-use crate::phantom::Scan;
-use crate::phantom::bmode::{Effects, Transducer};
-use crate::phantom::body;
-use crate::phantom::named::{ProbeName, SceneName, SceneOptions, Shown};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum EffectName {
@@ -18,25 +18,25 @@ pub(super) enum EffectName {
     Speckle,
     /// Echoes of surfaces
     Surfaces,
-    /// What materials and surfaces take from sound: without it there is no shadow
+    /// Attenuation by materials and surfaces: without it there is no shadow
     Attenuation,
-    /// Echoes that come again
+    /// Repeated echoes
     Reverberation,
-    /// The transducer's ringing at its face
+    /// Ringing of the transducer at its face
     Ringing,
-    /// Beams that widen off their focus
+    /// Widening of the beams away from their focus
     Focusing,
     /// Amplification with depth
     Tgc,
-    /// The receiver's noise
+    /// Noise of the receiver
     Noise,
 }
 
-/// What the scanner is; each has a default that suits the scene.
+/// Settings of the scanner; each has a default that suits the scene.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Scanner, for --scene doll, thigh, n-wire, cross-wire, tank-floor and stylus")]
 pub(super) struct EchoFlags {
-    /// The transducer [default: what suits the scene]
+    /// Transducer [default: suits the scene]
     #[arg(long, value_enum, value_name = "PROBE")]
     probe: Option<ProbeName>,
     /// Depth of the field, mm
@@ -51,10 +51,10 @@ pub(super) struct EchoFlags {
     /// Amplification with depth, dB/cm
     #[arg(long, value_name = "DB")]
     tgc: Option<f64>,
-    /// From white to black, dB
+    /// Range from white to black, dB
     #[arg(long, value_name = "DB")]
     dynamic_range: Option<f64>,
-    /// Leave out what the scanner would do, e.g. noise,reverberation
+    /// Leave out effects of the scanner, e.g. noise,reverberation
     #[arg(long, value_enum, value_name = "EFFECT", value_delimiter = ',')]
     without: Vec<EffectName>,
 }
@@ -66,7 +66,8 @@ impl EchoFlags {
         self.probe.is_some() || !self.without.is_empty() || numbers.iter().any(Option::is_some)
     }
 
-    /// What is shown of a scene; of echoes by the scanner that these flags make.
+    /// Returns the contents of the images of a scene; for echoes, with the scanner of these
+    /// flags.
     pub(super) fn shown(&self, scene: SceneName, options: SceneOptions) -> Shown {
         let mut shown = scene.shown(&SceneOptions { probe: self.probe, depth_mm: self.depth, ..options });
         let Shown::Echoes(scanned) = &mut shown else { return shown };
@@ -96,7 +97,7 @@ impl EchoFlags {
     }
 }
 
-/// What the scanner is, for people and provenance; nothing where there is none.
+/// Describes the scanner, for people and provenance; empty without a scanner.
 pub(super) fn describe(scan: &Scan) -> String {
     let Some(bmode) = scan.bmode() else { return String::new() };
     let scanner = bmode.scanner();
@@ -120,10 +121,11 @@ pub(super) fn describe(scan: &Scan) -> String {
     )
 }
 
-/// What a scan shows as a phantom, and where it is held: the world is the reference sensor. Wires of one number belong together, and are listed from right to left.
+/// Returns a scan's phantom and its pose; the world is the reference sensor. Wires of one number
+/// belong together, and are listed from right to left.
 ///
 /// # Errors
-/// [`Failure`] when there is nothing to calibrate by.
+/// [`Failure`] when the scene has no calibration targets.
 pub(super) fn held(scan: &Scan) -> Result<PhantomFile, Failure> {
     let within = |problem: String| Failure(format!("--phantom: {problem}"));
     let Some(bmode) = scan.bmode() else { return Err(within("the scene is no body".into())) };
@@ -139,7 +141,8 @@ pub(super) fn held(scan: &Scan) -> Result<PhantomFile, Failure> {
     Ok(PhantomFile { geometry: geometry.map_err(|e| within(e.to_string()))?, registration: Some(registration) })
 }
 
-/// Where each wire of a scan crosses each picture: a line a crossing, pixels of the picture in MF orientation; places of landmarks in the world first.
+/// Returns the intersections of a scan's wires with its images: a line each, pixels of the image
+/// in MF orientation. The first lines are the positions of landmarks in the world.
 pub(super) fn crossings(scan: &Scan) -> String {
     let mut text = String::from("frame,name,u_px,v_px,x_mm,y_mm,z_mm\n");
     let Some(bmode) = scan.bmode() else { return text };

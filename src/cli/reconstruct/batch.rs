@@ -1,18 +1,21 @@
-//! Several recordings by one command: a volume each, and a table of what became of them.
+//! Reconstructs several recordings with one command: a volume each, and a table of results.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+
+use statistics::Statistics;
 
 use super::beside::Beside;
 use super::flags::Flags;
 use super::weave;
 use crate::cli::{Failure, input};
-use crate::statistics::Statistics;
 
-/// Weaves each recording into a volume of its name in a folder; one that fails does not keep the others from it.
+/// Reconstructs each recording into a volume of its name in a folder. A failed recording does
+/// not affect the others.
 ///
 /// # Errors
-/// [`Failure`] before any work where the folder or names do not fit, else where a recording failed: the others' volumes are written then.
+/// [`Failure`] before any work if the folder or names do not fit; else if a recording failed:
+/// the others' volumes are written then.
 #[allow(clippy::print_stdout, reason = "the command's output")]
 pub(super) fn run(sequences: &[PathBuf], folder: &Path, flags: &Flags) -> Result<(), Failure> {
     let outputs = outputs(sequences, folder, &flags.beside)?;
@@ -42,11 +45,12 @@ fn done(name: String, statistics: &Statistics, output: &Path) -> [String; 5] {
     [name, format!("{} of {}", frames.used, frames.total), size, wall, output.display().to_string()]
 }
 
-/// A recording's name up to its first point, in the folder and in those of what is beside its volume, each once.
+/// Returns the outputs of each recording. Their names are the recording's name up to its first
+/// point; each must be unique.
 fn outputs(sequences: &[PathBuf], folder: &Path, folders: &Beside) -> Result<Vec<(PathBuf, Beside)>, Failure> {
     if !folder.is_dir() {
         return Err(Failure(format!(
-            "{}: is no folder, and several recordings become a volume each: make the folder, and give it with -o",
+            "{}: is not a folder, but several recordings need one; make the folder, and give it with -o",
             folder.display()
         )));
     }
@@ -59,12 +63,12 @@ fn outputs(sequences: &[PathBuf], folder: &Path, folders: &Beside) -> Result<Vec
         let output = folder.join(format!("{stem}.mha"));
         if !taken.insert(output.clone()) {
             return Err(Failure(format!(
-                "{}: its volume would be {}, as another recording's: weave them by a command each",
+                "{}: its volume and another recording's would both be {}; reconstruct them by separate commands",
                 sequence.display(),
                 output.display()
             )));
         }
-        // Not only its own recording: any of them.
+        // An output must not be any of the recordings.
         let beside = folders.of(stem);
         for path in beside.all().chain([&*output]) {
             sequences.iter().try_for_each(|sequence| input::check_is_not(path, sequence))?;
@@ -74,7 +78,7 @@ fn outputs(sequences: &[PathBuf], folder: &Path, folders: &Beside) -> Result<Vec
     Ok(outputs)
 }
 
-/// Cells in columns.
+/// Formats cells in columns.
 fn table(rows: &[[String; 5]]) -> String {
     let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
     let widths: [usize; 5] = std::array::from_fn(width);

@@ -1,25 +1,26 @@
-//! Flags that say how holes are filled in what is written.
+//! Flags for filling holes in the written files.
 
 use clap::{Args, ValueEnum};
 
-use crate::cli::Failure;
-use crate::export::fill::{Filled, Filling, Law};
-use crate::export::volume::DenseBox;
-use crate::reconstruct::Settings;
-use crate::volume::Voxels;
-use crate::volume::dense::{FILL_FIELD, FILLED_FIELD};
+use export::fill::{FillMethod, Filled, Filling};
+use export::volume::DenseBox;
+use reconstruct::Settings;
+use volume::Voxels;
+use volume::dense::{FILL_FIELD, FILLED_FIELD};
 
-/// From how far holes are filled, mm: three voxels of the default spacing.
+use crate::cli::Failure;
+
+/// Default filling radius, mm: three voxels of the default spacing.
 const RADIUS_MM: f64 = 1.5;
 
-/// Whether and how holes are filled.
+/// Selects whether and how holes are filled.
 #[derive(Debug, Clone, Default, Args)]
 pub(in crate::cli) struct FillFlags {
-    /// Fill voxels that were not seen, in the files that are written and nowhere else, from those seen nearby. They have weight −1 there, and no program that asks
-    /// for seen voxels is given them [default: not filled]
+    /// Fill unseen voxels from seen ones nearby, only in the written files. They have weight −1
+    /// there, and programs that ask for seen voxels do not receive them [default: not filled]
     #[arg(long, value_enum, value_name = "LAW")]
     fill: Option<FillName>,
-    /// From how far away, mm; at most 32 voxels [default: 1.5]
+    /// Radius of the filling, mm; at most 32 voxels [default: 1.5]
     #[arg(long, value_name = "MM", requires = "fill", allow_hyphen_values = true)]
     fill_radius: Option<f64>,
 }
@@ -35,13 +36,14 @@ enum FillName {
 impl FillFlags {
     fn filling(&self) -> Option<Filling> {
         let law = match self.fill? {
-            FillName::Nearest => Law::Nearest,
-            FillName::Gaussian => Law::Gaussian,
+            FillName::Nearest => FillMethod::Nearest,
+            FillName::Gaussian => FillMethod::Gaussian,
         };
         Some(Filling { law, radius_mm: self.fill_radius.unwrap_or(RADIUS_MM) })
     }
 
-    /// Refuses, before the work, what cannot be filled on such a lattice, or is not written.
+    /// Refuses, before the work, a filling that is impossible on such a lattice, or without
+    /// written files.
     ///
     /// # Errors
     /// [`Failure`] with the flag to change.
@@ -49,13 +51,13 @@ impl FillFlags {
         let Some(filling) = self.filling() else { return Ok(()) };
         if !is_written {
             return Err(Failure(
-                "--fill: only files are filled, and none is written: give a volume, --weights or --planes".into(),
+                "--fill: applies to written files, and none is written; give a volume, --weights or --planes".into(),
             ));
         }
         filling.check(settings.spacing_mm).map_err(|e| Failure(format!("--fill-radius: {e}")))
     }
 
-    /// The volume as it is written; `None` where holes stay holes.
+    /// Returns the volume to write; `None` if holes are not filled.
     ///
     /// # Errors
     /// [`Failure`] when memory or threads do not suffice.
@@ -70,12 +72,12 @@ impl FillFlags {
     }
 }
 
-/// What a file's header says of it.
+/// Returns the header fields of a filled volume.
 pub(in crate::cli) fn fields(filled: &Filled<'_>) -> [(String, String); 2] {
     [(FILL_FIELD.into(), filled.filling().to_string()), (FILLED_FIELD.into(), filled.work().filled.to_string())]
 }
 
-/// What was filled, in a line.
+/// Describes the filling, in a line.
 pub(in crate::cli) fn sentence(filled: &Filled<'_>) -> String {
     format!(
         "filled: {} of {} unseen voxels near seen ones, {}",

@@ -1,76 +1,84 @@
-//! The flags of all commands that weave.
+//! Flags of all commands that reconstruct.
 
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use drivers::OpenSettings;
-use drivers::recording::SequenceSettings;
 use glam::DVec3;
+
+use config::Settings as Config;
+use drivers::OpenSettings;
+use drivers::replay::SequenceSettings;
+use export::volume::{DenseBox, Encoding, Scalar};
+use mask::{Clip, parse_fan};
+use pipeline::{Job, Outcome, PixelKind};
+use reconstruct::path_choice::PathChoice;
+use reconstruct::planar::{OnDeparture, PlanarSettings};
+use reconstruct::{Settings, Simd};
 
 use super::beside::Beside;
 use super::filling::FillFlags;
 use super::weighing::Weighing;
 use crate::cli::dicom::flags::{DicomFlags, is_dicom};
 use crate::cli::{Failure, input, values};
-use crate::config::Settings as Config;
-use crate::export::volume::{DenseBox, Encoding, Scalar};
-use crate::mask::{Clip, parse_fan};
-use crate::path::PathChoice;
-use crate::pipeline::{Job, Outcome, PixelKind};
-use crate::reconstruct::planar::{OnDeparture, PlanarSettings};
-use crate::reconstruct::{Settings, Simd};
 
 /// Voxel spacing when neither the command line nor the configuration has one, mm.
 pub(in crate::cli) const SPACING_MM: f64 = 0.5;
 
-/// What to weave, how, and what to write of it beside the volume.
+/// Settings of a reconstruction, and of its outputs beside the volume.
 #[derive(Debug, Args)]
 pub(in crate::cli) struct Flags {
     /// Calibration and volume settings: our TOML or a PLUS XML
     #[arg(short, long, value_name = "FILE")]
     pub(in crate::cli) config: Option<PathBuf>,
-    /// Which of the calibration file's presets: by its name, for the scanner's depth that was set
+    /// Preset of the calibration file, by its name, for the scanner's depth during the recording
     #[arg(long, value_name = "NAME", requires = "config")]
     pub(in crate::cli) preset: Option<String>,
-    /// The probe's calibration: 16 numbers, row major, pixels to mm
+    /// Calibration of the probe: 16 numbers, row major, pixels to mm
     #[arg(long, value_name = "16 NUMBERS", allow_hyphen_values = true)]
     pub(in crate::cli) image_to_probe: Option<String>,
-    /// Frame in which the volume lives [default: Reference if the sequence has one, else Tracker]
+    /// Frame of the volume [default: Reference if the sequence has one, else Tracker]
     #[arg(long, value_name = "NAME")]
     pub(in crate::cli) world: Option<String>,
     /// Distance between voxels, mm [default: the configuration's, else 0.5]
     #[arg(long, value_name = "MM[,MM,MM]", value_parser = values::spacing)]
     pub(in crate::cli) spacing: Option<DVec3>,
-    /// World position of voxel (0,0,0), mm [default: the lattice passes through the world's origin]
+    /// World position of voxel (0,0,0), mm [default: the lattice passes through the world's
+    /// origin]
     #[arg(long, value_name = "X,Y,Z", value_parser = values::point, allow_hyphen_values = true)]
     pub(in crate::cli) origin: Option<DVec3>,
-    /// Voxels of the volume: cropped or padded exactly so [default: all that was touched]
+    /// Size of the volume, voxels: cropped or padded to exactly this [default: all that slices
+    /// reached]
     #[arg(long, value_name = "NX,NY,NZ", value_parser = values::size)]
     pub(in crate::cli) size: Option<[u64; 3]>,
-    /// Which path slices go. Planar is for scans whose slices stay perpendicular to one plane, with image axis u along its normal, and whose data is a
-    /// rectangle: several times faster on half the memory, with the volume's axes along the scan's. Auto takes it when all poses and the mask allow
-    /// it, one spacing is given, and neither --origin nor --size speaks of the world's axes
+    /// Insertion path of slices. Planar is for scans whose slices stay perpendicular to one
+    /// plane, with image axis u along its normal, and whose data is a rectangle: several times
+    /// faster on half the memory, with the volume's axes along the scan's. Auto takes it when
+    /// all poses and the mask allow it, one spacing is given, and neither --origin nor --size
+    /// refers to the world's axes
     #[arg(long, value_enum, default_value_t, value_name = "PATH")]
     path: PathName,
-    /// What the planar path does with a frame that leaves the plane: refuse it, or upgrade to the general path with all there is
+    /// Action of the planar path on a frame that leaves the plane: refuse the frame, or move all
+    /// data to the general path
     #[arg(long, value_enum, default_value_t, value_name = "WHAT")]
     departure: DepartureName,
-    /// How far the picture's corners may lie off the plane on the planar path, voxels
+    /// Largest distance of the image's corners from the plane on the planar path, voxels
     #[arg(long, value_name = "VOXELS", default_value_t = 0.25)]
     pub(in crate::cli) planar_tolerance: f64,
-    /// What of the picture is data: a rectangle in pixels, all, or found in the first frames [default: the configuration's, else auto]
+    /// Image data: a rectangle in pixels, all, or found in the first frames [default: the
+    /// configuration's, else auto]
     #[arg(long, value_name = "X,Y,W,H|auto|none")]
     pub(in crate::cli) clip: Option<Clip>,
-    /// Sector that is data: apex and radii in pixels, angles in degrees from straight down, positive to the right
+    /// Sector of image data: apex and radii in pixels, angles in degrees from straight down,
+    /// positive to the right
     #[arg(long, value_name = "X,Y,R0,R1,A0,A1", allow_hyphen_values = true)]
     pub(in crate::cli) fan: Option<String>,
-    /// Scalar type of the volume [default: the input's]; going to fewer bits needs --window
+    /// Scalar type of the volume [default: the input's]; fewer bits need --window
     #[arg(long = "type", value_enum, value_name = "TYPE")]
     scalar: Option<ScalarName>,
     /// Grey values that become black and white
     #[arg(long, value_name = "LO,HI", value_parser = values::window, allow_hyphen_values = true)]
     pub(in crate::cli) window: Option<WindowValue>,
-    /// Value of voxels that were not seen
+    /// Value of unseen voxels
     #[arg(long, value_name = "V", default_value_t = 0.0, allow_hyphen_values = true)]
     pub(in crate::cli) unseen: f32,
     #[command(flatten)]
@@ -84,7 +92,7 @@ pub(in crate::cli) struct Flags {
     /// Instruction set; all give the same volume
     #[arg(long, value_enum, default_value_t)]
     simd: SimdName,
-    /// Memory that the volume may take, GiB
+    /// Memory limit for the volume, GiB
     #[arg(long, value_name = "GIB", default_value_t = 8.0)]
     pub(in crate::cli) max_memory: f64,
     #[command(flatten)]
@@ -95,7 +103,8 @@ pub(in crate::cli) struct Flags {
     pub(in crate::cli) weighing: Weighing,
 }
 
-// clap takes an array for its own notation of repeated values; named types are single values to it.
+// clap takes an array for its own notation of repeated values; named types are single values to
+// it.
 type WindowValue = [f32; 2];
 type FrameRange = std::ops::Range<u64>;
 
@@ -106,7 +115,8 @@ enum PathName {
     Auto,
     /// Any pose and any mask; the volume's axes are the world's
     General,
-    /// Slices perpendicular to one plane; the volume's axes are the scan's, along which --spacing and --size count then
+    /// Slices perpendicular to one plane; the volume's axes, and the axes of --spacing and
+    /// --size, are the scan's
     Planar,
 }
 
@@ -121,7 +131,7 @@ enum DepartureName {
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
 enum SimdName {
-    /// The best that the machine has
+    /// The best of this machine
     #[default]
     Auto,
     /// AVX-512
@@ -143,7 +153,7 @@ enum ScalarName {
 }
 
 impl Flags {
-    /// What the pipeline is to do.
+    /// Returns the job for the pipeline.
     ///
     /// # Errors
     /// [`Failure`] when files cannot be read or flags contradict each other.
@@ -205,10 +215,10 @@ impl Flags {
         })
     }
 
-    /// The folders of all outputs exist, and none is the input.
+    /// Checks that the folders of all outputs exist, and that no output is the input.
     ///
     /// # Errors
-    /// [`Failure`] with the first that is not so.
+    /// [`Failure`] with the first violation.
     pub(in crate::cli) fn check_outputs(
         &self,
         sequence: &Path,
@@ -223,7 +233,7 @@ impl Flags {
         }
         if !volume.is_some_and(is_dicom) && !self.dicom.identifiers()?.is_empty() {
             return Err(Failure(
-                "patient, study and series are told in DICOM files only: give -o VOL.dcm, or leave them out".into(),
+                "patient, study and series apply to DICOM files only: give -o VOL.dcm, or leave them out".into(),
             ));
         }
         for path in volumes.into_iter().flatten() {
@@ -235,7 +245,7 @@ impl Flags {
         Ok(())
     }
 
-    /// How values are written.
+    /// Returns the encoding of the written values.
     ///
     /// # Errors
     /// [`Failure`] when the scalar type cannot hold them.
@@ -248,12 +258,14 @@ impl Flags {
         let scalar = self.scalar.unwrap_or(input);
         let bits = |s: ScalarName| s as u8;
         if bits(scalar) < bits(input) && self.window.is_none() {
-            return Err(Failure(format!(
-                "--type {0:?}: the input is {input:?}; say with --window LO,HI which grey values become black and white",
-                scalar
-            )
-            .to_lowercase()
-            .replace("lo,hi", "LO,HI")));
+            return Err(Failure(
+                format!(
+                    "--type {0:?}: the input is {input:?}; give --window LO,HI for the grey values of black and white",
+                    scalar
+                )
+                .to_lowercase()
+                .replace("lo,hi", "LO,HI"),
+            ));
         }
         let scalar = match scalar {
             ScalarName::U8 => Scalar::U8,
@@ -266,26 +278,26 @@ impl Flags {
             Scalar::F32 => true,
         };
         if !representable {
-            return Err(Failure(format!("--unseen {}: is no value of type {}", self.unseen, scalar.name())));
+            return Err(Failure(format!("--unseen {}: is not a value of type {}", self.unseen, scalar.name())));
         }
         Ok(Encoding { scalar, window: self.window, unseen: self.unseen })
     }
 
-    /// The voxels to write.
+    /// Returns the box of voxels to write.
     ///
     /// # Errors
-    /// [`Failure`] when nothing was seen.
+    /// [`Failure`] when no voxel was seen.
     pub(in crate::cli) fn dense_box(&self, outcome: &Outcome) -> Result<DenseBox, Failure> {
         let reconstructor = &outcome.reconstructor;
         let settings = reconstructor.settings();
         let Some((low, high)) = reconstructor.volume().seen_bounds() else {
             return Err(Failure(
-                "no voxel was seen: the slices' kernel fell between the voxels; choose a finer --spacing".into(),
+                "no voxel was seen, because the slices' kernel fell between the voxels; give a finer --spacing".into(),
             ));
         };
         let world = reconstructor.world_from_lattice();
         Ok(match (self.origin, self.size) {
-            // The lattice begins at the origin that was given.
+            // The lattice begins at the given origin.
             (Some(_), Some(size)) => DenseBox::new([0; 3], size, world, settings),
             (None, Some(size)) => DenseBox::new(low, size, world, settings),
             (_, None) => DenseBox::around([low, high], world, settings),

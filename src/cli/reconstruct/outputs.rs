@@ -1,9 +1,21 @@
-//! What is written of a woven volume, and said of it.
+//! Writes a reconstructed volume and the other outputs, and prints the report.
 
 use std::path::Path;
 use std::time::Instant;
 
 use serde::Serialize;
+
+use config::Settings as Config;
+use export::dicom::volume::VolumeImage;
+use export::fill::{FILLED, Filled};
+use export::planes::{PlanesOptions, Shown, Window, planes};
+use export::volume::{DenseBox, Encoding, write_values, write_weights};
+use mask::MaskSettings;
+use pipeline::{Job, Outcome};
+use reconstruct::Path as Way;
+use statistics::{FillNumbers, Source, Statistics};
+use volume::Voxels;
+use volume::brick_volume::SEEN;
 
 use super::beside::Beside;
 use super::filling;
@@ -11,19 +23,8 @@ use super::flags::Flags;
 use crate::cli::dicom::flags::is_dicom;
 use crate::cli::provenance::Made;
 use crate::cli::{Failure, input};
-use crate::config::Settings as Config;
-use crate::export::dicom::volume::VolumeImage;
-use crate::export::fill::{FILLED, Filled};
-use crate::export::planes::{PlanesOptions, Shown, Window, planes};
-use crate::export::volume::{DenseBox, Encoding, write_values, write_weights};
-use crate::mask::MaskSettings;
-use crate::pipeline::{Job, Outcome};
-use crate::reconstruct::Path as Way;
-use crate::statistics::{FillNumbers, Source, Statistics};
-use crate::volume::Voxels;
-use crate::volume::sparse::SEEN;
 
-/// A command that weaves, and what it was asked.
+/// A reconstruction command, with its inputs and outputs.
 pub(in crate::cli) struct Request<'a> {
     pub(in crate::cli) sequence: &'a Path,
     pub(in crate::cli) output: Option<&'a Path>,
@@ -36,7 +37,7 @@ pub(in crate::cli) struct Request<'a> {
 }
 
 impl<'a> Request<'a> {
-    /// Asked just now, with what is written beside the volume; fails before the work, not after it, where an output cannot be.
+    /// Begins a command with its outputs. Checks the outputs before the work.
     ///
     /// # Errors
     /// [`Failure`] when flags contradict each other or files are out of reach.
@@ -55,10 +56,11 @@ impl<'a> Request<'a> {
         Ok((Self { sequence, output, flags, beside, began, config, mask, frames }, job))
     }
 
-    /// Writes all that was asked for, says what was done, and returns the numbers of it; `picture` is what a rendering on the side did.
+    /// Writes the requested files, prints a report, and returns the statistics; `picture` holds
+    /// the statistics of a simultaneous rendering.
     ///
     /// # Errors
-    /// [`Failure`]: the file that failed is not there.
+    /// [`Failure`]: the file that failed does not exist.
     pub(in crate::cli) fn finish(
         &self,
         mut outcome: Outcome,
@@ -108,7 +110,7 @@ impl<'a> Request<'a> {
         Ok(statistics)
     }
 
-    /// The volume for a picture archive, of a recording and in a world.
+    /// Writes the volume for a picture archive.
     fn write_dicom(
         &self,
         volume: &dyn Voxels,
@@ -129,7 +131,7 @@ impl<'a> Request<'a> {
         })?)
     }
 
-    /// What the volume was made of, for its header.
+    /// Returns the volume's provenance, for its header.
     fn provenance(
         &self,
         outcome: &Outcome,
@@ -151,7 +153,7 @@ impl<'a> Request<'a> {
         Ok(Made { outcome, space, encoding, input, calibration, cropped: flags.size.is_some() }.fields())
     }
 
-    /// What was done, in a few lines on stdout; what the user should know, on stderr.
+    /// Prints a short report to stdout, and notes for the user to stderr.
     #[allow(clippy::print_stdout, clippy::print_stderr, reason = "the command's output")]
     fn report(&self, outcome: &Outcome, statistics: &Statistics, filled: Option<&Filled<'_>>) {
         for note in &outcome.notes {

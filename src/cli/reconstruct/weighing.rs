@@ -1,61 +1,65 @@
-//! Flags that say how slices are weighed and compounded.
+//! Flags for kernel and compounding.
 
 use clap::{Args, ValueEnum};
 
+use config::weighing::{CompoundName, DecayName, Weighing as Said};
+use config::{Settings as Config, Unfit};
+use pipeline::OffPlane;
+use reconstruct::Settings;
+use reconstruct::kernel::{Method, Support};
+
 use crate::cli::{Failure, values};
-use crate::config::weighing::{CompoundName, DecayName, Weighing as Said};
-use crate::config::{Settings as Config, Unfit};
-use crate::pipeline::OffPlane;
-use crate::reconstruct::Settings;
-use crate::reconstruct::kernel::{Method, Support};
 
 /// Kernel and compounding.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Kernel and compounding")]
 pub(in crate::cli) struct Weighing {
-    /// The kernel: what one slice says about a point beside its pixels
+    /// Kernel: the weight of one slice at points beside its pixels
     #[arg(long, value_enum, default_value_t)]
     method: MethodName,
-    /// Kernel σ along u, v and the slice's normal, mm; or auto: σ across the plane from the gaps between slices [default: 0.75 × the
-    /// larger of spacing and pixel in the plane, 1.0 across]
+    /// Kernel σ along u, v and the slice's normal, mm; or auto: σ across the plane from the gaps
+    /// between slices [default: 0.75 × the larger of spacing and pixel in the plane, 1.0 across]
     #[arg(long, value_name = "SU,SV,SN|auto", value_parser = values::sigma, conflicts_with = "resolution")]
     sigma: Option<SigmaChoice>,
-    /// The same as half widths at half maximum of a Gaussian, mm
+    /// Kernel size as half widths at half maximum of a Gaussian, mm
     #[arg(long, value_name = "HU,HV,HN", value_parser = values::lengths)]
     resolution: Option<[f64; 3]>,
-    /// Where a Gaussian ends, in the plane and across it, or on all axes [default: energy=0.001,energy=0.01]
+    /// End of a Gaussian, in the plane and across it, or on all axes [default:
+    /// energy=0.001,energy=0.01]
     #[arg(long, value_name = "CRITERION=E[,CRITERION=E]", value_parser = values::supports)]
     support: Option<Supports>,
     /// Short for --support energy=E
     #[arg(long, value_name = "E", value_parser = values::share, conflicts_with = "support")]
     leakage: Option<f64>,
-    /// Largest weight of a voxel, in slices at their peak; from there on the mean moves
+    /// Largest weight of a voxel, in slices at their peak; a running mean follows beyond it
     #[arg(long, value_name = "SLICES", default_value_t = 256.0)]
     max_weight: f64,
-    /// What becomes of slices that reach the same voxel
+    /// Compounding of slices that reach the same voxel
     #[arg(long, value_enum, default_value_t)]
     compound: CompoundName,
-    /// How the past fades under --compound decay [default: dead-time]
+    /// Fading of the past under --compound decay [default: dead-time]
     #[arg(long, value_enum, value_name = "MODE")]
     decay: Option<DecayName>,
-    /// How fast it fades, 1/s [default: 1]
+    /// Rate of fading, 1/s [default: 1]
     #[arg(long, value_name = "PER_S", allow_negative_numbers = true)]
     decay_rate: Option<f64>,
-    /// For how long it does not fade, s: longer than a sweep takes to pass over a voxel [default: 2]
+    /// Time before fading begins, s: longer than a sweep takes to pass over a voxel [default: 2]
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     decay_wait: Option<f64>,
 }
 
-// clap takes an `Option<Option<…>>` for its own notation of optional values; a named type is a single value to it.
+// clap takes an `Option<Option<…>>` for its own notation of optional values; a named type is a
+// single value to it.
 type SigmaChoice = Option<[f64; 3]>;
-// And a bare array for a list.
+// clap also takes a bare array for a list.
 type Supports = [Support; 2];
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
 enum MethodName {
-    /// Less its value at the end of the support, so that it ends without a step: for slices far apart and fine voxels
+    /// Minus its value at the end of the support, so that it ends without a step: for slices far
+    /// apart and fine voxels
     Gaussian,
-    /// Cut at the end of the support across the plane (Ohbuchi, Chen & Fuchs 1992)
+    /// Truncated at the end of the support across the plane (Ohbuchi, Chen & Fuchs 1992)
     #[default]
     GaussianTruncated,
     /// Cubic B-spline of the same σ along all axes; twice differentiable
@@ -67,7 +71,8 @@ enum MethodName {
 }
 
 impl Weighing {
-    /// Puts the flags, and what the configuration says where they are silent, into the settings; returns where σ across the plane comes from.
+    /// Puts the flags into the settings, with the configuration's values for missing flags.
+    /// Returns the source of σ across the plane.
     ///
     /// # Errors
     /// [`Failure`] when flags contradict each other.
@@ -90,7 +95,7 @@ impl Weighing {
         Ok(if self.sigma == Some(None) { OffPlane::Auto } else { OffPlane::Settings })
     }
 
-    /// The kernel's kind.
+    /// Returns the kernel's method.
     pub(super) fn method(&self) -> Method {
         match self.method {
             MethodName::Gaussian => Method::Gaussian,
@@ -101,12 +106,12 @@ impl Weighing {
         }
     }
 
-    /// What the user should know of flags that had no effect.
+    /// Returns a note on flags that had no effect.
     pub(super) fn note(&self) -> Option<String> {
         let given = self.resolution.is_some() || matches!(self.sigma, Some(Some(_)));
         (given && self.method().interpolates()).then(|| {
             format!(
-                "the method {} goes from pixel to pixel: only the last of the three widths is used",
+                "the method {} interpolates between pixels: only the last of the three widths is used",
                 self.method().name()
             )
         })

@@ -1,27 +1,29 @@
-//! What is drawn over a rendered picture, and its file.
+//! Annotations over a rendered picture, and its file.
 
 use std::path::Path;
 
-use super::planar::Draw;
-use crate::annotation::scale::Bar;
-use crate::annotation::slice::SliceMarks;
-use crate::annotation::{copy, cube};
-use crate::cli::Failure;
-use crate::export::picture::{write_picture, write_rgb};
-use crate::render::Renderer;
-use crate::slice::Slice;
-use calibration::region::ClipRect;
+use export::annotation::scale::Bar;
+use export::annotation::slice::SliceMarks;
+use export::annotation::{copy, cube};
+use export::picture::{write_picture, write_rgb};
+use render::Renderer;
+use sonoweave_core::region::ClipRect;
+use sonoweave_core::slice::Slice;
 
-/// A picture and what can be drawn over it.
+use super::planar::Draw;
+use crate::cli::Failure;
+
+/// A picture, and the data for annotations over it.
 pub(in crate::cli) struct Over<'a> {
     pub(in crate::cli) renderer: &'a Renderer,
     pub(in crate::cli) background: [f32; 3],
-    /// The slice that came last, and the rectangle of its data.
+    /// The last slice, and the rectangle of its data.
     pub(in crate::cli) slice: Option<(&'a Slice, ClipRect)>,
 }
 
 impl Over<'_> {
-    /// Writes the picture; what is drawn over it is drawn on a copy. Returns the names of what was drawn: what has no room, or lies outside, is left out.
+    /// Writes the picture, with annotations on a copy of it. Returns the names of the drawn
+    /// annotations. An annotation without room, or outside the picture, is left out.
     ///
     /// # Errors
     /// [`Failure`] when it cannot be written.

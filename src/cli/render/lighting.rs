@@ -2,14 +2,16 @@
 
 use clap::Args;
 
-use crate::cli::{Failure, values};
-use crate::render::light::{DepthCue, Light, Source};
+use render::classify::light::{DepthCue, Light, Source};
 
-/// The light, where it is not the default one.
+use crate::cli::{Failure, values};
+
+/// The light, if it is not the default one.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Light (modes shaded and iso)")]
 pub(in crate::cli) struct Lighting {
-    /// Where the light is: headlight (at the eye), or the direction towards it in the world, of any length [default: headlight]
+    /// Direction of the light: headlight (at the eye), or the direction towards it in the world,
+    /// of any length [default: headlight]
     #[arg(long, value_name = "headlight|X,Y,Z", value_parser = values::light, allow_hyphen_values = true)]
     light: Option<Source>,
     /// Part of the light that comes from all sides, 0 to 1 [default: 0.3]
@@ -24,19 +26,22 @@ pub(in crate::cli) struct Lighting {
     /// Exponent of the highlight: the larger, the narrower [default: 16]
     #[arg(long, value_name = "N")]
     shininess: Option<u32>,
-    /// Whether light also falls on the backs of surfaces: the walls of dark bodies seen from inside [default: true]
+    /// Light the backs of surfaces too: the walls of dark bodies seen from inside [default:
+    /// true]
     #[arg(long, value_name = "true|false")]
     two_sided: Option<bool>,
-    /// Brightness of what is nearest and of what is farthest, to tell them apart: 1 ≥ NEAR ≥ FAR > 0 [default: does not fade]
+    /// Brightness of the nearest and the farthest point, to show depth: 1 ≥ NEAR ≥ FAR > 0
+    /// [default: no fading]
     #[arg(long, value_name = "NEAR,FAR", value_parser = values::depth_cue, allow_hyphen_values = true)]
     depth_cue: Option<Brightness>,
 }
 
-// clap takes an array for its own notation of repeated values; a named type is a single value to it.
+// clap takes an array for its own notation of repeated values; a named type is a single value to
+// it.
 type Brightness = [f64; 2];
 
 impl Lighting {
-    /// The setting whose flag was given first, if any was.
+    /// Returns the first given setting, if any.
     pub(super) fn given(&self) -> Option<&'static str> {
         [
             ("light", self.light.is_some()),
@@ -51,10 +56,10 @@ impl Lighting {
         .find_map(|(setting, given)| given.then_some(setting))
     }
 
-    /// The light.
+    /// Returns the light.
     ///
     /// # Errors
-    /// [`Failure`]: what there is no light like.
+    /// [`Failure`] for an impossible light.
     pub(super) fn light(&self) -> Result<Light, Failure> {
         let usual = Light::default();
         let parts = usual.parts();
@@ -89,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn the_help_s_defaults_are_the_light_s() {
+    fn help_defaults_match_light_defaults() {
         assert_eq!(light("").unwrap(), Light::default());
         let parts = Light::default().parts();
         let help = Command::command().render_long_help().to_string();
@@ -104,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn every_flag_reaches_the_light() {
+    fn every_flag_reaches_light() {
         let made = light(
             "--light 0,0,-2 --ambient 0.1 --diffuse 0.2 --specular 0.4 --shininess 3 --two-sided false --depth-cue 0.9,0.5",
         );
@@ -118,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn no_light_is_refused_with_its_reason() {
+    fn impossible_light_refused_with_reason() {
         for (words, says) in [
             ("--ambient -0.1", "the ambient part of the light must lie between 0 and 1, not -0.1"),
             ("--specular nan", "the specular part"),

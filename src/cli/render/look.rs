@@ -1,4 +1,4 @@
-//! The flags of all commands that render: from where, what, and how finely.
+//! The flags of all commands that render: view, mode, and quality.
 
 use clap::Args;
 use glam::DVec3;
@@ -6,50 +6,55 @@ use glam::DVec3;
 use super::lighting::Lighting;
 use super::planar::PlanarFlags;
 use crate::cli::{Failure, values};
-pub(in crate::cli) use crate::config::look::Mode;
-use crate::config::look::{Classified, Look as Said};
-use crate::render::RenderSettings;
-use crate::render::camera::View;
-use crate::render::light::Light;
+pub(in crate::cli) use config::look::Mode;
+use config::look::{Classified, Look as Said};
+use render::RenderSettings;
+use render::camera::View;
+use render::classify::light::Light;
 
-/// What a picture shows, and how.
+/// View, mode and quality of a picture.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Picture")]
 pub(in crate::cli) struct Look {
     /// Pixels of the picture
     #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = values::picture_size)]
     pub(in crate::cli) image_size: ImageSize,
-    /// From where: azimuth (0 looks along the world's +y, 90 along −x), elevation (90 looks down along −z), roll, degrees [default: from the deep side,
-    /// aslant, with the probe on top; 30,20 if the volume does not say how its slices lay]
+    /// Viewing direction: azimuth (0 looks along the world's +y, 90 along −x), elevation (90
+    /// looks down along −z), roll, degrees [default: oblique, from the deep side, with the probe
+    /// on top; 30,20 if the volume's file does not hold the slices' axes]
     #[arg(long, value_name = "AZ,EL[,ROLL]", value_parser = values::view, allow_hyphen_values = true)]
     pub(super) view: Option<Angles>,
-    /// Angle that the smaller side of the picture sees, degrees, up to 170 [default: parallel rays]
+    /// Field of view of the picture's smaller side, degrees, up to 170 [default: parallel rays]
     #[arg(long, value_name = "DEG")]
     pub(in crate::cli) perspective: Option<f64>,
-    /// What of the volume is drawn
+    /// Rendering mode
     #[arg(long, value_enum, default_value_t)]
     pub(in crate::cli) mode: Mode,
-    /// The grey level of which --mode iso draws the surface [default: halfway between black and white]
+    /// Grey value of the surface in --mode iso [default: halfway between black and white]
     #[arg(long, value_name = "V", allow_hyphen_values = true)]
     isovalue: Option<f64>,
-    /// What --transfer classifies, in the modes shaded and opacity [default: voxel]
+    /// Quantity that --transfer classifies, in the modes shaded and opacity [default: voxel]
     #[arg(long, value_enum, value_name = "WHAT")]
     shading: Option<Classified>,
-    /// Opacity and colour of grey levels: a preset (tissue, bone, surface, xray, phantom) or a file; the modes mip, average and iso use its colours
-    /// only [default: tissue; for mip and average xray, whose greys are those of --window]
+    /// Opacity and colour of grey values: a preset (tissue, bone, surface, xray, phantom) or a
+    /// file; the modes mip, average and iso use its colours only [default: tissue; for mip and
+    /// average xray, whose greys are those of --window]
     #[arg(long, value_name = "PRESET|FILE.toml")]
     pub(super) transfer: Option<String>,
     /// Distance of samples along a ray, in voxels
     #[arg(long, value_name = "VOXELS", default_value_t = STEP)]
     pub(in crate::cli) step: f64,
-    /// Samples that are folded together [default: the power of two next to the root of a ray's samples]
+    /// Samples composited in one block [default: the power of two next to the root of a ray's
+    /// samples]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u32).range(1..))]
     pub(in crate::cli) arity: Option<u32>,
-    /// A ray ends where less of what lies behind would be seen, 0 to 1, in the modes shaded and opacity; 0 casts all [default: 1/1024]
+    /// End a ray if less than this part of the farther samples would be visible, 0 to 1, in the
+    /// modes shaded and opacity; 0 disables this [default: 1/1024]
     #[arg(long, value_name = "T")]
     pub(super) stop: Option<f32>,
-    /// Leave rays out where the picture differs by less than this from one to the next, in parts of its full range, 0 to 1: 0.004 to 0.03 (1/255 to 8/255) are
-    /// usual; 0 casts one a pixel and is exact
+    /// Skip rays if neighbouring rays of the picture differ by less than this, in parts of its
+    /// full range, 0 to 1: 0.004 to 0.03 (1/255 to 8/255) are usual; 0 casts one a pixel and is
+    /// exact
     #[arg(long, value_name = "EPS", default_value_t = 0.0)]
     pub(in crate::cli) adaptive: f32,
     /// Colour behind the volume: red, green, blue, 0 to 1
@@ -61,7 +66,8 @@ pub(in crate::cli) struct Look {
     pub(in crate::cli) planar: PlanarFlags,
 }
 
-// clap takes an array for its own notation of repeated values; named types are single values to it.
+// clap takes an array for its own notation of repeated values; named types are single values to
+// it.
 type ImageSize = [u32; 2];
 type Colour = [f32; 3];
 type Angles = [f64; 3];
@@ -69,7 +75,7 @@ type Angles = [f64; 3];
 const STEP: f64 = 1.0;
 const BACKGROUND: Colour = [0.0; 3];
 
-/// What the flags are where nobody gives them.
+/// Default values of the flags.
 pub(super) struct Usual {
     pub(super) step: f64,
     pub(super) background: Colour,
@@ -80,21 +86,23 @@ impl Look {
         Usual { step: STEP, background: BACKGROUND }
     }
 
-    /// The view of a volume whose slices lie along these axes, turned by so many degrees about the world's z axis.
+    /// Returns the view of a volume whose slices lie along these axes, rotated by `turned`
+    /// degrees about the world's z axis.
     pub(in crate::cli) fn view(&self, slice_axes: Option<[DVec3; 2]>, turned: f64, turns: bool) -> View {
         self.said(Light::default()).view(slice_axes, turned, turns)
     }
 
-    /// Fails before any work where no volume could be rendered so.
+    /// Refuses flags that suit no volume, before any work.
     ///
     /// # Errors
-    /// [`Failure`]: the flag and what it may be.
+    /// [`Failure`] with the flag and its valid values.
     pub(in crate::cli) fn check(&self) -> Result<(), Failure> {
         self.planar.check(self)?;
         self.said(self.lighting.light()?).check().map_err(Failure::flag)
     }
 
-    /// How to render a volume whose slices lie along some axes, where grey levels go from black to white over `range`.
+    /// Returns the render settings for a volume with these slice axes, and grey values from
+    /// black to white over `range`.
     ///
     /// # Errors
     /// [`Failure`] when there is no such transfer function.
@@ -107,12 +115,12 @@ impl Look {
         self.said(self.lighting.light()?).settings(range, slice_axes, threads).map_err(Failure::flag)
     }
 
-    /// Where rays end, if they may end early.
+    /// Returns the transparency at which rays end, if they may end early.
     pub(in crate::cli) fn stops(&self) -> Option<f32> {
         self.said(Light::default()).stops()
     }
 
-    /// The transfer function's preset or file.
+    /// Returns the transfer function's preset or file.
     pub(in crate::cli) fn transfer_name(&self) -> String {
         self.said(Light::default()).transfer_name().to_owned()
     }
@@ -150,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn the_usual_look_is_the_one_that_nobody_asked_for() {
+    fn usual_equals_parser_defaults() {
         let (look, usual) = (Command::parse_from(["render"]).look, Look::usual());
         assert_eq!((look.step, look.background), (usual.step, usual.background));
         assert!(look.transfer.is_none() && look.stop.is_none() && look.adaptive == 0.0);

@@ -1,4 +1,4 @@
-//! The flags of planes, and of what is drawn over pictures.
+//! The flags of planes, and of annotations over pictures.
 
 use clap::{Args, ValueEnum};
 use glam::DVec3;
@@ -6,31 +6,33 @@ use serde::Serialize;
 
 use super::look::{Look, Mode};
 use crate::cli::{Failure, values};
-pub(in crate::cli) use crate::config::look::Draw;
-use crate::config::numbers;
-use crate::export::sections::{Sheet, Wash};
-use crate::render::section::{Box3, Plane, Sampled};
+pub(in crate::cli) use config::look::Draw;
+use export::sections::{Sheet, Wash};
+use render::section::{Box3, Plane, Sampled};
+use sonoweave_core::keys::numbers;
 
 /// Planes through a volume.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Planes (--mode slice) and what is drawn over pictures")]
 pub(in crate::cli) struct PlanarFlags {
-    /// Where the three planes cross, world mm [default: the middle of what was seen]
+    /// Intersection of the three planes, world mm [default: the centre of the seen voxels]
     #[arg(long, value_name = "X,Y,Z", value_parser = values::point, allow_hyphen_values = true)]
     at: Option<DVec3>,
-    /// One free plane instead of three: a point of it and its normal, world mm; upwards in the picture [default: the world's +z, or +y where the normal lies along z]
+    /// Draw one free plane instead of three: a point of it and its normal, world mm; upwards in
+    /// the picture [default: the world's +z, or +y if the normal lies along z]
     #[arg(long, value_name = "PX,PY,PZ,NX,NY,NZ[,UX,UY,UZ]", value_parser = free_plane, allow_hyphen_values = true)]
     plane: Option<FreePlane>,
-    /// A wash of colour over planes: the weight that voxels have, or what was not seen
+    /// Overlay planes with colour: the voxels' weight, or the unseen voxels
     #[arg(long, value_enum, value_name = "WASH")]
     overlay: Option<Overlay>,
-    /// What is drawn over the picture, separated by commas; slice and probe are those that came last in a replay [default: nothing; in pictures on the way
-    /// slice,probe; around planes titles, axes and a legend, which are `scale`]
+    /// Annotations over the picture, separated by commas; slice and probe are the last ones of a
+    /// replay [default: nothing; in intermediate pictures slice,probe; around planes titles,
+    /// axes and a legend, which are `scale`]
     #[arg(long, value_enum, value_name = "WHAT", value_delimiter = ',')]
     draw: Option<Vec<Draw>>,
 }
 
-/// A point, a normal, and where upwards is.
+/// A point, a normal, and the upward direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct FreePlane {
     point: DVec3,
@@ -46,7 +48,7 @@ fn free_plane(text: &str) -> Result<FreePlane, String> {
         }
         _ => numbers::<6>(text)
             .map(|n| FreePlane { point: three(&n), normal: three(&n[3..]), up: None })
-            .map_err(|e| format!("{e}; it takes a point, a normal and, if wanted, an upward direction")),
+            .map_err(|e| format!("{e}; give a point, a normal and, if needed, an upward direction")),
     }
 }
 
@@ -54,11 +56,11 @@ fn free_plane(text: &str) -> Result<FreePlane, String> {
 enum Overlay {
     /// The voxels' weight
     Weight,
-    /// What was not seen
+    /// The unseen voxels
     Coverage,
 }
 
-/// What was drawn of planes, for statistics.
+/// Numbers of drawn planes, for statistics.
 #[derive(Debug, Clone, Serialize)]
 pub(in crate::cli) struct SheetNumbers {
     /// Pixels to the right and down.
@@ -66,7 +68,7 @@ pub(in crate::cli) struct SheetNumbers {
     /// Edge of a plane's pixel, mm.
     mm_per_px: f64,
     overlay: Option<&'static str>,
-    /// What stands around the planes.
+    /// The annotations around the planes.
     drawn: &'static [&'static str],
     planes: Vec<PlaneNumbers>,
 }
@@ -77,11 +79,12 @@ struct PlaneNumbers {
     /// The plane's first pixel in the picture, and its pixels.
     corner_px: [u32; 2],
     size_px: [u32; 2],
-    /// Centre of its first pixel, and from one pixel to the next to the right and down; world mm.
+    /// Centre of its first pixel, and from one pixel to the next to the right and down; world
+    /// mm.
     first_mm: [f64; 3],
     right_mm: [f64; 3],
     down_mm: [f64; 3],
-    /// Pixels that show a grey level.
+    /// Pixels that show a grey value.
     pixels_seen: u64,
 }
 
@@ -94,12 +97,12 @@ impl std::fmt::Display for SheetNumbers {
 }
 
 impl PlanarFlags {
-    /// Whether a wash needs the volume's weights.
+    /// Whether an overlay needs the volume's weights.
     pub(in crate::cli) fn wants_weights(&self) -> bool {
         self.overlay == Some(Overlay::Weight)
     }
 
-    /// What is drawn over a picture where the user has not said otherwise; sorted, each once.
+    /// Returns the annotations to draw, `usual` by default; sorted, each once.
     pub(in crate::cli) fn drawn(&self, usual: &[Draw]) -> Vec<Draw> {
         let mut draw = self.draw.clone().unwrap_or_else(|| usual.to_vec());
         draw.retain(|what| *what != Draw::None);
@@ -108,20 +111,22 @@ impl PlanarFlags {
         draw
     }
 
-    /// Fails before any work where flags do not go together.
+    /// Refuses contradictory flags, before any work.
     ///
     /// # Errors
-    /// [`Failure`]: the flag, and what to do.
+    /// [`Failure`] with the flag and the remedy.
     pub(super) fn check(&self, look: &Look) -> Result<(), Failure> {
         let refuse = |text: String| Err(Failure(text));
         if self.draw.as_ref().is_some_and(|draw| draw.contains(&Draw::None) && draw.len() > 1) {
-            return refuse("--draw none: draws nothing, so nothing else can be named beside it".into());
+            return refuse("--draw none: cannot be combined with other names; leave them out".into());
         }
         if look.mode != Mode::Slice {
             let given =
                 [("--at", self.at.is_some()), ("--plane", self.plane.is_some()), ("--overlay", self.overlay.is_some())];
             return match given.iter().find(|(_, given)| *given) {
-                Some((flag, _)) => refuse(format!("{flag}: is of planes; give --mode slice, or leave it out")),
+                Some((flag, _)) => {
+                    refuse(format!("{flag}: applies to planes only; give --mode slice, or leave it out"))
+                }
                 None => Ok(()),
             };
         }
@@ -138,15 +143,16 @@ impl PlanarFlags {
         ];
         if let Some((flag, _)) = other.iter().find(|(_, given)| *given) {
             return refuse(format!(
-                "{flag}: does not apply to --mode slice, whose planes lie by --at or --plane and whose greys are by --window; leave it out"
+                "{flag}: does not apply to --mode slice; leave it out, and give --at or --plane for planes and \
+                --window for greys"
             ));
         }
         if self.at.is_some() && self.plane.is_some() {
-            return refuse("--at, --plane: are for three planes and for a free one; give one of them".into());
+            return refuse("--at, --plane: give --at for three planes, or --plane for a free one".into());
         }
         if let Some(what) = self.drawn(&[]).into_iter().find(|what| *what != Draw::Scale) {
             return refuse(format!(
-                "--draw {}: is drawn in space, not on planes; with --mode slice give scale or none",
+                "--draw {}: cannot be drawn on planes; with --mode slice give scale or none",
                 what.name()
             ));
         }
@@ -158,10 +164,10 @@ impl PlanarFlags {
         plane.transpose().map_err(|e| Failure(format!("--plane: {e}")))
     }
 
-    /// The planes of a volume's box, in a picture.
+    /// Returns the layout of the planes of a volume's box in a picture.
     ///
     /// # Errors
-    /// [`Failure`] where they miss it, or the picture has no room.
+    /// [`Failure`] when they miss it, or the picture is too small.
     pub(in crate::cli) fn sheet(&self, place: &Box3, size: [u32; 2]) -> Result<Sheet, Failure> {
         let lettered = self.drawn(&[Draw::Scale]).contains(&Draw::Scale);
         match self.free()? {
@@ -181,7 +187,7 @@ impl PlanarFlags {
         }
     }
 
-    /// The numbers of a picture of planes.
+    /// Returns the numbers of a picture of planes.
     pub(in crate::cli) fn numbers(&self, sheet: &Sheet, sampled: &[Vec<Sampled>]) -> SheetNumbers {
         let planes = sheet.panels.iter().zip(sampled).map(|(panel, sampled)| PlaneNumbers {
             title: panel.title.clone(),

@@ -1,17 +1,18 @@
-//! `sonoweave render --mode slice`: planes through a volume.
+//! `sonoweave render --mode slice`: renders planes through a volume.
 
 use std::time::Instant;
 
 use serde::Serialize;
 
+use export::picture::write_rgb;
+use render::section::{Box3, Planar, PlanarWork};
+use render::settings::pool;
+use statistics::write_json;
+use volume::DenseVolume;
+
 use super::planar::SheetNumbers;
 use super::{Arguments, Source, milliseconds};
 use crate::cli::{Failure, input};
-use crate::export::picture::write_rgb;
-use crate::render::section::{Box3, Planar, PlanarWork};
-use crate::render::settings::pool;
-use crate::statistics::write_json;
-use crate::volume::DenseVolume;
 
 /// The content of `--stats`.
 #[derive(Debug, Serialize)]
@@ -21,18 +22,18 @@ struct Statistics<'a> {
     mode: &'static str,
     window: [f32; 2],
     threads: usize,
-    /// Reading the volume, ms.
+    /// Time to read the volume, ms.
     read_ms: f64,
-    /// Sampling the planes, ms.
+    /// Time to sample the planes, ms.
     sample_ms: f64,
-    /// From the command's begin to the picture, s.
+    /// Time from the command's start to the picture, s.
     wall_s: f64,
     picture: SheetNumbers,
     work: PlanarWork,
     notes: &'a [String],
 }
 
-/// Draws the planes of a volume that took `read_ms` to read; `notes` are what is said of it.
+/// Draws the planes of a volume that took `read_ms` to read; `notes` are the volume's notes.
 ///
 /// # Errors
 /// [`Failure`]: the picture was not written then.

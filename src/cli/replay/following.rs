@@ -1,24 +1,25 @@
-//! The picture that follows a volume while it is woven.
+//! Renders the picture that follows a volume during its reconstruction.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use calibration::region::ClipRect;
 use tracing::trace_span;
+
+use pipeline::trace::STAGE;
+use pipeline::{InsertedSlice, SliceObserver};
+use render::settings::CACHE_BYTES;
+use render::{Cache, RenderRegion, RenderSettings, Renderer};
+use sonoweave_core::region::ClipRect;
+use sonoweave_core::slice::Slice;
+use statistics::{Milliseconds, PictureNumbers, PictureStatistics};
+use volume::brick::BrickIndex;
+use volume::lattice::{Shifted, canonical, shift};
 
 use super::series::Series;
 use crate::cli::Failure;
 use crate::cli::render::drawing::Over;
 use crate::cli::render::look::Look;
 use crate::cli::render::planar::Draw;
-use crate::pipeline::{Onlooker, Woven};
-use crate::render::settings::CACHE_BYTES;
-use crate::render::{Cache, RenderSettings, Renderer, Stage};
-use crate::slice::Slice;
-use crate::statistics::{Milliseconds, PictureNumbers, PictureStatistics};
-use crate::trace::STAGE;
-use crate::volume::brick::BrickIndex;
-use crate::volume::lattice::{Shifted, canonical, shift};
 
 /// Renders after each slice.
 pub(super) struct Following<'a> {
@@ -36,17 +37,17 @@ pub(super) struct Following<'a> {
     shifted: Vec<BrickIndex>,
 }
 
-/// What the first slice has settled.
+/// State that the first slice determines.
 struct Begun {
     renderer: Renderer,
-    /// Of voxel indices from the weaver's lattice to the canonical one.
+    /// Offset of voxel indices from the inserter's lattice to the canonical one.
     offset: [i64; 3],
-    /// The slice that came last, and the rectangle of its data.
+    /// The last slice, and the rectangle of its data.
     last: Option<(Slice, ClipRect)>,
 }
 
 impl Begun {
-    /// The picture as it is and what is drawn over it.
+    /// Returns the present picture and the data for annotations.
     fn over<'a>(&'a self, look: &Look) -> Over<'a> {
         let slice = self.last.as_ref().map(|(slice, data)| (slice, *data));
         Over { renderer: &self.renderer, background: look.background, slice }
@@ -71,8 +72,8 @@ impl<'a> Following<'a> {
         }
     }
 
-    /// The lattice and where all slices will lie are known now.
-    fn begin(&self, woven: &Woven) -> Result<Begun, Failure> {
+    /// Begins at the first slice, when the lattice and the extent of all slices are known.
+    fn begin(&self, woven: &InsertedSlice) -> Result<Begun, Failure> {
         let range = self.window.unwrap_or_else(|| woven.pixels.grey_levels());
         let settings = RenderSettings {
             cache: self.cache,
@@ -81,14 +82,14 @@ impl<'a> Following<'a> {
         };
         let lattice = canonical(woven.weaver.world_from_lattice());
         let Some(reached) = woven.reached else {
-            return Err(Failure("no slice has a place that could be looked at; check the transforms".into()));
+            return Err(Failure("no slice has a pose; check the transforms".into()));
         };
         let [low, high] = reached.map(|voxel| lattice.index(voxel));
-        let stage = Stage::new(lattice.world_from_lattice, low, high)?;
+        let stage = RenderRegion::new(lattice.world_from_lattice, low, high)?;
         Ok(Begun { renderer: Renderer::new(&settings, stage)?, offset: lattice.offset, last: None })
     }
 
-    fn look(&mut self, woven: &Woven) -> Result<(), Failure> {
+    fn look(&mut self, woven: &InsertedSlice) -> Result<(), Failure> {
         if self.begun.is_none() {
             self.begun = Some(self.begin(woven)?);
         }
@@ -126,7 +127,7 @@ impl<'a> Following<'a> {
         Ok(())
     }
 
-    /// Writes the last picture. `None` where no slice came.
+    /// Writes the last picture. Returns `None` if there was no slice.
     ///
     /// # Errors
     /// [`Failure`] when it cannot be written.
@@ -146,13 +147,13 @@ impl<'a> Following<'a> {
     }
 }
 
-impl Onlooker for Following<'_> {
-    fn woven(&mut self, woven: &Woven) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
+impl SliceObserver for Following<'_> {
+    fn woven(&mut self, woven: &InsertedSlice) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
         self.look(woven).map_err(|Failure(sentence)| sentence.into())
     }
 }
 
-/// What was drawn and how long it took, on stdout; what the user should know, on stderr.
+/// Prints the drawn pictures and their timings to stdout, and notes for the user to stderr.
 #[allow(clippy::print_stdout, clippy::print_stderr, reason = "the command's output")]
 pub(super) fn report(statistics: &PictureStatistics, path: Option<&Path>) {
     let PictureStatistics { slice_to_picture_ms, picture, .. } = statistics;

@@ -1,4 +1,4 @@
-//! Planes through a volume that is being woven, or through its slices.
+//! Planes through a volume during its reconstruction, or through its slices.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -7,30 +7,31 @@ use std::time::Instant;
 use clap::ValueEnum;
 use serde::Serialize;
 
+use export::picture::write_rgb;
+use export::sections::{Sheet, SheetPanel};
+use pipeline::{InsertedSlice, Outcome, SliceObserver};
+use reconstruct::PathReconstructor;
+use render::section::{Box3, NearestSlices, NearestWork, Planar, PlanarWork, Sampled};
+use render::settings::pool;
+use statistics::Milliseconds;
+use volume::lattice::{Shifted, canonical};
+
 use super::series::Series;
 use crate::cli::Failure;
 use crate::cli::render::look::Look;
 use crate::cli::render::planar::SheetNumbers;
-use crate::export::picture::write_rgb;
-use crate::export::sections::{Sheet, SheetPanel};
-use crate::pipeline::{Onlooker, Outcome, Woven};
-use crate::reconstruct::Weaver;
-use crate::render::section::{Box3, NearestSlices, NearestWork, Planar, PlanarWork, Sampled};
-use crate::render::settings::pool;
-use crate::statistics::Milliseconds;
-use crate::volume::lattice::{Shifted, canonical};
 
-/// What planes show.
+/// Source of the planes' values.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
 pub(super) enum Source {
     /// The volume
     #[default]
     Volume,
-    /// The nearest slice's own picture, as far as a slice reaches across its plane
+    /// The nearest slice's own image, within a slice's reach across its plane
     Raw,
 }
 
-/// Draws planes; from the volume when a picture is due and not between.
+/// Draws planes. The volume is sampled only when a picture is due.
 pub(super) struct Planes<'a> {
     look: &'a Look,
     window: Option<[f32; 2]>,
@@ -43,27 +44,28 @@ pub(super) struct Planes<'a> {
     work: PlanarWork,
 }
 
-/// What the first slice has settled.
+/// State that the first slice determines.
 struct Begun {
     sheet: Sheet,
     place: Box3,
-    /// Of voxel indices from the weaver's lattice to the canonical one.
+    /// Offset of voxel indices from the inserter's lattice to the canonical one.
     offset: [i64; 3],
     window: [f32; 2],
-    /// How far a slice reaches across its plane, mm.
+    /// Reach of a slice across its plane, mm.
     reach_mm: f64,
     nearest: Vec<NearestSlices>,
     pool: Option<Arc<rayon::ThreadPool>>,
 }
 
-/// The numbers of pictures of planes.
+/// Statistics of pictures of planes.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct PlanesStatistics {
-    /// Time from a slice's arrival until the planes of the slices hold it; weaving it, where planes are of the volume, which are sampled when a picture is due.
+    /// Time from a slice's arrival until the planes of slices contain it. For planes of the
+    /// volume it is the insertion time; they are sampled when a picture is due.
     slice_to_planes_ms: Option<Milliseconds>,
     /// `volume` or `raw`.
     from: &'static str,
-    /// How far a slice reaches across its plane, mm; of planes of slices.
+    /// Reach of a slice across its plane, mm; for planes of slices.
     reach_mm: Option<f64>,
     pub(super) picture: SheetNumbers,
     planar_work: Option<PlanarWork>,
@@ -91,11 +93,11 @@ impl<'a> Planes<'a> {
         }
     }
 
-    /// The lattice and where all slices will lie are known now.
-    fn begin(&self, woven: &Woven) -> Result<Begun, Failure> {
+    /// Begins at the first slice, when the lattice and the extent of all slices are known.
+    fn begin(&self, woven: &InsertedSlice) -> Result<Begun, Failure> {
         let lattice = canonical(woven.weaver.world_from_lattice());
         let (Some(reached), Some(kernels)) = (woven.reached, woven.weaver.kernels()) else {
-            return Err(Failure("no slice has a place that could be looked at; check the transforms".into()));
+            return Err(Failure("no slice has a pose; check the transforms".into()));
         };
         let place = Box3::new(lattice.world_from_lattice, reached.map(|voxel| lattice.index(voxel)));
         let sheet = self.look.planar.sheet(&place, self.look.image_size)?;
@@ -114,7 +116,7 @@ impl<'a> Planes<'a> {
         })
     }
 
-    fn look(&mut self, woven: &Woven) -> Result<(), Failure> {
+    fn look(&mut self, woven: &InsertedSlice) -> Result<(), Failure> {
         if self.begun.is_none() {
             self.begun = Some(self.begin(woven)?);
         }
@@ -140,7 +142,7 @@ impl<'a> Planes<'a> {
         Ok(write_rgb(&begun.sheet.draw(sampled, begun.window, self.look.planar.wash())?, path)?)
     }
 
-    /// Writes the last picture. `None` where no slice came.
+    /// Writes the last picture. Returns `None` if there was no slice.
     ///
     /// # Errors
     /// [`Failure`] when it cannot be written.
@@ -170,7 +172,7 @@ impl<'a> Planes<'a> {
 }
 
 impl Begun {
-    fn sampled(&self, weaver: &Weaver) -> (Vec<Vec<Sampled>>, PlanarWork) {
+    fn sampled(&self, weaver: &PathReconstructor) -> (Vec<Vec<Sampled>>, PlanarWork) {
         let mut work = PlanarWork::default();
         if !self.nearest.is_empty() {
             return (self.nearest.iter().map(NearestSlices::sampled).collect(), work);
@@ -186,13 +188,13 @@ impl Begun {
     }
 }
 
-impl Onlooker for Planes<'_> {
-    fn woven(&mut self, woven: &Woven) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
+impl SliceObserver for Planes<'_> {
+    fn woven(&mut self, woven: &InsertedSlice) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
         self.look(woven).map_err(|Failure(sentence)| sentence.into())
     }
 }
 
-/// What was drawn, on stdout.
+/// Prints the drawn planes to stdout.
 #[allow(clippy::print_stdout, reason = "the command's output")]
 pub(super) fn report(statistics: &PlanesStatistics, path: Option<&PathBuf>) {
     let name = path.map_or_else(|| "the picture".into(), |path| path.display().to_string());

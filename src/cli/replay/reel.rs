@@ -1,36 +1,36 @@
-//! The pictures of a recorded session, one by one.
+//! The frames of a recorded session, one by one.
 
 use std::path::Path;
 
-use drivers::Timing;
-use drivers::reading::{Frame, Reading};
-use drivers::recording::Limits;
-use drivers::recording::session::Frames;
+use formats::Limits;
+use formats::session::Frames;
+use sonoweave_core::Timing;
+use sonoweave_core::reading::{Frame, Reading};
+use sonoweave_core::slice::Image;
+use sync::ingest::live::{Gives, Live, LiveIngest};
 
 use crate::cli::Failure;
 use crate::cli::live::stages::GRABBER;
-use crate::ingest::live::{Gives, Live, LiveIngest};
-use crate::slice::Image;
 
-/// Its frames.
+/// The session's frames.
 pub(super) struct Reel {
     frames: Frames,
-    /// When the first of them was captured, host ns of then.
+    /// Capture time of the first frame, host ns of the recording.
     first_ns: Option<i64>,
 }
 
-/// One of them.
+/// A single frame.
 pub(super) struct Still {
     /// The number that its device gave it.
     pub(super) item: u64,
-    /// When it was captured, s after the first one.
+    /// Capture time, s after the first frame.
     pub(super) time_s: f64,
-    /// In MF orientation.
+    /// The image in MF orientation.
     pub(super) image: Image,
 }
 
 impl Reel {
-    /// Finds them all.
+    /// Finds all frames.
     ///
     /// # Errors
     /// [`Failure`] when the session cannot be read.
@@ -38,15 +38,15 @@ impl Reel {
         Ok(Self { frames: Frames::open(session, GRABBER, &Limits::default())?, first_ns: None })
     }
 
-    /// How many there are.
+    /// Returns the number of frames.
     pub(super) fn count(&self) -> usize {
         self.frames.count()
     }
 
-    /// One of them, by its place from 0.
+    /// Reads a frame, by its place from 0.
     ///
     /// # Errors
-    /// A sentence where it cannot be read, or is no picture that can be used.
+    /// A sentence when it cannot be read, or is not a usable image.
     pub(super) fn still(&mut self, place: usize) -> Result<Still, String> {
         let first_ns = match self.first_ns {
             Some(first_ns) => first_ns,
@@ -57,7 +57,7 @@ impl Reel {
         };
         let frame = self.frame(place)?;
         let (item, at_ns) = (frame.stamp.item, captured_ns(&frame));
-        // What makes a picture of it knows no other frame; its clock is not asked.
+        // The conversion to an image needs no other frame; its clock is not used.
         match LiveIngest::new(Gives::Pictures, Timing::default(), 0).take(Reading::Frame(frame)) {
             Live::Picture { picture, .. } => {
                 let time_s = at_ns.saturating_sub(first_ns) as f64 * 1e-9;

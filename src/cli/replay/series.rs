@@ -1,16 +1,17 @@
-//! Pictures on the way.
+//! Intermediate pictures.
 
 use std::num::NonZeroU64;
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
+use config::bedside::Picture;
+use pipeline::live::{Drawn, First, ViewClient};
+use render::RenderSettings;
+
 use crate::cli::Failure;
 use crate::cli::render::drawing::Over;
-use crate::config::bedside::Picture;
-use crate::pipeline::live::{Drawn, First, Looks};
-use crate::render::RenderSettings;
 
-/// A folder, and of how many slices one is pictured there.
+/// A folder, and the number of slices between two pictures in it.
 #[derive(Debug, Clone)]
 pub(super) struct Series {
     pub(super) folder: PathBuf,
@@ -18,13 +19,14 @@ pub(super) struct Series {
 }
 
 impl Series {
-    /// Where the picture of so many slices goes, the last of them a frame's; `None` where it is of none since there were `before`.
+    /// Returns the file for the picture after `slices` slices, the last of which is frame
+    /// `item`. Returns `None` if no picture is due since `before` slices.
     pub(super) fn path(&self, before: u64, slices: u64, item: u64) -> Option<PathBuf> {
         (slices / self.every > before / self.every).then(|| self.folder.join(format!("frame-{item:05}.png")))
     }
 }
 
-/// A session's picture, and its pictures on the way.
+/// A session's picture, and its intermediate pictures.
 pub(super) struct Gallery {
     pub(super) picture: Picture,
     pub(super) series: Option<Series>,
@@ -44,19 +46,19 @@ impl Gallery {
         Self { picture, series, written: Mutex::default() }
     }
 
-    /// How many pictures were written on the way.
+    /// Returns the number of intermediate pictures that were written.
     ///
     /// # Errors
-    /// [`Failure`]: the first that could not be.
+    /// [`Failure`]: the first that could not be written.
     pub(super) fn written(&self) -> Result<u64, Failure> {
         let mut written = self.written.lock().unwrap_or_else(PoisonError::into_inner);
         written.failed.take().map_or(Ok(written.pictures), Err)
     }
 }
 
-impl Looks for Gallery {
+impl ViewClient for Gallery {
     fn settings(&self, first: &First) -> Result<RenderSettings, Box<dyn std::error::Error + Send + Sync>> {
-        Looks::settings(&self.picture, first)
+        ViewClient::settings(&self.picture, first)
     }
 
     fn shown(&self, drawn: &Drawn) {

@@ -1,10 +1,12 @@
-//! A recorded session, run again.
+//! Replays a recorded session.
 
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use drivers::recording::Pace;
+use config::bedside::Bedside;
+use drivers::replay::Pace;
+use pipeline::live::{Differences, ViewClient, rerun};
 
 use super::series::{Gallery, Series};
 use crate::cli::igtl::Sharing;
@@ -13,32 +15,31 @@ use crate::cli::live::resume::Chain;
 use crate::cli::live::session::until_told;
 use crate::cli::live::stages::{Kept, stages};
 use crate::cli::{Failure, input};
-use crate::config::bedside::Bedside;
-use crate::pipeline::live::{Differences, Looks, rerun};
 
-/// Between two lines on the way.
+/// Time between two progress lines.
 const SAID_EVERY: Duration = Duration::from_secs(2);
 
-/// What is wanted of a session.
+/// A request for a session.
 pub(super) struct Wanted<'a> {
     pub(super) session: &'a Path,
-    /// Another bedside's settings.
+    /// Another session configuration.
     pub(super) config: Option<&'a Path>,
     pub(super) pace: Pace,
-    /// Also what was dropped.
+    /// Whether dropped frames are used too.
     pub(super) all: bool,
-    /// Pictures on the way.
+    /// Intermediate pictures.
     pub(super) series: Option<Series>,
     pub(super) outputs: Outputs,
-    /// Who looks on.
+    /// The OpenIGTLink server.
     pub(super) sharing: Sharing,
 }
 
 impl Wanted<'_> {
-    /// What was decided in it and in those that it goes on with, and the settings that it is to be run by.
+    /// Reads the recorded decisions of the session and of those that it resumes, and the
+    /// settings of the replay.
     ///
     /// # Errors
-    /// [`Failure`] when it cannot be read, or what is wanted of it cannot be written.
+    /// [`Failure`] when it cannot be read, or a requested output cannot be written.
     pub(super) fn open(&self) -> Result<(Chain, Bedside), Failure> {
         let Self { session, config, outputs, .. } = self;
         for output in [&outputs.volume, &outputs.weights, &outputs.picture, &outputs.stats].into_iter().flatten() {
@@ -55,19 +56,18 @@ impl Wanted<'_> {
     }
 }
 
-/// Runs it again.
+/// Replays the session.
 ///
 /// # Errors
-/// [`Failure`] when it cannot be read, what it leaves cannot be written, or it comes to something else than when it was live.
+/// [`Failure`] when it cannot be read, its outputs cannot be written, or its result differs from
+/// the live one.
 pub(super) fn run(wanted: &Wanted<'_>) -> Result<(), Failure> {
     let Wanted { session, config, pace, all, series, outputs, sharing } = wanted;
     let (mut chain, bedside) = wanted.open()?;
     let (_, precedent) = chain.last();
     let (missing, dropped) = (precedent.missing(), precedent.dropped());
     if missing > 0 {
-        say(&format!(
-            "{missing} messages were lost while the session was recorded: what was made of them then cannot be made again"
-        ));
+        say(&format!("{missing} messages were lost during the recording; their effect cannot be replayed"));
     }
     if *all {
         precedent.use_all();
@@ -84,7 +84,7 @@ pub(super) fn run(wanted: &Wanted<'_>) -> Result<(), Failure> {
     let (began, mut said) = (Instant::now(), Instant::now());
     let is_looked_at = outputs.picture.is_some() || series.is_some();
     let gallery = is_looked_at.then(|| Arc::new(Gallery::new(bedside.picture.clone(), series.clone())));
-    let looks = gallery.clone().map(|gallery| gallery as Arc<dyn Looks>);
+    let looks = gallery.clone().map(|gallery| gallery as Arc<dyn ViewClient>);
     let mut stages = stages(&bedside, looks)?;
     if let Some(shared) = &shared {
         shared.joins(&mut stages);
@@ -108,13 +108,12 @@ pub(super) fn run(wanted: &Wanted<'_>) -> Result<(), Failure> {
     leave(&bedside, outputs, &finished, began.elapsed(), Some(session), differences.as_ref())?;
     match differences {
         Some(Differences { count: 0, .. }) if !all && was_sealed => {
-            say("the volume is the one that there was when it was live, bit by bit");
+            say("the volume is the same as in the live session, bit by bit");
             Ok(())
         }
-        Some(Differences { count, first: Some(first) }) => Err(Failure(format!(
-            "{}: comes to something else than when it was live, {count} times; first, {first}",
-            session.display()
-        ))),
+        Some(Differences { count, first: Some(first) }) => {
+            Err(Failure(format!("{}: differs from the live session {count} times; first, {first}", session.display())))
+        }
         _ => Ok(()),
     }
 }

@@ -1,10 +1,19 @@
-//! A recorded session in browsers: run again, by other settings if they want, and looked at.
+//! Serves a recorded session to browsers: replays it, with other settings on request, and keeps
+//! serving the result.
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
+
+use config::bedside::Bedside;
+use console::Listen;
+use pipeline::control::{Progress, Replayed, SessionController, ViewedFrame};
+use pipeline::live::{
+    CapturedFrame, Differences, EndedSession, FrameObserver, PlaneViewer, Reader, RecordedDecisions, Session,
+    SessionStatus, ViewClient, rerun_and_hold,
+};
 
 use super::reel::{Reel, Still};
 use super::session::Wanted;
@@ -14,48 +23,40 @@ use crate::cli::live::outputs::{leave, line, name_of, say};
 use crate::cli::live::resume::Chain;
 use crate::cli::live::session::until_told;
 use crate::cli::live::stages::stages;
-use crate::cli::live::telling::{REPLAY, Telling};
+use crate::cli::live::status_publisher::{REPLAY, StatusPublisher};
 use crate::cli::live::viewers::Viewers;
-use crate::config::bedside::Bedside;
-use crate::console::Listen;
-use crate::desk::{Desk, How, Replayed, Seen};
-use crate::pipeline::live::{
-    Account, Cutter, Differences, Glimpsed, Held, Looks, Order, Precedent, Reader, Session, Witness, rerun_and_hold,
-};
 
-/// Between two lines on the way.
+/// Time between two progress lines.
 const SAID_EVERY: Duration = Duration::from_secs(2);
 
-/// The recording's pictures for pages: when they were captured is long past.
-struct Pages(Arc<crate::console::Screen>);
+/// Passes the recording's images to pages; their capture times are in the past.
+struct Pages(Arc<console::FrameBroadcaster>);
 
-impl Witness for Pages {
-    fn glimpsed(&self, glimpsed: &Glimpsed<'_>) {
+impl FrameObserver for Pages {
+    fn glimpsed(&self, glimpsed: &CapturedFrame<'_>) {
         self.0.recorded(glimpsed.item, glimpsed.image);
     }
 }
 
-/// A recorded session that is shown.
+/// A served recorded session.
 struct Showing<'a> {
     wanted: &'a Wanted<'a>,
     quit: Arc<AtomicBool>,
-    desk: Arc<Desk>,
-    telling: Telling,
+    desk: Arc<SessionController>,
+    telling: StatusPublisher,
     viewers: Option<Arc<Viewers>>,
     shared: Option<Shared>,
     reel: Reel,
     said: Instant,
 }
 
-/// Shows it until it is told to end, and leaves what is wanted of the run that was looked at last.
+/// Serves the session until Ctrl-C or SIGTERM, then writes the outputs of the last replay.
 ///
 /// # Errors
-/// [`Failure`] when it cannot be read or shown, or what it leaves cannot be written.
+/// [`Failure`] when it cannot be read or served, or its outputs cannot be written.
 pub(super) fn run(wanted: &Wanted<'_>, address: SocketAddr, keep: Option<&Path>) -> Result<(), Failure> {
     if wanted.series.is_some() {
-        return Err(Failure(
-            "--pictures: with --console pages look at the volume, as fast as they can; leave one of them out".into(),
-        ));
+        return Err(Failure("--pictures: cannot be combined with --console; leave one of them out".into()));
     }
     let (_, bedside) = wanted.open()?;
     bedside.calibrated()?;
@@ -65,10 +66,10 @@ pub(super) fn run(wanted: &Wanted<'_>, address: SocketAddr, keep: Option<&Path>)
         _ => PathBuf::from("."),
     };
     let replayed = Replayed::new(bedside.clone(), beside, reel.count() as u64);
-    let desk = Arc::new(Desk::of_recording(keep.map(Path::to_owned), replayed));
+    let desk = Arc::new(SessionController::of_recording(keep.map(Path::to_owned), replayed));
     let quit = until_told()?;
     let listen = Listen { address, access: bedside.status.access.clone() };
-    let telling = Telling::begin(&bedside, Some(listen), REPLAY, &desk)?;
+    let telling = StatusPublisher::begin(&bedside, Some(listen), REPLAY, &desk)?;
     telling.address().iter().for_each(|address| say(&format!("console: {address}")));
     let shared = wanted.sharing.begin(&quit, false)?;
     let viewers = Viewers::of(&bedside.picture, None, wanted.outputs.picture.is_some(), telling.screen().as_ref());
@@ -95,8 +96,8 @@ impl Showing<'_> {
                 Err(Failure(why)) if is_tried => {
                     say(&why);
                     self.desk.happened(
-                        How::Failed,
-                        format!("it cannot be run by these settings: {why}; it is run as it was recorded"),
+                        Progress::Failed,
+                        format!("these settings cannot be used: {why}; the replay uses the recorded settings"),
                     );
                     (bedside, is_tried) = self.begins();
                     continue;
@@ -104,7 +105,7 @@ impl Showing<'_> {
                 Err(failure) => return Err(failure),
             };
             let differences = (self.wanted.config.is_none() && !is_tried).then(|| precedent.differences());
-            // A run that was ended came to nothing that could be told.
+            // An aborted replay has no result to report.
             if !self.desk.stopped() && !self.quit.load(Ordering::Relaxed) {
                 self.tell(&held, differences.as_ref());
             }
@@ -128,20 +129,20 @@ impl Showing<'_> {
         }
     }
 
-    /// By what it is run next.
+    /// Returns the settings of the next replay, and whether they are an override.
     fn begins(&self) -> (Bedside, bool) {
         self.desk.replayed().map(Replayed::begins).unwrap_or_else(|| unreachable!("it is a recording's desk"))
     }
 
     fn stages(&self, bedside: &Bedside) -> Result<Session, Failure> {
-        let looks = self.viewers.clone().map(|viewers| viewers as Arc<dyn Looks>);
+        let looks = self.viewers.clone().map(|viewers| viewers as Arc<dyn ViewClient>);
         let mut stages = stages(bedside, looks)?;
         if let Some(screen) = self.telling.screen() {
-            stages.cutter = Some(Arc::clone(&screen) as Arc<dyn Cutter>);
+            stages.cutter = Some(Arc::clone(&screen) as Arc<dyn PlaneViewer>);
             stages.witnesses.push(Arc::new(Pages(screen)));
         }
-        stages.witnesses.push(self.telling.slices() as Arc<dyn Witness>);
-        stages.witnesses.extend(self.telling.coach().map(|coach| coach as Arc<dyn Witness>));
+        stages.witnesses.push(self.telling.slices() as Arc<dyn FrameObserver>);
+        stages.witnesses.extend(self.telling.coach().map(|coach| coach as Arc<dyn FrameObserver>));
         stages.readers.push(Arc::clone(&self.desk) as Arc<dyn Reader>);
         if let Some(shared) = &self.shared {
             shared.joins(&mut stages);
@@ -149,13 +150,13 @@ impl Showing<'_> {
         Ok(stages)
     }
 
-    /// Weaves it, until its end or until it is told to end.
+    /// Runs the replay until its end, or until a signal or a command stops it.
     fn weave<'s>(
         &mut self,
         stages: &'s Session,
         bedside: &Bedside,
         is_tried: bool,
-    ) -> Result<(Held<'s>, Precedent), Failure> {
+    ) -> Result<(EndedSession<'s>, RecordedDecisions), Failure> {
         let Wanted { session, config, pace, all, .. } = self.wanted;
         let mut chain = Chain::read(session)?;
         if *all {
@@ -173,8 +174,8 @@ impl Showing<'_> {
         })?)
     }
 
-    /// Now and then: who looks on is told.
-    fn watch(&mut self, account: &Account) {
+    /// Publishes the status to observers. The pipeline calls this at regular intervals.
+    fn watch(&mut self, account: &SessionStatus) {
         let quits = self.quit.load(Ordering::Relaxed);
         self.desk.goes_on(&account.world, quits);
         self.telling.look(account, line, quits);
@@ -183,18 +184,19 @@ impl Showing<'_> {
         }
     }
 
-    /// What came of a whole run.
-    fn tell(&self, held: &Held<'_>, differences: Option<&Differences>) {
+    /// Reports the result of a complete replay.
+    fn tell(&self, held: &EndedSession<'_>, differences: Option<&Differences>) {
         let slices = held.account().ledger.frames.used;
         let (how, says) = match differences {
-            None => (How::Done, format!("it was run by other settings: {slices} slices")),
-            Some(Differences { count: 0, .. }) => {
-                (How::Done, format!("it was run as it was recorded, with the same outcome: {slices} slices"))
-            }
+            None => (Progress::Done, format!("the replay with other settings has ended: {slices} slices")),
+            Some(Differences { count: 0, .. }) => (
+                Progress::Done,
+                format!("the replay with the recorded settings ended with the same outcome: {slices} slices"),
+            ),
             Some(Differences { count, first }) => (
-                How::Failed,
+                Progress::Failed,
                 format!(
-                    "it comes to something else than when it was live, {count} times; first, {}",
+                    "the replay differs from the live session {count} times; first, {}",
                     first.as_deref().unwrap_or("the volume")
                 ),
             ),
@@ -203,8 +205,8 @@ impl Showing<'_> {
         self.desk.happened(how, says);
     }
 
-    /// It is looked at until another run is wanted: whether one is.
-    fn look(&mut self, held: &Held<'_>) -> bool {
+    /// Serves the result until another replay is requested. Returns whether one is.
+    fn look(&mut self, held: &EndedSession<'_>) -> bool {
         let desk = Arc::clone(&self.desk);
         while !self.quit.load(Ordering::Relaxed) {
             if desk.opens().is_some() {
@@ -216,15 +218,15 @@ impl Showing<'_> {
                 if let Some(place) = desk.replayed().and_then(Replayed::wanted)
                     && let Err(why) = self.show(place)
                 {
-                    desk.happened(How::Failed, format!("frame {}: {why}", place + 1));
+                    desk.happened(Progress::Failed, format!("frame {}: {why}", place + 1));
                 }
-                Vec::<Order>::new()
+                Vec::new()
             });
         }
         false
     }
 
-    /// Shows a frame, by its place among all, and where it lay.
+    /// Shows a frame, by its place among all, and its position.
     fn show(&mut self, place: usize) -> Result<(), String> {
         let Still { item, time_s, image } = self.reel.still(place)?;
         let corners = self.telling.slices().corners(item);
@@ -232,7 +234,7 @@ impl Showing<'_> {
             screen.recorded(item, &image);
             screen.point_out(corners);
         }
-        let seen = Seen { number: place as u64 + 1, frame: item, time_s, posed: corners.is_some() };
+        let seen = ViewedFrame { number: place as u64 + 1, frame: item, time_s, posed: corners.is_some() };
         if let Some(replayed) = self.desk.replayed() {
             replayed.sees(seen);
         }

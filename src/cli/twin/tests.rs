@@ -1,9 +1,11 @@
 use clap::Parser;
+
+use drivers::OpenSettings;
 use drivers::arm::{ArmSettings, Model as ArmModel, Settings as ArmSetup, ea1::Speech};
-use drivers::polhemus::{Model, Port as TrackerPort, Settings, TrackerSettings};
-use drivers::reading::Reading;
 use drivers::simulated::Placed;
-use drivers::{Device, Next, OpenSettings};
+use drivers::tracker::polhemus::{Model, Port as TrackerPort, Settings, TrackerSettings};
+use sonoweave_core::reading::Reading;
+use sonoweave_core::{Device, Next};
 
 use super::*;
 
@@ -21,8 +23,8 @@ fn refusal(flags: &str) -> String {
     play(&arguments(flags), 0, &AtomicBool::new(true), &mut Vec::new()).err().map_or(String::new(), |failure| failure.0)
 }
 
-/// Plays with a link in a folder of its own while something is done with that; what was said meanwhile.
-fn playing(flags: &str, deed: impl FnOnce(&Path, &Arguments, i64)) -> String {
+/// Simulates with a link in a temporary folder while `action` uses it. Returns the output.
+fn playing(flags: &str, action: impl FnOnce(&Path, &Arguments, i64)) -> String {
     let folder = tempfile::tempdir().unwrap();
     let link = folder.path().join("line");
     let arguments = Arguments { link: Some(link.clone()), ..arguments(flags) };
@@ -33,8 +35,8 @@ fn playing(flags: &str, deed: impl FnOnce(&Path, &Arguments, i64)) -> String {
             let mut said = Vec::new();
             play(&arguments, begin_ns, &ends, &mut said).map(|()| said)
         });
-        // A deed that panics must not leave the player playing.
-        let done = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| deed(&link, &arguments, begin_ns)));
+        // A panic in `action` must not leave the simulation running.
+        let done = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| action(&link, &arguments, begin_ns)));
         ends.store(true, Ordering::Relaxed);
         let said = player.join().unwrap().unwrap_or_else(|failure| panic!("{}", failure.0));
         if let Err(panic) = done {
@@ -46,7 +48,7 @@ fn playing(flags: &str, deed: impl FnOnce(&Path, &Arguments, i64)) -> String {
     String::from_utf8(said).unwrap()
 }
 
-/// So many readings of a device that is there, or comes soon.
+/// Reads `wanted` readings of a device that exists, or appears soon.
 fn readings(settings: &OpenSettings, wanted: usize) -> Vec<Reading> {
     let mut device: Box<dyn Device> = drivers::open(settings).unwrap();
     device.start().unwrap();
@@ -63,7 +65,7 @@ fn readings(settings: &OpenSettings, wanted: usize) -> Vec<Reading> {
 }
 
 #[test]
-fn our_drivers_open_what_is_played_and_read_exact_poses() {
+fn drivers_open_twins_and_read_exact_poses() {
     let cases = [
         ("fastrak --found inches", Model::Fastrak, 60.0),
         ("fastrak --found mid-record --trajectory parallel", Model::Fastrak, 60.0),
@@ -78,7 +80,8 @@ fn our_drivers_open_what_is_played_and_read_exact_poses() {
             let motion = arguments.motion(begin_ns).unwrap();
             for reading in readings(&settings, 40) {
                 let Reading::Pose(pose) = reading else { panic!("{reading:?}") };
-                // The unit measures at multiples of its cycle; which of the last ones, its place tells.
+                // The unit measures at multiples of its cycle; the position identifies the
+                // cycle.
                 let last = (pose.stamp.host_ns.unwrap() as f64 * 1e-9 * hz) as i64;
                 let is_that_of = |cycle: i64| {
                     let at_ns = (cycle as f64 / hz * 1e9) as i64;
@@ -92,12 +95,12 @@ fn our_drivers_open_what_is_played_and_read_exact_poses() {
             }
         });
         assert!(said.contains(", linked from ") && said.contains("to and fro"), "{said}");
-        assert!(said.contains("obeyed: ") && said.contains("bytes sent, of which 0 were lost"), "{said}");
+        assert!(said.contains("obeyed: ") && said.contains("bytes sent, 0 of them lost"), "{said}");
     }
 }
 
 #[test]
-fn an_arm_is_read_as_it_counts() {
+fn arm_counts_are_read_exactly() {
     let said = playing("ea1 --found wrong-mode --counts-per-turn 100000", |link, arguments, begin_ns| {
         let model = ArmModel::Ea1 { path: link.into(), speech: Speech::Lines };
         let settings = OpenSettings::Arm(ArmSettings { model, settings: ArmSetup::default(), keeps_raw: false });
@@ -116,21 +119,21 @@ fn an_arm_is_read_as_it_counts() {
 }
 
 #[test]
-fn three_axes_have_three_terminals_and_a_pulled_plug_comes_back_under_its_name() {
+fn three_axes_three_terminals_replugged_under_same_name() {
     let said = playing("qsb --unplug-every 0.3", |link, _, _| {
         let axis = |n: u8| link.with_file_name(format!("line{n}"));
         let end = Monotonic.now_ns() + 20 * SECOND;
         let mut seen: Vec<PathBuf> = Vec::new();
         while seen.len() < 2 {
             assert!(Monotonic.now_ns() < end, "{seen:?}");
-            // It points to a terminal that was, or to one that is.
+            // It points to a former terminal, or to a present one.
             if let Ok(target) = std::fs::read_link(axis(3))
                 && target.exists()
                 && !seen.contains(&target)
             {
                 seen.push(target);
             }
-            // The kernel gives numbers again: what was seen twice counts once more after it was gone.
+            // The kernel reuses numbers. A target that was gone in between counts again.
             if let Some(target) = seen.last()
                 && !target.exists()
             {
@@ -146,27 +149,27 @@ fn three_axes_have_three_terminals_and_a_pulled_plug_comes_back_under_its_name()
     });
     let lines = |of: &str| said.lines().filter(|line| line.contains(of)).count();
     assert!(lines("qsb axis 3, linked from") >= 2 && lines("unplugged for 2 s") >= 1, "{said}");
-    assert!(said.contains("nobody asked for anything"), "{said}");
+    assert!(said.contains("no program sent a command"), "{said}");
 }
 
 #[test]
-fn what_a_unit_cannot_be_is_refused_with_what_it_can_be() {
+fn unsupported_setting_refused_with_choices() {
     let cases = [
         (
             "fastrak --found unhomed",
-            "fastrak cannot be; give one of quiet, streaming, wrong-mode, inches, mid-record, deaf",
+            "is not possible for fastrak; give one of quiet, streaming, wrong-mode, inches, mid-record, deaf",
         ),
         ("qsb --found inches", "give one of quiet, streaming, wrong-mode"),
-        ("fastrak --rate 60", "has no rate that could be set"),
-        ("liberty --rate 100", "played at [60, 120, 240] readings a second"),
+        ("fastrak --rate 60", "has a fixed rate"),
+        ("liberty --rate 100", "supports [60, 120, 240] readings a second"),
         ("isotrak --stations 2", "give 1 to 1"),
-        ("ea1 --stations 1", "is an arm and has none"),
+        ("ea1 --stations 1", "is an arm and has no stations"),
         ("ea1 --noise 1,1", "counts have no noise"),
-        ("viper --counts-per-turn 5", "is a tracker and counts nothing"),
+        ("viper --counts-per-turn 5", "is a tracker and has no counts"),
         ("ea1 --trajectory freehand", "choose a motion in a plane"),
         ("ea1 --gap 50", "beyond the arm's reach by"),
         ("viper --latency 2000000", "must lie between 0 and 1000000"),
-        ("viper --unplug-every 0.01", "no oftener"),
+        ("viper --unplug-every 0.01", "must be 0.1 s or more"),
         ("viper --frames 0", "a scan of 0 frames"),
     ];
     for (flags, expected) in cases {
@@ -177,26 +180,29 @@ fn what_a_unit_cannot_be_is_refused_with_what_it_can_be() {
     let file = folder.path().join("notes");
     std::fs::write(&file, "mine").unwrap();
     let why = refusal(&format!("viper --link {}", file.display()));
-    assert!(why.contains("no link; give another name"), "{why}");
+    assert!(why.contains("is not a link; give another name"), "{why}");
     assert_eq!(std::fs::read_to_string(&file).unwrap(), "mine");
     assert!(
-        Line::try_parse_from(["twin", "viper", "--drop", "1.5"]).unwrap_err().to_string().contains("share of 0 to 1")
+        Line::try_parse_from(["twin", "viper", "--drop", "1.5"])
+            .unwrap_err()
+            .to_string()
+            .contains("fraction from 0 to 1")
     );
 }
 
 #[test]
-fn what_was_asked_is_said_in_words() {
+fn words_formats_commands() {
     assert_eq!(words(b"O2,11,1\r"), "O2,11,1");
     assert_eq!(words(b"\x19"), "^Y");
     assert_eq!(words(b"\r"), "end of line");
     assert_eq!(words(&[0xc2]), "c2");
-    assert_eq!(words(&drivers::polhemus::viper::Command::WhoAmI.bytes()), "get 20");
+    assert_eq!(words(&drivers::tracker::polhemus::viper::Command::WhoAmI.bytes()), "get 20");
     let mut asked = BTreeMap::from([("P".to_owned(), 3)]);
     asked.insert("c".into(), 1);
     let tally = Tally { bytes: 1000, dropped: 5, garbled: 2, withheld: 1 };
     assert_eq!(
         summary(12.34, tally, &asked),
-        "12.3 s: 1000 bytes sent, of which 5 were lost and 2 garbled; 1 records not sent\nobeyed: P ×3; c ×1\n"
+        "12.3 s: 1000 bytes sent, 5 of them lost and 2 garbled; 1 records not sent\nobeyed: P ×3; c ×1\n"
     );
     let said =
         arguments("liberty --noise 0.3,0.1 --garble 0.001 --dropout 0.01 --drift -40 --jitter 2").describe().unwrap();

@@ -1,27 +1,29 @@
-//! The units that can be played, and the states in which they are found.
+//! The units that can be simulated, and their initial states.
 
 use std::sync::{Arc, Mutex};
 
 use clap::ValueEnum;
+
 use drivers::arm::ea1::Framing;
 use drivers::arm::qsb::register;
-use drivers::polhemus::fastrak::Mode;
 use drivers::simulated::{
     self, Faults, Joints, Machine, Motion, Simulated, ea1, fastrak, isotrak, liberty, microscribe, qsb, viper,
 };
+use drivers::tracker::polhemus::fastrak::Mode;
 
 use crate::cli::Failure;
 
-/// Codes of output lists: position, quaternion, and what another host may have wanted instead.
+/// Codes of output lists: position, quaternion, and a list that another host may have set
+/// instead.
 const POSE: [u8; 2] = [2, 11];
 const LIBERTY_POSE: [u8; 2] = [2, 7];
 const OTHER: [u8; 3] = [2, 4, 1];
-/// What may be left of a text record on a line.
+/// Possible remainder of a text record on a line.
 const REST: &[u8] = b"2.34  -5.67   8.90\r\n";
-/// What may be left of an arm's sample on a line.
+/// Possible remainder of an arm's sample on a line.
 const REST_OF_SAMPLE: &[u8] = b"00,1024,-300,65536,07*1E\r\n";
 
-/// What is played.
+/// Unit to simulate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum Unit {
     /// Polhemus ISOTRAK: one sensor
@@ -36,7 +38,7 @@ pub(super) enum Unit {
     Patriot,
     /// Polhemus VIPER: sixteen sensors
     Viper,
-    /// An arm that speaks EA1 (docs/ea1.md)
+    /// An arm with protocol EA1 (docs/ea1.md)
     Ea1,
     /// An arm of three US Digital QSBs, a terminal each
     Qsb,
@@ -44,38 +46,38 @@ pub(super) enum Unit {
     Microscribe,
 }
 
-/// How a unit is found.
+/// Initial state of a unit.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
 pub(super) enum Found {
-    /// As it comes from the factory, saying nothing; an arm at home
+    /// Factory state, silent; an arm at home
     #[default]
     Quiet,
-    /// Talking, as another host left it
+    /// Streaming, as another host left it
     Streaming,
-    /// Talking, in a mode and of things that no driver of ours wants
+    /// Streaming, in a mode and with contents that our drivers do not use
     WrongMode,
-    /// Talking, in inches
+    /// Streaming, in inches
     Inches,
-    /// Talking, and the line begins in the midst of a record
+    /// Streaming, and the line begins in the middle of a record
     MidRecord,
-    /// Talking, and obeying nothing but being started anew
+    /// Streaming, and ignoring all commands but a restart
     Deaf,
     /// An arm that was never homed
     Unhomed,
 }
 
-/// A name as the flags have it.
+/// Returns a value's name on the command line.
 pub(super) fn name(value: impl ValueEnum) -> String {
     value.to_possible_value().map_or(String::new(), |value| value.get_name().to_owned())
 }
 
-/// A terminal's end: what it is called, and the twin on it.
+/// A terminal's name, and the twin on it.
 pub(super) struct Port {
     pub(super) name: String,
     pub(super) machine: Arc<Mutex<dyn Machine>>,
 }
 
-/// How the unit was left.
+/// State in which the unit was left.
 pub(super) struct Left {
     pub(super) found: Found,
     /// Sensors in use.
@@ -92,7 +94,7 @@ impl Unit {
         matches!(self, Self::Ea1 | Self::Qsb | Self::Microscribe)
     }
 
-    /// Sensors that it can have.
+    /// Returns the largest number of sensors.
     pub(super) fn most_stations(self) -> u8 {
         match self {
             Self::Isotrak | Self::Ea1 | Self::Qsb | Self::Microscribe => 1,
@@ -102,7 +104,7 @@ impl Unit {
         }
     }
 
-    /// The states in which it can be found.
+    /// Returns the possible initial states.
     pub(super) fn states(self) -> &'static [Found] {
         use Found::{Deaf, Inches, MidRecord, Quiet, Streaming, Unhomed, WrongMode};
         match self {
@@ -113,7 +115,8 @@ impl Unit {
         }
     }
 
-    /// The rates at which it can be left, Hz; none where it has one only, or is asked for each reading.
+    /// Returns the possible initial rates, Hz; none if it has one only, or is polled for each
+    /// reading.
     pub(super) fn rates(self) -> &'static [u32] {
         match self {
             Self::Liberty => &[60, 120, 240],
@@ -124,7 +127,7 @@ impl Unit {
         }
     }
 
-    /// The tracker, left so.
+    /// Creates the tracker in this state.
     pub(super) fn tracker(self, motion: Motion, left: &Left) -> Result<Vec<Port>, Failure> {
         let Left { found, stations, rate_hz, faults, now_ns } = *left;
         let talks = found != Found::Quiet;
@@ -166,7 +169,8 @@ impl Unit {
             }
             Self::Viper => {
                 let mut twin = viper::Twin::new(motion, faults);
-                // Centimetres and quaternions; or degrees, and accelerations that nobody wants.
+                // Centimetres and quaternions; or degrees, and accelerations that our drivers do
+                // not use.
                 twin.units = [if centimetres { 2 } else { 0 }, if talks && !text { 2 } else { 0 }];
                 (twin.continuous, twin.accelerations, twin.deaf) = (talks, text, deaf);
                 twin.sensors = plugged;
@@ -179,7 +183,7 @@ impl Unit {
         }])
     }
 
-    /// The arm, left so.
+    /// Creates the arm in this state.
     pub(super) fn arm(self, joints: &Joints, counts_per_turn: u32, left: &Left) -> Result<Vec<Port>, Failure> {
         let Left { found, rate_hz, faults, now_ns, .. } = *left;
         let talks = !matches!(found, Found::Quiet | Found::Unhomed);

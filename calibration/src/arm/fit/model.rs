@@ -1,4 +1,5 @@
-//! Touches as residuals: where the tip is by the joints' numbers, less where it should be.
+//! The residuals of touches: the tip's position by the joints' numbers, less its known
+//! position.
 
 use glam::{DVec2, DVec3};
 
@@ -8,13 +9,14 @@ use crate::least_squares::{
     Blocks, Loss, Noise, Parameters, Settings, Solution, State, Unsolved, Vector, Whitening, solve,
 };
 
-/// Of fewer measured numbers than so many times those that are sought some can be met as closely as one likes, and the rest taken for outliers: they do not say how large their noise is.
+/// The residuals estimate their noise only with this many measured numbers per parameter. With
+/// fewer, the fit could meet some exactly and take the rest for outliers.
 const SAY_THEIR_NOISE: usize = 3;
 
-/// A number that is sought: of which joint, which, and its place among the parameters.
+/// A fitted number: joint index, kind, and place among the parameters.
 pub(super) type Sought = (usize, Number, Vector<1>);
 
-/// The parameters of a fit, and where they stand among the joints' numbers.
+/// The parameters of a fit, and their relation to the joints' numbers.
 pub(super) struct Model<'a> {
     start: &'a Arm,
     known: Known<'a>,
@@ -22,7 +24,8 @@ pub(super) struct Model<'a> {
     pub(super) options: &'a Options,
     pub(super) parameters: Parameters,
     pub(super) numbers: Vec<Sought>,
-    /// Where the plate lies: its angle, which one divot has not, and its shift; distances lie nowhere.
+    /// Position of the plate: its angle (absent for one divot) and its shift. Distances have no
+    /// position.
     placing: Option<(Option<Vector<1>>, Vector<2>)>,
 }
 
@@ -62,7 +65,8 @@ impl<'a> Model<'a> {
         joints
     }
 
-    /// One standard deviation of a residual along an axis, mm. A distance has both its ends'.
+    /// Returns the standard deviation of a residual along an axis, mm. A distance has the
+    /// errors of both its ends.
     pub(super) fn sd_of_residual_mm(&self) -> f64 {
         match self.known {
             Known::Divots(_) => self.options.seat_mm,
@@ -70,7 +74,7 @@ impl<'a> Model<'a> {
         }
     }
 
-    /// The divot of a touch as the plate lies, less the plate's shift.
+    /// Returns the touched divot, turned by the plate's angle but not yet shifted.
     fn turned(&self, state: &State, plate_mm: &[DVec2], touch: &Touch) -> DVec2 {
         let angle = self.placing.and_then(|(angle, _)| angle).map_or(0.0, |angle| state.vector(angle)[0]);
         DVec2::from_angle(angle).rotate(plate_mm[touch.of])
@@ -80,14 +84,16 @@ impl<'a> Model<'a> {
         self.placing.map_or(DVec2::ZERO, |(_, shift)| DVec2::from_array(state.vector(shift)))
     }
 
-    /// Of each distance the touches of its two ends, as [`refusal::check`] has found that there are.
+    /// Returns the touches of both ends of a distance; [`refusal::check`] has verified that
+    /// there are two.
     fn ends(&self, distance: usize) -> [&'a Touch; 2] {
         let mut own = self.touches.iter().filter(|touch| touch.of == distance);
         let mut next = || own.next().unwrap_or(&self.touches[0]);
         [next(), next()]
     }
 
-    /// The tip less its divot, or the tips' distance less what it should be, mm, and the derivatives.
+    /// Adds the residuals and derivatives: the tip less its divot, or the tips' distance less
+    /// the known one, mm.
     pub(super) fn put(&self, state: &State, blocks: &mut Blocks<'_>) {
         let arm = Arm { joints: self.joints(state) };
         match self.known {
@@ -132,7 +138,7 @@ impl<'a> Model<'a> {
         }
     }
 
-    /// What [`Self::put`] puts down, each as a length, mm.
+    /// Returns the residuals of [`Self::put`], each as a length, mm.
     pub(super) fn residuals_mm(&self, state: &State) -> Vec<f64> {
         let arm = Arm { joints: self.joints(state) };
         let tip = |touch: &Touch| arm.pose(&values(&arm, touch)).point(self.options.tip_mm);
@@ -151,7 +157,7 @@ impl<'a> Model<'a> {
         }
     }
 
-    /// Numbers that are measured.
+    /// Returns the count of measured numbers.
     pub(super) fn measured(&self) -> usize {
         match self.known {
             Known::Divots(_) => 2 * self.touches.len(),
@@ -159,7 +165,8 @@ impl<'a> Model<'a> {
         }
     }
 
-    /// What is known of the noise: the residuals say it, where there are many of them.
+    /// Returns how the solver learns the noise: from the residuals if there are many, else from
+    /// the given value.
     pub(super) fn noise(&self) -> Noise {
         match self.measured() < SAY_THEIR_NOISE * self.parameters.steps() {
             true => Noise::Known,
@@ -177,12 +184,12 @@ impl<'a> Model<'a> {
     }
 }
 
-/// What a touch's counts mean.
+/// Returns the joint values at a touch.
 pub(super) fn values(arm: &Arm, touch: &Touch) -> Values {
     std::array::from_fn(|joint| arm.joints()[joint].value(touch.counts[joint]))
 }
 
-/// From where to where the joints' values went, rad or mm.
+/// Returns the range of each joint's values, rad or mm.
 pub(super) fn ranges(arm: &Arm, touches: &[Touch]) -> [[f64; 2]; JOINTS] {
     let mut ranges = [[f64::INFINITY, f64::NEG_INFINITY]; JOINTS];
     for touch in touches {
@@ -193,7 +200,7 @@ pub(super) fn ranges(arm: &Arm, touches: &[Touch]) -> [[f64; 2]; JOINTS] {
     ranges
 }
 
-/// How the tip moves with a number of a joint, mm a unit of it.
+/// Returns the tip's motion with a number of a joint, mm per unit of that number.
 pub(super) fn moved(arm: &Arm, values: &Values, tip_mm: DVec2, joint: usize, number: Number) -> DVec2 {
     let by = &arm.derivatives(values)[joint];
     let by: DVec3 = match number {
@@ -206,12 +213,13 @@ pub(super) fn moved(arm: &Arm, values: &Values, tip_mm: DVec2, joint: usize, num
     by.truncate() + lever * by.z
 }
 
-/// Whether all touches are of one place, as far as the plate says.
+/// Returns whether all touches are of one place, according to the plate.
 pub(super) fn is_one(plate_mm: &[DVec2], touches: &[Touch]) -> bool {
     touches.windows(2).all(|two| plate_mm[two[0].of] == plate_mm[two[1].of])
 }
 
-/// Where the plate lies by the arm as it is taken for: the rigid map of the divots to the touches, in the plane.
+/// Estimates the plate's position with the start arm: the rigid map of the divots to the
+/// touches, in the plane.
 fn placed(arm: &Arm, plate_mm: &[DVec2], touches: &[Touch], tip_mm: DVec2) -> (f64, DVec2) {
     let tip = |touch: &Touch| (plate_mm[touch.of], arm.pose(&values(arm, touch)).point(tip_mm));
     let tips: Vec<(DVec2, DVec2)> = touches.iter().map(tip).collect();

@@ -1,86 +1,87 @@
-//! What touches do not tell, and what to touch then.
+//! Refusals: parameters that the touches do not determine, and the touches to add.
 
 use super::model::{self, Model};
 use super::{Known, Number, Options, Touch};
 use crate::arm::{Arm, BadArm, JOINTS, Kind};
 use crate::least_squares::{Direction, Solution};
 
-/// Touches that move the tip by no more than this, joint by joint, are in one pose, mm.
+/// Touches are in one pose if no joint moves the tip by more than this, mm.
 const ONE_POSE_MM: f64 = 5.0;
-/// A joint that has turned by no more between its least and its greatest value tells next to nothing of itself, rad …
+/// A revolute joint with a smaller range is nearly undetermined, rad.
 const HARDLY_TURNED: f64 = 0.1;
-/// … nor one that has slid by no more, mm.
+/// A prismatic joint with a smaller range is nearly undetermined, mm.
 const HARDLY_SLID_MM: f64 = 5.0;
-/// So many numbers more than are sought must be measured, or nothing is left by which to see whether they agree.
+/// The measured numbers must exceed the parameters by this many, or nothing is left to check
+/// agreement.
 const LEAST_FREEDOM: usize = 4;
 
-/// Why touches make no arm.
+/// Reasons why touches do not determine an arm.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NoFit {
-    /// A divot that the plate does not have, or a distance that is not among those given.
+    /// The plate has no such divot, or there is no such distance.
     #[error("touch {touch} is of {what} {of}, and there are {count}")]
     Unknown {
-        /// From 1.
+        /// Number of the touch, from 1.
         touch: usize,
         /// Divot or distance.
         what: &'static str,
-        /// From 1.
+        /// Number of the divot or distance, from 1.
         of: usize,
-        /// As many as there are.
+        /// Number of known divots or distances.
         count: usize,
     },
-    /// A distance has two ends.
+    /// A distance needs two touches, one of either end.
     #[error("distance {distance} has {touches} touches, and must have two: one of either end")]
     Ends {
-        /// From 1.
+        /// Number of the distance, from 1.
         distance: usize,
-        /// As many as there are.
+        /// Number of its touches.
         touches: usize,
     },
-    /// No known distance: an arm twice as large would explain the touches as well.
+    /// No distance is known: an arm twice as large would explain the touches as well.
     #[error(
         "all touches are of one divot: touch at least two whose distance is known, or the arm's size stays unknown; or keep the length of one link as it is"
     )]
     OneDivot,
-    /// Nothing has moved.
+    /// The arm did not move.
     #[error(
         "all {touches} touches are in one pose of the arm: bend it otherwise for each touch, the elbow to the left and to the right"
     )]
     OnePose {
-        /// As many as there are.
+        /// Number of touches.
         touches: usize,
     },
-    /// Something that the touches do not say.
+    /// The touches do not determine a combination of parameters.
     #[error("the touches do not tell {what}: {why}")]
     Undetermined {
-        /// Combination of parameters.
+        /// The combination of parameters.
         what: String,
-        /// What to do.
+        /// Advice for the user.
         why: String,
     },
-    /// Too few.
+    /// Too few touches.
     #[error("{touches} touches are too few for {numbers} numbers: touch more, each place from at least three sides")]
     Few {
-        /// As many as there are.
+        /// Number of touches.
         touches: usize,
-        /// As many as are sought.
+        /// Number of parameters.
         numbers: usize,
     },
-    /// The numbers make no sense.
+    /// The numbers are inconsistent.
     #[error(
         "the touches do not belong to this arm and to what is known of the places ({0}): check the arm's start values, the units and which touch is of what"
     )]
     Senseless(String),
-    /// The plate, or the arm, is in other units.
+    /// The plate or the arm is in other units.
     #[error(
         "what is known of the places fits an arm {factor:.4} times as large as the one given: its numbers are in {unit} and must be in mm, or the arm's lengths are in {arm_unit}"
     )]
     Units {
-        /// About 10, 25.4 or one over them.
+        /// Ratio of the fitted lengths to the given ones: about 10, 25.4 or one over them.
         factor: f64,
-        /// What the plate or the distances seem to be in, if not in mm.
+        /// Apparent unit of the plate or the distances, if not mm.
         unit: &'static str,
-        /// What the arm's lengths seem to be in otherwise.
+        /// Apparent unit of the arm's lengths otherwise.
         arm_unit: &'static str,
     },
 }
@@ -91,7 +92,7 @@ impl From<BadArm> for NoFit {
     }
 }
 
-/// What can be said before anything is fitted.
+/// Makes the checks that need no fit.
 pub(super) fn check(start: &Arm, known: &Known<'_>, touches: &[Touch], options: &Options) -> Result<(), NoFit> {
     let (what, count) = match known {
         Known::Divots(_) => ("divot", known.count()),
@@ -135,7 +136,7 @@ pub(super) fn check(start: &Arm, known: &Known<'_>, touches: &[Touch], options: 
     Ok(())
 }
 
-/// What touches do not tell, and what to do.
+/// Returns the refusal for undetermined directions, with advice.
 pub(super) fn unseen(model: &Model<'_>, directions: &[Direction]) -> NoFit {
     let what = directions.first().map(ToString::to_string).unwrap_or_default();
     let share = |wanted: Number| -> f64 {
@@ -162,7 +163,7 @@ pub(super) fn unseen(model: &Model<'_>, directions: &[Direction]) -> NoFit {
     NoFit::Undetermined { what, why }
 }
 
-/// A joint that has stayed where it was tells nothing of itself.
+/// Returns a sentence about a joint that hardly moved, and so is not determined.
 fn hardly_moved(model: &Model<'_>) -> Option<String> {
     let arm = Arm { joints: model.joints(&model.parameters.start()) };
     let ranges = model::ranges(&arm, model.touches);
@@ -183,7 +184,7 @@ fn hardly_moved(model: &Model<'_>) -> Option<String> {
     (0..JOINTS).find_map(of)
 }
 
-/// An arm all of whose links come out so many times as long is an arm whose plate is in other units.
+/// Refuses a fit that scales all links alike: the plate's units differ from the arm's.
 pub(super) fn check_scale(near: &Solution, model: &Model<'_>, start: &Arm) -> Result<(), NoFit> {
     let after = model.joints(&near.state);
     let sum = |joints: &[crate::arm::Joint; JOINTS]| -> f64 {

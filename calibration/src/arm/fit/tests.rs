@@ -1,15 +1,14 @@
-//! Touches of a plate by an arm that is known.
+//! Fits to simulated touches of a plate by a known arm.
 
 use std::f64::consts::TAU;
 
 use glam::DVec2;
 
 use super::*;
-use crate::arm::PlanarPose;
-use crate::arm::Sign;
 use crate::arm::check::check;
 use crate::arm::inverse::Elbow;
 use crate::arm::reach::Reach;
+use crate::arm::{PlanarPose, Sign};
 use crate::least_squares::check_jacobian;
 use crate::noise::Noise as Random;
 
@@ -24,7 +23,7 @@ fn truth() -> Arm {
     Arm::new(joints).unwrap()
 }
 
-/// As a rule and a look at the arm say.
+/// Returns the start values: lengths by a rule, zeros by eye.
 fn guess() -> Arm {
     let mut joints = *truth().joints();
     for (joint, (length, zero)) in joints.iter_mut().zip([(250.0, 0.0), (200.0, 0.0), (80.0, 0.0)]) {
@@ -38,7 +37,8 @@ fn plate() -> Vec<DVec2> {
     (0..6).map(|n| DVec2::new(60.0 * f64::from(n % 3), 60.0 * f64::from(n / 3))).collect()
 }
 
-/// Each divot from several sides, elbow left and right; seated with a spread in mm.
+/// Touches each divot from several sides, elbow left and right, with a seating error of
+/// `seat_mm`.
 fn touches(arm: &Arm, seat_mm: f64, seed: u64, sides: usize) -> Vec<Touch> {
     let mut random = Random::new(seed);
     let mut touches = Vec::new();
@@ -59,7 +59,7 @@ fn touches(arm: &Arm, seat_mm: f64, seed: u64, sides: usize) -> Vec<Touch> {
 }
 
 #[test]
-fn derivatives_are_those_that_differences_find() {
+fn derivatives_match_finite_differences() {
     let arm =
         Arm::new([Joint::revolute(250.0, TURN), Joint::prismatic(80.0, 40.0, 100.0), Joint::revolute(90.0, 9000.0)])
             .unwrap();
@@ -90,7 +90,7 @@ fn derivatives_are_those_that_differences_find() {
 }
 
 #[test]
-fn without_noise_the_arm_is_found_to_a_millionth() {
+fn fit_without_noise_is_exact() {
     let all = touches(&truth(), 0.0, 1, 5);
     let fitted = fit(&guess(), &Known::Divots(&plate()), &all, &Options::default()).unwrap();
     for (found, joint) in fitted.found.iter().zip([1, 2, 2, 3, 3]) {
@@ -104,7 +104,7 @@ fn without_noise_the_arm_is_found_to_a_millionth() {
 }
 
 #[test]
-fn what_is_said_of_the_error_is_so_over_many_arms() {
+fn fit_standard_deviations_match_errors_over_many_draws() {
     let mut sum = 0.0;
     for seed in 0..400 {
         let all = touches(&truth(), 0.1, seed, 4);
@@ -121,7 +121,7 @@ fn what_is_said_of_the_error_is_so_over_many_arms() {
 }
 
 #[test]
-fn a_tip_that_slipped_out_is_left_out_and_named() {
+fn slipped_tip_is_reported_as_outlier() {
     let mut all = touches(&truth(), 0.05, 9, 4);
     all[7].counts[1] += 400.0;
     let fitted = fit(&guess(), &Known::Divots(&plate()), &all, &Options::default()).unwrap();
@@ -130,7 +130,7 @@ fn a_tip_that_slipped_out_is_left_out_and_named() {
 }
 
 #[test]
-fn what_touches_do_not_tell_is_refused_by_name() {
+fn undetermined_parameters_are_refused_by_name() {
     let said = |touches: &[Touch], plate: &[DVec2], options: &Options| {
         fit(&guess(), &Known::Divots(plate), touches, options).unwrap_err().to_string()
     };
@@ -140,7 +140,7 @@ fn what_touches_do_not_tell_is_refused_by_name() {
     assert!(said(&[all[0], all[all.len() - 1]], &plate(), &Options::default()).contains("too few"));
     let missing = [all[0], Touch { of: 6, ..all[1] }];
     assert!(said(&missing, &plate(), &Options::default()).contains("touch 2 is of divot 7, and there are 6"));
-    // Once from one side each, with the same heading: lengths and zeros are one to them.
+    // One touch per divot with the same heading: lengths and zeros cannot be separated.
     let once: Vec<Touch> = all.iter().step_by(8).copied().collect();
     let refused = said(&once, &plate(), &Options::default());
     assert!(refused.contains("do not tell") || refused.contains("too few"), "{refused}");
@@ -149,7 +149,7 @@ fn what_touches_do_not_tell_is_refused_by_name() {
 }
 
 #[test]
-fn a_plate_in_other_units_is_told_by_its_factor() {
+fn plate_in_other_units_is_refused_with_factor() {
     let all = touches(&truth(), 0.05, 2, 4);
     for (factor, unit) in [(0.1, "cm"), (1.0 / 25.4, "inches")] {
         let other: Vec<DVec2> = plate().iter().map(|at| *at * factor).collect();
@@ -159,7 +159,7 @@ fn a_plate_in_other_units_is_told_by_its_factor() {
 }
 
 #[test]
-fn a_running_arm_is_told_from_one_whose_encoder_has_slipped() {
+fn check_names_slipped_encoder_and_bent_link() {
     let well = touches(&truth(), 0.1, 11, 3);
     let checked = check(&truth(), &Known::Divots(&plate()), &well, &Options::default(), 0.14).unwrap();
     assert!(!checked.changed && checked.advice().is_empty(), "{checked:?}");
@@ -186,7 +186,7 @@ fn a_running_arm_is_told_from_one_whose_encoder_has_slipped() {
     assert!(checked.changed && checked.advice().contains("bent or loose"), "{checked:?}");
 }
 
-/// Touches of one point, from all about and with both elbows; of two ends of a bar that lies here and there.
+/// Simulates touches of each place from these headings, with alternating elbow.
 fn touched(arm: &Arm, places: &[DVec2], headings: &[f64], seat_mm: f64, seed: u64) -> Vec<[f64; JOINTS]> {
     let mut random = Random::new(seed);
     let mut all = Vec::new();
@@ -207,7 +207,7 @@ fn of_point(arm: &Arm, seat_mm: f64, seed: u64) -> Vec<Touch> {
     counts.into_iter().map(|counts| Touch { counts, of: 0 }).collect()
 }
 
-/// A bar of 150 mm, near and far and turned.
+/// Touches of a bar of 150 mm, laid near and far and turned.
 fn of_bar(arm: &Arm, seat_mm: f64, seed: u64) -> Vec<Touch> {
     let mut all = Vec::new();
     for laid in 0..24_u32 {
@@ -218,7 +218,7 @@ fn of_bar(arm: &Arm, seat_mm: f64, seed: u64) -> Vec<Touch> {
             let heading = at.to_angle() + 2.0 * (2.3 * n + end as f64).sin();
             let counts =
                 touched(arm, &[at], &[heading, heading], seat_mm, seed * 1000 + u64::from(laid) * 2 + end as u64);
-            // The elbow to one side, and laid anew to the other.
+            // The elbow bends to one side and, with the bar laid again, to the other.
             all.extend(counts.get(laid as usize % 2).map(|counts| Touch { counts: *counts, of: laid as usize }));
         }
     }
@@ -228,13 +228,13 @@ fn of_bar(arm: &Arm, seat_mm: f64, seed: u64) -> Vec<Touch> {
     all.iter().filter_map(|touch| Some(Touch { of: place(touch.of)?, ..*touch })).collect()
 }
 
-/// Over many draws: mean square of what was found off the truth over what is said of it.
+/// Returns the mean squared error over the reported variance, over many draws.
 fn said(known: &Known<'_>, touches: impl Fn(u64) -> Vec<Touch>) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for seed in 0..200 {
         let mut start = guess();
         let options = Options::of(&start, known);
-        // What is kept is known.
+        // Lengths that are not fitted are known.
         for joint in (0..JOINTS).filter(|joint| !options.lengths[*joint]) {
             start.joints[joint].length_mm = truth().joints()[joint].length_mm;
         }
@@ -249,7 +249,7 @@ fn said(known: &Known<'_>, touches: impl Fn(u64) -> Vec<Touch>) -> f64 {
 }
 
 #[test]
-fn one_point_tells_the_zeros_and_all_lengths_but_one() {
+fn one_point_determines_zeros_and_two_lengths() {
     let known = Known::Divots(&[DVec2::ZERO]);
     let mean = said(&known, |seed| of_point(&truth(), 0.1, seed));
     assert!((mean - 1.0).abs() < 0.3, "{mean}");
@@ -258,7 +258,7 @@ fn one_point_tells_the_zeros_and_all_lengths_but_one() {
 }
 
 #[test]
-fn known_distances_tell_zeros_and_lengths() {
+fn known_distances_determine_zeros_and_lengths() {
     let mut known = 0;
     let mean = {
         let pairs = of_bar(&truth(), 0.0, 1);
@@ -281,17 +281,18 @@ fn known_distances_tell_zeros_and_lengths() {
 }
 
 #[test]
-fn few_distances_are_judged_by_the_seat() {
-    // What is left of 12 distances by 5 numbers is less than their noise; those that are met least are no outliers.
+fn few_distances_use_known_noise() {
+    // Fitting 5 numbers to 12 distances leaves less than their noise; the largest residuals are
+    // no outliers.
     let distances = [150.0; 12];
     let pairs = |seed| of_bar(&truth(), 0.1, seed).into_iter().filter(|touch| touch.of < 12).collect::<Vec<_>>();
     let mean = said(&Known::Distances(&distances), pairs);
-    // By Student's law of 7 degrees of freedom: 7/5.
+    // Student's t distribution with 7 degrees of freedom has variance 7/5.
     assert!((mean / 1.4 - 1.0).abs() < 0.3, "{mean}");
 }
 
 #[test]
-fn an_arm_whose_lengths_are_in_other_units_is_told_so() {
+fn arm_lengths_in_other_units_are_refused() {
     let all = touches(&truth(), 0.05, 2, 4);
     for (factor, unit) in [(0.1, "cm"), (1.0 / 25.4, "inches")] {
         let mut start = guess();
@@ -302,7 +303,7 @@ fn an_arm_whose_lengths_are_in_other_units_is_told_so() {
 }
 
 #[test]
-fn touches_in_one_pose_and_joints_that_stay_are_named() {
+fn one_pose_and_unmoved_joints_are_refused() {
     let known = Known::Divots(&[DVec2::ZERO]);
     let options = Options::of(&guess(), &known);
     let one = of_point(&truth(), 0.1, 5)[0];
@@ -310,7 +311,7 @@ fn touches_in_one_pose_and_joints_that_stay_are_named() {
     let still: Vec<Touch> =
         (0..12).map(|_| Touch { counts: one.counts.map(|count| count + random.normal()), of: 0 }).collect();
     assert_eq!(fit(&guess(), &known, &still, &options).unwrap_err(), NoFit::OnePose { touches: 12 });
-    // A wrist that is tied up makes one link of two.
+    // A fixed wrist makes one link of two.
     let mut tied = touches(&truth(), 0.05, 2, 4);
     let heading = |touch: &Touch| truth().joints()[2].value(touch.counts[2]);
     tied.retain(|touch| heading(touch).abs() < 1.0);
@@ -329,7 +330,7 @@ fn touches_in_one_pose_and_joints_that_stay_are_named() {
 }
 
 #[test]
-fn a_slide_gives_one_point_a_size() {
+fn prismatic_joint_gives_one_point_a_scale() {
     let arm =
         Arm::new([Joint::revolute(250.0, TURN), Joint::prismatic(80.0, 140.0, 100.0), Joint::revolute(90.0, TURN)])
             .unwrap();
@@ -345,8 +346,9 @@ fn a_slide_gives_one_point_a_size() {
 }
 
 #[test]
-fn what_is_said_of_the_tip_over_the_reach_is_so() {
-    // The root mean square of what tips are off by, over draws and poses, against what was said.
+fn tip_sd_over_reach_matches_errors() {
+    // Compares the root mean square error of the tip, over draws and poses, with the reported
+    // one.
     let known = plate();
     let known = Known::Divots(&known);
     let (mut off, mut told) = (0.0, 0.0);

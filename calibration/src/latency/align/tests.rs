@@ -1,4 +1,5 @@
-//! The lag against truths: exact without noise, and as sure as it says with noise of several kinds.
+//! Estimated lags against known ones: exact without noise, and within the stated standard error
+//! with several kinds of noise.
 
 use std::f64::consts::TAU;
 
@@ -8,18 +9,18 @@ use crate::noise::Noise as Random;
 /// Noise of the frames' values, of their stamps and of the tracker.
 #[derive(Clone, Copy)]
 struct Noise {
-    /// Standard deviation of values, px, and how much of it goes on from frame to frame.
+    /// Standard deviation of values, px, and correlation from frame to frame.
     value: f64,
     goes_on: f64,
-    /// Of stamps, s.
+    /// Standard deviation of stamps, s.
     stamp: f64,
-    /// Of the tracker, mm.
+    /// Standard deviation of the tracker, mm.
     pose: f64,
 }
 
 const NONE: Noise = Noise { value: 0.0, goes_on: 0.0, stamp: 0.0, pose: 0.0 };
 
-/// A hand that goes up and down by 30 mm about once a second, never twice alike.
+/// An operator who moves the probe up and down by 30 mm about once a second, never in the same way.
 struct Hand {
     phases: [f64; 6],
 }
@@ -37,7 +38,8 @@ impl Hand {
     }
 }
 
-/// 12 frames and 45 poses a second for so long; the tracker lags by `lag`. Values follow both numbers, the second a little.
+/// Simulates 12 frames and 45 poses a second for `duration` seconds; the tracker lags by `lag`.
+/// Values follow both numbers, the second one only slightly.
 fn session(random: &mut Random, lag: f64, duration: f64, noise: Noise) -> (Vec<Observation>, Track<2>) {
     let hand = Hand::new(random);
     let mut poses = Vec::new();
@@ -61,15 +63,17 @@ fn session(random: &mut Random, lag: f64, duration: f64, noise: Noise) -> (Vec<O
 const RANGE: AlignOptions = AlignOptions { range_s: 0.5 };
 
 #[test]
-fn without_noise_nothing_but_the_spline_is_left() {
+fn without_noise_only_spline_error_remains() {
     for (seed, lag) in [(1, 0.0), (2, 0.0648), (3, -0.0648), (4, 0.31), (5, -0.4)] {
         let (values, track) = session(&mut Random::new(seed), lag, 18.0, NONE);
         let found = align(&values, &track, &RANGE).unwrap();
         assert!((found.lag_s - lag).abs() < 2e-5 && found.se_s < 2e-5, "{lag}: {found:?}");
-        // What is left is the spline's, most of it where the hand turns: a tail, of which some counts as outliers.
+        // The residuals are spline errors, mostly at the motion's turns; the largest count as
+        // outliers.
         assert!((found.gain + 9.0).abs() < 1e-2 && found.outliers < found.frames / 5, "{lag}: {found:?}");
     }
-    // Where the spline is exact, so is the lag: straight pieces that meet are not, a cubic polynomial's middle is.
+    // The lag is exact for an exact spline: inside a cubic polynomial, but not for joined
+    // straight pieces.
     let at = |t: f64| (t - 5.0) * (t - 3.0) * (t - 1.0);
     let poses = (0..400).map(|i| 0.015 * f64::from(i)).map(|t| (t, [at(t)])).collect();
     let values: Vec<Observation> = (0..60)
@@ -80,7 +84,8 @@ fn without_noise_nothing_but_the_spline_is_left() {
     assert!((found.lag_s - 0.0123).abs() < 1e-6, "{found:?}");
 }
 
-/// Errors in units of what was said of them, over so many seeds: their mean, and the mean of their squares.
+/// Returns the errors over their standard errors, for many seeds: the mean, the mean square,
+/// and the root mean square error in ms.
 fn scores(seeds: u64, noise: Noise, duration: f64) -> [f64; 3] {
     let (mut sum, mut squares, mut errors) = (0.0, 0.0, 0.0);
     for seed in 0..seeds {
@@ -99,7 +104,7 @@ fn scores(seeds: u64, noise: Noise, duration: f64) -> [f64; 3] {
 
 /// The mean square of 400 normal numbers is 1 ± 0.07.
 #[test]
-fn the_lag_is_as_sure_as_it_says() {
+fn standard_error_matches_error() {
     let kinds = [
         ("even noise", Noise { value: 3.0, ..NONE }),
         ("noise that goes on", Noise { value: 3.0, goes_on: 0.7, ..NONE }),
@@ -115,7 +120,7 @@ fn the_lag_is_as_sure_as_it_says() {
 }
 
 #[test]
-fn frames_whose_line_is_another_s_do_not_count() {
+fn frames_with_wrong_line_are_outliers() {
     let noise = Noise { value: 1.0, ..NONE };
     for seed in 0..20 {
         let mut random = Random::new(seed);
@@ -130,7 +135,7 @@ fn frames_whose_line_is_another_s_do_not_count() {
 }
 
 #[test]
-fn what_tells_no_lag_is_refused_by_name() {
+fn undetermined_lag_is_refused_by_name() {
     let noise = Noise { value: 1.0, ..NONE };
     let (values, track) = session(&mut Random::new(1), 0.05, 18.0, noise);
     let moved = |by: f64| values.iter().map(|v| Observation { time_s: v.time_s + by, ..*v }).collect::<Vec<_>>();
@@ -147,7 +152,7 @@ fn what_tells_no_lag_is_refused_by_name() {
     let mut random = Random::new(9);
     let other: Vec<Observation> = values.iter().map(|v| Observation { value: 50.0 * random.normal(), ..*v }).collect();
     assert!(matches!(align(&other, &track, &RANGE), Err(NoLag::Unrelated { .. })));
-    // A sine as even as this one is its own negative half a period on.
+    // An even sine equals its own negative half a period later.
     let even = |t: f64| (TAU * 1.3 * t).sin();
     let poses = (0..1000).map(|i| 0.02 * f64::from(i)).map(|t| (t, [10.0 * even(t)])).collect();
     let seen: Vec<Observation> = (0..150)
@@ -156,7 +161,7 @@ fn what_tells_no_lag_is_refused_by_name() {
         .collect();
     let found = align(&seen, &Track::new(poses, 0.1).unwrap(), &RANGE);
     assert!(matches!(found, Err(NoLag::Ambiguous { .. })), "{found:?}");
-    // A steady way tells the lag from the offset by nothing.
+    // In a uniform motion lag and offset cannot be separated.
     let poses = (0..1000).map(|i| 0.02 * f64::from(i)).map(|t| (t, [10.0 * t])).collect();
     let seen: Vec<Observation> = (0..150)
         .map(|i| 2.0 + 0.1 * f64::from(i))

@@ -1,4 +1,4 @@
-//! Lags of scans of a body in closed form, and scans that tell none.
+//! Lags of simulated scans of an analytic body, and scans that determine no lag.
 
 use std::f64::consts::TAU;
 
@@ -11,7 +11,7 @@ use crate::noise::Noise as Random;
 const SIZE: u32 = 96;
 const PIXEL_MM: f64 = 0.5;
 
-/// Blobs, some bright and some dark.
+/// A body of Gaussian blobs, some bright and some dark.
 struct Body {
     blobs: Vec<(DVec3, f64, f64)>,
 }
@@ -34,13 +34,14 @@ impl Body {
     }
 }
 
-/// How a probe goes.
+/// The path of a probe.
 type Way = fn(f64) -> (DQuat, DVec3);
 
-/// Back and forth along one direction, then along another, turning meanwhile.
+/// Moves back and forth along one direction, then along another, turning meanwhile.
 fn both_ways(time: f64) -> (DQuat, DVec3) {
     let along = 15.0 * (TAU * 0.35 * time).sin() + 3.0 * (TAU * 0.13 * time).cos();
-    // From one direction to the other in a second, without a jerk: the tracker's samples say nothing of what is between them.
+    // Changes direction within a second, smoothly, because the tracker's samples do not resolve
+    // jerks.
     let share = (time - 6.0).clamp(0.0, 1.0);
     let heading = 1.4 * share * share * (3.0 - 2.0 * share);
     let turn = DQuat::from_rotation_y(heading + 0.1 * (TAU * 0.2 * time).sin());
@@ -51,7 +52,7 @@ fn one_way(time: f64) -> (DQuat, DVec3) {
     (DQuat::IDENTITY, DVec3::new(0.0, 0.0, 3.0 * time - 18.0))
 }
 
-/// The sensor lies 50 mm above the picture's middle.
+/// The sensor lies 50 mm above the image centre.
 fn probe_from_image() -> DAffine3 {
     let half = 0.5 * f64::from(SIZE - 1) * PIXEL_MM;
     DAffine3 {
@@ -88,7 +89,7 @@ fn scan(way: Way, lag_s: f64, noise: f64, random: &mut Random) -> Slices {
 }
 
 #[test]
-fn the_lag_of_a_scan_that_crosses_itself_is_found_and_as_sure_as_it_says() {
+fn lag_of_crossing_scan_is_found_within_standard_error() {
     let seeds: u32 = 16;
     let (mut squares, mut sum) = (0.0, 0.0);
     for seed in 0..seeds {
@@ -111,16 +112,16 @@ fn the_lag_of_a_scan_that_crosses_itself_is_found_and_as_sure_as_it_says() {
     }
     let n = f64::from(seeds);
     println!("mean {:.2}, mean square {:.2}", sum / n, squares / n);
-    // The mean square of so many normal numbers is 1 ± 0.35.
+    // The mean square of so few normal numbers is 1 ± 0.35.
     assert!((sum / n).abs() < 0.7 && (0.3..2.0).contains(&(squares / n)), "{} {}", sum / n, squares / n);
 }
 
 #[test]
-fn scans_that_tell_no_lag_are_refused_by_name() {
+fn undetermined_lag_is_refused_by_name() {
     let mut random = Random::new(77);
     let none = scan(one_way, 0.05, 3.0, &mut random).lag(0.25).unwrap_err();
     assert!(matches!(none, NoCrossings::TooFew { slices: 150, crossings: 0, .. }), "{none}");
-    // As slow as nothing shows.
+    // Too slow for the lag to show.
     let slow: Way = |time| {
         let (turn, place) = both_ways(6.0 + time / 12.0);
         (turn * DQuat::from_rotation_y(0.1 * time), 0.02 * place)
@@ -129,7 +130,7 @@ fn scans_that_tell_no_lag_are_refused_by_name() {
     assert!(slow.is_err(), "{slow:?}");
     let edge = scan(both_ways, 0.2, 3.0, &mut random).lag(0.1);
     assert!(matches!(edge, Err(NoCrossings::AtEdge { .. })), "{edge:?}");
-    // Pictures of something else.
+    // Images of another scan.
     let mut other = scan(both_ways, 0.0, 3.0, &mut random);
     let mut pictures: Vec<Vec<u16>> = other.pixels.iter().map(|(_, pixels)| pixels.clone()).collect();
     for i in (1..pictures.len()).rev() {
@@ -141,7 +142,7 @@ fn scans_that_tell_no_lag_are_refused_by_name() {
 }
 
 #[test]
-fn the_line_of_two_planes_lies_in_both_and_within_their_bounds() {
+fn intersection_lies_in_both_planes_and_bounds() {
     let slices = scan(both_ways, 0.0, 1.0, &mut Random::new(1));
     let [a, b] = slices.crossings(0.1).unwrap()[0].map(|slice| slices.placed(slice, 0.0).unwrap());
     let ends = slices.line([&a, &b]).unwrap();
@@ -158,7 +159,7 @@ fn the_line_of_two_planes_lies_in_both_and_within_their_bounds() {
 }
 
 #[test]
-fn reduced_pixels_lie_where_their_own_do() {
+fn reduced_pixel_is_centred_on_its_pixels() {
     let (width, height) = (600, 400);
     let by = reduction(width, height);
     assert_eq!(by, 4);
@@ -175,7 +176,7 @@ fn reduced_pixels_lie_where_their_own_do() {
 }
 
 #[test]
-fn a_parabola_s_lowest_point_is_found_and_a_slope_s_end() {
+fn vertex_finds_minimum_or_lower_end() {
     let places = [-2.0, -1.0, 0.0, 1.0, 2.0];
     assert!((vertex(&places, &places.map(|x: f64| 3.0 * (x - 0.7).powi(2) + 5.0)) - 0.7).abs() < 1e-12);
     assert_eq!(vertex(&places, &places.map(|x: f64| -x)), 2.0);

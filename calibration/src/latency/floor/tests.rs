@@ -1,4 +1,5 @@
-//! From lines and poses to the lag: with the geometry of a real probe above a floor, and all that can be wrong with it.
+//! From lines and poses to the lag, with the geometry of a real probe above a floor, and with
+//! all kinds of faulty input.
 
 use std::f64::consts::TAU;
 
@@ -7,11 +8,12 @@ use glam::EulerRot;
 use super::*;
 use crate::noise::Noise as Random;
 
-/// A probe over a floor, seen at `period` and tracked at 50 Hz; `lag` is the tracker's. Pixels of 0.1 mm, the picture's origin 80 mm off the sensor and turned against it.
+/// A probe above a floor, with frames every 80 ms and tracked at 50 Hz; `lag` is the tracker's.
+/// Pixels are 0.1 mm; the image origin is 80 mm off the sensor and turned against it.
 struct Bench {
     random: Random,
     lag: f64,
-    /// mm that the probe goes up and down.
+    /// Amplitude of the probe's motion, mm.
     height: f64,
     /// Unit of the tracker's positions, mm.
     unit: f64,
@@ -31,7 +33,7 @@ impl Bench {
         (tilt, DVec3::new(200.0 + 2.0 * wave(0.6, 1.0), -30.0 + 1.0 * wave(0.9, 0.3), 90.0 + up))
     }
 
-    /// The floor is z = 0 in the tracker's frame; the picture's v goes down.
+    /// The floor is z = 0 in the tracker's frame; the image's v points down.
     fn line(&self, time: f64) -> Line {
         let (tilt, place) = self.pose(time);
         let (u, v) = (DVec3::new(0.1, 0.0, 0.02), DVec3::new(0.01, 0.02, -0.1));
@@ -76,7 +78,7 @@ impl Bench {
 const PLAIN: FloorOptions = FloorOptions { align: AlignOptions { range_s: 0.5 }, pixel_mm: None };
 
 #[test]
-fn a_probe_that_also_tilts_and_sways_leaves_no_bias() {
+fn tilt_and_sway_leave_no_bias() {
     let (mut sum, mut squares) = (0.0, 0.0);
     let seeds = 100;
     for seed in 0..seeds {
@@ -90,15 +92,15 @@ fn a_probe_that_also_tilts_and_sways_leaves_no_bias() {
     }
     let [mean, square] = [sum, squares].map(|x| x / seeds as f64);
     println!("mean {mean:.3}, mean square {square:.3}");
-    // The tilt's cosines are not in the model; they must be no more than a part of the noise.
+    // The model omits the tilt's cosines; they must be small against the noise.
     assert!(mean.abs() < 0.5 && (0.6..1.5).contains(&square), "{mean} {square}");
 }
 
 #[test]
-fn stamps_that_follow_jumps_slowly_are_not_believed_where_counts_are_better() {
+fn filtered_stamps_lose_to_better_counts() {
     let mut bench = Bench::new(7, -0.06);
     let (mut frames, poses) = (bench.frames(200), bench.poses(16.0));
-    // As a filter of 20 frames does where a grabber stalls now and then.
+    // Simulates a filter of 20 frames with a grabber that stalls now and then.
     for (i, frame) in frames.iter_mut().enumerate() {
         let since = (i % 60) as f64;
         frame.stamps.given_s += 0.04 * ((-since / 15.0).exp() - 0.25);
@@ -108,13 +110,13 @@ fn stamps_that_follow_jumps_slowly_are_not_believed_where_counts_are_better() {
     assert!(found.wander_s[0] > 5e-3 && found.wander_s[1] == 0.0, "{:?}", found.wander_s);
     let by_given = found.tried.iter().find(|tried| tried.video == Reading::Given).and_then(|tried| tried.found);
     assert!(by_given.is_none_or(|[_, _, residual]| residual > 3.0 * found.alignment.residual), "{by_given:?}");
-    // Of the given stamps' mean.
+    // The lag refers to the mean of the given stamps.
     let mean = (0..200).map(|i| 0.04 * ((-f64::from(i % 60) / 15.0).exp() - 0.25)).sum::<f64>() / 200.0;
     assert!((found.alignment.lag_s - (-0.06 - mean)).abs() < 2e-3, "{} {mean}", found.alignment.lag_s);
 }
 
 #[test]
-fn what_cannot_be_is_refused_by_name() {
+fn invalid_recording_is_refused_by_name() {
     let mut bench = Bench::new(3, 0.02);
     let (frames, poses) = (bench.frames(200), bench.poses(16.0));
     let refusal = |frames: &[FloorFrame], poses: &[FloorPose], options: &FloorOptions| {
@@ -155,14 +157,14 @@ fn what_cannot_be_is_refused_by_name() {
 }
 
 #[test]
-fn units_that_are_others_are_named() {
+fn other_units_are_named() {
     for (unit, hint) in [(10.0, "not in cm"), (25.4, "not in inches"), (1000.0, "not in m")] {
         let mut bench = Bench { unit, ..Bench::new(5, 0.02) };
         let (frames, poses) = (bench.frames(200), bench.poses(16.0));
         let known = FloorOptions { pixel_mm: Some(0.1), ..PLAIN };
         let said = floor_lag(&frames, &poses, &known).unwrap_err().to_string();
         assert!(said.contains(hint) && said.contains("0.1000 mm is known"), "{said}");
-        // Without a calibration it is known by what pixels can be.
+        // Without a calibration the range of possible pixel sizes decides.
         if unit > 11.0 {
             assert!(matches!(floor_lag(&frames, &poses, &PLAIN), Err(NoFloorLag::Units { .. })), "{unit}");
         }

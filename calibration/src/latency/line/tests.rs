@@ -1,18 +1,19 @@
-//! Lines against truths: how near, and what is none.
+//! Detected lines against known ones, and frames without a line.
 
 use super::*;
 use crate::noise::Noise as Random;
 
 const WIDTH: usize = 400;
 const HEIGHT: usize = 320;
-/// Columns and rows that the scanner's picture takes; the rest is a dead border.
+/// Columns and rows of the scanner's image; the rest is an unused border.
 const DATA: [[usize; 2]; 2] = [[90, 330], [20, 300]];
 
-/// A floor's echo: speckled, thicker here than there, with a tail below, under a still ruler and letters.
+/// Renders a floor's echo: speckled, of varying thickness, with a tail below, under a static
+/// ruler and letters.
 fn picture(random: &mut Random, floor: Option<(f64, f64)>, brightness: f64) -> Vec<u8> {
     let mut pixels = vec![0_u8; WIDTH * HEIGHT];
     let [columns, rows] = DATA;
-    // Speckle is alike over some columns.
+    // Speckle is correlated over some columns.
     let mut speckle = [0.0; 16];
     for u in columns[0]..columns[1] {
         if u % 6 == 0 {
@@ -32,7 +33,7 @@ fn picture(random: &mut Random, floor: Option<(f64, f64)>, brightness: f64) -> V
     for v in (20..300).step_by(10) {
         pixels[v * WIDTH + 340..v * WIDTH + 350].fill(255);
     }
-    // A frame's line across the whole picture, brighter than any floor.
+    // A static line across the whole frame, brighter than any floor.
     pixels[310 * WIDTH..311 * WIDTH].fill(255);
     pixels
 }
@@ -51,7 +52,7 @@ fn finder(random: &mut Random) -> Finder {
 }
 
 #[test]
-fn floors_are_found_to_a_part_of_a_pixel_at_any_tilt_and_brightness() {
+fn floor_is_found_to_subpixel_at_any_tilt_and_brightness() {
     let mut random = Random::new(2);
     let mut finder = finder(&mut random);
     let mut worst: (f64, f64) = (0.0, 0.0);
@@ -62,7 +63,7 @@ fn floors_are_found_to_a_part_of_a_pixel_at_any_tilt_and_brightness() {
     for (row, slope, brightness) in &cases {
         let pixels = picture(&mut random, Some((*row, *slope)), *brightness);
         let line = finder.find(&GreyView::packed([WIDTH, HEIGHT], &pixels).unwrap()).unwrap();
-        // The tail draws the centre down by the same everywhere; what matters is how even that is.
+        // The tail draws the centre down by a constant amount; the test checks its constancy.
         let below = line.below(DVec2::new(210.0, *row)) - 0.6;
         worst = (worst.0.max(below.abs()), worst.1.max((line.angle_deg() - slope.atan().to_degrees()).abs()));
         squares += below * below;
@@ -74,14 +75,14 @@ fn floors_are_found_to_a_part_of_a_pixel_at_any_tilt_and_brightness() {
 }
 
 #[test]
-fn pictures_without_a_floor_have_no_line() {
+fn frame_without_floor_has_no_line() {
     let mut random = Random::new(4);
     let mut finder = finder(&mut random);
     for _ in 0..50 {
         let pixels = picture(&mut random, None, 0.0);
         assert_eq!(finder.find(&GreyView::packed([WIDTH, HEIGHT], &pixels).unwrap()), Err(NoLine::Scattered));
     }
-    // A blob, however bright, is no line; nor is a picture that is black.
+    // A blob, however bright, is no line; a black frame has none either.
     let mut pixels = picture(&mut random, None, 0.0);
     for v in 140..160 {
         pixels[v * WIDTH + 200..v * WIDTH + 222].fill(255);
@@ -94,7 +95,7 @@ fn pictures_without_a_floor_have_no_line() {
 }
 
 #[test]
-fn what_stands_still_is_no_floor() {
+fn static_line_is_no_floor() {
     let mut random = Random::new(6);
     let pixels = picture(&mut random, Some((150.0, 0.1)), 200.0);
     let view = GreyView::packed([WIDTH, HEIGHT], &pixels).unwrap();
@@ -104,7 +105,7 @@ fn what_stands_still_is_no_floor() {
 }
 
 #[test]
-fn where_a_line_passes_a_point_has_a_sign() {
+fn distance_below_point_is_signed() {
     let line = Line { point_px: DVec2::new(10.0, 20.0), direction: DVec2::X, columns: [0.0, 20.0], scatter_px: 0.0 };
     assert_eq!((line.below(DVec2::new(3.0, 15.0)), line.below(DVec2::new(3.0, 22.0))), (5.0, -2.0));
     let steep = Line { direction: DVec2::new(1.0, 1.0).normalize(), ..line };

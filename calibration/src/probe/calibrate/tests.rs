@@ -2,15 +2,16 @@ mod flat;
 
 use glam::DVec3;
 
+use sonoweave_core::frames::{Probe, Tracker};
+
 use super::*;
-use crate::frames::{Probe, Tracker};
 use crate::noise::Noise;
 use crate::phantom::{Geometry, Wire};
 use crate::probe::simulated::{Imperfect, SIZE_PX, Scan};
 
 const GOOD: Imperfect = Imperfect { position_mm: 0.1, turn_deg: 0.05, dot_px: 0.5, lag_s: 0.0 };
 
-/// What would be seen of a scan by pictures of dots.
+/// Returns the observations of a scan, as if its images of dots had been read.
 fn observed(scan: &Scan, layout: &Layout) -> Vec<Observation> {
     let mut matcher = Matcher::new();
     let poses = scan.track.poses();
@@ -37,7 +38,7 @@ fn registration(scan: &Scan) -> Registration {
     Registration::new(scan.reference_from_phantom, Some(0.05)).unwrap()
 }
 
-/// The refusal of what becomes of good observations.
+/// Returns the refusal for good observations after a change.
 fn refusal(change: impl Fn(&mut Vec<Observation>)) -> String {
     let scan = Scan::new(40, GOOD, &mut Noise::new(31));
     let mut observations = observed(&scan, &scan.layout);
@@ -53,7 +54,7 @@ fn read_again(observations: &mut [Observation], layout: &Layout) {
 }
 
 #[test]
-fn a_scan_is_calibrated_and_held_against_its_last_third_and_another() {
+fn scan_is_validated_on_last_third_and_on_another() {
     let mut noise = Noise::new(30);
     let scan = Scan::new(90, GOOD, &mut noise);
     let observations = observed(&scan, &scan.layout);
@@ -66,7 +67,8 @@ fn a_scan_is_calibrated_and_held_against_its_last_third_and_another() {
     assert!(!held.split && held.refined.plane == split.refined.plane);
     for found in [&split, &held] {
         let [middle, wires] = found.validation.as_ref().unwrap();
-        // Sensors' noise, at levers of some 90 mm, and along the wire dots' noise enlarged.
+        // Limits follow from the sensors' noise at levers of some 90 mm, and from the dots'
+        // noise enlarged along the wire.
         assert!(middle.mean < 0.5 && wires.mean < 0.25 && wires.mean < middle.mean, "{middle:?} {wires:?}");
         assert!(middle.mean > 0.05 && middle.max < 3.0 && (middle.rms - middle.mean.hypot(middle.sd)).abs() < 1e-9);
     }
@@ -79,15 +81,15 @@ fn a_scan_is_calibrated_and_held_against_its_last_third_and_another() {
 }
 
 #[test]
-fn pictures_without_wires_are_said_to_have_none() {
+fn images_without_wires_are_refused() {
     let none = refusal(|all| all.iter_mut().for_each(|o| (o.dots, o.reading) = (o.dots[..3].to_vec(), None)));
     assert!(none.contains("no wires are seen") && none.contains("3 bright spots or fewer"), "{none}");
 }
 
 #[test]
-fn dots_of_another_phantom_are_told_from_this_one_s() {
+fn dots_of_another_phantom_are_refused() {
     let scan = Scan::new(40, GOOD, &mut Noise::new(32));
-    // The same number of N's, the outer wires elsewhere.
+    // The same number of N's, with the outer wires elsewhere.
     let wire = |wire: &Wire, shift: f64| {
         let ends_mm = wire.ends_mm.map(|end| DVec3::new(end.x + shift, end.y, 1.7 * end.z));
         Wire { ends_mm, ..wire.clone() }
@@ -103,7 +105,7 @@ fn dots_of_another_phantom_are_told_from_this_one_s() {
 }
 
 #[test]
-fn mirrored_pictures_are_refused() {
+fn mirrored_images_are_refused() {
     let scan = Scan::new(40, GOOD, &mut Noise::new(31));
     let mirrored = refusal(|all| {
         let flip = |dot: &mut Dot| dot.at_px.x = 819.0 - dot.at_px.x;
@@ -114,7 +116,7 @@ fn mirrored_pictures_are_refused() {
 }
 
 #[test]
-fn poses_that_nobody_vouches_for_few_pictures_and_one_pose_are_refused() {
+fn invalid_poses_few_images_and_one_pose_are_refused() {
     let invalid = refusal(|all| all.iter_mut().for_each(|o| o.poses = None));
     assert!(invalid.contains("of 40 pictures none has valid poses"), "{invalid}");
     let few = refusal(|all| all.truncate(3));
@@ -132,7 +134,7 @@ fn poses_that_nobody_vouches_for_few_pictures_and_one_pose_are_refused() {
 }
 
 #[test]
-fn some_pictures_without_poses_are_left_out_and_counted() {
+fn images_without_poses_are_left_out_and_counted() {
     let scan = Scan::new(60, GOOD, &mut Noise::new(33));
     let mut observations = observed(&scan, &scan.layout);
     observations.iter_mut().step_by(10).for_each(|o| o.poses = None);
@@ -143,7 +145,7 @@ fn some_pictures_without_poses_are_left_out_and_counted() {
 }
 
 #[test]
-fn the_tracker_s_own_samples_tell_how_late_it_is() {
+fn tracker_samples_give_lag() {
     let scan = Scan::new(90, GOOD, &mut Noise::new(34));
     let observations = observed(&scan, &scan.layout);
     let own = calibrate(&scan.layout, &registration(&scan), recording(&observations), None).unwrap();
@@ -156,7 +158,7 @@ fn the_tracker_s_own_samples_tell_how_late_it_is() {
 }
 
 #[test]
-fn units_that_are_not_millimetres_are_named() {
+fn other_units_than_mm_are_named() {
     for (factor, word) in [(10.0, "cm"), (25.4, "inches")] {
         let scaled = |mut affine: DAffine3| {
             affine.translation /= factor;
@@ -171,7 +173,7 @@ fn units_that_are_not_millimetres_are_named() {
             }
         });
         assert!(poses.contains(&format!("the poses' positions are in {word}")), "{poses}");
-        // The phantom's file, where it is not refused for its size at once.
+        // The phantom's file in other units, unless its size is refused at once.
         let scan = Scan::new(40, GOOD, &mut Noise::new(31));
         let geometry = scan.layout.geometry();
         let wire = |wire: &Wire| Wire { ends_mm: wire.ends_mm.map(|end| end / factor), ..wire.clone() };
@@ -193,16 +195,17 @@ fn units_that_are_not_millimetres_are_named() {
     let short = Registration::new(Transform::from_affine(affine), None).unwrap();
     let observations = observed(&scan, &scan.layout);
     let refused = calibrate(&scan.layout, &short, recording(&observations), None).unwrap_err().to_string();
-    // A shift of the phantom is a shift of the picture unless the probe turns: what is off is not always told.
+    // A shift of the phantom equals a shift of the image unless the probe turns, so the cause
+    // is not always determined.
     assert!(refused.contains("on the reference is in cm") || refused.contains("no one place"), "{refused}");
 }
 
 #[test]
-fn pictures_whose_dots_were_taken_for_those_of_another_layer_are_read_anew() {
+fn dots_taken_for_another_layer_are_read_again() {
     let scan = Scan::new(60, GOOD, &mut Noise::new(37));
     let well = observed(&scan, &scan.layout);
     let mut badly = well.clone();
-    // Every third, all by the same layer: they agree with each other.
+    // Every third image, all by the same layer: they agree with each other.
     for observation in badly.iter_mut().step_by(3) {
         let Some(reading) = &mut observation.reading else { continue };
         reading.best.marks.retain(|mark| mark.wire < 6);

@@ -4,11 +4,12 @@ use crate::probe::layout::Layout;
 use crate::probe::matching::Matcher;
 use crate::probe::simulated::{Imperfect, SIZE_PX, Scan};
 
-/// A picture of dots at places, as a scanner might show them: wider than high, on speckle, each with fainter echoes below it, over a tank's floor.
+/// Renders dots similar to those of a scanner: wider than high, on speckle, each with fainter
+/// echoes below it, above a tank's floor.
 pub(crate) fn painted(places: &[DVec2], speckle: f64, noise: &mut Noise) -> Vec<u8> {
     let [width, height] = SIZE_PX.map(|n| n as usize);
     let mut picture = vec![0.0_f64; width * height];
-    // Speckle: amplitudes of a complex field of grains of a few pixels.
+    // Speckle: amplitudes of a complex field with grains of a few pixels.
     let grains = [0, 1].map(|_| {
         let raw: Vec<f32> = (0..width * height).map(|_| noise.normal() as f32).collect();
         let mut smooth = raw;
@@ -49,7 +50,7 @@ fn view(pixels: &[u8]) -> GreyView<'_> {
 }
 
 #[test]
-fn dots_are_found_to_parts_of_a_pixel_on_speckle_over_echoes_and_a_floor() {
+fn dots_are_found_to_subpixel_on_speckle_and_echoes() {
     let mut noise = Noise::new(11);
     let scan = Scan::new(12, Imperfect::default(), &mut noise);
     let layout: &Layout = &scan.layout;
@@ -94,7 +95,7 @@ fn speckle_and_lines_are_no_dots() {
 }
 
 #[test]
-fn outside_of_the_clip_nothing_is_looked_for() {
+fn spots_outside_clip_are_ignored() {
     let mut noise = Noise::new(13);
     let places = [DVec2::new(200.25, 150.5), DVec2::new(600.75, 300.0)];
     let pixels = painted(&places, 0.0, &mut noise);
@@ -108,7 +109,7 @@ fn outside_of_the_clip_nothing_is_looked_for() {
 }
 
 #[test]
-fn pictures_smaller_than_the_ring_hold_none() {
+fn images_smaller_than_ring_have_no_dots() {
     let mut finder = DotFinder::new();
     for (width, height) in [(1, 1), (3, 40), (11, 11), (40, 2)] {
         let pixels = vec![200; width * height];

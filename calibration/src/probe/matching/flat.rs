@@ -1,8 +1,10 @@
-//! Dots of N's that lie in one plane, or of a single one.
+//! Recognises the dots of N's that lie in one plane, or of a single N.
 //!
-//! Where a plane cuts them, all their dots lie in line, and the posts' divide it as the posts divide the way across them. One N's three dots do so wherever they are: what is asked of them is that the
-//! middle one lies between the others, that they are bright, and that a pixel has a possible size. So a picture alone may be misread, and each can be of either side; which of them are right
-//! the poses tell, when all pictures are held against each other. How the picture is turned about the line stays open as long as there is only one.
+//! All their dots are in line in the image, and the posts' dots divide it in the posts'
+//! proportions. For a single N any three dots in line fit. It is only required that the middle
+//! one lies between the others, that they are bright, and that the pixel size is possible. So a
+//! single image may be misread, and its side is unknown. The poses decide when all images are
+//! compared. A single line leaves the image's rotation about it open.
 
 use glam::DVec2;
 
@@ -11,19 +13,19 @@ use crate::probe::dots::Dot;
 use crate::probe::layout::{Layout, N};
 use crate::probe::plane::ImagePlane;
 
-/// Where posts of one plane are in the picture: along a line, by mm across them.
+/// Positions of the posts of one plane in the image: along a line, by mm across them.
 #[derive(Debug, Clone, Copy)]
 struct Row {
-    /// The pixel of the place that posts are measured from.
+    /// The pixel of the origin that posts are measured from.
     from: DVec2,
-    /// Pixels of one mm across the posts.
+    /// Pixels per mm across the posts.
     mm: DVec2,
-    /// That place, and the direction in which posts follow each other; across them, mm.
+    /// That origin, and the direction of the posts' sequence; across them, mm.
     at: DVec2,
     towards: DVec2,
 }
 
-/// What the dots may be, by each line of three as each N in either direction.
+/// Returns the readings of each line of three as each N in either direction.
 pub(super) fn readings(triples: &[Triple], dots: &[Dot], scale: &Scale, layout: &Layout) -> Vec<Match> {
     let as_each = |triple: &Triple| {
         let [a, b] = triple.outer;
@@ -41,29 +43,31 @@ pub(super) fn readings(triples: &[Triple], dots: &[Dot], scale: &Scale, layout: 
 }
 
 impl Row {
-    /// By one N's outer dots, if a pixel then has a possible size.
+    /// Computes the row from one N's outer dots, if the pixel size is possible.
     fn of(n: &N, outer_px: [DVec2; 2], scale: &Scale, layout: &Layout) -> Option<Self> {
         let [at, to] = n.outer.map(|post| layout.posts()[post].at);
         let mm = (outer_px[1] - outer_px[0]) / n.width_mm;
-        // Aslant to the posts a plane is cut on a longer way than straight across them.
+        // A plane oblique to the posts cuts them at larger distances than a perpendicular one.
         let sizes = scale.pixel_mm[0] * STEEPEST..=scale.pixel_mm[1];
         let row = Self { from: outer_px[0], mm, at, towards: (to - at) / n.width_mm };
         sizes.contains(&(1.0 / mm.length())).then_some(row)
     }
 
-    /// How far along the row something across the posts is, mm; `None` off the row.
+    /// Returns the distance along the row of a position across the posts, mm; `None` off the
+    /// row.
     fn along(&self, across: DVec2) -> Option<f64> {
         let way = across - self.at;
         (way.perp_dot(self.towards).abs() <= NEAR_MM).then(|| way.dot(self.towards))
     }
 
-    /// How far along the row a dot is and how far off it, mm.
+    /// Returns the distances of a dot along the row and from it, mm.
     fn of_dot(&self, dot: &Dot) -> [f64; 2] {
         let way = (dot.at_px - self.from) / self.mm.length_squared();
         [way.dot(self.mm), way.perp_dot(self.mm).abs()]
     }
 
-    /// The reading, with one N's middle dot as it is. Other N's have theirs where the row has them, if they are seen.
+    /// Returns the reading with one N's given middle dot. Other N's take theirs by position
+    /// along the row, if visible.
     fn read(&self, own: (usize, usize), dots: &[Dot], scale: &Scale, layout: &Layout) -> Option<Match> {
         let mut used = vec![false; dots.len()];
         let (own, middle) = own;
@@ -106,13 +110,14 @@ impl Row {
     }
 }
 
-/// Whether an N's slanted wire is held where it divides the way between the others so.
+/// Returns whether an N's slanted wire exists at this share of the way between the others.
 fn is_held(n: &N, share: f64) -> bool {
     let along = (share - n.ends[0]) / (n.ends[1] - n.ends[0]);
     (-BEYOND..=1.0 + BEYOND).contains(&along)
 }
 
-/// A plane through the line of the dots that is as one usually holds a probe: straight down on the N's, with square pixels. Of an open plane no more than that line is taken.
+/// Returns a plane through the line of the dots for the usual pose of a probe: straight down on
+/// the N's, with square pixels. Only that line is taken from the open plane.
 pub(super) fn plane(open: &ImagePlane, marks: &[Mark], along: glam::DVec3) -> Option<ImagePlane> {
     let first = marks.first()?.at_px;
     let far = |a: &&Mark, b: &&Mark| a.at_px.distance(first).total_cmp(&b.at_px.distance(first));
@@ -133,7 +138,7 @@ mod tests {
     use crate::phantom::tests::three_ns;
 
     #[test]
-    fn a_row_is_read_in_either_direction_whichever_dot_comes_first() {
+    fn row_is_read_in_either_direction() {
         let one = Geometry::new("one N", vec![three_ns().wires()[..3].to_vec()], Vec::new()).unwrap();
         let layout = Layout::new(one).unwrap();
         let dot = |u: f64| Dot { at_px: DVec2::new(u, 200.0 + 0.1 * u), contrast: 100.0, area_px: 50 };
@@ -151,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn three_dots_that_no_plane_makes_of_an_n_are_none() {
+    fn impossible_triple_is_no_n() {
         let one = Geometry::new("one N", vec![three_ns().wires()[..3].to_vec()], Vec::new()).unwrap();
         let layout = Layout::new(one).unwrap();
         let read = |places: [[f64; 2]; 3]| {

@@ -30,7 +30,7 @@ fn ranked(scan: &Scan, refined: &Refined, pictures: usize) -> NextView {
     next_view(&scan.layout, refined, &seen(scan, refined), SIZE_PX, pictures).unwrap()
 }
 
-/// The scan, and after it so many pictures of a view.
+/// Returns the scan followed by images of a view.
 fn with(scan: &Scan, candidate: &Candidate, pictures: usize, noise: &mut Noise) -> Scan {
     let mut scan = scan.clone();
     let picture = scan.plane.seen_by(&candidate.phantom_from_probe.affine());
@@ -38,9 +38,9 @@ fn with(scan: &Scan, candidate: &Candidate, pictures: usize, noise: &mut Noise) 
     scan
 }
 
-/// A turn about v and a tilt about u that were not made, while the others were.
+/// A turn about v or a tilt about u is missing, with the other rotations present.
 #[test]
-fn the_turn_that_was_not_made_is_the_one_to_make() {
+fn missing_rotation_is_recommended() {
     for (turn, way) in [([0.3, 0.2, 0.0], Way::Turn), ([0.0, 0.2, 0.5], Way::Tilt)] {
         for seed in [7, 8, 9] {
             let scan = Scan::by(Hand { turn, ..Hand::FREE }, 60, GOOD, &mut Noise::new(seed));
@@ -57,9 +57,9 @@ fn the_turn_that_was_not_made_is_the_one_to_make() {
     }
 }
 
-/// The views are taken, and the probe is calibrated with them.
+/// Takes the recommended views and calibrates with them.
 #[test]
-fn what_is_foreseen_comes_true() {
+fn predicted_error_is_reached() {
     let mut sums = [[0.0; 2]; 3];
     let seeds = 6;
     for seed in 0..seeds {
@@ -81,9 +81,9 @@ fn what_is_foreseen_comes_true() {
     assert!(best < 0.93 * between && between < 0.98 * held && held < 1.0, "{best} {between} {held}");
 }
 
-/// The largest of the errors by the truth, over many scans.
+/// The largest of the true errors, over many scans.
 #[test]
-fn the_error_itself_shrinks_as_foreseen() {
+fn true_error_shrinks_as_predicted() {
     let only = Sought { registration: false, lag: false, ..ALL };
     let (mut before, mut after, mut foreseen) = ([0.0; 5], [0.0; 5], 0.0);
     let seeds = 60;
@@ -105,7 +105,7 @@ fn the_error_itself_shrinks_as_foreseen() {
 }
 
 #[test]
-fn where_nothing_helps_it_is_said() {
+fn no_helpful_view_is_reported() {
     let scan = Scan::new(400, GOOD, &mut Noise::new(3));
     let next = ranked(&scan, &found(&scan, ALL), 1);
     assert_eq!(next.best(), None);
@@ -115,7 +115,7 @@ fn where_nothing_helps_it_is_said() {
 }
 
 #[test]
-fn views_without_wires_or_far_from_where_dots_were_are_none() {
+fn views_without_visible_wires_are_excluded() {
     let scan = Scan::new(40, GOOD, &mut Noise::new(4));
     let refined = found(&scan, ALL);
     let next = ranked(&scan, &refined, PICTURES);
@@ -125,14 +125,14 @@ fn views_without_wires_or_far_from_where_dots_were_are_none() {
         let picture = refined.plane.seen_by(&candidate.phantom_from_probe.affine());
         assert!(marks(&scan.layout, &picture, region).unwrap().len() >= scan.layout.least_dots());
     }
-    // The wires are 40 mm long, and the picture was about their middle.
+    // The wires are 40 mm long, and the image was about their middle.
     let far = |candidate: &&Candidate| candidate.way == Way::Across && candidate.by.abs() > 15.0;
     assert!(next.ranked.iter().filter(far).count() <= 1, "{:?}", next.ranked);
 }
 
-/// u to the right, v down, away from who looks.
+/// u points to the right, v down, and the normal away from the viewer.
 #[test]
-fn moves_are_what_their_words_say() {
+fn motions_match_their_descriptions() {
     let picture = ImagePlane { u: DVec3::X * 0.1, v: DVec3::NEG_Z * 0.1, origin: DVec3::ZERO };
     let away = DVec3::Y;
     let about = DVec3::new(5.0, 0.0, -5.0);

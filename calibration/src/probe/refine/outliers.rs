@@ -1,19 +1,22 @@
-//! Dots and pictures that others contradict.
+//! Outliers: dots and images that the others contradict.
 
 use glam::DVec2;
 use nalgebra::{DMatrix, DVector};
 
-/// A dot is left out that lies farther from where the others of its picture expect it, in standard deviations: of a million one does by chance.
+/// Limit of a dot's distance from the place predicted by the others of its image, in standard
+/// deviations: chance exceeds it once in a million.
 const DOT_REACH: f64 = 5.3;
-/// A picture is left out whose sum of squares is beyond its mean by so many standard deviations.
+/// Limit of an image's sum of squares above its mean, in standard deviations.
 const PICTURE_REACH: f64 = 8.0;
 
-/// Strikes out dots that the others of their picture contradict, or all of a picture that is not like the others; whether there were any.
+/// Removes dots that the others of their image contradict, or all dots of an image unlike the
+/// others. Returns whether there were any.
 pub(super) fn leave_out(used: &mut [bool], dots: &[usize], residuals: &DVector<f64>, whitening: &DMatrix<f64>) -> bool {
     let n = residuals.len();
     let squares = (whitening * residuals).norm_squared();
     let mean = n as f64;
-    // Q = C⁻¹: of what is left of a dot when the others have told what they know, the covariance is the inverse of its own part of Q.
+    // Q = C⁻¹: given the other dots, the covariance of a dot's residual is the inverse of its
+    // block of Q.
     let precision = whitening.transpose() * whitening;
     let weighted = &precision * residuals;
     let alone = |dot: usize| {

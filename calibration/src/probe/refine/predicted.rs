@@ -1,4 +1,4 @@
-//! How far off the plane may be, by the covariance; and how far with further pictures.
+//! Predicted errors of the plane from the covariance, at present and with further images.
 
 use glam::DVec2;
 
@@ -12,13 +12,14 @@ use crate::probe::sighting::Sighting;
 use crate::probe::track::{Poses, Track};
 use crate::probe::unknown::NUMBERS;
 
-/// Parameters of which something is known beforehand: the phantom's turn and shift, and the lag.
+/// Count of parameters with a prior: the phantom's rotation and shift, and the lag.
 pub(super) const KNOWN: usize = 7;
-/// A pixel's place, and these.
+/// Count of a pixel's coordinates and these.
 pub(super) const TOGETHER: usize = 3 + KNOWN;
 
 impl Refined {
-    /// Covariance of where a pixel lies in the probe's frame, mm²: by the scatter that was found, and as long as it lasts.
+    /// Returns the covariance of a pixel's position in the probe's frame, mm², from the fitted
+    /// scatter and its correlation.
     pub fn covariance_mm2(&self, px: DVec2) -> [[f64; 3]; 3] {
         self.covariance_by(self.solution.certainty(), px)
     }
@@ -28,18 +29,20 @@ impl Refined {
         std::array::from_fn(|i| std::array::from_fn(|j| lasted(&all, &self.known, self.lasting, [i, j])))
     }
 
-    /// Covariance of the plane's own numbers, as [`super::PLANE`] names them: by the scatter that was found, times as long as it lasts, which is more than enough where something was known
-    /// beforehand. Of a skew that was not sought it is 0.
+    /// Returns the covariance of the plane's own numbers, named in [`super::PLANE`]. It is
+    /// computed from the fitted scatter and multiplied by its correlation, which is
+    /// conservative for numbers with a prior. 0 for a skew that was not fitted.
     pub fn covariance(&self) -> [[f64; NUMBERS]; NUMBERS] {
         self.unknown.plane.covariance(self.solution.certainty()).map(|row| row.map(|entry| entry * self.lasting))
     }
 
-    /// The pixel whose place the plane's place is.
+    /// Returns the pixel at which the plane's position is defined.
     pub fn pivot_px(&self) -> DVec2 {
         self.unknown.plane.pivot_px()
     }
 
-    /// Covariance, as if no measurement repeated another, of where a pixel lies (mm), the phantom's turn (rad) and shift (mm), and the lag (s).
+    /// Returns the covariance, for independent measurements, of a pixel's position (mm), the
+    /// phantom's rotation (rad) and shift (mm), and the lag (s).
     pub(super) fn together(&self, certainty: &Certainty, px: DVec2) -> [[f64; TOGETHER]; TOGETHER] {
         let Unknown { plane, phantom_turn, phantom_shift, lag } = self.unknown;
         let one = |row: usize, first: usize| -> [f64; 3] {
@@ -55,7 +58,8 @@ impl Refined {
         })
     }
 
-    /// Predicted error of where a pixel lies, one standard deviation: the root of the sum of the three axes' variances, mm.
+    /// Returns the predicted error of a pixel's position, one standard deviation: the root of
+    /// the sum of the three axes' variances, mm.
     pub fn predicted_mm(&self, px: DVec2) -> f64 {
         self.predicted_by(self.solution.certainty(), px)
     }
@@ -65,7 +69,8 @@ impl Refined {
         (0..3).map(|i| covariance[i][i]).sum::<f64>().sqrt()
     }
 
-    /// The largest predicted error at the corners and in the middle of a picture of that size, mm.
+    /// Returns the largest predicted error at the corners and the centre of an image of this
+    /// size, mm.
     pub fn largest_mm(&self, size_px: [u32; 2]) -> f64 {
         self.largest_by(self.solution.certainty(), size_px)
     }
@@ -76,8 +81,10 @@ impl Refined {
         places.into_iter().map(|px| self.predicted_by(certainty, DVec2::from_array(px))).fold(0.0, f64::max)
     }
 
-    /// What [`Self::largest_mm`] would be with so many more pictures of one view, in which dots are where the calibration has them: the poses there (of any time) and the dots say what they would tell, the scatter that was
-    /// found how well, as long as it lasts. A probe that is held still tells nothing of the lag. `None` where the view tells no number.
+    /// Predicts [`Self::largest_mm`] with further images of one view, whose dots lie where the
+    /// calibration predicts them. The poses there (of any time) and the dots define the
+    /// measurements; the fitted scatter and its correlation define their noise. A static probe
+    /// gives no information about the lag. `None` if the view gives invalid numbers.
     pub(in crate::probe) fn foreseen_mm(
         &self,
         layout: &Layout,
@@ -85,7 +92,7 @@ impl Refined {
         pictures: usize,
         size_px: [u32; 2],
     ) -> Option<f64> {
-        // Pictures at 0 s by poses that come later.
+        // The images are at 0 s, the poses later by the lag.
         let sightings = [Sighting { frame: 0, time_s: 0.0, marks: view.marks.clone() }];
         let track = Track::new(vec![Poses { time_s: self.lag_s, ..view.poses }]);
         let problem = Problem {
@@ -106,7 +113,7 @@ impl Refined {
     }
 }
 
-/// A view of the phantom: where the sensors are, and what is seen.
+/// A view of the phantom: poses of the sensors, and visible dots.
 pub(in crate::probe) struct View {
     pub(in crate::probe) poses: Poses,
     pub(in crate::probe) marks: Vec<Mark>,

@@ -1,4 +1,5 @@
-//! What is to be made least: pictures' residuals at a state, their derivatives, what scatters them, and what is known beforehand.
+//! The least squares problem: images' residuals at a state, their derivatives, their noise
+//! sources, and priors.
 
 use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
 use nalgebra::{DMatrix, DVector};
@@ -13,11 +14,13 @@ use crate::probe::sighting::{Sighting, off_wire};
 use crate::probe::track::Track;
 use crate::probe::unknown::UnknownPlane;
 
-/// Trackers filter, and lag by up to some tenths of a second: a standard deviation that says no more, s.
+/// Prior standard deviation of the lag, s: trackers filter, and lag by up to some tenths of a
+/// second.
 pub(super) const USUAL_LAG_S: f64 = 0.5;
-/// Error of a registration that does not say it, mm: what a hand with a stylus attains.
+/// Error of a registration that does not state it, mm: typical for touching with a stylus by
+/// hand.
 const USUAL_ERROR_MM: f64 = 0.5;
-/// Columns of all parameters.
+/// Number of columns of all parameters.
 const COLUMNS: usize = 16;
 
 /// The parameters.
@@ -29,34 +32,34 @@ pub(super) struct Unknown {
     pub(super) lag: Vector<1>,
 }
 
-/// All that does not change from step to step.
+/// Everything that does not change from step to step.
 pub(super) struct Problem<'a> {
     pub(super) layout: &'a Layout,
     pub(super) sightings: &'a [Sighting],
     pub(super) track: &'a Track,
     pub(super) registration: Registration,
-    /// About which the phantom is turned, mm.
+    /// Centre of the phantom's rotation, mm.
     pub(super) centre: DVec3,
     pub(super) unknown: Unknown,
 }
 
-/// A picture in a round: where the phantom was at the lag of the round, and how that changes with it.
+/// An image in a round: the phantom's pose at the round's lag, and its derivative.
 pub(super) struct Picture {
     pub(super) sighting: usize,
     pub(super) lag_s: f64,
-    /// From the probe to the phantom as registered.
+    /// Maps the probe's frame to the registered phantom.
     pub(super) map: DAffine3,
-    /// Its change a second.
+    /// Its change per second.
     pub(super) rate: DAffine3,
-    /// Which of its dots have a part.
+    /// Indices of its dots in use.
     pub(super) dots: Vec<usize>,
 }
 
-/// A dot at a state: where it is in the probe's frame, and by what.
+/// A dot's positions at a state, in the probe's and the phantom's frame.
 pub(super) struct Spot {
     pub(super) probe: DVec3,
     pub(super) phantom: DVec3,
-    /// The phantom's point less the centre, turned.
+    /// The phantom's point less the centre, rotated.
     pub(super) phantom_lever: DVec3,
 }
 
@@ -92,7 +95,7 @@ impl<'a> Problem<'a> {
         (problem, parameters)
     }
 
-    /// The pictures that have poses at the state's lag.
+    /// Returns the images that have poses at the state's lag.
     pub(super) fn pictures(&self, state: &State, used: &[Vec<bool>]) -> Vec<Picture> {
         let [lag_s] = state.vector(self.unknown.lag);
         let back = self.registration.reference_from_phantom.affine().inverse();
@@ -100,7 +103,7 @@ impl<'a> Problem<'a> {
             let time_s = self.sightings[sighting].time_s + lag_s;
             let map = back * self.track.at(time_s)?.reference_from_probe().affine();
             let rate = self.track.rate(time_s)?;
-            // The change of a map: no point of it is shifted.
+            // For the derivative of a map, `back` does not shift the translation.
             let rate = DAffine3 { matrix3: back.matrix3 * rate.matrix3, translation: back.matrix3 * rate.translation };
             let dots: Vec<usize> = (0..used.len()).filter(|&dot| used[dot]).collect();
             (!dots.is_empty()).then_some(Picture { sighting, lag_s, map, rate, dots })
@@ -108,7 +111,7 @@ impl<'a> Problem<'a> {
         used.iter().enumerate().filter_map(picture).collect()
     }
 
-    /// From the phantom as registered to the phantom as found.
+    /// Returns the map from the phantom as registered to the phantom as fitted.
     pub(super) fn phantom_map(&self, state: &State) -> DAffine3 {
         let (turn, shift) = (state.rotation(self.unknown.phantom_turn), state.point(self.unknown.phantom_shift));
         DAffine3::from_rotation_translation(turn, self.centre + shift - turn * self.centre)
@@ -118,7 +121,7 @@ impl<'a> Problem<'a> {
         self.unknown.plane.plane(state)
     }
 
-    /// From the probe to the phantom as registered, at the state's lag.
+    /// Returns the map from the probe to the registered phantom, at the state's lag.
     pub(super) fn map(&self, state: &State, picture: &Picture) -> DAffine3 {
         let later = state.vector(self.unknown.lag)[0] - picture.lag_s;
         DAffine3 {
@@ -135,7 +138,7 @@ impl<'a> Problem<'a> {
         Spot { probe, phantom, phantom_lever }
     }
 
-    /// A picture's residuals, and what scatters them.
+    /// Returns an image's residuals and their noise sources.
     pub(super) fn scattered(&self, state: &State, picture: &Picture) -> Scattered {
         let marks = &self.sightings[picture.sighting].marks;
         let has_reference = self.track.poses().first().is_some_and(|poses| poses.tracker_from_reference.is_some());
@@ -176,7 +179,7 @@ impl<'a> Problem<'a> {
         Scattered { residuals, by }
     }
 
-    /// Puts down the whitened residuals of all pictures.
+    /// Adds the whitened residuals of all images.
     pub(super) fn put(
         &self,
         state: &State,
@@ -197,7 +200,7 @@ impl<'a> Problem<'a> {
             let map = about_phantom * registered.matrix3;
             for (number, mark) in picture.dots.iter().map(|&dot| &marks[dot]).enumerate() {
                 let spot = self.spot(state, &registered, mark.at_px);
-                // How the point changes in the phantom's frame.
+                // Derivatives of the point in the phantom's frame.
                 let by_plane = plane.changes(state, mark.at_px).map(|change| map * change);
                 let by_lag = about_phantom * picture.rate.transform_point3(spot.probe);
                 let by_phantom = turned(spot.phantom_lever);
@@ -227,7 +230,7 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// What is known beforehand: of the registration, and of lags.
+    /// Adds the priors of the registration and of the lag.
     pub(super) fn put_priors(
         &self,
         state: &State,
@@ -239,7 +242,8 @@ impl<'a> Problem<'a> {
         if let Some(registration) = registration {
             let (about, shift) = (state.rotation(phantom_turn).to_scaled_axis(), state.point(phantom_shift));
             let both = [about.x, about.y, about.z, shift.x, shift.y, shift.z];
-            // How the logarithm of a rotation changes with a step from the left, to the fourth order of its angle.
+            // Derivative of a rotation's logarithm by a step from the left, to the fourth order
+            // of its angle.
             let bend = turned(about);
             let by_turn = rows(DMat3::IDENTITY + bend * 0.5 + bend * bend * (1.0 / 12.0));
             let by_shift = rows(DMat3::IDENTITY);
@@ -254,21 +258,22 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// How well the registration is known beforehand.
+    /// Returns the prior of the registration.
     pub(super) fn prior(&self) -> Whitening<6> {
         let covariance = self.information().try_inverse().unwrap_or_else(|| DMatrix::identity(6, 6) * 1e6);
         let entry = |i: usize, j: usize| 0.5 * (covariance[(i, j)] + covariance[(j, i)]);
         Whitening::covariance(&std::array::from_fn(|i| std::array::from_fn(|j| entry(i, j))))
     }
 
-    /// What landmarks say of the phantom's turn and shift, each touched as well as the registration's error says.
+    /// Returns the information on the phantom's rotation and shift from landmarks, each touched
+    /// with the registration's stated error.
     pub(super) fn information(&self) -> DMatrix<f64> {
         let landmarks = self.layout.geometry().landmarks();
         // The mean length of three components of standard deviation 1 is 1.6.
         let sd = self.registration.error_mm.unwrap_or(USUAL_ERROR_MM) / 1.6;
         let ends = self.layout.geometry().wires().iter().flat_map(|wire| wire.ends_mm);
         let touched: Vec<DVec3> = match landmarks.len() {
-            // Where it was touched is not known: as the wires' ends lie.
+            // Unknown touched points: assume the wires' ends.
             0..3 => ends.collect(),
             _ => landmarks.iter().map(|landmark| landmark.position_mm).collect(),
         };

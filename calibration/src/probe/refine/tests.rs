@@ -18,7 +18,8 @@ fn found(scan: &Scan, registration: &Registration, sought: Sought) -> Refined {
     refine(&scan.layout, &scan.sightings, &scan.track, registration, &begun, sought).unwrap()
 }
 
-/// Largest distance at the corners and the centre, mm, and the turn between the planes, degrees.
+/// Returns the largest distance at the corners and the centre, mm, and the angle between the
+/// planes, degrees.
 fn apart(a: &ImagePlane, b: &ImagePlane) -> (f64, f64) {
     let far = places().map(|px| a.point(px).distance(b.point(px))).into_iter().fold(0.0, f64::max);
     let axes = |p: &ImagePlane| DMat3::from_cols(p.u.normalize(), p.v.normalize(), p.u.cross(p.v).normalize());
@@ -27,7 +28,7 @@ fn apart(a: &ImagePlane, b: &ImagePlane) -> (f64, f64) {
 }
 
 #[test]
-fn derivatives_are_those_of_the_residuals() {
+fn derivatives_match_finite_differences() {
     let scan = Scan::new(
         5,
         Imperfect { dot_px: 3.0, position_mm: 1.0, turn_deg: 1.0, lag_s: 0.05 },
@@ -57,7 +58,7 @@ fn derivatives_are_those_of_the_residuals() {
 }
 
 #[test]
-fn without_noise_the_truth_is_found() {
+fn exact_dots_give_exact_plane() {
     let scan = Scan::new(40, Imperfect::default(), &mut noise::Noise::new(1));
     for sought in [PLANE, Sought { registration: true, lag: true, skew: true }] {
         let refined = found(&scan, &registration(&scan, 0.4), sought);
@@ -68,7 +69,7 @@ fn without_noise_the_truth_is_found() {
 }
 
 #[test]
-fn with_a_good_tracker_and_good_dots_it_is_found_to_a_fiftieth_of_a_millimetre() {
+fn good_tracker_and_dots_give_fiftieth_of_mm() {
     let imperfect = Imperfect { position_mm: 0.05, turn_deg: 0.0, dot_px: 0.2, lag_s: 0.0 };
     let (mut way, mut turned, seeds) = (0.0, 0.0, 8);
     for seed in 0..seeds {
@@ -89,7 +90,7 @@ fn with_a_good_tracker_and_good_dots_it_is_found_to_a_fiftieth_of_a_millimetre()
 }
 
 #[test]
-fn the_predicted_error_is_the_error() {
+fn predicted_error_matches_error() {
     let imperfect = Imperfect { position_mm: 0.3, turn_deg: 0.2, dot_px: 1.0, lag_s: 0.0 };
     let seeds = 400;
     let mut sums = [0.0; 5];
@@ -106,7 +107,7 @@ fn the_predicted_error_is_the_error() {
 }
 
 #[test]
-fn a_lag_and_a_registration_that_is_off_are_found() {
+fn lag_and_registration_error_are_fitted() {
     let imperfect = Imperfect { position_mm: 0.05, turn_deg: 0.03, dot_px: 0.5, lag_s: 0.3 };
     let scan = Scan::new(200, imperfect, &mut noise::Noise::new(5));
     let off = DAffine3::from_rotation_translation(DQuat::from_rotation_x(0.01), DVec3::new(0.1, -0.2, 0.15));
@@ -117,13 +118,13 @@ fn a_lag_and_a_registration_that_is_off_are_found() {
     let without = found(&scan, &given, PLANE);
     let (farther, _) = apart(&without.plane, &scan.plane);
     assert!(far < 0.3 && farther > 2.0 * far, "{far} {farther}");
-    // What it says of itself holds.
+    // The predicted error must hold.
     let worst = places().map(|px| refined.plane.point(px).distance(scan.plane.point(px)) / refined.predicted_mm(px));
     assert!(worst.into_iter().all(|sigmas| sigmas < 3.0), "{worst:?}");
 }
 
 #[test]
-fn dots_and_pictures_that_are_wrong_have_no_part() {
+fn wrong_dots_and_images_are_left_out() {
     let imperfect = Imperfect { position_mm: 0.1, turn_deg: 0.05, dot_px: 0.5, lag_s: 0.0 };
     let mut scan = Scan::new(60, imperfect, &mut noise::Noise::new(6));
     let truth = scan.plane;

@@ -1,4 +1,4 @@
-//! From observed pictures to a calibration, or to the reason why there is none.
+//! Calibrates a probe from observed images of a target, or gives the reason for a refusal.
 
 use glam::{DAffine3, DMat3, DVec2};
 
@@ -11,49 +11,52 @@ use crate::probe::errors::Errors;
 use crate::probe::refused::{Refused, Units};
 use crate::probe::track::Track;
 
-/// Pixels of ultrasound pictures, mm: from high-frequency probes to whole abdomens.
+/// Range of ultrasound pixel sizes, mm: from high-frequency probes to whole abdomens.
 const PIXELS_MM: [f64; 2] = [0.01, 2.0];
-/// Of the pictures that show something this part has to agree. A motion that says too little lets a wrong plane have half of them, and find the others wrong.
+/// Minimum share of the images showing something that must agree. With insufficient motion a
+/// wrong plane can match half of them and reject the rest.
 const AGREEING: f64 = 0.65;
-/// Where a corner of the picture would be known no better, mm (one standard deviation), nothing is known.
+/// Limit of a corner's standard deviation, mm; beyond it the result is useless.
 const UNSURE_MM: f64 = 3.0;
 
-/// A picture's part.
+/// The role of an image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Picture {
-    /// Which.
+    /// Number of the frame.
     pub frame: usize,
-    /// What became of it.
+    /// Its outcome.
     pub outcome: Outcome,
-    /// Where the target was seen, pixels: a dot, or two points of a line.
+    /// Observed position of the target, pixels: a dot, or two points of a line.
     pub seen_px: Vec<DVec2>,
-    /// Where the calibration has them instead, pixels: the target's own place, or of a plane the nearest point of its line; empty where there is no pose.
+    /// Positions by the calibration, pixels: the target's own place, or the nearest point of a
+    /// plane's line; empty without a pose.
     pub expected_px: Vec<DVec2>,
-    /// How far from the target each of them lies, mm; empty where there is no pose.
+    /// Distance of each from the target, mm; empty without a pose.
     pub off_mm: Vec<f64>,
 }
 
 /// A probe's calibration.
 #[derive(Debug, Clone)]
 pub struct Calibration {
-    /// The plane, the target, the lag, and how sure they are.
+    /// The plane, the target, the lag, and their covariance.
     pub refined: Refined,
-    /// Pixels along u and v of the pictures that it holds for.
+    /// Pixels along u and v of the images that it is valid for.
     pub size_px: [u32; 2],
-    /// What became of each picture.
+    /// Outcome of each image.
     pub pictures: Vec<Picture>,
-    /// Distances of what is seen from the target, at the lag that was found.
+    /// Distances of the observed points from the target, at the fitted lag.
     pub errors: Errors,
-    /// The same, of pictures that had no part in the calibration.
+    /// The same for images that the calibration did not use.
     pub validation: Option<Errors>,
-    /// Whether the validation's pictures are of the same recording: of a calibration from its first two thirds.
+    /// Whether the validation images are of the same recording, with a calibration from its
+    /// first two thirds.
     pub split: bool,
 }
 
-/// Calibrates.
+/// Calibrates a probe.
 ///
 /// # Errors
-/// [`Refused`] says why there is no calibration, and what to do.
+/// [`Refused`] gives the reason and advice.
 pub fn calibrate(
     target: Target,
     recording: Recording<'_>,
@@ -70,7 +73,8 @@ pub fn calibrate(
         && let (mut first, mut rest) = (first.to_vec(), rest.to_vec())
         && let Ok(of_first) = fit(target, &mut first, &track, recording)
     {
-        // Neighbouring pictures are alike: what is held back is a stretch, not every third.
+        // Neighbouring images are alike, so a contiguous stretch is held out and not every
+        // third image.
         split = true;
         validated = held::errors(&of_first, &mut rest, &track, Some(of_first.place));
     }
@@ -81,7 +85,7 @@ pub fn calibrate(
     Ok(Calibration { refined, size_px: recording.size_px, pictures, errors, validation: validated, split })
 }
 
-/// The pictures that show the target and have poses, from a probe that moved.
+/// Returns the images that show the target and have poses, if the probe moved.
 fn observed(target: Target, recording: Recording<'_>) -> Result<(Vec<Glimpse>, Track), Refused> {
     let pictures = recording.observations.len();
     if recording.observations.iter().all(|observation| observation.poses.is_none()) {
@@ -98,7 +102,7 @@ fn observed(target: Target, recording: Recording<'_>) -> Result<(Vec<Glimpse>, T
     Ok((glimpses, track))
 }
 
-/// The plane and the target of the glimpses, which take the spots that belong to it.
+/// Fits the plane and the target to the glimpses, each of which selects its spot of the target.
 fn fit(target: Target, glimpses: &mut [Glimpse], track: &Track, recording: Recording<'_>) -> Result<Refined, Refused> {
     let Recording { size_px, timed, .. } = recording;
     let map = |glimpse: &Glimpse| glimpse.reference_from_probe(track, 0.0);
@@ -138,7 +142,7 @@ fn fit(target: Target, glimpses: &mut [Glimpse], track: &Track, recording: Recor
     Ok(refined)
 }
 
-/// What became of all pictures.
+/// Returns the outcomes of all images.
 fn pictures(recording: Recording<'_>, glimpses: &[Glimpse], track: &Track, refined: &Refined) -> Vec<Picture> {
     let mut of_glimpses = glimpses.iter().zip(&refined.used).peekable();
     let picture = |observation: &Observation| {
@@ -164,17 +168,18 @@ fn pictures(recording: Recording<'_>, glimpses: &[Glimpse], track: &Track, refin
 }
 
 impl Calibration {
-    /// Pictures that have a part.
+    /// Returns the number of images used.
     pub fn used(&self) -> usize {
         self.pictures.iter().filter(|picture| picture.outcome == Outcome::Used).count()
     }
 
-    /// Predicted error of where a pixel lies (one standard deviation, mm) on a lattice over the picture: rows of `count` numbers, from its first pixels to its last.
+    /// Returns the predicted error of a pixel's position (one standard deviation, mm) on a
+    /// lattice over the image: rows of `count` numbers, from its first pixels to its last.
     pub fn predicted_mm(&self, count: usize) -> Vec<Vec<f64>> {
         lattice(self.size_px, count, |px| self.refined.predicted_mm(px))
     }
 
-    /// Where the target is in the reference's frame.
+    /// Returns the target's position in the reference's frame.
     pub fn place(&self) -> Place {
         self.refined.place
     }

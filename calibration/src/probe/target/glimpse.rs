@@ -1,25 +1,26 @@
-//! What pictures show of the target.
+//! Appearance of the target in images.
 
 use glam::{DAffine3, DVec2};
 
 use crate::latency::line::Line;
 use crate::probe::track::{Poses, Track};
 
-/// What is seen of the target.
+/// The visible part of the target.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub enum Seen {
     /// Nothing.
     #[default]
     Nothing,
-    /// Spots of which one may be the point, pixels; the one that stands out most first.
+    /// Candidate spots for the point, pixels; the most prominent first.
     Dots(Vec<DVec2>),
     /// Two points of the plane's line whose errors are independent, pixels.
     Line([DVec2; 2]),
 }
 
 impl Seen {
-    /// A line in a part of the picture that begins at a pixel. Of a line through equally good columns the errors of two points are independent that lie on either side of its middle by its
-    /// length over √12.
+    /// Converts a line found in a part of the image that begins at `from_px`. The two points
+    /// lie on either side of the line's middle, at its length over √12. Their errors are
+    /// independent if the line was fitted through equally accurate columns.
     pub fn line(line: &Line, from_px: DVec2) -> Self {
         let aside = (line.columns[1] - line.columns[0]) / 12.0_f64.sqrt();
         let along = line.direction * (aside / line.direction.x);
@@ -27,50 +28,51 @@ impl Seen {
     }
 }
 
-/// A picture and its poses, as observed.
+/// An observed image and its poses.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Observation {
-    /// Which picture.
+    /// Number of the frame.
     pub frame: usize,
-    /// When, s, by the clock of the poses.
+    /// Time, s, by the clock of the poses.
     pub time_s: f64,
-    /// What it shows.
+    /// Its view of the target.
     pub seen: Seen,
-    /// Where the sensors were; `None` where the tracker did not vouch for them.
+    /// Poses of the sensors; `None` if the tracker reported them invalid.
     pub poses: Option<Poses>,
 }
 
-/// What a recording's pictures are.
+/// The images of a recording.
 #[derive(Debug, Clone, Copy)]
 pub struct Recording<'a> {
-    /// In the order in which they were taken.
+    /// In the order of acquisition.
     pub observations: &'a [Observation],
-    /// Where the sensors were at all times, by the tracker's own samples; `None` where no more is known than the pictures' poses.
+    /// Poses of the sensors at all times, from the tracker's own samples; `None` if only the
+    /// images' poses are known.
     pub track: Option<&'a Track>,
     /// Pixels along u and v.
     pub size_px: [u32; 2],
-    /// Whether its times are times, not numbers that stand for them.
+    /// Whether its times are real times and not frame numbers.
     pub timed: bool,
 }
 
-/// A picture that shows something, and has poses.
+/// An image that shows something and has poses.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Glimpse {
     pub(super) frame: usize,
     pub(super) time_s: f64,
-    /// Spots of which one may be the point; empty of a plane.
+    /// Candidate spots for the point; empty for a plane.
     pub(super) candidates: Vec<DVec2>,
-    /// Pixels that are on the target: the point's dot, or two of the line's.
+    /// Pixels on the target: the point's dot, or two of the line's.
     pub(super) marks: Vec<DVec2>,
 }
 
 impl Glimpse {
-    /// From the probe to the reference, by poses that come so much later than pictures.
+    /// Returns the map from the probe to the reference, for poses that lag images by `lag_s`.
     pub(super) fn reference_from_probe(&self, track: &Track, lag_s: f64) -> Option<DAffine3> {
         Some(track.at(self.time_s + lag_s)?.reference_from_probe().affine())
     }
 
-    /// Takes the candidate for the point that is nearest by some measure. Changes nothing of a plane's.
+    /// Selects the candidate with the smallest distance; does nothing for a plane.
     pub(super) fn choose(&mut self, off: impl Fn(DVec2) -> f64) {
         if let Some(nearest) = self.candidates.iter().min_by(|a, b| off(**a).total_cmp(&off(**b))) {
             self.marks = vec![*nearest];
@@ -79,7 +81,8 @@ impl Glimpse {
 }
 
 impl Recording<'_> {
-    /// The pictures that show the target, with poses; a line says nothing of a point, nor a dot of a plane.
+    /// Returns the images that show the target, with poses. Lines are ignored for a point, and
+    /// dots for a plane.
     pub(super) fn glimpses(&self, is_plane: bool) -> Vec<Glimpse> {
         let glimpse = |observation: &Observation| {
             observation.poses?;
@@ -93,7 +96,7 @@ impl Recording<'_> {
         self.observations.iter().filter_map(glimpse).collect()
     }
 
-    /// Where the sensors were.
+    /// Returns the poses of the sensors.
     pub(super) fn poses(&self) -> Track {
         let of_pictures = || Track::new(self.observations.iter().filter_map(|observation| observation.poses).collect());
         self.track.cloned().unwrap_or_else(of_pictures)
@@ -105,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_s_points_lie_on_it_about_its_middle() {
+    fn line_points_lie_about_its_middle() {
         let direction = DVec2::new(3.0, 1.0).normalize();
         let line = Line { point_px: DVec2::new(60.0, 40.0), direction, columns: [0.0, 120.0], scatter_px: 0.3 };
         let Seen::Line([a, b]) = Seen::line(&line, DVec2::new(100.0, 7.0)) else { panic!("no line") };

@@ -1,7 +1,8 @@
-//! How far a calibration is off on pictures that had no part in it.
+//! Errors of a calibration on images that the fit did not use.
 //!
-//! Of the same recording the target is where the calibration found it. In another it may lie elsewhere: a point or a plane is put there where the pictures have it by the calibration, and what is told is how far they
-//! disagree about it. A stylus's tip is known in both.
+//! In the same recording the calibration gives the target's position. In another recording it
+//! may differ. A point or a plane is then fitted to the images by the calibration, and the
+//! errors are their disagreement about it. The position of a stylus's tip is known in both.
 
 use glam::DVec3;
 use nalgebra::{Matrix3, SymmetricEigen};
@@ -15,12 +16,13 @@ use crate::probe::errors::Errors;
 use crate::probe::track::Track;
 use crate::statistics::median;
 
-/// Rounds of weights.
+/// Rounds of reweighting.
 const ROUNDS: usize = 8;
-/// Rounding is no spread, mm.
+/// Least spread, mm; smaller values are rounding errors.
 const LEAST_SPREAD_MM: f64 = 1e-9;
 
-/// Errors of the target's place by these pictures, but for those that show something else: distances of what is seen from where it is, mm.
+/// Returns the errors of the target's position in these images, without images of other
+/// objects: distances of the observed points from it, mm.
 pub(super) fn errors(
     refined: &Refined,
     glimpses: &mut [Glimpse],
@@ -51,7 +53,7 @@ pub(super) fn errors(
     Errors::of(seen.into_iter().filter(|(_, off)| off.iter().all(|off| law.weight(off / scale) > 0.0)))
 }
 
-/// Where what is seen lies, in the reference's frame.
+/// Returns the observed points in the reference's frame.
 fn points(refined: &Refined, glimpses: &[Glimpse], track: &Track) -> Vec<DVec3> {
     let of_glimpse = |glimpse: &Glimpse| {
         let map = glimpse.reference_from_probe(track, refined.lag_s)?;
@@ -60,7 +62,7 @@ fn points(refined: &Refined, glimpses: &[Glimpse], track: &Track) -> Vec<DVec3> 
     glimpses.iter().filter_map(of_glimpse).flatten().collect()
 }
 
-/// The target that most points lie on; of the kind of another. `None` without points.
+/// Fits a target of the given kind to most points; `None` without points.
 fn place_of(kind: &Place, points: &[DVec3]) -> Option<Place> {
     if points.is_empty() {
         return None;
@@ -85,7 +87,7 @@ fn place_of(kind: &Place, points: &[DVec3]) -> Option<Place> {
     }
 }
 
-/// The plane through weighted points: their distances from it have the least sum of squares.
+/// Fits a plane to weighted points: it minimises the sum of squared distances.
 fn through(points: &[DVec3], weights: &[f64]) -> Place {
     let total: f64 = weights.iter().sum();
     let middle = points.iter().zip(weights).map(|(point, weight)| *point * *weight).sum::<DVec3>() / total;

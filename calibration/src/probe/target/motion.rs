@@ -1,4 +1,4 @@
-//! What the probe's motion leaves open.
+//! Checks for numbers that the probe's motion leaves undetermined.
 
 use std::fmt;
 
@@ -10,19 +10,21 @@ use crate::probe::plane::ImagePlane;
 use crate::probe::refused::Refused;
 use crate::statistics::Spread;
 
-/// How far the probe has to be turned, degrees (root mean square): as a stylus for its pivot calibration, for a tracker's own errors turn it as well.
+/// Minimum rotation of the probe, degrees (root mean square). It is the same as for a stylus's
+/// pivot calibration, because a tracker's own errors rotate it as well.
 const LEAST_TURN_DEG: f64 = 3.0;
-/// A point's dots are spread over this part of the picture's larger side at least, in every direction (standard deviation).
+/// Minimum spread of a point's dots in every direction (standard deviation), as a share of the
+/// image's larger side.
 const LEAST_SPREAD: f64 = 0.03;
 
-/// An axis of the picture.
+/// An axis of the image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Axis {
     /// Along its rows.
     U,
     /// Along its columns.
     V,
-    /// Out of it.
+    /// Perpendicular to it.
     Normal,
 }
 
@@ -37,7 +39,7 @@ impl fmt::Display for Axis {
 }
 
 impl Axis {
-    /// The one that a direction in the probe's frame is along, most nearly.
+    /// Returns the axis nearest to a direction in the probe's frame.
     fn of(direction: DVec3, plane: &ImagePlane) -> Self {
         let share = |axis: DVec3| direction.dot(axis.normalize_or_zero()).abs();
         let [u, v, normal] = [plane.u, plane.v, plane.u.cross(plane.v)].map(share);
@@ -48,7 +50,7 @@ impl Axis {
         }
     }
 
-    /// How a probe is turned about it.
+    /// Returns advice for turning a probe about it.
     pub(in crate::probe) fn advice(self) -> &'static str {
         match self {
             Self::U => "tilt the probe fore and aft",
@@ -58,14 +60,14 @@ impl Axis {
     }
 }
 
-/// Whether the probe turned enough for a point: `turns` lead from its frame to the reference's.
+/// Checks that the probe turned enough for a point: `turns` map its frame to the reference's.
 ///
 /// # Errors
-/// [`Refused::NoTurn`] names the axes that are missing.
+/// [`Refused::NoTurn`] names the missing axes.
 pub(super) fn turned_about_point(turns: &[DMat3], plane: &ImagePlane) -> Result<(), Refused> {
     let all = [Axis::U, Axis::V, Axis::Normal];
     let turning = turning(turns);
-    // About an axis that stays, the two at right angles to it turn alike.
+    // For a fixed axis the two directions perpendicular to it turn alike.
     if turning.deg[1] < LEAST_TURN_DEG {
         return refused(all.to_vec(), turning.deg[2]);
     }
@@ -76,10 +78,11 @@ pub(super) fn turned_about_point(turns: &[DMat3], plane: &ImagePlane) -> Result<
     Ok(())
 }
 
-/// Whether it turned enough for a plane, as far as can be told before all else is found. How far it was tilted from side to side the lines themselves say.
+/// Checks that the probe turned enough for a plane, as far as possible before the fit. The
+/// lines themselves show the tilt from side to side.
 ///
 /// # Errors
-/// [`Refused::NoTurn`] names the axes that are missing.
+/// [`Refused::NoTurn`] names the missing axes.
 pub(super) fn turned_over_plane(turns: &[DMat3], glimpses: &[Glimpse]) -> Result<(), Refused> {
     let turning = turning(turns);
     if turning.deg[1] < LEAST_TURN_DEG {
@@ -96,10 +99,11 @@ pub(super) fn turned_over_plane(turns: &[DMat3], glimpses: &[Glimpse]) -> Result
     if turning.deg[0] < LEAST_TURN_DEG { refused(vec![Axis::U], turning.deg[0]) } else { Ok(()) }
 }
 
-/// Whether a plane was seen from two directions enough, by where it is. About its own normal it does not matter how the probe is turned.
+/// Checks that a plane at a known position was seen from two directions. Rotation of the probe
+/// about the plane's normal is irrelevant.
 ///
 /// # Errors
-/// [`Refused::NoTurn`] names the axis that is missing.
+/// [`Refused::NoTurn`] names the missing axis.
 pub(super) fn saw_plane(turns: &[DMat3], plane: &ImagePlane, normal: DVec3) -> Result<(), Refused> {
     let seen: Vec<DVec3> = turns.iter().map(|turn| turn.transpose() * normal).collect();
     let (deg, axis) = weakest(&seen);
@@ -114,7 +118,8 @@ fn refused(axes: Vec<Axis>, deg: f64) -> Result<(), Refused> {
     Err(Refused::NoTurn { axes, deg, least: LEAST_TURN_DEG })
 }
 
-/// How far the direction of the plane's normal turned for the probe the way in which it turned less, degrees (root mean square), and about which axis that would have been.
+/// Returns the smaller spread of the plane's normal in the probe's frame, degrees (root mean
+/// square), and the rotation axis that it belongs to.
 fn weakest(seen: &[DVec3]) -> (f64, DVec3) {
     let n = seen.len().max(1) as f64;
     let mean = seen.iter().sum::<DVec3>() / n;
@@ -124,7 +129,7 @@ fn weakest(seen: &[DVec3]) -> (f64, DVec3) {
         spread += DMat3::from_cols(off * off.x, off * off.y, off * off.z) * (1.0 / n);
     }
     let (first, second) = mean.normalize_or(DVec3::Z).any_orthonormal_pair();
-    // Along the two directions at right angles to the mean.
+    // Components along the two directions perpendicular to the mean.
     let [a, b, d] = [(first, first), (first, second), (second, second)].map(|(x, y)| x.dot(spread * y));
     let angle = 0.5 * (2.0 * b).atan2(a - d) + std::f64::consts::FRAC_PI_2;
     let along = first * angle.cos() + second * angle.sin();
@@ -132,10 +137,10 @@ fn weakest(seen: &[DVec3]) -> (f64, DVec3) {
     (sd.to_degrees(), mean.cross(along).normalize_or_zero())
 }
 
-/// Whether the point was seen all over the picture.
+/// Checks that the point was seen all over the image.
 ///
 /// # Errors
-/// [`Refused::OnePlace`].
+/// [`Refused::OnePlace`] if the dots are not spread enough.
 pub(super) fn spread(glimpses: &[Glimpse], used: &[bool], size_px: [u32; 2]) -> Result<(), Refused> {
     let seen: Vec<DVec2> =
         glimpses.iter().zip(used).filter(|(_, used)| **used).flat_map(|(glimpse, _)| glimpse.marks.clone()).collect();
@@ -159,7 +164,7 @@ mod tests {
         ImagePlane { u: DVec3::X * 0.1, v: DVec3::Y * 0.1, origin: DVec3::ZERO }
     }
 
-    /// Turns about the given axes by waves of some degrees.
+    /// Returns rotations about the given axes by waves of some degrees.
     fn turns(deg: [f64; 3]) -> Vec<DMat3> {
         let turn = |i: u32| {
             let wave = |period: f64| (f64::from(i) * std::f64::consts::TAU / period).sin();
@@ -177,7 +182,7 @@ mod tests {
         }
     }
 
-    /// Lines of a floor below the picture, by turns about its normal.
+    /// Returns lines of a floor below the image, from rotations of its normal.
     fn lines(turns: &[DMat3]) -> Vec<Glimpse> {
         let line = |turn: &DMat3| {
             let floor = turn.transpose() * turns[0] * DVec3::Y;
@@ -188,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_not_turned_about_is_named() {
+    fn missing_rotation_axes_are_named() {
         let point = |deg: [f64; 3]| axes(turned_about_point(&turns(deg), &plane()));
         let over = |deg: [f64; 3]| axes(turned_over_plane(&turns(deg), &lines(&turns(deg))));
         for still in [0.0, 0.5] {
@@ -211,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn dots_in_one_place_or_on_a_line_do_not_do() {
+    fn dots_in_one_place_or_line_are_refused() {
         let glimpse = |at: DVec2| Glimpse { frame: 0, time_s: 0.0, candidates: vec![at], marks: vec![at] };
         let seen = |across: f64, along: f64| {
             let at = |i: u32| {

@@ -1,9 +1,13 @@
-//! Where to begin with a plane: its normal, tried all round, and the rest by linear least squares.
+//! Start for a plane target: tries normals in all directions, and solves for the rest by linear
+//! least squares.
 //!
-//! With the pose R, t of the probe in the reference's frame and the plane's normal n, a point (u, v) of its line says n·R(u·**u** + v·**v** + **o**) − d = −n·t: linear in ten numbers, once n is
-//! given. So normals are tried all over half a sphere. How well one explains the lines is told in pixels, not in mm: along a direction in which the probe hardly moved all lines fit with a picture of no size. From
-//! what seems best in each neighbourhood the normal and the lag go on to where the lines fit best, by their median, and what is then about as good as the best is refined; nothing is assumed of how the probe was
-//! held.
+//! The probe has the pose R, t in the reference's frame, and the plane has the normal n. A
+//! point (u, v) of the line satisfies n·R(u·**u** + v·**v** + **o**) − d = −n·t. For a given n
+//! this is linear in ten numbers. So normals all over half a sphere are tried. Their fits are
+//! compared in pixels, not in mm: along a direction in which the probe hardly moved, an image
+//! of size zero fits all lines. The best normal of each neighbourhood and its lag move to the
+//! best fit, by the median. Those about as good as the best are refined. No assumption is made
+//! about the probe's pose.
 
 use std::f64::consts::{PI, TAU};
 
@@ -17,43 +21,43 @@ use crate::probe::plane::{ImagePlane, Unit, solve};
 use crate::probe::track::Track;
 use crate::statistics::median;
 
-/// The plane's numbers and the distance.
+/// Count of the plane's numbers and the distance.
 const UNKNOWN: usize = 10;
-/// Normals tried: neighbours are 9° apart.
+/// Number of normals; neighbours are 9° apart.
 const NORMALS: usize = 300;
-/// Neighbours are nearer than this, rad.
+/// Largest angle of neighbours, rad.
 const NEAR_RAD: f64 = 0.28;
-/// How many of the best go on.
+/// Number of the best normals that are followed.
 const FOLLOWED: usize = 8;
-/// Lags at which normals are tried where there are times, s.
+/// Lags at which normals are tried, if there are times, s.
 const LAGS_S: [f64; 5] = [0.0, 0.15, -0.15, 0.3, -0.3];
-/// Steps from a normal to the next begin with this, rad, those from a lag to the next with so many s for each of them, and they are halved …
+/// Initial step of a normal, rad, and step of the lag per rad of it, s; the steps are halved …
 const STEP_RAD: f64 = 0.1;
 const LAG_S: f64 = 0.7;
-/// … so often.
+/// … this many times.
 const HALVINGS: usize = 8;
-/// Those are refined that fit so many times as badly as the best, or better.
+/// Candidates whose misfit is at most this multiple of the best one's are refined.
 const ALIKE: f64 = 3.0;
-/// Solutions with weights of the one before, by each loss.
+/// Number of reweighted solutions per loss.
 const ROUNDS: usize = 3;
-/// Rounding is no spread, pixels.
+/// Least spread, pixels; smaller values are rounding errors.
 const LEAST_SPREAD_PX: f64 = 1e-9;
 
-/// A normal and what follows from it.
+/// A normal with its solution.
 struct Tried {
     normal: DVec3,
     lag_s: f64,
     plane: ImagePlane,
     distance_mm: f64,
-    /// Median distance of lines from where they are expected, pixels.
+    /// Median distance of lines from their predicted positions, pixels.
     off_px: f64,
     agrees: Vec<bool>,
 }
 
-/// The plane and the target that explain the lines best, refined.
+/// Finds the plane and the target that explain the lines best, and refines them.
 ///
 /// # Errors
-/// [`Unsolved`] of the one that seemed best, where none can be refined; `None` where not even that one can be begun with.
+/// [`Unsolved`] for the best one, if none can be refined; `None` if there is no start at all.
 pub(super) fn find(
     glimpses: &[Glimpse],
     track: &Track,
@@ -97,7 +101,7 @@ pub(super) fn find(
     found.map(|(_, refined)| refined)
 }
 
-/// Directions all over half a sphere, evenly (a spiral of the golden angle).
+/// Returns directions all over half a sphere, evenly (a spiral of the golden angle).
 fn normals() -> impl Iterator<Item = DVec3> {
     let golden = PI * (3.0 - 5.0_f64.sqrt());
     (0..NORMALS).map(move |i| {
@@ -109,7 +113,7 @@ fn normals() -> impl Iterator<Item = DVec3> {
 }
 
 impl Tried {
-    /// What follows from a normal. `None` where the lines leave the rest open.
+    /// Solves for the rest with a given normal. `None` if the lines leave it open.
     fn of(
         (normal, lag_s): (DVec3, f64),
         glimpses: &[Glimpse],
@@ -137,7 +141,8 @@ impl Tried {
                     right[k] -= weight * entry * height;
                 }
             }
-            // What the lines leave open is closed by the shortest way: 1e-9 of the diagonal's mean.
+            // Undetermined numbers are closed by the shortest solution: 1e-9 of the diagonal's
+            // mean.
             let ridge = 1e-9 * (0..UNKNOWN).map(|i| matrix[i][i]).sum::<f64>() / UNKNOWN as f64;
             (0..UNKNOWN).for_each(|i| matrix[i][i] += ridge);
             let x = solve(matrix, right)?;
@@ -148,7 +153,7 @@ impl Tried {
                 .map(|(px, seen, height)| (seen.dot(plane.point(*px)) + height - x[9]).abs() / steepness(&plane, *seen))
                 .collect();
             let middle = median(&mut off_px.clone());
-            // Of a normal distribution the median distance is 0.6745 standard deviations.
+            // The median distance of a normal distribution is 0.6745 standard deviations.
             let spread = (middle / 0.6745).max(LEAST_SPREAD_PX);
             let law = if round < ROUNDS { Loss::Huber } else { Loss::Tukey }.of(1);
             for (weight, (off, (_, seen, _))) in weights.iter_mut().zip(off_px.iter().zip(&rows)) {
@@ -162,7 +167,7 @@ impl Tried {
         found.filter(|tried| tried.off_px.is_finite() && tried.plane.u.is_finite() && tried.plane.v.is_finite())
     }
 
-    /// The best that small steps of the normal, and of the lag where one is sought, lead to.
+    /// Follows small steps of the normal, and of the lag if it is fitted, to the best fit.
     fn followed(self, lag: bool, of: impl Fn(DVec3, f64) -> Option<Self>) -> Option<Self> {
         let (mut here, mut step) = (self, STEP_RAD);
         for _ in 0..HALVINGS {
@@ -184,12 +189,13 @@ impl Tried {
     }
 }
 
-/// How much of the plane's normal, as the probe sees it, a pixel's way across its line is, mm.
+/// Returns the change of height above the plane per pixel across its line, mm.
 fn steepness(plane: &ImagePlane, seen: DVec3) -> f64 {
     plane.u.dot(seen).hypot(plane.v.dot(seen)).max(f64::MIN_POSITIVE)
 }
 
-/// Median distance of lines from where they are expected, pixels; of those without a part, too.
+/// Returns the median distance of lines from their predicted positions, pixels, including
+/// unused lines.
 fn off_px(refined: &Refined, glimpses: &[Glimpse], track: &Track) -> f64 {
     let Place::Plane { normal, .. } = refined.place else { return f64::INFINITY };
     let of_glimpse = |glimpse: &Glimpse| {

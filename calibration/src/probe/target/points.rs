@@ -1,8 +1,13 @@
-//! Where to begin with a point: the plane and the point's place from dots and poses, by linear least squares.
+//! Start for a point target: the plane and the point's position from dots and poses, by linear
+//! least squares.
 //!
-//! With the pose R, t of the probe in the reference's frame, a dot at (u, v) says u·**u** + v·**v** + **o** − Rᵀ**p** = −Rᵀt: three equations, linear in the plane's nine numbers and the point's
-//! three, and the poses give the scale. Which of a picture's spots is the point is not known, nor whether any is. Of guesses from a few pictures each, by their brightest spots, that is taken which half of all
-//! pictures agree with best (least median; Rousseeuw, J. Am. Stat. Assoc. 79, 1984); then every picture takes the spot that agrees best, and those that do not agree lose their weight.
+//! The probe has the pose R, t in the reference's frame. A dot at (u, v) gives u·**u** +
+//! v·**v** + **o** − Rᵀ**p** = −Rᵀt: three equations, linear in the plane's nine numbers and
+//! the point's three. The poses give the scale. It is unknown which of an image's spots is the
+//! point, if any is. Guesses are computed from the brightest spots of a few images each. The
+//! guess that half of all images fit best is chosen (least median; Rousseeuw, J. Am. Stat.
+//! Assoc. 79, 1984). Then every image selects its best spot, and images that do not agree lose
+//! their weight.
 
 use glam::{DAffine3, DVec2, DVec3};
 
@@ -15,27 +20,29 @@ use crate::probe::plane::{ImagePlane, Unit, solve};
 use crate::probe::track::Track;
 use crate::statistics::median;
 
-/// Numbers of the plane and the point.
+/// Count of numbers of the plane and the point.
 const UNKNOWN: usize = 12;
-/// Pictures of a guess: four determine all, and more of them determine it better.
+/// Number of images per guess: four determine all numbers, more improve the accuracy.
 const PICTURES: usize = 7;
-/// Where 60 % of the brightest spots are the point, all guesses have another among theirs once in 10⁵ times.
+/// Number of guesses. If 60 % of the brightest spots are the point, all guesses contain a wrong
+/// one once in 10⁵ times.
 const GUESSES: u64 = 400;
-/// Spots of a picture that are looked at for a guess.
+/// Number of an image's spots compared with a guess.
 const SPOTS: usize = 5;
-/// Pictures agree that are off by less than so many times what the middle one of all is.
+/// Images agree if their error is below this multiple of the median error.
 const AGREES: f64 = 5.0;
-/// Solutions by each loss.
+/// Number of solutions per loss.
 const ROUNDS: usize = 10;
-/// Rounding is no spread, mm.
+/// Least spread, mm; smaller values are rounding errors.
 const LEAST_SPREAD_MM: f64 = 1e-9;
-/// The point is no farther from the probe than this, in so far as nothing else says where it is, mm: it keeps the equations solvable, and a degree of turning outweighs it.
+/// Prior standard deviation of the point's distance from the probe, mm. It keeps the equations
+/// solvable, and a degree of rotation outweighs it.
 const ANYWHERE_MM: f64 = 1000.0;
 
-/// Lags that are tried where there are times, s: between two of them a hand goes on by some mm.
+/// Lags to try, if there are times, s: between two of them the probe moves by some mm.
 const LAGS_S: [f64; 9] = [0.0, 0.1, -0.1, 0.2, -0.2, 0.3, -0.3, 0.4, -0.4];
 
-/// Begins, and lets every glimpse take its spot. `None` where the dots leave the plane open.
+/// Computes a start, and selects each glimpse's spot. `None` if the dots leave the plane open.
 pub(super) fn start(
     target: Target,
     glimpses: &mut [Glimpse],
@@ -63,7 +70,8 @@ pub(super) fn start(
             glimpses[i].choose(|px| sums.off_mm(i, px, &plane, point));
             off[i] = sums.off_mm(i, glimpses[i].marks[0], &plane, point);
         }
-        // Who agrees with most others says where they are to meet; all are heard once they do.
+        // The first rounds use the glimpses that agree with most others; the later rounds use
+        // all.
         let is_heard = |&i: &usize| round >= ROUNDS || agreed[i] > 0.0;
         let heard: Vec<usize> = sums.posed.iter().copied().filter(is_heard).collect();
         let spread_mm = spread(&heard.iter().map(|&i| (3, off[i])).collect::<Vec<_>>()).max(LEAST_SPREAD_MM);
@@ -76,7 +84,8 @@ pub(super) fn start(
     found
 }
 
-/// Some of the glimpses, each at most once; the same ones for the same guess (Steele, Lea & Flood's SplitMix64).
+/// Returns a random sample of the glimpses without repetition, reproducible for each guess
+/// (Steele, Lea & Flood's SplitMix64).
 fn sample(posed: &[usize], guess: u64) -> [usize; PICTURES] {
     let mut bits = guess.wrapping_mul(0xD1B5_4A32_D192_ED03);
     let mut taken = [usize::MAX; PICTURES];
@@ -95,14 +104,14 @@ fn sample(posed: &[usize], guess: u64) -> [usize; PICTURES] {
     taken
 }
 
-/// The equations of all pictures.
+/// The equations of all images.
 struct Sums {
-    /// From the probe to the reference, by glimpse.
+    /// Maps from the probe to the reference, by glimpse.
     maps: Vec<Option<DAffine3>>,
-    /// The glimpses that have one.
+    /// Indices of the glimpses with a map.
     posed: Vec<usize>,
     unit: Unit,
-    /// About which the point is sought, mm, and how sure it is there.
+    /// Prior position of the point, mm, and its standard deviation.
     about: DVec3,
     sd_mm: f64,
 }
@@ -120,7 +129,8 @@ impl Sums {
         Self { maps, posed, unit: Unit::of(size_px), about, sd_mm }
     }
 
-    /// The guess with which most glimpses agree, by whichever of their spots: how far the middle one of them is off, mm, and what is guessed.
+    /// Returns the guess that most glimpses agree with, by any of their spots: the median
+    /// error, mm, the plane and the point.
     fn guessed(&self, glimpses: &[Glimpse]) -> Option<(f64, ImagePlane, DVec3)> {
         if self.posed.len() < PICTURES {
             return None;
@@ -142,7 +152,8 @@ impl Sums {
         best
     }
 
-    /// Weights, 1 or 0: which glimpses agree with most, by the spots that they take for it.
+    /// Returns weights of 1 or 0 for agreement with most glimpses, and selects each glimpse's
+    /// best spot.
     fn agreeing(&self, glimpses: &mut [Glimpse]) -> Option<Vec<f64>> {
         let (score, plane, point) = self.guessed(glimpses)?;
         let mut weights = vec![0.0; glimpses.len()];
@@ -154,7 +165,8 @@ impl Sums {
         Some(weights)
     }
 
-    /// The plane and the point of weighted dots, as good as 1 mm each. `None` where they leave the plane open.
+    /// Solves for the plane and the point from weighted dots, with 1 mm accuracy each. `None`
+    /// if they leave the plane open.
     fn solved(&self, dots: impl Iterator<Item = (usize, DVec2, f64)>) -> Option<(ImagePlane, DVec3)> {
         let (mut matrix, mut right) = ([[0.0; UNKNOWN]; UNKNOWN], [0.0; UNKNOWN]);
         (9..UNKNOWN).for_each(|i| matrix[i][i] = self.sd_mm.powi(-2));
@@ -178,7 +190,7 @@ impl Sums {
         Some((self.unit.plane(vector(0), vector(3), vector(6)), self.about + vector(9)))
     }
 
-    /// How far a dot is from where the point is, mm.
+    /// Returns the distance of a dot from the point, mm.
     fn off_mm(&self, i: usize, px: DVec2, plane: &ImagePlane, point: DVec3) -> f64 {
         self.maps[i].map_or(f64::INFINITY, |map| map.transform_point3(plane.point(px)).distance(point))
     }

@@ -1,16 +1,21 @@
-//! The image plane and the place of the target that explain all pictures best.
+//! Fits the image plane and the target's position to all images.
 //!
-//! A residual is how far what is seen lies from the target, by the poses, in the reference's frame: of a point along three axes, of a line's two points along the plane's normal. What scatters
-//! them is found with the rest, as [`crate::probe::scatter`] does. A point's dot is less sure across the picture than in it, for a beam is some mm thick, so that each of the picture's three
-//! directions has a scatter of its own, in which the sensors' positions are contained; a line's two points are moved together by sensors' positions, and each by what its own echoes are worth. Turns of
-//! the sensors count by their levers. Pictures that the others contradict are left out.
+//! A residual is the distance of an observed point from the target, by the poses, in the
+//! reference's frame. A point has residuals along three axes, a line's two points along the
+//! plane's normal. The noise variances are fitted as well, as in [`crate::probe::scatter`]. A
+//! point's dot is less accurate across the image than within it, because a beam is some mm
+//! thick. So each of the image's three directions has its own scatter, which includes the
+//! sensors' positions. For a line, sensor positions move both points together, and each point
+//! has its own echo noise. Sensor rotations act through their levers. Images that the others
+//! contradict are left out.
 
 use glam::{DAffine3, DVec2, DVec3};
 use nalgebra::{DMatrix, DVector};
 
+use sonoweave_core::frames::{Image, Probe, Transform};
+
 use super::glimpse::Glimpse;
 use super::{Place, Target};
-use crate::frames::{Image, Probe, Transform};
 use crate::least_squares::loss::as_rare;
 use crate::least_squares::{Blocks, Noise, Parameters, Settings, Solution, State, Unsolved, Vector, Whitening, solve};
 use crate::probe::plane::ImagePlane;
@@ -19,64 +24,67 @@ use crate::probe::track::Track;
 use crate::probe::unknown::{NUMBERS, UnknownPlane};
 use crate::statistics::correlation_length;
 
-/// How often scatter and plane are found in turn at most …
+/// Scatter and plane are estimated in turn at most this often …
 const ROUNDS: usize = 20;
-/// … or until the lag changes by less than this, s, and the same pictures have a part.
+/// … or until the lag changes by less than this, s, and the used images stay the same.
 const SAME_LAG_S: f64 = 1e-6;
-/// Rounds before anything is left out: the scatter has to be known.
+/// Number of rounds before outliers are left out: the scatter must be known first.
 const TRUSTING: usize = 2;
-/// A picture is left out that is off by so much that it would be as rare as this many standard deviations of one number: once in a million.
+/// Images are left out if their error is as rare as this many standard deviations of one
+/// number: once in a million.
 const REACH: f64 = 4.9;
-/// Trackers filter, and lag by up to some tenths of a second: a standard deviation that says no more, s.
+/// Prior standard deviation of the lag, s: trackers filter, and lag by up to some tenths of a
+/// second.
 pub(super) const USUAL_LAG_S: f64 = 0.5;
 
-/// Standard deviations of what scatters.
+/// Standard deviations of the noise sources.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Scatter {
-    /// Of a point.
+    /// For a point.
     Point {
         /// Sensors' orientations, about each axis, rad.
         turn_rad: f64,
-        /// Along u, v and across the picture, mm: the dot's, and sensors' positions.
+        /// Along u, v and across the image, mm: the dot's and the sensors' positions.
         along_mm: [f64; 3],
     },
-    /// Of a plane.
+    /// For a plane.
     Plane {
         /// Sensors' orientations, about each axis, rad.
         turn_rad: f64,
         /// Sensors' positions, along each axis, mm.
         position_mm: f64,
-        /// The line's points across it, pixels.
+        /// The line's points, perpendicular to it, pixels.
         line_px: f64,
     },
 }
 
-/// What was found.
+/// Result of the fit.
 #[derive(Debug, Clone)]
 pub struct Refined {
-    /// Where the picture lies in the probe's frame.
+    /// The image plane in the probe's frame.
     pub plane: ImagePlane,
-    /// Where the target is.
+    /// Position of the target.
     pub place: Place,
-    /// What scatters.
+    /// The fitted scatter.
     pub scatter: Scatter,
-    /// For how many pictures what scatters them lasts; 1 where each has its own. The errors that are predicted take it into account.
+    /// Number of images over which the scatter is correlated; 1 if independent. The predicted
+    /// errors account for it.
     pub lasting: f64,
-    /// How much later poses come than pictures, s.
+    /// Lag of poses behind images, s.
     pub lag_s: f64,
-    /// Its standard error; 0 where it was not sought.
+    /// Its standard error; 0 if it was not fitted.
     pub lag_se_s: f64,
-    /// By glimpse: whether it had a part.
+    /// For each glimpse, whether the fit used it.
     pub(super) used: Vec<bool>,
     pub(super) unknown: Unknown,
     pub(super) solution: Solution,
-    /// What is known beforehand, by its information: of the target's place, and of the lag.
+    /// Information of the priors: of the target's position, and of the lag.
     pub(super) known: [f64; KNOWN],
-    /// Squares of whitened residuals over what is left for them when the parameters have taken theirs.
+    /// Sum of squares of whitened residuals over the degrees of freedom.
     pub(super) excess: f64,
 }
 
-/// Numbers of which something may be known beforehand: the target's three, and the lag.
+/// Count of numbers that may have a prior: the target's three, and the lag.
 pub(super) const KNOWN: usize = 4;
 
 /// The parameters.
@@ -87,16 +95,18 @@ pub(super) struct Unknown {
     pub(super) lag: Vector<1>,
 }
 
-/// What the target's three numbers mean.
+/// Meaning of the target's three numbers.
 #[derive(Debug, Clone, Copy)]
 enum Form {
-    /// A point's place.
+    /// A point's position.
     Point,
-    /// How far the plane is turned out of its place at the start towards two directions along it, as far as that moves its points at a lever, and its distance from a point; mm.
+    /// Two tilts of the plane from its start, as displacements of its points at a lever, and
+    /// its distance from a point; mm.
     Plane { along: [DVec3; 2], normal: DVec3, centre: DVec3, lever_mm: f64 },
 }
 
-/// One number of a picture: how far off, along what, and how it changes with the target's numbers.
+/// One residual of an image: its size, its direction, and its derivatives by the target's
+/// numbers.
 struct Off {
     mm: f64,
     along: DVec3,
@@ -116,11 +126,12 @@ impl Form {
         }
     }
 
-    /// How far a point is from the target.
+    /// Returns the residuals of a point against the target.
     fn off(&self, place: &Place, point: DVec3) -> Vec<Off> {
         match (self, place) {
             (Self::Plane { along, normal: start, centre, lever_mm }, Place::Plane { normal, distance_mm }) => {
-                // The normal is the start's, with something along the plane, brought to length 1: so long was it before.
+                // The normal is the start's plus a component along the plane, normalised;
+                // `length` is its length before that.
                 let length = 1.0 / normal.dot(*start);
                 let from = point - *centre;
                 let by = |along: DVec3| (along - *normal * normal.dot(along)).dot(from) / (length * lever_mm);
@@ -140,7 +151,7 @@ impl Form {
     }
 }
 
-/// All that does not change from step to step.
+/// Everything that does not change from step to step.
 struct Problem<'a> {
     target: Target,
     glimpses: &'a [Glimpse],
@@ -150,13 +161,13 @@ struct Problem<'a> {
     has_lag: bool,
 }
 
-/// A picture in a round: where the probe was at the lag of the round, and how that changes with it.
+/// An image in a round: the probe's pose at the round's lag, and its derivative.
 struct Picture {
     glimpse: usize,
     lag_s: f64,
-    /// From the probe to the reference.
+    /// Maps the probe's frame to the reference's.
     map: DAffine3,
-    /// Its change a second.
+    /// Its change per second.
     rate: DAffine3,
 }
 
@@ -170,20 +181,20 @@ impl Picture {
     }
 }
 
-/// Where to begin.
+/// Start of the fit.
 #[derive(Debug, Clone)]
 pub(super) struct Begun {
     pub(super) plane: ImagePlane,
     pub(super) place: Place,
     pub(super) lag_s: f64,
-    /// By glimpse: whether it agrees.
+    /// For each glimpse, whether it agrees.
     pub(super) agrees: Vec<bool>,
 }
 
 /// Refines a start.
 ///
 /// # Errors
-/// [`Unsolved`]: the pictures do not determine something, which it names.
+/// [`Unsolved`] names the parameters that the images do not determine.
 pub(super) fn refine(
     target: Target,
     glimpses: &[Glimpse],
@@ -226,7 +237,7 @@ impl<'a> Problem<'a> {
         (Self { target, glimpses, track, form, unknown, has_lag }, parameters)
     }
 
-    /// Variances of what usually scatters, by the sources.
+    /// Returns the usual variances of the noise sources.
     fn usual(&self) -> [f64; SOURCES] {
         match self.form {
             Form::Point => [0.004, 0.3, 0.3, 0.5],
@@ -310,7 +321,8 @@ impl<'a> Problem<'a> {
             used,
             unknown: self.unknown,
             known,
-            // The most likely scatter is too small by what the parameters took.
+            // The most likely scatter is too small, because the parameters absorb part of the
+            // residuals.
             excess: squares / count.saturating_sub(freedom).max(1) as f64,
             solution,
         };
@@ -318,7 +330,8 @@ impl<'a> Problem<'a> {
         Refined { lag_se_s, ..refined }
     }
 
-    /// After how many pictures what they are off by is another: the mean over the numbers of a picture, of a point along the picture's own directions.
+    /// Returns the number of images after which their deviations are independent: the mean over
+    /// an image's numbers. A point's are along the image's own directions.
     fn lasting(&self, state: &State, pictures: &[&Picture]) -> f64 {
         let plane = self.unknown.plane.plane(state);
         let axes = [plane.u, plane.v, plane.u.cross(plane.v)].map(DVec3::normalize);
@@ -338,7 +351,7 @@ impl<'a> Problem<'a> {
         (0..count).map(along).sum::<f64>() / count.max(1) as f64
     }
 
-    /// The pictures that have poses at the state's lag.
+    /// Returns the images that have poses at the state's lag.
     fn pictures(&self, state: &State) -> Vec<Picture> {
         let [lag_s] = state.vector(self.unknown.lag);
         let picture = |(glimpse, about): (usize, &Glimpse)| {
@@ -349,7 +362,7 @@ impl<'a> Problem<'a> {
         self.glimpses.iter().enumerate().filter_map(picture).collect()
     }
 
-    /// A picture's residuals, and what scatters them.
+    /// Returns an image's residuals and their noise sources.
     fn scattered(&self, state: &State, picture: &Picture) -> Scattered {
         let marks = &self.glimpses[picture.glimpse].marks;
         let has_reference = self.track.poses().first().is_some_and(|poses| poses.tracker_from_reference.is_some());
@@ -397,7 +410,7 @@ impl<'a> Problem<'a> {
         Scattered { residuals, by }
     }
 
-    /// Puts down the whitened residuals of all pictures.
+    /// Adds the whitened residuals of all images.
     fn put(&self, state: &State, pictures: &[&Picture], whitenings: &[DMatrix<f64>], blocks: &mut Blocks<'_>) {
         let Unknown { plane, target, lag } = self.unknown;
         let unit = Whitening::sd(1.0);
@@ -429,7 +442,7 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// What is known beforehand: of the tip's place, and of lags.
+    /// Adds the priors of the tip's position and of the lag.
     fn put_priors(&self, state: &State, blocks: &mut Blocks<'_>) {
         let Unknown { target, lag, .. } = self.unknown;
         if let Target::Tip { place_mm, error_mm } = self.target {
@@ -442,10 +455,10 @@ impl<'a> Problem<'a> {
     }
 }
 
-/// Columns of all parameters: the plane's, the target's, the lag.
+/// Number of columns of all parameters: the plane's, the target's, the lag.
 const COLUMNS: usize = NUMBERS + 4;
 
-/// The middle of all that is seen, in the reference's frame.
+/// Returns the mean of all observed points, in the reference's frame.
 fn middle(glimpses: &[Glimpse], track: &Track, plane: &ImagePlane, lag_s: f64) -> DVec3 {
     let point = |glimpse: &Glimpse| {
         let map = glimpse.reference_from_probe(track, lag_s)?;
@@ -459,17 +472,18 @@ fn middle(glimpses: &[Glimpse], track: &Track, plane: &ImagePlane, lag_s: f64) -
 }
 
 impl Refined {
-    /// The plane as a transform.
+    /// Returns the plane as a transform.
     pub fn probe_from_image(&self) -> Transform<Probe, Image> {
         Transform::from_affine(self.plane.affine())
     }
 
-    /// Largest over smallest singular value of the problem, by its parameters' typical sizes.
+    /// Returns the largest over the smallest singular value of the problem, by its parameters'
+    /// typical sizes.
     pub fn condition(&self) -> f64 {
         self.solution.condition
     }
 
-    /// The solution with its parameters' covariance.
+    /// Returns the solution with its parameters' covariance.
     pub fn solution(&self) -> &Solution {
         &self.solution
     }

@@ -1,39 +1,41 @@
-//! Scans of a target whose truth is known, for tests.
+//! Simulated scans of a target with known truth, for tests.
 
 use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
 
+use sonoweave_core::frames::Transform;
+
 use super::glimpse::{Observation, Recording, Seen};
 use super::{Place, Target};
-use crate::frames::Transform;
 use crate::noise::Noise;
 use crate::probe::plane::ImagePlane;
 use crate::probe::track::Poses;
 
-/// Pictures' size, pixels.
+/// Size of the images, pixels.
 pub(super) const SIZE_PX: [u32; 2] = [820, 616];
-/// Time between pictures, s.
+/// Time between images, s.
 const PERIOD_S: f64 = 0.08;
 
-/// How the probe is moved: how far it is tilted about the picture's axes, rad, and over what part of the picture the target is brought.
+/// Motion of the probe: tilt about the image's axes, rad, and the share of the image over which
+/// the target moves.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Motion {
     pub(super) tilt: DVec3,
     pub(super) part: f64,
 }
 
-/// As one does who was told how.
+/// The recommended motion.
 pub(super) const GOOD: Motion = Motion { tilt: DVec3::new(0.5, 0.5, 0.5), part: 0.4 };
 
-/// What makes a scan imperfect.
+/// Errors of a scan.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Imperfect {
     pub(super) position_mm: f64,
     pub(super) turn_deg: f64,
     pub(super) seen_px: f64,
-    /// How far the point is from the picture's plane when it is seen.
+    /// Distance of the point from the image plane when seen.
     pub(super) across_mm: f64,
     pub(super) lag_s: f64,
-    /// Part of the pictures whose brightest spot, or whose line, is something else's.
+    /// Share of the images whose brightest spot, or whose line, belongs to another object.
     pub(super) wrong: f64,
 }
 
@@ -46,7 +48,7 @@ pub(super) struct Scan {
 }
 
 impl Scan {
-    /// Of so many pictures.
+    /// Simulates a scan of this many images.
     pub(super) fn new(
         target: Target,
         pictures: usize,
@@ -73,7 +75,7 @@ impl Scan {
         };
         let phases: [f64; 6] = std::array::from_fn(|_| noise.between(0.0, std::f64::consts::TAU));
         let size = DVec2::from(SIZE_PX.map(f64::from));
-        // Which pixel is at the target at a time, and where the picture is then.
+        // The image plane at a time, and the pixel at the target.
         let reference_from_image = |time: f64| {
             let wave = |period_s: f64, phase: usize| (std::f64::consts::TAU * time / period_s + phases[phase]).sin();
             let px = size * (DVec2::splat(0.5) + DVec2::new(wave(2.9, 0), wave(4.7, 1)) * motion.part);
@@ -82,7 +84,7 @@ impl Scan {
             let tilt = motion.tilt * DVec3::new(wave(3.7, 2), wave(5.3, 3), wave(6.1, 4));
             let turn = upright * DMat3::from_quat(DQuat::from_scaled_axis(tilt));
             let (u, v) = (turn * DVec3::X * 0.0786, turn * DVec3::Y * 0.0741);
-            // Along a plane it is anywhere.
+            // Along a plane the position is arbitrary.
             let along = normal.any_orthonormal_pair().0 * (8.0 * wave(7.9, 5));
             let at = if target == Target::Plane { at + along } else { at };
             (ImagePlane { u, v, origin: at - u * px.x - v * px.y }, px)
@@ -91,7 +93,7 @@ impl Scan {
             let time_s = 100.0 + PERIOD_S * frame as f64;
             let (image, px) = reference_from_image(time_s);
             let seen = if target == Target::Plane {
-                // Where the line is at two of the picture's columns.
+                // The line at two of the image's columns.
                 let mut point = |column: f64| {
                     let [u, v] = [image.u, image.v].map(|side| normal.dot(side));
                     let px = DVec2::new(column, (normal.dot(at) - normal.dot(image.origin) - u * column) / v);

@@ -11,32 +11,34 @@
 //! | 24 | buttons |
 //! | 25 | CRC-16/CCITT-FALSE over bytes 0 to 24 |
 //!
-//! COBS is undone here and not by the crate `cobs`: of a block whose length is known, what has to be told is whether one begins at this byte and
-//! not where the next zero is, so that a byte lost costs one block and never two. Tests compare the two.
+//! This module decodes COBS itself, without the crate `cobs`. The length of a block is known, so
+//! the decoder tests whether a block begins at this byte, instead of searching for the next zero.
+//! A lost byte then costs one block and never two. Tests compare the two.
 
 use super::{AXES, Framing, Record, Sample, flag};
 use crate::framing::{Look, Refusal};
 
-/// Before its zeros are replaced.
+/// Bytes before their zeros are replaced.
 const PLAIN: usize = 27;
-/// On the wire: a code in front, a zero behind.
+/// Bytes on the wire: a code in front, a zero behind.
 const WIRE: usize = PLAIN + 2;
 /// Bytes under the checksum.
 const SUMMED: usize = PLAIN - 2;
 
-/// The first code: the first two bytes are not zero, so it is at least this.
+/// Minimum of the first code: the first two bytes are not zero.
 pub(super) const FEWEST_CODE: u8 = 3;
-/// No more than this if no byte is zero.
+/// Maximum of the first code, when no byte is zero.
 pub(super) const MOST_CODE: u8 = 28;
 
 const TYPE: u8 = 1;
 
-/// What each value of each byte adds to the checksum: it is linear and its length is fixed, so that no byte has to wait for the one before it.
+/// Contribution of each value of each byte to the checksum. The checksum is linear and its length
+/// is fixed, so no byte depends on the one before it.
 static SUMS: [[u16; 256]; SUMMED] = sums();
-/// The checksum of zeros.
+/// Checksum of zeros.
 const SUM_OF_ZEROS: u16 = shifted(0xffff, 8 * SUMMED);
 
-/// The register after so many more bits of zeros.
+/// Returns the register after `bits` further zero bits.
 const fn shifted(mut register: u16, bits: usize) -> u16 {
     let mut bit = 0;
     while bit < bits {
@@ -79,7 +81,7 @@ pub(super) fn look(window: &[u8]) -> Look<Record<'_>> {
     let [code, plain @ .., 0] = block else {
         return Look::skip_byte(Refusal::Length);
     };
-    // A code tells where the next zero was; a code stands in its place.
+    // A code gives the position of the next zero, and the next code replaces that zero.
     let mut plain: [u8; PLAIN] = *plain;
     let mut at = usize::from(*code) - 1;
     let mut holes = false;
@@ -101,7 +103,7 @@ pub(super) fn look(window: &[u8]) -> Look<Record<'_>> {
         return Look::skip_byte(Refusal::Checksum);
     }
     let flags = u16::from_le_bytes([f0, f1]);
-    // A zero that no code stands for would not come of COBS.
+    // COBS output contains no zero.
     if flags & !flag::KNOWN != 0 || block[1..=PLAIN].contains(&0) {
         return Look::skip_byte(Refusal::Field);
     }
@@ -118,7 +120,7 @@ pub(super) fn look(window: &[u8]) -> Look<Record<'_>> {
     Look::Record { length: WIRE, record: Record::Sample(sample) }
 }
 
-/// Of fewer bytes than a block: nothing is held back that cannot begin one.
+/// Judges a window shorter than a block; bytes that cannot begin a block are not held back.
 #[cold]
 fn judge_beginning(window: &[u8]) -> Look<Record<'_>> {
     match window {
@@ -139,7 +141,8 @@ pub(super) fn write(sample: &Sample, to: &mut Vec<u8>) {
     summed[24] = sample.buttons;
     let [low, high] = checksum(&summed).to_le_bytes();
     let plain = summed.into_iter().chain([low, high]);
-    // A code in front of each run without zeros, which has at most 27 bytes, says how far the next zero is.
+    // A code before each run without zeros (at most 27 bytes) gives the distance to the next
+    // zero.
     let mut code = to.len();
     to.push(1);
     for byte in plain {

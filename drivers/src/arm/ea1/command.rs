@@ -1,35 +1,36 @@
-//! What the host sends: `!`, a letter, a number or none, LF.
+//! Commands of the host: `!`, a letter, an optional number, LF.
 
 use std::io::Write;
 
 use super::Framing;
 
-/// A command.
+/// A command to the arm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Command {
-    /// `!I`: who the arm is.
+    /// `!I`: asks for the arm's identity.
     Identify,
-    /// `!R<hz>` or `!B<hz>`: so many samples a second, as lines or as blocks; 0 for none.
+    /// `!R<hz>` or `!B<hz>`: samples per second, as lines or as blocks; 0 for none.
     Stream(Framing, u32),
-    /// `!P`: one sample, as a line.
+    /// `!P`: asks for one sample, as a line.
     Poll,
-    /// `!Z<mask>`: the counters of these joints become 0 where they are, bit 0 the base's.
+    /// `!Z<mask>`: sets the counters of these joints to 0 at their present position; bit 0 is the
+    /// base.
     Zero(u8),
-    /// `!T<token>`: what time the arm has.
+    /// `!T<token>`: asks for the arm's time.
     Time(u32),
 }
 
 impl Command {
-    /// The bytes to send.
+    /// Returns the bytes to send.
     pub fn bytes(&self) -> Vec<u8> {
         let mut bytes = Vec::new();
         self.write(&mut bytes);
         bytes
     }
 
-    /// Appends them.
+    /// Appends the bytes to send.
     pub fn write(&self, to: &mut Vec<u8>) {
-        // Writing to memory does not fail.
+        // Writing to memory cannot fail.
         let _ = match self {
             Self::Identify => to.write_all(b"!I\n"),
             Self::Stream(Framing::Lines, hz) => writeln!(to, "!R{hz}"),
@@ -40,8 +41,9 @@ impl Command {
         };
     }
 
-    /// The command at the front of what was sent to an arm, and its bytes; what a virtual arm reads. `None` while the line is not ended;
-    /// otherwise the command, or the [code](super::error) to answer with.
+    /// Reads the first command in bytes sent to an arm, and returns it with its length in bytes.
+    /// Virtual arms use this. Returns `None` while the line is unfinished; otherwise the command,
+    /// or the error [code](super::error) for the answer.
     pub fn read(bytes: &[u8]) -> Option<(Result<Self, u32>, usize)> {
         let end = bytes.iter().position(|&byte| byte == b'\n')?;
         Some((Self::of_line(bytes[..end].trim_ascii_end()), end + 1))

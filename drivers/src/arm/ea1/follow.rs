@@ -1,34 +1,36 @@
-//! From samples to readings: which are believed, which axes are at home, what was lost.
+//! Converts samples to readings: which are accepted, which axes are homed, which were lost.
 //!
-//! Where an arm is at home is the arm's to say: by its flags, as its index marks go by or as it is told by `!Z`. What happens on the way is read from what the arm sends
-//! and from nothing else, so that a recording's bytes make the same readings: the answer to a time ping behind a `!Z` names the axes that were zeroed, since the arm
-//! sends a ping's number back as it came.
+//! The arm itself reports which axes are homed: by its flags, when its index marks pass or after
+//! `!Z`. This module uses only received bytes, so a recording's bytes give the same readings. The
+//! arm echoes a ping's number; the answer to a time ping behind a `!Z` therefore names the axes
+//! that were zeroed.
 
 use std::collections::VecDeque;
+
+use sonoweave_core::clock::{MS, SECOND};
+use sonoweave_core::reading::{self, Counts, Reading, Stamp, Status};
 
 use super::{AXES, Command, Framing, Record, Sample, flag};
 use crate::arm::Settings;
 use crate::arm::homing::{Between, Homing, Passed};
-use crate::clock::{MS, SECOND};
-use crate::reading::{self, Counts, Reading, Stamp, Status};
 
-/// What an answer to a ping may take, ns.
+/// Time limit of the answer to a ping, ns.
 const ANSWER: i64 = 300 * MS;
-/// Between two time pings, ns.
+/// Time between two time pings, ns.
 const PING: i64 = SECOND;
-/// A ping that is not answered is sent so often.
+/// Number of times that an unanswered ping is sent.
 const TRIES: u8 = 3;
-/// In a ping's number, the axes that were zeroed just before it stand above so many bits.
+/// Bit position, in a ping's number, of the axes that were zeroed just before it.
 const ZEROED: u32 = 29;
 
-/// A reading before it is told whether it is believed.
+/// A reading before it is accepted or refused.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Taken {
     sample: Sample,
     at_ns: i64,
 }
 
-/// A question for the arm's time that is not answered yet.
+/// An unanswered request for the arm's time.
 #[derive(Debug, Clone, Copy)]
 struct Ping {
     token: u32,
@@ -36,46 +38,46 @@ struct Ping {
     tries: u8,
 }
 
-/// Axes that were zeroed before the arm's time was so many µs.
+/// Axes that were zeroed before the arm's time `by_us`, µs.
 #[derive(Debug, Clone, Copy)]
 struct Zeroed {
     axes: u8,
     by_us: u32,
 }
 
-/// What is known of an arm that sends samples.
+/// State of an arm that sends samples.
 #[derive(Debug)]
 pub(super) struct Follower {
     fastest: i64,
-    /// Bare numbers are all that there is.
+    /// Whether the arm sends only bare numbers.
     bare: bool,
     homing: Homing<Taken>,
     zeroed: Option<Zeroed>,
-    /// To be zeroed when there is time to send it.
+    /// Axes that the next message zeroes.
     to_zero: u8,
     ping: Option<Ping>,
     pings: u32,
     next_ping_ns: i64,
     round_trip_ns: Option<i64>,
-    /// The arm has started anew while it was listened to.
+    /// Whether the arm has restarted while it was read.
     restarted: bool,
     last: Option<Sample>,
-    /// Between two samples, µs, as it was lately.
+    /// Recent time between two samples, µs.
     period_us: Option<i64>,
-    /// By the samples' numbers.
+    /// Lost samples, from the gaps in their numbers.
     lost: u64,
     refused: u64,
     trouble: String,
-    /// Samples since the last one that others were left out before.
+    /// Samples since the last overrun.
     since_overrun: u32,
 }
 
-/// An overrun is spoken of for so many samples.
+/// Number of samples for which an overrun is reported.
 const SPOKEN_OF: u32 = 100;
 
 impl Follower {
     pub(super) fn new(settings: &Settings, bare: bool) -> Self {
-        // Bare numbers have the host's time, which comes in packets.
+        // Bare numbers are timed by the host, which receives them in packets.
         let grace_ns = if bare { 50 * MS } else { MS };
         Self {
             fastest: settings.fastest.into(),
@@ -97,9 +99,9 @@ impl Follower {
         }
     }
 
-    /// Nothing is known, and the arm may be another one.
+    /// Clears all state; the arm may be another one.
     pub(super) fn restart(&mut self) {
-        // Otherwise what is at home is the arm's to say.
+        // An EA1 arm reports its own homing.
         self.homing.restart(if self.bare { 0 } else { self.homing.all() });
         (self.zeroed, self.ping, self.last, self.period_us) = (None, None, None, None);
         (self.restarted, self.next_ping_ns) = (false, i64::MIN);
@@ -121,7 +123,7 @@ impl Follower {
         self.round_trip_ns
     }
 
-    /// Readings lost and readings refused.
+    /// Returns the numbers of lost and of refused readings.
     pub(super) fn losses(&self) -> [u64; 2] {
         [self.lost, self.refused]
     }
@@ -130,12 +132,13 @@ impl Follower {
         &self.trouble
     }
 
-    /// Whether the arm has started anew since this was asked last: it sends nothing until it is told to.
+    /// Returns whether the arm has restarted since the last call: it then sends nothing until the
+    /// host asks.
     pub(super) fn has_restarted(&mut self) -> bool {
         std::mem::take(&mut self.restarted)
     }
 
-    /// Adds what there is to be sent now.
+    /// Appends the bytes to send now.
     pub(super) fn ask(&mut self, now_ns: i64, to: &mut Vec<u8>) {
         if self.to_zero != 0 {
             let axes = std::mem::take(&mut self.to_zero);
@@ -169,7 +172,7 @@ impl Follower {
         Command::Time(token).write(to);
     }
 
-    /// What the arm has sent.
+    /// Takes a record from the arm.
     pub(super) fn take(&mut self, record: &Record<'_>, at_ns: i64, found: &mut VecDeque<Reading>) {
         match *record {
             Record::Sample(sample) => {
@@ -186,7 +189,7 @@ impl Follower {
         }
     }
 
-    /// The answer to a ping.
+    /// Takes the answer to a ping.
     fn answered(&mut self, token: u32, t_us: u32, at_ns: i64) {
         let axes = (token >> ZEROED) as u8;
         if axes != 0 {
@@ -200,7 +203,7 @@ impl Follower {
         }
     }
 
-    /// What one more sample comes to.
+    /// Delivers one more accepted sample.
     fn pass(&mut self, passed: Passed<Taken>, found: &mut VecDeque<Reading>) {
         self.refused += passed.refused;
         let jumped = passed.held.is_some();
@@ -210,7 +213,8 @@ impl Follower {
             }
             let says = homed_of(sample.flags);
             let fault = (sample.flags / flag::FAULT[0]) as u8 & self.homing.all();
-            // What the arm does not know itself is known when the arm knows it.
+            // Axes that the arm reports as not homed are trusted again once it reports them as
+            // homed.
             self.homing.trust(!says & self.homing.all());
             self.zero(&sample, says, counts);
             let homed = says & self.homing.homed() & !fault;
@@ -230,7 +234,7 @@ impl Follower {
         }
     }
 
-    /// Bare numbers, by the host's time.
+    /// Takes bare numbers, by the host's time.
     fn take_bare(&mut self, shown: [i32; AXES], at_ns: i64, found: &mut VecDeque<Reading>) {
         let sample = Sample { seq: 0, t_us: 0, counts: shown, flags: 0, buttons: 0, framing: Framing::Lines };
         let passed = self.homing.take(Taken { sample, at_ns }, wide(shown), |earlier, later| Between::Later {
@@ -247,21 +251,21 @@ impl Follower {
         }
     }
 
-    /// What lies between two samples that are believed.
+    /// Counts the loss between two accepted samples, and tracks their period.
     fn count(&mut self, earlier: &Sample, later: &Sample) {
         let (steps, us) = steps(earlier, later);
-        // Backwards is a beginning: nothing was lost.
+        // A backward step is a restart: nothing was lost.
         self.lost += u64::try_from(steps - 1).unwrap_or(0);
         self.period_us = match self.period_us {
             _ if steps <= 0 || us <= 0 => None,
             None => Some(us / steps),
-            // Another rate, and not what the arm's timer is late by.
+            // The rate has changed; this is not jitter of the arm's timer.
             Some(period) if (us / steps - period).abs() > period / 2 => Some(us / steps),
             Some(period) => Some(period + (us / steps - period) / 4),
         };
     }
 
-    /// The first sample after axes were zeroed: whether they are.
+    /// Checks in the first sample after zeroing whether the axes are zeroed.
     fn zero(&mut self, sample: &Sample, says: u8, counts: [i64; reading::AXES]) {
         let Some(Zeroed { axes, by_us }) = self.zeroed else { return };
         let since_us = i64::from(sample.t_us.wrapping_sub(by_us).cast_signed());
@@ -280,7 +284,7 @@ impl Follower {
         }
     }
 
-    /// What is the matter with an arm whose last reading had this status.
+    /// Updates the reported problem from the status of the last reading.
     fn note(&mut self, overrun: bool, status: &Status) {
         let trouble = match status {
             Status::Other(why) if self.homing.why().is_empty() => why,
@@ -288,7 +292,7 @@ impl Follower {
             Status::Ok if overrun => {
                 "takes more samples than it can send: ask for fewer (arm.rate_hz), for blocks, or set a faster line (arm.baud)"
             }
-            // Who has asked for bare numbers uses them, and is told of what they are as long as he does.
+            // The user chose bare numbers; the warning stays as long as they are in use.
             Status::Ok if self.bare => UNRELIABLE,
             Status::Ok => "",
         };
@@ -298,7 +302,7 @@ impl Follower {
     }
 }
 
-/// What is said of bare numbers.
+/// Warning about bare numbers.
 const UNRELIABLE: &str = "sent as bare numbers, without checksum, number and time: not to be relied on";
 
 fn homed_of(flags: u16) -> u8 {
@@ -314,13 +318,13 @@ fn blank(ticks: Option<u64>, at_ns: i64, counts: [i64; reading::AXES]) -> Counts
     Counts { stamp, first: 0, axes: AXES as u8, counts, homed: 0, buttons: 0, status: Status::Ok }
 }
 
-/// Numbers and µs from one sample to another.
+/// Returns the numbers and µs from one sample to another.
 fn steps(earlier: &Sample, later: &Sample) -> (i64, i64) {
     let signed = |difference: u32| i64::from(difference.cast_signed());
     (signed(later.seq.wrapping_sub(earlier.seq)), signed(later.t_us.wrapping_sub(earlier.t_us)))
 }
 
-/// What lies between two samples of an arm that takes one every `period_us`, as far as that is known.
+/// Relates two samples of an arm with the sample period `period_us`, if known.
 fn between(earlier: &Sample, later: &Sample, period_us: Option<i64>, zeroed: Option<Zeroed>) -> Between {
     let (steps, us) = steps(earlier, later);
     if steps <= 0 || us <= 0 {
@@ -328,9 +332,10 @@ fn between(earlier: &Sample, later: &Sample, period_us: Option<i64>, zeroed: Opt
     }
     let is_past = |by_us: u32, sample: &Sample| sample.t_us.wrapping_sub(by_us).cast_signed() >= 0;
     let told = zeroed.filter(|zeroed| is_past(zeroed.by_us, later) && !is_past(zeroed.by_us, earlier));
-    // An index mark went by.
+    // An index mark passed.
     let met = homed_of(later.flags) & !homed_of(earlier.flags);
-    // Number and time go together, or one of them is damaged; but the timer of an arm may begin anew when it is zeroed.
+    // Number and time must advance together, or one of them is corrupted. The arm's timer may
+    // restart when the arm is zeroed.
     let expected = told.is_some() || period_us.is_none_or(|period| (us - steps * period).abs() <= period / 2 + us / 8);
     Between::Later { ns: us * 1000, set: told.map_or(0, |zeroed| zeroed.axes) | met, expected }
 }

@@ -1,10 +1,11 @@
-//! Lines: `$`, fields, `*`, checksum of two hexadecimal digits, CR LF. The checksum is the exclusive or of what is between `$` and `*`.
+//! Lines: `$`, fields, `*`, checksum of two hexadecimal digits, CR LF. The checksum is the
+//! exclusive or of the bytes between `$` and `*`.
 
 use super::{AXES, Framing, Identity, LONGEST_LINE, Record, Sample, flag};
 use crate::framing::{Look, Refusal};
 use crate::numerals;
 
-/// `*`, two digits, CR LF.
+/// Bytes of `*`, two digits, CR LF.
 const END: usize = 5;
 
 #[inline]
@@ -15,7 +16,8 @@ pub(super) fn look(window: &[u8]) -> Look<Record<'_>> {
     }
 }
 
-/// A whole and good sample, which is what nearly every line is. Everything else, and why it is none, is for [`any_line`] to say.
+/// Reads a whole and valid sample, as nearly every line is. For everything else, [`any_line`]
+/// gives the reason.
 #[inline]
 fn sample(window: &[u8]) -> Option<(usize, Sample)> {
     let mut rest = window.strip_prefix(b"$EA,")?;
@@ -54,7 +56,7 @@ fn in_range(negative: bool, value: u32) -> Option<i32> {
     if negative { 0_i32.checked_sub_unsigned(value) } else { i32::try_from(value).ok() }
 }
 
-/// The hexadecimal digits at the front of `text`, and how many they are: 1 to 4.
+/// Reads the hexadecimal digits at the front of `text`; returns their value and number, 1 to 4.
 #[inline(always)]
 fn hexadecimal(text: &[u8]) -> Option<(u16, usize)> {
     let mut value = 0;
@@ -79,7 +81,7 @@ fn digit(byte: u8) -> Option<u16> {
     }
 }
 
-/// What has to follow the star: the checksum in upper case, CR LF.
+/// Returns the bytes that must follow the star: the checksum in upper case, CR LF.
 #[inline]
 fn sum_and_end(summed: &[u8]) -> [u8; 4] {
     const DIGITS: [u8; 16] = *b"0123456789ABCDEF";
@@ -91,7 +93,8 @@ fn sum_and_end(summed: &[u8]) -> [u8; 4] {
     [DIGITS[usize::from(sum >> 4)], DIGITS[usize::from(sum & 0xf)], b'\r', b'\n']
 }
 
-/// Any line that begins here, or why none does; says the same of a sample as [`sample`] does.
+/// Reads any line that begins here, or gives the reason for a refusal. Agrees with [`sample`] on
+/// samples.
 #[cold]
 fn any_line(window: &[u8]) -> Look<Record<'_>> {
     let inside = &window[..window.len().min(LONGEST_LINE)];
@@ -100,7 +103,7 @@ fn any_line(window: &[u8]) -> Look<Record<'_>> {
         return if inside.len() < LONGEST_LINE { Look::Short } else { Look::skip_byte(Refusal::Length) };
     };
     if inside[star] != b'*' {
-        // Cut off: what is here now may be the beginning of something.
+        // The line is truncated: a new one may begin here.
         return Look::Skip { bytes: star, why: Refusal::Length };
     }
     let [tens, ones, end @ ..] = sum_and_end(&inside[1..star]);
@@ -124,7 +127,7 @@ fn any_line(window: &[u8]) -> Look<Record<'_>> {
     }
 }
 
-/// What a line with a good checksum says.
+/// Reads the fields of a line with a correct checksum.
 fn record(text: &str) -> Result<Record<'_>, Refusal> {
     let mut fields = text.split(',');
     let kind = fields.next();
@@ -145,7 +148,7 @@ fn record(text: &str) -> Result<Record<'_>, Refusal> {
             Record::Sample(Sample { seq, t_us, counts, flags, buttons, framing: Framing::Lines })
         }
         Some("EI") => {
-            // Another version or another number of joints is another protocol.
+            // Another version or number of joints is another protocol.
             if next()? != "1" {
                 return Err(Refusal::Header);
             }
@@ -183,9 +186,9 @@ fn count(field: &str) -> Result<i32, Refusal> {
     in_range(negative, number(digits)?).ok_or(Refusal::Field)
 }
 
-/// Three whole numbers with commas between them, ended by LF or CR LF.
+/// Reads three whole numbers with commas between them, ended by LF or CR LF.
 pub(super) fn bare_numbers(window: &[u8]) -> Look<Record<'_>> {
-    // Eleven characters a number, two commas, CR LF.
+    // Eleven characters per number, two commas, CR LF.
     const LONGEST: usize = 3 * 11 + 2 + 2;
     let inside = &window[..window.len().min(LONGEST)];
     let Some(end) = inside.iter().position(|byte| !matches!(byte, b'0'..=b'9' | b'-' | b',')) else {
@@ -207,7 +210,8 @@ pub(super) fn bare_numbers(window: &[u8]) -> Look<Record<'_>> {
 }
 
 impl Record<'_> {
-    /// Appends what the arm sends: a block for a sample of that framing, otherwise a line.
+    /// Appends the record as the arm sends it: a block for a sample of that framing, otherwise a
+    /// line.
     pub fn write(&self, to: &mut Vec<u8>) {
         let text = match self {
             Self::Sample(sample) if sample.framing == Framing::Blocks => return super::block::write(sample, to),

@@ -1,15 +1,17 @@
-//! EA1: what an arm built around a microcontroller speaks. `docs/ea1.md` is its description for those who build one.
+//! EA1: the protocol of arms built around a microcontroller. `docs/ea1.md` describes it for arm
+//! builders.
 //!
 //! | | |
 //! |---|---|
 //! | Clock | the arm's own microseconds, and a number that counts samples |
-//! | Tick | 1 µs; the crystal's tolerance is the host's to find |
+//! | Tick | 1 µs; the host must determine the crystal's deviation |
 //! | Wrap | both at 2³²: the time after 71.6 minutes, the number at 1 kHz after 49.7 days |
 //! | Instant | the one at which all counters were latched |
 //!
-//! Samples come as lines with a checksum of 8 bits or as blocks (COBS) with one of 16; all other answers are lines. Both may come in any order on the same
-//! port and are told apart by their first byte: `$`, or a code below 29. Lines of three bare numbers, which carry no checksum and no time,
-//! are read only by a decoder that was made to.
+//! Samples are lines with a checksum of 8 bits, or blocks (COBS) with one of 16; all other
+//! answers are lines. Both may alternate on the same port and differ in their first byte: `$`, or
+//! a code below 29. Lines of three bare numbers carry no checksum and no time; only a decoder
+//! created for them reads them.
 
 mod block;
 pub mod command;
@@ -25,60 +27,60 @@ use crate::framing::{Format, Look, Refusal};
 /// Joints of an arm.
 pub const AXES: usize = 3;
 
-/// Longest line, its end included.
+/// Longest line, in bytes, including its end.
 pub const LONGEST_LINE: usize = 128;
 
-/// Longest sample: as a line with every number at its longest.
+/// Longest sample, in bytes: a line with every number at its longest.
 pub const LONGEST_SAMPLE: usize = 71;
 
-/// What a sample's flags say.
+/// Flags of a sample.
 pub mod flag {
-    /// Joint 0, 1, 2: its counter was zeroed at a known place since power came on.
+    /// Joint 0, 1, 2: its counter was zeroed at a known position since power-on.
     pub const HOMED: [u16; 3] = [1, 1 << 1, 1 << 2];
-    /// Joint 0, 1, 2: its counter is not to be believed any more (impossible transition, too fast).
+    /// Joint 0, 1, 2: its counter is no longer reliable (impossible transition, too fast).
     pub const FAULT: [u16; 3] = [1 << 3, 1 << 4, 1 << 5];
     /// A button is pressed.
     pub const BUTTON: u16 = 1 << 6;
-    /// Samples were taken that could not be sent.
+    /// Some samples were taken but not sent.
     pub const OVERRUN: u16 = 1 << 7;
-    /// All that have a meaning.
+    /// All defined flags.
     pub const KNOWN: u16 = 0xff;
 }
 
-/// What the arm sends.
+/// A record from the arm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Record<'a> {
     /// The joints' counts at an instant.
     Sample(Sample),
-    /// Who the arm is.
+    /// The arm's identity.
     Identity(Identity<'a>),
     /// The answer to a time ping.
     Time {
-        /// The ping's.
+        /// Token of the ping.
         token: u32,
         /// The arm's time when it read the ping, µs.
         t_us: u32,
     },
-    /// A command was not obeyed; its [code](error).
+    /// The arm refused a command, with this [code](error).
     Error(u32),
     /// Three bare numbers: counts at an unknown instant, unprotected.
     Unreliable([i32; AXES]),
 }
 
-/// Codes of errors.
+/// Error codes.
 pub mod error {
-    /// No such command.
+    /// The command does not exist.
     pub const UNKNOWN_COMMAND: u32 = 1;
-    /// A parameter that is no number or that the arm cannot do.
+    /// A parameter is not a number, or the arm does not support it.
     pub const BAD_PARAMETER: u32 = 2;
-    /// More samples a second than the line carries.
+    /// The line cannot carry this many samples per second.
     pub const TOO_FAST: u32 = 3;
 }
 
 /// The joints' counts at an instant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sample {
-    /// Number of the sample; counts those that were not sent too.
+    /// Number of the sample; unsent samples are counted too.
     pub seq: u32,
     /// The arm's time at which all counters were latched, µs; wraps at 2³².
     pub t_us: u32,
@@ -86,33 +88,34 @@ pub struct Sample {
     pub counts: [i32; AXES],
     /// See [`flag`].
     pub flags: u16,
-    /// Buttons, a bit each; of a line the one that its flags have.
+    /// Buttons, one bit each; a line has only the one in its flags.
     pub buttons: u8,
-    /// How it was sent.
+    /// Framing of the sample.
     pub framing: Framing,
 }
 
-/// How samples are sent.
+/// Framing of samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Framing {
-    /// As lines.
+    /// Text lines.
     Lines,
-    /// As blocks.
+    /// Binary blocks.
     Blocks,
 }
 
-/// Who the arm is.
+/// The arm's identity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Identity<'a> {
-    /// What its maker calls it.
+    /// Model name.
     pub model: &'a str,
-    /// Which one of them.
+    /// Serial number.
     pub serial: &'a str,
-    /// Counts a revolution (of a sliding joint: a metre), base first; 0 where the arm does not know.
+    /// Counts per revolution (of a sliding joint: per metre), base first; 0 if the arm does not
+    /// know.
     pub counts_per_revolution: [u32; AXES],
-    /// Ticks of its clock a second.
+    /// Clock frequency, ticks per second.
     pub tick_hz: u32,
-    /// Samples a second that it sends now; 0 for none.
+    /// Present sample rate, samples per second; 0 for none.
     pub rate_hz: u32,
 }
 
@@ -120,17 +123,18 @@ pub struct Identity<'a> {
 #[derive(Debug, Clone)]
 pub struct Ea1 {
     bare_numbers: bool,
-    /// Whether a line may begin here, which matters for bare numbers only.
+    /// Whether a line may begin here; used for bare numbers only.
     line_begins: bool,
 }
 
 impl Ea1 {
-    /// Of an arm that speaks EA1.
+    /// Creates a format for an EA1 arm.
     pub fn new() -> Self {
         Self { bare_numbers: false, line_begins: true }
     }
 
-    /// Of an arm that may also send lines of three bare numbers. Nothing protects them: what is left of a damaged line can look like one.
+    /// Creates a format for an arm that may also send lines of three bare numbers. These have no
+    /// protection: the rest of a damaged line can look like one.
     pub fn or_bare_numbers() -> Self {
         Self { bare_numbers: true, line_begins: true }
     }
@@ -171,7 +175,7 @@ impl Format for Ea1 {
     }
 
     fn interrupted(&mut self) {
-        // What comes next may be anything's middle.
+        // The next byte may be in the middle of a line.
         self.line_begins = false;
     }
 }

@@ -1,37 +1,40 @@
-//! Sets an EA1 arm up as it is found, and turns its samples into readings.
+//! Sets up an EA1 arm from any state, and converts its samples to readings.
 //!
-//! Opening its line starts many a board anew, which then says who it is: that is waited for before anything is sent, as what a board is sent while it starts is lost
-//! or worse. An arm that goes on talking from before is told to be quiet, asked who it is, and told how to talk.
+//! Opening the line restarts many boards, which then send their identity. The driver waits for
+//! this before it sends anything, because bytes sent to a starting board are lost or do harm. An
+//! arm that still streams from an earlier session is stopped, asked for its identity, and set to
+//! stream.
 
 use std::collections::VecDeque;
+
+use sonoweave_core::clock::{MS, SECOND};
+use sonoweave_core::reading::Reading;
+use sonoweave_core::{Description, Error, Ticks, Timing};
 
 use super::follow::Follower;
 use super::{AXES, Command, Ea1, Framing, Identity, Record};
 use crate::arm::Settings;
-use crate::clock::{MS, SECOND};
-use crate::connection::{Lost, Met, Protocol, Rung};
+use crate::connection::{Lost, Met, Protocol, SetupStep};
 use crate::framing::{Decoder, Refusal};
-use crate::reading::Reading;
-use crate::{Description, Error, Ticks, Timing};
 
-/// Bits a second that are usual.
+/// Usual serial rate, bits per second.
 pub(in crate::arm) const BAUD: u32 = 115_200;
-/// So long may a board take to start, ns.
+/// Time limit for the start of a board, ns.
 const START: i64 = 2_500 * MS;
-/// An arm that was told to be quiet and says nothing for so long is.
+/// Silence after which a stopped arm counts as quiet, ns.
 const QUIET: i64 = 60 * MS;
-/// What it may take to be quiet, ns.
+/// Time that an arm may take to become quiet, ns.
 const HUSHED: i64 = 600 * MS;
-/// What an answer may take, ns.
+/// Time limit of an answer, ns.
 const ANSWER: i64 = 300 * MS;
 /// Bytes of a usual line, and of a block.
 const BYTES: [i64; 2] = [45, 29];
-/// Bits that a byte takes on the wire.
+/// Bits of a byte on the wire.
 const BITS: i64 = 10;
-/// Bare numbers that make an arm that sends nothing else.
+/// Bare-number lines after which the arm counts as sending nothing else.
 const BARE: usize = 3;
 
-/// What an arm is to speak.
+/// Sample format of an arm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Speech {
     /// EA1, samples as lines.
@@ -39,11 +42,12 @@ pub enum Speech {
     Lines,
     /// EA1, samples as blocks.
     Blocks,
-    /// Lines of three bare numbers, by an arm that knows nothing else: without checksum, number and time. They are used, and as long as they are it is said that nothing vouches for them.
+    /// Lines of three bare numbers, without checksum, number and time, from an arm without a
+    /// protocol. The driver uses them, and reports all the time that they are unreliable.
     BareNumbers,
 }
 
-/// Where the setting-up stands.
+/// State of the set-up sequence.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Step {
     Line,
@@ -57,7 +61,7 @@ enum Step {
     Asked,
     Stream,
     Streaming,
-    /// Sends bare numbers, or not.
+    /// Waits for bare numbers.
     Bare,
     Done,
     Fallen,
@@ -76,7 +80,7 @@ pub struct Unit {
 }
 
 impl Unit {
-    /// To be set up so.
+    /// Creates a unit with these settings.
     ///
     /// # Errors
     /// [`Error::Misuse`] for settings that no arm has.
@@ -108,12 +112,13 @@ impl Unit {
         Ok(unit)
     }
 
-    /// These axes (bit by axis) are at home now: their counters become 0, at the next turn of the line.
+    /// Homes these axes (bit by axis): their counters are set to 0 with the next message.
     pub fn home(&mut self, axes: u8) {
         self.follower.home(axes);
     }
 
-    /// The shortest time that a ping and its answer took, ns: what the arm's clock is uncertain by at most, against the host's.
+    /// Returns the shortest round trip of a ping, ns: an upper limit of the uncertainty of the
+    /// arm's clock against the host's.
     pub fn round_trip_ns(&self) -> Option<i64> {
         self.follower.round_trip_ns()
     }
@@ -127,28 +132,28 @@ impl Unit {
         Command::Stream(framing, self.settings.rate_hz)
     }
 
-    fn send(&mut self, command: Command, step: Step) -> Rung {
+    fn send(&mut self, command: Command, step: Step) -> SetupStep {
         self.step = step;
-        Rung::Send(command.bytes())
+        SetupStep::Send(command.bytes())
     }
 
-    fn fall(&mut self, why: &str) -> Rung {
+    fn fall(&mut self, why: &str) -> SetupStep {
         self.step = Step::Fallen;
-        Rung::Fall(why.to_owned())
+        SetupStep::Fall(why.to_owned())
     }
 
-    fn does_not_answer(&mut self) -> Rung {
+    fn does_not_answer(&mut self) -> SetupStep {
         let baud = self.baud();
         self.fall(&format!(
             "does not answer at {baud} bits a second; check that the arm has power, that it speaks EA1, and its rate (arm.baud)"
         ))
     }
 
-    /// From here on, samples are what is listened for.
+    /// Starts reading samples.
     fn listen(&mut self) {
         if self.speech == Speech::BareNumbers {
             self.decoder.reformat(Ea1::or_bare_numbers());
-            // The next byte may be in the midst of a number.
+            // The next byte may be in the middle of a number.
             self.decoder.interrupt();
         } else {
             self.decoder.reformat(Ea1::new());
@@ -156,7 +161,7 @@ impl Unit {
         self.step = Step::Done;
     }
 
-    /// Counts the records in what was heard: bare numbers, and all others.
+    /// Counts the records in `bytes`: bare numbers, and all others.
     fn heard(&mut self, bytes: &[u8]) -> [usize; 2] {
         let mut heard = [0; 2];
         self.decoder.feed(bytes, &mut |record, _| heard[usize::from(!matches!(record, Record::Unreliable(_)))] += 1);
@@ -164,8 +169,8 @@ impl Unit {
         heard
     }
 
-    /// The answer to who the arm is.
-    fn identify(&mut self, bytes: &[u8]) -> Option<Rung> {
+    /// Takes the answer to the identity request.
+    fn identify(&mut self, bytes: &[u8]) -> Option<SetupStep> {
         let before = self.decoder.losses().refused(Refusal::Header);
         let baud = self.baud().to_string();
         let mut wrong = None;
@@ -185,8 +190,8 @@ impl Unit {
         }
     }
 
-    /// What comes of being told to send samples.
-    fn begun(&mut self, bytes: &[u8]) -> Rung {
+    /// Takes the answer to the stream request.
+    fn begun(&mut self, bytes: &[u8]) -> SetupStep {
         let (mut samples, mut error) = (0, None);
         self.decoder.feed(bytes, &mut |record, _| match record {
             Record::Sample(_) => samples += 1,
@@ -195,10 +200,10 @@ impl Unit {
         });
         if samples > 0 {
             self.listen();
-            return Rung::Top { keep: true };
+            return SetupStep::Top { keep: true };
         }
         match error {
-            None => Rung::More,
+            None => SetupStep::More,
             Some(super::error::TOO_FAST) => {
                 let hz = self.settings.rate_hz;
                 self.fall(&format!(
@@ -212,7 +217,7 @@ impl Unit {
     }
 }
 
-/// What an arm says of itself.
+/// Returns the fields of an arm's identity.
 fn fields(identity: &Identity<'_>, baud: &str) -> Vec<(String, String)> {
     vec![
         ("Model".into(), identity.model.into()),
@@ -223,7 +228,7 @@ fn fields(identity: &Identity<'_>, baud: &str) -> Vec<(String, String)> {
     ]
 }
 
-/// Whether it is another arm than the one that is wanted, and what to do.
+/// Returns an error text if this is not the configured arm, with advice.
 fn is_another(identity: &Identity<'_>, wanted: &[u32; AXES]) -> Option<String> {
     let has = identity.counts_per_revolution;
     let differs = |axis: &usize| wanted[*axis] != 0 && has[*axis] != 0 && wanted[*axis] != has[*axis];
@@ -252,42 +257,44 @@ impl Protocol for Unit {
         self.listen();
     }
 
-    fn climb(&mut self, met: Met<'_>) -> Rung {
+    fn climb(&mut self, met: Met<'_>) -> SetupStep {
         match (self.step, met) {
             (_, Met::Begin) => {
-                // One that has just been tried on this line was not started anew by its opening; what it sent is known.
+                // After a failed attempt on the same line, opening did not restart the arm, and
+                // its output is known.
                 let knock = self.step == Step::Fallen;
                 if !knock || self.speech == Speech::BareNumbers {
                     self.bare = 0;
                 }
                 self.step = Step::Opened { knock };
-                Rung::Baud(self.baud())
+                SetupStep::Baud(self.baud())
             }
             (Step::Opened { .. }, _) if self.speech == Speech::BareNumbers => {
                 self.decoder.reformat(Ea1::or_bare_numbers());
                 self.decoder.interrupt();
                 self.step = Step::Bare;
-                Rung::Listen(START)
+                SetupStep::Listen(START)
             }
             (Step::Opened { knock: false }, _) => {
                 self.decoder.reformat(Ea1::or_bare_numbers());
                 self.step = Step::Wait;
-                Rung::Listen(START)
+                SetupStep::Listen(START)
             }
             (Step::Wait, Met::Heard(bytes)) => match self.heard(bytes) {
-                [_, 0] => Rung::More,
+                [_, 0] => SetupStep::More,
                 _ => self.climb(Met::Deaf),
             },
             (Step::Opened { .. } | Step::Wait | Step::Line | Step::Fallen | Step::Done, _) => {
                 self.step = Step::Stop;
-                // A line's end before it, as a command that another host began and did not end may be the matter.
+                // Sends a line end first, because another host may have left a command
+                // unfinished.
                 let mut stop = vec![b'\n'];
                 stop.extend(Command::Stream(Framing::Lines, 0).bytes());
-                Rung::Send(stop)
+                SetupStep::Send(stop)
             }
             (Step::Stop, _) => {
                 self.step = Step::Hush;
-                Rung::Hush { quiet_ns: QUIET, at_most_ns: HUSHED }
+                SetupStep::Hush { quiet_ns: QUIET, at_most_ns: HUSHED }
             }
             (Step::Hush, Met::Noisy) if self.bare >= BARE => self.fall(
                 "sends bare numbers, without checksum, number and time, and does not obey; teach it EA1, or set arm.speech to bare numbers to use it all the same",
@@ -301,22 +308,22 @@ impl Protocol for Unit {
             }
             (Step::Ask, _) => {
                 self.step = Step::Asked;
-                Rung::Listen(ANSWER)
+                SetupStep::Listen(ANSWER)
             }
-            (Step::Asked, Met::Heard(bytes)) => self.identify(bytes).unwrap_or(Rung::More),
+            (Step::Asked, Met::Heard(bytes)) => self.identify(bytes).unwrap_or(SetupStep::More),
             (Step::Asked, _) => self.does_not_answer(),
             (Step::Stream, _) => {
                 self.step = Step::Streaming;
-                Rung::Listen(self.patience_ns())
+                SetupStep::Listen(self.patience_ns())
             }
             (Step::Streaming, Met::Heard(bytes)) => self.begun(bytes),
             (Step::Streaming, _) => self.fall("was told to send samples and sends none; switch it off and on"),
             (Step::Bare, Met::Heard(bytes)) => match self.heard(bytes) {
                 _ if self.bare >= BARE => {
                     self.listen();
-                    Rung::Top { keep: false }
+                    SetupStep::Top { keep: false }
                 }
-                _ => Rung::More,
+                _ => SetupStep::More,
             },
             (Step::Bare, _) => self.fall(
                 "sends no lines of three numbers; check that the arm has power, and its rate (arm.baud)",
@@ -335,11 +342,12 @@ impl Protocol for Unit {
         }
         self.sent.clear();
         if self.follower.has_restarted() {
-            // All that it forgot and has to be told is how to send.
+            // After a restart, the arm has lost only its stream setting.
             self.stream().write(&mut self.sent);
         }
         self.follower.ask(now_ns, &mut self.sent);
-        // After each sample: nothing that is to be sent is in a hurry, and a read that ends without one costs.
+        // Asks after each sample: nothing here is urgent, and a read that ends without a sample
+        // is costly.
         Some((&self.sent, now_ns))
     }
 

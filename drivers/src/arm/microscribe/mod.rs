@@ -1,17 +1,18 @@
-//! MicroScribe-3D and the Immersion boxes before it: samples of encoders, and what is asked for before.
+//! MicroScribe-3D and the Immersion boxes before it: encoder samples and configuration questions.
 //!
 //! | | |
 //! |---|---|
-//! | Clock | a timer of 14 bits, if samples are asked for with it |
+//! | Clock | a timer of 14 bits, if samples are requested with it |
 //! | Tick | not documented |
 //! | Wrap | 2¹⁴ ticks |
-//! | Instant | not documented; the device samples when it is asked, so the time of asking is the better clock |
+//! | Instant | not documented; the device samples on request, so the time of the request is the better clock |
 //!
-//! Encoders have 14 bits and count from where the arm was when it was switched on: it has to rest in its home position then. A joint's angle
-//! is its count · 2π / (its maximum + 1).
+//! Encoders have 14 bits and count from the position of the arm at power-on: it must rest in its
+//! home position then. The angle of a joint is its count · 2π / (its maximum + 1).
 //!
-//! In a sample no byte but the first has bit 7 set. Answers to questions of configuration are bytes of any value, led by the question itself; a
-//! device never sends both at once, so that each has a format of its own: [`Samples`] and [`Answers`].
+//! In a sample only the first byte has bit 7 set. Answers to configuration questions are bytes of
+//! any value, preceded by the question itself. A device never sends both at once, so each has its
+//! own format: [`Samples`] and [`Answers`].
 
 pub(super) mod unit;
 
@@ -19,10 +20,10 @@ pub use unit::Unit;
 
 use crate::framing::{Format, Look, Refusal};
 
-/// Most encoders of a device.
+/// Maximum number of encoders of a device.
 pub const MOST_ENCODERS: usize = 7;
 
-/// Which family a device is of: they mean other numbers of encoders by the same request.
+/// Family of a device: the same request means different numbers of encoders.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Family {
     /// MicroScribe.
@@ -31,7 +32,7 @@ pub enum Family {
     Box,
 }
 
-/// What a sample is to hold.
+/// The contents of a sample, as requested.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Request {
     byte: u8,
@@ -39,7 +40,8 @@ pub struct Request {
 }
 
 impl Request {
-    /// Of so many encoders (MicroScribe 5 to 7; box 2, 4 or 6), with the timer or without. `None` for a number that cannot be asked for.
+    /// Creates a request for `encoders` encoders (MicroScribe 5 to 7; box 2, 4 or 6), with or
+    /// without the timer. Returns `None` for an impossible number.
     pub const fn new(family: Family, encoders: usize, timer: bool) -> Option<Self> {
         let code = match (family, encoders) {
             (Family::MicroScribe, 5) | (Family::Box, 2) => 0b01,
@@ -50,7 +52,7 @@ impl Request {
         Some(Self { byte: code | if timer { 0x20 } else { 0 }, encoders })
     }
 
-    /// The byte to send for one sample.
+    /// Returns the byte that requests one sample.
     pub const fn byte(self) -> u8 {
         self.byte
     }
@@ -59,25 +61,25 @@ impl Request {
         self.byte & 0x20 != 0
     }
 
-    /// Bytes of a sample.
+    /// Returns the bytes of a sample.
     pub const fn length(self) -> usize {
         2 + 2 * self.encoders + if self.has_timer() { 2 } else { 0 }
     }
 }
 
-/// What was sampled.
+/// A sample of the device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sample {
-    /// Buttons and pedals, a bit each.
+    /// Buttons and pedals, one bit each.
     pub buttons: u8,
-    /// Ticks, if they were asked for; wrap at 2¹⁴.
+    /// Timer ticks, if requested; wrap at 2¹⁴.
     pub timer: Option<u16>,
     encoders: [u16; MOST_ENCODERS],
     count: usize,
 }
 
 impl Sample {
-    /// A sample; of the encoders as many are taken as there can be.
+    /// Creates a sample; excess encoders are ignored.
     pub fn new(buttons: u8, timer: Option<u16>, encoders: &[u16]) -> Self {
         let mut sample =
             Self { buttons, timer, encoders: [0; MOST_ENCODERS], count: encoders.len().min(MOST_ENCODERS) };
@@ -85,12 +87,12 @@ impl Sample {
         sample
     }
 
-    /// Counts of 14 bits, base first.
+    /// Returns the counts of 14 bits, base first.
     pub fn encoders(&self) -> &[u16] {
         &self.encoders[..self.count]
     }
 
-    /// Appends the sample as a device answers this request; encoders that it lacks are 0.
+    /// Appends the sample as a device answers this request; missing encoders are 0.
     pub fn write(&self, request: Request, to: &mut Vec<u8>) {
         to.extend([request.byte | 0x80, self.buttons & 0x7f]);
         let timer = request.has_timer().then(|| self.timer.unwrap_or(0));
@@ -107,7 +109,7 @@ pub struct Samples {
 }
 
 impl Samples {
-    /// Of a device that is asked by this request.
+    /// Creates a format for samples of this request.
     pub fn new(request: Request) -> Self {
         Self { request }
     }
@@ -132,7 +134,7 @@ impl Format for Samples {
         let length = self.request.length();
         let inside = &window[1..window.len().min(length)];
         if inside.iter().fold(0, |marks, byte| marks | byte) & 0x80 != 0 {
-            // Cut off where the next begins.
+            // The sample is truncated where the next begins.
             let before = inside.iter().position(|byte| byte & 0x80 != 0).unwrap_or(0);
             return Look::Skip { bytes: 1 + before, why: Refusal::Length };
         }
@@ -152,40 +154,40 @@ impl Format for Samples {
     }
 }
 
-/// Sent until the device notices the baud rate.
+/// Wake-up byte, sent until the device detects the baud rate.
 pub const WAKE: u8 = 0xc5;
-/// Sent after it, and sent back by a device that listens.
+/// Sent after [`WAKE`]; a listening device echoes it.
 pub const SIGNATURE: &[u8; 4] = b"IMMC";
-/// Opens the session; the answer is the product's name.
+/// Opens the session; the answer is the product name.
 pub const BEGIN: &[u8; 5] = b"BEGIN";
 
-/// A question of configuration. The device sends its byte back, and the answer.
+/// A configuration question. The device echoes its byte and sends the answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Question {
-    /// Parameters of the arm's links, led by their length.
+    /// Parameters of the arm's links, preceded by their length.
     Parameters,
-    /// Where the encoders are home. Firmware from 1996 on does not answer it any more.
+    /// Home positions of the encoders. Firmware from 1996 on does not answer it.
     HomeReference,
-    /// What the encoders count to.
+    /// Maximum counts of the encoders.
     Maxima,
-    /// Name of the product.
+    /// Product name.
     Product,
-    /// Its identification.
+    /// Product identification.
     Identity,
-    /// Its model.
+    /// Model.
     Model,
-    /// Its serial number.
+    /// Serial number.
     Serial,
     /// A comment.
     Comment,
-    /// Name of the parameters' format.
+    /// Name of the parameter format.
     ParameterFormat,
-    /// Version of the firmware.
+    /// Firmware version.
     Version,
 }
 
 impl Question {
-    /// The byte to send.
+    /// Returns the byte to send.
     pub const fn byte(self) -> u8 {
         match self {
             Self::Parameters => 0xc0,
@@ -202,20 +204,22 @@ impl Question {
     }
 }
 
-/// A command of configuration: the device sends its byte back and nothing else.
+/// A configuration command: the device only echoes its byte.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Command {
-    /// The encoders show from now on what they show at home, which is right in the rest position only. (0xC3 is another matter: it writes what they show at home to the
-    /// device's memory, for good, and wants a password.)
+    /// Sets the encoders to their values at home, which is right in the rest position only. (0xC3
+    /// differs: it writes the home values permanently to the device's memory, and needs a
+    /// password.)
     Home,
-    /// Another baud rate, by its code: 0x00 115200, 0x01 57600, 0x02 28800, 0x03 14400, 0x10 38400, 0x11 19200, 0x12 9600.
+    /// Selects another baud rate by its code: 0x00 115200, 0x01 57600, 0x02 28800, 0x03 14400,
+    /// 0x10 38400, 0x11 19200, 0x12 9600.
     Baud(u8),
     /// Ends the session.
     End,
 }
 
 impl Command {
-    /// The bytes to send.
+    /// Returns the bytes to send.
     pub fn bytes(self) -> Vec<u8> {
         match self {
             Self::Home => vec![0xc2],
@@ -225,30 +229,31 @@ impl Command {
     }
 }
 
-/// What is waited for.
+/// The awaited answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Awaited {
-    /// The [signature](SIGNATURE) sent back.
+    /// The echoed [signature](SIGNATURE).
     Signature,
-    /// The product's name after [`BEGIN`].
+    /// The product name after [`BEGIN`].
     ProductName,
     /// The answer to a question.
     Answer(Question),
-    /// A command's byte sent back.
+    /// The echo of a command's byte.
     Echo(Command),
 }
 
-/// Longest text.
+/// Longest text, in bytes.
 const LONGEST_TEXT: usize = 128;
 
-/// Reads answers while a session is set up: what is [awaited](Awaited), and nothing else. A record is what the answer holds, without echo, length or final zero.
+/// Reads answers during set-up: only the [awaited](Awaited) one. A record is the contents of the
+/// answer, without echo, length or final zero.
 #[derive(Debug, Clone)]
 pub struct Answers {
     awaited: Awaited,
 }
 
 impl Answers {
-    /// Of a device that is about to answer this.
+    /// Creates a format for this answer.
     pub fn to(awaited: Awaited) -> Self {
         Self { awaited }
     }
@@ -301,7 +306,7 @@ impl Format for Answers {
     }
 }
 
-/// Printable characters after so many bytes, and the zero that ends them.
+/// Reads printable characters from byte `from`, and the zero that ends them.
 fn text(window: &[u8], from: usize) -> Look<&[u8]> {
     let inside = &window[from..window.len().min(from + LONGEST_TEXT)];
     match inside.iter().position(|byte| !(0x20..0x7f).contains(byte)) {
@@ -312,7 +317,7 @@ fn text(window: &[u8], from: usize) -> Look<&[u8]> {
     }
 }
 
-/// The arm's links as the format `DH0.5` has them, base first.
+/// The arm's links in the format `DH0.5`, base first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Links {
     /// Twists; a count is π/32768.
@@ -324,7 +329,7 @@ pub struct Links {
 }
 
 impl Links {
-    /// From the answer to [`Question::Parameters`]: 36 bytes, high byte first.
+    /// Reads the answer to [`Question::Parameters`]: 36 bytes, high byte first.
     pub fn read(answer: &[u8]) -> Option<Self> {
         let (values, rest) = answer.as_chunks::<2>();
         let values: [i16; 18] =

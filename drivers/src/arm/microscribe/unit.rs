@@ -1,49 +1,55 @@
-//! Wakes a MicroScribe up, asks it who it is, and then for one sample after another.
+//! Wakes a MicroScribe, asks for its identity, and then polls one sample after another.
 //!
-//! A device listens at any rate: it finds out which by the first bytes of a session, the byte that ends one and its signature, sent until they come back. It counts from
-//! where its arm was when it was switched on, which is taken for its home position, as its manual demands; when it was away since, nobody knows whether it was switched
-//! off meanwhile, and its arm has to be homed. Homing sets all its counters at once to what they show at home ([`Command::Home`]), which it confirms among its samples: a
-//! recording's bytes make the same readings.
+//! A device listens at any rate. It detects the rate from the first bytes of a session: the byte
+//! that ends a session and its signature, which the host sends until the device echoes them. It
+//! counts from the position of its arm at power-on, which must be the home position, as its
+//! manual demands. After a loss of connection the device may have been switched off, so its arm
+//! must be homed again. Homing sets all counters at once to their values at home
+//! ([`Command::Home`]). The device confirms this among its samples, so a recording's bytes give
+//! the same readings.
 //!
-//! Its samples have no checksum, and only the beginning of each is marked. One that reads well and cannot be, as the arm would have had to fly, is refused; what is harmed
-//! by less is not noticed.
+//! Samples have no checksum, and only their first byte is marked. A valid sample with counts that
+//! the arm cannot have reached is refused; smaller corruption is not noticed.
 
 use std::collections::VecDeque;
+
+use sonoweave_core::clock::{MS, SECOND};
+use sonoweave_core::reading::{AXES, Counts, Reading, Stamp, Status};
+use sonoweave_core::{Description, Error, Timing};
 
 use super::{Answers, Awaited, BEGIN, Command, Family, Links, Question, Request, SIGNATURE, Sample, Samples, WAKE};
 use crate::arm::Settings;
 use crate::arm::homing::{Between, Homing, Passed};
-use crate::clock::{MS, SECOND};
-use crate::connection::{Lost, Met, Protocol, Rung};
+use crate::connection::{Lost, Met, Protocol, SetupStep};
 use crate::framing::Decoder;
-use crate::reading::{AXES, Counts, Reading, Stamp, Status};
-use crate::{Description, Error, Timing};
 
-/// Rates that devices were found at, the likeliest first.
+/// Serial rates of such devices, the likeliest first, bits per second.
 pub(in crate::arm) const BAUDS: [u32; 5] = [115_200, 57_600, 38_400, 19_200, 9_600];
-/// Calls at one rate before the next is tried.
+/// Wake-up calls at one rate before the next is tried.
 const CALLS: u8 = 4;
-/// So long is the signature waited for, beside what it takes on the wire, ns.
+/// Waiting time for the signature, in addition to its time on the wire, ns.
 const PAUSE: i64 = 15 * MS;
-/// After the session was begun, signatures that came late are dropped until so long nothing has come, ns.
+/// After the session starts, late signatures are dropped until the line is silent for this long,
+/// ns.
 const QUIET: i64 = 30 * MS;
-/// The longest of that, ns.
+/// Time limit for dropping them, ns.
 const HUSHED: i64 = 300 * MS;
-/// An answer may take so many characters' time, by the maker's word, and no less than that, ns.
+/// An answer may take this many characters' time (the manufacturer's figure), but at least
+/// [`ANSWER`] ns.
 const CHARACTERS: i64 = 84;
 const ANSWER: i64 = 100 * MS;
-/// Without a sample for so long the device is silent, ns.
+/// Time without a sample after which the device counts as silent, ns.
 const PATIENCE: i64 = 500 * MS;
-/// Bits that a byte takes on the wire.
+/// Bits of a byte on the wire.
 const BITS: i64 = 10;
 /// Bits of an encoder.
 const ENCODER: u32 = 14;
-/// What is sent back when the counters were set.
+/// Byte that confirms setting the counters.
 const HOMED: u8 = 0xc2;
-/// What the first byte of a sample has and no other.
+/// Bit of the first byte of a sample, which no other byte has.
 const MARK: u8 = 0x80;
 
-/// What is asked, in order; a device need not know the last of them.
+/// Questions in order; a device need not answer the last ones.
 const QUESTIONS: [Question; 6] = [
     Question::Model,
     Question::Serial,
@@ -53,7 +59,7 @@ const QUESTIONS: [Question; 6] = [
     Question::Parameters,
 ];
 
-/// Where the setting-up stands.
+/// State of the set-up sequence.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Step {
     Rate,
@@ -68,21 +74,21 @@ enum Step {
     Fallen,
 }
 
-/// A reading before it is told whether it is believed.
+/// A reading before it is accepted or refused.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Taken {
     at_ns: i64,
     buttons: u8,
-    /// Times that the counters were set before.
+    /// Number of times that the counters were set before this reading.
     homed: u32,
 }
 
-/// What is known of a device that sends samples.
+/// State of a device that sends samples.
 #[derive(Debug)]
 struct Follower {
     encoders: u8,
     homing: Homing<Taken>,
-    /// Times that the counters were set.
+    /// Number of times that the counters were set.
     homed: u32,
     refused: u64,
     trouble: String,
@@ -95,15 +101,15 @@ pub struct Unit {
     decoder: Decoder<Samples>,
     answers: Decoder<Answers>,
     step: Step,
-    /// Rates tried since the last one that was answered at.
+    /// Rates tried since the last answer.
     tried: usize,
     calls: u8,
-    /// The rate that was answered at last.
+    /// Rate of the last answer.
     found: Option<u32>,
-    /// It was set up once.
+    /// Whether the device was set up once.
     was_there: bool,
     to_home: bool,
-    /// The last byte may have said that the counters were set.
+    /// Whether the last byte may have confirmed setting the counters.
     maybe_homed: bool,
     sent: Vec<u8>,
     due_ns: i64,
@@ -112,7 +118,8 @@ pub struct Unit {
 }
 
 impl Unit {
-    /// With so many encoders (MicroScribe 5 or 6, box 2, 4 or 6). With a rate (`arm.baud`) the device is called at that rate only.
+    /// Creates a unit with `encoders` encoders (MicroScribe 5 or 6, box 2, 4 or 6). If a rate is
+    /// set (`arm.baud`), the driver tries only that rate.
     ///
     /// # Errors
     /// [`Error::Misuse`] for settings that no device has.
@@ -127,7 +134,7 @@ impl Unit {
         if let Some(baud) = settings.baud.filter(|baud| !BAUDS.contains(baud)) {
             return Err(Error::Misuse(format!("arm.baud: {baud} is no rate of a MicroScribe; it has {BAUDS:?}")));
         }
-        // The host's times come in packets.
+        // The host receives data in packets, so its times are coarse.
         let grace_ns = 2 * SECOND / i64::from(settings.rate_hz) + 10 * MS;
         let homing = Homing::new(0, encoders, encoders, ENCODER, settings.fastest, grace_ns);
         let follower = Follower { encoders, homing, homed: 0, refused: 0, trouble: String::new() };
@@ -152,7 +159,8 @@ impl Unit {
         })
     }
 
-    /// The arm is in its home position now: all counters are set, whichever axes are meant.
+    /// Homes the arm, which must be in its home position; sets all counters, whichever axes are
+    /// requested.
     pub fn home(&mut self) {
         self.to_home = true;
     }
@@ -161,12 +169,13 @@ impl Unit {
         self.settings.baud.or(self.found.filter(|_| self.tried < 2)).unwrap_or(BAUDS[self.tried % BAUDS.len()])
     }
 
-    /// What so many bytes take on the wire, ns.
+    /// Returns the transmission time of `bytes` bytes, ns.
     fn wire(&self, bytes: i64) -> i64 {
         bytes * BITS * SECOND / i64::from(self.rate())
     }
 
-    /// From one question to the next, ns: no question before the answer to the last.
+    /// Returns the time between two requests, ns; a request must not precede the answer to the
+    /// last.
     fn period(&self) -> i64 {
         let least = self.wire(self.request.length() as i64 + 1) * 5 / 4;
         least.max(SECOND / i64::from(self.settings.rate_hz))
@@ -176,23 +185,23 @@ impl Unit {
         self.wire(CHARACTERS).max(ANSWER)
     }
 
-    fn next_rate(&mut self) -> Rung {
+    fn next_rate(&mut self) -> SetupStep {
         self.calls = 0;
         self.tried += 1;
         let round = if self.settings.baud.is_some() { 1 } else { BAUDS.len() };
         if !self.tried.is_multiple_of(round) {
             self.step = Step::Rate;
-            return Rung::Baud(self.rate());
+            return SetupStep::Baud(self.rate());
         }
         self.fall("does not answer at any rate; check that it is switched on, and its cable".into())
     }
 
-    fn fall(&mut self, why: String) -> Rung {
+    fn fall(&mut self, why: String) -> SetupStep {
         self.step = Step::Fallen;
-        Rung::Fall(why)
+        SetupStep::Fall(why)
     }
 
-    /// The whole answer that is waited for, if it is there.
+    /// Returns the awaited answer once it is complete.
     fn answered(&mut self, bytes: &[u8]) -> Option<Vec<u8>> {
         let mut answer = None;
         self.answers.feed(bytes, &mut |record, _| {
@@ -205,28 +214,29 @@ impl Unit {
         self.answers.reformat(Answers::to(awaited));
     }
 
-    /// Asks the next question, or ends the setting-up.
-    fn question(&mut self, index: usize) -> Rung {
+    /// Asks the next question, or ends the set-up.
+    fn question(&mut self, index: usize) -> SetupStep {
         let Some(question) = QUESTIONS.get(index) else {
             self.begin_samples();
-            return Rung::Top { keep: false };
+            return SetupStep::Top { keep: false };
         };
         self.await_answer(Awaited::Answer(*question));
         self.step = Step::Ask(index);
-        Rung::Send(vec![question.byte()])
+        SetupStep::Send(vec![question.byte()])
     }
 
     fn begin_samples(&mut self) {
         self.decoder.reformat(Samples::new(self.request));
         self.description.timing.wire_ns = self.wire(self.request.length() as i64);
         self.step = Step::Done;
-        // As the manual demands, it was at home when it was switched on; later that is not known.
+        // At power-on the arm was at home, as the manual demands; after a reconnection that is
+        // unknown.
         let homed = if self.was_there { 0 } else { self.follower.homing.all() };
         self.follower.homing.restart(homed);
         self.was_there = true;
     }
 
-    /// Keeps what the device says of itself; what is wrong with it, if anything.
+    /// Stores an answer in the description; returns an error text if the device is the wrong one.
     fn keep(&mut self, question: Question, answer: &[u8]) -> Option<String> {
         let join = |values: &[i16]| values.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ");
         let fields = &mut self.description.fields;
@@ -245,7 +255,8 @@ impl Unit {
                 }
             }
             Question::Maxima => {
-                // Buttons, timer (2), eight analogs and what they share, then the encoders, high byte first.
+                // Buttons, timer (2), eight analogue inputs and their common maximum, then the
+                // encoders, high byte first.
                 let (maxima, _) = answer.get(12..)?.as_chunks::<2>();
                 let turns: Vec<u32> =
                     maxima.iter().map(|maximum| u32::from(u16::from_be_bytes(*maximum)) + 1).collect();
@@ -323,11 +334,11 @@ impl Protocol for Unit {
         self.begin_samples();
     }
 
-    fn climb(&mut self, met: Met<'_>) -> Rung {
+    fn climb(&mut self, met: Met<'_>) -> SetupStep {
         match (self.step, met) {
             (_, Met::Begin) => {
                 self.step = Step::Rate;
-                Rung::Baud(self.rate())
+                SetupStep::Baud(self.rate())
             }
             (Step::Rate | Step::Done | Step::Fallen, _) => {
                 self.calls += 1;
@@ -335,14 +346,14 @@ impl Protocol for Unit {
                 self.step = Step::Call;
                 let mut call = vec![WAKE];
                 call.extend(SIGNATURE);
-                Rung::Send(call)
+                SetupStep::Send(call)
             }
             (Step::Call, _) => {
                 self.step = Step::Called;
-                Rung::Listen(PAUSE + self.wire(2 * SIGNATURE.len() as i64 + 1))
+                SetupStep::Listen(PAUSE + self.wire(2 * SIGNATURE.len() as i64 + 1))
             }
             (Step::Called, Met::Heard(bytes)) => match self.answered(bytes) {
-                None => Rung::More,
+                None => SetupStep::More,
                 Some(_) => {
                     (self.found, self.tried) = (Some(self.rate()), 0);
                     self.step = Step::Hush;
@@ -356,17 +367,17 @@ impl Protocol for Unit {
             (Step::Called, _) => self.next_rate(),
             (Step::Hush, _) => {
                 self.step = Step::Hushed;
-                Rung::Hush { quiet_ns: QUIET, at_most_ns: HUSHED }
+                SetupStep::Hush { quiet_ns: QUIET, at_most_ns: HUSHED }
             }
             (Step::Hushed, Met::Quiet) => {
                 self.await_answer(Awaited::ProductName);
                 self.step = Step::Begun;
-                Rung::Send(BEGIN.to_vec())
+                SetupStep::Send(BEGIN.to_vec())
             }
             (Step::Hushed, _) => self.fall("goes on talking; switch it off and on".into()),
-            (Step::Begun, Met::Done) => Rung::Listen(self.answer()),
+            (Step::Begun, Met::Done) => SetupStep::Listen(self.answer()),
             (Step::Begun, Met::Heard(bytes)) => match self.answered(bytes) {
-                None => Rung::More,
+                None => SetupStep::More,
                 Some(name) => {
                     let name = String::from_utf8_lossy(&name).into_owned();
                     let baud = self.rate().to_string();
@@ -377,16 +388,16 @@ impl Protocol for Unit {
             (Step::Begun, _) => self.fall("answers and does not begin; switch it off and on".into()),
             (Step::Ask(index), _) => {
                 self.step = Step::Asked(index);
-                Rung::Listen(self.answer())
+                SetupStep::Listen(self.answer())
             }
             (Step::Asked(index), Met::Heard(bytes)) => match self.answered(bytes) {
-                None => Rung::More,
+                None => SetupStep::More,
                 Some(answer) => match self.keep(QUESTIONS[index], &answer) {
                     None => self.question(index + 1),
                     Some(wrong) => self.fall(wrong),
                 },
             },
-            // What it does not know it does not answer; its samples are what counts.
+            // A device does not answer unknown questions; its samples decide.
             (Step::Asked(index), _) => self.question(index + 1),
         }
     }
@@ -395,7 +406,8 @@ impl Protocol for Unit {
         let mark = self.request.byte() | MARK;
         let follower = &mut self.follower;
         for part in bytes.split_inclusive(|byte| *byte == HOMED) {
-            // That the counters were set is told between two samples; elsewhere it is noise.
+            // The confirmation of setting the counters stands between two samples; elsewhere this
+            // byte is noise.
             if std::mem::take(&mut self.maybe_homed) {
                 if part[0] == mark {
                     follower.homed = follower.homed.wrapping_add(1);
@@ -420,12 +432,12 @@ impl Protocol for Unit {
         self.sent.clear();
         if std::mem::take(&mut self.to_home) {
             self.sent.extend(Command::Home.bytes());
-            // Its answer comes before that to the next question.
+            // The confirmation comes before the answer to the next request.
             return Some((&self.sent, now_ns + self.wire(2) + PAUSE));
         }
         self.sent.push(self.request.byte());
         let period = self.period();
-        // At an even pace; not in a burst after a pause.
+        // Keeps an even pace, without a burst after a pause.
         self.due_ns = if self.due_ns + period > now_ns { self.due_ns + period } else { now_ns + period };
         Some((&self.sent, self.due_ns))
     }
@@ -444,7 +456,7 @@ impl Protocol for Unit {
 
     fn lost(&self) -> Lost {
         let losses = self.decoder.losses();
-        // A device that is asked does not count.
+        // Samples have no number, so lost ones cannot be counted.
         Lost { readings: 0, refused: self.follower.refused + losses.refusals(), skipped: losses.bytes_skipped }
     }
 

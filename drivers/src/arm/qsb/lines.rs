@@ -1,41 +1,45 @@
-//! Three QSBs, each on a line of its own, as one arm.
-
-use crate::clock::{Clock, MS};
-use crate::connection::{Connection, number};
-use crate::health::{Health, Received, State};
-use crate::reading::Reading;
-use crate::transport::{self, Opener};
-use crate::{Description, Device, Error, Next};
-
-use super::Unit;
-use crate::arm::Settings;
+//! Three QSBs, each on its own line, as one arm.
 
 use std::sync::Arc;
 
+use sonoweave_core::clock::{Clock, MS};
+use sonoweave_core::health::{Health, Received, State};
+use sonoweave_core::reading::Reading;
+use sonoweave_core::{Description, Device, Error, Next};
+
+use super::Unit;
+use crate::arm::Settings;
+use crate::connection::{Connection, number};
+use crate::transport::{self, Opener};
+
 /// Axes of an arm.
 const AXES: usize = 3;
-/// So long are all lines waited for at once, ns, before those are looked after that say nothing: to be opened, or found silent.
+/// Longest common wait for all lines, ns. Then the silent lines are checked too, which may have
+/// to be opened or reported as silent.
 const TOGETHER: i64 = 5 * MS;
-/// So long is one line listened to before the next, ns, where they are no files that can be waited for together. What comes on one while another is listened to is
-/// stamped late by up to two of these, a quarter of the unit's own tick; nothing depends on it, as the ticks tell the time.
+/// Time for reading one line before the next, ns, if the lines are not files that can be polled
+/// together. Data on the other lines is stamped late by up to two of these, a quarter of the
+/// unit's own tick. Nothing depends on this stamp, because the ticks give the time.
 const TURN: i64 = MS / 4;
 
-/// The device: readings of one axis each, with that unit's own ticks.
+/// The device: readings of one axis each, with the ticks of that axis's unit.
 ///
-/// A line that is away or silent does not hold up the others: their readings go on, and [`Device::health`] names the axis.
+/// A missing or silent line does not delay the others: their readings continue, and
+/// [`Device::health`] names the axis.
 pub struct Arm {
     lines: [Connection<Unit>; AXES],
     clock: Arc<dyn Clock>,
-    /// The line that is listened to.
+    /// Index of the line that is read now.
     turn: usize,
-    /// Readings so far, and pieces of what was received.
+    /// Readings so far, and raw pieces so far.
     items: [u64; 2],
     description: Description,
     health: Health,
 }
 
 impl Arm {
-    /// Of these lines, base first. With `keeps_raw` each piece of what is received is a reading too, and says which line's.
+    /// Creates an arm of these lines, base first. If `keeps_raw` is set, each received piece is
+    /// also a reading, with the number of its line.
     ///
     /// # Errors
     /// [`Error::Misuse`] for settings that no QSB has.
@@ -64,7 +68,7 @@ impl Arm {
         Ok(Self { lines, clock, turn: 0, items: [0; 2], description, health: Health::default() })
     }
 
-    /// These axes (bit by axis) are at home now: their counts are 0 in the next reading of each.
+    /// Homes these axes (bit by axis): their counts are 0 in the next reading of each.
     pub fn home(&mut self, axes: u8) {
         for (axis, line) in self.lines.iter_mut().enumerate().filter(|(axis, _)| axes & 1 << axis != 0) {
             tracing::debug!("axis {} is at home", axis + 1);
@@ -72,7 +76,7 @@ impl Arm {
         }
     }
 
-    /// The worst of the three, and which.
+    /// Reports the worst health of the three axes, and names the axis.
     fn tell(&mut self, now_ns: i64) {
         let rank = |state: State| match state {
             State::Stopped => 5,
@@ -83,7 +87,7 @@ impl Arm {
             State::Ended => 0,
         };
         let trouble = |line: &Connection<Unit>| (rank(line.health().state), !line.health().why.is_empty());
-        // Of equals the first, so that the sentence stays.
+        // The first of equals wins, so that the text does not alternate.
         let mut worst = 0;
         for axis in 1..AXES {
             if trouble(&self.lines[axis]) > trouble(&self.lines[worst]) {
@@ -111,7 +115,7 @@ impl Arm {
             });
     }
 
-    /// The next reading of the line whose turn it is.
+    /// Returns the next reading of the current line.
     fn next_of_turn(&mut self, deadline_ns: i64) -> Result<Option<Reading>, Error> {
         let set_up = self.health.received.set_up;
         let next = self.lines[self.turn].next(deadline_ns)?;
@@ -128,7 +132,7 @@ impl Arm {
         Ok(Some(reading))
     }
 
-    /// What each unit says of itself, once all were set up.
+    /// Collects the fields of all units, after all were set up.
     fn describe_all(&mut self) {
         let of = |(axis, line): (usize, &Connection<Unit>)| {
             let fields = line.describe().fields.iter();
@@ -138,7 +142,7 @@ impl Arm {
     }
 }
 
-/// What the health of an axis is led by.
+/// Prefixes of an axis's health text.
 const PREFIXES: [&str; AXES] = ["axis 1 of 3: ", "axis 2 of 3: ", "axis 3 of 3: "];
 
 impl Device for Arm {
@@ -157,7 +161,8 @@ impl Device for Arm {
 
     fn next(&mut self, deadline_ns: i64) -> Result<Next, Error> {
         loop {
-            // Each line once, without waiting, from the one whose readings came last: what came together is handed over together.
+            // Polls each line once, without waiting, from the one that delivered last. Readings
+            // that arrived together are returned together.
             for _ in 0..AXES {
                 let now_ns = self.clock.now_ns();
                 if let Some(reading) = self.next_of_turn(now_ns)? {

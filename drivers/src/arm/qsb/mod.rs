@@ -5,11 +5,12 @@
 //! | Clock | a counter in each QSB, set to 0 by the driver; three QSBs have three clocks |
 //! | Tick | 1/512 s |
 //! | Wrap | 2³²: after 97 days |
-//! | Instant | not documented; taken as the one at which the count was read |
+//! | Instant | not documented; assumed to be the instant at which the count was read |
 //!
-//! A line is a letter, a register of two hexadecimal digits, a value of eight, a time of eight if it was asked for, `!` and the line end; blanks
-//! in between if they were asked for. There is no checksum, but nothing in a line can be anything else. Setting DTR low and high again
-//! resets the unit, which then says so by a [banner](Record::Banner): its count and its clock have begun anew.
+//! A line is a letter, a register of two hexadecimal digits, a value of eight, a time of eight if
+//! enabled, `!` and the line end. Blanks separate the parts if enabled. There is no checksum, but
+//! each part of a line is unambiguous. Setting DTR low and high again resets the unit. It then
+//! sends a [banner](Record::Banner), and its count and its clock restart.
 
 mod lines;
 pub(super) mod unit;
@@ -20,10 +21,10 @@ pub use unit::Unit;
 use crate::framing::{Format, Look, Refusal};
 use crate::numerals;
 
-/// Ticks of the clock a second.
+/// Clock frequency, ticks per second.
 pub const TICK_HZ: u32 = 512;
 
-/// A line with blanks, time, CR and LF: what [`Command::FORMAT`] asks for.
+/// Bytes of a line with blanks, time, CR and LF, as [`Command::FORMAT`] selects.
 const LINE: usize = 26;
 
 /// Registers.
@@ -41,38 +42,39 @@ pub mod register {
     pub const REPLY_FORMAT: u8 = 0x15;
 }
 
-/// What the unit sends.
+/// A line from the unit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Record<'a> {
-    /// A register's value.
+    /// The value of a register.
     Value(Value),
-    /// `e`: a command was not obeyed. What the rest of the line means is not documented.
+    /// `e`: the unit refused a command. The meaning of the rest of the line is not documented.
     Error(&'a [u8]),
     /// `QSB-…!`: the unit has been reset.
     Banner,
 }
 
-/// A register's value.
+/// The value of a register.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Value {
     /// Why it was sent.
     pub cause: Cause,
-    /// Which register.
+    /// Register number.
     pub register: u8,
-    /// Its value; a [count](register::COUNT) is to be taken as signed.
+    /// The value; a [count](register::COUNT) is signed.
     pub value: u32,
-    /// When, in ticks of [`TICK_HZ`]; wraps at 2³². `None` if the unit was not told to send it.
+    /// Time of the value, in ticks of [`TICK_HZ`]; wraps at 2³². `None` if the unit is not set to
+    /// send it.
     pub ticks: Option<u32>,
 }
 
 /// Why a value was sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Cause {
-    /// It was asked for.
+    /// The host read it.
     Read,
-    /// It was written.
+    /// The host wrote it.
     Written,
-    /// It is streamed.
+    /// The unit streams it.
     Streamed,
 }
 
@@ -96,7 +98,7 @@ impl Cause {
 }
 
 impl Record<'_> {
-    /// Appends the line as a unit writes it that was told to by [`Command::FORMAT`].
+    /// Appends the line as a unit writes it after [`Command::FORMAT`].
     pub fn write(&self, to: &mut Vec<u8>) {
         match *self {
             Self::Value(Value { cause, register, value, ticks }) => {
@@ -117,10 +119,10 @@ impl Record<'_> {
     }
 }
 
-/// A command.
+/// A command to the unit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Command {
-    /// `R`: asks for a register's value. Of any register it also ends a stream.
+    /// `R`: asks for a register's value. Reading any register also ends a stream.
     Read(u8),
     /// `W`: writes a register.
     Write(u8, u32),
@@ -129,10 +131,10 @@ pub enum Command {
 }
 
 impl Command {
-    /// Lines with LF, CR, time and blanks.
+    /// Selects lines with LF, CR, time and blanks.
     pub const FORMAT: Self = Self::Write(register::REPLY_FORMAT, 0xf);
 
-    /// The bytes to send.
+    /// Returns the bytes to send.
     pub fn bytes(&self) -> Vec<u8> {
         match self {
             Self::Read(register) => format!("R{register:02X}\n"),
@@ -142,8 +144,9 @@ impl Command {
         .into_bytes()
     }
 
-    /// The command at the front of what was sent to a unit, and its bytes; what a virtual unit reads. `None` while the line is not ended; no
-    /// command where the unit does not know it.
+    /// Reads the first command in bytes sent to a unit, and returns it with its length in bytes.
+    /// Virtual units use this. Returns `None` while the line is unfinished, and no command for an
+    /// unknown one.
     pub fn read(bytes: &[u8]) -> Option<(Option<Self>, usize)> {
         let end = bytes.iter().position(|&byte| byte == b'\n')?;
         let of_line = |line: &[u8]| {
@@ -185,7 +188,7 @@ impl Format for Qsb {
     }
 }
 
-/// A value in the format that is asked for. Everything else, and why it is none, is for [`any_line`] to say.
+/// Reads a value in the selected format. For everything else, [`any_line`] gives the reason.
 #[inline]
 fn usual(window: &[u8]) -> Option<Value> {
     let &[letter, b' ', high, low, b' ', ref rest @ ..] = window.first_chunk::<LINE>()? else {
@@ -201,7 +204,7 @@ fn usual(window: &[u8]) -> Option<Value> {
     Some(Value { cause, register, value: numerals::hex(*value)?, ticks: Some(numerals::hex(*ticks)?) })
 }
 
-/// A line in any of the formats that a unit can be in.
+/// Reads a line in any format of a unit.
 #[cold]
 fn any_line(window: &[u8]) -> Look<Record<'_>> {
     let inside = &window[..window.len().min(LINE)];
@@ -216,7 +219,7 @@ fn any_line(window: &[u8]) -> Look<Record<'_>> {
     if inside.iter().zip(b"QSB-").any(|(byte, letter)| first == b'Q' && byte != letter) {
         return Look::skip_byte(Refusal::Header);
     }
-    // The mark is not the first byte, whatever else may follow that.
+    // The search for `!` starts after the first byte.
     let end = inside[1..].iter().position(|byte| *byte == b'!' || !may_follow(byte)).map(|before| 1 + before);
     let Some(end) = end else {
         return if inside.len() < LINE { Look::Short } else { Look::skip_byte(Refusal::Length) };
@@ -224,7 +227,7 @@ fn any_line(window: &[u8]) -> Look<Record<'_>> {
     if inside[end] != b'!' {
         return Look::skip_byte(Refusal::Length);
     }
-    // Whichever line end the unit was told to write.
+    // The unit's settings determine its line end.
     let length = match window[end + 1..] {
         [] | [b'\r'] => return Look::Short,
         [b'\r', b'\n', ..] => end + 3,
@@ -239,7 +242,7 @@ fn any_line(window: &[u8]) -> Look<Record<'_>> {
     record.map_or(Look::skip_byte(Refusal::Field), |record| Look::Record { length, record })
 }
 
-/// A letter, 2, 8 and perhaps 8 more digits, and blanks anywhere.
+/// Reads a letter, 2, 8 and optionally 8 more digits, and blanks anywhere.
 fn value(line: &[u8]) -> Option<Value> {
     let cause = Cause::from_letter(line[0])?;
     let mut digits = [b'0'; 18];

@@ -1,59 +1,63 @@
-//! Sets a QSB up as it is found, and turns its lines into readings of one axis.
+//! Sets up a QSB from any state, and converts its lines to readings of one axis.
 //!
-//! A QSB keeps no place: opening its line resets it (DTR), and its count begins at 0 wherever the joint is then. So each time that it is set up its axis is not homed,
-//! until its user says that it is; the host notes the count there, as nothing in the unit is known to set it. A recording's bytes do not tell when that was.
+//! A QSB stores no position: opening its line resets it (DTR), and its count starts at 0 wherever
+//! the joint is. After each set-up its axis is therefore not homed until the user homes it. The
+//! host then records the count, because no command is known to set it. A recording's bytes do not
+//! show when that was.
 //!
-//! Its lines have no checksum. One that reads well and cannot be, as the joint would have had to fly, is refused; a digit that came as another and could be is not noticed.
+//! Lines have no checksum. A valid line with a count that the joint cannot have reached is
+//! refused. A corrupted digit that gives a plausible count is not noticed.
 
 use std::collections::VecDeque;
+
+use sonoweave_core::clock::{MS, SECOND};
+use sonoweave_core::reading::{AXES, Counts, Reading, Stamp, Status};
+use sonoweave_core::{Description, Error, Ticks, Timing};
 
 use super::{Cause, Command, Qsb, Record, TICK_HZ, Value, register};
 use crate::arm::Settings;
 use crate::arm::homing::{Between, HOME_IT, Homing, Passed};
-use crate::clock::{MS, SECOND};
-use crate::connection::{Lost, Met, Protocol, Rung};
+use crate::connection::{Lost, Met, Protocol, SetupStep};
 use crate::framing::Decoder;
-use crate::reading::{AXES, Counts, Reading, Stamp, Status};
-use crate::{Description, Error, Ticks, Timing};
 
-/// Bits a second that are usual.
+/// Usual serial rate, bits per second.
 pub(in crate::arm) const BAUD: u32 = 230_400;
-/// A unit that was told to be quiet and says nothing for so long is.
+/// Silence after which a stopped unit counts as quiet, ns.
 const QUIET: i64 = 40 * MS;
-/// What it may take to be quiet, ns.
+/// Time that a unit may take to become quiet, ns.
 const HUSHED: i64 = 250 * MS;
-/// What an answer may take, ns.
+/// Time limit of an answer, ns.
 const ANSWER: i64 = 150 * MS;
-/// Between two readings of one unit the clock says no less than it was, and no more than so many ticks.
+/// Maximum ticks between two readings of one unit; the clock never goes back.
 const MOST_TICKS: i64 = 5 * TICK_HZ as i64;
-/// One tick, ns: so much more time may have passed than the ticks say.
+/// One tick, ns: the elapsed time may exceed the ticks by this.
 const TICK: i64 = SECOND / TICK_HZ as i64;
 /// Bytes of a line.
 const BYTES: i64 = 26;
-/// Bits that a byte takes on the wire.
+/// Bits of a byte on the wire.
 const BITS: i64 = 10;
 
-/// Where the setting-up stands.
+/// State of the set-up sequence.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Step {
     Line,
     Stop,
     Hush,
-    /// Asked for its version, or told the setting with this index.
+    /// The version was requested, or the setting with this index was written.
     Sent(Option<usize>),
     Told(Option<usize>),
     Stream,
     Done,
 }
 
-/// A reading before it is told whether it is believed.
+/// A reading before it is accepted or refused.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Taken {
     ticks: u32,
     at_ns: i64,
 }
 
-/// What is known of a unit that sends counts.
+/// State of a unit that sends counts.
 #[derive(Debug)]
 struct Follower {
     axis: u8,
@@ -76,7 +80,7 @@ pub struct Unit {
 }
 
 impl Unit {
-    /// Of this axis, from 0, of an arm of `of`.
+    /// Creates the unit of axis `axis`, from 0, of an arm with `of` axes.
     ///
     /// # Errors
     /// [`Error::Misuse`] for settings that no QSB has.
@@ -98,7 +102,7 @@ impl Unit {
         Ok(Self { settings, decoder: Decoder::new(Qsb), step: Step::Line, follower, description })
     }
 
-    /// The joint is at home now: its count is 0 in the next reading.
+    /// Homes the joint: its count is 0 in the next reading.
     pub fn home(&mut self) {
         self.follower.homing.home(1);
     }
@@ -107,14 +111,14 @@ impl Unit {
         self.settings.baud.unwrap_or(BAUD)
     }
 
-    /// What sets the unit up, in order.
+    /// Returns the set-up commands, in order.
     fn commands(&self) -> [(u8, u32); 6] {
         [
             (register::REPLY_FORMAT, 0xf),
             (register::MODE, 0),
             // All four edges of a line count.
             (register::COUNT_MODE, 3),
-            // Counts are sent whether they have changed or not: a joint at rest is not a silent one.
+            // Unchanged counts are sent too, so that a static joint does not look silent.
             (register::STREAM_THRESHOLD, 0),
             (register::STREAM_INTERVAL, self.follower.interval),
             (register::RESET_TIME, 1),
@@ -122,26 +126,26 @@ impl Unit {
     }
 
     /// Asks for the version, or writes a register.
-    fn tell(&mut self, index: Option<usize>) -> Rung {
+    fn tell(&mut self, index: Option<usize>) -> SetupStep {
         let command = match index {
             None => Command::Read(register::VERSION),
             Some(index) => match self.commands().get(index) {
                 Some((register, value)) => Command::Write(*register, *value),
                 None => {
                     self.step = Step::Stream;
-                    return Rung::Send(Command::Stream(register::COUNT).bytes());
+                    return SetupStep::Send(Command::Stream(register::COUNT).bytes());
                 }
             },
         };
         self.step = Step::Sent(index);
-        Rung::Send(command.bytes())
+        SetupStep::Send(command.bytes())
     }
 
-    /// The answer to that.
-    fn told(&mut self, index: Option<usize>, bytes: &[u8]) -> Rung {
+    /// Takes the answer to [`tell`](Self::tell).
+    fn told(&mut self, index: Option<usize>, bytes: &[u8]) -> SetupStep {
         let (register, wanted) = match index {
             None => (register::VERSION, None),
-            // What the clock's register says after it was reset is not documented.
+            // The value of the clock's register after its reset is not documented.
             Some(index) => match self.commands()[index] {
                 (register::RESET_TIME, _) => (register::RESET_TIME, None),
                 (register, value) => (register, Some(value)),
@@ -158,13 +162,13 @@ impl Unit {
             None if refused => {
                 self.fall(format!("refuses register {register:02X}; its firmware may be of another kind"))
             }
-            None => Rung::More,
+            None => SetupStep::More,
             Some(said) if wanted.is_some_and(|wanted| wanted != said) => self.fall(format!(
                 "was told {wanted:?} for register {register:02X} and keeps {said}; switch it off and on"
             )),
             Some(said) => {
                 if index.is_none() {
-                    // Serial number above bit 11, type of unit above bit 7, firmware.
+                    // Serial number from bit 12, type of unit from bit 8, firmware below.
                     self.description.fields = vec![
                         ("Serial".into(), (said >> 12).to_string()),
                         ("Type".into(), (said >> 8 & 0xf).to_string()),
@@ -177,9 +181,9 @@ impl Unit {
         }
     }
 
-    fn fall(&mut self, why: String) -> Rung {
+    fn fall(&mut self, why: String) -> SetupStep {
         self.step = Step::Line;
-        Rung::Fall(why)
+        SetupStep::Fall(why)
     }
 }
 
@@ -188,7 +192,7 @@ impl Follower {
         match *record {
             Record::Value(value) => self.count(value, at_ns, found),
             Record::Banner => {
-                // It streams no more, either: it is silent until it is set up anew.
+                // A reset also ends the stream: the unit stays silent until it is set up again.
                 let (axis, of) = (self.axis + 1, self.of);
                 self.homing.distrust(1, &format!("axis {axis} of {of} was reset{HOME_IT}"));
             }
@@ -211,7 +215,7 @@ impl Follower {
         let jumped = passed.held.is_some();
         for (Taken { ticks, at_ns }, counts) in [passed.held, passed.this].into_iter().flatten() {
             if let Some(last) = self.last.replace(ticks) {
-                // Lines come each so many ticks: what is missing was lost on the way.
+                // Lines come every `interval` ticks; missing lines were lost in transmission.
                 let intervals = (ticks.wrapping_sub(last) + self.interval / 2) / self.interval;
                 self.lost += u64::from(intervals.saturating_sub(1));
             }
@@ -243,10 +247,10 @@ impl Follower {
     }
 }
 
-/// What lies between two lines.
+/// Returns the relation of two consecutive lines.
 fn between(earlier: &Taken, later: &Taken) -> Between {
     let ticks = i64::from(later.ticks.wrapping_sub(earlier.ticks).cast_signed());
-    // A clock that goes back has begun anew, or a digit of it came as another: the next line tells.
+    // Either the clock restarted or one of its digits was corrupted: the next line decides.
     if ticks < 0 {
         return Between::Anew;
     }
@@ -271,22 +275,23 @@ impl Protocol for Unit {
         self.reset();
     }
 
-    fn climb(&mut self, met: Met<'_>) -> Rung {
+    fn climb(&mut self, met: Met<'_>) -> SetupStep {
         match (self.step, met) {
             (_, Met::Begin) => {
                 self.step = Step::Line;
-                Rung::Baud(self.baud())
+                SetupStep::Baud(self.baud())
             }
             (Step::Line | Step::Done, _) => {
                 self.step = Step::Stop;
-                // A line's end first, as a command that another host began and did not end may be the matter.
+                // Sends a line end first, because another host may have left a command
+                // unfinished.
                 let mut stop = vec![b'\n'];
                 stop.extend(Command::Read(register::COUNT).bytes());
-                Rung::Send(stop)
+                SetupStep::Send(stop)
             }
             (Step::Stop, _) => {
                 self.step = Step::Hush;
-                Rung::Hush { quiet_ns: QUIET, at_most_ns: HUSHED }
+                SetupStep::Hush { quiet_ns: QUIET, at_most_ns: HUSHED }
             }
             (Step::Hush, Met::Noisy) => {
                 let why = "goes on talking; check that it is a QSB, and its rate (arm.baud)";
@@ -298,7 +303,7 @@ impl Protocol for Unit {
             }
             (Step::Sent(index), _) => {
                 self.step = Step::Told(index);
-                Rung::Listen(ANSWER)
+                SetupStep::Listen(ANSWER)
             }
             (Step::Told(index), Met::Heard(bytes)) => self.told(index, bytes),
             (Step::Told(None), _) => {
@@ -308,7 +313,7 @@ impl Protocol for Unit {
             (Step::Told(Some(_)), _) => self.fall("answered at first and then no more; check its plug".into()),
             (Step::Stream, _) => {
                 self.step = Step::Done;
-                Rung::Top { keep: false }
+                SetupStep::Top { keep: false }
             }
         }
     }

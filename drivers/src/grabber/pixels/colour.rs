@@ -1,25 +1,29 @@
-//! Lines to red, green and blue, and from them to grey: ITU-R BT.601 and BT.709 in integers of 2⁻¹³, rounded once.
+//! Converts rows to red, green and blue, and these to grey: ITU-R BT.601 and BT.709 in integers
+//! of 2⁻¹³, rounded once.
 //!
-//! A colour difference belongs to two or four pixels, and each of them takes it as it is. The arithmetic is compiled twice, for any processor and for
-//! those with AVX2; being of integers, both make the same bits.
+//! A colour difference belongs to two or four pixels, which all use it unchanged. The arithmetic
+//! is compiled twice, for any processor and for those with AVX2. It uses integers, so both give
+//! the same bits.
 #![allow(unsafe_code, reason = "a function for processors with AVX2 is called where there is AVX2")]
 
 use super::luma::expand;
 use super::{Matrix, Range};
 
-/// Fractional bits of the coefficients: with 13 of them all fit in 16 bits, and what their rounding adds is below 2⁻⁵ of a level.
+/// Fractional bits of the coefficients: with 13, all fit in 16 bits, and their rounding error is
+/// below 2⁻⁵ of a level.
 const BITS: u32 = 13;
 
-/// Y'CbCr to R'G'B'. In 16 bits, since products of those are what even the oldest vector instructions make.
+/// Coefficients from Y'CbCr to R'G'B'. They have 16 bits, because even the oldest vector
+/// instructions multiply these.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Coefficients {
-    /// Of Y.
+    /// Coefficient of Y.
     luma: i16,
     red_of_v: i16,
     green_of_u: i16,
     green_of_v: i16,
     blue_of_u: i16,
-    /// What is added to all: the offset of black, and the half that rounds.
+    /// Constant for all channels: the offset of black, and one half for rounding.
     black: i32,
     /// Whether the processor has AVX2.
     avx2: bool,
@@ -56,9 +60,9 @@ fn has_avx2() -> bool {
 /// Pairs of pixels that are converted together.
 const PAIRS: usize = 32;
 
-/// Pairs of pixels by what they hold, so that each step below is the same for all of them.
+/// Pairs of pixels, ordered by component, so that each step below is the same for all of them.
 struct Block {
-    /// Luma of the first and the second of each pair.
+    /// Luma of the first and the second pixel of each pair.
     y: [[u8; PAIRS]; 2],
     u: [u8; PAIRS],
     v: [u8; PAIRS],
@@ -67,11 +71,11 @@ struct Block {
 impl Block {
     const EMPTY: Self = Self { y: [[0; PAIRS]; 2], u: [0; PAIRS], v: [0; PAIRS] };
 
-    /// Red, green and blue of all pixels, pixel by pixel.
+    /// Converts all pixels to interleaved red, green and blue.
     fn convert(&self, k: &Coefficients, out: &mut [u8; 6 * PAIRS]) {
         #[cfg(target_arch = "x86_64")]
         if k.avx2 {
-            // SAFETY: the flag is set only where the processor was asked and has AVX2.
+            // SAFETY: the flag is set only after the processor was found to have AVX2.
             return unsafe { self.convert_avx2(k, out) };
         }
         let mut levels = [[[0; PAIRS]; 3]; 2];
@@ -87,14 +91,16 @@ impl Block {
         interleave(&levels, out);
     }
 
-    /// [`Self::levels`] as a function of its own, as [`interleave_alone`] is: without AVX2 the two take five times as long when they are compiled as one loop,
-    /// for all of which no vector instructions are found.
+    /// Wraps [`Self::levels`] in a function of its own, like [`interleave_alone`]. Without AVX2
+    /// the two take five times as long when compiled as one loop, which the compiler does not
+    /// vectorise.
     #[inline(never)]
     fn levels_alone(&self, k: &Coefficients, levels: &mut Levels) {
         self.levels(k, levels);
     }
 
-    /// Levels of red, green and blue, of the first and the second of each pair.
+    /// Computes the levels of red, green and blue, of the first and the second pixel of each
+    /// pair.
     #[inline(always)]
     fn levels(&self, k: &Coefficients, levels: &mut Levels) {
         let product = |a: i16, b: i16| i32::from(a) * i32::from(b);
@@ -111,7 +117,7 @@ impl Block {
     }
 }
 
-/// Of the first and the second of each pair: red, green and blue.
+/// Red, green and blue, of the first and the second pixel of each pair.
 type Levels = [[[u8; PAIRS]; 3]; 2];
 
 #[inline(never)]
@@ -119,7 +125,7 @@ fn interleave_alone(levels: &Levels, out: &mut [u8; 6 * PAIRS]) {
     interleave(levels, out);
 }
 
-/// Puts the levels where they belong in a picture: pixel by pixel.
+/// Interleaves the levels pixel by pixel.
 #[inline(always)]
 fn interleave(levels: &Levels, out: &mut [u8; 6 * PAIRS]) {
     let mut pixels = [[0_u32; PAIRS]; 2];
@@ -138,7 +144,7 @@ fn interleave(levels: &Levels, out: &mut [u8; 6 * PAIRS]) {
     }
 }
 
-/// Converts a line block by block; `load` fills a block from the pair of pixels it is given on.
+/// Converts a row block by block; `load` fills a block from the given pair of pixels on.
 #[inline(always)]
 fn by_blocks(line: &mut [u8], k: &Coefficients, load: impl Fn(&mut Block, usize)) {
     let mut block = Block::EMPTY;
@@ -155,13 +161,14 @@ fn by_blocks(line: &mut [u8], k: &Coefficients, load: impl Fn(&mut Block, usize)
     }
 }
 
-/// As many of the bytes from `at` on as a block takes.
+/// Returns the bytes of one block, from pair `at` on.
 #[inline(always)]
 fn from<const EACH: usize>(row: &[u8], at: usize) -> &[u8] {
     &row[EACH * at..row.len().min(EACH * (at + PAIRS))]
 }
 
-/// Packed pairs of pixels: luma at `Y` and `Y + 2`, U at `C`, V at `C + 2` of each four bytes.
+/// Converts packed pairs of pixels: luma at `Y` and `Y + 2`, U at `C`, V at `C + 2` of each four
+/// bytes.
 pub(super) fn rgb_of_packed<const Y: usize, const C: usize>(row: &[u8], line: &mut [u8], k: &Coefficients) {
     by_blocks(line, k, |block, at| {
         for (n, four) in from::<4>(row, at).chunks_exact(4).enumerate() {
@@ -173,7 +180,7 @@ pub(super) fn rgb_of_packed<const Y: usize, const C: usize>(row: &[u8], line: &m
     });
 }
 
-/// A plane of luma and one of U V pairs.
+/// Converts a plane of luma and one of U V pairs.
 pub(super) fn rgb_of_pairs(y: &[u8], uv: &[u8], line: &mut [u8], k: &Coefficients) {
     by_blocks(line, k, |block, at| {
         load_luma(block, y, at);
@@ -184,7 +191,7 @@ pub(super) fn rgb_of_pairs(y: &[u8], uv: &[u8], line: &mut [u8], k: &Coefficient
     });
 }
 
-/// A plane each.
+/// Converts three planes.
 pub(super) fn rgb_of_planes(y: &[u8], u: &[u8], v: &[u8], line: &mut [u8], k: &Coefficients) {
     by_blocks(line, k, |block, at| {
         load_luma(block, y, at);
@@ -198,7 +205,7 @@ pub(super) fn rgb_of_planes(y: &[u8], u: &[u8], v: &[u8], line: &mut [u8], k: &C
 fn load_luma(block: &mut Block, y: &[u8], at: usize) {
     let y = from::<2>(y, at);
     let pairs = y.chunks_exact(2);
-    // The last of an odd number is half a pair.
+    // For an odd width, the last pixel is half a pair.
     if let &[last] = pairs.remainder() {
         block.y[0][y.len() / 2] = last;
     }
@@ -208,14 +215,15 @@ fn load_luma(block: &mut Block, y: &[u8], at: usize) {
     }
 }
 
-/// The weights of a pixel's three bytes in its grey, in 2⁻¹⁶; they add up to one, so that grey stays what it is.
+/// Returns the weights of a pixel's three bytes in its grey, in 2⁻¹⁶; they sum to one, so grey is
+/// unchanged.
 pub(super) fn weights(matrix: Matrix, reversed: bool) -> [u32; 3] {
     let [red, blue] = matrix.red_and_blue().map(|part| (part * 65536.0).round() as u32);
     let green = 65536 - red - blue;
     if reversed { [blue, green, red] } else { [red, green, blue] }
 }
 
-/// Grey of pixels of three bytes.
+/// Converts pixels of three bytes to grey.
 pub(super) fn grey_of_rgb<const LIMITED: bool>(row: &[u8], line: &mut [u8], [a, b, c]: [u32; 3]) {
     for (out, pixel) in line.iter_mut().zip(row.chunks_exact(3)) {
         let sum = u32::from(pixel[0]) * a + u32::from(pixel[1]) * b + u32::from(pixel[2]) * c + 0x8000;
@@ -224,7 +232,7 @@ pub(super) fn grey_of_rgb<const LIMITED: bool>(row: &[u8], line: &mut [u8], [a, 
     }
 }
 
-/// The other order of three bytes.
+/// Reverses the three bytes of each pixel.
 pub(super) fn swap<const LIMITED: bool>(row: &[u8], line: &mut [u8]) {
     for (out, pixel) in line.chunks_exact_mut(3).zip(row.chunks_exact(3)) {
         let reversed = [pixel[2], pixel[1], pixel[0]];
@@ -232,7 +240,7 @@ pub(super) fn swap<const LIMITED: bool>(row: &[u8], line: &mut [u8]) {
     }
 }
 
-/// Grey three times over; `kernel` makes the grey, some pixels at a time.
+/// Writes grey three times; `kernel` computes the grey, some pixels at a time.
 pub(super) fn triple(row: &[u8], line: &mut [u8], kernel: fn(&[u8], &mut [u8])) {
     const PIXELS: usize = 256;
     let bytes = 3 * row.len() / line.len();
@@ -250,9 +258,10 @@ pub(super) fn triple(row: &[u8], line: &mut [u8], kernel: fn(&[u8], &mut [u8])) 
 mod tests {
     use super::*;
 
-    /// Every luma with every pair of colour differences out of a grid that has their ends; both ways of compiling.
+    /// Tests every luma with a grid of colour differences that includes the extremes, in both
+    /// compiled versions.
     #[test]
-    fn with_and_without_avx2_the_bits_are_the_same() {
+    fn avx2_and_plain_code_give_same_bits() {
         if !has_avx2() {
             return;
         }

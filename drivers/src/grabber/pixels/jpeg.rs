@@ -1,4 +1,5 @@
-//! Motion JPEG: a JPEG picture a frame, often without the Huffman tables that all of them share.
+//! Motion JPEG: one JPEG image per frame, often without the Huffman tables, which are the same
+//! for all frames.
 
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::bytestream::ZCursor;
@@ -7,21 +8,21 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 
 use super::{Colour, Refusal, Rows, colour};
 
-/// Decodes; keeps its buffers.
+/// Decodes frames and reuses its buffers.
 #[derive(Default)]
 pub(super) struct Decoder {
-    /// The frame with its tables put in.
+    /// The frame with inserted tables.
     spliced: Vec<u8>,
-    /// The whole frame where not all of it is wanted, or not in the decoder's order.
+    /// The whole decoded frame, if only some rows are wanted or in another order.
     whole: Vec<u8>,
 }
 
-/// The marker that ends a picture.
+/// The end marker of an image.
 const END: [u8; 2] = [0xff, 0xd9];
 
-/// What the markers before the compressed data say.
+/// Contents of the markers before the compressed data.
 struct Head {
-    /// Where the scan's marker is.
+    /// Position of the scan's marker.
     scan: usize,
     has_tables: bool,
     components: u8,
@@ -29,7 +30,7 @@ struct Head {
 }
 
 impl Decoder {
-    /// Decodes a frame of `size` and takes `rows` of it into `out`.
+    /// Decodes a frame of `size` and copies its `rows` to `out`.
     pub(super) fn decode(
         &mut self,
         video: &[u8],
@@ -45,12 +46,13 @@ impl Decoder {
                 head.size[0], head.size[1], size[0], size[1]
             ));
         }
-        // Within compressed data these two bytes cannot stand: they are its end.
+        // These two bytes cannot occur within compressed data, so they mark its end.
         let Some(end) = video[head.scan..].windows(2).rposition(|pair| pair == END) else {
             return refuse("its end is missing".into());
         };
-        // The decoder makes up what should have come before the end marker, and without one it notices: it is not shown it. Lines shorter than
-        // that may take fewer bits than it reads ahead.
+        // The decoder invents missing data before an end marker, but reports them without one. So
+        // it does not receive the marker. Shorter rows keep it, because they may have fewer bits
+        // than the decoder reads ahead.
         let video = if size[0] < 64 { video } else { &video[..head.scan + end] };
         let video = if head.has_tables {
             video
@@ -84,7 +86,7 @@ impl Decoder {
 }
 
 fn pixels(video: &[u8], size: [u32; 2], space: ColorSpace, out: &mut [u8]) -> Result<(), Refusal> {
-    // Strict: what is damaged is refused, not made up.
+    // Strict: damaged data are refused, not invented.
     let options = DecoderOptions::default()
         .set_strict_mode(true)
         .set_max_width(size[0] as usize)
@@ -111,7 +113,7 @@ fn head(video: &[u8]) -> Result<Head, Refusal> {
     let mut has_tables = false;
     let mut frame = None;
     loop {
-        // Any number of fill bytes may stand before a marker.
+        // A marker may follow any number of fill bytes.
         while video.get(at) == Some(&0xff) && video.get(at + 1) == Some(&0xff) {
             at += 1;
         }
@@ -129,7 +131,7 @@ fn head(video: &[u8]) -> Result<Head, Refusal> {
                 return Ok(Head { scan: at, has_tables, components, size });
             }
             0xc4 => has_tables = true,
-            // Baseline, extended and progressive; the others are not decoded.
+            // Baseline, extended and progressive; other types are not decoded.
             0xc0..=0xc2 => {
                 let Some(&[_, h1, h0, w1, w0, components]) = segment.first_chunk() else {
                     return refuse("its size is cut off".into());
@@ -181,7 +183,7 @@ const STANDARD_TABLES: [(u8, [u8; 16], &[u8]); 4] = [
 
 fn append_standard_tables(out: &mut Vec<u8>) {
     for (class_and_number, lengths, values) in STANDARD_TABLES {
-        // 2 bytes of length itself, the class and number, 16 lengths; at most 162 values.
+        // 2 bytes of length, the class and number, 16 lengths; at most 162 values.
         let length = (2 + 1 + lengths.len() + values.len()) as u16;
         out.extend_from_slice(&[0xff, 0xc4]);
         out.extend_from_slice(&length.to_be_bytes());

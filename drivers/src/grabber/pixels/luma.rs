@@ -1,16 +1,17 @@
-//! Lines to grey.
+//! Converts rows to grey.
 
 use super::{PixelFormat, Range};
 
-/// Of limited range to full: 16 becomes 0 and 235 becomes 255, rounded to the nearest; what lies outside is clipped.
+/// Expands limited range to full: 16 becomes 0 and 235 becomes 255, rounded to nearest; values
+/// outside are clipped.
 pub(super) const fn expand(luma: u8) -> u8 {
     let above = luma.saturating_sub(16) as u16;
     let above = if above > 219 { 219 } else { above };
-    // At most 219·255 + 109 < 2¹⁶, so that the division is a multiplication of 16 bits.
+    // At most 219·255 + 109 < 2¹⁶, so the division compiles to a 16-bit multiplication.
     ((above * 255 + 109) / 219) as u8
 }
 
-/// [`expand`], for every byte.
+/// Applies [`expand`] to every byte.
 pub(super) fn expand_all(row: &[u8], line: &mut [u8]) {
     for (out, &value) in line.iter_mut().zip(row) {
         *out = expand(value);
@@ -18,7 +19,7 @@ pub(super) fn expand_all(row: &[u8], line: &mut [u8]) {
 }
 
 fn every_other<const AT: usize, const LIMITED: bool>(row: &[u8], line: &mut [u8]) {
-    // Of an odd number of pixels the last pair is half used: it is taken from the bytes that are left.
+    // For an odd width, the rest of the last pair of pixels is ignored.
     for (out, pair) in line.iter_mut().zip(row.chunks_exact(2)) {
         *out = if LIMITED { expand(pair[AT]) } else { pair[AT] };
     }
@@ -27,7 +28,7 @@ fn every_other<const AT: usize, const LIMITED: bool>(row: &[u8], line: &mut [u8]
 fn words<const BITS: u32, const LIMITED: bool>(row: &[u8], line: &mut [u8]) {
     for (out, pair) in line.iter_mut().zip(row.chunks_exact(2)) {
         let word = u16::from_le_bytes([pair[0], pair[1]]);
-        // Bits above those that the format has are not to be trusted.
+        // Bits above those of the format are unreliable.
         let high = ((word >> (BITS - 8)) & 0xff) as u8;
         *out = if LIMITED { expand(high) } else { high };
     }
@@ -37,7 +38,8 @@ fn copy(row: &[u8], line: &mut [u8]) {
     line.copy_from_slice(row);
 }
 
-/// Makes grey of a line of `format`, which holds luma; of words the eight highest bits.
+/// Returns the conversion of a row of `format` to grey. The format holds luma; of words the eight
+/// highest bits are used.
 pub(super) fn kernel(format: PixelFormat, range: Range) -> fn(&[u8], &mut [u8]) {
     use PixelFormat as P;
     match (format, range) {

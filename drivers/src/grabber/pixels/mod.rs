@@ -1,12 +1,15 @@
-//! Video as grabbers deliver it to pictures of 8 bits: pure functions of bytes, no device and no clock.
+//! Converts video in the grabbers' formats to frames of 8 bits per channel: pure functions of
+//! bytes, without device and clock.
 //!
-//! A [`Layout`] says what the bytes are, [`Rows`] which of their lines make a picture, a [`Converter`] does it. The least set of formats that
-//! grabbers are seen to deliver is known; all else is refused by its name.
+//! A [`Layout`] describes the bytes, [`Rows`] selects the rows of a frame, and a [`Converter`]
+//! converts them. The formats are the smallest set that grabbers are known to deliver; every
+//! other format is refused by name.
 //!
-//! - [`rows`]: which lines of a buffer make a picture, whole or by field.
-//! - `luma`: lines to grey. `colour`: lines to red, green and blue. Both in integers: the same bits on every machine.
+//! - [`rows`]: the rows of a buffer that form a frame, whole or by field.
+//! - `luma`: rows to grey. `colour`: rows to red, green and blue. Both use integers: the same
+//!   bits on every machine.
 //! - `jpeg`: Motion JPEG.
-//! - [`mod@reference`]: all of it but JPEG once more, plainly: what the others are tested against.
+//! - [`mod@reference`]: all of it but JPEG a second time, in plain form, for testing the others.
 
 mod colour;
 mod jpeg;
@@ -20,19 +23,19 @@ use std::fmt;
 
 pub use rows::{Field, Rows, Scan, Take};
 
-/// How a driver names a format: four letters.
+/// A driver's name of a format: four letters.
 pub type FourCc = [u8; 4];
 
-/// Formats that can be converted, by V4L2's names.
+/// Convertible formats, by V4L2's names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum PixelFormat {
-    /// `GREY`: a byte a pixel.
+    /// `GREY`: one byte per pixel.
     Grey,
-    /// `Y10 `: ten bits in the low end of two bytes, little endian.
+    /// `Y10 `: ten bits in the low end of two bytes, little-endian.
     Y10,
-    /// `Y12 `: twelve bits in the low end of two bytes, little endian.
+    /// `Y12 `: twelve bits in the low end of two bytes, little-endian.
     Y12,
-    /// `Y16 `: two bytes, little endian.
+    /// `Y16 `: two bytes, little-endian.
     Y16,
     /// `YUYV`: two pixels in Y U Y V.
     Yuyv,
@@ -48,12 +51,12 @@ pub enum PixelFormat {
     Rgb24,
     /// `BGR3`: blue, green, red.
     Bgr24,
-    /// `MJPG` or `JPEG`: a JPEG picture a frame.
+    /// `MJPG` or `JPEG`: one JPEG image per frame.
     Mjpg,
 }
 
 impl PixelFormat {
-    /// All of them, those that cost least and lose nothing of the grey first.
+    /// All formats; the cheapest that keep the full grey come first.
     pub const ALL: [Self; 12] = [
         Self::Grey,
         Self::Y16,
@@ -69,7 +72,7 @@ impl PixelFormat {
         Self::Mjpg,
     ];
 
-    /// V4L2's name for it.
+    /// Returns V4L2's name.
     pub const fn fourcc(self) -> FourCc {
         *match self {
             Self::Grey => b"GREY",
@@ -87,7 +90,7 @@ impl PixelFormat {
         }
     }
 
-    /// The format of a name, if it is one of ours.
+    /// Returns the format of a name, if it is supported.
     pub fn from_fourcc(fourcc: FourCc) -> Option<Self> {
         if &fourcc == b"JPEG" {
             return Some(Self::Mjpg);
@@ -95,17 +98,18 @@ impl PixelFormat {
         Self::ALL.into_iter().find(|format| format.fourcc() == fourcc)
     }
 
-    /// Whether it holds nothing but grey.
+    /// Returns whether the format holds only grey.
     pub const fn is_grey(self) -> bool {
         matches!(self, Self::Grey | Self::Y10 | Self::Y12 | Self::Y16)
     }
 
-    /// Whether it is stored as red, green and blue.
+    /// Returns whether the format is stored as red, green and blue.
     pub const fn is_rgb(self) -> bool {
         matches!(self, Self::Rgb24 | Self::Bgr24)
     }
 
-    /// Bytes that a line of `width` pixels takes at least (of the first plane), 0 where there are no lines.
+    /// Returns the minimum bytes of a row of `width` pixels (of the first plane); 0 for a format
+    /// without rows.
     pub const fn row_bytes(self, width: u32) -> u32 {
         match self {
             Self::Grey | Self::Nv12 | Self::I420 | Self::Yv12 => width,
@@ -123,21 +127,21 @@ impl fmt::Display for PixelFormat {
     }
 }
 
-/// A format's name as people write it; bytes that are no letters are shown as such.
+/// Returns the usual spelling of a format's name; other bytes than letters are escaped.
 pub fn name_of(fourcc: FourCc) -> String {
     fourcc.escape_ascii().to_string().trim_end().to_owned()
 }
 
-/// Which bytes stand for black and white.
+/// Byte values of black and white.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Range {
-    /// 16 to 235, colour differences 16 to 240; what lies outside is clipped. Usual for video.
+    /// 16 to 235, colour differences 16 to 240; values outside are clipped. Usual for video.
     Limited,
     /// 0 to 255.
     Full,
 }
 
-/// How luma is made of red, green and blue.
+/// Luma coefficients of red, green and blue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Matrix {
     /// ITU-R BT.601: standard definition, JPEG.
@@ -147,7 +151,7 @@ pub enum Matrix {
 }
 
 impl Matrix {
-    /// The parts of red and blue in luma.
+    /// Returns the weights of red and blue in luma.
     const fn red_and_blue(self) -> [f64; 2] {
         match self {
             Self::Bt601 => [0.299, 0.114],
@@ -156,7 +160,7 @@ impl Matrix {
     }
 }
 
-/// What pictures are made.
+/// Colour of the frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Colour {
     /// One channel.
@@ -167,7 +171,7 @@ pub enum Colour {
 }
 
 impl Colour {
-    /// Channels of a pixel.
+    /// Returns the number of channels of a pixel.
     pub const fn channels(self) -> usize {
         match self {
             Self::Grey => 1,
@@ -176,57 +180,57 @@ impl Colour {
     }
 }
 
-/// What a buffer of video holds.
+/// Contents of a buffer of video.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Layout {
-    /// Its format.
+    /// Pixel format.
     pub format: PixelFormat,
-    /// Pixels across and lines down.
+    /// Width and height in pixels.
     pub size: [u32; 2],
-    /// Bytes from one line to the next (`bytesperline`), of the first plane; the lines of U and V alone are half as far apart. Ignored for
-    /// [`PixelFormat::Mjpg`].
+    /// Bytes from one row to the next (`bytesperline`), of the first plane; separate U and V rows
+    /// have half of it. Ignored for [`PixelFormat::Mjpg`].
     pub row_bytes: u32,
-    /// What stands for black and white. JPEG is always full.
+    /// Range of black and white. JPEG is always full.
     pub range: Range,
-    /// How luma was made. JPEG's is always BT.601.
+    /// Luma coefficients. JPEG always has BT.601.
     pub matrix: Matrix,
 }
 
-/// Why there is no picture.
+/// Why a buffer gives no frame.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
 pub enum Refusal {
-    /// The layout cannot be.
+    /// The layout is impossible.
     #[error("a picture of {width}×{height} pixels in {format} with {row_bytes} bytes a line cannot be: {problem}")]
     Layout {
-        /// Pixels across.
+        /// Width in pixels.
         width: u32,
-        /// Lines down.
+        /// Height in pixels.
         height: u32,
-        /// The format.
+        /// Pixel format.
         format: PixelFormat,
-        /// Bytes from line to line.
+        /// Bytes from row to row.
         row_bytes: u32,
-        /// Why.
+        /// The problem.
         problem: &'static str,
     },
-    /// The buffer is shorter than its layout says.
+    /// The buffer is shorter than its layout requires.
     #[error("the frame holds {given} bytes where {needed} make a picture; it was cut off on its way")]
     Short {
-        /// Bytes there are.
+        /// Present bytes.
         given: usize,
-        /// Bytes there should be.
+        /// Required bytes.
         needed: usize,
     },
-    /// The JPEG picture is damaged or not of the kind that was agreed.
+    /// The JPEG image is damaged or not as agreed.
     #[error("the frame is no whole JPEG picture: {0}")]
     Jpeg(String),
 }
 
-/// Longest side of a picture.
+/// Maximum width and height of a frame, in pixels.
 const LONGEST: u32 = 16384;
 
-/// Makes pictures of buffers of one layout. Holds what is computed once; converting allocates nothing (JPEG: what its decoder needs).
+/// Converts buffers of one layout to frames. Holds precomputed values; converting allocates
+/// nothing (JPEG: what its decoder needs).
 pub struct Converter {
     layout: Layout,
     rows: Rows,
@@ -234,15 +238,17 @@ pub struct Converter {
     width: usize,
     height: usize,
     stride: usize,
-    /// Bytes of a line that are pixels.
+    /// Bytes of a row that are pixels.
     row: usize,
     coefficients: colour::Coefficients,
     jpeg: jpeg::Decoder,
 }
 
 impl Converter {
+    /// Creates a converter.
+    ///
     /// # Errors
-    /// [`Refusal::Layout`] when no picture can be of this layout.
+    /// [`Refusal::Layout`] if no frame can have this layout.
     pub fn new(layout: Layout, rows: Rows, colour: Colour) -> Result<Self, Refusal> {
         let refuse = |problem| {
             let Layout { format, size: [width, height], row_bytes, .. } = layout;
@@ -279,22 +285,22 @@ impl Converter {
         })
     }
 
-    /// Pixels across and lines down of the pictures.
+    /// Returns the width and height of the frames.
     pub fn size(&self) -> [u32; 2] {
         [self.layout.size[0], u32::try_from(self.rows.lines(self.height)).unwrap_or(u32::MAX)]
     }
 
-    /// Channels of their pixels.
+    /// Returns the colour of the frames.
     pub const fn colour(&self) -> Colour {
         self.colour
     }
 
-    /// Bytes of a picture.
+    /// Returns the bytes of a frame.
     pub fn picture_bytes(&self) -> usize {
         self.width * self.rows.lines(self.height) * self.colour.channels()
     }
 
-    /// Bytes that a buffer must have at least; 0 for JPEG, which says so itself.
+    /// Returns the minimum bytes of a buffer; 0 for JPEG, which contains its own size.
     pub fn video_bytes(&self) -> usize {
         let whole = self.stride * self.height;
         let half = self.height.div_ceil(2);
@@ -308,14 +314,15 @@ impl Converter {
         }
     }
 
-    /// Makes the picture of `video`, which may be longer than it need be; `out` has [`Self::picture_bytes`]. After a refusal its content is
-    /// arbitrary.
+    /// Converts `video`, which may be longer than needed, to a frame; `out` has
+    /// [`Self::picture_bytes`]. After a refusal its content is arbitrary.
     ///
     /// # Errors
-    /// [`Refusal::Short`] when bytes are missing, [`Refusal::Jpeg`] when the picture is damaged or of another size.
+    /// [`Refusal::Short`] if bytes are missing, [`Refusal::Jpeg`] if the image is damaged or of
+    /// another size.
     ///
     /// # Panics
-    /// When `out` is not as long as a picture.
+    /// If `out` does not have the length of a frame.
     pub fn convert(&mut self, video: &[u8], out: &mut [u8]) -> Result<(), Refusal> {
         assert_eq!(out.len(), self.picture_bytes(), "the picture's buffer is as long as the picture");
         let needed = self.video_bytes();
@@ -336,7 +343,8 @@ impl Converter {
         Ok(())
     }
 
-    /// Calls `kernel` for each line of the picture with the buffer's line (as many bytes as its pixels take) and the picture's.
+    /// Calls `kernel` for each row of the frame with the row's pixel bytes in the buffer and its
+    /// row in the frame.
     fn lines(&self, video: &[u8], out: &mut [u8], kernel: impl Fn(&[u8], &mut [u8])) {
         for (i, line) in out.chunks_exact_mut(self.width * self.colour.channels()).enumerate() {
             let at = self.rows.line(i, self.height) * self.stride;

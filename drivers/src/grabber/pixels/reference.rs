@@ -1,12 +1,13 @@
-//! What every pixel is, one at a time and in f64: what the converters are tested against, and benched beside.
+//! Reference conversion, one pixel at a time in `f64`, for testing and benchmarking the
+//! converters.
 
 use super::{Colour, Field, Layout, Matrix, PixelFormat, Range, Rows, Scan, Take};
 
-/// The picture of `video` in levels from 0 to 255 that are not rounded; grey three times. The rows' rules are stated here once more, as plainly as
-/// the standard has them.
+/// Converts `video` to unrounded levels from 0 to 255; grey three times. The rules for rows are
+/// stated here a second time, as plainly as in the standard.
 ///
 /// # Panics
-/// When `video` is shorter than `layout` says, or of a format that has no equations (JPEG).
+/// If `video` is shorter than `layout` requires, or of a format without equations (JPEG).
 pub fn reference(layout: &Layout, rows: Rows, colour: Colour, video: &[u8]) -> Vec<[f64; 3]> {
     let [width, height] = layout.size.map(|side| side as usize);
     let lines = if matches!(rows.take, Take::All) { height } else { height / 2 };
@@ -28,7 +29,8 @@ struct Sample<'a> {
 }
 
 impl Sample<'_> {
-    /// Luma and colour differences, or red, green and blue, of pixel `x` of the picture's line `i`.
+    /// Returns luma and colour differences, or red, green and blue, of pixel `x` of row `i` of
+    /// the frame.
     fn at(&self, x: usize, i: usize) -> [f64; 3] {
         let height = self.layout.size[1] as usize;
         let stride = self.layout.row_bytes as usize;
@@ -68,7 +70,7 @@ impl Sample<'_> {
         }
     }
 
-    /// Line `k` of a field in a plane of `lines`.
+    /// Returns the index of row `k` of a field in a plane of `lines` rows.
     fn line(&self, field: Field, k: usize, lines: usize) -> usize {
         match self.rows.scan {
             Scan::Progressive | Scan::Interlaced => 2 * k + usize::from(field == Field::Bottom),
@@ -79,7 +81,7 @@ impl Sample<'_> {
     }
 }
 
-/// ITU-R BT.601 and BT.709.
+/// Applies the equations of ITU-R BT.601 and BT.709.
 fn equation(layout: &Layout, colour: Colour, [first, second, third]: [f64; 3]) -> [f64; 3] {
     let (red, blue) = match layout.matrix {
         Matrix::Bt601 => (0.299, 0.114),

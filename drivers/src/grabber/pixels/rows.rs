@@ -1,19 +1,20 @@
-//! Which lines of a buffer make a picture.
+//! The rows of a buffer that form a frame.
 //!
-//! Interlaced video holds two moments: the even lines (the top field, from line 0) and the odd ones (the bottom field), half a frame apart. A
-//! moving probe then has combs at its edges, so that fields are better taken one by one, each with its own time.
+//! Interlaced video holds two instants: the even rows (the top field, from row 0) and the odd
+//! ones (the bottom field), half a frame apart. A moving probe then shows combs at edges, so it
+//! is better to take each field alone, with its own time.
 
 /// One of the two halves of an interlaced frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Field {
-    /// Lines 0, 2, 4, …
+    /// Rows 0, 2, 4, …
     Top,
-    /// Lines 1, 3, 5, …
+    /// Rows 1, 3, 5, …
     Bottom,
 }
 
 impl Field {
-    /// The other one.
+    /// Returns the other field.
     pub const fn other(self) -> Self {
         match self {
             Self::Top => Self::Bottom,
@@ -29,43 +30,44 @@ impl Field {
     }
 }
 
-/// How a buffer's lines are ordered.
+/// Order of a buffer's rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Scan {
-    /// Line after line, of one moment; or a field by itself.
+    /// Row after row, of one instant; or a single field.
     Progressive,
-    /// The two fields' lines in turn, top field first in space.
+    /// The rows of the two fields alternate, the top field above.
     Interlaced,
     /// One field, then the other.
     Sequential {
-        /// The field whose lines come first.
+        /// The field whose rows come first.
         first: Field,
     },
 }
 
-/// What of a buffer becomes the picture.
+/// Rows of a buffer that form the frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Take {
-    /// All lines.
+    /// All rows.
     All,
-    /// Every other line.
+    /// Every other row.
     Field(Field),
 }
 
-/// Where a picture's lines are in a buffer.
+/// Positions of a frame's rows in a buffer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Rows {
-    /// The buffer's order.
+    /// Row order of the buffer.
     pub scan: Scan,
-    /// What is taken of it.
+    /// Selected rows.
     pub take: Take,
 }
 
 impl Rows {
-    /// All lines as they come.
+    /// All rows in order.
     pub const WHOLE: Self = Self { scan: Scan::Progressive, take: Take::All };
 
-    /// Lines of the picture, for a buffer of `height` lines. Both fields of a frame have as many.
+    /// Returns the rows of the frame, for a buffer of `height` rows. Both fields of a frame have
+    /// the same number.
     pub const fn lines(self, height: usize) -> usize {
         match self.take {
             Take::All => height,
@@ -73,19 +75,19 @@ impl Rows {
         }
     }
 
-    /// The buffer's line that is the picture's line `i`.
+    /// Returns the buffer's row that is row `i` of the frame.
     pub fn line(self, i: usize, height: usize) -> usize {
         let [k, parity] = self.in_field(i);
         match self.scan {
-            // The line where it belongs in the frame.
+            // The row at its place in the frame.
             Scan::Progressive | Scan::Interlaced => 2 * k + parity,
             Scan::Sequential { first } if parity == first.parity() => k,
             Scan::Sequential { first } => k + Self::first_field(first, height),
         }
     }
 
-    /// The same for planes that have one line for two (4:2:0). Those of interlaced video belong to fields as the others do: two lines of the
-    /// same field share one.
+    /// Returns the same for planes with one row for two (4:2:0). In interlaced video these rows
+    /// also belong to fields: two rows of the same field share one.
     pub fn colour_line(self, i: usize, height: usize) -> usize {
         let [k, parity] = self.in_field(i);
         let lines = height.div_ceil(2);
@@ -98,7 +100,7 @@ impl Rows {
         line.min(lines - 1)
     }
 
-    /// The picture's line `i` as a line of its field, and the field's parity.
+    /// Returns row `i` of the frame as a row of its field, and the field's parity.
     const fn in_field(self, i: usize) -> [usize; 2] {
         match self.take {
             Take::All => [i / 2, i % 2],
@@ -106,7 +108,8 @@ impl Rows {
         }
     }
 
-    /// Lines of the field that comes first, of an odd number of lines the top one has one more.
+    /// Returns the rows of the field that comes first; for an odd height the top field has one
+    /// more.
     fn first_field(first: Field, height: usize) -> usize {
         match first {
             Field::Top => height.div_ceil(2),

@@ -26,7 +26,7 @@ fn any_kind() -> impl Strategy<Value = (PixelFormat, Range, Matrix, Colour)> {
     })
 }
 
-/// Bytes that are the same everywhere.
+/// Returns reproducible pseudorandom bytes.
 fn noise(seed: u64, bytes: usize) -> Vec<u8> {
     let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
     (0..bytes)
@@ -42,9 +42,10 @@ fn noise(seed: u64, bytes: usize) -> Vec<u8> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(2000))]
 
-    /// Every format, range, matrix, order of lines and choice of field; odd sides, padded lines, buffers that are longer than they need be.
+    /// Every format, range, matrix, order of lines and choice of field; odd sizes, padded rows,
+    /// oversized buffers.
     #[test]
-    fn every_conversion_is_the_rounded_equation(
+    fn conversion_matches_rounded_equation(
         (format, range, matrix, colour) in any_kind(),
         rows in any_rows(),
         width in 1_u32..70,
@@ -54,7 +55,7 @@ proptest! {
         seed in any::<u64>(),
     ) {
         prop_assume!(format != PixelFormat::Mjpg);
-        // Planes of colour have lines half as long, which is no whole number of bytes for an odd one.
+        // Colour planes have rows of half the length, which must be a whole number of bytes.
         let planar = matches!(format, PixelFormat::I420 | PixelFormat::Yv12 | PixelFormat::Nv12);
         let row_bytes = format.row_bytes(width + if planar { width % 2 } else { 0 }) + padding;
         let layout = Layout { format, size: [width, height], row_bytes, range, matrix };
@@ -66,7 +67,7 @@ proptest! {
         let channels = colour.channels();
         prop_assert_eq!(picture.len(), expected.len() * channels);
         prop_assert_eq!(converter.size(), [width, (expected.len() / width as usize) as u32]);
-        // Where limited grey of RGB is made, the grey is rounded before it is stretched.
+        // Limited grey from RGB is rounded before it is stretched.
         let twice = format.is_rgb() && colour == Colour::Grey && range == Range::Limited;
         let bound = if twice { 0.5 + 0.5 * 255.0 / 219.0 } else { 0.5 } + 1.0 / 32.0;
         for (n, (got, want)) in picture.chunks_exact(channels).zip(&expected).enumerate() {
@@ -75,7 +76,7 @@ proptest! {
                 prop_assert!(off <= bound, "pixel {n}, channel {c}: {value} where {} is right", want[c]);
             }
         }
-        // One byte less is not a picture.
+        // One byte less is refused.
         let short = &video[..converter.video_bytes() - 1];
         prop_assert_eq!(
             converter.convert(short, &mut picture),
@@ -83,9 +84,9 @@ proptest! {
         );
     }
 
-    /// Whatever the driver says of its buffers and whatever is in them: a picture or a refusal.
+    /// Any layout and any bytes give a frame or a refusal.
     #[test]
-    fn no_layout_and_no_bytes_make_it_panic(
+    fn any_layout_and_bytes_do_not_panic(
         (format, range, matrix, colour) in any_kind(),
         rows in any_rows(),
         size in prop_oneof![any::<[u32; 2]>(), [0_u32..40, 0_u32..40]],
@@ -103,7 +104,7 @@ proptest! {
 }
 
 #[test]
-fn names_are_those_of_the_kernel_and_unknown_ones_are_none() {
+fn format_names_match_kernel_and_unknown_give_none() {
     for format in PixelFormat::ALL {
         assert_eq!(PixelFormat::from_fourcc(format.fourcc()), Some(format));
     }
@@ -113,9 +114,9 @@ fn names_are_those_of_the_kernel_and_unknown_ones_are_none() {
     assert_eq!(name_of([b'A', 0, 0xff, b'B']), "A\\x00\\xffB");
 }
 
-/// The ends and middles of both ranges, by hand from the standards.
+/// The ends and middles of both ranges, calculated by hand from the standards.
 #[test]
-fn known_colours_come_out_as_they_are_known() {
+fn known_colours_convert_as_in_standards() {
     let one = |format, range, matrix, colour, video: &[u8]| {
         let layout = Layout { format, size: [2, 2], row_bytes: 6, range, matrix };
         let mut converter = Converter::new(layout, Rows::WHOLE, colour).unwrap();
@@ -131,14 +132,15 @@ fn known_colours_come_out_as_they_are_known() {
     assert_eq!(rgb(Range::Limited, Matrix::Bt601, [16, 128, 128]), [0, 0, 0]);
     assert_eq!(rgb(Range::Limited, Matrix::Bt601, [0, 128, 128]), [0, 0, 0]);
     assert_eq!(rgb(Range::Full, Matrix::Bt709, [255, 128, 128]), [255, 255, 255]);
-    // The pure red of colour bars: Y'CbCr 81 90 240 (BT.601), 63 102 240 (BT.709), rounded as they are there.
+    // The pure red of colour bars: Y'CbCr 81 90 240 (BT.601), 63 102 240 (BT.709), rounded as in
+    // these standards.
     assert_eq!(rgb(Range::Limited, Matrix::Bt601, [81, 90, 240]), [254, 0, 0]);
     assert_eq!(rgb(Range::Limited, Matrix::Bt709, [63, 102, 240]), [255, 1, 0]);
     // Grey of pure green: 0.587 and 0.7152 of white.
     let green = [0, 255, 0].repeat(4);
     assert_eq!(one(Rgb24, Range::Full, Matrix::Bt601, Colour::Grey, &green), [150]);
     assert_eq!(one(Rgb24, Range::Full, Matrix::Bt709, Colour::Grey, &green), [182]);
-    // Grey stays what it is, whatever the weights.
+    // Grey is unchanged, whatever the weights.
     for level in 0..=255 {
         let grey = [level; 12];
         assert_eq!(one(Rgb24, Range::Full, Matrix::Bt709, Colour::Grey, &grey), [level]);
@@ -161,7 +163,7 @@ fn encoded(width: u16, height: u16, rgb: bool, sampling: jpeg_encoder::SamplingF
     (pixels, jpeg)
 }
 
-/// Without the segments of `marker`.
+/// Returns the JPEG without the segments of `marker`.
 fn without(jpeg: &[u8], marker: u8) -> Vec<u8> {
     let mut out = jpeg[..2].to_vec();
     let mut at = 2;
@@ -182,7 +184,7 @@ fn mjpg(size: [u32; 2], rows: Rows, colour: Colour) -> Converter {
 }
 
 #[test]
-fn jpeg_pictures_come_out_whole_with_and_without_their_tables_and_by_field() {
+fn jpeg_decodes_with_and_without_tables_and_by_field() {
     use jpeg_encoder::SamplingFactor::{F_1_1, F_2_1, F_2_2};
     for (rgb, sampling) in [(true, F_1_1), (true, F_2_1), (true, F_2_2), (false, F_1_1)] {
         let (pixels, jpeg) = encoded(120, 80, rgb, sampling);
@@ -210,7 +212,7 @@ fn jpeg_pictures_come_out_whole_with_and_without_their_tables_and_by_field() {
             let mut again = vec![0; picture.len()];
             converter.convert(&bare, &mut again).unwrap();
             assert_eq!(again, picture, "without tables");
-            // Grabbers hand over buffers with something behind the picture.
+            // Grabbers deliver buffers with extra bytes after the JPEG.
             converter.convert(&[&bare[..], &[0; 700]].concat(), &mut again).unwrap();
             assert_eq!(again, picture, "with padding");
             for field in [Field::Top, Field::Bottom] {
@@ -228,9 +230,9 @@ fn jpeg_pictures_come_out_whole_with_and_without_their_tables_and_by_field() {
     }
 }
 
-/// A line of flat grey takes the fewest bytes: less than a decoder reads ahead.
+/// A flat grey row has the fewest bytes: fewer than a decoder reads ahead.
 #[test]
-fn flat_jpeg_pictures_of_any_width_are_whole() {
+fn flat_jpeg_decodes_at_any_width() {
     use jpeg_encoder::SamplingFactor::{F_1_1, F_2_1, F_2_2};
     for sampling in [F_1_1, F_2_1, F_2_2] {
         for width in (1..100).chain([127, 128, 720, 1920]) {
@@ -248,7 +250,7 @@ fn flat_jpeg_pictures_of_any_width_are_whole() {
 }
 
 #[test]
-fn damaged_jpeg_pictures_are_refused_by_a_sentence_wherever_they_are_cut() {
+fn truncated_jpeg_is_refused_with_reason() {
     let (_, jpeg) = encoded(96, 64, true, jpeg_encoder::SamplingFactor::F_2_1);
     let mut converter = mjpg([96, 64], Rows::WHOLE, Colour::Grey);
     let mut picture = vec![0; converter.picture_bytes()];
@@ -257,7 +259,7 @@ fn damaged_jpeg_pictures_are_refused_by_a_sentence_wherever_they_are_cut() {
         let broken = converter.convert(&jpeg[..cut], &mut picture);
         let Err(Refusal::Jpeg(problem)) = &broken else { panic!("cut at {cut} of {}: {broken:?}", jpeg.len()) };
         assert!(!problem.is_empty() && !problem.contains('\n'));
-        // What was lost on the way, with the end that the next packet brought.
+        // Data was lost in transmission, but the next packet brought the end marker.
         let closed = [&jpeg[..cut], &[0xff, 0xd9], &[0; 9]].concat();
         refused += usize::from(converter.convert(&closed, &mut picture).is_err());
     }
@@ -269,9 +271,9 @@ fn damaged_jpeg_pictures_are_refused_by_a_sentence_wherever_they_are_cut() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(400))]
 
-    /// A real picture with bytes changed, and with the ends of a real one around noise.
+    /// A real JPEG with changed bytes, with or without its tables.
     #[test]
-    fn no_jpeg_makes_it_panic(
+    fn changed_jpeg_does_not_panic(
         changes in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..12),
         rgb in any::<bool>(),
         bare in any::<bool>(),

@@ -1,14 +1,15 @@
-//! Which format, size and rate to ask for, of what a device offers.
+//! Choice of format, size and rate from those that a device offers.
 
 use super::super::GrabberSettings;
 use super::super::pixels::{Colour, PixelFormat};
 
-/// A picture that a device can deliver.
+/// A video mode that a device can deliver.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Offer {
     pub(crate) format: PixelFormat,
     pub(crate) size: [u32; 2],
-    /// The shortest time between frames, seconds as a fraction; `None` if the driver does not say.
+    /// The shortest time between frames, seconds as a fraction; `None` if the driver does not
+    /// report it.
     pub(crate) interval: Option<[u32; 2]>,
 }
 
@@ -18,15 +19,15 @@ impl Offer {
     }
 }
 
-/// Frames a second that are taken for moving pictures where none are asked for.
+/// Minimum frame rate for moving video if no rate is requested, in frames per second.
 const FLUENT: f64 = 20.0;
-/// A rate is reached if it is so nearly: 30 stands for 30000/1001 too.
+/// Tolerance of a rate: 30 also matches 30000/1001.
 const NEARLY: f64 = 0.998;
 
-/// The offer to take, of those that the settings allow: those that are fluent (or reach the rate that is asked for) before those that are not, then
-/// the largest picture, then what needs no decompression, then what costs least to convert.
+/// Chooses the best offer that the settings allow. Offers with a fluent (or the requested) rate
+/// come first, then the largest frame, then uncompressed formats, then the cheapest conversion.
 ///
-/// A sentence when nothing fits.
+/// Returns an error text if nothing fits.
 pub(crate) fn choose(offers: &[Offer], settings: &GrabberSettings) -> Result<Offer, String> {
     let fits = |offer: &&Offer| {
         settings.format.is_none_or(|format| format == offer.format)
@@ -36,7 +37,7 @@ pub(crate) fn choose(offers: &[Offer], settings: &GrabberSettings) -> Result<Off
     let wanted = settings.rate_hz.unwrap_or(FLUENT) * NEARLY;
     let order = |format: PixelFormat| {
         let place = PixelFormat::ALL.iter().position(|&one| one == format).unwrap_or(usize::MAX);
-        // Stored colour is nearer to colour than what it is made from.
+        // Stored RGB gives better colour than formats that must be converted to it.
         if settings.colour == Colour::Rgb && format.is_rgb() { 0 } else { place + 1 }
     };
     let merit = |offer: &Offer| {
@@ -75,9 +76,9 @@ mod tests {
         GrabberSettings::new("/dev/video0")
     }
 
-    /// As MS2109 and MS2130 dongles, a webcam and an analogue grabber say it.
+    /// Offers of MS2109 and MS2130 dongles, a webcam and an analogue grabber.
     #[test]
-    fn the_largest_fluent_picture_is_taken_and_the_cheapest_of_equal_ones() {
+    fn largest_fluent_then_cheapest_offer_is_chosen() {
         use PixelFormat::{Bgr24, Mjpg, Nv12, Uyvy, Yuyv};
         let hd = [1920, 1080];
         let ms2109 = [
@@ -97,7 +98,7 @@ mod tests {
         let ms2130 = [offer(Mjpg, hd, 60), offer(Bgr24, hd, 30), offer(Nv12, hd, 30), offer(Yuyv, hd, 60)];
         assert_eq!(chosen(&ms2130, &settings()), ms2130[3], "of equal ones the one that costs least");
         assert_eq!(chosen(&ms2130, &GrabberSettings { colour: Colour::Rgb, ..settings() }), ms2130[1]);
-        // 59.94 frames a second are 60.
+        // 59.94 frames per second count as 60.
         let ntsc = [Offer { format: Uyvy, size: [720, 480], interval: Some([1001, 60000]) }];
         assert_eq!(chosen(&ntsc, &GrabberSettings { rate_hz: Some(60.0), ..settings() }), ntsc[0]);
         let silent = [Offer { interval: None, ..ntsc[0] }, offer(Yuyv, [720, 480], 5)];
@@ -108,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_offered_is_refused_with_what_is() {
+    fn refusal_lists_offers() {
         let offers = [offer(PixelFormat::Yuyv, [720, 480], 30), offer(PixelFormat::Mjpg, [1280, 720], 30)];
         let of = |settings: &GrabberSettings| choose(&offers, settings).unwrap_err();
         assert_eq!(

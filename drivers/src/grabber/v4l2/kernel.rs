@@ -1,17 +1,19 @@
-//! The kernel's side of V4L2: one safe method a system call, plain values in and out. All `unsafe` of the driver is in this file and in `stream`.
+//! The kernel interface of V4L2: one safe method per system call, with plain values. All `unsafe`
+//! code of the driver is in this file and in `stream`.
 //!
-//! Numbers that the kernel's headers do not know yet, or that a driver makes up, are handed on as they are: nothing here is matched against a closed
-//! list, and names need not be UTF-8. The crate `v4l` gives the structures and the calls' numbers; its own `Device` and `Stream` are not used, since
-//! they panic on an unknown field order, on a name cut within a letter, and when a stream cannot be stopped, and after one time-out its stream
-//! queues a buffer that is queued already, for ever.
+//! Numbers that are newer than the kernel's headers, or that a driver invents, are passed on
+//! unchanged. Nothing here is matched against a closed list, and names need not be UTF-8. The
+//! crate `v4l` provides the structures and the numbers of the calls. Its own `Device` and
+//! `Stream` are not used: they panic on an unknown field order, on a name truncated within a
+//! character, and when a stream cannot be stopped. After one time-out its stream also queues a
+//! queued buffer again and again.
 #![allow(unsafe_code, reason = "ioctl and shared memory; each block is argued")]
 
 use std::fs::{File, OpenOptions};
-use std::io;
-use std::mem;
 use std::os::fd::{AsFd, AsRawFd};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
+use std::{io, mem};
 
 use rustix::event::{PollFd, PollFlags, Timespec};
 use v4l::sys as abi;
@@ -19,7 +21,7 @@ use v4l::v4l2::vidioc;
 
 use crate::grabber::pixels::FourCc;
 
-/// Values of the standard as they go over the interface.
+/// Constants of the interface.
 pub(crate) mod number {
     pub(crate) const CAN_CAPTURE: u32 = v4l::sys::V4L2_CAP_VIDEO_CAPTURE;
     pub(crate) const CAN_CAPTURE_PLANES: u32 = v4l::sys::V4L2_CAP_VIDEO_CAPTURE_MPLANE;
@@ -49,24 +51,24 @@ pub(crate) mod number {
     pub(crate) const FIELD_ALTERNATE: u32 = v4l::sys::v4l2_field_V4L2_FIELD_ALTERNATE;
     pub(crate) const FIELD_INTERLACED_TB: u32 = v4l::sys::v4l2_field_V4L2_FIELD_INTERLACED_TB;
     pub(crate) const FIELD_INTERLACED_BT: u32 = v4l::sys::v4l2_field_V4L2_FIELD_INTERLACED_BT;
-    /// Analogue standards of 525 lines and 60 fields a second.
+    /// Analogue standards of 525 lines and 60 fields per second.
     pub(crate) const STANDARD_NTSC: u64 = 0xb000;
-    /// All of 525 lines: NTSC, PAL-M, PAL-60.
+    /// All standards of 525 lines: NTSC, PAL-M, PAL-60.
     pub(crate) const STANDARD_525: u64 = 0xf900;
-    /// PAL of 625 lines and 50 fields a second.
+    /// PAL of 625 lines and 50 fields per second.
     pub(crate) const STANDARD_PAL: u64 = 0xff;
     pub(crate) const STANDARD_SECAM: u64 = 0xff_0000;
 }
 
 pub(super) const CAPTURE: u32 = abi::v4l2_buf_type_V4L2_BUF_TYPE_VIDEO_CAPTURE;
 
-/// What a node says of itself.
+/// Identity of a node.
 #[derive(Debug, Clone)]
 pub(crate) struct Identity {
     pub(crate) driver: String,
     pub(crate) card: String,
     pub(crate) bus: String,
-    /// What this node can do (`device_caps`).
+    /// Capabilities of this node (`device_caps`).
     pub(crate) can: u32,
 }
 
@@ -75,7 +77,7 @@ pub(crate) struct Identity {
 pub(crate) struct Input {
     pub(crate) index: u32,
     pub(crate) name: String,
-    /// Analogue standards it takes.
+    /// Analogue standards that the input accepts.
     pub(crate) standards: u64,
     pub(crate) can: u32,
 }
@@ -84,7 +86,7 @@ pub(crate) struct Input {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Sizes {
     One([u32; 2]),
-    /// Least, most, step: of both sides.
+    /// Minimum, maximum and step of width and height.
     Steps {
         least: [u32; 2],
         most: [u32; 2],
@@ -92,7 +94,7 @@ pub(crate) enum Sizes {
     },
 }
 
-/// The format in force.
+/// The current format.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Format {
     pub(crate) fourcc: FourCc,
@@ -104,22 +106,22 @@ pub(crate) struct Format {
     pub(crate) quantization: u32,
 }
 
-/// Digital timings, as far as they matter here, and the kernel's own record to hand back.
+/// The used fields of digital timings, and the kernel's own record for setting them.
 #[derive(Clone, Copy)]
 pub(crate) struct Timings {
     record: abi::v4l2_dv_timings,
-    /// Frames a second; 0 if unknown.
+    /// Frames per second; 0 if unknown.
     pub(crate) rate: f64,
 }
 
-/// What [`Node::wait`] saw.
+/// Result of [`Node::wait`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Ready {
     /// A buffer is filled.
     pub(crate) buffer: bool,
     /// An event is pending.
     pub(crate) event: bool,
-    /// There is no stream, it is broken, or the device is gone: the next call will say which.
+    /// There is no stream, it is broken, or the device is gone: the next call reports which.
     pub(crate) trouble: bool,
 }
 
@@ -131,25 +133,26 @@ pub(crate) struct Node {
 
 impl Node {
     pub(crate) fn open(path: &Path) -> io::Result<Self> {
-        // Not blocking: a buffer that is not there must never stop the device's thread.
+        // Non-blocking: a missing buffer must never block the device's thread.
         let nonblocking = rustix::fs::OFlags::NONBLOCK.bits().cast_signed();
         let file = OpenOptions::new().read(true).write(true).custom_flags(nonblocking).open(path)?;
         Ok(Self { file })
     }
 
-    /// What a mapping is made of.
+    /// Returns the file, for mapping buffers.
     pub(super) const fn file(&self) -> &File {
         &self.file
     }
 
-    /// The call `request` on `argument`, begun anew when a signal interrupts it.
+    /// Makes the call `request` on `argument`; repeats it when a signal interrupts it.
     pub(super) fn call<T: Plain>(&self, request: vidioc::_IOC_TYPE, argument: &mut T) -> io::Result<()> {
         let size = usize::try_from((request >> 16) & 0x3fff).unwrap_or(usize::MAX);
         assert_eq!(size, size_of::<T>(), "the structure is not the one of this call");
         loop {
-            // SAFETY: the descriptor is open for as long as `self` is. The kernel reads and writes as many bytes at the pointer as the request's
-            // number says, which was just seen to be the size of what it points to; `Plain` data
-            // has a value for every pattern of bits, and the kernel follows no pointer in it.
+            // SAFETY: the descriptor is open for as long as `self` is. The kernel reads and
+            // writes as many bytes at the pointer as the request's number states. The assertion
+            // above ensures that this is the size of the pointee. `Plain` data has a value for
+            // every pattern of bits, and the kernel follows no pointer in it.
             let outcome =
                 unsafe { v4l::v4l2::ioctl(self.file.as_raw_fd(), request, std::ptr::from_mut(argument).cast()) };
             match outcome {
@@ -181,7 +184,7 @@ impl Node {
         Ok(Input { index, name: text(&input.name), standards: input.std, can: input.capabilities })
     }
 
-    /// What an input says of its source now.
+    /// Returns the present status of an input's source.
     pub(crate) fn input_status(&self, index: u32) -> io::Result<u32> {
         let mut input = abi::v4l2_input { index, ..zeroed() };
         self.call(vidioc::VIDIOC_ENUMINPUT, &mut input)?;
@@ -198,14 +201,14 @@ impl Node {
         self.call(vidioc::VIDIOC_S_INPUT, &mut index.cast_signed())
     }
 
-    /// The analogue standard that the device sees.
+    /// Returns the analogue standard that the device detects.
     pub(crate) fn query_standard(&self) -> io::Result<u64> {
         let mut standard = 0_u64;
         self.call(vidioc::VIDIOC_QUERYSTD, &mut standard)?;
         Ok(standard)
     }
 
-    /// The analogue standard in force.
+    /// Returns the current analogue standard.
     pub(crate) fn standard(&self) -> io::Result<u64> {
         let mut standard = 0_u64;
         self.call(vidioc::VIDIOC_G_STD, &mut standard)?;
@@ -216,12 +219,12 @@ impl Node {
         self.call(vidioc::VIDIOC_S_STD, &mut standard)
     }
 
-    /// The digital timings that the device sees.
+    /// Returns the digital timings that the device detects.
     pub(crate) fn query_timings(&self) -> io::Result<Timings> {
         self.timings_by(vidioc::VIDIOC_QUERY_DV_TIMINGS)
     }
 
-    /// The digital timings in force.
+    /// Returns the current digital timings.
     pub(crate) fn timings(&self) -> io::Result<Timings> {
         self.timings_by(vidioc::VIDIOC_G_DV_TIMINGS)
     }
@@ -229,7 +232,7 @@ impl Node {
     fn timings_by(&self, request: vidioc::_IOC_TYPE) -> io::Result<Timings> {
         let mut record: abi::v4l2_dv_timings = zeroed();
         self.call(request, &mut record)?;
-        // SAFETY: all of the union's members are integers, so that any bits are values of each of them.
+        // SAFETY: all members of the union are integers, so any bits are values of each of them.
         let bt = unsafe { record.__bindgen_anon_1.bt };
         let across = [bt.width, bt.hfrontporch, bt.hsync, bt.hbackporch];
         let interlaced = bt.interlaced & abi::V4L2_DV_INTERLACED != 0;
@@ -260,7 +263,7 @@ impl Node {
         let at = |index| {
             let mut sizes = abi::v4l2_frmsizeenum { index, pixel_format: u32::from_le_bytes(fourcc), ..zeroed() };
             self.call(vidioc::VIDIOC_ENUM_FRAMESIZES, &mut sizes).ok()?;
-            // SAFETY: as for the timings, a union of integers.
+            // SAFETY: a union of integers, as in the timings.
             Some(unsafe {
                 if sizes.type_ == abi::v4l2_frmsizetypes_V4L2_FRMSIZE_TYPE_DISCRETE {
                     let one = sizes.__bindgen_anon_1.discrete;
@@ -278,13 +281,14 @@ impl Node {
         (0..).map_while(at).take(256).collect()
     }
 
-    /// Seconds between frames that can be had, the shortest of each range; empty if the driver does not say.
+    /// Returns the available frame intervals in seconds, the shortest of each range; empty if the
+    /// driver does not report them.
     pub(crate) fn intervals(&self, fourcc: FourCc, [width, height]: [u32; 2]) -> Vec<[u32; 2]> {
         let at = |index| {
             let pixel_format = u32::from_le_bytes(fourcc);
             let mut interval = abi::v4l2_frmivalenum { index, pixel_format, width, height, ..zeroed() };
             self.call(vidioc::VIDIOC_ENUM_FRAMEINTERVALS, &mut interval).ok()?;
-            // SAFETY: as for the timings, a union of integers.
+            // SAFETY: a union of integers, as in the timings.
             let fraction = unsafe {
                 if interval.type_ == abi::v4l2_frmivaltypes_V4L2_FRMIVAL_TYPE_DISCRETE {
                     interval.__bindgen_anon_1.discrete
@@ -303,7 +307,7 @@ impl Node {
         Ok(of_format(&format))
     }
 
-    /// Asks for a format; what comes back is what the driver made of it, which may be something else.
+    /// Requests a format; returns the driver's choice, which may differ.
     pub(crate) fn set_format(&self, fourcc: FourCc, [width, height]: [u32; 2], field: u32) -> io::Result<Format> {
         let mut format = abi::v4l2_format { type_: CAPTURE, ..zeroed() };
         let pixelformat = u32::from_le_bytes(fourcc);
@@ -312,7 +316,7 @@ impl Node {
         Ok(of_format(&format))
     }
 
-    /// Seconds between frames, as a fraction, and whether that can be set.
+    /// Returns the frame interval in seconds, as a fraction, and whether it can be set.
     pub(crate) fn interval(&self) -> io::Result<([u32; 2], bool)> {
         let mut parameters = abi::v4l2_streamparm { type_: CAPTURE, ..zeroed() };
         self.call(vidioc::VIDIOC_G_PARM, &mut parameters)?;
@@ -326,20 +330,20 @@ impl Node {
         self.call(vidioc::VIDIOC_S_PARM, &mut parameters)
     }
 
-    /// Asks to be told when the source changes. Few drivers know of it.
+    /// Subscribes to changes of the source. Few drivers support this.
     pub(crate) fn subscribe_source_change(&self, input: u32) -> io::Result<()> {
         let mut wanted = abi::v4l2_event_subscription { type_: abi::V4L2_EVENT_SOURCE_CHANGE, id: input, ..zeroed() };
         self.call(vidioc::VIDIOC_SUBSCRIBE_EVENT, &mut wanted)
     }
 
-    /// Takes the oldest event: whether it says that the source changed.
+    /// Takes the oldest event; returns whether it is a change of the source.
     pub(crate) fn event(&self) -> io::Result<bool> {
         let mut event: abi::v4l2_event = zeroed();
         self.call(vidioc::VIDIOC_DQEVENT, &mut event)?;
         Ok(event.type_ == abi::V4L2_EVENT_SOURCE_CHANGE)
     }
 
-    /// Waits until something happens, `nanoseconds` at most.
+    /// Waits for an event, at most `nanoseconds`.
     pub(crate) fn wait(&self, nanoseconds: i64) -> io::Result<Ready> {
         let events = PollFlags::IN | PollFlags::PRI;
         let mut polled = [PollFd::from_borrowed_fd(self.file.as_fd(), events)];
@@ -354,28 +358,30 @@ impl Node {
                     trouble: seen.intersects(PollFlags::ERR | PollFlags::HUP | PollFlags::NVAL),
                 })
             }
-            // The caller looks at its deadline and comes again.
+            // The caller checks its deadline and calls again.
             Err(rustix::io::Errno::INTR) => Ok(Ready { buffer: false, event: false, trouble: false }),
             Err(error) => Err(error.into()),
         }
     }
 }
 
-/// A structure of the interface in which nothing is said.
+/// Returns a structure of the interface with all fields zero.
 pub(super) fn zeroed<T: Plain>() -> T {
-    // SAFETY: all zeros is a value of what is `Plain`.
+    // SAFETY: all zeros is a value of a `Plain` type.
     unsafe { mem::zeroed() }
 }
 
-/// What may go over the interface.
+/// Data that may be passed to the kernel.
 ///
 /// # Safety
-/// Every pattern of bits is a value of it, all zeros among them, and if it holds a pointer, the kernel does not follow it for buffers of our kind.
+/// Every pattern of bits, all zeros included, must be a value of the type. If it holds a pointer,
+/// the kernel must not follow it for buffers of our kind.
 pub(super) unsafe trait Plain {}
 
 macro_rules! plain {
     ($($name:ty)*) => { $(
-        // SAFETY: integers, and structures and unions of them. The pointers that some have are for planes and for memory of the user's.
+        // SAFETY: integers, and structures and unions of them. The pointers in some of them are
+        // for planes and for user memory, which we do not use.
         unsafe impl Plain for $name {}
     )* };
 }
@@ -385,14 +391,15 @@ plain! {
     abi::v4l2_pix_format abi::v4l2_streamparm abi::v4l2_captureparm abi::v4l2_event_subscription abi::v4l2_event abi::v4l2_requestbuffers abi::v4l2_buffer
 }
 
-/// Up to the first NUL; what is no UTF-8 is replaced.
+/// Returns the text up to the first NUL; invalid UTF-8 is replaced.
 fn text(bytes: &[u8]) -> String {
     let end = bytes.iter().position(|&byte| byte == 0).unwrap_or(bytes.len());
     String::from_utf8_lossy(&bytes[..end]).into_owned()
 }
 
 fn of_format(format: &abi::v4l2_format) -> Format {
-    // SAFETY: as for the timings, unions of integers; for a capture buffer the kernel fills this member.
+    // SAFETY: unions of integers, as in the timings; for a capture buffer the kernel fills this
+    // member.
     let pix = unsafe { format.fmt.pix };
     Format {
         fourcc: pix.pixelformat.to_le_bytes(),
@@ -400,14 +407,15 @@ fn of_format(format: &abi::v4l2_format) -> Format {
         row_bytes: pix.bytesperline,
         field: pix.field,
         space: pix.colorspace,
-        // SAFETY: the same.
+        // SAFETY: a union of integers, as above.
         encoding: unsafe { pix.__bindgen_anon_1.ycbcr_enc },
         quantization: pix.quantization,
     }
 }
 
 fn of_parameters(parameters: &abi::v4l2_streamparm) -> ([u32; 2], bool) {
-    // SAFETY: as for the timings, unions of integers; for a capture buffer the kernel fills this member.
+    // SAFETY: unions of integers, as in the timings; for a capture buffer the kernel fills this
+    // member.
     let capture = unsafe { parameters.parm.capture };
     let abi::v4l2_fract { numerator, denominator } = capture.timeperframe;
     ([numerator, denominator], capture.capability & abi::V4L2_CAP_TIMEPERFRAME != 0)

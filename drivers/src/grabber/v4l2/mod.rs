@@ -1,9 +1,9 @@
 //! V4L2: Linux's interface to video devices.
 //!
-//! - [`kernel`]: the calls themselves.
+//! - [`kernel`]: the system calls.
 //! - [`stream`]: buffers shared with the kernel.
-//! - [`choose`]: which format, size and rate to ask for, of what is offered.
-//! - [`setup`]: input, standard or timings, format and rate put in force.
+//! - [`choose`]: choice of format, size and rate from the offers.
+//! - [`setup`]: sets input, standard or timings, format and rate.
 
 pub(crate) mod choose;
 pub(crate) mod kernel;

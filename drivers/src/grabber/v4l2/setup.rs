@@ -1,4 +1,4 @@
-//! Input, standard or timings, format and rate, put in force.
+//! Sets input, standard or timings, format and rate.
 
 use std::io;
 
@@ -8,38 +8,38 @@ use super::super::{GrabberSettings, Standard};
 use super::choose::{Offer, choose};
 use super::kernel::{Format, Input, Node, Sizes, number};
 
-/// What is in force, and what it means.
+/// The current settings of a device, and their meaning.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Setup {
     pub(crate) input: Option<u32>,
     pub(crate) layout: Layout,
     pub(crate) field: u32,
-    /// Of 525 lines (NTSC): decides which field is older.
+    /// Whether the standard has 525 lines (NTSC), which decides the older field.
     pub(crate) lines_525: bool,
-    /// Frames a second by the driver's word.
+    /// Frames per second, as the driver reports them.
     pub(crate) rate_hz: Option<f64>,
 }
 
 impl Setup {
-    /// How a buffer whose `field` is this is interlaced.
+    /// Returns the interlacing of a buffer with this `field`.
     pub(crate) const fn order(&self, field: u32) -> Order {
         Order::new(field, self.lines_525)
     }
 }
 
-/// Why it could not be done: what was being done with the kernel's answer, or a sentence.
+/// Why set-up failed: a refused kernel call with its purpose, or an error text.
 #[derive(Debug)]
 pub(crate) enum Trouble {
     Refused { doing: &'static str, source: io::Error },
     Unfit(String),
 }
 
-/// For `map_err`.
+/// Adapts a kernel error for `map_err`.
 pub(crate) fn doing(doing: &'static str) -> impl Fn(io::Error) -> Trouble {
     move |source| Trouble::Refused { doing, source }
 }
 
-/// Puts the settings in force on a node that does not stream.
+/// Applies the settings to a node that does not stream.
 pub(crate) fn set_up(node: &Node, settings: &GrabberSettings) -> Result<Setup, Trouble> {
     let input = choose_input(node, settings)?;
     let mut lines_525 = false;
@@ -54,7 +54,7 @@ pub(crate) fn set_up(node: &Node, settings: &GrabberSettings) -> Result<Setup, T
         }
     }
     let offer = choose(&offers(node), settings).map_err(Trouble::Unfit)?;
-    // The field order is left to the driver: it knows its source.
+    // The driver chooses the field order, because it knows its source.
     let format = node.set_format(offer.format.fourcc(), offer.size, 0).map_err(doing("setting the format"))?;
     if PixelFormat::from_fourcc(format.fourcc) != Some(offer.format) {
         return Err(Trouble::Unfit(format!(
@@ -96,13 +96,13 @@ fn choose_input(node: &Node, settings: &GrabberSettings) -> Result<Option<Input>
     Ok(Some(input))
 }
 
-/// Whether the standard in force has 525 lines.
+/// Sets the standard; returns whether the current standard has 525 lines.
 fn set_standard(node: &Node, input: &Input, settings: &GrabberSettings) -> Result<bool, Trouble> {
     let wanted = match settings.standard {
         Some(Standard::Ntsc) => number::STANDARD_NTSC,
         Some(Standard::Pal) => number::STANDARD_PAL,
         Some(Standard::Secam) => number::STANDARD_SECAM,
-        // What the device sees, if it sees one; a device that cannot tell names all or none.
+        // Uses the detected standard, if any; a device that cannot detect it reports all or none.
         None => {
             let seen = node.query_standard().unwrap_or(0) & input.standards;
             let one_system = (seen & number::STANDARD_525 == 0) != (seen & !number::STANDARD_525 == 0);
@@ -116,20 +116,23 @@ fn set_standard(node: &Node, input: &Input, settings: &GrabberSettings) -> Resul
     Ok(standard & number::STANDARD_525 != 0)
 }
 
-/// Takes over the timings that the source has; keeps those in force where there is no source. Gives frames a second.
+/// Applies the timings of the source; keeps the current ones if there is no source. Returns
+/// frames per second.
 fn set_timings(node: &Node) -> Result<Option<f64>, Trouble> {
     let timings = match node.query_timings() {
         Ok(seen) => {
             node.set_timings(&seen).map_err(doing("setting the timings"))?;
             Some(seen)
         }
-        // No link, no lock, out of range: the picture is whatever the device makes of that, until the source changes.
+        // No link, no lock, or out of range: the device determines the video until the source
+        // changes.
         Err(_) => node.timings().ok(),
     };
     Ok(timings.map(|timings| timings.rate).filter(|&rate| rate > 0.0))
 }
 
-/// Everything that can be converted, at every size that is named; of ranges the size in force.
+/// Returns every convertible format at every listed size; for a range, the current size within
+/// it.
 pub(crate) fn offers(node: &Node) -> Vec<Offer> {
     let current = node.format().map(|format| format.size).unwrap_or_default();
     let mut offers = Vec::new();
@@ -150,7 +153,7 @@ pub(crate) fn offers(node: &Node) -> Vec<Offer> {
         }
         for size in sizes {
             let shortest = |a: &[u32; 2], b: &[u32; 2]| {
-                // a0/a1 against b0/b1.
+                // Compares a0/a1 with b0/b1.
                 (u64::from(a[0]) * u64::from(b[1])).cmp(&(u64::from(b[0]) * u64::from(a[1])))
             };
             let interval = node.intervals(fourcc, size).into_iter().min_by(shortest);
@@ -160,14 +163,15 @@ pub(crate) fn offers(node: &Node) -> Vec<Offer> {
     offers
 }
 
-/// Asks for the rate; gives the one in force, if the driver has a word for it.
+/// Requests the rate; returns the current one, if the driver reports it.
 fn set_rate(node: &Node, offer: &Offer, settings: &GrabberSettings) -> Option<f64> {
     let (_, settable) = node.interval().ok()?;
     if settable {
-        // Frames a second to a thousandth. Without a wish, the most there is: devices begin as slow as five.
+        // Frames per second, in thousandths. If no rate is requested, the highest: devices may
+        // default to as little as five.
         let wish = settings.rate_hz.map(|rate| [1000, (rate.clamp(0.1, 1000.0) * 1000.0).round() as u32]);
         if let Some(interval) = wish.or(offer.interval) {
-            // A driver that will not keeps its own, which is read below.
+            // A driver that refuses keeps its own rate, which is read below.
             let _ = node.set_interval(interval);
         }
     }
@@ -179,7 +183,7 @@ fn layout(format: PixelFormat, given: &Format, settings: &GrabberSettings) -> La
     let range = match given.quantization {
         number::QUANTIZATION_FULL => Range::Full,
         number::QUANTIZATION_LIMITED => Range::Limited,
-        // Unsaid: what the interface's rules say, except that grey alone is taken as it comes.
+        // If unspecified, the rules of the interface apply; grey formats count as full range.
         _ if format.is_rgb() || format.is_grey() || given.space == number::SPACE_JPEG => Range::Full,
         _ => Range::Limited,
     };
@@ -189,7 +193,7 @@ fn layout(format: PixelFormat, given: &Format, settings: &GrabberSettings) -> La
         _ if given.space == number::SPACE_709 => Matrix::Bt709,
         _ => Matrix::Bt601,
     };
-    // Drivers that leave the lines' length out mean lines without padding.
+    // A missing row length means rows without padding.
     let row_bytes = if given.row_bytes == 0 { format.row_bytes(given.size[0]) } else { given.row_bytes };
     Layout {
         format,

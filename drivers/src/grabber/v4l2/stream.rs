@@ -1,4 +1,4 @@
-//! Buffers that are shared with the kernel, and the frames in them.
+//! Buffers shared with the kernel, and the frames in them.
 #![allow(unsafe_code, reason = "shared memory; each block is argued")]
 
 use std::io;
@@ -12,11 +12,11 @@ use super::kernel::{CAPTURE, Node, zeroed};
 
 const MAPPED: u32 = abi::v4l2_memory_V4L2_MEMORY_MMAP;
 
-/// What is known of a buffer that was filled.
+/// Description of a filled buffer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Filled {
     pub(crate) index: u32,
-    /// Bytes of it that hold something.
+    /// Used bytes of the buffer.
     pub(crate) bytes: u32,
     pub(crate) flags: u32,
     pub(crate) field: u32,
@@ -24,28 +24,31 @@ pub(crate) struct Filled {
     pub(crate) sequence: u32,
 }
 
-/// Buffers that are shared with the kernel, streaming for as long as this lives.
+/// Buffers shared with the kernel, streaming for as long as this value lives.
 ///
-/// Each is either the kernel's (queued) or ours; only [`Stream::take`] makes one ours, and it gives it back after its closure has returned.
+/// Each buffer belongs either to the kernel (queued) or to us. Only [`Stream::take`] takes one,
+/// and it gives it back after its closure has returned.
 pub(crate) struct Stream {
     node: Arc<Node>,
     buffers: Vec<MmapRaw>,
-    /// Ours because the kernel would not take it back; offered again each time.
+    /// Buffers that the kernel refused to take back; offered again each time.
     returned: Vec<u32>,
 }
 
 impl Stream {
-    /// Gets `count` buffers or what the driver makes of that, queues all of them and starts.
+    /// Requests `count` buffers (the driver may change the number), queues all of them and starts
+    /// streaming.
     pub(crate) fn start(node: Arc<Node>, count: u32) -> io::Result<Self> {
         let mut request = abi::v4l2_requestbuffers { count, type_: CAPTURE, memory: MAPPED, ..zeroed() };
         node.call(vidioc::VIDIOC_REQBUFS, &mut request)?;
-        // From here on, dropping gives back what was gotten.
+        // From here on, `Drop` releases the buffers.
         let count = request.count.min(32);
         let mut stream = Self { node, buffers: Vec::new(), returned: Vec::with_capacity(count as usize) };
         for index in 0..count {
             let mut buffer = abi::v4l2_buffer { index, type_: CAPTURE, memory: MAPPED, ..zeroed() };
             stream.node.call(vidioc::VIDIOC_QUERYBUF, &mut buffer)?;
-            // SAFETY: as for the timings, a union whose members are integers and a pointer that is not followed.
+            // SAFETY: a union of integers, as in the timings, and of a pointer that is not
+            // followed.
             let offset = unsafe { buffer.m.offset };
             let length = buffer.length as usize;
             stream.buffers.push(MmapOptions::new().offset(offset.into()).len(length).map_raw(stream.node.file())?);
@@ -65,7 +68,8 @@ impl Stream {
         self.node.call(vidioc::VIDIOC_QBUF, &mut buffer)
     }
 
-    /// Gives the next filled buffer to `copy`, with the bytes that hold something, and then back to the kernel; `None` if there is none.
+    /// Passes the next filled buffer with its used bytes to `copy`, then returns it to the
+    /// kernel. Returns `None` if no buffer is filled.
     pub(crate) fn take<R>(&mut self, copy: impl FnOnce(&Filled, &[u8]) -> R) -> io::Result<Option<R>> {
         self.give_back();
         let mut buffer = abi::v4l2_buffer { type_: CAPTURE, memory: MAPPED, ..zeroed() };
@@ -85,9 +89,10 @@ impl Stream {
             return Err(io::Error::other("the driver hands out a buffer that it was not asked for"));
         };
         let length = (filled.bytes as usize).min(map.len());
-        // SAFETY: the mapping is of `map.len()` bytes and lives as long as `self`. Between its leaving the queue above and its being queued again
-        // below, the kernel does not write to the buffer, and no other reference to it exists: `self` is borrowed for ever that long, and the
-        // closure cannot keep the slice.
+        // SAFETY: the mapping has `map.len()` bytes and lives as long as `self`. The kernel does
+        // not write to the buffer from the dequeuing above to the queuing below. No other
+        // reference to it exists: `self` is borrowed mutably for that time, and the closure
+        // cannot keep the slice.
         let bytes = unsafe { std::slice::from_raw_parts(map.as_ptr(), length) };
         let made = copy(&filled, bytes);
         self.returned.push(filled.index);
@@ -95,7 +100,7 @@ impl Stream {
         Ok(Some(made))
     }
 
-    /// Queues what is ours. What is refused is kept for the next time.
+    /// Queues our buffers; refused ones are kept for the next call.
     fn give_back(&mut self) {
         let node = &self.node;
         self.returned.retain(|&index| {
@@ -107,7 +112,8 @@ impl Stream {
 
 impl Drop for Stream {
     fn drop(&mut self) {
-        // What fails here fails because the device is gone or broken; the kernel frees what is left when the node is closed.
+        // Errors here mean that the device is gone or broken; the kernel frees the rest when the
+        // node is closed.
         let _ = self.node.call(vidioc::VIDIOC_STREAMOFF, &mut CAPTURE.cast_signed());
         self.buffers.clear();
         let mut none = abi::v4l2_requestbuffers { count: 0, type_: CAPTURE, memory: MAPPED, ..zeroed() };

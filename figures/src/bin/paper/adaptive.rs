@@ -1,30 +1,31 @@
-//! C16: rays only where the picture needs them, and what that costs in error.
+//! C16: adaptive rays, and their error.
 
 use std::error::Error;
 use std::path::Path;
 
-use sonoweave::render::RenderSettings;
 use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series};
+
+use render::RenderSettings;
 
 use crate::doll::Doll;
 use crate::report::Report;
 
-/// What neighbouring rays may differ by, grey levels of 255.
+/// Permitted differences ε of neighbouring rays, in grey levels of 255.
 const LEVELS: [f32; 6] = [0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
 
-/// What is found for one of them.
+/// Result for one ε.
 struct Sparse {
-    /// Rays cast of all.
+    /// Share of all rays that were cast.
     rays: f64,
-    /// Root mean square and largest difference from all rays, grey levels.
+    /// Root mean square and largest difference from the picture with all rays, grey levels.
     rms: f64,
     most: f64,
 }
 
-/// Pixels along the sides of the pictures: the paper's first.
+/// Side lengths of the pictures, pixels: the paper's first.
 const SIDES: [u32; 2] = [256, 512];
 
-/// Error and rays over ε.
+/// Draws error and rays over ε.
 pub(crate) fn draw(report: &mut Report, folder: &Path, doll: &Doll) -> Result<(), Box<dyn Error>> {
     let found = SIDES.map(|side| sparse(report, doll, side));
     let mut panels = [Vec::new(), Vec::new()];
@@ -81,7 +82,7 @@ pub(crate) fn draw(report: &mut Report, folder: &Path, doll: &Doll) -> Result<()
     report.figure(figure, folder)
 }
 
-/// What each ε costs and saves in pictures of one size.
+/// Measures error and rays of each ε, for one picture size.
 fn sparse(report: &mut Report, doll: &Doll, side: u32) -> Result<Vec<Sparse>, Box<dyn Error>> {
     let look = RenderSettings { size: [side; 2], ..doll.look.clone() };
     let (exact, all) = doll.at_once(&look)?;
@@ -95,7 +96,8 @@ fn sparse(report: &mut Report, doll: &Doll, side: u32) -> Result<Vec<Sparse>, Bo
                 .check(followed.picture == picture, format!("C16: following with ε = {level}/255 ends in other bits"));
         }
         let [most, rms] = picture.difference(&exact).map(|off| 255.0 * off);
-        // ε bounds differences of corners, not of what lies between: but by and large it must hold.
+        // ε bounds differences of corners, not of the interior, but it should hold
+        // approximately.
         report.check(rms <= f64::from(level), format!("C16: {rms} grey levels rms with ε = {level}/255"));
         report
             .check(work.rays < all.rays, format!("C16: {} rays with ε = {level}/255, {} without", work.rays, all.rays));

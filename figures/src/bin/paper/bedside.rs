@@ -1,29 +1,30 @@
-//! A painted scan, woven and looked at: what figures 12 and 13 share.
+//! A simulated scan with echoes, reconstructed and rendered; shared by figures 12 and 13.
 
 use std::error::Error;
 use std::sync::Arc;
 
 use glam::DVec3;
-use sonoweave::phantom::bmode::Layout;
-use sonoweave::phantom::body::{Met, Passage};
-use sonoweave::phantom::{Body, Motion, Scan, ScanSettings, Scanner, Scene};
-use sonoweave::reconstruct::{Settings, Weaver};
-use sonoweave::render::camera::{Camera, View};
-use sonoweave::render::transfer::Transfer;
-use sonoweave::render::{Cache, Mode, Picture, RenderSettings, Renderer, Stage};
 use sonoweave_figures::Raster;
+
+use phantom::bmode::Layout;
+use phantom::body::{Met, Passage};
+use phantom::{Body, Motion, Scan, ScanSettings, Scanner, Scene};
+use reconstruct::{PathReconstructor, Settings};
+use render::camera::{Camera, View};
+use render::classify::transfer::Transfer;
+use render::{Cache, Mode, Picture, RenderRegion, RenderSettings, Renderer};
 
 use crate::woven_volumes::value;
 
-/// A body, scanned and woven.
+/// A body, scanned and reconstructed.
 pub(crate) struct Bedside {
     pub(crate) scan: Scan,
     pub(crate) body: Arc<Body>,
-    pub(crate) weaver: Weaver,
+    pub(crate) weaver: PathReconstructor,
     spacing: DVec3,
 }
 
-/// How it is scanned.
+/// Settings of the scan.
 pub(crate) struct Sweep {
     pub(crate) motion: Motion,
     pub(crate) frames: u32,
@@ -32,7 +33,8 @@ pub(crate) struct Sweep {
 }
 
 impl Bedside {
-    /// Scans a body and weaves it into voxels of `spacing` mm, with a kernel whose σ across the slices is half of their distance.
+    /// Scans a body and inserts the slices into voxels of `spacing` mm. The kernel's σ across
+    /// the slices is half of their distance.
     pub(crate) fn new(body: Body, scanner: Scanner, sweep: &Sweep, spacing: DVec3) -> Result<Self, Box<dyn Error>> {
         let pixel = scanner.pixel_mm(sweep.image_size);
         let layout = Layout::new(&scanner, sweep.image_size, [pixel; 2])?;
@@ -50,7 +52,7 @@ impl Bedside {
         })?;
         let settings =
             Settings { sigma_mm: [None, None, Some(0.5 * sweep.gap_mm)], threads: 2, ..Settings::new(spacing) };
-        let mut weaver = Weaver::general(settings, scan.mask().clone())?;
+        let mut weaver = PathReconstructor::general(settings, scan.mask().clone())?;
         for first in (0..sweep.frames).step_by(8) {
             for slice in scan.slices(first..sweep.frames.min(first + 8)) {
                 weaver.insert(&slice)?;
@@ -59,7 +61,7 @@ impl Bedside {
         Ok(Self { scan, body, weaver, spacing })
     }
 
-    /// A frame as the scanner showed it.
+    /// Returns a frame as the scanner shows it.
     pub(crate) fn painted(&self, frame: u32) -> Result<Raster, Box<dyn Error>> {
         let bmode = self.scan.bmode().ok_or("a scan of echoes")?;
         let size = self.scan.settings().image_size;
@@ -72,24 +74,26 @@ impl Bedside {
         value(self.weaver.volume(), at)
     }
 
-    /// What the nearest voxel to a place of the body shows; none where nothing was seen.
+    /// Returns the value of the voxel nearest to a position in the body; `None` if unseen.
     pub(crate) fn at(&self, body: DVec3) -> Option<f64> {
         let world = self.body.world_from_body.transform_point3(body);
         let lattice = self.weaver.world_from_lattice().affine().inverse().transform_point3(world).round();
         self.voxel(lattice.to_array().map(|x| x as i64))
     }
 
-    /// The depth of the brightest voxel between two depths, mm of the body, along y; none where nothing was seen.
+    /// Returns the depth along y of the brightest voxel between two depths, mm of the body;
+    /// `None` if unseen.
     pub(crate) fn brightest(&self, [x, z]: [f64; 2], [from, to]: [f64; 2]) -> Option<f64> {
         let depths = (0..).map(|k| from + 0.1 * f64::from(k)).take_while(|y| *y <= to);
         let shown: Vec<(f64, f64)> = depths.filter_map(|y| Some((self.at(DVec3::new(x, y, z))?, y))).collect();
         let most = shown.iter().map(|(v, _)| *v).reduce(f64::max)?;
-        // A voxel is found from its near end to its far one.
+        // A voxel occupies a range of depths; the middle is returned.
         let at: Vec<f64> = shown.iter().filter(|(v, _)| *v == most).map(|(_, y)| *y).collect();
         Some(at.iter().sum::<f64>() / at.len() as f64)
     }
 
-    /// Grey levels a mm at a voxel, by central differences; none beside what was not seen.
+    /// Returns the gradient at a voxel, grey levels per mm, by central differences; `None` next
+    /// to unseen voxels.
     fn gradient(&self, at: [i64; 3]) -> Option<f64> {
         let mut squared = 0.0;
         for axis in 0..3 {
@@ -100,7 +104,8 @@ impl Bedside {
         Some(squared.sqrt())
     }
 
-    /// The volume's own x-y slice through a z (mm of the world): its grey levels, and its opacities by a transfer function; pixels are square.
+    /// Returns the volume's x-y slice at a z (mm of the world), as grey levels and as opacities
+    /// by a transfer function. Pixels are square.
     pub(crate) fn slice(&self, z_mm: f64, transfer: &Transfer) -> Result<[Raster; 2], Box<dyn Error>> {
         let (low, high) = self.weaver.volume().seen_bounds().ok_or("nothing was seen")?;
         let z = (z_mm / self.spacing.z).round() as i64;
@@ -121,19 +126,20 @@ impl Bedside {
         Ok([raster(&greys)?, raster(&opacities)?])
     }
 
-    /// The box of the body's coordinates that is looked at, as far as it was seen; what is in front of it or behind hides nothing.
-    pub(crate) fn stage(&self, y_mm: [f64; 2]) -> Result<Stage, Box<dyn Error>> {
+    /// Returns the render region: the seen box, limited to depths `y_mm` of the body, so that
+    /// nothing in front or behind hides it.
+    pub(crate) fn stage(&self, y_mm: [f64; 2]) -> Result<RenderRegion, Box<dyn Error>> {
         let (mut low, mut high) = self.weaver.volume().seen_bounds().ok_or("nothing was seen")?;
         let world = y_mm.map(|y| self.body.world_from_body.transform_point3(DVec3::new(0.0, y, 0.0)).y);
         low[1] = low[1].max((world[0] / self.spacing.y).ceil() as i64);
         high[1] = high[1].min((world[1] / self.spacing.y).floor() as i64);
-        Ok(Stage::new(self.weaver.world_from_lattice(), low, high)?)
+        Ok(RenderRegion::new(self.weaver.world_from_lattice(), low, high)?)
     }
 
-    /// What the renderer makes of it.
+    /// Renders the volume.
     pub(crate) fn rendered(
         &self,
-        stage: Stage,
+        stage: RenderRegion,
         view: View,
         mode: Mode,
         transfer: &Transfer,
@@ -151,10 +157,11 @@ impl Bedside {
         Ok(renderer.picture())
     }
 
-    /// Of a rendered picture's rays: whether each meets a solid of a material that `wanted` accepts, as the body says.
+    /// Returns for each ray of a rendered picture whether it meets a solid of a material that
+    /// `wanted` accepts, according to the body.
     pub(crate) fn met(
         &self,
-        stage: &Stage,
+        stage: &RenderRegion,
         view: &View,
         wanted: impl Fn(&str) -> bool,
     ) -> Result<Vec<bool>, Box<dyn Error>> {
@@ -172,12 +179,12 @@ impl Bedside {
     }
 }
 
-/// A rendered picture on black.
+/// Returns a rendered picture on black.
 pub(crate) fn shown(picture: &Picture) -> Result<Raster, Box<dyn Error>> {
     Raster::rgb(picture.size, picture.over([0.0; 3])).ok_or_else(|| "a picture fills its size".into())
 }
 
-/// The middle one, and the one that nine of ten do not exceed.
+/// Returns the median and the 90th percentile.
 pub(crate) fn middle_and_ninth(mut values: Vec<f64>) -> [f64; 2] {
     values.sort_by(f64::total_cmp);
     let at = |part: f64| values.get((part * values.len() as f64) as usize).copied().unwrap_or(f64::NAN);

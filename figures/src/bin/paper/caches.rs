@@ -1,18 +1,19 @@
-//! Figures 9 to 11 of the paper: what each stage takes, what is kept of rays, and in blocks of how many samples.
+//! Figures 9 to 11 of the paper: times of the stages, ray caches, and block sizes.
 
 use std::error::Error;
 use std::path::Path;
 
-use sonoweave::render::camera::Camera;
-use sonoweave::render::{Cache, Picture, RenderSettings, RenderWork};
 use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series};
+
+use render::camera::Camera;
+use render::{Cache, Picture, RenderSettings, RenderWork};
 
 use crate::doll::{Doll, Followed};
 use crate::incremental::{meeting, within};
 use crate::report::Report;
 use crate::timing::quantile;
 
-/// In the paper's words.
+/// Returns the paper's name of a cache.
 fn name(cache: Cache) -> &'static str {
     match cache {
         Cache::None => "none",
@@ -22,17 +23,19 @@ fn name(cache: Cache) -> &'static str {
     }
 }
 
-/// From the least that is kept of a ray to the most.
+/// The caches, from the smallest to the largest.
 const KEPT: [Cache; 4] = [Cache::None, Cache::OneLevel, Cache::Linear, Cache::TwoLevel];
-/// What neighbouring rays may differ by before those between them are cast.
+/// Permitted difference of neighbouring rays with adaptive rays.
 const EPSILON: f32 = 2.0 / 255.0;
-/// Bytes of a kept sample or block of grey light: colour and opacity, or colour and transmittance.
+/// Bytes of a cached sample or block of grey light: colour and opacity, or colour and
+/// transmittance.
 const ENTRY_BYTES: u64 = 8;
-/// At most, of what says that a block is stale, and of a pixel's places in the tables of its row.
+/// Largest size of a block's stale mark, and of a pixel's entries in the tables of its row,
+/// bytes.
 const MARK_BYTES: u64 = 4;
 const TABLE_BYTES: u64 = 16;
 
-/// All of it.
+/// Draws all three figures.
 pub(crate) fn draw(report: &mut Report, folder: &Path, doll: &Doll, rounds: u32) -> Result<(), Box<dyn Error>> {
     let (exact, _) = doll.at_once(&doll.look)?;
     let looks = |adaptive| KEPT.map(|cache| RenderSettings { cache, adaptive, ..doll.look.clone() });
@@ -50,7 +53,7 @@ pub(crate) fn draw(report: &mut Report, folder: &Path, doll: &Doll, rounds: u32)
     arity(report, folder, doll, &exact, rounds)
 }
 
-/// Every look in every round.
+/// Runs every setting in every round.
 fn follow_all(doll: &Doll, looks: &[RenderSettings], rounds: u32) -> Result<Vec<Vec<Followed>>, Box<dyn Error>> {
     let mut followed: Vec<Vec<Followed>> = looks.iter().map(|_| Vec::new()).collect();
     for _ in 0..rounds {
@@ -66,7 +69,7 @@ fn same_bits(report: &mut Report, exact: &Picture, runs: &[Followed], what: &str
     report.check(same, format!("the picture that {what} followed is not the one made at once"));
 }
 
-/// The middle of a stage's ms over all slices of all runs.
+/// Returns the median time of a stage, ms, over all slices of all runs.
 fn middle(runs: &[Followed], stage: usize) -> f64 {
     quantile(&runs.iter().flat_map(|run| run.ms.iter().map(|ms| ms[stage])).collect::<Vec<_>>(), 0.5)
 }
@@ -77,7 +80,7 @@ fn work(runs: &[Followed]) -> RenderWork {
 
 const STAGES: [(&str, Ink); 3] = [("reconstruction", Ink::Green), ("shading", Ink::Orange), ("ray casting", Ink::Blue)];
 
-/// Figure 9.
+/// Draws figure 9.
 fn stages(report: &mut Report, folder: &Path, followed: &[Vec<Followed>]) -> Result<(), Box<dyn Error>> {
     let panels = [0, KEPT.len() - 1].map(|c| {
         let runs = &followed[c];
@@ -114,7 +117,7 @@ fn stages(report: &mut Report, folder: &Path, followed: &[Vec<Followed>]) -> Res
     report.figure(figure, folder)
 }
 
-/// Figure 10.
+/// Draws figure 10.
 fn kept(report: &mut Report, folder: &Path, [full, adaptive]: [&[Vec<Followed>]; 2]) -> Result<(), Box<dyn Error>> {
     let names = || KEPT.map(name).into_iter().flat_map(|name| [name.to_owned(), format!("{name}, adaptive")]);
     let all = || full.iter().zip(adaptive).flat_map(|(full, adaptive)| [full, adaptive]);
@@ -189,17 +192,17 @@ fn kept(report: &mut Report, folder: &Path, [full, adaptive]: [&[Vec<Followed>];
     report.figure(figure, folder)
 }
 
-/// C13: what each cache takes, by the formula.
+/// C13: compares the memory of each cache with the formula.
 fn memory(report: &mut Report, doll: &Doll, followed: &[Vec<Followed>]) -> Result<(), Box<dyn Error>> {
     let bytes: Vec<u64> = followed.iter().filter_map(|runs| Some(runs.first()?.memory.rays)).collect();
     let arity = followed.first().and_then(|runs| Some(u64::from(runs.first()?.arity))).ok_or("nothing was followed")?;
     let [none, one, linear, two] = bytes[..] else { return Err("four caches are followed".into()) };
     let camera = Camera::new(&doll.look.view, doll.look.size, doll.look.step, &doll.stage)?;
-    // Samples reach a voxel beyond the stage's, where it fades.
+    // Samples reach one voxel beyond the region's, where it fades.
     let [rays, samples] = meeting(&camera, within(&doll.stage, 1.01));
     let [width, height] = doll.look.size.map(u64::from);
     let tables = TABLE_BYTES * width * height;
-    // N samples lie in N/p blocks, and parts of two more where they do not begin and end with one.
+    // N samples lie in N/p blocks, plus parts of two more if they do not begin and end with one.
     let blocks = [samples / arity, samples / arity + 2 * rays];
     let marks = MARK_BYTES * blocks[1];
     for (what, found, [least, most]) in [
@@ -231,10 +234,10 @@ fn memory(report: &mut Report, doll: &Doll, followed: &[Vec<Followed>]) -> Resul
     Ok(())
 }
 
-/// Samples of a block that are tried.
+/// Block sizes that are tried, samples.
 const ARITIES: [u32; 9] = [1, 2, 4, 8, 16, 32, 64, 128, 256];
 
-/// Figure 11.
+/// Draws figure 11.
 fn arity(report: &mut Report, folder: &Path, doll: &Doll, exact: &Picture, rounds: u32) -> Result<(), Box<dyn Error>> {
     let mut panels = Vec::new();
     let (mut times, mut counts) = (Vec::new(), Vec::new());
@@ -245,14 +248,15 @@ fn arity(report: &mut Report, folder: &Path, doll: &Doll, exact: &Picture, round
             .into_iter()
             .enumerate()
     {
-        // Folded in blocks of another size a picture has other bits, by rounding: each is compared with its own.
+        // A different block size changes the bits of a picture, by rounding: each is compared
+        // with its own.
         let looks: Vec<RenderSettings> =
             ARITIES.iter().map(|p| RenderSettings { cache, arity: Some(*p), ..doll.look.clone() }).collect();
         let followed = follow_all(doll, &looks, rounds)?;
         for (look, runs) in looks.iter().zip(&followed) {
             let (own, _) = doll.at_once(look)?;
             same_bits(report, &own, runs, &format!("{} of {:?} samples", name(cache), look.arity));
-            // Each ray may end up to a block later, and so show up to the stop more.
+            // Each ray may end up to a block later, and so differ by up to the stop threshold.
             let [most, _] = own.difference(exact);
             report.check(most <= f64::from(look.stop) + 1e-5, format!("C13: {most} between arities"));
         }
@@ -274,7 +278,7 @@ fn arity(report: &mut Report, folder: &Path, doll: &Doll, exact: &Picture, round
             series.push(Series::new(name(cache), look, ink, line(y)));
         }
         if cache == Cache::TwoLevel {
-            let mut plain = sonoweave::render::Renderer::new(&doll.look, doll.stage)?;
+            let mut plain = render::Renderer::new(&doll.look, doll.stage)?;
             plain.update_all(doll.whole.volume());
             usual = plain.arity();
             length = f64::from(plain.samples());

@@ -1,11 +1,13 @@
-//! One weight a column against one a voxel: the same under full coverage, wrong under a fan; and 1D + 2D stages against three dimensions.
+//! One weight per column against one per voxel: equal under full coverage, wrong under a fan;
+//! and 1D + 2D stages against three dimensions.
 
 use std::error::Error;
 use std::path::Path;
 
-use sonoweave::reconstruct::planar::Departure;
-use sonoweave::reconstruct::{Path as Paths, SettingsError};
 use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series, order};
+
+use reconstruct::planar::Departure;
+use reconstruct::{Path as Paths, SettingsError};
 
 use crate::columns_woven::{self, general, refusal, upgrading};
 use crate::report::Report;
@@ -17,7 +19,8 @@ const COLUMN: &str = "1D + 2D stages, a weight a column";
 const PLANAR: &str = "ours: the planar path";
 const GENERAL: &str = "ours: the general path, which takes over from it";
 
-/// With how far both paths are apart: on the doll's scan, and under decay.
+/// Draws the comparison. `doll` and `ages` are the differences of both paths on the doll's scan
+/// and under decay.
 pub(crate) fn draw(report: &mut Report, folder: &Path, doll: &Agreement, ages: f64) -> Result<(), Box<dyn Error>> {
     let [full, parts, fan] = [Coverage::Full, Coverage::Parts, Coverage::Fan].map(weave);
     let woven = [full?, parts?, fan?];
@@ -91,7 +94,7 @@ pub(crate) fn draw(report: &mut Report, folder: &Path, doll: &Agreement, ages: f
         worst <= 1e-6 && planar_off <= 1e-6,
         ["holds", "does not hold"],
     );
-    // The column where the difference is largest tells most.
+    // The column with the largest difference is shown.
     let [nx, ny, nz] = SIZE;
     let fan = &woven[2];
     let off = |c: usize| apart(&fan.column[c * nz..(c + 1) * nz], &fan.direct[c * nz..(c + 1) * nz]);

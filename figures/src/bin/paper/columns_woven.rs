@@ -1,20 +1,22 @@
-//! The small scan of [`weights`](crate::weights), woven by the reconstructor's own two paths. A voxel is 1 mm.
+//! The small scan of [`weights`](crate::weights), inserted by the reconstructor's own two paths.
+//! A voxel is 1 mm.
 
 use std::error::Error;
 use std::sync::Arc;
 
-use calibration::frames::Transform;
 use glam::{DAffine3, DMat3, DVec3};
-use sonoweave::mask::Mask;
-use sonoweave::reconstruct::kernel::{Method, Support};
-use sonoweave::reconstruct::planar::{OnDeparture, PlanarSettings};
-use sonoweave::reconstruct::{Settings, SettingsError, Weaver};
-use sonoweave::slice::{Image, Pixels, Slice};
+
+use mask::Mask;
+use reconstruct::kernel::{Method, Support};
+use reconstruct::planar::{OnDeparture, PlanarSettings};
+use reconstruct::{PathReconstructor, Settings, SettingsError};
+use sonoweave_core::frames::Transform;
+use sonoweave_core::slice::{Image, Pixels, Slice};
 
 use crate::weights::{AT, Coverage, FINE, SIGMA, SIZE, scene};
 use crate::woven_volumes::value;
 
-/// Distance of pixels, and where the first of them lies.
+/// Pixel spacing, and position of the first pixel.
 const PIXEL: f64 = 1.0 / FINE as f64;
 const FIRST: f64 = -0.5 * PIXEL;
 
@@ -27,13 +29,13 @@ fn settings() -> Settings {
     }
 }
 
-/// Pixels along u and v.
+/// Returns the number of pixels along u and v.
 fn pixels() -> [u32; 2] {
     let [_, ny, nz] = SIZE;
     [nz, ny].map(|n| (n * FINE) as u32)
 }
 
-/// One mask for all slices: what is seen by some of them only has none.
+/// Returns one mask for all slices. Regions that only some slices see have no mask.
 fn mask(coverage: Coverage) -> Mask {
     let [width, height] = pixels();
     let at = |pixel: u32| FIRST + PIXEL * f64::from(pixel);
@@ -44,22 +46,22 @@ fn planar(on_departure: OnDeparture) -> PlanarSettings {
     PlanarSettings { direction: Some(DMat3::IDENTITY), on_departure, ..PlanarSettings::default() }
 }
 
-/// By the general path.
-pub(crate) fn general(coverage: Coverage) -> Result<Weaver, Box<dyn Error>> {
-    weave(Weaver::general(settings(), mask(coverage))?)
+/// Inserts by the general path.
+pub(crate) fn general(coverage: Coverage) -> Result<PathReconstructor, Box<dyn Error>> {
+    weave(PathReconstructor::general(settings(), mask(coverage))?)
 }
 
-/// By the planar path, or by what takes over from it.
-pub(crate) fn upgrading(coverage: Coverage) -> Result<Weaver, Box<dyn Error>> {
-    weave(Weaver::planar(settings(), planar(OnDeparture::Upgrade), mask(coverage))?)
+/// Inserts by the planar path, or by the path that takes over from it.
+pub(crate) fn upgrading(coverage: Coverage) -> Result<PathReconstructor, Box<dyn Error>> {
+    weave(PathReconstructor::planar(settings(), planar(OnDeparture::Upgrade), mask(coverage))?)
 }
 
-/// Why the planar path refuses what is data, if it does.
+/// Returns the reason why the planar path refuses the mask, if it does.
 pub(crate) fn refusal(coverage: Coverage) -> Option<SettingsError> {
-    Weaver::planar(settings(), planar(OnDeparture::Refuse), mask(coverage)).err()
+    PathReconstructor::planar(settings(), planar(OnDeparture::Refuse), mask(coverage)).err()
 }
 
-fn weave(mut weaver: Weaver) -> Result<Weaver, Box<dyn Error>> {
+fn weave(mut weaver: PathReconstructor) -> Result<PathReconstructor, Box<dyn Error>> {
     let [width, height] = pixels();
     for at in AT {
         let place = |i: u32| [i % width, i / width].map(|i| FIRST + PIXEL * f64::from(i));
@@ -76,8 +78,8 @@ fn weave(mut weaver: Weaver) -> Result<Weaver, Box<dyn Error>> {
     Ok(weaver)
 }
 
-/// What voxels show, in the order of [`crate::weights::Woven`].
-pub(crate) fn values(weaver: &Weaver) -> Vec<Option<f64>> {
+/// Returns the voxels' values, in the order of [`crate::weights::Woven`].
+pub(crate) fn values(weaver: &PathReconstructor) -> Vec<Option<f64>> {
     let [nx, ny, nz] = SIZE;
     let voxel = |i: usize| [i / (ny * nz), i / nz % ny, i % nz].map(|x| x as i64);
     (0..nx * ny * nz).map(|i| value(weaver.volume(), voxel(i))).collect()
@@ -85,13 +87,13 @@ pub(crate) fn values(weaver: &Weaver) -> Vec<Option<f64>> {
 
 #[cfg(test)]
 mod tests {
-    use sonoweave::reconstruct::Path;
+    use reconstruct::Path;
 
     use super::*;
     use crate::weights::{apart, weave};
 
     #[test]
-    fn the_planar_path_is_the_three_dimensional_sum_and_gives_a_fan_away() {
+    fn planar_path_equals_3d_sum_and_detects_fan() {
         let direct = weave(Coverage::Full).unwrap().direct;
         let woven = upgrading(Coverage::Full).unwrap();
         let off = apart(&values(&woven), &direct);

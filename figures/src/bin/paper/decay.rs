@@ -1,18 +1,20 @@
-//! Four ways to let old data fade, on a line of voxels in f64: what each shows of a moving object, and where. Lengths are in σ.
+//! Four decay rules for old data, on a line of voxels in f64: what each shows of a moving
+//! object, and where. Lengths are in σ.
 //!
-//! A rule is applied as a slice reaches a voxel, and to no other voxel; the age of a voxel is the time since a slice last reached it. The reconstructor's
-//! answer to the same slices is in [`decay_woven`](crate::decay_woven).
+//! A rule is applied when a slice reaches a voxel, and to no other voxel; the age of a voxel is
+//! the time since a slice last reached it. For the reconstructor's result of the same slices,
+//! see [`decay_woven`](crate::decay_woven).
 
-use sonoweave::reconstruct::kernel::{AxisKernel, KernelError, Method, Support};
+use reconstruct::kernel::{AxisKernel, KernelError, Method, Support};
 
 /// Distance of slices.
 pub(crate) const GAP: f64 = 0.75;
-/// Slices a second.
+/// Slices per second.
 pub(crate) const RATE_HZ: f64 = 30.0;
 /// Speed of a sweep, σ/s.
 pub(crate) const SPEED: f64 = GAP * RATE_HZ;
 
-/// What becomes of a voxel's sums r and w when a slice adds S and W.
+/// Update of a voxel's sums r and w when a slice adds S and W.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Rule {
     /// r + S: nothing fades.
@@ -21,12 +23,13 @@ pub(crate) enum Rule {
     Exponential { rate: f64 },
     /// The same with d = 1 until the wait is over.
     DeadTime { rate: f64, wait: f64 },
-    /// d·r + (1 − d)·S as the paper prints it, with d = 0 where nothing was seen.
+    /// d·r + (1 − d)·S as the paper prints it, with d = 0 for unseen voxels.
     Printed { rate: f64, wait: f64 },
 }
 
 impl Rule {
-    /// The factors of the old sums and of the new ones at an age in seconds, or for a voxel that saw nothing.
+    /// Returns the factors of the old and of the new sums for an age in seconds; `None` is an
+    /// unseen voxel.
     pub(crate) fn factors(self, age: Option<f64>) -> [f64; 2] {
         let fade = |rate: f64, wait: f64| age.map_or(0.0, |age| (-rate * (age - wait).max(0.0)).exp());
         match self {
@@ -38,7 +41,7 @@ impl Rule {
     }
 }
 
-/// A slice: where, when (seconds), and what it shows.
+/// A slice: its position, time (seconds) and value.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Sample {
     pub(crate) at: f64,
@@ -55,12 +58,12 @@ pub(crate) struct Voxels {
     kernel: AxisKernel,
 }
 
-/// The paper's kernel: σ 1, cut at E_e = .01.
+/// Returns the paper's kernel: σ 1, truncated at E_e = .01.
 pub(crate) fn kernel() -> Result<AxisKernel, KernelError> {
     AxisKernel::new(Method::GaussianTruncated, 1.0, Support::Energy(0.01))
 }
 
-/// A wait after which a sweep has passed every voxel that it reaches.
+/// Returns a wait after which a sweep has passed every voxel that it reaches.
 pub(crate) fn long_wait(kernel: &AxisKernel) -> f64 {
     2.0 * kernel.support_mm / SPEED
 }
@@ -85,13 +88,14 @@ impl Voxels {
         }
     }
 
-    /// Weighted mean at each voxel; none where no weight is.
+    /// Returns the weighted mean at each voxel; `None` without weight.
     pub(crate) fn values(&self) -> Vec<Option<f64>> {
         self.r.iter().zip(&self.w).map(|(r, w)| (*w > 0.0).then(|| r / w)).collect()
     }
 }
 
-/// Slices from `from` to `to`, the first at `start` seconds, of an object that is where it is at each moment.
+/// Returns slices from `from` to `to`, the first at `start` seconds; `object` is a function of
+/// position and time.
 pub(crate) fn sweep(from: f64, to: f64, start: f64, object: impl Fn(f64, f64) -> f64) -> Vec<Sample> {
     let count = ((to - from).abs() / GAP).round() as u32;
     (0..=count)
@@ -103,19 +107,21 @@ pub(crate) fn sweep(from: f64, to: f64, start: f64, object: impl Fn(f64, f64) ->
         .collect()
 }
 
-/// A sweep over an object that is its own position, so that what a voxel shows is the place that it shows: voxels in its middle, and its slices.
+/// Returns the voxels in the middle of a sweep, and its slices. The object's value is its
+/// position, so that a voxel shows the position of its data.
 pub(crate) fn ramp() -> (Vec<f64>, Vec<Sample>) {
     let voxels = (0..60).map(|i| 12.0 + GAP * (f64::from(i) + 0.5) / 10.0).collect();
     (voxels, sweep(0.0, 30.0, 0.0, |at, _| at))
 }
 
-/// How far along the sweep of [`ramp`] the things lie that voxels show, on average: positive is later in it.
+/// Returns the mean displacement of the data that voxels show, along the sweep of [`ramp`]:
+/// positive is later in it.
 pub(crate) fn mean_shift(at: &[f64], values: &[Option<f64>]) -> f64 {
     let shifts: Vec<f64> = values.iter().zip(at).filter_map(|(v, at)| Some((*v)? - at)).collect();
     shifts.iter().sum::<f64>() / shifts.len() as f64
 }
 
-/// [`mean_shift`] of a rule.
+/// Returns [`mean_shift`] of a rule.
 pub(crate) fn shift(rule: Rule, kernel: AxisKernel) -> f64 {
     let (voxels, samples) = ramp();
     let mut line = Voxels::new(voxels, kernel);
@@ -128,7 +134,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn without_fading_nothing_shifts_and_a_long_wait_is_the_same() {
+    fn no_decay_and_long_wait_have_no_shift() {
         let kernel = kernel().unwrap();
         assert!(shift(Rule::None, kernel).abs() < 1e-3);
         for rate in [1.0, 10.0, 1000.0] {
@@ -138,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn slow_fading_shifts_by_the_rate_times_the_kernels_variance_over_the_speed() {
+    fn slow_decay_shifts_by_rate_times_variance_over_speed() {
         let kernel = kernel().unwrap();
         for rate in [0.1, 1.0, 3.0] {
             let expected = rate * kernel.sigma_effective_mm().powi(2) / SPEED;
@@ -148,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn the_printed_formula_shows_what_lies_before() {
+    fn printed_formula_shows_earlier_positions() {
         let kernel = kernel().unwrap();
         for rate in [0.01, 1.0] {
             assert!(shift(Rule::Printed { rate, wait: 0.0 }, kernel) < -0.5);
@@ -160,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn a_voxel_that_no_slice_reached_shows_nothing_and_equal_times_change_no_sum() {
+    fn unreached_voxel_is_empty_and_equal_times_do_not_decay() {
         let mut line = Voxels::new(vec![0.0, 50.0], kernel().unwrap());
         let sample = Sample { at: 0.2, time: 1.0, value: 7.0 };
         let rule = Rule::Exponential { rate: 5.0 };

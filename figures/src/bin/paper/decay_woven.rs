@@ -1,23 +1,25 @@
-//! The slices of [`decay`](crate::decay), woven by the reconstructor: upright on a line along z, σ is 1 mm, and each picture is of one grey level.
+//! The slices of [`decay`](crate::decay), inserted by the reconstructor: upright on a line along
+//! z, with σ = 1 mm and one grey level per frame.
 
 use std::error::Error;
 use std::sync::Arc;
 
-use calibration::frames::Transform;
 use glam::{DAffine3, DMat3, DVec3};
-use sonoweave::mask::Mask;
-use sonoweave::reconstruct::kernel::Method;
-use sonoweave::reconstruct::{Compounding, Decay, Reconstructor, Settings};
-use sonoweave::slice::{Image, Pixels, Slice};
+
+use mask::Mask;
+use reconstruct::kernel::Method;
+use reconstruct::{Compounding, Decay, Reconstructor, Settings};
+use sonoweave_core::frames::Transform;
+use sonoweave_core::slice::{Image, Pixels, Slice};
 
 use crate::decay::{Rule, Sample, mean_shift, ramp};
 use crate::woven_volumes::value;
 
-/// Pixels along u and v, and their distance: enough that a kernel about the middle lies on data.
+/// Pixels along u and v, and their spacing: the kernel around the middle lies on data.
 const PIXELS: u32 = 16;
 const PIXEL_MM: f64 = 0.25;
 
-/// What the reconstructor calls a rule.
+/// Returns the reconstructor's setting for a rule.
 pub(crate) fn compounding(rule: Rule) -> Compounding {
     match rule {
         Rule::None => Compounding::Mean,
@@ -27,7 +29,7 @@ pub(crate) fn compounding(rule: Rule) -> Compounding {
     }
 }
 
-/// The reconstructor's voxels on the line through the pictures' middles.
+/// The reconstructor's voxels on the line through the frames' middles.
 pub(crate) struct WovenLine {
     reconstructor: Reconstructor,
     count: usize,
@@ -35,7 +37,7 @@ pub(crate) struct WovenLine {
 }
 
 impl WovenLine {
-    /// Voxels at equal distances, at least two.
+    /// Returns a line of at least two voxels at equal distances.
     pub(crate) fn new(at: &[f64], rule: Rule) -> Result<Self, Box<dyn Error>> {
         let [first, second, ..] = at else { return Err("a line has two voxels and more".into()) };
         let settings = Settings {
@@ -50,7 +52,7 @@ impl WovenLine {
     }
 
     pub(crate) fn insert(&mut self, sample: Sample) -> Result<(), Box<dyn Error>> {
-        // By a hair, so that no two pictures are the same: of those the reconstructor takes one.
+        // A tiny shift, since the reconstructor accepts only one of two identical slices.
         let hair = 1e-12 * f64::from(self.inserted);
         self.inserted += 1;
         let corner = -0.5 * PIXEL_MM * f64::from(PIXELS - 1);
@@ -66,13 +68,13 @@ impl WovenLine {
         Ok(())
     }
 
-    /// Weighted mean at each voxel; none where no weight is.
+    /// Returns the weighted mean at each voxel; `None` without weight.
     pub(crate) fn values(&self) -> Vec<Option<f64>> {
         (0..self.count as i64).map(|z| value(self.reconstructor.volume(), [0, 0, z])).collect()
     }
 }
 
-/// [`crate::decay::shift`], by the reconstructor.
+/// Returns [`crate::decay::shift`] of the reconstructor.
 pub(crate) fn shift(rule: Rule) -> Result<f64, Box<dyn Error>> {
     let (voxels, samples) = ramp();
     let mut line = WovenLine::new(&voxels, rule)?;
@@ -88,7 +90,7 @@ mod tests {
     use crate::decay::{self, kernel, long_wait};
 
     #[test]
-    fn the_reconstructor_shows_a_sweep_where_the_equations_do() {
+    fn reconstructor_shifts_match_the_equations() {
         let kernel = kernel().unwrap();
         let wait = long_wait(&kernel);
         for rule in [

@@ -1,20 +1,23 @@
-//! What each rule of decay shows of an object, still or moving, and where: by the equations in f64, and by the reconstructor.
+//! Effect of each decay rule on a static or moving object: its shown shape and position, by the
+//! equations in f64, and by the reconstructor.
 
 use std::error::Error;
 use std::path::Path;
 
-use sonoweave::reconstruct::kernel::AxisKernel;
 use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series, order};
+
+use reconstruct::kernel::AxisKernel;
 
 use crate::decay::{RATE_HZ, Rule, SPEED, Sample, Voxels, kernel, long_wait, shift, sweep};
 use crate::decay_woven::{self, WovenLine};
 use crate::report::Report;
 
-/// Rate of decay of the profiles, 1/s.
+/// Decay rate of the profiles, 1/s.
 const SHOWN_RATE: f64 = 1.0;
-/// Rates at which the reconstructor is measured, 1/s.
+/// Decay rates at which the reconstructor is measured, 1/s.
 const MEASURED: [f64; 9] = [0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0];
-/// How far the reconstructor may be from the equations: shifts and centres, σ; and profiles, of an object of height 1.
+/// Permitted difference between reconstructor and equations: shifts and centres, σ; and
+/// profiles, of an object of height 1.
 const TOLERANCE: f64 = 0.01;
 pub(crate) type Style = (&'static str, Look, Ink);
 pub(crate) const NONE: Style = ("none", Look::Dashed, Ink::Grey);
@@ -23,12 +26,12 @@ pub(crate) const DEAD_TIME: Style = ("exponential after a wait of 2d/v", Look::L
 pub(crate) const PRINTED: Style = ("as printed, exponential", Look::Dashed, Ink::Purple);
 pub(crate) const PRINTED_WAIT: Style = ("as printed, after the wait", Look::Dotted, Ink::Green);
 
-/// All rules at a rate.
+/// Returns all rules at a rate.
 pub(crate) fn rules(rate: f64, wait: f64) -> [(Style, Rule); 5] {
     [
         (EXPONENTIAL, Rule::Exponential { rate }),
         (DEAD_TIME, Rule::DeadTime { rate, wait }),
-        // On top of the former, which it equals as long as nothing waits longer.
+        // Drawn over the previous one, which it equals unless a wait is longer.
         (NONE, Rule::None),
         (PRINTED, Rule::Printed { rate, wait: 0.0 }),
         (PRINTED_WAIT, Rule::Printed { rate, wait }),
@@ -39,17 +42,17 @@ pub(crate) fn series((name, look, ink): Style, points: Vec<[f64; 2]>) -> Series 
     Series::new(name, look, ink, points)
 }
 
-/// The reconstructor's points beside those of [`series`].
+/// Returns the reconstructor's points beside those of [`series`].
 fn crosses((name, _, ink): Style, points: Vec<[f64; 2]>) -> Series {
     Series::new(format!("{name}, by the reconstructor"), Look::Crosses, ink, points).unlisted()
 }
 
-/// The entry of all crosses in the legend.
+/// Returns the legend entry of all crosses.
 fn crosses_entry() -> Series {
     Series::new("crosses: by the reconstructor", Look::Crosses, Ink::Black, Vec::new())
 }
 
-/// An object of height 1 around a place.
+/// An object of height 1 around a position.
 fn blob(x: f64, centre: f64) -> f64 {
     (-0.5 * ((x - centre) / 1.5).powi(2)).exp()
 }
@@ -122,7 +125,7 @@ fn shifts(report: &mut Report, folder: &Path, kernel: AxisKernel) -> Result<(), 
         ["holds", "does not hold as printed: a sample weighs 1 − d, so the first tail wins; d·r + S with a wait does what is meant"],
     );
 
-    // After one sweep over two still objects.
+    // After one sweep over two static objects.
     let still = |x: f64| blob(x, 10.0) + 0.7 * blob(x, 18.0);
     let places = || (0..=560).map(|i| f64::from(i) * 0.05);
     let mut profiles = vec![Series::new("truth", Look::Line, Ink::Black, places().map(|x| [x, still(x)]).collect())];
@@ -185,19 +188,20 @@ impl Pair {
         points(&self.model.at, &self.model.values())
     }
 
-    /// Every few voxels: crosses have a size.
+    /// Returns every 20th voxel, since crosses have a size.
     fn woven_profile(&self) -> Vec<[f64; 2]> {
         points(&self.model.at, &self.woven.values()).into_iter().step_by(20).collect()
     }
 
-    /// Centres of what both show.
+    /// Returns the centres of what both show.
     fn centres(&self) -> [f64; 2] {
         [self.model.values(), self.woven.values()].map(|values| centre(&self.model.at, &values))
     }
 
     fn check(&self, report: &mut Report, when: &str, (name, ..): Style) {
         let [model, woven] = [self.model.values(), self.woven.values()];
-        // A slice's reach ends at a voxel or just before it: there a rounding error decides. Such voxels are few.
+        // A slice's reach ends at a voxel or just before it: there a rounding error decides.
+        // Such voxels are few.
         let off = |(m, w): (&Option<f64>, &Option<f64>)| match (m, w) {
             (Some(m), Some(w)) => (m - w).abs() > TOLERANCE,
             (m, w) => m.is_some() != w.is_some(),
@@ -217,7 +221,7 @@ fn points(at: &[f64], values: &[Option<f64>]) -> Vec<[f64; 2]> {
     at.iter().zip(values).map(|(x, v)| [*x, v.unwrap_or(f64::NAN)]).collect()
 }
 
-/// Centre of what a line shows.
+/// Returns the centre of mass of the values on a line.
 fn centre(at: &[f64], values: &[Option<f64>]) -> f64 {
     let (mut mass, mut moment) = (0.0, 0.0);
     for (x, value) in at.iter().zip(values) {
@@ -228,7 +232,7 @@ fn centre(at: &[f64], values: &[Option<f64>]) -> f64 {
     moment / mass
 }
 
-/// The probe goes to and fro; the object rests during each pass and has moved before the next.
+/// The probe moves to and fro; the object rests during each pass and moves between passes.
 fn moving(report: &mut Report, folder: &Path, kernel: AxisKernel) -> Result<(), Box<dyn Error>> {
     const PASSES: u32 = 12;
     const RATE: f64 = 1.0;
@@ -275,7 +279,8 @@ fn moving(report: &mut Report, folder: &Path, kernel: AxisKernel) -> Result<(), 
     profiles.insert(0, Series::new("the object, second pass", Look::Line, Ink::Black, before(1)));
     profiles.insert(0, Series::new("the object, first pass", Look::Dotted, Ink::Black, before(0)));
     let [exponential, dead, none, printed, printed_wait] = lags[..] else { return Err("five rules".into()) };
-    // As the caption says: a wait costs some of the following, the printed formula with the wait more.
+    // The caption states this: a wait delays the response, the printed formula with the wait
+    // even more.
     report.check(exponential < dead && dead < printed_wait, format!("distances from the object: {lags:?}"));
     report.check(dead < 0.5 * none, format!("a wait does not follow the object: {dead} against {none} without decay"));
     let figure = Figure {

@@ -1,26 +1,27 @@
-//! Claims about pictures that follow their volume: C11 and C12 by bits and counts, C18, C22 and C23 by the clock.
+//! Claims about incremental rendering: C11 and C12 by bits and counts, C18, C22 and C23 by the
+//! clock.
 
 use std::error::Error;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use sonoweave::render::camera::{Camera, View};
-use sonoweave::render::transfer::Transfer;
-use sonoweave::render::{Cache, Picture, RenderSettings, Renderer, Stage};
-use sonoweave::volume::Values;
+use render::camera::{Camera, View};
+use render::classify::transfer::Transfer;
+use render::{Cache, Picture, RenderRegion, RenderSettings, Renderer};
+use volume::Values;
 
 use crate::doll::{Doll, show};
 use crate::report::Report;
 use crate::timing::quantile;
 
-/// Of the paper's doll, with rendering.
+/// Time per slice of the paper's doll, with rendering, ms.
 const PAPER_MS: f64 = 3400.0;
-/// Slices a second that the paper wants to follow.
+/// Slice rate that the paper wants to follow, Hz.
 const RATE: f64 = 30.0;
-/// Every so many slices a picture is compared.
+/// Interval of slices at which the picture is compared.
 const EVERY: usize = 15;
 
-/// C11: the picture is that of the volume, and costs what changed.
+/// C11: the incremental picture equals that of the volume, and its cost depends on the changes.
 pub(crate) fn exact(report: &mut Report, doll: &Doll) -> Result<(), Box<dyn Error>> {
     let look = RenderSettings { threads: 2, ..doll.look.clone() };
     let mut compared = 0;
@@ -61,8 +62,8 @@ fn same_bits(a: &Picture, b: &Picture) -> bool {
     a.size == b.size && a.pixels.iter().zip(&b.pixels).all(|(a, b)| a.map(f32::to_bits) == b.map(f32::to_bits))
 }
 
-/// Values and weights of a stage's voxels.
-fn voxels(volume: &(impl Values + ?Sized), stage: &Stage) -> Vec<(f32, f32)> {
+/// Returns values and weights of a render region's voxels.
+fn voxels(volume: &(impl Values + ?Sized), stage: &RenderRegion) -> Vec<(f32, f32)> {
     let [low, high] = stage.bounds();
     let n = (high[0] - low[0] + 1) as usize;
     let (mut value, mut weight) = (vec![0.0; n], vec![0.0; n]);
@@ -74,8 +75,8 @@ fn voxels(volume: &(impl Values + ?Sized), stage: &Stage) -> Vec<(f32, f32)> {
     all
 }
 
-/// The box of the voxels that differ, stage coordinates.
-fn changed(before: &[(f32, f32)], after: &[(f32, f32)], stage: &Stage) -> Option<[[f64; 3]; 2]> {
+/// Returns the box of the voxels that differ, in coordinates of the render region.
+fn changed(before: &[(f32, f32)], after: &[(f32, f32)], stage: &RenderRegion) -> Option<[[f64; 3]; 2]> {
     let [low, high] = stage.bounds();
     let size: [usize; 3] = std::array::from_fn(|a| (high[a] - low[a] + 1) as usize);
     let mut found: Option<[[f64; 3]; 2]> = None;
@@ -90,7 +91,7 @@ fn changed(before: &[(f32, f32)], after: &[(f32, f32)], stage: &Stage) -> Option
     found
 }
 
-/// Rays that have samples in a box of stage coordinates, and how many samples.
+/// Counts the rays that have samples in a box of region coordinates, and these samples.
 pub(crate) fn meeting(camera: &Camera, [low, high]: [[f64; 3]; 2]) -> [u64; 2] {
     let [width, height] = camera.size();
     let (mut rays, mut samples) = (0, 0);
@@ -99,7 +100,7 @@ pub(crate) fn meeting(camera: &Camera, [low, high]: [[f64; 3]; 2]) -> [u64; 2] {
         let (mut enter, mut leave) = (0.0_f64, f64::from(camera.samples()) - 1.0);
         for a in 0..3 {
             let (base, step) = (ray.base[a], ray.step[a]);
-            // Parallel to the faces both quotients are infinite, with signs that are right.
+            // For rays parallel to the faces, both quotients are infinite, with the right signs.
             let (one, other) = ((low[a] - base) / step, (high[a] - base) / step);
             (enter, leave) = (enter.max(one.min(other)), leave.min(one.max(other)));
         }
@@ -111,15 +112,15 @@ pub(crate) fn meeting(camera: &Camera, [low, high]: [[f64; 3]; 2]) -> [u64; 2] {
     [rays, samples]
 }
 
-/// A stage's box and so many voxels around it, stage coordinates.
-pub(crate) fn within(stage: &Stage, reach: f64) -> [[f64; 3]; 2] {
+/// Returns a render region's box enlarged by `reach` voxels, in region coordinates.
+pub(crate) fn within(stage: &RenderRegion, reach: f64) -> [[f64; 3]; 2] {
     let [low, high] = stage.bounds().map(|at| [0, 1, 2].map(|a| (at[a] - stage.first()[a]) as f64));
     [low.map(|x| x - reach), high.map(|x| x + reach)]
 }
 
-/// C12: which rays a slab costs.
+/// C12: the rays that a slab costs.
 pub(crate) fn clipped(report: &mut Report, doll: &Doll) -> Result<(), Box<dyn Error>> {
-    // Everything is visible: what changed shows.
+    // Everything is visible, so that every change shows.
     let transfer = Transfer::preset("xray", [0.0, 255.0])?;
     let look = RenderSettings { cache: Cache::Linear, transfer, ..doll.look.clone() };
     let camera = Camera::new(&look.view, look.size, look.step, &doll.stage)?;
@@ -136,7 +137,8 @@ pub(crate) fn clipped(report: &mut Report, doll: &Doll) -> Result<(), Box<dyn Er
         let Some([first, last]) = changed(&before, &voxels(weaver.volume(), &doll.stage), &doll.stage) else {
             return Err(format!("slice {number} changed nothing").into());
         };
-        // A gradient reaches a voxel farther, a cell another; and a hundredth is for rounding. What lies off the stage is not sampled.
+        // A gradient reaches one voxel further, a cell another; a hundredth is for rounding.
+        // Nothing outside the region is sampled.
         let around = |reach: f64| {
             [
                 std::array::from_fn(|a| (first[a] - reach).max(of_stage[0][a])),
@@ -177,12 +179,12 @@ pub(crate) fn clipped(report: &mut Report, doll: &Doll) -> Result<(), Box<dyn Er
     Ok(())
 }
 
-/// Rays cast for slices that change nothing that is looked at.
+/// Returns the rays cast for slices that change nothing visible.
 fn nothing(report: &mut Report, doll: &Doll) -> Result<u64, Box<dyn Error>> {
     let [low, high] = doll.stage.bounds();
     let mut aside = low.map(|x| x + 10_000);
     aside[0] = high[0] + 10_000;
-    let elsewhere = Stage::new(doll.whole.world_from_lattice(), low.map(|x| x + 10_000), aside.map(|x| x + 50))?;
+    let elsewhere = RenderRegion::new(doll.whole.world_from_lattice(), low.map(|x| x + 10_000), aside.map(|x| x + 50))?;
     let mut beside = Renderer::new(&doll.look, elsewhere)?;
     let mut parked = Renderer::new(&doll.look, doll.stage)?;
     parked.update_all(doll.whole.volume());
@@ -196,7 +198,7 @@ fn nothing(report: &mut Report, doll: &Doll) -> Result<u64, Box<dyn Error>> {
     Ok(works.iter().map(|work| work.rays).sum())
 }
 
-/// C18 to its end, C22 and C23.
+/// The remainder of C18, C22 and C23.
 pub(crate) fn timed(report: &mut Report, doll: &Doll, rounds: u32) -> Result<(), Box<dyn Error>> {
     let on = |threads| RenderSettings { threads, ..doll.look.clone() };
     let mut ms = [Vec::new(), Vec::new()];
@@ -222,7 +224,7 @@ pub(crate) fn timed(report: &mut Report, doll: &Doll, rounds: u32) -> Result<(),
     open_loop(report, doll, &on(2))
 }
 
-/// C22: a view that nobody has looked from, coarse at once and refined while it rests.
+/// C22: a new view, coarse at once and refined while it is static.
 fn views(report: &mut Report, doll: &Doll, look: &RenderSettings, rounds: u32) -> Result<(), Box<dyn Error>> {
     let mut renderer = Renderer::new(look, doll.stage)?;
     renderer.update_all(doll.whole.volume());
@@ -257,7 +259,7 @@ fn views(report: &mut Report, doll: &Doll, look: &RenderSettings, rounds: u32) -
     Ok(())
 }
 
-/// C23: slices come when they come, whether the picture is ready or not.
+/// C23: slices arrive at their own times, independent of the picture.
 fn open_loop(report: &mut Report, doll: &Doll, look: &RenderSettings) -> Result<(), Box<dyn Error>> {
     let (mut weaver, mut renderer) = (doll.weaver(look.threads)?, Renderer::new(look, doll.stage)?);
     let began = Instant::now();

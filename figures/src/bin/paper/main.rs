@@ -1,20 +1,25 @@
-//! The paper's figures and claims with ours beside them: `make paper`, or `cargo run --release -p sonoweave-figures --bin paper -- [--quick]`.
+//! The paper's figures and claims with ours beside them: `make paper`, or `cargo run --release
+//! -p sonoweave-figures --bin paper -- [--quick]`.
 //!
-//! Ohbuchi, Chen & Fuchs (1992). Every number shown is computed in the run, and what is said of it is asserted: a figure that no longer shows what its
-//! caption says fails the run. Pictures, their numbers and the table of claims are in `out/paper` (a quick run's in `out/paper/quick`), with `index.html`
-//! to look at.
+//! Ohbuchi, Chen & Fuchs (1992). Every number shown is computed in the run, and the statements
+//! about it are asserted: a figure that contradicts its caption fails the run. Pictures, their
+//! numbers and the table of claims are written to `out/paper` (a quick run's to
+//! `out/paper/quick`), with an `index.html`.
 //!
 //! - [`support`]: figure 5, half width and σ, the kernel's end, its effective width.
-//! - [`signal`], [`woven`]: figures 6 and 7, and what truncation costs.
+//! - [`signal`], [`woven`]: figures 6 and 7, and the cost of truncation.
 //! - [`ripple`]: slices at equal distances.
-//! - [`decay`], [`decay_woven`], [`fading`]: what becomes of old data, and where it shows, by the equations and by the reconstructor.
-//! - [`pulsating`]: the same of a sphere that moves, in three dimensions.
-//! - [`weights`], [`columns_woven`], [`columns`]: a weight a column against a weight a voxel, by the equations and by the reconstructor's two paths.
+//! - [`decay`], [`decay_woven`], [`fading`]: decay of old data, and the resulting shifts, by the
+//!   equations and by the reconstructor.
+//! - [`pulsating`]: the same for a moving sphere, in three dimensions.
+//! - [`weights`], [`columns_woven`], [`columns`]: one weight per column against one per voxel,
+//!   by the equations and by the reconstructor's two paths.
 //! - [`speed`]: the paper's test sizes against the clock.
 //! - [`woven_volumes`]: claims about volumes, on the reconstructor itself.
 //! - [`doll`]: the paper's test of the renderer; [`caches`]: figures 9 to 11; [`adaptive`],
-//!   [`incremental`], [`parts`]: claims about pictures that follow their volume.
-//! - [`tank`], [`thigh`]: figures 12 and 13, of painted echoes; [`bedside`] is what they share.
+//!   [`incremental`], [`parts`]: claims about incremental rendering.
+//! - [`tank`], [`thigh`]: figures 12 and 13, with simulated echoes; [`bedside`] is shared by
+//!   both.
 //! - [`report`]: checks, claims, the page.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program that speaks to its user")]
 
@@ -52,15 +57,15 @@ use std::time::Instant;
 
 use report::Report;
 
-/// How much of it.
+/// Extent of a run.
 struct Effort {
     /// Draws of the samples' positions.
     draws: u64,
     /// Runs of each timed scan.
     rounds: u32,
-    /// Slices that a picture follows, of the paper's 90.
+    /// Slices of the incremental rendering, of the paper's 90.
     slices: u32,
-    /// Rates of decay over a moving object, 1/s.
+    /// Decay rates over a moving object, 1/s.
     rates: &'static [f64],
 }
 
@@ -118,7 +123,7 @@ fn run(effort: &Effort, folder: &Path) -> Result<bool, Box<dyn Error>> {
     thigh::draw(&mut report, folder)?;
     let load = fs::read_to_string("/proc/loadavg").unwrap_or_default();
     let load = load.split_whitespace().next().unwrap_or("unknown").to_owned();
-    let simd = sonoweave::reconstruct::Simd::detect().name();
+    let simd = reconstruct::Simd::detect().name();
     let told = format!(
         "Every number of “this run” was computed in it; times with {simd}, medians of {} runs, load average {load} (anything above 0 slows them).",
         effort.rounds

@@ -1,18 +1,19 @@
-//! C17: the world cut into parts with a worker each, their pictures composited in view order.
+//! C17: the world divided into parts with one worker each; their pictures are composited in view
+//! order.
 
 use std::error::Error;
 
-use sonoweave::render::partition::{Compositor, Part};
+use render::partition::{Compositor, Part};
 
 use crate::doll::Doll;
 use crate::report::Report;
 
-/// How many parts.
+/// Numbers of parts.
 const PARTS: [u32; 4] = [1, 2, 3, 8];
 /// Bytes of a pixel that a part composites by itself: colour and transmittance.
 const PIXEL_BYTES: u64 = 8;
 
-/// What following a scan in so many parts exchanged.
+/// Data exchanged while a scan is rendered in so many parts.
 struct Exchanged {
     parts: u32,
     /// From the parts to the compositor, bytes of all slices.
@@ -21,7 +22,7 @@ struct Exchanged {
     samples: [u64; 2],
 }
 
-/// Follows the scan with every number of parts.
+/// Renders the scan with every number of parts.
 pub(crate) fn composited(report: &mut Report, doll: &Doll) -> Result<(), Box<dyn Error>> {
     let (exact, _) = doll.at_once(&doll.look)?;
     let mut found = Vec::new();
@@ -60,7 +61,7 @@ pub(crate) fn composited(report: &mut Report, doll: &Doll) -> Result<(), Box<dyn
         })
         .collect();
     for of in &found {
-        // A part's own picture, whole, for every slice.
+        // The size of whole pictures of all parts, for every slice.
         let whole = u64::from(of.parts) * image * slices;
         report.check(of.bytes < whole, format!("C17: {} bytes where whole pictures are {whole}", of.bytes));
     }

@@ -1,19 +1,21 @@
-//! A sphere that swells and shrinks while the probe goes to and fro over it: what the reconstructor's volume shows of it by each rule of decay.
+//! A pulsating sphere under a probe that moves to and fro: what the reconstructor's volume shows
+//! of it under each decay rule.
 
 use std::error::Error;
 use std::f64::consts::PI;
 use std::path::Path;
 
 use glam::{DMat3, DVec3};
-use sonoweave::mask::Mask;
-use sonoweave::phantom::scan::Depth;
-use sonoweave::phantom::scene::{Pulsating, Sphere};
-use sonoweave::phantom::{Motion, Scan, ScanSettings, Scene};
-use sonoweave::reconstruct::kernel::{AxisKernel, Method};
-use sonoweave::reconstruct::planar::{OnDeparture, PlanarSettings};
-use sonoweave::reconstruct::{Compounding, Reconstructor, Settings, Weaver};
-use sonoweave::slice::Slice;
 use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series};
+
+use mask::Mask;
+use phantom::scan::Depth;
+use phantom::scene::{Pulsating, Sphere};
+use phantom::{Motion, Scan, ScanSettings, Scene};
+use reconstruct::kernel::{AxisKernel, Method};
+use reconstruct::planar::{OnDeparture, PlanarSettings};
+use reconstruct::{Compounding, PathReconstructor, Reconstructor, Settings};
+use sonoweave_core::slice::Slice;
 
 use crate::decay::{GAP, RATE_HZ, Rule, SPEED, long_wait};
 use crate::decay_woven::compounding;
@@ -21,11 +23,11 @@ use crate::fading::{Style, rules, series};
 use crate::report::Report;
 use crate::woven_volumes::value;
 
-/// The rate of decay of which more is shown, 1/s.
+/// The decay rate that is shown in detail, 1/s.
 const SHOWN: f64 = 10.0;
-/// The pass, of the first on, after which a profile is shown: back, over a sphere that has shrunk.
+/// The pass (from 0) after which a profile is shown: backwards, over a sphere that has shrunk.
 const PROFILED: usize = 4;
-/// Steps of a pass; there and back make a trip.
+/// Steps of a pass; a trip is two passes, there and back.
 const STEPS: u32 = 40;
 const TRIPS: u32 = 4;
 /// Grey levels within the sphere and around it.
@@ -34,14 +36,14 @@ const RADIUS: f64 = 6.0;
 const STROKE: f64 = 2.0;
 const PERIOD_NS: i64 = 8_000_000_000;
 const PIXELS: u32 = 40;
-/// Distance of voxels and of pixels.
+/// Spacing of voxels and of pixels.
 const SPACING: f64 = 0.5;
-/// Voxels that are looked at to each side of the middle, in the picture's plane and along the sweep.
+/// Voxels that are evaluated on each side of the middle, in the image plane and along the sweep.
 const HALF: [i64; 2] = [18, 23];
 const FRESH: Style = ("the newest pass alone", Look::Discs, Ink::Black);
 const OBJECT: Style = ("the object when last seen", Look::Line, Ink::Black);
 
-/// The scan of a trip; the next begins where it ends.
+/// Returns the scan of a trip; the next one begins at its end.
 fn trip(number: u32) -> Result<Scan, Box<dyn Error>> {
     let sphere =
         Sphere { centre: DVec3::ZERO, radius: RADIUS, inside: GREY[0], outside: GREY[1], edge_sigma: 0.5 * SPACING };
@@ -61,7 +63,7 @@ fn trip(number: u32) -> Result<Scan, Box<dyn Error>> {
     })?)
 }
 
-/// What one pass saw.
+/// Data of one pass.
 struct Pass {
     slices: Vec<Slice>,
     /// The sphere as each voxel's nearest slice saw it, in the order of [`voxels`].
@@ -72,7 +74,7 @@ struct Pass {
     direction: f64,
 }
 
-/// Voxels that are looked at.
+/// Returns the voxels that are evaluated.
 fn voxels() -> impl Iterator<Item = [i64; 3]> {
     let [side, along] = HALF;
     let plane = move |z| (-side..=side).flat_map(move |y| (-side..=side).map(move |x| [x, y, z]));
@@ -83,7 +85,7 @@ fn place(voxel: [i64; 3]) -> DVec3 {
     DVec3::from_array(voxel.map(|x| x as f64 * SPACING))
 }
 
-/// The sphere as it was when a pass of a trip came to a place along the sweep.
+/// Returns the sphere at the time when a pass of a trip reached a position along the sweep.
 fn seen(scan: &Scan, direction: f64, z: f64) -> Scene {
     // The turn, in the middle of a trip, is at the sweep's upper end.
     let steps = (0.5 * GAP * f64::from(STEPS) - z) / GAP;
@@ -95,7 +97,7 @@ fn passes() -> Result<Vec<Pass>, Box<dyn Error>> {
     let mut passes = Vec::new();
     for number in 0..TRIPS {
         let scan = trip(number)?;
-        // A place is passed twice: the turn is in the middle of a trip.
+        // Each trip passes a position twice: the turn is in its middle.
         let first = u32::from(number > 0);
         for (frames, direction) in [(first..STEPS + 1, 1.0), (STEPS + 1..2 * STEPS + 1, -1.0)] {
             let (mut object, mut layer, mut sphere) = (Vec::new(), i64::MIN, Scene::Constant(0.0));
@@ -114,7 +116,8 @@ fn passes() -> Result<Vec<Pass>, Box<dyn Error>> {
     Ok(passes)
 }
 
-/// Radius of the sphere of the same volume as what is brighter than the surroundings, and where its centre lies along the sweep.
+/// Returns the radius of the sphere with the same volume as the bright voxels, and its centre
+/// along the sweep.
 fn measure(values: &[Option<f64>]) -> [f64; 2] {
     let (mut mass, mut moment) = (0.0, 0.0);
     for (value, voxel) in values.iter().zip(voxels()) {
@@ -131,7 +134,7 @@ fn rms(a: &[Option<f64>], b: &[Option<f64>]) -> f64 {
     (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
 }
 
-/// Largest difference; endless where one shows what the other does not.
+/// Returns the largest difference; infinite if only one has a value.
 fn largest(a: &[Option<f64>], b: &[Option<f64>]) -> f64 {
     let apart = |(a, b): (&Option<f64>, &Option<f64>)| match (a, b) {
         (Some(a), Some(b)) => (a - b).abs(),
@@ -154,12 +157,12 @@ fn reconstructor(compounding: Compounding) -> Result<Reconstructor, Box<dyn Erro
     Ok(Reconstructor::new(settings(compounding), Mask::full(PIXELS, PIXELS))?)
 }
 
-/// What the planar path shows after all passes, with one age a column.
+/// Returns the values by the planar path after all passes, with one age per column.
 fn planar(compounding: Compounding, passes: &[Pass]) -> Result<Vec<Option<f64>>, Box<dyn Error>> {
     // Columns along image axis u, which is the world's x.
     let direction = Some(DMat3::from_cols(DVec3::Y, DVec3::Z, DVec3::X));
     let planar = PlanarSettings { direction, on_departure: OnDeparture::Refuse, ..PlanarSettings::default() };
-    let mut weaver = Weaver::planar(settings(compounding), planar, Mask::full(PIXELS, PIXELS))?;
+    let mut weaver = PathReconstructor::planar(settings(compounding), planar, Mask::full(PIXELS, PIXELS))?;
     for slice in passes.iter().flat_map(|pass| &pass.slices) {
         weaver.insert(slice)?;
     }
@@ -173,19 +176,19 @@ fn insert(reconstructor: &mut Reconstructor, pass: &Pass) -> Result<Vec<Option<f
     Ok(voxels().map(|voxel| value(reconstructor.volume(), voxel)).collect())
 }
 
-/// What is told of one way to weave, after each pass.
+/// Results of one rule, after each pass.
 #[derive(Default)]
 struct Told {
-    /// Along the sweep through the middle, after one pass.
+    /// Profile along the sweep through the middle, after one pass.
     profile: Vec<[f64; 2]>,
     radius: Vec<f64>,
-    /// How far ahead of the object the centre is shown, along the pass, mm.
+    /// Lead of the shown centre over the object's, along the pass, mm.
     ahead: Vec<f64>,
-    /// From the newest pass alone, grey levels rms.
+    /// Difference from the newest pass alone, grey levels rms.
     off: Vec<f64>,
-    /// What is shown in the end.
+    /// The final values.
     values: Vec<Option<f64>>,
-    /// How far samples of the picture may be from the exact in-plane sum, as the reconstructor states it, grey levels.
+    /// The reconstructor's own bound on the deviation from the exact in-plane sum, grey levels.
     stated: f64,
 }
 
@@ -207,7 +210,7 @@ impl Told {
         (1..).map(f64::from).zip(&self.radius).map(|(pass, radius)| [pass, *radius]).collect()
     }
 
-    /// Over the passes that have a past: mean of the centre, root mean square of the distance.
+    /// Returns the mean centre offset and the rms difference, over the passes that have a past.
     fn summary(&self) -> [f64; 2] {
         let count = self.off.len() as f64 - 1.0;
         let ahead = self.ahead.iter().skip(1).sum::<f64>() / count;
@@ -215,7 +218,8 @@ impl Told {
     }
 }
 
-/// Draws it; how far the planar path is from the general one in what they show, grey levels, over all rules.
+/// Draws the figure. Returns the difference between the planar and the general path, grey
+/// levels, over all rules.
 pub(crate) fn draw(
     report: &mut Report,
     folder: &Path,
@@ -249,9 +253,9 @@ pub(crate) fn draw(
     let mut radii = vec![series(OBJECT, object.radii()), series(FRESH, alone.radii())];
     let [mut ahead, mut off]: [Vec<Series>; 2] = Default::default();
     let mut shown = Vec::new();
-    // Of the planar path from the general one, over all rules.
+    // Differences between the planar and the general path, over all rules.
     let [mut ages, mut stated] = [0.0_f64; 2];
-    // At the slowest rate, and the least distance at any.
+    // Values at the slowest rate, and the smallest difference at any.
     let [mut slowest, mut least]: [Vec<f64>; 2] = Default::default();
     for (i, (style, rule)) in rules(SHOWN, wait).into_iter().enumerate() {
         let mut summaries = Vec::new();
@@ -275,7 +279,7 @@ pub(crate) fn draw(
         least.push(summaries.iter().map(|summary| summary[1]).fold(f64::INFINITY, f64::min));
     }
     let [exponential, dead, none, printed, printed_wait] = shown[..] else { return Err("five rules".into()) };
-    // What all else is measured by: a pass with no past shows the object where and as large as it was.
+    // The reference: a pass without a past shows the object's position and size correctly.
     let largest_of = |values: &mut dyn Iterator<Item = f64>| values.map(f64::abs).fold(0.0, f64::max);
     let place = largest_of(&mut alone.ahead.iter().copied());
     let size = largest_of(&mut alone.radius.iter().zip(&object.radius).map(|(a, b)| a - b));

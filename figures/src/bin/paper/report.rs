@@ -1,4 +1,4 @@
-//! What a run gathers: figures, claims with ours beside them, and what did not come out as stated.
+//! Results of a run: figures, claims with ours beside them, and failed checks.
 
 use std::error::Error;
 use std::fmt::Write as _;
@@ -7,7 +7,7 @@ use std::path::Path;
 
 use sonoweave_figures::{Figure, Findings, files, lettering};
 
-/// A claim of the paper and what this run found.
+/// A claim of the paper and the result of this run.
 #[derive(Debug, Clone)]
 pub(crate) struct Claim {
     pub(crate) id: &'static str,
@@ -24,12 +24,12 @@ pub(crate) struct Report {
 }
 
 impl Report {
-    /// As [`Findings::figure`].
+    /// Same as [`Findings::figure`].
     pub(crate) fn figure(&mut self, figure: Figure, folder: &Path) -> Result<(), Box<dyn Error>> {
         self.findings.figure(figure, folder)
     }
 
-    /// A claim with the verdict for `holds` first, the other second.
+    /// Adds a claim; the verdict is `yes` if `holds`, else `no`.
     pub(crate) fn claim(
         &mut self,
         [id, claim, paper]: [&'static str; 3],
@@ -40,18 +40,18 @@ impl Report {
         self.claims.push(Claim { id, claim, paper, ours, verdict: if holds { yes } else { no } });
     }
 
-    /// As [`Findings::check`].
+    /// Same as [`Findings::check`].
     pub(crate) fn check(&mut self, holds: bool, what: impl Into<String>) {
         self.findings.check(holds, what);
     }
 
-    /// Checks that a number is what it should be, within a part of that.
+    /// Checks that a number equals `expected` within a relative tolerance `part`.
     pub(crate) fn near(&mut self, what: &str, found: f64, expected: f64, part: f64) {
         let holds = (found - expected).abs() <= part * expected.abs();
         self.check(holds, format!("{what}: {found} where {expected} is expected, within a part of {part}"));
     }
 
-    /// Writes the table and the page; whether everything came out as stated.
+    /// Writes the table and the page; returns whether all checks passed.
     pub(crate) fn finish(mut self, folder: &Path, run: &str) -> Result<bool, Box<dyn Error>> {
         let number = |claim: &Claim| claim.id.trim_start_matches('C').parse::<u32>().unwrap_or(u32::MAX);
         self.claims.sort_by_key(number);
@@ -99,7 +99,7 @@ impl Report {
     }
 }
 
-/// Sets subscripts as the figures do.
+/// Sets subscripts like the figures.
 fn subscripts(text: &str) -> String {
     let mut parts = text.split('_');
     let mut set = parts.next().unwrap_or_default().to_owned();

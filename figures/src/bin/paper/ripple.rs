@@ -1,18 +1,21 @@
-//! Slices at equal distances: how much the sum of weights waves between them, and when it leaves gaps.
+//! Slices at equal distances: ripple of the sum of weights, and the distance at which gaps
+//! appear.
 
 use std::error::Error;
 use std::f64::consts::PI;
 use std::path::Path;
 
-use sonoweave::reconstruct::kernel::{AxisKernel, Method};
 use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series, order};
+
+use reconstruct::kernel::{AxisKernel, Method};
 
 use crate::report::Report;
 use crate::signal::kernel;
 
-/// Half the difference of the largest and the smallest sum of weights, as a part of the mean; samples at all multiples of `gap`.
+/// Returns half the difference of the largest and smallest sum of weights, relative to the mean;
+/// samples are at all multiples of `gap`.
 pub(crate) fn measured(kernel: &AxisKernel, gap: f64) -> f64 {
-    // A multiple of four, so that the formula's extremes are among the places.
+    // A multiple of four, so that the formula's extremes are among the positions.
     const PLACES: u32 = 400;
     let reach = (kernel.support_mm / gap).ceil() as i64 + 1;
     let sums: Vec<f64> = (0..PLACES)
@@ -23,12 +26,14 @@ pub(crate) fn measured(kernel: &AxisKernel, gap: f64) -> f64 {
     0.5 * (high - low) / (sums.iter().sum::<f64>() / f64::from(PLACES))
 }
 
-/// The first term of Poisson's sum: twice the Gaussian's spectrum at the sampling frequency.
+/// Returns the first term of Poisson's sum: twice the Gaussian's spectrum at the sampling
+/// frequency.
 pub(crate) fn formula(gap: f64) -> f64 {
     2.0 * (-2.0 * PI * PI / (gap * gap)).exp()
 }
 
-/// `woven` are distances of slices and the ripple of the cut kernel that the reconstructor's weights show.
+/// Draws the ripple. `woven` holds slice distances and the truncated kernel's ripple by the
+/// reconstructor's weights.
 pub(crate) fn draw(report: &mut Report, folder: &Path, woven: &[[f64; 2]]) -> Result<(), Box<dyn Error>> {
     let whole = kernel(Method::GaussianTruncated, None)?;
     let cut = kernel(Method::GaussianTruncated, Some(0.01))?;
@@ -41,7 +46,7 @@ pub(crate) fn draw(report: &mut Report, folder: &Path, woven: &[[f64; 2]]) -> Re
     }
     let gaps = || (80..=620).map(|i| f64::from(i) * 0.01);
     let over = |f: &dyn Fn(f64) -> f64| gaps().map(|g| [g, f(g)]).collect::<Vec<_>>();
-    // What one sample's entering adds to a sum of √2π/gap.
+    // Contribution of one entering sample to a sum of √2π/gap.
     let step = |gap: f64| gap / (2.0 * PI).sqrt() * cut.weight(cut.support_mm);
     let below = gaps().find(|gap| measured(&cut, *gap) < 0.49 * step(*gap));
     report.check(below.is_none(), format!("the cut kernel ripples less than its step at gaps of {below:?} σ"));
@@ -87,7 +92,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_whole_gaussian_has_the_ripple_of_poissons_sum() {
+    fn untruncated_gaussian_ripple_matches_poisson_sum() {
         let whole = kernel(Method::GaussianTruncated, None).unwrap();
         for gap in [1.0, 2.0, 3.0] {
             assert!((measured(&whole, gap) / formula(gap) - 1.0).abs() < 1e-2, "{gap}: {}", measured(&whole, gap));

@@ -1,20 +1,24 @@
-//! The paper's one-dimensional experiment (figures 6 and 7): a sum of Gaussians, sampled at irregular distances, woven back. Lengths are in σ.
+//! The paper's one-dimensional experiment (figures 6 and 7): a sum of Gaussians, sampled at
+//! irregular distances and reconstructed. Lengths are in σ.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
-use sonoweave::reconstruct::kernel::{AxisKernel, KernelError, Method, Support};
+
+use reconstruct::kernel::{AxisKernel, KernelError, Method, Support};
 
 /// Samples drawn, and those in the middle that are shown and measured: 52 and 26 in the paper.
 pub(crate) const SAMPLES: usize = 52;
 pub(crate) const SHOWN: std::ops::Range<usize> = 13..39;
-/// Distance over which slopes are taken. A step of height s adds s²/h to a squared slope's integral: finer, and cut kernels look worse.
+/// Distance over which slopes are taken. A step of height s adds s²/h to a squared slope's
+/// integral: a smaller distance makes truncated kernels look worse.
 pub(crate) const SLOPE_OVER: f64 = 0.05;
 
-/// Centre, height and standard deviation of the signal's parts; the shown samples lie from about 10 to 29.
+/// Centre, height and standard deviation of the signal's parts; the shown samples lie from about
+/// 10 to 29.
 const PARTS: [[f64; 3]; 6] =
     [[3.0, 0.6, 1.0], [12.0, 0.9, 0.9], [16.0, 0.6, 0.6], [20.5, 1.0, 1.1], [25.5, 0.8, 0.7], [32.0, 0.8, 1.2]];
 
-/// The signal after blurring with a Gaussian of standard deviation `blur`.
+/// Returns the signal after blurring with a Gaussian of standard deviation `blur`.
 pub(crate) fn signal(x: f64, blur: f64) -> f64 {
     PARTS
         .iter()
@@ -25,7 +29,7 @@ pub(crate) fn signal(x: f64, blur: f64) -> f64 {
         .sum()
 }
 
-/// Where samples are: gaps of (1 + random)/2, as by a hand.
+/// Returns the sample positions: gaps of (1 + random)/2, like freehand motion.
 pub(crate) fn positions(seed: u64) -> Vec<f64> {
     let mut generator = ChaCha8Rng::seed_from_u64(seed);
     let mut at = 0.0;
@@ -38,19 +42,19 @@ pub(crate) fn positions(seed: u64) -> Vec<f64> {
         .collect()
 }
 
-/// A kernel of σ 1 by the energy that it leaves out; without any, as far as f64 sees.
+/// Returns a kernel of σ 1, truncated by `energy`; without it, as far as f64 resolves.
 pub(crate) fn kernel(method: Method, energy: Option<f64>) -> Result<AxisKernel, KernelError> {
     AxisKernel::new(method, 1.0, Support::Energy(energy.unwrap_or(1e-15)))
 }
 
-/// Samples and the kernel that weaves them.
+/// Samples and the kernel that reconstructs the signal.
 pub(crate) struct Weave {
     pub(crate) at: Vec<f64>,
     pub(crate) kernel: AxisKernel,
 }
 
 impl Weave {
-    /// Σ weight·value and Σ weight.
+    /// Returns Σ weight·value and Σ weight.
     pub(crate) fn sums(&self, x: f64) -> [f64; 2] {
         self.at.iter().fold([0.0; 2], |[r, w], at| {
             let g = self.kernel.weight(x - at);
@@ -67,12 +71,12 @@ impl Weave {
         (self.value(x + 0.5 * SLOPE_OVER) - self.value(x - 0.5 * SLOPE_OVER)) / SLOPE_OVER
     }
 
-    /// The stretch of the shown samples.
+    /// Returns the range of the shown samples.
     pub(crate) fn stretch(&self) -> [f64; 2] {
         [self.at[SHOWN.start], self.at[SHOWN.end - 1]]
     }
 
-    /// The largest step of the result where a sample enters or leaves the support: value on one side of the place less that on the other.
+    /// Returns the largest step of the result at which a sample enters or leaves the support.
     pub(crate) fn largest_step(&self) -> f64 {
         let [low, high] = self.stretch();
         let end = self.kernel.weight(self.kernel.support_mm);
@@ -93,7 +97,7 @@ impl Weave {
         largest
     }
 
-    /// What this result is to be compared with: the signal under a Gaussian of the kernel's effective width.
+    /// Returns the errors relative to the signal blurred by the kernel's effective width.
     pub(crate) fn errors(&self) -> Errors {
         let blur = self.kernel.sigma_effective_mm();
         let [low, high] = self.stretch();
@@ -110,7 +114,8 @@ impl Weave {
     }
 }
 
-/// Root mean square errors of value and slope, and the largest step; the signal's height is about 1.
+/// Root mean square errors of value and slope, and the largest step; the signal's height is
+/// about 1.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Errors {
     pub(crate) value: f64,
@@ -118,7 +123,7 @@ pub(crate) struct Errors {
     pub(crate) step: f64,
 }
 
-/// The middle of an error over draws of positions.
+/// Returns the median of an error over draws of positions.
 pub(crate) fn median(draws: &[Errors], of: fn(&Errors) -> f64) -> f64 {
     let mut values: Vec<f64> = draws.iter().map(of).collect();
     values.sort_by(f64::total_cmp);
@@ -126,7 +131,7 @@ pub(crate) fn median(draws: &[Errors], of: fn(&Errors) -> f64) -> f64 {
     if n == 0 { f64::NAN } else { 0.5 * (values[(n - 1) / 2] + values[n / 2]) }
 }
 
-/// Errors of a kernel over draws of positions.
+/// Returns the errors of a kernel over draws of positions.
 pub(crate) fn over_draws(kernel: AxisKernel, draws: u64) -> Vec<Errors> {
     (0..draws).map(|seed| Weave { at: positions(seed), kernel }.errors()).collect()
 }
@@ -136,7 +141,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn gaps_lie_between_half_and_one_and_a_seed_repeats_them() {
+    fn gaps_are_between_half_and_one_and_reproducible() {
         let at = positions(3);
         assert_eq!(at.len(), SAMPLES);
         assert!(at.windows(2).all(|p| (0.5..1.0).contains(&(p[1] - p[0]))));
@@ -145,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn the_blurred_signal_is_the_signal_convolved() {
+    fn blurred_signal_equals_convolution() {
         for x in [9.0, 14.2, 23.0] {
             let h = 0.01;
             let sum: f64 = (-800..=800)
@@ -157,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_is_what_is_seen_on_its_two_sides_and_none_is_left_with_a_pedestal() {
+    fn largest_step_matches_values_and_vanishes_without_pedestal() {
         let cut = Weave { at: positions(1), kernel: kernel(Method::GaussianTruncated, Some(0.1)).unwrap() };
         let seen = cut
             .at

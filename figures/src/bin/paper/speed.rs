@@ -1,30 +1,34 @@
-//! The paper's two test sizes against the clock: C18 by both paths, C20 by the general one. Reconstruction only.
+//! The paper's two test sizes against the clock: C18 by both paths, C20 by the general one.
+//! Reconstruction only.
 
 use std::error::Error;
 use std::time::Instant;
 
 use glam::DVec3;
-use sonoweave::mask::Mask;
-use sonoweave::phantom::{Errors, Motion, Scan, ScanSettings, truth};
-use sonoweave::reconstruct::planar::{OnDeparture, PlanarSettings};
-use sonoweave::reconstruct::{Settings, Weaver};
-use sonoweave::slice::Slice;
+
+use mask::Mask;
+use phantom::{Errors, Motion, Scan, ScanSettings, truth};
+use reconstruct::planar::{OnDeparture, PlanarSettings};
+use reconstruct::{PathReconstructor, Settings};
+use sonoweave_core::slice::Slice;
 
 use crate::report::Report;
 use crate::woven_volumes::value;
 
-/// Seconds and slices of the paper's reconstruction with 6 degrees of freedom, and seconds a slice of its doll, rendering included.
+/// Time and slices of the paper's reconstruction with 6 degrees of freedom; time per slice of
+/// its doll with rendering, s.
 const PAPER_SECONDS: f64 = 120.0;
 const PAPER_SLICES: u32 = 46;
 const PAPER_DOLL_SECONDS: f64 = 3.4;
-/// Distance of voxels, mm.
+/// Voxel spacing, mm.
 const SPACING: f64 = 0.4;
 
-/// A way to weave a scan.
-type Way<'a> = &'a dyn Fn() -> Result<Weaver, Box<dyn Error>>;
+/// A way to reconstruct a scan.
+type Way<'a> = &'a dyn Fn() -> Result<PathReconstructor, Box<dyn Error>>;
 
-/// Milliseconds a slice of each way, the middle of all of several runs in turns, and what each made.
-fn timed(ways: &[Way<'_>], slices: &[Slice], rounds: u32) -> Result<Vec<(f64, Weaver)>, Box<dyn Error>> {
+/// Returns the median time per slice of each way, ms, over several rounds, and each way's
+/// result.
+fn timed(ways: &[Way<'_>], slices: &[Slice], rounds: u32) -> Result<Vec<(f64, PathReconstructor)>, Box<dyn Error>> {
     let mut times = vec![Vec::new(); ways.len()];
     let mut made = Vec::new();
     for _ in 0..rounds {
@@ -46,17 +50,18 @@ fn timed(ways: &[Way<'_>], slices: &[Slice], rounds: u32) -> Result<Vec<(f64, We
     Ok(times.into_iter().map(middle).zip(made).collect())
 }
 
-/// Distances from the scene, grey levels, at the voxels that slices pass through and that all have seen.
-fn errors(scan: &Scan, made: &[&Weaver]) -> Result<Vec<Errors>, Box<dyn Error>> {
+/// Returns the deviations from the scene, grey levels, at the voxels that slices pass through
+/// and that all have seen.
+fn errors(scan: &Scan, made: &[&PathReconstructor]) -> Result<Vec<Errors>, Box<dyn Error>> {
     let grid = scan.grid(DVec3::splat(SPACING), 0.0)?;
     let [nx, ny, _] = grid.size.map(|n| n as usize);
     let scene = truth::sample(&scan.settings().scene, &grid)?;
     let mut compared = truth::near_slices(scan, &grid, 0.5 * SPACING)?;
-    let shown = |weaver: &Weaver| -> Vec<Option<f32>> {
+    let shown = |weaver: &PathReconstructor| -> Vec<Option<f32>> {
         let lattice_from_world = weaver.world_from_lattice().affine().inverse();
         let voxel = |i: usize| {
             let at = DVec3::new((i % nx) as f64, (i / nx % ny) as f64, (i / (nx * ny)) as f64);
-            // The lattices share their points, whichever way their axes run.
+            // The lattices share their points, independent of their axes.
             let place = lattice_from_world.transform_point3(grid.origin + SPACING * at).round();
             value(weaver.volume(), place.to_array().map(|x| x as i64)).map(|v| v as f32)
         };
@@ -69,8 +74,8 @@ fn errors(scan: &Scan, made: &[&Weaver]) -> Result<Vec<Errors>, Box<dyn Error>> 
     Ok(values.iter().map(|values| Errors::over(&scene, |i| values[i], |i| compared[i])).collect())
 }
 
-/// Voxels along the axes of what was seen.
-fn extent(weaver: &Weaver) -> Result<[i64; 3], Box<dyn Error>> {
+/// Returns the number of voxels along the axes of the seen box.
+fn extent(weaver: &PathReconstructor) -> Result<[i64; 3], Box<dyn Error>> {
     let (low, high) = weaver.volume().seen_bounds().ok_or("nothing was seen")?;
     Ok([0, 1, 2].map(|a| high[a] - low[a] + 1))
 }
@@ -86,17 +91,17 @@ fn settings(scan: &Scan, threads: usize) -> Settings {
     Settings { sigma_mm: [None, None, Some(across)], threads, ..Settings::new(DVec3::splat(SPACING)) }
 }
 
-/// C20: the thigh, by hand.
+/// C20: the thigh, freehand.
 pub(crate) fn thigh(report: &mut Report, rounds: u32) -> Result<(), Box<dyn Error>> {
     let scan = scan(PAPER_SLICES, [512, 480], 0.1, 128.0 * SPACING, Motion::Freehand)?;
     let slices = scan.slices(0..scan.frames());
-    let general = |threads| Ok(Weaver::general(settings(&scan, threads), scan.mask().clone())?);
+    let general = |threads| Ok(PathReconstructor::general(settings(&scan, threads), scan.mask().clone())?);
     let made = timed(&[&|| general(1), &|| general(2)], &slices, rounds)?;
     let [(alone, weaver), (both, _)] = &made[..] else { return Err("two ways".into()) };
     let [x, y, z] = extent(weaver)?;
     let [error] = errors(&scan, &[weaver])?[..] else { return Err("one way".into()) };
     report.check(x * y * z > 1_000_000, format!("C20: only {x}×{y}×{z} voxels"));
-    // Pictures have noise of 6 grey levels, and slices lie two σ apart.
+    // Frames have noise of 6 grey levels, and slices lie two σ apart.
     report.check(error.rmse < 6.0, format!("C20: {} grey levels from the scene", error.rmse));
     let paper_ms = 1e3 * PAPER_SECONDS / f64::from(PAPER_SLICES);
     report.claim(
@@ -112,22 +117,23 @@ pub(crate) fn thigh(report: &mut Report, rounds: u32) -> Result<(), Box<dyn Erro
     Ok(())
 }
 
-/// How far both paths' volumes of one scan are apart, grey levels.
+/// Difference between both paths' volumes of one scan, grey levels.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Agreement {
-    /// Voxels that got the same slices from both, and that did not: in the pictures' corners, and at the end of the support.
+    /// Voxels that got the same slices from both, and those that did not: in the frames'
+    /// corners, and at the end of the support.
     pub(crate) same: u64,
     pub(crate) differ: u64,
-    /// Of values, over the former.
+    /// Differences of values, over the former.
     pub(crate) rms: f64,
     pub(crate) max: f64,
-    /// How far the general path's samples of the picture may be from the exact in-plane sum, as it states itself.
+    /// The general path's own bound on the deviation from the exact in-plane sum.
     pub(crate) stated: f64,
 }
 
 impl Agreement {
-    /// Of two weavers on one lattice.
-    fn of(planar: &Weaver, general: &Weaver) -> Result<Self, Box<dyn Error>> {
+    /// Compares two volumes on one lattice.
+    fn of(planar: &PathReconstructor, general: &PathReconstructor) -> Result<Self, Box<dyn Error>> {
         let (_, part) = general.decimation().ok_or("nothing was inserted")?;
         let (low, high) = planar.volume().seen_bounds().ok_or("nothing was seen")?;
         let nx = (high[0] - low[0] + 1) as usize;
@@ -153,20 +159,22 @@ impl Agreement {
     }
 }
 
-/// C18: the doll, whose slices an arm would hold upright, by both paths into one lattice; and how far they are apart.
+/// C18: the doll, with upright slices as from an arm, by both paths into one lattice; returns
+/// their difference.
 pub(crate) fn doll(report: &mut Report, rounds: u32) -> Result<Agreement, Box<dyn Error>> {
     let scan = scan(90, [128, 128], SPACING, 256.0 * SPACING, Motion::Parallel)?;
     let slices = scan.slices(0..scan.frames());
     let refusing = PlanarSettings { on_departure: OnDeparture::Refuse, ..PlanarSettings::default() };
     let mask = || -> Mask { scan.mask().clone() };
-    let planar =
-        |threads| -> Result<Weaver, Box<dyn Error>> { Ok(Weaver::planar(settings(&scan, threads), refusing, mask())?) };
+    let planar = |threads| -> Result<PathReconstructor, Box<dyn Error>> {
+        Ok(PathReconstructor::planar(settings(&scan, threads), refusing, mask())?)
+    };
     let mut first = planar(1)?;
     first.insert(slices.first().ok_or("no slices")?)?;
-    // On the lattice that the planar path finds by its first slice.
+    // The lattice that the planar path derives from its first slice.
     let lattice_direction = first.settings().lattice_direction;
-    let general = |threads| -> Result<Weaver, Box<dyn Error>> {
-        Ok(Weaver::general(Settings { lattice_direction, ..settings(&scan, threads) }, mask())?)
+    let general = |threads| -> Result<PathReconstructor, Box<dyn Error>> {
+        Ok(PathReconstructor::general(Settings { lattice_direction, ..settings(&scan, threads) }, mask())?)
     };
     let ways: [Way<'_>; 4] = [&|| planar(1), &|| planar(2), &|| general(1), &|| general(2)];
     let made = timed(&ways, &slices, rounds)?;

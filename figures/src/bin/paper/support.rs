@@ -1,11 +1,13 @@
-//! Where the kernel ends: the paper's figure 5, the relation of half width and σ, what is left at the end, and how wide the kernel then is.
+//! The kernel's end: the paper's figure 5, the relation of half width and σ, the value left at
+//! the end, and the resulting effective width.
 
 use std::error::Error;
 use std::f64::consts::PI;
 use std::path::Path;
 
-use sonoweave::reconstruct::kernel::{AxisKernel, Method, Support, sigma_from_hwhm};
 use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series, order};
+
+use reconstruct::kernel::{AxisKernel, Method, Support, sigma_from_hwhm};
 
 use crate::report::Report;
 
@@ -18,12 +20,12 @@ pub(crate) fn draw(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Err
     effective_width(report, folder)
 }
 
-/// Half width of the support over σ, where there is one.
+/// Returns the half width of the support over σ, if it exists.
 fn curve(support: Support, sigmas: impl Iterator<Item = f64>) -> Vec<[f64; 2]> {
     sigmas.map(|sigma| [sigma, support.half_width_mm(sigma).unwrap_or(f64::NAN)]).collect()
 }
 
-/// Highest point of a curve that has gaps.
+/// Returns the highest point of a curve that has gaps.
 fn highest(points: &[[f64; 2]]) -> [f64; 2] {
     points
         .iter()
@@ -32,7 +34,8 @@ fn highest(points: &[[f64; 2]]) -> [f64; 2] {
         .fold([f64::NAN, f64::NEG_INFINITY], |a, b| if b[1] > a[1] { b } else { a })
 }
 
-/// Largest deviation from the straight line through the origin and the last point, as a part of that line's height.
+/// Returns the largest deviation from the straight line through the origin and the last point,
+/// relative to that line's height.
 fn bend(points: &[[f64; 2]]) -> f64 {
     let Some([x, y]) = points.iter().rev().find(|p| p[1].is_finite()) else { return f64::NAN };
     points.iter().filter(|p| p[1].is_finite()).map(|p| (p[1] - p[0] * y / x).abs() / y).fold(0.0, f64::max)
@@ -51,7 +54,8 @@ fn criteria(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
             .map(|(name, support, look, ink)| Series::new(*name, *look, *ink, curve(*support, sigmas())))
             .collect()
     };
-    // Closed forms: the amplitude's support is longest where its derivative over σ vanishes; the slope's ends where the inflection is as steep.
+    // Closed forms: the amplitude's support is longest at a zero of its derivative over σ. The
+    // slope's support ends where the inflection has the same slope.
     let root = (2.0 * PI).sqrt();
     let longest = (-0.5_f64).exp() / (ERROR * root);
     let last = longest.sqrt();
@@ -64,7 +68,7 @@ fn criteria(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
     let [energy, amplitude] = [bend(&wide[0].points), bend(&near[1].points)];
     report.check(energy < 1e-12, format!("d_e is not linear in σ: bend of {energy}"));
     report.check(amplitude > 0.05, format!("d_a is nearly linear in σ: bend of {amplitude}"));
-    // As printed, and the slope that is meant, both at x = μ + σ.
+    // The printed slope and the correct one, both at x = μ + σ.
     let (mean, x) = (5.0_f64, 6.0_f64);
     let density = (-0.5 * (x - mean).powi(2)).exp() / root;
     let (printed, meant) = (-(mean + x) * density, -(x - mean) * density);
@@ -114,7 +118,7 @@ fn criteria(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
     report.figure(figure, folder)
 }
 
-/// The σ above which a criterion has no solution, between one that has and one that has not.
+/// Returns the σ above which a criterion has no solution, by bisection.
 fn falls_silent(support: Support, mut low: f64, mut high: f64) -> f64 {
     for _ in 0..200 {
         let middle = 0.5 * (low + high);
@@ -169,7 +173,7 @@ fn half_width(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> 
     report.figure(figure, folder)
 }
 
-/// C2 and C5: what is left at the end of the support.
+/// C2 and C5: the value left at the end of the support.
 fn end_of_support(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
     let cut = AxisKernel::new(Method::GaussianTruncated, 1.0, Support::Energy(ERROR))?;
     let lowered = AxisKernel::new(Method::Gaussian, 1.0, Support::Energy(ERROR))?;
@@ -207,7 +211,7 @@ fn end_of_support(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Erro
     );
     let at = || (0..=640).map(|i| f64::from(i) * 0.005);
     let over = |f: &dyn Fn(f64) -> f64| at().map(|x| [x, f(x)]).collect::<Vec<_>>();
-    // Taken from below, so that the end's step is no slope.
+    // Taken from below, so that the step at the end is not included.
     let slope = |k: &AxisKernel, x: f64| if x <= k.support_mm { (k.weight(x) - k.weight(x - h)) / h } else { 0.0 };
     let kinds = |f: &dyn Fn(&AxisKernel, f64) -> f64| {
         vec![
@@ -237,7 +241,7 @@ fn end_of_support(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Erro
 }
 
 fn effective_width(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
-    // d/σ as leaked energy, so that one kernel type serves formula and integral.
+    // d/σ expressed as lost energy, so that one kernel type serves formula and integral.
     let kernel = |method: Method, z: f64| AxisKernel::new(method, 1.0, Support::Energy(libm::erfc(z / 2.0_f64.sqrt())));
     let kinds = [
         (Method::GaussianTruncated, "cut", Ink::Vermilion, Look::Dashed),
@@ -288,7 +292,7 @@ fn effective_width(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Err
     report.figure(figure, folder)
 }
 
-/// Standard deviation of a kernel by the trapezoidal rule.
+/// Returns the standard deviation of a kernel by the trapezoidal rule.
 fn integrated_width(kernel: &AxisKernel) -> f64 {
     const STEPS: u32 = 20_000;
     let (mut mass, mut moment) = (0.0, 0.0);
@@ -306,7 +310,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_straight_line_has_no_bend_and_a_root_has_one() {
+    fn straight_line_has_no_bend_and_square_root_has() {
         let line: Vec<[f64; 2]> = (1..9).map(|i| [f64::from(i), 3.0 * f64::from(i)]).collect();
         let root: Vec<[f64; 2]> = (1..9).map(|i| [f64::from(i), f64::from(i).sqrt()]).collect();
         assert!(bend(&line) < 1e-15 && bend(&root) > 0.2);
@@ -314,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn the_criteria_end_where_their_closed_forms_say() {
+    fn amplitude_criterion_ends_at_its_closed_form() {
         let end = falls_silent(Support::Amplitude(0.01), 1.0, 100.0);
         assert!((end - 100.0 / (2.0 * PI).sqrt()).abs() < 1e-9, "{end}");
     }

@@ -1,25 +1,27 @@
-//! Figure 12 with ours beside it: a doll in a water tank, its echoes painted, woven and rendered.
+//! Figure 12 with ours beside it: a doll in a water tank, its simulated echoes reconstructed and
+//! rendered.
 
 use std::error::Error;
 use std::path::Path;
 
 use glam::DVec3;
-use sonoweave::phantom::body::{Met, doll};
-use sonoweave::phantom::{Motion, Scanner};
-use sonoweave::render::Mode;
-use sonoweave::render::camera::View;
-use sonoweave::render::mode::Shading;
-use sonoweave::render::transfer::Transfer;
 use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series};
+
+use phantom::body::{Met, doll};
+use phantom::{Motion, Scanner};
+use render::Mode;
+use render::camera::View;
+use render::classify::transfer::Transfer;
+use render::mode::Shading;
 
 use crate::bedside::{Bedside, Sweep, middle_and_ninth, shown};
 use crate::report::Report;
 
 /// Distance of slices, mm: "roughly 2 mm interval".
 const GAP_MM: f64 = 2.0;
-/// Distance of voxels, mm.
+/// Voxel spacing, mm.
 const SPACING_MM: f64 = 1.0;
-/// Depths that are looked at, mm: below the transducer's ringing, above the floor.
+/// Depths that are rendered, mm: below the transducer's ringing, above the floor.
 const LOOKED_AT_MM: [f64; 2] = [14.0, 85.0];
 /// Grey level of the doll's surface.
 const SURFACE: f64 = 70.0;
@@ -30,7 +32,7 @@ pub(crate) fn draw(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Err
     let scanner = Scanner::abdominal(105.0).in_water();
     let bedside = Bedside::new(doll::doll(), scanner, &sweep, DVec3::splat(SPACING_MM))?;
     let transfer = Transfer::preset("tissue", [0.0, 255.0])?;
-    // Through hands and belly.
+    // A slice through hands and belly.
     let z = -10.0;
     let [slice, opacity] = bedside.slice(z, &transfer)?;
     let stage = bedside.stage(LOOKED_AT_MM)?;
@@ -100,7 +102,8 @@ pub(crate) fn draw(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Err
     report.figure(figure, folder)
 }
 
-/// The depth of the doll's front at x and z, mm of the body, where the scanner sees it from the front.
+/// Returns the depth of the doll's front at x and z, mm of the body, where the scanner sees it
+/// from the front.
 fn first_surface(bedside: &Bedside, x: f64, z: f64) -> Option<f64> {
     let (mut met, mut passages) = (Met::with_room_for(&bedside.body), Vec::new());
     bedside.body.trace(DVec3::new(x, 0.0, z), DVec3::Y, LOOKED_AT_MM[1], &mut met, &mut passages);
@@ -110,7 +113,8 @@ fn first_surface(bedside: &Bedside, x: f64, z: f64) -> Option<f64> {
     steep.then_some(first.at)
 }
 
-/// x, z, the true depth of the front, and that of the volume's brightest voxel from where it first rises above the surface's grey level, mm.
+/// Returns x, z, the true depth of the front, and the depth of the volume's brightest voxel, mm.
+/// The search begins where the value first exceeds the surface's grey level.
 fn surface(bedside: &Bedside) -> Vec<[f64; 4]> {
     let places = (-20..=20).flat_map(|i| (-40..=40).map(move |k| [2.0 * f64::from(i), 2.0 * f64::from(k)]));
     let found = |[x, z]: [f64; 2]| {
@@ -122,7 +126,7 @@ fn surface(bedside: &Bedside) -> Vec<[f64; 4]> {
     places.filter_map(found).collect()
 }
 
-/// What the volume shows of water between the ringing and the doll.
+/// Returns the volume's values in the water between the ringing and the doll.
 fn water(bedside: &Bedside) -> Vec<f64> {
     let at = |x: i32, y: i32, z: i32| DVec3::new(2.0 * f64::from(x), f64::from(y), 4.0 * f64::from(z));
     let places = (-12..=12).flat_map(|x| (13..=18).flat_map(move |y| (-19..=19).map(move |z| at(x, y, z))));

@@ -1,16 +1,18 @@
-//! Figure 13 with ours beside it: a thigh, 46 slices of 512×480 woven into about 128³ voxels, half as many slices as there should be.
+//! Figure 13 with ours beside it: a thigh, 46 slices of 512×480 inserted into about 128³ voxels,
+//! half as many slices as there should be.
 
 use std::error::Error;
 use std::path::Path;
 
 use glam::DVec3;
-use sonoweave::phantom::body::thigh::{self, ARTERY, ARTERY_RADII_MM, FEMUR, FEMUR_RADIUS_MM};
-use sonoweave::phantom::{Motion, Scanner};
-use sonoweave::render::Mode;
-use sonoweave::render::camera::View;
-use sonoweave::render::mode::Shading;
-use sonoweave::render::transfer::{Colour, Curve, Opacity, Transfer};
 use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series};
+
+use phantom::body::thigh::{self, ARTERY, ARTERY_RADII_MM, FEMUR, FEMUR_RADIUS_MM};
+use phantom::{Motion, Scanner};
+use render::Mode;
+use render::camera::View;
+use render::classify::transfer::{Colour, Curve, Opacity, Transfer};
+use render::mode::Shading;
 
 use crate::bedside::{Bedside, Sweep, middle_and_ninth, shown};
 use crate::report::Report;
@@ -18,7 +20,7 @@ use crate::report::Report;
 const SLICES: u32 = 46;
 /// Voxels along each axis.
 const VOXELS: f64 = 128.0;
-/// Depth of the picture, and from where on it is rendered: below skin and fascia, mm.
+/// Depth of the frames, and the rendered depths, which begin below skin and fascia, mm.
 const DEPTH_MM: f64 = 120.0;
 const LOOKED_AT_MM: [f64; 2] = [27.0, 112.0];
 /// Radius of the transducer, mm.
@@ -57,7 +59,7 @@ pub(crate) fn draw(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Err
     let unseen = unseen(&bedside, gap_mm);
     report.check(unseen == 0.0, format!("figure 13: a part of {unseen} between the slices was not seen"));
 
-    // Muscle lies about 100, and is to be clear.
+    // Muscle has grey values of about 100, and is to be transparent.
     let echoes = Curve::new(&[(112.0, 0.0), (135.0, 0.4), (165.0, 0.95)])?;
     let transfer = Transfer::new(Opacity::Curve(echoes), 1.0, Colour::grey([0.0, 150.0])?)?;
     let stage = bedside.stage(LOOKED_AT_MM)?;
@@ -111,12 +113,12 @@ pub(crate) fn draw(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Err
     report.figure(figure, folder)
 }
 
-/// A place on the femur's near surface, along y.
+/// A position on the femur's near surface, along y.
 struct Near {
     /// True depth, and that of the brightest voxel within 8 mm, mm.
     depth: f64,
     found: f64,
-    /// What the volume shows 8 mm before it, and 18 and 26 mm behind.
+    /// The volume's values 8 mm before it, and 18 and 26 mm behind.
     before: Option<f64>,
     behind: [Option<f64>; 2],
 }
@@ -130,7 +132,7 @@ fn femur(bedside: &Bedside) -> Vec<Near> {
     let places = (20..=70).flat_map(|k| (-3..=3).map(move |j| [3.0 * f64::from(k), 0.12 * f64::from(j)]));
     let near = |[t, turn]: [f64; 2]| {
         let p = from + along * t + (up * turn.cos() + aside * turn.sin()) * FEMUR_RADIUS_MM;
-        // Well within the fan at every depth that is looked at.
+        // Well within the fan at every rendered depth.
         if p.x.abs() > 32.0 {
             return None;
         }
@@ -141,7 +143,8 @@ fn femur(bedside: &Bedside) -> Vec<Near> {
     places.filter_map(near).collect()
 }
 
-/// What the volume shows within the artery, and in its near and far wall, where the femur is not before it.
+/// Returns the volume's values within the artery, and in its near and far wall, where the femur
+/// does not hide it.
 fn artery(bedside: &Bedside) -> [Vec<f64>; 2] {
     let [from, to] = ARTERY.map(DVec3::from_array);
     let [outer, inner] = ARTERY_RADII_MM;
@@ -156,7 +159,8 @@ fn artery(bedside: &Bedside) -> [Vec<f64>; 2] {
     [lumen.collect(), walls.collect()]
 }
 
-/// The part of the places between the first and the last slice, well within their fans, that was not seen.
+/// Returns the unseen share of the positions between the first and the last slice, well within
+/// their fans.
 fn unseen(bedside: &Bedside, gap_mm: f64) -> f64 {
     let half = 0.5 * thigh::SWEEP_MM - 6.0 * gap_mm;
     let steps = (2.0 * half / 0.25) as i32;

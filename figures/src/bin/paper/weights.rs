@@ -1,24 +1,27 @@
-//! The arm's reconstruction in two stages with weights on a plane of voxels, against the equations in three dimensions; f64. Lengths are in voxels.
+//! The arm's reconstruction in two stages with weights on a plane of voxels, compared with the
+//! equations in three dimensions; f64. Lengths are in voxels.
 //!
-//! Slices stand upright on the x-y plane: image axis u is parallel to z, v to y, and slice i is at x = `at[i]`. The one-dimensional stage filters along
-//! u once a slice; the two-dimensional one spreads columns over x and y. One weight a column is exact if every voxel of it gathers the same.
+//! Slices are perpendicular to the x-y plane: image axis u is parallel to z, v to y, and slice i
+//! is at x = `at[i]`. The one-dimensional stage filters along u once per slice; the
+//! two-dimensional one spreads columns over x and y. One weight per column is exact if all its
+//! voxels receive the same weight.
 
-use sonoweave::reconstruct::kernel::{AxisKernel, KernelError, Method, Support};
+use reconstruct::kernel::{AxisKernel, KernelError, Method, Support};
 
 /// Voxels along x, y, z.
 pub(crate) const SIZE: [usize; 3] = [14, 14, 28];
-/// Samples a voxel along u and v.
+/// Samples per voxel along u and v.
 pub(crate) const FINE: usize = 2;
-/// Where slices are.
+/// Positions of the slices.
 pub(crate) const AT: [f64; 12] = [0.2, 1.4, 2.1, 3.3, 4.6, 5.5, 6.9, 7.6, 8.8, 10.1, 11.2, 12.6];
 
-/// Of the kernel along each axis.
+/// σ of the kernel along each axis.
 pub(crate) const SIGMA: f64 = 1.2;
 
-/// Which samples of a slice are data.
+/// Data region of the slices.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Coverage {
-    /// All.
+    /// All samples.
     Full,
     /// Slices see the lower and the upper two thirds of u in turn.
     Parts,
@@ -38,23 +41,24 @@ impl Coverage {
     }
 }
 
-/// What is scanned: bright around a place, never dark.
+/// Returns the scanned value: a bright blob on a background that is never dark.
 pub(crate) fn scene([x, y, z]: [f64; 3]) -> f64 {
     let distance = ((x - 6.0) / 3.0).powi(2) + ((y - 8.0) / 4.0).powi(2) + ((z - 16.0) / 5.0).powi(2);
     60.0 + 120.0 * (-0.5 * distance).exp()
 }
 
-/// Weighted means by the three ways, z fastest, then y; none where the three-dimensional weight is zero.
+/// Weighted means by the three ways, z fastest, then y; `None` if the three-dimensional weight
+/// is zero.
 pub(crate) struct Woven {
-    /// All samples to all voxels, a weight a voxel.
+    /// All samples to all voxels, one weight per voxel.
     pub(crate) direct: Vec<Option<f64>>,
-    /// In two stages, a weight a voxel.
+    /// In two stages, one weight per voxel.
     pub(crate) staged: Vec<Option<f64>>,
-    /// In two stages, a weight a column.
+    /// In two stages, one weight per column.
     pub(crate) column: Vec<Option<f64>>,
 }
 
-/// The kernel at E_e = .01: in the plane, and across it, where it is cut as in the paper.
+/// Returns the kernel at E_e = .01: in the plane, and across it, truncated as in the paper.
 fn kernels() -> Result<[AxisKernel; 2], KernelError> {
     let (method, end) = (Method::GaussianTruncated, Support::Energy(0.01));
     Ok([method.in_plane(SIGMA, end, 1.0 / FINE as f64)?, AxisKernel::new(method, SIGMA, end)?])
@@ -118,7 +122,7 @@ pub(crate) fn weave(coverage: Coverage) -> Result<Woven, KernelError> {
     })
 }
 
-/// Largest relative difference where both have a value.
+/// Returns the largest relative difference where both have a value.
 pub(crate) fn apart(a: &[Option<f64>], b: &[Option<f64>]) -> f64 {
     a.iter().zip(b).filter_map(|(a, b)| Some(((*a)? / (*b)? - 1.0).abs())).fold(0.0, f64::max)
 }
@@ -128,7 +132,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn two_stages_are_the_three_dimensional_sum_and_one_weight_a_column_needs_full_coverage() {
+    fn two_stages_equal_3d_sum_column_weight_needs_full_coverage() {
         for coverage in [Coverage::Full, Coverage::Parts, Coverage::Fan] {
             let woven = weave(coverage).unwrap();
             assert!(apart(&woven.staged, &woven.direct) < 1e-12, "{coverage:?}");

@@ -1,15 +1,17 @@
-//! Figures 6 and 7 with ours beside them: what truncation does to a result and to its slope, and what a pedestal saves.
+//! Figures 6 and 7 with ours beside them: the effect of truncation on a result and its slope,
+//! and the benefit of subtracting the pedestal.
 
 use std::error::Error;
 use std::path::Path;
 
-use sonoweave::reconstruct::kernel::Method;
 use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series};
+
+use reconstruct::kernel::Method;
 
 use crate::report::Report;
 use crate::signal::{Errors, SAMPLES, SHOWN, SLOPE_OVER, Weave, kernel, median, over_draws, positions, signal};
 
-/// The draw that is shown.
+/// Seed of the draw that is shown.
 const SEED: u64 = 1992;
 const ENERGIES: [f64; 7] = [0.3, 0.1, 0.03, 0.01, 0.003, 0.001, 0.0001];
 
@@ -148,7 +150,7 @@ fn truncation(report: &mut Report, folder: &Path, draws: u64) -> Result<(), Box<
         ENERGIES.iter().map(|e| Ok(over_draws(kernel(method, Some(*e))?, draws))).collect()
     };
     let (cut, lowered) = (of(Method::GaussianTruncated)?, of(Method::Gaussian)?);
-    // Places of .1, .01 and .001.
+    // Indices of .1, .01 and .001.
     let [tenth, hundredth, thousandth] = [&cut[1], &cut[3], &cut[5]];
     let every = |holds: &dyn Fn(usize) -> bool| (0..whole.len()).all(holds);
     report.check(

@@ -1,23 +1,25 @@
-//! The paper's claims about volumes, on the reconstructor itself: against the equations in f64.
+//! The paper's claims about volumes, tested on the reconstructor itself against the equations in
+//! f64.
 
 use std::error::Error;
 
 use glam::DVec3;
-use sonoweave::mask::Mask;
-use sonoweave::phantom::scan::Depth;
-use sonoweave::phantom::scene::{Blob, Blobs};
-use sonoweave::phantom::{Motion, Scan, ScanSettings, Scene};
-use sonoweave::reconstruct::kernel::{Method, Support};
-use sonoweave::reconstruct::reference::Reference;
-use sonoweave::reconstruct::{Reconstructor, Settings};
-use sonoweave::slice::Slice;
-use sonoweave::volume::Voxels;
-use sonoweave::volume::sparse::SEEN;
 use sonoweave_figures::order;
+
+use mask::Mask;
+use phantom::scan::Depth;
+use phantom::scene::{Blob, Blobs};
+use phantom::{Motion, Scan, ScanSettings, Scene};
+use reconstruct::kernel::{Method, Support};
+use reconstruct::reference::Reference;
+use reconstruct::{Reconstructor, Settings};
+use sonoweave_core::slice::Slice;
+use volume::Voxels;
+use volume::brick_volume::SEEN;
 
 use crate::report::Report;
 
-/// What a voxel shows; none where nothing was seen.
+/// Returns a voxel's value; `None` if unseen.
 pub(crate) fn value(volume: &dyn Voxels, voxel: [i64; 3]) -> Option<f64> {
     let (r, w) = volume.voxel(voxel);
     (w > SEEN).then(|| f64::from(r) / f64::from(w))
@@ -35,7 +37,7 @@ fn woven<'a>(
     Ok(reconstructor)
 }
 
-/// C1: sums, their quotient, and that the order of slices does not matter.
+/// C1: sums, their quotient, and independence of the order of slices.
 pub(crate) fn sums(report: &mut Report) -> Result<(), Box<dyn Error>> {
     let scan = Scan::new(ScanSettings {
         frames: 16,
@@ -60,7 +62,8 @@ pub(crate) fn sums(report: &mut Report) -> Result<(), Box<dyn Error>> {
         let at = [i % nx, i / nx % ny, i / (nx * ny)];
         let voxel = [0, 1, 2].map(|a| first[a] + at[a] as i64);
         let ((r, w), (r2, w2)) = (forward.volume().voxel(voxel), backward.volume().voxel(voxel));
-        // Less weight lies at an end, where a rounding error decides what is seen.
+        // Less weight lies at an end of the support, where a rounding error decides whether it
+        // is seen.
         let Some(expected) = reference.value(i).filter(|_| w > 0.05 && reference.w[i] > 0.05) else { continue };
         let error = (f64::from(r) / f64::from(w) - expected).abs();
         squares += error * error;
@@ -69,7 +72,7 @@ pub(crate) fn sums(report: &mut Report) -> Result<(), Box<dyn Error>> {
         reordered = reordered.max(f64::from(r2 / r - 1.0).abs()).max(f64::from(w2 / w - 1.0).abs());
     }
     let rms = (squares / f64::from(count)).sqrt();
-    // The in-plane filter's promise, of 8 bits; its root mean square lies far below.
+    // The in-plane filter's guaranteed bound, of 8 bits; its root mean square is far below.
     let bound = 0.1 * promised * 255.0;
     let rounding = 4.0 * f64::from(scan.frames()) * 2.0_f64.powi(-24);
     report.check(count > 10_000, format!("C1: only {count} voxels compared"));
@@ -137,7 +140,7 @@ pub(crate) fn widths(report: &mut Report) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// C19: which voxels a single oblique slice reaches.
+/// C19: the voxels that a single oblique slice reaches.
 pub(crate) fn slab(report: &mut Report) -> Result<(), Box<dyn Error>> {
     let scan = Scan::new(ScanSettings {
         motion: Motion::Fan { axis_distance_mm: 30.0 },
@@ -159,7 +162,7 @@ pub(crate) fn slab(report: &mut Report) -> Result<(), Box<dyn Error>> {
     let affine = slice.world_from_image.affine();
     let normal = affine.matrix3.x_axis.cross(affine.matrix3.y_axis).normalize();
     let image_from_world = slice.world_from_image.inverse();
-    // Of rounding, mm.
+    // Tolerance for rounding, mm.
     const SLACK: f64 = 1e-4;
     let (low, high) = reconstructor.volume().seen_bounds().ok_or("nothing was seen")?;
     let (mut inside, mut missing, mut beyond, mut thickest) = (0_u32, 0_u32, 0_u32, 0.0_f64);
@@ -196,7 +199,8 @@ pub(crate) fn slab(report: &mut Report) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Ripple of the weight between slices at a distance of `gap` σ, and the part of the places that no slice reaches.
+/// Returns the ripple of the weight between slices at a distance of `gap` σ, and the share of
+/// the positions that no slice reaches.
 pub(crate) fn between_slices(gap: f64) -> Result<[f64; 2], Box<dyn Error>> {
     let scan = Scan::new(ScanSettings {
         scene: Scene::Constant(100.0),

@@ -1,70 +1,77 @@
-//! Who takes part: a path, its kernel at the default's effective width, a voxel size, a number of threads.
+//! Contestants: an insertion path, its kernel at the default's effective width, a voxel size,
+//! and a number of threads.
 
 use std::error::Error;
 use std::time::Instant;
 
 use glam::DVec3;
-use sonoweave::mask::Mask;
-use sonoweave::reconstruct::kernel::{AxisKernel, Method, Support};
-use sonoweave::reconstruct::planar::{OnDeparture, PlanarReconstructor, PlanarSettings};
-use sonoweave::reconstruct::reference::Reference;
-use sonoweave::reconstruct::settings::{IN_PLANE_SIGMA, IN_PLANE_SUPPORT, OFF_PLANE_SUPPORT};
-use sonoweave::reconstruct::{Reconstructor, Settings};
-use sonoweave::slice::Slice;
-use sonoweave::sync::FramePose;
-use sonoweave::sync::survey::gap;
-use sonoweave::volume::Grid;
+
+use mask::Mask;
+use reconstruct::kernel::{AxisKernel, Method, Support};
+use reconstruct::planar::{OnDeparture, PlanarReconstructor, PlanarSettings};
+use reconstruct::reference::Reference;
+use reconstruct::settings::{IN_PLANE_SIGMA, IN_PLANE_SUPPORT, OFF_PLANE_SUPPORT};
+use reconstruct::{Reconstructor, Settings};
+use sonoweave_core::slice::Slice;
+use sync::FramePose;
+use sync::survey::gap;
+use volume::Grid;
 
 use crate::baselines::{Drop, Splat};
 use crate::field::Field;
 use crate::timing::each;
 
-/// Voxels of the default configuration.
+/// Voxel spacing of the default configuration.
 pub(crate) const DEFAULT_VOXEL_MM: f64 = 0.5;
-/// Voxels by the smallest nominal σ of the default configuration, the one in the plane.
+/// Voxel spacings relative to the smallest nominal σ of the default configuration, the one in
+/// the plane.
 pub(crate) const VOXELS: [f64; 4] = [0.5, 0.75, 1.0, 1.5];
 /// Energies outside the support across the plane, besides the default's.
 pub(crate) const ACROSS: [f64; 6] = [0.1, 0.05, 0.02, 0.005, 0.001, 1e-4];
-/// In the plane, besides the default's.
+/// The same in the plane.
 pub(crate) const IN_PLANE: [f64; 2] = [0.01, 1e-4];
-/// No plane of pixels meets a plane of voxels: a favour that no hand does.
+/// No plane of pixels coincides with a plane of voxels, which would favour a method and never
+/// happens freehand.
 pub(crate) const LATTICE_ORIGIN_MM: DVec3 = DVec3::new(0.057, 0.083, 0.041);
-/// Trilinear weights are exact to 1e-7: voxels with less weight than this would show little else.
+/// Trilinear weights are exact to 1e-7: the value of voxels with less weight than this would be
+/// mostly rounding.
 const LEAST_DROPPED: f32 = 1e-3;
 
-/// Shares of a Gaussian's energy outside its support, in the plane and across it; `None` for the default's.
+/// Shares of a Gaussian's energy outside its support, in the plane and across it; `None` for the
+/// default's.
 pub(crate) type Energies = [Option<f64>; 2];
-/// Those of the default.
+/// The default's energies.
 pub(crate) const USUAL: Energies = [None; 2];
-/// The default's across the plane.
+/// The default's energy across the plane.
 pub(crate) const USUAL_ACROSS: f64 = match OFF_PLANE_SUPPORT {
     Support::Energy(energy) => energy,
     _ => panic!("the default ends by its share of energy"),
 };
 
-/// How slices become a volume.
+/// Method of reconstruction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Path {
-    /// The reconstructor with a kernel's kind and the energies outside its support.
+    /// The reconstructor with a kind of kernel and the energies outside its support.
     Kernel(Method, Energies),
-    /// The same with its defaults, but σ across the plane half the widest gap, as `--sigma auto` takes it: another width, the scan's own.
+    /// The same with its defaults, but σ across the plane is half the widest gap, like `--sigma
+    /// auto`: another width, the scan's own.
     AutoSigma,
     /// The default kernel's equations in f64, voxel by voxel and pixel by pixel.
     BruteForce,
-    /// Each pixel dropped into voxels; holes filled when all are in, if any.
+    /// Each pixel is dropped into voxels; afterwards holes are filled, if any.
     Splat(Drop),
 }
 
-/// How far a contestant's effective width is the default's.
+/// Axes on which a contestant's effective width equals the default's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Match {
-    /// On each axis.
+    /// All axes.
     Whole,
     /// Across the plane only: in it the kernel is the pixels'.
     AcrossPlane,
     /// In the plane only.
     InPlane,
-    /// On none: the width is the voxels'.
+    /// None: the voxels determine the width.
     None,
 }
 
@@ -75,26 +82,27 @@ pub(crate) struct Contestant {
     pub(crate) threads: usize,
     /// Whether the reconstructor is the one for scans that stay perpendicular to a plane.
     planar: bool,
-    /// Whether it is what `sonoweave` does of itself with the scan.
+    /// Whether it is the choice of `sonoweave` for the scan without options.
     default: bool,
 }
 
-/// What a contestant is given.
+/// Inputs of a contestant.
 pub(crate) struct Input<'a> {
     pub(crate) slices: &'a [Slice],
     pub(crate) mask: &'a Mask,
     pub(crate) pixel_mm: [f64; 2],
-    /// Effective σ of u, v and the normal that all are to have, mm.
+    /// Effective σ of u, v and the normal for all contestants, mm.
     pub(crate) effective_mm: [f64; 3],
     /// The default's σ across the plane, mm; `None` for the default of the default.
     pub(crate) sigma_n_mm: Option<f64>,
-    /// 90 % of neighbouring slices are no farther apart, mm: holes are filled over as much, and `--sigma auto` takes half of it.
+    /// 90th percentile of the gaps between neighbouring slices, mm. Holes are filled over this
+    /// distance, and `--sigma auto` takes half of it.
     pub(crate) gap_mm: f64,
-    /// A grid that holds all slices, by spacing in mm.
+    /// Returns a grid that contains all slices, for a spacing in mm.
     pub(crate) grid: &'a dyn Fn(f64) -> Result<Grid, Box<dyn Error>>,
 }
 
-/// What a run leaves.
+/// Result of a run.
 pub(crate) enum Woven {
     Bricks(Box<Reconstructor>),
     Columns(Box<PlanarReconstructor>),
@@ -107,7 +115,7 @@ impl Contestant {
         Self { path, voxel_mm, threads: 1, planar: false, default: false }
     }
 
-    /// What `sonoweave` does when nothing is asked for: planar scans go the planar path.
+    /// Returns the choice of `sonoweave` without options: planar scans use the planar path.
     pub(crate) fn default_configuration(planar: bool) -> Self {
         Self { planar, default: true, ..Self::new(Path::Kernel(Method::default(), USUAL), DEFAULT_VOXEL_MM) }
     }
@@ -116,7 +124,7 @@ impl Contestant {
         Self { threads, ..self }
     }
 
-    /// On the planar path, if its kernel can go it.
+    /// Returns it on the planar path, if its kernel supports it.
     fn planar_if(self, planar: bool) -> Self {
         let can = match self.path {
             Path::Kernel(method, _) => !method.interpolates(),
@@ -126,32 +134,32 @@ impl Contestant {
         Self { planar: planar && can, ..self }
     }
 
-    /// The default configuration, on however many threads.
+    /// Returns whether it is the default configuration, on any number of threads.
     pub(crate) fn is_default(&self) -> bool {
         self.default
     }
 
-    /// Whether both take the same kernel and voxels, by whatever path; no default.
+    /// Returns whether both use the same kernel and voxels, on any path; false for the default.
     pub(crate) fn does_as(&self, other: &Self) -> bool {
         !self.default && self.path == other.path && self.voxel_mm == other.voxel_mm && self.threads == other.threads
     }
 
-    /// Whether both go the same path of the reconstructor.
+    /// Returns whether both use the same path of the reconstructor.
     pub(crate) fn goes_with(&self, other: &Self) -> bool {
         self.planar == other.planar
     }
 
-    /// Whether both do the same, whatever they are called.
+    /// Returns whether both are equal except for the default flag.
     pub(crate) fn same(&self, other: &Self) -> bool {
         Self { default: false, ..*self } == Self { default: false, ..*other }
     }
 
-    /// Voxel spacing in the default's in-plane σ.
+    /// Returns the voxel spacing relative to the default's in-plane σ.
     pub(crate) fn voxel_sigmas(&self) -> f64 {
         self.voxel_mm / (IN_PLANE_SIGMA * DEFAULT_VOXEL_MM)
     }
 
-    /// What it does, without voxel and threads.
+    /// Returns the method's name, without voxel size and threads.
     pub(crate) fn method(&self) -> String {
         let planar = if self.planar { ", planar" } else { "" };
         match self.path {
@@ -181,10 +189,10 @@ impl Contestant {
         }
     }
 
-    /// Settings of the reconstructor; `None` for what is another's.
+    /// Returns settings of the reconstructor; `None` for other methods.
     ///
     /// # Errors
-    /// When no σ gives the width.
+    /// If no σ gives the width.
     pub(crate) fn settings(&self, input: &Input<'_>) -> Result<Option<Settings>, Box<dyn Error>> {
         let (method, energies) = match self.path {
             Path::Kernel(method, energies) => (method, energies),
@@ -213,10 +221,11 @@ impl Contestant {
         Ok(Some(settings))
     }
 
-    /// Weaves all slices: milliseconds an insert, and the result. What follows the last insert is spread over all.
+    /// Inserts all slices; returns milliseconds per insertion, and the result. Time after the
+    /// last insertion is spread over all.
     ///
     /// # Errors
-    /// When a slice is refused.
+    /// If a slice is refused.
     pub(crate) fn weave(&self, input: &Input<'_>) -> Result<(Vec<f64>, Woven), Box<dyn Error>> {
         let Input { slices, mask, .. } = *input;
         match self.path {
@@ -262,7 +271,7 @@ impl Contestant {
 }
 
 impl Woven {
-    /// The result to be read between its voxels.
+    /// Returns the result as a field that can be interpolated.
     pub(crate) fn field(self) -> Field {
         match self {
             Self::Bricks(r) => Field::of_volume(r.volume(), r.world_from_lattice(), r.settings()),
@@ -273,15 +282,16 @@ impl Woven {
     }
 }
 
-/// A grid of the lattice through the world's origin, moved to where all contestants' voxels lie.
+/// Returns a grid of the lattice through the world's origin, moved to the common offset of all
+/// contestants.
 pub(crate) fn on_lattice(grid: Grid) -> Grid {
     Grid { origin: grid.origin + LATTICE_ORIGIN_MM, ..grid }
 }
 
-/// 90 % of neighbouring slices are no farther apart, mm.
+/// Returns the 90th percentile of the gaps between neighbouring slices, mm.
 ///
 /// # Errors
-/// When there are no two slices.
+/// If there are fewer than two slices.
 pub(crate) fn widest_gap(slices: &[Slice]) -> Result<f64, Box<dyn Error>> {
     let pose = |(slice, item): (&Slice, u32)| FramePose {
         item: item.into(),
@@ -293,19 +303,20 @@ pub(crate) fn widest_gap(slices: &[Slice]) -> Result<f64, Box<dyn Error>> {
     Ok(gap(&poses).ok_or("the slices have no gap")?)
 }
 
-/// The kernels of the default configuration, with another σ across the plane if there is one.
+/// Returns the kernels of the default configuration, with another σ across the plane if given.
 ///
 /// # Errors
-/// When the pixels have no size, or σ is not positive.
+/// If the pixels have no size, or σ is not positive.
 pub(crate) fn default_kernels(pixel_mm: [f64; 2], sigma_n_mm: Option<f64>) -> Result<[AxisKernel; 3], Box<dyn Error>> {
     let settings = Settings { sigma_mm: [None, None, sigma_n_mm], ..Settings::new(DVec3::splat(DEFAULT_VOXEL_MM)) };
     Ok(settings.kernels(pixel_mm)?)
 }
 
-/// The nominal σ at which a kernel's effective width is `effective_mm`: the two are proportional where the support is a share of energy.
+/// Returns the nominal σ at which a kernel's effective width is `effective_mm`: the two are
+/// proportional if the support is a share of energy.
 ///
 /// # Errors
-/// When the support is no share.
+/// If the support is not a share of energy.
 pub(crate) fn matched_sigma(
     method: Method,
     energies: Energies,
@@ -315,7 +326,7 @@ pub(crate) fn matched_sigma(
     Ok(effective_mm / unit_kernel(method, energies, axis)?.sigma_effective_mm())
 }
 
-/// A method's kernel along an axis for a nominal σ of 1.
+/// Returns a method's kernel along an axis for a nominal σ of 1.
 fn unit_kernel(method: Method, [in_plane, across]: Energies, axis: usize) -> Result<AxisKernel, Box<dyn Error>> {
     let support = |energy: Option<f64>, usual| energy.map_or(usual, Support::Energy);
     Ok(match axis {
@@ -324,7 +335,7 @@ fn unit_kernel(method: Method, [in_plane, across]: Energies, axis: usize) -> Res
     })
 }
 
-/// The few that every scan is given; the default comes first.
+/// Returns the few contestants for every scan; the default comes first.
 pub(crate) fn short_list(planar: bool) -> Vec<Contestant> {
     let ours = Contestant::default_configuration(planar);
     let mut list = with_kernels(DEFAULT_VOXEL_MM);
@@ -335,7 +346,8 @@ pub(crate) fn short_list(planar: bool) -> Vec<Contestant> {
     with_default(ours, &[ours.on_threads(2)], list)
 }
 
-/// Every kernel with every support and every voxel, the splats with every voxel, and two threads with every kernel.
+/// Returns every kernel with every support and voxel size, the splats with every voxel size, and
+/// two threads with every kernel.
 pub(crate) fn full_list(planar: bool) -> Vec<Contestant> {
     let voxels: Vec<f64> = VOXELS.map(by_sigma).into_iter().chain([DEFAULT_VOXEL_MM]).collect();
     let mut list = vec![Contestant::new(Path::AutoSigma, DEFAULT_VOXEL_MM)];
@@ -349,7 +361,7 @@ pub(crate) fn full_list(planar: bool) -> Vec<Contestant> {
     with_default(ours, &[ours.on_threads(2)], list)
 }
 
-/// Every kernel, with each end across the plane and each in it.
+/// Returns every kernel with each support, across the plane and in it.
 fn with_kernels(voxel_mm: f64) -> Vec<Contestant> {
     let mut list = Vec::new();
     for method in Method::ALL {
@@ -365,7 +377,8 @@ fn with_kernels(voxel_mm: f64) -> Vec<Contestant> {
     list
 }
 
-/// The default first, and the others after it, by the default's path where they can and once by the general one. Nobody twice.
+/// Returns the default first and then the others, on the default's path if possible, plus once
+/// on the general one. Removes duplicates.
 fn with_default(default: Contestant, more: &[Contestant], others: Vec<Contestant>) -> Vec<Contestant> {
     let general = Contestant::new(default.path, default.voxel_mm);
     let others = others.into_iter().map(|c| c.planar_if(default.planar));
@@ -387,7 +400,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_kernel_that_can_has_the_defaults_effective_width() {
+    fn kernels_have_the_default_effective_width() {
         let target = default_kernels([0.2; 2], None).unwrap().map(|k| k.sigma_effective_mm());
         for contestant in full_list(false) {
             let Path::Kernel(method, energies) = contestant.path else { continue };
@@ -400,7 +413,7 @@ mod tests {
     }
 
     #[test]
-    fn lists_begin_with_the_default_and_name_nobody_twice() {
+    fn lists_begin_with_default_without_duplicates() {
         for (list, planar) in [false, true].into_iter().flat_map(|p| [(short_list(p), p), (full_list(p), p)]) {
             assert_eq!(list[0], Contestant::default_configuration(planar));
             assert_eq!(list.iter().filter(|c| c.is_default()).count(), 2, "on one and on two threads");

@@ -1,16 +1,17 @@
-//! A result on a dense grid, whatever made it, read at places between its voxels as a renderer reads it.
+//! A result on a dense grid, of any method, interpolated between its voxels like by a renderer.
 
-use calibration::frames::{Transform, Volume as VolumeFrame, World};
 use glam::{DAffine3, DVec3};
-use sonoweave::reconstruct::Settings;
-use sonoweave::reconstruct::reference::Reference;
-use sonoweave::volume::sparse::SEEN;
-use sonoweave::volume::{Grid, Voxels};
+
+use reconstruct::Settings;
+use reconstruct::reference::Reference;
+use sonoweave_core::frames::{Transform, Volume as VolumeFrame, World};
+use volume::brick_volume::SEEN;
+use volume::{Grid, Voxels};
 
 use crate::baselines::Splat;
 use crate::filling::fill_holes;
 
-/// Grey levels on a grid, x fastest; NaN where nothing was seen.
+/// Grey levels on a grid, x fastest; NaN if unseen.
 pub(crate) struct Field {
     grid: Grid,
     voxel_from_world: DAffine3,
@@ -18,12 +19,12 @@ pub(crate) struct Field {
 }
 
 impl Field {
-    /// Of values on a grid that may lie in any direction.
+    /// Makes a field of values on a grid of any orientation.
     pub(crate) fn new(grid: Grid, values: Vec<f32>) -> Self {
         Self { grid, voxel_from_world: grid.world_from_volume().inverse().affine(), values }
     }
 
-    /// What a volume holds, on its own lattice, over all that was seen.
+    /// Makes a field of a volume, on its own lattice, over the seen box.
     pub(crate) fn of_volume(
         volume: &dyn Voxels,
         world_from_lattice: Transform<World, VolumeFrame>,
@@ -45,20 +46,20 @@ impl Field {
         Self::new(grid, values)
     }
 
-    /// Same grid, same bits.
+    /// Returns whether grid and bits are equal.
     pub(crate) fn same_bits(&self, other: &Self) -> bool {
         let bits = |values: &[f32]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
         self.grid == other.grid && bits(&self.values) == bits(&other.values)
     }
 
-    /// Where more than `weight` was dropped.
+    /// Makes a field of the voxels with more than `weight`.
     pub(crate) fn of_splat(splat: &Splat, grid: Grid, weight: f32) -> Self {
         let voxels = grid.size.map(|n| n as usize).iter().product();
         let values = (0..voxels).map(|i| splat.value(i, weight).unwrap_or(f32::NAN)).collect();
         Self::new(grid, values)
     }
 
-    /// In f64, but for the value read.
+    /// Makes a field of a reference in f64; its values are rounded to f32.
     pub(crate) fn of_reference(reference: &Reference) -> Self {
         let values = (0..reference.w.len()).map(|i| reference.value(i).map_or(f32::NAN, |v| v as f32)).collect();
         Self::new(reference.grid, values)
@@ -69,7 +70,7 @@ impl Field {
         fill_holes(&mut self.values, self.grid.size.map(|n| n as usize), reach);
     }
 
-    /// Trilinear; `None` unless all eight voxels around were seen.
+    /// Interpolates trilinearly; `None` unless all eight surrounding voxels were seen.
     pub(crate) fn sample(&self, world: DVec3) -> Option<f64> {
         let at = self.voxel_from_world.transform_point3(world);
         let low = at.floor();
@@ -90,7 +91,8 @@ impl Field {
         (!sum.is_nan()).then_some(sum)
     }
 
-    /// Central differences along the world's axes, over a voxel's spacing to either side, grey levels per mm.
+    /// Returns central differences along the world's axes, over one voxel spacing to either
+    /// side, grey levels per mm.
     pub(crate) fn slope(&self, world: DVec3) -> Option<DVec3> {
         let along = |axis: usize| {
             let step = DVec3::AXES[axis] * self.grid.spacing[axis];
@@ -117,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn a_linear_field_is_read_exactly_between_its_voxels_and_an_unseen_corner_hides_it() {
+    fn linear_field_is_interpolated_exactly_unless_corner_unseen() {
         let linear = |[x, y, z]: [usize; 3]| 3.0 + 2.0 * x as f32 - y as f32 + 0.5 * z as f32;
         let grid = field(linear).grid;
         let index = DVec3::new(2.6, 2.2, 1.6);

@@ -1,9 +1,12 @@
-//! Holes between slices, filled from what lies around them: what follows a nearest-voxel reconstruction in the field's practice.
+//! Fills holes between slices from their surroundings, as is common practice after a
+//! nearest-voxel reconstruction.
 
-/// Gives every unseen voxel (NaN) the mean of those seen in the smallest cube around it that holds any, weighted by the inverse of their distance,
-/// with cubes of up to `reach` voxels to each side. x is the fastest index.
+/// Gives every unseen voxel (NaN) a weighted mean of the seen voxels in the smallest surrounding
+/// cube that contains any. The weight is the inverse distance; cubes extend up to `reach` voxels
+/// to each side. x is the fastest index.
 ///
-/// How large a voxel's cube is comes from growing what was seen voxel by voxel, and only the cube's surface is read: within it nothing was seen.
+/// The size of a voxel's cube is found by growing the seen region voxel by voxel. Only the
+/// cube's surface is read, since its interior is unseen.
 pub(crate) fn fill_holes(values: &mut [f32], size: [usize; 3], reach: usize) {
     let radius = radii(values, size, reach);
     let seen = values.to_vec();
@@ -13,11 +16,12 @@ pub(crate) fn fill_holes(values: &mut [f32], size: [usize; 3], reach: usize) {
     }
 }
 
-/// Half the edge of the smallest cube about each voxel that holds a seen one; 0 at those, `u8::MAX` beyond the reach.
+/// Returns half the edge of the smallest cube about each voxel that contains a seen one; 0 at
+/// seen voxels, `u8::MAX` beyond the reach.
 fn radii(values: &[f32], size: [usize; 3], reach: usize) -> Vec<u8> {
     let mut radius: Vec<u8> = values.iter().map(|v| if v.is_nan() { u8::MAX } else { 0 }).collect();
     let strides = [1, size[0], size[0] * size[1]];
-    // A cube grows along one axis after the other: each pass takes the largest of the distances.
+    // A cube is separable: each pass, along one axis, takes the largest of the distances.
     for axis in 0..3 {
         let before = radius.clone();
         let (n, stride) = (size[axis], strides[axis]);
@@ -73,7 +77,7 @@ mod tests {
 
     const SIZE: [usize; 3] = [11, 9, 7];
 
-    /// Cubes tried one after the other, every voxel of them read.
+    /// Tries one cube after the other, and reads every voxel of it.
     fn plain(seen: &[f32], [nx, ny, nz]: [usize; 3], at: [usize; 3], reach: usize) -> f32 {
         for radius in 1..=reach {
             let (mut sum, mut weights) = (0.0, 0.0);
@@ -95,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn holes_are_filled_as_by_trying_every_cube_and_what_is_seen_stays() {
+    fn filled_holes_match_exhaustive_search_and_seen_voxels_stay() {
         let voxels: usize = SIZE.iter().product();
         for (sparse, reach) in [(2, 1), (37, 2), (151, 3), (401, 12)] {
             let seen: Vec<f32> =
@@ -112,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_seen_remains_nothing() {
+    fn unseen_volume_stays_unseen() {
         let mut nothing = vec![f32::NAN; 27];
         fill_holes(&mut nothing, [3; 3], 5);
         assert!(nothing.iter().all(|v| v.is_nan()));

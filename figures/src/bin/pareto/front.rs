@@ -1,21 +1,23 @@
-//! The Pareto front of time and error, and whether the default is on it.
+//! The Pareto front of time and error, and the default's position relative to it.
 
 use crate::contestant::Match;
 use crate::measure::Row;
 
-/// Times and errors this close, relatively, are the same: runs of one program differ by as much.
+/// Relative difference up to which times and errors count as equal: runs of one program differ
+/// by as much.
 pub(crate) const SLACK: f64 = 0.03;
-/// Who gains no more than this is near.
+/// A rival that gains no more than this is near.
 pub(crate) const NEAR: f64 = 0.1;
 
-/// What is judged.
+/// Criterion of the comparison.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Measure {
-    /// Against the scene, whatever the width: what a reader of the volume gets, blur and noise together.
+    /// Against the scene, for any width: the total error of the volume, blur and noise together.
     Anyone,
-    /// The same among those of one width.
+    /// The same among contestants of one width.
     Truth,
-    /// Against the scene under the default's width: noise, sampling and arithmetic, without the blur that was asked for.
+    /// Against the scene under the default's width: noise, sampling and arithmetic, without the
+    /// intended blur.
     Blurred,
     /// The gradient of the latter.
     Slope,
@@ -32,7 +34,8 @@ impl Measure {
         }
     }
 
-    /// Whether a row is compared: as much covered, one thread, and of the width against which it is judged.
+    /// Returns whether a row is compared: with equal coverage, one thread, and the width that
+    /// the criterion requires.
     pub(crate) fn compares(self, row: &Row) -> bool {
         let width = self == Self::Anyone || row.contestant.matching() == Match::Whole;
         row.comparable && row.contestant.threads == 1 && width
@@ -48,7 +51,8 @@ impl Measure {
     }
 }
 
-/// Places of the points that no other equals or betters in both numbers, in ascending order of the first.
+/// Returns the indices of the points that no other point equals or betters in both numbers, in
+/// ascending order of the first.
 pub(crate) fn front(points: &[[f64; 2]]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..points.len()).collect();
     order.sort_by(|a, b| points[*a][0].total_cmp(&points[*b][0]).then(points[*a][1].total_cmp(&points[*b][1])));
@@ -61,22 +65,24 @@ pub(crate) fn front(points: &[[f64; 2]]) -> Vec<usize> {
     order
 }
 
-/// Who beats the default over one scan: at least as fast and as near, and more than [`SLACK`] better in one.
+/// A contestant that beats the default over one scan: not slower and not less accurate, and more
+/// than [`SLACK`] better in one of them.
 #[derive(Debug, Clone)]
 pub(crate) struct Rival {
     pub(crate) name: String,
-    /// Its time and its error as parts of the default's.
+    /// Its time and its error relative to the default's.
     pub(crate) parts: [f64; 2],
 }
 
 impl Rival {
-    /// Whether it gains little.
+    /// Returns whether it gains little.
     pub(crate) fn is_near(&self) -> bool {
         self.parts[0].min(self.parts[1]) >= 1.0 - NEAR
     }
 }
 
-/// All that beat the default (the first row), the one with the smallest product of parts first.
+/// Returns all that beat the default (the first row), the one with the smallest product of
+/// ratios first.
 pub(crate) fn rivals(rows: &[&Row], measure: Measure) -> Vec<Rival> {
     let Some(default) = rows.iter().find(|row| row.contestant.is_default() && row.contestant.threads == 1) else {
         return Vec::new();
@@ -103,7 +109,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_front_descends_and_whoever_is_off_it_is_beaten() {
+    fn front_descends_and_other_points_are_dominated() {
         let points: Vec<[f64; 2]> =
             (0..200).map(f64::from).map(|i| [(i * 0.737).fract() + 0.01, (i * 0.317).fract() + 0.01]).collect();
         let front = front(&points);
@@ -117,12 +123,12 @@ mod tests {
     }
 
     #[test]
-    fn of_equal_points_one_is_on_the_front_and_a_nan_never() {
+    fn equal_points_appear_once_on_front_and_nan_never() {
         assert_eq!(front(&[[1.0, 1.0], [1.0, 1.0], [2.0, f64::NAN]]).len(), 1);
     }
 
     #[test]
-    fn a_rival_must_lose_in_nothing_and_gain_more_than_noise() {
+    fn rival_must_not_lose_and_must_gain_more_than_slack() {
         assert!(beats([0.9, 1.0]) && beats([1.0, 0.5]));
         assert!(!beats([0.98, 0.99]) && !beats([0.5, 1.01]) && !beats([f64::NAN, 0.5]) && !beats([0.5, f64::NAN]));
     }

@@ -1,17 +1,19 @@
-//! Recordings: each slice predicted from the others, and compared with what was seen there.
+//! Cross-validation on recordings: each slice is predicted from the others, and compared with
+//! its own data.
 
 use std::error::Error;
 use std::fs;
 use std::path::Path as Folder;
 
 use glam::DVec3;
-use sonoweave::mask::Mask;
-use sonoweave::phantom::truth::covering_grid;
-use sonoweave::reconstruct::kernel::Method;
-use sonoweave::slice::{Pixels, Slice};
-use sonoweave::volume::Grid;
 use sonoweave_figures::files::field;
 use sonoweave_figures::{Figure, Panel};
+
+use mask::Mask;
+use phantom::truth::covering_grid;
+use reconstruct::kernel::Method;
+use sonoweave_core::slice::{Pixels, Slice};
+use volume::Grid;
 
 use crate::baselines::Drop;
 use crate::contestant::{Contestant, DEFAULT_VOXEL_MM, Input, Path, default_kernels, on_lattice, widest_gap};
@@ -35,12 +37,13 @@ const RECORDINGS: [[&str; 3]; 2] = [
 ];
 /// One slice in so many is left out at a time.
 const EVERY: usize = 4;
-/// Pixels between those that are predicted, along u and v.
+/// Spacing of the predicted pixels, along u and v.
 const STRIDE: u32 = 5;
-/// Around the slices there is room for every support, mm.
+/// Margin around the slices, which contains every support, mm.
 const MARGIN_MM: f64 = 12.0;
 
-/// A prediction's squared differences, a pixel each in the same order for all; NaN where nothing was predicted.
+/// Squared errors of a prediction, one per pixel in the same order for all contestants; NaN if
+/// nothing was predicted.
 struct Predicted {
     contestant: Contestant,
     errors: Vec<f64>,
@@ -57,10 +60,11 @@ fn contestants() -> Vec<Contestant> {
     list
 }
 
-/// Leaves slices out of the recordings that are there, and names those that are not.
+/// Runs the cross-validation on the recordings that are present, and names those that are
+/// missing.
 ///
 /// # Errors
-/// When a recording that is there cannot be read.
+/// If a present recording cannot be read.
 pub(crate) fn measure(
     project: &Folder,
     whole: bool,
@@ -82,7 +86,7 @@ pub(crate) fn measure(
         }
         let (slices, mask) = loading::load(&sequence, &config)?;
         let widest = widest_gap(&slices)?;
-        // The gap that leaving one out makes is twice as wide; half of it is what `--sigma auto` takes.
+        // Leaving a slice out doubles the gap; `--sigma auto` takes half of it.
         let predicted = predict(&slices, &mask, 2.0 * widest)?;
         let pixels = predicted.first().map_or(0, |p| p.errors.len());
         let common: Vec<usize> = (0..pixels).filter(|i| predicted.iter().all(|p| !p.errors[*i].is_nan())).collect();
@@ -143,7 +147,8 @@ pub(crate) fn measure(
     Ok(())
 }
 
-/// What each contestant says of the slices left out, with a gap of `gap_mm` where one is missing.
+/// Returns each contestant's prediction of the slices left out, with a gap of `gap_mm` around
+/// each.
 fn predict(slices: &[Slice], mask: &Mask, gap_mm: f64) -> Result<Vec<Predicted>, Box<dyn Error>> {
     let size = [mask.width(), mask.height()];
     let grid = |spacing: f64| -> Result<Grid, Box<dyn Error>> {

@@ -1,18 +1,22 @@
-//! Run time against error: `make pareto`, or `cargo run --release -p sonoweave-figures --bin pareto -- [--quick]`.
+//! Run time against error: `make pareto`, or `cargo run --release -p sonoweave-figures --bin
+//! pareto -- [--quick]`.
 //!
-//! Kernels, supports, voxel sizes, storage and threads over phantoms and trajectories, all at the effective width of the default configuration, beside
-//! the equations in f64 and the field's simple methods. Every timed run's error is found too, and a wrong answer fails the run; times fail
-//! nothing. All rows, tables and pictures are in `out/pareto` (a quick run's, which is a smoke test with too few rounds to measure anything,
-//! in `out/pareto/quick`), with `index.html` to look at.
+//! Kernels, supports, voxel sizes, storage and threads over phantoms and trajectories, all at
+//! the effective width of the default configuration. They are compared with the equations in f64
+//! and with simple methods in common use. Every timed run's error is checked too, and a wrong
+//! answer fails the run; times fail nothing. All rows, tables and pictures are written to
+//! `out/pareto`, with an `index.html`. A quick run is a smoke test with too few rounds to
+//! measure anything; it writes to `out/pareto/quick`.
 //!
-//! - [`stage`]: what is scanned and how, and the right answers at places between the voxels.
-//! - [`contestant`]: who takes part, at matched width; a further path is one more variant of its `Path`.
-//! - [`field`]: results read as a renderer reads them; [`filling`]: holes.
+//! - [`stage`]: phantoms and scans, and the correct values at positions between the voxels.
+//! - [`contestant`]: the contestants, at matched width; a further path is one more variant of
+//!   its `Path`.
+//! - [`field`]: results interpolated like by a renderer; [`filling`]: holes.
 //! - [`measure`]: errors and times of contestants over a scan.
-//! - [`front`]: who beats whom.
-//! - [`rows`], [`pictures`]: what is said of it.
-//! - [`storage`]: sums in 32 and 16 bits, in a weaver of its own.
-//! - [`rendering`]: pictures, by what is kept of rays, where they end and how far samples are apart.
+//! - [`front`]: dominance and the Pareto front.
+//! - [`rows`], [`pictures`]: reports.
+//! - [`storage`]: sums in 32 and 16 bits, in a separate inserter.
+//! - [`rendering`]: pictures, by ray cache, ray termination and step length.
 //! - [`left_out`]: recordings, each slice predicted from the others.
 //! - [`report`]: checks, the Markdown, the page.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program that speaks to its user")]
@@ -50,19 +54,20 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::time::Instant;
 
+use reconstruct::Simd;
+
 use contestant::{Contestant, DEFAULT_VOXEL_MM, full_list, short_list};
 use measure::Rounds;
 use rendering::Extent;
 use report::{Report, digits};
-use sonoweave::reconstruct::Simd;
 
-/// How much of it.
+/// Extent of a run.
 #[derive(Debug, Clone, Copy)]
 struct Effort {
     rounds: Rounds,
     /// Whether everything is swept over the first scans, and brute force runs over every scan.
     whole: bool,
-    /// Slices over the same place, at most.
+    /// Most slices over the same position.
     stored: u32,
     rendering: Extent,
 }
@@ -135,7 +140,7 @@ fn run(effort: Effort, project: &Path, folder: &Path) -> Result<bool, Box<dyn Er
             );
         }
         rows.extend(measured);
-        // A run that is broken off has left what it found.
+        // An interrupted run has written its rows so far.
         rows::write_csv(&rows, folder)?;
     }
     rows::tell_verdicts(&rows, &mut report);
@@ -169,7 +174,7 @@ fn machine(effort: Effort) -> String {
     )
 }
 
-/// Of the last minute.
+/// Returns the load of the last minute.
 fn load() -> String {
     let text = fs::read_to_string("/proc/loadavg").unwrap_or_default();
     text.split_whitespace().next().unwrap_or("unknown").to_owned()

@@ -1,13 +1,15 @@
-//! Contestants over one scan: each woven once untimed and judged, then timed in turns.
+//! Measures contestants over one scan: each runs once untimed and is judged, then all are timed
+//! in turns.
 
 use std::error::Error;
 
 use glam::DVec3;
-use sonoweave::phantom::Errors;
-use sonoweave::reconstruct::Work;
-use sonoweave::reconstruct::kernel::Method;
-use sonoweave::reconstruct::planar::reference;
-use sonoweave::volume::Grid;
+
+use phantom::Errors;
+use reconstruct::Work;
+use reconstruct::kernel::Method;
+use reconstruct::planar::reference;
+use volume::Grid;
 
 use crate::baselines::{Drop, Splat, plain};
 use crate::check::{Deviation, against_equations, against_sums};
@@ -19,20 +21,23 @@ use crate::timing::{Contestant as Turn, Times, interleaved};
 
 /// A whole scan that takes longer than this, ms, gets fewer rounds.
 const DEAR_MS: f64 = 150.0;
-/// Coverage this much apart, of all places, is another answer.
+/// Difference in coverage, as a share of all positions, above which results are not comparable.
 const SAME_COVERAGE: f64 = 0.002;
-/// Around the slices there is room for every support and for the tracker's errors, mm.
+/// Margin around the slices for every support and for the tracker's errors, mm.
 const MARGIN_MM: f64 = 5.0;
-/// No right answer is this far from the default's equations inside, root mean square, grey levels.
+/// Largest plausible deviation from the default's equations inside, root mean square, grey
+/// levels.
 const ABSURD_RMSE: f64 = 40.0;
-/// A pixel's border decides in f32 which of two pixels is the nearest, and noise lies between the two: root mean square and at most.
+/// Rounding in f32 at a pixel's border decides which of two pixels is nearest, and they differ
+/// by noise: permitted root mean square and maximum.
 const AT_BORDERS: [f64; 2] = [1.0, 60.0];
-/// What the planar path may differ from its sums in f64, of the range of grey levels: root mean square and at most.
+/// Permitted deviation of the planar path from its sums in f64, relative to the range of grey
+/// levels: root mean square and maximum.
 const COLUMNS: [f64; 2] = [2e-6, 1e-5];
-/// What splats in f32 may differ from splats in f64, root mean square and at most.
+/// Permitted deviation of splats in f32 from splats in f64, root mean square and maximum.
 const SPLAT_BOUNDS: [f64; 2] = [0.001, 0.01];
 
-/// How often things are timed.
+/// Number of timed rounds.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Rounds {
     pub(crate) cheap: usize,
@@ -46,11 +51,11 @@ pub(crate) struct Score {
     pub(crate) truth: Errors,
     /// Inside, against the scene under the default's effective width.
     pub(crate) blurred: Errors,
-    /// Inside, against the default's equations in f64 at the very places.
+    /// Inside, against the default's equations in f64 at the same positions.
     pub(crate) oracle: Errors,
     /// Gradient inside, root mean square of the difference's length, grey levels per mm.
     pub(crate) slope: f64,
-    /// Where the default's weight is low, against the blurred scene.
+    /// At positions where the default's weight is low, against the blurred scene.
     pub(crate) boundary: Errors,
 }
 
@@ -76,7 +81,7 @@ impl Score {
         }
     }
 
-    /// Part of the places inside that have a value.
+    /// Returns the share of the inside positions that have a value.
     pub(crate) fn coverage(&self) -> f64 {
         self.truth.voxels as f64 / (self.truth.voxels + self.truth.unseen) as f64
     }
@@ -89,25 +94,26 @@ pub(crate) struct Row {
     pub(crate) title: &'static str,
     pub(crate) contestant: Contestant,
     pub(crate) rounds: usize,
-    /// Quartiles of a slice's milliseconds.
+    /// Quartiles of the time per slice, ms.
     pub(crate) ms: [f64; 3],
-    /// Quartiles, over rounds, of the ratio to the default on one thread in the same round.
+    /// Quartiles, over rounds, of the time relative to the default on one thread in the same
+    /// round.
     pub(crate) over_default: [f64; 3],
-    /// Voxels that a slice updates on average, where the path counts them.
+    /// Mean number of voxels that a slice updates, if the path counts them.
     pub(crate) updated: Option<f64>,
-    /// Distance of the filtered picture's nodes along u, pixels, where there are any.
+    /// Spacing of the filtered image's nodes along u, pixels, if there are any.
     pub(crate) node_px: Option<f64>,
     pub(crate) score: Score,
-    /// From its own equations in f64: root mean square, largest.
+    /// Deviation from its own equations in f64: root mean square, maximum.
     pub(crate) deviation: Option<[f64; 2]>,
-    /// Whether as much is covered as by the default.
+    /// Whether its coverage equals the default's.
     pub(crate) comparable: bool,
 }
 
-/// Judges and times all; the first must be the default on one thread.
+/// Judges and times all contestants; the first must be the default on one thread.
 ///
 /// # Errors
-/// When a contestant refuses a slice.
+/// If a contestant refuses a slice.
 pub(crate) fn measure(
     stage: &Stage,
     contestants: &[Contestant],
@@ -180,7 +186,7 @@ pub(crate) fn measure(
             .check(sane || !row.comparable, format!("{}, {}: {:?}", row.title, row.contestant.name(), row.score));
     }
     for (is_dear, rounds) in [(false, rounds.cheap), (true, rounds.dear)] {
-        // The default takes its turns in both, as what the others are compared with.
+        // The default takes part in both groups, as the reference of the ratios.
         let members: Vec<usize> = (0..rows.len()).filter(|i| *i == 0 || dear[*i] == is_dear).collect();
         let mut turns: Vec<Turn<'_>> = members
             .iter()
@@ -203,7 +209,7 @@ fn quartiles(times: &Times) -> [f64; 3] {
     [0.25, 0.5, 0.75].map(|q| times.quantile(q))
 }
 
-/// How far a contestant is from its own equations in f64, and a wrong answer noted.
+/// Returns a contestant's deviation from its own equations in f64; reports wrong answers.
 fn deviation(
     contestant: &Contestant,
     input: &Input<'_>,
@@ -235,9 +241,10 @@ fn deviation(
     Ok(Some([deviation.rms, deviation.max]))
 }
 
-/// Before holes are filled.
+/// Compares splats before holes are filled.
 fn splat_deviation(how: Drop, contestant: &Contestant, input: &Input<'_>) -> Result<Deviation, Box<dyn Error>> {
-    // What falls on a voxel's border in fixed point may fall on the other side in f64; with such weights little else would show.
+    // A sample on a voxel's border in fixed point may be on the other side in f64; smaller
+    // weights would show mainly this.
     const FIRM: f64 = 0.05;
     let grid = (input.grid)(contestant.voxel_mm)?;
     let mut splat = Splat::new(how, &grid)?;

@@ -1,10 +1,11 @@
-//! Error against time: a panel a scan, the sweeps, and all scans in one.
+//! Error against time: one panel per scan, the sweeps, and all scans in one.
 
 use std::error::Error;
 use std::path::Path as Folder;
 
-use sonoweave::reconstruct::kernel::Method;
 use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series};
+
+use reconstruct::kernel::Method;
 
 use crate::contestant::{Contestant, DEFAULT_VOXEL_MM, Path, USUAL, USUAL_ACROSS, short_list};
 use crate::front::{Measure, front};
@@ -15,7 +16,7 @@ use crate::rows::scans;
 /// Draws all pictures.
 ///
 /// # Errors
-/// When a file cannot be written.
+/// If a file cannot be written.
 pub(crate) fn draw(rows: &[Row], report: &mut Report, folder: &Folder) -> Result<(), Box<dyn Error>> {
     let scans = scans(rows);
     report.findings.figure(summary(&scans), folder)?;
@@ -63,7 +64,7 @@ pub(crate) fn draw(rows: &[Row], report: &mut Report, folder: &Folder) -> Result
     Ok(())
 }
 
-/// How a contestant is drawn.
+/// Returns name and style of a contestant.
 fn family(contestant: &Contestant) -> (&'static str, Look, Ink) {
     match contestant.path {
         _ if contestant.is_default() => ("default configuration", Look::Triangles, Ink::Black),
@@ -90,7 +91,7 @@ const ORDER: [&str; 9] = [
     "default configuration",
 ];
 
-/// Points as series by family, the default last and so on top.
+/// Groups points into series by family; the default is last and so on top.
 pub(crate) fn by_family(points: impl Iterator<Item = (Contestant, [f64; 2])>) -> Vec<Series> {
     let mut families: Vec<Series> = Vec::new();
     for (contestant, point) in points {
@@ -104,7 +105,7 @@ pub(crate) fn by_family(points: impl Iterator<Item = (Contestant, [f64; 2])>) ->
     families
 }
 
-/// The front as steps: what it costs to come below an error.
+/// Returns the front as steps: the time needed for an error below a limit.
 pub(crate) fn steps(points: &[[f64; 2]], [low, high]: [f64; 2], top: f64) -> Vec<[f64; 2]> {
     let front = front(points);
     let mut line = Vec::new();
@@ -118,7 +119,7 @@ pub(crate) fn steps(points: &[[f64; 2]], [low, high]: [f64; 2], top: f64) -> Vec
     line
 }
 
-/// A range with a little room, on a logarithmic axis.
+/// Returns a range with a margin, for a logarithmic axis.
 pub(crate) fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
     let (low, high) = values
         .filter(|v| v.is_finite() && *v > 0.0)
@@ -126,13 +127,13 @@ pub(crate) fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
     if high == 0.0 {
         return [0.1, 10.0];
     }
-    // A twelfth of what is spanned, but room for a mark where all is alike.
+    // A twelfth of the range, but at least room for a mark if all values are equal.
     let room = (high / low).powf(1.0 / 12.0).max(1.03);
     [low / room, high * room]
 }
 
-/// An axis over what is spanned. Over less than a factor of two a logarithm is all but a line, and has hardly a round number to show; up to three it is given
-/// room for some.
+/// Returns an axis over a range. Below a factor of two, a logarithm is almost linear and has few
+/// round numbers, so the axis is linear. Below a factor of three, the range is widened.
 pub(crate) fn axis(label: &str, [low, high]: [f64; 2]) -> Axis {
     let spanned = high / low;
     if spanned < 2.0 {
@@ -158,7 +159,7 @@ fn panel(scan: &[&Row], measure: Measure) -> Panel {
     Panel::new(scan.first().map_or("", |row| row.title), axis("ms a slice", x), axis(unit, y), series)
 }
 
-/// What supports and voxels cost and save, where everything was swept.
+/// Draws cost and benefit of supports and voxel sizes, for the scans with full sweeps.
 fn sweeps(scans: &[Vec<&Row>]) -> Option<Figure> {
     let mut panels = Vec::new();
     for scan in scans.iter().filter(|scan| scan.len() > 2 * short_list(false).len()) {
@@ -228,7 +229,7 @@ fn sweeps(scans: &[Vec<&Row>]) -> Option<Figure> {
     })
 }
 
-/// Medians over all scans of times and errors as multiples of the default's.
+/// Draws medians over all scans of times and errors relative to the default's.
 fn summary(scans: &[Vec<&Row>]) -> Figure {
     let middle = |mut values: Vec<f64>| {
         values.sort_by(f64::total_cmp);
@@ -244,7 +245,7 @@ fn summary(scans: &[Vec<&Row>]) -> Figure {
             let compared: Vec<[f64; 2]> = scans
                 .iter()
                 .filter_map(|scan| {
-                    // On planar scans the same kernels go the planar path.
+                    // On planar scans the same kernels use the planar path.
                     let is = |row: &&&Row| match contestant.is_default() {
                         true => row.contestant.is_default(),
                         false => row.contestant.does_as(contestant),

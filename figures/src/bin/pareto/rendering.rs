@@ -1,7 +1,10 @@
-//! Pictures: ms against error over what is kept of rays, where they end, how far samples are apart, and in blocks of how many they are folded.
+//! Pictures: ms against error, by ray cache, ray termination, step length and block size of
+//! compositing.
 //!
-//! The paper's test size: most of 90 slices of 128² are woven, the others follow one by one with the picture of 128×128×256 voxels brought up to date after each.
-//! Errors are those of the picture before the others came, against the equations in f64 with a step finer than anyone's.
+//! The paper's test size: most of 90 slices of 128² are inserted first. Then the others follow
+//! one by one, and the picture of 128×128×256 voxels is updated after each. Errors are those of
+//! the picture before these followed, against the equations in f64 with a step finer than any
+//! contestant's.
 
 use std::error::Error;
 use std::fs;
@@ -9,12 +12,13 @@ use std::ops::Range;
 use std::path::Path;
 use std::time::Duration;
 
-use sonoweave::reconstruct::Weaver;
-use sonoweave::render::reference::{self, ReferencePicture};
-use sonoweave::render::settings::{STOP, usual_arity};
-use sonoweave::render::transfer::Transfer;
-use sonoweave::render::{Cache, Picture, RenderSettings, Renderer, Stage, Updated};
 use sonoweave_figures::{Figure, Ink, Look, Panel, Series};
+
+use reconstruct::PathReconstructor;
+use render::classify::transfer::Transfer;
+use render::reference::{self, ReferencePicture};
+use render::settings::{STOP, usual_arity};
+use render::{Cache, Picture, RenderRegion, RenderSettings, Renderer, Updated};
 
 use crate::doll::{Doll, SLICES, show};
 use crate::front::{SLACK, front};
@@ -22,35 +26,35 @@ use crate::pictures::{axis, range, steps};
 use crate::report::{Report, digits, markdown};
 use crate::timing::{Contestant as Turn, interleaved, quantile};
 
-/// Voxels; of the reference.
+/// Step lengths in voxels: of the reference, and of the contestants.
 const FINEST: f64 = 0.25;
 const STEPS: [f64; 3] = [0.5, 1.0, 2.0];
 const STOPS: [f32; 3] = [0.0, 1e-3, 1e-2];
-/// Of adaptive rays, besides 0.
+/// ε of adaptive rays, besides 0.
 const EPSILONS: [f32; 3] = [1.0 / 255.0, 2.0 / 255.0, 8.0 / 255.0];
 const ARITIES: [u32; 5] = [4, 8, 16, 32, 64];
 
-/// How much of it.
+/// Extent of a run.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Extent {
     pub(crate) rounds: usize,
-    /// Slices that the picture follows.
+    /// Slices that follow.
     pub(crate) followed: u32,
     /// Pixels along a side.
     pub(crate) side: u32,
-    /// Whether everything is tried with everything.
+    /// Whether all combinations are tried.
     pub(crate) whole: bool,
 }
 
-/// A way to make pictures.
+/// Settings of a rendering.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Way {
     cache: Cache,
     stop: f32,
     step: f64,
-    /// `None` for the usual.
+    /// `None` for the default.
     arity: Option<u32>,
-    /// Of adaptive rays; 0 casts all.
+    /// ε of adaptive rays; 0 casts all.
     epsilon: f32,
 }
 
@@ -72,7 +76,7 @@ impl Way {
         RenderSettings { cache, stop, step, arity, adaptive, ..look.clone() }
     }
 
-    /// The default first.
+    /// Returns all settings, the default first.
     fn all(whole: bool) -> Vec<Self> {
         let default = Self::DEFAULT;
         let mut ways = vec![default];
@@ -87,7 +91,8 @@ impl Way {
         for step in STEPS {
             for stop in STOPS {
                 for cache in Cache::ALL {
-                    // Who folds no block twice has nothing of its size but where rays end.
+                    // A cache that does not reuse blocks depends on the block size only by where
+                    // rays end.
                     let folds = matches!(cache, Cache::TwoLevel | Cache::OneLevel);
                     let arities = if folds { &ARITIES[..] } else { &ARITIES[2..3] };
                     ways.extend(arities.iter().map(|p| Self { cache, stop, step, arity: Some(*p), epsilon: 0.0 }));
@@ -102,7 +107,7 @@ impl Way {
 /// The scan, in two parts.
 struct Looked {
     doll: Doll,
-    /// Those that follow: of the middle, where most is to be seen.
+    /// The slices that follow: from the middle, where most is visible.
     followed: Range<usize>,
 }
 
@@ -112,8 +117,8 @@ impl Looked {
         Ok(Self { doll: Doll::new(SLICES)?, followed: first as usize..(first + followed) as usize })
     }
 
-    /// Without those that follow.
-    fn begun(&self) -> Result<Weaver, Box<dyn Error>> {
+    /// Returns the volume without the slices that follow.
+    fn begun(&self) -> Result<PathReconstructor, Box<dyn Error>> {
         let mut weaver = self.doll.weaver(1)?;
         let Range { start, end } = self.followed;
         for slice in self.doll.slices[..start].iter().chain(&self.doll.slices[end..]) {
@@ -122,7 +127,8 @@ impl Looked {
         Ok(weaver)
     }
 
-    /// Shading and rays of each slice that follows, rays alone, and both of the picture before all, ms.
+    /// Returns for each following slice the time of shading and rays, and of rays alone; then
+    /// the time of the first picture, ms.
     fn follow(&self, settings: &RenderSettings) -> Result<[Vec<f64>; 3], Box<dyn Error>> {
         let (mut weaver, mut renderer) = (self.begun()?, Renderer::new(settings, self.doll.stage)?);
         let ms = |took: Duration| took.as_secs_f64() * 1e3;
@@ -138,19 +144,19 @@ impl Looked {
     }
 }
 
-/// What a way took, and how far its picture is from the equations.
+/// Times of some settings, and the picture's deviation from the equations.
 struct Row {
     way: Way,
-    /// A slice; its rays alone; a new view.
+    /// Time per slice, of its rays alone, and of a new view.
     ms: [f64; 3],
-    /// Root mean square and largest, grey levels of 255.
+    /// Root mean square and maximum, grey levels of 255.
     error: [f64; 2],
 }
 
-/// Judges and times all ways over a thin and a dense scene.
+/// Judges and times all settings over a thin and a dense scene.
 ///
 /// # Errors
-/// When a file cannot be written.
+/// If a file cannot be written.
 pub(crate) fn measure(extent: Extent, report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
     let scene = Looked::new(extent.followed)?;
     let mut csv =
@@ -242,15 +248,19 @@ fn rows(
     Ok(rows)
 }
 
-/// A way's picture, and how many samples its rays have.
-fn made(begun: &Weaver, settings: RenderSettings, stage: Stage) -> Result<(Picture, u32), Box<dyn Error>> {
+/// Returns the picture for some settings, and the number of samples per ray.
+fn made(
+    begun: &PathReconstructor,
+    settings: RenderSettings,
+    stage: RenderRegion,
+) -> Result<(Picture, u32), Box<dyn Error>> {
     let mut renderer = Renderer::new(&settings, stage)?;
     renderer.update_all(begun.volume());
     Ok((renderer.picture(), renderer.samples()))
 }
 
-/// Of ways that differ in what is kept pictures are the same bits; of those that differ in where rays end, within the stop, if all
-/// rays are cast.
+/// Checks pictures. They must be bit-identical for different caches. For different ray
+/// termination, they may differ by the stop, if all rays are cast.
 fn judge(
     way: &Way,
     picture: &Picture,
@@ -274,12 +284,13 @@ fn judge(
     }
 }
 
-/// The default's picture against the equations with its own step: the arithmetic, and what lies behind where rays end.
+/// Compares the default's picture with the equations at its own step: this shows the arithmetic,
+/// and the part behind the rays' ends.
 fn against_own_equations(
-    begun: &Weaver,
+    begun: &PathReconstructor,
     look: &RenderSettings,
     pictures: &[Picture],
-    stage: Stage,
+    stage: RenderRegion,
     preset: &str,
     report: &mut Report,
 ) -> Result<(), Box<dyn Error>> {
@@ -316,7 +327,7 @@ fn panel(rows: &[Row], which: usize, title: &str, label: &str) -> Panel {
     Panel::new(title, axis(label, x), axis("RMSE, grey levels", y), series)
 }
 
-/// Who is on the front, and the default's place.
+/// Reports the front, and the default's position.
 fn verdict(rows: &[Row], which: usize, name: &str, title: &str) -> Vec<String> {
     let all = points(rows, which);
     let shown = |place: &usize| {
@@ -326,7 +337,7 @@ fn verdict(rows: &[Row], which: usize, name: &str, title: &str) -> Vec<String> {
     let mut rivals: Vec<usize> = (1..all.len())
         .filter(|i| {
             let [time, off] = [all[*i][0] / ms, all[*i][1] / error];
-            // What differs from the default in bits alone is no better for that.
+            // A way that equals the default except for single bits is not better.
             time <= 1.0 && off <= 1.0 + 1e-3 && (time < 1.0 - SLACK || off < 1.0 - SLACK)
         })
         .collect();
@@ -335,7 +346,7 @@ fn verdict(rows: &[Row], which: usize, name: &str, title: &str) -> Vec<String> {
         None => "on the front".to_owned(),
         Some(best) => format!("beaten by {}: best is {}", rivals.len(), shown(best)),
     };
-    // Whose error is all but that of a faster one is not told.
+    // A point whose error hardly differs from that of a faster one is not listed.
     let mut least = f64::INFINITY;
     let mut told = front(&all);
     told.retain(|place| {

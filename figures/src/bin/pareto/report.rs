@@ -1,4 +1,4 @@
-//! What a run gathers besides rows: pictures, sections of Markdown, and what is wrong.
+//! Results of a run besides rows: pictures, sections of Markdown, and errors.
 
 use std::error::Error;
 use std::fs;
@@ -20,15 +20,15 @@ impl Report {
         self.sections.push(text);
     }
 
-    /// A timed answer that is not the right one: what the checks shared with the bench say.
+    /// Reports a timed answer that is wrong, as found by the checks shared with the bench.
     pub(crate) fn wrong(&mut self, what: impl Into<String>) {
         self.findings.wrong(what);
     }
 
-    /// Writes the Markdown and the page; whether everything was right.
+    /// Writes the Markdown and the page; returns whether everything was right.
     ///
     /// # Errors
-    /// When a file cannot be written.
+    /// If a file cannot be written.
     pub(crate) fn finish(self, folder: &Path) -> Result<bool, Box<dyn Error>> {
         fs::write(folder.join("table.md"), self.sections.join("\n"))?;
         let safe = self.sections.join("\n").replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
@@ -40,7 +40,7 @@ impl Report {
     }
 }
 
-/// A Markdown table.
+/// Returns a Markdown table.
 pub(crate) fn markdown(columns: &[&str], rows: &[Vec<String>]) -> String {
     let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
     let head = line(&columns.iter().map(ToString::to_string).collect::<Vec<_>>());
@@ -48,7 +48,7 @@ pub(crate) fn markdown(columns: &[&str], rows: &[Vec<String>]) -> String {
     head + &rule + &rows.iter().map(|row| line(row)).collect::<String>()
 }
 
-/// A number with so many significant digits, without zeros at its end.
+/// Formats a number with `count` significant digits, without trailing zeros.
 pub(crate) fn digits(value: f64, count: i32) -> String {
     if !value.is_finite() || value == 0.0 {
         return if value == 0.0 { "0".into() } else { "–".into() };
@@ -63,13 +63,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_keep_their_significant_digits_only() {
+    fn numbers_keep_significant_digits_only() {
         let shown = [0.28125, 0.5, 12.345, 1234.5, 0.0, -0.001_234_5, f64::NAN].map(|v| digits(v, 3));
         assert_eq!(shown, ["0.281", "0.5", "12.3", "1234", "0", "-0.00123", "–"]);
     }
 
     #[test]
-    fn a_table_has_as_many_cells_in_each_line() {
+    fn table_lines_have_equal_cell_counts() {
         let table = markdown(&["a", "b"], &[vec!["1".into(), "2".into()]]);
         assert!(table.lines().all(|line| line.matches('|').count() == 3), "{table}");
     }

@@ -1,4 +1,4 @@
-//! All rows as CSV, and what they say as Markdown.
+//! All rows as CSV, and their summary as Markdown.
 
 use std::error::Error;
 use std::fmt::Write as _;
@@ -21,7 +21,7 @@ const COLUMNS: &str = "scan,contestant,method,voxel_mm,voxel_sigma_uv,threads,ma
 /// Writes all rows with all digits.
 ///
 /// # Errors
-/// When the file cannot be written.
+/// If the file cannot be written.
 pub(crate) fn write_csv(rows: &[Row], folder: &Path) -> Result<(), Box<dyn Error>> {
     let mut text = format!("{COLUMNS}\n");
     for row in rows {
@@ -52,7 +52,8 @@ fn matched(contestant: &Contestant) -> &'static str {
     }
 }
 
-/// The default beside the baselines, who beats it, two threads, and who is not compared.
+/// Reports the default beside the baselines, its rivals, two threads, and the contestants that
+/// are not compared.
 pub(crate) fn tell_verdicts(rows: &[Row], report: &mut Report) {
     let scans = scans(rows);
     report.section(format!(
@@ -129,7 +130,8 @@ fn beside_baselines(scans: &[Vec<&Row>]) -> String {
     markdown(&columns, &lines)
 }
 
-/// A line a scan; and on how many the default is on the front of each measure, and near it.
+/// Returns one line per scan; and for each criterion on how many scans the default is on the
+/// front, and near it.
 fn verdicts(scans: &[Vec<&Row>]) -> (String, [[usize; 2]; Measure::ALL.len()]) {
     let mut counts = [[0; 2]; Measure::ALL.len()];
     let mut lines = Vec::new();
@@ -175,7 +177,7 @@ fn threads(rows: &[Row]) -> String {
     markdown(&["scan", "method", "1 thread, ms", "2 threads, ms", "gain"], &lines)
 }
 
-/// The rows of each scan, in the order of the first of each.
+/// Returns the rows of each scan, in the order of the first of each.
 pub(crate) fn scans(rows: &[Row]) -> Vec<Vec<&Row>> {
     let mut scans: Vec<Vec<&Row>> = Vec::new();
     for row in rows {

@@ -1,35 +1,38 @@
-//! What is scanned and how, and the right answers at places that no voxel lattice knows.
+//! Phantoms and their scans, and the correct values at positions that lie on no voxel lattice.
 
 use std::error::Error;
 
-use calibration::frames::{Image as ImageFrame, Transform, World};
 use glam::{DMat3, DQuat, DVec3, EulerRot};
-use sonoweave::phantom::scene::{Blobs, MarschnerLobb, Plane, Scene, Speckle, ThinSheet, Waves, Wires, ZonePlate};
-use sonoweave::phantom::{EffectiveKernel, Motion, Scan, ScanSettings, TrackerNoise, blur, truth};
-use sonoweave::reconstruct::kernel::AxisKernel;
-use sonoweave::reconstruct::reference::Reference;
-use sonoweave::slice::Slice;
-use sonoweave::volume::Grid;
+
+use phantom::scene::{Blobs, MarschnerLobb, Plane, Scene, Speckle, ThinSheet, Waves, Wires, ZonePlate};
+use phantom::{EffectiveKernel, Motion, Scan, ScanSettings, TrackerNoise, blur, truth};
+use reconstruct::kernel::AxisKernel;
+use reconstruct::reference::Reference;
+use sonoweave_core::frames::{Image as ImageFrame, Transform, World};
+use sonoweave_core::slice::Slice;
+use volume::Grid;
 
 use crate::contestant::default_kernels;
 
-/// 32×28 mm of pixels finer than voxels, as scanners give them.
+/// 32×28 mm of pixels finer than voxels, like those of scanners.
 const PICTURE: [u32; 2] = [160, 140];
 const PIXEL_MM: f64 = 0.2;
-/// Three quarters of σ across the plane, in the middle of the gaps of Ohbuchi, Chen & Fuchs (1992).
+/// Three quarters of σ across the plane, in the middle of the gaps of Ohbuchi, Chen & Fuchs
+/// (1992).
 const GAP_MM: f64 = 0.75;
 /// Twofold undersampling: two σ.
 const SPARSE_GAP_MM: f64 = 2.0;
-/// From the first to the last slice of a sweep, mm.
+/// Length of a sweep from the first to the last slice, mm.
 const SWEEP_MM: f64 = 28.0;
-/// Inside, slices lie this far to both sides: farther than any contestant's support.
+/// Positions count as inside if slices lie this far on both sides, which exceeds every
+/// contestant's support.
 const BOTH_SIDES_MM: f64 = 4.0;
-/// Inside, the picture reaches this much farther.
+/// Positions inside have at least this margin to the frame's border.
 const FROM_BORDER_MM: f64 = 2.0;
 /// Step of the blurred truth's differences, mm.
 const STEP_MM: f64 = 0.1;
 
-/// A phantom and how it is scanned.
+/// A phantom and its scan.
 #[derive(Clone, Copy)]
 pub(crate) struct Plan {
     /// Name in files.
@@ -46,7 +49,7 @@ pub(crate) struct Plan {
 }
 
 impl Plan {
-    /// Whether all slices stay perpendicular to one plane, with u along its normal.
+    /// Returns whether all slices stay perpendicular to one plane, with u along its normal.
     pub(crate) fn is_planar(&self) -> bool {
         let moves = matches!(self.motion, Motion::Parallel | Motion::Jittered | Motion::Fan { .. } | Motion::Arm);
         moves && self.tracker == STILL
@@ -75,7 +78,8 @@ fn zone_plate() -> Scene {
     Scene::ZonePlate(ZonePlate::standard())
 }
 
-/// Every phantom once and every trajectory at least once; the first three are swept in full.
+/// Returns every phantom once and every trajectory at least once; the first three are swept in
+/// full.
 pub(crate) fn plans() -> Vec<Plan> {
     let oblique = || Scene::Plane(Plane::standard(DVec3::new(0.4, 0.5, 1.0)));
     let sheet = || Scene::ThinSheet(ThinSheet::standard(DVec3::new(0.3, 1.0, 0.4)));
@@ -111,7 +115,7 @@ pub(crate) fn plans() -> Vec<Plan> {
     ]
 }
 
-/// Places and the right answers there, grey levels.
+/// Positions and the correct values there, grey levels.
 #[derive(Default)]
 pub(crate) struct Probes {
     pub(crate) places: Vec<DVec3>,
@@ -119,28 +123,28 @@ pub(crate) struct Probes {
     pub(crate) truth: Vec<f32>,
     /// The scene under the default kernel's effective width.
     pub(crate) blurred: Vec<f32>,
-    /// The default kernel's equations in f64 at these very places.
+    /// The default kernel's equations in f64 at the same positions.
     pub(crate) oracle: Vec<f32>,
-    /// Gradient of `blurred`, grey levels per mm; empty where it is not asked for.
+    /// Gradient of `blurred`, grey levels per mm; empty if it is not needed.
     pub(crate) slope: Vec<DVec3>,
 }
 
-/// A scan ready to be woven and judged.
+/// A scan, ready for reconstruction and comparison.
 pub(crate) struct Stage {
     pub(crate) plan: Plan,
     pub(crate) scan: Scan,
     pub(crate) slices: Vec<Slice>,
-    /// Where slices lie on both sides farther than any support.
+    /// Positions with slices on both sides beyond every support.
     pub(crate) inside: Probes,
-    /// Where the default kernel's weight is less than half the median inside.
+    /// Positions where the default kernel's weight is less than half the median inside.
     pub(crate) boundary: Probes,
 }
 
 impl Stage {
-    /// Paints the scan and finds the right answers.
+    /// Simulates the scan and computes the correct values.
     ///
     /// # Errors
-    /// When a phantom cannot be made, or no place is inside.
+    /// If a phantom cannot be made, or no position is inside.
     pub(crate) fn new(plan: Plan) -> Result<Self, Box<dyn Error>> {
         // Crossing sweeps take half of the frames each.
         let sweeps = if plan.motion == Motion::Crossing { 2 } else { 1 };
@@ -177,7 +181,8 @@ impl Stage {
     }
 }
 
-/// A cube of places about the world's origin, turned, so that no voxel lattice meets it anywhere twice in the same way.
+/// Returns a cube of positions about the world's origin, rotated so that its offsets to the
+/// voxel lattice vary.
 fn probe_grid(edge: u64, spacing: f64) -> Grid {
     let direction = DMat3::from_quat(DQuat::from_euler(EulerRot::ZYX, 0.31, -0.22, 0.17));
     let half = DVec3::splat(0.5 * spacing * (edge - 1) as f64);
@@ -192,12 +197,13 @@ fn places(grid: &Grid) -> Vec<DVec3> {
         .collect()
 }
 
-/// Whether every sweep that passes near a place has slices on both sides of it and pictures that reach beyond it.
+/// Returns whether every sweep near a position has slices on both sides of it, with frames that
+/// reach beyond it.
 fn inside(place: DVec3, poses: &[Transform<World, ImageFrame>]) -> bool {
     let normal = poses[0].affine().matrix3.z_axis;
     let last = PICTURE.map(|n| f64::from(n - 1));
     let border = FROM_BORDER_MM / PIXEL_MM;
-    // Sweeps differ by where their slices look.
+    // Sweeps differ by the direction of their slices.
     let (mut low, mut high, mut near, mut beside) = ([f64::MAX; 2], [f64::MIN; 2], [false; 2], false);
     for pose in poses {
         let sweep = usize::from(pose.affine().matrix3.z_axis.dot(normal) < 0.7);
@@ -213,7 +219,8 @@ fn inside(place: DVec3, poses: &[Transform<World, ImageFrame>]) -> bool {
     !beside && near.contains(&true) && (0..2).all(|sweep| !near[sweep] || between(sweep))
 }
 
-/// Value (NaN where unseen) and weight of the default kernel's equations in f64 at each place.
+/// Returns value (NaN if unseen) and weight of the default kernel's equations in f64 at each
+/// position.
 fn oracle(grid: Grid, slices: &[Slice], scan: &Scan, kernels: &[AxisKernel; 3]) -> (Vec<f32>, Vec<f64>) {
     let mut reference = Reference::new(grid);
     for slice in slices {
@@ -240,7 +247,7 @@ fn answers(
     })
 }
 
-/// Differences of the blurred truth about the chosen places of a grid.
+/// Returns differences of the blurred truth at the chosen positions of a grid.
 fn slopes(scan: &Scan, kernel: &EffectiveKernel, grid: Grid, chosen: &[bool]) -> Result<Vec<DVec3>, Box<dyn Error>> {
     let mut slopes = vec![DVec3::ZERO; chosen.iter().filter(|c| **c).count()];
     for axis in 0..3 {

@@ -1,7 +1,9 @@
-//! What it costs and saves to keep sums in 32 or 16 bits.
+//! Cost and benefit of storing sums in 32 or 16 bits.
 //!
-//! A weaver of its own, in which only the storage differs: a dense block of voxels, rows loaded into f32, one multiply-add for numerator and weight, the
-//! default's clamp, rows stored. Its times compare among themselves only; it does none of what the reconstructor does to skip work.
+//! A separate inserter, in which only the storage differs: a dense block of voxels. It loads
+//! rows into f32, does one multiply-add for numerator and weight and the default's clamp, and
+//! stores the rows. Its times compare only among themselves, since it does not skip work like
+//! the reconstructor.
 
 use std::error::Error;
 use std::fs;
@@ -12,27 +14,28 @@ use half::f16;
 use half::slice::HalfFloatSliceExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
-use sonoweave::reconstruct::settings::MAX_WEIGHT;
+
+use reconstruct::settings::MAX_WEIGHT;
 
 use crate::contestant::default_kernels;
 use crate::report::{Report, digits, markdown};
 use crate::timing::quantile;
 
-/// Voxels along x, y, z: beyond what the nearer caches hold.
+/// Voxels along x, y, z: larger than the nearer caches.
 const SIZE: [usize; 3] = [512, 384, 16];
 const SPACING_MM: f64 = 0.5;
-/// Slices all lie within this of the block's middle, mm.
+/// Slices all lie within this distance of the block's middle, mm.
 const WANDER_MM: f64 = 1.0;
 /// Noise of a slice's values, grey levels.
 const NOISE: f64 = 6.0;
-/// After so many slices errors are found.
+/// Numbers of slices after which errors are measured.
 const JUDGED: [u32; 3] = [10, 100, 1000];
-/// As the reconstructor's, in the kernel's peak of 1.
+/// The reconstructor's value, in units of the kernel's peak of 1.
 const MOST_WEIGHT: f32 = MAX_WEIGHT as f32;
-/// Every so many voxels are also summed in f64.
+/// Interval of voxels that are also summed in f64.
 const STRIDE: usize = 97;
 
-/// How a voxel's two numbers are kept.
+/// Storage format of a voxel's two numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Format {
     SumsF32,
@@ -61,7 +64,7 @@ enum Store {
     F16 { arrays: [Vec<f16>; 2], means: bool },
 }
 
-/// Sixteen-bit weights are counted in this part.
+/// Steps of a sixteen-bit weight per unit.
 const WEIGHT_UNIT: f32 = 255.0;
 
 impl Store {
@@ -84,7 +87,7 @@ impl Store {
         }
     }
 
-    /// Numerators and weights of a row.
+    /// Loads numerators and weights of a row.
     fn load(&self, start: usize, r: &mut [f32], w: &mut [f32]) {
         let row = start..start + r.len();
         match self {
@@ -108,7 +111,7 @@ impl Store {
         }
     }
 
-    /// Keeps a row; all roundings are to the nearest.
+    /// Stores a row; all roundings are to nearest.
     fn store(&mut self, start: usize, r: &mut [f32], w: &[f32]) {
         let row = start..start + r.len();
         match self {
@@ -132,7 +135,7 @@ impl Store {
         }
     }
 
-    /// Mean at a voxel.
+    /// Returns the mean at a voxel.
     fn value(&self, voxel: usize) -> f64 {
         let (mut r, mut w) = ([0.0], [0.0]);
         self.load(voxel, &mut r, &mut w);
@@ -140,27 +143,27 @@ impl Store {
     }
 }
 
-/// Without a branch, so that a row is one loop of vectors; 0 where nothing is.
+/// Returns the mean without a branch, so that a row is one vectorised loop; 0 without weight.
 fn mean(r: f32, w: f32) -> f32 {
     r / w.max(1e-20)
 }
 
-/// The nearest integer, of 0 ≤ x < 65536: adding 2²³ leaves it in the low bits.
+/// Rounds 0 ≤ x < 65536 to the nearest integer: adding 2²³ leaves it in the low bits.
 fn rounded(x: f32) -> u16 {
     ((x + 8_388_608.0).to_bits() & 0xffff) as u16
 }
 
-/// A slice: what each column of voxels receives, and with which weight each layer.
+/// A slice: the value for each column of voxels, and the weight for each layer.
 struct Slice {
     values: Vec<f32>,
     weights: [f32; SIZE[2]],
 }
 
-/// Draws slices over the same place, one after the other.
+/// Draws slices over the same position, one after the other.
 struct Slices {
     random: ChaCha8Rng,
     scene: Vec<f64>,
-    kernel: sonoweave::reconstruct::kernel::AxisKernel,
+    kernel: reconstruct::kernel::AxisKernel,
 }
 
 impl Slices {
@@ -170,7 +173,7 @@ impl Slices {
         Ok(Self { random: ChaCha8Rng::seed_from_u64(1), scene, kernel })
     }
 
-    /// From −1 to 1, evenly.
+    /// Returns a uniform random number from −1 to 1.
     fn even(&mut self) -> f64 {
         f64::from(self.random.next_u32()) / f64::from(u32::MAX) * 2.0 - 1.0
     }
@@ -181,20 +184,20 @@ impl Slices {
             let at = (z as f64 - 0.5 * (SIZE[2] - 1) as f64) * SPACING_MM;
             self.kernel.weight(at - place) as f32
         });
-        // Evenly spread noise of the same standard deviation is enough here.
+        // Uniform noise of the same standard deviation is enough here.
         let spread = NOISE * 3.0_f64.sqrt();
         let values = (0..self.scene.len()).map(|i| (self.scene[i] + spread * self.even()) as f32).collect();
         Slice { values, weights }
     }
 }
 
-/// What is there, between 30 and 225 grey levels.
+/// Returns the true value, between 30 and 225 grey levels.
 fn scene(column: usize) -> f64 {
     let (x, y) = ((column % SIZE[0]) as f64, (column / SIZE[0]) as f64);
     127.5 + 90.0 * (0.07 * x).sin() * (0.05 * y).cos()
 }
 
-/// One slice into all layers that it reaches.
+/// Inserts one slice into all layers that it reaches.
 fn weave(store: &mut Store, slice: &Slice) {
     let (mut r, mut w) = ([0.0_f32; SIZE[0]], [0.0_f32; SIZE[0]]);
     for (z, weight) in slice.weights.iter().enumerate().filter(|(_, weight)| **weight > 0.0) {
@@ -211,7 +214,7 @@ fn weave(store: &mut Store, slice: &Slice) {
     }
 }
 
-/// The same in f64 at some voxels.
+/// The same sums in f64 at some voxels.
 struct Exact {
     voxels: Vec<usize>,
     sums: Vec<[f64; 2]>,
@@ -235,7 +238,8 @@ impl Exact {
         }
     }
 
-    /// Root mean square and mean of what a store differs by, where at least a whole slice lies.
+    /// Returns root mean square and mean of a store's deviation, at voxels with a weight of at
+    /// least 1.
     fn differences(&self, store: &Store) -> [f64; 2] {
         let (mut squares, mut sum, mut count) = (0.0, 0.0, 0.0);
         for (voxel, [r, w]) in self.voxels.iter().zip(&self.sums).filter(|(_, [_, w])| *w >= 1.0) {
@@ -248,10 +252,10 @@ impl Exact {
     }
 }
 
-/// Weaves the same slices into each format in turns, and tells errors and times.
+/// Inserts the same slices into each format in turns; reports errors and times.
 ///
 /// # Errors
-/// When a file cannot be written.
+/// If a file cannot be written.
 pub(crate) fn measure(most: u32, report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
     let mut slices = Slices::new()?;
     let mut stores = Format::ALL.map(Store::new);
@@ -262,7 +266,7 @@ pub(crate) fn measure(most: u32, report: &mut Report, folder: &Path) -> Result<(
         let slice = slices.draw();
         exact.weave(&slice);
         for turn in 0..stores.len() {
-            // To and fro, so that none always finds the caches as the same other left them.
+            // The order alternates, so that each format finds the caches in varying states.
             let i = if number % 2 == 0 { turn } else { stores.len() - 1 - turn };
             let start = Instant::now();
             weave(&mut stores[i], &slice);
@@ -285,7 +289,7 @@ pub(crate) fn measure(most: u32, report: &mut Report, folder: &Path) -> Result<(
             let fields = [ms[0], ms[1], ms[2], f64::from(*slices), *rms, *bias].map(|v| v.to_string()).join(",");
             csv += &format!("\"{name}\",{},{fields}\n", store.bytes_per_voxel());
         }
-        // Sums of 16 bits are poor, but a value between the scene's extremes they must be.
+        // Sums in 16 bits are inaccurate, but the value must be between the scene's extremes.
         let bound = if *format == Format::SumsF32 { 1e-3 } else { 20.0 };
         report.findings.check(
             !errors.is_empty() && errors.iter().all(|e| e[0] <= bound),
@@ -311,7 +315,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_format_returns_what_was_stored_to_its_own_precision() {
+    fn formats_return_stored_values_to_their_precision() {
         let bounds = [1e-6, 1.0 / 512.0 + 1e-4, 0.2, 0.07];
         for (format, bound) in Format::ALL.into_iter().zip(bounds) {
             let mut store = Store::new(format);
@@ -321,7 +325,7 @@ mod tests {
             store.store(512, &mut r, &w);
             for (i, expected) in expected.iter().enumerate() {
                 let found = store.value(512 + i);
-                // A weight of 16 bits does not change the mean that is kept beside it.
+                // A weight of 16 bits does not change the mean that is stored beside it.
                 assert!((found - expected).abs() <= bound, "{format:?} {i}: {found} for {expected}");
             }
         }
@@ -335,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn f32_follows_f64_through_the_clamp() {
+    fn f32_sums_match_f64_through_the_clamp() {
         let (mut slices, mut store, mut exact) = (Slices::new().unwrap(), Store::new(Format::SumsF32), Exact::new());
         for _ in 0..3 {
             let slice = slices.draw();

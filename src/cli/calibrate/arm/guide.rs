@@ -1,38 +1,39 @@
-//! What whoever holds the arm is told while its touches are recorded: how many there are, and how well they tell the arm.
+//! Advice while an arm's touches are recorded: their number, and how well they determine the
+//! arm.
 
 use std::path::{Path, PathBuf};
 
 use calibration::arm::fit::fit;
 use calibration::arm::reach::Reach;
 use calibration::arm::{Arm, JOINTS};
+use config::bedside::Tracking;
+use sync::ingest::live::Live;
 
 use super::super::guide::{Advice, Guide, lead};
 use super::session::instrument;
 use super::{Arguments, Work};
 use crate::cli::Failure;
-use crate::config::bedside::Tracking;
-use crate::ingest::live::Live;
 
-/// Records the bedside's arm until its touches tell it well enough.
+/// Records the configured arm until its touches determine it well enough.
 ///
 /// # Errors
-/// [`Failure`] when it has none, or nothing to begin with.
+/// [`Failure`] when the configuration has no arm, or no joints to begin with.
 pub(super) fn gathered(path: &Path, arguments: &Arguments) -> Result<PathBuf, Failure> {
     let work = Work { arguments, session: path };
     let gathered = lead(path, &arguments.gathering, |bedside| {
         let Tracking::Arm(_) = bedside.tracking else {
-            return Err(work.within("a tracker carries the probe, and no arm; it has no [arm]"));
+            return Err(work.within("it has no [arm]; give a session configuration with an arm"));
         };
         let calibration = &bedside.calibration;
         let (arm, _) = work.start(calibration.arm, calibration.arm_fit_rms_mm)?;
-        // Said now, and not when all is touched.
+        // Reports a bad file now, and not after all touches.
         arguments.places.read()?;
         Ok((Touching { work, arm, readings: Vec::new(), begin_ns: None }, vec![instrument(bedside)]))
     })?;
     Ok(gathered.session)
 }
 
-/// The touches by now.
+/// The touches so far.
 struct Touching<'a> {
     work: Work<'a>,
     arm: Arm,

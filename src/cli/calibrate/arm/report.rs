@@ -1,30 +1,32 @@
-//! What is said of an arm: in words, and as JSON whose names say the units.
+//! Reports on an arm, as text and as JSON. JSON field names contain the units.
 
 use std::fmt::Write as _;
+
+use serde::Serialize;
 
 use calibration::arm::check::Checked;
 use calibration::arm::fit::{Fitted, Found, Options};
 use calibration::arm::reach::Reach;
 use calibration::arm::{JOINTS, Joint};
-use serde::Serialize;
 
 use super::super::outputs::Input;
 use super::super::poses::Counts;
 use super::touched::Touched;
 
-/// Digits of a number behind its point: enough that its standard deviation has two.
+/// Returns the decimals of a number: enough that its standard deviation has two significant
+/// digits.
 fn digits(sd: f64) -> usize {
     if sd > 0.0 { (1.0 - sd.log10().floor()).clamp(0.0, 9.0) as usize } else { 6 }
 }
 
-/// What results are of.
+/// The touches that a result is based on.
 pub(super) struct Results<'a> {
     pub(super) touched: &'a Touched,
     pub(super) counts: &'a Counts,
     pub(super) seat_mm: f64,
 }
 
-/// A number that was found.
+/// A fitted number.
 #[derive(Debug, Serialize)]
 struct ToldNumber {
     joint: usize,
@@ -42,18 +44,18 @@ impl From<&Found> for ToldNumber {
     }
 }
 
-/// A touch, or the two of a distance.
+/// A touch, or the two touches of a distance.
 #[derive(Debug, Serialize)]
 struct ToldTouch {
     of: String,
     from_s: f64,
     to_s: f64,
     off_mm: f64,
-    /// Left out, as it lies far from all others.
+    /// Left out, because it lies far from all others.
     outlier: bool,
 }
 
-/// What is said of a fit.
+/// Report of a fit.
 #[derive(Debug, Serialize)]
 pub(super) struct FitReport<'a> {
     kind: &'static str,
@@ -63,7 +65,7 @@ pub(super) struct FitReport<'a> {
     found: Vec<ToldNumber>,
     rms_mm: f64,
     most_mm: f64,
-    /// Of the residuals over the seat's.
+    /// Ratio of the residuals to the seat's error.
     spread: f64,
     seat_mm: f64,
     limit_mm: f64,
@@ -73,7 +75,7 @@ pub(super) struct FitReport<'a> {
     touches: Vec<ToldTouch>,
 }
 
-/// What is said of a check.
+/// Report of a check.
 #[derive(Debug, Serialize)]
 pub(super) struct CheckReport<'a> {
     kind: &'static str,
@@ -147,7 +149,7 @@ impl Results<'_> {
         }
     }
 
-    /// A fit in words.
+    /// Formats a fit as text.
     pub(super) fn of_fit(&self, fitted: &Fitted, reach: &Reach, options: &Options) -> String {
         let mut text = format!(
             "{}: {:.3} mm off (rms; at most {:.3}), {:.2} times what the seat's is said to be{}\n",
@@ -194,7 +196,7 @@ impl Results<'_> {
         text
     }
 
-    /// A check in words.
+    /// Formats a check as text.
     pub(super) fn of_check(&self, checked: &Checked, fit_rms_mm: Option<f64>) -> String {
         let fit = match fit_rms_mm {
             Some(mm) => format!("its fit left {mm:.3}"),

@@ -1,39 +1,41 @@
-//! Joints' counts from a recorded session.
+//! Joint counts from a recorded session.
 
 use std::path::Path;
 
-use calibration::arm::{Arm, JOINTS};
-use drivers::clock::SECOND;
 use glam::{DQuat, DVec3};
+
+use calibration::arm::{Arm, JOINTS};
+use config::bedside::{Bedside, Tracking};
+use pipeline::live::{DeviceRole, Latencies, RecordedDecisions, walk};
+use sonoweave_core::clock::SECOND;
+use sonoweave_core::refusal::{Reason, Refusal};
+use sync::history::Rigid;
+use sync::ingest::live::{Gives, Live};
 
 use super::super::poses::{Counts, Taken};
 use crate::cli::Failure;
 use crate::cli::live::stages::{Kept, TRACKING};
-use crate::config::bedside::{Bedside, Tracking};
-use crate::ingest::live::{Gives, Live};
-use crate::pipeline::live::{Instrument, Latencies, Precedent, walk};
-use crate::refusal::{Reason, Refusal};
-use crate::sync::history::Rigid;
 
-/// What a session says of an arm.
+/// An arm's data in a session.
 pub(super) struct Recorded {
-    /// The arm that it was configured by, if it was.
+    /// The configured arm, if any.
     pub(super) arm: Option<Arm>,
-    /// What that arm's fit left, mm.
+    /// Residual of that arm's fit, mm.
     pub(super) fit_rms_mm: Option<f64>,
-    /// When, s from the first reading on, and the joints' counts.
+    /// Time, s from the first reading, and the joints' counts.
     pub(super) readings: Vec<(f64, [f64; JOINTS])>,
-    /// What became of what was recorded.
+    /// Counts of used and refused readings.
     pub(super) counts: Counts,
 }
 
-/// An arm that gives its joints' counts in the place of its tip's: axes that are read one by one are brought together as in a session.
-pub(super) fn instrument(bedside: &Bedside) -> Instrument {
+/// Returns an arm instrument that delivers its joints' counts instead of its tip's pose. Axes
+/// that are read one by one are synchronised as in a session.
+pub(super) fn instrument(bedside: &Bedside) -> DeviceRole {
     let kinematics = |counts: &[f64]| {
         let position_mm = DVec3::from_array(counts.get(..JOINTS)?.try_into().ok()?);
         Some(Rigid { rotation: DQuat::IDENTITY, position_mm })
     };
-    Instrument {
+    DeviceRole {
         name: TRACKING.to_owned(),
         gives: Gives::Arm { joints: JOINTS, kinematics: Box::new(kinematics) },
         frames: Vec::new(),
@@ -44,12 +46,12 @@ pub(super) fn instrument(bedside: &Bedside) -> Instrument {
 /// Reads the counts between two times, s from the recording's beginning.
 ///
 /// # Errors
-/// [`Failure`] when it cannot be read, holds no arm, or no counts of one that is homed.
+/// [`Failure`] when the session cannot be read, holds no arm, or holds no counts of a homed arm.
 pub(super) fn read(path: &Path, from: Option<f64>, to: Option<f64>) -> Result<Recorded, Failure> {
-    let bedside = Kept::bedside(path, &Precedent::read(path)?)?;
+    let bedside = Kept::bedside(path, &RecordedDecisions::read(path)?)?;
     let Tracking::Arm(_) = bedside.tracking else {
         return Err(Failure(format!(
-            "{}: holds no arm, as a tracker carried the probe; record a session whose configuration has [arm]",
+            "{}: holds no arm; record a session with [arm] in its configuration",
             path.display()
         )));
     };

@@ -1,65 +1,68 @@
-//! Rests of an arm's joints as touches of what is known.
+//! Converts rests of an arm's joints to touches of known places.
 
 use std::path::{Path, PathBuf};
+
+use clap::Args;
+use glam::DVec2;
 
 use calibration::arm::fit::{Known, Touch};
 use calibration::arm::rest::{Rest, find};
 use calibration::arm::{Arm, JOINTS, plate};
-use clap::Args;
-use glam::DVec2;
 
 use super::session::{self, Recorded};
 use crate::cli::{Failure, values};
 
-/// Rests that a refusal lists.
+/// Largest number of rests that a refusal lists.
 const LISTED: usize = 40;
 
-/// What is known of the places that were touched.
+/// Known geometry of the touched places.
 #[derive(Debug, Args)]
 #[group(required = true, multiple = false)]
 pub(super) struct Places {
-    /// A plate with divots (TOML): format = "sonoweave-plate", version = 1, divots_mm = [[x, y], …]
+    /// Plate with divots (TOML): format = "sonoweave-plate", version = 1, divots_mm = [[x, y],
+    /// …]
     #[arg(long, value_name = "PLATE.toml")]
     plate: Option<PathBuf>,
     /// All touches are of one place, wherever it is
     #[arg(long)]
     point: bool,
-    /// Two touches after each other are so far apart, mm: one distance for all, or one for each two
+    /// Distance between two successive touches, mm: one distance for all, or one for each two
     #[arg(long, value_name = "MM", value_delimiter = ',', value_parser = values::positive)]
     distances: Vec<f64>,
 }
 
-/// Which moments are touches, and of what.
+/// Selects the rests that are touches, and their places.
 #[derive(Debug, Args)]
 pub(super) struct Which {
-    /// Which divot each touch is of, by its place in the plate's file, from 1: one number a touch [default: 1, 2, 3 … in rounds]
+    /// Divot of each touch, by its place in the plate's file, from 1: one number a touch
+    /// [default: 1, 2, 3 … in rounds]
     #[arg(long, value_name = "N", value_delimiter = ',', requires = "plate")]
     order: Vec<usize>,
     /// Rests that were no touches, by their numbers in the order of time, from 1
     #[arg(long, value_name = "N", value_delimiter = ',')]
     skip: Vec<usize>,
-    /// How long the joints rest at least while the tip is set down, s
+    /// Shortest rest of the joints while the tip is set down, s
     #[arg(long, value_name = "S", default_value_t = 1.0, value_parser = values::positive)]
     rest: f64,
-    /// Joints that move the tip by no more than this rest, mm
+    /// Largest movement of the tip during a rest of the joints, mm
     #[arg(long, value_name = "MM", default_value_t = 2.0, value_parser = values::positive)]
     still: f64,
-    /// Leave out what was recorded before: seconds from the recording's beginning
+    /// Leave out everything recorded before: seconds from the recording's beginning
     #[arg(long, value_name = "S", value_parser = values::number)]
     from: Option<f64>,
-    /// Leave out what was recorded after: seconds from the recording's beginning
+    /// Leave out everything recorded after: seconds from the recording's beginning
     #[arg(long, value_name = "S", value_parser = values::number)]
     to: Option<f64>,
 }
 
-/// The same, read.
+/// The geometry of [`Places`], read from its file.
 pub(super) enum Place {
     Divots(Vec<DVec2>),
     Point,
     Distances(Vec<f64>),
 }
 
-/// Touches, and what they are of.
+/// Touches with their places.
 pub(super) struct Touched {
     place: Place,
     pub(super) touches: Vec<Touch>,
@@ -68,15 +71,15 @@ pub(super) struct Touched {
 }
 
 impl Places {
-    /// The file that it is read from.
+    /// Returns the geometry's file, if it has one.
     pub(super) fn file(&self) -> Option<&PathBuf> {
         self.plate.as_ref()
     }
 
-    /// Reads what is known.
+    /// Reads the geometry.
     ///
     /// # Errors
-    /// [`Failure`] for a plate's file that is none.
+    /// [`Failure`] for an invalid plate file.
     pub(super) fn read(&self) -> Result<Place, Failure> {
         Ok(match &self.plate {
             Some(path) => Place::Divots(plate::read(path)?),
@@ -87,18 +90,19 @@ impl Places {
 }
 
 impl Which {
-    /// The session's counts, within the time that is asked for.
+    /// Reads the session's counts, within the requested time.
     ///
     /// # Errors
-    /// As of [`session::read`].
+    /// [`Failure`], as of [`session::read`].
     pub(super) fn read(&self, session: &Path) -> Result<Recorded, Failure> {
         session::read(session, self.from, self.to)
     }
 
-    /// The touches among the counts.
+    /// Finds the touches among the counts.
     ///
     /// # Errors
-    /// [`Failure`] when the joints did not rest, or as often as the places do not account for.
+    /// [`Failure`] when the joints did not rest, or the number of rests does not match the
+    /// places.
     pub(super) fn touches(
         &self,
         session: &Path,
@@ -167,7 +171,7 @@ impl Which {
 }
 
 impl Touched {
-    /// What is known of the places.
+    /// Returns the known geometry for the fit.
     pub(super) fn known(&self) -> Known<'_> {
         match &self.place {
             Place::Divots(divots) => Known::Divots(divots),
@@ -176,7 +180,7 @@ impl Touched {
         }
     }
 
-    /// How many touches of what.
+    /// Describes the number of touches and places.
     pub(super) fn words(&self) -> String {
         let touches = self.touches.len();
         match &self.place {
@@ -186,7 +190,7 @@ impl Touched {
         }
     }
 
-    /// What a residual is of, in words: a touch, or the two of a distance.
+    /// Names a residual: a touch, or the two touches of a distance.
     pub(super) fn name(&self, residual: usize) -> String {
         let number = |touch: usize| self.rests[touch].0;
         match &self.place {
@@ -196,7 +200,7 @@ impl Touched {
         }
     }
 
-    /// When it was touched, s: from the first to the last moment.
+    /// Returns the first and the last time of a touch or a distance, s.
     pub(super) fn time_s(&self, residual: usize) -> [f64; 2] {
         let [first, last] = match &self.place {
             Place::Distances(_) => [2 * residual, 2 * residual + 1],
@@ -206,7 +210,7 @@ impl Touched {
     }
 }
 
-/// When the joints rested, for the end of a refusal.
+/// Lists the joints' rests, for the end of a refusal.
 fn listed(rests: &[Rest]) -> String {
     let told = rests.iter().take(LISTED).zip(1..);
     let told: Vec<String> =

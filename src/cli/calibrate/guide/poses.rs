@@ -1,14 +1,15 @@
-//! Guides that need nothing but poses.
+//! Guides that need only poses.
 
 use std::borrow::Cow;
+
+use sync::ingest::live::Live;
 
 use super::super::poses::Recording;
 use super::super::recorded::{GRABBER, Tracks, without_latency};
 use super::{Advice, Gathered, Guide, lead};
 use crate::cli::Failure;
-use crate::ingest::live::Live;
 
-/// Judges the poses that there are each time anew, in the way in which the recording is judged in the end.
+/// Evaluates all poses so far at each step, in the same way as the final recording.
 struct PoseGuide<J> {
     tracks: Tracks,
     judge: J,
@@ -27,10 +28,10 @@ impl<J: FnMut(&Tracks) -> Result<Advice, Failure>> Guide for PoseGuide<J> {
     }
 }
 
-/// The recording; where it is still to be made it is made now, and `judge` says what is missing.
+/// Returns the recording. If it is still to be made, records it now, guided by `judge`.
 ///
 /// # Errors
-/// [`Failure`] when it cannot be made.
+/// [`Failure`] when the recording cannot be made.
 pub(in crate::cli::calibrate) fn gathered(
     recording: &Recording,
     judge: impl FnMut(&Tracks) -> Result<Advice, Failure>,

@@ -1,24 +1,25 @@
-//! What whoever holds the probe is told while a recording for its lag is made: whether it moves far enough, and turns round often enough.
+//! Advice while a recording for the lag is made: whether the probe moves far enough, and turns
+//! round often enough.
 //!
-//! Whether a floor is seen the pictures say, which are looked at afterwards.
+//! The video frames are searched for a floor later.
 
 use std::path::{Path, PathBuf};
 
 use calibration::latency::motion::{Motion, PoseSample};
+use config::bedside::devices::PROBE_FRAME;
+use sync::ingest::live::Live;
 
 use super::super::guide::{Advice, Guide, lead};
 use super::super::recorded::{Tracks, without_latency};
 use super::Arguments;
 use crate::cli::Failure;
-use crate::config::bedside::devices::PROBE_FRAME;
-use crate::ingest::live::Live;
 
-/// A lag is well known by a motion of so much, mm, that turns round so often in so long a time, s.
+/// Motion that determines a lag well: distance, mm, number of turning points, and duration, s.
 const FAR_MM: f64 = 20.0;
 const TURNS: f64 = 8.0;
 const LONG_S: f64 = 12.0;
 
-/// Records the bedside's devices until the motion tells a lag.
+/// Records the configured devices until the motion determines a lag.
 ///
 /// # Errors
 /// [`Failure`] when they cannot be recorded.
@@ -76,7 +77,7 @@ mod tests {
     use glam::{DQuat, DVec3};
 
     #[test]
-    fn what_is_missing_most_counts() {
+    fn advice_reports_least_fulfilled_condition() {
         let swing = |mm: f64, hz: f64, until: f64| {
             let pose = |i: u32| {
                 let time_s = 0.01 * f64::from(i);

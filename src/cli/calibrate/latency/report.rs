@@ -1,37 +1,38 @@
-//! What is said of a lag: to people, to programs, and in the calibration file.
+//! Reports on a lag: as text, as JSON, and in the calibration file.
 
 use std::fmt::Write as _;
+
+use serde::Serialize;
 
 use calibration::file::Latency;
 use calibration::latency::crossings::Agreement;
 use calibration::latency::floor::{FloorLag, Tried};
 use calibration::latency::stamps::Reading;
-use serde::Serialize;
 
 use super::super::outputs::{Input, Outputs};
 use super::OTHER;
 use super::source::Source;
 use crate::cli::Failure;
 
-/// By what it was found.
+/// Result of the method used.
 pub(super) enum Found {
     Line(Box<FloorLag>),
     Crossings(Box<Agreement>),
 }
 
-/// The JSON form is this.
+/// The report; its fields are the JSON form.
 #[derive(Debug, Serialize)]
 pub(super) struct Report {
     /// `line` or `crossings`.
     method: &'static str,
-    /// Above 0 where the tracker lags the video.
+    /// Positive if the tracker lags the video.
     lag_s: f64,
     /// Its standard error.
     lag_se_s: f64,
-    /// What the latencies therefore are.
+    /// Resulting latencies, ms.
     video_ms: f64,
     tracker_ms: f64,
-    /// The difference of the latencies that a session was paired by, ms.
+    /// Difference of the latencies that the session was paired by, ms.
     #[serde(skip_serializing_if = "Option::is_none")]
     paired_by_ms: Option<f64>,
     inputs: Vec<Input>,
@@ -39,17 +40,17 @@ pub(super) struct Report {
     line: Option<Line>,
     #[serde(skip_serializing_if = "Option::is_none")]
     crossings: Option<Crossings>,
-    /// What the user should know: sentences.
+    /// Sentences for the user.
     notes: Vec<String>,
 }
 
 #[derive(Debug, Serialize)]
 struct Line {
     frames: Frames,
-    /// By which stamps of pictures and of poses.
+    /// Time stamps used for video frames and for poses.
     stamps: [Reading; 2],
     tried: Vec<Tried>,
-    /// How far the stamps as given wander about these, s.
+    /// Jitter of the given time stamps about these, s.
     wander_s: [f64; 2],
     extent_px: f64,
     extent_mm: f64,
@@ -58,7 +59,7 @@ struct Line {
     axis: [f64; 3],
     mm_per_px: f64,
     residual_px: f64,
-    /// Time, s, distance of the line, px, and what is left of it.
+    /// Time, s, distance of the line, px, and its residual.
     values: Vec<(f64, f64, Option<f64>)>,
 }
 
@@ -76,7 +77,7 @@ struct Crossings {
     slices: usize,
     correlation: f64,
     correlation_without_lag: f64,
-    /// Lag, s, and how badly it does.
+    /// Lag, s, and the mismatch at it.
     curve: Vec<(f64, f64)>,
 }
 
@@ -121,12 +122,12 @@ impl Report {
         })
     }
 
-    /// What goes into the calibration file.
+    /// Returns the latencies for the calibration file.
     pub(super) fn latency(&self) -> Latency {
         Latency { video_ms: self.video_ms, tracker_ms: self.tracker_ms, lag_se_ms: Some(1e3 * self.lag_se_s) }
     }
 
-    /// Where it comes from, in a line.
+    /// Returns the result's provenance, in one line.
     pub(super) fn provenance(&self) -> String {
         let names: Vec<String> = self.inputs.iter().map(Input::name).collect();
         format!(
@@ -136,7 +137,7 @@ impl Report {
         )
     }
 
-    /// For people.
+    /// Formats the report for people.
     pub(super) fn text(&self, outputs: &Outputs) -> String {
         let mut text = String::new();
         let mut say = |label: &str, value: String| {
@@ -179,7 +180,7 @@ impl Report {
     }
 }
 
-/// Stamps that wander by more than what a hand at 50 mm/s notices, s.
+/// Jitter of time stamps that is noticeable at a hand speed of 50 mm/s, s.
 const WANDERS_S: f64 = 2e-3;
 
 fn wandering(found: &FloorLag) -> Vec<String> {

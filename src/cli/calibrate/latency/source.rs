@@ -1,69 +1,72 @@
-//! Where pictures and poses come from: a sequence or two, or a session. Pictures pass one by one and are not kept.
+//! Sources of video frames and poses: one sequence or two, or a session. Video frames are read
+//! one by one and are not kept.
 
 use std::path::{Path, PathBuf};
 
-use calibration::frames::{affine_from_rows, nearest_rigid};
+use glam::{DAffine3, DMat3, DQuat, DVec3};
+
 use calibration::latency::floor::FloorPose;
 use calibration::latency::motion::PoseSample;
 use calibration::latency::poses::Poses;
 use calibration::latency::stamps::Stamps;
+use config::Settings;
+use config::bedside::devices::{PROBE_FRAME, REFERENCE_FRAME, TRACKER_FRAME};
 use drivers::OpenSettings;
-use drivers::reading::{NamedTransform, Reading, Status, transform_name};
-use drivers::recording::SequenceSettings;
-use glam::{DAffine3, DMat3, DQuat, DVec3};
+use drivers::replay::SequenceSettings;
+use mask::MaskSettings;
+use sonoweave_core::frames::{affine_from_rows, nearest_rigid};
+use sonoweave_core::reading::{NamedTransform, Reading, Status, transform_name};
+use sync::history::PoseSample as Measured;
+use sync::pairing::RIGID_TOLERANCE;
+use sync::survey;
 
 use super::super::recorded::{Recorded, Shown, Tracks, Unfit, each, seconds, stamps};
 use crate::cli::Failure;
-use crate::config::Settings;
-use crate::config::bedside::devices::{PROBE_FRAME, REFERENCE_FRAME, TRACKER_FRAME};
-use crate::mask::MaskSettings;
-use crate::sync::history::PoseSample as Measured;
-use crate::sync::pairing::RIGID_TOLERANCE;
-use crate::sync::{PairingOptions, survey};
 
-/// Pictures and poses.
+/// Video frames and poses.
 pub(super) struct Source {
     video: Recorded,
-    /// A sequence of its own with the poses; without it they are the video's.
+    /// A separate sequence with the poses. Without it, they are the video's.
     tracker: Option<PathBuf>,
 }
 
 impl Source {
-    /// Of a recording, and a sequence for the poses unless they are in it.
+    /// Uses a recording, and a sequence for the poses unless the recording contains them.
     pub(super) fn new(video: Recorded, tracker: Option<PathBuf>) -> Self {
         Self { video, tracker }
     }
 
-    /// Its files.
+    /// Returns its files.
     pub(super) fn paths(&self) -> Vec<&Path> {
         std::iter::once(self.video.path()).chain(self.tracker.as_deref()).collect()
     }
 
-    /// The calibration that a session was woven by.
+    /// Returns the calibration that a session was reconstructed with.
     pub(super) fn calibration(&self) -> Option<&Settings> {
         Some(&self.video.bedside()?.calibration)
     }
 
-    /// What of the pictures is data, where a session says it.
+    /// Returns the session's image mask, if there is one.
     pub(super) fn mask(&self) -> Option<MaskSettings> {
         Some(self.video.bedside()?.mask)
     }
 
-    /// What the video's latency was configured to be, ms.
+    /// Returns the configured latency of the video, ms.
     pub(super) fn video_ms(&self) -> Option<f64> {
         Some(self.video.bedside()?.grabber.latency_ns as f64 * 1e-6)
     }
 
-    /// The difference of the latencies that a session was paired by, ms.
+    /// Returns the difference of the latencies that a session was paired by, ms.
     pub(super) fn paired_ms(&self) -> Option<f64> {
         let bedside = self.video.bedside()?;
         Some((bedside.tracking.latency_ns() - bedside.grabber.latency_ns) as f64 * 1e-6)
     }
 
-    /// Every picture in turn, and when it was taken; those that could not be used.
+    /// Passes every video frame with its time stamps to `take`; returns the unusable ones.
     ///
     /// # Errors
-    /// [`Failure`] when the recording cannot be read, or its pictures are not in 8 bits or have no times.
+    /// [`Failure`] when the recording cannot be read, or its video frames are not in 8 bits or
+    /// have no times.
     pub(super) fn pictures(
         &self,
         mut take: impl FnMut(Shown<'_>, Stamps) -> Result<(), Failure>,
@@ -74,7 +77,7 @@ impl Source {
         })
     }
 
-    /// The probe's poses in the tracker's frame.
+    /// Reads the probe's poses in the tracker's frame.
     ///
     /// # Errors
     /// [`Failure`] when the recording cannot be read or has no such poses.
@@ -112,16 +115,21 @@ impl Source {
         }
     }
 
-    /// The probe's poses where the volume lives, and where the picture lies against the probe.
+    /// Reads the probe's poses in the volume's frame, and the transform from image to probe.
     ///
     /// # Errors
-    /// [`Failure`] when the recording cannot be read, has no such poses, or nothing relates the picture to the probe.
+    /// [`Failure`] when the recording cannot be read, has no such poses, or nothing relates the
+    /// image to the probe.
     pub(super) fn placed(&self, calibration: &Settings) -> Result<(Vec<PoseSample>, DAffine3), Failure> {
         let of_image = || {
             let image = calibration.image_frame.as_deref().unwrap_or("Image");
             let found = calibration.transforms.iter().find(|t| t.from == image && t.to == PROBE_FRAME);
             found.map(|transform| transform.affine).ok_or_else(|| {
-                Failure("where slices cross hangs on where the picture lies against the probe: give --config with its ImageToProbe".into())
+                Failure(
+                    "--method crossings needs the image's position relative to the probe: give --config with \
+                    ImageToProbe"
+                        .into(),
+                )
             })
         };
         match (&self.video, &self.tracker) {
@@ -150,7 +158,7 @@ impl Source {
     }
 }
 
-/// Poses of the probe and of the reference, as a session has them; invalid ones are left out.
+/// Returns the session's poses of the probe and of the reference, without the invalid ones.
 fn measured(tracks: &Tracks) -> [Vec<PoseSample>; 2] {
     [PROBE_FRAME, REFERENCE_FRAME].map(|name| {
         let valid = tracks.of(name).unwrap_or_default().iter().filter(|sample| sample.invalid.is_none());
@@ -163,7 +171,8 @@ fn measured(tracks: &Tracks) -> [Vec<PoseSample>; 2] {
     })
 }
 
-/// The probe against the reference where there is one, at the times of the probe's own samples.
+/// Returns the probe's poses relative to the reference, if there is one, at the times of the
+/// probe's samples.
 fn against(probe: &[PoseSample], reference: &[PoseSample]) -> Result<Vec<PoseSample>, Failure> {
     if reference.is_empty() {
         return Ok(probe.to_vec());
@@ -177,23 +186,24 @@ fn against(probe: &[PoseSample], reference: &[PoseSample]) -> Result<Vec<PoseSam
     Ok(probe.iter().filter_map(of).collect())
 }
 
-/// Poses of a sequence's own pictures, by whatever transforms it holds, and what is left of them that is no pose: the pixels' size and skew.
+/// Returns a sequence's image poses, from whatever transforms it holds. The second value is the
+/// non-rigid remainder: the pixels' size and skew.
 fn along(path: &Path, calibration: &Settings) -> Result<(Vec<PoseSample>, DAffine3), Failure> {
     let settings = SequenceSettings { images: false, ..SequenceSettings::new(path) };
     let mut device = drivers::open(&OpenSettings::Sequence(settings))?;
-    let found = survey(device.as_mut(), &PairingOptions::new(calibration, None))?;
+    let found = survey(device.as_mut(), &calibration.pairing_options(None))?;
     let Some(first) = found.poses.first() else {
-        return Err(Failure(format!("{}: no picture has a place", path.display())));
+        return Err(Failure(format!("{}: no frame has a pose", path.display())));
     };
     let first = first.world_from_image.affine();
-    // The frame of the first picture: u along x, v in the plane of x and y.
+    // The frame of the first image: u along x, v in the plane of x and y.
     let m = first.matrix3;
     let x = m.x_axis.normalize();
     let z = m.x_axis.cross(m.y_axis).normalize();
     let frame = DAffine3 { matrix3: DMat3::from_cols(x, z.cross(x), z), translation: DVec3::ZERO };
     let of_pixels = DAffine3 { translation: DVec3::ZERO, ..frame.inverse() * first };
     let back = of_pixels.inverse();
-    let pose = |pose: &crate::sync::FramePose| {
+    let pose = |pose: &sync::FramePose| {
         let rigid = nearest_rigid(&(pose.world_from_image.affine() * back), RIGID_TOLERANCE);
         let (rigid, _) = rigid.map_err(|e| Failure(format!("{}: picture {}: {e}", path.display(), pose.item)))?;
         Ok::<_, Failure>(sample(seconds(pose.time_ns), &rigid))
@@ -205,13 +215,14 @@ fn sample(time_s: f64, pose: &DAffine3) -> PoseSample {
     PoseSample { time_s, rotation: DQuat::from_mat3(&pose.matrix3).normalize(), position_mm: pose.translation }
 }
 
-/// A valid transform as a rigid one.
+/// Returns a valid transform as a rigid one.
 fn rigid(transform: &NamedTransform) -> Option<DAffine3> {
     let affine = (transform.status == Status::Ok).then(|| affine_from_rows(&transform.matrix))?.ok()?;
     nearest_rigid(&affine, RIGID_TOLERANCE).ok().map(|(rigid, _)| rigid)
 }
 
-/// Every transform of a sequence, with the number of its item where the source counts; the names of all.
+/// Reads every transform of a sequence, with its item's number if the source counts items.
+/// Returns all names.
 fn transforms(path: &Path, mut take: impl FnMut(&NamedTransform, Option<u64>)) -> Result<Vec<String>, Failure> {
     let mut numbers = std::collections::HashMap::new();
     each(path, false, |reading| {

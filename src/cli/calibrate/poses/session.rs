@@ -2,26 +2,27 @@
 
 use std::path::Path;
 
-use calibration::frames::{Reference, Stylus, Transform};
+use config::bedside::devices::{REFERENCE_FRAME, TRACKER_FRAME};
+use pipeline::live::RecordedDecisions;
+use sonoweave_core::frames::{Reference, Stylus, Transform};
+use sonoweave_core::refusal::{Reason, Refusal};
 
 use super::super::recorded::Tracks;
 use super::{Poses, Recording};
 use crate::cli::Failure;
 use crate::cli::live::stages::Kept;
-use crate::config::bedside::devices::{REFERENCE_FRAME, TRACKER_FRAME};
-use crate::pipeline::live::Precedent;
-use crate::refusal::{Reason, Refusal};
 
-/// The stylus's poses in a session.
+/// Reads the stylus's poses from a session.
 pub(super) fn read(recording: &Recording, path: &Path) -> Result<Poses, Failure> {
-    let bedside = Kept::bedside(path, &Precedent::read(path)?)?;
+    let bedside = Kept::bedside(path, &RecordedDecisions::read(path)?)?;
     poses(recording, &Tracks::read(path, &bedside)?, path)
 }
 
-/// The stylus's poses at the times at which they were measured, the reference's between its own; `path` is for sentences.
+/// Returns the stylus's poses at their measurement times; the reference is interpolated between
+/// its samples. `path` is for messages.
 ///
 /// # Errors
-/// [`Failure`] where a frame is not tracked, or has no pose that can be used.
+/// [`Failure`] when a frame is not tracked, or has no usable pose.
 pub(in crate::cli::calibrate) fn poses(recording: &Recording, tracks: &Tracks, path: &Path) -> Result<Poses, Failure> {
     let within = |problem: String| Failure(format!("{}: {problem}", path.display()));
     let unknown = |name: &str, flag: &str| {

@@ -1,25 +1,26 @@
-//! How far a result moves when parts of its recording are left out.
+//! Reproducibility: the change of a result when parts of its recording are left out.
 
-use calibration::probe::plane::ImagePlane;
 use glam::DVec2;
 use serde::Serialize;
+
+use calibration::probe::plane::ImagePlane;
 
 /// Parts of a recording that are left out in turn.
 const PARTS: usize = 5;
 
-/// How far pixels' places are apart between calibrations from parts of a recording.
+/// Distances of pixel positions between calibrations from parts of a recording.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub(super) struct Reproducibility {
     /// Calibrations, each with another part left out.
     subsets: usize,
-    /// The largest distance of the picture's middle from that of the whole recording's calibration.
+    /// Largest distance of the image's centre from that of the whole recording's calibration.
     centre: f64,
     /// The same of the corners.
     corner: f64,
 }
 
 impl Reproducibility {
-    /// For people.
+    /// Formats the numbers for people.
     pub(super) fn words(&self) -> String {
         let Self { subsets, centre, corner } = self;
         format!(
@@ -28,7 +29,8 @@ impl Reproducibility {
     }
 }
 
-/// Calibrates with each part of the observations left out in turn: how far the result moves by which pictures there happen to be. `None` where too little is left of any.
+/// Calibrates with each part of the observations left out in turn. Shows how far the result
+/// depends on the choice of images. Returns `None` if every part leaves too few.
 pub(super) fn again<O: Clone>(
     all: &[O],
     size_px: [u32; 2],

@@ -1,16 +1,17 @@
-//! What the pages of probes' calibrations have in common, whatever was scanned.
+//! Common parts of the report pages of probe calibrations.
 
 use glam::DVec2;
 
-use super::report::{Frames, Told};
-use crate::export::page::Page;
-use crate::export::page::chart::Bars;
-use crate::export::page::plate::{Ink, Plate};
+use export::page::Page;
+use export::page::chart::Bars;
+use export::page::plate::{Ink, Plate};
 
-/// Residuals are drawn so many times as long as they are.
+use super::report::{Frames, Told};
+
+/// Magnification of residuals in the drawing.
 const LONGER: f64 = 10.0;
 
-/// Pictures worth looking at: the one in the middle of all by its error, and the worst.
+/// Returns the images to show: the one with the median error, and the worst.
 pub(super) fn telling(told: &Told) -> Vec<usize> {
     let mut by_error: Vec<(f64, usize)> = told.per_frame.iter().copied().zip(told.frame.iter().copied()).collect();
     by_error.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -20,7 +21,7 @@ pub(super) fn telling(told: &Told) -> Vec<usize> {
     frames
 }
 
-/// Whether it is any good, and how many pictures say so.
+/// Writes the verdict on the result, and the number of images behind it.
 pub(super) fn verdict(
     page: &mut Page,
     (held, of, limit_mm): (Option<&Told>, &str, f64),
@@ -42,7 +43,7 @@ pub(super) fn verdict(
     page.say(&format!("{used} of {total} pictures were used{reasons}. A pixel is {u:.5} × {v:.5} mm."));
 }
 
-/// How late the poses come, where that was sought.
+/// Writes the lag of the poses, if it was sought.
 pub(super) fn lag(page: &mut Page, lag_s: f64, sd_s: f64) {
     if sd_s > 0.0 {
         let side = if lag_s > 0.0 { "later" } else { "earlier" };
@@ -54,7 +55,7 @@ pub(super) fn lag(page: &mut Page, lag_s: f64, sd_s: f64) {
     }
 }
 
-/// Errors in a table.
+/// Writes the errors as a table.
 pub(super) fn errors(page: &mut Page, rows: &[(&str, Option<&Told>)]) {
     page.part("Errors, mm");
     let row = |(what, told): &(&str, Option<&Told>)| {
@@ -68,7 +69,7 @@ pub(super) fn errors(page: &mut Page, rows: &[(&str, Option<&Told>)]) {
     page.table(&["", "mean", "sd", "rms", "largest", "best 95 %", "of"], &rows);
 }
 
-/// Where dots were seen and where the calibration has them, all over the picture; and how well it is known there.
+/// Draws the residuals over the image, from seen to expected position, and the predicted errors.
 pub(super) fn over_the_picture(
     page: &mut Page,
     size_px: [u32; 2],
@@ -98,21 +99,21 @@ pub(super) fn over_the_picture(
     ]);
 }
 
-/// Each picture's error.
+/// Draws each image's error.
 pub(super) fn bars(page: &mut Page, told: &Told, limit_mm: f64, about: &str, caption: &str) {
     let limit = (told.max * 4.0 > limit_mm).then_some((limit_mm, "limit of the mean"));
     let bars = Bars { values: &told.per_frame, unit: "mm", along: "pictures", limit };
     page.figure(&bars.svg(about), caption);
 }
 
-/// A transform, row by row.
+/// Writes a transform, row by row.
 pub(super) fn matrix(page: &mut Page, what: &str, rows: &[f64; 16]) {
     page.say(what);
     let rows = rows.chunks_exact(4).map(|row| row.iter().map(|x| format!("{x:.6}")).collect());
     page.table(&["", "", "", ""], &rows.collect::<Vec<_>>());
 }
 
-/// What it was made from, and by what.
+/// Writes the inputs and the program's version.
 pub(super) fn made_from(page: &mut Page, names: Vec<String>) {
     page.table(&["made from"], &names.into_iter().map(|name| vec![name]).collect::<Vec<_>>());
     page.note(concat!("sonoweave ", env!("CARGO_PKG_VERSION")));

@@ -1,28 +1,29 @@
-//! What whoever scans the phantom is told meanwhile: how well it is known by now where the picture lies, and what to scan next.
+//! Advice while the phantom is scanned: how well the image plane is known, and which view to
+//! scan next.
 
 use std::path::{Path, PathBuf};
 
 use calibration::phantom::file::Registration;
 use calibration::probe::{Layout, Observation, Recording, calibrate, next};
-use calibration::region::ClipRect;
+use config::phantom::FrameNames;
+use sonoweave_core::region::ClipRect;
+use sync::ingest::live::Live;
 
 use super::super::guide::{Advice, Guide, lead};
 use super::super::recorded::{GRABBER, Tracks, shown_now, without_latency};
 use super::recording::{Looker, number};
 use super::report::predicted_ends;
 use super::{Arguments, Failure};
-use crate::config::phantom::FrameNames;
-use crate::ingest::live::Live;
 
-/// Pictures that a judgement is made by, at most: evenly over all there are. It takes a second or so with them.
+/// Largest number of images in an evaluation, evenly spread over all. It takes about a second.
 const MOST_PICTURES: usize = 200;
-/// Fewer than these are not enough, however sure they make it: errors that last are not seen in fewer.
+/// Smallest number of images, whatever the predicted error. Fewer images hide persistent errors.
 const ENOUGH_PICTURES: f64 = 100.0;
 
-/// Records a scan until the picture's place is known well enough.
+/// Records a scan until the image plane is known well enough.
 ///
 /// # Errors
-/// [`Failure`] when the bedside's devices cannot be recorded.
+/// [`Failure`] when the configured devices cannot be recorded.
 pub(super) fn gathered(
     path: &Path,
     arguments: &Arguments,
@@ -49,13 +50,13 @@ pub(super) fn gathered(
     Ok(gathered.session)
 }
 
-/// The scan by now.
+/// The scan so far.
 struct Scanned<'a> {
     looker: Looker<'a>,
     tracks: Tracks,
-    /// Their poses come later.
+    /// Their poses are added later.
     seen: Vec<Observation>,
-    /// Why the last picture could not be used.
+    /// Reason why the last image could not be used.
     trouble: Option<String>,
     layout: &'a Layout,
     held: &'a Registration,

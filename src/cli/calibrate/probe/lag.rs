@@ -1,24 +1,29 @@
-//! How late the tracker was found to be, and whether that goes into the calibration file.
+//! The tracker's latency, and whether it goes into the calibration file.
 
-use calibration::file::Latency;
 use serde::Serialize;
 
-/// A lag is of use that is known to this, ms: at 50 mm/s a probe moves by a quarter of a millimetre meanwhile.
+use calibration::file::Latency;
+
+/// Largest standard error of a useful lag, ms. A probe at 50 mm/s moves by a quarter of a
+/// millimetre in this time.
 const MOST_SE_MS: f64 = 5.0;
-/// No device is later than this, ms.
+/// Largest plausible latency of a device, ms.
 const MOST_MS: f64 = 1000.0;
 
-/// What the latencies would be.
+/// The resulting latencies.
 #[derive(Debug, Serialize)]
 pub(super) struct Lag {
     #[serde(flatten)]
     latency: Latency,
-    /// Why they stay out of the calibration file: a sentence; `None` where they go into it.
+    /// Sentence with the reason why they stay out of the calibration file; `None` if they go
+    /// into it.
     kept_out: Option<String>,
 }
 
 impl Lag {
-    /// By a lag and its standard deviation, s: above 0 where poses come later than pictures. The video's latency is given; `known` is what the file says already.
+    /// Computes latencies from a lag and its standard deviation, s. The lag is positive if poses
+    /// come later than images. The video's latency is given; `known` is the file's current
+    /// value.
     pub(super) fn new([lag_s, sd_s]: [f64; 2], video_ms: f64, known: Option<&Latency>) -> Self {
         let (tracker_ms, se_ms) = (video_ms + 1e3 * lag_s, 1e3 * sd_s);
         let kept_out = if se_ms > MOST_SE_MS {
@@ -40,12 +45,12 @@ impl Lag {
         Self { latency: Latency { video_ms, tracker_ms, lag_se_ms: Some(se_ms) }, kept_out }
     }
 
-    /// For the calibration file, unless they stay out of it.
+    /// Returns the latency for the calibration file, unless it stays out of it.
     pub(super) fn latency(&self) -> Option<Latency> {
         self.kept_out.is_none().then_some(self.latency)
     }
 
-    /// For people, where there is a file.
+    /// Formats the latencies for people, if there is a file.
     pub(super) fn text(&self) -> String {
         let Latency { video_ms, tracker_ms, .. } = self.latency;
         match &self.kept_out {
@@ -60,12 +65,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_lag_is_written_where_it_is_sure_and_nothing_better_is_known() {
+    fn lag_written_if_precise_and_no_better_known() {
         let known = |lag_se_ms| Latency { video_ms: 0.0, tracker_ms: 7.0, lag_se_ms };
         let lag = |sd_s, known: Option<Latency>| Lag::new([-0.0302, sd_s], 50.0, known.as_ref());
         let written = lag(0.002, None).latency().unwrap();
         assert_eq!((written.video_ms, written.lag_se_ms), (50.0, Some(2.0)));
-        // The tracker lags by less than nothing: its poses are less late than the pictures.
+        // The lag is negative: the poses come earlier than the images.
         assert!((written.tracker_ms - 19.8).abs() < 1e-9, "{}", written.tracker_ms);
         assert!(lag(0.002, Some(known(Some(2.0)))).latency().is_some(), "the same once more");
         for (unfit, says) in [

@@ -1,20 +1,21 @@
-//! A probe's calibration by an N-wire phantom as a page to look at.
+//! Report page of a probe's calibration by an N-wire phantom.
 
 use glam::DVec2;
+
+use export::page::Page;
+use export::page::plate::{Ink, Plate};
 
 use super::drawn;
 use super::recording::Shown;
 use super::report::{Report, ToldPicture, YOU};
-use crate::export::page::Page;
-use crate::export::page::plate::{Ink, Plate};
 
 impl Report {
-    /// Pictures worth looking at.
+    /// Returns the images to show.
     pub(super) fn telling(&self) -> Vec<usize> {
         drawn::telling(&self.wire_error_mm)
     }
 
-    /// The page; `shown` are the pictures of [`Self::telling`].
+    /// Makes the page; `shown` are the images of [`Self::telling`].
     pub(super) fn page(&self, shown: &[Shown], limit_mm: f64) -> String {
         let mut page = Page::new(&format!("Calibration of a probe: {}", self.input.name()));
         self.verdict(&mut page, limit_mm);
@@ -70,7 +71,7 @@ impl Report {
         }
     }
 
-    /// One picture and its dots.
+    /// Draws one image and its dots.
     fn seen(&self, shown: &Shown) -> Option<(String, String)> {
         let picture = self.pictures.iter().find(|picture| picture.frame == shown.frame)?;
         let mut plate = Plate::new(self.image_size_px);

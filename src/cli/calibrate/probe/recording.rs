@@ -1,47 +1,48 @@
-//! Pictures of wires and poses from a recording.
+//! Wire images and poses from a recording.
+
+use glam::DVec2;
 
 use calibration::picture::GreyView;
 use calibration::probe::dots::Dot;
 use calibration::probe::matching::Reading;
 use calibration::probe::track::Track;
 use calibration::probe::{DotFinder, Layout, Matcher, Observation, Recording};
-use calibration::region::ClipRect;
-use glam::DVec2;
+use config::phantom::FrameNames;
+use mask::{Mask, MaskSettings};
+use sonoweave_core::region::ClipRect;
 
 use super::super::super::{Failure, input};
 use super::super::recorded::{Recorded, data};
-use crate::config::phantom::FrameNames;
-use crate::mask::{Mask, MaskSettings};
 
-/// What was observed.
+/// Observations from a recording.
 pub(super) struct Observed {
     pub(super) observations: Vec<Observation>,
-    /// Where the sensors were between the pictures, where the recording says it.
+    /// Sensor poses between the images, if the recording has them.
     track: Option<Track>,
     pub(super) size_px: [u32; 2],
-    /// Whether all pictures have a time.
+    /// Whether all images have a time.
     timed: bool,
-    /// Why the first of the pictures without poses has none.
+    /// Reason of the first image without poses.
     pub(super) first_refusal: Option<String>,
 }
 
 impl Observed {
-    /// For the calibration.
+    /// Returns the form that the calibration takes.
     pub(super) fn recording(&self) -> Recording<'_> {
         let Self { observations, track, size_px, timed, .. } = self;
         Recording { observations, track: track.as_ref(), size_px: *size_px, timed: *timed }
     }
 }
 
-/// A picture to look at.
+/// An image to show.
 pub(super) struct Shown {
-    /// Which of the recording.
+    /// Its number in the recording.
     pub(super) frame: usize,
-    /// Its grey levels, row by row.
+    /// Its grey values, row by row.
     pub(super) grey: Vec<u8>,
 }
 
-/// Reads some of a recording's pictures once more: those of these numbers.
+/// Reads the images with these numbers from a recording.
 ///
 /// # Errors
 /// [`Failure`] when it cannot be read.
@@ -54,7 +55,7 @@ pub(super) fn pictures(recorded: &Recorded, frames: &[usize]) -> Result<Vec<Show
         }
         Ok(())
     })?;
-    // As they were asked for.
+    // In the requested order.
     shown.sort_by_key(|shown| frames.iter().position(|frame| *frame == shown.frame));
     Ok(shown)
 }
@@ -62,7 +63,8 @@ pub(super) fn pictures(recorded: &Recorded, frames: &[usize]) -> Result<Vec<Show
 /// Reads a recording.
 ///
 /// # Errors
-/// [`Failure`] when it cannot be read, holds no grey pictures of 8 bits, or no way from the probe to the reference.
+/// [`Failure`] when it cannot be read, holds no grey images of 8 bits, or has no way from the
+/// probe to the reference.
 pub(super) fn observe(
     recorded: &Recorded,
     layout: &Layout,
@@ -93,7 +95,7 @@ pub(super) fn observe(
     Ok(Observed { observations, track, size_px, timed, first_refusal })
 }
 
-/// Looks for a phantom's wires in pictures, all of one size.
+/// Searches images, all of one size, for a phantom's wires.
 pub(super) struct Looker<'a> {
     layout: &'a Layout,
     clip: Option<ClipRect>,
@@ -104,20 +106,20 @@ pub(super) struct Looker<'a> {
 }
 
 impl<'a> Looker<'a> {
-    /// In the part that is given, else in what is data.
+    /// Searches the given part, else the region of data.
     pub(super) fn new(layout: &'a Layout, clip: Option<ClipRect>, mask: Option<MaskSettings>) -> Self {
         Self { layout, clip, mask, region: None, finder: DotFinder::new(), matcher: Matcher::new() }
     }
 
-    /// The pictures' size, once there is one.
+    /// Returns the images' size, once there is one.
     pub(super) fn size_px(&self) -> Option<[u32; 2]> {
         self.region.as_ref().map(|region| region.size)
     }
 
-    /// Spots of a picture, and which wires they are.
+    /// Finds an image's spots, and matches them with wires.
     ///
     /// # Errors
-    /// [`Failure`] for a picture of another size than the first.
+    /// [`Failure`] for an image of another size than the first.
     pub(super) fn look(&mut self, size: [u32; 2], view: &GreyView<'_>) -> Result<(Vec<Dot>, Option<Reading>), Failure> {
         let region = Region::within(&mut self.region, self.mask, self.clip, size)?;
         if size != region.size {
@@ -130,16 +132,16 @@ impl<'a> Looker<'a> {
     }
 }
 
-/// Where in pictures something is looked for.
+/// Searched region of the images.
 pub(super) struct Region {
     pub(super) size: [u32; 2],
     pub(super) clip: Option<ClipRect>,
-    /// What is beside it is nothing.
+    /// Image data; pixels outside it are ignored.
     mask: Option<Mask>,
 }
 
 impl Region {
-    /// That of the first picture: what is asked for, else the session's.
+    /// Sets the region at the first image: the requested one, else the session's.
     pub(super) fn within(
         region: &mut Option<Self>,
         settings: Option<MaskSettings>,
@@ -154,7 +156,7 @@ impl Region {
         Ok(region.get_or_insert(Self { size, clip, mask: None }))
     }
 
-    /// Whether a place is within.
+    /// Whether a position is within the mask.
     pub(super) fn holds(&self, at_px: DVec2) -> bool {
         let [u, v] = at_px.to_array().map(|x| x.round() as u32);
         self.mask.as_ref().is_none_or(|mask| mask.contains(u, v))

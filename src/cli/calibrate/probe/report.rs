@@ -1,26 +1,27 @@
-//! What is said of a probe's calibration.
+//! Report of a probe's calibration.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
+
+use glam::DVec2;
+use serde::Serialize;
 
 use calibration::phantom::file::Registration;
 use calibration::probe::calibrate::Outcome;
 use calibration::probe::errors::Errors;
 use calibration::probe::next::{Candidate, NextView};
 use calibration::probe::{Calibration, Layout};
-use glam::DVec2;
-use serde::Serialize;
 
 use super::super::outputs::{Input, rows};
 use super::again::Reproducibility;
 use super::lag::Lag;
 
-/// Who is meant by "you".
+/// Explains the viewing direction that left and right refer to.
 pub(super) const YOU: &str = "as you see the probe with its marked side at the right and its face below";
-/// Numbers along each axis of the lattice on which errors are predicted.
+/// Points along each axis of the grid of predicted errors.
 pub(super) const LATTICE: usize = 9;
 
-/// What is said of a result. The names say the units.
+/// Report of a result. The names contain the units.
 #[derive(Debug, Serialize)]
 pub(super) struct Report {
     pub(super) kind: &'static str,
@@ -28,46 +29,49 @@ pub(super) struct Report {
     pub(super) input: Input,
     pub(super) phantom: Input,
     pub(super) validation: Option<Input>,
-    /// Row major: pixels of the picture in MF orientation to mm.
+    /// Row major: pixels of the image in MF orientation to mm.
     pub(super) image_to_probe: [f64; 16],
     pub(super) image_size_px: [u32; 2],
     pub(super) pixel_mm: [f64; 2],
-    /// Of middle wires, PLUS's definition, at the lag and with the registration that were found.
+    /// Error of middle wires, by PLUS's definition, with the lag and the registration that were
+    /// found.
     pub(super) error_mm: Told,
-    /// Of all wires: distance of dots' places from their wires.
+    /// Error of all wires: distance of the dots' positions from their wires.
     pub(super) wire_error_mm: Told,
-    /// Of pictures that had no part in the calibration.
+    /// Error of images that had no part in the calibration.
     pub(super) validation_error_mm: Option<Told>,
     pub(super) validation_wire_error_mm: Option<Told>,
-    /// Of the same pictures, as if the tracker had no lag and the registration were as given.
+    /// Error of the same images, with zero lag and the registration as given.
     pub(super) validation_error_as_given_mm: Option<Told>,
-    /// Whether the validation's pictures are the last third of the recording, held against a calibration from the others.
+    /// Whether the validation's images are the last third of the recording, compared with a
+    /// calibration from the others.
     pub(super) validation_is_split: bool,
     pub(super) frames: Frames,
     pub(super) condition: f64,
-    /// Above 0: poses come later than pictures.
+    /// Positive if poses come later than images.
     pub(super) lag_s: f64,
     pub(super) lag_sd_s: f64,
-    /// What the latencies therefore are, where a lag was sought.
+    /// Resulting latencies, if a lag was sought.
     pub(super) latency: Option<Lag>,
-    /// For how many pictures what scatters them lasts.
+    /// Correlation length of the scatter, images.
     pub(super) scatter_lasts_pictures: f64,
-    /// Standard deviations of what scatters dots about their wires.
+    /// Standard deviations of the dots' scatter about their wires.
     pub(super) scatter: Scattered,
-    /// Row major, as it fits best.
+    /// Row major, after the fit.
     pub(super) phantom_to_reference: [f64; 16],
     pub(super) registration_change_deg: f64,
     pub(super) registration_change_mm: f64,
     pub(super) registration_error_mm: Option<f64>,
-    /// One standard deviation of where a pixel lies, by the covariance: rows of numbers over the picture, from its first pixels to its last.
+    /// Predicted error of pixel positions, one standard deviation, by the covariance: rows of
+    /// numbers over the image, from its first pixels to its last.
     pub(super) predicted_error_mm: Vec<Vec<f64>>,
-    /// The same in the middle of the picture, and in its worst corner.
+    /// The same at the image's centre, and at its worst corner.
     pub(super) predicted_ends_mm: [f64; 2],
-    /// How far the result moves when parts of the recording are left out.
+    /// Change of the result when parts of the recording are left out.
     pub(super) reproducibility_mm: Option<Reproducibility>,
-    /// Which view to take next.
+    /// View to take next.
     pub(super) next_view: Option<Next>,
-    /// Dots of each wire that were used, from where the calibration has it.
+    /// Used dots of each wire, relative to the wire's expected position.
     pub(super) wires: Vec<ToldWire>,
     pub(super) pictures: Vec<ToldPicture>,
     pub(super) looked_s: f64,
@@ -80,12 +84,12 @@ pub(super) struct Told {
     pub(super) sd: f64,
     pub(super) rms: f64,
     pub(super) max: f64,
-    /// Mean of the least 95 %: what PLUS prints.
+    /// Mean of the smallest 95 %, as PLUS prints it.
     pub(super) mean_of_95: f64,
     pub(super) count: usize,
-    /// Each picture's mean …
+    /// Mean of each image.
     pub(super) per_frame: Vec<f64>,
-    /// … and its number.
+    /// Number of each image.
     pub(super) frame: Vec<usize>,
 }
 
@@ -102,7 +106,7 @@ pub(super) struct Frames {
     pub(super) total: usize,
     pub(super) used: usize,
     pub(super) failed: usize,
-    /// Those that failed, by reason.
+    /// Failed images, by reason.
     pub(super) reasons: BTreeMap<&'static str, usize>,
 }
 
@@ -113,35 +117,35 @@ pub(super) struct Scattered {
     pub(super) dot_px: [f64; 2],
 }
 
-/// Which view shrinks the largest predicted error most.
+/// The view that reduces the largest predicted error most.
 #[derive(Debug, Serialize)]
 pub(super) struct Next {
-    /// The largest predicted error over the picture's corners and middle, as it is.
+    /// Present largest predicted error over the image's corners and centre.
     pub(super) error_mm: f64,
-    /// So many further pictures of a view are meant.
+    /// Assumed number of further images of a view.
     pub(super) pictures: usize,
-    /// What to do, or that nothing helps, in words.
+    /// Instruction in words, or the statement that no view helps.
     pub(super) words: String,
-    /// Whether the first view gains anything to speak of.
+    /// Whether the first view gains a relevant amount.
     pub(super) helps: bool,
     /// The best first.
     pub(super) views: Vec<View>,
 }
 
-/// A view and what it would leave.
+/// A view and its effect.
 #[derive(Debug, Serialize)]
 pub(super) struct View {
-    /// How the probe is moved from where it was held in the middle of all pictures …
+    /// Movement of the probe from its mean pose over all images.
     #[serde(rename = "move")]
     pub(super) way: &'static str,
-    /// … by how much, with the sign that the words tell …
+    /// Its amount, with the sign of the words.
     pub(super) by: f64,
-    /// … of this unit.
+    /// Its unit.
     pub(super) unit: &'static str,
     pub(super) words: String,
     /// The largest predicted error then.
     pub(super) error_mm: f64,
-    /// Row major: where the probe's sensor is in the phantom's frame then.
+    /// Row major: pose of the probe's sensor in the phantom's frame then.
     pub(super) probe_to_phantom: [f64; 16],
 }
 
@@ -163,7 +167,7 @@ impl From<&NextView> for Next {
     }
 }
 
-/// Which view to take next, for people.
+/// Formats the view to take next, for people.
 pub(super) fn next_line(next: &NextView) -> String {
     let seen = if next.best().is_some() { format!(" ({YOU})") } else { String::new() };
     format!("next view: {next}{seen}\n")
@@ -176,7 +180,7 @@ pub(super) struct ToldWire {
     pub(super) mean_mm: f64,
     pub(super) rms_mm: f64,
     pub(super) max_mm: f64,
-    /// Mean of what was seen less what was expected.
+    /// Mean of seen minus expected position.
     pub(super) bias_px: [f64; 2],
 }
 
@@ -196,7 +200,7 @@ pub(super) struct ToldDot {
     pub(super) used: bool,
 }
 
-/// A wire's dots; `None` where none was used.
+/// Returns a wire's dots; `None` if none was used.
 fn of_wire(found: &Calibration, wire: usize, name: &str) -> Option<ToldWire> {
     let dots: Vec<_> =
         found.pictures.iter().flat_map(|picture| &picture.dots).filter(|dot| dot.used && dot.wire == wire).collect();
@@ -212,10 +216,10 @@ fn of_wire(found: &Calibration, wire: usize, name: &str) -> Option<ToldWire> {
     })
 }
 
-/// What a picture in which nothing is seen is called.
+/// Name of the outcome of an image without recognised wires.
 const UNSEEN: &str = "wires not recognised";
 
-/// What became of a picture, in a word or two.
+/// Returns an image's outcome in a few words.
 pub(super) fn word(outcome: Outcome, unseen: &'static str) -> &'static str {
     match outcome {
         Outcome::Used => "used",
@@ -227,7 +231,8 @@ pub(super) fn word(outcome: Outcome, unseen: &'static str) -> &'static str {
 }
 
 impl Frames {
-    /// By what became of each picture, and what one is called in which nothing is seen.
+    /// Counts the images by outcome. `unseen` names the outcome of an image in which nothing is
+    /// seen.
     pub(super) fn of(outcomes: impl Iterator<Item = Outcome>, unseen: &'static str) -> Self {
         let mut frames = Self { total: 0, used: 0, failed: 0, reasons: BTreeMap::new() };
         for outcome in outcomes {
@@ -242,7 +247,7 @@ impl Frames {
         frames
     }
 
-    /// For people: `80 of 100 pictures used (20 no valid pose)`.
+    /// Formats the counts for people: `80 of 100 pictures used (20 no valid pose)`.
     pub(super) fn told(&self, of: &str) -> String {
         let reasons: Vec<String> = self.reasons.iter().map(|(reason, count)| format!("{count} {reason}")).collect();
         let reasons = if reasons.is_empty() { String::new() } else { format!(" ({})", reasons.join(", ")) };
@@ -339,19 +344,20 @@ impl Report {
     }
 }
 
-/// Predicted error in the middle of the picture, and in its worst corner: one standard deviation, mm.
+/// Returns the predicted error at the image's centre, and at its worst corner: one standard
+/// deviation, mm.
 pub(super) fn predicted_ends(found: &Calibration) -> [f64; 2] {
     ends(found.size_px, |px| found.refined.predicted_mm(px))
 }
 
-/// A number of the picture's middle, and the largest of its corners'.
+/// Returns a function's value at the image's centre, and its largest at the corners.
 pub(super) fn ends(size_px: [u32; 2], of: impl Fn(DVec2) -> f64) -> [f64; 2] {
     let [u, v] = size_px.map(|n| f64::from(n) - 1.0);
     let corners = [[0.0, 0.0], [u, 0.0], [0.0, v], [u, v]].map(|px| of(DVec2::from_array(px)));
     [of(DVec2::new(0.5 * u, 0.5 * v)), corners.into_iter().fold(0.0, f64::max)]
 }
 
-/// For people.
+/// Formats the result for people.
 pub(super) fn text(found: &Calibration, layout: &Layout) -> String {
     let mut text = String::new();
     let refined = &found.refined;
@@ -403,7 +409,7 @@ pub(super) fn text(found: &Calibration, layout: &Layout) -> String {
     text
 }
 
-/// What a lag says, with its standard deviation, s; nothing where none was sought.
+/// Formats a lag with its standard deviation, s; empty if none was sought.
 pub(super) fn lag_line(lag_s: f64, sd_s: f64) -> String {
     if sd_s <= 0.0 {
         return String::new();

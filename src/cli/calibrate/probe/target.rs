@@ -8,10 +8,11 @@ mod report;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use calibration::file::preset::Quality;
-use calibration::probe::target::{Calibration, Observation, Recording, Target, calibrate};
 use clap::Args;
 use glam::DVec2;
+
+use calibration::file::preset::Quality;
+use calibration::probe::target::{Calibration, Observation, Recording, Target, calibrate};
 
 use super::super::super::{Failure, values};
 use super::super::outputs::{Input, print};
@@ -23,25 +24,27 @@ use super::{Arguments, Made, Method};
 use look::{Looked, Names, look};
 use report::{Inputs, Report, text};
 
-/// Flags of the methods that need no phantom's file.
+/// Flags of the methods that need no phantom file.
 #[derive(Debug, Args)]
 pub(super) struct Flags {
-    /// Where the stylus's tip is, of --method stylus: a calibration file (TOML) or a PLUS XML with StylusTipToStylus
+    /// Stylus tip, for --method stylus: a calibration file (TOML) or a PLUS XML with
+    /// StylusTipToStylus
     #[arg(long, value_name = "FILE")]
     stylus_tip: Option<PathBuf>,
     /// Name of the frame of the stylus's sensor
     #[arg(long, value_name = "NAME", default_value = "Stylus")]
     stylus: String,
-    /// How well the tip's place on the stylus is known along each axis, mm (one standard deviation)
+    /// Error of the tip's position on the stylus along each axis, mm (one standard deviation)
     #[arg(long, value_name = "MM", default_value_t = 0.3, value_parser = values::positive)]
     tip_error: f64,
-    /// Name of the frame in which the point or the plane rests [default: Reference if the recording has one, else Tracker]
+    /// Name of the frame in which the point or the plane rests [default: Reference if the
+    /// recording has one, else Tracker]
     #[arg(long, value_name = "NAME")]
     reference: Option<String>,
 }
 
 impl Flags {
-    /// Whether any was given that a phantom's method has no use for.
+    /// Returns a given flag that the phantom's method has no use for, if any.
     pub(super) fn given(&self) -> Option<&'static str> {
         match () {
             () if self.stylus_tip.is_some() => Some("--stylus-tip"),
@@ -54,12 +57,12 @@ impl Flags {
 /// Runs the command by one of these methods.
 ///
 /// # Errors
-/// [`Failure`] when the recording does not say where the picture lies; nothing is written then.
+/// [`Failure`] when the recording does not determine the image plane; nothing is written then.
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { method, target: flags, validate, clip, limit, outputs, .. } = arguments;
     let path = arguments.path();
     let tip_file = arguments.checked()?;
-    // The tip's file may be the one that is written: it keeps what it holds.
+    // The tip's file may be the output file: its other contents are kept.
     let mut inputs: Vec<&Path> = vec![path];
     inputs.extend(validate.as_deref());
     outputs.check(&inputs, true)?;
@@ -83,7 +86,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let seen = look(&recorded, names, *clip, is_plane)?;
     let second = arguments.second(&recorded)?.map(|second| look(&second, names, *clip, is_plane)).transpose()?;
     if second.as_ref().is_some_and(|second| second.size_px != seen.size_px) {
-        return Err(within("its pictures are not of the size of the second recording's".into()));
+        return Err(within("its frames differ in size from the second recording's".into()));
     }
     let looked_s = began.elapsed().as_secs_f64();
     let found = calibrate(target, seen.recording(), second.as_ref().map(Looked::recording))
@@ -138,7 +141,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 impl Arguments {
-    /// What can be said of the flags before the work; where the stylus's tip is, of that method.
+    /// Checks the flags before the work. Returns the file of the stylus's tip, if the method
+    /// needs it.
     fn checked(&self) -> Result<Option<&Path>, Failure> {
         let Self { method, phantom, registration, target: Flags { stylus_tip, reference, .. }, .. } = self;
         let name = method.name();
@@ -163,7 +167,7 @@ impl Arguments {
     }
 }
 
-/// How good it is, in the numbers that a preset keeps.
+/// Returns the quality numbers that a preset keeps.
 fn quality(found: &Calibration) -> Quality {
     let [centre_mm, corner_mm] = ends(found);
     Quality {
@@ -175,7 +179,8 @@ fn quality(found: &Calibration) -> Quality {
     }
 }
 
-/// Predicted error in the middle of the picture, and in its worst corner: one standard deviation, mm.
+/// Returns the predicted error at the image's centre, and at its worst corner: one standard
+/// deviation, mm.
 fn ends(found: &Calibration) -> [f64; 2] {
     super::report::ends(found.size_px, |px: DVec2| found.refined.predicted_mm(px))
 }

@@ -1,19 +1,20 @@
-//! Readings of a sequence, and where a sensor was when its pictures were taken.
+//! Readings of a sequence, and sensor poses at its images.
 
 use std::path::Path;
 
-use calibration::frames::{Probe, Reference, Tracker, Transform};
 use calibration::probe::track::Poses;
-use drivers::reading::{NamedTransform, Reading, Stamp, transform_name};
-use drivers::recording::SequenceSettings;
-use drivers::{Next, OpenSettings};
+use drivers::OpenSettings;
+use drivers::replay::SequenceSettings;
+use sonoweave_core::Next;
+use sonoweave_core::frames::{Probe, Reference, Tracker, Transform};
+use sonoweave_core::reading::{NamedTransform, Reading, Stamp, transform_name};
+use sync::pairing::RIGID_TOLERANCE;
+use sync::{Pairing, PairingOptions};
 
 use super::{OfItem, stamps};
 use crate::cli::Failure;
-use crate::sync::pairing::RIGID_TOLERANCE;
-use crate::sync::{Pairing, PairingOptions};
 
-/// Every reading of a sequence.
+/// Passes every reading of a sequence to `take`.
 pub(in crate::cli::calibrate) fn each(
     path: &Path,
     images: bool,
@@ -23,7 +24,7 @@ pub(in crate::cli::calibrate) fn each(
     let mut device = drivers::open(&OpenSettings::Sequence(settings))?;
     device.start()?;
     loop {
-        match device.next(drivers::NO_DEADLINE)? {
+        match device.next(sonoweave_core::NO_DEADLINE)? {
             Next::Reading(reading) => take(reading)?,
             Next::Pending => {}
             Next::End => break,
@@ -32,7 +33,8 @@ pub(in crate::cli::calibrate) fn each(
     Ok(device.stop()?)
 }
 
-/// Where a sensor and the reference were, item by item in their order, or why nobody knows.
+/// Returns the poses of a sensor and the reference, item by item in their order, or the reason
+/// why there are none.
 pub(super) fn poses(path: &Path, sensor: &str, reference: &str) -> Result<Vec<OfItem>, Failure> {
     let mut names: Vec<(String, String)> = Vec::new();
     each(path, false, |reading| {
@@ -49,7 +51,7 @@ pub(super) fn poses(path: &Path, sensor: &str, reference: &str) -> Result<Vec<Of
     each(path, false, |reading| {
         match reading {
             Reading::NamedTransform(transform) => ways.take(&transform),
-            // A picture's transforms come before it.
+            // An image's transforms come before it.
             Reading::Frame(frame) => all.push((frame.stamp.item, ways.poses(&frame.stamp))),
             _ => {}
         }
@@ -58,11 +60,11 @@ pub(super) fn poses(path: &Path, sensor: &str, reference: &str) -> Result<Vec<Of
     Ok(all)
 }
 
-/// How poses come about.
+/// Transform chains to the poses.
 struct Ways {
-    /// From the sensor to what both are tracked in, or to the reference itself.
+    /// From the sensor to the frame in which both are tracked, or to the reference itself.
     sensor: Pairing,
-    /// From the reference likewise.
+    /// The same from the reference.
     reference: Option<Pairing>,
 }
 

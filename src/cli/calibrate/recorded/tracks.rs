@@ -1,20 +1,21 @@
-//! Where a session's sensors were.
+//! Poses of a session's sensors.
 
 use std::path::Path;
 
-use calibration::frames::Transform;
 use calibration::probe::track::{Poses, Track};
+use config::bedside::Bedside;
+use config::bedside::devices::TRACKER_FRAME;
+use pipeline::live::{DeviceRole, Latencies, walk};
+use sonoweave_core::frames::Transform;
+use sonoweave_core::refusal::Refusal;
+use sync::history::{PoseHistory, PoseSample};
+use sync::ingest::live::Live;
 
 use super::{GRABBER, seconds, without_latency};
 use crate::cli::Failure;
-use crate::config::bedside::Bedside;
-use crate::config::bedside::devices::TRACKER_FRAME;
-use crate::ingest::live::Live;
-use crate::pipeline::live::{Instrument, Latencies, walk};
-use crate::refusal::Refusal;
-use crate::sync::history::{PoseHistory, PoseSample};
 
-/// The tracked frames of a session, each with its poses in the tracker's frame; by the session's clocks, and as if there were no latency.
+/// The tracked frames of a session, each with its poses in the tracker's frame, by the session's
+/// clocks and without latency correction.
 pub(in crate::cli::calibrate) struct Tracks {
     named: Vec<(String, Vec<PoseSample>)>,
     refused: Vec<Refusal>,
@@ -23,14 +24,14 @@ pub(in crate::cli::calibrate) struct Tracks {
 }
 
 impl Tracks {
-    /// Those of a bedside's devices, before anything was heard of them.
-    pub(in crate::cli::calibrate) fn of_instruments(instruments: &[Instrument], bedside: &Bedside) -> Self {
+    /// Creates empty tracks for the devices of a session.
+    pub(in crate::cli::calibrate) fn of_instruments(instruments: &[DeviceRole], bedside: &Bedside) -> Self {
         let frames = instruments.iter().flat_map(|instrument| &instrument.frames);
         let named = frames.map(|[from, _]| (from.clone(), Vec::new())).collect();
         Self { named, refused: Vec::new(), pictures: 0, longest_gap_ns: bedside.pairing.longest_gap_ns }
     }
 
-    /// Reads them.
+    /// Reads the tracks of a recording.
     ///
     /// # Errors
     /// [`Failure`] when the recording cannot be read.
@@ -41,7 +42,7 @@ impl Tracks {
         Ok(tracks)
     }
 
-    /// A sample of a device, by its place.
+    /// Takes a sample of the device with the given index.
     pub(in crate::cli::calibrate) fn take(&mut self, device: usize, live: Live) {
         match live {
             _ if device == GRABBER => self.pictures += 1,
@@ -56,27 +57,27 @@ impl Tracks {
         self.named.iter().all(|(_, samples)| samples.is_empty())
     }
 
-    /// Of all frames the first time, ns.
+    /// Returns the first time over all frames, ns.
     pub(in crate::cli::calibrate) fn first_ns(&self) -> Option<i64> {
         self.named.iter().filter_map(|(_, samples)| samples.first()).map(|sample| sample.time_ns).min()
     }
 
-    /// Readings that were none.
+    /// Returns the refused readings.
     pub(in crate::cli::calibrate) fn refused(&self) -> &[Refusal] {
         &self.refused
     }
 
-    /// Pictures that were recorded beside.
+    /// Returns the number of images recorded with them.
     pub(super) fn pictures(&self) -> u64 {
         self.pictures
     }
 
-    /// A frame's poses, those that are not valid too; `None` where nothing is called so.
+    /// Returns a frame's poses, including the invalid ones; `None` for an unknown name.
     pub(in crate::cli::calibrate) fn of(&self, name: &str) -> Option<&[PoseSample]> {
         self.named.iter().find(|(own, _)| own == name).map(|(_, samples)| samples.as_slice())
     }
 
-    /// The same by time.
+    /// Returns the same poses as a history by time.
     pub(in crate::cli::calibrate) fn history(&self, name: &str) -> Option<PoseHistory> {
         let samples = self.of(name)?;
         let mut history = PoseHistory::new(samples.len(), self.longest_gap_ns);
@@ -84,12 +85,12 @@ impl Tracks {
         Some(history)
     }
 
-    /// What is tracked.
+    /// Returns the names of the tracked frames.
     pub(in crate::cli::calibrate) fn names(&self) -> String {
         self.named.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>().join(", ")
     }
 
-    /// A sensor's valid poses, with the reference's at the same times.
+    /// Returns a sensor's valid poses, with the reference's at the same times.
     ///
     /// # Errors
     /// A sentence when one of them is not tracked.

@@ -1,17 +1,17 @@
-//! Phantoms that no single picture tells: one N, N's in one plane, N's turned to each other.
+//! Phantoms that no single image determines: one N, N's in one plane, N's turned to each other.
 
 use super::*;
 use crate::phantom::tests::three_ns;
 use crate::probe::simulated::{Hand, places};
 
-/// A hand that brings the dots to all parts of the picture.
+/// An operator's motion that brings the dots to all parts of the image.
 const WIDE: Hand = Hand { turn: [0.35, 0.3, 0.3], shift: [9.0, 8.0, 12.0] };
 
 fn phantom(wires: &[&[Wire]]) -> Geometry {
     Geometry::new("flat", wires.iter().map(|wires| wires.to_vec()).collect(), Vec::new()).unwrap()
 }
 
-/// The wires of one layer, and the same beside it.
+/// Returns the wires of one layer, shifted sideways.
 fn beside(wires: &[Wire], shift_mm: f64) -> Vec<Wire> {
     let wire = |wire: &Wire| Wire {
         name: format!("{}'", wire.name),
@@ -20,14 +20,14 @@ fn beside(wires: &[Wire], shift_mm: f64) -> Vec<Wire> {
     wires.iter().map(wire).collect()
 }
 
-/// The wires of one layer, turned by 40° about the middle of the phantom.
+/// Returns the wires of one layer, turned by 40° about the middle of the phantom.
 fn turned(wires: &[Wire]) -> Vec<Wire> {
     let middle = DVec3::new(35.0, 20.0, 0.0);
     let turn = |at: DVec3| middle + glam::DQuat::from_rotation_z(0.7) * (at - middle);
     wires.iter().map(|wire| Wire { ends_mm: wire.ends_mm.map(turn), ..wire.clone() }).collect()
 }
 
-/// Dots that are no wires': an echo of all of them below, and some that lie anywhere, all fainter.
+/// Adds dots of no wire: an echo of all of them below, and some at random places, all fainter.
 fn cluttered(observations: &mut [Observation], layout: &Layout, noise: &mut Noise) {
     let mut matcher = Matcher::new();
     for observation in observations {
@@ -43,7 +43,8 @@ fn cluttered(observations: &mut [Observation], layout: &Layout, noise: &mut Nois
     }
 }
 
-/// Farthest of the picture's corners and centre from where they are, mm; and how sure the calibration is of the worst of them.
+/// Returns the largest error at the image's corners and centre, mm, and the largest predicted
+/// standard deviation.
 fn off(found: &Calibration, scan: &Scan) -> [f64; 2] {
     let off =
         |px: DVec2| [found.refined.plane.point(px).distance(scan.plane.point(px)), found.refined.predicted_mm(px)];
@@ -51,7 +52,7 @@ fn off(found: &Calibration, scan: &Scan) -> [f64; 2] {
 }
 
 #[test]
-fn one_n_tells_where_the_picture_lies() {
+fn one_n_determines_plane() {
     let wires = three_ns().wires().to_vec();
     let mut noise = Noise::new(70);
     let scan = Scan::of(phantom(&[&wires[..3]]), WIDE, 150, Imperfect::default(), &mut noise);
@@ -69,7 +70,7 @@ fn one_n_tells_where_the_picture_lies() {
 }
 
 #[test]
-fn n_s_beside_each_other_tell_it_too() {
+fn ns_side_by_side_determine_plane() {
     let wires = three_ns().wires().to_vec();
     let mut noise = Noise::new(71);
     let scan = Scan::of(phantom(&[&wires[..3], &beside(&wires[..3], -28.0)]), WIDE, 120, GOOD, &mut noise);
@@ -81,7 +82,7 @@ fn n_s_beside_each_other_tell_it_too() {
 }
 
 #[test]
-fn layers_that_are_turned_to_each_other_are_all_of_use() {
+fn layers_turned_to_each_other_are_all_used() {
     let wires = three_ns().wires().to_vec();
     let mut noise = Noise::new(72);
     let crossed = phantom(&[&wires[..3], &turned(&wires[3..6])]);
@@ -98,7 +99,7 @@ fn layers_that_are_turned_to_each_other_are_all_of_use() {
 }
 
 #[test]
-fn a_row_of_dots_that_is_mirrored_is_found_so_by_the_poses() {
+fn mirrored_row_of_dots_is_found_by_poses() {
     let wires = three_ns().wires().to_vec();
     let scan = Scan::of(phantom(&[&wires[..3]]), WIDE, 80, GOOD, &mut Noise::new(73));
     let mut observations = observed(&scan, &scan.layout);

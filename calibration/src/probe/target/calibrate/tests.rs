@@ -24,7 +24,7 @@ fn refused(target: Target, tilt: [f64; 3], change: impl Fn(&mut Observation)) ->
 }
 
 #[test]
-fn scans_are_calibrated_from_nothing_but_their_pictures_and_poses() {
+fn scan_is_calibrated_from_images_and_poses_alone() {
     for (target, most) in [(Target::Point, 0.4), (TIP, 0.4), (Target::Plane, 1.5)] {
         for seed in 0..6 {
             let mut noise = Noise::new(30 + seed);
@@ -38,7 +38,7 @@ fn scans_are_calibrated_from_nothing_but_their_pictures_and_poses() {
             for errors in [&split.errors, split.validation.as_ref().unwrap(), held.validation.as_ref().unwrap()] {
                 assert!(errors.mean > 0.02 && errors.mean < 0.5, "{target:?} {seed}: {errors:?}");
             }
-            // A quarter of the pictures show something else: of a point they show it, too.
+            // A quarter of the images show other objects; those of a point also show the point.
             let expected = if target == Target::Plane { 100..125 } else { 140..150 };
             assert!(expected.contains(&split.used()), "{target:?} {seed}: {}", split.used());
             assert_eq!(split.pictures.len(), 150);
@@ -47,7 +47,7 @@ fn scans_are_calibrated_from_nothing_but_their_pictures_and_poses() {
 }
 
 #[test]
-fn the_same_scan_gives_the_same_bits() {
+fn same_scan_gives_same_bits() {
     for target in [Target::Point, Target::Plane] {
         let scan = Scan::new(target, 50, GOOD, USUAL, &mut Noise::new(7));
         let one = || calibrate(target, scan.recording(true), None).unwrap().refined.plane;
@@ -56,7 +56,7 @@ fn the_same_scan_gives_the_same_bits() {
 }
 
 #[test]
-fn motions_that_do_not_do_are_refused_by_what_is_missing() {
+fn insufficient_motion_is_refused_with_missing_axes() {
     let missing = |target: Target, tilt: [f64; 3]| match refused(target, tilt, |_| {}) {
         Refused::NoTurn { axes, .. } => axes,
         other => panic!("{target:?} {tilt:?}: {other}"),
@@ -70,14 +70,14 @@ fn motions_that_do_not_do_are_refused_by_what_is_missing() {
     assert_eq!(missing(Target::Plane, [0.0, 0.0, 0.5]), [u]);
     let said = refused(Target::Plane, [0.0, 0.0, 0.5], |_| {}).to_string();
     assert!(said.contains("no rotation about u: ") && said.contains("tilt the probe fore and aft"), "{said}");
-    // A tip's place is known: no turn is needed.
+    // A tip's position is known, so no rotation is needed.
     let motion = Motion { tilt: DVec3::ZERO, ..GOOD };
     let scan = Scan::new(TIP, 60, motion, USUAL, &mut Noise::new(30));
     assert!(apart(&calibrate(TIP, scan.recording(true), None).unwrap(), &scan) < 0.8);
 }
 
 #[test]
-fn recordings_that_say_too_little_are_refused_with_a_sentence() {
+fn insufficient_recordings_are_refused_with_advice() {
     for target in [Target::Point, TIP, Target::Plane] {
         let said = |change: &dyn Fn(&mut Observation)| refused(target, [0.5; 3], change).to_string();
         assert!(said(&|o| o.poses = None).contains("of 60 pictures none has valid poses"));
@@ -98,7 +98,7 @@ fn recordings_that_say_too_little_are_refused_with_a_sentence() {
         let said = calibrate(target, scan.recording(true), None).unwrap_err().to_string();
         assert!(said.contains("the point is seen in one place of the picture only"), "{said}");
     }
-    // Metres, by their size: a point says nothing else of it.
+    // Metres are recognised by the pixel size; a point gives no other evidence.
     let said = refused(Target::Point, [0.5; 3], |o| {
         o.poses = o.poses.map(|poses| Track::new(vec![poses]).scaled(0.001).poses()[0]);
     });

@@ -7,7 +7,7 @@ use crate::probe::target::simulated::{GOOD, Imperfect, Scan};
 const TARGETS: [Target; 3] =
     [Target::Point, Target::Tip { place_mm: DVec3::new(2.0, -5.0, 140.0), error_mm: 0.2 }, Target::Plane];
 
-/// A scan's glimpses, begun with a plane and a place that are a little off.
+/// Returns a scan's glimpses and a start with a slightly wrong plane and target.
 fn begun(scan: &Scan) -> (Vec<Glimpse>, Track, Begun) {
     let recording = scan.recording(false);
     let off = DAffine3::from_rotation_translation(
@@ -31,13 +31,13 @@ fn found(scan: &Scan, lag: bool) -> Refined {
     refine(scan.target, &glimpses, &track, begun, lag).unwrap()
 }
 
-/// Largest distance at the corners and the centre, mm.
+/// Returns the largest distance at the corners and the centre, mm.
 fn apart(a: &ImagePlane, b: &ImagePlane) -> f64 {
     places().map(|px| a.point(px).distance(b.point(px))).into_iter().fold(0.0, f64::max)
 }
 
 #[test]
-fn derivatives_are_those_of_the_residuals() {
+fn derivatives_match_finite_differences() {
     let imperfect = Imperfect { position_mm: 1.0, turn_deg: 1.0, seen_px: 3.0, lag_s: 0.05, ..Imperfect::default() };
     for target in TARGETS {
         let scan = Scan::new(target, 5, GOOD, imperfect, &mut Random::new(3));
@@ -62,7 +62,7 @@ fn derivatives_are_those_of_the_residuals() {
 }
 
 #[test]
-fn without_noise_the_truth_is_found() {
+fn exact_images_give_exact_plane() {
     for target in TARGETS {
         let scan = Scan::new(target, 60, GOOD, Imperfect::default(), &mut Random::new(1));
         for lag in [false, true] {
@@ -74,12 +74,12 @@ fn without_noise_the_truth_is_found() {
 }
 
 #[test]
-fn the_predicted_error_is_the_error() {
+fn predicted_error_matches_error() {
     let seeds = 400;
     for target in TARGETS {
         let imperfect =
             Imperfect { position_mm: 0.2, turn_deg: 0.1, seen_px: 2.0, across_mm: 0.5, ..Imperfect::default() };
-        // A plane tells less: with more noise than this the errors are too large to be linear in it.
+        // A plane determines less: with more noise the errors are too large for a linear model.
         let of_plane = Imperfect { position_mm: 0.05, turn_deg: 0.03, seen_px: 0.5, ..Imperfect::default() };
         let (imperfect, pictures) = if target == Target::Plane { (of_plane, 120) } else { (imperfect, 60) };
         let mut sums = [0.0; 5];
@@ -87,7 +87,7 @@ fn the_predicted_error_is_the_error() {
             let mut random = Random::new(1000 + seed);
             let off = random.vector(0.2);
             let scan = Scan::new(target, pictures, GOOD, imperfect, &mut random);
-            // A tip is known as well as its error says.
+            // The tip's position has the stated error.
             let target = match target {
                 Target::Tip { place_mm, error_mm } => Target::Tip { place_mm: place_mm + off, error_mm },
                 other => other,
@@ -104,7 +104,7 @@ fn the_predicted_error_is_the_error() {
 }
 
 #[test]
-fn with_a_good_tracker_and_good_pictures_it_is_found_to_hundredths_of_a_millimetre() {
+fn good_tracker_and_images_give_hundredths_of_mm() {
     let imperfect = Imperfect { position_mm: 0.05, seen_px: 0.2, ..Imperfect::default() };
     for target in TARGETS {
         let target =
@@ -121,7 +121,7 @@ fn with_a_good_tracker_and_good_pictures_it_is_found_to_hundredths_of_a_millimet
             let turn = glam::DQuat::from_mat3(&(axes(&refined.plane) * axes(&scan.plane).transpose()));
             turns += turn.to_scaled_axis().length_squared() / 8.0;
         }
-        // Centre, corner and turn: a plane says less of the place than a point.
+        // Corner, centre and turn: a plane determines the position less than a point.
         let [far, centre, turn] = [sums[..4].iter().copied().fold(0.0, f64::max), sums[4], turns].map(f64::sqrt);
         let most = match target {
             Target::Point => [0.03, 0.02, 0.025],
@@ -134,7 +134,7 @@ fn with_a_good_tracker_and_good_pictures_it_is_found_to_hundredths_of_a_millimet
 }
 
 #[test]
-fn a_lag_is_found() {
+fn lag_is_fitted() {
     let imperfect = Imperfect { position_mm: 0.05, turn_deg: 0.03, seen_px: 0.5, lag_s: 0.3, ..Imperfect::default() };
     for target in TARGETS {
         let scan = Scan::new(target, 200, GOOD, imperfect, &mut Random::new(5));

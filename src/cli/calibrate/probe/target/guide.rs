@@ -1,4 +1,4 @@
-//! What whoever scans a point, a stylus's tip or a plane is told meanwhile.
+//! Advice while a point, a stylus's tip or a plane is scanned.
 
 use std::path::{Path, PathBuf};
 
@@ -6,28 +6,29 @@ use calibration::latency::line::{Finder, Still};
 use calibration::picture::GreyView;
 use calibration::probe::DotFinder;
 use calibration::probe::target::{Observation, Recording, Seen, Target, calibrate};
-use calibration::region::ClipRect;
+use config::bedside::devices::{REFERENCE_FRAME, TRACKER_FRAME};
+use mask::MaskSettings;
+use sonoweave_core::region::ClipRect;
+use sync::ingest::live::Live;
 
 use super::super::super::guide::{Advice, Guide, lead};
 use super::super::super::recorded::{GRABBER, Tracks, shown_now, without_latency};
 use super::super::recording::{Region, number};
 use super::look::{Names, of_dots, part};
 use super::{Arguments, Failure, ends};
-use crate::config::bedside::devices::{REFERENCE_FRAME, TRACKER_FRAME};
-use crate::ingest::live::Live;
-use crate::mask::MaskSettings;
 
-/// Pictures that a judgement is made by, at most: evenly over all there are.
+/// Largest number of images in an evaluation, evenly spread over all.
 const MOST_PICTURES: usize = 600;
-/// Fewer than these are not enough, however sure they make it.
+/// Smallest number of images, whatever the predicted error.
 const ENOUGH_PICTURES: f64 = 100.0;
-/// A plane's line is found by what stands still in all pictures: it is looked for when there are so many.
+/// Number of images before the search for a plane's line begins. The search needs to know the
+/// static pixels of all images.
 const TELL_STILL: usize = 60;
 
-/// Records a scan until the picture's place is known well enough.
+/// Records a scan until the image plane is known well enough.
 ///
 /// # Errors
-/// [`Failure`] when the bedside's devices cannot be recorded.
+/// [`Failure`] when the configured devices cannot be recorded.
 pub(super) fn gathered(
     path: &Path,
     arguments: &Arguments,
@@ -57,7 +58,7 @@ pub(super) fn gathered(
     Ok(gathered.session)
 }
 
-/// The scan by now.
+/// The scan so far.
 struct Scanned<'a> {
     target: Target,
     names: Names<'a>,
@@ -67,18 +68,18 @@ struct Scanned<'a> {
     eye: Eye,
     region: Option<Region>,
     tracks: Tracks,
-    /// Their poses come later.
+    /// Their poses are added later.
     seen: Vec<Observation>,
     trouble: Option<String>,
 }
 
-/// Who looks at the pictures.
+/// Detector for the target.
 enum Eye {
     Dots(DotFinder),
-    /// Knows by and by what stands still; until it does no line is seen.
+    /// Learns the static pixels gradually; no line is detected until then.
     Line {
         still: Option<Still>,
-        /// Of so many pictures.
+        /// Number of images in `still`.
         of: usize,
         finder: Option<Finder>,
     },
@@ -101,7 +102,7 @@ impl Eye {
         }
     }
 
-    /// Takes in what stood still until now. False where that is of too few pictures.
+    /// Applies the static pixels learned so far. Returns false if they come from too few images.
     fn learn(&mut self) -> bool {
         let Self::Line { still, of, finder } = self else { return true };
         if let Some(still) = still.as_ref().filter(|_| *of >= TELL_STILL) {

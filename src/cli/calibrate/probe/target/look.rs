@@ -1,61 +1,63 @@
-//! What of a target pictures show, and poses, from a recording.
+//! Target detections and poses from a recording.
+
+use glam::DVec2;
 
 use calibration::latency::line::{Finder, Still};
 use calibration::picture::GreyView;
 use calibration::probe::DotFinder;
 use calibration::probe::target::{Observation, Recording, Seen};
 use calibration::probe::track::Track;
-use calibration::region::ClipRect;
-use glam::DVec2;
+use config::bedside::devices::{REFERENCE_FRAME, TRACKER_FRAME};
+use mask::MaskSettings;
+use sonoweave_core::region::ClipRect;
 
 use super::super::super::super::{Failure, input};
 use super::super::super::recorded::{Recorded, Shown, Tracked};
 use super::super::recording::Region;
-use crate::config::bedside::devices::{REFERENCE_FRAME, TRACKER_FRAME};
-use crate::mask::MaskSettings;
 
-/// Spots of a picture that may be the point, those that stand out most.
+/// Largest number of spots of an image that may be the point; the most prominent ones.
 const MOST_SPOTS: usize = 12;
 
-/// What frames are called.
+/// Names of frames.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Names<'a> {
     pub(super) probe: &'a str,
-    /// In which the target rests; `None` for the usual one.
+    /// The frame in which the target rests; `None` for the usual one.
     pub(super) reference: Option<&'a str>,
 }
 
-/// What was seen.
+/// Detections and poses.
 pub(super) struct Looked {
     observations: Vec<Observation>,
-    /// Where the sensors were between the pictures, where the recording says it.
+    /// Sensor poses between the images, if the recording has them.
     track: Option<Track>,
     pub(super) size_px: [u32; 2],
     timed: bool,
-    /// Why the first of the pictures without poses has none.
+    /// Reason of the first image without poses.
     first_refusal: Option<String>,
     /// Name of the frame in which the target rests.
     pub(super) reference: String,
 }
 
 impl Looked {
-    /// For the calibration.
+    /// Returns the form that the calibration takes.
     pub(super) fn recording(&self) -> Recording<'_> {
         let Self { observations, track, size_px, timed, .. } = self;
         Recording { observations, track: track.as_ref(), size_px: *size_px, timed: *timed }
     }
 
-    /// For the end of a refusal.
+    /// Notes the first unusable image, for the end of a refusal.
     pub(super) fn also(&self) -> String {
         let why = |why: &String| format!(" (the first that could not be used: {why})");
         self.first_refusal.as_ref().map_or(String::new(), why)
     }
 }
 
-/// Looks at a recording's pictures for a point, or for the line of a plane.
+/// Searches a recording's images for a point, or for the line of a plane.
 ///
 /// # Errors
-/// [`Failure`] when it cannot be read, holds no grey pictures of 8 bits, or no way from the probe to where the target rests.
+/// [`Failure`] when it cannot be read, holds no grey images of 8 bits, or has no way from the
+/// probe to the target's frame.
 pub(super) fn look(
     recorded: &Recorded,
     names: Names<'_>,
@@ -91,7 +93,7 @@ pub(super) fn look(
     Ok(Looked { observations, track, size_px, timed, first_refusal, reference })
 }
 
-/// Where the probe was, and in which frame.
+/// Returns the probe's poses and the name of their frame.
 fn tracked(recorded: &Recorded, Names { probe, reference }: Names<'_>) -> Result<(Tracked, String), Failure> {
     if let Some(name) = reference {
         return Ok((recorded.tracked(probe, name)?, name.to_owned()));
@@ -102,10 +104,10 @@ fn tracked(recorded: &Recorded, Names { probe, reference }: Names<'_>) -> Result
     }
 }
 
-/// Who looks at pictures.
+/// Detector for the target.
 enum Eye {
     Dots(DotFinder),
-    /// `None` where there is no picture.
+    /// `None` if there is no image.
     Line(Option<Finder>),
 }
 
@@ -123,14 +125,14 @@ impl Eye {
     }
 }
 
-/// Spots that may be the point.
+/// Returns the spots that may be the point.
 pub(super) fn of_dots(finder: &mut DotFinder, view: &GreyView<'_>, region: &Region) -> Seen {
     let dots = finder.find(view, region.clip).iter().filter(|dot| region.holds(dot.at_px));
     let dots: Vec<DVec2> = dots.take(MOST_SPOTS).map(|dot| dot.at_px).collect();
     if dots.is_empty() { Seen::Nothing } else { Seen::Dots(dots) }
 }
 
-/// One that knows what of all pictures stands still.
+/// Returns a finder that knows the static pixels of all images.
 fn finder(recorded: &Recorded, clip: Option<ClipRect>) -> Result<Option<Finder>, Failure> {
     let (mut region, mut still) = (None, None::<Still>);
     recorded.pictures(|shown| {
@@ -138,7 +140,7 @@ fn finder(recorded: &Recorded, clip: Option<ClipRect>) -> Result<Option<Finder>,
         let view = shown.view()?;
         let (Some(part), _) = part(&view, region.clip) else { return Ok(()) };
         match &mut still {
-            // Pictures of another size are refused when they are looked at.
+            // Images of another size are refused at detection.
             Some(still) => _ = still.add(&part),
             none => *none = Some(Still::new(&part)),
         }
@@ -147,12 +149,12 @@ fn finder(recorded: &Recorded, clip: Option<ClipRect>) -> Result<Option<Finder>,
     Ok(still.map(Finder::new))
 }
 
-/// What of the pictures is data, where a session says it.
+/// Returns the session's image mask, if there is one.
 fn mask(recorded: &Recorded) -> Option<MaskSettings> {
     recorded.bedside().map(|bedside| bedside.mask)
 }
 
-/// The part of a picture that is looked at, and its first pixel.
+/// Returns the searched part of an image, and its first pixel.
 pub(super) fn part<'a>(view: &GreyView<'a>, clip: Option<ClipRect>) -> (Option<GreyView<'a>>, DVec2) {
     match clip {
         Some(clip) => (view.part(clip), DVec2::new(f64::from(clip.x), f64::from(clip.y))),

@@ -1,20 +1,21 @@
-//! A probe's calibration by a point, a stylus or a plane as a page to look at.
+//! Report page of a probe's calibration by a point, a stylus or a plane.
 
 use glam::DVec2;
+
+use export::page::Page;
+use export::page::plate::{Ink, Plate};
 
 use super::super::drawn;
 use super::super::recording::Shown;
 use super::report::{Report, Rests, ToldPicture};
-use crate::export::page::Page;
-use crate::export::page::plate::{Ink, Plate};
 
 impl Report {
-    /// Pictures worth looking at.
+    /// Returns the images to show.
     pub(super) fn telling(&self) -> Vec<usize> {
         drawn::telling(&self.error_mm)
     }
 
-    /// The page; `shown` are the pictures of [`Self::telling`].
+    /// Makes the page; `shown` are the images of [`Self::telling`].
     pub(super) fn page(&self, shown: &[Shown]) -> String {
         let mut page = Page::new(&format!("Calibration of a probe: {}", self.inputs.input.name()));
         let of = if self.validation_is_split {
@@ -54,7 +55,7 @@ impl Report {
         page.html()
     }
 
-    /// One picture and what was seen in it.
+    /// Draws one image and the detections in it.
     fn seen(&self, shown: &Shown) -> Option<(String, String)> {
         let picture = self.pictures.iter().find(|picture| picture.frame == shown.frame)?;
         let mut plate = Plate::new(self.image_size_px);
@@ -84,7 +85,7 @@ impl Report {
 }
 
 impl ToldPicture {
-    /// What was seen, and where the calibration has it.
+    /// Returns pairs of seen and expected position.
     fn pairs(&self) -> impl Iterator<Item = [DVec2; 2]> {
         self.seen_px.iter().zip(&self.expected_px).map(|(a, b)| [*a, *b].map(DVec2::from_array))
     }

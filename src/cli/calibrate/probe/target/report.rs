@@ -1,13 +1,14 @@
-//! What is said of a probe's calibration by a point, a stylus or a plane.
+//! Report of a probe's calibration by a point, a stylus or a plane.
 
 use std::fmt::Write as _;
+
+use glam::DVec2;
+use serde::Serialize;
 
 use calibration::probe::calibrate::Outcome;
 use calibration::probe::errors::Errors;
 use calibration::probe::target::refine::Scatter;
 use calibration::probe::target::{Calibration, Place};
-use glam::DVec2;
-use serde::Serialize;
 
 use super::super::super::outputs::{Input, place, rows};
 use super::super::Method;
@@ -15,54 +16,56 @@ use super::super::again::Reproducibility;
 use super::super::report::{Frames, LATTICE, Told, lag_line, word};
 use super::ends;
 
-/// What a picture in which nothing is seen is called.
+/// Name of the outcome of an image without a detection.
 const UNSEEN: &str = "nothing seen";
 
-/// What is said of a result. The names say the units.
+/// Report of a result. The names contain the units.
 #[derive(Debug, Serialize)]
 pub(super) struct Report {
     pub(super) kind: &'static str,
     pub(super) method: &'static str,
     #[serde(flatten)]
     pub(super) inputs: Inputs,
-    /// Row major: pixels of the picture in MF orientation to mm.
+    /// Row major: pixels of the image in MF orientation to mm.
     pub(super) image_to_probe: [f64; 16],
     pub(super) image_size_px: [u32; 2],
     pub(super) pixel_mm: [f64; 2],
-    /// Distances of what is seen from where the target is.
+    /// Distances of the detections from the target.
     pub(super) error_mm: Told,
-    /// The same of pictures that had no part in the calibration.
+    /// The same of images that had no part in the calibration.
     pub(super) validation_error_mm: Option<Told>,
-    /// Whether these are the last third of the recording, held against a calibration from the others.
+    /// Whether these are the last third of the recording, compared with a calibration from the
+    /// others.
     pub(super) validation_is_split: bool,
     pub(super) limit_mm: f64,
     pub(super) frames: Frames,
     pub(super) condition: f64,
-    /// Combinations of parameters that are known least, and how well, in typical sizes.
+    /// The least known combinations of parameters with their errors, in typical sizes.
     pub(super) least_known: Vec<(String, f64)>,
-    /// Above 0: poses come later than pictures.
+    /// Positive if poses come later than images.
     pub(super) lag_s: f64,
     pub(super) lag_se_s: f64,
-    /// For how many pictures what scatters them lasts.
+    /// Correlation length of the scatter, images.
     pub(super) scatter_lasts_pictures: f64,
     pub(super) scatter: Scattered,
     /// The frame in which the target rests.
     pub(super) frame: String,
     pub(super) target: Rests,
-    /// One standard deviation of where a pixel lies, by the covariance: rows of numbers over the picture, from its first pixels to its last.
+    /// Predicted error of pixel positions, one standard deviation, by the covariance: rows of
+    /// numbers over the image, from its first pixels to its last.
     pub(super) predicted_error_mm: Vec<Vec<f64>>,
-    /// The same in the middle of the picture, and in its worst corner.
+    /// The same at the image's centre, and at its worst corner.
     pub(super) predicted_ends_mm: [f64; 2],
-    /// Where in the picture to let the target be seen next.
+    /// Part of the image in which to show the target next.
     pub(super) next_view: String,
-    /// How far the result moves when parts of the recording are left out.
+    /// Change of the result when parts of the recording are left out.
     pub(super) reproducibility_mm: Option<Reproducibility>,
     pub(super) pictures: Vec<ToldPicture>,
     pub(super) looked_s: f64,
     pub(super) solved_s: f64,
 }
 
-/// What it was made from.
+/// Input files.
 #[derive(Debug, Serialize)]
 pub(super) struct Inputs {
     pub(super) input: Input,
@@ -71,7 +74,7 @@ pub(super) struct Inputs {
 }
 
 impl Inputs {
-    /// Those that there are.
+    /// Returns the present inputs.
     pub(super) fn all(&self) -> impl Iterator<Item = &Input> {
         [Some(&self.input), self.stylus_tip.as_ref(), self.validation.as_ref()].into_iter().flatten()
     }
@@ -85,7 +88,7 @@ pub(super) enum Scattered {
     Plane { turn_deg: f64, position_mm: f64, line_px: f64 },
 }
 
-/// Where the target is.
+/// Position of the target.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Rests {
@@ -105,7 +108,7 @@ impl Scattered {
         }
     }
 
-    /// For people.
+    /// Formats the scatter for people.
     pub(super) fn words(&self) -> String {
         match self {
             Self::Point { along_u_v_and_normal_mm: [u, v, normal], turn_deg } => format!(
@@ -126,7 +129,7 @@ impl Rests {
         }
     }
 
-    /// For people.
+    /// Formats the position for people.
     pub(super) fn words(&self, frame: &str) -> String {
         match self {
             Self::PointMm(at) => format!("it rests at {} mm in {frame}", place((*at).into())),
@@ -203,7 +206,7 @@ fn frames(found: &Calibration) -> Frames {
     Frames::of(found.pictures.iter().map(|picture| picture.outcome), UNSEEN)
 }
 
-/// What most helps: to see the target where a place is known least.
+/// Returns the most helpful next view: the target at the least known corner.
 fn next(found: &Calibration) -> String {
     let [u, v] = found.size_px.map(|n| f64::from(n) - 1.0);
     let corners =
@@ -213,7 +216,7 @@ fn next(found: &Calibration) -> String {
     format!("let it be seen at the picture's {name}, where a place is known least ({mm:.2} mm)")
 }
 
-/// For people.
+/// Formats the result for people.
 pub(super) fn text(found: &Calibration, method: Method, frame: &str) -> String {
     let mut text = String::new();
     let refined = &found.refined;

@@ -1,0 +1,77 @@
+//! Checks the text and the structure of the sources: comments, names, lengths, modules, crates.
+//!
+//! Each test reads the whole repository and lists all its findings, as `file:line: sentence`. Known
+//! exceptions are in `cycles.txt` and `names.txt`, which may only become shorter. `cargo test -p
+//! sonoweave-checks -- --nocapture` prints both lists as they are today.
+
+#![allow(clippy::print_stdout, reason = "the lists of exceptions are printed")]
+
+mod comments;
+mod crates;
+mod cycles;
+mod findings;
+mod known;
+mod lexer;
+mod modules;
+mod names;
+mod resolve;
+mod sources;
+
+use std::path::Path;
+use std::sync::LazyLock;
+
+use findings::{Finding, report};
+use known::Known;
+use sources::Sources;
+
+/// The repository's files, read once for all tests.
+static SOURCES: LazyLock<Sources> = LazyLock::new(|| {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the repository's root");
+    let sources = Sources::read(root);
+    assert!(sources.rust().count() > 100, "only {} Rust files found", sources.rust().count());
+    sources
+});
+
+/// Longest file, in lines.
+const LINES: usize = 520;
+
+#[test]
+fn comments_are_plain_and_narrow() {
+    report(SOURCES.rust().flat_map(comments::check).collect(), "");
+}
+
+#[test]
+fn test_names_are_short() {
+    report(SOURCES.rust().flat_map(names::tests).collect(), "");
+}
+
+#[test]
+fn files_are_short() {
+    let long = SOURCES.all().filter_map(|source| {
+        let lines = source.text.lines().count();
+        let sentence = format!("{lines} lines, of at most {LINES}");
+        (lines > LINES && !source.path.ends_with(".toml")).then(|| Finding::new(&source.path, LINES + 1, sentence))
+    });
+    report(long.collect(), "");
+}
+
+#[test]
+fn modules_have_no_new_cycles() {
+    let found = cycles::find(&SOURCES);
+    let known = Known::parse(include_str!("cycles.txt"));
+    println!("Cycles of today:\n\n{}", cycles::list(&found));
+    report(cycles::compare(&found, &known), "checks/tests/style/cycles.txt lists the known ones.");
+}
+
+#[test]
+fn crates_depend_on_crates_above() {
+    report(crates::check(&SOURCES), "");
+}
+
+#[test]
+fn names_avoid_retired_words() {
+    let found = names::retired(&SOURCES);
+    let known = Known::parse(include_str!("names.txt"));
+    println!("Names of today:\n\n{}", names::list(&found));
+    report(names::compare(&found, &known), "checks/tests/style/names.txt lists the known ones.");
+}

@@ -1,0 +1,145 @@
+//! The virtual bedside: the scan that its devices measure, and their faults.
+
+use std::fmt;
+use std::sync::Arc;
+
+use drivers::simulated::Faults;
+use phantom::bedside::arm::{BedsideArm, standard_arm};
+use phantom::named::{MotionOptions, SceneName, SceneOptions, TrajectoryName};
+use phantom::scan::Depth;
+use phantom::{self, PhantomError, Scan, ScanSettings, TrackerNoise};
+use sonoweave_core::keys::{FileError, Table};
+
+use super::devices::Grabber;
+use super::reader::Reader;
+use crate::Unfit;
+
+/// Default image size of a virtual grabber, pixels.
+const IMAGE_SIZE: [u32; 2] = [640, 480];
+/// Its default rate, frames a second.
+const RATE_HZ: f64 = 30.0;
+
+/// A virtual bedside.
+#[derive(Clone)]
+pub struct VirtualBedside {
+    /// The scanned scene, and the motion of the hand.
+    pub scan: Arc<Scan>,
+    /// Frames a second of the grabber.
+    pub rate_hz: f64,
+    /// Renders its images before the session begins, one for each frame of the scan.
+    pub painted: bool,
+    /// Faults between the tracker or arm and the host.
+    pub line: Faults,
+    /// Faults of the grabber.
+    pub grabber: Faults,
+}
+
+impl fmt::Debug for VirtualBedside {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // A scan's scene and beams have a hundred thousand numbers, so they are left out.
+        let Self { scan: _, rate_hz, painted, line, grabber } = self;
+        let mut text = f.debug_struct("Rehearsal");
+        text.field("rate_hz", rate_hz).field("painted", painted);
+        text.field("line", line).field("grabber", grabber).finish_non_exhaustive()
+    }
+}
+
+impl VirtualBedside {
+    /// Returns the arm that carries the hand's probe, with encoders of `counts_per_turn`.
+    ///
+    /// # Errors
+    /// [`Unfit`] for a motion that no arm, or not this one, can follow.
+    pub fn carried(hand: Arc<phantom::Bedside>, counts_per_turn: u32) -> Result<BedsideArm, Unfit> {
+        let arm = standard_arm(counts_per_turn.into()).map_err(|e| Unfit::whole(e.to_string()))?;
+        BedsideArm::new(hand, arm).map_err(|e| Unfit::whole(e.to_string()))
+    }
+
+    /// Reads it without its faults, which are in the returned table's subsections.
+    pub(super) fn read<'a>(
+        mut keys: Reader<'a, '_>,
+        usual: TrajectoryName,
+        grabber: &Grabber,
+    ) -> Result<(ScannedHand, Option<Table<'a>>), FileError> {
+        let scene = keys.named("scene", SceneName::Doll)?;
+        let trajectory = keys.named("trajectory", usual)?;
+        let frames = keys.whole("frames", 300, 2..=100_000)?;
+        let gap = keys.number_if("gap_mm", f64::MIN_POSITIVE..=1000.0)?;
+        let pixel = keys.number_if("pixel_mm", f64::MIN_POSITIVE..=1000.0)?;
+        let noise = keys.number_if("noise_sd", 0.0..=255.0)?;
+        let tracker_noise = TrackerNoise {
+            position_mm: keys.number("tracker_noise_mm", 0.0, 0.0..=10.0)?,
+            rotation_degrees: keys.number("tracker_noise_deg", 0.0, 0.0..=10.0)?,
+        };
+        let seed = keys.whole("seed", 1, 0..=u32::MAX)?;
+        let painted = keys.truth("painted", false)?;
+        let shown = scene.shown(&SceneOptions::new(seed.into()));
+        let image_size = grabber.turned(grabber.settings.size.unwrap_or(IMAGE_SIZE));
+        let rate_hz = grabber.settings.rate_hz.unwrap_or(RATE_HZ);
+        let pixel_mm = pixel.unwrap_or_else(|| shown.usual_pixel_mm(image_size));
+        let scanner = shown.scanned().map(|scanned| scanned.scanner);
+        let gap_mm = gap.unwrap_or_else(|| trajectory.usual_gap_mm(&shown, frames));
+        let noise_sd = noise.unwrap_or_else(|| shown.usual_noise_sd());
+        let unfit = |e: PhantomError| keys.unfit(Unfit::whole(e.to_string()), |setting| setting);
+        let scene = shown.placed(image_size, pixel_mm).map_err(unfit)?;
+        let scan = Scan::new(ScanSettings {
+            motion: trajectory.motion(&MotionOptions::default(), &scene),
+            scene,
+            frames,
+            gap_mm,
+            image_size,
+            pixel_mm: [pixel_mm; 2],
+            noise_sd,
+            depth: Depth::U8,
+            fan: None,
+            scanner,
+            tracker_noise,
+            seed: seed.into(),
+            first_ns: 0,
+            interval_ns: (1e9 / rate_hz).round() as i64,
+        });
+        let hand = ScannedHand { scan: scan.map_err(unfit)?, rate_hz, painted, seed: seed.into() };
+        Ok((hand, keys.into_table()))
+    }
+}
+
+/// A virtual bedside without faults.
+pub(super) struct ScannedHand {
+    scan: Scan,
+    rate_hz: f64,
+    painted: bool,
+    seed: u64,
+}
+
+impl ScannedHand {
+    pub(super) fn with_faults(self, line: Faults, grabber: Faults) -> VirtualBedside {
+        let Self { scan, rate_hz, painted, seed } = self;
+        // The two devices have different random faults.
+        let (line, grabber) = (Faults { seed, ..line }, Faults { seed: seed.wrapping_add(1), ..grabber });
+        VirtualBedside { scan: Arc::new(scan), rate_hz, painted, line, grabber }
+    }
+}
+
+/// Reads the faults of a line.
+pub(super) fn of_line(mut keys: Reader<'_, '_>) -> Result<Faults, FileError> {
+    Ok(Faults {
+        packet_ns: keys.ms("packet_ms", 0.0, 0.0..=1000.0)?,
+        drop: keys.number("drop", 0.0, 0.0..=1.0)?,
+        noise: keys.number("noise", 0.0, 0.0..=1.0)?,
+        ..of_any(&mut keys)?
+    })
+}
+
+/// Reads the faults of a grabber.
+pub(super) fn of_grabber(mut keys: Reader<'_, '_>) -> Result<Faults, FileError> {
+    of_any(&mut keys)
+}
+
+fn of_any(keys: &mut Reader<'_, '_>) -> Result<Faults, FileError> {
+    Ok(Faults {
+        latency_ns: keys.ms("latency_ms", 0.0, 0.0..=10_000.0)?,
+        jitter_ns: keys.ms("jitter_ms", 0.0, 0.0..=10_000.0)?,
+        drift_ppm: keys.number("drift_ppm", 0.0, -10_000.0..=10_000.0)?,
+        dropout: keys.number("dropout", 0.0, 0.0..=1.0)?,
+        ..Faults::default()
+    })
+}

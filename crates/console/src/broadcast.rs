@@ -1,0 +1,483 @@
+//! The newest picture of each kind, the subscriptions of the pages, and who has control. It
+//! connects the stages that render pictures to the pages that view them.
+//!
+//! A stage leaves its newest picture here and goes on; it never waits for a browser. Pictures
+//! without subscription are not rendered.
+
+use std::collections::BTreeSet;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use glam::DVec3;
+use tokio::sync::{oneshot, watch};
+
+use guidance::ScanGuidance;
+use pipeline::live::{CapturedFrame, Drawn, Extent, FrameObserver, PlaneImage, PlaneRequest, PlaneViewer};
+use render::camera::View;
+use render::{RenderSettings, Renderer};
+use sonoweave_core::clock::wall_ns;
+use sonoweave_core::slice::{Image, Pixels};
+
+use super::marks::Marks;
+use super::orbit_camera::{OrbitCamera, Steer};
+use super::pick::{Answer, Picks};
+use super::planes::{self, Move, Planes};
+use super::style::{Choice, Dress, Ground};
+
+/// Interval at which the render thread polls for a new view while a page views it. A user
+/// turning the view does not notice a shorter one.
+const ASKED: Duration = Duration::from_millis(8);
+/// The same interval without viewers.
+const IDLE: Duration = Duration::from_millis(100);
+
+/// Content of a picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Kind {
+    /// The B-mode image.
+    Slice = 1,
+    /// The volume.
+    View = 2,
+    /// The plane through the volume across its z axis.
+    AcrossZ = 3,
+    /// The plane across its y axis.
+    AcrossY = 4,
+    /// The plane across its x axis.
+    AcrossX = 5,
+    /// The free plane.
+    Free = 6,
+}
+
+impl Kind {
+    /// All kinds, in the order of their numbers.
+    pub(super) const ALL: [Self; KINDS] =
+        [Self::Slice, Self::View, Self::AcrossZ, Self::AcrossY, Self::AcrossX, Self::Free];
+}
+
+/// Number of kinds.
+pub(super) const KINDS: usize = 6;
+
+/// Grey or colour pixels, 8 bits per channel.
+#[derive(Debug, Clone)]
+pub enum Pixmap {
+    /// One byte a pixel.
+    Grey(Arc<[u8]>),
+    /// Red, green, blue.
+    Colour(Arc<[u8]>),
+}
+
+/// A picture for browsers.
+#[derive(Debug, Clone)]
+pub struct EncodedFrame {
+    /// The picture's content.
+    pub kind: Kind,
+    /// Sequence number among pictures of its kind, from 1.
+    pub sequence: u32,
+    /// Pixels to the right and down.
+    pub size: [u32; 2],
+    /// The pixels.
+    pub pixels: Pixmap,
+    /// Number of the frame, or of the last frame in the picture.
+    pub item: u64,
+    /// Capture time of that frame, ms since the UNIX epoch; `None` for a recording.
+    pub captured_ms: Option<f64>,
+    /// Whether a finer picture follows.
+    pub refining: bool,
+    /// Message that precedes the picture.
+    pub words: Option<serde_json::Value>,
+}
+
+/// The viewers, and which of them has control.
+#[derive(Debug, Default)]
+struct Audience {
+    next: u64,
+    present: BTreeSet<u64>,
+    steering: Option<u64>,
+}
+
+/// The newest pictures and their subscriptions.
+#[derive(Debug)]
+pub struct FrameBroadcaster {
+    shots: [watch::Sender<Option<Arc<EncodedFrame>>>; KINDS],
+    looked_at: [AtomicU32; KINDS],
+    made: [AtomicU32; KINDS],
+    sight: Mutex<OrbitCamera>,
+    picks: Picks,
+    planes: Mutex<Planes>,
+    dress: Mutex<Dress>,
+    /// Changes with the style of the volume's picture.
+    dressed: watch::Sender<u64>,
+    audience: Mutex<Audience>,
+    /// Source of the marks in the view.
+    coach: Mutex<Option<Arc<ScanGuidance>>>,
+    /// Corners of a highlighted slice, marked instead of the present one.
+    pointed: Mutex<Option<[DVec3; 4]>>,
+    marked: AtomicU32,
+    /// Changes when control passes to another page.
+    turns: watch::Sender<u64>,
+}
+
+impl Default for FrameBroadcaster {
+    fn default() -> Self {
+        Self {
+            shots: Kind::ALL.map(|_| watch::Sender::new(None)),
+            looked_at: Default::default(),
+            made: Default::default(),
+            sight: Mutex::default(),
+            picks: Picks::default(),
+            planes: Mutex::default(),
+            dress: Mutex::default(),
+            dressed: watch::Sender::new(0),
+            audience: Mutex::default(),
+            coach: Mutex::default(),
+            pointed: Mutex::default(),
+            marked: AtomicU32::new(0),
+            turns: watch::Sender::new(0),
+        }
+    }
+}
+
+/// Returns the array index of a kind.
+fn place(kind: Kind) -> usize {
+    kind as usize - 1
+}
+
+impl FrameBroadcaster {
+    /// Whether any page views the volume.
+    pub fn is_watched(&self) -> bool {
+        self.is_looked_at(Kind::View)
+    }
+
+    /// Returns the interval at which the render thread polls for a new view.
+    pub fn turn(&self) -> Duration {
+        if self.is_watched() { ASKED } else { IDLE }
+    }
+
+    /// Returns the requested view; `home` is the configured one.
+    pub fn view(&self, home: View) -> View {
+        self.sight().view(home)
+    }
+
+    /// Publishes a rendered picture of the volume, on a background.
+    pub fn drawn(&self, drawn: &Drawn, background: [f32; 3]) {
+        self.sight().drawn(&drawn.renderer);
+        if !self.is_watched() {
+            return;
+        }
+        let picture = drawn.renderer.picture();
+        let pixels = Pixmap::Colour(picture.over(background).into());
+        let Drawn { item, captured_ns, refining, .. } = *drawn;
+        let words = serde_json::json!({ "sight": { "projection": drawn.renderer.camera().projection() } });
+        self.show(Kind::View, picture.size, pixels, (item, captured_ns.map(unix_ms)), refining, |_| Some(words));
+    }
+
+    /// Answers waiting picks from the displayed picture; `None` if the volume is empty.
+    pub fn answer(&self, shown: Option<&Renderer>) {
+        self.picks.answer(shown);
+    }
+
+    /// Asks for the place visible at a point of the volume's picture: fractions of width and
+    /// height.
+    ///
+    /// # Errors
+    /// A sentence for a point outside the picture.
+    pub(super) fn pick(&self, at: [f64; 2]) -> Result<oneshot::Receiver<Answer>, String> {
+        self.picks.ask(at)
+    }
+
+    /// Returns the number of rays cast for picks.
+    pub fn picked(&self) -> u64 {
+        self.picks.cast()
+    }
+
+    /// Sets the configured style.
+    pub fn ground(&self, ground: Ground) {
+        self.planes().usual(ground.range);
+        if self.dress().ground(ground) {
+            self.dressed.send_modify(|changes| *changes += 1);
+        }
+    }
+
+    /// Returns a number that changes with the style of the volume's picture; 0 for the
+    /// configured style.
+    pub fn dressing(&self) -> u64 {
+        self.dress().number()
+    }
+
+    /// Applies the chosen style to the render settings.
+    pub fn put_on(&self, settings: &mut RenderSettings) {
+        self.dress().put_on(settings);
+    }
+
+    /// Returns the style of the volume's picture as JSON, for pages.
+    pub(super) fn told_dress(&self) -> serde_json::Value {
+        self.dress().told()
+    }
+
+    /// Takes the marks in the view from this scan guidance from now on.
+    pub fn follow(&self, coach: &Arc<ScanGuidance>) {
+        *self.coach.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::clone(coach));
+    }
+
+    /// Highlights a slice with these corners, world mm, instead of the present one; `None` ends
+    /// that.
+    pub fn point_out(&self, corners: Option<[DVec3; 4]>) {
+        *self.pointed() = corners;
+    }
+
+    fn pointed(&self) -> MutexGuard<'_, Option<[DVec3; 4]>> {
+        self.pointed.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Publishes a recorded frame by its number, without a capture time, which is long past.
+    pub fn recorded(&self, item: u64, image: &Image) {
+        self.glimpse(item, None, image);
+    }
+
+    fn glimpse(&self, item: u64, captured_ms: Option<f64>, image: &Image) {
+        if !self.is_looked_at(Kind::Slice) {
+            return;
+        }
+        let grey = match image.pixels() {
+            Pixels::U8(grey) => Arc::clone(grey),
+            Pixels::U16(grey) => grey.iter().map(|value| (value >> 8) as u8).collect(),
+            Pixels::F32(grey) => grey.iter().map(|value| value.round().clamp(0.0, 255.0) as u8).collect(),
+        };
+        let size = [image.width(), image.height()];
+        self.show(Kind::Slice, size, Pixmap::Grey(grey), (item, captured_ms), false, |_| None);
+    }
+
+    /// Returns the marks in the view's last picture; `None` without a picture, a viewer or scan
+    /// guidance.
+    pub(super) fn marks(&self, now_ns: i64) -> Option<Marks> {
+        let coach = self.coach.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let coach = coach.filter(|_| self.is_watched())?;
+        let sequence = self.made(Kind::View);
+        if sequence == 0 {
+            return None;
+        }
+        self.marked.fetch_add(1, Ordering::Relaxed);
+        let mut outlines = coach.outlines(now_ns);
+        if let Some(corners) = *self.pointed() {
+            outlines.present = Some(corners);
+        }
+        let planes = self.planes().shown(|kind| self.is_looked_at(kind));
+        Marks::of(&outlines, &self.sight(), sequence, &planes)
+    }
+
+    /// Returns how often marks were computed.
+    pub fn marked(&self) -> u32 {
+        self.marked.load(Ordering::Relaxed)
+    }
+
+    /// Returns the number of pictures of a kind made for browsers.
+    pub fn made(&self, kind: Kind) -> u32 {
+        self.made[place(kind)].load(Ordering::Relaxed)
+    }
+
+    /// Changes the view.
+    ///
+    /// # Errors
+    /// A sentence for an invalid command; the view stays.
+    pub(super) fn steer(&self, steer: Steer) -> Result<(), String> {
+        self.sight().steer(steer)
+    }
+
+    /// Moves planes, or changes their window.
+    ///
+    /// # Errors
+    /// A sentence for an invalid command; the planes stay.
+    pub(super) fn move_planes(&self, what: Move) -> Result<(), String> {
+        self.planes().steer(what)
+    }
+
+    /// Changes the style of the volume's picture.
+    ///
+    /// # Errors
+    /// A sentence for an invalid choice; the style stays.
+    pub(super) fn choose(&self, choice: Choice) -> Result<(), String> {
+        self.dress().choose(choice)?;
+        self.dressed.send_modify(|changes| *changes += 1);
+        Ok(())
+    }
+
+    /// Returns the newest picture of a kind, if there is one.
+    pub(super) fn newest(&self, kind: Kind) -> Option<Arc<EncodedFrame>> {
+        self.shots[place(kind)].borrow().clone()
+    }
+
+    /// Subscribes to a kind of picture without a viewer slot, until dropped.
+    pub(super) fn glance(self: &Arc<Self>, kind: Kind) -> Glance {
+        self.looked_at[place(kind)].fetch_add(1, Ordering::Relaxed);
+        Glance { screen: Arc::clone(self), kind, pictures: self.shots[place(kind)].subscribe() }
+    }
+
+    pub(super) fn is_looked_at(&self, kind: Kind) -> bool {
+        self.looked_at[place(kind)].load(Ordering::Relaxed) > 0
+    }
+
+    fn show(
+        &self,
+        kind: Kind,
+        size: [u32; 2],
+        pixels: Pixmap,
+        (item, captured_ms): (u64, Option<f64>),
+        refining: bool,
+        words: impl FnOnce(u32) -> Option<serde_json::Value>,
+    ) {
+        let sequence = self.made[place(kind)].fetch_add(1, Ordering::Relaxed).wrapping_add(1);
+        let shot = EncodedFrame { kind, sequence, size, pixels, item, captured_ms, refining, words: words(sequence) };
+        self.shots[place(kind)].send_replace(Some(Arc::new(shot)));
+    }
+
+    fn sight(&self) -> MutexGuard<'_, OrbitCamera> {
+        self.sight.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn planes(&self) -> MutexGuard<'_, Planes> {
+        self.planes.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn dress(&self) -> MutexGuard<'_, Dress> {
+        self.dress.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn audience(&self) -> MutexGuard<'_, Audience> {
+        self.audience.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Adds a viewer; the first one gets control.
+    pub(super) fn enter(self: &Arc<Self>) -> Subscription {
+        let mut audience = self.audience();
+        audience.next += 1;
+        let number = audience.next;
+        audience.present.insert(number);
+        audience.steering.get_or_insert(number);
+        Subscription { screen: Arc::clone(self), number, looks: [false; KINDS] }
+    }
+}
+
+impl FrameObserver for FrameBroadcaster {
+    fn glimpsed(&self, glimpsed: &CapturedFrame<'_>) {
+        let CapturedFrame { item, captured_ns, image } = *glimpsed;
+        self.glimpse(item, Some(unix_ms(captured_ns)), image);
+    }
+}
+
+impl PlaneViewer for FrameBroadcaster {
+    fn is_watched(&self) -> bool {
+        planes::KINDS.into_iter().any(|kind| self.is_looked_at(kind))
+    }
+
+    fn wants(&self, extent: &Extent) -> Vec<PlaneRequest> {
+        self.planes().wanted(extent, |kind| self.is_looked_at(kind))
+    }
+
+    fn cut(&self, cut: &PlaneImage<'_>) {
+        let (kind, size) = (planes::KINDS[cut.wanted.number], cut.wanted.section.size);
+        let window = {
+            let mut planes = self.planes();
+            planes.show(&cut.wanted);
+            planes.window()
+        };
+        let pixels = planes::coloured(cut.sampled, size[0], window);
+        let times = (cut.item, cut.captured_ns.map(unix_ms));
+        self.show(kind, size, pixels, times, false, |sequence| Some(self.planes().told(cut, sequence)));
+    }
+
+    fn nothing(&self, why: &str) {
+        self.planes().without();
+        for kind in planes::KINDS.into_iter().filter(|kind| self.is_looked_at(*kind)) {
+            let pixel = Pixmap::Colour(planes::unseen(0, 0).into());
+            let words =
+                |sequence| serde_json::json!({ "plane": { "kind": kind as u8, "sequence": sequence, "none": why } });
+            self.show(kind, [1, 1], pixel, (0, None), false, |sequence| Some(words(sequence)));
+        }
+    }
+}
+
+/// A short subscription to one kind of picture.
+#[derive(Debug)]
+pub(super) struct Glance {
+    screen: Arc<FrameBroadcaster>,
+    kind: Kind,
+    pub(super) pictures: watch::Receiver<Option<Arc<EncodedFrame>>>,
+}
+
+impl Drop for Glance {
+    fn drop(&mut self) {
+        self.screen.looked_at[place(self.kind)].fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+/// A viewer; dropping it removes the viewer.
+#[derive(Debug)]
+pub(super) struct Subscription {
+    screen: Arc<FrameBroadcaster>,
+    number: u64,
+    looks: [bool; KINDS],
+}
+
+impl Subscription {
+    /// Sets whether this viewer subscribes to a kind.
+    pub(super) fn look(&mut self, kind: Kind, looks: bool) {
+        let was = std::mem::replace(&mut self.looks[place(kind)], looks);
+        let count = &self.screen.looked_at[place(kind)];
+        match (was, looks) {
+            (false, true) => drop(count.fetch_add(1, Ordering::Relaxed)),
+            (true, false) => {
+                let others = count.fetch_sub(1, Ordering::Relaxed) - 1;
+                // The next viewer must not see an outdated plane.
+                if others == 0 && planes::KINDS.contains(&kind) {
+                    self.screen.shots[place(kind)].send_replace(None);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// Subscribes to the newest picture of a kind.
+    pub(super) fn pictures(&self, kind: Kind) -> watch::Receiver<Option<Arc<EncodedFrame>>> {
+        self.screen.shots[place(kind)].subscribe()
+    }
+
+    /// Returns a channel that changes with the style of the volume's picture.
+    pub(super) fn dressed(&self) -> watch::Receiver<u64> {
+        self.screen.dressed.subscribe()
+    }
+
+    /// Returns a channel that changes when control passes to another page.
+    pub(super) fn turns(&self) -> watch::Receiver<u64> {
+        self.screen.turns.subscribe()
+    }
+
+    /// Whether this viewer has control.
+    pub(super) fn steers(&self) -> bool {
+        self.screen.audience().steering == Some(self.number)
+    }
+
+    /// Takes control.
+    pub(super) fn take_over(&self) {
+        self.screen.audience().steering = Some(self.number);
+        self.screen.turns.send_modify(|turns| *turns += 1);
+    }
+}
+
+impl Drop for Subscription {
+    fn drop(&mut self) {
+        Kind::ALL.into_iter().for_each(|kind| self.look(kind, false));
+        let mut audience = self.screen.audience();
+        audience.present.remove(&self.number);
+        if audience.steering == Some(self.number) {
+            audience.steering = audience.present.first().copied();
+            drop(audience);
+            self.screen.turns.send_modify(|turns| *turns += 1);
+        }
+    }
+}
+
+/// Converts host ns to ms since the UNIX epoch, the origin of a browser's clock.
+pub(super) fn unix_ms(host_ns: i64) -> f64 {
+    wall_ns(host_ns) as f64 / 1e6
+}

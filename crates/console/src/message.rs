@@ -1,0 +1,267 @@
+//! Messages of pages and programs, each a JSON object: commands to the session, and changes of
+//! the view.
+
+use std::time::Duration;
+
+use serde::Deserialize;
+
+use config::bedside::SettingsOverride;
+use pipeline::command::Command;
+
+use super::orbit_camera::{From, Steer};
+use super::planes::Move;
+use super::style::Choice;
+use super::{ConsoleSession, Served, snapshot};
+
+/// Refusal of a program's message that concerns a page's connection.
+pub(super) const ONLY_PAGES: &str = "this command is possible over a WebSocket only; connect to /v1/stream";
+
+/// A message's JSON form.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(tag = "do", rename_all = "lowercase", deny_unknown_fields)]
+enum MessageJson {
+    Show {
+        slice: bool,
+        view: bool,
+        #[serde(default)]
+        planes: bool,
+    },
+    Shown {
+        kind: u8,
+        sequence: u32,
+        #[serde(default)]
+        had_ms: f64,
+    },
+    Control {},
+    Turn {
+        right: f64,
+        up: f64,
+        clockwise: f64,
+    },
+    Zoom {
+        by: f64,
+    },
+    Centre {
+        at: [f64; 2],
+    },
+    Look {
+        from: From,
+    },
+    /// Moves all planes through this point, world mm.
+    Cross {
+        at: [f64; 3],
+    },
+    /// Turns the free plane, degrees.
+    Tilt {
+        right: f64,
+        up: f64,
+        clockwise: f64,
+    },
+    /// Sets the planes' grey value window.
+    Window {
+        black: f64,
+        white: f64,
+    },
+    /// Sets the style of the volume's picture: a preset or the configured transfer function,
+    /// and points that replace its opacities.
+    Transfer {
+        #[serde(default)]
+        preset: Option<String>,
+        #[serde(default)]
+        points: Option<Vec<[f64; 2]>>,
+    },
+    /// Resets to the initial state.
+    Reset {
+        of: Reset,
+    },
+    Record {},
+    Scan {},
+    Stop {},
+    Freeze {
+        on: bool,
+    },
+    Clear {},
+    Save {},
+    Snapshot {},
+    /// Replays a recording with its recorded settings, except for these keys.
+    Again {
+        #[serde(default)]
+        settings: SettingsOverride,
+    },
+    /// Shows a frame of a recording.
+    Frame {
+        number: u64,
+    },
+}
+
+/// The part to reset. The transfer function is reset by an empty `Transfer`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Reset {
+    Planes,
+    Window,
+}
+
+/// A message.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum ClientMessage {
+    /// A command to the session.
+    Command(Command),
+    /// Replays a recording with its recorded settings, except for these.
+    Replay(SettingsOverride),
+    /// Changes what all viewers see.
+    View(ViewMessage),
+    /// Concerns only the connection of the page that sends it.
+    Page(PageMessage),
+}
+
+/// A change of what all viewers see, or a snapshot of it.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum ViewMessage {
+    /// Changes the view of the volume.
+    Steer(Steer),
+    /// Changes the planes.
+    Move(Move),
+    /// Changes the style of the volume's picture.
+    Style(Choice),
+    /// Shows a frame of a recording.
+    Frame(u64),
+    /// Saves the displayed pictures.
+    Snapshot,
+}
+
+/// A message about the connection of the page that sends it.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum PageMessage {
+    /// Subscribes to these kinds of pictures.
+    Show {
+        /// The B-mode image.
+        slice: bool,
+        /// The volume.
+        view: bool,
+        /// The planes.
+        planes: bool,
+    },
+    /// Acknowledges a picture, drawn or left out.
+    Shown {
+        /// Its kind.
+        kind: u8,
+        /// Its sequence number.
+        sequence: u32,
+        /// Time since the picture arrived at the page. The rest of the time since sending was
+        /// transmission.
+        had: Duration,
+    },
+    /// Takes control.
+    Control,
+}
+
+impl ClientMessage {
+    /// Parses a message.
+    ///
+    /// # Errors
+    /// A sentence if the text is not a valid message.
+    pub(super) fn parse(text: &str) -> Result<Self, String> {
+        let json = serde_json::from_str(text);
+        let json = json.map_err(|error| format!("this is not a valid command: {error}"))?;
+        Ok(match json {
+            MessageJson::Show { slice, view, planes } => Self::Page(PageMessage::Show { slice, view, planes }),
+            MessageJson::Shown { kind, sequence, had_ms } => {
+                let had = Duration::try_from_secs_f64(had_ms / 1e3);
+                let had =
+                    had.map_err(|_| format!("had_ms must be a number of milliseconds from 0 up, not {had_ms}"))?;
+                Self::Page(PageMessage::Shown { kind, sequence, had })
+            }
+            MessageJson::Control {} => Self::Page(PageMessage::Control),
+            MessageJson::Turn { right, up, clockwise } => Steer::Turn { right, up, clockwise }.into(),
+            MessageJson::Zoom { by } => Steer::Zoom(by).into(),
+            MessageJson::Centre { at } => Steer::Centre(at).into(),
+            MessageJson::Look { from } => Steer::Look(from).into(),
+            MessageJson::Cross { at } => Move::Cross(at).into(),
+            MessageJson::Tilt { right, up, clockwise } => Move::Tilt { right, up, clockwise }.into(),
+            MessageJson::Window { black, white } => Move::Window([black, white]).into(),
+            MessageJson::Reset { of: Reset::Planes } => Move::Home.into(),
+            MessageJson::Reset { of: Reset::Window } => Move::HomeWindow.into(),
+            MessageJson::Transfer { preset, points } => Self::View(ViewMessage::Style(Choice { preset, points })),
+            MessageJson::Frame { number } => Self::View(ViewMessage::Frame(number)),
+            MessageJson::Snapshot {} => Self::View(ViewMessage::Snapshot),
+            MessageJson::Record {} => Self::Command(Command::Record),
+            MessageJson::Scan {} => Self::Command(Command::Scan),
+            MessageJson::Stop {} => Self::Command(Command::Stop),
+            MessageJson::Freeze { on } => Self::Command(Command::Freeze(on)),
+            MessageJson::Clear {} => Self::Command(Command::Clear),
+            MessageJson::Save {} => Self::Command(Command::Save),
+            MessageJson::Again { settings } => Self::Replay(settings),
+        })
+    }
+
+    /// Executes the message, or begins to. Returns a sentence if the result is not visible
+    /// anyway.
+    ///
+    /// # Errors
+    /// A sentence; nothing has changed.
+    pub(super) fn execute(self, served: &Served) -> Result<Option<String>, String> {
+        let ConsoleSession { screen, desk, .. } = &served.session;
+        match self {
+            Self::Command(command) => desk.execute(command).map(Some),
+            Self::Replay(settings) => desk.again(settings).map(Some),
+            Self::View(ViewMessage::Steer(steer)) => screen.steer(steer).map(|()| None),
+            Self::View(ViewMessage::Move(planes)) => screen.move_planes(planes).map(|()| None),
+            Self::View(ViewMessage::Style(choice)) => screen.choose(choice).map(|()| None),
+            Self::View(ViewMessage::Frame(number)) => desk.look(number).map(|()| None),
+            Self::View(ViewMessage::Snapshot) => snapshot::keep(served).map(Some),
+            Self::Page(_) => Err(ONLY_PAGES.into()),
+        }
+    }
+}
+
+impl std::convert::From<Steer> for ClientMessage {
+    fn from(steer: Steer) -> Self {
+        Self::View(ViewMessage::Steer(steer))
+    }
+}
+
+impl std::convert::From<Move> for ClientMessage {
+    fn from(planes: Move) -> Self {
+        Self::View(ViewMessage::Move(planes))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_command_parses_and_others_are_refused() {
+        for (text, command) in [
+            ("{\"do\":\"record\"}", Command::Record),
+            ("{\"do\":\"scan\"}", Command::Scan),
+            ("{\"do\":\"stop\"}", Command::Stop),
+            ("{\"do\":\"freeze\",\"on\":true}", Command::Freeze(true)),
+            ("{\"do\":\"clear\"}", Command::Clear),
+            ("{\"do\":\"save\"}", Command::Save),
+        ] {
+            assert_eq!(ClientMessage::parse(text), Ok(ClientMessage::Command(command)), "{text}");
+        }
+        assert_eq!(ClientMessage::parse("{\"do\":\"control\"}"), Ok(ClientMessage::Page(PageMessage::Control)));
+        for text in ["", "{}", "{\"do\":\"reboot\"}", "{\"do\":\"freeze\"}", "{\"do\":\"save\",\"to\":\"/etc\"}", "[1]"]
+        {
+            let why = ClientMessage::parse(text).unwrap_err();
+            assert!(why.starts_with("this is not a valid command: "), "{text}: {why}");
+        }
+    }
+
+    #[test]
+    fn picture_time_must_be_valid_duration() {
+        let shown = |had: &str| ClientMessage::parse(&format!("{{\"do\":\"shown\",\"kind\":2,\"sequence\":7{had}}}"));
+        let had = |had| Ok(ClientMessage::Page(PageMessage::Shown { kind: 2, sequence: 7, had }));
+        assert_eq!([shown(",\"had_ms\":12.5"), shown("")], [had(Duration::from_micros(12_500)), had(Duration::ZERO)]);
+        for wrong in ["-1", "1e300"] {
+            assert!(
+                shown(&format!(",\"had_ms\":{wrong}"))
+                    .unwrap_err()
+                    .starts_with("had_ms must be a number of milliseconds from 0 up, not ")
+            );
+        }
+    }
+}

@@ -1,0 +1,252 @@
+// The page: distributes the stream's pictures and messages to the parts that show them, and
+// sends the user's commands back.
+
+import { AccountCards } from "./account.js";
+import { Banner } from "./banner.js";
+import { CoachCard } from "./coach.js";
+import { CommandButtons } from "./commands.js";
+import { JPEG, SLICE, VIEW } from "./header.js";
+import { Marks } from "./marks.js";
+import { Measure } from "./measure.js";
+import { Measurements } from "./measurements.js";
+import { Picture } from "./picture.js";
+import { Planes } from "./planes.js";
+import { Replay } from "./replay.js";
+import { Sight } from "./sight.js";
+import { Slice } from "./slice.js";
+import { Stream } from "./stream.js";
+import { Tone } from "./tone.js";
+import { troubles } from "./troubles.js";
+import { View } from "./view.js";
+
+// Interval of the status check, ms.
+const LOOK = 250;
+
+const of = (id) => document.getElementById(id);
+const measured = new Measurements();
+window.sonoweave = measured.open;
+
+const cards = new AccountCards(of);
+const coach = new CoachCard(of);
+const marks = new Marks(of("view-marks"), of("view-legend"));
+const sight = new Sight(of("view-figures"));
+measured.open.sight = sight.open;
+const banner = new Banner(of("banner"), of("announcer"));
+const commands = new CommandButtons(of("commands"), of("ask"), (message) => stream.send(message));
+const slice = new Slice({ room: of("slice-room"), canvas: of("slice"), scale: of("slice-scale"), caption: of("slice-caption") });
+const view = new View(
+  { panel: of("view-panel"), room: of("view-room"), canvas: of("view"), onlooker: of("onlooker"), control: of("control"), refined: of("refined"), marks, sight },
+  (message) => stream.send(message),
+);
+const line = { send: (message) => stream.send(message), answer: (header) => stream.answer(header) };
+const planes = new Planes(of, line, () => {
+  measure.settle(planes.shown);
+  show();
+});
+measured.open.planes = planes.open;
+const measure = new Measure(of, {
+  at: () => (planes.shown ? planes.at() : null),
+  draw: (figures, slices, open) => {
+    planes.mark(figures, slices);
+    sight.show(figures, open);
+  },
+  ask,
+  speak: (words) => (of("announcer").textContent = words),
+});
+measured.open.measure = measure.open;
+planes.clicked = () => measure.mark();
+const replay = new Replay(of, { send: (message) => stream.send(message), fetch: () => tellMe("/v1/settings"), speak: (words) => (of("announcer").textContent = words) });
+measured.open.replay = replay.open;
+view.clicked = (x, y) => {
+  measure.see([x, y]);
+  return measure.open.open;
+};
+const screens = {
+  [SLICE]: screen("slice", (header) => slice.drawn(header)),
+  [VIEW]: screen("view", (header) => view.drawn(header)),
+};
+
+const tone = new Tone(
+  of("slice"),
+  (table, words) => {
+    screens[SLICE].tone(words ? table : null);
+    slice.toned(words);
+  },
+  (words) => (of("announcer").textContent = words),
+);
+measured.open.tone = tone.open;
+
+// Times at which live pictures were requested and the last one arrived, ms since the epoch.
+let asked = null;
+let came = null;
+let account = null;
+let heard = null;
+let ever = false;
+
+const address = new URL("/v1/stream", location.href);
+address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
+const stream = new Stream(address, { picture, word, changed });
+
+function screen(name, drawn) {
+  return new Picture(of(name), (header, whether, decode) => {
+    measured.settled(name, header, whether, decode);
+    if (whether) {
+      drawn(header);
+      const reduced = of(`${name}-reduced`);
+      if (reduced) reduced.hidden = header.encoding !== JPEG;
+    }
+    stream.answer(header);
+  });
+}
+
+function picture(header, pixels) {
+  if (header.kind === SLICE) came = Date.now();
+  if (!planes.offer(header, pixels)) screens[header.kind].offer(header, pixels);
+}
+
+function word(key, value) {
+  if (key === "about") {
+    measured.open.about = value;
+    cards.about(value);
+    slice.about(value);
+    replay.about(value);
+  } else if (key === "account") {
+    account = value;
+    measured.open.account = value;
+    const spread = { screen: measured.spread("slice"), view: measured.spread("view"), shown: measured.rate("slice") };
+    cards.tell(value, spread);
+    commands.tell(value.desk, value.volume);
+    replay.tell(value.desk);
+    happened(value.desk.events);
+    if (!value.volume && measure.open.results.length + measure.open.points.length > 0) measure.clear();
+    coach.tell(value.coach);
+    look();
+  } else if (key === "marks") {
+    marks.show(value);
+    planes.outline(value.planes);
+  } else if (key === "sight") {
+    sight.told(value);
+  } else if (key === "control") {
+    measured.open.control = value;
+    view.control(value);
+    commands.control(value);
+    replay.control(value);
+    planes.control(value);
+  } else if (key === "plane") {
+    planes.told(value);
+  } else if (key === "dress") {
+    planes.dress(value);
+  } else if (key === "refused") {
+    banner.say("heed", value);
+    replay.refused(value);
+    look();
+  } else if (key === "done") {
+    banner.say("wait", value);
+    replay.begun();
+    look();
+  }
+}
+
+// Announces new events since the page was opened, each once.
+function happened(events) {
+  const newest = events.at(-1);
+  if (newest && heard !== null && newest.number > heard) banner.say(newest.how === "failed" ? "bad" : "well", short(newest.says));
+  heard = newest?.number ?? 0;
+}
+
+function changed() {
+  if (stream.open === measured.open.connected) {
+    look();
+    return;
+  }
+  measured.open.connected = stream.open;
+  if (stream.open) {
+    ever = true;
+    // Another session may be running there now: the last status is void, and pictures are
+    // numbered anew.
+    account = null;
+    heard = null;
+    for (const kind of [SLICE, VIEW]) screens[kind].restart();
+    planes.restart();
+    sight.restart();
+    marks.clear();
+    show();
+  } else {
+    asked = null;
+    view.control(null);
+    commands.control(null);
+    commands.tell(null, null);
+    replay.control(null);
+    planes.control(null);
+    measured.open.control = null;
+  }
+  look();
+}
+
+// Subscribes to the visible pictures; a hidden page subscribes to none.
+function show() {
+  const seen = document.visibilityState === "visible";
+  if (!seen) for (const one of [screens[SLICE], screens[VIEW], planes]) one.forget();
+  if (!stream.send({ do: "show", slice: seen, view: seen, planes: seen && planes.shown })) return;
+  asked = seen ? Date.now() : null;
+}
+
+function look() {
+  const now = Date.now();
+  const since = (at) => (at === null ? null : (now - at) / 1000);
+  const line = { open: stream.open, ever, gone: stream.gone, lost_s: since(stream.lostAt) ?? 0, next_s: stream.nextAt === null ? null : (stream.nextAt - now) / 1000 };
+  const blank = asked === null ? null : since(Math.max(asked, came ?? 0));
+  const all = troubles({ line, account, blank_s: blank });
+  banner.show(all);
+  of("again").hidden = stream.open || !ever;
+  const old = all.some(({ key }) => ["line", "ended", "blank"].includes(key)) && ever;
+  const frozen = all.some(({ key }) => key === "frozen" || key === "held");
+  const over = stream.open && account?.desk?.phase === "over";
+  mark("slice", frozen ? "frozen" : over && !account.desk.replayed ? "stopped" : old && came !== null ? `not live · ${new Date(came).toLocaleTimeString([], { hourCycle: "h23" })}` : "");
+  mark("view", old && !stream.open ? "not live" : "");
+  of("cards").classList.toggle("old", !stream.open);
+}
+
+// Removes the folder from a file's path: the banner is narrow, and the session's folder is
+// known.
+const short = (says) => says.replace(/(^|\s)\S*\/(\S+)$/, "$1$2");
+
+// Sends a request that has an answer.
+function ask(path, body) {
+  return tellMe(path, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) });
+}
+
+async function tellMe(path, request) {
+  try {
+    const answer = await fetch(path, request);
+    const text = await answer.text();
+    return answer.headers.get("Content-Type") === "application/json" ? JSON.parse(text) : { refused: text.trim() };
+  } catch {
+    return { refused: "The session does not answer." };
+  }
+}
+
+// Labels and greys a picture that is out of date.
+function mark(name, words) {
+  const word = of(`${name}-word`);
+  if (word.textContent !== words) word.textContent = words;
+  word.hidden = words === "";
+  of(name).classList.toggle("old", words !== "");
+}
+
+of("again").addEventListener("click", () => stream.connect());
+const help = of("help");
+of("help-open").addEventListener("click", () => help.showModal());
+document.addEventListener("keydown", (event) => {
+  if (event.defaultPrevented || event.ctrlKey || event.altKey || event.metaKey || document.querySelector("dialog[open]") || event.target.localName === "select") return;
+  const acts = { "?": () => help.showModal(), p: () => planes.toggle(), m: () => measure.toggle() };
+  const act = acts[event.key.toLowerCase()];
+  if (!act) return;
+  event.preventDefault();
+  act();
+});
+document.addEventListener("visibilitychange", show);
+setInterval(look, LOOK);
+// The view's keys work from the start.
+of("view").focus();
+stream.connect();

@@ -1,0 +1,103 @@
+//! Picking: the render thread answers which place is visible at a point of the volume's
+//! picture, since only it knows the picture's contents.
+
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use tokio::sync::oneshot;
+
+use render::{Picked, Renderer};
+
+/// Largest number of waiting requests; beyond it the oldest are dropped.
+const MOST: usize = 32;
+
+/// The answer: a place, or a sentence for the reason that there is none.
+pub(super) type Answer = Result<Picked, String>;
+
+/// Requests waiting for the render thread.
+#[derive(Debug, Default)]
+pub(super) struct Picks {
+    /// Whether requests may be waiting; avoids taking the lock without need.
+    is_asked: AtomicBool,
+    waiting: Mutex<Vec<Question>>,
+    cast: AtomicU64,
+}
+
+#[derive(Debug)]
+struct Question {
+    at: [f64; 2],
+    answer: oneshot::Sender<Answer>,
+}
+
+impl Picks {
+    fn waiting(&self) -> MutexGuard<'_, Vec<Question>> {
+        self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Asks for the place visible at a point of the picture: fraction of the width from the
+    /// left, of the height from the top. The channel closes without an answer if nothing is
+    /// rendered, or if there are too many requests.
+    ///
+    /// # Errors
+    /// A sentence for a point outside the picture.
+    pub(super) fn ask(&self, at: [f64; 2]) -> Result<oneshot::Receiver<Answer>, String> {
+        if at.iter().any(|share| !(0.0..=1.0).contains(share)) {
+            return Err("a point in the picture must be two fractions of its sides, from 0 to 1".into());
+        }
+        let (answer, answered) = oneshot::channel();
+        let mut waiting = self.waiting();
+        waiting.retain(|question| !question.answer.is_closed());
+        if waiting.len() >= MOST {
+            waiting.remove(0);
+        }
+        waiting.push(Question { at, answer });
+        self.is_asked.store(true, Ordering::Release);
+        Ok(answered)
+    }
+
+    /// Answers all requests from the displayed picture; `None` if the volume is empty.
+    pub(super) fn answer(&self, shown: Option<&Renderer>) {
+        if !self.is_asked.swap(false, Ordering::Acquire) {
+            return;
+        }
+        let waiting = std::mem::take(&mut *self.waiting());
+        for Question { at, answer } in waiting.into_iter().filter(|question| !question.answer.is_closed()) {
+            // The client may have stopped waiting.
+            let _ = answer.send(self.picked(at, shown));
+        }
+    }
+
+    fn picked(&self, [x, y]: [f64; 2], shown: Option<&Renderer>) -> Answer {
+        let renderer = shown.ok_or("there is no volume yet to select a point in")?;
+        let [width, height] = renderer.camera().size().map(f64::from);
+        self.cast.fetch_add(1, Ordering::Relaxed);
+        let picked = renderer.pick([x * width - 0.5, y * height - 0.5]);
+        picked.ok_or_else(|| "nothing opaque is visible there; point at something else".into())
+    }
+
+    /// Returns the number of rays cast for answers.
+    pub(super) fn cast(&self) -> u64 {
+        self.cast.load(Ordering::Relaxed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn picks_answered_once_and_excess_dropped() {
+        let picks = Picks::default();
+        assert!(picks.ask([0.5, f64::NAN]).unwrap_err().contains("from 0 to 1"));
+        picks.answer(None);
+        let mut asked: Vec<_> = (0..MOST + 3).map(|_| picks.ask([0.5; 2]).unwrap()).collect();
+        assert_eq!(picks.waiting().len(), MOST);
+        assert!(asked[2].try_recv() == Err(oneshot::error::TryRecvError::Closed), "the oldest are given up");
+        drop(asked.split_off(10));
+        drop(picks.ask([0.1; 2]).unwrap());
+        assert_eq!(picks.waiting().len(), 8, "whoever has gone is forgotten");
+        picks.answer(None);
+        assert!(asked[9].try_recv().unwrap().unwrap_err().contains("no volume yet"));
+        assert_eq!((picks.waiting().len(), picks.cast()), (0, 0));
+    }
+}

@@ -1,0 +1,274 @@
+//! The socket: a bounded number of connections on one thread. No stage waits for this thread,
+//! and it has a lower priority than all of them.
+
+use std::io;
+use std::net::{SocketAddr, TcpListener};
+use std::pin::pin;
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use axum::Router;
+use hyper::body::Incoming;
+use hyper::server::conn::http1;
+use hyper::service::{Service as _, service_fn};
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::service::TowerToHyperService;
+use rustix::process::setpriority_process;
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::net::TcpStream;
+use tokio::sync::watch;
+use tokio::task::JoinSet;
+use tokio_rustls::TlsAcceptor;
+
+use super::connections::{ConnectionLimiter, Place};
+use super::counts::Counts;
+use super::listen::{AccessError, Door, Listen};
+use super::{ConsoleSession, Served, routes, viewer_slots};
+
+/// Time limit for a request, and before it for the TLS handshake.
+const ASKING: Duration = Duration::from_secs(5);
+/// Longest duration of a connection, whatever the client does; it then makes room for another.
+const LASTING: Duration = Duration::from_secs(60);
+/// Largest request head, bytes.
+const HEAD: usize = 16 << 10;
+/// Time for which answers under way are awaited at the end.
+const LEAVING: Duration = Duration::from_secs(1);
+/// Pause after an accept error, for example when no more files may be opened.
+const PAUSE: Duration = Duration::from_millis(200);
+/// Nice value of the thread. Under full load, capture, pairing and insertion get three times as
+/// much processor time as this thread, and rendering a third as much.
+const NICE: i32 = 5;
+
+/// Reasons why the console cannot start.
+#[derive(Debug, thiserror::Error)]
+pub enum ConsoleError {
+    /// The address cannot be bound.
+    #[error("status.listen: cannot listen at {address}: {source}; {}", advice(source))]
+    Taken {
+        /// The configured address.
+        address: SocketAddr,
+        /// The reason.
+        source: io::Error,
+    },
+    /// The access settings are unusable.
+    #[error(transparent)]
+    Access(#[from] AccessError),
+    /// The thread or its event loop cannot be created.
+    #[error("status.listen: cannot start the server's thread: {0}")]
+    Thread(io::Error),
+}
+
+fn advice(error: &io::Error) -> &'static str {
+    match error.kind() {
+        io::ErrorKind::AddrInUse => "another session or program uses this port; end it, or give another port",
+        io::ErrorKind::PermissionDenied => "ports below 1024 are reserved for the administrator; give a higher one",
+        _ => "give 127.0.0.1 with a free port",
+    }
+}
+
+/// The connection of a request.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Line {
+    /// Local address.
+    pub(super) local: SocketAddr,
+    /// Remote address.
+    pub(super) peer: SocketAddr,
+    /// Whether the connection is encrypted by TLS.
+    pub(super) secured: bool,
+}
+
+/// A listening console. Dropping it stops it.
+#[derive(Debug)]
+pub struct Console {
+    address: SocketAddr,
+    url: String,
+    counts: Arc<Counts>,
+    /// Dropping it ends the thread.
+    stop: Option<watch::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Console {
+    /// Listens at an address of this machine, and answers requests from now on.
+    ///
+    /// # Errors
+    /// [`ConsoleError`], as for [`Self::open`].
+    pub fn new(address: SocketAddr, session: ConsoleSession) -> Result<Self, ConsoleError> {
+        Self::open(&address.into(), session)
+    }
+
+    /// Listens, and answers admitted requests from now on.
+    ///
+    /// # Errors
+    /// [`ConsoleError`] if other machines could reach the console without TLS and token, a file
+    /// of [`Listen`] is unusable, the address is taken, or no thread can be started.
+    pub fn open(listen: &Listen, session: ConsoleSession) -> Result<Self, ConsoleError> {
+        Self::serve(listen, session, viewer_slots::PATIENCE)
+    }
+
+    /// Like [`Self::open`]; pages inactive for longer than `patience` can be replaced.
+    pub(super) fn serve(listen: &Listen, session: ConsoleSession, patience: Duration) -> Result<Self, ConsoleError> {
+        let door = listen.door()?;
+        let address = listen.address;
+        let taken = |source| ConsoleError::Taken { address, source };
+        let listener = TcpListener::bind(address).map_err(taken)?;
+        listener.set_nonblocking(true).map_err(taken)?;
+        let address = listener.local_addr().map_err(taken)?;
+        let runtime =
+            tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(ConsoleError::Thread)?;
+        let (stop, stopped) = watch::channel(());
+        let served = Served::new(session, stopped.clone()).patient_for(patience).behind(door.gate(address.port()));
+        let (url, counts) = (url(address, &door), Arc::clone(&served.gate.counts));
+        let serve = move || {
+            if let Err(error) = setpriority_process(None, NICE) {
+                tracing::warn!("the console's thread keeps its normal priority: {error}");
+            }
+            runtime.block_on(async {
+                match tokio::net::TcpListener::from_std(listener) {
+                    Ok(listener) => accept(&listener, door, served, stopped).await,
+                    Err(error) => tracing::error!("{address}: the status is not served: {error}"),
+                }
+            });
+        };
+        let thread = std::thread::Builder::new().name("status".into()).spawn(serve).map_err(ConsoleError::Thread)?;
+        Ok(Self { address, url, counts, stop: Some(stop), thread: Some(thread) })
+    }
+
+    /// Returns the address: as configured, with the free port chosen for port 0.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Returns the address as a URL.
+    pub fn url(&self) -> &str {
+        &self.url
+    }
+
+    /// Returns the counters of connections and pages.
+    pub fn counts(&self) -> &Counts {
+        &self.counts
+    }
+}
+
+/// Returns the URL for a browser. If the server listens at all addresses, it contains a name of
+/// this machine, if there is one.
+fn url(address: SocketAddr, door: &Door) -> String {
+    let scheme = if door.tls.is_some() { "https" } else { "http" };
+    match door.name().filter(|_| address.ip().is_unspecified()) {
+        Some(name) => format!("{scheme}://{name}:{}/", address.port()),
+        None => format!("{scheme}://{address}/"),
+    }
+}
+
+impl Drop for Console {
+    fn drop(&mut self) {
+        drop(self.stop.take());
+        if self.thread.take().is_some_and(|thread| thread.join().is_err()) {
+            tracing::error!("the status' thread has panicked");
+        }
+    }
+}
+
+/// Accepts connections until `stopped` changes or its sender is gone.
+async fn accept(listener: &tokio::net::TcpListener, door: Door, served: Served, mut stopped: watch::Receiver<()>) {
+    let (pages, counts) = (Arc::clone(&served.places), Arc::clone(&served.gate.counts));
+    let service = TowerToHyperService::new(routes(served));
+    let crowd = Arc::new(ConnectionLimiter::default());
+    let mut serving = JoinSet::new();
+    loop {
+        let accepted = tokio::select! {
+            _ = stopped.changed() => break,
+            Some(_) = serving.join_next() => continue,
+            accepted = listener.accept() => accepted,
+        };
+        let (stream, peer) = match accepted {
+            Ok(accepted) => accepted,
+            Err(error) => {
+                tracing::warn!("a connection for the status could not be accepted: {error}");
+                tokio::time::sleep(PAUSE).await;
+                continue;
+            }
+        };
+        let (place, gave_way) = tokio::select! {
+            _ = stopped.changed() => break,
+            entered = crowd.enter() => entered,
+        };
+        Counts::add(&counts.connections);
+        if gave_way {
+            Counts::add(&counts.gave_way);
+        }
+        let Ok(local) = stream.local_addr() else { continue };
+        let line = Line { local, peer, secured: door.tls.is_some() };
+        let (tls, service, counts, stopped) = (door.tls.clone(), service.clone(), Arc::clone(&counts), stopped.clone());
+        serving.spawn(async move {
+            tokio::select! {
+                () = serve(stream, tls, service, line, &place, &counts, stopped) => {}
+                () = place.sent_away() => tracing::debug!("the idle connection of {peer} was closed"),
+            }
+        });
+    }
+    // Requests already received are answered; idle connections are closed.
+    let gone = async { tokio::join!(async { while serving.join_next().await.is_some() {} }, pages.left()) };
+    let _ = tokio::time::timeout(LEAVING, gone).await;
+}
+
+/// Serves a connection to its end.
+async fn serve(
+    stream: TcpStream,
+    tls: Option<TlsAcceptor>,
+    service: TowerToHyperService<Router>,
+    line: Line,
+    place: &Place,
+    counts: &Counts,
+    stopped: watch::Receiver<()>,
+) {
+    let Some(tls) = tls else { return talk(stream, service, line, place, stopped).await };
+    match tokio::time::timeout(ASKING, tls.accept(stream)).await {
+        Ok(Ok(stream)) => talk(stream, service, line, place, stopped).await,
+        Ok(Err(error)) => {
+            Counts::add(&counts.no_tls);
+            tracing::debug!("the TLS connection of {} failed: {error}", line.peer);
+        }
+        Err(_) => {
+            Counts::add(&counts.no_tls);
+            tracing::debug!("the TLS connection of {} took too long", line.peer);
+        }
+    }
+}
+
+/// Handles the requests of a connection.
+async fn talk(
+    stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static,
+    service: TowerToHyperService<Router>,
+    line: Line,
+    place: &Place,
+    mut stopped: watch::Receiver<()>,
+) {
+    let service = service_fn(|mut request: axum::http::Request<Incoming>| {
+        place.is_answered(true);
+        request.extensions_mut().insert(line);
+        let answer = service.call(request);
+        async move {
+            let answer = answer.await;
+            place.is_answered(false);
+            answer
+        }
+    });
+    let mut builder = http1::Builder::new();
+    builder.timer(TokioTimer::new()).header_read_timeout(ASKING).max_buf_size(HEAD);
+    let mut connection = pin!(builder.serve_connection(TokioIo::new(stream), service).with_upgrades());
+    let connection = async {
+        tokio::select! {
+            result = connection.as_mut() => return result,
+            _ = stopped.changed() => connection.as_mut().graceful_shutdown(),
+        }
+        connection.await
+    };
+    // Clients that disconnect, send nonsense or are slow do not concern the session.
+    match tokio::time::timeout(LASTING, connection).await {
+        Ok(Ok(())) => {}
+        Ok(Err(error)) => tracing::debug!("a request for the status failed: {error}"),
+        Err(_) => tracing::debug!("a request for the status took too long"),
+    }
+}

@@ -1,0 +1,141 @@
+//! Status messages for pages.
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use serde_json::{Value, json};
+
+use pipeline::live::{DeviceBoard, SessionStatus};
+use sync::clock::State;
+
+use super::Served;
+use super::broadcast::Kind;
+
+/// Returns the facts that do not change while the session runs.
+pub(super) fn about(served: &Served) -> Value {
+    let told = served.session.latest.told();
+    let About { name, kind, size, pixel_mm } = &told.basis.about;
+    let recording = told.account.recording.as_ref().map(|written| written.path.display().to_string());
+    json!({ "about": {
+        "version": env!("CARGO_PKG_VERSION"),
+        "name": name,
+        "kind": kind,
+        "size": size,
+        "pixel_mm": pixel_mm,
+        "marker": "left",
+        "recording": recording,
+    } })
+}
+
+/// Description of a session for pages.
+#[derive(Debug, Clone, Default)]
+pub struct About {
+    /// Name of the session: its configuration's name.
+    pub name: String,
+    /// Kind of session: live, demo or replay.
+    pub kind: &'static str,
+    /// Pixels of the B-mode image to the right and down, if known.
+    pub size: Option<[u32; 2]>,
+    /// Pixel spacing, mm, by the calibration.
+    pub pixel_mm: Option<[f64; 2]>,
+}
+
+/// Counts from which rates are computed.
+#[derive(Debug, Clone, Copy)]
+struct Counts {
+    at: Instant,
+    frames: u64,
+    poses: u64,
+    views: u32,
+}
+
+/// Status publisher of one page.
+#[derive(Debug, Default)]
+pub(super) struct Teller {
+    before: Option<Counts>,
+    /// Rates per second, smoothed over about a second.
+    rates: [f64; 3],
+}
+
+impl Teller {
+    /// Returns the present status.
+    pub(super) fn tell(&mut self, served: &Served) -> Value {
+        let told = served.session.latest.told();
+        let account = &*told.account;
+        let now = Counts {
+            at: told.at,
+            frames: account.ledger.frames.total,
+            poses: account.ledger.readings.iter().map(|readings| readings.used).sum(),
+            views: served.session.screen.made(Kind::View),
+        };
+        self.update(now);
+        let [frames, poses, pictures] = self.rates.map(|rate| (rate * 10.0).round() / 10.0);
+        let ledger = &account.ledger.frames;
+        let refused: BTreeMap<String, u64> =
+            ledger.refused.iter().map(|(reason, count)| (reason.name().replace('_', " "), *count)).collect();
+        let dropped: u64 = ledger.dropped.values().sum();
+        json!({ "account": {
+            "desk": served.session.desk.status(),
+            "frozen": account.frozen,
+            "volume": account.volume,
+            "slices": ledger.used,
+            "frames": ledger.total,
+            "refused": refused,
+            "dropped": dropped,
+            "lost": ledger.lost,
+            "rates": { "frames": frames, "poses": poses, "pictures": pictures },
+            "capture_to_volume_ms": account.capture_to_volume.quantiles().map(|q| json!({ "median": q.median_ms, "p99": q.p99_ms })),
+            "capture_to_picture_ms": account.capture_to_picture.quantiles().map(|q| json!({ "median": q.median_ms, "p99": q.p99_ms })),
+            "devices": account.devices.iter().map(device).collect::<Vec<_>>(),
+            "frozen_s": account.stuck_s,
+            "bent": account.distortion.is_some_and(|found| found.rms_mm.is_some()),
+            "recording": recording(account),
+            "coach": told.coach.as_deref(),
+            "notes": account.notes,
+            "still": told.still,
+            "ended": told.ended,
+        } })
+    }
+
+    fn update(&mut self, now: Counts) {
+        let Some(before) = self.before.replace(now) else { return };
+        let seconds = now.at.duration_since(before.at).as_secs_f64();
+        if seconds <= 0.0 {
+            self.before = Some(before);
+            return;
+        }
+        let passed = [
+            now.frames.saturating_sub(before.frames) as f64,
+            now.poses.saturating_sub(before.poses) as f64,
+            f64::from(now.views.wrapping_sub(before.views)),
+        ];
+        let share = 1.0 - (-seconds).exp();
+        for (rate, count) in self.rates.iter_mut().zip(passed) {
+            // The first rate is not smoothed.
+            let weight = if *rate == 0.0 { 1.0 } else { share };
+            *rate += weight * (count / seconds - *rate);
+        }
+    }
+}
+
+fn device(device: &DeviceBoard) -> Value {
+    json!({ "name": device.name, "state": device.state, "why": device.why, "clock": worst(device) })
+}
+
+/// Returns the state of the device's least reliable clock.
+fn worst(device: &DeviceBoard) -> Option<State> {
+    let order =
+        |state: &State| [State::Locked, State::Holdover, State::Acquiring, State::Lost].iter().position(|s| s == state);
+    device.clocks.iter().map(|clock| clock.state).max_by_key(order)
+}
+
+fn recording(account: &SessionStatus) -> Option<Value> {
+    let written = account.recording.as_ref()?;
+    Some(json!({
+        "path": written.path.display().to_string(),
+        "bytes": written.bytes,
+        "minutes_left": written.minutes_left,
+        "lost": written.lost,
+        "trouble": written.trouble,
+    }))
+}

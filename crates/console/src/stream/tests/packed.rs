@@ -1,0 +1,128 @@
+//! Slow connections: JPEG and lossless pictures.
+
+use super::*;
+
+/// Opens a page that views the B-mode image, frame 0.
+fn looking(session: &Session) -> Client {
+    let mut page = session.page();
+    page.say(&json!({ "do": "show", "slice": true, "view": false }));
+    until("it looks", || {
+        session.shows(0);
+        session.screen.made(Kind::Slice) > 0
+    });
+    page
+}
+
+#[test]
+fn slow_pages_get_shared_jpegs_until_fast_again() {
+    let session = Session::new();
+    let mut pages = [session.page(), session.page(), session.page()];
+    let look = json!({ "do": "show", "slice": true, "view": false });
+    pages.iter_mut().for_each(|page| page.say(&look));
+    let mut shown = 0;
+    // Sends a picture to all pages. The first answers at once, the others after `late` ms.
+    let mut round = |late: u64| {
+        shown += 1;
+        until("all look", || {
+            session.shows(shown);
+            session.screen.made(Kind::Slice) > 0
+        });
+        let pictures = pages.each_mut().map(Client::picture);
+        for (n, (page, picture)) in pages.iter_mut().zip(&pictures).enumerate() {
+            if n == 1 {
+                std::thread::sleep(Duration::from_millis(late));
+            }
+            page.say(&json!({ "do": "shown", "kind": 1, "sequence": sequence(picture) }));
+        }
+        // The answers reach the server before the next picture does.
+        std::thread::sleep(Duration::from_millis(20));
+        pictures.map(|picture| (picture[1], picture[40..42] == [0xff, 0xd8]))
+    };
+    let [raw, jpeg] = [(0, false), (2, true)];
+    // All pages are subscribed once each has received a picture.
+    std::thread::sleep(Duration::from_millis(300));
+    // The second to the sixth late answer take a second.
+    for _ in 0..6 {
+        assert_eq!(round(200), [raw; 3]);
+    }
+    assert_eq!(round(200), [raw, jpeg, jpeg]);
+    let counts = session.console.counts();
+    assert_eq!(Counts::of(&counts.pictures_packed), 1, "once for both");
+    let rounds = (0..600).position(|_| round(0) == [raw; 3]);
+    assert!(rounds.is_some_and(|rounds| (25..200).contains(&rounds)), "{rounds:?}");
+    let before = Counts::of(&counts.pictures_packed);
+    (0..5).for_each(|_| assert_eq!(round(0), [raw; 3]));
+    assert_eq!(Counts::of(&counts.pictures_packed), before, "nobody wants any");
+}
+
+#[test]
+fn last_jpeg_is_followed_by_lossless_picture() {
+    let session = Session::new();
+    let mut page = looking(&session);
+    let mut shown = 0;
+    let mut next = |page: &mut Client, late: u64| {
+        let picture = page.picture();
+        std::thread::sleep(Duration::from_millis(late));
+        page.say(&json!({ "do": "shown", "kind": 1, "sequence": sequence(&picture) }));
+        std::thread::sleep(Duration::from_millis(20));
+        shown += 1;
+        session.shows(shown);
+        picture
+    };
+    while next(&mut page, 200)[1] == 0 {}
+    // The last one is answered at once, and nothing follows it.
+    let last = page.picture();
+    page.say(&json!({ "do": "shown", "kind": 1, "sequence": sequence(&last) }));
+    let begun = Instant::now();
+    let again = page.picture();
+    assert!(begun.elapsed() > Duration::from_millis(800), "{:?}", begun.elapsed());
+    assert_eq!((last[1], again[1], sequence(&again)), (2, 0, sequence(&last)));
+    assert_eq!(again[2] & 2, 2, "when it was captured tells nothing of the line");
+    page.say(&json!({ "do": "shown", "kind": 1, "sequence": sequence(&again) }));
+    session.shows(99);
+    assert_eq!(page.picture()[1], 2, "the next one is packed as before");
+}
+
+#[test]
+fn page_slow_by_itself_gets_lossless_pictures() {
+    let session = Session::new();
+    let mut page = looking(&session);
+    // The page had the picture for most of the 200 ms: decoding a JPEG would make it slower
+    // still.
+    for shown in 1..10 {
+        let picture = page.picture();
+        assert_eq!(picture[1], 0);
+        std::thread::sleep(Duration::from_millis(200));
+        page.say(&json!({ "do": "shown", "kind": 1, "sequence": sequence(&picture), "had_ms": 190 }));
+        std::thread::sleep(Duration::from_millis(20));
+        session.shows(shown);
+    }
+    assert_eq!(Counts::of(&session.console.counts().pictures_packed), 0, "skipped work");
+}
+
+#[test]
+fn slow_line_is_probed_and_static_picture_sent_lossless() {
+    let session = Session::new();
+    let mut page = looking(&session);
+    let mut answered = |late: u64| {
+        let picture = page.picture();
+        std::thread::sleep(Duration::from_millis(late));
+        page.say(&json!({ "do": "shown", "kind": 1, "sequence": sequence(&picture) }));
+        std::thread::sleep(Duration::from_millis(20));
+        (picture[1], sequence(&picture))
+    };
+    // The last one is answered late, too. It is sent again unchanged and answered at once; then
+    // it is sent lossless.
+    let mut shown = 0;
+    let (kind, last) = loop {
+        let picture = answered(200);
+        if picture.0 == 2 {
+            break picture;
+        }
+        shown += 1;
+        session.shows(shown);
+    };
+    let begun = Instant::now();
+    assert_eq!([(kind, last), answered(0), answered(0)], [(2, last), (2, last), (0, last)]);
+    assert!(begun.elapsed() > Duration::from_millis(4500), "{:?}", begun.elapsed());
+}

@@ -1,0 +1,189 @@
+//! Style of the volume's picture in pages: the configured transfer function, or one that a user
+//! with control has chosen.
+
+use serde_json::{Value, json};
+
+use render::RenderSettings;
+use render::classify::transfer::{Curve, Opacity, Transfer};
+
+/// Most points that a page may give for an opacity curve.
+const MOST_POINTS: usize = 16;
+/// Largest accepted magnitude of a grey value.
+const MOST_GREY: f64 = 1e6;
+
+/// The configured style.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Ground {
+    /// The configured transfer function.
+    pub transfer: Transfer,
+    /// Name of the preset or of the file it came from.
+    pub name: String,
+    /// Grey values displayed as black and as white.
+    pub range: [f32; 2],
+    /// Whether the configured composite mode uses opacities.
+    pub heeded: bool,
+}
+
+/// The style that a user requests.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Choice {
+    /// Preset by name; `None` means the configured transfer function.
+    pub preset: Option<String>,
+    /// Points (grey value, opacity) that replace the preset's opacities.
+    pub points: Option<Vec<[f64; 2]>>,
+}
+
+/// The style in use.
+#[derive(Debug, Default)]
+pub struct Dress {
+    ground: Option<Ground>,
+    choice: Choice,
+    /// Number of changes so far.
+    changes: u64,
+}
+
+impl Dress {
+    /// Sets the configured style. Returns whether it differs from the one before.
+    pub(super) fn ground(&mut self, ground: Ground) -> bool {
+        let is_other = self.ground.as_ref() != Some(&ground);
+        self.ground = Some(ground);
+        self.changes += u64::from(is_other);
+        is_other
+    }
+
+    /// A number that changes with the style; 0 while the style is the configured one.
+    pub(super) fn number(&self) -> u64 {
+        if self.choice == Choice::default() { 0 } else { self.changes }
+    }
+
+    /// Applies the chosen style to the render settings.
+    pub(super) fn put_on(&self, settings: &mut RenderSettings) {
+        if self.choice != Choice::default()
+            && let Some(Ok(transfer)) = self.ground.as_ref().map(|ground| made(ground, &self.choice))
+        {
+            settings.transfer = transfer;
+        }
+    }
+
+    /// Chooses a style.
+    ///
+    /// # Errors
+    /// A sentence if the choice yields no valid transfer function; the previous choice stays.
+    pub(super) fn choose(&mut self, choice: Choice) -> Result<(), String> {
+        let ground = self.ground.as_ref().ok_or("no volume is drawn in this session")?;
+        made(ground, &choice)?;
+        if self.choice != choice {
+            self.choice = choice;
+            self.changes += 1;
+        }
+        Ok(())
+    }
+
+    /// The style as JSON, for pages.
+    pub(super) fn told(&self) -> Value {
+        let Some(ground) = &self.ground else { return json!({ "dress": null }) };
+        let transfer = made(ground, &self.choice).unwrap_or_else(|_| ground.transfer.clone());
+        let curve = match transfer.opacity() {
+            Opacity::Curve(curve) => Some(curve.points().map(|(grey, [opacity])| [grey, opacity]).collect::<Vec<_>>()),
+            Opacity::Isovalue { .. } | Opacity::Region(_) => None,
+        };
+        json!({ "dress": {
+            "preset": self.choice.preset,
+            "configured": ground.name,
+            "presets": Transfer::PRESETS.map(|(name, purpose)| [name, purpose]),
+            "points": curve,
+            "drawn": self.choice.points.is_some(),
+            "range": ground.range,
+            "heeded": ground.heeded,
+        } })
+    }
+}
+
+/// Returns the transfer function of a choice.
+fn made(ground: &Ground, Choice { preset, points }: &Choice) -> Result<Transfer, String> {
+    let base = match preset {
+        Some(name) => Transfer::preset(name, ground.range.map(f64::from)).map_err(|error| error.to_string())?,
+        None => ground.transfer.clone(),
+    };
+    let Some(points) = points else { return Ok(base) };
+    if points.len() > MOST_POINTS {
+        return Err(format!("an opacity curve can have {MOST_POINTS} points at most, not {}", points.len()));
+    }
+    if let Some([grey, _]) = points.iter().find(|[grey, _]| !(-MOST_GREY..=MOST_GREY).contains(grey)) {
+        return Err(format!("a point of the opacity curve is at {grey}: give grey levels within ±{MOST_GREY}"));
+    }
+    let points: Vec<(f64, f64)> = points.iter().map(|[grey, opacity]| (*grey, *opacity)).collect();
+    let curve = Curve::new(&points).map_err(|error| format!("a point of the opacity curve {error}"))?;
+    let transfer = Transfer::new(Opacity::Curve(curve), base.unit_mm(), base.colours().clone());
+    match base.gradient() {
+        Some(gradient) => transfer.and_then(|transfer| transfer.with_gradient(gradient.clone())),
+        None => transfer,
+    }
+    .map_err(|error| error.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ground() -> Ground {
+        let range = [0.0, 255.0];
+        Ground {
+            transfer: Transfer::preset("phantom", range.map(f64::from)).unwrap(),
+            name: "phantom".into(),
+            range,
+            heeded: true,
+        }
+    }
+
+    fn worn(dress: &Dress) -> Transfer {
+        let mut settings = RenderSettings::new([8, 8], ground().transfer);
+        dress.put_on(&mut settings);
+        settings.transfer
+    }
+
+    #[test]
+    fn style_choice_applies_and_invalid_choice_changes_nothing() {
+        let mut dress = Dress::default();
+        assert!(dress.choose(Choice::default()).unwrap_err().contains("no volume is drawn"));
+        assert_eq!(dress.told()["dress"], Value::Null);
+        assert!(dress.ground(ground()) && !dress.ground(ground()));
+        assert_eq!((dress.number(), worn(&dress)), (0, ground().transfer));
+        let bone = Choice { preset: Some("bone".into()), points: None };
+        dress.choose(bone.clone()).unwrap();
+        let number = dress.number();
+        assert_eq!(worn(&dress), Transfer::preset("bone", [0.0, 255.0]).unwrap());
+        dress.choose(bone).unwrap();
+        assert_eq!(dress.number(), number, "the same again is no change");
+
+        let curved =
+            Choice { preset: Some("tissue".into()), points: Some(vec![[30.0, 0.0], [90.5, 0.25], [200.0, 1.0]]) };
+        dress.choose(curved).unwrap();
+        assert_ne!(dress.number(), number);
+        let (tissue, transfer) = (Transfer::preset("tissue", [0.0, 255.0]).unwrap(), worn(&dress));
+        assert_eq!((transfer.colours(), transfer.gradient()), (tissue.colours(), tissue.gradient()));
+        assert_eq!(dress.told()["dress"]["points"], json!([[30.0, 0.0], [90.5, 0.25], [200.0, 1.0]]));
+
+        let (number, told) = (dress.number(), dress.told());
+        for (points, says) in [
+            (vec![], "holds no points"),
+            (vec![[10.0, 0.5], [10.0, 0.6]], "stands at 10, after a point at 10"),
+            (vec![[10.0, 1.5]], "from 0 to 1"),
+            (vec![[f64::NAN, 0.5]], "within ±1000000"),
+            (vec![[10.0, f64::NAN]], "from 0 to 1"),
+            (vec![[2e6, 0.5]], "within ±1000000"),
+            ((0..17).map(|n| [f64::from(n), 0.5]).collect(), "16 points at most"),
+        ] {
+            let refused = dress.choose(Choice { preset: None, points: Some(points) }).unwrap_err();
+            assert!(refused.contains(says), "{refused}");
+        }
+        let unknown = dress.choose(Choice { preset: Some("velvet".into()), points: None }).unwrap_err();
+        assert!(unknown.contains("\"velvet\"") && unknown.contains("xray"), "{unknown}");
+        assert_eq!((dress.number(), dress.told(), worn(&dress)), (number, told, transfer));
+        dress.choose(Choice::default()).unwrap();
+        assert_eq!((dress.number(), worn(&dress)), (0, ground().transfer));
+        // A surface preset has no curve to draw.
+        dress.choose(Choice { preset: Some("surface".into()), points: None }).unwrap();
+        assert_eq!(dress.told()["dress"]["points"], Value::Null);
+    }
+}

@@ -1,0 +1,32 @@
+//! Types that all stages share: frames of reference, times, readings, slices and the frame ledger.
+//!
+//! - [`frames`]: transforms that carry the names of the frames they map between; mismatched
+//!   frames do not compile. [`named`]: constant transforms between frames known by name.
+//! - [`clock`]: the host's time, and a clock that tests advance by hand. [`date`]: the calendar.
+//! - [`reading`]: the data that a device delivers. [`device`]: the trait of all devices, their
+//!   description and timing. [`health`]: a device's state. [`pool`]: reusable pixel buffers.
+//! - [`slice`](mod@slice): an image with its time and pose, as the stages pass it on.
+//!   [`region`]: the rectangle and fan of the image that are data.
+//! - [`refusal`], [`ledger`]: the outcome of every frame, and the reasons.
+//! - [`keys`]: TOML files read key by key, for every file of ours.
+//! - [`error`]: errors of devices and files, in sentences.
+
+pub mod clock;
+pub mod date;
+pub mod device;
+pub mod error;
+pub mod frames;
+pub mod health;
+pub mod keys;
+pub mod ledger;
+pub mod named;
+pub mod pool;
+pub mod reading;
+pub mod refusal;
+pub mod region;
+pub mod slice;
+
+pub use device::{Description, Device, NO_DEADLINE, Next, Ticks, Timing};
+pub use error::Error;
+pub use health::Health;
+pub use reading::Reading;

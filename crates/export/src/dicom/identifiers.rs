@@ -1,0 +1,91 @@
+//! Identifiers of the patient and the study: only what the user gives.
+
+use super::DicomError;
+
+/// Largest number of characters of a description or an identifier (value representation LO), and
+/// of a group of a name (PN).
+const LONGEST: usize = 64;
+/// Largest number of characters of a unique identifier.
+const LONGEST_UID: usize = 64;
+
+/// Data about the patient and the study. Missing ones are empty in the file.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Identifiers {
+    /// Patient's Name, its parts separated by carets: family^given^middle.
+    pub patient_name: Option<String>,
+    /// Patient ID.
+    pub patient_id: Option<String>,
+    /// Study Instance UID; if missing it is derived, the same for all images of one recording
+    /// with the same other identifiers.
+    pub study_uid: Option<String>,
+    /// Study Description.
+    pub study_description: Option<String>,
+    /// Series Description.
+    pub series_description: Option<String>,
+    /// Date and time of acquisition as fourteen digits: year, month, day, hour, minute, second.
+    pub acquired: Option<String>,
+}
+
+impl Identifiers {
+    /// Returns whether nothing is given.
+    pub fn is_empty(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// Checks that the standard allows all of it.
+    ///
+    /// # Errors
+    /// [`DicomError::Identifier`] with the first invalid one.
+    pub fn check(&self) -> Result<(), DicomError> {
+        let texts = [
+            ("patient name", &self.patient_name),
+            ("patient ID", &self.patient_id),
+            ("study description", &self.study_description),
+            ("series description", &self.series_description),
+        ];
+        for (what, text) in texts.into_iter().filter_map(|(what, text)| Some((what, text.as_ref()?))) {
+            let refuse = |problem| Err(DicomError::Identifier { what, given: text.clone(), problem });
+            if text.chars().count() > LONGEST {
+                return refuse("has more than 64 characters; shorten it");
+            }
+            if text.chars().any(|c| c == '\\' || c.is_control()) {
+                return refuse("must not have a backslash or a control character; leave them out");
+            }
+        }
+        if let Some(uid) = &self.study_uid {
+            let is_number = |part: &str| {
+                !part.is_empty() && part.bytes().all(|b| b.is_ascii_digit()) && (part == "0" || !part.starts_with('0'))
+            };
+            if uid.len() > LONGEST_UID || !uid.contains('.') || !uid.split('.').all(is_number) {
+                let problem = "is no unique identifier: at most 64 digits and points, numbers without leading zeros between points";
+                return Err(DicomError::Identifier { what: "study UID", given: uid.clone(), problem });
+            }
+        }
+        if let Some(acquired) = self.acquired.as_ref().filter(|text| !is_date_time(text)) {
+            let problem = "is no date and time; give fourteen digits, as 20261121213000";
+            return Err(DicomError::Identifier { what: "time of acquisition", given: acquired.clone(), problem });
+        }
+        Ok(())
+    }
+
+    /// Returns the date and time of acquisition, or a placeholder if unknown.
+    pub(super) fn acquired(&self) -> (&str, &str) {
+        self.acquired.as_deref().unwrap_or("19000101000000").split_at(8)
+    }
+}
+
+fn is_date_time(text: &str) -> bool {
+    if text.len() != 14 || !text.bytes().all(|b| b.is_ascii_digit()) {
+        return false;
+    }
+    let part = |from: usize, to: usize| text[from..to].parse::<u32>().unwrap_or(u32::MAX);
+    let (year, month) = (part(0, 4), part(4, 6));
+    let is_leap = year % 4 == 0 && (year % 100 != 0 || year % 400 == 0);
+    let days = match month {
+        2 => 28 + u32::from(is_leap),
+        4 | 6 | 9 | 11 => 30,
+        _ => 31,
+    };
+    let is_date = (1..=12).contains(&month) && (1..=days).contains(&part(6, 8)) && year >= 1;
+    is_date && part(8, 10) < 24 && part(10, 12) < 60 && part(12, 14) < 60
+}

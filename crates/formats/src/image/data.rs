@@ -1,0 +1,69 @@
+//! Opens the file of the pixel data, if it is separate from the header.
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, ErrorKind, Read};
+use std::path::{Component, Path, PathBuf};
+
+use sonoweave_core::Error;
+
+use crate::image::header::Field;
+
+/// Length limit of a skipped line, bytes.
+const LINE_BYTES: u64 = 1 << 20;
+
+/// An opened file of pixel data.
+pub(super) struct Data {
+    pub(super) reader: BufReader<File>,
+    pub(super) path: PathBuf,
+    /// Position of the data in the file, and the number of bytes from there on.
+    pub(super) at: u64,
+    pub(super) bytes: u64,
+}
+
+impl Data {
+    /// Opens the file named by `field` of the header, beside the header or in a folder there.
+    /// Other paths are refused, so that a foreign header cannot read other files of this
+    /// machine.
+    pub(super) fn beside(header: &Path, field: &Field) -> Result<Self, Error> {
+        let name = Path::new(&*field.value);
+        let inside = name.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
+        if field.value.is_empty() || !inside {
+            let problem = format!(
+                "is {:?}; the data's file must lie beside the header or in a folder there: move it and name it so",
+                &*field.value
+            );
+            return Err(field.fault(problem).at(header));
+        }
+        let folder = header.parent().unwrap_or(Path::new(""));
+        let path = folder.join(name);
+        match crate::image::open_file(&path) {
+            Ok((reader, bytes)) => Ok(Self { reader, path, at: 0, bytes }),
+            Err(Error::Io { source, .. }) if source.kind() == ErrorKind::NotFound => {
+                let problem =
+                    format!("names the data's file {}, which is not there; put it beside the header", path.display());
+                Err(field.fault(problem).at(header))
+            }
+            Err(other) => Err(other),
+        }
+    }
+
+    /// Skips lines before the data.
+    pub(super) fn skip_lines(&mut self, lines: u64) -> Result<(), Error> {
+        let mut line = Vec::new();
+        for n in 0..lines {
+            line.clear();
+            let read = self.reader.by_ref().take(LINE_BYTES).read_until(b'\n', &mut line);
+            read.map_err(|source| Error::Io { path: self.path.clone(), doing: "skipping lines", source })?;
+            if line.last() != Some(&b'\n') {
+                let problem = format!(
+                    "line {} of the {lines} to be skipped before the data does not end; correct line skip",
+                    n + 1
+                );
+                return Err(Error::Data { path: self.path.clone(), frame: 0, offset: self.at, problem });
+            }
+            self.at += line.len() as u64;
+            self.bytes -= line.len() as u64;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,250 @@
+//! Writes image files: tracked sequences and volumes.
+//!
+//! The file name selects the format ([`Container`]). Both writers stream: first the header,
+//! then pixels as they come. They write to a temporary file in the target's folder; `finish`
+//! renames it to the target. A file of that name is therefore always complete: after an error,
+//! or when a writer is dropped, the target is unchanged. A separate pixel file is renamed just
+//! before the header, when both are complete. If renaming the header fails, the pixel file is
+//! removed again.
+
+mod file;
+pub(crate) mod text;
+
+use std::io::{self, Write};
+use std::path::Path;
+
+use sonoweave_core::Error;
+use sonoweave_core::reading::{NamedTransform, PixelType, Stamp, Status};
+
+use crate::Limits;
+use crate::image::header::{Fault, Parser};
+use crate::image::layout::Layout;
+use crate::image::nrrd::text::Habit;
+use crate::image::sequence::Sequence;
+use crate::image::volume::VolumeHeader;
+use crate::image::{Container, metaimage, nifti, nrrd};
+use file::{Head, Packing, PixelFile};
+use text::Text;
+
+/// Header of a sequence file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SequenceHeader {
+    /// Pixels along the first (fastest) and second axis; both 0 for a sequence without images.
+    pub size: [u32; 2],
+    /// Scalar type.
+    pub pixel: PixelType,
+    /// Channels per pixel, interleaved, 1 to 4.
+    pub channels: u32,
+    /// Orientation code (`MFA`, …); not written if empty.
+    pub orientation: String,
+    /// Image type (`BRIGHTNESS`, …); not written if empty.
+    pub image_type: String,
+    /// Whether to compress the pixels with zlib.
+    pub compressed: bool,
+    /// Further fields of the whole file.
+    pub fields: Vec<(String, String)>,
+    /// Metadata of each frame (or tracker sample).
+    pub items: Vec<SequenceItem>,
+}
+
+/// Metadata of one frame in a sequence file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SequenceItem {
+    /// Time of the frame; only `source_s` and `unfiltered_s` are written.
+    pub stamp: Stamp,
+    /// The source's running number.
+    pub frame_number: Option<u64>,
+    /// Whether the source declares the frame valid.
+    pub status: Status,
+    /// Transforms of the frame; their own stamps are not written.
+    pub transforms: Vec<NamedTransform>,
+    /// Further fields.
+    pub fields: Vec<(String, String)>,
+}
+
+/// Writes a tracked sequence.
+pub struct SequenceWriter {
+    file: PixelFile,
+    frame_bytes: u64,
+}
+
+impl SequenceWriter {
+    /// Begins a file. The format requires the metadata of all frames first.
+    ///
+    /// # Errors
+    /// [`Error::Misuse`] when the header would not read back the same (line ends in a text, an
+    /// ambiguous frame name, no items, …). [`Error::Io`] when the folder is not writable.
+    pub fn create(path: &Path, header: &SequenceHeader) -> Result<Self, Error> {
+        let refuse = |problem: String| Error::Misuse(format!("{}: {problem}", path.display()));
+        let images = header.size != [0, 0];
+        if header.items.is_empty() || (images && header.size.contains(&0)) {
+            return Err(refuse("a sequence needs at least one item, and an image two axes that are not empty".into()));
+        }
+        let mut plain = VolumeHeader::new([header.size[0], header.size[1], 0], header.pixel);
+        plain.channels = header.channels;
+        let frame_bytes = plain.slice_bytes();
+        let items = header.items.len() as u64;
+        let expected = frame_bytes.and_then(|bytes| bytes.checked_mul(items));
+        let (Some(frame_bytes), Some(expected)) = (frame_bytes, expected) else {
+            return Err(refuse("the images would take more than 2⁶⁴ bytes".into()));
+        };
+        check_channels(header.channels).map_err(refuse)?;
+        let container = Container::of_sequence(path).map_err(refuse)?;
+        let compressed = header.compressed && images;
+        let data_file = container.data_file(path, compressed);
+        let beside = data_file.as_deref();
+        let (text, packing) = match container {
+            Container::Mha | Container::Mhd => (metaimage::text::sequence(header, compressed, beside), Packing::Zlib),
+            Container::Nrrd | Container::Nhdr => {
+                (nrrd::text::sequence(header, compressed, Habit::Plus, beside), Packing::Gzip)
+            }
+            // Names of volumes were refused above.
+            Container::SeqNrrd | Container::Nifti | Container::NiftiGz => {
+                (nrrd::text::sequence(header, compressed, Habit::Slicer, beside), Packing::Gzip)
+            }
+        };
+        let text = text.map_err(refuse)?;
+        check_reading(&text, header).map_err(refuse)?;
+        let packing = if compressed { packing } else { Packing::Raw };
+        let (bytes, size_at) = text.into_bytes();
+        let head = Head { bytes, size_at, data_file };
+        Ok(Self { file: PixelFile::create(path, head, packing, expected)?, frame_bytes })
+    }
+
+    /// Writes the next frame: scalars in native byte order, first axis fastest. Not called for
+    /// a sequence without images.
+    ///
+    /// # Errors
+    /// [`Error::Misuse`] when the frame's size differs from the header or the frame is one too
+    /// many. [`Error::Io`] when it cannot be written.
+    pub fn write_frame(&mut self, pixels: &[u8]) -> Result<(), Error> {
+        if pixels.len() as u64 != self.frame_bytes {
+            let (got, wanted) = (pixels.len(), self.frame_bytes);
+            return Err(self.file.misuse(format!("a frame of {got} bytes was given, the header promises {wanted}")));
+        }
+        self.file.write_all(pixels).map_err(|source| self.file.failed("writing pixels", source))
+    }
+
+    /// Completes the file and renames it to the target.
+    ///
+    /// # Errors
+    /// [`Error::Misuse`] when frames are missing, [`Error::Io`] when the file cannot be
+    /// written. The target is then unchanged.
+    pub fn finish(self) -> Result<(), Error> {
+        self.file.finish()
+    }
+}
+
+/// Writes a volume. Voxels are passed through [`Write`], in native byte order, x fastest, in
+/// pieces of any length.
+pub struct VolumeWriter {
+    file: PixelFile,
+}
+
+impl VolumeWriter {
+    /// Begins a file. The world is not an anatomical one, and the file says so unless
+    /// `header.fields` holds an `AnatomicalOrientation`.
+    ///
+    /// # Errors
+    /// [`Error::Misuse`] when the header would not read back the same, [`Error::Io`] when the
+    /// folder is not writable.
+    pub fn create(path: &Path, header: &VolumeHeader) -> Result<Self, Error> {
+        let refuse = |problem: &str| Error::Misuse(format!("{}: {problem}", path.display()));
+        let expected = header.slice_bytes().and_then(|bytes| bytes.checked_mul(u64::from(header.size[2])));
+        let Some(expected) = expected else { return Err(refuse("the volume would take more than 2⁶⁴ bytes")) };
+        if expected == 0 {
+            return Err(refuse("a volume needs at least one voxel along each axis, of at least one channel"));
+        }
+        let placed = header.axes.as_flattened().iter().chain(&header.origin).all(|v| v.is_finite());
+        if !placed || !header.spacing.iter().all(|&mm| mm.is_finite() && mm > 0.0) {
+            return Err(refuse("a volume's spacing must be positive, and its origin and axes finite"));
+        }
+        check_channels(header.channels).map_err(|problem| refuse(&problem))?;
+        let container = Container::of_volume(path).map_err(|problem| refuse(&problem))?;
+        let data_file = container.data_file(path, header.compressed);
+        let beside = data_file.as_deref();
+        let (head, packing) = match container {
+            Container::Mha | Container::Mhd => {
+                (metaimage::text::volume(header, beside).map(Text::into_bytes), Packing::Zlib)
+            }
+            Container::Nrrd | Container::Nhdr | Container::SeqNrrd => {
+                (nrrd::text::volume(header, beside).map(Text::into_bytes), Packing::Gzip)
+            }
+            Container::Nifti => (nifti(header), Packing::Raw),
+            Container::NiftiGz => (nifti(header), Packing::GzipWhole),
+        };
+        let (bytes, size_at) = head.map_err(|problem| refuse(&problem))?;
+        let packing = if header.compressed || container == Container::NiftiGz { packing } else { Packing::Raw };
+        Ok(Self { file: PixelFile::create(path, Head { bytes, size_at, data_file }, packing, expected)? })
+    }
+
+    /// Completes the file and renames it to the target.
+    ///
+    /// # Errors
+    /// [`Error::Misuse`] when voxels are missing, [`Error::Io`] when the file cannot be
+    /// written. The target is then unchanged.
+    pub fn finish(self) -> Result<(), Error> {
+        self.file.finish()
+    }
+}
+
+impl Write for VolumeWriter {
+    /// Writes voxels; refuses more than the header promises.
+    fn write(&mut self, voxels: &[u8]) -> io::Result<usize> {
+        self.file.write(voxels)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+impl Text {
+    /// Returns the header's bytes, and the position of the compressed data's length.
+    fn into_bytes(self) -> (Vec<u8>, Option<u64>) {
+        (self.text.into_bytes(), self.size_at)
+    }
+}
+
+fn nifti(header: &VolumeHeader) -> Result<(Vec<u8>, Option<u64>), String> {
+    let fields = metaimage::text::fields(&header.fields)?;
+    nifti::write::header(header, &fields).map(|bytes| (bytes, None))
+}
+
+fn check_channels(channels: u32) -> Result<(), String> {
+    if (1..=4).contains(&channels) {
+        Ok(())
+    } else {
+        Err(format!("{channels} channels were asked for; images have 1 to 4"))
+    }
+}
+
+/// Reads the header back: a field's name may have a meaning that the caller did not intend.
+fn check_reading(text: &Text, header: &SequenceHeader) -> Result<(), String> {
+    let limits = Limits { header_bytes: u64::MAX, frame_bytes: u64::MAX, items: u64::MAX, transposed_bytes: u64::MAX };
+    let mut parser = Parser::new(text.style.grammar, limits);
+    for line in text.text.split_inclusive('\n') {
+        parser.line(line.as_bytes()).map_err(Fault::sentence)?;
+    }
+    let fields = parser.finish().map_err(Fault::sentence)?;
+    let layout = Layout::to_be_written(header.items.len() as u64, header.size != [0, 0]);
+    let read = Sequence::new(fields, &layout).map_err(Fault::sentence)?;
+    let bits = |matrix: &[f64; 16]| matrix.map(|v| if v.is_nan() { f64::NAN } else { v }.to_bits());
+    for (frame, put) in (0..).zip(&header.items) {
+        let got = read.item(frame);
+        let times = (got.source_s, got.unfiltered_s) == (put.stamp.source_s, put.stamp.unfiltered_s);
+        let picture = (got.frame_number, &got.image) == (put.frame_number, &put.status);
+        let transforms = got.transforms.len() == put.transforms.len()
+            && got.transforms.iter().zip(&put.transforms).all(|(got, put)| {
+                let (from, to) = &read.transforms[got.name as usize];
+                (from, to, &got.status) == (&put.from, &put.to, &put.status) && bits(&got.matrix) == bits(&put.matrix)
+            });
+        let others = got.fields.iter().map(|(name, value)| (&*read.names[*name as usize], &**value));
+        if !(times && picture && transforms && others.eq(put.fields.iter().map(|(name, value)| (&**name, &**value)))) {
+            return Err(format!(
+                "frame {frame} would not read back as given: one of its fields has a name that means something else; rename it"
+            ));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,501 @@
+//! Writes a session live.
+
+mod channels;
+
+use std::collections::{BTreeMap, HashMap, VecDeque};
+use std::path::{Path, PathBuf};
+
+use mcap::records::{MessageHeader, Metadata};
+
+use sonoweave_core::clock::{MS, SECOND};
+use sonoweave_core::reading::{Reading, Recorded, Stamp};
+use sonoweave_core::{Description, Error};
+
+use crate::session::about::{About, RecordedDevice};
+use crate::session::account::{Account, Losing, Rate, Room};
+use crate::session::held::{Held, Store, Tail};
+use crate::session::message::{self, Crop};
+use crate::session::picture::Encoder;
+use crate::session::schema::{self, Schema};
+use crate::session::{LineProtocol, PROFILE, place};
+use channels::{Channel, Device};
+
+/// Options for writing a session.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WriterOptions {
+    /// Program that writes the session, with its version.
+    pub program: String,
+    /// Maximum age of a chunk's first message, ns; the chunk is then closed. It bounds the data
+    /// not yet on the disk.
+    pub chunk_ns: i64,
+    /// Maximum size of a chunk, bytes; the chunk is then closed.
+    pub chunk_bytes: usize,
+    /// Memory used while the disk accepts nothing, bytes. Beyond it frames are dropped; beyond
+    /// a quarter more, everything.
+    pub held_bytes: usize,
+    /// Pause before a failed write is tried again, ns.
+    pub retry_ns: i64,
+}
+
+impl WriterOptions {
+    /// Returns the defaults: chunks of half a second or 4 MB; 64 MB of memory, which is some
+    /// seconds of video.
+    pub fn new(program: &str) -> Self {
+        Self {
+            program: program.to_owned(),
+            chunk_ns: 500 * MS,
+            chunk_bytes: 4 << 20,
+            held_bytes: 64 << 20,
+            retry_ns: SECOND,
+        }
+    }
+}
+
+/// Handle of a device in the session being written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Source(usize);
+
+/// An open session file.
+///
+/// Everything is written in the order in which it is handed over. In the steady state a message
+/// allocates nothing here. It is encoded in a reused buffer, and the crate `mcap` copies it
+/// into the chunk, which stays in memory until complete. The crate allocates an index per
+/// channel and a checksum buffer for each chunk.
+///
+/// Dropped without [`Self::finish`], it writes as much as possible and logs errors only.
+pub struct SessionWriter {
+    path: PathBuf,
+    options: WriterOptions,
+    /// Declared before `tail`, because it writes to it when dropped.
+    file: mcap::Writer<Tail>,
+    tail: Tail,
+    devices: Vec<Device>,
+    notes: HashMap<String, u16>,
+    /// Indexed by their numbers in the file, which begin at 1.
+    channels: Vec<Channel>,
+    table: Vec<u8>,
+    session: u16,
+    losses: u16,
+    encoder: Encoder,
+    message: Vec<u8>,
+    chunk_ns: Option<i64>,
+    /// Number of messages in the open chunk, and in complete chunks not on the disk.
+    begun: u64,
+    waiting: VecDeque<u64>,
+    last_ns: i64,
+    retry_ns: i64,
+    losing: Losing,
+    rate: Rate,
+    account: Account,
+    items: u64,
+    finished: bool,
+}
+
+impl SessionWriter {
+    /// Creates a new file in a folder; creates the folder if missing.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when the folder or the file cannot be created, or its beginning cannot be
+    /// written. At most an empty file remains.
+    pub fn create(folder: &Path, options: WriterOptions) -> Result<Self, Error> {
+        let about = About::now(&options.program);
+        let (file, path) = place::create(folder, about.realtime_ns)?;
+        Self::on(Box::new(file), &path, about, options)
+    }
+
+    /// Writes to the given empty store, with the given clock readings. The path is used in
+    /// messages.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when the beginning cannot be written.
+    pub fn on(store: Box<dyn Store>, path: &Path, about: About, options: WriterOptions) -> Result<Self, Error> {
+        let tail = Tail::of(Held::new(store, 2 * options.chunk_bytes));
+        let file = mcap::WriteOptions::new()
+            .compression(None)
+            .chunk_size(None)
+            .profile(PROFILE)
+            .library(options.program.clone())
+            .create(tail.clone())
+            .map_err(|error| misuse(path, &error))?;
+        let mut writer = Self {
+            path: path.to_owned(),
+            options,
+            file,
+            tail,
+            devices: Vec::new(),
+            notes: HashMap::new(),
+            channels: Vec::new(),
+            table: Vec::new(),
+            session: 0,
+            losses: 0,
+            encoder: Encoder::default(),
+            message: Vec::new(),
+            chunk_ns: None,
+            begun: 0,
+            waiting: VecDeque::new(),
+            last_ns: about.monotonic_ns,
+            retry_ns: i64::MIN,
+            losing: Losing::default(),
+            rate: Rate::default(),
+            account: Account::default(),
+            items: 0,
+            finished: false,
+        };
+        let metadata = BTreeMap::from([
+            ("clock".to_owned(), "CLOCK_MONOTONIC, ns".to_owned()),
+            ("program".to_owned(), about.program.clone()),
+            ("realtime_offset_ns".to_owned(), about.offset_ns().to_string()),
+            ("version".to_owned(), schema::VERSION.to_string()),
+        ]);
+        let metadata = Metadata { name: PROFILE.to_owned(), metadata };
+        writer.file.write_metadata(&metadata).map_err(|error| misuse(path, &error))?;
+        writer.session = writer.channel("/session".into(), &schema::SESSION)?;
+        writer.losses = writer.channel("/losses".into(), &schema::LOSS)?;
+        let at_ns = about.monotonic_ns;
+        about.write(&mut writer.message);
+        writer.put(writer.session, at_ns, at_ns)?;
+        // A session without its beginning is unreadable, so the beginning goes to the disk
+        // first.
+        writer.close()?;
+        writer.commit(at_ns)?;
+        Ok(writer)
+    }
+
+    /// Returns the file's path.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Announces a device under a unique name: the protocol of its lines, its description, and
+    /// the part of its frames to keep (without `crop`, all).
+    ///
+    /// # Errors
+    /// [`Error::Misuse`] for a name that is taken, empty, or has a slash.
+    pub fn device(
+        &mut self,
+        name: &str,
+        speech: Option<LineProtocol>,
+        description: &Description,
+        crop: Option<Crop>,
+    ) -> Result<Source, Error> {
+        let is_taken = self.devices.iter().any(|device| device.recorded.name == name);
+        if is_taken || name.is_empty() || name.contains('/') || ["session", "losses", "note"].contains(&name) {
+            return Err(Error::Misuse(format!(
+                "{}: a device cannot be called {name:?} here; give it a name of its own, without slashes",
+                self.path.display()
+            )));
+        }
+        let about = self.channel(format!("/{name}/about"), &schema::DEVICE)?;
+        let recorded = RecordedDevice { name: name.to_owned(), speech, description: description.clone() };
+        let (frames, raw, counts, transforms, poses) = (None, None, None, None, Vec::new());
+        self.devices.push(Device { recorded, crop, about, frames, raw, counts, transforms, poses });
+        let source = Source(self.devices.len() - 1);
+        self.announce(source)?;
+        Ok(source)
+    }
+
+    /// Sets the part of a device's frames that is kept from now on; without `crop`, all of each
+    /// frame.
+    pub fn crop(&mut self, source: Source, crop: Option<Crop>) {
+        self.devices[source.0].crop = crop;
+    }
+
+    /// Updates a device's description; writes it only if it has changed.
+    ///
+    /// # Errors
+    /// The errors of [`Self::write`].
+    pub fn describe(&mut self, source: Source, description: &Description) -> Result<(), Error> {
+        let device = &mut self.devices[source.0];
+        if device.recorded.description == *description {
+            return Ok(());
+        }
+        device.recorded.description.clone_from(description);
+        self.announce(source)
+    }
+
+    fn announce(&mut self, Source(at): Source) -> Result<(), Error> {
+        self.message.clear();
+        self.devices[at].recorded.write(&mut self.message);
+        self.put(self.devices[at].about, self.last_ns, self.last_ns)
+    }
+
+    /// Writes a device's reading, handed over at host time `at_ns`.
+    ///
+    /// # Errors
+    /// [`Error::Io`] each time that writing begins to fail. The session is intact up to there,
+    /// and the writer keeps trying. It counts losses meanwhile ([`Self::account`]) and records
+    /// them in the session as soon as possible. [`Error::Misuse`] for more channels than a file
+    /// can have.
+    pub fn write(&mut self, source: Source, reading: &Reading, at_ns: i64) -> Result<(), Error> {
+        let channel = self.channel_of(source, reading)?;
+        let (is_frame, size) = match reading {
+            Reading::Frame(frame) => (true, frame.pixels.len()),
+            Reading::Raw(raw) => (false, raw.bytes.len()),
+            _ => (false, 0),
+        };
+        let due = self.advance(at_ns);
+        if self.has_room(is_frame) {
+            self.message.clear();
+            message::write(reading, self.devices[source.0].crop, &mut self.encoder, &mut self.message);
+            self.put(channel, at_ns, reading.stamp().host_ns.unwrap_or(at_ns))?;
+        } else {
+            self.lose(channel, size, at_ns);
+        }
+        due
+    }
+
+    /// Writes a note of the session: a clock map, a decision, settings, the calibration. Its
+    /// text is JSON; notes are numbered in order.
+    ///
+    /// # Errors
+    /// The errors of [`Self::write`].
+    pub fn note(&mut self, kind: &str, json: &str, at_ns: i64) -> Result<(), Error> {
+        let stamp = Stamp { item: self.items, host_ns: Some(at_ns), ..Stamp::default() };
+        self.items += 1;
+        self.write_note(&Recorded { stamp, topic: kind.to_owned(), text: json.to_owned() }, at_ns)
+    }
+
+    /// Writes a note about earlier messages. It keeps its own time, but follows the previous
+    /// message and has that message's `log_time`. The `log_time` of readings therefore stays
+    /// the exact hand-over time, even with notes in between.
+    ///
+    /// # Errors
+    /// The errors of [`Self::write`].
+    pub fn note_behind(&mut self, kind: &str, json: &str, at_ns: i64) -> Result<(), Error> {
+        let stamp = Stamp { item: self.items, host_ns: Some(at_ns), ..Stamp::default() };
+        self.items += 1;
+        self.write_note(&Recorded { stamp, topic: kind.to_owned(), text: json.to_owned() }, self.last_ns)
+    }
+
+    fn write_note(&mut self, note: &Recorded, at_ns: i64) -> Result<(), Error> {
+        let channel = self.note_channel(&note.topic)?;
+        let due = self.advance(at_ns);
+        if self.has_room(false) {
+            self.message.clear();
+            let note = Reading::Recorded(note.clone());
+            message::write(&note, None, &mut self.encoder, &mut self.message);
+            self.put(channel, at_ns, note.stamp().host_ns.unwrap_or(at_ns))?;
+        } else {
+            self.lose(channel, note.text.len(), at_ns);
+        }
+        due
+    }
+
+    /// Closes due chunks and retries failed writes. Call it periodically while nothing is
+    /// written.
+    ///
+    /// # Errors
+    /// The errors of [`Self::write`].
+    pub fn tick(&mut self, now_ns: i64) -> Result<(), Error> {
+        self.advance(now_ns)
+    }
+
+    /// Returns the outcome counts of all messages.
+    pub fn account(&self) -> Account {
+        let held = self.tail.held();
+        Account { file_bytes: held.stored(), held_bytes: held.len() as u64, ..self.account.clone() }
+    }
+
+    /// Returns the free space on the disk; `None` if unknown.
+    pub fn room(&self) -> Option<Room> {
+        let free_bytes = self.tail.held().free_bytes()?;
+        Some(Room { free_bytes, bytes_per_s: self.rate.bytes_per_s() })
+    }
+
+    /// Ends the session. On return, everything is on the disk, including an index.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when it is not. The file is still valid up to its last whole chunk.
+    pub fn finish(mut self, now_ns: i64) -> Result<Account, Error> {
+        // Records both clocks again, which shows changes of the wall clock.
+        self.close_with(&About::now(&self.options.program), now_ns)?;
+        self.end(now_ns)?;
+        Ok(self.account())
+    }
+
+    fn close_with(&mut self, about: &About, now_ns: i64) -> Result<(), Error> {
+        self.message.clear();
+        about.write(&mut self.message);
+        self.put(self.session, now_ns, now_ns)
+    }
+
+    /// Ends a copied session without changes.
+    pub(super) fn finish_copy(mut self) -> Result<Account, Error> {
+        self.end(self.last_ns)?;
+        Ok(self.account())
+    }
+
+    /// Copies a message of another session unchanged; messages must come in the order of their
+    /// times.
+    pub(super) fn copy(
+        &mut self,
+        topic: &str,
+        schema: &'static Schema,
+        header: &MessageHeader,
+        message: &[u8],
+    ) -> Result<(), Error> {
+        let known = self.channels.iter().position(|channel| channel.topic == topic);
+        let channel = match known {
+            Some(at) => (at + 1) as u16,
+            None => self.channel(topic.to_owned(), schema)?,
+        };
+        let [log_ns, stamp_ns] = [header.log_time, header.publish_time].map(|ns| i64::try_from(ns).unwrap_or(i64::MAX));
+        self.advance(log_ns)?;
+        self.channels[usize::from(channel) - 1].sequence = header.sequence;
+        self.message.clear();
+        self.message.extend_from_slice(message);
+        self.put(channel, log_ns, stamp_ns)
+    }
+
+    fn end(&mut self, now_ns: i64) -> Result<(), Error> {
+        self.finished = true;
+        self.tell_losses(now_ns)?;
+        self.file.finish().map_err(|error| misuse(&self.path, &error))?;
+        // The index and the end of the file.
+        self.whole();
+        let mut held = self.tail.held();
+        let done = held.commit().and_then(|()| held.settle());
+        drop(held);
+        self.count_stored();
+        done.map_err(|source| {
+            self.failed("ending the session (it is whole up to its last chunk, without an index)", source)
+        })
+    }
+
+    fn failed(&self, doing: &'static str, source: std::io::Error) -> Error {
+        Error::Io { path: self.path.clone(), doing, source }
+    }
+
+    /// Closes a due chunk and writes complete chunks.
+    fn advance(&mut self, now_ns: i64) -> Result<(), Error> {
+        // Only messages advance the messages' times: messages handed over before `now_ns` may
+        // still arrive.
+        let now_ns = now_ns.max(self.last_ns);
+        let is_due = self.chunk_ns.is_some_and(|begun_ns| {
+            now_ns - begun_ns >= self.options.chunk_ns || self.tail.held().begun() >= self.options.chunk_bytes
+        });
+        if is_due {
+            self.close()?;
+        }
+        self.commit(now_ns)
+    }
+
+    fn close(&mut self) -> Result<(), Error> {
+        self.chunk_ns = None;
+        self.file.flush().map_err(|error| misuse(&self.path, &error))?;
+        self.whole();
+        Ok(())
+    }
+
+    /// Marks everything written so far as one piece for the disk.
+    fn whole(&mut self) {
+        let pieces = self.tail.held().whole();
+        if pieces > self.waiting.len() {
+            self.waiting.push_back(std::mem::take(&mut self.begun));
+        }
+    }
+
+    /// Counts the messages of pieces that are now on the disk.
+    fn count_stored(&mut self) {
+        let pieces = self.tail.held().whole();
+        while self.waiting.len() > pieces {
+            self.account.stored += self.waiting.pop_front().unwrap_or(0);
+        }
+    }
+
+    /// Writes complete pieces, unless a write failed just before.
+    fn commit(&mut self, now_ns: i64) -> Result<(), Error> {
+        let is_stuck = !self.account.trouble.is_empty();
+        let mut held = self.tail.held();
+        if is_stuck && now_ns < self.retry_ns || held.len() == held.begun() {
+            return Ok(());
+        }
+        let done = held.commit();
+        let stored = held.stored();
+        drop(held);
+        self.count_stored();
+        self.rate.note(now_ns, stored);
+        match done {
+            Ok(()) if is_stuck => {
+                tracing::warn!("{}: is written again", self.path.display());
+                let told = self.tell_losses(now_ns);
+                self.account.trouble.clear();
+                told
+            }
+            Ok(()) => Ok(()),
+            Err(source) => {
+                self.retry_ns = now_ns + self.options.retry_ns;
+                let error = self.failed("writing the session (it is whole up to here, and tried again)", source);
+                if is_stuck {
+                    return Ok(());
+                }
+                self.account.trouble = error.to_string();
+                self.account.failures += 1;
+                Err(error)
+            }
+        }
+    }
+
+    fn tell_losses(&mut self, now_ns: i64) -> Result<(), Error> {
+        let channels = &self.channels;
+        let topic_of = |channel: u16| channels[usize::from(channel) - 1].topic.clone();
+        let Some(loss) = self.losing.take(&self.account.trouble, topic_of) else { return Ok(()) };
+        tracing::error!("{}: {} messages were lost: {}", self.path.display(), loss.messages(), loss.why);
+        self.message.clear();
+        loss.write(&mut self.message);
+        self.put(self.losses, now_ns, now_ns)
+    }
+
+    /// Returns whether memory is left. Frames fill the memory, so they are dropped first.
+    fn has_room(&self, is_frame: bool) -> bool {
+        let most = self.options.held_bytes;
+        self.tail.held().len() < if is_frame { most } else { most + most / 4 }
+    }
+
+    fn lose(&mut self, channel: u16, bytes: usize, at_ns: i64) {
+        let sequence = &mut self.channels[usize::from(channel) - 1].sequence;
+        *sequence = sequence.wrapping_add(1);
+        self.account.messages += 1;
+        self.account.lost += 1;
+        self.losing.add(channel, bytes, at_ns.max(self.last_ns));
+    }
+
+    /// Writes the encoded message.
+    fn put(&mut self, channel: u16, at_ns: i64, stamp_ns: i64) -> Result<(), Error> {
+        let at_ns = at_ns.max(self.last_ns);
+        self.last_ns = at_ns;
+        self.begin()?;
+        let known = &mut self.channels[usize::from(channel) - 1];
+        let sequence = known.sequence;
+        known.sequence = sequence.wrapping_add(1);
+        let [log_time, publish_time] = [at_ns, stamp_ns].map(|ns| u64::try_from(ns).unwrap_or(0));
+        let header = MessageHeader { channel_id: channel, sequence, log_time, publish_time };
+        self.account.messages += 1;
+        self.begun += 1;
+        self.file.write_to_known_channel(&header, &self.message).map_err(|error| misuse(&self.path, &error))
+    }
+
+    /// Begins a chunk, unless one is open. It starts with the channel table, so that it is
+    /// readable without earlier chunks.
+    fn begin(&mut self) -> Result<(), Error> {
+        if self.chunk_ns.is_some() {
+            return Ok(());
+        }
+        self.chunk_ns = Some(self.last_ns);
+        self.tell_channels()
+    }
+}
+
+impl Drop for SessionWriter {
+    fn drop(&mut self) {
+        if !self.finished
+            && let Err(error) = self.end(self.last_ns)
+        {
+            tracing::error!("{error}");
+        }
+    }
+}
+
+fn misuse(path: &Path, error: &mcap::McapError) -> Error {
+    Error::Misuse(format!("{}: the session cannot be written so: {error}", path.display()))
+}

@@ -1,0 +1,198 @@
+//! Combines all findings of the scan guidance into sentences of advice, the worst first.
+//!
+//! To avoid flicker, a sentence appears once its condition has lasted for a while, and stays for
+//! a while after it ends. Its numbers are updated meanwhile.
+
+use std::borrow::Cow;
+
+use serde::Serialize;
+
+use pipeline::live::SessionStatus;
+use sonoweave_core::clock::MS;
+
+use super::contact::Contact;
+use super::holes::HolesTold;
+use super::sensors::SensorTold;
+use super::speed::{SpeedTold, Verdict};
+
+/// Time after which a condition is reported, ns.
+const BELIEVED_NS: i64 = 300 * MS;
+/// Time without the condition after which its advice is removed, ns.
+const GONE_NS: i64 = 1500 * MS;
+/// Share of invalid poses above which a sensor counts as out of range.
+const OUT: f64 = 0.5;
+/// Share of invalid poses above which a sensor counts as badly tracked.
+const BADLY: f64 = 0.05;
+
+/// Severity of advice.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum How {
+    /// The current scan data are lost.
+    Bad,
+    /// The scan could be better.
+    Heed,
+}
+
+/// One sentence of advice.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Advice {
+    /// Severity.
+    pub how: How,
+    /// Key, unchanged while the problem is the same.
+    pub key: Cow<'static, str>,
+    /// Instruction to the user.
+    pub sentence: String,
+    /// Reason.
+    pub more: String,
+}
+
+/// Inputs of the advice.
+#[derive(Debug, Clone, Copy)]
+pub struct Signs<'a> {
+    /// Motion of the probe.
+    pub speed: Option<&'a SpeedTold>,
+    /// Unscanned gaps.
+    pub holes: &'a HolesTold,
+    /// Contact of the probe.
+    pub contact: Contact,
+    /// The tracker's sensors.
+    pub sensors: &'a [SensorTold],
+    /// The session status.
+    pub account: &'a SessionStatus,
+    /// Sentence about the calibration's age.
+    pub calibration: Option<&'a str>,
+}
+
+/// A condition, and the times when it was first and last met.
+#[derive(Debug)]
+struct Kept {
+    advice: Advice,
+    first_ns: i64,
+    last_ns: i64,
+    is_said: bool,
+}
+
+/// State of the advice between calls.
+#[derive(Debug, Default)]
+pub struct AdviceDebouncer {
+    kept: Vec<Kept>,
+}
+
+impl AdviceDebouncer {
+    /// Returns the advice for these inputs at a time, ns.
+    pub fn of(&mut self, signs: &Signs<'_>, now_ns: i64) -> Vec<Advice> {
+        let seen = seen(signs);
+        for advice in &seen {
+            match self.kept.iter_mut().find(|kept| kept.advice.key == advice.key) {
+                Some(kept) => {
+                    (kept.advice, kept.last_ns) = (advice.clone(), now_ns);
+                }
+                None => {
+                    self.kept.push(Kept { advice: advice.clone(), first_ns: now_ns, last_ns: now_ns, is_said: false })
+                }
+            }
+        }
+        // A condition that is not reported yet must be met at every call.
+        self.kept.retain(|kept| if kept.is_said { now_ns - kept.last_ns < GONE_NS } else { kept.last_ns == now_ns });
+        for kept in &mut self.kept {
+            kept.is_said |= now_ns - kept.first_ns >= BELIEVED_NS;
+        }
+        let mut said: Vec<Advice> =
+            self.kept.iter().filter(|kept| kept.is_said).map(|kept| kept.advice.clone()).collect();
+        said.sort_by_key(|advice| rank(&advice.key));
+        said
+    }
+}
+
+/// The keys' first words, the worst first.
+const ORDER: [&str; 9] =
+    ["tracker-lost", "frozen", "contact", "too-fast", "bent", "tracker-weak", "holes", "fast", "calibration"];
+
+fn rank(key: &str) -> usize {
+    let first = key.split(' ').next().unwrap_or_default();
+    ORDER.iter().position(|known| *known == first).unwrap_or(ORDER.len())
+}
+
+fn seen(signs: &Signs<'_>) -> Vec<Advice> {
+    let mut all = Vec::new();
+    let mut say = |how, key: Cow<'static, str>, sentence: String, more: String| {
+        all.push(Advice { how, key, sentence, more });
+    };
+    for SensorTold { name, invalid, why } in signs.sensors {
+        let percent = 100.0 * invalid;
+        let more = format!("{percent:.0} % of its poses of the last second are not valid: {why}.");
+        if *invalid > OUT {
+            let sentence =
+                format!("{} is out of the tracker's range: bring it back, and see to its cable.", called(name));
+            say(How::Bad, format!("tracker-lost {name}").into(), sentence, more);
+        } else if *invalid > BADLY {
+            let sentence = format!("The tracker sees {} badly: bring it nearer.", called(name).to_lowercase());
+            say(How::Heed, format!("tracker-weak {name}").into(), sentence, more);
+        }
+    }
+    let account = signs.account;
+    if let Some(seconds) = account.stuck_s {
+        say(
+            How::Bad,
+            "frozen".into(),
+            "The scanner is frozen: unfreeze it to go on.".into(),
+            format!("One picture for {seconds:.0} s while the probe moved."),
+        );
+    }
+    // A stuck image gives no information about the present contact.
+    if signs.contact == Contact::Lost && account.stuck_s.is_none() {
+        say(
+            How::Bad,
+            "contact".into(),
+            "No contact: add gel and press the probe on.".into(),
+            "Nothing comes back from the depth of the picture.".into(),
+        );
+    }
+    match signs.speed {
+        Some(SpeedTold { verdict: Verdict::TooFast, edge_mm_per_s, gapless_mm_per_s, .. }) => say(
+            How::Bad,
+            "too-fast".into(),
+            format!("Slow down: {edge_mm_per_s:.0} mm/s where {gapless_mm_per_s:.0} mm/s leaves no gaps."),
+            "Slices lie too far apart across the picture.".into(),
+        ),
+        Some(SpeedTold { verdict: Verdict::Fast, edge_mm_per_s, even_mm_per_s, .. }) => say(
+            How::Heed,
+            "fast".into(),
+            format!("Slower is better: {edge_mm_per_s:.0} mm/s where {even_mm_per_s:.0} mm/s makes an even volume."),
+            String::new(),
+        ),
+        _ => {}
+    }
+    if account.distortion.is_some_and(|found| found.rms_mm.is_some()) {
+        say(
+            How::Heed,
+            "bent".into(),
+            "Metal bends the tracker's field here: move it away, or scan elsewhere.".into(),
+            "Slices are taken, but lie less surely.".into(),
+        );
+    }
+    let HolesTold { open, beyond, nearest, .. } = signs.holes;
+    if *open > 0 {
+        let holes = if *open == 1 { "One part was left out".into() } else { format!("{open} parts were left out") };
+        let way = nearest.as_ref().map_or("go back and sweep over them slowly".into(), String::clone);
+        let more = match beyond {
+            0 => String::new(),
+            beyond => format!("{beyond} further gaps were not kept."),
+        };
+        say(How::Heed, "holes".into(), format!("{holes}: {way}."), more);
+    }
+    if let Some(sentence) = signs.calibration {
+        say(How::Heed, "calibration".into(), sentence.into(), String::new());
+    }
+    all
+}
+
+/// Returns the name of a sensor, by its frame.
+fn called(name: &str) -> String {
+    match name {
+        "Probe" => "The probe's sensor".into(),
+        "Reference" => "The patient's sensor".into(),
+        other => format!("The sensor {other}"),
+    }
+}

@@ -1,0 +1,115 @@
+//! Commands of clients to a session: start, stop, and save the volume.
+//!
+//! `start` ([`Command::Scan`]) begins a session that waits for it (`--igtl-wait`); its settings
+//! say whether it is recorded. `stop` ends it, so that it writes its results. `save` writes the
+//! present volume into the configured folder, under a generated name: clients cannot name
+//! files. Only commands from this machine are accepted.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use pipeline::command::Command;
+use pipeline::control::keep;
+use pipeline::live::Snapshot;
+
+/// The commands that clients can send, by their names.
+const NAMES: [(&str, Command); 3] = [("start", Command::Scan), ("stop", Command::Stop), ("save", Command::Save)];
+
+/// Returns the command with this name, in any case.
+pub(super) fn named(name: &str) -> Option<Command> {
+    let mut known = NAMES.into_iter();
+    known.find_map(|(known, command)| name.trim().eq_ignore_ascii_case(known).then_some(command))
+}
+
+/// Returns the command of a PLUS text: `<Command Name="start" />`.
+pub(super) fn of_xml(text: &str) -> Option<Command> {
+    let parsed = roxmltree::Document::parse(text.trim_end_matches('\0')).ok()?;
+    let root = parsed.root_element();
+    named(root.attribute("Name")?).filter(|_| root.has_tag_name("Command"))
+}
+
+/// The state that commands act upon.
+#[derive(Debug)]
+pub struct Commands {
+    ends: Arc<AtomicBool>,
+    started: AtomicBool,
+    folder: Option<PathBuf>,
+}
+
+impl Commands {
+    /// Controls a session that ends by the flag `ends` and saves volumes in `folder`, if any.
+    /// `waits`: the session begins only with the start command.
+    pub fn new(ends: Arc<AtomicBool>, folder: Option<PathBuf>, waits: bool) -> Self {
+        Self { ends, started: AtomicBool::new(!waits), folder }
+    }
+
+    /// Whether the session may begin.
+    pub fn may_start(&self) -> bool {
+        self.started.load(Ordering::Relaxed)
+    }
+
+    /// Begins the session.
+    ///
+    /// # Errors
+    /// A sentence if it runs already.
+    pub(super) fn start(&self) -> Result<String, String> {
+        match self.started.swap(true, Ordering::Relaxed) {
+            false => Ok("the session begins".into()),
+            true => Err("the session runs already; there is nothing to start".into()),
+        }
+    }
+
+    /// Ends the session.
+    pub(super) fn stop(&self) -> String {
+        self.ends.store(true, Ordering::Relaxed);
+        "the session ends".into()
+    }
+
+    /// Returns the folder that volumes are saved in.
+    ///
+    /// # Errors
+    /// A sentence if there is none.
+    pub(super) fn folder(&self) -> Result<&Path, String> {
+        self.folder
+            .as_deref()
+            .ok_or_else(|| "there is no folder to save in; start sonoweave with --igtl-save DIR".into())
+    }
+
+    /// Writes a volume into the folder, under a free name; existing files are kept.
+    ///
+    /// # Errors
+    /// A sentence; no file is left then.
+    pub(super) fn write(&self, world: &str, snapshot: &Snapshot) -> Result<PathBuf, String> {
+        let folder = self.folder()?;
+        keep::volume(folder, "devices", world, snapshot)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn commands_parse_from_names_and_plus_xml() {
+        assert_eq!(named(" Stop "), Some(Command::Stop));
+        assert_eq!(named("reboot"), None);
+        assert_eq!(of_xml("<Command Name=\"save\" Id=\"7\" />\0"), Some(Command::Save));
+        assert_eq!(of_xml("<Order Name=\"save\"/>"), None);
+        assert_eq!(of_xml("<Command Name=\"save\""), None);
+        // Documents with entities, which could expand, are not read at all.
+        assert_eq!(of_xml("<!DOCTYPE a [<!ENTITY b \"save\">]><Command Name=\"&b;\"/>"), None);
+    }
+
+    #[test]
+    fn session_starts_once_and_stops_by_flag() {
+        let ends = Arc::new(AtomicBool::new(false));
+        let commands = Commands::new(Arc::clone(&ends), None, true);
+        assert!(!commands.may_start());
+        assert!(commands.start().is_ok() && commands.may_start());
+        assert!(commands.start().unwrap_err().contains("runs already"));
+        commands.stop();
+        assert!(ends.load(Ordering::Relaxed));
+        assert!(commands.folder().unwrap_err().contains("--igtl-save"));
+    }
+}

@@ -1,0 +1,422 @@
+use std::cell::RefCell;
+use std::collections::BTreeSet;
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpStream};
+use std::rc::Rc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use glam::{DAffine3, DMat3, DQuat, DVec3};
+
+use drivers::openigtlink::{
+    Command, Content, Coordinates, Decoder, Event, Fixed, Image, Limits, Matrix, Message, Pace, Status, Subject, Text,
+    TimeStamp, Version,
+};
+use export::volume::{DenseBox, Scalar};
+use pipeline::live::{FrameObserver as _, Reader as _, Snapshot, Wants};
+use sonoweave_core::clock::{Clock as _, Monotonic};
+use sonoweave_core::frames::Transform;
+use sonoweave_core::reading::PixelType;
+use sonoweave_core::slice::{Pixels, Slice};
+use sync::clock::TimeFlags;
+use sync::history::{PoseSample, Rigid};
+use volume::Grid;
+
+use super::*;
+
+mod bad;
+
+/// A simulated session, as far as a server sees it.
+struct Bench {
+    hub: Arc<Hub>,
+    ends: Arc<AtomicBool>,
+    server: Server,
+    folder: tempfile::TempDir,
+}
+
+fn bench() -> Bench {
+    let (hub, ends) = (Arc::new(Hub::new()), Arc::new(AtomicBool::new(false)));
+    let folder = tempfile::tempdir().unwrap();
+    let commands = Commands::new(Arc::clone(&ends), Some(folder.path().join("saved")), true);
+    let server = Server::new("127.0.0.1:0".parse().unwrap(), Arc::clone(&hub), Arc::new(commands)).unwrap();
+    Bench { hub, ends, server, folder }
+}
+
+/// A client that stores received messages.
+struct Peer {
+    stream: TcpStream,
+    decoder: Decoder,
+    heard: Vec<Message>,
+}
+
+fn fixed<const N: usize>(name: &str) -> Fixed<N> {
+    Fixed::new(name).unwrap()
+}
+
+impl Peer {
+    fn at(address: SocketAddr) -> Self {
+        let stream = TcpStream::connect(address).unwrap();
+        stream.set_read_timeout(Some(Duration::from_millis(10))).unwrap();
+        Self { stream, decoder: Decoder::new(Limits::default()), heard: Vec::new() }
+    }
+
+    fn say(&mut self, device: &str, version: Version, content: Content) {
+        let message = Message { version, ..Message::new(fixed(device), TimeStamp::default(), content) };
+        self.stream.write_all(&message.bytes().unwrap()).unwrap();
+    }
+
+    fn get(&mut self, kind: &str, device: &str) {
+        self.say(device, Version::One, Content::Get(Subject::of(kind)));
+    }
+
+    /// Reads until a message fulfils the condition; forgets earlier ones.
+    fn until(&mut self, what: &str, is: impl Fn(&Message) -> bool) -> Message {
+        let begun = Instant::now();
+        let mut buffer = vec![0; 1 << 16];
+        loop {
+            if let Some(at) = self.heard.iter().position(&is) {
+                let mut until = self.heard.drain(..=at);
+                return until.next_back().unwrap();
+            }
+            assert!(begun.elapsed() < Duration::from_secs(20), "{what} was not heard");
+            let Ok(read) = self.stream.read(&mut buffer) else { continue };
+            assert!(read > 0, "cut off before {what}");
+            let heard = &mut self.heard;
+            self.decoder
+                .feed(&buffer[..read], &mut |event| match event {
+                    Event::Message(message, _) => heard.push(*message),
+                    Event::Refused(why) => panic!("{why}"),
+                })
+                .unwrap();
+        }
+    }
+
+    fn named(&mut self, kind: &str, device: &str) -> Message {
+        self.until(kind, |message| message.content.kind() == *kind && message.device == *device)
+    }
+
+    fn image(&mut self, device: &str) -> Image {
+        match self.named("IMAGE", device).content {
+            Content::Image(image) => image,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    /// Whether the server disconnects within a time; ignores received data.
+    fn is_cut_off(&mut self, within: Duration) -> bool {
+        let begun = Instant::now();
+        let mut buffer = vec![0; 1 << 16];
+        while begun.elapsed() < within {
+            match self.stream.read(&mut buffer) {
+                Ok(0) => return true,
+                Err(error) if error.kind() == std::io::ErrorKind::ConnectionReset => return true,
+                _ => {}
+            }
+        }
+        false
+    }
+}
+
+/// A rotated slice with pixels of 0.2 by 0.1 mm.
+fn slice(grey: u8) -> Slice {
+    let turned = DQuat::from_rotation_z(0.5) * DQuat::from_rotation_x(0.3);
+    let mut affine = DAffine3::from_rotation_translation(turned, DVec3::new(10.0, -20.0, 30.0));
+    affine.matrix3 *= DMat3::from_diagonal(DVec3::new(0.2, 0.1, 5.0));
+    let image = sonoweave_core::slice::Image::new(8, 6, Pixels::U8(vec![grey; 48].into()));
+    Slice { image, time_ns: Monotonic.now_ns(), world_from_image: Transform::from_affine(affine) }
+}
+
+fn sample(x: f64) -> PoseSample {
+    PoseSample {
+        time_ns: Monotonic.now_ns(),
+        bound_ns: 0,
+        flags: TimeFlags::NONE,
+        pose: Rigid { rotation: DQuat::from_rotation_y(0.25), position_mm: DVec3::new(x, 2.0, 3.0) },
+        invalid: None,
+    }
+}
+
+fn snapshot(size: [u64; 3], slices: u64) -> Snapshot {
+    let direction = DMat3::from_quat(DQuat::from_rotation_x(0.1));
+    let grid = Grid { origin: DVec3::new(-5.0, 6.0, 7.0), spacing: DVec3::new(0.5, 0.75, 1.0), direction, size };
+    let bytes: Vec<u8> = (0..size.iter().product::<u64>()).map(|n| n as u8).collect();
+    Snapshot {
+        space: DenseBox { first: [0; 3], grid },
+        scalar: Scalar::U8,
+        bytes: bytes.into(),
+        weights: None,
+        slices,
+        grey_levels: [0.0, 255.0],
+    }
+}
+
+/// Checks the world position of an image index.
+fn assert_at(image: &Image, index: [f64; 3], wanted: DVec3) {
+    let p = image.place();
+    let at =
+        |row: usize| p[4 * row] * index[0] + p[4 * row + 1] * index[1] + p[4 * row + 2] * index[2] + p[4 * row + 3];
+    let found = DVec3::new(at(0), at(1), at(2));
+    assert!((found - wanted).length() < 1e-4, "{found} for {wanted}");
+}
+
+#[test]
+fn slices_and_sensors_are_sent_with_pose_and_time() {
+    let bench = bench();
+    let mut peer = Peer::at(bench.server.address());
+    let status = peer.named("STATUS", "Sonoweave");
+    assert!(matches!(status.content, Content::Status(Status { code: Status::NOT_READY, .. })));
+    let own = slice(7);
+    bench.hub.slice("Reference", 41, &own);
+    bench.hub.pose(["Probe", "Tracker"], &sample(1.0));
+    let message = peer.named("IMAGE", "Image_Reference");
+    let age = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap().as_nanos() as i64
+        - i64::try_from(message.time.unix_ns().unwrap()).unwrap();
+    let really = Monotonic.now_ns() - own.time_ns;
+    assert!((age - really).abs() < 50_000_000, "{age} {really}");
+    let Content::Image(image) = message.content else { panic!() };
+    assert_eq!((image.size, image.coordinates, image.pixel), ([8, 6, 1], Coordinates::Ras, PixelType::U8));
+    assert!(image.pixels.iter().all(|grey| *grey == 7));
+    for index in [[0.0; 3], [7.0, 0.0, 0.0], [7.0, 5.0, 0.0]] {
+        assert_at(&image, index, own.world_from_image.point(DVec3::from_array(index)));
+    }
+    // The third axis is the normal, one millimetre long.
+    let rows = image.place();
+    let normal = DVec3::new(rows[2], rows[6], rows[10]);
+    assert!((normal.length() - 1.0).abs() < 1e-5);
+    assert!((normal - own.world_from_image.vector(DVec3::Z).normalize()).length() < 1e-5);
+    let Content::Transform(matrix) = peer.named("TRANSFORM", "ImageToReference").content else { panic!() };
+    assert_eq!(matrix, Matrix::of(&own.world_from_image.to_rows()));
+    // A later client receives the existing data; a client with version 2 headers also receives
+    // metadata.
+    let mut late = Peer::at(bench.server.address());
+    let Content::Transform(matrix) = late.named("TRANSFORM", "ProbeToTracker").content else { panic!() };
+    assert_eq!(matrix.rows()[3], 1.0);
+    late.say("", Version::Two, Content::Get(Subject::of("STATUS")));
+    late.named("STATUS", "");
+    bench.hub.slice("Reference", 42, &slice(8));
+    let told = late.named("IMAGE", "Image_Reference");
+    assert_eq!(told.metadatum("FrameNumber").as_deref(), Some("42"));
+    assert_eq!(told.metadatum("Frame").as_deref(), Some("Reference (mm, not anatomical)"));
+    let doubtful = PoseSample { invalid: Some("INVALID".into()), ..sample(5.0) };
+    std::thread::sleep(Duration::from_millis(50));
+    bench.hub.pose(["Probe", "Tracker"], &doubtful);
+    let told = late.until("a doubtful pose", |m| m.metadatum("Status").as_deref() == Some("INVALID"));
+    assert_eq!(told.device, fixed("ProbeToTracker"));
+}
+
+#[test]
+fn requests_are_answered_under_requested_name() {
+    let bench = bench();
+    let mut peer = Peer::at(bench.server.address());
+    peer.get("CAPABILITY", "who");
+    let Content::Capability(types) = peer.named("CAPABILITY", "who").content else { panic!() };
+    let types: BTreeSet<&str> = types.iter().map(Fixed::as_str).collect();
+    assert!(types.contains("STT_TDATA") && types.contains("GET_IMAGE"), "{types:?}");
+    // No data exist yet.
+    peer.get("TRANSFORM", "ProbeToTracker");
+    assert!(matches!(peer.named("TRANSFORM", "ProbeToTracker").content, Content::Nothing(_)));
+    peer.get("IMAGE", "Image_Reference");
+    assert!(matches!(peer.named("IMAGE", "Image_Reference").content, Content::Nothing(_)));
+    bench.hub.tell(true, "12 slices of 13 frames");
+    bench.hub.slice("Reference", 0, &slice(1));
+    peer.image("Image_Reference");
+    peer.get("IMAGE", "Image_Reference");
+    assert_eq!(peer.image("Image_Reference").pixels[0], 1);
+    peer.get("STRING", "note");
+    let Content::Text(text) = peer.named("STRING", "note").content else { panic!() };
+    assert_eq!(text.as_text(), "12 slices of 13 frames");
+    // TDATA at the requested rate.
+    let of = Subject::of("TDATA");
+    peer.say("T", Version::One, Content::Start(of, Some(Pace { interval_ms: 100, frame: fixed("") })));
+    assert_eq!(peer.named("RTS_TDATA", "T").content, Content::Receipt(of, 0));
+    let begun = Instant::now();
+    while begun.elapsed() < Duration::from_millis(550) {
+        bench.hub.pose(["Probe", "Tracker"], &sample(1.0));
+        bench.hub.pose(["Reference", "Tracker"], &sample(2.0));
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    peer.say("T", Version::One, Content::Stop(of));
+    peer.until("the receipt", |message| {
+        message.content.kind() == *"TDATA" || message.content == Content::Receipt(of, 0)
+    });
+    peer.get("TDATA", "T");
+    let Content::Tools(tools) = peer.named("TDATA", "T").content else { panic!() };
+    assert_eq!(
+        tools.iter().map(|tool| tool.name.as_str()).collect::<Vec<_>>(),
+        ["ProbeToTracker", "ReferenceToTracker"]
+    );
+    peer.say("P", Version::One, Content::Start(Subject::of("POSITION"), None));
+    peer.named("RTS_POSITION", "P");
+    std::thread::sleep(Duration::from_millis(50));
+    bench.hub.pose(["Probe", "Tracker"], &sample(4.0));
+    let Content::Position(position) = peer.named("POSITION", "ProbeToTracker").content else { panic!() };
+    assert_eq!(position.position, [4.0, 2.0, 3.0]);
+    assert!((position.quaternion_xyzw[1] - 0.125_f32.sin()).abs() < 1e-6, "{position:?}");
+    peer.get("POSITION", "StylusToTracker");
+    assert!(matches!(peer.named("POSITION", "StylusToTracker").content, Content::Nothing(_)));
+    // No images after STP_IMAGE; unknown types are reported.
+    peer.say("", Version::One, Content::Stop(Subject::of("IMAGE")));
+    assert_eq!(peer.named("RTS_IMAGE", "").content, Content::Receipt(Subject::of("IMAGE"), 0));
+    peer.say("", Version::One, Content::Start(Subject::of("POINT"), None));
+    assert_eq!(peer.named("RTS_POINT", "").content, Content::Receipt(Subject::of("POINT"), 1));
+    peer.get("POINT", "");
+    let complaint = peer
+        .until("a complaint", |m| matches!(&m.content, Content::Status(s) if s.code == Status::UNKNOWN_INSTRUCTION));
+    assert!(matches!(complaint.content, Content::Status(status) if status.message.contains("GET_POINT")));
+    bench.hub.slice("Reference", 1, &slice(2));
+    std::thread::sleep(Duration::from_millis(100));
+    peer.get("STATUS", "last");
+    peer.until("the last", |message| {
+        assert!(!matches!(message.content, Content::Image(_)), "an image though they were stopped");
+        message.device == *"last"
+    });
+}
+
+#[test]
+fn tdata_rate_stays_below_requested() {
+    let bench = bench();
+    let mut peer = Peer::at(bench.server.address());
+    let pace = Pace { interval_ms: 100, frame: fixed("") };
+    peer.say("", Version::One, Content::Start(Subject::of("TDATA"), Some(pace)));
+    peer.named("RTS_TDATA", "");
+    let begun = Instant::now();
+    let mut times = Vec::new();
+    while times.len() < 5 {
+        bench.hub.pose(["Probe", "Tracker"], &sample(begun.elapsed().as_secs_f64()));
+        let mut buffer = [0; 4096];
+        let Ok(read) = peer.stream.read(&mut buffer) else { continue };
+        peer.decoder
+            .feed(&buffer[..read], &mut |event| match event {
+                Event::Message(message, _) if matches!(message.content, Content::Tools(_)) => {
+                    times.push(begun.elapsed())
+                }
+                _ => {}
+            })
+            .unwrap();
+        assert!(begun.elapsed() < Duration::from_secs(20));
+    }
+    let whole = *times.last().unwrap() - times[0];
+    assert!(whole >= Duration::from_millis(350), "{times:?}");
+}
+
+/// Starts a thread that makes volumes in place of the session, until it is told to end.
+fn making(hub: &Arc<Hub>, size: [u64; 3]) -> (Arc<AtomicBool>, Arc<Mutex<u64>>, std::thread::JoinHandle<()>) {
+    let (ends, made) = (Arc::new(AtomicBool::new(false)), Arc::new(Mutex::new(0)));
+    let (hub, told, count) = (Arc::clone(hub), Arc::clone(&ends), Arc::clone(&made));
+    let thread = std::thread::spawn(move || {
+        while !told.load(Ordering::Relaxed) {
+            // The volume counts as changed each time.
+            if hub.wants() != Wants::Nothing {
+                let mut made = count.lock().unwrap();
+                *made += 1;
+                hub.volume(Ok(snapshot(size, *made)));
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    });
+    (ends, made, thread)
+}
+
+#[test]
+fn volume_is_sent_on_request_and_pushed_at_limited_rate() {
+    let bench = bench();
+    let (ends, made, thread) = making(&bench.hub, [5, 4, 3]);
+    std::thread::sleep(Duration::from_millis(100));
+    assert_eq!(*made.lock().unwrap(), 0, "nobody looks, and nothing is made");
+    bench.hub.slice("Reference", 0, &slice(1));
+    let begun = Instant::now();
+    let mut peer = Peer::at(bench.server.address());
+    let image = peer.image("Volume_Reference");
+    let wanted = snapshot([5, 4, 3], 1);
+    assert_eq!((image.size, &*image.pixels), ([5, 4, 3], &*wanted.bytes));
+    let grid = wanted.space.grid;
+    for index in [[0.0; 3], [4.0, 0.0, 0.0], [4.0, 3.0, 2.0]] {
+        assert_at(&image, index, grid.origin + grid.direction * (grid.spacing * DVec3::from_array(index)));
+    }
+    peer.image("Volume_Reference");
+    assert!(begun.elapsed() >= VOLUME_EVERY, "{:?}", begun.elapsed());
+    // A requested volume arrives at once.
+    let asked = Instant::now();
+    peer.get("IMAGE", "Volume_Reference");
+    peer.image("Volume_Reference");
+    assert!(asked.elapsed() < VOLUME_EVERY / 2, "{:?}", asked.elapsed());
+    ends.store(true, Ordering::Relaxed);
+    thread.join().unwrap();
+    // A missing volume is reported.
+    bench.hub.volume(Err("no voxel was seen yet".into()));
+    peer.get("IMAGE", "Volume_Reference");
+    std::thread::sleep(Duration::from_millis(100));
+    bench.hub.volume(Err("no voxel was seen yet".into()));
+    assert!(matches!(peer.named("IMAGE", "Volume_Reference").content, Content::Nothing(_)));
+}
+
+#[test]
+fn commands_start_and_stop_session_and_save_volume() {
+    let bench = bench();
+    let mut peer = Peer::at(bench.server.address());
+    let mut send = |name: &str, version, id| {
+        let command = Command { id, name: fixed(name), text: Text::new("") };
+        peer.say("me", version, Content::Command(command));
+        let answer = peer.until("an answer", |message| matches!(message.content, Content::Answer(_)));
+        let result = answer.metadatum("Result").map(|text| text.into_owned());
+        let Content::Answer(Command { id: of, name, text }) = answer.content else { panic!() };
+        assert_eq!(of, id);
+        (name.as_str().to_owned(), text.as_text().into_owned(), result)
+    };
+    let (name, text, result) = send("start", Version::Two, 1);
+    assert_eq!((name.as_str(), result.as_deref()), ("start", Some("true")));
+    assert!(text.contains("<Result>true</Result>"), "{text}");
+    let (name, text, result) = send("start", Version::Two, 2);
+    assert_eq!(result.as_deref(), Some("false"));
+    assert!(name.contains("runs already") && text.contains("<Result>false</Result>"), "{name}: {text}");
+    let (name, _, result) = send("format", Version::One, 3);
+    assert!(name.contains("give start, stop or save") && result.is_none(), "{name}");
+    bench.hub.slice("Reference", 0, &slice(1));
+    let (ends, made, thread) = making(&bench.hub, [4, 3, 2]);
+    for number in ["001", "002"] {
+        let (_, text, _) = send("save", Version::Two, 4);
+        assert!(text.contains("is written"), "{text}");
+        let file = std::fs::read(bench.folder.path().join(format!("saved/volume-{number}.mha"))).unwrap();
+        assert!(file.ends_with(&(0..24).collect::<Vec<u8>>()), "its voxels");
+    }
+    assert!(*made.lock().unwrap() >= 2);
+    ends.store(true, Ordering::Relaxed);
+    thread.join().unwrap();
+    // Commands in the form of PLUS clients of earlier versions.
+    let text = Text::new("<Command Name=\"stop\" />");
+    peer.say("CMD_77", Version::One, Content::Text(text));
+    let Content::Text(text) = peer.named("STRING", "ACK_77").content else { panic!() };
+    assert!(text.as_text().contains("Status=\"SUCCESS\""), "{text:?}");
+    assert!(bench.ends.load(Ordering::Relaxed));
+}
+
+#[test]
+fn commands_of_remote_clients_are_refused() {
+    let ends = Arc::new(AtomicBool::new(false));
+    let house = Rc::new(server::ServerState {
+        hub: Arc::new(Hub::new()),
+        commands: Arc::new(Commands::new(Arc::clone(&ends), None, false)),
+        counts: Arc::default(),
+        clients: RefCell::default(),
+        shown: RefCell::default(),
+    });
+    for (is_local, ended, wanted) in [(false, false, "only clients on this machine"), (true, true, "the session ends")]
+    {
+        let client = Rc::new(client::Client::new(is_local));
+        let command = Command { id: 9, name: fixed("stop"), text: Text::new("") };
+        house.hear(&client, Message::new(fixed("x"), TimeStamp(0), Content::Command(command)));
+        let wire = client.next().unwrap();
+        assert!(String::from_utf8_lossy(&wire).contains(wanted), "{wire:?}");
+        assert_eq!(ends.load(Ordering::Relaxed), ended);
+    }
+}
+
+#[test]
+fn taken_address_is_named_in_error() {
+    let bench = bench();
+    let again =
+        Server::new(bench.server.address(), Arc::new(Hub::new()), Arc::new(Commands::new(Arc::default(), None, false)));
+    let why = again.unwrap_err().to_string();
+    assert!(why.contains(&bench.server.address().to_string()) && why.contains("another port"), "{why}");
+}

@@ -1,0 +1,202 @@
+//! A set of pixels as spans of each row: cheap to walk, cheap to test, a few kilobytes for a
+//! fan.
+
+use sonoweave_core::region::{ClipRect, Fan};
+
+/// Columns `start..end` of a row.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Span {
+    /// First column inside.
+    pub start: u32,
+    /// First column after it.
+    pub end: u32,
+}
+
+/// The pixels of a `width`×`height` frame (MF orientation) that are data.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Mask {
+    width: u32,
+    height: u32,
+    /// Spans of all rows, top to bottom, left to right; never empty, never touching.
+    spans: Vec<Span>,
+    /// Row v's spans are `spans[first[v]..first[v + 1]]`.
+    first: Vec<usize>,
+}
+
+impl Mask {
+    /// Builds a mask from each row's spans: ascending, not overlapping, within the width. Empty
+    /// ones are dropped and touching ones joined.
+    ///
+    /// # Panics
+    /// When a row breaks these rules: the caller has just made it.
+    pub fn from_rows<R: IntoIterator<Item = Span>>(width: u32, rows: impl IntoIterator<Item = R>) -> Self {
+        let mut mask = Self { width, height: 0, spans: Vec::new(), first: vec![0] };
+        for row in rows {
+            let begin = mask.spans.len();
+            for span in row {
+                assert!(span.end <= width, "a span leaves the picture");
+                if span.start >= span.end {
+                    continue;
+                }
+                match mask.spans[begin..].last_mut() {
+                    Some(last) if span.start <= last.end => {
+                        assert!(span.start == last.end, "spans overlap or descend");
+                        last.end = span.end;
+                    }
+                    _ => mask.spans.push(span),
+                }
+            }
+            mask.first.push(mask.spans.len());
+            mask.height += 1;
+        }
+        mask
+    }
+
+    /// Builds a mask from a test of pixels (u, v).
+    pub fn from_fn(width: u32, height: u32, mut inside: impl FnMut(u32, u32) -> bool) -> Self {
+        Self::from_rows(
+            width,
+            (0..height).map(|v| {
+                let mut row = Vec::new();
+                let mut start = None;
+                for u in 0..=width {
+                    match (start, u < width && inside(u, v)) {
+                        (None, true) => start = Some(u),
+                        (Some(from), false) => {
+                            row.push(Span { start: from, end: u });
+                            start = None;
+                        }
+                        _ => {}
+                    }
+                }
+                row
+            }),
+        )
+    }
+
+    /// Returns a mask of every pixel.
+    pub fn full(width: u32, height: u32) -> Self {
+        Self::from_rows(width, (0..height).map(|_| [Span { start: 0, end: width }]))
+    }
+
+    /// Returns the part of a rectangle that lies in the frame.
+    pub fn rect(width: u32, height: u32, rect: ClipRect) -> Self {
+        let columns = Span { start: rect.x.min(width), end: rect.x.saturating_add(rect.width).min(width) };
+        let rows = rect.y..rect.y.saturating_add(rect.height);
+        Self::from_rows(width, (0..height).map(|v| rows.contains(&v).then_some(columns)))
+    }
+
+    /// Returns the pixels whose centres lie in a fan.
+    pub fn fan(width: u32, height: u32, fan: &Fan) -> Self {
+        let test = fan.test();
+        Self::from_fn(width, height, |u, v| test.contains(f64::from(u), f64::from(v)))
+    }
+
+    /// Pixels along u.
+    pub fn width(&self) -> u32 {
+        self.width
+    }
+
+    /// Pixels along v.
+    pub fn height(&self) -> u32 {
+        self.height
+    }
+
+    /// Spans of row `v`, ascending; they neither overlap nor touch.
+    ///
+    /// # Panics
+    /// When `v` is not below the height.
+    pub fn row(&self, v: u32) -> &[Span] {
+        &self.spans[self.first[v as usize]..self.first[v as usize + 1]]
+    }
+
+    /// Whether pixel (u, v) is data; pixels outside the frame are not.
+    pub fn contains(&self, u: u32, v: u32) -> bool {
+        v < self.height && self.row(v).iter().any(|span| span.start <= u && u < span.end)
+    }
+
+    /// Number of pixels that are data.
+    pub fn area(&self) -> u64 {
+        self.spans.iter().map(|span| u64::from(span.end - span.start)).sum()
+    }
+
+    /// Whether every pixel is data.
+    pub fn is_full(&self) -> bool {
+        self.area() == u64::from(self.width) * u64::from(self.height)
+    }
+
+    /// The smallest rectangle that holds all data; `None` when there is none.
+    pub fn bounds(&self) -> Option<ClipRect> {
+        let used = |v: &u32| !self.row(*v).is_empty();
+        let top = (0..self.height).find(used)?;
+        let bottom = (0..self.height).rev().find(used)?;
+        let left = self.spans.iter().map(|span| span.start).min()?;
+        let right = self.spans.iter().map(|span| span.end).max()?;
+        ClipRect::new(left, top, right - left, bottom - top + 1).ok()
+    }
+
+    /// Returns the pixels that are data in both masks.
+    ///
+    /// # Panics
+    /// When the masks differ in size.
+    pub fn intersect(&self, other: &Self) -> Self {
+        assert_eq!((self.width, self.height), (other.width, other.height), "masks of different pictures");
+        Self::from_rows(
+            self.width,
+            (0..self.height).map(|v| {
+                let (mut a, mut b) = (self.row(v), other.row(v));
+                let mut row = Vec::new();
+                while let (Some(x), Some(y)) = (a.first(), b.first()) {
+                    row.push(Span { start: x.start.max(y.start), end: x.end.min(y.end) });
+                    if x.end <= y.end {
+                        a = &a[1..];
+                    } else {
+                        b = &b[1..];
+                    }
+                }
+                row
+            }),
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn spans_match_pixel_test(
+            width in 1_u32..20, height in 1_u32..8,
+            a in prop::collection::vec(any::<bool>(), 160), b in prop::collection::vec(any::<bool>(), 160),
+        ) {
+            let at = |bits: &[bool], u: u32, v: u32| bits[(v * 20 + u) as usize];
+            let first = Mask::from_fn(width, height, |u, v| at(&a, u, v));
+            let second = Mask::from_fn(width, height, |u, v| at(&b, u, v));
+            let both = first.intersect(&second);
+            let mut area = 0;
+            for v in 0..height {
+                for u in 0..width {
+                    prop_assert_eq!(first.contains(u, v), at(&a, u, v));
+                    prop_assert_eq!(both.contains(u, v), at(&a, u, v) && at(&b, u, v));
+                    area += u64::from(at(&a, u, v));
+                }
+                prop_assert!(first.row(v).windows(2).all(|pair| pair[0].end < pair[1].start));
+                prop_assert!(both.row(v).windows(2).all(|pair| pair[0].end < pair[1].start));
+            }
+            prop_assert_eq!(first.area(), area);
+            prop_assert!(!first.contains(width, 0) && !first.contains(0, height));
+        }
+    }
+
+    #[test]
+    fn rect_clipped_to_frame() {
+        let mask = Mask::rect(10, 8, ClipRect::new(7, 5, 100, u32::MAX).unwrap());
+        assert_eq!(mask.area(), 9);
+        assert_eq!(mask.bounds(), Some(ClipRect::new(7, 5, 3, 3).unwrap()));
+        assert_eq!(mask.row(4), []);
+        assert_eq!(Mask::rect(10, 8, ClipRect::new(10, 0, 1, 1).unwrap()).bounds(), None);
+        assert!(Mask::full(10, 8).is_full());
+    }
+}

@@ -1,0 +1,225 @@
+//! Geometric figures: their size, and its sensitivity to their points.
+
+use std::f64::consts::PI;
+
+use glam::DVec3;
+
+use super::{Kind, Place};
+
+/// Distance from a plane, as a share of an area's size, above which a note is given.
+const FLAT: f64 = 0.02;
+/// Largest angle between contours of a stack that count as parallel, radians.
+const PARALLEL: f64 = 0.09;
+/// Deviation of diameters from right angles above which a note is given, radians.
+const SQUARE: f64 = 0.18;
+/// Points closer than this are identical, mm.
+const SAME_MM: f64 = 1e-6;
+/// Step of a point for numerical derivatives, mm.
+const STEP_MM: f64 = 1e-4;
+
+/// A valid figure.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Figure {
+    kind: Kind,
+    /// For a stack, the points of all contours, in the order of their heights.
+    points: Vec<DVec3>,
+    /// The same points, with their picking uncertainties.
+    places: Vec<Place>,
+    /// End index of each contour of a stack.
+    ends: Vec<usize>,
+}
+
+impl Figure {
+    /// Creates a figure from places.
+    ///
+    /// # Errors
+    /// A sentence for points that do not form such a figure.
+    pub(super) fn new(kind: Kind, places: &[Place]) -> Result<Self, String> {
+        let count = places.len();
+        let (is_fine, wanted) = match kind {
+            Kind::Distance => (count == 2, "two points"),
+            Kind::Angle => (count == 3, "three points, the vertex in the middle"),
+            Kind::Area => (count >= 3, "three points or more"),
+            Kind::Ellipsoid => (count == 6, "six points, the ends of three diameters"),
+            Kind::Stack => (false, "contours"),
+        };
+        if !is_fine {
+            return Err(format!("this takes {wanted}, not {count}"));
+        }
+        let (points, places) = (points(places), places.to_vec());
+        let figure = Self { kind, points, places, ends: Vec::new() };
+        let apart = |a: usize, b: usize| figure.points[a].distance(figure.points[b]) > SAME_MM;
+        let sound = match kind {
+            Kind::Distance => true,
+            Kind::Angle => apart(0, 1) && apart(1, 2),
+            Kind::Ellipsoid => apart(0, 1) && apart(2, 3) && apart(4, 5),
+            Kind::Area | Kind::Stack => spanned(&figure.points).length() > SAME_MM,
+        };
+        if sound { Ok(figure) } else { Err("points that differ are at one place, or on one line".into()) }
+    }
+
+    /// Creates a stack from contours, in any order.
+    ///
+    /// # Errors
+    /// A sentence for contours that are not one above the other.
+    pub(super) fn stack(mut contours: Vec<Vec<Place>>) -> Result<Self, String> {
+        if contours.len() < 2 {
+            return Err("a stack takes two contours or more".into());
+        }
+        let mut up: Option<DVec3> = None;
+        for contour in &contours {
+            let normal = spanned(&points(contour));
+            if contour.len() < 3 || normal.length() <= SAME_MM {
+                return Err("a contour takes three points or more that are not on one line".into());
+            }
+            let normal = normal.normalize();
+            let up = *up.get_or_insert(normal);
+            if normal.dot(up).abs() < PARALLEL.cos() {
+                return Err(format!("the contours are not parallel to {:.0}°", PARALLEL.to_degrees()));
+            }
+        }
+        let up = up.unwrap_or(DVec3::Z);
+        let height = |contour: &Vec<Place>| middle(&points(contour)).dot(up);
+        contours.sort_by(|a, b| height(a).total_cmp(&height(b)));
+        if contours.windows(2).any(|pair| height(&pair[1]) - height(&pair[0]) <= SAME_MM) {
+            return Err("two contours are at one height".into());
+        }
+        let mut end = 0;
+        let ends = contours.iter().map(|contour| {
+            end += contour.len();
+            end
+        });
+        let ends = ends.collect();
+        let places = contours.concat();
+        Ok(Self { kind: Kind::Stack, points: points(&places), places, ends })
+    }
+
+    /// Returns its size, in its [unit](Self::unit).
+    pub fn value(&self) -> f64 {
+        self.of(&self.points)
+    }
+
+    fn of(&self, points: &[DVec3]) -> f64 {
+        match self.kind {
+            Kind::Distance => points[0].distance(points[1]),
+            Kind::Angle => (points[0] - points[1]).angle_between(points[2] - points[1]).to_degrees(),
+            Kind::Area => spanned(points).length(),
+            Kind::Ellipsoid => PI / 6.0 * points.chunks_exact(2).map(|ends| ends[0].distance(ends[1])).product::<f64>(),
+            Kind::Stack => self.slabs(points).iter().map(|[area, thickness]| area * thickness).sum(),
+        }
+    }
+
+    /// Returns areas and thicknesses of a stack. Each contour represents half the distance to
+    /// its neighbours; those at the ends extend as far beyond the stack as inwards.
+    fn slabs(&self, points: &[DVec3]) -> Vec<[f64; 2]> {
+        let mut from = 0;
+        let contours = self.ends.iter().map(|end| {
+            let contour = &points[from..*end];
+            from = *end;
+            contour
+        });
+        let contours: Vec<&[DVec3]> = contours.collect();
+        let up = contours.first().map_or(DVec3::Z, |first| spanned(first).normalize_or_zero());
+        let heights: Vec<f64> = contours.iter().map(|contour| middle(contour).dot(up)).collect();
+        let gap = |at: usize| (heights[at + 1] - heights[at]).abs();
+        let last = contours.len() - 1;
+        let thickness = |at: usize| match at {
+            0 => gap(0),
+            at if at == last => gap(last - 1),
+            at => (gap(at - 1) + gap(at)) / 2.0,
+        };
+        contours.iter().enumerate().map(|(at, contour)| [spanned(contour).length(), thickness(at)]).collect()
+    }
+
+    /// Returns each place and the change of the value per mm of its motion along each axis.
+    pub(super) fn slopes(&self) -> Vec<(Place, DVec3)> {
+        let mut points = self.points.clone();
+        let mut slope = |n: usize, axis: DVec3| {
+            let at = self.points[n];
+            let [above, below] = [STEP_MM, -STEP_MM].map(|step| {
+                points[n] = at + axis * step;
+                self.of(&points)
+            });
+            points[n] = at;
+            (above - below) / (2.0 * STEP_MM)
+        };
+        let slopes = self.places.iter().enumerate().map(|(n, place)| {
+            let [x, y, z] = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| slope(n, axis));
+            (*place, DVec3::new(x, y, z))
+        });
+        slopes.collect()
+    }
+
+    /// Returns the standard deviation due to unsampled space between and beyond its points. For
+    /// a stack this is the extent of the body beyond its ends; it is 0 otherwise.
+    pub(super) fn unsampled(&self) -> f64 {
+        if self.kind != Kind::Stack {
+            return 0.0;
+        }
+        let slabs = self.slabs(&self.points);
+        let ends = [slabs.first(), slabs.last()].into_iter().flatten();
+        // The body ends anywhere from nothing to a whole slab beyond an end; half a slab is
+        // assumed.
+        ends.map(|[area, thickness]| (area * thickness).powi(2) / 12.0).sum::<f64>().sqrt()
+    }
+
+    /// Returns the unit of its value.
+    pub fn unit(&self) -> &'static str {
+        match self.kind {
+            Kind::Distance => "mm",
+            Kind::Angle => "°",
+            Kind::Area => "mm²",
+            Kind::Ellipsoid | Kind::Stack => "mm³",
+        }
+    }
+
+    /// Returns notes for the user.
+    pub(super) fn notes(&self) -> Vec<String> {
+        match self.kind {
+            Kind::Area => {
+                let normal = spanned(&self.points).normalize_or_zero();
+                let at = middle(&self.points);
+                let off = self.points.iter().map(|p| (*p - at).dot(normal).abs()).fold(0.0, f64::max);
+                let size = self.points.iter().map(|p| p.distance(at)).fold(0.0, f64::max);
+                let bent = off > FLAT * size;
+                bent.then(|| {
+                    format!("the points lie up to {off:.1} mm off a plane; the area is that of its outline seen across")
+                })
+                .into_iter()
+                .collect()
+            }
+            Kind::Ellipsoid => {
+                let axes: Vec<DVec3> =
+                    self.points.chunks_exact(2).map(|ends| (ends[1] - ends[0]).normalize_or_zero()).collect();
+                let dots = [(0, 1), (1, 2), (0, 2)].map(|(a, b)| axes[a].dot(axes[b]).abs());
+                let leaning = dots.iter().fold(0.0_f64, |most, dot| most.max(dot.asin()));
+                let is_leaning = leaning > SQUARE;
+                let says = || {
+                    format!(
+                        "the diameters are {:.0}° from right angles: it is less sure than is said",
+                        leaning.to_degrees()
+                    )
+                };
+                is_leaning.then(says).into_iter().collect()
+            }
+            Kind::Distance | Kind::Angle | Kind::Stack => Vec::new(),
+        }
+    }
+}
+
+fn points(places: &[Place]) -> Vec<DVec3> {
+    places.iter().map(|place| DVec3::from_array(place.point)).collect()
+}
+
+/// Returns the vector area of a closed line (half the sum of the cross products of its points).
+/// The length for a flat line is its area, in any orientation.
+fn spanned(points: &[DVec3]) -> DVec3 {
+    let Some(first) = points.first() else { return DVec3::ZERO };
+    // Relative to the first point, so that distant positions lose no digits.
+    let sum: DVec3 = points.windows(2).map(|pair| (pair[0] - *first).cross(pair[1] - *first)).sum();
+    sum / 2.0
+}
+
+fn middle(points: &[DVec3]) -> DVec3 {
+    points.iter().sum::<DVec3>() / points.len().max(1) as f64
+}

@@ -1,0 +1,89 @@
+//! A place that the user picks: on a plane, or in the view of the volume, with a depth
+//! uncertainty.
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use render::Picked;
+
+use super::{MOST_MM, MOST_WIDE_MM};
+
+/// A world position, and how it was picked.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(from = "Said")]
+pub struct Place {
+    /// Position, mm.
+    pub point: [f64; 3],
+    /// Unit direction of the picking ray in the world; unused if the depth is 0.
+    pub along: [f64; 3],
+    /// Width along the ray in which it may lie anywhere, mm; 0 for places on a plane.
+    pub depth_mm: f64,
+    /// Width of a screen pixel at the picked place, mm; `None` if not given.
+    pub pixel_mm: Option<f64>,
+}
+
+/// Input format: three numbers, or these with all that is known.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Said {
+    Point([f64; 3]),
+    Place(Known),
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Known {
+    point: [f64; 3],
+    #[serde(default)]
+    along: [f64; 3],
+    #[serde(default)]
+    depth_mm: f64,
+    #[serde(default)]
+    pixel_mm: Option<f64>,
+}
+
+impl From<Said> for Place {
+    fn from(said: Said) -> Self {
+        match said {
+            Said::Point(point) => point.into(),
+            Said::Place(Known { point, along, depth_mm, pixel_mm }) => Self { point, along, depth_mm, pixel_mm },
+        }
+    }
+}
+
+impl From<[f64; 3]> for Place {
+    fn from(point: [f64; 3]) -> Self {
+        Self { point, along: [0.0; 3], depth_mm: 0.0, pixel_mm: None }
+    }
+}
+
+impl From<Picked> for Place {
+    fn from(Picked { point, along, depth_mm, pixel_mm }: Picked) -> Self {
+        Self { point: point.to_array(), along: along.to_array(), depth_mm, pixel_mm: Some(pixel_mm) }
+    }
+}
+
+impl Place {
+    /// Checks that the place is valid.
+    ///
+    /// # Errors
+    /// A sentence.
+    pub(super) fn check(&self) -> Result<(), String> {
+        let Self { point, depth_mm, pixel_mm, .. } = self;
+        if point.iter().any(|x| !x.is_finite() || x.abs() > MOST_MM) {
+            return Err(format!("a point is no place within {MOST_MM} mm of the world's origin"));
+        }
+        if [*depth_mm, pixel_mm.unwrap_or(0.0)].iter().any(|width| !(0.0..=MOST_WIDE_MM).contains(width)) {
+            return Err(format!("a place's depth_mm and pixel_mm are 0 to {MOST_WIDE_MM}"));
+        }
+        if *depth_mm > 0.0 && self.along() == DVec3::ZERO {
+            return Err("a place that has a depth_mm says by along which way that goes".into());
+        }
+        Ok(())
+    }
+
+    /// Returns the unit direction of its depth; 0 if it has none.
+    pub(super) fn along(&self) -> DVec3 {
+        DVec3::from_array(self.along).normalize_or_zero()
+    }
+}

@@ -1,0 +1,184 @@
+//! The slices that contributed to a place of the volume.
+
+use std::collections::VecDeque;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use glam::DVec3;
+use serde::Serialize;
+
+use pipeline::live::FrameObserver;
+use reconstruct::kernel::AxisKernel;
+use sonoweave_core::frames::{Image, Transform, World};
+use sonoweave_core::slice::Slice;
+
+/// Largest number of stored slice positions: nearly two hours at 60 a second, some 60 MB.
+const MOST: usize = 400_000;
+/// Largest number of reported slices of a place, those with the largest weights.
+const TOLD: usize = 64;
+
+/// Position of a slice.
+#[derive(Debug, Clone, Copy)]
+struct Placed {
+    item: u64,
+    time_ns: i64,
+    world_from_image: Transform<World, Image>,
+    size: [u32; 2],
+}
+
+impl Placed {
+    /// Returns the corners of the image, in order from its first pixel along u.
+    fn corners(&self) -> [DVec3; 4] {
+        let map = self.world_from_image.affine();
+        let (u, v) = (map.matrix3.x_axis, map.matrix3.y_axis);
+        let [right, low] = self.size.map(|n| f64::from(n) - 0.5);
+        [[-0.5, -0.5], [right, -0.5], [right, low], [-0.5, low]].map(|[x, y]| map.translation + u * x + v * y)
+    }
+}
+
+/// A slice that contributed to a place.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Source {
+    /// Its frame number.
+    pub frame: u64,
+    /// Its acquisition time, s after the first stored slice.
+    pub time_s: f64,
+    /// Distance of the place from its plane, mm; positive in the direction u × v of the image.
+    pub off_mm: f64,
+    /// Position of the place in its image, pixels.
+    pub pixel: [f64; 2],
+    /// Its share of the weight of all slices that reach the place, 0 to 1, by its distance
+    /// alone.
+    pub share: f64,
+    /// Corners of its image in the world, mm, in order.
+    pub corners: [[f64; 3]; 4],
+}
+
+/// The slices of a place.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Sources {
+    /// Slices whose kernel reaches it.
+    pub count: usize,
+    /// The slices with the largest weights, largest first.
+    pub slices: Vec<Source>,
+    /// Slices no longer stored, because there were too many.
+    pub forgotten: u64,
+}
+
+#[derive(Debug, Default)]
+struct Log {
+    /// The kernel across the plane, if known.
+    across: Option<AxisKernel>,
+    slices: VecDeque<Placed>,
+    forgotten: u64,
+    first_ns: Option<i64>,
+}
+
+/// Positions of all slices of a session.
+#[derive(Debug, Default)]
+pub struct Slices {
+    log: Mutex<Log>,
+}
+
+impl Slices {
+    /// Creates a log for a volume reconstructed with this kernel across the plane.
+    pub fn new(across: Option<AxisKernel>) -> Self {
+        let slices = Self::default();
+        slices.weave(across);
+        slices
+    }
+
+    /// Restarts the log for a new volume, with this kernel.
+    pub fn weave(&self, across: Option<AxisKernel>) {
+        *self.log() = Log { across, ..Log::default() };
+    }
+
+    /// Returns the corners of the image of a posed frame, world mm, in order.
+    pub fn corners(&self, item: u64) -> Option<[DVec3; 4]> {
+        let log = self.log();
+        let slice = log.slices.iter().rev().find(|slice| slice.item == item)?;
+        Some(slice.corners())
+    }
+
+    fn log(&self) -> MutexGuard<'_, Log> {
+        self.log.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Returns the number of stored slices.
+    pub fn count(&self) -> usize {
+        self.log().slices.len()
+    }
+
+    /// Returns the slices that reach a place, by their planes and the kernel across them.
+    ///
+    /// # Errors
+    /// A sentence for an invalid place, and if the kernel is unknown.
+    pub fn of(&self, at: [f64; 3]) -> Result<Sources, String> {
+        let log = self.log();
+        let Some(across) = log.across else {
+            return Err("how far slices reach is not known: the calibration says nothing of the pixels' size".into());
+        };
+        let at = DVec3::from_array(at);
+        if !at.is_finite() {
+            return Err("a place is three finite numbers of mm".into());
+        }
+        let first_ns = log.first_ns.unwrap_or_default();
+        let mut found: Vec<(f64, Source)> = Vec::new();
+        for slice in &log.slices {
+            let Some(source) = reaching(slice, at, &across, first_ns) else { continue };
+            found.push((across.weight(source.off_mm), source));
+        }
+        let forgotten = log.forgotten;
+        drop(log);
+        let all: f64 = found.iter().map(|(weight, _)| weight).sum();
+        found.sort_by(|(a, one), (b, other)| b.total_cmp(a).then(one.frame.cmp(&other.frame)));
+        let count = found.len();
+        let told = found.into_iter().take(TOLD);
+        let slices = told.map(|(weight, source)| Source { share: weight / all.max(f64::MIN_POSITIVE), ..source });
+        Ok(Sources { count, slices: slices.collect(), forgotten })
+    }
+}
+
+/// Returns the slice if its image lies above or below the place within the kernel's reach.
+fn reaching(slice: &Placed, at: DVec3, across: &AxisKernel, first_ns: i64) -> Option<Source> {
+    let map = slice.world_from_image.affine();
+    let (u, v) = (map.matrix3.x_axis, map.matrix3.y_axis);
+    let normal = u.cross(v).try_normalize()?;
+    let from = at - map.translation;
+    let off_mm = from.dot(normal);
+    if off_mm.abs() > across.support_mm {
+        return None;
+    }
+    // Coordinates along u and v, which may differ in length and need not be orthogonal.
+    let (uu, uv, vv) = (u.dot(u), u.dot(v), v.dot(v));
+    let (fu, fv) = (from.dot(u), from.dot(v));
+    let determinant = uu * vv - uv * uv;
+    let pixel = [(fu * vv - fv * uv) / determinant, (fv * uu - fu * uv) / determinant];
+    let inside = pixel.iter().zip(slice.size).all(|(x, n)| (-0.5..=f64::from(n) - 0.5).contains(x));
+    inside.then(|| Source {
+        frame: slice.item,
+        time_s: (slice.time_ns - first_ns) as f64 * 1e-9,
+        off_mm,
+        pixel,
+        share: 0.0,
+        corners: slice.corners().map(|corner| corner.to_array()),
+    })
+}
+
+impl FrameObserver for Slices {
+    fn cleared(&self) {
+        let mut log = self.log();
+        *log = Log { across: log.across.take(), ..Log::default() };
+    }
+
+    fn slice(&self, _world: &str, item: u64, slice: &Slice) {
+        let Slice { image, time_ns, world_from_image } = slice;
+        let mut log = self.log();
+        log.first_ns.get_or_insert(*time_ns);
+        if log.slices.len() >= MOST {
+            log.slices.pop_front();
+            log.forgotten += 1;
+        }
+        let size = [image.width(), image.height()];
+        log.slices.push_back(Placed { item, time_ns: *time_ns, world_from_image: *world_from_image, size });
+    }
+}

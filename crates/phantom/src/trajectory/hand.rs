@@ -1,0 +1,92 @@
+//! Freehand and arm sweeps: smooth random walks about a straight sweep.
+
+use glam::{DAffine3, DMat3, DQuat, DVec3};
+
+use crate::elementary::exp;
+use crate::random::{Draws, Purpose};
+
+/// Correlation length of the deviation along the sweep, mm (σ of the smoothing).
+const HAND_MEMORY_MM: f64 = 4.2;
+/// Standard deviation of the sideways wobble along world x and y, mm.
+const HAND_WOBBLE_MM: f64 = 0.8;
+/// Standard deviation of the tilt about each world axis, rad (3°).
+pub(super) const HAND_TILT: f64 = 0.052;
+/// An arm turns by this multiple of the freehand tilt: 6°, as in slight fanning during a sweep.
+const ARM_TURN: f64 = 2.0;
+/// Relative standard deviation of the speed.
+const HAND_SPEED: f64 = 0.35;
+
+/// Returns a freehand sweep along z. Its mean speed is exact; wobble, tilt and speed vary
+/// smoothly about their means.
+pub(super) fn freehand(frames: u32, gap_mm: f64, seed: u64) -> Vec<DAffine3> {
+    let [x, y, pitch, yaw, roll, speed] = wander(frames, gap_mm, seed);
+    walk(frames, gap_mm, &speed, |i| Deviation { aside: [x[i], y[i]], tilt: DVec3::new(pitch[i], yaw[i], roll[i]) })
+}
+
+/// Returns a sweep along z by an arm whose joints all turn about x. It wanders along y and
+/// turns about x as in a freehand sweep, without other deviations.
+pub(super) fn arm(frames: u32, gap_mm: f64, seed: u64) -> Vec<DAffine3> {
+    let [y, pitch, speed] = wander(frames, gap_mm, seed);
+    walk(frames, gap_mm, &speed, |i| Deviation { aside: [0.0, y[i]], tilt: DVec3::new(ARM_TURN * pitch[i], 0.0, 0.0) })
+}
+
+/// Returns independent smooth walks of variance 1, one for each way to deviate.
+fn wander<const N: usize>(frames: u32, gap_mm: f64, seed: u64) -> [Vec<f64>; N] {
+    let mut draws = Draws::new(seed, Purpose::Trajectory, 0);
+    std::array::from_fn(|_| smooth_noise(&mut draws, frames as usize, HAND_MEMORY_MM / gap_mm))
+}
+
+/// A pose's deviation from the straight sweep, in standard deviations of each.
+struct Deviation {
+    /// Along world x and y.
+    aside: [f64; 2],
+    /// About world x, y and z.
+    tilt: DVec3,
+}
+
+fn walk(frames: u32, gap_mm: f64, speed: &[f64], deviation: impl Fn(usize) -> Deviation) -> Vec<DAffine3> {
+    let count = frames as usize;
+    // The probe never stops or turns back: other trajectories do that.
+    let steps: Vec<f64> = speed.iter().skip(1).map(|s| (1.0 + HAND_SPEED * s).max(0.2)).collect();
+    let length = gap_mm * f64::from(frames - 1);
+    let scale = if steps.is_empty() { 0.0 } else { length / steps.iter().sum::<f64>() };
+    let mut travelled = 0.0;
+    (0..count)
+        .map(|i| {
+            if i > 0 {
+                travelled += steps[i - 1] * scale;
+            }
+            let Deviation { aside: [x, y], tilt } = deviation(i);
+            DAffine3 {
+                matrix3: small_turn(tilt * (0.5 * HAND_TILT)),
+                translation: DVec3::new(HAND_WOBBLE_MM * x, HAND_WOBBLE_MM * y, travelled - 0.5 * length),
+            }
+        })
+        .collect()
+}
+
+/// White noise smoothed by a Gaussian of `memory` samples, of variance 1 at every sample.
+fn smooth_noise(draws: &mut Draws, count: usize, memory: f64) -> Vec<f64> {
+    // Very fine sweeps would smooth over thousands of samples without visible effect.
+    let memory = memory.clamp(0.25, 400.0);
+    let reach = (4.0 * memory).ceil() as usize;
+    let weights: Vec<f64> = (0..=2 * reach)
+        .map(|k| {
+            let distance = (k as f64 - reach as f64) / memory;
+            exp(-0.5 * distance * distance)
+        })
+        .collect();
+    let norm = weights.iter().map(|w| w * w).sum::<f64>().sqrt();
+    let white: Vec<f64> = (0..count + 2 * reach).map(|_| draws.normal()).collect();
+    white
+        .windows(weights.len())
+        .map(|window| window.iter().zip(&weights).map(|(x, w)| x * w).sum::<f64>() / norm)
+        .collect()
+}
+
+/// Returns the rotation by 2 atan(|half|) about `half`: the quaternion (1, half), normalised.
+/// It uses only square roots, for the same bits everywhere.
+pub(crate) fn small_turn(half: DVec3) -> DMat3 {
+    let norm = (1.0 + half.length_squared()).sqrt();
+    DMat3::from_quat(DQuat::from_xyzw(half.x / norm, half.y / norm, half.z / norm, 1.0 / norm))
+}

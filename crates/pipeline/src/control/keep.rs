@@ -1,0 +1,49 @@
+//! Saves growing volumes into a folder, each under a free name.
+
+use std::path::{Path, PathBuf};
+
+use export::volume::{Scalar, write_taken};
+use volume::dense::{RANGE_FIELD, UNSEEN_FIELD};
+
+use crate::live::Snapshot;
+
+/// Largest number in a folder's file names.
+const MOST: u32 = 100_000;
+
+/// Writes a volume as `volume-001.mha`, or with the next free number. Its weights, if any, go
+/// beside it as `volume-001-weights.mha`. `input` describes the source of the volume.
+///
+/// # Errors
+/// A sentence; no file is left then.
+pub fn volume(folder: &Path, input: &str, world: &str, snapshot: &Snapshot) -> Result<PathBuf, String> {
+    std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+    let Snapshot { space, scalar, bytes, weights, slices, grey_levels } = snapshot;
+    let fields = [
+        ("SonoweaveVersion".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
+        ("SonoweaveFrame".to_owned(), format!("{world} (mm, not anatomical)")),
+        ("SonoweaveInput".to_owned(), input.to_owned()),
+        ("SonoweaveFrames".to_owned(), format!("{slices} so far")),
+        // Only the weights tell whether a value of 0 is unseen.
+        (UNSEEN_FIELD.to_owned(), "0".to_owned()),
+        (RANGE_FIELD.to_owned(), grey_levels.map(|level| level.to_string()).join(" ")),
+    ];
+    let [path, beside] = free(folder)?;
+    let said = |error: export::volume::ExportError| error.to_string();
+    if let Some(weights) = weights {
+        write_taken(space, Scalar::F32, weights, &beside, &fields).map_err(said)?;
+    }
+    write_taken(space, *scalar, bytes, &path, &fields).map_err(|error| {
+        // Weights without a volume are useless.
+        let _ = std::fs::remove_file(&beside);
+        said(error)
+    })?;
+    Ok(path)
+}
+
+/// Returns the next pair of free names.
+fn free(folder: &Path) -> Result<[PathBuf; 2], String> {
+    (1..=MOST)
+        .map(|number| ["", "-weights"].map(|what| folder.join(format!("volume-{number:03}{what}.mha"))))
+        .find(|names| names.iter().all(|name| !name.exists()))
+        .ok_or_else(|| format!("{}: has {MOST} volumes; choose another folder", folder.display()))
+}

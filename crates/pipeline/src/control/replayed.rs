@@ -1,0 +1,116 @@
+//! A recorded session being viewed: the frame to show, and the settings of its next replay.
+
+use std::path::PathBuf;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use serde::Serialize;
+
+use config::bedside::{Bedside, Setting, SettingsOverride};
+
+/// A recorded session.
+#[derive(Debug)]
+pub struct Replayed {
+    /// The recorded configuration, or the one given instead.
+    bedside: Bedside,
+    /// The recording's folder.
+    folder: PathBuf,
+    frames: u64,
+    state: Mutex<State>,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    /// Settings override of the run being viewed.
+    tried: SettingsOverride,
+    /// The next settings override, and the resulting configuration.
+    next: Option<(SettingsOverride, Bedside)>,
+    wanted: Option<u64>,
+    seen: Option<ViewedFrame>,
+}
+
+/// A frame being viewed.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct ViewedFrame {
+    /// Its position among all, from 1.
+    pub number: u64,
+    /// The number that its device gave it.
+    pub frame: u64,
+    /// Its capture time, s after the first frame.
+    pub time_s: f64,
+    /// Whether it has a pose. If so, it is in the volume, unless it contains no data.
+    pub posed: bool,
+}
+
+/// Status of a recorded session.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct ReplayStatus {
+    /// Frames in the recording.
+    pub frames: u64,
+    /// The frame being viewed.
+    pub seen: Option<ViewedFrame>,
+    /// Settings that override the recorded ones.
+    pub tried: SettingsOverride,
+}
+
+impl Replayed {
+    /// Describes a recording: its configuration, its folder, and its number of frames.
+    pub fn new(bedside: Bedside, folder: PathBuf, frames: u64) -> Self {
+        Self { bedside, folder, frames, state: Mutex::default() }
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Returns the settings that can be overridden, with their recorded values.
+    pub fn settings(&self) -> Vec<Setting> {
+        self.bedside.settings(&self.folder)
+    }
+
+    /// Returns the status.
+    pub fn status(&self) -> ReplayStatus {
+        let state = self.state();
+        ReplayStatus { frames: self.frames, seen: state.seen, tried: state.tried.clone() }
+    }
+
+    /// Prepares a replay with other settings; an empty `trial` means the recorded ones.
+    ///
+    /// # Errors
+    /// A sentence, from [`Bedside::tried`]; nothing has changed.
+    pub(super) fn prepare(&self, trial: SettingsOverride) -> Result<(), String> {
+        let bedside = if trial.is_empty() { self.bedside.clone() } else { self.bedside.tried(&trial, &self.folder)? };
+        self.state().next = Some((trial, bedside));
+        Ok(())
+    }
+
+    /// Returns the configuration of the next run, and whether it overrides recorded settings.
+    pub fn begins(&self) -> (Bedside, bool) {
+        let mut state = self.state();
+        let (trial, bedside) = state.next.take().unwrap_or_else(|| (SettingsOverride::new(), self.bedside.clone()));
+        let is_tried = !trial.is_empty();
+        (state.tried, state.seen, state.wanted) = (trial, None, None);
+        (bedside, is_tried)
+    }
+
+    /// Requests a frame.
+    ///
+    /// # Errors
+    /// A sentence if there is no such frame.
+    pub(super) fn want(&self, number: u64) -> Result<(), String> {
+        if !(1..=self.frames).contains(&number) {
+            return Err(format!("there is no frame {number}; the recording has 1 to {}", self.frames));
+        }
+        self.state().wanted = Some(number);
+        Ok(())
+    }
+
+    /// Returns the requested frame, its position from 0, once per request.
+    pub fn wanted(&self) -> Option<usize> {
+        self.state().wanted.take().and_then(|number| usize::try_from(number - 1).ok())
+    }
+
+    /// Records that a frame is shown.
+    pub fn sees(&self, seen: ViewedFrame) {
+        self.state().seen = Some(seen);
+    }
+}

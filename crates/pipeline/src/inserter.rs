@@ -1,0 +1,320 @@
+//! The inserter: holds slices until their mask is known, then inserts each by the path that
+//! poses and mask allow.
+
+use std::time::Instant;
+
+use glam::DVec3;
+use tracing::trace_span;
+
+use mask::{AutoMask, Found, Mask, MaskPlan, MaskSettings};
+use reconstruct::path_choice::{Chosen, PathChoice};
+use reconstruct::planar::PlanarSettings;
+use reconstruct::settings::IN_PLANE_SIGMA;
+use reconstruct::{Path, PathReconstructor, Refused, Settings, SettingsError};
+use sonoweave_core::refusal::{Reason, Refusal};
+use sonoweave_core::slice::{Pixels, Slice};
+use sync::FramePose;
+use sync::extent::{mean_axes, reached};
+
+use super::slice_observer::InsertedSlice;
+use super::{PipelineError, PixelKind};
+use crate::trace::STAGE;
+
+/// Memory limit of slices that wait for the mask; if frames are larger, fewer are analysed.
+const MOST_WAITING_BYTES: usize = 64 << 20;
+
+/// Off-plane σ.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum OffPlane {
+    /// The value of the settings.
+    Settings,
+    /// Half the 90th-percentile gap between neighbouring slices, from all poses of the
+    /// recording.
+    Auto,
+}
+
+/// Receives the outcome of each slice, in the order of the decisions.
+pub(super) trait OutcomeSink {
+    /// The slice was inserted.
+    ///
+    /// # Errors
+    /// Any; it ends the run.
+    fn woven(&mut self, woven: &InsertedSlice<'_>) -> Result<(), PipelineError>;
+
+    /// The slice was refused; nothing has changed.
+    fn refused(&mut self, refusal: &Refusal);
+}
+
+/// The mask stage: slices wait until the frame's data region is known.
+enum MaskState {
+    /// The frame's size is unknown too.
+    Unknown(MaskSettings),
+    Searching {
+        search: AutoMask,
+        waiting: Vec<(u64, Slice)>,
+        bytes: usize,
+    },
+    Known(Box<PathReconstructor>),
+}
+
+/// Inputs of the reconstruction, except the mask.
+pub(super) struct Plan {
+    pub(super) choice: PathChoice,
+    pub(super) settings: Settings,
+    pub(super) planar: PlanarSettings,
+    pub(super) chosen: Chosen,
+    pub(super) off_plane: OffPlane,
+    /// All poses that will come, if they are known beforehand.
+    pub(super) poses: Vec<FramePose>,
+}
+
+impl Plan {
+    /// Returns the initial mask stage, and the mask if it is known.
+    fn stage(&mut self, mask: MaskPlan, notes: &mut Vec<String>) -> Result<(MaskState, Option<Mask>), SettingsError> {
+        Ok(match mask {
+            MaskPlan::Auto(search) => (MaskState::Searching { search, waiting: Vec::new(), bytes: 0 }, None),
+            MaskPlan::Fixed(mask) => (self.begin(&mask, notes)?, Some(mask)),
+        })
+    }
+
+    /// Chooses the path once the mask is known.
+    fn begin(&mut self, mask: &Mask, notes: &mut Vec<String>) -> Result<MaskState, SettingsError> {
+        let weaver = self.chosen.weaver(self.choice, &self.settings, &self.planar, mask)?;
+        tracing::info!(path = weaver.path().name(), why = self.chosen.why, "slices go this path");
+        if self.choice == PathChoice::Auto && weaver.path() == Path::Planar {
+            notes.push(format!(
+                "woven by the planar path, for {}: the volume's axes are the scan's, as its header says; --path general keeps to the world's",
+                self.chosen.why
+            ));
+        }
+        if let Some(departure) = weaver.upgraded() {
+            notes.push(format!("{departure}; the general path weaves all frames"));
+        }
+        Ok(MaskState::Known(Box::new(weaver)))
+    }
+}
+
+/// Inserts slices into the volume.
+pub(super) struct VolumeInserter {
+    plan: Plan,
+    stage: MaskState,
+    mask: Option<Mask>,
+    used: u64,
+    reached: Option<[[i64; 3]; 2]>,
+    slice_axes: Option<[DVec3; 2]>,
+    pixels: PixelKind,
+    notes: Vec<String>,
+}
+
+/// Result of an inserter.
+pub(super) struct FinishedVolume {
+    pub(super) weaver: PathReconstructor,
+    pub(super) mask: Mask,
+    pub(super) chosen: Chosen,
+    pub(super) reached: Option<[[i64; 3]; 2]>,
+    pub(super) slice_axes: Option<[DVec3; 2]>,
+    pub(super) pixels: PixelKind,
+    pub(super) notes: Vec<String>,
+}
+
+impl VolumeInserter {
+    /// Returns an empty inserter.
+    ///
+    /// # Errors
+    /// [`SettingsError`] if the settings cannot work for any slice.
+    pub(super) fn new(mut plan: Plan, mask: MaskPlan) -> Result<Self, SettingsError> {
+        let mut notes = Vec::new();
+        let (stage, mask) = plan.stage(mask, &mut notes)?;
+        Ok(Self { plan, stage, mask, used: 0, reached: None, slice_axes: None, pixels: PixelKind::U8, notes })
+    }
+
+    /// Returns an empty inserter that takes the frame's size from its first slice.
+    pub(super) fn of_any_size(plan: Plan, mask: MaskSettings) -> Self {
+        Self {
+            plan,
+            stage: MaskState::Unknown(mask),
+            mask: None,
+            used: 0,
+            reached: None,
+            slice_axes: None,
+            pixels: PixelKind::U8,
+            notes: Vec::new(),
+        }
+    }
+
+    /// Takes the next slice; `item` is its frame's number. The slice may wait for the mask; its
+    /// outcome is then reported later.
+    ///
+    /// # Errors
+    /// [`PipelineError`] if no further slice could be inserted either, or `fates` returns an
+    /// error.
+    pub(super) fn take(&mut self, item: u64, slice: Slice, fates: &mut impl OutcomeSink) -> Result<(), PipelineError> {
+        if let MaskState::Unknown(mask) = &self.stage {
+            let plan = mask.plan(slice.image.width(), slice.image.height())?;
+            (self.stage, self.mask) = self.plan.stage(plan, &mut self.notes)?;
+        }
+        let found = match &mut self.stage {
+            MaskState::Unknown(_) => None,
+            MaskState::Known(_) => return self.insert(item, &slice, fates),
+            MaskState::Searching { search, waiting, bytes } => {
+                let found = search.push(&slice.image);
+                *bytes += slice.image.pixels().bytes();
+                waiting.push((item, slice));
+                found.or_else(|| (*bytes > MOST_WAITING_BYTES).then(|| search.finish()))
+            }
+        };
+        found.map_or(Ok(()), |found| self.found(found, fates))
+    }
+
+    /// Inserts the slices that waited for the mask, once it is found.
+    fn found(&mut self, found: Found, fates: &mut impl OutcomeSink) -> Result<(), PipelineError> {
+        self.notes.extend(found.notes);
+        let known = self.plan.begin(&found.mask, &mut self.notes)?;
+        self.mask = Some(found.mask);
+        if let MaskState::Searching { waiting, .. } = std::mem::replace(&mut self.stage, known) {
+            for (item, slice) in waiting {
+                self.insert(item, &slice, fates)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn insert(&mut self, item: u64, slice: &Slice, fates: &mut impl OutcomeSink) -> Result<(), PipelineError> {
+        let MaskState::Known(weaver) = &mut self.stage else { return Ok(()) };
+        let (began, before) = (Instant::now(), weaver.path());
+        let result = trace_span!(target: STAGE, "weave", frame = item).in_scope(|| weaver.insert(slice));
+        let took = began.elapsed();
+        if weaver.path() != before
+            && let Some(departure) = weaver.upgraded()
+        {
+            tracing::warn!(item, %departure, "the general path takes over");
+            self.notes.push(format!(
+                "frame {item}: {departure}; the general path has taken over from there, on the same lattice"
+            ));
+        }
+        let reason = match result {
+            Ok(touched) => {
+                // The lattice and the kernels are known from the first slice on.
+                if let (None, Some(kernels), Some(data)) =
+                    (self.reached, weaver.kernels(), self.mask.as_ref().and_then(Mask::bounds))
+                {
+                    let supports_mm = kernels.each_ref().map(|k| k.support_mm);
+                    self.reached = reached(&self.plan.poses, data, supports_mm, weaver.world_from_lattice());
+                    self.slice_axes = mean_axes(&self.plan.poses);
+                }
+                self.used += 1;
+                self.pixels = match slice.image.pixels() {
+                    Pixels::U8(_) => PixelKind::U8,
+                    Pixels::U16(_) => PixelKind::U16,
+                    Pixels::F32(_) => PixelKind::F32,
+                };
+                let Some(mask) = &self.mask else { return Ok(()) };
+                return fates.woven(&InsertedSlice {
+                    item,
+                    slice,
+                    mask,
+                    weaver,
+                    touched: &touched.bricks,
+                    slab: touched.slab,
+                    upgraded: weaver.path() != before,
+                    insert: took,
+                    reached: self.reached,
+                    slice_axes: self.slice_axes,
+                    pixels: self.pixels,
+                });
+            }
+            Err(source @ Refused::Memory { .. }) => return Err(PipelineError::Memory { item, source }),
+            // Before the first slice the settings are at fault, later the pose.
+            Err(Refused::Settings(error)) if self.used == 0 => return Err(error.into()),
+            Err(Refused::Settings(error)) => (Reason::PixelSize, error.to_string()),
+            Err(e @ Refused::Repeated) => (Reason::Repeated, e.to_string()),
+            Err(e @ Refused::Size { .. }) => (Reason::SizeChanged, e.to_string()),
+            Err(e @ Refused::Degenerate) => (Reason::PoseSingular, e.to_string()),
+            Err(e @ Refused::OutOfTime) => (Reason::OutOfTime, e.to_string()),
+            Err(e @ Refused::OutOfRange) => (Reason::OutOfRange, e.to_string()),
+            Err(e @ Refused::Departure(_)) => (Reason::OutOfPlane, e.to_string()),
+        };
+        fates.refused(&Refusal::new(item, reason.0, reason.1));
+        Ok(())
+    }
+
+    /// Discards the volume; later slices go into an empty one with the same settings. Slices
+    /// that wait for the mask are inserted before; the mask stays.
+    ///
+    /// # Errors
+    /// Same as [`Self::take`].
+    pub(super) fn clear(&mut self, fates: &mut impl OutcomeSink) -> Result<(), PipelineError> {
+        self.end(fates)?;
+        if let Some(mask) = &self.mask {
+            // The notes were made when the mask was found.
+            self.stage = self.plan.begin(mask, &mut Vec::new())?;
+        }
+        (self.used, self.reached, self.slice_axes) = (0, None, None);
+        Ok(())
+    }
+
+    /// Returns the present volume; `None` while slices wait for the mask.
+    pub(super) fn weaver(&self) -> Option<&PathReconstructor> {
+        match &self.stage {
+            MaskState::Known(weaver) => Some(weaver),
+            MaskState::Searching { .. } | MaskState::Unknown(_) => None,
+        }
+    }
+
+    /// Ends the input: slices that wait for the mask are inserted.
+    ///
+    /// # Errors
+    /// Same as [`Self::take`].
+    pub(super) fn end(&mut self, fates: &mut impl OutcomeSink) -> Result<(), PipelineError> {
+        let found = match &mut self.stage {
+            MaskState::Searching { search, .. } => Some(search.finish()),
+            MaskState::Known(_) | MaskState::Unknown(_) => None,
+        };
+        found.map_or(Ok(()), |found| self.found(found, fates))
+    }
+
+    /// Returns the result, after its [end](Self::end). `None` if no slice was inserted.
+    pub(super) fn finish(mut self) -> Option<FinishedVolume> {
+        let (MaskState::Known(weaver), Some(mask)) = (self.stage, self.mask) else { return None };
+        if self.used == 0 {
+            return None;
+        }
+        self.notes.extend(narrow(&weaver, self.plan.off_plane));
+        Some(FinishedVolume {
+            weaver: *weaver,
+            mask,
+            chosen: self.plan.chosen,
+            reached: self.reached,
+            slice_axes: self.slice_axes,
+            pixels: self.pixels,
+            notes: self.notes,
+        })
+    }
+}
+
+/// Returns a note about kernels narrower than the lattice can represent: the axes, and the
+/// remedy. A σ across the plane that was derived from the slices' own gaps is wide enough, as is
+/// one that reaches half a voxel whatever its σ. Methods that interpolate between pixels have no
+/// other width in the plane.
+fn narrow(weaver: &PathReconstructor, off_plane: OffPlane) -> Option<String> {
+    let settings = weaver.settings();
+    let spacing = settings.spacing_mm.max_element();
+    // The default in the plane is this very σ; rounding must not make it narrow.
+    let least = IN_PLANE_SIGMA * spacing * (1.0 - 1e-9);
+    let in_plane = !settings.method.interpolates();
+    let across = off_plane == OffPlane::Settings && !settings.compounding.selects();
+    let axes = [("u", in_plane), ("v", in_plane), ("the normal", across)];
+    let narrow: Vec<String> = axes
+        .iter()
+        .zip(weaver.kernels()?)
+        .filter(|((_, counts), kernel)| *counts && kernel.sigma_mm < least)
+        .map(|((axis, _), kernel)| format!("{:.3} mm along {axis}", kernel.sigma_mm))
+        .collect();
+    (!narrow.is_empty()).then(|| {
+        format!(
+            "the kernel's σ is below {IN_PLANE_SIGMA} voxel ({}, voxels of {spacing} mm): what lies between voxels is lost, and slices \
+             far apart leave holes; choose a finer --spacing or a larger --sigma",
+            narrow.join(", ")
+        )
+    })
+}

@@ -1,0 +1,167 @@
+//! Recorded decisions about frames: the pose of each, and its outcome.
+
+use serde::{Deserialize, Deserializer, Serialize};
+
+use sonoweave_core::clock::Clock;
+use sonoweave_core::ledger::Queue;
+use sonoweave_core::refusal::{Reason, Refusal};
+use sync::bracket::{FrameTime, Placed};
+
+use super::capture::InFlight;
+use super::recorded_decisions::RecordedDecisions;
+use super::recorder::Recorder;
+use super::status::StatusCollector;
+
+/// Kinds of recorded notes.
+pub(super) const PLACED: &str = "placed";
+pub(super) const DECISION: &str = "decision";
+
+/// A frame that got its pose.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct PlacedFrame {
+    /// Its number.
+    pub(super) frame: u64,
+    /// Time at which its image was acquired, host ns.
+    pub(super) time_ns: i64,
+    /// Pixels to world mm: three rows of four.
+    pub(super) world_from_image: [f64; 12],
+    /// Bound on the error of the time, ns.
+    pub(super) bound_ns: i64,
+    /// Time between the poses that its own was interpolated from, ns.
+    pub(super) gap_ns: i64,
+    /// Possible error at a corner of the image, mm; `None` if unknown.
+    pub(super) error_mm: Option<f64>,
+}
+
+impl PlacedFrame {
+    pub(super) fn new(item: u64, frame: &FrameTime, placed: &Placed) -> Self {
+        let rows = placed.world_from_image.to_rows();
+        let mut world_from_image = [0.0; 12];
+        world_from_image.copy_from_slice(&rows[..12]);
+        Self {
+            frame: item,
+            time_ns: frame.time_ns,
+            world_from_image,
+            bound_ns: frame.bound_ns,
+            gap_ns: placed.how.gap_ns(),
+            error_mm: Some(placed.error_mm).filter(|mm| mm.is_finite()),
+        }
+    }
+
+    /// Returns time and pose as bits, for exact comparison.
+    pub(super) fn bits(&self) -> (i64, [u64; 12]) {
+        (self.time_ns, self.world_from_image.map(f64::to_bits))
+    }
+}
+
+/// Outcome of a frame.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum FrameOutcome {
+    /// It is in the volume.
+    Used,
+    /// It was refused: the reason's name, and details as text.
+    Refused {
+        #[serde(deserialize_with = "reason")]
+        reason: String,
+        detail: String,
+    },
+    /// It found the queue before a stage full.
+    Dropped(Queue),
+}
+
+/// Reads a reason's name. Earlier versions called [`Reason::Frozen`] "paused".
+fn reason<'de, D: Deserializer<'de>>(from: D) -> Result<String, D::Error> {
+    let name = String::deserialize(from)?;
+    Ok(if name == "paused" { Reason::Frozen.name().into() } else { name })
+}
+
+impl FrameOutcome {
+    pub(super) fn of(refusal: &Refusal) -> Self {
+        Self::Refused { reason: refusal.reason.name().into(), detail: refusal.detail.clone() }
+    }
+
+    /// Returns the outcome as text, without details.
+    pub(super) fn words(&self) -> String {
+        match self {
+            Self::Used => "used".into(),
+            Self::Refused { reason, .. } => format!("refused ({reason})"),
+            Self::Dropped(queue) => format!("dropped before {}", queue.name()),
+        }
+    }
+}
+
+/// A frame and its outcome.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct Decided {
+    pub(super) frame: u64,
+    #[serde(flatten)]
+    pub(super) fate: FrameOutcome,
+}
+
+/// State shared by all stages.
+#[derive(Clone, Copy)]
+pub(super) struct Common<'a> {
+    pub(super) clock: &'a dyn Clock,
+    pub(super) board: &'a StatusCollector,
+    pub(super) recorder: &'a Recorder,
+    pub(super) in_flight: &'a InFlight,
+    /// The recorded decisions, if this session is a replay.
+    pub(super) precedent: Option<&'a RecordedDecisions>,
+}
+
+impl Common<'_> {
+    /// Records that a frame got its pose.
+    pub(super) fn placed(&self, item: u64, frame: &FrameTime, placed: &Placed) {
+        if self.precedent.is_none() && !self.recorder.records() {
+            return;
+        }
+        let found = PlacedFrame::new(item, frame, placed);
+        if let Some(precedent) = self.precedent {
+            precedent.placed(&found);
+        }
+        self.recorder.note(PLACED, &found, self.clock.now_ns());
+    }
+
+    fn decide(&self, frame: u64, fate: FrameOutcome) {
+        self.in_flight.leave();
+        if let Some(precedent) = self.precedent {
+            precedent.decided(frame, &fate);
+        }
+        self.recorder.note(DECISION, &Decided { frame, fate }, self.clock.now_ns());
+    }
+
+    /// Counts a frame on its way as inserted into the volume.
+    pub(super) fn used(&self, item: u64) {
+        self.decide(item, FrameOutcome::Used);
+    }
+
+    /// Counts a frame on its way as refused.
+    pub(super) fn refuse(&self, refusal: &Refusal) {
+        self.board.refused(refusal);
+        self.decide(refusal.item, FrameOutcome::of(refusal));
+    }
+
+    /// Counts a frame on its way as dropped before a full queue.
+    pub(super) fn drop_before(&self, queue: Queue, item: u64) {
+        self.board.dropped_frame(queue);
+        self.decide(item, FrameOutcome::Dropped(queue));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reason_paused_of_earlier_versions_reads_as_frozen() {
+        let read = |text| serde_json::from_str::<Decided>(text).unwrap();
+        let old = read(r#"{"frame":3,"refused":{"reason":"paused","detail":"why"}}"#);
+        let new = Decided { frame: 3, fate: FrameOutcome::of(&Refusal::new(3, Reason::Frozen, "why")) };
+        assert_eq!(old, new);
+        let text = serde_json::to_string(&new).unwrap();
+        assert!(text.contains("\"frozen\"") && read(&text) == new, "{text}");
+        let other = read(r#"{"frame":3,"refused":{"reason":"repeated","detail":""}}"#);
+        assert_eq!(other.fate.words(), "refused (repeated)");
+    }
+}

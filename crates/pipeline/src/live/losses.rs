@@ -1,0 +1,103 @@
+//! Logs lost data as errors: each cause at its first loss, and then periodically while it
+//! continues.
+//!
+//! The losses are read from the session status, so that reporting them costs the stages nothing.
+
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+
+use super::status::SessionStatus;
+
+/// Shortest time between two messages about one cause.
+const PAUSE: Duration = Duration::from_secs(10);
+
+/// Last report about one cause.
+#[derive(Debug, Clone, Copy)]
+struct Said {
+    count: u64,
+    at: Instant,
+}
+
+/// Last report about each cause.
+#[derive(Debug, Default)]
+pub(super) struct Losses {
+    said: BTreeMap<String, Said>,
+}
+
+impl Losses {
+    /// Logs losses not yet reported as errors; at the end of a session without the pause.
+    /// Returns the sentences.
+    pub(super) fn say(&mut self, account: &SessionStatus, now: Instant, is_end: bool) -> Vec<String> {
+        let mut sentences = Vec::new();
+        for (what, count) in lost(account) {
+            let before = self.said.get(&what).copied();
+            let due = before.is_none_or(|said| is_end || now.duration_since(said.at) >= PAUSE);
+            let more = count - before.map_or(0, |said| said.count).min(count);
+            if more == 0 || !due {
+                continue;
+            }
+            let sentence =
+                if more == count { format!("{more} {what}") } else { format!("{more} more {what}, {count} in all") };
+            tracing::error!("lost: {sentence}");
+            sentences.push(sentence);
+            self.said.insert(what, Said { count, at: now });
+        }
+        sentences
+    }
+}
+
+/// Returns every cause of loss, phrased to follow a number, with its count. The writer itself
+/// reports messages that the session's file has no room for.
+fn lost(account: &SessionStatus) -> Vec<(String, u64)> {
+    let frames = &account.ledger.frames;
+    let mut causes: Vec<(String, u64)> = Vec::new();
+    for (queue, count) in &frames.dropped {
+        causes.push((format!("frames, as there was no room before {}", queue.name()), *count));
+    }
+    for readings in &account.ledger.readings {
+        causes
+            .push((format!("readings of {}, as there was no room before pairing", readings.device), readings.dropped));
+    }
+    for device in &account.devices {
+        causes.push((format!("that {} sent and that never came, by its own count", device.name), device.lost));
+    }
+    if let Some(written) = &account.recording {
+        causes.push((
+            "frames of the recording, as there was no room before its writer".into(),
+            written.lost_before_writer.frames,
+        ));
+        causes.push((
+            "other messages of the recording, as there was no room before its writer".into(),
+            written.lost_before_writer.others,
+        ));
+    }
+    causes.retain(|(_, count)| *count > 0);
+    causes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sonoweave_core::ledger::{Queue, Readings};
+
+    #[test]
+    fn losses_reported_at_once_periodically_and_at_end() {
+        let (mut losses, mut account, begin) = (Losses::default(), SessionStatus::default(), Instant::now());
+        let at = |seconds| begin + Duration::from_secs(seconds);
+        assert!(losses.say(&account, at(0), true).is_empty());
+        account.ledger.frames.dropped.insert(Queue::Weaving, 3);
+        account.ledger.readings.push(Readings { device: "tracker".into(), dropped: 0, ..Readings::default() });
+        assert_eq!(losses.say(&account, at(1), false), ["3 frames, as there was no room before weaving"]);
+        account.ledger.frames.dropped.insert(Queue::Weaving, 7);
+        account.ledger.readings[0].dropped = 1;
+        let other = "1 readings of tracker, as there was no room before pairing";
+        assert_eq!(losses.say(&account, at(2), false), [other], "another cause does not wait for the first");
+        account.ledger.frames.dropped.insert(Queue::Weaving, 9);
+        assert!(losses.say(&account, at(10), false).is_empty());
+        let more = "6 more frames, as there was no room before weaving, 9 in all";
+        assert_eq!(losses.say(&account, at(11), false), [more]);
+        account.ledger.readings[0].dropped = 2;
+        assert_eq!(losses.say(&account, at(11), true).len(), 1, "what is left is said at the end");
+        assert!(losses.say(&account, at(99), true).is_empty(), "and nothing twice");
+    }
+}

@@ -1,0 +1,330 @@
+//! The pairing thread: converts readings to timed samples, holds frames until the poses around
+//! them are known, and passes posed slices to the inserter.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use crossbeam_channel::{Receiver, RecvTimeoutError, Sender};
+use serde::Serialize;
+use tracing::{Span, trace_span};
+
+use sonoweave_core::clock::MS;
+use sonoweave_core::ledger::Queue;
+use sonoweave_core::reading::Reading;
+use sonoweave_core::refusal::{Reason, Refusal};
+use sonoweave_core::slice::{Image, Slice};
+use sync::bracket::{Answered, Bracketing, FrameTime, Unplaced};
+use sync::clock::Mapping;
+use sync::history::Unavailable;
+use sync::ingest::Picture;
+use sync::ingest::live::{Live, LiveIngest};
+
+use super::decision::Common;
+use super::frame_observer::{CapturedFrame, FrameObserver};
+use super::insert::{InsertMessage, Posed, Times};
+use super::pulse::Stage;
+use super::sequencer::{Delivery, EventSequencer, SessionEvent};
+use super::stuck::StuckDetector;
+use super::zones::Guard;
+use crate::trace::STAGE;
+
+/// Longest wait before the thread checks whether frames have waited long enough.
+const TURN: Duration = Duration::from_millis(20);
+/// Interval at which clocks are advanced, ns.
+pub(super) const TOLD_EVERY_NS: i64 = 20 * MS;
+
+/// A device of the session.
+pub(super) struct Part {
+    pub(super) name: String,
+    pub(super) ingest: LiveIngest,
+    /// Its pose sources, by their indices among all.
+    pub(super) sources: Vec<usize>,
+}
+
+/// A frame that waits for its pose.
+pub(super) struct Waiting {
+    item: u64,
+    image: Image,
+    captured_ns: i64,
+    /// Trace span of its wait.
+    waits: Span,
+}
+
+/// Kind of note that publishes a clock.
+pub(super) const CLOCK: &str = "clock";
+
+/// A published clock, for the recording.
+#[derive(Serialize)]
+struct Published<'a> {
+    device: &'a str,
+    clock: usize,
+    #[serde(flatten)]
+    mapping: Mapping,
+}
+
+/// A source of session events.
+pub(super) trait Feed {
+    /// Returns the next feed event; `None` after the last.
+    fn next(&mut self) -> Option<FeedEvent>;
+}
+
+/// A feed event.
+#[allow(clippy::large_enum_variant, reason = "nearly all values are the large ones, moved once")]
+pub(super) enum FeedEvent {
+    /// A session event.
+    Delivery(Delivery),
+    /// No event until this host time, ns; no later event has an earlier time.
+    Quiet(i64),
+}
+
+/// The feed of live devices.
+pub(super) struct FromDevices<'a> {
+    pub(super) from: &'a Receiver<Delivery>,
+    pub(super) intake: &'a EventSequencer<'a>,
+}
+
+impl Feed for FromDevices<'_> {
+    fn next(&mut self) -> Option<FeedEvent> {
+        loop {
+            match self.from.recv_timeout(TURN) {
+                Ok(delivery) => return Some(FeedEvent::Delivery(delivery)),
+                Err(RecvTimeoutError::Timeout) => {
+                    if let Some(now_ns) = self.intake.quiet(self.from) {
+                        return Some(FeedEvent::Quiet(now_ns));
+                    }
+                }
+                Err(RecvTimeoutError::Disconnected) => return None,
+            }
+        }
+    }
+}
+
+/// The pairing stage. Its result depends only on the events and their times, on no clock: a
+/// replay of them reproduces it.
+pub(super) struct Pairing<'a> {
+    common: Common<'a>,
+    parts: Vec<Part>,
+    bracketing: Bracketing<Waiting>,
+    stuck: StuckDetector,
+    /// Whether the user has frozen the session.
+    frozen: bool,
+    onlookers: FrameObservers,
+    onward: SliceSink,
+    /// Time of the last event, and of the last advance of the clocks, host ns.
+    now_ns: i64,
+    told_ns: i64,
+}
+
+/// Observers, which change nothing.
+pub(super) struct FrameObservers {
+    /// Monitor of the zones in which the tracker's field is distorted, if there are any.
+    pub(super) guard: Option<Guard>,
+    pub(super) witnesses: Vec<Arc<dyn FrameObserver>>,
+    /// The coordinate frames of all pose sources, for the observers.
+    pub(super) frames: Vec<[String; 2]>,
+}
+
+/// The slice sink.
+pub(super) enum SliceSink {
+    /// For live devices, which never wait: a slice that finds the queue full is dropped.
+    OrDrop(Sender<InsertMessage>),
+    /// For a recording, which waits for room.
+    Waits(Sender<InsertMessage>),
+}
+
+impl SliceSink {
+    /// Clears the volume after the slices that are on their way. The message is never dropped:
+    /// insertion soon makes room, or has ended.
+    fn clear(&self) {
+        let (Self::OrDrop(onward) | Self::Waits(onward)) = self;
+        drop(onward.send(InsertMessage::Clear));
+    }
+}
+
+impl<'a> Pairing<'a> {
+    pub(super) fn new(
+        common: Common<'a>,
+        parts: Vec<Part>,
+        bracketing: Bracketing<Waiting>,
+        stuck: StuckDetector,
+        onlookers: FrameObservers,
+        onward: SliceSink,
+    ) -> Self {
+        let (now_ns, told_ns) = (i64::MIN, i64::MIN);
+        Self { common, parts, bracketing, stuck, frozen: false, onlookers, onward, now_ns, told_ns }
+    }
+
+    /// Handles events until the feed ends. Returns notes for the user.
+    pub(super) fn run(mut self, feed: &mut impl Feed) -> Vec<String> {
+        let beat = self.common.board.pulse.of(Stage::Pairing);
+        while let Some(came) = feed.next() {
+            beat.turn();
+            let (now_ns, delivery) = match came {
+                FeedEvent::Delivery(delivery) => (delivery.at_ns, Some(delivery)),
+                FeedEvent::Quiet(now_ns) => (now_ns, None),
+            };
+            self.now_ns = self.now_ns.max(now_ns);
+            // Expires frames before handling this event, so that idle gaps cannot change the
+            // result.
+            self.answer_all();
+            if let Some(delivery) = delivery {
+                self.tell_time();
+                self.take(delivery);
+                self.answer_all();
+            }
+        }
+        while let Some(answered) = self.bracketing.finish(self.now_ns) {
+            self.answer(answered);
+        }
+        self.parts.iter().flat_map(|part| part.ingest.notes().to_vec()).collect()
+    }
+
+    fn answer_all(&mut self) {
+        while let Some(answered) = self.bracketing.next(self.now_ns) {
+            self.answer(answered);
+        }
+    }
+
+    /// Advances all clocks periodically, also those of silent devices.
+    fn tell_time(&mut self) {
+        if self.now_ns.saturating_sub(self.told_ns) < TOLD_EVERY_NS {
+            return;
+        }
+        self.told_ns = self.now_ns;
+        for source in 0..self.parts.len() {
+            self.parts[source].ingest.advance(self.now_ns);
+            self.publish(source);
+        }
+    }
+
+    fn take(&mut self, Delivery { source, word, .. }: Delivery) {
+        let reading = match word {
+            SessionEvent::SetUp(timing) => {
+                self.parts[source].ingest.set_up(timing);
+                return self.publish(source);
+            }
+            SessionEvent::Latency(latency_ns) => {
+                self.parts[source].ingest.set_latency(latency_ns);
+                return self.publish(source);
+            }
+            SessionEvent::Freeze(on) => {
+                self.frozen = on;
+                return self.common.board.freeze(on);
+            }
+            SessionEvent::Clear => {
+                self.onlookers.witnesses.iter().for_each(|witness| witness.cleared());
+                return self.onward.clear();
+            }
+            SessionEvent::Reading(reading) => reading,
+        };
+        let captured_ns = match &reading {
+            Reading::Frame(frame) => frame.stamp.host_ns,
+            _ => None,
+        };
+        let is_frame = matches!(reading, Reading::Frame(_));
+        let _span = is_frame.then(|| trace_span!(target: STAGE, "pair", frame = reading.stamp().item).entered());
+        let live = self.parts[source].ingest.take(reading);
+        self.publish(source);
+        let board = self.common.board;
+        match live {
+            Live::Pose { source: own, sample, .. } => {
+                board.sampled(source, sample.invalid.is_some().then_some("not valid, by the device's word"));
+                if let Some(into) = self.parts[source].sources.get(own) {
+                    if let Some([from, to]) = self.onlookers.frames.get(*into) {
+                        self.onlookers.witnesses.iter().for_each(|witness| witness.pose([from, to], &sample));
+                    }
+                    self.bracketing.pose(*into, sample);
+                }
+            }
+            Live::Waits(_) => board.sampled(source, None),
+            Live::Picture { picture: Picture { head, .. }, .. } if self.frozen => {
+                let why = "the session is frozen, by whoever looks at it";
+                self.common.refuse(&Refusal::new(head.stamp.item, Reason::Frozen, why));
+            }
+            Live::Picture { picture: Picture { head, image }, timed } => {
+                let captured_ns = captured_ns.unwrap_or(timed.time_ns);
+                let item = head.stamp.item;
+                let glimpsed = CapturedFrame { item, captured_ns, image: &image };
+                self.onlookers.witnesses.iter().for_each(|witness| witness.glimpsed(&glimpsed));
+                // The span has no parent, since it outlasts all others.
+                let waits = trace_span!(target: STAGE, parent: None, "wait for pose", frame = item);
+                let waiting = Waiting { item, image, captured_ns, waits };
+                let frame = FrameTime::new(&timed, head.size);
+                if let Some(crowded) = self.bracketing.frame(frame, self.now_ns, waiting) {
+                    self.answer(crowded);
+                }
+            }
+            Live::Refused(refusal) if is_frame => self.common.refuse(&refusal),
+            Live::Refused(refusal) => board.sampled(source, Some(refusal.reason.name())),
+            Live::Unused(kind) => board.sampled(source, Some(kind)),
+        }
+    }
+
+    /// Records the mappings that a device's clocks have published.
+    fn publish(&mut self, source: usize) {
+        let Part { name, ingest, .. } = &mut self.parts[source];
+        while let Some((clock, mapping)) = ingest.take_published() {
+            self.common.board.clock(source, clock, &mapping);
+            let published = Published { device: name, clock, mapping };
+            self.common.recorder.note(CLOCK, &published, self.common.clock.now_ns());
+        }
+    }
+
+    /// Handles a frame that need not wait any longer.
+    fn answer(&mut self, answered: Answered<Waiting>) {
+        let Answered { payload: Waiting { item, image, captured_ns, waits }, frame, answer, .. } = answered;
+        drop(waits);
+        let refusal = match answer {
+            Ok(placed) if self.stuck.is(&image, &placed, captured_ns) => {
+                self.common.board.stuck(self.stuck.since_ns(captured_ns));
+                Refusal::new(item, Reason::SamePicture, "the picture is the last one's, and the probe has moved")
+            }
+            Ok(placed) => {
+                self.common.board.stuck(None);
+                self.common.placed(item, &frame, &placed);
+                self.watch(&frame);
+                if let Some(queue) = self.common.precedent.and_then(|precedent| precedent.was_dropped(item)) {
+                    return self.common.drop_before(queue, item);
+                }
+                let slice = Slice { image, time_ns: frame.time_ns, world_from_image: placed.world_from_image };
+                let world = self.bracketing.route().world();
+                self.onlookers.witnesses.iter().for_each(|witness| witness.slice(world, item, &slice));
+                return self.pass(item, slice, captured_ns);
+            }
+            Err(unplaced) => {
+                let reason = match &unplaced {
+                    Unplaced::FrameClockLost | Unplaced::Pose { why: Unavailable::ClockLost, .. } => {
+                        Reason::TimeInvalid
+                    }
+                    Unplaced::Pose { why: Unavailable::Invalid { .. }, .. } => Reason::PoseInvalid,
+                    Unplaced::Pose { .. } => Reason::PoseMissing,
+                };
+                Refusal::new(item, reason, unplaced.to_string())
+            }
+        };
+        self.common.refuse(&refusal);
+    }
+
+    /// Checks whether a frame was taken where the tracker's field is distorted.
+    fn watch(&mut self, frame: &FrameTime) {
+        let Some(guard) = &mut self.onlookers.guard else { return };
+        let history = self.bracketing.history(guard.source);
+        if let Some(found) = history.and_then(|history| history.at(frame.time_ns).ok()) {
+            guard.look(found.pose().position_mm, self.common.board);
+        }
+    }
+
+    /// Passes a slice to the inserter.
+    fn pass(&self, item: u64, slice: Slice, captured_ns: i64) {
+        let is_full = match &self.onward {
+            SliceSink::OrDrop(onward) => {
+                let times = Some(Times { captured_ns, known_ns: self.now_ns });
+                onward.try_send(InsertMessage::Slice(Posed { item, slice, times })).is_err()
+            }
+            SliceSink::Waits(onward) => onward.send(InsertMessage::Slice(Posed { item, slice, times: None })).is_err(),
+        };
+        if is_full {
+            self.common.drop_before(Queue::Weaving, item);
+        }
+    }
+}

@@ -1,0 +1,139 @@
+//! Readers of the growing volume. Each has its own thread, which reads a few planes at a time;
+//! insertion continues in between.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use export::volume::{DenseBox, Encoding, Scalar, planes, planes_of_weights};
+
+use super::shared_volume::Shared;
+
+/// Longest wait before the thread checks whether a volume is requested.
+const TURN: Duration = Duration::from_millis(50);
+/// Voxels that are read while insertion waits: a few milliseconds.
+const PART: u64 = 1 << 19;
+/// Pause between two reads, during which insertion can continue.
+const PAUSE: Duration = Duration::from_micros(200);
+
+/// Reads the volume on request.
+pub trait Reader: Send + Sync {
+    /// Returns whether a volume is requested.
+    fn wants(&self) -> Wants;
+
+    /// Receives the present volume, or the reason why there is none.
+    fn volume(&self, volume: Result<Snapshot, String>);
+
+    /// Returns whether the weights are requested too.
+    fn weighs(&self) -> bool {
+        false
+    }
+
+    /// Receives the share of a requested volume that is read, 0 to 1.
+    fn taking(&self, _share: f64) {}
+
+    /// Returns the largest size of a volume, bytes; a larger one is not made.
+    fn most_bytes(&self) -> u64;
+}
+
+/// A reader's request for a volume.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Wants {
+    /// No volume now.
+    Nothing,
+    /// A volume if it has changed.
+    Changed,
+    /// A volume, changed or not.
+    Any,
+}
+
+/// A volume at a certain time. Slices that arrived while it was read may be in parts of it.
+#[derive(Debug, Clone)]
+pub struct Snapshot {
+    /// Its position.
+    pub space: DenseBox,
+    /// Scalar type.
+    pub scalar: Scalar,
+    /// Values, x fastest, in native byte order; 0 if unseen.
+    pub bytes: Arc<[u8]>,
+    /// Weights, if requested: single precision, in the same order; 0 if unseen.
+    pub weights: Option<Arc<[u8]>>,
+    /// Slices in it.
+    pub slices: u64,
+    /// Grey values of black and white in the scanner's frames.
+    pub grey_levels: [f32; 2],
+}
+
+/// Passes volumes to the reader until no slice follows; then the last one, if it is requested.
+pub(super) fn run(shared: &Shared, reader: &dyn Reader) {
+    let mut seen = None;
+    loop {
+        let (woven, ended) = {
+            let fabric = shared.lock();
+            ((fabric.news.woven, fabric.news.cleared), fabric.ended)
+        };
+        let is_wanted = match reader.wants() {
+            Wants::Nothing => false,
+            Wants::Changed => Some(woven) != seen,
+            Wants::Any => true,
+        };
+        if is_wanted {
+            let taken = loop {
+                if let Some(taken) = snapshot(shared, reader) {
+                    break taken;
+                }
+            };
+            seen = Some(woven);
+            reader.volume(taken);
+        }
+        if ended {
+            return;
+        }
+        shared.rest(TURN);
+    }
+}
+
+/// Returns the volume, or the reason why there is none; `None` if the lattice was replaced
+/// meanwhile.
+fn snapshot(shared: &Shared, reader: &dyn Reader) -> Option<Result<Snapshot, String>> {
+    let nothing = || Some(Err("no voxel was seen yet".to_owned()));
+    let most_bytes = reader.most_bytes();
+    let (space, encoding, lattice, slices, grey_levels) = {
+        let fabric = shared.lock();
+        let (Some(weaver), Some(begun)) = (fabric.loom.weaver(), fabric.news.begun) else { return nothing() };
+        let Some((low, high)) = weaver.volume().seen_bounds() else { return nothing() };
+        let space = DenseBox::around([low, high], weaver.world_from_lattice(), weaver.settings());
+        let encoding = Encoding { scalar: begun.pixels.scalar(), window: None, unseen: 0.0 };
+        (space, encoding, weaver.world_from_lattice(), fabric.news.slices(), begun.pixels.grey_levels())
+    };
+    let [nx, ny, nz] = space.grid.size;
+    let of_weights = if reader.weighs() { Scalar::F32.bytes() } else { 0 };
+    let of_voxel = encoding.scalar.bytes() + of_weights;
+    let bytes = space.grid.voxels().and_then(|voxels| voxels.checked_mul(of_voxel));
+    let Some(bytes) = bytes.filter(|bytes| *bytes <= most_bytes) else {
+        return Some(Err(format!(
+            "the volume has {nx}×{ny}×{nz} voxels, more than {most_bytes} bytes; choose a coarser volume.spacing_mm"
+        )));
+    };
+    // The cast is safe: `bytes` is within the checked limit.
+    let voxels = (bytes / of_voxel) as usize;
+    let mut values = Vec::with_capacity(voxels * encoding.scalar.bytes() as usize);
+    let mut weights = Vec::with_capacity(voxels * of_weights as usize);
+    let at_once = (PART / (nx * ny).max(1)).max(1);
+    let mut z = 0;
+    while z < nz {
+        let until = (z + at_once).min(nz);
+        let fabric = shared.lock();
+        let weaver = fabric.loom.weaver().filter(|weaver| weaver.world_from_lattice() == lattice)?;
+        planes(weaver.volume(), &space, &encoding, z..until, &mut values);
+        if of_weights > 0 {
+            planes_of_weights(weaver.volume(), &space, z..until, &mut weights);
+        }
+        drop(fabric);
+        z = until;
+        reader.taking(z as f64 / nz as f64);
+        // Threads that wait for the volume get it before it is locked again.
+        std::thread::sleep(PAUSE);
+    }
+    let weights = (of_weights > 0).then(|| weights.into());
+    Some(Ok(Snapshot { space, scalar: encoding.scalar, bytes: values.into(), weights, slices, grey_levels }))
+}

@@ -1,0 +1,144 @@
+//! A session that only records. Its devices are recorded, and a listener receives every sample
+//! at once; before a calibration, slices have no pose.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Instant;
+
+use crossbeam_channel::{RecvTimeoutError, bounded};
+
+use mask::MaskSettings;
+use sonoweave_core::clock::Clock;
+use sonoweave_core::{Reading, Timing};
+use sync::ingest::live::{Live, LiveIngest};
+
+use super::capture::InFlight;
+use super::decision::Common;
+use super::losses::Losses;
+use super::priority::Role;
+use super::recorder::{self, Recording};
+use super::sequencer::{EventSequencer, SessionEvent};
+use super::session::{DeviceRole, SessionInputs};
+use super::status::{SessionStatus, StatusCollector};
+use super::{FRAME_BYTES, Parts, READINGS, TURN, captured, capturing, frame_bytes, joined, parts, spawn};
+use crate::PipelineError;
+
+/// Recorded events, as passed to the listener.
+#[allow(clippy::large_enum_variant, reason = "nearly all values are the large ones, moved once")]
+pub enum RecordEvent<'a> {
+    /// A sample of the device with this index.
+    Sample(usize, Live),
+    /// Some time has passed; this is the present status.
+    Turn(&'a SessionStatus),
+}
+
+/// Records until `ends` is set or the devices have ended. Returns the recording and the final
+/// status.
+///
+/// A slow listener delays no device: the samples that wait for it are in the recording already.
+/// If more samples arrive than may wait, the listener misses some, which the status counts as
+/// dropped.
+///
+/// # Errors
+/// [`PipelineError`] if there is no recording, or it cannot be begun. Absent devices are not an
+/// error.
+pub fn record_only(
+    bed: SessionInputs,
+    mask: MaskSettings,
+    clock: &dyn Clock,
+    ends: &AtomicBool,
+    mut hear: impl FnMut(RecordEvent<'_>),
+) -> Result<(Option<Recording>, SessionStatus), PipelineError> {
+    let SessionInputs { equipment, record, standing, .. } = bed;
+    let Parts { devices, instruments, speeches } = parts(equipment);
+    let board = StatusCollector::new(&instruments, i64::MAX);
+    board.granted(standing.granted());
+    let in_flight = InFlight::new(FRAME_BYTES / frame_bytes(&devices).max(1));
+    let keep_free = Arc::new(AtomicU64::new(record.as_ref().map_or(0, |record| record.keep_free_bytes)));
+    let speakers = instruments.iter().zip(&devices).zip(speeches);
+    let told = speakers.map(|((instrument, device), speech)| (&*instrument.name, speech, device.describe()));
+    let writing = record.map(|record| recorder::open(record, told, mask, &keep_free, clock)).transpose()?;
+    let (recorder, writing) = match writing {
+        Some((recorder, writing)) => (recorder, Some(writing)),
+        None => (recorder::Recorder::nowhere(), None),
+    };
+    let names: Vec<String> = instruments.iter().map(|instrument| instrument.name.clone()).collect();
+    let (deliver, delivered) = bounded(READINGS);
+    let common = Common { clock, board: &board, recorder: &recorder, in_flight: &in_flight, precedent: None };
+    let intake = EventSequencer::new(common, names.clone(), deliver);
+    let ingest = |DeviceRole { gives, latency_ns, .. }| LiveIngest::new(gives, Timing::default(), latency_ns);
+    let mut ingests: Vec<LiveIngest> = instruments.into_iter().map(ingest).collect();
+    let mut losses = Losses::default();
+    let (board, intake) = (&board, &intake);
+    let recording = std::thread::scope(|scope| {
+        let writer = writing.map(|(queue, file)| {
+            spawn(scope, "recorder", (&standing, Role::Usual), move || {
+                recorder::run(&queue, file, clock, |recording| board.recording(recording))
+            })
+        });
+        let captures = capturing(scope, devices, &names, &standing, common, ends, intake);
+        let mut turned = Instant::now();
+        loop {
+            let ended = ends.load(Ordering::Relaxed) || captures.iter().all(|capture| capture.is_finished());
+            match delivered.recv_timeout(TURN) {
+                Ok(delivery) => {
+                    let source = delivery.source;
+                    let live = ingests.get_mut(source).and_then(|ingest| sample(ingest, delivery.word, source, common));
+                    if let Some(live) = live {
+                        hear(RecordEvent::Sample(source, live));
+                    }
+                }
+                Err(RecvTimeoutError::Timeout) if ended => break,
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => break,
+            }
+            if turned.elapsed() >= TURN {
+                turned = Instant::now();
+                let account = board.snapshot();
+                losses.say(&account, turned, false);
+                hear(RecordEvent::Turn(&account));
+            }
+        }
+        ends.store(true, Ordering::Relaxed);
+        captured(captures, &names, board);
+        intake.close();
+        common.recorder.close();
+        writer.map(joined)
+    });
+    let account = board.snapshot();
+    losses.say(&account, Instant::now(), true);
+    Ok((recording, account))
+}
+
+/// Converts a delivery to a sample, and counts it.
+fn sample(ingest: &mut LiveIngest, word: SessionEvent, source: usize, common: Common<'_>) -> Option<Live> {
+    let reading = match word {
+        SessionEvent::SetUp(timing) => {
+            ingest.set_up(timing);
+            return None;
+        }
+        SessionEvent::Latency(latency_ns) => {
+            ingest.set_latency(latency_ns);
+            return None;
+        }
+        // There is no volume that could be frozen or cleared.
+        SessionEvent::Freeze(_) | SessionEvent::Clear => return None,
+        SessionEvent::Reading(reading) => reading,
+    };
+    let is_frame = matches!(reading, Reading::Frame(_));
+    let live = ingest.take(reading);
+    if is_frame {
+        common.in_flight.leave();
+    }
+    match &live {
+        Live::Picture { .. } => common.board.lock().ledger.used(),
+        Live::Pose { sample, .. } => {
+            common.board.sampled(source, sample.invalid.is_some().then_some("not valid, by the device's word"));
+        }
+        Live::Waits(_) => common.board.sampled(source, None),
+        Live::Refused(refusal) if is_frame => common.board.refused(refusal),
+        Live::Refused(refusal) => common.board.sampled(source, Some(refusal.reason.name())),
+        Live::Unused(kind) => common.board.sampled(source, Some(kind)),
+    }
+    Some(live)
+}

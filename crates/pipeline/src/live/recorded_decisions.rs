@@ -1,0 +1,264 @@
+//! Recorded decisions of a live session, and the differences found by its replay.
+
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::{Mutex, PoisonError};
+
+use serde::de::DeserializeOwned;
+
+use drivers::replay::{SessionReplay, SessionSettings};
+use sonoweave_core::{Device, Error, NO_DEADLINE, Next, Reading};
+
+use super::decision::{DECISION, Decided, FrameOutcome, PLACED, PlacedFrame};
+use super::digest::{ResultDigest, SEAL};
+use super::pairing::CLOCK;
+use super::sequencer::UNPAIRED;
+
+/// A frame's recorded pose and outcome.
+#[derive(Debug, Clone, Default)]
+struct Was {
+    placed: Option<(i64, [u64; 12])>,
+    fate: Option<FrameOutcome>,
+}
+
+/// Differences between a replay and its recording.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Differences {
+    /// Number of differences.
+    pub count: u64,
+    /// Description of the first: the frame, the recorded value and the new one.
+    pub first: Option<String>,
+}
+
+/// The decisions of a recorded session.
+#[derive(Debug, Default)]
+pub struct RecordedDecisions {
+    frames: HashMap<u64, Was>,
+    seal: Option<ResultDigest>,
+    notes: HashMap<String, Vec<String>>,
+    /// Messages missing from the file, though they were handed over to be recorded.
+    missing: u64,
+    unpaired: u64,
+    /// Whether frames that were dropped are dropped again.
+    drops: bool,
+    differences: Mutex<Differences>,
+}
+
+impl RecordedDecisions {
+    /// Reads all decisions of a session; frames stay compressed.
+    ///
+    /// # Errors
+    /// [`Error`] same as [`SessionReplay`], or [`Error::Session`] for a note that this program
+    /// did not write.
+    pub fn read(path: &Path) -> Result<Self, Error> {
+        let mut replay = SessionReplay::open(&SessionSettings { images: false, ..SessionSettings::new(path) })?;
+        let mut precedent = Self { drops: true, ..Self::default() };
+        replay.start()?;
+        loop {
+            let note = match replay.next(NO_DEADLINE)? {
+                Next::Reading(Reading::Recorded(note)) => note,
+                Next::Reading(_) | Next::Pending => continue,
+                Next::End => break,
+            };
+            match note.topic.as_str() {
+                PLACED => {
+                    let placed: PlacedFrame = of_json(path, &note.topic, &note.text)?;
+                    precedent.frames.entry(placed.frame).or_default().placed = Some(placed.bits());
+                }
+                DECISION => {
+                    let Decided { frame, fate } = of_json(path, &note.topic, &note.text)?;
+                    precedent.frames.entry(frame).or_default().fate = Some(fate);
+                }
+                UNPAIRED => precedent.unpaired += 1,
+                SEAL => precedent.seal = Some(of_json(path, &note.topic, &note.text)?),
+                CLOCK => {}
+                _ => precedent.notes.entry(note.topic).or_default().push(note.text),
+            }
+        }
+        precedent.missing = replay.health().received.lost;
+        Ok(precedent)
+    }
+
+    /// Returns the texts (JSON) of all notes of a kind that concerns the whole session, such as
+    /// `configuration`.
+    pub fn notes(&self, kind: &str) -> &[String] {
+        self.notes.get(kind).map_or(&[], Vec::as_slice)
+    }
+
+    /// Returns the digest of the session's result, if it ended properly.
+    pub fn seal(&self) -> Option<&ResultDigest> {
+        self.seal.as_ref()
+    }
+
+    /// Returns the number of messages missing from the recording: readings lost while it was
+    /// written, so that not everything can be repeated.
+    pub fn missing(&self) -> u64 {
+        self.missing
+    }
+
+    /// Returns the number of frames dropped for want of time, including readings that were not
+    /// paired.
+    pub fn dropped(&self) -> u64 {
+        let dropped = self.frames.values().filter(|was| matches!(was.fate, Some(FrameOutcome::Dropped(_))));
+        self.unpaired + dropped.count() as u64
+    }
+
+    /// Uses the dropped frames nevertheless.
+    pub fn use_all(&mut self) {
+        self.drops = false;
+    }
+
+    /// Returns whether dropped frames are dropped again.
+    pub(super) fn drops(&self) -> bool {
+        self.drops
+    }
+
+    /// Returns the queue that a frame found full, if it is to be dropped again.
+    pub(super) fn was_dropped(&self, item: u64) -> Option<sonoweave_core::ledger::Queue> {
+        match self.frames.get(&item)?.fate {
+            Some(FrameOutcome::Dropped(queue)) if self.drops => Some(queue),
+            _ => None,
+        }
+    }
+
+    /// Returns the differences found so far.
+    pub fn differences(&self) -> Differences {
+        self.differences.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn differs(&self, words: impl FnOnce() -> String) {
+        let mut differences = self.differences.lock().unwrap_or_else(PoisonError::into_inner);
+        differences.count += 1;
+        differences.first.get_or_insert_with(words);
+    }
+
+    /// Compares a frame's pose with the recorded one. Frames without a recorded pose, such as
+    /// those at the end of an interrupted session, are not compared.
+    pub(super) fn placed(&self, found: &PlacedFrame) {
+        let Some((time_ns, pose)) = self.frames.get(&found.frame).and_then(|was| was.placed) else { return };
+        let (now_ns, now) = found.bits();
+        if now_ns != time_ns {
+            self.differs(|| {
+                format!("frame {}: its time is {now_ns} ns, and was {time_ns} ns when it was live", found.frame)
+            });
+        } else if let Some(at) = (0..12).find(|at| pose[*at] != now[*at]) {
+            let (row, column) = (at / 4, at % 4);
+            self.differs(|| {
+                format!(
+                    "frame {}: world_from_image[{row}][{column}] is {:?}, and was {:?} when it was live",
+                    found.frame,
+                    f64::from_bits(now[at]),
+                    f64::from_bits(pose[at])
+                )
+            });
+        }
+    }
+
+    /// Compares a frame's outcome with the recorded one.
+    pub(super) fn decided(&self, item: u64, fate: &FrameOutcome) {
+        let Some(was) = self.frames.get(&item).and_then(|was| was.fate.as_ref()) else { return };
+        if was == fate || (!self.drops && matches!(was, FrameOutcome::Dropped(_))) {
+            return;
+        }
+        self.differs(|| {
+            let now = if was.words() == fate.words() { format!("{fate:?}") } else { fate.words() };
+            let before = if was.words() == fate.words() { format!("{was:?}") } else { was.words() };
+            format!("frame {item}: it is {now}, and was {before} when it was live")
+        });
+    }
+
+    /// Compares the result with the recorded one.
+    pub(super) fn sealed(&self, seal: &ResultDigest) {
+        let Some(was) = &self.seal else { return };
+        if !self.drops && self.dropped() > 0 {
+            return;
+        }
+        if was.slices != seal.slices {
+            self.differs(|| format!("the volume has {} slices, and had {} when it was live", seal.slices, was.slices));
+        } else if was.volume_sha256 != seal.volume_sha256 {
+            self.differs(|| "the volume's voxels are not those that it had when it was live".into());
+        }
+        if let (Some(was), Some(now)) = (&was.picture_sha256, &seal.picture_sha256)
+            && was != now
+        {
+            self.differs(|| "the picture of all slices is not the one that there was when it was live".into());
+        }
+    }
+}
+
+pub(super) fn of_json<T: DeserializeOwned>(path: &Path, kind: &str, text: &str) -> Result<T, Error> {
+    serde_json::from_str(text).map_err(|error| Error::Session {
+        path: path.to_owned(),
+        offset: 0,
+        problem: format!(
+            "a note of the kind {kind:?} is not what this version writes ({error}); use the version that wrote the session"
+        ),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sonoweave_core::ledger::Queue;
+
+    fn placed(frame: u64, x: f64) -> PlacedFrame {
+        let mut world_from_image = [0.5; 12];
+        world_from_image[3] = x;
+        PlacedFrame { frame, time_ns: 7, world_from_image, bound_ns: 1, gap_ns: 2, error_mm: Some(0.1) }
+    }
+
+    fn precedent() -> RecordedDecisions {
+        let fates = [FrameOutcome::Used, FrameOutcome::Dropped(Queue::Weaving)];
+        let frames = (0..)
+            .zip(fates)
+            .map(|(item, fate)| (item, Was { placed: Some(placed(item, 1.0).bits()), fate: Some(fate) }));
+        RecordedDecisions { frames: frames.collect(), drops: true, ..RecordedDecisions::default() }
+    }
+
+    #[test]
+    fn first_differing_frame_is_named() {
+        let precedent = precedent();
+        precedent.placed(&placed(0, 1.0));
+        precedent.decided(0, &FrameOutcome::Used);
+        precedent.placed(&placed(9, 5.0));
+        precedent.decided(9, &FrameOutcome::Used);
+        assert_eq!(precedent.differences(), Differences::default(), "what was not recorded is no difference");
+        precedent.placed(&placed(1, 1.0 + f64::EPSILON));
+        precedent.decided(0, &FrameOutcome::Refused { reason: "repeated".into(), detail: String::new() });
+        let found = precedent.differences();
+        assert_eq!(found.count, 2);
+        assert_eq!(
+            found.first.unwrap(),
+            "frame 1: world_from_image[0][3] is 1.0000000000000002, and was 1.0 when it was live"
+        );
+    }
+
+    #[test]
+    fn dropped_frames_drop_again_unless_use_all() {
+        let mut precedent = precedent();
+        assert_eq!([0, 1].map(|item| precedent.was_dropped(item)), [None, Some(Queue::Weaving)]);
+        assert_eq!(precedent.dropped(), 1);
+        precedent.decided(1, &FrameOutcome::Used);
+        assert_eq!(precedent.differences().count, 1);
+        precedent.use_all();
+        assert_eq!(precedent.was_dropped(1), None);
+        precedent.decided(1, &FrameOutcome::Used);
+        assert_eq!(precedent.differences().count, 1);
+    }
+
+    #[test]
+    fn result_digest_is_compared_with_recorded() {
+        let seal = |volume: &str, picture: Option<&str>| ResultDigest {
+            slices: 3,
+            volume_sha256: Some(volume.into()),
+            picture_sha256: picture.map(Into::into),
+        };
+        let precedent = RecordedDecisions { seal: Some(seal("a", Some("p"))), ..precedent() };
+        precedent.sealed(&seal("a", Some("p")));
+        precedent.sealed(&seal("a", None));
+        assert_eq!(precedent.differences().count, 0, "nobody looks at a picture that was not asked for");
+        precedent.sealed(&seal("b", Some("q")));
+        precedent.sealed(&ResultDigest { slices: 4, ..seal("a", None) });
+        assert_eq!(precedent.differences().count, 3);
+    }
+}

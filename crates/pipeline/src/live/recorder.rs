@@ -1,0 +1,374 @@
+//! The recording's thread, and the queue before it. Recording never delays its sources.
+//!
+//! When the disk is slow, messages wait in the writer's memory first and then in this queue.
+//! Frames find it full at three quarters, so that the few bytes of trackers and arms and the
+//! decisions are still kept. Lost messages are counted by kind, in the file too: notes of the
+//! kind `lost` give the total so far. Before less space is left on the disk than is to be kept
+//! free, the file is ended properly, with a note of the kind `end`. Later messages are counted,
+//! too.
+
+use std::borrow::Cow;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TrySendError, bounded};
+use serde::Serialize;
+use tracing::trace_span;
+
+use formats::session::{Account, Crop, LineProtocol, Room, SessionWriter, Source};
+use mask::MaskSettings;
+use sonoweave_core::clock::Clock;
+use sonoweave_core::reading::Frame;
+use sonoweave_core::{Description, Reading};
+use sync::ingest::stored_rect;
+
+use super::session::Record;
+use crate::trace::STAGE;
+
+/// Messages that wait for the writer: some seconds of all devices.
+const QUEUE: usize = 4096;
+/// Limit of frames among them.
+const FRAMES: usize = QUEUE / 4 * 3;
+/// Longest wait before the writer checks whether something is due.
+const TURN: Duration = Duration::from_millis(100);
+
+/// An entry to be written.
+#[allow(clippy::large_enum_variant, reason = "nearly all values are the large ones, moved twice")]
+enum Entry {
+    Reading {
+        source: usize,
+        reading: Reading,
+        at_ns: i64,
+    },
+    Description {
+        source: usize,
+        description: Box<Description>,
+    },
+    Note {
+        kind: &'static str,
+        json: String,
+        at_ns: i64,
+        /// Whether it is a session event, which has the time of its message.
+        comes_in: bool,
+    },
+    /// No entry follows.
+    End,
+}
+
+/// Space for the end of the file, which is its index, bytes.
+const END_BYTES: u64 = 1 << 20;
+
+/// Takes messages for the recording from the stages. Does nothing if the session is not
+/// recorded.
+pub(super) struct Recorder {
+    queue: Option<Sender<Entry>>,
+    lost: Arc<Lost>,
+}
+
+/// Frames and other messages that found the queue full.
+#[derive(Default)]
+struct Lost {
+    frames: AtomicU64,
+    others: AtomicU64,
+}
+
+impl Lost {
+    fn so_far(&self) -> Unwritten {
+        let [frames, others] = [&self.frames, &self.others].map(|lost| lost.load(Ordering::Relaxed));
+        Unwritten { frames, others }
+    }
+}
+
+/// Messages that were to be recorded and never reached the writer.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub struct Unwritten {
+    /// Frames.
+    pub frames: u64,
+    /// Readings, notes and decisions.
+    pub others: u64,
+}
+
+impl Unwritten {
+    /// Returns their sum.
+    pub fn total(self) -> u64 {
+        self.frames + self.others
+    }
+
+    fn add(&mut self, entry: &Entry) {
+        match entry {
+            Entry::Reading { reading: Reading::Frame(_), .. } => self.frames += 1,
+            Entry::Reading { .. } | Entry::Description { .. } | Entry::Note { .. } => self.others += 1,
+            Entry::End => {}
+        }
+    }
+}
+
+/// State of a session's file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Recording {
+    /// The file.
+    pub path: PathBuf,
+    /// Messages given to the writer, and their outcome.
+    pub account: Account,
+    /// Messages that found the queue before the writer full.
+    pub lost: Unwritten,
+    /// Reason why the file ended before the session, as a sentence; empty otherwise.
+    pub ended: String,
+    /// Messages that came after that.
+    pub after_end: Unwritten,
+    /// Space on the disk that the recording may still take, as last checked.
+    pub room: Option<Room>,
+}
+
+impl Recorder {
+    /// Returns a recorder that records nothing.
+    pub(super) fn nowhere() -> Self {
+        Self { queue: None, lost: Arc::default() }
+    }
+
+    /// Returns a recorder that feeds a thread, and that thread's queue.
+    pub(super) fn new() -> (Self, Queue) {
+        let (sender, receiver) = bounded(QUEUE);
+        let lost = Arc::<Lost>::default();
+        (Self { queue: Some(sender), lost: Arc::clone(&lost) }, Queue { entries: receiver, lost })
+    }
+
+    fn give(&self, entry: Entry) {
+        let Some(queue) = &self.queue else { return };
+        let is_frame = matches!(entry, Entry::Reading { reading: Reading::Frame(_), .. });
+        let lost = if is_frame { &self.lost.frames } else { &self.lost.others };
+        if is_frame && queue.len() >= FRAMES {
+            lost.fetch_add(1, Ordering::Relaxed);
+            return;
+        }
+        if let Err(TrySendError::Full(_)) = queue.try_send(entry) {
+            lost.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    /// Returns whether anything is recorded.
+    pub(super) fn records(&self) -> bool {
+        self.queue.is_some()
+    }
+
+    /// Records a device's reading.
+    pub(super) fn take(&self, source: usize, reading: Reading, at_ns: i64) {
+        self.give(Entry::Reading { source, reading, at_ns });
+    }
+
+    /// Records a device's present description.
+    pub(super) fn describe(&self, source: usize, description: &Description) {
+        if self.queue.is_some() {
+            self.give(Entry::Description { source, description: Box::new(description.clone()) });
+        }
+    }
+
+    /// Records a decision.
+    pub(super) fn note(&self, kind: &'static str, value: &impl Serialize, at_ns: i64) {
+        self.note_of(kind, value, at_ns, false);
+    }
+
+    /// Records a session event other than a reading.
+    pub(super) fn comes_in(&self, kind: &'static str, value: &impl Serialize, at_ns: i64) {
+        self.note_of(kind, value, at_ns, true);
+    }
+
+    fn note_of(&self, kind: &'static str, value: &impl Serialize, at_ns: i64, comes_in: bool) {
+        if self.queue.is_none() {
+            return;
+        }
+        match serde_json::to_string(value) {
+            Ok(json) => self.give(Entry::Note { kind, json, at_ns, comes_in }),
+            Err(error) => tracing::error!(kind, %error, "cannot be recorded"),
+        }
+    }
+
+    /// Ends the thread after it has written all waiting messages.
+    pub(super) fn close(&self) {
+        if let Some(queue) = &self.queue
+            && queue.send(Entry::End).is_err()
+        {
+            tracing::error!("the recording's thread is gone");
+        }
+    }
+}
+
+/// Begins a session's file with the devices' descriptions, in the order of their indices, and
+/// the initial notes. Returns the stages' side and the thread's side.
+///
+/// # Errors
+/// The writer's, if it cannot take them.
+pub(super) fn open<'a>(
+    Record { mut writer, full_frame, notes, keep_free_bytes: _ }: Record,
+    devices: impl Iterator<Item = (&'a str, Option<LineProtocol>, &'a Description)>,
+    mask: MaskSettings,
+    keep_free: &Arc<AtomicU64>,
+    clock: &dyn Clock,
+) -> Result<(Recorder, (Queue, File)), sonoweave_core::Error> {
+    let mut sources = Vec::new();
+    for (name, speech, description) in devices {
+        sources.push(writer.device(name, speech, description, None)?);
+    }
+    for (kind, note) in &notes {
+        writer.note(kind, &note.to_string(), clock.now_ns())?;
+    }
+    let (of_stages, queue) = Recorder::new();
+    let kept = (!full_frame).then_some(mask);
+    Ok((of_stages, (queue, File { writer, sources, kept, keep_free: Arc::clone(keep_free) })))
+}
+
+/// Messages that wait to be written.
+pub(super) struct Queue {
+    entries: Receiver<Entry>,
+    lost: Arc<Lost>,
+}
+
+/// The file that a session is written to.
+pub(super) struct File {
+    pub(super) writer: SessionWriter,
+    /// Devices in the order of their indices.
+    pub(super) sources: Vec<Source>,
+    /// Mask of the data that is kept of a frame; without it, whole frames are kept.
+    pub(super) kept: Option<MaskSettings>,
+    /// Space to be left free on the disk, bytes; may change during the recording.
+    pub(super) keep_free: Arc<AtomicU64>,
+}
+
+/// Crops frames to the part that is kept: the rectangle of the data, in the pixels as they are
+/// stored.
+struct Cropping {
+    mask: MaskSettings,
+    /// Size and orientation of the frames that a source's crop is for.
+    known: Vec<Option<([u32; 2], Cow<'static, str>)>>,
+}
+
+impl Cropping {
+    /// Sets the writer's crop for this frame.
+    fn prepare(&mut self, frame: &Frame, source: usize, writer: &mut SessionWriter, of_writer: Source) {
+        let known = &mut self.known[source];
+        if known.as_ref().is_some_and(|(size, code)| *size == frame.size && *code == frame.orientation) {
+            return;
+        }
+        *known = Some((frame.size, frame.orientation.clone()));
+        let rect = stored_rect(frame.size, &frame.orientation, |size| self.mask.bounds(size));
+        let crop = rect.map(|rect| Crop { offset: [rect.x, rect.y], size: [rect.width, rect.height] });
+        writer.crop(of_writer, crop);
+    }
+}
+
+/// Writes until the queue is closed, or until less space than `keep_free` would be left; then
+/// ends the file.
+pub(super) fn run(queue: &Queue, file: File, clock: &dyn Clock, mut told: impl FnMut(&Recording)) -> Recording {
+    let File { writer, sources, kept, keep_free } = file;
+    let mut cropping = kept.map(|mask| Cropping { mask, known: vec![None; sources.len()] });
+    let mut recording = Recording {
+        path: writer.path().to_owned(),
+        account: Account::default(),
+        lost: Unwritten::default(),
+        ended: String::new(),
+        after_end: Unwritten::default(),
+        room: None,
+    };
+    let mut open = Some(writer);
+    let mut noted = Unwritten::default();
+    let mut looked_ns = i64::MIN;
+    loop {
+        let entry = match queue.entries.recv_timeout(TURN) {
+            Ok(Entry::End) | Err(RecvTimeoutError::Disconnected) => break,
+            Ok(entry) => Some(entry),
+            Err(RecvTimeoutError::Timeout) => None,
+        };
+        let Some(writer) = &mut open else {
+            if let Some(entry) = &entry {
+                recording.after_end.add(entry);
+            }
+            continue;
+        };
+        let written = match entry {
+            Some(Entry::Reading { source, reading, at_ns }) => {
+                if let (Some(cropping), Reading::Frame(frame)) = (&mut cropping, &reading) {
+                    cropping.prepare(frame, source, writer, sources[source]);
+                }
+                let frame = matches!(reading, Reading::Frame(_)).then(|| reading.stamp().item);
+                let _span = frame.map(|frame| trace_span!(target: STAGE, "record", frame).entered());
+                writer.write(sources[source], &reading, at_ns)
+            }
+            Some(Entry::Description { source, description }) => writer.describe(sources[source], &description),
+            Some(Entry::Note { kind, json, at_ns, comes_in: true }) => writer.note(kind, &json, at_ns),
+            Some(Entry::Note { kind, json, at_ns, comes_in: false }) => writer.note_behind(kind, &json, at_ns),
+            Some(Entry::End) | None => writer.tick(clock.now_ns()),
+        };
+        if let Err(error) = written {
+            // Acquisition continues; the writer counts the messages lost meanwhile.
+            tracing::error!("{}: {error}", recording.path.display());
+        }
+        let now_ns = clock.now_ns();
+        let keep_free = keep_free.load(Ordering::Relaxed);
+        let room = writer.room();
+        let held = writer.account().held_bytes;
+        let needed = keep_free.saturating_add(held).saturating_add(END_BYTES);
+        let is_full = keep_free > 0 && room.is_some_and(|room| room.free_bytes < needed);
+        if !is_full && now_ns.saturating_sub(looked_ns) < sonoweave_core::clock::SECOND {
+            continue;
+        }
+        // Space that may still be written.
+        let left = room.map(|room| Room { free_bytes: room.free_bytes.saturating_sub(keep_free), ..room });
+        (looked_ns, recording.room) = (now_ns, left);
+        recording.lost = tell_lost(writer, queue, &mut noted, now_ns);
+        recording.account = writer.account();
+        if is_full {
+            recording.ended = format!(
+                "the recording has ended, so that {} MB stay free on the disk: make room, and begin a new session; what comes now is not recorded",
+                keep_free / 1_000_000
+            );
+            tracing::error!("{}: {}", recording.path.display(), recording.ended);
+            note(writer, "end", &serde_json::json!({ "why": recording.ended }), now_ns);
+            end(&mut open, clock, &mut recording);
+        }
+        told(&recording);
+    }
+    if let Some(writer) = &mut open {
+        recording.lost = tell_lost(writer, queue, &mut noted, clock.now_ns());
+        end(&mut open, clock, &mut recording);
+    }
+    told(&recording);
+    recording
+}
+
+/// Notes losses in the queue in the file, if they have increased. Tries again until there is
+/// room for the note.
+fn tell_lost(writer: &mut SessionWriter, queue: &Queue, noted: &mut Unwritten, now_ns: i64) -> Unwritten {
+    let lost = queue.lost.so_far();
+    if lost == *noted {
+        return lost;
+    }
+    // Messages waiting in memory go to the disk first, if it takes any.
+    if let Err(error) = writer.tick(now_ns) {
+        tracing::error!("{}: {error}", writer.path().display());
+    }
+    let before = writer.account().lost;
+    note(writer, "lost", &serde_json::json!(lost), now_ns);
+    if writer.account().lost == before {
+        *noted = lost;
+        tracing::error!("{}: {} messages found the queue before the disk full", writer.path().display(), lost.total());
+    }
+    lost
+}
+
+fn note(writer: &mut SessionWriter, kind: &str, value: &serde_json::Value, now_ns: i64) {
+    if let Err(error) = writer.note_behind(kind, &value.to_string(), now_ns) {
+        tracing::error!("{}: {error}", writer.path().display());
+    }
+}
+
+/// Ends the file.
+fn end(open: &mut Option<SessionWriter>, clock: &dyn Clock, recording: &mut Recording) {
+    let Some(writer) = open.take() else { return };
+    let before = writer.account();
+    recording.account = writer.finish(clock.now_ns()).unwrap_or_else(|error| {
+        tracing::error!("{}: {error}", recording.path.display());
+        Account { trouble: error.to_string(), ..before }
+    });
+}

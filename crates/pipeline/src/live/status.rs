@@ -1,0 +1,394 @@
+//! Session status while it runs: the frame ledger and the state of each device. One lock guards
+//! it, held only to count or to copy some kilobytes.
+
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicI64, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+use serde::Serialize;
+
+use sonoweave_core::Health;
+use sonoweave_core::health::State;
+use sonoweave_core::ledger::{Ledger, Queue, Readings};
+use sonoweave_core::refusal::Refusal;
+use sync::clock::{Mapping, State as ClockState};
+use sync::graph::Route;
+use sync::ingest::live::Gives;
+
+use super::DeviceRole;
+use super::picture::Drawn;
+use super::priority::SchedulingGrant;
+use super::pulse::{Pulse, Turns};
+use super::recorder::{Recording, Unwritten};
+use super::shared_volume::Bulk;
+use super::timing::Spread;
+use super::zones::InZones;
+
+/// State of a device that is replaced by a recording.
+pub const REPLAYED: &str = "replayed";
+
+/// A device of the session.
+#[derive(Debug, Clone, Serialize)]
+pub struct DeviceBoard {
+    /// Its name.
+    pub name: String,
+    /// One word: running, absent, silent, …
+    pub state: &'static str,
+    /// Reason and remedy; empty if the device works.
+    pub why: String,
+    /// Bytes received.
+    pub bytes: u64,
+    /// Readings delivered.
+    pub readings: u64,
+    /// Readings or frames lost before they arrived, counted by the device.
+    pub lost: u64,
+    /// Number of set-ups.
+    pub set_up: u64,
+    /// Time since its last reading, s; `None` if none has arrived.
+    pub last_reading_s_ago: Option<f64>,
+    /// Its clocks: one, or one for each of its sources.
+    pub clocks: Vec<ClockBoard>,
+}
+
+/// Accuracy of a device's clock, as last published.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct ClockBoard {
+    /// Its state.
+    pub state: ClockState,
+    /// Bound on its error, ms.
+    pub bound_ms: f64,
+    /// Excess of the host clock's rate over this clock's nominal rate, parts in 10⁶.
+    pub drift_ppm: f64,
+    /// Number of publications.
+    pub published: u64,
+}
+
+/// Snapshot of the session status. Every report of a session uses this type.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct SessionStatus {
+    /// Frame ledger and readings.
+    #[serde(flatten)]
+    pub ledger: Ledger,
+    /// The devices.
+    pub devices: Vec<DeviceBoard>,
+    /// Time at which the first slice was in the volume, host ns.
+    #[serde(skip)]
+    pub first_slice_ns: Option<i64>,
+    /// Time from a frame's capture until it is in the volume.
+    pub capture_to_volume: Spread,
+    /// Time from the reading that made its pose known until the frame is in the volume.
+    pub pose_to_volume: Spread,
+    /// Time from the newest frame's capture until its picture is rendered.
+    pub capture_to_picture: Spread,
+    /// Time from reading the volume to the finished picture.
+    pub draw: Spread,
+    /// Pictures rendered.
+    pub pictures: u64,
+    /// Slices that arrived during a rendering and were rendered with the next picture.
+    pub pictures_skipped: u64,
+    /// Time for which the scanner has repeated one frame while the probe moved, s; `None` if it
+    /// does not.
+    #[serde(rename = "frozen_s")]
+    pub stuck_s: Option<f64>,
+    /// Frames taken where the tracker's field is distorted; `None` without zones.
+    pub distortion: Option<InZones>,
+    /// The volume's extent, once it has slices.
+    pub volume: Option<Bulk>,
+    /// Whether the user has frozen the session: frames are ignored.
+    pub frozen: bool,
+    /// The recording, as reported by the writer.
+    pub recording: Option<Written>,
+    /// Scheduling grant of the threads.
+    pub scheduling: SchedulingGrant,
+    /// Progress of the stages that run during a session.
+    pub stages: Vec<Turns>,
+    /// Notes for the user, as sentences.
+    pub notes: Vec<String>,
+    /// Name of the frame in which the volume lies.
+    pub world: String,
+    /// Description of the transforms that lead to that frame.
+    pub route: String,
+}
+
+/// Status of a recording, while it is written and after it has ended.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Written {
+    /// The file.
+    pub path: PathBuf,
+    /// Messages given to the writer.
+    pub messages: u64,
+    /// Those of them that are on the disk.
+    pub stored: u64,
+    /// Messages lost for want of room, in the writer's memory or in the queue before it.
+    pub lost: u64,
+    /// Those lost in the queue.
+    pub lost_before_writer: Unwritten,
+    /// Messages that came after the recording ended because the disk was full.
+    pub after_end: Unwritten,
+    /// Bytes of the file.
+    pub bytes: u64,
+    /// Minutes until the disk is full, at the present rate.
+    pub minutes_left: Option<f64>,
+    /// Reason why nothing is written now; empty otherwise.
+    pub trouble: String,
+}
+
+/// Shared [`SessionStatus`].
+pub(super) struct StatusCollector {
+    account: Mutex<SessionStatus>,
+    /// Time of each device's last delivery.
+    last: Mutex<Vec<Option<Instant>>>,
+    /// Turns of the stages.
+    pub(super) pulse: Pulse,
+    /// Index of each device among the ledger's readings; `None` for grabbers, whose readings are
+    /// frames.
+    rows: Vec<Option<usize>>,
+    stuck_after_ns: AtomicI64,
+}
+
+impl StatusCollector {
+    /// Returns the status of these devices. Repeated frames are reported once they last longer
+    /// than `stuck_after_ns`.
+    pub(super) fn new(devices: &[DeviceRole], stuck_after_ns: i64) -> Self {
+        let mut account = SessionStatus::default();
+        let mut rows = Vec::new();
+        for DeviceRole { name, gives, .. } in devices {
+            let grabs = matches!(gives, Gives::Pictures);
+            rows.push((!grabs).then_some(account.ledger.readings.len()));
+            if !grabs {
+                account.ledger.readings.push(Readings { device: name.clone(), ..Readings::default() });
+            }
+            account.devices.push(DeviceBoard {
+                name: name.clone(),
+                state: State::Stopped.word(),
+                why: String::new(),
+                bytes: 0,
+                readings: 0,
+                lost: 0,
+                set_up: 0,
+                last_reading_s_ago: None,
+                clocks: Vec::new(),
+            });
+        }
+        Self {
+            account: Mutex::new(account),
+            last: Mutex::new(vec![None; devices.len()]),
+            pulse: Pulse::new(devices.iter().map(|device| device.name.as_str())),
+            rows,
+            stuck_after_ns: AtomicI64::new(stuck_after_ns),
+        }
+    }
+
+    pub(super) fn lock(&self) -> MutexGuard<'_, SessionStatus> {
+        self.account.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Returns the present status.
+    pub(super) fn snapshot(&self) -> SessionStatus {
+        let mut account = self.lock().clone();
+        account.stages = self.pulse.turns();
+        let last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        for (device, last) in account.devices.iter_mut().zip(last.iter()) {
+            device.last_reading_s_ago = last.map(|last| last.elapsed().as_secs_f64());
+        }
+        account
+    }
+
+    /// Counts a device's reading that has arrived and waits.
+    pub(super) fn arrived(&self, source: usize) {
+        let mut account = self.lock();
+        match self.rows[source] {
+            Some(row) => account.ledger.readings[row].total += 1,
+            None => account.ledger.arrived(),
+        }
+    }
+
+    /// Counts a waiting reading that was dropped because a queue was full.
+    pub(super) fn dropped(&self, source: usize, queue: Queue) {
+        let mut account = self.lock();
+        match self.rows[source] {
+            Some(row) => account.ledger.readings[row].dropped += 1,
+            None => account.ledger.dropped(queue),
+        }
+    }
+
+    /// Counts a reading other than a frame: used as a sample, or refused for a reason.
+    pub(super) fn sampled(&self, source: usize, refused: Option<&'static str>) {
+        let mut account = self.lock();
+        let Some(row) = self.rows[source] else { return };
+        let row = &mut account.ledger.readings[row];
+        match refused {
+            None => row.used += 1,
+            Some(why) => *row.refused.entry(why).or_default() += 1,
+        }
+    }
+
+    /// Counts a waiting frame that was dropped because a queue was full.
+    pub(super) fn dropped_frame(&self, queue: Queue) {
+        self.lock().ledger.dropped(queue);
+    }
+
+    /// Sets for how long the scanner has repeated one frame while the probe moved, ns; `None` if
+    /// it does not.
+    pub(super) fn stuck(&self, since_ns: Option<i64>) {
+        let after_ns = self.stuck_after_ns.load(Ordering::Relaxed);
+        self.lock().stuck_s = since_ns.filter(|ns| *ns >= after_ns).map(|ns| ns as f64 / 1e9);
+    }
+
+    /// Sets whether frames are ignored at present.
+    pub(super) fn freeze(&self, on: bool) {
+        self.lock().frozen = on;
+    }
+
+    /// Sets the sensor's position relative to the zones.
+    pub(super) fn in_zones(&self, found: InZones) {
+        self.lock().distortion = Some(found);
+    }
+
+    /// Marks all devices as replaced by a recording.
+    pub(super) fn replayed(&self) {
+        self.lock().devices.iter_mut().for_each(|device| device.state = REPLAYED);
+        self.pulse.without_captures();
+    }
+
+    /// Sets after how long repeated frames are reported, ns.
+    pub(super) fn stuck_after(&self, ns: i64) {
+        self.stuck_after_ns.store(ns, Ordering::Relaxed);
+    }
+
+    /// Sets the route to the world.
+    pub(super) fn route(&self, route: &Route) {
+        let mut account = self.lock();
+        (account.world, account.route) = (route.world().to_owned(), route.describe());
+    }
+
+    /// Adds a note for the user.
+    pub(super) fn note(&self, note: String) {
+        self.lock().notes.push(note);
+    }
+
+    /// Sets the status of the recording.
+    pub(super) fn recording(&self, recording: &Recording) {
+        let Recording { path, account, lost, ended, after_end, room } = recording;
+        self.lock().recording = Some(Written {
+            path: path.clone(),
+            messages: account.messages,
+            stored: account.stored,
+            lost: account.lost + lost.total(),
+            lost_before_writer: *lost,
+            after_end: *after_end,
+            bytes: account.file_bytes,
+            minutes_left: room.filter(|_| ended.is_empty()).and_then(|room| room.minutes()),
+            trouble: if account.trouble.is_empty() { ended } else { &account.trouble }.clone(),
+        });
+    }
+
+    /// Counts a rendered picture.
+    pub(super) fn drawn(&self, drawn: &Drawn) {
+        let mut account = self.lock();
+        (account.pictures, account.pictures_skipped) = (drawn.pictures, drawn.skipped);
+        account.capture_to_picture.set_to(&drawn.capture_to_picture);
+        account.draw.set_to(&drawn.draw);
+    }
+
+    /// Stores a device's published clock.
+    pub(super) fn clock(&self, source: usize, clock: usize, mapping: &Mapping) {
+        let mut account = self.lock();
+        let clocks = &mut account.devices[source].clocks;
+        if clocks.len() <= clock {
+            clocks.resize(clock + 1, ClockBoard::default());
+        }
+        clocks[clock] = ClockBoard {
+            state: mapping.state,
+            bound_ms: mapping.bound_ns as f64 * 1e-6,
+            drift_ppm: mapping.drift_ppb as f64 * 1e-3,
+            published: mapping.number + 1,
+        };
+    }
+
+    /// Sets the scheduling grant of the threads.
+    pub(super) fn granted(&self, granted: &SchedulingGrant) {
+        self.lock().scheduling = granted.clone();
+    }
+
+    /// Counts a waiting frame that was refused.
+    pub(super) fn refused(&self, refusal: &Refusal) {
+        self.lock().ledger.refused(refusal);
+    }
+
+    /// Marks a device that ended by an error of its own; the others continue.
+    pub(super) fn failed(&self, source: usize, error: &sonoweave_core::Error) {
+        let device = &mut self.lock().devices[source];
+        (device.state, device.why) = (State::Ended.word(), error.to_string());
+    }
+
+    /// Sets a device's present health.
+    pub(super) fn health(&self, source: usize, health: &Health) {
+        let mut account = self.lock();
+        let SessionStatus { ledger, devices, .. } = &mut *account;
+        let device = &mut devices[source];
+        device.state = health.state.word();
+        if device.why != health.why {
+            device.why.clone_from(&health.why);
+        }
+        let received = health.received;
+        if received.readings > device.readings {
+            self.last.lock().unwrap_or_else(PoisonError::into_inner)[source] = Some(Instant::now());
+        }
+        (device.bytes, device.readings, device.set_up) = (received.bytes, received.readings, received.set_up);
+        // Only the loss since the last call is added: there may be two grabbers.
+        let more = received.lost.saturating_sub(device.lost);
+        device.lost = received.lost;
+        match self.rows[source] {
+            Some(row) => ledger.readings[row].lost += more,
+            None => ledger.frames.lost += more,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn readings_and_frames_are_each_accounted_for_once() {
+        let of = |name: &str, gives| DeviceRole { name: name.into(), gives, frames: Vec::new(), latency_ns: 0 };
+        let board =
+            StatusCollector::new(&[of("tracker", Gives::Stations(vec![1])), of("grabber", Gives::Pictures)], 500);
+        for _ in 0..5 {
+            board.arrived(0);
+            board.arrived(1);
+        }
+        board.sampled(0, None);
+        board.sampled(0, Some("not valid"));
+        board.dropped(0, Queue::Pairing);
+        board.dropped(1, Queue::Pairing);
+        let mut health = Health { state: State::Silent, why: "says nothing".into(), ..Health::default() };
+        for lost in [2, 2, 7] {
+            health.received.lost = lost;
+            board.health(0, &health);
+            board.health(1, &health);
+        }
+        let account = board.snapshot();
+        let row = &account.ledger.readings[0];
+        assert_eq!((row.total, row.used, row.dropped, row.lost, row.waiting()), (5, 1, 1, 7, 2));
+        assert_eq!(row.refused["not valid"], 1);
+        let frames = &account.ledger.frames;
+        assert_eq!((frames.total, frames.waiting, frames.lost), (5, 4, 7));
+        assert_eq!(frames.dropped[&Queue::Pairing], 1);
+        assert_eq!((account.devices[0].state, account.devices[1].why.as_str()), ("silent", "says nothing"));
+        assert_eq!(account.devices[0].last_reading_s_ago, None, "by its health nothing came");
+        health.received.readings = 1;
+        board.health(0, &health);
+        let [tracker, grabber] = [0, 1].map(|at| board.snapshot().devices[at].last_reading_s_ago);
+        assert!(tracker.is_some_and(|ago| ago >= 0.0) && grabber.is_none());
+        let told = |since| {
+            board.stuck(since);
+            board.snapshot().stuck_s
+        };
+        assert_eq!([Some(499), Some(500), None].map(told), [None, Some(500e-9), None]);
+        board.stuck_after(600);
+        assert_eq!(told(Some(599)), None);
+    }
+}

@@ -1,0 +1,54 @@
+//! Reconstruction: inserts slices into the volume as they arrive.
+//!
+//! In the order of the data:
+//!
+//! - [`settings`]: the requested lattice, kernel, compounding and resources.
+//! - [`kernel`]: the weight of a sample at a distance, and its support.
+//! - [`spline`]: the in-plane kernel as taps of a filter, with its deviation known in advance.
+//! - [`compounding`]: combination of the slices that reach the same voxel.
+//! - [`decay`]: fading of older values.
+//! - `filter`: converts a slice's pixels and certainty into spline coefficients, once.
+//! - `nodes`: the filtered image, in f32 as computed and in 16 bits as sampled.
+//! - `admission`: checks of every slice before insertion.
+//! - `slab`: the bricks that a slice meets.
+//! - `plan`: the bricks that a slice will change, found before anything is changed.
+//! - `sampling`: the filtered image between its nodes; `falloff`: the weight across the plane.
+//! - `insert`: inserts one slice into one brick, the hot loop; `entry`: the update of the
+//!   voxels.
+//! - [`reconstructor`]: all of it behind `insert`.
+//! - [`planar`]: the same for slices that stay perpendicular to a plane, in a fraction of the
+//!   time.
+//! - [`path_reconstructor`]: one of the two paths, with the upgrade from planar to general when a
+//!   slice leaves the plane.
+//! - [`reference`](mod@reference): the same sums, pixel by pixel in f64, to test the fast path.
+
+pub(crate) mod admission;
+pub mod compounding;
+pub mod decay;
+pub(crate) mod entry;
+pub(crate) mod falloff;
+pub(crate) mod filter;
+pub(crate) mod insert;
+pub mod kernel;
+pub(crate) mod nodes;
+pub mod path_choice;
+pub mod path_reconstructor;
+pub(crate) mod plan;
+pub mod planar;
+pub mod reconstructor;
+pub mod reference;
+pub(crate) mod sampling;
+pub mod settings;
+pub(crate) mod slab;
+pub mod spline;
+
+#[cfg(test)]
+mod tests;
+
+pub use compounding::Compounding;
+pub use decay::Decay;
+pub use filter::FilterWork;
+pub use path_reconstructor::{Path, PathReconstructor};
+pub use reconstructor::{Reconstructor, Refused, Touched, Work};
+pub use settings::{Settings, SettingsError};
+pub use simd::Simd;

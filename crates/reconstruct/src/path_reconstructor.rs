@@ -1,0 +1,164 @@
+//! The two insertion paths behind one `insert`: the general path, and the planar one for scans
+//! that stay perpendicular to a plane.
+
+use mask::Mask;
+use sonoweave_core::frames::{Transform, Volume, World};
+use sonoweave_core::slice::Slice;
+use volume::Voxels;
+
+use super::kernel::AxisKernel;
+use super::planar::{Departure, OnDeparture, PlanarReconstructor, PlanarSettings};
+use super::{Reconstructor, Refused, Settings, SettingsError, Touched, Work};
+
+/// Insertion path of slices.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Path {
+    /// Any pose, any mask: bricks with a weight per voxel.
+    General,
+    /// Poses perpendicular to one plane and rectangular data: columns with one weight each.
+    Planar,
+}
+
+impl Path {
+    /// The name on the command line and in statistics.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::General => "general",
+            Self::Planar => "planar",
+        }
+    }
+}
+
+/// Inserts slices into a volume by either path, and upgrades from the planar to the general one
+/// when needed and allowed.
+pub struct PathReconstructor {
+    way: Way,
+    upgraded: Option<Departure>,
+}
+
+enum Way {
+    General(Box<Reconstructor>),
+    Planar(Box<PlanarReconstructor>),
+}
+
+impl PathReconstructor {
+    /// Creates it on the general path.
+    ///
+    /// # Errors
+    /// [`SettingsError`] when the settings cannot work for any slice.
+    pub fn general(settings: Settings, mask: Mask) -> Result<Self, SettingsError> {
+        Ok(Self { way: Way::General(Box::new(Reconstructor::new(settings, mask)?)), upgraded: None })
+    }
+
+    /// Creates it on the planar path. If the mask does not suit that path and the planar
+    /// settings contain [`OnDeparture::Upgrade`], it begins on the general path.
+    ///
+    /// # Errors
+    /// [`SettingsError`] when the settings cannot work for any slice, [`SettingsError::Planar`]
+    /// when the mask does not suit the path and an upgrade is not allowed.
+    pub fn planar(settings: Settings, planar: PlanarSettings, mask: Mask) -> Result<Self, SettingsError> {
+        match PlanarReconstructor::new(settings.clone(), planar, mask.clone()) {
+            Ok(reconstructor) => Ok(Self { way: Way::Planar(Box::new(reconstructor)), upgraded: None }),
+            Err(SettingsError::Planar(departure)) if planar.on_departure == OnDeparture::Upgrade => {
+                Ok(Self { upgraded: Some(departure), ..Self::general(settings, mask)? })
+            }
+            Err(error) => Err(error),
+        }
+    }
+
+    /// The present path of slices.
+    pub fn path(&self) -> Path {
+        match self.way {
+            Way::General(_) => Path::General,
+            Way::Planar(_) => Path::Planar,
+        }
+    }
+
+    /// Reason why the general path has replaced the planar one, if it has.
+    pub fn upgraded(&self) -> Option<Departure> {
+        self.upgraded
+    }
+
+    /// Inserts a slice into the volume. A slice that leaves the plane is refused, or causes the
+    /// upgrade to the general path. In either case earlier insertions remain, even if the slice
+    /// is then refused.
+    ///
+    /// # Errors
+    /// [`Refused`] with the reason; no voxel has changed then.
+    pub fn insert(&mut self, slice: &Slice) -> Result<Touched, Refused> {
+        let planar = match &mut self.way {
+            Way::General(reconstructor) => return reconstructor.insert(slice),
+            Way::Planar(planar) => planar,
+        };
+        match planar.insert(slice) {
+            Err(Refused::Departure(departure)) if planar.on_departure() == OnDeparture::Upgrade => {
+                let mut general = Box::new(planar.upgraded()?);
+                let result = general.insert(slice);
+                self.way = Way::General(general);
+                self.upgraded = Some(departure);
+                // Existing content is rewritten, with some bits different.
+                result.map(|touched| Touched { slab: None, ..touched })
+            }
+            result => result,
+        }
+    }
+
+    /// The volume so far.
+    pub fn volume(&self) -> &dyn Voxels {
+        match &self.way {
+            Way::General(r) => r.volume(),
+            Way::Planar(r) => r.volume(),
+        }
+    }
+
+    /// Maps voxel indices to world mm.
+    pub fn world_from_lattice(&self) -> Transform<World, Volume> {
+        match &self.way {
+            Way::General(r) => r.world_from_lattice(),
+            Way::Planar(r) => r.world_from_lattice(),
+        }
+    }
+
+    /// The settings in use; on the planar path, with the lattice's direction as found by the
+    /// first slice.
+    pub fn settings(&self) -> &Settings {
+        match &self.way {
+            Way::General(r) => r.settings(),
+            Way::Planar(r) => r.settings(),
+        }
+    }
+
+    /// Kernels along u, v and the normal, once the first slice has given the pixel size.
+    pub fn kernels(&self) -> Option<&[AxisKernel; 3]> {
+        match &self.way {
+            Way::General(r) => r.kernels(),
+            Way::Planar(r) => r.kernels(),
+        }
+    }
+
+    /// Pixel size along u and v in mm, once known.
+    pub fn pixel_mm(&self) -> Option<[f64; 2]> {
+        match &self.way {
+            Way::General(r) => r.pixel_mm(),
+            Way::Planar(r) => r.pixel_mm(),
+        }
+    }
+
+    /// Node spacing of the filtered image in pixels, and the bound on its samples' deviation
+    /// from the exact in-plane sum as a fraction of the image's range. `None` before the first
+    /// slice. The planar path samples no filtered image: one pixel, and rounding errors only.
+    pub fn decimation(&self) -> Option<([f64; 2], f64)> {
+        match &self.way {
+            Way::General(r) => r.decimation(),
+            Way::Planar(r) => r.kernels().map(|_| ([1.0; 2], 0.0)),
+        }
+    }
+
+    /// Work done so far.
+    pub fn work(&self) -> Work {
+        match &self.way {
+            Way::General(r) => r.work(),
+            Way::Planar(r) => r.work(),
+        }
+    }
+}

@@ -1,0 +1,135 @@
+//! A slice's work list: the bricks it will change, found before anything is changed, and the
+//! insertion into them.
+
+use simd::Simd;
+use simd::sharing::{Handed, Sharing};
+use volume::BrickVolume;
+use volume::brick::{Ages, Brick, BrickIndex, Stamps};
+use volume::brick_volume::Slot;
+
+use super::entry::Place;
+use super::insert::{Scratch, Task, View, touches, weave};
+use super::reconstructor::Refused;
+use super::slab::{MaskSummary, Sight, SlabGeometry};
+
+/// Bricks that one task of a thread processes.
+const BRICKS_PER_TASK: usize = 16;
+
+/// The bricks of one slice. Reused for each slice to keep its memory.
+#[derive(Default)]
+pub(super) struct Plan {
+    /// Bricks that may change, in the lattice's order.
+    pub(super) tasks: Vec<Task>,
+    /// Bricks among them that do not exist and will change: index of the task, and position.
+    /// Their slots are unknown until they are created.
+    pub(super) absent: Vec<(usize, BrickIndex)>,
+    /// Bricks that interval tests could not exclude.
+    pub(super) considered: u64,
+}
+
+impl Plan {
+    /// Finds a slice's bricks. A brick that does not exist is added only if a voxel of it would
+    /// change.
+    ///
+    /// # Errors
+    /// [`Refused::OutOfRange`] and [`Refused::Memory`].
+    pub(super) fn find(
+        &mut self,
+        geometry: &SlabGeometry,
+        mask: &MaskSummary,
+        volume: &BrickVolume,
+        view: &View<'_>,
+        simd: Simd,
+        limit_bytes: u64,
+    ) -> Result<(), Refused> {
+        self.tasks.clear();
+        self.absent.clear();
+        self.considered = 0;
+        let bricks = geometry.brick_box().ok_or(Refused::OutOfRange)?;
+        let most = limit_bytes / volume.brick_bytes();
+        let room = most.saturating_sub(volume.len() as u64);
+        let rows: u64 = bricks[1..].iter().map(|r| u64::from(r.end().abs_diff(*r.start())) + 1).product();
+        // A slab of n bricks spans at most about n rows; a slab with far more rows than the
+        // memory holds bricks cannot fit.
+        if rows / 64 > most {
+            return Err(Refused::Memory { needed: rows - most, limit_bytes });
+        }
+        let mut scratch = Scratch::new();
+        let mut finder = volume.finder();
+        geometry.walk(&bricks, mask, |index, sight| {
+            self.considered += 1;
+            let found = finder.find(index);
+            let task = Task::new(found.unwrap_or_default(), sight, geometry.in_brick(index));
+            if found.is_some() {
+                self.tasks.push(task);
+            } else if touches(simd, &task, view, &mut scratch) {
+                self.absent.push((self.tasks.len(), index));
+                self.tasks.push(task);
+            }
+            self.absent.len() as u64 <= room
+        });
+        match (self.absent.len() as u64).saturating_sub(room) {
+            0 => Ok(()),
+            needed => Err(Refused::Memory { needed, limit_bytes }),
+        }
+    }
+}
+
+/// A chunk of bricks with their stamps and ages, shared between threads that use different
+/// bricks of it.
+#[derive(Clone, Copy)]
+pub(super) struct BrickChunk {
+    bricks: Handed<Brick>,
+    stamps: Option<Handed<Stamps>>,
+    ages: Option<Handed<Ages>>,
+}
+
+/// Inserts the slice into all bricks, each brick by one thread.
+#[allow(unsafe_code, reason = "hands bricks of the arena to threads")]
+pub(super) fn weave_all(
+    volume: &mut BrickVolume,
+    chunks: &mut Vec<BrickChunk>,
+    tasks: &mut [Task],
+    view: &View<'_>,
+    simd: Simd,
+    sharing: Sharing,
+) {
+    chunks.clear();
+    chunks.extend(volume.chunk_pointers().map(|bricks| BrickChunk {
+        bricks: Handed(bricks),
+        stamps: None,
+        ages: None,
+    }));
+    for (chunk, stamps) in chunks.iter_mut().zip(volume.stamp_pointers()) {
+        chunk.stamps = Some(Handed(stamps));
+    }
+    for (chunk, ages) in chunks.iter_mut().zip(volume.age_pointers()) {
+        chunk.ages = Some(Handed(ages));
+    }
+    let (chunks, volume) = (chunks.as_slice(), &*volume);
+    let run = |scratch: &mut Scratch, task: &mut Task| {
+        let (chunk, place) = volume.locate(task.slot);
+        let chunk: BrickChunk = chunks[chunk];
+        let turn = view.rule.entry.turn(volume, task.slot, view.moment.elapsed_ns);
+        // SAFETY: `chunks` holds the base of each chunk of the volume, which is borrowed
+        // mutably meanwhile. `locate` gives a position inside its chunk for every slot that the
+        // volume has handed out. Each brick of the lattice is visited once in a walk and has
+        // its own slot, so no two tasks reach the same brick. Stamps and ages, if any, are
+        // arranged like bricks.
+        let mut place = unsafe {
+            let stamps = chunk.stamps.map(|stamps| &mut *stamps.0.add(place));
+            let ages = chunk.ages.map(|ages| &mut *ages.0.add(place));
+            Place { brick: &mut *chunk.bricks.0.add(place), stamps, ages, turn }
+        };
+        weave(simd, &mut place, task, view, scratch);
+    };
+    sharing.chunks_with(tasks, BRICKS_PER_TASK, Scratch::new, |scratch, _, tasks| {
+        tasks.iter_mut().for_each(|task| run(scratch, task));
+    });
+}
+
+impl Task {
+    fn new(slot: Slot, sight: Sight, functions: [[f32; 4]; 3]) -> Self {
+        Self { slot, sight, functions, updated: 0, clamped: 0, vectors: 0 }
+    }
+}

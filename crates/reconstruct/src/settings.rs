@@ -1,0 +1,224 @@
+//! Settings of a reconstruction: lattice, kernel, compounding and resources.
+
+use std::sync::Arc;
+
+use glam::{DAffine3, DMat3, DVec3};
+
+use mask::Mask;
+use simd::Simd;
+
+use super::compounding::Compounding;
+use super::decay::DecayError;
+use super::filter::MOST_NODES;
+use super::kernel::{AxisKernel, KernelError, Method, Shape, Support};
+use super::planar::Departure;
+use super::spline::SplineError;
+
+/// Default support in the plane, where taps are cheap: the energy outside is so small that a
+/// spline can fit the kink at the end. At 0.01 it cannot.
+pub const IN_PLANE_SUPPORT: Support = Support::Energy(1e-3);
+/// Default support across the plane, where it determines the cost of an insert.
+pub const OFF_PLANE_SUPPORT: Support = Support::Energy(0.01);
+/// In-plane σ as a multiple of the larger of voxel spacing and pixel size. Below 0.75 voxel a
+/// sampled Gaussian no longer behaves like one (Lindeberg 2023).
+pub const IN_PLANE_SIGMA: f64 = 0.75;
+/// Off-plane σ if the scanner's resolution is unknown, mm.
+pub const OFF_PLANE_SIGMA_MM: f64 = 1.0;
+/// Default of [`Settings::max_weight`].
+pub const MAX_WEIGHT: f64 = 256.0;
+/// Largest [`Settings::max_weight`]. There the mean of equal slices may be off by 3 %, the
+/// rounding of so long a sum in f32, and in proportion below. At ten or more times as much, a
+/// constant does not stay constant at all.
+pub const MOST_WEIGHT: f64 = 1e6;
+
+/// Settings of a reconstruction.
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// Voxel spacing, mm.
+    pub spacing_mm: DVec3,
+    /// World position of the centre of the lattice's voxel (0, 0, 0), mm.
+    pub lattice_origin_mm: DVec3,
+    /// Columns are the directions of the lattice's axes in the world: orthonormal.
+    pub lattice_direction: DMat3,
+    /// Kind of the kernel.
+    pub method: Method,
+    /// Combination of the slices that reach the same voxel.
+    pub compounding: Compounding,
+    /// Nominal σ along u, v and the slice's normal, mm; `None` for the default of each. A
+    /// method that interpolates between pixels uses only the last.
+    pub sigma_mm: [Option<f64>; 3],
+    /// Supports of a Gaussian, in the plane and across it; `None` for [`IN_PLANE_SUPPORT`] and
+    /// [`OFF_PLANE_SUPPORT`].
+    pub support: [Option<Support>; 2],
+    /// Largest weight of a voxel, as a multiple of the kernel's peak, from 1 to
+    /// [`MOST_WEIGHT`]. At this weight the mean keeps moving instead of freezing.
+    pub max_weight: f64,
+    /// Threads that filter and insert.
+    pub threads: usize,
+    /// Instruction set of the hot loops.
+    pub simd: Simd,
+    /// Memory limit of the bricks, bytes.
+    pub memory_bytes: u64,
+}
+
+impl Settings {
+    /// Defaults at a voxel spacing: one thread, the best instruction set, at most 8 GiB.
+    pub fn new(spacing_mm: DVec3) -> Self {
+        Self {
+            spacing_mm,
+            lattice_origin_mm: DVec3::ZERO,
+            lattice_direction: DMat3::IDENTITY,
+            method: Method::default(),
+            compounding: Compounding::default(),
+            sigma_mm: [None; 3],
+            support: [None; 2],
+            max_weight: MAX_WEIGHT,
+            threads: 1,
+            simd: Simd::detect(),
+            memory_bytes: 8 << 30,
+        }
+    }
+
+    /// # Errors
+    /// [`SettingsError`] when they cannot work for any slice.
+    pub(super) fn check(&self, mask: &Mask) -> Result<(), SettingsError> {
+        let spacing = self.spacing_mm;
+        if !(spacing.is_finite() && spacing.min_element() > 0.0) {
+            return Err(SettingsError::Spacing(spacing));
+        }
+        let direction = self.lattice_direction;
+        // The comparison is false for NaN.
+        let skew = (direction.transpose() * direction - DMat3::IDENTITY).to_cols_array().map(f64::abs);
+        if !skew.iter().all(|x| *x < 1e-9) {
+            return Err(SettingsError::Direction(direction));
+        }
+        if !self.simd.is_available() {
+            return Err(SettingsError::Simd(self.simd.name()));
+        }
+        if !(self.max_weight >= 1.0 && self.max_weight <= MOST_WEIGHT) {
+            return Err(SettingsError::MaxWeight(self.max_weight));
+        }
+        if mask.area() == 0 {
+            return Err(SettingsError::EmptyMask);
+        }
+        Ok(())
+    }
+
+    /// Returns the setting that the planar path does not support, if any.
+    pub fn beyond_planar(&self) -> Option<String> {
+        if self.method.interpolates() {
+            Some(format!("the kernel {}", self.method.name()))
+        } else if self.compounding.selects() {
+            Some(format!("the compounding {}", self.compounding.name()))
+        } else {
+            None
+        }
+    }
+
+    /// Starts the requested threads; `None` if the caller's is enough.
+    pub(super) fn pool(&self) -> Result<Option<Arc<rayon::ThreadPool>>, SettingsError> {
+        match self.threads {
+            0 | 1 => Ok(None),
+            n => rayon::ThreadPoolBuilder::new()
+                .num_threads(n)
+                .thread_name(|i| format!("weave-{i}"))
+                .build()
+                .map(|pool| Some(Arc::new(pool)))
+                .map_err(|e| SettingsError::Threads(n, e.to_string())),
+        }
+    }
+
+    /// Returns kernels along u, v and the normal for a pixel size, mm.
+    ///
+    /// # Errors
+    /// [`KernelError`] when a σ or a support is invalid.
+    pub fn kernels(&self, pixel_mm: [f64; 2]) -> Result<[AxisKernel; 3], KernelError> {
+        let spacing = self.spacing_mm.max_element();
+        let default = |axis: usize| match axis {
+            2 => OFF_PLANE_SIGMA_MM,
+            _ => IN_PLANE_SIGMA * spacing.max(pixel_mm[axis]),
+        };
+        let kernel = |axis: usize| {
+            let sigma = self.sigma_mm[axis].unwrap_or_else(|| default(axis));
+            let [in_plane, across] = self.support;
+            match axis {
+                2 => AxisKernel::new(self.method, sigma, across.unwrap_or(OFF_PLANE_SUPPORT)),
+                _ => self.method.in_plane(sigma, in_plane.unwrap_or(IN_PLANE_SUPPORT), pixel_mm[axis]),
+            }
+        };
+        let mut kernels = [kernel(0)?, kernel(1)?, kernel(2)?];
+        if self.compounding.selects() {
+            let [.., normal] = &mut kernels;
+            let support_mm = (0.5 * spacing).max(normal.hwhm() * normal.sigma_mm);
+            *normal = AxisKernel { shape: Shape::Box, support_mm, pedestal: 0.0, ..*normal };
+        }
+        Ok(kernels)
+    }
+
+    /// Maps voxel indices to world mm.
+    pub(super) fn world_from_lattice(&self) -> DAffine3 {
+        DAffine3 {
+            matrix3: self.lattice_direction * DMat3::from_diagonal(self.spacing_mm),
+            translation: self.lattice_origin_mm,
+        }
+    }
+}
+
+/// Reason why the reconstructor cannot be used with these settings.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SettingsError {
+    /// Invalid voxel spacing.
+    #[error("the voxel spacing must be positive numbers of mm, not {0}")]
+    Spacing(DVec3),
+    /// The lattice's axes are not perpendicular, or not of length 1.
+    #[error("the lattice's axes must be perpendicular and of length 1, not {0}")]
+    Direction(DMat3),
+    /// The planar path's tolerance is not a length.
+    #[error("the tolerance about the scan's plane must be a number of voxels, 0 or more, not {0}")]
+    Tolerance(f64),
+    /// The planar path does not support the setting.
+    #[error("the planar path does not support {0}: choose --path general")]
+    BeyondPlanar(String),
+    /// The planar path cannot hold data with this mask.
+    #[error(transparent)]
+    Planar(#[from] Departure),
+    /// Invalid kernel.
+    #[error(transparent)]
+    Kernel(#[from] KernelError),
+    /// No filter for the kernel.
+    #[error("along image axis {axis}: {source}")]
+    Spline {
+        /// `u` or `v`.
+        axis: char,
+        /// Reason.
+        #[source]
+        source: SplineError,
+    },
+    /// No pixel of the image is data.
+    #[error("the mask leaves no pixel of the picture: check the clip rectangle, the fan and the picture's size")]
+    EmptyMask,
+    /// The image is too fine for its kernel.
+    #[error(
+        "the filtered picture would have {0} nodes, more than the {most} that it may have: give a larger --sigma or a smaller --clip",
+        most = MOST_NODES
+    )]
+    Nodes(usize),
+    /// Invalid decay.
+    #[error(transparent)]
+    Decay(#[from] DecayError),
+    /// Invalid limit of the weight.
+    #[error(
+        "the largest weight must lie between 1 and {most:e} slices, not at {0}: beyond, sums in single precision lose what a slice adds; choose a smaller --max-weight",
+        most = MOST_WEIGHT
+    )]
+    MaxWeight(f64),
+    /// This machine lacks the instruction set.
+    #[error("this machine has no {0}: choose --simd auto")]
+    Simd(&'static str),
+    /// No memory even for an empty volume.
+    #[error("no memory for the volume: {0}")]
+    Memory(String),
+    /// Threads could not be started.
+    #[error("{0} threads could not be started: {1}")]
+    Threads(usize, String),
+}

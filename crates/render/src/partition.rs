@@ -1,0 +1,447 @@
+//! Rendering by parts: each worker lights, samples and composites its own part of the volume,
+//! and a compositor assembles the picture from their messages.
+//!
+//! The render region is cut across its z axis, as in Ohbuchi, Chen & Fuchs (1992, section 4.4).
+//! Their regional reconstruction and rendering processors correspond to [`Part`], their global
+//! compositing processor to [`Compositor`]. A worker receives slices, or the voxels they changed
+//! within [`Part::region`]; it sends the changed composited blocks, as bytes.
+//!
+//! A block of a ray belongs, whole, to the part in which its first sample lies. No sample is
+//! lost or taken twice. The compositor composites the same blocks in the same order as a
+//! [`Renderer`](super::Renderer), so the picture has the same bits for any number of parts. A
+//! part also holds some of its neighbours' voxels, for samples of its blocks beyond the cut.
+
+use simd::Simd;
+use simd::sharing::Sharing;
+use volume::Values;
+use volume::brick::{BrickIndex, EDGE};
+
+use super::RenderError;
+use super::camera::Camera;
+use super::classify::shade::Shader;
+use super::classify::transfer::Transfer;
+use super::mode::Mode;
+use super::picture::Picture;
+use super::rays::cast::{Fold, Line, Through};
+use super::rays::marks::Marks;
+use super::rays::rows::Row;
+use super::region::RenderRegion;
+use super::settings::{Cache, RenderSettings};
+use super::shown::Shown;
+use super::voxels::{Sampler, Voxels};
+use super::work::RenderWork;
+
+/// Voxels beyond its last sample that a part needs: the cell about it, and the neighbours of its
+/// corners.
+const MARGIN: f64 = 2.0;
+
+/// One worker's part of the render region.
+pub struct Part {
+    width: u32,
+    marks: Marks,
+    shader: Shader<f32>,
+    shown: Shown,
+    fold: Fold,
+    simd: Simd,
+    /// Lattice indices of the first and last voxel that it needs.
+    region: [[i64; 3]; 2],
+    image: Image<Held<1>, Held<3>>,
+}
+
+/// Composites the messages of the parts into the picture.
+pub struct Compositor {
+    size: [u32; 2],
+    mode: Mode,
+    transfer: Transfer,
+    fold: Fold,
+    image: Image<Folded<1>, Folded<3>>,
+}
+
+/// One channel for grey light, three for coloured light.
+enum Image<G, C> {
+    Grey(G),
+    Colour(C),
+}
+
+/// Message of a part after a change.
+#[derive(Debug, Clone, Default)]
+pub struct Message {
+    /// For each changed block: its pixel number and its number along the ray, then colour and
+    /// transmittance; little-endian.
+    pub bytes: Vec<u8>,
+    /// Work the part did for it.
+    pub work: RenderWork,
+}
+
+impl Part {
+    /// Creates part number `part` of `parts`, of an empty volume.
+    ///
+    /// # Errors
+    /// [`RenderError`] for invalid settings, [`RenderError::Part`] for an invalid part.
+    pub fn new(settings: &RenderSettings, stage: &RenderRegion, part: u32, parts: u32) -> Result<Self, RenderError> {
+        if part >= parts || parts > stage.bricks()[2] {
+            return Err(RenderError::Part { part, parts, layers: stage.bricks()[2] });
+        }
+        settings.mode.check()?;
+        let camera = Camera::new(&settings.view, settings.size, settings.step, stage)?;
+        let shader = Shader::new(settings, &camera, stage);
+        let fold = settings.fold(camera.samples())?;
+        let mode = settings.mode;
+        let layers = i64::from(stage.bricks()[2]);
+        let cut = |k: u32| i64::from(k) * layers / i64::from(parts) * EDGE as i64;
+        let cuts = [cut(part), cut(part + 1)];
+        // A block extends out of the part by its own length at most.
+        let along = stage.stage_from_world().matrix3.row(2).length();
+        let reach = (f64::from(fold.arity) * camera.step_mm() * along + MARGIN).ceil() as i64;
+        let [mut low, mut high] = stage.bounds();
+        low[2] = low[2].max(stage.first()[2] + cuts[0] - reach);
+        high[2] = high[2].min(stage.first()[2] + cuts[1] + reach);
+        let image = match shader.is_grey() {
+            true => Image::Grey(Held::new(&camera, stage, settings, fold, cuts)),
+            false => Image::Colour(Held::new(&camera, stage, settings, fold, cuts)),
+        };
+        Ok(Self {
+            width: settings.size[0],
+            marks: Marks::new(&camera, mode.reach()),
+            shader,
+            shown: Shown::new(stage),
+            fold,
+            simd: settings.simd,
+            region: [low, high],
+            image,
+        })
+    }
+
+    /// Returns the lattice indices of the first and last voxel whose changes the part needs: its
+    /// own and some of its neighbours'.
+    pub fn region(&self) -> [[i64; 3]; 2] {
+        self.region
+    }
+
+    /// Reads some bricks of a volume, given by lattice index divided by 8; ignores those out of
+    /// its region. The volume needs to hold only the part's region. The message holds the blocks
+    /// to be composited again.
+    pub fn update(&mut self, volume: &(impl Values + ?Sized), bricks: &[BrickIndex]) -> Message {
+        let edge = EDGE as i64;
+        let [low, high] = [self.region[0][2].div_euclid(edge), self.region[1][2].div_euclid(edge)];
+        let needed: Vec<BrickIndex> =
+            bricks.iter().filter(|b| (low..=high).contains(&i64::from(b[2]))).copied().collect();
+        let mut message = Message::default();
+        message.work.bricks_read = needed.len() as u64;
+        let (mut changed, mut dirty) = (Vec::new(), Vec::new());
+        self.shown.take(volume, &needed, self.simd, Sharing::Alone, &mut changed);
+        message.work.bricks_changed = changed.len() as u64;
+        if changed.is_empty() {
+            return message;
+        }
+        let voxels = self.shown.dilated(&changed);
+        let (shown, shader, simd) = (&self.shown, &self.shader, self.simd);
+        message.work.voxels_shaded = match &mut self.image {
+            Image::Grey(held) => held.voxels.update(shown, &voxels, shader, simd, Sharing::Alone, &mut dirty),
+            Image::Colour(held) => held.voxels.update(shown, &voxels, shader, simd, Sharing::Alone, &mut dirty),
+        };
+        self.marks.set(&dirty, None);
+        let width = self.width;
+        match &mut self.image {
+            Image::Grey(held) => held.cast(&self.marks, shader, width, self.fold, simd, &mut message),
+            Image::Colour(held) => held.cast(&self.marks, shader, width, self.fold, simd, &mut message),
+        }
+        message
+    }
+}
+
+/// Data of a part for a number of channels.
+struct Held<const C: usize> {
+    voxels: Voxels<C>,
+    rows: Vec<Row<C>>,
+    /// Blocks of each row as last sent to the compositor.
+    sent: Vec<Vec<Through<C>>>,
+}
+
+impl<const C: usize> Held<C> {
+    fn new(
+        camera: &Camera,
+        stage: &RenderRegion,
+        settings: &RenderSettings,
+        fold: Fold,
+        [low, high]: [i64; 2],
+    ) -> Self {
+        let own = |line: &Line| own_samples(line, fold, [low as f32, high as f32]);
+        let rows: Vec<Row<C>> = (0..camera.size()[1])
+            .map(|j| {
+                let mut row = Row::new(camera, stage, j);
+                row.restrict(own);
+                row.keep(Cache::OneLevel, fold);
+                row
+            })
+            .collect();
+        let sent = rows.iter().map(|row| vec![Through::CLEAR; row.kept().len()]).collect();
+        Self { voxels: Voxels::new(stage, settings), rows, sent }
+    }
+
+    fn cast(&mut self, marks: &Marks, shader: &Shader<f32>, width: u32, fold: Fold, simd: Simd, message: &mut Message) {
+        let sampler = Sampler::new(&self.voxels, shader);
+        for ((j, row), sent) in (0..).zip(&mut self.rows).zip(&mut self.sent) {
+            row.work = RenderWork::default();
+            let [first, end] = row.mark(j, marks, simd);
+            for at in first..end {
+                row.cast(at, sampler, fold, simd);
+                let (number, range) = row.blocks_of(at, fold);
+                let mut all = Through::CLEAR;
+                for ((number, block), sent) in (number..).zip(&row.kept()[range.clone()]).zip(&mut sent[range]) {
+                    if !block.same_bits(sent) {
+                        *sent = *block;
+                        put(&mut message.bytes, j * width + at as u32, number, block);
+                    }
+                    // Blocks behind this one are hidden within this part already. They are not
+                    // up to date and need not be.
+                    if all.ends_behind(block, fold, &mut RenderWork::default()) {
+                        break;
+                    }
+                }
+            }
+            message.work += row.work;
+        }
+    }
+}
+
+/// Returns the samples of a line that belong to blocks whose first sample lies in the voxel
+/// layers from `low` up to `high`.
+fn own_samples(line: &Line, fold: Fold, [low, high]: [f32; 2]) -> [u32; 2] {
+    let mut own: Option<[u32; 2]> = None;
+    let mut k = line.first;
+    while k < line.end {
+        let end = fold.block_end(k).min(line.end);
+        let [.., z] = line.at(k);
+        if z >= low && z < high {
+            own = Some([own.map_or(k, |[first, _]| first), end]);
+        }
+        k = end;
+    }
+    own.unwrap_or([line.first, line.first])
+}
+
+/// Appends a block to a message.
+fn put<const C: usize>(bytes: &mut Vec<u8>, pixel: u32, number: u32, block: &Through<C>) {
+    bytes.extend(pixel.to_le_bytes());
+    // Fewer than 2¹⁶ samples have fewer blocks.
+    bytes.extend((number as u16).to_le_bytes());
+    block.colour.iter().chain([&block.transmittance]).for_each(|x| bytes.extend(x.to_le_bytes()));
+}
+
+impl Compositor {
+    /// Creates a picture without any message yet: all transparent.
+    ///
+    /// # Errors
+    /// [`RenderError`] for invalid settings.
+    pub fn new(settings: &RenderSettings, stage: &RenderRegion) -> Result<Self, RenderError> {
+        let camera = Camera::new(&settings.view, settings.size, settings.step, stage)?;
+        let fold = settings.fold(camera.samples())?;
+        let (mode, transfer) = (settings.mode, settings.transfer.clone());
+        let image = match mode.is_grey(&transfer) {
+            true => Image::Grey(Folded::new(&camera, fold)),
+            false => Image::Colour(Folded::new(&camera, fold)),
+        };
+        Ok(Self { size: settings.size, mode, transfer, fold, image })
+    }
+
+    /// Takes a part's message and composites the pixels concerned; returns their number.
+    ///
+    /// # Errors
+    /// [`RenderError::Message`] for bytes that no part of this picture sends; the picture then
+    /// stays unchanged.
+    pub fn receive(&mut self, bytes: &[u8]) -> Result<u64, RenderError> {
+        match &mut self.image {
+            Image::Grey(folded) => folded.receive(bytes, self.fold),
+            Image::Colour(folded) => folded.receive(bytes, self.fold),
+        }
+    }
+
+    /// Returns the current picture.
+    pub fn picture(&self) -> Picture {
+        let pixel = |colour, transmittance| self.mode.pixel(colour, transmittance, &self.transfer);
+        let pixels = match &self.image {
+            Image::Grey(folded) => folded.pixels.iter().map(|p| pixel([p.colour[0]; 3], p.transmittance)).collect(),
+            Image::Colour(folded) => folded.pixels.iter().map(|p| pixel(p.colour, p.transmittance)).collect(),
+        };
+        Picture { size: self.size, pixels }
+    }
+}
+
+/// The blocks of all rays, equally many a ray, nearest first; and the composited pixels.
+struct Folded<const C: usize> {
+    each: usize,
+    blocks: Vec<Through<C>>,
+    pixels: Vec<Through<C>>,
+}
+
+impl<const C: usize> Folded<C> {
+    /// Bytes of a block.
+    const BYTES: usize = 4 + 2 + 4 * (C + 1);
+
+    fn new(camera: &Camera, fold: Fold) -> Self {
+        let [width, height] = camera.size().map(|s| s as usize);
+        let each = camera.samples().div_ceil(fold.arity) as usize;
+        Self { each, blocks: vec![Through::CLEAR; width * height * each], pixels: vec![Through::CLEAR; width * height] }
+    }
+
+    fn receive(&mut self, bytes: &[u8], fold: Fold) -> Result<u64, RenderError> {
+        let mut received = Vec::with_capacity(bytes.len() / Self::BYTES);
+        for chunk in bytes.chunks(Self::BYTES) {
+            let block =
+                Self::read(chunk).filter(|(pixel, number, _)| *pixel < self.pixels.len() && *number < self.each);
+            received.push(block.ok_or(RenderError::Message { bytes: bytes.len() })?);
+        }
+        let mut folded = 0;
+        let mut last = None;
+        for (pixel, number, block) in &received {
+            self.blocks[pixel * self.each + number] = *block;
+        }
+        for (pixel, ..) in received {
+            // A pixel's blocks are consecutive.
+            if last.replace(pixel) == Some(pixel) {
+                continue;
+            }
+            let mut all = Through::CLEAR;
+            let mut work = RenderWork::default();
+            for block in &self.blocks[pixel * self.each..][..self.each] {
+                if all.ends_behind(block, fold, &mut work) {
+                    break;
+                }
+            }
+            self.pixels[pixel] = all;
+            folded += 1;
+        }
+        Ok(folded)
+    }
+
+    /// Returns the pixel, the number of the block, and the block.
+    fn read(bytes: &[u8]) -> Option<(usize, usize, Through<C>)> {
+        let (pixel, rest) = bytes.split_first_chunk::<4>()?;
+        let (number, rest) = rest.split_first_chunk::<2>()?;
+        let mut values = rest.chunks(4).map(|x| x.try_into().ok().map(f32::from_le_bytes));
+        let mut block = Through::CLEAR;
+        for colour in &mut block.colour {
+            *colour = values.next()??;
+        }
+        block.transmittance = values.next()??;
+        Some((u32::from_le_bytes(*pixel) as usize, usize::from(u16::from_le_bytes(*number)), block))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DMat3;
+
+    use super::super::Renderer;
+    use super::super::tests::modes::ways;
+    use super::super::tests::{looks, sweep};
+    use super::*;
+    use phantom::Motion;
+    use reconstruct::PathReconstructor;
+
+    #[test]
+    fn any_number_of_parts_gives_same_picture() {
+        let turned = DMat3::from_rotation_z(0.4) * DMat3::from_rotation_x(0.3);
+        for (look, motion) in looks().into_iter().zip([
+            Motion::Freehand,
+            Motion::Crossing,
+            Motion::Jittered,
+            Motion::Freehand,
+            Motion::Parallel,
+        ]) {
+            let (scan, weave, stage) = sweep(16, motion, turned);
+            for parts in [1, 2, 3, 8] {
+                let mut weaver = PathReconstructor::general(weave.clone(), scan.mask().clone()).unwrap();
+                let mut renderer = Renderer::new(&look, stage).unwrap();
+                let mut compositor = Compositor::new(&look, &stage).unwrap();
+                let mut workers: Vec<Part> = (0..parts).map(|k| Part::new(&look, &stage, k, parts).unwrap()).collect();
+                let (mut sent, mut most) = (0, 0);
+                for frame in 0..scan.frames() {
+                    let touched = weaver.insert(&scan.slice(frame)).unwrap();
+                    renderer.update(weaver.volume(), &touched.bricks);
+                    for worker in &mut workers {
+                        let message = worker
+                            .update(&Within { volume: weaver.volume(), region: worker.region() }, &touched.bricks);
+                        compositor.receive(&message.bytes).unwrap();
+                        sent += message.bytes.len();
+                        most = most.max(message.bytes.len());
+                    }
+                    let (a, b) = (compositor.picture(), renderer.picture());
+                    let same = a.pixels.iter().zip(&b.pixels).all(|(a, b)| a.map(f32::to_bits) == b.map(f32::to_bits));
+                    assert!(same, "{parts} parts, frame {frame}: {:?} off {:?}", look.view, a.difference(&b));
+                }
+                // All the voxels that slices changed would be several times as much.
+                assert!(sent > 0 && most < 300_000, "{sent} {most}");
+                // Unchanged bricks cause no work.
+                let all: Vec<BrickIndex> = weaver.volume().bricks().collect();
+                for worker in &mut workers {
+                    let message = worker.update(&Within { volume: weaver.volume(), region: worker.region() }, &all);
+                    let idle = RenderWork { bricks_read: message.work.bricks_read, ..RenderWork::default() };
+                    assert!(message.bytes.is_empty() && message.work == idle, "{:?}", message.work);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn parts_give_same_picture_in_every_mode() {
+        for look in ways() {
+            let (scan, weave, stage) = sweep(12, Motion::Freehand, DMat3::from_rotation_x(0.3));
+            let mut weaver = PathReconstructor::general(weave, scan.mask().clone()).unwrap();
+            let mut compositor = Compositor::new(&look, &stage).unwrap();
+            let mut workers: Vec<Part> = (0..3).map(|k| Part::new(&look, &stage, k, 3).unwrap()).collect();
+            for frame in 0..scan.frames() {
+                let touched = weaver.insert(&scan.slice(frame)).unwrap();
+                for worker in &mut workers {
+                    let region = Within { volume: weaver.volume(), region: worker.region() };
+                    compositor.receive(&worker.update(&region, &touched.bricks).bytes).unwrap();
+                }
+            }
+            let mut renderer = Renderer::new(&look, stage).unwrap();
+            renderer.update_all(weaver.volume());
+            let (a, b) = (compositor.picture(), renderer.picture());
+            assert!(a == b, "{:?}: off by {:?}", look.mode, a.difference(&b));
+        }
+    }
+
+    /// A volume that holds only a region.
+    struct Within<'a, V: ?Sized> {
+        volume: &'a V,
+        region: [[i64; 3]; 2],
+    }
+
+    impl<V: Values + ?Sized> Values for Within<'_, V> {
+        fn values(&self, start: [i64; 3], value: &mut [f32], weight: &mut [f32]) {
+            self.volume.values(start, value, weight);
+            let [low, high] = self.region;
+            for (x, (value, weight)) in value.iter_mut().zip(weight).enumerate() {
+                let at = [start[0] + x as i64, start[1], start[2]];
+                if (0..3).any(|a| !(low[a]..=high[a]).contains(&at[a])) {
+                    (*value, *weight) = (f32::NAN, 1.0);
+                }
+            }
+        }
+
+        fn bricks(&self) -> Box<dyn Iterator<Item = BrickIndex> + '_> {
+            self.volume.bricks()
+        }
+    }
+
+    #[test]
+    fn invalid_parts_and_messages_are_refused() {
+        let (_, _, stage) = sweep(2, Motion::Freehand, DMat3::IDENTITY);
+        let look = &looks()[0];
+        let refused =
+            |part, parts| Part::new(look, &stage, part, parts).err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(refused(2, 2).contains("part 2 of 2") && refused(0, 0).contains("counted from 0"));
+        assert!(refused(0, 1000).contains("one a layer"));
+        let mut compositor = Compositor::new(look, &stage).unwrap();
+        let before = compositor.picture();
+        for bytes in [&[1, 2, 3][..], &[255; 14][..]] {
+            assert!(compositor.receive(bytes).is_err_and(|e| e.to_string().contains("message")));
+        }
+        assert_eq!(compositor.receive(&[]), Ok(0));
+        assert_eq!(compositor.picture(), before);
+    }
+}

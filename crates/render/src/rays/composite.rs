@@ -1,0 +1,147 @@
+//! Composite modes: how the samples along a ray are combined.
+//!
+//! All modes share the state, premultiplied colour and transmittance, and the neutral element
+//! (0, 1). Each is associative except for rounding.
+
+use crate::rays::cast::Through;
+
+/// Composite mode of the samples along a ray.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum CompositeMode {
+    /// Samples in front hide those behind.
+    Over,
+    /// Tissue so thin that nothing is hidden: colours and opacities add up. This is the first
+    /// order of [`Self::Over`] in the opacity. The transmittance can end anywhere below 1, and
+    /// colour / (1 − transmittance) is the mean.
+    Thin,
+    /// The largest colour of the samples seen by half or more, not premultiplied. The
+    /// transmittance is 0 once there was one.
+    Most {
+        /// Larger values make no difference.
+        top: f32,
+    },
+}
+
+impl CompositeMode {
+    /// Adds a sample behind.
+    #[inline(always)]
+    pub(crate) fn add<const C: usize>(self, front: &mut Through<C>, colour: [f32; C], alpha: f32) {
+        match self {
+            Self::Over => front.add(colour, alpha),
+            Self::Thin => {
+                for (sum, c) in front.colour.iter_mut().zip(colour) {
+                    *sum += c;
+                }
+                front.transmittance -= alpha;
+            }
+            Self::Most { .. } => {
+                if alpha >= 0.5 {
+                    let mut value = colour;
+                    for c in &mut value {
+                        *c /= alpha;
+                    }
+                    larger(front, &value);
+                }
+            }
+        }
+    }
+
+    /// Adds a block behind.
+    #[inline(always)]
+    pub(crate) fn join<const C: usize>(self, front: &mut Through<C>, block: &Through<C>) {
+        match self {
+            Self::Over => front.join(block),
+            Self::Thin => {
+                for (sum, c) in front.colour.iter_mut().zip(block.colour) {
+                    *sum += c;
+                }
+                front.transmittance += block.transmittance - 1.0;
+            }
+            Self::Most { .. } => {
+                if block.transmittance < 1.0 {
+                    larger(front, &block.colour);
+                }
+            }
+        }
+    }
+
+    /// Returns whether samples further behind make no difference, or too little: the
+    /// transmittance is below `stop`.
+    #[inline(always)]
+    pub(crate) fn ends<const C: usize>(self, front: &Through<C>, stop: f32) -> bool {
+        match self {
+            Self::Over => front.transmittance < stop,
+            Self::Thin => false,
+            Self::Most { top } => front.transmittance < 1.0 && front.colour[0] >= top,
+        }
+    }
+}
+
+/// Keeps the larger one; anything is larger than nothing.
+#[inline(always)]
+fn larger<const C: usize>(front: &mut Through<C>, value: &[f32; C]) {
+    if front.transmittance >= 1.0 || value[0] > front.colour[0] {
+        front.colour = *value;
+        front.transmittance = 0.0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LAWS: [CompositeMode; 3] = [CompositeMode::Over, CompositeMode::Thin, CompositeMode::Most { top: 255.0 }];
+
+    fn folded(law: CompositeMode, samples: &[(f32, f32)]) -> Through<1> {
+        let mut all = Through::CLEAR;
+        samples.iter().for_each(|(c, alpha)| law.add(&mut all, [*c], *alpha));
+        all
+    }
+
+    #[test]
+    fn composited_blocks_equal_composited_samples() {
+        let samples: Vec<(f32, f32)> = (0..60_u16)
+            .map(|i| {
+                let alpha = f32::from(i * 7 % 11) / 11.0;
+                (alpha * f32::from(i * 13 % 17), alpha)
+            })
+            .collect();
+        for law in LAWS {
+            let whole = folded(law, &samples);
+            for arity in [1, 4, 7, 59] {
+                let mut all = Through::CLEAR;
+                samples.chunks(arity).for_each(|block| law.join(&mut all, &folded(law, block)));
+                let off = (all.colour[0] - whole.colour[0]).abs().max((all.transmittance - whole.transmittance).abs());
+                assert!(off < 1e-3, "{law:?} in {arity}s: {all:?}, not {whole:?}");
+            }
+            let mut same = whole;
+            law.join(&mut same, &Through::CLEAR);
+            let mut behind_nothing = Through::CLEAR;
+            law.join(&mut behind_nothing, &whole);
+            assert!(same.same_bits(&whole), "{law:?}");
+            assert!((behind_nothing.transmittance - whole.transmittance).abs() < 1e-5, "{law:?}");
+        }
+    }
+
+    #[test]
+    fn maximum_uses_seen_samples_and_allows_negative() {
+        let most = LAWS[2];
+        assert_eq!(
+            folded(most, &[(-6.0, 1.0), (-3.0, 0.75), (90.0, 0.4)]),
+            Through { colour: [-4.0], transmittance: 0.0 }
+        );
+        assert_eq!(folded(most, &[(90.0, 0.4), (0.0, 0.0)]), Through::CLEAR);
+        assert!(most.ends(&folded(most, &[(255.0, 1.0)]), 0.0) && !most.ends(&folded(most, &[(254.0, 1.0)]), 1.0));
+        assert!(!most.ends(&Through::<1>::CLEAR, 1.0));
+    }
+
+    #[test]
+    fn thin_mode_is_limit_of_over_mode() {
+        let (samples, thin) = ([(30.0, 0.5), (200.0, 1.0), (90.0, 0.75)], 1e-4);
+        let faint = samples.map(|(c, alpha)| (c * thin, alpha * thin));
+        let (mean, over) = (folded(CompositeMode::Thin, &samples), folded(CompositeMode::Over, &faint));
+        assert_eq!(mean, Through { colour: [320.0], transmittance: -1.25 });
+        assert!((mean.colour[0] - over.colour[0] / thin).abs() < 0.1);
+        assert!(((1.0 - mean.transmittance) - (1.0 - over.transmittance) / thin).abs() < 2e-3);
+    }
+}

@@ -1,0 +1,159 @@
+//! The picture's rows: finds the pixels a change reaches, and casts their rays again.
+
+use std::ops::Range;
+
+use simd::{Fused, Simd};
+
+use crate::camera::Camera;
+use crate::rays::cache::{self, RowCache};
+use crate::rays::cast::{Fold, Line, Through};
+use crate::rays::marks::Marks;
+use crate::region::RenderRegion;
+use crate::settings::Cache;
+use crate::voxels::Sampler;
+use crate::work::RenderWork;
+
+/// Job that renders a pixel of a row again.
+struct Again<'a, const C: usize> {
+    row: &'a mut Row<C>,
+    at: usize,
+    samples: [u32; 2],
+    sampler: Sampler<'a, C>,
+    fold: Fold,
+}
+
+/// Job that marks the changed samples of a row's rays.
+struct Marking<'a, const C: usize> {
+    row: &'a mut Row<C>,
+    j: u32,
+    marks: &'a Marks,
+}
+
+impl<const C: usize> Fused for Marking<'_, C> {
+    type Output = [usize; 2];
+
+    #[inline(always)]
+    fn run(self) -> [usize; 2] {
+        let Row { lines, dirty, work, .. } = self.row;
+        self.marks.note(self.j, lines, dirty, work)
+    }
+}
+
+impl<const C: usize> Fused for Again<'_, C> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        self.row.again(self.at, self.samples, self.sampler, self.fold);
+    }
+}
+
+/// A row of pixels, and the data kept of their rays.
+pub(crate) struct Row<const C: usize> {
+    pub(crate) pixels: Vec<Through<C>>,
+    lines: Vec<Line>,
+    cache: RowCache<C>,
+    /// Samples of each pixel's ray that may have changed.
+    dirty: Vec<[u32; 2]>,
+    pub(crate) work: RenderWork,
+}
+
+impl<const C: usize> Row<C> {
+    /// Creates row `j`, transparent.
+    pub(crate) fn new(camera: &Camera, stage: &RenderRegion, j: u32) -> Self {
+        let n = camera.size()[0] as usize;
+        let mut row = Self {
+            pixels: vec![Through::CLEAR; n],
+            lines: Vec::with_capacity(n),
+            cache: RowCache::none(),
+            dirty: Vec::with_capacity(n),
+            work: RenderWork::default(),
+        };
+        row.turn(camera, stage, j);
+        row
+    }
+
+    /// Sets the row up for another view, transparent. The cache memory stays until
+    /// [`Self::keep_again`] lays it out again.
+    pub(crate) fn turn(&mut self, camera: &Camera, stage: &RenderRegion, j: u32) {
+        let [width, _] = camera.size();
+        let [low, high] = stage.bounds().map(|at| std::array::from_fn(|a| at[a] - stage.first()[a]));
+        self.lines.clear();
+        self.lines.extend((0..width).map(|i| Line::new(&camera.ray(i, j), low, high, camera.samples())));
+        self.pixels.fill(Through::CLEAR);
+        self.dirty.clear();
+        self.dirty.resize(self.lines.len(), [u32::MAX, 0]);
+    }
+
+    /// Returns the bytes that a cache would take.
+    pub(crate) fn cache_bytes(&self, cache: Cache, fold: Fold) -> u64 {
+        cache::bytes::<C>(cache, &self.lines, fold)
+    }
+
+    /// Starts to use a cache; all rays must still be transparent.
+    pub(crate) fn keep(&mut self, cache: Cache, fold: Fold) {
+        self.cache = RowCache::new(cache, &self.lines, fold);
+    }
+
+    /// Starts to use a cache in the memory of another view's cache; none of its rays has been
+    /// cast.
+    pub(crate) fn keep_again(&mut self, cache: Cache, fold: Fold) {
+        self.cache.again(cache, &self.lines, fold);
+        self.mark_all();
+    }
+
+    /// Restricts each ray to some samples; all must still be transparent.
+    pub(crate) fn restrict(&mut self, own: impl Fn(&Line) -> [u32; 2]) {
+        for line in &mut self.lines {
+            [line.first, line.end] = own(line);
+        }
+    }
+
+    /// Returns the number of a ray's first block, and the range of its blocks in [`Self::kept`].
+    pub(crate) fn blocks_of(&self, at: usize, fold: Fold) -> (u32, Range<usize>) {
+        self.cache.blocks_of(at, &self.lines[at], fold)
+    }
+
+    /// Returns the composited blocks, if they are kept. Blocks behind the end of a ray may be
+    /// out of date.
+    pub(crate) fn kept(&self) -> &[Through<C>] {
+        self.cache.blocks()
+    }
+
+    pub(crate) fn bytes(&self) -> u64 {
+        let each = size_of::<Line>() + size_of::<Through<C>>() + size_of::<[u32; 2]>();
+        self.cache.bytes() + (self.lines.len() * each) as u64
+    }
+
+    /// Notes the samples of its rays that some changes can have reached, until the ray is cast.
+    /// Returns the first pixel concerned and the one after the last.
+    pub(crate) fn mark(&mut self, j: u32, marks: &Marks, simd: Simd) -> [usize; 2] {
+        simd.fused(Marking { row: self, j, marks })
+    }
+
+    /// Marks all samples of all its rays as changed.
+    fn mark_all(&mut self) {
+        for (line, dirty) in self.lines.iter().zip(&mut self.dirty) {
+            if line.first < line.end {
+                *dirty = [line.first, line.end];
+            }
+        }
+    }
+
+    /// Casts the ray of a pixel again, if any of it may have changed since its last cast.
+    pub(crate) fn cast(&mut self, at: usize, sampler: Sampler<'_, C>, fold: Fold, simd: Simd) {
+        let [from, to] = std::mem::replace(&mut self.dirty[at], [u32::MAX, 0]);
+        if from < to {
+            simd.fused(Again { row: self, at, samples: [from, to], sampler, fold });
+        }
+    }
+
+    /// Renders a pixel again; `samples` may have changed.
+    #[inline(always)]
+    fn again(&mut self, at: usize, samples: [u32; 2], sampler: Sampler<'_, C>, fold: Fold) {
+        let pixel = self.cache.pixel(at, &self.lines[at], samples, sampler, fold, &mut self.work);
+        self.work.rays += 1;
+        self.work.pixels_changed += u64::from(!pixel.same_bits(&self.pixels[at]));
+        self.pixels[at] = pixel;
+    }
+}

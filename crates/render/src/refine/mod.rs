@@ -1,0 +1,328 @@
+//! Refinement of a new view from its first coarse picture to the exact one, in steps short
+//! enough to be interrupted.
+//!
+//! A new view invalidates all data kept of rays, and the light on every voxel changes. A few
+//! rays first light the voxels they meet themselves ([`Preview`]). Then, step by step, the
+//! visible bricks are lit and the rows' rays set up. The picture is refined from rays of every
+//! eighth pixel, interpolated in between, to every fourth, every second, and each ray that the
+//! picture needs.
+//!
+//! A picture of one depth depends only on the volume, the view and the depth. The last one is
+//! bit for bit the picture of a renderer made for that view. A slice in between takes effect at
+//! once: the regions it reaches start again from the coarsest rays.
+
+pub(crate) mod adaptive;
+pub(crate) mod features;
+pub(crate) mod preview;
+
+use simd::Simd;
+use simd::sharing::Sharing;
+use volume::brick::EDGE;
+
+use super::camera::Camera;
+use super::classify::shade::Shader;
+use super::layers::Layers;
+use super::rays::cast::Fold;
+use super::rays::marks::Marks;
+use super::rays::rows::Row;
+use super::refine::adaptive::{Casting, DEPTHS, REGION, Regions};
+use super::refine::features::Features;
+use super::refine::preview::{Preview, Sight, Unlit};
+use super::region::RenderRegion;
+use super::settings::{Cache, RenderSettings};
+use super::shaded::Dirty;
+use super::shown::{Changed, Shown};
+use super::voxels::{Sampler, Voxels};
+use super::work::RenderWork;
+
+/// Bricks that are lit, or searched for small features, in one step.
+const BRICKS: usize = 64;
+/// Rows whose rays are set up in one step.
+const ROWS: usize = 32;
+/// Regions that are refined in one step, by depth: about as many rays each.
+const REGIONS: [usize; DEPTHS] = [1024, 512, 128, 64];
+
+/// Inputs and parameters of a picture.
+#[derive(Clone, Copy)]
+pub(super) struct Scene<'a> {
+    pub(super) camera: &'a Camera,
+    /// Rays that the last change may have reached.
+    pub(super) marks: &'a Marks,
+    pub(super) stage: &'a RenderRegion,
+    pub(super) shown: &'a Shown,
+    pub(super) shader: &'a Shader<f32>,
+    pub(super) fold: Fold,
+    pub(super) simd: Simd,
+    pub(super) sharing: Sharing,
+}
+
+/// Cache policy of the rays: the requested cache, or a smaller one if that would take too much
+/// memory.
+#[derive(Debug, Clone)]
+pub(super) struct Keeping {
+    asked: Cache,
+    most: u64,
+    pub(super) cache: Cache,
+    /// Notes for the user: sentences.
+    pub(super) notes: Vec<String>,
+}
+
+impl Keeping {
+    /// Chooses by the bytes that caches of some rows would take.
+    pub(super) fn choose<const C: usize>(settings: &RenderSettings, rows: &[Row<C>], fold: Fold) -> Self {
+        let mut keeping =
+            Self { asked: settings.cache, most: settings.cache_bytes, cache: Cache::None, notes: Vec::new() };
+        keeping.choose_again(rows, fold);
+        keeping
+    }
+
+    fn choose_again<const C: usize>(&mut self, rows: &[Row<C>], fold: Fold) {
+        let bytes = |cache: Cache| rows.iter().map(|row| row.cache_bytes(cache, fold)).sum::<u64>();
+        let smaller = [self.asked, Cache::OneLevel, Cache::None];
+        self.cache = smaller.into_iter().find(|cache| bytes(*cache) <= self.most).unwrap_or(Cache::None);
+        self.notes.clear();
+        if self.cache != self.asked {
+            self.notes.push(format!(
+                "the {} ray cache would take {:.0} MB, more than the {:.0} MB that it may: the cache is {} instead; raise --cache-bytes, or ask for a \
+                 smaller picture or a longer step",
+                self.asked.name(),
+                bytes(self.asked) as f64 / 1e6,
+                self.most as f64 / 1e6,
+                self.cache.name()
+            ));
+        }
+    }
+}
+
+/// A picture without one ray a pixel: by choice, or not yet.
+pub(super) struct Sparse<const C: usize> {
+    pub(super) regions: Regions<C>,
+    /// Small features, if rays are adaptive.
+    features: Option<Features>,
+    turning: Option<Turning<C>>,
+}
+
+impl<const C: usize> Sparse<C> {
+    /// Creates the picture of an empty volume.
+    pub(super) fn new(camera: &Camera, stage: &RenderRegion, epsilon: f32) -> Self {
+        let regions = Regions::new(camera.size(), epsilon, true);
+        let features = Some(Features::new(camera, stage, epsilon, regions.count()));
+        Self { regions, features, turning: None }
+    }
+
+    pub(super) fn bytes(&self) -> u64 {
+        self.regions.bytes() + self.features.as_ref().map_or(0, Features::bytes)
+    }
+
+    /// Returns some of the least refined regions and their depth; `None` if all are refined.
+    fn coarsest(&self) -> Option<(usize, Vec<usize>)> {
+        let all = 0..self.regions.len();
+        let depths = all.clone().map(|at| self.regions.depths(at)).min().filter(|depths| *depths < DEPTHS)?;
+        Some((depths, all.filter(|at| self.regions.depths(*at) == depths).take(REGIONS[depths]).collect()))
+    }
+}
+
+/// Remaining work for a new view.
+struct Turning<const C: usize> {
+    preview: Preview<C>,
+    begun: bool,
+    /// Whether the light on voxels has changed.
+    relight: bool,
+    /// Bricks to be lit, and to be searched for small features.
+    unlit: Vec<[i64; 3]>,
+    unsearched: Vec<[i64; 3]>,
+    /// Number of rows, from the first, that are set up for the view; and whether all are, and
+    /// the cache is chosen.
+    lined: usize,
+    chosen: bool,
+    /// Rows whose rays can be cast.
+    ready: Vec<bool>,
+}
+
+impl<const C: usize> Turning<C> {
+    /// Prepares the rows in `range` whose number is a multiple of `edge`, and the picture's last
+    /// row.
+    fn prepare(
+        &mut self,
+        rows: &mut [Row<C>],
+        range: std::ops::Range<usize>,
+        edge: usize,
+        cache: Cache,
+        scene: Scene<'_>,
+    ) {
+        let Scene { fold, sharing, .. } = scene;
+        let (first, height) = (range.start, rows.len());
+        sharing.chunks_beside(&mut rows[range.clone()], 1, &mut self.ready[range], |ready, at, rows| {
+            let j = first + at;
+            if !*ready && (j.is_multiple_of(edge) || j + 1 == height) {
+                rows[0].keep_again(cache, fold);
+                *ready = true;
+            }
+        });
+    }
+}
+
+impl<const C: usize> Layers<C> {
+    /// Returns the inputs of coarse rays: voxels that have to be lit first, or lit voxels.
+    fn sight<'a>(voxels: &'a Voxels<C>, relight: bool, scene: Scene<'a>) -> Sight<'a, C> {
+        let Scene { camera, stage, shown, shader, fold, .. } = scene;
+        let unlit = match voxels {
+            Voxels::Lit(shaded) if relight => Some(Unlit { shown, shaded, shader }),
+            _ => None,
+        };
+        Sight { camera, stage, unlit, sampler: Sampler::new(voxels, shader), fold }
+    }
+
+    /// Updates the picture for boxes of changed voxels, from which the scene's marks are made.
+    pub(super) fn follow(&mut self, dirty: &[Dirty], scene: Scene<'_>, cache: Cache) -> RenderWork {
+        let Scene { marks, shader, fold, simd, sharing, .. } = scene;
+        let Some(Sparse { regions, features, turning }) = &mut self.sparse else {
+            return self.cast(marks, shader, fold, simd, sharing);
+        };
+        let mut reached = vec![false; regions.len()];
+        if let (Some(features), Voxels::Lit(shaded)) = (features, &self.voxels) {
+            features.update(shaded, dirty, sharing, &mut reached);
+        }
+        if let Some(turning) = turning
+            && !turning.chosen
+        {
+            let sight = Self::sight(&self.voxels, turning.relight, scene);
+            let only = turning.begun.then_some(marks.footprints());
+            let coarse_rays = turning.preview.cast(sight, only, simd, sharing);
+            turning.preview.draw(&mut regions.seen, sharing);
+            turning.begun = true;
+            return RenderWork { coarse_rays, ..RenderWork::default() };
+        }
+        let mut marked = vec![[0; 2]; self.rows.len()];
+        let ready = turning.as_ref().map(|turning| turning.ready.as_slice());
+        sharing.chunks_beside(&mut self.rows, 1, &mut marked, |marked, j, rows| {
+            if ready.is_none_or(|ready| ready[j]) {
+                *marked = rows[0].mark(j as u32, marks, simd);
+            }
+        });
+        marked.iter().enumerate().for_each(|(j, marked)| regions.reach(j, *marked, &mut reached));
+        if turning.is_some() {
+            // Pixels that still show only the first coarse picture are out of date now.
+            for footprint in marks.footprints() {
+                let [columns, rows] = [footprint.columns, footprint.rows].map(|pixels| pixels.map(|x| x as usize));
+                (rows[0]..=rows[1]).for_each(|j| regions.reach(j, [columns[0], columns[1] + 1], &mut reached));
+            }
+        }
+        let depths = if turning.is_some() { 1 } else { DEPTHS };
+        let which: Vec<(usize, usize)> =
+            reached.iter().enumerate().filter(|(_, reached)| **reached).map(|(at, _)| (at, depths)).collect();
+        self.look(&which, scene, cache)
+    }
+
+    /// Evaluates some regions, each to a depth.
+    fn look(&mut self, which: &[(usize, usize)], scene: Scene<'_>, cache: Cache) -> RenderWork {
+        let Scene { shader, fold, simd, sharing, .. } = scene;
+        let Some(Sparse { regions, features, turning }) = &mut self.sparse else { return RenderWork::default() };
+        let (Some((first, depths)), Some((last, _))) = (which.first(), which.last()) else {
+            return RenderWork::default();
+        };
+        if let Some(turning) = turning {
+            let row = |region: usize| regions.rows_of(region / regions.count()[0]);
+            let range = row(*first)[0]..row(*last)[1] + 1;
+            turning.prepare(&mut self.rows, range, REGION >> (depths - 1), cache, scene);
+        }
+        let small = |region: usize| features.as_ref().is_some_and(|features| features.has(region));
+        let casting = Casting { sampler: Sampler::new(&self.voxels, shader), fold, simd, sharing };
+        regions.look(which, small, &mut self.rows, casting)
+    }
+
+    /// Begins a new view; `relight` if the light on voxels has changed.
+    pub(super) fn turn(&mut self, scene: Scene<'_>, epsilon: f32, relight: bool) {
+        let Scene { camera, stage, .. } = scene;
+        let bricks: Vec<[i64; 3]> = match &self.voxels {
+            Voxels::Lit(shaded) => shaded.places().collect(),
+            Voxels::SampleClassifier(_) => Vec::new(),
+        };
+        let regions = Regions::new(camera.size(), epsilon, false);
+        let features = (epsilon > 0.0).then(|| Features::new(camera, stage, epsilon, regions.count()));
+        let turning = Turning {
+            preview: Preview::new(camera.size()),
+            begun: false,
+            relight,
+            unsearched: if features.is_some() { bricks.clone() } else { Vec::new() },
+            unlit: if relight { bricks } else { Vec::new() },
+            lined: 0,
+            chosen: false,
+            ready: vec![false; self.rows.len()],
+        };
+        self.sparse = Some(Sparse { regions, features, turning: Some(turning) });
+    }
+
+    /// Casts the first coarse rays, unless that is done.
+    pub(super) fn begin(&mut self, scene: Scene<'_>) -> RenderWork {
+        match &self.sparse {
+            Some(Sparse { turning: Some(turning), .. }) if !turning.begun => self.follow(&[], scene, Cache::None),
+            _ => RenderWork::default(),
+        }
+    }
+
+    /// Returns the current ray distance of the whole picture, pixels; `None` when it is
+    /// finished.
+    pub(super) fn spacing(&self) -> Option<usize> {
+        let Sparse { regions, turning, .. } = self.sparse.as_ref()?;
+        let preview = turning.as_ref()?.preview.spacing();
+        let depths = (0..regions.len()).map(|at| regions.depths(at)).min().unwrap_or(0);
+        Some(if depths == 0 { preview } else { REGION >> (depths - 1) })
+    }
+
+    /// Does the next piece of work for a new view.
+    pub(super) fn step(&mut self, scene: Scene<'_>, keeping: &mut Keeping) -> RenderWork {
+        let Scene { camera, stage, shown, shader, fold, simd, sharing, .. } = scene;
+        let Some(sparse) = &mut self.sparse else { return RenderWork::default() };
+        let Some(turning) = &mut sparse.turning else { return RenderWork::default() };
+        if !turning.begun {
+            return self.begin(scene);
+        }
+        if !turning.unlit.is_empty() {
+            let rest = turning.unlit.len().saturating_sub(BRICKS);
+            let voxels: Vec<Changed> =
+                turning.unlit.drain(rest..).map(|at| Changed { at, voxels: [u64::MAX; EDGE] }).collect();
+            // No cast ray depends on this light yet.
+            let mut dirty = Vec::new();
+            let voxels_shaded = self.voxels.update(shown, &voxels, shader, simd, sharing, &mut dirty);
+            return RenderWork { voxels_shaded, ..RenderWork::default() };
+        }
+        if turning.lined < self.rows.len() {
+            let end = (turning.lined + ROWS).min(self.rows.len());
+            sharing.chunks(&mut self.rows[turning.lined..end], 1, |at, rows| {
+                rows[0].turn(camera, stage, (turning.lined + at) as u32);
+            });
+            turning.lined = end;
+            return RenderWork::default();
+        }
+        if !turning.chosen {
+            keeping.choose_again(&self.rows, fold);
+            turning.chosen = true;
+        }
+        if let (Some(features), Voxels::Lit(shaded)) = (&mut sparse.features, &self.voxels)
+            && !turning.unsearched.is_empty()
+        {
+            let rest = turning.unsearched.len().saturating_sub(BRICKS);
+            let edge = EDGE as i64;
+            let whole = |at: [i64; 3]| Dirty { low: at.map(|x| x * edge), high: at.map(|x| x * edge + edge - 1) };
+            let bricks: Vec<Dirty> = turning.unsearched.drain(rest..).map(whole).collect();
+            let mut reached = vec![false; sparse.regions.len()];
+            // No region has reached a depth yet at which small features matter.
+            features.update(shaded, &bricks, sharing, &mut reached);
+            return RenderWork::default();
+        }
+        match sparse.coarsest() {
+            Some((depths, regions)) => {
+                let which: Vec<(usize, usize)> = regions.into_iter().map(|at| (at, depths + 1)).collect();
+                self.look(&which, scene, keeping.cache)
+            }
+            None => {
+                sparse.turning = None;
+                if sparse.features.is_none() {
+                    self.sparse = None;
+                }
+                RenderWork::default()
+            }
+        }
+    }
+}

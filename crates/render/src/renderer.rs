@@ -1,0 +1,403 @@
+//! The renderer: keeps a picture that follows its volume. Only the changed parts are shaded,
+//! sampled and composited again.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use simd::sharing::Sharing;
+use volume::brick::BrickIndex;
+use volume::{Prism, Values};
+
+use super::RenderError;
+use super::camera::{Camera, View};
+use super::classify::light::Light;
+use super::classify::shade::Shader;
+use super::classify::transfer::Transfer;
+use super::layers::{Image, Layers};
+use super::mode::{Keeps, Mode};
+use super::picture::Picture;
+use super::rays::cast::Fold;
+use super::rays::marks::Marks;
+use super::refine::{Keeping, Scene, Sparse};
+use super::region::RenderRegion;
+use super::settings::{Cache, RenderSettings};
+use super::shaded::Dirty;
+use super::shown::{Changed, Shown};
+use super::work::RenderWork;
+
+/// Time and work of an update.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Updated {
+    /// Time to read, classify and light the changes.
+    pub shade: Duration,
+    /// Time to sample and composite rays.
+    pub rays: Duration,
+    /// Work done.
+    pub work: RenderWork,
+}
+
+/// Memory in use, bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RenderMemory {
+    /// Values, weights and shaded voxels.
+    pub voxels: u64,
+    /// Rays and their caches.
+    pub rays: u64,
+}
+
+/// Refinement progress of a view.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Progress {
+    /// Whether the picture equals that of a renderer made for the view.
+    pub finished: bool,
+    /// Current ray distance of the whole picture, pixels; 1 when finished, with adaptive rays
+    /// too.
+    pub spacing: usize,
+    /// Work done.
+    pub work: RenderWork,
+}
+
+/// Keeps the picture of a volume.
+pub struct Renderer {
+    settings: RenderSettings,
+    camera: Camera,
+    stage: RenderRegion,
+    mode: Mode,
+    transfer: Transfer,
+    light: Light,
+    shader: Shader<f32>,
+    shown: Shown,
+    fold: Fold,
+    pool: Option<Arc<rayon::ThreadPool>>,
+    image: Image,
+    keeping: Keeping,
+    work: RenderWork,
+    /// Changes that were read but are not drawn yet.
+    changed: Vec<Changed>,
+    dirty: Vec<Dirty>,
+    marks: Marks,
+    /// Bricks that changed while the view was hidden; `None` while it is visible.
+    missed: Option<BTreeSet<BrickIndex>>,
+}
+
+/// Calls a method of a picture in its number of channels.
+macro_rules! layers {
+    ($image:expr, $layers:ident => $call:expr) => {
+        match $image {
+            Image::Grey($layers) => $call,
+            Image::Colour($layers) => $call,
+        }
+    };
+}
+
+/// Builds the scene of a renderer and its threads.
+macro_rules! scene {
+    ($renderer:ident, $sharing:ident) => {
+        Scene {
+            camera: &$renderer.camera,
+            marks: &$renderer.marks,
+            stage: &$renderer.stage,
+            shown: &$renderer.shown,
+            shader: &$renderer.shader,
+            fold: $renderer.fold,
+            simd: $renderer.settings.simd,
+            sharing: $sharing,
+        }
+    };
+}
+
+impl Renderer {
+    /// Creates a picture of an empty volume.
+    ///
+    /// # Errors
+    /// [`RenderError`] for invalid settings.
+    pub fn new(settings: &RenderSettings, stage: RenderRegion) -> Result<Self, RenderError> {
+        settings.mode.check()?;
+        let camera = Camera::new(&settings.view, settings.size, settings.step, &stage)?;
+        let shader = Shader::new(settings, &camera, &stage);
+        let marks = Marks::new(&camera, settings.mode.reach());
+        let fold = settings.fold(camera.samples())?;
+        let pool = settings.pool()?;
+        let mut image = match shader.is_grey() {
+            true => Image::Grey(Layers::new(&camera, &stage, settings)),
+            false => Image::Colour(Layers::new(&camera, &stage, settings)),
+        };
+        let keeping = layers!(&image, layers => Keeping::choose(settings, &layers.rows, fold));
+        image.keep(keeping.cache, fold);
+        if settings.adaptive > 0.0 {
+            layers!(&mut image, layers => layers.sparse = Some(Sparse::new(&camera, &stage, settings.adaptive)));
+        }
+        Ok(Self {
+            settings: settings.clone(),
+            camera,
+            stage,
+            mode: settings.mode,
+            transfer: settings.transfer.clone(),
+            light: settings.light,
+            shader,
+            shown: Shown::new(&stage),
+            fold,
+            pool,
+            image,
+            keeping,
+            work: RenderWork::default(),
+            changed: Vec::new(),
+            dirty: Vec::new(),
+            missed: None,
+            marks,
+        })
+    }
+
+    /// Updates the picture from some bricks of a volume, given by lattice index divided by 8.
+    /// The picture then equals, bit for bit, that of a renderer which reads the whole volume at
+    /// once. While a new view is [refined](Self::refine), the picture converges to that.
+    ///
+    /// While the view is [hidden](Self::look_away), the bricks are only noted.
+    pub fn update(&mut self, volume: &(impl Values + ?Sized), bricks: &[BrickIndex]) -> Updated {
+        self.take(volume, bricks, None)
+    }
+
+    /// Updates like [`Self::update`], if all changed voxels of the bricks lie in a slab; lattice
+    /// indices. The slab makes the update faster and changes no bit. Changes outside the slab
+    /// are missed.
+    pub fn update_within(&mut self, volume: &(impl Values + ?Sized), bricks: &[BrickIndex], slab: &Prism) -> Updated {
+        self.take(volume, bricks, Some(slab))
+    }
+
+    fn take(&mut self, volume: &(impl Values + ?Sized), bricks: &[BrickIndex], slab: Option<&Prism>) -> Updated {
+        let pool = self.pool.clone();
+        let read = self.read_within(pool.as_deref(), volume, bricks);
+        let mut updated = self.draw_within(slab);
+        updated.shade += read.shade;
+        updated.work.bricks_read = read.work.bricks_read;
+        updated
+    }
+
+    /// Reads some bricks of a volume, the first half of [`Self::update`]. The second half,
+    /// [`Self::draw`], does not need the volume, so insertion can continue meanwhile. The
+    /// picture stays unchanged until then. Several reads may precede one draw.
+    ///
+    /// The calling thread does this alone, whatever the settings say. A caller that holds the
+    /// volume then never waits for a thread that got less processor time.
+    pub fn read(&mut self, volume: &(impl Values + ?Sized), bricks: &[BrickIndex]) -> Updated {
+        self.read_within(None, volume, bricks)
+    }
+
+    fn read_within(
+        &mut self,
+        pool: Option<&rayon::ThreadPool>,
+        volume: &(impl Values + ?Sized),
+        bricks: &[BrickIndex],
+    ) -> Updated {
+        if let Some(missed) = &mut self.missed {
+            missed.extend(bricks);
+            return Updated::default();
+        }
+        let began = Instant::now();
+        let work = RenderWork { bricks_read: bricks.len() as u64, ..RenderWork::default() };
+        Sharing::within(pool, |sharing| {
+            self.shown.take(volume, bricks, self.settings.simd, sharing, &mut self.changed);
+        });
+        self.work += work;
+        Updated { shade: began.elapsed(), work, ..Updated::default() }
+    }
+
+    /// Updates the picture from the bricks [read](Self::read) before.
+    pub fn draw(&mut self) -> Updated {
+        self.draw_within(None)
+    }
+
+    fn draw_within(&mut self, slab: Option<&Prism>) -> Updated {
+        let began = Instant::now();
+        let mut work = RenderWork { bricks_changed: self.changed.len() as u64, ..RenderWork::default() };
+        if self.changed.is_empty() {
+            return Updated::default();
+        }
+        let pool = self.pool.clone();
+        let (shade, rays) = Sharing::within(pool.as_deref(), |sharing| {
+            self.dirty.clear();
+            let simd = self.settings.simd;
+            let voxels = self.shown.dilated(&self.changed);
+            let (shown, shader, dirty) = (&self.shown, &self.shader, &mut self.dirty);
+            work.voxels_shaded += layers!(&mut self.image, layers => {
+                layers.voxels.update(shown, &voxels, shader, simd, sharing, dirty)
+            });
+            let shade = began.elapsed();
+            let first = self.stage.first();
+            let slab = slab.map(|slab| slab.shifted(first.map(|x| -x)));
+            debug_assert!(slab.is_none_or(|slab| self.changed.iter().all(|changed| changed.lies_in(&slab))));
+            self.marks.set(&self.dirty, slab.as_ref().map(|slab| &slab.faces));
+            let (scene, cache) = (scene!(self, sharing), self.keeping.cache);
+            work += layers!(&mut self.image, layers => layers.follow(&self.dirty, scene, cache));
+            (shade, began.elapsed() - shade)
+        });
+        self.changed.clear();
+        self.work += work;
+        Updated { shade, rays, work }
+    }
+
+    /// Changes the view. The picture is at once a coarse one of the new view, and
+    /// [`Self::refine`] makes it exact. Remaining work for an earlier view is dropped.
+    ///
+    /// # Errors
+    /// [`RenderError::View`] for an invalid view; then nothing changes.
+    pub fn look(&mut self, view: View) -> Result<Updated, RenderError> {
+        let began = Instant::now();
+        if view == self.settings.view {
+            return Ok(Updated::default());
+        }
+        let camera = Camera::new(&view, self.settings.size, self.settings.step, &self.stage)?;
+        self.draw();
+        self.settings.view = view;
+        self.camera = camera;
+        self.marks = Marks::new(&self.camera, self.mode.reach());
+        self.shader = Shader::new(&self.settings, &self.camera, &self.stage);
+        let relight = self.mode.keeps() == Keeps::Lit && self.mode.is_lit() && self.light.depends_on_view();
+        let epsilon = self.settings.adaptive;
+        let looks = self.missed.is_none();
+        let pool = self.pool.clone();
+        let work = Sharing::within(pool.as_deref(), |sharing| {
+            let scene = scene!(self, sharing);
+            layers!(&mut self.image, layers => {
+                layers.turn(scene, epsilon, relight);
+                if looks { layers.begin(scene) } else { RenderWork::default() }
+            })
+        });
+        self.work += work;
+        Ok(Updated { shade: Duration::ZERO, rays: began.elapsed(), work })
+    }
+
+    /// Continues the refinement of a new view until it is exact or the time is over; at least
+    /// one step. A step takes a few milliseconds, so a caller soon gets to a waiting slice or
+    /// another view. Does nothing while the view is [hidden](Self::look_away).
+    pub fn refine(&mut self, time: Duration) -> Progress {
+        let began = Instant::now();
+        self.draw();
+        let mut work = RenderWork::default();
+        let pool = self.pool.clone();
+        let spacing = Sharing::within(pool.as_deref(), |sharing| {
+            let scene = scene!(self, sharing);
+            let keeping = &mut self.keeping;
+            let looks = self.missed.is_none();
+            layers!(&mut self.image, layers => loop {
+                let spacing = layers.spacing();
+                if spacing.is_none() || !looks {
+                    break spacing;
+                }
+                work += layers.step(scene, keeping);
+                if began.elapsed() >= time {
+                    break layers.spacing();
+                }
+            })
+        });
+        self.work += work;
+        Progress { finished: spacing.is_none(), spacing: spacing.unwrap_or(1), work }
+    }
+
+    /// Marks the view as hidden: nothing is shaded or cast until [it is visible
+    /// again](Self::look_back).
+    pub fn look_away(&mut self) {
+        self.draw();
+        self.missed.get_or_insert_default();
+    }
+
+    /// Marks the view as visible and applies the changes missed meanwhile.
+    pub fn look_back(&mut self, volume: &(impl Values + ?Sized)) -> Updated {
+        let Some(missed) = self.missed.take() else { return Updated::default() };
+        self.update(volume, &Vec::from_iter(missed))
+    }
+
+    /// Updates like [`Self::update`], from all bricks of a volume.
+    pub fn update_all(&mut self, volume: &(impl Values + ?Sized)) -> Updated {
+        let bricks: Vec<BrickIndex> = volume.bricks().collect();
+        self.update(volume, &bricks)
+    }
+
+    /// Returns the current picture.
+    pub fn picture(&self) -> Picture {
+        let size = self.camera.size();
+        let pixels = match &self.image {
+            Image::Grey(layers) => {
+                layers.pixels(|p| self.mode.pixel([p.colour[0]; 3], p.transmittance, &self.transfer))
+            }
+            Image::Colour(layers) => layers.pixels(|p| self.mode.pixel(p.colour, p.transmittance, &self.transfer)),
+        };
+        Picture { size, pixels }
+    }
+
+    /// Returns the render mode.
+    pub fn mode(&self) -> Mode {
+        self.mode
+    }
+
+    /// Returns the light.
+    pub fn light(&self) -> Light {
+        self.light
+    }
+
+    /// Returns the work done so far.
+    pub fn work(&self) -> RenderWork {
+        self.work
+    }
+
+    /// Returns notes for the user: sentences.
+    pub fn notes(&self) -> &[String] {
+        &self.keeping.notes
+    }
+
+    /// Returns the ray cache in use; smaller than requested if that would have taken too much
+    /// memory.
+    pub fn cache(&self) -> Cache {
+        self.keeping.cache
+    }
+
+    /// Returns the pixel difference below which rays are left out; see
+    /// [`RenderSettings::adaptive`].
+    pub fn adaptive(&self) -> f32 {
+        self.settings.adaptive
+    }
+
+    /// Returns the samples of a block.
+    pub fn arity(&self) -> u32 {
+        self.fold.arity
+    }
+
+    /// Returns the samples along a ray.
+    pub fn samples(&self) -> u32 {
+        self.camera.samples()
+    }
+
+    /// Returns the camera.
+    pub fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    pub(super) fn fold(&self) -> Fold {
+        self.fold
+    }
+
+    pub(super) fn shader(&self) -> &Shader<f32> {
+        &self.shader
+    }
+
+    pub(super) fn image(&self) -> &Image {
+        &self.image
+    }
+
+    /// Returns the render region.
+    pub fn stage(&self) -> &RenderRegion {
+        &self.stage
+    }
+
+    /// Returns the memory in use.
+    pub fn memory(&self) -> RenderMemory {
+        let (shaded, rays) = layers!(&self.image, layers => (layers.voxels.bytes(), layers.bytes()));
+        RenderMemory { voxels: self.shown.bytes() + shaded, rays }
+    }
+
+    /// Returns the number of bricks in the region that hold anything.
+    pub fn bricks(&self) -> usize {
+        self.shown.len()
+    }
+}

@@ -1,0 +1,360 @@
+//! Value and weight of each voxel of the render region as last read from the volume, and which
+//! of them have changed.
+
+use simd::sharing::Sharing;
+use simd::{Fused, Simd};
+use volume::brick::{BrickIndex, EDGE, VOXELS};
+use volume::{Prism, Values};
+
+use super::region::RenderRegion;
+
+/// Bricks that one thread task reads.
+const BRICKS_PER_TASK: usize = 8;
+/// No brick.
+pub(super) const ABSENT: u32 = u32::MAX;
+
+/// A bit for each voxel of a brick: bit y·8 + x of element z.
+pub(super) type Bits = [u64; EDGE];
+
+/// Columns x = 0 and x = 7 of a layer's bits.
+pub(super) const FIRST_X: u64 = 0x0101_0101_0101_0101;
+const LAST_X: u64 = 0x8080_8080_8080_8080;
+
+/// The neighbours that share a face with a brick: axis and direction.
+pub(super) const FACES: [(usize, i64); 6] = [(0, -1), (0, 1), (1, -1), (1, 1), (2, -1), (2, 1)];
+
+/// Value and weight of a brick's voxels, x fastest; both 0 where nothing was seen.
+#[derive(Clone)]
+pub(super) struct Brick {
+    pub(super) value: [f32; VOXELS],
+    pub(super) weight: [f32; VOXELS],
+}
+
+impl Default for Brick {
+    fn default() -> Self {
+        Self { value: [0.0; VOXELS], weight: [0.0; VOXELS] }
+    }
+}
+
+impl Brick {
+    /// Reads a brick of the volume; voxels outside of a box count as unseen.
+    fn read(&mut self, volume: &(impl Values + ?Sized), brick: BrickIndex, [low, high]: [[i64; 3]; 2]) {
+        let Self { value, weight } = self;
+        volume.brick(brick, value, weight);
+        let start = brick.map(|b| i64::from(b) * EDGE as i64);
+        let last = EDGE as i64 - 1;
+        if (0..3).all(|a| start[a] >= low[a] && start[a] + last <= high[a]) {
+            return;
+        }
+        for place in 0..VOXELS {
+            let inside = [place % EDGE, place / EDGE % EDGE, place / (EDGE * EDGE)];
+            if !(0..3).all(|a| (low[a]..=high[a]).contains(&(start[a] + inside[a] as i64))) {
+                (value[place], weight[place]) = (0.0, 0.0);
+            }
+        }
+    }
+}
+
+/// A brick to be read again.
+struct Task<'a> {
+    slot: usize,
+    index: BrickIndex,
+    brick: &'a mut Brick,
+    voxels: Bits,
+}
+
+/// Reads a brick and compares it with its previous content.
+struct Reading<'a, 'b, V: ?Sized> {
+    volume: &'a V,
+    bounds: [[i64; 3]; 2],
+    fresh: &'a mut Brick,
+    task: &'a mut Task<'b>,
+}
+
+impl<V: Values + ?Sized> Fused for Reading<'_, '_, V> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        self.fresh.read(self.volume, self.task.index, self.bounds);
+        self.task.voxels = difference(self.fresh, self.task.brick);
+    }
+}
+
+/// The region's bricks by place.
+pub(super) struct Table {
+    size: [u32; 3],
+    slots: Vec<u32>,
+}
+
+impl Table {
+    pub(super) fn new(size: [u32; 3]) -> Self {
+        let n = size.iter().map(|s| *s as usize).product();
+        Self { size, slots: vec![ABSENT; n] }
+    }
+
+    /// Returns the index of a place; `None` outside of the region.
+    pub(super) fn index(&self, at: [i64; 3]) -> Option<usize> {
+        let inside = (0..3).all(|a| (0..i64::from(self.size[a])).contains(&at[a]));
+        inside.then(|| ((at[2] * i64::from(self.size[1]) + at[1]) * i64::from(self.size[0]) + at[0]) as usize)
+    }
+
+    pub(super) fn place(&self, index: usize) -> [i64; 3] {
+        let [nx, ny, _] = self.size.map(|s| s as usize);
+        [index % nx, index / nx % ny, index / (nx * ny)].map(|x| x as i64)
+    }
+
+    pub(super) fn get(&self, at: [i64; 3]) -> Option<usize> {
+        let slot = self.slots[self.index(at)?];
+        (slot != ABSENT).then_some(slot as usize)
+    }
+
+    pub(super) fn set(&mut self, index: usize, slot: u32) {
+        self.slots[index] = slot;
+    }
+
+    /// Returns the slots by index.
+    pub(super) fn slots(&self) -> &[u32] {
+        &self.slots
+    }
+
+    pub(super) fn size(&self) -> [u32; 3] {
+        self.size
+    }
+
+    fn bytes(&self) -> u64 {
+        (self.slots.len() * size_of::<u32>()) as u64
+    }
+}
+
+/// Returns disjoint mutable references to elements of a slice, by ascending index without
+/// repetition.
+pub(super) fn apart<T>(elements: &mut [T], indices: impl Iterator<Item = usize>) -> impl Iterator<Item = &mut T> {
+    let (mut rest, mut passed) = (elements, 0);
+    indices.filter_map(move |index| {
+        let (head, tail) = std::mem::take(&mut rest).split_at_mut(index + 1 - passed);
+        (rest, passed) = (tail, index + 1);
+        head.last_mut()
+    })
+}
+
+/// The voxels of the render region.
+pub(super) struct Shown {
+    first: [i64; 3],
+    bounds: [[i64; 3]; 2],
+    pub(super) table: Table,
+    /// Each brick is boxed: one table of all would be moved when it grows, and a new slice would
+    /// wait for that.
+    bricks: Vec<Box<Brick>>,
+    /// Place of each slot.
+    places: Vec<[i64; 3]>,
+}
+
+/// A brick with changed voxels, by its place in the region.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Changed {
+    pub(super) at: [i64; 3],
+    pub(super) voxels: Bits,
+}
+
+impl Changed {
+    /// Returns whether all of its voxels lie in a prism, in region coordinates.
+    pub(super) fn lies_in(&self, prism: &Prism) -> bool {
+        (0..VOXELS).filter(|place| self.voxels[place / 64] >> (place % 64) & 1 == 1).all(|place| {
+            let inside = [place % EDGE, place / EDGE % EDGE, place / (EDGE * EDGE)];
+            prism.holds(std::array::from_fn(|a| self.at[a] * EDGE as i64 + inside[a] as i64), 1e-6)
+        })
+    }
+}
+
+impl Shown {
+    pub(super) fn new(stage: &RenderRegion) -> Self {
+        Self {
+            first: stage.first(),
+            bounds: stage.bounds(),
+            table: Table::new(stage.bricks()),
+            bricks: Vec::new(),
+            places: Vec::new(),
+        }
+    }
+
+    /// Reads some bricks of the volume, given by lattice index divided by 8. Adds bricks in
+    /// which any bit of a value or weight changed to `changed`; ignores those outside of the
+    /// region.
+    pub(super) fn take(
+        &mut self,
+        volume: &(impl Values + ?Sized),
+        bricks: &[BrickIndex],
+        simd: Simd,
+        sharing: Sharing,
+        changed: &mut Vec<Changed>,
+    ) {
+        let edge = EDGE as i64;
+        let mut slots: Vec<(usize, BrickIndex)> = Vec::with_capacity(bricks.len());
+        for brick in bricks {
+            let at: [i64; 3] = std::array::from_fn(|a| i64::from(brick[a]) - self.first[a] / edge);
+            let Some(index) = self.table.index(at) else { continue };
+            let slot = self.table.get(at).unwrap_or_else(|| {
+                self.table.set(index, self.bricks.len() as u32);
+                self.bricks.push(Box::default());
+                self.places.push(at);
+                self.bricks.len() - 1
+            });
+            slots.push((slot, *brick));
+        }
+        slots.sort_unstable();
+        slots.dedup();
+        let mut tasks = Vec::with_capacity(slots.len());
+        let bricks = apart(&mut self.bricks, slots.iter().map(|(slot, _)| *slot));
+        for (&(slot, index), brick) in slots.iter().zip(bricks) {
+            tasks.push(Task { slot, index, brick, voxels: [0; EDGE] });
+        }
+        let bounds = self.bounds;
+        sharing.chunks(&mut tasks, BRICKS_PER_TASK, |_, tasks| {
+            let mut fresh = Brick::default();
+            for task in tasks {
+                simd.fused(Reading { volume, bounds, fresh: &mut fresh, task });
+                if task.voxels.iter().any(|layer| *layer != 0) {
+                    task.brick.clone_from(&fresh);
+                }
+            }
+        });
+        changed.extend(
+            tasks
+                .iter()
+                .filter(|task| task.voxels.iter().any(|layer| *layer != 0))
+                .map(|task| Changed { at: self.places[task.slot], voxels: task.voxels }),
+        );
+    }
+
+    /// Returns the voxels whose gradient or value can have changed: the changed ones and their
+    /// six neighbours, in bricks that hold anything. Each brick appears once, in the order of
+    /// the table.
+    pub(super) fn dilated(&self, changed: &[Changed]) -> Vec<Changed> {
+        let mut reached: Vec<(usize, Bits)> = Vec::with_capacity(changed.len() * 4);
+        let mut reach = |at: [i64; 3], voxels: Bits| {
+            if let Some(index) = self.table.index(at).filter(|i| self.table.slots()[*i] != ABSENT)
+                && voxels.iter().any(|layer| *layer != 0)
+            {
+                reached.push((index, voxels));
+            }
+        };
+        for Changed { at, voxels } in changed {
+            reach(*at, within(voxels));
+            for (axis, side) in FACES {
+                let mut beside = *at;
+                beside[axis] += side;
+                reach(beside, across(voxels, axis, side));
+            }
+        }
+        reached.sort_unstable_by_key(|(index, _)| *index);
+        let mut dilated: Vec<Changed> = Vec::with_capacity(reached.len());
+        let mut last = None;
+        for (index, voxels) in reached {
+            match dilated.last_mut() {
+                Some(brick) if last == Some(index) => {
+                    brick.voxels.iter_mut().zip(voxels).for_each(|(layer, more)| *layer |= more);
+                }
+                _ => dilated.push(Changed { at: self.table.place(index), voxels }),
+            }
+            last = Some(index);
+        }
+        dilated
+    }
+
+    /// Returns a brick and its face neighbours, in the order of [`FACES`].
+    pub(super) fn neighbourhood(&self, at: [i64; 3]) -> Option<(&Brick, [Option<&Brick>; 6])> {
+        let brick = &*self.bricks[self.table.get(at)?];
+        let beside = FACES.map(|(axis, side)| {
+            let mut place = at;
+            place[axis] += side;
+            self.table.get(place).map(|slot| &*self.bricks[slot])
+        });
+        Some((brick, beside))
+    }
+
+    /// Returns the number of bricks that hold anything.
+    pub(super) fn len(&self) -> usize {
+        self.bricks.len()
+    }
+
+    pub(super) fn bytes(&self) -> u64 {
+        self.table.bytes() + (self.bricks.len() * (size_of::<Brick>() + size_of::<Box<Brick>>())) as u64
+    }
+}
+
+/// Returns the voxels in which two bricks differ by a bit.
+#[inline(always)]
+fn difference(a: &Brick, b: &Brick) -> Bits {
+    let mut differs = [0_u8; VOXELS];
+    for (i, differs) in differs.iter_mut().enumerate() {
+        let value = a.value[i].to_bits() ^ b.value[i].to_bits();
+        let weight = a.weight[i].to_bits() ^ b.weight[i].to_bits();
+        *differs = u8::from(value | weight != 0);
+    }
+    std::array::from_fn(|z| {
+        differs[z * 64..][..64].iter().enumerate().fold(0, |layer, (i, differs)| layer | u64::from(*differs) << i)
+    })
+}
+
+/// Returns the given voxels and their neighbours, inside the brick.
+fn within(voxels: &Bits) -> Bits {
+    std::array::from_fn(|z| {
+        let layer = voxels[z];
+        let beside = (layer & !LAST_X) << 1 | (layer & !FIRST_X) >> 1 | layer << 8 | layer >> 8;
+        let below = if z > 0 { voxels[z - 1] } else { 0 };
+        let above = if z + 1 < EDGE { voxels[z + 1] } else { 0 };
+        layer | beside | below | above
+    })
+}
+
+/// Returns the voxels of the neighbouring brick, on one side of an axis, that adjoin the given
+/// voxels.
+fn across(voxels: &Bits, axis: usize, side: i64) -> Bits {
+    match (axis, side) {
+        (0, -1) => voxels.map(|layer| (layer & FIRST_X) << 7),
+        (0, _) => voxels.map(|layer| (layer & LAST_X) >> 7),
+        (1, -1) => voxels.map(|layer| layer << 56),
+        (1, _) => voxels.map(|layer| layer >> 56),
+        (_, -1) => std::array::from_fn(|z| if z + 1 == EDGE { voxels[0] } else { 0 }),
+        _ => std::array::from_fn(|z| if z == 0 { voxels[EDGE - 1] } else { 0 }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Returns the bits of those voxels, given by region position, that a brick holds.
+    fn bits(at: [i64; 3], voxels: &[[i64; 3]]) -> Bits {
+        let mut bits = [0; EDGE];
+        for v in voxels {
+            let inside: [i64; 3] = std::array::from_fn(|a| v[a] - at[a] * EDGE as i64);
+            if inside.iter().all(|x| (0..EDGE as i64).contains(x)) {
+                bits[inside[2] as usize] |= 1 << (inside[1] * 8 + inside[0]);
+            }
+        }
+        bits
+    }
+
+    #[test]
+    fn dilation_adds_face_neighbours_at_every_place() {
+        for place in 0..VOXELS {
+            let voxel = [place % 8, place / 8 % 8, place / 64].map(|x| x as i64);
+            let cross: Vec<[i64; 3]> = std::iter::once(voxel)
+                .chain(FACES.map(|(axis, side)| {
+                    let mut v = voxel;
+                    v[axis] += side;
+                    v
+                }))
+                .collect();
+            let own = bits([0; 3], &[voxel]);
+            assert_eq!(within(&own), bits([0; 3], &cross), "{voxel:?}");
+            for (axis, side) in FACES {
+                let mut at = [0; 3];
+                at[axis] = side;
+                assert_eq!(across(&own, axis, side), bits(at, &cross), "{voxel:?} {axis} {side}");
+            }
+        }
+    }
+}

@@ -1,0 +1,91 @@
+//! The voxels of a picture and the samples between them, for the picture's mode.
+
+use simd::Simd;
+use simd::sharing::Sharing;
+
+use super::classify::classifier::MatterReader;
+use super::classify::interval::Interval;
+use super::classify::shade::Shader;
+use super::mode::Keeps;
+use super::rays::cast::Line;
+use super::rays::run::{Reader, Run};
+use super::region::RenderRegion;
+use super::settings::RenderSettings;
+use super::shaded::{Dirty, Shaded};
+use super::shown::{Changed, Shown};
+use super::work::RenderWork;
+
+/// Voxels whose samples have C channels.
+pub(super) enum Voxels<const C: usize> {
+    /// Voxels that keep final sample values; samples are only interpolated.
+    Lit(Shaded<C>),
+    /// Intensity and gradient, from which samples are classified.
+    SampleClassifier(Shaded<4>),
+}
+
+impl<const C: usize> Voxels<C> {
+    pub(super) fn new(stage: &RenderRegion, settings: &RenderSettings) -> Self {
+        match settings.mode.keeps() {
+            Keeps::Lit | Keeps::Intensity => Self::Lit(Shaded::new(stage, Interval::ALL)),
+            Keeps::SampleClassifier => Self::SampleClassifier(Shaded::new(stage, Interval::of(settings))),
+        }
+    }
+
+    /// Same as [`Shaded::update`].
+    pub(super) fn update(
+        &mut self,
+        shown: &Shown,
+        voxels: &[Changed],
+        shader: &Shader<f32>,
+        simd: Simd,
+        sharing: Sharing,
+        dirty: &mut Vec<Dirty>,
+    ) -> u64 {
+        match self {
+            Self::Lit(shaded) => shaded.update(shown, voxels, shader, simd, sharing, dirty),
+            Self::SampleClassifier(shaded) => shaded.update(shown, voxels, shader, simd, sharing, dirty),
+        }
+    }
+
+    pub(super) fn bytes(&self) -> u64 {
+        match self {
+            Self::Lit(shaded) => shaded.bytes(),
+            Self::SampleClassifier(shaded) => shaded.bytes(),
+        }
+    }
+}
+
+/// Takes the samples of rays.
+#[derive(Clone, Copy)]
+pub(super) enum Sampler<'a, const C: usize> {
+    /// From voxels that keep final sample values.
+    Lit(Reader<'a, C>),
+    /// From intensity and gradient.
+    SampleClassifier(MatterReader<'a>),
+}
+
+impl<'a, const C: usize> Sampler<'a, C> {
+    pub(super) fn new(voxels: &'a Voxels<C>, shader: &'a Shader<f32>) -> Self {
+        match voxels {
+            Voxels::Lit(shaded) => Self::Lit(Reader::of_visible(shaded)),
+            Voxels::SampleClassifier(shaded) => Self::SampleClassifier(MatterReader::new(shaded, shader)),
+        }
+    }
+
+    /// Same as [`Reader::run`].
+    #[inline(always)]
+    pub(super) fn run(&self, line: &Line, k: u32, n: u32, run: &mut Run<C>, work: &mut RenderWork) -> bool {
+        match self {
+            Self::Lit(reader) => reader.run(line, k, n, run, work),
+            Self::SampleClassifier(reader) => reader.run(line, k, n, run, work),
+        }
+    }
+
+    /// Same as [`MatterReader::surface`].
+    pub(super) fn surface(&self, line: &Line, k: u32) -> Option<f64> {
+        match self {
+            Self::Lit(_) => None,
+            Self::SampleClassifier(reader) => reader.surface(line, k),
+        }
+    }
+}

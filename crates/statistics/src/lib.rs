@@ -1,0 +1,345 @@
+//! Numbers of a run: the content of `--stats`, and of a session's status while it runs.
+
+mod live;
+mod picture;
+mod process;
+
+use std::path::Path;
+use std::time::Duration;
+
+use serde::Serialize;
+
+pub use live::LiveStatistics;
+pub use picture::{PictureNumbers, PictureStatistics};
+pub use process::ProcessNumbers;
+
+use config::Settings as Config;
+use export::fill::{FillWork, Filled};
+use export::volume::DenseBox;
+use export::whole::write_whole;
+use mask::MaskSettings;
+use pipeline::Outcome;
+use reconstruct::Compounding;
+use sonoweave_core::ledger::Ledger;
+
+/// Distribution of the slices' insertion times, ms.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Milliseconds {
+    /// Median.
+    pub median: f64,
+    /// 95th percentile.
+    pub p95: f64,
+    /// 99th percentile.
+    pub p99: f64,
+    /// Maximum.
+    pub max: f64,
+    /// Sum.
+    pub total: f64,
+}
+
+impl Milliseconds {
+    /// Returns the distribution; `None` without samples. Quantiles are samples (the nearest
+    /// rank).
+    pub fn of(samples: &[f64]) -> Option<Self> {
+        let mut sorted = samples.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        let rank = |q: f64| sorted.get(((q * sorted.len() as f64).ceil() as usize).saturating_sub(1)).copied();
+        Some(Self {
+            median: rank(0.5)?,
+            p95: rank(0.95)?,
+            p99: rank(0.99)?,
+            max: rank(1.0)?,
+            total: samples.iter().sum(),
+        })
+    }
+}
+
+/// Geometry of the written volume.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct GridNumbers {
+    /// World position of the centre of voxel (0, 0, 0), mm.
+    pub origin: [f64; 3],
+    /// Voxels along x, y, z.
+    pub size: [u64; 3],
+    /// Voxel spacing, mm.
+    pub spacing: [f64; 3],
+    /// Direction of each index axis in the world.
+    pub direction: [[f64; 3]; 3],
+}
+
+/// Work counters, which show the work that was skipped.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct WorkNumbers {
+    /// Pixels read by the in-plane filter.
+    pub pixels_filtered: u64,
+    /// Nodes that it computed.
+    pub nodes: u64,
+    /// Products that it summed.
+    pub taps: u64,
+    /// Bricks that intervals could not exclude, summed over slices.
+    pub bricks_considered: u64,
+    /// Columns that intervals could not exclude, summed over slices, on the planar path.
+    pub columns_considered: u64,
+    /// Columns that changed, summed over slices, on the planar path.
+    pub columns_touched: u64,
+    /// Bricks that changed, summed over slices.
+    pub bricks_touched: u64,
+    /// Voxels sampled, in whole vectors.
+    pub voxels_sampled: u64,
+}
+
+/// A decay rule.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct DecayNumbers {
+    /// Its form.
+    pub mode: &'static str,
+    /// Decay rate of old data, 1/s.
+    pub rate_per_s: f64,
+    /// Time before the decay begins, s.
+    pub wait_s: f64,
+}
+
+impl DecayNumbers {
+    fn of(compounding: Compounding) -> Option<Self> {
+        let Compounding::Decay(decay) = compounding else { return None };
+        Some(Self { mode: decay.name(), rate_per_s: decay.rate_per_s(), wait_s: decay.wait_s() })
+    }
+}
+
+/// Holes filled in the written volume.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FillNumbers {
+    /// Filling method.
+    pub law: &'static str,
+    /// Filling radius, mm.
+    pub radius_mm: f64,
+    /// Bricks of 8³ voxels of the box that seen voxels may reach.
+    pub bricks_considered: u64,
+    /// Those of them that were processed.
+    pub bricks_touched: u64,
+    /// Unseen voxels in the latter.
+    pub holes: u64,
+    /// Voxels that were filled.
+    pub filled: u64,
+}
+
+impl FillNumbers {
+    /// Returns the numbers of a filled volume.
+    pub fn of(filled: &Filled<'_>) -> Self {
+        let (FillWork { bricks_considered, bricks_touched, holes, filled: count }, how) =
+            (filled.work(), filled.filling());
+        let (law, radius_mm) = (how.law.name(), how.radius_mm);
+        Self { law, radius_mm, bricks_considered, bricks_touched, holes, filled: count }
+    }
+}
+
+/// The numbers of a reconstruction.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Statistics {
+    /// The frame ledger, with repaired and skipped frames.
+    #[serde(flatten)]
+    pub ledger: Ledger,
+    /// Insertion time of the slices, including in-plane filtering, excluding file reading.
+    pub insert_ms: Option<Milliseconds>,
+    /// Time from the command's start to the last file written, s.
+    pub wall_s: f64,
+    /// Voxels that gained weight, summed over slices.
+    pub voxels_updated: u64,
+    /// The insertion path: `general`, `planar`, or `planar, then general`.
+    pub path: String,
+    /// Reason for the path, and for leaving it.
+    pub path_reason: String,
+    /// Stored blocks of 8³ voxels.
+    pub bricks: u64,
+    /// Memory of the volume, bytes.
+    pub bytes: u64,
+    /// Threads that filtered and inserted.
+    pub threads: usize,
+    /// Instruction set.
+    pub simd: &'static str,
+    /// Geometry of the volume.
+    pub grid: GridNumbers,
+    /// Frame in which it lies.
+    pub world: String,
+    /// Transforms from the image to that frame.
+    pub route: String,
+    /// Holes that were filled in the files, if requested.
+    pub fill: Option<FillNumbers>,
+    /// Scalar type of the file, if one was written.
+    pub scalar: Option<&'static str>,
+    /// The kernel's kind.
+    pub method: &'static str,
+    /// Rule that combines the values of several slices in a voxel.
+    pub compounding: &'static str,
+    /// Decay of old data, if any.
+    pub decay: Option<DecayNumbers>,
+    /// Slices whose time was earlier than the newest before them: they get that time.
+    pub times_backwards: u64,
+    /// Slices whose time was a day later than the newest before them, or ten seconds earlier: a
+    /// clock was set.
+    pub times_absurd: u64,
+    /// Nominal σ along u, v, n, mm.
+    pub sigma_mm: [f64; 3],
+    /// σ of the kernel after truncation and subtraction of its pedestal, mm.
+    pub sigma_effective_mm: [f64; 3],
+    /// Half width of its support, mm.
+    pub support_mm: [f64; 3],
+    /// Pixel size along u and v, mm.
+    pub pixel_mm: [f64; 2],
+    /// Pixels between nodes of the filtered image, along u and v.
+    pub decimation: [f64; 2],
+    /// Bound on the deviation of its samples from the exact in-plane sum, as a fraction of the
+    /// image's range.
+    pub decimation_deviation: f64,
+    /// Data pixels of the frame.
+    pub data_pixels: u64,
+    /// Their bounding rectangle: x, y, width, height.
+    pub data_rectangle: Option<[u32; 4]>,
+    /// Voxels whose weight was clamped, summed over slices.
+    pub w_clamped: u64,
+    /// Work counters.
+    pub work: WorkNumbers,
+    /// Notes for the user, as sentences.
+    pub notes: Vec<String>,
+}
+
+impl Statistics {
+    /// Returns the numbers of a finished run.
+    pub fn new(outcome: &Outcome, space: &DenseBox, scalar: Option<&'static str>, wall: Duration) -> Self {
+        let reconstructor = &outcome.reconstructor;
+        let (settings, work) = (reconstructor.settings(), reconstructor.work());
+        let kernels = reconstructor.kernels();
+        let per_axis =
+            |f: fn(&reconstruct::kernel::AxisKernel) -> f64| kernels.map_or([0.0; 3], |k| k.each_ref().map(f));
+        let grid = &space.grid;
+        let chosen = &outcome.chosen;
+        let (path, path_reason) = match reconstructor.upgraded() {
+            None => (chosen.path.name().to_owned(), chosen.why.clone()),
+            Some(departure) => {
+                let ways = format!("{}, then {}", chosen.path.name(), reconstructor.path().name());
+                (ways, format!("{}; {departure}", chosen.why))
+            }
+        };
+        let (decimation, decimation_deviation) = reconstructor.decimation().unwrap_or_default();
+        Self {
+            ledger: outcome.ledger.clone(),
+            insert_ms: Milliseconds::of(&outcome.insert_ms),
+            wall_s: wall.as_secs_f64(),
+            voxels_updated: outcome.voxels_updated,
+            path,
+            path_reason,
+            bricks: reconstructor.volume().blocks().count() as u64,
+            bytes: reconstructor.volume().bytes(),
+            threads: settings.threads,
+            simd: settings.simd.name(),
+            grid: GridNumbers {
+                origin: grid.origin.to_array(),
+                size: grid.size,
+                spacing: grid.spacing.to_array(),
+                direction: [grid.direction.x_axis, grid.direction.y_axis, grid.direction.z_axis].map(|a| a.to_array()),
+            },
+            world: outcome.world.clone(),
+            route: outcome.route.clone(),
+            fill: None,
+            scalar,
+            method: settings.method.name(),
+            compounding: settings.compounding.name(),
+            decay: DecayNumbers::of(settings.compounding),
+            times_backwards: work.times_backwards,
+            times_absurd: work.times_absurd,
+            sigma_mm: per_axis(|k| k.sigma_mm),
+            sigma_effective_mm: per_axis(|k| k.sigma_effective_mm()),
+            support_mm: per_axis(|k| k.support_mm),
+            pixel_mm: reconstructor.pixel_mm().unwrap_or_default(),
+            decimation,
+            decimation_deviation,
+            data_pixels: outcome.mask.area(),
+            data_rectangle: outcome.mask.bounds().map(|r| [r.x, r.y, r.width, r.height]),
+            w_clamped: work.weights_clamped,
+            work: WorkNumbers {
+                pixels_filtered: work.filter.pixels,
+                nodes: work.filter.nodes,
+                taps: work.filter.taps,
+                bricks_considered: work.bricks_considered,
+                columns_considered: work.columns_considered,
+                columns_touched: work.columns_touched,
+                bricks_touched: work.bricks_touched,
+                voxels_sampled: work.voxels_sampled,
+            },
+            notes: outcome.notes.clone(),
+        }
+    }
+
+    /// Writes the numbers as JSON, with the input, the effective settings, and the numbers of a
+    /// rendered picture. Writes the whole file or none.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn write(&self, path: &Path, source: &Source, picture: Option<&impl Serialize>) -> Result<(), std::io::Error> {
+        #[derive(Serialize)]
+        struct File<'a, P: Serialize> {
+            version: &'static str,
+            input: &'a Path,
+            input_sha256: &'a str,
+            #[serde(flatten)]
+            statistics: &'a Statistics,
+            frame_range: Option<[u64; 2]>,
+            mask: &'a MaskSettings,
+            config: &'a Config,
+            #[serde(flatten)]
+            picture: Option<&'a P>,
+        }
+        let file = File {
+            version: env!("CARGO_PKG_VERSION"),
+            input: source.input,
+            input_sha256: source.sha256,
+            statistics: self,
+            frame_range: source.frames,
+            mask: source.mask,
+            config: source.config,
+            picture,
+        };
+        write_json(path, &file)
+    }
+}
+
+/// Inputs of a run.
+#[derive(Debug, Clone, Copy)]
+pub struct Source<'a> {
+    /// The recording.
+    pub input: &'a Path,
+    /// Its hash.
+    pub sha256: &'a str,
+    /// Requested frames, if not all.
+    pub frames: Option<[u64; 2]>,
+    /// Settings of the frame's data region.
+    pub mask: &'a MaskSettings,
+    /// Calibration and volume settings.
+    pub config: &'a Config,
+}
+
+/// Writes numbers as JSON; writes the whole file or none.
+///
+/// # Errors
+/// If the file cannot be written.
+pub fn write_json(path: &Path, numbers: &impl Serialize) -> Result<(), std::io::Error> {
+    write_whole(path, |to| {
+        serde_json::to_writer_pretty(&mut *to, numbers)?;
+        to.write_all(b"\n")
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_are_samples_at_their_rank() {
+        let samples: Vec<f64> = (1..=200).rev().map(f64::from).collect();
+        let ms = Milliseconds::of(&samples).unwrap();
+        assert_eq!([ms.median, ms.p95, ms.p99, ms.max, ms.total], [100.0, 190.0, 198.0, 200.0, 20100.0]);
+        let one = Milliseconds::of(&[3.0]).unwrap();
+        assert_eq!([one.median, one.p99], [3.0, 3.0]);
+        assert_eq!(Milliseconds::of(&[]), None);
+    }
+}

@@ -1,0 +1,55 @@
+//! Numbers of a session: the content of `live --stats` at its end, and of `GET /status` while it
+//! runs.
+
+use std::time::Duration;
+
+use serde::Serialize;
+
+use config::bedside::Effective;
+use guidance::GuidanceStatus;
+use pipeline::live::SessionStatus;
+
+use super::process::ProcessNumbers;
+
+/// The numbers of a session.
+#[derive(Debug, Clone, Serialize)]
+pub struct LiveStatistics<'a> {
+    /// Version of the program.
+    pub version: &'static str,
+    /// Time since the session began, s.
+    pub wall_s: f64,
+    /// The session status.
+    #[serde(flatten)]
+    pub account: &'a SessionStatus,
+    /// Scan guidance for the user, if a page can show it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub coach: Option<&'a GuidanceStatus>,
+    /// Time from the program's start until the first slice was in the volume, s.
+    pub start_to_first_slice_s: Option<f64>,
+    /// Resources of the process.
+    pub process: ProcessNumbers,
+    /// The effective settings.
+    pub config: &'a Effective,
+}
+
+impl<'a> LiveStatistics<'a> {
+    /// Returns the numbers of a session of this duration.
+    pub fn new(account: &'a SessionStatus, wall: Duration, config: &'a Effective) -> Self {
+        let process = ProcessNumbers::now();
+        Self {
+            start_to_first_slice_s: account.first_slice_ns.map(|ns| ns as f64 * 1e-9 - process.began_s),
+            version: env!("CARGO_PKG_VERSION"),
+            wall_s: wall.as_secs_f64(),
+            account,
+            coach: None,
+            process,
+            config,
+        }
+    }
+
+    /// Adds the scan guidance.
+    #[must_use]
+    pub fn with_coach(self, coach: Option<&'a GuidanceStatus>) -> Self {
+        Self { coach, ..self }
+    }
+}

@@ -1,0 +1,306 @@
+//! Combines images and the transforms of their stamp into posed slices.
+
+use glam::DAffine3;
+
+use sonoweave_core::frames::{Image as ImageFrame, Transform, World, affine_from_rows, nearest_rigid};
+use sonoweave_core::named::StaticTransform;
+use sonoweave_core::reading::{NamedTransform, Stamp, Status, transform_name};
+use sonoweave_core::refusal::{Reason, Refusal};
+use sonoweave_core::slice::Slice;
+
+use super::graph::{Edge, Names, NoPath, Route, WORLDS, find};
+use crate::ingest::{Head, Picture};
+
+/// Largest deviation of a tracker's rotation (max |RᵀR − I|) that is repaired by the nearest
+/// rotation; beyond, the pose is refused.
+pub const RIGID_TOLERANCE: f64 = 1e-2;
+/// Deviations up to this are rounding; they are repaired without being counted.
+const COUNTED: f64 = 1e-9;
+/// Largest number of named transforms of a source; a header may claim any number.
+pub(super) const MAX_NAMES: usize = 1024;
+
+/// Settings of the pairing stage.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PairingOptions {
+    /// Name of the image frame.
+    pub image: String,
+    /// Name of the world frame, in which the volume is placed. `None`: Reference if a transform
+    /// of the source names it, else Tracker, else World; the first of these that can be
+    /// reached.
+    pub world: Option<String>,
+    /// Constant transforms.
+    pub statics: Vec<StaticTransform>,
+}
+
+impl Default for PairingOptions {
+    fn default() -> Self {
+        Self { image: "Image".into(), world: None, statics: Vec::new() }
+    }
+}
+
+/// Pose of a frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pose {
+    /// Maps pixels to world mm.
+    pub world_from_image: Transform<World, ImageFrame>,
+    /// Tracker poses used that were replaced by the nearest rigid one.
+    pub projected: u64,
+    /// Largest deviation among them: max |RᵀR − I|.
+    pub deviation: f64,
+}
+
+/// A slice, and the corrections to its pose.
+#[derive(Debug, Clone)]
+pub struct Paired {
+    /// The slice.
+    pub slice: Slice,
+    /// Its pose.
+    pub pose: Pose,
+}
+
+/// The newest transform with a name.
+#[derive(Debug)]
+struct Held {
+    names: Names,
+    /// Whether neither side is an image frame: then the transform must be rigid.
+    tracker: bool,
+    /// `None` until delivered, if only the name is known from a survey.
+    newest: Option<NamedTransform>,
+}
+
+/// The pairing stage.
+#[derive(Debug)]
+pub struct Pairing {
+    options: PairingOptions,
+    held: Vec<Held>,
+    route: Option<Route>,
+    /// Whether names have been added since the last search for a chain.
+    names_changed: bool,
+    /// Size of the first slice; all must have it.
+    size: Option<[u32; 2]>,
+    notes: Vec<String>,
+}
+
+impl Pairing {
+    /// Returns a stage that learns the source's transforms as they arrive. Until a chain to the
+    /// world is known, frames are refused; see [`Self::finish`].
+    pub fn new(options: PairingOptions) -> Self {
+        Self { options, held: Vec::new(), route: None, names_changed: true, size: None, notes: Vec::new() }
+    }
+
+    /// Returns a stage that knows the names of the source's transforms in advance (see
+    /// [`super::survey()`]). The choice of the world then does not depend on the content of the
+    /// first frame.
+    ///
+    /// # Errors
+    /// [`NoPath`] when no chain leads from the image to the world.
+    pub fn with_names(options: PairingOptions, names: &[Names]) -> Result<Self, NoPath> {
+        let mut pairing = Self::new(options);
+        for (from, to) in names {
+            pairing.known(from, to);
+        }
+        pairing.resolve();
+        pairing.finish()?;
+        Ok(pairing)
+    }
+
+    /// Adds a transform. It is kept until the next with its name, and belongs to frames of its
+    /// own stamp only.
+    pub fn transform(&mut self, transform: NamedTransform) {
+        if let Some(index) = self.known(&transform.from, &transform.to) {
+            self.held[index].newest = Some(transform);
+        }
+    }
+
+    /// Returns the pose of the frame of a stamp, by the transforms of that stamp.
+    ///
+    /// # Errors
+    /// A [`Refusal`] when no chain is known yet, or a transform of the chain is missing,
+    /// invalid or unfit. Other transforms do not matter.
+    pub fn pose(&mut self, head: &Head) -> Result<Pose, Refusal> {
+        self.pose_of(&head.stamp)
+    }
+
+    /// Same as [`Self::pose`], for a stamp whose item may have no image. The configured image
+    /// frame may then be any tracked frame.
+    ///
+    /// # Errors
+    /// Those of [`Self::pose`].
+    pub fn pose_of(&mut self, stamp: &Stamp) -> Result<Pose, Refusal> {
+        self.resolve();
+        let item = stamp.item;
+        let Some(route) = &self.route else {
+            return Err(Refusal::new(item, Reason::NoPath, self.no_path().to_string()));
+        };
+        let mut world_from_image = DAffine3::IDENTITY;
+        let (mut projected, mut worst) = (0, 0.0_f64);
+        for step in &route.steps {
+            let (affine, deviation) = match step.edge {
+                Edge::Static(index) => (self.options.statics[index].affine, 0.0),
+                Edge::PerFrame(index) => self.held[index].affine(stamp)?,
+            };
+            if deviation > COUNTED {
+                projected += 1;
+                worst = worst.max(deviation);
+            }
+            world_from_image = if step.inverted { affine.inverse() } else { affine } * world_from_image;
+        }
+        if !world_from_image.is_finite() {
+            let detail = format!("the product of the transforms {} overflows", route.describe());
+            return Err(Refusal::new(item, Reason::PoseNotFinite, detail));
+        }
+        Ok(Pose { world_from_image: Transform::from_affine(world_from_image), projected, deviation: worst })
+    }
+
+    /// Combines an image with its pose.
+    ///
+    /// # Errors
+    /// A [`Refusal`] as in [`Self::pose`], or for a size other than the first slice's. A
+    /// refused frame has no effect on later ones.
+    pub fn frame(&mut self, picture: Picture) -> Result<Paired, Refusal> {
+        let item = picture.head.stamp.item;
+        let pose = self.pose(&picture.head)?;
+        let size = picture.head.size;
+        if let Some(first) = self.size
+            && first != size
+        {
+            let detail = format!("{}×{} pixels after frames of {}×{}", size[0], size[1], first[0], first[1]);
+            return Err(Refusal::new(item, Reason::SizeChanged, detail));
+        }
+        self.size = Some(size);
+        let slice =
+            Slice { image: picture.image, time_ns: picture.head.time_ns, world_from_image: pose.world_from_image };
+        Ok(Paired { slice, pose })
+    }
+
+    /// The chain to the world, once known. It is then kept, whatever transforms arrive later.
+    pub fn route(&self) -> Option<&Route> {
+        self.route.as_ref()
+    }
+
+    /// Notes for the user: sentences, each given once.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// Checks that a chain to the world was found. Call it when a stream ends without a slice,
+    /// or before it begins.
+    ///
+    /// # Errors
+    /// [`NoPath`], with the transforms known and advice.
+    pub fn finish(&self) -> Result<(), NoPath> {
+        if self.route.is_some() { Ok(()) } else { Err(self.no_path()) }
+    }
+
+    /// Index of a transform's name in the list; `None` when there are too many.
+    fn known(&mut self, from: &str, to: &str) -> Option<usize> {
+        let place = self.held.iter().position(|held| held.names.0 == from && held.names.1 == to);
+        if place.is_some() {
+            return place;
+        }
+        if self.held.len() == MAX_NAMES {
+            let note = format!("more than {MAX_NAMES} transforms: those that came later are not looked at");
+            if self.notes.last() != Some(&note) {
+                self.notes.push(note);
+            }
+            return None;
+        }
+        let [image_from, image_to] = [from, to].map(|name| self.is_image(name));
+        if image_from && image_to && from != to {
+            self.notes.push(format!(
+                "the sequence relates {from} and {to}: its pixels may be those of the latter, while a calibration of {} is applied",
+                self.options.image
+            ));
+        }
+        let names = (from.to_owned(), to.to_owned());
+        self.held.push(Held { names, tracker: !(image_from || image_to), newest: None });
+        self.names_changed = true;
+        Some(self.held.len() - 1)
+    }
+
+    /// Whether this is a frame of pixels, whose transforms may have scale and skew: `Image`,
+    /// `CroppedImage`, `TransducerOriginPixel`, ….
+    fn is_image(&self, name: &str) -> bool {
+        name == self.options.image || name.ends_with("Image") || name.ends_with("Pixel")
+    }
+
+    fn resolve(&mut self) {
+        if self.route.is_some() || !std::mem::replace(&mut self.names_changed, false) {
+            return;
+        }
+        let per_frame: Vec<Names> = self.held.iter().map(|held| held.names.clone()).collect();
+        let statics: Vec<Names> = self.options.statics.iter().map(|t| (t.from.clone(), t.to.clone())).collect();
+        let goals: Vec<&str> = match &self.options.world {
+            Some(world) => vec![world],
+            None => self.worlds(),
+        };
+        let way = |goal: &&str| find(&per_frame, &statics, &self.options.image, goal);
+        let Some(route) = goals.iter().find_map(way) else { return };
+        if let Some(first) = goals.first()
+            && *first != route.world()
+        {
+            let note =
+                format!("the sequence names {first}, but no way leads there: the volume lives in {}", route.world());
+            self.notes.push(note);
+        }
+        for (index, unused) in self.options.statics.iter().enumerate() {
+            let on_the_way = route.steps.iter().any(|step| step.edge == Edge::Static(index));
+            if !on_the_way && unused.from == self.options.image && !self.is_image(&unused.to) {
+                let note =
+                    format!("{} of the configuration is not used: the way is {}", unused.name(), route.describe());
+                self.notes.push(note);
+            }
+        }
+        self.route = Some(route);
+    }
+
+    /// The preferred worlds that the source's transforms name.
+    fn worlds(&self) -> Vec<&'static str> {
+        let named = |world: &&str| self.held.iter().any(|held| held.names.0 == **world || held.names.1 == **world);
+        WORLDS.into_iter().filter(named).collect()
+    }
+
+    fn no_path(&self) -> NoPath {
+        let worlds = self.worlds();
+        let wanted = if worlds.is_empty() { WORLDS.to_vec() } else { worlds };
+        NoPath {
+            image: self.options.image.clone(),
+            world: self.options.world.clone().unwrap_or_else(|| wanted.join(" or ")),
+            sequence: self.held.iter().map(Held::name).collect(),
+            configuration: self.options.statics.iter().map(StaticTransform::name).collect(),
+        }
+    }
+}
+
+impl Held {
+    fn name(&self) -> String {
+        transform_name(&self.names.0, &self.names.1)
+    }
+
+    /// Returns the transform of a stamp, checked, and its deviation from a rigid one.
+    fn affine(&self, stamp: &Stamp) -> Result<(DAffine3, f64), Refusal> {
+        let refusal = |reason, detail: String| Refusal::new(stamp.item, reason, format!("{} {detail}", self.name()));
+        let transform = match &self.newest {
+            Some(transform) if belongs(&transform.stamp, stamp) => transform,
+            Some(_) | None => return Err(refusal(Reason::PoseMissing, "was not delivered with this frame".into())),
+        };
+        if let Status::Other(word) = &transform.status {
+            return Err(refusal(Reason::PoseInvalid, format!("has status {word}")));
+        }
+        let affine = affine_from_rows(&transform.matrix)
+            .map_err(|bad| refusal(Reason::from(&bad), format!("cannot be used: {bad}")))?;
+        if !self.tracker {
+            return Ok((affine, 0.0));
+        }
+        nearest_rigid(&affine, RIGID_TOLERANCE)
+            .map_err(|bad| refusal(Reason::from(&bad), format!("cannot be used: {bad}")))
+    }
+}
+
+/// Same item and same times. The unfiltered time is ignored.
+fn belongs(transform: &Stamp, frame: &Stamp) -> bool {
+    transform.item == frame.item && transform.host_ns == frame.host_ns && transform.source_s == frame.source_s
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,91 @@
+//! Memory in equal pieces, in chunks that never move: growing copies nothing.
+
+use std::io;
+use std::thread::JoinHandle;
+
+use memmap2::{Advice, MmapMut};
+
+/// Approximate size of a chunk of addresses. Memory is taken only as it is filled.
+const CHUNK_BYTES: usize = 16 << 20;
+
+/// Zero-initialised pieces, numbered in the order in which they are taken.
+pub(crate) struct Arena {
+    piece_bytes: usize,
+    /// Pieces in a chunk.
+    per_chunk: usize,
+    chunks: Vec<MmapMut>,
+    /// The next chunk, prepared on another thread.
+    next: Option<JoinHandle<io::Result<MmapMut>>>,
+}
+
+/// Allocates memory for a chunk; fresh pages are zero.
+///
+/// A sweep fills hundreds of new bricks per slice, and a page fault for each costs more than
+/// the insertion (measured at 256³: 1.5 ms a slice). Therefore the pages are huge if the system
+/// has them, and are populated before they are needed. A system that supports neither advice
+/// provides single pages when they are first written.
+fn allocate(bytes: usize) -> io::Result<MmapMut> {
+    let chunk = MmapMut::map_anon(bytes)?;
+    for advice in [Advice::HugePage, Advice::PopulateWrite] {
+        if let Err(error) = chunk.advise(advice) {
+            tracing::debug!(%error, ?advice, "memory for the volume is not prepared");
+        }
+    }
+    Ok(chunk)
+}
+
+impl Arena {
+    /// Returns an arena of pieces of this many bytes; it is empty.
+    pub(crate) fn new(piece_bytes: usize) -> Self {
+        Self::in_chunks(piece_bytes, (CHUNK_BYTES / piece_bytes.max(1)).max(1))
+    }
+
+    /// The same with `per_chunk` pieces in a chunk.
+    pub(crate) fn in_chunks(piece_bytes: usize, per_chunk: usize) -> Self {
+        Self { piece_bytes, per_chunk, chunks: Vec::new(), next: None }
+    }
+
+    /// Pieces that there is room for.
+    pub(crate) fn capacity(&self) -> usize {
+        self.chunks.len() * self.per_chunk
+    }
+
+    /// Ensures that there is room for `pieces`.
+    ///
+    /// # Errors
+    /// When the system has no memory to give; nothing has changed then except prepared memory.
+    pub(crate) fn reserve(&mut self, pieces: usize) -> io::Result<()> {
+        let bytes = self.per_chunk * self.piece_bytes;
+        while pieces > self.capacity() {
+            let prepared = self.next.take().and_then(|thread| thread.join().ok());
+            self.chunks.push(prepared.unwrap_or_else(|| allocate(bytes))?);
+        }
+        if self.next.is_none() && pieces + self.per_chunk / 2 > self.capacity() {
+            // If no thread can be started, the chunk is allocated when it is needed.
+            self.next = std::thread::Builder::new().name("volume-memory".into()).spawn(move || allocate(bytes)).ok();
+        }
+        Ok(())
+    }
+
+    /// Returns a piece.
+    pub(crate) fn piece(&self, index: usize) -> &[u8] {
+        let (chunk, place) = self.locate(index);
+        &self.chunks[chunk][place * self.piece_bytes..][..self.piece_bytes]
+    }
+
+    /// Returns a piece for writing.
+    pub(crate) fn piece_mut(&mut self, index: usize) -> &mut [u8] {
+        let (chunk, place) = self.locate(index);
+        &mut self.chunks[chunk][place * self.piece_bytes..][..self.piece_bytes]
+    }
+
+    /// Returns each whole chunk, for inserters that hand every piece to exactly one thread.
+    pub(crate) fn chunks_mut(&mut self) -> impl Iterator<Item = &mut [u8]> {
+        self.chunks.iter_mut().map(|chunk| &mut chunk[..])
+    }
+
+    /// Returns the chunk of a piece and its position in the chunk.
+    pub(crate) fn locate(&self, index: usize) -> (usize, usize) {
+        (index / self.per_chunk, index % self.per_chunk)
+    }
+}

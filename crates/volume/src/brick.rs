@@ -1,0 +1,82 @@
+//! A brick: 8×8×8 voxels that are allocated, filled and rendered together.
+
+/// Voxels along a brick's edge.
+pub const EDGE: usize = 8;
+/// Voxels in a brick.
+pub const VOXELS: usize = EDGE * EDGE * EDGE;
+
+/// Position of a brick on the lattice: voxel index divided by [`EDGE`], rounded down.
+pub type BrickIndex = [i32; 3];
+
+/// Voxels of a tile along x, y and z: sixteen adjacent voxels, one vector of the hot loops.
+///
+/// A compact tile fits a slab better than a row of sixteen. Take the tiles that a slab ten
+/// voxels thick meets, in its worst orientation: 7 in 10 of their voxels lie in the slab. With
+/// rows it is 4 in 7 (measured).
+pub const TILE: [usize; 3] = [4, 2, 2];
+
+/// Numerator and weight of the weighted mean at each voxel, ordered by [`offset`]. The value is
+/// `r / w` if `w` is large enough to count as seen.
+///
+/// 4 KiB: one voxel's neighbourhood costs one page and a handful of cache lines in any
+/// orientation of the slice.
+#[derive(Clone, Copy, bytemuck::Zeroable, bytemuck::Pod)]
+#[repr(C, align(64))]
+pub struct Brick {
+    /// Σ weight·value.
+    pub r: [f32; VOXELS],
+    /// Σ weight.
+    pub w: [f32; VOXELS],
+}
+
+/// Time of each voxel's last write, in the writer's ticks; 0 before. Ordered by [`offset`].
+#[derive(Clone, Copy, bytemuck::Zeroable, bytemuck::Pod)]
+#[repr(C, align(64))]
+pub struct Stamps(pub [u32; VOXELS]);
+
+/// Time of each voxel's last write, in 16-bit ticks of the decay since its brick's
+/// [`Epoch`](super::brick_volume::Epoch). Ordered by [`offset`].
+#[derive(Clone, Copy, bytemuck::Zeroable, bytemuck::Pod)]
+#[repr(C, align(64))]
+pub struct Ages(pub [u16; VOXELS]);
+
+/// Returns the index of a voxel in its brick: tiles x fastest, and x fastest in a tile.
+pub const fn offset(x: usize, y: usize, z: usize) -> usize {
+    let [tx, ty, tz] = TILE;
+    let tile = (z / tz * (EDGE / ty) + y / ty) * (EDGE / tx) + x / tx;
+    tile * (tx * ty * tz) + (z % tz * ty + y % ty) * tx + x % tx
+}
+
+/// Returns the voxel at an index in its brick: the inverse of [`offset`].
+pub const fn voxel_at(place: usize) -> [usize; 3] {
+    let [tx, ty, tz] = TILE;
+    let (tile, lane) = (place / (tx * ty * tz), place % (tx * ty * tz));
+    let (columns, rows) = (EDGE / tx, EDGE / ty);
+    [
+        tile % columns * tx + lane % tx,
+        tile / columns % rows * ty + lane / tx % ty,
+        tile / (columns * rows) * tz + lane / (tx * ty),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn brick_is_one_page() {
+        assert_eq!(size_of::<Brick>(), 4096);
+    }
+
+    #[test]
+    fn voxel_offsets_unique_and_tiles_contiguous() {
+        let mut seen = [false; VOXELS];
+        for (place, seen) in seen.iter_mut().enumerate() {
+            let [x, y, z] = voxel_at(place);
+            assert_eq!(offset(x, y, z), place);
+            *seen = x < EDGE && y < EDGE && z < EDGE;
+        }
+        assert!(seen.iter().all(|s| *s));
+        assert_eq!([offset(1, 0, 0), offset(0, 1, 0), offset(0, 0, 1), offset(4, 0, 0)], [1, 4, 8, 16]);
+    }
+}

@@ -1,0 +1,464 @@
+//! A dense volume in memory, read from a file of this or another program.
+
+use std::path::{Path, PathBuf};
+
+use glam::{DMat3, DVec3};
+
+use formats::Limits;
+use formats::image::{VolumeHeader, VolumeReader};
+use sonoweave_core::frames::{Transform, Volume, World};
+use sonoweave_core::reading::PixelType;
+
+use super::Grid;
+use super::brick::{BrickIndex, EDGE};
+use super::brick_volume::SEEN;
+use super::lattice::{Canonical, canonical};
+use super::read::Values;
+
+/// Header field with the value of voxels that were not seen.
+pub const UNSEEN_FIELD: &str = "SonoweaveUnseen";
+/// Header field with the box that the slices' data reaches: first and last voxel, both
+/// inclusive, as indices from the file's first voxel.
+pub const SLICES_BOX_FIELD: &str = "SonoweaveSlicesBox";
+/// Header field with the slices' mean directions of u (to the right in the image) and v (away
+/// from the probe): six numbers, world frame.
+pub const SLICE_AXES_FIELD: &str = "SonoweaveSliceAxes";
+/// Header field with the values of black and white in the scanner's image.
+pub const RANGE_FIELD: &str = "SonoweaveRange";
+
+/// Header field with the method by which holes were filled; see `export::fill`.
+pub const FILL_FIELD: &str = "SonoweaveFill";
+/// Header field with the number of filled voxels.
+pub const FILLED_FIELD: &str = "SonoweaveFilled";
+
+/// Grey range if nothing specifies one.
+const GREY_LEVELS: [f32; 2] = [0.0, 255.0];
+/// A box farther from the file's voxels than this is ignored, in voxels.
+const FARTHEST: i64 = 1 << 30;
+/// Two files are on one grid if they agree to this fraction of a voxel at its far end.
+const SAME_GRID: f64 = 1e-3;
+
+/// A volume read from a file. Its voxel indices are those of the [canonical](super::lattice)
+/// lattice.
+#[derive(Debug)]
+pub struct DenseVolume {
+    header: VolumeHeader,
+    canonical: Canonical,
+    /// x fastest. Without weights, NaN marks unseen voxels.
+    value: Vec<f32>,
+    /// 0 for unseen voxels.
+    weight: Option<Vec<f32>>,
+    bricks: Vec<BrickIndex>,
+    slices_box: Option<[[i64; 3]; 2]>,
+    seen: u64,
+    extremes: Option<[f32; 2]>,
+    notes: Vec<String>,
+}
+
+/// Reasons for which a file cannot be used as a volume.
+#[derive(Debug, thiserror::Error)]
+pub enum DenseError {
+    /// The file, its header or its data.
+    #[error(transparent)]
+    File(#[from] sonoweave_core::Error),
+    /// Several values a voxel.
+    #[error("{path}: has {channels} channels; a volume to be rendered has one: convert it, or choose a channel", path = path.display())]
+    Channels {
+        /// The file.
+        path: PathBuf,
+        /// Number of channels.
+        channels: u32,
+    },
+    /// Axes that do not span space.
+    #[error("{path}: field TransformMatrix (space directions, srow) has axes that lie in one plane, so the volume has no place in space: correct it", path = path.display())]
+    Flat {
+        /// The file.
+        path: PathBuf,
+    },
+    /// No axes at all.
+    #[error("{path}: has no place in space: neither sform nor qform of this NIfTI is given (their codes are 0); give it one, or take the file it was made of", path = path.display())]
+    Nowhere {
+        /// The file.
+        path: PathBuf,
+    },
+    /// More memory than allowed.
+    #[error(
+        "{path}: {size:?} voxels would take {needed:.1} GiB of memory, of which {limit:.1} may be taken: raise --max-memory, or crop the volume",
+        path = path.display(), needed = gib(*needed_bytes), limit = gib(*limit_bytes)
+    )]
+    Memory {
+        /// The file.
+        path: PathBuf,
+        /// Voxels along x, y, z.
+        size: [u32; 3],
+        /// Memory needed, bytes.
+        needed_bytes: u64,
+        /// Memory allowed, bytes.
+        limit_bytes: u64,
+    },
+    /// Weights of another volume.
+    #[error(
+        "{weights}: these are not the weights of {path}: {what} differs; give the file that was written with it",
+        weights = weights.display(), path = path.display()
+    )]
+    OtherGrid {
+        /// The volume.
+        path: PathBuf,
+        /// The weights.
+        weights: PathBuf,
+        /// Size, spacing, origin or direction.
+        what: &'static str,
+    },
+}
+
+fn gib(bytes: u64) -> f64 {
+    bytes as f64 / f64::from(1 << 30)
+}
+
+impl DenseVolume {
+    /// Reads a volume, slice by slice, and its weights if there are any. Both take 4 bytes a
+    /// voxel, together no more than `limit_bytes`.
+    ///
+    /// If weights are given, voxels of at most [`SEEN`] are unseen; these include
+    /// filled ones (`export::fill`). Without weights, all voxels are seen, with weight 1,
+    /// except those whose value equals that of the header's [`UNSEEN_FIELD`]. Values that are
+    /// not finite count as unseen.
+    ///
+    /// # Errors
+    /// [`DenseError`] when a file cannot be read whole, has several channels, needs more
+    /// memory, or the weights are on another grid.
+    pub fn open(path: &Path, weights: Option<&Path>, limit_bytes: u64) -> Result<Self, DenseError> {
+        let reader = Open::new(path)?;
+        let weights = weights.map(Open::new).transpose()?;
+        let header = reader.reader.header().clone();
+        if let Some(Open { path: of_weights, reader }) = &weights
+            && let Some(what) = difference(&header, reader.header())
+        {
+            return Err(DenseError::OtherGrid { path: path.into(), weights: of_weights.clone(), what });
+        }
+        let voxels = header.size.iter().try_fold(1_u64, |n, s| n.checked_mul(u64::from(*s)));
+        let each = if weights.is_some() { 8 } else { 4 };
+        let needed_bytes = voxels.and_then(|n| n.checked_mul(each)).unwrap_or(u64::MAX);
+        let too_large = || DenseError::Memory { path: path.into(), size: header.size, needed_bytes, limit_bytes };
+        let voxels = voxels.and_then(|n| usize::try_from(n).ok()).filter(|_| needed_bytes <= limit_bytes);
+        let voxels = voxels.ok_or_else(too_large)?;
+        if !header.placed {
+            return Err(DenseError::Nowhere { path: path.into() });
+        }
+        let grid = grid(&header);
+        if grid.direction.determinant().abs() < 1e-6 {
+            return Err(DenseError::Flat { path: path.into() });
+        }
+        let mut value = reader.read(voxels, too_large)?;
+        let mut weight = weights.map(|w| w.read(voxels, too_large)).transpose()?;
+        let notes = hide_unseen(&header, &mut value, weight.as_deref_mut());
+        let canonical = canonical(grid.world_from_volume());
+        let mut this = Self {
+            slices_box: slices_box(&header),
+            header,
+            canonical,
+            value,
+            weight,
+            bricks: Vec::new(),
+            seen: 0,
+            extremes: None,
+            notes,
+        };
+        this.survey();
+        Ok(this)
+    }
+
+    /// Determines the number, bricks and value range of seen voxels.
+    fn survey(&mut self) {
+        let [nx, ny, nz] = self.header.size.map(i64::from);
+        let edge = EDGE as i64;
+        let first = self.canonical.offset;
+        let low = first.map(|o| o.div_euclid(edge));
+        let count: [usize; 3] = std::array::from_fn(|a| {
+            let last = first[a].saturating_add([nx, ny, nz][a] - 1).div_euclid(edge);
+            (last - low[a] + 1) as usize
+        });
+        let mut held = vec![false; count.iter().product()];
+        let (mut extremes, mut seen) = ([f32::INFINITY, f32::NEG_INFINITY], 0);
+        let mut at = 0;
+        for z in 0..nz {
+            for y in 0..ny {
+                let brick = |a: usize, i: i64| (first[a].saturating_add(i).div_euclid(edge) - low[a]) as usize;
+                let row = (brick(2, z) * count[1] + brick(1, y)) * count[0];
+                for x in 0..nx {
+                    let value = self.value[at];
+                    if self.weight.as_ref().map_or(!value.is_nan(), |w| w[at] > 0.0) {
+                        held[row + brick(0, x)] = true;
+                        extremes = [extremes[0].min(value), extremes[1].max(value)];
+                        seen += 1;
+                    }
+                    at += 1;
+                }
+            }
+        }
+        self.seen = seen;
+        self.extremes = (seen > 0).then_some(extremes);
+        let places = held.iter().enumerate().filter(|(_, held)| **held).map(|(i, _)| {
+            let at = [i % count[0], i / count[0] % count[1], i / (count[0] * count[1])];
+            std::array::from_fn(|a| i32::try_from(low[a].saturating_add(at[a] as i64)))
+        });
+        // Rendering is limited to 31-bit indices; the render region reports it.
+        self.bricks = places.filter_map(|[x, y, z]| Some([x.ok()?, y.ok()?, z.ok()?])).collect();
+    }
+
+    /// The file's header.
+    pub fn header(&self) -> &VolumeHeader {
+        &self.header
+    }
+
+    /// Converts a voxel's index in the file to its canonical index.
+    pub fn index(&self, voxel: [i64; 3]) -> [i64; 3] {
+        self.canonical.index(voxel)
+    }
+
+    /// The grid of the file's voxels, by their indices in the file.
+    pub fn grid(&self) -> Grid {
+        grid(&self.header)
+    }
+
+    /// Maps canonical voxel indices to world mm.
+    pub fn world_from_lattice(&self) -> Transform<World, Volume> {
+        self.canonical.world_from_lattice
+    }
+
+    /// First and last voxel of the box to view, by canonical index: the slices' box if the file
+    /// has one, else the whole file.
+    pub fn bounds(&self) -> [[i64; 3]; 2] {
+        let all = [[0; 3], self.header.size.map(|n| i64::from(n) - 1)];
+        self.slices_box.unwrap_or(all).map(|voxel| self.canonical.index(voxel))
+    }
+
+    /// The slices' mean directions of u and v in the world, each of length 1, if the file has
+    /// them.
+    pub fn slice_axes(&self) -> Option<[DVec3; 2]> {
+        let [ux, uy, uz, vx, vy, vz] = field::<f64, 6>(&self.header, SLICE_AXES_FIELD)?;
+        let (u, v) = (DVec3::new(ux, uy, uz), DVec3::new(vx, vy, vz));
+        // The file's numbers are used unchanged, so that the view is the same as in replay,
+        // which computes them from the poses.
+        let sane = [u, v].iter().all(|axis| (axis.length() - 1.0).abs() < 1e-6) && u.dot(v).abs() < 1e-6;
+        sane.then_some([u, v])
+    }
+
+    /// Values of black and white: those of the file, else of the scalar type, else
+    /// [`Self::extremes`].
+    pub fn range(&self) -> [f32; 2] {
+        if let Some([low, high]) = field::<f32, 2>(&self.header, RANGE_FIELD)
+            && low < high
+            && low.is_finite()
+            && high.is_finite()
+        {
+            return [low, high];
+        }
+        let ours = self.header.fields.iter().any(|(name, _)| name.starts_with("Sonoweave"));
+        match (self.header.pixel, self.extremes) {
+            (PixelType::U8, _) => GREY_LEVELS,
+            (PixelType::U16, _) => [0.0, f32::from(u16::MAX)],
+            (PixelType::F32, _) if ours => GREY_LEVELS,
+            (_, Some([low, high])) if low < high => [low, high],
+            (_, Some([low, _])) => [low, low + 1.0],
+            (_, None) => GREY_LEVELS,
+        }
+    }
+
+    /// Smallest and largest value seen; `None` if nothing was seen.
+    pub fn extremes(&self) -> Option<[f32; 2]> {
+        self.extremes
+    }
+
+    /// Number of seen voxels.
+    pub fn seen(&self) -> u64 {
+        self.seen
+    }
+
+    /// Notes for the user: sentences.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// Bytes used by voxels.
+    pub fn bytes(&self) -> u64 {
+        let each = size_of::<f32>() * (1 + usize::from(self.weight.is_some()));
+        (self.value.len() * each) as u64
+    }
+}
+
+impl Values for DenseVolume {
+    fn values(&self, start: [i64; 3], value: &mut [f32], weight: &mut [f32]) {
+        assert_eq!(value.len(), weight.len(), "a value and a weight a voxel");
+        value.fill(0.0);
+        weight.fill(0.0);
+        let [nx, ny, nz] = self.header.size.map(i64::from);
+        let [x, y, z] = std::array::from_fn(|a| start[a] - self.canonical.offset[a]);
+        if !((0..ny).contains(&y) && (0..nz).contains(&z)) {
+            return;
+        }
+        let row = (z * ny + y) * nx;
+        let (from, to) = (x.clamp(0, nx), x.saturating_add(value.len() as i64).clamp(0, nx));
+        if from >= to {
+            return;
+        }
+        let held = (row + from) as usize..(row + to) as usize;
+        let part = (from - x) as usize..(to - x) as usize;
+        let (value, weight) = (&mut value[part.clone()], &mut weight[part]);
+        match &self.weight {
+            Some(weights) => {
+                value.copy_from_slice(&self.value[held.clone()]);
+                weight.copy_from_slice(&weights[held]);
+            }
+            None => {
+                for ((value, weight), held) in value.iter_mut().zip(weight).zip(&self.value[held]) {
+                    if !held.is_nan() {
+                        (*value, *weight) = (*held, 1.0);
+                    }
+                }
+            }
+        }
+    }
+
+    fn bricks(&self) -> Box<dyn Iterator<Item = BrickIndex> + '_> {
+        Box::new(self.bricks.iter().copied())
+    }
+}
+
+/// A file of one channel.
+struct Open {
+    path: PathBuf,
+    reader: VolumeReader,
+}
+
+impl Open {
+    fn new(path: &Path) -> Result<Self, DenseError> {
+        let reader = VolumeReader::open(path, &Limits::default())?;
+        match reader.header().channels {
+            1 => Ok(Self { path: path.into(), reader }),
+            channels => Err(DenseError::Channels { path: path.into(), channels }),
+        }
+    }
+
+    fn read(mut self, voxels: usize, too_large: impl Fn() -> DenseError) -> Result<Vec<f32>, DenseError> {
+        let mut values = Vec::new();
+        values.try_reserve_exact(voxels).map_err(|_| too_large())?;
+        let pixel = self.reader.header().pixel;
+        while let Some(slice) = self.reader.next_slice()? {
+            append(slice, pixel, &mut values);
+        }
+        Ok(values)
+    }
+}
+
+/// Appends scalars in native byte order as single precision, which holds integers of up to 24
+/// bits exactly.
+fn append(bytes: &[u8], pixel: PixelType, values: &mut Vec<f32>) {
+    fn each<const N: usize>(bytes: &[u8], values: &mut Vec<f32>, read: impl Fn([u8; N]) -> f32) {
+        values.extend(bytes.as_chunks::<N>().0.iter().map(|word| read(*word)));
+    }
+    match pixel {
+        PixelType::U8 => each(bytes, values, |b| f32::from(u8::from_ne_bytes(b))),
+        PixelType::I8 => each(bytes, values, |b| f32::from(i8::from_ne_bytes(b))),
+        PixelType::U16 => each(bytes, values, |b| f32::from(u16::from_ne_bytes(b))),
+        PixelType::I16 => each(bytes, values, |b| f32::from(i16::from_ne_bytes(b))),
+        PixelType::U32 => each(bytes, values, |b| u32::from_ne_bytes(b) as f32),
+        PixelType::I32 => each(bytes, values, |b| i32::from_ne_bytes(b) as f32),
+        PixelType::U64 => each(bytes, values, |b| u64::from_ne_bytes(b) as f32),
+        PixelType::I64 => each(bytes, values, |b| i64::from_ne_bytes(b) as f32),
+        PixelType::F32 => each(bytes, values, f32::from_ne_bytes),
+        PixelType::F64 => each(bytes, values, |b| f64::from_ne_bytes(b) as f32),
+    }
+}
+
+/// Marks unseen voxels in the same way for all kinds of files; returns notes for the user.
+fn hide_unseen(header: &VolumeHeader, value: &mut [f32], weight: Option<&mut [f32]>) -> Vec<String> {
+    let (mut not_finite, mut named) = (0_u64, 0_u64);
+    let unseen = field::<f32, 1>(header, UNSEEN_FIELD).map(|[value]| value);
+    let has_weights = weight.is_some();
+    match weight {
+        Some(weight) => {
+            for (value, weight) in value.iter_mut().zip(weight) {
+                // The comparison is false for NaN.
+                let seen = *weight > SEEN && weight.is_finite();
+                not_finite += u64::from(seen && !value.is_finite());
+                if !(seen && value.is_finite()) {
+                    (*value, *weight) = (0.0, 0.0);
+                }
+            }
+        }
+        None => {
+            for value in value {
+                if unseen.is_some_and(|unseen| *value == unseen || (value.is_nan() && unseen.is_nan())) {
+                    named += 1;
+                    *value = f32::NAN;
+                } else if !value.is_finite() {
+                    not_finite += 1;
+                    *value = f32::NAN;
+                }
+            }
+        }
+    }
+    let mut notes = Vec::new();
+    if not_finite > 0 {
+        notes.push(format!("{not_finite} voxels have a value that is not finite: they count as not seen"));
+    }
+    if let Some(unseen) = unseen.filter(|_| named > 0) {
+        notes.push(format!(
+            "{named} voxels of the value {unseen}, the header's {UNSEEN_FIELD}, count as not seen; --weights would tell those that were"
+        ));
+    }
+    if let (false, Some([count])) = (has_weights, field::<u64, 1>(header, FILLED_FIELD).filter(|[count]| *count > 0)) {
+        notes.push(format!(
+            "{count} voxels were filled from those around them, by the header's {FILLED_FIELD}, and are shown like seen ones; --weights would tell them apart"
+        ));
+    }
+    notes
+}
+
+/// Parses a header field of N numbers; `None` if it is anything else.
+fn field<T: std::str::FromStr, const N: usize>(header: &VolumeHeader, name: &str) -> Option<[T; N]> {
+    let (_, text) = header.fields.iter().find(|(field, _)| field == name)?;
+    let numbers: Vec<T> = text.split_whitespace().map(|word| word.parse().ok()).collect::<Option<_>>()?;
+    numbers.try_into().ok()
+}
+
+/// Returns the box of [`SLICES_BOX_FIELD`], if it is valid and near the file's voxels. A
+/// program that cropped or scaled the volume may have kept the field.
+fn slices_box(header: &VolumeHeader) -> Option<[[i64; 3]; 2]> {
+    let [lx, ly, lz, hx, hy, hz] = field::<i64, 6>(header, SLICES_BOX_FIELD)?;
+    let (low, high) = ([lx, ly, lz], [hx, hy, hz]);
+    let size = header.size.map(i64::from);
+    let sane = (0..3).all(|a| low[a] <= high[a] && low[a] < size[a] && high[a] >= 0);
+    (sane && low.iter().chain(&high).all(|x| x.abs() < FARTHEST)).then_some([low, high])
+}
+
+/// Returns the grid of a file's voxels.
+fn grid(header: &VolumeHeader) -> Grid {
+    let [x, y, z] = header.axes.map(DVec3::from_array);
+    Grid {
+        origin: DVec3::from_array(header.origin),
+        spacing: DVec3::from_array(header.spacing),
+        direction: DMat3::from_cols(x, y, z),
+        size: header.size.map(u64::from),
+    }
+}
+
+/// Returns the property in which two grids differ.
+fn difference(a: &VolumeHeader, b: &VolumeHeader) -> Option<&'static str> {
+    if a.size != b.size {
+        return Some("the size");
+    }
+    let longest = |axis: usize| f64::from(a.size[axis]);
+    if (0..3).any(|i| (b.spacing[i] / a.spacing[i] - 1.0).abs() * longest(i) > SAME_GRID) {
+        return Some("the spacing");
+    }
+    if (0..3).any(|i| (0..3).any(|k| (a.axes[i][k] - b.axes[i][k]).abs() * longest(i) > SAME_GRID)) {
+        return Some("the direction");
+    }
+    let finest = a.spacing.iter().copied().fold(f64::INFINITY, f64::min);
+    (0..3).any(|k| (a.origin[k] - b.origin[k]).abs() > SAME_GRID * finest).then_some("the origin")
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,3 @@
+//! Electromagnetic trackers, by maker.
+
+pub mod polhemus;

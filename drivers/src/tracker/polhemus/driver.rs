@@ -1,0 +1,250 @@
+//! Driver of Polhemus trackers: lists the connected units and opens the selected one.
+
+use std::sync::Arc;
+
+use sonoweave_core::clock::{Clock, Monotonic};
+use sonoweave_core::{Device, Error};
+
+use super::settings::Settings;
+use super::{Line, fastrak, isotrak, liberty, viper};
+use crate::connection::{Connection, Protocol};
+use crate::transport::{Opener, PortPath, SerialOpener, UsbId, UsbOpener, serial, usb};
+use crate::{Driver, Listing, OpenSettings};
+
+/// Usual serial rate, for opening the line before the rate is known, bits per second.
+const BAUD: u32 = 115_200;
+/// USB vendor number of Polhemus.
+pub const VENDOR: u16 = 0x0f44;
+
+/// A tracker model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Model {
+    /// ISOTRAK, ISOTRAK II and 3SPACE.
+    Isotrak,
+    /// FASTRAK, and 3SPACE FASTRAK.
+    Fastrak,
+    /// LIBERTY, and Latus.
+    Liberty,
+    /// PATRIOT.
+    Patriot,
+    /// VIPER.
+    Viper,
+}
+
+impl Model {
+    /// All models that the driver can open.
+    pub const ALL: [Self; 5] = [Self::Isotrak, Self::Fastrak, Self::Liberty, Self::Patriot, Self::Viper];
+
+    /// Returns the name in settings.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Isotrak => "isotrak",
+            Self::Fastrak => "fastrak",
+            Self::Liberty => "liberty",
+            Self::Patriot => "patriot",
+            Self::Viper => "viper",
+        }
+    }
+
+    /// Returns the USB product numbers of units that wait for their firmware.
+    fn loaders(self) -> &'static [u16] {
+        match self {
+            Self::Isotrak | Self::Viper => &[],
+            Self::Fastrak => &[0x0001],
+            Self::Liberty => &[0xff11, 0xff21],
+            Self::Patriot => &[0xef11, 0xef21],
+        }
+    }
+
+    /// Returns the USB product numbers of running units.
+    fn products(self) -> &'static [u16] {
+        match self {
+            // Serial only.
+            Self::Isotrak => &[],
+            Self::Fastrak => &[0x0002, 0x0003],
+            Self::Liberty => &[0xff12, 0xff20],
+            Self::Patriot => &[0xef12, 0xef20],
+            Self::Viper => &[0xbf01],
+        }
+    }
+}
+
+/// Returns the model with this product number, and the fxload options if it is a loader that
+/// waits for firmware.
+fn product(number: u16) -> Option<(&'static str, Option<&'static str>)> {
+    Some(match number {
+        0x0001 => ("FASTRAK", Some("-t fx -I FastrakUSB.hex")),
+        0x0002 | 0x0003 => ("FASTRAK", None),
+        0xff11 => ("LIBERTY", Some("-t fx -I LbtyUsb.hex")),
+        0xff21 => ("LIBERTY", Some("-t fx2 -I LbtyUsbHS.hex")),
+        0xff12 | 0xff20 => ("LIBERTY", None),
+        0xef11 => ("PATRIOT", Some("-t fx -I PatriotUSB.hex")),
+        0xef21 => ("PATRIOT", Some("-t fx2 -I PatriotUSB2.hex")),
+        0xef12 | 0xef20 => ("PATRIOT", None),
+        0xbf01 => ("VIPER", None),
+        0xcf01 => ("G4", None),
+        _ => return None,
+    })
+}
+
+/// Returns the advice for a loader. The firmware belongs to the manufacturer and must not be
+/// redistributed.
+fn advice(name: &str, options: &str) -> String {
+    format!(
+        "{name} waits for its firmware, as after every plugging-in: start the maker's software, or run fxload {options} -s a3load.hex -D and its file in /dev/bus/usb, with the maker's files; it then comes back under another number"
+    )
+}
+
+/// Connection to a tracker.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Port {
+    /// A serial line. Without a rate, the driver tries all rates of such units.
+    Serial {
+        /// Device file.
+        path: std::path::PathBuf,
+        /// Bits per second.
+        baud: Option<u32>,
+    },
+    /// USB; `None` if only one tracker is connected.
+    Usb(Option<String>),
+}
+
+/// Settings for opening a tracker.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrackerSettings {
+    /// Model.
+    pub model: Model,
+    /// Connection.
+    pub port: Port,
+    /// Set-up of the unit.
+    pub settings: Settings,
+    /// Whether received bytes are also delivered as readings.
+    pub keeps_raw: bool,
+}
+
+/// Polhemus trackers.
+pub struct TrackerDriver;
+
+impl TrackerDriver {
+    /// Opens a tracker with the given clock.
+    ///
+    /// # Errors
+    /// [`Error::Misuse`] for settings that the model does not have.
+    pub fn open_with(settings: &TrackerSettings, clock: Arc<dyn Clock>) -> Result<Box<dyn Device>, Error> {
+        let TrackerSettings { model, port, settings, keeps_raw } = settings;
+        let (opener, line): (Box<dyn Opener>, _) = match port {
+            Port::Serial { path, baud } => {
+                let port = PortPath { path: path.clone(), baud: baud.unwrap_or(BAUD) };
+                (Box::new(SerialOpener::new(port, Arc::clone(&clock))), Line::Serial(*baud))
+            }
+            Port::Usb(which) => {
+                let waits =
+                    |number: &u16| product(*number).and_then(|(name, options)| Some((*number, advice(name, options?))));
+                let loaders = model.loaders().iter().filter_map(waits).collect();
+                let products = model.products().to_vec();
+                let id = UsbId { vendor: VENDOR, products, loaders, which: which.clone() };
+                (Box::new(UsbOpener::new(id, Arc::clone(&clock))), Line::Usb)
+            }
+        };
+        let name = opener.name().to_owned();
+        fn connect<P: Protocol + 'static>(
+            opener: Box<dyn Opener>,
+            clock: Arc<dyn Clock>,
+            protocol: P,
+            keeps_raw: bool,
+        ) -> Box<dyn Device> {
+            Box::new(Connection::new(opener, clock, protocol, keeps_raw))
+        }
+        let settings = settings.clone();
+        Ok(match model {
+            Model::Isotrak => connect(opener, clock, isotrak::Unit::new(&name, settings, line)?, *keeps_raw),
+            Model::Fastrak => connect(opener, clock, fastrak::Unit::new(&name, settings, line)?, *keeps_raw),
+            Model::Liberty | Model::Patriot => {
+                connect(opener, clock, liberty::Unit::new(&name, settings, line)?, *keeps_raw)
+            }
+            Model::Viper => connect(opener, clock, viper::Unit::new(&name, settings, line)?, *keeps_raw),
+        })
+    }
+}
+
+impl Driver for TrackerDriver {
+    fn name(&self) -> &'static str {
+        "tracker"
+    }
+
+    fn list(&self) -> Vec<Listing> {
+        let mut found = serial::list();
+        match usb::list(VENDOR) {
+            Ok(devices) => found.extend(devices.iter().map(listing)),
+            Err(why) => found.push(Listing {
+                id: "usb".into(),
+                description: "USB".into(),
+                unavailable: Some(format!("USB cannot be looked at: {why}")),
+            }),
+        }
+        found
+    }
+
+    fn open(&self, settings: &OpenSettings) -> Result<Box<dyn Device>, Error> {
+        match settings {
+            OpenSettings::Tracker(settings) => Self::open_with(settings, Arc::new(Monotonic)),
+            _ => Err(Error::Misuse("these settings are not a tracker's".into())),
+        }
+    }
+}
+
+/// Describes a USB device of the manufacturer.
+fn listing(device: &nusb::DeviceInfo) -> Listing {
+    let place = usb::place(device);
+    let id = format!("usb:{}", device.serial_number().unwrap_or(&place));
+    let number = device.product_id();
+    let (name, unavailable) = match product(number) {
+        None => ("unknown product".to_owned(), Some("not known to this version".to_owned())),
+        Some((name, Some(options))) => (format!("{name} that waits for its firmware"), Some(advice(name, options))),
+        Some(("G4", _)) => ("G4".into(), Some("its protocol is not public".into())),
+        Some((name, None)) => (name.to_owned(), usb::unavailable(device)),
+    };
+    Listing { id, description: format!("Polhemus {name} ({VENDOR:04x}:{number:04x}) on USB {place}"), unavailable }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn loaders_differ_from_running_units() {
+        for model in Model::ALL {
+            for number in model.products() {
+                assert!(matches!(product(*number), Some((_, None))), "{model:?} {number:04x}");
+            }
+            for number in model.loaders() {
+                let (name, options) = product(*number).unwrap();
+                assert!(name.eq_ignore_ascii_case(model.name()) && options.is_some(), "{model:?} {number:04x}");
+            }
+        }
+        assert_eq!(product(0x1234), None);
+    }
+
+    #[test]
+    fn foreign_or_invalid_settings_are_refused() {
+        let other = TrackerDriver.open(&OpenSettings::sequence("x.mha")).err().unwrap().to_string();
+        assert!(other.contains("not a tracker's"), "{other}");
+        let port = Port::Serial { path: "/dev/nothing".into(), baud: None };
+        let settings = TrackerSettings { model: Model::Fastrak, port, settings: Settings::default(), keeps_raw: false };
+        let wrong = Settings { stations: vec![7], ..Settings::default() };
+        let wrong = OpenSettings::Tracker(TrackerSettings { settings: wrong, ..settings.clone() });
+        assert!(TrackerDriver.open(&wrong).err().unwrap().to_string().contains("tracker.stations"));
+        for rate_hz in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let wrong = Settings { rate_hz, ..Settings::default() };
+            let wrong = OpenSettings::Tracker(TrackerSettings { settings: wrong, ..settings.clone() });
+            assert!(TrackerDriver.open(&wrong).err().unwrap().to_string().contains("tracker.rate_hz"));
+        }
+        // A missing device is not an error, because it may be connected later.
+        let mut device = TrackerDriver.open(&OpenSettings::Tracker(settings)).unwrap();
+        device.start().unwrap();
+        let now = Monotonic.now_ns();
+        assert!(matches!(device.next(now + 20_000_000).unwrap(), sonoweave_core::Next::Pending));
+        assert_eq!(device.health().state, sonoweave_core::health::State::Absent);
+        assert!(device.health().why.contains("/dev/nothing"), "{}", device.health().why);
+    }
+}

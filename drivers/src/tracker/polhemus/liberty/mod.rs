@@ -1,0 +1,358 @@
+//! LIBERTY's wire format, which PATRIOT, LIBERTY HS and Latus share, over serial and USB alike.
+//!
+//! | | |
+//! |---|---|
+//! | Clock | the unit's own: a frame count and a time in ms, if the output list has them (items 9 and 8) |
+//! | Tick | the frame, 1/240 s, 1/120 s or 1/60 s as set; the time's tick is 1 ms |
+//! | Wrap | both at 2³²: the time after 49.7 days, the count at 240 Hz after 207 days; `Q` sets them to 0 |
+//! | Instant | all stations of a frame are sampled at once, 3.5 ms before its first byte (without filters); which instant the time marks is not documented, so the frame count is the better clock |
+//!
+//! A binary frame states its own length: `LY`, `PA` or `LU`, station, the command that it
+//! answers, error, a meaningless byte, length of the body as 16 bits, body. It has no checksum. A
+//! measurement (`C`, `P`) is accepted if its length follows from the output list. Its numbers
+//! must also be plausible, unless the unit reports an error with it. Other frames are
+//! [replies](Reply).
+//!
+//! The unit answers in [text] until the host selects binary.
+
+pub mod command;
+mod list;
+pub mod text;
+mod unit;
+mod write;
+
+pub use command::Command;
+pub use list::{Item, LONGEST_BODY, Layout, ListError, MOST_ITEMS};
+pub use unit::{Question, Speech, Unit, status_of};
+
+use crate::framing::{Format, Look, Refusal};
+
+/// Bytes before a frame's body.
+pub const HEADER: usize = 8;
+
+/// Maximum number of stations of any of these units.
+pub const MOST_STATIONS: u8 = 16;
+
+/// Length limit of a reply among short frames, in bytes: a false beginning of a reply must not
+/// delay frames.
+const FEWEST_REPLY_BYTES: usize = 64;
+
+/// Limit of a position coordinate, in the unit that was set.
+const FARTHEST: f32 = 500.0;
+
+/// Model of the unit: the first two bytes of each frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Tag {
+    /// `LY`: LIBERTY.
+    Liberty,
+    /// `PA`: PATRIOT.
+    Patriot,
+    /// `LU`: Latus and LIBERTY HS, wireless.
+    Latus,
+}
+
+impl Tag {
+    /// Returns the two letters.
+    pub const fn bytes(self) -> [u8; 2] {
+        match self {
+            Self::Liberty => *b"LY",
+            Self::Patriot => *b"PA",
+            Self::Latus => *b"LU",
+        }
+    }
+
+    const fn from_bytes(bytes: [u8; 2]) -> Option<Self> {
+        match &bytes {
+            b"LY" => Some(Self::Liberty),
+            b"PA" => Some(Self::Patriot),
+            b"LU" => Some(Self::Latus),
+            _ => None,
+        }
+    }
+}
+
+/// Header of a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Header {
+    /// Model.
+    pub tag: Tag,
+    /// Station, from 1.
+    pub station: u8,
+    /// The command that the frame answers: `C`, `P`, another letter, or 0x01 to 0x1A for a
+    /// control character.
+    pub command: u8,
+    /// Error code:
+    ///
+    /// - 0 or a blank: none.
+    /// - 0x01 to 0x18: error of the command.
+    /// - `a` to `g`: error of the source.
+    /// - `u`: outside the map.
+    /// - `A` to `G`: error of the source and the built-in test.
+    /// - `I`: error of the test.
+    pub error: u8,
+}
+
+impl Header {
+    /// Returns whether the unit reports no error.
+    pub fn is_well(&self) -> bool {
+        matches!(self.error, 0 | b' ')
+    }
+}
+
+/// A frame from the unit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[allow(
+    clippy::large_enum_variant,
+    reason = "almost every record is a pose, handed over by reference; a box would allocate per record"
+)]
+pub enum Record<'a> {
+    /// A measurement of a station.
+    Pose(Pose),
+    /// An answer to a command.
+    Reply(Reply<'a>),
+}
+
+/// A measurement of a station: the fields of the output list.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pose {
+    /// Header, with the station.
+    pub header: Header,
+    /// Position in the unit that was set (inches by default, or cm).
+    pub position: Option<[f32; 3]>,
+    /// Azimuth, elevation, roll in degrees.
+    pub euler_deg: Option<[f32; 3]>,
+    /// Direction cosine matrix, row by row.
+    pub cosines: Option<[[f32; 3]; 3]>,
+    /// Quaternion w, x, y, z as sent, not normalised.
+    pub quaternion_wxyz: Option<[f32; 4]>,
+    /// The unit's clock in ms; wraps at 2³².
+    pub timestamp_ms: Option<u32>,
+    /// Frame number, which counts lost frames too; wraps at 2³².
+    pub frame_count: Option<u32>,
+    /// Stylus switch.
+    pub stylus: Option<i32>,
+    /// Distortion level, 0 to 2.
+    pub distortion: Option<i32>,
+    /// Flag of the external sync input.
+    pub external_sync: Option<i32>,
+}
+
+impl Pose {
+    /// Returns a pose without measurements.
+    pub const fn empty(header: Header) -> Self {
+        Self {
+            header,
+            position: None,
+            euler_deg: None,
+            cosines: None,
+            quaternion_wxyz: None,
+            timestamp_ms: None,
+            frame_count: None,
+            stylus: None,
+            distortion: None,
+            external_sync: None,
+        }
+    }
+}
+
+/// An answer to a command.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Reply<'a> {
+    /// Header, with the command that is answered.
+    pub header: Header,
+    /// Body of the answer.
+    pub body: &'a [u8],
+}
+
+impl Reply<'_> {
+    /// Returns the detected and the active stations, if this answers `^U`: one bit each, from
+    /// station 1.
+    pub fn station_map(&self) -> Option<[u16; 2]> {
+        match (self.header.command, self.body) {
+            (command::ACTIVE_STATIONS, &[a, b, c, d]) => Some([u16::from_le_bytes([a, b]), u16::from_le_bytes([c, d])]),
+            _ => None,
+        }
+    }
+
+    /// Returns whether positions are in cm, if this answers `U`: a whole number, 1 for cm and 0
+    /// for inches. Its width is not verified.
+    pub fn centimetres(&self) -> Option<bool> {
+        let [unit @ (0 | 1), rest @ ..] = self.body else { return None };
+        (self.header.command == b'U' && rest.iter().all(|byte| *byte == 0)).then_some(*unit == 1)
+    }
+
+    /// Returns the codes of an output list, if this answers `O`: 32-bit numbers, ended by -1.
+    /// Their width is not verified.
+    pub fn output_list(&self) -> Option<impl Iterator<Item = u8>> {
+        let (numbers, rest) = self.body.as_chunks::<4>();
+        let ended = numbers.last() == Some(&[0xff; 4]) && rest.is_empty();
+        let codes = &numbers[..numbers.len().saturating_sub(1)];
+        let small = codes.iter().all(|&[low, rest @ ..]| rest == [0; 3] && low < 13);
+        (self.header.command == b'O' && ended && small).then(|| codes.iter().map(|&[low, ..]| low))
+    }
+}
+
+/// Reads binary frames.
+#[derive(Debug, Clone)]
+pub struct Liberty {
+    /// Layout of measurements; `None` while measurements are skipped.
+    layout: Option<Layout>,
+    stations: u8,
+    longest_reply: usize,
+}
+
+impl Liberty {
+    /// Creates a format for a unit with stations 1 to `stations`, which share one output list.
+    pub fn new(stations: u8, layout: Layout) -> Self {
+        let longest_reply = (2 * layout.length()).clamp(FEWEST_REPLY_BYTES, HEADER + LONGEST_BODY);
+        Self { layout: Some(layout), stations: stations.min(MOST_STATIONS), longest_reply }
+    }
+
+    /// Creates a format for set-up: replies are read, measurements are skipped.
+    pub fn replies() -> Self {
+        Self { layout: None, stations: MOST_STATIONS, longest_reply: HEADER + LONGEST_BODY }
+    }
+
+    #[inline]
+    fn judge<'a>(&self, window: &'a [u8]) -> Look<Record<'a>> {
+        let Some(&[tag0, tag1, station, command, error, _, low, high]) = window.first_chunk::<HEADER>() else {
+            return self.judge_beginning(window);
+        };
+        let Some(tag) = Tag::from_bytes([tag0, tag1]) else {
+            return Look::skip_byte(Refusal::Noise);
+        };
+        let header = Header { tag, station, command, error };
+        if !self.is_station(station, command) || !is_command(command) {
+            return Look::skip_byte(Refusal::Header);
+        }
+        let length = HEADER + usize::from(u16::from_le_bytes([low, high]));
+        let measured = matches!(command, b'C' | b'P');
+        let good = match &self.layout {
+            Some(layout) if measured => length == layout.length(),
+            _ => length <= self.longest_reply,
+        };
+        if !good {
+            return Look::skip_byte(Refusal::Length);
+        }
+        let Some(body) = window.get(HEADER..length) else {
+            return Look::Short;
+        };
+        match &self.layout {
+            Some(layout) if measured => match read(header, body, layout) {
+                Ok(pose) => Look::Record { length, record: Record::Pose(pose) },
+                Err(why) => Look::skip_byte(why),
+            },
+            // A measurement with an unknown list is skipped whole.
+            None if measured => Look::Skip { bytes: length, why: Refusal::Header },
+            _ => Look::Record { length, record: Record::Reply(Reply { header, body }) },
+        }
+    }
+
+    /// Judges a window shorter than a header; bytes that cannot begin a frame are not held back.
+    #[cold]
+    fn judge_beginning<'a>(&self, window: &'a [u8]) -> Look<Record<'a>> {
+        match *window {
+            [b'L' | b'P'] => Look::Short,
+            [tag0, tag1, ..] if Tag::from_bytes([tag0, tag1]).is_some() => match window[2..] {
+                [station, command, ..] if !self.is_station(station, command) || !is_command(command) => {
+                    Look::skip_byte(Refusal::Header)
+                }
+                _ => Look::Short,
+            },
+            _ => Look::skip_byte(Refusal::Noise),
+        }
+    }
+
+    /// Returns whether the station is valid. Replies that concern no station may have any number
+    /// here.
+    fn is_station(&self, station: u8, command: u8) -> bool {
+        match command {
+            b'C' | b'P' => (1..=self.stations).contains(&station),
+            _ => station <= MOST_STATIONS || station == u8::MAX,
+        }
+    }
+}
+
+const fn is_command(command: u8) -> bool {
+    matches!(command, 0x01..=0x1a | b'A'..=b'Z' | b'a'..=b'z' | b'@')
+}
+
+#[inline]
+fn read(header: Header, body: &[u8], layout: &Layout) -> Result<Pose, Refusal> {
+    let mut pose = Pose::empty(header);
+    let mut rest = body;
+    for item in layout.items() {
+        match item {
+            Item::Space => exactly(&mut rest, *b" ")?,
+            Item::CrLf => exactly(&mut rest, *b"\r\n")?,
+            Item::Position | Item::PositionExtended => pose.position = Some(within(header, &mut rest, FARTHEST)?),
+            Item::Euler | Item::EulerExtended => pose.euler_deg = Some(within(header, &mut rest, 360.0)?),
+            Item::Cosines => {
+                pose.cosines = Some([unit(header, &mut rest)?, unit(header, &mut rest)?, unit(header, &mut rest)?]);
+            }
+            Item::Quaternion => pose.quaternion_wxyz = Some(unit(header, &mut rest)?),
+            Item::Timestamp => pose.timestamp_ms = Some(u32::from_le_bytes(take(&mut rest)?)),
+            Item::FrameCount => pose.frame_count = Some(u32::from_le_bytes(take(&mut rest)?)),
+            Item::Stylus => pose.stylus = Some(i32::from_le_bytes(take(&mut rest)?)),
+            Item::Distortion => pose.distortion = Some(i32::from_le_bytes(take(&mut rest)?)),
+            Item::ExternalSync => pose.external_sync = Some(i32::from_le_bytes(take(&mut rest)?)),
+        }
+    }
+    Ok(pose)
+}
+
+#[inline(always)]
+fn take<const N: usize>(rest: &mut &[u8]) -> Result<[u8; N], Refusal> {
+    let (first, after) = rest.split_first_chunk().ok_or(Refusal::Length)?;
+    *rest = after;
+    Ok(*first)
+}
+
+#[inline(always)]
+fn exactly<const N: usize>(rest: &mut &[u8], what: [u8; N]) -> Result<(), Refusal> {
+    if take(rest)? == what { Ok(()) } else { Err(Refusal::Field) }
+}
+
+#[inline(always)]
+fn numbers<const N: usize>(rest: &mut &[u8]) -> Result<[f32; N], Refusal> {
+    let mut values = [0.0; N];
+    for value in &mut values {
+        *value = f32::from_le_bytes(take(rest)?);
+    }
+    Ok(values)
+}
+
+#[inline(always)]
+fn within(header: Header, rest: &mut &[u8], limit: f32) -> Result<[f32; 3], Refusal> {
+    let values = numbers(rest)?;
+    // This form also refuses NaN.
+    let good = values.iter().all(|value| value.abs() < limit);
+    if good || !header.is_well() { Ok(values) } else { Err(Refusal::Range) }
+}
+
+/// Reads a vector of length 1, within 2 %.
+#[inline(always)]
+fn unit<const N: usize>(header: Header, rest: &mut &[u8]) -> Result<[f32; N], Refusal> {
+    let values = numbers(rest)?;
+    let square = values.iter().fold(0.0, |sum, &value| sum + f64::from(value) * f64::from(value));
+    let good = (0.98 * 0.98..=1.02 * 1.02).contains(&square);
+    if good || !header.is_well() { Ok(values) } else { Err(Refusal::Range) }
+}
+
+impl Format for Liberty {
+    type Record<'a> = Record<'a>;
+
+    fn window(&self) -> usize {
+        self.longest_reply
+    }
+
+    /// Three frames; during set-up, the longest reply and a frame.
+    fn lock_bytes(&self) -> usize {
+        self.layout.map_or(2 * self.longest_reply, |layout| layout.length() + self.longest_reply)
+    }
+
+    #[inline]
+    fn look<'a>(&mut self, window: &'a [u8]) -> Look<Record<'a>> {
+        self.judge(window)
+    }
+}

@@ -1,0 +1,30 @@
+//! Polhemus electromagnetic trackers.
+//!
+//! One file or folder per wire format, independent of transport and clock:
+//!
+//! - [`fastrak`]: FASTRAK, and the text of ISOTRAK and ISOTRAK II.
+//! - [`isotrak`]: the binary records of 3SPACE, ISOTRAK and ISOTRAK II.
+//! - [`liberty`]: LIBERTY, PATRIOT and Latus, over serial and USB alike.
+//! - [`viper`]: VIPER, over USB and RS-422 alike.
+//! - [`setup_sequence`]: the set-up sequence that they share, and [`Line`], their physical
+//!   connection.
+
+mod counter;
+mod driver;
+pub mod fastrak;
+pub mod isotrak;
+pub mod liberty;
+mod settings;
+pub mod setup_sequence;
+pub mod viper;
+
+pub use driver::{Model, Port, TrackerDriver, TrackerSettings, VENDOR};
+pub use settings::Settings;
+pub use setup_sequence::Line;
+
+/// Returns whether a pose is plausible: finite, near, and with a unit quaternion. For records
+/// that the decoder accepts only because the unit reports an error with them.
+fn is_pose(position_cm: &[f64; 3], quaternion_wxyz: &[f64; 4]) -> bool {
+    let square: f64 = quaternion_wxyz.iter().map(|x| x * x).sum();
+    position_cm.iter().all(|x| x.abs() < 500.0) && (0.98 * 0.98..=1.02 * 1.02).contains(&square)
+}

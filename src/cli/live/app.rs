@@ -1,0 +1,225 @@
+//! The live application: runs sessions one after the other. The command line begins the first,
+//! pages begin the others.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use config::bedside::Bedside;
+use drivers::simulated::Pty;
+use pipeline::command::Instruction;
+use pipeline::control::{Progress, SessionController};
+use pipeline::live::{
+    EndedSession, FrameObserver, PlaneViewer, Reader, Recorded, SchedulingPolicy, Session, SessionDevice,
+    SessionInputs, SessionStatus, ViewClient, hold,
+};
+use sonoweave_core::clock::{Clock, Monotonic};
+
+use super::home::Home;
+use super::outputs::{Outputs, leave, line, say};
+use super::reload::Reload;
+use super::resume;
+use super::session::SessionArguments;
+use super::stages::{instruments, record, stages};
+use super::status_publisher::StatusPublisher;
+use super::terminal::Terminal;
+use super::viewers::Viewers;
+use crate::cli::Failure;
+use crate::cli::igtl::Shared;
+use crate::devices::{self, Devices};
+
+/// Time between two progress lines.
+const SAID_EVERY: Duration = Duration::from_secs(2);
+
+/// State that outlasts a session, and the observers.
+pub(super) struct LiveApp<'a> {
+    pub(super) conduct: &'a SessionArguments,
+    /// Set when the program is to end.
+    pub(super) quit: Arc<AtomicBool>,
+    pub(super) desk: Arc<SessionController>,
+    pub(super) standing: SchedulingPolicy,
+    pub(super) reload: Reload,
+    pub(super) telling: StatusPublisher,
+    pub(super) shared: Option<Shared>,
+    pub(super) terminal: Option<Arc<Terminal>>,
+    pub(super) viewers: Option<Arc<Viewers>>,
+    pub(super) home: Home,
+    pub(super) began: Instant,
+    pub(super) said: Instant,
+}
+
+/// The opened inputs of a session.
+struct Made {
+    bed: SessionInputs,
+    /// Virtual devices, which run until this is dropped.
+    twins: Vec<Pty>,
+    /// Name of the volume's input.
+    input: String,
+}
+
+impl LiveApp<'_> {
+    /// Runs the sessions. Returns the path of the last recording, if any.
+    ///
+    /// # Errors
+    /// [`Failure`] when the first cannot begin, one cannot continue, or the last one's outputs
+    /// cannot be written.
+    pub(super) fn run(mut self, outputs: &Outputs) -> Result<Option<PathBuf>, Failure> {
+        let SessionArguments { record, resume, .. } = self.conduct;
+        let bedside = self.reload.bedside().clone();
+        let folder = record.clone().or_else(|| bedside.record.folder.clone());
+        let resumed = resume.as_ref().map(|session| resume::open(session, &bedside)).transpose()?.unwrap_or_default();
+        let mut made = self.open(&bedside, folder.as_deref(), resumed, resume.as_deref())?;
+        loop {
+            let bedside = self.reload.bedside().clone();
+            let Made { bed, twins, input } = made;
+            self.telling.weaves(&bedside)?;
+            let stages = self.stages(&bedside)?;
+            // The volume is new; observers drop the slices of the previous session.
+            stages.witnesses.iter().for_each(|witness| witness.cleared());
+            self.desk.runs(bed.record.is_some(), input);
+            let desk = Arc::clone(&self.desk);
+            let held = hold(&stages, bed, &Monotonic, desk.turns(), |account| self.watch(account))?;
+            drop(twins);
+            made = match self.next(&held)? {
+                Some(next) => next,
+                None => return self.leave(outputs, held),
+            };
+        }
+    }
+
+    /// Returns the pipeline's stages, with all observers.
+    fn stages(&self, bedside: &Bedside) -> Result<Session, Failure> {
+        let looks = self.viewers.clone().map(|viewers| viewers as Arc<dyn ViewClient>);
+        let mut stages = stages(bedside, looks)?;
+        if let Some(screen) = self.telling.screen() {
+            stages.cutter = Some(Arc::clone(&screen) as Arc<dyn PlaneViewer>);
+            stages.witnesses.push(screen as Arc<dyn FrameObserver>);
+            stages.witnesses.push(self.telling.slices() as Arc<dyn FrameObserver>);
+            stages.readers.push(Arc::clone(&self.desk) as Arc<dyn Reader>);
+        }
+        stages.witnesses.extend(self.telling.coach().map(|coach| coach as Arc<dyn FrameObserver>));
+        if let Some(shared) = &self.shared {
+            shared.joins(&mut stages);
+        }
+        Ok(stages)
+    }
+
+    /// Opens the devices, and the recording if there is to be one. No file is created if a
+    /// device cannot be opened.
+    fn open(
+        &mut self,
+        bedside: &Bedside,
+        folder: Option<&Path>,
+        resumed: Vec<Recorded>,
+        goes_on_with: Option<&Path>,
+    ) -> Result<Made, Failure> {
+        let quiet = self.conduct.quiet;
+        let [tracking_is, grabber_is] = instruments(bedside)?;
+        let opened = devices::open(bedside, Monotonic.now_ns(), folder.is_some())?;
+        let Devices { tracking, speech, at_home, grabber, twins } = opened;
+        if let (Some(preset), Some(size)) = (&bedside.calibration.preset, grabber.describe().image_size) {
+            preset.fits(Some(bedside.grabber.turned(size)), None)?;
+        }
+        let mut record = folder.map(|folder| record(bedside, folder)).transpose()?;
+        if let Some(at_home) = at_home {
+            self.home.listen(at_home, quiet)?;
+        }
+        if let (Some(record), false) = (&record, quiet) {
+            self.print(&format!("recorded in {}", record.writer.path().display()));
+        }
+        if let (Some(record), Some(session)) = (&mut record, goes_on_with) {
+            record.notes.push(resume::note(session)?);
+        }
+        let input = record.as_ref().map_or("devices, not recorded".into(), |record| {
+            let path = record.writer.path();
+            path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+        });
+        let equipment = vec![
+            SessionDevice { instrument: tracking_is, device: tracking, speech },
+            SessionDevice { instrument: grabber_is, device: grabber, speech: None },
+        ];
+        let bed = SessionInputs { equipment, record, resumed, standing: self.standing.clone() };
+        Ok(Made { bed, twins, input })
+    }
+
+    /// Publishes the status to observers, and returns instructions for the session. The pipeline
+    /// calls this at regular intervals.
+    fn watch(&mut self, account: &SessionStatus) -> Vec<Instruction> {
+        let until = self.conduct.duration.map(Duration::from_secs_f64);
+        if until.is_some_and(|until| self.began.elapsed() >= until) {
+            self.quit.store(true, Ordering::Relaxed);
+        }
+        let quits = self.quit.load(Ordering::Relaxed);
+        self.desk.goes_on(&account.world, quits);
+        self.telling.look(account, line, quits);
+        if let Some(shared) = &mut self.shared {
+            shared.tell(|| line(account));
+        }
+        if let Some(terminal) = &self.terminal {
+            terminal.say(&line(account));
+        } else if !self.conduct.quiet && self.said.elapsed() >= SAID_EVERY {
+            self.said = Instant::now();
+            say(&line(account));
+        }
+        let mut instructions: Vec<_> = self.desk.commands().into_iter().map(Instruction::from).collect();
+        if self.reload.is_told() {
+            self.telling.reloading();
+            instructions.extend(self.reload.instructions(self.terminal.as_ref(), self.viewers.as_ref()));
+            self.telling.reloaded(self.reload.bedside());
+        }
+        instructions
+    }
+
+    /// Serves an ended session until a page begins another one; returns the next session's
+    /// inputs, if any.
+    fn next(&mut self, held: &EndedSession<'_>) -> Result<Option<Made>, Failure> {
+        let desk = Arc::clone(&self.desk);
+        if !desk.stopped() {
+            return Ok(None);
+        }
+        self.telling.over(held.account());
+        if let Some(recording) = held.recording() {
+            desk.happened(Progress::Done, format!("the recording is complete: {}", recording.path.display()));
+        }
+        while !self.quit.load(Ordering::Relaxed) {
+            let Some(next) = desk.opens() else {
+                desk.is_over();
+                held.linger(desk.turns(), |account| self.watch(account));
+                continue;
+            };
+            self.reload.begins_anew();
+            let bedside = self.reload.bedside().clone();
+            let folder = if next.records { Some(desk.folder().map_err(Failure)?.to_owned()) } else { None };
+            match self.open(&bedside, folder.as_deref(), Vec::new(), None) {
+                Ok(made) => return Ok(Some(made)),
+                Err(Failure(why)) => {
+                    self.print(&why);
+                    desk.happened(Progress::Failed, format!("the session cannot begin: {why}"));
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    /// Writes the requested outputs.
+    fn leave(self, outputs: &Outputs, held: EndedSession<'_>) -> Result<Option<PathBuf>, Failure> {
+        let finished = held.finish();
+        if let Some(shared) = self.shared {
+            shared.leave(self.conduct.quiet);
+        }
+        if let Some(terminal) = &self.terminal {
+            terminal.leave();
+        }
+        leave(self.reload.bedside(), outputs, &finished, self.began.elapsed(), None, None)?;
+        Ok(finished.recording.map(|recording| recording.path))
+    }
+
+    /// Prints a line, above the picture if there is one in the terminal.
+    fn print(&self, words: &str) {
+        match &self.terminal {
+            Some(terminal) => terminal.print(&format!("sonoweave: {words}")),
+            None => say(words),
+        }
+    }
+}

@@ -1,0 +1,210 @@
+//! Publishes a running session's status over HTTP and to the service manager.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use config::bedside::{Bedside, Realtime, pixel_mm};
+use console::{About, Basis, Console, ConsoleSession, FrameBroadcaster, Latest, Listen};
+use guidance::age::calibration_age;
+use guidance::spacing::Spacing;
+use guidance::{CoachSettings, ScanGuidance};
+use measure::{Slices, Uncertainty};
+use pipeline::control::SessionController;
+use pipeline::live::{SchedulingPolicy, SessionStatus};
+use reconstruct::kernel::AxisKernel;
+use sonoweave_core::clock::{Clock as _, Monotonic};
+use sonoweave_core::date::Date;
+
+use crate::cli::Failure;
+use crate::service::Service;
+
+/// Kind of a replayed session.
+pub(in crate::cli) const REPLAY: &str = "replay";
+/// Time between two status updates for clients.
+const OFTEN: Duration = Duration::from_millis(200);
+
+/// The status publisher.
+pub(in crate::cli) struct StatusPublisher {
+    kind: &'static str,
+    service: Service,
+    latest: Arc<Latest>,
+    console: Option<Console>,
+    screen: Option<Arc<FrameBroadcaster>>,
+    slices: Arc<Slices>,
+    coach: Option<Arc<ScanGuidance>>,
+    told: Option<Instant>,
+}
+
+impl StatusPublisher {
+    /// Starts the publisher, before any device is opened.
+    ///
+    /// # Errors
+    /// [`Failure`] when the status address is taken, or would be open to unauthorised clients.
+    pub(in crate::cli) fn begin(
+        bedside: &Bedside,
+        listen: Option<Listen>,
+        kind: &'static str,
+        desk: &Arc<SessionController>,
+    ) -> Result<Self, Failure> {
+        let latest = Arc::new(Latest::new(basis(bedside, kind)));
+        let screen = listen.as_ref().map(|_| Arc::new(FrameBroadcaster::default()));
+        let slices = Arc::new(Slices::default());
+        let console = match (&listen, &screen) {
+            (Some(listen), Some(screen)) => {
+                let session = ConsoleSession {
+                    latest: Arc::clone(&latest),
+                    screen: Arc::clone(screen),
+                    desk: Arc::clone(desk),
+                    slices: Arc::clone(&slices),
+                };
+                Some(Console::open(listen, session)?)
+            }
+            _ => None,
+        };
+        let service = Service::new();
+        let mut telling = Self { kind, service, latest, console, screen, slices, coach: None, told: None };
+        telling.weaves(bedside)?;
+        Ok(telling)
+    }
+
+    /// Begins a volume with these settings.
+    ///
+    /// # Errors
+    /// [`Failure`] for an invalid kernel.
+    pub(in crate::cli) fn weaves(&mut self, bedside: &Bedside) -> Result<(), Failure> {
+        if let Some(screen) = &self.screen {
+            let coach = coach(bedside)?;
+            screen.follow(&coach);
+            self.coach = Some(coach);
+        }
+        self.slices.weave(kernels(bedside).map(|[_, _, across]| across));
+        self.latest.adopt(basis(bedside, self.kind));
+        Ok(())
+    }
+
+    /// Returns the console's address, if there is one.
+    pub(in crate::cli) fn address(&self) -> Option<String> {
+        self.console.as_ref().map(|console| console.url().to_owned())
+    }
+
+    /// Returns the browser viewers' view of the volume, if there is a console.
+    pub(in crate::cli) fn screen(&self) -> Option<Arc<FrameBroadcaster>> {
+        self.screen.clone()
+    }
+
+    /// Returns the record of all slice positions.
+    pub(in crate::cli) fn slices(&self) -> Arc<Slices> {
+        Arc::clone(&self.slices)
+    }
+
+    /// Returns the scan guidance, if a page could show it.
+    pub(in crate::cli) fn coach(&self) -> Option<Arc<ScanGuidance>> {
+        self.coach.clone()
+    }
+
+    /// Announces to the service manager that the settings are read again.
+    pub(super) fn reloading(&mut self) {
+        self.service.reloading();
+    }
+
+    /// Publishes the settings that are active now.
+    pub(super) fn reloaded(&mut self, bedside: &Bedside) {
+        self.latest.adopt(basis(bedside, self.kind));
+        self.service.reloaded();
+    }
+
+    /// Publishes the final status.
+    pub(in crate::cli) fn over(&mut self, account: &SessionStatus) {
+        self.told = Some(Instant::now());
+        self.latest.tell(account, &[]);
+    }
+
+    /// Publishes the status while the session runs, and once when it begins to end.
+    pub(in crate::cli) fn look(&mut self, account: &SessionStatus, line: fn(&SessionStatus) -> String, ends: bool) {
+        if ends {
+            self.latest.end();
+            self.service.stopping();
+            self.service.status(&format!("ends: {}", line(account)));
+        } else {
+            self.service.look(account, line);
+        }
+        if ends || self.told.is_none_or(|told| told.elapsed() >= OFTEN) {
+            self.told = Some(Instant::now());
+            // Scan guidance is useless for a replay.
+            if let Some(coach) = self.coach.as_ref().filter(|_| self.kind != REPLAY) {
+                self.latest.coached(coach.tell(account, Monotonic.now_ns()));
+            }
+            self.latest.tell(account, self.service.still());
+        }
+    }
+}
+
+/// Returns the session's settings, as published.
+fn basis(bedside: &Bedside, kind: &'static str) -> Basis {
+    Basis { config: bedside.effective.clone(), doubt: doubt(bedside), about: about(bedside, kind) }
+}
+
+/// Returns the slices' kernels, if the calibration gives the pixel size.
+fn kernels(bedside: &Bedside) -> Option<[AxisKernel; 3]> {
+    bedside.volume.settings.kernels(pixel_mm(&bedside.calibration)?).ok()
+}
+
+/// Returns the position uncertainty of the volume.
+fn doubt(bedside: &Bedside) -> Uncertainty {
+    let quality = bedside.calibration.preset.as_ref().and_then(|preset| preset.quality);
+    let widest = |kernels: [AxisKernel; 3]| kernels.map(|k| k.hwhm() * k.sigma_mm).into_iter().fold(0.0, f64::max);
+    Uncertainty {
+        calibration_mm: quality.map(|quality| quality.corner_mm),
+        voxel_mm: bedside.volume.settings.spacing_mm.max_element(),
+        hwhm_mm: kernels(bedside).map_or(0.0, widest),
+    }
+}
+
+/// Describes the session for pages.
+fn about(bedside: &Bedside, kind: &'static str) -> About {
+    let name = bedside.path.file_name().unwrap_or(bedside.path.as_os_str()).to_string_lossy().into_owned();
+    let size = bedside.grabber.settings.size.map(|size| bedside.grabber.turned(size));
+    About { name, kind, size, pixel_mm: pixel_mm(&bedside.calibration) }
+}
+
+/// Creates the scan guidance for the reconstruction settings.
+///
+/// # Errors
+/// [`Failure`] for an invalid kernel.
+fn coach(bedside: &Bedside) -> Result<Arc<ScanGuidance>, Failure> {
+    let settings = &bedside.volume.settings;
+    let pixel_mm = pixel_mm(&bedside.calibration).unwrap_or([settings.spacing_mm.max_element(); 2]);
+    let preset = bedside.calibration.preset.as_ref();
+    let worth_a_word_days = bedside.effective.get("calibration.warn_after_days").and_then(|days| days.as_i64());
+    let calibration = preset
+        .and_then(|preset| preset.made)
+        .zip(worth_a_word_days)
+        .and_then(|(made, days)| calibration_age(made, Date::today(), days));
+    Ok(Arc::new(ScanGuidance::new(CoachSettings {
+        spacing: Spacing::of(settings, pixel_mm)?,
+        mask: bedside.mask,
+        calibration,
+    })))
+}
+
+/// Returns the session's scheduling policy, from the configuration. A virtual bedside renders
+/// its images in the capture thread. This work is not urgent, so it gets real-time scheduling
+/// only if required.
+///
+/// # Errors
+/// [`Failure`] when the required policy is not available.
+pub(in crate::cli) fn standing(bedside: &Bedside) -> Result<SchedulingPolicy, Failure> {
+    let is_wanted = match bedside.process.realtime {
+        Realtime::Never => false,
+        Realtime::IfPermitted => bedside.rehearsal.is_none(),
+        Realtime::Required => true,
+    };
+    if !is_wanted {
+        return Ok(SchedulingPolicy::default());
+    }
+    let standing = SchedulingPolicy::ask(bedside.volume.settings.memory_bytes);
+    match (bedside.process.realtime, standing.granted().why.first()) {
+        (Realtime::Required, Some(why)) => Err(Failure(format!("process.realtime = \"required\": {why}"))),
+        _ => Ok(standing),
+    }
+}

@@ -1,0 +1,68 @@
+//! The choice of mutants to try.
+//!
+//! `SONOWEAVE_MUTANTS` is `all` (the default) or `share`: mutants of changed files, and a tenth
+//! of the list that rotates by the day. Files have changed if git finds them different since
+//! the common ancestor with `SONOWEAVE_MUTANTS_BASE`, or since `HEAD~1` if that is not set.
+
+use std::collections::BTreeSet;
+use std::process::Command;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use crate::list::Mutant;
+
+/// Each day tries one mutant in this many.
+const PARTS: u64 = 10;
+const DAY_S: u64 = 24 * 60 * 60;
+
+/// Returns the places of the chosen mutants in the list, and a line that tells the choice.
+///
+/// # Errors
+/// A sentence: a choice that does not exist.
+pub(crate) fn chosen(mutants: &[Mutant]) -> Result<(Vec<usize>, String), String> {
+    let choice = std::env::var("SONOWEAVE_MUTANTS").unwrap_or_default();
+    let count = mutants.len();
+    match choice.as_str() {
+        "" | "all" => Ok(((0..count).collect(), format!("mutants: all {count}"))),
+        "share" => {
+            let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+            Ok(share(mutants, now.as_secs() / DAY_S % PARTS, changed()))
+        }
+        other => Err(format!("SONOWEAVE_MUTANTS is all or share, not {other:?}")),
+    }
+}
+
+/// Returns the mutants of changed files, and those of the day's part.
+fn share(mutants: &[Mutant], part: u64, changed: Option<(String, BTreeSet<String>)>) -> (Vec<usize>, String) {
+    let is_changed = |n: &usize| changed.as_ref().is_some_and(|(_, files)| files.contains(&mutants[*n].file));
+    let is_due = |n: &usize| *n as u64 % PARTS == part;
+    let chosen: Vec<usize> = (0..mutants.len()).filter(|n| is_changed(n) || is_due(n)).collect();
+    let of_changed = chosen.iter().filter(|&n| is_changed(n)).count();
+    let since = match &changed {
+        Some((base, _)) => format!("{of_changed} of files that changed since {base}"),
+        None => "none of changed files, as git does not name any".to_owned(),
+    };
+    let rest = chosen.len() - of_changed;
+    let line = format!(
+        "mutants: {} of {}: {since}, and {rest} more of today's tenth (number {part})",
+        chosen.len(),
+        mutants.len()
+    );
+    (chosen, line)
+}
+
+/// Returns a commit and the files that differ from it, if git tells them.
+fn changed() -> Option<(String, BTreeSet<String>)> {
+    let base = std::env::var("SONOWEAVE_MUTANTS_BASE").ok().filter(|base| !base.is_empty());
+    let commit = match base {
+        Some(base) => git(&["merge-base", &base, "HEAD"])?.trim().to_owned(),
+        None => "HEAD~1".to_owned(),
+    };
+    let files = git(&["diff", "--name-only", "--relative", &commit])?;
+    Some((commit, files.lines().map(str::to_owned).collect()))
+}
+
+/// Returns what git prints, if it succeeds.
+fn git(arguments: &[&str]) -> Option<String> {
+    let output = Command::new("git").current_dir(env!("CARGO_MANIFEST_DIR")).args(arguments).output().ok()?;
+    if output.status.success() { String::from_utf8(output.stdout).ok() } else { None }
+}
