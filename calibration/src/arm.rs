@@ -288,6 +288,19 @@ impl Arm {
         PlanarPose { position_mm: links[JOINTS - 1].end, heading_rad }
     }
 
+    /// Returns poses spread over its working range: every combination of three values of each
+    /// joint, 0.5 rad or 100 mm apart.
+    pub fn spread(&self) -> Vec<PlanarPose> {
+        let combinations = (0..3_usize.pow(JOINTS as u32)).map(|number| {
+            let values = std::array::from_fn(|joint| {
+                let step = if self.joints[joint].kind == Kind::Revolute { 0.5 } else { 100.0 };
+                step * ((number / 3_usize.pow(joint as u32) % 3) as f64 - 1.0)
+            });
+            self.pose(&values)
+        });
+        combinations.collect()
+    }
+
     /// Returns the probe's pose at these joint counts.
     pub fn tracker_from_probe(&self, counts: &[i64; JOINTS]) -> Transform<Tracker, Probe> {
         self.pose(&self.values(counts)).tracker_from_probe()

@@ -9,7 +9,8 @@ use std::time::{Duration, Instant};
 use clap::Args;
 
 use igtl::{Commands, Hub, Server};
-use pipeline::live::{FrameObserver, Reader, Session};
+use pipeline::Observer;
+use pipeline::live::{Reader, Session};
 
 use super::Failure;
 use super::live::outputs::say;
@@ -79,7 +80,7 @@ impl Sharing {
 impl Shared {
     /// Registers as an observer of the session and as a reader of its volume.
     pub(in crate::cli) fn joins(&self, session: &mut Session) {
-        session.witnesses.push(Arc::clone(&self.hub) as Arc<dyn FrameObserver>);
+        session.observers.push(Arc::clone(&self.hub) as Arc<dyn Observer>);
         session.readers.push(Arc::clone(&self.hub) as Arc<dyn Reader>);
     }
 

@@ -61,7 +61,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 fn weave(sequence: &Path, output: &Path, flags: &Flags, beside: Beside) -> Result<Statistics, Failure> {
     let (request, job) = Request::new(sequence, Some(output), flags, beside)?;
     let bar = input::progress("weaving", 1);
-    let result = pipeline::reconstruct(job, &mut (), |p| {
+    let result = pipeline::reconstruct(job, &(), |p| {
         bar.set_length(p.total);
         bar.set_position(p.done);
     });

@@ -11,12 +11,13 @@ mod showing;
 use std::net::SocketAddr;
 use std::num::NonZeroU64;
 use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
 
 use clap::{Args, ValueEnum};
 
 use drivers::OpenSettings;
 use drivers::replay::Pace;
-use pipeline::{self, Job, Outcome, SliceObserver};
+use pipeline::{self, InsertedSlice, Job, Observer, Outcome};
 use render::Cache;
 use render::settings::CACHE_BYTES;
 
@@ -145,7 +146,7 @@ pub fn run(arguments: &Arguments, given: &[String]) -> Result<(), Failure> {
     let threads = job.settings.threads;
     if arguments.look.mode == Mode::Slice {
         let mut planes = Planes::new(&arguments.look, arguments.flags.window, threads, series, arguments.from);
-        let outcome = weave(job, &mut planes)?;
+        let outcome = reconstruct(job, |slice| planes.look(slice))?;
         let statistics = planes.finish(arguments.picture.as_deref(), &outcome)?;
         request.finish(outcome, statistics.as_ref())?;
         if let Some(statistics) = &statistics {
@@ -161,7 +162,7 @@ pub fn run(arguments: &Arguments, given: &[String]) -> Result<(), Failure> {
         CacheName::OneLevel => Cache::OneLevel,
     };
     following.cache_bytes = arguments.cache_bytes;
-    let outcome = weave(job, &mut following)?;
+    let outcome = reconstruct(job, |slice| following.look(slice))?;
     let statistics = following.finish(arguments.picture.as_deref())?;
     request.finish(outcome, statistics.as_ref())?;
     if let Some(statistics) = &statistics {
@@ -170,10 +171,23 @@ pub fn run(arguments: &Arguments, given: &[String]) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Reconstructs a recording with an observer.
-fn weave(job: Job, onlooker: &mut impl SliceObserver) -> Result<Outcome, Failure> {
+/// Calls a function with each inserted slice.
+struct EachSlice<F>(Mutex<F>);
+
+impl<F: FnMut(&InsertedSlice<'_>) -> Result<(), Failure> + Send> Observer for EachSlice<F> {
+    fn inserted(&self, inserted: &InsertedSlice<'_>) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
+        let mut look = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        look(inserted).map_err(|Failure(sentence)| sentence.into())
+    }
+}
+
+/// Reconstructs a recording; calls `look` with each inserted slice.
+fn reconstruct(
+    job: Job,
+    look: impl FnMut(&InsertedSlice<'_>) -> Result<(), Failure> + Send,
+) -> Result<Outcome, Failure> {
     let bar = input::progress("replaying", 1);
-    let result = pipeline::reconstruct(job, onlooker, |p| {
+    let result = pipeline::reconstruct(job, &EachSlice(Mutex::new(look)), |p| {
         bar.set_length(p.total);
         bar.set_position(p.done);
     });

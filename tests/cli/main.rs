@@ -4,6 +4,7 @@
 
 mod again;
 mod arm;
+mod arm_sessions;
 mod batch;
 mod calibrate;
 mod compare;

@@ -43,7 +43,7 @@ fn planar_scan_is_detected_and_aligns_the_volume() {
     let (s, said) = reconstruct(&place, "--clip none");
     assert_eq!(s["path"], "planar");
     assert!(s["path_reason"].as_str().unwrap().contains("perpendicular to one plane"), "{s}");
-    assert!(said.contains("planar path") && said.contains("--path general"), "{said}");
+    assert!(said.contains("planar path") && said.contains("the general path would keep"), "{said}");
     assert_eq!(s["frames"]["used"], 25);
     let volume = place.volume("v.mha");
     assert_eq!(volume.field("SonoweavePath"), "planar");
@@ -160,7 +160,7 @@ fn non_rectangular_mask_is_refused_or_upgrades_as_requested() {
     );
     let (s, said) = reconstruct(&place, fan);
     assert_eq!(s["path"], "planar, then general");
-    assert!(said.contains("no rectangle") && said.contains("weaves all frames"), "{said}");
+    assert!(said.contains("no rectangle") && said.contains("inserts all slices"), "{said}");
     place.refuses(
         "reconstruct s.mha -o v2.mha --clip none --path planar --planar-tolerance=-1",
         &["tolerance", "0 or more, not -1"],

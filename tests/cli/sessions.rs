@@ -180,7 +180,7 @@ fn killed_session_is_resumed_and_both_replay_as_one() {
         first.display()
     ));
     assert_eq!(run.code, 0, "{}", run.stderr);
-    assert!(run.stderr.contains(&format!("is gone on with: {before} slices are in the volume")), "{}", run.stderr);
+    assert!(run.stderr.contains(&format!(": {before} slices are in the volume")), "{}", run.stderr);
     let live = place.json("live.json");
     let slices = live["seal"]["slices"].as_u64().unwrap();
     assert_eq!(slices, before + live["frames"]["used"].as_u64().unwrap());

@@ -51,7 +51,7 @@ fn set(arm: Box<dyn sonoweave_core::Device>) -> Set {
         let position_mm = DVec3::new(0.0, 0.0, counts[0] * 0.01);
         Some(Rigid { rotation: DQuat::IDENTITY, position_mm })
     };
-    let gives = Gives::Arm { joints: 3, kinematics: Box::new(kinematics) };
+    let gives = Gives::Arm { joints: 3, kinematics: Box::new(kinematics), reach: Vec::new() };
     Set { tracking: arm, gives, ..Set::of(poses(0, 0), grabber(50.0)).waits(500 * MS) }
 }
 

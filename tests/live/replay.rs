@@ -10,10 +10,12 @@ use tempfile::NamedTempFile;
 
 use drivers::replay::{Pace, SessionReplay, SessionSettings};
 use formats::session::WriterOptions;
-use pipeline::live::{DeviceRole, Drawn, Finished, First, Recorded, RecordedDecisions, Session, ViewClient, rerun};
+use pipeline::live::{
+    DeviceRole, Drawn, Finished, First, Recorded, RecordedDecisions, Session, SessionInputs, Source, ViewClient, run,
+};
 use render::RenderSettings;
 use render::classify::transfer::Transfer;
-use sonoweave_core::clock::{MS, SECOND};
+use sonoweave_core::clock::{MS, Monotonic, SECOND};
 use sonoweave_core::ledger::{Frames, Queue};
 
 use crate::script::{
@@ -76,7 +78,11 @@ pub(crate) fn again(
     let [mut tracking, grabber] = instruments();
     other(&mut session, &mut tracking);
     let recorded = Recorded { replay, precedent, instruments: vec![tracking, grabber] };
-    rerun(&session, Vec::new(), recorded, &AtomicBool::new(false), |_| {}).unwrap()
+    let inputs = SessionInputs::of(Source::Recording(recorded));
+    let ended = run(&session, inputs, &Monotonic, &AtomicBool::new(false), |_| Vec::new());
+    let mut finished = ended.unwrap().finish();
+    let decisions = finished.decisions.take().unwrap();
+    (finished, decisions)
 }
 
 /// A viewer that keeps every picture, by its number of slices.
@@ -148,7 +154,7 @@ fn replay_picture_after_a_slice_equals_the_live_one() {
     let run = |every, threads, pace| {
         let album = Album::of_every(every);
         let (_, precedent) = again(&disk, WAIT, pace, false, |session, _| {
-            session.looks = Some(Arc::clone(&album) as Arc<dyn ViewClient>);
+            session.view_client = Some(Arc::clone(&album) as Arc<dyn ViewClient>);
             session.settings.threads = threads;
         });
         assert_eq!(precedent.differences().first, None);

@@ -12,7 +12,7 @@ use mask::{Clip, MaskSettings};
 use pipeline::command::Instruction;
 use pipeline::live::{
     DeviceRole, Finished, PlaneViewer, Record, RecordEvent, SchedulingPolicy, Session, SessionDevice, SessionInputs,
-    SessionStatus, ViewClient, Watch, Written, record_only, run,
+    SessionStatus, Source, ViewClient, Watch, Written, record_only, run,
 };
 use reconstruct::Settings;
 use reconstruct::path_choice::PathChoice;
@@ -137,11 +137,11 @@ impl Set {
         mut instructions: impl FnMut(&SessionStatus, Duration) -> Option<Vec<Instruction>>,
     ) -> (Finished, Seen) {
         let (watch, cutter) = (self.watch.clone(), self.cutter.clone());
-        let session = Session { watch, cutter, ..stages(self.wait_ns, self.looks.clone()) };
-        let bed = self.bed();
+        let session = Session { watch, plane_viewer: cutter, ..stages(self.wait_ns, self.looks.clone()) };
+        let inputs = self.inputs();
         let (told, began) = (AtomicBool::new(false), Instant::now());
         let mut seen = Seen::default();
-        let finished = run(&session, bed, &Monotonic, &told, |account| {
+        let finished = run(&session, inputs, &Monotonic, &told, |account| {
             seen.look(account);
             adds_up(account);
             assert!(began.elapsed() < PATIENCE, "{account:?}");
@@ -150,7 +150,7 @@ impl Set {
                 Vec::new()
             })
         });
-        let finished = finished.unwrap();
+        let finished = finished.unwrap().finish();
         seen.look(&finished.account);
         adds_up(&finished.account);
         let ledger = &finished.account.ledger;
@@ -161,11 +161,16 @@ impl Set {
 }
 
 impl Set {
-    pub(crate) fn bed(self) -> SessionInputs {
+    pub(crate) fn inputs(self) -> SessionInputs {
+        let (devices, record) = self.devices();
+        SessionInputs::of(Source::Devices { devices, record })
+    }
+
+    fn devices(self) -> (Vec<SessionDevice>, Option<Record>) {
         let [tracking, grabber] = instruments();
         let frames = self.of.iter().map(|of| [(*of).to_owned(), "Tracker".to_owned()]).collect();
         let tracking = DeviceRole { gives: self.gives, frames, latency_ns: self.tracking_latency_ns, ..tracking };
-        let equipment = vec![
+        let devices = vec![
             SessionDevice { instrument: tracking, device: self.tracking, speech: None },
             SessionDevice { instrument: grabber, device: self.grabber, speech: None },
         ];
@@ -175,7 +180,7 @@ impl Set {
             notes: Vec::new(),
             keep_free_bytes,
         });
-        SessionInputs { equipment, record, resumed: Vec::new(), standing: SchedulingPolicy::default() }
+        (devices, record)
     }
 
     /// Records its devices until they have ended. Returns every received sample with its
@@ -184,13 +189,15 @@ impl Set {
         let mut heard = Vec::new();
         let (told, began) = (AtomicBool::new(false), Instant::now());
         let mask = MaskSettings { clip: Clip::None, ..MaskSettings::default() };
-        let gathered = record_only(self.bed(), mask, &Monotonic, &told, |what| match what {
-            RecordEvent::Sample(device, live) => heard.push((device, live)),
-            RecordEvent::Turn(account) => {
-                adds_up(account);
-                assert!(began.elapsed() < PATIENCE, "{account:?}");
-            }
-        });
+        let (devices, record) = self.devices();
+        let gathered =
+            record_only(devices, record, &SchedulingPolicy::default(), mask, &Monotonic, &told, |what| match what {
+                RecordEvent::Sample(device, live) => heard.push((device, live)),
+                RecordEvent::Turn(account) => {
+                    adds_up(account);
+                    assert!(began.elapsed() < PATIENCE, "{account:?}");
+                }
+            });
         let (_, account) = gathered.unwrap();
         adds_up(&account);
         (heard, account)
@@ -218,11 +225,11 @@ pub(crate) fn stages(wait_ns: i64, looks: Option<Arc<dyn ViewClient>>) -> Sessio
         settings: Settings::new(DVec3::ONE),
         path: PathChoice::General,
         planar: PlanarSettings::default(),
-        looks,
-        witnesses: Vec::new(),
+        view_client: looks,
+        observers: Vec::new(),
         watch: None,
         readers: Vec::new(),
-        cutter: None,
+        plane_viewer: None,
     }
 }
 

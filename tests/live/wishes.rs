@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use drivers::replay::Pace;
 use formats::session::WriterOptions;
 use pipeline::command::Command;
-use pipeline::live::{Drawn, First, Reader, Session, Snapshot, ViewClient, Wants, hold};
+use pipeline::live::{Drawn, First, Reader, Session, Snapshot, ViewClient, Wants, run};
 use render::classify::transfer::Transfer;
 use render::{RenderSettings, Renderer};
 use sonoweave_core::clock::{Monotonic, SECOND};
@@ -92,7 +92,7 @@ fn freezing_and_clearing_are_repeated_by_the_replay() {
     assert!(!eye.blank.load(Ordering::Relaxed));
     for pace in [Pace::Unpaced, Pace::Factor(4.0)] {
         let (replayed, precedent) = again(&disk, SECOND, pace, false, |session, _| {
-            session.looks = Some(Arc::new(Eye::default()) as Arc<dyn ViewClient>);
+            session.view_client = Some(Arc::new(Eye::default()) as Arc<dyn ViewClient>);
         });
         assert_eq!(precedent.differences().first, None);
         assert_eq!(replayed.seal.as_ref(), Some(&seal));
@@ -118,7 +118,7 @@ fn cleared_empty_volume_gives_no_outputs() {
     });
     assert!(live.outcome.is_none() && live.drawn.is_none() && live.account.volume.is_none());
     let (replayed, precedent) = again(&disk, SECOND, Pace::Unpaced, false, |session, _| {
-        session.looks = Some(Arc::new(Eye::default()) as Arc<dyn ViewClient>);
+        session.view_client = Some(Arc::new(Eye::default()) as Arc<dyn ViewClient>);
     });
     assert_eq!(precedent.differences().first, None);
     assert_eq!(replayed.seal, live.seal);
@@ -176,7 +176,7 @@ fn ended_session_is_rendered_and_read_while_viewed() {
         readers: vec![Arc::clone(&once) as Arc<dyn Reader>],
         ..stages(SECOND, Some(Arc::clone(&eye) as Arc<dyn ViewClient>))
     };
-    let held = hold(&session, set.bed(), &Monotonic, &AtomicBool::new(false), |_| Vec::new()).unwrap();
+    let held = run(&session, set.inputs(), &Monotonic, &AtomicBool::new(false), |_| Vec::new()).unwrap();
     assert_eq!(held.account().ledger.frames.used, 30);
     assert!(held.is_woven() && once.got.lock().unwrap().is_none());
     let before = eye.pictures.load(Ordering::Relaxed);

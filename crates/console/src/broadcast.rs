@@ -13,7 +13,8 @@ use glam::DVec3;
 use tokio::sync::{oneshot, watch};
 
 use guidance::ScanGuidance;
-use pipeline::live::{CapturedFrame, Drawn, Extent, FrameObserver, PlaneImage, PlaneRequest, PlaneViewer};
+use pipeline::live::{Drawn, Extent, PlaneImage, PlaneRequest, PlaneViewer};
+use pipeline::{CapturedFrame, Observer};
 use render::camera::View;
 use render::{RenderSettings, Renderer};
 use sonoweave_core::clock::wall_ns;
@@ -358,8 +359,8 @@ impl FrameBroadcaster {
     }
 }
 
-impl FrameObserver for FrameBroadcaster {
-    fn glimpsed(&self, glimpsed: &CapturedFrame<'_>) {
+impl Observer for FrameBroadcaster {
+    fn captured(&self, glimpsed: &CapturedFrame<'_>) {
         let CapturedFrame { item, captured_ns, image } = *glimpsed;
         self.glimpse(item, Some(unix_ms(captured_ns)), image);
     }

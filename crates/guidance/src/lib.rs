@@ -1,6 +1,6 @@
 //! Scan guidance: live advice to the operator of the probe.
 //!
-//! It only observes, as a [`FrameObserver`]. Pairing, refusals and insertion are the same with it
+//! It only observes, as a [`Observer`]. Pairing, refusals and insertion are the same with it
 //! and without it.
 //!
 //! - [`spacing`]: allowed distance between slices, by the reconstruction kernel.
@@ -34,7 +34,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use serde::Serialize;
 
 use mask::{Mask, MaskPlan, MaskSettings};
-use pipeline::live::{CapturedFrame, FrameObserver, SessionStatus};
+use pipeline::live::SessionStatus;
+use pipeline::{CapturedFrame, Observer};
 use sonoweave_core::clock::SECOND;
 use sonoweave_core::slice::Slice;
 use sync::history::PoseSample;
@@ -174,14 +175,14 @@ impl State {
     }
 }
 
-impl FrameObserver for ScanGuidance {
+impl Observer for ScanGuidance {
     fn cleared(&self) {
         let mut state = self.lock();
         (state.speed, state.holes) = (Speed::default(), Holes::new(self.settings.spacing));
         state.present = None;
     }
 
-    fn glimpsed(&self, glimpsed: &CapturedFrame<'_>) {
+    fn captured(&self, glimpsed: &CapturedFrame<'_>) {
         let mut state = self.lock();
         let state = &mut *state;
         if !state.coupling.is_due(glimpsed.captured_ns) {

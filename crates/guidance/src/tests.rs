@@ -482,7 +482,7 @@ mod painted {
         let told = |image: &Image, from_ms: i64, to_ms: i64| {
             let mut told = None;
             for ms in (from_ms..to_ms).step_by(20) {
-                coach.glimpsed(&CapturedFrame { item: 0, captured_ns: ms * MS, image });
+                coach.captured(&CapturedFrame { item: 0, captured_ns: ms * MS, image });
                 told = Some(coach.tell(&SessionStatus::default(), ms * MS));
             }
             told.unwrap()

@@ -9,7 +9,8 @@ use std::time::{Duration, Instant};
 use tokio::sync::Notify;
 
 use drivers::openigtlink::Status;
-use pipeline::live::{FrameObserver, Reader, Snapshot, Wants};
+use pipeline::Observer;
+use pipeline::live::{Reader, Snapshot, Wants};
 use sonoweave_core::slice::Slice;
 use sync::history::PoseSample;
 
@@ -117,7 +118,7 @@ impl Hub {
     }
 }
 
-impl FrameObserver for Hub {
+impl Observer for Hub {
     fn slice(&self, world: &str, item: u64, slice: &Slice) {
         let mut news = self.news();
         if news.world != world {

@@ -14,7 +14,8 @@ use drivers::openigtlink::{
     TimeStamp, Version,
 };
 use export::volume::{DenseBox, Scalar};
-use pipeline::live::{FrameObserver as _, Reader as _, Snapshot, Wants};
+use pipeline::Observer as _;
+use pipeline::live::{Reader as _, Snapshot, Wants};
 use sonoweave_core::clock::{Clock as _, Monotonic};
 use sonoweave_core::frames::Transform;
 use sonoweave_core::reading::PixelType;

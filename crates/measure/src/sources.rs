@@ -6,7 +6,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use glam::DVec3;
 use serde::Serialize;
 
-use pipeline::live::FrameObserver;
+use pipeline::Observer;
 use reconstruct::kernel::AxisKernel;
 use sonoweave_core::frames::{Image, Transform, World};
 use sonoweave_core::slice::Slice;
@@ -164,7 +164,7 @@ fn reaching(slice: &Placed, at: DVec3, across: &AxisKernel, first_ns: i64) -> Op
     })
 }
 
-impl FrameObserver for Slices {
+impl Observer for Slices {
     fn cleared(&self) {
         let mut log = self.log();
         *log = Log { across: log.across.take(), ..Log::default() };

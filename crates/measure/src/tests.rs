@@ -6,7 +6,7 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
-use pipeline::live::FrameObserver as _;
+use pipeline::Observer as _;
 use reconstruct::kernel::{AxisKernel, Method, Support};
 use sonoweave_core::frames::Transform;
 use sonoweave_core::slice::{Image, Pixels, Slice};

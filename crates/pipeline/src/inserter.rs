@@ -11,12 +11,13 @@ use reconstruct::path_choice::{Chosen, PathChoice};
 use reconstruct::planar::PlanarSettings;
 use reconstruct::settings::IN_PLANE_SIGMA;
 use reconstruct::{Path, PathReconstructor, Refused, Settings, SettingsError};
+use sonoweave_core::frames::{Image as ImageFrame, Transform, World};
 use sonoweave_core::refusal::{Reason, Refusal};
 use sonoweave_core::slice::{Pixels, Slice};
 use sync::FramePose;
 use sync::extent::{mean_axes, reached};
 
-use super::slice_observer::InsertedSlice;
+use super::observer::InsertedSlice;
 use super::{PipelineError, PixelKind};
 use crate::trace::STAGE;
 
@@ -62,7 +63,10 @@ pub(super) struct Plan {
     pub(super) choice: PathChoice,
     pub(super) settings: Settings,
     pub(super) planar: PlanarSettings,
-    pub(super) chosen: Chosen,
+    /// The path, if all poses are known beforehand or the path does not depend on them.
+    pub(super) chosen: Option<Chosen>,
+    /// Otherwise poses spread over those that may come; empty if any may come.
+    pub(super) reach: Vec<Transform<World, ImageFrame>>,
     pub(super) off_plane: OffPlane,
     /// All poses that will come, if they are known beforehand.
     pub(super) poses: Vec<FramePose>,
@@ -79,17 +83,23 @@ impl Plan {
 
     /// Chooses the path once the mask is known.
     fn begin(&mut self, mask: &Mask, notes: &mut Vec<String>) -> Result<MaskState, SettingsError> {
-        let weaver = self.chosen.weaver(self.choice, &self.settings, &self.planar, mask)?;
-        tracing::info!(path = weaver.path().name(), why = self.chosen.why, "slices go this path");
+        let mut chosen = match self.chosen.take() {
+            Some(chosen) => chosen,
+            None => Chosen::by_reach(&self.settings, &self.planar, [mask.width(), mask.height()], &self.reach),
+        };
+        let weaver = chosen.weaver(self.choice, &self.settings, &self.planar, mask)?;
+        tracing::info!(path = weaver.path().name(), why = chosen.why, "insertion path");
         if self.choice == PathChoice::Auto && weaver.path() == Path::Planar {
             notes.push(format!(
-                "woven by the planar path, for {}: the volume's axes are the scan's, as its header says; --path general keeps to the world's",
-                self.chosen.why
+                "the planar path inserts the slices, because {}: the volume's axes are the scan's, as its header says; \
+                the general path would keep to the world's",
+                chosen.why
             ));
         }
         if let Some(departure) = weaver.upgraded() {
-            notes.push(format!("{departure}; the general path weaves all frames"));
+            notes.push(format!("{departure}; the general path inserts all slices"));
         }
+        self.chosen = Some(chosen);
         Ok(MaskState::Known(Box::new(weaver)))
     }
 }
@@ -214,6 +224,7 @@ impl VolumeInserter {
                     slice,
                     mask,
                     weaver,
+                    path_reason: self.plan.chosen.as_ref().map_or("", |chosen| &chosen.why),
                     touched: &touched.bricks,
                     slab: touched.slab,
                     upgraded: weaver.path() != before,
@@ -283,7 +294,7 @@ impl VolumeInserter {
         Some(FinishedVolume {
             weaver: *weaver,
             mask,
-            chosen: self.plan.chosen,
+            chosen: self.plan.chosen?,
             reached: self.reached,
             slice_axes: self.slice_axes,
             pixels: self.pixels,

@@ -4,19 +4,19 @@
 //! - [`live`]: devices to a volume and its picture, one thread per stage.
 //! - [`command`]: the commands to a session.
 //! - `inserter`: the inserter, from slices through the mask into the volume; used by both.
-//! - `slice_observer`: observers of the volume after each slice.
+//! - `observer`: observers of frames, slices and the volume.
 
 pub mod command;
 pub mod control;
 mod inserter;
 pub mod live;
+mod observer;
 mod offline;
-mod slice_observer;
 pub mod trace;
 
 pub use inserter::OffPlane;
+pub use observer::{CapturedFrame, InsertedSlice, Observer};
 pub use offline::{Job, Outcome, Progress, reconstruct};
-pub use slice_observer::{InsertedSlice, SliceObserver};
 
 use std::ops::Range;
 
@@ -106,7 +106,7 @@ pub enum PipelineError {
     NoGap,
     /// The observer failed.
     #[error(transparent)]
-    SliceObserver(Box<dyn std::error::Error + Send + Sync>),
+    Observer(Box<dyn std::error::Error + Send + Sync>),
 }
 
 impl From<SurveyError> for PipelineError {

@@ -14,13 +14,14 @@ use reconstruct::{PathReconstructor, Settings};
 use sonoweave_core::Next;
 use sonoweave_core::ledger::Ledger;
 use sonoweave_core::refusal::Refusal;
+use sync::graph::Route;
 use sync::ingest::{Ingest, Sample};
 use sync::survey;
 use sync::survey::gap;
 use sync::{FramePose, Pairing};
 
 use super::inserter::{OutcomeSink, Plan, VolumeInserter};
-use super::slice_observer::{InsertedSlice, SliceObserver};
+use super::observer::{CapturedFrame, InsertedSlice, Observer};
 use super::{OffPlane, PipelineError, PixelKind};
 
 /// A reconstruction's inputs and settings.
@@ -93,7 +94,7 @@ pub struct Progress {
 /// counted in the ledger instead.
 pub fn reconstruct(
     mut job: Job,
-    onlooker: &mut impl SliceObserver,
+    observer: &dyn Observer,
     mut progress: impl FnMut(Progress),
 ) -> Result<Outcome, PipelineError> {
     let options = job.config.pairing_options(job.world.as_deref());
@@ -116,7 +117,8 @@ pub fn reconstruct(
         choice: job.path,
         settings: job.settings.clone(),
         planar: job.planar,
-        chosen,
+        chosen: Some(chosen),
+        reach: Vec::new(),
         off_plane: job.off_plane,
         poses: used,
     };
@@ -125,7 +127,7 @@ pub fn reconstruct(
         pairing: Pairing::with_names(options, &survey.names)?,
         frames: job.frames.clone(),
         loom: VolumeInserter::new(plan, mask)?,
-        account: Account { ledger: Ledger::default(), insert_ms: Vec::new(), onlooker },
+        account: Account { ledger: Ledger::default(), insert_ms: Vec::new(), observer },
         seen: 0,
     };
 
@@ -148,17 +150,17 @@ pub fn reconstruct(
 }
 
 /// Counts the slices' outcomes, and calls the observer.
-struct Account<'a, O> {
+struct Account<'a> {
     ledger: Ledger,
     insert_ms: Vec<f64>,
-    onlooker: &'a mut O,
+    observer: &'a dyn Observer,
 }
 
-impl<O: SliceObserver> OutcomeSink for Account<'_, O> {
+impl OutcomeSink for Account<'_> {
     fn woven(&mut self, woven: &InsertedSlice<'_>) -> Result<(), PipelineError> {
         self.ledger.used();
         self.insert_ms.push(woven.insert.as_secs_f64() * 1e3);
-        self.onlooker.woven(woven).map_err(PipelineError::SliceObserver)
+        self.observer.inserted(woven).map_err(PipelineError::Observer)
     }
 
     fn refused(&mut self, refusal: &Refusal) {
@@ -167,16 +169,16 @@ impl<O: SliceObserver> OutcomeSink for Account<'_, O> {
 }
 
 /// A run in progress.
-struct Run<'a, O> {
+struct Run<'a> {
     ingest: Ingest,
     pairing: Pairing,
     frames: Range<u64>,
     loom: VolumeInserter,
-    account: Account<'a, O>,
+    account: Account<'a>,
     seen: u64,
 }
 
-impl<O: SliceObserver> Run<'_, O> {
+impl Run<'_> {
     fn take(&mut self, sample: Sample) -> Result<(), PipelineError> {
         let ledger = &mut self.account.ledger;
         match sample {
@@ -198,9 +200,14 @@ impl<O: SliceObserver> Run<'_, O> {
                 }
                 ledger.arrived();
                 ledger.untimed += u64::from(head.untimed);
+                let frame = CapturedFrame { item, captured_ns: head.time_ns, image: &picture.image };
+                self.account.observer.captured(&frame);
+                let ledger = &mut self.account.ledger;
                 match self.pairing.frame(picture) {
                     Ok(paired) => {
                         ledger.projected(paired.pose.projected, paired.pose.deviation);
+                        let world = self.pairing.route().map_or("", Route::world);
+                        self.account.observer.slice(world, item, &paired.slice);
                         self.loom.take(item, paired.slice, &mut self.account)?;
                     }
                     Err(refusal) => ledger.refused(&refusal),

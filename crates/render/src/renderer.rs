@@ -208,7 +208,9 @@ impl Renderer {
         self.draw_within(None)
     }
 
-    fn draw_within(&mut self, slab: Option<&Prism>) -> Updated {
+    /// Updates the picture like [`Self::draw`], if all changed voxels of the bricks lie in a slab;
+    /// lattice indices. The slab makes the update faster and changes no bit.
+    pub fn draw_within(&mut self, slab: Option<&Prism>) -> Updated {
         let began = Instant::now();
         let mut work = RenderWork { bricks_changed: self.changed.len() as u64, ..RenderWork::default() };
         if self.changed.is_empty() {

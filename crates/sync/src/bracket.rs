@@ -326,6 +326,20 @@ impl<T> Bracketing<T> {
         Ok(Placed { world_from_image: Transform::from_affine(world_from_image), how, error_mm, flags })
     }
 
+    /// Returns the map from pixels to world mm for given poses of the sources, by their indices;
+    /// `None` if one on the way has no pose.
+    pub fn compose(&self, pose: impl Fn(usize) -> Option<Rigid>) -> Option<Transform<World, Image>> {
+        let mut world_from_image = DAffine3::IDENTITY;
+        for step in &self.route.steps {
+            let affine = match step.edge {
+                Edge::Static(index) => self.options.statics[index].affine,
+                Edge::PerFrame(index) => pose(index)?.affine(),
+            };
+            world_from_image = if step.inverted { affine.inverse() } else { affine } * world_from_image;
+        }
+        Some(Transform::from_affine(world_from_image))
+    }
+
     fn unplaced(&self, source: usize, why: Unavailable) -> Unplaced {
         Unplaced::Pose { source, name: Arc::clone(&self.names[source]), why }
     }

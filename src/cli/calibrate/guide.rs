@@ -14,7 +14,7 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use config::bedside::Bedside;
-use pipeline::live::{DeviceRole, RecordEvent, SessionDevice, SessionInputs, SessionStatus, record_only};
+use pipeline::live::{DeviceRole, RecordEvent, SessionDevice, SessionStatus, record_only};
 use sonoweave_core::clock::{Clock as _, Monotonic};
 use sync::ingest::live::Live;
 
@@ -121,7 +121,7 @@ pub fn lead<G: Guide>(
     let here = PathBuf::from(".");
     let folder = conduct.record.as_ref().or(bedside.record.folder.as_ref()).unwrap_or(&here);
     let ends = until_told()?;
-    let standing = status_publisher::standing(&bedside)?;
+    let policy = status_publisher::policy(&bedside)?;
     let Devices { tracking, speech, at_home, grabber, twins } = devices::open(&bedside, Monotonic.now_ns(), true)?;
     let record = record_of(&bedside, folder, instruments.len() > GRABBER)?;
     if let Some(at_home) = at_home {
@@ -132,27 +132,28 @@ pub fn lead<G: Guide>(
         record.writer.path().display()
     ));
     let opened = [(tracking, speech), (grabber, None)];
-    let equipment = instruments.into_iter().zip(opened);
-    let equipment: Vec<SessionDevice> =
-        equipment.map(|(instrument, (device, speech))| SessionDevice { instrument, device, speech }).collect();
-    let bed = SessionInputs { equipment, record: Some(record), resumed: Vec::new(), standing };
+    let opened = instruments.into_iter().zip(opened);
+    let devices: Vec<SessionDevice> =
+        opened.map(|(instrument, (device, speech))| SessionDevice { instrument, device, speech }).collect();
     let (began, mut screen) = (Instant::now(), Screen::new());
     let (mut judged, mut took) = (Instant::now(), Duration::ZERO);
     let mut last = Advice::missing("waiting for the devices");
-    let (recording, account) = record_only(bed, bedside.mask, &Monotonic, &ends, |heard| match heard {
-        RecordEvent::Sample(device, live) => guide.hear(device, live),
-        RecordEvent::Turn(account) => {
-            if judged.elapsed() >= JUDGED_EVERY.max(BREATH * took) {
-                let start = Instant::now();
-                last = guide.advise();
-                (took, judged) = (start.elapsed(), Instant::now());
-                screen.show(&last, account);
+    let (recording, account) =
+        record_only(devices, Some(record), &policy, bedside.mask, &Monotonic, &ends, |heard| match heard {
+            RecordEvent::Sample(device, live) => guide.hear(device, live),
+            RecordEvent::Turn(account) => {
+                if judged.elapsed() >= JUDGED_EVERY.max(BREATH * took) {
+                    let start = Instant::now();
+                    last = guide.advise();
+                    (took, judged) = (start.elapsed(), Instant::now());
+                    screen.show(&last, account);
+                }
+                if last.share >= 1.0 || conduct.duration.is_some_and(|s| began.elapsed() >= Duration::from_secs_f64(s))
+                {
+                    ends.store(true, Ordering::Relaxed);
+                }
             }
-            if last.share >= 1.0 || conduct.duration.is_some_and(|s| began.elapsed() >= Duration::from_secs_f64(s)) {
-                ends.store(true, Ordering::Relaxed);
-            }
-        }
-    })?;
+        })?;
     drop(twins);
     screen.end(&last);
     let Some(recording) = recording else { return Err(Failure("nothing was recorded".into())) };

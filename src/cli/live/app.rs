@@ -8,11 +8,12 @@ use std::time::{Duration, Instant};
 
 use config::bedside::Bedside;
 use drivers::simulated::Pty;
+use pipeline::Observer;
 use pipeline::command::Instruction;
 use pipeline::control::{Progress, SessionController};
 use pipeline::live::{
-    EndedSession, FrameObserver, PlaneViewer, Reader, Recorded, SchedulingPolicy, Session, SessionDevice,
-    SessionInputs, SessionStatus, ViewClient, hold,
+    EndedSession, PlaneViewer, Reader, Recorded, SchedulingPolicy, Session, SessionDevice, SessionInputs,
+    SessionStatus, Source, ViewClient,
 };
 use sonoweave_core::clock::{Clock, Monotonic};
 
@@ -38,7 +39,7 @@ pub(super) struct LiveApp<'a> {
     /// Set when the program is to end.
     pub(super) quit: Arc<AtomicBool>,
     pub(super) desk: Arc<SessionController>,
-    pub(super) standing: SchedulingPolicy,
+    pub(super) policy: SchedulingPolicy,
     pub(super) reload: Reload,
     pub(super) telling: StatusPublisher,
     pub(super) shared: Option<Shared>,
@@ -51,7 +52,7 @@ pub(super) struct LiveApp<'a> {
 
 /// The opened inputs of a session.
 struct Made {
-    bed: SessionInputs,
+    inputs: SessionInputs,
     /// Virtual devices, which run until this is dropped.
     twins: Vec<Pty>,
     /// Name of the volume's input.
@@ -72,14 +73,15 @@ impl LiveApp<'_> {
         let mut made = self.open(&bedside, folder.as_deref(), resumed, resume.as_deref())?;
         loop {
             let bedside = self.reload.bedside().clone();
-            let Made { bed, twins, input } = made;
+            let Made { inputs, twins, input } = made;
             self.telling.weaves(&bedside)?;
             let stages = self.stages(&bedside)?;
             // The volume is new; observers drop the slices of the previous session.
-            stages.witnesses.iter().for_each(|witness| witness.cleared());
-            self.desk.runs(bed.record.is_some(), input);
+            stages.observers.iter().for_each(|observer| observer.cleared());
+            let records = matches!(inputs.source, Source::Devices { record: Some(_), .. });
+            self.desk.runs(records, input);
             let desk = Arc::clone(&self.desk);
-            let held = hold(&stages, bed, &Monotonic, desk.turns(), |account| self.watch(account))?;
+            let held = pipeline::live::run(&stages, inputs, &Monotonic, desk.turns(), |account| self.watch(account))?;
             drop(twins);
             made = match self.next(&held)? {
                 Some(next) => next,
@@ -93,12 +95,12 @@ impl LiveApp<'_> {
         let looks = self.viewers.clone().map(|viewers| viewers as Arc<dyn ViewClient>);
         let mut stages = stages(bedside, looks)?;
         if let Some(screen) = self.telling.screen() {
-            stages.cutter = Some(Arc::clone(&screen) as Arc<dyn PlaneViewer>);
-            stages.witnesses.push(screen as Arc<dyn FrameObserver>);
-            stages.witnesses.push(self.telling.slices() as Arc<dyn FrameObserver>);
+            stages.plane_viewer = Some(Arc::clone(&screen) as Arc<dyn PlaneViewer>);
+            stages.observers.push(screen as Arc<dyn Observer>);
+            stages.observers.push(self.telling.slices() as Arc<dyn Observer>);
             stages.readers.push(Arc::clone(&self.desk) as Arc<dyn Reader>);
         }
-        stages.witnesses.extend(self.telling.coach().map(|coach| coach as Arc<dyn FrameObserver>));
+        stages.observers.extend(self.telling.coach().map(|coach| coach as Arc<dyn Observer>));
         if let Some(shared) = &self.shared {
             shared.joins(&mut stages);
         }
@@ -135,12 +137,13 @@ impl LiveApp<'_> {
             let path = record.writer.path();
             path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
         });
-        let equipment = vec![
+        let devices = vec![
             SessionDevice { instrument: tracking_is, device: tracking, speech },
             SessionDevice { instrument: grabber_is, device: grabber, speech: None },
         ];
-        let bed = SessionInputs { equipment, record, resumed, standing: self.standing.clone() };
-        Ok(Made { bed, twins, input })
+        let source = Source::Devices { devices, record };
+        let inputs = SessionInputs { source, resumed, policy: self.policy.clone() };
+        Ok(Made { inputs, twins, input })
     }
 
     /// Publishes the status to observers, and returns instructions for the session. The pipeline

@@ -120,7 +120,7 @@ pub(in crate::cli) fn leave(
     replayed: Option<&Path>,
     differences: Option<&Differences>,
 ) -> Result<(), Failure> {
-    let Finished { outcome, drawn, account, recording, seal } = finished;
+    let Finished { outcome, drawn, account, recording, seal, .. } = finished;
     println!("{}", account.ledger);
     if let Some(found) = account.distortion.filter(|found| found.frames > 0) {
         println!("metal distorted the tracker's field during {} frames; their positions may be wrong", found.frames);

@@ -16,7 +16,7 @@ use super::app::LiveApp;
 use super::home::Home;
 use super::outputs::{Outputs, say};
 use super::reload::Reload;
-use super::status_publisher::{StatusPublisher, standing};
+use super::status_publisher::{StatusPublisher, policy};
 use super::terminal::Terminal;
 use super::viewers::Viewers;
 use crate::cli::igtl::Sharing;
@@ -110,14 +110,14 @@ pub(in crate::cli) fn session(
     bedside.calibrated()?;
     let quit = until_told()?;
     let reload = Reload::new(bedside)?;
-    let standing = standing(bedside)?;
+    let policy = policy(bedside)?;
     let listen = conduct.console.or(bedside.status.listen);
     let listen = listen.map(|address| Listen { address, access: bedside.status.access.clone() });
     let folder = conduct.record.as_ref().or(bedside.record.folder.as_ref());
     let desk = Arc::new(SessionController::new(conduct.keep.as_ref().or(folder).cloned()));
     let telling = StatusPublisher::begin(bedside, listen, conduct.kind(), &desk)?;
     if !conduct.quiet {
-        standing.granted().why.iter().for_each(|why| say(why));
+        policy.granted().why.iter().for_each(|why| say(why));
         telling.address().iter().for_each(|address| say(&format!("console: {address}")));
     }
     let shared = conduct.sharing.begin(&quit, conduct.quiet)?;
@@ -128,7 +128,7 @@ pub(in crate::cli) fn session(
         conduct,
         quit,
         desk,
-        standing,
+        policy,
         reload,
         telling,
         shared,

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use glam::DQuat;
 use serde::{Deserialize, Serialize};
 
-use calibration::arm::{Arm, JOINTS};
+use calibration::arm::{Arm, JOINTS, PlanarPose};
 use config::bedside::devices::{PROBE_FRAME, TRACKER_FRAME};
 use config::bedside::{Bedside, Effective, Tracking};
 use config::texts::ByPath;
@@ -90,11 +90,11 @@ pub(in crate::cli) fn stages(bedside: &Bedside, looks: Option<Arc<dyn ViewClient
         settings: bedside.volume.settings.clone(),
         path: bedside.volume.path,
         planar: bedside.volume.planar,
-        looks,
-        witnesses: Vec::new(),
+        view_client: looks,
+        observers: Vec::new(),
         watch: watch(bedside),
         readers: Vec::new(),
-        cutter: None,
+        plane_viewer: None,
     })
 }
 
@@ -141,8 +141,9 @@ fn of_tracking(bedside: &Bedside) -> Result<(Gives, Vec<[String; 2]>), Failure> 
                     them".into(),
                 ));
             };
-            let kinematics = move |counts: &[f64]| placed(&arm, counts);
-            Ok((Gives::Arm { joints: JOINTS, kinematics: Box::new(kinematics) }, vec![to_tracker(PROBE_FRAME)]))
+            let kinematics = Box::new(move |counts: &[f64]| placed(&arm, counts));
+            let reach = arm.spread().iter().map(rigid).collect();
+            Ok((Gives::Arm { joints: JOINTS, kinematics, reach }, vec![to_tracker(PROBE_FRAME)]))
         }
     }
 }
@@ -154,8 +155,12 @@ fn placed(arm: &Arm, counts: &[f64]) -> Option<Rigid> {
     for ((value, joint), count) in values.iter_mut().zip(arm.joints()).zip(counts) {
         *value = joint.value(count);
     }
-    let affine = arm.pose(&values).tracker_from_probe().affine();
-    Some(Rigid { rotation: DQuat::from_mat3(&affine.matrix3).normalize(), position_mm: affine.translation })
+    Some(rigid(&arm.pose(&values)))
+}
+
+fn rigid(pose: &PlanarPose) -> Rigid {
+    let affine = pose.tracker_from_probe().affine();
+    Rigid { rotation: DQuat::from_mat3(&affine.matrix3).normalize(), position_mm: affine.translation }
 }
 
 /// Creates a session's file in a folder, which is created if missing.

@@ -193,7 +193,7 @@ fn coach(bedside: &Bedside) -> Result<Arc<ScanGuidance>, Failure> {
 ///
 /// # Errors
 /// [`Failure`] when the required policy is not available.
-pub(in crate::cli) fn standing(bedside: &Bedside) -> Result<SchedulingPolicy, Failure> {
+pub(in crate::cli) fn policy(bedside: &Bedside) -> Result<SchedulingPolicy, Failure> {
     let is_wanted = match bedside.process.realtime {
         Realtime::Never => false,
         Realtime::IfPermitted => bedside.rehearsal.is_none(),
@@ -202,9 +202,9 @@ pub(in crate::cli) fn standing(bedside: &Bedside) -> Result<SchedulingPolicy, Fa
     if !is_wanted {
         return Ok(SchedulingPolicy::default());
     }
-    let standing = SchedulingPolicy::ask(bedside.volume.settings.memory_bytes);
-    match (bedside.process.realtime, standing.granted().why.first()) {
+    let policy = SchedulingPolicy::ask(bedside.volume.settings.memory_bytes);
+    match (bedside.process.realtime, policy.granted().why.first()) {
         (Realtime::Required, Some(why)) => Err(Failure(format!("process.realtime = \"required\": {why}"))),
-        _ => Ok(standing),
+        _ => Ok(policy),
     }
 }

@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 
 use tracing::trace_span;
 
+use pipeline::InsertedSlice;
 use pipeline::trace::STAGE;
-use pipeline::{InsertedSlice, SliceObserver};
 use render::settings::CACHE_BYTES;
 use render::{Cache, RenderRegion, RenderSettings, Renderer};
 use sonoweave_core::region::ClipRect;
@@ -89,7 +89,11 @@ impl<'a> Following<'a> {
         Ok(Begun { renderer: Renderer::new(&settings, stage)?, offset: lattice.offset, last: None })
     }
 
-    fn look(&mut self, woven: &InsertedSlice) -> Result<(), Failure> {
+    /// Draws what a slice has changed.
+    ///
+    /// # Errors
+    /// [`Failure`] when a picture cannot be drawn or written.
+    pub(super) fn look(&mut self, woven: &InsertedSlice) -> Result<(), Failure> {
         if self.begun.is_none() {
             self.begun = Some(self.begin(woven)?);
         }
@@ -144,12 +148,6 @@ impl<'a> Following<'a> {
             drawn,
             picture: PictureNumbers::of(&begun.renderer, self.look.image_size),
         }))
-    }
-}
-
-impl SliceObserver for Following<'_> {
-    fn woven(&mut self, woven: &InsertedSlice) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
-        self.look(woven).map_err(|Failure(sentence)| sentence.into())
     }
 }
 

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use export::picture::write_rgb;
 use export::sections::{Sheet, SheetPanel};
-use pipeline::{InsertedSlice, Outcome, SliceObserver};
+use pipeline::{InsertedSlice, Outcome};
 use reconstruct::PathReconstructor;
 use render::section::{Box3, NearestSlices, NearestWork, Planar, PlanarWork, Sampled};
 use render::settings::pool;
@@ -116,7 +116,11 @@ impl<'a> Planes<'a> {
         })
     }
 
-    fn look(&mut self, woven: &InsertedSlice) -> Result<(), Failure> {
+    /// Draws what a slice has changed.
+    ///
+    /// # Errors
+    /// [`Failure`] when a picture cannot be drawn or written.
+    pub(super) fn look(&mut self, woven: &InsertedSlice) -> Result<(), Failure> {
         if self.begun.is_none() {
             self.begun = Some(self.begin(woven)?);
         }
@@ -185,12 +189,6 @@ impl Begun {
             pixels
         };
         (self.sheet.panels.iter().map(sample).collect(), work)
-    }
-}
-
-impl SliceObserver for Planes<'_> {
-    fn woven(&mut self, woven: &InsertedSlice) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
-        self.look(woven).map_err(|Failure(sentence)| sentence.into())
     }
 }
 

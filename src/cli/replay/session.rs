@@ -6,7 +6,8 @@ use std::time::{Duration, Instant};
 
 use config::bedside::Bedside;
 use drivers::replay::Pace;
-use pipeline::live::{Differences, ViewClient, rerun};
+use pipeline::live::{Differences, RecordedDecisions, SchedulingPolicy, SessionInputs, Source, ViewClient};
+use sonoweave_core::clock::Monotonic;
 
 use super::series::{Gallery, Series};
 use crate::cli::igtl::Sharing;
@@ -89,7 +90,9 @@ pub(super) fn run(wanted: &Wanted<'_>) -> Result<(), Failure> {
     if let Some(shared) = &shared {
         shared.joins(&mut stages);
     }
-    let (finished, precedent) = rerun(&stages, recorded, last, &ends, |account| {
+    let policy = SchedulingPolicy::default();
+    let inputs = SessionInputs { source: Source::Recording(last), resumed: recorded, policy };
+    let ended = pipeline::live::run(&stages, inputs, &Monotonic, &ends, |account| {
         if let Some(shared) = &mut shared {
             shared.tell(|| line(account));
         }
@@ -97,14 +100,16 @@ pub(super) fn run(wanted: &Wanted<'_>) -> Result<(), Failure> {
             said = Instant::now();
             say(&line(account));
         }
+        Vec::new()
     })?;
+    let finished = ended.finish();
     if let Some(shared) = shared {
         shared.leave(false);
     }
     if let (Some(gallery), Some(Series { folder, .. })) = (gallery, series) {
         say(&format!("{} pictures in {}", gallery.written()?, folder.display()));
     }
-    let differences = config.is_none().then(|| precedent.differences());
+    let differences = finished.decisions.as_ref().filter(|_| config.is_none()).map(RecordedDecisions::differences);
     leave(&bedside, outputs, &finished, began.elapsed(), Some(session), differences.as_ref())?;
     match differences {
         Some(Differences { count: 0, .. }) if !all && was_sealed => {

@@ -11,9 +11,11 @@ use config::bedside::Bedside;
 use console::Listen;
 use pipeline::control::{Progress, Replayed, SessionController, ViewedFrame};
 use pipeline::live::{
-    CapturedFrame, Differences, EndedSession, FrameObserver, PlaneViewer, Reader, RecordedDecisions, Session,
-    SessionStatus, ViewClient, rerun_and_hold,
+    Differences, EndedSession, PlaneViewer, Reader, RecordedDecisions, SchedulingPolicy, Session, SessionInputs,
+    SessionStatus, Source, ViewClient,
 };
+use pipeline::{CapturedFrame, Observer};
+use sonoweave_core::clock::Monotonic;
 
 use super::reel::{Reel, Still};
 use super::session::Wanted;
@@ -32,8 +34,8 @@ const SAID_EVERY: Duration = Duration::from_secs(2);
 /// Passes the recording's images to pages; their capture times are in the past.
 struct Pages(Arc<console::FrameBroadcaster>);
 
-impl FrameObserver for Pages {
-    fn glimpsed(&self, glimpsed: &CapturedFrame<'_>) {
+impl Observer for Pages {
+    fn captured(&self, glimpsed: &CapturedFrame<'_>) {
         self.0.recorded(glimpsed.item, glimpsed.image);
     }
 }
@@ -86,12 +88,12 @@ impl Showing<'_> {
                 viewers.look(&bedside.picture);
             }
             let stages = self.stages(&bedside)?;
-            stages.witnesses.iter().for_each(|witness| witness.cleared());
+            stages.observers.iter().for_each(|observer| observer.cleared());
             if let Some(screen) = self.telling.screen() {
                 screen.point_out(None);
             }
             self.desk.runs(false, name_of(self.wanted.session));
-            let (held, precedent) = match self.weave(&stages, &bedside, is_tried) {
+            let held = match self.weave(&stages, &bedside, is_tried) {
                 Ok(woven) => woven,
                 Err(Failure(why)) if is_tried => {
                     say(&why);
@@ -104,7 +106,10 @@ impl Showing<'_> {
                 }
                 Err(failure) => return Err(failure),
             };
-            let differences = (self.wanted.config.is_none() && !is_tried).then(|| precedent.differences());
+            let differences = held
+                .decisions()
+                .filter(|_| self.wanted.config.is_none() && !is_tried)
+                .map(RecordedDecisions::differences);
             // An aborted replay has no result to report.
             if !self.desk.stopped() && !self.quit.load(Ordering::Relaxed) {
                 self.tell(&held, differences.as_ref());
@@ -138,11 +143,11 @@ impl Showing<'_> {
         let looks = self.viewers.clone().map(|viewers| viewers as Arc<dyn ViewClient>);
         let mut stages = stages(bedside, looks)?;
         if let Some(screen) = self.telling.screen() {
-            stages.cutter = Some(Arc::clone(&screen) as Arc<dyn PlaneViewer>);
-            stages.witnesses.push(Arc::new(Pages(screen)));
+            stages.plane_viewer = Some(Arc::clone(&screen) as Arc<dyn PlaneViewer>);
+            stages.observers.push(Arc::new(Pages(screen)));
         }
-        stages.witnesses.push(self.telling.slices() as Arc<dyn FrameObserver>);
-        stages.witnesses.extend(self.telling.coach().map(|coach| coach as Arc<dyn FrameObserver>));
+        stages.observers.push(self.telling.slices() as Arc<dyn Observer>);
+        stages.observers.extend(self.telling.coach().map(|coach| coach as Arc<dyn Observer>));
         stages.readers.push(Arc::clone(&self.desk) as Arc<dyn Reader>);
         if let Some(shared) = &self.shared {
             shared.joins(&mut stages);
@@ -156,7 +161,7 @@ impl Showing<'_> {
         stages: &'s Session,
         bedside: &Bedside,
         is_tried: bool,
-    ) -> Result<(EndedSession<'s>, RecordedDecisions), Failure> {
+    ) -> Result<EndedSession<'s>, Failure> {
         let Wanted { session, config, pace, all, .. } = self.wanted;
         let mut chain = Chain::read(session)?;
         if *all {
@@ -165,12 +170,15 @@ impl Showing<'_> {
         let mut recorded = chain.recorded((config.is_some() || is_tried).then_some(bedside), *pace)?;
         let Some(last) = recorded.pop() else { unreachable!("a chain has a session") };
         let desk = Arc::clone(&self.desk);
-        Ok(rerun_and_hold(stages, recorded, last, desk.turns(), |account| {
+        let policy = SchedulingPolicy::default();
+        let inputs = SessionInputs { source: Source::Recording(last), resumed: recorded, policy };
+        Ok(pipeline::live::run(stages, inputs, &Monotonic, desk.turns(), |account| {
             if self.said.elapsed() >= SAID_EVERY {
                 self.said = Instant::now();
                 say(&line(account));
             }
             self.watch(account);
+            Vec::new()
         })?)
     }
 

@@ -20,7 +20,8 @@ use crate::{About, Console, ConsoleSession, FrameBroadcaster, Latest};
 use guidance::spacing::Spacing;
 use guidance::{CoachSettings, ScanGuidance};
 use mask::{Clip, MaskSettings};
-use pipeline::live::{CapturedFrame, Drawn, FrameObserver as _, SessionStatus, Spread, Unwritten, Written};
+use pipeline::live::{Drawn, SessionStatus, Spread, Unwritten, Written};
+use pipeline::{CapturedFrame, Observer as _};
 use render::classify::transfer::Transfer;
 use render::{RenderRegion, RenderSettings, Renderer};
 use sonoweave_core::slice::{Image, Pixels, Slice};
@@ -69,7 +70,7 @@ impl Session {
     /// Simulates a new frame.
     fn shows(&self, item: u64) {
         let image = Image::new(2, 1, Pixels::U8(vec![item as u8, 7].into()));
-        self.screen.glimpsed(&CapturedFrame { item, captured_ns: 0, image: &image });
+        self.screen.captured(&CapturedFrame { item, captured_ns: 0, image: &image });
     }
 }
 
@@ -377,6 +378,7 @@ fn drawn(item: u64) -> Drawn {
         captured_ns: None,
         refining: false,
         pictures: 0,
+        by_slab: 0,
         skipped: 0,
         capture_to_picture: Spread::default(),
         draw: Spread::default(),

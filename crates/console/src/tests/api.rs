@@ -2,7 +2,7 @@
 
 use std::sync::atomic::Ordering;
 
-use pipeline::live::{CapturedFrame, FrameObserver as _};
+use pipeline::{CapturedFrame, Observer as _};
 use render::camera::View;
 use sonoweave_core::slice::{Image, Pixels};
 
@@ -59,13 +59,13 @@ fn picture_request_renders_and_returns_png() {
     let screen = Arc::clone(&served.session.screen);
     let image = Image::new(3, 2, Pixels::U8(vec![0, 50, 100, 150, 200, 250].into()));
     let glimpsed = CapturedFrame { item: 7, captured_ns: 0, image: &image };
-    screen.glimpsed(&glimpsed);
+    screen.captured(&glimpsed);
     assert_eq!(screen.made(broadcast::Kind::Slice), 0, "nobody looks");
     let shows = std::thread::spawn({
         let screen = Arc::clone(&screen);
         move || {
             while screen.made(broadcast::Kind::Slice) == 0 {
-                screen.glimpsed(&CapturedFrame { item: 7, captured_ns: 0, image: &image });
+                screen.captured(&CapturedFrame { item: 7, captured_ns: 0, image: &image });
                 std::thread::sleep(Duration::from_millis(1));
             }
         }
@@ -77,7 +77,7 @@ fn picture_request_renders_and_returns_png() {
     let picture = image::load_from_memory(&bytes).unwrap().into_luma8();
     assert_eq!((picture.dimensions(), picture.get_pixel(1, 1).0), ((3, 2), [200]));
     let made = screen.made(broadcast::Kind::Slice);
-    screen.glimpsed(&CapturedFrame { item: 8, captured_ns: 0, image: &Image::new(1, 1, Pixels::U8(vec![1].into())) });
+    screen.captured(&CapturedFrame { item: 8, captured_ns: 0, image: &Image::new(1, 1, Pixels::U8(vec![1].into())) });
     assert_eq!(screen.made(broadcast::Kind::Slice), made, "who asked looks no longer");
 }
 
@@ -91,7 +91,7 @@ fn snapshot_writes_files_with_next_free_number() {
     assert_eq!(status, StatusCode::CONFLICT, "{said}");
     let screen = &served.session.screen;
     let glance = screen.glance(broadcast::Kind::Slice);
-    screen.glimpsed(&CapturedFrame {
+    screen.captured(&CapturedFrame {
         item: 7,
         captured_ns: 0,
         image: &Image::new(2, 1, Pixels::U8(vec![9, 99].into())),

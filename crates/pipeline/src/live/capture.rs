@@ -1,47 +1,26 @@
 //! A device's thread: takes each delivery of the device and passes it on, independently of the
 //! later stages.
 
-use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::{Scope, ScopedJoinHandle};
 
 use tracing::trace_span;
 
+use formats::session::LineProtocol;
 use sonoweave_core::clock::MS;
 use sonoweave_core::{Device, Next, Reading};
 
-use super::decision::Common;
+use super::common::Common;
+use super::device::{DeviceRole, SessionDevice};
+use super::priority::{Role, SchedulingPolicy};
 use super::pulse::Stage;
 use super::sequencer::EventSequencer;
+use super::status::StatusCollector;
+use super::threads::{joined, spawn};
 use crate::trace::STAGE;
 
 /// Longest wait for a device before its health is checked again, ns.
 const TURN: i64 = 50 * MS;
-
-/// Frames between capture and the volume, over all queues. Their number is limited, which bounds
-/// the memory that they hold.
-pub(super) struct InFlight {
-    frames: AtomicI64,
-    most: i64,
-}
-
-impl InFlight {
-    pub(super) fn new(most: u64) -> Self {
-        Self { frames: AtomicI64::new(0), most: i64::try_from(most).unwrap_or(i64::MAX).max(4) }
-    }
-
-    /// Counts one more frame if there is room; returns whether there was.
-    pub(super) fn enter(&self) -> bool {
-        let before = self.frames.fetch_add(1, Ordering::Relaxed);
-        if before >= self.most {
-            self.leave();
-            return false;
-        }
-        true
-    }
-
-    pub(super) fn leave(&self) {
-        self.frames.fetch_sub(1, Ordering::Relaxed);
-    }
-}
 
 /// Runs a device until `ends` is set or the device ends by itself.
 ///
@@ -84,4 +63,61 @@ pub(super) fn run(
     let stopped = device.stop();
     board.health(source, device.health());
     stopped
+}
+
+/// Assumed size of an unknown frame, bytes.
+const USUAL_FRAME: u64 = 1920 * 1080;
+
+/// Devices, instruments and unit protocols, each in the order of the devices' indices.
+pub(super) struct Parts {
+    pub(super) devices: Vec<Box<dyn Device>>,
+    pub(super) instruments: Vec<DeviceRole>,
+    pub(super) speeches: Vec<Option<LineProtocol>>,
+}
+
+pub(super) fn parts(equipment: Vec<SessionDevice>) -> Parts {
+    let mut parts = Parts { devices: Vec::new(), instruments: Vec::new(), speeches: Vec::new() };
+    for SessionDevice { instrument, device, speech } in equipment {
+        parts.devices.push(device);
+        parts.instruments.push(instrument);
+        parts.speeches.push(speech);
+    }
+    parts
+}
+
+/// A device's thread, which ends with its device.
+pub(super) type Capturing<'scope> = ScopedJoinHandle<'scope, Result<(), sonoweave_core::Error>>;
+
+/// Starts a thread for each device.
+pub(super) fn capturing<'scope, 'env>(
+    scope: &'scope Scope<'scope, 'env>,
+    devices: Vec<Box<dyn Device>>,
+    names: &[String],
+    policy: &SchedulingPolicy,
+    common: Common<'env>,
+    ends: &'env AtomicBool,
+    intake: &'env EventSequencer<'env>,
+) -> Vec<Capturing<'scope>> {
+    let capture = |(source, mut device): (usize, Box<dyn Device>)| {
+        spawn(scope, &format!("capture-{}", names[source]), (policy, Role::Capture), move || {
+            let ran = run(source, device.as_mut(), common, ends, intake);
+            ran.inspect_err(|error| common.board.failed(source, error))
+        })
+    };
+    devices.into_iter().enumerate().map(capture).collect()
+}
+
+/// Waits for the capture threads, and notes the errors of those that failed.
+pub(super) fn captured(captures: Vec<Capturing<'_>>, names: &[String], board: &StatusCollector) {
+    for (capture, name) in captures.into_iter().zip(names) {
+        if let Err(error) = joined(capture) {
+            board.note(format!("{name}: {error}"));
+        }
+    }
+}
+
+/// Returns the size of a frame in bytes, by the devices' descriptions.
+pub(super) fn frame_bytes(devices: &[Box<dyn Device>]) -> u64 {
+    let sizes = devices.iter().filter_map(|device| device.describe().image_size);
+    sizes.map(|[width, height]| u64::from(width) * u64::from(height)).max().unwrap_or(USUAL_FRAME)
 }

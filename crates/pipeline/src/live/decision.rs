@@ -2,15 +2,9 @@
 
 use serde::{Deserialize, Deserializer, Serialize};
 
-use sonoweave_core::clock::Clock;
 use sonoweave_core::ledger::Queue;
 use sonoweave_core::refusal::{Reason, Refusal};
 use sync::bracket::{FrameTime, Placed};
-
-use super::capture::InFlight;
-use super::recorded_decisions::RecordedDecisions;
-use super::recorder::Recorder;
-use super::status::StatusCollector;
 
 /// Kinds of recorded notes.
 pub(super) const PLACED: &str = "placed";
@@ -97,56 +91,6 @@ pub(super) struct Decided {
     pub(super) frame: u64,
     #[serde(flatten)]
     pub(super) fate: FrameOutcome,
-}
-
-/// State shared by all stages.
-#[derive(Clone, Copy)]
-pub(super) struct Common<'a> {
-    pub(super) clock: &'a dyn Clock,
-    pub(super) board: &'a StatusCollector,
-    pub(super) recorder: &'a Recorder,
-    pub(super) in_flight: &'a InFlight,
-    /// The recorded decisions, if this session is a replay.
-    pub(super) precedent: Option<&'a RecordedDecisions>,
-}
-
-impl Common<'_> {
-    /// Records that a frame got its pose.
-    pub(super) fn placed(&self, item: u64, frame: &FrameTime, placed: &Placed) {
-        if self.precedent.is_none() && !self.recorder.records() {
-            return;
-        }
-        let found = PlacedFrame::new(item, frame, placed);
-        if let Some(precedent) = self.precedent {
-            precedent.placed(&found);
-        }
-        self.recorder.note(PLACED, &found, self.clock.now_ns());
-    }
-
-    fn decide(&self, frame: u64, fate: FrameOutcome) {
-        self.in_flight.leave();
-        if let Some(precedent) = self.precedent {
-            precedent.decided(frame, &fate);
-        }
-        self.recorder.note(DECISION, &Decided { frame, fate }, self.clock.now_ns());
-    }
-
-    /// Counts a frame on its way as inserted into the volume.
-    pub(super) fn used(&self, item: u64) {
-        self.decide(item, FrameOutcome::Used);
-    }
-
-    /// Counts a frame on its way as refused.
-    pub(super) fn refuse(&self, refusal: &Refusal) {
-        self.board.refused(refusal);
-        self.decide(refusal.item, FrameOutcome::of(refusal));
-    }
-
-    /// Counts a frame on its way as dropped before a full queue.
-    pub(super) fn drop_before(&self, queue: Queue, item: u64) {
-        self.board.dropped_frame(queue);
-        self.decide(item, FrameOutcome::Dropped(queue));
-    }
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use crossbeam_channel::{Receiver, RecvTimeoutError};
 use sonoweave_core::refusal::{Reason, Refusal};
 use sonoweave_core::slice::Slice;
 
-use super::decision::Common;
+use super::common::Common;
 use super::pulse::Stage;
 use super::shared_volume::{PendingChanges, Shared, SharedVolume};
 use crate::inserter::OutcomeSink;
@@ -64,11 +64,16 @@ impl Teller<'_> {
 impl OutcomeSink for Teller<'_> {
     fn woven(&mut self, woven: &InsertedSlice<'_>) -> Result<(), PipelineError> {
         let Some(times) = self.leaves(woven.item) else { return Ok(()) };
-        let Common { clock, board, .. } = self.common;
+        let Common { clock, board, observers, .. } = self.common;
         self.news.note(woven, times.map(|times| times.captured_ns));
         let mut account = board.lock();
         account.volume = self.news.bulk();
         account.ledger.used();
+        let path = woven.weaver.path().name();
+        if account.path != Some(path) {
+            let departure = woven.weaver.upgraded().map(|departure| departure.to_string());
+            (account.path, account.path_reason) = (Some(path), departure.unwrap_or_else(|| woven.path_reason.into()));
+        }
         if let Some(times) = times {
             let now_ns = clock.now_ns();
             account.first_slice_ns.get_or_insert(now_ns);
@@ -77,7 +82,7 @@ impl OutcomeSink for Teller<'_> {
         }
         drop(account);
         self.common.used(woven.item);
-        Ok(())
+        observers.iter().try_for_each(|observer| observer.inserted(woven)).map_err(PipelineError::Observer)
     }
 
     fn refused(&mut self, refusal: &Refusal) {

@@ -1,37 +1,26 @@
 //! The pairing thread: converts readings to timed samples, holds frames until the poses around
 //! them are known, and passes posed slices to the inserter.
 
-use std::sync::Arc;
-use std::time::Duration;
-
-use crossbeam_channel::{Receiver, RecvTimeoutError, Sender};
-use serde::Serialize;
+use crossbeam_channel::Sender;
 use tracing::{Span, trace_span};
 
-use sonoweave_core::clock::MS;
 use sonoweave_core::ledger::Queue;
 use sonoweave_core::reading::Reading;
 use sonoweave_core::refusal::{Reason, Refusal};
 use sonoweave_core::slice::{Image, Slice};
 use sync::bracket::{Answered, Bracketing, FrameTime, Unplaced};
-use sync::clock::Mapping;
 use sync::history::Unavailable;
 use sync::ingest::Picture;
 use sync::ingest::live::{Live, LiveIngest};
 
-use super::decision::Common;
-use super::frame_observer::{CapturedFrame, FrameObserver};
+use super::common::Common;
+use super::event::{CLOCK, Delivery, Feed, FeedEvent, Published, SessionEvent, TOLD_EVERY_NS};
 use super::insert::{InsertMessage, Posed, Times};
 use super::pulse::Stage;
-use super::sequencer::{Delivery, EventSequencer, SessionEvent};
 use super::stuck::StuckDetector;
 use super::zones::Guard;
+use crate::CapturedFrame;
 use crate::trace::STAGE;
-
-/// Longest wait before the thread checks whether frames have waited long enough.
-const TURN: Duration = Duration::from_millis(20);
-/// Interval at which clocks are advanced, ns.
-pub(super) const TOLD_EVERY_NS: i64 = 20 * MS;
 
 /// A device of the session.
 pub(super) struct Part {
@@ -50,55 +39,6 @@ pub(super) struct Waiting {
     waits: Span,
 }
 
-/// Kind of note that publishes a clock.
-pub(super) const CLOCK: &str = "clock";
-
-/// A published clock, for the recording.
-#[derive(Serialize)]
-struct Published<'a> {
-    device: &'a str,
-    clock: usize,
-    #[serde(flatten)]
-    mapping: Mapping,
-}
-
-/// A source of session events.
-pub(super) trait Feed {
-    /// Returns the next feed event; `None` after the last.
-    fn next(&mut self) -> Option<FeedEvent>;
-}
-
-/// A feed event.
-#[allow(clippy::large_enum_variant, reason = "nearly all values are the large ones, moved once")]
-pub(super) enum FeedEvent {
-    /// A session event.
-    Delivery(Delivery),
-    /// No event until this host time, ns; no later event has an earlier time.
-    Quiet(i64),
-}
-
-/// The feed of live devices.
-pub(super) struct FromDevices<'a> {
-    pub(super) from: &'a Receiver<Delivery>,
-    pub(super) intake: &'a EventSequencer<'a>,
-}
-
-impl Feed for FromDevices<'_> {
-    fn next(&mut self) -> Option<FeedEvent> {
-        loop {
-            match self.from.recv_timeout(TURN) {
-                Ok(delivery) => return Some(FeedEvent::Delivery(delivery)),
-                Err(RecvTimeoutError::Timeout) => {
-                    if let Some(now_ns) = self.intake.quiet(self.from) {
-                        return Some(FeedEvent::Quiet(now_ns));
-                    }
-                }
-                Err(RecvTimeoutError::Disconnected) => return None,
-            }
-        }
-    }
-}
-
 /// The pairing stage. Its result depends only on the events and their times, on no clock: a
 /// replay of them reproduces it.
 pub(super) struct Pairing<'a> {
@@ -108,20 +48,14 @@ pub(super) struct Pairing<'a> {
     stuck: StuckDetector,
     /// Whether the user has frozen the session.
     frozen: bool,
-    onlookers: FrameObservers,
+    /// Monitor of the zones in which the tracker's field is distorted, if there are any.
+    guard: Option<Guard>,
+    /// The coordinate frames of all pose sources, for the observers.
+    frames: Vec<[String; 2]>,
     onward: SliceSink,
     /// Time of the last event, and of the last advance of the clocks, host ns.
     now_ns: i64,
     told_ns: i64,
-}
-
-/// Observers, which change nothing.
-pub(super) struct FrameObservers {
-    /// Monitor of the zones in which the tracker's field is distorted, if there are any.
-    pub(super) guard: Option<Guard>,
-    pub(super) witnesses: Vec<Arc<dyn FrameObserver>>,
-    /// The coordinate frames of all pose sources, for the observers.
-    pub(super) frames: Vec<[String; 2]>,
 }
 
 /// The slice sink.
@@ -147,11 +81,12 @@ impl<'a> Pairing<'a> {
         parts: Vec<Part>,
         bracketing: Bracketing<Waiting>,
         stuck: StuckDetector,
-        onlookers: FrameObservers,
+        guard: Option<Guard>,
+        frames: Vec<[String; 2]>,
         onward: SliceSink,
     ) -> Self {
         let (now_ns, told_ns) = (i64::MIN, i64::MIN);
-        Self { common, parts, bracketing, stuck, frozen: false, onlookers, onward, now_ns, told_ns }
+        Self { common, parts, bracketing, stuck, frozen: false, guard, frames, onward, now_ns, told_ns }
     }
 
     /// Handles events until the feed ends. Returns notes for the user.
@@ -212,7 +147,7 @@ impl<'a> Pairing<'a> {
                 return self.common.board.freeze(on);
             }
             SessionEvent::Clear => {
-                self.onlookers.witnesses.iter().for_each(|witness| witness.cleared());
+                self.common.observers.iter().for_each(|observer| observer.cleared());
                 return self.onward.clear();
             }
             SessionEvent::Reading(reading) => reading,
@@ -230,8 +165,8 @@ impl<'a> Pairing<'a> {
             Live::Pose { source: own, sample, .. } => {
                 board.sampled(source, sample.invalid.is_some().then_some("not valid, by the device's word"));
                 if let Some(into) = self.parts[source].sources.get(own) {
-                    if let Some([from, to]) = self.onlookers.frames.get(*into) {
-                        self.onlookers.witnesses.iter().for_each(|witness| witness.pose([from, to], &sample));
+                    if let Some([from, to]) = self.frames.get(*into) {
+                        self.common.observers.iter().for_each(|observer| observer.pose([from, to], &sample));
                     }
                     self.bracketing.pose(*into, sample);
                 }
@@ -244,8 +179,8 @@ impl<'a> Pairing<'a> {
             Live::Picture { picture: Picture { head, image }, timed } => {
                 let captured_ns = captured_ns.unwrap_or(timed.time_ns);
                 let item = head.stamp.item;
-                let glimpsed = CapturedFrame { item, captured_ns, image: &image };
-                self.onlookers.witnesses.iter().for_each(|witness| witness.glimpsed(&glimpsed));
+                let frame = CapturedFrame { item, captured_ns, image: &image };
+                self.common.observers.iter().for_each(|observer| observer.captured(&frame));
                 // The span has no parent, since it outlasts all others.
                 let waits = trace_span!(target: STAGE, parent: None, "wait for pose", frame = item);
                 let waiting = Waiting { item, image, captured_ns, waits };
@@ -288,7 +223,7 @@ impl<'a> Pairing<'a> {
                 }
                 let slice = Slice { image, time_ns: frame.time_ns, world_from_image: placed.world_from_image };
                 let world = self.bracketing.route().world();
-                self.onlookers.witnesses.iter().for_each(|witness| witness.slice(world, item, &slice));
+                self.common.observers.iter().for_each(|observer| observer.slice(world, item, &slice));
                 return self.pass(item, slice, captured_ns);
             }
             Err(unplaced) => {
@@ -307,10 +242,12 @@ impl<'a> Pairing<'a> {
 
     /// Checks whether a frame was taken where the tracker's field is distorted.
     fn watch(&mut self, frame: &FrameTime) {
-        let Some(guard) = &mut self.onlookers.guard else { return };
+        let Some(guard) = &mut self.guard else { return };
         let history = self.bracketing.history(guard.source);
-        if let Some(found) = history.and_then(|history| history.at(frame.time_ns).ok()) {
-            guard.look(found.pose().position_mm, self.common.board);
+        if let Some(found) = history.and_then(|history| history.at(frame.time_ns).ok())
+            && let Some(found) = guard.check(found.pose().position_mm)
+        {
+            self.common.board.in_zones(found);
         }
     }
 

@@ -136,6 +136,8 @@ pub struct Drawn {
     pub refining: bool,
     /// Pictures rendered.
     pub pictures: u64,
+    /// Those of them for which only rays through the slab of the last slice were cast again.
+    pub by_slab: u64,
     /// Slices that arrived during a rendering and were rendered with the next picture.
     pub skipped: u64,
     /// Time from the frame's capture to its picture, ms.
@@ -213,6 +215,7 @@ impl RenderState<'_> {
                     captured_ns: None,
                     refining: false,
                     pictures: 0,
+                    by_slab: 0,
                     skipped: 0,
                     capture_to_picture: Spread::default(),
                     draw: Spread::default(),
@@ -400,12 +403,13 @@ pub(super) fn run(
             easel.blank = true;
             continue;
         }
-        easel.blank = false;
         let PendingChanges { woven, item, captured_ns, .. } = fabric.news;
-        fabric.news.changes.bricks.clear();
+        let slab = fabric.news.changes.shown().filter(|_| !easel.blank);
+        easel.blank = false;
         // From here on, insertion continues.
         drop(fabric);
-        background.run(|| drawn.renderer.draw());
+        drawn.by_slab += u64::from(slab.is_some());
+        background.run(|| drawn.renderer.draw_within(slab.as_ref()));
         (drawn.slices, drawn.item, drawn.captured_ns) = (woven, item, captured_ns);
         drawn.pictures += 1;
         drawn.skipped += (woven - seen).saturating_sub(1);

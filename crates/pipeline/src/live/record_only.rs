@@ -12,15 +12,17 @@ use sonoweave_core::clock::Clock;
 use sonoweave_core::{Reading, Timing};
 use sync::ingest::live::{Live, LiveIngest};
 
-use super::capture::InFlight;
-use super::decision::Common;
+use super::capture::{Parts, captured, capturing, frame_bytes, parts};
+use super::common::{Common, InFlight};
+use super::device::{DeviceRole, SessionDevice};
+use super::event::SessionEvent;
 use super::losses::Losses;
-use super::priority::Role;
-use super::recorder::{self, Recording};
-use super::sequencer::{EventSequencer, SessionEvent};
-use super::session::{DeviceRole, SessionInputs};
+use super::priority::{Role, SchedulingPolicy};
+use super::recorder::{self, Record, Recording};
+use super::run::{FRAME_BYTES, READINGS, TURN};
+use super::sequencer::EventSequencer;
 use super::status::{SessionStatus, StatusCollector};
-use super::{FRAME_BYTES, Parts, READINGS, TURN, captured, capturing, frame_bytes, joined, parts, spawn};
+use super::threads::{joined, spawn};
 use crate::PipelineError;
 
 /// Recorded events, as passed to the listener.
@@ -43,16 +45,17 @@ pub enum RecordEvent<'a> {
 /// [`PipelineError`] if there is no recording, or it cannot be begun. Absent devices are not an
 /// error.
 pub fn record_only(
-    bed: SessionInputs,
+    devices: Vec<SessionDevice>,
+    record: Option<Record>,
+    policy: &SchedulingPolicy,
     mask: MaskSettings,
     clock: &dyn Clock,
     ends: &AtomicBool,
     mut hear: impl FnMut(RecordEvent<'_>),
 ) -> Result<(Option<Recording>, SessionStatus), PipelineError> {
-    let SessionInputs { equipment, record, standing, .. } = bed;
-    let Parts { devices, instruments, speeches } = parts(equipment);
+    let Parts { devices, instruments, speeches } = parts(devices);
     let board = StatusCollector::new(&instruments, i64::MAX);
-    board.granted(standing.granted());
+    board.granted(policy.granted());
     let in_flight = InFlight::new(FRAME_BYTES / frame_bytes(&devices).max(1));
     let keep_free = Arc::new(AtomicU64::new(record.as_ref().map_or(0, |record| record.keep_free_bytes)));
     let speakers = instruments.iter().zip(&devices).zip(speeches);
@@ -64,7 +67,8 @@ pub fn record_only(
     };
     let names: Vec<String> = instruments.iter().map(|instrument| instrument.name.clone()).collect();
     let (deliver, delivered) = bounded(READINGS);
-    let common = Common { clock, board: &board, recorder: &recorder, in_flight: &in_flight, precedent: None };
+    let common =
+        Common { clock, board: &board, recorder: &recorder, in_flight: &in_flight, precedent: None, observers: &[] };
     let intake = EventSequencer::new(common, names.clone(), deliver);
     let ingest = |DeviceRole { gives, latency_ns, .. }| LiveIngest::new(gives, Timing::default(), latency_ns);
     let mut ingests: Vec<LiveIngest> = instruments.into_iter().map(ingest).collect();
@@ -72,11 +76,11 @@ pub fn record_only(
     let (board, intake) = (&board, &intake);
     let recording = std::thread::scope(|scope| {
         let writer = writing.map(|(queue, file)| {
-            spawn(scope, "recorder", (&standing, Role::Usual), move || {
+            spawn(scope, "recorder", (policy, Role::Usual), move || {
                 recorder::run(&queue, file, clock, |recording| board.recording(recording))
             })
         });
-        let captures = capturing(scope, devices, &names, &standing, common, ends, intake);
+        let captures = capturing(scope, devices, &names, policy, common, ends, intake);
         let mut turned = Instant::now();
         loop {
             let ended = ends.load(Ordering::Relaxed) || captures.iter().all(|capture| capture.is_finished());

@@ -11,8 +11,11 @@ use sonoweave_core::{Device, Error, NO_DEADLINE, Next, Reading};
 
 use super::decision::{DECISION, Decided, FrameOutcome, PLACED, PlacedFrame};
 use super::digest::{ResultDigest, SEAL};
-use super::pairing::CLOCK;
-use super::sequencer::UNPAIRED;
+use super::event::{CLOCK, UNPAIRED};
+
+/// Kind of note: an automatic choice of the insertion path depends on the poses that the devices
+/// can reach. Earlier versions did not write it, and chose the general path.
+pub(super) const PATH_BY_REACH: &str = "path_by_reach";
 
 /// A frame's recorded pose and outcome.
 #[derive(Debug, Clone, Default)]
@@ -83,6 +86,12 @@ impl RecordedDecisions {
     /// `configuration`.
     pub fn notes(&self, kind: &str) -> &[String] {
         self.notes.get(kind).map_or(&[], Vec::as_slice)
+    }
+
+    /// Returns whether an automatic choice of the insertion path depends on the poses that the
+    /// devices can reach.
+    pub(super) fn is_path_by_reach(&self) -> bool {
+        !self.notes(PATH_BY_REACH).is_empty()
     }
 
     /// Returns the digest of the session's result, if it ended properly.

@@ -24,7 +24,6 @@ use sonoweave_core::reading::Frame;
 use sonoweave_core::{Description, Reading};
 use sync::ingest::stored_rect;
 
-use super::session::Record;
 use crate::trace::STAGE;
 
 /// Messages that wait for the writer: some seconds of all devices.
@@ -59,6 +58,19 @@ enum Entry {
 
 /// Space for the end of the file, which is its index, bytes.
 const END_BYTES: u64 = 1 << 20;
+
+/// Settings of a session's recording.
+pub struct Record {
+    /// The file, open.
+    pub writer: SessionWriter,
+    /// Keep whole frames. Otherwise only the data rectangle of each frame is kept, according to
+    /// the mask's settings.
+    pub full_frame: bool,
+    /// Initial notes by kind: settings, calibration.
+    pub notes: Vec<(&'static str, serde_json::Value)>,
+    /// Space to be left free on the disk, bytes; at 0 the disk is filled.
+    pub keep_free_bytes: u64,
+}
 
 /// Takes messages for the recording from the stages. Does nothing if the session is not
 /// recorded.

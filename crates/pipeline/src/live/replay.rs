@@ -10,14 +10,13 @@ use sonoweave_core::clock::MS;
 use sonoweave_core::ledger::Queue;
 use sonoweave_core::{Device, Error, Next, Reading};
 
-use super::DeviceRole;
-use super::decision::Common;
-use super::pairing::{Feed, FeedEvent};
-use super::recorded_decisions::{RecordedDecisions, of_json};
-use super::sequencer::{
-    CLEAR, CLEAR_BEFORE, Delivery, FREEZE, FREEZE_BEFORE, Freeze, LATENCY, Latency, NO_DEVICE, SET_UP, SessionEvent,
-    SetUp, UNPAIRED, Unpaired,
+use super::common::Common;
+use super::device::DeviceRole;
+use super::event::{
+    CLEAR, CLEAR_BEFORE, Delivery, FREEZE, FREEZE_BEFORE, Feed, FeedEvent, Freeze, LATENCY, Latency, NO_DEVICE, SET_UP,
+    SessionEvent, SetUp, UNPAIRED, Unpaired,
 };
+use super::recorded_decisions::{RecordedDecisions, of_json};
 
 /// Longest wait for the recording before `ends` is checked, ns.
 const TURN: i64 = 50 * MS;

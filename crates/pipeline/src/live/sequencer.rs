@@ -4,86 +4,19 @@
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-use crossbeam_channel::{Receiver, Sender, TrySendError};
-use serde::{Deserialize, Serialize};
+use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TrySendError};
 
 use sonoweave_core::ledger::Queue;
-use sonoweave_core::{Description, Reading, Timing};
+use sonoweave_core::{Description, Reading};
 
-use super::decision::Common;
+use super::common::Common;
+use super::event::{
+    CLEAR, Clear, Delivery, FREEZE, Feed, FeedEvent, Freeze, LATENCY, Latency, NO_DEVICE, SET_UP, SessionEvent, SetUp,
+    UNPAIRED, Unpaired,
+};
 
 /// Pause between two attempts to pass on an event that must not be dropped.
 const PAUSE: Duration = Duration::from_millis(1);
-
-/// Device index of events that belong to no device.
-pub(super) const NO_DEVICE: usize = usize::MAX;
-
-/// A session event with its device and time.
-pub(super) struct Delivery {
-    /// The device, by its index in the session.
-    pub(super) source: usize,
-    /// Arrival time, host ns; never earlier than the previous one.
-    pub(super) at_ns: i64,
-    pub(super) word: SessionEvent,
-}
-
-/// A session event.
-#[allow(clippy::large_enum_variant, reason = "nearly all values are the large ones, moved once")]
-pub(super) enum SessionEvent {
-    /// The device was set up, possibly again; defines the meaning of its time stamps.
-    SetUp(Timing),
-    /// The latency of the device's time stamps from now on, ns.
-    Latency(i64),
-    /// Frames are ignored from now on, or used again; belongs to no device.
-    Freeze(bool),
-    /// The volume is cleared; belongs to no device.
-    Clear,
-    /// A reading.
-    Reading(Reading),
-}
-
-/// Recorded note: a device was set up, as its preceding description states.
-#[derive(Debug, Serialize, Deserialize)]
-pub(super) struct SetUp {
-    pub(super) device: String,
-}
-
-/// Recorded note: a device's latency from here on.
-#[derive(Debug, Serialize, Deserialize)]
-pub(super) struct Latency {
-    pub(super) device: String,
-    pub(super) latency_ns: i64,
-}
-
-/// Recorded note: frames are ignored from here on, or used again.
-#[derive(Debug, Serialize, Deserialize)]
-pub(super) struct Freeze {
-    #[serde(alias = "paused")]
-    pub(super) on: bool,
-}
-
-/// Recorded note: the volume is cleared here.
-#[derive(Debug, Serialize, Deserialize)]
-pub(super) struct Clear {}
-
-/// Recorded note: the device's next reading was not paired for want of room. A frame has its
-/// number.
-#[derive(Debug, Serialize, Deserialize)]
-pub(super) struct Unpaired {
-    pub(super) device: String,
-    pub(super) item: u64,
-}
-
-/// Kinds of these notes.
-pub(super) const FREEZE: &str = "freeze";
-pub(super) const CLEAR: &str = "clear";
-pub(super) const SET_UP: &str = "set_up";
-pub(super) const LATENCY: &str = "latency";
-pub(super) const UNPAIRED: &str = "unpaired";
-
-/// Kinds that earlier versions recorded instead of [`FREEZE`] and [`CLEAR`].
-pub(super) const FREEZE_BEFORE: &str = "paused";
-pub(super) const CLEAR_BEFORE: &str = "cleared";
 
 struct Door {
     /// `None` once it is closed.
@@ -203,16 +136,26 @@ impl<'a> EventSequencer<'a> {
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+/// Longest wait before the thread checks whether frames have waited long enough.
+const TURN: Duration = Duration::from_millis(20);
+/// The feed of live devices.
+pub(super) struct FromDevices<'a> {
+    pub(super) from: &'a Receiver<Delivery>,
+    pub(super) intake: &'a EventSequencer<'a>,
+}
 
-    #[test]
-    fn freeze_note_reads_old_and_new_key_and_writes_new() {
-        for on in [true, false] {
-            let read = |key| serde_json::from_str::<Freeze>(&format!("{{\"{key}\":{on}}}")).unwrap().on;
-            assert_eq!([read("paused"), read("on")], [on; 2]);
-            assert_eq!(serde_json::to_string(&Freeze { on }).unwrap(), format!("{{\"on\":{on}}}"));
+impl Feed for FromDevices<'_> {
+    fn next(&mut self) -> Option<FeedEvent> {
+        loop {
+            match self.from.recv_timeout(TURN) {
+                Ok(delivery) => return Some(FeedEvent::Delivery(delivery)),
+                Err(RecvTimeoutError::Timeout) => {
+                    if let Some(now_ns) = self.intake.quiet(self.from) {
+                        return Some(FeedEvent::Quiet(now_ns));
+                    }
+                }
+                Err(RecvTimeoutError::Disconnected) => return None,
+            }
         }
     }
 }

@@ -1,57 +1,35 @@
-//! A session's inputs and results: its devices, the settings for volume and picture, and its
-//! recording.
+//! A session's inputs and results: the source of its readings, and the settings for volume and
+//! picture.
 
 use std::sync::Arc;
 
-use formats::session::{LineProtocol, SessionWriter};
 use mask::MaskSettings;
+use reconstruct::Settings;
 use reconstruct::path_choice::{Chosen, PathChoice};
 use reconstruct::planar::PlanarSettings;
-use reconstruct::{Path, Settings};
-use sonoweave_core::{Device, Timing};
+use sonoweave_core::Timing;
+use sonoweave_core::frames::{Image, Transform, World};
 use sync::PairingOptions;
-use sync::bracket::{BracketOptions, Bracketing, Source};
+use sync::bracket::{BracketOptions, Bracketing, Source as PoseSource};
 use sync::ingest::live::{Gives, LiveIngest};
 
-use super::decision::Common;
+use super::common::Common;
+use super::device::{DeviceRole, SessionDevice};
 use super::digest::ResultDigest;
-use super::frame_observer::FrameObserver;
-use super::pairing::{FrameObservers, Pairing, Part, SliceSink, Waiting};
+use super::pairing::{Pairing, Part, SliceSink, Waiting};
 use super::picture::{Drawn, ViewClient};
 use super::plane_viewer::PlaneViewer;
 use super::priority::SchedulingPolicy;
 use super::reader::Reader;
-use super::recorder::Recording;
+use super::recorded_decisions::RecordedDecisions;
+use super::recorder::{Record, Recording};
 use super::replay::Recorded;
 use super::shared_volume::Shared;
 use super::status::SessionStatus;
 use super::stuck::StuckDetector;
 use super::zones::{Guard, Watch};
 use crate::inserter::{Plan, VolumeInserter};
-use crate::{OffPlane, Outcome, PipelineError};
-
-/// Description of a device for pairing.
-pub struct DeviceRole {
-    /// Its name, in the recording too.
-    pub name: String,
-    /// The kind of its readings.
-    pub gives: Gives,
-    /// For each of its pose sources, the coordinate frames between which the pose maps: from and
-    /// to.
-    pub frames: Vec<[String; 2]>,
-    /// Latency of its times beyond what its driver knows, ns.
-    pub latency_ns: i64,
-}
-
-/// A device of a session.
-pub struct SessionDevice {
-    /// Its description.
-    pub instrument: DeviceRole,
-    /// The device, stopped.
-    pub device: Box<dyn Device>,
-    /// Protocol of its lines, if their bytes are recorded as readings, too.
-    pub speech: Option<LineProtocol>,
-}
+use crate::{Observer, OffPlane, Outcome, PipelineError};
 
 /// Settings for volume and picture.
 pub struct Session {
@@ -67,47 +45,55 @@ pub struct Session {
     pub mask: MaskSettings,
     /// The reconstructor's settings.
     pub settings: Settings,
-    /// The choice of insertion path. Live poses are not known beforehand, so that the default is
-    /// the general path.
+    /// The choice of insertion path. The automatic choice is the planar path if an arm can turn
+    /// the image only in a plane, else the general path, since live poses are not known beforehand.
     pub path: PathChoice,
     /// The planar path's settings.
     pub planar: PlanarSettings,
     /// The view settings; with `None`, nothing is rendered.
-    pub looks: Option<Arc<dyn ViewClient>>,
+    pub view_client: Option<Arc<dyn ViewClient>>,
     /// The observers.
-    pub witnesses: Vec<Arc<dyn FrameObserver>>,
+    pub observers: Vec<Arc<dyn Observer>>,
     /// The readers of the volume, each with its own thread.
     pub readers: Vec<Arc<dyn Reader>>,
     /// The plane viewer, if there is one.
-    pub cutter: Option<Arc<dyn PlaneViewer>>,
+    pub plane_viewer: Option<Arc<dyn PlaneViewer>>,
     /// Zones of the distorted tracker field, if they are known and to be monitored.
     pub watch: Option<Watch>,
 }
 
-/// Settings of a session's recording.
-pub struct Record {
-    /// The file, open.
-    pub writer: SessionWriter,
-    /// Keep whole frames. Otherwise only the data rectangle of each frame is kept, according to
-    /// the mask's settings.
-    pub full_frame: bool,
-    /// Initial notes by kind: settings, calibration.
-    pub notes: Vec<(&'static str, serde_json::Value)>,
-    /// Space to be left free on the disk, bytes; at 0 the disk is filled.
-    pub keep_free_bytes: u64,
+/// The source of a session's readings.
+#[allow(clippy::large_enum_variant, reason = "a session has one, moved twice")]
+pub enum Source {
+    /// Devices.
+    Devices {
+        /// The devices, stopped.
+        devices: Vec<SessionDevice>,
+        /// The recording, if the session is recorded.
+        record: Option<Record>,
+    },
+    /// A recorded session. Every decision is made again and compared with the recorded one;
+    /// [`RecordedDecisions::differences`] reports deviations. Only the frames dropped then are
+    /// dropped: a slow stage delays the others.
+    Recording(Recorded),
 }
 
 /// Session inputs.
 pub struct SessionInputs {
-    /// Its devices.
-    pub equipment: Vec<SessionDevice>,
-    /// The recording, if the session is recorded.
-    pub record: Option<Record>,
+    /// The source of its readings.
+    pub source: Source,
     /// Recorded sessions that are continued, the earliest first. Their slices are inserted
     /// before all others.
     pub resumed: Vec<Recorded>,
     /// Scheduling policy of its threads.
-    pub standing: SchedulingPolicy,
+    pub policy: SchedulingPolicy,
+}
+
+impl SessionInputs {
+    /// Returns the inputs for a source alone.
+    pub fn of(source: Source) -> Self {
+        Self { source, resumed: Vec::new(), policy: SchedulingPolicy::default() }
+    }
 }
 
 /// Results of a session.
@@ -122,37 +108,67 @@ pub struct Finished {
     pub recording: Option<Recording>,
     /// Digest of volume and picture; for recorded sessions and replays.
     pub seal: Option<ResultDigest>,
+    /// The decisions that a replay was compared with.
+    pub decisions: Option<RecordedDecisions>,
 }
 
 impl Session {
-    pub(super) fn loom(&self) -> Shared {
+    /// Returns an empty volume for slices of these devices. An automatic choice of the insertion
+    /// path depends on the poses that an arm can reach, if `by_reach`.
+    pub(super) fn volume<'d>(
+        &self,
+        devices: impl Iterator<Item = &'d DeviceRole> + Clone,
+        by_reach: bool,
+    ) -> Result<Shared, PipelineError> {
         let chosen = match self.path {
-            PathChoice::Planar => Chosen { path: Path::Planar, why: "it was asked for".into() },
-            _ => Chosen::general("live poses are not known beforehand"),
+            PathChoice::Auto => None,
+            asked => Some(Chosen::by_poses(asked, &self.settings, &self.planar, &[])?),
         };
         let plan = Plan {
             choice: self.path,
             settings: self.settings.clone(),
             planar: self.planar,
             chosen,
+            reach: if by_reach { self.reach(devices)? } else { Vec::new() },
             off_plane: OffPlane::Settings,
             poses: Vec::new(),
         };
-        Shared::new(VolumeInserter::of_any_size(plan, self.mask))
+        Ok(Shared::new(VolumeInserter::of_any_size(plan, self.mask)))
+    }
+
+    /// Returns image poses spread over those that an arm can reach. Empty if other sources move
+    /// the image, too, as any pose may then come.
+    fn reach<'d>(
+        &self,
+        devices: impl Iterator<Item = &'d DeviceRole> + Clone,
+    ) -> Result<Vec<Transform<World, Image>>, PipelineError> {
+        let bracketing = self.bracketing(devices.clone())?;
+        let sources = devices.flat_map(|device| device.frames.iter().map(|_| &device.gives));
+        let arm = sources.enumerate().find_map(|(source, gives)| match gives {
+            Gives::Arm { reach, .. } => Some((source, reach)),
+            _ => None,
+        });
+        let Some((arm, reach)) = arm else { return Ok(Vec::new()) };
+        Ok(reach.iter().filter_map(|pose| bracketing.compose(|source| (source == arm).then_some(*pose))).collect())
     }
 
     /// Returns the pose sources, device by device.
-    fn sources(&self, instruments: &[DeviceRole]) -> Vec<Source> {
-        let frames = instruments.iter().flat_map(|instrument| &instrument.frames);
-        frames.map(|[from, to]| Source { longest_gap_ns: self.longest_gap_ns, ..Source::new(from, to) }).collect()
+    fn sources<'d>(&self, devices: impl Iterator<Item = &'d DeviceRole>) -> Vec<PoseSource> {
+        let frames = devices.flat_map(|device| &device.frames);
+        frames
+            .map(|[from, to]| PoseSource { longest_gap_ns: self.longest_gap_ns, ..PoseSource::new(from, to) })
+            .collect()
     }
 
-    fn bracketing(&self, instruments: &[DeviceRole]) -> Result<Bracketing<Waiting>, PipelineError> {
+    fn bracketing<'d>(
+        &self,
+        devices: impl Iterator<Item = &'d DeviceRole>,
+    ) -> Result<Bracketing<Waiting>, PipelineError> {
         Ok(Bracketing::new(BracketOptions {
             image: self.pairing.image.clone(),
             world: self.pairing.world.clone(),
             statics: self.pairing.statics.clone(),
-            sources: self.sources(instruments),
+            sources: self.sources(devices),
             wait_ns: self.wait_ns,
             ..BracketOptions::default()
         })?)
@@ -164,10 +180,10 @@ impl Session {
         common: Common<'a>,
         onward: SliceSink,
     ) -> Result<Pairing<'a>, PipelineError> {
-        let bracketing = self.bracketing(&instruments)?;
+        let bracketing = self.bracketing(instruments.iter())?;
         let guard = self.watch.as_ref().and_then(|watch| {
             let mut frames = instruments.iter().flat_map(|instrument| &instrument.frames);
-            Some(Guard::new(frames.position(|[from, _]| *from == watch.sensor)?, &watch.zones, common.board))
+            Some(Guard::new(frames.position(|[from, _]| *from == watch.sensor)?, &watch.zones))
         });
         let frames: Vec<[String; 2]> = instruments.iter().flat_map(|instrument| instrument.frames.clone()).collect();
         let mut first = 0;
@@ -179,33 +195,7 @@ impl Session {
         });
         let parts = parts.collect();
         common.board.route(bracketing.route());
-        let onlookers = FrameObservers { guard, witnesses: self.witnesses.clone(), frames };
-        Ok(Pairing::new(common, parts, bracketing, StuckDetector::new(self.mask), onlookers, onward))
-    }
-
-    pub(super) fn finish(
-        &self,
-        loom: VolumeInserter,
-        drawn: Option<Drawn>,
-        mut account: SessionStatus,
-        recording: Option<Recording>,
-        seal: Option<ResultDigest>,
-    ) -> Finished {
-        account.stuck_s = None;
-        let outcome = loom.finish().map(|cloth| Outcome {
-            world: account.world.clone(),
-            route: account.route.clone(),
-            voxels_updated: cloth.weaver.work().voxels_updated,
-            reconstructor: cloth.weaver,
-            chosen: cloth.chosen,
-            ledger: account.ledger.clone(),
-            mask: cloth.mask,
-            reached: None,
-            slice_axes: cloth.slice_axes,
-            insert_ms: Vec::new(),
-            pixels: cloth.pixels,
-            notes: account.notes.iter().cloned().chain(cloth.notes).collect(),
-        });
-        Finished { outcome, drawn, account, recording, seal }
+        guard.iter().for_each(|guard| common.board.in_zones(guard.found()));
+        Ok(Pairing::new(common, parts, bracketing, StuckDetector::new(self.mask), guard, frames, onward))
     }
 }

@@ -7,6 +7,7 @@ use std::time::Duration;
 use glam::DVec3;
 use serde::Serialize;
 
+use render::Renderer;
 use sonoweave_core::region::ClipRect;
 use sonoweave_core::slice::Slice;
 use sync::FramePose;
@@ -16,7 +17,6 @@ use volume::lattice::{Canonical, canonical, shift};
 
 use super::changes::Changes;
 use super::digest::{self, ResultDigest};
-use super::picture::Drawn;
 use super::reach::Reach;
 use crate::inserter::VolumeInserter;
 use crate::{InsertedSlice, PixelKind};
@@ -90,6 +90,7 @@ impl PendingChanges {
             shift(woven.touched, begun.lattice.offset, &mut shifted);
             &shifted
         };
+        let slab = woven.slab.map(|slab| slab.shifted(begun.lattice.offset));
         for brick in touched {
             let [low, high] = self.bounds.get_or_insert([brick.map(i64::from); 2]);
             for (a, &at) in brick.iter().enumerate() {
@@ -98,7 +99,7 @@ impl PendingChanges {
         }
         self.spacing_mm = woven.weaver.settings().spacing_mm.to_array();
         for changes in [Some(&mut self.changes), self.aside.as_mut()].into_iter().flatten() {
-            changes.note(touched, woven.upgraded);
+            changes.note(touched, slab, woven.upgraded);
         }
         match &mut self.reach {
             Some(reach) => drop(reach.widen(touched)),
@@ -216,12 +217,12 @@ impl Shared {
     }
 
     /// Returns the digest of the volume and of the picture.
-    pub(super) fn seal(&self, drawn: Option<&Drawn>) -> ResultDigest {
+    pub(super) fn seal(&self, picture: Option<&Renderer>) -> ResultDigest {
         let fabric = self.lock();
         ResultDigest {
             slices: fabric.news.slices(),
             volume_sha256: fabric.loom.weaver().map(|weaver| digest::of_volume(weaver.volume())),
-            picture_sha256: drawn.map(|drawn| digest::of_picture(&drawn.renderer)),
+            picture_sha256: picture.map(digest::of_picture),
         }
     }
 

@@ -16,7 +16,7 @@ use sync::clock::{Mapping, State as ClockState};
 use sync::graph::Route;
 use sync::ingest::live::Gives;
 
-use super::DeviceRole;
+use super::device::DeviceRole;
 use super::picture::Drawn;
 use super::priority::SchedulingGrant;
 use super::pulse::{Pulse, Turns};
@@ -72,6 +72,10 @@ pub struct SessionStatus {
     pub ledger: Ledger,
     /// The devices.
     pub devices: Vec<DeviceBoard>,
+    /// Present insertion path of slices, `general` or `planar`; `None` before the first slice.
+    pub path: Option<&'static str>,
+    /// Reason for the path, as the end of a sentence.
+    pub path_reason: String,
     /// Time at which the first slice was in the volume, host ns.
     #[serde(skip)]
     pub first_slice_ns: Option<i64>,
@@ -85,6 +89,8 @@ pub struct SessionStatus {
     pub draw: Spread,
     /// Pictures rendered.
     pub pictures: u64,
+    /// Those of them for which only rays through the slab of the last slice were cast again.
+    pub pictures_by_slab: u64,
     /// Slices that arrived during a rendering and were rendered with the next picture.
     pub pictures_skipped: u64,
     /// Time for which the scanner has repeated one frame while the probe moved, s; `None` if it
@@ -287,7 +293,8 @@ impl StatusCollector {
     /// Counts a rendered picture.
     pub(super) fn drawn(&self, drawn: &Drawn) {
         let mut account = self.lock();
-        (account.pictures, account.pictures_skipped) = (drawn.pictures, drawn.skipped);
+        (account.pictures, account.pictures_by_slab) = (drawn.pictures, drawn.by_slab);
+        account.pictures_skipped = drawn.skipped;
         account.capture_to_picture.set_to(&drawn.capture_to_picture);
         account.draw.set_to(&drawn.draw);
     }

@@ -7,10 +7,9 @@ use sonoweave_core::reading::{Frame, PixelType};
 use sonoweave_core::{Device, Error, NO_DEADLINE, Next, Reading};
 use sync::ingest::live::{Live, LiveIngest};
 
-use super::DeviceRole;
-use super::pairing::TOLD_EVERY_NS;
+use super::device::DeviceRole;
+use super::event::{LATENCY, Latency, SET_UP, SetUp, TOLD_EVERY_NS};
 use super::recorded_decisions::of_json;
-use super::sequencer::{LATENCY, Latency, SET_UP, SetUp};
 
 /// The latencies that are subtracted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

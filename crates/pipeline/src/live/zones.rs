@@ -9,8 +9,6 @@ use serde::Serialize;
 
 use calibration::tracker::zones::Zones;
 
-use super::status::{SessionStatus, StatusCollector};
-
 /// Shortest time between two warnings.
 const PAUSE: Duration = Duration::from_secs(10);
 
@@ -46,14 +44,19 @@ pub(super) struct Guard {
 }
 
 impl Guard {
-    pub(super) fn new(source: usize, zones: &Arc<Zones>, board: &StatusCollector) -> Self {
+    pub(super) fn new(source: usize, zones: &Arc<Zones>) -> Self {
         let found = InZones { zones: zones.count(), ..InZones::default() };
-        board.in_zones(found);
         Self { source, zones: Arc::clone(zones), found }
     }
 
-    /// Counts a frame at this sensor position, mm in the tracker's frame.
-    pub(super) fn look(&mut self, place_mm: DVec3, board: &StatusCollector) {
+    /// Returns the sensor's present relation to the zones.
+    pub(super) fn found(&self) -> InZones {
+        self.found
+    }
+
+    /// Counts a frame at this sensor position, mm in the tracker's frame. Returns the sensor's new
+    /// relation to the zones, if it has changed.
+    pub(super) fn check(&mut self, place_mm: DVec3) -> Option<InZones> {
         let zone = self.zones.at(place_mm);
         let was_inside = self.found.rms_mm.is_some();
         self.found.rms_mm = zone.map(|zone| zone.rms_mm);
@@ -61,9 +64,9 @@ impl Guard {
             self.found.frames += 1;
             self.found.entered += u64::from(!was_inside);
         } else if !was_inside {
-            return;
+            return None;
         }
-        board.in_zones(self.found);
+        Some(self.found)
     }
 }
 
@@ -77,8 +80,8 @@ pub(super) struct Warnings {
 impl Warnings {
     /// Warns if the sensor has entered a zone since the last warning, with a minimum interval.
     /// Returns the sentence.
-    pub(super) fn say(&mut self, account: &SessionStatus, now: Instant) -> Option<String> {
-        let InZones { entered, rms_mm, frames, .. } = account.distortion?;
+    pub(super) fn say(&mut self, distortion: Option<InZones>, now: Instant) -> Option<String> {
+        let InZones { entered, rms_mm, frames, .. } = distortion?;
         let due = self.said.is_none_or(|said| now.duration_since(said) >= PAUSE);
         if entered <= self.entered || !due {
             return None;
@@ -88,7 +91,7 @@ impl Warnings {
         let err = rms_mm.map_or(String::new(), |mm| format!(", by {mm:.1} mm"));
         let often = if times > 1 { format!(" {times} times") } else { String::new() };
         let sentence = format!(
-            "the probe's sensor has come{often} to where metal bends the tracker's field{err}: {frames} frames were taken there so far; they are woven, and may lie off"
+            "the probe's sensor has come{often} to where metal bends the tracker's field{err}: {frames} frames were taken there so far; they are inserted, and may lie off"
         );
         tracing::warn!("{sentence}");
         Some(sentence)
@@ -103,29 +106,27 @@ mod tests {
 
     #[test]
     fn zone_frames_counted_and_entries_warned_with_pause() {
-        let board = StatusCollector::new(&[], 0);
         let zones = [0.0, 20.0].map(|x| Zone { low_mm: DVec3::new(x, 0.0, 0.0), rms_mm: 2.5 + x });
-        let mut guard = Guard::new(1, &Arc::new(Zones::new(10.0, 1.0, None, zones.to_vec())), &board);
+        let mut guard = Guard::new(1, &Arc::new(Zones::new(10.0, 1.0, None, zones.to_vec())));
         let (mut warnings, begin) = (Warnings::default(), Instant::now());
-        let mut say = |after_s| warnings.say(&board.snapshot(), begin + Duration::from_secs(after_s));
-        let mut at = |x: f64| guard.look(DVec3::new(x, 5.0, 5.0), &board);
+        let reported = std::cell::Cell::new(guard.found());
+        let mut say = |after_s| warnings.say(Some(reported.get()), begin + Duration::from_secs(after_s));
+        let mut at = |x: f64| guard.check(DVec3::new(x, 5.0, 5.0)).iter().for_each(|found| reported.set(*found));
         at(-1.0);
         let nothing = InZones { zones: 2, ..InZones::default() };
-        assert_eq!((board.snapshot().distortion, say(0)), (Some(nothing), None), "outside nothing is said");
+        assert_eq!((reported.get(), say(0)), (nothing, None), "outside nothing is said");
         at(1.0);
         at(2.0);
-        let found = board.snapshot().distortion.unwrap();
-        assert_eq!(found, InZones { zones: 2, frames: 2, entered: 1, rms_mm: Some(2.5) });
+        assert_eq!(reported.get(), InZones { zones: 2, frames: 2, entered: 1, rms_mm: Some(2.5) });
         assert!(say(1).unwrap().contains("has come to where metal bends the tracker's field, by 2.5 mm: 2 frames"));
         assert_eq!(say(60), None, "once for each time that it comes");
         for x in [12.0, 21.0, 35.0, 22.0] {
             at(x);
         }
-        let found = board.snapshot().distortion.unwrap();
-        assert_eq!(found, InZones { zones: 2, frames: 4, entered: 3, rms_mm: Some(22.5) });
+        assert_eq!(reported.get(), InZones { zones: 2, frames: 4, entered: 3, rms_mm: Some(22.5) });
         assert!(say(61).unwrap().contains("has come 2 times"));
         at(35.0);
-        assert_eq!(board.snapshot().distortion.unwrap().rms_mm, None);
+        assert_eq!(reported.get().rms_mm, None);
         at(22.0);
         assert_eq!(say(65), None, "not so soon");
         assert!(say(71).is_some());

@@ -57,6 +57,8 @@ pub enum Gives {
         joints: usize,
         /// Their kinematics.
         kinematics: Box<dyn Kinematics>,
+        /// Poses spread over the arm's working range; empty if they are unknown.
+        reach: Vec<Rigid>,
     },
     /// Images.
     Pictures,
@@ -290,7 +292,7 @@ impl LiveIngest {
     }
 
     fn counts(&mut self, counts: Counts) -> Result<Live, Refusal> {
-        let Gives::Arm { joints, kinematics } = &self.gives else { return Ok(Live::Unused("counts")) };
+        let Gives::Arm { joints, kinematics, .. } = &self.gives else { return Ok(Live::Unused("counts")) };
         let joints = (*joints).clamp(1, AXES);
         let host_ns = received(&counts.stamp)?;
         let given = counts.as_slice();

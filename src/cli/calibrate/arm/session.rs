@@ -37,7 +37,7 @@ pub(super) fn instrument(bedside: &Bedside) -> DeviceRole {
     };
     DeviceRole {
         name: TRACKING.to_owned(),
-        gives: Gives::Arm { joints: JOINTS, kinematics: Box::new(kinematics) },
+        gives: Gives::Arm { joints: JOINTS, kinematics: Box::new(kinematics), reach: Vec::new() },
         frames: Vec::new(),
         latency_ns: bedside.tracking.latency_ns(),
     }

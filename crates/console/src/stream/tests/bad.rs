@@ -29,7 +29,7 @@ impl Moving {
                     break;
                 }
                 let begun = Instant::now();
-                screen.glimpsed(&CapturedFrame { item, captured_ns: 0, image: &image });
+                screen.captured(&CapturedFrame { item, captured_ns: 0, image: &image });
                 longest = longest.max(begun.elapsed());
                 std::thread::sleep(Duration::from_millis(20));
             }

@@ -212,7 +212,7 @@ fn arm() -> Gives {
         (counts[0] >= 0.0)
             .then(|| Rigid { position_mm: DVec3::new(counts[0], counts[1], counts[2]), ..Rigid::IDENTITY })
     };
-    Gives::Arm { joints: 3, kinematics: Box::new(kinematics) }
+    Gives::Arm { joints: 3, kinematics: Box::new(kinematics), reach: Vec::new() }
 }
 
 fn counts(first: u8, values: &[i64], host_ns: i64, ticks: u64) -> Counts {
