@@ -1,13 +1,15 @@
 //! The crates that are linked into the program, their licences, and the licence texts that must
 //! be distributed.
+//!
+//! cargo-about does the same, but each developer would have to install it, and it takes texts from
+//! the network or from templates where a crate has none.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
-use serde::Deserialize;
+use cargo_metadata::{DependencyKind, Metadata, MetadataCommand, NodeDep, Package, PackageId, Target};
 
 /// A file is a licence text if its name begins with one of these, in upper or lower case.
 const TEXTS: [&str; 6] = ["license", "licence", "copying", "copyright", "notice", "unlicense"];
@@ -23,93 +25,36 @@ pub struct Linked {
     folder: PathBuf,
 }
 
-/// The used part of the output of `cargo metadata`.
-#[derive(Deserialize)]
-struct Metadata {
-    packages: Vec<Package>,
-    resolve: Resolve,
-}
-
-#[derive(Deserialize)]
-struct Package {
-    id: String,
-    name: String,
-    version: String,
-    license: Option<String>,
-    manifest_path: PathBuf,
-    source: Option<String>,
-    targets: Vec<Target>,
-}
-
-#[derive(Deserialize)]
-struct Target {
-    kind: Vec<String>,
-}
-
-#[derive(Deserialize)]
-struct Resolve {
-    nodes: Vec<Node>,
-}
-
-#[derive(Deserialize)]
-struct Node {
-    id: String,
-    deps: Vec<Edge>,
-}
-
-#[derive(Deserialize)]
-struct Edge {
-    pkg: String,
-    dep_kinds: Vec<Kind>,
-}
-
-#[derive(Deserialize)]
-struct Kind {
-    /// "dev" or "build"; absent for linked dependencies.
-    kind: Option<String>,
-}
-
-impl Package {
-    /// Returns whether the crate is a macro, which runs in the compiler and is not linked.
-    fn is_macro(&self) -> bool {
-        self.targets.iter().flat_map(|target| &target.kind).any(|kind| kind == "proc-macro")
-    }
-}
-
 /// Returns cargo's metadata of the workspace in `root` for the target machine, such as
 /// x86_64-unknown-linux-gnu.
 ///
 /// # Errors
 /// If cargo cannot be run, or refuses.
-pub fn metadata(root: &Path, machine: &str) -> io::Result<Vec<u8>> {
-    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let output = Command::new(cargo)
-        .args(["metadata", "--format-version=1", "--locked", "--filter-platform", machine])
-        .current_dir(root)
-        .output()?;
-    if !output.status.success() {
-        return Err(io::Error::other(format!("cargo metadata: {}", String::from_utf8_lossy(&output.stderr))));
-    }
-    Ok(output.stdout)
+pub fn metadata(root: &Path, machine: &str) -> io::Result<Metadata> {
+    let options = ["--locked", "--filter-platform", machine].map(str::to_owned);
+    MetadataCommand::new().current_dir(root).other_options(options).exec().map_err(io::Error::other)
 }
 
 /// Returns the third-party crates that `package` is linked with, by name and version.
 ///
 /// # Errors
-/// If cargo's output has another format.
-pub fn linked(metadata: &[u8], package: &str) -> io::Result<Vec<Linked>> {
-    let Metadata { packages, resolve } = serde_json::from_slice(metadata)?;
+/// If the workspace has no such package.
+pub fn linked(metadata: &Metadata, package: &str) -> io::Result<Vec<Linked>> {
+    let Metadata { packages, resolve, .. } = metadata;
     let begin = packages.iter().find(|p| p.name == package && p.source.is_none());
     let begin = begin.ok_or_else(|| io::Error::other(format!("there is no package {package} in the workspace")))?;
-    let of_id: BTreeMap<&str, &Package> = packages.iter().map(|package| (package.id.as_str(), package)).collect();
-    let edges: BTreeMap<&str, &[Edge]> = resolve.nodes.iter().map(|n| (n.id.as_str(), n.deps.as_slice())).collect();
-    let (mut seen, mut ahead) = (BTreeSet::new(), vec![begin.id.as_str()]);
+    let nodes = resolve.iter().flat_map(|resolve| &resolve.nodes);
+    let of_id: BTreeMap<&PackageId, &Package> = packages.iter().map(|package| (&package.id, package)).collect();
+    let edges: BTreeMap<&PackageId, &[NodeDep]> = nodes.map(|node| (&node.id, node.deps.as_slice())).collect();
+    let (mut seen, mut ahead) = (BTreeSet::new(), vec![&begin.id]);
     while let Some(id) = ahead.pop() {
-        if of_id.get(id).is_none_or(|package| package.is_macro()) || !seen.insert(id) {
+        // A macro runs in the compiler and is not linked.
+        let is_macro = |package: &&Package| package.targets.iter().any(Target::is_proc_macro);
+        if of_id.get(id).is_none_or(is_macro) || !seen.insert(id) {
             continue;
         }
-        let normal = |edge: &&Edge| edge.dep_kinds.iter().any(|kind| kind.kind.is_none());
-        ahead.extend(edges.get(id).copied().unwrap_or_default().iter().filter(normal).map(|edge| edge.pkg.as_str()));
+        let normal = |edge: &&NodeDep| edge.dep_kinds.iter().any(|kind| kind.kind == DependencyKind::Normal);
+        ahead.extend(edges.get(id).copied().unwrap_or_default().iter().filter(normal).map(|edge| &edge.pkg));
     }
     let mut all: Vec<Linked> = seen
         .into_iter()
@@ -118,7 +63,7 @@ pub fn linked(metadata: &[u8], package: &str) -> io::Result<Vec<Linked>> {
         .map(|package| Linked {
             name: format!("{} {}", package.name, package.version),
             licence: package.license.clone().unwrap_or_else(|| "as its text says".into()),
-            folder: package.manifest_path.parent().map(Path::to_path_buf).unwrap_or_default(),
+            folder: package.manifest_path.parent().map(Into::into).unwrap_or_default(),
         })
         .collect();
     all.sort_by(|a, b| a.name.cmp(&b.name));
@@ -179,6 +124,7 @@ mod tests {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
         let metadata = metadata(&root, "x86_64-unknown-linux-gnu").unwrap();
         let linked = linked(&metadata, "sonoweave").unwrap();
+        assert!(super::linked(&metadata, "serde").is_err());
         let has = |name: &str| linked.iter().any(|one| one.name.starts_with(&format!("{name} ")));
         for name in ["clap", "glam", "mcap", "serialport", "nusb"] {
             assert!(has(name), "{name}");
@@ -204,6 +150,5 @@ mod tests {
         put("Copying.txt", "theirs");
         put("README.md", "nothing");
         assert_eq!(texts_of(folder.path()).unwrap(), ["theirs", "mine\nyours"]);
-        assert!(linked(b"{}", "sonoweave").is_err());
     }
 }

@@ -4,7 +4,7 @@
 //! that has been idle longest. If none is idle, it closes the one whose answer has taken
 //! longest. No connection is closed before it had time to send a request or to receive its
 //! answer. A thousand silent clients therefore delay the next client only by the time it takes
-//! to close them.
+//! to close them. tower's limits close nothing, and axum-server has none.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};

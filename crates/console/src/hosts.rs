@@ -4,7 +4,7 @@
 //! redirected here after loading ("DNS rebinding"), the page could read data meant for this
 //! session's users only. Its requests still carry its own host name, and are refused for that.
 //! A numeric address cannot be redirected, so the address at which the connection arrived is
-//! accepted.
+//! accepted. tower-http has no check of hosts.
 
 use std::net::IpAddr;
 

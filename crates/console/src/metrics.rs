@@ -2,6 +2,7 @@
 //! <https://prometheus.io/docs/instrumenting/exposition_formats/>.
 //!
 //! Names carry base units; counters end in `_total`, and samples with different labels add up.
+//! prometheus-client writes OpenMetrics only: other HELP and TYPE lines, `1.0` for 1, and `# EOF`.
 
 use std::fmt::Write as _;
 

@@ -5,7 +5,7 @@
 //! `Origin` names the requesting page, and `Sec-Fetch-Site` says whether it is of the same
 //! site. Requests that do more than read are refused to other sites: the page's own connection,
 //! and all methods but GET and HEAD. Their bodies must be JSON, which no form of another site
-//! can send, and small.
+//! can send, and small. tower-http's `csrf` admits every GET, and so foreign WebSockets.
 
 use axum::RequestExt as _;
 use axum::extract::Request;

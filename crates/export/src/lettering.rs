@@ -1,5 +1,5 @@
 //! Labels in pictures: a 5×7 bitmap font of the characters used, so that no font has to be
-//! shipped or rasterised.
+//! shipped or rasterised. ab_glyph and fontdue need a font file, and blur letters of seven dots.
 
 use image::{Rgb, RgbImage};
 

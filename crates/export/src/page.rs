@@ -3,6 +3,8 @@
 //! - [`Page`]: the document.
 //! - [`plate`]: positions in a B-mode image: dots, arrows, a colour map.
 //! - [`chart`]: a series of numbers, as bars.
+//!
+//! Most of it is SVG, whose attributes are formatted numbers. maud would only replace `escaped`.
 
 pub mod chart;
 pub mod plate;

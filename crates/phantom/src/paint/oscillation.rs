@@ -4,7 +4,7 @@
 use std::f64::consts::TAU;
 
 use super::Sheet;
-use crate::complex::Complex;
+use crate::complex::{Complex, exp};
 use crate::scene::{Wave, ZonePlate};
 
 /// One complex factor for each column and for each row.
@@ -18,12 +18,12 @@ impl Oscillation {
     /// Returns a wave on any sheet. Its phase is computed for each column and row, not stepped
     /// along them: errors must not add up.
     pub(super) fn of_wave(wave: &Wave, sheet: &Sheet) -> Self {
-        let phase = |angle: f64| Complex::new(0.0, angle).exp();
+        let phase = |angle: f64| exp(Complex::new(0.0, angle));
         let [first, u, v] = [sheet.origin, sheet.step_u, sheet.step_v].map(|step| TAU * wave.frequency.dot(step));
         Self {
             along_u: (0..sheet.width).map(|i| phase(u * i as f64)).collect(),
             along_v: (0..sheet.height)
-                .map(|j| phase(first + wave.phase + v * j as f64).scaled(wave.amplitude))
+                .map(|j| phase(first + wave.phase + v * j as f64).scale(wave.amplitude))
                 .collect(),
         }
     }
@@ -34,7 +34,7 @@ impl Oscillation {
         let start = sheet.origin - plate.centre;
         let (u, v) = (start.dot(sheet.step_u) / pitch_u, start.dot(sheet.step_v) / pitch_v);
         let normal = sheet.step_u.cross(sheet.step_v) / (pitch_u * pitch_v);
-        let across = plate.along_axis(start.dot(normal)).scaled(plate.amplitude);
+        let across = plate.along_axis(start.dot(normal)).scale(plate.amplitude);
         Self {
             along_u: (0..sheet.width).map(|i| plate.along_axis(u + pitch_u * i as f64)).collect(),
             along_v: (0..sheet.height).map(|j| plate.along_axis(v + pitch_v * j as f64) * across).collect(),

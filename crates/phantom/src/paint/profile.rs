@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::oscillation::Oscillation;
 use super::{Sheet, indices_within};
-use crate::complex::Complex;
+use crate::complex::{Complex, exp};
 use crate::scene::{EDGE_REACH, MarschnerLobb, Sphere};
 
 /// Steps of the soft edge's table: over 16.6 σ, linear interpolation errs by less than 1e-6 of
@@ -98,9 +98,9 @@ impl Rings {
         let MarschnerLobb { centre, unit_mm, .. } = self.function;
         let phase = |mm: f64| Complex::new(0.0, FRAC_PI_2 * mm / unit_mm);
         let wave = Oscillation {
-            along_u: (0..sheet.width).map(|i| phase(sheet.step_u.z * i as f64).exp()).collect(),
+            along_u: (0..sheet.width).map(|i| exp(phase(sheet.step_u.z * i as f64))).collect(),
             along_v: (0..sheet.height)
-                .map(|j| phase(sheet.origin.z - centre.z + sheet.step_v.z * j as f64).exp())
+                .map(|j| exp(phase(sheet.origin.z - centre.z + sheet.step_v.z * j as f64)))
                 .collect(),
         };
         for (j, row) in super::rows(sheet, grey) {

@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
-use crate::complex::Complex;
+use crate::complex::{Complex, exp, sqrt};
 
 /// mean + amplitude · cos(k r²), r the distance from the centre: spherical shells with a
 /// frequency k r/π (cycles per mm) that grows with the distance.
@@ -47,26 +47,26 @@ impl ZonePlate {
         let real = |value: f64| Complex::new(value, 0.0);
 
         let first = on(c.x_axis.x);
-        let (to_second, to_third) = (off(c.x_axis.y) * first.recip(), off(c.x_axis.z) * first.recip());
+        let (to_second, to_third) = (off(c.x_axis.y) * first.inv(), off(c.x_axis.z) * first.inv());
         let second = on(c.y_axis.y) - to_second * off(c.x_axis.y);
         let below = off(c.y_axis.z) - to_second * off(c.x_axis.z);
-        let last = below * second.recip();
+        let last = below * second.inv();
         let third = on(c.z_axis.z) - to_third * off(c.x_axis.z) - last * below;
 
         let x0 = real(x.x);
         let x1 = real(x.y) - to_second * x0;
         let x2 = real(x.z) - to_third * x0 - last * x1;
-        let quadratic = x0 * x0 * first.recip() + x1 * x1 * second.recip() + x2 * x2 * third.recip();
-        let root = first.sqrt() * second.sqrt() * third.sqrt();
-        let value = root.recip() * (Complex::new(0.0, self.chirp) * quadratic).exp();
+        let quadratic = x0 * x0 * first.inv() + x1 * x1 * second.inv() + x2 * x2 * third.inv();
+        let root = sqrt(first) * sqrt(second) * sqrt(third);
+        let value = root.inv() * exp(Complex::new(0.0, self.chirp) * quadratic);
         self.mean + self.amplitude * value.re
     }
 
     /// Returns the factor of one axis at `mm` from the centre along it. The plate is the real
     /// part of the product over three perpendicular axes.
     pub(crate) fn along_axis(&self, mm: f64) -> Complex {
-        let spread = Complex::new(1.0, -2.0 * self.chirp * self.blur_variance).recip();
-        spread.sqrt() * (Complex::new(0.0, self.chirp * mm * mm) * spread).exp()
+        let spread = Complex::new(1.0, -2.0 * self.chirp * self.blur_variance).inv();
+        sqrt(spread) * exp(Complex::new(0.0, self.chirp * mm * mm) * spread)
     }
 
     pub(super) fn softened(&self, variance: f64) -> Self {
