@@ -22,9 +22,9 @@ quick: setup
 style: setup
 	cargo test -p sonoweave-checks --locked
 
-# Runs all tests that need neither hardware nor other programs.
+# Runs all tests that need neither hardware nor other programs, several programs at a time.
 test: setup
-	cargo test $(PACKAGES)
+	scripts/test.sh $(PACKAGES)
 
 # Reconstructs a synthetic sweep, and prints where the volume and a picture of it are.
 demo: setup

@@ -22,10 +22,11 @@ use phantom::{Bedside, Scan, ScanSettings};
 use sonoweave_core::clock::{Clock, MS, Manual, SECOND};
 use sonoweave_core::named::StaticTransform;
 use sonoweave_core::{Device, Next};
-use sync::bracket::{Answered, BracketOptions, Bracketing, FrameTime, Placed, Source};
+use sync::PairingOptions;
 use sync::clock::{State, TimeFlags};
 use sync::history::How;
 use sync::ingest::live::{Gives, Live, LiveIngest};
+use sync::pairing::timed::{Answered, FrameTime, Placed, Source, TimedOptions, TimedPairing};
 
 const BEGIN: i64 = 7 * SECOND;
 const SIZE: [u32; 2] = [64, 48];
@@ -70,10 +71,13 @@ fn run<P: Protocol, T: Peer + 'static>(
     let mut set_up = 0;
     let mut pictures = LiveIngest::new(Gives::Pictures, grabber.describe().timing, VIDEO_LATENCY);
     let calibration = bedside.scan().probe_from_image().to_rows();
-    let mut stage = Bracketing::new(BracketOptions {
-        statics: vec![StaticTransform::new("Image", "Probe", &calibration).unwrap()],
+    let mut stage = TimedPairing::new(TimedOptions {
+        pairing: PairingOptions {
+            statics: vec![StaticTransform::new("Image", "Probe", &calibration).unwrap()],
+            ..PairingOptions::default()
+        },
         sources: vec![Source::new("Probe", "Tracker"), Source::new("Reference", "Tracker")],
-        ..BracketOptions::default()
+        ..TimedOptions::default()
     })
     .unwrap();
     let mut answered = Vec::new();

@@ -10,9 +10,10 @@ use glam::{DQuat, DVec3};
 
 use sonoweave_core::named::StaticTransform;
 use sonoweave_core::{Ticks, Timing};
-use sync::bracket::{BracketOptions, Bracketing, FrameTime, Source};
+use sync::PairingOptions;
 use sync::clock::{ClockMap, ClockSettings};
 use sync::history::{PoseSample, Rigid};
+use sync::pairing::timed::{FrameTime, Source, TimedOptions, TimedPairing};
 
 const MS: i64 = 1_000_000;
 
@@ -55,11 +56,14 @@ fn samples_and_frames_allocate_nothing() {
     let uncounted = timing(Ticks::None, 60.0);
     let mut clocks = [counted, uncounted].map(|timing| ClockMap::new(ClockSettings::new(&timing, 0)));
     let rows = [0.1, 0.0, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
-    let mut stage = Bracketing::new(BracketOptions {
-        statics: vec![StaticTransform::new("Image", "Probe", &rows).unwrap()],
+    let mut stage = TimedPairing::new(TimedOptions {
+        pairing: PairingOptions {
+            statics: vec![StaticTransform::new("Image", "Probe", &rows).unwrap()],
+            ..PairingOptions::default()
+        },
         sources: vec![Source::new("Probe", "Tracker"), Source::new("Reference", "Tracker")],
         kept: 256,
-        ..BracketOptions::default()
+        ..TimedOptions::default()
     })
     .unwrap();
     let (mut random, mut placed, mut refused) = (12_345_u64, 0, 0);

@@ -9,7 +9,7 @@ use mask::{AutoMask, Mask, MaskPlan};
 use sonoweave_core::slice::Slice;
 use sonoweave_core::{Device, Next};
 use sync::ingest::{Ingest, Sample};
-use sync::{Pairing, survey};
+use sync::{StampedPairing, survey};
 
 /// Returns the folder of recordings: `SONOWEAVE_TEST_DATA` if set, else `../shared/data` beside
 /// the project's folder.
@@ -29,7 +29,7 @@ pub(crate) fn load(sequence: &Path, config: &Path) -> Result<(Vec<Slice>, Mask),
         SequenceDriver.open(&OpenSettings::Sequence(SequenceSettings { images, ..SequenceSettings::new(sequence) }))
     };
     let survey = survey(open(false)?.as_mut(), &options)?;
-    let mut pairing = Pairing::with_names(options, &survey.names)?;
+    let mut pairing = StampedPairing::with_names(options, &survey.names)?;
     let mut ingest = Ingest::new();
     let mut slices = Vec::new();
     let mut device: Box<dyn Device> = open(true)?;

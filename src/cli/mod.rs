@@ -6,6 +6,7 @@ pub mod convert;
 pub mod demo;
 pub mod devices;
 pub mod dicom;
+mod failure;
 mod histogram;
 mod igtl;
 pub mod input;
@@ -28,8 +29,8 @@ use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 use tracing_subscriber::{EnvFilter, Layer as _};
 
-use config::Unfit;
 pub use config::values;
+pub use failure::Failure;
 use pipeline::trace::{self, TraceFile};
 
 /// Freehand 3D ultrasound: reconstructs tracked slices into a volume as they arrive.
@@ -120,26 +121,6 @@ enum Command {
     Phantom(Box<phantom::Arguments>),
     /// Simulate a tracker or an arm on a pseudo-terminal, for drivers to open
     Twin(Box<twin::Arguments>),
-}
-
-/// Reason why a command failed: a sentence for stderr, exit code 1.
-#[derive(Debug)]
-pub struct Failure(pub String);
-
-impl<E: std::error::Error> From<E> for Failure {
-    fn from(error: E) -> Self {
-        Self(error.to_string())
-    }
-}
-
-impl Failure {
-    /// Converts a problem of settings whose flags have the settings' names.
-    fn flag(Unfit { setting, problem }: Unfit) -> Self {
-        match setting {
-            "" => Self(problem),
-            _ => Self(format!("--{}: {problem}", setting.replace(", ", ", --").replace('_', "-"))),
-        }
-    }
 }
 
 /// Runs the requested command.

@@ -12,7 +12,7 @@ use sonoweave_core::frames::Transform;
 use sonoweave_core::reading::{Frame, NamedTransform, PixelType, Stamp, Status};
 use sonoweave_core::slice::Slice;
 use sync::ingest::{Ingest, Sample};
-use sync::{Pairing, PairingOptions};
+use sync::{PairingOptions, StampedPairing};
 
 use crate::figures::{Length, Sheet, Test};
 use crate::place::Place;
@@ -182,7 +182,7 @@ pub(crate) fn is_day_alone() -> bool {
 /// the memory early and at the end.
 pub(crate) fn day_alone() {
     let frames: u32 = std::env::var(ALONE).unwrap().parse().unwrap();
-    let (mut ingest, mut pairing) = (Ingest::new(), Pairing::new(PairingOptions::default()));
+    let (mut ingest, mut pairing) = (Ingest::new(), StampedPairing::new(PairingOptions::default()));
     let mut r = Reconstructor::new(half_mm(), Mask::full(4, 4)).unwrap();
     let pictures: [Arc<[u8]>; 2] = [Arc::from([7_u8; 16]), Arc::from([90_u8; 16])];
     let probe = Probe::oblique([4, 4], 0.5);

@@ -18,7 +18,7 @@ use sync::graph::Route;
 use sync::ingest::{Ingest, Sample};
 use sync::survey;
 use sync::survey::gap;
-use sync::{FramePose, Pairing};
+use sync::{FramePose, StampedPairing};
 
 use super::inserter::{OutcomeSink, Plan, VolumeInserter};
 use super::observer::{CapturedFrame, InsertedSlice, Observer};
@@ -124,7 +124,7 @@ pub fn reconstruct(
     };
     let mut run = Run {
         ingest: Ingest::new(),
-        pairing: Pairing::with_names(options, &survey.names)?,
+        pairing: StampedPairing::with_names(options, &survey.names)?,
         frames: job.frames.clone(),
         loom: VolumeInserter::new(plan, mask)?,
         account: Account { ledger: Ledger::default(), insert_ms: Vec::new(), observer },
@@ -171,7 +171,7 @@ impl OutcomeSink for Account<'_> {
 /// A run in progress.
 struct Run<'a> {
     ingest: Ingest,
-    pairing: Pairing,
+    pairing: StampedPairing,
     frames: Range<u64>,
     loom: VolumeInserter,
     account: Account<'a>,

@@ -10,7 +10,8 @@ use sonoweave_core::ledger::Ledger;
 use sonoweave_core::{Device, Next, Reading};
 
 use super::graph::{Names, NoPath, Route};
-use super::pairing::{Pairing, PairingOptions};
+use super::pairing::PairingOptions;
+use super::pairing::stamped::{MAX_NAMES, StampedPairing};
 use crate::ingest::Ingest;
 
 /// Fraction of the gaps between neighbouring slices that the automatic σ must cover fully.
@@ -32,7 +33,8 @@ pub struct FramePose {
 /// A recording's transforms, poses and frame ledger, without pixels.
 #[derive(Debug, Clone)]
 pub struct Survey {
-    /// Names of all transforms, in the order of their first delivery: for [`Pairing::with_names`].
+    /// Names of all transforms, in the order of their first delivery: for
+    /// [`StampedPairing::with_names`].
     pub names: Vec<Names>,
     /// The chain of transforms from the image to the world.
     pub route: Route,
@@ -64,13 +66,13 @@ pub fn survey(device: &mut dyn Device, options: &PairingOptions) -> Result<Surve
         if let Reading::NamedTransform(t) = reading
             && !names.iter().any(|(from, to)| *from == t.from && *to == t.to)
             // One more than the pairing stage accepts, so that it can report the excess.
-            && names.len() <= super::pairing::MAX_NAMES
+            && names.len() <= MAX_NAMES
         {
             names.push((t.from, t.to));
         }
     })?;
 
-    let mut pairing = Pairing::with_names(options.clone(), &names)?;
+    let mut pairing = StampedPairing::with_names(options.clone(), &names)?;
     let mut ingest = Ingest::new();
     let mut ledger = Ledger::default();
     let mut poses = Vec::new();

@@ -17,8 +17,8 @@ use sonoweave_core::frames::{Reference, Stylus, Transform};
 use sonoweave_core::ledger::Ledger;
 use sonoweave_core::reading::{Reading, Stamp, transform_name};
 use sonoweave_core::refusal::{Reason, Refusal};
-use sync::pairing::RIGID_TOLERANCE;
-use sync::{Pairing, PairingOptions};
+use sync::pairing::stamped::RIGID_TOLERANCE;
+use sync::{PairingOptions, StampedPairing};
 
 use super::super::{Failure, values};
 use super::guide::Gathering;
@@ -131,7 +131,7 @@ impl Recording {
             )));
         }
         let options = PairingOptions { image: self.stylus.clone(), world: self.reference.clone(), statics: Vec::new() };
-        let mut pairing = Pairing::with_names(options, &names).map_err(|_| {
+        let mut pairing = StampedPairing::with_names(options, &names).map_err(|_| {
             within(format!(
                 "no way leads from {} to {}; name another frame with --reference",
                 self.stylus,
@@ -230,7 +230,7 @@ impl<T> Taken<T> {
 }
 
 /// Returns the stylus's pose at a stamp.
-fn pose(pairing: &mut Pairing, stamp: &Stamp) -> Result<Transform<Reference, Stylus>, Refusal> {
+fn pose(pairing: &mut StampedPairing, stamp: &Stamp) -> Result<Transform<Reference, Stylus>, Refusal> {
     let affine = pairing.pose_of(stamp)?.world_from_image.affine();
     let pose = Transform::<Reference, Stylus>::from_affine(affine);
     let rigid = pose.nearest_rigid(RIGID_TOLERANCE);

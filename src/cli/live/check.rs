@@ -12,7 +12,7 @@ use config::bedside::devices::{PROBE_FRAME, REFERENCE_FRAME, TRACKER_FRAME};
 use config::bedside::{Bedside, Tracking, pixel_mm};
 use console::Listen;
 use sonoweave_core::clock::{Clock, Monotonic};
-use sync::Pairing;
+use sync::StampedPairing;
 
 use super::device::{PATIENCE, Tried, try_out};
 use crate::cli::Failure;
@@ -258,7 +258,7 @@ fn of_calibration(bedside: &Bedside, grabber: &Tried) -> Checked {
     let mut checked = Checked::new("calibration");
     let calibration = &bedside.calibration;
     let options = bedside.pairing_options();
-    match Pairing::with_names(options, &bedside.tracking.names()) {
+    match StampedPairing::with_names(options, &bedside.tracking.names()) {
         Ok(pairing) => {
             let way = pairing.route().map_or(String::new(), |route| route.describe());
             checked.say(match &calibration.path {

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicI64, Ordering};
 use sonoweave_core::clock::Clock;
 use sonoweave_core::ledger::Queue;
 use sonoweave_core::refusal::Refusal;
-use sync::bracket::{FrameTime, Placed};
+use sync::pairing::timed::{FrameTime, Placed};
 
 use super::decision::{DECISION, Decided, FrameOutcome, PLACED, PlacedFrame};
 use super::recorded_decisions::RecordedDecisions;

@@ -4,7 +4,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use sonoweave_core::ledger::Queue;
 use sonoweave_core::refusal::{Reason, Refusal};
-use sync::bracket::{FrameTime, Placed};
+use sync::pairing::timed::{FrameTime, Placed};
 
 /// Kinds of recorded notes.
 pub(super) const PLACED: &str = "placed";

@@ -8,10 +8,10 @@ use sonoweave_core::ledger::Queue;
 use sonoweave_core::reading::Reading;
 use sonoweave_core::refusal::{Reason, Refusal};
 use sonoweave_core::slice::{Image, Slice};
-use sync::bracket::{Answered, Bracketing, FrameTime, Unplaced};
 use sync::history::Unavailable;
 use sync::ingest::Picture;
 use sync::ingest::live::{Live, LiveIngest};
+use sync::pairing::timed::{Answered, FrameTime, TimedPairing, Unplaced};
 
 use super::common::Common;
 use super::event::{CLOCK, Delivery, Feed, FeedEvent, Published, SessionEvent, TOLD_EVERY_NS};
@@ -44,7 +44,7 @@ pub(super) struct Waiting {
 pub(super) struct Pairing<'a> {
     common: Common<'a>,
     parts: Vec<Part>,
-    bracketing: Bracketing<Waiting>,
+    timed: TimedPairing<Waiting>,
     stuck: StuckDetector,
     /// Whether the user has frozen the session.
     frozen: bool,
@@ -79,14 +79,14 @@ impl<'a> Pairing<'a> {
     pub(super) fn new(
         common: Common<'a>,
         parts: Vec<Part>,
-        bracketing: Bracketing<Waiting>,
+        timed: TimedPairing<Waiting>,
         stuck: StuckDetector,
         guard: Option<Guard>,
         frames: Vec<[String; 2]>,
         onward: SliceSink,
     ) -> Self {
         let (now_ns, told_ns) = (i64::MIN, i64::MIN);
-        Self { common, parts, bracketing, stuck, frozen: false, guard, frames, onward, now_ns, told_ns }
+        Self { common, parts, timed, stuck, frozen: false, guard, frames, onward, now_ns, told_ns }
     }
 
     /// Handles events until the feed ends. Returns notes for the user.
@@ -108,14 +108,14 @@ impl<'a> Pairing<'a> {
                 self.answer_all();
             }
         }
-        while let Some(answered) = self.bracketing.finish(self.now_ns) {
+        while let Some(answered) = self.timed.finish(self.now_ns) {
             self.answer(answered);
         }
         self.parts.iter().flat_map(|part| part.ingest.notes().to_vec()).collect()
     }
 
     fn answer_all(&mut self) {
-        while let Some(answered) = self.bracketing.next(self.now_ns) {
+        while let Some(answered) = self.timed.next(self.now_ns) {
             self.answer(answered);
         }
     }
@@ -168,7 +168,7 @@ impl<'a> Pairing<'a> {
                     if let Some([from, to]) = self.frames.get(*into) {
                         self.common.observers.iter().for_each(|observer| observer.pose([from, to], &sample));
                     }
-                    self.bracketing.pose(*into, sample);
+                    self.timed.pose(*into, sample);
                 }
             }
             Live::Waits(_) => board.sampled(source, None),
@@ -185,7 +185,7 @@ impl<'a> Pairing<'a> {
                 let waits = trace_span!(target: STAGE, parent: None, "wait for pose", frame = item);
                 let waiting = Waiting { item, image, captured_ns, waits };
                 let frame = FrameTime::new(&timed, head.size);
-                if let Some(crowded) = self.bracketing.frame(frame, self.now_ns, waiting) {
+                if let Some(crowded) = self.timed.frame(frame, self.now_ns, waiting) {
                     self.answer(crowded);
                 }
             }
@@ -222,7 +222,7 @@ impl<'a> Pairing<'a> {
                     return self.common.drop_before(queue, item);
                 }
                 let slice = Slice { image, time_ns: frame.time_ns, world_from_image: placed.world_from_image };
-                let world = self.bracketing.route().world();
+                let world = self.timed.route().world();
                 self.common.observers.iter().for_each(|observer| observer.slice(world, item, &slice));
                 return self.pass(item, slice, captured_ns);
             }
@@ -243,7 +243,7 @@ impl<'a> Pairing<'a> {
     /// Checks whether a frame was taken where the tracker's field is distorted.
     fn watch(&mut self, frame: &FrameTime) {
         let Some(guard) = &mut self.guard else { return };
-        let history = self.bracketing.history(guard.source);
+        let history = self.timed.history(guard.source);
         if let Some(found) = history.and_then(|history| history.at(frame.time_ns).ok())
             && let Some(found) = guard.check(found.pose().position_mm)
         {

@@ -10,8 +10,8 @@ use reconstruct::planar::PlanarSettings;
 use sonoweave_core::Timing;
 use sonoweave_core::frames::{Image, Transform, World};
 use sync::PairingOptions;
-use sync::bracket::{BracketOptions, Bracketing, Source as PoseSource};
 use sync::ingest::live::{Gives, LiveIngest};
+use sync::pairing::timed::{Source as PoseSource, TimedOptions, TimedPairing};
 
 use super::common::Common;
 use super::device::{DeviceRole, SessionDevice};
@@ -142,14 +142,14 @@ impl Session {
         &self,
         devices: impl Iterator<Item = &'d DeviceRole> + Clone,
     ) -> Result<Vec<Transform<World, Image>>, PipelineError> {
-        let bracketing = self.bracketing(devices.clone())?;
+        let timed = self.timed(devices.clone())?;
         let sources = devices.flat_map(|device| device.frames.iter().map(|_| &device.gives));
         let arm = sources.enumerate().find_map(|(source, gives)| match gives {
             Gives::Arm { reach, .. } => Some((source, reach)),
             _ => None,
         });
         let Some((arm, reach)) = arm else { return Ok(Vec::new()) };
-        Ok(reach.iter().filter_map(|pose| bracketing.compose(|source| (source == arm).then_some(*pose))).collect())
+        Ok(reach.iter().filter_map(|pose| timed.compose(|source| (source == arm).then_some(*pose))).collect())
     }
 
     /// Returns the pose sources, device by device.
@@ -160,17 +160,12 @@ impl Session {
             .collect()
     }
 
-    fn bracketing<'d>(
-        &self,
-        devices: impl Iterator<Item = &'d DeviceRole>,
-    ) -> Result<Bracketing<Waiting>, PipelineError> {
-        Ok(Bracketing::new(BracketOptions {
-            image: self.pairing.image.clone(),
-            world: self.pairing.world.clone(),
-            statics: self.pairing.statics.clone(),
+    fn timed<'d>(&self, devices: impl Iterator<Item = &'d DeviceRole>) -> Result<TimedPairing<Waiting>, PipelineError> {
+        Ok(TimedPairing::new(TimedOptions {
+            pairing: self.pairing.clone(),
             sources: self.sources(devices),
             wait_ns: self.wait_ns,
-            ..BracketOptions::default()
+            ..TimedOptions::default()
         })?)
     }
 
@@ -180,7 +175,7 @@ impl Session {
         common: Common<'a>,
         onward: SliceSink,
     ) -> Result<Pairing<'a>, PipelineError> {
-        let bracketing = self.bracketing(instruments.iter())?;
+        let timed = self.timed(instruments.iter())?;
         let guard = self.watch.as_ref().and_then(|watch| {
             let mut frames = instruments.iter().flat_map(|instrument| &instrument.frames);
             Some(Guard::new(frames.position(|[from, _]| *from == watch.sensor)?, &watch.zones))
@@ -194,8 +189,8 @@ impl Session {
             Part { name, ingest: LiveIngest::new(gives, Timing::default(), latency_ns), sources: sources.collect() }
         });
         let parts = parts.collect();
-        common.board.route(bracketing.route());
+        common.board.route(timed.route());
         guard.iter().for_each(|guard| common.board.in_zones(guard.found()));
-        Ok(Pairing::new(common, parts, bracketing, StuckDetector::new(self.mask), guard, frames, onward))
+        Ok(Pairing::new(common, parts, timed, StuckDetector::new(self.mask), guard, frames, onward))
     }
 }

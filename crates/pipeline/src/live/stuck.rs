@@ -3,7 +3,7 @@
 use mask::MaskSettings;
 use sonoweave_core::region::ClipRect;
 use sonoweave_core::slice::Image;
-use sync::bracket::Placed;
+use sync::pairing::timed::Placed;
 
 /// Detects repeated frames. Only the data rectangle is compared, since a clock beside a stuck
 /// image continues to change.

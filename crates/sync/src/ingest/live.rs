@@ -22,7 +22,7 @@ use sonoweave_core::{Ticks, Timing};
 use super::{Ingest, Picture};
 use crate::clock::{ClockMap, ClockSettings, Mapping, TimeFlags, Timed};
 use crate::history::{PoseSample, Rigid};
-use crate::pairing::RIGID_TOLERANCE;
+use crate::pairing::stamped::RIGID_TOLERANCE;
 
 /// A quaternion whose length differs from 1 by more is refused. Single precision and four
 /// digits leave 10⁻⁴.

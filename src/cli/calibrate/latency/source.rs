@@ -17,7 +17,7 @@ use mask::MaskSettings;
 use sonoweave_core::frames::{affine_from_rows, nearest_rigid};
 use sonoweave_core::reading::{NamedTransform, Reading, Status, transform_name};
 use sync::history::PoseSample as Measured;
-use sync::pairing::RIGID_TOLERANCE;
+use sync::pairing::stamped::RIGID_TOLERANCE;
 use sync::survey;
 
 use super::super::recorded::{Recorded, Shown, Tracks, Unfit, each, seconds, stamps};

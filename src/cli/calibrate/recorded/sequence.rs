@@ -8,8 +8,8 @@ use drivers::replay::SequenceSettings;
 use sonoweave_core::Next;
 use sonoweave_core::frames::{Probe, Reference, Tracker, Transform};
 use sonoweave_core::reading::{NamedTransform, Reading, Stamp, transform_name};
-use sync::pairing::RIGID_TOLERANCE;
-use sync::{Pairing, PairingOptions};
+use sync::pairing::stamped::RIGID_TOLERANCE;
+use sync::{PairingOptions, StampedPairing};
 
 use super::{OfItem, stamps};
 use crate::cli::Failure;
@@ -63,9 +63,9 @@ pub(super) fn poses(path: &Path, sensor: &str, reference: &str) -> Result<Vec<Of
 /// Transform chains to the poses.
 struct Ways {
     /// From the sensor to the frame in which both are tracked, or to the reference itself.
-    sensor: Pairing,
+    sensor: StampedPairing,
     /// The same from the reference.
-    reference: Option<Pairing>,
+    reference: Option<StampedPairing>,
 }
 
 impl Ways {
@@ -81,7 +81,7 @@ impl Ways {
         let way = |image: &str, world: &str| {
             let options =
                 PairingOptions { image: image.to_owned(), world: Some(world.to_owned()), statics: Vec::new() };
-            Pairing::with_names(options, names).ok()
+            StampedPairing::with_names(options, names).ok()
         };
         let of_reference = beside(reference);
         let both = beside(sensor).into_iter().find(|name| name != reference && of_reference.contains(name));
@@ -115,7 +115,7 @@ impl Ways {
     }
 }
 
-fn rigid<To, From>(way: &mut Pairing, stamp: &Stamp) -> Result<Transform<To, From>, String> {
+fn rigid<To, From>(way: &mut StampedPairing, stamp: &Stamp) -> Result<Transform<To, From>, String> {
     let affine = way.pose_of(stamp).map_err(|refusal| refusal.to_string())?.world_from_image.affine();
     let pose = Transform::<To, From>::from_affine(affine);
     pose.nearest_rigid(RIGID_TOLERANCE).map(|(rigid, _)| rigid).map_err(|bad| format!("item {}: {bad}", stamp.item))

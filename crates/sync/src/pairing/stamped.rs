@@ -1,14 +1,15 @@
-//! Combines images and the transforms of their stamp into posed slices.
+//! Pairing by stamp: combines images and the transforms of their stamp into posed slices, as
+//! recorded sequences have them.
 
 use glam::DAffine3;
 
 use sonoweave_core::frames::{Image as ImageFrame, Transform, World, affine_from_rows, nearest_rigid};
-use sonoweave_core::named::StaticTransform;
 use sonoweave_core::reading::{NamedTransform, Stamp, Status, transform_name};
 use sonoweave_core::refusal::{Reason, Refusal};
 use sonoweave_core::slice::Slice;
 
-use super::graph::{Edge, Names, NoPath, Route, WORLDS, find};
+use super::PairingOptions;
+use crate::graph::{Edge, Names, NoPath, Route};
 use crate::ingest::{Head, Picture};
 
 /// Largest deviation of a tracker's rotation (max |RᵀR − I|) that is repaired by the nearest
@@ -17,26 +18,7 @@ pub const RIGID_TOLERANCE: f64 = 1e-2;
 /// Deviations up to this are rounding; they are repaired without being counted.
 const COUNTED: f64 = 1e-9;
 /// Largest number of named transforms of a source; a header may claim any number.
-pub(super) const MAX_NAMES: usize = 1024;
-
-/// Settings of the pairing stage.
-#[derive(Debug, Clone, PartialEq)]
-pub struct PairingOptions {
-    /// Name of the image frame.
-    pub image: String,
-    /// Name of the world frame, in which the volume is placed. `None`: Reference if a transform
-    /// of the source names it, else Tracker, else World; the first of these that can be
-    /// reached.
-    pub world: Option<String>,
-    /// Constant transforms.
-    pub statics: Vec<StaticTransform>,
-}
-
-impl Default for PairingOptions {
-    fn default() -> Self {
-        Self { image: "Image".into(), world: None, statics: Vec::new() }
-    }
-}
+pub(crate) const MAX_NAMES: usize = 1024;
 
 /// Pose of a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -70,7 +52,7 @@ struct Held {
 
 /// The pairing stage.
 #[derive(Debug)]
-pub struct Pairing {
+pub struct StampedPairing {
     options: PairingOptions,
     held: Vec<Held>,
     route: Option<Route>,
@@ -81,7 +63,7 @@ pub struct Pairing {
     notes: Vec<String>,
 }
 
-impl Pairing {
+impl StampedPairing {
     /// Returns a stage that learns the source's transforms as they arrive. Until a chain to the
     /// world is known, frames are refused; see [`Self::finish`].
     pub fn new(options: PairingOptions) -> Self {
@@ -89,7 +71,7 @@ impl Pairing {
     }
 
     /// Returns a stage that knows the names of the source's transforms in advance (see
-    /// [`super::survey()`]). The choice of the world then does not depend on the content of the
+    /// [`crate::survey()`]). The choice of the world then does not depend on the content of the
     /// first frame.
     ///
     /// # Errors
@@ -130,7 +112,8 @@ impl Pairing {
         self.resolve();
         let item = stamp.item;
         let Some(route) = &self.route else {
-            return Err(Refusal::new(item, Reason::NoPath, self.no_path().to_string()));
+            let why = self.search().map_or_else(|none| none.to_string(), |route| route.describe());
+            return Err(Refusal::new(item, Reason::NoPath, why));
         };
         let mut world_from_image = DAffine3::IDENTITY;
         let (mut projected, mut worst) = (0, 0.0_f64);
@@ -189,7 +172,7 @@ impl Pairing {
     /// # Errors
     /// [`NoPath`], with the transforms known and advice.
     pub fn finish(&self) -> Result<(), NoPath> {
-        if self.route.is_some() { Ok(()) } else { Err(self.no_path()) }
+        if self.route.is_some() { Ok(()) } else { self.search().map(drop) }
     }
 
     /// Index of a transform's name in the list; `None` when there are too many.
@@ -228,15 +211,9 @@ impl Pairing {
         if self.route.is_some() || !std::mem::replace(&mut self.names_changed, false) {
             return;
         }
-        let per_frame: Vec<Names> = self.held.iter().map(|held| held.names.clone()).collect();
-        let statics: Vec<Names> = self.options.statics.iter().map(|t| (t.from.clone(), t.to.clone())).collect();
-        let goals: Vec<&str> = match &self.options.world {
-            Some(world) => vec![world],
-            None => self.worlds(),
-        };
-        let way = |goal: &&str| find(&per_frame, &statics, &self.options.image, goal);
-        let Some(route) = goals.iter().find_map(way) else { return };
-        if let Some(first) = goals.first()
+        let Ok(route) = self.search() else { return };
+        if self.options.world.is_none()
+            && let Some(first) = PairingOptions::worlds(&self.names()).first()
             && *first != route.world()
         {
             let note =
@@ -254,21 +231,12 @@ impl Pairing {
         self.route = Some(route);
     }
 
-    /// The preferred worlds that the source's transforms name.
-    fn worlds(&self) -> Vec<&'static str> {
-        let named = |world: &&str| self.held.iter().any(|held| held.names.0 == **world || held.names.1 == **world);
-        WORLDS.into_iter().filter(named).collect()
+    fn names(&self) -> Vec<Names> {
+        self.held.iter().map(|held| held.names.clone()).collect()
     }
 
-    fn no_path(&self) -> NoPath {
-        let worlds = self.worlds();
-        let wanted = if worlds.is_empty() { WORLDS.to_vec() } else { worlds };
-        NoPath {
-            image: self.options.image.clone(),
-            world: self.options.world.clone().unwrap_or_else(|| wanted.join(" or ")),
-            sequence: self.held.iter().map(Held::name).collect(),
-            configuration: self.options.statics.iter().map(StaticTransform::name).collect(),
-        }
+    fn search(&self) -> Result<Route, NoPath> {
+        self.options.route(&self.names())
     }
 }
 

@@ -1,4 +1,4 @@
-//! Bracketing: frames wait until poses exist on both sides of their time, and then get their
+//! Pairing by time: frames wait until poses exist on both sides of their time, and then get their
 //! pose in the world, with an error bound, or the reason why not.
 //!
 //! Trackers are later or earlier than frames, by latencies, lines and buffers. A frame
@@ -15,12 +15,12 @@ use glam::{DAffine3, DVec3};
 use serde::{Serialize, Serializer};
 
 use sonoweave_core::frames::{Image, Transform, World};
-use sonoweave_core::named::StaticTransform;
 use sonoweave_core::reading::transform_name;
 
-use super::clock::{TimeFlags, Timed};
-use super::graph::{Edge, Names, NoPath, Route, WORLDS, find};
-use super::history::{How, PoseHistory, PoseSample, Rigid, Unavailable};
+use super::PairingOptions;
+use crate::clock::{TimeFlags, Timed};
+use crate::graph::{Edge, Names, NoPath, Route};
+use crate::history::{How, PoseHistory, PoseSample, Rigid, Unavailable};
 
 /// A source of poses: a tracker's station, or an arm.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,16 +44,11 @@ impl Source {
     }
 }
 
-/// Settings of the bracketing stage.
+/// Settings of pairing by time.
 #[derive(Debug, Clone, PartialEq)]
-pub struct BracketOptions {
-    /// Name of the image frame.
-    pub image: String,
-    /// Name of the world frame, in which the volume is placed. `None`: Reference if a source
-    /// names it and it can be reached, else Tracker, else World.
-    pub world: Option<String>,
-    /// Constant transforms, including the probe calibration.
-    pub statics: Vec<StaticTransform>,
+pub struct TimedOptions {
+    /// The names of the frames, and the constant transforms.
+    pub pairing: PairingOptions,
     /// Sources of poses.
     pub sources: Vec<Source>,
     /// Longest wait of a frame, ns: the trackers' greatest latency plus a period, with a
@@ -65,12 +60,10 @@ pub struct BracketOptions {
     pub kept: usize,
 }
 
-impl Default for BracketOptions {
+impl Default for TimedOptions {
     fn default() -> Self {
         Self {
-            image: "Image".into(),
-            world: None,
-            statics: Vec::new(),
+            pairing: PairingOptions::default(),
             sources: Vec::new(),
             wait_ns: 500_000_000,
             most_waiting: 64,
@@ -124,7 +117,7 @@ fn as_text<S: Serializer>(name: &Arc<str>, to: S) -> Result<S::Ok, S::Error> {
 pub enum Unplaced {
     /// A source has no pose at its time.
     Pose {
-        /// Index of the source in [`BracketOptions::sources`].
+        /// Index of the source in [`TimedOptions::sources`].
         source: usize,
         /// Name of the source, such as `ProbeToTracker`.
         #[serde(serialize_with = "as_text")]
@@ -169,10 +162,10 @@ struct Waiting<T> {
     since_ns: i64,
 }
 
-/// The bracketing stage. `T` is the data that comes with a frame, such as its image.
+/// The stage. `T` is the data that comes with a frame, such as its image.
 #[derive(Debug)]
-pub struct Bracketing<T> {
-    options: BracketOptions,
+pub struct TimedPairing<T> {
+    options: TimedOptions,
     route: Route,
     /// Names of the sources.
     names: Vec<Arc<str>>,
@@ -180,27 +173,14 @@ pub struct Bracketing<T> {
     waiting: VecDeque<Waiting<T>>,
 }
 
-impl<T> Bracketing<T> {
+impl<T> TimedPairing<T> {
     /// Returns a stage that only knows the chain of transforms to the world.
     ///
     /// # Errors
     /// [`NoPath`] when no chain leads from the image to the world.
-    pub fn new(options: BracketOptions) -> Result<Self, NoPath> {
+    pub fn new(options: TimedOptions) -> Result<Self, NoPath> {
         let names: Vec<Names> = options.sources.iter().map(|s| (s.from.clone(), s.to.clone())).collect();
-        let statics: Vec<Names> = options.statics.iter().map(|t| (t.from.clone(), t.to.clone())).collect();
-        let named = |world: &&str| names.iter().any(|(from, to)| from == *world || to == *world);
-        let goals: Vec<&str> = match &options.world {
-            Some(world) => vec![world],
-            None => WORLDS.into_iter().filter(named).collect(),
-        };
-        let Some(route) = goals.iter().find_map(|goal| find(&names, &statics, &options.image, goal)) else {
-            return Err(NoPath {
-                image: options.image,
-                world: if goals.is_empty() { WORLDS.join(" or ") } else { goals.join(" or ") },
-                sequence: names.iter().map(|(from, to)| transform_name(from, to)).collect(),
-                configuration: options.statics.iter().map(StaticTransform::name).collect(),
-            });
-        };
+        let route = options.pairing.route(&names)?;
         let histories = options.sources.iter().map(|s| PoseHistory::new(options.kept, s.longest_gap_ns)).collect();
         let waiting = VecDeque::with_capacity(options.most_waiting + 1);
         let names = names.iter().map(|(from, to)| transform_name(from, to).into()).collect();
@@ -285,7 +265,7 @@ impl<T> Bracketing<T> {
         for step in &self.route.steps {
             let affine = match step.edge {
                 Edge::Static(index) => {
-                    let affine = self.options.statics[index].affine;
+                    let affine = self.options.pairing.statics[index].affine;
                     if step.inverted { affine.inverse() } else { affine }
                 }
                 Edge::PerFrame(index) => {
@@ -332,7 +312,7 @@ impl<T> Bracketing<T> {
         let mut world_from_image = DAffine3::IDENTITY;
         for step in &self.route.steps {
             let affine = match step.edge {
-                Edge::Static(index) => self.options.statics[index].affine,
+                Edge::Static(index) => self.options.pairing.statics[index].affine,
                 Edge::PerFrame(index) => pose(index)?.affine(),
             };
             world_from_image = if step.inverted { affine.inverse() } else { affine } * world_from_image;

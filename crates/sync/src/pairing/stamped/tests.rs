@@ -3,6 +3,8 @@ use proptest::prelude::*;
 
 use sonoweave_core::reading::{Frame, PixelType};
 
+use sonoweave_core::named::StaticTransform;
+
 use super::*;
 use crate::ingest::Ingest;
 
@@ -60,14 +62,14 @@ fn options() -> PairingOptions {
 }
 
 /// A stage that has processed frame 0 by way of Probe, Tracker and Reference.
-fn running() -> Pairing {
-    let mut pairing = Pairing::new(options());
+fn running() -> StampedPairing {
+    let mut pairing = StampedPairing::new(options());
     deliver(&mut pairing, 0);
     pairing.frame(picture(0)).unwrap();
     pairing
 }
 
-fn deliver(pairing: &mut Pairing, item: u64) {
+fn deliver(pairing: &mut StampedPairing, item: u64) {
     let x = item as f64;
     pairing.transform(named(item, "ProbeToTracker", rows(rigid(0.3 + 0.01 * x, x))));
     pairing.transform(named(item, "ReferenceToTracker", rows(rigid(-0.9, 40.0))));
@@ -78,7 +80,7 @@ fn deliver(pairing: &mut Pairing, item: u64) {
 
 #[test]
 fn slice_pose_is_product_of_transforms() {
-    let mut pairing = Pairing::new(options());
+    let mut pairing = StampedPairing::new(options());
     deliver(&mut pairing, 0);
     let paired = pairing.frame(picture(0)).unwrap();
     let expected = rigid(-0.9, 40.0).inverse() * rigid(0.3, 0.0) * calibration();
@@ -91,7 +93,7 @@ fn slice_pose_is_product_of_transforms() {
 #[test]
 fn world_from_option_else_reference_tracker_world() {
     let world = |option: Option<&str>, names: &[&str]| {
-        let mut pairing = Pairing::new(PairingOptions { world: option.map(str::to_owned), ..options() });
+        let mut pairing = StampedPairing::new(PairingOptions { world: option.map(str::to_owned), ..options() });
         for name in names {
             pairing.transform(named(0, name, IDENTITY));
         }
@@ -111,12 +113,12 @@ fn world_from_option_else_reference_tracker_world() {
 
 #[test]
 fn image_transforms_need_no_calibration() {
-    let mut pairing = Pairing::new(PairingOptions::default());
+    let mut pairing = StampedPairing::new(PairingOptions::default());
     pairing.transform(named(0, "ImageToTracker", rows(calibration())));
     let paired = pairing.frame(picture(0)).unwrap();
     assert_eq!(paired.slice.world_from_image.affine(), calibration(), "scale and skew are kept");
 
-    let mut pairing = Pairing::new(options());
+    let mut pairing = StampedPairing::new(options());
     pairing.transform(named(0, "ImageToReference", rows(calibration())));
     pairing.frame(picture(0)).unwrap();
     assert_eq!(pairing.notes(), ["ImageToProbe of the configuration is not used: the way is Image → Reference"]);
@@ -124,7 +126,7 @@ fn image_transforms_need_no_calibration() {
 
 #[test]
 fn rounded_rotations_projected_and_counted() {
-    let mut pairing = Pairing::new(options());
+    let mut pairing = StampedPairing::new(options());
     let printed = rows(rigid(0.3, 1.0)).map(|x| (x * 1e4).round() / 1e4);
     pairing.transform(named(0, "ProbeToTracker", printed));
     let paired = pairing.frame(picture(0)).unwrap();
@@ -171,10 +173,10 @@ fn refusal_names_reason_and_leaves_no_trace() {
 fn singular_transform_refused_only_if_in_chain() {
     let mut flat = IDENTITY;
     flat[10] = 0.0;
-    let mut pairing = Pairing::new(PairingOptions::default());
+    let mut pairing = StampedPairing::new(PairingOptions::default());
     pairing.transform(named(0, "ImageToTracker", flat));
     assert_eq!(pairing.frame(picture(0)).unwrap_err().reason, Reason::PoseSingular);
-    let mut pairing = Pairing::new(options());
+    let mut pairing = StampedPairing::new(options());
     pairing.transform(named(0, "ProbeToTracker", IDENTITY));
     pairing.transform(named(0, "ImageToThumbnailImage", flat));
     assert!(pairing.frame(picture(0)).is_ok());
@@ -194,7 +196,7 @@ fn other_size_refused_without_effect() {
 
 #[test]
 fn frames_refused_until_chain_known() {
-    let mut pairing = Pairing::new(PairingOptions::default());
+    let mut pairing = StampedPairing::new(PairingOptions::default());
     pairing.transform(named(0, "ProbeToTracker", IDENTITY));
     let refusal = pairing.frame(picture(0)).unwrap_err();
     assert_eq!(refusal.reason, Reason::NoPath);
@@ -208,7 +210,7 @@ fn frames_refused_until_chain_known() {
     pairing.transform(named(1, "ImageToProbe", rows(calibration())));
     assert!(pairing.frame(picture(1)).is_ok());
     assert!(pairing.finish().is_ok());
-    assert!(Pairing::with_names(PairingOptions::default(), &[("Probe".into(), "Tracker".into())]).is_err());
+    assert!(StampedPairing::with_names(PairingOptions::default(), &[("Probe".into(), "Tracker".into())]).is_err());
 }
 
 #[test]
@@ -217,7 +219,7 @@ fn dropout_never_changes_chain() {
     // must not fall back on it.
     let mut options = options();
     options.statics.push(StaticTransform::new("Reference", "Tracker", &IDENTITY).unwrap());
-    let mut pairing = Pairing::new(options);
+    let mut pairing = StampedPairing::new(options);
     deliver(&mut pairing, 0);
     pairing.frame(picture(0)).unwrap();
     deliver(&mut pairing, 1);
@@ -229,7 +231,7 @@ fn dropout_never_changes_chain() {
 
 #[test]
 fn number_of_names_is_bounded() {
-    let mut pairing = Pairing::new(options());
+    let mut pairing = StampedPairing::new(options());
     for item in 0..5_000 {
         pairing.transform(named(item, &format!("Tool{item}ToBase"), IDENTITY));
     }
@@ -241,7 +243,7 @@ proptest! {
     #[test]
     fn transform_direction_does_not_matter(angle in -3.0..3.0_f64, x in -100.0..100.0_f64, flips in 0_u8..8) {
         let edges = [("Image", "Probe", calibration()), ("Probe", "Tracker", rigid(angle, x)), ("Reference", "Tracker", rigid(x, angle))];
-        let mut pairing = Pairing::new(PairingOptions::default());
+        let mut pairing = StampedPairing::new(PairingOptions::default());
         for (bit, (from, to, affine)) in edges.into_iter().enumerate() {
             let (name, affine) = if flips >> bit & 1 == 1 {
                 (format!("{to}To{from}"), affine.inverse())
@@ -258,7 +260,7 @@ proptest! {
 
 #[test]
 fn world_fixed_by_first_slice() {
-    let mut pairing = Pairing::new(options());
+    let mut pairing = StampedPairing::new(options());
     pairing.transform(named(0, "ProbeToTracker", IDENTITY));
     let first = pairing.frame(picture(0)).unwrap();
     pairing.transform(named(1, "ProbeToTracker", IDENTITY));

@@ -2,6 +2,8 @@ use std::borrow::Cow;
 
 use glam::DQuat;
 
+use sonoweave_core::named::StaticTransform;
+
 use super::*;
 
 const MS: i64 = 1_000_000;
@@ -11,9 +13,14 @@ fn calibration() -> StaticTransform {
     StaticTransform::new("Image", "Probe", &rows).unwrap()
 }
 
-fn options() -> BracketOptions {
+fn options() -> TimedOptions {
     let sources = vec![Source::new("Probe", "Tracker"), Source::new("Reference", "Tracker")];
-    BracketOptions { statics: vec![calibration()], sources, most_waiting: 3, ..BracketOptions::default() }
+    TimedOptions {
+        pairing: PairingOptions { statics: vec![calibration()], ..PairingOptions::default() },
+        sources,
+        most_waiting: 3,
+        ..TimedOptions::default()
+    }
 }
 
 /// The probe moves and turns; the patient moves the other way.
@@ -42,7 +49,7 @@ fn world_from_image(at_ns: i64) -> DAffine3 {
 
 #[test]
 fn frame_waits_for_poses_on_both_sides_then_true_pose() {
-    let mut stage = Bracketing::new(options()).unwrap();
+    let mut stage = TimedPairing::new(options()).unwrap();
     assert_eq!(stage.route().describe(), "Image → Probe → Tracker → Reference");
     for ms in [0, 10, 20] {
         stage.pose(0, sample(0, ms));
@@ -77,7 +84,7 @@ fn clock_and_tracker_errors_are_in_error_bound() {
         let mut options = options();
         options.sources[0].noise_mm = noise_mm;
         options.sources[0].noise_rad = noise_rad;
-        let mut stage = Bracketing::new(options).unwrap();
+        let mut stage = TimedPairing::new(options).unwrap();
         for ms in [0, 10, 20, 30] {
             stage.pose(0, PoseSample { bound_ns, ..sample(0, ms) });
             stage.pose(1, PoseSample { bound_ns, ..sample(1, ms) });
@@ -95,8 +102,8 @@ fn clock_and_tracker_errors_are_in_error_bound() {
 
 #[test]
 fn frame_without_pose_gets_source_and_reason() {
-    let answer = |prepare: &dyn Fn(&mut Bracketing<()>), frame: FrameTime| {
-        let mut stage = Bracketing::new(options()).unwrap();
+    let answer = |prepare: &dyn Fn(&mut TimedPairing<()>), frame: FrameTime| {
+        let mut stage = TimedPairing::new(options()).unwrap();
         for ms in [100, 110, 120] {
             stage.pose(0, sample(0, ms));
         }
@@ -112,7 +119,7 @@ fn frame_without_pose_gets_source_and_reason() {
         };
         (answered.waited_ns / MS, answered.answer.unwrap_err().to_string())
     };
-    let both = |stage: &mut Bracketing<()>| [100, 110, 120].iter().for_each(|ms| stage.pose(1, sample(1, *ms)));
+    let both = |stage: &mut TimedPairing<()>| [100, 110, 120].iter().for_each(|ms| stage.pose(1, sample(1, *ms)));
     assert_eq!(answer(&|_| {}, frame(115)), (500, "ReferenceToTracker: nothing was received".into()));
     assert_eq!(
         answer(&both, frame(125)),
@@ -123,9 +130,9 @@ fn frame_without_pose_gets_source_and_reason() {
         answer(&both, frame(95)),
         (0, "ProbeToTracker: the time is 5.0 ms before the first pose that is kept".into())
     );
-    let gap = |stage: &mut Bracketing<()>| [0, 300].iter().for_each(|ms| stage.pose(1, sample(1, *ms)));
+    let gap = |stage: &mut TimedPairing<()>| [0, 300].iter().for_each(|ms| stage.pose(1, sample(1, *ms)));
     assert_eq!(answer(&gap, frame(115)), (0, "ReferenceToTracker: the poses about the time lie 300.0 ms apart".into()));
-    let invalid = |stage: &mut Bracketing<()>| {
+    let invalid = |stage: &mut TimedPairing<()>| {
         both(stage);
         stage.pose(1, PoseSample { invalid: Some(Cow::Borrowed("signal weak")), ..sample(1, 120) });
     };
@@ -133,7 +140,7 @@ fn frame_without_pose_gets_source_and_reason() {
         answer(&invalid, frame(115)),
         (0, "ReferenceToTracker: a pose about the time is not valid: signal weak".into())
     );
-    let lost = |stage: &mut Bracketing<()>| {
+    let lost = |stage: &mut TimedPairing<()>| {
         both(stage);
         stage.pose(0, PoseSample { flags: TimeFlags::LOST, ..sample(0, 120) });
     };
@@ -144,7 +151,7 @@ fn frame_without_pose_gets_source_and_reason() {
 
 #[test]
 fn queue_is_bounded_and_ordered() {
-    let mut stage = Bracketing::new(options()).unwrap();
+    let mut stage = TimedPairing::new(options()).unwrap();
     for n in 0..3 {
         assert!(stage.frame(frame(n), 0, n).is_none());
     }
@@ -163,9 +170,9 @@ fn queue_is_bounded_and_ordered() {
 fn world_is_reference_if_present_and_no_path_reported() {
     let mut options = options();
     options.sources.pop();
-    let stage = Bracketing::<()>::new(options.clone()).unwrap();
+    let stage = TimedPairing::<()>::new(options.clone()).unwrap();
     assert_eq!(stage.route().world(), "Tracker");
-    options.statics.clear();
-    let error = Bracketing::<()>::new(options).unwrap_err().to_string();
+    options.pairing.statics.clear();
+    let error = TimedPairing::<()>::new(options).unwrap_err().to_string();
     assert!(error.contains("no way from Image to Tracker"), "{error}");
 }

@@ -1,0 +1,64 @@
+#!/bin/sh
+# Builds all tests, and runs their programs side by side, one for each core: many of them mostly
+# wait. Prints the time of each program, and what a failed one has printed.
+#
+#   scripts/test.sh CARGO-OPTIONS…
+#
+# The options select the packages. Every test program of theirs is run, and all documentation tests.
+set -eu
+cd "$(dirname "$0")/.."
+began=$(date +%s)
+
+cargo test "$@" --no-run
+logs=$(mktemp -d)
+trap 'rm -rf "$logs"' EXIT
+export logs
+
+# Lines of package, its folder, and program. Nothing is built again.
+cargo test "$@" --no-run --message-format=json 2>/dev/null | sed -n \
+    's/.*"package_id":"[^"]*#\([a-z0-9-]*\)@[^"]*","manifest_path":"\([^"]*\)\/Cargo.toml".*"test":true}.*"executable":"\([^"]*\)".*/\1 \2 \3/p' \
+    >"$logs/programs"
+[ -s "$logs/programs" ] || {
+    echo "test: cargo named no test program" >&2
+    exit 1
+}
+count=$(wc -l <"$logs/programs")
+
+# The long ones first. They have the environment in which cargo runs tests.
+cat >"$logs/run" <<'EOF'
+#!/bin/sh
+package=$1 folder=$2 program=$3
+name="$package/$(basename "$program" | sed 's/-[0-9a-f]*$//')"
+began=$(date +%s)
+cd "$folder" || exit 1
+if [ "$program" = doc ]; then
+    # shellcheck disable=SC2086 # options are words
+    cargo test $4 --doc >"$logs/$package-doc.log" 2>&1
+else
+    CARGO=$(command -v cargo) CARGO_MANIFEST_DIR=$folder CARGO_PKG_NAME=$package "$program" \
+        >"$logs/$(basename "$program").log" 2>&1
+fi
+code=$?
+seconds=$(($(date +%s) - began))
+if [ $code -eq 0 ]; then
+    printf '%6d s  passed  %s\n' $seconds "$name"
+else
+    # One write, so that the logs of two programs do not mix.
+    printf '%s\n%6d s  FAILED  %s\n' "$(cat "$logs"/*"$(basename "$program")".log)" $seconds "$name"
+    exit 1
+fi
+EOF
+chmod +x "$logs/run"
+long='/(cli|recordings|stress|live)-[0-9a-f]*$'
+{
+    grep -E "$long" "$logs/programs"
+    echo "documentation $PWD doc $(printf '"%s"' "$*")"
+    grep -vE "$long" "$logs/programs"
+} >"$logs/order"
+code=0
+xargs -P "$(nproc)" -L 1 "$logs/run" <"$logs/order" || code=$?
+[ $code -eq 0 ] || {
+    echo "test: failed after $(($(date +%s) - began)) s; run one with: cargo test -p PACKAGE --test NAME" >&2
+    exit 1
+}
+echo "test: $count programs and the documentation passed in $(($(date +%s) - began)) s"
