@@ -49,11 +49,10 @@ else
 fi
 EOF
 chmod +x "$logs/run"
-long='/(cli|recordings|stress|live)-[0-9a-f]*$'
 {
-    grep -E "$long" "$logs/programs"
+    sed -En '/\/(cli|recordings|stress|live)-[0-9a-f]*$/p' "$logs/programs"
     echo "documentation $PWD doc $(printf '"%s"' "$*")"
-    grep -vE "$long" "$logs/programs"
+    sed -E '/\/(cli|recordings|stress|live)-[0-9a-f]*$/d' "$logs/programs"
 } >"$logs/order"
 code=0
 xargs -P "$(nproc)" -L 1 "$logs/run" <"$logs/order" || code=$?
