@@ -21,7 +21,7 @@ const DOCUMENTS: [&str; 11] = [
 
 /// A command that begins with `sonoweave ` in a text.
 #[derive(Debug, PartialEq, Eq)]
-struct Told {
+struct QuotedCommand {
     command: String,
     /// Whether it is a complete command: a line of a block, behind `$ ` or alone. Text between
     /// backticks may only mention a command.
@@ -30,7 +30,7 @@ struct Told {
 
 /// Returns the commands in a text, also behind `sudo` and its flags, up to a comment, a pipe or a
 /// redirection.
-fn commands(text: &str) -> Vec<Told> {
+fn commands(text: &str) -> Vec<QuotedCommand> {
     let mut all = Vec::new();
     let mut in_block = false;
     for line in text.lines() {
@@ -43,7 +43,7 @@ fn commands(text: &str) -> Vec<Told> {
             all.extend(line.strip_prefix("#   ").map(|typed| (typed, true)));
         }
     }
-    let told = |(line, whole)| Some(Told { command: command(line)?, whole });
+    let told = |(line, whole)| Some(QuotedCommand { command: command(line)?, whole });
     all.into_iter().filter_map(told).collect()
 }
 
@@ -67,7 +67,7 @@ fn words(command: &str) -> Vec<String> {
 }
 
 /// Returns why the program would refuse the command.
-fn refused(told: &Told) -> Option<String> {
+fn refused(told: &QuotedCommand) -> Option<String> {
     let error = sonoweave_packaging::command_line().try_get_matches_from(words(&told.command)).err()?;
     let unknown = matches!(error.kind(), ErrorKind::UnknownArgument | ErrorKind::InvalidSubcommand);
     let asked = matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion);
@@ -103,6 +103,6 @@ fn invalid_commands_are_detected() {
     assert!(refused(&told[0]).is_some_and(|why| why.contains("--keys")));
     assert_eq!(refused(&told[1]), None);
     assert!(refused(&told[2]).is_some_and(|why| why.contains("--output")));
-    assert_eq!(refused(&Told { whole: false, command: "sonoweave phantom".into() }), None, "only spoken of");
+    assert_eq!(refused(&QuotedCommand { whole: false, command: "sonoweave phantom".into() }), None, "only spoken of");
     assert_eq!(words("a \"b c\" d"), ["a", "b c", "d"]);
 }

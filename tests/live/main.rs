@@ -11,17 +11,17 @@
 )]
 
 mod arm;
+mod commands;
 mod disk;
-mod gather;
 mod order;
 mod picture;
 mod plugs;
 mod process;
+mod record_only;
 mod replay;
 mod scanner;
 mod script;
 mod sections;
 mod set;
 mod tracker;
-mod wishes;
 mod zones;

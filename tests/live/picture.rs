@@ -228,19 +228,19 @@ fn late_viewer_sees_all_and_last_picture_uses_home_view() {
 
 /// A viewer that changes the style of the picture, and resets it.
 #[derive(Default)]
-struct Dresser {
+struct Restyler {
     worn: AtomicU64,
     asked: AtomicU64,
     seen: std::sync::Mutex<Vec<(u64, render::Picture)>>,
 }
 
-impl Dresser {
+impl Restyler {
     fn pictures(&self) -> usize {
         self.seen.lock().unwrap().len()
     }
 }
 
-impl ViewClient for Dresser {
+impl ViewClient for Restyler {
     fn settings(&self, _: &First) -> Result<RenderSettings, Box<dyn std::error::Error + Send + Sync>> {
         Ok(RenderSettings::new([64, 64], Transfer::preset("tissue", [0.0, 255.0])?))
     }
@@ -269,7 +269,7 @@ impl ViewClient for Dresser {
 fn new_style_renders_once_and_last_picture_is_as_configured() {
     let never = Visitor::new(true);
     let expected = visited(&never, |used| used == COUNT).drawn.unwrap();
-    let dresser = Arc::new(Dresser::default());
+    let dresser = Arc::new(Restyler::default());
     let begin_ns = begin();
     let set = Set::of(poses(begin_ns, COUNT).that_stays(), all_frames(begin_ns, COUNT));
     let set = Set { looks: Some(Arc::clone(&dresser) as Arc<dyn ViewClient>), ..set };

@@ -46,14 +46,14 @@ fn sonoweave(place: &TempDir, arguments: &[&str]) -> (Option<i32>, String, Strin
 }
 
 /// Result of a reconstruction with default settings.
-struct Woven {
+struct Reconstructed {
     place: TempDir,
     statistics: Value,
     values: Vec<u8>,
     weights: Vec<f32>,
 }
 
-impl Woven {
+impl Reconstructed {
     fn new(folder: &Path, sequence: &str, config: &str, flags: &[&str]) -> Result<Self, Failed> {
         let place = tempfile::tempdir()?;
         let [sequence, config] =
@@ -109,7 +109,7 @@ pub(crate) fn bytes(volume: &Path) -> Result<Vec<u8>, Failed> {
 }
 
 fn spine(folder: &Path) -> Result<(), Failed> {
-    let woven = Woven::new(folder, SPINE, SPINE_XML, &[])?;
+    let woven = Reconstructed::new(folder, SPINE, SPINE_XML, &[])?;
     woven.check(21, 500_000..600_000);
     // The scanner's image: columns 187 to 631, rows 12 to 601 of 820×616.
     assert_eq!(woven.statistics["data_rectangle"], json!([187, 12, 445, 590]));
@@ -117,7 +117,7 @@ fn spine(folder: &Path) -> Result<(), Failed> {
     assert_eq!(woven.statistics["grid"]["spacing"], json!([0.5, 0.5, 0.5]));
     let brightest = woven.seen().max().ok_or("nothing seen")?;
     assert!((200..=255).contains(&brightest), "{brightest}");
-    let with_frame = Woven::new(folder, SPINE, SPINE_XML, &["--clip", "none"])?;
+    let with_frame = Reconstructed::new(folder, SPINE, SPINE_XML, &["--clip", "none"])?;
     let (without, with) = (woven.seen().count(), with_frame.seen().count());
     assert!(with * 10 > without * 15, "the frame's border would fill {with} voxels instead of {without}");
     // Black is a value in the vertebrae's shadow, but the border would have been black
@@ -130,7 +130,7 @@ fn spine(folder: &Path) -> Result<(), Failed> {
 fn spine_against_nearest(folder: &Path) -> Result<(), Failed> {
     // On the lattice that PLUS chose for this recording.
     let flags = ["--origin", "-74.5217,165.573,29.072", "--size", "147,106,105"];
-    let woven = Woven::new(folder, SPINE, SPINE_XML, &flags)?;
+    let woven = Reconstructed::new(folder, SPINE, SPINE_XML, &flags)?;
     let c = woven.against(&folder.join(NEAREST))?;
     assert!(c["voxels"].as_u64() > Some(300_000), "{c}");
     assert!(c["correlation"].as_f64() > Some(0.95), "{c}");
@@ -142,7 +142,7 @@ fn spine_against_nearest(folder: &Path) -> Result<(), Failed> {
 
 fn spine_against_linear(folder: &Path) -> Result<(), Failed> {
     let flags = ["--origin", "-57.0272,168.545,30.5384", "--size", "80,93,98"];
-    let woven = Woven::new(folder, SPINE, FAN_XML, &flags)?;
+    let woven = Reconstructed::new(folder, SPINE, FAN_XML, &flags)?;
     woven.check(21, 100_000..400_000);
     let c = woven.against(&folder.join(LINEAR))?;
     assert!(c["voxels"].as_u64() > Some(80_000) && c["correlation"].as_f64() > Some(0.95), "{c}");
@@ -150,37 +150,37 @@ fn spine_against_linear(folder: &Path) -> Result<(), Failed> {
 }
 
 fn spine_bits(folder: &Path) -> Result<(), Failed> {
-    let reference = Woven::new(folder, SPINE, SPINE_XML, &["--threads", "1", "--simd", "portable"])?;
+    let reference = Reconstructed::new(folder, SPINE, SPINE_XML, &["--threads", "1", "--simd", "portable"])?;
     for flags in [["--threads", "1", "--simd", "auto"], ["--threads", "2", "--simd", "auto"]] {
-        let other = Woven::new(folder, SPINE, SPINE_XML, &flags)?;
+        let other = Reconstructed::new(folder, SPINE, SPINE_XML, &flags)?;
         assert!(other.values == reference.values && other.weights == reference.weights, "{flags:?}");
     }
     Ok(())
 }
 
 fn nwire_freehand(folder: &Path) -> Result<(), Failed> {
-    let woven = Woven::new(folder, NWIRE, SPINE_XML, &[])?;
+    let woven = Reconstructed::new(folder, NWIRE, SPINE_XML, &[])?;
     woven.check(97, 400_000..1_200_000);
     nwire(&woven);
     Ok(())
 }
 
 fn nwire_calibration(folder: &Path) -> Result<(), Failed> {
-    let woven = Woven::new(folder, CALIBRATION, RESULTS_XML, &[])?;
+    let woven = Reconstructed::new(folder, CALIBRATION, RESULTS_XML, &[])?;
     woven.check(188, 200_000..1_100_000);
     nwire(&woven);
     Ok(())
 }
 
 fn nwire_validation(folder: &Path) -> Result<(), Failed> {
-    let woven = Woven::new(folder, VALIDATION, RESULTS_XML, &[])?;
+    let woven = Reconstructed::new(folder, VALIDATION, RESULTS_XML, &[])?;
     woven.check(94, 200_000..1_100_000);
     nwire(&woven);
     Ok(())
 }
 
 /// Checks for bright wires in black water, with no part of the frame taken for its border.
-fn nwire(woven: &Woven) {
+fn nwire(woven: &Reconstructed) {
     assert_eq!(woven.statistics["data_pixels"], 820 * 616);
     let brightest = woven.seen().max().unwrap_or(0);
     assert!((100..=255).contains(&brightest), "{brightest}");

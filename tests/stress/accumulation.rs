@@ -7,7 +7,7 @@ use sonoweave_core::frames::Transform;
 use sonoweave_core::slice::{Image, Slice};
 
 use crate::figures::{Length, Sheet, Test};
-use crate::weaving::{Probe, constant, half_mm, off_constant, seen, weave};
+use crate::insertion::{Probe, constant, half_mm, off_constant, seen, weave};
 
 /// A value with a full mantissa.
 const CONSTANT: f32 = 77.3;

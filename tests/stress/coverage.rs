@@ -7,9 +7,9 @@ use reconstruct::{Reconstructor, Settings, SettingsError};
 use sonoweave_core::region::Fan;
 
 use crate::figures::{Sheet, Test};
+use crate::insertion::{METHODS, Probe, compare, constant, half_mm, noise, off_constant, turned};
 use crate::place::Place;
 use crate::sequence::{Sequence, pose};
-use crate::weaving::{METHODS, Probe, compare, constant, half_mm, noise, off_constant, turned};
 
 pub(crate) fn tests() -> Vec<Test> {
     vec![
@@ -108,7 +108,7 @@ fn fan(sheet: &mut Sheet) {
         for i in 0..10_u8 {
             // Pixels outside the data must not matter, whatever their value.
             let picture =
-                crate::weaving::image(size, |u, v| if fan.contains(u, v) { grey } else { f32::from(i) * 1e6 });
+                crate::insertion::image(size, |u, v| if fan.contains(u, v) { grey } else { f32::from(i) * 1e6 });
             r.insert(&probe.put(&picture, 0.3 * f64::from(i))).unwrap();
         }
         let (worst, seen) = off_constant(&r, grey);
@@ -119,7 +119,7 @@ fn fan(sheet: &mut Sheet) {
             4.0,
         );
         let last = probe.put(&constant(size, grey), 2.7);
-        let c = compare(&crate::weaving::weave(half_mm(), &fan, [&last]), &last, &fan, 1e-5);
+        let c = compare(&crate::insertion::weave(half_mm(), &fan, [&last]), &last, &fan, 1e-5);
         sheet.equal(&format!("grey {name}: one slice's voxels, missing and surplus"), (c.missing, c.surplus), (0, 0));
     }
 }

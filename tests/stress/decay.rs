@@ -10,7 +10,7 @@ use sonoweave_core::slice::Slice;
 use volume::Voxels;
 
 use crate::figures::{Sheet, Test};
-use crate::weaving::{PATHS, Probe, constant, half_mm, held, on_the_world_s_axes, weaver};
+use crate::insertion::{PATHS, Probe, constant, half_mm, held, on_the_world_s_axes, weaver};
 
 const SECOND: f64 = 1e9;
 

@@ -11,8 +11,8 @@ use sonoweave_core::region::Fan;
 use sonoweave_core::slice::{Image, Slice};
 
 use crate::figures::{Sheet, Test};
+use crate::insertion::{Probe, constant, content, half_mm, held, noise, on_the_world_s_axes, weaver};
 use crate::planar::{SIZE, full, moved, refusing, settings, sweep, woven};
-use crate::weaving::{Probe, constant, content, half_mm, held, noise, on_the_world_s_axes, weaver};
 
 pub(crate) fn tests() -> Vec<Test> {
     vec![

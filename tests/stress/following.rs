@@ -14,10 +14,10 @@ use volume::Values;
 use volume::brick::BrickIndex;
 
 use crate::figures::{Sheet, Test};
+use crate::insertion::{image, posed, turned};
 use crate::pictures::{Field, lattice, other_bits, random};
 use crate::place::Place;
 use crate::sequence::{Sequence, grey, pose};
-use crate::weaving::{image, posed, turned};
 
 const SLICES: u32 = 100;
 const SIZE: [u32; 2] = [30, 26];

@@ -13,9 +13,9 @@ use render::{Picture, RenderSettings, reference};
 use sonoweave_core::reading::PixelType;
 
 use crate::figures::{Sheet, Test};
+use crate::insertion::turned;
 use crate::pictures::{Field, drawn, lattice, millimetres, random_at, rising, sane, whole};
 use crate::place::Place;
-use crate::weaving::turned;
 
 pub(crate) fn tests() -> Vec<Test> {
     vec![

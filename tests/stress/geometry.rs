@@ -10,7 +10,7 @@ use reconstruct::{Reconstructor, Settings, Simd};
 use sonoweave_core::slice::Slice;
 
 use crate::figures::{Sheet, Test};
-use crate::weaving::{METHODS, Probe, compare, grid_around, half_mm, noise, seen, turned, weave, weighted};
+use crate::insertion::{METHODS, Probe, compare, grid_around, half_mm, noise, seen, turned, weave, weighted};
 
 pub(crate) fn tests() -> Vec<Test> {
     vec![
@@ -197,7 +197,7 @@ fn far_away(sheet: &mut Sheet) {
     let moved = |slice: &Slice, by: f64| {
         let pose = slice.world_from_image.affine();
         let pose = DAffine3 { translation: pose.translation + DVec3::splat(by), ..pose };
-        crate::weaving::posed(&slice.image, pose)
+        crate::insertion::posed(&slice.image, pose)
     };
     let origin = weave(half_mm(), &near.mask(), &slices);
     for distance in [1e3, 1e6] {

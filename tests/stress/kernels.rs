@@ -12,7 +12,7 @@ use reconstruct::{Reconstructor, Settings};
 use sonoweave_core::slice::Slice;
 
 use crate::figures::{Sheet, Test};
-use crate::weaving::{METHODS, Probe, Voxel, WIDE, half_mm, positions, seen, turned, weave};
+use crate::insertion::{METHODS, Probe, Voxel, WIDE, half_mm, positions, seen, turned, weave};
 
 pub(crate) fn tests() -> Vec<Test> {
     vec![

@@ -19,6 +19,7 @@ mod folding;
 mod following;
 mod foreign;
 mod geometry;
+mod insertion;
 mod kernels;
 mod memory;
 mod order;
@@ -38,7 +39,6 @@ mod slabs;
 mod support;
 mod surfaces;
 mod time;
-mod weaving;
 
 use std::sync::Arc;
 

@@ -6,7 +6,7 @@ use reconstruct::{Reconstructor, Refused, Settings};
 use volume::Brick;
 
 use crate::figures::{Sheet, Test};
-use crate::weaving::{Probe, constant, half_mm, noise, state};
+use crate::insertion::{Probe, constant, half_mm, noise, state};
 
 pub(crate) fn tests() -> Vec<Test> {
     vec![

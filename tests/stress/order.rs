@@ -7,7 +7,7 @@ use sonoweave_core::region::Fan;
 use sonoweave_core::slice::Slice;
 
 use crate::figures::{Length, Sheet, Test};
-use crate::weaving::{Probe, half_mm, noise, state, turned, weave, weighted};
+use crate::insertion::{Probe, half_mm, noise, state, turned, weave, weighted};
 
 pub(crate) fn tests(length: Length) -> Vec<Test> {
     let slices = length.of(24, 200);

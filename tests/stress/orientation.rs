@@ -10,7 +10,7 @@ use reconstruct::kernel::Method;
 use sonoweave_core::slice::{Image, Pixels, Slice};
 
 use crate::figures::{Sheet, Test};
-use crate::weaving::{METHODS, Probe, half_mm, posed, positions, seen, turned, weave};
+use crate::insertion::{METHODS, Probe, half_mm, posed, positions, seen, turned, weave};
 
 pub(crate) fn tests() -> Vec<Test> {
     vec![Test::new(

@@ -14,7 +14,7 @@ use volume::brick_volume::SEEN;
 use volume::{Grid, Voxels};
 
 use crate::figures::{Length, Sheet, Test};
-use crate::weaving::{Probe, WIDE, constant, content, half_mm, held, noise, posed, weaver};
+use crate::insertion::{Probe, WIDE, constant, content, half_mm, held, noise, posed, weaver};
 
 pub(crate) const SIZE: [u32; 2] = [44, 36];
 
@@ -267,7 +267,7 @@ fn border(sheet: &mut Sheet) {
         let clip = ClipRect::new(4, 3, 33, 29).unwrap();
         let mask = Mask::rect(SIZE[0], SIZE[1], clip);
         let picture = |i: u32| {
-            crate::weaving::image(SIZE, |u, v| if mask.contains(u, v) { grey } else { f32::from(i as u8) * 1e6 })
+            crate::insertion::image(SIZE, |u, v| if mask.contains(u, v) { grey } else { f32::from(i as u8) * 1e6 })
         };
         let slices: Vec<Slice> =
             (0..).zip(sweep(DQuat::IDENTITY, 10)).map(|(i, slice)| Slice { image: picture(i), ..slice }).collect();

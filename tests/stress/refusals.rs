@@ -7,9 +7,9 @@ use reconstruct::{Reconstructor, Refused};
 use sonoweave_core::slice::Slice;
 
 use crate::figures::{Sheet, Test};
+use crate::insertion::{Probe, half_mm, noise, posed, state};
 use crate::place::Place;
 use crate::sequence::{Sequence, grey};
-use crate::weaving::{Probe, half_mm, noise, posed, state};
 
 pub(crate) fn tests() -> Vec<Test> {
     vec![

@@ -12,8 +12,8 @@ use reconstruct::{Reconstructor, Settings};
 use sonoweave_core::slice::Slice;
 
 use crate::figures::{Sheet, Test};
+use crate::insertion::{METHODS, Probe, constant, half_mm, positions, seen, weave};
 use crate::kernels::passed;
-use crate::weaving::{METHODS, Probe, constant, half_mm, positions, seen, weave};
 
 pub(crate) fn tests() -> Vec<Test> {
     vec![

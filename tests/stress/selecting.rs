@@ -7,7 +7,7 @@ use sonoweave_core::slice::Slice;
 use volume::brick_volume::SEEN;
 
 use crate::figures::{Sheet, Test};
-use crate::weaving::{METHODS, Probe, constant, content, half_mm, held, noise, state, turned};
+use crate::insertion::{METHODS, Probe, constant, content, half_mm, held, noise, state, turned};
 
 const BOTH: [Compounding; 2] = [Compounding::Maximum, Compounding::Latest];
 
@@ -133,7 +133,7 @@ fn fan(sheet: &mut Sheet) {
             for i in 0..6_u8 {
                 let outside = f32::from(i) * 1e6;
                 let picture =
-                    crate::weaving::image([72, 60], |u, v| if inside.contains(u, v) { 77.3 } else { outside });
+                    crate::insertion::image([72, 60], |u, v| if inside.contains(u, v) { 77.3 } else { outside });
                 r.insert(&probe.put(&picture, 0.3 * f64::from(i))).unwrap();
             }
             let voxels = held(r.volume());

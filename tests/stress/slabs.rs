@@ -10,8 +10,8 @@ use render::classify::transfer::{Colour, Curve, Opacity, Transfer};
 use render::{RenderRegion, RenderSettings, reference};
 
 use crate::figures::{Sheet, Test};
+use crate::insertion::turned;
 use crate::pictures::{Field, drawn, fog, lattice, millimetres, random_at, rising, sane, whole};
-use crate::weaving::turned;
 
 pub(crate) fn tests() -> Vec<Test> {
     vec![

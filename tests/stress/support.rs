@@ -4,9 +4,9 @@ use reconstruct::kernel::{AxisKernel, KernelError, Support};
 use reconstruct::{Reconstructor, Refused, Settings, SettingsError};
 
 use crate::figures::{Sheet, Test};
+use crate::insertion::{METHODS, Probe, half_mm, noise, seen, state};
 use crate::place::Place;
 use crate::sequence::{Sequence, pose};
-use crate::weaving::{METHODS, Probe, half_mm, noise, seen, state};
 
 pub(crate) fn tests() -> Vec<Test> {
     vec![

@@ -12,8 +12,8 @@ use render::{RenderRegion, RenderSettings, reference};
 use volume::Values;
 
 use crate::figures::{Sheet, Test};
+use crate::insertion::{Probe, constant, turned};
 use crate::pictures::{Field, drawn, lattice, millimetres, random_at, sane};
-use crate::weaving::{Probe, constant, turned};
 
 pub(crate) fn tests() -> Vec<Test> {
     vec![

@@ -15,9 +15,9 @@ use sync::ingest::{Ingest, Sample};
 use sync::{PairingOptions, StampedPairing};
 
 use crate::figures::{Length, Sheet, Test};
+use crate::insertion::{Probe, half_mm, noise, state};
 use crate::place::Place;
 use crate::sequence::Sequence;
-use crate::weaving::{Probe, half_mm, noise, state};
 
 /// Frames of a day at 30 a second.
 const DAY: u32 = 24 * 3600 * 30;

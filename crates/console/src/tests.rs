@@ -16,7 +16,7 @@ use hyper_util::service::TowerToHyperService;
 use serde_json::Value;
 
 use guidance::spacing::Spacing;
-use guidance::{CoachSettings, ScanGuidance};
+use guidance::{GuidanceSettings, ScanGuidance};
 use mask::MaskSettings;
 use pipeline::live::{ClockBoard, DeviceBoard, Unwritten, Written};
 use sonoweave_core::ledger::{Queue, Readings};
@@ -151,7 +151,7 @@ fn status_returns_current_statistics() {
     assert_eq!(told["config"]["volume.spacing_mm"], 0.5);
     assert!(told.get("coach").is_none(), "nobody looks on");
     let spacing = Spacing { gapless_mm: 4.0, even_mm: 2.0 };
-    let settings = CoachSettings { spacing, mask: MaskSettings::default(), calibration: Some("It is old.".into()) };
+    let settings = GuidanceSettings { spacing, mask: MaskSettings::default(), calibration: Some("It is old.".into()) };
     let (latest, coach) = (session(), ScanGuidance::new(settings));
     for at_ns in [0, 1_000_000_000] {
         latest.coached(coach.tell(&eventful(), at_ns));

@@ -11,9 +11,9 @@ use pipeline::live::SessionStatus;
 use sonoweave_core::clock::MS;
 
 use super::contact::Contact;
-use super::holes::HolesTold;
-use super::sensors::SensorTold;
-use super::speed::{SpeedTold, Verdict};
+use super::holes::HolesStatus;
+use super::sensors::SensorStatus;
+use super::speed::{SpeedStatus, Verdict};
 
 /// Time after which a condition is reported, ns.
 const BELIEVED_NS: i64 = 300 * MS;
@@ -51,13 +51,13 @@ pub struct Advice {
 #[derive(Debug, Clone, Copy)]
 pub struct Signs<'a> {
     /// Motion of the probe.
-    pub speed: Option<&'a SpeedTold>,
+    pub speed: Option<&'a SpeedStatus>,
     /// Unscanned gaps.
-    pub holes: &'a HolesTold,
+    pub holes: &'a HolesStatus,
     /// Contact of the probe.
     pub contact: Contact,
     /// The tracker's sensors.
-    pub sensors: &'a [SensorTold],
+    pub sensors: &'a [SensorStatus],
     /// The session status.
     pub account: &'a SessionStatus,
     /// Sentence about the calibration's age.
@@ -119,7 +119,7 @@ fn seen(signs: &Signs<'_>) -> Vec<Advice> {
     let mut say = |how, key: Cow<'static, str>, sentence: String, more: String| {
         all.push(Advice { how, key, sentence, more });
     };
-    for SensorTold { name, invalid, why } in signs.sensors {
+    for SensorStatus { name, invalid, why } in signs.sensors {
         let percent = 100.0 * invalid;
         let more = format!("{percent:.0} % of its poses of the last second are not valid: {why}.");
         if *invalid > OUT {
@@ -150,13 +150,13 @@ fn seen(signs: &Signs<'_>) -> Vec<Advice> {
         );
     }
     match signs.speed {
-        Some(SpeedTold { verdict: Verdict::TooFast, edge_mm_per_s, gapless_mm_per_s, .. }) => say(
+        Some(SpeedStatus { verdict: Verdict::TooFast, edge_mm_per_s, gapless_mm_per_s, .. }) => say(
             How::Bad,
             "too-fast".into(),
             format!("Slow down: {edge_mm_per_s:.0} mm/s where {gapless_mm_per_s:.0} mm/s leaves no gaps."),
             "Slices lie too far apart across the picture.".into(),
         ),
-        Some(SpeedTold { verdict: Verdict::Fast, edge_mm_per_s, even_mm_per_s, .. }) => say(
+        Some(SpeedStatus { verdict: Verdict::Fast, edge_mm_per_s, even_mm_per_s, .. }) => say(
             How::Heed,
             "fast".into(),
             format!("Slower is better: {edge_mm_per_s:.0} mm/s where {even_mm_per_s:.0} mm/s makes an even volume."),
@@ -172,7 +172,7 @@ fn seen(signs: &Signs<'_>) -> Vec<Advice> {
             "Slices are taken, but lie less surely.".into(),
         );
     }
-    let HolesTold { open, beyond, nearest, .. } = signs.holes;
+    let HolesStatus { open, beyond, nearest, .. } = signs.holes;
     if *open > 0 {
         let holes = if *open == 1 { "One part was left out".into() } else { format!("{open} parts were left out") };
         let way = nearest.as_ref().map_or("go back and sweep over them slowly".into(), String::clone);

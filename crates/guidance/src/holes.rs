@@ -50,7 +50,7 @@ struct Hole {
 
 /// A possible gap after a pause, while the direction of the sweep is unknown.
 #[derive(Debug)]
-struct Doubt {
+struct PossibleGap {
     gap: Gap,
     from: DVec3,
     away: DVec3,
@@ -64,7 +64,7 @@ pub struct Holes {
     last: Option<(Pane, i64)>,
     /// The hole that the last two slices left, if any.
     touching: Option<u64>,
-    doubt: Option<Doubt>,
+    doubt: Option<PossibleGap>,
     planes: Vec<Pane>,
     /// Index for the next plane, which replaces the oldest.
     next: usize,
@@ -77,7 +77,7 @@ pub struct Holes {
 
 /// Report of the holes.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub struct HolesTold {
+pub struct HolesStatus {
     /// Open holes.
     pub open: usize,
     /// Holes closed by later slices.
@@ -129,7 +129,7 @@ impl Holes {
                 self.touching = self.keep(gap, touching);
             } else {
                 let across = pane.normal() * -pane.distance(last.middle()).signum();
-                self.doubt = Some(Doubt { gap, from: pane.middle(), away: across });
+                self.doubt = Some(PossibleGap { gap, from: pane.middle(), away: across });
             }
         }
         self.decide(pane);
@@ -144,13 +144,13 @@ impl Holes {
 
     /// Returns the report, given the present slice and the current or last direction of the
     /// sweep.
-    pub fn told(&self, present: Option<&Pane>, travel: Option<DVec3>) -> HolesTold {
+    pub fn told(&self, present: Option<&Pane>, travel: Option<DVec3>) -> HolesStatus {
         let nearest = present.and_then(|pane| {
             let centres = self.gaps().map(Gap::centre);
             let nearest = centres.min_by(|a, b| far(pane, *a).total_cmp(&far(pane, *b)))?;
             Some(way(pane, nearest, travel))
         });
-        HolesTold {
+        HolesStatus {
             open: self.holes.len(),
             closed: self.closed,
             beyond: self.beyond,

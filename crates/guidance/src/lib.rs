@@ -42,19 +42,19 @@ use sync::history::PoseSample;
 
 use advice::{Advice, AdviceDebouncer, Signs};
 use contact::{Contact, Coupling};
-use holes::{Holes, HolesTold};
+use holes::{Holes, HolesStatus};
 use outlines::Outlines;
 use pane::Pane;
-use sensors::{SensorTold, Sensors};
+use sensors::{SensorStatus, Sensors};
 use spacing::Spacing;
-use speed::{Speed, SpeedTold};
+use speed::{Speed, SpeedStatus};
 
 /// Age at which a slice no longer gives the probe's position, ns.
 const PRESENT_NS: i64 = SECOND;
 
 /// Settings of the scan guidance.
 #[derive(Debug, Clone)]
-pub struct CoachSettings {
+pub struct GuidanceSettings {
     /// Allowed distance between slices.
     pub spacing: Spacing,
     /// Data area of the image. A mask to be detected from the images counts as the full image
@@ -70,13 +70,13 @@ pub struct GuidanceStatus {
     /// Allowed distance between slices.
     pub spacing: Spacing,
     /// Motion of the probe; `None` while no slices arrive.
-    pub speed: Option<SpeedTold>,
+    pub speed: Option<SpeedStatus>,
     /// Holes in the scan.
-    pub holes: HolesTold,
+    pub holes: HolesStatus,
     /// Contact of the probe.
     pub contact: Contact,
     /// The tracker's sensors.
-    pub sensors: Vec<SensorTold>,
+    pub sensors: Vec<SensorStatus>,
     /// Advice, the worst first.
     pub advice: Vec<Advice>,
     /// Slices evaluated.
@@ -88,7 +88,7 @@ pub struct GuidanceStatus {
 /// Scan guidance of a session.
 #[derive(Debug)]
 pub struct ScanGuidance {
-    settings: CoachSettings,
+    settings: GuidanceSettings,
     state: Mutex<State>,
 }
 
@@ -106,7 +106,7 @@ struct State {
 
 impl ScanGuidance {
     /// Creates the scan guidance.
-    pub fn new(settings: CoachSettings) -> Self {
+    pub fn new(settings: GuidanceSettings) -> Self {
         let state = State {
             mask: None,
             speed: Speed::default(),

@@ -16,7 +16,7 @@ const LEAST: usize = 5;
 
 /// Report of a sensor.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct SensorTold {
+pub struct SensorStatus {
     /// Its frame: `Probe`, `Reference`.
     pub name: String,
     /// Share of its poses that is invalid, 0 to 1.
@@ -63,12 +63,12 @@ impl Sensors {
 
     /// Returns the reports at a time, ns. A sensor without recent poses is left out, because its
     /// device is silent.
-    pub fn told(&self, now_ns: i64) -> Vec<SensorTold> {
+    pub fn told(&self, now_ns: i64) -> Vec<SensorStatus> {
         let told = |sensor: &Sensor| {
             let recent = sensor.poses.iter().filter(|(at_ns, _)| now_ns - at_ns <= WINDOW_NS);
             let (count, invalid) =
                 recent.fold((0, 0), |(count, bad), (_, is_bad)| (count + 1, bad + usize::from(*is_bad)));
-            (count >= LEAST).then(|| SensorTold {
+            (count >= LEAST).then(|| SensorStatus {
                 name: sensor.name.clone(),
                 invalid: invalid as f64 / count as f64,
                 why: if invalid > 0 { sensor.why.clone() } else { String::new() },

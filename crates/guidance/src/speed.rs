@@ -49,7 +49,7 @@ pub enum Verdict {
 
 /// Report of the speed.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct SpeedTold {
+pub struct SpeedStatus {
     /// Assessment.
     pub verdict: Verdict,
     /// The assessment in words, with numbers.
@@ -118,7 +118,7 @@ impl Speed {
     }
 
     /// Returns the report for this allowed spacing of slices.
-    pub fn told(&mut self, spacing: Spacing, now_ns: i64) -> Option<SpeedTold> {
+    pub fn told(&mut self, spacing: Spacing, now_ns: i64) -> Option<SpeedStatus> {
         let newest = self.way.back()?;
         if now_ns - newest.time_ns > STALE_NS {
             self.verdict = None;
@@ -148,7 +148,7 @@ impl Speed {
             Verdict::Fast => format!("fast: {edge:.0} mm/s where {even:.0} mm/s makes an even volume"),
             Verdict::TooFast => format!("too fast: {edge:.0} mm/s where {gapless:.0} mm/s leaves no gaps"),
         };
-        Some(SpeedTold {
+        Some(SpeedStatus {
             verdict,
             says,
             mm_per_s: middle.length(),

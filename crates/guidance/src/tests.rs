@@ -26,7 +26,7 @@ const SPACING: Spacing = Spacing { gapless_mm: 5.0, even_mm: 2.0 };
 const FRAME: i64 = 40 * MS;
 
 fn coach_of(mask: MaskSettings) -> ScanGuidance {
-    ScanGuidance::new(CoachSettings { spacing: SPACING, mask, calibration: None })
+    ScanGuidance::new(GuidanceSettings { spacing: SPACING, mask, calibration: None })
 }
 
 fn coach() -> ScanGuidance {
@@ -341,7 +341,7 @@ fn hole_directions_use_image_terms() {
 }
 
 /// Inputs without any problem.
-fn well<'a>(account: &'a SessionStatus, holes: &'a HolesTold) -> Signs<'a> {
+fn well<'a>(account: &'a SessionStatus, holes: &'a HolesStatus) -> Signs<'a> {
     Signs { speed: None, holes, contact: Contact::There, sensors: &[], account, calibration: None }
 }
 
@@ -352,8 +352,8 @@ fn advice_is_sorted_and_does_not_flicker() {
         distortion: Some(InZones { zones: 1, frames: 1, entered: 1, rms_mm: Some(2.0) }),
         ..SessionStatus::default()
     };
-    let holes = HolesTold { open: 2, nearest: Some("go back 14 mm".into()), ..HolesTold::default() };
-    let sensor = |name: &str, invalid: f64| SensorTold { name: name.into(), invalid, why: "out of sight".into() };
+    let holes = HolesStatus { open: 2, nearest: Some("go back 14 mm".into()), ..HolesStatus::default() };
+    let sensor = |name: &str, invalid: f64| SensorStatus { name: name.into(), invalid, why: "out of sight".into() };
     let sensors = [sensor("Reference", 0.2), sensor("Probe", 0.9)];
     let signs = Signs { sensors: &sensors, calibration: Some("It is old."), ..well(&account, &holes) };
     let mut counsel = AdviceDebouncer::default();
@@ -371,7 +371,7 @@ fn advice_is_sorted_and_does_not_flicker() {
     assert_eq!(said[4].sentence, "2 parts were left out: go back 14 mm.");
     // Advice survives a short absence of its condition but not a long one; an alternating
     // condition never appears.
-    let (quiet, none) = (SessionStatus::default(), HolesTold::default());
+    let (quiet, none) = (SessionStatus::default(), HolesStatus::default());
     let well = well(&quiet, &none);
     assert_eq!(counsel.of(&well, 900 * MS).len(), 6);
     assert!(counsel.of(&well, 2500 * MS).is_empty());
@@ -406,7 +406,7 @@ fn sensor_invalid_share_covers_last_second() {
         sensors.add("Probe", n * 20 * MS, None);
     }
     let told = sensors.told(2 * SECOND);
-    assert_eq!(told, [SensorTold { name: "Probe".into(), invalid: 0.0, why: String::new() }], "the other is silent");
+    assert_eq!(told, [SensorStatus { name: "Probe".into(), invalid: 0.0, why: String::new() }], "the other is silent");
 }
 
 mod painted {

@@ -16,7 +16,7 @@ use super::entry::{Entry, Place, Sample, enter, mean};
 use super::falloff::Falloff;
 use super::nodes::Nodes;
 use super::sampling::{Linear, Nearest, Sampler, Sampling, Spline};
-use super::slab::{LEAST_CERTAINTY, Sight};
+use super::slab::{LEAST_CERTAINTY, Overlap};
 
 /// Vectors in a brick.
 const VECTORS: usize = VOXELS / LANES;
@@ -25,7 +25,7 @@ const VECTORS: usize = VOXELS / LANES;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Task {
     pub(crate) slot: Slot,
-    pub(crate) sight: Sight,
+    pub(crate) sight: Overlap,
     /// Node column, node row, plane distance in σ: value at the brick's first voxel, steps per
     /// voxel along x, y, z.
     pub(crate) functions: [[f32; 4]; 3],
@@ -215,7 +215,7 @@ unsafe fn locate<L: Lanes>(brick: Option<&Brick>, task: &Task, view: &View<'_>, 
         let back = L::splat(-((nodes.stride + 1) as f32) * view.rule.sampling.back() as f32);
         let reach = L::splat(falloff.reach);
         let minus_reach = L::splat(-falloff.reach);
-        let partial = task.sight == Sight::Partial;
+        let partial = task.sight == Overlap::Partial;
         let mut count = 0;
         while vectors != 0 {
             let vector = vectors.trailing_zeros() as usize;
@@ -300,7 +300,7 @@ unsafe fn weave_sampled<L: Lanes, S: Sampler, const MEAN: bool>(
             let offset = scratch.offset[i].as_ptr();
             let row = S::weights(L::load(scratch.along_v[i].as_ptr()));
             let column = S::weights(L::load(scratch.along_u[i].as_ptr()));
-            let certainty = if task.sight == Sight::Partial {
+            let certainty = if task.sight == Overlap::Partial {
                 let certainty = S::patch::<L>(view.certainty, offset, row, column).mul(L::splat(view.unit[1]));
                 mask = L::and(mask, L::splat(LEAST_CERTAINTY).le(certainty));
                 if L::bits(mask) == 0 {
@@ -328,7 +328,7 @@ unsafe fn touches_lanes<L: Lanes>(task: &Task, view: &View<'_>, scratch: &mut Sc
     // SAFETY: as for this function.
     unsafe {
         let count = locate::<L>(None, task, view, scratch);
-        if task.sight == Sight::Full && !matches!(view.rule.entry, Entry::Decay(_)) {
+        if task.sight == Overlap::Full && !matches!(view.rule.entry, Entry::Decay(_)) {
             return count > 0;
         }
         match view.rule.sampling {
@@ -351,7 +351,7 @@ unsafe fn sees<L: Lanes, S: Sampler>(count: usize, task: &Task, view: &View<'_>,
         let least = if matches!(view.rule.entry, Entry::Decay(_)) { LEAST_TOUCH } else { 0.0 };
         for i in 0..count {
             let column = S::weights(L::load(scratch.along_u[i].as_ptr()));
-            let certainty = if task.sight == Sight::Partial {
+            let certainty = if task.sight == Overlap::Partial {
                 let row = S::weights(L::load(scratch.along_v[i].as_ptr()));
                 let offset = scratch.offset[i].as_ptr();
                 S::patch::<L>(view.certainty, offset, row, column).mul(L::splat(view.unit[1]))

@@ -10,7 +10,7 @@ use volume::brick_volume::Slot;
 use super::entry::Place;
 use super::insert::{Scratch, Task, View, touches, weave};
 use super::reconstructor::Refused;
-use super::slab::{MaskSummary, Sight, SlabGeometry};
+use super::slab::{MaskSummary, Overlap, SlabGeometry};
 
 /// Bricks that one task of a thread processes.
 const BRICKS_PER_TASK: usize = 16;
@@ -129,7 +129,7 @@ pub(super) fn weave_all(
 }
 
 impl Task {
-    fn new(slot: Slot, sight: Sight, functions: [[f32; 4]; 3]) -> Self {
+    fn new(slot: Slot, sight: Overlap, functions: [[f32; 4]; 3]) -> Self {
         Self { slot, sight, functions, updated: 0, clamped: 0, vectors: 0 }
     }
 }

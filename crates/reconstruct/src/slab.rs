@@ -79,7 +79,7 @@ pub(crate) struct SlabGeometry {
 
 /// Overlap of a brick with the slice's data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Sight {
+pub(crate) enum Overlap {
     /// The whole footprint is data.
     Full,
     /// The footprint is data in part.
@@ -125,7 +125,7 @@ impl MaskSummary {
 
     /// Returns the overlap of a footprint around node (u, v), given by its half widths, with
     /// the data; `None` when no voxel there can take part.
-    fn sight(&self, u: f64, v: f64, radius: [f64; 2]) -> Option<Sight> {
+    fn sight(&self, u: f64, v: f64, radius: [f64; 2]) -> Option<Overlap> {
         // Nodes whose splines reach into the footprint. Truncation equals rounding down where
         // it matters: a footprint that begins before node 1 is clamped to the border and counts
         // as not wholly inside.
@@ -144,9 +144,9 @@ impl MaskSummary {
         if count(1) == 0 {
             None
         } else if inside && count(0) == 0 {
-            Some(Sight::Full)
+            Some(Overlap::Full)
         } else {
-            Some(Sight::Partial)
+            Some(Overlap::Partial)
         }
     }
 }
@@ -211,7 +211,7 @@ impl SlabGeometry {
         &self,
         bricks: &[RangeInclusive<i32>; 3],
         mask: &MaskSummary,
-        mut visit: impl FnMut(BrickIndex, Sight) -> bool,
+        mut visit: impl FnMut(BrickIndex, Overlap) -> bool,
     ) {
         let edge = EDGE as f64;
         let radius = self.coordinates.map(|c| c.radius());

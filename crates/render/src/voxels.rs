@@ -3,7 +3,7 @@
 use simd::Simd;
 use simd::sharing::Sharing;
 
-use super::classify::classifier::MatterReader;
+use super::classify::classifier::SampleReader;
 use super::classify::interval::Interval;
 use super::classify::shade::Shader;
 use super::mode::Keeps;
@@ -61,14 +61,14 @@ pub(super) enum Sampler<'a, const C: usize> {
     /// From voxels that keep final sample values.
     Lit(Reader<'a, C>),
     /// From intensity and gradient.
-    SampleClassifier(MatterReader<'a>),
+    SampleClassifier(SampleReader<'a>),
 }
 
 impl<'a, const C: usize> Sampler<'a, C> {
     pub(super) fn new(voxels: &'a Voxels<C>, shader: &'a Shader<f32>) -> Self {
         match voxels {
             Voxels::Lit(shaded) => Self::Lit(Reader::of_visible(shaded)),
-            Voxels::SampleClassifier(shaded) => Self::SampleClassifier(MatterReader::new(shaded, shader)),
+            Voxels::SampleClassifier(shaded) => Self::SampleClassifier(SampleReader::new(shaded, shader)),
         }
     }
 
@@ -81,7 +81,7 @@ impl<'a, const C: usize> Sampler<'a, C> {
         }
     }
 
-    /// Same as [`MatterReader::surface`].
+    /// Same as [`SampleReader::surface`].
     pub(super) fn surface(&self, line: &Line, k: u32) -> Option<f64> {
         match self {
             Self::Lit(_) => None,

@@ -7,7 +7,7 @@ use config::bedside::{Bedside, Realtime, pixel_mm};
 use console::{About, Basis, Console, ConsoleSession, FrameBroadcaster, Latest, Listen};
 use guidance::age::calibration_age;
 use guidance::spacing::Spacing;
-use guidance::{CoachSettings, ScanGuidance};
+use guidance::{GuidanceSettings, ScanGuidance};
 use measure::{Slices, Uncertainty};
 use pipeline::control::SessionController;
 use pipeline::live::{SchedulingPolicy, SessionStatus};
@@ -180,7 +180,7 @@ fn coach(bedside: &Bedside) -> Result<Arc<ScanGuidance>, Failure> {
         .and_then(|preset| preset.made)
         .zip(worth_a_word_days)
         .and_then(|(made, days)| calibration_age(made, Date::today(), days));
-    Ok(Arc::new(ScanGuidance::new(CoachSettings {
+    Ok(Arc::new(ScanGuidance::new(GuidanceSettings {
         spacing: Spacing::of(settings, pixel_mm)?,
         mask: bedside.mask,
         calibration,

@@ -18,7 +18,7 @@ use crate::Basis;
 use crate::viewer_slots::PATIENCE;
 use crate::{About, Console, ConsoleSession, FrameBroadcaster, Latest};
 use guidance::spacing::Spacing;
-use guidance::{CoachSettings, ScanGuidance};
+use guidance::{GuidanceSettings, ScanGuidance};
 use mask::{Clip, MaskSettings};
 use pipeline::live::{Drawn, SessionStatus, Spread, Unwritten, Written};
 use pipeline::{CapturedFrame, Observer as _};
@@ -391,7 +391,7 @@ fn missed_regions_marked_once_for_viewers_only() {
     let session = Session::new();
     let spacing = Spacing { gapless_mm: 4.0, even_mm: 2.0 };
     let mask = MaskSettings { clip: Clip::None, ..MaskSettings::default() };
-    let coach = Arc::new(ScanGuidance::new(CoachSettings { spacing, mask, calibration: None }));
+    let coach = Arc::new(ScanGuidance::new(GuidanceSettings { spacing, mask, calibration: None }));
     session.screen.follow(&coach);
     // The present slice stays present for as long as the test lasts.
     let mut now_ns = Monotonic.now_ns() + 3_600_000_000_000;

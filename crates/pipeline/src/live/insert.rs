@@ -47,13 +47,13 @@ pub(super) struct Times {
 }
 
 /// Reports the outcome of slices, some of which have waited for the mask.
-struct Teller<'a> {
+struct OutcomeReporter<'a> {
     common: Common<'a>,
     waiting: &'a mut VecDeque<(u64, Option<Times>)>,
     news: &'a mut PendingChanges,
 }
 
-impl Teller<'_> {
+impl OutcomeReporter<'_> {
     /// Removes a decided slice from the waiting ones; returns its times.
     fn leaves(&mut self, item: u64) -> Option<Option<Times>> {
         let place = self.waiting.iter().position(|(waiting, _)| *waiting == item)?;
@@ -61,7 +61,7 @@ impl Teller<'_> {
     }
 }
 
-impl OutcomeSink for Teller<'_> {
+impl OutcomeSink for OutcomeReporter<'_> {
     fn woven(&mut self, woven: &InsertedSlice<'_>) -> Result<(), PipelineError> {
         let Some(times) = self.leaves(woven.item) else { return Ok(()) };
         let Common { clock, board, observers, .. } = self.common;
@@ -99,7 +99,7 @@ fn clear(
 ) -> Result<(), PipelineError> {
     let mut fabric = shared.lock();
     let SharedVolume { loom, news, .. } = &mut *fabric;
-    loom.clear(&mut Teller { common, waiting, news })?;
+    loom.clear(&mut OutcomeReporter { common, waiting, news })?;
     news.clear();
     common.board.lock().volume = None;
     drop(fabric);
@@ -142,7 +142,7 @@ pub(super) fn run(
         let mut fabric = shared.lock();
         let SharedVolume { loom, news, .. } = &mut *fabric;
         let before = news.woven;
-        let mut teller = Teller { common, waiting: &mut waiting, news };
+        let mut teller = OutcomeReporter { common, waiting: &mut waiting, news };
         let taken = loom.take(item, slice, &mut teller);
         match taken {
             Ok(()) => {}
@@ -164,7 +164,7 @@ pub(super) fn run(
     let mut fabric = shared.lock();
     let SharedVolume { loom, news, ended, .. } = &mut *fabric;
     if result.is_ok() && ends {
-        let mut teller = Teller { common, waiting: &mut waiting, news };
+        let mut teller = OutcomeReporter { common, waiting: &mut waiting, news };
         result = loom.end(&mut teller);
     }
     *ended = true;

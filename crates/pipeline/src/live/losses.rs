@@ -13,7 +13,7 @@ const PAUSE: Duration = Duration::from_secs(10);
 
 /// Last report about one cause.
 #[derive(Debug, Clone, Copy)]
-struct Said {
+struct LastReport {
     count: u64,
     at: Instant,
 }
@@ -21,7 +21,7 @@ struct Said {
 /// Last report about each cause.
 #[derive(Debug, Default)]
 pub(super) struct Losses {
-    said: BTreeMap<String, Said>,
+    said: BTreeMap<String, LastReport>,
 }
 
 impl Losses {
@@ -40,7 +40,7 @@ impl Losses {
                 if more == count { format!("{more} {what}") } else { format!("{more} more {what}, {count} in all") };
             tracing::error!("lost: {sentence}");
             sentences.push(sentence);
-            self.said.insert(what, Said { count, at: now });
+            self.said.insert(what, LastReport { count, at: now });
         }
         sentences
     }

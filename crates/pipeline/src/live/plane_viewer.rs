@@ -166,7 +166,7 @@ fn spent() -> Duration {
 }
 
 /// State read under the lock.
-struct Glance {
+struct VolumeState {
     begun: Option<Begun>,
     changes: Changes,
     /// All bricks and the box of the seen ones, if any brick may have changed.
@@ -177,7 +177,7 @@ struct Glance {
     ended: bool,
 }
 
-fn glance(shared: &Shared) -> Glance {
+fn glance(shared: &Shared) -> VolumeState {
     let mut fabric = shared.lock();
     let SharedVolume { loom, news, ended, .. } = &mut *fabric;
     let changes = news.aside.replace(Changes::default()).unwrap_or_else(Changes::unknown);
@@ -192,7 +192,7 @@ fn glance(shared: &Shared) -> Glance {
         _ => None,
     };
     let (slices, item, captured_ns) = (news.woven, news.item, news.captured_ns);
-    Glance { begun: news.begun, changes, all, slices, item, captured_ns, ended: *ended }
+    VolumeState { begun: news.begun, changes, all, slices, item, captured_ns, ended: *ended }
 }
 
 impl Table {
@@ -215,11 +215,11 @@ impl Table {
     ///
     /// # Errors
     /// The reason why there is nothing to show.
-    fn look(&mut self, shared: &Shared, cutter: &dyn PlaneViewer, glance: Glance) -> Result<(), String> {
+    fn look(&mut self, shared: &Shared, cutter: &dyn PlaneViewer, glance: VolumeState) -> Result<(), String> {
         let is_known = self.begun.map(|known| known.lattice) == glance.begun.map(|begun| begun.lattice);
         self.begun = glance.begun;
         let Some(begun) = glance.begun else { return Err("no voxel was seen yet".into()) };
-        let Glance { mut changes, .. } = glance;
+        let VolumeState { mut changes, .. } = glance;
         match glance.all {
             Some((bricks, span)) => {
                 self.known = bricks.into_iter().collect();
@@ -273,7 +273,7 @@ impl Table {
             if is_other {
                 self.work.shown += 1;
                 let Some(Shown { sampled, .. }) = self.shown.get(&wanted.number) else { continue };
-                let Glance { slices, item, captured_ns, .. } = glance;
+                let VolumeState { slices, item, captured_ns, .. } = glance;
                 cutter.cut(&PlaneImage { wanted, extent, sampled, slices, item, captured_ns, work: self.work });
             }
         }

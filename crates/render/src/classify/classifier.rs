@@ -23,7 +23,7 @@ const LOOKS: u32 = 6;
 
 /// Takes samples from intensity and gradient.
 #[derive(Clone, Copy)]
-pub(crate) struct MatterReader<'a> {
+pub(crate) struct SampleReader<'a> {
     /// Reads only bricks in which a sample may be anything but transparent.
     visible: Reader<'a, 4>,
     /// Reads all bricks, for the surroundings of a sample.
@@ -38,7 +38,7 @@ impl SampleClassifier<f32> for Reader<'_, 4> {
     }
 }
 
-impl<'a> MatterReader<'a> {
+impl<'a> SampleReader<'a> {
     pub(crate) fn new(voxels: &'a Shaded<4>, shader: &'a Shader<f32>) -> Self {
         Self { visible: Reader::of_visible(voxels), all: Reader::of_all(voxels), shader }
     }

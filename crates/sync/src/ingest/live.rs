@@ -113,7 +113,7 @@ struct Axes {
 
 /// The record of a station.
 #[derive(Debug, Clone, Copy)]
-struct Heard {
+struct StationRecord {
     source: usize,
     host_ns: i64,
     ticks: Option<u64>,
@@ -129,7 +129,7 @@ pub struct LiveIngest {
     clocks: Vec<ClockMap>,
     axes: Axes,
     /// The record received last.
-    heard: Option<Heard>,
+    heard: Option<StationRecord>,
     ingest: Ingest,
     refused: u64,
 }
@@ -282,12 +282,12 @@ impl LiveIngest {
     /// never sent must not make it early.
     fn sent_before(&mut self, source: usize, host_ns: i64, ticks: Option<u64>) -> i64 {
         let cycle_ns = self.timing.rate_hz.filter(|hz| *hz > 0.0).map_or(10_000_000, |hz| (1e9 / hz) as i64);
-        let is_same = |last: &Heard| match ticks {
+        let is_same = |last: &StationRecord| match ticks {
             Some(_) => last.ticks == ticks,
             None => host_ns.saturating_sub(last.host_ns) < cycle_ns / 2,
         };
         let before = self.heard.filter(|last| last.source < source && is_same(last)).map_or(0, |last| last.before + 1);
-        self.heard = Some(Heard { source, host_ns, ticks, before });
+        self.heard = Some(StationRecord { source, host_ns, ticks, before });
         before
     }
 

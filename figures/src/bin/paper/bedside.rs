@@ -14,7 +14,7 @@ use render::camera::{Camera, View};
 use render::classify::transfer::Transfer;
 use render::{Cache, Mode, Picture, RenderRegion, RenderSettings, Renderer};
 
-use crate::woven_volumes::value;
+use crate::reconstructed_volumes::value;
 
 /// A body, scanned and reconstructed.
 pub(crate) struct Bedside {

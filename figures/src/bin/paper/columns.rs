@@ -9,7 +9,7 @@ use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series, order};
 use reconstruct::planar::Departure;
 use reconstruct::{Path as Paths, SettingsError};
 
-use crate::columns_woven::{self, general, refusal, upgrading};
+use crate::columns_reconstructed::{self, general, refusal, upgrading};
 use crate::report::Report;
 use crate::speed::Agreement;
 use crate::weights::{Coverage, SIZE, apart, weave};
@@ -37,9 +37,9 @@ pub(crate) fn draw(report: &mut Report, folder: &Path, doll: &Agreement, ages: f
     let by_planar = upgrading(Coverage::Full)?;
     let by_general = general(Coverage::Full)?;
     let under_fan = upgrading(Coverage::Fan)?;
-    let fan_values = columns_woven::values(&under_fan);
-    let planar_off = apart(&columns_woven::values(&by_planar), &woven[0].direct);
-    let general_off = apart(&columns_woven::values(&by_general), &woven[0].direct);
+    let fan_values = columns_reconstructed::values(&under_fan);
+    let planar_off = apart(&columns_reconstructed::values(&by_planar), &woven[0].direct);
+    let general_off = apart(&columns_reconstructed::values(&by_general), &woven[0].direct);
     let fan_off = apart(&fan_values, &woven[2].direct);
     report.check(
         by_planar.path() == Paths::Planar && by_planar.upgraded().is_none(),

@@ -3,7 +3,7 @@
 //!
 //! A rule is applied when a slice reaches a voxel, and to no other voxel; the age of a voxel is
 //! the time since a slice last reached it. For the reconstructor's result of the same slices,
-//! see [`decay_woven`](crate::decay_woven).
+//! see [`decay_reconstructed`](crate::decay_reconstructed).
 
 use reconstruct::kernel::{AxisKernel, KernelError, Method, Support};
 

@@ -9,7 +9,7 @@ use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series, order};
 use reconstruct::kernel::AxisKernel;
 
 use crate::decay::{RATE_HZ, Rule, SPEED, Sample, Voxels, kernel, long_wait, shift, sweep};
-use crate::decay_woven::{self, WovenLine};
+use crate::decay_reconstructed::{self, ReconstructedLine};
 use crate::report::Report;
 
 /// Decay rate of the profiles, 1/s.
@@ -82,7 +82,7 @@ fn shifts(report: &mut Report, folder: &Path, kernel: AxisKernel) -> Result<(), 
     let mut measured: [Vec<[f64; 2]>; 5] = Default::default();
     for rate in MEASURED {
         for ((_, rule), points) in rules(rate, wait).into_iter().zip(&mut measured) {
-            let [woven, model] = [decay_woven::shift(rule)?, shift(rule, kernel)];
+            let [woven, model] = [decay_reconstructed::shift(rule)?, shift(rule, kernel)];
             points.push([rate, woven]);
             worst = worst.max((woven - model).abs());
             if let Rule::DeadTime { .. } = rule {
@@ -99,12 +99,12 @@ fn shifts(report: &mut Report, folder: &Path, kernel: AxisKernel) -> Result<(), 
         format!("shifts by the reconstructor are up to {worst} σ from the equations', more than {TOLERANCE}"),
     );
     report.check(dead < 0.02, format!("the reconstructor's wait of 2d/v shifts by {dead} σ"));
-    let exponential = |rate| decay_woven::shift(Rule::Exponential { rate });
+    let exponential = |rate| decay_reconstructed::shift(Rule::Exponential { rate });
     for rate in [1.0, 3.0, 10.0] {
         let expected = rate * variance / SPEED;
         report.near(&format!("shift of exponential decay at a rate of {rate}/s"), exponential(rate)?, expected, 0.2);
     }
-    let printed = |rate, wait| decay_woven::shift(Rule::Printed { rate, wait });
+    let printed = |rate, wait| decay_reconstructed::shift(Rule::Printed { rate, wait });
     let [slow, fast, waiting] = [printed(0.01, 0.0)?, printed(1.0, 0.0)?, printed(1.0, wait)?];
     report.check((-2.3..-1.9).contains(&slow), format!("the printed formula shifts by {slow}"));
     report.check((-2.3..-1.9).contains(&waiting), format!("the printed formula with a wait shifts by {waiting}"));
@@ -171,12 +171,12 @@ fn shifts(report: &mut Report, folder: &Path, kernel: AxisKernel) -> Result<(), 
 /// A line of voxels by the equations, and the same by the reconstructor.
 struct Pair {
     model: Voxels,
-    woven: WovenLine,
+    woven: ReconstructedLine,
 }
 
 impl Pair {
     fn new(at: Vec<f64>, kernel: AxisKernel, rule: Rule) -> Result<Self, Box<dyn Error>> {
-        Ok(Self { woven: WovenLine::new(&at, rule)?, model: Voxels::new(at, kernel) })
+        Ok(Self { woven: ReconstructedLine::new(&at, rule)?, model: Voxels::new(at, kernel) })
     }
 
     fn insert(&mut self, sample: Sample, rule: Rule) -> Result<(), Box<dyn Error>> {

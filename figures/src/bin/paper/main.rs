@@ -9,13 +9,13 @@
 //! - [`support`]: figure 5, half width and σ, the kernel's end, its effective width.
 //! - [`signal`], [`woven`]: figures 6 and 7, and the cost of truncation.
 //! - [`ripple`]: slices at equal distances.
-//! - [`decay`], [`decay_woven`], [`fading`]: decay of old data, and the resulting shifts, by the
+//! - [`decay`], [`decay_reconstructed`], [`fading`]: decay of old data, and the resulting shifts, by the
 //!   equations and by the reconstructor.
 //! - [`pulsating`]: the same for a moving sphere, in three dimensions.
-//! - [`weights`], [`columns_woven`], [`columns`]: one weight per column against one per voxel,
+//! - [`weights`], [`columns_reconstructed`], [`columns`]: one weight per column against one per voxel,
 //!   by the equations and by the reconstructor's two paths.
 //! - [`speed`]: the paper's test sizes against the clock.
-//! - [`woven_volumes`]: claims about volumes, on the reconstructor itself.
+//! - [`reconstructed_volumes`]: claims about volumes, on the reconstructor itself.
 //! - [`doll`]: the paper's test of the renderer; [`caches`]: figures 9 to 11; [`adaptive`],
 //!   [`incremental`], [`parts`]: claims about incremental rendering.
 //! - [`tank`], [`thigh`]: figures 12 and 13, with simulated echoes; [`bedside`] is shared by
@@ -27,14 +27,16 @@ mod adaptive;
 mod bedside;
 mod caches;
 mod columns;
-mod columns_woven;
+mod columns_reconstructed;
 mod decay;
-mod decay_woven;
+mod decay_reconstructed;
 mod doll;
 mod fading;
 mod incremental;
 mod parts;
 mod pulsating;
+mod reconstructed;
+mod reconstructed_volumes;
 mod report;
 mod ripple;
 mod signal;
@@ -46,8 +48,6 @@ mod thigh;
 #[allow(dead_code, reason = "shared with the bench, which times more than this does")]
 mod timing;
 mod weights;
-mod woven;
-mod woven_volumes;
 
 use std::error::Error;
 use std::fs;
@@ -103,15 +103,15 @@ fn run(effort: &Effort, folder: &Path) -> Result<bool, Box<dyn Error>> {
     let agreement = speed::doll(&mut report, effort.rounds)?;
     speed::thigh(&mut report, effort.rounds)?;
     support::draw(&mut report, folder)?;
-    woven::draw(&mut report, folder, effort.draws)?;
-    let ripples = woven_volumes::undersampling(&mut report)?;
+    reconstructed::draw(&mut report, folder, effort.draws)?;
+    let ripples = reconstructed_volumes::undersampling(&mut report)?;
     ripple::draw(&mut report, folder, &ripples)?;
     fading::draw(&mut report, folder)?;
     let ages = pulsating::draw(&mut report, folder, decay::kernel()?, effort.rates)?;
     columns::draw(&mut report, folder, &agreement, ages)?;
-    woven_volumes::sums(&mut report)?;
-    woven_volumes::widths(&mut report)?;
-    woven_volumes::slab(&mut report)?;
+    reconstructed_volumes::sums(&mut report)?;
+    reconstructed_volumes::widths(&mut report)?;
+    reconstructed_volumes::slab(&mut report)?;
     let doll = doll::Doll::new(effort.slices)?;
     incremental::exact(&mut report, &doll)?;
     incremental::clipped(&mut report, &doll)?;

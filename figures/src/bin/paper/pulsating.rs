@@ -18,10 +18,10 @@ use reconstruct::{Compounding, PathReconstructor, Reconstructor, Settings};
 use sonoweave_core::slice::Slice;
 
 use crate::decay::{GAP, RATE_HZ, Rule, SPEED, long_wait};
-use crate::decay_woven::compounding;
+use crate::decay_reconstructed::compounding;
 use crate::fading::{Style, rules, series};
+use crate::reconstructed_volumes::value;
 use crate::report::Report;
-use crate::woven_volumes::value;
 
 /// The decay rate that is shown in detail, 1/s.
 const SHOWN: f64 = 10.0;
@@ -178,7 +178,7 @@ fn insert(reconstructor: &mut Reconstructor, pass: &Pass) -> Result<Vec<Option<f
 
 /// Results of one rule, after each pass.
 #[derive(Default)]
-struct Told {
+struct RuleResults {
     /// Profile along the sweep through the middle, after one pass.
     profile: Vec<[f64; 2]>,
     radius: Vec<f64>,
@@ -192,7 +192,7 @@ struct Told {
     stated: f64,
 }
 
-impl Told {
+impl RuleResults {
     fn after(&mut self, pass: &Pass, fresh: &[Option<f64>]) {
         let values = &self.values;
         let object: Vec<Option<f64>> = pass.object.iter().copied().map(Some).collect();
@@ -228,7 +228,7 @@ pub(crate) fn draw(
 ) -> Result<f64, Box<dyn Error>> {
     let wait = long_wait(&kernel);
     let passes = passes()?;
-    let [mut object, mut alone]: [Told; 2] = Default::default();
+    let [mut object, mut alone]: [RuleResults; 2] = Default::default();
     let mut fresh = Vec::new();
     for pass in &passes {
         let values = insert(&mut reconstructor(Compounding::Mean)?, pass)?;
@@ -238,8 +238,8 @@ pub(crate) fn draw(
         alone.after(pass, &values);
         fresh.push(values);
     }
-    let weave = |rule: Rule| -> Result<Told, Box<dyn Error>> {
-        let mut told = Told::default();
+    let weave = |rule: Rule| -> Result<RuleResults, Box<dyn Error>> {
+        let mut told = RuleResults::default();
         let mut weaver = reconstructor(compounding(rule))?;
         for (pass, fresh) in passes.iter().zip(&fresh) {
             told.values = insert(&mut weaver, pass)?;

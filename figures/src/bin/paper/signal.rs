@@ -48,12 +48,12 @@ pub(crate) fn kernel(method: Method, energy: Option<f64>) -> Result<AxisKernel, 
 }
 
 /// Samples and the kernel that reconstructs the signal.
-pub(crate) struct Weave {
+pub(crate) struct SampledSignal {
     pub(crate) at: Vec<f64>,
     pub(crate) kernel: AxisKernel,
 }
 
-impl Weave {
+impl SampledSignal {
     /// Returns Σ weight·value and Σ weight.
     pub(crate) fn sums(&self, x: f64) -> [f64; 2] {
         self.at.iter().fold([0.0; 2], |[r, w], at| {
@@ -133,7 +133,7 @@ pub(crate) fn median(draws: &[Errors], of: fn(&Errors) -> f64) -> f64 {
 
 /// Returns the errors of a kernel over draws of positions.
 pub(crate) fn over_draws(kernel: AxisKernel, draws: u64) -> Vec<Errors> {
-    (0..draws).map(|seed| Weave { at: positions(seed), kernel }.errors()).collect()
+    (0..draws).map(|seed| SampledSignal { at: positions(seed), kernel }.errors()).collect()
 }
 
 #[cfg(test)]
@@ -163,7 +163,7 @@ mod tests {
 
     #[test]
     fn largest_step_matches_values_and_vanishes_without_pedestal() {
-        let cut = Weave { at: positions(1), kernel: kernel(Method::GaussianTruncated, Some(0.1)).unwrap() };
+        let cut = SampledSignal { at: positions(1), kernel: kernel(Method::GaussianTruncated, Some(0.1)).unwrap() };
         let seen = cut
             .at
             .iter()
@@ -172,7 +172,7 @@ mod tests {
             .map(|x| (cut.value(x + 1e-9) - cut.value(x - 1e-9)).abs())
             .fold(0.0, f64::max);
         assert!((seen - cut.largest_step()).abs() < 1e-6, "{seen} {}", cut.largest_step());
-        let lowered = Weave { at: positions(1), kernel: kernel(Method::Gaussian, Some(0.1)).unwrap() };
+        let lowered = SampledSignal { at: positions(1), kernel: kernel(Method::Gaussian, Some(0.1)).unwrap() };
         assert!(lowered.largest_step() < 1e-15);
     }
 }

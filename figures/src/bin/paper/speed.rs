@@ -12,8 +12,8 @@ use reconstruct::planar::{OnDeparture, PlanarSettings};
 use reconstruct::{PathReconstructor, Settings};
 use sonoweave_core::slice::Slice;
 
+use crate::reconstructed_volumes::value;
 use crate::report::Report;
-use crate::woven_volumes::value;
 
 /// Time and slices of the paper's reconstruction with 6 degrees of freedom; time per slice of
 /// its doll with rendering, s.

@@ -49,7 +49,7 @@ pub(crate) fn scene([x, y, z]: [f64; 3]) -> f64 {
 
 /// Weighted means by the three ways, z fastest, then y; `None` if the three-dimensional weight
 /// is zero.
-pub(crate) struct Woven {
+pub(crate) struct Means {
     /// All samples to all voxels, one weight per voxel.
     pub(crate) direct: Vec<Option<f64>>,
     /// In two stages, one weight per voxel.
@@ -64,7 +64,7 @@ fn kernels() -> Result<[AxisKernel; 2], KernelError> {
     Ok([method.in_plane(SIGMA, end, 1.0 / FINE as f64)?, AxisKernel::new(method, SIGMA, end)?])
 }
 
-pub(crate) fn weave(coverage: Coverage) -> Result<Woven, KernelError> {
+pub(crate) fn weave(coverage: Coverage) -> Result<Means, KernelError> {
     let [g, across] = kernels()?;
     let [nx, ny, nz] = SIZE;
     let [us, vs] = [nz * FINE, ny * FINE].map(|n| (0..n).map(|i| i as f64 / FINE as f64 - 0.25).collect::<Vec<_>>());
@@ -115,7 +115,7 @@ pub(crate) fn weave(coverage: Coverage) -> Result<Woven, KernelError> {
     let divide = |r: &[f64], w: &dyn Fn(usize) -> f64, seen: &[f64]| -> Vec<Option<f64>> {
         (0..n).map(|k| (seen[k] > 0.0).then(|| r[k] / w(k))).collect()
     };
-    Ok(Woven {
+    Ok(Means {
         direct: divide(&r, &|k| w[k], &w),
         staged: divide(&staged_r, &|k| staged_w[k], &w),
         column: divide(&column_r, &|k| column_w[k / nz], &w),

@@ -103,7 +103,7 @@ pub(crate) struct Input<'a> {
 }
 
 /// Result of a run.
-pub(crate) enum Woven {
+pub(crate) enum Reconstructed {
     Bricks(Box<Reconstructor>),
     Columns(Box<PlanarReconstructor>),
     Exact(Reference),
@@ -226,7 +226,7 @@ impl Contestant {
     ///
     /// # Errors
     /// If a slice is refused.
-    pub(crate) fn weave(&self, input: &Input<'_>) -> Result<(Vec<f64>, Woven), Box<dyn Error>> {
+    pub(crate) fn weave(&self, input: &Input<'_>) -> Result<(Vec<f64>, Reconstructed), Box<dyn Error>> {
         let Input { slices, mask, .. } = *input;
         match self.path {
             Path::Kernel(..) | Path::AutoSigma => {
@@ -235,11 +235,11 @@ impl Contestant {
                     let planar = PlanarSettings { on_departure: OnDeparture::Refuse, ..PlanarSettings::default() };
                     let mut reconstructor = PlanarReconstructor::new(settings, planar, mask.clone())?;
                     let times = each(slices, |slice| reconstructor.insert(slice).map(drop))?;
-                    return Ok((times, Woven::Columns(Box::new(reconstructor))));
+                    return Ok((times, Reconstructed::Columns(Box::new(reconstructor))));
                 }
                 let mut reconstructor = Reconstructor::new(settings, mask.clone())?;
                 let times = each(slices, |slice| reconstructor.insert(slice).map(drop))?;
-                Ok((times, Woven::Bricks(Box::new(reconstructor))))
+                Ok((times, Reconstructed::Bricks(Box::new(reconstructor))))
             }
             Path::BruteForce => {
                 let kernels = default_kernels(input.pixel_mm, input.sigma_n_mm)?;
@@ -253,7 +253,7 @@ impl Contestant {
                     });
                     timed.collect()
                 });
-                Ok((times, Woven::Exact(reference)))
+                Ok((times, Reconstructed::Exact(reference)))
             }
             Path::Splat(how) => {
                 let grid = (input.grid)(self.voxel_mm)?;
@@ -264,13 +264,13 @@ impl Contestant {
                 field.fill_holes((0.5 * input.gap_mm / self.voxel_mm).ceil() as usize + 1);
                 let filling = start.elapsed().as_secs_f64() * 1e3 / slices.len() as f64;
                 times.iter_mut().for_each(|ms| *ms += filling);
-                Ok((times, Woven::Dense(field)))
+                Ok((times, Reconstructed::Dense(field)))
             }
         }
     }
 }
 
-impl Woven {
+impl Reconstructed {
     /// Returns the result as a field that can be interpolated.
     pub(crate) fn field(self) -> Field {
         match self {

@@ -13,7 +13,7 @@ use volume::Grid;
 
 use crate::baselines::{Drop, Splat, plain};
 use crate::check::{Deviation, against_equations, against_sums};
-use crate::contestant::{Contestant, Input, Path, Woven, default_kernels, on_lattice, widest_gap};
+use crate::contestant::{Contestant, Input, Path, Reconstructed, default_kernels, on_lattice, widest_gap};
 use crate::field::Field;
 use crate::report::Report;
 use crate::stage::{Probes, Stage};
@@ -143,9 +143,9 @@ pub(crate) fn measure(
         let deviation = deviation(contestant, &input, &woven, &what, report)?;
         let each_slice = |work: Work| Some(work.voxels_updated as f64 / work.slices as f64);
         let (updated, node_px) = match &woven {
-            Woven::Bricks(r) => (each_slice(r.work()), r.decimation().map(|(step, _)| step[0])),
-            Woven::Columns(r) => (each_slice(r.work()), None),
-            Woven::Exact(_) | Woven::Dense(_) => (None, None),
+            Reconstructed::Bricks(r) => (each_slice(r.work()), r.decimation().map(|(step, _)| step[0])),
+            Reconstructed::Columns(r) => (each_slice(r.work()), None),
+            Reconstructed::Exact(_) | Reconstructed::Dense(_) => (None, None),
         };
         let field = woven.field();
         if contestant.is_default() && contestant.threads > 1 {
@@ -213,19 +213,19 @@ fn quartiles(times: &Times) -> [f64; 3] {
 fn deviation(
     contestant: &Contestant,
     input: &Input<'_>,
-    woven: &Woven,
+    woven: &Reconstructed,
     what: &str,
     report: &mut Report,
 ) -> Result<Option<[f64; 2]>, Box<dyn Error>> {
     let deviation = match (contestant.path, woven) {
-        (path, Woven::Bricks(bricks)) => {
+        (path, Reconstructed::Bricks(bricks)) => {
             let mut deviation = against_equations(bricks, input.slices, input.mask)?;
             if let Path::Kernel(Method::Nearest, _) = path {
                 deviation.bounds = AT_BORDERS;
             }
             deviation
         }
-        (_, Woven::Columns(columns)) => {
+        (_, Reconstructed::Columns(columns)) => {
             let kernels = columns.kernels().ok_or("nothing was inserted")?;
             let lattice = columns.world_from_lattice();
             let pairs = against_sums(columns.volume(), columns.settings(), lattice, 0.0, |sums| {

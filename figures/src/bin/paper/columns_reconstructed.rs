@@ -13,8 +13,8 @@ use reconstruct::{PathReconstructor, Settings, SettingsError};
 use sonoweave_core::frames::Transform;
 use sonoweave_core::slice::{Image, Pixels, Slice};
 
+use crate::reconstructed_volumes::value;
 use crate::weights::{AT, Coverage, FINE, SIGMA, SIZE, scene};
-use crate::woven_volumes::value;
 
 /// Pixel spacing, and position of the first pixel.
 const PIXEL: f64 = 1.0 / FINE as f64;
@@ -78,7 +78,7 @@ fn weave(mut weaver: PathReconstructor) -> Result<PathReconstructor, Box<dyn Err
     Ok(weaver)
 }
 
-/// Returns the voxels' values, in the order of [`crate::weights::Woven`].
+/// Returns the voxels' values, in the order of [`crate::weights::Means`].
 pub(crate) fn values(weaver: &PathReconstructor) -> Vec<Option<f64>> {
     let [nx, ny, nz] = SIZE;
     let voxel = |i: usize| [i / (ny * nz), i / nz % ny, i % nz].map(|x| x as i64);

@@ -13,7 +13,7 @@ use sonoweave_core::frames::Transform;
 use sonoweave_core::slice::{Image, Pixels, Slice};
 
 use crate::decay::{Rule, Sample, mean_shift, ramp};
-use crate::woven_volumes::value;
+use crate::reconstructed_volumes::value;
 
 /// Pixels along u and v, and their spacing: the kernel around the middle lies on data.
 const PIXELS: u32 = 16;
@@ -30,13 +30,13 @@ pub(crate) fn compounding(rule: Rule) -> Compounding {
 }
 
 /// The reconstructor's voxels on the line through the frames' middles.
-pub(crate) struct WovenLine {
+pub(crate) struct ReconstructedLine {
     reconstructor: Reconstructor,
     count: usize,
     inserted: u32,
 }
 
-impl WovenLine {
+impl ReconstructedLine {
     /// Returns a line of at least two voxels at equal distances.
     pub(crate) fn new(at: &[f64], rule: Rule) -> Result<Self, Box<dyn Error>> {
         let [first, second, ..] = at else { return Err("a line has two voxels and more".into()) };
@@ -77,7 +77,7 @@ impl WovenLine {
 /// Returns [`crate::decay::shift`] of the reconstructor.
 pub(crate) fn shift(rule: Rule) -> Result<f64, Box<dyn Error>> {
     let (voxels, samples) = ramp();
-    let mut line = WovenLine::new(&voxels, rule)?;
+    let mut line = ReconstructedLine::new(&voxels, rule)?;
     for sample in samples {
         line.insert(sample)?;
     }

@@ -9,7 +9,7 @@ use sonoweave_figures::{Axis, Figure, Ink, Look, Panel, Series};
 use reconstruct::kernel::Method;
 
 use crate::report::Report;
-use crate::signal::{Errors, SAMPLES, SHOWN, SLOPE_OVER, Weave, kernel, median, over_draws, positions, signal};
+use crate::signal::{Errors, SAMPLES, SHOWN, SLOPE_OVER, SampledSignal, kernel, median, over_draws, positions, signal};
 
 /// Seed of the draw that is shown.
 const SEED: u64 = 1992;
@@ -77,7 +77,7 @@ fn figure_7(report: &mut Report, folder: &Path) -> Result<(), Box<dyn Error>> {
     ];
     let mut panels = Vec::new();
     for (method, energy, name) in rows {
-        let weave = Weave { at: positions(SEED), kernel: kernel(method, Some(energy))? };
+        let weave = SampledSignal { at: positions(SEED), kernel: kernel(method, Some(energy))? };
         let [low, high] = weave.stretch();
         let ink = if method == Method::Gaussian { Ink::Blue } else { Ink::Vermilion };
         let over = |f: &dyn Fn(f64) -> f64| -> Vec<[f64; 2]> {
