@@ -246,7 +246,7 @@ fn faulty_or_silent_server_is_reconnected() {
     rig.until(State::Running, SECOND);
     let silent = rig.until(State::Absent, 6 * SECOND);
     assert!((4 * SECOND..5 * SECOND + 100 * MS).contains(&silent), "{silent}");
-    assert!(rig.device.health().why.contains("said nothing for 5000 ms; it is connected to anew"));
+    assert!(rig.device.health().why.contains("sent nothing for 5000 ms; it is reconnected"));
     rig.until(State::Running, 12 * SECOND);
     assert_eq!(rig.device.health().received.skipped, before, "what was lost is not lost again");
     assert!(rig.twin.lock().unwrap().opened >= 4);
@@ -300,7 +300,7 @@ fn local_server_reconnects() {
     assert!(frame.size == [1024, 1024] && frame.pixels.iter().all(|pixel| *pixel == 9));
     assert!(server.join().unwrap()[2..].starts_with(b"STT_TDATA"));
     readings(&mut *device, wait, |device, _| {
-        device.health().state == State::Absent && device.health().why.contains("does the server run there?")
+        device.health().state == State::Absent && device.health().why.contains("check that the server runs there")
     });
     let listener = TcpListener::bind(address).unwrap();
     let server = std::thread::spawn(move || {

@@ -219,16 +219,16 @@ pub(super) fn pixel_of(name: &str) -> Option<PixelType> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Unreadable {
     /// The message does not match its schema.
-    #[error("a message is not what its schema says; use the version that wrote the session")]
+    #[error("a message does not match its schema; use the version that wrote the session")]
     Malformed,
     /// The message has an unknown version.
-    #[error("a message is of version {0}, which is not known here; use the version that wrote the session")]
+    #[error("a message has version {0}, which this version does not know; use the version that wrote the session")]
     Version(u64),
     /// A frame's encoded pixels are invalid, with the fault.
     #[error("a frame has {0}; use the version that wrote the session")]
     Picture(&'static str),
     /// A frame is too large, with its size in bytes.
-    #[error("a frame has {0} bytes, more than the limit; raise the limit if that is true")]
+    #[error("a frame has {0} bytes, more than the limit; raise the limit if the file is trusted")]
     TooLarge(u64),
 }
 
