@@ -349,7 +349,7 @@ mod tests {
         let with = |from: &str, to: &str| IMAGES.replace(from, to);
         let cases = [
             (with("NDims = 3\n", ""), 48, "NDims", "is missing"),
-            (with("NDims = 3", "NDims = 4"), 48, "NDims", "sequence of volumes"),
+            (with("NDims = 3", "NDims = 4"), 48, "NDims", "sequences of volumes"),
             (with("NDims = 3", "NDims = 1"), 48, "NDims", "must be 2 or 3"),
             (with("4 3 2", "4 3"), 48, "DimSize", "exactly 3 whole numbers"),
             (with("4 3 2", "4 3 2 1"), 48, "DimSize", "exactly 3 whole numbers"),

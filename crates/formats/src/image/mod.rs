@@ -94,7 +94,7 @@ fn open(path: &Path, limits: &Limits) -> Result<Opened<Header>, Error> {
     let (mut reader, bytes) = open_file(path)?;
     let begins = reader.fill_buf().map_err(|source| Error::Io { path: path.to_owned(), doing: "opening", source })?;
     if nifti::read::is_nifti(begins) {
-        let problem = "makes this a NIfTI volume or a compressed file; give a sequence of frames";
+        let problem = "makes this a NIfTI volume (or a compressed file), not a sequence of frames; give a sequence";
         return Err(Fault::field("sizeof_hdr", 0, problem).at(path));
     }
     let grammar = if begins.starts_with(b"NRRD") { &nrrd::grammar::GRAMMAR } else { &metaimage::grammar::GRAMMAR };
