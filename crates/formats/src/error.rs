@@ -2,8 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::image::Container;
-use crate::session::{Damage, Unreadable};
+use crate::session::walk::Damage;
 
 /// Error of an image file or a session.
 #[derive(Debug, thiserror::Error)]
@@ -116,6 +115,23 @@ impl From<Error> for sonoweave_core::Error {
     }
 }
 
+/// Reason why a message gives no reading.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum Unreadable {
+    /// The message does not match its schema.
+    #[error("a message does not match its schema; use the version that wrote the session")]
+    Malformed,
+    /// The message has an unknown version.
+    #[error("a message has version {0}, which this version does not know; use the version that wrote the session")]
+    Version(u64),
+    /// A frame's encoded pixels are invalid, with the fault.
+    #[error("a frame has {0}; use the version that wrote the session")]
+    Picture(&'static str),
+    /// A frame is too large, with its size in bytes.
+    #[error("a frame has {0} bytes, more than the limit; raise the limit if the file is trusted")]
+    TooLarge(u64),
+}
+
 /// Reason why a file is not a session.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum NoSession {
@@ -156,12 +172,14 @@ pub enum Unwritable {
     /// An invalid number of channels.
     #[error("{0} channels were given; images have 1 to 4")]
     Channels(u32),
-    /// The name of a sequence's file has an unknown ending.
-    #[error("sequences are written as {}; give such a name", Container::SEQUENCES)]
-    SequenceName,
-    /// The name of a volume's file has an unknown ending.
-    #[error("volumes are written as {}; give such a name", Container::VOLUMES)]
-    VolumeName,
+    /// The file's name has an unknown ending.
+    #[error("{content} are written as {endings}; give such a name")]
+    FileName {
+        /// `sequences` or `volumes`.
+        content: &'static str,
+        /// The known endings.
+        endings: &'static str,
+    },
     /// The name of a field is invalid.
     #[error(
         "{name:?} is not a valid field name: it must not be empty, hold {reserved} or line ends, begin with #, or begin or end in a space"
@@ -311,12 +329,8 @@ mod tests {
             (Unwritable::Place, "a volume's spacing must be positive, and its origin and axes finite"),
             (Unwritable::Channels(5), "5 channels were given; images have 1 to 4"),
             (
-                Unwritable::SequenceName,
-                "sequences are written as .mha, .mhd, .nrrd, .seq.nrrd or .nhdr; give such a name",
-            ),
-            (
-                Unwritable::VolumeName,
-                "volumes are written as .mha, .mhd, .nrrd, .nhdr, .nii or .nii.gz; give such a name",
+                Unwritable::FileName { content: "volumes", endings: ".mha or .nii" },
+                "volumes are written as .mha or .nii; give such a name",
             ),
             (
                 Unwritable::FieldName { name: name.clone(), reserved: '=' },

@@ -9,7 +9,7 @@ mod error;
 pub mod image;
 pub mod session;
 
-pub use error::{Error, NoSession, Unwritable};
+pub use error::{Error, NoSession, Unreadable, Unwritable};
 
 /// Upper bounds that keep a damaged or hostile file from exhausting the machine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

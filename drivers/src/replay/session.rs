@@ -3,12 +3,12 @@
 use std::collections::{HashMap, VecDeque};
 use std::path::Path;
 
-use formats::Error as FileError;
+use formats::session::Maker;
 use formats::session::about::RecordedDevice;
-use formats::session::message::{Maker, Unreadable};
 use formats::session::reader::{Ending, Event, SessionReader};
 use formats::session::schema;
 use formats::session::walk::Damage;
+use formats::{Error as FileError, Unreadable};
 use sonoweave_core::health::{Health, State};
 use sonoweave_core::reading::Reading;
 use sonoweave_core::{Description, Device, Error, Next};

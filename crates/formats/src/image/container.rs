@@ -48,19 +48,19 @@ impl Container {
     /// Returns the format for writing a sequence.
     ///
     /// # Errors
-    /// [`Unwritable::SequenceName`].
+    /// [`Unwritable::FileName`].
     pub fn of_sequence(path: &Path) -> Result<Self, Unwritable> {
         let named = Self::of(path).filter(|container| !matches!(container, Self::Nifti | Self::NiftiGz));
-        named.ok_or(Unwritable::SequenceName)
+        named.ok_or(Unwritable::FileName { content: "sequences", endings: Self::SEQUENCES })
     }
 
     /// Returns the format for writing a volume.
     ///
     /// # Errors
-    /// [`Unwritable::VolumeName`].
+    /// [`Unwritable::FileName`].
     pub fn of_volume(path: &Path) -> Result<Self, Unwritable> {
         let named = Self::of(path).filter(|container| *container != Self::SeqNrrd);
-        named.ok_or(Unwritable::VolumeName)
+        named.ok_or(Unwritable::FileName { content: "volumes", endings: Self::VOLUMES })
     }
 
     /// Returns the path of the separate pixel file beside `path`; `None` if the pixels follow
@@ -103,8 +103,14 @@ mod tests {
         for (name, container) in cases {
             assert_eq!(Container::of(Path::new(name)), container, "{name}");
         }
-        assert!(matches!(Container::of_volume(Path::new("a.seq.nrrd")), Err(Unwritable::VolumeName)));
-        assert!(matches!(Container::of_sequence(Path::new("a.nii")), Err(Unwritable::SequenceName)));
+        assert!(matches!(
+            Container::of_volume(Path::new("a.seq.nrrd")),
+            Err(Unwritable::FileName { content: "volumes", .. })
+        ));
+        assert!(matches!(
+            Container::of_sequence(Path::new("a.nii")),
+            Err(Unwritable::FileName { content: "sequences", .. })
+        ));
         assert_eq!(Container::Mhd.data_file(Path::new("b/a.igs.mhd"), true).unwrap(), "a.igs.zraw");
         assert_eq!(Container::Nhdr.data_file(Path::new("a.nhdr"), true).unwrap(), "a.raw.gz");
         assert_eq!(Container::Nrrd.data_file(Path::new("a.nrrd"), true), None);

@@ -48,8 +48,8 @@ impl RecordedDecisions {
     /// Reads all decisions of a session; frames stay compressed.
     ///
     /// # Errors
-    /// [`Error`] same as [`SessionReplay`], or [`formats::Error::Session`] for a note that this program
-    /// did not write.
+    /// [`Error`] same as [`SessionReplay`], or [`formats::Error::Session`] for a note that this
+    /// program did not write.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let mut replay = SessionReplay::open(&SessionSettings { images: false, ..SessionSettings::new(path) })?;
         let mut precedent = Self { drops: true, ..Self::default() };
